@@ -10,7 +10,8 @@ from types import ModuleType
 import numpy as np
 from numpy.typing import ArrayLike
 
-from gibbs_codegen.errors import UsageError, printable
+from gibbs_codegen.errors import UsageError
+from gibbs_codegen.flight.arguments import seconds, vector
 from gibbs_codegen.flight.control.sampled_control import (
     DEFAULT_RATE,
     Observation,
@@ -97,7 +98,7 @@ class Simulation:
                 cannot be normalised, or the seed is no integer of 0 or more.
         """
         start_state = [
-            start if values is None else _numbers(name, values, len(start))
+            start if values is None else vector(name, values, len(start))
             for name, values, start in zip("qv", (q, v), self._start, strict=True)
         ]
         vehicle = self._loop.vehicle
@@ -125,11 +126,7 @@ class Simulation:
         Raises:
             UsageError: If u or duration is not what it must be, or the flight has ended.
         """
-        ahead = self._usual if duration is None else duration
-        if not (isinstance(ahead, int | float | np.number) and 0.0 < ahead < math.inf):
-            raise UsageError(
-                f"duration: must be a finite time above 0 s, not {printable(repr(ahead), 60)}"
-            )
+        ahead = self._usual if duration is None else seconds("duration", duration)
         if fault := self._hold.fault(u):
             raise UsageError(f"u: is {fault}")
         if self.stopped:
@@ -182,18 +179,3 @@ class Simulation:
         """
         integration = self._flight or self._integration()
         return flight_of(self._loop, self._scenario, integration.history())
-
-
-def _numbers(name: str, values: ArrayLike, count: int) -> Array:
-    """So many finite numbers, in an array of their own.
-
-    Raises `UsageError`, which calls them `name`.
-    """
-    try:
-        numbers = np.array(values, dtype=np.float64)
-    except (TypeError, ValueError):
-        numbers = np.zeros(0)
-    if numbers.shape != (count,) or not np.all(np.isfinite(numbers)):
-        shown = printable(repr(values), 60)
-        raise UsageError(f"{name}: must be {count} finite numbers, not {shown}")
-    return numbers

@@ -185,7 +185,7 @@ def test_a_seed_that_is_none_changes_nothing(seed: Any, fast: Load) -> None:
     simulation = Simulation(fast("quadrotor"), hover())
     simulation.step(np.full(4, 4.0))
     time, q = simulation.time, simulation.q
-    with pytest.raises(UsageError, match="seed: must be an integer of 0 or more, not"):
+    with pytest.raises(UsageError, match="seed: must be a whole number of 0 or more, not"):
         simulation.reset(q=[*q[:-1], 9.0], seed=seed)
     assert simulation.time == time
     assert np.array_equal(simulation.q, q)

@@ -1,4 +1,4 @@
-"""Numbers that callers give, read with errors that say what is wrong and what would be right."""
+"""Robots and coordinates that callers give, with errors that say what would be right."""
 
 from __future__ import annotations
 
@@ -9,39 +9,13 @@ from types import ModuleType
 import numpy as np
 from numpy.typing import ArrayLike
 
-from gibbs_codegen.errors import UsageError, printable
+from gibbs_codegen.errors import UsageError
+from gibbs_codegen.flight.arguments import vector
 from gibbs_codegen.flight.plant.vehicle import Array, Vehicle
 from gibbs_codegen.runtime.load import load
 
 # How far from 1 the length of a quaternion may be, which is then normalised.
 _LENGTH = 1e-3
-
-
-def numbers(name: str, given: ArrayLike, wanted: str, *shapes: tuple[int, ...]) -> Array:
-    """A copy of real, finite numbers in one of the shapes. Raises `UsageError`, with `wanted`."""
-    found = real(name, given, wanted, *shapes)
-    if not np.isfinite(found).all():
-        raise UsageError(f"{name}: must be {wanted}; some are NaN or infinite")
-    return found
-
-
-def real(name: str, given: ArrayLike, wanted: str, *shapes: tuple[int, ...]) -> Array:
-    """A copy of real numbers, which may be infinite or NaN; else as `numbers`."""
-    try:
-        kind = np.asarray(given).dtype.kind
-        found = np.array(given, dtype=np.float64) if kind in "biufO" else None
-    except (TypeError, ValueError):  # Rows of different lengths, among others.
-        found = None
-    if found is None:
-        raise UsageError(f"{name}: must be {wanted}, not {printable(repr(given), 60)}")
-    if found.shape not in shapes:
-        raise UsageError(f"{name}: must be {wanted}, not an array of shape {found.shape}")
-    return found
-
-
-def vector(name: str, given: ArrayLike, count: int) -> Array:
-    """A copy of so many finite numbers. Raises `UsageError` otherwise."""
-    return numbers(name, given, f"{count} finite numbers", (count,))
 
 
 def coordinates(vehicle: Vehicle, given: ArrayLike) -> Array:

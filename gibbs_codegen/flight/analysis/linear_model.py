@@ -22,8 +22,9 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import linalg
 
 from gibbs_codegen.errors import UsageError
-from gibbs_codegen.flight.analysis.arguments import coordinates, numbers, vector, vehicle_of
+from gibbs_codegen.flight.analysis.arguments import coordinates, vehicle_of
 from gibbs_codegen.flight.analysis.trim import Trim, null_space
+from gibbs_codegen.flight.arguments import numbers, vector
 from gibbs_codegen.flight.plant.allocation import listed
 from gibbs_codegen.flight.plant.vehicle import Array, Vehicle
 from gibbs_codegen.flight.vectors import skew

@@ -241,9 +241,7 @@ def reachable_wrenches(
         UsageError: The robot cannot hover, has no such frame, or rotors without limits.
     """
     vehicle = vehicle_of(robot, parameters)
-    if frame is not None and frame not in vehicle.frames:
-        known = ", ".join(vehicle.frames)
-        raise UsageError(f"frame: {vehicle.name} has no frame {frame}; its frames: {known}")
+    place = None if frame is None else vehicle.frame_place(frame, "frame")
     found = trim(vehicle.module, posture, q=q, limits=limits, parameters=parameters)
     thrusts = found.limits[:, : vehicle.rotors]
     if not np.isfinite(thrusts).all():
@@ -251,10 +249,10 @@ def reachable_wrenches(
             f"{vehicle.name}: reachable wrenches need the limits of every rotor; give limits= as "
             "(least, most), N"
         )
-    if frame is None:
+    if place is None:
         point = vehicle.centre_of_mass(found.q)
     else:
-        point = vehicle.frame_poses(found.q)[vehicle.frames.index(frame), :3, 3]
+        point = vehicle.frame_poses(found.q)[place, :3, 3]
     centre = found.q[vehicle.layout.q.position] + vehicle.centre_offset(found.q)
     away = vehicle.base_rotation(found.q).T @ (point - centre)
     columns = about(vehicle.thrust_wrenches(found.q), away)

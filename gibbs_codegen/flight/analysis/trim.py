@@ -19,7 +19,8 @@ from numpy.typing import ArrayLike
 from scipy.optimize import least_squares, linprog, nnls
 
 from gibbs_codegen.errors import UsageError
-from gibbs_codegen.flight.analysis.arguments import coordinates, numbers, real, vector, vehicle_of
+from gibbs_codegen.flight.analysis.arguments import coordinates, vehicle_of
+from gibbs_codegen.flight.arguments import numbers, real, vector
 from gibbs_codegen.flight.plant.actuators import Actuators, joint_place, module_actuators
 from gibbs_codegen.flight.plant.vehicle import Array, Vehicle
 from gibbs_codegen.robot.wrenches import DIRECTIONS, directions
@@ -367,10 +368,7 @@ def trim(
         raise UsageError(f"aim: {aim!r} is unknown; known: {', '.join(AIMS)}")
     acting = np.zeros((len(vehicle.frames), 6))
     for name, wrench in (wrenches or {}).items():
-        if name not in vehicle.frames:
-            known = ", ".join(vehicle.frames)
-            raise UsageError(f"wrenches: {vehicle.name} has no frame {name}; its frames: {known}")
-        acting[vehicle.frames.index(name)] = vector(f"wrenches: {name}", wrench, 6)
+        acting[vehicle.frame_place(name, "wrenches")] = vector(f"wrenches: {name}", wrench, 6)
     moved = vector("velocity", velocity, 3), vector("acceleration", acceleration, 3)
     motion = SteadyMotion(vehicle, *moved, acting)
     actuators = module_actuators(vehicle)

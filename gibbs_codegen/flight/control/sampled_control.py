@@ -14,6 +14,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from gibbs_codegen.errors import UsageError, printable
+from gibbs_codegen.flight.arguments import whole
 from gibbs_codegen.flight.control.laws import Controller, Gains
 from gibbs_codegen.flight.control.observation import Observation as Observation
 from gibbs_codegen.flight.control.predictive import NoPlanError, predictive_law
@@ -141,7 +142,7 @@ class Sensing:
         found = sensors or Sensors()
         self._vehicle, self._reference = vehicle, reference
         self.delay = found.delay
-        self._seed: int | np.integer = found.seed
+        self._seed = found.seed
         places = vehicle.layout.v
         # Standard deviations of displacements, and of velocities (2, nv).
         self._deviations = np.zeros((2, places.size))
@@ -155,11 +156,8 @@ class Sensing:
 
         Raises `UsageError` if it is no integer, or less than 0.
         """
-        wanted = self._seed if seed is None else seed
-        if not (isinstance(wanted, int | np.integer) and wanted >= 0):
-            shown = printable(repr(seed), 60)
-            raise UsageError(f"seed: must be an integer of 0 or more, not {shown}")
-        self._seed, self._noise = wanted, np.random.default_rng(wanted)
+        self._seed = whole("seed", self._seed if seed is None else seed, 0)
+        self._noise = np.random.default_rng(self._seed)
 
     def __call__(self, time: float, q: Array, v: Array) -> Observation:
         """What a controller is told of a state.

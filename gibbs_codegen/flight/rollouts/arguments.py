@@ -10,8 +10,9 @@ from typing import Any
 
 import numpy as np
 
-from gibbs_codegen.emitted.preparation import first_of, real_numbers
+from gibbs_codegen.emitted.preparation import first_of
 from gibbs_codegen.errors import UsageError, printable
+from gibbs_codegen.flight.arguments import numpy_array
 from gibbs_codegen.flight.plant.kinematics import UNIT, unit_quaternions
 from gibbs_codegen.robot.layout import Layout
 from gibbs_codegen.runtime.rollouts import Array, Feedback, Motors
@@ -20,14 +21,6 @@ Controller = Callable[[float, Any, Any], Any]
 
 # Every call asks for it, of one module after all.
 _layout = functools.lru_cache(maxsize=64)(Layout.listed)
-
-
-def numpy_array(name: str, value: Any) -> Array:
-    """Real numbers as an array of NumPy, a copy. Raises `UsageError`, which calls them `name`."""
-    try:
-        return np.array(real_numbers(name, value))
-    except (TypeError, ValueError) as error:
-        raise UsageError(str(error)) from None
 
 
 class RolloutArguments:
@@ -218,23 +211,6 @@ class RolloutArguments:
         where = f": {words}" if wrong.ndim else ""
         shown = "" if values is None else f", not {printable(values[place])}"
         raise UsageError(f"{name}{where} must be {wanted}{shown}")
-
-
-def whole(name: str, value: Any) -> int:
-    """A whole number of at least 1. Raises `UsageError` otherwise."""
-    if not isinstance(value, int | np.integer) or isinstance(value, bool) or value < 1:
-        raise UsageError(f"{name}: must be a whole number of 1 or more, not {printable(value, 60)}")
-    return int(value)
-
-
-def seconds(name: str, value: Any) -> float:
-    """A time, s, finite and above 0. Raises `UsageError` otherwise."""
-    is_number = isinstance(value, int | float | np.number) and not isinstance(value, bool)
-    if not (is_number and 0.0 < value < math.inf):
-        raise UsageError(
-            f"{name}: must be a finite time above 0 s, not {printable(repr(value), 60)}"
-        )
-    return float(value)
 
 
 def _listed(shape: Sequence[object]) -> str:

@@ -11,7 +11,8 @@ import jax
 import jax.numpy
 
 from gibbs_codegen.arrays.rollout_steps import Parts
-from gibbs_codegen.flight.rollouts.arguments import Controller, RolloutArguments, numpy_array
+from gibbs_codegen.flight.arguments import numpy_array
+from gibbs_codegen.flight.rollouts.arguments import Controller, RolloutArguments
 from gibbs_codegen.runtime import rollouts
 
 jnp: Any = jax.numpy

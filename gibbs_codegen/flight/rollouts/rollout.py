@@ -14,7 +14,8 @@ import numpy as np
 
 from gibbs_codegen.arrays.rollout_steps import Parts
 from gibbs_codegen.errors import UsageError, printable
-from gibbs_codegen.flight.rollouts.arguments import Controller, RolloutArguments, seconds, whole
+from gibbs_codegen.flight.arguments import seconds, whole
+from gibbs_codegen.flight.rollouts.arguments import Controller, RolloutArguments
 from gibbs_codegen.flight.rollouts.scenario_rollout import scenario_rollout
 from gibbs_codegen.flight.scenario.scenario import Scenario
 from gibbs_codegen.runtime import rollouts

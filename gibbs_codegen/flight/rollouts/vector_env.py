@@ -15,9 +15,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gibbs_codegen.errors import UsageError, printable
+from gibbs_codegen.flight.arguments import numbers, seconds, whole
 from gibbs_codegen.flight.plant.actuators import module_actuators
 from gibbs_codegen.flight.plant.vehicle import Flags, Vehicle
-from gibbs_codegen.flight.rollouts.arguments import RolloutArguments, numpy_array, seconds, whole
+from gibbs_codegen.flight.rollouts.arguments import RolloutArguments
 from gibbs_codegen.flight.rollouts.rollout import array_rollout, check_settings
 from gibbs_codegen.runtime.load import load, require
 from gibbs_codegen.runtime.rollouts import RUNNING, Array, Method, Motors, Precision, Problem
@@ -436,13 +437,11 @@ class VectorEnv(gymnasium.vector.VectorEnv[Observations, ArrayLike, Any]):
 
     def _inputs(self, actions: ArrayLike) -> Array:
         """Inputs (n, nu) that actions (n, nu) stand for; raises `UsageError`."""
-        actions = numpy_array("actions", actions)
-        if actions.shape != self.action_space.shape or not np.isfinite(actions).all():
-            wanted = self.action_space.shape
-            raise UsageError(f"actions: finite numbers of shape {wanted}, not {printable(actions)}")
+        least, most = self._limits
+        shape = (self.num_envs, len(least))
+        actions = numbers("actions", actions, f"finite numbers of shape {shape}", shape)
         if not self._normalised:
             return actions
-        least, most = self._limits
         return least + 0.5 * (np.clip(actions, -1.0, 1.0) + 1.0) * (most - least)
 
     def _values_of(self, name: str, function: Measure | Ending, now: Moment) -> NDArray[Any]:

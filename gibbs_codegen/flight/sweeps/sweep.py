@@ -22,10 +22,9 @@ from concurrent.futures import Executor
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from gibbs_codegen.errors import GibbsCodegenError, UsageError, printable
 from gibbs_codegen.files.staging import check_output_folder
+from gibbs_codegen.flight.arguments import whole
 from gibbs_codegen.flight.desired.trajectory import Progress
 from gibbs_codegen.flight.scenario.scenario import Scenario
 from gibbs_codegen.flight.sweeps import measures as known_measures
@@ -127,12 +126,9 @@ def _listed(values: Any) -> list[Any]:
 
 def _check_counts(samples: int, seed: int, workers: int | None) -> None:
     """Refuse numbers that are not whole, or too small or large."""
-    counts = {"samples": (samples, 1), "seed": (seed, 0), "workers": (workers or 1, 1)}
-    for name, (value, least) in counts.items():
-        whole = isinstance(value, int | np.integer) and not isinstance(value, bool)
-        if not whole or value < least:
-            shown = printable(repr(value), 40)
-            raise UsageError(f"{name}: must be a whole number of at least {least}, not {shown}")
+    whole("samples", samples)
+    whole("seed", seed, 0)
+    whole("workers", workers or 1)
     if samples > _MOST_SAMPLES:
         raise UsageError(f"samples: at most {_MOST_SAMPLES}, not {samples}")
 

@@ -266,13 +266,13 @@ def test_what_is_wrong_is_told(quadrotor: ModuleType, wrong: dict[str, Any], mes
 def test_wrong_actions_and_results_are_told(quadrotor: ModuleType) -> None:
     ours = VectorEnv(quadrotor, 3, limits=(0.0, 8.0), reward=lambda now: now.q)
     ours.reset()
-    with pytest.raises(UsageError, match=r"actions: finite numbers of shape \(3, 4\)"):
+    with pytest.raises(UsageError, match=r"actions: must be finite numbers of shape \(3, 4\)"):
         ours.step(np.zeros(4))
-    with pytest.raises(UsageError, match=r"actions: finite numbers of shape \(3, 4\)"):
+    with pytest.raises(UsageError, match=r"actions: must be finite numbers of shape \(3, 4\)"):
         ours.step(np.full((3, 4), np.nan))
     with pytest.raises(UsageError, match=r"reward: an array \(3,\), not of shape \(3, 7\)"):
         ours.step(np.zeros((3, 4)))
-    with pytest.raises(UsageError, match="actions must be real numbers"):
+    with pytest.raises(UsageError, match=r"actions: must be finite numbers of .*, not 'abc'"):
         ours.step("abc")
     for seed in ([1, 2], 3.5):
         with pytest.raises(UsageError, match="seed: a whole number, or 3 of them, not "):
