@@ -76,6 +76,26 @@ size_t gibbs_codegen_constants_of_each(
     return 0;
 }
 
+/* Whole blocks by themselves: how many lanes they have is then known where this is compiled. */
+static void pack(const double *rows, int filled, int width, double *block)
+{
+    const Rows all = rows_of(rows, (size_t)width);
+    if (filled == LANES) {
+        load_rows(all, 0.0, 0, LANES, 0, width, block);
+    } else {
+        load_rows(all, 0.0, 0, filled, 0, width, block);
+    }
+}
+
+static void unpack(const double *block, int filled, int width, double *rows)
+{
+    if (filled == LANES) {
+        store_rows(block, LANES, width, (size_t)width, rows);
+    } else {
+        store_rows(block, filled, width, (size_t)width, rows);
+    }
+}
+
 int gibbs_codegen_rows(
     void (*batch)(void),
     const void *constants,
@@ -100,14 +120,12 @@ int gibbs_codegen_rows(
         const int filled = count - first < LANES ? (int)(count - first) : LANES;
         for (int i = 0; i < with_constants; ++i) {
             if (i < inputs || i == taken) {
-                const Rows rows = rows_of(arrays[i], widths[i]);
-                load_rows(rows, 0.0, first, filled, 0, (int)widths[i], block[i]);
+                pack(arrays[i] + first * widths[i], filled, (int)widths[i], block[i]);
             }
         }
         call(batch, constants ? constants : block[taken], taken, block);
         for (int i = inputs; i < taken; ++i) {
-            double *rows = arrays[i] + first * widths[i];
-            store_rows(block[i], filled, (int)widths[i], widths[i], rows);
+            unpack(block[i], filled, (int)widths[i], arrays[i] + first * widths[i]);
         }
     }
     return gibbs_codegen_lost();
