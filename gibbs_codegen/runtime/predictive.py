@@ -22,14 +22,12 @@ from numpy.typing import NDArray
 
 from gibbs_codegen.arrays.c_file import comment, opening
 from gibbs_codegen.arrays.c_text import CProgram, c_functions, literal
-from gibbs_codegen.arrays.contents import functions_of
 from gibbs_codegen.arrays.nodes import Program
 from gibbs_codegen.arrays.predictive import Horizon
 from gibbs_codegen.files.line_breaks import WIDTH, broken
 from gibbs_codegen.files.staging import writing
 from gibbs_codegen.files.verbatim import c_source
-from gibbs_codegen.runtime.c_library import chosen_compiler, compiled_files, opened
-from gibbs_codegen.runtime.programs import PREFIX, blocks_of, support
+from gibbs_codegen.runtime.programs import PREFIX, blocks_of, called, library, support
 
 Array = NDArray[np.float64]
 # What a module must have beside what it has by default.
@@ -333,8 +331,10 @@ class CompiledPredictive:
 
         Raises `CompilerError`, or `CacheError` where the cache cannot be used.
         """
-        self._library, self._transcription = _library(module, transcription), transcription
-        self._name = f"{module.NAME}_predictive"
+        self._transcription, self._name = transcription, f"{module.NAME}_predictive"
+        texts = {".h": transcription.header(), ".c": transcription.source()}
+        sources = {f"{self._name}{ending}": text for ending, text in texts.items()}
+        self._library = library(module, called([*transcription.programs.values()]), sources)
         shapes = {name: member.shape for name, member in transcription.members.items()}
         shapes["constants"] = (len(constants) // 8,)
         # What follows is room for the solver.
@@ -385,24 +385,3 @@ class CompiledPredictive:
     def _call(self, name: str, *arrays: Array) -> int:
         pointers = [ctypes.c_void_p(x.ctypes.data) for x in arrays]
         return int(self._library[f"{self._name}_{name}"](self._own, *pointers))
-
-
-def _library(module: ModuleType, transcription: Transcription) -> ctypes.CDLL:
-    name = module.NAME
-    programs = transcription.programs.values()
-    functions = list(dict.fromkeys(f for program in programs for _, f in functions_of(program)))
-    for function in functions:
-        getattr(module, function)  # It says how the module is to be generated, if it lacks one.
-    path = compiled_files(
-        Path(module.__path__[0]),
-        name,
-        [f"{name}.h", f"{name}.c"],
-        chosen_compiler(),
-        ["-fno-math-errno"],
-        {
-            f"{name}_predictive.h": transcription.header().encode(),
-            f"{name}_predictive.c": transcription.source().encode(),
-        },
-        functions=functions,
-    )
-    return opened(path)
