@@ -220,6 +220,7 @@ def reachable_wrenches(
     robot: ModuleType | str | os.PathLike[str],
     posture: Mapping[str, float] | None = None,
     *,
+    posture_deg: Mapping[str, float] | None = None,
     q: ArrayLike | None = None,
     frame: str | None = None,
     limits: ArrayLike | None = None,
@@ -229,7 +230,7 @@ def reachable_wrenches(
 
     Args:
         robot: A generated module, or the name or path of one, which is loaded.
-        posture, q: As of `trim`, which finds how the robot hovers.
+        posture, posture_deg, q: As of `trim`, which finds how the robot hovers.
         frame: The frame about whose origin wrenches are; about the centre of mass if None.
         limits: As of `trim`; every rotor must have both, here or in the robot file.
         parameters: Parameters of the module's `prepare`.
@@ -242,7 +243,14 @@ def reachable_wrenches(
     """
     vehicle = vehicle_of(robot, parameters)
     place = None if frame is None else vehicle.frame_place(frame, "frame")
-    found = trim(vehicle.module, posture, q=q, limits=limits, parameters=parameters)
+    found = trim(
+        vehicle.module,
+        posture,
+        posture_deg=posture_deg,
+        q=q,
+        limits=limits,
+        parameters=parameters,
+    )
     thrusts = found.limits[:, : vehicle.rotors]
     if not np.isfinite(thrusts).all():
         raise UsageError(

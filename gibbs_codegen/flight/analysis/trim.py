@@ -8,6 +8,7 @@ chosen.
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
@@ -271,6 +272,7 @@ class Trim:
     - `attitude`: angles of the base by name, rad: its coordinates or, of a quaternion, roll, pitch
       and yaw, R = Rz Ry Rx
     - `posture`: the joints' coordinates by name, rad or m
+    - `attitude_deg`, `posture_deg`: the angles among these in degrees; `trim` takes the latter
     - `wrenches` (f, 6): on the frames, in the order of `FRAMES`, world axes, N and N m
     - `residual`: largest entry of M a − R − Jᵀ W − B u, N and N m
     - `limits` (2, nu), `margins` (nu): least and greatest inputs, and how far each input is from
@@ -301,6 +303,17 @@ class Trim:
     turned: float
     beyond_limits: tuple[str, ...]
 
+    @property
+    def attitude_deg(self) -> dict[str, float]:
+        """Angles of the base by name, degrees."""
+        return {name: math.degrees(angle) for name, angle in self.attitude.items()}
+
+    @property
+    def posture_deg(self) -> dict[str, float]:
+        """Angles of revolute joints by name, degrees."""
+        named = zip(self.posture.items(), self.joint_units, strict=True)
+        return {name: math.degrees(angle) for (name, angle), unit in named if unit == "rad"}
+
     def __str__(self) -> str:
         lines = [f"{self.robot}: balanced"]
         if self.turned > EXACT:
@@ -312,8 +325,11 @@ class Trim:
         noise = EXACT * np.abs(self.u).max(initial=1.0)
         width = max(map(len, names))
         for name, unit, value, margin in zip(names, units, values, rooms, strict=True):
-            line = f"  {name:<{width}} {value if abs(value) > noise else 0.0:10.4g} {unit:<3}"
+            value = value if abs(value) > noise else 0.0
+            line = f"  {name:<{width}} {value:10.4g} {unit:<3}"
             room = f" {margin:10.4g} {unit} from a limit" if np.isfinite(margin) else ""
+            if unit == "rad":
+                room = f" {math.degrees(value):10.4g}°"
             lines.append((line + room).rstrip())
         if self.missing:
             lines += ["The rotors produce no wrench along", *(f"  {m}" for m in self.missing)]
@@ -430,7 +446,11 @@ def _beyond(vehicle: Vehicle, limits: Array, q: Array) -> tuple[str, ...]:
         if not low - EXACT <= q[place] <= high + EXACT:
             unit = vehicle.layout.q.units[place]
             side, limit = ("below", low) if q[place] < low else ("above", high)
-            found.append(f"{name} is {q[place]:.4g} {unit}, {side} its limit of {limit:.4g} {unit}")
+            value, end = (
+                f"{number:.4g} {unit}" + (f" ({math.degrees(number):.4g}°)" * (unit == "rad"))
+                for number in (q[place], limit)
+            )
+            found.append(f"{name} is {value}, {side} its limit of {end}")
     return tuple(found)
 
 

@@ -94,7 +94,8 @@ def test_hovering_needs_no_torque_about_the_centre_of_mass(reach, shipped: Load,
 def test_wrenches_about_a_frame_are_those_on_it(shipped: Load) -> None:
     """What thrusts exert about a frame holds what the frame's weightless load would exert."""
     module, posture = shipped("dual_arm"), POSTURES["dual_arm"]
-    found = reachable_wrenches(module, posture, frame="left_hand")
+    degrees = {name: np.rad2deg(angle) for name, angle in posture.items()}
+    found = reachable_wrenches(module, posture_deg=degrees, frame="left_hand")
     hover = trim(module, posture)
     frame = module.frame_poses(hover.q)[module.FRAMES.index("left_hand")]
     away = module.centre_of_mass(hover.q) - frame[:3, 3]

@@ -219,7 +219,7 @@ def test_joints_beyond_their_limits_are_told(shipped: Load) -> None:
     module = shipped("dual_arm")
     found = trim(module, {"left_forearm": -1.0})
     (told,) = found.beyond_limits
-    assert told.startswith("left_forearm is -1 rad, below its limit of ")
+    assert told.startswith("left_forearm is -1 rad (-57.3°), below its limit of ")
     assert f"\nwarning: {told}" in str(found)
     assert trim(module, ROBOTS["dual_arm"]).beyond_limits == ()
 
@@ -227,11 +227,14 @@ def test_joints_beyond_their_limits_are_told(shipped: Load) -> None:
 def test_attitude_and_posture_are_told_by_name(shipped: Load) -> None:
     arms = trim(shipped("dual_arm"), {"left_shoulder": 0.7})
     assert arms.posture["left_shoulder"] == 0.7
-    assert re.search("\n  left_shoulder +0.7 rad\n", str(arms))
+    assert re.search("\n  left_shoulder +0.7 rad +40.11°\n", str(arms))
     assert trim(shipped("dual_arm"), arms.posture).u == pytest.approx(arms.u)
     angles = trim(shipped("hexarotor_3link"), q=np.array([0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0, 0, 0]))
     assert angles.attitude == {"theta_m1": 0.1, "theta_0": 0.2, "theta_1": 0.3}
     assert angles.posture == {"theta_7": 0.4, "theta_8": 0.5, "theta_9": 0.6}
+    assert angles.attitude_deg["theta_0"] == pytest.approx(0.2 * 180 / np.pi)
+    again = trim(shipped("dual_arm"), posture_deg=arms.posture_deg)
+    assert again.q == pytest.approx(arms.q)
 
 
 def test_the_attitude_of_a_quaternion_is_told_by_angles(shipped: Load) -> None:
@@ -265,7 +268,8 @@ def test_a_length_is_not_given_in_degrees(tmp_path: Path) -> None:
     link = f'[[link]]\njoint = "prismatic"\ncoordinate = "reach"\n{body}'
     (tmp_path / "crane.toml").write_text(f'name = "crane"\ngravity = 0\n[base]\n{body}{link}')
     module = load(generate(tmp_path / "crane.toml", tmp_path, verify=False))
-    assert trim(module, {"reach": 0.2}).posture == {"reach": 0.2}
+    found = trim(module, {"reach": 0.2})
+    assert (found.posture, found.posture_deg) == ({"reach": 0.2}, {})
     with pytest.raises(UsageError, match="reach is prismatic; give it in posture, in m"):
         trim(module, posture_deg={"reach": 0.2})
 
