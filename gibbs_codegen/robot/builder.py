@@ -12,7 +12,7 @@ from gibbs_codegen.files.module_writer import write_new_file
 from gibbs_codegen.files.staging import made, writing
 from gibbs_codegen.files.toml import plain_value
 from gibbs_codegen.robot.model import Robot
-from gibbs_codegen.robot.text import quoted
+from gibbs_codegen.robot.text import toml_lines
 
 
 class RobotFile:
@@ -110,10 +110,10 @@ class RobotFile:
         """
         self.robot()
         top = {k: v for k, v in self._document.items() if k not in ("base", *_TABLES)}
-        lines = [*_lines(top), "", "[base]", *_lines(self._document["base"])]
+        lines = [*toml_lines(top), "", "[base]", *toml_lines(self._document["base"])]
         for kind in _TABLES:
             for keys in self._document.get(kind, ()):
-                lines += ["", f"[[{kind}]]", *_lines(keys)]
+                lines += ["", f"[[{kind}]]", *toml_lines(keys)]
         return "\n".join(lines) + "\n"
 
     def write(self, path: str | os.PathLike[str]) -> Path:
@@ -140,18 +140,3 @@ _TABLES = ("rotor", "link", "frame")
 
 def _given(keys: Mapping[str, Any]) -> dict[str, Any]:
     return {key: plain_value(value) for key, value in keys.items() if value is not None}
-
-
-def _lines(table: Mapping[str, Any]) -> list[str]:
-    return [f"{key} = {_toml(value)}" for key, value in table.items()]
-
-
-def _toml(value: Any) -> str:
-    """A value that was checked, on one line of TOML."""
-    if isinstance(value, dict):
-        return "{ " + ", ".join(_lines(value)) + " }"
-    if isinstance(value, list):
-        return "[" + ", ".join(map(_toml, value)) + "]"
-    if isinstance(value, str):
-        return quoted(value)
-    return str(value).lower() if isinstance(value, bool) else repr(value)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import asdict, replace
 from fractions import Fraction
 
@@ -14,12 +14,14 @@ from gibbs_codegen.robot.model import (
     BASE,
     MAX_ROTORS,
     PASSIVE_UNITS,
+    Battery,
     Body,
     Link,
     Pose,
     RigidBody,
     Robot,
     Rod,
+    Rotor,
     Vector3,
     as_rigid_body,
 )
@@ -34,6 +36,22 @@ def quoted(text: str) -> str:
         printed = f"\\{letter}" if letter in '"\\' else letter
         letters.append(printed if letter.isprintable() else escape)
     return f'"{"".join(letters)}"'
+
+
+def toml_value(value: object) -> str:
+    """A word, number, list or table as TOML, on one line."""
+    if isinstance(value, Mapping):
+        return "{ " + ", ".join(toml_lines(value)) + " }"
+    if isinstance(value, list | tuple):
+        return "[" + ", ".join(map(toml_value, value)) + "]"
+    if isinstance(value, str):
+        return quoted(value)
+    return str(value).lower() if isinstance(value, bool) else repr(value)
+
+
+def toml_lines(table: Mapping[str, object]) -> list[str]:
+    """The keys of a table, a line each; those that are None are left out."""
+    return [f"{key} = {toml_value(value)}" for key, value in table.items() if value is not None]
 
 
 def numbers(values: Iterable[float]) -> str:
@@ -129,8 +147,36 @@ def rotor_lines(robot: Robot, k: int) -> list[str]:
         lines.append(f"time_constant = {rotor.time_constant!r}")
     if rotor.spin_inertia is not None:
         lines.append(f"spin_inertia = {rotor.spin_inertia!r}  # kg m^2")
+    if rotor.speed_per_sqrt_thrust is not None:
         lines.append(f"speed_per_sqrt_thrust = {rotor.speed_per_sqrt_thrust!r}  # (rad/s)/sqrt(N)")
-    return lines
+    return lines + toml_lines(_drive_keys(rotor) | _air_keys(rotor))
+
+
+def _drive_keys(rotor: Rotor) -> dict[str, object]:
+    """What a rotor makes of its command, where that is not its thrust with one lag or none."""
+    if (drive := rotor.drive) is None:
+        return {}
+    keys: dict[str, object] = {}
+    if drive.command != "thrust":
+        keys = {"command": drive.command, "thrust_curve": drive.curve}
+        keys |= {"command_limits": drive.limits, "full_speed": drive.full_speed}
+    if drive.lags and rotor.time_constant is None:
+        keys["time_constants"] = (drive.up, drive.down)
+    return keys
+
+
+def _air_keys(rotor: Rotor) -> dict[str, object]:
+    """What the air does to a rotor beside its thrust."""
+    if (air := rotor.air) is None:
+        return {}
+    return {
+        "hub_drag": air.drag,
+        "inflow": air.inflow,
+        "translational_lift": air.lift,
+        "disc_radius": air.radius or None,
+        "ground_effect": air.ground_effect,
+        "thrust_by_advance": air.advance or None,
+    }
 
 
 def frame_lines(robot: Robot, k: int) -> list[str]:
@@ -174,7 +220,8 @@ def _joint_lines(link: Link) -> list[str]:
         lines.append(f"effort = {limits.effort!r}  # {effort}")
     if limits.velocity is not None:
         lines.append(f"velocity = {limits.velocity!r}  # {rate}")
-    return lines
+    drives = {"servo": link.servo, "friction": link.friction}
+    return lines + toml_lines({key: asdict(one) for key, one in drives.items() if one})
 
 
 def robot_text(robot: Robot, name: str | None = None, to_start_from: bool = False) -> str:
@@ -213,11 +260,19 @@ def robot_text(robot: Robot, name: str | None = None, to_start_from: bool = Fals
         "arm": arm,
         "rigid_arm": rigid_arm if to_start_from else [],
         "central_body": body_lines(base.body)[1:] if base.body else [],
+        "battery": _battery_lines(robot.battery),
         "rotors": [rotor_lines(robot, k) for k in range(1, len(robot.thrusters) + 1)],
         "links": [link_lines(robot, i, to_start_from and i == links) for i in range(1, links + 1)],
         "frames": [frame_lines(robot, k) for k in range(1, len(robot.frames) + 1)],
     }
     return render("robot.toml.jinja", context)
+
+
+def _battery_lines(battery: Battery | None) -> list[str]:
+    if battery is None:
+        return []
+    keys = asdict(battery)
+    return ["[battery]", *toml_lines({"voltage": keys.pop("voltages")} | keys)]
 
 
 _CORNERS = ("front_left", "rear_left", "rear_right", "front_right")

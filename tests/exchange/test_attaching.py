@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
 import pytest
+from support.actuated import TEXT as ACTUATED
 from support.emitted import emitted_module
 
 from gibbs_codegen.cli.app import main
@@ -103,6 +105,22 @@ def test_robot_files_keep_what_they_have(folder: Path) -> None:
     kept = {frame.name for frame in drone.frames} | {"tip"}
     assert {*frames} == kept | {"l_foot", "l_tip", "r_foot", "r_tip"}
     assert robot.total_mass == pytest.approx(drone.total_mass + 1.2)
+
+
+def test_actuators_and_the_battery_stay(folder: Path) -> None:
+    (folder / "actuated.toml").write_text(ACTUATED)
+    assert (
+        main(
+            ["import", "actuated.toml", "--attach", "arm.urdf", "--on", "slider", "--prefix", "l_"]
+        )
+        == 0
+    )
+    drone, robot = parse_robot(ACTUATED), read_robot("actuated_arm.toml")[0]
+    assert (robot.thrusters, robot.battery) == (drone.thrusters, drone.battery)
+    upper, slider, wrist, *_ = robot.links
+    assert (upper, wrist) == (drone.links[0], drone.links[2])
+    assert slider == replace(drone.links[1], body=slider.body)
+    assert slider.body.total_mass == pytest.approx(0.1 + 0.3)
 
 
 @pytest.mark.parametrize(

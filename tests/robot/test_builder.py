@@ -8,17 +8,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 from conftest import ROOT
+from support.actuated import TEXT as ACTUATED
 
 from gibbs_codegen import OutputError, RobotFile, RobotFileError, parse_robot
 from gibbs_codegen.robot.file import shipped_robots
 
 FILES = [ROOT / "gibbs_codegen" / "robots" / f"{name}.toml" for name in shipped_robots()]
 FILES.append(ROOT / "tests" / "robots" / "everything.toml")
+TEXTS = [*(path.read_text(encoding="utf-8") for path in FILES), ACTUATED]
 
 
-@pytest.mark.parametrize("path", FILES, ids=lambda path: path.stem)
-def test_every_file_can_be_made_key_by_key(path: Path) -> None:
-    text = path.read_text(encoding="utf-8")
+@pytest.mark.parametrize("text", TEXTS, ids=lambda text: tomllib.loads(text)["name"])
+def test_every_file_can_be_made_key_by_key(text: str) -> None:
     document = tomllib.loads(text)
     tables = {kind: document.pop(kind, []) for kind in ("rotor", "link", "frame")}
     file = RobotFile(**{key: value for key, value in document.items() if key != "base"})
