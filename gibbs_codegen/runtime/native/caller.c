@@ -14,7 +14,6 @@
 #include <Python.h>
 #include <structmember.h>
 
-#include <fenv.h>
 #include <stdint.h>
 #include <string.h>
 
@@ -96,21 +95,6 @@ static const void *constants_data(const Caller *self, PyObject *const *args, Py_
     return PyBytes_AsString(constants);
 }
 
-/*
- * Whether results may not be finite though arguments are: the processor raises a flag then. Asking
- * for it costs less than looking at results; a flag that others raised costs that look.
- */
-static int flagged_here(void)
-{
-#if defined(FE_OVERFLOW) && defined(FE_DIVBYZERO) && defined(FE_INVALID)
-    if (!fetestexcept(FE_OVERFLOW | FE_DIVBYZERO | FE_INVALID)) {
-        return 0;
-    }
-    feclearexcept(FE_OVERFLOW | FE_DIVBYZERO | FE_INVALID);
-#endif
-    return 1;
-}
-
 /* By their bits, since compilers that are told so take every number for finite. */
 static int all_finite(PyObject *result)
 {
@@ -158,7 +142,7 @@ static PyObject *Caller_vectorcall(PyObject *object, PyObject *const *args, size
         pointers[self->inputs + i] = (double *)PyArray_DATA((PyArrayObject *)results[i]);
     }
     call(self->function, constants, self->inputs + self->outputs, pointers);
-    if (flagged_here()) {
+    if (lost_here()) { /* Asking costs less than looking at results. */
         int finite = 1;
         for (i = 0; i < self->outputs; ++i) {
             finite = finite && all_finite(results[i]);

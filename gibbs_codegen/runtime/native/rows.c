@@ -6,8 +6,6 @@
  * enough to stay in the cache. Constants that differ from state to state are turned as inputs are.
  */
 
-#include <fenv.h>
-
 #define IN_BLOCKS
 #include "arrays.h"
 
@@ -41,19 +39,9 @@ typedef bits number_bits;
 
 #include "rows.c"
 
-/*
- * Whether finite numbers may have made one that is not, in this thread since it was last asked: the
- * processor raises a flag then, which costs nothing. One without flags may have at any time.
- */
 int gibbs_codegen_lost(void)
 {
-#if defined(FE_OVERFLOW) && defined(FE_DIVBYZERO) && defined(FE_INVALID)
-    if (!fetestexcept(FE_OVERFLOW | FE_DIVBYZERO | FE_INVALID)) {
-        return 0;
-    }
-    feclearexcept(FE_OVERFLOW | FE_DIVBYZERO | FE_INVALID);
-#endif
-    return 1;
+    return lost_here();
 }
 
 /*
@@ -111,7 +99,7 @@ int gibbs_codegen_rows(
     if (taken < 1 || taken >= MAX_ARRAYS) {
         return -1;
     }
-    (void)gibbs_codegen_lost();
+    (void)lost_here();
     for (int i = 0; i < with_constants; ++i) {
         block[i] = scratch;
         scratch += LANES * widths[i];
@@ -128,5 +116,5 @@ int gibbs_codegen_rows(
             unpack(block[i], filled, (int)widths[i], arrays[i] + first * widths[i]);
         }
     }
-    return gibbs_codegen_lost();
+    return lost_here();
 }
