@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import ctypes
 import functools
-import inspect
 import logging
 import math
 import os
@@ -18,7 +17,7 @@ from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from types import ModuleType
-from typing import Any, NoReturn
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -37,7 +36,7 @@ from gibbs_codegen.runtime.c_library import (
 )
 from gibbs_codegen.runtime.cache import CacheError
 from gibbs_codegen.runtime.caller import caller_type
-from gibbs_codegen.runtime.loaded_module import LoadedModule
+from gibbs_codegen.runtime.loaded_module import GeneralFunction, LoadedModule
 
 # Fewer states a thread are mostly sooner done than handed over.
 _MIN_ROWS = 16_384
@@ -290,45 +289,6 @@ def _rows(array: NDArray[np.float64], batch: tuple[int, ...]) -> NDArray[np.floa
     """An array (..., width) as rows that follow each other, (*batch, width)."""
     whole = np.broadcast_to(array, (*batch, array.shape[-1]))
     return np.require(whole, requirements=["C", "A"])
-
-
-class GeneralFunction:
-    """A compiled function for any arguments, taken as the function `like` does.
-
-    It has the name and the documentation of `like`.
-    """
-
-    def __init__(
-        self, evaluate: Callable[[Mapping[str, Any]], Any], like: Callable[..., Any]
-    ) -> None:
-        functools.update_wrapper(self, like)
-        self._name = like.__name__
-        self._evaluate = evaluate
-        self._bind = inspect.signature(like).bind
-
-    def __call__(self, *arguments: Any, **named: Any) -> Any:
-        """Call it as `like` is called."""
-        try:
-            by_name = self._bind(*arguments, **named).arguments
-        except TypeError as error:
-            raise TypeError(f"{self._name}() {error}") from None
-        return self._evaluate(by_name)
-
-    def __repr__(self) -> str:
-        return f"<compiled function {self._name}>"
-
-    def __reduce__(self) -> NoReturn:
-        # By its name the NumPy function would be found instead.
-        raise TypeError(
-            f"{self._name}() is compiled code, which cannot be pickled: load the module in every "
-            "process and pass arrays and constants"
-        )
-
-    def __copy__(self) -> GeneralFunction:
-        return self
-
-    def __deepcopy__(self, _: object) -> GeneralFunction:
-        return self
 
 
 def c_module(

@@ -14,7 +14,6 @@ from __future__ import annotations
 
 import dis
 import functools
-import inspect
 import math
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
@@ -37,7 +36,7 @@ from gibbs_codegen.errors import UsageError
 from gibbs_codegen.interface import ARGUMENTS, FUNCTIONS, Signature
 from gibbs_codegen.runtime.jax_ffi import CompiledCalls, compiled_calls
 from gibbs_codegen.runtime.kernels import Kernels
-from gibbs_codegen.runtime.loaded_module import LoadedModule
+from gibbs_codegen.runtime.loaded_module import GeneralFunction, LoadedModule
 
 ELEMENTARY = {
     "sin": jnp.sin,
@@ -334,12 +333,7 @@ def _function(
     like = getattr(module, signature.name)
     size = len(module.prepare({})) + len(module.PARAMETERS)
 
-    @functools.wraps(like)
-    def function(*arguments: Any, **named: Any) -> Any:
-        try:
-            given = inspect.signature(like).bind(*arguments, **named).arguments
-        except TypeError as error:
-            raise TypeError(f"{signature.name}() {error}") from None
+    def evaluate(given: Mapping[str, Any]) -> Any:
         operands = {
             argument: _unit(functions.robot, argument, x)
             for argument, x in _states(signature, given).items()
@@ -360,7 +354,7 @@ def _function(
         ]
         return shaped[0] if len(shaped) == 1 else tuple(shaped)
 
-    return function
+    return GeneralFunction(evaluate, like)
 
 
 def _unit(robot: Functions, argument: str, entries: Any) -> Any:

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import functools
+import inspect
+from collections.abc import Callable, Mapping
 from types import ModuleType
-from typing import Any
+from typing import Any, NoReturn
 
 from gibbs_codegen.errors import MissingFunctionError
 from gibbs_codegen.interface import DATA, DATA_ON_REQUEST, FUNCTIONS
@@ -41,6 +44,45 @@ class LoadedModule(ModuleType):
         if _BROUGHT_BY.get(name, name) in FUNCTIONS:
             raise missing_function(self, name)
         raise AttributeError(f"module {self.__name__!r} has no attribute {name!r}")
+
+
+class GeneralFunction:
+    """A compiled function for any arguments, taken as the function `like` does.
+
+    It has the name and the documentation of `like`.
+    """
+
+    def __init__(
+        self, evaluate: Callable[[Mapping[str, Any]], Any], like: Callable[..., Any]
+    ) -> None:
+        functools.update_wrapper(self, like)
+        self._name = like.__name__
+        self._evaluate = evaluate
+        self._bind = inspect.signature(like).bind
+
+    def __call__(self, *arguments: Any, **named: Any) -> Any:
+        """Call it as `like` is called."""
+        try:
+            by_name = self._bind(*arguments, **named).arguments
+        except TypeError as error:
+            raise TypeError(f"{self._name}() {error}") from None
+        return self._evaluate(by_name)
+
+    def __repr__(self) -> str:
+        return f"<compiled function {self._name}>"
+
+    def __reduce__(self) -> NoReturn:
+        # By its name the NumPy function would be found instead.
+        raise TypeError(
+            f"{self._name}() is compiled code, which cannot be pickled: load the module in every "
+            "process and pass arrays and constants"
+        )
+
+    def __copy__(self) -> GeneralFunction:
+        return self
+
+    def __deepcopy__(self, _: object) -> GeneralFunction:
+        return self
 
 
 def missing_function(module: ModuleType, name: str) -> MissingFunctionError:
