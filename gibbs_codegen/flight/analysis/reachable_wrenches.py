@@ -19,7 +19,8 @@ from scipy.spatial import ConvexHull
 
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.flight.analysis.arguments import vehicle_of
-from gibbs_codegen.flight.analysis.trim import RANK, null_space, trim
+from gibbs_codegen.flight.analysis.trim import null_space, trim
+from gibbs_codegen.flight.plant.allocation import RANK
 from gibbs_codegen.flight.plant.vehicle import Array
 
 Support = Callable[[Array], Array]

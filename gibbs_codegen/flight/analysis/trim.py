@@ -23,11 +23,10 @@ from gibbs_codegen.errors import UsageError
 from gibbs_codegen.flight.analysis.arguments import coordinates, vehicle_of
 from gibbs_codegen.flight.arguments import numbers, real, vector
 from gibbs_codegen.flight.plant.actuators import Actuators, joint_place, module_actuators
+from gibbs_codegen.flight.plant.allocation import RANK, least_inputs
 from gibbs_codegen.flight.plant.vehicle import Array, Vehicle
 from gibbs_codegen.robot.wrenches import DIRECTIONS, directions
 
-# Singular values below this share of the largest belong to directions that rotors cannot command.
-RANK = 1e-9
 # Share of the wrench that may be missing.
 EXACT = 1e-9
 # Share of the wrench below which coordinates are left as they are, and SciPy's tolerances.
@@ -147,11 +146,9 @@ class Balancing:
     def of(cls, vehicle: Vehicle, q: Array, force: Array) -> Balancing:
         """The inputs that produce a generalised force (nv), as nearly as they can."""
         columns = vehicle.thrust_wrenches(q)
-        thrusts = np.linalg.pinv(columns, rcond=RANK) @ vehicle.base_wrench(q, force)
+        least, idle = least_inputs(vehicle, q, force, columns), null_space(columns)
         loads = vehicle.input_matrix(q)[vehicle.arm_rates, : vehicle.rotors]
-        idle = null_space(columns)
-        efforts = force[vehicle.arm_rates] - loads @ thrusts
-        return cls(np.concatenate([thrusts, efforts]), np.concatenate([idle, -loads @ idle]))
+        return cls(least, np.concatenate([idle, -loads @ idle]))
 
 
 def chosen_inputs(vehicle: Vehicle, inputs: Balancing, limits: Array, aim: Aim) -> Array:
@@ -242,14 +239,13 @@ def _exceeded(vehicle: Vehicle, inputs: Balancing, limits: Array) -> str:
     nearest = _safest(inputs, limits, np.ones(len(inputs.least)))
     if nearest is None:
         nearest = inputs.least
-    units = ("N",) * vehicle.rotors + vehicle.layout.effort_units
     beyond = [
         f"{name} is {value:.4g} {unit}, {-margin:.3g} {unit} {'below' if low else 'above'} its "
         f"limit of {limit:.4g} {unit}"
         for name, value, unit, margin, low, limit in zip(
             vehicle.inputs,
             nearest,
-            units,
+            vehicle.input_units,
             margins(nearest, limits),
             nearest < limits[0],
             np.where(nearest < limits[0], *limits),
@@ -418,7 +414,7 @@ def trim(
         robot=vehicle.name,
         input_names=vehicle.inputs,
         joint_units=layout.q.units[vehicle.arm],
-        input_units=("N",) * vehicle.rotors + layout.effort_units,
+        input_units=vehicle.input_units,
         q=found,
         v=v,
         a=a,

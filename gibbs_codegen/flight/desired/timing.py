@@ -42,6 +42,7 @@ from gibbs_codegen.flight.desired.base_trajectory import (
     tolerance,
 )
 from gibbs_codegen.flight.plant.actuators import actuators_of, joint_place
+from gibbs_codegen.flight.plant.allocation import least_inputs
 from gibbs_codegen.flight.plant.vehicle import Array, Flags, Vehicle
 from gibbs_codegen.flight.reference import Motion, Reference
 from gibbs_codegen.flight.scenario.parts import MAX_DURATION
@@ -216,13 +217,8 @@ def needed_inputs(vehicle: Vehicle, q: Array, v: Array, a: Array) -> Array:
 
     Wrenches that the rotors cannot produce are left out.
     """
-    force = vehicle.inverse_dynamics(q, v, a)
-    matrices = vehicle.thrust_wrenches(q if vehicle.rotors_move else None)
-    wrenches = vehicle.base_wrench(q, force)[..., np.newaxis]
-    thrusts = (np.linalg.pinv(matrices) @ wrenches)[..., 0]
-    loads = vehicle.input_matrix(q)[..., vehicle.arm_rates, : vehicle.rotors]
-    efforts = force[..., vehicle.arm_rates] - (loads @ thrusts[..., np.newaxis])[..., 0]
-    return np.concatenate([thrusts, efforts], axis=-1)
+    columns = vehicle.thrust_wrenches(q if vehicle.rotors_move else None)
+    return least_inputs(vehicle, q, vehicle.inverse_dynamics(q, v, a), columns)
 
 
 @dataclass(frozen=True)
@@ -268,11 +264,10 @@ def worst_violation(vehicle: Vehicle, demand: Demand, limits: TimingLimits) -> s
     least, most = limits.inputs
     joints, thrusts = vehicle.joint_names, vehicle.inputs[: vehicle.rotors]
     rates = vehicle.layout.v.units[vehicle.arm_rates]
-    units = ["N"] * vehicle.rotors + ["N m" if unit == "rad/s" else "N" for unit in rates]
     worst, clause = 0.0, ""
     for verb, names, series, limit, each in (
-        ("exceed", vehicle.inputs, demand.inputs, most, units),
-        ("fall below", vehicle.inputs, -demand.inputs, -least, units),
+        ("exceed", vehicle.inputs, demand.inputs, most, vehicle.input_units),
+        ("fall below", vehicle.inputs, -demand.inputs, -least, vehicle.input_units),
         ("change faster than", thrusts, np.abs(demand.rates), limits.thrust_rate, ["N/s"]),
         ("move faster than", joints, np.abs(demand.velocities), limits.velocities, rates),
     ):

@@ -222,6 +222,18 @@ def _smallest(columns: Array, wrenches: Array) -> Array:
     return times(np.asarray(inverses, dtype=np.float64), wrenches)
 
 
+def least_inputs(vehicle: Vehicle, q: Array, force: Array, columns: Array) -> Array:
+    """Inputs (…, nu) of a generalised force (…, nv), of least thrust, whatever their limits.
+
+    `columns` (…, 6, N) are the wrenches of unit thrusts at `q`. What the rotors cannot produce is
+    left out.
+    """
+    inverses = np.asarray(np.linalg.pinv(columns, rcond=RANK), dtype=np.float64)
+    thrusts = times(inverses, vehicle.base_wrench(q, force))
+    loads = vehicle.input_matrix(q)[..., vehicle.arm_rates, : vehicle.rotors]
+    return np.concatenate([thrusts, force[..., vehicle.arm_rates] - times(loads, thrusts)], axis=-1)
+
+
 def allocation_of(
     vehicle: Vehicle, limits: Array | tuple[float, float] | None = None
 ) -> Allocation:

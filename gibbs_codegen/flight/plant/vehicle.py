@@ -98,6 +98,11 @@ class Vehicle:
         return of_tip
 
     @property
+    def input_units(self) -> tuple[str, ...]:
+        """Units of the inputs (nu): N of thrusts, then N m or N of the joints."""
+        return ("N",) * self.rotors + self.layout.effort_units
+
+    @property
     def joint_names(self) -> tuple[str, ...]:
         """Names of the arm's coordinates, from the base outwards."""
         return self.coordinates[self.arm]

@@ -14,8 +14,8 @@ from scipy.spatial.transform import Rotation
 from gibbs_codegen.figures.robot_artists import disc_radius
 from gibbs_codegen.figures.scene import VIEW, seen_from
 from gibbs_codegen.figures.style import COLOURS
-from gibbs_codegen.flight.analysis.trim import Balancing
 from gibbs_codegen.flight.plant.actuators import module_actuators
+from gibbs_codegen.flight.plant.allocation import least_inputs
 from gibbs_codegen.flight.plant.vehicle import Vehicle
 from gibbs_codegen.flight.record.series import Array, Flight, point_parents
 
@@ -138,7 +138,7 @@ class Machine:
         Inputs without limits go as far as `room` in the largest usual one, of `u`, of their unit.
         """
         vehicle = self.vehicle
-        units = np.array(["N"] * vehicle.rotors + [*vehicle.layout.effort_units])
+        units = np.array(vehicle.input_units)
         usual = [room * float(np.abs(u[units == unit]).max()) or 1.0 for unit in units]
         ends = np.outer([-1.0, 1.0], usual)
         ends = np.where(np.isfinite(self.input_limits), self.input_limits, ends)
@@ -170,7 +170,7 @@ class Machine:
         """
         still = np.zeros(self.vehicle.layout.v.size)
         force = self.vehicle.inverse_dynamics(q, still, still)
-        return Balancing.of(self.vehicle, q, force).least
+        return least_inputs(self.vehicle, q, force, self.vehicle.thrust_wrenches(q))
 
     def state(self, q: Array, u: Array) -> State:
         """The robot at rest; what is undetermined is no number."""
