@@ -7,7 +7,7 @@ import os
 import pickle
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from types import ModuleType
 from typing import Any
 
@@ -44,6 +44,38 @@ def fits_blocks(scenario: Scenario) -> bool:
     return scenario.integration.method == "rk4" and not scenario.is_sampled
 
 
+@dataclass(frozen=True)
+class ScenarioLoops:
+    """Closed loops of a scenario that differ in parameters of the plant and in the lag of motors.
+
+    - `parameters`: those of the plant, by name, arrays (n), or (1) for all; `table` is what
+      messages call them
+    - `lag` (1 or n, rotors): time constants, s
+    """
+
+    start: FlightStart
+    parameters: Mapping[str, Array]
+    lag: Array
+    table: str
+
+    def loop(self, states: int | Sequence[int] | None = None) -> ClosedLoop:
+        """The closed loop of one state, or of several, with an axis of these.
+
+        Of all states if None, with an axis where they differ.
+        """
+
+        def of(values: Array) -> Any:
+            if states is None:
+                return values if len(values) > 1 else values[0]
+            return values[np.minimum(states, len(values) - 1)]
+
+        scenario = self.start.scenario
+        parameters = {name: of(values) for name, values in self.parameters.items()}
+        if parameters:
+            parameters = {**scenario.plant, **parameters}
+        return self.start.loop.with_plant(parameters, of(self.lag), scenario, self.table)
+
+
 class FlightGroup:
     """Flights that share desired motion, law and limits.
 
@@ -54,6 +86,13 @@ class FlightGroup:
     def __init__(self, start: FlightStart, scenarios: Sequence[Scenario], blocks: bool) -> None:
         self._common, self._scenarios, self._blocks = start, scenarios, blocks
         self._like: Recording | None = None
+        known, lags = start.loop.actuators.lag, [s.motors.time_constant for s in scenarios]
+        self._joint = ScenarioLoops(
+            start,
+            {name: np.array([s.plant[name] for s in scenarios]) for name in start.scenario.plant},
+            np.stack([known if lag is None else np.full(len(known), lag) for lag in lags]),
+            "plant",
+        )
         self._loops: dict[int, ClosedLoop] = {}
         self._starts: dict[tuple[float, ...], Array] = {}
         # Lags of motors with which steps are known to be short enough.
@@ -82,7 +121,7 @@ class FlightGroup:
         places = [i for i in range(len(histories)) if self._is_sound(i)]
         if not places:
             return histories
-        loop = self._joint_loop(places)
+        loop = self._joint.loop(places)
         starts = np.stack([self._state(i) for i in places])
         fly = BlockIntegration(
             loop,
@@ -113,26 +152,11 @@ class FlightGroup:
             return False
         return True
 
-    def _joint_loop(self, places: Sequence[int]) -> ClosedLoop:
-        """The closed loop of several flights; arrays have an axis of these where they differ."""
-        chosen = [self._scenarios[i] for i in places]
-        names = chosen[0].plant
-        parameters = {name: np.array([each.plant[name] for each in chosen]) for name in names}
-        lags = np.stack([self._lag(each) for each in chosen])
-        return self._common.loop.with_plant(parameters, lags, chosen[0])
-
     def _loop(self, i: int) -> ClosedLoop:
         """The closed loop of a flight, under a law that acts at all times."""
         if i not in self._loops:
-            scenario = self._scenarios[i]
-            lag = self._lag(scenario)
-            self._loops[i] = self._common.loop.with_plant(scenario.plant, lag, scenario)
+            self._loops[i] = self._joint.loop(i)
         return self._loops[i]
-
-    def _lag(self, scenario: Scenario) -> Array:
-        """Time constants (N) of the motors in a flight, s."""
-        known, value = self._common.loop.actuators.lag, scenario.motors.time_constant
-        return known if value is None else np.full(len(known), value)
 
     def _state(self, i: int) -> Array:
         """State (size) in which a flight starts, which neither the plant nor a lag decides."""

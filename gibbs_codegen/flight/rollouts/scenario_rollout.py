@@ -4,17 +4,18 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from gibbs_codegen.errors import GibbsCodegenError, UsageError
 from gibbs_codegen.flight.integration.block_loop import BlockIntegration
-from gibbs_codegen.flight.integration.closed_loop import ClosedLoop, Parts
+from gibbs_codegen.flight.integration.closed_loop import Parts
 from gibbs_codegen.flight.integration.envelope import NOT_FINITE
 from gibbs_codegen.flight.integration.integrators import check_stability, integrate
 from gibbs_codegen.flight.integration.state_history import StateHistory
+from gibbs_codegen.flight.many import ScenarioLoops
 from gibbs_codegen.flight.rollouts.arguments import RolloutArguments
 from gibbs_codegen.flight.scenario.file import read_scenario
 from gibbs_codegen.flight.scenario.parts import Settings
@@ -29,35 +30,6 @@ from gibbs_codegen.runtime.rollouts import (
     Precision,
     Rollout,
 )
-
-
-@dataclass(frozen=True)
-class ScenarioLoops:
-    """Closed loops of a scenario that differ in parameters of the plant and in the lag of motors.
-
-    - `parameters`: those of the plant, by name, arrays (n), or (1) for all
-    - `lag` (1 or n, rotors): time constants, s; None for those of the scenario
-    """
-
-    start: FlightStart
-    parameters: Mapping[str, Array]
-    lag: Array | None
-
-    def loop(self, state: int | None = None) -> ClosedLoop:
-        """The closed loop of one state or, with an axis of the states where they differ, of all."""
-        loop, scenario = self.start.loop, self.start.scenario
-        parameters = {name: _of(values, state) for name, values in self.parameters.items()}
-        if parameters:
-            parameters = {**scenario.plant, **parameters}
-        lag = loop.actuators.lag if self.lag is None else _of(self.lag, state)
-        return loop.with_plant(parameters, lag, scenario, "parameters")
-
-
-def _of(values: Array, state: int | None) -> Any:
-    """Values of a state, or of all, without an axis of the states if they are the same."""
-    if state is None:
-        return values if len(values) > 1 else values[0]
-    return values[state if len(values) > 1 else 0]
 
 
 def scenario_rollout(
@@ -83,7 +55,8 @@ def scenario_rollout(
         *(a if b is None else b for a, b in zip((start.q, start.v), begin, strict=True))
     )
     own = arguments.parameters(parameters)
-    loops = ScenarioLoops(start, own, None if lag is None else arguments.lag(lag))
+    lags = start.loop.actuators.lag[np.newaxis] if lag is None else arguments.lag(lag)
+    loops = ScenarioLoops(start, own, lags, "parameters")
     count = arguments.count()
     loop, settings = loops.loop(), start.scenario.integration
     _check_steps(loops, count, dt)
