@@ -50,8 +50,6 @@ _FARTHEST = 20.0
 _NONE, _BARRIER, _TOLERANCE = 1e30, 1e-2, 1e-6
 # What a state costs that is out of its limits by its tolerance, per step.
 _EXCESS = 100.0
-# Step, s, of differences of paths.
-_DIFFERENCE = 1e-4
 
 
 class Hover(Protocol):
@@ -460,28 +458,27 @@ class Predictive:
     def _reference(self, times: Array, q_now: Array) -> Array:
         """What nodes are to be at times (n), s, a row for each, of a machine that is at q_now."""
         count, robot, layout = len(times), self.horizon.robot, self.horizon.robot.layout
-        points = [np.asarray(path(times)) for path in self.points.values()]
+        # Speeds are from node to node: over less, a path that jumps would have any.
+        beyond = np.append(times, 2.0 * times[-1] - times[-2])
+        paths = [np.asarray(path(beyond)) for path in self.points.values()]
         here = self.vehicle.frame_poses(q_now)[list(self.horizon.points), :3, 3]
         points = [
-            path + self._lag_behind(place - path[0])
-            for path, place in zip(points, here, strict=True)
+            path[:-1] + self._lag_behind(place - path[0])
+            for path, place in zip(paths, here, strict=True)
         ]
         rotations = [np.asarray(path(times)) for path in self.orientations.values()]
         if self.posture is not None:
-            q = np.array(self.posture(times))
+            postures = np.array(self.posture(beyond))
+            q, place = postures[:-1].copy(), layout.q.position
             self._turn_costs(q[-1])
-            place = layout.q.position
             q[:, place] += self._lag_behind(q_now[place] - q[0, place])
-            moved = [np.asarray(self.posture(times + sign * _DIFFERENCE)) for sign in (-1.0, 1.0)]
-            v = self.vehicle.function("difference")(*moved) / (2.0 * _DIFFERENCE)
+            v = _rates(self.vehicle.function("difference")(postures[:-1], postures[1:]), beyond)
         else:
             q = np.tile(self.hover.q, (count, 1))
             v = np.zeros((count, robot.space.velocities))
             if self._carries:
-                path = next(iter(self.points.values()))
-                speed = path(times + _DIFFERENCE) - path(times - _DIFFERENCE)
                 q[:, layout.q.position] += points[0] - self._first_point
-                v[:, layout.v.position] = speed / (2.0 * _DIFFERENCE) @ self._turn.T
+                v[:, layout.v.position] = _rates(np.diff(paths[0], axis=0), beyond) @ self._turn.T
         u = np.tile(self.hover.u, (count, 1))
         if self.feedforward is not None:
             u = np.asarray(self.feedforward(times))
@@ -569,6 +566,14 @@ class Predictive:
         parts += [thrusts] if self.horizon.lags else []
         parts += [before] if self.horizon.changes else []
         return np.concatenate(parts)
+
+
+def _rates(steps: Array, times: Array) -> Array:
+    """Rates at times but the last, of steps from each to the next; at the first of what follows."""
+    lengths = np.diff(times)[:, np.newaxis]
+    found = steps / lengths
+    found[1:] = (lengths[:-1] * found[1:] + lengths[1:] * found[:-1]) / (lengths[:-1] + lengths[1:])
+    return found
 
 
 class _Rest(NamedTuple):

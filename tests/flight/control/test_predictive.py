@@ -353,6 +353,24 @@ def circling(module: ModuleType, **changes: Any) -> Predictive:
     return controller_of(module, **(given | {"actuators": wide} | changes))
 
 
+@pytest.mark.parametrize("led", ["point", "posture"])
+def test_a_path_may_jump_at_an_instant(led: str, module: ModuleType) -> None:
+    start = circling(module)
+    q, shift = start.hover.q, np.zeros(len(module.VELOCITIES))
+    shift[start.vehicle.layout.v.position.start] = 0.05
+
+    def postures(times: Any) -> Any:
+        return module.integrate(q, shift * (times >= 0.5)[:, np.newaxis])
+
+    def path(times: Any) -> Any:
+        return tip_of(module, postures(times))
+
+    posture = postures if led == "posture" else None
+    off = missed_by(circling(module, points={"tip": path}, posture=posture), 1.5)
+    assert off.max() < 0.06
+    assert off[-10:].max() < 1e-4
+
+
 def test_delay_and_lag_are_made_up_for(module: ModuleType) -> None:
     delay, lag = 0.02, 0.03
     limits = circling(module).actuators
