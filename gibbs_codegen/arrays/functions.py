@@ -38,6 +38,9 @@ class Functions:
         self.space = Space(len(module.COORDINATES), len(module.VELOCITIES))
         self.inputs, self.parameters = len(module.INPUTS), len(module.PARAMETERS)
         self.frames = len(module.FRAMES)
+        self.actuator_states = len(getattr(module, "ACTUATOR_STATES", ()))
+        # Whether commands are not the inputs themselves, but of motors and servos.
+        self.driven = bool(getattr(module, "COMMANDS", ()))
         self.layout = Layout.listed(
             module.ATTITUDE,
             module.COORDINATES,

@@ -1,13 +1,14 @@
 """Steps of rollouts: inputs or linear feedback, limits, lag of motors, wrenches and bounds.
 
 A program has what is asked for and nothing else. Inputs are commanded at the start of a step and
-held through it; what becomes of them is known in closed form at its start, middle and end.
+held through it; what becomes of them is known in closed form at its start, middle and end. Of a
+robot that is driven, commands of motors and servos are held, and the states of its actuators are
+integrated as velocities are.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import partial
 
 from gibbs_codegen.arrays.functions import Functions
 from gibbs_codegen.arrays.labels import labelled, named
@@ -29,7 +30,7 @@ from gibbs_codegen.arrays.steps import METHODS
 
 @dataclass(frozen=True)
 class Parts:
-    """What a rollout has besides inputs."""
+    """What a rollout has besides inputs; a robot that is driven has its own lag."""
 
     feedback: bool = False
     limits: bool = False
@@ -41,10 +42,15 @@ class Parts:
 ALL = Parts(feedback=True, limits=True, lag=True, wrenches=True, bounds=True)
 
 
+def sent(robot: Functions) -> str:
+    """What the input of programs is called that says what is commanded."""
+    return "command" if robot.driven else "u"
+
+
 def given(robot: Functions, parts: Parts) -> dict[str, Node]:
     """What a program with such parts is given of each state or all, by names, in their order.
 
-    - `u` (nu): inputs
+    - `u` (nu): inputs, or `command` (nu) where the robot is driven
     - `gain` (nu, 2 nv), `desired_q` (nq) and `desired_v` (nv): feedback, which is added to them
     - `least` and `most` (nu): limits, within which they are then brought
     - `lag` (3, rotors): what is left of the way from thrusts to what is commanded at the start of a
@@ -53,13 +59,13 @@ def given(robot: Functions, parts: Parts) -> dict[str, Node]:
     - `lowest` and `highest` (nq + nv): the least and the greatest q and v
     """
     n, m, inputs = robot.space.coordinates, robot.space.velocities, robot.inputs
-    found = [variable("u", inputs)]
+    found = [variable(sent(robot), inputs)]
     if parts.feedback:
         found += [variable("gain", inputs, 2 * m, uniform=True)]
         found += [robot.coordinates("desired_q"), robot.velocities("desired_v")]
     if parts.limits:
         found += [variable(name, inputs, uniform=True) for name in ("least", "most")]
-    if parts.lag:
+    if parts.lag and not robot.driven:
         found += [variable("lag", 3, robot.rotors)]
     if parts.wrenches:
         found += [variable("wrenches", robot.frames, 6)]
@@ -74,17 +80,17 @@ def rollout_step(
 ) -> Program:
     """A step of h from x: coordinates, velocities and, where motors may lag, thrusts.
 
-    `inputs` (nu) are those that are commanded, within limits. Where `ended` is above 0, the step
-    has taken a state out of bounds. With `has_thrusts` it has thrusts without lag too, which are
-    those commanded.
+    Of a robot that is driven, the states of its actuators follow in their place. `inputs` (nu) are
+    those that are commanded, within limits. Where `ended` is above 0, the step has taken a state
+    out of bounds. With `has_thrusts` it has thrusts without lag too, which are those commanded.
     """
     n, m = robot.space.coordinates, robot.space.velocities
-    rotors = robot.rotors if parts.lag or has_thrusts else 0
-    time, h = (variable(each, uniform=True) for each in ("time", "h"))
-    x = variable("x", n + m + rotors)
-    q, v, thrusts = coordinates_of(x[:n], robot.space), x[n : n + m], x[n + m :]
     own = given(robot, parts)
-    u = own["u"]
+    rotors = robot.rotors if "lag" in own or (has_thrusts and not robot.driven) else 0
+    time, h = (variable(each, uniform=True) for each in ("time", "h"))
+    x = variable("x", n + m + (robot.actuator_states if robot.driven else rotors))
+    q, v, actuators = coordinates_of(x[:n], robot.space), x[n : n + m], x[n + m :]
+    u = own[sent(robot)]
     if parts.feedback:
         away = _displacement(robot, q, own["desired_q"])
         error = named(join(away, own["desired_v"] - v), "error", "way to the desired state")
@@ -92,17 +98,26 @@ def rollout_step(
     if parts.limits:
         u = named(clip(u, own["least"], own["most"]), "commanded", "inputs within their limits")
     acting = [u] * 3
-    if parts.lag:
-        settled, efforts = u[: robot.rotors], u[robot.rotors :]
-        way = thrusts - settled
+    if "lag" in own:
+        settled, efforts = u[:rotors], u[rotors:]
+        way = actuators - settled
         acting = [join(settled + own["lag"][k] * way, efforts) for k in range(3)]
 
     def accelerate(q: Node, v: Node, halves: int) -> Node:
+        """Accelerations, and rates of the states of actuators, which follow velocities in v."""
+        v, states = v[:m], v[m:]
+        inputs = robot.inputs_of(q, v, states, u) if robot.driven else acting[halves]
         if parts.wrenches:
-            return robot.forward_dynamics_with_wrenches(q, v, acting[halves], own["wrenches"])
-        return robot.forward_dynamics(q, v, acting[halves])
+            a = robot.forward_dynamics_with_wrenches(q, v, inputs, own["wrenches"])
+        else:
+            a = robot.forward_dynamics(q, v, inputs)
+        return join(a, robot.actuator_rates(states, u)) if states.size else a
 
-    q_next, v_next = METHODS[method](partial(_moved, robot), accelerate, q, v, h)
+    def move(q: Node, displacement: Node) -> Node:
+        return _moved(robot, q, displacement[:m])
+
+    begin = x[n:] if robot.driven else v
+    q_next, v_next = METHODS[method](move, accelerate, q, begin, h)
     x_next = join(q_next, v_next, acting[2][:rotors])
     ended = constant(0.0)
     if parts.bounds:

@@ -57,10 +57,10 @@ static INLINE void keep_sample(
     const number *x)
 {
     const size_t row = first * states->samples + sample, apart = states->samples;
-    real *q = states->q_samples, *v = states->v_samples, *f = states->thrust_samples;
+    real *q = states->q_samples, *v = states->v_samples, *a = states->ACTUATED_SAMPLES;
     store_rows(x, filled, NQ, NQ * apart, q ? q + row * NQ : q);
     store_rows(x + NQ, filled, NV, NV * apart, v ? v + row * NV : v);
-    store_rows(x + NQ_NV, filled, THRUSTS, THRUSTS * apart, f ? f + row * THRUSTS : f);
+    store_rows(x + NQ_NV, filled, ACTUATORS, ACTUATORS * apart, a ? a + row * ACTUATORS : a);
 }
 
 static WIDE void roll_block(
@@ -74,7 +74,7 @@ static WIDE void roll_block(
 {
     number room[ROOM], x[STATE];
     const void *addresses[GIVEN + 3];
-    const Rows *rows = (const Rows *)(const void *)((const char *)given + offsetof(Given, u));
+    const Rows *rows = (const Rows *)(const void *)((const char *)given + offsetof(Given, FIRST_ROWS));
     Rows constants = rows_of((const real *)given->constants, CONSTANTS);
     const int program = program_for(given, rows);
     const int changes = lay_out(rows, first, filled, begin, 1, room + CONSTANTS, addresses + 2);
@@ -88,7 +88,7 @@ static WIDE void roll_block(
     load_rows(constants, R(0.0), first, filled, 0, CONSTANTS, room);
     load_rows(rows_of(states->q, NQ), R(0.0), first, filled, 0, NQ, x);
     load_rows(rows_of(states->v, NV), R(0.0), first, filled, 0, NV, x + NQ);
-    load_rows(rows_of(states->thrusts, THRUSTS), R(0.0), first, filled, 0, THRUSTS, x + NQ_NV);
+    load_rows(rows_of(states->ACTUATED, ACTUATORS), R(0.0), first, filled, 0, ACTUATORS, x + NQ_NV);
     for (int lane = 0; lane < LANES; ++lane) {
         progress.going[lane] = ended[lane < filled ? lane : filled - 1] == RUNNING;
         progress.refused[lane] = progress.taken[lane] = 0;
@@ -111,8 +111,8 @@ static WIDE void roll_block(
     }
     store_rows(x, filled, NQ, NQ, states->q + first * NQ);
     store_rows(x + NQ, filled, NV, NV, states->v + first * NV);
-    if (states->thrusts) {
-        store_rows(x + NQ_NV, filled, THRUSTS, THRUSTS, states->thrusts + first * THRUSTS);
+    if (states->ACTUATED) {
+        store_rows(x + NQ_NV, filled, ACTUATORS, ACTUATORS, states->ACTUATED + first * ACTUATORS);
     }
     for (int lane = 0; lane < filled; ++lane) {
         states->steps[first + (size_t)lane] += (size_t)progress.taken[lane];

@@ -13,7 +13,7 @@ from typing import Any
 from gibbs_codegen.arrays.c_text import c_functions, literal
 from gibbs_codegen.arrays.functions import Functions
 from gibbs_codegen.arrays.nodes import Program
-from gibbs_codegen.arrays.rollout_steps import ALL, Parts, given, rollout_step
+from gibbs_codegen.arrays.rollout_steps import ALL, Parts, given, rollout_step, sent
 from gibbs_codegen.arrays.steps import METHODS
 from gibbs_codegen.files.templating import render
 from gibbs_codegen.files.verbatim import c_source
@@ -60,7 +60,8 @@ def rollout_context(
     robot: Functions, programs: Sequence[Program], header: Sequence[str]
 ) -> dict[str, Any]:
     """What the templates are given."""
-    return {"header": header, "name": robot.name, "source": _source(robot, programs)}
+    source = _source(robot, programs)
+    return {"header": header, "name": robot.name, "driven": robot.driven, "source": source}
 
 
 def _source(robot: Functions, programs: Sequence[Program]) -> list[str]:
@@ -70,7 +71,10 @@ def _source(robot: Functions, programs: Sequence[Program]) -> list[str]:
         "NQ": f"{capitals}_COORDINATES",
         "NV": f"{capitals}_VELOCITIES",
         "CONSTANTS": f"{capitals}_CONSTANTS",
-        "THRUSTS": "(STATE - NQ - NV)",
+        "ACTUATORS": "(STATE - NQ - NV)",
+        "FIRST_ROWS": sent(robot),
+        "ACTUATED": "x" if robot.driven else "thrusts",
+        "ACTUATED_SAMPLES": "x_samples" if robot.driven else "thrust_samples",
         **{word: f"{capitals}_ROLLOUT_{word}" for word in ("RUNNING", "DIVERGED", "OUT_OF_BOUNDS")},
     }
     return [

@@ -13,7 +13,7 @@ import functools
 import math
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import wait
 from dataclasses import dataclass
 from pathlib import Path
@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 from gibbs_codegen.arrays.evaluation import evaluate
 from gibbs_codegen.arrays.functions import Functions
 from gibbs_codegen.arrays.nodes import Program
-from gibbs_codegen.arrays.rollout_steps import ALL, Parts, given, rollout_step
+from gibbs_codegen.arrays.rollout_steps import ALL, Parts, given, rollout_step, sent
 from gibbs_codegen.arrays.steps import METHODS
 from gibbs_codegen.runtime.c_backend import Pool
 from gibbs_codegen.runtime.c_library import Compiler, chosen_compiler
@@ -85,7 +85,9 @@ class Problem:
 
     `constants` are what the module's `prepare` returned: None, those of one robot, or n of them.
     `q` (n, nq) and `v` (n, nv) are where it begins. `inputs` (1 or n, 1 or steps, nu) are held
-    through each step, and `wrenches` (1 or n, 1 or steps, frames, 6) too. A state ends after the
+    through each step, and `wrenches` (1 or n, 1 or steps, frames, 6) too. Where the robot file
+    describes actuators, inputs are commands of motors and servos, motors have limits alone, and
+    `x` (1 or n, nx) are states of the actuators, if they have any. A state ends after the
     step that takes an entry of q and v beyond `bounds` (2, nq + nv), or makes it not finite; from
     then on it stays as it is, and changes no other. A sample is kept after every `every`-th step.
     The step is the module's step_euler or step_rk4.
@@ -105,6 +107,7 @@ class Problem:
     wrenches: Array | None = None
     bounds: Array | None = None
     precision: Precision = "double"
+    x: Array | None = None
 
     @functools.cached_property
     def parts(self) -> Parts:
@@ -118,13 +121,32 @@ class Problem:
             self.bounds is not None,
         )
 
+    def begin(self, parts: Parts, xp: Any = np) -> list[Array]:
+        """Coordinates, velocities and, in states with such parts, what follows them: (n, k) each.
+
+        These are thrusts or, where the robot file describes actuators, their states.
+        """
+        after = self.motors.thrusts if parts.lag and self.motors is not None else self.x
+        if after is None:
+            return [self.q, self.v]
+        return [self.q, self.v, xp.broadcast_to(after, (len(self.q), after.shape[-1]))]
+
+    def rollout(self, samples: Sequence[Array], steps: Any, ended: Any, xp: Any = np) -> Rollout:
+        """The rollout of samples (n, samples, k) of what `begin` has."""
+        q, v, *after = samples
+        time = xp.arange(q.shape[1]) * (self.dt * self.every)
+        actuators = after[0] if after else None
+        thrusts, x = (actuators, None) if self.x is None else (None, actuators)
+        return Rollout(time, q, v, thrusts, steps, ended, x)
+
 
 @dataclass(frozen=True)
 class Rollout:
     """States after every `every`-th step, and at the start, which is sample 0.
 
     `q` (n, samples, nq) and `v` (n, samples, nv) at `time` (samples), s; `thrusts` (n, samples,
-    rotors), N, where motors lag, else None. Samples after the end of a state repeat its last one.
+    rotors), N, where motors lag, else None, and `x` (n, samples, nx) where the robot file describes
+    actuators that have states. Samples after the end of a state repeat its last one.
     `steps` (n) were taken before a state `ended` (n): RUNNING, DIVERGED or OUT_OF_BOUNDS. The
     state that a step made not finite is not kept: the last sample is the one before. Numbers are
     of the precision of the problem.
@@ -136,6 +158,7 @@ class Rollout:
     thrusts: Array | None
     steps: NDArray[np.int64]
     ended: NDArray[np.int8]
+    x: Array | None = None
 
 
 # States that a piece has, or a multiple: of those in a block, in either precision.
@@ -268,7 +291,7 @@ def _given(problem: Problem, parts: Parts, xp: Any) -> dict[str, Any]:
 
     What differs from state to state has axes (1 or n, 1 or steps) in front.
     """
-    found = {"u": problem.inputs, "wrenches": problem.wrenches}
+    found = {sent(functions_of(problem.module)): problem.inputs, "wrenches": problem.wrenches}
     if problem.bounds is not None:
         found |= dict(zip(("lowest", "highest"), problem.bounds, strict=True))
     if (feedback := problem.feedback) is not None:
@@ -288,12 +311,13 @@ def _inputs(module: ModuleType, parts: Parts) -> dict[str, bool]:
     return {name: x.is_uniform for name, x in given(functions_of(module), parts).items()}
 
 
-# States (n, nq + nv) or (n, nq + nv + rotors), steps that each has taken, and why each has ended.
+# States (n, nq + nv), or longer by what else they have, steps that each has taken, and why each has
+# ended.
 Carried = tuple[Array, NDArray[np.int64], NDArray[np.int8]]
 
 
 class Steps:
-    """The steps of one problem, in arrays of NumPy or JAX: q, v and, where motors lag, thrusts."""
+    """The steps of one problem, in arrays of NumPy or JAX, of states as the problem begins with."""
 
     def __init__(self, problem: Problem, xp: Any, parts: Parts | None = None) -> None:
         """Take a problem, the library of its arrays, and what it has if that cannot be seen."""
@@ -304,12 +328,9 @@ class Steps:
 
     def begin(self) -> Carried:
         """States at the start."""
-        xp, problem = self._xp, self._problem
-        count, parts = len(problem.q), [problem.q, problem.v]
-        if self.parts.lag and problem.motors is not None:
-            thrusts = problem.motors.thrusts
-            parts.append(xp.broadcast_to(thrusts, (count, thrusts.shape[-1])))
-        return xp.concatenate(parts, axis=1), xp.zeros(count, int), xp.zeros(count, xp.int8)
+        xp, count = self._xp, len(self._problem.q)
+        x = xp.concatenate(self._problem.begin(self.parts, xp), axis=1)
+        return x, xp.zeros(count, int), xp.zeros(count, xp.int8)
 
     def after(self, number: Any, carried: Carried) -> Carried:
         """States after a step that the running ones have taken."""
@@ -331,11 +352,9 @@ class Steps:
 
     def rollout(self, x: Any, taken: Any, ended: Any) -> Rollout:
         """The rollout of samples (n, samples, …)."""
-        problem, nq = self._problem, self._problem.q.shape[1]
-        nv = problem.v.shape[1]
-        time = problem.dt * problem.every * self._xp.arange(x.shape[1])
-        thrusts = x[..., nq + nv :] if self.parts.lag else None
-        return Rollout(time, x[..., :nq], x[..., nq : nq + nv], thrusts, taken, ended)
+        ends = np.cumsum([each.shape[1] for each in self._problem.begin(self.parts, self._xp)])
+        samples = self._xp.split(x, ends[:-1], axis=2)
+        return self._problem.rollout(samples, taken, ended, self._xp)
 
     def _evaluated(self, program: Program, number: Any, x: Array) -> dict[str, Any]:
         problem, values = self._problem, {"time": 0.0, "h": self._problem.dt, "x": x}
@@ -410,10 +429,7 @@ class _Run:
         self._owned: list[Any] = []
         count, samples = len(problem.q), 1 + problem.steps // problem.every
         self._steps, self._ended = np.zeros(count, np.uintp), np.zeros(count, np.uint8)
-        begin: list[Reals] = [problem.q, problem.v]
-        if parts.lag and problem.motors is not None:
-            thrusts = problem.motors.thrusts
-            begin.append(np.broadcast_to(thrusts, (count, thrusts.shape[1])))
+        begin: list[Reals] = problem.begin(parts)
         self._samples = [np.empty((count, samples, x.shape[1]), self._real) for x in begin]
         absent = [0] * (3 - len(begin))
         self.states = np.array(
@@ -436,10 +452,8 @@ class _Run:
 
     def rollout(self) -> Rollout:
         """What the calls have left in the arrays."""
-        q, v, *thrusts = self._samples
-        time = np.arange(q.shape[1]) * (self._problem.dt * self._problem.every)
         steps, ended = self._steps.astype(np.int64), self._ended.view(np.int8)
-        return Rollout(time, q, v, thrusts[0] if thrusts else None, steps, ended)
+        return self._problem.rollout(self._samples, steps, ended)
 
     def _address(self, array: Reals) -> int:
         """Address of an array, which lives as long as this."""

@@ -282,19 +282,26 @@ def _suited(numpy: ModuleType, states: States) -> tuple[States, float]:
 def _problems(
     numpy: ModuleType, tree: Tree, states: States, dt: float
 ) -> Iterator[rollouts.Problem]:
-    """By each method nothing but inputs, some of what a rollout may have, and all of it."""
+    """By each method nothing but inputs, some of what a rollout may have, and all of it.
+
+    Of a robot whose file describes actuators inputs are the commands for them.
+    """
     rng, rotors = np.random.default_rng(0), len(tree.motors)
     by_step = rng.uniform(0.5, 1.5, (_STATES, _STEPS, 1))
-    inputs, wrenches = states.u[:, None] * by_step, states.W[:, None] * by_step[..., None]
-    inputs_alone = rollouts.Problem(numpy, None, states.q, states.v, inputs.copy(), _STEPS, dt)
+    sent, x = states.u, None
+    if driven := bool(getattr(numpy, "COMMANDS", ())):
+        sent = numpy.command_of(states.q, states.v, states.u)
+        x = numpy.actuator_state_of(sent) if numpy.ACTUATOR_STATES else None
+    inputs, wrenches = sent[:, None] * by_step, states.W[:, None] * by_step[..., None]
+    inputs_alone = rollouts.Problem(numpy, None, states.q, states.v, inputs.copy(), _STEPS, dt, x=x)
     inputs_alone.inputs[1, 2] = np.inf  # A state is lost, unless the robot has no inputs.
     # Efforts of about those of the inputs for errors of about the states' size.
-    most = np.abs(states.u).max(axis=0)
+    most = np.abs(sent).max(axis=0)
     sizes = np.concatenate([tree.scales[tree.free], np.abs(states.v).max(axis=0)])
     gain = rng.uniform(-0.5, 0.5, (len(most), len(sizes))) * most[:, None] / sizes
     q, v = states.q[::-1, None], states.v[::-1, None]
     # Of a rotor, motors lag in every second state.
-    lags = np.add.outer(np.arange(_STATES), np.arange(rotors)) % 2 * dt
+    lags = np.add.outer(np.arange(_STATES), np.arange(rotors)) % 2 * (0.0 if driven else dt)
     lags = lags * rng.uniform(0.5, 5.0, lags.shape)
     motors = rollouts.Motors(-0.4 * most, 0.6 * most, 0.0 * lags, states.u[::-1, :rotors])
     some = replace(inputs_alone, inputs=inputs[:, :1], motors=motors, wrenches=wrenches[:, :1])

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from types import ModuleType
 
 import numpy as np
 
@@ -122,6 +123,11 @@ def module_actuators(vehicle: Vehicle) -> Actuators:
         found.joints[:, k] = _ends(vehicle.description("COORDINATE_LIMITS").get(name))
         found.velocities[k] = _ends(vehicle.description("VELOCITY_LIMITS").get(name))[1]
     return found
+
+
+def command_limits(module: ModuleType) -> Array:
+    """Least and greatest commands (2, nu) of motors and servos, infinite where there are none."""
+    return np.transpose([_ends(module.COMMAND_LIMITS.get(name)) for name in module.COMMANDS])
 
 
 def _ends(limits: tuple[float | None, float | None] | None) -> tuple[float, float]:

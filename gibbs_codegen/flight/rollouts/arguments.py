@@ -13,6 +13,7 @@ import numpy as np
 from gibbs_codegen.emitted.preparation import first_of
 from gibbs_codegen.errors import UsageError, printable
 from gibbs_codegen.flight.arguments import numpy_array
+from gibbs_codegen.flight.plant.actuators import command_limits
 from gibbs_codegen.flight.plant.kinematics import UNIT, unit_quaternions
 from gibbs_codegen.robot.layout import Layout
 from gibbs_codegen.runtime.rollouts import Array, Feedback, Motors
@@ -152,6 +153,8 @@ class RolloutArguments:
 
         None where inputs are what is commanded.
         """
+        if getattr(self.module, "COMMANDS", ()):
+            return self._of_commands(limits, {"time_constants": time_constants, "thrusts": thrusts})
         if thrusts is not None and time_constants is None:
             raise UsageError("thrusts: without time_constants, thrusts are those commanded")
         if limits is None and time_constants is None:
@@ -161,6 +164,30 @@ class RolloutArguments:
         lag = self.lag(0.0 if time_constants is None else time_constants)
         begin = self._of_rotors("thrusts", 0.0 if thrusts is None else thrusts)
         return Motors(least, most, lag, begin)
+
+    def _of_commands(self, limits: Any, refused: Mapping[str, Any]) -> Motors:
+        """Limits of commands, else those of the robot file, whose motors have their own lag."""
+        for name, given in refused.items():
+            if given is not None:
+                raise UsageError(
+                    f"{name}: the robot file of {self.module.NAME} says how motors and servos "
+                    "follow commands; its times are among the parameters, and x0 is where they "
+                    "begin"
+                )
+        ends = command_limits(self.module) if limits is None else limits
+        least, most = self.range("limits", ends, self.inputs)
+        return Motors(least, most, *np.zeros((2, 1, self.rotors)))
+
+    def actuators(self, x0: Any) -> Any:
+        """States of the actuators (1 or n, nx), zeros if none are given; None if there are none."""
+        names = getattr(self.module, "ACTUATOR_STATES", ())
+        if x0 is not None and not names:
+            raise UsageError(
+                f"x0: actuators of {self.module.NAME} have no states, since its robot file gives "
+                "no time constants beside commands, no delays and no battery; leave it out"
+            )
+        given = self.xp.zeros(len(names)) if x0 is None else x0
+        return self.states("x0", given, len(names)) if names else None
 
     def lag(self, time_constants: Any) -> Any:
         """Time constants of motors (1 or n, rotors), s, as of `rollout`."""

@@ -23,8 +23,9 @@ _ARRAYS = {
     rollouts.Motors: ["least", "most", "time_constants", "thrusts"],
     rollouts.Problem: [
         *("constants", "q", "v", "inputs", "dt", "feedback", "motors", "wrenches", "bounds"),
+        "x",
     ],
-    rollouts.Rollout: ["time", "q", "v", "thrusts", "steps", "ended"],
+    rollouts.Rollout: ["time", "q", "v", "thrusts", "steps", "ended", "x"],
 }
 _FIXED = ["module", "steps", "method", "every", "precision"]
 for _kind, _names in _ARRAYS.items():

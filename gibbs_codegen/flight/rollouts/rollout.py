@@ -42,26 +42,22 @@ def callback_rollout(
     """
     count, every = len(problem.q), problem.every
     taken, ended = np.zeros(count, dtype=np.int64), np.full(count, rollouts.RUNNING, dtype=np.int8)
-    inputs, real, motors = problem.inputs, rollouts.REALS[problem.precision], problem.motors
-    begin: list[rollouts.Array] = [problem.q.astype(real), problem.v.astype(real)]
-    if motors is not None and np.any(motors.time_constants):
-        shape = count, motors.thrusts.shape[1]
-        begin.append(np.broadcast_to(motors.thrusts, shape).astype(real))
-    samples = [begin]
+    inputs, real = problem.inputs, rollouts.REALS[problem.precision]
+    samples = [[each.astype(real) for each in problem.begin(problem.parts)]]
     for first in range(0, problem.steps, every):
         state = samples[-1]
         if first:
             inputs = read(controller(first * problem.dt, state[0].copy(), state[1].copy()))
         found = roll(_piece(problem, first, inputs, state))
-        after = [each[:, -1] for each in (found.q, found.v, found.thrusts) if each is not None]
+        parts = found.q, found.v, found.thrusts, found.x
+        after = [each[:, -1] for each in parts if each is not None]
         runs = ended == rollouts.RUNNING
         samples.append([np.where(runs[:, None], a, b) for a, b in zip(after, state, strict=True)])
         taken += np.where(runs, found.steps, 0)
         ended = np.where(runs, found.ended, ended)
         progress((first + every) / problem.steps)
-    q, v, *thrusts = (np.stack(each, axis=1) for each in zip(*samples, strict=True))
-    time = np.arange(len(samples), dtype=np.float64) * (problem.dt * every)
-    return rollouts.Rollout(time, q, v, thrusts[0] if thrusts else None, taken, ended)
+    stacked = [np.stack(each, axis=1) for each in zip(*samples, strict=True)]
+    return problem.rollout(stacked, taken, ended)
 
 
 def _piece(
@@ -69,15 +65,16 @@ def _piece(
 ) -> rollouts.Problem:
     """The problem from one sample to the next, with inputs (1 or n, 1, nu) that are commanded.
 
-    `first` is the number of its first step; `state` is coordinates, velocities and, where motors
-    lag, thrusts at its begin.
+    `first` is the number of its first step; `state` is at its begin what the problem's `begin` has.
     """
-    q, v, *thrusts = state
+    q, v, *actuators = state
     wrenches, motors = problem.wrenches, problem.motors
     if wrenches is not None and wrenches.shape[1] > 1:
         wrenches = wrenches[:, first : first + problem.every]
-    if motors is not None and thrusts:
-        motors = replace(motors, thrusts=thrusts[0])
+    if actuators and problem.x is not None:
+        problem = replace(problem, x=actuators[0])
+    elif actuators and motors is not None:
+        motors = replace(motors, thrusts=actuators[0])
     steps = problem.every
     return replace(problem, q=q, v=v, inputs=inputs, steps=steps, wrenches=wrenches, motors=motors)
 
@@ -97,6 +94,7 @@ def rollout(
     limits: Any = None,
     time_constants: Any = None,
     thrusts: Any = None,
+    x0: Any = None,
     bounds: Any = None,
     precision: rollouts.Precision = "double",
     threads: int | None = None,
@@ -112,7 +110,8 @@ def rollout(
         q0, v0: Coordinates (nq) or (n, nq) and velocities (nv) or (n, nv) at the start; None for
             those with which a scenario begins.
         control: Inputs u that are held through each step, N, then N m or N of the joints: (nu),
-            (steps, nu) or (1 or n, 1 or steps, nu). Or a `Feedback`. Or a callable that takes the
+            (steps, nu) or (1 or n, 1 or steps, nu); where the robot file describes actuators,
+            commands of motors and servos. Or a `Feedback`. Or a callable that takes the
             time, s, and coordinates (n, nq) and velocities (n, nv), and returns inputs (nu) or
             (n, nu), which are held until the next sample. Or a scenario, or the name or path of
             one, whose law controls a plant with these parameters, in its surroundings.
@@ -124,10 +123,13 @@ def rollout(
         wrenches: Wrenches on the frames, held through each step, in N and N m as
             `forward_dynamics_with_wrenches` takes them: (f, 6), (steps, f, 6) or
             (1 or n, 1 or steps, f, 6).
-        limits: The least and the greatest inputs, each a number or an array (nu).
+        limits: The least and the greatest inputs, each a number or an array (nu); of commands those
+            of the robot file, if None.
         time_constants: Those of the motors' lag, s, 0 for none: a number, (rotors) or (n, rotors).
         thrusts: Thrusts of lagging motors at the start, N, in the same shapes; those that are
             commanded first, if None.
+        x0: States of the actuators that the robot file describes at the start, (nx) or (n, nx);
+            those that the first commands keep, if None.
         bounds: The least and the greatest q and v, each a number or an array (nq + nv); a state
             ends where it is beyond them.
         precision: "double", or "single": of the arrays that come out and, with the C back end, of
@@ -160,17 +162,17 @@ def rollout(
     workers = (os.cpu_count() or 1) if threads is None else whole("threads", threads)
     tell = functools.partial(progress, "rolling out")
     if isinstance(control, Scenario | str | os.PathLike):
-        others = any(each is not None for each in (wrenches, limits, thrusts, bounds))
+        others = any(each is not None for each in (wrenches, limits, thrusts, x0, bounds))
         if others or method != "rk4":
             raise UsageError(
                 "control: a scenario is rolled out by rk4, with limits, wrenches and bounds of its "
-                "own: leave out method, wrenches, limits, thrusts, bounds"
+                "own: leave out method, wrenches, limits, thrusts, x0, bounds"
             )
         varied = parameters or {}, time_constants
         return scenario_rollout(
             arguments, control, (q0, v0), (dt, every), varied, (precision, workers), progress
         )
-    motors = arguments.motors(limits, time_constants, thrusts)
+    motors, x = arguments.motors(limits, time_constants, thrusts), arguments.actuators(x0)
     (q, v), constants = arguments.start(q0, v0), arguments.constants(parameters or {})
     inputs, feedback = arguments.control(control)
     if wrenches is not None:
@@ -195,8 +197,12 @@ def rollout(
         wrenches=wrenches,
         bounds=bounds,
         precision=precision,
+        x=x,
     )
-    if motors is not None and thrusts is None:
+    if x is not None and x0 is None:
+        first = rollouts.Steps(problem, arguments.xp).commanded()
+        problem = replace(problem, x=module.actuator_state_of(first, constants=constants))
+    elif motors is not None and thrusts is None:
         first = rollouts.Steps(problem, arguments.xp).commanded()[:, : arguments.rotors]
         problem = replace(problem, motors=replace(motors, thrusts=first))
     if backend == "jax":

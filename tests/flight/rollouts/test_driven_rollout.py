@@ -1,0 +1,196 @@
+"""Rollouts of robots whose file describes actuators: what is commanded, and what follows it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+from support.actuated import actuated
+from support.compiled import Emitted, compile_only, emit
+
+from gibbs_codegen import Feedback, Rollout, UsageError, load, rollout
+from gibbs_codegen.robot.model import Robot
+from gibbs_codegen.runtime.rollouts import Motors, Problem, compiled_rollout, numpy_rollout
+
+STATES, STEPS, DT = 18, 6, 0.01
+ACTUATED, AT_ONCE = "with every actuator", "whose actuators have no states"
+
+
+def at_once() -> Robot:
+    """The same robot without lag, delays and battery."""
+    robot = actuated()
+    thrusters = tuple(
+        replace(r, time_constant=None, drive=r.drive and replace(r.drive, up=0.0, down=0.0))
+        for r in robot.thrusters
+    )
+    links = tuple(
+        x if x.servo is None else replace(x, servo=replace(x.servo, delay=0.0, rate=None))
+        for x in robot.links
+    )
+    return replace(robot, name="at_once", thrusters=thrusters, links=links, battery=None)
+
+
+@pytest.fixture(scope="module", params=[ACTUATED, AT_ONCE])
+def emitted(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Emitted:
+    robot = actuated() if request.param == ACTUATED else at_once()
+    return emit(robot, tmp_path_factory.mktemp("driven") / robot.name)
+
+
+@pytest.fixture
+def module(emitted: Emitted) -> ModuleType:
+    """Its NumPy functions."""
+    return emitted.module
+
+
+def arguments(module: ModuleType, beyond: float = 0.0) -> dict[str, Any]:
+    """States and commands, another for each state and step, some of them `beyond` limits."""
+    rng = np.random.default_rng(3)
+    q = np.zeros((STATES, len(module.COORDINATES)))
+    q[:, module.COORDINATES.index("qw")] = 1.0
+    size = len(module.VELOCITIES)
+    q = module.integrate(q, rng.uniform(-0.3, 0.3, (STATES, size)))
+    low, high = limits(module)
+    shares = rng.uniform(-beyond, 1.0 + beyond, (STATES, STEPS, len(low)))
+    v = rng.uniform(-0.5, 0.5, (STATES, size))
+    return {"q0": q, "v0": v, "control": low + shares * (high - low), "steps": STEPS, "dt": DT}
+
+
+def limits(module: ModuleType) -> np.ndarray:
+    """The least and the greatest commands, m where the file has none."""
+    return np.array([module.COMMAND_LIMITS.get(x, (-0.1, 0.1)) for x in module.COMMANDS]).T
+
+
+def everything(module: ModuleType) -> dict[str, Any]:
+    """What a rollout may have besides: another battery, servo and lag in each state, and more."""
+    rng = np.random.default_rng(4)
+    given, nu, nv = arguments(module), len(module.COMMANDS), len(module.VELOCITIES)
+    own = [x for x in module.PARAMETERS if x.startswith(("battery", "upper")) or "_t" in x]
+    u = given["control"]
+    gain = rng.normal(size=(nu, 2 * nv)) * 0.1 * np.ptp(limits(module), axis=0)[:, None]
+    return given | {
+        "control": Feedback(gain, given["q0"][:1, None], given["v0"][:1, None], u),
+        "parameters": {x: module.PARAMETERS[x] * rng.uniform(0.9, 1.1, STATES) for x in own},
+        "wrenches": rng.normal(size=(STEPS, len(module.FRAMES), 6)),
+        "bounds": (-np.inf, np.where(np.arange(len(module.COORDINATES) + nv) == 2, 0.2, np.inf)),
+        "every": 2,
+    }
+
+
+def assert_same(found: Rollout, expected: Rollout, room: float) -> None:
+    """Whether all that comes out is the same, but for rounding."""
+    for name in ("time", "q", "v", "x", "steps", "ended"):
+        ours, theirs = getattr(found, name), getattr(expected, name)
+        assert (ours is None) == (theirs is None), name
+        if ours is not None:
+            size = np.abs(theirs).max(axis=(0, 1) if theirs.ndim == 3 else None)
+            assert np.all(np.abs(ours - theirs) <= room * np.maximum(size, 1.0)), name
+    assert found.thrusts is None
+
+
+def test_states_of_actuators_are_integrated_with_the_motion(module: ModuleType) -> None:
+    """Against the whole system, integrated to rounding where no choice is near another."""
+    given = arguments(module) | {"steps": 200, "dt": 5e-5}
+    names, places = module.ACTUATOR_STATES, len(module.COORDINATES)
+    commands = given["control"][5, 0]
+    own = {"q0": given["q0"][5], "v0": given["v0"][5], "control": commands}
+    # So that dry friction keeps its direction, backlash its side, and torques are within limits.
+    own["v0"][-3:] = 1.0, 0.2, 5.0
+    commands[-3:-1] = np.add(own["q0"][-3:-1], [0.08, 0.02])
+    commands[-1] = 0.01
+    x0 = module.actuator_state_of(0.97 * commands) if names else np.zeros(0)
+    found = rollout(module, **given | own, **({"x0": x0} if names else {}))
+    split = [places, places + len(module.VELOCITIES)]
+
+    def rates(_: float, state: np.ndarray) -> np.ndarray:
+        q, v, x = np.split(state, split)
+        a = module.forward_dynamics(q, v, module.inputs_of(q, v, x, commands))
+        follow = module.actuator_rates(x, commands) if names else x
+        return np.concatenate([module.coordinate_rates(q, v), a, follow])
+
+    begin = np.concatenate([own["q0"], own["v0"], x0])
+    whole = solve_ivp(rates, (0.0, 200 * 5e-5), begin, "DOP853", rtol=1e-11, atol=1e-12)
+    q, v, x = np.split(whole.y[:, -1], split)
+    np.testing.assert_allclose(found.q[0, -1], q, rtol=1e-7, atol=1e-8)
+    np.testing.assert_allclose(found.v[0, -1], v, rtol=1e-6, atol=1e-6)
+    if names:
+        np.testing.assert_allclose(found.x[0, -1], x, rtol=1e-8)
+        assert np.abs(x / x0 - 1.0)[:-1].max() > 0.005
+    else:
+        assert found.x is None
+
+
+def test_c_is_as_numpy(emitted: Emitted, module: ModuleType) -> None:
+    compiled = load(emitted.folder, "c")
+    given = everything(module)
+    for method in ("euler", "rk4"):
+        expected = rollout(module, **given, method=method)
+        assert_same(rollout(compiled, **given, method=method), expected, 1e-11)
+    assert_same(rollout(compiled, **given, precision="single"), expected, 2e-3)
+    assert 0 < (expected.ended == 2).sum() < STATES
+
+
+def test_commands_are_within_the_limits_of_the_file(module: ModuleType) -> None:
+    given = arguments(module, 0.5)
+    low, high = (
+        np.array(
+            [
+                np.nan_to_num(module.COMMAND_LIMITS.get(x, (-np.inf, np.inf))[k], nan=s * np.inf)
+                for x in module.COMMANDS
+            ]
+        )
+        for k, s in ((0, -1.0), (1, 1.0))
+    )
+    clipped = given | {"control": np.clip(given["control"], low, high)}
+    unlimited = {"limits": (-np.inf, np.inf)}
+    assert_same(rollout(module, **given), rollout(module, **clipped, **unlimited), 0.0)
+    free = rollout(module, **given, **unlimited)
+    assert np.abs(free.v - rollout(module, **given).v).max() > 1e-2
+
+
+def test_a_controller_commands_at_every_sample(module: ModuleType) -> None:
+    given = arguments(module)
+    held = given["control"].copy()
+    held[:, 1::2] = held[:, ::2]
+
+    def law(time: float, q: np.ndarray, v: np.ndarray) -> np.ndarray:
+        return held[:, round(time / DT)]
+
+    expected = rollout(module, **given | {"control": held}, every=2)
+    assert_same(rollout(module, **given | {"control": law}, every=2), expected, 1e-13)
+
+
+def test_what_the_file_says_is_not_said_again(module: ModuleType) -> None:
+    given = arguments(module)
+    for name in ("time_constants", "thrusts"):
+        with pytest.raises(UsageError, match=rf"{name}: the robot file of {module.NAME} says how"):
+            rollout(module, **given | {name: 0.05})
+    words = (
+        r"\(6,\) or \(states, 6\)"
+        if module.ACTUATOR_STATES
+        else "x0: actuators of at_once have no states"
+    )
+    with pytest.raises(UsageError, match=words):
+        rollout(module, **given, x0=[1.0, 2.0])
+
+
+@pytest.mark.parametrize("compiler", ["gcc", "clang"])
+def test_the_generated_source_compiles_without_a_warning(
+    emitted: Emitted, compiler: str, tmp_path: Path
+) -> None:
+    options = ["-Wno-psabi", "-Wno-unused-macros"]
+    compile_only(compiler, options, [str(emitted.file("_rollout.c"))], tmp_path)
+
+
+def test_the_generated_source_does_the_same(emitted: Emitted, module: ModuleType) -> None:
+    given = arguments(module)
+    motors = Motors(*limits(module), *np.zeros((2, 1, 4)))
+    x = module.actuator_state_of(given["control"][:, 0]) if module.ACTUATOR_STATES else None
+    state = given["q0"], given["v0"], given["control"]
+    problem = Problem(module, None, *state, STEPS, DT, motors=motors, x=x)
+    found = compiled_rollout(problem, generated=True)
+    assert_same(found, numpy_rollout(problem), 1e-11)
