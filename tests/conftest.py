@@ -5,9 +5,11 @@ from __future__ import annotations
 import functools
 import os
 import pickle
+import shutil
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import ModuleType
+from typing import Any
 
 import pytest
 from hypothesis import HealthCheck, settings
@@ -34,6 +36,12 @@ settings.load_profile("project")
 
 ROOT = Path(__file__).parent.parent
 
+# C is compiled in a third of the time: what the source says does not depend on how well it is
+# optimised. Where that is what is tested, `optimized` stands.
+_SOON = " -O0"
+if _compiler := shutil.which("cc"):
+    os.environ.setdefault("CC", _compiler + _SOON)
+
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Mark what the default run and CI leave out."""
@@ -44,6 +52,14 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
             item.add_marker(mark)
         if item.get_closest_marker("exhaustive"):
             item.add_marker("slow")
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
+    """Neighbours, which share fixtures, run in one worker; one without work takes from others."""
+    from xdist.scheduler import WorkStealingScheduling
+
+    return WorkStealingScheduling(config, log) if config.option.dist == "load" else None
 
 
 def pytest_sessionstart(session: pytest.Session) -> None:
@@ -105,11 +121,12 @@ def derived_once() -> Iterator[None]:
         yield
 
 
-def compiled_soon(folder: Path) -> ModuleType:
-    """The C back end of a module, compiled in half the time; flights do not wait for speed."""
+@pytest.fixture(scope="module")
+def optimized() -> Iterator[None]:
+    """C is compiled as users have it."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("CC", f"{os.environ.get('CC') or 'cc'} -O1")
-        return load(folder, backend="c")
+        patch.setenv("CC", os.environ.get("CC", "cc").removesuffix(_SOON))
+        yield
 
 
 @pytest.fixture(scope="session")
@@ -132,7 +149,7 @@ def fast(shipped: Callable[[str], ModuleType]) -> Callable[[str], ModuleType]:
 
     @functools.cache
     def module(name: str) -> ModuleType:
-        return compiled_soon(Path(shipped(name).__file__ or "").parent)
+        return load(Path(shipped(name).__file__ or "").parent, backend="c")
 
     return module
 
@@ -150,7 +167,7 @@ def family(kept: Path) -> Callable[[int, int], ModuleType]:
             modules / robot.name,
             lambda: generate_robot(robot, text, modules, functions=EVERY_GROUP),
         )
-        return compiled_soon(made)
+        return load(made, backend="c")
 
     return module
 

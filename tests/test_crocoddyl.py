@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import importlib.util
-import os
 from typing import Any
 
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 from support.pages import run_python
-from support.tools import missing, tool
+from support.tools import missing
 
 pytestmark = pytest.mark.usefixtures("derived_once")
 
@@ -25,7 +24,6 @@ def page(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
     if importlib.util.find_spec("crocoddyl") is None:
         missing("crocoddyl is not installed")
     with pytest.MonkeyPatch.context() as patch:
-        patch.setitem(os.environ, "CC", f"{tool('cc')} -O0")
         patch.chdir(tmp_path_factory.mktemp("page"))
         return run_python("docs/howto/crocoddyl.md")
 

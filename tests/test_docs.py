@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import re
 import shlex
 from os.path import relpath
@@ -15,7 +14,6 @@ import numpy as np
 import pytest
 from conftest import ROOT
 from numpy.typing import NDArray
-from support.command import ENVIRONMENT
 from support.command import run as run_command
 from support.pages import PAGES, blocks, files_of, run_python, write_files
 from support.tools import run, tool
@@ -53,14 +51,6 @@ def pages_with(language: str) -> list[str]:
     return [page for page in PAGES if blocks(page, language)]
 
 
-@pytest.fixture
-def quick_compiler(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A compiler that is done soon; what is shown does not depend on its flags."""
-    for variables in (os.environ, ENVIRONMENT):
-        monkeypatch.setitem(variables, "CC", f"{tool('cc')} -O1")
-
-
-@pytest.mark.usefixtures("quick_compiler")
 @pytest.mark.parametrize("page", [p for p in pages_with("python") if p not in RUN_ELSEWHERE])
 def test_python_runs(page: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """The blocks of a page one after the other; those with prompts give what is shown."""
@@ -119,7 +109,7 @@ def test_c_program(tmp_path: Path) -> None:
     sources = [folder / f"hexarotor_3link{ending}.c" for ending in ("", "_each")]
     sources += [tmp_path / "program.c", other_folder / "quadrotor.c"]
     program = tmp_path / "program"
-    run([tool("cc"), "-O1", f"-I{folder}", f"-I{other_folder}", *sources, "-o", program, "-lm"])
+    run([tool("cc"), "-O0", f"-I{folder}", f"-I{other_folder}", *sources, "-o", program, "-lm"])
     run([program])
 
 
@@ -134,7 +124,7 @@ def test_c_program_with_derivatives(tmp_path: Path) -> None:
     (tmp_path / "program.c").write_text("\n".join([*lines, "}"]), encoding="utf-8")
     sources = [tmp_path / "program.c", tmp_path / "quadrotor" / "quadrotor.c"]
     program = tmp_path / "program"
-    run([tool("cc"), "-O1", f"-I{tmp_path / 'quadrotor'}", *sources, "-o", program, "-lm"])
+    run([tool("cc"), "-O0", f"-I{tmp_path / 'quadrotor'}", *sources, "-o", program, "-lm"])
     run([program])
 
 
@@ -164,7 +154,6 @@ def test_commands_are_what_a_shell_reads(page: str) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("quick_compiler")
 def test_the_readme_leads_from_a_robot_file_to_a_flight(tmp_path: Path) -> None:
     """The commands of its last block, after the robot file is written; `view` into a file."""
     write_files("README.md", tmp_path)
@@ -178,7 +167,6 @@ def test_the_readme_leads_from_a_robot_file_to_a_flight(tmp_path: Path) -> None:
     assert (tmp_path / "flight" / "flight.csv").is_file()
 
 
-@pytest.mark.usefixtures("quick_compiler")
 @pytest.mark.parametrize("page", pages_with("console"))
 def test_commands_print_what_is_shown(page: str, tmp_path: Path) -> None:
     """Line by line, but for what is left out (…), and for times and errors, which vary."""

@@ -7,9 +7,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from support.command import ENVIRONMENT, run
+from support.command import run
 from support.pages import PAGES, blocks, run_python
-from support.tools import tool
 
 from gibbs_codegen import read_flight
 
@@ -24,7 +23,6 @@ def without_time(text: str) -> str:
 
 @pytest.mark.slow
 def test_a_robot_of_ones_own_flies(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    monkeypatch.setitem(ENVIRONMENT, "CC", f"{tool('cc')} -O1")
     monkeypatch.chdir(tmp_path)
     names = re.findall(r"^Save this as `([\w.]+)`", PAGES[PAGE], re.MULTILINE)
     for name, text in zip(names, blocks(PAGE, "toml"), strict=True):

@@ -136,7 +136,6 @@ def test_the_predictive_controller_in_c_flies(
 ) -> None:
     assert write_files(PREDICTIVE, tmp_path) == ["write.py", "main.c", "CMakeLists.txt"]
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setenv("CC", f"{tool('cc')} -O1")
     run_python("docs/howto/predictive-c.md")
     _, *commands = blocks(PREDICTIVE, "sh")[0].splitlines(keepends=True)
     plans, _ = printed("".join(commands), tmp_path).splitlines()[-2:]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import shlex
 import shutil
 import signal
@@ -40,11 +39,8 @@ def workplace(
 
 
 @pytest.fixture(autouse=True)
-def quick_compiler(fast: Callable[[str], ModuleType], monkeypatch: pytest.MonkeyPatch) -> None:
-    """The flags with which other tests compile, so that processes find what these have made."""
-    compiler = f"{os.environ.get('CC') or 'cc'} -O1"
-    for variables in (os.environ, ENVIRONMENT):
-        monkeypatch.setitem(variables, "CC", compiler)
+def _compiled(fast: Callable[[str], ModuleType]) -> None:
+    """Before processes want it."""
     fast("hexarotor_3link")
 
 

@@ -254,12 +254,9 @@ SINGULAR_AT_ZERO = {
 
 
 @pytest.mark.parametrize("name", SINGULAR_AT_ZERO)
-def test_a_machine_singular_somewhere_is_right_elsewhere(
-    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_machine_singular_somewhere_is_right_elsewhere(name: str, tmp_path: Path) -> None:
     """And where it is singular, its accelerations are no numbers that one could take for such."""
     tool("cc")
-    monkeypatch.setenv("CC", "cc -O0")
     robot = Robot(name, BASE, SINGULAR_AT_ZERO[name])
     emitted = emit(robot, tmp_path / name)
     states = States.random(Tree(robot), 3, 0)

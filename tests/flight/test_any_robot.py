@@ -11,7 +11,6 @@ from types import ModuleType
 
 import numpy as np
 import pytest
-from conftest import compiled_soon
 from scipy.spatial.transform import Rotation
 from support.emitted import emitted_module
 from support.random_robots import random_tree
@@ -41,6 +40,7 @@ from gibbs_codegen.robot.file import read_robot
 from gibbs_codegen.robot.model import Attitude, Base, Link, Pose, RigidBody, Robot
 from gibbs_codegen.robot.names import identifier
 from gibbs_codegen.robot.text import robot_text
+from gibbs_codegen.runtime.load import load
 
 pytestmark = pytest.mark.usefixtures("derived_once")
 
@@ -64,7 +64,7 @@ def compiled(tmp_path_factory: pytest.TempPathFactory) -> Load:
                 robot = replace(robot, base=replace(robot.base, attitude="quaternion"))
                 text = robot_text(robot)
             generate_robot(robot, text, folder / name, verify=False)
-            made[name] = compiled_soon(folder / name / robot.name)
+            made[name] = load(folder / name / robot.name, backend="c")
         return made[name]
 
     return module

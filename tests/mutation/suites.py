@@ -244,6 +244,11 @@ _IN_C = (
 )
 _IN_NUMPY = (_EMITTED, _SHIPPED, "tests/runtime/test_c_backend.py")
 _REST = {
+    "derivation.functions": (
+        "tests/properties/test_derivatives.py",
+        "tests/properties/test_parameter_derivatives.py",
+        *_REST_OF_DERIVATION,
+    ),
     "symbolic.tape": ("tests/program/test_nodes.py", *_REST_OF_DERIVATION),
     "robot.balance": ("tests/cli/test_app.py",),
     "robot.wrenches": ("tests/robot/test_thrusters.py",),

@@ -73,6 +73,8 @@ def test_counting_by_kind() -> None:
     node = Sum(((1, Product((X, Y, Number(2.0)))), (-1, Reciprocal(X)), (1, Call("sin", Y))))
     assert count_operations([node, Call("cos", Y)]) == Operations(1, 1, 2, 1, 0, 1)
     assert count_operations([Sum(((-1, X), (-1, Y)))]).subtractions == 2
+    calls = [Call(function, X) for function in ("sqrt", "atan", "sign")]
+    assert count_operations(calls) == Operations(subtractions=1, square_roots=1, arctangents=1)
     assert count_operations([X, Number(1.0)]).total == 0
     # Powers of two, so that no two kinds can stand for each other; pairs are apart.
     assert Operations(1, 2, 4, 8, 16, 32).total == 31

@@ -180,11 +180,9 @@ def test_constraint_torques_of_accelerations_lose_as_many_digits_as_the_cosine_h
 @pytest.mark.slow
 @pytest.mark.parametrize("attitude", SEQUENCES)
 def test_all_back_ends_are_accurate_ever_nearer_to_the_singularity(
-    attitude: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    attitude: str, tmp_path: Path
 ) -> None:
     """And at many turns: at the double that comes nearest of all to an odd multiple of 90°."""
-    # Less optimisation is sooner done, and takes the same steps.
-    monkeypatch.setenv("CC", f"{tool('cc')} -O1")
     emitted = emit(robot_of(attitude, 3 + SEQUENCES.index(attitude), 3), tmp_path / "robot")
     compiled = load(emitted.folder, backend="c")
     calls = module_calls("NumPy", emitted.module) | module_calls("C", compiled)

@@ -22,10 +22,7 @@ SEEDS = (9, 45)
 
 
 @pytest.mark.parametrize("attitude", ["tait_bryan", "quaternion"])
-def test_compiled_functions_of_trees_are_those_of_pinocchio(
-    attitude: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setenv("CC", f"{tool('cc')} -O0")
+def test_compiled_functions_of_trees_are_those_of_pinocchio(attitude: str, tmp_path: Path) -> None:
     robot = random_tree(SEEDS[0], attitude)
     compare(robot, load(emit(robot, tmp_path / "tree").folder, "c"))
 

@@ -39,6 +39,7 @@ HOSTILE = [
     "ﬁeld",
     "аrm",
     "arm\x00",
+    "A" * 64,
     "a" * 65,
     "class",
     "lambda",
@@ -61,6 +62,7 @@ def test_hostile_names_are_refused(name: str) -> None:
     assert message
     assert "\n" not in message
     assert message.isascii()
+    assert message.startswith(ascii(name) if len(name) <= 64 else f"'{name[:61]}...' ")
 
 
 @pytest.mark.parametrize("name", ["a", "a" * 64, "hexarotor_3link", "int_arm", "x9_", *FAMILIAR])

@@ -185,7 +185,6 @@ def test_a_kill_at_any_moment_of_a_first_load(
 ) -> None:
     """Entries of the cache are whole, and the next load needs no help."""
     monkeypatch.setenv("GIBBS_CODEGEN_CACHE", str(tmp_path / "cache"))
-    monkeypatch.setenv("CC", f"{tool('cc')} -O0")
     code = LOADING.replace("COUNT", str(KILLS)).replace("SEED", str(SEED))
     assert int(program(code, tmp_path)[0]) > 0
 

@@ -41,7 +41,7 @@ STATES = 10_000
 
 
 @pytest.fixture(autouse=True, scope="module")
-def _compiler() -> None:
+def _compiler(optimized: None) -> None:
     tool("cc")
 
 

@@ -254,7 +254,6 @@ def test_functions_become_c(pair: Callable[[str], Pair], tmp_path: Path) -> None
 
 def test_the_page_runs(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setenv("CC", f"{tool('cc')} -O0")
     page = run_python("docs/howto/casadi.md")
     assert_close("falling", page["falling"].full().ravel(), np.array([0.0] * 8 + [-9.81]), 1e-12)
     folder = generate("quadrotor", tmp_path, derivatives=["forward_dynamics_derivatives"])

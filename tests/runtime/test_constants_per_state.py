@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import pickle
 import shutil
-from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from types import ModuleType
@@ -13,7 +12,6 @@ import numpy as np
 import pytest
 from support.calls import as_tuple, random_arguments
 from support.compiled import emit
-from support.tools import tool
 
 from gibbs_codegen import load
 from gibbs_codegen.errors import UsageError
@@ -38,14 +36,6 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def module(folder: Path) -> ModuleType:
     return load(folder)
-
-
-@pytest.fixture(scope="module", autouse=True)
-def _compiled_in_a_moment() -> Iterator[None]:
-    """What the source says does not depend on how well it is optimised."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("CC", f"{tool('cc')} -O0")
-        yield
 
 
 @pytest.fixture(scope="module")

@@ -36,9 +36,8 @@ GAINS = {"stiffness": 25.0, "most": 3.0}
 
 @pytest.fixture(scope="module")
 def module() -> ModuleType:
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("CC", f"{tool('cc')} -O1")
-        return load(FOLDER, backend="c")
+    tool("cc")
+    return load(FOLDER, backend="c")
 
 
 @pytest.fixture(scope="module")
@@ -211,7 +210,6 @@ def test_what_cannot_be_is_said(module: ModuleType, law: Program, tmp_path: Path
 
 def test_the_page_flies_its_law(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setenv("CC", f"{tool('cc')} -O1")
     page = run_python("docs/howto/own-law.md")
     flight, numpy = page["flight"], load(page["folder"])
     assert not flight.stopped

@@ -11,17 +11,20 @@ import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
 from types import ModuleType
 from typing import Any
 
 import numpy as np
 import pytest
+from conftest import ROOT
 from support.comparison import assert_close
 from support.differences import rate
+from support.emitted import module_with_derivatives
 from support.kept import kept_folder, made_once
 from support.random_robots import random_tree
+from support.tree_cases import QUICK_TREES
 
 from gibbs_codegen.arrays import (
     Functions,
@@ -57,42 +60,34 @@ from gibbs_codegen.arrays.steps import METHODS, step_program
 from gibbs_codegen.errors import MissingFunctionError, UsageError
 from gibbs_codegen.pipeline import generate_robot
 from gibbs_codegen.robot.family import paper_family
-from gibbs_codegen.robot.file import read_robot
+from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.robot.text import robot_text
 from gibbs_codegen.runtime.load import load
 from gibbs_codegen.verification.complex_steps import ComplexSteps
 
 Array = np.ndarray
-ROOTS = ["zyx", "quaternion"]
+ROOTS = [attitude for _, attitude in QUICK_TREES]
 STEP = 1e-40
 COUNT = 3
 
 
+def tree(attitude: str) -> Robot:
+    """A random tree with rotors on links."""
+    return random_tree(*next(case for case in QUICK_TREES if case[1] == attitude))
+
+
 @pytest.fixture(scope="module")
 def module() -> Callable[[str], ModuleType]:
-    """A random tree with rotors on links, with all derivatives."""
-
-    def made(attitude: str) -> ModuleType:
-        robot = random_tree(9)
-        base = replace(robot.base, attitude=attitude)
-        robot = replace(robot, name=f"arrays_{attitude}", base=base)
-
-        folder = kept_folder(robot, "derivatives")
-
-        def make() -> None:
-            generate_robot(robot, robot_text(robot), folder, verify=False, derivatives=True)
-
-        return load(made_once(folder / robot.name, make))
-
-    return made
+    """A random tree with all derivatives, by its attitude."""
+    return cache(lambda attitude: module_with_derivatives(tree(attitude)))
 
 
 class Complex:
     """A module's functions of one result at complex arguments."""
 
     def __init__(self, module: ModuleType) -> None:
-        folder = Path(str(module.__file__)).parent
-        self._at = ComplexSteps(module, read_robot(str(folder / "robot.toml"))[0])
+        attitude = "quaternion" if module.ATTITUDE == "quaternion" else "tait_bryan"
+        self._at = ComplexSteps(module, tree(attitude))
         self._signatures = Functions(module).signatures
 
     def __getattr__(self, name: str) -> Callable[..., Any]:
@@ -557,10 +552,8 @@ def test_what_does_not_fit_is_refused(case: int, module: Callable[[str], ModuleT
         build(robot, *robot.state())
 
 
-def test_a_function_that_the_module_lacks_is_named_with_its_option(
-    module: Callable[[str], ModuleType],
-) -> None:
-    robot = Functions(module("zyx"))
+def test_a_function_that_the_module_lacks_is_named_with_its_option() -> None:
+    robot = Functions(load(ROOT / "generated" / "quadrotor_2link"))
     with pytest.raises(MissingFunctionError, match="--functions=default,gibbs"):
         robot.gibbs(*robot.state(), robot.velocities("a"))
     with pytest.raises(AttributeError, match="forward_dynamic"):

@@ -38,9 +38,8 @@ OF_PARAMETERS = {"constants of each state", "other parameters"}
 
 
 @pytest.fixture
-def copied(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A copy of a committed module, whose C is compiled in a moment."""
-    monkeypatch.setenv("CC", "cc -O0")
+def copied(tmp_path: Path) -> Path:
+    """A copy of a committed module."""
     folder = tmp_path / "quadrotor_2link"
     shutil.copytree(COMMITTED, folder, ignore=shutil.ignore_patterns("__pycache__"))
     return folder

@@ -117,10 +117,7 @@ def quaternion(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return generate_robot(robot, robot_text(robot), out, ["numpy", "c", "rollout"])[1]
 
 
-def test_a_quaternion_passes_in_both_back_ends(
-    quaternion: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setenv("CC", f"{tool('cc')} -O0")
+def test_a_quaternion_passes_in_both_back_ends(quaternion: Path) -> None:
     found = verify(quaternion, states=3)
     assert found.passed, found.failures
     assert set(found.not_done) <= {"Pinocchio", "MuJoCo"}
@@ -176,11 +173,8 @@ def test_planted_faults_are_found(
 @pytest.mark.parametrize(
     ("faults", "least"), [(1, 1), pytest.param(10, 10, marks=pytest.mark.slow)]
 )
-def test_planted_faults_in_c_are_found(
-    faults: int, least: int, copied: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_planted_faults_in_c_are_found(faults: int, least: int, copied: Path) -> None:
     tool("cc")
-    monkeypatch.setenv("CFLAGS", "-O0")  # What is looked for does not depend on it.
     path = copied / "quadrotor_2link.c"
     missed = []
     for text, what in planted(path.read_text(encoding="utf-8"), faults, seed=5):

@@ -41,7 +41,7 @@ class Rest:
 
 @pytest.fixture(scope="module", params=["xyz", "quaternion"])
 def module(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> ModuleType:
-    """A small machine with a damped joint, compiled quickly."""
+    """A small machine with a damped joint."""
     robot = paper_family(6, 1)
     damped = replace(robot.links[0], passive=replace(robot.links[0].passive, damping=0.3))
     base = replace(robot.base, attitude=request.param)
@@ -51,9 +51,7 @@ def module(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFact
     model = derived(robot, derivatives=(*DERIVATIVES, "step_rk4"))
     for name, text in render_module(model, "", find_targets(("numpy", "c"))).items():
         (folder / name).write_text(text, encoding="utf-8")
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("CC", "cc -O1")
-        yield load(folder, "c")
+    return load(folder, "c")
 
 
 def controller_of(module: ModuleType, **changes: Any) -> Predictive:
@@ -252,7 +250,13 @@ def flown(controller: Predictive) -> list[tuple[Any, Any, Any]]:
 
 
 @pytest.mark.parametrize(
-    ("compiler", "macros"), [("gcc", []), ("clang", []), ("gcc", ["SINGLY"]), ("clang", ["SINGLY"])]
+    ("compiler", "macros"),
+    [
+        ("gcc", []),
+        ("clang", ["SINGLY"]),
+        pytest.param("clang", [], marks=pytest.mark.slow),
+        pytest.param("gcc", ["SINGLY"], marks=pytest.mark.exhaustive),
+    ],
 )
 def test_c_has_the_inputs_of_python(
     compiler: str, macros: list[str], module: ModuleType, tmp_path: Path

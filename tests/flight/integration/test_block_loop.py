@@ -26,6 +26,8 @@ from gibbs_codegen.runtime.program_steps import ProgramSteps
 Array = NDArray[np.float64]
 Load = Callable[[str], ModuleType]
 
+pytestmark = pytest.mark.usefixtures("optimized")
+
 STEP = 1e-3
 # More than two blocks, the last of which is not full.
 COUNT = 19

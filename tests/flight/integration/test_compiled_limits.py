@@ -8,7 +8,6 @@ from types import ModuleType
 
 import numpy as np
 import pytest
-from conftest import compiled_soon
 from numpy.typing import NDArray
 from support.tools import missing
 
@@ -28,6 +27,7 @@ from gibbs_codegen.flight.reference import Motion
 from gibbs_codegen.flight.scenario.parts import Law
 from gibbs_codegen.pipeline import generate_robot
 from gibbs_codegen.robot.file import read_robot
+from gibbs_codegen.runtime.load import load
 
 pytestmark = pytest.mark.usefixtures("derived_once")
 
@@ -81,7 +81,7 @@ def modules(fast: Load, tmp_path_factory: pytest.TempPathFactory) -> Load:
                 (folder / "moving.toml").write_text(text, encoding="utf-8")
                 robot, text = read_robot(str(folder / "moving.toml"))
                 generate_robot(robot, text, folder, verify=False)
-            found = compiled_soon(folder / MOVING)
+            found = load(folder / MOVING, backend="c")
         if (found.__file__ or "").endswith(".py"):
             missing("nothing compiles")
         return found

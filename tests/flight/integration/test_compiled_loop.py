@@ -9,7 +9,6 @@ from types import ModuleType
 
 import numpy as np
 import pytest
-from conftest import compiled_soon
 from numpy.typing import NDArray
 from support.random_robots import random_robot
 from support.tools import missing
@@ -28,8 +27,9 @@ from gibbs_codegen.flight.scenario.orientation import LARGEST_THETA_0
 from gibbs_codegen.flight.scenario.parts import Law, Push
 from gibbs_codegen.pipeline import generate_robot
 from gibbs_codegen.robot.text import robot_text
+from gibbs_codegen.runtime.load import load
 
-pytestmark = pytest.mark.usefixtures("derived_once")
+pytestmark = pytest.mark.usefixtures("derived_once", "optimized")
 
 Array = NDArray[np.float64]
 Load = Callable[[str], ModuleType]
@@ -57,7 +57,7 @@ def modules(fast: Load, tmp_path_factory: pytest.TempPathFactory) -> Load:
         else:
             if not (folder / robot.name).is_dir():
                 generate_robot(robot, robot_text(robot), folder)
-            found = compiled_soon(folder / robot.name)
+            found = load(folder / robot.name, backend="c")
         if (found.__file__ or "").endswith(".py"):
             missing("nothing compiles")
         return found

@@ -37,13 +37,6 @@ ROTORS = 3
 ROOM = {"double": 1e-12, "single": 2e-4}
 
 
-@pytest.fixture(scope="module", autouse=True)
-def _quickly_compiled() -> Any:
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("CC", "cc -O1")
-        yield
-
-
 @pytest.fixture(scope="module", params=["xyz", "quaternion"])
 def module(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> ModuleType:
     """A small robot with its time steps."""

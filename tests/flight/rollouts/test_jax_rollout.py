@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 from support.compiled import Emitted, emit
-from support.tools import missing, tool
+from support.tools import missing
 
 from gibbs_codegen import Feedback, UsageError, load, rollout
 from gibbs_codegen.robot.family import paper_family
@@ -29,9 +29,8 @@ PARAMETERS = {"link1_mass_per_length": np.array([0.5, 0.7, 0.9]), "gravity": 3.7
 
 
 @pytest.fixture
-def jax_module(emitted_steps: Emitted, monkeypatch: pytest.MonkeyPatch) -> ModuleType:
-    """The functions of JAX, compiled in a moment."""
-    monkeypatch.setenv("CC", f"{tool('cc')} -O0")
+def jax_module(emitted_steps: Emitted) -> ModuleType:
+    """The functions of JAX."""
     return load(emitted_steps.folder, backend="jax")
 
 
@@ -84,11 +83,8 @@ def test_a_controller_is_traced(module: ModuleType, jax_module: ModuleType) -> N
     np.testing.assert_allclose(found.thrusts, expected.thrusts, rtol=1e-12)
 
 
-def test_it_is_differentiated_and_transformed(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_it_is_differentiated_and_transformed(tmp_path: Path) -> None:
     """By a parameter and by inputs; against differences."""
-    monkeypatch.setenv("CC", f"{tool('cc')} -O0")
     robot = paper_family(2, 1)
     robot = replace(robot, base=replace(robot.base, attitude="quaternion"))
     needed = ["forward_dynamics_derivatives", "forward_dynamics_parameters_vjp"]

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from conftest import ROOT
 from support.compiled import Emitted
-from support.tools import tool
 
 from gibbs_codegen import Feedback, Rollout, UsageError, load, rollout
 
@@ -149,7 +148,6 @@ def test_c_and_numpy_do_the_same(
     emitted_steps: Emitted, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     """Parameters of each state too; what they are is tested with the compiled rollout."""
-    monkeypatch.setenv("CC", f"{tool('cc')} -O0")
     compiled = load(emitted_steps.folder, backend="c")
     settings, inputs = arguments(compiled), len(compiled.INPUTS)
     settings["parameters"] = {"link1_mass_per_length": [0.5, 0.7, 0.9], "gravity": 3.7}
