@@ -1,8 +1,12 @@
 """The closed loop dx/dt = f(t, x) as an array program: a plant, a law, motors, surroundings.
 
 The plant has its own parameters, the law those of the robot that it knows: calls have the owners
-`plant` and `model`. The state x is the entries of q and v, the work of all that acts, J, the
-thrusts of motors that lag, N, and the integrals of the errors that a law remembers.
+`plant` and `model`. The state x is the entries of q and v, the work of all that acts, J, the state
+of the actuators, and the integrals of the errors that a law remembers.
+
+Laws say which thrusts and torques they want. Of a robot that is `driven`, motors and servos are
+sent the commands that give them, of servos where the joint is to be, and the state of its actuators
+is that of the module; of others it is the thrusts of motors that lag, N.
 """
 
 from __future__ import annotations
@@ -64,7 +68,8 @@ class Surroundings:
     """Which kinds of things act on which frames of the plant; their figures are inputs.
 
     `walls` have the frame of each, its surface and how many figures that has, `payloads` the frame
-    of each, `spins` rotor and frame of each.
+    of each, `spins` rotor and frame of each. `air` has rotor, frame, how many figures there are and
+    whether there is ground effect of each rotor on which the air acts.
     """
 
     pushes: bool = False
@@ -73,22 +78,25 @@ class Surroundings:
     walls: tuple[tuple[int, surroundings.Surface, int], ...] = ()
     spins: tuple[tuple[int, int], ...] = ()
     payloads: tuple[int, ...] = ()
+    air: tuple[tuple[int, int, int, bool], ...] = ()
 
     @property
     def acts(self) -> bool:
         """Whether anything does."""
-        return bool(self.pushes or self.drag or self.walls or self.spins or self.payloads)
+        of_frames = self.walls or self.spins or self.payloads or self.air
+        return bool(self.pushes or self.drag or of_frames)
 
 
 @dataclass(frozen=True)
 class ClosedLoop:
     """What a closed loop consists of, as far as its program depends on it.
 
-    `law` is one of `LAWS`, "open_loop", "off" or "held"; `integral` tells that it
-    remembers errors, `limited` that inputs have limits, `shared` that thrusts have in the
-    allocation, `lags` and `compensates` whether motors lag, and commands make up for it, `moves`
-    that joints move rotors, `refuses` that wrenches that rotors do not produce end a flight. `each`
-    are names of inputs that differ from state to state; `frames` is the number of the plant's.
+    `law` is one of `LAWS`, "open_loop", "off" or "held"; `integral` tells that it remembers errors,
+    `driven` that the robot has actuators of its own, `limited` that inputs have limits, `shared`
+    that thrusts have in the allocation, `lags` and `compensates` whether motors lag, and commands
+    make up for it, `moves` that joints move rotors, `refuses` that wrenches that rotors do not
+    produce end a flight. `each` are names of inputs that differ from state to state; `frames` is
+    the number of the plant's.
     """
 
     module: object
@@ -97,6 +105,7 @@ class ClosedLoop:
     integral: bool = False
     limited: bool = False
     shared: bool = False
+    driven: bool = False
     lags: bool = False
     compensates: bool = False
     moves: bool = False
@@ -118,9 +127,8 @@ class ClosedLoop:
     @property
     def size(self) -> int:
         """Length of the state."""
-        plant = self.plant
-        memory = plant.space.velocities if self.integral else 0
-        return self._work + 1 + (plant.rotors if self.lags else 0) + memory
+        memory = self.plant.space.velocities if self.integral else 0
+        return self._work + 1 + self._actuators + memory
 
     @property
     def _work(self) -> int:
@@ -128,9 +136,16 @@ class ClosedLoop:
         return self.plant.space.coordinates + self.plant.space.velocities
 
     @property
+    def _actuators(self) -> int:
+        """Length of the state of the actuators."""
+        if self.driven:
+            return self.plant.actuator_states
+        return self.plant.rotors if self.lags else 0
+
+    @property
     def _memory(self) -> int:
         """Place of what the law remembers."""
-        return self._work + 1 + (self.plant.rotors if self.lags else 0)
+        return self._work + 1 + self._actuators
 
     def given(self, name: str, *shape: int) -> Node:
         """An input by its name, which is made when it is first asked for."""
@@ -190,13 +205,12 @@ class ClosedLoop:
 
     def rate(self, at: Instant, x: Node) -> dict[str, Node]:
         """Time derivative of a state x, inputs that are commanded and that act (nu), refusal."""
-        q, v, thrusts, memory = self.parts(x)
-        wanted, aimed, u, refused = self._inputs(at, q, v, thrusts, memory)
-        wrenches, a, _ = self._motion(at.time, q, v, u)
+        q, v, actuators, memory = self.parts(x)
+        wanted, aimed, u, refused = self._inputs(at, q, v, actuators, memory)
+        wrenches, a, _ = self._motion(at.time, q, v, u, aimed, actuators)
         rates = [base_of(self.plant, q).rates(v, x), a, self._power(q, v, u, wrenches)]
-        if self.lags:
-            count = self.plant.rotors
-            rates.append(self.given("pace", count) * (aimed[:count] - thrusts))
+        if self._actuators:
+            rates.append(self._actuator_rates(actuators, aimed))
         if self.integral:
             rates.append(self._remembered(at, q, v, memory, wanted))
         return {"rate": join(*rates), "commanded": wanted, "acting": u, "refused": refused}
@@ -205,27 +219,30 @@ class ClosedLoop:
     def commands(self) -> Program:
         """Inputs `commanded` and `acting` (nu), and `refused` as of a step.
 
-        Of a time, coordinates and velocities, and of thrusts and memory where they are in the
-        state.
+        Of a time, coordinates and velocities, and of actuators and memory where they are in the
+        state. `aimed` (nu) are the same within limits, or commands of motors and servos.
         """
         time, (q, v) = variable("time", uniform=True), self.plant.state()
-        thrusts, memory = variable("thrusts", self.plant.rotors), variable("memory", v.size)
+        actuators, memory = variable("actuators", self._actuators), variable("memory", v.size)
         at = self._instant(time, self._curves_at(time))
-        wanted, _, u, refused = self._inputs(at, q, v, thrusts, memory)
-        outputs = {"commanded": wanted, "acting": u, "refused": refused}
-        return self._program("commands", (time, q, v, *self._own(thrusts, memory)), outputs)
+        wanted, aimed, u, refused = self._inputs(at, q, v, actuators, memory)
+        outputs = {"commanded": wanted, "aimed": aimed, "acting": u, "refused": refused}
+        return self._program("commands", (time, q, v, *self._own(actuators, memory)), outputs)
 
     def motion(self) -> Program:
         """Accelerations `a` (nv), `wrenches` (f, 6) of what acts and `pressed` (w) of the walls.
 
-        Of a time, coordinates, velocities, and inputs that act.
+        Of a time, coordinates, velocities, and inputs that act; of rotors in the air also of what
+        is aimed for, and of the state of the actuators.
         """
         time, (q, v) = variable("time", uniform=True), self.plant.state()
-        u = variable("u", self.plant.inputs)
-        wrenches, a, pressed = self._motion(time, q, v, u)
+        u, aimed = variable("u", self.plant.inputs), variable("aimed", self.plant.inputs)
+        actuators = variable("actuators", self._actuators)
+        wrenches, a, pressed = self._motion(time, q, v, u, aimed, actuators)
         found = zeros(self.frames, 6) if wrenches is None else wrenches
         outputs = {"a": a, "wrenches": found, "pressed": join(zeros(0), *pressed)}
-        return self._program("motion", (time, q, v, u), outputs)
+        of_air = [aimed, actuators] if self.around.air else []
+        return self._program("motion", (time, q, v, u, *of_air), outputs)
 
     @labelled
     def command(self) -> Program:
@@ -258,33 +275,72 @@ class ClosedLoop:
         """Force and torque (6) about the base centre that a generalised force (nv) asks for."""
         return base_of(self.model, q).wrench(self.rotors.centre, force)
 
-    def _own(self, thrusts: Node, memory: Node) -> list[Node]:
-        """Of thrusts and memory what the state has."""
-        return [*([thrusts] if self.lags else []), *([memory] if self.integral else [])]
+    def _own(self, actuators: Node, memory: Node) -> list[Node]:
+        """Of actuators and memory what the state has."""
+        return [*([actuators] if self._actuators else []), *([memory] if self.integral else [])]
 
     def _inputs(
-        self, at: Instant, q: Node, v: Node, thrusts: Node, memory: Node
+        self, at: Instant, q: Node, v: Node, actuators: Node, memory: Node
     ) -> tuple[Node, Node, Node, Node]:
-        """Inputs (nu) that are commanded, those aimed for and those that act; refusal."""
+        """Inputs (nu) that are commanded, what is aimed for, inputs that act; refusal."""
         wanted, refused = self.commanded(at, q, v, memory)
+        sent = self._sent(at, wanted)
+        if self.driven and self.law == "held":  # What is held are commands.
+            wanted = self.plant.inputs_of(q, v, self._settled(sent), sent)
         if self.compensates:
-            lead, later = self._lead(at, (q, v, memory), thrusts, wanted)
-            wanted, refused = wanted + lead, refused + maximum(later, 0.0)
-        aimed = within_limits(wanted, self.limits) if self.limited else wanted
-        return wanted, aimed, self._acting(aimed, thrusts), refused
+            lead, later = self._lead(at, (q, v, memory), actuators, wanted, sent)
+            sent, refused = sent + lead, refused + maximum(later, 0.0)
+            wanted = wanted if self.driven else sent
+        aimed = self._within(sent)
+        return wanted, aimed, self._acting(self.plant, (q, v), aimed, actuators), refused
+
+    def _sent(self, at: Instant, wanted: Node) -> Node:
+        """What is sent for inputs (nu) that are wanted: themselves, or commands for them."""
+        if not self.driven or self.law in ("off", "held"):
+            return wanted
+        possible = within_limits(wanted, self.limits) if self.limited else wanted
+        found: Node = self.model.command_of(at.motion.q, at.motion.v, possible)
+        return found
+
+    def _settled(self, commands: Node) -> Node:
+        """The state that the actuators come to with commands."""
+        if not self._actuators:
+            return zeros(0)
+        found: Node = self.plant.actuator_state_of(commands)
+        return found
+
+    def _within(self, sent: Node) -> Node:
+        """What is sent, within limits."""
+        if self.driven:
+            least, most = (self.given(f"{x}_command", sent.size) for x in ("least", "most"))
+            return within_limits(sent, Limits(least, most))
+        return within_limits(sent, self.limits) if self.limited else sent
+
+    def _actuator_rates(self, actuators: Node, aimed: Node) -> Node:
+        """Time derivative of the state of the actuators."""
+        if not self.driven:
+            count = self.plant.rotors
+            return self.given("pace", count) * (aimed[:count] - actuators)
+        if self.law == "off":
+            return zeros(self._actuators)
+        found: Node = self.plant.actuator_rates(actuators, aimed)
+        return found
 
     def _motion(
-        self, time: Node, q: Node, v: Node, u: Node
+        self, time: Node, q: Node, v: Node, u: Node, aimed: Node, actuators: Node
     ) -> tuple[Node | None, Node, list[Node]]:
         """Wrenches (f, 6) of what acts, if anything does, accelerations (nv), forces of walls."""
         if not self.around.acts:
             return None, self.plant.forward_dynamics(q, v, u), []
-        wrenches, pressed = self._wrenches(time, q, v, u)
+        speeds = zeros(0)
+        if self.around.air:
+            speeds = self.plant.rotor_speeds(actuators, aimed)
+        wrenches, pressed = self._wrenches(time, q, v, u, speeds)
         a = self.plant.forward_dynamics_with_wrenches(q, v, u, wrenches)
         return wrenches, a, pressed
 
     def parts(self, x: Node) -> tuple[Node, Node, Node, Node]:
-        """Coordinates with a unit quaternion, velocities, thrusts and memory of a state."""
+        """Coordinates with a unit quaternion, velocities, actuators and memory of a state."""
         n, work, memory = self.plant.space.coordinates, self._work, self._memory
         q = coordinates_of(unit_entries(self.plant, x[:n]), self.plant.space)
         return q, x[n:work], x[work + 1 : memory], x[memory:]
@@ -393,18 +449,18 @@ class ClosedLoop:
         return q, LAWS[self.law].force(model, q, v, aim)
 
     def _lead(
-        self, at: Instant, parts: Sequence[Node], thrusts: Node, wanted: Node
+        self, at: Instant, parts: Sequence[Node], actuators: Node, wanted: Node, sent: Node
     ) -> tuple[Node, Node]:
-        """What makes up for the lag (nu): time constants times rates of the thrusts wanted.
+        """What makes up for the lag (nu): time constants times rates of what is sent.
 
-        They are differenced along the motion as the law knows it, back at the end of the desired
-        one, after which it stands still. More than 0 where rotors cannot produce those wanted next.
+        It is differenced along the motion as the law knows it, back at the end of the desired
+        one, after which it stands still. More than 0 where rotors cannot produce what comes next.
         """
         q, v, memory = parts
         model, count = self.model, self.plant.rotors
         ahead = choose(at.time, self.given("end") - AHEAD, -AHEAD, AHEAD)
-        acting = within_limits(wanted, self.limits) if self.limited else wanted
-        a = model.forward_dynamics(q, v, self._acting(acting, thrusts))
+        acting = self._acting(model, (q, v), self._within(sent), actuators)
+        a = model.forward_dynamics(q, v, acting)
         entries = entries_of(q)
         moved = entries + ahead * base_of(model, q).rates(v, entries)
         later = coordinates_of(unit_entries(model, moved), model.space)
@@ -412,6 +468,10 @@ class ClosedLoop:
         time = at.time + ahead
         then = self._instant(time, self._curves_at(time))
         next_wanted, refused = self.commanded(then, later, v + ahead * a, learnt)
+        if self.driven:
+            rates = (self._sent(then, next_wanted) - sent) / ahead
+            up, down = (self.given(f"time_{x}", model.inputs) for x in ("up", "down"))
+            return choose(rates, 0.0, up, down) * rates, refused
         rates = (next_wanted - wanted)[:count] / ahead
         return join(self.given("lag", count) * rates, zeros(model.inputs - count)), refused
 
@@ -447,27 +507,35 @@ class ClosedLoop:
 
     # Motors and what acts on the plant.
 
-    def _acting(self, aimed: Node, thrusts: Node) -> Node:
-        """Inputs (nu) that act, of those that motors aim for."""
+    def _acting(
+        self, robot: Functions, state: tuple[Node, Node], aimed: Node, actuators: Node
+    ) -> Node:
+        """Inputs (nu) that act in a state, of what motors aim for, or servos."""
+        if self.driven and self.law != "off":
+            found: Node = robot.inputs_of(*state, actuators, aimed)
+            return found
         if not self.lags:
             return aimed
         count = self.plant.rotors
-        settled = choose(self.given("lag", count), 0.0, thrusts, aimed[:count])
+        settled = choose(self.given("lag", count), 0.0, actuators, aimed[:count])
         return join(settled, aimed[count:])
 
-    def _wrenches(self, time: Node, q: Node, v: Node, u: Node) -> tuple[Node, list[Node]]:
+    def _wrenches(
+        self, time: Node, q: Node, v: Node, u: Node, speeds: Node
+    ) -> tuple[Node, list[Node]]:
         """Wrenches (f, 6) on the frames of the plant, and forces of the walls along normals."""
         around, plant, frames = self.around, self.plant, self.frames
         found = self.given("push", frames, 6) if around.pushes else zeros(frames, 6)
-        if around.drag or around.walls or around.spins:
+        if around.drag or around.walls or around.spins or around.air:
             velocities = plant.frame_velocities(q, v)
+        wind: Node = zeros(3)
         if around.drag:
             gusts = self.given("gusts", around.gusts, 5)
             wind = surroundings.wind_velocity(time, self.given("wind", 3), gusts)
             found = found + surroundings.drag(self.given("drag", frames, 6), wind, velocities)
         parts: list[tuple[int, Node]] = []
         pressed: list[Node] = []
-        if around.walls or around.spins:
+        if around.walls or around.spins or around.air:
             poses = plant.frame_poses(q)
         for k, (frame, surface, figures) in enumerate(around.walls):
             wall, moving = self.given(f"wall_{k}", 2 + figures), (poses[frame], velocities[frame])
@@ -479,6 +547,11 @@ class ClosedLoop:
             moving = poses[frame], velocities[frame]
             torque = surroundings.spin_torque(spin[:3], spin[3], u[rotor], *moving)
             parts.append((frame, join(zeros(3), torque)))
+        for k, (rotor, frame, figures, ground) in enumerate(around.air):
+            air, driven = self.given(f"air_{k}", figures), (speeds[rotor], u[rotor])
+            moving = poses[frame], velocities[frame]
+            force = surroundings.rotor_air(air, ground, driven, wind, *moving)
+            parts.append((frame, join(force, zeros(3))))
         if parts:
             found = found + surroundings.on_frames(parts, frames)
         if around.payloads:

@@ -30,6 +30,9 @@ from gibbs_codegen.arrays.nodes import (
     zeros,
 )
 
+# How many numbers say what the air does to a rotor, before pairs of advance ratios, and the least
+# speed of blades' tips, m/s, by which an advance ratio is taken.
+_RATIOS, _LEAST_TIP_SPEED = 8, 1e-6
 # Of figures of a wall and a place (3), how deep that is behind its surface, m, and the unit normal
 # (3) out of it there.
 Surface = Callable[[Node, Node], tuple[Node, Node]]
@@ -71,6 +74,46 @@ def spin_torque(axis: Node, momentum: Node, thrust: Node, pose: Node, velocity: 
     """
     size = momentum * copysign(square_root(absolute(thrust)), thrust)
     return cross(size * (_rotation(pose) @ axis), velocity[3:])
+
+
+def rotor_air(
+    air: Node,
+    has_ground: bool,
+    driven: tuple[Node, Node],
+    wind: Node,
+    pose: Node,
+    velocity: Node,
+) -> Node:
+    """Force (3), N, of the air on the hub of a rotor besides its thrust in still air.
+
+    `air` has the direction (3) in the axes of the hub, drag and inflow, kg, lift, kg/m, radius, m,
+    1 for ground effect, and pairs of advance ratio and factor of the thrust; `driven` are speed,
+    rad/s, and thrust, N. The ground is at a height of 0, and the hub no lower than half a radius
+    (Cheeseman and Bennett, 1955).
+    """
+    speed, thrust = driven
+    axis = _rotation(pose) @ air[:3]
+    moved = velocity[:3] - wind
+    along = dot(axis, moved)
+    across = moved - along * axis
+    pushed = air[5] * dot(across, across) - speed * air[4] * along
+    factor = constant(1.0)
+    if air.size > _RATIOS:
+        tips = maximum(absolute(speed) * air[6], _LEAST_TIP_SPEED)
+        factor = _between(along / tips, air[_RATIOS:])
+    if has_ground:
+        share = air[6] / (4.0 * maximum(_origin(pose)[2], 0.5 * air[6]))
+        factor = factor / (1.0 - share * share)
+    return (pushed + (factor - 1.0) * thrust) * axis - speed * air[3] * across
+
+
+def _between(x: Node, pairs: Node) -> Node:
+    """What lies linearly between pairs of a place and a value, that at an end beyond it."""
+    found = pairs[1]
+    for k in range(0, pairs.size - 2, 2):
+        slope = (pairs[k + 3] - pairs[k + 1]) / (pairs[k + 2] - pairs[k])
+        found = found + slope * (clip(x, pairs[k], pairs[k + 2]) - pairs[k])
+    return found
 
 
 def payload_forces(

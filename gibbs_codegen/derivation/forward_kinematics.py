@@ -81,6 +81,8 @@ def mounted_frames(symbolic: SymbolicRobot, name: str | None = None) -> list[Mou
         body = symbolic.bodies.frames[frame.on]
         if frame in robot.frames:
             place = symbolic.parameters.frames[frame.name]
+        elif frame.rotor is not None:
+            place, _ = symbolic.parameters.rotors[frame.rotor]
         elif frame.on != BASE:  # The tip: the end of the last link.
             place = axis_vector(0, symbolic.parameters.links[frame.on].body.length)
         else:

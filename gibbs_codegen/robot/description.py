@@ -21,7 +21,16 @@ from typing import Any
 
 from gibbs_codegen.interface import FUNCTIONS, LISTS
 from gibbs_codegen.robot.layout import Entries, Layout, frames_of, joint_terms, layout_of
-from gibbs_codegen.robot.model import AXIS_PAIRS, BASE, Drive, Link, LinkKind, Robot
+from gibbs_codegen.robot.model import (
+    AXIS_PAIRS,
+    BASE,
+    Drive,
+    Link,
+    LinkKind,
+    Robot,
+    Rotor,
+    RotorAir,
+)
 from gibbs_codegen.robot.names import (
     coordinate_of,
     default_prefix,
@@ -375,6 +384,11 @@ class Description:
             "COMMAND_UNITS": tuple(entry.unit for entry in self.commands),
             "COMMAND_LIMITS": _bounded(limits),
             "ACTUATOR_TIMES": times,
+            "ROTOR_AIR": {
+                self.inputs[k - 1].name: (identifier(frame.name), *_air(robot.thrusters[k - 1]))
+                for frame in frames_of(robot)
+                if (k := frame.rotor)
+            },
         }
 
     def _carriers(self) -> tuple[str, ...]:
@@ -420,6 +434,13 @@ def _thrusts(drive: Drive) -> Bounds:
 def _effort(link: Link) -> float | None:
     """The greatest torque or force of a joint."""
     return link.servo.torque if link.servo else link.limits.effort
+
+
+def _air(rotor: Rotor) -> tuple[float, ...]:
+    """Direction of a rotor, and what `RotorAir` has: 1 for ground effect, pairs at the end."""
+    air = rotor.air or RotorAir()
+    numbers = air.drag, air.inflow, air.lift, air.radius, float(air.ground_effect)
+    return (*rotor.direction, *numbers, *(x for pair in air.advance for x in pair))
 
 
 def _either_way(most: float | None) -> Bounds:

@@ -221,14 +221,21 @@ def frames_of(robot: Robot) -> tuple[Frame, ...]:
     """Frames in the order of FRAMES: the base's, the tip where there is one, and the file's.
 
     Where the links are one arm, the tip is the end of the last link, along x; the paper's base
-    without an arm has it at its centre.
+    without an arm has it at its centre. The hubs of rotors come last on which the air acts.
     """
     frames = [Frame("base")]
     if has_default_tip(robot):
         links = len(robot.links)
         length = robot.links[-1].body.length if links else 0.0
         frames.append(Frame("tip", links, Pose((length, 0.0, 0.0))))
-    return (*frames, *robot.frames)
+    frames += robot.frames
+    for k, rotor in enumerate(robot.thrusters, start=1):
+        if rotor.air is not None:
+            name = "hub_" + (rotor.name or str(k))
+            while any(name == other.name for other in frames):
+                name = f"hub_{name}"
+            frames.append(Frame(name, rotor.on, Pose(rotor.position), k))
+    return tuple(frames)
 
 
 def has_default_tip(robot: Robot) -> bool:

@@ -309,11 +309,15 @@ class Rotor:
 
 @dataclass(frozen=True)
 class Frame:
-    """A named frame on a body, such as an end effector, a sensor or the place of a payload."""
+    """A named frame on a body, such as an end effector, a sensor or the place of a payload.
+
+    `rotor` is the number, from 1, of the rotor at whose hub it is.
+    """
 
     name: str
     on: int = BASE
     pose: Pose = Pose()
+    rotor: int | None = None
 
 
 @dataclass(frozen=True)

@@ -7,9 +7,11 @@ from dataclasses import replace
 import numpy as np
 
 from gibbs_codegen.arrays.laws import LAWS
+from gibbs_codegen.errors import UsageError
 from gibbs_codegen.flight.control.error_polynomials import check_integral
 from gibbs_codegen.flight.control.geometric import LeaningController
 from gibbs_codegen.flight.control.laws import Controller, Gains
+from gibbs_codegen.flight.plant.actuators import joint_place
 from gibbs_codegen.flight.plant.allocation import (
     Allocation,
     AllocationError,
@@ -96,7 +98,18 @@ def control_law(
     places = vehicle.layout.v
     frequencies = np.full(places.size, control.frequency)
     frequencies[places.attitude] = attitude
-    gains = Gains.of(frequencies, control.damping_ratio, places.size)
+    ratios = np.full(places.size, control.damping_ratio)
+    for name, own in control.joints.items():
+        place = places.joints.start + joint_place(vehicle, name, "control.joints")
+        if place in _servo_joints(vehicle):
+            raise UsageError(
+                f"control.joints.{name}: a servo holds the joint, by the stiffness and damping of "
+                "the robot file; leave it out"
+            )
+        frequencies[place] = own.frequency or control.frequency
+        ratios[place] = control.damping_ratio if own.damping_ratio is None else own.damping_ratio
+    frequencies[_servo_joints(vehicle)] = 0.0  # Servos correct what is off themselves.
+    gains = Gains.of(frequencies, ratios, places.size)
     memory = 0
     if control.integral and law in LAWS:
         gains, memory = replace(gains, integral=control.integral), places.size
@@ -106,3 +119,10 @@ def control_law(
         found.check_thrust()
     check_integral(found)
     return found
+
+
+def _servo_joints(vehicle: Vehicle) -> list[int]:
+    """Places of the velocities of joints that servos hold."""
+    places = range(vehicle.rotors, len(vehicle.inputs))
+    first = vehicle.layout.v.joints.start - vehicle.rotors
+    return [first + k for k in places if vehicle.commands[k] != vehicle.inputs[k]]

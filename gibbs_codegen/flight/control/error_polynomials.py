@@ -51,7 +51,8 @@ def _decoupled(pairs: Array, integral: float, lags: Sequence[float]) -> list[Arr
     first.
     """
     found = []
-    for pair in np.unique(pairs, axis=0):
+    # Without stiffness a servo corrects the error.
+    for pair in np.unique(pairs[pairs[:, 1] > 0.0], axis=0):
         rest = [*pair, integral * pair[1]] if integral else pair
         found.append(np.array([1.0, *rest]))
         found += [np.array([lag, 1.0, *rest]) / lag for lag in lags]

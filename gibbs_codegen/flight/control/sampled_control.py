@@ -70,8 +70,9 @@ class ZeroOrderHold:
 
     def fault(self, command: Any) -> str:
         """What is wrong with a command that should be inputs u (nu), "" if nothing is."""
-        names = self.vehicle.inputs
-        wanted = f"{len(names)} inputs: {', '.join(names)}"
+        names = self.vehicle.commands
+        wanted = f"{len(names)} {'commands' if self.vehicle.is_driven else 'inputs'}: "
+        wanted += ", ".join(names)
         if command is None:
             return f"None, and not {wanted}"
         try:
@@ -197,6 +198,7 @@ class LawController:
 
     def __init__(self, law: ControlLaw, actuators: Actuators, rate: float) -> None:
         self._law, self._limits, self._rate = law, actuators.values, rate
+        self._is_driven = actuators.commands is not None
         self.reset()
 
     def reset(self) -> None:
@@ -204,11 +206,18 @@ class LawController:
         self._memory = np.zeros(self._law.memory)
 
     def __call__(self, observation: Observation) -> Array:
-        """Inputs u (nu) for an observation; what is remembered grows as in the period after it."""
+        """Inputs u (nu) for an observation; what is remembered grows as in the period after it.
+
+        Of a robot with motors and servos they are commands for these.
+        """
         seen = observation.time, observation.q, observation.v, self._memory
         inputs, growth = self._law.commanded(*seen, self._limits)
         self._memory = self._memory + growth / self._rate
-        return inputs
+        if not self._is_driven:
+            return inputs
+        possible = np.clip(inputs, self._limits["least"], self._limits["most"])
+        desired = observation.q_desired, observation.v_desired
+        return self._law.vehicle.command_of(*desired, possible)
 
 
 class SampledControl(ZeroOrderHold):

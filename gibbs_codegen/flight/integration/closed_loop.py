@@ -1,7 +1,7 @@
 """The closed loop of vehicle, motors and controller: what integrators integrate.
 
-The state is q, v, the work done since the start, the thrusts where the motors lag, and what the law
-of control remembers. Work is part of the state so that the energy balance is as exact as the
+The state is q, v, the work done since the start, the state of the actuators, and what the law of
+control remembers. Work is part of the state so that the energy balance is as exact as the
 integration. The length of a quaternion drifts with errors of integration, and means nothing: who
 takes a state apart gets it of length 1.
 """
@@ -36,13 +36,14 @@ DOUBLE, SINGLE = 1e-9, 1e-4
 class Parts(NamedTuple):
     """What states consist of: coordinates (…, nq), velocities (…, nv) and work (…), J.
 
-    Then thrusts (…, N), N, which are (…, 0) without lag, and the law's memory (…, memory).
+    Then the state of the actuators, which is thrusts (…, N), N, of motors that lag, of a robot with
+    motors and servos that of its module, or (…, 0), and the law's memory (…, memory).
     """
 
     q: Array
     v: Array
     work: Array
-    thrusts: Array
+    actuators: Array
     memory: Array
 
 
@@ -96,7 +97,9 @@ class ClosedLoop:
     def compensates(self) -> bool:
         """Whether motors lag, and that is compensated: by a law that commands at all times."""
         commands = self.hold is None and self.controller.law != "off"
-        return self.compensated and self.lags and commands
+        times = self.actuators.times
+        lags = self.lags or (times is not None and bool(np.any(times)))
+        return self.compensated and lags and commands
 
     @property
     def size(self) -> int:
@@ -105,8 +108,11 @@ class ClosedLoop:
 
     @property
     def memory_place(self) -> int:
-        """Place of the law's memory in the state, after work and thrusts."""
-        return self.work_place + 1 + (self.vehicle.rotors if self.lags else 0)
+        """Place of the law's memory in the state, after work and actuators."""
+        own = self.vehicle.rotors if self.lags else 0
+        if self.vehicle.is_driven:
+            own = len(self.vehicle.description("ACTUATOR_STATES"))
+        return self.work_place + 1 + own
 
     @property
     def work_place(self) -> int:
@@ -114,14 +120,26 @@ class ClosedLoop:
         return self.vehicle.layout.q.size + self.vehicle.layout.v.size
 
     def start(self, q: Array, v: Array) -> Array:
-        """States (…, size) at time 0, with motors settled at the thrusts that the law wants."""
+        """States (…, size) at time 0, with motors and servos settled at what the law wants."""
         if self.hold is not None:
             self.hold.start(q, v)
         memory = np.zeros((*v.shape[:-1], self.controller.memory))
         wanted, _ = self.controller.commanded(0.0, q, v, memory, {})
         settled = np.clip(wanted, *self.actuators.inputs) if self.limited else wanted
-        thrusts = settled[..., : self.vehicle.rotors if self.lags else 0]
-        return np.concatenate([q, v, np.zeros((*v.shape[:-1], 1)), thrusts, memory], axis=-1)
+        settled = settled[..., : self.vehicle.rotors if self.lags else 0]
+        if self.vehicle.is_driven:
+            sent = wanted if self.hold is not None else self.sent(0.0, wanted)
+            settled = np.zeros((*v.shape[:-1], self.memory_place - self.work_place - 1))
+            limits = self.actuators.commands
+            if settled.shape[-1] and limits is not None:
+                settled = self.vehicle.actuator_state_of(np.clip(sent, *limits))
+        return np.concatenate([q, v, np.zeros((*v.shape[:-1], 1)), settled, memory], axis=-1)
+
+    def sent(self, time: float | Array, wanted: Array) -> Array:
+        """Commands (…, nu) of motors and servos for inputs that a law wants at times (…), s."""
+        q, v, _ = self.controller.reference(time)
+        possible = np.clip(wanted, *self.actuators.inputs)
+        return self.controller.vehicle.command_of(q, v, possible)
 
     def parts(self, states: Array) -> Parts:
         """What states (…, size) consist of, the quaternion made of length 1."""
@@ -142,13 +160,21 @@ class ClosedLoop:
         With what makes up for lag of motors; thrusts are those of the motors where they lag.
         Raises `AllocationError` if no thrusts at all produce the wrench.
         """
+        commanded, _, acting = self.commands(time, parts, loads)
+        return commanded, acting
+
+    def commands(
+        self, time: float | Array, parts: Parts, loads: Loads = NOTHING
+    ) -> tuple[Array, Array, Array]:
+        """As `inputs`, and between both what is aimed for: commands of motors and servos."""
         given = {"time": time, **parts._asdict()}
         if self.hold is not None and loads.inputs is None:
             given["held"], _ = self.hold.commanded(time, parts.q, parts.v, parts.memory, {})
         found = self._found("commands", loads, given)
         shape = (*parts.q.shape[:-1], len(self.vehicle.inputs))
-        commanded, acting = (np.broadcast_to(found[x], shape) for x in ("commanded", "acting"))
-        return commanded, acting
+        names = ("commanded", "aimed", "acting")
+        commanded, aimed, acting = (np.broadcast_to(found[x], shape) for x in names)
+        return commanded, aimed, acting
 
     def saturated(self, time: float, state: Array) -> list[str]:
         """Names of inputs of which the greatest or the least value is commanded."""
@@ -159,17 +185,19 @@ class ClosedLoop:
         return [self.vehicle.inputs[place] for place in np.flatnonzero(reached)]
 
     def motion(
-        self, time: float | Array, q: Array, v: Array, inputs: Array, loads: Loads
+        self, time: float | Array, parts: Parts, aimed: Array, inputs: Array, loads: Loads
     ) -> dict[str, Array]:
         """Accelerations `a` (…, nv) under inputs (…, nu) and all else that acts.
 
-        `wrenches` (…, f, 6) are on the frames by that but the inputs: force, N, and torque about
-        the origin, N m, world axes. `pressed` (…, w), N, are forces of walls along their normals.
+        `aimed` (…, nu) is as of `commands`. `wrenches` (…, f, 6) are on the frames by that but the
+        inputs: force, N, and torque about the origin, N m, world axes. `pressed` (…, w), N, are
+        forces of walls along their normals.
         """
-        given = {"time": time, "q": q, "v": v, "u": inputs}
+        own = {name: getattr(parts, name) for name in ("q", "v", "actuators")}
+        given = {"time": time, "u": inputs, "aimed": aimed, **own}
         found = self._found("motion", loads, given)
         return {
-            name: np.broadcast_to(x, (*q.shape[:-1], *x.shape[-(1 + (name == "wrenches")) :]))
+            name: np.broadcast_to(x, (*parts.q.shape[:-1], *x.shape[-(1 + (name == "wrenches")) :]))
             for name, x in found.items()
         }
 
@@ -255,6 +283,7 @@ def loop_values(
     values = {
         **closed.controller.values,
         **closed.actuators.values,
+        **closed.actuators.of_commands,
         "lag": lag,
         "pace": np.divide(1.0, lag, out=np.zeros(np.shape(lag)), where=lag > 0.0),
         "centre": plant.centre_offset(plant.neutral),
@@ -294,6 +323,7 @@ def loop_program(
         "held" if held else law.law,
         integral=law.memory > 0,
         limited=closed.limited,
+        driven=closed.vehicle.is_driven,
         lags=closed.lags,
         compensates=closed.compensates and not held,
         around=acting(closed.environment, loads)[0],

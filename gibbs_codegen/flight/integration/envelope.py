@@ -27,6 +27,8 @@ from gibbs_codegen.flight.integration.closed_loop import ClosedLoop
 from gibbs_codegen.flight.plant.vehicle import Array, Flags
 from gibbs_codegen.flight.scenario.orientation import LARGEST_THETA_0
 
+# Of errors that a servo corrects, s: their rates have no bound.
+_LEAST_PEAK = 1e-12
 # What to try instead of a law, where it is not lower gains.
 _OTHER_CONTROL = {"open_loop": "a closed loop (control.law)", "own": "another controller"}
 
@@ -52,9 +54,8 @@ class Envelope:
         if controller.law != "off":
             self.bounds[:count] = divergence
         if controller.law in LAWS:
-            self.bounds[count:] = divergence / np.minimum(
-                _peak_response(controller.gains), duration
-            )
+            peaks = np.clip(_peak_response(controller.gains), _LEAST_PEAK, duration)
+            self.bounds[count:] = divergence / peaks
 
     def holds(self, time: Array, states: Array) -> Flags:
         """Which states (s, size) at times (s) are finite and within the bounds (s)."""
@@ -161,8 +162,11 @@ class Envelope:
 
 
 def _peak_response(gains: Gains) -> Array:
-    """Peaks (nv), s, of errors that begin at 0 with a rate of 1: the peak impulse response."""
-    frequency = np.sqrt(gains.stiffness)
+    """Peaks (nv), s, of errors that begin at 0 with a rate of 1: the peak impulse response.
+
+    It is 0 where a law does not correct the error, but a servo.
+    """
+    frequency = np.where(gains.stiffness > 0.0, np.sqrt(gains.stiffness), np.inf)
     ratio = gains.damping / (2.0 * frequency) + 0j
     root = np.sqrt(ratio**2 - 1.0)
     critical = root == 0.0

@@ -6,7 +6,7 @@ They enter no function of a module, which has them as constants.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import ModuleType
 
 import numpy as np
@@ -27,6 +27,9 @@ class Actuators:
       forces, N m or N; `velocities` (n): greatest desired rates, rad/s or m/s
     - `spins` (N): angular momentum of rotors about their thrusts by the square root of the thrust,
       kg m²/s/√N, 0 for none
+    - `commands` (2, nu): least and greatest commands of motors and servos; `times` (2, nu): time
+      constants, s, with which these follow greater and lesser commands, 0 for none; None of a robot
+      whose inputs are commanded
     """
 
     thrusts: Array
@@ -35,6 +38,8 @@ class Actuators:
     efforts: Array
     velocities: Array
     spins: Array
+    commands: Array | None = None
+    times: Array | None = None
 
     @classmethod
     def unlimited(cls, vehicle: Vehicle) -> Actuators:
@@ -65,6 +70,14 @@ class Actuators:
         margin = 1e-9 * np.where(np.isfinite(most - least), most - least, 0.0)
         return {"least": least, "most": most, "margin": margin}
 
+    @property
+    def of_commands(self) -> dict[str, Array]:
+        """Limits and time constants of commands (nu) as array programs take them."""
+        if self.commands is None or self.times is None:
+            return {}
+        names = ("least_command", "most_command", "time_up", "time_down")
+        return dict(zip(names, (*self.commands, *self.times), strict=True))
+
     def reached(self, commanded: Array) -> Flags:
         """Which commanded inputs (nu) are at a limit, or beyond."""
         least, most, margin = self.values.values()
@@ -84,6 +97,11 @@ def actuators_of(vehicle: Vehicle, scenario: Scenario) -> Actuators:
     if motors.limits is not None:
         found.thrusts[:] = np.transpose([motors.limits])
     if motors.time_constant is not None:
+        if vehicle.is_driven:
+            raise UsageError(
+                f"motors.time_constant: the file of {vehicle.name} says how its rotors follow "
+                "their commands; leave it out, or vary the parameters of its rotors"
+            )
         found.lag[:] = motors.time_constant
     for name, limits in arm.limits.items():
         found.joints[:, joint_place(vehicle, name, "arm.limits")] = limits
@@ -115,14 +133,22 @@ def module_actuators(vehicle: Vehicle) -> Actuators:
         low, high = _ends(vehicle.description("INPUT_LIMITS").get(name))
         if k < vehicle.rotors:
             found.thrusts[:, k] = low, high
-            found.lag[k] = vehicle.description("TIME_CONSTANTS").get(name, 0.0)
+            if not vehicle.is_driven:
+                found.lag[k] = vehicle.description("TIME_CONSTANTS").get(name, 0.0)
             found.spins[k] = vehicle.description("SPINS").get(name, 0.0)
         else:
             found.efforts[k - vehicle.rotors] = high
     for k, name in enumerate(joints):
         found.joints[:, k] = _ends(vehicle.description("COORDINATE_LIMITS").get(name))
         found.velocities[k] = _ends(vehicle.description("VELOCITY_LIMITS").get(name))[1]
-    return found
+    if not vehicle.is_driven:
+        return found
+    times = vehicle.description("ACTUATOR_TIMES")
+    return replace(
+        found,
+        commands=command_limits(vehicle.module),
+        times=np.transpose([times.get(name, (0.0, 0.0)) for name in vehicle.commands]),
+    )
 
 
 def command_limits(module: ModuleType) -> Array:

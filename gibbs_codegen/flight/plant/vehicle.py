@@ -63,6 +63,9 @@ class Vehicle:
         # By coordinate (nq): an angle, in rad, rather than a length, in m.
         self.is_angle: Flags = np.array([unit == "rad" for unit in self.layout.q.units])
         self.inputs: tuple[str, ...] = module.INPUTS
+        # Commands of motors and servos, in the order of inputs; without actuators the inputs.
+        self.commands: tuple[str, ...] = getattr(module, "COMMANDS", ()) or module.INPUTS
+        self.is_driven = bool(getattr(module, "COMMANDS", ()))
         self.points: tuple[str, ...] = module.POINTS
         self.frames: tuple[str, ...] = module.FRAMES
         # Places of the joints among coordinates, and among velocities and accelerations.

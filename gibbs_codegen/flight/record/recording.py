@@ -94,6 +94,23 @@ class Recording:
             "gusts": lambda: np.array(blowing, dtype=np.float64).reshape(-1, 2),
             "wall_forces": lambda: self._motion["pressed"],
             "joint_limits": lambda: loop.actuators.joints,
+            **self._driven,
+        }
+
+    @property
+    def _driven(self) -> dict[str, Callable[[], Any]]:
+        """What computes the fields of motors and servos, which are empty of a robot without."""
+        vehicle = self.loop.vehicle
+        if not vehicle.is_driven:
+            names = ("command_names", "command_units", "actuator_names")
+            none = partial(np.zeros, (len(self._time), 0))
+            return {**dict.fromkeys(names, tuple), "commands": none, "actuators": none}
+        return {
+            "command_names": lambda: vehicle.commands,
+            "command_units": lambda: vehicle.description("COMMAND_UNITS"),
+            "actuator_names": lambda: vehicle.description("ACTUATOR_STATES"),
+            "commands": lambda: self._sent[1],
+            "actuators": lambda: self._parts.actuators,
         }
 
     @property
@@ -109,15 +126,22 @@ class Recording:
         return self.like._reference if self.like else self.loop.controller.reference(self._time)
 
     @cached_property
+    def _sent(self) -> tuple[Array, Array, Array]:
+        """Inputs (s, nu) that are commanded, what is aimed for, and inputs that act."""
+        return self.loop.commands(self._time, self._parts)
+
+    @property
     def _inputs(self) -> tuple[Array, Array]:
         """Inputs (s, nu) that are commanded, and those that act."""
-        return self.loop.inputs(self._time, self._parts)
+        commanded, _, acting = self._sent
+        return commanded, acting
 
     @cached_property
     def _motion(self) -> dict[str, Array]:
         """Accelerations, wrenches on frames and forces of walls, as `ClosedLoop.motion` has."""
-        loop, time, (q, v, *_) = self.loop, self._time, self._parts
-        return loop.motion(time, q, v, self._inputs[1], loop.loads(time))
+        _, aimed, acting = self._sent
+        loads = self.loop.loads(self._time)
+        return self.loop.motion(self._time, self._parts, aimed, acting, loads)
 
     @cached_property
     def _positions(self) -> Array:

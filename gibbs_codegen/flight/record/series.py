@@ -52,6 +52,9 @@ class Flight:
       after thrust limits and motor lag; `commanded_least`, `commanded_greatest`, `applied_least`
       and `applied_greatest` (s, nu): the least and the greatest of them since the sample before,
       at all steps of the integration
+    - `commands` (s, nu): what motors and servos are sent, by `command_names` and `command_units`,
+      and `actuators` (s, x): the state of these, by `actuator_names`; (s, 0) of robots without, and
+      in files of before flights had them
     - `constraint_torques` (s, c): that hold base arms 2 … N (eqs. 14–17) and constrained
       links, in the order of `constraint_names`
     - `base_arm_angles` (s, N − 1) and `base_arm_angles_desired` (N − 1): angles of base arms
@@ -137,6 +140,11 @@ class Flight:
     gusts: Array = field(default_factory=lambda: np.zeros((0, 2)), repr=False)
     wall_forces: Array = field(default_factory=lambda: np.zeros((0, 0)), repr=False)
     joint_limits: Array = field(default_factory=lambda: np.zeros((2, 0)), repr=False)
+    command_names: tuple[str, ...] = ()
+    command_units: tuple[str, ...] = ()
+    actuator_names: tuple[str, ...] = ()
+    commands: Array = field(default_factory=lambda: np.zeros((0, 0)), repr=False)
+    actuators: Array = field(default_factory=lambda: np.zeros((0, 0)), repr=False)
 
     @property
     def rotors(self) -> int:
@@ -250,6 +258,14 @@ class Flight:
         for suffix, field_name in _INPUTS.items():
             for name, unit, values in zip(names, units, getattr(self, field_name).T, strict=True):
                 yield f"{name}{suffix}", unit, values
+        sent = zip(self.command_names, self.command_units, self.commands.T, strict=True)
+        of_commands = dict(zip(self.command_names, self.command_units, strict=True))
+        for name, unit, values in sent:
+            yield f"{name}_sent", unit, values
+        for name, values in zip(self.actuator_names, self.actuators.T, strict=True):
+            # Levels have the unit of their commands, references that of their positions.
+            command = name.removesuffix("_reference") + "_position"
+            yield f"{name}_state", of_commands.get(name, of_commands.get(command, "1")), values
         for name, values in zip(self.constraint_names, self.constraint_torques.T, strict=True):
             yield name, "N m", values
         for k, values in enumerate(self.base_arm_angles.T, start=2):

@@ -160,7 +160,7 @@ def _single(
 
 def _thrusts(loops: ScenarioLoops, parts: Parts, time: Array) -> Array:
     """Thrusts (n, samples, rotors), N, of motors of which some lag, of parts (n, samples)."""
-    thrusts = parts.thrusts.copy()
+    thrusts = parts.actuators.copy()
     lag = np.broadcast_to(loops.loop().actuators.lag, thrusts[:, 0].shape)
     for i in np.flatnonzero((lag == 0.0).any(axis=1)).tolist():
         # A command acts at once where nothing lags, and then the state has no thrust.

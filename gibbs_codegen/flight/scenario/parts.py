@@ -56,6 +56,18 @@ FRAME = "a name in the module's FRAMES"
 
 
 @table
+class JointControl(Table):
+    """How the error of one joint is to decay."""
+
+    frequency: _Frequency | None = entry(
+        "natural frequency of its error dynamics, rad/s; default: that of control", None
+    )
+    damping_ratio: _Rate | None = entry(
+        "damping ratio of its error dynamics; default: that of control", None
+    )
+
+
+@table
 class Control(Table):
     """The control law, and for laws that correct errors how the errors are to decay.
 
@@ -81,6 +93,9 @@ class Control(Table):
     )
     delay: _Delay = entry(
         "how much later than the law is evaluated its inputs act, s; needs a rate", 0.0
+    )
+    joints: Mapping[JointName, JointControl] = entry(
+        "gains of single joints by their names, where they differ from those of the base", dict
     )
 
     @classmethod

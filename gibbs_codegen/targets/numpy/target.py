@@ -132,6 +132,7 @@ _TABLES = {
     "SPINS": "float",
     "COMMAND_LIMITS": "tuple[float | None, float | None]",
     "ACTUATOR_TIMES": "tuple[float, float]",
+    "ROTOR_AIR": "tuple[str | float, ...]",
 }
 
 

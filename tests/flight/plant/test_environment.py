@@ -16,7 +16,7 @@ from support.emitted import emitted_module
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.flight.control.laws import Controller, Gains
 from gibbs_codegen.flight.desired.trajectory import desired_motion
-from gibbs_codegen.flight.integration.closed_loop import ClosedLoop
+from gibbs_codegen.flight.integration.closed_loop import ClosedLoop, Parts
 from gibbs_codegen.flight.integration.compiled_loop import CompiledLoop, is_compiled
 from gibbs_codegen.flight.integration.integrators import rk4_step
 from gibbs_codegen.flight.integration.state_history import NOTHING, Loads
@@ -111,7 +111,9 @@ def wrenches(
     gains = Gains.of(1.0, 1.0, vehicle.layout.v.size)
     law = Controller(vehicle, reference, allocation_of(vehicle), gains, "off")
     loop = ClosedLoop(vehicle, law, Actuators.unlimited(vehicle), environment)
-    return loop.motion(time, q, v, inputs, NOTHING)["wrenches"]
+    none = np.zeros((*q.shape[:-1], 0))
+    parts = Parts(q, v, none, none, none)
+    return loop.motion(time, parts, inputs, inputs, NOTHING)["wrenches"]
 
 
 def resting(vehicle: Vehicle) -> Reference:

@@ -1,0 +1,137 @@
+"""Flights of a robot with motors, servos and a battery, against the functions of its module."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.integrate import solve_ivp
+from support.actuated import TEXT
+
+from gibbs_codegen import Simulation, generate, load, simulate
+from gibbs_codegen.errors import UsageError
+from gibbs_codegen.flight.record.flight import read_flight
+from gibbs_codegen.flight.scenario.file import read_scenario
+from gibbs_codegen.flight.scenario.scenario import Scenario
+from gibbs_codegen.flight.simulation import flight_start
+
+Array = NDArray[np.float64]
+# Where dry friction is smooth about rest, the wrist is stiff.
+RK4 = {"method": "rk4", "step": 2e-4}
+FRONT_LEFT = {"hub_drag": 1e-4, "inflow": 2e-4, "radius": 0.12}
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder of the robot's module."""
+    base = tmp_path_factory.mktemp("actuated")
+    (base / "actuated.toml").write_text(TEXT, encoding="utf-8")
+    return generate(base / "actuated.toml", base / "generated", verify=False)
+
+
+@pytest.fixture(scope="module")
+def module(folder: Path) -> ModuleType:
+    return load(folder, "c")
+
+
+def hover(**changes: Any) -> Scenario:
+    near = {"base": {"path": {"kind": "fixed", "position": [0, 0, 0.1]}}, "duration": 0.25}
+    return read_scenario("hover", near | changes)
+
+
+def air(module: ModuleType, q: Array, v: Array, speed: float, thrust: float) -> Array:
+    """Wrenches (f, 6) on the frames, by formulas of their own, of the rotor in the air."""
+    hub = module.FRAMES.index("hub_front_left")
+    pose, moved = module.frame_poses(q)[hub], module.frame_velocities(q, v)[hub, :3]
+    up = pose[:3, 2]
+    along = (moved @ up) * up
+    force = -speed * FRONT_LEFT["hub_drag"] * (moved - along) - speed * FRONT_LEFT["inflow"] * along
+    height = max(pose[2, 3], FRONT_LEFT["radius"] / 2)
+    gain = 1.0 / (1.0 - (FRONT_LEFT["radius"] / (4.0 * height)) ** 2) - 1.0
+    wrenches = np.zeros((len(module.FRAMES), 6))
+    wrenches[hub, :3] = force + gain * thrust * up
+    return wrenches
+
+
+def flown(module: ModuleType, q: Array, v: Array, command: Array, time: float) -> Array:
+    """The state after a time with commands that stay, by SciPy."""
+    n, m = len(q), len(v)
+
+    def rate(_: float, y: Array) -> Array:
+        q, v, x = y[:n].copy(), y[n : n + m], y[n + m :]
+        q[3:7] /= np.linalg.norm(q[3:7])
+        u = module.inputs_of(q, v, x, command)
+        wrenches = air(module, q, v, module.rotor_speeds(x, command)[0], u[0])
+        a = module.forward_dynamics_with_wrenches(q, v, u, wrenches)
+        rates = module.coordinate_rates(q, v), a, module.actuator_rates(x, command)
+        return np.concatenate(rates)
+
+    start = np.concatenate([q, v, module.actuator_state_of(command)])
+    found = solve_ivp(rate, (0.0, time), start, method="DOP853", rtol=1e-11, atol=1e-12)
+    end: Array = found.y[: n + m, -1]
+    end[3:7] /= np.linalg.norm(end[3:7])
+    return end
+
+
+def test_commands_of_ones_own_fly_what_the_functions_of_the_module_say(
+    module: ModuleType,
+) -> None:
+    """Throttle, speeds and thrust with lag, servos with play and friction, near the ground."""
+    simulation = Simulation(module, hover())
+    command = np.array([0.62, 600.0, 640.0, 4.0, 0.2, -0.01, 0.02])
+    seen = simulation.reset()
+    # Up to where the servo's torque, rate and play have all bound it.
+    simulation.step(command, 0.2)
+    expected = flown(module, seen.q, seen.v, command, 0.2)
+    assert simulation.stopped == ""
+    found = np.concatenate([simulation.q, simulation.v])
+    np.testing.assert_allclose(found, expected, rtol=0.0, atol=2e-6)
+
+
+def test_a_law_flies_by_commands_and_the_flight_has_them(
+    module: ModuleType, folder: Path, tmp_path: Path
+) -> None:
+    flight = simulate(module, hover(duration=1.5))
+    assert flight.stopped == ""
+    assert np.abs(flight.energy_error).max() < 1e-9
+    # The law knows nothing of the ground's effect, nor of friction, which holds the wrist.
+    assert np.abs(flight.errors[-1]).max() < 2e-2
+    q, v, x, sent = flight.q[-1], flight.v[-1], flight.actuators[-1], flight.commands[-1]
+    np.testing.assert_allclose(module.inputs_of(q, v, x, sent), flight.applied[-1], atol=1e-12)
+    assert flight.command_names == module.COMMANDS
+    assert 0.99 < x[module.ACTUATOR_STATES.index("charge")] < 1.0
+    names = [name for name, _, _ in flight.columns()]
+    assert {"throttle_front_left_sent", "upper_reference_state"} <= {*names}
+    flight.write_npz(tmp_path / "flight.npz")
+    np.testing.assert_array_equal(read_flight(tmp_path / "flight.npz").commands, flight.commands)
+    # The array program in NumPy is the oracle of the one in C.
+    short = hover(duration=0.05, start={"offset": [0.02, 0.0, 0.01]})
+    found, expected = (simulate(load(folder, x), short) for x in ("c", "numpy"))
+    np.testing.assert_allclose(found.actuators, expected.actuators, atol=1e-8)
+    np.testing.assert_allclose(found.q, expected.q, rtol=0.0, atol=1e-9)
+
+
+def test_a_sampled_law_sends_the_commands_of_its_samples(module: ModuleType) -> None:
+    flight = simulate(module, hover(control={"rate": 200}, duration=1.0, integration=RK4))
+    assert flight.stopped == ""
+    assert np.abs(flight.errors[-1]).max() < 5e-3
+    period = flight.commands[(flight.time >= 0.5) & (flight.time < 0.505 - 1e-9)]
+    np.testing.assert_array_equal(period, np.broadcast_to(period[0], period.shape))
+
+
+def test_joints_have_gains_of_their_own_but_where_servos_hold_them(module: ModuleType) -> None:
+    own = hover(control={"joints": {"wrist": {"frequency": 20.0, "damping_ratio": 0.5}}})
+    gains = flight_start(module, own, lambda *_: None, own=False).loop.controller.gains
+    places = [module.VELOCITIES.index(name) for name in ("upper", "slider", "wrist")]
+    np.testing.assert_array_equal(gains.stiffness[places], [0.0, 0.0, 400.0])
+    np.testing.assert_array_equal(gains.damping[places], [0.0, 0.0, 20.0])
+    with pytest.raises(UsageError, match=r"control\.joints\.upper: a servo holds the joint"):
+        simulate(module, hover(control={"joints": {"upper": {"frequency": 20.0}}}))
+    with pytest.raises(UsageError, match="elbow: actuated has no joint elbow"):
+        simulate(module, hover(control={"joints": {"elbow": {"frequency": 20.0}}}))
+    with pytest.raises(UsageError, match=r"motors\.time_constant: the file of actuated says"):
+        simulate(module, hover(motors={"time_constant": 0.05}))
