@@ -123,10 +123,7 @@ def _with_arm(
         )
         if parent != BASE:
             return own
-        plain = Link(own.body)
-        place = seated(joint_placement(arm, i), BASE).pose
-        dh = {key: getattr(plain, key) for key in ("alpha_deg", "a", "d", "theta_deg")}
-        return replace(own, pose=place, **dh)
+        return replace(own, pose=seated(joint_placement(arm, i), BASE).pose)
 
     frames = [*drone.frames, Frame(prefix + root, carrier, seated(HERE, BASE).pose)]
     for f in frames_of(arm)[1:]:

@@ -107,6 +107,62 @@ def test_robot_files_keep_what_they_have(folder: Path) -> None:
     assert robot.total_mass == pytest.approx(drone.total_mass + 1.2)
 
 
+CRANE = """
+name = "crane"
+[base]
+attitude = "quaternion"
+mass = 1
+com = [0.01, 0, 0.02]
+inertia = [0.01, 0.02, 0.02, 0, 0, 0]
+[[rotor]]
+name = "side"
+position = [0.1, 0.2, 0.3]
+direction = [0.3, 0, 1]
+drag = 0.01
+[[link]]
+alpha_deg = 70
+theta_deg = 20
+a = 0.1
+d = 0.05
+length = 0.3
+mass_per_length = 1
+[[link]]
+length = 0.2
+mass_per_length = 1
+[[rotor]]
+name = "end"
+on = "link2"
+position = [0.1, 0.02, 0]
+direction = "y"
+"""
+
+
+def test_rods_keep_their_lengths_and_rotors_their_thrusts(folder: Path) -> None:
+    """A crane by Denavit and Hartenberg on the middle of another: each is where it is by itself."""
+    (folder / "crane.toml").write_text(CRANE)
+    place = ["--on", "link1", "--xyz", "0.1", "0.02", "0.03", "--rpy_deg", "10", "20", "30"]
+    command = ["import", "crane.toml", "--attach", "crane.toml", *place, "--prefix", "l_"]
+    assert main(command) == 0
+    one, two = (emitted_module(read_robot(f"{n}.toml")[0]) for n in ("crane", "crane_crane"))
+    q = np.random.default_rng(2).normal(size=11)
+    q[3:7] /= np.linalg.norm(q[3:7])
+    poses = dict(zip(two.FRAMES, two.frame_poses(q), strict=True))
+    foot = poses["l_crane"]
+    below = pin.SE3(foot[:3, :3], foot[:3, 3])
+    arm = np.concatenate([pin.SE3ToXYZQUAT(below), q[9:]])
+    above = pin.XYZQUATToSE3(q[:7]).rotation
+    for own, prefix, turn in ((q[:9], "", above), (arm, "l_", foot[:3, :3])):
+        tip = one.frame_poses(own)[one.FRAMES.index("tip")]
+        np.testing.assert_allclose(poses[f"{prefix}tip"], tip, atol=1e-14)
+        for rotor in ("side", "end"):
+            here, there = one.POINTS.index(rotor), two.POINTS.index(prefix + rotor)
+            found = two.positions(q)[there]
+            np.testing.assert_allclose(found, one.positions(own)[here], atol=1e-14)
+            thrust = two.input_matrix(q)[:3, two.INPUTS.index(f"F_{prefix}{rotor}")]
+            alone = one.input_matrix(own)[:3, one.INPUTS.index(f"F_{rotor}")]
+            np.testing.assert_allclose(above @ thrust, turn @ alone, atol=1e-14)
+
+
 def test_actuators_and_the_battery_stay(folder: Path) -> None:
     (folder / "actuated.toml").write_text(ACTUATED)
     assert (

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
 from gibbs_codegen.errors import RobotFileError, UsageError
+from gibbs_codegen.exchange.importing import ImportOptions, import_robot
 from gibbs_codegen.robot.file import parse_robot
 from gibbs_codegen.robot.model import Rotor
 from gibbs_codegen.robot.text import placed_robot_text
@@ -58,6 +60,18 @@ def test_common_angles_leave_no_rounding() -> None:
 def test_one_form_of_a_placement_is_given_whole(keys: str, words: str) -> None:
     with pytest.raises(RobotFileError, match=words):
         rotor(keys)
+
+
+def test_files_of_rotors_for_imports_have_them_too(tmp_path: Path) -> None:
+    (tmp_path / "rotors.toml").write_text(
+        "[[rotor]]\nradius = 0.3\nazimuth_deg = 90\ncant_deg = 90"
+    )
+    inertia = '<inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/>'
+    body = f'<link name="body"><inertial><mass value="1"/>{inertia}</inertial></link>'
+    (tmp_path / "uav.urdf").write_text(f'<robot name="uav">{body}</robot>')
+    options = ImportOptions("quaternion", tmp_path / "rotors.toml")
+    (found,) = import_robot(tmp_path / "uav.urdf", options)[0].thrusters
+    assert (found.position, found.direction) == ((0.0, 0.3, 0.0), (1.0, 0.0, 0.0))
 
 
 def test_the_file_to_start_from_has_rotors_in_a_circle() -> None:
