@@ -51,6 +51,13 @@ def _within(tape: Scalars, x: sp.Expr, least: sp.Expr, most: sp.Expr) -> sp.Expr
     return _chosen(tape, _above(tape, most - low), low, most)
 
 
+def _root(tape: Scalars, radicand: sp.Expr) -> tuple[sp.Expr, sp.Expr]:
+    """1 where a radicand is above 0, else 0; its root, or 0 with derivatives of 0."""
+    let, above = tape.let, _above(tape, radicand)
+    size = let(let(sp.sign(radicand)) * radicand)  # Not 0, at which no root has a derivative.
+    return above, let(above * let(sp.sqrt(size)))
+
+
 @dataclass(frozen=True)
 class Actuators:
     """The actuators of a robot on its tape."""
@@ -169,10 +176,11 @@ class Actuators:
         if square == 0:
             return let(rest * let(1 / slope))
         radicand = let(let(slope * slope) + let(4 * let(square * rest)))
-        above = _above(self._tape, radicand)
-        root = let(sp.sqrt(let(above * radicand)))
+        above, root = _root(self._tape, radicand)
         if drive.curve[1] > 0.0:  # Of two forms of the root that which does not cancel.
-            return let(let(2 * rest) * let(1 / let(slope + root)))
+            over = _chosen(self._tape, above, let(2 * rest), let(-slope))
+            under = _chosen(self._tape, above, let(slope + root), let(2 * square))
+            return let(over * let(1 / under))
         return let(let(root - slope) * let(1 / let(2 * square)))
 
     def _position(self, i: int, torque: sp.Expr, rate: sp.Expr) -> sp.Expr:
@@ -242,7 +250,7 @@ class Actuators:
                 return open_circuit, let(power * let(1 / open_circuit))
             taken = let(let(4 * parameters.battery["resistance"]) * power)
             radicand = let(let(open_circuit * open_circuit) - taken)
-            root = let(sp.sqrt(let(_above(self._tape, radicand) * radicand)))
+            _, root = _root(self._tape, radicand)
             voltage = let(_HALF * let(open_circuit + root))
             return voltage, let(power * let(1 / voltage))
 

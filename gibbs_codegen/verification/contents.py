@@ -102,9 +102,13 @@ def has_effect(robot: Robot, name: str, functions: Collection[str] | None = None
         for each in (robot, with_values(robot, {name: 2.0 * value or 1.0}))
     )
     seen = [what for what in there if functions is None or what.partition(".")[0] in functions]
-    changes = ((np.abs(there[what][0] - here[what][0]), there[what][1]) for what in seen)
-    # What is no number any more has changed too.
-    return not all((change <= _CONSTANTS_LIMIT * size).all() for change, size in changes)
+    # What is no number any more has changed too. Accelerations have the size of their forces.
+    return not all(
+        np.all(
+            np.abs(there[what][0] - here[what][0]) <= _CONSTANTS_LIMIT * np.abs(there[what]).sum(0)
+        )
+        for what in seen
+    )
 
 
 def _verdict(what: str, against: str, fault: str) -> Comparison:

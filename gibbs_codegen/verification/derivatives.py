@@ -130,18 +130,27 @@ class _Point:
         self.tree = tree = Tree(robot)
         self.sizes = Sizes(tree, states)
         scales = tree.scales[tree.free]
-        levers = np.where(tree.turns[tree.arm], tree.reach, 1.0)
         force = tree.mass * tree.reach * tree.tempo**2
-        inputs = force * np.concatenate([np.ones(len(tree.motors)), levers])
         rates = scales * tree.tempo
         wrenches = np.tile(force * np.repeat([1.0, tree.reach], 3), states.W.shape[1])
-        self.units = {"q": scales, "v": rates, "a": rates * tree.tempo, "u": inputs}
+        self.units = {"q": scales, "v": rates, "a": rates * tree.tempo, "u": tree.efforts}
         self.units |= {"q0": scales, "q1": scales, "W": wrenches}
+        if tree.actuators is not None:
+            levels, commands = tree.actuators.units(tree.efforts, tree.scales[tree.arm])
+            self.units |= {"x": levels, "command": commands}
+
+    @cached_property
+    def actuators(self) -> Values:
+        """Sizes (s, rows) of what the functions of the actuators return, by their names."""
+        found = formulated(NewtonEuler(self.tree)).at(self.states).actuators or {}
+        return {name: measured.size for name, measured in found.items()}
 
     def function(self, name: str) -> _Function:
         """A function that others are derivatives of."""
         if name in _ARRAYS:
             return _Array(self, name)
+        if name in self.actuators:
+            return _OfActuators(self, name)
         return _Motion(self, name) if name in _MOTIONS else _Forces(self, name)
 
 
@@ -202,6 +211,24 @@ class _Array(_Function):
             size = np.maximum(size, 1.0)
         axes = (1,) * (self.value.ndim - 1)
         self.values = [(self.value, size.reshape(-1, *axes) * self.rows)]
+
+
+class _OfActuators(_Function):
+    """A function of the actuators, whose derivatives are measured by the terms of each result."""
+
+    def __init__(self, point: _Point, name: str) -> None:
+        super().__init__(point, name)
+        self.effort = point.actuators[name]
+        self.values = [(self.value, self.effort)]
+
+    @property
+    def size(self) -> Array:
+        """Sizes of the entries of the Jacobian."""
+        return self.size_by(self.units)
+
+    def size_by(self, units: Array) -> Array:
+        """Sizes (s, rows, columns) of derivatives by what has such units."""
+        return self.effort[:, :, None] / units
 
 
 # Weights of an array's entries, and their units, from the scales of coordinates and of inputs.
@@ -441,23 +468,27 @@ def _hessian_rows(function: _Forces, values: Values) -> Iterator[Row]:
         yield Row(what, ours, theirs[:, *block], size[:, *block])
 
 
-def _parameter_rows(function: _Forces, values: Values) -> Iterator[Row]:
+def _parameter_rows(function: _Forces | _OfActuators, values: Values) -> Iterator[Row]:
     """Derivatives by the parameters, of the results or of their weighed sum."""
-    point, units = function.point, {}
+    point, units, kinks = function.point, {}, set()
     reach, mass, period = point.tree.reach, point.robot.total_mass, 1.0 / point.tree.tempo
 
     def note(name: str, value: float, dimension: Dimension) -> float:
         units[name] = abs(value) or dimension.unit(reach, mass, period)
+        if dimension.no_zero and value == 0.0:  # There it has no derivative.
+            kinks.add(name)
         return value
 
     mapped(point.robot, note)
+    names = [*point.call.module.PARAMETERS]
     theirs = point.steps.by_parameters(function, function.at)
-    size = function.size_by(np.array([units[name] for name in point.call.module.PARAMETERS]))
+    size = function.size_by(np.array([units[name] for name in names]))
+    known = [name not in kinks for name in names]
     for what, ours in values.items():
-        if ours.ndim < theirs.ndim:
+        if isinstance(function, _Forces) and ours.ndim < theirs.ndim:
             theirs = np.einsum("sij,si->sj", theirs, function.w)
             size = np.einsum("sij,si->sj", size, function.weights)
-        yield Row(what, ours, theirs, size)
+        yield Row(what, ours[..., known], theirs[..., known], size[..., known])
 
 
 def _coriolis_rows(point: _Point, values: Values) -> Iterator[Row]:

@@ -54,7 +54,10 @@ class Expected:
             *mass_rows(tree, found, states, self.sizes),
             *displacement_rows(tree, states),
         ]
-        self.rows = {what: (theirs, size) for what, theirs, size in rows}
+        self.rows: dict[str, tuple[Array, Array]] = {
+            what: (theirs, size) for what, theirs, size in rows
+        }
+        self.rows |= found.actuators or {}
 
     def compare_functions(
         self, evaluation: Evaluation, states: States, against: str, singly: bool = False

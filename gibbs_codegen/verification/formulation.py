@@ -10,11 +10,12 @@ alone, since the axes turn with the base.
 from __future__ import annotations
 
 import copy
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import NamedTuple, Protocol
 
 import numpy as np
 
+from gibbs_codegen.verification.actuators import Measured
 from gibbs_codegen.verification.states import States
 from gibbs_codegen.verification.tree import Tree
 from gibbs_codegen.verification.vectors import Array, times
@@ -43,6 +44,8 @@ class Quantities(NamedTuple):
     - `joint_wrenches` (s, bodies, 6), in the order of a module's BODIES: what carries a body does
       to it, force and moment at the origin and in the axes of its frame, in N and N m; only by
       Newton and Euler.
+    - `actuators`: what their functions return, by names; None where u is commanded, and only by
+      Newton and Euler.
     """
 
     mass_matrix: Array
@@ -59,6 +62,7 @@ class Quantities(NamedTuple):
     momentum: Array | None = None
     gravity_forces: Array | None = None
     joint_wrenches: Array | None = None
+    actuators: Mapping[str, Measured] | None = None
 
     def with_passive(self, tree: Tree, states: States) -> Quantities:
         """The same with armature, dampers and springs, which formulations leave out."""

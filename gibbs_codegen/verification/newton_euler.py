@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from gibbs_codegen.verification.actuators import Measured, Motions
 from gibbs_codegen.verification.formulation import Quantities
 from gibbs_codegen.verification.states import States
 from gibbs_codegen.verification.tree import (
@@ -75,6 +76,15 @@ def _in_world(body: Joint | Part, rotation: Array) -> Array:
     return rotation @ body.inertia @ np.swapaxes(rotation, -1, -2)
 
 
+def _of_actuators(tree: Tree, states: States) -> dict[str, Measured] | None:
+    """What the functions of the actuators return, None where u is commanded."""
+    if tree.actuators is None:
+        return None
+    joints = tree.layout.v.joints  # Of the placed tree q has the places of v.
+    angles, rates = states.q[:, joints], states.v[:, joints]
+    return tree.actuators.at(Motions(angles, rates, states.u, states.x, states.command))
+
+
 def wrench_sizes(tree: Tree, acceleration: Array, spin: Array, u: Array) -> Array:
     """Natural sizes (s, bodies, 6), N and N m, of the wrenches through the joints.
 
@@ -136,6 +146,7 @@ class NewtonEuler:
             bias_accelerations=np.stack(bias, axis=1),
             gravity_forces=-self._efforts(still, frames, tree.gravity),
             joint_wrenches=joint_wrenches(tree, moved, frames, states.u),
+            actuators=_of_actuators(tree, states),
             **self._masses(steady, frames),
         )
 

@@ -24,11 +24,27 @@ from gibbs_codegen.verification.tree import Tree
 
 
 class Dimension(NamedTuple):
-    """The powers of length, mass and time in a unit."""
+    """The powers of length, mass and time in a unit; volts count as numbers.
 
-    length: int = 0
-    mass: int = 0
-    time: int = 0
+    What keeps its sign has that of the robot's number in others as well. What is no zero is not put
+    to zero: others are divided by it, or have no derivative there.
+    """
+
+    length: float = 0
+    mass: float = 0
+    time: float = 0
+    keeps_sign: bool = False
+    no_zero: bool = False
+
+    @property
+    def kept(self) -> Dimension:
+        """The same of what keeps its sign."""
+        return self._replace(keeps_sign=True)
+
+    @property
+    def sized(self) -> Dimension:
+        """The same of what keeps its sign and is no zero."""
+        return self._replace(keeps_sign=True, no_zero=True)
 
     def unit(self, length: float, mass: float, time: float) -> float:
         """The unit, in SI, that goes with units of length, mass and time in m, kg and s."""
@@ -38,8 +54,20 @@ class Dimension(NamedTuple):
 LENGTH, MASS, INERTIA = Dimension(1), Dimension(mass=1), Dimension(2, 1)
 ACCELERATION, DENSITY = Dimension(1, time=-2), Dimension(-1, 1)
 # Damping, armature, stiffness and rest of joints that turn; of those that slide with the next.
-_PASSIVE = (Dimension(2, 1, -1), Dimension(2, 1), Dimension(2, 1, -2), Dimension())
-_SLIDING = (Dimension(0, 1, -1), Dimension(0, 1), Dimension(0, 1, -2), Dimension(1))
+_PASSIVE = (Dimension(2, 1, -1), Dimension(2, 1).kept, Dimension(2, 1, -2), Dimension())
+_SLIDING = (Dimension(0, 1, -1), Dimension(0, 1).kept, Dimension(0, 1, -2), Dimension(1))
+NUMBER, TIME, PER_TIME = Dimension(), Dimension(time=1), Dimension(time=-1)
+FORCE, POWER = Dimension(1, 1, -2), Dimension(2, 1, -3)
+# Of thrusts by speed, by powers of the speed.
+_BY_SPEED = (FORCE, Dimension(1, 1, -1), Dimension(1, 1))
+_BY_ROOT_OF_THRUST = Dimension(-0.5, -0.5).sized
+_BATTERY = {
+    "nominal": NUMBER.sized,
+    "resistance": Dimension(-2, -1, 3).kept,
+    "capacity": Dimension(2, 1, -2).sized,
+    "efficiency": NUMBER.sized,
+    "auxiliary": POWER.kept,
+}
 # What becomes of a number of a robot, by its name, its value and its dimension; and of a body.
 Change = Callable[[str, float, Dimension], float]
 BodyChange = Callable[[model.Body], model.Body]
@@ -63,6 +91,8 @@ class _Mapping:
     def __call__(self, robot: model.Robot) -> model.Robot:
         """The robot with the changed numbers."""
         base, change = robot.base, self.change
+        # Batteries give power either way.
+        of_drag = LENGTH._replace(no_zero=robot.battery is not None)
         drags = enumerate(base.drag, start=1)
         arms = [f"base_arm{'' if base.shares_one_arm else k}" for k in range(1, len(base.arms) + 1)]
         return replace(
@@ -70,7 +100,7 @@ class _Mapping:
             gravity=change("gravity", robot.gravity, ACCELERATION),
             base=replace(
                 base,
-                drag=tuple(change(f"base_drag_{k}", drag, LENGTH) for k, drag in drags),
+                drag=tuple(change(f"base_drag_{k}", drag, of_drag) for k, drag in drags),
                 arms=tuple(map(self._body, arms, base.arms)),
                 body=model.as_rigid_body(self._body("base", base.body)) if base.body else None,
             ),
@@ -79,18 +109,14 @@ class _Mapping:
                 for i, link in enumerate(robot.links, start=1)
             ),
             thrusters=tuple(
-                replace(
-                    rotor,
-                    position=self._vector(prefix, rotor.position),
-                    drag=change(f"{prefix}_drag", rotor.drag, LENGTH),
-                )
+                self._rotor(rotor_prefix(robot, k), rotor, of_drag, robot.has_actuators)
                 for k, rotor in enumerate(robot.thrusters, start=1)
-                for prefix in [rotor_prefix(robot, k)]
             ),
             frames=tuple(
                 replace(frame, pose=self._pose(frame_prefix(frame.name), frame.pose))
                 for frame in robot.frames
             ),
+            battery=self._battery(robot.battery) if robot.battery else None,
         )
 
     def _vector(self, prefix: str, vector: model.Vector3) -> model.Vector3:
@@ -100,6 +126,86 @@ class _Mapping:
 
     def _pose(self, prefix: str, pose: model.Pose) -> model.Pose:
         return replace(pose, xyz=self._vector(prefix, pose.xyz))
+
+    def _rotor(
+        self, prefix: str, rotor: model.Rotor, of_drag: Dimension, has_drive: bool
+    ) -> model.Rotor:
+        """A placed rotor; only robots that have actuators have the numbers of its drive."""
+        position = self._vector(prefix, rotor.position)
+        drag = self.change(f"{prefix}_drag", rotor.drag, of_drag)
+        rotor = replace(rotor, position=position, drag=drag)
+        if not has_drive:
+            return rotor
+        drive = self._drive(prefix, model.drive_of(rotor))
+        if drive.command == "thrust":
+            name, known = f"{prefix}_speed_per_sqrt_thrust", rotor.speed_per_sqrt_thrust
+            other = self.change(name, known or 0.0, _BY_ROOT_OF_THRUST)
+            rotor = replace(rotor, speed_per_sqrt_thrust=other or known)
+        if rotor.drive is not None:
+            return replace(rotor, drive=drive)
+        return replace(rotor, time_constant=drive.up) if drive.lags else rotor
+
+    def _drive(self, prefix: str, drive: model.Drive) -> model.Drive:
+        change = self.change
+        if drive.command != "thrust":
+            first, second, third = _BY_SPEED if drive.command == "speed" else (FORCE,) * 3
+            constant, slope, square = drive.curve
+            # Commands are found of thrusts on the rising side, and divided by one of the two.
+            second = second.sized if square == 0.0 else second.kept
+            third = third.sized if slope <= 0.0 else third.kept
+            curve = (
+                change(f"{prefix}_thrust_0", constant, first),
+                change(f"{prefix}_thrust_1", slope, second),
+                change(f"{prefix}_thrust_2", square, third),
+            )
+            drive = replace(drive, curve=curve)
+        if drive.full_speed is not None:
+            speed = change(f"{prefix}_full_speed", drive.full_speed, PER_TIME.sized)
+            drive = replace(drive, full_speed=speed)
+        if not drive.lags:
+            return drive
+        if drive.up == drive.down:
+            time = change(f"{prefix}_time_constant", drive.up, TIME.sized)
+            return replace(drive, up=time, down=time)
+        up, down = (
+            change(f"{prefix}_time_{end}", getattr(drive, end), TIME.sized)
+            for end in ("up", "down")
+        )
+        return replace(drive, up=up, down=down)
+
+    def _battery(self, battery: model.Battery) -> model.Battery:
+        voltages = tuple(
+            self.change(f"battery_voltage_{n}", voltage, NUMBER.sized)
+            for n, voltage in enumerate(battery.voltages, start=1)
+        )
+        own = ((name, getattr(battery, name), dimension) for name, dimension in _BATTERY.items())
+        others = {name: self.change(f"battery_{name}", x, dimension) for name, x, dimension in own}
+        return replace(battery, voltages=voltages, **others)
+
+    def _servo(self, prefix: str, servo: model.Servo, length: Dimension) -> model.Servo:
+        """A servo of a joint whose coordinate has such a dimension."""
+        effort = Dimension(2.0 - length.length, 1, -2)
+        dimensions = {
+            "stiffness": effort._replace(length=effort.length - length.length).sized,
+            "damping": effort._replace(length=effort.length - length.length, time=-1),
+            "torque": effort.sized,
+            "rate": length._replace(time=-1).sized,
+            "delay": TIME.sized,
+            "backlash": length.sized,
+        }
+        # Where there is no limit there is no number, and nothing to follow without a delay.
+        own = {name: getattr(servo, name) for name in dimensions}
+        own = {n: x for n, x in own.items() if x is not None and not (n == "delay" and x == 0.0)}
+        others = {n: self.change(f"{prefix}_servo_{n}", x, dimensions[n]) for n, x in own.items()}
+        return replace(servo, **others)
+
+    def _friction(self, prefix: str, dry: model.Friction, length: Dimension) -> model.Friction:
+        """Dry friction of a joint whose coordinate has such a dimension."""
+        effort, rate = Dimension(2.0 - length.length, 1, -2), length._replace(time=-1)
+        pairs = ("coulomb", effort), ("static", effort), ("velocity", rate.sized)
+        return model.Friction(
+            *(self.change(f"{prefix}_friction_{n}", getattr(dry, n), x) for n, x in pairs)
+        )
 
     def _link(self, prefix: str, link: model.Link) -> model.Link:
         link = replace(link, body=self._body(prefix, link.body))
@@ -113,7 +219,14 @@ class _Mapping:
         dimensions = _PASSIVE if link.joint == "revolute" else _SLIDING
         own = zip(asdict(link.passive).items(), dimensions, strict=True)
         passive = [self.change(f"{prefix}_{name}", x, dimension) for (name, x), dimension in own]
-        return replace(link, passive=model.Passive(*passive))
+        servo, friction = link.servo, link.friction
+        length = NUMBER if link.joint == "revolute" else LENGTH
+        return replace(
+            link,
+            passive=model.Passive(*passive),
+            servo=self._servo(prefix, servo, length) if servo else None,
+            friction=self._friction(prefix, friction, length) if friction else None,
+        )
 
     def _body(self, prefix: str, body: model.Body) -> model.Body:
         if self.of_body is not None:
@@ -185,7 +298,8 @@ class InOwnUnits:
         efforts = energy / units[self.tree.arm]
         thrusts = np.full(len(self.tree.motors), energy / self._length)
         u = states.u / np.concatenate([thrusts, efforts])
-        found = self._inner.at(States(q, v, a, u, states.W / wrench))
+        # Libraries know nothing of actuators.
+        found = self._inner.at(States(q, v, a, u, states.W / wrench))._replace(actuators=None)
         pose = np.ones((4, 4))
         pose[:3, 3] = self._length
         scales = {
@@ -234,9 +348,8 @@ def variation(robot: model.Robot, names: Collection[str], seed: int, number: int
     draw, tree = _Draw(seed, number), Tree(robot)
     reach, mass, period = tree.reach, robot.total_mass, 1.0 / tree.tempo
 
-    def other(name: str, value: float, dimension: Dimension) -> float:
-        # Masses that turn with a joint alone are positive as well.
-        drawn = draw.sized if name.endswith("_armature") else draw.signed
+    def other(_: str, value: float, dimension: Dimension) -> float:
+        drawn = draw.sized if dimension.keeps_sign else draw.signed
         return drawn(value, dimension.unit(reach, mass, period))
 
     def of_body(body: model.Body) -> model.Body:
@@ -269,7 +382,7 @@ def variations(
     """
     yield from (variation(robot, names, seed, number) for number in range(count))
     # Masses are zero by themselves, since others are their factors.
-    ordered = sorted(names)
+    ordered = sorted(set(names) - _no_zeros(robot))
     masses = [name for name in ordered if name.endswith(("_mass", "_mass_per_length"))]
     others = [name for name in ordered if name not in masses]
     groups = [*(others[i::count] for i in range(count)), masses[::2], masses[1::2]]
@@ -290,6 +403,19 @@ def variations(
         if zero and kept_back:
             groups.append(kept_back)
         yield _with_zeros(varied, zero)
+
+
+def _no_zeros(robot: model.Robot) -> set[str]:
+    """Names of the numbers that are no zeros."""
+    found = set()
+
+    def note(name: str, value: float, dimension: Dimension) -> float:
+        if dimension.no_zero:
+            found.add(name)
+        return value
+
+    mapped(robot, note)
+    return found
 
 
 def _with_zeros(robot: model.Robot, names: Sequence[str]) -> model.Robot:

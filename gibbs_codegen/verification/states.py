@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -31,7 +31,9 @@ class States:
     Angles are all around, but for the middle one of the attitude; lengths are of the order of the
     robot's reach, rates of its `tempo`, inputs of its weight, so that no error hides beside another
     number. `q` is (s, nq), `v` and its rates `a` (s, nv), `u` (s, nu), and `W`, wrenches on the
-    frames, (s, frames, 6). Other arguments of functions follow from these, state by state.
+    frames, (s, frames, 6). The state `x` (s, nx) of the actuators and the `command` (s, nu) are on
+    either side of every limit; neither has entries where u is commanded. Other arguments of
+    functions follow from these, state by state.
     """
 
     q: Array
@@ -39,6 +41,8 @@ class States:
     a: Array
     u: Array
     W: Array
+    x: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    command: Array = field(default_factory=lambda: np.zeros((0, 0)))
 
     @property
     def q0(self) -> Array:
@@ -116,7 +120,7 @@ class States:
         accelerations = self.a.copy()
         accelerations[:, v.position] += cross(self.v[:, v.attitude], self.v[:, v.position])
         accelerations[:, v.attitude] -= np.stack([y * z, -x * z, x * y], axis=-1)
-        return there, States(joints, self.v, accelerations, self.u, self.W)
+        return there, replace(self, q=joints, a=accelerations)
 
     @classmethod
     def random(cls, tree: Tree, count: int, seed: int | Sequence[int]) -> States:
@@ -125,13 +129,12 @@ class States:
         scales = tree.scales[tree.free]
         q = _random_angles(tree, count, rng)
         v, a = rng.normal(size=(2, count, len(scales))) * scales
-        force = tree.mass * tree.reach * tree.tempo**2
-        levers = np.where(tree.turns[tree.arm], tree.reach, 1.0)
-        u = rng.normal(size=(count, len(tree.motors) + len(tree.arm)))
-        u *= force * np.concatenate([np.ones(len(tree.motors)), levers])
+        force, v = tree.mass * tree.reach * tree.tempo**2, v * tree.tempo
+        u = rng.normal(size=(count, len(tree.efforts))) * tree.efforts
         wrenches = rng.normal(size=(count, len(tree.named), 6))
         wrenches *= force * np.repeat([1.0, tree.reach], 3)
-        return cls(tree.coordinates(q), v * tree.tempo, a * tree.tempo**2, u, wrenches)
+        driven = _driven(tree, q, v, rng)
+        return cls(tree.coordinates(q), v, a * tree.tempo**2, u, wrenches, *driven)
 
     @classmethod
     def extreme(cls, tree: Tree, count: int, seed: int | Sequence[int], far: float = FAR) -> States:
@@ -156,7 +159,8 @@ class States:
         near = 0.5 * np.pi + rng.choice([-1.0, 1.0], count) * np.resize(_NEAR, count)
         middle = tree.middle_angle
         q[:, middle] = np.where(kinds == 2, signs[:, 0] * near, q[:, middle])
-        return cls(tree.coordinates(q), usual.v, usual.a, usual.u, usual.W)
+        x, command = _driven(tree, q, usual.v, rng)
+        return replace(usual, q=tree.coordinates(q), x=x, command=command)
 
     def rounded(self) -> States:
         """The states in numbers that single precision has."""
@@ -175,6 +179,16 @@ def _factors(array: Array, seed: int) -> Array:
     rng = np.random.default_rng(seed)
     width = array.shape[-1]
     return rng.uniform(0.5, 1.5, width) * rng.choice([-1.0, 1.0], width)
+
+
+def _driven(tree: Tree, q: Array, v: Array, rng: np.random.Generator) -> tuple[Array, Array]:
+    """States x and commands of the actuators at angles as of `_random_angles`, and rates."""
+    if tree.actuators is None:
+        return np.zeros((len(q), 0)), np.zeros((len(q), 0))
+    joints = tree.layout.v.joints
+    return tree.actuators.random(
+        q[:, joints], v[:, joints], tree.efforts, tree.scales[tree.arm], rng
+    )
 
 
 def _random_angles(tree: Tree, count: int, rng: np.random.Generator) -> Array:

@@ -17,6 +17,7 @@ from scipy.spatial.transform import Rotation
 
 from gibbs_codegen.robot.layout import frames_of, layout_of
 from gibbs_codegen.robot.model import BASE, Body, Pose, Robot, Rod, Vector3
+from gibbs_codegen.verification.actuators import Actuators
 from gibbs_codegen.verification.vectors import Array, about, cross
 
 WORLD = -1
@@ -292,7 +293,7 @@ class Tree:
     - `points`, `named`: points in the order of a module's POINTS, and frames in that of FRAMES.
     - `seats`: where the motors sit, and then the named frames.
     - `tip`: number of the frame of that name, or None.
-    - `passive`: what acts on the joints by themselves.
+    - `passive`: what acts on the joints by themselves; `actuators`, or None where u is commanded.
     """
 
     def __init__(self, robot: Robot) -> None:
@@ -323,6 +324,14 @@ class Tree:
         names = [*built.frames]
         self.tip = names.index("tip") if "tip" in names else None
         self.passive = PassiveJoints.of(robot, self.size, self.arm)
+        self.actuators = Actuators(robot) if robot.has_actuators else None
+
+    @property
+    def efforts(self) -> Array:
+        """Inputs u of natural size, (nu,): of the robot's weight, N and N m."""
+        force = self.mass * self.reach * self.tempo**2
+        levers = np.where(self.turns[self.arm], self.reach, 1.0)
+        return force * np.concatenate([np.ones(len(self.motors)), levers])
 
     @property
     def middle_angle(self) -> int:

@@ -1,0 +1,180 @@
+"""The functions of actuators are verified, and faults in each of their parts are found."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+import pytest
+import sympy as sp
+from support.actuated import TEXT, actuated
+from support.derived import derived
+from support.emitted import NUMPY
+from support.planted_faults import planted
+from support.tools import tool
+
+from gibbs_codegen.derivation import actuators
+from gibbs_codegen.derivation.derive import derive
+from gibbs_codegen.interface.actuators import (
+    ACTUATOR_DERIVATIVES,
+    ACTUATOR_PARAMETERS,
+    ACTUATORS,
+)
+from gibbs_codegen.pipeline import generate_robot
+from gibbs_codegen.robot.model import Robot
+from gibbs_codegen.targets.registry import render_module
+from gibbs_codegen.verification.comparison import Evaluation, failure_text
+from gibbs_codegen.verification.equations import Expected
+from gibbs_codegen.verification.formulation import formulated
+from gibbs_codegen.verification.modules import module_of, verify
+from gibbs_codegen.verification.newton_euler import NewtonEuler
+from gibbs_codegen.verification.parameters import prepared, variation, with_values
+from gibbs_codegen.verification.states import States
+from gibbs_codegen.verification.tree import Tree
+from gibbs_codegen.verification.verify import compare_module
+
+# Of motors, servos and battery, with one function of all bodies.
+FEW = ("actuators", "residual")
+# With what derivatives are made of.
+MORE = ("dynamics", "actuators", "integrate", "coordinate_rates", "difference")
+OWN = tuple(row.name for row in ACTUATORS)
+DERIVATIVES = tuple(row.name for row in (*ACTUATOR_DERIVATIVES, *ACTUATOR_PARAMETERS))
+
+
+def test_a_robot_with_every_kind_passes_in_both_back_ends(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("CC", f"{tool('cc')} -O0")
+    robot, options = actuated(), {"derivatives": DERIVATIVES, "functions": MORE}
+    _, folder = generate_robot(robot, TEXT, tmp_path, ["numpy", "c"], **options)
+    found = verify(folder, states=4)
+    assert found.passed, [failure_text(c) for _, c in found.failures]
+    assert list(found.comparisons) == ["numpy", "c"]
+    for comparisons in found.comparisons.values():
+        against = {(c.what.split(".")[0], c.against) for c in comparisons}
+        assert {(name, "Newton–Euler") for name in OWN} <= against
+        assert {(name, "other functions, other parameters") for name in DERIVATIVES} <= against
+
+
+def source(robot: Robot, **options: Any) -> str:
+    """The NumPy source of the functions of the actuators."""
+    model = derived(robot, functions=FEW, **options)
+    return render_module(model, "", NUMPY)["numpy_module.py"]
+
+
+Wanted = list[tuple[Robot, Expected, States]]
+
+
+@pytest.fixture(scope="module")
+def expected() -> Wanted:
+    """What Newton and Euler's formulation gives, of two robots of other numbers as well."""
+    robot = actuated()
+    names, found = module_of(source(robot)).PARAMETERS, []
+    for number in (None, 0, 1):
+        other = robot if number is None else variation(robot, names, 0, number)
+        tree = Tree(other)
+        states = States.random(tree, 30, 1)
+        found.append((other, Expected(formulated(NewtonEuler(tree)), states), states))
+    return found
+
+
+def failing(module: ModuleType, expected: Wanted) -> set[str]:
+    """Functions of a module that are found wrong."""
+    failed = set()
+    for robot, rows, states in expected:
+        evaluation = Evaluation(module, prepared(module, robot))
+        found = rows.compare_functions(evaluation, states, "Newton–Euler")
+        failed |= {c.what for c in found if not c.passed}
+    return failed
+
+
+def test_zeros_that_are_parameters_pass() -> None:
+    robot = actuated()
+    against = [formulated(NewtonEuler(Tree(robot)))]
+    found = compare_module(module_of(source(robot, keep_zeros=True)), robot, against, 4, 0)
+    assert [failure_text(c) for c in found if not c.passed] == []
+
+
+@pytest.mark.parametrize(
+    ("attribute", "fault", "found"),
+    [
+        pytest.param("_within", lambda _, x, *__: x, {"inputs_of", "actuator_rates"}, id="limits"),
+        pytest.param("_SMOOTH", sp.Rational(1, 9), {"inputs_of"}, id="smooth friction"),
+        pytest.param(
+            "_root",
+            lambda tape, x: (sp.S.One, tape.let(sp.sqrt(tape.let(sp.sign(x) * x)))),
+            {"command_of", "actuator_rates"},
+            id="too little voltage",
+        ),
+        pytest.param(
+            "_above",
+            lambda tape, x: tape.let(sp.Rational(1, 2) - tape.let(sp.sign(tape.let(x))) / 2),
+            {"command_of", "inputs_of", "actuator_rates"},
+            id="the wrong side",
+        ),
+    ],
+)
+def test_a_fault_of_the_derivation_is_found(
+    attribute: str,
+    fault: object,
+    found: set[str],
+    monkeypatch: pytest.MonkeyPatch,
+    expected: Wanted,
+) -> None:
+    monkeypatch.setattr(actuators, attribute, fault)
+    text = render_module(derive(actuated(), functions=FEW), "", NUMPY)["numpy_module.py"]
+    assert failing(module_of(text), expected) == found
+
+
+def test_each_number_of_actuators_counts(expected: Wanted) -> None:
+    """A thousandth more of any is found, and times of speeding up and slowing down that change."""
+    text = source(actuated())
+    module, (robot, rows, states) = module_of(text), expected[0]
+    words = ("_servo_", "_friction_", "battery_", "_thrust_", "_time_", "_speed")
+    names = [name for name in module.PARAMETERS if any(word in name for word in words)]
+    assert len(names) > 30
+
+    def wrong(**others: float) -> set[str]:
+        evaluation = Evaluation(module, prepared(module, with_values(robot, others)))
+        found = rows.compare_functions(evaluation, states, "Newton–Euler")
+        return {c.what for c in found if not c.passed}
+
+    assert [name for name in names if not wrong(**{name: 1.001 * module.PARAMETERS[name]})] == []
+    assert wrong(front_left_time_up=0.05, front_left_time_down=0.03) == {"actuator_rates"}
+
+
+@pytest.mark.parametrize(
+    ("faults", "least"), [(20, 20), pytest.param(200, 198, marks=pytest.mark.slow)]
+)
+def test_planted_faults_are_found(faults: int, least: int, expected: Wanted) -> None:
+    """One sign, index or name altered; two of 200 change no value."""
+    text = source(actuated())
+    begin, functions = text.index("\ndef _thrusts_of("), text.index("\ndef actuator_state_of(")
+    assert failing(module_of(text), expected) == set()
+    missed = []
+    for altered, what in planted(text[begin:functions], faults, seed=3):
+        if not failing(module_of(text[:begin] + altered + text[functions:]), expected):
+            missed.append(what)
+    assert len(missed) <= faults - least, missed
+
+
+def test_states_reach_both_sides_of_every_limit() -> None:
+    """Of torques, rates, backlash, time constants, pieces of the voltage, and the power."""
+    robot = actuated()
+    tree = Tree(robot)
+    states = States.random(tree, 60, 0)
+    upper, slider = states.x[:, 3], states.x[:, 4]
+    way = upper - states.q[:, 7]
+    torque = 30.0 * (way - np.clip(way, -0.005, 0.005)) - 0.4 * states.v[:, 6]
+    force = 400.0 * (slider - states.q[:, 8]) - 8.0 * states.v[:, 7]
+    rate = (states.command[:, 4] - upper) / 0.02
+    for value, limit in ((way, 0.005), (torque, 4.0), (force, 20.0), (rate, 6.0)):
+        shares = np.mean(value < -limit), np.mean(np.abs(value) < limit), np.mean(value > limit)
+        assert min(shares) > 0.05
+    for rotor, place in ((1, 1), (3, 2)):
+        slower = np.mean(states.command[:, rotor] < states.x[:, place])
+        assert 0.2 < slower < 0.8
+    pieces = np.histogram(states.x[:, -1], [-1.0, 0.0, 1 / 3, 2 / 3, 1.0, 2.0])[0]
+    assert pieces.min() > 3
