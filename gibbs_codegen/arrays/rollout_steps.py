@@ -24,10 +24,8 @@ from gibbs_codegen.arrays.nodes import (
     maximum,
     total,
     variable,
-    zeros,
 )
 from gibbs_codegen.arrays.steps import METHODS
-from gibbs_codegen.arrays.surroundings import air_on_rotors, on_frames
 
 
 @dataclass(frozen=True)
@@ -53,7 +51,8 @@ def given(robot: Functions, parts: Parts) -> dict[str, Node]:
     """What a program with such parts is given of each state or all, by names, in their order.
 
     - `u` (nu): inputs, or `command` (nu) where the robot is driven
-    - `gain` (nu, 2 nv), `desired_q` (nq) and `desired_v` (nv): feedback, which is added to them
+    - `gain` (nu, 2 nv), `desired_q` (nq) and `desired_v` (nv): feedback, which is added to them;
+      with states of actuators a gain (nu, 2 nv + nx) and `desired_x` (nx)
     - `least` and `most` (nu): limits, within which they are then brought
     - `lag` (3, rotors): what is left of the way from thrusts to what is commanded at the start of a
       step, after half of it, and at its end
@@ -63,8 +62,10 @@ def given(robot: Functions, parts: Parts) -> dict[str, Node]:
     n, m, inputs = robot.space.coordinates, robot.space.velocities, robot.inputs
     found = [variable(sent(robot), inputs)]
     if parts.feedback:
-        found += [variable("gain", inputs, 2 * m, uniform=True)]
+        states = robot.actuator_states
+        found += [variable("gain", inputs, 2 * m + states, uniform=True)]
         found += [robot.coordinates("desired_q"), robot.velocities("desired_v")]
+        found += [variable("desired_x", states)] if states else []
     if parts.limits:
         found += [variable(name, inputs, uniform=True) for name in ("least", "most")]
     if parts.lag and not robot.driven:
@@ -95,7 +96,9 @@ def rollout_step(
     u = own[sent(robot)]
     if parts.feedback:
         away = _displacement(robot, q, own["desired_q"])
-        error = named(join(away, own["desired_v"] - v), "error", "way to the desired state")
+        parts_away = [away, own["desired_v"] - v]
+        parts_away += [own["desired_x"] - actuators] if "desired_x" in own else []
+        error = named(join(*parts_away), "error", "way to the desired state")
         u = named(u + own["gain"] @ error, "wanted", "inputs with linear feedback")
     if parts.limits:
         u = named(clip(u, own["least"], own["most"]), "commanded", "inputs within their limits")
@@ -109,14 +112,8 @@ def rollout_step(
         """Accelerations, and rates of the states of actuators, which follow velocities in v."""
         v, states = v[:m], v[m:]
         inputs = robot.inputs_of(q, v, states, u) if robot.driven else acting[halves]
-        wrenches = own.get("wrenches")
-        if robot.air:
-            moving = robot.frame_poses(q), robot.frame_velocities(q, v)
-            speeds = robot.rotor_speeds(states, u)
-            of_air = on_frames(air_on_rotors(robot, moving, speeds, inputs, zeros(3)), robot.frames)
-            wrenches = of_air if wrenches is None else wrenches + of_air
-        if wrenches is not None:
-            a = robot.forward_dynamics_with_wrenches(q, v, inputs, wrenches)
+        if parts.wrenches:
+            a = robot.forward_dynamics_with_wrenches(q, v, inputs, own["wrenches"])
         else:
             a = robot.forward_dynamics(q, v, inputs)
         return join(a, robot.actuator_rates(states, u)) if states.size else a

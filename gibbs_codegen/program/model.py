@@ -51,13 +51,12 @@ class Model:
 
     @property
     def listing(self) -> SimpleNamespace:
-        """What array programs read of a module: its name, attitude, lists and rotors in the air."""
+        """What array programs read of a module: its name, attitude and lists."""
         return SimpleNamespace(
             **self.lists,
             NAME=self.robot.name,
             ATTITUDE=self.description.layout.attitude,
             COORDINATE_UNITS=self.description.layout.q.units,
-            ROTOR_AIR=self.description.constants.get("ROTOR_AIR", {}),
         )
 
     @property

@@ -60,8 +60,10 @@ def rollout_context(
     robot: Functions, programs: Sequence[Program], header: Sequence[str]
 ) -> dict[str, Any]:
     """What the templates are given."""
-    source = _source(robot, programs)
-    return {"header": header, "name": robot.name, "driven": robot.driven, "source": source}
+    return {
+        **{"header": header, "name": robot.name, "source": _source(robot, programs)},
+        **{"driven": robot.driven, "states": robot.actuator_states},
+    }
 
 
 def _source(robot: Functions, programs: Sequence[Program]) -> list[str]:

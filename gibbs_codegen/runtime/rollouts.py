@@ -53,13 +53,15 @@ class Feedback:
     difference(q, q_desired), then v_desired - v. Desired states are (1 or n, 1 or steps, nq) and
     (1 or n, 1 or steps, nv). What it is added to, `u` (1 or n, 1 or steps, nu), is what `rollout`
     makes the inputs of the problem, a number being for all of them; where there is a problem, those
-    are looked at alone.
+    are looked at alone. Where actuators of the robot file have states, a gain (nu, 2 nv + nx) takes
+    the way from these to `x` (1 or n, 1 or steps, nx) as well.
     """
 
     gain: Array
     q: Array
     v: Array
     u: Array | float = 0.0
+    x: Array | None = None
 
 
 @dataclass(frozen=True)
@@ -295,7 +297,11 @@ def _given(problem: Problem, parts: Parts, xp: Any) -> dict[str, Any]:
     if problem.bounds is not None:
         found |= dict(zip(("lowest", "highest"), problem.bounds, strict=True))
     if (feedback := problem.feedback) is not None:
-        found |= {"gain": feedback.gain, "desired_q": feedback.q, "desired_v": feedback.v}
+        states = functions_of(problem.module).actuator_states
+        others = states + 2 * problem.v.shape[1] - feedback.gain.shape[1]
+        found |= {"gain": xp.pad(feedback.gain, ((0, 0), (0, others)))}
+        found |= {"desired_q": feedback.q, "desired_v": feedback.v}
+        found["desired_x"] = xp.zeros((1, 1, states)) if feedback.x is None else feedback.x
     if (motors := problem.motors) is not None:
         found |= {"least": motors.least, "most": motors.most}
         lag = motors.time_constants[:, None, None]

@@ -5,6 +5,9 @@ v − v₀. With a quaternion δ is in the axes of the base, which move: from q�
 velocity of the base, and q = q₀ exp(δ) follows δ̇ = ξ − ξ₀ − ad(ξ₀) δ to first order, where ad(ξ₀) δ
 is the Lie bracket of ξ₀ and δ.
 
+Where the robot file describes actuators, inputs are made of commands, and the states x of the
+actuators are part of a deviation, after the others.
+
 Of such a model `lqr` finds the linear regulator of least quadratic cost about a state.
 """
 
@@ -32,40 +35,61 @@ from gibbs_codegen.robot.wrenches import directions
 from gibbs_codegen.runtime.loaded_module import missing_function
 
 _DERIVATIVES = "forward_dynamics_derivatives"
+# Share of a command to both sides of which its derivatives are looked at.
+_NEAR = 1e-9
 # Share of the largest influence below which one is rounding.
 _RANK = 1e-9
 
 
 class State(NamedTuple):
-    """Where a robot is to be linearised; `wrenches` (f, 6) are as of `SteadyMotion`."""
+    """Where a robot is to be linearised; `wrenches` (f, 6) are as of `SteadyMotion`.
+
+    `x` (nx) and `command` (nu) are of actuators that the robot file describes.
+    """
 
     q: Array
     v: Array
     u: Array
     wrenches: Array
+    x: Array | None = None
+    command: Array | None = None
 
 
 def checked_state(
-    vehicle: Vehicle, q: ArrayLike | Trim, v: ArrayLike | None, u: ArrayLike | None
+    vehicle: Vehicle,
+    q: ArrayLike | Trim,
+    v: ArrayLike | None,
+    u: ArrayLike | None,
+    x: ArrayLike | None = None,
 ) -> State:
     """The state that callers give, as a trim or by its parts; without a trim no wrenches act.
 
     Raises `UsageError` for what an argument must not be, or a trim of another robot.
     """
     wrenches = np.zeros((len(vehicle.frames), 6))
+    driven = bool(getattr(vehicle.module, "COMMANDS", ()))
     if isinstance(q, Trim):
-        if v is not None or u is not None:
-            raise UsageError("v, u: a trim has its own; give them without a trim, or neither")
+        if not v is u is x is None:
+            raise UsageError(
+                "v, u: a trim has its own, and x; give them without a trim, or neither"
+            )
         if q.robot != vehicle.name:
             raise UsageError(f"q: the trim is of {q.robot}, not of {vehicle.name}")
         found = q
-        q, v, u, wrenches = found.q, found.v, found.u, found.wrenches
+        q, v, x, wrenches = found.q, found.v, found.x, found.wrenches
+        u = found.u if found.command is None else found.command
     elif v is None or u is None:
         raise UsageError("q, v, u: give all three, or a trim in the place of q")
-    size = vehicle.layout.v.size
-    return State(
-        coordinates(vehicle, q), vector("v", v, size), vector("u", u, len(vehicle.inputs)), wrenches
-    )
+    q, v = coordinates(vehicle, q), vector("v", v, vehicle.layout.v.size)
+    u = vector("u", u, len(vehicle.inputs))
+    states = getattr(vehicle.module, "ACTUATOR_STATES", ())
+    if x is not None:
+        x = vector(f"x ({', '.join(states) or 'there are none'})", x, len(states))
+    if not driven:
+        return State(q, v, u, wrenches)
+    if x is None:
+        x = vehicle.actuator_state_of(u) if states else np.zeros(0)
+    return State(q, v, vehicle.inputs_of(q, v, x, u), wrenches, x, u)
 
 
 def linearise(
@@ -75,6 +99,7 @@ def linearise(
     u: ArrayLike | None = None,
     dt: float | None = None,
     *,
+    x: ArrayLike | None = None,
     parameters: Mapping[str, float] | None = None,
 ) -> tuple[Array, Array]:
     """A and B of deviations x from a state under deviations w of the inputs: ẋ = A x + B w.
@@ -83,24 +108,32 @@ def linearise(
     state is not balanced, x is the deviation from the motion that begins there, and A and B hold
     for as long as that stays near.
 
+    Where the robot file describes actuators, x ends with the deviations of their states, and w are
+    deviations of commands.
+
     Args:
         robot: A generated module with derivatives, or the name or path of one, which is loaded.
         q: A trim, which has v and u as well, or coordinates (nq).
-        v, u: Velocities (nv) and inputs (nu), without a trim.
+        v, u: Velocities (nv) and inputs or, where the file describes actuators, commands (nu),
+            without a trim.
         dt: None, or a period, s, for which inputs are held: then x' = A x + B w after it, exactly.
+        x: States of the actuators (nx), without a trim; those that commands keep, if None.
         parameters: Parameters of the module's `prepare`.
 
     Returns:
-        A (2 nv, 2 nv) and B (2 nv, nu).
+        A (2 nv, 2 nv) and B (2 nv, nu), or with nx more rows, and columns of A.
 
     Raises:
         MissingFunctionError: The module was generated without the derivatives.
         UsageError: An argument is not what it must be.
     """
     vehicle = vehicle_of(robot, parameters)
-    if _DERIVATIVES not in vehicle.module.DERIVATIVES:
-        raise missing_function(vehicle.module, _DERIVATIVES)
-    state = checked_state(vehicle, q, v, u)
+    module = vehicle.module
+    of_actuators = "inputs_of_derivatives" if getattr(module, "COMMANDS", ()) else _DERIVATIVES
+    for name in (_DERIVATIVES, of_actuators):
+        if name not in module.DERIVATIVES:
+            raise missing_function(module, name)
+    state = checked_state(vehicle, q, v, u, x)
     if dt is not None:
         wanted = "a period above zero, s"
         dt = float(numbers("dt", dt, wanted, ()))
@@ -116,7 +149,25 @@ def linearise(
         carried[places.attitude, places.attitude] = -turning
     a = np.block([[carried, np.eye(places.size)], [by_q, by_v]])
     b = np.concatenate([np.zeros_like(by_u), by_u])
+    if state.command is not None:
+        a, b = _with_actuators(vehicle, state, a, b)
     return (a, b) if dt is None else held(a, b, dt)
+
+
+def _with_actuators(vehicle: Vehicle, state: State, a: Array, b: Array) -> tuple[Array, Array]:
+    """The model of motion and actuators under commands, of that of the motion under inputs."""
+    q, v, x, command = state.q, state.v, np.asarray(state.x), np.asarray(state.command)
+    _, by_q, by_v, by_x, by_command = vehicle.function("inputs_of_derivatives")(q, v, x, command)
+    motion = a + b @ np.concatenate([by_q, by_v], axis=1)
+    if not len(x):
+        return motion, b @ by_command
+    # Levels at rest would speed up and slow down in different times: the mean of both sides.
+    near = _NEAR * np.maximum(1.0, np.abs(command))
+    of_rates = vehicle.function("actuator_rates_derivatives")
+    sides = [of_rates(x, command + side) for side in (-near, near)]
+    rates, forced = (0.5 * (low + high) for low, high in zip(*(s[1:] for s in sides), strict=True))
+    still = np.zeros((len(x), len(a)))
+    return np.block([[motion, b @ by_x], [still, rates]]), np.concatenate([b @ by_command, forced])
 
 
 def held(a: Array, b: Array, dt: float) -> tuple[Array, Array]:
@@ -166,6 +217,8 @@ def _reached(a: Array, b: Array) -> Array:
 _MARGINAL = 1e-7
 # Accelerations, m/s² or rad/s², that a robot may have where a regulator is to keep it.
 _STEADY = 1e-3
+# The last states of actuators that no command brings back.
+_CHARGE = ("charge",)
 
 
 @dataclass(frozen=True, eq=False)
@@ -176,6 +229,10 @@ class Regulator:
     - `cost` (2 nv, 2 nv): P; xᵀ P x is the cost from x on
     - `eigenvalues` (2 nv): of A − B K, the slowest first; 1/s, or by period
     - `a` (2 nv, 2 nv), `b` (2 nv, nu): the model, continuous or by period
+
+    Where the robot file describes actuators, u are commands, and x ends with the deviations of
+    their nx states. A battery drains whatever is commanded: its charge counts as constant, so that
+    its entries of gain and cost are 0, and it has no eigenvalue.
     """
 
     gain: Array
@@ -194,6 +251,7 @@ def lqr(
     R: ArrayLike | None = None,  # noqa: N803
     dt: float | None = None,
     *,
+    x: ArrayLike | None = None,
     parameters: Mapping[str, float] | None = None,
 ) -> Regulator:
     """The regulator that keeps a robot at a state with the least cost ∫ (xᵀ Q x + wᵀ R w) dt.
@@ -204,10 +262,13 @@ def lqr(
     Args:
         robot: A generated module with derivatives, or the name or path of one, which is loaded.
         q: A trim, which has v and u as well, or coordinates (nq).
-        v, u: Velocities (nv) and inputs (nu), without a trim.
-        Q: Weights of the deviations x of `linearise`, (2 nv, 2 nv), or their diagonal (2 nv).
+        v, u: Velocities (nv) and inputs or, where the file describes actuators, commands (nu),
+            without a trim.
+        Q: Weights of the deviations x of `linearise`, (2 nv, 2 nv), or their diagonal (2 nv), with
+            the states of actuators (2 nv + nx); that of a battery's charge counts for nothing.
         R: Weights of deviations w of the inputs, (nu, nu), or their diagonal (nu).
         dt: None, or a period, s, for which inputs are held; the cost is then a sum over periods.
+        x: States of the actuators (nx), without a trim; those that commands keep, if None.
         parameters: Parameters of the module's `prepare`.
 
     Returns:
@@ -221,11 +282,15 @@ def lqr(
     vehicle = vehicle_of(robot, parameters)
     if Q is None or R is None:
         raise UsageError("Q, R: give the weights of deviations and those of inputs")
-    a, b = linearise(vehicle.module, q, v, u, dt, parameters=parameters)
+    whole = linearise(vehicle.module, q, v, u, dt, x=x, parameters=parameters)
     if not vehicle.inputs:
         raise UsageError(f"{vehicle.name}: has no inputs, so there is no regulator")
-    _warn_if_unbalanced(vehicle, checked_state(vehicle, q, v, u))
-    states, inputs = _weights("Q", Q, len(a), False), _weights("R", R, b.shape[1], True)
+    _warn_if_unbalanced(vehicle, checked_state(vehicle, q, v, u, x))
+    size = len(whole[0])
+    kept = size - (getattr(vehicle.module, "ACTUATOR_STATES", ())[-1:] == _CHARGE)
+    a, b = whole[0][:kept, :kept], whole[1][:kept]
+    states = _weights("Q", Q, size, False)[:kept, :kept]
+    inputs = _weights("R", R, b.shape[1], True)
     _check_solvable(vehicle, a, b, states, dt)
     solve = linalg.solve_continuous_are if dt is None else linalg.solve_discrete_are
     try:
@@ -241,12 +306,14 @@ def lqr(
         gain = linalg.solve(inputs + b.T @ cost @ b, b.T @ cost @ a, assume_a="pos")
     values = np.linalg.eigvals(a - b @ gain)
     slowest = np.argsort(-(values.real if dt is None else np.abs(values)))
-    return Regulator(gain, cost, values[slowest], a, b)
+    rest = (0, size - kept)
+    gain, cost = np.pad(gain, ((0, 0), rest)), np.pad(cost, (rest, rest))
+    return Regulator(gain, cost, values[slowest], *whole)
 
 
 def _warn_if_unbalanced(vehicle: Vehicle, state: State) -> None:
     """Warn, with the accelerations by name, where a robot does not keep its velocities."""
-    acceleration = vehicle.forward_dynamics_with_wrenches(*state)
+    acceleration = vehicle.forward_dynamics_with_wrenches(*state[:4])
     rates = vehicle.layout.v
     told = [
         f"{name} by {value:.3g} {unit}²"
@@ -284,14 +351,14 @@ def _check_solvable(vehicle: Vehicle, a: Array, b: Array, weights: Array, dt: fl
     """Raise `UsageError` that names the motions for which there is no regulator.
 
     Inputs do not reach a motion that does not decay, or Q one that neither grows nor decays.
-    `weights` (2 nv, 2 nv) are of the states; `dt` is None for a continuous model.
+    `weights` are of the states, as many as A has; `dt` is None for a continuous model.
     """
     tolerance = _MARGINAL * max(1.0, float(np.linalg.norm(a, 2)))
 
     def growth(value: complex) -> float:
         return value.real if dt is None else abs(value) - 1.0
 
-    names = deviation_names(vehicle)
+    names = deviation_names(vehicle)[: len(a)]
     stuck = unreached(a, b, lambda value: growth(value) > -tolerance)
     if stuck.shape[1]:
         raise UsageError(
@@ -307,11 +374,12 @@ def _check_solvable(vehicle: Vehicle, a: Array, b: Array, weights: Array, dt: fl
 
 
 def deviation_names(vehicle: Vehicle) -> tuple[str, ...]:
-    """Names (2 nv) of the entries of a deviation: those of δ, then those of velocities."""
+    """Names of the entries of a deviation: of δ, then velocities, then states of actuators."""
     places, names = vehicle.layout.v, list(vehicle.layout.v.names)
+    states = getattr(vehicle.module, "ACTUATOR_STATES", ())
     names[places.joints] = vehicle.joint_names
     if vehicle.layout.is_quaternion:
         names[places.position] = [f"place along the base's {axis}" for axis in "xyz"]
         names[places.attitude] = [f"attitude about the base's {axis}" for axis in "xyz"]
-        return (*names, *vehicle.layout.v.names)
-    return (*names, *(f"the rate of {name}" for name in names))
+        return (*names, *vehicle.layout.v.names, *states)
+    return (*names, *(f"the rate of {name}" for name in names), *states)

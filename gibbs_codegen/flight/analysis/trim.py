@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from types import ModuleType
 from typing import Literal
 
@@ -22,7 +22,13 @@ from scipy.optimize import least_squares, linprog, nnls
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.flight.analysis.arguments import coordinates, vehicle_of
 from gibbs_codegen.flight.arguments import numbers, real, vector
-from gibbs_codegen.flight.plant.actuators import Actuators, joint_place, module_actuators
+from gibbs_codegen.flight.plant.actuators import (
+    Actuators,
+    command_limits,
+    joint_place,
+    kept_commands,
+    module_actuators,
+)
 from gibbs_codegen.flight.plant.allocation import RANK, least_inputs
 from gibbs_codegen.flight.plant.vehicle import Array, Vehicle
 from gibbs_codegen.robot.wrenches import DIRECTIONS, directions
@@ -277,7 +283,11 @@ class Trim:
       force, N, and torque about the base centre, N m, in the base's axes
     - `missing`: these wrenches in words
     - `turned`: by how much the attitude was turned to find balance, rad
-    - `beyond_limits`: the joints that were asked for beyond their limits, in words
+    - `beyond_limits`: the joints that were asked for beyond their limits, and commands beyond
+      theirs, in words
+    - `command` (nu), `x` (nx): commands of motors and servos that keep the inputs, and states of
+      the actuators, with a full battery; None where the robot file describes no actuators
+    - `command_units`: units of the commands by their names
     """
 
     robot: str
@@ -298,6 +308,9 @@ class Trim:
     missing: tuple[str, ...]
     turned: float
     beyond_limits: tuple[str, ...]
+    command: Array | None = None
+    x: Array | None = None
+    command_units: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def attitude_deg(self) -> dict[str, float]:
@@ -327,6 +340,11 @@ class Trim:
             if unit == "rad":
                 room = f" {math.degrees(value):10.4g}°"
             lines.append((line + room).rstrip())
+        if self.command is not None:
+            lines.append("It is kept so by the commands")
+            width = max(map(len, self.command_units), default=0)
+            for value, (name, unit) in zip(self.command, self.command_units.items(), strict=True):
+                lines.append(f"  {name:<{width}} {value:10.4g} {unit}")
         if self.missing:
             lines += ["The rotors produce no wrench along", *(f"  {m}" for m in self.missing)]
         lines += [f"warning: {joint}" for joint in self.beyond_limits]
@@ -410,6 +428,12 @@ def trim(
         pitch = np.arctan2(-r[2, 0], np.hypot(r[2, 1], r[2, 2]))
         attitude = {"roll": float(roll), "pitch": float(pitch), "yaw": float(yaw)}
     idle = null_space(vehicle.thrust_wrenches(found).T)
+    beyond, command, x, units = _beyond(vehicle, actuators.joints, found), None, None, {}
+    if names := getattr(vehicle.module, "COMMANDS", ()):
+        command, x = kept_commands(vehicle, found, v, u)
+        units = dict(zip(names, vehicle.module.COMMAND_UNITS, strict=True))
+        ends = command_limits(vehicle.module)
+        beyond += _outside(names, units.values(), command, ends)
     return Trim(
         robot=vehicle.name,
         input_names=vehicle.inputs,
@@ -429,24 +453,34 @@ def trim(
         missing=directions(idle),
         # |R − 1| is 2√2 sin(φ/2), which keeps its digits near none.
         turned=float(2.0 * np.arcsin(min(1.0, np.linalg.norm(turn - np.eye(3)) / np.sqrt(8.0)))),
-        beyond_limits=_beyond(vehicle, actuators.joints, found),
+        beyond_limits=beyond,
+        command=command,
+        x=x,
+        command_units=units,
     )
 
 
 def _beyond(vehicle: Vehicle, limits: Array, q: Array) -> tuple[str, ...]:
     """The joints that are beyond their limits (2, n), each with its value and limit, in words."""
+    places = vehicle.layout.q.joint_places
+    units = [vehicle.layout.q.units[place] for place in places]
+    return _outside(vehicle.joint_names, units, q[places], limits)
+
+
+def _outside(
+    names: Iterable[str], units: Iterable[str], values: Array, limits: Array
+) -> tuple[str, ...]:
+    """Which values (n) are beyond their limits (2, n), in words."""
     found = []
-    for name, place, low, high in zip(
-        vehicle.joint_names, vehicle.layout.q.joint_places, *limits, strict=True
-    ):
-        if not low - EXACT <= q[place] <= high + EXACT:
-            unit = vehicle.layout.q.units[place]
-            side, limit = ("below", low) if q[place] < low else ("above", high)
-            value, end = (
-                f"{number:.4g} {unit}" + (f" ({math.degrees(number):.4g}°)" * (unit == "rad"))
-                for number in (q[place], limit)
+    for name, unit, value, low, high in zip(names, units, values, *limits, strict=True):
+        if not low - EXACT <= value <= high + EXACT:
+            side, limit = ("below", low) if value < low else ("above", high)
+            told, end = (
+                f"{number:.4g} {unit}".removesuffix(" 1")
+                + (f" ({math.degrees(number):.4g}°)" * (unit == "rad"))
+                for number in (value, limit)
             )
-            found.append(f"{name} is {value}, {side} its limit of {end}")
+            found.append(f"{name} is {told}, {side} its limit of {end}")
     return tuple(found)
 
 

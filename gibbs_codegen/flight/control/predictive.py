@@ -45,9 +45,7 @@ Path = Callable[[Array], Array]
 # might not be finite.
 _STEPS = 500
 # How far a point may be off its path before it is led there step by step, in tolerances.
-_FARTHEST = 5.0
-# Steps to a posture that has frames where they are led; how much less than turn bases lean there.
-_FITS, _LEAN = 3, 0.1
+_FARTHEST = 20.0
 # Limits that there are not, and mean products of price and slack at the begin and the end.
 _NONE, _BARRIER, _TOLERANCE = 1e30, 1e-2, 1e-6
 # What a state costs that is out of its limits by its tolerance, per step.
@@ -134,8 +132,8 @@ class Predictive:
         hover: State and inputs at rest, about which it plans, as `trim` returns.
         points: Positions (n, 3), m, at times (n), s, of frames by name.
         orientations: Rotations (n, 3, 3), frame to world, at times (n), s, of frames by name.
-        posture: Coordinates (n, nq) at times (n), s; those of hover if None, moved along with the
-            first point, and turned and bent as far as other frames that are led need it.
+        posture: Coordinates (n, nq) at times (n), s; those of hover, moved along with the first
+            point, if None.
         feedforward: Inputs (n, nu) at times (n), s, off which they cost; those of hover if None.
         parameters: Of the robot as it is known, as `prepare` takes them.
         step: Length of the first step, s, which is also how often it plans.
@@ -145,9 +143,8 @@ class Predictive:
         actuators: Limits and lag; those of the robot file if None.
         rates: Greatest rates of inputs, N/s and N m/s, one or (nu); None for none.
         iterations: How often it linearises and solves at an instant.
-        farthest: What is further off its path, m, is led there by places that begin so far ahead of
-            it and move at the tolerance of velocity; five times that of a point if None. With more,
-            machines that lean may tumble.
+        farthest: What is further off its path, m, is led by places so far ahead of it; twenty times
+            the tolerance of a point if None. With more, machines that lean may tumble.
         delay: How much later inputs take effect, s, a step at most, for which it makes up; if
             None it knows of none, and a scenario's `control.delay` finds it unprepared.
         deadline: If a plan takes longer, s, it serves from the next instant on, and the last one is
@@ -460,70 +457,38 @@ class Predictive:
 
     def _reference(self, times: Array, q_now: Array) -> Array:
         """What nodes are to be at times (n), s, a row for each, of a machine that is at q_now."""
-        count, place = len(times), self.vehicle.layout.q.position
+        count, robot, layout = len(times), self.horizon.robot, self.horizon.robot.layout
         # Speeds are from node to node: over less, a path that jumps would have any.
         beyond = np.append(times, 2.0 * times[-1] - times[-2])
-        here = self.vehicle.frame_poses(q_now)[list(self.horizon.points), :3, 3]
         paths = [np.asarray(path(beyond)) for path in self.points.values()]
-        points = [self._led(path, x, beyond) for path, x in zip(paths, here, strict=True)]
-        rotations = [np.asarray(path(beyond)) for path in self.orientations.values()]
-        led = [*points, *(x.reshape(count + 1, 9) for x in rotations)]
+        here = self.vehicle.frame_poses(q_now)[list(self.horizon.points), :3, 3]
+        points = [
+            path[:-1] + self._lag_behind(place - path[0])
+            for path, place in zip(paths, here, strict=True)
+        ]
+        rotations = [np.asarray(path(times)) for path in self.orientations.values()]
         if self.posture is not None:
-            q = np.array(self.posture(beyond))
+            postures = np.array(self.posture(beyond))
+            q, place = postures[:-1].copy(), layout.q.position
+            self._turn_costs(q[-1])
+            q[:, place] += self._lag_behind(q_now[place] - q[0, place])
+            v = _rates(self.vehicle.function("difference")(postures[:-1], postures[1:]), beyond)
         else:
-            q = np.tile(self.hover.q, (count + 1, 1))
+            q = np.tile(self.hover.q, (count, 1))
+            v = np.zeros((count, robot.space.velocities))
             if self._carries:
-                q[:, place] += points[0] - self._first_point
-            if len(led) > self._carries:
-                q = self._fitting(q, points, led)
-        if not self._carries:
-            q[:, place] = self._led(q[:, place], q_now[place], beyond)
-        if self.posture is not None or len(led) > self._carries:
-            self._turn_costs(q[-2])
-        v = _rates(self.vehicle.function("difference")(q[:-1], q[1:]), beyond)
+                q[:, layout.q.position] += points[0] - self._first_point
+                v[:, layout.v.position] = _rates(np.diff(paths[0], axis=0), beyond) @ self._turn.T
         u = np.tile(self.hover.u, (count, 1))
         if self.feedforward is not None:
             u = np.asarray(self.feedforward(times))
-        return np.concatenate([*(x[:-1] for x in (*led, q)), v, u], axis=1)
+        rows = [*points, *(x.reshape(count, 9) for x in rotations), q, v, u]
+        return np.concatenate(rows, axis=1)
 
-    def _led(self, path: Array, place: Array, times: Array) -> Array:
-        """A path (n, 3), m, at times (n), s, begun so far ahead of a place that is off it."""
-        error = place - path[0]
-        ahead = self._farthest + self.tolerances.velocity * (times - times[0])
-        share = ahead / max(float(np.linalg.norm(error)), 1e-12)
-        return np.asarray(path + np.maximum(0.0, 1.0 - share)[:, np.newaxis] * error)
-
-    def _fitting(self, q: Array, points: list[Array], led: list[Array]) -> Array:
-        """Coordinates (n, nq) near to q with frames where they are led, by damped least squares.
-
-        Bases lean last, which do not hover so if their rotors push along one axis.
-        """
-        layout, tolerances, joints = self.vehicle.layout, self.tolerances, self.vehicle.arm
-        scale = np.full(layout.v.size, tolerances.joints)
-        scale[layout.v.position] = tolerances.position or 1.0
-        scale[layout.v.attitude] = tolerances.attitude * np.array([_LEAN, _LEAN, 1.0])
-        frames = [*self.horizon.points, *self.horizon.orientations]
-        is_turn = np.arange(len(led)) >= len(points)
-        tolerance = np.where(is_turn, tolerances.orientation, tolerances.point)[:, np.newaxis]
-        for _ in range(_FITS):
-            poses = self.vehicle.frame_poses(q)[:, frames]
-            slope = self.vehicle.function("frame_jacobians")(q)[:, frames]
-            slope = np.where(
-                is_turn[:, np.newaxis, np.newaxis], slope[..., 3:, :], slope[..., :3, :]
-            )
-            missed = [x[:, :3, 3] - at for x, at in zip(poses.swapaxes(0, 1), points, strict=False)]
-            for x, at in zip(poses.swapaxes(0, 1)[is_turn], led[len(points) :], strict=True):
-                turn = x[:, :3, :3] @ at.reshape(-1, 3, 3).swapaxes(1, 2)
-                about = turn[:, [2, 0, 1], [1, 2, 0]] - turn[:, [1, 2, 0], [2, 0, 1]]
-                trace = np.trace(turn, axis1=1, axis2=2)[:, np.newaxis]
-                missed.append(about / np.sqrt(np.maximum(1.0 + trace, 1e-9)))
-            errors = (np.stack(missed, axis=1) / tolerance).reshape(len(q), -1, 1)
-            slope = (slope / tolerance[..., np.newaxis] * scale).reshape(len(q), -1, len(scale))
-            square = slope @ slope.swapaxes(1, 2) + np.eye(slope.shape[1])
-            step = slope.swapaxes(1, 2) @ np.linalg.solve(square, errors)
-            q = self.vehicle.function("integrate")(q, -scale * step[:, :, 0])
-            q[:, joints] = np.clip(q[:, joints], *self._limits.joints)
-        return q
+    def _lag_behind(self, error: Array) -> Array:
+        """How far what is led is from its path (3), m, that is further off it than it may be."""
+        distance = float(np.linalg.norm(error))
+        return error * max(0.0, 1.0 - self._farthest / max(distance, 1e-12))
 
     def _in_base(self, q: Array) -> Array:
         """From displacements and velocities to those in the base's frame (2 nv, 2 nv)."""
@@ -538,16 +503,14 @@ class Predictive:
         """Let what follows the horizon cost as in hover, seen from a base that has turned."""
         turned = self._in_base(q)
         costs = turned.T @ self._costs_in_base @ turned
-        self._compiled.arrays["ahead"][:] = np.concatenate([costs.ravel(), *self._carrying(q)])
+        self._compiled.arrays["ahead"][: costs.size] = costs.ravel()
 
-    def _carrying(self, q: Array) -> list[Array]:
-        """What `Horizon.end` has beside costs, if the base is carried by the first point at q."""
-        if not self._carries:
-            return []
-        is_turned = self.vehicle.layout.is_quaternion
-        turn = self.vehicle.base_rotation(q).T if is_turned else np.eye(3)
-        jacobian = self.vehicle.function("frame_jacobians")(q)[self.horizon.points[0], :3]
-        return [turn.ravel(), jacobian.ravel()]
+    @property
+    def _turn(self) -> Array:
+        """From world axes to those of the base's velocity (3, 3) in hover."""
+        if self.vehicle.layout.is_quaternion:
+            return self.vehicle.base_rotation(self.hover.q).T
+        return np.eye(3)
 
     def _ahead_costs(self, constants: Any, weights: Mapping[str, Array]) -> Array:
         """What follows the horizon costs, by the regulator about hover; see `Horizon.end`."""
@@ -582,7 +545,10 @@ class Predictive:
             gain = np.linalg.solve(inputs + b.T @ cost @ b, b.T @ cost @ a)
             closed = a - b @ gain
             after = gain.T @ inputs @ gain + closed.T @ cost @ closed
-        return np.concatenate([after.ravel(), *self._carrying(hover.q)])
+        if not horizon.carries:
+            return np.asarray(after.ravel())
+        jacobian = self.vehicle.function("frame_jacobians")(hover.q)[horizon.points[0], :3]
+        return np.concatenate([x.ravel() for x in (after, self._turn, jacobian)])
 
     def _hovering(self) -> Array:
         """The reference of hover."""

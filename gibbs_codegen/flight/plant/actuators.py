@@ -16,6 +16,8 @@ from gibbs_codegen.flight.plant.vehicle import Array, Flags, Vehicle
 from gibbs_codegen.flight.scenario.scenario import Scenario
 
 _NO_LIMITS = (-math.inf, math.inf)
+# Share of the largest input, or of 1, that may be missing; and how often more is wanted till then.
+_SMALL, _TRIES = 1e-12, 64
 
 
 @dataclass(frozen=True)
@@ -154,6 +156,36 @@ def module_actuators(vehicle: Vehicle) -> Actuators:
 def command_limits(module: ModuleType) -> Array:
     """Least and greatest commands (2, nu) of motors and servos, infinite where there are none."""
     return np.transpose([_ends(module.COMMAND_LIMITS.get(name)) for name in module.COMMANDS])
+
+
+def kept_commands(vehicle: Vehicle, q: Array, v: Array, u: Array) -> tuple[Array, Array]:
+    """Commands (nu) and states of the actuators (nx), battery full, under which inputs (nu) stay.
+
+    As far as actuators can: `inputs_of` gives the inputs again, and what follows commands rests.
+    """
+    states, names = vehicle.description("ACTUATOR_STATES"), vehicle.description("COMMANDS")
+    wanted, x, small = u, np.zeros(0), _SMALL * np.abs(u).max(initial=1.0)
+    for _ in range(_TRIES):
+        command = vehicle.command_of(q, v, wanted)
+        if states:
+            x = vehicle.actuator_state_of(command)
+        acting = vehicle.inputs_of(q, v, x, command)
+        missing = np.where(np.abs(u - acting) > small, u - acting, 0.0)
+        if not missing.any():
+            break
+        # Backlash takes its share, and all as long as it is not known how large it is.
+        wanted = wanted + np.where(missing == u, wanted, missing)
+    levels = [k for k, name in enumerate(states) if name in names]
+    if levels:
+        # Throttles make up for what the battery's voltage has fallen. Rates are linear in each
+        # command as long as they keep their sign.
+        places = [names.index(states[k]) for k in levels]
+        rates = vehicle.actuator_rates(x, command)[levels]
+        step, aside = np.sign(rates), command.copy()
+        aside[places] += step
+        slope = vehicle.actuator_rates(x, aside)[levels] - rates
+        command[places] -= np.where(step == 0.0, 0.0, rates * step / np.where(step, slope, 1.0))
+    return command, x
 
 
 def _ends(limits: tuple[float | None, float | None] | None) -> tuple[float, float]:

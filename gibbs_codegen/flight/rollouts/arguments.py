@@ -108,16 +108,21 @@ class RolloutArguments:
             return self.xp.zeros((1, 1, self.inputs)), None
         if not isinstance(control, Feedback):
             return self.in_time("control", control, self.inputs), None
-        size = self.layout.v.size
+        size, states, x = self.layout.v.size, self._states_of_actuators, control.x
         gain = self._finite("control.gain", control.gain)
-        if gain.shape != (self.inputs, 2 * size):
-            wanted = _listed((self.inputs, 2 * size))
-            raise UsageError(f"control.gain: its shape must be {wanted}, not {gain.shape}")
+        width = 2 * size + (0 if x is None else len(states))
+        if gain.shape != (self.inputs, width):
+            wanted = _listed((self.inputs, width))
+            more = f", or {_listed((self.inputs, width + len(states)))} with control.x"
+            more = more if states and x is None else ""
+            raise UsageError(f"control.gain: its shape must be {wanted}{more}, not {gain.shape}")
+        if x is not None:
+            x = self.in_time("control.x", x, len(states))
         q = self.in_time("control.q", control.q, self.layout.q.size)
         v = self.in_time("control.v", control.v, size)
         u = self._one_for_all("control.u", control.u, self.inputs)
         inputs = self.in_time("control.u", u, self.inputs)
-        return inputs, Feedback(gain, self.normalised("control.q", q), v)
+        return inputs, Feedback(gain, self.normalised("control.q", q), v, x=x)
 
     def commands(self, inputs: Any) -> Any:
         """What a controller gave, (nu) or (n, nu), as (1 or n, 1, nu)."""
@@ -180,7 +185,7 @@ class RolloutArguments:
 
     def actuators(self, x0: Any) -> Any:
         """States of the actuators (1 or n, nx), zeros if none are given; None if there are none."""
-        names = getattr(self.module, "ACTUATOR_STATES", ())
+        names = self._states_of_actuators
         if x0 is not None and not names:
             raise UsageError(
                 f"x0: actuators of {self.module.NAME} have no states, since its robot file gives "
@@ -188,6 +193,11 @@ class RolloutArguments:
             )
         given = self.xp.zeros(len(names)) if x0 is None else x0
         return self.states("x0", given, len(names)) if names else None
+
+    @property
+    def _states_of_actuators(self) -> Sequence[str]:
+        """Names of the states of actuators."""
+        return getattr(self.module, "ACTUATOR_STATES", ())
 
     def lag(self, time_constants: Any) -> Any:
         """Time constants of motors (1 or n, rotors), s, as of `rollout`."""

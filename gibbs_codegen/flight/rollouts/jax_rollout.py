@@ -19,7 +19,7 @@ jnp: Any = jax.numpy
 
 # What arrays are in; all else is fixed when XLA compiles.
 _ARRAYS = {
-    rollouts.Feedback: ["gain", "q", "v", "u"],
+    rollouts.Feedback: ["gain", "q", "v", "u", "x"],
     rollouts.Motors: ["least", "most", "time_constants", "thrusts"],
     rollouts.Problem: [
         *("constants", "q", "v", "inputs", "dt", "feedback", "motors", "wrenches", "bounds"),

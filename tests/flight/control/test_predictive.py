@@ -375,49 +375,6 @@ def test_a_path_may_jump_at_an_instant(led: str, module: ModuleType) -> None:
     assert off[-10:].max() < 1e-4
 
 
-def test_what_is_far_off_is_led_at_a_speed(module: ModuleType) -> None:
-    controller = circling(module)
-    target, off = controller._first_point, np.array([0.0, -0.6, 0.8])
-    controller = replace(controller, points={"tip": lambda t: np.tile(target, (len(t), 1))})
-    place, robot = controller.vehicle.layout.q.position, controller.horizon.robot
-    q = controller.hover.q.copy()
-    q[place] += off
-    speed, nearest = controller.tolerances.velocity, 5.0 * controller.tolerances.point
-    nodes = controller._reference(7.0 + controller._ahead, q)
-    left = 1.0 - nearest - speed * controller._ahead
-    np.testing.assert_allclose(nodes[:, :3] - target, np.outer(left, off), atol=1e-12)
-    v = nodes[:, 3 + robot.space.coordinates :][:, controller.vehicle.layout.v.position]
-    np.testing.assert_allclose(v, np.tile(-speed * off, (len(v), 1)), atol=1e-9)
-
-
-def test_an_orientation_needs_no_posture(module: ModuleType) -> None:
-    """The tip is turned by 0.6 rad about the vertical, where it stays."""
-    start = circling(module)
-    place = module.FRAMES.index("tip")
-    pose = start.vehicle.frame_poses(start.hover.q)[place]
-
-    def turned(times: Any) -> Any:
-        angle = 0.6 * np.clip(times, 0.0, 1.0) ** 2 * (3.0 - 2.0 * np.clip(times, 0.0, 1.0))
-        zero, one = 0.0 * angle, 1.0 + 0.0 * angle
-        rows = [
-            np.stack([np.cos(angle), -np.sin(angle), zero], -1),
-            np.stack([np.sin(angle), np.cos(angle), zero], -1),
-            np.stack([zero, zero, one], -1),
-        ]
-        return np.stack(rows, 1) @ pose[:3, :3]
-
-    def still(times: Any) -> Any:
-        return np.tile(pose[:3, 3], (len(times), 1))
-
-    given: dict[str, Any] = {"points": {"tip": still}, "orientations": {"tip": turned}}
-    controller = circling(module, **given)
-    assert missed_by(controller, 2.0)[-5:].max() < 1e-4
-    last = controller._compiled.arrays["x"][0, : len(start.hover.q)]
-    right = turned(np.array([2.0]))[0]
-    cosine = 0.5 * np.trace(controller.vehicle.frame_poses(last)[place, :3, :3] @ right.T) - 0.5
-    assert np.arccos(min(cosine, 1.0)) < 1e-3
-
-
 def test_delay_and_lag_are_made_up_for(module: ModuleType) -> None:
     delay, lag = 0.02, 0.03
     limits = circling(module).actuators

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
-from support.actuated import actuated, air
+from support.actuated import actuated
 from support.compiled import Emitted, compile_only, emit
 
 from gibbs_codegen import Feedback, Rollout, UsageError, load, rollout
@@ -18,6 +18,8 @@ from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.runtime.rollouts import Motors, Problem, compiled_rollout, numpy_rollout
 
 STATES, STEPS, DT = 18, 6, 0.01
+# Share of its torque that does not throw the wrist about.
+LIGHT = 1e-3
 ACTUATED, AT_ONCE = "with every actuator", "whose actuators have no states"
 
 
@@ -57,7 +59,9 @@ def arguments(module: ModuleType, beyond: float = 0.0) -> dict[str, Any]:
     low, high = limits(module)
     shares = rng.uniform(-beyond, 1.0 + beyond, (STATES, STEPS, len(low)))
     v = rng.uniform(-0.5, 0.5, (STATES, size))
-    return {"q0": q, "v0": v, "control": low + shares * (high - low), "steps": STEPS, "dt": DT}
+    commands = low + shares * (high - low)
+    commands[..., -1] *= LIGHT
+    return {"q0": q, "v0": v, "control": commands, "steps": STEPS, "dt": DT}
 
 
 def limits(module: ModuleType) -> np.ndarray:
@@ -71,9 +75,14 @@ def everything(module: ModuleType) -> dict[str, Any]:
     given, nu, nv = arguments(module), len(module.COMMANDS), len(module.VELOCITIES)
     own = [x for x in module.PARAMETERS if x.startswith(("battery", "upper")) or "_t" in x]
     u = given["control"]
-    gain = rng.normal(size=(nu, 2 * nv)) * 0.1 * np.ptp(limits(module), axis=0)[:, None]
+    x = module.actuator_state_of(u[:, :1]) if module.ACTUATOR_STATES else None
+    width = 2 * nv + len(module.ACTUATOR_STATES)
+    gain = rng.normal(size=(nu, width)) * 0.1 * np.ptp(limits(module), axis=0)[:, None]
+    gain[-1] *= LIGHT
+    if x is not None:
+        gain[:, 2 * nv :] /= np.abs(x).max(axis=(0, 1))
     return given | {
-        "control": Feedback(gain, given["q0"][:1, None], given["v0"][:1, None], u),
+        "control": Feedback(gain, given["q0"][:1, None], given["v0"][:1, None], u, x),
         "parameters": {x: module.PARAMETERS[x] * rng.uniform(0.9, 1.1, STATES) for x in own},
         "wrenches": rng.normal(size=(STEPS, len(module.FRAMES), 6)),
         "bounds": (-np.inf, np.where(np.arange(len(module.COORDINATES) + nv) == 2, 0.2, np.inf)),
@@ -108,9 +117,7 @@ def test_states_of_actuators_are_integrated_with_the_motion(module: ModuleType) 
 
     def rates(_: float, state: np.ndarray) -> np.ndarray:
         q, v, x = np.split(state, split)
-        u, speeds = module.inputs_of(q, v, x, commands), module.rotor_speeds(x, commands)
-        wrenches = air(module, q, v, speeds[0], u[0])
-        a = module.forward_dynamics_with_wrenches(q, v, u, wrenches)
+        a = module.forward_dynamics(q, v, module.inputs_of(q, v, x, commands))
         follow = module.actuator_rates(x, commands) if names else x
         return np.concatenate([module.coordinate_rates(q, v), a, follow])
 
