@@ -9,14 +9,14 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from numbers import Real
 from types import ModuleType
-from typing import Any, SupportsIndex
+from typing import Any, SupportsIndex, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gibbs_codegen.errors import UsageError, printable
 from gibbs_codegen.flight.arguments import numbers, seconds, whole
-from gibbs_codegen.flight.plant.actuators import module_actuators
+from gibbs_codegen.flight.plant.actuators import kept_commands, module_actuators
 from gibbs_codegen.flight.plant.vehicle import Flags, Vehicle
 from gibbs_codegen.flight.rollouts.arguments import RolloutArguments
 from gibbs_codegen.flight.rollouts.rollout import array_rollout, check_settings
@@ -50,8 +50,10 @@ class Moment:
     - `q` (n, nq), `v` (n, nv): coordinates and velocities
     - `away` (n, nv): displacement from the coordinates that are wanted, as the module's
       `difference` tells it: m and rad, of a quaternion the rotation vector
-    - `inputs` (n, nu): what is commanded, N, then N m or N of the joints
+    - `inputs` (n, nu): what is commanded, N, then N m or N of the joints; or commands of motors and
+      servos, where the robot file describes actuators
     - `thrusts` (n, rotors): what the motors give, N
+    - `x` (n, nx): states of the actuators that the robot file describes, if they have any
     - `base_rotation`, `base_position`: where attitude and position of the base are in `away`
     """
 
@@ -63,6 +65,7 @@ class Moment:
     thrusts: Array
     base_rotation: slice
     base_position: slice
+    x: Array | None = None
 
 
 Measure = Callable[[Moment], Array]
@@ -133,7 +136,8 @@ class VectorEnv(gymnasium.vector.VectorEnv[Observations, ArrayLike, Any]):
     """Machines of one robot that are to hover, or to do what rewards of your own ask for.
 
     Actions are the inputs of the robot, either as they are, in N and N m, or, `normalised`, between
-    −1 for the least and 1 for the greatest. `parameters` (n), by name, are those of the episodes
+    −1 for the least and 1 for the greatest. Where the robot file describes actuators, they are
+    commands, and limits and lag are theirs. `parameters` (n), by name, are those of the episodes
     that are under way.
 
     Args:
@@ -198,18 +202,29 @@ class VectorEnv(gymnasium.vector.VectorEnv[Observations, ArrayLike, Any]):
         )
         check_settings(steps, steps, dt, method, precision)
         hovers = arguments.states("hover", vehicle.neutral if hover is None else hover, nq)
-        ends = actuators.inputs if limits is None else limits
-        self._limits = arguments.range("limits", ends, arguments.inputs)
-        lag = arguments.lag(actuators.lag if time_constants is None else time_constants)
+        # What is commanded: motors and servos of the robot file, or thrusts and torques.
+        self._driven = actuators.commands is not None
+        if self._driven:
+            motors = arguments.motors(limits, time_constants, None)
+        else:
+            ends = actuators.inputs if limits is None else limits
+            lag = actuators.lag if time_constants is None else time_constants
+            motors = arguments.motors(ends, lag, None)
+        self._motors = motors = cast(Motors, motors)
+        self._limits = np.stack([motors.least, motors.most])
         if arguments.count() != 1:
             raise UsageError("hover, time_constants: they are the same for all environments")
         [self._hover] = arguments.normalised("hover", hovers)
         # Inputs that hold a machine at rest there, or come nearest to it: motors have settled.
         force = vehicle.inverse_dynamics(self._hover, *np.zeros((2, nv)))
         inputs = np.linalg.lstsq(vehicle.input_matrix(self._hover), force, rcond=None)[0]
-        self._holding = np.clip(inputs, *self._limits)
+        x = np.zeros(0)
+        if self._driven:
+            inputs = np.clip(inputs, *actuators.inputs)
+            inputs, x = kept_commands(vehicle, self._hover, np.zeros(nv), inputs)
+        self._holding, self._resting = np.clip(inputs, *self._limits), x
         thrusts = np.tile(self._holding[: vehicle.rotors], (self.num_envs, 1))
-        self._motors = Motors(self._limits[0], self._limits[1], lag, thrusts)
+        self._motors = replace(motors, thrusts=thrusts)
         # Where the machines are, and how a decision is flown.
         self._now = Problem(
             module,
@@ -223,6 +238,7 @@ class VectorEnv(gymnasium.vector.VectorEnv[Observations, ArrayLike, Any]):
             every=steps,
             bounds=None if bounds is None else arguments.range("bounds", bounds, nq + nv),
             precision=precision,
+            x=np.tile(x, (self.num_envs, 1)) if len(x) else None,
         )
         self._decisions = np.zeros(self.num_envs, dtype=np.int64)
         self._parameters: dict[str, Array] = {}
@@ -252,7 +268,8 @@ class VectorEnv(gymnasium.vector.VectorEnv[Observations, ArrayLike, Any]):
         self.metadata = {"autoreset_mode": self._mode, "render_modes": []}
         unlimited = ~np.isfinite(self._limits).all(axis=0)
         if normalised and unlimited.any():
-            names = ", ".join(np.array(self._vehicle.inputs)[unlimited])
+            sent = self._vehicle.module.COMMANDS if self._driven else self._vehicle.inputs
+            names = ", ".join(np.array(sent)[unlimited])
             raise UsageError(
                 f"limits: {names}: without limits, so that actions between -1 and 1 mean nothing; "
                 "give limits=(least, most), or normalised=False"
@@ -396,6 +413,8 @@ class VectorEnv(gymnasium.vector.VectorEnv[Observations, ArrayLike, Any]):
         now.q[rows] = self._vehicle.integrate(self._hover, away)
         now.v[rows], now.inputs[rows] = v, self._holding
         self._motors.thrusts[rows] = self._holding[: self._vehicle.rotors]
+        if now.x is not None:
+            now.x[rows] = self._resting
         self._decisions[rows], self._over = 0, self._over & ~rows
         for name, values in parameters.items():  # The first time they are for all.
             self._parameters.setdefault(name, np.empty(self.num_envs))[rows] = values
@@ -417,22 +436,29 @@ class VectorEnv(gymnasium.vector.VectorEnv[Observations, ArrayLike, Any]):
             commanded[:, : self._vehicle.rotors] if found.thrusts is None else found.thrusts[:, -1]
         )
         self._motors = replace(self._motors, thrusts=last.copy())
-        self._now = replace(now, q=found.q[:, -1].copy(), v=found.v[:, -1].copy())
+        x = None if found.x is None else found.x[:, -1].copy()
+        self._now = replace(now, q=found.q[:, -1].copy(), v=found.v[:, -1].copy(), x=x)
         self._decisions += 1
         return found.ended
 
     def _moment(self) -> Moment:
         """Where the machines are, in arrays of its own."""
-        now, places = self._now, self._vehicle.layout.v
+        now, places, thrusts = self._now, self._vehicle.layout.v, self._motors.thrusts
+        if self._driven:
+            x = np.zeros((self.num_envs, 0)) if now.x is None else now.x
+            state = now.q, now.v, x, now.inputs[:, 0]
+            acting = self._vehicle.module.inputs_of(*state, constants=now.constants)
+            thrusts = acting[:, : self._vehicle.rotors]
         return Moment(
             self._decisions * np.float64(now.steps * now.dt),
             now.q.copy(),
             now.v.copy(),
             np.asarray(self._vehicle.module.difference(self._hover, now.q)),
             now.inputs[:, 0].copy(),
-            self._motors.thrusts.copy(),
+            thrusts.copy(),
             places.attitude,
             places.position,
+            None if now.x is None else now.x.copy(),
         )
 
     def _inputs(self, actions: ArrayLike) -> Array:

@@ -13,7 +13,7 @@ from scipy.integrate import solve_ivp
 from support.actuated import actuated
 from support.compiled import Emitted, compile_only, emit
 
-from gibbs_codegen import Feedback, Rollout, UsageError, load, rollout
+from gibbs_codegen import Feedback, Rollout, UsageError, load, rollout, trim, uniform
 from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.runtime.rollouts import Motors, Problem, compiled_rollout, numpy_rollout
 
@@ -203,3 +203,36 @@ def test_the_generated_source_does_the_same(emitted: Emitted, module: ModuleType
     problem = Problem(module, None, *state, STEPS, DT, motors=motors, x=x)
     found = compiled_rollout(problem, generated=True)
     assert_same(found, numpy_rollout(problem), 1e-11)
+
+
+def test_actions_of_environments_are_commands(module: ModuleType) -> None:
+    environments = pytest.importorskip("gibbs_codegen.flight.rollouts.vector_env")
+    low, high = limits(module)
+    name = "rear_left_thrust_2"
+    varied = {name: uniform(0.9 * module.PARAMETERS[name], 1.1 * module.PARAMETERS[name])}
+    seen = []
+
+    def reward(now: Any) -> np.ndarray:
+        seen.append(now)
+        return np.zeros(3)
+
+    settings = {"dt": DT, "steps": 2, "parameters": varied, "reward": reward, "terminated": reward}
+    with pytest.raises(UsageError, match="limits: slider_position: without limits"):
+        environments.VectorEnv(module, 3, **settings)
+    envs = environments.VectorEnv(module, 3, limits=(low, high), **settings)
+    envs.reset(seed=1)
+    actions = np.random.default_rng(2).uniform(-0.3, 0.3, (2, 3, len(low)))
+    for each in actions:
+        envs.step(each)
+    commands = low + 0.5 * (actions + 1.0) * (high - low)
+    hover = trim(module)
+    start = {} if hover.x is None or not len(hover.x) else {"x0": hover.x}
+    steps = np.repeat(np.moveaxis(commands, 0, 1), 2, axis=1)
+    found = rollout(module, hover.q, hover.v, steps, 4, DT, parameters=envs.parameters, **start)
+    np.testing.assert_allclose(seen[-1].q, found.q[:, -1], rtol=1e-12, atol=1e-12)
+    np.testing.assert_allclose(seen[-1].inputs, commands[-1], rtol=1e-12)
+    x = np.zeros((3, 0)) if found.x is None else found.x[:, -1]
+    constants = module.prepare(envs.parameters)
+    acting = module.inputs_of(found.q[:, -1], found.v[:, -1], x, commands[-1], constants=constants)
+    np.testing.assert_allclose(seen[-1].thrusts, acting[:, :4], rtol=1e-11)
+    assert np.ptp(acting[:, 1]) > 0.01
