@@ -39,7 +39,9 @@ def _words(functions: Collection[str]) -> list[str]:
     rest = [name for name in functions if name not in derivatives]
     words = []
     for word in (DEFAULT, *GROUPS):
-        if rest and {*group(word)} <= {*rest}:
+        # Not every robot has those that need something.
+        own = [name for name in group(word) if not FUNCTIONS[name].needs] or group(word)
+        if rest and {*own} <= {*rest}:
             words.append(word)
             rest = [name for name in rest if name not in group(word)]
     return words + rest

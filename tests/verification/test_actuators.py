@@ -38,7 +38,7 @@ from gibbs_codegen.verification.verify import compare_module
 # Of motors, servos and battery, with one function of all bodies.
 FEW = ("actuators", "residual")
 # With what derivatives are made of.
-MORE = ("dynamics", "actuators", "integrate", "coordinate_rates", "difference")
+MORE = ("dynamics", "actuators", "kinematics")
 OWN = tuple(row.name for row in ACTUATORS)
 DERIVATIVES = tuple(row.name for row in (*ACTUATOR_DERIVATIVES, *ACTUATOR_PARAMETERS))
 
