@@ -16,7 +16,7 @@ from gibbs_codegen.derivation import (
     wrenches,
 )
 from gibbs_codegen.graph.differentiate import Matrix
-from gibbs_codegen.interface.actuators import ACTUATORS
+from gibbs_codegen.interface.actuators import ACTUATOR_DERIVATIVES, ACTUATOR_PARAMETERS
 from gibbs_codegen.interface.rows import Row
 
 
@@ -43,15 +43,15 @@ _ACTUATORS: dict[str, Callable[[systems.Systems], list[sp.Expr]]] = {
 
 
 def _of_actuators(row: Row) -> dict[str, Callable[[systems.Systems], systems.Array]]:
-    """What derives the derivatives of a function of the actuators, by all of its arguments."""
-    value = _ACTUATORS[row.name]
+    """What derives the outputs of a derivative of a function of the actuators."""
+    value = _ACTUATORS[row.derivative_of]
 
     def by(argument: str) -> Callable[[systems.Systems], systems.Array]:
         return lambda s: s.jacobian(value(s), argument)
 
-    found = {f"{row.name}_d{argument}": by(argument) for argument in row.arguments}
-    found[f"{row.name}_dp"] = lambda s: systems.parameter_jacobian(s, value(s))
-    return found
+    if row.kind == "parameters":
+        return {row.derivations[0]: lambda s: systems.parameter_jacobian(s, value(s))}
+    return {output.derivation: by(output.by) for output in row.outputs if output.by}
 
 
 DERIVATIONS: dict[str, Callable[[systems.Systems], systems.Array]] = {
@@ -155,5 +155,5 @@ DERIVATIONS: dict[str, Callable[[systems.Systems], systems.Array]] = {
     ),
     **_ACTUATORS,
 }
-for row in ACTUATORS:
+for row in (*ACTUATOR_DERIVATIVES, *ACTUATOR_PARAMETERS):
     DERIVATIONS |= _of_actuators(row)
