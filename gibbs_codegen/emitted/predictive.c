@@ -350,11 +350,17 @@ int MODULE(predictive_feedback)(Controller *own, const real *state, real *u)
     }
     own->failures += is_first ? R(-1.0) : R(1.0);
     own->failures = solved ? R(0.0) : own->failures;
+    if (is_first && !solved) {
+        stay(own, state);
+    }
     memcpy(u, own->u[0], sizeof own->u[0]);
+    /* Plans are within limits but for the solver's tolerance; those of rates are about what acts. */
     for (int row = 0; row < LIMITS; ++row) {
-        const int i = placed[row][0];
-        if (i < INPUTS && placed[row][1] < 0) {
-            u[i] = minimum_real(maximum_real(u[i], own->least[row]), own->most[row]);
+        const int i = placed[row][0], is_rate = placed[row][1] >= 0;
+        if (i < INPUTS) {
+            const real about = is_rate ? own->acting[i] : R(0.0), h = is_rate ? own->h[0] : R(1.0);
+            u[i] = minimum_real(
+                maximum_real(u[i], about + own->least[row] * h), about + own->most[row] * h);
         }
     }
     return solved;

@@ -47,6 +47,7 @@ from gibbs_codegen.flight.record.flight import Flight
 from gibbs_codegen.flight.record.recording import flight_of, timing_note
 from gibbs_codegen.flight.reference import Reference
 from gibbs_codegen.flight.scenario.file import read_scenario
+from gibbs_codegen.flight.scenario.parts import PREDICTIVE
 from gibbs_codegen.flight.scenario.paths import check_path
 from gibbs_codegen.flight.scenario.scenario import Scenario
 from gibbs_codegen.runtime.load import load
@@ -149,7 +150,10 @@ def _closed_loop(
         law_of(control.law, vehicle, vehicle.neutral, scenario.name)
     motion = timed_motion(vehicle, scenario, progress)
     reference = motion.reference
-    law = law_of(control.law, vehicle, reference(reference.knots)[0], scenario.name)
+    knots = reference(reference.knots)[0]
+    if control.law == PREDICTIVE:  # It plans about hover: rotors must serve one of the others.
+        law_of("tracking", vehicle, knots, scenario.name)
+    law = law_of(control.law, vehicle, knots, scenario.name)
     if law == "open_loop" and not own:
         _check_open_loop(vehicle, allocation, reference)
     controller = control_law(law, control, vehicle, reference, allocation)

@@ -376,6 +376,8 @@ class CompiledPredictive:
         told = [name for name, member in own.members.items() if member.is_setting]
         settings = own.settings({name: self.arrays[name] for name in [*told, "constants"]})
         texts = {".h": own.header(), ".c": own.source() + settings}
+        with writing(folder):
+            folder.mkdir(parents=True, exist_ok=True)
         for ending, text in texts.items():
             path = folder / f"{self._name}{ending}"
             with writing(path):

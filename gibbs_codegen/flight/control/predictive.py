@@ -21,8 +21,10 @@ from __future__ import annotations
 import os
 import pathlib
 import time as clock
+import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields
+from numbers import Real
 from types import ModuleType
 from typing import Any, NamedTuple, Protocol
 
@@ -31,13 +33,20 @@ import numpy as np
 from gibbs_codegen.arrays.evaluation import evaluate
 from gibbs_codegen.arrays.functions import Functions
 from gibbs_codegen.arrays.predictive import Horizon
-from gibbs_codegen.errors import GibbsCodegenError, UsageError, printable
+from gibbs_codegen.errors import (
+    GibbsCodegenError,
+    MissingFunctionError,
+    UsageError,
+    printable,
+)
 from gibbs_codegen.flight.control.laws import Controller
 from gibbs_codegen.flight.control.observation import Observation
-from gibbs_codegen.flight.plant.actuators import Actuators, module_actuators
+from gibbs_codegen.flight.plant.actuators import Actuators, actuators_of, module_actuators
 from gibbs_codegen.flight.plant.vehicle import Array, Vehicle
 from gibbs_codegen.flight.scenario.scenario import Scenario
-from gibbs_codegen.runtime.predictive import CompiledPredictive, Row, Transcription
+from gibbs_codegen.interface.choice import option_with
+from gibbs_codegen.runtime.load import load
+from gibbs_codegen.runtime.predictive import DERIVATIVES, CompiledPredictive, Row, Transcription
 
 # Positions (n, 3), m, or rotations (n, 3, 3), world axes, at times (n), s.
 Path = Callable[[Array], Array]
@@ -45,7 +54,11 @@ Path = Callable[[Array], Array]
 # might not be finite.
 _STEPS = 500
 # How far a point may be off its path before it is led there step by step, in tolerances.
-_FARTHEST = 20.0
+_FARTHEST = 5.0
+# Steps to a posture that has frames where they are led; how much less than turn bases lean there.
+_FITS, _LEAN = 3, 0.1
+# Longest step, s, without a warning.
+_LONG = 0.05
 # Limits that there are not, and mean products of price and slack at the begin and the end.
 _NONE, _BARRIER, _TOLERANCE = 1e30, 1e-2, 1e-6
 # What a state costs that is out of its limits by its tolerance, per step.
@@ -132,19 +145,20 @@ class Predictive:
         hover: State and inputs at rest, about which it plans, as `trim` returns.
         points: Positions (n, 3), m, at times (n), s, of frames by name.
         orientations: Rotations (n, 3, 3), frame to world, at times (n), s, of frames by name.
-        posture: Coordinates (n, nq) at times (n), s; those of hover, moved along with the first
-            point, if None.
+        posture: Coordinates (n, nq) at times (n), s; those of hover if None, moved along with the
+            first point, and turned and bent as far as other frames that are led need it.
         feedforward: Inputs (n, nu) at times (n), s, off which they cost; those of hover if None.
         parameters: Of the robot as it is known, as `prepare` takes them.
         step: Length of the first step, s, which is also how often it plans.
         nodes: How many steps the horizon has.
         growth: How much longer each step is than the one before.
         tolerances: What is as bad as anything else.
-        actuators: Limits and lag; those of the robot file if None.
+        actuators: Limits and lag, of a `Scenario` that has them; those of the robot file if None.
         rates: Greatest rates of inputs, N/s and N m/s, one or (nu); None for none.
         iterations: How often it linearises and solves at an instant.
-        farthest: What is further off its path, m, is led by places so far ahead of it; twenty times
-            the tolerance of a point if None. With more, machines that lean may tumble.
+        farthest: What is further off its path, m, is led there by places that begin so far ahead of
+            it and move at the tolerance of velocity; five times that of a point if None. With more,
+            machines that lean may tumble.
         delay: How much later inputs take effect, s, a step at most, for which it makes up; if
             None it knows of none, and a scenario's `control.delay` finds it unprepared.
         deadline: If a plan takes longer, s, it serves from the next instant on, and the last one is
@@ -169,7 +183,7 @@ class Predictive:
     nodes: int = 20
     growth: float = 1.0
     tolerances: Tolerances = field(default_factory=Tolerances)
-    actuators: Actuators | None = None
+    actuators: Actuators | Scenario | None = None
     rates: float | Array | None = None
     iterations: int = 1
     farthest: float | None = None
@@ -178,13 +192,17 @@ class Predictive:
     method: str | None = None
 
     def __post_init__(self) -> None:
+        self._check_kinds()
         own = self.farthest
         self._farthest = _FARTHEST * self.tolerances.point if own is None else own
         self._check()
         vehicle = Vehicle(self.module, self.parameters or None)
         self.vehicle = vehicle
         self._method = self.method or ("trapezoidal" if np.any(vehicle.damping) else "rk4")
-        self._limits = self.actuators or module_actuators(vehicle)
+        own_limits = self.actuators or module_actuators(vehicle)
+        if isinstance(own_limits, Scenario):
+            own_limits = actuators_of(vehicle, own_limits)
+        self._limits = own_limits
         if self._method == "trapezoidal" and self.growth != 1.0 and np.any(vehicle.damping):
             raise UsageError(
                 "predictive: growth must be 1 for a machine with dampers, since one armature takes "
@@ -226,6 +244,7 @@ class Predictive:
         told["hover"][:] = self._hovering()
         self._first_point = self._position(self.hover.q)
         told["ahead"][:] = self._ahead_costs(constants, weights)
+        self._check_paths()
         # What follows the horizon costs by displacements and velocities in the base's frame.
         nv = robot.space.velocities
         to_base = np.linalg.inv(self._in_base(self.hover.q))
@@ -238,6 +257,11 @@ class Predictive:
     def rate(self) -> float:
         """How often it plans, Hz."""
         return 1.0 / self.step
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        # What is compiled is found again by the module, in other processes too.
+        told = {each.name: getattr(self, each.name) for each in fields(self)}
+        return _again, (os.path.abspath(self.module.__path__[0]), told | {"module": None})
 
     def reset(self) -> None:
         """Forget the plan and the log, before a flight."""
@@ -260,8 +284,11 @@ class Predictive:
             The inputs, N and N m, within their limits.
 
         Raises:
+            UsageError: If the time is not finite.
             NoPlanError: If no plan was found for a whole horizon.
         """
+        if not np.isfinite(time):
+            raise UsageError(f"predictive: the time of an instant must be finite, s, not {time}")
         begin, own = clock.perf_counter(), self._compiled
         told = own.arrays
         is_first = told["failures"] < 0.0
@@ -280,6 +307,7 @@ class Predictive:
                 f"{self.vehicle.name}: at t = {time:.6g} s there has been no plan for "
                 f"{self.nodes} instants, {self.nodes * self.step:.3g} s; the machine is lost, or "
                 "cannot do what it is to do within its limits"
+                f"{'' if np.all(np.isfinite([*q, *v])) else '; its state is not finite'}"
             )
         following = clock.perf_counter()
         own.shift()
@@ -290,6 +318,9 @@ class Predictive:
         )
         if self.deadline is not None and preparation + seconds > self.deadline and not is_first:
             u = np.clip(planned, *self._limits.inputs)
+            if self.rates is not None:
+                change = np.asarray(self.rates) * self.step
+                u = np.clip(u, told["acting"] - change, told["acting"] + change)
         own.act(u)
         return u
 
@@ -301,7 +332,8 @@ class Predictive:
         what the nodes are to be.
 
         Args:
-            folder: Where the two files are written; the compiler's -I names that of the module.
+            folder: Where the two files are written, not a module's; made if there is none.
+                The compiler's -I names that of the module.
 
         Returns:
             Paths of `<robot>_predictive.h` and `.c`.
@@ -314,6 +346,46 @@ class Predictive:
 
     # What is known of the machine.
 
+    def _check_kinds(self) -> None:
+        """Raise `UsageError` for arguments of other kinds than they must be."""
+        robot, sizes = self.module, [np.size(getattr(self.hover, x, ())) for x in ("q", "u")]
+        paths = 'functions of times by names of frames, such as {"tip": path}'
+        kinds: dict[str, tuple[Any, str]] = {
+            "module": (ModuleType, 'a module, as load(folder, backend="c") returns'),
+            **dict.fromkeys(("points", "orientations"), (Mapping, paths)),
+            **dict.fromkeys(("posture", "feedforward"), (Callable | None, "a function of times")),
+            "tolerances": (Tolerances, "`Tolerances`"),
+            "actuators": (Actuators | Scenario | None, "a `Scenario` that has them"),
+            **dict.fromkeys(("step", "nodes", "growth", "iterations"), (Real, "a number")),
+            **dict.fromkeys(("farthest", "delay", "deadline"), (Real | None, "a number")),
+        }
+        faults = [
+            (x, words)
+            for x, (kind, words) in kinds.items()
+            if not isinstance(getattr(self, x), kind)
+        ]
+        if not faults and sizes != [len(robot.COORDINATES), len(robot.INPUTS)]:
+            faults = [("hover", f"a state at rest of {robot.NAME}, as `trim` returns")]
+        for name, words in faults:
+            raise UsageError(f"predictive: {name} must be {words}")
+
+    def _check_paths(self) -> None:
+        """Raise `UsageError` if a path is not what it must be, now and a step later."""
+        wanted: list[tuple[str, Any, tuple[int, ...]]] = [
+            *((f"points[{x!r}]", path, (3,)) for x, path in self.points.items()),
+            *((f"orientations[{x!r}]", path, (3, 3)) for x, path in self.orientations.items()),
+            ("posture", self.posture, (len(self.hover.q),)),
+            ("feedforward", self.feedforward, (len(self.hover.u),)),
+        ]
+        for name, path, shape in [each for each in wanted if each[1] is not None]:
+            found = np.asarray(path(self._ahead[:2]), np.float64)
+            if found.shape != (2, *shape) or not np.all(np.isfinite(found)):
+                words = ", ".join(map(str, shape))
+                raise UsageError(
+                    f"predictive: {name} must return finite numbers (n, {words}) at times (n); at "
+                    f"two times it returned {printable(str(found.tolist()), 100)}"
+                )
+
     def _check(self) -> None:
         """Raise `UsageError` for what is not what it must be."""
         if getattr(self.module, "backend", "numpy") != "c":
@@ -321,11 +393,15 @@ class Predictive:
                 f"{self.module.NAME}: a predictive controller calls C; load the module with "
                 'backend="c", where there is a C compiler'
             )
+        has = [*Functions(self.module).signatures]
+        if lacks := [name for name in DERIVATIVES if name not in has]:
+            option = option_with(lacks[0], [*has, *lacks[1:]])
+            raise MissingFunctionError(self.module.NAME, ", ".join(lacks), *option)
         wanted = {
             "step": (self.step, 0.0 < self.step < np.inf, "a finite time above 0, s"),
             "nodes": (self.nodes, self.nodes in range(1, 501), "1 to 500 steps"),
             "growth": (self.growth, 1.0 <= self.growth <= 2.0, "1 to 2"),
-            "iterations": (self.iterations, 1 <= self.iterations <= 100, "1 to 100"),
+            "iterations": (self.iterations, self.iterations in range(1, 101), "1 to 100"),
             "farthest": (self._farthest, self._farthest > 0.0, "a distance above 0, m"),
             "delay": (self.delay, 0.0 <= (self.delay or 0.0) <= self.step, "0 to a step, s"),
             "deadline": (self.deadline, (self.deadline or 0.0) >= 0.0, "a time of 0 or more, s"),
@@ -342,6 +418,12 @@ class Predictive:
         for name, (value, is_right, words) in wanted.items():
             if not is_right:
                 raise UsageError(f"predictive: {name} must be {words}, not {value}")
+        if self.step > _LONG:
+            warnings.warn(
+                f"predictive: a step of {self.step:g} s is long: between instants motors and "
+                f"joints may do what was not foreseen; {_LONG:g} s or less serve most machines",
+                stacklevel=4,
+            )
         if self.method not in (None, "trapezoidal", "rk4"):
             raise UsageError(
                 'predictive: method must be "trapezoidal" or "rk4", not '
@@ -457,38 +539,70 @@ class Predictive:
 
     def _reference(self, times: Array, q_now: Array) -> Array:
         """What nodes are to be at times (n), s, a row for each, of a machine that is at q_now."""
-        count, robot, layout = len(times), self.horizon.robot, self.horizon.robot.layout
+        count, place = len(times), self.vehicle.layout.q.position
         # Speeds are from node to node: over less, a path that jumps would have any.
         beyond = np.append(times, 2.0 * times[-1] - times[-2])
-        paths = [np.asarray(path(beyond)) for path in self.points.values()]
         here = self.vehicle.frame_poses(q_now)[list(self.horizon.points), :3, 3]
-        points = [
-            path[:-1] + self._lag_behind(place - path[0])
-            for path, place in zip(paths, here, strict=True)
-        ]
-        rotations = [np.asarray(path(times)) for path in self.orientations.values()]
+        paths = [np.asarray(path(beyond)) for path in self.points.values()]
+        points = [self._led(path, x, beyond) for path, x in zip(paths, here, strict=True)]
+        rotations = [np.asarray(path(beyond)) for path in self.orientations.values()]
+        led = [*points, *(x.reshape(count + 1, 9) for x in rotations)]
         if self.posture is not None:
-            postures = np.array(self.posture(beyond))
-            q, place = postures[:-1].copy(), layout.q.position
-            self._turn_costs(q[-1])
-            q[:, place] += self._lag_behind(q_now[place] - q[0, place])
-            v = _rates(self.vehicle.function("difference")(postures[:-1], postures[1:]), beyond)
+            q = np.array(self.posture(beyond))
         else:
-            q = np.tile(self.hover.q, (count, 1))
-            v = np.zeros((count, robot.space.velocities))
+            q = np.tile(self.hover.q, (count + 1, 1))
             if self._carries:
-                q[:, layout.q.position] += points[0] - self._first_point
-                v[:, layout.v.position] = _rates(np.diff(paths[0], axis=0), beyond) @ self._turn.T
+                q[:, place] += points[0] - self._first_point
+            if len(led) > self._carries:
+                q = self._fitting(q, points, led)
+        if not self._carries:
+            q[:, place] = self._led(q[:, place], q_now[place], beyond)
+        if self.posture is not None or len(led) > self._carries:
+            self._turn_costs(q[-2])
+        v = _rates(self.vehicle.function("difference")(q[:-1], q[1:]), beyond)
         u = np.tile(self.hover.u, (count, 1))
         if self.feedforward is not None:
             u = np.asarray(self.feedforward(times))
-        rows = [*points, *(x.reshape(count, 9) for x in rotations), q, v, u]
-        return np.concatenate(rows, axis=1)
+        return np.concatenate([*(x[:-1] for x in (*led, q)), v, u], axis=1)
 
-    def _lag_behind(self, error: Array) -> Array:
-        """How far what is led is from its path (3), m, that is further off it than it may be."""
-        distance = float(np.linalg.norm(error))
-        return error * max(0.0, 1.0 - self._farthest / max(distance, 1e-12))
+    def _led(self, path: Array, place: Array, times: Array) -> Array:
+        """A path (n, 3), m, at times (n), s, begun so far ahead of a place that is off it."""
+        error = place - path[0]
+        ahead = self._farthest + self.tolerances.velocity * (times - times[0])
+        share = ahead / max(float(np.linalg.norm(error)), 1e-12)
+        return np.asarray(path + np.maximum(0.0, 1.0 - share)[:, np.newaxis] * error)
+
+    def _fitting(self, q: Array, points: list[Array], led: list[Array]) -> Array:
+        """Coordinates (n, nq) near to q with frames where they are led, by damped least squares.
+
+        Bases lean last, which do not hover so if their rotors push along one axis.
+        """
+        layout, tolerances, joints = self.vehicle.layout, self.tolerances, self.vehicle.arm
+        scale = np.full(layout.v.size, tolerances.joints)
+        scale[layout.v.position] = tolerances.position or 1.0
+        scale[layout.v.attitude] = tolerances.attitude * np.array([_LEAN, _LEAN, 1.0])
+        frames = [*self.horizon.points, *self.horizon.orientations]
+        is_turn = np.arange(len(led)) >= len(points)
+        tolerance = np.where(is_turn, tolerances.orientation, tolerances.point)[:, np.newaxis]
+        for _ in range(_FITS):
+            poses = self.vehicle.frame_poses(q)[:, frames]
+            slope = self.vehicle.function("frame_jacobians")(q)[:, frames]
+            slope = np.where(
+                is_turn[:, np.newaxis, np.newaxis], slope[..., 3:, :], slope[..., :3, :]
+            )
+            missed = [x[:, :3, 3] - at for x, at in zip(poses.swapaxes(0, 1), points, strict=False)]
+            for x, at in zip(poses.swapaxes(0, 1)[is_turn], led[len(points) :], strict=True):
+                turn = x[:, :3, :3] @ at.reshape(-1, 3, 3).swapaxes(1, 2)
+                about = turn[:, [2, 0, 1], [1, 2, 0]] - turn[:, [1, 2, 0], [2, 0, 1]]
+                trace = np.trace(turn, axis1=1, axis2=2)[:, np.newaxis]
+                missed.append(about / np.sqrt(np.maximum(1.0 + trace, 1e-9)))
+            errors = (np.stack(missed, axis=1) / tolerance).reshape(len(q), -1, 1)
+            slope = (slope / tolerance[..., np.newaxis] * scale).reshape(len(q), -1, len(scale))
+            square = slope @ slope.swapaxes(1, 2) + np.eye(slope.shape[1])
+            step = slope.swapaxes(1, 2) @ np.linalg.solve(square, errors)
+            q = self.vehicle.function("integrate")(q, -scale * step[:, :, 0])
+            q[:, joints] = np.clip(q[:, joints], *self._limits.joints)
+        return q
 
     def _in_base(self, q: Array) -> Array:
         """From displacements and velocities to those in the base's frame (2 nv, 2 nv)."""
@@ -503,14 +617,16 @@ class Predictive:
         """Let what follows the horizon cost as in hover, seen from a base that has turned."""
         turned = self._in_base(q)
         costs = turned.T @ self._costs_in_base @ turned
-        self._compiled.arrays["ahead"][: costs.size] = costs.ravel()
+        self._compiled.arrays["ahead"][:] = np.concatenate([costs.ravel(), *self._carrying(q)])
 
-    @property
-    def _turn(self) -> Array:
-        """From world axes to those of the base's velocity (3, 3) in hover."""
-        if self.vehicle.layout.is_quaternion:
-            return self.vehicle.base_rotation(self.hover.q).T
-        return np.eye(3)
+    def _carrying(self, q: Array) -> list[Array]:
+        """What `Horizon.end` has beside costs, if the base is carried by the first point at q."""
+        if not self._carries:
+            return []
+        is_turned = self.vehicle.layout.is_quaternion
+        turn = self.vehicle.base_rotation(q).T if is_turned else np.eye(3)
+        jacobian = self.vehicle.function("frame_jacobians")(q)[self.horizon.points[0], :3]
+        return [turn.ravel(), jacobian.ravel()]
 
     def _ahead_costs(self, constants: Any, weights: Mapping[str, Array]) -> Array:
         """What follows the horizon costs, by the regulator about hover; see `Horizon.end`."""
@@ -545,10 +661,7 @@ class Predictive:
             gain = np.linalg.solve(inputs + b.T @ cost @ b, b.T @ cost @ a)
             closed = a - b @ gain
             after = gain.T @ inputs @ gain + closed.T @ cost @ closed
-        if not horizon.carries:
-            return np.asarray(after.ravel())
-        jacobian = self.vehicle.function("frame_jacobians")(hover.q)[horizon.points[0], :3]
-        return np.concatenate([x.ravel() for x in (after, self._turn, jacobian)])
+        return np.concatenate([after.ravel(), *self._carrying(hover.q)])
 
     def _hovering(self) -> Array:
         """The reference of hover."""
@@ -566,6 +679,11 @@ class Predictive:
         parts += [thrusts] if self.horizon.lags else []
         parts += [before] if self.horizon.changes else []
         return np.concatenate(parts)
+
+
+def _again(folder: str, told: dict[str, Any]) -> Predictive:
+    """A controller of a module in a folder, without plan and log."""
+    return Predictive(**told | {"module": load(folder, "c")})
 
 
 def _rates(steps: Array, times: Array) -> Array:
@@ -621,6 +739,11 @@ def predictive_law(law: Controller, scenario: Scenario, actuators: Actuators) ->
 
         return found
 
+    if control.delay > step:
+        raise UsageError(
+            f"control.delay: the predictive law makes up for a period, {step:g} s, at most, not "
+            f"{control.delay:g} s; set a lower control.rate"
+        )
     coordinates, points = table(q), {}
     if scenario.arm.tip is not None:
         points["tip"] = table(vehicle.frame_poses(q)[:, vehicle.frames.index("tip"), :3, 3])

@@ -26,11 +26,16 @@ from gibbs_codegen.flight.control.laws import Gains
 from gibbs_codegen.flight.integration.closed_loop import ClosedLoop
 from gibbs_codegen.flight.plant.vehicle import Array, Flags
 from gibbs_codegen.flight.scenario.orientation import LARGEST_THETA_0
+from gibbs_codegen.flight.scenario.parts import PREDICTIVE
 
 # Of errors that a servo corrects, s: their rates have no bound.
 _LEAST_PEAK = 1e-12
 # What to try instead of a law, where it is not lower gains.
-_OTHER_CONTROL = {"open_loop": "a closed loop (control.law)", "own": "another controller"}
+_OTHER_CONTROL = {
+    "open_loop": "a closed loop (control.law)",
+    "own": "another controller",
+    PREDICTIVE: "another control.law",
+}
 
 # What the reason says of a state in which an entry is infinite, or no number.
 NOT_FINITE = "the state is no longer finite"

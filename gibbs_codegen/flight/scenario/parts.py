@@ -92,7 +92,9 @@ class Control(Table):
         "how often the law is evaluated, Hz; default: at all times"
     )
     delay: _Delay = entry(
-        "how much later than the law is evaluated its inputs act, s; needs a rate", 0.0
+        "how much later than the law is evaluated its inputs act, s; needs a rate, which "
+        "the predictive law has by itself, and which it makes up for up to a period",
+        0.0,
     )
     joints: Mapping[JointName, JointControl] = entry(
         "gains of single joints by their names, where they differ from those of the base", dict
@@ -101,7 +103,8 @@ class Control(Table):
     @classmethod
     def _key_faults(cls, values: Mapping[str, Any]) -> Iterator[tuple[str | Place, str]]:
         """The fault of a delay of a law that is evaluated at all times."""
-        if values.get("delay") and "rate" not in values:
+        has_rate = "rate" in values or values.get("law") == PREDICTIVE
+        if values.get("delay") and not has_rate:
             yield "rate", "missing: a delay needs to know how often the law is evaluated, in Hz"
 
 

@@ -176,13 +176,15 @@ def scenario_source(scenario: Scenario | StrPath) -> ScenarioSource:
     return ScenarioSource(word, text)
 
 
-def robot_source(robot: StrPath, modules: Path, progress: Progress) -> RobotSource:
+def robot_source(
+    robot: StrPath, modules: Path, progress: Progress, derivatives: Sequence[str] = ()
+) -> RobotSource:
     """What is known of a robot of a sweep; its C is compiled.
 
     `robot` is a folder of a module or its name in `generated/`, which come first, the name of a
-    robot that ships, or a robot file. Of these a module is generated where there is none, in a
-    folder of its digest in `modules`. Raises `UsageError` if there is no such robot, and
-    `RobotFileError` with every fault of the file.
+    robot that ships, or a robot file. Of these a module is generated where there is none, with
+    some `derivatives`, in a folder of its digest in `modules`. Raises `UsageError` if there is no
+    such robot, and `RobotFileError` with every fault of the file.
     """
     word = os.fspath(robot)
     if os.path.isdir(word) or os.path.isdir(os.path.join("generated", word)):
@@ -191,13 +193,13 @@ def robot_source(robot: StrPath, modules: Path, progress: Progress) -> RobotSour
         from gibbs_codegen.robot.file import read_robot
 
         read, text = read_robot(word)
-        digest = hashlib.sha256(f"{__version__}\n{text}".encode()).hexdigest()
+        digest = hashlib.sha256("\n".join([__version__, *derivatives, text]).encode()).hexdigest()
         out = modules / digest[:16]
         if not (out / read.name / "MANIFEST").is_file():
             from gibbs_codegen.pipeline import generate_robot  # Late, as it imports SymPy.
 
             progress(f"generating {read.name}", 0.0)
-            generate_robot(read, text, out, verify=False)
+            generate_robot(read, text, out, verify=False, derivatives=derivatives)
         folder = (out / read.name).resolve()
     module, digests = load(folder, "c"), hashlib.sha256()
     try:

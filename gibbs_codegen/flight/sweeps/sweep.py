@@ -26,6 +26,7 @@ from gibbs_codegen.errors import GibbsCodegenError, UsageError, printable
 from gibbs_codegen.files.staging import check_output_folder
 from gibbs_codegen.flight.arguments import whole
 from gibbs_codegen.flight.desired.trajectory import Progress
+from gibbs_codegen.flight.scenario.parts import PREDICTIVE
 from gibbs_codegen.flight.scenario.scenario import Scenario
 from gibbs_codegen.flight.sweeps import measures as known_measures
 from gibbs_codegen.flight.sweeps.cases import Cases, cases_of, varied
@@ -41,6 +42,7 @@ from gibbs_codegen.flight.sweeps.execution import Execution, own_count
 from gibbs_codegen.flight.sweeps.measures import Measure
 from gibbs_codegen.flight.sweeps.sources import StrPath, robot_source, scenario_source
 from gibbs_codegen.flight.sweeps.study import FIXED, Study, table_of
+from gibbs_codegen.runtime.predictive import DERIVATIVES
 
 _MOST_SAMPLES = 2**24
 # How often a line of the log says what is done, s.
@@ -97,9 +99,14 @@ def sweep(
     check_output_folder(out)
     folder = Path(os.path.realpath(out))
     _check_own(folder)
-    robot_sources = [robot_source(each, folder / "modules", progress) for each in _listed(robots)]
     scenario_sources = [scenario_source(each) for each in _listed(scenarios)]
     varying = {key: varied(value) for key, value in (parameters or {}).items()}
+    laws = [each.says("control.law") for each in scenario_sources]
+    laws += varying["control.law"].levels if "control.law" in varying else ()
+    derivatives = DERIVATIVES if PREDICTIVE in laws else ()
+    robot_sources = [
+        robot_source(each, folder / "modules", progress, derivatives) for each in _listed(robots)
+    ]
     cases = cases_of(robot_sources, scenario_sources, varying, samples, seed)
     chosen = measure or known_measures.default(all(robot.has_tip for robot in robot_sources))
     known_measures.check(chosen, (*FIXED, *cases.columns))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import ctypes
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -302,9 +303,21 @@ def test_what_is_wrong_is_told(module: ModuleType) -> None:
         ({"deadline": -1.0}, "deadline must be a time of 0 or more"),
         ({"growth": 1.1}, "growth must be 1 for a machine with dampers"),
         ({"method": "heun"}, 'method must be "trapezoidal" or "rk4"'),
+        ({"points": [len]}, "points must be functions of times by names"),
+        ({"tolerances": 0.1}, "tolerances must be `Tolerances`"),
+        ({"step": "0.02"}, "step must be a number"),
+        ({"iterations": 1.5}, "iterations must be 1 to 100"),
+        ({"points": {"tip": lambda t: t}}, r"points\['tip'\] must return finite numbers \(n, 3\)"),
+        ({"posture": lambda t: np.full((len(t), 9), np.nan)}, "posture must return finite"),
     ):
         with pytest.raises(UsageError, match=words):
             controller_of(module, **changes)
+    with pytest.raises(UsageError, match="hover must be a state at rest"):
+        Predictive(module, Rest(np.zeros(3), np.zeros(2)))
+    with pytest.raises(UsageError, match="time of an instant must be finite"):
+        controller_of(module).inputs(np.nan, *[np.zeros(3)] * 2)
+    with pytest.warns(UserWarning, match="a step of 0.1 s is long"):
+        controller_of(module, step=0.1)
     with pytest.raises(UsageError, match='backend="c"'):
         controller_of(load(module.__path__[0]))
 
@@ -375,6 +388,49 @@ def test_a_path_may_jump_at_an_instant(led: str, module: ModuleType) -> None:
     assert off[-10:].max() < 1e-4
 
 
+def test_what_is_far_off_is_led_at_a_speed(module: ModuleType) -> None:
+    controller = circling(module)
+    target, off = controller._first_point, np.array([0.0, -0.6, 0.8])
+    controller = replace(controller, points={"tip": lambda t: np.tile(target, (len(t), 1))})
+    place, robot = controller.vehicle.layout.q.position, controller.horizon.robot
+    q = controller.hover.q.copy()
+    q[place] += off
+    speed, nearest = controller.tolerances.velocity, 5.0 * controller.tolerances.point
+    nodes = controller._reference(7.0 + controller._ahead, q)
+    left = 1.0 - nearest - speed * controller._ahead
+    np.testing.assert_allclose(nodes[:, :3] - target, np.outer(left, off), atol=1e-12)
+    v = nodes[:, 3 + robot.space.coordinates :][:, controller.vehicle.layout.v.position]
+    np.testing.assert_allclose(v, np.tile(-speed * off, (len(v), 1)), atol=1e-9)
+
+
+def test_an_orientation_needs_no_posture(module: ModuleType) -> None:
+    """The tip is turned by 0.6 rad about the vertical, where it stays."""
+    start = circling(module)
+    place = module.FRAMES.index("tip")
+    pose = start.vehicle.frame_poses(start.hover.q)[place]
+
+    def turned(times: Any) -> Any:
+        angle = 0.6 * np.clip(times, 0.0, 1.0) ** 2 * (3.0 - 2.0 * np.clip(times, 0.0, 1.0))
+        zero, one = 0.0 * angle, 1.0 + 0.0 * angle
+        rows = [
+            np.stack([np.cos(angle), -np.sin(angle), zero], -1),
+            np.stack([np.sin(angle), np.cos(angle), zero], -1),
+            np.stack([zero, zero, one], -1),
+        ]
+        return np.stack(rows, 1) @ pose[:3, :3]
+
+    def still(times: Any) -> Any:
+        return np.tile(pose[:3, 3], (len(times), 1))
+
+    given: dict[str, Any] = {"points": {"tip": still}, "orientations": {"tip": turned}}
+    controller = circling(module, **given)
+    assert missed_by(controller, 2.0)[-5:].max() < 1e-4
+    last = controller._compiled.arrays["x"][0, : len(start.hover.q)]
+    right = turned(np.array([2.0]))[0]
+    cosine = 0.5 * np.trace(controller.vehicle.frame_poses(last)[place, :3, :3] @ right.T) - 0.5
+    assert np.arccos(min(cosine, 1.0)) < 1e-3
+
+
 def test_delay_and_lag_are_made_up_for(module: ModuleType) -> None:
     delay, lag = 0.02, 0.03
     limits = circling(module).actuators
@@ -441,3 +497,35 @@ def test_a_plan_is_found_after_a_measurement_that_is_no_number(module: ModuleTyp
     controller.inputs(0.0, np.full_like(q, np.nan), v)
     controller.inputs(controller.step, q, v)
     assert [instant.solved for instant in controller.log] == [False, True]
+
+
+def test_without_a_first_plan_inputs_are_those_of_hover(module: ModuleType) -> None:
+    """From where no plan of two steps is found: joints turn faster than anything stops them."""
+    controller = circling(module)
+    v = np.full(len(module.VELOCITIES), 1e7)
+    u = controller.inputs(0.0, controller.hover.q, v)
+    assert not controller.log[-1].solved
+    np.testing.assert_array_equal(u, controller.hover.u)
+
+
+def test_inputs_keep_their_rates_whatever_acts(module: ModuleType) -> None:
+    controller = circling(module, rates=2.0, deadline=0.0)
+    q, v, before = controller.hover.q, np.zeros(len(module.VELOCITIES)), controller.hover.u
+    for k in range(5):
+        u = controller.inputs(k * STEP, q, v + 0.3 * k)
+        assert np.abs(u - before).max() <= 2.0 * STEP * (1.0 + 1e-12)
+        before = u
+
+
+def test_a_copy_flies_as_the_controller_does(module: ModuleType) -> None:
+    controller = replace(circling(module), points={})
+    q, v = controller.hover.q, np.full(len(module.VELOCITIES), 0.1)
+    copied = copy.deepcopy(controller)  # By the same words as pickle.
+    np.testing.assert_array_equal(copied.inputs(0.0, q, v), controller.inputs(0.0, q, v))
+
+
+def test_limits_may_be_those_of_a_scenario(module: ModuleType) -> None:
+    scenario = read_scenario("hover", {"motors": {"time_constant": 0.07, "limits": [0.5, 30.0]}})
+    told = circling(module, actuators=scenario)._compiled.arrays
+    np.testing.assert_array_equal(told["lag_times"], 0.07)
+    assert set(told["most"][: controller_of(module).vehicle.rotors]) == {30.0}
