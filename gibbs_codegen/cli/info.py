@@ -22,6 +22,7 @@ from gibbs_codegen.robot.balance import (
     arrangement,
     carried_rotors,
     hover,
+    hover_commands,
     hover_lines,
     implausible,
     lopsided,
@@ -69,13 +70,14 @@ def _machine_facts(robot: Robot) -> dict[str, Any]:
     """Masses, hover, warnings, links, rotors and frames, in values that JSON can hold."""
     base, whole, found = base_properties(robot), whole_properties(robot), hover(robot)
     reach = _reach(robot, found)
+    commands = None if found.thrusts is None else hover_commands(robot, found.thrusts)
     margins = None if reach is None or reach.margins is None else reach.margins.tolist()
     return {
         "mass": robot.total_mass,
         "base": asdict(base)
         | {"offset": float(np.hypot(base.com[0], base.com[1])), "hover": found.thrusts},
         "machine": asdict(whole)
-        | {"thrust_margin": found.margin}
+        | {"thrust_margin": found.margin, "hover_commands": commands and asdict(commands)}
         | {"wrench_margins": margins and dict(zip(DIRECTIONS, margins, strict=True))},
         "warnings": [*filter(None, [lopsided(robot)]), *implausible(robot)],
         "link_list": [
@@ -90,6 +92,8 @@ def _machine_facts(robot: Robot) -> dict[str, Any]:
                 "unit": joint_terms(robot, i).unit,
             }
             | asdict(link.passive)
+            | {"servo": link.servo and asdict(link.servo)}
+            | {"friction": link.friction and asdict(link.friction)}
             for i, link in enumerate(robot.links, start=1)
         ],
         "rotor_list": [
@@ -99,9 +103,13 @@ def _machine_facts(robot: Robot) -> dict[str, Any]:
                 "position": list(rotor.position),
                 "direction": list(rotor.direction),
                 "drag": rotor.drag,
-                "limits": rotor.limits,
+                "limits": drive.thrust_limits,
+                "command": drive.command,
+                "command_limits": drive.limits,
             }
-            for k, rotor in enumerate(mounted_rotors(robot), start=1)
+            for k, (rotor, drive) in enumerate(
+                zip(mounted_rotors(robot), robot.drives, strict=True), start=1
+            )
         ],
         "frames": [
             {"name": frame.name, "on": _body(robot, frame.on), "xyz": list(frame.pose.xyz)}
@@ -116,7 +124,7 @@ def _reach(robot: Robot, found: Hover) -> ReachableWrenches | None:
 
     Only rotors that stand in the file by themselves have limits, so the base is not the paper's.
     """
-    limits = [rotor.limits for rotor in robot.thrusters if rotor.limits]
+    limits = [bounds for drive in robot.drives if (bounds := drive.thrust_limits)]
     if not limits or len(limits) < robot.rotors or found.thrusts is None:
         return None
     # With `flight` and SciPy, which robots without limits do without.
@@ -172,12 +180,14 @@ def _part_tables(robot: Robot, data: dict[str, Any]) -> Iterator[Table]:
     # A column of its own for coordinates only where they are not called like their links.
     own_names = any(link["coordinate"] not in (None, link["name"]) for link in links)
     coordinate = ("coordinate",) if own_names else ()
-    names = ("link", "joint", *coordinate, "mass, kg", "limits", "damping")
+    servo = ("stiffness of servo",) if any(link["servo"] for link in links) else ()
+    names = ("link", "joint", *coordinate, "mass, kg", "limits", "damping", *servo)
     rows = [
         [
             *(link["name"], link["joint"], *(link[key] or "-" for key in coordinate)),
             *(number(link["mass"]), _range(link["limits"], link["unit"])),
             number(link["damping"]) if link["damping"] else "-",
+            *(number(link["servo"]["stiffness"]) if link["servo"] else "-" for _ in servo),
         ]
         for link in links
     ]
@@ -196,12 +206,14 @@ def _part_tables(robot: Robot, data: dict[str, Any]) -> Iterator[Table]:
             numbers = (float(link.alpha_deg), *step, float(link.theta_deg))
             parameters.add_row(*carried, *map(number, numbers))
     yield from (poses, parameters)
-    names = ("rotor", "on", "position, m", "direction", "drag, m", "limits")
+    command = ("command",) if any(drive.command != "thrust" for drive in robot.drives) else ()
+    names = ("rotor", "on", "position, m", "direction", "drag, m", "limits", *command)
     rows = [
         [
             *(rotor["name"], rotor["on"], _short(rotor["position"])),
             *(_direction(rotor["direction"]), number(rotor["drag"])),
             _range(rotor["limits"] or (None, None), "N"),
+            *(_command(rotor) for _ in command),
         ]
         for rotor in rotors[:_MOST_LISTED]
     ]
@@ -213,6 +225,15 @@ def _part_tables(robot: Robot, data: dict[str, Any]) -> Iterator[Table]:
         for frame in data["frames"]
     ]
     yield plain_table("\nFrames", "frame", "on", "position, m", "roll, pitch, yaw, °", rows=rows)
+
+
+def _command(rotor: dict[str, Any]) -> str:
+    """What a rotor is commanded, with its limits, such as "speed 100 … 900 rad/s"."""
+    if rotor["command"] == "thrust":
+        return "thrust"
+    unit = "rad/s" if rotor["command"] == "speed" else ""
+    limits = rotor["command_limits"]
+    return f"{rotor['command']} {_range(limits, unit) if limits else ''}".strip()
 
 
 def _listed(values: Sequence[float]) -> str:

@@ -5,14 +5,15 @@ Wrenches of its rotors, its base and the thrusts of hovering, with what is told 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from gibbs_codegen.robot import posture
 from gibbs_codegen.robot.layout import joint_terms
-from gibbs_codegen.robot.model import AXIS_PAIRS, BASE, Robot, as_rigid_body
+from gibbs_codegen.robot.model import AXIS_PAIRS, BASE, Battery, Robot, as_rigid_body
 from gibbs_codegen.robot.names import coordinate_of, link_label, rotor_label
 from gibbs_codegen.robot.placement import Array, mounted_rotors
 from gibbs_codegen.robot.rigid_body import inertia_matrix, named_bodies
@@ -182,10 +183,10 @@ def hover(robot: Robot, margin: bool = True) -> Hover:
         left -= moments @ idle @ np.linalg.lstsq(moments @ idle, left, rcond=1e-9)[0]
         return Hover(None, None, (), tuple(map(float, posture.rounded(left, size))))
     found = tuple(map(float, posture.rounded(thrusts, size)))
-    limits = [rotor.limits for rotor in robot.thrusters]
+    limits = [drive.thrust_limits for drive in robot.drives]
     beyond = [
         k
-        for k, (thrust, bounds) in enumerate(zip(found, limits, strict=False), start=1)
+        for k, (thrust, bounds) in enumerate(zip(found, limits, strict=True), start=1)
         if bounds and not bounds[0] <= thrust <= bounds[1]
     ]
     known = [bounds for bounds in limits if bounds]
@@ -198,6 +199,97 @@ def hover(robot: Robot, margin: bool = True) -> Hover:
         limited = linprog(most, A_eq=balanced, b_eq=np.zeros(6), bounds=[*known, (0.0, None)])
         times = float(limited.x[-1] / size) if limited.success else None
     return Hover(found, times, tuple(beyond))
+
+
+@dataclass(frozen=True)
+class Endurance:
+    """Hovering on a battery: `voltage`, V, and `current`, A, when it is full.
+
+    For `time`, s, it hovers, until its charge is `charge`, with `until` for what ends it.
+    """
+
+    voltage: float
+    current: float
+    time: float
+    charge: float
+    until: str
+
+
+@dataclass(frozen=True)
+class HoverCommands:
+    """Commands of rotors that hover, with a full battery where there is one.
+
+    `left` is how far the throttle nearest to its greatest one is from it, None without throttles.
+    `battery` is None where there is none, or nothing takes power from it.
+    """
+
+    commands: tuple[float, ...]
+    left: float | None
+    battery: Endurance | None
+
+
+def hover_commands(robot: Robot, thrusts: Sequence[float]) -> HoverCommands:
+    """Commands for thrusts, N, that hover, and what they do to the battery."""
+    drives, battery = robot.drives, robot.battery
+    levels = [drive.level(thrust) for drive, thrust in zip(drives, thrusts, strict=True)]
+    most = {k: (d.limits or (0.0, 1.0))[1] for k, d in enumerate(drives) if d.command == "throttle"}
+    # A throttle gives what the battery's voltage allows, of what it gives at the nominal one.
+    found = _endurance(battery, _power(robot, thrusts, levels), levels, most) if battery else None
+    raised = battery.nominal / found.voltage if battery and found else 1.0
+    commands = [level * raised if k in most else level for k, level in enumerate(levels)]
+    left = min((end - commands[k] for k, end in most.items()), default=None)
+    return HoverCommands(tuple(commands), left, found)
+
+
+def _power(robot: Robot, thrusts: Sequence[float], levels: Sequence[float]) -> float:
+    """The power, W, that rotors take from the battery, with all else."""
+    rotors, battery = 0.0, robot.battery
+    if battery is None:
+        return 0.0
+    for rotor, drive, thrust, level in zip(
+        mounted_rotors(robot), robot.drives, thrusts, levels, strict=True
+    ):
+        speed = level * (1.0 if drive.command == "speed" else drive.full_speed or 0.0)
+        if drive.command == "thrust":
+            speed = (rotor.speed_per_sqrt_thrust or 0.0) * math.sqrt(abs(thrust))
+        rotors += abs(rotor.drag * thrust * speed)
+    return rotors / battery.efficiency + battery.auxiliary
+
+
+# Steps of the charge in which the time of hovering is summed up.
+_STEPS = 4096
+
+
+def _endurance(
+    battery: Battery, power: float, levels: Sequence[float], most: Mapping[int, float]
+) -> Endurance | None:
+    """How long a battery gives a power, W; `most` has the greatest throttles, by places."""
+    if power == 0.0:
+        return None
+    lost = battery.resistance * power
+    loads = (levels[k] * battery.nominal / end if end else math.inf for k, end in most.items())
+    loaded = max(loads, default=0.0)
+    # Voltages with and without load at which it ends; with less than √(R P) there is no such power.
+    least = max(loaded, math.sqrt(lost))
+    needed = least + (lost / least if least else 0.0)
+    voltages, steps = battery.voltages, len(battery.voltages) - 1
+    end, until = 0.0, "it is empty"
+    if below := [k for k, voltage in enumerate(voltages) if voltage < needed]:
+        k = below[-1]
+        share = (needed - voltages[k]) / (voltages[k + 1] - voltages[k]) if k < steps else 0.0
+        end = (k + share) / steps
+        until = "the throttle" if loaded >= least else "its power"
+        until += " no longer suffices"
+
+    def voltage(charge: Array) -> Array:
+        """The voltage with load, V."""
+        free = np.interp(charge, np.linspace(0.0, 1.0, steps + 1), voltages)
+        return (free + np.sqrt(np.maximum(free * free - 4.0 * lost, 0.0))) / 2.0
+
+    charges = end + (1.0 - end) * (np.arange(_STEPS) + 0.5) / _STEPS
+    full = float(voltage(np.array(1.0)))
+    time = 3600.0 * battery.capacity * (1.0 - end) * float(voltage(charges).mean()) / power
+    return Endurance(full, power / full, time, end, until)
 
 
 def holding_efforts(robot: Robot, thrusts: Sequence[float]) -> list[float]:
@@ -260,10 +352,8 @@ def hover_lines(robot: Robot, found: Hover) -> list[str]:
         return [f"hover thrusts: none hold it level: a moment of {left} N m is left ({where})"]
     if found.thrusts is None:
         return [f"hover thrusts: none carry the weight ({how})"]
-    values = ", ".join(map(number, found.thrusts))
-    if len(found.thrusts) > _MOST_LISTED:
-        values = f"{number(min(found.thrusts))} to {number(max(found.thrusts))}"
-    lines = [f"hover thrusts: {values} N, {how}"]
+    lines = [f"hover thrusts: {_values(found.thrusts)} N, {how}"]
+    lines += _command_lines(robot, hover_commands(robot, found.thrusts))
     if robot.moving and not hangs(robot):
         told = [
             f"{coordinate_of(robot, i)} {number(effort)} {joint_terms(robot, i).effort_unit}"
@@ -277,6 +367,36 @@ def hover_lines(robot: Robot, found: Hover) -> list[str]:
     if found.beyond:
         which = ", ".join(rotor_label(robot, k) for k in found.beyond)
         lines.append(f"beyond their limits at these thrusts: {which}")
+    return lines
+
+
+def _values(values: Sequence[float]) -> str:
+    """Numbers, or the least and the greatest of many."""
+    if len(values) > _MOST_LISTED:
+        return f"{number(min(values))} to {number(max(values))}"
+    return ", ".join(map(number, values))
+
+
+def _command_lines(robot: Robot, found: HoverCommands) -> list[str]:
+    """Throttles and speeds of hovering in words, and what the battery makes of it."""
+    lines, battery = [], found.battery
+    for kind, unit, scale in (("throttle", "%", 100.0), ("speed", "rad/s", 1.0)):
+        own = [k for k, drive in enumerate(robot.drives) if drive.command == kind]
+        line = f"hover {kind}: {_values([scale * found.commands[k] for k in own])} {unit}"
+        if len(own) < min(robot.rotors, _MOST_LISTED):
+            names = ", ".join(rotor_label(robot, k + 1) for k in own)
+            line += f" (rotor{'s' * (len(own) > 1)} {names})"
+        if kind == "throttle" and found.left is not None:
+            line += ", with a full battery" * (battery is not None)
+            line += f"; {number(scale * found.left)} % are left"
+        lines += [line] * bool(own)
+    if battery is not None:
+        until = battery.until
+        until += f", with {number(100.0 * battery.charge)} % of its charge" * (battery.charge > 0.0)
+        lines.append(
+            f"battery in hover: {number(battery.voltage)} V and {number(battery.current)} A when "
+            f"full; {number(battery.time / 60.0)} min until {until}"
+        )
     return lines
 
 

@@ -24,7 +24,6 @@ from gibbs_codegen.robot.layout import Entries, Layout, frames_of, joint_terms, 
 from gibbs_codegen.robot.model import (
     AXIS_PAIRS,
     BASE,
-    Drive,
     Link,
     LinkKind,
     Robot,
@@ -337,7 +336,9 @@ class Description:
         rotors = dict(zip(inputs, robot.thrusters, strict=False))
         drives = dict(zip(inputs, robot.drives, strict=False))
         most = zip(inputs[robot.rotors :], joints.values(), strict=True)
-        bounds = {name: _thrusts(drive) for name, drive in drives.items()}
+        bounds: dict[str, Bounds] = {
+            name: drive.thrust_limits or (None, None) for name, drive in drives.items()
+        }
         bounds |= {name: _either_way(_effort(robot.links[i - 1])) for name, i in most}
         rods = len(self.bodies) - len(robot.links)
         names = ("base", *self.bodies[rods:])
@@ -421,14 +422,6 @@ def _places(entries: Entries) -> dict[str, slice]:
 
 
 Bounds = tuple[float | None, float | None]
-
-
-def _thrusts(drive: Drive) -> Bounds:
-    """Least and greatest thrust, N, of a rotor, by the limits of its command."""
-    if drive.limits is None:
-        return None, None
-    low, high = map(drive.thrust, drive.limits)
-    return low, high
 
 
 def _effort(link: Link) -> float | None:

@@ -228,6 +228,11 @@ class Drive:
         return speed / math.sqrt(max(self.thrust(level), 1e-12))
 
     @property
+    def thrust_limits(self) -> tuple[float, float] | None:
+        """Least and greatest thrust, N, by the limits of its command."""
+        return self.limits and (self.thrust(self.limits[0]), self.thrust(self.limits[1]))
+
+    @property
     def lags(self) -> bool:
         """Whether its level follows the command with a lag."""
         return self.up > 0.0

@@ -297,6 +297,50 @@ def test_info_of_a_tree_has_its_links_rotors_and_frames(tmp_path: Path) -> None:
     assert data["warnings"] == []
 
 
+DRIVEN = """
+name = "driven"
+base = { mass = 1.8, inertia = [0.02, 0.02, 0.02, 0, 0, 0] }
+battery = { voltage = [20, 20], resistance = 0, capacity = 3, auxiliary = 10 }
+[[rotor]]
+command = "throttle"
+max_thrust = 30
+full_speed = 600
+time_constant = 0.02
+[[rotor]]
+command = "speed"
+thrust_constant = 2e-5
+command_limits = [0, 900]
+[[link]]
+xyz = [0, 0, -0.1]
+mass = 0.2
+inertia = [1e-3, 1e-3, 1e-3, 0, 0, 0]
+servo = { stiffness = 30 }
+friction = { coulomb = 0.1 }
+"""
+
+
+def test_info_of_actuators_has_commands_stiffnesses_and_how_long_the_battery_lasts(
+    tmp_path: Path,
+) -> None:
+    (tmp_path / "driven.toml").write_text(DRIVEN, encoding="utf-8")
+    said = run("info", "driven.toml", cwd=tmp_path).stdout
+    lines = [" ".join(line.split()) for line in said.splitlines()]
+    assert "link 1 revolute theta_3 0.2 - - 30" in lines
+    assert "1 base 0, 0, 0 z 0 0 … 30 N throttle 0 … 1" in lines
+    assert "2 base 0, 0, 0 z 0 0 … 16.2 N speed 0 … 900 rad/s" in lines
+    assert "hover throttle: 57.18 % (rotor 1), with a full battery; 42.82 % are left" in lines
+    assert "battery in hover: 20 V and 0.5 A when full; 360 min until it is empty" in lines
+    data = json.loads(run("info", "driven.toml", "--json", cwd=tmp_path).stdout)
+    found = data["machine"]["hover_commands"]
+    assert found["commands"] == pytest.approx([(9.81 / 30) ** 0.5, (9.81 / 2e-5) ** 0.5])
+    assert found["left"] == pytest.approx(1 - (9.81 / 30) ** 0.5)
+    assert (found["battery"]["time"], found["battery"]["charge"]) == (pytest.approx(21600), 0.0)
+    assert data["rotor_list"][1]["command_limits"] == [0, 900]
+    assert data["rotor_list"][1]["limits"] == pytest.approx([0, 16.2])
+    assert data["link_list"][0]["servo"]["stiffness"] == 30
+    assert data["link_list"][0]["friction"]["static"] == 0.1
+
+
 @pytest.mark.parametrize("name", ["dual_arm", "hextilt_flying_arm_5", "octorotor_7link"])
 def test_info_fits_a_page(name: str, tmp_path: Path) -> None:
     lines = [line.rstrip() for line in run("info", name, cwd=tmp_path).stdout.splitlines()]

@@ -7,6 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from conftest import ROOT
+from scipy.integrate import solve_ivp
+from support.actuated import TEXT
 from support.emitted import emitted_module
 
 from gibbs_codegen.robot.balance import (
@@ -15,6 +17,7 @@ from gibbs_codegen.robot.balance import (
     carried_rotors,
     holding_efforts,
     hover,
+    hover_commands,
     hover_lines,
     ranks_in_motion,
     wrench_matrix,
@@ -26,6 +29,7 @@ from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.robot.posture import whole_properties
 from gibbs_codegen.robot.text import placed_robot_text
 
+ACTUATED = parse_robot(TEXT)
 QUADROTOR = read_robot("quadrotor")[0]
 DUAL_ARM = read_robot("dual_arm")[0]
 HYDRUS = read_robot("hydrus")[0]
@@ -150,3 +154,125 @@ def test_rotors_on_links_command_other_wrenches_as_the_joints_move() -> None:
     assert arrangement(HYDRUS, [0.5, 0.5, 0.5]).rank == 4
     assert ranks_in_motion(HYDRUS) == (4, 4)
     assert ranks_in_motion(QUADROTOR) is None
+
+
+@pytest.mark.parametrize(
+    ("changes", "until"),
+    [
+        ({}, "it is empty"),
+        ({"resistance": 0.15}, "the throttle no longer suffices"),
+        ({"resistance": 0.25, "nominal": 9.0}, "its power no longer suffices"),
+        ({"resistance": 0.9}, "its power no longer suffices"),
+    ],
+)
+def test_a_battery_lasts_as_long_as_the_emitted_rates_discharge_it(
+    changes: dict[str, float], until: str
+) -> None:
+    """The voltage is what a rotor's level rises to; SciPy integrates, and looks for the end."""
+    robot = replace(ACTUATED, battery=replace(ACTUATED.battery, **changes))
+    thrusts = hover(robot).thrusts
+    assert thrusts is not None
+    found = hover_commands(robot, thrusts)
+    assert found.battery is not None
+    assert found.left is not None
+    module = emitted_module(ACTUATED)
+    own = {f"battery_{key}": value for key, value in changes.items()}
+    constants = module.prepare(module.PARAMETERS | own)
+    q = np.array(layout_of(ACTUATED).neutral)
+    u = np.append(thrusts, np.zeros(3))
+    levels = module.command_of(q, np.zeros(9), u, constants=constants)
+    x = module.actuator_state_of(levels, constants=constants)
+    battery = robot.battery
+    assert battery is not None
+    first, last = module.ACTUATOR_STATES.index("throttle_front_left"), len(x) - 1
+    most = np.where(np.arange(len(u)) == 0, 1.0, levels)
+
+    def rates(charge: float) -> tuple[float, float]:
+        """The rate of the charge, and the voltage that the rotor's level rises to, V."""
+        state = np.append(x[:-1], charge)
+        found = module.actuator_rates(state, most, constants=constants)
+        pace = 0.03 if found[first] > 0.0 else 0.05
+        return found[last], battery.nominal * (pace * found[first] + x[first])
+
+    def room(_: float, y: np.ndarray) -> float:
+        """Above 0 where there is charge, throttle and power."""
+        rate, voltage = rates(y[0])
+        power = -rate * 3600.0 * battery.capacity * voltage
+        needed = max(levels[0] * battery.nominal, np.sqrt(battery.resistance * power) * (1 + 1e-9))
+        return min(y[0], voltage - needed)
+
+    room.terminal = True  # type: ignore[attr-defined]
+    _, voltage = rates(1.0)
+    assert found.battery.voltage == pytest.approx(voltage, rel=1e-12)
+    current = -rates(1.0)[0] * 3600.0 * battery.capacity
+    assert found.battery.current == pytest.approx(current, rel=1e-12)
+    assert found.commands[:3] == pytest.approx(
+        [levels[0] * battery.nominal / voltage, *levels[1:3]], rel=1e-9
+    )
+    assert found.left == pytest.approx(1.0 - found.commands[0])
+    assert found.battery.until == until
+    if room(0.0, np.ones(1)) < 0.0:
+        assert (found.battery.time, found.battery.charge) == (0.0, 1.0)
+        return
+    end = solve_ivp(
+        lambda _, y: [rates(y[0])[0]], (0.0, 1e5), [1.0], events=room, rtol=1e-9, max_step=20.0
+    )
+    assert found.battery.time == pytest.approx(end.t_events[0][0], rel=1e-5)
+    assert found.battery.charge == pytest.approx(end.y_events[0][0, 0], abs=1e-5)
+
+
+def test_a_battery_of_constant_voltage_lasts_for_its_charge_by_the_current() -> None:
+    """Four rotors carry 10 N each: half of what they can, at 0.5 of the throttle when linear."""
+    rotors = "".join(
+        f"""
+[[rotor]]
+position = [{x}, {y}, 0]
+drag = {-0.02 * x * y}
+command = "throttle"
+max_thrust = 20
+thrust_model_factor = 0
+full_speed = 600
+time_constant = 0.02
+"""
+        for x, y in ((1, 1), (-1, 1), (-1, -1), (1, -1))
+    )
+    robot = parse_robot(
+        f"""
+name = "constant"
+gravity = 10
+base = {{ mass = 4 }}
+battery = {{ voltage = [20, 20], resistance = 0, capacity = 3, efficiency = 0.8, auxiliary = 10 }}
+{rotors}"""
+    )
+    # 4 · 0.02 m · 10 N · 300 rad/s = 240 W of 300 W, and 10 W more: 15.5 A of 3 A h.
+    assert hover_lines(robot, hover(robot))[1:] == [
+        "hover throttle: 50, 50, 50, 50 %, with a full battery; 50 % are left",
+        "battery in hover: 20 V and 15.5 A when full; 11.61 min until it is empty",
+        "thrust margin: the limits carry 2 times the weight",
+    ]
+    faster = replace(robot, battery=replace(robot.battery, voltages=(0.0, 20.0)))  # type: ignore[type-var]
+    assert hover_lines(faster, hover(faster))[2].endswith(
+        "15.5 A when full; 4.355 min until the throttle no longer suffices, with 50 % of its charge"
+    )
+
+
+def test_a_throttle_that_has_no_way_up_does_not_hover_for_a_moment() -> None:
+    front = ACTUATED.thrusters[0]
+    assert front.drive is not None
+    held = replace(front, drive=replace(front.drive, limits=(0.0, 0.0)))
+    robot = replace(ACTUATED, thrusters=(held, *ACTUATED.thrusters[1:]))
+    thrusts = hover(robot).thrusts
+    assert thrusts is not None
+    found = hover_commands(robot, thrusts)
+    assert found.battery is not None
+    assert (found.battery.time, found.battery.until) == (0.0, "the throttle no longer suffices")
+    idle = replace(robot, battery=None)
+    assert hover_commands(idle, thrusts).battery is None
+
+
+def test_commands_of_other_units_are_told_with_the_names_of_their_rotors() -> None:
+    found = hover(ACTUATED)
+    assert found.margin == pytest.approx(1.984, abs=1e-3)
+    lines = hover_lines(ACTUATED, found)
+    assert lines[1].startswith("hover throttle: 67 % (rotor front_left), with a full")
+    assert lines[2] == "hover speed: 622.6, 673.6 rad/s (rotors rear_left, rear_right)"
