@@ -14,7 +14,7 @@ import pytest
 from conftest import ROOT
 from support.calls import Pair, as_tuple, random_arguments, state
 from support.comparison import assert_close
-from support.compiled import emit
+from support.compiled import ACTUATED, emit, emit_labelled
 from support.pages import run_python
 from support.random_robots import random_tree
 from support.tools import missing, run, tool
@@ -48,6 +48,8 @@ def pair(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Pair]:
         if label == ANGLES:
             return ROOT / "generated" / ANGLES
         new = tmp_path_factory.mktemp("casadi") / "module"
+        if label == ACTUATED:
+            return emit_labelled(label, new).folder
         if label == TREE:
             return emit(random_tree(36, "quaternion"), new).folder
         if label == STEPS:
@@ -75,7 +77,7 @@ def assert_agree(found: Any, expected: Any, name: str) -> None:
         )
 
 
-@pytest.mark.parametrize("label", [ANGLES, TREE, DERIVATIVES, STEPS])
+@pytest.mark.parametrize("label", [ANGLES, TREE, DERIVATIVES, STEPS, ACTUATED])
 def test_every_function_is_that_of_the_numpy_module(
     label: str, pair: Callable[[str], Pair]
 ) -> None:

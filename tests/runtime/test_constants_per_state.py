@@ -11,7 +11,7 @@ from types import ModuleType
 import numpy as np
 import pytest
 from support.calls import as_tuple, random_arguments
-from support.compiled import emit
+from support.compiled import ACTUATED, emit, emit_labelled
 
 from gibbs_codegen import load
 from gibbs_codegen.errors import UsageError
@@ -95,6 +95,12 @@ def test_functions_give_what_they_give_for_one_state_at_a_time(
     module: ModuleType, either: ModuleType
 ) -> None:
     assert_as_one_at_a_time(module, either)
+
+
+def test_actuators_have_numbers_of_each_state(tmp_path: Path) -> None:
+    folder = emit_labelled(ACTUATED, tmp_path / "module").folder
+    assert_as_one_at_a_time(load(folder), load(folder))
+    assert_as_one_at_a_time(load(folder), load(folder, backend="c"))
 
 
 def test_one_set_gives_what_it_gave(module: ModuleType) -> None:

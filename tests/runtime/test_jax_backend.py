@@ -17,7 +17,7 @@ from conftest import ROOT
 from support.calls import Pair, as_tuple, random_arguments, state
 from support.command import ENVIRONMENT
 from support.comparison import assert_close
-from support.compiled import emit
+from support.compiled import ACTUATED, emit, emit_labelled
 from support.differences import rate
 from support.pages import run_python
 from support.tools import missing, tool
@@ -60,11 +60,14 @@ def pair(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Pair]:
 
     def both(label: str) -> Pair:
         if label not in made:
-            robot = paper_family(2, 1)
-            if label == TURNING:
-                robot = replace(robot, base=replace(robot.base, attitude="quaternion"))
             path = tmp_path_factory.mktemp("jax") / "module"
-            emit(robot, path, derivatives=DERIVATIVES + MORE * (label == TURNING))
+            if label == ACTUATED:
+                emit_labelled(label, path)
+            else:
+                robot = paper_family(2, 1)
+                if label == TURNING:
+                    robot = replace(robot, base=replace(robot.base, attitude="quaternion"))
+                emit(robot, path, derivatives=DERIVATIVES + MORE * (label == TURNING))
             made[label] = Pair(load(path), load(path, backend="jax"))
             # Compiled at the first call, whatever compiler there may be later.
             made[label].ours.mass_matrix(made[label].numpy.integrate(*start(made[label].numpy)))
@@ -101,7 +104,7 @@ def jacobian(function: Callable[[Array], Any], at: Array, step: float = 2e-3) ->
     return np.stack(columns, axis=-1)
 
 
-@LABELS
+@pytest.mark.parametrize("label", [pytest.param(ANGLES, marks=pytest.mark.slow), TURNING, ACTUATED])
 def test_every_function_is_that_of_the_numpy_module(
     label: str, pair: Callable[[str], Pair], caplog: pytest.LogCaptureFixture
 ) -> None:

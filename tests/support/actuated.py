@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from gibbs_codegen.interface.actuators import ACTUATOR_DERIVATIVES, ACTUATOR_PARAMETERS
 from gibbs_codegen.robot.file import parse_robot
 from gibbs_codegen.robot.model import Robot
 
@@ -95,6 +96,9 @@ name = "tip"
 on   = "wrist"
 xyz  = [0, 0, -0.06]
 """
+
+# All derivatives of the functions of actuators.
+DERIVATIVES = tuple(row.name for row in (*ACTUATOR_DERIVATIVES, *ACTUATOR_PARAMETERS))
 
 
 def actuated() -> Robot:

@@ -24,6 +24,7 @@ from gibbs_codegen.robot.file import read_robot
 from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.runtime.load import load
 from gibbs_codegen.targets.registry import find_targets, render_module
+from support.actuated import DERIVATIVES, TEXT, actuated
 from support.derived import derived
 from support.random_robots import random_robot
 from support.tools import compiled, run, tool
@@ -53,6 +54,8 @@ CUT = {f"random_cut_at_{limit}": limit for limit in (40, 60)}
 WHOLE = "random_4_3"
 # Columns that go in loops if loops of few steps will do.
 ROLLED = "rolled"
+# One with actuators of every kind, and the derivatives of what they do.
+ACTUATED = "actuated"
 
 
 @dataclass(frozen=True)
@@ -106,7 +109,9 @@ def emit(robot: Robot, folder: Path, text: str = "", derivatives: Derivatives = 
 
 
 def emit_labelled(label: str, folder: Path) -> Emitted:
-    """Emit a robot that ships, or one of RANDOM or CUT, or the one with loops."""
+    """Emit a robot that ships, or one of RANDOM or CUT, or with loops, or with actuators."""
+    if label == ACTUATED:
+        return emit(actuated(), folder, TEXT, derivatives=DERIVATIVES)
     if label == ROLLED:
         with pytest.MonkeyPatch.context() as patch:
             patch.setattr("gibbs_codegen.targets.c.function._FEWEST_ROLLED", 1)

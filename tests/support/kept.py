@@ -19,6 +19,7 @@ _PACKAGE = _TESTS.parent / "gibbs_codegen"
 _FLIGHT = {"cli", "figures", "flight"}
 _ROBOTS = (
     *("tests/support/compiled.py", "tests/support/random_robots.py"),
+    "tests/support/actuated.py",
     "benchmarks/family.py",
 )
 

@@ -14,6 +14,8 @@ from typing import Any
 import numpy as np
 import pytest
 from conftest import ROOT
+from support.actuated import DERIVATIVES as OF_ACTUATORS
+from support.actuated import actuated
 from support.derived import derived
 from support.kept import kept_folder, made_once
 from support.octave import octave, octave_arrays
@@ -77,6 +79,7 @@ def robots() -> dict[str, tuple[Robot, Any]]:
         "tree": (tree, of_tree),
         SMALL: (read_robot(SMALL)[0], of_small),
         "ball": (ball(), every),
+        "actuated": (actuated(), OF_ACTUATORS),
     }
 
 
@@ -126,7 +129,7 @@ def one_axis_of_states(result: np.ndarray, shape: tuple[int, ...]) -> np.ndarray
     return np.reshape(result, (math.prod(states), *shape))
 
 
-@pytest.mark.parametrize("robot", ["tree", SMALL, "ball"])
+@pytest.mark.parametrize("robot", ["tree", SMALL, "ball", "actuated"])
 def test_numbers_are_those_of_numpy(
     packaged: Callable[[str], Packaged], robot: str, tmp_path: Path
 ) -> None:

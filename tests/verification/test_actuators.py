@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 import sympy as sp
-from support.actuated import TEXT, actuated
+from support.actuated import DERIVATIVES, TEXT, actuated
 from support.derived import derived
 from support.emitted import NUMPY
 from support.planted_faults import planted
@@ -17,11 +17,7 @@ from support.tools import tool
 
 from gibbs_codegen.derivation import actuators
 from gibbs_codegen.derivation.derive import derive
-from gibbs_codegen.interface.actuators import (
-    ACTUATOR_DERIVATIVES,
-    ACTUATOR_PARAMETERS,
-    ACTUATORS,
-)
+from gibbs_codegen.interface.actuators import ACTUATORS
 from gibbs_codegen.pipeline import generate_robot
 from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.targets.registry import render_module
@@ -40,7 +36,6 @@ FEW = ("actuators", "residual")
 # With what derivatives are made of.
 MORE = ("dynamics", "actuators", "kinematics")
 OWN = tuple(row.name for row in ACTUATORS)
-DERIVATIVES = tuple(row.name for row in (*ACTUATOR_DERIVATIVES, *ACTUATOR_PARAMETERS))
 
 
 def test_a_robot_with_every_kind_passes_in_both_back_ends(
