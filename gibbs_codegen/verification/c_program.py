@@ -16,6 +16,7 @@ from typing import Any, get_args
 
 import numpy as np
 
+from gibbs_codegen.errors import MissingFunctionError
 from gibbs_codegen.interface import LANES
 from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.runtime import rollouts
@@ -232,7 +233,8 @@ def compare_rollouts(
     """Compare short rollouts in C with the same in NumPy: the worst of all, or a failure.
 
     The other result says what is not compared, and why. The C is what was generated with the
-    module, or else what rollouts are made of. `flags` are the compiler's, after its own.
+    module, or else what rollouts are made of. `flags` are the compiler's, after its own. Raises
+    `MissingFunctionError` if the module has too few functions for rollouts.
     """
     against = f"NumPy, in {precision} precision"
     rows = []
@@ -256,6 +258,8 @@ def compare_rollouts(
                     size = np.abs(theirs).max(axis=tuple(range(theirs.ndim))[:2])
                     found = getattr(ours, name)
                     rows.append(compared(ROLLOUTS, against, found, theirs, size, limit))
+    except MissingFunctionError:
+        raise
     except Exception as error:  # Whatever was done to the module.
         rows = [failed(ROLLOUTS, against, error)]
     return [replace(row, states=_STATES) for row in merged(rows)], {}
