@@ -9,10 +9,11 @@ from typing import Any
 
 import numpy as np
 import pytest
+from support.actuated import actuated
 from support.compiled import Emitted, emit
 from support.tools import missing
 
-from gibbs_codegen import Feedback, UsageError, load, rollout
+from gibbs_codegen import Feedback, UsageError, load, rollout, trim
 from gibbs_codegen.robot.family import paper_family
 
 try:
@@ -135,3 +136,36 @@ def test_wrong_values_are_told_where_they_are_known(jax_module: ModuleType) -> N
         jax.jit(lambda v: rollout(jax_module, **given | {"v0": v}).q)(
             np.zeros((4, len(jax_module.VELOCITIES)))
         )
+
+
+@pytest.mark.slow
+def test_commands_and_numbers_of_actuators_are_differentiated(tmp_path: Path) -> None:
+    """Against differences of NumPy's rollouts, where no choice is near another."""
+    needed = ["forward_dynamics_derivatives", "forward_dynamics_parameters_vjp"]
+    needed += ["inputs_of_derivatives", "inputs_of_parameters", "integrate_derivatives"]
+    needed += ["actuator_rates_derivatives", "actuator_rates_parameters"]
+    robot = emit(actuated(), tmp_path / "actuated", derivatives=needed).module
+    at = trim(robot, {"upper": 0.5, "slider": 0.02, "wrist": 0.3})
+    v0 = np.append(at.v[:-3], [0.3, 0.2, 2.0])
+    names = ["rear_left_time_constant", "upper_servo_stiffness", "battery_resistance"]
+
+    def away(module: ModuleType, values: Any, commands: Any) -> Any:
+        own = dict(zip(names, values, strict=True))
+        settings = {"method": "euler", "x0": at.x, "parameters": own}
+        found = rollout(module, at.q, v0, commands, 3, 1e-3, **settings)
+        return (found.v[:, -1] ** 2).sum() + ((found.x[:, -1] - at.x) ** 2).sum()
+
+    jax_module = load(tmp_path / "actuated", backend="jax")
+    sizes = np.array([0.1, 100, 100, 1, 0.05, 0.05, 1e-3])
+    values = np.array([robot.PARAMETERS[name] for name in names])
+    begin = [values, at.command + 0.1 * sizes]
+    slopes = jax.grad(lambda *x: away(jax_module, *x), argnums=(0, 1))(*begin)
+    for place, (slope, unit) in enumerate(zip(slopes, (values, sizes), strict=True)):
+        for k in range(len(unit)):
+            ends = []
+            for sign in (1.0, -1.0):
+                moved = [x.copy() for x in begin]
+                moved[place][k] += sign * 1e-5 * unit[k]
+                ends.append(float(away(robot, *moved)))
+            expected = (ends[0] - ends[1]) / 2e-5
+            assert float(slope[k] * unit[k]) == pytest.approx(expected, rel=1e-5, abs=1e-7)
