@@ -280,7 +280,33 @@ def _suited(numpy: ModuleType, states: States) -> tuple[States, float]:
             driven = numpy.forward_dynamics_with_wrenches(q, v, *alone) - falling
             of_kind[:, k] /= (np.abs(driven).max(axis=0) / natural).max(initial=1.0)
     states = replace(states, a=falling, u=efforts[0], W=efforts[1])
-    return states, _LONG * float(states.h.min())
+    return states, min(_LONG * float(states.h.min()), _paced(numpy, states))
+
+
+def _sent(numpy: ModuleType, states: States) -> tuple[Array, Array | None]:
+    """Commands for the inputs of states, and states of actuators; the inputs where none are."""
+    if not getattr(numpy, "COMMANDS", ()):
+        return states.u, None
+    sent = numpy.command_of(states.q, states.v, states.u)
+    return sent, numpy.actuator_state_of(sent) if numpy.ACTUATOR_STATES else None
+
+
+def _paced(numpy: ModuleType, states: States) -> float:
+    """The longest step, s, in which no damping of servos makes a velocity grow."""
+    sent, x = _sent(numpy, states)
+    if sent is states.u:
+        return math.inf
+    x = np.zeros((len(sent), 0)) if x is None else x
+    still = numpy.inputs_of(states.q, states.v, x, sent)
+    fastest = 0.0
+    for k, most in enumerate(np.abs(states.v).max(axis=0)):
+        aside = states.v.copy()
+        aside[:, k] += 1e-3 * most
+        moved = numpy.inputs_of(states.q, aside, x, sent) - still
+        change = numpy.forward_dynamics(states.q, states.v, states.u + moved)
+        change -= numpy.forward_dynamics(states.q, states.v, states.u)
+        fastest = max(fastest, float(np.abs(change[:, k]).max()) / (1e-3 * most))
+    return 1.0 / max(fastest, 1e-9)
 
 
 def _problems(
@@ -292,10 +318,8 @@ def _problems(
     """
     rng, rotors = np.random.default_rng(0), len(tree.motors)
     by_step = rng.uniform(0.5, 1.5, (_STATES, _STEPS, 1))
-    sent, x = states.u, None
-    if driven := bool(getattr(numpy, "COMMANDS", ())):
-        sent = numpy.command_of(states.q, states.v, states.u)
-        x = numpy.actuator_state_of(sent) if numpy.ACTUATOR_STATES else None
+    sent, x = _sent(numpy, states)
+    driven = sent is not states.u
     inputs, wrenches = sent[:, None] * by_step, states.W[:, None] * by_step[..., None]
     inputs_alone = rollouts.Problem(numpy, None, states.q, states.v, inputs.copy(), _STEPS, dt, x=x)
     inputs_alone.inputs[1, 2] = np.inf  # A state is lost, unless the robot has no inputs.
