@@ -68,8 +68,7 @@ class Surroundings:
     """Which kinds of things act on which frames of the plant; their figures are inputs.
 
     `walls` have the frame of each, its surface and how many figures that has, `payloads` the frame
-    of each, `spins` rotor and frame of each. `air` has rotor, frame, how many figures there are and
-    whether there is ground effect of each rotor on which the air acts.
+    of each, `spins` rotor and frame of each.
     """
 
     pushes: bool = False
@@ -78,13 +77,11 @@ class Surroundings:
     walls: tuple[tuple[int, surroundings.Surface, int], ...] = ()
     spins: tuple[tuple[int, int], ...] = ()
     payloads: tuple[int, ...] = ()
-    air: tuple[tuple[int, int, int, bool], ...] = ()
 
     @property
     def acts(self) -> bool:
         """Whether anything does."""
-        of_frames = self.walls or self.spins or self.payloads or self.air
-        return bool(self.pushes or self.drag or of_frames)
+        return bool(self.pushes or self.drag or self.walls or self.spins or self.payloads)
 
 
 @dataclass(frozen=True)
@@ -241,7 +238,7 @@ class ClosedLoop:
         wrenches, a, pressed = self._motion(time, q, v, u, aimed, actuators)
         found = zeros(self.frames, 6) if wrenches is None else wrenches
         outputs = {"a": a, "wrenches": found, "pressed": join(zeros(0), *pressed)}
-        of_air = [aimed, actuators] if self.around.air else []
+        of_air = [aimed, actuators] if self._has_air else []
         return self._program("motion", (time, q, v, u, *of_air), outputs)
 
     @labelled
@@ -302,6 +299,11 @@ class ClosedLoop:
         found: Node = self.model.command_of(at.motion.q, at.motion.v, possible)
         return found
 
+    @property
+    def _has_air(self) -> bool:
+        """Whether the air acts on rotors, which run."""
+        return bool(self.plant.air) and self.law != "off"
+
     def _settled(self, commands: Node) -> Node:
         """The state that the actuators come to with commands."""
         if not self._actuators:
@@ -330,11 +332,9 @@ class ClosedLoop:
         self, time: Node, q: Node, v: Node, u: Node, aimed: Node, actuators: Node
     ) -> tuple[Node | None, Node, list[Node]]:
         """Wrenches (f, 6) of what acts, if anything does, accelerations (nv), forces of walls."""
-        if not self.around.acts:
+        if not (self.around.acts or self._has_air):
             return None, self.plant.forward_dynamics(q, v, u), []
-        speeds = zeros(0)
-        if self.around.air:
-            speeds = self.plant.rotor_speeds(actuators, aimed)
+        speeds = self.plant.rotor_speeds(actuators, aimed) if self._has_air else zeros(0)
         wrenches, pressed = self._wrenches(time, q, v, u, speeds)
         a = self.plant.forward_dynamics_with_wrenches(q, v, u, wrenches)
         return wrenches, a, pressed
@@ -526,7 +526,7 @@ class ClosedLoop:
         """Wrenches (f, 6) on the frames of the plant, and forces of the walls along normals."""
         around, plant, frames = self.around, self.plant, self.frames
         found = self.given("push", frames, 6) if around.pushes else zeros(frames, 6)
-        if around.drag or around.walls or around.spins or around.air:
+        if around.drag or around.walls or around.spins or self._has_air:
             velocities = plant.frame_velocities(q, v)
         wind: Node = zeros(3)
         if around.drag:
@@ -535,7 +535,7 @@ class ClosedLoop:
             found = found + surroundings.drag(self.given("drag", frames, 6), wind, velocities)
         parts: list[tuple[int, Node]] = []
         pressed: list[Node] = []
-        if around.walls or around.spins or around.air:
+        if around.walls or around.spins or self._has_air:
             poses = plant.frame_poses(q)
         for k, (frame, surface, figures) in enumerate(around.walls):
             wall, moving = self.given(f"wall_{k}", 2 + figures), (poses[frame], velocities[frame])
@@ -547,11 +547,8 @@ class ClosedLoop:
             moving = poses[frame], velocities[frame]
             torque = surroundings.spin_torque(spin[:3], spin[3], u[rotor], *moving)
             parts.append((frame, join(zeros(3), torque)))
-        for k, (rotor, frame, figures, ground) in enumerate(around.air):
-            air, driven = self.given(f"air_{k}", figures), (speeds[rotor], u[rotor])
-            moving = poses[frame], velocities[frame]
-            force = surroundings.rotor_air(air, ground, driven, wind, *moving)
-            parts.append((frame, join(force, zeros(3))))
+        if self._has_air:
+            parts += surroundings.air_on_rotors(plant, (poses, velocities), speeds, u, wind)
         if parts:
             found = found + surroundings.on_frames(parts, frames)
         if around.payloads:

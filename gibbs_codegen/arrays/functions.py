@@ -39,6 +39,12 @@ class Functions:
         self.inputs, self.parameters = len(module.INPUTS), len(module.PARAMETERS)
         self.frames = len(module.FRAMES)
         self.actuator_states = len(getattr(module, "ACTUATOR_STATES", ()))
+        # Of rotors on which the air acts their numbers, hubs' frames, and what it does to them.
+        inputs, frames = list(module.INPUTS), list(module.FRAMES)
+        self.air = [
+            (inputs.index(name), frames.index(hub), tuple(numbers))
+            for name, (hub, *numbers) in getattr(module, "ROTOR_AIR", {}).items()
+        ]
         # Whether commands are not the inputs themselves, but of motors and servos.
         self.driven = bool(getattr(module, "COMMANDS", ()))
         self.layout = Layout.listed(

@@ -24,8 +24,10 @@ from gibbs_codegen.arrays.nodes import (
     maximum,
     total,
     variable,
+    zeros,
 )
 from gibbs_codegen.arrays.steps import METHODS
+from gibbs_codegen.arrays.surroundings import air_on_rotors, on_frames
 
 
 @dataclass(frozen=True)
@@ -112,8 +114,14 @@ def rollout_step(
         """Accelerations, and rates of the states of actuators, which follow velocities in v."""
         v, states = v[:m], v[m:]
         inputs = robot.inputs_of(q, v, states, u) if robot.driven else acting[halves]
-        if parts.wrenches:
-            a = robot.forward_dynamics_with_wrenches(q, v, inputs, own["wrenches"])
+        wrenches = own.get("wrenches")
+        if robot.air:
+            moving = robot.frame_poses(q), robot.frame_velocities(q, v)
+            speeds = robot.rotor_speeds(states, u)
+            of_air = on_frames(air_on_rotors(robot, moving, speeds, inputs, zeros(3)), robot.frames)
+            wrenches = of_air if wrenches is None else wrenches + of_air
+        if wrenches is not None:
+            a = robot.forward_dynamics_with_wrenches(q, v, inputs, wrenches)
         else:
             a = robot.forward_dynamics(q, v, inputs)
         return join(a, robot.actuator_rates(states, u)) if states.size else a

@@ -30,9 +30,8 @@ from gibbs_codegen.arrays.nodes import (
     zeros,
 )
 
-# How many numbers say what the air does to a rotor, before pairs of advance ratios, and the least
-# speed of blades' tips, m/s, by which an advance ratio is taken.
-_RATIOS, _LEAST_TIP_SPEED = 8, 1e-6
+# The least speed of blades' tips, m/s, by which an advance ratio is taken.
+_LEAST_TIP_SPEED = 1e-6
 # Of figures of a wall and a place (3), how deep that is behind its surface, m, and the unit normal
 # (3) out of it there.
 Surface = Callable[[Node, Node], tuple[Node, Node]]
@@ -76,43 +75,54 @@ def spin_torque(axis: Node, momentum: Node, thrust: Node, pose: Node, velocity: 
     return cross(size * (_rotation(pose) @ axis), velocity[3:])
 
 
-def rotor_air(
-    air: Node,
-    has_ground: bool,
-    driven: tuple[Node, Node],
-    wind: Node,
-    pose: Node,
-    velocity: Node,
+def air_on_rotors(
+    robot: Functions, moving: tuple[Node, Node], speeds: Node, u: Node, wind: Node
+) -> list[tuple[int, Node]]:
+    """Wrenches (6) of the air on hubs of rotors, besides thrusts in still air, by their frames.
+
+    `moving` are poses (f, 4, 4) and velocities (f, 6) of the frames, `speeds` (N) of the rotors,
+    rad/s, with inputs u.
+    """
+    poses, velocities = moving
+    parts = []
+    for rotor, frame, air in robot.air:
+        driven, moved = (speeds[rotor], u[rotor]), (poses[frame], velocities[frame][:3] - wind)
+        parts.append((frame, join(_force_on_rotor(air, driven, *moved), zeros(3))))
+    return parts
+
+
+def _force_on_rotor(
+    air: Sequence[float], driven: tuple[Node, Node], pose: Node, moved: Node
 ) -> Node:
-    """Force (3), N, of the air on the hub of a rotor besides its thrust in still air.
+    """Force (3), N, of the air on the hub of a rotor that moves against it, m/s.
 
     `air` has the direction (3) in the axes of the hub, drag and inflow, kg, lift, kg/m, radius, m,
     1 for ground effect, and pairs of advance ratio and factor of the thrust; `driven` are speed,
     rad/s, and thrust, N. The ground is at a height of 0, and the hub no lower than half a radius
     (Cheeseman and Bennett, 1955).
     """
+    drag, inflow, lift, radius, has_ground, *pairs = air[3:]
     speed, thrust = driven
-    axis = _rotation(pose) @ air[:3]
-    moved = velocity[:3] - wind
+    axis = _rotation(pose) @ constant(np.array(air[:3]))
     along = dot(axis, moved)
     across = moved - along * axis
-    pushed = air[5] * dot(across, across) - speed * air[4] * along
+    pushed = lift * dot(across, across) - inflow * speed * along
     factor = constant(1.0)
-    if air.size > _RATIOS:
-        tips = maximum(absolute(speed) * air[6], _LEAST_TIP_SPEED)
-        factor = _between(along / tips, air[_RATIOS:])
+    if pairs:
+        tips = maximum(absolute(speed) * radius, _LEAST_TIP_SPEED)
+        factor = _between(along / tips, pairs[::2], pairs[1::2])
     if has_ground:
-        share = air[6] / (4.0 * maximum(_origin(pose)[2], 0.5 * air[6]))
+        share = 0.25 * radius / maximum(_origin(pose)[2], 0.5 * radius)
         factor = factor / (1.0 - share * share)
-    return (pushed + (factor - 1.0) * thrust) * axis - speed * air[3] * across
+    return (pushed + (factor - 1.0) * thrust) * axis - drag * speed * across
 
 
-def _between(x: Node, pairs: Node) -> Node:
-    """What lies linearly between pairs of a place and a value, that at an end beyond it."""
-    found = pairs[1]
-    for k in range(0, pairs.size - 2, 2):
-        slope = (pairs[k + 3] - pairs[k + 1]) / (pairs[k + 2] - pairs[k])
-        found = found + slope * (clip(x, pairs[k], pairs[k + 2]) - pairs[k])
+def _between(x: Node, places: Sequence[float], values: Sequence[float]) -> Node:
+    """What lies linearly between values at rising places, that at an end beyond it."""
+    found = constant(values[0])
+    for k in range(len(places) - 1):
+        slope = (values[k + 1] - values[k]) / (places[k + 1] - places[k])
+        found = found + slope * (clip(x, places[k], places[k + 1]) - places[k])
     return found
 
 

@@ -51,12 +51,13 @@ class Model:
 
     @property
     def listing(self) -> SimpleNamespace:
-        """What array programs read of a module: its name, attitude and lists."""
+        """What array programs read of a module: its name, attitude, lists and rotors in the air."""
         return SimpleNamespace(
             **self.lists,
             NAME=self.robot.name,
             ATTITUDE=self.description.layout.attitude,
             COORDINATE_UNITS=self.description.layout.q.units,
+            ROTOR_AIR=self.description.constants.get("ROTOR_AIR", {}),
         )
 
     @property

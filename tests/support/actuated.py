@@ -2,6 +2,11 @@
 
 from __future__ import annotations
 
+from types import ModuleType
+
+import numpy as np
+from numpy.typing import NDArray
+
 from gibbs_codegen.interface.actuators import ACTUATOR_DERIVATIVES, ACTUATOR_PARAMETERS
 from gibbs_codegen.robot.file import parse_robot
 from gibbs_codegen.robot.model import Robot
@@ -104,3 +109,19 @@ DERIVATIVES = tuple(row.name for row in (*ACTUATOR_DERIVATIVES, *ACTUATOR_PARAME
 def actuated() -> Robot:
     """The robot."""
     return parse_robot(TEXT)
+
+
+def air(
+    module: ModuleType, q: NDArray[np.float64], v: NDArray[np.float64], speed: float, thrust: float
+) -> NDArray[np.float64]:
+    """Wrenches (f, 6) on the frames of what the air does to rotor front_left."""
+    drag, inflow, radius = 1e-4, 2e-4, 0.12
+    hub = module.FRAMES.index("hub_front_left")
+    pose, moved = module.frame_poses(q)[hub], module.frame_velocities(q, v)[hub, :3]
+    up = pose[:3, 2]
+    along = (moved @ up) * up
+    height = max(pose[2, 3], radius / 2)
+    gain = 1.0 / (1.0 - (radius / (4.0 * height)) ** 2) - 1.0
+    wrenches = np.zeros((len(module.FRAMES), 6))
+    wrenches[hub, :3] = gain * thrust * up - speed * (drag * (moved - along) + inflow * along)
+    return wrenches

@@ -29,9 +29,6 @@ from gibbs_codegen.flight.scenario.parts import Payload, Push, Wind
 from gibbs_codegen.flight.scenario.scenario import Scenario
 from gibbs_codegen.flight.scenario.walls import Wall
 
-# Place of the flag of ground effect in what the air does to a rotor, of `arrays.surroundings`.
-_GROUND = 7
-
 
 class RotorSpin:
     """The g rotors that have a spin inertia, and the frames that take their torques.
@@ -68,8 +65,6 @@ class RotorSpin:
 class Environment:
     """What acts on the robot that flies; `spins` (N) are those of `Actuators`.
 
-    Where it is not powered, the air does nothing to its rotors.
-
     Raises `UsageError` for frames that the robot does not have.
     """
 
@@ -79,7 +74,6 @@ class Environment:
     wind: Wind | None = None
     wall: tuple[Wall, ...] = ()
     spins: Array | None = None
-    is_powered: bool = True
 
     def __post_init__(self) -> None:
         if self.push is not None:
@@ -99,17 +93,10 @@ class Environment:
         Raises `UsageError` also for a spinning rotor on a link without a frame.
         """
         spinning = spins if np.any(spins) else None
-        powered = scenario.control.law != "off"
         found = cls(
-            vehicle,
-            scenario.push,
-            scenario.payloads,
-            scenario.wind,
-            scenario.walls,
-            spinning,
-            powered,
+            vehicle, scenario.push, scenario.payloads, scenario.wind, scenario.walls, spinning
         )
-        acts = found.push or found.payload or found.wind or found.wall or found.spin or found.air
+        acts = found.push or found.payload or found.wind or found.wall or found.spin
         return found if acts else None
 
     @cached_property
@@ -121,21 +108,7 @@ class Environment:
             (self.vehicle.frames.index(wall.frame), wall.surface, len(wall.figures))
             for wall in self.wall
         )
-        air = tuple(
-            (rotor, self.vehicle.frames.index(frame), len(figures), bool(figures[_GROUND]))
-            for rotor, frame, figures in self.air
-        )
-        return Surroundings(False, self.wind is not None, len(gusts), walls, tuple(spins), air=air)
-
-    @cached_property
-    def air(self) -> list[tuple[int, str, tuple[float, ...]]]:
-        """Number, from 0, hub and figures of each rotor on which the air acts."""
-        vehicle = self.vehicle
-        known = vehicle.description("ROTOR_AIR") if vehicle.is_driven and self.is_powered else {}
-        return [
-            (vehicle.inputs.index(name), frame, tuple(figures))
-            for name, (frame, *figures) in known.items()
-        ]
+        return Surroundings(False, self.wind is not None, len(gusts), walls, tuple(spins))
 
     @cached_property
     def figures(self) -> dict[str, Array]:
@@ -152,7 +125,6 @@ class Environment:
             found["gusts"] = np.array(gusts, dtype=np.float64).reshape(-1, 5)
         for k, wall in enumerate(self.wall):
             found[f"wall_{k}"] = np.array([wall.stiffness, wall.damping, *wall.figures])
-        found |= {f"air_{k}": np.array(figures) for k, (_, _, figures) in enumerate(self.air)}
         if self.spin is not None:
             found["spins"] = np.column_stack((self.spin.axes, self.spin.spins))
         return found

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
-from support.actuated import TEXT
+from support.actuated import TEXT, air
 
 from gibbs_codegen import Simulation, generate, load, simulate
 from gibbs_codegen.errors import UsageError
@@ -22,7 +22,6 @@ from gibbs_codegen.flight.simulation import flight_start
 Array = NDArray[np.float64]
 # Where dry friction is smooth about rest, the wrist is stiff.
 RK4 = {"method": "rk4", "step": 2e-4}
-FRONT_LEFT = {"hub_drag": 1e-4, "inflow": 2e-4, "radius": 0.12}
 
 
 @pytest.fixture(scope="module")
@@ -41,20 +40,6 @@ def module(folder: Path) -> ModuleType:
 def hover(**changes: Any) -> Scenario:
     near = {"base": {"path": {"kind": "fixed", "position": [0, 0, 0.1]}}, "duration": 0.25}
     return read_scenario("hover", near | changes)
-
-
-def air(module: ModuleType, q: Array, v: Array, speed: float, thrust: float) -> Array:
-    """Wrenches (f, 6) on the frames, by formulas of their own, of the rotor in the air."""
-    hub = module.FRAMES.index("hub_front_left")
-    pose, moved = module.frame_poses(q)[hub], module.frame_velocities(q, v)[hub, :3]
-    up = pose[:3, 2]
-    along = (moved @ up) * up
-    force = -speed * FRONT_LEFT["hub_drag"] * (moved - along) - speed * FRONT_LEFT["inflow"] * along
-    height = max(pose[2, 3], FRONT_LEFT["radius"] / 2)
-    gain = 1.0 / (1.0 - (FRONT_LEFT["radius"] / (4.0 * height)) ** 2) - 1.0
-    wrenches = np.zeros((len(module.FRAMES), 6))
-    wrenches[hub, :3] = force + gain * thrust * up
-    return wrenches
 
 
 def flown(module: ModuleType, q: Array, v: Array, command: Array, time: float) -> Array:

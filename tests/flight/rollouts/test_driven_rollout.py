@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
-from support.actuated import actuated
+from support.actuated import actuated, air
 from support.compiled import Emitted, compile_only, emit
 
 from gibbs_codegen import Feedback, Rollout, UsageError, load, rollout, trim, uniform
@@ -117,7 +117,9 @@ def test_states_of_actuators_are_integrated_with_the_motion(module: ModuleType) 
 
     def rates(_: float, state: np.ndarray) -> np.ndarray:
         q, v, x = np.split(state, split)
-        a = module.forward_dynamics(q, v, module.inputs_of(q, v, x, commands))
+        u, speeds = module.inputs_of(q, v, x, commands), module.rotor_speeds(x, commands)
+        wrenches = air(module, q, v, speeds[0], u[0])
+        a = module.forward_dynamics_with_wrenches(q, v, u, wrenches)
         follow = module.actuator_rates(x, commands) if names else x
         return np.concatenate([module.coordinate_rates(q, v), a, follow])
 
