@@ -288,6 +288,8 @@ class Trim:
     - `command` (nu), `x` (nx): commands of motors and servos that keep the inputs, and states of
       the actuators, with a full battery; None where the robot file describes no actuators
     - `command_units`: units of the commands by their names
+    - `command_margins` (nu): how far each command is from the nearer of its limits, infinite
+      without limits; None as `command`
     """
 
     robot: str
@@ -311,6 +313,7 @@ class Trim:
     command: Array | None = None
     x: Array | None = None
     command_units: Mapping[str, str] = field(default_factory=dict)
+    command_margins: Array | None = None
 
     @property
     def attitude_deg(self) -> dict[str, float]:
@@ -340,11 +343,16 @@ class Trim:
             if unit == "rad":
                 room = f" {math.degrees(value):10.4g}°"
             lines.append((line + room).rstrip())
-        if self.command is not None:
+        if self.command is not None and self.command_margins is not None:
             lines.append("It is kept so by the commands")
             width = max(map(len, self.command_units), default=0)
-            for value, (name, unit) in zip(self.command, self.command_units.items(), strict=True):
-                lines.append(f"  {name:<{width}} {value:10.4g} {unit}")
+            for value, margin, (name, unit) in zip(
+                self.command, self.command_margins, self.command_units.items(), strict=True
+            ):
+                scale, unit = (100.0, "%") if unit == "1" else (1.0, unit)
+                line = f"  {name:<{width}} {scale * value:10.4g} {unit:<5}"
+                room = f" {scale * margin:10.4g} {unit} from a limit" * bool(np.isfinite(margin))
+                lines.append((line + room).rstrip())
         if self.missing:
             lines += ["The rotors produce no wrench along", *(f"  {m}" for m in self.missing)]
         lines += [f"warning: {joint}" for joint in self.beyond_limits]
@@ -429,11 +437,13 @@ def trim(
         attitude = {"roll": float(roll), "pitch": float(pitch), "yaw": float(yaw)}
     idle = null_space(vehicle.thrust_wrenches(found).T)
     beyond, command, x, units = _beyond(vehicle, actuators.joints, found), None, None, {}
+    room = None
     if names := getattr(vehicle.module, "COMMANDS", ()):
         command, x = kept_commands(vehicle, found, v, u)
         units = dict(zip(names, vehicle.module.COMMAND_UNITS, strict=True))
         ends = command_limits(vehicle.module)
         beyond += _outside(names, units.values(), command, ends)
+        room = margins(command, ends)
     return Trim(
         robot=vehicle.name,
         input_names=vehicle.inputs,
@@ -457,6 +467,7 @@ def trim(
         command=command,
         x=x,
         command_units=units,
+        command_margins=room,
     )
 
 

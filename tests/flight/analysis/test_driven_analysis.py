@@ -38,7 +38,14 @@ def test_commands_keep_the_inputs_of_a_trim(module: ModuleType) -> None:
         throttle = module.COMMANDS.index("throttle_front_left")
         assert found.command[throttle] > 1.01 * found.x[0]
     assert found.beyond_limits == ()
-    assert "throttle_front_left" in str(found)
+    lines = [" ".join(line.split()) for line in str(found).splitlines()]
+    used = 100.0 * found.command[throttle]
+    assert f"throttle_front_left {used:.4g} % {100.0 - used:.4g} % from a limit" in lines
+    # Of commands between 100 and 900 rad/s the lower limit is farther, at 623 rad/s.
+    speed = found.command[1]
+    assert f"speed_rear_left {speed:.4g} rad/s {900.0 - speed:.4g} rad/s from a limit" in lines
+    np.testing.assert_allclose(found.command_margins[1], 900.0 - speed, rtol=1e-12)
+    assert f"slider_position {found.command[5]:.4g} m" in lines
 
 
 def test_commands_beyond_their_limits_are_told(module: ModuleType) -> None:
