@@ -299,6 +299,12 @@ def argument_parser() -> Parser:
         "in a robot file, `on` a link of FILE; or a platform of eagle_mpc in YAML",
     )
     parser.add(
+        *("--command", None),
+        "what motors of Gazebo in FILE are commanded: a thrust (default) or, as there, a speed, "
+        "with time constants of speeding up and slowing down and the drag of the hub",
+        choices=("thrust", "speed"),
+    )
+    parser.add(
         *("--attitude", "WORD"),
         "what describes the attitude of the base: quaternion (default), or a sequence of angles "
         "such as xyz",

@@ -6,6 +6,7 @@ import argparse
 import itertools
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
 from typing import Any
@@ -16,7 +17,7 @@ from rich.text import Text
 from gibbs_codegen.cli.terminal import plain_table, width
 from gibbs_codegen.errors import Fault, RobotFileError, UsageError, printable
 from gibbs_codegen.exchange.attaching import Attachment, is_robot_file, joined
-from gibbs_codegen.exchange.importing import ImportOptions, in_order, opening_comment
+from gibbs_codegen.exchange.importing import MOST_TOLD, ImportOptions, in_order, opening_comment
 from gibbs_codegen.exchange.placement import Placement, vector
 from gibbs_codegen.exchange.sources import Finding, SourceFileError
 from gibbs_codegen.files.module_writer import write_new_file
@@ -51,6 +52,7 @@ def run(options: argparse.Namespace) -> int:
                 f"--lock {printable(word, 80)}: give JOINT or JOINT=VALUE, VALUE in rad or m"
             )
     wanted = ImportOptions(attitude, rotors, locks, options.base, not options.no_snap)
+    wanted = replace(wanted, command=options.command or wanted.command)
     arms = [_attachment(each) for each in options.attach or ()]
     if is_robot_file(path):
         _check_robot_file(path, options)
@@ -64,7 +66,9 @@ def run(options: argparse.Namespace) -> int:
     for kind, found in itertools.groupby(in_order(findings), key=lambda line: line.kind):
         lines = [*found]
         for line, shown in zip(lines[:_SHOWN], (kind, *[""] * _SHOWN), strict=False):
-            table.add_row(shown, Text(printable(line.subject, 60)), Text(printable(line.detail)))
+            table.add_row(
+                shown, Text(printable(line.subject, 60)), Text(printable(line.detail, MOST_TOLD))
+            )
         if len(lines) > _SHOWN:
             table.add_row("", f"and {len(lines) - _SHOWN} more")
     Console(width=width(), highlight=False).print(table)
@@ -87,7 +91,7 @@ def _check_robot_file(path: Path, options: argparse.Namespace) -> None:
     """Refuse what is of other formats: a robot file has its attitude, base and rotors."""
     if not options.attach:
         raise UsageError(f"{printable(path)}: is a robot file already; --attach joins arms to it")
-    for name in ("rotors", "attitude", "lock", "base"):
+    for name in ("rotors", "attitude", "lock", "base", "command"):
         if getattr(options, name):
             raise UsageError(f"--{name}: change {printable(path)} itself, which is a robot file")
 

@@ -11,7 +11,7 @@ from gibbs_codegen.exchange.placement import HERE, Placement, vector
 from gibbs_codegen.exchange.urdf import is_rotor_by_name
 from gibbs_codegen.exchange.xml_text import mjcf_text, urdf_text
 from gibbs_codegen.robot.layout import frames_of
-from gibbs_codegen.robot.model import BASE, Body, Robot, as_rigid_body
+from gibbs_codegen.robot.model import BASE, Body, Robot, as_rigid_body, drive_of
 from gibbs_codegen.robot.names import default_prefix, joint_name, link_label
 from gibbs_codegen.robot.placement import base_centre
 from gibbs_codegen.robot.rigid_body import inertia_matrix
@@ -25,8 +25,8 @@ def export_robot(robot: Robot, form: Format) -> tuple[str, list[str]]:
     """Text of a robot in another format, and lines on what this has no place for or cannot name."""
     is_urdf = form == "urdf"
     source = source_of(robot)
-    missing = []
-    for joint in source.joints:
+    missing, rods = [], [None] * robot.base.rotors
+    for joint, link in zip(source.joints, (*rods, *robot.links), strict=True):
         passive, limits = joint.passive, joint.limits
         if is_urdf:
             lost = [key for key in ("armature", "stiffness") if getattr(passive, key)]
@@ -34,10 +34,17 @@ def export_robot(robot: Robot, form: Format) -> tuple[str, list[str]]:
             lost = [] if limits.velocity is None else ["velocity"]
             if (limits.low is None) != (limits.high is None):
                 lost.append("limits, since it has one only")
+        lost += [key for key in ("servo", "friction") if getattr(link, key, None)]
         if joint.kind != "fixed" and lost:
             missing.append(f"joint {joint.name}: {' and '.join(lost)}")
     for i in robot.constrained:
         missing.append(f"{link_label(robot, i)}: that a constraint torque holds it; it is welded")
+    # What makes thrusts and torques of commands: these are the inputs of what is written.
+    for what, key in (("what rotors make of commands", "drive"), ("air on rotors", "air")):
+        if own := [rotor.name for rotor in source.rotors if getattr(rotor, key)]:
+            missing.append(f"{what}: {', '.join(own)}")
+    if robot.battery:
+        missing.append("the battery")
     if any(rotor.spin_inertia for rotor in robot.thrusters):
         missing.append("spin inertias of rotors")
     if is_urdf:
@@ -130,11 +137,11 @@ def source_of(robot: Robot) -> sources.Source:
             names[rotor.on],
             vector(centre.point(rotor.position)) if rotor.on == BASE else rotor.position,
             rotor.direction,
-            rotor.drag,
-            rotor.limits,
-            rotor.time_constant,
+            **sources.rotor_numbers(rotor)
+            | {"limits": drive.thrust_limits, "time_constant": drive.up or None},
         )
         for k, rotor in enumerate(robot.thrusters, start=1)
+        for drive in [drive_of(rotor)]
     ]
     frames = []
     for frame in frames_of(robot)[1:]:  # The first is the base's own.

@@ -11,6 +11,7 @@ welded                Source     → Robot, and what was done
 
 from __future__ import annotations
 
+import math
 import textwrap
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -24,8 +25,9 @@ from gibbs_codegen.exchange.urdf import read_urdf
 from gibbs_codegen.exchange.welding import welded
 from gibbs_codegen.exchange.xml_file import expanded, parse_xml, read_bytes
 from gibbs_codegen.robot.balance import LARGEST_DRAG
-from gibbs_codegen.robot.model import Attitude, Robot
-from gibbs_codegen.robot.names import name_from
+from gibbs_codegen.robot.model import Attitude, Command, Robot
+from gibbs_codegen.robot.names import link_label, name_from
+from gibbs_codegen.robot.posture import carried_inertia
 
 
 @dataclass(frozen=True)
@@ -34,7 +36,7 @@ class ImportOptions:
 
     `lock` has where joints are locked, rad or m, by their names; `base` is the link that is the
     base, None for the root; `rotors` a file of rotors that replace those found; `snap` whether
-    angles are made exact and noise is set to zero.
+    angles are made exact and noise is set to zero; `command` what motors of Gazebo are commanded.
     """
 
     attitude: Attitude
@@ -42,6 +44,7 @@ class ImportOptions:
     lock: Mapping[str, float] = field(default_factory=dict)
     base: str | None = None
     snap: bool = True
+    command: Command = "thrust"
 
 
 def import_robot(path: Path, options: ImportOptions) -> tuple[Robot, list[Finding]]:
@@ -57,7 +60,7 @@ def import_robot(path: Path, options: ImportOptions) -> tuple[Robot, list[Findin
     if tag == "mujoco":
         source = read_mjcf(path, data, options.base)
     elif tag == "robot":
-        source = read_urdf(data, file)
+        source = read_urdf(data, file, options.command)
     else:
         raise UsageError(
             f"{printable(path)}: its root element is <{printable(tag, 40)}>; URDF has <robot>, "
@@ -77,12 +80,21 @@ def import_robot(path: Path, options: ImportOptions) -> tuple[Robot, list[Findin
     name = name_from(source.name or path.name.split(".")[0])
     robot, findings = welded(source, name, options.attitude, options.snap)
     for rotor in source.rotors:
-        limits = "" if rotor.limits is None else f", {rotor.limits[0]:g} to {rotor.limits[1]:g} N"
-        detail = f"on {rotor.on}, drag {rotor.drag:g} m{limits} ({rotor.found_by})"
+        command, limits, unit = "", rotor.limits, "N"
+        if rotor.drive is not None and rotor.drive.command != "thrust":
+            command, limits = rotor.drive.command, rotor.drive.limits
+            unit = "rad/s" if command == "speed" else ""
+        bounds = "" if limits is None else f"{limits[0]:g} to {limits[1]:g} {unit}"
+        own = [f"on {rotor.on}", f"drag {rotor.drag:g} m", f"{command} {bounds}".strip()]
+        detail = f"{', '.join(filter(None, own))} ({rotor.found_by})"
         findings.append(Finding("rotor", rotor.name, detail))
         if abs(rotor.drag) > LARGEST_DRAG:
             detail = f"a drag of {rotor.drag:g} m is large; check its factor"
             findings.append(Finding("note", rotor.name, detail))
+    if options.command == "speed" and not any(rotor.drive for rotor in source.rotors):
+        words = "--command speed is for motors of Gazebo, of which none was found"
+        findings.append(Finding("note", "rotors", words))
+    findings += _light_joints(robot)
     if not source.rotors:
         endless = ", ".join(joint.name for joint in source.joints if joint.continuous)
         hint = f"; these joints turn without end: {endless}" if endless else ""
@@ -90,6 +102,40 @@ def import_robot(path: Path, options: ImportOptions) -> tuple[Robot, list[Findin
             Finding("note", "rotors", f"none were found; --rotors FILE gives them{hint}")
         )
     return robot, [*source.findings, *findings]
+
+
+# Of less a servo's gears make more, kg m².
+_LIGHT = 1e-3
+_MOST_NAMED = 4
+
+
+def _light_joints(robot: Robot) -> list[Finding]:
+    """A note of joints that turn little, as if no gears turned with them and torques flew them."""
+    light = {}
+    for i in robot.moving:
+        link = robot.links[i - 1]
+        if link.joint == "revolute" and not link.passive.armature:
+            light[i] = carried_inertia(robot, i)
+    light = {i: inertia for i, inertia in light.items() if inertia < _LIGHT}
+    if not light:
+        return []
+    least = min(light, key=lambda i: light[i])
+    servo = "stiffness = …, damping = …"
+    if effort := robot.links[least - 1].limits.effort:
+        stiffness = effort / math.radians(5.0)
+        damping = 2.0 * math.sqrt(stiffness * max(light[least], 0.0))
+        servo = f"stiffness = {stiffness:.3g}, damping = {damping:.2g}"
+    names = [link_label(robot, i) for i in light]
+    many = len(names) > 1
+    turned = f"{min(light.values()):.2g}" + f" to {max(light.values()):.2g}" * many
+    subject = ", ".join(names[:_MOST_NAMED])
+    subject += f" and {len(names) - _MOST_NAMED} more" * (len(names) > _MOST_NAMED)
+    words = (
+        f"turn{'s' * (not many)} {turned} kg m² and would be flown by torques alone: if "
+        f"{'servos drive them' if many else 'a servo drives it'}, give servo = {{ {servo} }} "
+        f"(N m/rad, N m s/rad{'; for the least' * many}), and armature for the inertia of gears"
+    )
+    return [Finding("note", subject, words)]
 
 
 # In the order of a report, with what they mean.
@@ -104,6 +150,8 @@ KINDS: dict[Kind, str] = {
     "note": "worth a look",
 }
 _WIDTH = 99
+# Characters of what is told of one thing.
+MOST_TOLD = 240
 
 
 def in_order(findings: Sequence[Finding]) -> list[Finding]:
@@ -121,7 +169,10 @@ def opening_comment(source: str, findings: Sequence[Finding]) -> str:
             names = ", ".join(dict.fromkeys(printable(line.subject, 60) for line in found))
             lines.append(f"{kind.capitalize()}: {names}.")
         elif kind != "rotor" and found:
-            each = [f"{printable(line.subject, 60)} ({printable(line.detail)})" for line in found]
+            each = [
+                f"{printable(line.subject, 60)} ({printable(line.detail, MOST_TOLD)})"
+                for line in found
+            ]
             lines.append(f"{kind.capitalize()}: {', '.join(each)}.")
     wrapped = [
         part for line in lines for part in textwrap.wrap(line, _WIDTH - 2, subsequent_indent="  ")

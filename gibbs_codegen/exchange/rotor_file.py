@@ -12,7 +12,7 @@ from typing import Annotated
 
 from gibbs_codegen.errors import Fault, UsageError, printable
 from gibbs_codegen.exchange.placement import vector
-from gibbs_codegen.exchange.sources import Rotor, Source, SourceFileError, refusal
+from gibbs_codegen.exchange.sources import Rotor, Source, SourceFileError, refusal, rotor_numbers
 from gibbs_codegen.exchange.tree import near
 from gibbs_codegen.exchange.xml_file import read_bytes
 from gibbs_codegen.files.table import Table, Tables, file_table, key
@@ -57,10 +57,8 @@ def read_rotors(path: Path, source: Source) -> tuple[Rotor, ...]:
                 source.root if on == "base" and on not in source.links else on,
                 rotor.position,
                 rotor.direction,
-                rotor.drag,
-                rotor.limits,
-                rotor.time_constant,
                 found_by=path.name,
+                **rotor_numbers(rotor),
             )
             for number, (on, rotor) in enumerate(
                 ((found.on, found.rotor(BASE)) for found in table.rotor), start=1

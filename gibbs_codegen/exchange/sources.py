@@ -21,7 +21,8 @@ import numpy as np
 
 from gibbs_codegen.errors import Fault, RefusedFileError
 from gibbs_codegen.exchange.placement import HERE, Placement, snapped_angle, vector
-from gibbs_codegen.robot.model import AXES, JointLimits, Passive, Vector3
+from gibbs_codegen.robot import model
+from gibbs_codegen.robot.model import AXES, Drive, JointLimits, Passive, RotorAir, Vector3
 from gibbs_codegen.robot.placement import Array
 
 JointKind = Literal["revolute", "prismatic", "fixed", "floating", "planar"]
@@ -109,8 +110,24 @@ class Rotor:
     drag: float = 0.0
     limits: tuple[float, float] | None = None
     time_constant: float | None = None
+    spin_inertia: float | None = None
+    speed_per_sqrt_thrust: float | None = None
+    drive: Drive | None = None
+    air: RotorAir | None = None
     joint: str | None = None
     found_by: str = ""
+
+
+# What a rotor of a file and one of a robot have alike.
+_ROTOR_NUMBERS = (
+    *("drag", "limits", "time_constant", "spin_inertia", "speed_per_sqrt_thrust"),
+    *("drive", "air"),
+)
+
+
+def rotor_numbers(rotor: Rotor | model.Rotor) -> dict[str, Any]:
+    """What does not depend on where a rotor is, by the names of both."""
+    return {name: getattr(rotor, name) for name in _ROTOR_NUMBERS}
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,6 +12,7 @@ from __future__ import annotations
 import math
 import re
 from collections import Counter
+from dataclasses import replace
 from operator import itemgetter
 
 import numpy as np
@@ -20,7 +21,15 @@ from gibbs_codegen.errors import Fault, printable
 from gibbs_codegen.exchange import sources
 from gibbs_codegen.exchange.placement import Placement, degrees, vector
 from gibbs_codegen.exchange.xml_file import Element, child, children, described, parse_xml
-from gibbs_codegen.robot.model import AXES, JointLimits, Passive, Vector3
+from gibbs_codegen.robot.model import (
+    AXES,
+    Command,
+    Drive,
+    JointLimits,
+    Passive,
+    RotorAir,
+    Vector3,
+)
 from gibbs_codegen.robot.rigid_body import LEAST, MOST, inertia_matrix
 
 # What some exporters write for no limit.
@@ -108,13 +117,21 @@ class Values:
 
 
 _THRUST = "thrust"
-_MOTOR = ("momentConstant", "motorConstant", "maxRotVelocity", "timeConstantUp", "motorNumber")
+_MOTOR = (
+    *("momentConstant", "motorConstant", "maxRotVelocity", "timeConstantUp", "timeConstantDown"),
+    *("rotorDragCoefficient", "rollingMomentCoefficient", "motorNumber"),
+)
 
 
-def urdf_rotors(root: Element, values: Values) -> list[sources.Rotor]:
-    """The rotors under `<robot>`, in the order of their numbers or of the file."""
+def urdf_rotors(
+    root: Element, values: Values, command: Command = "thrust"
+) -> tuple[list[sources.Rotor], list[sources.Finding]]:
+    """The rotors under `<robot>`, in the order of their numbers or of the file, what is left out.
+
+    Motors of Gazebo are commanded a thrust or, as there, a speed.
+    """
     motors = [found for found in root.iter("plugin") if isinstance(found, Element)]
-    numbered = []
+    numbered, rolling = [], []
     for plugin in filter(is_motor, motors):
         texts = {found.tag: (found.text or "").strip() for found in children(plugin)}
         turning = texts.get("turningDirection", "")
@@ -122,7 +139,7 @@ def urdf_rotors(root: Element, values: Values) -> list[sources.Rotor]:
             values.fault(
                 plugin, f"<turningDirection> must be cw or ccw, not {turning or 'left out'}"
             )
-        moment, constant, fastest, time_constant, number = (
+        moment, constant, fastest, up, down, hub_drag, roll, number = (
             values.of_text(plugin, f"<{tag}>", texts[tag]) if texts.get(tag) else 0.0
             for tag in _MOTOR
         )
@@ -132,15 +149,26 @@ def urdf_rotors(root: Element, values: Values) -> list[sources.Rotor]:
             on=texts["linkName"],
             drag=-moment if turning == "ccw" else moment,
             limits=(0.0, most) if most > 0.0 else None,
-            time_constant=time_constant or None,
+            time_constant=up or None,
             joint=texts.get("jointName"),
             found_by="Gazebo",
         )
+        if command == "speed":
+            bounds = (0.0, fastest) if fastest > 0.0 else None
+            lags = up or down, down or up
+            drive = Drive("speed", (0.0, 0.0, constant), bounds, *lags)
+            air = RotorAir(drag=hub_drag) if hub_drag else None
+            rotor = replace(rotor, limits=None, time_constant=None, drive=drive, air=air)
+            rolling += [rotor.name] * bool(roll)
         numbered.append((number, rotor))
     gazebo = [rotor for _, rotor in sorted(numbered, key=itemgetter(0))]
     claimed = {rotor.joint for rotor in gazebo} | {rotor.on for rotor in gazebo}
     jsk = _jsk(root, values)
-    return gazebo + [r for r in jsk if r.joint not in claimed and r.on not in claimed]
+    findings = []
+    if rolling:
+        words = f"rollingMomentCoefficient of {', '.join(rolling)}"
+        findings.append(sources.Finding("left out", "rolling moments of rotors", words))
+    return gazebo + [r for r in jsk if r.joint not in claimed and r.on not in claimed], findings
 
 
 def is_rotor_by_name(joint: str, link: str, prefix: str = _THRUST) -> bool:
@@ -200,8 +228,11 @@ _LEFT_OUT = {
 }
 
 
-def read_urdf(data: bytes, file: str) -> sources.Source:
-    """Read a robot in URDF, unchecked as a tree; raises `SourceFileError` with every fault."""
+def read_urdf(data: bytes, file: str, command: Command = "thrust") -> sources.Source:
+    """Read a robot in URDF, unchecked as a tree; raises `SourceFileError` with every fault.
+
+    Motors of Gazebo are commanded a thrust or, as there, a speed.
+    """
     root, values = parse_xml(data, file), Values()
     if root.tag != "robot":
         values.fault(root, "is no URDF: its root element is <robot>")
@@ -222,7 +253,8 @@ def read_urdf(data: bytes, file: str) -> sources.Source:
             if joint.name in joints:
                 values.fault(element, "there is another joint of that name")
             joints[joint.name] = joint
-    rotors, findings = urdf_rotors(root, values), _left_out(root, values)
+    rotors, unread = urdf_rotors(root, values, command)
+    findings = [*_left_out(root, values), *unread]
     if not links:
         values.fault(root, "has no <link>")
     if values.faults:

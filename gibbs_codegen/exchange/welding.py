@@ -13,7 +13,15 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from gibbs_codegen.exchange.placement import HERE, Placement, vector
-from gibbs_codegen.exchange.sources import Finding, Inertial, Joint, Source, quiet, quiet_inertia
+from gibbs_codegen.exchange.sources import (
+    Finding,
+    Inertial,
+    Joint,
+    Source,
+    quiet,
+    quiet_inertia,
+    rotor_numbers,
+)
 from gibbs_codegen.robot import model
 from gibbs_codegen.robot.names import CONSTRAINT_TORQUES, LONGEST_LABEL, identifier
 from gibbs_codegen.robot.placement import Array
@@ -177,11 +185,9 @@ def _rotors(
             model.Rotor(
                 quiet(position) if snap else position,
                 quiet(direction) if snap else direction,
-                rotor.drag,
-                place.body,
-                namer.free(rotor.name, "rotor"),
-                rotor.limits,
-                rotor.time_constant,
+                on=place.body,
+                name=namer.free(rotor.name, "rotor"),
+                **rotor_numbers(rotor),
             )
         )
     return tuple(rotors)

@@ -223,6 +223,18 @@ def whole_properties(
     return _sum_of_bodies([*base_bodies(robot, frames), *links])
 
 
+def carried_inertia(robot: Robot, i: int) -> float:
+    """Inertia, kg m², of all that the joint of link `i` moves, about its axis, joints at zero."""
+    frames, carried = frames_on(robot, AT_ORIGIN, _at_zero(robot)).links, {i}
+    for k, parent in enumerate(robot.parents, start=1):
+        if parent in carried:
+            carried.add(k)
+    found = _sum_of_bodies([(robot.links[k - 1].body, frames[k - 1]) for k in sorted(carried)])
+    axis = frames[i - 1].axes @ np.array(robot.links[i - 1].axis)
+    arm = np.cross(axis, np.array(found.com) - frames[i - 1].origin)
+    return float(axis @ inertia_matrix(found.inertia) @ axis + found.mass * (arm @ arm))
+
+
 def _at_zero(robot: Robot) -> placement.Array:
     return np.zeros(len(robot.moving))
 

@@ -12,6 +12,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from numpy.typing import NDArray
+from support.actuated import actuated
 from support.pinocchio_oracle import Oracle, free_flyer, placed
 from support.random_robots import random_tree
 
@@ -306,3 +307,21 @@ def test_limits_that_nothing_reaches_are_none_in_urdf(limit: float, kind: str) -
     far = replace(robot.links[1], limits=JointLimits(-limit, limit))
     text = export_robot(replace(robot, links=(robot.links[0], far)), "urdf")[0]
     assert f'<joint name="{coordinate_of(robot, 2)}" type="{kind}">' in text
+
+
+@pytest.mark.parametrize("form", ["urdf", "mjcf"])
+def test_of_actuators_what_a_file_cannot_hold_is_told(form: Format, tmp_path: Path) -> None:
+    """Rotors have the limits of their thrusts, and in MJCF their lag."""
+    robot = actuated()
+    _, lines = export_robot(robot, form)
+    labels = "front_left, rear_left, rear_right"
+    assert f"left out: what rotors make of commands: {labels}" in lines
+    assert "left out: air on rotors: front_left" in lines
+    assert "left out: the battery" in lines
+    assert "left out: joint upper: servo and friction" in lines
+    assert "left out: joint wrist: friction" in lines
+    back = again(robot, form, tmp_path)
+    assert not back.has_actuators
+    for rotor, drive in zip(back.thrusters, robot.drives, strict=True):
+        assert rotor.limits == pytest.approx(drive.thrust_limits)
+        assert rotor.time_constant == ((drive.up or None) if form == "mjcf" else None)

@@ -17,8 +17,8 @@ from gibbs_codegen.cli.app import main
 from gibbs_codegen.errors import GibbsCodegenError
 from gibbs_codegen.exchange.importing import ImportOptions, import_robot
 from gibbs_codegen.exchange.sources import Finding
-from gibbs_codegen.robot.file import read_robot
-from gibbs_codegen.robot.model import RigidBody, Robot
+from gibbs_codegen.robot.file import parse_robot, read_robot
+from gibbs_codegen.robot.model import RigidBody, Robot, RotorAir
 
 Array = NDArray[np.float64]
 SOURCES = Path(__file__).parent / "sources"
@@ -463,3 +463,100 @@ def test_xacro_is_expanded(tmp_path: Path) -> None:
     path.write_text(path.read_text().replace("m * 2", "n"))
     with pytest.raises(GibbsCodegenError, match="cannot be expanded: "):
         import_robot(path, ImportOptions("xyz"))
+
+
+def test_motors_of_gazebo_are_commanded_speeds_if_so_asked(tmp_path: Path) -> None:
+    """By the formulas of Gazebo: thrust by the square of the speed, drag by speed and velocity."""
+    more = (
+        "<timeConstantDown>0.025</timeConstantDown>"
+        "<rotorDragCoefficient>8.1e-5</rotorDragCoefficient>"
+        "<rollingMomentCoefficient>1e-6</rollingMomentCoefficient></plugin>"
+    )
+    source, out = tmp_path / "robot.urdf", tmp_path / "robot.toml"
+    source.write_text(FEATURES.replace("</plugin>", more, 1))
+    assert main(["import", str(source), "--command", "speed", "--out", str(out)]) == 0
+    robot, text = read_robot(str(out))
+    assert "rolling moments of rotors (rollingMomentCoefficient of prop_1)" in " ".join(
+        text.replace("#", " ").split()
+    )
+    first, second = robot.thrusters
+    assert (first.name, second.name) == ("prop_0", "prop_1")
+    for rotor in (first, second):
+        assert rotor.drive is not None
+        assert (rotor.drive.command, rotor.drive.limits) == ("speed", (0.0, 838.0))
+        assert rotor.drive.thrust(500.0) == pytest.approx(8.54858e-06 * 500.0**2, rel=1e-15)
+        assert rotor.limits is None
+    assert first.air is None
+    assert second.air == RotorAir(drag=8.1e-5)
+    drives = robot.drives
+    # Where the file has one time constant, it is for both ways.
+    assert (drives[0].up, drives[0].down) == (0.0125, 0.0125)
+    assert (drives[1].up, drives[1].down) == (0.0125, 0.025)
+    thrusts, report = imported(FEATURES, tmp_path)
+    assert not thrusts.has_actuators
+    assert [r.limits for r in thrusts.thrusters] == [drive.thrust_limits for drive in drives]
+    assert "rolling moments of rotors" not in told(report, "left out")
+    robot, report = imported(FEATURES, tmp_path, command="speed")
+    assert "on prop_0, drag -0.016 m, speed 0 to 838 rad/s (Gazebo)" in {r.detail for r in report}
+
+
+def test_that_no_motor_takes_a_speed_is_told(tmp_path: Path) -> None:
+    text = '<robot name="r"><link name="a"><inertial><mass value="1"/></inertial></link></robot>'
+    _, report = imported(text, tmp_path, command="speed")
+    words = "--command speed is for motors of Gazebo, of which none was found"
+    assert words in [line.detail for line in report if line.kind == "note"]
+
+
+def test_rotors_of_a_file_have_all_that_rotors_of_robot_files_have(tmp_path: Path) -> None:
+    """But for where they are, which is in the frames of the source."""
+    keys = (
+        'drag = 0.02\ncommand = "throttle"\nmax_thrust = 9\nfull_speed = 900\nhub_drag = 1e-4\n'
+        "time_constants = [0.02, 0.03]\nspin_inertia = 1e-5\n"
+    )
+    file = tmp_path / "rotors.toml"
+    file.write_text(f'[[rotor]]\non = "hub"\n{keys}')
+    robot, report = imported(FEATURES, tmp_path, rotors=file)
+    (expected,) = parse_robot(
+        f'name = "r"\n[base]\nmass = 1\n[[rotor]]\nname = "rotor_1"\n{keys}'
+    ).thrusters
+    assert robot.thrusters == (expected,)
+    assert "on hub, drag 0.02 m, throttle 0 to 1 (rotors.toml)" in {r.detail for r in report}
+
+
+LIGHT = """
+<robot name="light">
+  <link name="base"><inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1"/></inertial></link>
+  <link name="wrist"><inertial><origin xyz="0 0 0.01"/><mass value="0.04"/>
+    <inertia ixx="2e-5" iyy="3e-5" izz="4e-5"/></inertial></link>
+  <joint name="j1" type="revolute"><parent link="base"/><child link="wrist"/><axis xyz="0 1 0"/>
+    <limit lower="-1" upper="1" effort="2"/></joint>
+  <link name="finger"><inertial><mass value="0.01"/><inertia ixx="1e-6" iyy="1e-6" izz="1e-6"/>
+    </inertial></link>
+  <joint name="j2" type="TYPE"><origin xyz="0.02 0 0"/><parent link="wrist"/><child link="finger"/>
+    <axis xyz="1 0 0"/><limit lower="-1" upper="1"/></joint>
+</robot>
+"""
+
+
+def test_joints_that_turn_little_are_noted_with_a_servo_to_begin_with(tmp_path: Path) -> None:
+    """The wrist turns 3e-5 + 0.04·0.01² and the finger's 1e-6 + 0.01·0.02²: 3.9e-5 kg m²."""
+    _, report = imported(LIGHT.replace("TYPE", "prismatic"), tmp_path)
+    (line,) = [line for line in report if line.subject == "wrist" and line.kind == "note"]
+    stiffness = 2.0 / np.radians(5.0)
+    damping = 2.0 * (stiffness * 3.9e-5) ** 0.5
+    assert line.detail == (
+        "turns 3.9e-05 kg m² and would be flown by torques alone: if a servo drives it, give "
+        f"servo = {{ stiffness = {stiffness:.3g}, damping = {damping:.2g} }} "
+        "(N m/rad, N m s/rad), and armature for the inertia of gears"
+    )
+    _, report = imported(LIGHT.replace("TYPE", "revolute"), tmp_path)
+    (line,) = [line for line in report if line.detail.startswith("turn ")]
+    assert line.subject == "wrist, finger"
+    # The finger, which turns least, has no effort.
+    assert line.detail == (
+        "turn 1e-06 to 3.9e-05 kg m² and would be flown by torques alone: if servos drive them, "
+        "give servo = { stiffness = …, damping = … } (N m/rad, N m s/rad; for the least), and "
+        "armature for the inertia of gears"
+    )
+    heavy = LIGHT.replace("TYPE", "prismatic").replace('0.04"', '10"')
+    assert "wrist" not in told(imported(heavy, tmp_path)[1], "note")

@@ -26,7 +26,7 @@ from gibbs_codegen.robot.family import paper_family
 from gibbs_codegen.robot.file import parse_robot, read_robot
 from gibbs_codegen.robot.layout import layout_of
 from gibbs_codegen.robot.model import Robot
-from gibbs_codegen.robot.posture import whole_properties
+from gibbs_codegen.robot.posture import carried_inertia, whole_properties
 from gibbs_codegen.robot.text import placed_robot_text
 
 ACTUATED = parse_robot(TEXT)
@@ -56,6 +56,20 @@ def test_whole_machine_is_that_of_the_emitted_functions() -> None:
     inertia = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
     skew = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
     assert np.allclose(matrix[3:6, 3:6], inertia - found.mass * skew @ skew, atol=1e-12)
+
+
+def test_what_a_joint_carries_is_its_entry_of_the_emitted_mass_matrix() -> None:
+    layout = layout_of(EVERYTHING)
+    matrix = emitted_module(EVERYTHING).mass_matrix(np.array(layout.neutral))
+    turning = [
+        (i, place)
+        for i, place in zip(EVERYTHING.moving, layout.v.joint_places, strict=True)
+        if EVERYTHING.links[i - 1].joint == "revolute"
+    ]
+    assert len(turning) > 2
+    for i, place in turning:
+        armature = EVERYTHING.links[i - 1].passive.armature
+        assert carried_inertia(EVERYTHING, i) == pytest.approx(matrix[place, place] - armature)
 
 
 def test_wrenches_are_those_of_the_emitted_input_matrix() -> None:
