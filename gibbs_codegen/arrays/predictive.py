@@ -1,6 +1,6 @@
 """Predictive control as array programs: a node of the horizon, what follows its end, and moves.
 
-At each node k the state x is coordinates q, velocities v, thrusts of motors that lag, and the
+At each node k the state x is coordinates q, velocities v, states of motors, and the
 inputs of the node before, where changes of inputs cost or are limited. A small change of a node is
 w = (du, dx), with displacements of q in the tangent space. To first order
 
@@ -26,6 +26,7 @@ from gibbs_codegen.arrays.nodes import (
     Node,
     Program,
     beside,
+    choose,
     constant,
     coordinates_of,
     cross,
@@ -67,8 +68,15 @@ class Horizon:
 
     @property
     def motors(self) -> int:
-        """How many thrusts a state has."""
+        """How many thrusts of motors that lag a state has, or states of all actuators."""
+        if self.robot.driven:
+            return self.robot.actuator_states
         return self.robot.rotors if self.lags else 0
+
+    @property
+    def lag_times(self) -> int:
+        """How many time constants: of actuators those of greater and then of lesser commands."""
+        return 2 * self.motors if self.robot.driven else self.motors
 
     @property
     def before(self) -> int:
@@ -109,7 +117,7 @@ class Horizon:
         """A node and how it goes on: `gap`, `slope`, `hessian` of q, `gradient` and `cost`."""
         given = self._given()
         predicted = self._predicted
-        names = ["q", "v", *(["thrusts"] if self.lags else []), "u"]
+        names = ["q", "v", *(["motors"] if self.motors else []), "u"]
         found = jacobian(predicted, names).results(*self._arguments(given))
         rows = [self._slope(found, x) for x in ("q", *self._rest)]
         outputs = {"gap": self._gap(given, found), "slope": join(*rows)}
@@ -193,7 +201,7 @@ class Horizon:
     @property
     def _rest(self) -> list[str]:
         """Names of what a state has beside coordinates."""
-        return ["v", *(["thrusts"] if self.lags else []), *(["before"] if self.changes else [])]
+        return ["v", *(["motors"] if self.motors else []), *(["before"] if self.changes else [])]
 
     def _given(self) -> Given:
         """What a node is given."""
@@ -202,9 +210,9 @@ class Horizon:
         after, h = variable("x_next", self.size), variable("h")
         references = variable("reference", self.reference_size)
         weights = variable("weights", sum(self.weight_sizes.values()), uniform=True)
-        lag_times = [variable("lag_times", self.motors, uniform=True)] if self.lags else []
+        lag_times = [variable("lag_times", self.lag_times, uniform=True)] if self.motors else []
         n, nv = robot.space.coordinates, robot.space.velocities
-        sizes = {"q": n, "v": nv, "thrusts": self.motors, "before": self.before}
+        sizes = {"q": n, "v": nv, "motors": self.motors, "before": self.before}
         led = {"points": 3 * len(self.points), "rotations": 9 * len(self.orientations)}
         return Given(
             [u, x, after, h, references, weights, *lag_times],
@@ -226,9 +234,9 @@ class Horizon:
 
     def _arguments(self, given: Given) -> list[Node]:
         """Arguments of the step of a node."""
-        thrusts = [given.state["thrusts"]] if self.lags else []
+        motors = [given.state["motors"]] if self.motors else []
         u, _, _, h, _, _, *lag_times = given.inputs
-        return [given.q, given.v, *thrusts, u, h, *lag_times, *self._led(given)]
+        return [given.q, given.v, *motors, u, h, *lag_times, *self._led(given)]
 
     def _led(self, given: Given) -> list[Node]:
         """Points, rotations and coordinates that are desired, as far as there are such."""
@@ -240,21 +248,31 @@ class Horizon:
         robot, (q, v) = self.robot, self.robot.state()
         u, h = variable("u", robot.inputs), variable("h")
         inputs, acting, outputs = [q, v], u, {}
-        lag_times = []
-        if self.lags:
-            thrusts, times = (
-                variable(x, self.motors, uniform=x == "lag_times") for x in ("thrusts", "lag_times")
-            )
-            inputs, lag_times = [*inputs, thrusts], [times]
+        lag_times, mean = [], zeros(0)
+        if self.motors:
+            motors = variable("motors", self.motors)
+            times = variable("lag_times", self.lag_times, uniform=True)
+            inputs, lag_times = [*inputs, motors], [times]
+            # What is left of the way to where commands lead, and the mean of the step.
+            if robot.driven:
+                rates = robot.actuator_rates(motors, u)
+                times = choose(rates, 0.0, times[: self.motors], times[self.motors :])
+                way = -maximum(times, _LEAST_LAG) * rates
+            else:
+                way = motors - u[: self.motors]
             pace = h / maximum(times, _LEAST_LAG)
-            settled = u[: self.motors]
-            way, left = thrusts - settled, exponential(-pace)
-            outputs["thrusts_next"] = settled + left * way
-            # The mean thrust of the step.
-            acting = join(settled + (1.0 - left) / pace * way, u[self.motors :])
+            settled, left = motors - way, exponential(-pace)
+            outputs["motors_next"] = settled + left * way
+            mean = settled + (1.0 - left) / pace * way
+            if not robot.driven:
+                acting = join(mean, u[self.motors :])
 
         def accelerate(q: Node, v: Node, _: int) -> Node:
-            found: Node = robot.forward_dynamics(q, v, acting)
+            ahead = q
+            if robot.driven and self.method != "rk4":  # Servos push by where joints are at the end.
+                ahead = robot.integrate(q, h * v)
+            inputs = robot.inputs_of(ahead, v, mean, u) if robot.driven else acting
+            found: Node = robot.forward_dynamics(q, v, inputs)
             return found
 
         if self.method == "rk4":
@@ -309,8 +327,8 @@ class Horizon:
         return join(base, *(found[f"{x}_next"] - given.after[x] for x in self._rest))
 
     def _slope(self, found: dict[str, Node], name: str) -> Node:
-        """Rows of the slope: of the next coordinates, velocities, thrusts or inputs before."""
-        by = ["u", "q", "v", *(["thrusts"] if self.lags else [])]
+        """Rows of the slope: of the next coordinates, velocities, motors or inputs before."""
+        by = ["u", "q", "v", *(["motors"] if self.motors else [])]
         blocks = [found[f"{name}_next_by_{x}"] for x in by]
         return beside(*blocks, *([zeros(blocks[0].shape[0], self.before)] if self.changes else []))
 
@@ -320,7 +338,7 @@ class Horizon:
         hessian, pull = self._pulled(given, found["errors_by_q"], errors)
         cost, efforts, rates, changed = self._cost(given, errors)
         parts = [efforts if changed is None else efforts + changed, pull, rates]
-        parts += [zeros(self.motors)] if self.lags else []
+        parts += [zeros(self.motors)] if self.motors else []
         parts += [] if changed is None else [-changed]
         return {
             "hessian": _of_each(hessian, given.x),

@@ -208,8 +208,8 @@ class Parameters:
             return LinkSymbols(a, d, position, body, NOT_PASSIVE)
         units = PASSIVE_UNITS["revolute" if link.joint == "revolute" else "prismatic"]
         own = zip(asdict(link.passive).items(), units, strict=True)
-        # Steps that take a damper's torque at their end need an armature that is larger.
-        if link.passive.damping:
+        # Steps that take a damper's or servo's torque at their end need an armature that is larger.
+        if link.passive.damping or link.servo:
             self._kept.add(f"{prefix}_armature")
         passive = (self._value(f"{prefix}_{name}", x, unit) for (name, x), unit in own)
         return LinkSymbols(a, d, position, body, PassiveSymbols(*passive))

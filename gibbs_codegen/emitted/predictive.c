@@ -287,11 +287,11 @@ static void predict(
     move(constants, x, room->away[0], 1, x);
 }
 
-/* A state of the plan: q and v, thrusts of motors that lag, and the inputs before. */
+/* A state of the plan: q and v, the state of motors, and the inputs before. */
 static void join_state(const Controller *own, const real *state, real *x)
 {
     memcpy(x, state, sizeof(real) * SEEN);
-    memcpy(x + SEEN, own->thrusts, sizeof(real) * MOTORS);
+    memcpy(x + SEEN, own->motors, sizeof(real) * MOTORS);
     memcpy(x + SEEN + MOTORS, own->acting, sizeof(real) * CHANGES);
 }
 
@@ -316,7 +316,7 @@ size_t MODULE(predictive_size)(void)
 void MODULE(predictive_reset)(Controller *own)
 {
     memcpy(own->acting, own->hover + REFERENCE - INPUTS, sizeof own->acting);
-    memcpy(own->thrusts, own->acting, sizeof(real) * MOTORS);
+    memcpy(own->motors, own->settled, sizeof(real) * MOTORS);
     own->failures = R(-1.0);
 }
 
@@ -340,7 +340,7 @@ int MODULE(predictive_feedback)(Controller *own, const real *state, real *u)
     join_state(own, state, x);
     if (own->delay > R(0.0)) {
         predict(constants, own, room, own->acting, own->delay, x);
-        memcpy(own->thrusts, x + SEEN, sizeof(real) * MOTORS); /* when the next inputs act */
+        memcpy(own->motors, x + SEEN, sizeof(real) * MOTORS); /* when the next inputs act */
     }
     own->iterations = R(0.0);
     int solved = iterate(constants, own, room, x);
@@ -387,9 +387,11 @@ void MODULE(predictive_shift)(Controller *own)
 void MODULE(predictive_act)(Controller *own, const real *u)
 {
     const real time = own->h[0] - own->delay; /* from when they act to the next state */
-    for (int i = 0; i < MOTORS; ++i) {
-        const real lag = maximum_real(own->lag_times[i], R(1e-9));
-        own->thrusts[i] = u[i] + exponential_real(-time / lag) * (own->thrusts[i] - u[i]);
+    if (MOTORS > 0 && time > R(0.0)) {
+        real x[SIZE];
+        join_state(own, own->x[0], x);
+        predict(&own->constants, own, room_of(own), u, time, x);
+        memcpy(own->motors, x + SEEN, sizeof(real) * MOTORS);
     }
     memcpy(own->acting, u, sizeof own->acting);
 }

@@ -30,12 +30,14 @@ from gibbs_codegen.files.verbatim import c_source
 from gibbs_codegen.runtime.programs import PREFIX, blocks_of, called, library, support
 
 Array = NDArray[np.float64]
-# What a module must have beside what it has by default.
+# What a module must have beside what it has by default, the last ones where it has actuators.
 DERIVATIVES = (
     "forward_dynamics_derivatives",
     "frame_poses_derivatives",
     "integrate_derivatives",
     "difference_derivatives",
+    "inputs_of_derivatives",
+    "actuator_rates_derivatives",
 )
 # Iterations of the interior-point method that are too many.
 _MOST = 40
@@ -125,7 +127,10 @@ class Transcription:
                 (sum(horizon.weight_sizes.values()),),
                 f"Of squares of what is off ({weights}), of which `diagonal` has some again.",
             ),
-            "lag_times": Member((motors,), "Time constants of the motors, s."),
+            "lag_times": Member(
+                (max(horizon.lag_times, 1),), "Time constants of the motors, or actuators, s."
+            ),
+            "settled": Member((motors,), "The state of the motors in hover."),
             "ahead": Member(
                 (horizon.ahead,), "What follows the horizon costs, by a regulator about hover."
             ),
@@ -153,7 +158,7 @@ class Transcription:
                 f"What nodes are to be, `delay` after now and then step by step ({row}).",
             ),
             "acting": ((robot.inputs,), "Inputs that act now."),
-            "thrusts": ((motors,), "Thrusts of motors that lag, N."),
+            "motors": ((motors,), "Thrusts of motors that lag, N, or states of the actuators."),
             "failures": (
                 (),
                 "Instants since the last plan was found; -1 and less before a first one.",

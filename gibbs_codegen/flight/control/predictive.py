@@ -61,6 +61,8 @@ _FITS, _LEAN = 3, 0.1
 _LONG = 0.05
 # Limits that there are not, and mean products of price and slack at the begin and the end.
 _NONE, _BARRIER, _TOLERANCE = 1e30, 1e-2, 1e-6
+# Time constants, s, of what follows no command: of the charge of a battery.
+_ENDLESS = (1e4, 1e4)
 # What a state costs that is out of its limits by its tolerance, per step.
 _EXCESS = 100.0
 
@@ -198,21 +200,27 @@ class Predictive:
         self._check()
         vehicle = Vehicle(self.module, self.parameters or None)
         self.vehicle = vehicle
-        self._method = self.method or ("trapezoidal" if np.any(vehicle.damping) else "rk4")
-        own_limits = self.actuators or module_actuators(vehicle)
+        pulled = bool(np.any(vehicle.damping)) or self._servos
+        self._method = self.method or ("trapezoidal" if pulled else "rk4")
+        known = module_actuators(vehicle)
+        own_limits = self.actuators or known
         if isinstance(own_limits, Scenario):
             own_limits = actuators_of(vehicle, own_limits)
         self._limits = own_limits
-        if self._method == "trapezoidal" and self.growth != 1.0 and np.any(vehicle.damping):
+        # Of commands, where motors and servos are sent such.
+        self._bounds = self._limits.inputs if known.commands is None else known.commands
+        if self._method == "trapezoidal" and self.growth != 1.0 and pulled:
             raise UsageError(
-                "predictive: growth must be 1 for a machine with dampers, since one armature takes "
-                f"their torques to the ends of steps of one length; not {self.growth:g}"
+                "predictive: growth must be 1 for a machine with dampers or servos, since one "
+                "armature takes their torques to the ends of steps of one length; not "
+                f"{self.growth:g}"
             )
         robot = Functions(self.module)
         lengths = self.step * self.growth ** np.arange(self.nodes)
         # Times of nodes after the state at which a plan begins, s.
         self._ahead = np.concatenate([[0.0], np.cumsum(lengths)])
         self._lag = self._limits.lag
+        self._inputs = self._sent(self.hover.q, self.hover.u)
         self.horizon = Horizon(
             robot,
             tuple(self._frame(name) for name in self.points),
@@ -230,7 +238,9 @@ class Predictive:
         for name, values in limits.items():
             told[name][:] = values
         told["h"][:] = lengths
-        told["lag_times"][: self.horizon.motors] = self._lag[: self.horizon.motors]
+        self._settled, times = self._motors()
+        told["settled"][: self.horizon.motors] = self._settled
+        told["lag_times"][: len(times)] = times
         weights = self._weights()
         told["weights"][:] = np.concatenate([weights[name] for name in self.horizon.weight_sizes])
         # Beside those of coordinates: of inputs, velocities, thrusts and inputs before.
@@ -317,7 +327,7 @@ class Predictive:
             Instant(time, preparation, seconds, solved, int(told["iterations"]), **known)
         )
         if self.deadline is not None and preparation + seconds > self.deadline and not is_first:
-            u = np.clip(planned, *self._limits.inputs)
+            u = np.clip(planned, *self._bounds)
             if self.rates is not None:
                 change = np.asarray(self.rates) * self.step
                 u = np.clip(u, told["acting"] - change, told["acting"] + change)
@@ -452,14 +462,64 @@ class Predictive:
         for name, damping in known.items():
             if not name.endswith("_damping") or not np.any(damping) or self._method == "rk4":
                 continue
-            armature = name.removesuffix("damping") + "armature"
+            link = name.removesuffix("_damping").removesuffix("_servo")
+            armature = f"{link}_armature"
             if armature not in known:
                 raise UsageError(
                     f"{vehicle.name}: has no parameter {armature}, by which the prediction makes "
                     "steps with dampers stable; an earlier version made it: generate it again"
                 )
-            changed[armature] = known[armature] + h * np.asarray(damping)
+            changed[armature] = changed.get(armature, known[armature]) + h * np.asarray(damping)
+        if self._method != "rk4":  # Servos push by where joints are at the end of a step.
+            for name, stiffness in known.items():
+                if name.endswith("_servo_stiffness"):
+                    armature = name.removesuffix("servo_stiffness") + "armature"
+                    own = changed.get(armature, known[armature])
+                    changed[armature] = own + 0.5 * h * h * np.asarray(stiffness)
         return self.module.prepare(changed)
+
+    @property
+    def _places(self) -> list[int]:
+        """Places of the inputs of joints that servos hold."""
+        pairs = zip(self.vehicle.inputs, self.vehicle.commands, strict=True)
+        differ = [k for k, (name, command) in enumerate(pairs) if name != command]
+        return [k for k in differ if k >= self.vehicle.rotors]
+
+    @property
+    def _servos(self) -> bool:
+        """Whether servos hold joints."""
+        return bool(self._places)
+
+    def _sent(self, q: Array, u: Array) -> Array:
+        """What is sent for inputs (…, nu) that hold coordinates: themselves, or commands."""
+        if not self.vehicle.is_driven:
+            return u
+        still = np.zeros((*np.shape(q)[:-1], self.vehicle.layout.v.size))
+        return np.clip(self.vehicle.command_of(q, still, u), *self._bounds)
+
+    def _motors(self) -> tuple[Array, Array]:
+        """The state of motors in hover, and their time constants, s."""
+        vehicle, count = self.vehicle, self.horizon.motors
+        if not vehicle.is_driven or not count:
+            return self._inputs[:count], self._lag[:count]
+        times = vehicle.description("ACTUATOR_TIMES")
+        pairs = [times.get(name, _ENDLESS) for name in self._commands_of_states]
+        return vehicle.actuator_state_of(self._inputs), np.transpose(pairs).ravel()
+
+    @property
+    def _commands_of_states(self) -> list[str]:
+        """What each state of the actuators follows: a command, or of the charge nothing."""
+        ending = "_reference"
+        states = self.vehicle.description("ACTUATOR_STATES")
+        return [x.removesuffix(ending) + "_position" if x.endswith(ending) else x for x in states]
+
+    @property
+    def _followed(self) -> Array:
+        """Which inputs (columns) states of motors (rows) follow, with 1."""
+        if not self.vehicle.is_driven:
+            return np.eye(self.horizon.motors, len(self._inputs))
+        commands = np.array(self.vehicle.commands)
+        return np.array([commands == name for name in self._commands_of_states], np.float64)
 
     def _rows(self) -> tuple[list[Row], dict[str, Array]]:
         """Limited quantities: inputs, joints and their rates, and how fast inputs change."""
@@ -467,7 +527,7 @@ class Predictive:
         nu, n, nv = robot.inputs, robot.space.coordinates, robot.space.velocities
         own, rates = robot.layout.q.joints, robot.layout.v.joints
         joints = rates.stop - rates.start
-        found = [(Row(i, i), *limits.inputs[:, i], _NONE, 0.0) for i in range(nu)]
+        found = [(Row(i, i), *self._bounds[:, i], _NONE, 0.0) for i in range(nu)]
         for k in range(joints):
             i, at = rates.start + k, own.start + k
             excess = _EXCESS / self.tolerances.joints
@@ -500,7 +560,11 @@ class Predictive:
         thrusts = np.abs(self.hover.u[:rotors])
         thrust = tolerances.thrust or 0.5 * float(thrusts.max(initial=0.0)) or 1.0
         effort = tolerances.effort or thrust * self._reach or 1.0
-        inputs = np.r_[np.full(rotors, thrust), np.full(joints, effort)] ** -2.0
+        scale = np.r_[np.full(rotors, thrust), np.full(joints, effort)]
+        if self.vehicle.is_driven:  # Commands that make so much of a difference.
+            scale = np.abs(self._sent(self.hover.q, self.hover.u + scale) - self._inputs)
+            scale[self._places] = tolerances.joints
+        inputs = scale**-2.0
         posture, rates = np.zeros(layout.size), np.zeros(layout.size)
         posture[layout.attitude] = tolerances.attitude**-2
         posture[layout.joints] = tolerances.joints**-2
@@ -560,7 +624,7 @@ class Predictive:
         if self.posture is not None or len(led) > self._carries:
             self._turn_costs(q[-2])
         v = _rates(self.vehicle.function("difference")(q[:-1], q[1:]), beyond)
-        u = np.tile(self.hover.u, (count, 1))
+        u = np.tile(self._inputs, (count, 1))
         if self.feedforward is not None:
             u = np.asarray(self.feedforward(times))
         return np.concatenate([*(x[:-1] for x in (*led, q)), v, u], axis=1)
@@ -633,25 +697,26 @@ class Predictive:
         horizon, told = self.horizon, self._compiled.arrays
         robot, nv = horizon.robot, horizon.robot.space.velocities
         nu, hover = robot.inputs, self.hover
-        x = self._state_of(hover.q, np.zeros(nv), hover.u[: horizon.motors], hover.u)
+        x = self._state_of(hover.q, np.zeros(nv), self._settled, self._inputs)
         reference = self._hovering()
         program = horizon.node()
         given = {
-            "u": hover.u,
+            "u": self._inputs,
             "x": x,
             "x_next": x,
             "h": self.step,
             "reference": reference,
             "weights": told["weights"],
-            "lag_times": self._lag,
+            "lag_times": told["lag_times"][: horizon.lag_times],
         }
         given = {name: given[name] for name in program.names}
         found = evaluate(program, given, {"robot": self.module}, {"robot": constants})
         slope = found["slope"]
         # Without lag and inputs before: these are forgotten soon.
         a, b = slope[: 2 * nv, nu : nu + 2 * nv], slope[: 2 * nv, :nu]
-        if horizon.lags:
-            b[:, : horizon.motors] += slope[: 2 * nv, nu + 2 * nv : nu + 2 * nv + horizon.motors]
+        if horizon.motors:
+            by_motors = slope[: 2 * nv, nu + 2 * nv : nu + 2 * nv + horizon.motors]
+            b = b + by_motors @ self._followed
         states, inputs = np.zeros((2 * nv, 2 * nv)), np.diag(weights["inputs"])
         states[:nv, :nv] = found["hessian"]
         states[range(nv, 2 * nv), range(nv, 2 * nv)] = weights["velocities"]
@@ -669,14 +734,14 @@ class Predictive:
         parts = [poses[frame, :3, 3] for frame in self.horizon.points]
         parts += [poses[frame, :3, :3].ravel() for frame in self.horizon.orientations]
         still = np.zeros(self.horizon.robot.space.velocities)
-        return np.concatenate([*parts, hover.q, still, hover.u])
+        return np.concatenate([*parts, hover.q, still, self._inputs])
 
     # States.
 
-    def _state_of(self, q: Array, v: Array, thrusts: Array, before: Array) -> Array:
+    def _state_of(self, q: Array, v: Array, motors: Array, before: Array) -> Array:
         """A state of the plan."""
         parts = [q, v]
-        parts += [thrusts] if self.horizon.lags else []
+        parts += [motors] if self.horizon.motors else []
         parts += [before] if self.horizon.changes else []
         return np.concatenate(parts)
 
@@ -719,9 +784,11 @@ def predictive_law(law: Controller, scenario: Scenario, actuators: Actuators) ->
     spacing = step / 8.0
     count = max(3, int((reference.end - reference.begin) / spacing))
     times = np.asarray(reference.begin + spacing * np.arange(count), np.float64)
-    q = vehicle.kinematics.normalised(reference(times)[0])
-    still = np.zeros((len(times), vehicle.layout.v.size))
+    q, v, _ = reference(times)
+    q, still = vehicle.kinematics.normalised(q), np.zeros_like(v)
     forward = law.commanded(times, q, still, still[:, :0], {})[0]
+    if vehicle.is_driven:
+        forward = vehicle.command_of(q, v, np.clip(forward, *actuators.inputs))
     force = vehicle.inverse_dynamics(q[0], still[0], still[0])
     rest = np.linalg.pinv(vehicle.input_matrix(q[0])) @ force
 
