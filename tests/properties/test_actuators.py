@@ -23,8 +23,8 @@ from scipy.spatial.transform import Rotation
 from support.actuated import actuated
 from support.emitted import emitted_module
 
-from gibbs_codegen.arrays import Program, evaluate, variable
-from gibbs_codegen.arrays.surroundings import rotor_air
+from gibbs_codegen.arrays import Functions, Program, evaluate, variable
+from gibbs_codegen.arrays.surroundings import air_on_rotors, on_frames
 from gibbs_codegen.robot.file import parse_robot
 
 ORACLES = Path(__file__).parents[1] / "oracles"
@@ -35,14 +35,13 @@ TIGHT = {"method": "DOP853", "rtol": 1e-11, "atol": 1e-11}
 def multirotor(
     name: str, mass: float, inertia: Array, places: Array, drags: Array, rotor: str
 ) -> ModuleType:
-    """The module of a rigid body with rotors along z, which all have the keys `rotor`, and hubs."""
+    """The module of a rigid body with rotors along z, which all have the keys `rotor`."""
     xx, yy, zz = np.diag(inertia)
     text = f'name = "{name}"\n[base]\nattitude = "quaternion"\nmass = {mass}\n'
     text += f"inertia = [{xx}, {yy}, {zz}, 0, 0, 0]\n"
-    for k, (place, drag) in enumerate(zip(places, drags, strict=True)):
+    for place, drag in zip(places, drags, strict=True):
         position = [float(x) for x in place]
         text += f"[[rotor]]\nposition = {position}\ndrag = {drag}\n{rotor}\n"
-        text += f'[[frame]]\nname = "hub{k + 1}"\non = "base"\nxyz = {position}\n'
     return emitted_module(parse_robot(text))
 
 
@@ -57,16 +56,17 @@ class Oracle:
         drags = np.array(own["rotor_directions"]) * own["k_m"] / own["k_eta"]
         rotor = f'command = "speed"\nthrust_constant = {own["k_eta"]}\n'
         rotor += f"time_constant = {own['tau_m']}\ncommand_limits = [0, 1500]\n"
+        rotor += f"hub_drag = {own['k_d']}\ninflow = {own['k_z']}\n"
+        rotor += f"translational_lift = {own['k_h']}\n"
         self.module = multirotor("hummingbird", own["mass"], inertia, places, drags, rotor)
-        figures = [0, 0, 1, own["k_d"], own["k_z"], own["k_h"], own["rotor_radius"], 0]
+        robot = Functions(self.module)
         given = (
-            *(variable("air", 8), variable("speed"), variable("thrust"), variable("wind", 3)),
-            *(variable("pose", 4, 4), variable("velocity", 6)),
+            *(variable("poses", robot.frames, 4, 4), variable("velocities", robot.frames, 6)),
+            *(variable("speeds", 4), variable("u", 4), variable("wind", 3)),
         )
-        air, speed, thrust, wind, pose, velocity = given
-        force = rotor_air(air, False, (speed, thrust), wind, pose, velocity)
-        self._air = Program("hub", given, {"force": force})
-        self._figures = np.array(figures)
+        poses, velocities, speeds, u, wind = given
+        parts = air_on_rotors(robot, (poses, velocities), speeds, u, wind)
+        self._air = Program("air", given, {"wrenches": on_frames(parts, robot.frames)})
 
     def state(self, told: dict[str, Any]) -> tuple[Array, Array, Array]:
         """Coordinates, velocities in the axes of the base, and speeds of a state of RotorPy."""
@@ -82,12 +82,9 @@ class Oracle:
         u = module.inputs_of(q, v, x, command)
         if wind is None:
             return module.forward_dynamics(q, v, u)
-        hubs = [place for place, name in enumerate(module.FRAMES) if name.startswith("hub")]
-        inputs = {"air": self._figures, "speed": x, "thrust": u, "wind": wind}
-        inputs |= {"pose": module.frame_poses(q)[hubs]}
-        inputs |= {"velocity": module.frame_velocities(q, v)[hubs]}
-        wrenches = np.zeros((len(module.FRAMES), 6))
-        wrenches[hubs, :3] = evaluate(self._air, inputs, {})["force"]
+        inputs = {"poses": module.frame_poses(q), "velocities": module.frame_velocities(q, v)}
+        inputs |= {"speeds": x, "u": u, "wind": wind}
+        wrenches = evaluate(self._air, inputs, {})["wrenches"]
         return module.forward_dynamics_with_wrenches(q, v, u, wrenches)
 
 

@@ -44,6 +44,7 @@ from gibbs_codegen.flight.control.observation import Observation
 from gibbs_codegen.flight.plant.actuators import Actuators, actuators_of, module_actuators
 from gibbs_codegen.flight.plant.vehicle import Array, Vehicle
 from gibbs_codegen.flight.scenario.scenario import Scenario
+from gibbs_codegen.interface import FUNCTIONS
 from gibbs_codegen.interface.choice import option_with
 from gibbs_codegen.runtime.load import load
 from gibbs_codegen.runtime.predictive import DERIVATIVES, CompiledPredictive, Row, Transcription
@@ -404,7 +405,12 @@ class Predictive:
                 'backend="c", where there is a C compiler'
             )
         has = [*Functions(self.module).signatures]
-        if lacks := [name for name in DERIVATIVES if name not in has]:
+        needed = [
+            name
+            for name in DERIVATIVES
+            if all(getattr(self.module, need, ()) for need in FUNCTIONS[name].needs)
+        ]
+        if lacks := [name for name in needed if name not in has]:
             option = option_with(lacks[0], [*has, *lacks[1:]])
             raise MissingFunctionError(self.module.NAME, ", ".join(lacks), *option)
         wanted = {
@@ -458,7 +464,9 @@ class Predictive:
     def _constants(self, vehicle: Vehicle, h: float) -> Any:
         """The constants of the machine that is predicted: with dampers at the ends of steps."""
         known = {**self.module.PARAMETERS, **self.parameters}
-        changed = dict(self.parameters)
+        # Dry friction is as stiff about rest as no step is short.
+        rough = ("_friction_coulomb", "_friction_static")
+        changed = {**self.parameters, **{name: 0.0 for name in known if name.endswith(rough)}}
         for name, damping in known.items():
             if not name.endswith("_damping") or not np.any(damping) or self._method == "rk4":
                 continue

@@ -12,10 +12,12 @@ from typing import Any
 import numpy as np
 import pytest
 from scipy.optimize import lsq_linear
+from support.actuated import TEXT
 from support.compiled import build
 from support.derived import derived
 from support.tools import run
 
+from gibbs_codegen import Simulation, generate, trim
 from gibbs_codegen.arrays.evaluation import evaluate
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.flight.control.predictive import NoPlanError, Predictive, Tolerances
@@ -93,9 +95,9 @@ def stay(controller: Predictive) -> None:
     """Let the plan be to hover, from where the machine is."""
     told, hover = controller._compiled.arrays, controller.hover
     still = np.zeros(controller.horizon.robot.space.velocities)
-    thrusts = hover.u[: controller.horizon.motors]
-    told["x"][:] = controller._state_of(hover.q, still, thrusts, hover.u)
-    told["u"][:], told["failures"][()] = hover.u, 0.0
+    motors = told["settled"][: controller.horizon.motors]
+    told["x"][:] = controller._state_of(hover.q, still, motors, controller._inputs)
+    told["u"][:], told["failures"][()] = controller._inputs, 0.0
 
 
 def inputs_of(controller: Predictive, k: int) -> dict[str, Any]:
@@ -103,7 +105,7 @@ def inputs_of(controller: Predictive, k: int) -> dict[str, Any]:
     told = controller._compiled.arrays
     given = {"u": told["u"][k], "x": told["x"][k], "x_next": told["x"][k + 1], "h": told["h"][k]}
     given |= {"reference": told["reference"][k], "weights": told["weights"]}
-    return given | {"lag_times": told["lag_times"][: controller.horizon.motors]}
+    return given | {"lag_times": told["lag_times"][: controller.horizon.lag_times]}
 
 
 def value(controller: Predictive, program: Any, given: dict[str, Any]) -> dict[str, Any]:
@@ -115,8 +117,12 @@ def value(controller: Predictive, program: Any, given: dict[str, Any]) -> dict[s
 
 @pytest.mark.parametrize("kind", [controller_of, every_kind])
 def test_slopes_and_gradients_are_derivatives(kind: Any, module: ModuleType) -> None:
+    assert_slopes(kind(module))
+
+
+def assert_slopes(controller: Predictive) -> None:
     """Against central differences of the gap and the cost, whose displacements `moved` makes."""
-    controller, rng = kind(module), np.random.default_rng(3)
+    rng = np.random.default_rng(3)
     horizon = controller.horizon
     stay(controller)
     told = controller._compiled.arrays
@@ -529,3 +535,49 @@ def test_limits_may_be_those_of_a_scenario(module: ModuleType) -> None:
     told = circling(module, actuators=scenario)._compiled.arrays
     np.testing.assert_array_equal(told["lag_times"], 0.07)
     assert set(told["most"][: controller_of(module).vehicle.rotors]) == {30.0}
+
+
+@pytest.fixture(scope="module")
+def driven(tmp_path_factory: pytest.TempPathFactory) -> ModuleType:
+    """A robot with every kind of actuator."""
+    base = tmp_path_factory.mktemp("driven")
+    (base / "actuated.toml").write_text(TEXT, encoding="utf-8")
+    folder = generate(base / "actuated.toml", base, derivatives=DERIVATIVES, verify=False)
+    return load(folder, "c")
+
+
+def test_slopes_of_motors_and_servos_are_derivatives(driven: ModuleType) -> None:
+    hover = trim(driven, posture_deg={"upper": 20.0, "wrist": 30.0})
+    controller = Predictive(
+        driven, hover, {"tip": lambda t: np.tile([0.1, 0.0, -0.4], (len(t), 1))}
+    )
+    assert controller.horizon.motors == len(driven.ACTUATOR_STATES)
+    assert_slopes(controller)
+
+
+def test_motors_and_servos_are_commanded_within_their_limits(driven: ModuleType) -> None:
+    """A circle of the tip near to which joints without play and friction keep it, in the air."""
+    hover = trim(driven, posture_deg={"upper": 20.0, "wrist": 30.0})
+    start = tip_of(driven, hover.q)
+
+    def circle(time: Any) -> Any:
+        angle, radius = 2.0 * time, 0.1 * np.minimum(1.0, time / 2.0)
+        return start + np.stack([radius * np.cos(angle), radius * np.sin(angle), 0.0 * time], -1)
+
+    rough = [x for x in driven.PARAMETERS if x.endswith(("_coulomb", "_static", "_backlash"))]
+    smooth = dict.fromkeys(rough, 0.0)
+    controller = Predictive(driven, hover, {"tip": circle}, parameters=smooth, step=0.01)
+    changes = {"duration": 5, "integration.method": "rk4", "plant": smooth}
+    simulation = Simulation(driven, read_scenario("hover", changes))
+    seen, missed, sent = simulation.reset(hover.q, 0.0 * hover.v), [], []
+    while simulation.time < 4.0:
+        sent.append(controller(seen))
+        seen = simulation.step(sent[-1], controller.step)
+        missed.append(tip_of(driven, simulation.q) - circle(np.array([simulation.time]))[0])
+    assert simulation.stopped == ""
+    assert all(instant.solved for instant in controller.log)
+    assert np.linalg.norm(missed[-100:], axis=1).max() < 3e-3
+    low, high = np.transpose(
+        [driven.COMMAND_LIMITS.get(name, (-np.inf, np.inf)) for name in driven.COMMANDS]
+    )
+    assert np.all((sent >= low - 1e-9) & (sent <= high + 1e-9))

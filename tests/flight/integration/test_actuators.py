@@ -93,11 +93,12 @@ def test_a_law_flies_by_commands_and_the_flight_has_them(
     assert {"throttle_front_left_sent", "upper_reference_state"} <= {*names}
     flight.write_npz(tmp_path / "flight.npz")
     np.testing.assert_array_equal(read_flight(tmp_path / "flight.npz").commands, flight.commands)
-    # The array program in NumPy is the oracle of the one in C.
+    # The array program in NumPy is the oracle of the one in C. Where lag is made up for, adaptive
+    # steps are to 1e-6, and differ by rounding.
     short = hover(duration=0.05, start={"offset": [0.02, 0.0, 0.01]})
     found, expected = (simulate(load(folder, x), short) for x in ("c", "numpy"))
-    np.testing.assert_allclose(found.actuators, expected.actuators, atol=1e-8)
-    np.testing.assert_allclose(found.q, expected.q, rtol=0.0, atol=1e-9)
+    np.testing.assert_allclose(found.actuators, expected.actuators, rtol=1e-6, atol=1e-6)
+    np.testing.assert_allclose(found.q, expected.q, rtol=0.0, atol=1e-8)
 
 
 def test_a_sampled_law_sends_the_commands_of_its_samples(module: ModuleType) -> None:
