@@ -11,11 +11,19 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import fields
 from typing import Any, Literal
 
 from gibbs_codegen.files.table import Place, shown
 from gibbs_codegen.robot.layout import BASE_ENTRIES
-from gibbs_codegen.robot.model import AXIS_PAIRS, BASE, MAX_FRAMES, MAX_LINKS, MAX_ROTORS
+from gibbs_codegen.robot.model import (
+    AXIS_PAIRS,
+    BASE,
+    MAX_FRAMES,
+    MAX_LINKS,
+    MAX_ROTORS,
+    Servo,
+)
 from gibbs_codegen.robot.names import (
     CONSTRAINT_TORQUES,
     default_prefix,
@@ -25,8 +33,9 @@ from gibbs_codegen.robot.names import (
     named_prefix,
 )
 
-# A link is a rigid one unless it is a rod; a joint stands for its coordinate.
-NamedKind = Literal["base", "arm", "link", "rod", "rotor", "frame", "joint"]
+# A link is a rigid one unless it is a rod; a joint stands for its coordinate, and a servo has the
+# name of its link.
+NamedKind = Literal["base", "arm", "link", "rod", "servo", "rotor", "frame", "joint"]
 
 _AXES = ("x", "y", "z")
 _ROD = ("length", "mass_per_length", *(f"section_inertia_{axes}" for axes in AXIS_PAIRS[:3]))
@@ -41,6 +50,7 @@ _ENDS: dict[NamedKind, tuple[str, ...]] = {
     "arm": (*_RIGID, *_ROD),
     "link": (*_JOINT, *_RIGID),
     "rod": (*_JOINT, *_ROD),
+    "servo": tuple(f"servo_{each.name}" for each in fields(Servo)),
     "rotor": (*_AXES, "drag"),
     "frame": _AXES,
     "joint": (),
@@ -89,7 +99,8 @@ class NameRegistry:
 
 def _form(kind: NamedKind, name: str) -> str:
     """The identifier form with the kind, of which the base, arms, links and rotors are one."""
-    return f"{kind if kind in ('frame', 'joint') else 'body'} {identifier(name)}"
+    own = kind in ("frame", "joint", "servo")
+    return f"{kind if own else 'body'} {identifier(name)}"
 
 
 def parameter_names(kind: NamedKind, name: str) -> list[str]:
@@ -140,6 +151,7 @@ def reference_faults(document: Mapping[str, Any]) -> Iterator[PlacedFault]:
     registry = NameRegistry(rods)
     # What the file names, or has a default for.
     named: list[_Named] = []
+    servos: list[_Named] = []
     for array, tables in (("link", links), ("rotor", rotors), ("frame", frames)):
         for number, table in enumerate(tables, start=1):
             kind: NamedKind = "frame" if array == "frame" else "rotor"
@@ -152,7 +164,15 @@ def reference_faults(document: Mapping[str, Any]) -> Iterator[PlacedFault]:
                 registry.add(kind, default_prefix(array, number), whose)
                 if array == "rotor":  # Its thrust is called by its number.
                     registry.add(kind, str(number), whose)
-    yield from _clashes(named, registry)
+            if table.get("servo") is not None:
+                owner = name or default_prefix(array, number)
+                servos.append(
+                    ((array, number - 1, "name"), "servo", owner, f"the servo of {whose}")
+                )
+    faults = list(_clashes(named, registry))
+    yield from faults
+    if not faults:
+        yield from _clashes(servos, registry)
     if rods or "arm" not in arms:  # Otherwise it is not known from which number joints count.
         yield from _coordinate_clashes(links, rods + len(rotors), registry)
 

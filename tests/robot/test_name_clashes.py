@@ -39,6 +39,10 @@ def link(name: str, rod: bool = False) -> str:
     return f"[[link]]\nname = '{name}'\nxyz = [0, 0, 1]\n{body}\n"
 
 
+def servo(name: str) -> str:
+    return link(name) + "servo = { stiffness = 9 }\n"
+
+
 def rotor(name: str) -> str:
     return f"[[rotor]]\nname = '{name}'\n"
 
@@ -51,7 +55,7 @@ def rod(name: str) -> str:
     return link(name, True)
 
 
-MAKERS: list[Callable[[str], str]] = [link, rotor, frame, rod]
+MAKERS: list[Callable[[str], str]] = [link, rotor, frame, rod, servo]
 
 
 class Names(Parameters):
@@ -74,6 +78,7 @@ class Names(Parameters):
         (CARRIED + link("foo_com") + link("foo"), "link 2", "link 1, such as foo_com_x"),
         (CARRIED + rod("foo") + link("foo_section"), "link 2", "foo_section_inertia_xx"),
         (CARRIED + rod("foo") + link("foo_mass_per"), "link 2", "foo_mass_per_length"),
+        (CARRIED + servo("foo") + link("foo_servo"), "link 1", "link 2, such as foo_servo_stif"),
         (RODS + link("base_arm_section"), "link 1", "base_arm_section_inertia_xx"),
         (RODS + link("base_arm_com"), "link 1", "the base's arms, such as base_arm_com_x"),
     ],
@@ -92,6 +97,7 @@ def test_names_that_share_a_parameter_are_refused(text: str, place: str, words: 
     [
         CARRIED + link("foo") + link("foo_section") + link("foo_mass_per"),
         CARRIED + rod("foo") + link("foo_com"),
+        CARRIED + link("foo") + servo("foo_servo"),
         CARRIED + link("base_arm_section") + link("base_section"),
         CARRIED + link("cam") + frame("cam"),
     ],
@@ -103,6 +109,7 @@ def test_names_that_share_none_are_welcome(text: str) -> None:
 def test_whatever_is_accepted_gives_every_parameter_a_name_of_its_own() -> None:
     words = ("a", "a_", "foo", "foo_com", "frame_foo", "frame_a", "1", "_1", "rotor1", "link2")
     words += ("foo_section", "foo_mass_per", "base", "base_com", "foo.com", "A", "frame")
+    words += ("foo_servo", "foo_servo_servo")
     chance, accepted = np.random.default_rng(14), 0
     for _ in range(150):
         text = CARRIED + "".join(

@@ -470,7 +470,9 @@ class Predictive:
         for name, damping in known.items():
             if not name.endswith("_damping") or not np.any(damping) or self._method == "rk4":
                 continue
-            link = name.removesuffix("_damping").removesuffix("_servo")
+            link = name.removesuffix("_damping")
+            if f"{link}_armature" not in known:  # No link is called so: it is that of a servo.
+                link = link.removesuffix("_servo")
             armature = f"{link}_armature"
             if armature not in known:
                 raise UsageError(
@@ -517,9 +519,11 @@ class Predictive:
     @property
     def _commands_of_states(self) -> list[str]:
         """What each state of the actuators follows: a command, or of the charge nothing."""
-        ending = "_reference"
-        states = self.vehicle.description("ACTUATOR_STATES")
-        return [x.removesuffix(ending) + "_position" if x.endswith(ending) else x for x in states]
+        ending, levels = "_reference", {*self.vehicle.commands}
+        return [
+            x.removesuffix(ending) + "_position" if x.endswith(ending) and x not in levels else x
+            for x in self.vehicle.description("ACTUATOR_STATES")
+        ]
 
     @property
     def _followed(self) -> Array:
