@@ -229,8 +229,17 @@ class Drive:
 
     @property
     def thrust_limits(self) -> tuple[float, float] | None:
-        """Least and greatest thrust, N, by the limits of its command."""
-        return self.limits and (self.thrust(self.limits[0]), self.thrust(self.limits[1]))
+        """Least and greatest thrust, N, by the limits of its command where the curve rises."""
+        if self.limits is None:
+            return None
+        low, high = (max(limit, self.turn) for limit in self.limits)
+        return self.thrust(low), self.thrust(high)
+
+    @property
+    def turn(self) -> float:
+        """The level from which on the thrust rises."""
+        _, slope, square = self.curve
+        return -slope / (2.0 * square) if square > 0.0 else -math.inf
 
     @property
     def lags(self) -> bool:

@@ -583,6 +583,16 @@ def _drive_faults(values: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
     curve = values.get("thrust_curve")
     if curve is not None and (curve[2] < 0.0 or (curve[2] == 0.0 and curve[1] <= 0.0)):
         yield "thrust_curve", "must rise: give a k2 above 0, or of 0 a k1 above 0"
+        return
+    limits = values.get("command_limits", (0.0, 1.0) if command == "throttle" else None)
+    if command != "thrust" and limits is not None:
+        turn = model.Drive(curve=curve or (0.0, 0.0, 1.0)).turn
+        if limits[1] <= turn:
+            yield (
+                "thrust_curve" if curve else "command_limits",
+                f"must let the thrust rise below the greatest {command}, {limits[1]:g}, but it "
+                f"rises from {turn + 0.0:g} on",
+            )
 
 
 @file_table

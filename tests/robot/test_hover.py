@@ -11,6 +11,7 @@ from scipy.integrate import solve_ivp
 from support.actuated import TEXT
 from support.emitted import emitted_module
 
+from gibbs_codegen.errors import RobotFileError
 from gibbs_codegen.robot.balance import (
     arrangement,
     balance_lines,
@@ -290,3 +291,19 @@ def test_commands_of_other_units_are_told_with_the_names_of_their_rotors() -> No
     lines = hover_lines(ACTUATED, found)
     assert lines[1].startswith("hover throttle: 67 % (rotor front_left), with a full")
     assert lines[2] == "hover speed: 622.6, 673.6 rad/s (rotors rear_left, rear_right)"
+
+
+def test_limits_of_thrusts_are_where_the_curve_rises() -> None:
+    """A rotor that may turn both ways pushes the same way: least where it stands still."""
+    given = "command_limits  = [0, 950]"
+    both = parse_robot(TEXT.replace(given, "command_limits = [-900, 900]")).drives[2]
+    assert both.thrust_limits == (0.0, 1e-5 * 900**2)
+    # 0.01 - 2e-4 x + 1.2e-5 x² is least at x = 2e-4/2.4e-5.
+    low = parse_robot(TEXT.replace("[100, 900]", "[0, 900]")).drives[1].thrust_limits
+    assert low == pytest.approx((0.01 - 1e-8 / 1.2e-5, 9.55), rel=1e-12)
+    with pytest.raises(
+        RobotFileError, match=r"rotor 3: command_limits: .* -100, but it rises from"
+    ):
+        parse_robot(TEXT.replace(given, "command_limits = [-900, -100]"))
+    with pytest.raises(RobotFileError, match=r"rotor 2: thrust_curve: must let the thrust rise"):
+        parse_robot(TEXT.replace("-2e-4, 1.2e-5", "-2e-2, 1e-5"))
