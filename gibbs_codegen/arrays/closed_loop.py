@@ -312,8 +312,8 @@ class ClosedLoop:
         return found
 
     def _within(self, sent: Node) -> Node:
-        """What is sent, within limits."""
-        if self.driven:
+        """What is sent, within limits; what is off is sent nothing, whatever its least command."""
+        if self.driven and self.law != "off":
             least, most = (self.given(f"{x}_command", sent.size) for x in ("least", "most"))
             return within_limits(sent, Limits(least, most))
         return within_limits(sent, self.limits) if self.limited else sent

@@ -173,15 +173,20 @@ class RolloutArguments:
     def _of_commands(self, limits: Any, refused: Mapping[str, Any]) -> Motors:
         """Limits of commands, else those of the robot file, whose motors have their own lag."""
         for name, given in refused.items():
-            if given is not None:
-                raise UsageError(
-                    f"{name}: the robot file of {self.module.NAME} says how motors and servos "
-                    "follow commands; its times are among the parameters, and x0 is where they "
-                    "begin"
-                )
+            self._refuse_with_actuators(name, given)
         ends = command_limits(self.module) if limits is None else limits
         least, most = self.range("limits", ends, self.inputs)
         return Motors(least, most, *np.zeros((2, 1, self.rotors)))
+
+    def _refuse_with_actuators(self, name: str, given: Any) -> None:
+        """Refuse what the robot file says itself where it describes actuators."""
+        is_driven = bool(getattr(self.module, "COMMANDS", ()))
+        if is_driven and given is not None:
+            raise UsageError(
+                f"{name}: the robot file of {self.module.NAME} says how motors and servos "
+                "follow commands; its times are among the parameters, and x0 is where they "
+                "begin"
+            )
 
     def actuators(self, x0: Any) -> Any:
         """States of the actuators (1 or n, nx), zeros if none are given; None if there are none."""
@@ -201,6 +206,7 @@ class RolloutArguments:
 
     def lag(self, time_constants: Any) -> Any:
         """Time constants of motors (1 or n, rotors), s, as of `rollout`."""
+        self._refuse_with_actuators("time_constants", time_constants)
         lag = self._of_rotors("time_constants", time_constants)
         self._check(lag >= 0.0, "time_constants", "0 or more, in s")
         return lag

@@ -77,7 +77,9 @@ def scenario_rollout(
     steps, real = np.rint(ends / dt).astype(np.int64), REALS[precision]
     q, v = parts.q.astype(real), parts.v.astype(real)
     thrusts = None if thrusts is None else thrusts.astype(real)
-    return Rollout(time, q, v, thrusts, steps, ended.astype(np.int8))
+    driven = loop.vehicle.is_driven and parts.actuators.shape[-1] > 0
+    x = parts.actuators.astype(real) if driven else None
+    return Rollout(time, q, v, thrusts, steps, ended.astype(np.int8), x)
 
 
 def _scenario_start(

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 from support.actuated import TEXT, air
 
-from gibbs_codegen import Simulation, generate, load, simulate
+from gibbs_codegen import Simulation, generate, load, rollout, simulate
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.flight.record.flight import read_flight
 from gibbs_codegen.flight.scenario.file import read_scenario
@@ -121,3 +121,19 @@ def test_joints_have_gains_of_their_own_but_where_servos_hold_them(module: Modul
         simulate(module, hover(control={"joints": {"elbow": {"frequency": 20.0}}}))
     with pytest.raises(UsageError, match=r"motors\.time_constant: the file of actuated says"):
         simulate(module, hover(motors={"time_constant": 0.05}))
+
+
+def test_what_is_off_pushes_nothing_whatever_its_least_command(module: ModuleType) -> None:
+    """A rotor has a least speed of 100 rad/s, which would be sent as a thrust of 100 N."""
+    flight = simulate(module, hover(control={"law": "off"}, duration=0.1))
+    np.testing.assert_array_equal(flight.applied, 0.0)
+    np.testing.assert_allclose(flight.v[:, 2], -9.81 * flight.time, rtol=0.0, atol=1e-9)
+
+
+def test_rollouts_of_a_scenario_have_the_states_of_actuators(module: ModuleType) -> None:
+    steps, step = 250, RK4["step"]
+    found = rollout(module, None, None, hover(), steps, step, every=50)
+    flight = simulate(module, hover(duration=steps * step, integration=RK4 | {"rate": 100.0}))
+    assert found.x is not None
+    assert found.thrusts is None
+    np.testing.assert_allclose(found.x[0], flight.actuators, rtol=1e-9, atol=1e-9)

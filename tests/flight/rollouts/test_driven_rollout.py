@@ -180,6 +180,8 @@ def test_what_the_file_says_is_not_said_again(module: ModuleType) -> None:
     for name in ("time_constants", "thrusts"):
         with pytest.raises(UsageError, match=rf"{name}: the robot file of {module.NAME} says how"):
             rollout(module, **given | {name: 0.05})
+    with pytest.raises(UsageError, match="time_constants: the robot file of"):
+        rollout(module, None, None, "hover", STEPS, DT, time_constants=0.05)
     words = (
         r"\(6,\) or \(states, 6\)"
         if module.ACTUATOR_STATES
