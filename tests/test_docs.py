@@ -19,7 +19,7 @@ from support.pages import PAGES, blocks, files_of, run_python, write_files
 from support.tools import run, tool
 
 import gibbs_codegen
-from gibbs_codegen import generate
+from gibbs_codegen import generate, trim
 from gibbs_codegen.cli.app import argument_parser
 from gibbs_codegen.flight.scenario.file import parse_scenario
 from gibbs_codegen.interface import FUNCTIONS
@@ -82,7 +82,8 @@ def test_the_step_that_is_shown_is_of_the_fourth_order(
 
 def test_c_program(tmp_path: Path) -> None:
     """The C lines compile as the body of a program, and it computes something."""
-    pages = ["howto/c-and-firmware", "howto/rollouts", "reference/derivatives"]
+    pages = ["actuators", "c-and-firmware", "rollouts"]
+    pages = [*(f"howto/{page}" for page in pages), "reference/derivatives"]
     assert [p for p in pages_with("c") if p not in PROJECTS] == [f"docs/{p}.md" for p in pages]
     # The control loop is a program of its own, which tests/test_project_pages.py builds and runs.
     parts = [b for b in blocks("docs/howto/c-and-firmware.md", "c") if "int main" not in b]
@@ -113,6 +114,40 @@ def test_c_program(tmp_path: Path) -> None:
     run([program])
 
 
+def test_c_program_that_sends_commands(tmp_path: Path) -> None:
+    """Without gains the law gives what hovers, and the commands are those of NumPy."""
+    page = "docs/howto/actuators.md"
+    write_files(page, tmp_path)
+    folder = generate(tmp_path / "courier.toml", tmp_path, laws=["geometric"], verify=False)
+    (text,) = blocks(page, "c")
+    lines = [
+        "#include <stdio.h>",
+        "int main(void)",
+        "{",
+        "courier_rotors rotors;",
+        "courier_gains gains = {{0}, {0}, {0}, {0}};",
+        "courier_state state = {{0, 0, 0, 0, 0, 0, 1, 0.5, 0.7}, {0}};",
+        "courier_reference reference = {0};",
+        "courier_real command[COURIER_COMMANDS];",
+        "for (int i = 0; i < COURIER_COORDINATES; ++i) reference.q[i] = state.q[i];",
+        "for (int i = 0; i < COURIER_INPUTS; ++i) { gains.least[i] = -20; gains.most[i] = 20; }",
+        "courier_init_rotors(&courier_default_constants, &rotors);",
+        "control(&rotors, &gains, &state, &reference, command);",
+        'for (int i = 0; i < COURIER_COMMANDS; ++i) printf("%.17g\\n", command[i]);',
+        "return 0;",
+        "}",
+    ]
+    (tmp_path / "program.c").write_text("\n".join([text, *lines]), encoding="utf-8")
+    sources = [tmp_path / "program.c", *folder.glob("*.c")]
+    program = tmp_path / "program"
+    run([tool("cc"), "-O0", f"-I{folder}", *sources, "-o", program, "-lm"])
+    found = np.array([float(line) for line in run([program]).split()])
+    drone = load(folder)
+    hover = trim(drone, {"upper_arm": 0.5, "forearm": 0.7})
+    expected = drone.command_of(hover.q, hover.v, hover.u)
+    assert np.allclose(found, expected, rtol=1e-9)
+
+
 def test_c_program_with_derivatives(tmp_path: Path) -> None:
     """Gravity turns with the base: the acceleration along x by the angle about y is g."""
     generate("quadrotor", tmp_path, derivatives="forward_dynamics_derivatives")
@@ -130,7 +165,8 @@ def test_c_program_with_derivatives(tmp_path: Path) -> None:
 
 def test_files_in_toml_are_accepted() -> None:
     files = ["reference/robot-file", "reference/scenario-file"]
-    pages = ["howto/import", "howto/several-arms", *files, "start/first-robot"]
+    howto = [f"howto/{page}" for page in ("actuators", "import", "several-arms")]
+    pages = [*howto, *files, "start/first-robot"]
     assert pages_with("toml") == ["README.md", *(f"docs/{page}.md" for page in pages)]
     rods, placed, driven = map(parse_robot, blocks("docs/reference/robot-file.md", "toml"))
     assert (rods.base.rotors, len(rods.links)) == (6, 1)
@@ -171,6 +207,7 @@ def test_the_readme_leads_from_a_robot_file_to_a_flight(tmp_path: Path) -> None:
 def test_commands_print_what_is_shown(page: str, tmp_path: Path) -> None:
     """Line by line, but for what is left out (…), and for times and errors, which vary."""
     copytree(ROOT / "generated", tmp_path / "generated")
+    write_files(page, tmp_path)
     for block in blocks(page, "console"):
         command, *shown = block.removeprefix("$ gibbs-codegen ").splitlines()
         done = run_command(*command.split(), cwd=tmp_path)
