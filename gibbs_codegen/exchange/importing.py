@@ -106,7 +106,6 @@ def import_robot(path: Path, options: ImportOptions) -> tuple[Robot, list[Findin
 
 # Of less a servo's gears make more, kg m².
 _LIGHT = 1e-3
-_MOST_NAMED = 4
 
 
 def _light_joints(robot: Robot) -> list[Finding]:
@@ -128,14 +127,12 @@ def _light_joints(robot: Robot) -> list[Finding]:
     names = [link_label(robot, i) for i in light]
     many = len(names) > 1
     turned = f"{min(light.values()):.2g}" + f" to {max(light.values()):.2g}" * many
-    subject = ", ".join(names[:_MOST_NAMED])
-    subject += f" and {len(names) - _MOST_NAMED} more" * (len(names) > _MOST_NAMED)
     words = (
         f"turn{'s' * (not many)} {turned} kg m² and would be flown by torques alone: if "
         f"{'servos drive them' if many else 'a servo drives it'}, give servo = {{ {servo} }} "
         f"(N m/rad, N m s/rad{'; for the least' * many}), and armature for the inertia of gears"
     )
-    return [Finding("note", subject, words)]
+    return [Finding("note", ", ".join(names), words)]
 
 
 # In the order of a report, with what they mean.

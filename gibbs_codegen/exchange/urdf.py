@@ -119,19 +119,17 @@ class Values:
 _THRUST = "thrust"
 _MOTOR = (
     *("momentConstant", "motorConstant", "maxRotVelocity", "timeConstantUp", "timeConstantDown"),
-    *("rotorDragCoefficient", "rollingMomentCoefficient", "motorNumber"),
+    *("rotorDragCoefficient", "motorNumber"),
 )
 
 
-def urdf_rotors(
-    root: Element, values: Values, command: Command = "thrust"
-) -> tuple[list[sources.Rotor], list[sources.Finding]]:
-    """The rotors under `<robot>`, in the order of their numbers or of the file, what is left out.
+def urdf_rotors(root: Element, values: Values, command: Command = "thrust") -> list[sources.Rotor]:
+    """The rotors under `<robot>`, in the order of their numbers or of the file.
 
     Motors of Gazebo are commanded a thrust or, as there, a speed.
     """
     motors = [found for found in root.iter("plugin") if isinstance(found, Element)]
-    numbered, rolling = [], []
+    numbered = []
     for plugin in filter(is_motor, motors):
         texts = {found.tag: (found.text or "").strip() for found in children(plugin)}
         turning = texts.get("turningDirection", "")
@@ -139,7 +137,7 @@ def urdf_rotors(
             values.fault(
                 plugin, f"<turningDirection> must be cw or ccw, not {turning or 'left out'}"
             )
-        moment, constant, fastest, up, down, hub_drag, roll, number = (
+        moment, constant, fastest, up, down, hub_drag, number = (
             values.of_text(plugin, f"<{tag}>", texts[tag]) if texts.get(tag) else 0.0
             for tag in _MOTOR
         )
@@ -159,16 +157,11 @@ def urdf_rotors(
             drive = Drive("speed", (0.0, 0.0, constant), bounds, *lags)
             air = RotorAir(drag=hub_drag) if hub_drag else None
             rotor = replace(rotor, limits=None, time_constant=None, drive=drive, air=air)
-            rolling += [rotor.name] * bool(roll)
         numbered.append((number, rotor))
     gazebo = [rotor for _, rotor in sorted(numbered, key=itemgetter(0))]
     claimed = {rotor.joint for rotor in gazebo} | {rotor.on for rotor in gazebo}
     jsk = _jsk(root, values)
-    findings = []
-    if rolling:
-        words = f"rollingMomentCoefficient of {', '.join(rolling)}"
-        findings.append(sources.Finding("left out", "rolling moments of rotors", words))
-    return gazebo + [r for r in jsk if r.joint not in claimed and r.on not in claimed], findings
+    return gazebo + [r for r in jsk if r.joint not in claimed and r.on not in claimed]
 
 
 def is_rotor_by_name(joint: str, link: str, prefix: str = _THRUST) -> bool:
@@ -225,6 +218,7 @@ _LEFT_OUT = {
     "transmission": "transmissions",
     "material": "materials",
     "gazebo": "<gazebo> elements other than motors",
+    "rollingMomentCoefficient": "rolling moments of rotors",
 }
 
 
@@ -253,8 +247,7 @@ def read_urdf(data: bytes, file: str, command: Command = "thrust") -> sources.So
             if joint.name in joints:
                 values.fault(element, "there is another joint of that name")
             joints[joint.name] = joint
-    rotors, unread = urdf_rotors(root, values, command)
-    findings = [*_left_out(root, values), *unread]
+    rotors, findings = urdf_rotors(root, values, command), _left_out(root, values)
     if not links:
         values.fault(root, "has no <link>")
     if values.faults:

@@ -234,7 +234,8 @@ def hover_commands(robot: Robot, thrusts: Sequence[float]) -> HoverCommands:
     levels = [drive.level(thrust) for drive, thrust in zip(drives, thrusts, strict=True)]
     most = {k: (d.limits or (0.0, 1.0))[1] for k, d in enumerate(drives) if d.command == "throttle"}
     # A throttle gives what the battery's voltage allows, of what it gives at the nominal one.
-    found = _endurance(battery, _power(robot, thrusts, levels), levels, most) if battery else None
+    power = _power(robot, thrusts, levels)
+    found = _endurance(battery, power, levels, most) if battery and power else None
     raised = battery.nominal / found.voltage if battery and found else 1.0
     commands = [level * raised if k in most else level for k, level in enumerate(levels)]
     left = min((end - commands[k] for k, end in most.items()), default=None)
@@ -242,10 +243,8 @@ def hover_commands(robot: Robot, thrusts: Sequence[float]) -> HoverCommands:
 
 
 def _power(robot: Robot, thrusts: Sequence[float], levels: Sequence[float]) -> float:
-    """The power, W, that rotors take from the battery, with all else."""
+    """The power, W, that rotors take from the battery, with all else; 0 without one."""
     rotors, battery = 0.0, robot.battery
-    if battery is None:
-        return 0.0
     for rotor, drive, thrust, level in zip(
         mounted_rotors(robot), robot.drives, thrusts, levels, strict=True
     ):
@@ -253,7 +252,7 @@ def _power(robot: Robot, thrusts: Sequence[float], levels: Sequence[float]) -> f
         if drive.command == "thrust":
             speed = (rotor.speed_per_sqrt_thrust or 0.0) * math.sqrt(abs(thrust))
         rotors += abs(rotor.drag * thrust * speed)
-    return rotors / battery.efficiency + battery.auxiliary
+    return rotors / battery.efficiency + battery.auxiliary if battery else 0.0
 
 
 # Steps of the charge in which the time of hovering is summed up.
@@ -262,10 +261,8 @@ _STEPS = 4096
 
 def _endurance(
     battery: Battery, power: float, levels: Sequence[float], most: Mapping[int, float]
-) -> Endurance | None:
+) -> Endurance:
     """How long a battery gives a power, W; `most` has the greatest throttles, by places."""
-    if power == 0.0:
-        return None
     lost = battery.resistance * power
     loads = (levels[k] * battery.nominal / end if end else math.inf for k, end in most.items())
     loaded = max(loads, default=0.0)
