@@ -30,6 +30,8 @@ from gibbs_codegen.symbolic.tape import Scalars
 
 _HALF = sp.Rational(1, 2)
 _ZERO = sp.S.Zero
+# A thrust, N, lost beside any other, under a root that would have no derivative at 0.
+_NO_THRUST = sp.Rational(1, 10**30)
 # Share of a friction's velocity in which it is smooth about rest.
 _SMOOTH = sp.Rational(1, 10)
 
@@ -104,7 +106,8 @@ class Actuators:
         if command == "throttle" or known == 0:
             return let(known * level)
         sign = let(sp.sign(level))
-        return let(known * let(sign * let(sp.sqrt(let(sign * level)))))
+        size = let(let(sign * level) + _NO_THRUST)
+        return let(known * let(sign * let(sp.sqrt(size))))
 
     def thrusts_of_commands(self) -> list[sp.Expr]:
         """Thrusts, N, for commands that stay, at the nominal voltage."""

@@ -21,7 +21,7 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 from support.actuated import actuated
-from support.emitted import emitted_module
+from support.emitted import emitted_module, module_with_derivatives
 
 from gibbs_codegen.arrays import Functions, Program, evaluate, variable
 from gibbs_codegen.arrays.surroundings import air_on_rotors, on_frames
@@ -261,3 +261,19 @@ def test_the_energy_of_a_discharge_is_delivered_or_heats_the_battery(every: Modu
     given, delivered, heat = end[6:]
     assert heat > 1e-3 * given
     assert given == pytest.approx(delivered + heat, rel=1e-9)
+
+
+def test_a_rotor_by_thrust_that_stands_still_has_derivatives() -> None:
+    """Its speed is the root of its thrust, but its power, F^(3/2), rises from 0 without a slope."""
+    robot = parse_robot(
+        'name = "still"\n[base]\nmass = 1\ninertia = [1, 1, 1, 0, 0, 0]\n'
+        "[battery]\nvoltage = [13, 16]\nresistance = 0.01\ncapacity = 5\nauxiliary = 4\n"
+        "[[rotor]]\ndrag = 0.016\nspin_inertia = 2e-5\nspeed_per_sqrt_thrust = 280\n"
+        "time_constant = 0.02\n"
+    )
+    names = ("actuator_rates_derivatives", "rotor_speeds_derivatives")
+    module = module_with_derivatives(robot, *names)
+    rates, by_x, _ = module.actuator_rates_derivatives([0.0, 0.5], [0.0])
+    np.testing.assert_allclose(by_x[:, 0], [-1.0 / 0.02, 0.0], rtol=1e-15, atol=1e-15)
+    np.testing.assert_array_equal(rates, module.actuator_rates([0.0, 0.5], [0.0]))
+    assert np.isfinite(module.rotor_speeds_derivatives([0.0, 0.5], [0.0])[1]).all()
