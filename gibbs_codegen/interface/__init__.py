@@ -16,6 +16,7 @@ from gibbs_codegen.interface.table import (
     FUNCTIONS,
     LANES,
     LISTS,
+    OF_ACTUATORS,
     derivative,
 )
 
@@ -27,6 +28,7 @@ __all__ = [
     "FUNCTIONS",
     "LANES",
     "LISTS",
+    "OF_ACTUATORS",
     "Argument",
     "Output",
     "Row",

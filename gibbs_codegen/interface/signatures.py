@@ -9,7 +9,7 @@ from typing import Any
 
 from gibbs_codegen.interface.choice import default_functions
 from gibbs_codegen.interface.rows import sizes
-from gibbs_codegen.interface.table import ARGUMENTS, FUNCTIONS, LISTS
+from gibbs_codegen.interface.table import ARGUMENTS, FUNCTIONS, LISTS, OF_ACTUATORS
 
 
 @dataclass(frozen=True)
@@ -38,9 +38,10 @@ def module_signatures(module: Any) -> list[Signature]:
 
 
 def entry_labels(lists: Mapping[str, Sequence[str]], signature: Signature) -> dict[str, list[str]]:
-    """What reports say of the entries of those arguments of a function that have two axes.
+    """What reports say of the entries of those arguments of a function that they do not know.
 
-    `lists` is as of `signatures`. The names are those that the first axis has, or else the second.
+    `lists` is as of `signatures`. Of two axes the names are those that the first has, or else the
+    second.
     """
     found = {}
     for argument, sizes_of in zip(signature.arguments, signature.argument_shapes, strict=True):
@@ -49,6 +50,8 @@ def entry_labels(lists: Mapping[str, Sequence[str]], signature: Signature) -> di
             found[argument] = [name for name in lists[LISTS[shape[0]]] for _ in range(sizes_of[1])]
         elif len(shape) == 2:
             found[argument] = [*lists[LISTS[shape[1]]]] * sizes_of[0]
+        elif shape in OF_ACTUATORS:
+            found[argument] = [*lists[LISTS[shape]]]
     return found
 
 

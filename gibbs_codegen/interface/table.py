@@ -91,6 +91,8 @@ LISTS = {
     "m": "COMMANDS",
     "z": "ACTUATOR_STATES",
 }
+# Shapes of what motors and servos are commanded, and of the state of the actuators.
+OF_ACTUATORS = ("m", "z")
 
 ARGUMENTS = {
     "q": Argument("q", "coordinates"),

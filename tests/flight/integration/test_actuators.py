@@ -137,3 +137,15 @@ def test_rollouts_of_a_scenario_have_the_states_of_actuators(module: ModuleType)
     assert found.x is not None
     assert found.thrusts is None
     np.testing.assert_allclose(found.x[0], flight.actuators, rtol=1e-9, atol=1e-9)
+
+
+@pytest.mark.parametrize("backend", ["numpy", "c"])
+def test_what_overflows_is_told_by_the_names_of_states_and_commands(
+    folder: Path, backend: str
+) -> None:
+    module = load(folder, backend)
+    command = np.array([0.62, 600.0, 640.0, 4.0, 0.2, -0.01, 0.02])
+    x = module.actuator_state_of(command)
+    x[0] = 1e200
+    with pytest.warns(RuntimeWarning, match="largest there: x of throttle_front_left, 1e"):
+        module.actuator_rates(x, command)
