@@ -220,7 +220,7 @@ class ClosedLoop:
         state. `aimed` (nu) are the same within limits, or commands of motors and servos.
         """
         time, (q, v) = variable("time", uniform=True), self.plant.state()
-        actuators, memory = variable("actuators", self._actuators), variable("memory", v.size)
+        actuators, memory = self._state_of_actuators, variable("memory", v.size)
         at = self._instant(time, self._curves_at(time))
         wanted, aimed, u, refused = self._inputs(at, q, v, actuators, memory)
         outputs = {"commanded": wanted, "aimed": aimed, "acting": u, "refused": refused}
@@ -234,11 +234,11 @@ class ClosedLoop:
         """
         time, (q, v) = variable("time", uniform=True), self.plant.state()
         u, aimed = variable("u", self.plant.inputs), variable("aimed", self.plant.inputs)
-        actuators = variable("actuators", self._actuators)
+        actuators = self._state_of_actuators
         wrenches, a, pressed = self._motion(time, q, v, u, aimed, actuators)
         found = zeros(self.frames, 6) if wrenches is None else wrenches
         outputs = {"a": a, "wrenches": found, "pressed": join(zeros(0), *pressed)}
-        of_air = [aimed, actuators] if self._has_air else []
+        of_air = [x for x in (aimed, actuators) if x.size] if self._has_air else []
         return self._program("motion", (time, q, v, u, *of_air), outputs)
 
     @labelled
@@ -271,6 +271,11 @@ class ClosedLoop:
     def _wrench(self, q: Node, force: Node) -> Node:
         """Force and torque (6) about the base centre that a generalised force (nv) asks for."""
         return base_of(self.model, q).wrench(self.rotors.centre, force)
+
+    @property
+    def _state_of_actuators(self) -> Node:
+        """The state of the actuators as an input, which programs have if it is of any length."""
+        return variable("actuators", self._actuators) if self._actuators else zeros(0)
 
     def _own(self, actuators: Node, memory: Node) -> list[Node]:
         """Of actuators and memory what the state has."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import ModuleType
 
 import numpy as np
@@ -109,6 +110,20 @@ DERIVATIVES = tuple(row.name for row in (*ACTUATOR_DERIVATIVES, *ACTUATOR_PARAME
 def actuated() -> Robot:
     """The robot."""
     return parse_robot(TEXT)
+
+
+def at_once() -> Robot:
+    """The robot without lag, delays and battery."""
+    robot = actuated()
+    thrusters = tuple(
+        replace(r, time_constant=None, drive=r.drive and replace(r.drive, up=0.0, down=0.0))
+        for r in robot.thrusters
+    )
+    links = tuple(
+        x if x.servo is None else replace(x, servo=replace(x.servo, delay=0.0, rate=None))
+        for x in robot.links
+    )
+    return replace(robot, name="at_once", thrusters=thrusters, links=links, battery=None)
 
 
 def air(

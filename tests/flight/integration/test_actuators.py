@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
-from support.actuated import TEXT, air
+from support.actuated import TEXT, air, at_once
 
 from gibbs_codegen import Simulation, generate, load, rollout, simulate
 from gibbs_codegen.errors import UsageError
@@ -18,6 +18,7 @@ from gibbs_codegen.flight.record.flight import read_flight
 from gibbs_codegen.flight.scenario.file import read_scenario
 from gibbs_codegen.flight.scenario.scenario import Scenario
 from gibbs_codegen.flight.simulation import flight_start
+from gibbs_codegen.robot.text import robot_text
 
 Array = NDArray[np.float64]
 # Where dry friction is smooth about rest, the wrist is stiff.
@@ -149,3 +150,15 @@ def test_what_overflows_is_told_by_the_names_of_states_and_commands(
     x[0] = 1e200
     with pytest.warns(RuntimeWarning, match="largest there: x of throttle_front_left, 1e"):
         module.actuator_rates(x, command)
+
+
+def test_actuators_without_states_fly(tmp_path: Path) -> None:
+    """Nothing lags, and a law sends commands that act at once, in the air of the rotors."""
+    (tmp_path / "at_once.toml").write_text(robot_text(at_once()), encoding="utf-8")
+    robot = load(generate(tmp_path / "at_once.toml", tmp_path, verify=False), "c")
+    flight = simulate(robot, hover(start={"offset": [0.02, 0.0, 0.0]}))
+    assert flight.stopped == ""
+    assert flight.actuators.shape == (len(flight.time), 0)
+    u = robot.inputs_of(flight.q, flight.v, np.zeros((len(flight.time), 0)), flight.commands)
+    np.testing.assert_allclose(u, flight.applied, rtol=0.0, atol=1e-12)
+    assert np.abs(flight.energy_error).max() < 1e-9

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -10,31 +9,16 @@ from typing import Any
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
-from support.actuated import actuated, air
+from support.actuated import actuated, air, at_once
 from support.compiled import Emitted, compile_only, emit
 
 from gibbs_codegen import Feedback, Rollout, UsageError, load, rollout, trim, uniform
-from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.runtime.rollouts import Motors, Problem, compiled_rollout, numpy_rollout
 
 STATES, STEPS, DT = 18, 6, 0.01
 # Share of its torque that does not throw the wrist about.
 LIGHT = 1e-3
 ACTUATED, AT_ONCE = "with every actuator", "whose actuators have no states"
-
-
-def at_once() -> Robot:
-    """The same robot without lag, delays and battery."""
-    robot = actuated()
-    thrusters = tuple(
-        replace(r, time_constant=None, drive=r.drive and replace(r.drive, up=0.0, down=0.0))
-        for r in robot.thrusters
-    )
-    links = tuple(
-        x if x.servo is None else replace(x, servo=replace(x.servo, delay=0.0, rate=None))
-        for x in robot.links
-    )
-    return replace(robot, name="at_once", thrusters=thrusters, links=links, battery=None)
 
 
 @pytest.fixture(scope="module", params=[ACTUATED, AT_ONCE])
