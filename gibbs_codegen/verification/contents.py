@@ -103,11 +103,10 @@ def has_effect(robot: Robot, name: str, functions: Collection[str] | None = None
     )
     seen = [what for what in there if functions is None or what.partition(".")[0] in functions]
     # What is no number any more has changed too. Accelerations have the size of their forces.
+    values = [(there[what][0], there[what][1], here[what][0]) for what in seen]
     return not all(
-        np.all(
-            np.abs(there[what][0] - here[what][0]) <= _CONSTANTS_LIMIT * np.abs(there[what]).sum(0)
-        )
-        for what in seen
+        np.all(np.abs(own - other) <= _CONSTANTS_LIMIT * (np.abs(own) + np.abs(size)))
+        for own, size, other in values
     )
 
 

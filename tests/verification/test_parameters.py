@@ -11,7 +11,7 @@ from support.random_robots import random_robot, random_tree, robots, trees
 
 from gibbs_codegen import generate, load
 from gibbs_codegen.derivation.derive import derive
-from gibbs_codegen.robot.file import read_robot, shipped_robots
+from gibbs_codegen.robot.file import parse_robot, read_robot, shipped_robots
 from gibbs_codegen.robot.model import Base, Body, RigidBody, Robot, Rod
 from gibbs_codegen.verification.contents import has_effect
 from gibbs_codegen.verification.parameters import (
@@ -113,3 +113,12 @@ def test_a_module_may_leave_out_what_its_functions_do_not_read(tmp_path: Path) -
     assert has_effect(robot, "front_left_drag")
     assert not has_effect(robot, "front_left_drag", found.FUNCTIONS)
     assert has_effect(robot, "base_mass", found.FUNCTIONS)
+
+
+def test_a_module_may_leave_out_what_none_of_its_actuators_reads() -> None:
+    """The nominal voltage of a battery is that of throttles, of which rods' motors have none."""
+    rods = "name = 'rods'\nbase = { rotors = 4, arm = { length = 0.5, mass_per_length = 1 } }\n"
+    battery = "[battery]\nvoltage = [13, 16]\nresistance = 0.01\ncapacity = 5\nauxiliary = 4\n"
+    robot = parse_robot(rods + battery)
+    assert not has_effect(robot, "battery_nominal")
+    assert has_effect(robot, "battery_capacity")
