@@ -66,7 +66,7 @@ def _add_choice(parser: Parser, meaning: str) -> None:
     """Add --functions and --derivatives to a command; their meaning there has {which} for them."""
     functions = (
         "the functions of those names and groups (default, dynamics, hybrid, kinematics, energies, "
-        "loads, tip, derivatives, parameters, steps), with what they are composed of"
+        "actuators, loads, tip, derivatives, parameters, steps), with what they are composed of"
     )
     derivatives = (
         "the derivatives of those names, too, or without a name all but the Hessians, which are "
