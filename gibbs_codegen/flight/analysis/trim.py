@@ -350,6 +350,7 @@ class Trim:
                 self.command, self.command_margins, self.command_units.items(), strict=True
             ):
                 scale, unit = (100.0, "%") if unit == "1" else (1.0, unit)
+                value = value if abs(value) > EXACT else 0.0
                 line = f"  {name:<{width}} {scale * value:10.4g} {unit:<5}"
                 room = f" {scale * margin:10.4g} {unit} from a limit" * bool(np.isfinite(margin))
                 lines.append((line + room).rstrip())
