@@ -102,14 +102,14 @@ def _force_on_rotor(
     (Cheeseman and Bennett, 1955).
     """
     drag, inflow, lift, radius, has_ground, *pairs = air[3:]
-    speed, thrust = driven
+    speed, thrust = absolute(driven[0]), driven[1]  # Whichever way it turns, air resists.
     axis = _rotation(pose) @ constant(np.array(air[:3]))
     along = dot(axis, moved)
     across = moved - along * axis
     pushed = lift * dot(across, across) - inflow * speed * along
     factor = constant(1.0)
     if pairs:
-        tips = maximum(absolute(speed) * radius, _LEAST_TIP_SPEED)
+        tips = maximum(speed * radius, _LEAST_TIP_SPEED)
         factor = _between(along / tips, pairs[::2], pairs[1::2])
     if has_ground:
         share = 0.25 * radius / maximum(_origin(pose)[2], 0.5 * radius)

@@ -265,11 +265,11 @@ class Drive:
 class RotorAir:
     """What the air does to a rotor besides its thrust in still air, of an air speed v at its hub.
 
-    With the speed Ω, rad/s, and the thrust's direction n: `drag`, kg, −Ω·drag·v across n; `inflow`,
-    kg, −Ω·inflow·v along n; `lift`, kg/m, lift·v² across n, along n. `radius`, m, is that of the
-    disc, by which the ground raises the thrust (Cheeseman and Bennett, 1955) where there is ground
-    effect. `advance` has pairs of the advance ratio, v along n by Ω·radius, and a factor of the
-    thrust.
+    With the speed Ω, rad/s, either way, and the thrust's direction n: `drag`, kg, −Ω·drag·v across
+    n; `inflow`, kg, −Ω·inflow·v along n; `lift`, kg/m, lift·v² across n, along n. `radius`, m, is
+    that of the disc, by which the ground raises the thrust (Cheeseman and Bennett, 1955) where
+    there is ground effect. `advance` has pairs of the advance ratio, v along n by Ω·radius, and a
+    factor of the thrust.
     """
 
     drag: float = 0.0

@@ -162,3 +162,14 @@ def test_actuators_without_states_fly(tmp_path: Path) -> None:
     u = robot.inputs_of(flight.q, flight.v, np.zeros((len(flight.time), 0)), flight.commands)
     np.testing.assert_allclose(u, flight.applied, rtol=0.0, atol=1e-12)
     assert np.abs(flight.energy_error).max() < 1e-9
+
+
+def test_air_resists_a_rotor_that_turns_either_way(tmp_path: Path) -> None:
+    text = 'name = "both"\nbase = { mass = 1, inertia = [1, 1, 1, 0, 0, 0] }\n'
+    text += '[[rotor]]\ncommand = "speed"\nthrust_constant = 1e-9\nhub_drag = 1e-3\n'
+    (tmp_path / "both.toml").write_text(text, encoding="utf-8")
+    robot = load(generate(tmp_path / "both.toml", tmp_path, verify=False), "numpy")
+    along = np.eye(6)[robot.VELOCITIES.index("x")]
+    for speed in (-500.0, 500.0):
+        found = rollout(robot, np.zeros(6), along, [speed], 10, 1e-3).v[0, -1]
+        assert found @ along == pytest.approx(np.exp(-500.0 * 1e-3 * 0.01), rel=1e-9)
