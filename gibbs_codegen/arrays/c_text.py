@@ -456,6 +456,8 @@ class CProgram:
 
     def pointer(self, x: Node, lines: list[str], wanted_uniform: bool = False) -> str:
         """The text of an array's first entry, copied to where functions can read it if need be."""
+        if not x.size:
+            return "0"
         uniform = self.uniform(x)
         base = self.base(x)
         known = numbers_of(base)

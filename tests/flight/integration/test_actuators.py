@@ -162,6 +162,9 @@ def test_actuators_without_states_fly(tmp_path: Path) -> None:
     u = robot.inputs_of(flight.q, flight.v, np.zeros((len(flight.time), 0)), flight.commands)
     np.testing.assert_allclose(u, flight.applied, rtol=0.0, atol=1e-12)
     assert np.abs(flight.energy_error).max() < 1e-9
+    sampled = simulate(robot, hover(control={"rate": 400}, duration=0.1, integration=RK4))
+    assert sampled.stopped == ""
+    assert np.abs(sampled.errors[-1]).max() < 5e-3
 
 
 def test_air_resists_a_rotor_that_turns_either_way(tmp_path: Path) -> None:
