@@ -11,7 +11,7 @@ from gibbs_codegen.errors import UsageError
 from gibbs_codegen.flight.control.error_polynomials import check_integral
 from gibbs_codegen.flight.control.geometric import LeaningController
 from gibbs_codegen.flight.control.laws import Controller, Gains
-from gibbs_codegen.flight.plant.actuators import joint_place
+from gibbs_codegen.flight.plant.actuators import has_servo, joint_place
 from gibbs_codegen.flight.plant.allocation import (
     Allocation,
     AllocationError,
@@ -100,15 +100,18 @@ def control_law(
     frequencies[places.attitude] = attitude
     ratios = np.full(places.size, control.damping_ratio)
     for name, own in control.joints.items():
-        place = places.joints.start + joint_place(vehicle, name, "control.joints")
-        if place in _servo_joints(vehicle):
+        joint = joint_place(vehicle, name, "control.joints")
+        place = places.joints.start + joint
+        if has_servo(vehicle, joint):
             raise UsageError(
                 f"control.joints.{name}: a servo holds the joint, by the stiffness and damping of "
                 "the robot file; leave it out"
             )
         frequencies[place] = own.frequency or control.frequency
         ratios[place] = control.damping_ratio if own.damping_ratio is None else own.damping_ratio
-    frequencies[_servo_joints(vehicle)] = 0.0  # Servos correct what is off themselves.
+    for k in range(vehicle.joints):
+        if has_servo(vehicle, k):  # It corrects what is off itself.
+            frequencies[places.joints.start + k] = 0.0
     gains = Gains.of(frequencies, ratios, places.size)
     memory = 0
     if control.integral and law in LAWS:
@@ -119,10 +122,3 @@ def control_law(
         found.check_thrust()
     check_integral(found)
     return found
-
-
-def _servo_joints(vehicle: Vehicle) -> list[int]:
-    """Places of the velocities of joints that servos hold."""
-    places = range(vehicle.rotors, len(vehicle.inputs))
-    first = vehicle.layout.v.joints.start - vehicle.rotors
-    return [first + k for k in places if vehicle.commands[k] != vehicle.inputs[k]]

@@ -109,8 +109,20 @@ def actuators_of(vehicle: Vehicle, scenario: Scenario) -> Actuators:
         found.joints[:, joint_place(vehicle, name, "arm.limits")] = limits
     for key, values in (("effort", found.efforts), ("velocity", found.velocities)):
         for name, most in getattr(arm, key).items():
-            values[joint_place(vehicle, name, f"arm.{key}")] = most
+            place = joint_place(vehicle, name, f"arm.{key}")
+            if key == "effort" and has_servo(vehicle, place):
+                raise UsageError(
+                    f"arm.effort.{name}: a servo pushes the joint, within the torque of the robot "
+                    "file; leave it out, or vary the parameters of the servo"
+                )
+            values[place] = most
     return found
+
+
+def has_servo(vehicle: Vehicle, place: int) -> bool:
+    """Whether a servo holds a joint, by its place among the joints, from 0."""
+    k = vehicle.rotors + place
+    return vehicle.commands[k] != vehicle.inputs[k]
 
 
 def joint_place(vehicle: Vehicle, name: str, table: str = "") -> int:

@@ -122,6 +122,8 @@ def test_joints_have_gains_of_their_own_but_where_servos_hold_them(module: Modul
         simulate(module, hover(control={"joints": {"elbow": {"frequency": 20.0}}}))
     with pytest.raises(UsageError, match=r"motors\.time_constant: the file of actuated says"):
         simulate(module, hover(motors={"time_constant": 0.05}))
+    with pytest.raises(UsageError, match=r"arm\.effort\.slider: a servo pushes the joint"):
+        simulate(module, hover(arm={"effort": {"slider": 1.0}}))
 
 
 def test_what_is_off_pushes_nothing_whatever_its_least_command(module: ModuleType) -> None:
