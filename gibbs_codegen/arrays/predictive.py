@@ -248,7 +248,7 @@ class Horizon:
         robot, (q, v) = self.robot, self.robot.state()
         u, h = variable("u", robot.inputs), variable("h")
         inputs, acting, outputs = [q, v], u, {}
-        lag_times, mean = [], zeros(0)
+        lag_times, mean = [], v[:0]
         if self.motors:
             motors = variable("motors", self.motors)
             times = variable("lag_times", self.lag_times, uniform=True)

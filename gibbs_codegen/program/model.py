@@ -45,7 +45,7 @@ class Model:
         own = {
             "PARAMETERS": self.defaults,
             "FUNCTIONS": tuple(signature.name for signature in self.signatures),
-            "DERIVATIVES": derivatives_among(self.functions),
+            "DERIVATIVES": derivatives_among(signature.name for signature in self.signatures),
         }
         return {**self.description.lists(self.functions), **own}
 

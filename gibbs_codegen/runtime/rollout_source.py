@@ -61,8 +61,14 @@ def rollout_context(
 ) -> dict[str, Any]:
     """What the templates are given."""
     return {
-        **{"header": header, "name": robot.name, "source": _source(robot, programs)},
-        **{"driven": robot.driven, "states": robot.actuator_states},
+        "header": header,
+        "name": robot.name,
+        "driven": robot.driven,
+        "has_thrusts": not robot.driven,
+        "inputs": "COMMANDS" if robot.driven else "INPUTS",
+        "states": robot.actuator_states,
+        "actuated": "x" if robot.driven else "thrust",
+        "source": _source(robot, programs),
     }
 
 

@@ -379,7 +379,8 @@ class InPinocchio:
         """Everything, state by state."""
         motions = zip(states.q, states.v, states.a, states.u, strict=True)
         each = [self._at(*motion) for motion in motions]
-        return _Whole._make(np.array(x) for x in zip(*each, strict=True))
+        arrays = (None if x[0] is None else np.array(x) for x in zip(*each, strict=True))
+        return _Whole._make(arrays)
 
     def _at(self, q: Array, v: Array, a: Array, u: Array) -> Quantities:
         oracle = self._oracle

@@ -464,8 +464,8 @@ class Predictive:
     def _constants(self, vehicle: Vehicle, h: float) -> Any:
         """The constants of the machine that is predicted: with dampers at the ends of steps."""
         known = {**self.module.PARAMETERS, **self.parameters}
-        # Dry friction is as stiff about rest as no step is short.
-        rough = ("_friction_coulomb", "_friction_static")
+        # Dry friction is as stiff about rest as no step is short, and play holds nothing.
+        rough = ("_friction_coulomb", "_friction_static", "_servo_backlash")
         changed = {**self.parameters, **{name: 0.0 for name in known if name.endswith(rough)}}
         for name, damping in known.items():
             if not name.endswith("_damping") or not np.any(damping) or self._method == "rk4":

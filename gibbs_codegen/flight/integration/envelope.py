@@ -214,7 +214,8 @@ def stable_modes(loop: ClosedLoop) -> list[Mode]:
         for root in itertools.chain.from_iterable(map(np.roots, polynomials))
         if root.real < 0.0
     ]
-    return sorted([*found, *_wall_modes(loop), *_drag_modes(loop)], reverse=True)
+    others = [*_wall_modes(loop), *_drag_modes(loop), *_servo_modes(loop)]
+    return sorted([*found, *others], reverse=True)
 
 
 def _wall_modes(loop: ClosedLoop) -> list[Mode]:
@@ -265,6 +266,38 @@ def _drag_modes(loop: ClosedLoop) -> list[Mode]:
     rate = float(np.max(values.real))
     remedy = "less drag (wind.drag, wind.rotational_drag)"
     return [Mode(rate, "the drag", remedy, complex(-rate))] if rate > 0.0 else []
+
+
+def _servo_modes(loop: ClosedLoop) -> list[Mode]:
+    """The fastest mode in which servos move their joints, along the desired motion.
+
+    M v̇ = −D v − K d, of a displacement d: stiffness and damping are what commands say that push.
+    """
+    vehicle = loop.vehicle
+    if not vehicle.is_driven or loop.controller.law == "off":
+        return []
+    q, size = _configurations(loop), vehicle.layout.v.size
+    joints, count = vehicle.layout.v.joints, vehicle.joints
+    units = np.eye(len(vehicle.inputs))[vehicle.rotors :]
+    moved = np.eye(size)[joints]
+    still, none = np.zeros(size), np.zeros(len(vehicle.inputs))
+    places = np.arange(count), vehicle.rotors + np.arange(count)
+    rest = vehicle.command_of(q[0], still, none)
+    yielding = (vehicle.command_of(q[0], still, units) - rest)[places]
+    pushed = (vehicle.command_of(q[0], moved, none) - rest)[places]
+    held = np.array(vehicle.commands[vehicle.rotors :]) != vehicle.inputs[vehicle.rotors :]
+    stiffness = np.where(held, 1.0 / yielding, 0.0)
+    matrix = np.zeros((len(q), 2 * size, 2 * size))
+    matrix[:, :size, size:] = np.eye(size)
+    inverse = np.linalg.inv(vehicle.mass_matrix(q))[..., joints]
+    matrix[:, size:, :size][..., joints] = -inverse * stiffness
+    matrix[:, size:, size:][..., joints] = -inverse * (stiffness * pushed)
+    roots = np.linalg.eigvals(matrix).ravel()
+    if not np.any(held):
+        return []
+    fastest = roots[np.argmax(np.abs(roots))]
+    remedy = "softer servos, less of their damping, or the armature of their gears"
+    return [Mode(float(abs(fastest)), "the servos of the joints", remedy, complex(fastest))]
 
 
 def _configurations(loop: ClosedLoop) -> Array:

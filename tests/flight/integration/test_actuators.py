@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 from support.actuated import TEXT, air, at_once
 
+import gibbs_codegen
 from gibbs_codegen import Simulation, generate, load, rollout, simulate
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.flight.record.flight import read_flight
@@ -21,6 +22,7 @@ from gibbs_codegen.flight.simulation import flight_start
 from gibbs_codegen.robot.text import robot_text
 
 Array = NDArray[np.float64]
+ROBOTS = Path(gibbs_codegen.__file__).parent / "robots"
 # Where dry friction is smooth about rest, the wrist is stiff.
 RK4 = {"method": "rk4", "step": 2e-4}
 
@@ -178,3 +180,22 @@ def test_air_resists_a_rotor_that_turns_either_way(tmp_path: Path) -> None:
     for speed in (-500.0, 500.0):
         found = rollout(robot, np.zeros(6), along, [speed], 10, 1e-3).v[0, -1]
         assert found @ along == pytest.approx(np.exp(-500.0 * 1e-3 * 0.01), rel=1e-9)
+
+
+def test_servos_without_a_state_are_flown_too(tmp_path: Path) -> None:
+    """Of the base of rods, under the law in NumPy and C, and by commands that are held."""
+    text = (ROBOTS / "hexarotor_3link.toml").read_text(encoding="utf-8")
+    served = text.replace(
+        "[[link]]", "[[link]]\nservo = { stiffness = 900, damping = 60 }\narmature = 1"
+    )
+    (tmp_path / "served.toml").write_text(served, encoding="utf-8")
+    folder = generate(tmp_path / "served.toml", tmp_path, verify=False)
+    compiled, scenario = load(folder, "c"), read_scenario("hover", {"duration": 0.05})
+    assert compiled.ACTUATOR_STATES == ()
+    found, expected = (simulate(x, scenario) for x in (compiled, load(folder, "numpy")))
+    assert found.stopped == ""
+    np.testing.assert_allclose(found.q, expected.q, rtol=0.0, atol=1e-9)
+    simulation = Simulation(compiled, scenario)
+    simulation.reset()
+    simulation.step(found.commands[0], 0.05)
+    np.testing.assert_allclose(simulation.q, found.q[-1], rtol=0.0, atol=1e-3)
