@@ -117,7 +117,8 @@ class Simulation:
         """Fly on with inputs that are held.
 
         Args:
-            u: Inputs (nu): thrusts, N, then torques and forces of the joints, N m and N.
+            u: Inputs (nu): thrusts, N, then torques and forces of the joints, N m and N; of a robot
+                with motors and servos their commands.
             duration: How long, s; a period of the scenario's `control.rate` if None, 1 ms without.
 
         Returns:

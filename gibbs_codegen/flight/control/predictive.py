@@ -62,6 +62,8 @@ _FITS, _LEAN = 3, 0.1
 _LONG = 0.05
 # Limits that there are not, and mean products of price and slack at the begin and the end.
 _NONE, _BARRIER, _TOLERANCE = 1e30, 1e-2, 1e-6
+# Least rate, rad/s or m/s, of which a tenth is where dry friction is predicted smooth about rest.
+_SLOW = 2.0
 # Time constants, s, of what follows no command: of the charge of a battery.
 _ENDLESS = (1e4, 1e4)
 # What a state costs that is out of its limits by its tolerance, per step.
@@ -464,9 +466,19 @@ class Predictive:
     def _constants(self, vehicle: Vehicle, h: float) -> Any:
         """The constants of the machine that is predicted: with dampers at the ends of steps."""
         known = {**self.module.PARAMETERS, **self.parameters}
-        # Dry friction is as stiff about rest as no step is short, and play holds nothing.
-        rough = ("_friction_coulomb", "_friction_static", "_servo_backlash")
-        changed = {**self.parameters, **{name: 0.0 for name in known if name.endswith(rough)}}
+        # Play holds nothing. Dry friction is as stiff about rest as no step is short: servos, which
+        # are stiff themselves, feel it as if it rose slowly, and other joints none.
+        changed = dict(self.parameters)
+        for name in known:
+            if name.endswith("_servo_backlash"):
+                changed[name] = 0.0
+            elif name.endswith("_friction_velocity"):
+                link = name.removesuffix("_friction_velocity")
+                if f"{link}_servo_stiffness" in known:
+                    changed[name] = np.maximum(known[name], _SLOW)
+                else:
+                    both = (f"{link}_friction_{x}" for x in ("coulomb", "static"))
+                    changed |= {each: 0.0 for each in both if each in known}
         for name, damping in known.items():
             if not name.endswith("_damping") or not np.any(damping) or self._method == "rk4":
                 continue
