@@ -85,8 +85,20 @@ def key_path(place: Place) -> str:
         if isinstance(key, int):
             path += f"[{key}]"
         else:
-            path += f".{key if key.isidentifier() and len(key) <= 64 else ascii(key[:64])}"
+            path += f".{key if key.isidentifier() and len(key) <= _LONGEST_KEY else _quoted(key)}"
     return path.removeprefix(".")
+
+
+# Characters of a key that a message shows.
+_LONGEST_KEY = 64
+
+
+def _quoted(key: str) -> str:
+    """The begin of a key, in quotes, where characters that do not print take several."""
+    shown = key[:_LONGEST_KEY]
+    while len(ascii(shown)) > _LONGEST_KEY + 2:
+        shown = shown[: len(shown) // 2]
+    return ascii(shown)
 
 
 # Values keep their types: a string or boolean is no number, and 2.0 no whole one.

@@ -121,7 +121,7 @@ def test_docstrings_say_what_is_described(files: dict[str, str]) -> None:
         if isinstance(node, ast.FunctionDef)
     }
     for name, described in FUNCTIONS.items():
-        if described.on_request:
+        if described.on_request or described.group == "actuators":
             continue
         details, _, rest = described.details.partition("{singularity}")
         assert written[name].startswith(f"{described.summary} {details}".rstrip()), name

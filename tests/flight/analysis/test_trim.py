@@ -284,9 +284,9 @@ def test_a_body_without_weight_or_inputs_is_balanced(tmp_path: Path) -> None:
     lines = str(found).splitlines()
     assert lines[0] == "lone: balanced"
     assert [line.split() for line in lines[1:6]] == [
-        ["theta_m1", "0", "rad"],
-        ["theta_0", "0", "rad"],
-        ["theta_1", "0", "rad"],
+        ["theta_m1", "0", "rad", "0°"],
+        ["theta_0", "0", "rad", "0°"],
+        ["theta_1", "0", "rad", "0°"],
         ["The", "rotors", "produce", "no", "wrench", "along"],
         ["force", "along", "x"],
     ]
