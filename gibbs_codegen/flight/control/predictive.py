@@ -41,7 +41,12 @@ from gibbs_codegen.errors import (
 )
 from gibbs_codegen.flight.control.laws import Controller
 from gibbs_codegen.flight.control.observation import Observation
-from gibbs_codegen.flight.plant.actuators import Actuators, actuators_of, module_actuators
+from gibbs_codegen.flight.plant.actuators import (
+    Actuators,
+    actuators_of,
+    followed,
+    module_actuators,
+)
 from gibbs_codegen.flight.plant.vehicle import Array, Vehicle
 from gibbs_codegen.flight.scenario.scenario import Scenario
 from gibbs_codegen.interface import FUNCTIONS
@@ -531,11 +536,8 @@ class Predictive:
     @property
     def _commands_of_states(self) -> list[str]:
         """What each state of the actuators follows: a command, or of the charge nothing."""
-        ending, levels = "_reference", {*self.vehicle.commands}
-        return [
-            x.removesuffix(ending) + "_position" if x.endswith(ending) and x not in levels else x
-            for x in self.vehicle.description("ACTUATOR_STATES")
-        ]
+        states = self.vehicle.description("ACTUATOR_STATES")
+        return [followed(name, self.vehicle.commands) for name in states]
 
     @property
     def _followed(self) -> Array:

@@ -6,6 +6,7 @@ They enter no function of a module, which has them as constants.
 from __future__ import annotations
 
 import math
+from collections.abc import Collection
 from dataclasses import dataclass, replace
 from types import ModuleType
 
@@ -163,6 +164,12 @@ def module_actuators(vehicle: Vehicle) -> Actuators:
         commands=command_limits(vehicle.module),
         times=np.transpose([times.get(name, (0.0, 0.0)) for name in vehicle.commands]),
     )
+
+
+def followed(state: str, commands: Collection[str]) -> str:
+    """The command that a state of an actuator follows, by their names; the charge follows none."""
+    servo = state.removesuffix("_reference") + "_position"
+    return state if state in commands or servo not in commands else servo
 
 
 def command_limits(module: ModuleType) -> Array:

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.files.staging import writing
+from gibbs_codegen.flight.plant.actuators import followed
 from gibbs_codegen.flight.plant.kinematics import kinematics_of
 from gibbs_codegen.flight.plant.vehicle import Vehicle
 from gibbs_codegen.flight.vectors import Array as Array
@@ -263,9 +264,7 @@ class Flight:
         for name, unit, values in sent:
             yield f"{name}_sent", unit, values
         for name, values in zip(self.actuator_names, self.actuators.T, strict=True):
-            # Levels have the unit of their commands, references that of their positions.
-            command = name.removesuffix("_reference") + "_position"
-            yield f"{name}_state", of_commands.get(name, of_commands.get(command, "1")), values
+            yield f"{name}_state", of_commands.get(followed(name, of_commands), "1"), values
         for name, values in zip(self.constraint_names, self.constraint_torques.T, strict=True):
             yield name, "N m", values
         for k, values in enumerate(self.base_arm_angles.T, start=2):
