@@ -45,7 +45,7 @@ from peers.timing import Timer, timer  # noqa: E402
 from peers.tree import tree_of  # noqa: E402
 
 from gibbs_codegen.derivation.derive import derive  # noqa: E402
-from gibbs_codegen.flight.control.laws import Controller, Gains, Law  # noqa: E402
+from gibbs_codegen.flight.control.laws import Controller, Gains  # noqa: E402
 from gibbs_codegen.flight.desired.trajectory import desired_motion  # noqa: E402
 from gibbs_codegen.flight.integration.closed_loop import ClosedLoop  # noqa: E402
 from gibbs_codegen.flight.integration.compiled_loop import CompiledLoop  # noqa: E402
@@ -84,7 +84,7 @@ class Flight:
         self,
         module: ModuleType,
         reference: Reference,
-        law: Law,
+        law: str,
         steps: int,
         limits: Array | None = None,
     ) -> None:
