@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 
 import numpy as np
-from scipy.linalg import expm
-from scipy.spatial.transform import Rotation
 
 from gibbs_codegen.robot.layout import Entries
 from gibbs_codegen.verification.comparison import Comparison, Evaluation, compared, explained
@@ -150,6 +148,8 @@ def displacement_rows(tree: Tree, states: States) -> Iterator[tuple[str, Array, 
     """
     layout = tree.layout
     if layout.is_quaternion:
+        from scipy.spatial.transform import Rotation  # Late, as SciPy takes long to import.
+
         q, v = layout.q, layout.v
         attitude, turn, step = (
             states.q[:, q.attitude],
@@ -201,6 +201,8 @@ def _gains(turns: Array) -> Array:
 
     It is the integral of the rotation over the turn, as a block of an exponential.
     """
+    from scipy.linalg import expm  # Late, as SciPy takes long to import.
+
     twists = np.zeros((len(turns), 6, 6))
     # Rows of e × ω over the axes e are the matrix of ω×.
     twists[:, :3, :3] = cross(np.eye(3), turns[:, None])

@@ -7,7 +7,6 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from gibbs_codegen.verification.tree import WORLD, Frames, Joint, Tree
 from gibbs_codegen.verification.vectors import Array, cross, times
@@ -108,6 +107,8 @@ class States:
         """
         if not tree.layout.is_quaternion:
             return tree, self
+        from scipy.spatial.transform import Rotation  # Late, as SciPy takes long to import.
+
         q, v = tree.layout.q, tree.layout.v
         there = copy.copy(tree)
         rotation = Rotation.from_quat(self.q[:, q.attitude])

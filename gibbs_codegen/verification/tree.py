@@ -13,7 +13,6 @@ from dataclasses import astuple, dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from gibbs_codegen.robot.layout import frames_of, layout_of
 from gibbs_codegen.robot.model import BASE, Body, Pose, Robot, Rod, Vector3
@@ -345,6 +344,8 @@ class Tree:
         """
         if not self.layout.is_quaternion:
             return angles
+        from scipy.spatial.transform import Rotation  # Late, as SciPy takes long to import.
+
         base, joints = self.layout.v, angles[..., self.layout.v.joints]
         attitude = Rotation.from_euler("XYZ", angles[..., base.attitude]).as_quat()
         return np.concatenate([angles[..., base.position], attitude, joints], axis=-1)
