@@ -166,7 +166,7 @@ def test_c_program_with_derivatives(tmp_path: Path) -> None:
 def test_files_in_toml_are_accepted() -> None:
     files = ["reference/robot-file", "reference/scenario-file"]
     howto = [f"howto/{page}" for page in ("actuators", "import", "several-arms")]
-    pages = [*howto, *files, "start/first-robot"]
+    pages = [*howto, "howto/walls", *files, "start/first-robot"]
     assert pages_with("toml") == ["README.md", *(f"docs/{page}.md" for page in pages)]
     rods, placed, driven = map(parse_robot, blocks("docs/reference/robot-file.md", "toml"))
     assert (rods.base.rotors, len(rods.links)) == (6, 1)
@@ -175,6 +175,8 @@ def test_files_in_toml_are_accepted() -> None:
     scenario, *others = map(parse_scenario, blocks("docs/reference/scenario-file.md", "toml"))
     assert scenario.arm.tip is not None
     assert [other.name for other in others] == ["via", "quick"]
+    for text in blocks("docs/howto/walls.md", "toml"):
+        assert parse_scenario(text).walls
 
 
 @pytest.mark.parametrize("page", [*pages_with("sh"), *pages_with("console")])

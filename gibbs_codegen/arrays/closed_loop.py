@@ -2,7 +2,7 @@
 
 The plant has its own parameters, the law those of the robot that it knows: calls have the owners
 `plant` and `model`. The state x is the entries of q and v, the work of all that acts, J, the state
-of the actuators, and the integrals of the errors that a law remembers.
+of the actuators, the integrals of the errors that a law remembers, and the bristles of contacts.
 
 Laws say which thrusts and torques they want. Of a robot that is `driven`, motors and servos are
 sent the commands that give them, of servos where the joint is to be, and the state of its actuators
@@ -17,6 +17,7 @@ from functools import cached_property
 
 from gibbs_codegen.arrays import surroundings
 from gibbs_codegen.arrays.base import Motion, base_of, placed, quaternion_motion, unit_entries
+from gibbs_codegen.arrays.contact import FIGURES, Contact, Touch, bristle_parts, bristles_of, touch
 from gibbs_codegen.arrays.functions import Functions
 from gibbs_codegen.arrays.labels import labelled
 from gibbs_codegen.arrays.laws import (
@@ -45,6 +46,7 @@ from gibbs_codegen.arrays.nodes import (
     maximum,
     minimum,
     ordered,
+    reshaped,
     variable,
     zeros,
 )
@@ -67,21 +69,21 @@ class Instant:
 class Surroundings:
     """Which kinds of things act on which frames of the plant; their figures are inputs.
 
-    `walls` have the frame of each, its surface and how many figures that has, `payloads` the frame
-    of each, `spins` rotor and frame of each.
+    `contacts` are of frames with walls, `payloads` have the frame of each, `spins` rotor and frame
+    of each.
     """
 
     pushes: bool = False
     drag: bool = False
     gusts: int = 0
-    walls: tuple[tuple[int, surroundings.Surface, int], ...] = ()
+    contacts: tuple[Contact, ...] = ()
     spins: tuple[tuple[int, int], ...] = ()
     payloads: tuple[int, ...] = ()
 
     @property
     def acts(self) -> bool:
         """Whether anything does."""
-        return bool(self.pushes or self.drag or self.walls or self.spins or self.payloads)
+        return bool(self.pushes or self.drag or self.contacts or self.spins or self.payloads)
 
 
 @dataclass(frozen=True)
@@ -124,8 +126,7 @@ class ClosedLoop:
     @property
     def size(self) -> int:
         """Length of the state."""
-        memory = self.plant.space.velocities if self.integral else 0
-        return self._work + 1 + self._actuators + memory
+        return self._memory_end + bristles_of(self.around.contacts)
 
     @property
     def _work(self) -> int:
@@ -143,6 +144,11 @@ class ClosedLoop:
     def _memory(self) -> int:
         """Place of what the law remembers."""
         return self._work + 1 + self._actuators
+
+    @property
+    def _memory_end(self) -> int:
+        """Where what the law remembers ends in the state, and bristles begin."""
+        return self._memory + (self.plant.space.velocities if self.integral else 0)
 
     def given(self, name: str, *shape: int) -> Node:
         """An input by its name, which is made when it is first asked for."""
@@ -202,14 +208,16 @@ class ClosedLoop:
 
     def rate(self, at: Instant, x: Node) -> dict[str, Node]:
         """Time derivative of a state x, inputs that are commanded and that act (nu), refusal."""
-        q, v, actuators, memory = self.parts(x)
+        q, v, actuators, memory, bristles = self.parts(x)
         wanted, aimed, u, refused = self._inputs(at, q, v, actuators, memory)
-        wrenches, a, _ = self._motion(at.time, q, v, u, aimed, actuators)
+        touches = self.touches(q, v, bristles)
+        wrenches, a = self._motion(at.time, q, v, u, aimed, actuators, touches)
         rates = [base_of(self.plant, q).rates(v, x), a, self._power(q, v, u, wrenches)]
         if self._actuators:
             rates.append(self._actuator_rates(actuators, aimed))
         if self.integral:
             rates.append(self._remembered(at, q, v, memory, wanted))
+        rates += self._of_sticking([each.rate for each in touches])
         return {"rate": join(*rates), "commanded": wanted, "acting": u, "refused": refused}
 
     @labelled
@@ -227,19 +235,67 @@ class ClosedLoop:
         return self._program("commands", (time, q, v, *self._own(actuators, memory)), outputs)
 
     def motion(self) -> Program:
-        """Accelerations `a` (nv), `wrenches` (f, 6) of what acts and `pressed` (w) of the walls.
+        """Accelerations `a` (nv), `wrenches` (f, 6) of what acts, and of the `contacts` (c, 8).
 
         Of a time, coordinates, velocities, and inputs that act; of rotors in the air also of what
-        is aimed for, and of the state of the actuators.
+        is aimed for, and of the state of the actuators; of bristles where there are any. Rows of
+        contacts are as of `Touch.series`.
         """
         time, (q, v) = variable("time", uniform=True), self.plant.state()
         u, aimed = variable("u", self.plant.inputs), variable("aimed", self.plant.inputs)
-        actuators = self._state_of_actuators
-        wrenches, a, pressed = self._motion(time, q, v, u, aimed, actuators)
-        found = zeros(self.frames, 6) if wrenches is None else wrenches
-        outputs = {"a": a, "wrenches": found, "pressed": join(zeros(0), *pressed)}
+        actuators, bristles = self._state_of_actuators, self._state_of_bristles
+        touches = self.touches(q, v, bristles)
+        wrenches, a = self._motion(time, q, v, u, aimed, actuators, touches)
+        outputs = {
+            "a": a,
+            "wrenches": zeros(self.frames, 6) if wrenches is None else wrenches,
+            "contacts": join(zeros(0, 8), *(reshaped(x.series, (1, 8)) for x in touches)),
+        }
         of_air = [x for x in (aimed, actuators) if x.size] if self._has_air else []
-        return self._program("motion", (time, q, v, u, *of_air), outputs)
+        own = [bristles] if bristles.size else []
+        return self._program("motion", (time, q, v, u, *of_air, *own), outputs)
+
+    @labelled
+    def contact_wrenches(self) -> Program:
+        """The `wrenches` (f, 6) of contacts alone: of coordinates, velocities and bristles."""
+        (q, v), bristles = self.plant.state(), self._state_of_bristles
+        outputs = {"wrenches": self.contact_wrenches_at(q, v, bristles)}
+        own = [bristles] if bristles.size else []
+        return self._program("contact_wrenches", (q, v, *own), outputs)
+
+    def contact_wrenches_at(self, q: Node, v: Node, bristles: Node) -> Node:
+        """Wrenches (f, 6) of contacts on the frames of the plant, N and N m, world axes.
+
+        `bristles` are those of a state, the last of its `parts`.
+        """
+        pressing = self._pressing(self.touches(q, v, bristles))
+        return surroundings.on_frames(pressing, self.frames)
+
+    def touches(self, q: Node, v: Node, bristles: Node) -> list[Touch]:
+        """What each contact does in a state."""
+        contacts = self.around.contacts
+        if not contacts:
+            return []
+        poses, velocities = self.plant.frame_poses(q), self.plant.frame_velocities(q, v)
+        return [
+            touch(
+                each,
+                self.given(f"wall_{each.wall}", FIGURES + each.figures),
+                (poses[each.frame], velocities[each.frame]),
+                bristle,
+            )
+            for each, bristle in zip(contacts, bristle_parts(contacts, bristles), strict=True)
+        ]
+
+    def _of_sticking(self, found: list[Node]) -> list[Node]:
+        """Of values of all contacts those of such as have friction."""
+        contacts = self.around.contacts
+        return [x for x, each in zip(found, contacts, strict=True) if each.sticks]
+
+    def _pressing(self, touches: list[Touch]) -> list[tuple[int, Node]]:
+        """Frames of contacts by their numbers, and the wrench (6) of each."""
+        pairs = zip(self.around.contacts, touches, strict=True)
+        return [(contact.frame, each.wrench) for contact, each in pairs]
 
     @labelled
     def command(self) -> Program:
@@ -276,6 +332,12 @@ class ClosedLoop:
     def _state_of_actuators(self) -> Node:
         """The state of the actuators as an input, which programs have if it is of any length."""
         return variable("actuators", self._actuators) if self._actuators else zeros(0)
+
+    @property
+    def _state_of_bristles(self) -> Node:
+        """The bristles of contacts as an input, likewise."""
+        size = bristles_of(self.around.contacts)
+        return variable("bristles", size) if size else zeros(0)
 
     def _own(self, actuators: Node, memory: Node) -> list[Node]:
         """Of actuators and memory what the state has."""
@@ -334,21 +396,28 @@ class ClosedLoop:
         return found
 
     def _motion(
-        self, time: Node, q: Node, v: Node, u: Node, aimed: Node, actuators: Node
-    ) -> tuple[Node | None, Node, list[Node]]:
-        """Wrenches (f, 6) of what acts, if anything does, accelerations (nv), forces of walls."""
+        self,
+        time: Node,
+        q: Node,
+        v: Node,
+        u: Node,
+        aimed: Node,
+        actuators: Node,
+        touches: list[Touch],
+    ) -> tuple[Node | None, Node]:
+        """Wrenches (f, 6) of what acts, if anything does, and accelerations (nv)."""
         if not (self.around.acts or self._has_air):
-            return None, self.plant.forward_dynamics(q, v, u), []
+            return None, self.plant.forward_dynamics(q, v, u)
         speeds = self.plant.rotor_speeds(actuators, aimed) if self._has_air else zeros(0)
-        wrenches, pressed = self._wrenches(time, q, v, u, speeds)
-        a = self.plant.forward_dynamics_with_wrenches(q, v, u, wrenches)
-        return wrenches, a, pressed
+        wrenches = self._wrenches(time, q, v, u, speeds, touches)
+        return wrenches, self.plant.forward_dynamics_with_wrenches(q, v, u, wrenches)
 
-    def parts(self, x: Node) -> tuple[Node, Node, Node, Node]:
-        """Coordinates with a unit quaternion, velocities, actuators and memory of a state."""
+    def parts(self, x: Node) -> tuple[Node, Node, Node, Node, Node]:
+        """Coordinates with a unit quaternion, velocities, actuators, memory and bristles."""
         n, work, memory = self.plant.space.coordinates, self._work, self._memory
+        end = self._memory_end
         q = coordinates_of(unit_entries(self.plant, x[:n]), self.plant.space)
-        return q, x[n:work], x[work + 1 : memory], x[memory:]
+        return q, x[n:work], x[work + 1 : memory], x[memory:end], x[end:]
 
     # The desired motion.
 
@@ -526,27 +595,21 @@ class ClosedLoop:
         return join(settled, aimed[count:])
 
     def _wrenches(
-        self, time: Node, q: Node, v: Node, u: Node, speeds: Node
-    ) -> tuple[Node, list[Node]]:
-        """Wrenches (f, 6) on the frames of the plant, and forces of the walls along normals."""
+        self, time: Node, q: Node, v: Node, u: Node, speeds: Node, touches: list[Touch]
+    ) -> Node:
+        """Wrenches (f, 6) on the frames of the plant."""
         around, plant, frames = self.around, self.plant, self.frames
         found = self.given("push", frames, 6) if around.pushes else zeros(frames, 6)
-        if around.drag or around.walls or around.spins or self._has_air:
+        if around.drag or around.spins or self._has_air:
             velocities = plant.frame_velocities(q, v)
         wind: Node = zeros(3)
         if around.drag:
             gusts = self.given("gusts", around.gusts, 5)
             wind = surroundings.wind_velocity(time, self.given("wind", 3), gusts)
             found = found + surroundings.drag(self.given("drag", frames, 6), wind, velocities)
-        parts: list[tuple[int, Node]] = []
-        pressed: list[Node] = []
-        if around.walls or around.spins or self._has_air:
+        parts = self._pressing(touches)
+        if around.spins or self._has_air:
             poses = plant.frame_poses(q)
-        for k, (frame, surface, figures) in enumerate(around.walls):
-            wall, moving = self.given(f"wall_{k}", 2 + figures), (poses[frame], velocities[frame])
-            force, normal = surroundings.wall_force(surface, wall, *moving)
-            pressed.append(force)
-            parts.append((frame, join(force * normal, zeros(3))))
         for k, (rotor, frame) in enumerate(around.spins):
             spin = self.given("spins", len(around.spins), 4)[k]
             moving = poses[frame], velocities[frame]
@@ -566,7 +629,7 @@ class ClosedLoop:
                 for frame, force in zip(around.payloads, forces, strict=True)
             ]
             found = found + surroundings.on_frames(carried, frames)
-        return found, pressed
+        return found
 
     def _power(self, q: Node, v: Node, u: Node, wrenches: Node | None) -> Node:
         """Power, W, of all that acts less what damping takes."""
@@ -578,7 +641,10 @@ class ClosedLoop:
             power = dot(u[:count], self.given("wrenches", count, 6) @ twist)
             power = power + dot(u[count:], v[plant.layout.v.joints])
         power = power - dot(self.given("losses", v.size) * v, v)
-        return power if wrenches is None else power + dot(plant.wrench_forces(q, wrenches), v)
+        if wrenches is None:
+            return power
+        velocities = plant.frame_velocities(q, v)
+        return power + dot(*(reshaped(x, (x.size,)) for x in (wrenches, velocities)))
 
 
 def _least(x: Node) -> Node:

@@ -7,7 +7,7 @@ given by their numbers. `flight.plant.environment` says more on each.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -15,7 +15,6 @@ from gibbs_codegen.arrays.functions import Functions
 from gibbs_codegen.arrays.nodes import (
     Node,
     absolute,
-    choose,
     clip,
     constant,
     copysign,
@@ -32,9 +31,6 @@ from gibbs_codegen.arrays.nodes import (
 
 # The least speed of blades' tips, m/s, by which an advance ratio is taken.
 _LEAST_TIP_SPEED = 1e-6
-# Of figures of a wall and a place (3), how deep that is behind its surface, m, and the unit normal
-# (3) out of it there.
-Surface = Callable[[Node, Node], tuple[Node, Node]]
 
 
 def wind_velocity(time: Node, steady: Node, gusts: Node) -> Node:
@@ -53,16 +49,6 @@ def wind_velocity(time: Node, steady: Node, gusts: Node) -> Node:
 def drag(coefficients: Node, wind: Node, velocities: Node) -> Node:
     """Wrenches (f, 6) of drag with coefficients (f, 6), on frames that have velocities (f, 6)."""
     return coefficients * (reshaped(join(wind, zeros(3)), (1, 6)) - velocities)
-
-
-def wall_force(surface: Surface, wall: Node, pose: Node, velocity: Node) -> tuple[Node, Node]:
-    """Force of a wall on a frame with a pose (4, 4) and a velocity (6), and its direction (3).
-
-    The wall is its stiffness, N/m, its damping, N s/m, and the figures of its surface.
-    """
-    depth, normal = surface(wall[2:], _origin(pose))
-    pressed = maximum(wall[0] * depth - wall[1] * dot(normal, velocity[:3]), 0.0)
-    return choose(depth, 0.0, pressed, 0.0), normal
 
 
 def spin_torque(axis: Node, momentum: Node, thrust: Node, pose: Node, velocity: Node) -> Node:
@@ -112,7 +98,7 @@ def _force_on_rotor(
         tips = maximum(speed * radius, _LEAST_TIP_SPEED)
         factor = _between(along / tips, pairs[::2], pairs[1::2])
     if has_ground:
-        share = 0.25 * radius / maximum(_origin(pose)[2], 0.5 * radius)
+        share = 0.25 * radius / maximum(origin_of(pose)[2], 0.5 * radius)
         factor = factor / (1.0 - share * share)
     return (pushed + (factor - 1.0) * thrust) * axis - drag * speed * across
 
@@ -161,7 +147,7 @@ def on_frames(parts: Sequence[tuple[int, Node]], frames: int) -> Node:
     return join(*(reshaped(row, (1, 6)) for row in rows))
 
 
-def _origin(pose: Node) -> Node:
+def origin_of(pose: Node) -> Node:
     """Position (3) of a frame with a pose (4, 4)."""
     return join(*(pose[i][3] for i in range(3)))
 

@@ -59,7 +59,8 @@ def run(options: argparse.Namespace) -> int:
         most = max(range(len(forces)), key=lambda sample: (forces[sample] >= 0.0, forces[sample]))
         words = f"at most {forces[most]:.3g} N, at t = {flight.time[most]:.4g} s; "
         words += f"{forces[-1]:.3g} N at the end"
-        print(f"wall {k}, on {printable(wall.frame)}: {words if forces.any() else 'not touched'}")
+        on = printable(", ".join(wall.frames))
+        print(f"wall {k}, on {on}: {words if forces.any() else 'not touched'}")
     if limits := reached_limits(flight):
         print(f"at their limits: {printable(limits, 400)}")
     if joints := joints_beyond(flight):

@@ -129,7 +129,28 @@ _CONFIG = pydantic.ConfigDict(
 AnyTable = TypeVar("AnyTable", bound="Table")
 
 
-@dataclass_transform(frozen_default=True, field_specifiers=(pydantic.Field, field))
+def key(words: str, name: str | None = None) -> Any:
+    """Metadata of a field: what it is, with its unit, and its key where that is another name."""
+    return pydantic.Field(description=words, validation_alias=name)
+
+
+def entry(words: str, default: Any = None, **more: Any) -> Any:
+    """A field that may be left out: what it is, with its unit, and its default, `dict` for none."""
+    more |= {"default_factory": dict} if default is dict else {"default": default}
+    return pydantic.Field(description=words, **more)
+
+
+def named(words: str, *, default: Any, kw_only: bool) -> Any:
+    """The same that is given by its name in Python; types are checked by its keywords."""
+    return entry(words, default, kw_only=kw_only)
+
+
+def optional(words: str, default: Any = None) -> Any:
+    """A field of a table of a file that may be left out: what it is, with its unit."""
+    return entry(words, default, kw_only=True)
+
+
+@dataclass_transform(frozen_default=True, field_specifiers=(pydantic.Field, field, named))
 def table(cls: type[AnyTable]) -> type[AnyTable]:
     """A frozen dataclass whose fields are the keys of a table; see `Table`."""
     made: Any = validated_dataclass(cls, frozen=True, config=_CONFIG)
@@ -144,22 +165,6 @@ def file_table(cls: type[AnyTable]) -> type[AnyTable]:
     config = _CONFIG | pydantic.ConfigDict(title=cls.title, json_schema_extra=cls.conditions)
     made: Any = validated_dataclass(cls, frozen=True, kw_only=True, config=config)
     return cast(type[AnyTable], made)
-
-
-def key(words: str, name: str | None = None) -> Any:
-    """Metadata of a field: what it is, with its unit, and its key where that is another name."""
-    return pydantic.Field(description=words, validation_alias=name)
-
-
-def entry(words: str, default: Any = None, **more: Any) -> Any:
-    """A field that may be left out: what it is, with its unit, and its default, `dict` for none."""
-    more |= {"default_factory": dict} if default is dict else {"default": default}
-    return pydantic.Field(description=words, **more)
-
-
-def optional(words: str, default: Any = None) -> Any:
-    """A field of a table of a file that may be left out: what it is, with its unit."""
-    return entry(words, default, kw_only=True)
 
 
 @validated_dataclass(frozen=True, config=_CONFIG)
@@ -218,9 +223,13 @@ class Table:
         names = cls._names()
         known = list(names if in_file else names.values())
         if isinstance(values, pydantic_core.ArgsKwargs):
-            if len(values.args) > len(known):
-                raise TypeError(f"{cls.__name__} takes {len(known)} values, not {len(values.args)}")
-            values = dict(zip(known, values.args, strict=False)) | (values.kwargs or {})
+            placed = [names[key] for key in names if not cls._fields()[names[key]].kw_only]
+            if len(values.args) > len(placed):
+                raise TypeError(
+                    f"{cls.__name__} takes {len(placed)} values by their places, "
+                    f"not {len(values.args)}"
+                )
+            values = dict(zip(placed, values.args, strict=False)) | (values.kwargs or {})
         elif not isinstance(values, dict):
             what = "a table" if in_file else f"{cls.__name__}(…)"
             raise fault(f"must be {what}, not {kind_of(values)}")

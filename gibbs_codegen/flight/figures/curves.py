@@ -24,6 +24,7 @@ from gibbs_codegen.figures.scene import fit, set_scene
 from gibbs_codegen.figures.style import COLOURS, COLUMN, DARK, FULL, spread, style
 from gibbs_codegen.flight.analysis.reachable_wrenches import Polytope, ReachableWrenches
 from gibbs_codegen.flight.record.flight import Array, Flight
+from gibbs_codegen.flight.vectors import Flags
 
 # Curves on a logarithmic axis end here, in m, rad or J: what is below is roundoff. Axes reach at
 # least so many times as far.
@@ -344,7 +345,7 @@ def inputs(flight: Flight, width: float = COLUMN) -> Figure:
         keys: dict[str, Any] = {}
         for axes, group in zip(figure.axes, shown.values(), strict=True):
             _draw_bands(axes, flight, group)
-            keys |= _draw_bounds(axes, flight, group) | _draw_spans(axes, flight)
+            keys |= _draw_bounds(axes, flight, group) | _draw_loads(axes, flight)
             axes.autoscale(axis="y")
             label_axes(axes, axes.get_ylabel())
         if not _followed(flight).all():
@@ -408,19 +409,24 @@ def _draw_bounds(axes: Axes, flight: Flight, places: NDArray[np.int_]) -> dict[s
     return keys
 
 
-def _draw_spans(axes: Axes, flight: Flight) -> dict[str, Any]:
+def _draw_loads(axes: Axes, flight: Flight) -> dict[str, Any]:
     """Shade times at which a gust blows, or a frame is acted on for a time; return the legend."""
     acts = np.any(flight.frame_wrenches != 0.0, axis=2)
     now = np.any(acts & ~np.all(acts, axis=0), axis=1)
     for begin, end in flight.gusts:
         now |= (begin <= flight.time) & (flight.time <= end)
+    return draw_spans(axes, flight, now, "external force")
+
+
+def draw_spans(axes: Axes, flight: Flight, now: Flags, words: str) -> dict[str, Any]:
+    """Shade the times of samples (s) at which something is; return the legend."""
     if not now.any():
         return {}
     edges = np.flatnonzero(np.diff(now, prepend=False, append=False))
     last = len(flight.time) - 1
     for begin, end in edges.reshape(-1, 2):
         axes.axvspan(flight.time[begin], flight.time[min(end, last)], **_SPAN)
-    return {"external force": Patch(**_SPAN)}
+    return {words: Patch(**_SPAN)}
 
 
 def _followed(flight: Flight) -> Any:

@@ -82,6 +82,27 @@ def energy(flight: Flight, width: float = COLUMN) -> Figure:
         return curves.finished(figure, flight)
 
 
+def contacts(flight: Flight, width: float = COLUMN) -> Figure:
+    """Draw forces of contacts, N: those along the normals, and the sizes of those across them.
+
+    The background is grey while one slides that presses.
+    """
+    names = list(flight.contact_names)
+    across = np.linalg.norm(flight.contact_friction, axis=-1)
+    slides = np.any(flight.contact_slip != 0.0, axis=-1) & (flight.contact_forces > 0.0)
+    slides &= across > 0.0
+    panels = [curves.Curves("normal force (N)", names, flight.contact_forces)]
+    if across.any():
+        panels.append(curves.Curves("friction (N)", names, across))
+    with style():
+        figure = curves.stack(flight, panels, width)
+        for axes in figure.axes:
+            key = curves.draw_spans(axes, flight, slides.any(axis=1), "slides")
+        if key:
+            curves.add_key(figure.axes[0], handles=list(key.values()), labels=list(key))
+        return curves.finished(figure, flight)
+
+
 FIGURES: tuple[Callable[[Flight], Figure], ...] = (
     coordinates,
     snapshots,
@@ -90,6 +111,7 @@ FIGURES: tuple[Callable[[Flight], Figure], ...] = (
     constraint_torques,
     tracking_error,
     energy,
+    contacts,
 )
 
 
@@ -98,9 +120,13 @@ def write_figures(
 ) -> list[Path]:
     """Write every figure in every format, and return the files; two calls write the same bytes.
 
-    Inputs and constraint torques are left out where there are none.
+    Inputs, constraint torques and contacts are left out where there are none.
     """
-    series = {inputs: flight.applied, constraint_torques: flight.constraint_torques}
+    series = {
+        inputs: flight.applied,
+        constraint_torques: flight.constraint_torques,
+        contacts: flight.contact_forces,
+    }
     drawn = (
         (draw.__name__, draw(flight))
         for draw in FIGURES

@@ -1,9 +1,9 @@
 """The closed loop of vehicle, motors and controller: what integrators integrate.
 
-The state is q, v, the work done since the start, the state of the actuators, and what the law of
-control remembers. Work is part of the state so that the energy balance is as exact as the
-integration. The length of a quaternion drifts with errors of integration, and means nothing: who
-takes a state apart gets it of length 1.
+The state is q, v, the work done since the start, the state of the actuators, what the law of
+control remembers, and the bristles of contacts. Work is part of the state so that the energy
+balance is as exact as the integration. The length of a quaternion drifts with errors of
+integration, and means nothing: who takes a state apart gets it of length 1.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ import numpy as np
 
 from gibbs_codegen.arrays import closed_loop
 from gibbs_codegen.arrays.closed_loop import Surroundings
+from gibbs_codegen.arrays.contact import bristles_of
 from gibbs_codegen.arrays.evaluation import Evaluator
 from gibbs_codegen.flight.control.geometric import LeaningController
 from gibbs_codegen.flight.control.laws import constants_of, evaluator_of, law_program
@@ -37,7 +38,8 @@ class Parts(NamedTuple):
     """What states consist of: coordinates (…, nq), velocities (…, nv) and work (…), J.
 
     Then the state of the actuators, which is thrusts (…, N), N, of motors that lag, of a robot with
-    motors and servos that of its module, or (…, 0), and the law's memory (…, memory).
+    motors and servos that of its module, or (…, 0), the law's memory (…, memory), and displacements
+    (…, 3 b), m, of the bristles of b contacts with friction, world axes.
     """
 
     q: Array
@@ -45,6 +47,7 @@ class Parts(NamedTuple):
     work: Array
     actuators: Array
     memory: Array
+    bristles: Array
 
 
 @dataclass(frozen=True)
@@ -104,6 +107,12 @@ class ClosedLoop:
     @property
     def size(self) -> int:
         """Length of the state."""
+        contacts = self.environment.around.contacts if self.environment else ()
+        return self.bristle_place + bristles_of(contacts)
+
+    @property
+    def bristle_place(self) -> int:
+        """Place of the bristles in the state, after the law's memory."""
         return self.memory_place + self.controller.memory
 
     @property
@@ -133,7 +142,8 @@ class ClosedLoop:
             limits = self.actuators.commands
             if settled.shape[-1] and limits is not None:
                 settled = self.vehicle.actuator_state_of(np.clip(sent, *limits))
-        return np.concatenate([q, v, np.zeros((*v.shape[:-1], 1)), settled, memory], axis=-1)
+        work, bristles = (np.zeros((*v.shape[:-1], n)) for n in (1, self.size - self.bristle_place))
+        return np.concatenate([q, v, work, settled, memory, bristles], axis=-1)
 
     def sent(self, time: float | Array, wanted: Array) -> Array:
         """Commands (…, nu) of motors and servos for inputs that a law wants at times (…), s."""
@@ -144,12 +154,14 @@ class ClosedLoop:
     def parts(self, states: Array) -> Parts:
         """What states (…, size) consist of, the quaternion made of length 1."""
         n, work, memory = self.vehicle.layout.q.size, self.work_place, self.memory_place
+        bristles = self.bristle_place
         return Parts(
             self.vehicle.kinematics.normalised(states[..., :n]),
             states[..., n:work],
             states[..., work],
             states[..., work + 1 : memory],
-            states[..., memory:],
+            states[..., memory:bristles],
+            states[..., bristles:],
         )
 
     def inputs(
@@ -190,16 +202,22 @@ class ClosedLoop:
         """Accelerations `a` (…, nv) under inputs (…, nu) and all else that acts.
 
         `aimed` (…, nu) is as of `commands`. `wrenches` (…, f, 6) are on the frames by that but the
-        inputs: force, N, and torque about the origin, N m, world axes. `pressed` (…, w), N, are
-        forces of walls along their normals.
+        inputs: force, N, and torque about the origin, N m, world axes. `contacts` (…, c, 8) are as
+        of `Touch.series`.
         """
-        own = {name: getattr(parts, name) for name in ("q", "v", "actuators")}
+        own = {name: getattr(parts, name) for name in ("q", "v", "actuators", "bristles")}
         given = {"time": time, "u": inputs, "aimed": aimed, **own}
         found = self._found("motion", loads, given)
         return {
-            name: np.broadcast_to(x, (*parts.q.shape[:-1], *x.shape[-(1 + (name == "wrenches")) :]))
+            name: np.broadcast_to(x, (*parts.q.shape[:-1], *x.shape[-(1 + (name != "a")) :]))
             for name, x in found.items()
         }
+
+    def contact_wrenches(self, parts: Parts) -> Array:
+        """Wrenches (…, f, 6) of contacts alone on the frames: N and N m, world axes."""
+        own = {name: getattr(parts, name) for name in ("q", "v", "bristles")}
+        found = self._found("contact_wrenches", NOTHING, own)["wrenches"]
+        return np.broadcast_to(found, (*parts.q.shape[:-1], *found.shape[-2:]))
 
     def _found(self, name: str, loads: Loads, given: dict[str, Any]) -> dict[str, Array]:
         """Results of a program of the loop by its name, while something acts."""

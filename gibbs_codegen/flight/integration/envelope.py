@@ -20,6 +20,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from gibbs_codegen.arrays import Program, evaluate, variable
+from gibbs_codegen.arrays.contact import Contact
 from gibbs_codegen.arrays.laws import LAWS
 from gibbs_codegen.flight.control.error_polynomials import error_polynomials
 from gibbs_codegen.flight.control.laws import Gains
@@ -27,6 +28,7 @@ from gibbs_codegen.flight.integration.closed_loop import ClosedLoop
 from gibbs_codegen.flight.plant.vehicle import Array, Flags
 from gibbs_codegen.flight.scenario.orientation import LARGEST_THETA_0
 from gibbs_codegen.flight.scenario.parts import PREDICTIVE
+from gibbs_codegen.flight.scenario.walls import bristle
 
 # Of errors that a servo corrects, s: their rates have no bound.
 _LEAST_PEAK = 1e-12
@@ -219,36 +221,69 @@ def stable_modes(loop: ClosedLoop) -> list[Mode]:
 
 
 def _wall_modes(loop: ClosedLoop) -> list[Mode]:
-    """Modes of frames that lean on walls, with the least mass that each wall feels.
+    """Modes of frames that lean on walls, and stick to them, with the least mass that each feels.
 
-    That is the least along the desired motion. A frame that moves by x along the normal obeys
-    ẍ + (c/m) ẋ + (s/m) x = 0 with the damping c and the stiffness s of the wall, next to which
-    those of control are small where a wall decides about steps.
+    That is the least along the desired motion, of a robot that is free to move, all frames of a
+    wall touching it. What moves by x along the normal obeys ẍ + (c/m) ẋ + (s/m) x = 0 with the
+    stiffness s of the wall and its damping c, to which dissipation adds as under the weight; along
+    the wall s and c are those of bristles, which without a load are lost at the rate s/c. Next to
+    these the modes of control are small where a wall decides about steps.
     """
-    if loop.environment is None or not loop.environment.wall:
+    environment, vehicle = loop.environment, loop.vehicle
+    if environment is None or not environment.wall:
         return []
-    q, around = _configurations(loop), loop.environment.around.walls
-    frames = [frame for frame, _, _ in around]
-    places = loop.vehicle.frame_poses(q)[..., :3, 3][:, frames]
-    normals = np.empty_like(places)
-    for k, (_, surface, count) in enumerate(around):
-        figures, place = variable("figures", count, uniform=True), variable("place", 3)
-        program = Program("surface", (figures, place), {"normal": surface(figures, place)[1]})
-        values = {"figures": loop.environment.wall[k].figures, "place": places[:, k]}
-        normals[:, k] = evaluate(program, values, {})["normal"]
-    # A wall feels 1 / (nᵀ J M⁻¹ Jᵀ n) along its normal n, of a robot that is free to move.
-    jacobians = loop.vehicle.frame_jacobians(q)[:, frames, :3, :]
-    across = np.einsum("swi,swij->swj", normals, jacobians)
-    yielding = np.linalg.solve(loop.vehicle.mass_matrix(q), np.swapaxes(across, -1, -2))
-    masses = 1.0 / np.einsum("swj,sjw->sw", across, yielding).max(axis=0)
-    found = []
-    for wall, mass in zip(loop.environment.wall, masses.tolist(), strict=True):
-        cause = f"the wall at {wall.frame}, which feels a mass of {mass:.3g} kg"
-        found += [
-            Mode(abs(root), cause, "a softer wall, or less of its damping", complex(root))
-            for root in np.roots([1.0, wall.damping / mass, wall.stiffness / mass])
-        ]
+    q = _configurations(loop)
+    poses, jacobians = vehicle.frame_poses(q), vehicle.frame_jacobians(q)
+    inverse = np.linalg.inv(vehicle.mass_matrix(q))
+    pull = vehicle.gravity_forces(vehicle.neutral)[vehicle.layout.v.position]
+    weight = float(np.linalg.norm(pull))
+
+    def felt(rows: Array) -> float:
+        """The least mass, kg, that moves along all directions of contacts (s, c, k, nv)."""
+        rows = rows.reshape(len(q), -1, rows.shape[-1])
+        yielding = rows @ inverse @ np.swapaxes(rows, -1, -2)
+        return 1.0 / float(np.linalg.eigvalsh(yielding)[:, -1].max())
+
+    found: list[Mode] = []
+    for k, wall in enumerate(environment.wall):
+        own = [each for each in environment.around.contacts if each.wall == k]
+        frames = [each.frame for each in own]
+        normals = _normals(own[0], wall.figures, poses[:, frames][..., :3, 3])[:, :, np.newaxis]
+        linear, angular = jacobians[:, frames, :3], jacobians[:, frames, 3:]
+        across = normals @ linear
+        where = f"the wall at {', '.join(wall.frames)}"
+        damping = wall.damping + wall.dissipation * weight
+        found += _oscillation(f"{where}, which feels", wall.stiffness, damping, felt(across))
+        if wall.friction:
+            # Of the lowest point of each ball, which turns about its centre.
+            moved = linear + wall.ball_radius * np.cross(
+                np.swapaxes(normals, 2, 3), angular, axis=2
+            )
+            along = moved - np.swapaxes(normals, 2, 3) * (normals @ moved)
+            stiffness, damping = bristle(wall)
+            where = f"the bristles of {where}"
+            found += _oscillation(f"{where}, which feel", stiffness, damping, felt(along))
+            rate = stiffness / damping
+            found.append(Mode(rate, where, "more of their damping", complex(-rate)))
     return found
+
+
+def _oscillation(where: str, stiffness: float, damping: float, mass: float) -> list[Mode]:
+    """Modes of a mass, kg, on a spring, N/m, and a damper, N s/m, that are `where`."""
+    cause = f"{where} a mass of {mass:.3g} kg"
+    return [
+        Mode(abs(root), cause, "a softer wall, or less of its damping", complex(root))
+        for root in np.roots([1.0, damping / mass, stiffness / mass])
+    ]
+
+
+def _normals(contact: Contact, figures: Sequence[float], places: Array) -> Array:
+    """Unit normals (…, 3) of a wall's surface where places (…, 3) are nearest."""
+    of_wall, place = variable("figures", len(figures), uniform=True), variable("place", 3)
+    outputs = {"normal": contact.surface(of_wall, place)[1]}
+    program = Program("surface", (of_wall, place), outputs)
+    normals = evaluate(program, {"figures": figures, "place": places}, {})["normal"]
+    return np.broadcast_to(normals, places.shape)
 
 
 def _drag_modes(loop: ClosedLoop) -> list[Mode]:

@@ -23,11 +23,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gibbs_codegen.arrays.closed_loop import Surroundings
+from gibbs_codegen.arrays.contact import Contact
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.flight.plant.vehicle import Array, Flags, Vehicle
 from gibbs_codegen.flight.scenario.parts import Payload, Push, Wind
 from gibbs_codegen.flight.scenario.scenario import Scenario
-from gibbs_codegen.flight.scenario.walls import Wall
+from gibbs_codegen.flight.scenario.walls import Wall, yielding
 
 
 class RotorSpin:
@@ -78,9 +79,10 @@ class Environment:
     def __post_init__(self) -> None:
         if self.push is not None:
             self.vehicle.frame_place(self.push.frame, "push.frame")
-        for name in ("payload", "wall"):
-            for place, each in enumerate(getattr(self, name)):
-                self.vehicle.frame_place(each.frame, f"{name} {place + 1}: frame")
+        on = [("payload", place, each.frame) for place, each in enumerate(self.payload, start=1)]
+        on += [("wall", i, frame) for i, wall in enumerate(self.wall, 1) for frame in wall.frames]
+        for name, place, frame in on:
+            self.vehicle.frame_place(frame, f"{name} {place}: frame")
         if self.wind is not None:
             for key in ("drag", "rotational_drag"):
                 for frame in getattr(self.wind, key):
@@ -104,11 +106,18 @@ class Environment:
         """What acts at all times, and on which frames."""
         gusts, spin = self.wind.gusts if self.wind else (), self.spin
         spins = zip(spin.rotors.tolist(), spin.places.tolist(), strict=True) if spin else ()
-        walls = tuple(
-            (self.vehicle.frames.index(wall.frame), wall.surface, len(wall.figures))
-            for wall in self.wall
+        contacts = tuple(
+            Contact(
+                self.vehicle.frames.index(frame),
+                place,
+                wall.surface,
+                len(wall.figures),
+                wall.friction > 0.0,
+            )
+            for place, wall in enumerate(self.wall)
+            for frame in wall.frames
         )
-        return Surroundings(False, self.wind is not None, len(gusts), walls, tuple(spins))
+        return Surroundings(False, self.wind is not None, len(gusts), contacts, tuple(spins))
 
     @cached_property
     def figures(self) -> dict[str, Array]:
@@ -124,7 +133,7 @@ class Environment:
             found = {"drag": drag, "wind": np.array(wind.velocity, dtype=np.float64)}
             found["gusts"] = np.array(gusts, dtype=np.float64).reshape(-1, 5)
         for k, wall in enumerate(self.wall):
-            found[f"wall_{k}"] = np.array([wall.stiffness, wall.damping, *wall.figures])
+            found[f"wall_{k}"] = np.array([*yielding(wall), *wall.figures])
         if self.spin is not None:
             found["spins"] = np.column_stack((self.spin.axes, self.spin.spins))
         return found

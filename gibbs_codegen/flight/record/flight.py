@@ -19,9 +19,10 @@ from gibbs_codegen.flight.record.series import Flight as Flight
 
 Arrays = dict[str, NDArray[Any]]
 # Fields that are one number, and those of several that may have no row per sample; forces of walls
-# are lacking in a flight made by hand.
+# and contacts are lacking in a flight made by hand.
 _NUMBERS: dict[str, Any] = {"control_rate": float, "tangent_arm": int, "weight": float}
 _OF_NO_TIME = NO_SERIES | {"parents", "thrust_directions", "wall_forces", "commands", "actuators"}
+_OF_NO_TIME |= {f"contact_{each}" for each in ("forces", "friction", "slip", "depth")}
 _WANTED = "give the flight.npz that `gibbs-codegen simulate` wrote, or what write_npz wrote"
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
 from functools import cached_property, partial
@@ -92,7 +93,12 @@ class Recording:
             "walls": self._walls,
             "wall_kinds": lambda: tuple(wall.kind for wall in scenario.walls),
             "gusts": lambda: np.array(blowing, dtype=np.float64).reshape(-1, 2),
-            "wall_forces": lambda: self._motion["pressed"],
+            "wall_forces": self._wall_forces,
+            "contact_names": lambda: contact_names(scenario),
+            "contact_forces": lambda: self._motion["contacts"][..., 0],
+            "contact_friction": lambda: self._motion["contacts"][..., 1:4],
+            "contact_slip": lambda: self._motion["contacts"][..., 4:7],
+            "contact_depth": lambda: self._motion["contacts"][..., 7],
             "joint_limits": lambda: loop.actuators.joints,
             **self._driven,
         }
@@ -138,7 +144,7 @@ class Recording:
 
     @cached_property
     def _motion(self) -> dict[str, Array]:
-        """Accelerations, wrenches on frames and forces of walls, as `ClosedLoop.motion` has."""
+        """Accelerations, wrenches on frames and contacts, as `ClosedLoop.motion` has."""
         _, aimed, acting = self._sent
         loads = self.loop.loads(self._time)
         return self.loop.motion(self._time, self._parts, aimed, acting, loads)
@@ -179,6 +185,14 @@ class Recording:
             row[: len(found)] = found
         return walls
 
+    def _wall_forces(self) -> Array:
+        """Forces (s, w), N, of walls out of their surfaces, on all of their frames."""
+        counts = [len(wall.frames) for wall in self.scenario.walls]
+        forces = self._motion["contacts"][..., 0]
+        ends = np.cumsum([0, *counts])
+        parts = [forces[:, a:b].sum(axis=1) for a, b in itertools.pairwise(ends)]
+        return np.stack(parts, axis=1) if parts else np.zeros((len(self._time), 0))
+
     def _thrust_directions(self) -> Array:
         """Unit vectors of the thrusts in the base's frame.
 
@@ -215,6 +229,12 @@ class Recording:
         arms = positions[:, first + 2 : first + 1 + max(len(vehicle.arm_angles()), 1)]
         away = (arms - positions[:, [first]]) @ vehicle.base_rotation(self._parts.q)
         return np.arctan2(away[..., 1], away[..., 0])
+
+
+def contact_names(scenario: Scenario) -> tuple[str, ...]:
+    """Names of the contacts of a scenario, such as "wall_1_tip"."""
+    walls = enumerate(scenario.walls, start=1)
+    return tuple(f"wall_{k}_{frame}" for k, wall in walls for frame in wall.frames)
 
 
 def weight_of(vehicle: Vehicle) -> float:

@@ -80,10 +80,16 @@ class Flight:
     times, or where inputs came from step to step.
     `timing` says how the desired motion was timed, "" where the paths did; `binding` (b) names the
     limits that it reaches, from and to `binding_times` (b, 2), s.
-    `walls` (w, figures) have of each wall a point, m, and a direction: of a plane the normal, of a
-    cylinder the axis, and then the radius, m; `wall_kinds` (w) say which it is, all are planes in
-    files that have none. `wall_forces` (s, w) are what it pushes with out of its surface, N, NaN in
-    files of before flights said so; `gusts` (g, 2) are from when to when each gust of the wind
+    `walls` (w, figures) have of each wall a point, m, and a direction: of a plane or floor the
+    normal, of a cylinder the axis, and then the radius, m. Of a sphere they have centre and radius,
+    of a box the centre, the rotation to world axes, row by row, and half of its edges.
+    `wall_kinds` (w) say which it is, all are planes in files that have none. `wall_forces` (s, w)
+    are what it pushes with out of its surface, N, NaN in files of before flights said so.
+    `contact_names` (c) are of the pairs of a wall and a frame, such as wall_1_tip. Of each contact
+    `contact_forces` (s, c), N, are those along the normal, `contact_friction` (s, c, 3), N, those
+    across it on the frame, world axes. `contact_slip` (s, c, 3), m/s, is the velocity at which it
+    slides, 0 where it sticks, and `contact_depth` (s, c), m, how deep it is, negative outside.
+    `gusts` (g, 2) are from when to when each gust of the wind
     blows, s.
     `weight` is that of the robot, N, and `input_limits` (2, nu) are the least and the greatest
     inputs that motors and joints give, infinite without limits. `joint_limits` (2, n) are those of
@@ -140,6 +146,11 @@ class Flight:
     wall_kinds: tuple[str, ...] = field(default=(), repr=False)
     gusts: Array = field(default_factory=lambda: np.zeros((0, 2)), repr=False)
     wall_forces: Array = field(default_factory=lambda: np.zeros((0, 0)), repr=False)
+    contact_names: tuple[str, ...] = ()
+    contact_forces: Array = field(default_factory=lambda: np.zeros((0, 0)), repr=False)
+    contact_friction: Array = field(default_factory=lambda: np.zeros((0, 0, 3)), repr=False)
+    contact_slip: Array = field(default_factory=lambda: np.zeros((0, 0, 3)), repr=False)
+    contact_depth: Array = field(default_factory=lambda: np.zeros((0, 0)), repr=False)
     joint_limits: Array = field(default_factory=lambda: np.zeros((2, 0)), repr=False)
     command_names: tuple[str, ...] = ()
     command_units: tuple[str, ...] = ()
@@ -279,6 +290,12 @@ class Flight:
                 yield f"{frame}_torque_{axis}", "N m", series[:, k + 3]
         for k, values in enumerate(self.wall_forces.T, start=1):
             yield f"wall_{k}_force", "N", values
+        for k, name in enumerate(self.contact_names):
+            yield f"{name}_normal", "N", self.contact_forces[:, k]
+            for i, axis in enumerate("xyz"):
+                yield f"{name}_friction_{axis}", "N", self.contact_friction[:, k, i]
+                yield f"{name}_slip_{axis}", "m/s", self.contact_slip[:, k, i]
+            yield f"{name}_depth", "m", self.contact_depth[:, k]
         for point, series in ((self.centre, self.centre_desired), ("tip", self.tip_desired)):
             for axis, values in zip("xyz", series.T, strict=False):
                 yield f"{point}_{axis}_desired", "m", values

@@ -107,7 +107,7 @@ def _check_steps(loops: ScenarioLoops, count: int, dt: float) -> None:
     # The shortest lag decides, but where parameters do too: about walls and drag.
     states = [int(np.where(lag > 0.0, lag, np.inf).min(axis=1, initial=np.inf).argmin())]
     if loop.environment is not None and (loop.environment.wall or loop.environment.wind):
-        own = [np.broadcast_to(each, count) for each in (*lag.T, *loops.parameters.values())]
+        own = [np.broadcast_to(each, count) for each in (0.0, *lag.T, *loops.parameters.values())]
         states = np.unique(np.stack(own), axis=1, return_index=True)[1].tolist()
     for state in states:
         try:

@@ -14,6 +14,7 @@ from gibbs_codegen.files import table
 
 LEAST = 1e-9  # of what has to be greater than zero
 _MOST = 1e12  # of any number: no unit makes one so large of what flies
+_MOST_NAMES = 20
 # Names that entries of COORDINATES can have.
 _JOINT_NAME = "[A-Za-z0-9_]{1,200}"
 
@@ -40,6 +41,20 @@ def _joint_name(name: str) -> str:
     )
 
 
+def _names(value: object) -> str | tuple[str, ...]:
+    value = table.to_python(value)
+    if isinstance(value, str):
+        return value
+    if not isinstance(value, list):
+        raise table.fault(f"must be a name, or a list of names, not {table.kind_of(value)}")
+    for name in table.at_most(value, _MOST_NAMES, "names"):
+        if not isinstance(name, str):
+            raise table.fault(f"must be a list of names, not of {table.kind_of(name)}")
+    if not value or len(set(value)) < len(value):
+        raise table.fault("must have at least one name, and none twice")
+    return tuple(value)
+
+
 Number = Annotated[table.Real, BeforeValidator(_sized)]
 # Or inf, which a file can hold, too.
 Endless = Annotated[
@@ -61,6 +76,8 @@ Direction = Annotated[
         "a direction of length zero; give at least one entry that is not 0",
     ),
 ]
+# One name, or several that differ.
+Names = Annotated[str | tuple[str, ...], BeforeValidator(_names)]
 JointName = Annotated[
     str,
     AfterValidator(_joint_name),

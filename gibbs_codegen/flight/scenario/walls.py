@@ -1,46 +1,116 @@
-"""Walls that frames may lean on: a spring and a damper behind a surface, without friction.
+"""Walls that frames may touch: surfaces that yield, with or without friction.
 
-At a depth of d behind the surface a wall pushes out of it with stiffness · d + damping · ḋ, and
-never pulls. A shape is a class of `Wall`: keys of a scenario file, the figures that array
-programs and records have of it, its surface, and a patch of that for drawings.
+`arrays.contact` has the forces. A shape is a class of `Wall`: keys of a scenario file, the figures
+that array programs and records have of it, its surface, and a patch of that for drawings.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
-from typing import Annotated, ClassVar, get_args
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Annotated, Any, ClassVar, get_args
 
 import numpy as np
 
 from gibbs_codegen.arrays.base import length
-from gibbs_codegen.arrays.nodes import Node, dot, maximum
-from gibbs_codegen.files.table import Kinds, Table, key, table
+from gibbs_codegen.arrays.nodes import (
+    Node,
+    absolute,
+    choose,
+    copysign,
+    dot,
+    join,
+    maximum,
+    reshaped,
+    square_root,
+)
+from gibbs_codegen.files.table import (
+    Kinds,
+    Place,
+    Table,
+    key,
+    listed,
+    named,
+    table,
+)
 from gibbs_codegen.flight.scenario.numbers import (
     LEAST,
+    Angles,
     Direction,
+    Names,
     NotNegative,
+    Number,
     Positive,
     Vector,
 )
+from gibbs_codegen.flight.scenario.orientation import rotation_matrix
 from gibbs_codegen.flight.scenario.parts import FRAME
 from gibbs_codegen.flight.scenario.paths import plane
 from gibbs_codegen.flight.vectors import Array
 
-_Frame = Annotated[str, key(f"the frame whose origin meets the wall: {FRAME}")]
+# Within which time a bristle without a load is lost, s, if nothing else is said.
+_LOST_WITHIN = 0.01
+# The square of a distance, m², that is none.
+_NOTHING = 1e-30
+# Points of a drawing around a cylinder or sphere, and of the latter from pole to pole.
+_AROUND, _MERIDIAN = 37, 13
+
+
+_Frames = Annotated[
+    Names,
+    key(f"the frame whose origin meets the wall, or a list of several, such as feet: {FRAME}"),
+]
 _Stiffness = Annotated[Positive, key("force for each metre of depth, N/m")]
 _Damping = Annotated[NotNegative, key("force for each m/s of speed into the wall, N s/m")]
-# Points of a drawing around a cylinder.
-_AROUND = 37
 
 
 @table
-class Plane(Table):
+class _Wall(Table):
+    """What walls of all shapes have."""
+
+    frame: _Frames
+    dissipation: NotNegative = named(
+        "share by which the force of the stiffness grows for each m/s of speed into the wall, s/m",
+        default=0.0,
+        kw_only=True,
+    )
+    friction: NotNegative = named("coefficient of friction; 0: none", default=0.0, kw_only=True)
+    bristle_stiffness: Positive | None = named(
+        "force for each metre by which a frame that sticks is moved along the wall, N/m; default: "
+        "the stiffness",
+        default=None,
+        kw_only=True,
+    )
+    bristle_damping: Positive | None = named(
+        "force for each m/s at which it moves there, N s/m; default: 10 ms of bristle_stiffness",
+        default=None,
+        kw_only=True,
+    )
+    ball_radius: NotNegative = named(
+        "radius of the ball about the origin of the frame that meets the wall, m; 0: a point",
+        default=0.0,
+        kw_only=True,
+    )
+
+    @classmethod
+    def _key_faults(cls, values: Mapping[str, Any]) -> Iterator[tuple[str | Place, str]]:
+        """Faults of bristles without friction."""
+        for each in ("bristle_stiffness", "bristle_damping"):
+            if each in values and not values.get("friction"):
+                yield each, "needs a friction above 0 beside it"
+
+    @property
+    def frames(self) -> tuple[str, ...]:
+        """Names of the frames that the wall may touch."""
+        return (self.frame,) if isinstance(self.frame, str) else self.frame
+
+
+@table
+class Plane(_Wall):
     """A plane, with everything behind it."""
 
     kind: ClassVar[str] = "plane"
 
-    frame: _Frame
     point: Annotated[Vector, key("a point of the plane, [x, y, z] in m")]
     normal: Annotated[
         Direction, key("the direction in which the wall pushes, out of it, [x, y, z]")
@@ -72,12 +142,29 @@ class Plane(Table):
 
 
 @table
-class Cylinder(Table):
+class Floor(_Wall):
+    """A level plane, to take off from and land on."""
+
+    kind: ClassVar[str] = "floor"
+
+    stiffness: _Stiffness
+    damping: _Damping = 0.0
+    height: Annotated[Number, key("the height of the floor, m")] = 0.0
+
+    @property
+    def figures(self) -> tuple[float, ...]:
+        """Those of a plane."""
+        return (0.0, 0.0, self.height, 0.0, 0.0, 1.0)
+
+    surface, patch = staticmethod(Plane.surface), staticmethod(Plane.patch)
+
+
+@table
+class Cylinder(_Wall):
     """A cylinder without ends, such as a pipe or a tank."""
 
     kind: ClassVar[str] = "cylinder"
 
-    frame: _Frame
     point: Annotated[Vector, key("a point of the axis, [x, y, z] in m")]
     axis: Annotated[Direction, key("the direction of the axis, [x, y, z]")]
     radius: Annotated[Positive, key("the radius, m")]
@@ -107,9 +194,106 @@ class Cylinder(Table):
         return foot + np.multiply.outer(half * np.array([-1.0, 1.0]), axis)[:, np.newaxis] + ring
 
 
-Wall = Plane | Cylinder
+@table
+class Sphere(_Wall):
+    """A sphere."""
+
+    kind: ClassVar[str] = "sphere"
+
+    centre: Annotated[Vector, key("the centre, [x, y, z] in m")]
+    radius: Annotated[Positive, key("the radius, m")]
+    stiffness: _Stiffness
+    damping: _Damping = 0.0
+
+    @property
+    def figures(self) -> tuple[float, ...]:
+        """The centre (3) and the radius, m."""
+        return (*self.centre, self.radius)
+
+    @staticmethod
+    def surface(figures: Node, place: Node) -> tuple[Node, Node]:
+        """Depth, m, of a place (3) behind the surface, and the unit normal (3) out of it there."""
+        away = place - figures[:3]
+        distance = maximum(length(away), LEAST)
+        return figures[3] - distance, away / distance
+
+    @staticmethod
+    def patch(figures: Array, middle: Array, half: float) -> Array:
+        """A grid (from pole to pole, points around, 3), m, of all of it."""
+        polar = np.linspace(0.0, math.pi, _MERIDIAN)[:, np.newaxis]
+        around = np.linspace(0.0, 2.0 * math.pi, _AROUND)
+        ring = np.sin(polar) * np.array([np.cos(around), np.sin(around)])[:, np.newaxis]
+        height = np.broadcast_to(np.cos(polar), ring[0].shape)
+        return figures[:3] + figures[3] * np.stack([*ring, height], axis=-1)
+
+
+@table
+class Box(_Wall):
+    """A box, such as a table, a step or a beam."""
+
+    kind: ClassVar[str] = "box"
+
+    centre: Annotated[Vector, key("the centre, [x, y, z] in m")]
+    size: Annotated[
+        tuple[Positive, Positive, Positive], listed(3), key("lengths of the edges, [x, y, z] in m")
+    ]
+    stiffness: _Stiffness
+    damping: _Damping = 0.0
+    rpy: Annotated[
+        Angles, key("how it is turned: R = R_z·R_y·R_x of these angles, degrees", "rpy_deg")
+    ] = (0.0, 0.0, 0.0)
+
+    @property
+    def figures(self) -> tuple[float, ...]:
+        """The centre (3), m, the rotation to world axes (3, 3), and half of the edges (3), m."""
+        rotation = rotation_matrix("zyx", self.rpy[::-1])
+        return (*self.centre, *rotation.ravel().tolist(), *(0.5 * edge for edge in self.size))
+
+    @staticmethod
+    def surface(figures: Node, place: Node) -> tuple[Node, Node]:
+        """Depth, m, of a place (3) behind the surface, and the unit normal (3) out of it there.
+
+        From inside that is the nearest face. From outside, where balls meet it, edges and corners
+        are as far away as they are.
+        """
+        rotation, half = reshaped(figures[3:12], (3, 3)), figures[12:15]
+        own = rotation.transposed @ (place - figures[:3])
+        beyond = absolute(own) - half
+        x, y, z = (beyond[k] for k in range(3))
+        farthest = maximum(maximum(x, y), z)
+        on_x = choose(farthest, x, 0.0, 1.0)
+        on_y = (1.0 - on_x) * choose(farthest, y, 0.0, 1.0)
+        outside = maximum(beyond, 0.0)
+        distance = square_root(maximum(dot(outside, outside), _NOTHING))
+        inner = join(on_x, on_y, 1.0 - on_x - on_y)
+        normal = copysign(choose(farthest, 0.0, outside / distance, inner), own)
+        return -choose(farthest, 0.0, distance, farthest), rotation @ normal
+
+    @staticmethod
+    def patch(figures: Array, middle: Array, half: float) -> Array:
+        """A grid (4, 5, 3), m, of all of it: lower face, sides and upper face."""
+        corners = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1], [-1, -1]], dtype=np.float64)
+        rings = np.stack([0.0 * corners, corners, corners, 0.0 * corners])
+        heights = np.broadcast_to([[-1.0], [-1.0], [1.0], [1.0]], rings.shape[:2])
+        own = np.concatenate([rings, heights[..., np.newaxis]], axis=-1) * figures[12:15]
+        return figures[:3] + own @ figures[3:12].reshape(3, 3).T
+
+
+Wall = Plane | Floor | Cylinder | Sphere | Box
 _SHAPES = get_args(Wall)
 AnyWall = Annotated[Wall, Kinds(_SHAPES, "the shape of the wall", Plane.kind, functions=False)]
+
+
+def bristle(wall: Wall) -> tuple[float, float]:
+    """Stiffness, N/m, and damping, N s/m, of what holds a frame that sticks to a wall."""
+    stiffness = wall.bristle_stiffness or wall.stiffness
+    return stiffness, wall.bristle_damping or _LOST_WITHIN * stiffness
+
+
+def yielding(wall: Wall) -> tuple[float, ...]:
+    """Figures of a wall before those of its shape, as `arrays.contact` has them."""
+    own = wall.ball_radius, wall.stiffness, wall.damping, wall.dissipation, wall.friction
+    return (*own, *bristle(wall))
 
 
 def patches(kinds: Sequence[str], figures: Array, middle: Array, half: float) -> Iterator[Array]:

@@ -73,6 +73,16 @@ def flights(
     """One flight of every kind that a figure could stumble on."""
     still = synthetic_flight(shipped("hexarotor_3link"), error=0.0)
     gain = still.kinetic_energy + still.potential_energy
+    wave = np.sin(np.add.outer(sliding.time, [0.0, 1.0]))
+    pressed, across = np.maximum(wave, 0.0), np.multiply.outer(wave, [0.0, 0.3, 0.4])
+    sliding = replace(
+        sliding,
+        contact_names=("wall_1_tip", "wall_2_base"),
+        contact_forces=pressed,
+        contact_friction=across,
+        contact_slip=np.where(across > 0.2, 1.0, 0.0),
+        contact_depth=wave,
+    )
     return {
         "paper": paper,
         "sliding": sliding,
@@ -81,6 +91,11 @@ def flights(
         # With two rotors and no arm, and at once.
         "stopped": replace(
             synthetic_flight(_own(TWO_ROTORS, tmp_path_factory.mktemp("two")), samples=1),
+            contact_names=("wall_1_tip",),
+            contact_forces=np.ones((1, 1)),
+            contact_friction=np.zeros((1, 1, 3)),
+            contact_slip=np.zeros((1, 1, 3)),
+            contact_depth=np.ones((1, 1)),
             stopped="at t = 0 s: $5 of θ₀ is too_much " * 4,
         ),
     }
@@ -138,6 +153,14 @@ def test_axes_have_labels_with_units(
         values = np.concatenate([*solid(axes), *dashed(axes)])
         assert low <= np.nanmin(values) <= np.nanmax(values) <= high
     assert figure.axes[-1].get_xlabel() == "time (s)"
+
+
+def test_contacts_are_the_flight_and_shaded_while_one_slides(drawn: Drawn) -> None:
+    figure = drawn(figures.contacts, "sliding")
+    wave = np.sin(np.linspace(0.0, 4.0 * np.pi, 121))
+    assert np.allclose(solid(panel(figure, "normal force (N)"))[0], np.maximum(wave, 0.0))
+    assert np.allclose(solid(panel(figure, "friction (N)"))[0], 0.5 * np.abs(wave))
+    assert legend_texts(figure.axes[0]) == ["slides"]
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -417,7 +440,7 @@ def test_heading_says_why_it_stopped(drawn: Drawn) -> None:
 def test_files_in_order_and_twice_the_same(
     paper: Flight, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    assert len(figures.FIGURES) == 7
+    assert len(figures.FIGURES) == 8
     monkeypatch.setattr(figures, "FIGURES", (figures.constraint_torques,))
     written = figures.write_figures(paper, tmp_path / "new" / "once")
     assert [path.name for path in written] == ["constraint_torques.png", "constraint_torques.pdf"]

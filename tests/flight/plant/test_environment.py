@@ -112,7 +112,7 @@ def wrenches(
     law = Controller(vehicle, reference, allocation_of(vehicle), gains, "off")
     loop = ClosedLoop(vehicle, law, Actuators.unlimited(vehicle), environment)
     none = np.zeros((*q.shape[:-1], 0))
-    parts = Parts(q, v, none, none, none)
+    parts = Parts(q, v, none, none, none, none)
     return loop.motion(time, parts, inputs, inputs, NOTHING)["wrenches"]
 
 

@@ -1,0 +1,326 @@
+"""Contact with friction: against laws of mechanics, SciPy, complex steps, and other languages."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.integrate import solve_ivp
+from support.kept import kept_folder, made_once
+
+from gibbs_codegen.arrays import evaluate, jacobian, variable
+from gibbs_codegen.arrays.nodes import Program
+from gibbs_codegen.errors import UsageError
+from gibbs_codegen.flight.integration.closed_loop import loop_program, loop_values
+from gibbs_codegen.flight.integration.compiled_loop import CompiledSlope
+from gibbs_codegen.flight.integration.integrators import integrate
+from gibbs_codegen.flight.record.flight import Flight
+from gibbs_codegen.flight.rollouts.rollout import rollout
+from gibbs_codegen.flight.scenario.file import read_scenario
+from gibbs_codegen.flight.scenario.walls import Box, Cylinder, Sphere
+from gibbs_codegen.flight.simulation import flight_start, simulate
+from gibbs_codegen.pipeline import generate_robot
+from gibbs_codegen.robot.file import parse_robot
+from gibbs_codegen.runtime.load import load
+from gibbs_codegen.verification.complex_steps import ComplexSteps
+
+Array = NDArray[np.float64]
+GRAVITY, MASS = 9.81, 2.0
+FEET = ["foot_1", "foot_2", "foot_3", "foot_4"]
+HEIGHT = 0.1
+PLACES = [(0.2, 0.15), (-0.2, 0.15), (0.2, -0.15), (-0.2, -0.15)]
+# A block on four feet, of which nothing but contact moves it.
+BLOCK = f"""
+name = "block"
+[base]
+attitude = "quaternion"
+mass = {MASS}
+inertia = [0.02, 0.03, 0.04, 0, 0, 0]
+""" + "".join(
+    f'[[frame]]\nname = "{name}"\nxyz = [{x}, {y}, {-HEIGHT}]\n'
+    for name, (x, y) in zip(FEET, PLACES, strict=True)
+)
+SOFT: dict[str, Any] = {"stiffness": 4000.0, "dissipation": 1.5}
+RK4 = {"method": "rk4", "step": 0.001, "divergence": float("inf")}
+DERIVATIVES = ("frame_poses_derivatives", "frame_velocities_derivatives")
+
+
+@pytest.fixture(scope="module")
+def folder() -> Path:
+    """The folder of the block's module, with derivatives."""
+    robot = parse_robot(BLOCK)
+    needed = (*DERIVATIVES, "forward_dynamics_with_wrenches_derivatives")
+    base = kept_folder(robot, needed)
+
+    def make() -> None:
+        generate_robot(robot, BLOCK, base, verify=False, derivatives=needed)
+
+    return made_once(base / robot.name, make)
+
+
+@pytest.fixture(scope="module")
+def block(folder: Path) -> ModuleType:
+    return load(folder, "c")
+
+
+def thrown(module: ModuleType, walls: list[dict[str, Any]], **changes: Any) -> Flight:
+    """The flight of a robot that nothing commands."""
+    given = {"control": {"law": "off"}, "integration": RK4, "wall": walls}
+    flight = simulate(module, read_scenario("hover", given | changes))
+    assert not flight.stopped
+    return flight
+
+
+def fixed(*position: float) -> dict[str, Any]:
+    return {"base": {"path": {"kind": "fixed", "position": list(position)}}}
+
+
+def on_slope(module: ModuleType, degrees: float, friction: float, **changes: Any) -> Flight:
+    """A flight of the block from a slope that falls towards x, on which its feet just stand."""
+    angle = np.radians(degrees)
+    normal = np.array([np.sin(angle), 0.0, np.cos(angle)])
+    wall = {"frame": FEET, "point": [0, 0, 0], "normal": normal.tolist(), "friction": friction}
+    deep = MASS * GRAVITY * np.cos(angle) / (4.0 * SOFT["stiffness"])
+    at = fixed(*((HEIGHT - deep) * normal))
+    return thrown(module, [wall | SOFT], start={"turn_deg": [0, degrees, 0]}, **at, **changes)
+
+
+@pytest.mark.parametrize("degrees", [26.0, 27.2])
+def test_a_block_sticks_below_the_angle_of_friction_and_slides_above(
+    degrees: float, block: ModuleType
+) -> None:
+    """That is 26.6 degrees where the coefficient is 0.5."""
+    angle, friction = np.radians(degrees), 0.5
+    flight = on_slope(block, degrees, friction, duration=4.0)
+    downhill = np.array([np.cos(angle), 0.0, -np.sin(angle)])
+    path = flight.point("base") @ downhill
+    late = flight.time > 2.0
+    slides = np.linalg.norm(flight.contact_slip, axis=-1) > 0.0
+    if degrees < 26.5:
+        assert np.ptp(path[late]) < 1e-9
+        assert not slides[late].any()
+        return
+    assert slides[late].all()
+    growth = GRAVITY * (np.sin(angle) - friction * np.cos(angle))
+    speed = np.gradient(path, flight.time, edge_order=2)[late]
+    found = np.polyfit(flight.time[late], speed, 1)[0]
+    assert found == pytest.approx(growth, rel=1e-4)
+    pressed = flight.contact_forces[late]
+    drag = np.linalg.norm(flight.contact_friction[late], axis=-1)
+    assert drag == pytest.approx(friction * pressed, rel=1e-12)
+
+
+def test_a_parked_machine_does_not_creep(block: ModuleType) -> None:
+    """On a slope of 20 degrees with a friction of 0.5, over 10 s from 2 s after it was put down."""
+    flight = on_slope(block, 20.0, 0.5, duration=12.0)
+    settled = flight.time >= 2.0
+    moved = flight.point("base")[settled] - flight.point("base")[settled][0]
+    assert np.linalg.norm(moved, axis=1).max() < 1e-6
+    assert flight.contact_slip[settled].any() == 0.0
+
+
+def stored(flight_loop: Any, states: Array, stiffness: float) -> Array:
+    """Energy (s), J, of a robot and of the springs and bristles of contacts."""
+    parts = flight_loop.parts(states)
+    vehicle = flight_loop.vehicle
+    still = np.zeros((len(states), len(vehicle.inputs)))
+    depth = flight_loop.motion(0.0, parts, still, still, flight_loop.loads(0.0))["contacts"][..., 7]
+    springs = 0.5 * stiffness * np.sum(np.maximum(depth, 0.0) ** 2, axis=-1)
+    bristles = 0.5 * stiffness * np.sum(parts.bristles**2, axis=-1)
+    energy = vehicle.kinetic_energy(parts.q, parts.v) + vehicle.potential_energy(parts.q)
+    found: Array = energy + springs + bristles
+    return found
+
+
+def test_energy_never_grows_by_contact(block: ModuleType) -> None:
+    """Of a block that is thrown, tumbles on a floor with friction, and comes to rest."""
+    floor = {"kind": "floor", "frame": FEET, "friction": 0.4, "ball_radius": 0.02} | SOFT
+    given = {"control": {"law": "off"}, "wall": [floor], "duration": 3.0, **fixed(0, 0, 0.5)}
+    given |= {"start": {"turn_deg": [10, -20, 5]}}
+    settings = RK4 | {"step": 2e-4, "rate": 5000}
+    start = flight_start(
+        block, read_scenario("hover", given | {"integration": settings}), lambda *_: None, own=False
+    )
+    v = np.array([1.0, 0.5, 0.0, 0.5, -1.0, 2.0])
+    history = integrate(start.loop, start.loop.start(start.q, v), 3.0, start.scenario.integration)
+    energy = stored(start.loop, history.states, SOFT["stiffness"])
+    assert np.diff(energy).max() < 1e-6 * energy[0]
+    assert energy[-1] < 0.3 * energy[0]
+    assert np.linalg.norm(start.loop.parts(history.states[-1]).v) < 1e-3
+
+
+@pytest.mark.parametrize("speed", [0.5, 2.0])
+def test_a_ball_bounces_as_hunt_and_crossley_say(speed: float, block: ModuleType) -> None:
+    """Against the equation of one dimension by SciPy."""
+    stiffness, dissipation, radius = 5000.0, 0.3, 0.05
+    floor = {"kind": "floor", "frame": "base", "ball_radius": radius, "stiffness": stiffness}
+    given = {"control": {"law": "off"}, "wall": [floor | {"dissipation": dissipation}]}
+    given |= fixed(0, 0, radius) | {"duration": 0.1, "integration": RK4 | {"rate": 1000}}
+    start = flight_start(block, read_scenario("hover", given), lambda *_: None, own=False)
+    v = np.array([0.0, 0.0, -speed, 0.0, 0.0, 0.0])
+    history = integrate(start.loop, start.loop.start(start.q, v), 0.1, start.scenario.integration)
+
+    def rate(_: float, y: Array) -> list[float]:
+        height, rising = y
+        pressed = -stiffness * height * (1.0 - dissipation * rising) if height < 0.0 else 0.0
+        return [rising, max(pressed, 0.0) / MASS - GRAVITY]
+
+    expected = solve_ivp(rate, (0.0, 0.1), [0.0, -speed], rtol=1e-10, atol=1e-12, max_step=1e-3)
+    parts = start.loop.parts(history.states[-1])
+    assert parts.q[2] - radius == pytest.approx(expected.y[0, -1], abs=2e-6)
+    assert parts.v[2] == pytest.approx(expected.y[1, -1], abs=2e-4)
+    assert 0.3 < parts.v[2] / speed < 0.95
+
+
+def test_steps_of_a_millisecond_agree_with_adaptive_ones(block: ModuleType) -> None:
+    floor = {"kind": "floor", "frame": FEET, "friction": 0.5} | SOFT
+    given = {"duration": 1.5, "start": {"turn_deg": [8, 5, 0]}, **fixed(0, 0, 0.2)}
+    found = thrown(block, [floor], **given)
+    adaptive = {"relative_tolerance": 1e-8, "absolute_tolerance": 1e-9}
+    exact = thrown(block, [floor], **given, integration=adaptive)
+    assert found.contact_forces.max() > 20.0
+    assert np.abs(found.q - exact.q).max() < 1e-4
+
+
+SHAPES = {
+    "sphere": (Sphere("base", (0.1, -0.2, 0.3), 0.7, 1.0), 0.7),
+    "cylinder": (Cylinder("base", (0.1, -0.2, 0.3), (1, 2, -1), 0.5, 1.0), 0.5),
+    "box": (Box("base", (0.1, -0.2, 0.3), (0.6, 1.0, 0.4), 1.0, rpy=(0.3, -0.5, 1.1)), 0.0),
+}
+
+
+@pytest.mark.parametrize("name", SHAPES)
+def test_depths_are_those_of_the_nearest_points(name: str) -> None:
+    """The surface is a depth along the normal away, and no other point of it is nearer."""
+    wall, _ = SHAPES[name]
+    figures = variable("figures", len(wall.figures), uniform=True)
+    place = variable("place", 3)
+    depth, normal = wall.surface(figures, place)
+    program = Program("surface", (figures, place), {"depth": depth, "normal": normal})
+    places = np.random.default_rng(4).normal(size=(200, 3))
+
+    def found(at: Array) -> tuple[Array, Array]:
+        got = evaluate(program, {"figures": np.array(wall.figures), "place": at}, {})
+        return got["depth"], got["normal"]
+
+    depths, normals = found(places)
+    assert (depths > 0.0).any()
+    assert (depths < 0.0).any()
+    assert np.linalg.norm(normals, axis=1) == pytest.approx(1.0, abs=1e-12)
+    assert found(places + depths[:, np.newaxis] * normals)[0] == pytest.approx(0.0, abs=1e-12)
+    directions = np.random.default_rng(5).normal(size=(100, 1, 3))
+    directions /= np.linalg.norm(directions, axis=-1, keepdims=True)
+    nearer = found(places + 0.999 * np.abs(depths)[:, np.newaxis] * directions)[0]
+    assert np.all(np.sign(nearer) == np.sign(depths))
+
+
+def machine_at_walls(module: ModuleType, **changes: Any) -> Any:
+    """The start of a flight of the paper's machine, which leans on walls with friction."""
+    place = simulate(module, read_scenario("hover", {"duration": 0.01})).positions[0, -1]
+    walls = [
+        {"frame": "tip", "point": np.add(place, [0, 0, 0.005]).tolist(), "normal": [0.2, 0.1, 1]},
+        {"kind": "sphere", "frame": ["base", "tip"], "centre": [0, 0.1, 1.2], "radius": 0.7},
+    ]
+    common = {"stiffness": 300, "damping": 5, "dissipation": 0.5, "friction": 0.4}
+    given = {"wall": [x | common | {"ball_radius": 0.11} for x in walls]}
+    given |= {"control": {"law": "off"}}
+    return flight_start(module, read_scenario("hover", given | changes), lambda *_: None, own=False)
+
+
+def test_c_numpy_and_jax_say_the_same(
+    shipped: Callable[[str], ModuleType], jax_in_double_precision: ModuleType
+) -> None:
+    """Of states with bristles, of which some stick and some slide."""
+    folder = Path(shipped("hexarotor_3link").__file__ or "").parent
+    start = machine_at_walls(load(folder, "c"))
+    loop = start.loop
+    random, jax = np.random.default_rng(3), jax_in_double_precision
+    states = np.tile(loop.start(start.q, start.v), (6, 1))
+    states += 1e-3 * random.normal(size=states.shape)
+    states[:, loop.bristle_place :] *= 3.0
+    slope = CompiledSlope(loop, np.inf)
+    program = loop_program(loop, loop.loads(0.0))
+    values = loop_values(loop, np.inf, loop.loads(0.0)) | {"time": 0.0}
+    owners = {owner: load(folder, "jax") for owner in ("plant", "model")}
+    curves = np.concatenate(loop.controller.reference(0.0))
+    slides = []
+    for state in states:
+        python = loop.derivative(0.0, state)
+        compiled = slope(0.0, state)
+        rates = program.rate_program
+        given = {name: values.get(name, 0.0) for name in rates.names}
+        given |= {"x": state, "curves": curves}
+        traced = evaluate(rates, given, owners, xp=jax.numpy)["rate"]
+        size = np.abs(python).max()
+        np.testing.assert_allclose(compiled, python, rtol=0.0, atol=1e-12 * size)
+        np.testing.assert_allclose(traced, python, rtol=0.0, atol=1e-11 * size)
+        parts = loop.parts(state)
+        inputs = np.zeros(len(loop.vehicle.inputs))
+        contacts = loop.motion(0.0, parts, inputs, inputs, loop.loads(0.0))["contacts"]
+        slides.append(np.any(contacts[:, 4:7], axis=-1) & (contacts[:, 0] > 0.0))
+        wrenches = loop.motion(0.0, parts, inputs, inputs, loop.loads(0.0))["wrenches"]
+        np.testing.assert_allclose(loop.contact_wrenches(parts), wrenches, rtol=1e-14)
+    assert np.any(slides)
+    assert not np.all(slides)
+
+
+def test_contact_has_the_derivatives_of_complex_steps(folder: Path) -> None:
+    """Of what one bristle that sticks, and one that slides, make of coordinates and velocities."""
+    module = load(folder)
+    given = {
+        "control": {"law": "off"},
+        "wall": [{"kind": "floor", "frame": FEET, "friction": 0.5, "ball_radius": 0.03} | SOFT],
+        **fixed(0, 0, HEIGHT + 0.026),
+    }
+    start = flight_start(module, read_scenario("hover", given), lambda *_: None, own=False)
+    loop = start.loop
+    program = loop_program(loop, loop.loads(0.0)).rate_program
+    values = loop_values(loop, np.inf, loop.loads(0.0)) | {"time": 0.0}
+    values |= {"curves": np.concatenate(loop.controller.reference(0.0))}
+    state = loop.start(start.q, np.array([0.01, 0.02, -0.03, 0.02, 0.01, 0.05]))
+    state[loop.bristle_place :] = [1e-4, 0, 0, 3e-3, 1e-3, 0, 0, 2e-4, 0, 0, 0, 0]
+    values = {name: values[name] for name in program.names if name != "x"} | {"x": state}
+    owners = dict.fromkeys(("plant", "model"), module)
+    found = evaluate(jacobian(program, "x"), values, owners)["rate_by_x"]
+
+    robot = parse_robot(BLOCK)
+
+    class Complex:
+        def __getattr__(self, name: str) -> Any:
+            return lambda *arguments: ComplexSteps(module, robot)(name, *map(np.ravel, arguments))
+
+    moved = dict.fromkeys(owners, Complex())
+    for k, column in enumerate(found.T):
+        aside = state + 1e-40j * np.eye(len(state))[k]
+        wanted = np.imag(evaluate(program, values | {"x": aside}, moved)["rate"]) / 1e-40
+        size = np.abs(wanted).max()
+        np.testing.assert_allclose(column, wanted, rtol=0.0, atol=1e-12 * max(size, 1.0))
+
+
+def test_rollouts_are_the_flights(block: ModuleType) -> None:
+    floor = {"kind": "floor", "frame": FEET, "friction": 0.3} | SOFT
+    scenario = read_scenario(
+        "hover",
+        {"control": {"law": "off"}, "wall": [floor], "duration": 0.5, "integration": RK4}
+        | {"start": {"turn_deg": [8, 5, 0]}}
+        | fixed(0, 0, 0.2),
+    )
+    flight = simulate(block, scenario)
+    found = rollout(block, None, None, scenario, 500, 0.001, every=10)
+    np.testing.assert_allclose(found.q[0], flight.q, rtol=0.0, atol=1e-12)
+    assert flight.contact_forces.max() > 20.0
+
+
+def test_bristles_that_are_too_stiff_for_the_steps_are_refused(block: ModuleType) -> None:
+    floor = {"kind": "floor", "frame": "base", "stiffness": 100, "friction": 0.3}
+    for own, words in (
+        ({"bristle_stiffness": 3e7}, r"the bristles of the wall at base, which feel a mass of 2"),
+        ({"bristle_damping": 0.01}, r"the bristles of the wall at base; use .* more of their damp"),
+    ):
+        with pytest.raises(UsageError, match=words):
+            thrown(block, [floor | own], duration=0.1)
