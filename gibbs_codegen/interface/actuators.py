@@ -46,7 +46,8 @@ ACTUATORS = (
             "Commands that give thrusts and torques u at rest, at the nominal voltage.",
             "thrust curves and servos of the robot file, inverted",
             "Of a servo the position at which it pushes so much at q and v, without friction, "
-            "backlash and limits. Thrusts below those of a curve give its least level.",
+            "backlash and limits. Thrusts that a curve does not reach give the level where it "
+            "turns.",
         ),
     ),
     *_of(

@@ -6,7 +6,7 @@ Wrenches of its rotors, its base and the thrusts of hovering, with what is told 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -244,15 +244,21 @@ def hover_commands(robot: Robot, thrusts: Sequence[float]) -> HoverCommands:
 
 def _power(robot: Robot, thrusts: Sequence[float], levels: Sequence[float]) -> float:
     """The power, W, that rotors take from the battery, with all else; 0 without one."""
-    rotors, battery = 0.0, robot.battery
+    rotors, battery = sum(_shaft_powers(robot, thrusts, levels)), robot.battery
+    return rotors / battery.efficiency + battery.auxiliary if battery else 0.0
+
+
+def _shaft_powers(
+    robot: Robot, thrusts: Sequence[float], levels: Sequence[float]
+) -> Iterator[float]:
+    """Power, W, that turns each rotor, 0 where its drag or its speed is not known."""
     for rotor, drive, thrust, level in zip(
         mounted_rotors(robot), robot.drives, thrusts, levels, strict=True
     ):
         speed = level * (1.0 if drive.command == "speed" else drive.full_speed or 0.0)
         if drive.command == "thrust":
             speed = (rotor.speed_per_sqrt_thrust or 0.0) * math.sqrt(abs(thrust))
-        rotors += abs(rotor.drag * thrust * speed)
-    return rotors / battery.efficiency + battery.auxiliary if battery else 0.0
+        yield abs(rotor.drag * thrust * speed)
 
 
 # Steps of the charge in which the time of hovering is summed up.
@@ -449,6 +455,11 @@ _FILM = 0.004
 _LARGEST_GYRATION = 3.0
 # Of propellers it is about 0.01 to 0.03 m.
 LARGEST_DRAG = 0.1
+# Of the smallest propellers, rad/s; power that racers need for a newton is half as much, W/N; no
+# tip outruns its sound, m/s.
+_FASTEST, _THIRSTIEST, _LOUDEST = 6000.0, 75.0, 340.0
+# Of a battery by the mass of the whole robot, W h/kg: the best cells alone have half as much.
+_FULLEST = 600.0
 
 
 def implausible(robot: Robot) -> tuple[str, ...]:
@@ -487,6 +498,7 @@ def implausible(robot: Robot) -> tuple[str, ...]:
                 f"the drag of rotor {rotor_label(robot, k)} is {drag:.4g} m; it is the reaction "
                 "torque per unit of thrust, and about 0.02 m for propellers"
             )
+    found += _implausible_drives(robot)
     for i in robot.moving:
         link = robot.links[i - 1]
         far = [v for v in (link.limits.low, link.limits.high) if v and abs(v) > 2.0 * np.pi]
@@ -496,3 +508,34 @@ def implausible(robot: Robot) -> tuple[str, ...]:
                 "limits are in rad, limits_deg in degrees"
             )
     return tuple(found)
+
+
+def _implausible_drives(robot: Robot) -> Iterator[str]:
+    """Warnings of speeds that are probably turns a minute, and of what a battery does not give."""
+    for k, (rotor, drive) in enumerate(
+        zip(mounted_rotors(robot), robot.drives, strict=True), start=1
+    ):
+        speed = drive.greatest_speed
+        tip = speed * (rotor.air.radius if rotor.air else 0.0)
+        if speed > _FASTEST or abs(rotor.drag) * speed > _THIRSTIEST or tip > _LOUDEST:
+            yield (
+                f"the speed of rotor {rotor_label(robot, k)} is {speed:.4g} rad/s at its greatest "
+                f"command; is it in turns a minute? (these would be {speed * math.pi / 30:.4g} "
+                "rad/s)"
+            )
+    battery = robot.battery
+    if battery is None:
+        return
+    if battery.capacity * battery.nominal > _FULLEST * robot.total_mass:
+        yield (
+            f"the capacity of the battery is {battery.capacity:.4g} A h; is it in mA h? (these "
+            f"would be {battery.capacity / 1e3:.4g} A h)"
+        )
+    units = [1.0] * robot.rotors
+    powers = enumerate(_shaft_powers(robot, units, units), start=1)
+    if idle := [rotor_label(robot, k) for k, power in powers if power == 0.0]:
+        which = ", ".join(idle[:_MOST_LISTED]) + " and others" * (len(idle) > _MOST_LISTED)
+        yield (
+            f"the battery gives no power to rotors of which drag or speed is not known: {which}; "
+            "give drag, and full_speed of a throttle or speed_per_sqrt_thrust of a thrust"
+        )

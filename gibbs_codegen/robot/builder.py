@@ -40,6 +40,17 @@ class RobotFile:
         """
         return self._with("base", self._document.get("base", {}) | _given(keys))
 
+    def battery(self, **keys: Any) -> RobotFile:
+        """Give keys of `[battery]`; those of an earlier call that are not given again stay.
+
+        Args:
+            keys: Keys of the table.
+
+        Returns:
+            The file with it.
+        """
+        return self._with("battery", self._document.get("battery", {}) | _given(keys))
+
     def rotor(self, **keys: Any) -> RobotFile:
         """Add a `[[rotor]]`.
 
@@ -109,8 +120,11 @@ class RobotFile:
             RobotFileError: As of `robot`.
         """
         self.robot()
-        top = {k: v for k, v in self._document.items() if k not in ("base", *_TABLES)}
-        lines = [*toml_lines(top), "", "[base]", *toml_lines(self._document["base"])]
+        top = {k: v for k, v in self._document.items() if k not in (*_SINGLE, *_TABLES)}
+        lines = toml_lines(top)
+        for kind in _SINGLE:
+            if kind in self._document:
+                lines += ["", f"[{kind}]", *toml_lines(self._document[kind])]
         for kind in _TABLES:
             for keys in self._document.get(kind, ()):
                 lines += ["", f"[[{kind}]]", *toml_lines(keys)]
@@ -135,7 +149,7 @@ class RobotFile:
         return file
 
 
-_TABLES = ("rotor", "link", "frame")
+_SINGLE, _TABLES = ("base", "battery"), ("rotor", "link", "frame")
 
 
 def _given(keys: Mapping[str, Any]) -> dict[str, Any]:

@@ -162,7 +162,7 @@ class Friction:
 
     coulomb: float
     static: float
-    velocity: float
+    velocity: float = 0.1
 
 
 @dataclass(frozen=True)
@@ -232,14 +232,23 @@ class Drive:
         """Least and greatest thrust, N, by the limits of its command where the curve rises."""
         if self.limits is None:
             return None
-        low, high = (max(limit, self.turn) for limit in self.limits)
+        low, high = (min(max(limit, self.rising[0]), self.rising[1]) for limit in self.limits)
         return self.thrust(low), self.thrust(high)
 
     @property
-    def turn(self) -> float:
-        """The level from which on the thrust rises."""
+    def rising(self) -> tuple[float, float]:
+        """Levels between which the thrust rises."""
         _, slope, square = self.curve
-        return -slope / (2.0 * square) if square > 0.0 else -math.inf
+        if square == 0.0:
+            return (-math.inf if slope > 0.0 else math.inf), math.inf
+        turn = -slope / (2.0 * square) + 0.0
+        return (-math.inf, turn) if square < 0.0 else (turn, math.inf)
+
+    @property
+    def greatest_speed(self) -> float:
+        """Speed, rad/s, at the greatest command; 0 where it is not known."""
+        most = self.limits[1] if self.limits else 0.0
+        return {"speed": most, "throttle": most * (self.full_speed or 0.0)}.get(self.command, 0.0)
 
     @property
     def lags(self) -> bool:

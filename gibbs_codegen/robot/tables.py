@@ -11,6 +11,7 @@ import math
 from collections.abc import Iterator, Mapping
 from dataclasses import field, replace
 from fractions import Fraction
+from itertools import pairwise
 from typing import Annotated, Any, ClassVar, Self
 
 from pydantic import (
@@ -491,9 +492,31 @@ class RotorTable(Table):
         for each in ("ground_effect", "thrust_by_advance"):
             if values.get(each) and "disc_radius" not in values:
                 yield each, "needs disc_radius beside it, in m"
-        ratios = [pair[0] for pair in values.get("thrust_by_advance") or []]
+
+    def _faults(self) -> Iterator[tuple[Place, str]]:
+        """Faults of ratios that do not rise, and of thrusts that do not rise with the command."""
+        ratios = [ratio for ratio, _ in self.thrust_by_advance or ()]
         if ratios and (len(ratios) < 2 or ratios != sorted({*ratios})):
-            yield "thrust_by_advance", "must have two pairs or more, with rising ratios"
+            yield ("thrust_by_advance",), "must have two pairs or more, with rising ratios"
+        drive, given = self._drive(), "command_limits" if self.command_limits else "thrust_curve"
+        if drive is None or drive.command == "thrust":
+            return
+        (_, slope, square), (begin, end), what = drive.curve, drive.rising, drive.command
+        most = drive.limits[1] if drive.limits else math.inf
+        if (square < 0.0 and slope <= 0.0) or begin == end:
+            yield ("thrust_curve",), f"must rise with the {what}: give a k1 or a k2 above 0"
+        elif most <= begin:
+            yield (
+                ("thrust_curve" if self.thrust_curve else given,),
+                f"must let the thrust rise below the greatest {what}, {most:g}, but it rises from "
+                f"{begin:g} on",
+            )
+        elif most > end:
+            yield (
+                (given,),
+                f"must not let the thrust fall, as it does beyond a {what} of {end:g}: give "
+                "command_limits that end there or before",
+            )
 
     def rotor(self, on: int) -> model.Rotor:
         """The rotor that the table describes, on the body of that number."""
@@ -539,7 +562,8 @@ class RotorTable(Table):
         return None if found == model.RotorAir(radius=found.radius) else found
 
 
-# Keys that need the speed of the rotor.
+# Keys of rotors that are commanded throttles, and those that need the speed of the rotor.
+_OF_THROTTLES = ("max_thrust", "full_speed")
 _BY_SPEED = ("hub_drag", "inflow", "thrust_by_advance")
 
 
@@ -557,42 +581,32 @@ def _drive_faults(values: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
     if command == "thrust":
         for key in (*curves, "thrust_model_factor", "command_limits", "full_speed"):
             if key in values:
-                yield key, 'belongs to a command by "speed" or "throttle": give command = …'
+                other = "throttle" if key in _OF_THROTTLES else "speed"
+                yield key, f'needs command = "{other}" beside it, since thrusts are commanded here'
     elif "limits" in values:
-        yield "limits", f"are those of thrusts; give command_limits, of the {command}"
+        yield "limits", f"are limits of a thrust: give command_limits, those of the {command}"
     if command != "thrust" and len(curves) != 1:
-        what = " and ".join(curves) + " say the same" if curves else "no thrust is known"
-        yield (
-            (curves or ["command"])[-1],
-            f"{what}: give one of thrust_curve, thrust_constant"
-            + (" (with full_speed) and max_thrust" if command == "throttle" else ""),
-        )
+        known = "thrust_curve or thrust_constant"
+        if command == "throttle":
+            known = "max_thrust, thrust_curve, or thrust_constant with full_speed"
+        if curves:
+            yield curves[-1], f"must not stand beside {curves[0]}: give {known}"
+        else:
+            yield "command", f"needs the thrust of the {command} beside it: give {known}"
     if command == "throttle" and "thrust_constant" in values and "full_speed" not in values:
         yield "thrust_constant", "needs full_speed beside it, the speed at a throttle of 1, rad/s"
     if command == "speed":
-        for key in ("max_thrust", "full_speed"):
+        for key in _OF_THROTTLES:
             if key in values:
-                yield (
-                    key,
-                    'belongs to a command by "throttle"; give thrust_constant or thrust_curve',
-                )
+                yield key, 'needs command = "throttle" beside it, since speeds are commanded here'
     if "thrust_model_factor" in values and "max_thrust" not in values:
         yield "thrust_model_factor", "needs max_thrust beside it, N"
     if "time_constants" in values and "time_constant" in values:
-        yield "time_constants", "and time_constant say the same: give one of them"
-    curve = values.get("thrust_curve")
-    if curve is not None and (curve[2] < 0.0 or (curve[2] == 0.0 and curve[1] <= 0.0)):
-        yield "thrust_curve", "must rise: give a k2 above 0, or of 0 a k1 above 0"
-        return
-    limits = values.get("command_limits", (0.0, 1.0) if command == "throttle" else None)
-    if command != "thrust" and limits is not None:
-        turn = model.Drive(curve=curve or (0.0, 0.0, 1.0)).turn
-        if limits[1] <= turn:
-            yield (
-                "thrust_curve" if curve else "command_limits",
-                f"must let the thrust rise below the greatest {command}, {limits[1]:g}, but it "
-                f"rises from {turn + 0.0:g} on",
-            )
+        yield (
+            "time_constants",
+            "must not stand beside time_constant: give time_constants where the rotor slows down "
+            "otherwise than it speeds up, or else time_constant",
+        )
 
 
 @file_table
@@ -645,8 +659,17 @@ class FrictionTable(Table):
     velocity: Positive = optional(
         "rate at which it has come down half the way from static to coulomb, rad/s or m/s; a tenth "
         "of it is where it is smooth about rest",
-        0.1,
+        model.Friction.velocity,
     )
+
+    def _faults(self) -> Iterator[tuple[Place, str]]:
+        """The fault of a joint that would be harder to move than to set in motion."""
+        if self.static is not None and self.static < self.coulomb:
+            yield (
+                ("static",),
+                f"must be at least coulomb, {self.coulomb:g}, since friction is greatest about "
+                "rest; leave it out where both are the same",
+            )
 
 
 def _not_continuous(kind: object) -> object:
@@ -826,6 +849,17 @@ class BatteryTable(Table):
         given = values.get("voltage")
         if isinstance(given, list) and not 2 <= len(given) <= model.MAX_VOLTAGES:
             yield "voltage", f"must be 2 to {model.MAX_VOLTAGES} voltages, from empty to full"
+
+    def _faults(self) -> Iterator[tuple[Place, str]]:
+        """The fault of voltages that fall with the charge."""
+        for low, high in pairwise(self.voltage):
+            if high < low:
+                yield (
+                    ("voltage",),
+                    f"must rise with the charge, from empty to full, but {high:g} V follow "
+                    f"{low:g} V",
+                )
+                return
 
     def built(self) -> model.Battery:
         """The battery that the table describes."""

@@ -116,7 +116,7 @@ class Actuators:
         return self._known[k] * np.copysign(np.sqrt(np.abs(level)), level)
 
     def _level(self, k: int, thrust: Array) -> Measured:
-        """The larger of the two levels of a thrust, or that of the least thrust there is."""
+        """The level of a thrust where the curve rises, or that at which it turns."""
         constant, slope, square = self._drives[k].curve
         rest, size = thrust - constant, np.abs(thrust) + abs(constant)
         if square == 0.0:

@@ -22,8 +22,10 @@ TEXTS = [*(path.read_text(encoding="utf-8") for path in FILES), ACTUATED]
 def test_every_file_can_be_made_key_by_key(text: str) -> None:
     document = tomllib.loads(text)
     tables = {kind: document.pop(kind, []) for kind in ("rotor", "link", "frame")}
-    file = RobotFile(**{key: value for key, value in document.items() if key != "base"})
-    file = file.base(**document["base"])
+    single = {kind: document.pop(kind) for kind in ("battery", "base") if kind in document}
+    file = RobotFile(**document)
+    for kind, keys in single.items():
+        file = getattr(file, kind)(**keys)
     for kind, entries in tables.items():
         for entry in entries:
             file = getattr(file, kind)(**entry)

@@ -90,3 +90,61 @@ def test_a_frame_far_away_is_no_part_of_the_robot() -> None:
     assert (
         implausible(parse_robot(f"{text}{rotor}[[frame]]\nname = 'mark'\nxyz = [25, 0, 0]\n")) == ()
     )
+
+
+THROTTLES = """name = "throttles"
+battery = { voltage = [13, 16.8], resistance = 0.02, capacity = 5 }
+[base]
+mass = 1.5
+inertia = [0.01, 0.01, 0.02, 0, 0, 0]
+[[rotor]]
+position = [0.2, 0, 0]
+drag = 0.016
+command = "throttle"
+max_thrust = 9
+full_speed = 900
+time_constant = 0.03
+disc_radius = 0.12
+hub_drag = 1e-4
+[[rotor]]
+position = [-0.2, 0, 0]
+drag = -0.02
+command = "speed"
+thrust_constant = 1e-5
+command_limits = [0, 900]
+"""
+
+
+@pytest.mark.parametrize(
+    ("good", "bad", "words"),
+    [
+        (
+            "full_speed = 900",
+            "full_speed = 9000",
+            "the speed of rotor 1 is 9000 rad/s at its greatest command; is it in turns a minute? "
+            "(these would be 942.5 rad/s)",
+        ),
+        ("disc_radius = 0.12", "disc_radius = 0.4", "the speed of rotor 1 is 900 rad/s at its"),
+        ("[0, 900]", "[0, 5000]", "the speed of rotor 2 is 5000 rad/s at its greatest command"),
+        (
+            "capacity = 5",
+            "capacity = 5200",
+            "the capacity of the battery is 5200 A h; is it in mA h? (these would be 5.2 A h)",
+        ),
+        (
+            "drag = -0.02",
+            "drag = 0",
+            "the battery gives no power to rotors of which drag or speed is not known: 2; give",
+        ),
+        (
+            'command = "speed"\nthrust_constant = 1e-5\ncommand_limits = [0, 900]',
+            "limits = [0, 9]",
+            "the battery gives no power to rotors of which drag or speed is not known: 2; give",
+        ),
+    ],
+)
+def test_turns_a_minute_and_milliamperes_are_warned_of(good: str, bad: str, words: str) -> None:
+    assert implausible(parse_robot(THROTTLES)) == ()
+    assert good in THROTTLES
+    (warning,) = implausible(parse_robot(THROTTLES.replace(good, bad)))
+    assert warning.startswith(words)

@@ -19,6 +19,7 @@ from gibbs_codegen.derivation import actuators
 from gibbs_codegen.derivation.derive import derive
 from gibbs_codegen.interface.actuators import ACTUATORS
 from gibbs_codegen.pipeline import generate_robot
+from gibbs_codegen.robot.file import parse_robot
 from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.targets.registry import render_module
 from gibbs_codegen.verification.comparison import Evaluation, failure_text
@@ -85,10 +86,17 @@ def failing(module: ModuleType, expected: Wanted) -> set[str]:
     return failed
 
 
-def test_zeros_that_are_parameters_pass() -> None:
-    robot = actuated()
+def falling() -> Robot:
+    """The robot with a rotor whose thrust falls beyond its greatest speed."""
+    return parse_robot(TEXT.replace("constant = 1e-5", "curve = [0, 2e-2, -1e-5]"))
+
+
+@pytest.mark.parametrize(
+    ("robot", "zeros"), [(actuated(), True), (falling(), False)], ids=["zeros", "falling"]
+)
+def test_zeros_that_are_parameters_and_falling_curves_pass(robot: Robot, zeros: bool) -> None:
     against = [formulated(NewtonEuler(Tree(robot)))]
-    found = compare_module(module_of(source(robot, keep_zeros=True)), robot, against, 4, 0)
+    found = compare_module(module_of(source(robot, keep_zeros=zeros)), robot, against, 4, 0)
     assert [failure_text(c) for c in found if not c.passed] == []
 
 

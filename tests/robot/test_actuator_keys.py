@@ -1,0 +1,102 @@
+"""Keys of actuators that do not go together are refused with what would be right."""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+import pytest
+from support.actuated import TEXT
+from support.emitted import emitted_module
+
+from gibbs_codegen.errors import RobotFileError
+from gibbs_codegen.robot.file import parse_robot
+from gibbs_codegen.robot.layout import layout_of
+
+FAST = "thrust_constant = 1e-5\ncommand_limits  = [0, 950]"
+CURVED = FAST.replace("constant = 1e-5", "curve = [0, 2e-2, -1e-5]")
+
+
+@pytest.mark.parametrize(
+    ("good", "bad", "words"),
+    [
+        (
+            "[13.2, 14.8, 15.2, 16.8]",
+            "[16.8, 15.2, 14.8, 13.2]",
+            "battery.voltage: must rise with the charge, from empty to full, but 15.2 V follow "
+            "16.8 V",
+        ),
+        (
+            "static = 0.03",
+            "static = 0.01",
+            "link 1: friction.static: must be at least coulomb, 0.02, since friction is greatest",
+        ),
+        (
+            "full_speed          = 900",
+            "full_speed = 900\ntime_constant = 0.03",
+            "rotor 1: time_constants: must not stand beside time_constant: give time_constants "
+            "where the rotor slows down otherwise than it speeds up, or else time_constant",
+        ),
+        (
+            "limits        = [0, 9]",
+            "max_thrust = 9",
+            'rotor 4: max_thrust: needs command = "throttle" beside it, since thrusts are',
+        ),
+        (
+            "limits        = [0, 9]",
+            "thrust_constant = 1e-5",
+            'rotor 4: thrust_constant: needs command = "speed" beside it, since thrusts are',
+        ),
+        (
+            FAST,
+            f"{FAST}\nmax_thrust = 9",
+            "rotor 3: max_thrust: must not stand beside thrust_constant: give thrust_curve or",
+        ),
+        (
+            FAST,
+            f"{FAST}\nfull_speed = 900",
+            'rotor 3: full_speed: needs command = "throttle" beside it, since speeds are',
+        ),
+        (FAST, "", "rotor 3: command: needs the thrust of the speed beside it: give thrust_curve"),
+        (
+            FAST,
+            CURVED.replace("950", "1001"),
+            "rotor 3: command_limits: must not let the thrust fall, as it does beyond a speed of "
+            "1000: give command_limits that end there or before",
+        ),
+        (
+            FAST,
+            CURVED.partition("\n")[0],
+            "rotor 3: thrust_curve: must not let the thrust fall, as it does beyond a speed of",
+        ),
+        (
+            FAST,
+            CURVED.replace("2e-2", "-2e-2"),
+            "rotor 3: thrust_curve: must rise with the speed: give a k1 or a k2 above 0",
+        ),
+        (
+            FAST,
+            "thrust_curve = [1, 0, 0]",
+            "rotor 3: thrust_curve: must rise with the speed: give a k1 or a k2 above 0",
+        ),
+        (FAST, "thrust_curve = 'square'", "rotor 3: thrust_curve: must be a list of 3 numbers"),
+    ],
+)
+def test_what_does_not_go_together_is_refused(good: str, bad: str, words: str) -> None:
+    assert good in TEXT
+    with pytest.raises(RobotFileError, match=re.escape(words)):
+        parse_robot(TEXT.replace(good, bad))
+
+
+def test_a_curve_that_falls_beyond_its_commands_is_inverted_where_it_rises() -> None:
+    """Its thrusts go up to 9.975 N; beyond 10 N at 1000 rad/s there are none."""
+    robot = parse_robot(TEXT.replace(FAST, CURVED))
+    assert robot.drives[2].thrust_limits == pytest.approx((0.0, 9.975))
+    module, q, v = emitted_module(robot), np.array(layout_of(robot).neutral), np.zeros(9)
+    for speed in (1.0, 400.0, 950.0, 999.0):
+        thrust = 2e-2 * speed - 1e-5 * speed**2
+        levels = module.command_of(q, v, np.array([1.0, 1.0, thrust, 1.0, 0.0, 0.0, 0.0]))
+        assert levels[2] == pytest.approx(speed, rel=1e-12)
+        assert robot.drives[2].level(thrust) == pytest.approx(speed, rel=1e-12)
+    beyond = module.command_of(q, v, np.array([1.0, 1.0, 11.0, 1.0, 0.0, 0.0, 0.0]))
+    assert beyond[2] == pytest.approx(1000.0, rel=1e-15)
