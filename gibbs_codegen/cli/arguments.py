@@ -320,6 +320,7 @@ def argument_parser() -> Parser:
         "keep angles as they are, even within 2e-5 rad of a multiple of 15 degrees, and numbers "
         "that are rounding",
     )
+    parser.flag("--friction", "take the dry friction of joints, which is left out otherwise")
     parser.flag("--force", "replace ROBOT.toml if it exists")
 
     parser = command("export", "write a robot in URDF or MJCF")

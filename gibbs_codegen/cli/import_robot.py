@@ -52,7 +52,7 @@ def run(options: argparse.Namespace) -> int:
                 f"--lock {printable(word, 80)}: give JOINT or JOINT=VALUE, VALUE in rad or m"
             )
     wanted = ImportOptions(attitude, rotors, locks, options.base, not options.no_snap)
-    wanted = replace(wanted, command=options.command or wanted.command)
+    wanted = replace(wanted, friction=options.friction, command=options.command or wanted.command)
     arms = [_attachment(each) for each in options.attach or ()]
     if is_robot_file(path):
         _check_robot_file(path, options)

@@ -34,7 +34,9 @@ def export_robot(robot: Robot, form: Format) -> tuple[str, list[str]]:
             lost = [] if limits.velocity is None else ["velocity"]
             if (limits.low is None) != (limits.high is None):
                 lost.append("limits, since it has one only")
-        lost += [key for key in ("servo", "friction") if getattr(link, key, None)]
+        lost += [] if getattr(link, "servo", None) is None else ["servo"]
+        if joint.friction and joint.friction.static != joint.friction.coulomb:
+            lost.append("static friction")
         if joint.kind != "fixed" and lost:
             missing.append(f"joint {joint.name}: {' and '.join(lost)}")
     for i in robot.constrained:
@@ -194,5 +196,6 @@ def _joint(robot: Robot, i: int, names: list[str], centre: Placement) -> sources
         link.axis,
         passive=link.passive,
         limits=link.limits,
+        friction=link.friction,
         continuous=link.joint == "revolute" and sources.endless(link.limits),
     )

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import math
 import textwrap
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -25,6 +25,7 @@ from gibbs_codegen.exchange.urdf import read_urdf
 from gibbs_codegen.exchange.welding import welded
 from gibbs_codegen.exchange.xml_file import expanded, parse_xml, read_bytes
 from gibbs_codegen.robot.balance import LARGEST_DRAG
+from gibbs_codegen.robot.layout import joint_terms
 from gibbs_codegen.robot.model import Attitude, Command, Robot
 from gibbs_codegen.robot.names import link_label, name_from
 from gibbs_codegen.robot.posture import carried_inertia
@@ -36,7 +37,8 @@ class ImportOptions:
 
     `lock` has where joints are locked, rad or m, by their names; `base` is the link that is the
     base, None for the root; `rotors` a file of rotors that replace those found; `snap` whether
-    angles are made exact and noise is set to zero; `command` what motors of Gazebo are commanded.
+    angles are made exact and noise is set to zero; `command` what motors of Gazebo are commanded;
+    `friction` whether dry friction of joints is taken.
     """
 
     attitude: Attitude
@@ -45,6 +47,7 @@ class ImportOptions:
     base: str | None = None
     snap: bool = True
     command: Command = "thrust"
+    friction: bool = False
 
 
 def import_robot(path: Path, options: ImportOptions) -> tuple[Robot, list[Finding]]:
@@ -58,9 +61,9 @@ def import_robot(path: Path, options: ImportOptions) -> tuple[Robot, list[Findin
         data = expanded(path)
     tag = parse_xml(data, file).tag
     if tag == "mujoco":
-        source = read_mjcf(path, data, options.base)
+        source = read_mjcf(path, data, options.base, options.friction)
     elif tag == "robot":
-        source = read_urdf(data, file, options.command)
+        source = read_urdf(data, file, options.command, options.friction)
     else:
         raise UsageError(
             f"{printable(path)}: its root element is <{printable(tag, 40)}>; URDF has <robot>, "
@@ -94,6 +97,7 @@ def import_robot(path: Path, options: ImportOptions) -> tuple[Robot, list[Findin
     if options.command == "speed" and not any(rotor.drive for rotor in source.rotors):
         words = "--command speed is for motors of Gazebo, of which none was found"
         findings.append(Finding("note", "rotors", words))
+    findings += _rubbing_joints(robot)
     findings += _light_joints(robot)
     if not source.rotors:
         endless = ", ".join(joint.name for joint in source.joints if joint.continuous)
@@ -102,6 +106,16 @@ def import_robot(path: Path, options: ImportOptions) -> tuple[Robot, list[Findin
             Finding("note", "rotors", f"none were found; --rotors FILE gives them{hint}")
         )
     return robot, [*source.findings, *findings]
+
+
+def _rubbing_joints(robot: Robot) -> Iterator[Finding]:
+    """Notes of joints whose dry friction was taken."""
+    for i in robot.moving:
+        if friction := robot.links[i - 1].friction:
+            terms = joint_terms(robot, i)
+            words = f"dry friction {friction.coulomb:g} {terms.effort_unit}; its velocity, here "
+            words += f"{friction.velocity:g} {terms.unit}/s, is a guess that decides on steps"
+            yield Finding("note", link_label(robot, i), words)
 
 
 # Of less a servo's gears make more, kg m².

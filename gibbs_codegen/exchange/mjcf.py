@@ -115,10 +115,11 @@ WORLD = 0
 _UNNAMED = "MuJoCo Model"
 
 
-def read_mjcf(path: Path, data: bytes, base: str | None) -> sources.Source:
+def read_mjcf(path: Path, data: bytes, base: str | None, friction: bool = False) -> sources.Source:
     """Read a robot in MJCF, `data`; meshes and included files are found in the folder of `path`.
 
-    `base`, a link that is to be the base, tells which of several robots is meant. Raises
+    `base`, a link that is to be the base, tells which of several robots is meant, `friction`
+    whether the dry friction of joints is taken. Raises
     `UsageError` if MuJoCo is not installed, and `SourceFileError` if it refuses the model.
     """
     text, findings = reduced_mjcf(path, data)
@@ -139,14 +140,16 @@ def read_mjcf(path: Path, data: bytes, base: str | None) -> sources.Source:
         raise sources.refusal(path, f"MuJoCo refuses it: {words}") from None
     finally:
         mujoco.set_mju_user_warning(former)
-    return _Reader(model, str(path), findings).source(base)
+    return _Reader(model, str(path), findings, friction).source(base)
 
 
 class _Reader:
     """Takes a compiled model apart."""
 
-    def __init__(self, model: Any, file: str, findings: list[sources.Finding]) -> None:
-        self.model, self.file, self.findings = model, file, findings
+    def __init__(
+        self, model: Any, file: str, findings: list[sources.Finding], friction: bool
+    ) -> None:
+        self.model, self.file, self.findings, self._rubs = model, file, findings, friction
         self.names = _names([model.body(b).name for b in range(model.nbody)], "body")
         self.joint_names = _names([model.joint(j).name for j in range(model.njnt)], "joint")
         self._links = sources.Names(self.names)
@@ -246,6 +249,7 @@ class _Reader:
                 passive,
                 limits,
                 continuous=model.jnt_type[j] == _HINGE and sources.endless(limits),
+                friction=sources.dry_friction(self._friction(j)),
             )
             yield link, joint
             parent, pose = link, Placement()
@@ -254,7 +258,7 @@ class _Reader:
         """Name, number and axis of each joint of one degree of freedom that a joint consists of."""
         name, model = self.joint_names[j], self.model
         dof = model.jnt_dofadr[j]
-        friction = model.dof_frictionloss[dof]
+        friction = model.dof_frictionloss[dof] if self._friction(j) == 0.0 else 0.0
         found = {f"dry friction {friction:g}": friction}
         if hasattr(model, "jnt_stiffnesspoly"):  # New versions of MuJoCo know more coefficients.
             found["stiffness of higher order"] = model.jnt_stiffnesspoly[j]
@@ -275,6 +279,11 @@ class _Reader:
             sources.Finding("note", name, "a ball joint, as three hinges about x, y and z")
         )
         return [(f"{name}_{letter}", j, axis) for letter, axis in AXES.items()]
+
+    def _friction(self, j: int) -> float:
+        """Dry friction of a joint of one degree of freedom, where it is taken, N m or N."""
+        taken = self._rubs and self.model.jnt_type[j] != _BALL
+        return float(self.model.dof_frictionloss[self.model.jnt_dofadr[j]]) if taken else 0.0
 
     def _properties(self, j: int) -> tuple[Passive, JointLimits]:
         model = self.model

@@ -22,7 +22,15 @@ import numpy as np
 from gibbs_codegen.errors import Fault, RefusedFileError
 from gibbs_codegen.exchange.placement import HERE, Placement, snapped_angle, vector
 from gibbs_codegen.robot import model
-from gibbs_codegen.robot.model import AXES, Drive, JointLimits, Passive, RotorAir, Vector3
+from gibbs_codegen.robot.model import (
+    AXES,
+    Drive,
+    Friction,
+    JointLimits,
+    Passive,
+    RotorAir,
+    Vector3,
+)
 from gibbs_codegen.robot.placement import Array
 
 JointKind = Literal["revolute", "prismatic", "fixed", "floating", "planar"]
@@ -96,7 +104,13 @@ class Joint:
     passive: Passive = NO_PASSIVE
     limits: JointLimits = NO_LIMITS
     continuous: bool = False
+    friction: Friction | None = None
     line: int | None = None
+
+
+def dry_friction(coulomb: float) -> Friction | None:
+    """Dry friction of a joint of which a file says how large it is at speed, N m or N."""
+    return Friction(coulomb, coulomb) if coulomb else None
 
 
 @dataclass(frozen=True, eq=False)

@@ -222,10 +222,13 @@ _LEFT_OUT = {
 }
 
 
-def read_urdf(data: bytes, file: str, command: Command = "thrust") -> sources.Source:
+def read_urdf(
+    data: bytes, file: str, command: Command = "thrust", friction: bool = False
+) -> sources.Source:
     """Read a robot in URDF, unchecked as a tree; raises `SourceFileError` with every fault.
 
-    Motors of Gazebo are commanded a thrust or, as there, a speed.
+    Motors of Gazebo are commanded a thrust or, as there, a speed. `friction` is whether the dry
+    friction of joints is taken.
     """
     root, values = parse_xml(data, file), Values()
     if root.tag != "robot":
@@ -243,11 +246,11 @@ def read_urdf(data: bytes, file: str, command: Command = "thrust") -> sources.So
                 values.fault(element, "there is another link of that name")
             links[link.name] = link
         elif element.tag == "joint":
-            joint = _joint(element, values)
+            joint = _joint(element, values, friction)
             if joint.name in joints:
                 values.fault(element, "there is another joint of that name")
             joints[joint.name] = joint
-    rotors, findings = urdf_rotors(root, values, command), _left_out(root, values)
+    rotors, findings = urdf_rotors(root, values, command), _left_out(root, values, friction)
     if not links:
         values.fault(root, "has no <link>")
     if values.faults:
@@ -277,7 +280,7 @@ def _link(element: Element, values: Values) -> sources.Link:
     return sources.Link(name, sources.Inertial(mass, pose, inertia_matrix(moments)), element.line)
 
 
-def _joint(element: Element, values: Values) -> sources.Joint:
+def _joint(element: Element, values: Values, friction: bool) -> sources.Joint:
     word = element.get("type", "")
     if word not in _KINDS:
         kinds = ", ".join(_KINDS)
@@ -311,6 +314,7 @@ def _joint(element: Element, values: Values) -> sources.Joint:
         # Files that know no bound of these say 0.
         effort, velocity = (b if b is not None and b > 0.0 else None for b in (effort, velocity))
         limits = JointLimits(low, high, effort, velocity)
+    dynamics = child(element, "dynamics")
     return sources.Joint(
         values.name(element),
         kind,
@@ -318,15 +322,16 @@ def _joint(element: Element, values: Values) -> sources.Joint:
         ends[1],
         pose=values.placement(child(element, "origin")),
         axis=axis,
-        passive=Passive(damping=values.positive(child(element, "dynamics"), "damping")),
+        passive=Passive(damping=values.positive(dynamics, "damping")),
         limits=limits,
+        friction=sources.dry_friction(values.positive(dynamics, "friction") if friction else 0.0),
         continuous=kind == "revolute" and sources.endless(limits),
         line=element.line,
     )
 
 
-def _left_out(root: Element, values: Values) -> list[sources.Finding]:
-    """What the file says that is not imported."""
+def _left_out(root: Element, values: Values, friction: bool) -> list[sources.Finding]:
+    """What the file says that is not imported; `friction` is whether that of joints is."""
     findings = []
     counts = Counter(element.tag for element in root.iter())
     gazebo = [found for found in children(root) if found.tag == "gazebo"]
@@ -345,6 +350,7 @@ def _left_out(root: Element, values: Values) -> list[sources.Finding]:
         if (mimic := child(joint, "mimic")) is not None:
             other = mimic.get("joint", "?")
             findings.append(sources.Finding("left out", name, f"that it follows joint {other}"))
-        if friction := values.positive(child(joint, "dynamics"), "friction"):
-            findings.append(sources.Finding("left out", name, f"dry friction {friction:g}"))
+        dry = 0.0 if friction else values.positive(child(joint, "dynamics"), "friction")
+        if dry:
+            findings.append(sources.Finding("left out", name, f"dry friction {dry:g}"))
     return findings

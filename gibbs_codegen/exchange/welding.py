@@ -79,6 +79,7 @@ def welded(
             coordinate=namer.free(joint.name, "joint"),
             passive=joint.passive,
             limits=joint.limits,
+            friction=joint.friction,
         )
         links.append(link)
     # Frames of links that were welded or are not where their joint is, and those of the source.

@@ -47,8 +47,10 @@ def urdf_text(source: sources.Source) -> str:
         endless = dict.fromkeys(bounds, _ENDLESS) | {"lower": -_ENDLESS}
         texts = {key: repr(endless[key] if b is None else b) for key, b in bounds.items()}
         ET.SubElement(element, "limit", texts)
-        if joint.passive.damping:
-            ET.SubElement(element, "dynamics", damping=repr(joint.passive.damping))
+        resisting = {"damping": joint.passive.damping, "friction": coulomb(joint)}
+        if any(resisting.values()):
+            texts = {key: repr(value) for key, value in resisting.items() if value}
+            ET.SubElement(element, "dynamics", texts)
     for number, rotor in enumerate(source.rotors, start=1):
         thrust = links.free(f"thrust{number}")
         _urdf_link(root, thrust)
@@ -67,6 +69,11 @@ def urdf_text(source: sources.Source) -> str:
         _urdf_mount(root, mount, "fixed", frame.pose, (frame.on, frame.name))
     ET.indent(root)
     return f'<?xml version="1.0"?>\n{ET.tostring(root, encoding="unicode")}\n'
+
+
+def coulomb(joint: sources.Joint) -> float:
+    """Dry friction of a joint at speed, N m or N."""
+    return joint.friction.coulomb if joint.friction else 0.0
 
 
 def _urdf_link(root: ET.Element, name: str, inertial: sources.Inertial = sources.NO_MASS) -> None:
@@ -177,6 +184,7 @@ class _Writer:
             }
             own = asdict(moved.passive)
             own["springref"] = own.pop("rest")
+            own["frictionloss"] = coulomb(moved)
             attributes |= {key: repr(value) for key, value in own.items() if value}
             if limits.low is not None and limits.high is not None:
                 attributes["range"] = numbers((limits.low, limits.high))

@@ -22,7 +22,7 @@ from gibbs_codegen.exchange.exporting import Format, export_robot
 from gibbs_codegen.exchange.importing import ImportOptions, import_robot
 from gibbs_codegen.robot.file import parse_robot, read_robot
 from gibbs_codegen.robot.layout import frames_of
-from gibbs_codegen.robot.model import JointLimits, Robot
+from gibbs_codegen.robot.model import Friction, JointLimits, Robot
 from gibbs_codegen.robot.names import coordinate_of, identifier
 
 Array = NDArray[np.float64]
@@ -38,11 +38,11 @@ def tree(name: str) -> Robot:
     return import_robot(SOURCES / f"{name}.urdf", options)[0]
 
 
-def again(robot: Robot, form: Format, folder: Path) -> Robot:
-    """The robot, exported and imported."""
+def again(robot: Robot, form: Format, folder: Path, friction: bool = False) -> Robot:
+    """The robot, exported and imported, with dry friction of joints if asked for."""
     path = folder / f"robot{'.urdf' if form == 'urdf' else '.xml'}"
     path.write_text(export_robot(robot, form)[0])
-    return import_robot(path, ImportOptions("xyz", snap=False))[0]
+    return import_robot(path, ImportOptions("xyz", snap=False, friction=friction))[0]
 
 
 def assert_properties_come_back(robot: Robot, back: Robot, form: Format) -> None:
@@ -318,10 +318,12 @@ def test_of_actuators_what_a_file_cannot_hold_is_told(form: Format, tmp_path: Pa
     assert f"left out: what rotors make of commands: {labels}" in lines
     assert "left out: air on rotors: front_left" in lines
     assert "left out: the battery" in lines
-    assert "left out: joint upper: servo and friction" in lines
-    assert "left out: joint wrist: friction" in lines
+    assert "left out: joint upper: servo and static friction" in lines
+    assert not any(line.startswith("left out: joint wrist") for line in lines)
     back = again(robot, form, tmp_path)
     assert not back.has_actuators
+    rubbing = [link.friction for link in again(robot, form, tmp_path, friction=True).links]
+    assert rubbing == [Friction(0.02, 0.02), None, Friction(0.005, 0.005)]
     for rotor, drive in zip(back.thrusters, robot.drives, strict=True):
         assert rotor.limits == pytest.approx(drive.thrust_limits)
         assert rotor.time_constant == ((drive.up or None) if form == "mjcf" else None)
