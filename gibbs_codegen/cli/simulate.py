@@ -65,6 +65,8 @@ def run(options: argparse.Namespace) -> int:
         print(f"at their limits: {printable(limits, 400)}")
     if joints := joints_beyond(flight):
         print(f"beyond their limits: {printable(joints, 400)}")
+    for note in flight.notes:
+        print(f"note: {note}")
     if flight.timing:
         print(f"timing: {printable(flight.timing)}")
     times = flight.binding_times[:_MOST_LIMITS]

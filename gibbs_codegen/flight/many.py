@@ -142,10 +142,7 @@ class FlightGroup:
             loop = self._loop(i)
             check_mass_matrix(loop.vehicle, self._common.q)
             lag = loop.actuators.lag.tobytes()
-            waits = loop.environment is not None and (
-                loop.environment.wall or loop.environment.wind
-            )
-            if waits or lag not in self._stable:
+            if loop.has_own_modes or lag not in self._stable:
                 check_stability(loop, StepGrid(scenario.integration).size)
                 self._stable.add(lag)
         except UsageError:
@@ -161,13 +158,13 @@ class FlightGroup:
     def _state(self, i: int) -> Array:
         """State (size) in which a flight starts, which neither the plant nor a lag decides."""
         offset, common = self._scenarios[i].start, self._common
-        place = (*offset.position, *offset.rotation)
+        place = (*offset.position, *offset.rotation, offset.charge)
         if place not in self._starts:
             loop, q, v = self._loop(i), common.q, common.v
             if offset != common.scenario.start:
                 law = loop.controller
                 q, v = starting_state(law.vehicle, law.reference, offset)
-            self._starts[place] = loop.start(q, v)
+            self._starts[place] = loop.start(q, v, offset.charge)
         return self._starts[place]
 
     def _single(self, i: int) -> tuple[ClosedLoop, StateHistory]:
@@ -177,7 +174,8 @@ class FlightGroup:
         check_mass_matrix(loop.vehicle, q)
         law = law_in_time(loop.controller, self._scenarios[i], loop.actuators, None)
         loop = replace(loop, controller=law)
-        return loop, integrate(loop, loop.start(q, v), scenario.duration, scenario.integration)
+        begin = loop.start(q, v, self._scenarios[i].start.charge)
+        return loop, integrate(loop, begin, scenario.duration, scenario.integration)
 
     def _flight(self, i: int, history: StateHistory | None) -> Flight:
         """A flight whose series are computed when they are asked for.

@@ -73,7 +73,8 @@ def simulate(
         progress: Is told what is being done, and the share of it that is done, 0 to 1.
 
     Returns:
-        The flight. If it had to end early, its `stopped` says why.
+        The flight. If it had to end early, its `stopped` says why; `notes` have what else is to
+            be said.
 
     Raises:
         UsageError: Or one of its kinds (`UnreachableError`, `SingularAttitudeError`,
@@ -86,7 +87,7 @@ def simulate(
     )
     history = integrate(
         loop,
-        loop.start(start.q, start.v),
+        loop.start(start.q, start.v, scenario.start.charge),
         scenario.duration,
         scenario.integration,
         lambda time, duration: progress("flying", time / duration),

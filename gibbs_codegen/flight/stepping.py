@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from gibbs_codegen.errors import UsageError
-from gibbs_codegen.flight.arguments import seconds, vector
+from gibbs_codegen.flight.arguments import numbers, seconds, vector
 from gibbs_codegen.flight.control.sampled_control import (
     DEFAULT_RATE,
     Observation,
@@ -20,6 +20,7 @@ from gibbs_codegen.flight.control.sampled_control import (
 )
 from gibbs_codegen.flight.desired.trajectory import Progress
 from gibbs_codegen.flight.integration.integrators import Integration
+from gibbs_codegen.flight.plant.actuators import check_charge
 from gibbs_codegen.flight.plant.kinematics import UNIT, unit_quaternions
 from gibbs_codegen.flight.plant.vehicle import Array
 from gibbs_codegen.flight.record.flight import Flight
@@ -81,7 +82,11 @@ class Simulation:
         return "" if self._flight is None else self._flight.stopped
 
     def reset(
-        self, q: ArrayLike | None = None, v: ArrayLike | None = None, seed: int | None = None
+        self,
+        q: ArrayLike | None = None,
+        v: ArrayLike | None = None,
+        seed: int | None = None,
+        charge: float | None = None,
     ) -> Observation:
         """Begin anew at time 0.
 
@@ -89,13 +94,14 @@ class Simulation:
             q, v: Coordinates (nq) and velocities (nv); those with which the scenario begins, if
                 None.
             seed: Of the sensors' noise; as before if None, and at first that of the scenario.
+            charge: Of the battery, 0 to 1; that of the scenario if None.
 
         Returns:
             What the sensors tell.
 
         Raises:
             UsageError: If q or v is not so many finite numbers, a quaternion is 0 or
-                cannot be normalised, or the seed is no integer of 0 or more.
+                cannot be normalised, the seed is no integer of 0 or more, or the charge is none.
         """
         start_state = [
             start if values is None else vector(name, values, len(start))
@@ -105,8 +111,11 @@ class Simulation:
         unit, right = unit_quaternions(vehicle.module, vehicle.layout, start_state[0])
         if not right:
             raise UsageError(f"q: must be {UNIT}")
+        known = self._scenario.start.charge
+        level = known if charge is None else float(numbers("charge", charge, "a number", ()))
+        check_charge(vehicle, level)
         self._sensing.reset(seed)
-        self._begin = unit, start_state[1]
+        self._begin, self._charge = (unit, start_state[1]), level
         self._hold.forget()
         self._flight: Integration | None = None
         # Times, states and inputs from which the flight of a while ago can be flown again.
@@ -142,7 +151,7 @@ class Simulation:
 
     def _integration(self) -> Integration:
         """The flight at its start, with the inputs that were commanded, or none."""
-        start, scenario = self._loop.start(*self._begin), self._scenario
+        start, scenario = self._loop.start(*self._begin, self._charge), self._scenario
         return Integration(self._loop, start, scenario.integration, scenario.duration)
 
     def _fly(self, flight: Integration, end: float) -> None:

@@ -28,6 +28,7 @@ from gibbs_codegen.errors import UsageError
 from gibbs_codegen.flight.analysis.arguments import coordinates, vehicle_of
 from gibbs_codegen.flight.analysis.trim import Trim, null_space
 from gibbs_codegen.flight.arguments import numbers, vector
+from gibbs_codegen.flight.plant.actuators import commands_beyond, has_battery
 from gibbs_codegen.flight.plant.allocation import listed
 from gibbs_codegen.flight.plant.vehicle import Array, Vehicle
 from gibbs_codegen.flight.vectors import skew
@@ -134,6 +135,9 @@ def linearise(
         if name not in module.DERIVATIVES:
             raise missing_function(module, name)
     state = checked_state(vehicle, q, v, u, x)
+    if state.command is not None and (words := commands_beyond(module, state.command)):
+        words = f"{vehicle.name}: u: {words}, beyond which nothing follows the command"
+        warnings.warn(words, RuntimeWarning, stacklevel=2)
     if dt is not None:
         wanted = "a period above zero, s"
         dt = float(numbers("dt", dt, wanted, ()))
@@ -217,8 +221,6 @@ def _reached(a: Array, b: Array) -> Array:
 _MARGINAL = 1e-7
 # Accelerations, m/s² or rad/s², that a robot may have where a regulator is to keep it.
 _STEADY = 1e-3
-# The last states of actuators that no command brings back.
-_CHARGE = ("charge",)
 
 
 @dataclass(frozen=True, eq=False)
@@ -287,7 +289,7 @@ def lqr(
         raise UsageError(f"{vehicle.name}: has no inputs, so there is no regulator")
     _warn_if_unbalanced(vehicle, checked_state(vehicle, q, v, u, x))
     size = len(whole[0])
-    kept = size - (getattr(vehicle.module, "ACTUATOR_STATES", ())[-1:] == _CHARGE)
+    kept = size - has_battery(vehicle)  # No command brings its charge back.
     a, b = whole[0][:kept, :kept], whole[1][:kept]
     states = _weights("Q", Q, size, False)[:kept, :kept]
     inputs = _weights("R", R, b.shape[1], True)

@@ -24,6 +24,7 @@ from gibbs_codegen.flight.analysis.arguments import coordinates, vehicle_of
 from gibbs_codegen.flight.arguments import numbers, real, vector
 from gibbs_codegen.flight.plant.actuators import (
     Actuators,
+    beyond_limits,
     command_limits,
     joint_place,
     kept_commands,
@@ -443,7 +444,7 @@ def trim(
         command, x = kept_commands(vehicle, found, v, u)
         units = dict(zip(names, vehicle.module.COMMAND_UNITS, strict=True))
         ends = command_limits(vehicle.module)
-        beyond += _outside(names, units.values(), command, ends)
+        beyond += beyond_limits(names, units.values(), command, ends)
         room = margins(command, ends)
     return Trim(
         robot=vehicle.name,
@@ -476,24 +477,7 @@ def _beyond(vehicle: Vehicle, limits: Array, q: Array) -> tuple[str, ...]:
     """The joints that are beyond their limits (2, n), each with its value and limit, in words."""
     places = vehicle.layout.q.joint_places
     units = [vehicle.layout.q.units[place] for place in places]
-    return _outside(vehicle.joint_names, units, q[places], limits)
-
-
-def _outside(
-    names: Iterable[str], units: Iterable[str], values: Array, limits: Array
-) -> tuple[str, ...]:
-    """Which values (n) are beyond their limits (2, n), in words."""
-    found = []
-    for name, unit, value, low, high in zip(names, units, values, *limits, strict=True):
-        if not low - EXACT <= value <= high + EXACT:
-            side, limit = ("below", low) if value < low else ("above", high)
-            told, end = (
-                f"{number:.4g} {unit}".removesuffix(" 1")
-                + (f" ({math.degrees(number):.4g}°)" * (unit == "rad"))
-                for number in (value, limit)
-            )
-            found.append(f"{name} is {told}, {side} its limit of {end}")
-    return tuple(found)
+    return beyond_limits(vehicle.joint_names, units, q[places], limits)
 
 
 def _start(vehicle: Vehicle, q: ArrayLike | None, **tables: Mapping[str, float] | None) -> Array:

@@ -359,6 +359,49 @@ def inputs(flight: Flight, width: float = COLUMN) -> Figure:
         return finished(figure, flight)
 
 
+# Of commands that are drawn, by units: labels of axes, and factors.
+_OF_ROTORS = {"1": ("throttle (%)", 100.0), "rad/s": ("rotor speed (rad/s)", 1.0)}
+_OF_JOINTS = {"rad": ("servo position (deg)", 180.0 / np.pi), "m": ("servo position (m)", 1.0)}
+
+
+def actuators(flight: Flight, width: float = COLUMN) -> Figure:
+    """Draw throttles, speeds, positions of joints with servos and the charge, over time in s.
+
+    Throttles and the charge are in %, speeds in rad/s, positions in deg and m. Lines are the levels
+    that rotors have and where joints are, dashes what motors and servos are sent.
+    """
+    with style():
+        figure = stack(flight, actuator_panels(flight) or [_charge(flight)], width)
+        if flight.commands.shape[1]:
+            explain(figure.axes[0], "actual", "sent")
+        return finished(figure, flight)
+
+
+def actuator_panels(flight: Flight) -> list[Curves]:
+    """What motors, servos and the battery do, by kind; nothing of a robot without them."""
+    states = dict(zip(flight.actuator_names, flight.actuators.T, strict=True))
+    places = dict(zip(flight.coordinates, flight.q.T, strict=True))
+    found: dict[str, list[tuple[str, Array, Array]]] = {}
+    for k, (name, unit) in enumerate(zip(flight.command_names, flight.command_units, strict=True)):
+        label, factor = (_OF_ROTORS if k < flight.rotors else _OF_JOINTS).get(unit, ("", 1.0))
+        sent = flight.commands[:, k]
+        actual = states.get(name, places.get(name.removesuffix("_position"), sent))
+        curve = symbol(flight.input_names[k]), factor * actual, factor * sent
+        found.setdefault(label, []).append(curve)
+    found.pop("", None)
+    panels = []
+    for label, own in found.items():
+        actual, sent = (np.stack([each[k] for each in own], axis=1) for k in (1, 2))
+        panels.append(Curves(label, [name for name, _, _ in own], actual, sent))
+    return [*panels, *([_charge(flight)] if "charge" in states else [])]
+
+
+def _charge(flight: Flight) -> Curves:
+    """The charge of the battery, if there is one."""
+    own = [k for k, name in enumerate(flight.actuator_names) if name == "charge"]
+    return Curves("charge (%)", ["charge"] * len(own), 100.0 * flight.actuators[:, own])
+
+
 def thrust_directions(flight: Flight, sample: int) -> Array:
     """Unit vectors (N, 3) of the thrusts in the base's frame."""
     directions = flight.thrust_directions

@@ -19,6 +19,7 @@ from gibbs_codegen.errors import OutputError, UsageError, printable
 from gibbs_codegen.figures.style import COLOURS, COLUMN, save_figures, style
 from gibbs_codegen.files.staging import check_output_folder, staging_folder, writing
 from gibbs_codegen.flight.figures import curves
+from gibbs_codegen.flight.figures.curves import actuators as actuators
 from gibbs_codegen.flight.figures.curves import coordinates as coordinates
 from gibbs_codegen.flight.figures.curves import inputs as inputs
 from gibbs_codegen.flight.figures.snapshots import snapshots as snapshots
@@ -108,6 +109,7 @@ FIGURES: tuple[Callable[[Flight], Figure], ...] = (
     snapshots,
     snapshots_panels,
     inputs,
+    actuators,
     constraint_torques,
     tracking_error,
     energy,
@@ -120,18 +122,15 @@ def write_figures(
 ) -> list[Path]:
     """Write every figure in every format, and return the files; two calls write the same bytes.
 
-    Inputs, constraint torques and contacts are left out where there are none.
+    Inputs, actuators, constraint torques and contacts are left out where there are none.
     """
-    series = {
-        inputs: flight.applied,
-        constraint_torques: flight.constraint_torques,
-        contacts: flight.contact_forces,
+    counts: dict[Callable[..., Figure], int] = {
+        inputs: flight.applied.shape[1],
+        actuators: len(curves.actuator_panels(flight)),
+        constraint_torques: flight.constraint_torques.shape[1],
+        contacts: flight.contact_forces.shape[1],
     }
-    drawn = (
-        (draw.__name__, draw(flight))
-        for draw in FIGURES
-        if draw not in series or series[draw].shape[1]
-    )
+    drawn = ((draw.__name__, draw(flight)) for draw in FIGURES if counts.get(draw, 1))
     return save_figures(drawn, folder, formats)
 
 

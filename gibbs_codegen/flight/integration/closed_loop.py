@@ -24,7 +24,7 @@ from gibbs_codegen.flight.control.geometric import LeaningController
 from gibbs_codegen.flight.control.laws import constants_of, evaluator_of, law_program
 from gibbs_codegen.flight.control.sampled_control import ControlLaw, ZeroOrderHold
 from gibbs_codegen.flight.integration.state_history import NOTHING, Loads, SmoothInterval
-from gibbs_codegen.flight.plant.actuators import Actuators
+from gibbs_codegen.flight.plant.actuators import Actuators, check_charge, has_battery
 from gibbs_codegen.flight.plant.environment import Environment
 from gibbs_codegen.flight.plant.vehicle import Array, Vehicle
 from gibbs_codegen.flight.scenario.orientation import LARGEST_THETA_0
@@ -97,6 +97,13 @@ class ClosedLoop:
         return bool(np.any(self.actuators.lag))
 
     @property
+    def has_own_modes(self) -> bool:
+        """Whether parameters of the plant decide how fast something decays, besides lag."""
+        around = self.environment
+        touched = around is not None and bool(around.wall or around.wind)
+        return touched or self.vehicle.is_driven
+
+    @property
     def compensates(self) -> bool:
         """Whether motors lag, and that is compensated: by a law that commands at all times."""
         commands = self.hold is None and self.controller.law != "off"
@@ -128,8 +135,11 @@ class ClosedLoop:
         """Place of the work in the state, after coordinates and velocities."""
         return self.vehicle.layout.q.size + self.vehicle.layout.v.size
 
-    def start(self, q: Array, v: Array) -> Array:
-        """States (…, size) at time 0, with motors and servos settled at what the law wants."""
+    def start(self, q: Array, v: Array, charge: float = 1.0) -> Array:
+        """States (…, size) at time 0, with motors and servos settled at what the law wants.
+
+        Raises `UsageError` for a charge as `check_charge` does.
+        """
         if self.hold is not None:
             self.hold.start(q, v)
         memory = np.zeros((*v.shape[:-1], self.controller.memory))
@@ -142,6 +152,9 @@ class ClosedLoop:
             limits = self.actuators.commands
             if settled.shape[-1] and limits is not None:
                 settled = self.vehicle.actuator_state_of(np.clip(sent, *limits))
+        check_charge(self.vehicle, charge)
+        if has_battery(self.vehicle):
+            settled[..., -1] = charge
         work, bristles = (np.zeros((*v.shape[:-1], n)) for n in (1, self.size - self.bristle_place))
         return np.concatenate([q, v, work, settled, memory, bristles], axis=-1)
 

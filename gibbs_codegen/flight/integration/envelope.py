@@ -8,7 +8,7 @@ motors escapes to infinity within a finite time, hardly off its path.
 
 Linear modes tell the steps that an integrator can take. Errors decay by the roots of
 `control.error_polynomials`, lagging thrusts by their time constants. To them come frames that lean
-on walls, and drag.
+on walls, drag, and joints that servos and dry friction hold.
 """
 
 from __future__ import annotations
@@ -25,7 +25,8 @@ from gibbs_codegen.arrays.laws import LAWS
 from gibbs_codegen.flight.control.error_polynomials import error_polynomials
 from gibbs_codegen.flight.control.laws import Gains
 from gibbs_codegen.flight.integration.closed_loop import ClosedLoop
-from gibbs_codegen.flight.plant.vehicle import Array, Flags
+from gibbs_codegen.flight.plant.actuators import joint_motion
+from gibbs_codegen.flight.plant.vehicle import Array, Flags, Vehicle
 from gibbs_codegen.flight.scenario.orientation import LARGEST_THETA_0
 from gibbs_codegen.flight.scenario.parts import PREDICTIVE
 from gibbs_codegen.flight.scenario.walls import bristle
@@ -196,11 +197,19 @@ class Mode:
         """Steps of rk4, s, in which the mode decays."""
         return 2.0 / self.rate
 
+    def makes_grow(self, size: float, method: str) -> str:
+        """That steps of a size, s, are too long for the mode, and what would be right."""
+        return (
+            f"in steps of {size:.3g} s {method} makes errors grow, because of {self.cause}; use "
+            f"steps of at most {self.longest_step:.2g} s, or {self.remedy}"
+        )
+
 
 def stable_modes(loop: ClosedLoop) -> list[Mode]:
     """Modes that decay, fastest first.
 
-    They are of lagging thrusts, of errors that a law corrects at all times, of walls and drag.
+    They are of lagging thrusts, of errors that a law corrects at all times, of walls, drag and
+    joints.
     """
     found = []
     # A lag that is nothing, next to any step, is not nothing to divide by.
@@ -216,7 +225,7 @@ def stable_modes(loop: ClosedLoop) -> list[Mode]:
         for root in itertools.chain.from_iterable(map(np.roots, polynomials))
         if root.real < 0.0
     ]
-    others = [*_wall_modes(loop), *_drag_modes(loop), *_servo_modes(loop)]
+    others = [*_wall_modes(loop), *_drag_modes(loop), *_joint_modes(loop)]
     return sorted([*found, *others], reverse=True)
 
 
@@ -303,36 +312,26 @@ def _drag_modes(loop: ClosedLoop) -> list[Mode]:
     return [Mode(rate, "the drag", remedy, complex(-rate))] if rate > 0.0 else []
 
 
-def _servo_modes(loop: ClosedLoop) -> list[Mode]:
-    """The fastest mode in which servos move their joints, along the desired motion.
+def _joint_modes(loop: ClosedLoop) -> list[Mode]:
+    """The fastest mode of joints by servos and dry friction, along the desired motion."""
+    if not loop.vehicle.is_driven or loop.controller.law == "off":
+        return []
+    return [mode for mode in [joint_mode(loop.vehicle, _configurations(loop))] if mode.rate]
 
-    M v̇ = −D v − K d, of a displacement d: stiffness and damping are what commands say that push.
+
+def joint_mode(vehicle: Vehicle, q: Array) -> Mode:
+    """The fastest mode in which joints move about rest in coordinates (s, nq), with commands held.
+
+    Of a rate of 0 where neither servos nor dry friction hold any.
     """
-    vehicle = loop.vehicle
-    if not vehicle.is_driven or loop.controller.law == "off":
-        return []
-    q, size = _configurations(loop), vehicle.layout.v.size
-    joints, count = vehicle.layout.v.joints, vehicle.joints
-    units = np.eye(len(vehicle.inputs))[vehicle.rotors :]
-    moved = np.eye(size)[joints]
-    still, none = np.zeros(size), np.zeros(len(vehicle.inputs))
-    places = np.arange(count), vehicle.rotors + np.arange(count)
-    rest = vehicle.command_of(q[0], still, none)
-    yielding = (vehicle.command_of(q[0], still, units) - rest)[places]
-    pushed = (vehicle.command_of(q[0], moved, none) - rest)[places]
-    held = np.array(vehicle.commands[vehicle.rotors :]) != vehicle.inputs[vehicle.rotors :]
-    stiffness = np.where(held, 1.0 / yielding, 0.0)
-    matrix = np.zeros((len(q), 2 * size, 2 * size))
-    matrix[:, :size, size:] = np.eye(size)
-    inverse = np.linalg.inv(vehicle.mass_matrix(q))[..., joints]
-    matrix[:, size:, :size][..., joints] = -inverse * stiffness
-    matrix[:, size:, size:][..., joints] = -inverse * (stiffness * pushed)
-    roots = np.linalg.eigvals(matrix).ravel()
-    if not np.any(held):
-        return []
-    fastest = roots[np.argmax(np.abs(roots))]
-    remedy = "softer servos, less of their damping, or the armature of their gears"
-    return [Mode(float(abs(fastest)), "the servos of the joints", remedy, complex(fastest))]
+    matrix, causes = joint_motion(vehicle, q)
+    if not causes:
+        return Mode(0.0, "", "", 0.0)
+    roots, vectors = np.linalg.eig(matrix)
+    at, place = np.unravel_index(int(np.abs(roots).argmax()), roots.shape)
+    rates = np.abs(vectors[at, :, place])[vehicle.layout.v.size :]
+    fastest = complex(roots[at, place])
+    return Mode(abs(fastest), *causes[int(rates[vehicle.layout.v.joints].argmax())], fastest)
 
 
 def _configurations(loop: ClosedLoop) -> Array:

@@ -16,7 +16,12 @@ from scipy.integrate import DOP853
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.flight.integration.closed_loop import ClosedLoop
 from gibbs_codegen.flight.integration.compiled_loop import CompiledLoops
-from gibbs_codegen.flight.integration.envelope import Envelope, integration_burdens, stable_modes
+from gibbs_codegen.flight.integration.envelope import (
+    Envelope,
+    integration_burdens,
+    joint_mode,
+    stable_modes,
+)
 from gibbs_codegen.flight.integration.state_history import (
     SAME_TIME,
     InputRanges,
@@ -25,7 +30,8 @@ from gibbs_codegen.flight.integration.state_history import (
     SmoothInterval,
     StateHistory,
 )
-from gibbs_codegen.flight.plant.vehicle import Array
+from gibbs_codegen.flight.plant.actuators import joint_motion
+from gibbs_codegen.flight.plant.vehicle import Array, Vehicle
 from gibbs_codegen.flight.scenario.parts import Settings
 
 # What a call of the compiled loop takes on at most, so that progress shows and Ctrl-C is heard.
@@ -147,10 +153,25 @@ def check_stability(loop: ClosedLoop, size: float) -> None:
     for mode in stable_modes(loop):
         z = size * mode.eigenvalue
         if not abs(1.0 + z + z**2 / 2.0 + z**3 / 6.0 + z**4 / 24.0) <= 1.0 + 1e-9:
-            raise UsageError(
-                f"integration.step: in steps of {size:.3g} s rk4 makes errors grow, because of "
-                f"{mode.cause}; use steps of at most {mode.longest_step:.2g} s, or {mode.remedy}"
-            )
+            raise UsageError(f"integration.step: {mode.makes_grow(size, 'rk4')}")
+
+
+def long_steps(vehicle: Vehicle, size: float, method: str) -> str:
+    """Why steps of a method are too long for servos and friction of a robot, "" if they are not.
+
+    They are of commands that are held, about coordinates of zero.
+    """
+    at = vehicle.neutral[np.newaxis]
+    matrix, _ = joint_motion(vehicle, at)
+    half = matrix.shape[-1] // 2
+    one, z = np.eye(2 * half), size * matrix[0]
+    grown = one + z @ (one + z / 2.0 @ (one + z / 3.0 @ (one + z / 4.0)))
+    if method == "euler":  # Coordinates take the velocities after the step.
+        grown = one + z
+        grown[:half] = one[:half] + size * grown[half:]
+    # Rounding makes 1 of motions that neither grow nor decay a little more.
+    grows = np.abs(np.linalg.eigvals(grown)).max() > 1.0 + 1e-6
+    return joint_mode(vehicle, at).makes_grow(size, method) if grows else ""
 
 
 # States whose inputs are computed at once: bounds the memory.

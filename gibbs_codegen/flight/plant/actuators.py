@@ -6,7 +6,7 @@ They enter no function of a module, which has them as constants.
 from __future__ import annotations
 
 import math
-from collections.abc import Collection
+from collections.abc import Collection, Iterable
 from dataclasses import dataclass, replace
 from types import ModuleType
 
@@ -19,6 +19,10 @@ from gibbs_codegen.flight.scenario.scenario import Scenario
 _NO_LIMITS = (-math.inf, math.inf)
 # Share of the largest input, or of 1, that may be missing; and how often more is wanted till then.
 _SMALL, _TRIES = 1e-12, 64
+# How far rounding takes what is at a limit beyond it.
+_EXACT = 1e-9
+# A rate, rad/s or m/s, next to which dry friction is as it is about rest.
+_AT_REST = 1e-9
 
 
 @dataclass(frozen=True)
@@ -126,6 +130,22 @@ def has_servo(vehicle: Vehicle, place: int) -> bool:
     return vehicle.commands[k] != vehicle.inputs[k]
 
 
+def has_battery(vehicle: Vehicle) -> bool:
+    """Whether the last state of the actuators is the charge of a battery."""
+    return getattr(vehicle.module, "ACTUATOR_STATES", ())[-1:] == ("charge",)
+
+
+def check_charge(vehicle: Vehicle, charge: float) -> None:
+    """Raise `UsageError` for a charge that is not from 0 to 1, or not 1 without a battery."""
+    if not 0.0 <= charge <= 1.0:
+        raise UsageError(f"charge: must be from 0 to 1, not {charge:g}")
+    if charge != 1.0 and not has_battery(vehicle):
+        raise UsageError(
+            f"charge: {vehicle.name} has no battery; leave it out, or give [battery] in its robot "
+            "file"
+        )
+
+
 def joint_place(vehicle: Vehicle, name: str, table: str = "") -> int:
     """The place of a joint among the joints, from 0.
 
@@ -177,6 +197,31 @@ def command_limits(module: ModuleType) -> Array:
     return np.transpose([_ends(module.COMMAND_LIMITS.get(name)) for name in module.COMMANDS])
 
 
+def beyond_limits(
+    names: Iterable[str], units: Iterable[str], values: Array, limits: Array
+) -> tuple[str, ...]:
+    """Which values (n) are beyond their limits (2, n), in words."""
+    found = []
+    for name, unit, value, low, high in zip(names, units, values, *limits, strict=True):
+        if not low - _EXACT <= value <= high + _EXACT:
+            side, limit = ("below", low) if value < low else ("above", high)
+            told, end = (
+                f"{number:.4g} {unit}".removesuffix(" 1")
+                + (f" ({math.degrees(number):.4g}°)" * (unit == "rad"))
+                for number in (value, limit)
+            )
+            found.append(f"{name} is {told}, {side} its limit of {end}")
+    return tuple(found)
+
+
+def commands_beyond(module: ModuleType, commands: Array) -> str:
+    """Which commands (…, nu) are beyond their limits most, in words; "" if none is."""
+    limits, rows = command_limits(module), commands.reshape(-1, len(module.COMMANDS))
+    worst = np.argmax(np.maximum(limits[0] - rows, rows - limits[1]), axis=0)
+    values = np.take_along_axis(rows, worst[np.newaxis], axis=0)[0]
+    return "; ".join(beyond_limits(module.COMMANDS, module.COMMAND_UNITS, values, limits))
+
+
 def kept_commands(vehicle: Vehicle, q: Array, v: Array, u: Array) -> tuple[Array, Array]:
     """Commands (nu) and states of the actuators (nx), battery full, under which inputs (nu) stay.
 
@@ -205,6 +250,40 @@ def kept_commands(vehicle: Vehicle, q: Array, v: Array, u: Array) -> tuple[Array
         slope = vehicle.actuator_rates(x, aside)[levels] - rates
         command[places] -= np.where(step == 0.0, 0.0, rates * step / np.where(step, slope, 1.0))
     return command, x
+
+
+def joint_motion(vehicle: Vehicle, q: Array) -> tuple[Array, list[tuple[str, str]]]:
+    """How joints move against servos and dry friction, about rest in coordinates (s, nq).
+
+    Matrices (s, 2 nv, 2 nv), 1/s, are of displacements d and velocities: M v̇ = −D v − K d. For each
+    joint words say what resists most, and how it would resist less.
+    """
+    size, joints = vehicle.layout.v.size, vehicle.layout.v.joints
+    places = vehicle.rotors + np.arange(vehicle.joints)
+    own = np.arange(vehicle.joints), places
+    still, none = np.zeros(size), np.zeros(len(vehicle.inputs))
+    units, moved = np.eye(len(none))[places], np.eye(size)[joints]
+    rest = vehicle.command_of(q[0], still, none)
+    yielding = (vehicle.command_of(q[0], still, units) - rest)[own]
+    held = np.array(vehicle.commands)[places] != np.array(vehicle.inputs)[places]
+    stiffness = np.where(held, 1.0 / yielding, 0.0)
+    damping = stiffness * (vehicle.command_of(q[0], moved, none) - rest)[own]
+    states = vehicle.description("ACTUATOR_STATES")
+    x = vehicle.actuator_state_of(rest) if states else np.zeros(0)
+    pushed = vehicle.inputs_of(q[0], _AT_REST * moved, x, rest)[own]
+    friction = -pushed / _AT_REST - damping
+    matrix = np.zeros((len(q), 2 * size, 2 * size))
+    matrix[:, :size, size:] = np.eye(size)
+    inverse = np.linalg.inv(vehicle.mass_matrix(q))[..., joints]
+    matrix[:, size:, :size][..., joints] = -inverse * stiffness
+    matrix[:, size:, size:][..., joints] = -inverse * (damping + friction)
+    causes = [
+        (f"the dry friction of {name} about rest", "a greater velocity of it")
+        if dry > viscous
+        else (f"the servo of {name}", "a softer servo, or less of its damping")
+        for name, dry, viscous in zip(vehicle.joint_names, friction, damping, strict=True)
+    ]
+    return matrix, [(cause, f"{remedy}, or the armature of a gear") for cause, remedy in causes]
 
 
 def _ends(limits: tuple[float | None, float | None] | None) -> tuple[float, float]:

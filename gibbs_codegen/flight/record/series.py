@@ -196,6 +196,17 @@ class Flight:
         return "tip" in self.points
 
     @property
+    def notes(self) -> tuple[str, ...]:
+        """What else is to be said of the flight, in sentences: that the battery ran empty."""
+        charge = dict(zip(self.actuator_names, self.actuators.T, strict=True)).get("charge")
+        empty = () if charge is None else np.flatnonzero(charge < 0.0)
+        return tuple(
+            f"The battery is empty at t = {self.time[k]:.4g} s; the flight goes on with what it "
+            "gives then, which no battery does."
+            for k in empty[:1]
+        )
+
+    @property
     def input_units(self) -> tuple[str, ...]:
         """Units of the inputs (nu): N of thrusts, then N m or N of the joints."""
         return ("N",) * self.rotors + self.layout.effort_units

@@ -39,6 +39,8 @@ class RolloutArguments:
         self.layout = _layout(module.ATTITUDE, module.COORDINATES, units, 0)
         self.inputs = len(module.INPUTS)
         self.rotors = self.inputs - len(self.layout.v.joint_places)
+        # Whether inputs are commands of motors and servos.
+        self.is_driven = bool(getattr(module, "COMMANDS", ()))
         self._counts: dict[str, int] = {}
 
     def count(self) -> int:
@@ -158,7 +160,7 @@ class RolloutArguments:
 
         None where inputs are what is commanded.
         """
-        if getattr(self.module, "COMMANDS", ()):
+        if self.is_driven:
             return self._of_commands(limits, {"time_constants": time_constants, "thrusts": thrusts})
         if thrusts is not None and time_constants is None:
             raise UsageError("thrusts: without time_constants, thrusts are those commanded")
@@ -180,8 +182,7 @@ class RolloutArguments:
 
     def _refuse_with_actuators(self, name: str, given: Any) -> None:
         """Refuse what the robot file says itself where it describes actuators."""
-        is_driven = bool(getattr(self.module, "COMMANDS", ()))
-        if is_driven and given is not None:
+        if self.is_driven and given is not None:
             raise UsageError(
                 f"{name}: the robot file of {self.module.NAME} says how motors and servos "
                 "follow commands; its times are among the parameters, and x0 is where they "

@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 import logging
 import os
+import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from types import ModuleType
@@ -15,6 +16,9 @@ import numpy as np
 from gibbs_codegen.arrays.rollout_steps import Parts
 from gibbs_codegen.errors import UsageError, printable
 from gibbs_codegen.flight.arguments import seconds, whole
+from gibbs_codegen.flight.integration.integrators import long_steps
+from gibbs_codegen.flight.plant.actuators import commands_beyond
+from gibbs_codegen.flight.plant.vehicle import Vehicle
 from gibbs_codegen.flight.rollouts.arguments import Controller, RolloutArguments
 from gibbs_codegen.flight.rollouts.scenario_rollout import scenario_rollout
 from gibbs_codegen.flight.scenario.scenario import Scenario
@@ -175,6 +179,12 @@ def rollout(
     motors, x = arguments.motors(limits, time_constants, thrusts), arguments.actuators(x0)
     (q, v), constants = arguments.start(q0, v0), arguments.constants(parameters or {})
     inputs, feedback = arguments.control(control)
+    warn_of_long_steps(module, dt, method, parameters or {})
+    in_limits_of_file = arguments.is_driven and limits is None and isinstance(inputs, np.ndarray)
+    alone = feedback is None and not callable(control)
+    if in_limits_of_file and alone and (beyond := commands_beyond(module, inputs)):
+        beyond = f"{module.NAME}: control: commands are held within their limits: {beyond}"
+        warnings.warn(beyond, RuntimeWarning, stacklevel=2)
     if wrenches is not None:
         wrenches = arguments.in_time("wrenches", wrenches, len(module.FRAMES), 6)
     if bounds is not None:
@@ -226,6 +236,17 @@ def array_rollout(
 
 
 @functools.lru_cache(maxsize=64)
+def _long_steps(
+    module: ModuleType, dt: float, method: rollouts.Method, own: tuple[tuple[str, float], ...]
+) -> str:
+    """Why steps are too long for servos and friction with parameters, "" if they are not."""
+    if not getattr(module, "COMMANDS", ()):
+        return ""
+    on_arrays = load(module.__path__[0]) if module.backend == "jax" else module
+    return long_steps(Vehicle(on_arrays, dict(own)), dt, method)
+
+
+@functools.lru_cache(maxsize=64)
 def _compiles(
     module: ModuleType,
     method: rollouts.Method,
@@ -257,3 +278,15 @@ def check_settings(steps: int, every: int, dt: float, method: str, precision: st
         if value not in known:
             words = ", ".join(known)
             raise UsageError(f"{name}: {printable(repr(value), 60)} is unknown; known: {words}")
+
+
+def warn_of_long_steps(
+    module: ModuleType, dt: float, method: rollouts.Method, parameters: Mapping[str, Any]
+) -> None:
+    """Warn of steps that are too long for servos and dry friction, of the first state's numbers."""
+    try:
+        own = tuple((name, float(np.ravel(value)[0])) for name, value in parameters.items())
+    except (TypeError, ValueError):  # What JAX traces has no values.
+        return
+    if words := _long_steps(module, float(dt), method, own):
+        warnings.warn(f"{module.NAME}: dt: {words}", RuntimeWarning, stacklevel=3)

@@ -60,7 +60,8 @@ def scenario_rollout(
     count = arguments.count()
     loop, settings = loops.loop(), start.scenario.integration
     _check_steps(loops, count, dt)
-    starts = loop.start(np.repeat(q, count // len(q), 0), np.repeat(v, count // len(v), 0))
+    q, v = (np.repeat(each, count // len(each), 0) for each in (q, v))
+    starts = loop.start(q, v, start.scenario.start.charge)
     # In single precision thrusts a moment apart do not differ enough to make up for their lag.
     single = precision == "single" and not loop.compensates
     fly = BlockIntegration(loop, loops.loop, settings, duration, threads, single)
@@ -104,9 +105,9 @@ def _check_steps(loops: ScenarioLoops, count: int, dt: float) -> None:
     """Raise `UsageError` for steps in which what should decay grows in one of the states."""
     loop = loops.loop()
     lag = np.atleast_2d(loop.actuators.lag)
-    # The shortest lag decides, but where parameters do too: about walls and drag.
+    # The shortest lag decides, but where parameters do too: about joints, walls and drag.
     states = [int(np.where(lag > 0.0, lag, np.inf).min(axis=1, initial=np.inf).argmin())]
-    if loop.environment is not None and (loop.environment.wall or loop.environment.wind):
+    if loop.has_own_modes:
         own = [np.broadcast_to(each, count) for each in (0.0, *lag.T, *loops.parameters.values())]
         states = np.unique(np.stack(own), axis=1, return_index=True)[1].tolist()
     for state in states:

@@ -19,7 +19,11 @@ from gibbs_codegen.flight.arguments import numbers, seconds, whole
 from gibbs_codegen.flight.plant.actuators import kept_commands, module_actuators
 from gibbs_codegen.flight.plant.vehicle import Flags, Vehicle
 from gibbs_codegen.flight.rollouts.arguments import RolloutArguments
-from gibbs_codegen.flight.rollouts.rollout import array_rollout, check_settings
+from gibbs_codegen.flight.rollouts.rollout import (
+    array_rollout,
+    check_settings,
+    warn_of_long_steps,
+)
 from gibbs_codegen.runtime.load import load, require
 from gibbs_codegen.runtime.rollouts import RUNNING, Array, Method, Motors, Precision, Problem
 
@@ -201,6 +205,7 @@ class VectorEnv(gymnasium.vector.VectorEnv[Observations, ArrayLike, Any]):
             module_actuators(vehicle),
         )
         check_settings(steps, steps, dt, method, precision)
+        warn_of_long_steps(module, dt, method, {})
         hovers = arguments.states("hover", vehicle.neutral if hover is None else hover, nq)
         # What is commanded: motors and servos of the robot file, or thrusts and torques.
         self._driven = actuators.commands is not None

@@ -51,6 +51,7 @@ Thrusts = Annotated[
 _Frequency = Annotated[Number, Bounds(LEAST, 1e4)]
 _Rate = Annotated[Number, Bounds(0.0, 1e4)]
 _Delay = Annotated[Number, Bounds(0.0, 10.0, " s")]
+Charge = Annotated[Number, Bounds(0.0, 1.0)]
 _ZERO = (0.0, 0.0, 0.0)
 FRAME = "a name in the module's FRAMES"
 
@@ -190,7 +191,7 @@ class Timing(Table):
 
 @table
 class StartOffset(Table):
-    """What is off at the start: deviation from the desired motion."""
+    """What is off at the start: deviation from the desired motion, and what is not charged."""
 
     position: Annotated[Vector, key("deviation of the base centre, world axes, m", "offset")] = (
         _ZERO
@@ -198,6 +199,7 @@ class StartOffset(Table):
     rotation: Annotated[
         Angles, key("deviation of the attitude: rotation vector, world axes, degrees", "turn_deg")
     ] = _ZERO
+    charge: Charge = entry("charge of the battery, 1 when full", 1.0)
 
 
 @table

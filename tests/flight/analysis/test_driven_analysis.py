@@ -53,6 +53,8 @@ def test_commands_beyond_their_limits_are_told(module: ModuleType) -> None:
     [words] = found.beyond_limits
     assert words.startswith("throttle_front_left is 1.")
     assert words.endswith("above its limit of 1")
+    with pytest.warns(RuntimeWarning, match=rf"u: {words}, beyond which nothing follows"):
+        linearise(module, found)
 
 
 def test_the_model_is_of_motion_and_actuators(module: ModuleType) -> None:

@@ -30,7 +30,8 @@ pytestmark = pytest.mark.usefixtures("derived_once")
 Drawn = Callable[[Callable[[Flight], Figure], str], Figure]
 Array = NDArray[Any]
 Shipped = Callable[[str], ModuleType]
-PLOTS = [draw for draw in figures.FIGURES if not draw.__name__.startswith("snapshots")]
+OWN_TESTS = ("snapshots", "snapshots_panels", "actuators")
+PLOTS = [draw for draw in figures.FIGURES if draw.__name__ not in OWN_TESTS]
 
 TWO_ROTORS = """
 name = "two_rotors"
@@ -178,6 +179,39 @@ def test_coordinates_are_the_flight(flights: dict[str, Flight], kind: str) -> No
         values = [each for axes in others for each in pick(axes)]
         # Panels put revolute joints before prismatic ones, as the robots here have them.
         assert np.allclose(values, (series * factor).T, rtol=1e-14)
+
+
+def test_actuators_are_what_motors_and_servos_do(sliding: Flight) -> None:
+    """Two throttles, of which one lags, a speed, servos of either kind, and the battery."""
+    random = np.random.default_rng(2)
+    sent = random.uniform(0.2, 0.9, (len(sliding.time), 12))
+    state = random.uniform(0.2, 0.9, (len(sliding.time), 2))
+    flight = replace(
+        sliding,
+        command_names=(
+            *("throttle_1", "throttle_2", "speed_3", *sliding.input_names[3:10]),
+            *(f"{name}_position" for name in sliding.coordinates[sliding.layout.q.joints]),
+        ),
+        command_units=("1", "1", "rad/s", *("N",) * 7, "rad", "m"),
+        commands=sent,
+        actuator_names=("throttle_2", "charge"),
+        actuators=state,
+    )
+    figure = figures.actuators(flight)
+    joints = flight.q[:, flight.layout.q.joints].T
+    for label, actual, commanded in (
+        ("throttle (%)", [100 * sent[:, 0], 100 * state[:, 0]], 100 * sent[:, :2].T),
+        ("rotor speed (rad/s)", [sent[:, 2]], [sent[:, 2]]),
+        ("servo position (deg)", [np.degrees(joints[0])], [np.degrees(sent[:, 10])]),
+        ("servo position (m)", [joints[1]], [sent[:, 11]]),
+        ("charge (%)", [100 * state[:, 1]], []),
+    ):
+        axes = panel(figure, label)
+        np.testing.assert_allclose(solid(axes), actual)
+        np.testing.assert_allclose(np.reshape(dashed(axes), np.shape(commanded)), commanded)
+    assert len(figure.axes) == 5
+    assert legend_texts(figure.axes[0]) == ["actual", "sent"]
+    assert [axes.get_ylabel() for axes in figures.actuators(sliding).axes] == ["charge (%)"]
 
 
 def test_panels_by_kind_of_joint(drawn: Drawn) -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from contextlib import nullcontext
+from dataclasses import replace
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -13,10 +15,11 @@ from scipy.integrate import solve_ivp
 from support.actuated import TEXT, air, at_once
 
 import gibbs_codegen
-from gibbs_codegen import Simulation, generate, load, rollout, simulate
+from gibbs_codegen import Simulation, generate, load, rollout, simulate, simulate_many
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.flight.record.flight import read_flight
 from gibbs_codegen.flight.scenario.file import read_scenario
+from gibbs_codegen.flight.scenario.parts import Settings
 from gibbs_codegen.flight.scenario.scenario import Scenario
 from gibbs_codegen.flight.simulation import flight_start
 from gibbs_codegen.robot.text import robot_text
@@ -182,6 +185,80 @@ def test_air_resists_a_rotor_that_turns_either_way(tmp_path: Path) -> None:
         assert found @ along == pytest.approx(np.exp(-500.0 * 1e-3 * 0.01), rel=1e-9)
 
 
+RUBBING = """
+name = "rubbing"
+[base]
+attitude = "quaternion"
+mass = 1e6
+inertia = [1e6, 1e6, 1e6, 0, 0, 0]
+[[rotor]]
+limits = [0, 2e7]
+[[link]]
+name = "lid"
+xyz = [0, 0, 0]
+mass = 0.1
+inertia = [1e-4, 1e-4, 1e-4, 0, 0, 0]
+friction = { coulomb = 0.01, static = 0.02, velocity = 0.1 }
+"""
+
+
+def test_steps_too_long_for_dry_friction_are_told(tmp_path: Path) -> None:
+    """About rest a joint decays at 10 static/(velocity inertia), of which rk4 bears 2.785."""
+    (tmp_path / "rubbing.toml").write_text(RUBBING, encoding="utf-8")
+    robot = load(generate(tmp_path / "rubbing.toml", tmp_path, verify=False), "numpy")
+    rate = 10.0 * 0.02 / (0.1 * 1e-4)
+    longest = 2.785 / rate
+    command = np.array([1e6 * 9.81, 0.0])
+    for method, most in (("rk4", longest), ("euler", 2.0 / rate)):
+        own = {"steps": 1, "method": method}
+        rollout(robot, robot_neutral(robot), np.zeros(7), command, dt=0.999 * most, **own)
+        with pytest.warns(RuntimeWarning, match=f"rubbing: dt: in steps of .* {method} .*of lid"):
+            rollout(robot, robot_neutral(robot), np.zeros(7), command, dt=1.001 * most, **own)
+    for step, refused in ((0.999 * longest, False), (1.001 * longest, True)):
+        near = {"integration": {"method": "rk4", "step": step, "rate": 1.0 / step}}
+        simulation = Simulation(robot, read_scenario("hover", near))
+        simulation.reset()
+        words = r"integration\.step: .* because of the dry friction of lid about rest; use steps of"
+        with pytest.raises(UsageError, match=words) if refused else nullcontext():
+            simulation.step(command, step)
+
+
+def robot_neutral(robot: ModuleType) -> Array:
+    """Coordinates of zero."""
+    q = np.zeros(len(robot.COORDINATES))
+    q[robot.COORDINATES.index("qw")] = 1.0
+    return q
+
+
+def test_a_flight_begins_with_the_charge_that_is_given(module: ModuleType) -> None:
+    """And goes on, with a note, when it is empty."""
+    half = hover(start={"charge": 0.5, "offset": [0.01, 0.0, 0.0]}, duration=0.05)
+    place = module.ACTUATOR_STATES.index("charge")
+    flight = simulate(module, half)
+    full = simulate(module, hover(start={"offset": [0.01, 0.0, 0.0]}, duration=0.05))
+    assert flight.actuators[0, place] == 0.5
+    np.testing.assert_array_equal(flight.q[0], full.q[0])
+    # At 15 V in place of 16.8 V more current flows.
+    assert 0.0 < flight.actuators[-1, place] < full.actuators[-1, place] - 0.5
+    assert flight.notes == ()
+    several = simulate_many(module, [half, replace(half, name="other")])
+    np.testing.assert_array_equal(several[1].actuators[0], flight.actuators[0])
+    near = replace(half, integration=Settings(**RK4))
+    found = rollout(module, None, None, near, 10, RK4["step"])
+    assert found.x is not None
+    np.testing.assert_array_equal(found.x[0, 0], flight.actuators[0])
+    simulation = Simulation(module, hover())
+    simulation.reset(charge=0.0)
+    simulation.step(np.array([0.62, 600.0, 640.0, 4.0, 0.2, -0.01, 0.02]), 0.05)
+    empty = simulation.flight()
+    (note,) = empty.notes
+    at = empty.time[np.argmax(empty.actuators[:, place] < 0.0)]
+    assert note.startswith(f"The battery is empty at t = {at:.4g} s")
+    for charge in (1.5, np.nan):
+        with pytest.raises(UsageError, match="charge: must be"):
+            simulation.reset(charge=charge)
+
+
 def test_servos_without_a_state_are_flown_too(tmp_path: Path) -> None:
     """Of the base of rods, under the law in NumPy and C, and by commands that are held."""
     text = (ROBOTS / "hexarotor_3link.toml").read_text(encoding="utf-8")
@@ -195,6 +272,8 @@ def test_servos_without_a_state_are_flown_too(tmp_path: Path) -> None:
     found, expected = (simulate(x, scenario) for x in (compiled, load(folder, "numpy")))
     assert found.stopped == ""
     np.testing.assert_allclose(found.q, expected.q, rtol=0.0, atol=1e-9)
+    with pytest.raises(UsageError, match="charge: hexarotor_3link has no battery; leave it out"):
+        simulate(compiled, read_scenario("hover", {"start": {"charge": 0.5}}))
     simulation = Simulation(compiled, scenario)
     simulation.reset()
     simulation.step(found.commands[0], 0.05)
