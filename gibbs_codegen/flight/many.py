@@ -142,7 +142,8 @@ class FlightGroup:
             loop = self._loop(i)
             check_mass_matrix(loop.vehicle, self._common.q)
             lag = loop.actuators.lag.tobytes()
-            if loop.has_own_modes or lag not in self._stable:
+            touched = loop.environment and (loop.environment.wall or loop.environment.wind)
+            if touched or loop.vehicle.is_driven or lag not in self._stable:
                 check_stability(loop, StepGrid(scenario.integration).size)
                 self._stable.add(lag)
         except UsageError:

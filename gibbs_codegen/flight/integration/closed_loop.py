@@ -97,13 +97,6 @@ class ClosedLoop:
         return bool(np.any(self.actuators.lag))
 
     @property
-    def has_own_modes(self) -> bool:
-        """Whether parameters of the plant decide how fast something decays, besides lag."""
-        around = self.environment
-        touched = around is not None and bool(around.wall or around.wind)
-        return touched or self.vehicle.is_driven
-
-    @property
     def compensates(self) -> bool:
         """Whether motors lag, and that is compensated: by a law that commands at all times."""
         commands = self.hold is None and self.controller.law != "off"

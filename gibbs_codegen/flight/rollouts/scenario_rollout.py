@@ -105,9 +105,13 @@ def _check_steps(loops: ScenarioLoops, count: int, dt: float) -> None:
     """Raise `UsageError` for steps in which what should decay grows in one of the states."""
     loop = loops.loop()
     lag = np.atleast_2d(loop.actuators.lag)
-    # The shortest lag decides, but where parameters do too: about joints, walls and drag.
+    # The shortest lag decides, but where parameters do too: about walls and drag, and of those
+    # that joints with servos or friction have, the least and the greatest.
     states = [int(np.where(lag > 0.0, lag, np.inf).min(axis=1, initial=np.inf).argmin())]
-    if loop.has_own_modes:
+    if loop.vehicle.is_driven:
+        ends = [f(each) for each in loops.parameters.values() for f in (np.argmin, np.argmax)]
+        states = sorted({*states, *map(int, ends)})
+    if loop.environment is not None and (loop.environment.wall or loop.environment.wind):
         own = [np.broadcast_to(each, count) for each in (0.0, *lag.T, *loops.parameters.values())]
         states = np.unique(np.stack(own), axis=1, return_index=True)[1].tolist()
     for state in states:
