@@ -93,9 +93,9 @@ class ClosedLoop:
     `law` is one of `LAWS`, "open_loop", "off" or "held"; `integral` tells that it remembers errors,
     `driven` that the robot has actuators of its own, `limited` that inputs have limits, `shared`
     that thrusts have in the allocation, `lags` and `compensates` whether motors lag, and commands
-    make up for it, `moves` that joints move rotors, `refuses` that wrenches that rotors do not
-    produce end a flight. `each` are names of inputs that differ from state to state; `frames` is
-    the number of the plant's.
+    make up for it, `idles` that motors do not run where the input `idle` is 1, `moves` that joints
+    move rotors, `refuses` that wrenches that rotors do not produce end a flight. `each` are names
+    of inputs that differ from state to state; `frames` is the number of the plant's.
     """
 
     module: object
@@ -107,6 +107,7 @@ class ClosedLoop:
     driven: bool = False
     lags: bool = False
     compensates: bool = False
+    idles: bool = False
     moves: bool = False
     refuses: bool = False
     around: Surroundings = Surroundings()
@@ -356,7 +357,15 @@ class ClosedLoop:
             sent, refused = sent + lead, refused + maximum(later, 0.0)
             wanted = wanted if self.driven else sent
         aimed = self._within(sent)
+        if self.idles:
+            count = self.plant.rotors
+            thrusts = self._unless_idle(aimed[:count], self.given("idling", count))
+            aimed = join(thrusts, aimed[count:])
         return wanted, aimed, self._acting(self.plant, (q, v), aimed, actuators), refused
+
+    def _unless_idle(self, running: Node, idle: Node | float) -> Node:
+        """A value while motors run, or else another."""
+        return choose(self.given("idle"), 0.5, idle, running)
 
     def _sent(self, at: Instant, wanted: Node) -> Node:
         """What is sent for inputs (nu) that are wanted: themselves, or commands for them."""
@@ -561,6 +570,8 @@ class ClosedLoop:
     def _remembered(self, at: Instant, q: Node, v: Node, memory: Node, wanted: Node) -> Node:
         """Rates (nv) of what is remembered, none away from 0 while an input is at a limit."""
         growth = self._errors(at, q, v)
+        if self.idles:
+            growth = self._unless_idle(growth, 0.0)
         if not self.limited:
             return growth
         # Allocation within limits comes to them but for rounding.

@@ -19,11 +19,12 @@ from gibbs_codegen.flight.desired.trajectory import Progress, starting_state
 from gibbs_codegen.flight.integration.block_loop import BlockIntegration
 from gibbs_codegen.flight.integration.closed_loop import ClosedLoop
 from gibbs_codegen.flight.integration.integrators import StepGrid, check_stability, integrate
+from gibbs_codegen.flight.integration.rest import resting
 from gibbs_codegen.flight.integration.state_history import InputRanges, StateHistory
 from gibbs_codegen.flight.plant.vehicle import Array
 from gibbs_codegen.flight.record.flight import Flight
 from gibbs_codegen.flight.record.recording import DeferredFlight, Recording, timing_fields
-from gibbs_codegen.flight.scenario.parts import Motors, StartOffset
+from gibbs_codegen.flight.scenario.parts import StartOffset
 from gibbs_codegen.flight.scenario.scenario import Scenario
 from gibbs_codegen.flight.simulation import (
     FlightStart,
@@ -157,14 +158,17 @@ class FlightGroup:
         return self._loops[i]
 
     def _state(self, i: int) -> Array:
-        """State (size) in which a flight starts, which neither the plant nor a lag decides."""
+        """State (size) in which a flight starts, which a plant that settles decides, but no lag."""
         offset, common = self._scenarios[i].start, self._common
-        place = (*offset.position, *offset.rotation, offset.charge)
+        place = (*offset.position, *offset.rotation, offset.charge, i if offset.settled else -1)
         if place not in self._starts:
             loop, q, v = self._loop(i), common.q, common.v
-            if offset != common.scenario.start:
+            if offset != common.scenario.start or offset.settled:
                 law = loop.controller
                 q, v = starting_state(law.vehicle, law.reference, offset)
+            if offset.settled:
+                (q, bristles), v = resting(loop, q, offset.charge), np.zeros(len(v))
+                self._loops[i] = loop = replace(loop, bristles=bristles)
             self._starts[place] = loop.start(q, v, offset.charge)
         return self._starts[place]
 
@@ -296,7 +300,7 @@ def _common(scenario: Scenario) -> bytes | None:
         description="",
         plant=dict.fromkeys(sorted(scenario.plant), 0.0),
         start=StartOffset(),
-        motors=Motors(motors.limits, None, motors.compensation),
+        motors=replace(motors, time_constant=None),
     )
     written = io.BytesIO()
     pickler = pickle.Pickler(written)

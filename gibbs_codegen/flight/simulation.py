@@ -14,6 +14,7 @@
       law_in_time      law, rate, sensors  → inputs held between samples  (control/sampled_control)
     ClosedLoop         controller, limits  → derivative of a state        (integration/closed_loop)
       loop_program     ClosedLoop          → its array program, values    (integration/closed_loop)
+    resting            loop, start         → start at rest on walls       (integration/rest)
     integrate          loop, start         → StateHistory: samples        (integration/integrators)
     flight_of          samples             → Flight: all time series      (record/recording)
       point_parents    module              → what hangs on what, for drawings (record/series)
@@ -23,6 +24,7 @@ All stages know a generated module and nothing of how it was derived.
 
 from __future__ import annotations
 
+import math
 import os
 from dataclasses import dataclass, replace
 from types import ModuleType
@@ -40,6 +42,7 @@ from gibbs_codegen.flight.desired.trajectory import (
 )
 from gibbs_codegen.flight.integration.closed_loop import ClosedLoop
 from gibbs_codegen.flight.integration.integrators import integrate
+from gibbs_codegen.flight.integration.rest import resting
 from gibbs_codegen.flight.plant.actuators import actuators_of
 from gibbs_codegen.flight.plant.allocation import Allocation, AllocationError, allocation_of
 from gibbs_codegen.flight.plant.vehicle import Array, Vehicle
@@ -132,6 +135,12 @@ def flight_start(
     vehicle = Vehicle(module, scenario.parameters)
     loop, motion = _closed_loop(vehicle, scenario, progress, own)
     q, v = starting_state(vehicle, loop.controller.reference, scenario.start)
+    if scenario.start.settled:
+        # Controllers of one's own are not asked yet: as if motors did not run.
+        own_span = (math.inf, math.inf) if own else loop.actuators.span
+        settling = replace(loop, actuators=replace(loop.actuators, span=own_span))
+        (q, bristles), v = resting(settling, q, scenario.start.charge), np.zeros(len(v))
+        loop = replace(loop, bristles=bristles)
     for machine in {vehicle, loop.vehicle}:
         check_mass_matrix(machine, q)
     return FlightStart(motion, loop, q, v)

@@ -57,7 +57,7 @@ class Simulation:
         self._hold = ZeroOrderHold(law, "own", control.delay)
         self._sensing = Sensing(law.vehicle, law.reference, start.scenario.sensors)
         self._loop = replace(start.loop, controller=self._hold)
-        self._start = start.q, start.v
+        self._start, self._bristles = (start.q, start.v), start.loop.bristles
         self._usual = 1.0 / (control.rate or DEFAULT_RATE)
         self.reset()
 
@@ -116,6 +116,7 @@ class Simulation:
         check_charge(vehicle, level)
         self._sensing.reset(seed)
         self._begin, self._charge = (unit, start_state[1]), level
+        self._loop = replace(self._loop, bristles=self._bristles if q is None else None)
         self._hold.forget()
         self._flight: Integration | None = None
         # Times, states and inputs from which the flight of a while ago can be flown again.

@@ -56,7 +56,7 @@ class ClosedLoop:
 
     `vehicle` is the plant; the controller has its own, with the parameters that it knows. Where
     `environment` is None, nothing acts but inputs. `compensated`: whether the lag of the motors is,
-    as `control.laws` has it.
+    as `control.laws` has it. `bristles`: those with which flights start, none strained if None.
     """
 
     vehicle: Vehicle
@@ -64,6 +64,7 @@ class ClosedLoop:
     actuators: Actuators
     environment: Environment | None = None
     compensated: bool = False
+    bristles: Array | None = None
 
     def with_plant(
         self, parameters: Mapping[str, Any], lag: Array, scenario: Scenario, table: str = "plant"
@@ -137,10 +138,15 @@ class ClosedLoop:
             self.hold.start(q, v)
         memory = np.zeros((*v.shape[:-1], self.controller.memory))
         wanted, _ = self.controller.commanded(0.0, q, v, memory, {})
+        idles = bool(self.actuators.idles(0.0))
+        if idles and not self.vehicle.is_driven:
+            wanted[..., : self.vehicle.rotors] = self.actuators.idling
         settled = np.clip(wanted, *self.actuators.inputs) if self.limited else wanted
         settled = settled[..., : self.vehicle.rotors if self.lags else 0]
         if self.vehicle.is_driven:
             sent = wanted if self.hold is not None else self.sent(0.0, wanted)
+            if idles:
+                sent[..., : self.vehicle.rotors] = self.actuators.idling
             settled = np.zeros((*v.shape[:-1], self.memory_place - self.work_place - 1))
             limits = self.actuators.commands
             if settled.shape[-1] and limits is not None:
@@ -149,6 +155,8 @@ class ClosedLoop:
         if has_battery(self.vehicle):
             settled[..., -1] = charge
         work, bristles = (np.zeros((*v.shape[:-1], n)) for n in (1, self.size - self.bristle_place))
+        if self.bristles is not None:
+            bristles[...] = self.bristles
         return np.concatenate([q, v, work, settled, memory, bristles], axis=-1)
 
     def sent(self, time: float | Array, wanted: Array) -> Array:
@@ -198,7 +206,7 @@ class ClosedLoop:
         """Names of inputs of which the greatest or the least value is commanded."""
         if not self.limited:
             return []
-        commanded, _ = self.inputs(time, self.parts(state))
+        commanded, _ = self.inputs(time, self.parts(state), self.loads(time))
         reached = self.actuators.reached(commanded)
         return [self.vehicle.inputs[place] for place in np.flatnonzero(reached)]
 
@@ -229,12 +237,12 @@ class ClosedLoop:
         """Results of a program of the loop by its name, while something acts."""
         known = given.get("held", loads.inputs)
         around, figures = acting(self.environment, loads)
-        key = name, around, known is not None
+        key = name, around, known is not None, bool(np.any(loads.idle))
         if key not in self._evaluators:
             whole = loop_program(self, replace(loads, inputs=known))
             self._evaluators[key] = evaluator_of(whole, name)
         constants = constants_of(self.vehicle, self.controller.vehicle)
-        values = {"held": known, **self._values, **figures, **given}
+        values = {"held": known, **self._values, "idle": loads.idle, **figures, **given}
         found = self._evaluators[key](values, constants, self.controller.externals)
         if np.any(found.get("refused", 0.0) > 0.0):
             parts = given if "q" in given else self.parts(given["x"])._asdict()
@@ -253,9 +261,11 @@ class ClosedLoop:
 
     def loads(self, time: float | Array) -> Loads:
         """What acts at times (…), s."""
+        idle = self.actuators.idles(time)
         if self.environment is None:
-            return NOTHING
-        return Loads(self.environment.push_acts(time), self.environment.carries(time))
+            return Loads(idle=idle)
+        push, payloads = self.environment.push_acts(time), self.environment.carries(time)
+        return Loads(push, payloads, idle=idle)
 
     def derivative(self, time: float, state: Array, loads: Loads = NOTHING) -> Array:
         """Time derivative (size) of a state, NaN for a state that is not finite.
@@ -280,11 +290,11 @@ class ClosedLoop:
         return replace(interval, loads=loads), stopped
 
     def smooth_intervals(self, begin: float, end: float) -> Iterator[SmoothInterval]:
-        """The intervals of a flight between which the push or held inputs may change.
+        """The intervals of a flight between which the push, held inputs and motors may change.
 
         Each begins where the one before ends; they are without the inputs that are held.
         """
-        jumps = self.environment.jumps if self.environment else ()
+        jumps = {*self.actuators.span, *(self.environment.jumps if self.environment else ())}
         times = np.array(sorted({begin, end, *(t for t in jumps if begin < t < end)}))
         if self.hold is not None:
             instants = self.hold.instants(begin, end)
@@ -293,7 +303,9 @@ class ClosedLoop:
         for first, last in itertools.pairwise(times.tolist()):
             loads = self.loads(first)
             payloads = tuple(np.atleast_1d(loads.payloads).tolist())
-            yield SmoothInterval(first, last, Loads(bool(loads.push), payloads))
+            yield SmoothInterval(
+                first, last, Loads(bool(loads.push), payloads, idle=bool(loads.idle))
+            )
 
 
 def loop_values(
@@ -316,6 +328,8 @@ def loop_values(
         "bounds": np.broadcast_to(bounds, (*np.shape(bounds)[:-1], 2 * plant.layout.v.size)),
         "largest_lean": LARGEST_THETA_0,
         "exact": exact,
+        "idle": loads.idle,
+        "idling": closed.actuators.idling,
     }
     if loads.inputs is not None:
         values["held"] = np.array(loads.inputs)
@@ -350,6 +364,7 @@ def loop_program(
         driven=closed.vehicle.is_driven,
         lags=closed.lags,
         compensates=closed.compensates and not held,
+        idles=bool(np.any(loads.idle)),
         around=acting(closed.environment, loads)[0],
         each=each,
     )

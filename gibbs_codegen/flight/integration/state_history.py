@@ -55,13 +55,15 @@ class InputRanges:
 class Loads:
     """What acts: pushes, payloads, and inputs u (nu) that are held, if any.
 
-    `push` says whether the push does (…), `payloads` which of them do (…, p), or one flag for all.
-    Without `inputs` the law of control commands them at every instant.
+    `push` says whether the push does (…), `payloads` which of them do (…, p), or one flag for all;
+    `idle` that motors do not run (…). Without `inputs` the law of control commands them at every
+    instant.
     """
 
     push: bool | Flags = False
     payloads: bool | tuple[bool, ...] | Flags = False
     inputs: tuple[float, ...] | None = None
+    idle: bool | Flags = False
 
 
 NOTHING = Loads()

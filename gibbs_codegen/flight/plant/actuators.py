@@ -37,6 +37,7 @@ class Actuators:
     - `commands` (2, nu): least and greatest commands of motors and servos; `times` (2, nu): time
       constants, s, with which these follow greater and lesser commands, 0 for none; None of a robot
       whose inputs are commanded
+    - `span`: from when to when motors run, s
     """
 
     thrusts: Array
@@ -47,6 +48,7 @@ class Actuators:
     spins: Array
     commands: Array | None = None
     times: Array | None = None
+    span: tuple[float, float] = (0.0, math.inf)
 
     @classmethod
     def unlimited(cls, vehicle: Vehicle) -> Actuators:
@@ -85,6 +87,19 @@ class Actuators:
         names = ("least_command", "most_command", "time_up", "time_down")
         return dict(zip(names, (*self.commands, *self.times), strict=True))
 
+    @property
+    def idling(self) -> Array:
+        """Thrusts (…, N), N, of motors that do not run, or their commands: the nearest to 0."""
+        limits = self.thrusts if self.commands is None else self.commands
+        least, most = (limits[..., k, : self.thrusts.shape[-1]] for k in range(2))
+        found: Array = np.clip(0.0, least, most)
+        return found
+
+    def idles(self, time: float | Array) -> Flags:
+        """Whether motors do not run at times (…), s."""
+        times, (begin, end) = np.asarray(time), self.span
+        return (times < begin) | (times >= end)
+
     def reached(self, commanded: Array) -> Flags:
         """Which commanded inputs (nu) are at a limit, or beyond."""
         least, most, margin = self.values.values()
@@ -97,8 +112,8 @@ def actuators_of(vehicle: Vehicle, scenario: Scenario) -> Actuators:
     Raises `UsageError` for a joint that the robot does not have, or for a module of an earlier
     version.
     """
-    found = module_actuators(vehicle)
     motors, arm = scenario.motors, scenario.arm
+    found = replace(module_actuators(vehicle), span=(motors.begin, motors.end))
     if scenario.control.law == "off":  # Motors that are off have no thrust, not their least.
         found.thrusts[:] = np.transpose([_NO_LIMITS])
     if motors.limits is not None:

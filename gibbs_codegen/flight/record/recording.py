@@ -134,7 +134,7 @@ class Recording:
     @cached_property
     def _sent(self) -> tuple[Array, Array, Array]:
         """Inputs (s, nu) that are commanded, what is aimed for, and inputs that act."""
-        return self.loop.commands(self._time, self._parts)
+        return self.loop.commands(self._time, self._parts, self.loop.loads(self._time))
 
     @property
     def _inputs(self) -> tuple[Array, Array]:

@@ -51,6 +51,8 @@ def scenario_rollout(
     (dt, every), (parameters, lag), (precision, threads) = grid, varied, computed
     duration = arguments.steps * dt
     start = _scenario_start(arguments, scenario, dt, every)
+    if begin[0] is not None:  # Elsewhere bristles are not strained.
+        start = replace(start, loop=replace(start.loop, bristles=None))
     q, v = arguments.start(
         *(a if b is None else b for a, b in zip((start.q, start.v), begin, strict=True))
     )

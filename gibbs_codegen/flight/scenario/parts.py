@@ -109,15 +109,29 @@ class Control(Table):
             yield "rate", "missing: a delay needs to know how often the law is evaluated, in Hz"
 
 
+class _ForATime:
+    """What acts from `begin` to `end`, s."""
+
+    begin: float
+    end: float
+
+    def _faults(self) -> Iterator[tuple[Place, str]]:
+        """The fault of an end that is not after the begin."""
+        if not self.end > self.begin:
+            yield ("end",), f"must be after begin, {self.begin:g} s"
+
+
 @table
-class Motors(Table):
-    """Limits and lag of every motor."""
+class Motors(_ForATime, Table):
+    """Limits and lag of every motor, and when they run."""
 
     limits: Thrusts | None = entry("least and greatest thrust, N; default: those of the robot file")
     time_constant: NotNegative | None = entry(
         "time constant of the lag, s; 0: no lag; default: that of the robot file"
     )
     compensation: Flag = entry("whether a law that has the means compensates the lag", True)
+    begin: NotNegative = entry("when they start, s; before, thrusts are the least", 0.0)
+    end: Endless = entry("when they stop, s, after which thrusts are the least", math.inf)
 
 
 @table
@@ -200,6 +214,9 @@ class StartOffset(Table):
         Angles, key("deviation of the attitude: rotation vector, world axes, degrees", "turn_deg")
     ] = _ZERO
     charge: Charge = entry("charge of the battery, 1 when full", 1.0)
+    settled: Flag = entry(
+        "whether the robot begins at rest on walls, lowered or lifted to where they carry it", False
+    )
 
 
 @table
@@ -225,18 +242,6 @@ class Settings(Table):
     divergence: Annotated[Endless, Bounds(LEAST)] = entry(
         "deviation from the desired motion at which control counts as lost, m or rad", 20.0
     )
-
-
-class _ForATime:
-    """What acts from `begin` to `end`, s."""
-
-    begin: float
-    end: float
-
-    def _faults(self) -> Iterator[tuple[Place, str]]:
-        """The fault of an end that is not after the begin."""
-        if not self.end > self.begin:
-            yield ("end",), f"must be after begin, {self.begin:g} s"
 
 
 @table

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -19,11 +20,14 @@ from gibbs_codegen.errors import UsageError
 from gibbs_codegen.flight.integration.closed_loop import loop_program, loop_values
 from gibbs_codegen.flight.integration.compiled_loop import CompiledSlope
 from gibbs_codegen.flight.integration.integrators import integrate
+from gibbs_codegen.flight.integration.state_history import Loads
+from gibbs_codegen.flight.many import simulate_many
 from gibbs_codegen.flight.record.flight import Flight
 from gibbs_codegen.flight.rollouts.rollout import rollout
 from gibbs_codegen.flight.scenario.file import read_scenario
 from gibbs_codegen.flight.scenario.walls import Box, Cylinder, Sphere
 from gibbs_codegen.flight.simulation import flight_start, simulate
+from gibbs_codegen.flight.stepping import Simulation
 from gibbs_codegen.pipeline import generate_robot
 from gibbs_codegen.robot.file import parse_robot
 from gibbs_codegen.runtime.load import load
@@ -34,16 +38,24 @@ GRAVITY, MASS = 9.81, 2.0
 FEET = ["foot_1", "foot_2", "foot_3", "foot_4"]
 HEIGHT = 0.1
 PLACES = [(0.2, 0.15), (-0.2, 0.15), (0.2, -0.15), (-0.2, -0.15)]
-# A block on four feet, of which nothing but contact moves it.
-BLOCK = f"""
+# A machine on four feet, which is a block while its rotors are off.
+BLOCK = (
+    f"""
 name = "block"
 [base]
 attitude = "quaternion"
 mass = {MASS}
 inertia = [0.02, 0.03, 0.04, 0, 0, 0]
-""" + "".join(
-    f'[[frame]]\nname = "{name}"\nxyz = [{x}, {y}, {-HEIGHT}]\n'
-    for name, (x, y) in zip(FEET, PLACES, strict=True)
+"""
+    + "".join(
+        f'[[frame]]\nname = "{name}"\nxyz = [{x}, {y}, {-HEIGHT}]\n'
+        for name, (x, y) in zip(FEET, PLACES, strict=True)
+    )
+    + "".join(
+        f"[[rotor]]\nposition = [{x}, {y}, 0.02]\ndrag = {0.02 * np.sign(x * y)}\n"
+        "limits = [0, 12]\ntime_constant = 0.03\n"
+        for x, y in PLACES
+    )
 )
 SOFT: dict[str, Any] = {"stiffness": 4000.0, "dissipation": 1.5}
 RK4 = {"method": "rk4", "step": 0.001, "divergence": float("inf")}
@@ -87,7 +99,8 @@ def on_slope(module: ModuleType, degrees: float, friction: float, **changes: Any
     wall = {"frame": FEET, "point": [0, 0, 0], "normal": normal.tolist(), "friction": friction}
     deep = MASS * GRAVITY * np.cos(angle) / (4.0 * SOFT["stiffness"])
     at = fixed(*((HEIGHT - deep) * normal))
-    return thrown(module, [wall | SOFT], start={"turn_deg": [0, degrees, 0]}, **at, **changes)
+    start = {"start": {"turn_deg": [0, degrees, 0]}}
+    return thrown(module, [wall | SOFT], **at, **(start | changes))
 
 
 @pytest.mark.parametrize("degrees", [26.0, 27.2])
@@ -116,12 +129,16 @@ def test_a_block_sticks_below_the_angle_of_friction_and_slides_above(
 
 
 def test_a_parked_machine_does_not_creep(block: ModuleType) -> None:
-    """On a slope of 20 degrees with a friction of 0.5, over 10 s from 2 s after it was put down."""
-    flight = on_slope(block, 20.0, 0.5, duration=12.0)
-    settled = flight.time >= 2.0
-    moved = flight.point("base")[settled] - flight.point("base")[settled][0]
-    assert np.linalg.norm(moved, axis=1).max() < 1e-6
-    assert flight.contact_slip[settled].any() == 0.0
+    """On a slope of 20 degrees with a friction of 0.5, over 10 s from where it rests."""
+    start = {"turn_deg": [0, 20.0, 0], "settled": True}
+    flight = on_slope(block, 20.0, 0.5, duration=10.0, start=start)
+    moved = flight.point("base") - flight.point("base")[0]
+    assert np.linalg.norm(moved, axis=1).max() < 1e-9
+    assert not flight.contact_slip.any()
+    held = np.sum(flight.contact_friction, axis=1)
+    assert np.linalg.norm(held, axis=1) == pytest.approx(
+        MASS * GRAVITY * np.sin(np.radians(20.0)), rel=1e-6
+    )
 
 
 def stored(flight_loop: Any, states: Array, stiffness: float) -> Array:
@@ -302,18 +319,84 @@ def test_contact_has_the_derivatives_of_complex_steps(folder: Path) -> None:
         np.testing.assert_allclose(column, wanted, rtol=0.0, atol=1e-12 * max(size, 1.0))
 
 
-def test_rollouts_are_the_flights(block: ModuleType) -> None:
-    floor = {"kind": "floor", "frame": FEET, "friction": 0.3} | SOFT
-    scenario = read_scenario(
-        "hover",
-        {"control": {"law": "off"}, "wall": [floor], "duration": 0.5, "integration": RK4}
-        | {"start": {"turn_deg": [8, 5, 0]}}
-        | fixed(0, 0, 0.2),
-    )
+# From the floor and back, with motors that run from 0.5 s to 9 s. The path begins below the floor,
+# so that thrusts grow slowly.
+FLOOR = {"kind": "floor", "frame": FEET, "friction": 0.6, "damping": 20.0} | SOFT
+TRIP: dict[str, Any] = {
+    "base": {
+        "path": {
+            "kind": "waypoints",
+            "times": [1, 4, 5, 8],
+            "points": [[0, 0, -0.1], [0.3, 0, 1], [0.3, 0, 1], [0.3, 0, HEIGHT]],
+        }
+    },
+    "start": {"settled": True},
+    "motors": {"begin": 0.5, "end": 9.0},
+    "wall": [FLOOR],
+    "integration": RK4,
+}
+
+
+def test_a_machine_takes_off_and_lands_without_a_jump(block: ModuleType) -> None:
+    flight = simulate(block, read_scenario("hover", TRIP | {"duration": 10.0}))
+    assert not flight.stopped
+    height, pressed = flight.point("base")[:, 2], flight.contact_forces.sum(axis=1)
+    idle = flight.time < 0.5
+    assert np.ptp(height[idle]) < 1e-12
+    assert pressed[idle] == pytest.approx(MASS * GRAVITY, rel=1e-9)
+    assert not flight.applied[idle].any()
+    stands = np.flatnonzero(np.diff(pressed > 0.01))
+    assert len(stands) == 2  # It leaves the floor once, and comes back once.
+    assert 1.0 < flight.time[stands[0]] < 2.0
+    assert 7.5 < flight.time[stands[1]] < 9.1
+    rise = height[flight.time < 4.0]
+    assert np.all(rise > np.maximum.accumulate(rise) - 5e-4)  # The feet give way by 1.2 mm.
+    assert height[-1] == pytest.approx(height[0], abs=1e-6)
+    assert pressed[-1] == pytest.approx(MASS * GRAVITY, rel=1e-3)
+    assert np.abs(flight.applied[-1]).max() < 1e-10
+
+
+def test_a_start_at_rest_is_that_of_rollouts_many_flights_and_loops(block: ModuleType) -> None:
+    scenario = read_scenario("hover", TRIP | {"duration": 1.0, "motors": {"begin": 0.2}})
     flight = simulate(block, scenario)
-    found = rollout(block, None, None, scenario, 500, 0.001, every=10)
+    found = rollout(block, None, None, scenario, 1000, 0.001, every=10)
     np.testing.assert_allclose(found.q[0], flight.q, rtol=0.0, atol=1e-12)
-    assert flight.contact_forces.max() > 20.0
+    heavier = replace(scenario, plant={"base_mass": 3.0})
+    alike, other = simulate_many(block, [scenario, heavier])
+    assert isinstance(alike, Flight)
+    assert isinstance(other, Flight)
+    np.testing.assert_allclose(alike.q, flight.q, rtol=0.0, atol=1e-12)
+    assert np.abs(other.a[0]).max() < 1e-6
+    assert other.q[0, 2] < flight.q[0, 2] - 1e-4
+    simulation = Simulation(block, scenario)
+    simulation.step(np.full(4, 6.0), 0.19)
+    np.testing.assert_allclose(simulation.q, flight.q[0], rtol=0.0, atol=1e-12)
+    simulation.step(np.full(4, 6.0), 0.3)
+    assert simulation.q[2] > flight.q[0, 2] + 0.01
+    loop = flight_start(block, scenario, lambda *_: None, own=False).loop
+    state = loop.start(flight.q[0], flight.v[0] + 0.1)
+    for idle in (True, False):
+        loads = Loads(idle=idle)
+        compiled = CompiledSlope(loop, np.inf, loads)(0.0, state)
+        np.testing.assert_allclose(compiled, loop.derivative(0.0, state, loads), atol=1e-11)
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"wall": []}, r"start.settled: there is no \[\[wall\]\]"),
+        ({"wall": [FLOOR | {"height": -1.0}]}, r"start.settled: within 0.5 m .* no wall carries"),
+        (
+            {"wall": [FLOOR | {"frame": FEET[:2]}]},
+            r"start.settled: block does not come to rest there",
+        ),
+    ],
+)
+def test_a_start_where_nothing_rests_is_refused(
+    changes: dict[str, Any], words: str, block: ModuleType
+) -> None:
+    with pytest.raises(UsageError, match=words):
+        simulate(block, read_scenario("hover", TRIP | {"duration": 1.0} | changes))
 
 
 def test_bristles_that_are_too_stiff_for_the_steps_are_refused(block: ModuleType) -> None:
