@@ -11,9 +11,6 @@ its charge and the resistance R its voltage is U = (U₀ + √(U₀² − 4 R P)
 A servo pushes with stiffness·e − damping·rate, within its torque, where e is the way to its
 reference, less the backlash. The reference r follows the command with dr/dt = (command − r)/delay,
 within its rate.
-
-Choices are sums of products with 0 and 1, which are made of signs: exact, and their derivatives are
-those of what is chosen.
 """
 
 from __future__ import annotations
@@ -26,6 +23,7 @@ import sympy as sp
 from gibbs_codegen.derivation.symbolic_robot import SymbolicRobot
 from gibbs_codegen.robot.description import ActuatorKey
 from gibbs_codegen.robot.model import Drive
+from gibbs_codegen.symbolic.choices import above, chosen
 from gibbs_codegen.symbolic.tape import Scalars
 
 _HALF = sp.Rational(1, 2)
@@ -36,28 +34,17 @@ _NO_THRUST = sp.Rational(1, 10**30)
 _SMOOTH = sp.Rational(1, 10)
 
 
-def _above(tape: Scalars, x: sp.Expr) -> sp.Expr:
-    """1 where x is above 0, and 0 below."""
-    return tape.let(_HALF + _HALF * tape.let(sp.sign(tape.let(x))))
-
-
-def _chosen(tape: Scalars, above: sp.Expr, one: sp.Expr, other: sp.Expr) -> sp.Expr:
-    """One where `above` is 1, the other where it is 0; both are finite."""
-    rest = tape.let(1 - above)
-    return tape.let(tape.let(above * one) + tape.let(rest * other))
-
-
 def _within(tape: Scalars, x: sp.Expr, least: sp.Expr, most: sp.Expr) -> sp.Expr:
     """X, or the limit that it is beyond."""
-    low = _chosen(tape, _above(tape, x - least), x, least)
-    return _chosen(tape, _above(tape, most - low), low, most)
+    low = chosen(tape, above(tape, x - least), x, least)
+    return chosen(tape, above(tape, most - low), low, most)
 
 
 def _root(tape: Scalars, radicand: sp.Expr) -> tuple[sp.Expr, sp.Expr]:
     """1 where a radicand is above 0, else 0; its root, or 0 with derivatives of 0."""
-    let, above = tape.let, _above(tape, radicand)
+    let, positive = tape.let, above(tape, radicand)
     size = let(let(sp.sign(radicand)) * radicand)  # Not 0, at which no root has a derivative.
-    return above, let(above * let(sp.sqrt(size)))
+    return positive, let(positive * let(sp.sqrt(size)))
 
 
 @dataclass(frozen=True)
@@ -179,10 +166,10 @@ class Actuators:
         if square == 0:
             return let(rest * let(1 / slope))
         radicand = let(let(slope * slope) + let(4 * let(square * rest)))
-        above, root = _root(self._tape, radicand)
+        positive, root = _root(self._tape, radicand)
         if drive.curve[1] > 0.0:  # Of two forms of the root that which does not cancel.
-            over = _chosen(self._tape, above, let(2 * rest), let(-slope))
-            under = _chosen(self._tape, above, let(slope + root), let(2 * square))
+            over = chosen(self._tape, positive, let(2 * rest), let(-slope))
+            under = chosen(self._tape, positive, let(slope + root), let(2 * square))
             return let(over * let(1 / under))
         return let(let(root - slope) * let(1 / let(2 * square)))
 
@@ -219,7 +206,7 @@ class Actuators:
             target = let(target * let(voltage * let(1 / nominal)))
         way, pace = let(target - level), let(1 / up)
         if up != down:
-            pace = _chosen(self._tape, _above(self._tape, way), pace, let(1 / down))
+            pace = chosen(self._tape, above(self._tape, way), pace, let(1 / down))
         return let(pace * way)
 
     def _reference_rate(self, i: int, reference: sp.Expr) -> sp.Expr:

@@ -34,13 +34,14 @@ from gibbs_codegen.symbolic.vectors import (
 )
 
 
-def _structural(direction: Vector3) -> Vector:
+def structural(direction: Vector3) -> Vector:
+    """A direction that the robot file fixes."""
     return tuple(structural_number(sp.Float(entry)) for entry in direction)
 
 
 def rod_thrust_direction(symbolic: SymbolicRobot, k: int) -> Vector:
     """Unit direction ε of the thrust of motor k = 1 … N on a base rod, in the frame of the rod."""
-    return _structural(symbolic.robot.base.thrust[k - 1])
+    return structural(symbolic.robot.base.thrust[k - 1])
 
 
 def rotor_position(symbolic: SymbolicRobot, bodies: JointedBodies, k: int) -> tuple[int, Vector]:
@@ -62,7 +63,7 @@ def rotor_wrench(symbolic: SymbolicRobot, bodies: JointedBodies, k: int) -> tupl
     tape = symbolic.tape
     if symbolic.robot.thrusters:
         rotor = symbolic.robot.thrusters[k - 1]
-        direction = bodies.frames[rotor.on].direction(_structural(rotor.direction))
+        direction = bodies.frames[rotor.on].direction(structural(rotor.direction))
         _, ratio = symbolic.parameters.rotors[k]
     else:
         direction = symbolic.rod_frame(k).vector(tape, rod_thrust_direction(symbolic, k))

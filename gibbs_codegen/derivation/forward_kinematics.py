@@ -183,15 +183,15 @@ def frame_velocities(symbolic: SymbolicRobot) -> list[list[sp.Expr]]:
 
     They are the accelerations at rest, with v for a.
     """
-    return _accelerations(symbolic, State.resting(symbolic.v))
+    return frame_motions(symbolic, State.resting(symbolic.v))
 
 
 def frame_bias_accelerations(symbolic: SymbolicRobot) -> list[list[sp.Expr]]:
     """J̇ v of all frames' Jacobians, linear and then angular in world axes: theirs where a = 0."""
-    return _accelerations(symbolic, State.coasting(symbolic.v))
+    return frame_motions(symbolic, State.coasting(symbolic.v))
 
 
-def _accelerations(symbolic: SymbolicRobot, state: State) -> list[list[sp.Expr]]:
+def frame_motions(symbolic: SymbolicRobot, state: State) -> list[list[sp.Expr]]:
     """Linear and then angular accelerations of all frames, in world axes, from one pass outwards.
 
     `state` is without gravity.

@@ -153,6 +153,15 @@ DERIVATIONS: dict[str, Callable[[systems.Systems], systems.Array]] = {
     "forward_dynamics_with_wrenches_p_bar": (
         lambda s: systems.parameter_gradient(s, s.loaded_dynamics)
     ),
+    "constraint_errors": lambda s: s.constraints.errors(),
+    "constraint_jacobian": lambda s: s.constraints.jacobian(),
+    "constraint_bias": lambda s: s.constraints.bias(),
+    "constrained_acceleration": lambda s: s.constraints.acceleration(),
+    "constraint_forces": lambda s: s.constraints.forces(),
+    "impact_velocities": lambda s: s.constraints.velocities_after(),
+    "impact_impulses": lambda s: s.constraints.impulses(),
+    "operational_inertia": lambda s: s.constraints.inertia(),
+    "constraint_projection": lambda s: s.constraints.projection(),
     **_ACTUATORS,
 }
 for row in (*ACTUATOR_DERIVATIVES, *ACTUATOR_PARAMETERS):

@@ -13,8 +13,23 @@ from dataclasses import asdict, dataclass
 import sympy as sp
 
 from gibbs_codegen.derivation.inertia import Inertia
-from gibbs_codegen.robot.model import AXIS_PAIRS, BASE, PASSIVE_UNITS, Body, Robot, Rod, Vector3
-from gibbs_codegen.robot.names import frame_prefix, parameter_prefix, rotor_prefix
+from gibbs_codegen.robot.model import (
+    AXES,
+    AXIS_PAIRS,
+    BASE,
+    PASSIVE_UNITS,
+    Body,
+    Constraint,
+    Robot,
+    Rod,
+    Vector3,
+)
+from gibbs_codegen.robot.names import (
+    constraint_prefix,
+    frame_prefix,
+    parameter_prefix,
+    rotor_prefix,
+)
 from gibbs_codegen.symbolic.tape import InlineTape, Scalars, Stage, Vector
 from gibbs_codegen.symbolic.vectors import ZERO
 
@@ -64,6 +79,20 @@ class ServoSymbols:
     backlash: sp.Expr
 
 
+@dataclass(frozen=True)
+class ConstraintSymbols:
+    """A constraint's anchor (m), distance (m) and gains.
+
+    `attitude` is the quaternion of a whole frame's anchor in the world; others are structural.
+    """
+
+    anchor: Vector
+    attitude: Vector
+    distance: sp.Expr
+    frequency: sp.Expr
+    damping_ratio: sp.Expr
+
+
 NOT_PASSIVE = PassiveSymbols(*(sp.S.Zero,) * 4)
 
 
@@ -73,7 +102,8 @@ class Parameters:
     `folded` names those that are zero in the file and therefore structural.
     `arms`, with the `drags` of their motors (m), `links` and placed `rotors`, with position (m) and
     drag (m), are by number, from 1, `frames` by name: positions in the frame of the body that they
-    are on (m). `central_body` is its inertia about the base centre, None where there is none.
+    are on (m), and `constraints`. `central_body` is its inertia about the base centre, None where
+    there is none.
 
     Where a robot has actuators, `curves`, `times` and, where they are known, `speeds` of its rotors
     are by number, `servos` and `frictions` by link; `battery` by the names of its keys, and its
@@ -105,6 +135,7 @@ class Parameters:
             frame.name: self._vector(frame_prefix(frame.name), frame.pose.xyz)
             for frame in robot.frames
         }
+        self.constraints = {each.name: self._constraint(each) for each in robot.constraints}
         self.curves: dict[int, Vector] = {}
         self.times: dict[int, tuple[sp.Expr, sp.Expr]] = {}
         self.speeds: dict[int, sp.Expr] = {}
@@ -213,6 +244,23 @@ class Parameters:
             self._kept.add(f"{prefix}_armature")
         passive = (self._value(f"{prefix}_{name}", x, unit) for (name, x), unit in own)
         return LinkSymbols(a, d, position, body, PassiveSymbols(*passive))
+
+    def _constraint(self, own: Constraint) -> ConstraintSymbols:
+        """Symbols of a constraint; an anchor in the world may be anywhere at any time."""
+        prefix, parts = constraint_prefix(own.name), ("qx", "qy", "qz", "qw")
+        if own.to is None:
+            self._kept |= {f"{prefix}_{end}" for end in (*AXES, *parts)}
+        anchor = self._vector(prefix, own.anchor.xyz)
+        attitude: Vector = ()
+        if own.to is None and own.kind == "frame":
+            attitude = self._values(prefix, parts, own.anchor.quaternion, "1")
+        distance = frequency = damping_ratio = sp.S.Zero
+        if own.kind == "distance":
+            distance = self._value(f"{prefix}_distance", own.distance, "m")
+        if own.frequency:
+            frequency = self._value(f"{prefix}_frequency", own.frequency, "rad/s")
+            damping_ratio = self._value(f"{prefix}_damping_ratio", own.damping_ratio, "1")
+        return ConstraintSymbols(anchor, attitude, distance, frequency, damping_ratio)
 
     def _vector(self, prefix: str, values: Vector3) -> Vector:
         return self._values(prefix, ("x", "y", "z"), values, "m")

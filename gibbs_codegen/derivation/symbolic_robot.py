@@ -39,8 +39,8 @@ class SymbolicRobot:
     the inputs, in the orders of `robot/layout`, `W` those of the wrenches on the frames, row
     by row, `q0` and `q1` the coordinates of two configurations, `w` weights of a vector,
     `w_input_matrix` and `w_jacobian` of a matrix, row by row, `q_dot` to `W_dot` directions of q,
-    v, a, u and W, `h` the length of a step, `x` the state of the actuators and `command` what they
-    are commanded.
+    v, a, u and W, `h` the length of a step, `x` the state of the actuators, `command` what they
+    are commanded, and `active` 1 for each constraint that holds, else 0.
     """
 
     description: Description
@@ -65,6 +65,7 @@ class SymbolicRobot:
     w_jacobian: tuple[sp.Symbol, ...]
     x: tuple[sp.Symbol, ...]
     command: tuple[sp.Symbol, ...]
+    active: tuple[sp.Symbol, ...]
 
     @classmethod
     def of(cls, robot: Robot, tape: Scalars, keep_zeros: bool = False) -> SymbolicRobot:
@@ -85,7 +86,7 @@ class SymbolicRobot:
             root = root_of(description.layout, tape, entries["q"])
         parameters = Parameters(robot, tape, keep_zeros)
         entries |= symbols("w", "q_dot", "v_dot", "a_dot", "u_dot", "h", "W_dot")
-        entries |= symbols("w_input_matrix", "w_jacobian", "x", "command")
+        entries |= symbols("w_input_matrix", "w_jacobian", "x", "command", "active")
         return cls(description, tape, parameters, root, **entries)
 
     @property

@@ -26,6 +26,7 @@ from typing import TypeAlias
 
 import sympy as sp
 
+from gibbs_codegen.derivation.constraints import ConstraintEquations
 from gibbs_codegen.derivation.forward_dynamics import (
     Dynamics,
     shorter_dynamics,
@@ -173,6 +174,11 @@ class Systems:
             name: self.imported.ref(sp.Symbol(name)) for name in self.symbolic.parameters.defaults
         }
         return {name: ref for name, ref in every.items() if ref >> 1 in read}
+
+    @cached_property
+    def constraints(self) -> ConstraintEquations:
+        """The constraints of frames."""
+        return ConstraintEquations(self.symbolic)
 
     @cached_property
     def dynamics(self) -> tuple[Dynamics, list[sp.Expr]]:

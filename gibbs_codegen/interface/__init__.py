@@ -16,7 +16,7 @@ from gibbs_codegen.interface.table import (
     FUNCTIONS,
     LANES,
     LISTS,
-    OF_ACTUATORS,
+    OWN_LISTS,
     derivative,
 )
 
@@ -28,7 +28,7 @@ __all__ = [
     "FUNCTIONS",
     "LANES",
     "LISTS",
-    "OF_ACTUATORS",
+    "OWN_LISTS",
     "Argument",
     "Output",
     "Row",

@@ -9,7 +9,7 @@ from typing import Any
 
 from gibbs_codegen.interface.choice import default_functions
 from gibbs_codegen.interface.rows import sizes
-from gibbs_codegen.interface.table import ARGUMENTS, FUNCTIONS, LISTS, OF_ACTUATORS
+from gibbs_codegen.interface.table import ARGUMENTS, FUNCTIONS, LISTS, OWN_LISTS
 
 
 @dataclass(frozen=True)
@@ -50,7 +50,7 @@ def entry_labels(lists: Mapping[str, Sequence[str]], signature: Signature) -> di
             found[argument] = [name for name in lists[LISTS[shape[0]]] for _ in range(sizes_of[1])]
         elif len(shape) == 2:
             found[argument] = [*lists[LISTS[shape[1]]]] * sizes_of[0]
-        elif shape in OF_ACTUATORS:
+        elif shape in OWN_LISTS:
             found[argument] = [*lists[LISTS[shape]]]
     return found
 

@@ -7,7 +7,8 @@ add a row here and, for an array that nothing derives yet, an entry to `derivati
 Shapes are given by letters: q the coordinates, v the velocities, h the hybrid unknowns, u the
 inputs, k the points, f the frames, b the bodies, p the parameters, n the base parameters; c the
 constrained joints, s the velocities twice, for a displacement of a state, and x the same and the
-inputs; r the rotors, m the commands, z the states of the actuators; digits stand for themselves.
+inputs; r the rotors, m the commands, z the states of the actuators; g the constraints of frames
+and l their rows; digits stand for themselves.
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ from gibbs_codegen.interface.actuators import (
     ACTUATOR_PARAMETERS,
     ACTUATORS,
 )
+from gibbs_codegen.interface.constraints import CONSTRAINT_DERIVATIVES, CONSTRAINTS
 from gibbs_codegen.interface.derivatives import DERIVATIVES, PARAMETERS, STEPS
 from gibbs_codegen.interface.kinematics import KINEMATICS
 from gibbs_codegen.interface.rows import (
@@ -73,6 +75,9 @@ DATA_ON_REQUEST = (
     "ACTUATOR_STATES",
     "ACTUATOR_TIMES",
     "ROTOR_AIR",
+    "CONSTRAINTS",
+    "CONSTRAINT_ROWS",
+    "CONSTRAINT_PLACES",
     "BASE_PARAMETERS",
     "PATTERNS",
 )
@@ -90,9 +95,12 @@ LISTS = {
     "r": "ROTORS",
     "m": "COMMANDS",
     "z": "ACTUATOR_STATES",
+    "g": "CONSTRAINTS",
+    "l": "CONSTRAINT_ROWS",
 }
-# Shapes of what motors and servos are commanded, and of the state of the actuators.
-OF_ACTUATORS = ("m", "z")
+# Shapes of arguments whose entries are named by the module's lists alone: commands, states of
+# actuators, and which constraints are active.
+OWN_LISTS = ("m", "z", "g")
 
 ARGUMENTS = {
     "q": Argument("q", "coordinates"),
@@ -113,6 +121,7 @@ ARGUMENTS = {
     "h": Argument("", "length of the step", "time_step", unit="s"),
     "x": Argument("z", "state of the actuators", "x_"),
     "command": Argument("m", "what motors and servos are commanded"),
+    "active": Argument("g", "1 for each constraint that holds, 0 for the others", unit="1"),
 }
 
 _LOADS = "[N] in the first three, [N m] in the others, a row for each of {bodies}"
@@ -288,15 +297,26 @@ _ROWS = (
     ),
 )
 # Groups of functions, those on request after the others.
-GROUPS = ("dynamics", "hybrid", "kinematics", "energies", "actuators", "loads", "tip")
+GROUPS = (
+    "dynamics",
+    "hybrid",
+    "kinematics",
+    "energies",
+    "actuators",
+    "constraints",
+    "loads",
+    "tip",
+)
 # Groups whose functions are derivatives of others, or compose or fit them.
 DERIVATIVE_GROUPS = ("derivatives", "parameters", "steps")
 _EVERY = (
     *_ROWS,
     *KINEMATICS,
     *ACTUATORS,
+    *CONSTRAINTS,
     *DERIVATIVES,
     *ACTUATOR_DERIVATIVES,
+    *CONSTRAINT_DERIVATIVES,
     *PARAMETERS,
     *ACTUATOR_PARAMETERS,
     *STEPS,

@@ -24,6 +24,7 @@ from gibbs_codegen.robot.layout import Entries, Layout, frames_of, joint_terms, 
 from gibbs_codegen.robot.model import (
     AXIS_PAIRS,
     BASE,
+    ROWS,
     Link,
     LinkKind,
     Robot,
@@ -209,6 +210,26 @@ class Description:
         return tuple(found)
 
     @cached_property
+    def constraint_rows(self) -> tuple[Coordinate, ...]:
+        """Rows of the constraints one after the other: their errors, m or rad."""
+        found = []
+        for own in self.robot.constraints:
+            for row in ROWS[own.holds]:
+                turns = row.startswith("turn")
+                what = f"{row.replace('_', ' about ') if turns else row} of {identifier(own.name)}"
+                name = f"{identifier(own.name)}_{row}"
+                found.append(Coordinate(name, "rad" if turns else "m", what))
+        return tuple(found)
+
+    def _constraint_places(self) -> dict[str, slice]:
+        """Where the rows of each constraint stand."""
+        found, start = {}, 0
+        for own in self.robot.constraints:
+            found[identifier(own.name)] = slice(start, start + len(ROWS[own.holds]))
+            start += len(ROWS[own.holds])
+        return found
+
+    @cached_property
     def points(self) -> tuple[str, ...]:
         """Names of points, in the order of `positions`.
 
@@ -282,6 +303,9 @@ class Description:
             lists["ROTORS"] = lists["INPUTS"][: self.robot.rotors]
             lists["COMMANDS"] = tuple(c.name for c in self.commands)
             lists["ACTUATOR_STATES"] = tuple(c.name for c in self.actuator_states)
+        if self.robot.constraints:
+            lists["CONSTRAINTS"] = tuple(identifier(c.name) for c in self.robot.constraints)
+            lists["CONSTRAINT_ROWS"] = tuple(row.name for row in self.constraint_rows)
         outputs = [output for name in functions for output in FUNCTIONS[name].outputs]
         if any(LISTS.get(letter) == "BASE_PARAMETERS" for o in outputs for letter in o.shape):
             lists["BASE_PARAMETERS"] = tuple(entry.name for entry in self.base_parameters)
@@ -315,6 +339,7 @@ class Description:
         # Endings that no parameter has, and no coordinate.
         names["x"] = tuple(f"{entry.name}_state" for entry in self.actuator_states)
         names["command"] = tuple(f"{entry.name}_command" for entry in self.commands)
+        names["active"] = tuple(f"{identifier(c.name)}_active" for c in robot.constraints)
         names["W"] = tuple(f"W_{frame}_{part}" for frame in self.frames for part in WRENCH_PARTS)
         names["W_dot"] = tuple(f"{name}_dot" for name in names["W"])
         velocities, inputs = layout.v.names, [entry.name for entry in self.inputs]
@@ -364,6 +389,7 @@ class Description:
             },
             "POSTURE": tuple(default_posture(robot).tolist()),
             **(self._of_actuators() if robot.has_actuators else {}),
+            **({"CONSTRAINT_PLACES": self._constraint_places()} if robot.constraints else {}),
         }
 
     def _of_actuators(self) -> dict[str, Any]:

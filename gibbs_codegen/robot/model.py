@@ -23,6 +23,10 @@ Command = Literal["thrust", "speed", "throttle"]
 LinkKind = Literal["revolute", "prismatic", "fixed"]
 Origin = Literal["motor1", "centre", "base"]
 Attitude = Literal["xyz", "xzy", "yxz", "yzx", "zxy", "zyx", "quaternion"]
+ConstraintKind = Literal["point", "frame", "distance", "loop", "plane"]
+LoopJoint = Literal["fixed", "revolute", "spherical"]
+# What a constraint holds, whether a frame or a loop does it.
+Holding = Literal["point", "frame", "hinge", "distance", "plane"]
 
 ATTITUDES: tuple[Attitude, ...] = get_args(Attitude)
 # The intrinsic sequences of Tait–Bryan angles.
@@ -37,7 +41,17 @@ MAX_ROTORS = 256
 MAX_LINKS = 64
 MAX_FRAMES = 256
 MAX_VOLTAGES = 64
+MAX_CONSTRAINTS = 16
 AXES: dict[str, Vector3] = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
+_TURNS = ("turn_x", "turn_y", "turn_z")
+# Rows of a constraint: errors along axes of the anchor, then turns about them.
+ROWS: dict[Holding, tuple[str, ...]] = {
+    "point": tuple(AXES),
+    "frame": (*AXES, *_TURNS),
+    "hinge": (*AXES, *_TURNS[:2]),
+    "distance": ("distance",),
+    "plane": ("normal",),
+}
 
 
 @dataclass(frozen=True)
@@ -97,6 +111,24 @@ class Pose:
 
     xyz: Vector3 = (0.0, 0.0, 0.0)
     rpy_deg: Angles3 = (Fraction(0), Fraction(0), Fraction(0))
+
+    @property
+    def quaternion(self) -> tuple[float, float, float, float]:
+        """Its attitude, the scalar part last."""
+        pairs = [_half(angle) for angle in self.rpy_deg]
+        (cr, sr), (cp, sp), (cy, sy) = pairs
+        return (
+            sr * cp * cy - cr * sp * sy,
+            cr * sp * cy + sr * cp * sy,
+            cr * cp * sy - sr * sp * cy,
+            cr * cp * cy + sr * sp * sy,
+        )
+
+
+def _half(angle: Fraction) -> tuple[float, float]:
+    """Cosine and sine of half an angle in degrees."""
+    half = math.radians(float(angle) / 2.0)
+    return math.cos(half), math.sin(half)
 
 
 @dataclass(frozen=True)
@@ -344,6 +376,38 @@ class Frame:
 
 
 @dataclass(frozen=True)
+class Constraint:
+    """What holds a frame against another frame of the robot, or against the world.
+
+    The anchor is a frame fixed in that of `to`, in the world where that is None. There is the
+    frame's origin ("point") or the whole frame ("frame"); or the origin is at a `distance`, m, or
+    in the plane through the anchor across the unit vector `normal`. A "loop" has a `joint` there,
+    which turns about the unit vector `axis` of both frames. An error e gives way as
+    ë + 2ζω ė + ω² e = 0, with the `frequency` ω, rad/s, and the `damping_ratio` ζ.
+    """
+
+    name: str
+    kind: ConstraintKind
+    frame: str
+    to: str | None = None
+    anchor: Pose = Pose()
+    distance: float = 0.0
+    normal: Vector3 = AXES["z"]
+    joint: LoopJoint = "fixed"
+    axis: Vector3 = AXES["z"]
+    frequency: float = 0.0
+    damping_ratio: float = 1.0
+
+    @property
+    def holds(self) -> Holding:
+        """What it holds, of a loop by its joint."""
+        if self.kind == "loop":
+            by_joint: dict[LoopJoint, Holding] = {"fixed": "frame", "spherical": "point"}
+            return by_joint.get(self.joint, "hinge")
+        return self.kind
+
+
+@dataclass(frozen=True)
 class Base:
     """The flying base: a central body, N rods with a motor at the end of each, or both, rigid.
 
@@ -397,6 +461,7 @@ class Robot:
     frames: tuple[Frame, ...] = ()
     allow_impossible_inertia: bool = False
     battery: Battery | None = None
+    constraints: tuple[Constraint, ...] = ()
 
     @cached_property
     def drives(self) -> tuple[Drive, ...]:

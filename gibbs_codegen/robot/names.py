@@ -142,6 +142,11 @@ def frame_prefix(name: str) -> str:
     return f"frame_{identifier(name)}"
 
 
+def constraint_prefix(name: str) -> str:
+    """How the parameters of a constraint begin, such as constraint_grip."""
+    return f"constraint_{identifier(name)}"
+
+
 def joint_label(robot: Robot, i: int) -> str:
     """What link i's joint is called in messages: "joint 8", or "the joint of forearm"."""
     name = robot.links[i - 1].name

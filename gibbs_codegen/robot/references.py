@@ -19,6 +19,7 @@ from gibbs_codegen.robot.layout import BASE_ENTRIES
 from gibbs_codegen.robot.model import (
     AXIS_PAIRS,
     BASE,
+    MAX_CONSTRAINTS,
     MAX_FRAMES,
     MAX_LINKS,
     MAX_ROTORS,
@@ -26,6 +27,7 @@ from gibbs_codegen.robot.model import (
 )
 from gibbs_codegen.robot.names import (
     CONSTRAINT_TORQUES,
+    constraint_prefix,
     default_prefix,
     frame_prefix,
     identifier,
@@ -35,7 +37,7 @@ from gibbs_codegen.robot.names import (
 
 # A link is a rigid one unless it is a rod; a joint stands for its coordinate, and a servo has the
 # name of its link.
-NamedKind = Literal["base", "arm", "link", "rod", "servo", "rotor", "frame", "joint"]
+NamedKind = Literal["base", "arm", "link", "rod", "servo", "rotor", "frame", "joint", "constraint"]
 
 _AXES = ("x", "y", "z")
 _ROD = ("length", "mass_per_length", *(f"section_inertia_{axes}" for axes in AXIS_PAIRS[:3]))
@@ -54,6 +56,7 @@ _ENDS: dict[NamedKind, tuple[str, ...]] = {
     "rotor": (*_AXES, "drag"),
     "frame": _AXES,
     "joint": (),
+    "constraint": (*_AXES, "qx", "qy", "qz", "qw", "distance", "frequency", "damping_ratio"),
 }
 
 
@@ -99,7 +102,7 @@ class NameRegistry:
 
 def _form(kind: NamedKind, name: str) -> str:
     """The identifier form with the kind, of which the base, arms, links and rotors are one."""
-    own = kind in ("frame", "joint", "servo")
+    own = kind in ("frame", "joint", "servo", "constraint")
     return f"{kind if own else 'body'} {identifier(name)}"
 
 
@@ -108,7 +111,8 @@ def parameter_names(kind: NamedKind, name: str) -> list[str]:
 
     Its name is the prefix, such as link2, of a link or rotor without one.
     """
-    prefix = frame_prefix(name) if kind == "frame" else named_prefix(name)
+    prefixes = {"frame": frame_prefix, "constraint": constraint_prefix}
+    prefix = prefixes.get(kind, named_prefix)(name)
     return [f"{prefix}_{end}" for end in _ENDS[kind]]
 
 
@@ -131,11 +135,29 @@ def body_numbers(names: Sequence[str | None]) -> dict[str, int]:
     return numbers
 
 
+def constraint_faults(
+    references: Sequence[tuple[str, str | None]], frames: Sequence[str]
+) -> Iterator[PlacedFault]:
+    """Faults of constraints, of which `references` are frame and what carries the anchor."""
+    known, right = dict.fromkeys(frames, BASE), f"must be {' or '.join(map(shown, frames[:2]))}"
+    if len(frames) > 2:
+        right = "must be the name of a frame, such as " + shown(frames[-1])
+    for place, pair in enumerate(references):
+        at: dict[Place, str | None] = {
+            ("constraint", place, key): name
+            for key, name in zip(("frame", "to"), pair, strict=True)
+        }
+        yield from _unknown(at, known, right)
+        if pair[0] == pair[1]:
+            yield ("constraint", place, "to"), f"{shown(pair[0])} is the frame that is held itself"
+
+
 def reference_faults(document: Mapping[str, Any]) -> Iterator[PlacedFault]:
     """Place and words of faults of the names in a robot file, and of what refers to them."""
     links = _tables(document, "link", MAX_LINKS)
     rotors = _tables(document, "rotor", MAX_ROTORS)
     frames = _tables(document, "frame", MAX_FRAMES)
+    constraints = _tables(document, "constraint", MAX_CONSTRAINTS)
     numbers = body_numbers([_text(link, "name") for link in links])
     yield from _parent_faults(links, numbers)
     carried: dict[Place, str | None] = {
@@ -152,15 +174,16 @@ def reference_faults(document: Mapping[str, Any]) -> Iterator[PlacedFault]:
     # What the file names, or has a default for.
     named: list[_Named] = []
     servos: list[_Named] = []
-    for array, tables in (("link", links), ("rotor", rotors), ("frame", frames)):
+    arrays: dict[NamedKind, list[Entry]] = {"link": links, "rotor": rotors, "frame": frames}
+    for array, tables in {**arrays, "constraint": constraints}.items():
         for number, table in enumerate(tables, start=1):
-            kind: NamedKind = "frame" if array == "frame" else "rotor"
+            kind: NamedKind = array
             if array == "link":
                 kind = "link" if "mass" in table else "rod"
             whose = f"{array} {number}"
             if name := _text(table, "name"):
                 named.append(((array, number - 1, "name"), kind, name, whose))
-            elif array != "frame":  # A frame needs its name.
+            elif array in ("link", "rotor"):  # Others need their names.
                 registry.add(kind, default_prefix(array, number), whose)
                 if array == "rotor":  # Its thrust is called by its number.
                     registry.add(kind, str(number), whose)

@@ -11,7 +11,7 @@ import math
 from collections.abc import Iterator, Mapping
 from dataclasses import field, replace
 from fractions import Fraction
-from itertools import pairwise
+from itertools import chain, pairwise
 from typing import Annotated, Any, ClassVar, Self
 
 from pydantic import (
@@ -50,9 +50,10 @@ from gibbs_codegen.files.table import (
     told,
 )
 from gibbs_codegen.robot import model
+from gibbs_codegen.robot.layout import frames_of
 from gibbs_codegen.robot.names import LONGEST_LABEL, NAME_PATTERN, name_fault
 from gibbs_codegen.robot.placement import leaning_direction, polar_point
-from gibbs_codegen.robot.references import body_numbers, reference_faults
+from gibbs_codegen.robot.references import body_numbers, constraint_faults, reference_faults
 from gibbs_codegen.robot.rigid_body import body_fault, size_fault
 
 _SIGNED_AXES = model.AXES | {
@@ -621,6 +622,91 @@ class FrameTable(PoseTable):
         return model.Frame(self.name, on, self.pose())
 
 
+# What keys each type of constraint has besides those that all have.
+_OF_TYPE: dict[model.ConstraintKind, tuple[str, ...]] = {
+    "point": (),
+    "frame": ("rpy_deg",),
+    "distance": ("distance",),
+    "loop": ("rpy_deg", "joint", "axis"),
+    "plane": ("normal",),
+}
+
+
+@file_table
+class ConstraintTable(Table):
+    """What holds a frame against another frame of the robot, or against the world."""
+
+    name: Annotated[Label, key("name of the constraint, any text")]
+    type: Annotated[
+        model.ConstraintKind,
+        key(
+            "what is held at the anchor: the origin of the frame (point), its axes too (frame), "
+            "its distance from there, a joint between two frames of the robot (loop), or the plane "
+            "through it"
+        ),
+    ]
+    frame: Annotated[Label, key('the frame that is held: "base", "tip" or a name of a [[frame]]')]
+    to: Label | None = optional(
+        "the frame that carries the anchor; default: the world. A loop needs it"
+    )
+    xyz: Sizes3 = optional("place of the anchor in the frame that carries it, m", _ORIGIN)
+    rpy_deg: Angles = optional(
+        "roll, pitch and yaw of the anchor in that frame, R = R_z·R_y·R_x, of a frame or a loop, "
+        "degrees",
+        model.Pose.rpy_deg,
+    )
+    distance: Positive | None = optional("of a distance: that from the anchor, m")
+    normal: Annotated[Direction, Field(json_schema_extra={"default": "z"})] = optional(
+        'of a plane: its normal in the frame that carries it: an axis such as "x" or "-y", or '
+        "[x, y, z]",
+        model.AXES["z"],
+    )
+    joint: model.LoopJoint = optional("of a loop: what the frames still do at the anchor", "fixed")
+    axis: Annotated[Direction, Field(json_schema_extra={"default": "z"})] = optional(
+        "of a loop that is revolute: its axis, in the anchor's frame and in the one that is held",
+        model.AXES["z"],
+    )
+    frequency: NotNegative = optional(
+        "frequency with which errors go back to zero (Baumgarte), rad/s; 0: not at all", 0.0
+    )
+    damping_ratio: NotNegative = optional("damping ratio with which they do", 1.0)
+
+    @classmethod
+    def _key_faults(cls, values: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+        """Faults of keys that do not go with the type."""
+        kind = values.get("type")
+        if kind not in _OF_TYPE:
+            return
+        for each in dict.fromkeys(chain.from_iterable(_OF_TYPE.values())):
+            if each in values and each not in _OF_TYPE[kind]:
+                owners = [f'"{other}"' for other, keys in _OF_TYPE.items() if each in keys]
+                yield each, f"belongs to a constraint of type {' or '.join(owners)}"
+        if kind == "distance" and "distance" not in values:
+            yield "distance", "missing: the distance from the anchor, m"
+        if kind == "loop" and "to" not in values:
+            yield "to", "missing: a loop is between two frames of the robot"
+        if "axis" in values and values.get("joint") != "revolute":
+            yield "axis", 'belongs to a loop that turns: give joint = "revolute"'
+        if "damping_ratio" in values and values.get("frequency", 0.0) == 0.0:
+            yield "damping_ratio", "needs frequency beside it, rad/s"
+
+    def constraint(self) -> model.Constraint:
+        """The constraint that the table describes."""
+        return model.Constraint(
+            self.name,
+            self.type,
+            self.frame,
+            self.to,
+            model.Pose(self.xyz, self.rpy_deg),
+            self.distance or 0.0,
+            self.normal,
+            self.joint,
+            self.axis,
+            self.frequency,
+            self.damping_ratio,
+        )
+
+
 DH_KEYS = ("alpha_deg", "a", "d", "theta_deg")
 POSE_KEYS = ("xyz", "rpy_deg")
 PASSIVE_KEYS = ("damping", "armature", "stiffness", "rest")
@@ -908,6 +994,11 @@ class RobotTable(Table):
         Tables("frame", model.MAX_FRAMES, "frames"),
         key("named frames on the base or on links"),
     ] = field(default_factory=list)
+    constraint: Annotated[
+        list[ConstraintTable],
+        Tables("constraint", model.MAX_CONSTRAINTS, "constraints"),
+        key("what may hold frames, while it is active"),
+    ] = field(default_factory=list)
 
     mistaken: ClassVar[tuple[str, frozenset[str]]] = (
         "a scenario",
@@ -941,6 +1032,15 @@ class RobotTable(Table):
             raise refusal([(place, "the robot has no mass; give its base or links some")])
         return self
 
+    @model_validator(mode="after")
+    def _constraints_hold_frames(self) -> Self:
+        if self.constraint:
+            references = [(each.frame, each.to) for each in self.constraint]
+            names = [frame.name for frame in frames_of(self.robot())]
+            if faults := list(constraint_faults(references, names)):
+                raise refusal(faults)
+        return self
+
     def robot(self) -> model.Robot:
         """The robot that the file describes, as far as its names can be resolved."""
         numbers = body_numbers([link.name for link in self.link])
@@ -957,4 +1057,5 @@ class RobotTable(Table):
             tuple(frame.frame(numbers.get(frame.on, model.BASE)) for frame in self.frame),
             self.allow_impossible_inertia,
             self.battery.built() if self.battery else None,
+            tuple(each.constraint() for each in self.constraint),
         )

@@ -16,6 +16,7 @@ from gibbs_codegen.robot.model import (
     PASSIVE_UNITS,
     Battery,
     Body,
+    Constraint,
     Link,
     Pose,
     RigidBody,
@@ -186,6 +187,19 @@ def frame_lines(robot: Robot, k: int) -> list[str]:
     return ["[[frame]]", *names, *_pose_lines(frame.pose)]
 
 
+_DEFAULTS = vars(Constraint("", "point", ""))
+
+
+def constraint_lines(constraint: Constraint) -> list[str]:
+    """The table of a constraint in the file."""
+    keys = {key: value for key, value in vars(constraint).items() if key not in ("kind", "anchor")}
+    keys = {key: value for key, value in keys.items() if value != _DEFAULTS.get(key)}
+    lines = toml_lines({"name": keys.pop("name"), "type": constraint.kind} | keys)
+    xyz, *rpy = _pose_lines(constraint.anchor)
+    rpy = rpy if constraint.kind in ("frame", "loop") else []
+    return ["[[constraint]]", *lines, xyz, *rpy]
+
+
 def rigid_form(body: Body) -> RigidBody:
     """A body as a rigid one, in numbers that are short enough to be changed by hand."""
     rigid = as_rigid_body(body)
@@ -264,6 +278,7 @@ def robot_text(robot: Robot, name: str | None = None, to_start_from: bool = Fals
         "rotors": [rotor_lines(robot, k) for k in range(1, len(robot.thrusters) + 1)],
         "links": [link_lines(robot, i, to_start_from and i == links) for i in range(1, links + 1)],
         "frames": [frame_lines(robot, k) for k in range(1, len(robot.frames) + 1)],
+        "constraints": [constraint_lines(each) for each in robot.constraints],
     }
     return render("robot.toml.jinja", context)
 

@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import sympy as sp
 
-from gibbs_codegen.symbolic.tape import Scalars, Values
+from gibbs_codegen.symbolic.choices import above, chosen
+from gibbs_codegen.symbolic.tape import Scalars, Values, times
 
 Rows = Sequence[Values]
+# A pivot is absent that is no more than the first share of what it is left of; or that is rounding
+# alone: the square of a rounding error beside the largest entries, or nothing at all.
+_ABSENT = sp.Rational(1, 10**10)
+_ROUNDING = sp.Rational(1, 10**24)
+_NOTHING = sp.Rational(1, 10**30)
 
 
 class ZeroPivotError(Exception):
@@ -94,3 +100,103 @@ def _take_out(graph: dict[int, set[int]], unknown: int) -> int:
         coupled += len(graph[i] & neighbours)
         graph[i] |= neighbours - {i}
     return coupled // 2
+
+
+class Factors:
+    """L D Lᵀ of a symmetric matrix in the order of its rows, to be used for many right sides.
+
+    `kept` tells of a pivot, by its number, whether it is there: 1 or 0. A pivot that is not, and
+    its column of L, are left out.
+    """
+
+    def __init__(
+        self, tape: Scalars, matrix: Rows, kept: Callable[[int, sp.Expr], sp.Expr] | None = None
+    ) -> None:
+        self._tape, self._size = tape, len(matrix)
+        self.inverse: list[sp.Expr] = []
+        self.lower: dict[tuple[int, int], sp.Expr] = {}
+        self.there: list[sp.Expr] = []
+        rest = [list(row) for row in matrix]
+        for k in range(self._size):
+            pivot, there = rest[k][k], sp.S.One
+            if kept is None and pivot == 0:
+                raise ZeroPivotError(k)
+            if kept is not None:
+                there = kept(k, pivot)
+                pivot = chosen(tape, there, pivot, sp.S.One)
+            self.there.append(there)
+            self.inverse.append(tape.let(times(there, tape.let(1 / pivot))))
+            after = range(k + 1, self._size)
+            for i in after:
+                self.lower[i, k] = tape.let(times(rest[i][k], self.inverse[k]))
+            for i in after:
+                for j in range(i, self._size) if self.lower[i, k] != 0 else ():
+                    entry = tape.let(rest[i][j] - tape.let(times(self.lower[i, k], rest[j][k])))
+                    rest[i][j] = rest[j][i] = entry
+
+    def eliminated(self, right: Values) -> list[sp.Expr]:
+        """L⁻¹ b."""
+        rest = list(right)
+        for k in range(self._size):
+            for i in range(k + 1, self._size):
+                rest[i] = self._tape.let(rest[i] - self._tape.let(times(self.lower[i, k], rest[k])))
+        return rest
+
+    def scaled(self, values: Values) -> list[sp.Expr]:
+        """D⁻¹ y."""
+        return [
+            self._tape.let(times(entry, by)) for entry, by in zip(values, self.inverse, strict=True)
+        ]
+
+    def solved(self, right: Values) -> list[sp.Expr]:
+        """The x of L D Lᵀ x = b."""
+        found = self.scaled(self.eliminated(right))
+        for k in range(self._size - 1, -1, -1):
+            known = [
+                self._tape.let(times(self.lower[i, k], found[i])) for i in range(k + 1, self._size)
+            ]
+            found[k] = self._tape.let(found[k] - sp.Add(*known))
+        return found
+
+
+class PseudoInverse:
+    """The pseudo-inverse of a semi-definite matrix: of all solutions that which is least.
+
+    Pivots are absent that are no more than a share of the entry of the matrix that they are left
+    of; `sizes` are these entries where all of the matrix is there.
+    """
+
+    def __init__(self, tape: Scalars, matrix: Rows, sizes: Values) -> None:
+        self._tape, self._size = tape, len(matrix)
+
+        whole = tape.let(tape.let(_ROUNDING * tape.let(sp.Add(*sizes))) + _NOTHING)
+
+        def kept(k: int, pivot: sp.Expr) -> sp.Expr:
+            least = tape.let(tape.let(_ABSENT * sizes[k]) + whole)
+            return above(tape, tape.let(pivot - least))
+
+        self._factors = factors = Factors(tape, matrix, kept)
+        lower, there, zero = factors.lower, factors.there, sp.S.Zero
+        # L₁ by rows, and L₁ᵀL₁ with ones for columns that are not there.
+        self._rows = [
+            [lower[i, k] if k < i else there[i] if k == i else zero for k in range(self._size)]
+            for i in range(self._size)
+        ]
+        squares = [[zero] * self._size for _ in range(self._size)]
+        for k in range(self._size):
+            for m in range(k + 1):
+                products = [
+                    tape.let(times(self._rows[i][k], self._rows[i][m]))
+                    for i in range(k + (k == m), self._size)
+                ]
+                entry = tape.let(sp.Add(*products, *([1] if k == m else [])))
+                squares[k][m] = squares[m][k] = entry
+        self._squares = Factors(tape, squares)
+
+    def solved(self, right: Values) -> list[sp.Expr]:
+        """The x that is least of those for which A x is next to b."""
+        tape, rows = self._tape, self._rows
+        inner = [tape.sum_of_products(column, right) for column in zip(*rows, strict=True)]
+        inner = self._factors.scaled(self._squares.solved(inner))
+        inner = self._squares.solved(inner)
+        return [tape.sum_of_products(row, inner) for row in rows]

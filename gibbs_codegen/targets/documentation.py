@@ -148,6 +148,7 @@ def argument_text(description: Description, argument: str) -> str:
         "u": description.inputs,
         "m": description.commands,
         "z": description.actuator_states,
+        "g": [Coordinate(name, "1", "") for name in description.lists().get("CONSTRAINTS", ())],
     }[shape]
     units = {c.name: row.unit.format(unit=c.unit, step=c.unit.removesuffix("/s")) for c in listed}
     return ", ".join(f"{prefix}{name} [{unit}]" for name, unit in units.items())
@@ -180,6 +181,11 @@ def _entry_lists(description: Description) -> dict[str, str]:
         "commands": _units(description.commands),
         "actuator_states": _units(description.actuator_states),
         "actuator_rates": _units(description.actuator_states, "/s"),
+        "constraint_errors": _units(description.constraint_rows),
+        "constraint_rows": _names(description.constraint_rows),
+        "constraint_accelerations": _units(description.constraint_rows, "/s^2"),
+        "constraint_forces": _forces(description.constraint_rows),
+        "constraint_impulses": _forces(description.constraint_rows).replace("]", " s]"),
     }
 
 

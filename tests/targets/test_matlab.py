@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import pytest
 from conftest import ROOT
-from support.actuated import DERIVATIVES as OF_ACTUATORS
+from support.actuated import DERIVATIVES as OWN_LISTS
 from support.actuated import actuated
 from support.derived import derived
 from support.kept import kept_folder, made_once
@@ -79,7 +79,7 @@ def robots() -> dict[str, tuple[Robot, Any]]:
         "tree": (tree, of_tree),
         SMALL: (read_robot(SMALL)[0], of_small),
         "ball": (ball(), every),
-        "actuated": (actuated(), OF_ACTUATORS),
+        "actuated": (actuated(), OWN_LISTS),
     }
 
 

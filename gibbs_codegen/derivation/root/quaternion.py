@@ -63,16 +63,20 @@ Quaternion = tuple[sp.Expr, ...]
 # Added to squares of angles: far below the square of a rounding error, yet neither it nor its
 # inverse is out of the range of single precision.
 _TINY = sp.Rational(1, 2**120)
+_TWO = sp.Integer(2)
 # Terms of the series of c: up to θ = 1 the next is 3e-18 of the first.
 _TERMS = 9
 # Of the series of e, whose terms fall by 1/(2π)² each.
 _MORE_TERMS = 11
 
 
-def rotation_columns(tape: Scalars, q: Quaternion) -> tuple[Vector, ...]:
-    """Columns of a unit quaternion's rotation matrix: the base's axes in the world."""
+def rotation_columns(tape: Scalars, q: Quaternion, twice: sp.Expr = _TWO) -> tuple[Vector, ...]:
+    """Columns of a quaternion's rotation matrix: the base's axes in the world.
+
+    `twice` is 2 over the square of the quaternion's length.
+    """
     let, (x, y, z, w) = tape.let, q
-    dx, dy, dz = (let(2 * part) for part in (x, y, z))
+    dx, dy, dz = (let(twice * part) for part in (x, y, z))
     xx, yy, zz = let(x * dx), let(y * dy), let(z * dz)
     xy, xz, yz = let(y * dx), let(z * dx), let(z * dy)
     wx, wy, wz = let(w * dx), let(w * dy), let(w * dz)

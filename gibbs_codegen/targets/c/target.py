@@ -7,7 +7,14 @@ from collections.abc import Iterable
 
 from gibbs_codegen.files.line_breaks import WIDTH, broken
 from gibbs_codegen.files.verbatim import c_source
-from gibbs_codegen.interface import ARGUMENTS, FUNCTIONS, LANES, LISTS, derivatives_among
+from gibbs_codegen.interface import (
+    ARGUMENTS,
+    FUNCTIONS,
+    LANES,
+    LISTS,
+    derivatives_among,
+    signatures,
+)
 from gibbs_codegen.program.model import Model
 from gibbs_codegen.robot.description import Description
 from gibbs_codegen.runtime.rollout_source import rollout_context, rollout_programs
@@ -188,7 +195,8 @@ def _convention_lines(description: Description) -> Lines:
 
 def _left_out_lines(model: Model) -> Lines:
     """By which options the functions come that are not there."""
-    missing = [name for name in FUNCTIONS if name not in model.functions]
+    possible = {signature.name for signature in signatures(model.lists, FUNCTIONS)}
+    missing = [name for name in FUNCTIONS if name not in model.functions and name in possible]
     derivatives = derivatives_among(missing)
     others = [name for name in missing if name not in derivatives]
     clauses = []

@@ -63,6 +63,8 @@ LISTS = {
     "ROTORS": ("rotor_names", "rotors, by their thrusts in u"),
     "COMMANDS": ("command_names", "commands"),
     "ACTUATOR_STATES": ("actuator_state_names", "states x of the actuators"),
+    "CONSTRAINTS": ("constraint_names", "constraints, by entries of active"),
+    "CONSTRAINT_ROWS": ("constraint_row_names", "rows of the constraints"),
 }
 # The package's functions that return what other languages have as constants.
 _NAMED = {constant: name for constant, (name, _) in LISTS.items()}
@@ -208,6 +210,7 @@ def list_texts(
         "BASE_PARAMETERS": description.base_parameters,
         "COMMANDS": description.commands,
         "ACTUATOR_STATES": description.actuator_states,
+        "CONSTRAINT_ROWS": description.constraint_rows,
     }
     texts = {}
     for constant, names in description.lists(functions).items():

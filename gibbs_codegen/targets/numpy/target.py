@@ -8,7 +8,7 @@ from gibbs_codegen.arrays.functions import Functions
 from gibbs_codegen.arrays.numpy_text import NumpyText
 from gibbs_codegen.arrays.steps import emitted_step
 from gibbs_codegen.files.verbatim import python_source
-from gibbs_codegen.interface import ARGUMENTS, DATA, DATA_ON_REQUEST, LISTS, OF_ACTUATORS, Signature
+from gibbs_codegen.interface import ARGUMENTS, DATA, DATA_ON_REQUEST, LISTS, OWN_LISTS, Signature
 from gibbs_codegen.program.model import Model
 from gibbs_codegen.program.nodes import Function, names_in
 from gibbs_codegen.program.patterns import patterns
@@ -118,7 +118,7 @@ def _labels(model: Model) -> dict[str, str]:
             times = f"range({second})" if second.isdigit() else second
             named = f"[name for name in {first} for _ in {times}]"
             found[argument] = f"[*{second}] * {first}" if first.isdigit() else named
-        elif shape in OF_ACTUATORS:
+        elif shape in OWN_LISTS:
             found[argument] = LISTS[shape]
     return found
 
@@ -127,6 +127,7 @@ def _labels(model: Model) -> dict[str, str]:
 _TABLES = {
     "COORDINATE_PLACES": "slice",
     "VELOCITY_PLACES": "slice",
+    "CONSTRAINT_PLACES": "slice",
     "COORDINATE_LIMITS": "tuple[float | None, float | None]",
     "VELOCITY_LIMITS": "tuple[float | None, float | None]",
     "INPUT_LIMITS": "tuple[float | None, float | None]",

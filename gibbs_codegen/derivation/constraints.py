@@ -1,0 +1,606 @@
+"""Constraints of frames: M a = R + B u + Jᵀλ with J a + γ = 0 (eqs. 14 and 15, for any frame).
+
+A row holds the origin of a frame along a direction, or its turning about one, against the world or
+against what carries the anchor, where directions are fixed. Its Jacobian has the generalised forces
+of a unit force or torque at the frame and of its opposite at the same place on the carrier: within
+a robot these move no base.
+
+By articulated bodies a load is passed inwards once; each joint takes its share z of it, the root
+the rest. With L D Lᵀ of the root's system, what two loads do to each other is
+
+    J_r M⁻¹ J_sᵀ = Σ z_r z_s/D + (L⁻¹ root_r)·D⁻¹(L⁻¹ root_s)
+
+and what thrusts and velocities do to a row is the same with their shares. So neither M nor its
+inverse is needed, nor the accelerations of the robot without constraints: once λ is known, their
+loads are added to the shares, and one pass outwards gives a.
+
+Of a frame that is held against the world, forces count in the axes in which its segment works,
+where unit loads have zeros. At the end they are turned to the axes of the anchor.
+
+The rank of A = J M⁻¹ Jᵀ is what the robot leaves of it: pivots of its L D Lᵀ that are nothing
+beside their entry of A are absent, with their columns of L. With L₁ and D₁ of what is left, λ is
+the least that does, −L₁ (L₁ᵀL₁)⁻¹ D₁⁻¹ (L₁ᵀL₁)⁻¹ L₁ᵀ b, where b are the accelerations without it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import NamedTuple
+
+import sympy as sp
+
+from gibbs_codegen.derivation import forward_dynamics
+from gibbs_codegen.derivation.articulated import (
+    ArticulatedBody,
+    Articulation,
+    accelerations_outward,
+    root_in_group_frame,
+    root_turn,
+)
+from gibbs_codegen.derivation.forces import structural
+from gibbs_codegen.derivation.forward_kinematics import (
+    Frame,
+    MountedFrame,
+    SegmentFrame,
+    combined,
+    frame_motions,
+    mounted_frames,
+    segment_frames,
+)
+from gibbs_codegen.derivation.motion import Acceleration, State
+from gibbs_codegen.derivation.parameters import ConstraintSymbols
+from gibbs_codegen.derivation.root.quaternion import rotation_columns
+from gibbs_codegen.derivation.symbolic_robot import SymbolicRobot
+from gibbs_codegen.robot.model import Constraint
+from gibbs_codegen.robot.names import identifier
+from gibbs_codegen.symbolic.ldlt import Factors, PseudoInverse, minimum_degree
+from gibbs_codegen.symbolic.structural import turned_by_rpy, z_onto
+from gibbs_codegen.symbolic.tape import Scalars, Values, Vector, times
+from gibbs_codegen.symbolic.vectors import (
+    NO_ROTATION,
+    NO_WRENCH,
+    ZERO,
+    Matrix,
+    Wrench,
+    axis_vector,
+    minus,
+    moved,
+)
+
+_HALF = sp.Rational(1, 2)
+
+
+class Direction(NamedTuple):
+    """What a row holds: the origin of a frame along a vector, or turning about it."""
+
+    turns: bool
+    vector: Vector
+
+
+class Load(NamedTuple):
+    """Shares z that joints take of a load, by the index of their segments; the root's part (6).
+
+    `eliminated` is L⁻¹ of the latter, in the order of elimination.
+    """
+
+    shares: Mapping[int, sp.Expr]
+    root: list[sp.Expr]
+    eliminated: list[sp.Expr]
+
+
+@dataclass(frozen=True)
+class Held:
+    """A frame that a constraint holds; vectors are in world axes, from the origin of coordinates.
+
+    `carrier` carries the anchor, None for the world, and `arm` leads from its origin to that of the
+    frame; `way` does so from the anchor, of which `along` are the axes. `axes` are the frame's.
+    """
+
+    own: Constraint
+    symbols: ConstraintSymbols
+    frame: MountedFrame
+    carrier: MountedFrame | None
+    arm: Vector
+    way: Vector
+    axes: Frame
+    along: Frame
+    rows: Sequence[Direction]
+
+    @property
+    def is_whole(self) -> bool:
+        """Whether it is held against the world in all directions, and maybe about all."""
+        return self.carrier is None and self.own.holds in ("point", "frame")
+
+
+@dataclass(frozen=True)
+class ConstraintEquations:
+    """The constraints of a robot on its tape."""
+
+    symbolic: SymbolicRobot
+
+    @property
+    def _tape(self) -> Scalars:
+        return self.symbolic.tape
+
+    @cached_property
+    def _frames(self) -> list[SegmentFrame]:
+        return segment_frames(self.symbolic)
+
+    @cached_property
+    def held(self) -> list[Held]:
+        """The frames that constraints hold, in the order of CONSTRAINTS."""
+        mounted = {each.name: each for each in mounted_frames(self.symbolic)}
+        return [
+            self._held(
+                own,
+                mounted[identifier(own.frame)],
+                mounted[identifier(own.to)] if own.to is not None else None,
+            )
+            for own in self.symbolic.robot.constraints
+        ]
+
+    def _held(self, own: Constraint, frame: MountedFrame, carrier: MountedFrame | None) -> Held:
+        tape, symbols = self._tape, self.symbolic.parameters.constraints[own.name]
+        point, axes = self._pose(frame)
+        with tape.group(f"anchor of {identifier(own.name)}"):
+            if carrier is None:
+                arm, along = tape.add(self.symbolic.origin, point), _axes_of(tape, symbols.attitude)
+                way = tape.add(arm, minus(symbols.anchor))
+            else:
+                origin, carried = self._pose(carrier)
+                turn = zip(*turned_by_rpy(own.anchor.rpy_deg), strict=True)
+                along = tuple([combined(tape, carried, column) for column in turn])
+                arm = tape.add(point, minus(origin))
+                way = tape.add(arm, minus(combined(tape, carried, symbols.anchor)))
+        with tape.group(f"directions that {identifier(own.name)} holds"):
+            rows = _directions(tape, own, along, way, symbols.distance)
+        return Held(own, symbols, frame, carrier, arm, way, axes, along, rows)
+
+    def _pose(self, frame: MountedFrame) -> tuple[Vector, Frame]:
+        """Origin of a frame from that of the coordinates, and its axes, in world axes."""
+        tape, point = self._tape, frame.from_origin(self._tape, self._frames)
+        with tape.group(f"axes of {frame.name}"):
+            own, columns = self._frames[frame.segment].own, zip(*frame.turn, strict=True)
+            return point, tuple([combined(tape, own, column) for column in columns])
+
+    def errors(self) -> list[sp.Expr]:
+        """Errors of all rows, m or rad."""
+        return [error for held in self.held for error in self._errors(held)]
+
+    def _errors(self, held: Held) -> list[sp.Expr]:
+        tape, let = self._tape, self._tape.let
+        (a, b, c), (x, y, z) = held.along, held.axes
+        with tape.group(f"errors of {identifier(held.own.name)}"):
+            if held.own.holds == "distance":
+                squares = let(tape.dot(held.way, held.way) * let(1 / held.symbols.distance))
+                return [let(_HALF * let(squares - held.symbols.distance))]
+            found = [tape.dot(row.vector, held.way) for row in held.rows if not row.turns]
+            if held.own.holds == "frame":
+                pairs = ((c, y, b, z), (a, z, c, x), (b, x, a, y))
+                for p, q, r, s in pairs:
+                    found.append(let(_HALF * let(tape.dot(p, q) - tape.dot(r, s))))
+            if held.own.holds == "hinge":
+                axis = structural(held.own.axis)
+                sine = tape.cross(combined(tape, (a, b, c), axis), combined(tape, (x, y, z), axis))
+                found += [tape.dot(row.vector, sine) for row in held.rows if row.turns]
+            return found
+
+    def jacobian(self) -> Matrix:
+        """J by rows, in the order of v."""
+        return [row for held in self.held for row in self._jacobian(held)]
+
+    def _jacobian(self, held: Held) -> Matrix:
+        tape, tree = self._tape, self.symbolic.reduced_tree
+        nothing = [(ZERO, ZERO)]
+        base, joints = nothing * 6, nothing * tree.joints
+        point = held.frame.from_origin(tape, self._frames)
+        if held.carrier is None:
+            with tape.group("columns of the base"):
+                base = self.symbolic.root.velocities_at(tape, point)
+        for k in self._between(held):
+            axis = self._frames[k].group[2]
+            if k not in tree.path(held.frame.segment):
+                axis = minus(axis)
+            joints[k - 1] = (axis, ZERO)
+            if tree.segments[k].joint == "revolute":
+                with tape.group(f"column of {tree.segments[k].joint_name}"):
+                    arm = tape.add(point, minus(self._frames[k].position))
+                    joints[k - 1] = (tape.cross(axis, arm), axis)
+        columns = self.symbolic.places.joined(base, joints)
+        with tape.group(f"rows of {identifier(held.own.name)}"):
+            return [
+                [tape.dot(row.vector, column[row.turns]) for column in columns] for row in held.rows
+            ]
+
+    def _between(self, held: Held) -> list[int]:
+        """Segments whose joints move a frame against what carries the anchor."""
+        tree = self.symbolic.reduced_tree
+        carrier = tree.path(held.carrier.segment) if held.carrier else []
+        between = {*tree.path(held.frame.segment)} ^ {*carrier}
+        return sorted(between - {0})
+
+    def _velocity(self, held: Held) -> Acceleration:
+        """Velocity and angular velocity of a frame against what carries the anchor."""
+        found, carrier = self._motion(held, State.resting)
+        with self._tape.group(f"velocity of {identifier(held.own.name)}"):
+            return self._against(found, carrier, held.arm)
+
+    def _motion(self, held: Held, of: Callable[[Values], State]) -> tuple[Acceleration, ...]:
+        """Motions of a frame and of what carries the anchor, as joints between them make them."""
+        symbolic = self.symbolic
+        rates: Values = symbolic.v
+        names = [each.name for each in mounted_frames(symbolic)]
+        if held.carrier is not None:
+            between = self._between(held)
+            _, joints = symbolic.places.split(rates)
+            joints = [rate if k in between else sp.S.Zero for k, rate in enumerate(joints, start=1)]
+            rates = symbolic.places.joined([sp.S.Zero] * 6, joints)
+        rows = frame_motions(symbolic, of(rates))
+        own = Acceleration.of(rows[names.index(held.frame.name)])
+        if held.carrier is None:
+            return own, Acceleration(ZERO, ZERO)
+        return own, Acceleration.of(rows[names.index(held.carrier.name)])
+
+    def _against(self, own: Acceleration, carrier: Acceleration, arm: Vector) -> Acceleration:
+        """One motion less that of the same place on the carrier."""
+        tape = self._tape
+        there = carrier.passed_out(tape, [arm])
+        linear = tape.add(own.linear, minus(there.linear))
+        return Acceleration(linear, tape.add(own.angular, minus(there.angular)))
+
+    def bias(self) -> list[sp.Expr]:
+        """Accelerations of all rows where a is zero, in the axes of what carries the anchor."""
+        return [entry for held in self.held for entry in self._bias(held)]
+
+    def _bias(self, held: Held) -> list[sp.Expr]:
+        tape = self._tape
+        own, carrier = self._motion(held, State.coasting)
+        relative = self._against(own, carrier, held.arm)
+        if held.carrier is not None:
+            before, turning = self._motion(held, State.resting)
+            spin, moving = turning.angular, self._velocity(held)
+            with tape.group(f"acceleration of {identifier(held.own.name)} against its carrier"):
+                inner = tape.cross(spin, tape.cross(spin, held.arm))
+                twice = tape.cross(tape.scale(sp.Integer(2), spin), moving.linear)
+                relative = Acceleration(
+                    tape.add(relative.linear, minus(inner), minus(twice)),
+                    tape.add(relative.angular, minus(tape.cross(spin, before.angular))),
+                )
+        return self._along(held, relative, centripetal=True)
+
+    def _along(self, held: Held, motion: Acceleration, centripetal: bool = False) -> list[sp.Expr]:
+        """Components of a motion along the rows; of a distance with what turning its way adds."""
+        tape, parts = self._tape, (motion.linear, motion.angular)
+        with tape.group(f"rows of {identifier(held.own.name)}"):
+            found = [tape.dot(row.vector, parts[row.turns]) for row in held.rows]
+            if centripetal:
+                found = [tape.let(x + self._centripetal(held)) for x in found]
+            return found
+
+    def _centripetal(self, held: Held) -> sp.Expr:
+        """What a distance accelerates by as its way turns, else zero."""
+        if held.own.holds != "distance":
+            return sp.S.Zero
+        tape, moving = self._tape, self._velocity(held).linear
+        return tape.let(tape.dot(moving, moving) * tape.let(1 / held.symbols.distance))
+
+    def _returning(self, held: Held) -> list[sp.Expr]:
+        """2ζω ė + ω² e of the rows, with J v for ė; zeros where there is no frequency."""
+        tape, let = self._tape, self._tape.let
+        frequency, ratio = held.symbols.frequency, held.symbols.damping_ratio
+        if frequency == 0:
+            return [sp.S.Zero] * len(held.rows)
+        errors, rates = self._errors(held), self._along(held, self._velocity(held))
+        with tape.group(f"errors of {identifier(held.own.name)}, back to zero"):
+            stiffness, damping = let(frequency * frequency), let(let(2 * ratio) * frequency)
+            return [
+                let(let(damping * rate) + let(stiffness * error))
+                for rate, error in zip(rates, errors, strict=True)
+            ]
+
+    # What follows solves for the forces, in the axes in which segments work.
+
+    @cached_property
+    def _centred(self) -> SymbolicRobot:
+        return forward_dynamics.about_base_centre(self.symbolic)
+
+    @cached_property
+    def _articulation(self) -> Articulation:
+        """The solved joints under thrusts."""
+        with forward_dynamics.refused_as_singular(self.symbolic):
+            return forward_dynamics.articulation_of(self._centred, forward_dynamics.thrusts)
+
+    @cached_property
+    def _root(self) -> tuple[list[int], Factors]:
+        """L D Lᵀ of the root's system, in some order."""
+        rows = self._articulation.root.inertia.rows
+        order = minimum_degree(rows)
+        with self._tape.group("inertia of the base, by LDL^T"):
+            return order, Factors(self._tape, [[rows[i][j] for j in order] for i in order])
+
+    def _working(self, held: Held) -> tuple[Frame, Vector]:
+        """World axes of the frame in which a segment works, and where there the held frame is."""
+        tree, k = self._articulation.tree, held.frame.segment
+        (centred,) = mounted_frames(self._centred, held.frame.name)
+        own = tree.works_in_own_frame(k)
+        rotation = NO_ROTATION if own else tree.segments[k].rotation
+        axes = self._frames[k].own if own else self._frames[k].group
+        with self._tape.group(f"place of {held.frame.name}"):
+            return axes, rotation.vector(self._tape, centred.position)
+
+    def _solver_directions(self, held: Held) -> list[Direction]:
+        """Rows of a frame that the world holds, in the axes in which its segment works."""
+        axes, _ = self._working(held)
+        if held.is_whole:
+            return [Direction(k >= 3, axis_vector(k % 3)) for k in range(len(held.rows))]
+        with self._tape.group(f"directions that {identifier(held.own.name)} holds"):
+            return [
+                Direction(turns, tuple(self._tape.dot(axis, vector) for axis in axes))
+                for turns, vector in held.rows
+            ]
+
+    @cached_property
+    def _loads(self) -> list[Load]:
+        """Unit loads of all rows, passed inwards."""
+        tape, found = self._tape, []
+        for held in self.held:
+            if held.carrier is not None:
+                between = self._between(held)
+                for row in self._jacobian(held):
+                    _, joints = self.symbolic.places.split(row)
+                    efforts = {k: joints[k - 1] for k in between}
+                    found.append(self._passed_in({}, efforts))
+                continue
+            k, (_, place) = held.frame.segment, self._working(held)
+            for turns, vector in self._solver_directions(held):
+                with tape.group(f"unit load of {identifier(held.own.name)}"):
+                    wrench = Wrench(ZERO, vector) if turns else Wrench(vector, ZERO)
+                    wrench = wrench.shifted(tape, place)
+                    if k == 0:
+                        wrench = wrench.rotated(tape, root_turn(self._articulation.tree).inverse)
+                found.append(self._passed_in({k: wrench}, {}))
+        return found
+
+    def _passed_in(self, loads: dict[int, Wrench], efforts: Mapping[int, sp.Expr]) -> Load:
+        """A load on segments, about their joints in the frames in which they work, and joints."""
+        tape, articulation, shares = self._tape, self._articulation, {}
+        for k in range(articulation.tree.joints, 0, -1):
+            if k not in loads and k not in efforts:
+                continue
+            joint, segment = articulation.joints[k - 1], articulation.tree.segments[k]
+            with tape.group(f"load passed over {segment.joint_name}"):
+                load, effort = loads.get(k, NO_WRENCH).entries, efforts.get(k, sp.S.Zero)
+                share = shares[k] = tape.let(effort + load[joint.direction])
+                left = [
+                    tape.let(entry - tape.let(times(ratio, share)))
+                    for entry, ratio in zip(load, joint.ratios, strict=True)
+                ]
+                own = times(tape.let(times(joint.armature, joint.lightness)), share)
+                left[joint.direction] = tape.let(own - effort)
+                passed = moved(tape, Wrench.of(left), articulation.transforms[k - 1])
+                loads[segment.parent] = loads.get(segment.parent, NO_WRENCH).plus(tape, passed)
+        root, (order, factors) = loads.get(0, NO_WRENCH).entries, self._root
+        with tape.group("load on the base, eliminated"):
+            return Load(shares, root, factors.eliminated([root[i] for i in order]))
+
+    def _product(self, one: Load, shares: Mapping[int, sp.Expr], scaled: Values) -> sp.Expr:
+        """Σ of a load's shares and its root's, times others that are scaled by D⁻¹."""
+        pairs = [(z, shares[k]) for k, z in one.shares.items() if k in shares]
+        pairs += zip(one.eliminated, scaled, strict=True)
+        return self._tape.sum_of_products(*zip(*pairs, strict=True))
+
+    def _scaled(self, load: Load) -> tuple[dict[int, sp.Expr], list[sp.Expr]]:
+        """D⁻¹ times shares, and times those of the root."""
+        tape, joints = self._tape, self._articulation.joints
+        shares = {k: tape.let(times(joints[k - 1].lightness, z)) for k, z in load.shares.items()}
+        return shares, self._root[1].scaled(load.eliminated)
+
+    @cached_property
+    def _matrix(self) -> Matrix:
+        """A = J M⁻¹ Jᵀ of all rows."""
+        found = [[sp.S.Zero] * len(self._loads) for _ in self._loads]
+        with self._tape.group("what constraints do to each other"):
+            for i, load in enumerate(self._loads):
+                scaled = self._scaled(load)
+                for j in range(i + 1):
+                    found[i][j] = found[j][i] = self._product(self._loads[j], *scaled)
+        return found
+
+    @cached_property
+    def _masks(self) -> list[sp.Expr]:
+        """For each row whether its constraint is active."""
+        pairs = zip(self.symbolic.active, self.held, strict=True)
+        return [active for active, held in pairs for _ in held.rows]
+
+    @cached_property
+    def _inverse(self) -> Factors | PseudoInverse:
+        """What solves for forces of the active constraints; of one alone if it were active.
+
+        A frame that the world holds can always be moved, since the base flies: no row is redundant.
+        """
+        tape, matrix, masks = self._tape, self._matrix, self._masks
+        with tape.group("forces of the constraints, by LDL^T"):
+            if self._is_regular:
+                return Factors(tape, matrix)
+            masked = [list(row) for row in matrix]
+            for i, row in enumerate(matrix):
+                for j in range(i + 1):
+                    both = masks[i] if masks[i] == masks[j] else tape.let(masks[i] * masks[j])
+                    masked[i][j] = masked[j][i] = tape.let(times(both, row[j]))
+            return PseudoInverse(tape, masked, [matrix[i][i] for i in range(len(matrix))])
+
+    @property
+    def _is_regular(self) -> bool:
+        (first, *others) = self.held
+        return not others and first.carrier is None and first.own.holds != "distance"
+
+    def _solved(self, right: Values) -> list[sp.Expr]:
+        """Minus the least λ with A λ = b, of the active constraints."""
+        tape = self._tape
+        with tape.group("forces of the constraints, by LDL^T"):
+            found = self._inverse.solved(right)
+            if self._is_regular:
+                found = [
+                    tape.let(times(mask, x)) for mask, x in zip(self._masks, found, strict=True)
+                ]
+            return [-x for x in found]
+
+    def _to_solver(self, rows: Values) -> list[sp.Expr]:
+        """What rows have, in the axes of the solver."""
+        return self._turned(rows, lambda held: (held.along, self._working(held)[0]))
+
+    def _from_solver(self, rows: Values) -> list[sp.Expr]:
+        """What rows have, from the axes of the solver."""
+        return self._turned(rows, lambda held: (self._working(held)[0], held.along))
+
+    def _turned(self, rows: Values, axes: Callable[[Held], tuple[Frame, Frame]]) -> list[sp.Expr]:
+        """Rows of frames that the world holds whole, from some axes to others."""
+        tape, rest, found = self._tape, list(rows), []
+        for held in self.held:
+            own, rest = rest[: len(held.rows)], rest[len(held.rows) :]
+            if held.is_whole:
+                before, after = axes(held)
+                with tape.group(f"rows of {identifier(held.own.name)} in other axes"):
+                    halves = [
+                        combined(tape, before, tuple(own[i : i + 3])) for i in range(0, len(own), 3)
+                    ]
+                    own = [tape.dot(axis, half) for half in halves for axis in after]
+            found += own
+        return found
+
+    @cached_property
+    def _unheld(self) -> list[sp.Expr]:
+        """J a + γ of the rows if no constraint held, in the axes of the solver."""
+        tape, articulation = self._tape, self._articulation
+        motions = forward_dynamics.free_motions_of(self._centred)
+        known: list[sp.Expr] = []
+        for held in self.held:
+            if held.carrier is not None:
+                known += self._bias(held)
+                continue
+            axes, place = self._working(held)
+            with tape.group(f"motion of {held.frame.name} by velocities and gravity"):
+                motion = motions[held.frame.segment].displaced(tape, place)
+                fall = [tape.let(self.symbolic.parameters.gravity * axis[2]) for axis in axes]
+                parts = tape.add(motion.acceleration, minus(tuple(fall))), motion.omega_dot
+                rows = self._solver_directions(held)
+                own = [tape.dot(vector, parts[turns]) for turns, vector in rows]
+                known += [tape.let(x + self._centripetal(held)) for x in own]
+        returning = self._to_solver([x for held in self.held for x in self._returning(held)])
+        order, factors = self._root
+        load = articulation.root.load.entries
+        with tape.group("accelerations of the constraints, if none held"):
+            scaled = factors.scaled(factors.eliminated([load[i] for i in order]))
+            shares = {k: joint.share for k, joint in enumerate(articulation.joints, start=1)}
+            return [
+                tape.let(sp.Add(x, back, self._product(row, shares, scaled)))
+                for x, back, row in zip(known, returning, self._loads, strict=True)
+            ]
+
+    def _under(self, forces: Values, alone: bool) -> Articulation:
+        """The solved joints under forces of the constraints, alone or with all else."""
+        tape, articulation = self._tape, self._articulation
+        with tape.group("loads of the constraints"):
+            joints = []
+            for k, joint in enumerate(articulation.joints, start=1):
+                pairs = [
+                    (row.shares[k], force)
+                    for row, force in zip(self._loads, forces, strict=True)
+                    if k in row.shares
+                ]
+                total = tape.sum_of_products(*zip(*pairs, strict=True)) if pairs else sp.S.Zero
+                own = times(joint.lightness, total)
+                share = sp.S.Zero if alone else joint.share
+                joints.append(replace(joint, share=tape.let(share + own)))
+            load = tape.combination(forces, [row.root for row in self._loads])
+            if not alone:
+                load = [
+                    tape.let(p + q)
+                    for p, q in zip(articulation.root.load.entries, load, strict=True)
+                ]
+            root = ArticulatedBody(articulation.root.inertia, Wrench.of(load))
+            return replace(articulation, joints=joints, root=root)
+
+    def _moved(self, forces: Values) -> list[sp.Expr]:
+        """M⁻¹Jᵀ times forces of the rows, in the axes of the solver."""
+        tape, symbolic = self._tape, self.symbolic
+        articulation = self._under(forces, alone=True)
+        root, joints = accelerations_outward(tape, articulation)
+        root = root_in_group_frame(tape, articulation, root)
+        with tape.group("rates of attitude and position"):
+            centre = symbolic.root.segment_rotation.vector(tape, minus(symbolic.centre))
+            rows = symbolic.root.acceleration_rows(tape, [])(root.passed_out(tape, [centre]))
+        return symbolic.places.joined(rows, [joint.relative for joint in joints])
+
+    @cached_property
+    def _forces(self) -> list[sp.Expr]:
+        return self._solved(self._unheld)
+
+    def forces(self) -> list[sp.Expr]:
+        """λ of all rows, N or N m."""
+        return self._from_solver(self._forces)
+
+    def acceleration(self) -> list[sp.Expr]:
+        """Accelerations a under the forces of the constraints."""
+        articulation = self._under(self._forces, alone=False)
+        root, joints = accelerations_outward(self._tape, articulation)
+        root = root_in_group_frame(self._tape, articulation, root)
+        relative = [joint.relative for joint in joints]
+        return forward_dynamics.in_coordinates(self.symbolic, relative, root)
+
+    @cached_property
+    def _impulses(self) -> list[sp.Expr]:
+        moving = [x for held in self.held for x in self._along(held, self._velocity(held))]
+        return self._solved(self._to_solver(moving))
+
+    def impulses(self) -> list[sp.Expr]:
+        """Impulses that take the velocities of all active rows away, N s or N m s."""
+        return self._from_solver(self._impulses)
+
+    def velocities_after(self) -> list[sp.Expr]:
+        """Velocities v after these."""
+        gains = self._moved(self._impulses)
+        with self._tape.group("velocities after the impact"):
+            return [
+                self._tape.let(v + gain) for v, gain in zip(self.symbolic.v, gains, strict=True)
+            ]
+
+    def projection(self) -> list[sp.Expr]:
+        """The least displacement, by M, that takes the errors of all active rows away."""
+        return self._moved(self._solved(self._to_solver(self.errors())))
+
+    def inertia(self) -> Matrix:
+        """(J M⁻¹ Jᵀ)⁺ of the active constraints."""
+        size = len(self._masks)
+        units = [[sp.Integer(i == j) for i in range(size)] for j in range(size)]
+        return [
+            [-entry for entry in self._from_solver(self._solved(self._to_solver(unit)))]
+            for unit in units
+        ]
+
+
+def _axes_of(tape: Scalars, quaternion: Vector) -> Frame:
+    """World axes of an anchor by a quaternion of any length, or the world's own."""
+    if not quaternion:
+        return tuple([axis_vector(axis) for axis in range(3)])
+    square = tape.let(sp.Add(*(tape.let(part * part) for part in quaternion)))
+    return rotation_columns(tape, quaternion, tape.let(2 * tape.let(1 / square)))
+
+
+def _directions(
+    tape: Scalars, own: Constraint, along: Frame, way: Vector, distance: sp.Expr
+) -> list[Direction]:
+    """Rows of a constraint in world axes, by those of the anchor."""
+    if own.holds == "distance":
+        return [Direction(False, tape.scale(tape.let(1 / distance), way))]
+    if own.holds == "plane":
+        return [Direction(False, combined(tape, along, structural(own.normal)))]
+    rows = [Direction(False, axis) for axis in along]
+    if own.holds == "frame":
+        rows += [Direction(True, axis) for axis in along]
+    if own.holds == "hinge":
+        first, second, _ = zip(*z_onto(own.axis), strict=True)
+        rows += [Direction(True, combined(tape, along, across)) for across in (first, second)]
+    return rows

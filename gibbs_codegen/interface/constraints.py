@@ -1,0 +1,134 @@
+"""The rows of the table for robots with constraints: frames that are held where they are.
+
+A constraint holds a frame against the world or against another frame while it is active: `active`
+has 1 for it, else 0. Its rows are of J a + bias = 0, and its forces are those of J^T.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from gibbs_codegen.interface.rows import ACCELERATIONS, Output, Row, on_request
+
+_ERRORS = Output("errors", "l", "m or rad", "{constraint_errors}")
+_JACOBIAN = Output(
+    *("jacobian", "lv", "m/rad, rad/m or 1"),
+    "[m/rad], [rad/m] or [1], a row for each of {constraint_rows}",
+)
+_BIAS = Output("bias", "l", "m/s^2 or rad/s^2", "{constraint_accelerations}")
+_ACCELERATION = Output(
+    "acceleration", "v", ACCELERATIONS, "{accelerations}", "constrained_acceleration"
+)
+_FORCES = Output("forces", "l", "N or N m", "{constraint_forces}")
+_VELOCITY = Output("velocities", "v", "rad/s or m/s", "{velocities}", "impact_velocities")
+_IMPULSES = Output("impulses", "l", "N s or N m s", "{constraint_impulses}")
+_KINEMATICS = "forward kinematics"
+_BORDERED = "eqs. 14 and 15, with a row and a column for each constraint"
+_REDUNDANT = (
+    "Where constraints are redundant or of no effect, they are the least that do, by the sum of "
+    "their squares. Those of constraints that are not active are 0."
+)
+
+
+def _of_constraints(*rows: Row) -> tuple[Row, ...]:
+    """Rows of the group, which robots have whose module lists constraints."""
+    return on_request("constraints", *(replace(row, needs=("CONSTRAINTS",)) for row in rows))
+
+
+CONSTRAINTS = _of_constraints(
+    Row(
+        "constraint_errors",
+        "q",
+        (_ERRORS,),
+        "How far the constraints are from being met: zero where they are.",
+        _KINEMATICS,
+        "Along the axes of the anchor, and then the sine of the turn about them. Of a distance L "
+        "it is (r^2 - L^2)/(2 L), where r is the distance.",
+    ),
+    Row(
+        "constraint_jacobian",
+        "q",
+        (_JACOBIAN,),
+        "Jacobian J of the constraints: J v are velocities against what carries the anchor.",
+        _KINEMATICS,
+        "Its transpose takes forces, and torques in rows of turns, to generalised forces: at the "
+        "frame that is held, and opposite ones at the same place on what carries the anchor.",
+    ),
+    Row(
+        "constraint_bias",
+        "qv",
+        (_BIAS,),
+        "Accelerations of the constraints where a is zero: they are J a plus this.",
+        _KINEMATICS,
+        "Without what brings errors back to zero.",
+    ),
+    Row(
+        "constrained_forward_dynamics",
+        ("q", "v", "u", "active"),
+        (_ACCELERATION, replace(_FORCES, derivation="constraint_forces")),
+        "Accelerations a of M a = R + B u + J^T f, and the forces f of the active constraints.",
+        _BORDERED,
+        "J a + bias is -2 z w J v - w^2 errors, with frequency w and damping ratio z of each "
+        f"constraint. {_REDUNDANT}",
+    ),
+    Row(
+        "impact",
+        ("q", "v", "active"),
+        (_VELOCITY, replace(_IMPULSES, derivation="impact_impulses")),
+        "Velocities after the active constraints have taken hold at once, and their impulses.",
+        _BORDERED,
+        f"Afterwards J v is zero: nothing bounces. {_REDUNDANT}",
+    ),
+    Row(
+        "operational_inertia",
+        ("q", "active"),
+        (Output("inertia", "ll", "kg, kg m or kg m^2"),),
+        "Inertia that the active constraints feel: the pseudo-inverse of J M^-1 J^T.",
+        _BORDERED,
+        "Rows and columns of constraints that are not active are 0.",
+    ),
+    Row(
+        "constraint_projection",
+        ("q", "active"),
+        (Output("displacement", "v", "rad or m", "{displacement}"),),
+        "Displacement, for integrate, to where the active constraints are met: a Newton step.",
+        _BORDERED,
+        "Of all that do, the least by the mass matrix. Small errors become their squares.",
+    ),
+)
+
+
+def _jacobian(of: str, *outputs: Output) -> Row:
+    """The derivatives of a function by its arguments, with what it returns."""
+    row = next(row for row in CONSTRAINTS if row.name == of)
+    words = {"q": "a displacement along each of VELOCITIES", "v": "each of VELOCITIES"}
+    words["u"] = "each of INPUTS"
+    by = [argument for argument in row.arguments if argument in words]
+    found: list[Output] = []
+    for output in outputs:
+        derivation = output.derivation or of
+        found.append(replace(output, derivation=f"{derivation}_differentiated"))
+        found += [
+            Output(
+                f"{output.name}_d{x}",
+                output.shape + ("u" if x == "u" else "v"),
+                output.unit,
+                f"[{{unit}}], by {words[x]}",
+                f"{derivation}_d{x}",
+                x,
+            )
+            for x in by
+        ]
+    return Row(
+        f"{of}_derivatives",
+        row.arguments,
+        tuple(found),
+        f"What {of} returns, and its derivatives by {', '.join(by)}.",
+        f"{row.source}, differentiated",
+        derivative_of=of,
+        kind="jacobian",
+        needs=row.needs,
+    )
+
+
+CONSTRAINT_DERIVATIVES: tuple[Row, ...] = ()

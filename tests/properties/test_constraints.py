@@ -1,0 +1,250 @@
+"""Constraints against Pinocchio: dense formulas with its Jacobians, and its `constraintDynamics`.
+
+Robots, constraints and states are random; constraints are redundant too, and active by turns.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from fractions import Fraction
+from types import ModuleType
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from support.constrained import Dense, constrained_robot, random_state
+from support.emitted import emitted_module
+from support.pinocchio_oracle import Oracle, placed
+from support.random_robots import random_tree
+
+from gibbs_codegen.robot.file import parse_robot
+from gibbs_codegen.robot.model import Constraint, ConstraintKind, Pose, Robot
+
+Array = np.ndarray
+TOLERANCE = 1e-10
+FEW, ALL = range(8), range(8, 100)
+SEEDS = [*FEW, *(pytest.param(seed, marks=pytest.mark.slow) for seed in ALL)]
+
+
+def assert_alike(ours: Array, theirs: Array, size: float = 0.0) -> None:
+    """Equal to a share of the largest entry, or of a size."""
+    size = max(size, float(np.abs(theirs).max(initial=0.0)))
+    np.testing.assert_allclose(ours, theirs, rtol=0, atol=TOLERANCE * (size or 1.0))
+
+
+@pytest.mark.parametrize("redundant", [False, True])
+@pytest.mark.parametrize("seed", SEEDS)
+def test_all_functions_are_those_of_dense_formulas(seed: int, redundant: bool) -> None:
+    robot = constrained_robot(seed, redundant)
+    module, rng = emitted_module(robot), np.random.default_rng(seed)
+    count = len(robot.constraints)
+    states = [random_state(robot, rng) for _ in range(3)]
+    choices = np.array([np.ones(count), rng.integers(0, 2, count), np.zeros(count)], float)
+    q, v, u = map(np.array, zip(*states, strict=True))
+    # All states at once, each with its own choice.
+    found = {
+        "dynamics": module.constrained_forward_dynamics(q, v, u, choices),
+        "impact": module.impact(q, v, choices),
+        "inertia": module.operational_inertia(q, choices),
+        "projection": module.constraint_projection(q, choices),
+    }
+    for k, active in enumerate(choices):
+        dense = Dense(robot, q[k], v[k])
+        assert_alike(module.constraint_errors(q[k]), dense.errors)
+        assert_alike(module.constraint_jacobian(q[k]), dense.jacobian)
+        assert_alike(module.constraint_bias(q[k], v[k]), dense.bias, float(v[k] @ v[k]))
+        for ours, theirs in zip(found["dynamics"], dense.dynamics(u[k], active), strict=True):
+            assert_alike(ours[k], theirs)
+        impulses, gain = dense.solved(dense.jacobian @ v[k], active)
+        assert_alike(found["impact"][0][k], v[k] + gain)
+        assert_alike(found["impact"][1][k], impulses)
+        rows = dense.active_rows(active)
+        assert_alike(found["inertia"][k][np.ix_(rows, rows)], dense.inverse(active)[0])
+        assert not np.delete(found["inertia"][k], rows, axis=0).any()
+        assert_alike(found["projection"][k], dense.solved(dense.errors, active)[1])
+
+
+def met_robot(seed: int) -> tuple[Robot, Array]:
+    """A robot with points and frames that are held, none redundantly, and a state of it there.
+
+    Pinocchio needs damping where some are redundant, and converges to fewer digits.
+    """
+    rng, robot = np.random.default_rng([seed, 11]), random_tree(seed)
+    q, v, _ = random_state(robot, rng)
+    oracle = Oracle(robot, rigid_base=True)
+    found: list[Constraint] = []
+    for k in range(6):
+        name, other = (str(each) for each in rng.permutation([*oracle.frames] * 2)[:2])
+        other = other if found else name
+        place = oracle.point_jacobian(q, oracle.frames[name])[1]
+        if name != other:
+            place = oracle.point_jacobian(q, oracle.frames[other])[1].actInv(place)
+        x, y, z = map(float, place.translation)
+        roll, pitch, yaw = (
+            Fraction(float(a)) for a in np.rad2deg(pin.rpy.matrixToRpy(place.rotation))
+        )
+        kind: ConstraintKind = "frame" if rng.random() < 0.5 else "point"
+        anchor = Pose((x, y, z), (roll, pitch, yaw)) if kind == "frame" else Pose((x, y, z))
+        found.append(Constraint(f"c{k}", kind, name, None if name == other else other, anchor))
+        dense = Dense(replace(robot, constraints=tuple(found)), q, np.zeros(v.size))
+        sizes = np.linalg.eigvalsh(dense.jacobian @ dense.inverse(np.ones(len(found)))[1])
+        if sizes[0] < 1e-4 * sizes[-1]:
+            found.pop()
+    return replace(robot, name=f"met_{seed}", constraints=tuple(found)), q
+
+
+@pytest.mark.parametrize(
+    "seed", [*range(4), *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(4, 60))]
+)
+def test_accelerations_and_forces_are_those_of_constraint_dynamics(seed: int) -> None:
+    """Where constraints are met and velocities agree with them, as Pinocchio takes them."""
+    robot, q = met_robot(seed)
+    module, oracle = emitted_module(robot), Oracle(robot, rigid_base=True)
+    assert np.abs(module.constraint_errors(q)).max() < 1e-13
+    every = np.ones(len(robot.constraints))
+    _, v, u = random_state(robot, np.random.default_rng(seed))
+    v, _ = module.impact(q, v, every)
+    models = pin.StdVec_RigidConstraintModel()
+    for own in robot.constraints:
+        joint, at = oracle.frames[own.frame]
+        to, place = oracle.frames[own.to] if own.to is not None else (0, pin.SE3.Identity())
+        kind = pin.ContactType.CONTACT_6D if own.kind == "frame" else pin.ContactType.CONTACT_3D
+        anchor = place * placed(own.anchor)
+        if own.kind == "point":  # In the axes that the anchor has.
+            there = oracle.point_jacobian(q, (to, anchor))[1] if to else anchor
+            turn = oracle.point_jacobian(q, (joint, pin.SE3.Identity()))[1].rotation.T
+            at = pin.SE3(turn @ there.rotation, at.translation)
+        models.append(
+            pin.RigidConstraintModel(
+                kind, oracle.model, joint, at, to, anchor, pin.ReferenceFrame.LOCAL
+            )
+        )
+    datas = pin.StdVec_RigidConstraintData()
+    for model in models:
+        datas.append(model.createData())
+    tree = oracle.model, oracle.data
+    armature = np.diag(oracle.mass_matrix(q)) - np.diag(
+        pin.crba(*tree, oracle.configuration(q))[np.ix_(oracle.order, oracle.order)]
+    )
+    oracle.model.armature = oracle.spread(armature[oracle.free])
+    driven = module.residual(q, v) + module.input_matrix(q) @ u
+    state = oracle.configuration(q), oracle.spread(v)
+    torque = oracle.spread(driven) + pin.nonLinearEffects(*tree, *state)
+    pin.initConstraintDynamics(*tree, models, datas)
+    settings = pin.ProximalSettings(1e-14, 0.0, 1)
+    theirs = pin.constraintDynamics(*tree, *state, torque, models, datas, settings)
+    ours, forces = module.constrained_forward_dynamics(q, v, u, every)
+    assert_alike(ours, theirs[oracle.order][oracle.free])
+    sizes = [6 if model.type == pin.ContactType.CONTACT_6D else 3 for model in models]
+    pushed = [data.contact_force.vector[:n] for data, n in zip(datas, sizes, strict=True)]
+    assert_alike(forces, np.concatenate(pushed))
+
+
+def test_impacts_take_energy_away_and_keep_momentum_within_the_robot() -> None:
+    for seed in range(6):
+        robot = constrained_robot(seed)
+        module, rng = emitted_module(robot), np.random.default_rng(seed)
+        q, v, _ = random_state(robot, rng)
+        active = np.ones(len(robot.constraints))
+        after, impulses = module.impact(q, v, active)
+        moving = module.constraint_jacobian(q) @ after
+        assert_alike(moving, 0.0 * moving, float(np.abs(v).max()))
+        lost = module.kinetic_energy(q, v) - module.kinetic_energy(q, after)
+        assert lost > -1e-13 * module.kinetic_energy(q, v)
+        assert lost == pytest.approx(-0.5 * impulses @ module.constraint_jacobian(q) @ v, abs=1e-10)
+        within = np.array([each.to is not None for each in robot.constraints], float)
+        kept, _ = module.impact(q, v, within)
+        before = module.centroidal_momentum(q, v)
+        assert_alike(module.centroidal_momentum(q, kept), before)
+
+
+FOUR_BAR = """
+name = "four_bar"
+
+[base]
+attitude = "quaternion"
+mass     = 1.0
+inertia  = [0.02, 0.03, 0.04, 0, 0, 0]
+
+[[link]]
+name    = "crank"
+xyz     = [0, 0, 0]
+axis    = "y"
+mass    = 0.2
+com     = [0.1, 0, 0]
+inertia = [1e-4, 1e-3, 1e-3, 0, 0, 0]
+
+[[link]]
+name    = "coupler"
+xyz     = [0.2, 0, 0]
+axis    = "y"
+mass    = 0.3
+com     = [0.2, 0, 0]
+inertia = [1e-4, 4e-3, 4e-3, 0, 0, 0]
+
+[[link]]
+name    = "rocker"
+parent  = "base"
+xyz     = [0.4, 0, 0]
+axis    = "y"
+mass    = 0.2
+com     = [0.15, 0, 0]
+inertia = [1e-4, 2e-3, 2e-3, 0, 0, 0]
+
+[[frame]]
+name = "end"
+on   = "coupler"
+xyz  = [0.4, 0, 0]
+
+[[frame]]
+name = "pin"
+on   = "rocker"
+xyz  = [0.3, 0, 0]
+
+[[constraint]]
+name  = "closing"
+type  = "loop"
+frame = "end"
+to    = "pin"
+joint = "revolute"
+axis  = "y"
+"""
+
+
+def closed_four_bar() -> tuple[ModuleType, Array, Array, Array]:
+    """The module of a four-bar on a base, which closes with five rows for two; a moving state."""
+    module = emitted_module(parse_robot(FOUR_BAR))
+    q, active = np.zeros(10), np.ones(1)
+    q[6], q[7:] = 1.0, (-1.2, 0.9, -1.0)
+    for _ in range(8):
+        q = module.integrate(q, module.constraint_projection(q, active))
+    assert np.abs(module.constraint_errors(q)).max() < 1e-15
+    v, _ = module.impact(q, np.array([0.1, 0, 0.2, 0.3, 1.0, -0.2, 3.0, 1.0, -2.0]), active)
+    return module, q, v, active
+
+
+def test_a_four_bar_keeps_its_energy_and_with_projection_its_loop() -> None:
+    module, q, v, active = closed_four_bar()
+    energy = module.kinetic_energy(q, v) + module.potential_energy(q)
+    h, worst = 1e-3, 0.0
+
+    def rates(q: Array, v: Array) -> tuple[Array, Array]:
+        return v, module.constrained_forward_dynamics(q, v, np.zeros(3), active)[0]
+
+    for _ in range(10_000):
+        (v1, a1), (v2, a2) = rates(q, v), (v, v)
+        middle = module.integrate(q, 0.5 * h * v1), v + 0.5 * h * a1
+        v2, a2 = rates(*middle)
+        other = module.integrate(q, 0.5 * h * v2), v + 0.5 * h * a2
+        v3, a3 = rates(*other)
+        end = module.integrate(middle[0], h * (v3 - 0.5 * v1)), v + h * a3
+        v4, a4 = rates(*end)
+        half = module.integrate(q, h / 12 * (3 * v1 + 2 * v2 + 2 * v3 - v4))
+        q = module.integrate(half, h / 12 * (-v1 + 2 * v2 + 2 * v3 + 3 * v4))
+        v = v + h / 6 * (a1 + 2 * a2 + 2 * a3 + a4)
+        q = module.integrate(q, module.constraint_projection(q, active))
+        v, _ = module.impact(q, v, active)
+        worst = max(worst, float(np.abs(module.constraint_errors(q)).max()))
+    assert worst < 1e-8
+    after = module.kinetic_energy(q, v) + module.potential_energy(q)
+    assert after == pytest.approx(energy, abs=1e-8 * module.kinetic_energy(q, v))
