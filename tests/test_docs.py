@@ -165,8 +165,9 @@ def test_c_program_with_derivatives(tmp_path: Path) -> None:
 
 def test_files_in_toml_are_accepted() -> None:
     files = ["reference/robot-file", "reference/scenario-file"]
+    touching = ["howto/force-control", "howto/walls"]
     howto = [f"howto/{page}" for page in ("actuators", "import", "several-arms")]
-    pages = [*howto, "howto/walls", *files, "start/first-robot"]
+    pages = [*sorted([*howto, *touching]), *files, "start/first-robot"]
     assert pages_with("toml") == ["README.md", *(f"docs/{page}.md" for page in pages)]
     rods, placed, driven, held = map(parse_robot, blocks("docs/reference/robot-file.md", "toml"))
     assert (rods.base.rotors, len(rods.links)) == (6, 1)
@@ -176,8 +177,9 @@ def test_files_in_toml_are_accepted() -> None:
     scenario, *others = map(parse_scenario, blocks("docs/reference/scenario-file.md", "toml"))
     assert scenario.arm.tip is not None
     assert [other.name for other in others] == ["via", "quick"]
-    for text in blocks("docs/howto/walls.md", "toml"):
-        assert parse_scenario(text).walls
+    for page in touching:
+        for text in blocks(f"docs/{page}.md", "toml"):
+            assert parse_scenario(text).walls
 
 
 @pytest.mark.parametrize("page", [*pages_with("sh"), *pages_with("console")])

@@ -12,11 +12,11 @@ is that of the module; of others it is the thrusts of motors that lag, N.
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 from gibbs_codegen.arrays import surroundings
-from gibbs_codegen.arrays.base import Motion, base_of, placed, quaternion_motion, unit_entries
+from gibbs_codegen.arrays.base import Motion, base_of, quaternion_motion, unit_entries
 from gibbs_codegen.arrays.contact import FIGURES, Contact, Touch, bristle_parts, bristles_of, touch
 from gibbs_codegen.arrays.functions import Functions
 from gibbs_codegen.arrays.labels import labelled
@@ -24,10 +24,13 @@ from gibbs_codegen.arrays.laws import (
     LAWS,
     Aim,
     CentrePath,
+    FrameAim,
     Gains,
     Limits,
+    Push,
     Rotors,
     inputs_of,
+    learning,
     weight_of,
     within_limits,
 )
@@ -36,6 +39,7 @@ from gibbs_codegen.arrays.nodes import (
     Program,
     absolute,
     choose,
+    clip,
     constant,
     coordinates_of,
     dot,
@@ -57,12 +61,16 @@ AHEAD = 1e-7
 
 @dataclass(frozen=True)
 class Instant:
-    """A time, and the desired motion there; that of the centre of mass where the base leans."""
+    """A time, and the desired motion there; that of the centre of mass where the base leans.
+
+    `felt` (6) is the wrench that the surroundings do to the frame that the law moves, if it does.
+    """
 
     time: Node
     motion: Motion
     centre: CentrePath | None
     curves: Node
+    felt: Node | None = None
 
 
 @dataclass(frozen=True)
@@ -95,7 +103,9 @@ class ClosedLoop:
     that thrusts have in the allocation, `lags` and `compensates` whether motors lag, and commands
     make up for it, `idles` that motors do not run where the input `idle` is 1, `moves` that joints
     move rotors, `refuses` that wrenches that rotors do not produce end a flight. `each` are names
-    of inputs that differ from state to state; `frames` is the number of the plant's.
+    of inputs that differ from state to state; `frames` is the number of the plant's. A law that
+    moves a frame moves that of the number `moved`, and pushes along a direction in the axes of the
+    one of the number `axes`, or of the world.
     """
 
     module: object
@@ -110,6 +120,8 @@ class ClosedLoop:
     idles: bool = False
     moves: bool = False
     refuses: bool = False
+    moved: int | None = None
+    axes: int | None = None
     around: Surroundings = Surroundings()
     each: Collection[str] = ()
     inputs: dict[str, Node] = field(default_factory=dict, compare=False)
@@ -210,6 +222,8 @@ class ClosedLoop:
     def rate(self, at: Instant, x: Node) -> dict[str, Node]:
         """Time derivative of a state x, inputs that are commanded and that act (nu), refusal."""
         q, v, actuators, memory, bristles = self.parts(x)
+        if self.moved is not None:
+            at = replace(at, felt=self._touching(q, v, bristles)[self.moved])
         wanted, aimed, u, refused = self._inputs(at, q, v, actuators, memory)
         touches = self.touches(q, v, bristles)
         wrenches, a = self._motion(at.time, q, v, u, aimed, actuators, touches)
@@ -225,19 +239,25 @@ class ClosedLoop:
     def commands(self) -> Program:
         """Inputs `commanded` and `acting` (nu), and `refused` as of a step.
 
-        Of a time, coordinates and velocities, and of actuators and memory where they are in the
-        state. `aimed` (nu) are the same within limits, or commands of motors and servos.
+        Of a time, coordinates and velocities, and of actuators, memory and bristles where they are
+        in the state, the last if the law feels them. `aimed` (nu) are the same within limits, or
+        commands of motors and servos.
         """
         time, (q, v) = variable("time", uniform=True), self.plant.state()
         actuators, memory = self._state_of_actuators, variable("memory", v.size)
-        at = self._instant(time, self._curves_at(time))
+        felt, bristles, own = None, self._state_of_bristles, self._own(actuators, memory)
+        if self.moved is not None:
+            felt = self._touching(q, v, bristles)[self.moved]
+            own += [bristles] if bristles.size else []
+        at = self._instant(time, self._curves_at(time), felt)
         wanted, aimed, u, refused = self._inputs(at, q, v, actuators, memory)
         outputs = {"commanded": wanted, "aimed": aimed, "acting": u, "refused": refused}
-        return self._program("commands", (time, q, v, *self._own(actuators, memory)), outputs)
+        return self._program("commands", (time, q, v, *own), outputs)
 
     def motion(self) -> Program:
         """Accelerations `a` (nv), `wrenches` (f, 6) of what acts, and of the `contacts` (c, 8).
 
+        `touching` (f, 6) are those of what touches the frames alone: of walls and of the push.
         Of a time, coordinates, velocities, and inputs that act; of rotors in the air also of what
         is aimed for, and of the state of the actuators; of bristles where there are any. Rows of
         contacts are as of `Touch.series`.
@@ -250,6 +270,7 @@ class ClosedLoop:
         outputs = {
             "a": a,
             "wrenches": zeros(self.frames, 6) if wrenches is None else wrenches,
+            "touching": self._touching(q, v, bristles),
             "contacts": join(zeros(0, 8), *(reshaped(x.series, (1, 8)) for x in touches)),
         }
         of_air = [x for x in (aimed, actuators) if x.size] if self._has_air else []
@@ -302,19 +323,19 @@ class ClosedLoop:
     def command(self) -> Program:
         """Inputs `wanted` (nu) of the law alone, `refused`, and `growth` of what it remembers.
 
-        Of a time, coordinates and velocities as it knows them, and what it remembers, if it does.
-        `wrench` (6) is what it asks of the rotors.
+        Of a time, coordinates and velocities as it knows them, what it remembers, if it does, and
+        what the frame that it moves feels. `wrench` (6) is what it asks of the rotors.
         """
         time, (q, v) = variable("time", uniform=True), self.model.state()
         memory = variable("memory", v.size)
-        at = self._instant(time, self._curves_at(time))
+        at = self._instant(time, self._curves_at(time), self._felt)
         wanted, refused = self.commanded(at, q, v, memory)
         outputs = {"wanted": wanted, "refused": refused}
         if self.integral:
             outputs["growth"] = self._remembered(at, q, v, memory, wanted)
         if self.law not in ("off", "held"):
             outputs["wrench"] = self._wrench(*self._force(at, q, v, memory))
-        own = [memory] if self.integral else []
+        own = self._known(at, memory)
         return self._program("command", (time, q, v, *own), outputs)
 
     def required(self) -> Program:
@@ -430,15 +451,15 @@ class ClosedLoop:
 
     # The desired motion.
 
-    def _instant(self, time: Node, curves: Node) -> Instant:
-        """A time with what the law follows there."""
+    def _instant(self, time: Node, curves: Node, felt: Node | None = None) -> Instant:
+        """A time with what the law follows there, and feels."""
         n, m = self.plant.space.coordinates, self.plant.space.velocities
         ends = n, n + m, n + 2 * m
         q = coordinates_of(curves[: ends[0]], self.plant.space)
         motion = Motion(q, curves[ends[0] : ends[1]], curves[ends[1] : ends[2]])
         path = curves[ends[2] :]
         centre = CentrePath(path[:3], path[3:6], path[6:]) if self.leans else None
-        return Instant(time, motion, centre, curves)
+        return Instant(time, motion, centre, curves, felt)
 
     def _curves_at(self, time: Node) -> Node:
         """Desired q, v and a, and where the base leans the centre of mass, at a time."""
@@ -499,9 +520,9 @@ class ClosedLoop:
         if not self.compensates:
             return self._law(at, q, v, memory)
         law = self._law_program
-        learnt = [memory] if self.integral else []
-        own = 4 + len(learnt)
-        found = law.results(at.time, at.curves, q, v, *learnt, *law.inputs[own:])
+        known = self._known(at, memory)
+        own = 4 + len(known)
+        found = law.results(at.time, at.curves, q, v, *known, *law.inputs[own:])
         return found["wanted"], found["refused"]
 
     @cached_property
@@ -511,10 +532,19 @@ class ClosedLoop:
         time, (q, v) = variable("time", uniform=True), self.model.state()
         curves = variable("curves", self.curves.outputs["curves"].size, uniform=True)
         memory = variable("memory", v.size)
-        wanted, refused = self._law(self._instant(time, curves), q, v, memory)
-        learnt = [memory] if self.integral else []
+        at = self._instant(time, curves, self._felt)
+        wanted, refused = self._law(at, q, v, memory)
         outputs = {"wanted": wanted, "refused": refused}
-        return self._program("law", (time, curves, q, v, *learnt), outputs)
+        return self._program("law", (time, curves, q, v, *self._known(at, memory)), outputs)
+
+    @property
+    def _felt(self) -> Node | None:
+        """What the frame that the law moves feels (6), as an input, if it moves one."""
+        return None if self.moved is None else variable("felt", 6)
+
+    def _known(self, at: Instant, memory: Node) -> list[Node]:
+        """What the law knows beside time and state: what it remembers and feels, if it does."""
+        return [*([memory] if self.integral else []), *([] if at.felt is None else [at.felt])]
 
     def _law(self, at: Instant, q: Node, v: Node, memory: Node) -> tuple[Node, Node]:
         q, force = self._force(at, q, v, memory)
@@ -525,11 +555,32 @@ class ClosedLoop:
         model, desired = self.model, at.motion
         if self.law == "open_loop":
             return desired.q, model.inverse_dynamics(desired.q, desired.v, desired.a)
-        learnt, weight = memory if self.integral else None, None
-        if self.leans:
-            weight = weight_of(model, q, self.given, self.rotors)
-        aim = Aim(desired, self.gains, learnt, at.centre, weight)
-        return q, LAWS[self.law].force(model, q, v, aim)
+        return q, LAWS[self.law].force(model, q, v, self._aim(at, q, memory))
+
+    def _aim(self, at: Instant, q: Node, memory: Node) -> Aim:
+        """What the law follows at an instant, with what it knows of the robot there."""
+        weight = weight_of(self.model, q, self.given, self.rotors) if self.leans else None
+        learnt = memory if self.integral else None
+        return Aim(at.motion, self.gains, learnt, at.centre, weight, self._frame_aim(at, q))
+
+    def _frame_aim(self, at: Instant, q: Node) -> FrameAim | None:
+        """How the law moves a frame, if it does."""
+        if self.moved is None or at.felt is None:
+            return None
+        stiffness, damping, inertia = (
+            self.given(f"frame_{x}", 3) for x in ("stiffness", "damping", "inertia")
+        )
+        found = FrameAim(self.moved, stiffness, damping, inertia, at.felt)
+        if not LAWS[self.law].pushes:
+            return found
+        direction = self.given("push_direction", 3)
+        if self.axes is not None:
+            direction = surroundings.rotation_of(self.model.frame_poses(q)[self.axes]) @ direction
+        force, rise, integral = (self.given(f"push_{x}") for x in ("force", "rise", "integral"))
+        ends = self.given("push_begin"), self.given("push_end")
+        shares = (clip((at.time - end) / rise, 0.0, 1.0) for end in ends)
+        rising, falling = (x * x * (3.0 - 2.0 * x) for x in shares)
+        return replace(found, push=Push(direction, force, rising - falling, integral))
 
     def _lead(
         self, at: Instant, parts: Sequence[Node], actuators: Node, wanted: Node, sent: Node
@@ -543,13 +594,18 @@ class ClosedLoop:
         model, count = self.model, self.plant.rotors
         ahead = choose(at.time, self.given("end") - AHEAD, -AHEAD, AHEAD)
         acting = self._acting(model, (q, v), self._within(sent), actuators)
-        a = model.forward_dynamics(q, v, acting)
+        if at.felt is None or self.moved is None:
+            a = model.forward_dynamics(q, v, acting)
+        else:
+            felt = surroundings.on_frames([(self.moved, at.felt)], self.frames)
+            a = model.forward_dynamics_with_wrenches(q, v, acting, felt)
         entries = entries_of(q)
         moved = entries + ahead * base_of(model, q).rates(v, entries)
         later = coordinates_of(unit_entries(model, moved), model.space)
         learnt = memory + ahead * self._errors(at, q, v) if self.integral else memory
         time = at.time + ahead
-        then = self._instant(time, self._curves_at(time))
+        # What will be felt nobody knows.
+        then = self._instant(time, self._curves_at(time), at.felt)
         next_wanted, refused = self.commanded(then, later, v + ahead * a, learnt)
         if self.driven:
             rates = (self._sent(then, next_wanted) - sent) / ahead
@@ -560,12 +616,7 @@ class ClosedLoop:
 
     def _errors(self, at: Instant, q: Node, v: Node) -> Node:
         """Errors (nv) that are integrated."""
-        if at.centre is None:
-            return base_of(self.model, q).errors(v, at.motion)[0]
-        own = self.model.layout.q.joints
-        off = at.centre.position - self.model.centre_of_mass(q)
-        joints = (entries_of(at.motion.q) - entries_of(q))[own]
-        return placed(self.model, zeros(3), off, joints)
+        return learning(self.model, q, v, self._aim(at, q, zeros(v.size)))
 
     def _remembered(self, at: Instant, q: Node, v: Node, memory: Node, wanted: Node) -> Node:
         """Rates (nv) of what is remembered, none away from 0 while an input is at a limit."""
@@ -604,6 +655,11 @@ class ClosedLoop:
         count = self.plant.rotors
         settled = choose(self.given("lag", count), 0.0, actuators, aimed[:count])
         return join(settled, aimed[count:])
+
+    def _touching(self, q: Node, v: Node, bristles: Node) -> Node:
+        """Wrenches (f, 6) of what touches the frames of the plant: of contacts and of the push."""
+        found = self.contact_wrenches_at(q, v, bristles)
+        return found + self.given("push", self.frames, 6) if self.around.pushes else found
 
     def _wrenches(
         self, time: Node, q: Node, v: Node, u: Node, speeds: Node, touches: list[Touch]

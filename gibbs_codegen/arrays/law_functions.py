@@ -20,8 +20,10 @@ from gibbs_codegen.arrays.laws import (
     LAWS,
     Aim,
     CentrePath,
+    FrameAim,
     Gains,
     Limits,
+    Push,
     Rotors,
     inputs_of,
     moved_wrenches,
@@ -57,19 +59,31 @@ _OF_REFERENCE = {
     "centre_position": ("centre_position", "where the centre of mass must be, m, world axes"),
     "centre_velocity": ("centre_velocity", "its velocity, m/s"),
     "centre_acceleration": ("centre_acceleration", "its acceleration, m/s^2"),
+    "direction": ("direction", "unit vector along which the tip pushes, world axes"),
+    "push": ("push", "how hard, N: what is wanted, and what is learnt of the error of the force"),
+    "share": ("share", "how far that is in force, 0 to 1; at 0 the tip follows its path"),
+}
+_OF_GAINS = {
+    "stiffness": "k of each error, 1/s^2",
+    "damping": "d of each error, 1/s",
+    "least": "least inputs, N and N m; -INFINITY for none",
+    "most": "greatest inputs; INFINITY for none",
+    "frame_stiffness": "of the tip along the axes of the world, N/m",
+    "frame_damping": "of the tip, N s/m",
+    "frame_inertia": "as what mass the tip moves, kg",
 }
 
 
 def law_functions(
-    robot: Functions, laws: Iterable[str], centre: int, moves: bool
+    robot: Functions, laws: Iterable[str], centre: int, tip: int, moves: bool
 ) -> list[Function]:
     """The functions of some laws, after that of what they know of the rotors.
 
-    `centre` is the place of the base centre among the points of `positions`, and `moves` tells that
-    joints move rotors.
+    `centre` is the place of the base centre among the points of `positions`, `tip` that of the
+    frame which laws move that do, and `moves` tells that joints move rotors.
     """
     laws = list(laws)
-    programs = {law: _law(robot, law, moves) for law in laws}
+    programs = {law: _law(robot, law, tip, moves) for law in laws}
     read = {name for program in programs.values() for name in program.names}
     rotors = Structure(
         "rotors",
@@ -103,23 +117,17 @@ def _structures(robot: Functions, read: Iterable[str]) -> Iterator[Structure]:
     yield Structure(
         "gains",
         f"Gains {by_velocity}, those of {position} in world axes, and limits.{frames}",
-        (
-            Member("stiffness", "stiffness", "k of each error, 1/s^2"),
-            Member("damping", "damping", "d of each error, 1/s"),
-            Member("least", "least", "least inputs, N and N m; -INFINITY for none"),
-            Member("most", "most", "greatest inputs; INFINITY for none"),
-        ),
+        tuple(Member(name, name, words) for name, words in _OF_GAINS.items() if name in read),
     )
     linear = "the base's frame" if robot.space.has_quaternion else "world axes"
     spins = "angular ones too" if robot.space.has_quaternion else "rates of its angles"
     velocities = f"velocities: of the base in {linear}, {spins}, and of the joints, rad/s and m/s"
+    state = {"q": "coordinates, rad and m; a quaternion has unit length", "v": velocities}
+    state["wrench"] = "measured: force, N, and torque, N m, on the tip, about it, world axes"
     yield Structure(
         "state",
         "Where the robot is.",
-        (
-            Member("q", "q", "coordinates, rad and m; a quaternion has unit length"),
-            Member("v", "v", velocities),
-        ),
+        tuple(Member(name, name, words) for name, words in state.items() if name in read),
     )
     members = [Member(own, name, words) for name, (own, words) in _OF_REFERENCE.items()]
     yield Structure(
@@ -130,8 +138,8 @@ def _structures(robot: Functions, read: Iterable[str]) -> Iterator[Structure]:
 
 
 @labelled
-def _law(robot: Functions, law: str, moves: bool) -> Program:
-    """Inputs u (nu) of a law."""
+def _law(robot: Functions, law: str, tip: int, moves: bool) -> Program:
+    """Inputs u (nu) of a law; the frame of the number `tip` is moved."""
     size, count, inputs = robot.space.velocities, robot.rotors, robot.inputs
 
     def given(name: str, *shape: int) -> Node:
@@ -157,10 +165,20 @@ def _law(robot: Functions, law: str, moves: bool) -> Program:
             *(variable(f"centre_{x}", 3) for x in ("position", "velocity", "acceleration"))
         )
         aim = replace(aim, path=path, weight=weight_of(robot, q, given, rotors))
+    if LAWS[law].moves_frame:
+        stiffness, damping, inertia = (
+            given(f"frame_{x}", 3) for x in ("stiffness", "damping", "inertia")
+        )
+        wrench = variable("wrench", 6)
+        aim = replace(aim, frame=FrameAim(tip, stiffness, damping, inertia, wrench))
+    if aim.frame is not None and LAWS[law].pushes:
+        # Who calls learns the error of the force.
+        push = Push(variable("direction", 3), variable("push"), variable("share"), constant(0.0))
+        aim = replace(aim, frame=replace(aim.frame, push=push))
     force = LAWS[law].force(robot, q, v, aim)
     u = within_limits(inputs_of(robot, q, force, rotors)[0], limits)
     read = {x.operation.name: x for x in ordered([u]) if isinstance(x.operation, Input)}
-    names = (*_OF_ROTORS, "stiffness", "damping", "least", "most", "q", "v", *_OF_REFERENCE)
+    names = (*_OF_ROTORS, *_OF_GAINS, "q", "v", "wrench", *_OF_REFERENCE)
     return Program(law, tuple(read[name] for name in names if name in read), {"u": u})
 
 

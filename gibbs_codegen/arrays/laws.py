@@ -3,8 +3,18 @@
 Computed torque is the inverse dynamics of the desired acceleration, corrected by the errors: each
 error e then obeys ë + d ė + k e = 0. The geometric law is for rotors that push along one axis (Lee,
 Leok and McClamroch, 2010): it tracks the centre of mass, and turns the base so that its thrust axis
-is where the force must be. `flight.control` says more on both. To add a law, add a row to `LAWS`:
-flights, scenario files and `generate --laws` read it.
+is where the force must be. `flight.control` says more on both.
+
+At a contact a frame, such as the tip, moves as a body on springs and dampers along its path: at x,
+off its path by e and pushed by its surroundings with w, it obeys
+
+    inertia (ẍ_desired - ẍ) + damping ė + stiffness e + w = 0
+
+Where force is controlled, it pushes along a direction n as hard as wanted, f plus what integral
+action has learnt, in place of the spring there; across it the spring alone decides, whatever w is.
+What w does to all else is made up for, so that the posture is held as in free flight.
+
+To add a law, add a row to `LAWS`: flights, scenario files and `generate --laws` read it.
 """
 
 from __future__ import annotations
@@ -32,6 +42,7 @@ from gibbs_codegen.arrays.nodes import (
     mark,
     maximum,
     reshaped,
+    solve,
     square_root,
     zeros,
 )
@@ -40,6 +51,11 @@ from gibbs_codegen.arrays.nodes import (
 _AUTHORITY = 0.8
 # Least sum of 1 and the cosine of an angle by which a direction is turned: none is turned round.
 _LEAST = 1e-9
+# Weight, m² s², times the stiffness of its error, of a joint's acceleration off its posture's
+# beside that of the frame where the base leans: it counts where the arm is nearly straight.
+_POSTURE = 4e-5
+# The same of a joint that a servo holds: it goes where its posture is.
+_HELD = 1e6
 # Squares of sines below this one are those of angles that are their sines but for rounding.
 _NO_ANGLE = 1e-16
 
@@ -106,12 +122,49 @@ class CentrePath:
 
 
 @dataclass(frozen=True)
+class Push:
+    """How a frame is to push: along a unit vector (3), world axes, with a force, N.
+
+    `share`, 0 to 1, is how far that is in force; `integral`, 1/s, the rate at which the error of
+    the measured force is learned.
+    """
+
+    direction: Node
+    force: Node
+    share: Node
+    integral: Node
+
+
+@dataclass(frozen=True)
+class FrameAim:
+    """The frame that a law moves, by its number, and how.
+
+    Stiffness, N/m, damping, N s/m, and inertia, kg, are those along the world's axes (3 each).
+    `wrench` (6) is measured: the force, N, and the torque about the frame's origin, N m, that the
+    surroundings do to it, world axes. Without `push` it does not control force.
+    """
+
+    number: int
+    stiffness: Node
+    damping: Node
+    inertia: Node
+    wrench: Node
+    push: Push | None = None
+
+    @property
+    def force(self) -> Node:
+        """The measured force (3)."""
+        return self.wrench[:3]
+
+
+@dataclass(frozen=True)
 class Aim:
     """What a law follows, and its gains.
 
     `memory` (nv) are the integrals of the errors, if the law remembers them: where the base leans,
     of joints and of the centre of mass, in the places of the position. `path` and `weight` are
-    there where the base leans.
+    there where the base leans, `frame` where the law moves a frame; `learning` says in which
+    places it remembers that.
     """
 
     desired: Motion
@@ -119,13 +172,19 @@ class Aim:
     memory: Node | None = None
     path: CentrePath | None = None
     weight: Weight | None = None
+    frame: FrameAim | None = None
+
+    @property
+    def remembered(self) -> Node:
+        """The integrals (nv), 0 without."""
+        return zeros(self.gains.damping.size) if self.memory is None else self.memory
 
     @property
     def learnt(self) -> Node:
         """What integral action adds to the errors (nv)."""
-        if self.memory is None:
-            return zeros(self.gains.damping.size)
-        return self.memory if self.gains.integral is None else self.gains.integral * self.memory
+        if self.memory is None or self.gains.integral is None:
+            return self.remembered
+        return self.gains.integral * self.memory
 
 
 def computed_torque(robot: Functions, q: Node, v: Node, aim: Aim) -> Node:
@@ -150,6 +209,8 @@ def geometric(robot: Functions, q: Node, v: Node, aim: Aim) -> Node:
     along = named(base.to_world(axis), "along", "The thrust axis in world axes.")
     jacobian = robot.centre_of_mass_jacobian(q)
     moving = robot.centre_of_mass(q), jacobian @ v
+    if aim.frame is not None:
+        weight = weight._replace(weight=weight.weight - aim.frame.force)
     needed = _needed(moving, path, along, places.position, gains, weight, learnt)
     turning = _turning(robot, q, v, desired, axis, needed, gains)
     turning = named(turning, "turning", "Angular acceleration by which the base leans.")
@@ -157,12 +218,131 @@ def geometric(robot: Functions, q: Node, v: Node, aim: Aim) -> Node:
     error = (_entries(desired.q) - _entries(q))[at] + learnt[rates]
     joints = desired.a[rates] + gains.stiffness[rates] * error
     joints = joints + gains.damping[rates] * (desired.v[rates] - v[rates])
-    attitude = base.attitude_entries(v, turning)
+    attitude, thrust = base.attitude_entries(v, turning), maximum(dot(needed[0], along), 0.0)
+    if aim.frame is not None:
+        pushed = (thrust * along - weight.weight) / weight.mass
+        joints = _reaching(robot, q, v, aim, placed(robot, attitude, zeros(3), joints), pushed)
     generalised = robot.inverse_dynamics(q, v, placed(robot, attitude, zeros(3), joints))
+    if aim.frame is not None:
+        generalised = generalised - _felt(robot, q, aim.frame)
     # Another acceleration of the machine as a whole makes up for what this force is not.
     exerted = base.to_world(base.wrench(zeros(3), generalised)[:3])
-    lacking = maximum(dot(needed[0], along), 0.0) * along - exerted
-    return generalised + jacobian.transposed @ lacking
+    return generalised + jacobian.transposed @ (thrust * along - exerted)
+
+
+def at_frame(robot: Functions, q: Node, v: Node, aim: Aim) -> Node:
+    """Generalised force (nv) by which a frame moves as a body on springs, and pushes.
+
+    Of all accelerations that do so it takes those nearest to the posture's, weighed by the
+    stiffness of each error: what is held loosely moves most. Joints that servos hold do not.
+    """
+    base, gains, desired, frame = base_of(robot, q), aim.gains, aim.desired, aim.frame
+    assert frame is not None  # noqa: S101 - the law moves a frame
+    places, learnt = robot.layout.v, aim.learnt
+    error, rate = base.errors(v, desired)
+    # What is remembered in the places of the position is of the frame.
+    error = error + placed(robot, learnt[places.attitude], zeros(3), learnt[places.joints])
+    a = base.corrected(v, desired, gains.stiffness * error + gains.damping * rate)
+    jacobian = robot.frame_jacobians(q)[frame.number][:3]
+    looseness = choose(gains.stiffness, 0.0, 1.0 / maximum(gains.stiffness, _LEAST), 0.0)
+    moved = reshaped(looseness, (looseness.size, 1)) * jacobian.transposed
+    lacking = _wanted(robot, q, v, aim, places.position) - jacobian @ a
+    a = a + moved @ solve(jacobian @ moved, lacking)
+    return robot.inverse_dynamics(q, v, a) - _felt(robot, q, frame)
+
+
+def _frame_learning(robot: Functions, q: Node, frame: FrameAim, aim: Aim) -> Node:
+    """Rates (3) of what a law remembers of a frame: its errors, of its force along the push, N s.
+
+    Without force control nothing, since a frame that learned would not yield.
+    """
+    if frame.push is None:
+        return zeros(3)
+    push, off = frame.push, _off(robot, q, aim)
+    along = push.share * (push.force + dot(push.direction, frame.force))
+    return off + (along - dot(push.direction, off)) * push.direction
+
+
+def _off(robot: Functions, q: Node, aim: Aim) -> Node:
+    """How far (3), m, the frame that is moved is off its path."""
+    assert aim.frame is not None  # noqa: S101 - the law moves a frame
+    here, there = (robot.frame_poses(x)[aim.frame.number] for x in (q, aim.desired.q))
+    return join(*(there[i][3] - here[i][3] for i in range(3)))
+
+
+def _felt(robot: Functions, q: Node, frame: FrameAim) -> Node:
+    """Generalised force (nv) of what the surroundings do to a frame."""
+    return robot.frame_jacobians(q)[frame.number].transposed @ frame.wrench
+
+
+def _wanted(robot: Functions, q: Node, v: Node, aim: Aim, place: slice) -> Node:
+    """Acceleration (3) of the frame that is moved, less that without accelerations of coordinates.
+
+    In a place of its memory the law has what it remembers of the frame.
+    """
+    desired, frame = aim.desired, aim.frame
+    assert frame is not None  # noqa: S101 - the law moves a frame
+    number, push = frame.number, frame.push
+    along_path = robot.frame_jacobians(desired.q)[number][:3]
+    ahead = robot.frame_bias_accelerations(desired.q, desired.v)[number][:3]
+    velocity, ahead = along_path @ desired.v, ahead + along_path @ desired.a
+    pull = frame.stiffness * _off(robot, q, aim)
+    if push is None:
+        pull = pull + frame.force
+    else:
+        n, learnt = push.direction, aim.learnt[place]
+        pull = pull + frame.stiffness * (learnt - dot(n, learnt) * n)
+        wish = push.force + push.integral * dot(n, aim.remembered[place]) + dot(n, frame.force)
+        # What is pushed decides how the frame moves there, and not its path.
+        pull, velocity, ahead = (
+            x + push.share * (other - dot(n, x)) * n
+            for x, other in ((pull, wish), (velocity, 0.0), (ahead, 0.0))
+        )
+    pull = pull + frame.damping * (velocity - robot.frame_jacobians(q)[number][:3] @ v)
+    pull = named(pull, "pull", "Force that is to move the frame, N.")
+    return ahead + pull / frame.inertia - robot.frame_bias_accelerations(q, v)[number][:3]
+
+
+def _reaching(robot: Functions, q: Node, v: Node, aim: Aim, a: Node, pushed: Node) -> Node:
+    """Accelerations of the joints that move a frame, of a machine that leans.
+
+    `a` (nv) are those of the attitude and the posture; `pushed` (3) is that of the centre of mass,
+    which the arm cannot help: it moves the frame relative to that.
+    """
+    places, frame, weight = robot.layout.v, aim.frame, aim.weight
+    own = places.joints
+    assert frame is not None and weight is not None  # noqa: S101, PT018 - it leans, moves a frame
+    if own.start == own.stop:
+        return a[own]
+    base, rest = base_of(robot, q), zeros(a.size)
+    held = base.to_world(base.wrench(zeros(3), robot.inverse_dynamics(q, v, rest))[:3])
+    drift = (held - weight.weight) / weight.mass
+    relative = robot.frame_jacobians(q)[frame.number][:3] - robot.centre_of_mass_jacobian(q)
+    lacking = _wanted(robot, q, v, aim, places.attitude) - (pushed - drift) - relative @ a
+    levers = relative.transposed[own]
+    stiffness = aim.gains.stiffness[own]
+    holding = choose(stiffness, 0.0, _POSTURE * stiffness, _HELD)
+    square = levers @ levers.transposed
+    square = square + constant(np.eye(holding.size)) * reshaped(holding, (holding.size, 1))
+    return a[own] + solve(square, levers @ lacking)
+
+
+def learning(robot: Functions, q: Node, v: Node, aim: Aim) -> Node:
+    """Rates (nv) of what a law with integral action remembers: errors, of coordinates or others."""
+    path, frame = aim.path, aim.frame
+    if path is None:
+        errors = base_of(robot, q).errors(v, aim.desired)[0]
+        if frame is None:
+            return errors
+        places = robot.layout.v
+        of_frame = _frame_learning(robot, q, frame, aim)
+        return placed(robot, errors[places.attitude], of_frame, errors[places.joints])
+    off = path.position - robot.centre_of_mass(q)
+    if frame is not None:  # The joints go where the frame needs them.
+        none = zeros(robot.layout.v.joints.stop - robot.layout.v.joints.start)
+        return placed(robot, _frame_learning(robot, q, frame, aim), off, none)
+    joints = (_entries(aim.desired.q) - _entries(q))[robot.layout.q.joints]
+    return placed(robot, zeros(3), off, joints)
 
 
 @dataclass(frozen=True)
@@ -171,13 +351,25 @@ class Law:
 
     By its gains small errors e obey ë + d ė + k e = 0. A law under which the base leans is for
     rotors that push along one axis and command three moments, the others are for rotors that
-    command all directions.
+    command all directions. Scenarios ask for it by its name, or by that of its `task`, for which
+    each base has a law: "tracking", or at a contact "impedance" or "force".
     """
 
     force: Callable[[Functions, Node, Node, Aim], Node]
     title: str
     words: str
     leans: bool = False
+    task: str = "tracking"
+
+    @property
+    def moves_frame(self) -> bool:
+        """Whether it moves a frame, and measures what that feels."""
+        return self.task != "tracking"
+
+    @property
+    def pushes(self) -> bool:
+        """Whether it controls the force of that."""
+        return self.task == "force"
 
 
 LAWS = {
@@ -193,6 +385,36 @@ LAWS = {
         "The geometric law, for rotors that push along one axis: inputs by which the centre of "
         "mass, the thrust axis and the joints follow a motion, within their limits.",
         leans=True,
+    ),
+    "impedance": Law(
+        at_frame,
+        "impedance control",
+        "Impedance of a frame: inputs by which it moves as a body on springs and dampers, yields "
+        "to what pushes it, and all else holds its posture, within their limits.",
+        task="impedance",
+    ),
+    "force": Law(
+        at_frame,
+        "force control",
+        "Force and position of a frame: inputs by which it pushes along a direction, follows its "
+        "path across it, and all else holds its posture, within their limits.",
+        task="force",
+    ),
+    "geometric_impedance": Law(
+        geometric,
+        "geometric impedance control",
+        "The geometric law with impedance of a frame, which the joints move: inputs by which the "
+        "base leans against what pushes the frame, within their limits.",
+        leans=True,
+        task="impedance",
+    ),
+    "geometric_force": Law(
+        geometric,
+        "geometric force control",
+        "The geometric law with force and position of a frame, which the joints move: inputs by "
+        "which the base leans against what the frame pushes, within their limits.",
+        leans=True,
+        task="force",
     ),
 }
 

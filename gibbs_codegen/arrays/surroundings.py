@@ -58,7 +58,7 @@ def spin_torque(axis: Node, momentum: Node, thrust: Node, pose: Node, velocity: 
     that of a rotor that turns the other way.
     """
     size = momentum * copysign(square_root(absolute(thrust)), thrust)
-    return cross(size * (_rotation(pose) @ axis), velocity[3:])
+    return cross(size * (rotation_of(pose) @ axis), velocity[3:])
 
 
 def air_on_rotors(
@@ -89,7 +89,7 @@ def _force_on_rotor(
     """
     drag, inflow, lift, radius, has_ground, *pairs = air[3:]
     speed, thrust = absolute(driven[0]), driven[1]  # Whichever way it turns, air resists.
-    axis = _rotation(pose) @ constant(np.array(air[:3]))
+    axis = rotation_of(pose) @ constant(np.array(air[:3]))
     along = dot(axis, moved)
     across = moved - along * axis
     pushed = lift * dot(across, across) - inflow * speed * along
@@ -152,6 +152,6 @@ def origin_of(pose: Node) -> Node:
     return join(*(pose[i][3] for i in range(3)))
 
 
-def _rotation(pose: Node) -> Node:
+def rotation_of(pose: Node) -> Node:
     """Rotation (3, 3) of a frame with a pose (4, 4)."""
     return join(*(reshaped(pose[i][:3], (1, 3)) for i in range(3)))

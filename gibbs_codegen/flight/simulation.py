@@ -127,7 +127,8 @@ def flight_start(
     if isinstance(scenario, str):
         scenario = read_scenario(scenario)
     if own:
-        scenario = replace(scenario, control=replace(scenario.control, law="open_loop"))
+        control = replace(scenario.control, law="open_loop", impedance=None, force=None)
+        scenario = replace(scenario, control=control)
     module = robot if isinstance(robot, ModuleType) else load(robot, "c")
     check_path(scenario.base, scenario.duration, "the path of the base")
     for name, path in scenario.arm.paths.items():

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import os
 from dataclasses import replace
+from functools import partial
 from types import ModuleType
 
 import numpy as np
@@ -19,6 +20,7 @@ from gibbs_codegen.flight.control.sampled_control import (
     ZeroOrderHold,
 )
 from gibbs_codegen.flight.desired.trajectory import Progress
+from gibbs_codegen.flight.integration.closed_loop import Parts
 from gibbs_codegen.flight.integration.integrators import Integration
 from gibbs_codegen.flight.plant.actuators import check_charge
 from gibbs_codegen.flight.plant.kinematics import UNIT, unit_quaternions
@@ -69,12 +71,12 @@ class Simulation:
     @property
     def q(self) -> Array:
         """Coordinates (nq) as they are, without sensors."""
-        return self._state()[0]
+        return self._at()[0].q
 
     @property
     def v(self) -> Array:
         """Velocities (nv) as they are, without sensors."""
-        return self._state()[1]
+        return self._at()[0].v
 
     @property
     def stopped(self) -> str:
@@ -121,7 +123,7 @@ class Simulation:
         self._flight: Integration | None = None
         # Times, states and inputs from which the flight of a while ago can be flown again.
         self._marks: list[tuple[float, Array, Array]] = []
-        return self._sensing(0.0, *self._begin)
+        return self._seen()
 
     def step(self, u: ArrayLike, duration: float | None = None) -> Observation:
         """Fly on with inputs that are held.
@@ -147,8 +149,14 @@ class Simulation:
         self._flight = self._flight or self._integration()
         for instant in [*self._hold.instants(now, now + ahead), now + ahead]:
             self._fly(self._flight, float(instant))
-        late = max(self._flight.time - self._sensing.delay, 0.0)
-        return self._sensing(self._flight.time, *self._state(late))
+        return self._seen()
+
+    def _seen(self) -> Observation:
+        """What the sensors tell now, of a while ago if they are late."""
+        late = max(self.time - self._sensing.delay, 0.0)
+        parts, inputs = self._at(late)
+        measure = partial(self._loop.measured, late, parts, inputs)
+        return self._sensing(self.time, parts.q, parts.v, measure)
 
     def _integration(self) -> Integration:
         """The flight at its start, with the inputs that were commanded, or none."""
@@ -166,21 +174,21 @@ class Simulation:
             self._marks = self._marks[max(sum(needed) - 1, 0) :]
             self._marks.append((begin, state, self._hold.inputs))
 
-    def _state(self, time: float = math.inf) -> tuple[Array, Array]:
-        """Coordinates (nq) and velocities (nv) at a time, s, of those flown; the last if later."""
+    def _at(self, time: float = math.inf) -> tuple[Parts, Array]:
+        """The state at a time, s, of those flown, the last if later, and the inputs held there."""
+        hold = self._hold
         if self._flight is None:
-            return self._begin
-        state, hold = self._flight.state, self._hold
+            return self._loop.parts(self._loop.start(*self._begin)), hold.inputs
+        state, held = self._flight.state, hold.inputs
         if time < self._flight.time - hold.same:
             begin, state, inputs = next(m for m in reversed(self._marks) if m[0] <= time)
-            now, hold.inputs = hold.inputs, inputs
+            now, hold.inputs, held = held, inputs, inputs
             settings, duration = self._scenario.integration, self._scenario.duration
             again = Integration(self._loop, state, settings, duration, begin)
             again.advance(time)
             state = again.state
             hold.inputs = now
-        q, v, *_ = self._loop.parts(state)
-        return q, v
+        return self._loop.parts(state), held
 
     def flight(self) -> Flight:
         """The flight so far, as `simulate` records it.

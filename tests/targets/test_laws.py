@@ -41,13 +41,16 @@ CALLED = {
         *("centre_of_mass", "centre_of_mass_jacobian"),
     ],
 }
-# With angles and with a quaternion, of either law; of the last the joints move the rotors.
+_FRAME = ["frame_poses", "frame_jacobians", "frame_bias_accelerations"]
+CALLED["force"] = CALLED["impedance"] = [*CALLED["computed_torque"], *_FRAME]
+CALLED["geometric_force"] = [*CALLED["geometric"], *_FRAME]
+# With angles and with a quaternion, of each law; of hydrus the joints move the rotors.
 CASES = {
-    "hexarotor_3link": "computed_torque",
-    "hextilt_flying_arm_5": "computed_torque",
-    "quadrotor": "geometric",
-    "quadrotor_arm_2link": "geometric",
-    "hydrus": "geometric",
+    "hexarotor_3link": ["computed_torque", "force"],
+    "hextilt_flying_arm_5": ["computed_torque", "impedance"],
+    "quadrotor": ["geometric"],
+    "quadrotor_arm_2link": ["geometric", "geometric_force"],
+    "hydrus": ["geometric"],
 }
 # Of few functions not all that a module has for them is called.
 OPTIONS = ["-O1", "-shared", "-fPIC", "-Wno-unused-function"]
@@ -77,7 +80,8 @@ class Case:
         points = self.module.POINTS
         centre = points.index("O2" if "O2" in points else "base")
         moves = bool(carried_rotors(read_robot(self.name)[0]))
-        found = law_functions(Functions(self.module), [self.law], centre, moves)
+        tip = self.module.FRAMES.index("tip") if "tip" in self.module.FRAMES else 0
+        found = law_functions(Functions(self.module), [self.law], centre, tip, moves)
         return [function.program for function in found]
 
     def inputs(self, seed: int) -> dict[str, Array]:
@@ -96,6 +100,8 @@ class Case:
                 found[name][place] /= np.linalg.norm(found[name][place])
         found["stiffness"] = rng.uniform(2.0, 6.0, found["stiffness"].shape)
         found["damping"] = rng.uniform(2.0, 5.0, found["damping"].shape)
+        if "frame_inertia" in found:
+            found["frame_inertia"] = rng.uniform(0.5, 2.0, 3)
         found["least"] = np.full(len(module.INPUTS), -np.inf)
         found["most"] = np.full(len(module.INPUTS), np.inf)
         return found
@@ -104,11 +110,11 @@ class Case:
         """Members of gains, state and reference."""
         known = [*self.programs[0].outputs]
         own = [name for name in self.programs[1].names if name not in known]
-        return [
-            [given[name] for name in own if name in ("stiffness", "damping", "least", "most")],
-            [given[name] for name in own if name in ("q", "v")],
-            [given[name] for name in own if name.startswith(("desired", "centre_"))],
-        ]
+        gains, state = ("stiffness", "damping", "least", "most"), ("q", "v", "wrench")
+        of_gains = [name for name in own if name in gains or name.startswith("frame_")]
+        parts = [of_gains, [name for name in own if name in state]]
+        parts.append([name for name in own if name not in (*of_gains, *state)])
+        return [[given[name] for name in part] for part in parts]
 
     def numpy(self, given: dict[str, Array]) -> tuple[dict[str, Array], Array]:
         """What is known of the rotors, and the inputs."""
@@ -142,12 +148,17 @@ SLOW = ("hextilt_flying_arm_5", "quadrotor_arm_2link")
 
 @pytest.fixture(
     scope="module",
-    params=[pytest.param(x, marks=[pytest.mark.slow] if x in SLOW else []) for x in CASES],
+    params=[
+        pytest.param((name, law), marks=[pytest.mark.slow] if name in SLOW else [])
+        for name, laws in CASES.items()
+        for law in laws
+    ],
+    ids="-".join,
 )
 def case(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Case:
-    law = CASES[request.param]
+    name, law = request.param
     out = tmp_path_factory.mktemp("laws")
-    folder = generate(request.param, out, functions=CALLED[law], laws=[law], verify=False)
+    folder = generate(name, out, functions=CALLED[law], laws=[law], verify=False)
     return Case(load(folder), law)
 
 

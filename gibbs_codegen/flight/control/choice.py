@@ -10,7 +10,7 @@ from gibbs_codegen.arrays.laws import LAWS
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.flight.control.error_polynomials import check_integral
 from gibbs_codegen.flight.control.geometric import LeaningController
-from gibbs_codegen.flight.control.laws import Controller, Gains
+from gibbs_codegen.flight.control.laws import Controller, Gains, MovedFrame
 from gibbs_codegen.flight.plant.actuators import has_servo, joint_place
 from gibbs_codegen.flight.plant.allocation import (
     Allocation,
@@ -21,7 +21,7 @@ from gibbs_codegen.flight.plant.allocation import (
 )
 from gibbs_codegen.flight.plant.vehicle import Array, Vehicle
 from gibbs_codegen.flight.reference import Reference
-from gibbs_codegen.flight.scenario.parts import PREDICTIVE, Control, Law
+from gibbs_codegen.flight.scenario.parts import PREDICTIVE, WORLD, Control, Impedance, Law
 
 _ALL = 6
 # How much faster the base must lean than the position follows, which it moves.
@@ -30,7 +30,7 @@ _WHERE = "(in the base's frame, about the base centre)"
 
 
 def law_of(law: Law, vehicle: Vehicle, q: Array, scenario: str) -> Law:
-    """The law that a scenario's asks for: "tracking" is the first of `LAWS` that suits the rotors.
+    """The law that a scenario asks for: of a task, such as "tracking", that which suits the rotors.
 
     All others are themselves.
     `q` (s, nq) is of the desired motion; one is enough for rotors that no joint moves. Raises
@@ -40,13 +40,15 @@ def law_of(law: Law, vehicle: Vehicle, q: Array, scenario: str) -> Law:
         return law
     full = bool(np.all(ranks(vehicle.thrust_wrenches(q)) == _ALL))
     one_axis = thrust_axis(vehicle, q) is not None
-    suiting = [name for name, each in LAWS.items() if (one_axis if each.leans else full)]
-    if law == "tracking" and suiting:
+    task = LAWS[law].task if law in LAWS else law
+    of_task = {name: each for name, each in LAWS.items() if each.task == task}
+    suiting = [name for name, each in of_task.items() if (one_axis if each.leans else full)]
+    if law == task and suiting:
         return suiting[0]
     if law in suiting:
         return law
     purpose = f"{vehicle.name}: to fly {scenario!r} under "
-    others = " or ".join(f'"{name}"' for name in ("tracking", *suiting))
+    others = " or ".join(f'"{name}"' for name in dict.fromkeys((task, *suiting)))
     if full:
         raise AllocationError(
             f"{purpose}{LAWS[law].title}, the rotors must push along one axis, but they command "
@@ -113,12 +115,26 @@ def control_law(
         if has_servo(vehicle, k):  # It corrects what is off itself.
             frequencies[places.joints.start + k] = 0.0
     gains = Gains.of(frequencies, ratios, places.size)
-    memory = 0
-    if control.integral and law in LAWS:
+    memory, moved = 0, _moved_frame(law, control, vehicle)
+    if law in LAWS and (control.integral or LAWS[law].pushes):
         gains, memory = replace(gains, integral=control.integral), places.size
     kind = LeaningController if leans else Controller
-    found = kind(vehicle, reference, allocation, gains, law, memory)
+    found = kind(vehicle, reference, allocation, gains, law, memory, moved)
     if isinstance(found, LeaningController):
         found.check_thrust()
     check_integral(found)
     return found
+
+
+def _moved_frame(law: Law, control: Control, vehicle: Vehicle) -> MovedFrame | None:
+    """The frame that a law moves, and how; None if it moves none.
+
+    Raises `UsageError` for a frame that the robot does not have.
+    """
+    if law not in LAWS or not LAWS[law].moves_frame:
+        return None
+    impedance, force = control.impedance or Impedance(), control.force
+    place, axes = vehicle.frame_place(impedance.frame, "control.impedance.frame"), None
+    if force is not None and force.axes != WORLD:
+        axes = vehicle.frame_place(force.axes, "control.force.axes")
+    return MovedFrame(place, axes, impedance, force)

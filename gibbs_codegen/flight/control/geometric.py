@@ -63,12 +63,6 @@ class LeaningController(Controller):
         return self._force(self.vehicle.neutral, np.zeros((2, self.vehicle.layout.v.size)))
 
     @cached_property
-    def mass(self) -> float:
-        """Mass of the robot, kg."""
-        place = self.vehicle.layout.v.position.start
-        return float(self.vehicle.mass_matrix(self.vehicle.neutral)[place, place])
-
-    @cached_property
     def centre(self) -> Reference:
         """Desired position, velocity and acceleration (…, 3) of the centre of mass in time."""
         time = self.reference.knots

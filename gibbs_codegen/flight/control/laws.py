@@ -18,7 +18,8 @@ input is at a limit, what is remembered may shrink but not grow.
 Lag compensation: a motor with time constant T gives a thrust F that obeys T Ḟ = u − F. For thrusts
 F* that a law wants, the command u = F* + T Ḟ* makes T (Ḟ − Ḟ*) = F* − F: what a thrust is off
 decays by itself, within T, and tracking errors obey the same equation as without lag. Ḟ* is the
-derivative in time along the motion, of the desired motion and of all that the law feeds back. The
+derivative in time along the motion, of the desired motion and of all that the law feeds back but
+for the wrench on a frame, which is taken as it is. The
 accelerations that are part of the motion are those that the acting thrusts give the robot as the
 law knows it; for this the thrusts must be measured, or known from a model of the motors.
 """
@@ -38,6 +39,10 @@ from gibbs_codegen.arrays.nodes import Program
 from gibbs_codegen.flight.plant.allocation import EXACT, Allocation
 from gibbs_codegen.flight.plant.vehicle import Array, Vehicle
 from gibbs_codegen.flight.reference import Reference
+from gibbs_codegen.flight.scenario.parts import Force, Impedance
+
+# What a frame feels that nothing touches.
+_NOTHING: Array = np.zeros(6)
 
 
 def required_inputs(
@@ -75,9 +80,14 @@ def inputs_and_constraint_torques(
 
 
 def law_program(
-    vehicle: Vehicle, allocation: Allocation, law: str, **others: Any
+    vehicle: Vehicle,
+    allocation: Allocation,
+    law: str,
+    moved: MovedFrame | None = None,
+    **others: Any,
 ) -> closed_loop.ClosedLoop:
     """The array program of a law of a robot, and `others` of what a closed loop consists of."""
+    frames = (None, None) if moved is None else (moved.place, moved.axes)
     return closed_loop.ClosedLoop(
         vehicle.module,
         law,
@@ -85,6 +95,8 @@ def law_program(
         shared=allocation.limits is not None,
         moves=vehicle.rotors_move,
         refuses=allocation.refuses and (bool(allocation.missing) or vehicle.rotors_move),
+        moved=frames[0],
+        axes=frames[1],
         **others,
     )
 
@@ -136,13 +148,48 @@ class Gains:
 
 
 @dataclass(frozen=True)
+class MovedFrame:
+    """The frame that a law moves by its number, that whose axes a push has, None of the world.
+
+    `impedance` and `force` are of the scenario.
+    """
+
+    place: int
+    axes: int | None
+    impedance: Impedance
+    force: Force | None = None
+
+    def values(self, mass: float, gains: Array) -> dict[str, Any]:
+        """Values of what its program is given, of a machine's mass, kg.
+
+        `gains` (2, 3) are stiffness and damping of errors of the position.
+        """
+        own, (stiffness, damping) = self.impedance, gains
+        inertia = np.full(3, mass) if own.inertia is None else np.array(own.inertia)
+        stiff = inertia * stiffness if own.stiffness is None else np.array(own.stiffness)
+        damped = damping * np.sqrt(inertia * stiff / stiffness)
+        values = {
+            "frame_inertia": inertia,
+            "frame_stiffness": stiff,
+            "frame_damping": damped if own.damping is None else np.array(own.damping),
+        }
+        if (push := self.force) is None:
+            return values
+        direction = np.array(push.direction) / np.linalg.norm(push.direction)
+        values |= {"push_direction": direction, "push_force": push.value}
+        return values | {
+            f"push_{x}": getattr(push, x) for x in ("begin", "end", "rise", "integral")
+        }
+
+
+@dataclass(frozen=True)
 class Controller:
     """Inputs for a state, so that the vehicle follows a reference.
 
     The laws of `arrays.laws` correct by the gains; "open_loop" commands the inputs of the desired
     motion, whatever the state; "off" commands zeros. `vehicle` is the model that the law knows,
     which need not be the plant. `memory` is how many numbers it remembers, which are integrated
-    with the state: nv with integral action.
+    with the state: nv with integral action. `moved` is the frame that the law moves, if it does.
     """
 
     vehicle: Vehicle
@@ -151,16 +198,26 @@ class Controller:
     gains: Gains
     law: str = "computed_torque"
     memory: int = 0
+    moved: MovedFrame | None = None
+
+    @cached_property
+    def mass(self) -> float:
+        """Mass of the robot, kg."""
+        place = self.vehicle.layout.v.position.start
+        return float(self.vehicle.mass_matrix(self.vehicle.neutral)[place, place])
 
     @cached_property
     def values(self) -> dict[str, Any]:
         """Values of the inputs of its program, by name."""
-        gains = self.gains
+        gains, place = self.gains, self.vehicle.layout.v.position
+        position = np.stack([gains.stiffness[place], gains.damping[place]])
+        of_frame = self.moved.values(self.mass, position) if self.moved else {}
         return _of_rotors(self.vehicle, self.allocation) | {
             "stiffness": gains.stiffness,
             "damping": gains.damping,
             "integral": gains.integral,
             "end": self.reference.end,
+            **of_frame,
         }
 
     @cached_property
@@ -171,19 +228,28 @@ class Controller:
     def program(self, **others: Any) -> closed_loop.ClosedLoop:
         """The array program of the law, as `law_program` has it."""
         integral = self.memory > 0
-        return law_program(self.vehicle, self.allocation, self.law, integral=integral, **others)
+        return law_program(
+            self.vehicle, self.allocation, self.law, self.moved, integral=integral, **others
+        )
 
     def commanded(
-        self, time: float | Array, q: Array, v: Array, memory: Array, limits: Mapping[str, Array]
+        self,
+        time: float | Array,
+        q: Array,
+        v: Array,
+        memory: Array,
+        limits: Mapping[str, Array],
+        felt: Array = _NOTHING,
     ) -> tuple[Array, Array]:
         """Inputs u (…, nu) at times (…), s, states q (…, nq), v (…, nv), and memory (…, memory).
 
         And the time derivative (…, memory) of what it remembers, which does not grow while an input
-        is at its `limits`, as `Actuators.values` has them, if there are any.
+        is at its `limits`, as `Actuators.values` has them, if there are any. `felt` (…, 6) is the
+        wrench on the frame that it moves, if it moves one.
 
         Raises `AllocationError` if no thrusts at all produce the wrench.
         """
-        given = {"time": time, "q": q, "v": v, "memory": memory}
+        given = {"time": time, "q": q, "v": v, "memory": memory, "felt": felt}
         evaluator = evaluator_of(self.program(limited=bool(limits)), "command")
         constants = constants_of(self.vehicle, self.vehicle)
         found = evaluator({**self.values, **limits, **given}, constants, self.externals)

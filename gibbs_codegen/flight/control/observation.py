@@ -2,9 +2,25 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any, NamedTuple
 
+from gibbs_codegen.errors import UsageError
 from gibbs_codegen.flight.plant.vehicle import Array
+
+
+class Measured(NamedTuple):
+    """Accelerations (nv), wrenches (f, 6) on the frames, and the state of the actuators."""
+
+    a: Array
+    wrenches: Array
+    actuators: Array
+
+
+def _unknown() -> Measured:
+    raise UsageError("observation: it was made without accelerations, wrenches and actuators")
 
 
 @dataclass(frozen=True)
@@ -14,6 +30,12 @@ class Observation:
     - `time`: of the sample, s
     - `q` (nq) and `v` (nv): the state as the sensors measure it
     - `q_desired` (nq), `v_desired` and `a_desired` (nv): the desired motion at `time`
+    - `a` (nv): accelerations, the derivatives of v, under the inputs that acted before the sample
+    - `wrenches` (f, 6): what walls and the push do to each frame of `FRAMES`: force, N, and torque
+      about its origin, N m, world axes
+    - `actuators`: thrusts of motors that lag, N, or the state that `ACTUATOR_STATES` names
+
+    The last three are computed when they are first asked for.
     """
 
     time: float
@@ -22,7 +44,35 @@ class Observation:
     q_desired: Array
     v_desired: Array
     a_desired: Array
+    measure: Callable[[], Measured] = field(default=_unknown, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         for array in (self.q, self.v, self.q_desired, self.v_desired, self.a_desired):
             array.setflags(write=False)
+
+    @property
+    def a(self) -> Array:
+        """Accelerations (nv)."""
+        return self._measured.a
+
+    @property
+    def wrenches(self) -> Array:
+        """Wrenches (f, 6) on the frames."""
+        return self._measured.wrenches
+
+    @property
+    def actuators(self) -> Array:
+        """State of the actuators."""
+        return self._measured.actuators
+
+    @cached_property
+    def _measured(self) -> Measured:
+        found = self.measure()
+        for array in found:
+            array.setflags(write=False)
+        return found
+
+    def __getstate__(self) -> dict[str, Any]:
+        # What measures knows the whole flight, which is not to be carried along.
+        known = {} if self.measure is _unknown else {"_measured": self._measured}
+        return {**self.__dict__, **known, "measure": _unknown}

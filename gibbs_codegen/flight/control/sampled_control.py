@@ -16,6 +16,7 @@ import numpy as np
 from gibbs_codegen.errors import UsageError, printable
 from gibbs_codegen.flight.arguments import whole
 from gibbs_codegen.flight.control.laws import Controller, Gains
+from gibbs_codegen.flight.control.observation import Measured
 from gibbs_codegen.flight.control.observation import Observation as Observation
 from gibbs_codegen.flight.control.predictive import NoPlanError, predictive_law
 from gibbs_codegen.flight.plant.actuators import Actuators
@@ -33,6 +34,10 @@ DEFAULT_RATE = 1000.0
 _LOWEST_RATE = 0.1
 
 
+# Finds, when it is asked, what sensors measure of a state beside coordinates and velocities.
+Measure = Callable[[], Measured]
+
+
 class ZeroOrderHold:
     """A law of control that commands what it was last told.
 
@@ -40,8 +45,8 @@ class ZeroOrderHold:
     they come. `law` knows the robot, the desired motion and the decay of errors.
     """
 
-    # Nothing that is remembered is integrated with the state.
-    memory = 0
+    # Nothing that is remembered is integrated with the state, and the law that is held moves none.
+    memory, moved = 0, None
 
     def __init__(self, law: ControlLaw, name: str, delay: float = 0.0, rate: float = 0.0) -> None:
         self.vehicle: Vehicle = law.vehicle
@@ -90,7 +95,7 @@ class ZeroOrderHold:
         if not self._times:
             self._act(-np.inf, self._pending[0][1])
 
-    def start(self, q: Array, v: Array) -> None:
+    def start(self, q: Array, v: Array, measure: Measure) -> None:
         """Begin a flight, for which a first command was given."""
 
     def forget(self) -> None:
@@ -109,7 +114,7 @@ class ZeroOrderHold:
         times = np.unique(times[(times > begin + self.same) & (times < end - self.same)])
         return times[np.diff(times, prepend=-np.inf) > self.same]
 
-    def begin(self, time: float, q: Array, v: Array) -> str:
+    def begin(self, time: float, q: Array, v: Array, measure: Measure) -> str:
         """Let the commands that are due take effect; why the flight cannot go on, "" if it can.
 
         Times must not decrease from call to call.
@@ -124,7 +129,13 @@ class ZeroOrderHold:
         self._commands.append(command)
 
     def commanded(
-        self, time: float | Array, q: Array, v: Array, memory: Array, limits: Mapping[str, Array]
+        self,
+        time: float | Array,
+        q: Array,
+        v: Array,
+        memory: Array,
+        limits: Mapping[str, Array],
+        felt: Array | None = None,
     ) -> tuple[Array, Array]:
         """Inputs u (…, nu) that were commanded at times (…), s, whatever all else was.
 
@@ -145,11 +156,16 @@ class Sensing:
         self.delay = found.delay
         self._seed = found.seed
         places = vehicle.layout.v
-        # Standard deviations of displacements, and of velocities (2, nv).
-        self._deviations = np.zeros((2, places.size))
-        self._deviations[:, places.attitude] = [[found.attitude], [found.angular_velocity]]
-        self._deviations[:, places.position] = [[found.position], [found.velocity]]
-        self._deviations[:, places.joints] = [[found.joints], [found.joint_rates]]
+        # Standard deviations of displacements, of velocities and of accelerations (3, nv).
+        self._deviations = np.zeros((3, places.size))
+        for place, values in (
+            (places.attitude, (found.attitude, found.angular_velocity, found.angular_acceleration)),
+            (places.position, (found.position, found.velocity, found.acceleration)),
+            (places.joints, (found.joints, found.joint_rates, found.joint_accelerations)),
+        ):
+            self._deviations[:, place] = np.array(values)[:, np.newaxis]
+        # And of forces and torques on a frame (6).
+        self._of_wrenches = np.repeat([found.force, found.torque], 3)
         self.reset()
 
     def reset(self, seed: int | None = None) -> None:
@@ -159,24 +175,42 @@ class Sensing:
         """
         self._seed = whole("seed", self._seed if seed is None else seed, 0)
         self._noise = np.random.default_rng(self._seed)
+        # Its own, so that what is measured besides changes no noise of the state.
+        self._other_noise = np.random.default_rng([self._seed, 1])
 
-    def __call__(self, time: float, q: Array, v: Array) -> Observation:
-        """What a controller is told of a state.
+    def __call__(
+        self, time: float, q: Array, v: Array, measure: Measure | None = None
+    ) -> Observation:
+        """What a controller is told of a state, and of what else there is to `measure`.
 
         The attitude is turned by a random rotation vector; rates of attitude angles are off by
         those of a random angular velocity.
         """
-        vehicle, layout = self._vehicle, self._vehicle.layout
-        q, v = q.copy(), v.copy()
-        if np.any(self._deviations):
-            moved, faster = self._deviations * self._noise.standard_normal(self._deviations.shape)
-            if not layout.is_quaternion:
-                place = layout.v.attitude
-                spins = np.stack([moved[place], faster[place]])
-                rates, _ = vehicle.kinematics.attitude_rates(np.tile(q, (2, 1)), spins, 0.0 * spins)
-                moved[place], faster[place] = rates
-            q, v = np.asarray(vehicle.integrate(q, moved)), v + faster
-        return Observation(time, q, v, *self._reference(time))
+        vehicle, layout, deviations = self._vehicle, self._vehicle.layout, self._deviations
+        noise, wrenches = np.zeros(deviations.shape), np.zeros((len(vehicle.frames), 6))
+        if np.any(deviations[:2]):
+            noise[:2] = self._noise.standard_normal(noise[:2].shape)
+        if np.any(deviations[2]) or np.any(self._of_wrenches):
+            noise[2] = self._other_noise.standard_normal(len(v))
+            wrenches = self._of_wrenches * self._other_noise.standard_normal(wrenches.shape)
+        noise, place = deviations * noise, layout.v.attitude
+        if np.any(noise[:, place]) and not layout.is_quaternion:
+            spins = noise[:, place]
+            rates, _ = vehicle.kinematics.attitude_rates(np.tile(q, (3, 1)), spins, 0.0 * spins)
+            noise[:, place] = rates
+        moved, faster, hurried = noise
+        seen_q, seen_v = q.copy(), v + faster
+        if np.any(moved):
+            seen_q = np.asarray(vehicle.integrate(q, moved))
+        desired = self._reference(time)
+        if measure is None:
+            return Observation(time, seen_q, seen_v, *desired)
+
+        def measured() -> Measured:
+            found = measure()
+            return Measured(found.a + hurried, found.wrenches + wrenches, found.actuators.copy())
+
+        return Observation(time, seen_q, seen_v, *desired, measured)
 
 
 class OwnController(Protocol):
@@ -210,8 +244,9 @@ class LawController:
 
         Of a robot with motors and servos they are commands for these.
         """
-        seen = observation.time, observation.q, observation.v, self._memory
-        inputs, growth = self._law.commanded(*seen, self._limits)
+        seen, moved = (observation.time, observation.q, observation.v), self._law.moved
+        felt = np.zeros(6) if moved is None else observation.wrenches[moved.place]
+        inputs, growth = self._law.commanded(*seen, self._memory, self._limits, felt)
         self._memory = self._memory + growth / self._rate
         if not self._is_driven:
             return inputs
@@ -240,7 +275,7 @@ class SampledControl(ZeroOrderHold):
         self._sensing, self._controller = sensing, controller
         self._taken = 0
 
-    def start(self, q: Array, v: Array) -> None:
+    def start(self, q: Array, v: Array, measure: Measure) -> None:
         """Begin a flight: forget what was, and take the first sample.
 
         Raises `UsageError` if the first command is not what inputs must be.
@@ -251,7 +286,7 @@ class SampledControl(ZeroOrderHold):
         reset = getattr(self._controller, "reset", None)
         if reset is not None:
             reset()
-        if fault := self.begin(0.0, q, v):
+        if fault := self.begin(0.0, q, v, measure):
             raise UsageError(fault)
 
     def instants(self, begin: float, end: float) -> Array:
@@ -262,7 +297,7 @@ class SampledControl(ZeroOrderHold):
         samples = np.arange(first, last) / self.rate
         return self._inside(np.concatenate([samples - late, samples + self.delay]), begin, end)
 
-    def begin(self, time: float, q: Array, v: Array) -> str:
+    def begin(self, time: float, q: Array, v: Array, measure: Measure) -> str:
         """Take due samples, and let due commands take effect; the fault of a command, "" if none.
 
         A sample is taken of the state that its observation tells, which is earlier by the delay of
@@ -271,13 +306,13 @@ class SampledControl(ZeroOrderHold):
         while (sampled := self._taken / self.rate) - self._sensing.delay <= time + self.same:
             self._taken += 1
             try:
-                inputs = self._controller(self._sensing(sampled, q, v))
+                inputs = self._controller(self._sensing(sampled, q, v, measure))
             except NoPlanError as error:
                 return str(error)
             if fault := self.fault(inputs):
                 return f"at t = {sampled:.6g} s the controller returned {fault}"
             self.command(sampled, inputs)
-        return super().begin(time, q, v)
+        return super().begin(time, q, v, measure)
 
 
 # What commands motors and joints: inputs of a time, a state and what is remembered.

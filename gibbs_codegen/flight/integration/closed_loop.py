@@ -11,7 +11,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -22,6 +22,7 @@ from gibbs_codegen.arrays.contact import bristles_of
 from gibbs_codegen.arrays.evaluation import Evaluator
 from gibbs_codegen.flight.control.geometric import LeaningController
 from gibbs_codegen.flight.control.laws import constants_of, evaluator_of, law_program
+from gibbs_codegen.flight.control.observation import Measured
 from gibbs_codegen.flight.control.sampled_control import ControlLaw, ZeroOrderHold
 from gibbs_codegen.flight.integration.state_history import NOTHING, Loads, SmoothInterval
 from gibbs_codegen.flight.plant.actuators import Actuators, check_charge, has_battery
@@ -135,7 +136,9 @@ class ClosedLoop:
         Raises `UsageError` for a charge as `check_charge` does.
         """
         if self.hold is not None:
-            self.hold.start(q, v)
+            parts = self.parts(np.r_[q, v, np.zeros(self.size - self.work_place)])
+            inputs = np.zeros_like(self.hold.inputs)
+            self.hold.start(q, v, partial(self.measured, 0.0, parts, inputs))
         memory = np.zeros((*v.shape[:-1], self.controller.memory))
         wanted, _ = self.controller.commanded(0.0, q, v, memory, {})
         idles = bool(self.actuators.idles(0.0))
@@ -216,8 +219,8 @@ class ClosedLoop:
         """Accelerations `a` (…, nv) under inputs (…, nu) and all else that acts.
 
         `aimed` (…, nu) is as of `commands`. `wrenches` (…, f, 6) are on the frames by that but the
-        inputs: force, N, and torque about the origin, N m, world axes. `contacts` (…, c, 8) are as
-        of `Touch.series`.
+        inputs: force, N, and torque about the origin, N m, world axes; `touching` (…, f, 6) those
+        of contacts and of the push alone. `contacts` (…, c, 8) are as of `Touch.series`.
         """
         own = {name: getattr(parts, name) for name in ("q", "v", "actuators", "bristles")}
         given = {"time": time, "u": inputs, "aimed": aimed, **own}
@@ -284,10 +287,18 @@ class ClosedLoop:
         """
         if self.hold is None:
             return interval, ""
-        q, v, *_ = self.parts(state)
-        stopped = self.hold.begin(interval.begin, q, v)
+        parts = self.parts(state)
+        measure = partial(self.measured, interval.begin, parts, self.hold.inputs)
+        stopped = self.hold.begin(interval.begin, parts.q, parts.v, measure)
         loads = replace(interval.loads, inputs=tuple(self.hold.inputs.tolist()))
         return replace(interval, loads=loads), stopped
+
+    def measured(self, time: float, parts: Parts, inputs: Array) -> Measured:
+        """What sensors without noise measure of a state while inputs (nu) are held."""
+        loads = replace(self.loads(time), inputs=tuple(inputs.tolist()))
+        _, aimed, acting = self.commands(time, parts, loads)
+        found = self.motion(time, parts, aimed, acting, loads)
+        return Measured(found["a"], found["touching"], parts.actuators)
 
     def smooth_intervals(self, begin: float, end: float) -> Iterator[SmoothInterval]:
         """The intervals of a flight between which the push, held inputs and motors may change.
@@ -359,6 +370,7 @@ def loop_program(
         law.vehicle,
         law.allocation,
         "held" if held else law.law,
+        None if held else law.moved,
         integral=law.memory > 0,
         limited=closed.limited,
         driven=closed.vehicle.is_driven,

@@ -68,6 +68,8 @@ Positive = Annotated[Number, table.Bounds(LEAST)]
 IN_DEGREES = WrapValidator(_in_radians)
 Angle = Annotated[Number, IN_DEGREES]
 Vector = Annotated[tuple[Number, Number, Number], table.listed(3)]
+# Along the world's axes.
+Positives = Annotated[tuple[Positive, Positive, Positive], table.listed(3)]
 Angles = Annotated[tuple[Angle, Angle, Angle], table.listed(3)]
 Direction = Annotated[
     Vector,

@@ -29,11 +29,13 @@ from gibbs_codegen.flight.scenario.numbers import (
     IN_DEGREES,
     LEAST,
     Angles,
+    Direction,
     Endless,
     JointName,
     NotNegative,
     Number,
     Positive,
+    Positives,
     Vector,
 )
 
@@ -41,6 +43,9 @@ MAX_DURATION = 3600.0  # s
 # The law that plans: `flight.control.predictive`.
 PREDICTIVE = "predictive"
 Law = Annotated[str, OneOf(("tracking", *LAWS, PREDICTIVE, "open_loop", "off"))]
+# Laws of scenarios that move a frame, and of these those that control its force.
+_MOVING = [name for name, law in LAWS.items() if law.moves_frame]
+_PUSHING = [name for name, law in LAWS.items() if law.pushes]
 Method = Literal["adaptive", "rk4"]
 TimingLaw = Literal["uniform", "fastest"]
 Thrusts = Annotated[
@@ -54,6 +59,8 @@ _Delay = Annotated[Number, Bounds(0.0, 10.0, " s")]
 Charge = Annotated[Number, Bounds(0.0, 1.0)]
 _ZERO = (0.0, 0.0, 0.0)
 FRAME = "a name in the module's FRAMES"
+# Axes that are no frame's.
+WORLD = "world"
 
 
 @table
@@ -66,6 +73,54 @@ class JointControl(Table):
     damping_ratio: _Rate | None = entry(
         "damping ratio of its error dynamics; default: that of control", None
     )
+
+
+class _ForATime:
+    """What acts from `begin` to `end`, s."""
+
+    begin: float
+    end: float
+
+    def _faults(self) -> Iterator[tuple[Place, str]]:
+        """The fault of an end that is not after the begin."""
+        if not self.end > self.begin:
+            yield ("end",), f"must be after begin, {self.begin:g} s"
+
+
+@table
+class Impedance(Table):
+    """How a frame moves under the laws "impedance" and "force": as a body on springs and dampers.
+
+    They are those along the axes of the world.
+    """
+
+    frame: str = entry(f"the frame that moves so: {FRAME}", "tip")
+    stiffness: Positives | None = entry(
+        "force for each metre off the path, [x, y, z] in N/m; default: of the frequency of control"
+    )
+    damping: Positives | None = entry(
+        "force for each m/s, [x, y, z] in N s/m; default: of the damping_ratio of control"
+    )
+    inertia: Positives | None = entry(
+        "as what mass it moves, [x, y, z] in kg; default: the mass of the machine, which needs "
+        "the least of the rotors"
+    )
+
+
+@table
+class Force(_ForATime, Table):
+    """How hard the frame of `impedance` pushes under the law "force", for a time."""
+
+    value: Annotated[NotNegative, key("the force that it does to its surroundings, N")]
+    direction: Annotated[Direction, key("the direction in which it pushes, [x, y, z]")]
+    axes: str = entry(
+        f"whose axes the direction is in: world, or those of a frame that move with it, {FRAME}",
+        WORLD,
+    )
+    begin: NotNegative = entry("when it begins to push, s", 0.0)
+    end: Endless = entry("when it ceases, s; default: never", math.inf)
+    rise: Positive = entry("how long the force takes to come, and to go, s", 0.5)
+    integral: _Rate = entry("rate at which the error of the measured force is learned, 1/s", 2.0)
 
 
 @table
@@ -100,25 +155,25 @@ class Control(Table):
     joints: Mapping[JointName, JointControl] = entry(
         "gains of single joints by their names, where they differ from those of the base", dict
     )
+    impedance: Impedance | None = entry(
+        'how a frame moves under the laws "impedance" and "force"; default: the tip, by the '
+        "frequency of control"
+    )
+    force: Force | None = entry('how hard it pushes under the law "force", which needs it')
 
     @classmethod
     def _key_faults(cls, values: Mapping[str, Any]) -> Iterator[tuple[str | Place, str]]:
-        """The fault of a delay of a law that is evaluated at all times."""
-        has_rate = "rate" in values or values.get("law") == PREDICTIVE
+        """Faults of a delay of a law at all times, and of what is said of a contact."""
+        law = values.get("law", "tracking")
+        has_rate = "rate" in values or law == PREDICTIVE
         if values.get("delay") and not has_rate:
             yield "rate", "missing: a delay needs to know how often the law is evaluated, in Hz"
-
-
-class _ForATime:
-    """What acts from `begin` to `end`, s."""
-
-    begin: float
-    end: float
-
-    def _faults(self) -> Iterator[tuple[Place, str]]:
-        """The fault of an end that is not after the begin."""
-        if not self.end > self.begin:
-            yield ("end",), f"must be after begin, {self.begin:g} s"
+        if law in _PUSHING and "force" not in values:
+            yield "force", "missing: say how hard the frame pushes, { value = …, direction = … }"
+        for each, laws in (("impedance", _MOVING), ("force", _PUSHING)):
+            if each in values and law not in laws:
+                tasks = " or ".join(dict.fromkeys(f'"{LAWS[name].task}"' for name in laws))
+                yield each, f"is for the law {tasks}; set that, or leave it out"
 
 
 @table
@@ -158,6 +213,19 @@ class Sensors(Table):
     delay: _Delay = entry("how old the state is that is observed, s", 0.0)
     seed: Annotated[Whole, Bounds(0, 2**63 - 1)] = entry(
         "flights of the same seed have the same noise", 0
+    )
+    acceleration: NotNegative = entry(
+        "standard deviation of the base's acceleration along each axis, m/s²", 0.0
+    )
+    angular_acceleration: NotNegative = entry(
+        "standard deviation of the base's angular acceleration about each axis, rad/s²", 0.0
+    )
+    joint_accelerations: NotNegative = entry(
+        "standard deviation of the acceleration of each joint, rad/s² or m/s²", 0.0
+    )
+    force: NotNegative = entry("standard deviation of the force on a frame along each axis, N", 0.0)
+    torque: NotNegative = entry(
+        "standard deviation of the torque on a frame about each axis, N m", 0.0
     )
 
     synonyms: ClassVar[Mapping[str, str]] = {

@@ -32,12 +32,13 @@ def law_files(model: Model, header: Lines) -> dict[str, str]:
     """
     if not model.laws:
         return {}
-    robot, points = model.robot, model.description.points
+    robot, points, frames = model.robot, model.description.points, model.description.frames
     for law in model.laws:
         _check(robot, law)
     functions = model_functions(model)
     centre = points.index("O2" if "O2" in points else "base")
-    made = law_functions(functions, model.laws, centre, bool(carried_rotors(robot)))
+    tip = frames.index("tip") if "tip" in frames else 0
+    made = law_functions(functions, model.laws, centre, tip, bool(carried_rotors(robot)))
     programs = (each.program for each in made)
     check_calls(model, programs, f"--laws: {' and '.join(model.laws)} needs")
     words = f"Laws of control of {robot.name}, which call its functions; compile them together."

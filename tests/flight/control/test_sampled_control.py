@@ -337,7 +337,7 @@ def test_sensors_are_late(late: float, fast: Load) -> None:
 
 def test_what_a_law_remembers_grows_from_sample_to_sample() -> None:
     class Remembers:
-        memory = 2
+        memory, moved = 2, None
 
         def commanded(self, time: float, q: Array, v: Array, memory: Array, *_: Any) -> Any:
             return memory.copy(), np.array([1.0, time]) - memory

@@ -1,0 +1,298 @@
+"""Laws that move a frame: impedance, and force and position, of bases of both kinds."""
+
+from __future__ import annotations
+
+import pickle
+from collections.abc import Callable
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from gibbs_codegen.errors import ScenarioFileError, UsageError
+from gibbs_codegen.flight.control.sampled_control import Observation
+from gibbs_codegen.flight.plant.vehicle import Array
+from gibbs_codegen.flight.record.flight import Flight
+from gibbs_codegen.flight.scenario.file import read_scenario
+from gibbs_codegen.flight.simulation import simulate
+from gibbs_codegen.flight.stepping import Simulation
+
+Load = Callable[[str], ModuleType]
+
+FIXED = {"method": "rk4", "step": 1e-3}
+IMPEDANCE = {"stiffness": [40, 60, 80], "damping": [22, 30, 37], "inertia": [3, 4, 5]}
+HEXTILT = ["base_link_link_1", *(f"link_{k}_link_{k + 1}" for k in range(1, 5))]
+# Bent arms, whose joints can move the tip; of the second robot within a plane.
+BENT = {
+    "hexarotor_3link": {"theta_7": -100, "theta_9": 60},
+    "hextilt_flying_arm_5": {"flying_arm_5__j_base_link_link_1": 70},
+    "quadrotor_arm_2link": {"upper_arm": 12, "forearm": 68},
+}
+
+
+def flown(module: ModuleType, duration: float, **changes: Any) -> Flight:
+    """A flight in hover with a bent arm, without lag if nothing else is said."""
+    given = {"arm.posture_deg": BENT[module.NAME], "motors.time_constant": 0, "integration": FIXED}
+    if module.NAME.startswith("hextilt"):  # Its joints bear less than a push along the arm.
+        given["arm.effort"] = {f"flying_arm_5__j_{x}": 5.0 for x in HEXTILT}
+    flight = simulate(module, read_scenario("hover", {"duration": duration, **given, **changes}))
+    assert not flight.stopped
+    return flight
+
+
+def tips(module: ModuleType, flight: Flight) -> Array:
+    """How far (s, 3), m, the tip is off where it is wanted."""
+    place, count = module.FRAMES.index("tip"), len(flight.time)
+    here, there = (module.frame_poses(q)[:, place, :3, 3] for q in (flight.q, flight.q_desired))
+    return np.asarray(here - there[:count])
+
+
+def wall(module: ModuleType, gap: float, **others: Any) -> dict[str, Any]:
+    """A wall before the tip in hover, towards x."""
+    still = flown(module, 0.01)
+    tip = module.frame_poses(still.q[0])[module.FRAMES.index("tip"), :3, 3]
+    point = (tip + np.array([gap, 0, 0])).tolist()
+    return {"frame": "tip", "point": point, "normal": [-1, 0, 0], "stiffness": 1000.0, **others}
+
+
+@pytest.mark.parametrize("name", ["hexarotor_3link", "hextilt_flying_arm_5"])
+def test_a_frame_moves_as_a_body_on_springs(name: str, fast: Load) -> None:
+    module, force = fast(name), np.array([0.5, 1.0, -2.0])
+    push = {"force": force.tolist(), "torque": [0.05, -0.1, 0.02], "end": 100}
+    control = {"law": "impedance", "impedance": IMPEDANCE}
+    flight = flown(module, 6.0, control=control, push=push)
+    inertia, damping, stiffness = (
+        np.array(IMPEDANCE[x]) for x in ("inertia", "damping", "stiffness")
+    )
+    # Two roots of inertia s² + damping s + stiffness, which differ.
+    root = np.sqrt((damping / (2 * inertia)) ** 2 - stiffness / inertia + 0j)
+    first, second = -damping / (2 * inertia) + root, -damping / (2 * inertia) - root
+    time = flight.time[:, np.newaxis]
+    left = (second * np.exp(first * time) - first * np.exp(second * time)) / (second - first)
+    off = tips(module, flight)
+    assert off == pytest.approx((force / stiffness * (1 - left)).real, abs=1e-7)
+    # Of all postures with the tip there it is the one nearest to that wanted.
+    moved = module.difference(flight.q_desired[-1], flight.q[-1])
+    slope = module.frame_jacobians(flight.q[-1])[module.FRAMES.index("tip"), :3]
+    needed = np.linalg.lstsq(slope, slope @ moved, rcond=None)[0]
+    assert moved == pytest.approx(needed, abs=0.01 * np.linalg.norm(moved))
+
+
+@pytest.mark.parametrize("name", ["hexarotor_3link", "hextilt_flying_arm_5"])
+def test_a_push_is_a_mass_that_pushes_a_spring(name: str, fast: Load) -> None:
+    """From before the wall into it, with what integral action learns."""
+    module = fast(name)
+    mass, damping, stiffness, integral = 2.0, 60.0, 1000.0, 3.0
+    push = {"value": 1.5, "direction": [2, 0, 0], "begin": 0.1, "rise": 0.4, "integral": integral}
+    impedance = {"inertia": [mass] * 3, "damping": [damping] * 3, "stiffness": [50] * 3}
+    control = {"law": "force", "force": push, "impedance": impedance}
+    gap, step = 0.002, 2e-4
+    flight = flown(
+        module,
+        1.5,
+        control=control,
+        wall=[wall(module, gap)],
+        integration={"method": "rk4", "step": step},
+    )
+
+    def rate(time: float, state: Array) -> list[float]:
+        x, speed, learnt = state
+        part = np.clip((time - 0.1) / 0.4, 0.0, 1.0)
+        share, pressed = part**2 * (3.0 - 2.0 * part), max(stiffness * (x - gap), 0.0)
+        pull = share * (1.5 + integral * learnt - pressed) - (1.0 - share) * 50.0 * x
+        return [speed, (pull - damping * speed) / mass, share * (1.5 - pressed)]
+
+    oracle = solve_ivp(
+        rate, (0, 1.5), [0, 0, 0], t_eval=flight.time, rtol=1e-10, atol=1e-12, max_step=1e-3
+    )
+    assert flight.wall_forces[:, 0].max() > 1.4
+    assert tips(module, flight)[:, 0] == pytest.approx(oracle.y[0], abs=1e-6)
+
+
+PUSHES: dict[str, dict[str, Any]] = {
+    "hexarotor_3link": {"frequency": 8},
+    "hextilt_flying_arm_5": {
+        "frequency": 8,
+        "attitude_frequency": 30,
+        "joints": {f"flying_arm_5__j_{x}": {"frequency": 30} for x in HEXTILT},
+    },
+    "quadrotor_arm_2link": {
+        "frequency": 5,
+        "impedance": {"stiffness": [100] * 3, "damping": [60, 20, 20], "inertia": [1] * 3},
+    },
+}
+
+
+@pytest.mark.parametrize("name", PUSHES)
+def test_integral_action_makes_the_force_exact(name: str, fast: Load) -> None:
+    """The machine is heavier than the law knows, motors lag, and the wall has friction."""
+    module = fast(name)
+    push = {"value": 3.0, "direction": [1, 0, 0], "begin": 0.5, "rise": 1.0, "integral": 4}
+    heavier = {x: 1.1 * v for x, v in module.PARAMETERS.items() if x.endswith("_mass")}
+    flight = flown(
+        module,
+        12.0,
+        control={"law": "force", "force": push, "integral": 1.0, **PUSHES[name]},
+        wall=[wall(module, 0.01, damping=20, friction=0.5)],
+        plant=heavier or {"gravity": 10.5},
+        **{"motors.time_constant": 0.02},
+    )
+    assert flight.law == ("geometric_force" if name.startswith("quad") else "force")
+    assert flight.wall_forces[-1, 0] == pytest.approx(3.0, abs=1e-5)
+
+
+def test_a_push_ends_and_turns_with_its_axes(fast: Load) -> None:
+    module = fast("hexarotor_3link")
+    # The tip's own z axis, against a wall that it meets so.
+    still = flown(module, 0.01)
+    pose = module.frame_poses(still.q[0])[module.FRAMES.index("tip")]
+    along = pose[:3, 2]
+    barrier = {"frame": "tip", "point": pose[:3, 3].tolist(), "normal": (-along).tolist()}
+    push = {"value": 2, "direction": [0, 0, 1], "axes": "tip", "end": 4.0, "integral": 3}
+    flight = flown(
+        module,
+        6.0,
+        control={"law": "force", "force": push, "frequency": 8},
+        wall=[barrier | {"stiffness": 800, "damping": 20}],
+    )
+    row = np.searchsorted(flight.time, 3.9)
+    assert flight.frame_wrench("tip")[row, :3] == pytest.approx(-2 * along, abs=1e-2)
+    assert tips(module, flight)[-1] == pytest.approx(0.0, abs=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("name", "law"),
+    [
+        ("hexarotor_3link", "impedance"),
+        ("hextilt_flying_arm_5", "force"),
+        ("quadrotor_arm_2link", "force"),
+        ("quadrotor_arm_2link", "impedance"),
+    ],
+)
+def test_compiled_flights_are_those_of_python(
+    name: str, law: str, fast: Load, shipped: Load
+) -> None:
+    module = fast(name)
+    push = {"force": {"value": 2.0, "direction": [1, 0, 0.2], "rise": 0.02}}
+    changes = {
+        "duration": 0.05,
+        "arm.posture_deg": BENT[name],
+        "control": {"law": law, "integral": 0.5, **(push if law == "force" else {})},
+        "wall": [wall(module, -0.01, damping=10, friction=0.4)],
+        "motors.time_constant": 0.02,
+        "start": {"offset": [0.002, 0.001, 0], "turn_deg": [0, 1, 2]},
+        "integration": {"method": "rk4", "step": 2.5e-3, "rate": 400},
+    }
+    scenario = read_scenario("hover", changes)
+    compiled, plain = simulate(module, scenario), simulate(shipped(name), scenario)
+    assert np.abs(compiled.wall_forces).max() > 0.5
+    for each in ("q", "v", "commanded"):
+        wanted = getattr(plain, each)
+        assert getattr(compiled, each) == pytest.approx(wanted, abs=1e-8 * np.abs(wanted).max())
+
+
+def test_a_sampled_law_feels_what_sensors_tell(fast: Load) -> None:
+    module = fast("hexarotor_3link")
+    control = {"law": "impedance", "rate": 250, "impedance": IMPEDANCE}
+    push = {"force": [0, 0, 2], "end": 100}
+    flight = flown(module, 8.0, control=control, push=push)
+    assert tips(module, flight)[-1] == pytest.approx([0, 0, 2 / 80], abs=1e-6)
+    noisy = flown(module, 1.0, control=control, push=push, sensors={"force": 0.2, "seed": 1})
+    again = flown(module, 1.0, control=control, push=push, sensors={"force": 0.2, "seed": 1})
+    assert np.abs(noisy.q - flight.q[: len(noisy.q)]).max() > 1e-5
+    assert np.array_equal(noisy.q, again.q)
+
+
+class Keeps:
+    """Holds the inputs of hover, and keeps what it is told."""
+
+    rate = 100.0
+
+    def __init__(self, u: Array) -> None:
+        self.u, self.seen = u, list[Observation]()
+
+    def __call__(self, seen: Observation) -> Array:
+        """The inputs."""
+        self.seen.append(seen)
+        return self.u
+
+
+@pytest.mark.parametrize("late", [0.0, 0.02])
+def test_observations_have_accelerations_wrenches_and_actuators(late: float, fast: Load) -> None:
+    module = fast("quadrotor_arm_2link")
+    push = {"force": [1, 2, 3], "torque": [0.1, 0, 0], "begin": 0.045, "frame": "tip"}
+    changes = {
+        "duration": 0.1,
+        "push": push,
+        "wind": {"velocity": [1, 0, 0], "drag": {"base": 0.3}},
+        "wall": [{"frame": "base", "point": [0, 0, 2.01], "normal": [0, 0, 1], "stiffness": 90}],
+        "sensors": {"delay": late},
+        "integration": {"method": "rk4", "step": 1e-3, "rate": 1000},
+    }
+    own = Keeps(np.array([6.0, 6.0, 6.0, 7.0, 0.1, 0.0]))
+    flight = simulate(module, read_scenario("hover", changes), own)
+    assert len(own.seen) >= 10
+    for seen in own.seen[3:]:
+        row = round((seen.time - late) * 1000)
+        touching = flight.frame_wrenches[row].copy()
+        touching[0, :3] -= [0.3, 0, 0] - 0.3 * module.frame_velocities(flight.q, flight.v)[
+            row, 0, :3
+        ]
+        assert seen.wrenches == pytest.approx(touching, abs=1e-9)
+        assert seen.a == pytest.approx(flight.a[row], abs=1e-9)
+        assert seen.actuators == pytest.approx(flight.applied[row, :4], abs=1e-9)
+        assert not seen.wrenches.flags.writeable
+    kept = pickle.loads(pickle.dumps(own.seen[5]))  # noqa: S301 - its own
+    assert np.array_equal(kept.wrenches, own.seen[5].wrenches)
+    loop = Simulation(module, read_scenario("hover", changes))
+    loop.reset()
+    seen = [loop.step(own.u, 0.01) for _ in range(6)][-1]
+    same = next(each for each in own.seen if abs(each.time - 0.06) < 1e-9)
+    assert seen.a == pytest.approx(same.a, abs=1e-9)
+    assert seen.wrenches == pytest.approx(same.wrenches, abs=1e-9)
+    with pytest.raises(UsageError, match="made without"):
+        _ = Observation(0.0, *[np.zeros(1)] * 5).a
+
+
+def test_noise_of_wrenches_and_accelerations_has_its_deviations(fast: Load) -> None:
+    module, count = fast("hexarotor_3link"), 400
+    sensors = {
+        "force": 0.3,
+        "torque": 0.02,
+        "acceleration": 0.1,
+        "joint_accelerations": 0.5,
+        "angular_acceleration": 0.2,
+    }
+    told = Keeps(np.zeros(9))
+    told.rate = 1e4
+    changes = {"duration": count / 1e4, "control.law": "off", "integration": FIXED}
+    simulate(module, read_scenario("hover", {**changes, "sensors": sensors}), told)
+    assert all(np.array_equal(each.q, each.q) for each in told.seen)
+    wrenches = np.array([each.wrenches for each in told.seen])
+    for values, deviation in ((wrenches[..., :3], 0.3), (wrenches[..., 3:], 0.02)):
+        spread = values.std(axis=0)
+        assert spread == pytest.approx(deviation, rel=5 / np.sqrt(2 * count))
+
+
+@pytest.mark.parametrize(
+    ("control", "words"),
+    [
+        ({"law": "force"}, "control.force: missing: say how hard the frame pushes"),
+        ({"impedance": {}}, 'control.impedance: is for the law "impedance" or "force"'),
+        (
+            {"law": "impedance", "force": {"value": 1, "direction": [0, 0, 1]}},
+            'control.force: is for the law "force"; set that, or leave it out',
+        ),
+    ],
+)
+def test_what_is_said_of_a_contact_needs_its_law(control: dict[str, Any], words: str) -> None:
+    with pytest.raises(ScenarioFileError, match=words):
+        read_scenario("hover", {"control": control})
+
+
+def test_a_frame_that_is_none_is_refused(fast: Load) -> None:
+    control = {"law": "impedance", "impedance": {"frame": "tup"}}
+    with pytest.raises(UsageError, match=r"control\.impedance\.frame: .* did you mean tip\?"):
+        flown(fast("hexarotor_3link"), 0.1, control=control)
