@@ -61,6 +61,8 @@ def run(options: argparse.Namespace) -> int:
         words += f"{forces[-1]:.3g} N at the end"
         on = printable(", ".join(wall.frames))
         print(f"wall {k}, on {on}: {words if forces.any() else 'not touched'}")
+    if collisions := collisions_of(flight):
+        print(f"collisions: {printable(collisions, 400)}")
     if limits := reached_limits(flight):
         print(f"at their limits: {printable(limits, 400)}")
     if joints := joints_beyond(flight):
@@ -95,6 +97,24 @@ def _errors(flight: Flight, samples: slice) -> str:
         error, joint = max((error, joint) for error, joint, its_unit in of if its_unit == unit)
         found.append(f"joint {joint} {error:.2g} {unit}")
     return ", ".join(found)
+
+
+def collisions_of(flight: Flight) -> str:
+    """Say where links go through discs of rotors or behind walls, and when they do so farthest.
+
+    Such as "a link is 0.02 m behind wall 1 at t = 3 s"; empty if none does.
+    """
+    rotors = zip(flight.input_names, flight.rotor_distances.T, strict=False)
+    found = [(f"inside the rim of {name}", values) for name, values in rotors]
+    found += [(f"behind wall {k}", values) for k, values in enumerate(flight.wall_distances.T, 1)]
+    clauses = []
+    for where, values in found:
+        known = np.where(np.isnan(values), np.inf, values)
+        sample = int(known.argmin())
+        if known[sample] < 0.0:
+            far, time = -known[sample], flight.time[sample]
+            clauses.append(f"a link is {far:.3g} m {where} at t = {time:.3g} s")
+    return "; ".join(clauses)
 
 
 def reached_limits(flight: Flight) -> str:

@@ -19,8 +19,6 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from gibbs_codegen.arrays import Program, evaluate, variable
-from gibbs_codegen.arrays.contact import Contact
 from gibbs_codegen.arrays.laws import LAWS
 from gibbs_codegen.flight.control.error_polynomials import error_polynomials
 from gibbs_codegen.flight.control.laws import Gains
@@ -29,7 +27,7 @@ from gibbs_codegen.flight.plant.actuators import joint_motion
 from gibbs_codegen.flight.plant.vehicle import Array, Flags, Vehicle
 from gibbs_codegen.flight.scenario.orientation import LARGEST_THETA_0
 from gibbs_codegen.flight.scenario.parts import PREDICTIVE
-from gibbs_codegen.flight.scenario.walls import bristle
+from gibbs_codegen.flight.scenario.walls import bristle, surface_at
 
 # Of errors that a servo corrects, s: their rates have no bound.
 _LEAST_PEAK = 1e-12
@@ -255,9 +253,9 @@ def _wall_modes(loop: ClosedLoop) -> list[Mode]:
 
     found: list[Mode] = []
     for k, wall in enumerate(environment.wall):
-        own = [each for each in environment.around.contacts if each.wall == k]
-        frames = [each.frame for each in own]
-        normals = _normals(own[0], wall.figures, poses[:, frames][..., :3, 3])[:, :, np.newaxis]
+        frames = [each.frame for each in environment.around.contacts if each.wall == k]
+        places = poses[:, frames][..., :3, 3]
+        normals = surface_at(wall.kind, np.array(wall.figures), places)[1][:, :, np.newaxis]
         linear, angular = jacobians[:, frames, :3], jacobians[:, frames, 3:]
         across = normals @ linear
         where = f"the wall at {', '.join(wall.frames)}"
@@ -284,15 +282,6 @@ def _oscillation(where: str, stiffness: float, damping: float, mass: float) -> l
         Mode(abs(root), cause, "a softer wall, or less of its damping", complex(root))
         for root in np.roots([1.0, damping / mass, stiffness / mass])
     ]
-
-
-def _normals(contact: Contact, figures: Sequence[float], places: Array) -> Array:
-    """Unit normals (…, 3) of a wall's surface where places (…, 3) are nearest."""
-    of_wall, place = variable("figures", len(figures), uniform=True), variable("place", 3)
-    outputs = {"normal": contact.surface(of_wall, place)[1]}
-    program = Program("surface", (of_wall, place), outputs)
-    normals = evaluate(program, {"figures": figures, "place": places}, {})["normal"]
-    return np.broadcast_to(normals, places.shape)
 
 
 def _drag_modes(loop: ClosedLoop) -> list[Mode]:

@@ -47,6 +47,7 @@ class Recording:
         """What computes each field of a flight, by its name."""
         loop, vehicle, scenario, time = self.loop, self.loop.vehicle, self.scenario, self._time
         gusts = scenario.wind.gusts if scenario.wind else ()
+        contacts = [(k, x) for k, wall in enumerate(scenario.walls, 1) for x in wall.frames]
         blowing = [[gust.begin, gust.begin + gust.duration] for gust in gusts]
         return {
             "robot": lambda: vehicle.name,
@@ -94,11 +95,13 @@ class Recording:
             "wall_kinds": lambda: tuple(wall.kind for wall in scenario.walls),
             "gusts": lambda: np.array(blowing, dtype=np.float64).reshape(-1, 2),
             "wall_forces": self._wall_forces,
-            "contact_names": lambda: contact_names(scenario),
+            "contact_walls": lambda: np.array([k for k, _ in contacts], dtype=np.int_),
+            "contact_frames": lambda: tuple(frame for _, frame in contacts),
             "contact_forces": lambda: self._motion["contacts"][..., 0],
             "contact_friction": lambda: self._motion["contacts"][..., 1:4],
             "contact_slip": lambda: self._motion["contacts"][..., 4:7],
             "contact_depth": lambda: self._motion["contacts"][..., 7],
+            "disc_radii": self._disc_radii,
             "joint_limits": lambda: loop.actuators.joints,
             **self._driven,
         }
@@ -193,6 +196,13 @@ class Recording:
         parts = [forces[:, a:b].sum(axis=1) for a, b in itertools.pairwise(ends)]
         return np.stack(parts, axis=1) if parts else np.zeros((len(self._time), 0))
 
+    def _disc_radii(self) -> Array:
+        """Radii (N), m, of the discs of rotors, 0 where neither scenario nor robot says them."""
+        vehicle, told = self.loop.vehicle, self.scenario.motors.disc_radius
+        air = getattr(vehicle.module, "ROTOR_AIR", {})
+        known = [air[name][7] if name in air else 0.0 for name in vehicle.inputs[: vehicle.rotors]]
+        return np.array(known if told is None else [told] * len(known), dtype=np.float64)
+
     def _thrust_directions(self) -> Array:
         """Unit vectors of the thrusts in the base's frame.
 
@@ -229,12 +239,6 @@ class Recording:
         arms = positions[:, first + 2 : first + 1 + max(len(vehicle.arm_angles()), 1)]
         away = (arms - positions[:, [first]]) @ vehicle.base_rotation(self._parts.q)
         return np.arctan2(away[..., 1], away[..., 0])
-
-
-def contact_names(scenario: Scenario) -> tuple[str, ...]:
-    """Names of the contacts of a scenario, such as "wall_1_tip"."""
-    walls = enumerate(scenario.walls, start=1)
-    return tuple(f"wall_{k}_{frame}" for k, wall in walls for frame in wall.frames)
 
 
 def weight_of(vehicle: Vehicle) -> float:

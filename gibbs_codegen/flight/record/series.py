@@ -17,6 +17,7 @@ from gibbs_codegen.files.staging import writing
 from gibbs_codegen.flight.plant.actuators import followed
 from gibbs_codegen.flight.plant.kinematics import kinematics_of
 from gibbs_codegen.flight.plant.vehicle import Vehicle
+from gibbs_codegen.flight.record.clearance import disc_distances, wall_distances
 from gibbs_codegen.flight.vectors import Array as Array
 from gibbs_codegen.robot.layout import Layout
 
@@ -24,7 +25,10 @@ from gibbs_codegen.robot.layout import Layout
 RANGES = ("commanded_least", "commanded_greatest", "applied_least", "applied_greatest")
 # Arrays without a row for each sample.
 NO_SERIES = frozenset(
-    {"base_arm_angles_desired", "binding_times", "gusts", "input_limits", "joint_limits", "walls"}
+    {
+        *("base_arm_angles_desired", "binding_times", "contact_walls", "disc_radii", "gusts"),
+        *("input_limits", "joint_limits", "walls"),
+    }
 )
 # Rows of a CSV that are written at a time.
 _ROWS = 4096
@@ -85,10 +89,12 @@ class Flight:
     of a box the centre, the rotation to world axes, row by row, and half of its edges.
     `wall_kinds` (w) say which it is, all are planes in files that have none. `wall_forces` (s, w)
     are what it pushes with out of its surface, N, NaN in files of before flights said so.
-    `contact_names` (c) are of the pairs of a wall and a frame, such as wall_1_tip. Of each contact
-    `contact_forces` (s, c), N, are those along the normal, `contact_friction` (s, c, 3), N, those
-    across it on the frame, world axes. `contact_slip` (s, c, 3), m/s, is the velocity at which it
-    slides, 0 where it sticks, and `contact_depth` (s, c), m, how deep it is, negative outside.
+    Of each pair of a wall and a frame, `contact_walls` (c) from 1 and `contact_frames` (c), called
+    by `contact_names`, `contact_forces` (s, c), N, are those along the normal, `contact_friction`
+    (s, c, 3), N, those across it on the frame, world axes. `contact_slip` (s, c, 3), m/s, is the
+    velocity at which it slides, 0 where it sticks, and `contact_depth` (s, c), m, how deep it is,
+    negative outside.
+    `disc_radii` (N), m, are those of the rotors, 0 where nobody says them.
     `gusts` (g, 2) are from when to when each gust of the wind
     blows, s.
     `weight` is that of the robot, N, and `input_limits` (2, nu) are the least and the greatest
@@ -146,11 +152,15 @@ class Flight:
     wall_kinds: tuple[str, ...] = field(default=(), repr=False)
     gusts: Array = field(default_factory=lambda: np.zeros((0, 2)), repr=False)
     wall_forces: Array = field(default_factory=lambda: np.zeros((0, 0)), repr=False)
-    contact_names: tuple[str, ...] = ()
+    contact_walls: NDArray[np.int_] = field(
+        default_factory=lambda: np.zeros(0, dtype=np.int_), repr=False
+    )
+    contact_frames: tuple[str, ...] = ()
     contact_forces: Array = field(default_factory=lambda: np.zeros((0, 0)), repr=False)
     contact_friction: Array = field(default_factory=lambda: np.zeros((0, 0, 3)), repr=False)
     contact_slip: Array = field(default_factory=lambda: np.zeros((0, 0, 3)), repr=False)
     contact_depth: Array = field(default_factory=lambda: np.zeros((0, 0)), repr=False)
+    disc_radii: Array = field(default_factory=lambda: np.zeros(0), repr=False)
     joint_limits: Array = field(default_factory=lambda: np.zeros((2, 0)), repr=False)
     command_names: tuple[str, ...] = ()
     command_units: tuple[str, ...] = ()
@@ -254,6 +264,39 @@ class Flight:
         return np.linalg.norm(self.point("tip") - self.tip_desired, axis=1)
 
     @property
+    def contact_names(self) -> tuple[str, ...]:
+        """Names (c) of the contacts, such as wall_1_tip."""
+        pairs = zip(self.contact_walls.tolist(), self.contact_frames, strict=True)
+        return tuple(f"wall_{wall}_{frame}" for wall, frame in pairs)
+
+    @cached_property
+    def rotor_distances(self) -> Array:
+        """Distances (s, N), m, of the rotors' discs from links that do not carry them.
+
+        Links are the lines between joints, and to the tip; where one goes through a disc the
+        distance is less than 0, by how far inside the rim. NaN where a radius is not known.
+        """
+        discs = [self.points.index(name) for name in self.rotor_points]
+        radii = self.disc_radii if len(self.disc_radii) else np.zeros(len(discs))
+        axes = self.thrust_directions @ np.swapaxes(self.base_rotation, -1, -2)
+        return disc_distances(self.positions, self.parents, discs, axes, radii)
+
+    @cached_property
+    def wall_distances(self) -> Array:
+        """Distances (s, w), m, of walls from the nearest link, less than 0 where one is behind it.
+
+        Ends of links that are there to touch a wall do not count there.
+        """
+        found = np.empty((len(self.time), len(self.walls)))
+        kinds = self.wall_kinds or ("plane",) * len(self.walls)
+        for k, (kind, figures) in enumerate(zip(kinds, self.walls, strict=True)):
+            pairs = zip(self.contact_walls.tolist(), self.contact_frames, strict=True)
+            frames = [frame for wall, frame in pairs if wall == k + 1]
+            places = [self.points.index(name) for name in frames if name in self.points]
+            found[:, k] = wall_distances(self.positions, self.parents, kind, figures, places)
+        return found
+
+    @property
     def energy_error(self) -> Array:
         """Change of energy since the start less the work done (s), J: 0 if energy balances."""
         energy = self.kinetic_energy + self.potential_energy
@@ -307,6 +350,11 @@ class Flight:
                 yield f"{name}_friction_{axis}", "N", self.contact_friction[:, k, i]
                 yield f"{name}_slip_{axis}", "m/s", self.contact_slip[:, k, i]
             yield f"{name}_depth", "m", self.contact_depth[:, k]
+        for k, values in enumerate(self.wall_distances.T, start=1):
+            yield f"wall_{k}_distance", "m", values
+        for name, values in zip(self.input_names, self.rotor_distances.T, strict=False):
+            if not np.isnan(values).all():
+                yield f"{name}_distance", "m", values
         for point, series in ((self.centre, self.centre_desired), ("tip", self.tip_desired)):
             for axis, values in zip("xyz", series.T, strict=False):
                 yield f"{point}_{axis}_desired", "m", values

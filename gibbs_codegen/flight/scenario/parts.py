@@ -187,6 +187,10 @@ class Motors(_ForATime, Table):
     compensation: Flag = entry("whether a law that has the means compensates the lag", True)
     begin: NotNegative = entry("when they start, s; before, thrusts are the least", 0.0)
     end: Endless = entry("when they stop, s, after which thrusts are the least", math.inf)
+    disc_radius: Positive | None = entry(
+        "radius of the discs of all rotors, m, from which distances of links are told; default: "
+        "that of the robot file, where it says what the air does to rotors"
+    )
 
 
 @table

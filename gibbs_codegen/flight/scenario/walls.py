@@ -8,13 +8,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
+from functools import lru_cache
 from typing import Annotated, Any, ClassVar, get_args
 
 import numpy as np
 
 from gibbs_codegen.arrays.base import length
+from gibbs_codegen.arrays.evaluation import Evaluator
 from gibbs_codegen.arrays.nodes import (
     Node,
+    Program,
     absolute,
     choose,
     copysign,
@@ -23,6 +26,7 @@ from gibbs_codegen.arrays.nodes import (
     maximum,
     reshaped,
     square_root,
+    variable,
 )
 from gibbs_codegen.files.table import (
     Kinds,
@@ -294,6 +298,23 @@ def yielding(wall: Wall) -> tuple[float, ...]:
     """Figures of a wall before those of its shape, as `arrays.contact` has them."""
     own = wall.ball_radius, wall.stiffness, wall.damping, wall.dissipation, wall.friction
     return (*own, *bristle(wall))
+
+
+@lru_cache
+def _surface(kind: str, count: int) -> Evaluator:
+    """What evaluates depth and normal of a kind of wall that has so many figures."""
+    (shape,) = (each for each in _SHAPES if each.kind == kind)
+    figures, place = variable("figures", count, uniform=True), variable("place", 3)
+    depth, normal = shape.surface(figures, place)
+    program = Program("surface", (figures, place), {"depth": depth, "normal": normal})
+    return Evaluator(program, {})
+
+
+def surface_at(kind: str, figures: Array, places: Array) -> tuple[Array, Array]:
+    """How deep places (…, 3) are behind a wall's surface, m, and unit normals (…, 3) out of it."""
+    found = _surface(kind, len(figures))({"figures": figures, "place": places})
+    normals = np.broadcast_to(found["normal"], places.shape)
+    return np.broadcast_to(found["depth"], places.shape[:-1]), normals
 
 
 def patches(kinds: Sequence[str], figures: Array, middle: Array, half: float) -> Iterator[Array]:

@@ -78,7 +78,8 @@ def flights(
     pressed, across = np.maximum(wave, 0.0), np.multiply.outer(wave, [0.0, 0.3, 0.4])
     sliding = replace(
         sliding,
-        contact_names=("wall_1_tip", "wall_2_base"),
+        contact_walls=np.array([1, 2]),
+        contact_frames=("tip", "base"),
         contact_forces=pressed,
         contact_friction=across,
         contact_slip=np.where(across > 0.2, 1.0, 0.0),
@@ -92,7 +93,8 @@ def flights(
         # With two rotors and no arm, and at once.
         "stopped": replace(
             synthetic_flight(_own(TWO_ROTORS, tmp_path_factory.mktemp("two")), samples=1),
-            contact_names=("wall_1_tip",),
+            contact_walls=np.array([1]),
+            contact_frames=("tip",),
             contact_forces=np.ones((1, 1)),
             contact_friction=np.zeros((1, 1, 3)),
             contact_slip=np.zeros((1, 1, 3)),
