@@ -4,7 +4,7 @@ Under computed torque the error e of a coordinate obeys ë + d ė + k e = 0. Wit
 constant T, errors of the base obey T e⃛ + ë + d ė + k e = 0. Under the geometric law that holds for
 joints, heading and height; sideways, what the position's error asks for is what the thrust axis
 follows by the gains of the attitude. Integral action of rate i adds i k ∫ e to each k e, but for
-the attitude of the geometric law.
+the attitude of the geometric law. A frame that a law moves obeys m ë + d ė + k e = 0, too.
 """
 
 from __future__ import annotations
@@ -35,10 +35,17 @@ def error_polynomials(controller: ControlLaw, lags: Sequence[float]) -> list[Arr
     if controller.law not in LAWS:
         return []
     gains, places = controller.gains, controller.vehicle.layout.v
-    every = np.stack([gains.damping, gains.stiffness], axis=-1)
-    if not LAWS[controller.law].leans:
-        return _decoupled(every, gains.integral, lags)
-    found = _decoupled(np.delete(every, places.attitude, axis=0), gains.integral, lags)
+    every, law = np.stack([gains.damping, gains.stiffness], axis=-1), LAWS[controller.law]
+    of_frame = []
+    if law.moves_frame:
+        known = [controller.values[f"frame_{x}"] for x in ("damping", "stiffness", "inertia")]
+        pairs = np.stack(known[:2], axis=-1) / known[2][:, np.newaxis]
+        # Where the base leans joints move the frame, which do not lag.
+        felt = () if law.leans else lags
+        of_frame = _decoupled(pairs, gains.integral if law.pushes else 0.0, felt)
+    if not law.leans:
+        return of_frame + _decoupled(every, gains.integral, lags)
+    found = of_frame + _decoupled(np.delete(every, places.attitude, axis=0), gains.integral, lags)
     if gains.integral:  # The heading has the gains of the position, and no integral.
         found += _decoupled(every[places.position], 0.0, lags)
     return found + _sideways(gains, every[places.position], every[places.attitude], lags)

@@ -296,3 +296,20 @@ def test_a_frame_that_is_none_is_refused(fast: Load) -> None:
     control = {"law": "impedance", "impedance": {"frame": "tup"}}
     with pytest.raises(UsageError, match=r"control\.impedance\.frame: .* did you mean tip\?"):
         flown(fast("hexarotor_3link"), 0.1, control=control)
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"damping": [6000, 30, 40]}, "integration.step"),
+        ({"damping": [1, 1, 1], "stiffness": [9, 9, 9]}, "control.integral: 2 1/s makes errors"),
+    ],
+)
+def test_gains_of_a_frame_that_no_step_follows_are_refused(
+    changes: dict[str, Any], words: str, fast: Load
+) -> None:
+    push = {"value": 1, "direction": [1, 0, 0]}
+    impedance = {"inertia": [2, 2, 2], **changes}
+    control = {"law": "force", "force": push, "impedance": impedance, "integral": 2}
+    with pytest.raises(UsageError, match=words):
+        flown(fast("hexarotor_3link"), 0.1, control=control)
