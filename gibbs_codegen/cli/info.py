@@ -187,7 +187,7 @@ def _part_tables(robot: Robot, data: dict[str, Any]) -> Iterator[Table]:
             *(link["name"], link["joint"], *(link[key] or "-" for key in coordinate)),
             *(number(link["mass"]), _range(link["limits"], link["unit"])),
             number(link["damping"]) if link["damping"] else "-",
-            *(number(link["servo"]["stiffness"]) if link["servo"] else "-" for _ in servo),
+            *(number(link["servo"]["stiffness"] or 0.0) if link["servo"] else "-" for _ in servo),
         ]
         for link in links
     ]

@@ -10,7 +10,7 @@ its charge and the resistance R its voltage is U = (U₀ + √(U₀² − 4 R P)
 
 A servo pushes with stiffness·e − damping·rate, within its torque, where e is the way to its
 reference, less the backlash. The reference r follows the command with dr/dt = (command − r)/delay,
-within its rate.
+within its rate. A servo of rates pushes with damping·(r − rate).
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ from itertools import pairwise
 
 import sympy as sp
 
+from gibbs_codegen.derivation.parameters import ServoSymbols
 from gibbs_codegen.derivation.symbolic_robot import SymbolicRobot
 from gibbs_codegen.robot.description import ActuatorKey
 from gibbs_codegen.robot.model import Drive
@@ -124,14 +125,20 @@ class Actuators:
         if servo is None:
             return command
         reference = self._states.get(("link", i), command)
+        if servo.stiffness == 0:
+            torque = tape.let(servo.damping * tape.let(reference - rate))
+            return self._within_torque(servo, torque)
         way = tape.let(reference - self.symbolic.coordinates[i])
         if servo.backlash != 0:
             half = tape.let(_HALF * servo.backlash)
             way = tape.let(way - _within(tape, way, -half, half))
         torque = tape.let(tape.let(servo.stiffness * way) - tape.let(servo.damping * rate))
-        if servo.torque is None:
-            return torque
-        return _within(tape, torque, -servo.torque, servo.torque)
+        return self._within_torque(servo, torque)
+
+    def _within_torque(self, servo: ServoSymbols, torque: sp.Expr) -> sp.Expr:
+        """A torque or force within the limit of a servo."""
+        most = servo.torque
+        return torque if most is None else _within(self._tape, torque, -most, most)
 
     def _drag(self, i: int, rate: sp.Expr) -> sp.Expr:
         """Dry friction of the joint of link i, against its rate."""
@@ -150,7 +157,7 @@ class Actuators:
         symbolic, rotors = self.symbolic, self.symbolic.robot.rotors
         with self._tape.group("levels of the thrusts"):
             found = [self._level_of(k, symbolic.u[k - 1]) for k in self._rotors]
-        with self._tape.group("positions at which servos push so much"):
+        with self._tape.group("positions and rates at which servos push so much"):
             torques, rates = symbolic.u[rotors:], symbolic.joint_state.rates
             for i, torque, rate in zip(symbolic.robot.moving, torques, rates, strict=True):
                 found.append(self._position(i, torque, rate))
@@ -178,6 +185,8 @@ class Actuators:
         let, servo = self._tape.let, self.symbolic.parameters.servos.get(i)
         if servo is None:
             return torque
+        if servo.stiffness == 0:
+            return let(rate + let(torque * let(1 / servo.damping)))
         pushed = let(torque + let(servo.damping * rate))
         return let(self.symbolic.coordinates[i] + let(pushed * let(1 / servo.stiffness)))
 

@@ -22,6 +22,7 @@ from gibbs_codegen.robot.model import (
     Constraint,
     Robot,
     Rod,
+    Servo,
     Vector3,
 )
 from gibbs_codegen.robot.names import (
@@ -69,14 +70,14 @@ class LinkSymbols:
 
 @dataclass(frozen=True)
 class ServoSymbols:
-    """A position servo, as `robot.model.Servo` has it; None is no limit."""
+    """A servo, as `robot.model.Servo` has it; None is no limit. Of rates it has no stiffness."""
 
-    stiffness: sp.Expr
     damping: sp.Expr
     torque: sp.Expr | None
-    rate: sp.Expr | None
     delay: sp.Expr
-    backlash: sp.Expr
+    rate: sp.Expr | None = None
+    stiffness: sp.Expr = sp.S.Zero
+    backlash: sp.Expr = sp.S.Zero
 
 
 @dataclass(frozen=True)
@@ -197,12 +198,12 @@ class Parameters:
         length, force = ("m", "N") if slides else ("rad", "N m")
         if link.servo is not None:
             units = (f"{force}/{length}", f"{force} s/{length}", force, f"{length}/s", "s", length)
-            own = zip(asdict(link.servo).items(), units, strict=True)
+            of = dict(zip(Servo().numbers, units, strict=True))
             self.servos[i] = ServoSymbols(
-                *(
-                    None if value is None else self._value(f"{prefix}_servo_{name}", value, unit)
-                    for (name, value), unit in own
-                )
+                **{
+                    name: None if x is None else self._value(f"{prefix}_servo_{name}", x, of[name])
+                    for name, x in link.servo.numbers.items()
+                }
             )
         if link.friction is not None:
             dry, names = link.friction, ("coulomb", "static")

@@ -45,7 +45,7 @@ ACTUATORS = (
             (_COMMAND,),
             "Commands that give thrusts and torques u at rest, at the nominal voltage.",
             "thrust curves and servos of the robot file, inverted",
-            "Of a servo the position at which it pushes so much at q and v, without friction, "
+            "Of a servo the position or rate at which it pushes so much at q, v, without friction, "
             "backlash and limits. Thrusts that a curve does not reach give the level where it "
             "turns.",
         ),

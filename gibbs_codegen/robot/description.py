@@ -173,13 +173,12 @@ class Description:
             name = entry.name if unit == "N" else f"{what}_{label}"
             found.append(Coordinate(name, unit, f"{what} of motor {label}"))
         for entry, i in zip(self.inputs[robot.rotors :], robot.moving, strict=True):
-            if robot.links[i - 1].servo is None:
+            if (servo := robot.links[i - 1].servo) is None:
                 found.append(entry)
                 continue
-            what = joint_label(robot, i)
-            unit = joint_terms(robot, i).unit
-            name = f"{coordinate_of(robot, i)}_position"
-            found.append(Coordinate(name, unit, f"position of {what}"))
+            unit = joint_terms(robot, i).unit + "/s" * (servo.command == "rate")
+            name = f"{coordinate_of(robot, i)}_{servo.command}"
+            found.append(Coordinate(name, unit, f"{servo.command} of {joint_label(robot, i)}"))
         return tuple(found)
 
     @cached_property
@@ -405,6 +404,8 @@ class Description:
                 limits[name] = _either_way(link.limits.effort)
                 continue
             limits[name] = link.limits.low, link.limits.high
+            if link.servo.command == "rate":
+                limits[name] = _either_way(link.servo.rate or link.limits.velocity)
             if link.servo.delay > 0.0:
                 times[name] = link.servo.delay, link.servo.delay
         return {

@@ -20,6 +20,7 @@ Vector3 = tuple[float, float, float]
 Angles3 = tuple[Fraction, Fraction, Fraction]
 JointKind = Literal["revolute", "prismatic"]
 Command = Literal["thrust", "speed", "throttle"]
+ServoCommand = Literal["position", "rate"]
 LinkKind = Literal["revolute", "prismatic", "fixed"]
 Origin = Literal["motor1", "centre", "base"]
 Attitude = Literal["xyz", "xzy", "yxz", "yzx", "zxy", "zyx", "quaternion"]
@@ -169,20 +170,29 @@ class JointLimits:
 
 @dataclass(frozen=True)
 class Servo:
-    """What holds a joint where it is commanded to be.
+    """What holds a joint where it is commanded to be, or moves it at the rate that is commanded.
 
     Its torque is stiffness·(reference − coordinate) − damping·rate, at most `torque`; within
     `backlash` (the whole play) it pushes neither way. The reference follows the command with the
-    time constant `delay`, s, at most at `rate`. Units as of `Passive`, `torque` in N m or N, `rate`
-    in rad/s or m/s, `backlash` in rad or m; None is no limit.
+    time constant `delay`, s, at most at `rate`. Where rates are commanded, its torque is
+    damping·(reference − rate), without stiffness and backlash, and `rate` is the greatest command.
+    Units as of `Passive`, `torque` in N m or N, `rate` in rad/s or m/s, `backlash` in rad or m;
+    None is no limit.
     """
 
-    stiffness: float
+    stiffness: float = 0.0
     damping: float = 0.0
     torque: float | None = None
     rate: float | None = None
     delay: float = 0.0
     backlash: float = 0.0
+    command: ServoCommand = "position"
+
+    @property
+    def numbers(self) -> dict[str, float | None]:
+        """What is a number and plays a part, by name."""
+        unused = ("stiffness", "backlash", "rate") if self.command == "rate" else ()
+        return {n: x for n, x in vars(self).items() if n not in (*unused, "command")}
 
 
 @dataclass(frozen=True)

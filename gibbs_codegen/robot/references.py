@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import fields
 from typing import Any, Literal
 
 from gibbs_codegen.files.table import Place, shown
@@ -52,7 +51,7 @@ _ENDS: dict[NamedKind, tuple[str, ...]] = {
     "arm": (*_RIGID, *_ROD),
     "link": (*_JOINT, *_RIGID),
     "rod": (*_JOINT, *_ROD),
-    "servo": tuple(f"servo_{each.name}" for each in fields(Servo)),
+    "servo": tuple(f"servo_{name}" for name in Servo().numbers),
     "rotor": (*_AXES, "drag"),
     "frame": _AXES,
     "joint": (),

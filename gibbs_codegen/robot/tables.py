@@ -714,16 +714,34 @@ LIMIT_KEYS = ("limits", "limits_deg", "effort", "velocity")
 DRIVE_KEYS = ("servo", "friction")
 
 
+# Keys of servos that are commanded positions.
+_OF_POSITIONS = ("stiffness", "backlash")
+
+
 @file_table
 class ServoTable(Table):
-    """What holds a joint where it is commanded to be: its input is then a position."""
+    """What holds a joint where it is commanded to be: its input is a position, or a rate."""
 
-    stiffness: Annotated[Positive, key("torque or force by distance, N m/rad or N/m")]
-    damping: NotNegative = optional("torque or force against its rate, N m s/rad or N s/m", 0.0)
+    conditions: ClassVar[JsonDict] = {
+        "if": {"properties": {"command": {"const": "rate"}}, "required": ["command"]},
+        "then": {"required": ["damping"], "properties": dict.fromkeys(_OF_POSITIONS, False)},
+        "else": {"required": ["stiffness"]},
+    }
+
+    command: model.ServoCommand = optional("what it is commanded, a position or a rate", "position")
+    stiffness: Positive | None = optional("torque or force by distance, N m/rad or N/m")
+    damping: NotNegative = optional(
+        "torque or force against its rate, N m s/rad or N s/m; by the difference from the rate "
+        "that is commanded, if it is that",
+        0.0,
+    )
     torque: Positive | None = optional(
         "greatest torque or force, N m or N; default: the joint's effort"
     )
-    rate: Positive | None = optional("greatest rate of its reference, rad/s or m/s; default: none")
+    rate: Positive | None = optional(
+        "greatest rate of its reference, or that is commanded, rad/s or m/s; default: none, or the "
+        "velocity of the joint"
+    )
     delay: NotNegative = optional(
         "time constant with which its reference follows the command, s", 0.0
     )
@@ -731,7 +749,16 @@ class ServoTable(Table):
 
     @classmethod
     def _key_faults(cls, values: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
-        """Faults of a rate that nothing delays."""
+        """Faults of a rate that nothing delays, and of what only one kind of servo has."""
+        if values.get("command") == "rate":
+            for each in _OF_POSITIONS:
+                if each in values:
+                    yield each, "must be left out where rates are commanded, which it does not hold"
+            if values.get("damping", 0.0) == 0.0:
+                yield "damping", "must be given, above 0: by it the servo pushes towards a rate"
+            return
+        if "stiffness" not in values:
+            yield "stiffness", cls._missing("stiffness")
         if "rate" in values and values.get("delay", 0.0) == 0.0:
             yield "rate", "needs delay beside it, s: the time in which the reference comes to rest"
 
@@ -817,8 +844,7 @@ class JointTable(PoseTable):
         "greatest rate of the joint, rad/s or m/s; default: none"
     )
     servo: ServoTable | None = optional(
-        "a position servo that drives the joint; default: none, and it is commanded torques or "
-        "forces"
+        "a servo that drives the joint; default: none, and it is commanded torques or forces"
     )
     friction: FrictionTable | None = optional("dry friction of the joint; default: none")
 
@@ -901,7 +927,8 @@ class LinkTable(BodyTable, JointTable):
     def _servo(self) -> model.Servo | None:
         if self.servo is None:
             return None
-        found = model.Servo(**vars(self.servo))
+        given = vars(self.servo) | {"stiffness": self.servo.stiffness or 0.0}
+        found = model.Servo(**given)
         return found if found.torque is not None else replace(found, torque=self.effort)
 
     def _friction(self) -> model.Friction | None:

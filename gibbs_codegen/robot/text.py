@@ -234,8 +234,10 @@ def _joint_lines(link: Link) -> list[str]:
         lines.append(f"effort = {limits.effort!r}  # {effort}")
     if limits.velocity is not None:
         lines.append(f"velocity = {limits.velocity!r}  # {rate}")
-    drives = {"servo": link.servo, "friction": link.friction}
-    return lines + toml_lines({key: asdict(one) for key, one in drives.items() if one})
+    drives = {"friction": asdict(link.friction)} if link.friction else {}
+    if servo := link.servo:
+        drives |= {"servo": {"command": servo.command} | servo.numbers | {"rate": servo.rate}}
+    return lines + toml_lines(drives)
 
 
 def robot_text(robot: Robot, name: str | None = None, to_start_from: bool = False) -> str:

@@ -139,6 +139,9 @@ class Actuators:
             way = way - np.clip(way, -0.5 * servo.backlash, 0.5 * servo.backlash)
             value = servo.stiffness * way - servo.damping * rate
             size = servo.stiffness * size + np.abs(servo.damping * rate)
+            if servo.command == "rate":
+                value = servo.damping * (reference - rate)
+                size = servo.damping * (np.abs(reference) + np.abs(rate))
             if servo.torque is not None:
                 value = np.clip(value, -servo.torque, servo.torque)
         if dry := link.friction:
@@ -153,11 +156,11 @@ class Actuators:
         servo, torque = self._joints[j].servo, given.u[:, len(self._drives) + j]
         if servo is None:
             return Measured(torque, np.abs(torque))
-        terms = [
-            given.angles[:, j],
-            torque / servo.stiffness,
-            servo.damping * given.rates[:, j] / servo.stiffness,
-        ]
+        if servo.command == "rate":
+            terms = [given.rates[:, j], torque / servo.damping]
+        else:
+            pushed = torque, servo.damping * given.rates[:, j]
+            terms = [given.angles[:, j], *(x / servo.stiffness for x in pushed)]
         return Measured(np.sum(terms, axis=0), np.sum(np.abs(terms), axis=0))
 
     def _rates(self, levels: Array, given: Motions) -> list[Measured]:
@@ -172,7 +175,7 @@ class Actuators:
             elif servo := self._joints[k - len(self._drives)].servo:
                 rate = (command - level) / servo.delay
                 size = (np.abs(command) + np.abs(level)) / servo.delay
-                limit = np.inf if servo.rate is None else servo.rate
+                limit = servo.numbers.get("rate") or np.inf
                 found.append(Measured(np.clip(rate, -limit, limit), size))
         if battery:
             found.append(battery.rate)
@@ -258,13 +261,16 @@ class Actuators:
             # By turns within the backlash, beyond either limit of the torque, and between them.
             kinds = (np.arange(count) + j) % 4
             torque = most * np.choose(kinds, [0.0, 1.5, -1.5, rng.uniform(-0.9, 0.9, count)])
-            way = (torque + servo.damping * rates[:, j]) / servo.stiffness
-            way += np.copysign(0.5 * servo.backlash, way)
-            slack = 0.5 * servo.backlash * rng.uniform(-0.9, 0.9, count)
-            levels[:, place] = angles[:, j] + np.where(kinds == 0, slack, way)
+            if servo.command == "rate":
+                levels[:, place] = rates[:, j] + torque / servo.damping
+            else:
+                way = (torque + servo.damping * rates[:, j]) / servo.stiffness
+                way += np.copysign(0.5 * servo.backlash, way)
+                slack = 0.5 * servo.backlash * rng.uniform(-0.9, 0.9, count)
+                levels[:, place] = angles[:, j] + np.where(kinds == 0, slack, way)
             reach = 0.5 * units[place]
-            if servo.rate is not None:
-                reach = 2.0 * servo.rate * servo.delay
+            if rate := servo.numbers.get("rate"):
+                reach = 2.0 * rate * servo.delay
             commands[:, place] = levels[:, place] + rng.uniform(-reach, reach, count)
         charge = rng.uniform(-0.2, 1.2, count)
         if battery := self._battery:

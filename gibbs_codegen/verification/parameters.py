@@ -185,18 +185,21 @@ class _Mapping:
     def _servo(self, prefix: str, servo: model.Servo, length: Dimension) -> model.Servo:
         """A servo of a joint whose coordinate has such a dimension."""
         effort = Dimension(2.0 - length.length, 1, -2)
+        viscous = effort._replace(length=effort.length - length.length, time=-1)
         dimensions = {
-            "stiffness": effort._replace(length=effort.length - length.length).sized,
-            "damping": effort._replace(length=effort.length - length.length, time=-1),
+            "stiffness": viscous._replace(time=-2).sized,
+            "damping": viscous.sized if servo.command == "rate" else viscous,
             "torque": effort.sized,
             "rate": length._replace(time=-1).sized,
             "delay": TIME.sized,
             "backlash": length.sized,
         }
         # Where there is no limit there is no number, and nothing to follow without a delay.
-        own = {name: getattr(servo, name) for name in dimensions}
-        own = {n: x for n, x in own.items() if x is not None and not (n == "delay" and x == 0.0)}
-        others = {n: self.change(f"{prefix}_servo_{n}", x, dimensions[n]) for n, x in own.items()}
+        own = {n: x for n, x in servo.numbers.items() if x is not None}
+        own = {n: x for n, x in own.items() if n != "delay" or x != 0.0}
+        others: dict[str, Any] = {
+            n: self.change(f"{prefix}_servo_{n}", x, dimensions[n]) for n, x in own.items()
+        }
         return replace(servo, **others)
 
     def _friction(self, prefix: str, dry: model.Friction, length: Dimension) -> model.Friction:

@@ -6,12 +6,13 @@ import re
 
 import numpy as np
 import pytest
-from support.actuated import TEXT
+from support.actuated import TEXT, by_rates
 from support.emitted import emitted_module
 
 from gibbs_codegen.errors import RobotFileError
 from gibbs_codegen.robot.file import parse_robot
 from gibbs_codegen.robot.layout import layout_of
+from gibbs_codegen.robot.text import robot_text
 
 FAST = "thrust_constant = 1e-5\ncommand_limits  = [0, 950]"
 CURVED = FAST.replace("constant = 1e-5", "curve = [0, 2e-2, -1e-5]")
@@ -79,6 +80,21 @@ CURVED = FAST.replace("constant = 1e-5", "curve = [0, 2e-2, -1e-5]")
             "thrust_curve = [1, 0, 0]",
             "rotor 3: thrust_curve: must rise with the speed: give a k1 or a k2 above 0",
         ),
+        (
+            "servo   = { stiffness = 400, damping = 8",
+            'servo = { stiffness = 400, command = "rate"',
+            "link 2: servo.stiffness: must be left out where rates are commanded",
+        ),
+        (
+            "servo   = { stiffness = 400, damping = 8",
+            'servo = { command = "rate"',
+            "link 2: servo.damping: must be given, above 0: by it the servo pushes towards a rate",
+        ),
+        (
+            "servo   = { stiffness = 400,",
+            "servo = {",
+            "link 2: servo.stiffness: missing: torque or force by distance, N m/rad or N/m",
+        ),
         (FAST, "thrust_curve = 'square'", "rotor 3: thrust_curve: must be a list of 3 numbers"),
     ],
 )
@@ -86,6 +102,24 @@ def test_what_does_not_go_together_is_refused(good: str, bad: str, words: str) -
     assert good in TEXT
     with pytest.raises(RobotFileError, match=re.escape(words)):
         parse_robot(TEXT.replace(good, bad))
+
+
+def test_servos_by_rate_are_commanded_rates_within_limits() -> None:
+    robot = by_rates()
+    module = emitted_module(robot)
+    assert module.COMMANDS[4:6] == ("upper_rate", "slider_rate")
+    assert module.COMMAND_UNITS[4:6] == ("rad/s", "m/s")
+    assert module.COMMAND_LIMITS["upper_rate"] == (-6.0, 6.0)
+    assert "slider_rate" not in module.COMMAND_LIMITS
+    assert module.ACTUATOR_STATES[-2:] == ("upper_reference", "charge")
+    assert parse_robot(robot_text(robot)) == robot
+    # A servo at once pushes with 80 N s/m times what its rate lacks, at most 20 N.
+    q, v = np.array(layout_of(robot).neutral), np.zeros(9)
+    v[7] = 0.05
+    command, x = np.zeros(7), np.zeros(len(module.ACTUATOR_STATES))
+    for rate, force in ((0.1, 80 * 0.05), (1.0, 20.0), (-1.0, -20.0)):
+        command[5] = rate
+        assert module.inputs_of(q, v, x, command)[5] == pytest.approx(force)
 
 
 def test_a_curve_that_falls_beyond_its_commands_is_inverted_where_it_rises() -> None:

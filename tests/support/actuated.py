@@ -112,6 +112,20 @@ def actuated() -> Robot:
     return parse_robot(TEXT)
 
 
+def by_rates() -> Robot:
+    """The robot with servos that are commanded rates, one of which lags."""
+    held = (
+        "servo      = { stiffness = 30, damping = 0.4, rate = 6, delay = 0.02, backlash = 0.01 }",
+        "servo   = { stiffness = 400, damping = 8, torque = 20, delay = 0.03 }",
+    )
+    lagging, at_once = (
+        'servo = { command = "rate", damping = 0.4, rate = 6, delay = 0.02 }',
+        'servo = { command = "rate", damping = 80, torque = 20 }',
+    )
+    text = TEXT.replace(held[0], lagging).replace(held[1], at_once)
+    return replace(parse_robot(text), name="by_rates")
+
+
 def at_once() -> Robot:
     """The robot without lag, delays and battery."""
     robot = actuated()

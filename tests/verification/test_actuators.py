@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 import sympy as sp
-from support.actuated import DERIVATIVES, TEXT, actuated
+from support.actuated import DERIVATIVES, TEXT, actuated, by_rates
 from support.derived import derived
 from support.emitted import NUMPY
 from support.planted_faults import planted
@@ -92,9 +92,13 @@ def falling() -> Robot:
 
 
 @pytest.mark.parametrize(
-    ("robot", "zeros"), [(actuated(), True), (falling(), False)], ids=["zeros", "falling"]
+    ("robot", "zeros"),
+    [(actuated(), True), (falling(), False), (by_rates(), False), (by_rates(), True)],
+    ids=["zeros", "falling", "rates", "zeros with rates"],
 )
-def test_zeros_that_are_parameters_and_falling_curves_pass(robot: Robot, zeros: bool) -> None:
+def test_other_curves_and_servos_and_zeros_that_are_parameters_pass(
+    robot: Robot, zeros: bool
+) -> None:
     against = [formulated(NewtonEuler(Tree(robot)))]
     found = compare_module(module_of(source(robot, keep_zeros=zeros)), robot, against, 4, 0)
     assert [failure_text(c) for c in found if not c.passed] == []

@@ -11,7 +11,7 @@ from gibbs_codegen.errors import UsageError
 from gibbs_codegen.flight.control.error_polynomials import check_integral
 from gibbs_codegen.flight.control.geometric import LeaningController
 from gibbs_codegen.flight.control.laws import Controller, Gains, MovedFrame
-from gibbs_codegen.flight.plant.actuators import has_servo, joint_place
+from gibbs_codegen.flight.plant.actuators import holds, joint_place
 from gibbs_codegen.flight.plant.allocation import (
     Allocation,
     AllocationError,
@@ -104,7 +104,7 @@ def control_law(
     for name, own in control.joints.items():
         joint = joint_place(vehicle, name, "control.joints")
         place = places.joints.start + joint
-        if has_servo(vehicle, joint):
+        if holds(vehicle, joint):
             raise UsageError(
                 f"control.joints.{name}: a servo holds the joint, by the stiffness and damping of "
                 "the robot file; leave it out"
@@ -112,7 +112,7 @@ def control_law(
         frequencies[place] = own.frequency or control.frequency
         ratios[place] = control.damping_ratio if own.damping_ratio is None else own.damping_ratio
     for k in range(vehicle.joints):
-        if has_servo(vehicle, k):  # It corrects what is off itself.
+        if holds(vehicle, k):  # It corrects what is off itself.
             frequencies[places.joints.start + k] = 0.0
     gains = Gains.of(frequencies, ratios, places.size)
     memory, moved = 0, _moved_frame(law, control, vehicle)

@@ -45,6 +45,7 @@ from gibbs_codegen.flight.plant.actuators import (
     Actuators,
     actuators_of,
     followed,
+    holds,
     module_actuators,
 )
 from gibbs_codegen.flight.plant.vehicle import Array, Vehicle
@@ -479,7 +480,7 @@ class Predictive:
                 changed[name] = 0.0
             elif name.endswith("_friction_velocity"):
                 link = name.removesuffix("_friction_velocity")
-                if f"{link}_servo_stiffness" in known:
+                if f"{link}_servo_damping" in known or f"{link}_servo_stiffness" in known:
                     changed[name] = np.maximum(known[name], _SLOW)
                 else:
                     both = (f"{link}_friction_{x}" for x in ("coulomb", "static"))
@@ -589,7 +590,8 @@ class Predictive:
         scale = np.r_[np.full(rotors, thrust), np.full(joints, effort)]
         if self.vehicle.is_driven:  # Commands that make so much of a difference.
             scale = np.abs(self._sent(self.hover.q, self.hover.u + scale) - self._inputs)
-            scale[self._places] = tolerances.joints
+            held = [holds(self.vehicle, place - rotors) for place in self._places]
+            scale[self._places] = np.where(held, tolerances.joints, tolerances.joint_rates)
         inputs = scale**-2.0
         posture, rates = np.zeros(layout.size), np.zeros(layout.size)
         posture[layout.attitude] = tolerances.attitude**-2

@@ -361,7 +361,12 @@ def inputs(flight: Flight, width: float = COLUMN) -> Figure:
 
 # Of commands that are drawn, by units: labels of axes, and factors.
 _OF_ROTORS = {"1": ("throttle (%)", 100.0), "rad/s": ("rotor speed (rad/s)", 1.0)}
-_OF_JOINTS = {"rad": ("servo position (deg)", 180.0 / np.pi), "m": ("servo position (m)", 1.0)}
+_OF_JOINTS = {
+    "rad": ("servo position (deg)", 180.0 / np.pi),
+    "m": ("servo position (m)", 1.0),
+    "rad/s": ("servo rate (rad/s)", 1.0),
+    "m/s": ("servo rate (m/s)", 1.0),
+}
 
 
 def actuators(flight: Flight, width: float = COLUMN) -> Figure:
@@ -380,12 +385,14 @@ def actuators(flight: Flight, width: float = COLUMN) -> Figure:
 def actuator_panels(flight: Flight) -> list[Curves]:
     """What motors, servos and the battery do, by kind; nothing of a robot without them."""
     states = dict(zip(flight.actuator_names, flight.actuators.T, strict=True))
-    places = dict(zip(flight.coordinates, flight.q.T, strict=True))
+    places = {f"{x}_position": q for x, q in zip(flight.coordinates, flight.q.T, strict=True)}
+    rates = zip(flight.layout.v.names, flight.v.T, strict=True)
+    places |= {f"{name}_rate": values for name, values in rates}
     found: dict[str, list[tuple[str, Array, Array]]] = {}
     for k, (name, unit) in enumerate(zip(flight.command_names, flight.command_units, strict=True)):
         label, factor = (_OF_ROTORS if k < flight.rotors else _OF_JOINTS).get(unit, ("", 1.0))
         sent = flight.commands[:, k]
-        actual = states.get(name, places.get(name.removesuffix("_position"), sent))
+        actual = states.get(name, places.get(name, sent))
         curve = symbol(flight.input_names[k]), factor * actual, factor * sent
         found.setdefault(label, []).append(curve)
     found.pop("", None)

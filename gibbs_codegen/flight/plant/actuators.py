@@ -140,9 +140,15 @@ def actuators_of(vehicle: Vehicle, scenario: Scenario) -> Actuators:
 
 
 def has_servo(vehicle: Vehicle, place: int) -> bool:
-    """Whether a servo holds a joint, by its place among the joints, from 0."""
+    """Whether a servo pushes a joint, by its place among the joints, from 0."""
     k = vehicle.rotors + place
     return vehicle.commands[k] != vehicle.inputs[k]
+
+
+def holds(vehicle: Vehicle, place: int) -> bool:
+    """Whether a servo holds a joint where it is commanded to be, by its place among the joints."""
+    name = f"{vehicle.joint_names[place]}_position"
+    return has_servo(vehicle, place) and vehicle.commands[vehicle.rotors + place] == name
 
 
 def has_battery(vehicle: Vehicle) -> bool:
@@ -203,8 +209,9 @@ def module_actuators(vehicle: Vehicle) -> Actuators:
 
 def followed(state: str, commands: Collection[str]) -> str:
     """The command that a state of an actuator follows, by their names; the charge follows none."""
-    servo = state.removesuffix("_reference") + "_position"
-    return state if state in commands or servo not in commands else servo
+    joint = state.removesuffix("_reference")
+    known = (state, f"{joint}_position", f"{joint}_rate")
+    return next((name for name in known if name in commands), state)
 
 
 def command_limits(module: ModuleType) -> Array:
@@ -279,10 +286,9 @@ def joint_motion(vehicle: Vehicle, q: Array) -> tuple[Array, list[tuple[str, str
     still, none = np.zeros(size), np.zeros(len(vehicle.inputs))
     units, moved = np.eye(len(none))[places], np.eye(size)[joints]
     rest = vehicle.command_of(q[0], still, none)
-    yielding = (vehicle.command_of(q[0], still, units) - rest)[own]
-    held = np.array(vehicle.commands)[places] != np.array(vehicle.inputs)[places]
-    stiffness = np.where(held, 1.0 / yielding, 0.0)
-    damping = stiffness * (vehicle.command_of(q[0], moved, none) - rest)[own]
+    pushing = 1.0 / (vehicle.command_of(q[0], still, units) - rest)[own]
+    damping = pushing * (vehicle.command_of(q[0], moved, none) - rest)[own]
+    stiffness = np.where([holds(vehicle, k) for k in range(vehicle.joints)], pushing, 0.0)
     states = vehicle.description("ACTUATOR_STATES")
     x = vehicle.actuator_state_of(rest) if states else np.zeros(0)
     pushed = vehicle.inputs_of(q[0], _AT_REST * moved, x, rest)[own]

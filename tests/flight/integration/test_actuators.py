@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
-from support.actuated import TEXT, air, at_once
+from support.actuated import TEXT, air, at_once, by_rates
 
 import gibbs_codegen
 from gibbs_codegen import Simulation, generate, load, rollout, simulate, simulate_many
@@ -183,6 +183,28 @@ def test_air_resists_a_rotor_that_turns_either_way(tmp_path: Path) -> None:
     for speed in (-500.0, 500.0):
         found = rollout(robot, np.zeros(6), along, [speed], 10, 1e-3).v[0, -1]
         assert found @ along == pytest.approx(np.exp(-500.0 * 1e-3 * 0.01), rel=1e-9)
+
+
+def test_laws_fly_servos_that_are_commanded_rates(tmp_path: Path) -> None:
+    """They correct what is off themselves, with gains of their own, as for torques."""
+    (tmp_path / "by_rates.toml").write_text(robot_text(by_rates()), encoding="utf-8")
+    robot = load(generate(tmp_path / "by_rates.toml", tmp_path, verify=False), "c")
+    moves = {"moves_deg": {"upper": [{"to": 23.0, "duration": 1.0}]}}
+    own = {"joints": {"upper": {"frequency": 30.0}}}  # Against dry friction.
+    flight = simulate(robot, hover(duration=1.5, arm=moves, control=own, integration=RK4))
+    assert flight.stopped == ""
+    upper = robot.VELOCITIES.index("upper")
+    assert np.abs(flight.errors[:, upper]).max() < 0.02
+    sent = flight.commands[:, robot.COMMANDS.index("upper_rate")]
+    assert 0.7 < sent.max() < 2.0
+    # A second of a rate that is held turns the joint by it, but for what gravity takes of it.
+    simulation = Simulation(robot, hover(integration=RK4))
+    start = simulation.reset().q
+    command = flight.commands[-1].copy()
+    command[robot.COMMANDS.index("upper_rate")] += 0.5
+    simulation.step(command, 0.1)
+    at = robot.COORDINATES.index("upper")
+    assert simulation.q[at] - start[at] == pytest.approx(0.05, abs=0.02)
 
 
 RUBBING = """
