@@ -116,7 +116,7 @@ def test_other_curves_and_servos_and_zeros_that_are_parameters_pass(
             id="too little voltage",
         ),
         pytest.param(
-            "_above",
+            "above",
             lambda tape, x: tape.let(sp.Rational(1, 2) - tape.let(sp.sign(tape.let(x))) / 2),
             {"command_of", "inputs_of", "actuator_rates"},
             id="the wrong side",
