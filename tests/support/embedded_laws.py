@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -59,34 +59,63 @@ def called(
     name: str, law: str, folder: Path, processor: Processor, cases: Sequence[Sequence[Array]]
 ) -> Calls:
     """What a law gives for cases of gains, state and reference, each all entries of a structure."""
-    suffix = "f" if processor.real is np.float32 else ""
+    lines = [f"enum {{ INPUTS = {name.upper()}_INPUTS, CASES = {len(cases)} }};"]
+    for place, (structure, plural) in enumerate(
+        (("gains", "gains"), ("state", "states"), ("reference", "references"))
+    ):
+        lines.append(f"static const {name}_{structure} all_{plural}[] = {{")
+        lines += [f"    {_members(case[place], processor)}," for case in cases]
+        lines.append("};")
+    rows = [line.split() for line in _said(name, law, folder, processor, "laws.c", lines)]
+    real = np.dtype(processor.real).newbyteorder("<")
+    u = np.array([np.frombuffer(bytes.fromhex(digits), real) for _, digits, _ in rows])
+    ticks = np.array([float(count) for *_, count in rows])
+    return Calls(u, ticks / _CLOCK * 1e9 / 2**_SHIFT / _CALLS)
+
+
+def flown(
+    name: str,
+    law: str,
+    folder: Path,
+    processor: Processor,
+    numbers: Mapping[str, int | float],
+    structures: Mapping[str, Sequence[Array]],
+    arrays: Mapping[str, Array],
+) -> Array:
+    """States (samples, size) that a law flies a robot with actuators to, by `flight.c`.
+
+    `numbers`, `structures` and `arrays` are what it is given, by name.
+    """
+    lines = [f"typedef {name}_state State;"]
+    lines += [f"#define {key} {_number(value, processor)}" for key, value in numbers.items()]
+    for key, members in structures.items():
+        lines.append(f"static const {name}_{key} {key} = {_members(members, processor)};")
+    for key, values in arrays.items():
+        lines.append(f"static const real {key}[] = {_members([values], processor)[1:-1]};")
+    said = _said(name, law, folder, processor, "flight.c", lines)
+    real = np.dtype(processor.real).newbyteorder("<")
+    return np.array([np.frombuffer(bytes.fromhex(digits), real) for digits in said])
+
+
+def _said(
+    name: str, law: str, folder: Path, processor: Processor, source: str, lines: Sequence[str]
+) -> list[str]:
+    """Lines that a program prints that is compiled with a module, its laws and lines of its own."""
     made = objects(name, folder, processor)
-    lines = [
+    first = [
         f'#include "{name}_laws.h"',
         f"typedef {name}_real real;",
         f"typedef {name}_constants Constants;",
         f"typedef {name}_rotors Rotors;",
         f"#define MODEL(function) {name}_##function",
         f"#define LAW {name}_{law}",
-        f"enum {{ INPUTS = {name.upper()}_INPUTS, CASES = {len(cases)} }};",
     ]
-    for place, (structure, plural) in enumerate(
-        (("gains", "gains"), ("state", "states"), ("reference", "references"))
-    ):
-        lines.append(f"static const {name}_{structure} all_{plural}[] = {{")
-        for case in cases:
-            members = (
-                "{" + ", ".join(_literal(x, suffix) for x in np.ravel(part)) + "}"
-                for part in case[place]
-            )
-            lines.append(f"    {{{', '.join(members)}}},")
-        lines.append("};")
-    (folder / "cases.h").write_text("\n".join([*lines, ""]), encoding="utf-8")
+    (folder / "cases.h").write_text("\n".join([*first, *lines, ""]), encoding="utf-8")
     program = folder / f"{processor.name}.elf"
-    single = [f"-D{name.upper()}_FLOAT"] if suffix else []
+    single = [f"-D{name.upper()}_FLOAT"] if processor.real is np.float32 else []
     flags = [*_ARM, *processor.flags, *single, f"-I{folder}"]
     flags += ["--specs=rdimon.specs", "-nostartfiles", "-T", str(EMBEDDED / "link.ld")]
-    sources = [EMBEDDED / "laws.c", EMBEDDED / "startup.c"]
+    sources = [EMBEDDED / source, EMBEDDED / "startup.c"]
     run([tool(f"{CROSS}gcc"), *flags, *made, *sources, "-o", program, "-lm"])
     said = run(
         [
@@ -96,14 +125,19 @@ def called(
         ],
         120.0,
     )
-    rows = [line.split() for line in said.splitlines()]
-    real = np.dtype(processor.real).newbyteorder("<")
-    u = np.array([np.frombuffer(bytes.fromhex(digits), real) for _, digits, _ in rows])
-    ticks = np.array([float(count) for *_, count in rows])
-    return Calls(u, ticks / _CLOCK * 1e9 / 2**_SHIFT / _CALLS)
+    return said.splitlines()
 
 
-def _literal(value: float, suffix: str) -> str:
+def _members(arrays: Sequence[Array], processor: Processor) -> str:
+    """The initialiser of a structure of arrays."""
+    each = ("{" + ", ".join(_number(x, processor) for x in np.ravel(part)) + "}" for part in arrays)
+    return "{" + ", ".join(each) + "}"
+
+
+def _number(value: float, processor: Processor) -> str:
+    """A number in C, of the processor's precision."""
+    if isinstance(value, int):
+        return str(value)
     if np.isinf(value):
         return "INFINITY" if value > 0 else "-INFINITY"
-    return f"{float(value).hex()}{suffix}"
+    return f"{float(value).hex()}{'f' if processor.real is np.float32 else ''}"

@@ -15,16 +15,20 @@ import pytest
 from conftest import ROOT
 from numpy.typing import NDArray
 from scipy.optimize import lsq_linear
+from support.actuated import actuated
 from support.compiled import LANGUAGES, build, compile_only
-from support.embedded_laws import M4F, M7, Processor, called
+from support.embedded_laws import M4F, M7, Processor, called, flown
 
-from gibbs_codegen import generate, load
+from gibbs_codegen import generate, load, simulate
 from gibbs_codegen.arrays import Functions, Program, evaluate
 from gibbs_codegen.arrays.law_functions import law_functions
 from gibbs_codegen.cli.app import main
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.files.module_writer import kept_options
+from gibbs_codegen.flight.control.geometric import LeaningController
 from gibbs_codegen.flight.plant.allocation import Allocation, force_axis
+from gibbs_codegen.flight.scenario.file import read_scenario
+from gibbs_codegen.flight.simulation import flight_start
 from gibbs_codegen.pipeline import generate_robot
 from gibbs_codegen.robot.balance import carried_rotors
 from gibbs_codegen.robot.file import read_robot
@@ -358,3 +362,60 @@ def test_a_target_that_this_version_lacks_is_no_more_repeated(
     assert "generated with --target old, which this version does not have" in said.err
     assert "as before, with --target=numpy --functions=kinematics\n" in said.out
     assert not (tmp_path / "quadrotor" / "quadrotor.c").exists()
+
+
+@pytest.mark.parametrize(("processor", "room"), [(M7, 1e-9), (M4F, 1e-4)], ids=["M7", "M4F"])
+def test_a_flight_on_an_emulated_processor_is_that_of_the_simulator(
+    tmp_path: Path, processor: Processor, room: float
+) -> None:
+    """By throttle, speeds, servos with backlash and friction, and a battery: all of it in C."""
+    robot = actuated()
+    robot = replace(robot, thrusters=tuple(replace(x, air=None) for x in robot.thrusters))
+    text, step, steps = robot_text(robot), 2.5e-4, 20
+    (tmp_path / "actuated.toml").write_text(text, encoding="utf-8")
+    folder = generate(tmp_path / "actuated.toml", tmp_path, laws=["geometric"], verify=False)
+    module, rate = load(folder, "c"), 1.0 / (step * steps)
+    scenario = read_scenario(
+        "hover",
+        {
+            "start": {"offset": [0.05, -0.02, 0.03]},
+            "control": {"rate": rate},
+            "duration": 0.25,
+            "integration": {"method": "rk4", "step": step, "rate": rate},
+        },
+    )
+    flight = simulate(module, scenario)
+    loop = flight_start(module, scenario, lambda *_: None, own=False).loop
+    law, samples = loop.controller, len(flight.time) - 1
+    assert isinstance(law, LeaningController)
+    limits = loop.actuators.commands
+    assert limits is not None
+    found = flown(
+        "actuated",
+        law.law,
+        folder,
+        processor,
+        {
+            "COORDINATES": len(module.COORDINATES),
+            "VELOCITIES": len(module.VELOCITIES),
+            "INPUTS": len(module.INPUTS),
+            "STATES": len(module.ACTUATOR_STATES),
+            "QUATERNION": module.COORDINATES.index("qx"),
+            "SAMPLES": samples,
+            "STEPS": steps,
+            "STEP": step,
+        },
+        {
+            "gains": [law.gains.stiffness, law.gains.damping, *loop.actuators.inputs],
+            "reference": [*law.reference(0.0), *law.centre(np.zeros(1))[0]],
+        },
+        {
+            "begin": np.concatenate([flight.q[0], flight.v[0]]),
+            "least": limits[0],
+            "most": limits[1],
+        },
+    )
+    wanted = np.concatenate([flight.q, flight.v, flight.actuators], axis=1)[1:]
+    size = np.maximum(np.abs(wanted).max(axis=0), 1.0)
+    assert np.abs(flight.commands - flight.commands[0]).max(axis=0).min() > 1e-4
+    assert np.abs((found - wanted) / size).max() < room
