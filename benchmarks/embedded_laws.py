@@ -27,11 +27,13 @@ from support.embedded_laws import CROSS, M4F, M7, Processor, called, objects  # 
 
 from gibbs_codegen import generate, load  # noqa: E402
 
-ROBOTS = {
-    "quadrotor": "geometric",
-    "hexarotor_3link": "computed_torque",
-    "hextilt_flying_arm_5": "computed_torque",
-}
+LAWS = (
+    ("quadrotor", "geometric"),
+    ("hexarotor_3link", "computed_torque"),
+    ("hextilt_flying_arm_5", "computed_torque"),
+    ("hexarotor_3link", "force"),
+    ("quadrotor_arm_2link", "geometric_force"),
+)
 
 
 def cross(tool: str, *arguments: str | Path) -> str:
@@ -62,7 +64,7 @@ def stack(name: str, law: str, made: list[Path]) -> int:
         for symbol in sizes
         if symbol in (law, "find_nearest", "find_thrusts", "solve_free", "guess_again")
     }
-    called_ = ("inverse_dynamics", "centre_of_mass_jacobian", "input_matrix")
+    called_ = ("inverse_dynamics", "centre_of_mass_jacobian", "input_matrix", "frame_jacobians")
     inner = max(sizes[f"{name}_{function}"] for function in called_)
     nearest = sum(size for symbol, size in own.items() if symbol != law)
     return sizes[f"{name}_{law}"] + own.get(law, 0) + max(inner, nearest)
@@ -77,13 +79,18 @@ def cases(name: str, law: str) -> Iterator[list[list[NDArray[np.float64]]]]:
         level[6] = 1.0
     near, v = module.integrate(level, np.full(nv, 0.05)), np.full(nv, 0.1)
     reference = [level, np.zeros(nv), np.zeros(nv)]
-    if law == "geometric":
+    if law.startswith("geometric"):
         reference += [module.centre_of_mass(level), np.zeros(3), np.zeros(3)]
+    state, frame = [near, v], []
+    if law.endswith("force"):
+        frame = [np.full(3, 100.0), np.full(3, 20.0), np.full(3, 2.0)]
+        state.append(np.full(6, 0.5))
+        reference += [np.array([1.0, 0.0, 0.0]), np.full(1, 5.0), np.ones(1)]
     weight = module.inverse_dynamics(level, 0.0 * v, 0.0 * v)
     hover = np.linalg.pinv(module.input_matrix(level)) @ weight
     for most in (np.inf, 0.7 * np.abs(hover[np.array(module.INPUT_UNITS) == "N"]).max()):
         gains = [np.full(nv, 9.0), np.full(nv, 6.0), np.full(nu, -most), np.full(nu, most)]
-        yield [gains, [near, v], reference]
+        yield [[*gains, *frame], state, reference]
 
 
 def measured(name: str, law: str, folder: Path, processor: Processor) -> list[str]:
@@ -100,8 +107,8 @@ def main() -> None:
     for column in columns:
         table.add_column(column, justify="left" if column in columns[:3] else "right")
     with tempfile.TemporaryDirectory() as out:
-        for name, law in ROBOTS.items():
-            folder = generate(name, out, laws=[law])
+        for name, law in LAWS:
+            folder = generate(name, f"{out}/{law}", laws=[law])
             for processor in (M4F, M7):
                 table.add_row(name, law, processor.name, *measured(name, law, folder, processor))
     Console(width=120).print(table)

@@ -13,7 +13,7 @@ from scipy.integrate import solve_ivp
 
 from gibbs_codegen.errors import ScenarioFileError, UsageError
 from gibbs_codegen.flight.control.sampled_control import Observation
-from gibbs_codegen.flight.plant.vehicle import Array
+from gibbs_codegen.flight.plant.vehicle import Array, Vehicle
 from gibbs_codegen.flight.record.flight import Flight
 from gibbs_codegen.flight.scenario.file import read_scenario
 from gibbs_codegen.flight.simulation import simulate
@@ -267,11 +267,20 @@ def test_noise_of_wrenches_and_accelerations_has_its_deviations(fast: Load) -> N
     }
     told = Keeps(np.zeros(9))
     told.rate = 1e4
-    changes = {"duration": count / 1e4, "control.law": "off", "integration": FIXED}
-    simulate(module, read_scenario("hover", {**changes, "sensors": sensors}), told)
-    assert all(np.array_equal(each.q, each.q) for each in told.seen)
+    integration = {"method": "rk4", "step": 1e-4, "rate": 1e4}
+    changes = {"duration": count / 1e4, "sensors": sensors, "integration": integration}
+    flight = simulate(module, read_scenario("hover", changes), told)
     wrenches = np.array([each.wrenches for each in told.seen])
-    for values, deviation in ((wrenches[..., :3], 0.3), (wrenches[..., 3:], 0.02)):
+    # At the first sample no inputs act yet.
+    off = np.array([each.a for each in told.seen])[1:count] - flight.a[1:count]
+    places = Vehicle(module).layout.v
+    for values, deviation in (
+        (wrenches[..., :3], 0.3),
+        (wrenches[..., 3:], 0.02),
+        (off[:, places.position], 0.1),
+        (off[:, places.joints], 0.5),
+        (off[:, places.attitude], 0.2),
+    ):
         spread = values.std(axis=0)
         assert spread == pytest.approx(deviation, rel=5 / np.sqrt(2 * count))
 
