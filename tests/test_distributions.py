@@ -52,7 +52,7 @@ DATA = """
     robots/LICENSES.txt robots/octorotor_7link.toml robots/quadrotor.toml
     robots/quadrotor_2link.toml robots/quadrotor_arm_2link.toml
     scenarios/circle.toml scenarios/flip.toml scenarios/hover.toml scenarios/inspection.toml
-    scenarios/line.toml scenarios/paper.toml
+    scenarios/line.toml scenarios/paper.toml scenarios/push.toml
     templates/c_each.c.jinja templates/c_header.h.jinja
     templates/c_rollout.c.jinja templates/c_rollout.h.jinja
     templates/c_source.c.jinja templates/matlab_constants.m.jinja
