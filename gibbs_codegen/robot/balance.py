@@ -255,7 +255,7 @@ def _shaft_powers(
     for rotor, drive, thrust, level in zip(
         mounted_rotors(robot), robot.drives, thrusts, levels, strict=True
     ):
-        speed = level * (1.0 if drive.command == "speed" else drive.full_speed or 0.0)
+        speed = drive.speed(level)
         if drive.command == "thrust":
             speed = (rotor.speed_per_sqrt_thrust or 0.0) * math.sqrt(abs(thrust))
         yield abs(rotor.drag * thrust * speed)
@@ -515,7 +515,7 @@ def _implausible_drives(robot: Robot) -> Iterator[str]:
     for k, (rotor, drive) in enumerate(
         zip(mounted_rotors(robot), robot.drives, strict=True), start=1
     ):
-        speed = drive.greatest_speed
+        speed = drive.speed(drive.limits[1]) if drive.limits else 0.0
         tip = speed * (rotor.air.radius if rotor.air else 0.0)
         if speed > _FASTEST or abs(rotor.drag) * speed > _THIRSTIEST or tip > _LOUDEST:
             yield (

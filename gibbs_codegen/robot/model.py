@@ -266,8 +266,11 @@ class Drive:
     def speed_per_sqrt_thrust(self) -> float:
         """Speed by the square root of the thrust, (rad/s)/√N, at the greatest command."""
         level = self.limits[1] if self.limits else 1e3
-        speed = level if self.command == "speed" else level * (self.full_speed or 0.0)
-        return speed / math.sqrt(max(self.thrust(level), 1e-12))
+        return self.speed(level) / math.sqrt(max(self.thrust(level), 1e-12))
+
+    def speed(self, level: float) -> float:
+        """Speed, rad/s, at a level that is a speed or a throttle; 0 where it is not known."""
+        return level if self.command == "speed" else level * (self.full_speed or 0.0)
 
     @property
     def thrust_limits(self) -> tuple[float, float] | None:
@@ -285,12 +288,6 @@ class Drive:
             return (-math.inf if slope > 0.0 else math.inf), math.inf
         turn = -slope / (2.0 * square) + 0.0
         return (-math.inf, turn) if square < 0.0 else (turn, math.inf)
-
-    @property
-    def greatest_speed(self) -> float:
-        """Speed, rad/s, at the greatest command; 0 where it is not known."""
-        most = self.limits[1] if self.limits else 0.0
-        return {"speed": most, "throttle": most * (self.full_speed or 0.0)}.get(self.command, 0.0)
 
     @property
     def lags(self) -> bool:

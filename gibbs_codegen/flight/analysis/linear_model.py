@@ -68,7 +68,6 @@ def checked_state(
     Raises `UsageError` for what an argument must not be, or a trim of another robot.
     """
     wrenches = np.zeros((len(vehicle.frames), 6))
-    driven = bool(getattr(vehicle.module, "COMMANDS", ()))
     if isinstance(q, Trim):
         if not v is u is x is None:
             raise UsageError(
@@ -83,10 +82,10 @@ def checked_state(
         raise UsageError("q, v, u: give all three, or a trim in the place of q")
     q, v = coordinates(vehicle, q), vector("v", v, vehicle.layout.v.size)
     u = vector("u", u, len(vehicle.inputs))
-    states = getattr(vehicle.module, "ACTUATOR_STATES", ())
+    states = vehicle.actuator_states
     if x is not None:
         x = vector(f"x ({', '.join(states) or 'there are none'})", x, len(states))
-    if not driven:
+    if not vehicle.is_driven:
         return State(q, v, u, wrenches)
     if x is None:
         x = vehicle.actuator_state_of(u) if states else np.zeros(0)
@@ -130,7 +129,7 @@ def linearise(
     """
     vehicle = vehicle_of(robot, parameters)
     module = vehicle.module
-    of_actuators = "inputs_of_derivatives" if getattr(module, "COMMANDS", ()) else _DERIVATIVES
+    of_actuators = "inputs_of_derivatives" if vehicle.is_driven else _DERIVATIVES
     for name in (_DERIVATIVES, of_actuators):
         if name not in module.DERIVATIVES:
             raise missing_function(module, name)
@@ -378,7 +377,7 @@ def _check_solvable(vehicle: Vehicle, a: Array, b: Array, weights: Array, dt: fl
 def deviation_names(vehicle: Vehicle) -> tuple[str, ...]:
     """Names of the entries of a deviation: of δ, then velocities, then states of actuators."""
     places, names = vehicle.layout.v, list(vehicle.layout.v.names)
-    states = getattr(vehicle.module, "ACTUATOR_STATES", ())
+    states = vehicle.actuator_states
     names[places.joints] = vehicle.joint_names
     if vehicle.layout.is_quaternion:
         names[places.position] = [f"place along the base's {axis}" for axis in "xyz"]

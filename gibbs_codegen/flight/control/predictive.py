@@ -537,8 +537,7 @@ class Predictive:
     @property
     def _commands_of_states(self) -> list[str]:
         """What each state of the actuators follows: a command, or of the charge nothing."""
-        states = self.vehicle.description("ACTUATOR_STATES")
-        return [followed(name, self.vehicle.commands) for name in states]
+        return [followed(x, self.vehicle.commands) for x in self.vehicle.actuator_states]
 
     @property
     def _followed(self) -> Array:

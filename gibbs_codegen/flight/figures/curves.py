@@ -375,38 +375,35 @@ def actuators(flight: Flight, width: float = COLUMN) -> Figure:
     Throttles and the charge are in %, speeds in rad/s, positions in deg and m. Lines are the levels
     that rotors have and where joints are, dashes what motors and servos are sent.
     """
+    panels = actuator_panels(flight) or [Curves("charge (%)", [], flight.actuators[:, :0])]
     with style():
-        figure = stack(flight, actuator_panels(flight) or [_charge(flight)], width)
-        if flight.commands.shape[1]:
-            explain(figure.axes[0], "actual", "sent")
+        figure = stack(flight, panels, width)
+        explain(figure.axes[0], "actual", "sent")
         return finished(figure, flight)
 
 
 def actuator_panels(flight: Flight) -> list[Curves]:
     """What motors, servos and the battery do, by kind; nothing of a robot without them."""
     states = dict(zip(flight.actuator_names, flight.actuators.T, strict=True))
-    places = {f"{x}_position": q for x, q in zip(flight.coordinates, flight.q.T, strict=True)}
-    rates = zip(flight.layout.v.names, flight.v.T, strict=True)
-    places |= {f"{name}_rate": values for name, values in rates}
+    known = {f"{x}_position": q for x, q in zip(flight.coordinates, flight.q.T, strict=True)}
+    known |= {f"{x}_rate": v for x, v in zip(flight.layout.v.names, flight.v.T, strict=True)}
     found: dict[str, list[tuple[str, Array, Array]]] = {}
     for k, (name, unit) in enumerate(zip(flight.command_names, flight.command_units, strict=True)):
-        label, factor = (_OF_ROTORS if k < flight.rotors else _OF_JOINTS).get(unit, ("", 1.0))
-        sent = flight.commands[:, k]
-        actual = states.get(name, places.get(name, sent))
-        curve = symbol(flight.input_names[k]), factor * actual, factor * sent
-        found.setdefault(label, []).append(curve)
-    found.pop("", None)
+        kinds = _OF_ROTORS if k < flight.rotors else _OF_JOINTS
+        if unit in kinds:
+            label, factor = kinds[unit]
+            sent = factor * flight.commands[:, k]
+            actual = states.get(name, known.get(name, flight.commands[:, k]))
+            curve = symbol(flight.input_names[k]), factor * actual, sent
+            found.setdefault(label, []).append(curve)
+    if "charge" in states:  # It follows nothing.
+        charge = 100.0 * states["charge"]
+        found["charge (%)"] = [("charge", charge, np.full_like(charge, np.nan))]
     panels = []
     for label, own in found.items():
         actual, sent = (np.stack([each[k] for each in own], axis=1) for k in (1, 2))
         panels.append(Curves(label, [name for name, _, _ in own], actual, sent))
-    return [*panels, *([_charge(flight)] if "charge" in states else [])]
-
-
-def _charge(flight: Flight) -> Curves:
-    """The charge of the battery, if there is one."""
-    own = [k for k, name in enumerate(flight.actuator_names) if name == "charge"]
-    return Curves("charge (%)", ["charge"] * len(own), 100.0 * flight.actuators[:, own])
+    return panels
 
 
 def thrust_directions(flight: Flight, sample: int) -> Array:

@@ -121,8 +121,7 @@ class ClosedLoop:
     def memory_place(self) -> int:
         """Place of the law's memory in the state, after work and actuators."""
         own = self.vehicle.rotors if self.lags else 0
-        if self.vehicle.is_driven:
-            own = len(self.vehicle.description("ACTUATOR_STATES"))
+        own = len(self.vehicle.actuator_states) if self.vehicle.is_driven else own
         return self.work_place + 1 + own
 
     @property

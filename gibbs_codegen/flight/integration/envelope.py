@@ -23,12 +23,14 @@ from gibbs_codegen.arrays.laws import LAWS
 from gibbs_codegen.flight.control.error_polynomials import error_polynomials
 from gibbs_codegen.flight.control.laws import Gains
 from gibbs_codegen.flight.integration.closed_loop import ClosedLoop
-from gibbs_codegen.flight.plant.actuators import joint_motion
+from gibbs_codegen.flight.plant.actuators import holds
 from gibbs_codegen.flight.plant.vehicle import Array, Flags, Vehicle
 from gibbs_codegen.flight.scenario.orientation import LARGEST_THETA_0
 from gibbs_codegen.flight.scenario.parts import PREDICTIVE
 from gibbs_codegen.flight.scenario.walls import bristle, surface_at
 
+# A rate, rad/s or m/s, next to which dry friction is as it is about rest.
+_AT_REST = 1e-9
 # Of errors that a servo corrects, s: their rates have no bound.
 _LEAST_PEAK = 1e-12
 # What to try instead of a law, where it is not lower gains.
@@ -195,8 +197,15 @@ class Mode:
         """Steps of rk4, s, in which the mode decays."""
         return 2.0 / self.rate
 
-    def makes_grow(self, size: float, method: str) -> str:
-        """That steps of a size, s, are too long for the mode, and what would be right."""
+    def fault(self, size: float, method: str = "rk4") -> str:
+        """Why steps of a size, s, make the mode grow, and what would be right; "" if it decays."""
+        z = size * self.eigenvalue
+        if method == "euler":  # Semi-implicit; of real modes the other one is much slower.
+            grows = abs(z) ** 2 > 4.0 + 4.0 * z.real if z.imag else z.real < -2.0
+        else:
+            grows = not abs(1.0 + z + z**2 / 2.0 + z**3 / 6.0 + z**4 / 24.0) <= 1.0 + 1e-9
+        if not grows:
+            return ""
         return (
             f"in steps of {size:.3g} s {method} makes errors grow, because of {self.cause}; use "
             f"steps of at most {self.longest_step:.2g} s, or {self.remedy}"
@@ -223,7 +232,9 @@ def stable_modes(loop: ClosedLoop) -> list[Mode]:
         for root in itertools.chain.from_iterable(map(np.roots, polynomials))
         if root.real < 0.0
     ]
-    others = [*_wall_modes(loop), *_drag_modes(loop), *_joint_modes(loop)]
+    others = [*_wall_modes(loop), *_drag_modes(loop)]
+    if loop.controller.law != "off":
+        others += joint_modes(loop.vehicle, _configurations(loop))
     return sorted([*found, *others], reverse=True)
 
 
@@ -301,26 +312,40 @@ def _drag_modes(loop: ClosedLoop) -> list[Mode]:
     return [Mode(rate, "the drag", remedy, complex(-rate))] if rate > 0.0 else []
 
 
-def _joint_modes(loop: ClosedLoop) -> list[Mode]:
-    """The fastest mode of joints by servos and dry friction, along the desired motion."""
-    if not loop.vehicle.is_driven or loop.controller.law == "off":
-        return []
-    return [mode for mode in [joint_mode(loop.vehicle, _configurations(loop))] if mode.rate]
+def joint_modes(vehicle: Vehicle, q: Array) -> list[Mode]:
+    """The fastest mode of joints by servos and dry friction, about rest in coordinates (s, nq).
 
-
-def joint_mode(vehicle: Vehicle, q: Array) -> Mode:
-    """The fastest mode in which joints move about rest in coordinates (s, nq), with commands held.
-
-    Of a rate of 0 where neither servos nor dry friction hold any.
+    M v̇ = −D v − K d, of a displacement d, with commands that are held.
     """
-    matrix, causes = joint_motion(vehicle, q)
-    if not causes:
-        return Mode(0.0, "", "", 0.0)
-    roots, vectors = np.linalg.eig(matrix)
+    if not vehicle.is_driven or not vehicle.joints:
+        return []
+    size, joints = vehicle.layout.v.size, vehicle.layout.v.joints
+    places = vehicle.rotors + np.arange(vehicle.joints)
+    own = np.arange(vehicle.joints), places
+    still, none = np.zeros(size), np.zeros(len(vehicle.inputs))
+    units, moved = np.eye(len(none))[places], np.eye(size)[joints]
+    rest = vehicle.command_of(q[0], still, none)
+    pushing = 1.0 / (vehicle.command_of(q[0], still, units) - rest)[own]
+    viscous = pushing * (vehicle.command_of(q[0], moved, none) - rest)[own]
+    stiffness = np.where([holds(vehicle, k) for k in range(vehicle.joints)], pushing, 0.0)
+    x = vehicle.actuator_state_of(rest) if vehicle.actuator_states else np.zeros(0)
+    damping = -vehicle.inputs_of(q[0], _AT_REST * moved, x, rest)[own] / _AT_REST
+    inverse = np.linalg.inv(vehicle.mass_matrix(q))[..., joints]
+    by_joints = np.zeros((2, len(q), size, size))
+    by_joints[..., joints] = -inverse * np.stack([stiffness, damping])[:, np.newaxis, np.newaxis]
+    kept = np.broadcast_to(np.eye(size), by_joints[0].shape)
+    whole = np.block([[0.0 * kept, kept], [by_joints[0], by_joints[1]]])
+    roots, vectors = np.linalg.eig(whole)
     at, place = np.unravel_index(int(np.abs(roots).argmax()), roots.shape)
-    rates = np.abs(vectors[at, :, place])[vehicle.layout.v.size :]
+    if not roots[at, place]:
+        return []
     fastest = complex(roots[at, place])
-    return Mode(abs(fastest), *causes[int(rates[vehicle.layout.v.joints].argmax())], fastest)
+    joint = int(np.abs(vectors[at, size:, place][joints]).argmax())
+    cause, remedy = "servo", "a softer servo, or less of its damping"
+    if damping[joint] > 2.0 * viscous[joint]:
+        cause, remedy = "dry friction about rest", "a greater velocity of it"
+    words = f"the {cause} of {vehicle.joint_names[joint]}", f"{remedy}, or the armature of a gear"
+    return [Mode(abs(fastest), *words, fastest)]
 
 
 def _configurations(loop: ClosedLoop) -> Array:

@@ -19,7 +19,6 @@ from gibbs_codegen.flight.integration.compiled_loop import CompiledLoops
 from gibbs_codegen.flight.integration.envelope import (
     Envelope,
     integration_burdens,
-    joint_mode,
     stable_modes,
 )
 from gibbs_codegen.flight.integration.state_history import (
@@ -30,8 +29,7 @@ from gibbs_codegen.flight.integration.state_history import (
     SmoothInterval,
     StateHistory,
 )
-from gibbs_codegen.flight.plant.actuators import joint_motion
-from gibbs_codegen.flight.plant.vehicle import Array, Vehicle
+from gibbs_codegen.flight.plant.vehicle import Array
 from gibbs_codegen.flight.scenario.parts import Settings
 
 # What a call of the compiled loop takes on at most, so that progress shows and Ctrl-C is heard.
@@ -151,27 +149,8 @@ def rk4_step(loop: ClosedLoop, time: float, state: Array, size: float, loads: Lo
 def check_stability(loop: ClosedLoop, size: float) -> None:
     """Raise `UsageError` for steps in which what should decay grows."""
     for mode in stable_modes(loop):
-        z = size * mode.eigenvalue
-        if not abs(1.0 + z + z**2 / 2.0 + z**3 / 6.0 + z**4 / 24.0) <= 1.0 + 1e-9:
-            raise UsageError(f"integration.step: {mode.makes_grow(size, 'rk4')}")
-
-
-def long_steps(vehicle: Vehicle, size: float, method: str) -> str:
-    """Why steps of a method are too long for servos and friction of a robot, "" if they are not.
-
-    They are of commands that are held, about coordinates of zero.
-    """
-    at = vehicle.neutral[np.newaxis]
-    matrix, _ = joint_motion(vehicle, at)
-    half = matrix.shape[-1] // 2
-    one, z = np.eye(2 * half), size * matrix[0]
-    grown = one + z @ (one + z / 2.0 @ (one + z / 3.0 @ (one + z / 4.0)))
-    if method == "euler":  # Coordinates take the velocities after the step.
-        grown = one + z
-        grown[:half] = one[:half] + size * grown[half:]
-    # Rounding makes 1 of motions that neither grow nor decay a little more.
-    grows = np.abs(np.linalg.eigvals(grown)).max() > 1.0 + 1e-6
-    return joint_mode(vehicle, at).makes_grow(size, method) if grows else ""
+        if words := mode.fault(size):
+            raise UsageError(f"integration.step: {words}")
 
 
 # States whose inputs are computed at once: bounds the memory.

@@ -21,8 +21,6 @@ _NO_LIMITS = (-math.inf, math.inf)
 _SMALL, _TRIES = 1e-12, 64
 # How far rounding takes what is at a limit beyond it.
 _EXACT = 1e-9
-# A rate, rad/s or m/s, next to which dry friction is as it is about rest.
-_AT_REST = 1e-9
 
 
 @dataclass(frozen=True)
@@ -153,7 +151,7 @@ def holds(vehicle: Vehicle, place: int) -> bool:
 
 def has_battery(vehicle: Vehicle) -> bool:
     """Whether the last state of the actuators is the charge of a battery."""
-    return getattr(vehicle.module, "ACTUATOR_STATES", ())[-1:] == ("charge",)
+    return vehicle.actuator_states[-1:] == ("charge",)
 
 
 def check_charge(vehicle: Vehicle, charge: float) -> None:
@@ -249,7 +247,7 @@ def kept_commands(vehicle: Vehicle, q: Array, v: Array, u: Array) -> tuple[Array
 
     As far as actuators can: `inputs_of` gives the inputs again, and what follows commands rests.
     """
-    states, names = vehicle.description("ACTUATOR_STATES"), vehicle.description("COMMANDS")
+    states, names = vehicle.actuator_states, vehicle.commands
     wanted, x, small = u, np.zeros(0), _SMALL * np.abs(u).max(initial=1.0)
     for _ in range(_TRIES):
         command = vehicle.command_of(q, v, wanted)
@@ -272,39 +270,6 @@ def kept_commands(vehicle: Vehicle, q: Array, v: Array, u: Array) -> tuple[Array
         slope = vehicle.actuator_rates(x, aside)[levels] - rates
         command[places] -= np.where(step == 0.0, 0.0, rates * step / np.where(step, slope, 1.0))
     return command, x
-
-
-def joint_motion(vehicle: Vehicle, q: Array) -> tuple[Array, list[tuple[str, str]]]:
-    """How joints move against servos and dry friction, about rest in coordinates (s, nq).
-
-    Matrices (s, 2 nv, 2 nv), 1/s, are of displacements d and velocities: M v̇ = −D v − K d. For each
-    joint words say what resists most, and how it would resist less.
-    """
-    size, joints = vehicle.layout.v.size, vehicle.layout.v.joints
-    places = vehicle.rotors + np.arange(vehicle.joints)
-    own = np.arange(vehicle.joints), places
-    still, none = np.zeros(size), np.zeros(len(vehicle.inputs))
-    units, moved = np.eye(len(none))[places], np.eye(size)[joints]
-    rest = vehicle.command_of(q[0], still, none)
-    pushing = 1.0 / (vehicle.command_of(q[0], still, units) - rest)[own]
-    damping = pushing * (vehicle.command_of(q[0], moved, none) - rest)[own]
-    stiffness = np.where([holds(vehicle, k) for k in range(vehicle.joints)], pushing, 0.0)
-    states = vehicle.description("ACTUATOR_STATES")
-    x = vehicle.actuator_state_of(rest) if states else np.zeros(0)
-    pushed = vehicle.inputs_of(q[0], _AT_REST * moved, x, rest)[own]
-    friction = -pushed / _AT_REST - damping
-    matrix = np.zeros((len(q), 2 * size, 2 * size))
-    matrix[:, :size, size:] = np.eye(size)
-    inverse = np.linalg.inv(vehicle.mass_matrix(q))[..., joints]
-    matrix[:, size:, :size][..., joints] = -inverse * stiffness
-    matrix[:, size:, size:][..., joints] = -inverse * (damping + friction)
-    causes = [
-        (f"the dry friction of {name} about rest", "a greater velocity of it")
-        if dry > viscous
-        else (f"the servo of {name}", "a softer servo, or less of its damping")
-        for name, dry, viscous in zip(vehicle.joint_names, friction, damping, strict=True)
-    ]
-    return matrix, [(cause, f"{remedy}, or the armature of a gear") for cause, remedy in causes]
 
 
 def _ends(limits: tuple[float | None, float | None] | None) -> tuple[float, float]:

@@ -66,6 +66,7 @@ class Vehicle:
         # Commands of motors and servos, in the order of inputs; without actuators the inputs.
         self.commands: tuple[str, ...] = getattr(module, "COMMANDS", ()) or module.INPUTS
         self.is_driven = bool(getattr(module, "COMMANDS", ()))
+        self.actuator_states: tuple[str, ...] = getattr(module, "ACTUATOR_STATES", ())
         self.points: tuple[str, ...] = module.POINTS
         self.frames: tuple[str, ...] = module.FRAMES
         # Places of the joints among coordinates, and among velocities and accelerations.

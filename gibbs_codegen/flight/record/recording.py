@@ -117,7 +117,7 @@ class Recording:
         return {
             "command_names": lambda: vehicle.commands,
             "command_units": lambda: vehicle.description("COMMAND_UNITS"),
-            "actuator_names": lambda: vehicle.description("ACTUATOR_STATES"),
+            "actuator_names": lambda: vehicle.actuator_states,
             "commands": lambda: self._sent[1],
             "actuators": lambda: self._parts.actuators,
         }

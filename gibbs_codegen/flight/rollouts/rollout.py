@@ -16,7 +16,7 @@ import numpy as np
 from gibbs_codegen.arrays.rollout_steps import Parts
 from gibbs_codegen.errors import UsageError, printable
 from gibbs_codegen.flight.arguments import seconds, whole
-from gibbs_codegen.flight.integration.integrators import long_steps
+from gibbs_codegen.flight.integration.envelope import joint_modes
 from gibbs_codegen.flight.plant.actuators import commands_beyond
 from gibbs_codegen.flight.plant.vehicle import Vehicle
 from gibbs_codegen.flight.rollouts.arguments import Controller, RolloutArguments
@@ -240,10 +240,10 @@ def _long_steps(
     module: ModuleType, dt: float, method: rollouts.Method, own: tuple[tuple[str, float], ...]
 ) -> str:
     """Why steps are too long for servos and friction with parameters, "" if they are not."""
-    if not getattr(module, "COMMANDS", ()):
-        return ""
     on_arrays = load(module.__path__[0]) if module.backend == "jax" else module
-    return long_steps(Vehicle(on_arrays, dict(own)), dt, method)
+    vehicle = Vehicle(on_arrays, dict(own))
+    modes = joint_modes(vehicle, vehicle.neutral[np.newaxis])
+    return "".join(mode.fault(dt, method) for mode in modes)
 
 
 @functools.lru_cache(maxsize=64)
@@ -284,6 +284,8 @@ def warn_of_long_steps(
     module: ModuleType, dt: float, method: rollouts.Method, parameters: Mapping[str, Any]
 ) -> None:
     """Warn of steps that are too long for servos and dry friction, of the first state's numbers."""
+    if not getattr(module, "COMMANDS", ()):
+        return
     try:
         own = tuple((name, float(np.ravel(value)[0])) for name, value in parameters.items())
     except (TypeError, ValueError):  # What JAX traces has no values.

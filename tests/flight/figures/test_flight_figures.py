@@ -206,11 +206,11 @@ def test_actuators_are_what_motors_and_servos_do(sliding: Flight) -> None:
         ("rotor speed (rad/s)", [sent[:, 2]], [sent[:, 2]]),
         ("servo position (deg)", [np.degrees(joints[0])], [np.degrees(sent[:, 10])]),
         ("servo position (m)", [joints[1]], [sent[:, 11]]),
-        ("charge (%)", [100 * state[:, 1]], []),
+        ("charge (%)", [100 * state[:, 1]], [np.full(len(state), np.nan)]),
     ):
         axes = panel(figure, label)
         np.testing.assert_allclose(solid(axes), actual)
-        np.testing.assert_allclose(np.reshape(dashed(axes), np.shape(commanded)), commanded)
+        np.testing.assert_allclose(dashed(axes), commanded)
     assert len(figure.axes) == 5
     assert legend_texts(figure.axes[0]) == ["actual", "sent"]
     assert [axes.get_ylabel() for axes in figures.actuators(sliding).axes] == ["charge (%)"]

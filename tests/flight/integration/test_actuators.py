@@ -240,7 +240,7 @@ def test_steps_too_long_for_dry_friction_are_told(tmp_path: Path) -> None:
         near = {"integration": {"method": "rk4", "step": step, "rate": 1.0 / step}}
         simulation = Simulation(robot, read_scenario("hover", near))
         simulation.reset()
-        words = r"integration\.step: .* because of the dry friction of lid about rest; use steps of"
+        words = r"integration\.step: .* because of the dry friction about rest of lid; use steps of"
         with pytest.raises(UsageError, match=words) if refused else nullcontext():
             simulation.step(command, step)
 
