@@ -129,7 +129,7 @@ def control_law(
 def _moved_frame(law: Law, control: Control, vehicle: Vehicle) -> MovedFrame | None:
     """The frame that a law moves, and how; None if it moves none.
 
-    Raises `UsageError` for a frame that the robot does not have.
+    Raises `UsageError` for a frame that the robot does not have, or that nothing moves.
     """
     if law not in LAWS or not LAWS[law].moves_frame:
         return None
@@ -137,4 +137,11 @@ def _moved_frame(law: Law, control: Control, vehicle: Vehicle) -> MovedFrame | N
     place, axes = vehicle.frame_place(impedance.frame, "control.impedance.frame"), None
     if force is not None and force.axes != WORLD:
         axes = vehicle.frame_place(force.axes, "control.force.axes")
+    if LAWS[law].leans and all(holds(vehicle, k) for k in range(vehicle.joints)):
+        reason = "servos hold all of them" if vehicle.joints else "it has none"
+        raise UsageError(
+            f"{vehicle.name}: under {LAWS[law].title} torques of joints move {impedance.frame}, "
+            f'but {reason}; set control.law to "tracking", or fly a robot whose base commands all '
+            "directions"
+        )
     return MovedFrame(place, axes, impedance, force)

@@ -322,3 +322,10 @@ def test_gains_of_a_frame_that_no_step_follows_are_refused(
     control = {"law": "force", "force": push, "impedance": impedance, "integral": 2}
     with pytest.raises(UsageError, match=words):
         flown(fast("hexarotor_3link"), 0.1, control=control)
+
+
+def test_a_base_that_leans_needs_joints_to_move_a_frame(fast: Load) -> None:
+    control = {"law": "impedance", "impedance": {"frame": "base"}}
+    words = "quadrotor: under geometric impedance control torques of joints move base, but it has"
+    with pytest.raises(UsageError, match=words):
+        simulate(fast("quadrotor"), read_scenario("hover", {"control": control}))
