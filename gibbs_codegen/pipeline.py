@@ -11,7 +11,8 @@
     refuse_wrong       text, Robot     → checks passed, or an error      (verification/modules)
     write_module       text            → generated/<name>/, or nothing   (files/module_writer)
 
-Robot files are made from URDF and MJCF by exchange/importing, and exported by exchange/exporting.
+Robot files are made from URDF, MJCF and SDF by exchange/importing, and exported by
+exchange/exporting.
 
 The other wing, `flight`, loads a generated module (runtime/load), reads a scenario
 (flight/scenario/file) and flies it (flight/simulation); it knows nothing of the derivation.

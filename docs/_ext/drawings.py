@@ -139,7 +139,7 @@ _WIDTH, _UNIT = 3.75, 0.55  # inches, of the page and of one row
 _FILE, _VALUE, _MODULE = "0.93", "#e3eef6", "#fdebdd"
 # From top to bottom: what there is, what it is made of, and the folders that make the next of it.
 _STAGES = (
-    ("robot file", "TOML; from URDF, xacro or MJCF", _FILE, "files, exchange, robot"),
+    ("robot file", "TOML; from URDF, MJCF or SDF", _FILE, "files, exchange, robot"),
     ("Robot", "checked plain data", _VALUE, "derivation, symbolic"),
     ("tape", "Gibbs–Appell equations, step by step", _VALUE, "graph"),
     ("graph", "operations as integers; derivatives", _VALUE, "program"),

@@ -274,11 +274,11 @@ def argument_parser() -> Parser:
     meaning = "number of rotors (default: 4 with --placed, else 6)"
     parser.add("--rotors", "N", meaning, type=int)
 
-    meaning = "write a robot file from a robot in URDF, xacro or MJCF, or join arms to a drone"
+    meaning = "write a robot file from a robot in URDF, xacro, MJCF or SDF, or join arms to a drone"
     parser = command("import", meaning)
     extras = "xacro needs the extra xacro, and MJCF the extra mujoco"
     also = "with --attach also a robot file, or the name of a robot that ships"
-    parser.add("file", "FILE", f"a .urdf, .xacro or .xml file; {extras}; {also}")
+    parser.add("file", "FILE", f"a .urdf, .xacro, .xml or .sdf file; {extras}; {also}")
     parser.add(
         *("--attach", "ARM"),
         "file of an arm, as FILE may be, that is joined to the robot: its root becomes part of "
@@ -323,10 +323,11 @@ def argument_parser() -> Parser:
     parser.flag("--friction", "take the dry friction of joints, which is left out otherwise")
     parser.flag("--force", "replace ROBOT.toml if it exists")
 
-    parser = command("export", "write a robot in URDF or MJCF")
+    parser = command("export", "write a robot in URDF, MJCF or SDF")
     parser.add("robot", "ROBOT", _DERIVES)
-    parser.add("--format", None, "format of the file", choices=("urdf", "mjcf"), required=True)
-    meaning = "file to write (default: the robot's name and .urdf or .xml)"
+    kinds = ("urdf", "mjcf", "sdf")
+    parser.add("--format", None, "format of the file", choices=kinds, required=True)
+    meaning = "file to write (default: the robot's name and .urdf, .xml or .sdf)"
     parser.add("--out", "FILE", meaning)
     parser.flag("--force", "replace FILE if it exists")
 

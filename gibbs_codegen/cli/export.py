@@ -1,4 +1,4 @@
-"""`export`: a robot in URDF or MJCF, for other programs."""
+"""`export`: a robot in a format of other programs, for other programs."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`import`: a robot file from a robot in URDF, xacro or MJCF, also with arms joined to it."""
+"""`import`: a robot file from a robot in URDF, xacro, MJCF or SDF, also with arms joined to it."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""Robots from and to other formats: URDF, xacro and MJCF."""
+"""Robots from and to other formats: URDF, xacro, MJCF and SDF."""

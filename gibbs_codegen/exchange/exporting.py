@@ -7,7 +7,9 @@ from typing import Literal, get_args
 
 from gibbs_codegen.errors import printable
 from gibbs_codegen.exchange import sources
+from gibbs_codegen.exchange.motors import motors_of, told_of_motors
 from gibbs_codegen.exchange.placement import HERE, Placement, vector
+from gibbs_codegen.exchange.sdf_text import sdf_text
 from gibbs_codegen.exchange.urdf import is_rotor_by_name
 from gibbs_codegen.exchange.xml_text import mjcf_text, urdf_text
 from gibbs_codegen.robot.layout import frames_of
@@ -16,70 +18,98 @@ from gibbs_codegen.robot.names import default_prefix, joint_name, link_label
 from gibbs_codegen.robot.placement import base_centre
 from gibbs_codegen.robot.rigid_body import inertia_matrix
 
-Format = Literal["urdf", "mjcf"]
+Format = Literal["urdf", "mjcf", "sdf"]
 FORMATS: tuple[Format, ...] = get_args(Format)
-ENDINGS: dict[Format, str] = {"urdf": ".urdf", "mjcf": ".xml"}
+ENDINGS: dict[Format, str] = {"urdf": ".urdf", "mjcf": ".xml", "sdf": ".sdf"}
+# Of what acts on a joint, what a format has no place for.
+_NO_PLACE: dict[Format, tuple[str, ...]] = {
+    "urdf": ("armature", "stiffness"),
+    "mjcf": (),
+    "sdf": ("armature",),
+}
 
 
 def export_robot(robot: Robot, form: Format) -> tuple[str, list[str]]:
     """Text of a robot in another format, and lines on what this has no place for or cannot name."""
-    is_urdf = form == "urdf"
     source = source_of(robot)
     missing, rods = [], [None] * robot.base.rotors
     for joint, link in zip(source.joints, (*rods, *robot.links), strict=True):
-        passive, limits = joint.passive, joint.limits
-        if is_urdf:
-            lost = [key for key in ("armature", "stiffness") if getattr(passive, key)]
-        else:
-            lost = [] if limits.velocity is None else ["velocity"]
+        limits, servo = joint.limits, getattr(link, "servo", None)
+        lost = [key for key in _NO_PLACE[form] if getattr(joint.passive, key)]
+        if form == "mjcf":
+            lost += [] if limits.velocity is None else ["velocity"]
             if (limits.low is None) != (limits.high is None):
                 lost.append("limits, since it has one only")
-        lost += [] if getattr(link, "servo", None) is None else ["servo"]
+        if form == "sdf" and servo:
+            lost += [f"{key} of its servo" for key in _LATE if servo.numbers.get(key)]
+        elif servo:
+            lost.append("servo")
         if joint.friction and joint.friction.static != joint.friction.coulomb:
             lost.append("static friction")
         if joint.kind != "fixed" and lost:
             missing.append(f"joint {joint.name}: {' and '.join(lost)}")
     for i in robot.constrained:
         missing.append(f"{link_label(robot, i)}: that a constraint torque holds it; it is welded")
-    # What makes thrusts and torques of commands: these are the inputs of what is written.
+    # What makes thrusts and torques of commands: these are the inputs of what is written, but in
+    # SDF, where motors are told for themselves.
     for what, key in (("what rotors make of commands", "drive"), ("air on rotors", "air")):
-        if own := [rotor.name for rotor in source.rotors if getattr(rotor, key)]:
+        own = [rotor.name for rotor in source.rotors if getattr(rotor, key)]
+        if own and form != "sdf":
             missing.append(f"{what}: {', '.join(own)}")
     if robot.battery:
         missing.append("the battery")
     if any(rotor.spin_inertia for rotor in robot.thrusters):
         missing.append("spin inertias of rotors")
-    if is_urdf:
-        if slow := [rotor.name for rotor in source.rotors if rotor.time_constant]:
-            missing.append(f"time constants of {', '.join(slow)}")
-        if source.gravity != 9.81:
-            missing.append(f"gravity of {source.gravity:g} m/s²")
-    source, renamed = with_free_names(source, is_urdf)
-    text = urdf_text(source) if is_urdf else mjcf_text(source, ROOT)
-    return text, [*(f"left out: {line}" for line in missing), *renamed]
+    slow = [rotor.name for rotor in source.rotors if rotor.time_constant]
+    if form == "urdf" and slow:
+        missing.append(f"time constants of {', '.join(slow)}")
+    if form != "mjcf" and source.gravity != 9.81:
+        missing.append(f"gravity of {source.gravity:g} m/s²")
+    servos = [getattr(link, "servo", None) for link in (*rods, *robot.links)]
+    source, renamed = with_free_names(source, form)
+    lines = [*(f"left out: {line}" for line in missing), *renamed]
+    if form == "sdf":
+        motors = motors_of(source, robot.gravity * robot.total_mass)
+        driven = {j.name: s for j, s in zip(source.joints, servos, strict=True) if s}
+        return sdf_text(source, motors, driven), [*lines, *told_of_motors(motors)]
+    return (urdf_text(source) if form == "urdf" else mjcf_text(source, ROOT)), lines
 
 
-def with_free_names(source: sources.Source, is_urdf: bool) -> tuple[sources.Source, list[str]]:
+# Of servos, what controllers of Gazebo do not have.
+_LATE = ("rate", "delay", "backlash")
+
+
+def with_free_names(source: sources.Source, form: Format) -> tuple[sources.Source, list[str]]:
     """The same robot with names that a file can hold, and a line for each that is changed.
 
-    `is_urdf` is whether frames are links and rotors are joints in the file, as in URDF.
+    In URDF frames are links and rotors are joints in the file. In SDF all names are of one space.
     """
-    # MuJoCo has a body of that name already.
+    is_urdf, shared = form == "urdf", form == "sdf"
+    # MuJoCo has a body of that name already, and for SDF it is the world.
     joints, links = sources.Names(), sources.Names(() if is_urdf else ("world",))
-    rotors, frames = (joints, links) if is_urdf else (sources.Names(), sources.Names())
+    if shared:
+        joints = links
+    rotors, frames = (joints, links)
+    if form == "mjcf":
+        rotors, frames = sources.Names(), sources.Names()
     lines: list[str] = []
 
     def free(names: sources.Names, what: str, name: str, wanted: str | None = None) -> str:
-        found = names.free(wanted or name)
+        plain = name
+        if shared:  # There `::` goes between names of models, and `__…__` are reserved.
+            plain = name.replace("::", "_").strip("_" if name.startswith("__") else "") or what
+            plain = f"{plain}_{what}" if plain in names else plain
+        found = names.free(wanted or plain)
         if found != name:
             lines.append(f"renamed: {what} {printable(name, 60)} is {found}")
         return found
 
-    # The mounts of fixed joints, which a robot does not name, take what names are left.
-    order = sorted(source.joints, key=lambda joint: joint.kind == "fixed")
-    moved = {j.child: free(joints, "joint", j.name) for j in order if j.kind != "fixed"}
+    moved = {j.child: free(joints, "joint", j.name) for j in source.joints if j.kind != "fixed"}
     placed = [replace(r, name=free(rotors, "rotor", r.name)) for r in source.rotors]
-    moved |= {j.child: joints.free(j.name) for j in order if j.kind == "fixed"}
+    # The mounts of fixed joints, which a robot does not name, take what names are left.
+    mounts = {j.child: j.name for j in source.joints if j.kind == "fixed"}
+    if not shared:
+        moved |= {child: joints.free(name) for child, name in mounts.items()}
     # What a reader would take for a rotor of JSK is called otherwise.
     named = {
         link: free(links, "link", link, f"{link}_" if is_urdf and is_rotor else None)
@@ -87,6 +117,9 @@ def with_free_names(source: sources.Source, is_urdf: bool) -> tuple[sources.Sour
         for is_rotor in [is_rotor_by_name(moved.get(link, ""), link)]
     }
     own = [f for f in source.frames if not (is_urdf and f.on == f.name and f.pose.is_identity)]
+    seats = [replace(f, name=free(frames, "frame", f.name), on=named[f.on]) for f in own]
+    if shared:
+        moved |= {child: joints.free(name) for child, name in mounts.items()}
     return (
         replace(
             source,
@@ -96,9 +129,7 @@ def with_free_names(source: sources.Source, is_urdf: bool) -> tuple[sources.Sour
                 for j in source.joints
             ),
             rotors=tuple(replace(rotor, on=named[rotor.on]) for rotor in placed),
-            frames=tuple(
-                replace(f, name=free(frames, "frame", f.name), on=named[f.on]) for f in own
-            ),
+            frames=tuple(seats),
         ),
         lines,
     )

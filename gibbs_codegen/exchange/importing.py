@@ -1,6 +1,7 @@
 """From a file in another format to a robot, stage by stage.
 
-read_urdf, read_mjcf  file       → Source: links, joints, rotors, frames
+read_urdf, read_mjcf, read_sdf
+                      file       → Source: links, joints, rotors, frames
 with_root             Source     → checked: a tree, with its root
 without_anchor        Source     → its root the robot's, and not the world
 read_rotors           file       → rotors that replace those found
@@ -19,6 +20,7 @@ from pathlib import Path
 
 from gibbs_codegen.errors import UsageError, printable
 from gibbs_codegen.exchange.mjcf import read_mjcf
+from gibbs_codegen.exchange.sdf import read_sdf
 from gibbs_codegen.exchange.sources import Finding, Kind, snapped_source
 from gibbs_codegen.exchange.tree import check_kinds, locked, rerooted, with_root, without_anchor
 from gibbs_codegen.exchange.urdf import read_urdf
@@ -51,7 +53,7 @@ class ImportOptions:
 
 
 def import_robot(path: Path, options: ImportOptions) -> tuple[Robot, list[Finding]]:
-    """Read a robot from a file (.urdf, .xacro, or .xml for MJCF or URDF), and tell what was done.
+    """Read a robot from a file in URDF, xacro, MJCF or SDF, and tell what was done.
 
     Raises `SourceFileError` if the file is refused, and `UsageError` if there is no such file,
     joint or link.
@@ -62,12 +64,13 @@ def import_robot(path: Path, options: ImportOptions) -> tuple[Robot, list[Findin
     tag = parse_xml(data, file).tag
     if tag == "mujoco":
         source = read_mjcf(path, data, options.base, options.friction)
-    elif tag == "robot":
-        source = read_urdf(data, file, options.command, options.friction)
+    elif tag in ("robot", "sdf"):
+        read = read_urdf if tag == "robot" else read_sdf
+        source = read(data, file, options.command, options.friction)
     else:
         raise UsageError(
             f"{printable(path)}: its root element is <{printable(tag, 40)}>; URDF has <robot>, "
-            "MJCF has <mujoco>"
+            "MJCF has <mujoco>, SDF has <sdf>"
         )
     source = without_anchor(with_root(source))
     if options.rotors is not None:

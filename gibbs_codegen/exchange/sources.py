@@ -1,4 +1,4 @@
-"""What a URDF or MJCF file says, as plain data: links, joints, rotors, frames, before any welding.
+"""What a file of another format says, as plain data, before any welding.
 
 Links and joints are named as in the file. Placements are in m and degrees, axes are unit vectors.
 
@@ -48,7 +48,7 @@ def endless(limits: JointLimits) -> bool:
 
 
 class SourceFileError(RefusedFileError):
-    """A URDF, xacro or MJCF file, or a file of rotors, that is rejected."""
+    """A URDF, xacro, MJCF or SDF file, or a file of rotors, that is rejected."""
 
     kind = "file to import"
 
@@ -286,6 +286,10 @@ class Names:
 
     def __init__(self, used: Iterable[str] = ()) -> None:
         self._taken = set(used)
+
+    def __contains__(self, name: str) -> bool:
+        """Whether something has the name."""
+        return name in self._taken
 
     def free(self, name: str) -> str:
         """A name as near as can be that no other thing of the kind has, which takes it.

@@ -91,11 +91,13 @@ class Values:
     def bound(self, element: Element | None, attribute: str) -> float | None:
         """A limit; what is left out or endless is None."""
         text = None if element is None else element.get(attribute)
-        if element is None or text is None:
+        return None if element is None else self.bound_of(element, attribute, text)
+
+    def bound_of(self, element: Element, what: str, text: str | None) -> float | None:
+        """The limit that a text holds; `what` is what it is called."""
+        if text is None or text.strip().lower().lstrip("+-") in ("inf", "infinity"):
             return None
-        if text.strip().lower().lstrip("+-") in ("inf", "infinity"):
-            return None
-        value = self.of_text(element, attribute, text)
+        value = self.of_text(element, what, text)
         return value if abs(value) < _ENDLESS else None
 
     def vector(self, element: Element | None, attribute: str, default: Vector3) -> Vector3:
@@ -124,14 +126,23 @@ _MOTOR = (
 
 
 def urdf_rotors(root: Element, values: Values, command: Command = "thrust") -> list[sources.Rotor]:
-    """The rotors under `<robot>`, in the order of their numbers or of the file.
+    """The rotors under `<robot>`: motors of Gazebo, then what else JSK's convention says."""
+    gazebo = gazebo_rotors(root, values, command)
+    claimed = {rotor.joint for rotor in gazebo} | {rotor.on for rotor in gazebo}
+    jsk = _jsk(root, values)
+    return gazebo + [r for r in jsk if r.joint not in claimed and r.on not in claimed]
 
-    Motors of Gazebo are commanded a thrust or, as there, a speed.
+
+def gazebo_rotors(root: Element, values: Values, command: Command) -> list[sources.Rotor]:
+    """Motors of Gazebo under an element, in the order of their numbers or of the file.
+
+    They are commanded a thrust or, as there, a speed.
     """
     motors = [found for found in root.iter("plugin") if isinstance(found, Element)]
     numbered = []
     for plugin in filter(is_motor, motors):
         texts = {found.tag: (found.text or "").strip() for found in children(plugin)}
+        texts.setdefault("motorNumber", texts.get("actuator_number", ""))  # As new files have it.
         turning = texts.get("turningDirection", "")
         if turning not in ("cw", "ccw"):
             values.fault(
@@ -158,10 +169,7 @@ def urdf_rotors(root: Element, values: Values, command: Command = "thrust") -> l
             air = RotorAir(drag=hub_drag) if hub_drag else None
             rotor = replace(rotor, limits=None, time_constant=None, drive=drive, air=air)
         numbered.append((number, rotor))
-    gazebo = [rotor for _, rotor in sorted(numbered, key=itemgetter(0))]
-    claimed = {rotor.joint for rotor in gazebo} | {rotor.on for rotor in gazebo}
-    jsk = _jsk(root, values)
-    return gazebo + [r for r in jsk if r.joint not in claimed and r.on not in claimed]
+    return [rotor for _, rotor in sorted(numbered, key=itemgetter(0))]
 
 
 def is_rotor_by_name(joint: str, link: str, prefix: str = _THRUST) -> bool:
@@ -339,12 +347,7 @@ def _left_out(root: Element, values: Values, friction: bool) -> list[sources.Fin
     for tag, words in _LEFT_OUT.items():
         if counts[tag] > 0:
             findings.append(sources.Finding("left out", words, f"{counts[tag]}"))
-    slowdowns = {(found.text or "").strip() for found in root.iter("rotorVelocitySlowdownSim")}
-    for factor in sorted(slowdowns - {"", "1"}):
-        many = f"made for rotorVelocitySlowdownSim {printable(factor, 20)}: their links' inertia "
-        findings.append(
-            sources.Finding("note", "rotors", f"{many}may be that many times too large")
-        )
+    findings += slowdown_notes(root)
     for joint in (found for found in children(root) if found.tag == "joint"):
         name = joint.get("name", "")
         if (mimic := child(joint, "mimic")) is not None:
@@ -354,3 +357,13 @@ def _left_out(root: Element, values: Values, friction: bool) -> list[sources.Fin
         if dry:
             findings.append(sources.Finding("left out", name, f"dry friction {dry:g}"))
     return findings
+
+
+def slowdown_notes(root: Element) -> list[sources.Finding]:
+    """Notes of propellers whose inertia may be made for a slower speed."""
+    slowdowns = {(found.text or "").strip() for found in root.iter("rotorVelocitySlowdownSim")}
+    many = "made for rotorVelocitySlowdownSim {}: their links' inertia may be that many times too"
+    return [
+        sources.Finding("note", "rotors", f"{many.format(printable(factor, 20))} large")
+        for factor in sorted(slowdowns - {"", "1"})
+    ]

@@ -56,7 +56,7 @@ def read_bytes(path: Path) -> bytes:
     try:
         if not path.is_file():
             what = "is not a file" if path.exists() else "no such file"
-            raise UsageError(f"{printable(path)}: {what}; give a URDF, xacro or MJCF file")
+            raise UsageError(f"{printable(path)}: {what}; give a URDF, xacro, MJCF or SDF file")
         with path.open("rb") as file:
             data = file.read(MAX_BYTES + 1)
     except OSError as error:

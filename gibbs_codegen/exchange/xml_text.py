@@ -18,6 +18,7 @@ from scipy.spatial.transform import Rotation
 from gibbs_codegen.errors import UsageError, printable
 from gibbs_codegen.exchange import sources
 from gibbs_codegen.exchange.placement import HERE, Placement, degrees
+from gibbs_codegen.robot.model import Angles3, Vector3
 from gibbs_codegen.robot.rigid_body import inertia_fault
 
 # Readers demand limits; what has none gets some that nothing reaches.
@@ -54,9 +55,7 @@ def urdf_text(source: sources.Source) -> str:
     for number, rotor in enumerate(source.rotors, start=1):
         thrust = links.free(f"thrust{number}")
         _urdf_link(root, thrust)
-        x, y, z = rotor.direction  # Along z of the frame.
-        roll, pitch = math.atan2(-y, math.hypot(x, z)), math.atan2(x, z)
-        pose = Placement(rotor.position, (degrees(roll), degrees(pitch), degrees(0.0)))
+        pose = Placement(rotor.position, along_z(rotor.direction))
         element = _urdf_mount(root, rotor.name, "fixed", pose, (rotor.on, thrust))
         ET.SubElement(element, "axis", xyz="0 0 1")
         ET.SubElement(element, "m_f_rate", value=repr(rotor.drag))
@@ -69,6 +68,12 @@ def urdf_text(source: sources.Source) -> str:
         _urdf_mount(root, mount, "fixed", frame.pose, (frame.on, frame.name))
     ET.indent(root)
     return f'<?xml version="1.0"?>\n{ET.tostring(root, encoding="unicode")}\n'
+
+
+def along_z(direction: Vector3) -> Angles3:
+    """Roll, pitch and yaw, degrees, of a frame whose z axis is a unit vector."""
+    x, y, z = direction
+    return degrees(math.atan2(-y, math.hypot(x, z))), degrees(math.atan2(x, z)), degrees(0.0)
 
 
 def coulomb(joint: sources.Joint) -> float:

@@ -79,7 +79,7 @@ def checked(
 def _syntax_fault(text: str, error: ValueError) -> Fault:
     """What `tomllib` found wrong, with its line."""
     if text.lstrip().startswith("<"):
-        xml = "not valid TOML: it is XML; if it is a URDF, xacro or MJCF file, make a robot file of"
+        xml = "not valid TOML: it is XML; if it is URDF, xacro, MJCF or SDF, make a robot file of"
         return Fault("", f"{xml} it first, with gibbs-codegen import FILE", 1)
     reason = str(error)
     if place := re.search(r" \(at (?:line (\d+), column \d+|end of document)\)$", reason):

@@ -18,7 +18,7 @@ from support.random_robots import random_tree
 
 from gibbs_codegen.cli.app import main
 from gibbs_codegen.errors import UsageError
-from gibbs_codegen.exchange.exporting import Format, export_robot
+from gibbs_codegen.exchange.exporting import ENDINGS, Format, export_robot
 from gibbs_codegen.exchange.importing import ImportOptions, import_robot
 from gibbs_codegen.robot.file import parse_robot, read_robot
 from gibbs_codegen.robot.layout import frames_of
@@ -27,6 +27,7 @@ from gibbs_codegen.robot.names import coordinate_of, identifier
 
 Array = NDArray[np.float64]
 SOURCES = Path(__file__).parent / "sources"
+FORMATS = ("urdf", "mjcf", "sdf")
 TREES = ("hextilt_flying_arm_5", "hydrus", "everything")
 PAPERS = ("hexarotor_3link", "quadrotor_2link")
 
@@ -40,7 +41,7 @@ def tree(name: str) -> Robot:
 
 def again(robot: Robot, form: Format, folder: Path, friction: bool = False) -> Robot:
     """The robot, exported and imported, with dry friction of joints if asked for."""
-    path = folder / f"robot{'.urdf' if form == 'urdf' else '.xml'}"
+    path = folder / f"robot{ENDINGS[form]}"
     path.write_text(export_robot(robot, form)[0])
     return import_robot(path, ImportOptions("xyz", snap=False, friction=friction))[0]
 
@@ -52,22 +53,30 @@ def assert_properties_come_back(robot: Robot, back: Robot, form: Format) -> None
         one, other = robot.links[i - 1], back.links[names.index(coordinate_of(robot, i))]
         assert other.limits.effort == one.limits.effort
         assert other.passive.damping == one.passive.damping
-        if form == "urdf":
+        if form != "mjcf":
             assert other.limits == one.limits
-        else:
+        if form == "sdf":
+            assert other.passive == replace(one.passive, armature=0.0)
+        elif form == "mjcf":
             assert other.passive == one.passive
             if None not in (one.limits.low, one.limits.high):
                 assert (other.limits.low, other.limits.high) == (one.limits.low, one.limits.high)
     for rotor, its in zip(robot.thrusters, back.thrusters[robot.base.rotors :], strict=True):
-        assert its.limits == rotor.limits
-        if form == "mjcf":
+        if form == "sdf":  # Gazebo knows no least thrust, and its greatest is k Ω².
+            assert rotor.limits is None or its.limits == pytest.approx((0.0, rotor.limits[1]))
+        else:
+            assert its.limits == rotor.limits
+        if form != "urdf":
             assert its.time_constant == rotor.time_constant
     found = {frame.name: frame for frame in back.frames}
+    lines = export_robot(robot, form)[1]
     for frame in frames_of(robot)[1:]:
-        other = found[frame.name]
+        in_sdf = f"{frame.name}_frame"  # Where a rotor or another thing has the name.
+        renamed = f"renamed: frame {frame.name} is {in_sdf}" in lines
+        its_frame = found[in_sdf if renamed else frame.name]
         if frame.on in robot.moving:
-            assert coordinate_of(robot, frame.on) == names[other.on - 1]
-            pose, its_pose = placed(frame.pose).homogeneous, placed(other.pose).homogeneous
+            assert coordinate_of(robot, frame.on) == names[its_frame.on - 1]
+            pose, its_pose = placed(frame.pose).homogeneous, placed(its_frame.pose).homogeneous
             assert np.allclose(its_pose, pose, rtol=0.0, atol=1e-12)
 
 
@@ -122,7 +131,7 @@ def test_mujoco_agrees_with_exported_mjcf(name: str) -> None:
     assert np.abs(matrix - found.mass_matrix).max() < 1e-12 * np.abs(matrix).max()
 
 
-@pytest.mark.parametrize("form", ["urdf", "mjcf"])
+@pytest.mark.parametrize("form", FORMATS)
 @pytest.mark.parametrize("name", TREES)
 def test_trees_come_back(name: str, form: Format, tmp_path: Path) -> None:
     robot = tree(name)
@@ -137,7 +146,7 @@ def test_trees_come_back(name: str, form: Format, tmp_path: Path) -> None:
         assert np.abs(found - expected).max() < 1e-12 * np.abs(expected).max()
 
 
-@pytest.mark.parametrize("form", ["urdf", "mjcf"])
+@pytest.mark.parametrize("form", FORMATS)
 @pytest.mark.parametrize("name", PAPERS)
 def test_paper_robots_come_back(
     name: str, form: Format, tmp_path: Path, shipped: Callable[[str], ModuleType]
@@ -224,7 +233,7 @@ xyz = [0, 0, 0.1]
 """
 
 
-@pytest.mark.parametrize("form", ["urdf", "mjcf"])
+@pytest.mark.parametrize("form", FORMATS)
 def test_clashing_and_hostile_names_come_back_as_the_same_machine(
     form: Format, tmp_path: Path
 ) -> None:
@@ -240,12 +249,17 @@ def test_clashing_and_hostile_names_come_back_as_the_same_machine(
     assert np.allclose(found.inputs, expected.input_matrix(q), rtol=0.0, atol=1e-12)
     if form == "mjcf":
         assert_properties_come_back(robot, back, form)
-    renamed = ["renamed: link thrust1 is thrust1_", "renamed: frame a is a_2"]
-    assert [line for line in renamed if line in lines] == renamed[: 2 * (form == "urdf")]
+    renamed = {
+        "urdf": ["link thrust1 is thrust1_", "frame a is a_2"],
+        "mjcf": ["link world is world_2"],
+        "sdf": ["link world is world_link", "frame r is r_frame", "frame a is a_frame"],
+    }
+    assert {f"renamed: {line}" for line in renamed[form]} < {*lines}
     assert "renamed: link c\\x01d is c_d" in lines
     assert "left out: c\\x01d: that a constraint torque holds it; it is welded" in lines
-    lost = {"urdf": "stiffness", "mjcf": "velocity and limits, since it has one only"}[form]
-    assert f"left out: joint rotor1: {lost}" in lines
+    lost = {"urdf": "stiffness", "mjcf": "velocity and limits, since it has one only"}
+    told = [line for line in lines if line.startswith("left out: joint rotor1")]
+    assert told == [f"left out: joint rotor1: {lost[form]}"] if form in lost else told == []
     assert ("left out: time constants of r" in lines) == (form == "urdf")
 
 
@@ -275,7 +289,7 @@ def test_mujoco_s_limits_are_told() -> None:
         export_robot(robot, "mjcf")
 
 
-@pytest.mark.parametrize("form", ["urdf", "mjcf"])
+@pytest.mark.parametrize("form", FORMATS)
 @pytest.mark.parametrize("seed", range(12))
 def test_random_trees_come_back(seed: int, form: Format, tmp_path: Path) -> None:
     robot = random_tree(seed)

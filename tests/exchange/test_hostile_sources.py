@@ -46,8 +46,39 @@ HOSTILE: dict[str, tuple[str | bytes, str]] = {
     "nested": ("<robot>" + "<a>" * 100_000, "nested more than 300 deep"),
     "flood": ("<robot>" + "<a/>" * 300_000 + "</robot>", "more than 200000 elements"),
     "fifty megabytes": (b"<robot>" + b" " * 50_000_000 + b"</robot>", "larger than 10000000 bytes"),
-    "other": ("<svg/>", "URDF has <robot>, MJCF has <mujoco>"),
-    "sdf": ('<sdf version="1.6"/>', "URDF has <robot>, MJCF has <mujoco>"),
+    "other": ("<svg/>", "MJCF has <mujoco>, SDF has <sdf>"),
+    "sdf of nothing": ('<sdf version="1.6"/>', "holds 0 models that move (none)"),
+    "sdf version": ('<sdf version="one"><model/></sdf>', "version must be a finite number"),
+    "sdf empty": ('<sdf version="1.6"><model name="m"/></sdf>', "has no <link>"),
+    "sdf circles": (
+        '<sdf version="1.9"><model name="m">'
+        + "".join(
+            f'<link name="l{i}"><pose relative_to="l{(i + 1) % 400}"/></link>'
+            + f'<joint name="j{i}" type="fixed"><parent>l{i}</parent>'
+            + f"<child>l{i + 1}</child></joint>"
+            for i in range(400)
+        )
+        + '<link name="l400"/></model></sdf>',
+        "in a circle",
+    ),
+    "sdf chain": (
+        '<sdf version="1.9"><model name="m"><link name="f0"/>'
+        + "".join(
+            f'<frame name="f{i}"><pose relative_to="f{i - 1}">0 0 0 1 2 3</pose></frame>'
+            for i in range(1, 999)
+        )
+        + "</model></sdf>",
+        "relative to more than 400 others",
+    ),
+    "sdf flood": (
+        '<sdf version="1.9"><model name="m">' + "<link/>" * 5000 + "</model></sdf>",
+        "more than 1000 links, joints and frames",
+    ),
+    "sdf huge": (
+        '<sdf version="1.9"><model name="m"><link name="a"><pose>1e99 0 0 0 0 0</pose></link>'
+        "</model></sdf>",
+        "finite number",
+    ),
     "empty": ("<robot/>", "has no <link>"),
     "cycle": (
         f"<robot>{TWO}{JOINT.format('1', 'fixed', 'a', 'b')}{JOINT.format('2', 'fixed', 'b', 'a')}"

@@ -249,7 +249,7 @@ def test_refusals(replaced: str, by: str, message: str) -> None:
 def test_a_file_to_import_is_told_from_a_broken_one() -> None:
     (told,) = faults('\n<?xml version="1.0"?>\n<robot name="x"/>\n')
     assert told.startswith(
-        "robot.toml:1: not valid TOML: it is XML; if it is a URDF, xacro or MJCF"
+        "robot.toml:1: not valid TOML: it is XML; if it is URDF, xacro, MJCF or SDF"
     )
     assert told.endswith("with gibbs-codegen import FILE")
 

@@ -1,0 +1,366 @@
+"""SDF of Gazebo, read with the standard library's parser and nothing else.
+
+A model's links, joints and frames are placed relative to each other by name. What has no part in
+the equations of motion, such as shapes, sensors and plugins other than motors, is left out and
+told.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Iterator
+
+import numpy as np
+
+from gibbs_codegen.errors import printable
+from gibbs_codegen.exchange import sources
+from gibbs_codegen.exchange.placement import HERE, LEVEL, Placement, degrees, vector
+from gibbs_codegen.exchange.tree import near
+from gibbs_codegen.exchange.urdf import Values, gazebo_rotors, is_motor, slowdown_notes
+from gibbs_codegen.exchange.xml_file import Element, child, children, parse_xml
+from gibbs_codegen.robot.model import AXES, Command, JointLimits, Passive
+from gibbs_codegen.robot.placement import turn_of_quaternion
+from gibbs_codegen.robot.rigid_body import inertia_matrix
+
+_MODEL, _WORLD = "__model__", "world"
+_KINDS: dict[str, sources.JointKind] = {
+    **{"revolute": "revolute", "continuous": "revolute"},
+    **{"prismatic": "prismatic", "fixed": "fixed"},
+}
+_ENTRIES = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
+_LEFT_OUT = {
+    "visual": "visual shapes",
+    "collision": "collision shapes",
+    "sensor": "sensors",
+    "rollingMomentCoefficient": "rolling moments of rotors",
+    "fluid_added_mass": "added masses of fluids",
+}
+_PLACED, _MOST_PLACED = ("link", "joint", "frame"), 1000
+_DEEPEST = 400
+# Before this version axes are in the axes of the model.
+_OWN_AXES = 1.5
+
+
+def read_sdf(
+    data: bytes, file: str, command: Command = "thrust", friction: bool = False
+) -> sources.Source:
+    """Read the robot in an SDF file, unchecked as a tree; raises `SourceFileError` with its faults.
+
+    Motors of Gazebo are commanded a thrust or, as there, a speed. `friction` is whether the dry
+    friction of joints is taken.
+    """
+    root, values = parse_xml(data, file), Values()
+    holders = [root, *(found for found in children(root) if found.tag == "world")]
+    found = [each for holder in holders for each in children(holder)]
+    models = [m for m in found if m.tag == "model" and _text(m, "static") not in ("true", "1")]
+    elsewhere = [each for each in found if each.tag == "include"]
+    for inner in [each for model in models for each in children(model)]:
+        if inner.tag in ("include", "model"):
+            words = "brings in another model, which is not read; `gz sdf -p` writes all into one"
+            values.fault(inner, words)
+    if len(models) != 1:
+        names = ", ".join(printable(model.get("name", "?"), 60) for model in models[:5]) or "none"
+        words = f"holds {len(models)} models that move ({names}); a robot is one"
+        words += "; includes are not read, `gz sdf -p` writes them out" if elsewhere else ""
+        values.fault(root, words)
+    if sum(each.tag in _PLACED for model in models for each in children(model)) > _MOST_PLACED:
+        values.fault(root, f"has more than {_MOST_PLACED} links, joints and frames")
+    if values.faults:
+        raise sources.SourceFileError(file, values.faults)
+    version = values.of_text(root, "version", root.get("version", "1.0"))
+    reader = _Reader(models[0], values, version, friction)
+    links, joints = reader.links(), reader.joints()
+    frames = reader.frames()
+    gravity = 9.81
+    for each in found:
+        if each.tag == "gravity":
+            gravity = math.hypot(*_numbers(values, each, 3))
+    rotors = gazebo_rotors(models[0], values, command)
+    if not reader.elements:
+        values.fault(models[0], "has no <link>")
+    if values.faults:
+        raise sources.SourceFileError(file, values.faults)
+    return sources.Source(
+        file,
+        models[0].get("name", ""),
+        links,
+        joints,
+        tuple(rotors),
+        spinning=frozenset(rotor.joint for rotor in rotors if rotor.joint),
+        frames=frames,
+        gravity=gravity,
+        findings=(
+            *(sources.Finding("left out", _text(e, "uri"), "another model") for e in elsewhere),
+            *reader.findings,
+            *_left_out(models[0]),
+            *slowdown_notes(root),
+        ),
+    )
+
+
+def _text(element: Element | None, tag: str) -> str:
+    """The text of a child, empty if there is none."""
+    found = None if element is None else child(element, tag)
+    return "" if found is None else (found.text or "").strip()
+
+
+def _number(values: Values, element: Element | None, tag: str, default: float = 0.0) -> float:
+    """The number in a child of an element."""
+    text = _text(element, tag)
+    return values.of_text(element, f"<{tag}>", text) if text and element is not None else default
+
+
+def _numbers(values: Values, element: Element, count: int) -> list[float]:
+    """The numbers in the text of an element, zeros if there are not as many."""
+    words = (element.text or "").split()
+    if len(words) != count:
+        values.fault(element, f"must have {count} numbers, not {len(words)}")
+        return [0.0] * count
+    return [values.of_text(element, "each of its entries", word) for word in words]
+
+
+class _Reader:
+    """Takes a model apart; names of links, joints and frames share one space."""
+
+    def __init__(self, model: Element, values: Values, version: float, friction: bool) -> None:
+        self._values, self._version, self._rubs = values, version, friction
+        self.findings: list[sources.Finding] = []
+        self.elements: dict[str, Element] = {}
+        self._poses: dict[str, tuple[str, Placement]] = {}
+        for element in children(model):
+            if element.tag in _PLACED:
+                name = values.name(element)
+                if name in self.elements:
+                    values.fault(element, f"there is another {element.tag} of that name")
+                self.elements[name] = element
+        for name, element in self.elements.items():
+            self._poses[name] = self._pose(element, self._stands_in(element))
+
+    def links(self) -> dict[str, sources.Link]:
+        """The links, with the world where a joint hangs on it."""
+        links = {
+            name: sources.Link(name, self._inertial(name, element), element.line)
+            for name, element in self._of_kind("link")
+        }
+        parents = {_text(joint, "parent") for _, joint in self._of_kind("joint")}
+        return ({_WORLD: sources.Link(_WORLD)} if _WORLD in parents else {}) | links
+
+    def joints(self) -> tuple[sources.Joint, ...]:
+        """The joints, each of a parent before its pose and a child after its offset."""
+        return tuple(self._joint(name, element) for name, element in self._of_kind("joint"))
+
+    def frames(self) -> tuple[sources.Frame, ...]:
+        """Frames on links."""
+        found = []
+        for name, _ in self._of_kind("frame"):
+            if link := self._carrier(name):
+                found.append(sources.Frame(name, link, self._between(link, name)))
+        return tuple(found)
+
+    def _of_kind(self, tag: str) -> Iterator[tuple[str, Element]]:
+        return ((name, e) for name, e in self.elements.items() if e.tag == tag)
+
+    def _stands_in(self, element: Element) -> str:
+        """What an element is placed in, where its pose does not say."""
+        if element.tag == "joint":
+            return _text(element, "child")
+        return element.get("attached_to", _MODEL) if element.tag == "frame" else _MODEL
+
+    def _pose(self, element: Element, default: str) -> tuple[str, Placement]:
+        """What an element is placed in, and its pose there."""
+        found = child(element, "pose")
+        if found is None:
+            return default, HERE
+        name = found.get("relative_to") or found.get("frame") or default
+        known = name in self.elements or name in (_MODEL, _WORLD)
+        if not known:
+            words = f"there is no link, joint or frame {printable(name, 60)}"
+            self._values.fault(found, words + near(name, self.elements))
+        return (name if known else _MODEL), self._placement(found)
+
+    def _placement(self, element: Element) -> Placement:
+        """The numbers of a pose: a place, then roll, pitch and yaw or a quaternion."""
+        if not (element.text or "").strip():
+            return HERE
+        if element.get("rotation_format") == "quat_xyzw":
+            x, y, z, *turn = _numbers(self._values, element, 7)
+            size = math.hypot(*turn)
+            if not size > 0.0:
+                self._values.fault(element, "has a quaternion that is zero")
+                return HERE
+            qx, qy, qz, qw = (entry / size for entry in turn)
+            return Placement.of_matrix((x, y, z), turn_of_quaternion(qx, qy, qz, qw))
+        x, y, z, *angles = _numbers(self._values, element, 6)
+        if element.get("degrees") in ("true", "1"):
+            angles = [math.radians(angle) for angle in angles]
+        roll, pitch, yaw = map(degrees, angles)
+        return Placement((x + 0.0, y + 0.0, z + 0.0), (roll, pitch, yaw))
+
+    def _way(self, name: str) -> list[str]:
+        """What an element is placed in, from itself to the model."""
+        way, passed = [name], {name}
+        while way[-1] in self._poses:
+            stands_in = self._poses[way[-1]][0]
+            if stands_in in passed or len(way) > _DEEPEST:
+                words = "is placed relative to itself, in a circle"
+                if stands_in not in passed:
+                    words = f"is placed relative to more than {_DEEPEST} others, one in the other"
+                self._values.fault(self.elements[name], words)
+                self._poses[name] = (_MODEL, HERE)
+                return [name, _MODEL]
+            way.append(stands_in)
+            passed.add(stands_in)
+        return [*way[:-1], _MODEL]  # The world's frame is where the model's is.
+
+    def _between(self, outer: str, inner: str) -> Placement:
+        """The pose of an element in another."""
+        back, there = self._way(outer), self._way(inner)
+        while len(back) > 1 and len(there) > 1 and back[-2] == there[-2]:
+            back.pop()
+            there.pop()
+        return self._along(back).inverse @ self._along(there)
+
+    def _along(self, way: list[str]) -> Placement:
+        """The pose of the first of a way in the last."""
+        poses = [self._poses[name][1] for name in way[:-1]]
+        turned = [pose for pose in poses if pose.rpy_deg != LEVEL]
+        place, turn = np.zeros(3), np.eye(3)
+        for pose in poses:
+            place = pose.point(place)
+            turn = pose.matrix @ turn
+        # The angles of one that is turned stay digit by digit.
+        if len(turned) > 1:
+            return Placement.of_matrix(place, turn)
+        return Placement(vector(place), turned[0].rpy_deg if turned else LEVEL)
+
+    def _carrier(self, name: str) -> str:
+        """The link that an element is on, by what frames are attached to; empty if there is none.
+
+        A frame of the model is on its first link.
+        """
+        for _ in range(len(self.elements) + 1):
+            element = self.elements.get(name)
+            if element is None:
+                first = next((link for link, _ in self._of_kind("link")), "")
+                return first if name == _MODEL else name
+            if element.tag == "link":
+                return name
+            if element.tag == "frame":
+                name = element.get("attached_to") or _MODEL
+            else:
+                name = _text(element, "child")
+        return ""
+
+    def _inertial(self, name: str, element: Element) -> sources.Inertial:
+        """Mass and inertia of a link, by default 1 kg and 1 kg m² about each axis, as SDF says."""
+        values, found = self._values, child(element, "inertial")
+        if found is not None and found.get("auto") in ("true", "1"):
+            values.fault(found, "has its inertia from shapes, which import does not read")
+        entries = None if found is None else child(found, "inertia")
+        mass = _number(values, found, "mass", 1.0)
+        if mass < 0.0:
+            values.fault(element, f"<mass> must be at least 0, not {mass:g}")
+        usual = [1.0, 1.0, 1.0, 0.0, 0.0, 0.0]
+        pairs = zip(_ENTRIES, usual, strict=True)
+        moments = [_number(values, entries, entry, default) for entry, default in pairs]
+        if found is None or entries is None:
+            words = "no inertia in the file, for which SDF has 1 kg m² about each axis"
+            words += "" if found is not None else ", and 1 kg"
+            self.findings.append(sources.Finding("note", name, words))
+        pose = None if found is None else child(found, "pose")
+        place = HERE if pose is None else self._placement(pose)
+        return sources.Inertial(max(mass, 0.0), place, inertia_matrix(moments))
+
+    def _joint(self, name: str, element: Element) -> sources.Joint:
+        values, word = self._values, element.get("type", "")
+        kind = _KINDS.get(word)
+        if kind is None:
+            kinds, found = ", ".join(_KINDS), printable(word or "none", 40)
+            values.fault(element, f"type must be one of {kinds}, not {found}")
+        ends = [_text(element, tag) for tag in ("parent", "child")]
+        for tag, end in zip(("parent", "child"), ends, strict=True):
+            if not end:
+                values.fault(element, f"has no <{tag}>")
+        parent, moved = (self._carrier(end) for end in ends)
+        axis = child(element, "axis")
+        limits, passive, dry = JointLimits(), Passive(), 0.0
+        if kind in ("revolute", "prismatic") and axis is not None:
+            limits, passive, dry = self._properties(name, axis, word)
+        return sources.Joint(
+            name,
+            kind or "fixed",
+            parent,
+            moved,
+            self._between(parent, name) if parent in self.elements else self._between(_MODEL, name),
+            AXES["z"] if kind in (None, "fixed") else self._axis(name, axis),
+            self._between(name, moved),
+            passive,
+            limits,
+            continuous=kind == "revolute" and sources.endless(limits),
+            friction=sources.dry_friction(dry) if self._rubs else None,
+            line=element.line,
+        )
+
+    def _axis(self, name: str, axis: Element | None) -> tuple[float, float, float]:
+        """The unit vector of a joint's axis in the joint's frame."""
+        found = None if axis is None else child(axis, "xyz")
+        if axis is None or found is None:
+            return AXES["z"]
+        direction = np.array(_numbers(self._values, found, 3))
+        in_model = self._version < _OWN_AXES or _text(axis, "use_parent_model_frame") in (
+            *("true", "1"),
+        )
+        if seen_from := found.get("expressed_in") or (_MODEL if in_model else ""):
+            direction = self._between(name, seen_from).matrix @ direction
+        size = float(np.linalg.norm(direction))
+        if not size > 0.0:
+            self._values.fault(found, "its axis has no length; give a direction such as 0 0 1")
+            return AXES["z"]
+        return vector(direction if abs(size - 1.0) <= 4e-16 else direction / size)
+
+    def _properties(
+        self, name: str, axis: Element, word: str
+    ) -> tuple[JointLimits, Passive, float]:
+        """Limits of a joint, what acts on it by itself, and its dry friction."""
+        values, limit, dynamics = self._values, child(axis, "limit"), child(axis, "dynamics")
+        low, high, effort, velocity = (
+            _bound(values, limit, tag) for tag in ("lower", "upper", "effort", "velocity")
+        )
+        if word == "continuous":
+            low = high = None
+        if low is not None and high is not None and low > high:
+            values.fault(axis, f"<lower> {low:g} is above <upper> {high:g}")
+        # Negative ones are SDF's default, no bound.
+        effort, velocity = (b if b is not None and b >= 0.0 else None for b in (effort, velocity))
+        damping, friction, stiffness, rest = (
+            _number(values, dynamics, tag)
+            for tag in ("damping", "friction", "spring_stiffness", "spring_reference")
+        )
+        if damping < 0.0:
+            values.fault(axis, f"<damping> must be at least 0, not {damping:g}")
+        if child(axis, "mimic") is not None:
+            self.findings.append(sources.Finding("left out", name, "that it follows another joint"))
+        if friction and not self._rubs:
+            words = f"dry friction {friction:g}"
+            self.findings.append(sources.Finding("left out", name, words))
+        passive = Passive(max(damping, 0.0), 0.0, stiffness, rest if stiffness else 0.0)
+        return JointLimits(low, high, effort, velocity), passive, friction
+
+
+def _bound(values: Values, element: Element | None, tag: str) -> float | None:
+    """A limit in a child of an element; what is left out or endless is None."""
+    found = None if element is None else child(element, tag)
+    return None if found is None else values.bound_of(found, f"<{tag}>", found.text)
+
+
+def _left_out(model: Element) -> list[sources.Finding]:
+    counts = Counter(e.tag for e in model.iter() if (e.text or "").strip() not in ("0", "0.0"))
+    plugins = [found for found in model.iter("plugin") if isinstance(found, Element)]
+    counts["plugin"] = sum(not is_motor(found) for found in plugins)
+    words = _LEFT_OUT | {"plugin": "plugins other than motors"}
+    return [
+        sources.Finding("left out", told, f"{counts[tag]}")
+        for tag, told in words.items()
+        if counts[tag]
+    ]

@@ -1,0 +1,299 @@
+"""SDF: what libsdformat reads is what is written and imported, and robots come back from it."""
+
+from __future__ import annotations
+
+import subprocess
+from dataclasses import replace
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from support import tools
+from support.actuated import actuated, by_rates
+from support.pinocchio_oracle import Oracle, free_flyer
+
+from gibbs_codegen.errors import GibbsCodegenError, UsageError
+from gibbs_codegen.exchange.exporting import export_robot
+from gibbs_codegen.exchange.importing import ImportOptions, import_robot
+from gibbs_codegen.exchange.sources import Finding
+from gibbs_codegen.robot import posture
+from gibbs_codegen.robot.file import parse_robot, read_robot, shipped_robots
+from gibbs_codegen.robot.model import Friction, Robot, RotorAir
+from gibbs_codegen.robot.placement import mounted_rotors
+from gibbs_codegen.robot.rigid_body import inertia_matrix
+
+Array = NDArray[np.float64]
+PROGRAM = Path(__file__).parent / "sdf_reader.cpp"
+
+
+def with_quaternion(name: str) -> Robot:
+    """A robot that ships, with a quaternion at the centre of its base."""
+    robot, _ = read_robot(name)
+    return replace(robot, base=replace(robot.base, attitude="quaternion"))
+
+
+class Read(NamedTuple):
+    """What libsdformat reads: mass, centre of mass and inertia of all, and names with numbers."""
+
+    mass: float
+    com: Array
+    inertia: Array
+    links: dict[str, Array]
+    joints: dict[str, Array]
+
+
+def as_read(path: Path, folder: Path) -> Read:
+    """What libsdformat reads in a file, of which it must not complain."""
+    found = subprocess.run(
+        ["pkg-config", "--cflags", "--libs", "sdformat12"], capture_output=True, text=True
+    )
+    if found.returncode:
+        tools.missing("libsdformat-dev is not installed")
+    flags = ["-std=c++17", "-w", *found.stdout.split()]
+    command = [tools.tool("g++"), PROGRAM, *flags]
+    program = tools.compiled(command, folder / "sdf_reader")
+    done = subprocess.run([program, path], capture_output=True, text=True)
+    assert (done.returncode, done.stderr) == (0, "")
+    lines = [line.split() for line in done.stdout.splitlines()]
+    numbers: dict[str, dict[str, Array]] = {"link": {}, "joint": {}}
+    for kind, name, *words in lines:
+        numbers[kind][name] = np.array(words, float)
+    values = np.array(list(numbers["link"].values()))
+    masses, coms = values[:, 0], values[:, 1:4]
+    mass, com = masses.sum(), masses @ coms / masses.sum()
+    inertia = values[:, 4:13].reshape(-1, 3, 3).sum(0)
+    for m, arm in zip(masses, coms - com, strict=True):
+        inertia = inertia + m * (arm @ arm * np.eye(3) - np.outer(arm, arm))
+    return Read(mass, com, inertia, numbers["link"], numbers["joint"])
+
+
+def assert_is_as_read(robot: Robot, read: Read) -> None:
+    """Masses, joints and rotors, with all joints at zero."""
+    whole = posture.whole_properties(robot)
+    frames = posture.frames_on(robot, posture.AT_ORIGIN, np.zeros(len(robot.moving)))
+    assert read.mass == pytest.approx(whole.mass, rel=1e-12)
+    assert np.allclose(read.com, whole.com, rtol=0.0, atol=1e-12)
+    inertia = inertia_matrix(whole.inertia)
+    assert np.abs(read.inertia - inertia).max() < 1e-11 * np.abs(inertia).max()
+    for i in robot.moving:
+        link, frame = robot.links[i - 1], frames.links[i - 1]
+        low, high, damping, *place = read.joints[str(link.coordinate)]
+        limits = link.limits
+        assert (limits.low, limits.high) == tuple(None if abs(b) > 1e15 else b for b in (low, high))
+        assert damping == link.passive.damping
+        assert np.allclose(place[:3], frame.origin, rtol=0.0, atol=1e-12)
+        assert np.allclose(place[3:], frame.axes @ np.array(link.axis), rtol=0.0, atol=1e-12)
+    for rotor, seat, thrust in zip(
+        mounted_rotors(robot), frames.motors, frames.thrusts, strict=True
+    ):
+        own = read.links[str(rotor.name)]
+        assert np.allclose(own[-6:-3], seat, rtol=0.0, atol=1e-12)
+        assert np.allclose(own[-3:], thrust, rtol=0.0, atol=1e-12)
+
+
+@pytest.mark.parametrize("name", shipped_robots())
+def test_shipped_robots_come_back(name: str, tmp_path: Path) -> None:
+    robot, path = with_quaternion(name), tmp_path / "robot.sdf"
+    text, _ = export_robot(robot, "sdf")
+    path.write_text(text)
+    back, report = import_robot(path, ImportOptions("quaternion", snap=False))
+    spinning = [line.subject for line in report if line.detail == "at 0; lets a rotor spin"]
+    assert len(spinning) == len(back.thrusters) == robot.rotors
+    ours, theirs = Oracle(robot, rigid_base=True), free_flyer(back)
+    size = 6 + len(back.links)
+    q = np.random.default_rng(0).uniform(-1.0, 1.0, size + 1)
+    q[3:7] /= np.linalg.norm(q[3:7])
+    found = theirs.dynamics(q, np.zeros(size), np.zeros(robot.rotors + len(back.links)))
+    matrix = ours.mass_matrix(q)
+    armature = [0.0] * 6 + [robot.links[i - 1].passive.armature for i in robot.moving]
+    matrix = matrix - np.diag(armature)
+    assert np.abs(found.mass_matrix - matrix).max() < 1e-12 * np.abs(matrix).max()
+    assert np.allclose(found.inputs, ours.input_matrix(q), rtol=0.0, atol=1e-12)
+    assert_is_as_read(back, as_read(path, tmp_path))
+
+
+def test_actuators_are_written_as_motors_and_controllers_of_gazebo(tmp_path: Path) -> None:
+    robot, path = actuated(), tmp_path / "robot.sdf"
+    text, lines = export_robot(robot, "sdf")
+    path.write_text(text)
+    assert as_read(path, tmp_path).mass == pytest.approx(robot.total_mass)
+    own = "rate of its servo and delay of its servo and backlash of its servo and static friction"
+    assert f"left out: joint upper: {own}" in lines
+    assert "left out: inflow, ground effect of the air (rotors front_left)" in lines
+    square = (
+        "changed: the thrust is by the square of the speed alone (rotors front_left, rear_left)"
+    )
+    assert square in lines
+    assert "assumed: 1000 rad/s at the greatest thrust (rotors front_right)" in lines
+    options = ImportOptions("quaternion", command="speed", friction=True)
+    back, report = import_robot(path, options)
+    front, rear, right, plain = (rotor.drive for rotor in back.thrusters)
+    assert front is not None
+    assert (front.up, front.down, front.limits) == (0.03, 0.05, (0.0, 900.0))
+    assert front.thrust(900.0) == pytest.approx(9.0)
+    assert back.thrusters[0].air == RotorAir(drag=1e-4)
+    assert rear is not None
+    assert rear.thrust(900.0) == pytest.approx(robot.drives[1].thrust(900.0))
+    assert right is not None
+    assert right.curve == pytest.approx((0.0, 0.0, 1e-5))
+    assert right.limits == (0.0, 950.0)
+    assert plain is not None
+    assert plain.thrust(1000.0) == pytest.approx(9.0)
+    rubbing = [link.friction for link in back.links]
+    assert rubbing == [Friction(0.02, 0.02), None, Friction(0.005, 0.005)]
+    servo = ["<p_gain>30.0<", "<d_gain>0.4<", "<i_gain>0.0<", "<cmd_max>4.0<", "<cmd_min>-4.0<"]
+    assert all(gain in text for gain in servo)
+    assert text.count("gz-sim-apply-joint-force-system") == 1
+    by_rate, _ = export_robot(by_rates(), "sdf")
+    assert by_rate.count('name="gz::sim::systems::JointController"') == 2
+    assert by_rate.count("<use_force_commands>true<") == 2
+    assert "<p_gain>80.0<" in by_rate
+    assert Finding("left out", "plugins other than motors", "4") in report
+
+
+FEATURES = """<sdf version="1.{version}">
+  <world name="hall">
+    <gravity>0 0 -3.7</gravity>
+    <include><uri>model://sun</uri></include>
+    <model name="floor"><static>true</static><link name="ground"/></model>
+    <model name="machine">
+      <pose>1 2 3 0 0 0.5</pose>
+      <frame name="shelf" attached_to="hub">
+        <pose relative_to="boom" degrees="true">0 0 0.1 0 90 0</pose></frame>
+      <frame name="hook"><pose relative_to="shelf">0.2 0 0 0 0 0.3</pose></frame>
+      <link name="hub">
+        <inertial><mass>1.5</mass><pose>0.01 0 0 0 0 0.4</pose>
+          <inertia><ixx>0.01</ixx><iyy>0.02</iyy><izz>0.025</izz></inertia></inertial>
+        <collision name="c"><geometry><sphere><radius>0.1</radius></sphere></geometry></collision>
+      </link>
+      <link name="boom">
+        <pose rotation_format="quat_xyzw">0.1 0.2 0.3 0.1 0.2 0.3 0.9273618495495704</pose>
+        <inertial><mass>0.2</mass>
+          <inertia><ixx>0.001</ixx><ixy>1e-4</ixy><iyy>0.001</iyy><izz>0.001</izz></inertia>
+        </inertial>
+      </link>
+      <joint name="lift" type="revolute">
+        <pose>0 0 -0.05 0.2 0 0</pose>
+        <parent>shelf</parent><child>boom</child>
+        <axis><xyz{seen}>0 1 1</xyz><limit><lower>-1</lower><upper>1</upper></limit>
+          <dynamics><damping>0.1</damping><friction>0.2</friction>
+            <spring_stiffness>2</spring_stiffness><spring_reference>0.1</spring_reference>
+          </dynamics>{old}</axis>
+      </joint>
+      <link name="left"><pose relative_to="hub">0 0.3 0 0.1 0 0</pose>
+        <inertial><mass>0.01</mass>
+          <inertia><ixx>1e-5</ixx><iyy>1e-5</iyy><izz>2e-5</izz></inertia></inertial></link>
+      <joint name="left_joint" type="revolute"><parent>hub</parent><child>left</child>
+        <axis><xyz>0 0 1</xyz><limit><lower>-1e16</lower><upper>1e16</upper></limit></axis></joint>
+      <link name="right"><pose relative_to="hub">0 -0.3 0 0 0 0</pose>
+        <inertial><mass>0.01</mass>
+          <inertia><ixx>1e-5</ixx><iyy>1e-5</iyy><izz>2e-5</izz></inertia></inertial></link>
+      <joint name="right_joint" type="revolute"><parent>hub</parent><child>right</child>
+        <axis><xyz>0 0 1</xyz></axis></joint>
+      <plugin name="a" filename="libgazebo_motor_model.so"><linkName>left</linkName>
+        <turningDirection>cw</turningDirection><motorNumber>1</motorNumber>
+        <motorConstant>1e-5</motorConstant><momentConstant>0.02</momentConstant>
+        <maxRotVelocity>1000</maxRotVelocity></plugin>
+      <plugin name="gz::sim::systems::MulticopterMotorModel" filename="gz-sim-motor-system">
+        <jointName>right_joint</jointName><linkName>right</linkName>
+        <turningDirection>ccw</turningDirection><actuator_number>2</actuator_number>
+        <motorConstant>1e-5</motorConstant><momentConstant>0.02</momentConstant></plugin>
+    </model>
+  </world>
+</sdf>
+"""
+SEEN = {
+    "joint": {"version": 9, "seen": "", "old": ""},
+    "frame": {"version": 9, "seen": ' expressed_in="hook"', "old": ""},
+    "model": {"version": 9, "seen": ' expressed_in="__model__"', "old": ""},
+}
+
+
+@pytest.mark.parametrize("seen", SEEN)
+def test_what_is_placed_by_frames_is_where_libsdformat_has_it(seen: str, tmp_path: Path) -> None:
+    path = tmp_path / "robot.sdf"
+    text = FEATURES.format(**SEEN[seen])
+    path.write_text(text)
+    robot, report = import_robot(path, ImportOptions("quaternion", snap=False))
+    (link,) = robot.links
+    assert (link.name, link.coordinate, link.passive.stiffness) == ("boom", "lift", 2.0)
+    assert (robot.name, robot.gravity) == ("machine", 3.7)
+    # The one whose joint its plugin does not name is locked all the same.
+    assert [line.subject for line in report if line.kind == "locked"] == [
+        *("left_joint", "right_joint")
+    ]
+    assert [(rotor.name, rotor.drag) for rotor in robot.thrusters] == [
+        *(("left", 0.02), ("right", -0.02))
+    ]
+    told = {line.subject: line.detail for line in report if line.kind == "left out"}
+    assert told == {
+        **{"model://sun": "another model", "lift": "dry friction 0.2", "collision shapes": "1"}
+    }
+    # With the include libsdformat looks for the sun.
+    path.write_text(text.replace("<include><uri>model://sun</uri></include>", ""))
+    assert_is_as_read(robot, as_read(path, tmp_path))
+
+
+def test_axes_of_old_files_are_those_of_the_model(tmp_path: Path) -> None:
+    axes = []
+    for settings in (
+        {"version": 4, "seen": "", "old": ""},
+        {"version": 6, "seen": "", "old": "<use_parent_model_frame>1</use_parent_model_frame>"},
+        SEEN["model"],
+    ):
+        path = tmp_path / "robot.sdf"
+        path.write_text(FEATURES.format(**settings))
+        axes.append(import_robot(path, ImportOptions("quaternion", snap=False))[0].links[0].axis)
+    assert axes[0] == axes[1] == axes[2]
+
+
+REFUSED = [
+    ("<mass>1.5<", "<mass>-1<", "<mass> must be at least 0"),
+    ("<mass>1.5<", "<mass>1 kg<", "must be a finite number"),
+    ('<link name="hub">', '<link name="boom">', "there is another link of that name"),
+    ('relative_to="shelf"', 'relative_to="shell"', "no link, joint or frame shell"),
+    ('relative_to="boom"', 'relative_to="hook"', "relative to itself, in a circle"),
+    ("1 2 3 0 0 0.5</pose>", "1 2 3 0 0 0.5</pose><include/>", "`gz sdf -p` writes all into one"),
+    (
+        'type="revolute">\n        <pose>',
+        'type="screw">\n        <pose>',
+        "must be one of revolute",
+    ),
+    ("<lower>-1<", "<lower>2<", "<lower> 2 is above <upper> 1"),
+    ("<static>true</static>", "", "holds 2 models that move (floor, machine); a robot is one"),
+    (">0 1 1<", ">0 0 0<", "its axis has no length"),
+    (">0 1 1<", ">0 1<", "must have 3 numbers, not 2"),
+    ("<child>boom<", "<child>bom<", "no link, joint or frame bom; did you mean boom?"),
+    ("<inertial><mass>0.2", '<inertial auto="true"><mass>0.2', "has its inertia from shapes"),
+]
+
+
+@pytest.mark.parametrize(("right", "wrong", "message"), REFUSED)
+def test_what_is_wrong_in_a_file_is_told(
+    right: str, wrong: str, message: str, tmp_path: Path
+) -> None:
+    text = FEATURES.format(**SEEN["joint"])
+    assert right in text
+    path = tmp_path / "robot.sdf"
+    path.write_text(text.replace(right, wrong, 1))
+    with pytest.raises(GibbsCodegenError) as caught:
+        import_robot(path, ImportOptions("quaternion"))
+    assert message in str(caught.value)
+
+
+def test_a_link_without_inertia_has_what_sdf_says(tmp_path: Path) -> None:
+    path = tmp_path / "robot.sdf"
+    path.write_text('<sdf version="1.9"><model name="m"><link name="a"/></model></sdf>')
+    robot, report = import_robot(path, ImportOptions("quaternion"))
+    assert_is_as_read(robot, as_read(path, tmp_path))
+    assert robot.total_mass == 1.0
+    assert any(line.subject == "a" and "for which SDF has" in line.detail for line in report)
+
+
+def test_inertias_that_gazebo_refuses_are_told() -> None:
+    text = "[base]\nmass = 1.0\ninertia = [1, 1, 9, 0, 0, 0]\n"
+    robot = parse_robot(f'name = "r"\nallow_impossible_inertia = true\n{text}')
+    with pytest.raises(UsageError, match=r"inertia of link base .* export URDF"):
+        export_robot(robot, "sdf")
