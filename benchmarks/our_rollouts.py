@@ -17,6 +17,7 @@ from gibbs_codegen.flight.rollouts.rollout import rollout
 from gibbs_codegen.flight.rollouts.vector_env import VectorEnv
 from gibbs_codegen.flight.scenario.file import read_scenario
 from gibbs_codegen.flight.scenario.scenario import ArmTask
+from gibbs_codegen.flight.scenario.walls import Plane
 from gibbs_codegen.flight.simulation import flight_start
 from gibbs_codegen.pipeline import generate_robot
 from gibbs_codegen.robot.model import Robot
@@ -116,8 +117,11 @@ def environment(ours: Machine) -> Measure:
     return seconds
 
 
-def closed_loop(ours: Machine, compensation: bool) -> Measure:
-    """What times flights by computed torque within limits, with motors that lag."""
+def closed_loop(ours: Machine, compensation: bool, touching: bool = False) -> Measure:
+    """What times flights by computed torque within limits, with motors that lag.
+
+    While they are `touching` the tip slides on a plane with friction.
+    """
     scenario = read_scenario("paper")
     if ours.nv != 9:  # The path of the tip is for the arm of the paper.
         scenario = replace(scenario, arm=ArmTask())
@@ -127,6 +131,15 @@ def closed_loop(ours: Machine, compensation: bool) -> Measure:
     begin = flight_start(
         ours.module, replace(scenario, motors=motors), lambda what, share: None, own=False
     )
+    if touching:
+        tip = ours.module.frame_poses(begin.q)[ours.module.FRAMES.index("tip"), :3, 3]
+        place = tuple(np.add(tip, [0.0, 0.0, 0.05]).tolist())
+        # So soft that it hardly disturbs the flight.
+        wall = Plane("tip", place, (0, 0, 1), 1.0, dissipation=0.5, friction=0.5)
+        scenario = replace(scenario, walls=(wall,))
+        begin = flight_start(
+            ours.module, replace(scenario, motors=motors), lambda what, share: None, own=False
+        )
     loop = steps_of(begin.loop, np.inf, NOTHING, STATES, Blocks.widest())
     states = np.tile(begin.loop.start(begin.q, begin.v), (STATES, 1))
 

@@ -105,6 +105,11 @@ def built_rows(machines: dict[str, Machine]) -> list[Row]:
     return [
         Row(torque, each(partial(closed_loop, compensation=False)), double),
         Row(f"{torque} compensated", each(partial(closed_loop, compensation=True)), double),
+        Row(
+            f"{torque}, the tip on a wall",
+            each(partial(closed_loop, compensation=False, touching=True)),
+            torque,
+        ),
         Row("RK4, environment of Gymnasium", each(environment), double),
         Row(GPU, each(on_gpu) if gpu() else {}, "RK4, parameters per state"),
     ]
