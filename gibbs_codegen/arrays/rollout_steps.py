@@ -3,13 +3,16 @@
 A program has what is asked for and nothing else. Inputs are commanded at the start of a step and
 held through it; what becomes of them is known in closed form at its start, middle and end. Of a
 robot that is driven, commands of motors and servos are held, and the states of its actuators are
-integrated as velocities are.
+integrated as velocities are; so are bristles of contacts.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+
+from gibbs_codegen.arrays.contact import Contact, bristle_parts, bristles_of, touch
 from gibbs_codegen.arrays.functions import Functions
 from gibbs_codegen.arrays.labels import labelled, named
 from gibbs_codegen.arrays.nodes import (
@@ -32,13 +35,22 @@ from gibbs_codegen.arrays.surroundings import air_on_rotors, on_frames
 
 @dataclass(frozen=True)
 class Parts:
-    """What a rollout has besides inputs; a robot that is driven has its own lag."""
+    """What a rollout has besides inputs; a robot that is driven has its own lag.
+
+    `walls` are contacts with them, each with the figures of its wall.
+    """
 
     feedback: bool = False
     limits: bool = False
     lag: bool = False
     wrenches: bool = False
     bounds: bool = False
+    walls: tuple[tuple[Contact, tuple[float, ...]], ...] = ()
+
+    @property
+    def bristles(self) -> int:
+        """How many numbers the bristles of contacts have, which end the state."""
+        return bristles_of(tuple(contact for contact, _ in self.walls))
 
 
 ALL = Parts(feedback=True, limits=True, lag=True, wrenches=True, bounds=True)
@@ -85,7 +97,8 @@ def rollout_step(
 ) -> Program:
     """A step of h from x: coordinates, velocities and, where motors may lag, thrusts.
 
-    Of a robot that is driven, the states of its actuators follow in their place. `inputs` (nu) are
+    Of a robot that is driven, the states of its actuators follow in their place; bristles of
+    contacts come last. `inputs` (nu) are
     those that are commanded, within limits. Where `ended` is above 0, the step has taken a state
     out of bounds. With `has_thrusts` it has thrusts without lag too, which are those commanded.
     """
@@ -93,8 +106,10 @@ def rollout_step(
     own = given(robot, parts)
     rotors = robot.rotors if "lag" in own or (has_thrusts and not robot.driven) else 0
     time, h = (variable(each, uniform=True) for each in ("time", "h"))
-    x = variable("x", n + m + (robot.actuator_states if robot.driven else rotors))
-    q, v, actuators = coordinates_of(x[:n], robot.space), x[n : n + m], x[n + m :]
+    driven = robot.actuator_states if robot.driven else 0
+    end = n + m + (driven or rotors)
+    x = variable("x", end + parts.bristles)
+    q, v, actuators = coordinates_of(x[:n], robot.space), x[n : n + m], x[n + m : end]
     u = own[sent(robot)]
     if parts.feedback:
         away = _displacement(robot, q, own["desired_q"])
@@ -111,27 +126,36 @@ def rollout_step(
         acting = [join(settled + own["lag"][k] * way, efforts) for k in range(3)]
 
     def accelerate(q: Node, v: Node, halves: int) -> Node:
-        """Accelerations, and rates of the states of actuators, which follow velocities in v."""
-        v, states = v[:m], v[m:]
+        """Accelerations, and rates of states of actuators and bristles, which follow in v."""
+        v, states, bristles = v[:m], v[m : m + driven], v[m + driven :]
         inputs = robot.inputs_of(q, v, states, u) if robot.driven else acting[halves]
-        wrenches = own.get("wrenches")
+        wrenches, acting_on, strained = own.get("wrenches"), [], []
+        if robot.air or parts.walls:
+            moving = poses, velocities = robot.frame_poses(q), robot.frame_velocities(q, v)
         if robot.air:
-            moving = robot.frame_poses(q), robot.frame_velocities(q, v)
             speeds = robot.rotor_speeds(states, u)
-            of_air = on_frames(air_on_rotors(robot, moving, speeds, inputs, zeros(3)), robot.frames)
-            wrenches = of_air if wrenches is None else wrenches + of_air
+            acting_on += air_on_rotors(robot, moving, speeds, inputs, zeros(3))
+        strains = bristle_parts(tuple(contact for contact, _ in parts.walls), bristles)
+        for (contact, wall), bristle in zip(parts.walls, strains, strict=True):
+            of_frame = poses[contact.frame], velocities[contact.frame]
+            found = touch(contact, constant(np.array(wall)), of_frame, bristle)
+            acting_on.append((contact.frame, found.wrench))
+            strained += [found.rate] if contact.sticks else []
+        if acting_on:
+            on_all = on_frames(acting_on, robot.frames)
+            wrenches = on_all if wrenches is None else wrenches + on_all
         if wrenches is not None:
             a = robot.forward_dynamics_with_wrenches(q, v, inputs, wrenches)
         else:
             a = robot.forward_dynamics(q, v, inputs)
-        return join(a, robot.actuator_rates(states, u)) if states.size else a
+        return join(a, *([robot.actuator_rates(states, u)] if states.size else []), *strained)
 
     def move(q: Node, displacement: Node) -> Node:
         return _moved(robot, q, displacement[:m])
 
-    begin = x[n:] if robot.driven else v
+    begin = join(x[n : n + m + driven], x[end:])
     q_next, v_next = METHODS[method](move, accelerate, q, begin, h)
-    x_next = join(q_next, v_next, acting[2][:rotors])
+    x_next = join(q_next, v_next[: m + driven], acting[2][:rotors], v_next[m + driven :])
     ended = constant(0.0)
     if parts.bounds:
         moved = x_next[: n + m]

@@ -23,6 +23,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from gibbs_codegen.arrays.contact import Contact
 from gibbs_codegen.arrays.evaluation import evaluate
 from gibbs_codegen.arrays.functions import Functions
 from gibbs_codegen.arrays.nodes import Program
@@ -91,8 +92,9 @@ class Problem:
     describes actuators, inputs are commands of motors and servos, motors have limits alone, and
     `x` (1 or n, nx) are states of the actuators, if they have any. A state ends after the
     step that takes an entry of q and v beyond `bounds` (2, nq + nv), or makes it not finite; from
-    then on it stays as it is, and changes no other. A sample is kept after every `every`-th step.
-    The step is the module's step_euler or step_rk4.
+    then on it stays as it is, and changes no other. `walls` are as of `Parts`, `bristles`
+    (1 or n, 3 b) those of b contacts with friction at the start, not strained if None. A sample is
+    kept after every `every`-th step. The step is the module's step_euler or step_rk4.
     """
 
     module: ModuleType
@@ -110,6 +112,8 @@ class Problem:
     bounds: Array | None = None
     precision: Precision = "double"
     x: Array | None = None
+    walls: tuple[tuple[Contact, tuple[float, ...]], ...] = ()
+    bristles: Array | None = None
 
     @functools.cached_property
     def parts(self) -> Parts:
@@ -121,25 +125,37 @@ class Problem:
             motors is not None and _may_lag(motors.time_constants),
             self.wrenches is not None,
             self.bounds is not None,
+            self.walls,
         )
 
     def begin(self, parts: Parts, xp: Any = np) -> list[Array]:
         """Coordinates, velocities and, in states with such parts, what follows them: (n, k) each.
 
-        These are thrusts or, where the robot file describes actuators, their states.
+        These are thrusts or, where the robot file describes actuators, their states, and bristles.
         """
-        after = self.motors.thrusts if parts.lag and self.motors is not None else self.x
-        if after is None:
-            return [self.q, self.v]
-        return [self.q, self.v, xp.broadcast_to(after, (len(self.q), after.shape[-1]))]
+        actuated = self.motors.thrusts if parts.lag and self.motors is not None else self.x
+        after = [] if actuated is None else [actuated]
+        if parts.bristles:
+            unstrained = xp.zeros((1, parts.bristles), self.q.dtype)
+            after.append(unstrained if self.bristles is None else self.bristles)
+        after = [xp.broadcast_to(each, (len(self.q), each.shape[-1])) for each in after]
+        return [self.q, self.v, *([xp.concatenate(after, axis=-1)] if after else [])]
+
+    def after(self, rest: Array | None) -> tuple[Array | None, Array | None]:
+        """Of what follows q and v in states (…, k) that of motors or actuators, and bristles."""
+        count = Parts(walls=self.walls).bristles
+        if rest is None or not count:
+            return rest, None
+        actuated = rest[..., : rest.shape[-1] - count]
+        return (actuated if actuated.shape[-1] else None), rest[..., rest.shape[-1] - count :]
 
     def rollout(self, samples: Sequence[Array], steps: Any, ended: Any, xp: Any = np) -> Rollout:
         """The rollout of samples (n, samples, k) of what `begin` has."""
         q, v, *after = samples
         time = xp.arange(q.shape[1]) * (self.dt * self.every)
-        actuators = after[0] if after else None
+        actuators, bristles = self.after(after[0] if after else None)
         thrusts, x = (actuators, None) if self.x is None else (None, actuators)
-        return Rollout(time, q, v, thrusts, steps, ended, x)
+        return Rollout(time, q, v, thrusts, steps, ended, x, bristles)
 
 
 @dataclass(frozen=True)
@@ -148,7 +164,8 @@ class Rollout:
 
     `q` (n, samples, nq) and `v` (n, samples, nv) at `time` (samples), s; `thrusts` (n, samples,
     rotors), N, where motors lag, else None, and `x` (n, samples, nx) where the robot file describes
-    actuators that have states. Samples after the end of a state repeat its last one.
+    actuators that have states, `bristles` (n, samples, 3 b), m, of b contacts with friction, world
+    axes, or None without any. Samples after the end of a state repeat its last one.
     `steps` (n) were taken before a state `ended` (n): RUNNING, DIVERGED or OUT_OF_BOUNDS. The
     state that a step made not finite is not kept: the last sample is the one before. Numbers are
     of the precision of the problem.
@@ -161,6 +178,7 @@ class Rollout:
     steps: NDArray[np.int64]
     ended: NDArray[np.int8]
     x: Array | None = None
+    bristles: Array | None = None
 
 
 # States that a piece has, or a multiple: of those in a block, in either precision.

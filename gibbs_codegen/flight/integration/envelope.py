@@ -27,7 +27,7 @@ from gibbs_codegen.flight.plant.actuators import holds
 from gibbs_codegen.flight.plant.vehicle import Array, Flags, Vehicle
 from gibbs_codegen.flight.scenario.orientation import LARGEST_THETA_0
 from gibbs_codegen.flight.scenario.parts import PREDICTIVE
-from gibbs_codegen.flight.scenario.walls import bristle, surface_at
+from gibbs_codegen.flight.scenario.walls import Wall, bristle, surface_at
 
 # A rate, rad/s or m/s, next to which dry friction is as it is about rest.
 _AT_REST = 1e-9
@@ -232,25 +232,23 @@ def stable_modes(loop: ClosedLoop) -> list[Mode]:
         for root in itertools.chain.from_iterable(map(np.roots, polynomials))
         if root.real < 0.0
     ]
-    others = [*_wall_modes(loop), *_drag_modes(loop)]
+    walls = loop.environment.wall if loop.environment else ()
+    others = wall_modes(loop.vehicle, walls, _configurations(loop)) if walls else []
+    others += _drag_modes(loop)
     if loop.controller.law != "off":
         others += joint_modes(loop.vehicle, _configurations(loop))
     return sorted([*found, *others], reverse=True)
 
 
-def _wall_modes(loop: ClosedLoop) -> list[Mode]:
+def wall_modes(vehicle: Vehicle, walls: Sequence[Wall], q: Array) -> list[Mode]:
     """Modes of frames that lean on walls, and stick to them, with the least mass that each feels.
 
-    That is the least along the desired motion, of a robot that is free to move, all frames of a
-    wall touching it. What moves by x along the normal obeys ẍ + (c/m) ẋ + (s/m) x = 0 with the
+    That is the least at coordinates (s, nq), of a robot that is free to move, all frames of a wall
+    touching it. What moves by x along the normal obeys ẍ + (c/m) ẋ + (s/m) x = 0 with the
     stiffness s of the wall and its damping c, to which dissipation adds as under the weight; along
     the wall s and c are those of bristles, which without a load are lost at the rate s/c. Next to
     these the modes of control are small where a wall decides about steps.
     """
-    environment, vehicle = loop.environment, loop.vehicle
-    if environment is None or not environment.wall:
-        return []
-    q = _configurations(loop)
     poses, jacobians = vehicle.frame_poses(q), vehicle.frame_jacobians(q)
     inverse = np.linalg.inv(vehicle.mass_matrix(q))
     pull = vehicle.gravity_forces(vehicle.neutral)[vehicle.layout.v.position]
@@ -263,8 +261,8 @@ def _wall_modes(loop: ClosedLoop) -> list[Mode]:
         return 1.0 / float(np.linalg.eigvalsh(yielding)[:, -1].max())
 
     found: list[Mode] = []
-    for k, wall in enumerate(environment.wall):
-        frames = [each.frame for each in environment.around.contacts if each.wall == k]
+    for wall in walls:
+        frames = [vehicle.frames.index(frame) for frame in wall.frames]
         places = poses[:, frames][..., :3, 3]
         normals = surface_at(wall.kind, np.array(wall.figures), places)[1][:, :, np.newaxis]
         linear, angular = jacobians[:, frames, :3], jacobians[:, frames, 3:]

@@ -23,12 +23,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gibbs_codegen.arrays.closed_loop import Surroundings
-from gibbs_codegen.arrays.contact import Contact
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.flight.plant.vehicle import Array, Flags, Vehicle
 from gibbs_codegen.flight.scenario.parts import Payload, Push, Wind
 from gibbs_codegen.flight.scenario.scenario import Scenario
-from gibbs_codegen.flight.scenario.walls import Wall, yielding
+from gibbs_codegen.flight.scenario.walls import Wall, contacts_of, yielding
 
 
 class RotorSpin:
@@ -106,17 +105,7 @@ class Environment:
         """What acts at all times, and on which frames."""
         gusts, spin = self.wind.gusts if self.wind else (), self.spin
         spins = zip(spin.rotors.tolist(), spin.places.tolist(), strict=True) if spin else ()
-        contacts = tuple(
-            Contact(
-                self.vehicle.frames.index(frame),
-                place,
-                wall.surface,
-                len(wall.figures),
-                wall.friction > 0.0,
-            )
-            for place, wall in enumerate(self.wall)
-            for frame in wall.frames
-        )
+        contacts = contacts_of(self.wall, self.vehicle.frames)
         return Surroundings(False, self.wind is not None, len(gusts), contacts, tuple(spins))
 
     @cached_property

@@ -23,11 +23,11 @@ _ARRAYS = {
     rollouts.Motors: ["least", "most", "time_constants", "thrusts"],
     rollouts.Problem: [
         *("constants", "q", "v", "inputs", "dt", "feedback", "motors", "wrenches", "bounds"),
-        "x",
+        *("x", "bristles"),
     ],
-    rollouts.Rollout: ["time", "q", "v", "thrusts", "steps", "ended", "x"],
+    rollouts.Rollout: ["time", "q", "v", "thrusts", "steps", "ended", "x", "bristles"],
 }
-_FIXED = ["module", "steps", "method", "every", "precision"]
+_FIXED = ["module", "steps", "method", "every", "precision", "walls"]
 for _kind, _names in _ARRAYS.items():
     jax.tree_util.register_dataclass(_kind, _names, _FIXED if _kind is rollouts.Problem else [])
 

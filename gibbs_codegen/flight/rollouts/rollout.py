@@ -6,22 +6,24 @@ import functools
 import logging
 import os
 import warnings
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from types import ModuleType
 from typing import Any, get_args
 
 import numpy as np
 
+from gibbs_codegen.arrays.contact import Contact
 from gibbs_codegen.arrays.rollout_steps import Parts
 from gibbs_codegen.errors import UsageError, printable
 from gibbs_codegen.flight.arguments import seconds, whole
-from gibbs_codegen.flight.integration.envelope import joint_modes
+from gibbs_codegen.flight.integration.envelope import joint_modes, wall_modes
 from gibbs_codegen.flight.plant.actuators import commands_beyond
 from gibbs_codegen.flight.plant.vehicle import Vehicle
 from gibbs_codegen.flight.rollouts.arguments import Controller, RolloutArguments
 from gibbs_codegen.flight.rollouts.scenario_rollout import scenario_rollout
 from gibbs_codegen.flight.scenario.scenario import Scenario
+from gibbs_codegen.flight.scenario.walls import Wall, contacts_of, yielding
 from gibbs_codegen.runtime import rollouts
 from gibbs_codegen.runtime.c_library import CompilerError
 from gibbs_codegen.runtime.cache import CacheError
@@ -53,8 +55,9 @@ def callback_rollout(
         if first:
             inputs = read(controller(first * problem.dt, state[0].copy(), state[1].copy()))
         found = roll(_piece(problem, first, inputs, state))
-        parts = found.q, found.v, found.thrusts, found.x
-        after = [each[:, -1] for each in parts if each is not None]
+        rest = [each for each in (found.thrusts, found.x, found.bristles) if each is not None]
+        after = [found.q[:, -1], found.v[:, -1]]
+        after += [np.concatenate([each[:, -1] for each in rest], axis=-1)] if rest else []
         runs = ended == rollouts.RUNNING
         samples.append([np.where(runs[:, None], a, b) for a, b in zip(after, state, strict=True)])
         taken += np.where(runs, found.steps, 0)
@@ -71,15 +74,16 @@ def _piece(
 
     `first` is the number of its first step; `state` is at its begin what the problem's `begin` has.
     """
-    q, v, *actuators = state
+    q, v, *rest = state
+    actuators, bristles = problem.after(rest[0] if rest else None)
     wrenches, motors = problem.wrenches, problem.motors
     if wrenches is not None and wrenches.shape[1] > 1:
         wrenches = wrenches[:, first : first + problem.every]
-    if actuators and problem.x is not None:
-        problem = replace(problem, x=actuators[0])
-    elif actuators and motors is not None:
-        motors = replace(motors, thrusts=actuators[0])
-    steps = problem.every
+    if actuators is not None and problem.x is not None:
+        problem = replace(problem, x=actuators)
+    elif actuators is not None and motors is not None:
+        motors = replace(motors, thrusts=actuators)
+    problem, steps = replace(problem, bristles=bristles), problem.every
     return replace(problem, q=q, v=v, inputs=inputs, steps=steps, wrenches=wrenches, motors=motors)
 
 
@@ -95,6 +99,7 @@ def rollout(
     method: rollouts.Method = "rk4",
     every: int = 1,
     wrenches: Any = None,
+    walls: Sequence[Wall] = (),
     limits: Any = None,
     time_constants: Any = None,
     thrusts: Any = None,
@@ -127,6 +132,8 @@ def rollout(
         wrenches: Wrenches on the frames, held through each step, in N and N m as
             `forward_dynamics_with_wrenches` takes them: (f, 6), (steps, f, 6) or
             (1 or n, 1 or steps, f, 6).
+        walls: What frames touch, with friction and without, as a scenario has it:
+            `read_scenario(…).walls`.
         limits: The least and the greatest inputs, each a number or an array (nu); of commands those
             of the robot file, if None.
         time_constants: Those of the motors' lag, s, 0 for none: a number, (rotors) or (n, rotors).
@@ -167,10 +174,10 @@ def rollout(
     tell = functools.partial(progress, "rolling out")
     if isinstance(control, Scenario | str | os.PathLike):
         others = any(each is not None for each in (wrenches, limits, thrusts, x0, bounds))
-        if others or method != "rk4":
+        if others or walls or method != "rk4":
             raise UsageError(
                 "control: a scenario is rolled out by rk4, with limits, wrenches and bounds of its "
-                "own: leave out method, wrenches, limits, thrusts, x0, bounds"
+                "own: leave out method, wrenches, limits, thrusts, x0, bounds, walls"
             )
         varied = parameters or {}, time_constants
         return scenario_rollout(
@@ -208,6 +215,7 @@ def rollout(
         bounds=bounds,
         precision=precision,
         x=x,
+        walls=touched(module, walls, q, float(dt), method),
     )
     if x is not None and x0 is None:
         first = rollouts.Steps(problem, arguments.xp).commanded()
@@ -221,6 +229,31 @@ def rollout(
         return array_rollout(problem, workers, tell)
     roll = functools.partial(array_rollout, threads=workers)
     return callback_rollout(problem, control, arguments.commands, roll, tell)
+
+
+def touched(
+    module: ModuleType, walls: Sequence[Wall], q: Any, dt: float, method: rollouts.Method
+) -> tuple[tuple[Contact, tuple[float, ...]], ...]:
+    """Contacts with walls, each with the figures of its wall; q (n, nq) are coordinates.
+
+    Raises `UsageError` for frames that the robot does not have, and for steps of `dt` s that are
+    too long for a wall.
+    """
+    if not walls:
+        return ()
+    vehicle = Vehicle(_on_arrays(module))
+    for k, wall in enumerate(walls, start=1):
+        for frame in wall.frames:
+            vehicle.frame_place(frame, f"walls: wall {k}: frame")
+    try:
+        places = np.asarray(q, dtype=np.float64)
+    except TypeError:  # What is traced by JAX has no values.
+        places = vehicle.neutral[np.newaxis]
+    for mode in sorted(wall_modes(vehicle, walls, places), reverse=True):
+        if words := mode.fault(dt, method):
+            raise UsageError(f"dt: {words}")
+    contacts = contacts_of(walls, vehicle.frames)
+    return tuple((x, (*yielding(walls[x.wall]), *walls[x.wall].figures)) for x in contacts)
 
 
 def array_rollout(
@@ -240,10 +273,14 @@ def _long_steps(
     module: ModuleType, dt: float, method: rollouts.Method, own: tuple[tuple[str, float], ...]
 ) -> str:
     """Why steps are too long for servos and friction with parameters, "" if they are not."""
-    on_arrays = load(module.__path__[0]) if module.backend == "jax" else module
-    vehicle = Vehicle(on_arrays, dict(own))
+    vehicle = Vehicle(_on_arrays(module), dict(own))
     modes = joint_modes(vehicle, vehicle.neutral[np.newaxis])
     return "".join(mode.fault(dt, method) for mode in modes)
+
+
+def _on_arrays(module: ModuleType) -> ModuleType:
+    """A module that works on arrays of NumPy."""
+    return load(module.__path__[0]) if getattr(module, "backend", "") == "jax" else module
 
 
 @functools.lru_cache(maxsize=64)

@@ -82,7 +82,8 @@ def scenario_rollout(
     thrusts = None if thrusts is None else thrusts.astype(real)
     driven = loop.vehicle.is_driven and parts.actuators.shape[-1] > 0
     x = parts.actuators.astype(real) if driven else None
-    return Rollout(time, q, v, thrusts, steps, ended.astype(np.int8), x)
+    bristles = parts.bristles.astype(real) if parts.bristles.shape[-1] else None
+    return Rollout(time, q, v, thrusts, steps, ended.astype(np.int8), x, bristles)
 
 
 def _scenario_start(

@@ -22,8 +22,10 @@ from gibbs_codegen.flight.rollouts.arguments import RolloutArguments
 from gibbs_codegen.flight.rollouts.rollout import (
     array_rollout,
     check_settings,
+    touched,
     warn_of_long_steps,
 )
+from gibbs_codegen.flight.scenario.walls import Wall
 from gibbs_codegen.runtime.load import load, require
 from gibbs_codegen.runtime.rollouts import RUNNING, Array, Method, Motors, Precision, Problem
 
@@ -161,6 +163,7 @@ class VectorEnv(gymnasium.vector.VectorEnv[Observations, ArrayLike, Any]):
         duration: An episode is truncated by the first decision at whose end so many seconds are
             over; or None.
         bounds: Least and greatest q and v, each a number or (nq + nv); beyond them an episode ends.
+        walls: What frames touch, as of `rollout`.
         reward, terminated, observe: Functions of a `Moment` that give rewards (n), whether episodes
             end (n), and observations (n, m).
         normalised: Whether actions are between −1 and 1.
@@ -187,6 +190,7 @@ class VectorEnv(gymnasium.vector.VectorEnv[Observations, ArrayLike, Any]):
         method: Method = "rk4",
         duration: float | None = 10.0,
         bounds: ArrayLike | None = None,
+        walls: Sequence[Wall] = (),
         reward: Measure = nearness,
         terminated: Ending = is_lost,
         observe: Measure = away_and_rates,
@@ -244,7 +248,11 @@ class VectorEnv(gymnasium.vector.VectorEnv[Observations, ArrayLike, Any]):
             bounds=None if bounds is None else arguments.range("bounds", bounds, nq + nv),
             precision=precision,
             x=np.tile(x, (self.num_envs, 1)) if len(x) else None,
+            walls=touched(module, walls, self._hover[np.newaxis], dt, method),
         )
+        strained = self._now.parts.bristles
+        if strained:
+            self._now = replace(self._now, bristles=np.zeros((self.num_envs, strained)))
         self._decisions = np.zeros(self.num_envs, dtype=np.int64)
         self._parameters: dict[str, Array] = {}
         zero = dict.fromkeys(module.VELOCITIES, 0.0)
@@ -420,6 +428,8 @@ class VectorEnv(gymnasium.vector.VectorEnv[Observations, ArrayLike, Any]):
         self._motors.thrusts[rows] = self._holding[: self._vehicle.rotors]
         if now.x is not None:
             now.x[rows] = self._resting
+        if now.bristles is not None:
+            now.bristles[rows] = 0.0
         self._decisions[rows], self._over = 0, self._over & ~rows
         for name, values in parameters.items():  # The first time they are for all.
             self._parameters.setdefault(name, np.empty(self.num_envs))[rows] = values
@@ -441,8 +451,11 @@ class VectorEnv(gymnasium.vector.VectorEnv[Observations, ArrayLike, Any]):
             commanded[:, : self._vehicle.rotors] if found.thrusts is None else found.thrusts[:, -1]
         )
         self._motors = replace(self._motors, thrusts=last.copy())
-        x = None if found.x is None else found.x[:, -1].copy()
-        self._now = replace(now, q=found.q[:, -1].copy(), v=found.v[:, -1].copy(), x=x)
+        x, bristles = (
+            None if each is None else each[:, -1].copy() for each in (found.x, found.bristles)
+        )
+        q, v = found.q[:, -1].copy(), found.v[:, -1].copy()
+        self._now = replace(now, q=q, v=v, x=x, bristles=bristles)
         self._decisions += 1
         return found.ended
 

@@ -14,6 +14,7 @@ from typing import Annotated, Any, ClassVar, get_args
 import numpy as np
 
 from gibbs_codegen.arrays.base import length
+from gibbs_codegen.arrays.contact import Contact
 from gibbs_codegen.arrays.evaluation import Evaluator
 from gibbs_codegen.arrays.nodes import (
     Node,
@@ -298,6 +299,15 @@ def yielding(wall: Wall) -> tuple[float, ...]:
     """Figures of a wall before those of its shape, as `arrays.contact` has them."""
     own = wall.ball_radius, wall.stiffness, wall.damping, wall.dissipation, wall.friction
     return (*own, *bristle(wall))
+
+
+def contacts_of(walls: Sequence[Wall], frames: Sequence[str]) -> tuple[Contact, ...]:
+    """Contacts of walls with frames of a robot, which are given by their names in its order."""
+    return tuple(
+        Contact(frames.index(frame), k, wall.surface, len(wall.figures), wall.friction > 0.0)
+        for k, wall in enumerate(walls)
+        for frame in wall.frames
+    )
 
 
 @lru_cache

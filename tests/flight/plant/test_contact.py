@@ -25,6 +25,7 @@ from gibbs_codegen.flight.many import simulate_many
 from gibbs_codegen.flight.record.flight import Flight
 from gibbs_codegen.flight.rollouts.rollout import rollout
 from gibbs_codegen.flight.scenario.file import read_scenario
+from gibbs_codegen.flight.scenario.parts import Settings
 from gibbs_codegen.flight.scenario.walls import Box, Cylinder, Sphere
 from gibbs_codegen.flight.simulation import flight_start, simulate
 from gibbs_codegen.flight.stepping import Simulation
@@ -407,3 +408,74 @@ def test_bristles_that_are_too_stiff_for_the_steps_are_refused(block: ModuleType
     ):
         with pytest.raises(UsageError, match=words):
             thrown(block, [floor | own], duration=0.1)
+
+
+def test_rollouts_of_inputs_touch_walls_in_every_back_end(
+    folder: Path, block: ModuleType, jax_in_double_precision: ModuleType
+) -> None:
+    """With motors that lag; controllers, which end at samples, carry bristles on."""
+    plane = {"frame": "base", "point": [0.1, 0, 0], "normal": [-1, 0, 0.2], "ball_radius": 0.05}
+    scenario = read_scenario("hover", {"wall": [FLOOR, plane | {"stiffness": 800}]})
+    random = np.random.default_rng(7)
+    q0 = np.tile([0.0, 0.0, 0.11, 0.03, 0.02, 0.0, 1.0], (5, 1))
+    v0 = 0.3 * random.normal(size=(5, 6))
+    u = random.uniform(2.0, 5.0, (5, 1, 4))
+    options: dict[str, Any] = {"every": 50, "walls": scenario.walls, "time_constants": 0.03}
+    found = {
+        backend: rollout(load(folder, backend), q0, v0, u, 300, 1e-3, **options)
+        for backend in ("numpy", "c", "jax")
+    }
+    exact = found["numpy"]
+    assert exact.bristles is not None
+    assert exact.bristles.shape == (5, 7, 12)
+    assert np.abs(exact.bristles).max() > 1e-4
+    for other in (found["c"], found["jax"]):
+        for name in ("q", "v", "thrusts", "bristles"):
+            expected = getattr(exact, name)
+            np.testing.assert_allclose(getattr(other, name), expected, rtol=0.0, atol=1e-10)
+    led = rollout(block, q0, v0, lambda t, q, v: u[:, 0], 300, 1e-3, **options)
+    np.testing.assert_allclose(led.q, exact.q, rtol=0.0, atol=1e-10)
+    single = rollout(block, q0, v0, u, 300, 1e-3, precision="single", **options)
+    np.testing.assert_allclose(single.q, exact.q, rtol=0.0, atol=1e-3)
+    # A loop of one's own integrates thrusts and entries of quaternions instead.
+    simulation = Simulation(block, replace(scenario, integration=Settings(method="rk4")))
+    simulation.reset(q0[0], v0[0])
+    simulation.step(u[0, 0], 0.3)
+    np.testing.assert_allclose(simulation.q, exact.q[0, -1], rtol=0.0, atol=1e-6)
+    with pytest.raises(UsageError, match=r"walls: wall 1: frame: block has no frame tip"):
+        rollout(block, q0, v0, u, 2, 1e-3, walls=[replace(scenario.walls[0], frame="tip")])
+    with pytest.raises(UsageError, match=r"dt: in steps of 0.2 s rk4 .* because of the "):
+        rollout(block, q0, v0, u, 2, 0.2, walls=scenario.walls)
+
+
+def test_environments_touch_walls(block: ModuleType) -> None:
+    vector_env = pytest.importorskip("gibbs_codegen.flight.rollouts.vector_env")
+    walls, q0 = read_scenario("hover", {"wall": [FLOOR]}).walls, [0.0, 0, 0.105, 0, 0, 0, 1]
+    rates = {"vx": 0.3, "vz": -0.2}
+    own = {"walls": walls, "rates": rates, "normalised": False, "time_constants": 0.03}
+    envs = vector_env.VectorEnv(
+        block, 3, hover=q0, dt=1e-3, steps=40, observe=lambda now: now.q, **own
+    )
+    envs.reset(seed=0)
+    u = np.full((3, 4), 2.0)
+    observed = [envs.step(u)[0] for _ in range(5)]
+    v0 = [[0.3, 0, -0.2, 0, 0, 0]] * 3
+    settled = np.full(4, MASS * GRAVITY / 4.0)
+    found = rollout(
+        block,
+        [q0] * 3,
+        v0,
+        u[0],
+        200,
+        1e-3,
+        every=40,
+        walls=walls,
+        time_constants=0.03,
+        thrusts=settled,
+    )
+    np.testing.assert_allclose(observed, np.swapaxes(found.q[:, 1:], 0, 1), rtol=0.0, atol=1e-6)
+    assert found.bristles is not None
+    assert np.abs(found.bristles[:, -1]).max() > 1e-5
+    envs.reset(seed=1)
+    again = [envs.step(u)[0] for _ in range(5)]
+    np.testing.assert_array_equal(again, observed)
