@@ -57,7 +57,8 @@ def _motor(rotor: Rotor, share: float) -> Motor:
         words.append(f"assumed: a greatest thrust of {most:.4g} N")
     if low:
         words.append(f"left out: the least thrust, {low:.4g} N; here it is 0")
-    fastest = drive.greatest_speed or (rotor.speed_per_sqrt_thrust or 0.0) * most**0.5
+    level = min(drive.limits[1], drive.rising[1]) if drive.limits else 0.0
+    fastest = drive.speed(level) or (rotor.speed_per_sqrt_thrust or 0.0) * most**0.5
     if fastest <= 0.0:
         fastest = _USUAL_SPEED
         words.append(f"assumed: {fastest:g} rad/s at the greatest thrust")

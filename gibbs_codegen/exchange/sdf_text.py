@@ -190,7 +190,7 @@ def _plugin(model: ET.Element, file: str, name: str, values: dict[str, object]) 
 
 
 def _motor(model: ET.Element, number: int, link: str, joint: str, motor: Motor) -> None:
-    values = {
+    values: dict[str, object] = {
         "jointName": joint,
         "linkName": link,
         "turningDirection": "cw" if motor.clockwise else "ccw",
@@ -206,7 +206,7 @@ def _motor(model: ET.Element, number: int, link: str, joint: str, motor: Motor) 
         "rollingMomentCoefficient": 0.0,
         "rotorVelocitySlowdownSim": 10,
     }
-    _plugin(model, "multicopter-motor-model", "MulticopterMotorModel", {**values})
+    _plugin(model, "multicopter-motor-model", "MulticopterMotorModel", values)
 
 
 def _drive(model: ET.Element, number: int, joint: str, servo: Servo | None) -> None:
@@ -215,7 +215,7 @@ def _drive(model: ET.Element, number: int, joint: str, servo: Servo | None) -> N
         _plugin(model, "apply-joint-force", "ApplyJointForce", {"joint_name": joint})
         return
     by_rate = servo.command == "rate"
-    values = {
+    values: dict[str, object] = {
         "joint_name": joint,
         "sub_topic": f"servo_{number}",
         "use_force_commands": "true" if by_rate else None,
