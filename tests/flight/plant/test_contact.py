@@ -16,7 +16,7 @@ from support.kept import kept_folder, made_once
 
 from gibbs_codegen.arrays import evaluate, jacobian, variable
 from gibbs_codegen.arrays.nodes import Program
-from gibbs_codegen.errors import UsageError
+from gibbs_codegen.errors import ScenarioFileError, UsageError
 from gibbs_codegen.flight.integration.closed_loop import loop_program, loop_values
 from gibbs_codegen.flight.integration.compiled_loop import CompiledSlope
 from gibbs_codegen.flight.integration.integrators import integrate
@@ -26,6 +26,7 @@ from gibbs_codegen.flight.record.flight import Flight
 from gibbs_codegen.flight.rollouts.rollout import rollout
 from gibbs_codegen.flight.scenario.file import read_scenario
 from gibbs_codegen.flight.scenario.parts import Settings
+from gibbs_codegen.flight.scenario.scenario import Scenario
 from gibbs_codegen.flight.scenario.walls import Box, Cylinder, Sphere
 from gibbs_codegen.flight.simulation import flight_start, simulate
 from gibbs_codegen.flight.stepping import Simulation
@@ -93,15 +94,16 @@ def fixed(*position: float) -> dict[str, Any]:
     return {"base": {"path": {"kind": "fixed", "position": list(position)}}}
 
 
-def on_slope(module: ModuleType, degrees: float, friction: float, **changes: Any) -> Flight:
-    """A flight of the block from a slope that falls towards x, on which its feet just stand."""
+def on_slope(degrees: float, friction: float, **changes: Any) -> Scenario:
+    """The block on a slope that falls towards x, on which its feet just stand."""
     angle = np.radians(degrees)
     normal = np.array([np.sin(angle), 0.0, np.cos(angle)])
     wall = {"frame": FEET, "point": [0, 0, 0], "normal": normal.tolist(), "friction": friction}
     deep = MASS * GRAVITY * np.cos(angle) / (4.0 * SOFT["stiffness"])
     at = fixed(*((HEIGHT - deep) * normal))
     start = {"start": {"turn_deg": [0, degrees, 0]}}
-    return thrown(module, [wall | SOFT], **at, **(start | changes))
+    given = {"control": {"law": "off"}, "integration": RK4, "wall": [wall | SOFT]}
+    return read_scenario("hover", given | at | start | changes)
 
 
 @pytest.mark.parametrize("degrees", [26.0, 27.2])
@@ -110,7 +112,8 @@ def test_a_block_sticks_below_the_angle_of_friction_and_slides_above(
 ) -> None:
     """That is 26.6 degrees where the coefficient is 0.5."""
     angle, friction = np.radians(degrees), 0.5
-    flight = on_slope(block, degrees, friction, duration=4.0)
+    scenario = on_slope(degrees, friction, duration=4.0)
+    flight = simulate(block, scenario)
     downhill = np.array([np.cos(angle), 0.0, -np.sin(angle)])
     path = flight.point("base") @ downhill
     late = flight.time > 2.0
@@ -127,12 +130,33 @@ def test_a_block_sticks_below_the_angle_of_friction_and_slides_above(
     pressed = flight.contact_forces[late]
     drag = np.linalg.norm(flight.contact_friction[late], axis=-1)
     assert drag == pytest.approx(friction * pressed, rel=1e-12)
+    # Bristles of what slides are strained as far as friction holds them.
+    bristles = rollout(block, None, None, scenario, 4000, 1e-3, every=4000).bristles
+    assert bristles is not None
+    strained = np.linalg.norm(bristles[0, -1].reshape(-1, 3), axis=1)
+    assert strained == pytest.approx(friction * pressed[-1] / SOFT["stiffness"], rel=1e-4)
+
+
+def test_a_ball_rolls_down_as_its_inertia_says(block: ModuleType) -> None:
+    """A ball that sticks, of a body with the inertia 0.03 kg m² about the axis of its turning."""
+    angle, radius = np.radians(20.0), 0.1
+    normal = np.array([np.sin(angle), 0.0, np.cos(angle)])
+    wall = {"frame": "base", "point": [0, 0, 0], "normal": normal.tolist(), "friction": 0.5}
+    wall |= {"ball_radius": radius, "stiffness": 4000.0, "damping": 100.0}
+    deep = MASS * GRAVITY * np.cos(angle) / 4000.0
+    flight = thrown(block, [wall], duration=1.5, **fixed(*((radius - deep) * normal)))
+    path = flight.point("base") @ np.array([np.cos(angle), 0.0, -np.sin(angle)])
+    late = flight.time > 0.5
+    assert not flight.contact_slip[late].any()
+    found = 2.0 * np.polyfit(flight.time[late], path[late], 2)[0]
+    expected = GRAVITY * np.sin(angle) / (1.0 + 0.03 / (MASS * radius**2))
+    assert found == pytest.approx(expected, rel=1e-3)
 
 
 def test_a_parked_machine_does_not_creep(block: ModuleType) -> None:
     """On a slope of 20 degrees with a friction of 0.5, over 10 s from where it rests."""
     start = {"turn_deg": [0, 20.0, 0], "settled": True}
-    flight = on_slope(block, 20.0, 0.5, duration=10.0, start=start)
+    flight = simulate(block, on_slope(20.0, 0.5, duration=10.0, start=start))
     moved = flight.point("base") - flight.point("base")[0]
     assert np.linalg.norm(moved, axis=1).max() < 1e-9
     assert not flight.contact_slip.any()
@@ -479,3 +503,22 @@ def test_environments_touch_walls(block: ModuleType) -> None:
     envs.reset(seed=1)
     again = [envs.step(u)[0] for _ in range(5)]
     np.testing.assert_array_equal(again, observed)
+
+
+@pytest.mark.parametrize(
+    ("own", "words"),
+    [
+        ({"frame": []}, r"wall 1: frame: must have at least one name, and none twice"),
+        ({"frame": ["a", "a"]}, r"wall 1: frame: must have at least one name, and none twice"),
+        ({"frame": ["a", 3]}, r"wall 1: frame: must be a list of names, not of a number"),
+        ({"frame": 3}, r"wall 1: frame: must be a name, or a list of names, not a number"),
+        ({"frame": [str(k) for k in range(21)]}, r"wall 1: frame: 21 names; give at most 20"),
+        ({"bristle_damping": 1}, r"wall 1: bristle_damping: needs a friction above 0 beside it"),
+        ({"kind": "ball"}, r"must be one of 'plane', 'floor', 'cylinder', 'sphere', 'box', not 'b"),
+        ({"ball_radius": -1}, r"wall 1: ball_radius: must be at least 0, not -1"),
+    ],
+)
+def test_walls_that_mean_nothing_are_refused(own: dict[str, Any], words: str) -> None:
+    floor = {"kind": "floor", "frame": "base", "stiffness": 1.0}
+    with pytest.raises(ScenarioFileError, match=words):
+        read_scenario("hover", {"wall": [floor | own]})
