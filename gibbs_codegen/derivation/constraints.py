@@ -65,11 +65,14 @@ from gibbs_codegen.symbolic.vectors import (
     Matrix,
     Wrench,
     axis_vector,
+    identity,
     minus,
     moved,
 )
 
 _HALF = sp.Rational(1, 2)
+# Where that of √2 should come out as none.
+_LEAST_ERROR = sp.Rational(1, 10**16)
 
 
 class Direction(NamedTuple):
@@ -409,10 +412,21 @@ class ConstraintEquations:
         return found
 
     @cached_property
-    def _masks(self) -> list[sp.Expr]:
+    def masks(self) -> list[sp.Expr]:
         """For each row whether its constraint is active."""
         pairs = zip(self.symbolic.active, self.held, strict=True)
         return [active for active, held in pairs for _ in held.rows]
+
+    @cached_property
+    def masked_matrix(self) -> Matrix:
+        """A of the active constraints, with zeros for others."""
+        tape, masks = self._tape, self.masks
+        masked = [list(row) for row in self._matrix]
+        for i, row in enumerate(self._matrix):
+            for j in range(i + 1):
+                both = masks[i] if masks[i] == masks[j] else tape.let(masks[i] * masks[j])
+                masked[i][j] = masked[j][i] = tape.let(times(both, row[j]))
+        return masked
 
     @cached_property
     def _inverse(self) -> Factors | PseudoInverse:
@@ -420,19 +434,29 @@ class ConstraintEquations:
 
         A frame that the world holds can always be moved, since the base flies: no row is redundant.
         """
-        tape, matrix, masks = self._tape, self._matrix, self._masks
+        tape, matrix = self._tape, self._matrix
         with tape.group("forces of the constraints, by LDL^T"):
-            if self._is_regular:
+            if self.is_regular:
                 return Factors(tape, matrix)
-            masked = [list(row) for row in matrix]
-            for i, row in enumerate(matrix):
-                for j in range(i + 1):
-                    both = masks[i] if masks[i] == masks[j] else tape.let(masks[i] * masks[j])
-                    masked[i][j] = masked[j][i] = tape.let(times(both, row[j]))
-            return PseudoInverse(tape, masked, [matrix[i][i] for i in range(len(matrix))])
+            sizes = [matrix[i][i] for i in range(len(matrix))]
+            return PseudoInverse(tape, self.masked_matrix, sizes, self._rounding)
 
     @property
-    def _is_regular(self) -> bool:
+    def _rounding(self) -> sp.Expr:
+        """About the rounding error of the numbers that a function computes with: (√2)² − 2.
+
+        Constants are numbers of double precision, so it is none of them.
+        """
+        tape, some = self._tape, self.symbolic.active[0]
+        with tape.group("rounding error of the numbers"):
+            two = tape.let(2 * tape.let(sp.sign(tape.let(1 + tape.let(some * some)))))
+            root = tape.let(sp.sqrt(two))
+            error = tape.let(tape.let(root * root) - two)
+            return tape.let(tape.let(error * tape.let(sp.sign(error))) + _LEAST_ERROR)
+
+    @property
+    def is_regular(self) -> bool:
+        """Whether no row can be redundant."""
         (first, *others) = self.held
         return not others and first.carrier is None and first.own.holds != "distance"
 
@@ -441,9 +465,9 @@ class ConstraintEquations:
         tape = self._tape
         with tape.group("forces of the constraints, by LDL^T"):
             found = self._inverse.solved(right)
-            if self._is_regular:
+            if self.is_regular:
                 found = [
-                    tape.let(times(mask, x)) for mask, x in zip(self._masks, found, strict=True)
+                    tape.let(times(mask, x)) for mask, x in zip(self.masks, found, strict=True)
                 ]
             return [-x for x in found]
 
@@ -473,9 +497,25 @@ class ConstraintEquations:
     @cached_property
     def _unheld(self) -> list[sp.Expr]:
         """J a + γ of the rows if no constraint held, in the axes of the solver."""
-        tape, articulation = self._tape, self._articulation
+        return self._accelerations(self._articulation, self._known)
+
+    def _accelerations(self, articulation: Articulation, known: Values) -> list[sp.Expr]:
+        """Accelerations of the rows of the solver under some loads, with `known` of them."""
+        tape, (order, factors) = self._tape, self._root
+        load = articulation.root.load.entries
+        with tape.group("accelerations of the constraints"):
+            scaled = factors.scaled(factors.eliminated([load[i] for i in order]))
+            shares = {k: joint.share for k, joint in enumerate(articulation.joints, start=1)}
+            return [
+                tape.let(x + self._product(row, shares, scaled))
+                for x, row in zip(known, self._loads, strict=True)
+            ]
+
+    @cached_property
+    def _known(self) -> list[sp.Expr]:
+        """What velocities and gravity make of the rows, and what brings errors back."""
+        tape, known = self._tape, list[sp.Expr]()
         motions = forward_dynamics.free_motions_of(self._centred)
-        known: list[sp.Expr] = []
         for held in self.held:
             if held.carrier is not None:
                 known += self._bias(held)
@@ -488,16 +528,9 @@ class ConstraintEquations:
                 rows = self._solver_directions(held)
                 own = [tape.dot(vector, parts[turns]) for turns, vector in rows]
                 known += [tape.let(x + self._centripetal(held)) for x in own]
-        returning = self._to_solver([x for held in self.held for x in self._returning(held)])
-        order, factors = self._root
-        load = articulation.root.load.entries
-        with tape.group("accelerations of the constraints, if none held"):
-            scaled = factors.scaled(factors.eliminated([load[i] for i in order]))
-            shares = {k: joint.share for k, joint in enumerate(articulation.joints, start=1)}
-            return [
-                tape.let(sp.Add(x, back, self._product(row, shares, scaled)))
-                for x, back, row in zip(known, returning, self._loads, strict=True)
-            ]
+        back = self._to_solver([x for held in self.held for x in self._returning(held)])
+        with tape.group("errors back to zero"):
+            return [tape.let(x + y) for x, y in zip(known, back, strict=True)]
 
     def _under(self, forces: Values, alone: bool) -> Articulation:
         """The solved joints under forces of the constraints, alone or with all else."""
@@ -535,33 +568,39 @@ class ConstraintEquations:
         return symbolic.places.joined(rows, [joint.relative for joint in joints])
 
     @cached_property
-    def _forces(self) -> list[sp.Expr]:
+    def solver_forces(self) -> list[sp.Expr]:
+        """λ of all rows in the axes of the solver."""
         return self._solved(self._unheld)
 
     def forces(self) -> list[sp.Expr]:
         """λ of all rows, N or N m."""
-        return self._from_solver(self._forces)
+        return self._from_solver(self.solver_forces)
 
     def acceleration(self) -> list[sp.Expr]:
         """Accelerations a under the forces of the constraints."""
-        articulation = self._under(self._forces, alone=False)
+        articulation = self._under(self.solver_forces, alone=False)
         root, joints = accelerations_outward(self._tape, articulation)
         root = root_in_group_frame(self._tape, articulation, root)
         relative = [joint.relative for joint in joints]
         return forward_dynamics.in_coordinates(self.symbolic, relative, root)
 
     @cached_property
-    def _impulses(self) -> list[sp.Expr]:
+    def _moving(self) -> list[sp.Expr]:
         moving = [x for held in self.held for x in self._along(held, self._velocity(held))]
-        return self._solved(self._to_solver(moving))
+        return self._to_solver(moving)
+
+    @cached_property
+    def solver_impulses(self) -> list[sp.Expr]:
+        """Impulses of all rows in the axes of the solver."""
+        return self._solved(self._moving)
 
     def impulses(self) -> list[sp.Expr]:
         """Impulses that take the velocities of all active rows away, N s or N m s."""
-        return self._from_solver(self._impulses)
+        return self._from_solver(self.solver_impulses)
 
     def velocities_after(self) -> list[sp.Expr]:
         """Velocities v after these."""
-        gains = self._moved(self._impulses)
+        gains = self._moved(self.solver_impulses)
         with self._tape.group("velocities after the impact"):
             return [
                 self._tape.let(v + gain) for v, gain in zip(self.symbolic.v, gains, strict=True)
@@ -573,12 +612,33 @@ class ConstraintEquations:
 
     def inertia(self) -> Matrix:
         """(J M⁻¹ Jᵀ)⁺ of the active constraints."""
-        size = len(self._masks)
-        units = [[sp.Integer(i == j) for i in range(size)] for j in range(size)]
+        units = identity(len(self.masks))
         return [
             [-entry for entry in self._from_solver(self._solved(self._to_solver(unit)))]
             for unit in units
         ]
+
+    @cached_property
+    def solver_inverse(self) -> Matrix:
+        """A⁺ of the active constraints, symmetric, in the axes of the solver."""
+        columns = [self._solved(unit) for unit in identity(len(self.masks))]
+        size = range(len(columns))
+        return [[-columns[min(i, j)][max(i, j)] for j in size] for i in size]
+
+    def rows_under(self, forces: Values) -> list[sp.Expr]:
+        """A times forces of all rows, in the axes of the solver."""
+        nothing = [sp.S.Zero] * len(self.masks)
+        return self._accelerations(self._under(forces, alone=True), nothing)
+
+    def held_rows(self) -> list[sp.Expr]:
+        """J a + γ under the forces λ: zero where what is active asks for what can be."""
+        return self._accelerations(self._under(self.solver_forces, alone=False), self._known)
+
+    def stopped_rows(self) -> list[sp.Expr]:
+        """J v after the impulses: zero."""
+        with self._tape.group("velocities of the constraints after the impact"):
+            pairs = zip(self._moving, self.rows_under(self.solver_impulses), strict=True)
+            return [self._tape.let(x + y) for x, y in pairs]
 
 
 def _axes_of(tape: Scalars, quaternion: Vector) -> Frame:

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
 import sympy as sp
 
 from gibbs_codegen.derivation import (
     actuators,
+    constraint_derivatives,
     forces,
     forward_kinematics,
     hybrid,
@@ -17,6 +19,7 @@ from gibbs_codegen.derivation import (
 )
 from gibbs_codegen.graph.differentiate import Matrix
 from gibbs_codegen.interface.actuators import ACTUATOR_DERIVATIVES, ACTUATOR_PARAMETERS
+from gibbs_codegen.interface.constraints import CONSTRAINT_DERIVATIVES
 from gibbs_codegen.interface.rows import Row
 
 
@@ -42,16 +45,48 @@ _ACTUATORS: dict[str, Callable[[systems.Systems], list[sp.Expr]]] = {
 }
 
 
+_CONSTRAINTS: dict[str, Callable[[systems.Systems], list[Any]]] = {
+    "constraint_errors": lambda s: s.constraints.errors(),
+    "constraint_jacobian": lambda s: s.constraints.jacobian(),
+    "constraint_bias": lambda s: s.constraints.bias(),
+    "constrained_acceleration": lambda s: s.constraints.acceleration(),
+    "constraint_forces": lambda s: s.constraints.forces(),
+    "impact_velocities": lambda s: s.constraints.velocities_after(),
+    "impact_impulses": lambda s: s.constraints.impulses(),
+    "operational_inertia": lambda s: s.constraints.inertia(),
+    "constraint_projection": lambda s: s.constraints.projection(),
+}
+
+
+def _of_constraints(row: Row) -> dict[str, Callable[[systems.Systems], systems.Array]]:
+    """What derives the outputs of a derivative of a function of the constraints."""
+    return {
+        output.derivation: _of_constraint(output.derivation[: -len("_dq")], output.by)
+        for output in row.outputs
+        if output.by
+    }
+
+
+def _of_constraint(name: str, argument: str) -> Callable[[systems.Systems], systems.Array]:
+    value, implicit = _CONSTRAINTS[name], constraint_derivatives.IMPLICIT.get(name)
+    if implicit is None:
+        return _by(value, argument)
+    return lambda s: implicit(s).of(value(s), argument)
+
+
+def _by(
+    value: Callable[[systems.Systems], systems.Array], argument: str
+) -> Callable[[systems.Systems], systems.Array]:
+    """What derives the derivative of a value by an argument."""
+    return lambda s: s.jacobian(value(s), argument)
+
+
 def _of_actuators(row: Row) -> dict[str, Callable[[systems.Systems], systems.Array]]:
     """What derives the outputs of a derivative of a function of the actuators."""
     value = _ACTUATORS[row.derivative_of]
-
-    def by(argument: str) -> Callable[[systems.Systems], systems.Array]:
-        return lambda s: s.jacobian(value(s), argument)
-
     if row.kind == "parameters":
         return {row.derivations[0]: lambda s: systems.parameter_jacobian(s, value(s))}
-    return {output.derivation: by(output.by) for output in row.outputs if output.by}
+    return {output.derivation: _by(value, output.by) for output in row.outputs if output.by}
 
 
 DERIVATIONS: dict[str, Callable[[systems.Systems], systems.Array]] = {
@@ -153,16 +188,10 @@ DERIVATIONS: dict[str, Callable[[systems.Systems], systems.Array]] = {
     "forward_dynamics_with_wrenches_p_bar": (
         lambda s: systems.parameter_gradient(s, s.loaded_dynamics)
     ),
-    "constraint_errors": lambda s: s.constraints.errors(),
-    "constraint_jacobian": lambda s: s.constraints.jacobian(),
-    "constraint_bias": lambda s: s.constraints.bias(),
-    "constrained_acceleration": lambda s: s.constraints.acceleration(),
-    "constraint_forces": lambda s: s.constraints.forces(),
-    "impact_velocities": lambda s: s.constraints.velocities_after(),
-    "impact_impulses": lambda s: s.constraints.impulses(),
-    "operational_inertia": lambda s: s.constraints.inertia(),
-    "constraint_projection": lambda s: s.constraints.projection(),
+    **_CONSTRAINTS,
     **_ACTUATORS,
 }
 for row in (*ACTUATOR_DERIVATIVES, *ACTUATOR_PARAMETERS):
     DERIVATIONS |= _of_actuators(row)
+for row in CONSTRAINT_DERIVATIVES:
+    DERIVATIONS |= _of_constraints(row)

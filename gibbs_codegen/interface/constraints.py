@@ -98,26 +98,27 @@ CONSTRAINTS = _of_constraints(
 )
 
 
-def _jacobian(of: str, *outputs: Output) -> Row:
-    """The derivatives of a function by its arguments, with what it returns."""
+def _jacobian(of: str) -> Row:
+    """The derivatives of a function by its arguments, each after what it returns."""
     row = next(row for row in CONSTRAINTS if row.name == of)
-    words = {"q": "a displacement along each of VELOCITIES", "v": "each of VELOCITIES"}
-    words["u"] = "each of INPUTS"
-    by = [argument for argument in row.arguments if argument in words]
-    found: list[Output] = []
-    for output in outputs:
-        derivation = output.derivation or of
-        found.append(replace(output, derivation=f"{derivation}_differentiated"))
-        found += [
+    words = {
+        "q": "a displacement along each of VELOCITIES",
+        "v": "each of VELOCITIES",
+        "u": "each of INPUTS",
+    }
+    by, found = [argument for argument in row.arguments if argument in words], []
+    for output in row.outputs:
+        own = replace(output, derivation=output.derivation or of)
+        found += [own] + [
             Output(
-                f"{output.name}_d{x}",
-                output.shape + ("u" if x == "u" else "v"),
+                f"{output.name}_d{argument}",
+                output.shape + ("u" if argument == "u" else "v"),
                 output.unit,
-                f"[{{unit}}], by {words[x]}",
-                f"{derivation}_d{x}",
-                x,
+                f"[{{unit}}], by {words[argument]}",
+                f"{own.derivation}_d{argument}",
+                argument,
             )
-            for x in by
+            for argument in by
         ]
     return Row(
         f"{of}_derivatives",
@@ -131,4 +132,10 @@ def _jacobian(of: str, *outputs: Output) -> Row:
     )
 
 
-CONSTRAINT_DERIVATIVES: tuple[Row, ...] = ()
+CONSTRAINT_DERIVATIVES = on_request(
+    "derivatives",
+    _jacobian("constraint_errors"),
+    _jacobian("constraint_bias"),
+    _jacobian("constrained_forward_dynamics"),
+    _jacobian("impact"),
+)

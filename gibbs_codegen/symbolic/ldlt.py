@@ -10,10 +10,7 @@ from gibbs_codegen.symbolic.choices import above, chosen
 from gibbs_codegen.symbolic.tape import Scalars, Values, times
 
 Rows = Sequence[Values]
-# A pivot is absent that is no more than the first share of what it is left of; or that is rounding
-# alone: the square of a rounding error beside the largest entries, or nothing at all.
-_ABSENT = sp.Rational(1, 10**10)
-_ROUNDING = sp.Rational(1, 10**24)
+Safe = Callable[[int, sp.Expr], tuple[sp.Expr, sp.Expr]]
 _NOTHING = sp.Rational(1, 10**30)
 
 
@@ -105,13 +102,11 @@ def _take_out(graph: dict[int, set[int]], unknown: int) -> int:
 class Factors:
     """L D Lᵀ of a symmetric matrix in the order of its rows, to be used for many right sides.
 
-    `kept` tells of a pivot, by its number, whether it is there: 1 or 0. A pivot that is not, and
-    its column of L, are left out.
+    `safe` tells of a pivot, by its number, whether it is there, 1 or 0, and what to divide by. A
+    pivot that is not there, and its column of L, are left out.
     """
 
-    def __init__(
-        self, tape: Scalars, matrix: Rows, kept: Callable[[int, sp.Expr], sp.Expr] | None = None
-    ) -> None:
+    def __init__(self, tape: Scalars, matrix: Rows, safe: Safe | None = None) -> None:
         self._tape, self._size = tape, len(matrix)
         self.inverse: list[sp.Expr] = []
         self.lower: dict[tuple[int, int], sp.Expr] = {}
@@ -119,11 +114,10 @@ class Factors:
         rest = [list(row) for row in matrix]
         for k in range(self._size):
             pivot, there = rest[k][k], sp.S.One
-            if kept is None and pivot == 0:
+            if safe is None and pivot == 0:
                 raise ZeroPivotError(k)
-            if kept is not None:
-                there = kept(k, pivot)
-                pivot = chosen(tape, there, pivot, sp.S.One)
+            if safe is not None:
+                there, pivot = safe(k, pivot)
             self.there.append(there)
             self.inverse.append(tape.let(times(there, tape.let(1 / pivot))))
             after = range(k + 1, self._size)
@@ -162,41 +156,47 @@ class Factors:
 class PseudoInverse:
     """The pseudo-inverse of a semi-definite matrix: of all solutions that which is least.
 
-    Pivots are absent that are no more than a share of the entry of the matrix that they are left
-    of; `sizes` are these entries where all of the matrix is there.
+    Pivots are absent that are no more than √ε of the entry of the matrix that they are left of,
+    with the rounding error ε: then no error of what is left is taken for a pivot, even where
+    another is hardly more. So are those that nothing but rounding is left in. `sizes` are the
+    entries where all of the matrix is there.
     """
 
-    def __init__(self, tape: Scalars, matrix: Rows, sizes: Values) -> None:
-        self._tape, self._size = tape, len(matrix)
+    def __init__(self, tape: Scalars, matrix: Rows, sizes: Values, rounding: sp.Expr) -> None:
+        self._tape, size, one = tape, len(matrix), sp.S.One
+        share = tape.let(sp.sqrt(rounding))
+        whole = tape.let(tape.let(rounding * tape.let(sp.Add(*sizes))) + _NOTHING)
 
-        whole = tape.let(tape.let(_ROUNDING * tape.let(sp.Add(*sizes))) + _NOTHING)
+        def there(k: int, pivot: sp.Expr) -> tuple[sp.Expr, sp.Expr]:
+            least = tape.let(tape.let(share * sizes[k]) + whole)
+            found = above(tape, tape.let(pivot - least))
+            return found, chosen(tape, found, pivot, one)
 
-        def kept(k: int, pivot: sp.Expr) -> sp.Expr:
-            least = tape.let(tape.let(_ABSENT * sizes[k]) + whole)
-            return above(tape, tape.let(pivot - least))
-
-        self._factors = factors = Factors(tape, matrix, kept)
-        lower, there, zero = factors.lower, factors.there, sp.S.Zero
-        # L₁ by rows, and L₁ᵀL₁ with ones for columns that are not there.
+        self._factors = factors = Factors(tape, matrix, there)
+        # L₁ by rows, its columns from the last to the first, and L₁ᵀL₁ with ones for columns that
+        # are not there. In this order no pivot is less than 1.
         self._rows = [
-            [lower[i, k] if k < i else there[i] if k == i else zero for k in range(self._size)]
-            for i in range(self._size)
+            [
+                factors.lower[i, k] if k < i else factors.there[i] if k == i else sp.S.Zero
+                for k in range(size - 1, -1, -1)
+            ]
+            for i in range(size)
         ]
-        squares = [[zero] * self._size for _ in range(self._size)]
-        for k in range(self._size):
-            for m in range(k + 1):
-                products = [
-                    tape.let(times(self._rows[i][k], self._rows[i][m]))
-                    for i in range(k + (k == m), self._size)
-                ]
-                entry = tape.let(sp.Add(*products, *([1] if k == m else [])))
-                squares[k][m] = squares[m][k] = entry
-        self._squares = Factors(tape, squares)
+        columns = [*zip(*self._rows, strict=True)]
+        squares = [[tape.let(sp.Add(*map(times, x, y))) for x in columns] for y in columns]
+        for k, column in enumerate(columns):
+            others = [x for i, x in enumerate(column) if i != size - 1 - k]
+            squares[k][k] = tape.let(sp.Add(one, *map(times, others, others)))
+
+        def at_least_one(k: int, pivot: sp.Expr) -> tuple[sp.Expr, sp.Expr]:
+            return one, chosen(tape, above(tape, tape.let(pivot - 1)), pivot, one)
+
+        self._squares = Factors(tape, squares, at_least_one)
 
     def solved(self, right: Values) -> list[sp.Expr]:
         """The x that is least of those for which A x is next to b."""
         tape, rows = self._tape, self._rows
         inner = [tape.sum_of_products(column, right) for column in zip(*rows, strict=True)]
-        inner = self._factors.scaled(self._squares.solved(inner))
-        inner = self._squares.solved(inner)
+        inner = self._factors.scaled(self._squares.solved(inner)[::-1])
+        inner = self._squares.solved(inner[::-1])
         return [tape.sum_of_products(row, inner) for row in rows]

@@ -7,7 +7,9 @@ to q + `coordinate_rates`(q, δ). Second derivatives come from complex steps of 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
+from itertools import chain
 from types import ModuleType
 from typing import Any
 
@@ -110,13 +112,14 @@ class ComplexSteps:
         self._signatures = {s.name: s for s in module_signatures(module)}
 
     def __call__(self, name: str, *arguments: Any) -> Any:
-        """The result (…, *shape) of a function that has one, for any batch."""
+        """The result (…, *shape) of a function for any batch; of several, (…, rows) in a row."""
         shapes = [_dual(x).value.shape for x in arguments]
         batch = np.broadcast_shapes(*(shape[:-1] for shape in shapes))
         pairs = zip(arguments, shapes, strict=True)
         columns = [[x[..., i] for i in range(size[-1])] for x, size in pairs]
         signature = self._signatures[name]
-        shape = (*batch, *signature.shapes[0])
+        one, *others = signature.shapes
+        shape = (*batch, *(one if not others else (sum(map(math.prod, signature.shapes)),)))
 
         def stacked(parts: Sequence[Any]) -> Array:
             whole = [np.broadcast_to(part, batch) for part in parts]
@@ -125,7 +128,7 @@ class ComplexSteps:
         try:
             with np.errstate(all="ignore"):
                 constants = self._kernels.constants(self._values)
-                (entries,) = self._kernels.outputs(signature, constants, *columns)
+                entries = [*chain(*self._kernels.outputs(signature, constants, *columns))]
                 if not any(isinstance(entry, Dual) for entry in entries):
                     return stacked(entries)
                 duals = [_dual(entry) for entry in entries]

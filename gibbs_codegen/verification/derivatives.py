@@ -26,6 +26,7 @@ from gibbs_codegen.verification.comparison import (
     failed,
 )
 from gibbs_codegen.verification.complex_steps import ComplexSteps
+from gibbs_codegen.verification.constraints import Constraints
 from gibbs_codegen.verification.formulation import formulated
 from gibbs_codegen.verification.newton_euler import NewtonEuler
 from gibbs_codegen.verification.parameters import Dimension, mapped
@@ -40,6 +41,8 @@ LIMIT = 1e-11
 _ROUNDING = 1e-13
 # Rounding of the weighed sum, as a share of the error that its second derivatives may have.
 _LOST = 0.01
+# Where it is not clear which constraints are redundant.
+_UNCLEAR = 1e200
 # Sets of bodies that a regressor has to do for, and rows of it for each of its columns.
 _SETS, _ROWS = 3, 3
 # The generalised forces B u, of which no function gives the value alone.
@@ -88,7 +91,10 @@ def compare_derivatives(
                     rows = list(_OTHERS[name](point, values))
                 else:
                     function = point.function(row.derivative_of or "input_forces")
-                    rows = list(_KINDS[row.kind or _INPUT_FORCES[name]](function, values))
+                    if isinstance(function, _OfConstraints):
+                        rows = list(_constraint_rows(function, values))
+                    else:
+                        rows = list(_KINDS[row.kind or _INPUT_FORCES[name]](function, values))
         except Exception as error:  # Whatever was done to the module.
             rows = []
             comparisons += [failed(what, against, error) for what in values]
@@ -151,6 +157,8 @@ class _Point:
             return _Array(self, name)
         if name in self.actuators:
             return _OfActuators(self, name)
+        if name in FUNCTIONS and "CONSTRAINTS" in FUNCTIONS[name].needs:
+            return _OfConstraints(self, name)
         return _Motion(self, name) if name in _MOTIONS else _Forces(self, name)
 
 
@@ -229,6 +237,57 @@ class _OfActuators(_Function):
     def size_by(self, units: Array) -> Array:
         """Sizes (s, rows, columns) of derivatives by what has such units."""
         return self.effort[:, :, None] / units
+
+
+class _OfConstraints(_Function):
+    """Functions of the constraints, whose derivatives are measured by the largest of each result.
+
+    Results follow one another; errors grow with the condition of what is solved for the forces.
+    """
+
+    def __init__(self, point: _Point, name: str) -> None:
+        super().__init__(point, name)
+        found = formulated(NewtonEuler(point.tree)).at(point.states)
+        found = found.with_passive(point.tree, point.states)
+        own = Constraints(point.tree, float(np.finfo(float).eps))
+        stretch = own.conditions(found, point.states, point.sizes)
+        self.stretch = np.where(np.isfinite(stretch), stretch, _UNCLEAR)[:, None]
+        shapes = [shape for (shape,) in point.call.signatures[name].shapes]
+        self.parts = np.split(np.arange(self.value.shape[-1]), np.cumsum(shapes)[:-1])
+        self.values = [
+            (self.value[:, part], self._largest(self.value, part)) for part in self.parts
+        ]
+
+    def __call__(self, **arguments: Array) -> Array:
+        """The results (…, rows), one after the other."""
+        if "active" not in FUNCTIONS[self.name].arguments:
+            return super().__call__(**arguments)
+        first, active = next(iter(arguments.values())), self.point.states.active
+        active = active.reshape(len(active), *[1] * (first.ndim - 2), active.shape[-1])
+        return self.point.steps(self.name, *arguments.values(), active)
+
+    def _largest(self, array: Array, part: Array) -> Array:
+        """Sizes of some rows of an array (s, rows …): the largest, stretched."""
+        own = np.abs(array[:, part]).reshape(len(array), -1).max(axis=-1, initial=0.0)
+        size = (own * self.stretch[:, 0]).reshape(-1, *[1] * (array.ndim - 1))
+        return np.broadcast_to(size, array[:, part].shape)
+
+
+def _constraint_rows(function: _OfConstraints, values: Values) -> Iterator[Row]:
+    """Results and their Jacobians by each argument, one result after the other."""
+    widths = [len(function.point.units[letter]) for letter in function.at]
+    columns = np.split(np.arange(sum(widths)), np.cumsum(widths)[:-1])
+    rows = iter(values.items())
+    for part, (value, size) in zip(function.parts, function.values, strict=True):
+        what, ours = next(rows)
+        yield Row(what, ours, value, size)
+        for some in columns:
+            what, ours = next(rows)
+            theirs = function.jacobian[..., some]
+            # In the units of the columns, and beside the values.
+            units = function.units[some]
+            scaled = function._largest(theirs * units, part) + size[:, :, None]
+            yield Row(what, ours, theirs[:, part], scaled / units)
 
 
 # Weights of an array's entries, and their units, from the scales of coordinates and of inputs.

@@ -8,6 +8,7 @@ import numpy as np
 
 from gibbs_codegen.robot.layout import Entries
 from gibbs_codegen.verification.comparison import Comparison, Evaluation, compared, explained
+from gibbs_codegen.verification.constraints import ACCELERATION, Constraints, Row
 from gibbs_codegen.verification.formulation import Formulation, Quantities
 from gibbs_codegen.verification.newton_euler import wrench_sizes
 from gibbs_codegen.verification.states import Sizes, States
@@ -45,7 +46,18 @@ class Expected:
             "forward_dynamics_with_wrenches": (pushed, self.sizes.free_pushed),
         }
         residual = found.residual[:, tree.free]
+        held: list[Row] = []
+        if tree.constraints:
+            own = Constraints(tree, self._rounding).rows(
+                found, states, self.sizes, residual + driven
+            )
+            for what, value, size in own:
+                if what == ACCELERATION:
+                    self._driven[what] = driven + value, size
+                else:
+                    held.append((what, value, size))
         rows = [
+            *held,
             *((what, residual + by, size) for what, (by, size) in self._driven.items()),
             *_system(tree, found, inputs, states, self.sizes),
             *frame_rows(tree, found, states, self.sizes),
@@ -208,10 +220,6 @@ def _gains(turns: Array) -> Array:
     twists[:, :3, :3] = cross(np.eye(3), turns[:, None])
     twists[:, :3, 3:] = np.eye(3)
     return expm(twists)[:, :3, 3:]
-
-
-# Name of an array that a function returns, its value, and the sizes of its entries.
-Row = tuple[str, Array, Array]
 
 
 def frame_rows(tree: Tree, found: Quantities, states: States, sizes: Sizes) -> Iterator[Row]:

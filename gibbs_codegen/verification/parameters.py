@@ -10,13 +10,20 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
+from fractions import Fraction
 from types import ModuleType
 from typing import Any, NamedTuple
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from gibbs_codegen.robot import model
-from gibbs_codegen.robot.names import frame_prefix, parameter_prefix, rotor_prefix
+from gibbs_codegen.robot.names import (
+    constraint_prefix,
+    frame_prefix,
+    parameter_prefix,
+    rotor_prefix,
+)
 from gibbs_codegen.verification.formulation import Formulation, Quantities, formulated
 from gibbs_codegen.verification.newton_euler import NewtonEuler
 from gibbs_codegen.verification.states import Sizes, States
@@ -117,7 +124,30 @@ class _Mapping:
                 for frame in robot.frames
             ),
             battery=self._battery(robot.battery) if robot.battery else None,
+            constraints=tuple(map(self._constraint, robot.constraints)),
         )
+
+    def _constraint(self, own: model.Constraint) -> model.Constraint:
+        prefix, change = constraint_prefix(own.name), self.change
+        anchor = self._pose(prefix, own.anchor)
+        if own.to is None and own.kind == "frame":
+            pairs = zip(("qx", "qy", "qz", "qw"), own.anchor.quaternion, strict=True)
+            parts = [
+                change(f"{prefix}_{part}", x, NUMBER._replace(no_zero=True)) for part, x in pairs
+            ]
+            if parts != [*own.anchor.quaternion]:
+                x, y, z = Rotation.from_quat(parts).as_euler("xyz", degrees=True)
+                rpy = Fraction(x), Fraction(y), Fraction(z)
+                anchor = replace(anchor, rpy_deg=rpy)
+        own = replace(own, anchor=anchor)
+        if own.kind == "distance":
+            distance = change(f"{prefix}_distance", own.distance, LENGTH.sized)
+            own = replace(own, distance=distance)
+        if own.frequency == 0.0:
+            return own
+        frequency = change(f"{prefix}_frequency", own.frequency, PER_TIME.sized)
+        ratio = change(f"{prefix}_damping_ratio", own.damping_ratio, NUMBER.kept)
+        return replace(own, frequency=frequency, damping_ratio=ratio)
 
     def _vector(self, prefix: str, vector: model.Vector3) -> model.Vector3:
         pairs = zip("xyz", vector, strict=True)

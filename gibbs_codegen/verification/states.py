@@ -31,8 +31,9 @@ class States:
     robot's reach, rates of its `tempo`, inputs of its weight, so that no error hides beside another
     number. `q` is (s, nq), `v` and its rates `a` (s, nv), `u` (s, nu), and `W`, wrenches on the
     frames, (s, frames, 6). The state `x` (s, nx) of the actuators and the `command` (s, nu) are on
-    either side of every limit; neither has entries where u is commanded. Other arguments of
-    functions follow from these, state by state.
+    either side of every limit; neither has entries where u is commanded. `active` (s,
+    constraints) has a 1 for each constraint that holds. Other arguments follow from these, state by
+    state.
     """
 
     q: Array
@@ -42,6 +43,7 @@ class States:
     W: Array
     x: Array = field(default_factory=lambda: np.zeros((0, 0)))
     command: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    active: Array = field(default_factory=lambda: np.zeros((0, 0)))
 
     @property
     def q0(self) -> Array:
@@ -135,7 +137,10 @@ class States:
         wrenches = rng.normal(size=(count, len(tree.named), 6))
         wrenches *= force * np.repeat([1.0, tree.reach], 3)
         driven = _driven(tree, q, v, rng)
-        return cls(tree.coordinates(q), v, a * tree.tempo**2, u, wrenches, *driven)
+        # Which constraints are active: all, then all but the first, and so on, as binary numbers.
+        bits = np.arange(count)[:, None] >> np.arange(len(tree.constraints)) & 1
+        active = 1.0 - bits
+        return cls(tree.coordinates(q), v, a * tree.tempo**2, u, wrenches, *driven, active)
 
     @classmethod
     def extreme(cls, tree: Tree, count: int, seed: int | Sequence[int], far: float = FAR) -> States:

@@ -289,10 +289,12 @@ class Tree:
     - `reach`, `tempo`: a length of the robot's own size, in m; what rates are of the order of, in
       1/s.
     - `parts`, `bodies`, `carriers`: the bodies of the joints one by one, and as of `Assembly`.
-    - `points`, `named`: points in the order of a module's POINTS, and frames in that of FRAMES.
+    - `points`, `named`: points in the order of a module's POINTS, and frames in that of FRAMES,
+      with `names`.
     - `seats`: where the motors sit, and then the named frames.
     - `tip`: number of the frame of that name, or None.
     - `passive`: what acts on the joints by themselves; `actuators`, or None where u is commanded.
+    - `constraints`: of frames, as in the robot file.
     """
 
     def __init__(self, robot: Robot) -> None:
@@ -320,10 +322,11 @@ class Tree:
         self.motors = [motor for _, motor in built.motors]
         self.named = [*built.frames.values()]
         self.seats = [*(seat for seat, _ in built.motors), *self.named]
-        names = [*built.frames]
-        self.tip = names.index("tip") if "tip" in names else None
+        self.names = [*built.frames]
+        self.tip = self.names.index("tip") if "tip" in self.names else None
         self.passive = PassiveJoints.of(robot, self.size, self.arm)
         self.actuators = Actuators(robot) if robot.has_actuators else None
+        self.constraints = robot.constraints
 
     @property
     def efforts(self) -> Array:

@@ -5,6 +5,7 @@ Robots, constraints and states are random; constraints are redundant too, and ac
 
 from __future__ import annotations
 
+import sys
 from dataclasses import replace
 from fractions import Fraction
 from types import ModuleType
@@ -12,16 +13,21 @@ from types import ModuleType
 import numpy as np
 import pinocchio as pin
 import pytest
+from support.complex_step import derivative
 from support.constrained import Dense, constrained_robot, random_state
-from support.emitted import emitted_module
+from support.emitted import emitted_module, module_of
 from support.pinocchio_oracle import Oracle, placed
 from support.random_robots import random_tree
 
+from gibbs_codegen.derivation.derive import derive
+from gibbs_codegen.interface import FUNCTIONS
+from gibbs_codegen.interface.constraints import CONSTRAINT_DERIVATIVES
 from gibbs_codegen.robot.file import parse_robot
 from gibbs_codegen.robot.model import Constraint, ConstraintKind, Pose, Robot
 
 Array = np.ndarray
 TOLERANCE = 1e-10
+DERIVATIVES = tuple(row.name for row in CONSTRAINT_DERIVATIVES)
 FEW, ALL = range(8), range(8, 100)
 SEEDS = [*FEW, *(pytest.param(seed, marks=pytest.mark.slow) for seed in ALL)]
 
@@ -62,6 +68,35 @@ def test_all_functions_are_those_of_dense_formulas(seed: int, redundant: bool) -
         assert_alike(found["inertia"][k][np.ix_(rows, rows)], dense.inverse(active)[0])
         assert not np.delete(found["inertia"][k], rows, axis=0).any()
         assert_alike(found["projection"][k], dense.solved(dense.errors, active)[1])
+
+
+@pytest.mark.parametrize(
+    "seed", [2, 3, *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(4, 12))]
+)
+def test_derivatives_are_those_of_complex_steps(seed: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of constraints some of which are redundant, but ask for what agrees."""
+    robot = constrained_robot(seed, redundant=seed % 2 == 1)
+    model = derive(robot, functions=("default", "constraints"), derivatives=DERIVATIVES)
+    module, rng = module_of(model), np.random.default_rng(seed)
+    source = sys.modules[module.mass_matrix.__module__]
+    monkeypatch.setattr(source, "sign", lambda x: np.copysign(1.0, np.real(x)))
+    q, v, u = random_state(robot, rng)
+    active = np.ones(len(robot.constraints))
+    for _ in range(2):
+        arguments = {"q": q, "v": v, "u": u, "active": active}
+        for name in DERIVATIVES:
+            of, found = name.removesuffix("_derivatives"), []
+            own = {x: arguments[x] for x in FUNCTIONS[of].arguments}
+            for k in range(len(FUNCTIONS[of].outputs)):
+                values = getattr(module, of)(*own.values())
+                found.append(values[k] if isinstance(values, tuple) else values)
+                found += [derivative(module, of, own, x)[k] for x in own if x != "active"]
+            ours = getattr(module, name)(*own.values())
+            for mine, theirs in zip(ours, found, strict=True):
+                np.testing.assert_allclose(
+                    mine, theirs, rtol=0, atol=1e-9 * max(1.0, np.abs(theirs).max(initial=0.0))
+                )
+        active[0] = 0.0
 
 
 def met_robot(seed: int) -> tuple[Robot, Array]:

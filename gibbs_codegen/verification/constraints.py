@@ -1,0 +1,243 @@
+"""What constraints of frames do, by dense matrices from the masses and Jacobians of a formulation.
+
+Forces are the least by the pseudo-inverse of J M⁻¹ Jᵀ. An error of theirs is a share of the terms
+that they are made of, times how badly that is conditioned; where it is not clear which rank it has,
+nothing is compared.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from gibbs_codegen.robot.model import ROWS, Constraint
+from gibbs_codegen.verification.formulation import Quantities
+from gibbs_codegen.verification.states import Sizes, States
+from gibbs_codegen.verification.tree import Tree
+from gibbs_codegen.verification.vectors import Array, cross, times
+
+# Name of an array that a function returns, its value, and the sizes of its entries.
+Row = tuple[str, Array, Array]
+ACCELERATION = "constrained_forward_dynamics.acceleration"
+# Eigenvalues, as shares of the largest, that are zero; and how many times the root of the rounding
+# error of a module those are that are not, clearly.
+_ZERO, _CLEAR = 1e-13, 1e3
+# Where that is not clear no error counts.
+_UNKNOWN = 1e200
+
+
+class Measured(NamedTuple):
+    """Numbers (s, …), and the sizes of the terms that they are made of."""
+
+    value: Array
+    size: Array
+
+
+class Frames(NamedTuple):
+    """Placement (s, 3, 3) and (s, 3), Jacobian (s, 6, nv) and bias (s, 6) of a frame; its number.
+
+    The bias is zero where the formulation has none.
+    """
+
+    rotation: Array
+    position: Array
+    jacobian: Array
+    bias: Array
+
+
+class Constraints:
+    """The constraints of a robot, whose module computes with some rounding error."""
+
+    def __init__(self, tree: Tree, rounding: float) -> None:
+        self._tree, self.each, self._rounding = tree, tree.constraints, rounding
+
+    def rows(self, found: Quantities, states: States, sizes: Sizes, driven: Array) -> Iterator[Row]:
+        """Each array that a function returns, with sizes of its entries.
+
+        In place of the accelerations come the generalised forces Jᵀ f. `driven` (s, nv) is R + B u.
+        """
+        tree = self._tree
+        parts = [self._rows(own, found, states, sizes) for own in self.each]
+        errors, jacobian, bias, back = (
+            Measured(*(np.concatenate(x, axis=1) for x in zip(*each, strict=True)))
+            for each in zip(*parts, strict=True)
+        )
+        yield "constraint_errors", *errors
+        yield "constraint_jacobian", *jacobian
+        if found.bias_accelerations is not None:
+            yield "constraint_bias", *bias
+        owners = np.repeat(range(len(self.each)), [len(ROWS[own.holds]) for own in self.each])
+        held = states.active[:, owners]
+        matrix = found.mass_matrix[:, tree.free][:, :, tree.free]
+        j = jacobian.value * held[:, :, None]
+        moved = np.linalg.solve(matrix, np.swapaxes(j, -1, -2))
+        inverse, condition = self._inverse(matrix, j, sizes)
+        clear = np.isfinite(condition)
+        known = np.where(clear, 0.0, _UNKNOWN)
+        condition = np.where(clear, condition, 1.0)
+        size = _largest(inverse) * condition[:, None, None] + known[:, None, None]
+        yield "operational_inertia", inverse, size
+
+        units = sizes.free_units
+
+        def taken(right: Measured) -> tuple[Measured, Measured]:
+            """Forces that take accelerations or velocities away, and what they do to v."""
+            size = times(np.abs(inverse), held * right.size) * condition[:, None]
+            size = held * size.max(axis=-1, keepdims=True)  # Some rows may hold what cannot move.
+            forces = -times(inverse, held * right.value)
+            moves = units * times(np.abs(moved), size)
+            moves = moves.max(axis=-1, keepdims=True) / units + known[:, None]
+            return Measured(forces, size + known[:, None]), Measured(times(moved, forces), moves)
+
+        moving = Measured(times(j, states.v), times(jacobian.size, np.abs(states.v)))
+        impulses, gain = taken(moving)
+        yield "impact.velocities", states.v + gain.value, np.abs(states.v) + gain.size
+        yield "impact.impulses", *impulses
+        _, way = taken(errors)
+        yield "constraint_projection", *way
+        if found.bias_accelerations is not None:
+            free = np.linalg.solve(matrix, driven[..., None])[..., 0]
+            value = times(j, free) + bias.value + back.value
+            size = times(jacobian.size, np.abs(free)) + bias.size + back.size
+            forces, _ = taken(Measured(value, size))
+            yield "constrained_forward_dynamics.forces", *forces
+            pushed = np.einsum("slj,sl->sj", jacobian.size, forces.size)
+            yield ACCELERATION, np.einsum("slj,sl->sj", j, forces.value), pushed
+
+    def conditions(self, found: Quantities, states: States, sizes: Sizes) -> Array:
+        """By how much errors of forces are stretched, (s,); infinity where that is not clear."""
+        rows = [self._rows(own, found, states, sizes)[1].value for own in self.each]
+        owners = np.repeat(range(len(rows)), [row.shape[1] for row in rows])
+        jacobian = np.concatenate(rows, axis=1) * states.active[:, owners, None]
+        free = self._tree.free
+        return self._inverse(found.mass_matrix[:, free][:, :, free], jacobian, sizes)[1]
+
+    def _inverse(self, matrix: Array, jacobian: Array, sizes: Sizes) -> tuple[Array, Array]:
+        """The pseudo-inverse of J M⁻¹ Jᵀ, and by how much it stretches errors."""
+        moved = np.linalg.solve(matrix, np.swapaxes(jacobian, -1, -2))
+        # Digits that M takes, next to a singular attitude nearly all.
+        lost = np.linalg.cond(matrix / sizes.free_matrix)
+        return _pseudo_inverse(jacobian @ moved, lost, self._rounding)
+
+    def _rows(
+        self, own: Constraint, found: Quantities, states: States, sizes: Sizes
+    ) -> list[Measured]:
+        """Errors, Jacobian, bias, and what brings errors back, of one constraint."""
+        frame, carrier = (self._frame(name, found, states) for name in (own.frame, own.to))
+        turn = Rotation.from_quat(own.anchor.quaternion).as_matrix()
+        axes = np.swapaxes(carrier.rotation @ turn, -1, -2)
+        arm = frame.position - carrier.position
+        way = arm - times(carrier.rotation, np.array(own.anchor.xyz))
+        lift = np.broadcast_to(np.eye(6), (len(arm), 6, 6)).copy()
+        lift[:, :3, 3:] = np.swapaxes(cross(arm[:, None], np.eye(3)), -1, -2)
+        lift[:, :3, 3:] *= -1.0
+        jacobian = frame.jacobian - lift @ carrier.jacobian
+        moving = times(jacobian, states.v)
+        spin, own_spin = (times(x.jacobian, states.v)[:, 3:] for x in (carrier, frame))
+        relative = frame.bias - times(lift, carrier.bias)
+        relative[:, :3] -= cross(spin, cross(spin, arm)) + 2.0 * cross(spin, moving[:, :3])
+        relative[:, 3:] -= cross(spin, own_spin)
+        apart = axes @ frame.rotation
+        sine = np.stack(
+            [apart[:, i - 1, i - 2] - apart[:, i - 2, i - 1] for i in range(3)], axis=-1
+        )
+        linear, angular = np.zeros((2, len(arm), 3, 6))
+        linear[:, :, :3] = angular[:, :, 3:] = axes
+        rows, errors = linear, times(axes, way)
+        reach = (sizes.reach + np.linalg.norm(own.anchor.xyz))[:, None]
+        rate, added = sizes.rate[:, None], np.zeros((len(arm), 1))
+        if own.holds == "frame":
+            rows, errors = _under(linear, angular), np.hstack([errors, 0.5 * sine])
+        if own.holds == "hinge":
+            axis = np.array(own.axis) / np.linalg.norm(own.axis)
+            across = _across(axis)
+            rows = _under(linear, across @ angular)
+            errors = np.hstack([errors, cross(axis, apart @ axis) @ across.T])
+        if own.holds == "plane":
+            normal = np.array(own.normal) / np.linalg.norm(own.normal)
+            rows, errors = normal[None] @ linear, errors @ normal[:, None]
+        length = sizes.length * np.ones_like(reach)
+        if own.holds == "distance":
+            rows = way[:, None, :] @ np.broadcast_to(np.eye(3, 6), (len(way), 3, 6)) / own.distance
+            errors = (np.sum(way**2, -1, keepdims=True) - own.distance**2) / (2.0 * own.distance)
+            added = np.sum(moving[:, :3] ** 2, axis=-1, keepdims=True) / own.distance
+            stretch = reach / own.distance
+            length, reach = length * stretch, reach * stretch + own.distance
+        count = errors.shape[-1]
+        turns = np.arange(count) >= (3 if own.holds in ("frame", "hinge") else count)
+        unit = np.where(turns, 1.0, length)
+        speed = unit * rate
+        w, z = own.frequency, own.damping_ratio
+        error = Measured(errors, np.where(turns, 1.0, reach))
+        back = 2.0 * z * w * times(rows, moving) + w**2 * errors
+        quick = speed * rate * np.where(turns, 1.0, np.maximum(1.0, reach / sizes.length))
+        return [
+            error,
+            Measured(rows @ jacobian, unit[:, :, None] / sizes.scales),
+            Measured(times(rows, relative) + added, 4.0 * quick + np.abs(added)),
+            Measured(back, 2.0 * z * w * speed + w**2 * error.size),
+        ]
+
+    def _frame(self, name: str | None, found: Quantities, states: States) -> Frames:
+        """A frame of the robot, or the world."""
+        tree = self._tree
+        count, width = len(states), len(tree.free)
+        if name is None:
+            still = np.broadcast_to(np.eye(3), (count, 3, 3)), np.zeros((count, 3))
+            return Frames(*still, np.zeros((count, 6, width)), np.zeros((count, 6)))
+        k = tree.names.index(name)
+        pose = found.poses[:, len(tree.motors) + k]
+        jacobian = found.jacobians[:, len(tree.motors) + k][..., tree.free]
+        bias = found.bias_accelerations
+        own = np.zeros((count, 6)) if bias is None else bias[:, k]
+        return Frames(pose[:, :3, :3], pose[:, :3, 3], jacobian, own)
+
+
+def _under(first: Array, second: Array) -> Array:
+    return np.concatenate([first, second], axis=1)
+
+
+def _across(axis: Array) -> Array:
+    """The first two axes (2, 3) of the frame turned by R_z·R_x whose third is an axis."""
+    x, y, z = axis
+    level = np.hypot(x, y)
+    about_z = np.arctan2(x, -y) if level > 0.0 else 0.0
+    turn = Rotation.from_euler("ZX", [about_z, np.arctan2(level, z)]).as_matrix()
+    return turn.T[:2]
+
+
+def _largest(matrices: Array) -> Array:
+    return np.abs(matrices).max(axis=(-1, -2), keepdims=True) * np.ones_like(matrices)
+
+
+def _pseudo_inverse(matrices: Array, lost: Array, rounding: float) -> tuple[Array, Array]:
+    """Pseudo-inverses (s, l, l), and by how much they stretch errors, inf where rank is unclear.
+
+    `lost` (s,) is how much larger the errors of the matrices are than rounding.
+    """
+    found, conditions = np.zeros_like(matrices), np.ones(len(matrices))
+    for k, matrix in enumerate(matrices):
+        zero = _ZERO * lost[k]
+        clear = max(_CLEAR * rounding**0.5, zero / _ZERO**0.5)
+        if not clear < 1.0:
+            conditions[k] = np.inf
+            continue
+        diagonal = np.diag(matrix)
+        rows = np.flatnonzero(diagonal > rounding * diagonal.sum())
+        if not len(rows):
+            continue
+        own, scale = matrix[np.ix_(rows, rows)], np.sqrt(diagonal[rows])
+        shares = np.linalg.eigvalsh(own / np.outer(scale, scale))
+        shares = shares / shares[-1]
+        kept = shares > zero
+        if (kept & (shares < clear)).any():
+            conditions[k] = np.inf
+            continue
+        values, vectors = np.linalg.eigh(own)
+        values, vectors = values[np.sum(~kept) :], vectors[:, np.sum(~kept) :]
+        found[k][np.ix_(rows, rows)] = vectors / values @ vectors.T
+        conditions[k] = lost[k] / shares[kept][0]
+    return found, conditions

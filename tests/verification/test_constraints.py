@@ -1,0 +1,136 @@
+"""The functions of constraints are verified, and faults in each of their parts are found."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+import sympy as sp
+from support.emitted import module_of
+
+from gibbs_codegen.derivation import constraints
+from gibbs_codegen.derivation.constraints import ConstraintEquations
+from gibbs_codegen.derivation.derive import derive
+from gibbs_codegen.robot.file import parse_robot
+from gibbs_codegen.robot.model import Robot
+from gibbs_codegen.verification.comparison import Evaluation
+from gibbs_codegen.verification.equations import Expected
+from gibbs_codegen.verification.formulation import formulated
+from gibbs_codegen.verification.newton_euler import NewtonEuler
+from gibbs_codegen.verification.parameters import prepared, variation
+from gibbs_codegen.verification.states import States
+from gibbs_codegen.verification.tree import Tree
+
+TEXT = """
+name = "held"
+
+[base]
+attitude = "quaternion"
+mass     = 1.2
+inertia  = [0.01, 0.01, 0.02, 0, 0, 0]
+
+[[link]]
+name    = "finger"
+xyz     = [0, 0, -0.05]
+axis    = "y"
+mass    = 0.1
+com     = [0, 0, -0.1]
+inertia = [3e-4, 3e-4, 2e-5, 0, 0, 0]
+
+[[frame]]
+name    = "claw"
+on      = "finger"
+xyz     = [0, 0.01, -0.2]
+rpy_deg = [0, 20, 0]
+
+[[constraint]]
+name      = "grip"
+type      = "frame"
+frame     = "claw"
+xyz       = [0, 0, 2]
+rpy_deg   = [10, 0, 30]
+frequency = 8
+
+[[constraint]]
+name     = "rope"
+type     = "distance"
+frame    = "base"
+xyz      = [0, 0.1, 1]
+distance = 1.5
+
+[[constraint]]
+name  = "folded"
+type  = "loop"
+frame = "claw"
+to    = "base"
+xyz   = [0, 0, -0.25]
+joint = "revolute"
+axis  = "y"
+"""
+FEW = ("constraints", "residual")
+HELD, FORCES = "constrained_forward_dynamics", "constrained_forward_dynamics.forces"
+ALL = {f"{HELD}.acceleration", FORCES}
+IMPACT = {"impact.velocities", "impact.impulses"}
+Wanted = list[tuple[Robot, Expected, States]]
+
+
+@pytest.fixture(scope="module")
+def expected() -> Wanted:
+    """What Newton and Euler's formulation gives, of a robot of other numbers as well."""
+    robot = parse_robot(TEXT)
+    names, found = module_of(derive(robot, functions=FEW)).PARAMETERS, []
+    for other in (robot, variation(robot, names, 0, 0)):
+        states = States.random(Tree(other), 16, 1)
+        found.append((other, Expected(formulated(NewtonEuler(Tree(other))), states), states))
+    return found
+
+
+def failing(expected: Wanted) -> set[str]:
+    """Functions of the robot's module that are found wrong."""
+    module, failed = module_of(derive(parse_robot(TEXT), functions=FEW)), set()
+    for robot, rows, states in expected:
+        evaluation = Evaluation(module, prepared(module, robot))
+        found = rows.compare_functions(evaluation, states, "Newton–Euler")
+        failed |= {c.what for c in found if not c.passed}
+    return failed
+
+
+def test_functions_pass(expected: Wanted) -> None:
+    assert failing(expected) == set()
+
+
+@pytest.mark.parametrize(
+    ("attribute", "fault", "found"),
+    [
+        pytest.param(
+            "_centripetal", lambda *_: sp.S.Zero, {"constraint_bias", *ALL}, id="turning ropes"
+        ),
+        pytest.param(
+            "_returning", lambda _, held: [sp.S.Zero] * len(held.rows), ALL, id="errors that stay"
+        ),
+        pytest.param(
+            "masks",
+            property(lambda self: [sp.S.One for held in self.held for _ in held.rows]),
+            {*ALL, *IMPACT, "operational_inertia", "constraint_projection"},
+            id="always active",
+        ),
+        pytest.param(
+            "_from_solver", lambda _, rows: list(rows), {FORCES, "impact.impulses"}, id="other axes"
+        ),
+    ],
+)
+def test_a_fault_of_the_derivation_is_found(
+    attribute: str,
+    fault: Callable[..., Any],
+    found: set[str],
+    monkeypatch: pytest.MonkeyPatch,
+    expected: Wanted,
+) -> None:
+    monkeypatch.setattr(ConstraintEquations, attribute, fault)
+    assert found <= failing(expected)
+
+
+def test_the_sign_of_a_turn_is_found(monkeypatch: pytest.MonkeyPatch, expected: Wanted) -> None:
+    monkeypatch.setattr(constraints, "_HALF", sp.Rational(-1, 2))
+    assert "constraint_errors" in failing(expected)
