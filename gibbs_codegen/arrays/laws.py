@@ -53,7 +53,7 @@ _AUTHORITY = 0.8
 _LEAST = 1e-9
 # Weight, m² s², times the stiffness of its error, of a joint's acceleration off its posture's
 # beside that of the frame where the base leans: it counts where the arm is nearly straight.
-_POSTURE = 4e-5
+_POSTURE = 4e-6
 # The same of a joint that a servo holds: it goes where its posture is.
 _HELD = 1e6
 # Squares of sines below this one are those of angles that are their sines but for rounding.

@@ -329,3 +329,65 @@ def test_a_base_that_leans_needs_joints_to_move_a_frame(fast: Load) -> None:
     words = "quadrotor: under geometric impedance control torques of joints move base, but it has"
     with pytest.raises(UsageError, match=words):
         simulate(fast("quadrotor"), read_scenario("hover", {"control": control}))
+
+
+@pytest.mark.parametrize("name", ["hexarotor_3link", "hextilt_flying_arm_5", "quadrotor_arm_2link"])
+@pytest.mark.parametrize("law", ["impedance", "force"])
+def test_what_nothing_touches_follows_its_motion(name: str, law: str, fast: Load) -> None:
+    """A base on a circle, and joints that move, with all that this does to each other."""
+    module = fast(name)
+    path = {"kind": "circle", "centre": [0, 0, 2], "radius": 0.6, "period": 4}
+    joint = next(iter(BENT[name]))
+    rest = {x: angle for x, angle in BENT[name].items() if x != joint}
+    moves = {joint: [{"to": BENT[name][joint] + 25, "begin": 0.2, "duration": 1}]}
+    push = {"force": {"value": 1, "direction": [1, 0, 0], "begin": 50}} if law == "force" else {}
+    flight = flown(
+        module,
+        1.5,
+        control={"law": law, **push},
+        **{"base.path": path, "arm.moves_deg": moves, "arm.posture_deg": BENT[name] | rest},
+    )
+    assert np.ptp(flight.q[:, module.COORDINATES.index(joint)]) > 0.4
+    assert np.linalg.norm(flight.v, axis=1).max() > 0.8
+    assert tips(module, flight) == pytest.approx(0.0, abs=1e-5)
+    assert np.abs(flight.errors).max() < 1e-5
+
+
+@pytest.mark.parametrize("name", ["hexarotor_3link", "quadrotor_arm_2link"])
+def test_the_posture_comes_back(name: str, fast: Load) -> None:
+    module = fast(name)
+    start = {"offset": [0.05, -0.02, 0.03], "turn_deg": [3, 4, 5]}
+    flight = flown(module, 6.0, control={"law": "impedance"}, start=start)
+    assert np.abs(flight.errors[0]).max() > 0.04
+    assert np.abs(flight.errors[-1]).max() < 1e-5
+
+
+def test_a_base_leans_against_what_its_tip_feels(fast: Load) -> None:
+    """The centre of mass stays without integral action, and the tip yields within its plane."""
+    module, force = fast("quadrotor_arm_2link"), np.array([1.0, 0.0, -0.5])
+    impedance = {"stiffness": [50] * 3, "damping": [20] * 3, "inertia": [1] * 3}
+    control = {"law": "impedance", "impedance": impedance}
+    flight = flown(module, 5.0, control=control, push={"force": force.tolist(), "end": 100})
+    here, there = (module.centre_of_mass(q[-1]) for q in (flight.q, flight.q_desired))
+    assert here == pytest.approx(there, abs=1e-6)
+    # Weight and force together are along the axis of the rotors.
+    pull = force - np.array([0, 0, flight.weight])
+    axis = flight.base_rotation[-1][:, 2]
+    assert np.cross(axis, pull / np.linalg.norm(pull)) == pytest.approx(0.0, abs=1e-6)
+    # The posture takes a little of it.
+    assert tips(module, flight)[-1] == pytest.approx(force / 50, abs=3e-4)
+
+
+def test_what_pushes_does_not_follow_its_path_into_the_wall(fast: Load) -> None:
+    module = fast("hexarotor_3link")
+    push = {"value": 3, "direction": [1, 0, 0], "begin": 0.1, "rise": 0.5}
+    into = {"kind": "line", "start": [0, 0, 2], "end": [0.05, 0, 2], "begin": 3, "duration": 0.5}
+    flight = flown(
+        module,
+        4.0,
+        control={"law": "force", "force": push, "frequency": 8},
+        wall=[wall(module, 0.002, damping=20)],
+        **{"base.path": into},
+    )
+    later = flight.time > 2.9
+    assert flight.wall_forces[later, 0] == pytest.approx(3.0, abs=0.01)
