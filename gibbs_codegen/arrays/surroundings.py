@@ -89,18 +89,23 @@ def _force_on_rotor(
     """
     drag, inflow, lift, radius, has_ground, *pairs = air[3:]
     speed, thrust = absolute(driven[0]), driven[1]  # Whichever way it turns, air resists.
-    axis = rotation_of(pose) @ constant(np.array(air[:3]))
+    columns = [(air[k], join(*(pose[i][k] for i in range(3)))) for k in range(3) if air[k]]
+    axis = sum((share * each for share, each in columns[1:]), columns[0][0] * columns[0][1])
     along = dot(axis, moved)
-    across = moved - along * axis
-    pushed = lift * dot(across, across) - inflow * speed * along
-    factor = constant(1.0)
+    # Drag across the axis is that along all of the motion, less what is along the axis.
+    pushed = (drag - inflow) * speed * along
+    if lift:
+        pushed = pushed + lift * (dot(moved, moved) - along * along)
+    factor = None
     if pairs:
         tips = maximum(speed * radius, _LEAST_TIP_SPEED)
         factor = _between(along / tips, pairs[::2], pairs[1::2])
     if has_ground:
         share = 0.25 * radius / maximum(origin_of(pose)[2], 0.5 * radius)
-        factor = factor / (1.0 - share * share)
-    return (pushed + (factor - 1.0) * thrust) * axis - drag * speed * across
+        factor = (constant(1.0) if factor is None else factor) / (1.0 - share * share)
+    if factor is not None:
+        pushed = pushed + (factor - 1.0) * thrust
+    return pushed * axis - drag * speed * moved
 
 
 def _between(x: Node, places: Sequence[float], values: Sequence[float]) -> Node:
