@@ -1,8 +1,9 @@
 """Time rollouts of motors, servos and a battery: `python benchmarks/actuator_times.py`.
 
 The robot is that of docs/howto/actuators.md. Beside it stands the same machine with thrusts that
-lag and torques of joints, and in between the one on whose rotors no air acts. Rows are timed and
-printed as those of `rollout_times.py`.
+lag and torques of joints; in between the one on whose rotors no air acts; and one whose rotors lose
+another force along their axes than across, so that it matters how they are turned. Rows are timed
+and printed as those of `rollout_times.py`.
 """
 
 from __future__ import annotations
@@ -33,10 +34,11 @@ from gibbs_codegen.robot.text import robot_text  # noqa: E402
 ROOT = Path(__file__).parents[1]
 LAG = 0.03  # s
 LAGGING, WITHOUT_AIR, WHOLE = "thrusts that lag", "actuators, without air", "actuators"
+UNLIKE = "actuators, with another inflow than hub drag"
 
 
 def robots() -> dict[str, Robot]:
-    """The machine with thrusts that lag, with actuators without air, and with all of it."""
+    """The machine with thrusts that lag, with actuators without air, and with air of two kinds."""
     page = (ROOT / "docs" / "howto" / "actuators.md").read_text(encoding="utf-8")
     whole = parse_robot(re.findall(r"```toml\n(.*?)```", page, re.DOTALL)[0])
     calm = replace(whole, thrusters=tuple(replace(each, air=None) for each in whole.thrusters))
@@ -49,7 +51,14 @@ def robots() -> dict[str, Robot]:
         links=tuple(replace(link, servo=None, friction=None) for link in calm.links),
         battery=None,
     )
-    return {LAGGING: lagging, WITHOUT_AIR: calm, WHOLE: whole}
+    unlike = replace(
+        whole,
+        thrusters=tuple(
+            replace(each, air=each.air and replace(each.air, inflow=2.0 * each.air.inflow))
+            for each in whole.thrusters
+        ),
+    )
+    return {LAGGING: lagging, WITHOUT_AIR: calm, WHOLE: whole, UNLIKE: unlike}
 
 
 def measure(module: ModuleType, method: str) -> Measure:
