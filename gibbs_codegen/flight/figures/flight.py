@@ -86,13 +86,17 @@ def energy(flight: Flight, width: float = COLUMN) -> Figure:
 def contacts(flight: Flight, width: float = COLUMN) -> Figure:
     """Draw forces of contacts, N: those along the normals, and the sizes of those across them.
 
-    The background is grey while one slides that presses.
+    Those that never press are left out, unless none does. The background is grey while one slides.
     """
-    names = list(flight.contact_names)
-    across = np.linalg.norm(flight.contact_friction, axis=-1)
-    slides = np.any(flight.contact_slip != 0.0, axis=-1) & (flight.contact_forces > 0.0)
-    slides &= across > 0.0
-    panels = [curves.Curves("normal force (N)", names, flight.contact_forces)]
+    presses = np.any(flight.contact_forces > 0.0, axis=0)
+    shown = presses | ~np.any(presses)
+    names = [name for name, is_shown in zip(flight.contact_names, shown, strict=True) if is_shown]
+    pressed = flight.contact_forces[:, shown]
+    across = np.linalg.norm(flight.contact_friction[:, shown], axis=-1)
+    slides = (
+        np.any(flight.contact_slip[:, shown] != 0.0, axis=-1) & (pressed > 0.0) & (across > 0.0)
+    )
+    panels = [curves.Curves("normal force (N)", names, pressed)]
     if across.any():
         panels.append(curves.Curves("friction (N)", names, across))
     with style():

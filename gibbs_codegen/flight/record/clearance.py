@@ -11,11 +11,12 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from gibbs_codegen.flight.scenario.walls import surface_at
+from gibbs_codegen.flight.scenario.walls import FLAT, surface_at
 from gibbs_codegen.flight.vectors import Array
 
-# Thirds that are cut off: what is left of a link is 1e-6 of its length.
-_CUTS = 34
+# Thirds that are cut off: what is left of a link is 1e-6 of its length; samples that are looked at
+# at once, which bounds the memory.
+_CUTS, _SAMPLES = 34, 4096
 Parents = NDArray[np.int_]
 
 
@@ -34,9 +35,11 @@ def disc_distances(
         links = [m for m in _links(parents, parents[point]) if m not in discs]
         if radius == 0.0 or not links:
             continue
-        begin, end = positions[:, parents[links]], positions[:, links]
-        disc = positions[:, [point]], axes[:, [k]], radius
-        found[:, k] = _to_disc(begin, end, disc).min(axis=1)
+        for first in range(0, len(found), _SAMPLES):
+            rows = slice(first, first + _SAMPLES)
+            begin, end = positions[rows, parents[links]], positions[rows, links]
+            disc = positions[rows, [point]], axes[rows, [k]], radius
+            found[rows, k] = _to_disc(begin, end, disc).min(axis=1)
     return found
 
 
@@ -53,8 +56,19 @@ def wall_distances(
     pairs = np.array([(each[0], each[-1]) for each in ends if each], dtype=int).reshape(-1, 2)
     if not len(pairs):
         return np.full(len(positions), np.nan)
-    begin, end = positions[:, pairs[:, 0]], positions[:, pairs[:, 1]]
-    found: Array = _least(begin, end, lambda x: -surface_at(kind, figures, x)[0]).min(axis=1)
+
+    def distance(place: Array) -> Array:
+        return -surface_at(kind, figures, place)[0]
+
+    found = np.empty(len(positions))
+    for first in range(0, len(found), _SAMPLES):
+        rows = slice(first, first + _SAMPLES)
+        begin, end = positions[rows, pairs[:, 0]], positions[rows, pairs[:, 1]]
+        if kind in FLAT:  # Ends are nearest, or farthest behind.
+            least = np.minimum(distance(begin), distance(end))
+        else:
+            least = _least(begin, end, distance)
+        found[rows] = least.min(axis=1)
     return found
 
 

@@ -286,6 +286,8 @@ class Box(_Wall):
 
 Wall = Plane | Floor | Cylinder | Sphere | Box
 _SHAPES = get_args(Wall)
+# Kinds of which the depth is linear in the place.
+FLAT = (Plane.kind, Floor.kind)
 AnyWall = Annotated[Wall, Kinds(_SHAPES, "the shape of the wall", Plane.kind, functions=False)]
 
 
