@@ -412,6 +412,13 @@ class Description:
             "COMMAND_UNITS": tuple(entry.unit for entry in self.commands),
             "COMMAND_LIMITS": _bounded(limits),
             "ACTUATOR_TIMES": times,
+            "DRIVE_PARAMETERS": {
+                coordinate_of(robot, i): {
+                    own: f"{parameter_prefix(robot, i)}_{own}" for own in _numbers_of_drive(link)
+                }
+                for i, link in zip(robot.moving, joints, strict=True)
+                if link.servo or link.friction
+            },
             "ROTOR_AIR": {
                 self.inputs[k - 1].name: (identifier(frame.name), *_air(robot.thrusters[k - 1]))
                 for frame in frames_of(robot)
@@ -454,6 +461,13 @@ Bounds = tuple[float | None, float | None]
 def _effort(link: Link) -> float | None:
     """The greatest torque or force of a joint."""
     return link.servo.torque if link.servo else link.limits.effort
+
+
+def _numbers_of_drive(link: Link) -> list[str]:
+    """How names of parameters of a servo and dry friction end, beside the armature's."""
+    found = [f"servo_{name}" for name in link.servo.numbers] if link.servo else []
+    found += [f"friction_{name}" for name in vars(link.friction)] if link.friction else []
+    return ["armature", *found]
 
 
 def _air(rotor: Rotor) -> tuple[float, ...]:

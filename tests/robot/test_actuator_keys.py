@@ -113,6 +113,11 @@ def test_servos_by_rate_are_commanded_rates_within_limits() -> None:
     assert "slider_rate" not in module.COMMAND_LIMITS
     assert module.ACTUATOR_STATES[-2:] == ("upper_reference", "charge")
     assert parse_robot(robot_text(robot)) == robot
+    # Of the numbers that are listed, those that are zero in the file are no parameters.
+    listed = {name for own in module.DRIVE_PARAMETERS.values() for name in own.values()}
+    assert listed - {*module.PARAMETERS} == {"slider_servo_delay", "wrist_armature"}
+    drives = {x for x in module.PARAMETERS if "_servo_" in x or "_friction_" in x}
+    assert drives <= listed
     # A servo at once pushes with 80 N s/m times what its rate lacks, at most 20 N.
     q, v = np.array(layout_of(robot).neutral), np.zeros(9)
     v[7] = 0.05

@@ -364,7 +364,11 @@ def test_a_target_that_this_version_lacks_is_no_more_repeated(
     assert not (tmp_path / "quadrotor" / "quadrotor.c").exists()
 
 
-@pytest.mark.parametrize(("processor", "room"), [(M7, 1e-9), (M4F, 1e-4)], ids=["M7", "M4F"])
+@pytest.mark.parametrize(
+    ("processor", "room"),
+    [(M7, 1e-9), pytest.param(M4F, 1e-4, marks=pytest.mark.slow)],
+    ids=["M7", "M4F"],
+)
 def test_a_flight_on_an_emulated_processor_is_that_of_the_simulator(
     tmp_path: Path, processor: Processor, room: float
 ) -> None:

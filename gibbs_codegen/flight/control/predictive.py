@@ -471,39 +471,30 @@ class Predictive:
 
     def _constants(self, vehicle: Vehicle, h: float) -> Any:
         """The constants of the machine that is predicted: with dampers at the ends of steps."""
-        known = {**self.module.PARAMETERS, **self.parameters}
-        # Play holds nothing. Dry friction is as stiff about rest as no step is short: servos, which
-        # are stiff themselves, feel it as if it rose slowly, and other joints none.
-        changed = dict(self.parameters)
-        for name in known:
-            if name.endswith("_servo_backlash"):
-                changed[name] = 0.0
-            elif name.endswith("_friction_velocity"):
-                link = name.removesuffix("_friction_velocity")
-                if f"{link}_servo_damping" in known or f"{link}_servo_stiffness" in known:
-                    changed[name] = np.maximum(known[name], _SLOW)
-                else:
-                    both = (f"{link}_friction_{x}" for x in ("coulomb", "static"))
-                    changed |= {each: 0.0 for each in both if each in known}
-        for name, damping in known.items():
-            if not name.endswith("_damping") or not np.any(damping) or self._method == "rk4":
+        known, changed = {**self.module.PARAMETERS, **self.parameters}, dict(self.parameters)
+        # What pulls at the end of a step: the armature that stands for it, and its share in that.
+        pulling = {x: (f"{x[:-7]}armature", h) for x in known if x.endswith("_damping")}
+        drives = getattr(self.module, "DRIVE_PARAMETERS", {}).values()
+        for own in ({x: name for x, name in each.items() if name in known} for each in drives):
+            # Play holds nothing. Dry friction is as stiff about rest as no step is short: servos,
+            # which are stiff themselves, feel it as if it rose slowly, and other joints none.
+            served = own.keys() & {"servo_damping", "servo_stiffness"}
+            slow, zero = ["friction_velocity"] if served else [], ["servo_backlash"]
+            zero += [] if served else ["friction_coulomb", "friction_static"]
+            changed |= {own[x]: np.maximum(known[own[x]], _SLOW) for x in slow if x in own}
+            changed |= {own[x]: 0.0 for x in zero if x in own}
+            shares = {"servo_damping": h, "servo_stiffness": 0.5 * h * h}
+            pulling |= {own[x]: (own["armature"], shares[x]) for x in served}
+        for name, (armature, share) in pulling.items():
+            if not np.any(known[name]) or self._method == "rk4":
                 continue
-            link = name.removesuffix("_damping")
-            if f"{link}_armature" not in known:  # No link is called so: it is that of a servo.
-                link = link.removesuffix("_servo")
-            armature = f"{link}_armature"
             if armature not in known:
                 raise UsageError(
                     f"{vehicle.name}: has no parameter {armature}, by which the prediction makes "
                     "steps with dampers stable; an earlier version made it: generate it again"
                 )
-            changed[armature] = changed.get(armature, known[armature]) + h * np.asarray(damping)
-        if self._method != "rk4":  # Servos push by where joints are at the end of a step.
-            for name, stiffness in known.items():
-                if name.endswith("_servo_stiffness"):
-                    armature = name.removesuffix("servo_stiffness") + "armature"
-                    own = changed.get(armature, known[armature])
-                    changed[armature] = own + 0.5 * h * h * np.asarray(stiffness)
+            pulled = share * np.asarray(known[name])
+            changed[armature] = changed.get(armature, known[armature]) + pulled
         return self.module.prepare(changed)
 
     @property

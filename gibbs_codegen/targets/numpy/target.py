@@ -135,6 +135,7 @@ _TABLES = {
     "SPINS": "float",
     "COMMAND_LIMITS": "tuple[float | None, float | None]",
     "ACTUATOR_TIMES": "tuple[float, float]",
+    "DRIVE_PARAMETERS": "dict[str, str]",
     "ROTOR_AIR": "tuple[str | float, ...]",
 }
 
