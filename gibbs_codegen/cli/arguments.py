@@ -323,11 +323,13 @@ def argument_parser() -> Parser:
     parser.flag("--friction", "take the dry friction of joints, which is left out otherwise")
     parser.flag("--force", "replace ROBOT.toml if it exists")
 
-    parser = command("export", "write a robot in URDF, MJCF or SDF")
+    parser = command("export", "write a robot in URDF, MJCF or SDF, or parameters for an autopilot")
     parser.add("robot", "ROBOT", _DERIVES)
-    kinds = ("urdf", "mjcf", "sdf")
+    kinds = ("urdf", "mjcf", "sdf", "px4", "ardupilot")
     parser.add("--format", None, "format of the file", choices=kinds, required=True)
-    meaning = "file to write (default: the robot's name and .urdf, .xml or .sdf)"
+    meaning = (
+        "file to write (default: the robot's name and .urdf, .xml, .sdf or .param, or after 22000_)"
+    )
     parser.add("--out", "FILE", meaning)
     parser.flag("--force", "replace FILE if it exists")
 

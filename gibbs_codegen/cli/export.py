@@ -1,4 +1,4 @@
-"""`export`: a robot in a format of other programs, for other programs."""
+"""`export`: a robot in a format of other programs."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from pathlib import Path
 
 from gibbs_codegen.cli import robot_argument
 from gibbs_codegen.errors import printable
-from gibbs_codegen.exchange.exporting import ENDINGS, export_robot
+from gibbs_codegen.exchange.exporting import FILES, export_robot
 from gibbs_codegen.files.module_writer import write_new_file
 
 
@@ -16,7 +16,7 @@ def run(options: argparse.Namespace) -> int:
     robot, _ = robot_argument.find_robot(options.robot)
     robot_argument.warn_of_inertias(robot)
     text, notes = export_robot(robot, options.format)
-    path = Path(options.out or f"{robot.name}{ENDINGS[options.format]}")
+    path = Path(options.out or FILES[options.format].format(robot.name))
     write_new_file(path, text, options.force)
     for note in notes:
         print(printable(note))

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Literal, get_args
+from typing import Literal
 
 from gibbs_codegen.errors import printable
 from gibbs_codegen.exchange import sources
+from gibbs_codegen.exchange.autopilots import ardupilot_text, px4_text
 from gibbs_codegen.exchange.motors import motors_of, told_of_motors
 from gibbs_codegen.exchange.placement import HERE, Placement, vector
 from gibbs_codegen.exchange.sdf_text import sdf_text
@@ -18,9 +19,12 @@ from gibbs_codegen.robot.names import default_prefix, joint_name, link_label
 from gibbs_codegen.robot.placement import base_centre
 from gibbs_codegen.robot.rigid_body import inertia_matrix
 
-Format = Literal["urdf", "mjcf", "sdf"]
-FORMATS: tuple[Format, ...] = get_args(Format)
-ENDINGS: dict[Format, str] = {"urdf": ".urdf", "mjcf": ".xml", "sdf": ".sdf"}
+Format = Literal["urdf", "mjcf", "sdf", "px4", "ardupilot"]
+# Of a file by the robot's name. PX4 knows airframes by numbers, of which those from 22000 are free.
+FILES: dict[Format, str] = {
+    **{"urdf": "{}.urdf", "mjcf": "{}.xml", "sdf": "{}.sdf"},
+    **{"px4": "22000_{}", "ardupilot": "{}.param"},
+}
 # Of what acts on a joint, what a format has no place for.
 _NO_PLACE: dict[Format, tuple[str, ...]] = {
     "urdf": ("armature", "stiffness"),
@@ -31,6 +35,8 @@ _NO_PLACE: dict[Format, tuple[str, ...]] = {
 
 def export_robot(robot: Robot, form: Format) -> tuple[str, list[str]]:
     """Text of a robot in another format, and lines on what this has no place for or cannot name."""
+    if form in ("px4", "ardupilot"):
+        return px4_text(robot) if form == "px4" else ardupilot_text(robot)
     source = source_of(robot)
     missing, rods = [], [None] * robot.base.rotors
     for joint, link in zip(source.joints, (*rods, *robot.links), strict=True):

@@ -18,7 +18,7 @@ from support.random_robots import random_tree
 
 from gibbs_codegen.cli.app import main
 from gibbs_codegen.errors import UsageError
-from gibbs_codegen.exchange.exporting import ENDINGS, Format, export_robot
+from gibbs_codegen.exchange.exporting import FILES, Format, export_robot
 from gibbs_codegen.exchange.importing import ImportOptions, import_robot
 from gibbs_codegen.robot.file import parse_robot, read_robot
 from gibbs_codegen.robot.layout import frames_of
@@ -41,7 +41,7 @@ def tree(name: str) -> Robot:
 
 def again(robot: Robot, form: Format, folder: Path, friction: bool = False) -> Robot:
     """The robot, exported and imported, with dry friction of joints if asked for."""
-    path = folder / f"robot{ENDINGS[form]}"
+    path = folder / FILES[form].format("robot")
     path.write_text(export_robot(robot, form)[0])
     return import_robot(path, ImportOptions("xyz", snap=False, friction=friction))[0]
 

@@ -162,6 +162,7 @@ FEATURES = """<sdf version="1.{version}">
       <pose>1 2 3 0 0 0.5</pose>
       <frame name="shelf" attached_to="hub">
         <pose relative_to="boom" degrees="true">0 0 0.1 0 90 0</pose></frame>
+      <frame name="bracket" attached_to="boom"><pose>0.05 0 0 0 0.1 0.2</pose></frame>
       <frame name="hook"><pose relative_to="shelf">0.2 0 0 0 0 0.3</pose></frame>
       <link name="hub">
         <inertial><mass>1.5</mass><pose>0.01 0 0 0 0 0.4</pose>
@@ -187,7 +188,7 @@ FEATURES = """<sdf version="1.{version}">
           <inertia><ixx>1e-5</ixx><iyy>1e-5</iyy><izz>2e-5</izz></inertia></inertial></link>
       <joint name="left_joint" type="revolute"><parent>hub</parent><child>left</child>
         <axis><xyz>0 0 1</xyz><limit><lower>-1e16</lower><upper>1e16</upper></limit></axis></joint>
-      <link name="right"><pose relative_to="hub">0 -0.3 0 0 0 0</pose>
+      <link name="right"><pose relative_to="bracket">0 -0.3 0 0 0 0</pose>
         <inertial><mass>0.01</mass>
           <inertia><ixx>1e-5</ixx><iyy>1e-5</iyy><izz>2e-5</izz></inertia></inertial></link>
       <joint name="right_joint" type="revolute"><parent>hub</parent><child>right</child>
@@ -220,6 +221,8 @@ def test_what_is_placed_by_frames_is_where_libsdformat_has_it(seen: str, tmp_pat
     (link,) = robot.links
     assert (link.name, link.coordinate, link.passive.stiffness) == ("boom", "lift", 2.0)
     assert (robot.name, robot.gravity) == ("machine", 3.7)
+    on = {frame.name: frame.on for frame in robot.frames}
+    assert (on["shelf"], on["bracket"], on["hook"]) == (0, 1, 0)
     # The one whose joint its plugin does not name is locked all the same.
     assert [line.subject for line in report if line.kind == "locked"] == [
         *("left_joint", "right_joint")
