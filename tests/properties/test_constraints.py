@@ -9,12 +9,13 @@ import sys
 from dataclasses import replace
 from fractions import Fraction
 from types import ModuleType
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
 import pytest
 from support.complex_step import derivative
-from support.constrained import Dense, constrained_robot, random_state
+from support.constrained import TEXT, Dense, constrained_robot, random_state
 from support.emitted import emitted_module, module_of
 from support.pinocchio_oracle import Oracle, placed
 from support.random_robots import random_tree
@@ -28,8 +29,13 @@ from gibbs_codegen.robot.model import Constraint, ConstraintKind, Pose, Robot
 Array = np.ndarray
 TOLERANCE = 1e-10
 DERIVATIVES = tuple(row.name for row in CONSTRAINT_DERIVATIVES)
-FEW, ALL = range(8), range(8, 100)
-SEEDS = [*FEW, *(pytest.param(seed, marks=pytest.mark.slow) for seed in ALL)]
+
+
+def seeds(few: int, slow: int, every: int) -> list[Any]:
+    """Seeds of the default run, of CI, and of all that there are."""
+    marks = pytest.mark.slow, pytest.mark.exhaustive
+    kinds = zip((range(few, slow), range(slow, every)), marks, strict=True)
+    return [*range(few), *(pytest.param(k, marks=mark) for some, mark in kinds for k in some)]
 
 
 def assert_alike(ours: Array, theirs: Array, size: float = 0.0) -> None:
@@ -39,7 +45,7 @@ def assert_alike(ours: Array, theirs: Array, size: float = 0.0) -> None:
 
 
 @pytest.mark.parametrize("redundant", [False, True])
-@pytest.mark.parametrize("seed", SEEDS)
+@pytest.mark.parametrize("seed", seeds(2, 8, 100))
 def test_all_functions_are_those_of_dense_formulas(seed: int, redundant: bool) -> None:
     robot = constrained_robot(seed, redundant)
     module, rng = emitted_module(robot), np.random.default_rng(seed)
@@ -70,14 +76,14 @@ def test_all_functions_are_those_of_dense_formulas(seed: int, redundant: bool) -
         assert_alike(found["projection"][k], dense.solved(dense.errors, active)[1])
 
 
-@pytest.mark.parametrize(
-    "seed", [2, 3, *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(4, 12))]
-)
-def test_derivatives_are_those_of_complex_steps(seed: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Of constraints some of which are redundant, but ask for what agrees."""
-    robot = constrained_robot(seed, redundant=seed % 2 == 1)
+@pytest.mark.parametrize("seed", [None, *seeds(0, 3, 12)])
+def test_derivatives_are_those_of_complex_steps(
+    seed: int | None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Also where constraints are redundant, and ask for what cannot be."""
+    robot = parse_robot(TEXT) if seed is None else constrained_robot(seed, seed % 2 == 1)
     model = derive(robot, functions=("default", "constraints"), derivatives=DERIVATIVES)
-    module, rng = module_of(model), np.random.default_rng(seed)
+    module, rng = module_of(model), np.random.default_rng(seed or 0)
     source = sys.modules[module.mass_matrix.__module__]
     monkeypatch.setattr(source, "sign", lambda x: np.copysign(1.0, np.real(x)))
     q, v, u = random_state(robot, rng)
@@ -128,9 +134,7 @@ def met_robot(seed: int) -> tuple[Robot, Array]:
     return replace(robot, name=f"met_{seed}", constraints=tuple(found)), q
 
 
-@pytest.mark.parametrize(
-    "seed", [*range(4), *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(4, 60))]
-)
+@pytest.mark.parametrize("seed", seeds(3, 10, 60))
 def test_accelerations_and_forces_are_those_of_constraint_dynamics(seed: int) -> None:
     """Where constraints are met and velocities agree with them, as Pinocchio takes them."""
     robot, q = met_robot(seed)
@@ -176,7 +180,7 @@ def test_accelerations_and_forces_are_those_of_constraint_dynamics(seed: int) ->
 
 
 def test_impacts_take_energy_away_and_keep_momentum_within_the_robot() -> None:
-    for seed in range(6):
+    for seed in range(2):
         robot = constrained_robot(seed)
         module, rng = emitted_module(robot), np.random.default_rng(seed)
         q, v, _ = random_state(robot, rng)
@@ -258,6 +262,7 @@ def closed_four_bar() -> tuple[ModuleType, Array, Array, Array]:
     return module, q, v, active
 
 
+@pytest.mark.slow
 def test_a_four_bar_keeps_its_energy_and_with_projection_its_loop() -> None:
     module, q, v, active = closed_four_bar()
     energy = module.kinetic_energy(q, v) + module.potential_energy(q)

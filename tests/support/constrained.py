@@ -14,6 +14,53 @@ from support.pinocchio_oracle import Oracle, placed
 from support.random_robots import random_pose, random_robot, random_tree, thrust
 
 Array = np.ndarray
+# With what is held by the world and within the robot, some of it redundantly.
+TEXT = """
+name = "held"
+
+[base]
+attitude = "quaternion"
+mass     = 1.2
+inertia  = [0.01, 0.01, 0.02, 0, 0, 0]
+
+[[link]]
+name    = "finger"
+xyz     = [0, 0, -0.05]
+axis    = "y"
+mass    = 0.1
+com     = [0, 0, -0.1]
+inertia = [3e-4, 3e-4, 2e-5, 0, 0, 0]
+
+[[frame]]
+name    = "claw"
+on      = "finger"
+xyz     = [0, 0.01, -0.2]
+rpy_deg = [0, 20, 0]
+
+[[constraint]]
+name      = "grip"
+type      = "frame"
+frame     = "claw"
+xyz       = [0, 0, 2]
+rpy_deg   = [10, 0, 30]
+frequency = 8
+
+[[constraint]]
+name     = "rope"
+type     = "distance"
+frame    = "base"
+xyz      = [0, 0.1, 1]
+distance = 1.5
+
+[[constraint]]
+name  = "folded"
+type  = "loop"
+frame = "claw"
+to    = "base"
+xyz   = [0, 0, -0.25]
+joint = "revolute"
+axis  = "y"
+"""
 KINDS: tuple[ConstraintKind, ...] = ("point", "frame", "distance", "loop", "plane")
 JOINTS: tuple[LoopJoint, ...] = ("fixed", "revolute", "spherical")
 

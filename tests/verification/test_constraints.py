@@ -7,6 +7,7 @@ from typing import Any
 
 import pytest
 import sympy as sp
+from support.constrained import TEXT
 from support.emitted import module_of
 
 from gibbs_codegen.derivation import constraints
@@ -22,52 +23,6 @@ from gibbs_codegen.verification.parameters import prepared, variation
 from gibbs_codegen.verification.states import States
 from gibbs_codegen.verification.tree import Tree
 
-TEXT = """
-name = "held"
-
-[base]
-attitude = "quaternion"
-mass     = 1.2
-inertia  = [0.01, 0.01, 0.02, 0, 0, 0]
-
-[[link]]
-name    = "finger"
-xyz     = [0, 0, -0.05]
-axis    = "y"
-mass    = 0.1
-com     = [0, 0, -0.1]
-inertia = [3e-4, 3e-4, 2e-5, 0, 0, 0]
-
-[[frame]]
-name    = "claw"
-on      = "finger"
-xyz     = [0, 0.01, -0.2]
-rpy_deg = [0, 20, 0]
-
-[[constraint]]
-name      = "grip"
-type      = "frame"
-frame     = "claw"
-xyz       = [0, 0, 2]
-rpy_deg   = [10, 0, 30]
-frequency = 8
-
-[[constraint]]
-name     = "rope"
-type     = "distance"
-frame    = "base"
-xyz      = [0, 0.1, 1]
-distance = 1.5
-
-[[constraint]]
-name  = "folded"
-type  = "loop"
-frame = "claw"
-to    = "base"
-xyz   = [0, 0, -0.25]
-joint = "revolute"
-axis  = "y"
-"""
 FEW = ("constraints", "residual")
 HELD, FORCES = "constrained_forward_dynamics", "constrained_forward_dynamics.forces"
 ALL = {f"{HELD}.acceleration", FORCES}
