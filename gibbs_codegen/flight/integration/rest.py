@@ -16,8 +16,8 @@ from gibbs_codegen.flight.plant.vehicle import Array
 
 # How far a robot is lifted or lowered, m, in how many parts, and how often these are halved.
 _REACH, _PARTS, _HALVES = 0.5, 2001, 40
-# Accelerations, rad/s² or m/s², that are none.
-_NONE = 1e-6
+# Accelerations, rad/s² or m/s², that are none; and after how many displacements the search ends.
+_NONE, _TRIES = 1e-6, 40
 _REMEDY = "move it to where it stands (the base's path, start.offset), or turn it (start.turn_deg)"
 
 
@@ -48,7 +48,8 @@ def resting(loop: ClosedLoop, q: Array, charge: float = 1.0) -> tuple[Array, Arr
         rate = loop.derivative(0.0, state(moved), loads)
         return rate[size : loop.work_place]
 
-    found = least_squares(accelerations, still, x_scale="jac", xtol=1e-15, ftol=1e-15, gtol=1e-15)
+    tight = dict.fromkeys(("xtol", "ftol", "gtol"), 1e-15)
+    found = least_squares(accelerations, still, x_scale="jac", max_nfev=_TRIES, **tight)
     if np.abs(found.fun).max() > _NONE:
         raise UsageError(f"start.settled: {vehicle.name} does not come to rest there; {_REMEDY}")
     end = state(found.x)
