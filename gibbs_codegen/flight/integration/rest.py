@@ -2,10 +2,14 @@
 
 From above the robot is lowered until walls carry its weight. From there on a displacement is sought
 under which nothing accelerates at time 0, with the inputs that act then. Bristles of contacts are
-where that displacement leaves them, if their points have stuck on the way.
+where that displacement leaves them, if their points have stuck on the way. Where that fails, walls
+are soft and rough at first, so that a robot that leans comes to stand on all of its feet.
 """
 
 from __future__ import annotations
+
+import math
+from dataclasses import replace
 
 import numpy as np
 from scipy.optimize import least_squares
@@ -16,8 +20,12 @@ from gibbs_codegen.flight.plant.vehicle import Array
 
 # How far a robot is lifted or lowered, m, in how many parts, and how often these are halved.
 _REACH, _PARTS, _HALVES = 0.5, 2001, 40
+# How far soft walls give way under the weight, m, and the friction of rough ones.
+_SOFT, _ROUGH = 0.03, 1e3
 # Accelerations, rad/s² or m/s², that are none; and after how many displacements the search ends.
 _NONE, _TRIES = 1e-6, 40
+# How accelerations may grow with displacements, 1/s², by errors of differences.
+_TOPPLES = 0.1
 _REMEDY = "move it to where it stands (the base's path, start.offset), or turn it (start.turn_deg)"
 
 
@@ -26,14 +34,52 @@ def resting(loop: ClosedLoop, q: Array, charge: float = 1.0) -> tuple[Array, Arr
 
     `charge` is that of the battery. Raises `UsageError` where there are none.
     """
+    environment = loop.environment
+    if environment is None or not environment.wall:
+        raise UsageError("start.settled: there is no [[wall]] on which the robot could rest")
+    stiffness = sum(wall.stiffness * len(wall.frames) for wall in environment.wall)
+    weight = _weight(loop)
+    place, bristles, left = _balanced(loop, _lowered(loop, q), charge)
+    share = min(weight / (_SOFT * stiffness), 1.0)
+    if left > _NONE and share < 1.0:
+        place = _lowered(_softer(loop, share), q)
+        # Each time stiffer by the same factor, of ten or less.
+        for each in np.geomspace(share, 1.0, 1 + math.ceil(-math.log10(share))).tolist():
+            place, bristles, left = _balanced(_softer(loop, each), place, charge)
+    if left > _NONE:
+        raise UsageError(
+            f"start.settled: {loop.vehicle.name} does not come to rest there; {_REMEDY}"
+        )
+    return place, bristles
+
+
+def _softer(loop: ClosedLoop, share: float) -> ClosedLoop:
+    """The loop with walls, and bristles, that have so much of their stiffness, and all stick."""
+    if share == 1.0 or loop.environment is None:
+        return loop
+    walls = tuple(
+        replace(
+            wall,
+            stiffness=share * wall.stiffness,
+            friction=wall.friction and _ROUGH,
+            bristle_stiffness=wall.bristle_stiffness and share * wall.bristle_stiffness,
+        )
+        for wall in loop.environment.wall
+    )
+    return replace(loop, environment=replace(loop.environment, wall=walls))
+
+
+def _balanced(loop: ClosedLoop, begin: Array, charge: float) -> tuple[Array, Array, float]:
+    """Coordinates (nq) near others at which nothing accelerates, bristles, and what is left of it.
+
+    That is the greatest acceleration, rad/s² or m/s²; infinite where the robot would topple.
+    """
     vehicle = loop.vehicle
     still = np.zeros(vehicle.layout.v.size)
     contacts = loop.environment.around.contacts if loop.environment else ()
-    if not contacts:
-        raise UsageError("start.settled: there is no [[wall]] on which the robot could rest")
     frames = [each.frame for each in contacts if each.sticks]
-    begin = _lowered(loop, q)
     before = vehicle.frame_poses(begin)[frames, :3, 3]
+    loads, size = loop.loads(0.0), vehicle.layout.q.size
 
     def state(moved: Array) -> Array:
         there = vehicle.integrate(begin, moved)
@@ -42,18 +88,21 @@ def resting(loop: ClosedLoop, q: Array, charge: float = 1.0) -> tuple[Array, Arr
         found[loop.bristle_place :] = strained.ravel()
         return found
 
-    loads, size = loop.loads(0.0), vehicle.layout.q.size
-
     def accelerations(moved: Array) -> Array:
-        rate = loop.derivative(0.0, state(moved), loads)
-        return rate[size : loop.work_place]
+        return loop.derivative(0.0, state(moved), loads)[size : loop.work_place]
 
     tight = dict.fromkeys(("xtol", "ftol", "gtol"), 1e-15)
     found = least_squares(accelerations, still, x_scale="jac", max_nfev=_TRIES, **tight)
-    if np.abs(found.fun).max() > _NONE:
-        raise UsageError(f"start.settled: {vehicle.name} does not come to rest there; {_REMEDY}")
-    end = state(found.x)
-    return end[:size], end[loop.bristle_place :]
+    end, left = state(found.x), float(np.abs(found.fun).max())
+    if np.linalg.eigvals(found.jac).real.max() > _TOPPLES:
+        left = np.inf
+    return end[:size], end[loop.bristle_place :], left
+
+
+def _weight(loop: ClosedLoop) -> float:
+    """The weight of the robot that flies, N."""
+    vehicle = loop.vehicle
+    return -float(vehicle.gravity_forces(vehicle.neutral)[vehicle.layout.v.position.start + 2])
 
 
 def _lowered(loop: ClosedLoop, q: Array) -> Array:
@@ -61,7 +110,7 @@ def _lowered(loop: ClosedLoop, q: Array) -> Array:
     vehicle = loop.vehicle
     height = vehicle.layout.q.position.start + 2
     still = np.zeros(vehicle.layout.v.size)
-    weight = -vehicle.gravity_forces(vehicle.neutral)[vehicle.layout.v.position.start + 2]
+    weight = _weight(loop)
 
     def at(lifts: Array) -> Array:
         moved = np.tile(q, (len(lifts), 1))

@@ -406,6 +406,13 @@ def test_a_start_at_rest_is_that_of_rollouts_many_flights_and_loops(block: Modul
         np.testing.assert_allclose(compiled, loop.derivative(0.0, state, loads), atol=1e-11)
 
 
+def test_a_machine_that_leans_comes_to_stand_on_all_of_its_feet(block: ModuleType) -> None:
+    leaning = {"start": {"settled": True, "turn_deg": [2, 3, 0]}, "duration": 0.2}
+    flight = simulate(block, read_scenario("hover", TRIP | leaning))
+    assert flight.contact_forces == pytest.approx(MASS * GRAVITY / 4.0, rel=1e-6)
+    assert flight.q[:, 3:5] == pytest.approx(0.0, abs=1e-6)  # Its heading is free.
+
+
 @pytest.mark.parametrize(
     ("changes", "words"),
     [
