@@ -259,7 +259,10 @@ def _frame_learning(robot: Functions, q: Node, frame: FrameAim, aim: Aim) -> Nod
     if frame.push is None:
         return zeros(3)
     push, off = frame.push, _off(robot, q, aim)
-    along = push.share * (push.force + dot(push.direction, frame.force))
+    felt = -dot(push.direction, frame.force)
+    # Far from half of the force there is no contact yet: on the way there nothing is learned.
+    touching = clip(2.0 * felt / maximum(push.force, _LEAST), 0.0, 1.0)
+    along = push.share * touching * (push.force - felt)
     return off + (along - dot(push.direction, off)) * push.direction
 
 
@@ -291,8 +294,9 @@ def _wanted(robot: Functions, q: Node, v: Node, aim: Aim, place: slice) -> Node:
         pull = pull + frame.force
     else:
         n, learnt = push.direction, aim.learnt[place]
-        pull = pull + frame.stiffness * (learnt - dot(n, learnt) * n)
-        wish = push.force + push.integral * dot(n, aim.remembered[place]) + dot(n, frame.force)
+        felt = dot(n, frame.force)
+        pull = pull + frame.stiffness * (learnt - dot(n, learnt) * n) + felt * n
+        wish = push.force + push.integral * dot(n, aim.remembered[place]) + felt
         # What is pushed decides how the frame moves there, and not its path.
         pull, velocity, ahead = (
             x + push.share * (other - dot(n, x)) * n

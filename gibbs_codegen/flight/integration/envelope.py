@@ -14,6 +14,7 @@ on walls, drag, and joints that servos and dry friction hold.
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
@@ -258,7 +259,8 @@ def wall_modes(vehicle: Vehicle, walls: Sequence[Wall], q: Array) -> list[Mode]:
         """The least mass, kg, that moves along all directions of contacts (s, c, k, nv)."""
         rows = rows.reshape(len(q), -1, rows.shape[-1])
         yielding = rows @ inverse @ np.swapaxes(rows, -1, -2)
-        return 1.0 / float(np.linalg.eigvalsh(yielding)[:, -1].max())
+        most = float(np.linalg.eigvalsh(yielding)[:, -1].max())
+        return 1.0 / most if most > 0.0 else math.inf  # On an axis or a centre nothing pushes.
 
     found: list[Mode] = []
     for wall in walls:

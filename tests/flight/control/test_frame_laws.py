@@ -101,14 +101,29 @@ def test_a_push_is_a_mass_that_pushes_a_spring(name: str, fast: Load) -> None:
         x, speed, learnt = state
         part = np.clip((time - 0.1) / 0.4, 0.0, 1.0)
         share, pressed = part**2 * (3.0 - 2.0 * part), max(stiffness * (x - gap), 0.0)
-        pull = share * (1.5 + integral * learnt - pressed) - (1.0 - share) * 50.0 * x
-        return [speed, (pull - damping * speed) / mass, share * (1.5 - pressed)]
+        pull = share * (1.5 + integral * learnt) - (1.0 - share) * 50.0 * x - pressed
+        learning = share * np.clip(2.0 * pressed / 1.5, 0.0, 1.0)
+        return [speed, (pull - damping * speed) / mass, learning * (1.5 - pressed)]
 
     oracle = solve_ivp(
         rate, (0, 1.5), [0, 0, 0], t_eval=flight.time, rtol=1e-10, atol=1e-12, max_step=1e-3
     )
     assert flight.wall_forces[:, 0].max() > 1.4
     assert tips(module, flight)[:, 0] == pytest.approx(oracle.y[0], abs=1e-6)
+
+
+def test_a_frame_that_is_to_push_yields_before_and_does_not_hurry(fast: Load) -> None:
+    """Pushed along the direction before its time it yields as a spring; far away it learns nothing."""
+    module = fast("hexarotor_3link")
+    push = {"value": 3.0, "direction": [1, 0, 0], "begin": 50.0}
+    impedance = {"inertia": [2.0] * 3, "damping": [60.0] * 3, "stiffness": [50.0] * 3}
+    control = {"law": "force", "force": push, "impedance": impedance}
+    pushed = {"force": [-1.0, 0, 0], "end": 100}
+    yielding = tips(module, flown(module, 8.0, control=control, push=pushed))
+    assert yielding[-1] == pytest.approx([-0.02, 0, 0], abs=1e-4)
+    control["force"] = {**push, "begin": 0.0}
+    free = tips(module, flown(module, 4.0, control=control))[:, 0]
+    assert 0.15 < free[-1] < 4.0 * 3.0 / 60.0  # At no more than value / damping.
 
 
 PUSHES: dict[str, dict[str, Any]] = {

@@ -441,6 +441,20 @@ def test_bristles_that_are_too_stiff_for_the_steps_are_refused(block: ModuleType
             thrown(block, [floor | own], duration=0.1)
 
 
+@pytest.mark.parametrize(
+    "round_wall",
+    [
+        {"kind": "sphere", "centre": [0, 0, 1]},
+        {"kind": "cylinder", "point": [0, 0, 0], "axis": [0, 0, 1]},
+    ],
+)
+def test_nothing_pushes_a_frame_at_a_centre(round_wall: dict[str, Any], block: ModuleType) -> None:
+    wall = {"frame": "base", "radius": 0.1, "stiffness": 100, **round_wall}
+    flight = thrown(block, [wall], duration=0.01, **fixed(0, 0, 1))
+    assert flight.contact_depth[0] == pytest.approx([0.1])
+    assert flight.q[-1, :2] == pytest.approx(0.0)
+
+
 def test_rollouts_of_inputs_touch_walls_in_every_back_end(
     folder: Path, block: ModuleType, jax_in_double_precision: ModuleType
 ) -> None:
