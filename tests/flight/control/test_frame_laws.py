@@ -113,7 +113,7 @@ def test_a_push_is_a_mass_that_pushes_a_spring(name: str, fast: Load) -> None:
 
 
 def test_a_frame_that_is_to_push_yields_before_and_does_not_hurry(fast: Load) -> None:
-    """Pushed along the direction before its time it yields as a spring; far away it learns nothing."""
+    """Before its time it yields along the direction as a spring; far away it learns nothing."""
     module = fast("hexarotor_3link")
     push = {"value": 3.0, "direction": [1, 0, 0], "begin": 50.0}
     impedance = {"inertia": [2.0] * 3, "damping": [60.0] * 3, "stiffness": [50.0] * 3}
