@@ -273,8 +273,11 @@ def _long_steps(
     module: ModuleType, dt: float, method: rollouts.Method, own: tuple[tuple[str, float], ...]
 ) -> str:
     """Why steps are too long for servos and friction with parameters, "" if they are not."""
-    vehicle = Vehicle(_on_arrays(module), dict(own))
-    modes = joint_modes(vehicle, vehicle.neutral[np.newaxis])
+    try:
+        vehicle = Vehicle(_on_arrays(module), dict(own))
+        modes = joint_modes(vehicle, vehicle.neutral[np.newaxis])
+    except UsageError:  # A module of few functions does not tell.
+        return ""
     return "".join(mode.fault(dt, method) for mode in modes)
 
 

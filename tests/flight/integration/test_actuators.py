@@ -245,6 +245,16 @@ def test_steps_too_long_for_dry_friction_are_told(tmp_path: Path) -> None:
             simulation.step(command, step)
 
 
+def test_modules_of_few_functions_are_rolled_out(tmp_path: Path) -> None:
+    """Without what tells whether steps are too long."""
+    (tmp_path / "rubbing.toml").write_text(RUBBING, encoding="utf-8")
+    own = ["forward_dynamics", "inputs_of", "integrate"]
+    options: Any = {"functions": own, "verify": False}
+    robot = load(generate(tmp_path / "rubbing.toml", tmp_path, **options), "numpy")
+    found = rollout(robot, robot_neutral(robot), np.zeros(7), [1e6 * 9.81, 0.0], 1, 1e-3)
+    np.testing.assert_allclose(found.v[0, -1], 0.0, atol=1e-5)
+
+
 def robot_neutral(robot: ModuleType) -> Array:
     """Coordinates of zero."""
     q = np.zeros(len(robot.COORDINATES))
