@@ -8,8 +8,10 @@ told.
 from __future__ import annotations
 
 import math
+import re
 from collections import Counter
 from collections.abc import Iterator
+from pathlib import Path
 
 import numpy as np
 
@@ -18,7 +20,7 @@ from gibbs_codegen.exchange import sources
 from gibbs_codegen.exchange.placement import HERE, LEVEL, Placement, degrees, vector
 from gibbs_codegen.exchange.tree import near
 from gibbs_codegen.exchange.urdf import Values, gazebo_rotors, is_motor, slowdown_notes
-from gibbs_codegen.exchange.xml_file import Element, child, children, parse_xml
+from gibbs_codegen.exchange.xml_file import Element, child, children, parse_xml, read_bytes
 from gibbs_codegen.robot.model import AXES, Command, JointLimits, Passive
 from gibbs_codegen.robot.placement import turn_of_quaternion
 from gibbs_codegen.robot.rigid_body import inertia_matrix
@@ -39,7 +41,8 @@ _LEFT_OUT = {
 _PLACED, _MOST_PLACED = ("link", "joint", "frame"), 1000
 _DEEPEST = 400
 # Before this version axes are in the axes of the model.
-_OWN_AXES = 1.5
+_OWN_AXES = (1, 5)
+_MOST_MERGED = 10
 
 
 def read_sdf(
@@ -55,9 +58,11 @@ def read_sdf(
     found = [each for holder in holders for each in children(holder)]
     models = [m for m in found if m.tag == "model" and _text(m, "static") not in ("true", "1")]
     elsewhere = [each for each in found if each.tag == "include"]
+    for model in models:
+        _merge(model, Path(file))
     for inner in [each for model in models for each in children(model)]:
         if inner.tag in ("include", "model"):
-            words = "brings in another model, which is not read; `gz sdf -p` writes all into one"
+            words = "brings in another model, which is not merged; `gz sdf -p` writes all into one"
             values.fault(inner, words)
     if len(models) != 1:
         names = ", ".join(printable(model.get("name", "?"), 60) for model in models[:5]) or "none"
@@ -68,7 +73,7 @@ def read_sdf(
         values.fault(root, f"has more than {_MOST_PLACED} links, joints and frames")
     if values.faults:
         raise sources.SourceFileError(file, values.faults)
-    version = values.of_text(root, "version", root.get("version", "1.0"))
+    version = _version(root, values)
     reader = _Reader(models[0], values, version, friction)
     links, joints = reader.links(), reader.joints()
     frames = reader.frames()
@@ -99,6 +104,37 @@ def read_sdf(
     )
 
 
+def _version(root: Element, values: Values) -> tuple[int, int]:
+    """The version of SDF, such as 1.10, which is later than 1.9."""
+    text = root.get("version", "1.0")
+    if not (found := re.fullmatch(r"(\d{1,4})\.(\d{1,4})", text)):
+        values.fault(root, f"version must be like 1.9, not {printable(text, 40)}")
+        return _OWN_AXES
+    return int(found[1]), int(found[2])
+
+
+def _merge(model: Element, path: Path) -> None:
+    """Put what is in models that are to be merged in place of their includes.
+
+    They are in folders of their names, beside the model's, as Gazebo's are. What moves them, or is
+    to be found elsewhere, stays.
+    """
+    for _ in range(_MOST_MERGED):
+        includes = [found for found in children(model) if found.tag == "include"]
+        for include in includes:
+            name = re.fullmatch(r"(?:model://)?([\w-][\w .-]*)", _text(include, "uri"))
+            file = path.absolute().parent.parent / name[1] / "model.sdf" if name else path
+            merged = include.get("merge") in ("true", "1") and child(include, "pose") is None
+            if merged and name and file.is_file():
+                root = parse_xml(read_bytes(file), str(file))
+                if (other := child(root, "model")) is not None:
+                    place = list(model).index(include)
+                    model[place : place + 1] = children(other)
+                    break
+        else:
+            return
+
+
 def _text(element: Element | None, tag: str) -> str:
     """The text of a child, empty if there is none."""
     found = None if element is None else child(element, tag)
@@ -123,7 +159,9 @@ def _numbers(values: Values, element: Element, count: int) -> list[float]:
 class _Reader:
     """Takes a model apart; names of links, joints and frames share one space."""
 
-    def __init__(self, model: Element, values: Values, version: float, friction: bool) -> None:
+    def __init__(
+        self, model: Element, values: Values, version: tuple[int, int], friction: bool
+    ) -> None:
         self._values, self._version, self._rubs = values, version, friction
         self.findings: list[sources.Finding] = []
         self.elements: dict[str, Element] = {}

@@ -12,6 +12,7 @@ from __future__ import annotations
 import math
 import re
 from collections import Counter
+from contextlib import suppress
 from dataclasses import replace
 from operator import itemgetter
 
@@ -95,10 +96,10 @@ class Values:
 
     def bound_of(self, element: Element, what: str, text: str | None) -> float | None:
         """The limit that a text holds; `what` is what it is called."""
-        if text is None or text.strip().lower().lstrip("+-") in ("inf", "infinity"):
-            return None
-        value = self.of_text(element, what, text)
-        return value if abs(value) < _ENDLESS else None
+        with suppress(ValueError):  # Some write the greatest number that there is.
+            if text is None or abs(float(text)) >= _ENDLESS:
+                return None
+        return self.of_text(element, what, text or "")
 
     def vector(self, element: Element | None, attribute: str, default: Vector3) -> Vector3:
         """Three numbers."""

@@ -48,8 +48,13 @@ HOSTILE: dict[str, tuple[str | bytes, str]] = {
     "fifty megabytes": (b"<robot>" + b" " * 50_000_000 + b"</robot>", "larger than 10000000 bytes"),
     "other": ("<svg/>", "MJCF has <mujoco>, SDF has <sdf>"),
     "sdf of nothing": ('<sdf version="1.6"/>', "holds 0 models that move (none)"),
-    "sdf version": ('<sdf version="one"><model/></sdf>', "version must be a finite number"),
+    "sdf version": ('<sdf version="one"><model/></sdf>', "version must be like 1.9, not one"),
     "sdf empty": ('<sdf version="1.6"><model name="m"/></sdf>', "has no <link>"),
+    "sdf itself": (
+        '<sdf version="1.9"><model name="m"><include merge="true"><uri>model://.</uri></include>'
+        "</model></sdf>",
+        "brings in another model",
+    ),
     "sdf circles": (
         '<sdf version="1.9"><model name="m">'
         + "".join(
@@ -285,7 +290,13 @@ def check_mutants(name: str, seeds: range, folder: Path, capfd: pytest.CaptureFi
         out.unlink(missing_ok=True)
 
 
-FILES = ("features.urdf", "everything.urdf", "hydrus.urdf", "arm_with_ball_joint.xml")
+FILES = (
+    "features.urdf",
+    "everything.urdf",
+    "hydrus.urdf",
+    "arm_with_ball_joint.xml",
+    "features.sdf",
+)
 
 
 @pytest.mark.parametrize("name", FILES)

@@ -153,69 +153,19 @@ def test_actuators_are_written_as_motors_and_controllers_of_gazebo(tmp_path: Pat
     assert Finding("left out", "plugins other than motors", "4") in report
 
 
-FEATURES = """<sdf version="1.{version}">
-  <world name="hall">
-    <gravity>0 0 -3.7</gravity>
-    <include><uri>model://sun</uri></include>
-    <model name="floor"><static>true</static><link name="ground"/></model>
-    <model name="machine">
-      <pose>1 2 3 0 0 0.5</pose>
-      <frame name="shelf" attached_to="hub">
-        <pose relative_to="boom" degrees="true">0 0 0.1 0 90 0</pose></frame>
-      <frame name="bracket" attached_to="boom"><pose>0.05 0 0 0 0.1 0.2</pose></frame>
-      <frame name="hook"><pose relative_to="shelf">0.2 0 0 0 0 0.3</pose></frame>
-      <link name="hub">
-        <inertial><mass>1.5</mass><pose>0.01 0 0 0 0 0.4</pose>
-          <inertia><ixx>0.01</ixx><iyy>0.02</iyy><izz>0.025</izz></inertia></inertial>
-        <collision name="c"><geometry><sphere><radius>0.1</radius></sphere></geometry></collision>
-      </link>
-      <link name="boom">
-        <pose rotation_format="quat_xyzw">0.1 0.2 0.3 0.1 0.2 0.3 0.9273618495495704</pose>
-        <inertial><mass>0.2</mass>
-          <inertia><ixx>0.001</ixx><ixy>1e-4</ixy><iyy>0.001</iyy><izz>0.001</izz></inertia>
-        </inertial>
-      </link>
-      <joint name="lift" type="revolute">
-        <pose>0 0 -0.05 0.2 0 0</pose>
-        <parent>shelf</parent><child>boom</child>
-        <axis><xyz{seen}>0 1 1</xyz><limit><lower>-1</lower><upper>1</upper></limit>
-          <dynamics><damping>0.1</damping><friction>0.2</friction>
-            <spring_stiffness>2</spring_stiffness><spring_reference>0.1</spring_reference>
-          </dynamics>{old}</axis>
-      </joint>
-      <link name="left"><pose relative_to="hub">0 0.3 0 0.1 0 0</pose>
-        <inertial><mass>0.01</mass>
-          <inertia><ixx>1e-5</ixx><iyy>1e-5</iyy><izz>2e-5</izz></inertia></inertial></link>
-      <joint name="left_joint" type="revolute"><parent>hub</parent><child>left</child>
-        <axis><xyz>0 0 1</xyz><limit><lower>-1e16</lower><upper>1e16</upper></limit></axis></joint>
-      <link name="right"><pose relative_to="bracket">0 -0.3 0 0 0 0</pose>
-        <inertial><mass>0.01</mass>
-          <inertia><ixx>1e-5</ixx><iyy>1e-5</iyy><izz>2e-5</izz></inertia></inertial></link>
-      <joint name="right_joint" type="revolute"><parent>hub</parent><child>right</child>
-        <axis><xyz>0 0 1</xyz></axis></joint>
-      <plugin name="a" filename="libgazebo_motor_model.so"><linkName>left</linkName>
-        <turningDirection>cw</turningDirection><motorNumber>1</motorNumber>
-        <motorConstant>1e-5</motorConstant><momentConstant>0.02</momentConstant>
-        <maxRotVelocity>1000</maxRotVelocity></plugin>
-      <plugin name="gz::sim::systems::MulticopterMotorModel" filename="gz-sim-motor-system">
-        <jointName>right_joint</jointName><linkName>right</linkName>
-        <turningDirection>ccw</turningDirection><actuator_number>2</actuator_number>
-        <motorConstant>1e-5</motorConstant><momentConstant>0.02</momentConstant></plugin>
-    </model>
-  </world>
-</sdf>
-"""
+FEATURES = (Path(__file__).parent / "sources" / "features.sdf").read_text()
+AXIS = "<xyz>0 1 1</xyz>"
 SEEN = {
-    "joint": {"version": 9, "seen": "", "old": ""},
-    "frame": {"version": 9, "seen": ' expressed_in="hook"', "old": ""},
-    "model": {"version": 9, "seen": ' expressed_in="__model__"', "old": ""},
+    "joint": FEATURES,
+    "frame": FEATURES.replace(AXIS, AXIS.replace("<xyz", '<xyz expressed_in="hook"')),
+    "model": FEATURES.replace(AXIS, AXIS.replace("<xyz", '<xyz expressed_in="__model__"')),
 }
 
 
 @pytest.mark.parametrize("seen", SEEN)
 def test_what_is_placed_by_frames_is_where_libsdformat_has_it(seen: str, tmp_path: Path) -> None:
     path = tmp_path / "robot.sdf"
-    text = FEATURES.format(**SEEN[seen])
+    text = SEEN[seen]
     path.write_text(text)
     robot, report = import_robot(path, ImportOptions("quaternion", snap=False))
     (link,) = robot.links
@@ -241,15 +191,36 @@ def test_what_is_placed_by_frames_is_where_libsdformat_has_it(seen: str, tmp_pat
 
 def test_axes_of_old_files_are_those_of_the_model(tmp_path: Path) -> None:
     axes = []
-    for settings in (
-        {"version": 4, "seen": "", "old": ""},
-        {"version": 6, "seen": "", "old": "<use_parent_model_frame>1</use_parent_model_frame>"},
+    old = f"{AXIS}<use_parent_model_frame>1</use_parent_model_frame>"
+    for text in (
+        FEATURES.replace("1.9", "1.4"),
+        FEATURES.replace("1.9", "1.6").replace(AXIS, old),
         SEEN["model"],
     ):
         path = tmp_path / "robot.sdf"
-        path.write_text(FEATURES.format(**settings))
+        path.write_text(text)
         axes.append(import_robot(path, ImportOptions("quaternion", snap=False))[0].links[0].axis)
     assert axes[0] == axes[1] == axes[2]
+
+
+def test_models_are_merged_from_folders_beside_theirs(tmp_path: Path) -> None:
+    path = tmp_path / "whole.sdf"
+    path.write_text(FEATURES)
+    expected, _ = import_robot(path, ImportOptions("quaternion"))
+    body, plugin, rest = FEATURES.partition('<plugin name="a"')
+    begin = '<model name="machine">'
+    # As PX4 has it: links in one model, and motors in another. 1.10 is later than 1.9.
+    parts = {
+        "base": f'<sdf version="1.10">{body[body.index(begin) :]}</model></sdf>',
+        "machine": '<sdf version="1.10"><world name="w"><gravity>0 0 -3.7</gravity>'
+        '<model name="machine"><include merge="true"><uri>model://base</uri></include>'
+        f"{plugin}{rest}",
+    }
+    for name, text in parts.items():
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "model.sdf").write_text(text)
+    found, _ = import_robot(tmp_path / "machine" / "model.sdf", ImportOptions("quaternion"))
+    assert found == expected
 
 
 REFUSED = [
@@ -258,6 +229,7 @@ REFUSED = [
     ('<link name="hub">', '<link name="boom">', "there is another link of that name"),
     ('relative_to="shelf"', 'relative_to="shell"', "no link, joint or frame shell"),
     ('relative_to="boom"', 'relative_to="hook"', "relative to itself, in a circle"),
+    ("<lower>-1<", "<lower>-1e20 m<", "must be a finite number"),
     ("1 2 3 0 0 0.5</pose>", "1 2 3 0 0 0.5</pose><include/>", "`gz sdf -p` writes all into one"),
     (
         'type="revolute">\n        <pose>',
@@ -277,10 +249,9 @@ REFUSED = [
 def test_what_is_wrong_in_a_file_is_told(
     right: str, wrong: str, message: str, tmp_path: Path
 ) -> None:
-    text = FEATURES.format(**SEEN["joint"])
-    assert right in text
+    assert right in FEATURES
     path = tmp_path / "robot.sdf"
-    path.write_text(text.replace(right, wrong, 1))
+    path.write_text(FEATURES.replace(right, wrong, 1))
     with pytest.raises(GibbsCodegenError) as caught:
         import_robot(path, ImportOptions("quaternion"))
     assert message in str(caught.value)
