@@ -64,6 +64,8 @@ def export_robot(robot: Robot, form: Format) -> tuple[str, list[str]]:
             missing.append(f"{what}: {', '.join(own)}")
     if robot.battery:
         missing.append("the battery")
+    if robot.constraints:
+        missing.append(f"constraints: {', '.join(each.name for each in robot.constraints)}")
     if any(rotor.spin_inertia for rotor in robot.thrusters):
         missing.append("spin inertias of rotors")
     slow = [rotor.name for rotor in source.rotors if rotor.time_constant]

@@ -22,7 +22,7 @@ from gibbs_codegen.exchange.exporting import FILES, Format, export_robot
 from gibbs_codegen.exchange.importing import ImportOptions, import_robot
 from gibbs_codegen.robot.file import parse_robot, read_robot
 from gibbs_codegen.robot.layout import frames_of
-from gibbs_codegen.robot.model import Friction, JointLimits, Robot
+from gibbs_codegen.robot.model import Constraint, Friction, JointLimits, Robot
 from gibbs_codegen.robot.names import coordinate_of, identifier
 
 Array = NDArray[np.float64]
@@ -313,6 +313,14 @@ def test_random_trees_come_back(seed: int, form: Format, tmp_path: Path) -> None
     inputs = ours.input_matrix(q)[:, :count]
     assert np.allclose(found.inputs[order, :count], inputs, rtol=0.0, atol=1e-12)
     assert_properties_come_back(robot, back, form)
+
+
+@pytest.mark.parametrize("form", FORMATS)
+def test_constraints_that_no_file_holds_are_told(form: Format) -> None:
+    robot = replace(
+        read_robot("quadrotor")[0], constraints=(Constraint("rope", "point", "camera"),)
+    )
+    assert "left out: constraints: rope" in export_robot(robot, form)[1]
 
 
 @pytest.mark.parametrize(("limit", "kind"), [(1e16, "continuous"), (6.3, "revolute")])
