@@ -129,6 +129,17 @@ def _with_arm(
     for f in frames_of(arm)[1:]:
         place = seated(Placement(f.pose.xyz, f.pose.rpy_deg), f.on)
         frames.append(Frame(prefix + f.name, on(f.on), place.pose))
+    # The base's own frame is that of the root.
+    named = {"base": prefix + root} | {f.name: prefix + f.name for f in frames_of(arm)[1:]}
+    constraints = [
+        replace(
+            each,
+            name=prefix + each.name,
+            frame=named[each.frame],
+            to=each.to and named[each.to],
+        )
+        for each in arm.constraints
+    ]
     rotors = [
         replace(
             rotor,
@@ -156,6 +167,7 @@ def _with_arm(
         links=tuple(links),
         thrusters=(*drone.thrusters, *rotors),
         frames=tuple(frames),
+        constraints=(*drone.constraints, *constraints),
         allow_impossible_inertia=drone.allow_impossible_inertia or arm.allow_impossible_inertia,
     )
 

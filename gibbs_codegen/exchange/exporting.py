@@ -62,10 +62,11 @@ def export_robot(robot: Robot, form: Format) -> tuple[str, list[str]]:
         own = [rotor.name for rotor in source.rotors if getattr(rotor, key)]
         if own and form != "sdf":
             missing.append(f"{what}: {', '.join(own)}")
+    written = [each.name for each in source.constraints if form == "mjcf"]
+    if lost := [each.name for each in robot.constraints if each.name not in written]:
+        missing.append(f"constraints: {', '.join(lost)}")
     if robot.battery:
         missing.append("the battery")
-    if robot.constraints:
-        missing.append(f"constraints: {', '.join(each.name for each in robot.constraints)}")
     if any(rotor.spin_inertia for rotor in robot.thrusters):
         missing.append("spin inertias of rotors")
     slow = [rotor.name for rotor in source.rotors if rotor.time_constant]
@@ -128,6 +129,10 @@ def with_free_names(source: sources.Source, form: Format) -> tuple[sources.Sourc
     seats = [replace(f, name=free(frames, "frame", f.name), on=named[f.on]) for f in own]
     if shared:
         moved |= {child: joints.free(name) for child, name in mounts.items()}
+
+    def placed_in(frame: sources.Frame) -> sources.Frame:
+        return replace(frame, name=frames.free(frame.name), on=named.get(frame.on, sources.WORLD))
+
     return (
         replace(
             source,
@@ -138,6 +143,10 @@ def with_free_names(source: sources.Source, form: Format) -> tuple[sources.Sourc
             ),
             rotors=tuple(replace(rotor, on=named[rotor.on]) for rotor in placed),
             frames=tuple(seats),
+            constraints=tuple(
+                replace(each, frame=placed_in(each.frame), to=placed_in(each.to))
+                for each in source.constraints
+            ),
         ),
         lines,
     )
@@ -184,18 +193,29 @@ def source_of(robot: Robot) -> sources.Source:
         for k, rotor in enumerate(robot.thrusters, start=1)
         for drive in [drive_of(rotor)]
     ]
-    frames = []
-    for frame in frames_of(robot)[1:]:  # The first is the base's own.
+    frames = {}
+    for frame in frames_of(robot):
         own = Placement(frame.pose.xyz, frame.pose.rpy_deg)
         pose = centre @ own if frame.on == BASE else own
-        frames.append(sources.Frame(frame.name, names[frame.on], pose))
+        frames[frame.name] = sources.Frame(frame.name, names[frame.on], pose)
+    constraints = []
+    for each in robot.constraints:
+        holds, anchor = each.holds, Placement(each.anchor.xyz, each.anchor.rpy_deg)
+        if holds in ("point", "frame"):
+            to = sources.Frame("", sources.WORLD, anchor)
+            if each.to is not None:
+                to = replace(frames[each.to], pose=frames[each.to].pose @ anchor)
+            held = replace(frames[each.frame], name=f"{each.name}_held")
+            to = replace(to, name=f"{each.name}_anchor")
+            constraints.append(sources.Constraint(each.name, holds, held, to))
     return sources.Source(
         f"{robot.name}.toml",
         robot.name,
         links,
         tuple(joints),
         tuple(rotors),
-        frames=tuple(frames),
+        frames=tuple(frames.values())[1:],  # The first is the base's own.
+        constraints=tuple(constraints),
         gravity=robot.gravity,
     )
 

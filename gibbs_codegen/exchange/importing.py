@@ -160,6 +160,7 @@ KINDS: dict[Kind, str] = {
     "locked": "a joint held fast",
     "snapped": "made exact",
     "rotor": "taken for a rotor",
+    "constraint": "what may hold a frame",
     "left out": "not imported",
     "note": "worth a look",
 }
@@ -182,7 +183,7 @@ def opening_comment(source: str, findings: Sequence[Finding]) -> str:
         if kind in ("welded", "locked", "snapped") and found:
             names = ", ".join(dict.fromkeys(printable(line.subject, 60) for line in found))
             lines.append(f"{kind.capitalize()}: {names}.")
-        elif kind != "rotor" and found:
+        elif kind not in ("rotor", "constraint") and found:
             each = [
                 f"{printable(line.subject, 60)} ({printable(line.detail, MOST_TOLD)})"
                 for line in found

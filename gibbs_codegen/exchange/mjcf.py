@@ -22,6 +22,8 @@ from gibbs_codegen.robot.model import AXES, JointLimits, Passive
 from gibbs_codegen.robot.placement import Array, turn_of_quaternion
 
 _JOINT, _SITE = 0, 4
+# Of equalities: the kind, and that they are between sites rather than bodies.
+_WELD, _OF_SITES = 1, 6
 _FILTERS = (2, 3)
 _NO_BIAS = 0
 
@@ -189,8 +191,8 @@ class _Reader:
         for s in range(model.nsite):
             name, body = model.site(s).name, model.site_bodyid[s]
             if name and body in bodies and s not in seats:
-                pose = Placement.of_matrix(model.site_pos[s], _turn(model.site_quat[s]))
-                frames.append(sources.Frame(name, self.names[body], pose))
+                frames.append(self._site(s))
+        constraints = tuple(self._constraints(bodies))
         return sources.Source(
             self.file,
             bytes(model.names).partition(b"\0")[0].decode().removeprefix(_UNNAMED),
@@ -199,6 +201,7 @@ class _Reader:
             rotors,
             anchors=frozenset(self.joint_names[first : first + count]),
             frames=tuple(frames),
+            constraints=constraints,
             gravity=abs(z),
             findings=(*self.findings, *findings),
         )
@@ -219,6 +222,44 @@ class _Reader:
 
     def _leave_out(self, what: str, why: str) -> None:
         self.findings.append(sources.Finding("left out", what, why))
+
+    def _constraints(self, bodies: Sequence[int]) -> Iterator[sources.Constraint]:
+        """Constraints between such bodies, or of one of them and the world."""
+        model, names = self.model, sources.Names()
+        for k in range(model.neq):
+            name = names.free(model.equality(k).name or f"equality_{k + 1}")
+            welds, data = model.eq_type[k] == _WELD, model.eq_data[k]
+            ends = [int(model.eq_obj1id[k]), int(model.eq_obj2id[k])]
+            # Old versions of MuJoCo know bodies only.
+            if hasattr(model, "eq_objtype") and model.eq_objtype[k] == _OF_SITES:
+                frames = [self._site(s) for s in ends]
+            else:
+                # A weld has the place of its anchor in the second body first.
+                places = (data[3:6], data[:3]) if welds else (data[:3], data[3:6])
+                turns = (_turn(data[6:10]) if welds else np.eye(3), np.eye(3))
+                poses = map(Placement.of_matrix, places, turns)
+                frames = [
+                    sources.Frame(f"{name}_{number}", self._carrier(body), pose)
+                    for number, (body, pose) in enumerate(zip(ends, poses, strict=True), start=1)
+                ]
+            own = {sources.WORLD, *(self.names[b] for b in bodies)}
+            if not {frame.on for frame in frames} <= own or frames[0].on == frames[1].on:
+                self._leave_out(name, "a constraint of what is not the robot's")
+                continue
+            if not model.eq_active0[k]:
+                self.findings.append(
+                    sources.Finding("note", name, "a constraint that is off at first")
+                )
+            first, second = frames if frames[0].on != sources.WORLD else frames[::-1]
+            yield sources.Constraint(name, "frame" if welds else "point", first, second)
+
+    def _carrier(self, body: int) -> str:
+        return sources.WORLD if body == WORLD else self.names[body]
+
+    def _site(self, s: int) -> sources.Frame:
+        model = self.model
+        pose = Placement.of_matrix(model.site_pos[s], _turn(model.site_quat[s]))
+        return sources.Frame(model.site(s).name, self._carrier(model.site_bodyid[s]), pose)
 
     def _joints(self, body: int) -> Iterator[tuple[str, sources.Joint]]:
         """Joints of a body, each with the name of the link that it moves."""
@@ -311,10 +352,9 @@ def _names(own: list[str], what: str) -> list[str]:
     return [name or names.free(f"{what}_{number}") for number, name in enumerate(own)]
 
 
-_KEPT = ("compiler", "option", "default", "asset", "worldbody", "actuator")
+_KEPT = ("compiler", "option", "default", "asset", "worldbody", "actuator", "equality")
 _PICTURES = ("texture", "material", "skin", "light", "camera", "hfield", "plugin", "flexcomp")
 _LEFT_OUT = {
-    "equality": "equality constraints, such as closed loops",
     "tendon": "tendons and their springs",
     "contact": "contacts",
     "sensor": "sensors",
@@ -367,6 +407,13 @@ def reduced_mjcf(path: Path, data: bytes) -> tuple[str, list[sources.Finding]]:
                 drives.remove(actuator)
                 name = printable(actuator.get("name", "without a name"), 60)
                 what = f"<{printable(actuator.tag, 40)}>, which is no motor"
+                findings.append(sources.Finding("left out", name, what))
+    for held in root.iter("equality"):
+        for element in [found for found in held if isinstance(found, xml_file.Element)]:
+            if element.tag not in ("connect", "weld"):
+                held.remove(element)
+                name = printable(element.get("name", "without a name"), 60)
+                what = f"<{printable(element.tag, 40)}> in <equality>, which holds no frame"
                 findings.append(sources.Finding("left out", name, what))
     findings += _settle(root, path)
     return ET.tostring(root, encoding="unicode"), findings

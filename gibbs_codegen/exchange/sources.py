@@ -38,7 +38,9 @@ JointKind = Literal["revolute", "prismatic", "fixed", "floating", "planar"]
 # Gazebo give ±1e16 where URDF has the type continuous.
 _MANY_TURNS = 20.0 * math.pi
 NO_PASSIVE, NO_LIMITS = Passive(), JointLimits()
-Kind = Literal["base", "attached", "locked", "welded", "snapped", "rotor", "left out", "note"]
+Kind = Literal[
+    "base", "attached", "locked", "welded", "snapped", "rotor", "constraint", "left out", "note"
+]
 
 
 def endless(limits: JointLimits) -> bool:
@@ -153,6 +155,28 @@ class Frame:
     pose: Placement = HERE
 
 
+WORLD = ""  # What carries a frame that no link does.
+
+
+@dataclass(frozen=True, eq=False)
+class Constraint:
+    """What holds a frame against another: its origin, its axes too, or its turning about one axis.
+
+    The frames are on links or on `WORLD`, at most one of them; `axis` is in both.
+    """
+
+    name: str
+    holds: Literal["point", "frame", "hinge"]
+    frame: Frame
+    to: Frame
+    axis: Vector3 = AXES["z"]
+
+    @property
+    def frames(self) -> tuple[Frame, Frame]:
+        """Both frames."""
+        return self.frame, self.to
+
+
 @dataclass(frozen=True)
 class Finding:
     """A line of the report: what was done with what, and why."""
@@ -179,6 +203,7 @@ class Source:
     spinning: frozenset[str] = frozenset()
     anchors: frozenset[str] = frozenset()
     frames: tuple[Frame, ...] = ()
+    constraints: tuple[Constraint, ...] = ()
     gravity: float = 9.81
     findings: tuple[Finding, ...] = ()
     root: str = ""
@@ -233,8 +258,22 @@ def snapped_source(source: Source) -> Source:
         links[name] = replace(link, inertial=replace(link.inertial, pose=pose))
     frames = [replace(frame, pose=exact(frame.name, frame.pose)) for frame in source.frames]
     rotors = [replace(r, direction=exact(r.name, r.direction)) for r in source.rotors]
+    constraints = [
+        replace(
+            each,
+            frame=replace(each.frame, pose=exact(each.name, each.frame.pose)),
+            to=replace(each.to, pose=exact(each.name, each.to.pose)),
+            axis=exact(each.name, each.axis),
+        )
+        for each in source.constraints
+    ]
     return source.found(
-        *findings, joints=tuple(joints), links=links, frames=tuple(frames), rotors=tuple(rotors)
+        *findings,
+        joints=tuple(joints),
+        links=links,
+        frames=tuple(frames),
+        rotors=tuple(rotors),
+        constraints=tuple(constraints),
     )
 
 

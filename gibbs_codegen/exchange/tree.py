@@ -10,7 +10,7 @@ import numpy as np
 
 from gibbs_codegen.errors import UsageError, printable
 from gibbs_codegen.exchange.placement import HERE, Placement, vector
-from gibbs_codegen.exchange.sources import Finding, Joint, Rotor, Source
+from gibbs_codegen.exchange.sources import WORLD, Constraint, Finding, Joint, Rotor, Source
 from gibbs_codegen.robot.placement import turn_about
 
 # How far a rotor may be from the axis of its joint and still be what spins there: m, and rad.
@@ -35,10 +35,17 @@ def with_root(source: Source) -> Source:
         if joint.child in carried:
             message = (
                 f"link {printable(joint.child, 60)} is carried by joint "
-                f"{printable(carried[joint.child].name, 60)} already; closed loops are not imported"
+                f"{printable(carried[joint.child].name, 60)} already; a <constraint> closes loops"
             )
             raise source.refused(message, joint.line, where)
         carried[joint.child] = joint
+    for each in source.constraints:
+        for frame in each.frames:
+            if frame.on not in source.links and frame.on != WORLD:
+                message = (
+                    f"there is no link {printable(frame.on, 60)}{near(frame.on, source.links)}"
+                )
+                raise source.refused(message, where=f'<constraint "{printable(each.name, 60)}">')
     roots = [name for name in source.links if name not in carried]
     if not roots:
         message = "every link is carried by a joint, so that the joints form a closed loop"
@@ -124,9 +131,19 @@ def without_anchor(source: Source) -> Source:
             root=joint.child,
             links={name: link for name, link in source.links.items() if name != root},
             joints=tuple(found for found in source.joints if found is not joint),
+            constraints=tuple(_to_world(each, root) for each in source.constraints),
             anchors=source.anchors | {joint.name},
         )
     return source
+
+
+def _to_world(constraint: Constraint, link: str) -> Constraint:
+    """A constraint in which a link that is left out is the world."""
+    first, second = (
+        replace(frame, on=WORLD) if frame.on == link else frame for frame in constraint.frames
+    )
+    first, second = (second, first) if first.on == WORLD else (first, second)
+    return replace(constraint, frame=first, to=second)
 
 
 def check_kinds(source: Source) -> None:

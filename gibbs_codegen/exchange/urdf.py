@@ -15,8 +15,10 @@ from collections import Counter
 from contextlib import suppress
 from dataclasses import replace
 from operator import itemgetter
+from typing import Literal
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from gibbs_codegen.errors import Fault, printable
 from gibbs_codegen.exchange import sources
@@ -248,8 +250,14 @@ def read_urdf(
         values.fault(unexpanded, "is xacro, not URDF; name the file .xacro to have it expanded")
     links: dict[str, sources.Link] = {}
     joints: dict[str, sources.Joint] = {}
+    constraints: dict[str, sources.Constraint] = {}
     for element in children(root):
-        if element.tag == "link":
+        if element.tag == "constraint":
+            constraint = _constraint(element, values)
+            if constraint.name in constraints:
+                values.fault(element, "there is another constraint of that name")
+            constraints[constraint.name] = constraint
+        elif element.tag == "link":
             link = _link(element, values)
             if link.name in links:
                 values.fault(element, "there is another link of that name")
@@ -272,6 +280,7 @@ def read_urdf(
         tuple(joints.values()),
         tuple(rotors),
         spinning=spinning,
+        constraints=tuple(constraints.values()),
         findings=tuple(findings),
     )
 
@@ -302,12 +311,7 @@ def _joint(element: Element, values: Values, friction: bool) -> sources.Joint:
         ends.append("" if end is None else values.name(end, "link"))
     axis = AXES["z"]
     if kind in ("revolute", "prismatic"):
-        axis = values.vector(child(element, "axis"), "xyz", AXES["x"])
-        size = math.hypot(*axis)
-        if not size > 0.0:
-            values.fault(element, "its axis has no length; give a direction such as 0 0 1")
-        elif abs(size - 1.0) > 4e-16:  # Else, as far as numbers go, it is kept digit by digit.
-            axis = vector(np.array(axis) / size)
+        axis = _unit(element, values.vector(child(element, "axis"), "xyz", AXES["x"]), values)
     limit = child(element, "limit")
     limits = JointLimits()
     if limit is not None and word in ("revolute", "prismatic", "continuous"):
@@ -337,6 +341,62 @@ def _joint(element: Element, values: Values, friction: bool) -> sources.Joint:
         continuous=kind == "revolute" and sources.endless(limits),
         line=element.line,
     )
+
+
+_HOLDS: dict[str, Literal["point", "frame", "hinge"]] = {
+    "fixed": "frame",
+    "revolute": "hinge",
+    "continuous": "hinge",
+    "spherical": "point",
+}
+_IN_CONSTRAINTS = {
+    tag: keys
+    for end in ("parent", "child")
+    for tag, keys in {
+        end: {"link"},
+        f"{end}_origin": {"xyz", "rpy"},
+        f"{end}_axis": {"xyz"},
+    }.items()
+}
+
+
+def _constraint(element: Element, values: Values) -> sources.Constraint:
+    """A closed loop as urdfdom's pull request 264 proposes it: a joint between two frames."""
+    name, word = values.name(element), element.get("type", "")
+    if word not in _HOLDS:
+        words = f"type must be one of {', '.join(_HOLDS)}, not {printable(word or 'none', 40)}"
+        values.fault(element, words)
+    for found in children(element):
+        known = _IN_CONSTRAINTS.get(found.tag)
+        if known is None or {*found.attrib} - known:
+            values.fault(found, f"is not known here; a constraint has {', '.join(_IN_CONSTRAINTS)}")
+    frames, axes = [], []
+    for end in ("parent", "child"):
+        if (link := child(element, end)) is None:
+            values.fault(element, f"has no <{end}>")
+        on = "" if link is None else values.name(link, "link")
+        pose = values.placement(child(element, f"{end}_origin"))
+        frames.append(sources.Frame(f"{name}_{end}", on, pose))
+        axes.append(
+            _unit(element, values.vector(child(element, f"{end}_axis"), "xyz", AXES["x"]), values)
+        )
+    parent, own = frames
+    holds = _HOLDS.get(word, "frame")
+    if holds == "hinge" and axes[0] != axes[1]:
+        # The frame is turned, so that the axis has the same numbers in both.
+        turn, _ = Rotation.align_vectors([axes[1]], [axes[0]])
+        turned = own.pose @ Placement.of_matrix((0.0, 0.0, 0.0), turn.as_matrix())
+        own = replace(own, pose=turned)
+    return sources.Constraint(name, holds, own, parent, axes[0] if holds == "hinge" else AXES["z"])
+
+
+def _unit(element: Element, axis: Vector3, values: Values) -> Vector3:
+    """A direction of length 1, which is kept digit by digit if, as far as numbers go, it has it."""
+    size = math.hypot(*axis)
+    if not size > 0.0:
+        values.fault(element, "its axis has no length; give a direction such as 0 0 1")
+        return AXES["x"]
+    return axis if abs(size - 1.0) <= 4e-16 else vector(np.array(axis) / size)
 
 
 def _left_out(root: Element, values: Values, friction: bool) -> list[sources.Finding]:

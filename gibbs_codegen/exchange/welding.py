@@ -14,6 +14,7 @@ import numpy as np
 
 from gibbs_codegen.exchange.placement import HERE, Placement, vector
 from gibbs_codegen.exchange.sources import (
+    WORLD,
     Finding,
     Inertial,
     Joint,
@@ -96,6 +97,8 @@ def welded(
         model.Frame(namer.free(name, "frame"), place.body, quiet_placement(place.frame, snap).pose)
         for name, place in found[: model.MAX_FRAMES]
     )
+    constraints, frames, lost = _constraints(source, places, frames, snap, namer)
+    findings += lost
     robot = model.Robot(
         name,
         model.Base(attitude=attitude, origin="base", body=rigid[0]),
@@ -103,6 +106,7 @@ def welded(
         source.gravity,
         _rotors(source, places, snap, namer),
         frames,
+        constraints=constraints,
     )
     findings += namer.findings
     findings += [
@@ -192,6 +196,61 @@ def _rotors(
             )
         )
     return tuple(rotors)
+
+
+_KINDS: dict[str, tuple[model.ConstraintKind, model.LoopJoint]] = {
+    "point": ("point", "spherical"),
+    "frame": ("frame", "fixed"),
+    "hinge": ("loop", "revolute"),
+}
+
+
+def _constraints(
+    source: Source,
+    places: dict[str, _Place],
+    frames: tuple[model.Frame, ...],
+    snap: bool,
+    namer: Namer,
+) -> tuple[tuple[model.Constraint, ...], tuple[model.Frame, ...], list[Finding]]:
+    """The constraints, the frames with those that they need, and what was left out."""
+    found: list[model.Constraint] = []
+    made, lost = [*frames], []
+    for each in source.constraints:
+        bodies = [places[frame.on].body for frame in each.frames if frame.on != WORLD]
+        reason = ""
+        if len(bodies) == 2 and bodies[0] == bodies[1]:
+            reason = "a constraint of one body with itself"
+        elif len(bodies) == 1 and each.holds == "hinge":
+            reason = "a hinge to the world; hold two points of its axis instead"
+        elif len(found) == model.MAX_CONSTRAINTS or len(made) + len(bodies) > model.MAX_FRAMES:
+            reason = "one constraint, or frame for it, too many"
+        if reason:
+            lost.append(Finding("left out", each.name, reason))
+            continue
+        names: list[str] = []
+        for frame in each.frames[: len(bodies)]:
+            seat = places[frame.on]
+            pose = quiet_placement(seat.frame @ frame.pose, snap).pose
+            same = [old.name for old in made if (old.on, old.pose) == (seat.body, pose)]
+            if (seat.body, pose) == (model.BASE, model.Pose()):
+                same = ["base"]
+            if not same:
+                made.append(model.Frame(namer.free(frame.name, "frame"), seat.body, pose))
+            names += same[:1] or [made[-1].name]
+        alone, between = _KINDS[each.holds]
+        label = namer.free(each.name, "constraint")
+        if len(names) == 1:
+            anchor = quiet_placement(each.to.pose, snap).pose
+            anchor = anchor if each.holds == "frame" else model.Pose(anchor.xyz)
+            found.append(model.Constraint(label, alone, names[0], None, anchor))
+        else:
+            loop = model.Constraint(
+                label, "loop", names[0], names[1], joint=between, axis=each.axis
+            )
+            found.append(loop)
+        what = f"{each.holds} of {names[0]} held to {(*names, 'the world')[1]}"
+        lost.append(Finding("constraint", label, what))
+    return tuple(found), tuple(made), lost
 
 
 def quiet_placement(pose: Placement, snap: bool) -> Placement:

@@ -130,10 +130,17 @@ def mjcf_text(source: sources.Source, root: str) -> str:
     for joint in source.joints:
         if joint.kind != "fixed":
             writer.motor(actuator, joint)
-    for frame in source.frames:
+    for frame in (*source.frames, *(f for each in source.constraints for f in each.frames)):
         place = {"pos": numbers(frame.pose.xyz), "quat": _quaternion(frame.pose)}
         site = {"name": frame.name, **place}
-        ET.SubElement(writer.place_of(frame.on, frame.name), "site", site)
+        on = world if frame.on == sources.WORLD else writer.place_of(frame.on, frame.name)
+        ET.SubElement(on, "site", site)
+    equality = ET.Element("equality")
+    for each in source.constraints:
+        kind = "weld" if each.holds == "frame" else "connect"
+        sites = {"site1": each.frame.name, "site2": each.to.name}
+        ET.SubElement(equality, kind, {"name": each.name, **sites})
+    top.extend([equality] if source.constraints else [])
     ET.indent(top)
     return ET.tostring(top, encoding="unicode") + "\n"
 

@@ -317,9 +317,8 @@ def test_random_trees_come_back(seed: int, form: Format, tmp_path: Path) -> None
 
 @pytest.mark.parametrize("form", FORMATS)
 def test_constraints_that_no_file_holds_are_told(form: Format) -> None:
-    robot = replace(
-        read_robot("quadrotor")[0], constraints=(Constraint("rope", "point", "camera"),)
-    )
+    rope = Constraint("rope", "distance", "camera", distance=1.0)
+    robot = replace(read_robot("quadrotor")[0], constraints=(rope,))
     assert "left out: constraints: rope" in export_robot(robot, form)[1]
 
 
