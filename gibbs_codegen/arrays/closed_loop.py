@@ -78,7 +78,7 @@ class Surroundings:
     """Which kinds of things act on which frames of the plant; their figures are inputs.
 
     `contacts` are of frames with walls, `payloads` have the frame of each, `spins` rotor and frame
-    of each.
+    of each. `holds` tells that constraints of the robot do; the input `active` says which.
     """
 
     pushes: bool = False
@@ -87,10 +87,11 @@ class Surroundings:
     contacts: tuple[Contact, ...] = ()
     spins: tuple[tuple[int, int], ...] = ()
     payloads: tuple[int, ...] = ()
+    holds: bool = False
 
     @property
     def acts(self) -> bool:
-        """Whether anything does."""
+        """Whether anything does a wrench to a frame; constraints have forces of their own."""
         return bool(self.pushes or self.drag or self.contacts or self.spins or self.payloads)
 
 
@@ -226,8 +227,11 @@ class ClosedLoop:
             at = replace(at, felt=self._touching(q, v, bristles)[self.moved])
         wanted, aimed, u, refused = self._inputs(at, q, v, actuators, memory)
         touches = self.touches(q, v, bristles)
-        wrenches, a = self._motion(at.time, q, v, u, aimed, actuators, touches)
-        rates = [base_of(self.plant, q).rates(v, x), a, self._power(q, v, u, wrenches)]
+        wrenches, a, forces = self._motion(at.time, q, v, u, aimed, actuators, touches)
+        power = self._power(q, v, u, wrenches)
+        if self.around.holds:  # None but where a frame is drawn to its anchor.
+            power = power + dot(forces, self.plant.constraint_jacobian(q) @ v)
+        rates = [base_of(self.plant, q).rates(v, x), a, power]
         if self._actuators:
             rates.append(self._actuator_rates(actuators, aimed))
         if self.integral:
@@ -257,6 +261,7 @@ class ClosedLoop:
     def motion(self) -> Program:
         """Accelerations `a` (nv), `wrenches` (f, 6) of what acts, and of the `contacts` (c, 8).
 
+        `holding` (l) are the forces of constraints, one for each of their rows if any holds.
         `touching` (f, 6) are those of what touches the frames alone: of walls and of the push.
         Of a time, coordinates, velocities, and inputs that act; of rotors in the air also of what
         is aimed for, and of the state of the actuators; of bristles where there are any. Rows of
@@ -266,9 +271,10 @@ class ClosedLoop:
         u, aimed = variable("u", self.plant.inputs), variable("aimed", self.plant.inputs)
         actuators, bristles = self._state_of_actuators, self._state_of_bristles
         touches = self.touches(q, v, bristles)
-        wrenches, a = self._motion(time, q, v, u, aimed, actuators, touches)
+        wrenches, a, forces = self._motion(time, q, v, u, aimed, actuators, touches)
         outputs = {
             "a": a,
+            "holding": forces,
             "wrenches": zeros(self.frames, 6) if wrenches is None else wrenches,
             "touching": self._touching(q, v, bristles),
             "contacts": join(zeros(0, 8), *(reshaped(x.series, (1, 8)) for x in touches)),
@@ -434,13 +440,23 @@ class ClosedLoop:
         aimed: Node,
         actuators: Node,
         touches: list[Touch],
-    ) -> tuple[Node | None, Node]:
-        """Wrenches (f, 6) of what acts, if anything does, and accelerations (nv)."""
-        if not (self.around.acts or self._has_air):
-            return None, self.plant.forward_dynamics(q, v, u)
-        speeds = self.plant.rotor_speeds(actuators, aimed) if self._has_air else zeros(0)
-        wrenches = self._wrenches(time, q, v, u, speeds, touches)
-        return wrenches, self.plant.forward_dynamics_with_wrenches(q, v, u, wrenches)
+    ) -> tuple[Node | None, Node, Node]:
+        """Wrenches (f, 6) of what acts, if anything does, accelerations (nv), and `holding`."""
+        plant, wrenches, pushed = self.plant, None, None
+        if self.around.acts or self._has_air:
+            speeds = plant.rotor_speeds(actuators, aimed) if self._has_air else zeros(0)
+            wrenches = self._wrenches(time, q, v, u, speeds, touches)
+            pushed = plant.forward_dynamics_with_wrenches(q, v, u, wrenches)
+        if not self.around.holds:
+            free = plant.forward_dynamics(q, v, u) if pushed is None else pushed
+            return wrenches, free, zeros(0)
+        active = self.given("active", plant.constraints)
+        a, forces = plant.constrained_forward_dynamics(q, v, u, active)
+        if pushed is not None:
+            # Constraints take of accelerations by wrenches what an impact takes of velocities.
+            left, more = plant.impact(q, pushed - plant.forward_dynamics(q, v, u), active)
+            a, forces = a + left, forces + more
+        return wrenches, a, forces
 
     def parts(self, x: Node) -> tuple[Node, Node, Node, Node, Node]:
         """Coordinates with a unit quaternion, velocities, actuators, memory and bristles."""

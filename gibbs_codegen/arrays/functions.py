@@ -39,6 +39,7 @@ class Functions:
         self.inputs, self.parameters = len(module.INPUTS), len(module.PARAMETERS)
         self.frames = len(module.FRAMES)
         self.actuator_states = len(getattr(module, "ACTUATOR_STATES", ()))
+        self.constraints = len(getattr(module, "CONSTRAINTS", ()))
         # Of rotors on which the air acts their numbers, hubs' frames, and what it does to them.
         inputs, frames = list(module.INPUTS), list(module.FRAMES)
         self.air = [

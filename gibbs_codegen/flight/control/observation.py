@@ -12,11 +12,15 @@ from gibbs_codegen.flight.plant.vehicle import Array
 
 
 class Measured(NamedTuple):
-    """Accelerations (nv), wrenches (f, 6) on the frames, and the state of the actuators."""
+    """Accelerations (nv), wrenches (f, 6) on the frames, and the state of the actuators.
+
+    Then the forces (l) of constraints.
+    """
 
     a: Array
     wrenches: Array
     actuators: Array
+    constraint_forces: Array
 
 
 def _unknown() -> Measured:
@@ -35,7 +39,10 @@ class Observation:
       about its origin, N m, world axes
     - `actuators`: thrusts of motors that lag, N, or the state that `ACTUATOR_STATES` names
 
-    The last three are computed when they are first asked for.
+    - `constraint_forces`: those of the constraints of `CONSTRAINT_ROWS`, N and N m, in the axes of
+      their anchors; 0 of such as do not hold
+
+    The last four are computed when they are first asked for.
     """
 
     time: float
@@ -64,6 +71,11 @@ class Observation:
     def actuators(self) -> Array:
         """State of the actuators."""
         return self._measured.actuators
+
+    @property
+    def constraint_forces(self) -> Array:
+        """Forces (l) of constraints."""
+        return self._measured.constraint_forces
 
     @cached_property
     def _measured(self) -> Measured:

@@ -208,7 +208,8 @@ class Sensing:
 
         def measured() -> Measured:
             found = measure()
-            return Measured(found.a + hurried, found.wrenches + wrenches, found.actuators.copy())
+            parts = found.actuators.copy(), found.constraint_forces.copy()
+            return Measured(found.a + hurried, found.wrenches + wrenches, *parts)
 
         return Observation(time, seen_q, seen_v, *desired, measured)
 

@@ -27,10 +27,12 @@ from gibbs_codegen.flight.control.sampled_control import ControlLaw, ZeroOrderHo
 from gibbs_codegen.flight.integration.state_history import NOTHING, Loads, SmoothInterval
 from gibbs_codegen.flight.plant.actuators import Actuators, check_charge, has_battery
 from gibbs_codegen.flight.plant.environment import Environment
-from gibbs_codegen.flight.plant.vehicle import Array, Vehicle
+from gibbs_codegen.flight.plant.vehicle import Array, Flags, Vehicle
 from gibbs_codegen.flight.scenario.orientation import LARGEST_THETA_0
 from gibbs_codegen.flight.scenario.scenario import Scenario
 
+# Axes of what `motion` finds, if it is not two.
+_AXES = {"a": 1, "holding": 1}
 # Shares of a wrench that thrusts may fail to produce and still count as exact.
 DOUBLE, SINGLE = 1e-9, 1e-4
 
@@ -140,7 +142,7 @@ class ClosedLoop:
             self.hold.start(q, v, partial(self.measured, 0.0, parts, inputs))
         memory = np.zeros((*v.shape[:-1], self.controller.memory))
         wanted, _ = self.controller.commanded(0.0, q, v, memory, {})
-        idles = bool(self.actuators.idles(0.0))
+        idles = bool(self.idles(0.0))
         if idles and not self.vehicle.is_driven:
             wanted[..., : self.vehicle.rotors] = self.actuators.idling
         settled = np.clip(wanted, *self.actuators.inputs) if self.limited else wanted
@@ -219,13 +221,14 @@ class ClosedLoop:
 
         `aimed` (…, nu) is as of `commands`. `wrenches` (…, f, 6) are on the frames by that but the
         inputs: force, N, and torque about the origin, N m, world axes; `touching` (…, f, 6) those
-        of contacts and of the push alone. `contacts` (…, c, 8) are as of `Touch.series`.
+        of contacts and of the push alone. `contacts` (…, c, 8) are as of `Touch.series`, `holding`
+        (…, l) of constraints, none where none holds.
         """
         own = {name: getattr(parts, name) for name in ("q", "v", "actuators", "bristles")}
         given = {"time": time, "u": inputs, "aimed": aimed, **own}
         found = self._found("motion", loads, given)
         return {
-            name: np.broadcast_to(x, (*parts.q.shape[:-1], *x.shape[-(1 + (name != "a")) :]))
+            name: np.broadcast_to(x, (*parts.q.shape[:-1], *x.shape[-_AXES.get(name, 2) :]))
             for name, x in found.items()
         }
 
@@ -261,13 +264,34 @@ class ClosedLoop:
         """Values of all inputs, but for what acts."""
         return loop_values(self, np.inf, NOTHING)
 
+    def idles(self, time: float | Array) -> Flags:
+        """Whether motors idle at times (…), s: by themselves, or while a constraint holds."""
+        alone = self.actuators.idles(time)
+        return alone if self.environment is None else alone | self.environment.idles(time)
+
     def loads(self, time: float | Array) -> Loads:
         """What acts at times (…), s."""
-        idle = self.actuators.idles(time)
-        if self.environment is None:
+        idle, around = self.idles(time), self.environment
+        if around is None:
             return Loads(idle=idle)
-        push, payloads = self.environment.push_acts(time), self.environment.carries(time)
-        return Loads(push, payloads, idle=idle)
+        push, payloads = around.push_acts(time), around.carries(time)
+        return Loads(push, payloads, idle=idle, holds=around.holding(time))
+
+    def held(self, time: float, states: Array) -> tuple[Array, Array]:
+        """States (…, size) after an impact, if constraints take hold at a time, s.
+
+        And the energies (…) that are lost, J, which are work done.
+        """
+        around, vehicle = self.environment, self.vehicle
+        if around is None or not around.takes_hold(time):
+            return states, np.zeros(states.shape[:-1])
+        q, v, work, *_ = self.parts(states)
+        after, _ = vehicle.function("impact")(q, v, around.holding(time).astype(np.float64))
+        lost = vehicle.kinetic_energy(q, v) - vehicle.kinetic_energy(q, after)
+        found = states.copy()
+        found[..., vehicle.layout.q.size : self.work_place] = after
+        found[..., self.work_place] = work - lost
+        return found, lost
 
     def derivative(self, time: float, state: Array, loads: Loads = NOTHING) -> Array:
         """Time derivative (size) of a state, NaN for a state that is not finite.
@@ -297,7 +321,9 @@ class ClosedLoop:
         loads = replace(self.loads(time), inputs=tuple(inputs.tolist()))
         _, aimed, acting = self.commands(time, parts, loads)
         found = self.motion(time, parts, aimed, acting, loads)
-        return Measured(found["a"], found["touching"], parts.actuators)
+        rows = len(getattr(self.vehicle.module, "CONSTRAINT_ROWS", ()))
+        forces = found["holding"] if found["holding"].size else np.zeros(rows)
+        return Measured(found["a"], found["touching"], parts.actuators, forces)
 
     def smooth_intervals(self, begin: float, end: float) -> Iterator[SmoothInterval]:
         """The intervals of a flight between which the push, held inputs and motors may change.
@@ -312,10 +338,11 @@ class ClosedLoop:
             times = np.sort(np.concatenate([times, instants[~near.any(axis=1)]]))
         for first, last in itertools.pairwise(times.tolist()):
             loads = self.loads(first)
-            payloads = tuple(np.atleast_1d(loads.payloads).tolist())
-            yield SmoothInterval(
-                first, last, Loads(bool(loads.push), payloads, idle=bool(loads.idle))
+            payloads, holds = (
+                tuple(np.atleast_1d(each).tolist()) for each in (loads.payloads, loads.holds)
             )
+            acting = Loads(bool(loads.push), payloads, idle=bool(loads.idle), holds=holds)
+            yield SmoothInterval(first, last, acting)
 
 
 def loop_values(
@@ -386,6 +413,9 @@ def acting(environment: Environment | None, loads: Loads) -> tuple[Surroundings,
     if environment is None:
         return Surroundings(), {}
     around, values = environment.around, {**environment.figures}
+    if np.any(loads.holds):
+        around = replace(around, holds=True)
+        values["active"] = np.asarray(loads.holds, dtype=np.float64)
     masses = np.where(loads.payloads, [each.mass for each in environment.payload], 0.0)
     there = np.flatnonzero(np.any(masses > 0.0, axis=tuple(range(masses.ndim - 1))))
     if np.any(loads.push):

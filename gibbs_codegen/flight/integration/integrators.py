@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -333,6 +334,7 @@ class Integration:
         self._integrator = method(loop, settings, self._envelope)
         self._times, self._states = [np.array([begin])], [start[np.newaxis]]
         self._inputs = [InputRanges.none(len(loop.vehicle.inputs))]
+        self._impacts: list[tuple[float, float]] = []
         self.time, self.state = begin, start
         self.stopped = self._envelope.reason(begin, start)
 
@@ -340,6 +342,8 @@ class Integration:
         """Integrate up to a time, or until the flight cannot go on; `progress` is told the time."""
         for interval in self._loop.smooth_intervals(self.time, end):
             if not self.stopped:
+                self.state, lost = self._loop.held(interval.begin, self.state)
+                self._impacts += [(interval.begin, float(lost))] if lost else []
                 begun, self.stopped = self._loop.begun(interval, self.state)
             if self.stopped:
                 break
@@ -356,6 +360,7 @@ class Integration:
             np.concatenate(self._states),
             self.stopped,
             InputRanges.joined(self._inputs),
+            np.reshape(self._impacts, (-1, 2)),
         )
         return whole_history(samples, self.time, self.state, self._envelope)
 
@@ -373,7 +378,7 @@ def whole_history(
     # Samples in which control was lost would dwarf all others.
     kept = envelope.holds(time, states)
     kept[0] = True
-    return StateHistory(time[kept], states[kept], samples.stopped, samples.inputs)
+    return replace(samples, time=time[kept], states=states[kept])
 
 
 def integrate(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -56,14 +56,15 @@ class Loads:
     """What acts: pushes, payloads, and inputs u (nu) that are held, if any.
 
     `push` says whether the push does (…), `payloads` which of them do (…, p), or one flag for all;
-    `idle` that motors do not run (…). Without `inputs` the law of control commands them at every
-    instant.
+    `holds` which constraints do (…, c), and `idle` that motors do not run (…). Without `inputs` the
+    law of control commands them at every instant.
     """
 
     push: bool | Flags = False
     payloads: bool | tuple[bool, ...] | Flags = False
     inputs: tuple[float, ...] | None = None
     idle: bool | Flags = False
+    holds: bool | tuple[bool, ...] | Flags = False
 
 
 NOTHING = Loads()
@@ -73,13 +74,15 @@ NOTHING = Loads()
 class StateHistory:
     """Samples of the state (s, size) at times (s), and why there are no more; "" if complete.
 
-    `inputs` has the ranges of the inputs between the samples.
+    `inputs` has the ranges of the inputs between the samples, `impacts` (i, 2) times, s, and lost
+    energies, J, of constraints that took hold.
     """
 
     time: Array
     states: Array
     stopped: str
     inputs: InputRanges
+    impacts: Array = field(default_factory=lambda: np.zeros((0, 2)))
 
 
 @dataclass(frozen=True)

@@ -23,11 +23,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gibbs_codegen.arrays.closed_loop import Surroundings
-from gibbs_codegen.errors import UsageError
+from gibbs_codegen.errors import MissingFunctionError, UsageError, printable
 from gibbs_codegen.flight.plant.vehicle import Array, Flags, Vehicle
-from gibbs_codegen.flight.scenario.parts import Payload, Push, Wind
+from gibbs_codegen.flight.scenario.parts import Hold, Payload, Push, Wind
 from gibbs_codegen.flight.scenario.scenario import Scenario
 from gibbs_codegen.flight.scenario.walls import Wall, contacts_of, yielding
+from gibbs_codegen.interface import FUNCTIONS
+from gibbs_codegen.interface.choice import option_with
 
 
 class RotorSpin:
@@ -74,6 +76,7 @@ class Environment:
     wind: Wind | None = None
     wall: tuple[Wall, ...] = ()
     spins: Array | None = None
+    hold: tuple[Hold, ...] = ()
 
     def __post_init__(self) -> None:
         if self.push is not None:
@@ -86,6 +89,30 @@ class Environment:
             for key in ("drag", "rotational_drag"):
                 for frame in getattr(self.wind, key):
                     self.vehicle.frame_place(frame, f"wind.{key}")
+        for place, each in enumerate(self.hold, start=1):
+            self._check_hold(each, f"hold {place}")
+
+    def _check_hold(self, hold: Hold, where: str) -> None:
+        """Raise `UsageError` for a constraint that is not there, or a payload beside it."""
+        vehicle, known = self.vehicle, self._constraints
+        if hold.constraint not in known:
+            names = f"its constraints: {', '.join(known)}" if known else "it has no [[constraint]]"
+            raise UsageError(
+                f"{where}: constraint: {vehicle.name} has no {printable(hold.constraint)}; {names}"
+            )
+        for name in ("constrained_forward_dynamics", "impact", "constraint_jacobian"):
+            if not hasattr(vehicle.module, name):
+                having = [each for each in FUNCTIONS if hasattr(vehicle.module, each)]
+                raise MissingFunctionError(vehicle.name, name, *option_with(name, having))
+        if any(each.begin < hold.end and hold.begin < each.end for each in self.payload):
+            raise UsageError(
+                f"{where}: a payload is there while {hold.constraint} holds, which is not computed "
+                "together; give the payload another time, or its mass to a link by [plant]"
+            )
+
+    @property
+    def _constraints(self) -> tuple[str, ...]:
+        return tuple(getattr(self.vehicle.module, "CONSTRAINTS", ()))
 
     @classmethod
     def of(cls, vehicle: Vehicle, scenario: Scenario, spins: Array) -> Environment | None:
@@ -95,9 +122,10 @@ class Environment:
         """
         spinning = spins if np.any(spins) else None
         found = cls(
-            vehicle, scenario.push, scenario.payloads, scenario.wind, scenario.walls, spinning
+            *(vehicle, scenario.push, scenario.payloads, scenario.wind, scenario.walls, spinning),
+            scenario.holds,
         )
-        acts = found.push or found.payload or found.wind or found.wall or found.spin
+        acts = found.push or found.payload or found.wind or found.wall or found.spin or found.hold
         return found if acts else None
 
     @cached_property
@@ -142,6 +170,26 @@ class Environment:
         begins, ends = np.reshape(spans, (-1, 2)).T
         return (times >= begins) & (times < ends)
 
+    def holding(self, time: float | Array) -> Flags:
+        """Which constraints of the robot hold (…, c) at times (…), s."""
+        times, names = np.asarray(time), self._constraints
+        found = np.zeros((*times.shape, len(names)), dtype=bool)
+        for each in self.hold:
+            found[..., names.index(each.constraint)] |= each.holds_at(times)
+        return found
+
+    def takes_hold(self, time: float) -> bool:
+        """Whether a constraint begins to hold at a time, s."""
+        return any(each.begin == time for each in self.hold)
+
+    def idles(self, time: float | Array) -> Flags:
+        """Whether motors idle at times (…), s, since a constraint holds the robot."""
+        times = np.asarray(time)
+        found = np.zeros(times.shape, dtype=bool)
+        for each in self.hold:
+            found |= each.holds_at(times) & each.idle
+        return found
+
     @cached_property
     def spin(self) -> RotorSpin | None:
         """The spinning rotors, if any."""
@@ -166,7 +214,8 @@ class Environment:
     @property
     def jumps(self) -> set[float]:
         """Times, s, at which what acts, or how it changes, jumps."""
-        lasting = [each for each in (self.push, *self.payload) if each is not None]
+        every = (self.push, *self.payload, *self.hold)
+        lasting = [each for each in every if each is not None]
         gusts = self.wind.gusts if self.wind else ()
         ends = ((gust.begin, gust.begin + gust.duration) for gust in gusts)
         return {*itertools.chain(*ends, *((each.begin, each.end) for each in lasting))}
@@ -179,4 +228,5 @@ class Environment:
             *(["a lighter payload"] if self.payload else []),
             *(["less wind"] if self.wind else []),
             *(["a wall further away"] if self.wall else []),
+            *(["a shorter hold"] if self.hold else []),
         ]

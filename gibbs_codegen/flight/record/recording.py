@@ -101,6 +101,9 @@ class Recording:
             "contact_friction": lambda: self._motion["contacts"][..., 1:4],
             "contact_slip": lambda: self._motion["contacts"][..., 4:7],
             "contact_depth": lambda: self._motion["contacts"][..., 7],
+            "hold_names": lambda: tuple(getattr(vehicle.module, "CONSTRAINT_ROWS", ())),
+            "hold_forces": self._hold_forces,
+            "impacts": lambda: self.history.impacts,
             "disc_radii": self._disc_radii,
             "joint_limits": lambda: loop.actuators.joints,
             **self._driven,
@@ -195,6 +198,12 @@ class Recording:
         ends = np.cumsum([0, *counts])
         parts = [forces[:, a:b].sum(axis=1) for a, b in itertools.pairwise(ends)]
         return np.stack(parts, axis=1) if parts else np.zeros((len(self._time), 0))
+
+    def _hold_forces(self) -> Array:
+        """Forces (s, l) of constraints, 0 where none holds."""
+        rows = len(getattr(self.loop.vehicle.module, "CONSTRAINT_ROWS", ()))
+        forces = self._motion["holding"]
+        return forces if forces.size else np.zeros((len(self._time), rows))
 
     def _disc_radii(self) -> Array:
         """Radii (N), m, of the discs of rotors, 0 where neither scenario nor robot says them."""

@@ -27,7 +27,7 @@ RANGES = ("commanded_least", "commanded_greatest", "applied_least", "applied_gre
 NO_SERIES = frozenset(
     {
         *("base_arm_angles_desired", "binding_times", "contact_walls", "disc_radii", "gusts"),
-        *("input_limits", "joint_limits", "walls"),
+        *("impacts", "input_limits", "joint_limits", "walls"),
     }
 )
 # Rows of a CSV that are written at a time.
@@ -94,6 +94,9 @@ class Flight:
     (s, c, 3), N, those across it on the frame, world axes. `contact_slip` (s, c, 3), m/s, is the
     velocity at which it slides, 0 where it sticks, and `contact_depth` (s, c), m, how deep it is,
     negative outside.
+    `hold_forces` (s, l), N and N m, are those of constraints by `hold_names`, the rows of these, in
+    the axes of their anchors; 0 of such as do not hold. `impacts` (i, 2) are when constraints took
+    hold, s, and the energy that was lost, J; the `work` has it.
     `disc_radii` (N), m, are those of the rotors, 0 where nobody says them.
     `gusts` (g, 2) are from when to when each gust of the wind
     blows, s.
@@ -160,6 +163,9 @@ class Flight:
     contact_friction: Array = field(default_factory=lambda: np.zeros((0, 0, 3)), repr=False)
     contact_slip: Array = field(default_factory=lambda: np.zeros((0, 0, 3)), repr=False)
     contact_depth: Array = field(default_factory=lambda: np.zeros((0, 0)), repr=False)
+    hold_names: tuple[str, ...] = ()
+    hold_forces: Array = field(default_factory=lambda: np.zeros((0, 0)), repr=False)
+    impacts: Array = field(default_factory=lambda: np.zeros((0, 2)), repr=False)
     disc_radii: Array = field(default_factory=lambda: np.zeros(0), repr=False)
     joint_limits: Array = field(default_factory=lambda: np.zeros((2, 0)), repr=False)
     command_names: tuple[str, ...] = ()
@@ -350,6 +356,8 @@ class Flight:
                 yield f"{name}_friction_{axis}", "N", self.contact_friction[:, k, i]
                 yield f"{name}_slip_{axis}", "m/s", self.contact_slip[:, k, i]
             yield f"{name}_depth", "m", self.contact_depth[:, k]
+        for name, values in zip(self.hold_names, self.hold_forces.T, strict=True):
+            yield f"{name}_held", "N m" if "_turn" in name else "N", values
         for k, values in enumerate(self.wall_distances.T, start=1):
             yield f"wall_{k}_distance", "m", values
         for name, values in zip(self.input_names, self.rotor_distances.T, strict=False):

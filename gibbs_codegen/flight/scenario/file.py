@@ -265,6 +265,9 @@ class ScenarioTable(Table):
     wall: Annotated[tuple[AnyWall, ...], Tables("wall", 20, "walls")] = optional(
         "walls that frames may lean on; default: none", ()
     )
+    hold: Annotated[tuple[parts.Hold, ...], Tables("hold", 20, "constraints that hold")] = optional(
+        "constraints of the robot that hold for a time; default: none", ()
+    )
     timing: parts.Timing = optional("how fast the paths are flown", parts.Timing())
     integration: parts.Settings = optional("method, tolerances and samples", parts.Settings())
     parameters: dict[str, Number] = optional(
@@ -310,8 +313,8 @@ class ScenarioTable(Table):
     def scenario(self) -> Scenario:
         """The scenario that the file describes: keys are fields but for those that are named."""
         values = dict(vars(self))
-        base, arm, push, tip_force, payloads, walls = map(
-            values.pop, ("base", "arm", "push", "tip_force", "payload", "wall")
+        base, arm, push, tip_force, payloads, walls, holds = map(
+            values.pop, ("base", "arm", "push", "tip_force", "payload", "wall", "hold")
         )
         return Scenario(
             base=base.path,
@@ -320,5 +323,6 @@ class ScenarioTable(Table):
             push=push or (parts.Push(**vars(tip_force)) if tip_force else None),
             payloads=payloads,
             walls=walls,
+            holds=holds,
             **values,
         )

@@ -38,6 +38,7 @@ from gibbs_codegen.flight.scenario.numbers import (
     Positives,
     Vector,
 )
+from gibbs_codegen.flight.vectors import Array, Flags
 
 MAX_DURATION = 3600.0  # s
 # The law that plans: `flight.control.predictive`.
@@ -346,6 +347,24 @@ class Payload(_ForATime, Table):
     mass: Annotated[NotNegative, key("the mass, kg")]
     begin: NotNegative = entry("when it is there first, s", 0.0)
     end: Endless = entry("when it is there no more, s; default: it stays", math.inf)
+
+
+@table
+class Hold(_ForATime, Table):
+    """A constraint of the robot that holds for a time.
+
+    It begins with an impact. A frame is held where it is then, and drawn to its anchor only if the
+    constraint has a frequency.
+    """
+
+    constraint: Annotated[str, key("the constraint: a name of CONSTRAINTS of the module")]
+    begin: NotNegative = entry("when it takes hold, s", 0.0)
+    end: Endless = entry("when it lets go, s; default: it stays", math.inf)
+    idle: Flag = entry("whether motors idle meanwhile", False)
+
+    def holds_at(self, times: Array) -> Flags:
+        """Whether it holds at times (…), s."""
+        return (times >= self.begin) & (times < self.end)
 
 
 @table

@@ -110,6 +110,7 @@ class Scenario(Table):
     payloads: tuple[parts.Payload, ...] = ()
     wind: parts.Wind | None = None
     walls: tuple[AnyWall, ...] = ()
+    holds: tuple[parts.Hold, ...] = ()
     integration: parts.Settings = parts.Settings()
     parameters: Mapping[str, Number] = field(default_factory=dict)
     plant: Mapping[str, Number] = field(default_factory=dict)

@@ -1,0 +1,198 @@
+"""Constraints that hold for a time, with the robots and scenarios of their page."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from support.kept import kept_folder, made_once
+from support.pages import files_of
+
+from gibbs_codegen.errors import MissingFunctionError, UsageError
+from gibbs_codegen.flight.control.observation import Observation
+from gibbs_codegen.flight.integration.compiled_loop import CompiledSlope
+from gibbs_codegen.flight.integration.integrators import Integration
+from gibbs_codegen.flight.many import simulate_many
+from gibbs_codegen.flight.record.flight import Flight, read_flight
+from gibbs_codegen.flight.rollouts.rollout import rollout
+from gibbs_codegen.flight.scenario.file import parse_scenario
+from gibbs_codegen.flight.scenario.parts import Hold, Payload, Push, Wind
+from gibbs_codegen.flight.scenario.scenario import Scenario
+from gibbs_codegen.flight.simulation import flight_start, simulate
+from gibbs_codegen.flight.stepping import Simulation
+from gibbs_codegen.pipeline import generate_robot
+from gibbs_codegen.robot.file import parse_robot
+from gibbs_codegen.runtime.load import load
+
+Array = NDArray[np.float64]
+FILES = files_of("docs/howto/constraints.md")
+WEIGHT = 9.81 * 1.35
+RK4: dict[str, Any] = {"method": "rk4", "step": 0.001}
+
+
+def module_of(name: str, backend: str = "c") -> ModuleType:
+    """The module of a robot of the page."""
+    robot, text = parse_robot(FILES[f"{name}.toml"]), FILES[f"{name}.toml"]
+    base = kept_folder(robot, "constraints in flight")
+
+    def make() -> None:
+        generate_robot(robot, text, base, verify=False, functions=["default", "constraints"])
+
+    return load(made_once(base / robot.name, make), backend)
+
+
+def perching(**changes: Any) -> Scenario:
+    """The scenario of the page, with parts changed, in steps of 1 ms."""
+    scene = parse_scenario(FILES["perch.toml"])
+    return replace(scene, integration=replace(scene.integration, **RK4), **changes)
+
+
+@pytest.fixture(scope="module")
+def percher() -> ModuleType:
+    return module_of("percher")
+
+
+@pytest.fixture(scope="module")
+def perched(percher: ModuleType) -> Flight:
+    return simulate(percher, perching())
+
+
+def test_a_machine_perches_where_it_is_and_takes_off(
+    percher: ModuleType, perched: Flight, tmp_path: Any
+) -> None:
+    flight, held = perched, (perched.time > 1.9) & (perched.time < 4.0)
+    assert not flight.stopped
+    place = flight.q[held, :7]
+    assert np.abs(np.ptp(place, axis=0)).max() < 1e-12
+    assert np.abs(place[0, :3] - [0.5, 0.0, 1.6]).max() > 1e-5  # Not yet where the path ends.
+    assert not flight.applied[held, :4].any()
+    assert np.ptp(flight.q[held, 7]) > 0.5  # The arm goes on.
+    assert not flight.hold_forces[~held & (flight.time != 1.9)].any()
+    # By Newton: what holds the machine up is its weight and what speeds up its centre of mass.
+    impulse = np.einsum("sij,sj->si", percher.mass_matrix(flight.q), flight.v)[:, :3]
+    momentum = np.einsum("sij,sj->si", flight.base_rotation, impulse)
+    pull = np.gradient(momentum, flight.time, axis=0)
+    pull[:, 2] += WEIGHT
+    inner = np.flatnonzero(held)[3:-3]
+    np.testing.assert_allclose(flight.hold_forces[inner, :3], pull[inner], rtol=0, atol=0.02)
+    ((time, lost),) = flight.impacts
+    assert time == 1.9
+    before = np.flatnonzero(flight.time == 1.9)[0]
+    energy = flight.kinetic_energy
+    assert 0.5 * energy[before] < lost < energy[before]
+    assert np.abs(flight.energy_error).max() < 1e-9
+    assert np.abs(flight.q[-1, :3] - [0, 0, 1]).max() < 5e-3
+    flight.write_npz(tmp_path / "flight.npz")
+    assert np.array_equal(read_flight(tmp_path / "flight.npz").impacts, flight.impacts)
+
+
+def test_forces_and_accelerations_are_those_of_the_bordered_matrix(percher: ModuleType) -> None:
+    """With push and wind; in NumPy, and compiled."""
+    push, wind = Push((1.0, -2.0, 3.0), torque=(0.1, 0.2, -0.1), frame="claw"), Wind({"base": 0.4})
+    scene = perching(push=push, wind=replace(wind, velocity=(2.0, 1.0, 0.0)))
+    loop = flight_start(percher, scene, lambda *_: None, own=False).loop
+    rng = np.random.default_rng(2)
+    q, v, u = rng.normal(size=8), rng.normal(size=7), rng.normal(size=5)
+    q[3:7] /= np.linalg.norm(q[3:7])
+    loads = replace(loop.loads(3.0), idle=False)
+    parts = loop.parts(np.concatenate([q, v, np.zeros(loop.size - 15)]))
+    found = loop.motion(3.0, parts, u, u, loads)
+    mass, jacobian = percher.mass_matrix(q), percher.constraint_jacobian(q)
+    driven = percher.residual(q, v) + percher.input_matrix(q) @ u
+    driven = driven + percher.wrench_forces(q, found["wrenches"])
+    bordered = np.block([[mass, jacobian.T], [jacobian, np.zeros((6, 6))]])
+    right = np.concatenate([driven, -percher.constraint_bias(q, v)])
+    expected = np.linalg.solve(bordered, right)
+    assert np.abs(found["wrenches"]).max() > 2.0
+    size = np.abs(expected).max()
+    np.testing.assert_allclose(found["a"], expected[:7], rtol=0, atol=1e-11 * size)
+    np.testing.assert_allclose(found["holding"], -expected[7:], rtol=0, atol=1e-11 * size)
+    state = np.concatenate([q, v, np.zeros(loop.size - 15)])
+    compiled = CompiledSlope(loop, np.inf, loads)(3.0, state)
+    np.testing.assert_allclose(compiled, loop.derivative(3.0, state, loads), rtol=1e-10, atol=1e-9)
+
+
+def test_other_ways_to_fly_give_the_same(percher: ModuleType) -> None:
+    scene = perching(duration=3.0)
+    perched = simulate(percher, scene)
+    found = rollout(percher, None, None, scene, 3000, 0.001, every=10)
+    np.testing.assert_allclose(found.q[0], perched.q, rtol=0, atol=1e-9)
+    alike, other = simulate_many(percher, [scene, replace(scene, plant={"base_mass": 1.5})])
+    assert isinstance(alike, Flight)
+    assert isinstance(other, Flight)
+    np.testing.assert_allclose(alike.q, perched.q, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(alike.impacts, perched.impacts, rtol=1e-9)
+    assert other.impacts[0, 1] != alike.impacts[0, 1]
+    loop = flight_start(module_of("percher", "numpy"), scene, lambda *_: None, own=False).loop
+    begin = np.flatnonzero(perched.time == 1.88)[0]
+    state = loop.start(perched.q[begin], perched.v[begin])
+    # The last instants before and the first ones after, in Python.
+    python = Integration(loop, state, scene.integration, 3.0, 1.88)
+    python.advance(1.92)
+    after = np.flatnonzero(perched.time == 1.92)[0]
+    np.testing.assert_allclose(loop.parts(python.state).q, perched.q[after], rtol=0, atol=1e-9)
+
+
+def test_controllers_are_told_forces(percher: ModuleType) -> None:
+    scene = perching(holds=(Hold("grip", 0.1, 0.4),))
+    seen: list[Observation] = []
+    simulation = Simulation(percher, scene)
+    for _ in range(5):
+        seen.append(simulation.step(np.zeros(5), 0.1))
+    assert [bool(each.constraint_forces.any()) for each in seen] == [True, True, True, False, False]
+    assert seen[2].constraint_forces[2] == pytest.approx(WEIGHT, rel=0.02)
+    assert np.abs(seen[1].q[:7] - seen[2].q[:7]).max() < 1e-12
+    # It has fallen for 0.1 s before, and again for 0.1 s.
+    assert simulation.q[2] == pytest.approx(1.0 - 2 * 0.5 * 9.81 * 0.01, abs=2e-3)
+    assert simulation.flight().impacts.shape == (1, 2)
+
+
+def test_a_door_is_pulled_open() -> None:
+    opener = module_of("opener")
+    flight = simulate(opener, parse_scenario(FILES["door.toml"]))
+    assert not flight.stopped
+    errors = opener.constraint_errors(flight.q)
+    assert np.abs(errors - errors[0]).max() < 1e-11
+    upper = opener.FRAMES.index("upper")
+    turn = opener.frame_poses(flight.q)[:, upper, :2, 0]
+    angle = np.rad2deg(np.unwrap(np.arctan2(turn[:, 1], turn[:, 0])))
+    assert angle[-1] - angle[0] == pytest.approx(-60.0, abs=0.2)
+    # The hinge bears the door but for what the law takes it for.
+    upwards = [k for k, name in enumerate(flight.hold_names) if name.endswith("_z")]
+    carried = flight.hold_forces[:, upwards].sum(axis=1)
+    np.testing.assert_allclose(carried, 5.9 * 9.81, rtol=0, atol=0.2)
+    assert np.abs(flight.energy_error).max() < 1e-9
+
+
+def test_a_frequency_draws_the_frame_to_its_anchor(percher: ModuleType) -> None:
+    del percher
+    text = FILES["percher.toml"] + "xyz = [0.5, 0, 1.7]\nfrequency = 8\n"
+    robot = replace(parse_robot(text), name="drawn")
+    base = kept_folder(robot, "constraints in flight")
+    options: dict[str, Any] = {"verify": False, "functions": ["default", "constraints"]}
+    drawn = load(
+        made_once(base / robot.name, lambda: generate_robot(robot, text, base, **options)), "c"
+    )
+    flight = simulate(drawn, perching())
+    held = np.flatnonzero((flight.time > 1.9) & (flight.time < 4.0))
+    errors = np.abs(drawn.constraint_errors(flight.q))
+    assert errors[held[0]].max() > 1e-4
+    assert errors[held[-1]].max() < 1e-5
+    assert np.abs(flight.energy_error).max() < 1e-7
+
+
+def test_what_cannot_hold_is_refused(percher: ModuleType, monkeypatch: pytest.MonkeyPatch) -> None:
+    other = (Hold("gripp"),)
+    with pytest.raises(UsageError, match="hold 1: constraint: percher has no gripp; its"):
+        simulate(percher, perching(holds=other))
+    heavy = perching(payloads=(Payload("claw", 0.1, 3.0, 5.0),))
+    with pytest.raises(UsageError, match="hold 1: a payload is there while grip holds"):
+        simulate(percher, heavy)
+    lacking = module_of("percher", "numpy")
+    monkeypatch.delattr(lacking, "impact")
+    with pytest.raises(MissingFunctionError, match="constraints"):
+        simulate(lacking, perching())
