@@ -589,14 +589,15 @@ class ClosedLoop:
         found = FrameAim(self.moved, stiffness, damping, inertia, at.felt)
         if not LAWS[self.law].pushes:
             return found
-        direction = self.given("push_direction", 3)
+        direction, axes = self.given("push_direction", 3), None
         if self.axes is not None:
-            direction = surroundings.rotation_of(self.model.frame_poses(q)[self.axes]) @ direction
+            axes = surroundings.rotation_of(self.model.frame_poses(q)[self.axes])
+            direction = axes @ direction
         force, rise, integral = (self.given(f"push_{x}") for x in ("force", "rise", "integral"))
         ends = self.given("push_begin"), self.given("push_end")
         shares = (clip((at.time - end) / rise, 0.0, 1.0) for end in ends)
         rising, falling = (x * x * (3.0 - 2.0 * x) for x in shares)
-        return replace(found, push=Push(direction, force, rising - falling, integral))
+        return replace(found, push=Push(direction, force, rising - falling, integral, axes))
 
     def _lead(
         self, at: Instant, parts: Sequence[Node], actuators: Node, wanted: Node, sent: Node

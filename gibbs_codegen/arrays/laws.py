@@ -126,13 +126,24 @@ class Push:
     """How a frame is to push: along a unit vector (3), world axes, with a force, N.
 
     `share`, 0 to 1, is how far that is in force; `integral`, 1/s, the rate at which the error of
-    the measured force is learned.
+    the measured force is learned. `axes` (3, 3) is the rotation to the world's axes from those
+    that turn with the direction, if it turns: what is remembered, N s along it and m s across it,
+    has entries there, so that none becomes one of another unit.
     """
 
     direction: Node
     force: Node
     share: Node
     integral: Node
+    axes: Node | None = None
+
+    def to_world(self, remembered: Node) -> Node:
+        """Entries (3) in world axes of what is remembered."""
+        return remembered if self.axes is None else self.axes @ remembered
+
+    def from_world(self, rates: Node) -> Node:
+        """Entries (3) of rates in world axes where they are remembered."""
+        return rates if self.axes is None else self.axes.transposed @ rates
 
 
 @dataclass(frozen=True)
@@ -263,7 +274,7 @@ def _frame_learning(robot: Functions, q: Node, frame: FrameAim, aim: Aim) -> Nod
     # Far from half of the force there is no contact yet: on the way there nothing is learned.
     touching = clip(2.0 * felt / maximum(push.force, _LEAST), 0.0, 1.0)
     along = push.share * touching * (push.force - felt)
-    return off + (along - dot(push.direction, off)) * push.direction
+    return push.from_world(off + (along - dot(push.direction, off)) * push.direction)
 
 
 def _off(robot: Functions, q: Node, aim: Aim) -> Node:
@@ -293,10 +304,11 @@ def _wanted(robot: Functions, q: Node, v: Node, aim: Aim, place: slice) -> Node:
     if push is None:
         pull = pull + frame.force
     else:
-        n, learnt = push.direction, aim.learnt[place]
+        n, learnt = push.direction, push.to_world(aim.learnt[place])
         felt = dot(n, frame.force)
         pull = pull + frame.stiffness * (learnt - dot(n, learnt) * n) + felt * n
-        wish = push.force + push.integral * dot(n, aim.remembered[place]) + felt
+        remembered = dot(n, push.to_world(aim.remembered[place]))
+        wish = push.force + push.integral * remembered + felt
         # What is pushed decides how the frame moves there, and not its path.
         pull, velocity, ahead = (
             x + push.share * (other - dot(n, x)) * n

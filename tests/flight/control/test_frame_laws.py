@@ -10,13 +10,14 @@ from typing import Any
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
+from scipy.spatial.transform import Rotation
 
 from gibbs_codegen.errors import ScenarioFileError, UsageError
 from gibbs_codegen.flight.control.sampled_control import Observation
 from gibbs_codegen.flight.plant.vehicle import Array, Vehicle
 from gibbs_codegen.flight.record.flight import Flight
 from gibbs_codegen.flight.scenario.file import read_scenario
-from gibbs_codegen.flight.simulation import simulate
+from gibbs_codegen.flight.simulation import flight_start, simulate
 from gibbs_codegen.flight.stepping import Simulation
 
 Load = Callable[[str], ModuleType]
@@ -175,6 +176,42 @@ def test_a_push_ends_and_turns_with_its_axes(fast: Load) -> None:
     row = np.searchsorted(flight.time, 3.9)
     assert flight.frame_wrench("tip")[row, :3] == pytest.approx(-2 * along, abs=1e-2)
     assert tips(module, flight)[-1] == pytest.approx(0.0, abs=1e-3)
+
+
+@pytest.mark.parametrize("name", ["hextilt_flying_arm_5", "quadrotor_arm_2link"])
+def test_what_is_learnt_turns_with_its_axes(name: str, fast: Load) -> None:
+    """A machine that faces elsewhere, along axes of its base, is as one along the world's."""
+    module, heading = fast(name), 40.0
+    turn, rng = Rotation.from_euler("z", heading, degrees=True), np.random.default_rng(4)
+    v, learnt = rng.normal(size=(2, len(module.VELOCITIES)))
+    felt, found = np.array([[-1.5, 0.4, -0.6], [0.2, -0.1, 0.3]]), []
+    force = {"value": 3.0, "direction": [0.6, 0, 0.8], "integral": 2, "rise": 0.5}
+    for axes, facing in (("world", Rotation.identity()), ("base", turn)):
+        changes = {
+            "base": {
+                "path": {"kind": "fixed", "position": [0, 0, 2]},
+                "attitude": {"kind": "level", "heading_deg": heading if axes == "base" else 0.0},
+            },
+            "arm.posture_deg": BENT[name],
+            "control": {"law": "force", "integral": 0.7, "force": {**force, "axes": axes}},
+            "duration": 2,
+        }
+        start = flight_start(module, read_scenario("hover", changes), lambda *_: None, own=False)
+        controller, places = start.loop.controller, start.loop.vehicle.layout
+        q, own = controller.reference(1.0)[0].copy(), learnt.copy()
+        q[places.q.position] += facing.apply([0.02, -0.03, 0.01])
+        q[places.q.joints] += 0.1
+        wrench = facing.apply(felt).ravel()
+        if name.startswith("quad"):  # That of the centre of mass is in world axes.
+            own[places.v.position] = facing.apply(own[places.v.position])
+        u, growth = controller.commanded(1.0, q, v, own, {}, wrench)
+        if name.startswith("quad"):
+            growth[places.v.position] = facing.inv().apply(growth[places.v.position])
+        found.append((u, growth))
+    (level, learning), turned = found
+    assert np.abs(learning).max() > 0.1
+    assert turned[0] == pytest.approx(level, abs=1e-9 * np.abs(level).max())
+    assert turned[1] == pytest.approx(learning, abs=1e-9)
 
 
 @pytest.mark.parametrize(
