@@ -62,6 +62,7 @@ joint = "revolute"
 axis  = "y"
 """
 KINDS: tuple[ConstraintKind, ...] = ("point", "frame", "distance", "loop", "plane")
+_ROUNDING = 1e-13
 JOINTS: tuple[LoopJoint, ...] = ("fixed", "revolute", "spherical")
 
 
@@ -138,6 +139,7 @@ class Dense:
         lift = np.eye(6)
         lift[:3, 3:] = -pin.skew(arm)
         jacobian = of_frame - lift @ of_carrier
+        jacobian[np.abs(jacobian) < _ROUNDING] = 0.0  # Of frames on one body nothing else is left.
         moving, spin = jacobian @ self.v, (of_carrier @ self.v)[3:]
         relative = bias - lift @ carried
         relative[:3] -= np.cross(spin, np.cross(spin, arm)) + 2.0 * np.cross(spin, moving[:3])
