@@ -387,6 +387,16 @@ class Law:
         """Whether it controls the force of that."""
         return self.task == "force"
 
+    def hindrance(self, held: Sequence[bool], frame: str) -> str | None:
+        """Why it cannot move a frame, in words; None where it can, or need not.
+
+        `held` tells of each joint whether a servo holds it.
+        """
+        if not (self.moves_frame and self.leans and all(held)):
+            return None
+        reason = "servos hold all of them" if held else "it has none"
+        return f"under {self.title} torques of joints move {frame}, but {reason}"
+
 
 LAWS = {
     "computed_torque": Law(

@@ -313,6 +313,18 @@ def test_laws_run_on_microcontrollers(case: Case, processor: Processor) -> None:
         ),
         ("hexarotor_3link", ["geometric"], ["c"], "command all directions; choose computed_torque"),
         ("hydrus", ["computed_torque"], ["c"], "fully actuated.*choose geometric"),
+        (
+            "quadrotor",
+            ["geometric_force"],
+            ["c"],
+            "quadrotor: under .* joints move the tip, but it has none; choose geometric$",
+        ),
+        (
+            "dual_arm",
+            ["geometric_impedance"],
+            ["c"],
+            r'moves the frame tip, .* are .*left_hand.*; name .* "tip", as a \[\[frame\]\]',
+        ),
     ],
 )
 def test_laws_that_do_not_suit_are_refused(

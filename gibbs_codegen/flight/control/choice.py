@@ -137,11 +137,10 @@ def _moved_frame(law: Law, control: Control, vehicle: Vehicle) -> MovedFrame | N
     place, axes = vehicle.frame_place(impedance.frame, "control.impedance.frame"), None
     if force is not None and force.axes != WORLD:
         axes = vehicle.frame_place(force.axes, "control.force.axes")
-    if LAWS[law].leans and all(holds(vehicle, k) for k in range(vehicle.joints)):
-        reason = "servos hold all of them" if vehicle.joints else "it has none"
+    held = [holds(vehicle, k) for k in range(vehicle.joints)]
+    if hindrance := LAWS[law].hindrance(held, impedance.frame):
         raise UsageError(
-            f"{vehicle.name}: under {LAWS[law].title} torques of joints move {impedance.frame}, "
-            f'but {reason}; set control.law to "tracking", or fly a robot whose base commands all '
-            "directions"
+            f'{vehicle.name}: {hindrance}; set control.law to "tracking", or fly a robot whose '
+            "base commands all directions"
         )
     return MovedFrame(place, axes, impedance, force)

@@ -27,16 +27,17 @@ _ALONG_ONE_AXIS = (4, 1)
 def law_files(model: Model, header: Lines) -> dict[str, str]:
     """Header and source of a model's laws, by name; none if it has no laws.
 
-    Raises `UsageError` where the rotors do not command what a law needs, or the model lacks
-    functions that a law calls.
+    Raises `UsageError` where the rotors do not command what a law needs, where a law moves the tip
+    and nothing is called so or moves it, or the model lacks functions that a law calls.
     """
     if not model.laws:
         return {}
     robot, points, frames = model.robot, model.description.points, model.description.frames
     for law in model.laws:
-        _check(robot, law)
+        _check(robot, law, frames)
     functions = model_functions(model)
     centre = points.index("O2" if "O2" in points else "base")
+    # Without a tip no law moves it.
     tip = frames.index("tip") if "tip" in frames else 0
     made = law_functions(functions, model.laws, centre, tip, bool(carried_rotors(robot)))
     programs = (each.program for each in made)
@@ -64,8 +65,8 @@ def _rank(matrix: Array) -> int:
     return int(np.sum(values > _RANK * np.max(values)))
 
 
-def _check(robot: Robot, law: str) -> None:
-    """Raise `UsageError` if the rotors do not command what a law needs."""
+def _check(robot: Robot, law: str, frames: Sequence[str]) -> None:
+    """Raise `UsageError` if rotors do not command what a law needs, or there is no tip to move."""
     if not robot.rotors:
         raise UsageError(
             f"--laws: {robot.name} has no rotors, which laws command; add rotors to the robot file"
@@ -76,9 +77,22 @@ def _check(robot: Robot, law: str) -> None:
     rank, axes = _rank(matrix), _rank(matrix[:3])
     left = np.linalg.svd(matrix)[0]
     full, one_axis = rank == len(left), (rank, axes) == _ALONG_ONE_AXIS
-    suiting = [name for name, each in LAWS.items() if (one_axis if each.leans else full)]
+    of_rotors = {name: each for name, each in LAWS.items() if (one_axis if each.leans else full)}
+    servos = (robot.links[i - 1].servo for i in robot.moving)
+    held = [servo is not None and servo.command == "position" for servo in servos]
+    suiting = [
+        name
+        for name, each in of_rotors.items()
+        if each.hindrance(held, "the tip") is None and ("tip" in frames or not each.moves_frame)
+    ]
     if law in suiting:
         return
+    if law in of_rotors:
+        lacks, remedy = LAWS[law].hindrance(held, "the tip"), f"choose {' or '.join(suiting)}"
+        if lacks is None:
+            lacks = f"the law moves the frame tip, and the frames are {', '.join(frames)}"
+            remedy = 'name the frame that it is to move "tip", as a [[frame]] in the robot file'
+        raise UsageError(f"--laws {law}: {robot.name}: {lacks}; {remedy}")
     lacks = f"those of {robot.name} command all directions"
     if not full:
         lacks = (
