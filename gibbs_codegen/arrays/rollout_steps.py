@@ -129,7 +129,7 @@ def rollout_step(
         """Accelerations, and rates of states of actuators and bristles, which follow in v."""
         v, states, bristles = v[:m], v[m : m + driven], v[m + driven :]
         inputs = robot.inputs_of(q, v, states, u) if robot.driven else acting[halves]
-        wrenches, acting_on, strained = own.get("wrenches"), [], []
+        wrenches, acting_on, bristle_rates = own.get("wrenches"), [], []
         if robot.air or parts.walls:
             moving = poses, velocities = robot.frame_poses(q), robot.frame_velocities(q, v)
         if robot.air:
@@ -140,7 +140,7 @@ def rollout_step(
             of_frame = poses[contact.frame], velocities[contact.frame]
             found = touch(contact, constant(np.array(wall)), of_frame, bristle)
             acting_on.append((contact.frame, found.wrench))
-            strained += [found.rate] if contact.sticks else []
+            bristle_rates += [found.rate] if contact.sticks else []
         if acting_on:
             on_all = on_frames(acting_on, robot.frames)
             wrenches = on_all if wrenches is None else wrenches + on_all
@@ -148,7 +148,8 @@ def rollout_step(
             a = robot.forward_dynamics_with_wrenches(q, v, inputs, wrenches)
         else:
             a = robot.forward_dynamics(q, v, inputs)
-        return join(a, *([robot.actuator_rates(states, u)] if states.size else []), *strained)
+        rates = [robot.actuator_rates(states, u)] if states.size else []
+        return join(a, *rates, *bristle_rates)
 
     def move(q: Node, displacement: Node) -> Node:
         return _moved(robot, q, displacement[:m])

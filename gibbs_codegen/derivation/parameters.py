@@ -22,7 +22,6 @@ from gibbs_codegen.robot.model import (
     Constraint,
     Robot,
     Rod,
-    Servo,
     Vector3,
 )
 from gibbs_codegen.robot.names import (
@@ -198,11 +197,11 @@ class Parameters:
         length, force = ("m", "N") if slides else ("rad", "N m")
         if link.servo is not None:
             units = (f"{force}/{length}", f"{force} s/{length}", force, f"{length}/s", "s", length)
-            of = dict(zip(Servo().numbers, units, strict=True))
+            numbers = zip(link.servo.numbers.items(), units, strict=True)
             self.servos[i] = ServoSymbols(
                 **{
-                    name: None if x is None else self._value(f"{prefix}_servo_{name}", x, of[name])
-                    for name, x in link.servo.numbers.items()
+                    name: None if x is None else self._value(f"{prefix}_servo_{name}", x, unit)
+                    for (name, x), unit in numbers
                 }
             )
         if link.friction is not None:

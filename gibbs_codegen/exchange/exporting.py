@@ -47,7 +47,7 @@ def export_robot(robot: Robot, form: Format) -> tuple[str, list[str]]:
             if (limits.low is None) != (limits.high is None):
                 lost.append("limits, since it has one only")
         if form == "sdf" and servo:
-            lost += [f"{key} of its servo" for key in _LATE if servo.numbers.get(key)]
+            lost += [f"{key} of its servo" for key in _NONIDEALITIES if servo.numbers.get(key)]
         elif servo:
             lost.append("servo")
         if joint.friction and joint.friction.static != joint.friction.coulomb:
@@ -84,8 +84,8 @@ def export_robot(robot: Robot, form: Format) -> tuple[str, list[str]]:
     return (urdf_text(source) if form == "urdf" else mjcf_text(source, ROOT)), lines
 
 
-# Of servos, what controllers of Gazebo do not have.
-_LATE = ("rate", "delay", "backlash")
+# Of servos, those that controllers of Gazebo do not have.
+_NONIDEALITIES = ("rate", "delay", "backlash")
 
 
 def with_free_names(source: sources.Source, form: Format) -> tuple[sources.Source, list[str]]:

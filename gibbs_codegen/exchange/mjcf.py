@@ -151,7 +151,7 @@ class _Reader:
     def __init__(
         self, model: Any, file: str, findings: list[sources.Finding], friction: bool
     ) -> None:
-        self.model, self.file, self.findings, self._rubs = model, file, findings, friction
+        self.model, self.file, self.findings, self._with_friction = model, file, findings, friction
         self.names = _names([model.body(b).name for b in range(model.nbody)], "body")
         self.joint_names = _names([model.joint(j).name for j in range(model.njnt)], "joint")
         self._links = sources.Names(self.names)
@@ -323,7 +323,7 @@ class _Reader:
 
     def _friction(self, j: int) -> float:
         """Dry friction of a joint of one degree of freedom, where it is taken, N m or N."""
-        taken = self._rubs and self.model.jnt_type[j] != _BALL
+        taken = self._with_friction and self.model.jnt_type[j] != _BALL
         return float(self.model.dof_frictionloss[self.model.jnt_dofadr[j]]) if taken else 0.0
 
     def _properties(self, j: int) -> tuple[Passive, JointLimits]:

@@ -162,7 +162,7 @@ class _Reader:
     def __init__(
         self, model: Element, values: Values, version: tuple[int, int], friction: bool
     ) -> None:
-        self._values, self._version, self._rubs = values, version, friction
+        self._values, self._version, self._with_friction = values, version, friction
         self.findings: list[sources.Finding] = []
         self.elements: dict[str, Element] = {}
         self._poses: dict[str, tuple[str, Placement]] = {}
@@ -202,20 +202,22 @@ class _Reader:
     def _stands_in(self, element: Element) -> str:
         """What an element is placed in, where its pose does not say."""
         if element.tag == "joint":
-            return _text(element, "child")
-        return element.get("attached_to", _MODEL) if element.tag == "frame" else _MODEL
+            return _text(element, "child") or _MODEL
+        return element.get("attached_to") or _MODEL
 
     def _pose(self, element: Element, default: str) -> tuple[str, Placement]:
         """What an element is placed in, and its pose there."""
         found = child(element, "pose")
-        if found is None:
-            return default, HERE
-        name = found.get("relative_to") or found.get("frame") or default
-        known = name in self.elements or name in (_MODEL, _WORLD)
-        if not known:
-            words = f"there is no link, joint or frame {printable(name, 60)}"
-            self._values.fault(found, words + near(name, self.elements))
-        return (name if known else _MODEL), self._placement(found)
+        own = None if found is None else found.get("relative_to") or found.get("frame")
+        names = {default: element}
+        if found is not None and own:
+            names[own] = found
+        for name, by in names.items():
+            if name not in self.elements and name not in (_MODEL, _WORLD):
+                words = f"there is no link, joint or frame {printable(name, 60)}"
+                self._values.fault(by, words + near(name, self.elements))
+                return _MODEL, HERE
+        return own or default, HERE if found is None else self._placement(found)
 
     def _placement(self, element: Element) -> Placement:
         """The numbers of a pose: a place, then roll, pitch and yaw or a quaternion."""
@@ -336,7 +338,7 @@ class _Reader:
             passive,
             limits,
             continuous=kind == "revolute" and sources.endless(limits),
-            friction=sources.dry_friction(dry) if self._rubs else None,
+            friction=sources.dry_friction(dry) if self._with_friction else None,
             line=element.line,
         )
 
@@ -346,9 +348,8 @@ class _Reader:
         if axis is None or found is None:
             return AXES["z"]
         direction = np.array(_numbers(self._values, found, 3))
-        in_model = self._version < _OWN_AXES or _text(axis, "use_parent_model_frame") in (
-            *("true", "1"),
-        )
+        older = self._version < _OWN_AXES
+        in_model = older or _text(axis, "use_parent_model_frame") in ("true", "1")
         if seen_from := found.get("expressed_in") or (_MODEL if in_model else ""):
             direction = self._between(name, seen_from).matrix @ direction
         size = float(np.linalg.norm(direction))
@@ -377,9 +378,11 @@ class _Reader:
         )
         if damping < 0.0:
             values.fault(axis, f"<damping> must be at least 0, not {damping:g}")
+        if friction < 0.0:
+            values.fault(axis, f"<friction> must be at least 0, not {friction:g}")
         if child(axis, "mimic") is not None:
             self.findings.append(sources.Finding("left out", name, "that it follows another joint"))
-        if friction and not self._rubs:
+        if friction and not self._with_friction:
             words = f"dry friction {friction:g}"
             self.findings.append(sources.Finding("left out", name, words))
         passive = Passive(max(damping, 0.0), 0.0, stiffness, rest if stiffness else 0.0)

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 import xml.etree.ElementTree as ET
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -129,7 +129,7 @@ def _with_some(inertial: Inertial) -> Inertial:
     return replace(inertial, mass=mass, inertia=inertia)
 
 
-def _children(element: ET.Element, values: dict[str, object]) -> None:
+def _children(element: ET.Element, values: Mapping[str, object]) -> None:
     """Write what is not None as children with texts, numbers in full."""
     for tag, value in values.items():
         if value is not None:
@@ -179,7 +179,7 @@ def _properties(axis: ET.Element, joint: Joint) -> None:
     resisting = {"damping": passive.damping, "friction": coulomb(joint)}
     resisting |= {"spring_stiffness": passive.stiffness, "spring_reference": passive.rest}
     ET.SubElement(axis, "xyz").text = numbers(joint.axis)
-    _children(ET.SubElement(axis, "limit"), {**bounds})
+    _children(ET.SubElement(axis, "limit"), bounds)
     _children(ET.SubElement(axis, "dynamics"), {k: v for k, v in resisting.items() if v})
 
 
@@ -190,6 +190,7 @@ def _plugin(model: ET.Element, file: str, name: str, values: dict[str, object]) 
 
 
 def _motor(model: ET.Element, number: int, link: str, joint: str, motor: Motor) -> None:
+    """Write the motor of a propeller, by its link and joint."""
     values: dict[str, object] = {
         "jointName": joint,
         "linkName": link,

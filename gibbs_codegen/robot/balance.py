@@ -457,7 +457,7 @@ _LARGEST_GYRATION = 3.0
 LARGEST_DRAG = 0.1
 # Of the smallest propellers, rad/s; power that racers need for a newton is half as much, W/N; no
 # tip outruns its sound, m/s.
-_FASTEST, _THIRSTIEST, _LOUDEST = 6000.0, 75.0, 340.0
+_FASTEST, _THIRSTIEST, _SPEED_OF_SOUND = 6000.0, 75.0, 340.0
 # Of a battery by the mass of the whole robot, W h/kg: the best cells alone have half as much.
 _FULLEST = 600.0
 
@@ -517,7 +517,7 @@ def _implausible_drives(robot: Robot) -> Iterator[str]:
     ):
         speed = drive.speed(drive.limits[1]) if drive.limits else 0.0
         tip = speed * (rotor.air.radius if rotor.air else 0.0)
-        if speed > _FASTEST or abs(rotor.drag) * speed > _THIRSTIEST or tip > _LOUDEST:
+        if speed > _FASTEST or abs(rotor.drag) * speed > _THIRSTIEST or tip > _SPEED_OF_SOUND:
             yield (
                 f"the speed of rotor {rotor_label(robot, k)} is {speed:.4g} rad/s at its greatest "
                 f"command; is it in turns a minute? (these would be {speed * math.pi / 30:.4g} "

@@ -84,6 +84,17 @@ class RobotFile:
         """
         return self._with_one_more("frame", keys)
 
+    def constraint(self, **keys: Any) -> RobotFile:
+        """Add a `[[constraint]]`.
+
+        Args:
+            keys: Keys of the table.
+
+        Returns:
+            The file with it.
+        """
+        return self._with_one_more("constraint", keys)
+
     def _with_one_more(self, kind: str, keys: Mapping[str, Any]) -> RobotFile:
         return self._with(kind, [*self._document.get(kind, ()), _given(keys)])
 
@@ -149,7 +160,7 @@ class RobotFile:
         return file
 
 
-_SINGLE, _TABLES = ("base", "battery"), ("rotor", "link", "frame")
+_SINGLE, _TABLES = ("base", "battery"), ("rotor", "link", "frame", "constraint")
 
 
 def _given(keys: Mapping[str, Any]) -> dict[str, Any]:

@@ -138,15 +138,15 @@ def constraint_faults(
     references: Sequence[tuple[str, str | None]], frames: Sequence[str]
 ) -> Iterator[PlacedFault]:
     """Faults of constraints, of which `references` are frame and what carries the anchor."""
-    known, right = dict.fromkeys(frames, BASE), f"must be {' or '.join(map(shown, frames[:2]))}"
+    known, right, example = dict.fromkeys(frames, BASE), " or ".join(map(shown, frames[:2])), ""
     if len(frames) > 2:
-        right = "must be the name of a frame, such as " + shown(frames[-1])
+        right, example = "the name of a frame", f"; {shown(frames[-1])} is one"
     for place, pair in enumerate(references):
         at: dict[Place, str | None] = {
             ("constraint", place, key): name
             for key, name in zip(("frame", "to"), pair, strict=True)
         }
-        yield from _unknown(at, known, right)
+        yield from _unknown(at, known, f"must be {right}", example)
         if pair[0] == pair[1]:
             yield ("constraint", place, "to"), f"{shown(pair[0])} is the frame that is held itself"
 
@@ -213,14 +213,20 @@ def _text(entry: Entry, key: str) -> str | None:
 
 
 def _unknown(
-    references: Mapping[Place, str | None], numbers: Mapping[str, int], right: str
+    references: Mapping[Place, str | None],
+    numbers: Mapping[str, int],
+    right: str,
+    example: str = "",
 ) -> Iterator[PlacedFault]:
-    """Faults of references, by place, that refer to no body; `right` says what would be right."""
+    """Faults of references, by place, that refer to no body; `right` says what would be right.
+
+    So does `example`, where no name is near.
+    """
     unknown = {at: name for at, name in references.items() if name and name not in numbers}
     for place, name in unknown.items():
         few = len(unknown) <= _MOST_SUGGESTIONS
         near = difflib.get_close_matches(name, numbers, n=1) if few else []
-        hint = f"; did you mean {shown(near[0])}?" if near else ""
+        hint = f"; did you mean {shown(near[0])}?" if near else example
         yield place, f"{right}, not {shown(name)}{hint}"
 
 

@@ -9,19 +9,21 @@ import numpy as np
 import pytest
 from conftest import ROOT
 from support.actuated import TEXT as ACTUATED
+from support.constrained import TEXT as CONSTRAINED
 
 from gibbs_codegen import OutputError, RobotFile, RobotFileError, parse_robot
 from gibbs_codegen.robot.file import shipped_robots
 
 FILES = [ROOT / "gibbs_codegen" / "robots" / f"{name}.toml" for name in shipped_robots()]
 FILES.append(ROOT / "tests" / "robots" / "everything.toml")
-TEXTS = [*(path.read_text(encoding="utf-8") for path in FILES), ACTUATED]
+TEXTS = [*(path.read_text(encoding="utf-8") for path in FILES), ACTUATED, CONSTRAINED]
+_TABLES = ("rotor", "link", "frame", "constraint")
 
 
 @pytest.mark.parametrize("text", TEXTS, ids=lambda text: tomllib.loads(text)["name"])
 def test_every_file_can_be_made_key_by_key(text: str) -> None:
     document = tomllib.loads(text)
-    tables = {kind: document.pop(kind, []) for kind in ("rotor", "link", "frame")}
+    tables = {kind: document.pop(kind, []) for kind in _TABLES}
     single = {kind: document.pop(kind) for kind in ("battery", "base") if kind in document}
     file = RobotFile(**document)
     for kind, keys in single.items():
@@ -57,6 +59,18 @@ def test_every_fault_names_its_key() -> None:
         "uav: link 1: mass: must be a number, not a string",
         "uav: link 2: colour: unknown key",
         'uav: link 2: parent: must be "base" or the name of a link given earlier',
+    ):
+        assert words in str(refused.value)
+    with_feet = HULL.link(mass=1, inertia=(1, 1, 1, 0, 0, 0), name="leg")
+    for k in (1, 2):
+        with_feet = with_feet.frame(name=f"foot_{k}", on="leg")
+    for name, frame in (("pin", "fot_2"), ("stand", "x")):
+        with_feet = with_feet.constraint(name=name, type="point", frame=frame)
+    with pytest.raises(RobotFileError) as refused:
+        with_feet.text()
+    for words in (
+        "constraint 1: frame: must be the name of a frame, not 'fot_2'; did you mean 'foot_2'?",
+        "constraint 2: frame: must be the name of a frame, not 'x'; 'foot_2' is one",
     ):
         assert words in str(refused.value)
     with pytest.raises(RobotFileError, match="base: missing"):

@@ -198,10 +198,10 @@ class Sensing:
             spins = noise[:, place]
             rates, _ = vehicle.kinematics.attitude_rates(np.tile(q, (3, 1)), spins, 0.0 * spins)
             noise[:, place] = rates
-        moved, faster, hurried = noise
-        seen_q, seen_v = q.copy(), v + faster
-        if np.any(moved):
-            seen_q = np.asarray(vehicle.integrate(q, moved))
+        displacement, velocities, accelerations = noise
+        seen_q, seen_v = q.copy(), v + velocities
+        if np.any(displacement):
+            seen_q = np.asarray(vehicle.integrate(q, displacement))
         desired = self._reference(time)
         if measure is None:
             return Observation(time, seen_q, seen_v, *desired)
@@ -209,7 +209,7 @@ class Sensing:
         def measured() -> Measured:
             found = measure()
             parts = found.actuators.copy(), found.constraint_forces.copy()
-            return Measured(found.a + hurried, found.wrenches + wrenches, *parts)
+            return Measured(found.a + accelerations, found.wrenches + wrenches, *parts)
 
         return Observation(time, seen_q, seen_v, *desired, measured)
 

@@ -17,11 +17,7 @@ from scipy.integrate import DOP853
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.flight.integration.closed_loop import ClosedLoop
 from gibbs_codegen.flight.integration.compiled_loop import CompiledLoops
-from gibbs_codegen.flight.integration.envelope import (
-    Envelope,
-    integration_burdens,
-    stable_modes,
-)
+from gibbs_codegen.flight.integration.envelope import Envelope, integration_burdens, stable_modes
 from gibbs_codegen.flight.integration.state_history import (
     SAME_TIME,
     InputRanges,

@@ -84,8 +84,8 @@ def _balanced(loop: ClosedLoop, begin: Array, charge: float) -> tuple[Array, Arr
     def state(moved: Array) -> Array:
         there = vehicle.integrate(begin, moved)
         found = loop.start(there, still, charge)
-        strained = vehicle.frame_poses(there)[frames, :3, 3] - before
-        found[loop.bristle_place :] = strained.ravel()
+        deflections = vehicle.frame_poses(there)[frames, :3, 3] - before
+        found[loop.bristle_place :] = deflections.ravel()
         return found
 
     def accelerations(moved: Array) -> Array:

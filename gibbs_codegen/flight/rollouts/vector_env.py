@@ -250,9 +250,9 @@ class VectorEnv(gymnasium.vector.VectorEnv[Observations, ArrayLike, Any]):
             x=np.tile(x, (self.num_envs, 1)) if len(x) else None,
             walls=touched(module, walls, self._hover[np.newaxis], dt, method),
         )
-        strained = self._now.parts.bristles
-        if strained:
-            self._now = replace(self._now, bristles=np.zeros((self.num_envs, strained)))
+        entries = self._now.parts.bristles
+        if entries:
+            self._now = replace(self._now, bristles=np.zeros((self.num_envs, entries)))
         self._decisions = np.zeros(self.num_envs, dtype=np.int64)
         self._parameters: dict[str, Array] = {}
         zero = dict.fromkeys(module.VELOCITIES, 0.0)
