@@ -11,6 +11,7 @@ import pytest
 from support.emitted import emitted_module
 from support.pinocchio_oracle import Oracle, placed
 
+from gibbs_codegen.exchange.attaching import Attachment, joined
 from gibbs_codegen.exchange.exporting import export_robot
 from gibbs_codegen.exchange.importing import ImportOptions, import_robot
 from gibbs_codegen.exchange.sources import SourceFileError
@@ -229,3 +230,18 @@ def test_constraints_to_the_world_and_faults(tmp_path: Path) -> None:
     }.items():
         with pytest.raises(SourceFileError, match=words):
             of_text(wrong, tmp_path)
+
+
+def test_constraints_of_an_arm_come_with_it(tmp_path: Path) -> None:
+    equalities = (
+        '<connect name="k" site1="end" site2="seat"/><weld name="w" body1="hub" body2="d"/>'
+    )
+    of_text(MJCF.format(equalities), tmp_path)
+    arm = Attachment(tmp_path / "robot.xml", prefix="l_")
+    robot, _ = joined(Path("quadrotor"), ImportOptions("quaternion"), [arm])
+    # The file of what was joined is accepted: its constraints refer to frames that are there.
+    again = parse_robot(robot_text(robot))
+    held = {each.name: (each.frame, each.to) for each in again.constraints}
+    assert held["l_k"] == ("l_end", "l_seat")
+    on = {frame.name: frame.on for frame in again.frames}
+    assert [on[str(each)] for each in held["l_w"]] == [0, 3]
