@@ -24,6 +24,8 @@ from gibbs_codegen.flight.reference import Reference
 from gibbs_codegen.flight.scenario.parts import PREDICTIVE, WORLD, Control, Impedance, Law
 
 _ALL = 6
+# Joints do not move a frame along a push by less than this share of how they move it.
+_NO_LEVER = 1e-3
 # How much faster the base must lean than the position follows, which it moves.
 _FASTER = 4.0
 _WHERE = "(in the base's frame, about the base centre)"
@@ -89,7 +91,8 @@ def control_law(
     """The law, which is not "tracking", with the gains of a scenario.
 
     `vehicle` is the robot as the law knows it. Raises `UsageError` if integral action makes errors
-    grow, or the geometric law is to fly a motion without thrust.
+    grow, the geometric law is to fly a motion without thrust, or joints do not move a frame along
+    the push of a base that leans.
     """
     if law == PREDICTIVE:  # It is sampled, in place of the inputs of the desired motion.
         law = "open_loop"
@@ -116,6 +119,8 @@ def control_law(
             frequencies[places.joints.start + k] = 0.0
     gains = Gains.of(frequencies, ratios, places.size)
     memory, moved = 0, _moved_frame(law, control, vehicle)
+    if leans and moved is not None:
+        _check_push(moved, vehicle, reference)
     if law in LAWS and (control.integral or LAWS[law].pushes):
         gains, memory = replace(gains, integral=control.integral), places.size
     kind = LeaningController if leans else Controller
@@ -144,3 +149,27 @@ def _moved_frame(law: Law, control: Control, vehicle: Vehicle) -> MovedFrame | N
             "base commands all directions"
         )
     return MovedFrame(place, axes, impedance, force)
+
+
+def _check_push(moved: MovedFrame, vehicle: Vehicle, reference: Reference) -> None:
+    """Raise `UsageError` where no joint moves a frame along its push when that begins.
+
+    Of a base that leans the joints alone push: they move the frame relative to the centre of mass.
+    """
+    if moved.force is None:
+        return
+    q, direction = reference(moved.force.begin)[0], np.array(moved.force.direction)
+    if moved.axes is not None:
+        direction = vehicle.frame_poses(q)[moved.axes, :3, :3] @ direction
+    relative = vehicle.frame_jacobians(q)[moved.place, :3] - vehicle.centre_of_mass_jacobian(q)
+    free = [k for k in range(vehicle.joints) if not holds(vehicle, k)]
+    levers = relative[:, vehicle.layout.v.joints][:, free]
+    along = np.linalg.norm(direction @ levers) / np.linalg.norm(direction)
+    if along <= _NO_LEVER * np.linalg.norm(levers):
+        frame = moved.impedance.frame
+        raise UsageError(
+            f"control.force.direction: {vehicle.name} leans, so that joints must push; but when "
+            f"the push begins, at {moved.force.begin:g} s, none moves {frame} along the direction, "
+            "relative to the centre of mass; turn the direction, or the heading of the base, to "
+            "where the arm moves it, or bend the arm (arm.posture_deg)"
+        )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pickle
 from collections.abc import Callable
+from contextlib import nullcontext
 from types import ModuleType
 from typing import Any
 
@@ -374,6 +375,29 @@ def test_gains_of_a_frame_that_no_step_follows_are_refused(
     control = {"law": "force", "force": push, "impedance": impedance, "integral": 2}
     with pytest.raises(UsageError, match=words):
         flown(fast("hexarotor_3link"), 0.1, control=control)
+
+
+@pytest.mark.parametrize(
+    ("changes", "refused"),
+    [
+        ({"direction": [0, 1, 0]}, True),  # Across the plane of the arm.
+        ({"direction": [0, 2, 0], "axes": "base"}, True),
+        ({"direction": [0, 0.1, 1]}, False),
+        ({"direction": [0, 0, 1], "begin": 2}, True),  # Along the arm, which hangs straight then.
+    ],
+)
+def test_a_push_that_no_joint_can_exert_is_refused(
+    changes: dict[str, Any], refused: bool, fast: Load
+) -> None:
+    module, straight = fast("quadrotor_arm_2link"), [{"to": 0, "duration": 1}]
+    given: dict[str, Any] = {"arm.posture_deg": BENT[module.NAME], "duration": 3}
+    if "begin" in changes:
+        given["arm.moves_deg"] = dict.fromkeys(BENT[module.NAME], straight)
+    given["control"] = {"law": "force", "force": {"value": 3, **changes}}
+    words = "control.force.direction: quadrotor_arm_2link leans.* at . s, none moves tip along"
+    expected = pytest.raises(UsageError, match=words) if refused else nullcontext()
+    with expected:
+        flight_start(module, read_scenario("hover", given), lambda *_: None, own=False)
 
 
 def test_a_base_that_leans_needs_joints_to_move_a_frame(fast: Load) -> None:
