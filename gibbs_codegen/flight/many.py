@@ -85,6 +85,8 @@ class FlightGroup:
     """
 
     def __init__(self, start: FlightStart, scenarios: Sequence[Scenario], blocks: bool) -> None:
+        # What holds one of them at rest says nothing of the others.
+        start = replace(start, loop=replace(start.loop, bristles=None))
         self._common, self._scenarios, self._blocks = start, scenarios, blocks
         self._like: Recording | None = None
         known, lags = start.loop.actuators.lag, [s.motors.time_constant for s in scenarios]
@@ -142,6 +144,7 @@ class FlightGroup:
         try:
             loop = self._loop(i)
             check_mass_matrix(loop.vehicle, self._common.q)
+            self._state(i)
             lag = loop.actuators.lag.tobytes()
             touched = loop.environment and (loop.environment.wall or loop.environment.wind)
             if touched or loop.vehicle.is_driven or lag not in self._stable:
@@ -174,8 +177,9 @@ class FlightGroup:
 
     def _single(self, i: int) -> tuple[ClosedLoop, StateHistory]:
         """Closed loop and history of a flight by itself. Raises `UsageError` as `simulate` does."""
-        loop, scenario = self._loop(i), self._common.scenario
-        q, v, *_ = loop.parts(self._state(i))
+        state, scenario = self._state(i), self._common.scenario
+        loop = self._loop(i)  # With the bristles of a start at rest, which was found first.
+        q, v, *_ = loop.parts(state)
         check_mass_matrix(loop.vehicle, q)
         law = law_in_time(loop.controller, self._scenarios[i], loop.actuators, None)
         loop = replace(loop, controller=law)

@@ -34,6 +34,7 @@ def resting(loop: ClosedLoop, q: Array, charge: float = 1.0) -> tuple[Array, Arr
 
     `charge` is that of the battery. Raises `UsageError` where there are none.
     """
+    loop = replace(loop, bristles=None)
     environment = loop.environment
     if environment is None or not environment.wall:
         raise UsageError("start.settled: there is no [[wall]] on which the robot could rest")

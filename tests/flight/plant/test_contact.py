@@ -406,6 +406,28 @@ def test_a_start_at_rest_is_that_of_rollouts_many_flights_and_loops(block: Modul
         np.testing.assert_allclose(compiled, loop.derivative(0.0, state, loads), atol=1e-11)
 
 
+@pytest.mark.parametrize("method", ["rk4", "adaptive"])
+def test_a_flight_does_not_depend_on_others_beside_it_or_before(
+    method: str, block: ModuleType
+) -> None:
+    at_rest = on_slope(20.0, 0.5, duration=0.1, start={"turn_deg": [0, 20, 0], "settled": True})
+    if method == "adaptive":
+        at_rest = replace(at_rest, integration=Settings(divergence=np.inf))
+    moving = replace(at_rest, start=replace(at_rest.start, settled=False))
+    heavier = replace(at_rest, plant={"base_mass": 3.0})
+    scenarios = [at_rest, moving, heavier]
+    alone = [simulate(block, each) for each in scenarios]
+    # The second call knows what the first found, and the third what another begins with.
+    for order in ([1, 0, 2], [1, 0, 2], [2, 1, 0], [0], [1]):
+        for place, flight in zip(
+            order, simulate_many(block, [scenarios[i] for i in order]), strict=True
+        ):
+            assert isinstance(flight, Flight)
+            np.testing.assert_allclose(flight.q, alone[place].q, rtol=0.0, atol=1e-9)
+            friction, expected = flight.contact_friction[0], alone[place].contact_friction[0]
+            np.testing.assert_allclose(friction, expected, rtol=0.0, atol=1e-6)
+
+
 def test_a_machine_that_leans_comes_to_stand_on_all_of_its_feet(block: ModuleType) -> None:
     leaning = {"start": {"settled": True, "turn_deg": [2, 3, 0]}, "duration": 0.2}
     flight = simulate(block, read_scenario("hover", TRIP | leaning))
