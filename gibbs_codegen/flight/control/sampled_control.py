@@ -228,11 +228,13 @@ class OwnController(Protocol):
 class LawController:
     """A law of the package that is told observations, and remembers from sample to sample.
 
-    While an input is at a limit of `actuators`, nothing that is remembered grows.
+    While an input is at a limit of `actuators`, nothing that is remembered grows, and while motors
+    do not run, nothing changes.
     """
 
     def __init__(self, law: ControlLaw, actuators: Actuators, rate: float) -> None:
         self._law, self._limits, self._rate = law, actuators.values, rate
+        self._idles = actuators.idles
         self._is_driven = actuators.commands is not None
         self.reset()
 
@@ -248,7 +250,8 @@ class LawController:
         seen, moved = (observation.time, observation.q, observation.v), self._law.moved
         felt = np.zeros(6) if moved is None else observation.wrenches[moved.place]
         inputs, growth = self._law.commanded(*seen, self._memory, self._limits, felt)
-        self._memory = self._memory + growth / self._rate
+        if not self._idles(observation.time):
+            self._memory = self._memory + growth / self._rate
         if not self._is_driven:
             return inputs
         possible = np.clip(inputs, self._limits["least"], self._limits["most"])

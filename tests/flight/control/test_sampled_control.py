@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from types import ModuleType
 from typing import Any
 
@@ -344,8 +344,14 @@ def test_what_a_law_remembers_grows_from_sample_to_sample() -> None:
 
     none, sides = np.zeros(0), np.array([[-np.inf] * 2, [np.inf] * 2])
     free = Actuators(sides, np.zeros(2), np.zeros((2, 0)), none, none, np.zeros(2))
-    own = LawController(Remembers(), free, 10.0)  # type: ignore[arg-type]
-    for _ in range(2):
-        own.reset()
-        told = [own(Observation(t, none, none, none, none, none)) for t in (0.0, 0.1, 0.2)]
-        assert np.allclose(told, [[0, 0], [0.1, 0], [0.19, 0.01]], rtol=0, atol=1e-15)
+    # Motors that run at 0.1 s alone let it learn of that sample alone.
+    for span, expected in (
+        ((-np.inf, np.inf), [[0, 0], [0.1, 0], [0.19, 0.01]]),
+        ((0.05, 0.15), [[0, 0], [0, 0], [0.1, 0.01], [0.1, 0.01]]),
+    ):
+        own = LawController(Remembers(), replace(free, span=span), 10.0)  # type: ignore[arg-type]
+        for _ in range(2):
+            own.reset()
+            times = 0.1 * np.arange(len(expected))
+            told = [own(Observation(t, none, none, none, none, none)) for t in times.tolist()]
+            assert np.allclose(told, expected, rtol=0, atol=1e-15)
