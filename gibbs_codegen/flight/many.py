@@ -181,7 +181,7 @@ class FlightGroup:
         loop = self._loop(i)  # With the bristles of a start at rest, which was found first.
         q, v, *_ = loop.parts(state)
         check_mass_matrix(loop.vehicle, q)
-        law = law_in_time(loop.controller, self._scenarios[i], loop.actuators, None)
+        law = law_in_time(loop.controller, self._scenarios[i], loop.actuators, loop.idles)
         loop = replace(loop, controller=law)
         begin = loop.start(q, v, self._scenarios[i].start.charge)
         return loop, integrate(loop, begin, scenario.duration, scenario.integration)

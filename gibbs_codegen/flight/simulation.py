@@ -85,9 +85,8 @@ def simulate(
     """
     start = flight_start(robot, scenario, progress, own=controller is not None)
     loop, scenario = start.loop, start.scenario
-    loop = replace(
-        loop, controller=law_in_time(loop.controller, scenario, loop.actuators, controller)
-    )
+    law = law_in_time(loop.controller, scenario, loop.actuators, loop.idles, controller)
+    loop = replace(loop, controller=law)
     history = integrate(
         loop,
         loop.start(start.q, start.v, scenario.start.charge),

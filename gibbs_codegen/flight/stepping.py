@@ -178,7 +178,7 @@ class Simulation:
         """The state at a time, s, of those flown, the last if later, and the inputs held there."""
         hold = self._hold
         if self._flight is None:
-            return self._loop.parts(self._loop.start(*self._begin)), hold.inputs
+            return self._loop.parts(self._loop.start(*self._begin, self._charge)), hold.inputs
         state, held = self._flight.state, hold.inputs
         if time < self._flight.time - hold.same:
             begin, state, inputs = next(m for m in reversed(self._marks) if m[0] <= time)

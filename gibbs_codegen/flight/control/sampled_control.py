@@ -36,6 +36,8 @@ _LOWEST_RATE = 0.1
 
 # Finds, when it is asked, what sensors measure of a state beside coordinates and velocities.
 Measure = Callable[[], Measured]
+# Whether motors idle at a time, s.
+Idles = Callable[[float], Any]
 
 
 class ZeroOrderHold:
@@ -229,12 +231,11 @@ class LawController:
     """A law of the package that is told observations, and remembers from sample to sample.
 
     While an input is at a limit of `actuators`, nothing that is remembered grows, and while motors
-    do not run, nothing changes.
+    idle, which `idles` tells of times, s, nothing changes.
     """
 
-    def __init__(self, law: ControlLaw, actuators: Actuators, rate: float) -> None:
-        self._law, self._limits, self._rate = law, actuators.values, rate
-        self._idles = actuators.idles
+    def __init__(self, law: ControlLaw, actuators: Actuators, idles: Idles, rate: float) -> None:
+        self._law, self._limits, self._idles, self._rate = law, actuators.values, idles, rate
         self._is_driven = actuators.commands is not None
         self.reset()
 
@@ -327,9 +328,10 @@ def law_in_time(
     law: ControlLaw,
     scenario: Scenario,
     actuators: Actuators,
+    idles: Idles,
     controller: OwnController | None = None,
 ) -> ControlLaw:
-    """A law as a scenario evaluates it: at all times, or at a rate.
+    """A law as a scenario evaluates it: at all times, or at a rate. `idles` tells when motors do.
 
     `controller`, if given, commands instead of the law. The law itself if nothing has a rate:
     neither scenario nor controller nor sensors. Raises `UsageError` if the controller is no
@@ -358,7 +360,7 @@ def law_in_time(
     rate = rate or DEFAULT_RATE
     if controller is None:
         return SampledControl(
-            law, rate, delay, sensing, LawController(law, actuators, rate), law.law
+            law, rate, delay, sensing, LawController(law, actuators, idles, rate), law.law
         )
     return SampledControl(law, rate, delay, sensing, controller)
 

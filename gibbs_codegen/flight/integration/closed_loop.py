@@ -136,12 +136,19 @@ class ClosedLoop:
 
         Raises `UsageError` for a charge as `check_charge` does.
         """
+        check_charge(self.vehicle, charge)
         if self.hold is not None:
-            parts = self.parts(np.r_[q, v, np.zeros(self.size - self.work_place)])
-            inputs = np.zeros_like(self.hold.inputs)
-            self.hold.start(q, v, partial(self.measured, 0.0, parts, inputs))
+            # What the first sample is told, before anything is commanded.
+            none = np.zeros_like(self.hold.inputs)
+            parts = self.parts(self._settled(q, v, none, charge))
+            self.hold.start(q, v, partial(self.measured, 0.0, parts, none))
         memory = np.zeros((*v.shape[:-1], self.controller.memory))
         wanted, _ = self.controller.commanded(0.0, q, v, memory, {})
+        return self._settled(q, v, wanted, charge)
+
+    def _settled(self, q: Array, v: Array, wanted: Array, charge: float) -> Array:
+        """States (…, size) at time 0, with motors and servos settled at wanted inputs (…, nu)."""
+        wanted = wanted.copy()
         idles = bool(self.idles(0.0))
         if idles and not self.vehicle.is_driven:
             wanted[..., : self.vehicle.rotors] = self.actuators.idling
@@ -155,9 +162,9 @@ class ClosedLoop:
             limits = self.actuators.commands
             if settled.shape[-1] and limits is not None:
                 settled = self.vehicle.actuator_state_of(np.clip(sent, *limits))
-        check_charge(self.vehicle, charge)
         if has_battery(self.vehicle):
             settled[..., -1] = charge
+        memory = np.zeros((*v.shape[:-1], self.controller.memory))
         work, bristles = (np.zeros((*v.shape[:-1], n)) for n in (1, self.size - self.bristle_place))
         if self.bristles is not None:
             bristles[...] = self.bristles

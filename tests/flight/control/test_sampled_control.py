@@ -349,7 +349,8 @@ def test_what_a_law_remembers_grows_from_sample_to_sample() -> None:
         ((-np.inf, np.inf), [[0, 0], [0.1, 0], [0.19, 0.01]]),
         ((0.05, 0.15), [[0, 0], [0, 0], [0.1, 0.01], [0.1, 0.01]]),
     ):
-        own = LawController(Remembers(), replace(free, span=span), 10.0)  # type: ignore[arg-type]
+        idles = replace(free, span=span).idles
+        own = LawController(Remembers(), free, idles, 10.0)  # type: ignore[arg-type]
         for _ in range(2):
             own.reset()
             times = 0.1 * np.arange(len(expected))

@@ -17,6 +17,7 @@ from support.actuated import TEXT, air, at_once, by_rates
 import gibbs_codegen
 from gibbs_codegen import Simulation, generate, load, rollout, simulate, simulate_many
 from gibbs_codegen.errors import UsageError
+from gibbs_codegen.flight.control.observation import Observation
 from gibbs_codegen.flight.record.flight import read_flight
 from gibbs_codegen.flight.scenario.file import read_scenario
 from gibbs_codegen.flight.scenario.parts import Settings
@@ -280,8 +281,18 @@ def test_a_flight_begins_with_the_charge_that_is_given(module: ModuleType) -> No
     assert found.x is not None
     np.testing.assert_array_equal(found.x[0, 0], flight.actuators[0])
     simulation = Simulation(module, hover())
+    assert simulation.reset(charge=0.2).actuators[place] == 0.2
+    command = np.array([0.62, 600.0, 640.0, 4.0, 0.2, -0.01, 0.02])
+    told: list[float] = []
+
+    def own(seen: Observation) -> Array:
+        told.append(float(seen.actuators[place]))
+        return command
+
+    simulate(module, replace(half, duration=0.01), own)
+    assert told[0] == 0.5
     simulation.reset(charge=0.0)
-    simulation.step(np.array([0.62, 600.0, 640.0, 4.0, 0.2, -0.01, 0.02]), 0.05)
+    simulation.step(command, 0.05)
     empty = simulation.flight()
     (note,) = empty.notes
     at = empty.time[np.argmax(empty.actuators[:, place] < 0.0)]

@@ -406,6 +406,20 @@ def test_a_start_at_rest_is_that_of_rollouts_many_flights_and_loops(block: Modul
         np.testing.assert_allclose(compiled, loop.derivative(0.0, state, loads), atol=1e-11)
 
 
+def test_the_first_sample_on_a_slope_is_of_a_machine_that_is_held(block: ModuleType) -> None:
+    at_rest = on_slope(20.0, 0.5, duration=0.02, start={"turn_deg": [0, 20, 0], "settled": True})
+    seen: list[Any] = [Simulation(block, at_rest).reset()]
+
+    def own(observation: Any) -> NDArray[np.float64]:
+        seen.append((observation.wrenches, observation.a))
+        return np.zeros(4)
+
+    simulate(block, at_rest, own)
+    for wrenches, a in [(seen[0].wrenches, seen[0].a), seen[1]]:
+        np.testing.assert_allclose(wrenches.sum(axis=0)[:3], [0, 0, MASS * GRAVITY], atol=1e-4)
+        np.testing.assert_allclose(a, 0.0, atol=1e-4)
+
+
 @pytest.mark.parametrize("method", ["rk4", "adaptive"])
 def test_a_flight_does_not_depend_on_others_beside_it_or_before(
     method: str, block: ModuleType
