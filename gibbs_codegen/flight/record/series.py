@@ -32,6 +32,8 @@ NO_SERIES = frozenset(
 )
 # Rows of a CSV that are written at a time.
 _ROWS = 4096
+# A wall carries a robot that rests on it by no more than this share of the weight.
+_RESTS = 1.01
 Column = tuple[str, str, Array]
 StrPath = str | os.PathLike[str]
 # What the names of columns of inputs end in, and the series.
@@ -213,10 +215,21 @@ class Flight:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What else is to be said of the flight, in sentences: that the battery ran empty."""
+        """What else is to be said of the flight, in sentences.
+
+        They tell of frames that begin so deep in a wall that it pushes with more than the weight,
+        and of a battery that ran empty.
+        """
+        deep = np.flatnonzero(np.any(self.contact_forces[:1] > _RESTS * self.weight, axis=0))
+        inside = tuple(
+            f"{self.contact_frames[k]} begins {self.contact_depth[0, k]:.3g} m inside wall "
+            f"{self.contact_walls[k]}, which pushes it with {self.contact_forces[0, k]:.3g} N, "
+            f"more than the weight of {self.weight:.3g} N; move the wall, or the start."
+            for k in deep
+        )
         charge = dict(zip(self.actuator_names, self.actuators.T, strict=True)).get("charge")
         empty = () if charge is None else np.flatnonzero(charge < 0.0)
-        return tuple(
+        return inside + tuple(
             f"The battery is empty at t = {self.time[k]:.4g} s; the flight goes on with what it "
             "gives then, which no battery does."
             for k in empty[:1]

@@ -114,6 +114,13 @@ def test_a_push_is_a_mass_that_pushes_a_spring(name: str, fast: Load) -> None:
     assert tips(module, flight)[:, 0] == pytest.approx(oracle.y[0], abs=1e-6)
 
 
+def test_a_frame_that_begins_deep_in_a_wall_is_noted(fast: Load) -> None:
+    module = fast("hexarotor_3link")
+    walls = [wall(module, gap) for gap in (0.01, -0.01, -0.18)]
+    (note,) = flown(module, 0.01, wall=walls).notes
+    assert note.startswith("tip begins 0.18 m inside wall 3, which pushes it with 180 N")
+
+
 def test_a_frame_that_is_to_push_yields_before_and_does_not_hurry(fast: Load) -> None:
     """Before its time it yields along the direction as a spring; far away it learns nothing."""
     module = fast("hexarotor_3link")
