@@ -14,9 +14,9 @@ along the surface, p = -(s z + g v) is the force on the ball while the point sti
     ż = v - w,   w = (1 - μ N / |p|) (s z + g v) / g where it slides, and 0 where it sticks.
 
 So nothing creeps, the force never leaves Coulomb's cone, and what slides slides against its force:
-the energy of bristles is ½ s z², of which a point that slides or lets go only loses. A bristle
-without a load is lost within g / s. No rate is faster than s / g besides those of mass, spring and
-damper, so that equal steps can follow.
+the energy of bristles is ½ s z², of which a point that slides or lets go only loses. Without a
+load z decays with the time constant g / s. No rate is faster than s / g besides those of mass,
+spring and damper, so that equal steps can follow.
 """
 
 from __future__ import annotations

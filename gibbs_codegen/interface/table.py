@@ -122,7 +122,9 @@ ARGUMENTS = {
     "h": Argument("", "length of the step", "time_step", unit="s"),
     "x": Argument("z", "state of the actuators", "x_"),
     "command": Argument("m", "what motors and servos are commanded"),
-    "active": Argument("g", "1 for each constraint that holds, 0 for the others", unit="1"),
+    "active": Argument(
+        "g", "1 for each constraint that holds, 0 for the others, and nothing else", unit="1"
+    ),
 }
 
 _LOADS = "[N] in the first three, [N m] in the others, a row for each of {bodies}"

@@ -38,7 +38,6 @@ class Observation:
     - `wrenches` (f, 6): what walls and the push do to each frame of `FRAMES`: force, N, and torque
       about its origin, N m, world axes
     - `actuators`: thrusts of motors that lag, N, or the state that `ACTUATOR_STATES` names
-
     - `constraint_forces`: those of the constraints of `CONSTRAINT_ROWS`, N and N m, in the axes of
       their anchors; 0 of such as do not hold
 
