@@ -14,7 +14,7 @@ from gibbs_codegen.files.toml import changes_of
 from gibbs_codegen.flight.figures.flight import check_results, write_results
 from gibbs_codegen.flight.record.flight import Flight
 from gibbs_codegen.flight.scenario.file import read_scenario
-from gibbs_codegen.flight.scenario.parts import PREDICTIVE
+from gibbs_codegen.flight.scenario.parts import PREDICTIVE, Control, Impedance
 from gibbs_codegen.runtime.load import load
 from gibbs_codegen.runtime.predictive import DERIVATIVES
 
@@ -23,6 +23,8 @@ _MOST_LIMITS = 12
 # Of inputs that are named; and the share of a limit that is too little to have left it.
 _MOST_NAMES = 12
 _ROUND_OFF = 1e-9
+# Share of a wanted force from which on it counts as reached.
+_REACHED = 0.9
 # How far joints may be beyond their limits, rad or m, by errors of integration.
 _INTEGRATION = 1e-5
 
@@ -69,6 +71,8 @@ def run(options: argparse.Namespace) -> int:
         print(f"beyond their limits: {printable(joints, 400)}")
     for note in flight.notes:
         print(f"note: {note}")
+    if unreached := _unreached(flight, scenario.control):
+        print(f"note: {unreached}")
     if flight.timing:
         print(f"timing: {printable(flight.timing)}")
     times = flight.binding_times[:_MOST_LIMITS]
@@ -80,6 +84,22 @@ def run(options: argparse.Namespace) -> int:
         print(f"gibbs-codegen: the flight ended early: {flight.stopped}", file=sys.stderr)
         return 1
     return 0
+
+
+def _unreached(flight: Flight, control: Control) -> str:
+    """That a frame never felt the force with which it was to push; "" where it did, or need not."""
+    push, frame = control.force, (control.impedance or Impedance()).frame
+    if push is None or flight.time[-1] < push.begin + push.rise:
+        return ""
+    during = (flight.time >= push.begin) & (flight.time <= push.end)
+    felt = np.linalg.norm(flight.frame_wrench(frame)[during, :3], axis=1)
+    most = np.fmax.reduce(felt, initial=0.0)  # What is not a number, is so after control was lost.
+    if most >= _REACHED * push.value:
+        return ""
+    return (
+        f"{printable(frame)} was to push with {push.value:.3g} N, but feels {most:.3g} N at most; "
+        "put its path nearer to the wall, or let it fly for longer"
+    )
 
 
 def _errors(flight: Flight, samples: slice) -> str:

@@ -67,6 +67,17 @@ def test_the_force_of_every_wall_is_told(workplace: Path) -> None:
     assert forces[-1] > 5.0
 
 
+@pytest.mark.parametrize(("felt", "told"), [(0.6, True), (2.0, False)])
+def test_a_force_that_is_not_reached_is_told(felt: float, told: bool, workplace: Path) -> None:
+    law = "control={law='force', force={value=2, direction=[1, 0, 0], rise=0.1}}"
+    push = f"push={{frame='tip', force=[-{felt}, 0, 0], end=9}}"
+    options = ["--scenario", "hover", "--set", law, "--set", push, "--set", "duration=0.2"]
+    done = run("simulate", "hexarotor_3link", *options, "--no-figures", cwd=workplace)
+    assert done.returncode == 0, done.stderr
+    note = "note: tip was to push with 2 N, but feels 0.6 N at most; put its path nearer"
+    assert (note in done.stdout) is told
+
+
 def test_options_reach_the_flight(workplace: Path) -> None:
     scenario = workplace / "mine.toml"
     scenario.write_text(
