@@ -186,12 +186,18 @@ def _peak_response(gains: Gains) -> Array:
 
 @dataclass(frozen=True, order=True)
 class Mode:
-    """A mode that decays at a `rate`, 1/s: its cause, how to slow it, and its eigenvalue, 1/s."""
+    """A mode that decays at a `rate`, 1/s: its cause, how to slow it, and its eigenvalue, 1/s.
+
+    `beside` is the other eigenvalue of the same mass, the conjugate if None, 0 of a mode without.
+    `explicit`: whether method "euler" takes velocities of before the step, as it does of bristles.
+    """
 
     rate: float
     cause: str
     remedy: str
     eigenvalue: complex = field(compare=False)
+    beside: complex | None = field(default=None, compare=False)
+    explicit: bool = field(default=False, compare=False)
 
     @property
     def longest_step(self) -> float:
@@ -200,17 +206,35 @@ class Mode:
 
     def fault(self, size: float, method: str = "rk4") -> str:
         """Why steps of a size, s, make the mode grow, and what would be right; "" if it decays."""
-        z = size * self.eigenvalue
-        if method == "euler":  # Semi-implicit; of real modes the other one is much slower.
-            grows = abs(z) ** 2 > 4.0 + 4.0 * z.real if z.imag else z.real < -2.0
+        z, longest = size * self.eigenvalue, self.longest_step
+        if method == "euler":
+            longest = self._longest_of_euler
+            grows = size > longest
         else:
             grows = not abs(1.0 + z + z**2 / 2.0 + z**3 / 6.0 + z**4 / 24.0) <= 1.0 + 1e-9
         if not grows:
             return ""
         return (
             f"in steps of {size:.3g} s {method} makes errors grow, because of {self.cause}; use "
-            f"steps of at most {self.longest_step:.2g} s, or {self.remedy}"
+            f"steps of at most {longest:.2g} s, or {self.remedy}"
         )
+
+    @property
+    def _longest_of_euler(self) -> float:
+        """Steps of "euler", s, in which the mode decays.
+
+        Explicit steps h obey |1 + h λ| ≤ 1. Semi-implicit ones, of two modes of one mass with the
+        sum -s and the product p of their eigenvalues, p h² + 2 s h ≤ 4.
+        """
+        root = self.eigenvalue
+        if self.explicit and root:
+            return -2.0 * root.real / abs(root) ** 2
+        other = self.beside
+        if other is None:
+            other = root.conjugate() if root.imag else 0.0
+        total, product = -(root + other).real, (root * other).real
+        most = total + math.sqrt(total**2 + 4.0 * product)
+        return 4.0 / most if most > 0.0 else math.inf
 
 
 def stable_modes(loop: ClosedLoop) -> list[Mode]:
@@ -245,22 +269,24 @@ def wall_modes(vehicle: Vehicle, walls: Sequence[Wall], q: Array) -> list[Mode]:
     """Modes of frames that lean on walls, and stick to them, with the least mass that each feels.
 
     That is the least at coordinates (s, nq), of a robot that is free to move, all frames of a wall
-    touching it. What moves by x along the normal obeys ẍ + (c/m) ẋ + (s/m) x = 0 with the
-    stiffness s of the wall and its damping c, to which dissipation adds as under the weight; along
-    the wall s and c are those of bristles, which without a load are lost at the rate s/c. Next to
-    these the modes of control are small where a wall decides about steps.
+    touching it; its parameters may be arrays (s). What moves by x along the normal obeys
+    ẍ + (c/m) ẋ + (s/m) x = 0 with the stiffness s of the wall and its damping c, to which
+    dissipation adds as under the weight; along the wall s and c are those of bristles, which
+    without a load are lost at the rate s/c. Next to these the modes of control are small where a
+    wall decides about steps.
     """
     poses, jacobians = vehicle.frame_poses(q), vehicle.frame_jacobians(q)
     inverse = np.linalg.inv(vehicle.mass_matrix(q))
-    pull = vehicle.gravity_forces(vehicle.neutral)[vehicle.layout.v.position]
-    weight = float(np.linalg.norm(pull))
+    pull = vehicle.gravity_forces(vehicle.neutral)[..., vehicle.layout.v.position]
+    weight = np.broadcast_to(np.linalg.norm(pull, axis=-1), len(q))
 
-    def felt(rows: Array) -> float:
-        """The least mass, kg, that moves along all directions of contacts (s, c, k, nv)."""
+    def felt(rows: Array) -> Array:
+        """The mass (s), kg, that moves along all directions of contacts (s, c, k, nv)."""
         rows = rows.reshape(len(q), -1, rows.shape[-1])
         yielding = rows @ inverse @ np.swapaxes(rows, -1, -2)
-        most = float(np.linalg.eigvalsh(yielding)[:, -1].max())
-        return 1.0 / most if most > 0.0 else math.inf  # On an axis or a centre nothing pushes.
+        most = np.linalg.eigvalsh(yielding)[:, -1]
+        # On an axis or a centre nothing pushes.
+        return np.divide(1.0, most, out=np.full(len(q), math.inf), where=most > 0.0)
 
     found: list[Mode] = []
     for wall in walls:
@@ -278,21 +304,26 @@ def wall_modes(vehicle: Vehicle, walls: Sequence[Wall], q: Array) -> list[Mode]:
                 np.swapaxes(normals, 2, 3), angular, axis=2
             )
             along = moved - np.swapaxes(normals, 2, 3) * (normals @ moved)
-            stiffness, damping = bristle(wall)
+            stiffness, eases = bristle(wall)
             where = f"the bristles of {where}"
-            found += _oscillation(f"{where}, which feel", stiffness, damping, felt(along))
-            rate = stiffness / damping
-            found.append(Mode(rate, where, "more of their damping", complex(-rate)))
+            found += _oscillation(f"{where}, which feel", stiffness, eases, felt(along), True)
+            rate = stiffness / eases
+            found.append(Mode(rate, where, "more of their damping", complex(-rate), explicit=True))
     return found
 
 
-def _oscillation(where: str, stiffness: float, damping: float, mass: float) -> list[Mode]:
-    """Modes of a mass, kg, on a spring, N/m, and a damper, N s/m, that are `where`."""
-    cause = f"{where} a mass of {mass:.3g} kg"
-    return [
-        Mode(abs(root), cause, "a softer wall, or less of its damping", complex(root))
-        for root in np.roots([1.0, damping / mass, stiffness / mass])
-    ]
+def _oscillation(
+    where: str, stiffness: float, damping: float | Array, mass: Array, explicit: bool = False
+) -> list[Mode]:
+    """The fastest modes of masses (s), kg, on springs, N/m, and dampers, N s/m."""
+    remedy, found = "a softer wall, or less of its damping", []
+    slowing = damping / mass
+    for k in sorted({int(np.argmin(mass)), int(np.argmax(slowing))}):
+        cause = f"{where} a mass of {mass[k]:.3g} kg"
+        first, second = map(complex, np.roots([1.0, slowing[k], stiffness / mass[k]]))
+        for root, other in ((first, second), (second, first)):
+            found.append(Mode(abs(root), cause, remedy, root, other, explicit))
+    return found
 
 
 def _drag_modes(loop: ClosedLoop) -> list[Mode]:

@@ -215,7 +215,7 @@ def rollout(
         bounds=bounds,
         precision=precision,
         x=x,
-        walls=touched(module, walls, q, float(dt), method),
+        walls=touched(module, walls, q, parameters or {}, float(dt), method),
     )
     if x is not None and x0 is None:
         first = rollouts.Steps(problem, arguments.xp).commanded()
@@ -232,13 +232,21 @@ def rollout(
 
 
 def touched(
-    module: ModuleType, walls: Sequence[Wall], q: Any, dt: float, method: rollouts.Method
+    module: ModuleType,
+    walls: Sequence[Wall],
+    q: Any,
+    parameters: Mapping[str, Any],
+    dt: float,
+    method: rollouts.Method,
 ) -> tuple[tuple[Contact, tuple[float, ...]], ...]:
-    """Contacts with walls, each with the figures of its wall; q (n, nq) are coordinates.
+    """Contacts with walls, each with the figures of its wall.
 
-    Raises `UsageError` for frames that the robot does not have, and for steps of `dt` s that are
-    too long for a wall.
+    Coordinates q (n, nq) and parameters, numbers or arrays (n), are those of the states. Raises
+    `UsageError` for what are no walls, for frames that the robot does not have, and for steps of
+    `dt` s that are too long for a wall.
     """
+    if not (isinstance(walls, list | tuple) and all(isinstance(each, Wall) for each in walls)):
+        raise UsageError("walls: must be walls as read_scenario(…).walls has them")
     if not walls:
         return ()
     vehicle = Vehicle(_on_arrays(module))
@@ -247,6 +255,9 @@ def touched(
             vehicle.frame_place(frame, f"walls: wall {k}: frame")
     try:
         places = np.asarray(q, dtype=np.float64)
+        if parameters:
+            own = {name: np.squeeze(np.asarray(each)) for name, each in parameters.items()}
+            vehicle = Vehicle(_on_arrays(module), own)
     except TypeError:  # What is traced by JAX has no values.
         places = vehicle.neutral[np.newaxis]
     for mode in sorted(wall_modes(vehicle, walls, places), reverse=True):

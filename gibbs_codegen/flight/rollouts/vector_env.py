@@ -248,7 +248,7 @@ class VectorEnv(gymnasium.vector.VectorEnv[Observations, ArrayLike, Any]):
             bounds=None if bounds is None else arguments.range("bounds", bounds, nq + nv),
             precision=precision,
             x=np.tile(x, (self.num_envs, 1)) if len(x) else None,
-            walls=touched(module, walls, self._hover[np.newaxis], dt, method),
+            walls=touched(module, walls, self._hover[np.newaxis], {}, dt, method),
         )
         entries = self._now.parts.bristles
         if entries:

@@ -529,6 +529,40 @@ def test_rollouts_of_inputs_touch_walls_in_every_back_end(
         rollout(block, q0, v0, u, 2, 0.2, walls=scenario.walls)
 
 
+def test_rollouts_refuse_steps_that_are_too_long_for_walls(block: ModuleType) -> None:
+    """Of a mass m on a spring s and a damper c, in closed form; of the lightest state."""
+    start: Any = [0.0, 0.0, 0.01, 0.0, 0.0, 0.0, 1.0], np.zeros(6), np.zeros(4), 1
+    floor = {"kind": "floor", "frame": "base", "stiffness": 4000.0}
+
+    def fly(dt: float, own: dict[str, Any], **options: Any) -> None:
+        walls = read_scenario("hover", {"wall": [floor | own]}).walls
+        rollout(block, *start, dt, walls=walls, **options)
+
+    # Explicit Euler bears c/s, semi-implicit Euler what det and trace of its matrix say.
+    rough = {"friction": 0.5, "bristle_damping": 20.0}
+    frequency, most = np.sqrt(4000.0 / MASS), 20.0 / 4000.0
+    fly(1.01 * most, rough)
+    for ratio in (0.3, 0.99, 1.02, 3.0):
+        soft = {"damping": 2.0 * ratio * frequency * MASS}
+        longest = 2.0 * (np.sqrt(ratio**2 + 1.0) - ratio) / frequency
+        for limit, own in ((most, rough), (longest, soft)):
+            fly(0.99 * limit, own, method="euler")
+            with pytest.raises(UsageError, match=r"euler makes errors grow, because of the .*wall"):
+                fly(1.01 * limit, own, method="euler")
+    for masses in ([2.0, 3.0], 2.5):
+        fly(2.7 / frequency, {}, parameters={"base_mass": masses})
+    for masses in ([2.0, 0.5, 3.0], 0.5):
+        with pytest.raises(UsageError, match=r"feels a mass of 0.5 kg"):
+            fly(2.7 / frequency, {}, parameters={"base_mass": masses})
+
+
+@pytest.mark.parametrize("walls", ["slope.toml", [{"frame": "base"}], [3], 1])
+def test_rollouts_refuse_what_are_no_walls(walls: Any, block: ModuleType) -> None:
+    start: Any = [0.0, 0.0, 0.01, 0.0, 0.0, 0.0, 1.0], np.zeros(6), np.zeros(4), 1
+    with pytest.raises(UsageError, match=r"walls: must be walls as read_scenario\(…\)\.walls has"):
+        rollout(block, *start, 1e-3, walls=walls)
+
+
 def test_environments_touch_walls(block: ModuleType) -> None:
     vector_env = pytest.importorskip("gibbs_codegen.flight.rollouts.vector_env")
     walls, q0 = read_scenario("hover", {"wall": [FLOOR]}).walls, [0.0, 0, 0.105, 0, 0, 0, 1]
