@@ -22,6 +22,7 @@ from gibbs_codegen.robot.model import (
     Constraint,
     Robot,
     Rod,
+    Servo,
     Vector3,
 )
 from gibbs_codegen.robot.names import (
@@ -197,11 +198,13 @@ class Parameters:
         length, force = ("m", "N") if slides else ("rad", "N m")
         if link.servo is not None:
             units = (f"{force}/{length}", f"{force} s/{length}", force, f"{length}/s", "s", length)
-            numbers = zip(link.servo.numbers.items(), units, strict=True)
+            unit = dict(zip(Servo().numbers, units, strict=True))
             self.servos[i] = ServoSymbols(
                 **{
-                    name: None if x is None else self._value(f"{prefix}_servo_{name}", x, unit)
-                    for (name, x), unit in numbers
+                    name: None
+                    if x is None
+                    else self._value(f"{prefix}_servo_{name}", x, unit[name])
+                    for name, x in link.servo.numbers.items()
                 }
             )
         if link.friction is not None:
