@@ -99,13 +99,17 @@ def functions_of(word: str | None) -> tuple[str, ...]:
 
 @contextmanager
 def found_module(
-    word: str, progress: AbstractContextManager[Progress], derivatives: Sequence[str] = ()
+    word: str,
+    progress: AbstractContextManager[Progress],
+    derivatives: Sequence[str] = (),
+    functions: Sequence[str] | None = None,
 ) -> Iterator[tuple[Path, bool]]:
     """The folder of the module that a word, as of `find_robot`, names, and whether it is kept.
 
     A folder of that path, or of that name in generated/, comes first: it is a module, or what is
-    left of one. For any other robot a module is generated, with some `derivatives`, its steps shown
-    by `progress`, and removed on leaving. Errors are those of `find_robot`.
+    left of one. For any other robot a module is generated, with some `derivatives` and `functions`,
+    or those by default, its steps shown by `progress`, and removed on leaving. Errors are those of
+    `find_robot`.
     """
     if os.path.isdir(word) or os.path.isdir(os.path.join("generated", word)):
         from gibbs_codegen.runtime.load import find_module
@@ -118,6 +122,10 @@ def found_module(
     with tempfile.TemporaryDirectory() as out:
         with progress as step:
             _, folder = generate_robot(
-                robot, text, out, progress=step, verify=False, derivatives=derivatives
+                *(robot, text, out),
+                progress=step,
+                verify=False,
+                derivatives=derivatives,
+                functions=functions,
             )
         yield folder, False

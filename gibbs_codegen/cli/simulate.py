@@ -14,7 +14,12 @@ from gibbs_codegen.files.toml import changes_of
 from gibbs_codegen.flight.figures.flight import check_results, write_results
 from gibbs_codegen.flight.record.flight import Flight
 from gibbs_codegen.flight.scenario.file import read_scenario
-from gibbs_codegen.flight.scenario.parts import PREDICTIVE, Control, Impedance
+from gibbs_codegen.flight.scenario.parts import (
+    PREDICTIVE,
+    WITH_CONSTRAINTS,
+    Control,
+    Impedance,
+)
 from gibbs_codegen.runtime.load import load
 from gibbs_codegen.runtime.predictive import DERIVATIVES
 
@@ -37,8 +42,12 @@ def run(options: argparse.Namespace) -> int:
     from gibbs_codegen.flight.simulation import simulate  # Late: refusals appear at once.
 
     derivatives = DERIVATIVES if scenario.control.law == PREDICTIVE else ()
+    functions = WITH_CONSTRAINTS if scenario.holds else None
     with (
-        robot_argument.found_module(options.robot, terminal.progress(), derivatives) as (folder, _),
+        robot_argument.found_module(options.robot, terminal.progress(), derivatives, functions) as (
+            folder,
+            _,
+        ),
         terminal.progress_bar() as progress,
     ):
         module = load(folder, options.backend)

@@ -43,6 +43,8 @@ from gibbs_codegen.flight.vectors import Array, Flags
 MAX_DURATION = 3600.0  # s
 # The law that plans: `flight.control.predictive`.
 PREDICTIVE = "predictive"
+# Functions of modules that fly scenarios in which constraints hold.
+WITH_CONSTRAINTS = ("default", "constraints")
 Law = Annotated[str, OneOf(("tracking", *LAWS, PREDICTIVE, "open_loop", "off"))]
 # Laws of scenarios that move a frame, and of these those that control its force.
 _MOVING = [name for name, law in LAWS.items() if law.moves_frame]

@@ -177,14 +177,19 @@ def scenario_source(scenario: Scenario | StrPath) -> ScenarioSource:
 
 
 def robot_source(
-    robot: StrPath, modules: Path, progress: Progress, derivatives: Sequence[str] = ()
+    robot: StrPath,
+    modules: Path,
+    progress: Progress,
+    derivatives: Sequence[str] = (),
+    functions: Sequence[str] | None = None,
 ) -> RobotSource:
     """What is known of a robot of a sweep; its C is compiled.
 
     `robot` is a folder of a module or its name in `generated/`, which come first, the name of a
     robot that ships, or a robot file. Of these a module is generated where there is none, with
-    some `derivatives`, in a folder of its digest in `modules`. Raises `UsageError` if there is no
-    such robot, and `RobotFileError` with every fault of the file.
+    some `derivatives` and `functions`, or those by default, in a folder of its digest in `modules`.
+    Raises `UsageError` if there is no such robot, and `RobotFileError` with every fault of the
+    file.
     """
     word = os.fspath(robot)
     if os.path.isdir(word) or os.path.isdir(os.path.join("generated", word)):
@@ -193,13 +198,16 @@ def robot_source(
         from gibbs_codegen.robot.file import read_robot
 
         read, text = read_robot(word)
-        digest = hashlib.sha256("\n".join([__version__, *derivatives, text]).encode()).hexdigest()
+        asked = [__version__, *derivatives, *(functions or ()), text]
+        digest = hashlib.sha256("\n".join(asked).encode()).hexdigest()
         out = modules / digest[:16]
         if not (out / read.name / "MANIFEST").is_file():
             from gibbs_codegen.pipeline import generate_robot  # Late, as it imports SymPy.
 
             progress(f"generating {read.name}", 0.0)
-            generate_robot(read, text, out, verify=False, derivatives=derivatives)
+            generate_robot(
+                read, text, out, verify=False, derivatives=derivatives, functions=functions
+            )
         folder = (out / read.name).resolve()
     module, digests = load(folder, "c"), hashlib.sha256()
     try:

@@ -26,7 +26,7 @@ from gibbs_codegen.errors import GibbsCodegenError, UsageError, printable
 from gibbs_codegen.files.staging import check_output_folder
 from gibbs_codegen.flight.arguments import whole
 from gibbs_codegen.flight.desired.trajectory import Progress
-from gibbs_codegen.flight.scenario.parts import PREDICTIVE
+from gibbs_codegen.flight.scenario.parts import PREDICTIVE, WITH_CONSTRAINTS
 from gibbs_codegen.flight.scenario.scenario import Scenario
 from gibbs_codegen.flight.sweeps import measures as known_measures
 from gibbs_codegen.flight.sweeps.cases import Cases, cases_of, varied
@@ -104,8 +104,11 @@ def sweep(
     laws = [each.says("control.law") for each in scenario_sources]
     laws += varying["control.law"].levels if "control.law" in varying else ()
     derivatives = DERIVATIVES if PREDICTIVE in laws else ()
+    holds = [each.says("hold") or each.says("holds") for each in scenario_sources]
+    functions = WITH_CONSTRAINTS if any(holds) else None
     robot_sources = [
-        robot_source(each, folder / "modules", progress, derivatives) for each in _listed(robots)
+        robot_source(each, folder / "modules", progress, derivatives, functions)
+        for each in _listed(robots)
     ]
     cases = cases_of(robot_sources, scenario_sources, varying, samples, seed)
     chosen = measure or known_measures.default(all(robot.has_tip for robot in robot_sources))

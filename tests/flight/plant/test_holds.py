@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 from types import ModuleType
 from typing import Any
 
@@ -12,6 +13,7 @@ from numpy.typing import NDArray
 from support.kept import kept_folder, made_once
 from support.pages import files_of
 
+from gibbs_codegen.cli.app import main
 from gibbs_codegen.errors import MissingFunctionError, UsageError
 from gibbs_codegen.flight.control.observation import Observation
 from gibbs_codegen.flight.integration.compiled_loop import CompiledSlope
@@ -24,6 +26,7 @@ from gibbs_codegen.flight.scenario.parts import Hold, Payload, Push, Wind
 from gibbs_codegen.flight.scenario.scenario import Scenario
 from gibbs_codegen.flight.simulation import flight_start, simulate
 from gibbs_codegen.flight.stepping import Simulation
+from gibbs_codegen.flight.sweeps.sweep import sweep
 from gibbs_codegen.pipeline import generate_robot
 from gibbs_codegen.robot.file import parse_robot
 from gibbs_codegen.runtime.load import load
@@ -196,3 +199,17 @@ def test_what_cannot_hold_is_refused(percher: ModuleType, monkeypatch: pytest.Mo
     monkeypatch.delattr(lacking, "impact")
     with pytest.raises(MissingFunctionError, match="constraints"):
         simulate(lacking, perching())
+
+
+@pytest.mark.slow
+def test_robot_files_are_flown_with_functions_of_constraints(tmp_path: Path) -> None:
+    """By the command, and in sweeps of scenario files and of what Python made."""
+    for name in ("percher.toml", "perch.toml"):
+        (tmp_path / name).write_text(FILES[name], encoding="utf-8")
+    robot, scene = (str(tmp_path / name) for name in ("percher.toml", "perch.toml"))
+    out = str(tmp_path / "flight")
+    command = ["simulate", robot, "--scenario", scene, "--out", out, "--no-figures"]
+    assert main(command) == 0
+    for k, scenario in enumerate((scene, perching())):
+        study = sweep(robot, scenario, {"plant.base_mass": [1.1, 1.2]}, out=tmp_path / f"sweep_{k}")
+        assert len(study.table) == 2
