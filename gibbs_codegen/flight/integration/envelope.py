@@ -202,7 +202,7 @@ class Mode:
     @property
     def longest_step(self) -> float:
         """Steps of rk4, s, in which the mode decays."""
-        return 2.0 / self.rate
+        return 2.0 / self.rate if self.rate else math.inf  # Nothing moves a frame at a centre.
 
     def fault(self, size: float, method: str = "rk4") -> str:
         """Why steps of a size, s, make the mode grow, and what would be right; "" if it decays."""
