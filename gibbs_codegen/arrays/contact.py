@@ -67,8 +67,8 @@ class Touch(NamedTuple):
     """What a contact does, in world axes.
 
     The force `normal` along the unit `direction` (3), N, the `friction` (3), N, at which velocity
-    the point of the surface slides, `slip` (3), m/s, and how deep the ball is, `depth`, m; the
-    `wrench` (6) on the frame, and the `rate` (3) of the bristle.
+    the point of the surface slides, `slip` (3), m/s, 0 where nothing presses, and how deep the ball
+    is, `depth`, m; the `wrench` (6) on the frame, and the `rate` (3) of the bristle.
     """
 
     normal: Node
@@ -99,12 +99,11 @@ def touch(contact: Contact, wall: Node, moving: tuple[Node, Node], bristle: Node
     inwards = -dot(normal, velocity[:3])
     pressed = stiffness * depth * (1.0 + dissipation * inwards) + damping * inwards
     pressed = choose(depth, 0.0, maximum(pressed, 0.0), 0.0)
-    if not contact.sticks:
-        none = zeros(3)
-        slip = velocity[:3] + inwards * normal
-        return Touch(pressed, normal, none, slip, depth, join(pressed * normal, none), none)
     lever = -ball * normal
     along = velocity[:3] + cross(velocity[3:], lever) + inwards * normal
+    if not contact.sticks:
+        none, slip = zeros(3), choose(pressed, 0.0, along, 0.0)
+        return Touch(pressed, normal, none, slip, depth, join(pressed * normal, none), none)
     across = bristle - dot(bristle, normal) * normal
     pull = holds * across + eases * along
     size = square_root(maximum(dot(pull, pull), _NOTHING))
@@ -114,6 +113,7 @@ def touch(contact: Contact, wall: Node, moving: tuple[Node, Node], bristle: Node
     # What a normal that turns leaves of the bristle beside the surface is lost as without a load.
     rate = along - slip - holds / eases * (bristle - across)
     wrench = join(pressed * normal + drag, cross(lever, drag))
+    slip = choose(pressed, 0.0, slip, 0.0)
     return Touch(pressed, normal, drag, slip, depth, wrench, rate)
 
 

@@ -17,11 +17,14 @@ from scipy.optimize import least_squares
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.flight.integration.closed_loop import ClosedLoop
 from gibbs_codegen.flight.plant.vehicle import Array
+from gibbs_codegen.flight.scenario.walls import bristle
 
 # How far a robot is lifted or lowered, m, in how many parts, and how often these are halved.
 _REACH, _PARTS, _HALVES = 0.5, 2001, 40
 # How far soft walls give way under the weight, m, and the friction of rough ones.
 _SOFT, _ROUGH = 0.03, 1e3
+# Share by which the friction of frames that were about to slide stays below that at rest.
+_WITHIN = 1e-12
 # Accelerations, rad/s² or m/s², that are none; and after how many displacements the search ends.
 _NONE, _TRIES = 1e-6, 40
 # How accelerations may grow with displacements, 1/s², by errors of differences.
@@ -51,7 +54,25 @@ def resting(loop: ClosedLoop, q: Array, charge: float = 1.0) -> tuple[Array, Arr
         raise UsageError(
             f"start.settled: {loop.vehicle.name} does not come to rest there; {_REMEDY}"
         )
-    return place, bristles
+    return place, _held(loop, place, bristles, charge)
+
+
+def _held(loop: ClosedLoop, q: Array, bristles: Array, charge: float) -> Array:
+    """Bristles (3 b) with the forces of others, strained no further than friction holds them."""
+    if loop.environment is None:
+        return bristles
+    contacts, walls = loop.environment.around.contacts, loop.environment.wall
+    loop = replace(loop, bristles=bristles)
+    loads, still = loop.loads(0.0), np.zeros(loop.vehicle.layout.v.size)
+    parts = loop.parts(loop.start(q, still, charge))
+    _, aimed, acting = loop.commands(0.0, parts, loads)
+    found = loop.motion(0.0, parts, aimed, acting, loads)["contacts"]
+    strained = [
+        -(1.0 - _WITHIN * found[k, 4:7].any()) * found[k, 1:4] / bristle(walls[each.wall])[0]
+        for k, each in enumerate(contacts)
+        if each.sticks
+    ]
+    return np.ravel(strained)
 
 
 def _softer(loop: ClosedLoop, share: float) -> ClosedLoop:

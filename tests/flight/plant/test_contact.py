@@ -153,6 +153,36 @@ def test_a_ball_rolls_down_as_its_inertia_says(block: ModuleType) -> None:
     assert found == pytest.approx(expected, rel=1e-3)
 
 
+def test_what_slides_is_the_lowest_point_of_a_ball_that_presses(block: ModuleType) -> None:
+    """With friction and without; in the air nothing slides."""
+    v = np.array([1.0, 0.0, 0.0, 0.0, 3.0, 0.0])
+    for friction, height, expected in (
+        (0.0, 0.04, 1.0 - 3.0 * 0.05),
+        (1e-6, 0.04, 1.0 - 3.0 * 0.05),
+        (0.0, 1.0, 0.0),
+        (0.5, 1.0, 0.0),
+    ):
+        floor = {"kind": "floor", "frame": "base", "stiffness": 4000, "ball_radius": 0.05}
+        own = {"wall": [floor | {"friction": friction}], "control": {"law": "off"}}
+        scenario = read_scenario("hover", own | fixed(0, 0, height))
+        start = flight_start(block, scenario, lambda *_: None, own=False)
+        loop, none = start.loop, np.zeros(4)
+        parts = loop.parts(loop.start(start.q, v))
+        found = loop.motion(0.0, parts, none, none, loop.loads(0.0))["contacts"]
+        np.testing.assert_allclose(found[0, 4:7], [expected, 0.0, 0.0], atol=1e-4)
+        assert found[0, 4:7].any() == bool(expected)
+
+
+def test_nothing_slides_where_some_feet_are_at_the_limit(block: ModuleType) -> None:
+    start = {"turn_deg": [0, 26.0, 0], "settled": True}
+    flight = simulate(block, on_slope(26.0, 0.5, duration=0.1, start=start))
+    pressed, across = flight.contact_forces[0], np.linalg.norm(flight.contact_friction[0], axis=-1)
+    assert np.ptp(across / pressed) > 0.01
+    assert across / pressed == pytest.approx(0.5, abs=0.03)
+    assert not flight.contact_slip.any()
+    assert np.ptp(flight.q, axis=0).max() < 1e-12
+
+
 def test_a_parked_machine_does_not_creep(block: ModuleType) -> None:
     """On a slope of 20 degrees with a friction of 0.5, over 10 s from where it rests."""
     start = {"turn_deg": [0, 20.0, 0], "settled": True}
