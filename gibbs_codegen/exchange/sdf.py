@@ -59,7 +59,7 @@ def read_sdf(
     models = [m for m in found if m.tag == "model" and _text(m, "static") not in ("true", "1")]
     elsewhere = [each for each in found if each.tag == "include"]
     for model in models:
-        _merge(model, Path(file))
+        _merge(model, Path(file), root.get("version"))
     for inner in [each for model in models for each in children(model)]:
         if inner.tag in ("include", "model"):
             words = "brings in another model, which is not merged; `gz sdf -p` writes all into one"
@@ -80,7 +80,10 @@ def read_sdf(
     gravity = 9.81
     for each in found:
         if each.tag == "gravity":
-            gravity = math.hypot(*_numbers(values, each, 3))
+            x, y, z = _numbers(values, each, 3)
+            if x or y or z > 0.0:
+                values.fault(each, "must point along -z, as 0 0 -9.81 does")
+            gravity = -z
     rotors = gazebo_rotors(models[0], values, command)
     if not reader.elements:
         values.fault(models[0], "has no <link>")
@@ -113,11 +116,12 @@ def _version(root: Element, values: Values) -> tuple[int, int]:
     return int(found[1]), int(found[2])
 
 
-def _merge(model: Element, path: Path) -> None:
+def _merge(model: Element, path: Path, version: str | None) -> None:
     """Put what is in models that are to be merged in place of their includes.
 
-    They are in folders of their names, beside the model's, as Gazebo's are. What moves them, or is
-    to be found elsewhere, stays.
+    They are in folders of their names, beside the model's, as Gazebo's are. What moves them, is of
+    another version, or is to be found elsewhere, stays. A pose of their own moves them against what
+    the model has besides; where that is nothing, it is the place in the world.
     """
     for _ in range(_MOST_MERGED):
         includes = [found for found in children(model) if found.tag == "include"]
@@ -127,7 +131,10 @@ def _merge(model: Element, path: Path) -> None:
             merged = include.get("merge") in ("true", "1") and child(include, "pose") is None
             if merged and name and file.is_file():
                 root = parse_xml(read_bytes(file), str(file))
-                if (other := child(root, "model")) is not None:
+                other = child(root, "model")
+                besides = [each for each in children(model) if each.tag in ("link", "frame")]
+                moved = bool(besides) and other is not None and child(other, "pose") is not None
+                if other is not None and not moved and root.get("version") == version:
                     place = list(model).index(include)
                     model[place : place + 1] = children(other)
                     break

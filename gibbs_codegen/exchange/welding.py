@@ -218,8 +218,8 @@ def _constraints(
     for each in source.constraints:
         bodies = [places[frame.on].body for frame in each.frames if frame.on != WORLD]
         reason = ""
-        if len(bodies) == 2 and bodies[0] == bodies[1]:
-            reason = "a constraint of one body with itself"
+        if not bodies or (len(bodies) == 2 and bodies[0] == bodies[1]):
+            reason = "a constraint of one body, or the world, with itself"
         elif len(bodies) == 1 and each.holds == "hinge":
             reason = "a hinge to the world; hold two points of its axis instead"
         elif len(found) == model.MAX_CONSTRAINTS or len(made) + len(bodies) > model.MAX_FRAMES:

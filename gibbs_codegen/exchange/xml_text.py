@@ -139,7 +139,8 @@ def mjcf_text(source: sources.Source, root: str) -> str:
     for each in source.constraints:
         kind = "weld" if each.holds == "frame" else "connect"
         sites = {"site1": each.frame.name, "site2": each.to.name}
-        ET.SubElement(equality, kind, {"name": each.name, **sites})
+        # It may be held: who simulates switches it on.
+        ET.SubElement(equality, kind, {"name": each.name, "active": "false", **sites})
     top.extend([equality] if source.constraints else [])
     ET.indent(top)
     return ET.tostring(top, encoding="unicode") + "\n"

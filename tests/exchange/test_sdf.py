@@ -221,6 +221,14 @@ def test_models_are_merged_from_folders_beside_theirs(tmp_path: Path) -> None:
         (tmp_path / name / "model.sdf").write_text(text)
     found, _ = import_robot(tmp_path / "machine" / "model.sdf", ImportOptions("quaternion"))
     assert found == expected
+    # Not where a pose moves it against a link of the other model, nor of another version.
+    own = {"machine": parts["machine"].replace("<include", '<link name="own"/><include')}
+    older = {"base": parts["base"].replace("1.10", "1.9", 1)}
+    for changed in (own, older):
+        for name, text in {**parts, **changed}.items():
+            (tmp_path / name / "model.sdf").write_text(text)
+        with pytest.raises(GibbsCodegenError, match="which is not merged"):
+            import_robot(tmp_path / "machine" / "model.sdf", ImportOptions("quaternion"))
 
 
 REFUSED = [
