@@ -94,8 +94,8 @@ class Flight:
     Of each pair of a wall and a frame, `contact_walls` (c) from 1 and `contact_frames` (c), called
     by `contact_names`, `contact_forces` (s, c), N, are those along the normal, `contact_friction`
     (s, c, 3), N, those across it on the frame, world axes. `contact_slip` (s, c, 3), m/s, is the
-    velocity at which it slides, 0 where it sticks or is away, `contact_depth` (s, c), m, how deep it is,
-    negative outside.
+    velocity at which it slides, 0 where it sticks or is away, `contact_depth` (s, c), m, how
+    deep it is, negative outside.
     `hold_forces` (s, l), N and N m, are those of constraints by `hold_names`, the rows of these, in
     the axes of their anchors; 0 of such as do not hold. `impacts` (i, 2) are when constraints took
     hold, s, and the energy that was lost, J; the `work` has it.
