@@ -434,12 +434,11 @@ class ConstraintEquations:
 
         A frame that the world holds can always be moved, since the base flies: no row is redundant.
         """
-        tape, matrix = self._tape, self._matrix
+        tape = self._tape
         with tape.group("forces of the constraints, by LDL^T"):
             if self.is_regular:
-                return Factors(tape, matrix)
-            sizes = [matrix[i][i] for i in range(len(matrix))]
-            return PseudoInverse(tape, self.masked_matrix, sizes, self._rounding)
+                return Factors(tape, self._matrix)
+            return PseudoInverse(tape, self.masked_matrix, self._rounding)
 
     @property
     def _rounding(self) -> sp.Expr:

@@ -158,12 +158,13 @@ class PseudoInverse:
 
     Pivots are absent that are no more than √ε of the entry of the matrix that they are left of,
     with the rounding error ε: then no error of what is left is taken for a pivot, even where
-    another is hardly more. So are those that nothing but rounding is left in. `sizes` are the
-    entries where all of the matrix is there.
+    another is hardly more. So are those that nothing but rounding is left in, next to rows that
+    are there: rows of zeros count for nothing.
     """
 
-    def __init__(self, tape: Scalars, matrix: Rows, sizes: Values, rounding: sp.Expr) -> None:
+    def __init__(self, tape: Scalars, matrix: Rows, rounding: sp.Expr) -> None:
         self._tape, size, one = tape, len(matrix), sp.S.One
+        sizes = [matrix[k][k] for k in range(size)]
         share = tape.let(sp.sqrt(rounding))
         whole = tape.let(tape.let(rounding * tape.let(sp.Add(*sizes))) + _NOTHING)
 

@@ -8,17 +8,20 @@ from __future__ import annotations
 import sys
 from dataclasses import replace
 from fractions import Fraction
+from pathlib import Path
 from types import ModuleType
 from typing import Any
 
 import numpy as np
 import pinocchio as pin
 import pytest
+from support.compiled import build, emit
 from support.complex_step import derivative
 from support.constrained import TEXT, Dense, constrained_robot, random_state
 from support.emitted import emitted_module, module_of
 from support.pinocchio_oracle import Oracle, placed
 from support.random_robots import random_tree
+from support.tools import run
 
 from gibbs_codegen.derivation.derive import derive
 from gibbs_codegen.interface import FUNCTIONS
@@ -195,6 +198,69 @@ def test_impacts_take_energy_away_and_keep_momentum_within_the_robot() -> None:
         kept, _ = module.impact(q, v, within)
         before = module.centroidal_momentum(q, v)
         assert_alike(module.centroidal_momentum(q, kept), before)
+
+
+LIGHT_FINGER = """
+name = "light"
+
+[base]
+attitude = "quaternion"
+mass     = 20
+inertia  = [0.5, 0.5, 0.9, 0, 0, 0]
+
+[[link]]
+name    = "finger"
+xyz     = [0, 0, -0.1]
+axis    = "y"
+mass    = 0.01
+com     = [0, 0, -0.005]
+inertia = [5e-7, 5e-7, 5e-7, 0, 0, 0]
+
+[[frame]]
+name = "pad"
+on   = "finger"
+xyz  = [0, 0, -0.01]
+
+[[frame]]
+name = "foot"
+on   = "base"
+xyz  = [0, 0, -0.2]
+
+[[constraint]]
+name  = "stand"
+type  = "point"
+frame = "foot"
+
+[[constraint]]
+name  = "grip"
+type  = "frame"
+frame = "pad"
+"""
+
+
+def test_what_is_let_go_hides_nothing_that_is_held_in_single_precision(tmp_path: Path) -> None:
+    """A finger that nothing holds moves by far more under a force than a base that stands."""
+    emitted = emit(parse_robot(LIGHT_FINGER), tmp_path / "light")
+    source = tmp_path / "program.c"
+    source.write_text("""
+#include "light.h"
+#include <stdio.h>
+int main(void)
+{
+    const float q[8] = {0, 0, 0, 0, 0, 0, 1, 0.3f}, v[7] = {0.3f, -0.2f, 0.1f}, on[2] = {1, 0};
+    float after[7], impulses[9];
+    light_impact(&light_default_constants, q, v, on, after, impulses);
+    for (int i = 0; i < 9; i++) { printf("%.9g ", (double)impulses[i]); }
+    return 0;
+}
+""")
+    options = [emitted.single, f"-I{emitted.folder}", str(source), *emitted.sources]
+    program = build("gcc", ["-O1"], options, tmp_path / "program")
+    found = np.array(run([program]).split(), float)
+    q, v = np.array([0, 0, 0, 0, 0, 0, 1, 0.3]), np.array([0.3, -0.2, 0.1, 0, 0, 0, 0])
+    dense = Dense(emitted.model.robot, q, v)
+    right = dense.solved(dense.jacobian @ v, np.array([1.0, 0.0]))[0]
+    np.testing.assert_allclose(found, right, rtol=0, atol=1e-5 * np.abs(right).max())
 
 
 FOUR_BAR = """
