@@ -9,7 +9,7 @@ top table. Lengths are in m, times in s, angles in degrees where a key ends in `
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Annotated, Any, ClassVar
 
 from pydantic import AfterValidator
@@ -294,15 +294,17 @@ class ScenarioTable(Table):
             yield "tip_force", "must be left out, since push says what pushes the robot"
 
     def _faults(self) -> Iterator[tuple[Place, str]]:
-        """Faults of moves after the end, and of more samples or steps than a flight may have."""
+        """Faults of what begins after the end, and of more samples or steps than may be."""
         duration, settings = self.duration, self.integration
+        beginning: list[tuple[Place, Sequence[parts.Move | parts.Hold]]] = [(("hold",), self.hold)]
         for each in ("moves", "moves_deg"):
-            for joint, moves in getattr(self.arm, each).items():
-                for number, move in enumerate(moves):
-                    if move.begin >= duration:
-                        words = f"must be before {duration:g}, when the flight ends"
-                        place = ("arm", each, joint, number, "begin")
-                        yield place, f"{words}, not {move.begin:g}"
+            moves = getattr(self.arm, each).items()
+            beginning += [(("arm", each, joint), own) for joint, own in moves]
+        for place, own in beginning:
+            for number, part in enumerate(own):
+                if part.begin >= duration:
+                    words = f"must be before {duration:g}, when the flight ends"
+                    yield (*place, number, "begin"), f"{words}, not {part.begin:g}"
         if settings.rate * duration > _MAX_SAMPLES:
             words = f"more than {_MAX_SAMPLES} samples in {duration:g} s; lower it"
             yield ("integration", "rate"), words

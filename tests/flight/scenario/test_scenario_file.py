@@ -826,6 +826,14 @@ def test_moves_of_joints() -> None:
         read_scenario("hover", {"arm": beyond})
 
 
+def test_constraints_that_take_hold_after_the_end_are_refused() -> None:
+    words = "hold 2: begin: must be before 5, when the flight ends, not 5"
+    with pytest.raises(ScenarioFileError, match=words):
+        read_scenario(
+            "hover", {"hold": [{"constraint": "grip"}, {"constraint": "grip", "begin": 5}]}
+        )
+
+
 def test_a_turn_about_an_axis_that_is_next_to_nothing() -> None:
     turn = {"kind": "turn", "axis": [0, 1e-200, 0], "angle_deg": 90, "duration": 1}
     with pytest.raises(ScenarioFileError, match="axis: a direction of length zero"):
