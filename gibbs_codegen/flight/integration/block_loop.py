@@ -60,7 +60,7 @@ class BlockIntegration:
         # Flights that are still under way, and those that must be integrated by themselves.
         flies, alone = np.ones(count, dtype=bool), np.zeros(count, dtype=bool)
         reasons = dict.fromkeys(range(count), "")
-        impacts: list[tuple[float, Array]] = []
+        impacts: list[list[tuple[float, float]]] = [[] for _ in range(count)]
 
         def end(which: Flags) -> None:
             """End flights, with the reason; one without any is integrated by itself."""
@@ -75,9 +75,13 @@ class BlockIntegration:
                 return [None] * count
             times.append(grid.sample_times(interval))
             time = interval.begin
-            with np.errstate(invalid="ignore"):  # Flights that have ended may have no numbers.
-                last, lost = self.loop.held(time, last)
-            impacts += [(time, lost)] if np.any(lost) else []
+            if self.loop.takes_hold(time):
+                # Flights that have ended stay as they were, and may have no numbers.
+                with np.errstate(invalid="ignore"):
+                    held, lost = self.loop.held(time, last)
+                last[flies] = held[flies]
+                for i in np.flatnonzero(flies).tolist():
+                    impacts[i].append((time, float(lost[i])))
             parts = [
                 (each, done)
                 for each in grid.stretches(interval)
@@ -113,10 +117,8 @@ class BlockIntegration:
         histories: list[StateHistory | None] = [None] * count
         for i in np.flatnonzero(~alone).tolist():
             own, reason, until = slice(kept[i]), reasons[i], float(ends[i])
-            losses = [(time, float(lost[i])) for time, lost in impacts if time <= until]
-            history = StateHistory(
-                every_time[own], states[i, own], reason, ranges, np.reshape(losses, (-1, 2))
-            )
+            losses = np.reshape(impacts[i], (-1, 2))
+            history = StateHistory(every_time[own], states[i, own], reason, ranges, losses)
             # Of a flight that went on to the end, all samples have been looked at.
             if reason or until > history.time[-1]:
                 history = whole_history(history, until, last[i], envelope)

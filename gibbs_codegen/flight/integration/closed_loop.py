@@ -284,17 +284,21 @@ class ClosedLoop:
         push, payloads = around.push_acts(time), around.carries(time)
         return Loads(push, payloads, idle=idle, holds=around.holding(time))
 
+    def takes_hold(self, time: float) -> bool:
+        """Whether a constraint that did not hold begins to at a time, s."""
+        return self.environment is not None and self.environment.takes_hold(time)
+
     def held(self, time: float, states: Array) -> tuple[Array, Array]:
-        """States (…, size) after an impact, if constraints take hold at a time, s.
+        """States (…, size) after the impact at a time, s, at which constraints take hold.
 
         And the energies (…) that are lost, J, which are work done.
         """
-        around, vehicle = self.environment, self.vehicle
-        if around is None or not around.takes_hold(time):
-            return states, np.zeros(states.shape[:-1])
+        vehicle = self.vehicle
         q, v, work, *_ = self.parts(states)
-        after, _ = vehicle.function("impact")(q, v, around.holding(time).astype(np.float64))
-        lost = vehicle.kinetic_energy(q, v) - vehicle.kinetic_energy(q, after)
+        active = np.asarray(self.loads(time).holds, dtype=np.float64)
+        after, _ = vehicle.function("impact")(q, v, active)
+        # An impact never adds energy, and of one that takes none rounding may say so.
+        lost = np.maximum(vehicle.kinetic_energy(q, v) - vehicle.kinetic_energy(q, after), 0.0)
         found = states.copy()
         found[..., vehicle.layout.q.size : self.work_place] = after
         found[..., self.work_place] = work - lost

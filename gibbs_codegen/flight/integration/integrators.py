@@ -338,8 +338,9 @@ class Integration:
         """Integrate up to a time, or until the flight cannot go on; `progress` is told the time."""
         for interval in self._loop.smooth_intervals(self.time, end):
             if not self.stopped:
-                self.state, lost = self._loop.held(interval.begin, self.state)
-                self._impacts += [(interval.begin, float(lost))] if lost else []
+                if self._loop.takes_hold(interval.begin):
+                    self.state, lost = self._loop.held(interval.begin, self.state)
+                    self._impacts.append((interval.begin, float(lost)))
                 begun, self.stopped = self._loop.begun(interval, self.state)
             if self.stopped:
                 break

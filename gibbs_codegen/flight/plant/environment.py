@@ -179,8 +179,9 @@ class Environment:
         return found
 
     def takes_hold(self, time: float) -> bool:
-        """Whether a constraint begins to hold at a time, s."""
-        return any(each.begin == time for each in self.hold)
+        """Whether a constraint that did not hold just before begins to hold at a time, s."""
+        before = {each.constraint for each in self.hold if each.begin < time <= each.end}
+        return any(each.begin == time and each.constraint not in before for each in self.hold)
 
     def idles(self, time: float | Array) -> Flags:
         """Whether motors idle at times (…), s, since a constraint holds the robot."""

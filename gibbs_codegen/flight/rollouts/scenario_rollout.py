@@ -175,7 +175,7 @@ def _thrusts(loops: ScenarioLoops, parts: Parts, time: Array) -> Array:
     for i in np.flatnonzero((lag == 0.0).any(axis=1)).tolist():
         # A command acts at once where nothing lags, and then the state has no thrust.
         loop, own = loops.loop(i), Parts(*(each[i] for each in parts))
-        applied = loop.inputs(time[i], own)[1]
+        applied = loop.inputs(time[i], own, loop.loads(time[i]))[1]
         thrusts[i] = applied[:, : thrusts.shape[-1]]
     return thrusts
 

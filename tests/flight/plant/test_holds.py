@@ -140,6 +140,46 @@ def test_other_ways_to_fly_give_the_same(percher: ModuleType) -> None:
     np.testing.assert_allclose(loop.parts(python.state).q, perched.q[after], rtol=0, atol=1e-9)
 
 
+def test_flights_that_have_ended_take_no_impacts(percher: ModuleType) -> None:
+    push = Push((1000.0, 0.0, 0.0), begin=1.8, end=1.81, frame="base")
+    scene = perching(duration=2.0, push=push)
+    scene = replace(scene, integration=replace(scene.integration, divergence=2.0))
+    alone = simulate(percher, scene)
+    assert "at t = 1.80" in alone.stopped
+    found, _ = simulate_many(percher, [scene, replace(scene, plant={"base_mass": 1.5})])
+    assert isinstance(found, Flight)
+    assert found.stopped == alone.stopped
+    np.testing.assert_allclose(found.v[-1], alone.v[-1], rtol=0, atol=1e-9)
+    np.testing.assert_allclose(found.work, alone.work, rtol=0, atol=1e-9)
+    assert found.impacts.shape == alone.impacts.shape == (0, 2)
+
+
+def test_constraints_that_hold_already_take_no_second_impact(percher: ModuleType) -> None:
+    """Even at rest there is one, and none where holds overlap or follow each other."""
+    holds = tuple(Hold("grip", *span) for span in ((0.0, 0.1), (0.05, 0.15), (0.15, 0.2)))
+    scene = perching(duration=0.3, holds=holds)
+    many = simulate_many(percher, [scene, replace(scene, plant={"base_mass": 1.5})])
+    for flight in (simulate(percher, scene), *many):
+        assert isinstance(flight, Flight)
+        assert flight.impacts[:, 0].tolist() == [0.0]
+    loop = flight_start(percher, scene, lambda *_: None, own=False).loop
+    rest = loop.start(flight.q[0], np.zeros_like(flight.v[0]))
+    integration = Integration(loop, rest, scene.integration, 0.3)
+    integration.advance(0.2)
+    assert integration.history().impacts.tolist() == [[0.0, 0.0]]
+
+
+def test_rollouts_tell_the_thrusts_of_motors_that_idle(percher: ModuleType) -> None:
+    """Of motors that lag, and of one that does not."""
+    scene = perching(holds=(Hold("grip", 0.01, 0.03, idle=True),))
+    lag = np.array([0.0, 0.02, 0.02, 0.02])
+    found = rollout(percher, None, None, scene, 40, 0.001, time_constants=lag)
+    idles = (found.time >= 0.01) & (found.time < 0.03)
+    assert found.thrusts is not None
+    assert not found.thrusts[0, idles, 0].any()
+    assert found.thrusts[0, ~idles, 0].all()
+
+
 def test_controllers_are_told_forces(percher: ModuleType) -> None:
     scene = perching(holds=(Hold("grip", 0.1, 0.4),))
     seen: list[Observation] = []
