@@ -430,15 +430,13 @@ class Description:
         """What carries each of the points: the point of the joint that moves it, or the centre."""
         robot, rods = self.robot, self.robot.base.rotors
         centre = "O2" if rods else "base"
-        joints = iter(self.points[self.points.index(centre) + 1 + robot.rotors :])
-        of_body = {BASE: centre}
-        for i, link in enumerate(robot.links, start=1):
-            of_body[i] = next(joints) if link.moves else of_body[robot.parents[i - 1]]
+        joints = self.points[self.points.index(centre) + 1 + robot.rotors :]
+        carriers = dict(zip((BASE, *robot.moving), (centre, *joints), strict=False))
         bodies = [BASE] * (2 + rods if rods else 1)
         bodies += [rotor.on for rotor in robot.thrusters]
         bodies += [robot.parents[i - 1] for i in robot.moving]
         bodies += [frame.on for frame in frames_of(robot)[1:]]
-        return tuple(of_body[body] for body in bodies)
+        return tuple(carriers[robot.rigid[body]] for body in bodies)
 
     def coordinate_text(self, place: int) -> str:
         """The entry of v at a place, from 0, in a message: "theta_8 (the joint of link 2)"."""

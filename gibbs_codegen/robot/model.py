@@ -504,6 +504,14 @@ class Robot:
         return tuple(i for i, link in enumerate(self.links, start=1) if link.moves)
 
     @cached_property
+    def rigid(self) -> tuple[int, ...]:
+        """For each body the number of the base or moving link that it is, or is welded to."""
+        found = [BASE]
+        for i, (link, parent) in enumerate(zip(self.links, self.parents, strict=True), start=1):
+            found.append(i if link.moves else found[parent])
+        return tuple(found)
+
+    @cached_property
     def constrained(self) -> tuple[int, ...]:
         """Numbers of the links that a constraint torque holds, in order."""
         return tuple(i for i, link in enumerate(self.links, start=1) if link.constrained)

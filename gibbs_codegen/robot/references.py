@@ -135,10 +135,14 @@ def body_numbers(names: Sequence[str | None]) -> dict[str, int]:
 
 
 def constraint_faults(
-    references: Sequence[tuple[str, str | None]], frames: Sequence[str]
+    references: Sequence[tuple[str, str | None]], bodies: Mapping[str, int]
 ) -> Iterator[PlacedFault]:
-    """Faults of constraints, of which `references` are frame and what carries the anchor."""
-    known, right, example = dict.fromkeys(frames, BASE), " or ".join(map(shown, frames[:2])), ""
+    """Faults of constraints, of which `references` are frame and what carries the anchor.
+
+    `bodies` has for each frame the number of its body, of welded ones the same.
+    """
+    frames = [*bodies]
+    right, example = " or ".join(map(shown, frames[:2])), ""
     if len(frames) > 2:
         right, example = "the name of a frame", f"; {shown(frames[-1])} is one"
     for place, pair in enumerate(references):
@@ -146,9 +150,13 @@ def constraint_faults(
             ("constraint", place, key): name
             for key, name in zip(("frame", "to"), pair, strict=True)
         }
-        yield from _unknown(at, known, f"must be {right}", example)
-        if pair[0] == pair[1]:
-            yield ("constraint", place, "to"), f"{shown(pair[0])} is the frame that is held itself"
+        yield from _unknown(at, bodies, f"must be {right}", example)
+        frame, to = pair
+        if frame == to:
+            yield ("constraint", place, "to"), f"{shown(frame)} is the frame that is held itself"
+        elif to and frame in bodies and bodies[frame] == bodies.get(to):
+            words = "both frames are on the same body, so that nothing can move"
+            yield ("constraint", place, "to"), words
 
 
 def reference_faults(document: Mapping[str, Any]) -> Iterator[PlacedFault]:

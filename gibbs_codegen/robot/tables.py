@@ -1063,8 +1063,9 @@ class RobotTable(Table):
     def _constraints_hold_frames(self) -> Self:
         if self.constraint:
             references = [(each.frame, each.to) for each in self.constraint]
-            names = [frame.name for frame in frames_of(self.robot())]
-            if faults := list(constraint_faults(references, names)):
+            robot = self.robot()
+            bodies = {frame.name: robot.rigid[frame.on] for frame in frames_of(robot)}
+            if faults := list(constraint_faults(references, bodies)):
                 raise refusal(faults)
         return self
 

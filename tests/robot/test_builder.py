@@ -66,12 +66,22 @@ def test_every_fault_names_its_key() -> None:
         with_feet = with_feet.frame(name=f"foot_{k}", on="leg")
     for name, frame in (("pin", "fot_2"), ("stand", "x")):
         with_feet = with_feet.constraint(name=name, type="point", frame=frame)
+    with_feet = with_feet.link(
+        name="sole", parent="leg", joint="fixed", mass=1, inertia=(1, 1, 1, 0, 0, 0)
+    ).frame(name="toe", on="sole")
+    for name, frame in (("free", "base"), ("welded", "foot_2"), ("one", "foot_1")):
+        with_feet = with_feet.constraint(
+            name=name, type="point", frame=frame, to="toe" if name != "one" else "foot_2"
+        )
     with pytest.raises(RobotFileError) as refused:
         with_feet.text()
     for words in (
         "constraint 1: frame: must be the name of a frame, not 'fot_2'; did you mean 'foot_2'?",
-        "constraint 2: frame: must be the name of a frame, not 'x'; 'foot_2' is one",
+        "constraint 2: frame: must be the name of a frame, not 'x'; 'toe' is one",
+        "constraint 4: to: both frames are on the same body, so that nothing can move",
+        "constraint 5: to: both frames are on the same body, so that nothing can move",
     ):
         assert words in str(refused.value)
+    assert "constraint 3" not in str(refused.value)
     with pytest.raises(RobotFileError, match="base: missing"):
         RobotFile("uav", gravity=1.6).text()
