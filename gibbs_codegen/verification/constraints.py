@@ -107,13 +107,17 @@ class Constraints:
             pushed = np.einsum("slj,sl->sj", jacobian.size, forces.size)
             yield ACCELERATION, np.einsum("slj,sl->sj", j, forces.value), pushed
 
-    def conditions(self, found: Quantities, states: States, sizes: Sizes) -> Array:
-        """By how much errors of forces are stretched, (s,); infinity where that is not clear."""
+    def conditions(self, found: Quantities, states: States, sizes: Sizes) -> tuple[Array, Array]:
+        """By how much errors of forces are stretched, (s,), and M⁻¹ Jᵀ (s, nv, l) of the active.
+
+        The first is infinity where that is not clear.
+        """
         rows = [self._rows(own, found, states, sizes)[1].value for own in self.each]
         owners = np.repeat(range(len(rows)), [row.shape[1] for row in rows])
         jacobian = np.concatenate(rows, axis=1) * states.active[:, owners, None]
-        free = self._tree.free
-        return self._inverse(found.mass_matrix[:, free][:, :, free], jacobian, sizes)[1]
+        matrix = found.mass_matrix[:, self._tree.free][:, :, self._tree.free]
+        moved = np.linalg.solve(matrix, np.swapaxes(jacobian, -1, -2))
+        return self._inverse(matrix, jacobian, sizes)[1], moved
 
     def _inverse(self, matrix: Array, jacobian: Array, sizes: Sizes) -> tuple[Array, Array]:
         """The pseudo-inverse of J M⁻¹ Jᵀ, and by how much it stretches errors."""

@@ -243,6 +243,7 @@ class _OfConstraints(_Function):
     """Functions of the constraints, whose derivatives are measured by the largest of each result.
 
     Results follow one another; errors grow with the condition of what is solved for the forces.
+    What forces or impulses hold may be rounding alone: it is as large as what these do to it.
     """
 
     def __init__(self, point: _Point, name: str) -> None:
@@ -250,7 +251,7 @@ class _OfConstraints(_Function):
         found = formulated(NewtonEuler(point.tree)).at(point.states)
         found = found.with_passive(point.tree, point.states)
         own = Constraints(point.tree, float(np.finfo(float).eps))
-        stretch = own.conditions(found, point.states, point.sizes)
+        stretch, self._moved = own.conditions(found, point.states, point.sizes)
         self.stretch = np.where(np.isfinite(stretch), stretch, _UNCLEAR)[:, None]
         shapes = [shape for (shape,) in point.call.signatures[name].shapes]
         self.parts = np.split(np.arange(self.value.shape[-1]), np.cumsum(shapes)[:-1])
@@ -269,6 +270,10 @@ class _OfConstraints(_Function):
     def _largest(self, array: Array, part: Array) -> Array:
         """Sizes of some rows of an array (s, rows …): the largest, stretched."""
         own = np.abs(array[:, part]).reshape(len(array), -1).max(axis=-1, initial=0.0)
+        if len(self.parts) == 2 and part is self.parts[0]:
+            forces = np.abs(array[:, self.parts[1]]).reshape(len(array), self._moved.shape[-1], -1)
+            held = (np.abs(self._moved) @ forces).reshape(len(array), -1)
+            own = np.maximum(own, held.max(axis=-1, initial=0.0))
         size = (own * self.stretch[:, 0]).reshape(-1, *[1] * (array.ndim - 1))
         return np.broadcast_to(size, array[:, part].shape)
 

@@ -16,6 +16,8 @@ from gibbs_codegen.derivation.derive import derive
 from gibbs_codegen.robot.file import parse_robot
 from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.verification.comparison import Evaluation
+from gibbs_codegen.verification.complex_steps import ComplexSteps
+from gibbs_codegen.verification.derivatives import compare_derivatives
 from gibbs_codegen.verification.equations import Expected
 from gibbs_codegen.verification.formulation import formulated
 from gibbs_codegen.verification.newton_euler import NewtonEuler
@@ -89,3 +91,53 @@ def test_a_fault_of_the_derivation_is_found(
 def test_the_sign_of_a_turn_is_found(monkeypatch: pytest.MonkeyPatch, expected: Wanted) -> None:
     monkeypatch.setattr(constraints, "_HALF", sp.Rational(-1, 2))
     assert "constraint_errors" in failing(expected)
+
+
+HELD_STILL = """
+name = "perched"
+
+[base]
+attitude = "quaternion"
+mass     = 1.5
+com      = [0.01, 0, 0]
+inertia  = [0.015, 0.016, 0.03, 0, 0, 0]
+
+[[link]]
+name    = "leg"
+xyz     = [0, 0, -0.05]
+axis    = "y"
+mass    = 0.2
+com     = [0, 0, -0.1]
+inertia = [1e-3, 1e-3, 1e-4, 0, 0, 0]
+
+[[frame]]
+name = "toe"
+on   = "leg"
+xyz  = [0, 0, -0.3]
+
+[[constraint]]
+name  = "grip"
+type  = "frame"
+frame = "base"
+
+[[constraint]]
+name      = "stand"
+type      = "point"
+frame     = "toe"
+frequency = 8
+"""
+
+
+def test_derivatives_pass_where_a_robot_is_held_still_and_faults_are_found() -> None:
+    """Velocities after an impact are zero there, but for rounding."""
+    robot = parse_robot(HELD_STILL)
+    derivatives = (f"{HELD}_derivatives", "impact_derivatives")
+    module = module_of(derive(robot, functions=("default", *FEW), derivatives=derivatives))
+    states = States.random(Tree(robot), 8, 1)
+    evaluation = Evaluation(module, prepared(module, robot))
+    found = compare_derivatives(evaluation, ComplexSteps(module, robot), robot, states)
+    assert {c.what for c in found if not c.passed} == set()
+    other = variation(robot, module.PARAMETERS, 0, 0)
+    found = compare_derivatives(evaluation, ComplexSteps(module, other), robot, states)
+    wrong = {c.what for c in found if not c.passed}
+    assert {"impact_derivatives.velocities_dq", f"{HELD}_derivatives.acceleration_dq"} <= wrong
