@@ -141,7 +141,7 @@ def test_other_ways_to_fly_give_the_same(percher: ModuleType) -> None:
 
 
 def test_flights_that_have_ended_take_no_impacts(percher: ModuleType) -> None:
-    push = Push((1000.0, 0.0, 0.0), begin=1.8, end=1.81, frame="base")
+    push = Push((0.0, 10_000.0, 0.0), begin=1.8, end=1.81, frame="base")
     scene = perching(duration=2.0, push=push)
     scene = replace(scene, integration=replace(scene.integration, divergence=2.0))
     alone = simulate(percher, scene)
@@ -152,6 +152,8 @@ def test_flights_that_have_ended_take_no_impacts(percher: ModuleType) -> None:
     np.testing.assert_allclose(found.v[-1], alone.v[-1], rtol=0, atol=1e-9)
     np.testing.assert_allclose(found.work, alone.work, rtol=0, atol=1e-9)
     assert found.impacts.shape == alone.impacts.shape == (0, 2)
+    rolled = rollout(percher, None, None, scene, 2000, 0.001, every=10)
+    np.testing.assert_allclose(rolled.v[0, -1], alone.v[-1], rtol=0, atol=1e-9)
 
 
 def test_constraints_that_hold_already_take_no_second_impact(percher: ModuleType) -> None:
