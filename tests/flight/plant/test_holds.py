@@ -124,7 +124,9 @@ def test_other_ways_to_fly_give_the_same(percher: ModuleType) -> None:
     perched = simulate(percher, scene)
     found = rollout(percher, None, None, scene, 3000, 0.001, every=10)
     np.testing.assert_allclose(found.q[0], perched.q, rtol=0, atol=1e-9)
-    alike, other = simulate_many(percher, [scene, replace(scene, plant={"base_mass": 1.5})])
+    alike, other = simulate_many(
+        percher, [scene, replace(scene, plant={"base_mass": 1.5})], blocks=True
+    )
     assert isinstance(alike, Flight)
     assert isinstance(other, Flight)
     np.testing.assert_allclose(alike.q, perched.q, rtol=0, atol=1e-9)
@@ -146,7 +148,9 @@ def test_flights_that_have_ended_take_no_impacts(percher: ModuleType) -> None:
     scene = replace(scene, integration=replace(scene.integration, divergence=2.0))
     alone = simulate(percher, scene)
     assert "at t = 1.80" in alone.stopped
-    found, _ = simulate_many(percher, [scene, replace(scene, plant={"base_mass": 1.5})])
+    found, _ = simulate_many(
+        percher, [scene, replace(scene, plant={"base_mass": 1.5})], blocks=True
+    )
     assert isinstance(found, Flight)
     assert found.stopped == alone.stopped
     np.testing.assert_allclose(found.v[-1], alone.v[-1], rtol=0, atol=1e-9)
@@ -160,7 +164,7 @@ def test_constraints_that_hold_already_take_no_second_impact(percher: ModuleType
     """Even at rest there is one, and none where holds overlap or follow each other."""
     holds = tuple(Hold("grip", *span) for span in ((0.0, 0.1), (0.05, 0.15), (0.15, 0.2)))
     scene = perching(duration=0.3, holds=holds)
-    many = simulate_many(percher, [scene, replace(scene, plant={"base_mass": 1.5})])
+    many = simulate_many(percher, [scene, replace(scene, plant={"base_mass": 1.5})], blocks=True)
     for flight in (simulate(percher, scene), *many):
         assert isinstance(flight, Flight)
         assert flight.impacts[:, 0].tolist() == [0.0]
