@@ -26,6 +26,7 @@ _MOST_TILTS = 4
 _MOST_SET = 6
 # Of PX4, for a rotor of which no thrust is known.
 _USUAL_CT = 6.5
+_USUAL_OUTPUTS = 8
 _LEVEL = 1e-6
 
 
@@ -41,10 +42,11 @@ class _Tilt:
 class _Vehicle:
     """A robot as an autopilot sees it: `positions` and `axes` (N, 3) from the centre of mass, FRD.
 
-    `thrusts` are the greatest, N, None where they are not known; `drags` are in m.
+    `thrusts` are the greatest, N, None where they are not known; `drags` are in m. It tilts rotors
+    by `most_tilts` joints at most.
     """
 
-    def __init__(self, robot: Robot) -> None:
+    def __init__(self, robot: Robot, most_tilts: int = 0) -> None:
         if not 0 < robot.rotors <= _MOST_ROTORS:
             raise UsageError(
                 f"{robot.name} has {robot.rotors} rotors; autopilots take 1 to {_MOST_ROTORS}"
@@ -58,7 +60,7 @@ class _Vehicle:
         self.drags = [rotor.drag for rotor in mounted_rotors(robot)]
         limits = [drive.thrust_limits for drive in robot.drives]
         self.thrusts = [bounds[1] if bounds else None for bounds in limits]
-        self.tilts = list(self._tilts(frames))
+        self.tilts = list(self._tilts(frames))[:most_tilts]
         tilted = {rotor for tilt in self.tilts for rotor in tilt.rotors}
         if moved := [k for k in carried_rotors(robot) if k not in tilted]:
             self._tell("fixed here, with joints at zero", moved)
@@ -89,7 +91,7 @@ class _Vehicle:
 
     def _tell(self, words: str, rotors: list[int]) -> None:
         names = ", ".join(rotor_label(self.robot, k) for k in rotors)
-        self.words.append(f"{words}: {names}")
+        self.words.append(f"{words}: rotor{'s' * (len(rotors) > 1)} {names}")
 
     def _tilts(self, frames: posture.RobotFrames) -> Iterator[_Tilt]:
         """Joints on the base that tilt rotors, which push upwards at zero, about a level axis."""
@@ -121,8 +123,8 @@ def px4_text(robot: Robot) -> tuple[str, list[str]]:
 
     Raises `UsageError` if the robot has no rotors, or too many.
     """
-    seen = _Vehicle(robot)
-    tilts = seen.tilts[:_MOST_TILTS]
+    seen = _Vehicle(robot, _MOST_TILTS)
+    tilts = seen.tilts
     values: dict[str, float] = {"CA_AIRFRAME": 8 if tilts else 0, "CA_ROTOR_COUNT": robot.rotors}
     for k, (place, axis) in enumerate(zip(seen.positions, seen.axes, strict=True)):
         values |= _letters(f"CA_ROTOR{k}_P", place) | _letters(f"CA_ROTOR{k}_A", axis)
@@ -147,6 +149,11 @@ def px4_text(robot: Robot) -> tuple[str, list[str]]:
     outputs |= {f"joint {coordinate_of(robot, i)}": 301 + n for n, i in enumerate(arm[:_MOST_SET])}
     if lost := [coordinate_of(robot, i) for i in arm[_MOST_SET:]]:
         seen.words.append(f"PX4 sets {_MOST_SET} actuators; without an output: {', '.join(lost)}")
+    if len(outputs) > _USUAL_OUTPUTS:
+        seen.words.append(
+            f"needs {len(outputs)} outputs; many boards have {_USUAL_OUTPUTS} on PWM_MAIN, and more "
+            "on PWM_AUX"
+        )
     if (factor := seen.thrust_model) is not None:
         values["THR_MDL_FAC"] = factor
     if seen.hover is not None:

@@ -197,6 +197,22 @@ def test_rotors_that_joints_tilt_are_tilted_by_px4() -> None:
         assert np.allclose(axis, FRD @ wrench_matrix(robot, joints)[:3, n + 1], atol=1e-9)
 
 
+def test_rotors_that_nothing_can_tilt_there_are_told() -> None:
+    """PX4 tilts by four joints, ArduPilot by none."""
+    one = TILTED[TILTED.index('[[link]]\nname = "left"') : TILTED.index('[[link]]\nname = "right"')]
+    rotor = '[[rotor]]\non = "left"\ndrag = 0.02\nlimits = [0, 9]\n'
+    text = TILTED + "".join(
+        (rotor + one).replace('"left"', f'"tilt{k}"').replace("[0.2, 0.2", f"[-0.{k}, 0.2")
+        for k in range(1, 5)
+    )
+    values, told = px4(parse_robot(text))
+    assert values["CA_SV_TL_COUNT"] == 4
+    assert "mind: fixed here, with joints at zero: rotors 6, 7" in told
+    assert any("needs 13 outputs" in line for line in told)
+    _, told = export_robot(parse_robot(TILTED), "ardupilot")
+    assert "mind: fixed here, with joints at zero: rotors 2, 3" in told
+
+
 @pytest.mark.parametrize("frame", _FRAMES)
 def test_frames_of_ardupilot_are_balanced(frame: tuple[int, int]) -> None:
     bearings, turning = _FRAMES[frame]
