@@ -151,8 +151,8 @@ def px4_text(robot: Robot) -> tuple[str, list[str]]:
         seen.words.append(f"PX4 sets {_MOST_SET} actuators; without an output: {', '.join(lost)}")
     if len(outputs) > _USUAL_OUTPUTS:
         seen.words.append(
-            f"needs {len(outputs)} outputs; many boards have {_USUAL_OUTPUTS} on PWM_MAIN, and more "
-            "on PWM_AUX"
+            f"needs {len(outputs)} outputs; many boards have {_USUAL_OUTPUTS} on PWM_MAIN, "
+            "and more on PWM_AUX"
         )
     if (factor := seen.thrust_model) is not None:
         values["THR_MDL_FAC"] = factor

@@ -78,10 +78,10 @@ def test_what_px4_cannot_be_told_is_told() -> None:
     _, told = px4(read_robot("hextilt_flying_arm_5")[0])
     assert any("push along the base's normal only" in line for line in told)
     values, told = px4(read_robot("hydrus")[0])
-    assert "mind: fixed here, with joints at zero: rotor2, rotor3, rotor4" in told
+    assert "mind: fixed here, with joints at zero: rotors rotor2, rotor3, rotor4" in told
     assert "THR_MDL_FAC" not in values
     values, told = px4(read_robot("hexarotor_3link")[0])
-    assert "mind: no greatest thrust known: 1, 2, 3, 4, 5, 6" in told
+    assert "mind: no greatest thrust known: rotors 1, 2, 3, 4, 5, 6" in told
     assert values["CA_ROTOR0_CT"] == 6.5
     assert "MPC_THR_HOVER" not in values
     with pytest.raises(UsageError, match="autopilots take 1 to 12"):
