@@ -72,6 +72,7 @@ def test_a_force_that_is_not_reached_is_told(felt: float, told: bool, workplace:
     law = "control={law='force', force={value=2, direction=[1, 0, 0], rise=0.1}}"
     push = f"push={{frame='tip', force=[-{felt}, 0, 0], end=9}}"
     options = ["--scenario", "hover", "--set", law, "--set", push, "--set", "duration=0.2"]
+    options += ["--out", "pushing"]
     done = run("simulate", "hexarotor_3link", *options, "--no-figures", cwd=workplace)
     assert done.returncode == 0, done.stderr
     note = "note: tip was to push with 2 N, but feels 0.6 N at most; put its path nearer"
