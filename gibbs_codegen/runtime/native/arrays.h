@@ -5,7 +5,7 @@
 /* States in a block. */
 #define LANES 8
 /* Inputs, outputs, and constants of each state. */
-#define MAX_ARRAYS 10
+#define MAX_ARRAYS 13
 
 /*
  * What calls a function for blocks of states. `arrays` are its inputs and then its outputs, each
@@ -41,6 +41,9 @@ typedef int BatchCall(
 #define TYPES_7 TYPES_6, double *
 #define TYPES_8 TYPES_7, double *
 #define TYPES_9 TYPES_8, double *
+#define TYPES_10 TYPES_9, double *
+#define TYPES_11 TYPES_10, double *
+#define TYPES_12 TYPES_11, double *
 #define VALUES_1 VALUES_0, arrays[0]
 #define VALUES_2 VALUES_1, arrays[1]
 #define VALUES_3 VALUES_2, arrays[2]
@@ -50,6 +53,9 @@ typedef int BatchCall(
 #define VALUES_7 VALUES_6, arrays[6]
 #define VALUES_8 VALUES_7, arrays[7]
 #define VALUES_9 VALUES_8, arrays[8]
+#define VALUES_10 VALUES_9, arrays[9]
+#define VALUES_11 VALUES_10, arrays[10]
+#define VALUES_12 VALUES_11, arrays[11]
 #define CASE(n) \
     case n: \
         ((void (*)(TYPES_##n))function)(VALUES_##n); \
@@ -59,7 +65,8 @@ static inline void call(
     void (*function)(void), const void *constants, int number, double *const *arrays)
 {
     switch (number) {
-        CASE(1) CASE(2) CASE(3) CASE(4) CASE(5) CASE(6) CASE(7) CASE(8) CASE(9)
+        CASE(1) CASE(2) CASE(3) CASE(4) CASE(5) CASE(6)
+        CASE(7) CASE(8) CASE(9) CASE(10) CASE(11) CASE(12)
     }
 }
 

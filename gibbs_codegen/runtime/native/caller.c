@@ -23,7 +23,7 @@
 #include "arrays.h"
 
 #define MAX_INPUTS 8
-#define MAX_OUTPUTS 5
+#define MAX_OUTPUTS 8
 #define MAX_DIMENSIONS 4
 
 typedef struct {
