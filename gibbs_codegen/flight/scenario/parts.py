@@ -176,7 +176,7 @@ class Control(Table):
         for each, laws in (("impedance", _MOVING), ("force", _PUSHING)):
             if each in values and law not in laws:
                 tasks = " or ".join(dict.fromkeys(f'"{LAWS[name].task}"' for name in laws))
-                yield each, f"is for the law {tasks}; set that, or leave it out"
+                yield each, f"must be left out, or the law be {tasks}: no other moves a frame by it"
 
 
 @table

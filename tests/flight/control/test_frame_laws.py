@@ -349,10 +349,13 @@ def test_noise_of_wrenches_and_accelerations_has_its_deviations(fast: Load) -> N
     ("control", "words"),
     [
         ({"law": "force"}, "control.force: missing: say how hard the frame pushes"),
-        ({"impedance": {}}, 'control.impedance: is for the law "impedance" or "force"'),
+        (
+            {"impedance": {}},
+            'control.impedance: must be left out, or the law be "impedance" or "force"',
+        ),
         (
             {"law": "impedance", "force": {"value": 1, "direction": [0, 0, 1]}},
-            'control.force: is for the law "force"; set that, or leave it out',
+            'control.force: must be left out, or the law be "force"',
         ),
     ],
 )

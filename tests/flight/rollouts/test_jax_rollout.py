@@ -152,7 +152,7 @@ def test_commands_and_numbers_of_actuators_are_differentiated(tmp_path: Path) ->
     def away(module: ModuleType, values: Any, commands: Any) -> Any:
         own = dict(zip(names, values, strict=True))
         settings = {"method": "euler", "x0": at.x, "parameters": own}
-        found = rollout(module, at.q, v0, commands, 3, 1e-3, **settings)
+        found = rollout(module, at.q, v0, commands, 3, 5e-4, **settings)
         return (found.v[:, -1] ** 2).sum() + ((found.x[:, -1] - at.x) ** 2).sum()
 
     jax_module = load(tmp_path / "actuated", backend="jax")
