@@ -16,6 +16,7 @@ from sketches import (
     draw_curved_arrow,
     draw_frames,
     draw_out_of_page,
+    sheet,
     spot,
 )
 
@@ -181,8 +182,38 @@ def _draw_stage(axes: Axes, top: float, stage: tuple[str, str, str, str]) -> Non
         draw_name(axes, folders, spot(middle + 1.7, top + 1.55), COLOURS[0])
 
 
+def axes_sketch() -> Figure:
+    """Draw the axes of world and base, above as they are here, below as autopilots have them."""
+    level = np.diag([1.0, -1.0, -1.0])
+    swapped = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
+    sheets: tuple[tuple[str, Array, tuple[str, str, str]], ...] = (
+        ("world, here", np.eye(3), ("$X$ east", "$Y$ north", "$Z$ up")),
+        ("base, here", np.eye(3), ("$x$ forwards", "$y$ left", "$z$ up")),
+        ("world, NED", swapped, ("$X$ north", "$Y$ east", "$Z$ down")),
+        ("base, FRD", level, ("$x$ forwards", "$y$ right", "$z$ down")),
+    )
+    flat = seen_from((30.0, -50.0))[:2]
+    with style():
+        figure = Figure(figsize=(_WIDTH, 3.1))
+        for place, (title, columns, names) in enumerate(sheets, start=1):
+            low, high = ((-0.75, 1.4), (-1.1, 1.05))[place > 2]
+            axes = sheet(figure, (2, 2, place), (-1.3, 1.3), (low, high))
+            draw_name(axes, rf"$\bf{{{title.replace(' ', '~')}}}$", spot(-0.55, high - 0.15))
+            for name, along, colour in zip(names, columns.T, (X_AXIS, Y_AXIS, Z_AXIS), strict=True):
+                tip = flat @ (0.8 * along)
+                draw_arrow(axes, spot(0.0, 0.0), tip, colour)
+                draw_name(
+                    axes, name, tip + spot(0.12 * np.sign(tip[0]), 0.22 * np.sign(tip[1])), colour
+                )
+        return figure
+
+
 STATIC = Path(__file__).parent.parent / "_static"
-DRAWINGS = {"architecture.svg": architecture_sketch, "conventions.svg": conventions_sketch}
+DRAWINGS = {
+    "architecture.svg": architecture_sketch,
+    "axes.svg": axes_sketch,
+    "conventions.svg": conventions_sketch,
+}
 
 
 def write_drawings(folder: Path) -> None:

@@ -60,7 +60,11 @@ class _Vehicle:
         self.drags = [rotor.drag for rotor in mounted_rotors(robot)]
         limits = [drive.thrust_limits for drive in robot.drives]
         self.thrusts = [bounds[1] if bounds else None for bounds in limits]
-        self.tilts = list(self._tilts(frames))[:most_tilts]
+        tilting = list(self._tilts(frames))
+        self.tilts = tilting[:most_tilts]
+        if most_tilts and (lost := tilting[most_tilts:]):
+            names = ", ".join(coordinate_of(robot, tilt.joint) for tilt in lost)
+            self.words.append(f"tilts by {most_tilts} joints at most; not by: {names}")
         tilted = {rotor for tilt in self.tilts for rotor in tilt.rotors}
         if moved := [k for k in carried_rotors(robot) if k not in tilted]:
             self._tell("fixed here, with joints at zero", moved)
@@ -88,6 +92,11 @@ class _Vehicle:
             self.words.append("rotors follow the output differently; their mean is taken")
         if self.hover is not None and self.hover > 0.8:
             self.words.append(f"hovers at {self.hover:.0%} of its greatest thrust, which is much")
+
+    def tell_outputs(self, needed: int, place: str) -> None:
+        """Say that a robot needs more outputs than many boards have at a place."""
+        if needed > _USUAL_OUTPUTS:
+            self.words.append(f"needs {needed} outputs; many boards have {_USUAL_OUTPUTS} {place}")
 
     def _tell(self, words: str, rotors: list[int]) -> None:
         names = ", ".join(rotor_label(self.robot, k) for k in rotors)
@@ -149,11 +158,7 @@ def px4_text(robot: Robot) -> tuple[str, list[str]]:
     outputs |= {f"joint {coordinate_of(robot, i)}": 301 + n for n, i in enumerate(arm[:_MOST_SET])}
     if lost := [coordinate_of(robot, i) for i in arm[_MOST_SET:]]:
         seen.words.append(f"PX4 sets {_MOST_SET} actuators; without an output: {', '.join(lost)}")
-    if len(outputs) > _USUAL_OUTPUTS:
-        seen.words.append(
-            f"needs {len(outputs)} outputs; many boards have {_USUAL_OUTPUTS} on PWM_MAIN, "
-            "and more on PWM_AUX"
-        )
+    seen.tell_outputs(len(outputs), "on PWM_MAIN, and more on PWM_AUX")
     if (factor := seen.thrust_model) is not None:
         values["THR_MDL_FAC"] = factor
     if seen.hover is not None:
@@ -234,6 +239,7 @@ def ardupilot_text(robot: Robot) -> tuple[str, list[str]]:
         seen.words.append("ArduPilot takes all rotors to be alike and equally far from the centre")
     channels = {i: robot.rotors + n for n, i in enumerate(robot.moving, start=1)}
     values |= {f"SERVO{channel}_FUNCTION": 0 for channel in channels.values()}
+    seen.tell_outputs(robot.rotors + len(channels), "MAIN OUT, and more on AUX OUT")
     if (factor := seen.thrust_model) is not None:
         values["MOT_THST_EXPO"] = factor
     if seen.hover is not None:

@@ -208,6 +208,9 @@ def test_rotors_that_nothing_can_tilt_there_are_told() -> None:
     values, told = px4(parse_robot(text))
     assert values["CA_SV_TL_COUNT"] == 4
     assert "mind: fixed here, with joints at zero: rotors 6, 7" in told
+    assert "mind: tilts by 4 joints at most; not by: tilt3, tilt4" in told
+    assert any("needs 13 outputs" in line for line in told)
+    _, told = export_robot(parse_robot(text), "ardupilot")
     assert any("needs 13 outputs" in line for line in told)
     _, told = export_robot(parse_robot(TILTED), "ardupilot")
     assert "mind: fixed here, with joints at zero: rotors 2, 3" in told
