@@ -255,8 +255,15 @@ def argument_parser() -> Parser:
     parser.add("--out", "DIR", meaning, default="sweep")
     parser.flag("--no-figures", "draw no figures")
 
-    parser = command("view", "show a robot or a flight in the browser, live or as one file")
+    parser = command("log", "write a flight as a log that ROS, PlotJuggler or Foxglove reads")
     flight = "a folder that `simulate` wrote, or its flight.npz"
+    parser.add("flight", "FLIGHT", flight)
+    meaning = "mcap for a bag of ROS 2 with a message of each topic per sample"
+    parser.add("--format", None, meaning, choices=("mcap",), default="mcap")
+    meaning = "folder to write, which must not exist yet"
+    parser.add("--out", "DIR", meaning, default="log")
+
+    parser = command("view", "show a robot or a flight in the browser, live or as one file")
     parser.add("what", "ROBOT|FLIGHT", f"a robot, as for `simulate`; or {flight}")
     meaning = "write one file that any browser opens without a request, instead of serving"
     parser.add("--html", "FILE", meaning)

@@ -19,8 +19,9 @@ def run(options: argparse.Namespace) -> int:
     require("viser", "the viewer", "viewer")
     if options.html is not None and Path(options.html).suffix.lower() not in (".html", ".htm"):
         raise UsageError(f"--html: {printable(options.html)}: give a name that ends in .html")
+    from gibbs_codegen.flight.record.flight import flight_file
     from gibbs_codegen.flight.viewer.page import beside
-    from gibbs_codegen.flight.viewer.view import flight_file, view, view_html
+    from gibbs_codegen.flight.viewer.view import view, view_html
 
     if options.html is not None:
         # Before long work: told if nothing can be written there.

@@ -158,11 +158,7 @@ class Environment:
     @cached_property
     def gravity(self) -> Array:
         """The acceleration of gravity (…, 3), m/s², world axes; plants that differ have theirs."""
-        vehicle = self.vehicle
-        upwards = vehicle.layout.v.position.start + 2
-        weight = vehicle.gravity_forces(vehicle.neutral)[..., upwards]
-        mass = vehicle.mass_matrix(vehicle.neutral)[..., upwards, upwards]
-        return np.multiply.outer(weight / mass, [0.0, 0.0, 1.0])
+        return np.multiply.outer(self.vehicle.gravity, [0.0, 0.0, 1.0])
 
     def carries(self, time: float | Array) -> Flags:
         """Which payloads are there (…, p) at times (…), s."""

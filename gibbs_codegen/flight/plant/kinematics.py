@@ -23,7 +23,7 @@ from gibbs_codegen.arrays import Node, Program, external, variable
 from gibbs_codegen.arrays.base import Base, base_of, placed, quaternion_motion, unit_entries
 from gibbs_codegen.arrays.base import Motion as DesiredNodes
 from gibbs_codegen.arrays.evaluation import Evaluator
-from gibbs_codegen.arrays.nodes import Space, coordinates_of, entries_of, zeros
+from gibbs_codegen.arrays.nodes import Space, coordinates_of, cross, entries_of, zeros
 from gibbs_codegen.flight.reference import Motion, Reference
 from gibbs_codegen.flight.scenario.orientation import Turning, attitude_angles, rotation_matrix
 from gibbs_codegen.flight.vectors import Array, times, transposed
@@ -42,6 +42,14 @@ def unit_quaternions(module: ModuleType, layout: Layout, q: Any, xp: Any = np) -
     # Of lengths whose squares are too small, rounding leaves others than 1.
     lengths = (unit[..., layout.q.attitude] ** 2).sum(axis=-1)
     return unit, abs(lengths - 1.0) < 1e-6
+
+
+def quaternions_of(rotation: Array) -> Array:
+    """Unit quaternions (s, 4), x y z w, of rotations (s, 3, 3): each the nearer one to the last."""
+    quaternion = np.asarray(Rotation.from_matrix(rotation).as_quat())
+    turns_back = np.einsum("si,si->s", quaternion[1:], quaternion[:-1]) < 0.0
+    quaternion[1:][np.cumsum(turns_back) % 2 == 1] *= -1.0
+    return quaternion
 
 
 class Kinematics:
@@ -156,11 +164,7 @@ class Kinematics:
         """Entries (s, …) of the attitude in q, without jumps, of rotations (s, 3, 3)."""
         if not self.layout.is_quaternion:
             return np.unwrap(attitude_angles(self.sequence, rotation), axis=0)
-        quaternion = np.asarray(Rotation.from_matrix(rotation).as_quat())
-        # Of a quaternion and its opposite, which are the same attitude, the one nearer to the last.
-        turns_back = np.einsum("si,si->s", quaternion[1:], quaternion[:-1]) < 0.0
-        quaternion[1:][np.cumsum(turns_back) % 2 == 1] *= -1.0
-        return quaternion
+        return quaternions_of(rotation)
 
     def continued(self, last: Array, attitude: Array) -> Array:
         """Entries (s, …) of the attitude in q that go on from the last ones: the same attitudes.
@@ -180,6 +184,25 @@ class Kinematics:
         linear = times(inverse, velocity)
         carried = np.cross(times(inverse, turning.velocity), linear)
         return linear, times(inverse, acceleration) - carried
+
+    def base_motion(self, q: Array, v: Array, a: Array) -> tuple[Array, Array, Array, Array]:
+        """How the base moves by q (…, nq), v and a (…, nv).
+
+        Velocity and acceleration (…, 3) of the point at x, y, z, in world axes, then the angular
+        ones, in the base's.
+        """
+
+        def outputs(base: Base, c: Node, v: Node, a: Node) -> Sequence[Node]:
+            place = self.layout.v.position
+            linear, carried = v[place], a[place]
+            spin, growth = base.angular(v, a)
+            if self.layout.is_quaternion:
+                carried = base.to_world(carried + cross(spin, linear))
+                linear = base.to_world(linear)
+            return linear, carried, spin, growth
+
+        velocity, acceleration, spin, growth = self._found("moving", outputs, q, v=v, a=a)
+        return velocity, acceleration, spin, growth
 
     def kept(self, v: Array, turn: Array) -> Array:
         """Velocities (nv) of a base that is turned but moves on, or whose angles go on.

@@ -201,6 +201,14 @@ class Vehicle:
         """By point (k) the place of the joint's point that carries it, or of the base centre."""
         return np.array([self.points.index(name) for name in self.description("CARRIERS")])
 
+    @property
+    def gravity(self) -> Array:
+        """The acceleration of gravity along z (…), m/s², world axes; negative where things fall."""
+        upwards = self.layout.v.position.start + 2
+        pull = self.gravity_forces(self.neutral)[..., upwards]
+        found: Array = pull / self.mass_matrix(self.neutral)[..., upwards, upwards]
+        return found
+
     @cached_property
     def rotors_move(self) -> bool:
         """Whether joints move rotors."""

@@ -20,7 +20,8 @@ from gibbs_codegen.flight.record.series import Flight as Flight
 Arrays = dict[str, NDArray[Any]]
 # Fields that are one number, and those of several that may have no row per sample; forces of walls
 # and contacts are lacking in a flight made by hand.
-_NUMBERS: dict[str, Any] = {"control_rate": float, "tangent_arm": int, "weight": float}
+_NUMBERS: dict[str, Any] = {"control_rate": float, "tangent_arm": int}
+_NUMBERS |= {"weight": float, "gravity": float}
 _OF_NO_TIME = NO_SERIES | {"parents", "thrust_directions", "wall_forces", "commands", "actuators"}
 _OF_NO_TIME |= {"hold_forces"}
 _OF_NO_TIME |= {f"contact_{each}" for each in ("forces", "friction", "slip", "depth")}
@@ -127,3 +128,12 @@ def is_flight(path: StrPath) -> bool:
             return {"robot.npy", "scenario.npy", "time.npy"} <= set(archive.namelist())
     except Exception:  # As above.
         return False
+
+
+def flight_file(path: StrPath) -> Path | None:
+    """The file of a flight in a folder that `simulate` wrote, or itself; None for anything else."""
+    place = Path(path)
+    if place.suffix == ".npz":
+        return place
+    inside = place / "flight.npz"
+    return inside if inside.is_file() else None

@@ -64,6 +64,7 @@ class Recording:
             "tangent_arm": lambda: self._tangent_arm,
             "stopped": lambda: self.history.stopped,
             "weight": lambda: weight_of(vehicle),
+            "gravity": lambda: -float(vehicle.gravity),
             "time": lambda: time,
             "q": lambda: self._parts.q,
             "v": lambda: self._parts.v,

@@ -102,7 +102,8 @@ class Flight:
     `disc_radii` (N), m, are those of the rotors, 0 where nobody says them.
     `gusts` (g, 2) are from when to when each gust of the wind
     blows, s.
-    `weight` is that of the robot, N, and `input_limits` (2, nu) are the least and the greatest
+    `weight` is that of the robot, N, `gravity` the acceleration of things that fall, m/s², NaN in
+    files of before flights had it, and `input_limits` (2, nu) are the least and the greatest
     inputs that motors and joints give, infinite without limits. `joint_limits` (2, n) are those of
     the joints, rad or m, (2, 0) in files of before flights had them.
     `stopped` says why the flight ended before its time; it is empty where it did not.
@@ -122,6 +123,7 @@ class Flight:
     tangent_arm: int
     stopped: str
     weight: float = np.nan
+    gravity: float = np.nan
     time: Array = field(repr=False)
     q: Array = field(repr=False)
     v: Array = field(repr=False)

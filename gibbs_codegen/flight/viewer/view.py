@@ -7,10 +7,9 @@ import time
 import webbrowser
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from pathlib import Path
 from types import ModuleType
 
-from gibbs_codegen.flight.record.flight import Flight, read_flight
+from gibbs_codegen.flight.record.flight import Flight, flight_file, read_flight
 from gibbs_codegen.flight.viewer.flight_view import FlightPanel, flight_page
 from gibbs_codegen.flight.viewer.machine import Machine
 from gibbs_codegen.flight.viewer.page import PORT, ViewPage, address, empty_server
@@ -86,12 +85,3 @@ def _found(what: Viewed) -> Flight | ModuleType:
         return what
     file = flight_file(what)
     return load(what) if file is None else read_flight(file)
-
-
-def flight_file(path: str | os.PathLike[str]) -> Path | None:
-    """The file of a flight in a folder that `simulate` wrote, or itself; None for anything else."""
-    place = Path(path)
-    if place.suffix == ".npz":
-        return place
-    inside = place / "flight.npz"
-    return inside if inside.is_file() else None

@@ -1,0 +1,28 @@
+"""`log`: a flight as a log of other programs."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from gibbs_codegen.cli import terminal
+from gibbs_codegen.errors import UsageError, printable
+from gibbs_codegen.flight.logs.log import write_log
+from gibbs_codegen.flight.record.flight import flight_file, read_flight
+
+
+@terminal.ended_by_signals()
+def run(options: argparse.Namespace) -> int:
+    """Write the log, and print where it is."""
+    file = flight_file(options.flight)
+    if file is None:
+        raise UsageError(
+            f"{printable(options.flight)}: has no flight; give a folder with a flight.npz, which "
+            "`gibbs-codegen simulate` writes, or that file"
+        )
+    flight = read_flight(file)
+    write_log(flight, options.out, options.format)
+    size = sum(path.stat().st_size for path in Path(options.out).iterdir())
+    samples = f"{len(flight.time)} samples of {flight.time[-1]:.4g} s"
+    print(f"{printable(options.out)}: {samples}, {size / 1e6:.2f} MB")
+    return 0

@@ -1,0 +1,152 @@
+"""Bags of ROS 2 that rosbags and mcap read, with values that the modules' own functions give."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections import defaultdict
+from collections.abc import Callable
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+import pytest
+from mcap.reader import make_reader
+from rosbags.highlevel import AnyReader
+from scipy.spatial.transform import Rotation
+
+import gibbs_codegen
+from gibbs_codegen.errors import UsageError
+from gibbs_codegen.flight.record.flight import Flight
+from gibbs_codegen.flight.scenario.file import read_scenario
+from gibbs_codegen.flight.simulation import simulate
+
+Modules = Callable[[str], ModuleType]
+# A base with angles whose x, y, z are those of a motor, and one with a quaternion.
+FLIGHTS = {"hexarotor_3link": "paper", "quadrotor_arm_2link": "hover"}
+
+
+@pytest.fixture(scope="module", params=FLIGHTS)
+def flight(fast: Modules, request: pytest.FixtureRequest) -> Flight:
+    changes = {"duration": 0.3, "start": {"offset": [0.1, 0.0, 0.0]}}
+    return simulate(fast(request.param), read_scenario(FLIGHTS[request.param], changes))
+
+
+def test_every_message_is_read_back_with_its_values(
+    flight: Flight, fast: Modules, tmp_path: Path
+) -> None:
+    gibbs_codegen.write_log(flight, tmp_path / "bag")
+    messages, raw = _read(tmp_path / "bag")
+    topics = {"/clock", "/tf", "/odom", "/imu", "/joint_states", "/inputs", "/actuators"}
+    assert set(messages) == topics
+    samples = len(flight.time)
+    nanoseconds = [round(t * 1e9) for t in flight.time]
+    # The other library has the same bytes at the same times.
+    with (tmp_path / "bag" / "bag.mcap").open("rb") as file:
+        seen: dict[str, list[Any]] = defaultdict(list)
+        for _, channel, message in make_reader(file).iter_messages():
+            seen[channel.topic].append((message.log_time, message.data))
+    assert seen == raw
+    for topic, found in messages.items():
+        assert len(found) == samples
+        assert [time for time, _ in raw[topic]] == nanoseconds
+    stamped = [m.header.stamp for m in messages["/odom"]]
+    assert [s.sec * 10**9 + s.nanosec for s in stamped] == nanoseconds
+    assert [m.clock for m in messages["/clock"]] == stamped
+
+    module = fast(flight.robot)
+    q, v, a = flight.q, flight.v, flight.a
+    pose, twist = module.frame_poses(q)[:, 0], module.frame_velocities(q, v)[:, 0]
+    turn = np.swapaxes(pose[:, :3, :3], 1, 2)
+    for found in (
+        [(m.pose.pose.position, m.pose.pose.orientation) for m in messages["/odom"]],
+        [(t.transform.translation, t.transform.rotation) for t in _transforms(messages)],
+    ):
+        places, attitudes = (_numbers(each) for each in zip(*found, strict=True))
+        np.testing.assert_allclose(places, pose[:, :3, 3], atol=1e-14)
+        rotations = Rotation.from_quat(attitudes).as_matrix()
+        np.testing.assert_allclose(rotations, pose[:, :3, :3], atol=1e-14)
+    moving = [m.twist.twist for m in messages["/odom"]]
+    for values, world in (
+        (_numbers(m.linear for m in moving), twist[:, :3]),
+        (_numbers(m.angular for m in moving), twist[:, 3:]),
+        (_numbers(m.angular_velocity for m in messages["/imu"]), twist[:, 3:]),
+    ):
+        np.testing.assert_allclose(values, np.einsum("sij,sj->si", turn, world), atol=1e-13)
+    felt = np.einsum("sij,sj->si", module.frame_jacobians(q)[:, 0], a)
+    felt = (felt + module.frame_bias_accelerations(q, v)[:, 0])[:, :3] + [0.0, 0.0, 9.81]
+    measured = _numbers(m.linear_acceleration for m in messages["/imu"])
+    np.testing.assert_allclose(measured, np.einsum("sij,sj->si", turn, felt), atol=1e-11)
+
+    for k, (state, inputs) in enumerate(
+        zip(messages["/joint_states"], messages["/inputs"], strict=True)
+    ):
+        joints = slice(7, None) if flight.attitude == "quaternion" else slice(3, -3)
+        rates = slice(6, None) if flight.attitude == "quaternion" else slice(3, -3)
+        assert tuple(state.name) == flight.coordinates[joints]
+        assert np.array_equal(state.position, q[k, joints])
+        assert np.array_equal(state.velocity, v[k, rates])
+        assert np.array_equal(state.effort, flight.applied[k, flight.rotors :])
+        assert tuple(inputs.name) == flight.input_names
+        assert np.array_equal(inputs.effort, flight.applied[k])
+
+
+def test_actuators_have_the_lists_of_their_commands(fast: Modules, tmp_path: Path) -> None:
+    flight = simulate(fast("quadrotor_arm_2link"), read_scenario("hover", {"duration": 0.03}))
+    n = len(flight.time)
+    limits = np.array([[0.0] * 6, [14.0, 7.0, 7.0, np.inf, 5.0, 5.0]])
+    plain = dataclasses.replace(flight, input_limits=limits)
+    gibbs_codegen.write_log(plain, tmp_path / "plain")
+    shares = plain.commanded / [14.0, 7.0, 7.0, np.nan, 5.0, 5.0]
+    for message, values in zip(_read(tmp_path / "plain")[0]["/actuators"], shares, strict=True):
+        assert len(message.position) == len(message.velocity) == 0
+        np.testing.assert_array_equal(message.normalized, values)
+    commands = np.arange(6.0 * n).reshape(n, 6)
+    driven = dataclasses.replace(
+        plain,
+        command_names=tuple("abcdef"),
+        command_units=("rad/s", "1", "N", "rad/s", "rad", "N m"),
+        commands=commands,
+    )
+    gibbs_codegen.write_log(driven, tmp_path / "driven")
+    for k, message in enumerate(_read(tmp_path / "driven")[0]["/actuators"]):
+        np.testing.assert_array_equal(message.velocity, commands[k, [0, 3]])
+        np.testing.assert_array_equal(message.position, commands[k, [4]])
+        expected = [commands[k, 1], shares[k, 2], shares[k, 5]]
+        np.testing.assert_array_equal(message.normalized, expected)
+
+
+def test_what_is_in_the_way_is_left_alone(flight: Flight, tmp_path: Path) -> None:
+    (tmp_path / "there").mkdir()
+    with pytest.raises(UsageError, match="there: is there already; give a folder that is not"):
+        gibbs_codegen.write_log(flight, tmp_path / "there")
+    with pytest.raises(UsageError, match="'bag': unknown; known: mcap"):
+        gibbs_codegen.write_log(flight, tmp_path / "new", "bag")
+    assert [path.name for path in tmp_path.iterdir()] == ["there"]
+    old = dataclasses.replace(flight, gravity=np.nan)
+    gibbs_codegen.write_log(old, tmp_path / "old")
+    assert "/imu" not in _read(tmp_path / "old")[0]
+
+
+def _read(folder: Path) -> tuple[dict[str, list[Any]], dict[str, list[tuple[int, bytes]]]]:
+    """Messages of each topic, and their times and bytes, which are those that rosbags writes."""
+    messages: dict[str, list[Any]] = defaultdict(list)
+    raw: dict[str, list[tuple[int, bytes]]] = defaultdict(list)
+    with AnyReader([folder]) as reader:
+        for connection, time, data in reader.messages():
+            message = reader.deserialize(data, connection.msgtype)
+            assert reader.typestore.serialize_cdr(message, connection.msgtype) == data
+            messages[connection.topic].append(message)
+            raw[connection.topic].append((time, data))
+    return messages, raw
+
+
+def _transforms(messages: dict[str, list[Any]]) -> list[Any]:
+    found = [transform for m in messages["/tf"] for transform in m.transforms]
+    assert {(t.header.frame_id, t.child_frame_id) for t in found} == {("world", "base")}
+    return found
+
+
+def _numbers(messages: Any) -> np.ndarray[Any, np.dtype[np.float64]]:
+    """Vectors and quaternions as rows."""
+    return np.array([[getattr(m, name) for name in "xyzw" if hasattr(m, name)] for m in messages])
