@@ -255,11 +255,11 @@ def argument_parser() -> Parser:
     parser.add("--out", "DIR", meaning, default="sweep")
     parser.flag("--no-figures", "draw no figures")
 
-    parser = command("log", "write a flight as a log that ROS, PlotJuggler or Foxglove reads")
+    parser = command("log", "write a flight as a log of ROS 2 or PX4")
     flight = "a folder that `simulate` wrote, or its flight.npz"
     parser.add("flight", "FLIGHT", flight)
-    meaning = "mcap for a bag of ROS 2 with a message of each topic per sample"
-    parser.add("--format", None, meaning, choices=("mcap",), default="mcap")
+    meaning = "mcap for a bag of ROS 2, csv for tables of the topics of PX4"
+    parser.add("--format", None, meaning, choices=("mcap", "csv"), default="mcap")
     meaning = "folder to write, which must not exist yet"
     parser.add("--out", "DIR", meaning, default="log")
 

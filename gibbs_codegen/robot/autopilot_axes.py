@@ -1,6 +1,8 @@
-"""Axes of autopilots: x forwards, y to the right, z down (FRD), where a base has y left and z up.
+"""Axes of autopilots: a body's x forwards, y to the right, z down, the world's north, east, down.
 
-Half a turn about x leads from either to the other, so it is the same function both ways.
+Here a base has x forwards, y to the left and z up, and the world X to the east, Y to the north and
+Z up. Half a turn leads from either body to the other, and half a turn from either world to the
+other, so both functions of vectors are the same both ways.
 """
 
 from __future__ import annotations
@@ -8,8 +10,34 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+_OVER = np.array([1.0, -1.0, -1.0])
+_UNDER = np.array([1.0, 1.0, -1.0])
+_HALF = np.sqrt(0.5)
+
 
 def turned_over(vectors: ArrayLike) -> NDArray[np.float64]:
     """Vectors (…, 3) of the base's axes in FRD, or the other way."""
-    found: NDArray[np.float64] = np.asarray(vectors, float) * [1.0, -1.0, -1.0] + 0.0
+    found: NDArray[np.float64] = np.asarray(vectors, float) * _OVER + 0.0
     return found
+
+
+def north_east_down(vectors: ArrayLike) -> NDArray[np.float64]:
+    """Vectors (…, 3) of the world's axes in NED, or the other way."""
+    found: NDArray[np.float64] = np.asarray(vectors, float)[..., [1, 0, 2]] * _UNDER + 0.0
+    return found
+
+
+def turned_attitude(quaternion: ArrayLike) -> NDArray[np.float64]:
+    """The quaternions (…, 4), real part first, from a body's FRD axes to NED.
+
+    Of those, real part last, from the base's axes to the world's; they are the products with both
+    half turns.
+    """
+    x, y, z, w = np.moveaxis(np.asarray(quaternion, float), -1, 0)
+    return _HALF * np.stack([w + z, x + y, x - y, w - z], axis=-1)
+
+
+def attitude_turned_back(quaternion: ArrayLike) -> NDArray[np.float64]:
+    """The quaternions (…, 4) of which `turned_attitude` makes these."""
+    # Twice both half turns are none.
+    return np.roll(turned_attitude(np.roll(quaternion, -1, axis=-1)), -1, axis=-1)

@@ -7,12 +7,13 @@ from pathlib import Path
 
 from gibbs_codegen.errors import UsageError, printable
 from gibbs_codegen.files.staging import put_in_place, staging_folder, writing
+from gibbs_codegen.flight.logs.px4 import write_tables
 from gibbs_codegen.flight.logs.ros import write_bag
 from gibbs_codegen.flight.record.flight import Flight
 from gibbs_codegen.flight.record.series import StrPath
 from gibbs_codegen.runtime.load import require
 
-FORMATS: dict[str, Callable[[Flight, Path], None]] = {"mcap": write_bag}
+FORMATS: dict[str, Callable[[Flight, Path], None]] = {"mcap": write_bag, "csv": write_tables}
 
 
 def write_log(flight: Flight, folder: StrPath, format: str = "mcap") -> None:
@@ -23,8 +24,7 @@ def write_log(flight: Flight, folder: StrPath, format: str = "mcap") -> None:
     Args:
         flight: The flight.
         folder: Folder to write, which must not exist yet.
-        format: "mcap" for a bag of ROS 2 in an MCAP file, which is a message of each topic per
-            sample.
+        format: "mcap" for a bag of ROS 2 in an MCAP file, "csv" for tables of the topics of PX4.
 
     Raises:
         UsageError: The folder exists, the format is unknown, or rosbags is not installed, which

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import csv
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, fields
 from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -399,14 +400,8 @@ class Flight:
         Raises:
             OutputError: If it cannot be written.
         """
-        columns = list(self.columns())
-        with writing(path), Path(path).open("w", encoding="utf-8", newline="") as file:
-            writer = csv.writer(file, lineterminator="\n")
-            writer.writerow(f"{name} [{unit}]" for name, unit, _ in columns)
-            # Python's numbers take several times the room of NumPy's: some rows at a time.
-            for begin in range(0, len(self.time), _ROWS):
-                rows = np.stack([v[begin : begin + _ROWS] for _, _, v in columns], axis=-1)
-                writer.writerows(rows.tolist())
+        with writing(path):
+            write_table(path, {f"{name} [{unit}]": values for name, unit, values in self.columns()})
 
     def write_npz(self, path: StrPath) -> None:
         """Write all fields to one `.npz` file, which `read_flight` reads.
@@ -442,3 +437,14 @@ def point_parents(vehicle: Vehicle) -> NDArray[np.intp]:
         on_the_way[tip] &= parents[tip] != centre
     parents[on_the_way] = -1
     return parents
+
+
+def write_table(path: StrPath, columns: Mapping[str, NDArray[Any]]) -> None:
+    """Write columns (s) as comma-separated values, with their names in the first line."""
+    with Path(path).open("w", encoding="utf-8", newline="") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(columns)
+        # Python's numbers take several times the room of NumPy's: some rows at a time.
+        for begin in range(0, max(map(len, columns.values()), default=0), _ROWS):
+            rows = (values[begin : begin + _ROWS].tolist() for values in columns.values())
+            writer.writerows(zip(*rows, strict=True))

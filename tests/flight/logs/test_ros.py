@@ -120,7 +120,7 @@ def test_what_is_in_the_way_is_left_alone(flight: Flight, tmp_path: Path) -> Non
     (tmp_path / "there").mkdir()
     with pytest.raises(UsageError, match="there: is there already; give a folder that is not"):
         gibbs_codegen.write_log(flight, tmp_path / "there")
-    with pytest.raises(UsageError, match="'bag': unknown; known: mcap"):
+    with pytest.raises(UsageError, match="'bag': unknown; known: mcap, csv"):
         gibbs_codegen.write_log(flight, tmp_path / "new", "bag")
     assert [path.name for path in tmp_path.iterdir()] == ["there"]
     old = dataclasses.replace(flight, gravity=np.nan)
