@@ -9,7 +9,7 @@ too. Pinocchio's derivatives need its dynamics before them, so both are called, 
 generalised forces in place of u. Accelerations must agree with dense formulas to 1e-9 before
 anything is timed. Of many repeats the least counts.
 
-`--links 3 7` limits the machines; `--no-derivatives` leaves those out, of which gcc takes minutes.
+`--links 3 7` limits the machines; `--no-derivatives` leaves those out.
 """
 
 from __future__ import annotations

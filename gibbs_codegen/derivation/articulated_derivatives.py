@@ -33,6 +33,10 @@ turned or moved with it.
 the inertia that is felt there, all joints free, passes outwards from the root's. In a frame fixed
 to the parent it only moves; a joint along s, with the ratios u of its equation and an inertia D,
 gives the segment (1 − suᵀ)·Y·(1 − usᵀ) + ssᵀ/D.
+
+*What a point sees* of a column, in axes that turn with its segment, follows from the same pair: at
+a velocity V of the point against the root's origin its acceleration changes by 2ε×V more than that
+of the column, and dω/dt by ω×ε less.
 """
 
 from __future__ import annotations
@@ -55,7 +59,16 @@ from gibbs_codegen.derivation.motion import Acceleration, Motion
 from gibbs_codegen.derivation.parameters import PassiveSymbols
 from gibbs_codegen.derivation.segment_tree import SegmentTree
 from gibbs_codegen.symbolic.tape import Scalars, Values, Vector, times
-from gibbs_codegen.symbolic.vectors import ZERO, Rotation, Transform, Z, axis_vector, minus, moved
+from gibbs_codegen.symbolic.vectors import (
+    NO_ROTATION,
+    ZERO,
+    Rotation,
+    Transform,
+    Z,
+    axis_vector,
+    minus,
+    moved,
+)
 
 Rows = Sequence[Values]
 # Joints inboard of a joint, on average, beyond which its parent's inertia is taken to be shorter.
@@ -291,6 +304,21 @@ def _perturbation(
 
 
 @dataclass(frozen=True)
+class SeenPoint:
+    """A place on a segment, in its working frame, or of the root where its system is solved.
+
+    `doubled` is twice its velocity against the root's origin, `omega` that of the segment, both in
+    that frame; `turn` takes components there to those in which the point's are told.
+    """
+
+    segment: int
+    place: Vector
+    doubled: Vector
+    omega: Vector
+    turn: Rotation = NO_ROTATION
+
+
+@dataclass(frozen=True)
 class _Carried:
     """What a column does to a segment, in its working frame: an acceleration and a turning ε."""
 
@@ -312,14 +340,17 @@ class ArticulatedDerivatives:
         coupling: VelocityCoupling,
         changes: Sequence[JointPerturbations],
         by_inertia: bool,
+        seen: Sequence[SeenPoint] = (),
     ) -> None:
         """Derive all columns, with `coupling` of the whole tree and the `changes` of the joints.
+
+        Columns go on with the accelerations of the points `seen`, in axes that turn with them.
 
         `by_inertia`: whether what a change does to the parent itself is found by the parent's
         operational-space inertia; otherwise outwards from the root.
         """
         self._tape, self._articulation, self._tree = tape, articulation, articulation.tree
-        self._changes, self._by_inertia = changes, by_inertia
+        self._changes, self._by_inertia, self._seen = changes, by_inertia, seen
         self._root: dict[Key, list[sp.Expr]] = {}
         self._joints: dict[tuple[Key, int], sp.Expr] = {}
         self._at: list[dict[Key, _Carried]] = [{}]
@@ -357,7 +388,18 @@ class ArticulatedDerivatives:
         """
         key, zero = (kind, number), sp.S.Zero
         joints = range(1, len(self._tree.segments))
-        return [*self._root[key], *(self._joints.get((key, i), zero) for i in joints)]
+        column = [*self._root[key], *(self._joints.get((key, i), zero) for i in joints)]
+        return column + [entry for point in self._seen for entry in self._at_point(point, key)]
+
+    def _at_point(self, point: SeenPoint, key: Key) -> Values:
+        """What a column does to a point, in axes that turn with it."""
+        tape, k = self._tape, point.segment
+        with tape.group("accelerations of points, column by column"):
+            found = self._reached(k, key).passed_out(tape, [point.place])
+            turning = self._at[k][key].turning if key in self._at[k] else ZERO
+            linear = tape.add(found.linear, tape.cross(turning, point.doubled))
+            angular = tape.add(found.angular, tape.cross(turning, point.omega))
+            return Acceleration(linear, angular).rotated(tape, point.turn).entries
 
     def by_wrench(self, k: int, wrench: Values) -> Values:
         """Accelerations by a wrench (6) on segment k ≥ 1, about its joint in its working frame."""

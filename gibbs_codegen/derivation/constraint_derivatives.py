@@ -1,25 +1,52 @@
 """Derivatives of what constraints do, without those of what is solved for their forces.
 
 Rows c = J a + γ are zero under the forces λ, as J v is under impulses, or what redundant rows ask
-for and cannot have. With λ fixed, their derivatives dc come from passes over the graph; then
+for and cannot have. With dc, their derivatives where λ is fixed,
 
     dλ = −A⁺ (dc + A⁺ d(A c)) + (1 − A A⁺) d(A y)    with c and y = A⁺ λ fixed in d(A c), d(A y),
 
 and everything else follows with dλ for the rates of λ. That is the derivative of a pseudo-inverse
 of constant rank (Golub and Pereyra, 1973): λ is the least, which turns with the rows that are
 independent, and c turns with what they leave. Where no row can be redundant, −A⁺ dc is all.
+
+To the recursion for derivatives of forward dynamics forces μ = Dλ along the unit loads U of each
+frame are like thrusts, which turn with what carries them; impulses are those of a robot at rest.
+Its columns have da and, in axes that turn with each frame, the changes of the accelerations
+t = Uᵀa, all where μ does not change. The rows are functions of q, v and t, and μ of q and λ:
+passes over these graphs, which are short, give their changes dμ and, with J M⁻¹U dμ added, dc.
+Then da has M⁻¹U (dμ + D dλ) besides.
+
+A segment at the end of a group works in axes that its own joint does not turn. When that turns by
+dφ, what does not change in its own axes, as t, changes there by e_z×t dφ; and what does not change
+there, as μ, by −e_z×μ dφ in its own.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from copy import copy
+from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import sympy as sp
 
+from gibbs_codegen.derivation.articulated import Articulation, root_turn
+from gibbs_codegen.derivation.articulated_derivatives import SeenPoint, doubled_velocities
+from gibbs_codegen.derivation.constraints import ConstraintEquations, Held
+from gibbs_codegen.derivation.forces import passive_symbols
+from gibbs_codegen.derivation.forward_dynamics import about_base_centre, free_motions_of
+from gibbs_codegen.derivation.forward_dynamics_derivatives import (
+    BaseColumns,
+    base_columns,
+    in_order,
+)
+from gibbs_codegen.derivation.parameters import PassiveSymbols
+from gibbs_codegen.derivation.symbolic_robot import SymbolicRobot
 from gibbs_codegen.graph.differentiate import Direction, Matrix, jacobian
 from gibbs_codegen.graph.graph import Graph, Ref
+from gibbs_codegen.symbolic.tape import Values
+from gibbs_codegen.symbolic.vectors import identity
 
 if TYPE_CHECKING:
     from gibbs_codegen.derivation.systems import Systems
@@ -27,69 +54,231 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class ConstraintDerivatives:
-    """Derivatives by arguments, with forces or impulses that make rows zero."""
+    """Derivatives by arguments under forces, or under impulses `alone`, that make rows zero."""
 
     systems: Systems
     forces: list[sp.Expr]
-    rows: list[sp.Expr]
+    alone: bool
 
-    def of(self, outputs: Sequence[sp.Expr], argument: str) -> Matrix:
-        """Derivatives of outputs, which know the forces (rows), by an argument (columns)."""
+    def of_accelerations(self, argument: str) -> Matrix:
+        """Derivatives of accelerations, or velocities after an impact, by an argument (columns)."""
+        graph, (fixed, _) = self.systems.imported.graph, self._columns(argument)
+        with self.systems.imported.group(f"derivatives by {argument}, with those of the forces"):
+            rows = [self.systems.refs(row) for row in fixed]
+            gains = [self.systems.refs(row) for row in self._unit_columns]
+            pushed = self._jacobian(self._pushes, argument, self._of_forces(argument))
+            found = _sum(graph, rows, _product(graph, gains, self._turned(pushed, argument)))
+            if self.alone and argument == "v":
+                units = identity(len(found))
+                found = _sum(graph, found, [self.systems.refs(row) for row in units])
+            return found
+
+    def of_forces(self, argument: str) -> Matrix:
+        """Derivatives of forces or impulses by an argument (columns)."""
+        with self.systems.imported.group(f"derivatives by {argument}, with those of the forces"):
+            outputs = self._own.from_solver(self.forces)
+            return self._jacobian(outputs, argument, self._of_forces(argument))
+
+    @property
+    def _own(self) -> ConstraintEquations:
+        return self.systems.constraints
+
+    @cached_property
+    def _symbolic(self) -> SymbolicRobot:
+        """The robot, or where impulses act alone the robot at rest that nothing pulls."""
+        if not self.alone:
+            return self.systems.symbolic
+        parameters = copy(self.systems.symbolic.parameters)
+        parameters.gravity = sp.S.Zero
+        still = (sp.S.Zero,) * len(self.systems.symbolic.v)
+        return replace(self.systems.symbolic, v=still, parameters=parameters)
+
+    @cached_property
+    def _articulation(self) -> Articulation:
+        return self._own.under(self.forces, self.alone)
+
+    @cached_property
+    def _motions(self) -> list[Values]:
+        """Accelerations t of each frame."""
+        return self._own.unit_motions(self._articulation, self.alone)
+
+    @cached_property
+    def _rows(self) -> list[sp.Expr]:
+        """J a + γ or, after an impact, J v."""
+        own = self._own
+        return own.stopped_at(self._motions) if self.alone else own.rows_at(self._motions)
+
+    @cached_property
+    def _pushes(self) -> list[sp.Expr]:
+        """Forces μ along the unit loads."""
+        found, rest = list[sp.Expr](), self.forces
+        for held in self._own.held:
+            forces, rest = rest[: len(held.rows)], rest[len(held.rows) :]
+            found += self._own.symbolic.tape.combination(forces, self._own.shares(held))
+        return found
+
+    @cached_property
+    def _base(self) -> tuple[list[sp.Expr], BaseColumns]:
+        """Accelerations, and columns of them and of what the frames feel."""
+        symbolic, own, tape = self._symbolic, self._own, self._symbolic.tape
+        passive = passive_symbols(symbolic)
+        if self.alone:
+            passive = [PassiveSymbols(*[sp.S.Zero] * 4)] * len(passive)
+        motions = free_motions_of(about_base_centre(symbolic))
+        rates = symbolic.joint_state.rates
+        doubled, seen = doubled_velocities(tape, self._articulation, motions, rates), []
+        for held in own.held:
+            if held.carrier is None:
+                k, (_, place) = held.frame.segment, own.working(held)
+                omega, turn = motions[k].omega, root_turn(self._articulation.tree)
+                if k == 0:
+                    place, omega = (turn.inverse.vector(tape, x) for x in (place, omega))
+                moving = doubled[k].passed_out(tape, [place]).linear
+                seen.append(SeenPoint(k, place, moving, omega, *([turn] if k == 0 else [])))
+        return base_columns(symbolic, self._articulation, passive, seen=seen)
+
+    @cached_property
+    def _unit_columns(self) -> list[list[sp.Expr]]:
+        """M⁻¹U."""
+        _, base = self._base
+        efforts = base.by_joints("effort")
+        columns: list[Values] = []
+        for held in self._own.held:
+            for wrenches, joints in self._own.units(held):
+                columns += [base.by_load(k, wrench) for k, wrench in wrenches.items()]
+                columns += [efforts[k - 1] for k in joints]
+        return in_order(self._symbolic.places, columns)
+
+    def _columns(self, argument: str) -> tuple[list[list[sp.Expr]], list[Values]]:
+        """What accelerations and t (rows) change by with an argument where μ does not change."""
+        symbolic, own, tape = self._symbolic, self._own, self._symbolic.tape
+        (acceleration, base), places = self._base, symbolic.places
+        if argument == "u":
+            columns = [*base.by_rotors(), *base.by_joints("effort")]
+        elif argument == "v" and self.alone:
+            columns = [[sp.S.Zero] * len(base.by_joints("rate")[0])] * places.size
+        else:
+            by_place, by_velocity = base.by_base(places.split(acceleration)[0])
+            if argument == "q":
+                columns = places.joined(by_place, base.by_joints("coordinate"))
+            else:
+                columns = places.joined(by_velocity, base.by_joints("rate"))
+        rows, motions, first, unit = in_order(places, columns), list[Values](), places.size, 0
+        for held, motion in zip(own.held, self._motions, strict=True):
+            if held.carrier is not None:
+                motions += [rows[places.joint_places[k - 1]] for k in own.between(held)]
+                unit += len(own.between(held))
+                continue
+            count = len(own.units(held))
+            if argument == "u":
+                inputs = [*zip(*self.systems.reduced.inputs, strict=True)]
+                for column in [*zip(*self._unit_columns, strict=True)][unit : unit + count]:
+                    motions.append([tape.sum_of_products(column, each) for each in inputs])
+            else:
+                seen = [[column[first + i] for column in columns] for i in range(count)]
+                for j, turn in enumerate(self._turns(held) if argument == "q" else []):
+                    for i in range(0, count if turn else 0, 3):
+                        seen[i][j] = tape.let(seen[i][j] - motion[i + 1])
+                        seen[i + 1][j] = tape.let(seen[i + 1][j] + motion[i])
+                motions += seen
+                first += 6
+            unit += count
+        return rows, motions
+
+    def _turns(self, held: Held) -> list[sp.Expr]:
+        """How fast velocities turn a frame against axes in which its segment works, about z."""
+        symbolic, tree = self._symbolic, self._articulation.tree
+        k, size = held.frame.segment, symbolic.places.size
+        if held.carrier is not None or tree.works_in_own_frame(k):
+            return [sp.S.Zero] * size
+        group = [m for m in tree.path(k) if tree.lead(m) == tree.lead(k)]
+        found = []
+        for unit in identity(size):
+            base, joints = symbolic.places.split(unit)
+            turning = [joints[m - 1] for m in group if m and tree.segments[m].joint == "revolute"]
+            spin = symbolic.root.segment_spin(base) if 0 in group else sp.S.Zero
+            found.append(sp.Add(spin, *turning))
+        return found
+
+    def _jacobian(self, outputs: Values, argument: str, of_forces: Matrix) -> Matrix:
+        """Derivatives of what the forces and q or v make, by columns of dλ."""
         systems, graph = self.systems, self.systems.imported.graph
-        forces = systems.refs(self.forces)
-        fixed = _moved(graph, forces, [graph.zero] * len(forces))
-        directions = systems.directions(argument)
+        moved = [_moved(graph, systems.refs(self.forces), column) for column in of_forces]
+        pairs = zip(systems.directions(argument), moved, strict=True)
+        return jacobian(graph, systems.refs(outputs), [{**x, **y} for x, y in pairs])
+
+    def _turned(self, pushes: Matrix, argument: str) -> Matrix:
+        """Changes of μ by an argument (columns) in axes that turn with the frames."""
+        graph, first = self.systems.imported.graph, 0
+        refs, found = self.systems.refs(self._pushes), [list(row) for row in pushes]
+        for held in self._own.held:
+            count = len(self._own.units(held))
+            for j, turn in enumerate(self._turns(held) if argument == "q" else []):
+                for i in range(first, first + count if turn else first, 3):
+                    found[i][j] = graph.sum([found[i][j], refs[i + 1]])
+                    found[i + 1][j] = graph.sum([found[i + 1][j], graph.minus(refs[i])])
+            first += count
+        return found
+
+    def _of_forces(self, argument: str) -> Matrix:
+        """dλ, by columns."""
+        systems, graph, own = self.systems, self.systems.imported.graph, self._own
+        nodes = systems.refs([x for each in self._motions for x in each])
+        directions, (_, motions) = systems.directions(argument), self._columns(argument)
         with systems.imported.group(f"derivatives by {argument}, with the forces fixed"):
-            held = [{**direction, **fixed} for direction in directions]
-            changes = jacobian(graph, systems.refs(self.rows), held)
+            still = [[graph.zero] * len(self.forces)] * len(directions)
+            rates = [systems.refs(column) for column in zip(*motions, strict=True)]
+            seen = [_moved(graph, nodes, column) for column in rates]
+            held = [{**x, **y} for x, y in zip(directions, seen, strict=True)]
+            changes = jacobian(graph, systems.refs(self._rows), held)
+            pushes = self._turned(self._jacobian(self._pushes, argument, still), argument)
+            pushed = [systems.refs(row) for row in own.pushed]
+            changes = _sum(graph, changes, _product(graph, pushed, pushes))
         with systems.imported.group(f"derivatives of the forces by {argument}"):
-            columns = [list(column) for column in zip(*changes, strict=True)]
-            columns = self._of_forces(columns, directions if argument == "q" else [])
-        with systems.imported.group(f"derivatives by {argument}, with those of the forces"):
-            moved = [_moved(graph, forces, column) for column in columns]
-            free = [{**x, **y} for x, y in zip(directions, moved, strict=True)]
-            return jacobian(graph, systems.refs(outputs), free)
+            return self._solved(changes, directions if argument == "q" else [])
 
-    def _matrix(self, rows: Sequence[Sequence[sp.Expr]]) -> Matrix:
-        return [self.systems.refs(row) for row in rows]
-
-    def _of_forces(self, columns: Matrix, turning: Sequence[Direction]) -> Matrix:
+    def _solved(self, changes: Matrix, turning: Sequence[Direction]) -> Matrix:
         """dλ from dc, by columns; A changes in the directions `turning`, if in any."""
-        systems, graph, own = self.systems, self.systems.imported.graph, self.systems.constraints
-        inverse = self._matrix(own.solver_inverse)
-        added: Matrix = []
-        if turning and not own.is_regular:
-            tape, matrix = systems.symbolic.tape, self._matrix(own.masked_matrix)
-            with tape.group("least forces, seen from the rows, and what rows cannot have"):
-                dual = [tape.sum_of_products(row, self.forces) for row in own.solver_inverse]
-                left = [tape.let(m * c) for m, c in zip(own.masks, self.rows, strict=True)]
-            for by_dual, by_left in zip(
-                self._under(dual, turning), self._under(left, turning), strict=True
-            ):
-                within = _product(graph, matrix, _product(graph, inverse, by_dual))
-                added.append(_difference(graph, by_dual, within))
-                column = columns[len(added) - 1]
-                column[:] = _sum(graph, column, _product(graph, inverse, by_left))
-        found = [[graph.minus(x) for x in _product(graph, inverse, column)] for column in columns]
-        return [_sum(graph, *pair) for pair in zip(found, added, strict=True)] if added else found
+        systems, graph, own = self.systems, self.systems.imported.graph, self._own
+        inverse = [systems.refs(row) for row in own.solver_inverse]
+        if not turning or own.is_regular:
+            return _columns_of(_minus(graph, _product(graph, inverse, changes)))
+        tape, matrix = systems.symbolic.tape, [systems.refs(row) for row in own.masked_matrix]
+        with tape.group("least forces, seen from the rows, and what rows cannot have"):
+            dual = [tape.sum_of_products(row, self.forces) for row in own.solver_inverse]
+            left = [tape.let(m * c) for m, c in zip(own.masks, self._rows, strict=True)]
+        by_dual, by_left = (self._under(forces, turning) for forces in (dual, left))
+        within = _product(graph, matrix, _product(graph, inverse, by_dual))
+        changes = _sum(graph, changes, _product(graph, inverse, by_left))
+        outside = _sum(graph, by_dual, _minus(graph, within))
+        return _columns_of(_sum(graph, outside, _minus(graph, _product(graph, inverse, changes))))
 
     def _under(self, forces: list[sp.Expr], directions: Sequence[Direction]) -> Matrix:
-        """Columns of d(A f) of the active rows, with the forces f fixed."""
-        systems, graph, own = self.systems, self.systems.imported.graph, self.systems.constraints
+        """Derivatives of A f of the active rows, with the forces f fixed."""
+        systems, graph, own = self.systems, self.systems.imported.graph, self._own
         fixed = _moved(graph, systems.refs(forces), [graph.zero] * len(forces))
         rows = zip(own.masks, own.rows_under(forces), strict=True)
         masked = [systems.symbolic.tape.let(mask * row) for mask, row in rows]
         held = [{**direction, **fixed} for direction in directions]
-        changes = jacobian(graph, systems.refs(masked), held)
-        return [list(column) for column in zip(*changes, strict=True)]
+        return jacobian(graph, systems.refs(masked), held)
 
 
-def _sum(graph: Graph, one: Sequence[Ref], other: Sequence[Ref]) -> list[Ref]:
-    return [graph.sum(pair) for pair in zip(one, other, strict=True)]
+def _sum(graph: Graph, one: Matrix, other: Matrix) -> Matrix:
+    pairs = zip(one, other, strict=True)
+    return [[graph.sum(pair) for pair in zip(*rows, strict=True)] for rows in pairs]
 
 
-def _difference(graph: Graph, one: Sequence[Ref], other: Sequence[Ref]) -> list[Ref]:
-    return [graph.sum([x, graph.minus(y)]) for x, y in zip(one, other, strict=True)]
+def _minus(graph: Graph, matrix: Matrix) -> Matrix:
+    return [[graph.minus(x) for x in row] for row in matrix]
+
+
+def _product(graph: Graph, one: Matrix, other: Matrix) -> Matrix:
+    columns = _columns_of(other)
+    return [[graph.sum(map(graph.product, row, column)) for column in columns] for row in one]
+
+
+def _columns_of(matrix: Matrix) -> Matrix:
+    return [list(column) for column in zip(*matrix, strict=True)]
 
 
 def _moved(graph: Graph, refs: Sequence[Ref], rates: Sequence[Ref]) -> Direction:
@@ -102,26 +291,10 @@ def _moved(graph: Graph, refs: Sequence[Ref], rates: Sequence[Ref]) -> Direction
     }
 
 
-def _product(graph: Graph, matrix: Matrix, column: Sequence[Ref]) -> list[Ref]:
-    return [graph.sum(map(graph.product, row, column)) for row in matrix]
-
-
-def dynamics(systems: Systems) -> ConstraintDerivatives:
-    """Of accelerations, with the forces."""
-    own = systems.constraints
-    return ConstraintDerivatives(systems, own.solver_forces, own.held_rows())
-
-
-def impact(systems: Systems) -> ConstraintDerivatives:
-    """Of velocities after an impact, with the impulses."""
-    own = systems.constraints
-    return ConstraintDerivatives(systems, own.solver_impulses, own.stopped_rows())
-
-
-# What a derivative of an output is made of, by the output's derivation.
-IMPLICIT: dict[str, Callable[[Systems], ConstraintDerivatives]] = {
-    "constrained_acceleration": dynamics,
-    "constraint_forces": dynamics,
-    "impact_velocities": impact,
-    "impact_impulses": impact,
+# What a derivative by an argument is made of, by the derivation of the output.
+IMPLICIT: dict[str, Callable[[Systems, str], Matrix]] = {
+    "constrained_acceleration": lambda s, by: s.held_derivatives.of_accelerations(by),
+    "constraint_forces": lambda s, by: s.held_derivatives.of_forces(by),
+    "impact_velocities": lambda s, by: s.impact_derivatives.of_accelerations(by),
+    "impact_impulses": lambda s, by: s.impact_derivatives.of_forces(by),
 }

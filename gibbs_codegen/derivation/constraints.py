@@ -82,13 +82,25 @@ class Direction(NamedTuple):
     vector: Vector
 
 
+class Push(NamedTuple):
+    """A load by the index of segments: wrenches on them, or efforts of their joints.
+
+    The wrenches are about the joints in the frames in which the segments work, or of the root where
+    its system is solved.
+    """
+
+    wrenches: Mapping[int, Wrench]
+    efforts: Mapping[int, sp.Expr]
+
+
 class Load(NamedTuple):
     """Shares z that joints take of a load, by the index of their segments; the root's part (6).
 
-    `eliminated` is L⁻¹ of the latter, in the order of elimination.
+    `eliminated` is L⁻¹ of the latter, in the order of elimination; `felt` is what the parents feel.
     """
 
     shares: Mapping[int, sp.Expr]
+    felt: Mapping[int, Wrench]
     root: list[sp.Expr]
     eliminated: list[sp.Expr]
 
@@ -202,7 +214,7 @@ class ConstraintEquations:
         if held.carrier is None:
             with tape.group("columns of the base"):
                 base = self.symbolic.root.velocities_at(tape, point)
-        for k in self._between(held):
+        for k in self.between(held):
             axis = self._frames[k].group[2]
             if k not in tree.path(held.frame.segment):
                 axis = minus(axis)
@@ -217,7 +229,7 @@ class ConstraintEquations:
                 [tape.dot(row.vector, column[row.turns]) for column in columns] for row in held.rows
             ]
 
-    def _between(self, held: Held) -> list[int]:
+    def between(self, held: Held) -> list[int]:
         """Segments whose joints move a frame against what carries the anchor."""
         tree = self.symbolic.reduced_tree
         carrier = tree.path(held.carrier.segment) if held.carrier else []
@@ -236,7 +248,7 @@ class ConstraintEquations:
         rates: Values = symbolic.v
         names = [each.name for each in mounted_frames(symbolic)]
         if held.carrier is not None:
-            between = self._between(held)
+            between = self.between(held)
             _, joints = symbolic.places.split(rates)
             joints = [rate if k in between else sp.S.Zero for k, rate in enumerate(joints, start=1)]
             rates = symbolic.places.joined([sp.S.Zero] * 6, joints)
@@ -306,27 +318,28 @@ class ConstraintEquations:
     # What follows solves for the forces, in the axes in which segments work.
 
     @cached_property
-    def _centred(self) -> SymbolicRobot:
+    def centred(self) -> SymbolicRobot:
+        """The robot about its base centre."""
         return forward_dynamics.about_base_centre(self.symbolic)
 
     @cached_property
-    def _articulation(self) -> Articulation:
+    def articulation(self) -> Articulation:
         """The solved joints under thrusts."""
         with forward_dynamics.refused_as_singular(self.symbolic):
-            return forward_dynamics.articulation_of(self._centred, forward_dynamics.thrusts)
+            return forward_dynamics.articulation_of(self.centred, forward_dynamics.thrusts)
 
     @cached_property
     def _root(self) -> tuple[list[int], Factors]:
         """L D Lᵀ of the root's system, in some order."""
-        rows = self._articulation.root.inertia.rows
+        rows = self.articulation.root.inertia.rows
         order = minimum_degree(rows)
         with self._tape.group("inertia of the base, by LDL^T"):
             return order, Factors(self._tape, [[rows[i][j] for j in order] for i in order])
 
-    def _working(self, held: Held) -> tuple[Frame, Vector]:
+    def working(self, held: Held) -> tuple[Frame, Vector]:
         """World axes of the frame in which a segment works, and where there the held frame is."""
-        tree, k = self._articulation.tree, held.frame.segment
-        (centred,) = mounted_frames(self._centred, held.frame.name)
+        tree, k = self.articulation.tree, held.frame.segment
+        (centred,) = mounted_frames(self.centred, held.frame.name)
         own = tree.works_in_own_frame(k)
         rotation = NO_ROTATION if own else tree.segments[k].rotation
         axes = self._frames[k].own if own else self._frames[k].group
@@ -335,46 +348,72 @@ class ConstraintEquations:
 
     def _solver_directions(self, held: Held) -> list[Direction]:
         """Rows of a frame that the world holds, in the axes in which its segment works."""
-        axes, _ = self._working(held)
+        axes, _ = self.working(held)
         if held.is_whole:
-            return [Direction(k >= 3, axis_vector(k % 3)) for k in range(len(held.rows))]
+            return _units(held)
         with self._tape.group(f"directions that {identifier(held.own.name)} holds"):
             return [
                 Direction(turns, tuple(self._tape.dot(axis, vector) for axis in axes))
                 for turns, vector in held.rows
             ]
 
+    def _push(self, held: Held, direction: Direction) -> Push:
+        """A unit force or torque on a frame, in the axes in which its segment works."""
+        tape, k = self._tape, held.frame.segment
+        turns, vector = direction
+        _, place = self.working(held)
+        with tape.group(f"unit load of {identifier(held.own.name)}"):
+            wrench = Wrench(ZERO, vector) if turns else Wrench(vector, ZERO)
+            wrench = wrench.shifted(tape, place)
+            if k == 0:
+                wrench = wrench.rotated(tape, root_turn(self.articulation.tree).inverse)
+        return Push({k: wrench}, {})
+
+    def units(self, held: Held) -> list[Push]:
+        """Unit loads that those of the rows are made of, with the `shares` of these.
+
+        On what the world holds they are forces, and torques, along the axes in which the segment
+        works; else efforts of the joints between the frame and its carrier.
+        """
+        if held.carrier is not None:
+            return [Push({}, {k: sp.S.One}) for k in self.between(held)]
+        return [self._push(held, unit) for unit in _units(held)]
+
+    def shares(self, held: Held) -> Matrix:
+        """What rows (rows) have of the unit loads."""
+        if held.carrier is not None:
+            joints = [self.symbolic.places.split(row)[1] for row in self._jacobian(held)]
+            return [[row[k - 1] for k in self.between(held)] for row in joints]
+        halves = len(_units(held)) // 3
+        return [
+            [x for half in range(halves) for x in (vector if half == turns else ZERO)]
+            for turns, vector in self._solver_directions(held)
+        ]
+
     @cached_property
     def _loads(self) -> list[Load]:
         """Unit loads of all rows, passed inwards."""
-        tape, found = self._tape, []
+        found = []
         for held in self.held:
-            if held.carrier is not None:
-                between = self._between(held)
-                for row in self._jacobian(held):
-                    _, joints = self.symbolic.places.split(row)
-                    efforts = {k: joints[k - 1] for k in between}
-                    found.append(self._passed_in({}, efforts))
-                continue
-            k, (_, place) = held.frame.segment, self._working(held)
-            for turns, vector in self._solver_directions(held):
-                with tape.group(f"unit load of {identifier(held.own.name)}"):
-                    wrench = Wrench(ZERO, vector) if turns else Wrench(vector, ZERO)
-                    wrench = wrench.shifted(tape, place)
-                    if k == 0:
-                        wrench = wrench.rotated(tape, root_turn(self._articulation.tree).inverse)
-                found.append(self._passed_in({k: wrench}, {}))
+            if held.carrier is None:
+                pushes = [self._push(held, row) for row in self._solver_directions(held)]
+            else:
+                between = self.between(held)
+                rows = self.shares(held)
+                pushes = [Push({}, dict(zip(between, row, strict=True))) for row in rows]
+            found += [self._passed_in(push) for push in pushes]
         return found
 
-    def _passed_in(self, loads: dict[int, Wrench], efforts: Mapping[int, sp.Expr]) -> Load:
-        """A load on segments, about their joints in the frames in which they work, and joints."""
-        tape, articulation, shares = self._tape, self._articulation, {}
+    def _passed_in(self, push: Push) -> Load:
+        """What joints and root take of a load."""
+        tape, articulation = self._tape, self.articulation
+        shares, felt, loads = {}, {}, dict(push.wrenches)
         for k in range(articulation.tree.joints, 0, -1):
-            if k not in loads and k not in efforts:
+            if k not in loads and k not in push.efforts:
                 continue
             joint, segment = articulation.joints[k - 1], articulation.tree.segments[k]
             with tape.group(f"load passed over {segment.joint_name}"):
-                load, effort = loads.get(k, NO_WRENCH).entries, efforts.get(k, sp.S.Zero)
+                load, effort = loads.get(k, NO_WRENCH).entries, push.efforts.get(k, sp.S.Zero)
                 share = shares[k] = tape.let(effort + load[joint.direction])
                 left = [
                     tape.let(entry - tape.let(times(ratio, share)))
@@ -382,11 +421,12 @@ class ConstraintEquations:
                 ]
                 own = times(tape.let(times(joint.armature, joint.lightness)), share)
                 left[joint.direction] = tape.let(own - effort)
-                passed = moved(tape, Wrench.of(left), articulation.transforms[k - 1])
+                felt[k] = Wrench.of(left)
+                passed = moved(tape, felt[k], articulation.transforms[k - 1])
                 loads[segment.parent] = loads.get(segment.parent, NO_WRENCH).plus(tape, passed)
         root, (order, factors) = loads.get(0, NO_WRENCH).entries, self._root
         with tape.group("load on the base, eliminated"):
-            return Load(shares, root, factors.eliminated([root[i] for i in order]))
+            return Load(shares, felt, root, factors.eliminated([root[i] for i in order]))
 
     def _product(self, one: Load, shares: Mapping[int, sp.Expr], scaled: Values) -> sp.Expr:
         """Σ of a load's shares and its root's, times others that are scaled by D⁻¹."""
@@ -396,7 +436,7 @@ class ConstraintEquations:
 
     def _scaled(self, load: Load) -> tuple[dict[int, sp.Expr], list[sp.Expr]]:
         """D⁻¹ times shares, and times those of the root."""
-        tape, joints = self._tape, self._articulation.joints
+        tape, joints = self._tape, self.articulation.joints
         shares = {k: tape.let(times(joints[k - 1].lightness, z)) for k, z in load.shares.items()}
         return shares, self._root[1].scaled(load.eliminated)
 
@@ -404,12 +444,28 @@ class ConstraintEquations:
     def _matrix(self) -> Matrix:
         """A = J M⁻¹ Jᵀ of all rows."""
         found = [[sp.S.Zero] * len(self._loads) for _ in self._loads]
-        with self._tape.group("what constraints do to each other"):
-            for i, load in enumerate(self._loads):
-                scaled = self._scaled(load)
-                for j in range(i + 1):
-                    found[i][j] = found[j][i] = self._product(self._loads[j], *scaled)
+        for i, load in enumerate(self._loads):
+            for j, entry in enumerate(self._pushed(load, self._loads[: i + 1])):
+                found[i][j] = found[j][i] = entry
         return found
+
+    def _pushed(self, load: Load, rows: Sequence[Load]) -> list[sp.Expr]:
+        """Accelerations of rows by a load."""
+        with self._tape.group("what constraints do to each other"):
+            scaled = self._scaled(load)
+            return [self._product(row, *scaled) for row in rows]
+
+    @cached_property
+    def pushed(self) -> Matrix:
+        """Accelerations of all rows (rows) by the unit loads of all frames (columns)."""
+        columns, rows = list[list[sp.Expr]](), iter(self._matrix)
+        for held in self.held:
+            own = [next(rows) for _ in held.rows]
+            if not held.is_whole:
+                loads = map(self._passed_in, self.units(held))
+                own = [self._pushed(load, self._loads) for load in loads]
+            columns += own
+        return [*map(list, zip(*columns, strict=True))]
 
     @cached_property
     def masks(self) -> list[sp.Expr]:
@@ -472,11 +528,11 @@ class ConstraintEquations:
 
     def _to_solver(self, rows: Values) -> list[sp.Expr]:
         """What rows have, in the axes of the solver."""
-        return self._turned(rows, lambda held: (held.along, self._working(held)[0]))
+        return self._turned(rows, lambda held: (held.along, self.working(held)[0]))
 
-    def _from_solver(self, rows: Values) -> list[sp.Expr]:
+    def from_solver(self, rows: Values) -> list[sp.Expr]:
         """What rows have, from the axes of the solver."""
-        return self._turned(rows, lambda held: (self._working(held)[0], held.along))
+        return self._turned(rows, lambda held: (self.working(held)[0], held.along))
 
     def _turned(self, rows: Values, axes: Callable[[Held], tuple[Frame, Frame]]) -> list[sp.Expr]:
         """Rows of frames that the world holds whole, from some axes to others."""
@@ -496,7 +552,7 @@ class ConstraintEquations:
     @cached_property
     def _unheld(self) -> list[sp.Expr]:
         """J a + γ of the rows if no constraint held, in the axes of the solver."""
-        return self._accelerations(self._articulation, self._known)
+        return self._accelerations(self.articulation, self._known)
 
     def _accelerations(self, articulation: Articulation, known: Values) -> list[sp.Expr]:
         """Accelerations of the rows of the solver under some loads, with `known` of them."""
@@ -513,52 +569,92 @@ class ConstraintEquations:
     @cached_property
     def _known(self) -> list[sp.Expr]:
         """What velocities and gravity make of the rows, and what brings errors back."""
-        tape, known = self._tape, list[sp.Expr]()
-        motions = forward_dynamics.free_motions_of(self._centred)
+        return self.rows_at(self.unit_motions(None, alone=False))
+
+    def unit_motions(self, articulation: Articulation | None, alone: bool) -> list[Values]:
+        """Accelerations along the unit loads of each frame, relative to free fall.
+
+        They are what velocities make, unless loads act `alone`, and what solved joints add.
+        """
+        tape, found = self._tape, list[Values]()
+        free = forward_dynamics.free_motions_of(self.centred)
+        if articulation is not None:
+            root, joints = accelerations_outward(tape, articulation)
         for held in self.held:
-            if held.carrier is not None:
-                known += self._bias(held)
-                continue
-            axes, place = self._working(held)
+            k, (_, place) = held.frame.segment, self.working(held)
             with tape.group(f"motion of {held.frame.name} by velocities and gravity"):
-                motion = motions[held.frame.segment].displaced(tape, place)
-                fall = [tape.let(self.symbolic.parameters.gravity * axis[2]) for axis in axes]
-                parts = tape.add(motion.acceleration, minus(tuple(fall))), motion.omega_dot
-                rows = self._solver_directions(held)
-                own = [tape.dot(vector, parts[turns]) for turns, vector in rows]
-                known += [tape.let(x + self._centripetal(held)) for x in own]
+                motion = free[k].displaced(tape, place)
+                own = Acceleration(motion.acceleration, motion.omega_dot)
+                if articulation is not None:
+                    turn = root_turn(articulation.tree)
+                    gain = joints[k - 1].own if k else root.rotated(tape, turn)
+                    gain = gain.passed_out(tape, [place])
+                    own = gain if alone else own.plus(tape, gain)
+            if held.carrier is None:
+                found.append(own.entries[: len(_units(held))])
+            else:
+                between = self.between(held)
+                still = articulation is None
+                found.append([sp.S.Zero if still else joints[k - 1].relative for k in between])
+        return found
+
+    def _of_units(self, motions: Sequence[Values]) -> list[sp.Expr]:
+        """What rows have of accelerations along the unit loads."""
+        return [
+            self._tape.dot(tuple(row), tuple(motion))
+            for held, motion in zip(self.held, motions, strict=True)
+            for row in self.shares(held)
+        ]
+
+    def rows_at(self, motions: Sequence[Values]) -> list[sp.Expr]:
+        """J a + γ of all rows, from accelerations along the unit loads of each frame."""
+        tape, against, added = self._tape, list[Values](), list[sp.Expr]()
+        for held, motion in zip(self.held, motions, strict=True):
+            if held.carrier is not None:
+                added += self._bias(held)
+            else:
+                gravity, (axes, _) = self.symbolic.parameters.gravity, self.working(held)
+                with tape.group(f"motion of {held.frame.name} by velocities and gravity"):
+                    fall = tuple([tape.let(gravity * axis[2]) for axis in axes])
+                    motion = [*tape.add(tuple(motion[:3]), minus(fall)), *motion[3:]]
+                added += [self._centripetal(held)] * len(held.rows)
+            against.append(motion)
+        with tape.group("motions of the constraints by velocities and gravity"):
+            found = [tape.let(x + y) for x, y in zip(self._of_units(against), added, strict=True)]
         back = self._to_solver([x for held in self.held for x in self._returning(held)])
         with tape.group("errors back to zero"):
-            return [tape.let(x + y) for x, y in zip(known, back, strict=True)]
+            return [tape.let(x + y) for x, y in zip(found, back, strict=True)]
 
-    def _under(self, forces: Values, alone: bool) -> Articulation:
+    def under(self, forces: Values, alone: bool) -> Articulation:
         """The solved joints under forces of the constraints, alone or with all else."""
-        tape, articulation = self._tape, self._articulation
+        tape, articulation = self._tape, self.articulation
         with tape.group("loads of the constraints"):
-            joints = []
+            joints, felt = [], []
+            bodies = [*articulation.felt, articulation.root]
+            before = [NO_WRENCH if alone else body.load for body in bodies]
             for k, joint in enumerate(articulation.joints, start=1):
                 pairs = [
-                    (row.shares[k], force)
+                    (row, force)
                     for row, force in zip(self._loads, forces, strict=True)
                     if k in row.shares
                 ]
-                total = tape.sum_of_products(*zip(*pairs, strict=True)) if pairs else sp.S.Zero
+                pushing = [force for _, force in pairs]
+                total = tape.sum_of_products([row.shares[k] for row, _ in pairs], pushing)
                 own = times(joint.lightness, total)
                 share = sp.S.Zero if alone else joint.share
                 joints.append(replace(joint, share=tape.let(share + own)))
-            load = tape.combination(forces, [row.root for row in self._loads])
-            if not alone:
-                load = [
-                    tape.let(p + q)
-                    for p, q in zip(articulation.root.load.entries, load, strict=True)
-                ]
-            root = ArticulatedBody(articulation.root.inertia, Wrench.of(load))
-            return replace(articulation, joints=joints, root=root)
+                left = [row.felt[k].entries for row, _ in pairs] or [NO_WRENCH.entries]
+                load = Wrench.of(tape.combination(pushing or [sp.S.Zero], left))
+                load = before[k - 1].plus(tape, load)
+                felt.append(ArticulatedBody(bodies[k - 1].inertia, load))
+            load = Wrench.of(tape.combination(forces, [row.root for row in self._loads]))
+            root = ArticulatedBody(bodies[-1].inertia, before[-1].plus(tape, load))
+            return replace(articulation, joints=joints, felt=felt, root=root)
 
     def _moved(self, forces: Values) -> list[sp.Expr]:
         """M⁻¹Jᵀ times forces of the rows, in the axes of the solver."""
         tape, symbolic = self._tape, self.symbolic
-        articulation = self._under(forces, alone=True)
+        articulation = self.under(forces, alone=True)
         root, joints = accelerations_outward(tape, articulation)
         root = root_in_group_frame(tape, articulation, root)
         with tape.group("rates of attitude and position"):
@@ -573,11 +669,11 @@ class ConstraintEquations:
 
     def forces(self) -> list[sp.Expr]:
         """λ of all rows, N or N m."""
-        return self._from_solver(self.solver_forces)
+        return self.from_solver(self.solver_forces)
 
     def acceleration(self) -> list[sp.Expr]:
         """Accelerations a under the forces of the constraints."""
-        articulation = self._under(self.solver_forces, alone=False)
+        articulation = self.under(self.solver_forces, alone=False)
         root, joints = accelerations_outward(self._tape, articulation)
         root = root_in_group_frame(self._tape, articulation, root)
         relative = [joint.relative for joint in joints]
@@ -595,7 +691,7 @@ class ConstraintEquations:
 
     def impulses(self) -> list[sp.Expr]:
         """Impulses that take the velocities of all active rows away, N s or N m s."""
-        return self._from_solver(self.solver_impulses)
+        return self.from_solver(self.solver_impulses)
 
     def velocities_after(self) -> list[sp.Expr]:
         """Velocities v after these."""
@@ -613,7 +709,7 @@ class ConstraintEquations:
         """(J M⁻¹ Jᵀ)⁺ of the active constraints."""
         units = identity(len(self.masks))
         return [
-            [-entry for entry in self._from_solver(self._solved(self._to_solver(unit)))]
+            [-entry for entry in self.from_solver(self._solved(self._to_solver(unit)))]
             for unit in units
         ]
 
@@ -627,17 +723,19 @@ class ConstraintEquations:
     def rows_under(self, forces: Values) -> list[sp.Expr]:
         """A times forces of all rows, in the axes of the solver."""
         nothing = [sp.S.Zero] * len(self.masks)
-        return self._accelerations(self._under(forces, alone=True), nothing)
+        return self._accelerations(self.under(forces, alone=True), nothing)
 
-    def held_rows(self) -> list[sp.Expr]:
-        """J a + γ under the forces λ: zero where what is active asks for what can be."""
-        return self._accelerations(self._under(self.solver_forces, alone=False), self._known)
-
-    def stopped_rows(self) -> list[sp.Expr]:
-        """J v after the impulses: zero."""
+    def stopped_at(self, motions: Sequence[Values]) -> list[sp.Expr]:
+        """J v of all rows after impulses, from the velocities that these make along unit loads."""
         with self._tape.group("velocities of the constraints after the impact"):
-            pairs = zip(self._moving, self.rows_under(self.solver_impulses), strict=True)
+            pairs = zip(self._moving, self._of_units(motions), strict=True)
             return [self._tape.let(x + y) for x, y in pairs]
+
+
+def _units(held: Held) -> list[Direction]:
+    """Unit forces, and torques where rows hold turns."""
+    count = 6 if any(row.turns for row in held.rows) else 3
+    return [Direction(c >= 3, axis_vector(c % 3)) for c in range(count)]
 
 
 def _axes_of(tape: Scalars, quaternion: Vector) -> Frame:

@@ -31,6 +31,7 @@ from gibbs_codegen.derivation.articulated import (
 )
 from gibbs_codegen.derivation.articulated_derivatives import (
     ArticulatedDerivatives,
+    SeenPoint,
     convected_perturbations,
     inertia_is_shorter,
 )
@@ -42,6 +43,7 @@ from gibbs_codegen.derivation.forward_kinematics import (
 )
 from gibbs_codegen.derivation.inertia import ArticulatedInertia, rotated_block
 from gibbs_codegen.derivation.motion import Acceleration
+from gibbs_codegen.derivation.parameters import PassiveSymbols
 from gibbs_codegen.derivation.symbolic_robot import SymbolicRobot
 from gibbs_codegen.robot.layout import Places
 from gibbs_codegen.robot.names import rotor_identifier
@@ -128,7 +130,17 @@ class BaseColumns:
         if segment == 0:
             return tape.combination(wrench.entries, self._by_wrenches)
         wrench = self.articulation.tree.to_working_frame(tape, segment, wrench)
-        _, converted = self._solved
+        return self.by_load(segment, wrench)
+
+    def by_load(self, segment: int, wrench: Wrench) -> Values:
+        """A column of a wrench on a segment about its joint in its working frame.
+
+        On the base it is where the root's system is solved.
+        """
+        tape, (_, converted) = self.symbolic.tape, self._solved
+        if segment == 0:
+            units = [self.columns.column("wrench", c) for c in range(6)]
+            return converted(tape.combination(wrench.entries, units))
         return converted(self.columns.by_wrench(segment, wrench.entries))
 
     @cached_property
@@ -246,7 +258,7 @@ def loaded_dynamics_derivatives(symbolic: SymbolicRobot) -> LoadedDynamicsDeriva
     """
     tape, places = symbolic.tape, symbolic.places
     found, base = _differentiated(symbolic, forward_dynamics.thrusts_and_wrenches, None)
-    by_wrenches = _matrix(places, base.by_frames())
+    by_wrenches = in_order(places, base.by_frames())
     turned: list[list[sp.Expr]] = []
     for j in range(places.size):
         back: list[sp.Expr] = []
@@ -270,38 +282,58 @@ def loaded_dynamics_derivatives(symbolic: SymbolicRobot) -> LoadedDynamicsDeriva
     )
 
 
+def base_columns(
+    symbolic: SymbolicRobot,
+    articulation: Articulation,
+    passive: Sequence[PassiveSymbols],
+    by_inertia: bool | None = None,
+    seen: Sequence[SeenPoint] = (),
+) -> tuple[list[sp.Expr], BaseColumns]:
+    """Accelerations of a robot under loads that turn with the bodies, and columns of them.
+
+    The columns go on with what the points `seen` feel, for which no base has to be converted: like
+    joints they do not notice how the whole robot is turned.
+    """
+    tape, tree = symbolic.tape, articulation.tree
+    centred = forward_dynamics.about_base_centre(symbolic)
+    motions = forward_dynamics.free_motions_of(centred)
+    root, joints = accelerations_outward(tape, articulation)
+    in_group_frame = root_in_group_frame(tape, articulation, root)
+    relative = [joint.relative for joint in joints]
+    acceleration = forward_dynamics.in_coordinates(symbolic, relative, in_group_frame)
+    rates = symbolic.joint_state.rates
+    coupling, changes = convected_perturbations(tape, articulation, motions, rates, joints, passive)
+    if by_inertia is None:
+        by_inertia = inertia_is_shorter(tree)
+    columns = ArticulatedDerivatives(tape, articulation, coupling, changes, by_inertia, seen)
+    omega = root_turn(tree).inverse.vector(tape, motions[0].omega)
+    base = BaseColumns(symbolic, centred, articulation, omega, in_group_frame, columns)
+    return acceleration, base
+
+
 def _differentiated(
     symbolic: SymbolicRobot, acting: forward_dynamics.Acting, by_inertia: bool | None
 ) -> tuple[ForwardDynamicsDerivatives, BaseColumns]:
     """Derivatives under what acts besides gravity and turns with the bodies; and more columns."""
-    tape, places = symbolic.tape, symbolic.places
+    places = symbolic.places
     centred = forward_dynamics.about_base_centre(symbolic)
-    motions = forward_dynamics.free_motions_of(centred)
     with forward_dynamics.refused_as_singular(symbolic):
         articulation = forward_dynamics.articulation_of(centred, acting)
-        root, joints = accelerations_outward(tape, articulation)
-    tree, relative = articulation.tree, [joint.relative for joint in joints]
-    in_group_frame = root_in_group_frame(tape, articulation, root)
-    acceleration = forward_dynamics.in_coordinates(symbolic, relative, in_group_frame)
-    rates = symbolic.joint_state.rates
-    passive = passive_symbols(symbolic)
-    coupling, changes = convected_perturbations(tape, articulation, motions, rates, joints, passive)
-    if by_inertia is None:
-        by_inertia = inertia_is_shorter(tree)
-    columns = ArticulatedDerivatives(tape, articulation, coupling, changes, by_inertia)
-    omega = root_turn(tree).inverse.vector(tape, motions[0].omega)
-    base = BaseColumns(symbolic, centred, articulation, omega, in_group_frame, columns)
+        acceleration, base = base_columns(
+            symbolic, articulation, passive_symbols(symbolic), by_inertia
+        )
     by_place, by_velocity = base.by_base(places.split(acceleration)[0])
     found = ForwardDynamicsDerivatives(
         acceleration,
-        _matrix(places, places.joined(by_place, base.by_joints("coordinate"))),
-        _matrix(places, places.joined(by_velocity, base.by_joints("rate"))),
-        _matrix(places, [*base.by_rotors(), *base.by_joints("effort")]),
+        in_order(places, places.joined(by_place, base.by_joints("coordinate"))),
+        in_order(places, places.joined(by_velocity, base.by_joints("rate"))),
+        in_order(places, [*base.by_rotors(), *base.by_joints("effort")]),
     )
     return found, base
 
 
-def _matrix(places: Places, columns: Sequence[Values]) -> Matrix:
-    """A matrix by rows, from columns in which the base comes first."""
-    ordered = [places.joined(column[:6], column[6:]) for column in columns]
-    return [[column[i] for column in ordered] for i in range(places.size)]
+def in_order(places: Places, columns: Sequence[Values]) -> Matrix:
+    """A matrix by rows in the order of v, from columns in which the base comes first."""
+    size = places.size
+    ordered = [places.joined(column[:6], column[6:size]) for column in columns]
+    return [[column[i] for column in ordered] for i in range(size)]

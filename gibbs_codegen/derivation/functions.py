@@ -71,7 +71,7 @@ def _of_constraint(name: str, argument: str) -> Callable[[systems.Systems], syst
     value, implicit = _CONSTRAINTS[name], constraint_derivatives.IMPLICIT.get(name)
     if implicit is None:
         return _by(value, argument)
-    return lambda s: implicit(s).of(value(s), argument)
+    return lambda s: implicit(s, argument)
 
 
 def _by(

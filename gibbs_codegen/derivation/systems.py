@@ -26,6 +26,7 @@ from typing import TypeAlias
 
 import sympy as sp
 
+from gibbs_codegen.derivation.constraint_derivatives import ConstraintDerivatives
 from gibbs_codegen.derivation.constraints import ConstraintEquations
 from gibbs_codegen.derivation.forward_dynamics import (
     Dynamics,
@@ -179,6 +180,16 @@ class Systems:
     def constraints(self) -> ConstraintEquations:
         """The constraints of frames."""
         return ConstraintEquations(self.symbolic)
+
+    @cached_property
+    def held_derivatives(self) -> ConstraintDerivatives:
+        """Derivatives of accelerations under the forces of constraints."""
+        return ConstraintDerivatives(self, self.constraints.solver_forces, alone=False)
+
+    @cached_property
+    def impact_derivatives(self) -> ConstraintDerivatives:
+        """Derivatives of velocities after an impact."""
+        return ConstraintDerivatives(self, self.constraints.solver_impulses, alone=True)
 
     @cached_property
     def dynamics(self) -> tuple[Dynamics, list[sp.Expr]]:

@@ -73,7 +73,7 @@ def test_functions_pass(expected: Wanted) -> None:
             id="always active",
         ),
         pytest.param(
-            "_from_solver", lambda _, rows: list(rows), {FORCES, "impact.impulses"}, id="other axes"
+            "from_solver", lambda _, rows: list(rows), {FORCES, "impact.impulses"}, id="other axes"
         ),
     ],
 )
