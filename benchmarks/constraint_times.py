@@ -1,4 +1,4 @@
-"""Time dynamics with a frame that is held, and its derivatives, beside Pinocchio's, in one run.
+"""Time dynamics with a held frame beside Pinocchio's and MuJoCo's, and derivatives, in one run.
 
 `python benchmarks/constraint_times.py` holds the tip of the family's machines, with a quaternion,
 against the world, in place and attitude. The project's C computes 256 states, one and eight at a
@@ -8,6 +8,10 @@ which takes as long as it does to call `neutral`, or a little longer, since it i
 too. Pinocchio's derivatives need its dynamics before them, so both are called, and are by
 generalised forces in place of u. Accelerations must agree with dense formulas to 1e-9 before
 anything is timed. Of many repeats the least counts.
+
+MuJoCo's `mj_forward` has the exported model with its weld switched on and static bodies fused. Its
+equality constraints give way by a share of the bodies' inertia, which is made next to nothing here:
+how far its accelerations are from the right ones is printed.
 
 `--links 3 7` limits the machines; `--no-derivatives` leaves those out.
 """
@@ -24,6 +28,7 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
+import mujoco
 import numpy as np
 import pinocchio as pin
 from rich.console import Console
@@ -44,12 +49,15 @@ from support.constrained import Dense  # noqa: E402
 from support.pinocchio_oracle import Oracle  # noqa: E402
 
 from gibbs_codegen.derivation.derive import derive  # noqa: E402
+from gibbs_codegen.exchange.exporting import export_robot  # noqa: E402
 from gibbs_codegen.robot.model import Constraint, Robot  # noqa: E402
 
 DYNAMICS, DERIVATIVES = "constrained dynamics", "constrained dynamics, derivatives"
 _NAMES = {DYNAMICS: "constrained_forward_dynamics"}
 _NAMES[DERIVATIVES] = f"{_NAMES[DYNAMICS]}_derivatives"
 _ROWS = 6
+# What is left of the share of the bodies' inertia by which MuJoCo's constraints give way.
+_SOFTNESS = 1e-7
 STATES, CHECKED, REPEATS = 256, 32, 200
 
 _GLUE = """
@@ -150,6 +158,30 @@ def pinocchio(robot: Robot, states: States, derivatives: bool) -> dict[str, floa
     }
 
 
+def in_mujoco(robot: Robot, states: States) -> tuple[float, float]:
+    """Nanoseconds that a call of MuJoCo takes, and how far its accelerations are from the right."""
+    text = export_robot(robot, "mjcf")[0].replace('active="false"', "")
+    model = mujoco.MjModel.from_xml_string(text.replace('fusestatic="false"', 'fusestatic="true"'))
+    data = mujoco.MjData(model)
+    model.body_invweight0[:] *= _SOFTNESS
+    model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
+    q, v, tau = (rows[0].copy() for rows in states)
+    turn = pin.Quaternion(q[3:7]).toRotationMatrix()  # Linear velocities are in world axes.
+    data.qpos[:] = q[[0, 1, 2, 6, 3, 4, 5, *range(7, q.size)]]
+    data.qfrc_applied[:] = [*turn @ tau[:3], *tau[3:]]
+    mujoco.mj_kinematics(model, data)
+    held, anchor = data.site("grip_held"), model.site("grip_anchor")
+    anchor.sameframe[:], anchor.pos[:] = 0, held.xpos
+    mujoco.mju_mat2Quat(anchor.quat, held.xmat)
+    mujoco.mj_forward(model, data)  # At rest, where nothing brings errors back.
+    (expected,) = right(robot, tuple(x[:1] * y for x, y in zip(states, (1, 0, 1), strict=True)))
+    found = np.concatenate([turn.T @ data.qacc[:3], data.qacc[3:]])
+    error = np.abs(found - expected[0]).max() / np.abs(expected[0]).max()
+    data.qvel[:] = [*turn @ v[:3], *v[3:]]
+    called = timeit.repeat(lambda: mujoco.mj_forward(model, data), number=200, repeat=60)
+    return 1e9 * min(called) / 200, error
+
+
 def right(robot: Robot, states: States) -> Results:
     """Accelerations by dense formulas."""
     found: list[Array] = []
@@ -195,6 +227,8 @@ def main() -> None:
                 console.print(f"  {one.task}, {one.name}: {least(one, states, time_calls):.1f} ns")
         for name, time in pinocchio(robot, states, len(tasks) > 1).items():
             console.print(f"  Pinocchio, {name}: {time:.0f} ns")
+        time, error = in_mujoco(robot, states)
+        console.print(f"  MuJoCo, {DYNAMICS}: {time:.0f} ns, agrees to {error:.0e}")
 
 
 if __name__ == "__main__":
