@@ -58,6 +58,7 @@ if TYPE_CHECKING:
     from gibbs_codegen.flight.figures.flight import write_results as write_results
     from gibbs_codegen.flight.logs.log import write_log as write_log
     from gibbs_codegen.flight.many import simulate_many as simulate_many
+    from gibbs_codegen.flight.plant.sensors import SensorSuite as SensorSuite
     from gibbs_codegen.flight.record.flight import Flight as Flight
     from gibbs_codegen.flight.record.flight import read_flight as read_flight
     from gibbs_codegen.flight.rollouts.rollout import rollout as rollout
@@ -106,6 +107,7 @@ _MODULES = {
     "flight.figures.flight": ("write_results",),
     "flight.logs.log": ("write_log",),
     "flight.many": ("simulate_many",),
+    "flight.plant.sensors": ("SensorSuite",),
     "flight.record.flight": ("Flight", "read_flight"),
     "flight.rollouts.rollout": ("rollout",),
     "flight.scenario.file": ("read_scenario",),

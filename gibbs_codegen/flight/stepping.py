@@ -58,6 +58,7 @@ class Simulation:
         law = start.loop.controller
         self._hold = ZeroOrderHold(law, "own", control.delay)
         self._sensing = Sensing(law.vehicle, law.reference, start.scenario.sensors)
+        self._hold.readings = self._sensing.readings
         self._loop = replace(start.loop, controller=self._hold)
         self._start, self._bristles = (start.q, start.v), start.loop.bristles
         self._usual = 1.0 / (control.rate or DEFAULT_RATE)
@@ -123,6 +124,7 @@ class Simulation:
         self._flight: Integration | None = None
         # Times, states and inputs from which the flight of a while ago can be flown again.
         self._marks: list[tuple[float, Array, Array]] = []
+        self._take()
         return self._seen()
 
     def step(self, u: ArrayLike, duration: float | None = None) -> Observation:
@@ -149,7 +151,14 @@ class Simulation:
         self._flight = self._flight or self._integration()
         for instant in [*self._hold.instants(now, now + ahead), now + ahead]:
             self._fly(self._flight, float(instant))
+            self._take()
         return self._seen()
+
+    def _take(self) -> None:
+        """Take the readings that are due now."""
+        self._sensing.readings.take(
+            self.time, lambda: self._loop.measured(self.time, *self._at()).sensors
+        )
 
     def _seen(self) -> Observation:
         """What the sensors tell now, of a while ago if they are late."""

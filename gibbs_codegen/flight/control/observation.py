@@ -2,25 +2,29 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, NamedTuple
 
+import numpy as np
+
 from gibbs_codegen.errors import UsageError
+from gibbs_codegen.flight.plant.sensors import Reading
 from gibbs_codegen.flight.plant.vehicle import Array
 
 
 class Measured(NamedTuple):
     """Accelerations (nv), wrenches (f, 6) on the frames, and the state of the actuators.
 
-    Then the forces (l) of constraints.
+    Then the forces (l) of constraints, and what the robot's sensors measure (m) without errors.
     """
 
     a: Array
     wrenches: Array
     actuators: Array
     constraint_forces: Array
+    sensors: Array = np.zeros(0)
 
 
 def _unknown() -> Measured:
@@ -41,7 +45,10 @@ class Observation:
     - `constraint_forces`: those of the constraints of `CONSTRAINT_ROWS`, N and N m, in the axes of
       their anchors; 0 of such as do not hold
 
-    The last four are computed when they are first asked for.
+    - `sensors`: by the names of the robot's sensors what they read last, a tuple of the `time` at
+      which that was measured, s, and the `values`, which `SensorSuite` describes; NaN before
+
+    All from `a` to `constraint_forces` are computed when they are first asked for.
     """
 
     time: float
@@ -51,6 +58,7 @@ class Observation:
     v_desired: Array
     a_desired: Array
     measure: Callable[[], Measured] = field(default=_unknown, repr=False, compare=False)
+    sensors: Mapping[str, Reading] = field(default_factory=dict, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         for array in (self.q, self.v, self.q_desired, self.v_desired, self.a_desired):

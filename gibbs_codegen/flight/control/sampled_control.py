@@ -21,6 +21,7 @@ from gibbs_codegen.flight.control.observation import Observation as Observation
 from gibbs_codegen.flight.control.predictive import NoPlanError, predictive_law
 from gibbs_codegen.flight.plant.actuators import Actuators
 from gibbs_codegen.flight.plant.allocation import Allocation
+from gibbs_codegen.flight.plant.sensors import Readings, SensorSuite
 from gibbs_codegen.flight.plant.vehicle import Array, Vehicle
 from gibbs_codegen.flight.reference import Reference
 from gibbs_codegen.flight.scenario.parts import PREDICTIVE, Sensors
@@ -49,6 +50,8 @@ class ZeroOrderHold:
 
     # Nothing that is remembered is integrated with the state, and the law that is held moves none.
     memory, moved = 0, None
+    # What sensors of the robot read while it flies, if someone takes their readings.
+    readings: Readings | None = None
 
     def __init__(self, law: ControlLaw, name: str, delay: float = 0.0, rate: float = 0.0) -> None:
         self.vehicle: Vehicle = law.vehicle
@@ -107,12 +110,14 @@ class ZeroOrderHold:
         self.inputs = np.zeros_like(self.inputs)
 
     def instants(self, begin: float, end: float) -> Array:
-        """Times after `begin` and before `end`, s, at which a command takes effect, in order."""
+        """Times after `begin` and before `end`, s, of effects of commands and of readings."""
         times = np.array([time for time, _ in self._pending], dtype=np.float64)
         return self._inside(times, begin, end)
 
     def _inside(self, times: Array, begin: float, end: float) -> Array:
-        """Times between two others, in order and without those that count as the same."""
+        """Times between two others, and of readings, in order, and of such as are the same one."""
+        if self.readings is not None:
+            times = np.concatenate([times, self.readings.instants(begin, end)])
         times = np.unique(times[(times > begin + self.same) & (times < end - self.same)])
         return times[np.diff(times, prepend=-np.inf) > self.same]
 
@@ -168,6 +173,7 @@ class Sensing:
             self._deviations[:, place] = np.array(values)[:, np.newaxis]
         # And of forces and torques on a frame (6).
         self._of_wrenches = np.repeat([found.force, found.torque], 3)
+        self.readings = Readings(SensorSuite(vehicle, found))
         self.reset()
 
     def reset(self, seed: int | None = None) -> None:
@@ -179,6 +185,7 @@ class Sensing:
         self._noise = np.random.default_rng(self._seed)
         # Its own, so that what is measured besides changes no noise of the state.
         self._other_noise = np.random.default_rng([self._seed, 1])
+        self.readings.reset(self._seed)
 
     def __call__(
         self, time: float, q: Array, v: Array, measure: Measure | None = None
@@ -205,15 +212,16 @@ class Sensing:
         if np.any(displacement):
             seen_q = np.asarray(vehicle.integrate(q, displacement))
         desired = self._reference(time)
+        read = self.readings.at(time - self.delay)
         if measure is None:
-            return Observation(time, seen_q, seen_v, *desired)
+            return Observation(time, seen_q, seen_v, *desired, sensors=read)
 
         def measured() -> Measured:
             found = measure()
             parts = found.actuators.copy(), found.constraint_forces.copy()
             return Measured(found.a + accelerations, found.wrenches + wrenches, *parts)
 
-        return Observation(time, seen_q, seen_v, *desired, measured)
+        return Observation(time, seen_q, seen_v, *desired, measured, read)
 
 
 class OwnController(Protocol):
@@ -278,6 +286,7 @@ class SampledControl(ZeroOrderHold):
     ) -> None:
         super().__init__(law, name, delay, rate)
         self._sensing, self._controller = sensing, controller
+        self.readings = sensing.readings
         self._taken = 0
 
     def start(self, q: Array, v: Array, measure: Measure) -> None:
@@ -308,6 +317,7 @@ class SampledControl(ZeroOrderHold):
         A sample is taken of the state that its observation tells, which is earlier by the delay of
         the sensors. Times must not decrease from call to call.
         """
+        self._sensing.readings.take(time, lambda: measure().sensors)
         while (sampled := self._taken / self.rate) - self._sensing.delay <= time + self.same:
             self._taken += 1
             try:
@@ -344,7 +354,7 @@ def law_in_time(
         planning = predictive_law(law, scenario, actuators)
         return SampledControl(law, planning.rate, delay, sensing, planning, PREDICTIVE)
     if controller is None:
-        if rate is None and sensors is None:
+        if rate is None and not scenario.is_sampled:
             return law
     else:
         if isinstance(controller, type):

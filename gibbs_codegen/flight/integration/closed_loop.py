@@ -27,6 +27,7 @@ from gibbs_codegen.flight.control.sampled_control import ControlLaw, ZeroOrderHo
 from gibbs_codegen.flight.integration.state_history import NOTHING, Loads, SmoothInterval
 from gibbs_codegen.flight.plant.actuators import Actuators, check_charge, has_battery
 from gibbs_codegen.flight.plant.environment import Environment
+from gibbs_codegen.flight.plant.sensors import SensorSuite
 from gibbs_codegen.flight.plant.vehicle import Array, Flags, Vehicle
 from gibbs_codegen.flight.scenario.orientation import LARGEST_THETA_0
 from gibbs_codegen.flight.scenario.scenario import Scenario
@@ -60,6 +61,7 @@ class ClosedLoop:
     `vehicle` is the plant; the controller has its own, with the parameters that it knows. Where
     `environment` is None, nothing acts but inputs. `compensated`: whether the lag of the motors is,
     as `control.laws` has it. `bristles`: those with which flights start, none strained if None.
+    `sensors`: those of the robot, if it has any.
     """
 
     vehicle: Vehicle
@@ -68,6 +70,7 @@ class ClosedLoop:
     environment: Environment | None = None
     compensated: bool = False
     bristles: Array | None = None
+    sensors: SensorSuite | None = None
 
     def with_plant(
         self, parameters: Mapping[str, Any], lag: Array, scenario: Scenario, table: str = "plant"
@@ -83,7 +86,14 @@ class ClosedLoop:
             plant = Vehicle(plant.module, {**scenario.parameters, **parameters}, table)
         environment = Environment.of(plant, scenario, self.actuators.spins)
         actuators = replace(self.actuators, lag=lag)
-        return replace(self, vehicle=plant, actuators=actuators, environment=environment)
+        sensors = SensorSuite(plant, scenario.sensors)
+        return replace(
+            self,
+            vehicle=plant,
+            actuators=actuators,
+            environment=environment,
+            sensors=sensors if sensors.devices else None,
+        )
 
     @cached_property
     def limited(self) -> bool:
@@ -334,7 +344,9 @@ class ClosedLoop:
         found = self.motion(time, parts, aimed, acting, loads)
         rows = len(getattr(self.vehicle.module, "CONSTRAINT_ROWS", ()))
         forces = found["holding"] if found["holding"].size else np.zeros(rows)
-        return Measured(found["a"], found["touching"], parts.actuators, forces)
+        moved, touching = (parts.q, parts.v, found["a"]), found["touching"]
+        told = self.sensors.measurements(*moved, touching) if self.sensors else np.zeros(0)
+        return Measured(found["a"], touching, parts.actuators, forces, told)
 
     def smooth_intervals(self, begin: float, end: float) -> Iterator[SmoothInterval]:
         """The intervals of a flight between which the push, held inputs and motors may change.

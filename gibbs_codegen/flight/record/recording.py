@@ -107,6 +107,9 @@ class Recording:
             "impacts": lambda: self.history.impacts,
             "disc_radii": self._disc_radii,
             "joint_limits": lambda: loop.actuators.joints,
+            "sensor_names": lambda: loop.sensors.names if loop.sensors else (),
+            "sensor_units": lambda: loop.sensors.units if loop.sensors else (),
+            "sensors": self._sensors,
             **self._driven,
         }
 
@@ -205,6 +208,20 @@ class Recording:
         rows = len(getattr(self.loop.vehicle.module, "CONSTRAINT_ROWS", ()))
         forces = self._motion["holding"]
         return forces if forces.size else np.zeros((len(self._time), rows))
+
+    def _sensors(self) -> Array:
+        """What the robot's sensors tell (s, m), as it was read in flight or would have been."""
+        loop, motion, time = self.loop, self._motion, self._time
+        if loop.sensors is None:
+            return np.zeros((len(time), 0))
+        moved = (*self._parts[:2], motion["a"], motion["touching"])
+        if loop.hold is None or loop.hold.readings is None:
+            found: Array = loop.sensors.readings(time, *moved)
+            return found
+        # Of what is sampled in flight nothing is taken at its end.
+        last = partial(loop.sensors.measurements, *(each[-1] for each in moved))
+        loop.hold.readings.take(time[-1], last)
+        return loop.hold.readings.series(time)
 
     def _disc_radii(self) -> Array:
         """Radii (N), m, of the discs of rotors, 0 where neither scenario nor robot says them."""

@@ -100,6 +100,9 @@ class Flight:
     `hold_forces` (s, l), N and N m, are those of constraints by `hold_names`, the rows of these, in
     the axes of their anchors; 0 of such as do not hold. `impacts` (i, 2) are when constraints took
     hold, s, and the energy that was lost, J; the `work` has it.
+    `sensors` (s, m) are what the robot's sensors had told last at each sample, by `sensor_names`
+    and `sensor_units`, as `SensorSuite` describes them; NaN before the first reading, and (s, 0)
+    without sensors.
     `disc_radii` (N), m, are those of the rotors, 0 where nobody says them.
     `gusts` (g, 2) are from when to when each gust of the wind
     blows, s.
@@ -178,6 +181,9 @@ class Flight:
     actuator_names: tuple[str, ...] = ()
     commands: Array = field(default_factory=lambda: np.zeros((0, 0)), repr=False)
     actuators: Array = field(default_factory=lambda: np.zeros((0, 0)), repr=False)
+    sensor_names: tuple[str, ...] = ()
+    sensor_units: tuple[str, ...] = ()
+    sensors: Array = field(default_factory=lambda: np.zeros((0, 0)), repr=False)
 
     @property
     def rotors(self) -> int:
@@ -364,6 +370,7 @@ class Flight:
             for k, axis in enumerate("xyz" if np.any(series) else ""):
                 yield f"{frame}_force_{axis}", "N", series[:, k]
                 yield f"{frame}_torque_{axis}", "N m", series[:, k + 3]
+        yield from zip(self.sensor_names, self.sensor_units, self.sensors.T, strict=True)
         for k, values in enumerate(self.wall_forces.T, start=1):
             yield f"wall_{k}_force", "N", values
         for k, name in enumerate(self.contact_names):

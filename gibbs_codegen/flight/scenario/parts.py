@@ -11,6 +11,7 @@ from collections.abc import Iterator, Mapping
 from typing import Annotated, Any, ClassVar, Literal
 
 from gibbs_codegen.arrays.laws import LAWS
+from gibbs_codegen.arrays.sensors import MEASUREMENTS
 from gibbs_codegen.files.table import (
     Bounds,
     Flag,
@@ -24,6 +25,17 @@ from gibbs_codegen.files.table import (
     listed,
     needed,
     table,
+)
+from gibbs_codegen.flight.scenario.devices import FRAME as FRAME
+from gibbs_codegen.flight.scenario.devices import (
+    Barometer,
+    Delay,
+    Device,
+    Encoders,
+    Gps,
+    Imu,
+    Magnetometer,
+    WrenchSensor,
 )
 from gibbs_codegen.flight.scenario.numbers import (
     IN_DEGREES,
@@ -58,10 +70,8 @@ Thrusts = Annotated[
 ]
 _Frequency = Annotated[Number, Bounds(LEAST, 1e4)]
 _Rate = Annotated[Number, Bounds(0.0, 1e4)]
-_Delay = Annotated[Number, Bounds(0.0, 10.0, " s")]
 Charge = Annotated[Number, Bounds(0.0, 1.0)]
 _ZERO = (0.0, 0.0, 0.0)
-FRAME = "a name in the module's FRAMES"
 # Axes that are no frame's.
 WORLD = "world"
 
@@ -150,7 +160,7 @@ class Control(Table):
     rate: Annotated[Number, Bounds(0.1, 1e6)] | None = entry(
         "how often the law is evaluated, Hz; default: at all times"
     )
-    delay: _Delay = entry(
+    delay: Delay = entry(
         "how much later than the law is evaluated its inputs act, s; needs a rate, which "
         "the predictive law has by itself, and which it makes up for up to a period",
         0.0,
@@ -196,9 +206,17 @@ class Motors(_ForATime, Table):
     )
 
 
+# Keys of lists of sensors in the table of sensors.
+DEVICES = tuple(MEASUREMENTS)
+
+
+def _devices(kind: str) -> Tables:
+    return Tables(f"sensors.{kind}", 20, "sensors")
+
+
 @table
 class Sensors(Table):
-    """White noise and delay of what a sampled law of control observes."""
+    """Noise and delay of what a sampled law of control observes, and sensors of the robot."""
 
     position: NotNegative = entry("standard deviation of each coordinate of the base, m", 0.0)
     attitude: Annotated[
@@ -217,7 +235,7 @@ class Sensors(Table):
     joint_rates: NotNegative = entry(
         "standard deviation of the rate of each joint, rad/s or m/s", 0.0
     )
-    delay: _Delay = entry("how old the state is that is observed, s", 0.0)
+    delay: Delay = entry("how old the state is that is observed, s", 0.0)
     seed: Annotated[Whole, Bounds(0, 2**63 - 1)] = entry(
         "flights of the same seed have the same noise", 0
     )
@@ -234,12 +252,45 @@ class Sensors(Table):
     torque: NotNegative = entry(
         "standard deviation of the torque on a frame about each axis, N m", 0.0
     )
+    imu: Annotated[tuple[Imu, ...], _devices("imu")] = entry("accelerometers and gyroscopes", ())
+    barometer: Annotated[tuple[Barometer, ...], _devices("barometer")] = entry("barometers", ())
+    magnetometer: Annotated[tuple[Magnetometer, ...], _devices("magnetometer")] = entry(
+        "magnetometers", ()
+    )
+    gps: Annotated[tuple[Gps, ...], _devices("gps")] = entry("satellite receivers", ())
+    encoders: Annotated[tuple[Encoders, ...], _devices("encoders")] = entry(
+        "encoders of joints", ()
+    )
+    wrench: Annotated[tuple[WrenchSensor, ...], _devices("wrench")] = entry(
+        "sensors of forces and torques on frames", ()
+    )
 
     synonyms: ClassVar[Mapping[str, str]] = {
         "pos": "position",
         "vel": "velocity",
         "gyro": "angular_velocity",
     }
+
+    def _faults(self) -> Iterator[tuple[Place, str]]:
+        """The faults of names that sensors share."""
+        known: set[str] = set()
+        for kind in DEVICES:
+            for place, each in enumerate(getattr(self, kind)):
+                if each.name in known:
+                    words = f"there is a sensor {each.name} already; give each a name of its own"
+                    yield (kind, place, "name"), words
+                known.add(each.name)
+
+    @property
+    def devices(self) -> tuple[Device, ...]:
+        """All sensors of the robot."""
+        return tuple(each for kind in DEVICES for each in getattr(self, kind))
+
+    @property
+    def observes(self) -> bool:
+        """Whether more is said than which sensors there are, and by which seed they err."""
+        bare = Sensors(seed=self.seed, **{kind: getattr(self, kind) for kind in DEVICES})
+        return not self.devices or self != bare
 
 
 @table

@@ -122,7 +122,7 @@ class Scenario(Table):
         """Whether its law acts at instants, and holds its inputs in between."""
         control = self.control
         is_slow = control.rate is not None or control.law == parts.PREDICTIVE
-        return is_slow or self.sensors is not None
+        return is_slow or (self.sensors is not None and self.sensors.observes)
 
 
 # The time of a scenario and its first three derivatives (…, 4) at times (…) of the flight, s.

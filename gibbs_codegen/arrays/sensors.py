@@ -1,0 +1,139 @@
+"""What sensors read, as array programs: of a motion without error, and with errors.
+
+Errors come in as numbers of the standard normal distribution, so that the same numbers give the
+same readings in every language. Frames are given by their numbers; what a sensor feels is in the
+axes of its frame, what satellites and the air tell in those of the world: x east, y north, z up.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from gibbs_codegen.arrays.functions import Functions
+from gibbs_codegen.arrays.nodes import Node, Program, clip, constant, entries_of, join, variable
+from gibbs_codegen.arrays.surroundings import origin_of, rotation_of
+
+
+class Channel(NamedTuple):
+    """Entries of a reading that err alike: their names, units, and errors of each entry.
+
+    A reading is off by the `bias`, by its `walk`, of which that is the deviation of a step from
+    reading to reading, and by noise of its own. It is kept within ± `span`, and a multiple of the
+    `resolution`, if that is not 0.
+    """
+
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    noise: tuple[float, ...]
+    walk: float = 0.0
+    bias: tuple[float, ...] = (0.0,)
+    span: float = math.inf
+    resolution: float = 0.0
+
+
+class Device(NamedTuple):
+    """A sensor: what kind it is, by `MEASUREMENTS`, its frame, and the magnetic field (3), T."""
+
+    kind: str
+    frame: int
+    field: tuple[float, float, float]
+
+
+class Motion(NamedTuple):
+    """A robot's coordinates q, velocities v, accelerations a, and wrenches (f, 6) of contacts.
+
+    With the acceleration of gravity (3), m/s², world axes.
+    """
+
+    robot: Functions
+    q: Node
+    v: Node
+    a: Node
+    wrenches: Node
+    gravity: Node
+
+    def pose(self, device: Device) -> Node:
+        """The pose (4, 4) of a sensor's frame."""
+        found: Node = self.robot.frame_poses(self.q)[device.frame]
+        return found
+
+    def velocity(self, device: Device) -> Node:
+        """Velocity (3) of the origin, m/s, and angular velocity (3), rad/s, world axes."""
+        found: Node = self.robot.frame_velocities(self.q, self.v)[device.frame]
+        return found
+
+    def felt(self, device: Device, *vectors: Node) -> Node:
+        """Vectors (3 each) of the world in the axes of a sensor's frame."""
+        turn = rotation_of(self.pose(device)).transposed
+        return join(*(turn @ each for each in vectors))
+
+
+def imu(motion: Motion, device: Device) -> Node:
+    """Specific force (3), m/s², and angular velocity (3), rad/s, in the axes of the frame."""
+    robot, frame = motion.robot, device.frame
+    drift = robot.frame_bias_accelerations(motion.q, motion.v)[frame][:3]
+    acceleration = robot.frame_jacobians(motion.q)[frame][:3] @ motion.a + drift
+    return motion.felt(device, acceleration - motion.gravity, motion.velocity(device)[3:])
+
+
+def barometer(motion: Motion, device: Device) -> Node:
+    """Height (1) of the frame, m."""
+    return join(origin_of(motion.pose(device))[2])
+
+
+def magnetometer(motion: Motion, device: Device) -> Node:
+    """The magnetic field (3), T, in the axes of the frame."""
+    return motion.felt(device, constant(device.field))
+
+
+def gps(motion: Motion, device: Device) -> Node:
+    """Position (3), m, and velocity (3), m/s, of the frame's origin."""
+    return join(origin_of(motion.pose(device)), motion.velocity(device)[:3])
+
+
+def encoders(motion: Motion, device: Device) -> Node:
+    """Coordinates of the joints, rad or m."""
+    places = motion.robot.layout.q.joints
+    return entries_of(motion.q)[places.start : places.stop]
+
+
+def wrench(motion: Motion, device: Device) -> Node:
+    """Force (3), N, and torque (3), N m, of contacts on the frame, in its axes."""
+    acting = motion.wrenches[device.frame]
+    return motion.felt(device, acting[:3], acting[3:])
+
+
+MEASUREMENTS: dict[str, Callable[[Motion, Device], Node]] = {
+    each.__name__: each for each in (imu, barometer, magnetometer, gps, encoders, wrench)
+}
+
+
+def measurement_program(robot: Functions, devices: Sequence[Device]) -> Program:
+    """Measurements (m) without error, one sensor's after the other's, of a motion and gravity."""
+    q, v = robot.state()
+    given = q, v, robot.velocities("a"), variable("wrenches", robot.frames, 6)
+    motion = Motion(robot, *given, variable("gravity", 3))
+    measured = join(*(MEASUREMENTS[each.kind](motion, each) for each in devices))
+    return Program("measurement", motion[1:], {"measured": measured})
+
+
+def reading_program(channels: Sequence[Channel]) -> Program:
+    """Readings (m) of measurements (m), with errors but for the resolution.
+
+    `white` (m) are numbers of the normal distribution, `walk` (m) sums of such up to the reading.
+    """
+    size = sum(len(each.names) for each in channels)
+    measured, white, walk = (variable(name, size) for name in ("measured", "white", "walk"))
+    found, first = [], 0
+    for each in channels:
+        count = len(each.names)
+        noise, bias = (np.broadcast_to(x, count) for x in (each.noise, each.bias))
+        own = slice(first, first + count)
+        value = measured[own] + bias + each.walk * walk[own] + noise * white[own]
+        found.append(clip(value, -each.span, each.span) if math.isfinite(each.span) else value)
+        first += count
+    return Program("reading", (measured, white, walk), {"reading": join(*found)})

@@ -1,0 +1,287 @@
+"""The sensors of a robot: what they read of motions, and the readings of a flight, one by one.
+
+Reading k of a sensor is measured at k / rate, and its errors depend on the seed, the sensor's name
+and k alone. So a flight has the same readings whether they are taken as it is flown, or from its
+samples afterwards.
+"""
+
+from __future__ import annotations
+
+import itertools
+import os
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import cached_property
+from types import ModuleType
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from gibbs_codegen.arrays.evaluation import Evaluator
+from gibbs_codegen.arrays.functions import Functions
+from gibbs_codegen.arrays.nodes import Program
+from gibbs_codegen.arrays.sensors import Channel, Device, measurement_program, reading_program
+from gibbs_codegen.errors import UsageError
+from gibbs_codegen.flight.arguments import whole
+from gibbs_codegen.flight.plant.environment import Environment
+from gibbs_codegen.flight.plant.vehicle import Array, Vehicle
+from gibbs_codegen.flight.scenario.parts import Sensors
+from gibbs_codegen.runtime.load import load
+
+# Time, s, by which instants may differ that count as the same.
+_SAME = 1e-9
+
+
+class Reading(NamedTuple):
+    """What a sensor read last, and when that was measured, s; NaN before the first reading."""
+
+    time: float
+    values: Array
+
+
+class Errors:
+    """How the readings (…, k) of one sensor err, by its name and the channels that they have."""
+
+    def __init__(self, name: str, channels: Sequence[Channel], xp: Any) -> None:
+        self._name, self._xp = name, xp
+        self._evaluator = Evaluator(reading_program(channels), {}, xp)
+        self._steps = np.array([each.resolution for each in channels for _ in each.names])
+
+    def drawn(self, seed: int) -> np.random.Generator:
+        """What noise is drawn from, reading by reading: white noise (k), then steps of biases."""
+        return np.random.default_rng([whole("seed", seed, 0), 2, *self._name.encode()])
+
+    def __call__(self, measured: Any, white: Array, walk: Array) -> Any:
+        """Readings (…, k) of measurements, by noise and sums of steps of the biases."""
+        given = {"measured": measured, "white": white, "walk": walk}
+        found, steps = self._evaluator(given)["reading"], self._steps
+        return self._xp.round(found / steps) * steps if steps.all() else found
+
+
+class SensorSuite:
+    """The sensors that `[sensors]` of a scenario declares, on one robot.
+
+    Readings (m) have those of one sensor after those of the other: of every `imu` specific force
+    (3), m/s², and angular velocity (3), rad/s, in the axes of its frame; of a `barometer` the
+    pressure altitude, m; of a `magnetometer` the field (3), T, in the axes of its frame; of a `gps`
+    position (3), m, and velocity (3), m/s, world axes; of `encoders` the joints' coordinates; of a
+    `wrench` force (3), N, and torque (3), N m, in the axes of its frame. `names` (m) and `units`
+    (m) say the same entry by entry, and `program` is the array program of what is measured.
+
+    Args:
+        robot: A generated module with the back end "numpy", "c" or "jax", or the name or path of
+            one, which is loaded with the C back end.
+        sensors: `read_scenario(…).sensors`.
+        parameters: Parameters of the module's `prepare`, if not those of the robot file.
+
+    Raises:
+        UsageError: If the robot has no such frame, or no joints for encoders.
+    """
+
+    def __init__(
+        self,
+        robot: ModuleType | str | os.PathLike[str] | Vehicle,
+        sensors: Sensors | None,
+        parameters: Mapping[str, ArrayLike] | None = None,
+    ) -> None:
+        self._module: Any = robot if isinstance(robot, ModuleType) else None
+        if not isinstance(robot, Vehicle):
+            self._module = self._module or load(os.fspath(robot), "c")
+            is_jax = getattr(self._module, "backend", "") == "jax"
+            of_arrays = load(self._module.__path__[0]) if is_jax else self._module
+            robot = Vehicle(of_arrays, parameters)
+        self._vehicle, self._module = robot, self._module or robot.module
+        own = sensors or Sensors()
+        self._parameters, self.seed, self.devices = parameters, own.seed, own.devices
+        self._frames = []
+        for each in self.devices:
+            key = f"sensors.{each.measures}: {each.name}"
+            self._frames.append(robot.frame_place(getattr(each, "frame", robot.frames[0]), key))
+            if each.measures == "encoders" and not robot.joints:
+                raise UsageError(f"{key}: {robot.name} has no joints; leave the encoders out")
+        self._channels = [each.channels(robot.layout) for each in self.devices]
+        sizes = [sum(len(one.names) for one in each) for each in self._channels]
+        ends = np.cumsum([0, *sizes]).tolist()
+        # The place of each sensor's values in readings.
+        self.places = [slice(a, b) for a, b in itertools.pairwise(ends)]
+        self.size: int = ends[-1]
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names (m) of the entries of readings, each with its sensor's."""
+        pairs = zip(self.devices, self._channels, strict=True)
+        return tuple(f"{x.name}_{name}" for x, own in pairs for each in own for name in each.names)
+
+    @property
+    def units(self) -> tuple[str, ...]:
+        """Units (m) of the entries of readings."""
+        return tuple(unit for own in self._channels for each in own for unit in each.units)
+
+    @cached_property
+    def program(self) -> Program:
+        """What is measured (m), as an array program of q, v, a, wrenches and gravity.
+
+        Raises:
+            UsageError: If there are no sensors.
+        """
+        if not self.devices:
+            raise UsageError(
+                "sensors: there are none; declare some, such as [[sensors.imu]] in the scenario"
+            )
+        pairs = zip(self.devices, self._frames, strict=True)
+        found = [Device(each.measures, frame, each.field) for each, frame in pairs]
+        return measurement_program(Functions(self._module), found)
+
+    @cached_property
+    def _xp(self) -> Any:
+        if getattr(self._module, "backend", "") != "jax":
+            return np
+        import jax.numpy
+
+        return jax.numpy
+
+    @cached_property
+    def _measure(self) -> tuple[Evaluator, dict[str, Any], Array]:
+        """The program's evaluation, constants, and the acceleration of gravity (3), m/s²."""
+        constants = self._vehicle.constants
+        if self._xp is not np and self._parameters:
+            constants = self._module.prepare(dict(self._parameters))
+        evaluator = Evaluator(self.program, {"robot": self._module}, self._xp)
+        return evaluator, {"robot": constants}, Environment(self._vehicle).gravity
+
+    @cached_property
+    def errors(self) -> list[Errors]:
+        """How the readings of each sensor err."""
+        pairs = zip(self.devices, self._channels, strict=True)
+        return [Errors(each.name, own, self._xp) for each, own in pairs]
+
+    def measurements(
+        self, q: ArrayLike, v: ArrayLike, a: ArrayLike, wrenches: ArrayLike | None = None
+    ) -> Any:
+        """What sensors without errors measure of motions.
+
+        Args:
+            q: Coordinates (…, nq).
+            v: Velocities (…, nv).
+            a: Accelerations (…, nv), the derivatives of v.
+            wrenches: What contacts do to the frames (…, f, 6), world axes; nothing if None.
+
+        Returns:
+            Measurements (…, m).
+        """
+        none = np.zeros((len(self._vehicle.frames), 6))
+        evaluator, constants, gravity = self._measure
+        given = {"q": q, "v": v, "a": a, "wrenches": none if wrenches is None else wrenches}
+        return evaluator({**given, "gravity": gravity}, constants)["measured"]
+
+    def readings(
+        self,
+        time: ArrayLike,
+        q: ArrayLike,
+        v: ArrayLike,
+        a: ArrayLike,
+        wrenches: ArrayLike | None = None,
+        seed: int | None = None,
+    ) -> Any:
+        """What the sensors tell at the samples of motions, each as late and as off as it is.
+
+        A reading that is due between two samples is taken at the second.
+
+        Args:
+            time: Times (s) of the samples, s, ascending from 0.
+            q: Coordinates (…, s, nq).
+            v: Velocities (…, s, nv).
+            a: Accelerations (…, s, nv), the derivatives of v.
+            wrenches: What contacts do to the frames (…, s, f, 6), world axes; nothing if None.
+            seed: Of the errors, which differ from motion to motion; that of `sensors` if None.
+
+        Returns:
+            Readings (…, s, m): of every sensor the last that had come; NaN before the first.
+
+        Raises:
+            UsageError: If the seed is no integer of 0 or more.
+        """
+        times = np.asarray(time, dtype=np.float64)
+        measured = self.measurements(q, v, a, wrenches)
+        lead, found = measured.shape[:-2], []
+        for each, own, errors in zip(self.devices, self.places, self.errors, strict=True):
+            count = int((times[-1] + _SAME) * each.rate) + 1
+            taken = np.arange(count) / each.rate
+            samples = np.searchsorted(times[:-1], taken - _SAME)
+            size, drawn = own.stop - own.start, errors.drawn(self.seed if seed is None else seed)
+            noise = drawn.standard_normal((*lead, count, 2, size))
+            walk = np.cumsum(noise[..., 1, :], -2)
+            values = errors(measured[..., samples, own], noise[..., 0, :], walk)
+            places = arrived(taken, times, each.delay)
+            told = values[..., np.maximum(places, 0), :]
+            found.append(self._xp.where((places < 0)[:, np.newaxis], np.nan, told))
+        return self._xp.concatenate(found, -1)
+
+
+def arrived(taken: Array, times: Array, delay: float) -> NDArray[np.intp]:
+    """Places (s) of the last readings, taken at times (k), that have come by times (s); or -1."""
+    found = np.searchsorted(taken + delay, times + _SAME, side="right") - 1
+    return found.astype(np.intp)
+
+
+class Readings:
+    """The readings of one flight, which are taken as it is flown."""
+
+    def __init__(self, suite: SensorSuite) -> None:
+        self.suite = suite
+        self.reset(suite.seed)
+
+    def reset(self, seed: int) -> None:
+        """Begin a flight, with errors of a seed."""
+        suite = self.suite
+        self._noise = [errors.drawn(seed) for errors in suite.errors]
+        self._times: list[list[float]] = [[] for _ in suite.devices]
+        self._values: list[list[Array]] = [[] for _ in suite.devices]
+        self._walks = [np.zeros(own.stop - own.start) for own in suite.places]
+
+    def instants(self, begin: float, end: float) -> Array:
+        """Times from `begin` to `end`, s, at which there is something to measure."""
+        found = [np.zeros(0)]
+        for each in self.suite.devices:
+            first, last = np.floor(begin * each.rate), np.ceil(end * each.rate)
+            found.append(np.arange(first, last + 1.0) / each.rate)
+        times = np.unique(np.concatenate(found))
+        return times[(times >= begin) & (times <= end)]
+
+    def take(self, time: float, measure: Callable[[], Array]) -> None:
+        """Take the readings that are due at a time, s; `measure` finds measurements (m)."""
+        suite, measured = self.suite, None
+        for k, (each, own) in enumerate(zip(suite.devices, suite.places, strict=True)):
+            while (now := len(self._times[k]) / each.rate) <= time + _SAME:
+                measured = measure() if measured is None else measured
+                white, step = self._noise[k].standard_normal((2, own.stop - own.start))
+                self._walks[k] = self._walks[k] + step
+                values = suite.errors[k](measured[own], white, self._walks[k])
+                values.setflags(write=False)
+                self._times[k].append(now)
+                self._values[k].append(values)
+
+    def at(self, time: float) -> dict[str, Reading]:
+        """The last readings that had come by a time, s, by the names of the sensors."""
+        return dict(self._last(time))
+
+    def _last(self, time: float) -> Iterator[tuple[str, Reading]]:
+        suite = self.suite
+        for each, own, times, values in zip(
+            suite.devices, suite.places, self._times, self._values, strict=True
+        ):
+            place = len(times) - 1
+            while place >= 0 and times[place] + each.delay > time + _SAME:
+                place -= 1
+            unknown = Reading(np.nan, np.full(own.stop - own.start, np.nan))
+            yield each.name, Reading(times[place], values[place]) if place >= 0 else unknown
+
+    def series(self, times: Array) -> Array:
+        """What the sensors had told (s, m) by times (s), s."""
+        found = [np.zeros((len(times), 0))]
+        pairs = zip(self.suite.devices, self.suite.places, self._times, self._values, strict=True)
+        for each, own, taken, values in pairs:
+            places = arrived(np.array(taken), times, each.delay)
+            table = np.array([*values, np.full(own.stop - own.start, np.nan)])  # -1 is the last.
+            found.append(table[places])
+        return np.concatenate(found, axis=-1)
