@@ -15,11 +15,12 @@ coordinates; the other is the diagonal of the weights.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
+from gibbs_codegen.arrays.contact import Contact, touch
 from gibbs_codegen.arrays.forward import jacobian
 from gibbs_codegen.arrays.functions import Functions
 from gibbs_codegen.arrays.nodes import (
@@ -42,11 +43,14 @@ from gibbs_codegen.arrays.nodes import (
     zeros,
 )
 from gibbs_codegen.arrays.steps import runge_kutta_4
+from gibbs_codegen.arrays.surroundings import on_frames
 
 # Least time constant, s, of a motor that lags: faster ones follow at once.
 _LEAST_LAG = 1e-6
 # Least of 1 and the trace of a rotation: none is turned round.
 _LEAST_TRACE = 1e-9
+# Speed, m/s, below which friction fades.
+_SLOW = 0.02
 
 
 @dataclass(frozen=True)
@@ -55,7 +59,8 @@ class Horizon:
 
     `points` and `orientations` are frames that are led. `method` takes the steps. `lags`: motors
     lag; `changes`: changes of inputs cost, or are limited. `carries`: the position of the base is
-    free, and at the end of the horizon is where the first point would be on its path.
+    free, and at the end of the horizon is where the first point would be on its path. `walls` are
+    contacts with them, each with the figures of its wall.
     """
 
     robot: Functions
@@ -65,6 +70,7 @@ class Horizon:
     lags: bool = False
     changes: bool = False
     carries: bool = False
+    walls: tuple[tuple[Contact, tuple[float, ...]], ...] = ()
 
     @property
     def motors(self) -> int:
@@ -236,7 +242,8 @@ class Horizon:
         """Arguments of the step of a node."""
         motors = [given.state["motors"]] if self.motors else []
         u, _, _, h, _, _, *lag_times = given.inputs
-        return [given.q, given.v, *motors, u, h, *lag_times, *self._led(given)]
+        ways = [given.reference["v"]] if self.walls else []
+        return [given.q, given.v, *motors, u, h, *lag_times, *self._led(given), *ways]
 
     def _led(self, given: Given) -> list[Node]:
         """Points, rotations and coordinates that are desired, as far as there are such."""
@@ -272,8 +279,16 @@ class Horizon:
             if robot.driven and self.method != "rk4":  # Servos push by where joints are at the end.
                 ahead = robot.integrate(q, h * v)
             inputs = robot.inputs_of(ahead, v, mean, u) if robot.driven else acting
+            if self.walls:
+                wrenches = self._pressing(q, v, robot.frame_velocities(*desired))
+                pressed: Node = robot.forward_dynamics_with_wrenches(q, v, inputs, wrenches)
+                return pressed
             found: Node = robot.forward_dynamics(q, v, inputs)
             return found
+
+        errors = self._errors
+        led, ways = list(errors.inputs[1:]), [robot.velocities("v_desired")] if self.walls else []
+        desired = led[-1], *ways
 
         if self.method == "rk4":
             q_next, v_next = runge_kutta_4(robot.integrate, accelerate, q, v, h)
@@ -284,10 +299,27 @@ class Horizon:
         outputs |= {"q_next": q_next, "v_next": v_next}
         if self.changes:
             outputs["before_next"] = u
-        errors = self._errors
-        led = list(errors.inputs[1:])
         outputs["errors"] = errors(q, *led)[0]
-        return Program("horizon_step", (*inputs, u, h, *lag_times, *led), outputs)
+        return Program("horizon_step", (*inputs, u, h, *lag_times, *led, *ways), outputs)
+
+    def _pressing(self, q: Node, v: Node, desired: Node) -> Node:
+        """Wrenches (f, 6) of walls on the frames, which are to have the velocities `desired`.
+
+        Friction is against the way that a frame is to go: a bristle, or friction against the way
+        that it goes, would be too stiff for the steps.
+        """
+        poses, velocities, parts = self.robot.frame_poses(q), self.robot.frame_velocities(q, v), []
+        for contact, figures in self.walls:
+            wall, frame = constant(np.array(figures)), contact.frame
+            moving = poses[frame], velocities[frame]
+            found = touch(replace(contact, sticks=False), wall, moving, zeros(3))
+            way = desired[frame][:3]
+            way = way - dot(found.direction, way) * found.direction
+            share = wall[4] * found.normal / square_root(dot(way, way) + _SLOW**2)
+            lever = -wall[0] * found.direction
+            drag = -share * way
+            parts.append((frame, found.wrench + join(drag, cross(lever, drag))))
+        return on_frames(parts, self.robot.frames)
 
     @cached_property
     def _errors(self) -> Program:

@@ -21,7 +21,7 @@ from gibbs_codegen.flight.scenario.parts import (
     Impedance,
 )
 from gibbs_codegen.runtime.load import load
-from gibbs_codegen.runtime.predictive import DERIVATIVES
+from gibbs_codegen.runtime.predictive import AT_WALLS, DERIVATIVES
 
 # Limits that the terminal shows of those that a timing reaches.
 _MOST_LIMITS = 12
@@ -41,7 +41,9 @@ def run(options: argparse.Namespace) -> int:
     check_results(options.out, options.animate or "")
     from gibbs_codegen.flight.simulation import simulate  # Late: refusals appear at once.
 
-    derivatives = DERIVATIVES if scenario.control.law == PREDICTIVE else ()
+    control = scenario.control
+    plans = control.law == PREDICTIVE
+    derivatives = (*DERIVATIVES, *(AT_WALLS if control.force else ())) if plans else ()
     functions = WITH_CONSTRAINTS if scenario.holds else None
     with (
         robot_argument.found_module(options.robot, terminal.progress(), derivatives, functions) as (

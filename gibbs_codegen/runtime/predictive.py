@@ -39,6 +39,8 @@ DERIVATIVES = (
     "inputs_of_derivatives",
     "actuator_rates_derivatives",
 )
+# What it must have besides where the prediction knows walls.
+AT_WALLS = ("forward_dynamics_with_wrenches_derivatives", "frame_velocities_derivatives")
 # Iterations of the interior-point method that are too many.
 _MOST = 40
 # Shares of a step that are tried: all, half, and so on. Rounds of a first plan.

@@ -22,7 +22,7 @@ import os
 import pathlib
 import time as clock
 import warnings
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from numbers import Real
 from types import ModuleType
@@ -49,11 +49,19 @@ from gibbs_codegen.flight.plant.actuators import (
     module_actuators,
 )
 from gibbs_codegen.flight.plant.vehicle import Array, Vehicle
+from gibbs_codegen.flight.scenario.parts import WORLD, Force, Impedance
 from gibbs_codegen.flight.scenario.scenario import Scenario
+from gibbs_codegen.flight.scenario.walls import Wall, surface_at, touched_by
 from gibbs_codegen.interface import FUNCTIONS
 from gibbs_codegen.interface.choice import option_with
 from gibbs_codegen.runtime.load import load
-from gibbs_codegen.runtime.predictive import DERIVATIVES, CompiledPredictive, Row, Transcription
+from gibbs_codegen.runtime.predictive import (
+    AT_WALLS,
+    DERIVATIVES,
+    CompiledPredictive,
+    Row,
+    Transcription,
+)
 
 # Positions (n, 3), m, or rotations (n, 3, 3), world axes, at times (n), s.
 Path = Callable[[Array], Array]
@@ -176,6 +184,7 @@ class Predictive:
             followed meanwhile; None if it is waited for.
         method: How the prediction takes its steps: "rk4", or "trapezoidal", which dampers do not
             make unstable; if None the one where no joint has a damper, and else the other.
+        walls: Walls that frames may touch, of a `Scenario`: a frame that is led into one presses.
 
     Raises:
         UsageError: If an argument is not what it must be.
@@ -201,6 +210,7 @@ class Predictive:
     delay: float | None = None
     deadline: float | None = None
     method: str | None = None
+    walls: Sequence[Wall] = ()
 
     def __post_init__(self) -> None:
         self._check_kinds()
@@ -224,6 +234,9 @@ class Predictive:
                 "armature takes their torques to the ends of steps of one length; not "
                 f"{self.growth:g}"
             )
+        for wall in self.walls:
+            for frame in wall.frames:
+                self._frame(frame)
         robot = Functions(self.module)
         lengths = self.step * self.growth ** np.arange(self.nodes)
         # Times of nodes after the state at which a plan begins, s.
@@ -238,6 +251,7 @@ class Predictive:
             bool(np.any(self._lag)),
             self.rates is not None or self.tolerances.change is not None,
             self._carries,
+            touched_by(vehicle.frames, self.walls),
         )
         rows, limits = self._rows()
         transcription = Transcription(self.horizon, self.nodes, tuple(rows))
@@ -374,6 +388,7 @@ class Predictive:
             **dict.fromkeys(("points", "orientations"), (Mapping, paths)),
             **dict.fromkeys(("posture", "feedforward"), (Callable | None, "a function of times")),
             "tolerances": (Tolerances, "`Tolerances`"),
+            "walls": (Sequence, "a list of walls"),
             "actuators": (Actuators | Scenario | None, "a `Scenario` that has them"),
             **dict.fromkeys(("step", "nodes", "growth", "iterations"), (Real, "a number")),
             **dict.fromkeys(("farthest", "delay", "deadline"), (Real | None, "a number")),
@@ -385,6 +400,8 @@ class Predictive:
         ]
         if not faults and sizes != [len(robot.COORDINATES), len(robot.INPUTS)]:
             faults = [("hover", f"a state at rest of {robot.NAME}, as `trim` returns")]
+        if not faults and not all(isinstance(wall, Wall) for wall in self.walls):
+            faults = [("walls", "walls, as `read_scenario(…).walls` has them")]
         for name, words in faults:
             raise UsageError(f"predictive: {name} must be {words}")
 
@@ -415,7 +432,7 @@ class Predictive:
         has = [*Functions(self.module).signatures]
         needed = [
             name
-            for name in DERIVATIVES
+            for name in (*DERIVATIVES, *(AT_WALLS if self.walls else ()))
             if all(getattr(self.module, need, ()) for need in FUNCTIONS[name].needs)
         ]
         if lacks := [name for name in needed if name not in has]:
@@ -782,22 +799,30 @@ class _Rest(NamedTuple):
     u: Array
 
 
-# How often the law of a scenario plans without a rate, Hz.
-_RATE = 50.0
+# How often the law of a scenario plans without a rate, Hz; where it pushes, since walls are stiff.
+_RATE, _PUSHING_RATE = 50.0, 100.0
 
 
 # A posture that goes with the path is to be kept: with looser joints an elbow may turn over.
 _OF_SCENARIOS = Tolerances(joints=0.05, attitude=0.1)
+# What pushes leans. Its force is depth in a wall, which is to be as exact as such a force, N, in a
+# wall of so many N/m or more.
+_FORCE, _SOFT = 0.2, 1000.0
+# Least share of a push that a wall meets, and steps to where it pushes back as hard.
+_FACING, _MEETING = 0.1, 4
 
 
 def predictive_law(law: Controller, scenario: Scenario, actuators: Actuators) -> Predictive:
     """The predictive law of a scenario: it leads the tip, if that has a path, and else the base.
 
+    Where `control.force` is to push, it leads the frame into the walls, which it knows, and all
+    else goes along as it leans.
     `law` knows the robot, and commands the inputs of the desired motion, off which inputs cost as
     the posture does off its coordinates. Raises as `Predictive` does.
     """
     vehicle, reference, control = law.vehicle, law.reference, scenario.control
-    step = 1.0 / (control.rate or _RATE)
+    force = control.force
+    step = 1.0 / (control.rate or (_RATE if force is None else _PUSHING_RATE))
     # Between instants too, where commands are late.
     spacing = step / 8.0
     count = max(3, int((reference.end - reference.begin) / spacing))
@@ -807,8 +832,8 @@ def predictive_law(law: Controller, scenario: Scenario, actuators: Actuators) ->
     forward = law.commanded(times, q, still, still[:, :0], {})[0]
     if vehicle.is_driven:
         forward = vehicle.command_of(q, v, np.clip(forward, *actuators.inputs))
-    force = vehicle.inverse_dynamics(q[0], still[0], still[0])
-    rest = np.linalg.pinv(vehicle.input_matrix(q[0])) @ force
+    load = vehicle.inverse_dynamics(q[0], still[0], still[0])
+    rest = np.linalg.pinv(vehicle.input_matrix(q[0])) @ load
 
     def table(rows: Array, farthest: float = np.inf) -> Path:
         """Rows at any times; after the last they go on with its rate and bend, if they may."""
@@ -829,18 +854,57 @@ def predictive_law(law: Controller, scenario: Scenario, actuators: Actuators) ->
             f"control.delay: the predictive law makes up for a period, {step:g} s, at most, not "
             f"{control.delay:g} s; set a lower control.rate"
         )
-    coordinates, points = table(q), {}
-    if scenario.arm.tip is not None:
-        points["tip"] = table(vehicle.frame_poses(q)[:, vehicle.frames.index("tip"), :3, 3])
+    coordinates, points, tolerances = table(q), {}, _OF_SCENARIOS
+    if scenario.arm.tip is not None or force is not None:
+        poses = vehicle.frame_poses(q)
+        frame = "tip" if force is None else (control.impedance or Impedance()).frame
+        places = poses[:, vehicle.frame_place(frame, "control.impedance.frame"), :3, 3]
+        if force is not None:
+            direction = np.array(force.direction) / np.linalg.norm(force.direction)
+            if force.axes != WORLD:
+                axes = vehicle.frame_place(force.axes, "control.force.axes")
+                direction = poses[:, axes, :3, :3] @ direction
+            walls = [each for each in scenario.walls if frame in each.frames]
+            places = places + _into_walls(walls, force, places, direction, times)
+            tolerances = Tolerances(point=_FORCE / max(_SOFT, *(x.stiffness for x in walls)))
+        points[frame] = table(places)
     return Predictive(
         vehicle.module,
         _Rest(q[0], np.asarray(rest, np.float64)),
         points,
-        posture=lambda at: vehicle.kinematics.normalised(coordinates(at)),
+        posture=None if force else lambda at: vehicle.kinematics.normalised(coordinates(at)),
         feedforward=table(forward, 1.0),
         parameters=scenario.parameters,
         step=step,
-        tolerances=_OF_SCENARIOS,
+        tolerances=tolerances,
         delay=control.delay,
         actuators=actuators,
+        walls=() if force is None else scenario.walls,
     )
+
+
+def _into_walls(
+    walls: Sequence[Wall], force: Force, places: Array, direction: Array, times: Array
+) -> Array:
+    """Ways (n, 3), m, from places (n, 3) along a direction to where a wall pushes back as hard.
+
+    As much of them as the force is to be there at times (n), s.
+    """
+    if not walls:
+        raise UsageError(
+            "control.force: the predictive law pushes on walls that it knows, but no [[wall]] has "
+            "the frame that pushes, which is control.impedance.frame; add one, or set control.law "
+            'to "force"'
+        )
+    ways = np.zeros((len(walls), len(times)))
+    for way, wall in zip(ways, walls, strict=True):
+        for _ in range(_MEETING):
+            there = places + way[:, np.newaxis] * direction
+            depth, normals = surface_at(wall.kind, np.array(wall.figures), there)
+            facing = np.maximum(-np.sum(normals * direction, axis=-1), _FACING)
+            lacking = force.value / (wall.stiffness * facing) - depth - wall.ball_radius
+            way += lacking / facing
+    shortest = np.min(ways, axis=0)
+    shares = (np.clip((times - end) / force.rise, 0.0, 1.0) for end in (force.begin, force.end))
+    rising, falling = (x * x * (3.0 - 2.0 * x) for x in shares)
+    return ((rising - falling) * shortest)[:, np.newaxis] * direction

@@ -23,7 +23,7 @@ from gibbs_codegen.flight.plant.vehicle import Vehicle
 from gibbs_codegen.flight.rollouts.arguments import Controller, RolloutArguments
 from gibbs_codegen.flight.rollouts.scenario_rollout import scenario_rollout
 from gibbs_codegen.flight.scenario.scenario import Scenario
-from gibbs_codegen.flight.scenario.walls import Wall, contacts_of, yielding
+from gibbs_codegen.flight.scenario.walls import Wall, touched_by
 from gibbs_codegen.runtime import rollouts
 from gibbs_codegen.runtime.c_library import CompilerError
 from gibbs_codegen.runtime.cache import CacheError
@@ -263,8 +263,7 @@ def touched(
     for mode in sorted(wall_modes(vehicle, walls, places), reverse=True):
         if words := mode.fault(dt, method):
             raise UsageError(f"dt: {words}")
-    contacts = contacts_of(walls, vehicle.frames)
-    return tuple((x, (*yielding(walls[x.wall]), *walls[x.wall].figures)) for x in contacts)
+    return touched_by(vehicle.frames, walls)
 
 
 def array_rollout(

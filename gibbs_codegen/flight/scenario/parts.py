@@ -104,7 +104,8 @@ class _ForATime:
 class Impedance(Table):
     """How a frame moves under the laws "impedance" and "force": as a body on springs and dampers.
 
-    They are those along the axes of the world.
+    They are those along the axes of the world. Under the law "predictive" a frame that pushes is
+    named here, and nothing else is used.
     """
 
     frame: str = entry(f"the frame that moves so: {FRAME}", "tip")
@@ -122,7 +123,10 @@ class Impedance(Table):
 
 @table
 class Force(_ForATime, Table):
-    """How hard the frame of `impedance` pushes under the law "force", for a time."""
+    """How hard the frame of `impedance` pushes under the law "force", for a time.
+
+    Under the law "predictive" it pushes on walls that the law knows, and nothing is learned.
+    """
 
     value: Annotated[NotNegative, key("the force that it does to its surroundings, N")]
     direction: Annotated[Direction, key("the direction in which it pushes, [x, y, z]")]
@@ -172,7 +176,9 @@ class Control(Table):
         'how a frame moves under the laws "impedance" and "force"; default: the tip, by the '
         "frequency of control"
     )
-    force: Force | None = entry('how hard it pushes under the law "force", which needs it')
+    force: Force | None = entry(
+        'how hard it pushes under the law "force", which needs it, or "predictive"'
+    )
 
     @classmethod
     def _key_faults(cls, values: Mapping[str, Any]) -> Iterator[tuple[str | Place, str]]:
@@ -183,9 +189,11 @@ class Control(Table):
             yield "rate", "missing: a delay needs to know how often the law is evaluated, in Hz"
         if law in _PUSHING and "force" not in values:
             yield "force", "missing: say how hard the frame pushes, { value = …, direction = … }"
-        for each, laws in (("impedance", _MOVING), ("force", _PUSHING)):
+        planned = [PREDICTIVE] if "force" in values else []
+        for each, laws in (("impedance", _MOVING + planned), ("force", _PUSHING + planned)):
             if each in values and law not in laws:
-                tasks = " or ".join(dict.fromkeys(f'"{LAWS[name].task}"' for name in laws))
+                names = [LAWS[name].task if name in LAWS else name for name in laws]
+                tasks = " or ".join(dict.fromkeys(f'"{name}"' for name in names))
                 yield each, f"must be left out, or the law be {tasks}: no other moves a frame by it"
 
 

@@ -42,7 +42,7 @@ from gibbs_codegen.flight.sweeps.execution import Execution, own_count
 from gibbs_codegen.flight.sweeps.measures import Measure
 from gibbs_codegen.flight.sweeps.sources import StrPath, robot_source, scenario_source
 from gibbs_codegen.flight.sweeps.study import FIXED, Study, table_of
-from gibbs_codegen.runtime.predictive import DERIVATIVES
+from gibbs_codegen.runtime.predictive import AT_WALLS, DERIVATIVES
 
 _MOST_SAMPLES = 2**24
 # How often a line of the log says what is done, s.
@@ -103,7 +103,8 @@ def sweep(
     varying = {key: varied(value) for key, value in (parameters or {}).items()}
     laws = [each.says("control.law") for each in scenario_sources]
     laws += varying["control.law"].levels if "control.law" in varying else ()
-    derivatives = DERIVATIVES if PREDICTIVE in laws else ()
+    pushes = any(each.says("control.force") for each in scenario_sources)
+    derivatives = (*DERIVATIVES, *(AT_WALLS if pushes else ())) if PREDICTIVE in laws else ()
     holds = [each.says("hold") or each.says("holds") for each in scenario_sources]
     functions = WITH_CONSTRAINTS if any(holds) else None
     robot_sources = [

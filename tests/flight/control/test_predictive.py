@@ -25,10 +25,11 @@ from gibbs_codegen.flight.many import simulate_many
 from gibbs_codegen.flight.plant.actuators import module_actuators
 from gibbs_codegen.flight.plant.vehicle import Vehicle
 from gibbs_codegen.flight.scenario.file import read_scenario
+from gibbs_codegen.flight.scenario.walls import Plane, Sphere
 from gibbs_codegen.flight.simulation import simulate
 from gibbs_codegen.robot.family import paper_family
 from gibbs_codegen.runtime.load import load
-from gibbs_codegen.runtime.predictive import DERIVATIVES
+from gibbs_codegen.runtime.predictive import AT_WALLS, DERIVATIVES
 from gibbs_codegen.targets.registry import find_targets, render_module
 
 NODES, STEP = 6, 0.02
@@ -51,7 +52,7 @@ def module(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFact
     robot = replace(robot, base=base, links=(damped,))
     folder = tmp_path_factory.mktemp("predictive") / robot.name
     folder.mkdir()
-    model = derived(robot, derivatives=(*DERIVATIVES, "step_rk4"))
+    model = derived(robot, derivatives=(*DERIVATIVES, *AT_WALLS, "step_rk4"))
     for name, text in render_module(model, "", find_targets(("numpy", "c"))).items():
         (folder / name).write_text(text, encoding="utf-8")
     return load(folder, "c")
@@ -91,6 +92,15 @@ def every_kind(module: ModuleType, **changes: Any) -> Predictive:
     return controller_of(module, **changes)
 
 
+def pressing(module: ModuleType) -> Predictive:
+    """A controller that knows a wall, in which the tip is, and a ball before it."""
+    tip = controller_of(module)._first_point
+    own = {"stiffness": 300.0, "damping": 5.0, "friction": 0.5, "ball_radius": 0.1}
+    ball = Sphere("tip", tuple(tip + np.array([0.3, 0.0, 0.2])), 0.9, **own)
+    wall = Plane("tip", tuple(tip - [1.0, 0.0, 0.0]), (-1.0, 0.2, 0.1), dissipation=0.1, **own)
+    return controller_of(module, walls=[wall, ball], orientations={})
+
+
 def stay(controller: Predictive) -> None:
     """Let the plan be to hover, from where the machine is."""
     told, hover = controller._compiled.arrays, controller.hover
@@ -115,7 +125,7 @@ def value(controller: Predictive, program: Any, given: dict[str, Any]) -> dict[s
     return evaluate(program, own, {"robot": controller.module}, {"robot": constants})
 
 
-@pytest.mark.parametrize("kind", [controller_of, every_kind])
+@pytest.mark.parametrize("kind", [controller_of, every_kind, pressing])
 def test_slopes_and_gradients_are_derivatives(kind: Any, module: ModuleType) -> None:
     assert_slopes(kind(module))
 
@@ -312,6 +322,8 @@ def test_what_is_wrong_is_told(module: ModuleType) -> None:
         ({"points": [len]}, "points must be functions of times by names"),
         ({"tolerances": 0.1}, "tolerances must be `Tolerances`"),
         ({"step": "0.02"}, "step must be a number"),
+        ({"walls": [1.0]}, "walls must be walls, as"),
+        ({"walls": [Plane("hand", (0.0,) * 3, (0.0, 0.0, 1.0), 1e3)]}, "no frame hand"),
         ({"iterations": 1.5}, "iterations must be 1 to 100"),
         ({"points": {"tip": lambda t: t}}, r"points\['tip'\] must return finite numbers \(n, 3\)"),
         ({"posture": lambda t: np.full((len(t), 9), np.nan)}, "posture must return finite"),
@@ -486,6 +498,36 @@ def test_it_is_a_law_of_scenarios(module: ModuleType) -> None:
     assert (flight.law, flight.stopped) == ("predictive", "")
     off = flight.q - flight.q_desired
     assert np.abs(off[:, Vehicle(module).layout.q.position]).max() < 5e-3
+
+
+@pytest.mark.parametrize("friction", [0.0, 0.5])
+def test_it_pushes_on_walls_that_it_knows(friction: float, module: ModuleType) -> None:
+    """Sliding sideways along a wall that leans, with a force that the flight records."""
+    vehicle = Vehicle(module)
+    q = vehicle.neutral
+    q[vehicle.arm] = np.radians(23)
+    tip, direction = vehicle.frame_poses(q)[vehicle.frames.index("tip"), :3, 3], [0.1, 0.0, -1.0]
+    wall = {"frame": "tip", "point": (tip - np.array([0, 0, 0.02])).tolist(), "normal": [0, 0, 1]}
+    own = {"stiffness": 1000, "damping": 20} | ({"friction": friction} if friction else {})
+    changes = {
+        "duration": 3,
+        "base.path": {"kind": "line", "start": [0, 0, 0], "end": [0, 0.1, 0], "begin": 1.5}
+        | {"duration": 1.5},
+        "arm.posture_deg": dict.fromkeys(module.COORDINATES[vehicle.arm], 23),
+        "control": {"law": "predictive", "force": {"value": 3, "direction": direction}},
+        "wall": [wall | own],
+        "integration": {"method": "rk4", "step": 0.001},
+    }
+    flight = simulate(module, read_scenario("hover", changes))
+    slides = (flight.time > 1.7) & (flight.time < 2.8)
+    pushed = flight.wall_forces[slides, 0] / np.hypot(1.0, 0.1)
+    assert not flight.stopped
+    assert np.abs(pushed - 3.0).max() < 0.3
+    off = (flight.point("tip") - vehicle.frame_poses(flight.q_desired)[:, -1, :3, 3])[slides]
+    assert np.abs(off[:, 1]).max() < 5e-3
+    changes["wall"] = []
+    with pytest.raises(UsageError, match="no \\[\\[wall\\]\\] has the frame that pushes"):
+        simulate(module, read_scenario("hover", changes))
 
 
 def test_flights_side_by_side_are_sampled_too(module: ModuleType) -> None:
