@@ -36,11 +36,11 @@ class Channel(NamedTuple):
 
 
 class Device(NamedTuple):
-    """A sensor: what kind it is, by `MEASUREMENTS`, its frame, and the magnetic field (3), T."""
+    """A sensor: what kind it is, by `MEASUREMENTS`, its frame, and figures of where on earth."""
 
     kind: str
     frame: int
-    field: tuple[float, float, float]
+    figures: tuple[float, ...]
 
 
 class Motion(NamedTuple):
@@ -81,13 +81,13 @@ def imu(motion: Motion, device: Device) -> Node:
 
 
 def barometer(motion: Motion, device: Device) -> Node:
-    """Height (1) of the frame, m."""
-    return join(origin_of(motion.pose(device))[2])
+    """Height (1) of the frame above sea level, m, of which the figure is that of the origin."""
+    return join(origin_of(motion.pose(device))[2] + device.figures[0])
 
 
 def magnetometer(motion: Motion, device: Device) -> Node:
-    """The magnetic field (3), T, in the axes of the frame."""
-    return motion.felt(device, constant(device.field))
+    """The magnetic field (3), T, in the axes of the frame; figures are that in the world's."""
+    return motion.felt(device, constant(device.figures))
 
 
 def gps(motion: Motion, device: Device) -> Node:

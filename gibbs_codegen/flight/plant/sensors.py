@@ -129,7 +129,7 @@ class SensorSuite:
                 "sensors: there are none; declare some, such as [[sensors.imu]] in the scenario"
             )
         pairs = zip(self.devices, self._frames, strict=True)
-        found = [Device(each.measures, frame, each.field) for each, frame in pairs]
+        found = [Device(each.measures, frame, each.figures) for each, frame in pairs]
         return measurement_program(Functions(self._module), found)
 
     @cached_property

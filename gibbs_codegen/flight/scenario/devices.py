@@ -66,9 +66,9 @@ class Device(Table):
         raise NotImplementedError
 
     @property
-    def field(self) -> tuple[float, float, float]:
-        """The magnetic field that it measures, T, world axes."""
-        return _ZERO
+    def figures(self) -> tuple[float, ...]:
+        """Figures of its place on earth."""
+        return ()
 
 
 @table
@@ -129,7 +129,12 @@ class Barometer(DeviceAtFrame):
     def channels(self, layout: Layout) -> tuple[Channel, ...]:
         """Altitude."""
         walk = self.drift / math.sqrt(self.rate)
-        return (Channel(("altitude",), ("m",), (self.noise,), walk, (self.altitude,)),)
+        return (Channel(("altitude",), ("m",), (self.noise,), walk),)
+
+    @property
+    def figures(self) -> tuple[float, ...]:
+        """The height of the world's origin above sea level, m."""
+        return (self.altitude,)
 
 
 @table
@@ -160,8 +165,8 @@ class Magnetometer(DeviceAtFrame):
         return (_vector("field", "T", (self.noise,), 0.0, self.bias),)
 
     @property
-    def field(self) -> tuple[float, float, float]:
-        """The magnetic field that it measures, T, world axes: x east, y north, z up."""
+    def figures(self) -> tuple[float, ...]:
+        """The magnetic field (3), T, world axes: x east, y north, z up."""
         level = self.strength * math.cos(self.inclination)
         east, north = math.sin(self.declination), math.cos(self.declination)
         return level * east, level * north, -self.strength * math.sin(self.inclination)

@@ -52,7 +52,8 @@ def turned(vector: Array, rotation: Array) -> Array:
 
 
 def flown(module: ModuleType, u: Array, **changes: Any) -> Simulation:
-    simulation = Simulation(module, read_scenario("hover", changes))
+    simulation = Simulation(module, changed(**changes))
+    simulation.reset(at(module, z=2.0))
     simulation.step(u, 0.1)
     return simulation
 
@@ -259,6 +260,21 @@ def test_sensors_alone_change_no_flight(fast: Load) -> None:
     assert not np.array_equal(noisy.q, flight.q)
 
 
+def test_forces_on_a_frame_are_felt_in_its_axes(fast: Load) -> None:
+    module, weight = fast(ARM), [0.5, -0.2, 0.3, 0.01, 0.02, -0.03]
+    push = {"frame": "tip", "force": weight[:3], "torque": weight[3:], "end": 0.1}
+    sensors = {"wrench": [{"frame": "tip", "rate": 100, "torque_range": 0.02}]}
+    start = {"turn_deg": [30, -20, 40]}
+    changes = {"duration": 0.2, "start": start, "push": push, "sensors": sensors}
+    flight = simulate(module, changed(**changes))
+    turns = module.frame_poses(flight.q)[:, 1, :3, :3]
+    wanted = np.einsum("sji,nj->sni", turns, np.reshape(weight, (2, 3))).reshape(-1, 6)
+    wanted[:, 3:] = np.clip(wanted[:, 3:], -0.02, 0.02)
+    # What is read at 0.1 s, as the push ends, may be either.
+    assert flight.sensors[2:20:2] == pytest.approx(wanted[2:20:2], abs=1e-12)
+    assert np.all(flight.sensors[22:] == 0.0)
+
+
 def test_jax_and_c_measure_what_numpy_does(
     shipped: Load, fast: Load, jax_in_double_precision: ModuleType
 ) -> None:
@@ -272,7 +288,7 @@ def test_jax_and_c_measure_what_numpy_does(
     own = suite(module, **sensors)
     wanted = own.readings(times, *motion, wrenches)
     on_jax = suite(load(Path(module.__file__ or "").parent, "jax"), **sensors)
-    found = on_jax.readings(times, *motion, wrenches)
+    found = jax_in_double_precision.jit(lambda *x: on_jax.readings(times, *x))(*motion, wrenches)
     assert np.asarray(found) == pytest.approx(wanted, abs=1e-12, nan_ok=True)
     given = dict(zip(("q", "v", "a", "wrenches"), (*motion, wrenches), strict=True))
     given["gravity"] = -UP
