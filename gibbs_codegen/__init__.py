@@ -56,6 +56,7 @@ if TYPE_CHECKING:
         reachable_wrenches_figure as reachable_wrenches_figure,
     )
     from gibbs_codegen.flight.figures.flight import write_results as write_results
+    from gibbs_codegen.flight.logs.log import read_log as read_log
     from gibbs_codegen.flight.logs.log import write_log as write_log
     from gibbs_codegen.flight.many import simulate_many as simulate_many
     from gibbs_codegen.flight.plant.sensors import SensorSuite as SensorSuite
@@ -105,7 +106,7 @@ _MODULES = {
     "flight.control.predictive": ("Instant", "NoPlanError", "Predictive", "Tolerances"),
     "flight.figures.curves": ("reachable_wrenches_figure",),
     "flight.figures.flight": ("write_results",),
-    "flight.logs.log": ("write_log",),
+    "flight.logs.log": ("read_log", "write_log"),
     "flight.many": ("simulate_many",),
     "flight.plant.sensors": ("SensorSuite",),
     "flight.record.flight": ("Flight", "read_flight"),

@@ -263,6 +263,27 @@ def argument_parser() -> Parser:
     meaning = "folder to write, which must not exist yet"
     parser.add("--out", "DIR", meaning, default="log")
 
+    parser = command(
+        "replay", "make a flight of a log of ROS 2 or PX4, with time series and figures"
+    )
+    _add_module(parser)
+    meaning = "a bag of ROS 2, an MCAP file, a ULog, or a folder with tables of one"
+    parser.add("log", "LOG", meaning)
+    parser.add("--out", "DIR", "folder in which the results are written", default="flight")
+    parser.add(
+        *("--name", "KEY=NAME"),
+        "what LOG calls a coordinate or an input, or one of the topics odometry, joints, inputs of "
+        "a bag or position, attitude, spin of a ULog; or the number at which a joint stands; may "
+        "be repeated",
+        action="append",
+        default=[],
+    )
+    meaning = "samples per second (default: the times of LOG)"
+    parser.add("--rate", "HZ", meaning, type=_number)
+    meaning = "keep what is slower, by a filter without delay (default: no filter)"
+    parser.add("--cutoff", "HZ", meaning, type=_number)
+    parser.flag("--no-figures", "write the time series only")
+
     parser = command("view", "show a robot or a flight in the browser, live or as one file")
     parser.add("what", "ROBOT|FLIGHT", f"a robot, as for `simulate`; or {flight}")
     meaning = "write one file that any browser opens without a request, instead of serving"

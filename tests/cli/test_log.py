@@ -2,12 +2,21 @@
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Callable
 from pathlib import Path
 from types import ModuleType
 
+import numpy as np
 from support.command import run
 from support.synthetic_flight import synthetic_flight
+
+from gibbs_codegen.flight.logs.log import write_log
+from gibbs_codegen.flight.record.flight import read_flight
+
+# The second joint stands at 0.25 rad.
+_ONE_STANDS = np.array([1.0, 1.0, 1.0, 1.0, 0.0, 1.0, 1.0, 1.0, 1.0])
+_AT = 0.25 * (1.0 - _ONE_STANDS)
 
 
 def test_a_flight_becomes_a_bag(shipped: Callable[[str], ModuleType], tmp_path: Path) -> None:
@@ -28,3 +37,24 @@ def test_a_flight_becomes_a_bag(shipped: Callable[[str], ModuleType], tmp_path: 
         assert (done.returncode, done.stdout) == (2, "")
         assert message in done.stderr
     assert sorted(path.name for path in tmp_path.iterdir()) == ["bags", "flight"]
+
+
+def test_a_log_becomes_a_flight(shipped: Callable[[str], ModuleType], tmp_path: Path) -> None:
+    module = shipped("hexarotor_3link")
+    shutil.copytree(Path(module.__file__ or "").parent, tmp_path / "generated" / "hexarotor_3link")
+    flight = synthetic_flight(module, samples=50, duration=0.4)
+    write_log(flight, tmp_path / "tables", "csv")
+    (tmp_path / "tables" / "joint_states_0.csv").rename(tmp_path / "tables" / "arm_0.csv")
+    words = ["replay", "hexarotor_3link", "tables", "--no-figures", "--cutoff", "20"]
+    words += ["--name", "theta_7=arm.position[0]", "--name", "theta_8=0.25"]
+    done = run(*words, cwd=tmp_path)
+    assert (done.returncode, done.stdout) == (2, "")
+    assert "tables: has no positions of the joint theta_9; name what it is called" in done.stderr
+    done = run(*words, "--name", "theta_9=arm.position[2]", cwd=tmp_path)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert done.stdout == "flight: hexarotor_3link, 50 samples of 0.4 s, by tables\n"
+    again = read_flight(tmp_path / "flight" / "flight.npz")
+    np.testing.assert_allclose(again.q[5:-5], flight.q[5:-5] * _ONE_STANDS + _AT, atol=1e-2)
+    done = run("replay", "hexarotor_3link", "tables", "--name", "theta_7", cwd=tmp_path)
+    assert (done.returncode, done.stdout) == (2, "")
+    assert "theta_7: must be KEY=VALUE" in done.stderr

@@ -126,12 +126,13 @@ def write_figures(
 ) -> list[Path]:
     """Write every figure in every format, and return the files; two calls write the same bytes.
 
-    Inputs, actuators, constraint torques and contacts are left out where there are none.
+    Inputs, actuators, constraint torques, errors and contacts are left out where none are known.
     """
     counts: dict[Callable[..., Figure], int] = {
-        inputs: flight.applied.shape[1],
+        inputs: int(np.isfinite(flight.applied).sum()),
         actuators: len(curves.actuator_panels(flight)),
-        constraint_torques: flight.constraint_torques.shape[1],
+        constraint_torques: int(np.isfinite(flight.constraint_torques).sum()),
+        tracking_error: int(np.isfinite(flight.q_desired).sum()),
         contacts: flight.contact_forces.shape[1],
     }
     drawn = ((draw.__name__, draw(flight)) for draw in FIGURES if counts.get(draw, 1))

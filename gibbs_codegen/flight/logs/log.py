@@ -1,18 +1,26 @@
-"""What users call: a flight written as a log of other programs."""
+"""What users call: a flight written as a log of other programs, and a flight of such a log."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import os
+from collections.abc import Callable, Mapping
 from pathlib import Path
+from types import ModuleType
 
-from gibbs_codegen.errors import UsageError, printable
+import numpy as np
+
+from gibbs_codegen.errors import UsageError, cause_of, printable
 from gibbs_codegen.files.staging import put_in_place, staging_folder, writing
-from gibbs_codegen.flight.logs.px4 import write_tables
-from gibbs_codegen.flight.logs.ros import write_bag
+from gibbs_codegen.flight.logs.px4 import is_px4, read_px4, write_tables
+from gibbs_codegen.flight.logs.reading import Samples, flight_of_log
+from gibbs_codegen.flight.logs.ros import read_bag, write_bag
+from gibbs_codegen.flight.plant.vehicle import Vehicle
 from gibbs_codegen.flight.record.flight import Flight
 from gibbs_codegen.flight.record.series import StrPath
-from gibbs_codegen.runtime.load import require
+from gibbs_codegen.runtime.load import load
 
+# What `names` may name besides coordinates and inputs.
+_ROLES = ("odometry", "joints", "inputs", "position", "attitude", "spin")
 FORMATS: dict[str, Callable[[Flight, Path], None]] = {"mcap": write_bag, "csv": write_tables}
 
 
@@ -33,11 +41,71 @@ def write_log(flight: Flight, folder: StrPath, format: str = "mcap") -> None:
     """
     if format not in FORMATS:
         raise UsageError(f"format {format!r}: unknown; known: {', '.join(FORMATS)}")
-    if format == "mcap":
-        require("rosbags", "logs of ROS", "logs")
     place = Path(folder)
     if place.exists():
         raise UsageError(f"{printable(place)}: is there already; give a folder that is not")
     with writing(place), staging_folder(place.parent) as staging:
         FORMATS[format](flight, staging / place.name)
         put_in_place(staging / place.name, place)
+
+
+def read_log(
+    robot: ModuleType | str | os.PathLike[str],
+    log: StrPath,
+    names: Mapping[str, str | float] | None = None,
+    rate: float | None = None,
+    cutoff: float | None = None,
+) -> Flight:
+    """The flight that a log tells of: for figures, the viewer, and arrays q, v, a on one time base.
+
+    Velocities that the log lacks, and accelerations, are derivatives of splines. What a log does
+    not tell is NaN: the desired motion, inputs that it has no series of, the work.
+
+    Args:
+        robot: The robot that flew: a generated module, or the name or path of one.
+        log: A bag of ROS 2, an MCAP file, a ULog of PX4, or a folder with tables of one.
+        names: What the log calls things. Of a bag, topics "odometry" (default /odom), "joints"
+            (/joint_states) and "inputs" (/inputs), and coordinates and inputs. Of a ULog, topics
+            "position" (vehicle_local_position), "attitude" (vehicle_attitude) and "spin"
+            (vehicle_angular_velocity), and coordinates and inputs as topic.field. A number says
+            where a joint stands.
+        rate: Samples per second; by default they are at the times of the log.
+        cutoff: Frequency, Hz, of a Butterworth filter of order four, which is applied forwards and
+            backwards and so delays nothing; none by default.
+
+    Returns:
+        The flight, from the first instant at which all is known.
+
+    Raises:
+        UsageError: The log cannot be read, or does not tell enough of the robot; or what reads it
+            is not installed, which the extra `logs` brings.
+    """
+    module = robot if isinstance(robot, ModuleType) else load(robot, "c")
+    vehicle, path, names = Vehicle(module), Path(log), names or {}
+    known = {*_ROLES, *vehicle.joint_names, *vehicle.inputs}
+    if unknown := sorted(names.keys() - known):
+        raise UsageError(f"names: {printable(unknown[0])}: is none of {', '.join(sorted(known))}")
+    if not path.exists():
+        raise UsageError(f"{printable(path)}: is not there; give a log")
+    source = printable(path.name)
+    try:
+        recorded = (read_px4 if is_px4(path) else read_bag)(path, vehicle, names)
+    except UsageError:
+        raise
+    except Exception as error:  # Files can be broken in many ways.
+        why = cause_of(error) if isinstance(error, OSError) else printable(error)
+        raise UsageError(f"{printable(path)}: is not a log that can be read: {why}") from None
+    still = {
+        name: Samples(recorded.position.time, np.full(len(recorded.position.time), place))
+        for name in vehicle.joint_names
+        if isinstance(place := names.get(name), int | float)
+    }
+    recorded = recorded._replace(joints={**recorded.joints, **still})
+    for name in vehicle.joint_names:
+        if name not in recorded.joints:
+            there = ", ".join(recorded.offered) or "none"
+            raise UsageError(
+                f"{printable(path)}: has no positions of the joint {name}; name what it is called "
+                f"there, or the number at which it stands. There are: {there}"
+            )
+    return flight_of_log(vehicle, recorded, source, rate, cutoff)

@@ -1,24 +1,40 @@
-"""Flights as PX4 logs them, as tables that pyulog's `ulog2csv` would make of its logs.
+"""Flights as PX4 logs them, in tables that pyulog's `ulog2csv` would make of its logs, and logs.
 
 World axes are north, east, down, those of the base forwards, right, down, as PX4 has them.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from gibbs_codegen.errors import UsageError, printable
 from gibbs_codegen.flight.logs.motion import base_motion, shares
+from gibbs_codegen.flight.logs.reading import Recorded, Samples
+from gibbs_codegen.flight.plant.vehicle import Vehicle
 from gibbs_codegen.flight.record.flight import Flight
 from gibbs_codegen.flight.record.series import write_table
 from gibbs_codegen.flight.vectors import Array
-from gibbs_codegen.robot.autopilot_axes import north_east_down, turned_attitude, turned_over
+from gibbs_codegen.robot.autopilot_axes import (
+    attitude_turned_back,
+    north_east_down,
+    turned_attitude,
+    turned_over,
+)
+from gibbs_codegen.runtime.load import require
 
 # By topic its fields, and of these the values, a row per message.
 Topics = dict[str, dict[str, NDArray[Any]]]
+# Topics that are read, by what for.
+_READ = {
+    "position": "vehicle_local_position",
+    "attitude": "vehicle_attitude",
+    "spin": "vehicle_angular_velocity",
+}
 # Motors that a message of PX4 has.
 _MOTORS = 12
 
@@ -79,3 +95,93 @@ def topics_of(flight: Flight) -> Topics:
 def _listed(name: str, values: Array) -> dict[str, NDArray[Any]]:
     """Columns of values (s, k) by the names that entries of an array have."""
     return {f"{name}[{k}]": column for k, column in enumerate(values.T)}
+
+
+def is_px4(path: Path) -> bool:
+    """Whether a log is a ULog, or a folder with tables of one."""
+    return path.suffix.lower() == ".ulg" or any(path.glob("*.csv"))
+
+
+def read_px4(path: Path, vehicle: Vehicle, names: Mapping[str, str | float]) -> Recorded:
+    """What a ULog, or tables of one, has of a robot, by names that are others than PX4's own."""
+    topics = _logged(path)
+
+    def series(role: str, *alternatives: tuple[str, ...]) -> Samples | None:
+        """Fields of the topic that has a role, those that it has first of some."""
+        fields = _topic(topics, str(names.get(role, _READ[role])))
+        return next((_samples(fields, each) for each in alternatives if each[0] in fields), None)
+
+    position = series("position", ("x", "y", "z"), _entries("position"))
+    attitude = series("attitude", _entries("q", 4))
+    for role, found in (("position", position), ("attitude", attitude)):
+        if found is None:
+            raise UsageError(
+                f"{printable(path)}: has no {names.get(role, _READ[role])}, which is to tell the "
+                f'{role} of the base; name another topic as "{role}": {", ".join(sorted(topics))}'
+            )
+    assert position is not None and attitude is not None  # noqa: PT018, S101
+    velocity = series("position", ("vx", "vy", "vz"))
+    spin = series("spin", _entries("xyz"), _entries("angular_velocity"), _entries("gyro_rad"))
+
+    def of(name: str, field: str) -> Samples | None:
+        """The series of a coordinate or input by the topic and field that it is called."""
+        topic, _, field = str(names.get(name, f"joint_states.{field}")).partition(".")
+        fields = _topic(topics, topic)
+        return Samples(_times(fields), fields[field]) if field in fields else None
+
+    joints = list(enumerate(vehicle.joint_names))
+    inputs = [(name, k - vehicle.rotors) for k, name in enumerate(vehicle.inputs)]
+    return Recorded(
+        position._replace(values=north_east_down(position.values)),
+        attitude._replace(values=attitude_turned_back(attitude.values)),
+        velocity and velocity._replace(values=north_east_down(velocity.values)),
+        spin and spin._replace(values=turned_over(spin.values)),
+        {name: found for k, name in joints if (found := of(name, f"position[{k}]"))},
+        {
+            name: found
+            for k, name in joints
+            if name not in names and (found := of(name, f"velocity[{k}]"))
+        },
+        {name: found for name, k in inputs if (found := of(name, f"effort[{k}]"))},
+        tuple(topics),
+    )
+
+
+def _logged(path: Path) -> Topics:
+    """Topics of a ULog, or of the tables in a folder; of several of a kind the first."""
+    if path.suffix.lower() == ".ulg":
+        require("pyulog", "logs of PX4", "logs")
+        from pyulog import ULog
+
+        with path.open("rb") as file:
+            return {each.name: each.data for each in ULog(file).data_list if each.multi_id == 0}
+    found: Topics = {}
+    for table in sorted(path.glob("*_0.csv")):
+        with table.open(encoding="utf-8") as file:
+            names = file.readline().strip().split(",")
+            columns = np.loadtxt(file, delimiter=",", ndmin=2).T
+        found[table.stem.removesuffix("_0")] = dict(zip(names, columns, strict=True))
+    return found
+
+
+def _topic(topics: Topics, name: str) -> dict[str, NDArray[Any]]:
+    """Fields of a topic, none if there is no such one; tables may begin with the name of a log."""
+    named = [each for each in topics if each == name or each.endswith(f"_{name}")]
+    return topics[min(named, key=len)] if named else {}
+
+
+def _entries(name: str, count: int = 3) -> tuple[str, ...]:
+    """Names of fields that are entries of an array."""
+    return tuple(f"{name}[{k}]" for k in range(count))
+
+
+def _samples(fields: Mapping[str, NDArray[Any]], names: tuple[str, ...]) -> Samples:
+    """The series of some fields."""
+    values = np.stack([fields[name] for name in names], axis=1)
+    return Samples(_times(fields), values.astype(np.float64))
+
+
+def _times(fields: Mapping[str, NDArray[Any]]) -> NDArray[np.int64]:
+    """Times, ns, at which messages were measured, or else logged."""
+    sampled = fields.get("timestamp_sample", fields["timestamp"])
+    return np.asarray(sampled, np.int64) * 1000

@@ -1,4 +1,4 @@
-"""Flights as bags of ROS 2 in the format MCAP, without an installation of ROS.
+"""Flights as bags of ROS 2 in the format MCAP, and bags as series, without an installation of ROS.
 
 World axes have z up, those of the base x forwards and y to the left, as ROS has them; so nothing is
 turned.
@@ -6,16 +6,22 @@ turned.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections import defaultdict
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
+from gibbs_codegen.errors import UsageError, printable
 from gibbs_codegen.flight.logs.cdr import encoded, stamps, times_of
 from gibbs_codegen.flight.logs.motion import base_motion, shares
+from gibbs_codegen.flight.logs.reading import Recorded, Samples
+from gibbs_codegen.flight.plant.vehicle import Vehicle
 from gibbs_codegen.flight.record.flight import Flight
 from gibbs_codegen.flight.vectors import Array
+from gibbs_codegen.runtime.load import require
 
 WORLD, BASE = "world", "base"
 # What ROS itself does not define: https://github.com/rudislabs/actuator_msgs.
@@ -27,12 +33,15 @@ float64[] normalized
 """
 # By the unit of a command, the list of Actuators that it belongs to.
 _LISTS = {"rad": "position", "m": "position", "rad/s": "velocity", "m/s": "velocity"}
+# Topics that are read, by what for.
+_READ = {"odometry": "/odom", "joints": "/joint_states", "inputs": "/inputs"}
 # Samples that are encoded at a time, which bounds the memory.
 _ROWS = 4096
 
 
 def write_bag(flight: Flight, folder: Path) -> None:
     """Write a flight to a folder, which must not exist, with an MCAP file of its name."""
+    require("rosbags", "logs of ROS", "logs")
     from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 
     store, times = message_types(), times_of(flight.time).tolist()
@@ -124,3 +133,64 @@ def _commands(flight: Flight) -> dict[str, Array]:
         values = share if unit in ("N", "N m") else command
         found[_LISTS.get(unit, "normalized")].append(values)
     return {name: np.stack(each, axis=1) for name, each in found.items() if each}
+
+
+def read_bag(path: Path, vehicle: Vehicle, names: Mapping[str, str | float]) -> Recorded:
+    """What a bag, or an MCAP file, has of a robot, by names that are others than those written."""
+    require("rosbags", "logs of ROS", "logs")
+    from rosbags.highlevel import AnyReader
+
+    topics = {role: str(names.get(role, topic)) for role, topic in _READ.items()}
+    messages: dict[str, list[tuple[int, Any]]] = {topic: [] for topic in topics.values()}
+    with AnyReader([path]) as reader:
+        known = sorted({each.topic for each in reader.connections})
+        wanted = [each for each in reader.connections if each.topic in messages]
+        for channel, time, data in reader.messages(wanted):
+            message: Any = reader.deserialize(data, channel.msgtype)
+            stamp = message.header.stamp
+            # A message without a stamp has the time at which it was logged.
+            time = stamp.sec * 10**9 + stamp.nanosec or time
+            messages[channel.topic].append((time, message))
+    if not messages[topics["odometry"]]:
+        raise UsageError(
+            f"{printable(path)}: has no message of {printable(topics['odometry'])}, which is to "
+            f'tell where the base is; name another topic as "odometry": {", ".join(known)}'
+        )
+    poses = messages[topics["odometry"]]
+    stamped = np.array([time for time, _ in poses])
+    placed = [getattr(message.pose, "pose", message.pose) for _, message in poses]
+    attitude = np.array([_entries("xyzw", each.orientation) for each in placed])
+    velocity = spin = None
+    if hasattr(poses[0][1], "twist"):
+        twists = [message.twist.twist for _, message in poses]
+        moving = np.array([_entries("xyz", each.linear) for each in twists])
+        velocity = Samples(stamped, Rotation.from_quat(attitude).apply(moving))
+        spin = Samples(stamped, np.array([_entries("xyz", each.angular) for each in twists]))
+    states, efforts = (_by_name(messages[topics[role]]) for role in ("joints", "inputs"))
+    joints = [(each, names.get(each, each)) for each in vehicle.joint_names]
+    inputs = [(each, str(names.get(each, each))) for each in vehicle.inputs]
+    return Recorded(
+        Samples(stamped, np.array([_entries("xyz", each.position) for each in placed])),
+        Samples(stamped, attitude),
+        velocity,
+        spin,
+        {each: states["position", name] for each, name in joints if ("position", name) in states},
+        {each: states["velocity", name] for each, name in joints if ("velocity", name) in states},
+        {each: efforts["effort", name] for each, name in inputs if ("effort", name) in efforts},
+        tuple(str(name) for series, name in states if series == "position"),
+    )
+
+
+def _by_name(messages: Sequence[tuple[int, Any]]) -> dict[tuple[str, str | float], Samples]:
+    """Positions, velocities and efforts of JointState by names; not every message has every one."""
+    found: dict[tuple[str, str | float], list[tuple[int, float]]] = defaultdict(list)
+    for time, message in messages:
+        for series in ("position", "velocity", "effort"):
+            for name, value in zip(message.name, getattr(message, series), strict=False):
+                found[series, name].append((time, value))
+    return {key: Samples(*map(np.array, zip(*each, strict=True))) for key, each in found.items()}
+
+
+def _entries(names: str, message: Any) -> list[float]:
+    """Entries of a message by names of one letter."""
+    return [getattr(message, name) for name in names]

@@ -50,24 +50,13 @@ class Recording:
         contacts = [(k, x) for k, wall in enumerate(scenario.walls, 1) for x in wall.frames]
         blowing = [[gust.begin, gust.begin + gust.duration] for gust in gusts]
         return {
-            "robot": lambda: vehicle.name,
+            **posture_series(vehicle, lambda: self._parts.q, lambda: self._parts.v),
             "scenario": lambda: scenario.name,
             "law": lambda: loop.controller.law,
             "control_rate": lambda: loop.hold.rate if loop.hold else 0.0,
-            "attitude": lambda: vehicle.attitude,
-            "coordinates": lambda: vehicle.coordinates,
-            "coordinate_units": lambda: vehicle.layout.q.units,
-            "input_names": lambda: vehicle.inputs,
-            "points": lambda: vehicle.points,
-            "constraint_names": lambda: vehicle.constraint_names,
-            "frames": lambda: vehicle.frames,
             "tangent_arm": lambda: self._tangent_arm,
             "stopped": lambda: self.history.stopped,
-            "weight": lambda: weight_of(vehicle),
-            "gravity": lambda: -float(vehicle.gravity),
             "time": lambda: time,
-            "q": lambda: self._parts.q,
-            "v": lambda: self._parts.v,
             "a": lambda: self._motion["a"],
             "q_desired": lambda: self._reference[0],
             "v_desired": lambda: self._reference[1],
@@ -80,17 +69,9 @@ class Recording:
                 *self._parts[:2], self._motion["a"], self._inputs[1]
             ),
             "frame_wrenches": lambda: self._motion["wrenches"],
-            "base_arm_angles": self._base_arm_angles,
-            "base_arm_angles_desired": lambda: vehicle.arm_angles()[1:],
-            "positions": lambda: self._positions,
-            "parents": lambda: point_parents(vehicle),
-            "base_rotation": lambda: vehicle.base_rotation(self._parts.q),
-            "thrust_directions": self._thrust_directions,
             "centre_desired": lambda: scenario.base(time)[:, 0],
             "tip_desired": lambda: self._tip_desired,
             "heading_error": self._heading_error,
-            "kinetic_energy": lambda: vehicle.kinetic_energy(*self._parts[:2]),
-            "potential_energy": lambda: vehicle.potential_energy(self._parts.q),
             "work": lambda: self._parts.work,
             "walls": self._walls,
             "wall_kinds": lambda: tuple(wall.kind for wall in scenario.walls),
@@ -160,10 +141,6 @@ class Recording:
         return self.loop.motion(self._time, self._parts, aimed, acting, loads)
 
     @cached_property
-    def _positions(self) -> Array:
-        return self.loop.vehicle.positions(self._parts.q)
-
-    @cached_property
     def _ranges(self) -> Array:
         """Ranges (2, 2, s, nu) of the inputs between samples, in the order of `RANGES`."""
         known = self.ranges() if self.ranges else self.history.inputs
@@ -230,16 +207,6 @@ class Recording:
         known = [air[name][7] if name in air else 0.0 for name in vehicle.inputs[: vehicle.rotors]]
         return np.array(known if told is None else [told] * len(known), dtype=np.float64)
 
-    def _thrust_directions(self) -> Array:
-        """Unit vectors of the thrusts in the base's frame.
-
-        (N, 3), or (s, N, 3) where joints move rotors.
-        """
-        vehicle = self.loop.vehicle
-        wrenches = vehicle.thrust_wrenches(self._parts.q if vehicle.rotors_move else None)
-        forces = np.swapaxes(wrenches[..., :3, :], -1, -2)
-        return forces / np.linalg.norm(forces, axis=-1, keepdims=True)
-
     @property
     def _tangent_arm(self) -> int:
         """The base arm that points along the path, from 1, or 0 for none."""
@@ -259,13 +226,54 @@ class Recording:
         direction = vehicle.base_rotation(self._parts.q) @ along
         return heading_error(self.scenario.base, self._time, direction)
 
-    def _base_arm_angles(self) -> Array:
-        """Angles (s, N − 1), rad, of base arms 2 … N against arm 1, from where the motors are."""
-        vehicle, positions = self.loop.vehicle, self._positions
-        first = vehicle.points.index(vehicle.centre)
-        arms = positions[:, first + 2 : first + 1 + max(len(vehicle.arm_angles()), 1)]
-        away = (arms - positions[:, [first]]) @ vehicle.base_rotation(self._parts.q)
-        return np.arctan2(away[..., 1], away[..., 0])
+
+def posture_series(
+    vehicle: Vehicle, q: Callable[[], Array], v: Callable[[], Array]
+) -> dict[str, Callable[[], Any]]:
+    """What computes the fields of a flight that tell of its robot and of where that is.
+
+    By coordinates (s, nq) and velocities (s, nv), which are asked for when they are needed.
+    """
+    return {
+        "robot": lambda: vehicle.name,
+        "attitude": lambda: vehicle.attitude,
+        "coordinates": lambda: vehicle.coordinates,
+        "coordinate_units": lambda: vehicle.layout.q.units,
+        "input_names": lambda: vehicle.inputs,
+        "points": lambda: vehicle.points,
+        "constraint_names": lambda: vehicle.constraint_names,
+        "frames": lambda: vehicle.frames,
+        "weight": lambda: weight_of(vehicle),
+        "gravity": lambda: -float(vehicle.gravity),
+        "q": q,
+        "v": v,
+        "base_arm_angles": lambda: _base_arm_angles(vehicle, q()),
+        "base_arm_angles_desired": lambda: vehicle.arm_angles()[1:],
+        "positions": lambda: vehicle.positions(q()),
+        "parents": lambda: point_parents(vehicle),
+        "base_rotation": lambda: vehicle.base_rotation(q()),
+        "thrust_directions": lambda: _thrust_directions(vehicle, q()),
+        "kinetic_energy": lambda: vehicle.kinetic_energy(q(), v()),
+        "potential_energy": lambda: vehicle.potential_energy(q()),
+    }
+
+
+def _thrust_directions(vehicle: Vehicle, q: Array) -> Array:
+    """Unit vectors of the thrusts in the base's frame.
+
+    (N, 3), or (s, N, 3) where joints move rotors.
+    """
+    wrenches = vehicle.thrust_wrenches(q if vehicle.rotors_move else None)
+    forces = np.swapaxes(wrenches[..., :3, :], -1, -2)
+    return forces / np.linalg.norm(forces, axis=-1, keepdims=True)
+
+
+def _base_arm_angles(vehicle: Vehicle, q: Array) -> Array:
+    """Angles (s, N − 1), rad, of base arms 2 … N against arm 1, from where the motors are."""
+    positions, first = vehicle.positions(q), vehicle.points.index(vehicle.centre)
+    arms = positions[:, first + 2 : first + 1 + max(len(vehicle.arm_angles()), 1)]
+    away = (arms - positions[:, [first]]) @ vehicle.base_rotation(q)
+    return np.arctan2(away[..., 1], away[..., 0])
 
 
 def weight_of(vehicle: Vehicle) -> float:

@@ -1,0 +1,28 @@
+"""`replay`: a log of ROS 2 or PX4 as a flight."""
+
+from __future__ import annotations
+
+import argparse
+
+from gibbs_codegen.cli import robot_argument, terminal
+from gibbs_codegen.errors import printable
+from gibbs_codegen.files.toml import changes_of
+from gibbs_codegen.flight.figures.flight import check_results, write_results
+from gibbs_codegen.flight.logs.log import read_log
+from gibbs_codegen.runtime.load import load
+
+
+@terminal.ended_by_signals()
+def run(options: argparse.Namespace) -> int:
+    """Write the results, and print what the log told."""
+    names = changes_of(options.name)
+    check_results(options.out)
+    with (
+        robot_argument.found_module(options.robot, terminal.progress()) as (folder, _),
+        terminal.progress_bar() as progress,
+    ):
+        flight = read_log(load(folder), options.log, names, options.rate, options.cutoff)
+        write_results(flight, options.out, not options.no_figures, progress=progress)
+    samples = f"{len(flight.time)} samples of {flight.time[-1]:.4g} s"
+    print(f"{printable(options.out)}: {flight.robot}, {samples}, by {flight.scenario}")
+    return 0
