@@ -57,3 +57,15 @@ def shares(flight: Flight) -> Array:
     """Commanded inputs (s, nu) as shares of the greatest, NaN where there is no limit."""
     most = flight.input_limits[1]
     return flight.commanded / np.where(np.isfinite(most) & (most > 0.0), most, np.nan)
+
+
+def imus(flight: Flight) -> dict[str, Array]:
+    """By the name of each IMU of the robot its readings (s, 6): specific force, m/s², and spin."""
+    places = {name: k for k, name in enumerate(flight.sensor_names)}
+    first = "_acceleration_x"
+    # What another sensor of such a name reads has no angular velocity after it.
+    return {
+        name.removesuffix(first): flight.sensors[:, k : k + 6]
+        for name, k in places.items()
+        if places.get(name.replace(first, "_angular_velocity_x")) == k + 3
+    }

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gibbs_codegen.errors import UsageError, printable
-from gibbs_codegen.flight.logs.motion import base_motion, shares
+from gibbs_codegen.flight.logs.motion import base_motion, imus, shares
 from gibbs_codegen.flight.logs.reading import Recorded, Samples
 from gibbs_codegen.flight.plant.vehicle import Vehicle
 from gibbs_codegen.flight.record.flight import Flight
@@ -63,12 +63,13 @@ def topics_of(flight: Flight) -> Topics:
             ("xy_valid", "z_valid", "v_xy_valid", "v_z_valid"), np.ones(count, np.int64)
         ),
     }
-    spin = turned_over(base.spin)
+    exact = np.concatenate([base.specific_force, base.spin], axis=1)
+    sensed = next(iter(imus(flight).values()), exact)
     measured = {
-        **_listed("gyro_rad", spin),
+        **_listed("gyro_rad", turned_over(sensed[:, 3:])),
         "gyro_integral_dt": since,
         "accelerometer_timestamp_relative": np.zeros(count, np.int64),
-        **_listed("accelerometer_m_s2", turned_over(base.specific_force)),
+        **_listed("accelerometer_m_s2", turned_over(sensed[:, :3])),
         "accelerometer_integral_dt": since,
     }
     motors = np.full((count, _MOTORS), np.nan)
@@ -83,7 +84,7 @@ def topics_of(flight: Flight) -> Topics:
     found: Topics = {
         "vehicle_local_position": positions,
         "vehicle_attitude": _listed("q", turned_attitude(base.quaternion)),
-        "vehicle_angular_velocity": _listed("xyz", spin),
+        "vehicle_angular_velocity": _listed("xyz", turned_over(base.spin)),
         "sensor_combined": measured,
         "actuator_motors": _listed("control", motors),
     }

@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 
 from gibbs_codegen.errors import UsageError, printable
 from gibbs_codegen.flight.logs.cdr import encoded, stamps, times_of
-from gibbs_codegen.flight.logs.motion import base_motion, shares
+from gibbs_codegen.flight.logs.motion import base_motion, imus, shares
 from gibbs_codegen.flight.logs.reading import Recorded, Samples
 from gibbs_codegen.flight.plant.vehicle import Vehicle
 from gibbs_codegen.flight.record.flight import Flight
@@ -88,6 +88,7 @@ def topics_of(flight: Flight) -> dict[str, tuple[str, Mapping[str, Any]]]:
     }
     transform = {"header": header, "child_frame_id": BASE, "transform": moved}
     efforts = {"name": flight.input_names, "effort": flight.applied}
+    no_attitude = -1.0 * (np.arange(9) == 0) * np.ones((len(flight.time), 1))
     found: dict[str, tuple[str, Mapping[str, Any]]] = {
         "/clock": ("rosgraph_msgs/msg/Clock", {"clock": stamp}),
         "/tf": ("tf2_msgs/msg/TFMessage", {"transforms": [transform]}),
@@ -104,14 +105,19 @@ def topics_of(flight: Flight) -> dict[str, tuple[str, Mapping[str, Any]]]:
             "effort": flight.applied[:, flight.rotors :],
         }
         found["/joint_states"] = ("sensor_msgs/msg/JointState", {"header": header, **state})
-    if not np.isnan(flight.gravity):
-        measured = {
-            "header": {"stamp": stamp, "frame_id": BASE},
-            "orientation": attitude,
-            "angular_velocity": _named("xyz", base.spin),
-            "linear_acceleration": _named("xyz", base.specific_force),
-        }
-        found["/imu"] = ("sensor_msgs/msg/Imu", measured)
+    if (sensed := imus(flight)) or not np.isnan(flight.gravity):
+        exact = np.concatenate([base.specific_force, base.spin], axis=1)
+        for name, values in (sensed or {"imu": exact}).items():
+            measured = {
+                "header": {"stamp": stamp, "frame_id": name if sensed else BASE},
+                "angular_velocity": _named("xyz", values[:, 3:]),
+                "linear_acceleration": _named("xyz", values[:, :3]),
+                # A negative first entry says that there is no attitude.
+                **(
+                    {"orientation_covariance": no_attitude} if sensed else {"orientation": attitude}
+                ),
+            }
+            found[f"/{name}"] = ("sensor_msgs/msg/Imu", measured)
     return found
 
 
