@@ -241,7 +241,9 @@ class Readings:
 
     def instants(self, begin: float, end: float) -> Array:
         """Times from `begin` to `end`, s, at which there is something to measure."""
-        found = [np.zeros(0)]
+        if not self.suite.devices:
+            return np.zeros(0)
+        found = []
         for each in self.suite.devices:
             first, last = np.floor(begin * each.rate), np.ceil(end * each.rate)
             found.append(np.arange(first, last + 1.0) / each.rate)

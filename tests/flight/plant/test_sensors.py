@@ -144,20 +144,24 @@ def test_noise_and_walk_have_the_variances_of_their_formulas(fast: Load) -> None
     """
     module, rate, n, w = fast("quadrotor"), 50.0, 0.02, 0.3
     white = {"accelerometer_noise": n, "gyroscope_walk": w, "gyroscope_bias": [0.1, 0.2, 0.3]}
-    sensors = suite(module, imu=[white | {"rate": rate}], barometer=[{"noise": 0.4, "rate": rate}])
+    heights = [{"noise": 0.4}, {"name": "other", "noise": 0.4, "altitude": 300.0}]
+    heights = [each | {"rate": rate} for each in (*heights, {"name": "drifting", "drift": w})]
+    sensors = suite(module, imu=[white | {"rate": rate}], barometer=heights)
     times, *motion = resting(module, 101, rate)
     found = sensors.readings(times, *(np.broadcast_to(x, (200, *x.shape)) for x in motion), seed=3)
-    assert found.shape == (200, 101, 7)
-    force, spin, height = np.split(found, [3, 6], axis=-1)
+    assert found.shape == (200, 101, 9)
+    force, spin, height, drifting = np.split(found, [3, 6, 8], axis=-1)
     assert np.var(force[:, :100].mean(axis=1) - UP) == pytest.approx(n**2 / 2.0, rel=0.15)
     assert np.var(force - UP) == pytest.approx(n**2 * rate, rel=0.02)
     grown = spin - [0.1, 0.2, 0.3]
     assert np.var(grown[:, 24]) == pytest.approx(w**2 * 25 / rate, rel=0.15)
     assert np.var(grown[:, 100] - grown[:, 0]) == pytest.approx(w**2 * 2.0, rel=0.15)
     assert np.mean(grown[:, 1:] - grown[:, :-1]) == pytest.approx(0.0, abs=4e-4)
-    assert np.std(height - 2.0) == pytest.approx(0.4, rel=0.02)
-    errors = np.concatenate([force - UP, height - 2.0], axis=-1).reshape(-1, 4)
-    assert np.abs(np.corrcoef(errors.T) - np.eye(4)).max() < 0.03
+    assert np.std(height - [2.0, 302.0]) == pytest.approx(0.4, rel=0.02)
+    # Of 200 motions: the standard deviation of a variance is 0.1 of it.
+    assert np.var(drifting[:, 100] - drifting[:, 0]) == pytest.approx(w**2 * 2.0, rel=0.3)
+    errors = np.concatenate([force, height], axis=-1).reshape(-1, 5)
+    assert np.abs(np.corrcoef(errors.T) - np.eye(5)).max() < 0.03
 
 
 def test_range_resolution_rate_and_delay_are_exact(fast: Load) -> None:
@@ -226,12 +230,13 @@ def test_the_same_seed_reads_the_same_and_the_record_has_what_was_told(
         assert np.array_equal(values, row, equal_nan=True)
         assert seen.sensors["imu"].time == pytest.approx(seen.time, abs=1e-12)
     # Stepped, the same is read; by way of the samples of the flight, but where inputs jump.
-    simulation, count = Simulation(module, changed()), 15
-    seen = simulation.reset()
-    for _ in range(count):
-        seen = simulation.step(controller(seen))
-    stepped = simulation.flight().sensors
-    assert stepped[1:] == pytest.approx(flight.sensors[1:], abs=1e-9, nan_ok=True)
+    simulation = Simulation(module, changed())
+    for seed, wanted in ((None, flight), (5, other)):
+        seen = simulation.reset(seed=seed)
+        for _ in range(15):
+            seen = simulation.step(controller(seen))
+        stepped = simulation.flight().sensors
+        assert stepped[1:] == pytest.approx(wanted.sensors[1:], abs=1e-9, nan_ok=True)
     sensors = SensorSuite(module, changed().sensors)
     after = sensors.readings(flight.time, flight.q, flight.v, flight.a)
     own = np.arange(61) % 4 != 0
