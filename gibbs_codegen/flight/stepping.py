@@ -24,6 +24,7 @@ from gibbs_codegen.flight.integration.closed_loop import Parts
 from gibbs_codegen.flight.integration.integrators import Integration
 from gibbs_codegen.flight.plant.actuators import check_charge
 from gibbs_codegen.flight.plant.kinematics import UNIT, unit_quaternions
+from gibbs_codegen.flight.plant.sensors import Reading
 from gibbs_codegen.flight.plant.vehicle import Array
 from gibbs_codegen.flight.record.flight import Flight
 from gibbs_codegen.flight.record.recording import flight_of
@@ -83,6 +84,11 @@ class Simulation:
     def stopped(self) -> str:
         """Why the flight cannot go on, "" while it can."""
         return "" if self._flight is None else self._flight.stopped
+
+    @property
+    def sensors(self) -> dict[str, Reading]:
+        """What the robot's sensors read last, by their names: `Observation.sensors` as of now."""
+        return self._sensing.readings.at(self.time - self._sensing.delay)
 
     def reset(
         self,

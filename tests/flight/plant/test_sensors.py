@@ -72,6 +72,18 @@ def test_free_fall_has_no_specific_force_and_hover_has_that_of_gravity(fast: Loa
         )
 
 
+def test_the_robot_that_flies_is_read_and_as_late_as_it_is_observed(fast: Load) -> None:
+    """A fall on the moon, of which the controller does not know, observed 30 ms late."""
+    sensors = {"imu": [{"rate": 100, "delay": 0.01}], "delay": 0.03}
+    simulation = flown(fast("quadrotor"), np.zeros(4), plant={"gravity": 1.62}, sensors=sensors)
+    reading = simulation.step(np.zeros(4), 0.1).sensors["imu"]
+    assert reading.time == pytest.approx(0.2 - 0.03 - 0.01, abs=1e-12)
+    assert reading.values == pytest.approx(np.zeros(6), abs=1e-12)
+    assert simulation.sensors["imu"].values is reading.values
+    with pytest.raises(ValueError, match="read-only"):
+        reading.values[0] = 1.0
+
+
 def test_off_centre_a_turn_is_felt_as_centripetal(fast: Load) -> None:
     module, rate = fast(ARM), 3.0
     q, v = at(module, upper_arm=0.7, forearm=0.5), np.zeros(8)
