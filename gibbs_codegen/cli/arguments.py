@@ -107,6 +107,16 @@ def _add_json(parser: Parser) -> None:
     parser.flag("--json", "print JSON instead of tables")
 
 
+def _add_backend(parser: Parser) -> None:
+    parser.add(
+        *("--backend", None),
+        "back end to compute with; c is compiled once, and replaced by numpy if that is not "
+        "possible",
+        choices=("numpy", "c"),
+        default="c",
+    )
+
+
 def _add_changes(parser: Parser, flights: str) -> None:
     """Add --set; `flights` says of which flights."""
     meaning = f"replace an entry of the scenario{flights}, such as start.offset=[0.2,0,0]; may be"
@@ -126,6 +136,12 @@ def _number(text: str) -> float:
     except ValueError:
         pass
     raise argparse.ArgumentTypeError(f"must be a finite number, not {printable(text, 40)}")
+
+
+def _not_negative(text: str) -> float:
+    if (value := _number(text)) >= 0.0:
+        return value
+    raise argparse.ArgumentTypeError(f"must be 0 or more, not {printable(text, 40)}")
 
 
 class _OfAttachment(argparse.Action):
@@ -213,17 +229,43 @@ def argument_parser() -> Parser:
     _add_module(parser)
     parser.add("--scenario", "NAME|FILE", f"the scenario to fly: {_SCENARIOS}", default="paper")
     parser.add("--out", "DIR", "folder in which the results are written", default="flight")
-    parser.add(
-        *("--backend", None),
-        "back end to compute with; c is compiled once, and replaced by numpy if that is not "
-        "possible",
-        choices=("numpy", "c"),
-        default="c",
-    )
+    _add_backend(parser)
     _add_changes(parser, "")
     parser.flag("--no-figures", "write the time series only")
     meaning = "write an animation as well, in this format"
     parser.add("--animate", None, meaning, choices=("gif", "mp4"))
+
+    parser = command("sitl", "fly a scenario under an autopilot, in step with it")
+    _add_module(parser)
+    autopilots = parser.add_mutually_exclusive_group(required=True)
+    for word, meaning in (
+        ("px4", "PX4, in lockstep over MAVLink: TCP port 4560"),
+        ("ardupilot", "ArduPilot, by its JSON interface: UDP port 9002"),
+    ):
+        autopilots.add_argument(
+            *(f"--{word}",), dest="autopilot", action="store_const", const=word, help=meaning
+        )
+    meaning = f"motion of the arm, wind, loads and walls: {_SCENARIOS}"
+    parser.add("--scenario", "NAME|FILE", meaning, default="hover")
+    parser.add("--out", "DIR", "folder in which the results are written", default="flight")
+    meaning = "seconds to fly in a second at most; 0: as fast as the autopilot follows"
+    parser.add("--speed", "N", meaning, type=_not_negative, default=1)
+    parser.add(
+        *("--joints", None),
+        "what moves the joints: the scenario, or servo outputs of the autopilot after those of the "
+        "rotors, from -1 to 1 over the limits of each joint",
+        choices=("scenario", "autopilot"),
+        default="scenario",
+    )
+    meaning = "number of the autopilot's instance, which its ports depend on"
+    parser.add("--instance", "I", meaning, type=int, default=0)
+    meaning = "address to listen at; other machines reach 0.0.0.0"
+    parser.add("--host", "ADDRESS", meaning, default="127.0.0.1")
+    meaning = "seconds that the autopilot may be silent, at first as well"
+    parser.add("--timeout", "S", meaning, type=_not_negative, default=30)
+    _add_backend(parser)
+    _add_changes(parser, "")
+    parser.flag("--no-figures", "write the time series only")
 
     parser = command("sweep", "fly scenarios in many variants, and measure every flight")
     meaning = f"{_PLACES}, which comes first; of others a module is generated"

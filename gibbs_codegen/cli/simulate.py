@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import sys
 import time
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -20,6 +21,7 @@ from gibbs_codegen.flight.scenario.parts import (
     Control,
     Impedance,
 )
+from gibbs_codegen.flight.scenario.walls import Wall
 from gibbs_codegen.runtime.load import load
 from gibbs_codegen.runtime.predictive import AT_WALLS, DERIVATIVES
 
@@ -65,9 +67,25 @@ def run(options: argparse.Namespace) -> int:
         f"energy balance {max(abs(flight.energy_error)):.2g} J\n"
         f"errors at the end: {_errors(flight, slice(-1, None))}"
     )
-    for k, (wall, forces) in enumerate(
-        zip(scenario.walls, flight.wall_forces.T, strict=True), start=1
-    ):
+    print_events(flight, scenario.walls)
+    if unreached := _unreached(flight, scenario.control):
+        print(f"note: {unreached}")
+    if flight.timing:
+        print(f"timing: {printable(flight.timing)}")
+    times = flight.binding_times[:_MOST_LIMITS]
+    for (begin, end), what in zip(times, flight.binding, strict=False):
+        print(f"  {begin:7.3f} to {end:7.3f} s: {what}")
+    if more := len(flight.binding) - len(times):
+        print(f"  and {more} more: `binding` of {printable(options.out)}/flight.npz has all")
+    if flight.stopped:
+        print(f"gibbs-codegen: the flight ended early: {flight.stopped}", file=sys.stderr)
+        return 1
+    return 0
+
+
+def print_events(flight: Flight, walls: Sequence[Wall]) -> None:
+    """Print what walls felt, what collided, and what reached its limits, of a flight."""
+    for k, (wall, forces) in enumerate(zip(walls, flight.wall_forces.T, strict=True), start=1):
         # What is not a number, after control was lost, is not the greatest.
         most = max(range(len(forces)), key=lambda sample: (forces[sample] >= 0.0, forces[sample]))
         words = f"at most {forces[most]:.3g} N, at t = {flight.time[most]:.4g} s; "
@@ -82,19 +100,6 @@ def run(options: argparse.Namespace) -> int:
         print(f"beyond their limits: {printable(joints, 400)}")
     for note in flight.notes:
         print(f"note: {note}")
-    if unreached := _unreached(flight, scenario.control):
-        print(f"note: {unreached}")
-    if flight.timing:
-        print(f"timing: {printable(flight.timing)}")
-    times = flight.binding_times[:_MOST_LIMITS]
-    for (begin, end), what in zip(times, flight.binding, strict=False):
-        print(f"  {begin:7.3f} to {end:7.3f} s: {what}")
-    if more := len(flight.binding) - len(times):
-        print(f"  and {more} more: `binding` of {printable(options.out)}/flight.npz has all")
-    if flight.stopped:
-        print(f"gibbs-codegen: the flight ended early: {flight.stopped}", file=sys.stderr)
-        return 1
-    return 0
 
 
 def _unreached(flight: Flight, control: Control) -> str:

@@ -20,7 +20,7 @@ from gibbs_codegen.flight.control.sampled_control import (
     ZeroOrderHold,
 )
 from gibbs_codegen.flight.desired.trajectory import Progress
-from gibbs_codegen.flight.integration.closed_loop import Parts
+from gibbs_codegen.flight.integration.closed_loop import ClosedLoop, Parts
 from gibbs_codegen.flight.integration.integrators import Integration
 from gibbs_codegen.flight.plant.actuators import check_charge
 from gibbs_codegen.flight.plant.kinematics import UNIT, unit_quaternions
@@ -66,6 +66,11 @@ class Simulation:
         self.reset()
 
     @property
+    def loop(self) -> ClosedLoop:
+        """Robot, actuators, surroundings and desired motion, for rooms of flight above."""
+        return self._loop
+
+    @property
     def time(self) -> float:
         """Time that was flown, s."""
         return 0.0 if self._flight is None else self._flight.time
@@ -73,12 +78,19 @@ class Simulation:
     @property
     def q(self) -> Array:
         """Coordinates (nq) as they are, without sensors."""
-        return self._at()[0].q
+        return self._now.q
 
     @property
     def v(self) -> Array:
         """Velocities (nv) as they are, without sensors."""
-        return self._at()[0].v
+        return self._now.v
+
+    @property
+    def a(self) -> Array:
+        """Accelerations (nv) as they are, under the inputs that acted before, without sensors."""
+        places = self._loop.vehicle.layout
+        rate = (self._flight or self._integration()).rate()
+        return rate[places.q.size : places.q.size + places.v.size]
 
     @property
     def stopped(self) -> str:
@@ -128,6 +140,7 @@ class Simulation:
         self._loop = replace(self._loop, bristles=self._bristles if q is None else None)
         self._hold.forget()
         self._flight: Integration | None = None
+        self._known: tuple[float, Parts] | None = None
         # Times, states and inputs from which the flight of a while ago can be flown again.
         self._marks: list[tuple[float, Array, Array]] = []
         self._take()
@@ -147,6 +160,19 @@ class Simulation:
         Raises:
             UsageError: If u or duration is not what it must be, or the flight has ended.
         """
+        self.advance(u, duration)
+        return self._seen()
+
+    def advance(self, u: ArrayLike, duration: float | None = None) -> None:
+        """Fly on as `step` does, without an observation, which takes most of the time of a step.
+
+        Args:
+            u: Inputs (nu).
+            duration: How long, s.
+
+        Raises:
+            UsageError: As that of `step`.
+        """
         ahead = self._usual if duration is None else seconds("duration", duration)
         if fault := self._hold.fault(u):
             raise UsageError(f"u: is {fault}")
@@ -158,7 +184,6 @@ class Simulation:
         for instant in [*self._hold.instants(now, now + ahead), now + ahead]:
             self._fly(self._flight, float(instant))
             self._take()
-        return self._seen()
 
     def _take(self) -> None:
         """Take the readings that are due now."""
@@ -188,6 +213,13 @@ class Simulation:
             needed = [time <= oldest for time, _, _ in self._marks]
             self._marks = self._marks[max(sum(needed) - 1, 0) :]
             self._marks.append((begin, state, self._hold.inputs))
+
+    @property
+    def _now(self) -> Parts:
+        """The state now; taken apart once."""
+        if self._known is None or self._known[0] != self.time:
+            self._known = self.time, self._at()[0]
+        return self._known[1]
 
     def _at(self, time: float = math.inf) -> tuple[Parts, Array]:
         """The state at a time, s, of those flown, the last if later, and the inputs held there."""

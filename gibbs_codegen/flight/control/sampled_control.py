@@ -111,7 +111,9 @@ class ZeroOrderHold:
 
     def instants(self, begin: float, end: float) -> Array:
         """Times after `begin` and before `end`, s, of effects of commands and of readings."""
-        times = np.array([time for time, _ in self._pending], dtype=np.float64)
+        times = np.array([time for time, _ in self._pending if begin < time < end])
+        if not len(times) and (self.readings is None or not self.readings.suite.devices):
+            return times
         return self._inside(times, begin, end)
 
     def _inside(self, times: Array, begin: float, end: float) -> Array:

@@ -357,6 +357,7 @@ class ClosedLoop:
         times = np.array(sorted({begin, end, *(t for t in jumps if begin < t < end)}))
         if self.hold is not None:
             instants = self.hold.instants(begin, end)
+        if self.hold is not None and len(instants):
             near = np.abs(instants[:, np.newaxis] - times) <= self.hold.same
             times = np.sort(np.concatenate([times, instants[~near.any(axis=1)]]))
         for first, last in itertools.pairwise(times.tolist()):

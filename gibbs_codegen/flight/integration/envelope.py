@@ -65,6 +65,7 @@ class Envelope:
         if controller.law in LAWS:
             peaks = np.clip(_peak_response(controller.gains), _LEAST_PEAK, duration)
             self.bounds[count:] = divergence / peaks
+        self._bounded = bool(np.any(np.isfinite(self.bounds)))
 
     def holds(self, time: Array, states: Array) -> Flags:
         """Which states (s, size) at times (s) are finite and within the bounds (s)."""
@@ -112,7 +113,9 @@ class Envelope:
         return ""
 
     def _errors(self, time: float | Array, states: Array) -> Array:
-        """Magnitudes of the tracking errors, then of their rates (…, 2 nv)."""
+        """Magnitudes of the tracking errors, then of their rates (…, 2 nv), 0 without bounds."""
+        if not self._bounded:
+            return np.zeros((*states.shape[:-1], len(self.bounds)))
         q, v = self.loop.parts(states)[:2]
         q_desired, v_desired, _ = self.loop.controller.reference(time)
         found = self.loop.vehicle.kinematics.errors(q, v, q_desired, v_desired)

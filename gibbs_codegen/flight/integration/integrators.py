@@ -332,6 +332,7 @@ class Integration:
         self._inputs = [InputRanges.none(len(loop.vehicle.inputs))]
         self._impacts: list[tuple[float, float]] = []
         self.time, self.state = begin, start
+        self._loads: Loads | None = None
         self.stopped = self._envelope.reason(begin, start)
 
     def advance(self, end: float, progress: Callable[[float], None] = lambda time: None) -> None:
@@ -344,11 +345,19 @@ class Integration:
                 begun, self.stopped = self._loop.begun(interval, self.state)
             if self.stopped:
                 break
+            self._loads = begun.loads
             result = self._integrator(begun, self.state, progress)
             self._times.append(result.samples.time)
             self._states.append(result.samples.states)
             self._inputs.append(result.samples.inputs)
             self.time, self.state, self.stopped = result.end, result.state, result.samples.stopped
+
+    def rate(self) -> Array:
+        """Time derivative (size) of the state, under what has acted until now."""
+        if self._loads is None:
+            first = next(self._loop.smooth_intervals(self.time, math.inf))
+            self._loads = self._loop.begun(first, self.state)[0].loads
+        return self._integrator.compiled.derivative(self._loads)(self.time, self.state)
 
     def history(self) -> StateHistory:
         """Samples of the state at multiples of 1 / rate, and at the last instant."""

@@ -1,0 +1,63 @@
+"""`sitl`: fly a scenario under an autopilot, in step with it, and write time series and figures."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+
+from gibbs_codegen.cli import robot_argument, terminal
+from gibbs_codegen.cli.simulate import print_events
+from gibbs_codegen.errors import printable
+from gibbs_codegen.files.toml import changes_of
+from gibbs_codegen.flight.autopilots.ardupilot import ArduPilot
+from gibbs_codegen.flight.autopilots.machine import Machine
+from gibbs_codegen.flight.autopilots.px4 import PX4, PX4_RATE
+from gibbs_codegen.flight.autopilots.session import Link, fly
+from gibbs_codegen.flight.figures.flight import check_results, write_results
+from gibbs_codegen.flight.scenario.file import read_scenario
+from gibbs_codegen.flight.scenario.parts import WITH_CONSTRAINTS
+from gibbs_codegen.runtime.load import load, require
+
+
+@terminal.ended_by_signals()
+def run(options: argparse.Namespace) -> int:
+    """Fly until the scenario ends or somebody ends it, write the results, and tell what was."""
+    if options.autopilot == "px4":  # Before a module is generated.
+        require("pymavlink", "the link to PX4", "sitl")
+    scenario = read_scenario(options.scenario, changes_of(options.set))
+    check_results(options.out, "")
+
+    functions = WITH_CONSTRAINTS if scenario.holds else None
+    with (
+        robot_argument.found_module(options.robot, terminal.progress(), (), functions) as (
+            folder,
+            _,
+        ),
+        terminal.progress_bar() as progress,
+    ):
+        module = load(folder, options.backend)
+        machine = Machine(module, scenario, options.joints == "autopilot", progress)
+        link = _link(machine, options, scenario.control.rate)
+        print(f"waiting for {link.name}; press Ctrl-C to end", flush=True)
+        session = fly(machine, link, scenario.duration, options.speed, progress)
+        flight = machine.simulation.flight()
+        write_results(flight, options.out, not options.no_figures, "", progress)
+    print(
+        f"{printable(options.out)}: {flight.robot} flew {flight.scenario!r} for "
+        f"{flight.time[-1]:.4g} s under {link.name}, {session.pace:.3g} times real time"
+    )
+    print_events(flight, scenario.walls)
+    for note in session.notes:
+        print(f"note: {note}")
+    if session.ended:
+        words = f"the flight ended early: {session.ended}"
+        print(f"gibbs-codegen: {printable(words, 400)}", file=sys.stderr)
+    return int(session.failed)
+
+
+def _link(machine: Machine, options: argparse.Namespace, rate: float | None) -> Link:
+    """The link to the autopilot that the options ask for; `rate` is the scenario's, Hz."""
+    of = (machine.rotors, machine.joints, options.host, options.instance, options.timeout)
+    if options.autopilot == "ardupilot":
+        return ArduPilot(*of)
+    return PX4(*of, rate or PX4_RATE)

@@ -1,0 +1,118 @@
+"""ArduPilot's JSON interface: outputs as a packet of pulse widths, readings as a line of JSON.
+
+ArduPilot leads: it sends outputs with a number that counts up, and waits until it is told the time
+after them. It sends a packet again when no answer comes.
+"""
+
+from __future__ import annotations
+
+import json
+import socket
+import struct
+
+import numpy as np
+
+from gibbs_codegen.flight.autopilots.machine import Outputs, Readings
+from gibbs_codegen.flight.autopilots.session import PeerError, opened
+from gibbs_codegen.flight.plant.vehicle import Array
+
+_PORT = 9002
+# Head of a packet: what kind it is, steps a second, and its number; then as many pulse widths, µs.
+_HEAD = struct.Struct("<HHI")
+_CHANNELS = {18458: 16, 29569: 32}
+_LONGEST = 4096
+
+
+class ArduPilot:
+    """A link to ArduPilot, for a machine of some rotors and joints, as of `session.Link`.
+
+    It ends after `timeout`, s, without a packet. Raises `UsageError` for a port in use.
+    """
+
+    name = "ArduPilot"
+
+    def __init__(
+        self, rotors: int, joints: int, host: str, instance: int = 0, timeout: float = 30.0
+    ) -> None:
+        self.notes: list[str] = []
+        self._rotors, self._joints, self._timeout = rotors, joints, timeout
+        self._socket = opened(socket.SOCK_DGRAM, host, _PORT + 10 * instance)
+        self._socket.settimeout(timeout)
+        self._where = f"UDP port {_PORT + 10 * instance} of {host}"
+        self._peer: tuple[str, int] | None = None
+        self._number: int | None = None
+        self._answer = b""
+        self._lost = self._garbage = self._strangers = 0
+
+    def open(self, readings: Readings) -> None:
+        """Nothing: ArduPilot speaks first."""
+
+    def receive(self) -> tuple[Outputs, float]:
+        """Outputs of the next packet, and the time of a step, s."""
+        while True:
+            try:
+                packet, peer = self._socket.recvfrom(_LONGEST)
+            except TimeoutError:
+                kind = "no packet came" if self._peer is None else "no more packets came"
+                raise PeerError(
+                    f"{kind} to {self._where} within {self._timeout:g} s; start ArduPilot with "
+                    "--model JSON:127.0.0.1, or wait longer with --timeout"
+                ) from None
+            if self._peer is not None and peer != self._peer:
+                self._strangers += 1
+                continue
+            head = _HEAD.unpack_from(packet) if len(packet) >= _HEAD.size else (0, 0, 0)
+            kind, rate, number = head
+            count = _CHANNELS.get(kind, 0)
+            if not count or not rate or len(packet) != _HEAD.size + 2 * count:
+                self._garbage += 1
+                continue
+            self._peer = peer
+            if number == self._number:  # The answer was lost, or came late.
+                self._socket.sendto(self._answer, peer)
+                continue
+            if self._number is not None:
+                if number < self._number:
+                    raise PeerError(
+                        "ArduPilot began anew, with packet "
+                        f"{number} after {self._number}; start this again as well"
+                    )
+                self._lost += number - self._number - 1
+            self._number = number
+            widths = np.frombuffer(packet, "<u2", count, _HEAD.size).astype(float)
+            outputs = self._outputs(widths)
+            return outputs, 1.0 / rate
+
+    def _outputs(self, widths: Array) -> Outputs:
+        """Outputs of pulse widths (c), µs, rotors first; channels without a function are 0."""
+        motors, servos = widths[: self._rotors], widths[self._rotors :][: self._joints]
+        return Outputs(
+            (motors - 1000.0) / 1000.0, np.where(servos, (servos - 1500.0) / 500.0, np.nan)
+        )
+
+    def send(self, readings: Readings) -> None:
+        """Answer the last packet."""
+        told = {
+            "timestamp": readings.time,
+            "imu": {
+                "gyro": readings.gyro.tolist(),
+                "accel_body": readings.accelerometer.tolist(),
+            },
+            "position": readings.position.tolist(),
+            "velocity": readings.velocity.tolist(),
+            "quaternion": readings.quaternion.tolist(),
+        }
+        self._answer = f"\n{json.dumps(told)}\n".encode()
+        if self._peer is not None:
+            self._socket.sendto(self._answer, self._peer)
+
+    def close(self) -> None:
+        """Close the port, and tell what was odd."""
+        self._socket.close()
+        for count, what in (
+            (self._lost, "packets of ArduPilot were lost"),
+            (self._garbage, "packets were not ArduPilot's"),
+            (self._strangers, "packets came from elsewhere than ArduPilot, and were left aside"),
+        ):
+            if count:
+                self.notes.append(f"{count} {what}")

@@ -1,0 +1,264 @@
+"""PX4 in lockstep, over MAVLink: its simulator is a server to which PX4 connects.
+
+PX4 waits for readings before its time goes on, and answers them with outputs. Until it answers for
+the first time, the machine rests in its start, and only the clock that PX4 is told runs.
+"""
+
+from __future__ import annotations
+
+import importlib
+import math
+import socket
+import time
+from typing import Any
+
+import numpy as np
+
+from gibbs_codegen.flight.autopilots.machine import Outputs, Readings
+from gibbs_codegen.flight.autopilots.session import PeerError, opened
+
+_PORT = 4560
+# Readings a second, if nothing else is said.
+PX4_RATE = 250.0
+# Rates, Hz, of the fixes of satellites, and of the true state.
+_FIXES, _STATES = 5.0, 50.0
+# Where the origin of the world is, which is where PX4 takes its simulators to be: degrees, and m
+# above the sea. There the magnetic field, T, points so far to the east and downwards, degrees.
+_LATITUDE, _LONGITUDE, _ALTITUDE = 47.397742, 8.545594, 488.0
+_FIELD, _DECLINATION, _INCLINATION = 0.48, math.radians(3.0), math.radians(64.0)
+_EARTH = 6378137.0
+# Bits of `fields_updated`: all but the pressure of the airspeed.
+_UPDATED = 0x1BFF
+_GRAVITY = 9.80665
+
+
+class PX4:
+    """A link to PX4, for a machine of some rotors and joints, as of `session.Link`.
+
+    Readings are sent `rate` times a second. It ends after `timeout`, s, without an answer. Raises
+    `UsageError` for a port in use.
+    """
+
+    name = "PX4"
+
+    def __init__(
+        self,
+        rotors: int,
+        joints: int,
+        host: str,
+        instance: int = 0,
+        timeout: float = 30.0,
+        rate: float = PX4_RATE,
+    ) -> None:
+        self._dialect: Any = importlib.import_module("pymavlink.dialects.v20.common")
+        self.notes: list[str] = []
+        self._rotors, self._joints, self._timeout, self._rate = rotors, joints, timeout, rate
+        self._where = f"TCP port {_PORT + instance} of {host}"
+        self._server = opened(socket.SOCK_STREAM, host, _PORT + instance)
+        self._server.listen()
+        self._peer: socket.socket | None = None
+        self._mavlink: Any = self._dialect.MAVLink(self, srcSystem=1, srcComponent=200)
+        self._mavlink.robust_parsing = True
+        self._sending = bytearray()
+        self._controls: Any = None
+        # Readings that were told, which the clock goes by.
+        self._step = 0
+        self._garbage = self._strangers = 0
+
+    def write(self, packet: bytes) -> None:
+        """Take what MAVLink would send, until a step is told whole."""
+        self._sending += packet
+
+    def open(self, readings: Readings) -> None:
+        """Wait for PX4, and tell it readings until it answers."""
+        self._server.settimeout(self._timeout)
+        try:
+            self._peer, _ = self._server.accept()
+        except TimeoutError:
+            raise PeerError(
+                f"nothing connected to {self._where} within {self._timeout:g} s; start PX4 with "
+                "PX4_SIM_MODEL=none_iris, or wait longer with --timeout"
+            ) from None
+        self._peer.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        self._server.setblocking(False)
+        end = time.monotonic() + self._timeout
+        while self._controls is None:
+            if time.monotonic() > end:
+                raise PeerError(
+                    f"PX4 sent no outputs within {self._timeout:g} s; it needs a model whose "
+                    "outputs are simulated, and a parameter HIL_ACT_FUNCn or PWM_MAIN_FUNCn each"
+                )
+            self.send(readings)
+            self._take(1.0 / self._rate)
+
+    def receive(self) -> tuple[Outputs, float]:
+        """Outputs that answer the last readings, and the time of a step, s."""
+        end = time.monotonic() + self._timeout
+        while self._controls is None:
+            self._take(end - time.monotonic())
+            if self._controls is None and time.monotonic() > end:
+                raise PeerError(f"PX4 has been silent for {self._timeout:g} s")
+        controls = np.array(self._controls)
+        self._controls = None
+        servos = controls[self._rotors :][: self._joints]
+        return Outputs(controls[: self._rotors], servos), 1.0 / self._rate
+
+    def _take(self, timeout: float) -> None:
+        """Take what comes within a time, s, the last outputs above all."""
+        if self._peer is None:
+            return
+        self._peer.settimeout(max(timeout, 1e-3))
+        try:
+            received = self._peer.recv(65536)
+        except TimeoutError:
+            return
+        except OSError as error:
+            raise PeerError(f"the connection to PX4 broke ({error.strerror})") from None
+        if not received:
+            raise PeerError("PX4 closed the connection")
+        for message in self._mavlink.parse_buffer(received) or ():
+            kind = message.get_type()
+            if kind == "HIL_ACTUATOR_CONTROLS":
+                self._controls = message.controls
+            elif kind == "BAD_DATA":
+                self._garbage += 1
+
+    def send(self, readings: Readings) -> None:
+        """Tell readings, and now and then a fix, the true state, and that this is here."""
+        rate, step = self._rate, self._step
+        now = round(1e6 * (step + 1) / rate)
+        if step % max(round(rate), 1) == 0:
+            self._heartbeat()
+        if step % max(round(rate / _FIXES), 1) == 0:
+            self._fix(now, readings)
+        if step % max(round(rate / _STATES), 1) == 0:
+            self._state(now, readings)
+        self._sensors(now, readings)
+        self._step += 1
+        sending, self._sending = bytes(self._sending), bytearray()
+        if self._peer is None:
+            return
+        self._peer.settimeout(self._timeout)
+        try:
+            self._peer.sendall(sending)
+        except TimeoutError:
+            raise PeerError(f"PX4 has taken nothing for {self._timeout:g} s") from None
+        except OSError as error:
+            raise PeerError(f"the connection to PX4 broke ({error.strerror})") from None
+
+    def _heartbeat(self) -> None:
+        """Tell that this is here, and turn away whoever else wants to connect."""
+        dialect = self._dialect
+        self._mavlink.heartbeat_send(
+            dialect.MAV_TYPE_GENERIC, dialect.MAV_AUTOPILOT_INVALID, 0, 0, 0
+        )
+        try:
+            stranger, _ = self._server.accept()
+        except OSError:
+            return
+        stranger.close()
+        self._strangers += 1
+
+    def _sensors(self, now: int, readings: Readings) -> None:
+        """Tell HIL_SENSOR: m/s², rad/s, gauss, hPa, m, °C."""
+        down = readings.position[2]
+        field = _turned_back(readings.quaternion, _field())
+        altitude = _ALTITUDE - down
+        self._mavlink.hil_sensor_send(
+            now,
+            *readings.accelerometer.tolist(),
+            *readings.gyro.tolist(),
+            *field,
+            pressure_at(altitude),
+            0.0,
+            altitude,
+            temperature_at(altitude),
+            _UPDATED,
+        )
+
+    def _fix(self, now: int, readings: Readings) -> None:
+        """Tell HIL_GPS: degrees · 1e7, mm, cm, cm/s, hundredths of a degree."""
+        north, east, down = (100.0 * readings.velocity).round().astype(int).tolist()
+        course = math.degrees(math.atan2(east, north)) % 360.0
+        speed = round(math.hypot(north, east))
+        self._mavlink.hil_gps_send(
+            now,
+            3,
+            *_place(readings),
+            30,
+            40,
+            speed,
+            north,
+            east,
+            down,
+            round(100.0 * course) % 36000,
+            12,
+        )
+
+    def _state(self, now: int, readings: Readings) -> None:
+        """Tell HIL_STATE_QUATERNION, the truth: degrees · 1e7, mm, cm/s, thousandths of g."""
+        force = (1e3 / _GRAVITY * readings.accelerometer).clip(-32768, 32767)
+        velocity = (100.0 * readings.velocity).clip(-32768, 32767).round().astype(int).tolist()
+        speed = min(round(math.hypot(*velocity)), 65535)
+        self._mavlink.hil_state_quaternion_send(
+            now,
+            readings.quaternion.tolist(),
+            *readings.gyro.tolist(),
+            *_place(readings),
+            *velocity,
+            speed,
+            speed,
+            *force.round().astype(int).tolist(),
+        )
+
+    def close(self) -> None:
+        """Close the connection, and tell what was odd."""
+        for each in (self._peer, self._server):
+            if each is not None:
+                each.close()
+        for count, what in (
+            (self._garbage, "pieces of what came were no MAVLink"),
+            (self._strangers, "others wanted to connect, and were turned away"),
+        ):
+            if count:
+                self.notes.append(f"{count} {what}")
+
+
+def _place(readings: Readings) -> tuple[int, int, int]:
+    """Latitude and longitude, degrees · 1e7, and altitude, mm, about the origin of the world."""
+    north, east, down = readings.position.tolist()
+    around = _EARTH * math.cos(math.radians(_LATITUDE))
+    latitude = _LATITUDE + math.degrees(north / _EARTH)
+    longitude = _LONGITUDE + math.degrees(east / around)
+    return round(1e7 * latitude), round(1e7 * longitude), round(1e3 * (_ALTITUDE - down))
+
+
+def temperature_at(altitude: float) -> float:
+    """Temperature, °C, of the standard atmosphere at an altitude, m."""
+    return 15.0 - 0.0065 * altitude
+
+
+def pressure_at(altitude: float) -> float:
+    """Pressure, hPa, of the standard atmosphere at an altitude, m."""
+    return 1013.25 * (1.0 - 0.0065 * altitude / 288.15) ** 5.25588
+
+
+def _field() -> tuple[float, float, float]:
+    """The magnetic field, gauss, north, east and down."""
+    level = _FIELD * math.cos(_INCLINATION)
+    north, east = level * math.cos(_DECLINATION), level * math.sin(_DECLINATION)
+    return north, east, _FIELD * math.sin(_INCLINATION)
+
+
+def _turned_back(quaternion: Any, vector: tuple[float, float, float]) -> list[float]:
+    """A vector (3) of the world's axes in the body's."""
+    w, *turn = quaternion.tolist()
+    x, y, z = (-each for each in turn)
+    a, b, c = vector
+    # Twice the cross product of the turn and the vector.
+    d, e, f = 2.0 * (y * c - z * b), 2.0 * (z * a - x * c), 2.0 * (x * b - y * a)
+    return [
+        a + w * d + y * f - z * e,
+        b + w * e + z * d - x * f,
+        c + w * f + x * e - y * d,
+    ]

@@ -1,0 +1,123 @@
+"""The loop of a flight under an autopilot: outputs in, a step, readings out, in step with it.
+
+What is flown depends on what the autopilot sends alone, never on when: only how fast the loop goes
+is by the clock of the machine that it runs on.
+"""
+
+from __future__ import annotations
+
+import socket
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Protocol
+
+from gibbs_codegen.errors import GibbsCodegenError, UsageError, cause_of
+from gibbs_codegen.flight.autopilots.machine import Machine, Outputs, Readings
+
+# Times are the same, s.
+_SAME = 1e-9
+# Share of the speed asked for that is told as too slow.
+_SLOW = 0.95
+
+
+class PeerError(GibbsCodegenError):
+    """An autopilot that is not there, has gone, or does what cannot be followed."""
+
+    exit_code = 1
+
+
+class Link(Protocol):
+    """What an autopilot is told and tells; `name` is its own, `notes` what is to be told of it."""
+
+    name: str
+    notes: list[str]
+
+    def open(self, readings: Readings) -> None:
+        """Wait until the autopilot is there, with the machine at rest in its start."""
+
+    def receive(self) -> tuple[Outputs, float]:
+        """Wait for outputs, and for how long they are to be flown, s.
+
+        Raises `PeerError` where none come, or none that can be.
+        """
+
+    def send(self, readings: Readings) -> None:
+        """Tell the autopilot what its sensors would."""
+
+    def close(self) -> None:
+        """Let the autopilot go."""
+
+
+@dataclass
+class Session:
+    """What became of a flight: why it ended before its time, "" if it did not, and how fast it was.
+
+    `failed` tells whether it was meant to go on; `pace` is in seconds of flight for each second.
+    """
+
+    ended: str = ""
+    failed: bool = False
+    pace: float = 0.0
+    notes: list[str] = field(default_factory=list)
+
+
+def fly(
+    machine: Machine,
+    link: Link,
+    duration: float,
+    speed: float = 1.0,
+    progress: Callable[[str, float], None] = lambda what, share: None,
+) -> Session:
+    """Fly a machine under an autopilot for a duration, s, or until somebody ends it.
+
+    `speed` is how many seconds are flown in a second at most, 0 as many as can be.
+    """
+    session = Session()
+    begin = time.perf_counter()
+    try:
+        progress(f"waiting for {link.name}", 0.0)
+        link.open(machine.readings())
+        begin = time.perf_counter()
+        while machine.time < duration - _SAME:
+            outputs, step = link.receive()
+            machine.fly(outputs, min(step, duration - machine.time))
+            if machine.simulation.stopped:
+                session.ended, session.failed = machine.simulation.stopped, True
+                break
+            if speed > 0.0:
+                ahead = begin + machine.time / speed - time.perf_counter()
+                if ahead > 0.0:
+                    time.sleep(ahead)
+            link.send(machine.readings())
+            progress("flying", machine.time / duration)
+    except PeerError as error:
+        session.ended, session.failed = f"at t = {machine.time:.6g} s {error}", True
+    except KeyboardInterrupt:
+        session.ended = f"at t = {machine.time:.6g} s it was ended by Ctrl-C"
+    finally:
+        link.close()
+    session.pace = machine.time / max(time.perf_counter() - begin, _SAME)
+    session.notes = list(link.notes)
+    if 0.0 < session.pace < _SLOW * speed:
+        session.notes.append(
+            f"flown at {session.pace:.3g} times real time, not {speed:g}: this machine or the "
+            f"autopilot is slower"
+        )
+    return session
+
+
+def opened(kind: socket.SocketKind, host: str, port: int) -> socket.socket:
+    """A socket that is bound to a port; raises `UsageError` where that cannot be had."""
+    made = socket.socket(socket.AF_INET, kind)
+    try:
+        if kind == socket.SOCK_STREAM:
+            made.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        made.bind((host, port))
+    except OSError as error:
+        made.close()
+        raise UsageError(
+            f"port {port} of {host}: {cause_of(error)}; another flight or simulator may have it: "
+            "end that, or give another --instance"
+        ) from None
+    return made
