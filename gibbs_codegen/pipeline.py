@@ -31,7 +31,7 @@ from pathlib import Path
 from gibbs_codegen.derivation.derive import derive
 from gibbs_codegen.files.module_writer import check_replaceable, differing_files, write_module
 from gibbs_codegen.files.staging import check_output_folder
-from gibbs_codegen.program.choice import Derivatives, Functions
+from gibbs_codegen.program.choice import Derivatives, Functions, chosen_derivatives
 from gibbs_codegen.program.model import Model, Progress
 from gibbs_codegen.robot.file import read_robot
 from gibbs_codegen.robot.model import Robot
@@ -122,8 +122,10 @@ def generate_robot(
         else:  # Every target prints the same program.
             readable = registry.render_module(model, text, registry.find_targets(["numpy"]))
         refuse_wrong(robot, readable["numpy_module.py"], progress)
+    progress("compiling")
+    archives = registry.render_archives(model, text, registry.find_targets(targets))
     progress("writing")
-    write_module(folder, files, force, _options(model, targets))
+    write_module(folder, {**files, **archives}, force, _options(model, targets))
     return model, folder
 
 
@@ -144,7 +146,8 @@ def check_robot(
     model, files = module_files(
         robot, text, targets, keep_zeros, progress, derivatives, functions, laws
     )
-    return folder, differing_files(folder, files, _options(model, targets))
+    archives = registry.render_archives(model, text, registry.find_targets(targets))
+    return folder, differing_files(folder, {**files, **archives}, _options(model, targets))
 
 
 def _options(model: Model, targets: Sequence[str]) -> str:
@@ -170,6 +173,7 @@ def module_files(
     """
     found = registry.find_targets(targets)
     chosen = check_laws(laws, targets)
-    model = replace(derive(robot, keep_zeros, progress, derivatives, functions), laws=chosen)
+    names = [*registry.called(found, functions), *chosen_derivatives(derivatives)]
+    model = replace(derive(robot, keep_zeros, progress, functions=names), laws=chosen)
     progress("rendering")
     return model, registry.render_module(model, text, found)

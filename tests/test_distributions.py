@@ -38,7 +38,8 @@ print(sys.modules[type(function).__module__].__file__)
 DATA = """
     py.typed
     emitted/allocation.c emitted/blocks.c emitted/calls.c emitted/constants.c
-    emitted/curves.c emitted/engine.c emitted/exactness.c emitted/gather.c emitted/horizon.c
+    emitted/curves.c emitted/engine.c emitted/exactness.c emitted/fmi_both.c emitted/fmi2.c
+    emitted/fmi3.c emitted/fmu.c emitted/gather.c emitted/horizon.c
     emitted/lanes.c emitted/numbers.c emitted/platform.c emitted/predictive.c emitted/rollout.c
     emitted/rows.c
     emitted/smallest_thrusts.c
@@ -55,7 +56,9 @@ DATA = """
     scenarios/line.toml scenarios/paper.toml scenarios/push.toml
     templates/c_each.c.jinja templates/c_header.h.jinja
     templates/c_rollout.c.jinja templates/c_rollout.h.jinja
-    templates/c_source.c.jinja templates/matlab_constants.m.jinja
+    templates/c_source.c.jinja templates/fmi2_model.xml.jinja templates/fmi3_build.xml.jinja
+    templates/fmi3_model.xml.jinja templates/fmu_source.c.jinja
+    templates/matlab_constants.m.jinja
     templates/matlab_function.m.jinja templates/matlab_list.m.jinja
     templates/matlab_parameters.m.jinja templates/matlab_patterns.m.jinja
     templates/matlab_prepare.m.jinja templates/matlab_source.m.jinja

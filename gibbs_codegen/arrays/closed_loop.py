@@ -54,6 +54,7 @@ from gibbs_codegen.arrays.nodes import (
     variable,
     zeros,
 )
+from gibbs_codegen.arrays.steps import classical_step
 
 # Time, s, over which thrusts are differenced for what makes up for the lag of motors.
 AHEAD = 1e-7
@@ -178,19 +179,20 @@ class ClosedLoop:
         commanded at its start and those that act.
         """
         time, h = (variable(name, uniform=True) for name in ("time", "h"))
-        x, half, after = variable("x", self.size), time + 0.5 * h, time + h
-        first = self._rates(time, x)
-        k1 = first["rate"]
-        second = self._rates(half, x + 0.5 * h * k1)
-        third = self._rates(half, x + 0.5 * h * second["rate"])
-        fourth = self._rates(after, x + h * third["rate"])
-        middle = second["rate"] + third["rate"]
-        x_next = x + h / 6.0 * (k1 + 2.0 * middle + fourth["rate"])
+        x, after = variable("x", self.size), time + h
+        times, stages = (time, time + 0.5 * h, after), list[dict[str, Node]]()
+
+        def rate(x: Node, halves: int) -> Node:
+            stages.append(self._rates(times[halves], x))
+            return stages[-1]["rate"]
+
+        x_next = classical_step(rate, x, h)
+        first, *others = stages
         ended = self._ended(self._instant(after, self._curves_at(after)), x_next)
         outputs = {"x_next": x_next, "ended": ended}
         outputs["inputs"] = join(first["commanded"], first["acting"])
         outputs["refused"] = first["refused"]
-        for stage in (second, third, fourth):
+        for stage in others:
             outputs["refused"] = outputs["refused"] + maximum(stage["refused"], 0.0)
         return self._program("step", (time, h, x), outputs)
 

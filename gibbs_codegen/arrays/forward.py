@@ -15,6 +15,7 @@ from gibbs_codegen.arrays.nodes import Label, Node, Program
 from gibbs_codegen.arrays.slopes import (
     call_slopes,
     coordinates_slope,
+    direct,
     elementary_slopes,
     entries_slope,
 )
@@ -47,7 +48,8 @@ def _jacobian(program: Program, by: tuple[str, ...]) -> Program:
     inputs = dict(zip(program.names, program.inputs, strict=True))
     outputs, labels = dict(program.outputs), dict(program.labels)
     for name in by:
-        derivatives = _derivatives(program, inputs[name])
+        x = inputs[name]
+        derivatives = _derivatives(program, {x: _units(x)})
         for output, x in program.outputs.items():
             shape = (*x.tangent, math.prod(inputs[name].tangent))
             outputs[f"{output}_by_{name}"] = derivatives.get(x) or nodes.zeros(*shape)
@@ -84,10 +86,35 @@ def _from_derivatives(program: Program) -> Program:
     )
 
 
-def _derivatives(program: Program, by: Node) -> dict[Node, Node]:
-    """Derivatives of all nodes that depend on an input, by its entries or displacements."""
-    columns = math.prod(by.tangent)
-    found = {by: nodes.reshaped(nodes.constant(np.eye(columns)), (*by.tangent, columns))}
+def along(program: Program, by: Iterable[str], name: str) -> Program:
+    """Derivatives `<output>_dot` of a program's results along a direction `<input>_dot` of inputs.
+
+    Its inputs are those of the program, then the directions of some, which are displacements in the
+    tangent space. Functions of a module that give products with directions serve, if it has them.
+    """
+    inputs = dict(zip(program.names, program.inputs, strict=True))
+    directions = {x: nodes.variable(f"{x}_dot", *inputs[x].tangent) for x in program.chosen(by)}
+    seeds = {inputs[x]: nodes.reshaped(y, (*y.shape, 1)) for x, y in directions.items()}
+    derivatives = _derivatives(program, seeds)
+    outputs = {
+        f"{output}_dot": nodes.reshaped(derivatives[x], x.tangent)
+        if x in derivatives
+        else nodes.zeros(*x.tangent)
+        for output, x in program.outputs.items()
+    }
+    given = (*program.inputs, *directions.values())
+    return _from_derivatives(Program(name, given, outputs, dict(program.labels)))
+
+
+def _units(x: Node) -> Node:
+    """Unit directions of an input, in the last axis."""
+    columns = math.prod(x.tangent)
+    return nodes.reshaped(nodes.constant(np.eye(columns)), (*x.tangent, columns))
+
+
+def _derivatives(program: Program, found: dict[Node, Node]) -> dict[Node, Node]:
+    """Derivatives of all nodes that depend on inputs, along the directions `found` of these."""
+    columns = next(iter(found.values())).shape[-1]
     for x in program.nodes:
         inner = {place: found[y] for place, y in enumerate(x.arguments) if y in found}
         if inner and x not in found:
@@ -110,6 +137,8 @@ def _terms(x: Node, inner: dict[int, Node]) -> list[Node]:
                 for place, d in inner.items()
             ]
         case nodes.Call() as call:
+            if columns == 1 and (name := direct(call)):
+                return [_product_with(call, name, x, inner)]
             call_slope = call_slopes(call, x, [*inner])
             if call.name == "integrate":
                 return [_moved(call_slope, inner)]
@@ -154,6 +183,16 @@ def _alone(x: Node, d: Node) -> Node:
         case _:
             raise UsageError(f"{x} has no derivative")
     return d if slope is None else slope @ d
+
+
+def _product_with(call: nodes.Call, name: str, x: Node, inner: dict[int, Node]) -> Node:
+    """The derivative of a call along one direction, by the function that gives products."""
+    directions = [
+        nodes.reshaped(inner[place], y.tangent) if place in inner else nodes.zeros(*y.tangent)
+        for place, y in enumerate(x.arguments)
+    ]
+    (found,) = call.functions.outputs(name, *x.arguments, *directions)
+    return nodes.reshaped(found, (*x.tangent, 1))
 
 
 def _moved(slopes: dict[int, Node], inner: dict[int, Node]) -> Node:

@@ -100,6 +100,13 @@ def call_slopes(call: Call, x: Node, places: Sequence[int]) -> dict[int, Node]:
     }
 
 
+def direct(call: Call) -> str:
+    """The function of the module that gives products with directions; "" if others serve."""
+    matrices, products = (derivative(call.name, kind) for kind in _KINDS)
+    has = call.functions.signatures
+    return products if products in has and matrices not in has else ""
+
+
 def _by_products(call: Call, x: Node, place: int, name: str) -> Node:
     """The derivative by the argument at a place, from products with unit directions of it."""
     still = [zeros(*argument.tangent) for argument in x.arguments]

@@ -47,6 +47,18 @@ def runge_kutta_4(move: Move, accelerate: Accelerate, q: Node, v: Node, h: Node)
     return q_next, v + sixth * (a1 + 2.0 * a2 + 2.0 * a3 + a4)
 
 
+def classical_step(rate: Callable[[Node, int], Node], x: Node, h: Node) -> Node:
+    """The state after h by the classical method of Runge and Kutta.
+
+    `rate` gives the time derivative of a state so many halves of the step after its start.
+    """
+    k1 = rate(x, 0)
+    k2 = rate(x + 0.5 * h * k1, 1)
+    k3 = rate(x + 0.5 * h * k2, 1)
+    k4 = rate(x + h * k3, 2)
+    return x + h / 6.0 * (k1 + 2.0 * (k2 + k3) + k4)
+
+
 METHODS = {"euler": semi_implicit_euler, "rk4": runge_kutta_4}
 
 

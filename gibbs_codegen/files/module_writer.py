@@ -23,20 +23,22 @@ from gibbs_codegen.errors import OutputError, UsageError, cause_of, printable
 from gibbs_codegen.files import staging
 from gibbs_codegen.version import HEADER_START, __version__
 
+# By name: texts, or what is no text.
+Files = Mapping[str, str | bytes]
 MANIFEST = "MANIFEST"
 _CACHE = "__pycache__"
 _OPTIONS = "# Options of gibbs-codegen generate: "
 _TEXT = re.compile(rf"# {HEADER_START} .*\n(?:{_OPTIONS}(.+)\n)?((?:[0-9a-f]{{64}}  .+\n)+)")
 
 
-def with_manifest(files: Mapping[str, str], options: str = "") -> dict[str, str]:
-    """Files of a module, texts by name, with their manifest among them.
+def with_manifest(files: Files, options: str = "") -> dict[str, str | bytes]:
+    """Files of a module, texts and other contents by name, with their manifest among them.
 
     It has the options that chose what was generated, so that they can be repeated.
     """
     lines = [f"# {HEADER_START} {__version__}: SHA-256 of each file that was generated"]
     lines += [_OPTIONS + options] if options else []
-    lines += [f"{_digest(text.encode())}  {name}" for name, text in sorted(files.items())]
+    lines += [f"{_digest(_encoded(text))}  {name}" for name, text in sorted(files.items())]
     return {**files, MANIFEST: "\n".join(lines) + "\n"}
 
 
@@ -66,13 +68,13 @@ def _manifest(folder: Path) -> re.Match[str] | None:
     return _TEXT.fullmatch(path.read_bytes().decode(errors="replace"))
 
 
-def foreign(folder: Path, files: Mapping[str, str]) -> list[str]:
+def foreign(folder: Path, files: Files) -> list[str]:
     """Names of what in a folder is not as the manifest there says it was generated.
 
     Those of `files` with that text are not foreign even where no manifest names them. What cannot
     be read raises `OSError`.
     """
-    digests = {name: _digest(text.encode()) for name, text in files.items()}
+    digests = {name: _digest(_encoded(text)) for name, text in files.items()}
     known = {*generated_files(folder).items(), *digests.items()}
     names = {name for name, _ in known}
 
@@ -114,6 +116,10 @@ def _is_plain(path: Path) -> bool:
     return path.is_file() and not path.is_symlink()
 
 
+def _encoded(content: str | bytes) -> bytes:
+    return content.encode() if isinstance(content, str) else content
+
+
 def _digest(content: bytes) -> str:
     return hashlib.sha256(content).hexdigest()
 
@@ -121,7 +127,7 @@ def _digest(content: bytes) -> str:
 _log = logging.getLogger("gibbs_codegen")
 
 
-def differing_files(folder: Path, files: Mapping[str, str], options: str = "") -> list[str]:
+def differing_files(folder: Path, files: Files, options: str = "") -> list[str]:
     """Names of files in a folder that are missing, changed, or not of a module of such texts.
 
     Raises `OutputError` if they cannot be read.
@@ -132,7 +138,7 @@ def differing_files(folder: Path, files: Mapping[str, str], options: str = "") -
             changed = [
                 name
                 for name, text in expected.items()
-                if not (path := folder / name).is_file() or path.read_bytes() != text.encode()
+                if not (path := folder / name).is_file() or path.read_bytes() != _encoded(text)
             ]
             return changed + [name for name in entries(folder, expected) if name not in expected]
     except OSError as error:
@@ -151,7 +157,7 @@ def check_replaceable(folder: Path, robot_text: str, force: bool = False) -> Non
             raise _refusal(folder, names)
 
 
-def _foreign(folder: Path, files: Mapping[str, str]) -> list[str]:
+def _foreign(folder: Path, files: Files) -> list[str]:
     """Names of what in `folder` was not generated. Raises `UsageError` where it is no folder."""
     try:
         if folder.is_symlink() or (folder.exists() and not folder.is_dir()):
@@ -179,9 +185,7 @@ def _listed(names: Sequence[str]) -> str:
     return printable(", ".join(names[:5])) + more
 
 
-def write_module(
-    folder: Path, files: Mapping[str, str], force: bool = False, options: str = ""
-) -> None:
+def write_module(folder: Path, files: Files, force: bool = False, options: str = "") -> None:
     """Put files and their manifest into a folder, replacing the module that is there.
 
     They are written and flushed in a hidden folder beside it, which then takes its place. A failure
@@ -256,10 +260,10 @@ def write_new_file(path: Path, text: str, force: bool | None = None) -> None:
         raise OutputError(f"{printable(path)}: cannot be written: {cause_of(error)}") from None
 
 
-def _write_flushed(path: Path, text: str) -> None:
+def _write_flushed(path: Path, text: str | bytes) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
     with path.open("wb") as file:
-        file.write(text.encode())
+        file.write(_encoded(text))
         file.flush()
         os.fsync(file.fileno())
 

@@ -15,10 +15,12 @@ from dataclasses import dataclass
 from gibbs_codegen.errors import UsageError, printable
 from gibbs_codegen.files.templating import render
 from gibbs_codegen.interface import options_for
+from gibbs_codegen.program.choice import Functions, chosen_functions
 from gibbs_codegen.program.model import Model
 from gibbs_codegen.runtime.rollout_source import TEMPLATES as ROLLOUT_TEMPLATES
 from gibbs_codegen.targets.c import target as c_target
 from gibbs_codegen.targets.c.laws import law_files
+from gibbs_codegen.targets.fmu import target as fmu_target
 from gibbs_codegen.targets.matlab import target as matlab_target
 from gibbs_codegen.targets.matlab.statements import MatlabPrinter
 from gibbs_codegen.targets.numpy import target as numpy_target
@@ -49,7 +51,8 @@ class Target:
 
     `context` takes the model, the printer, and the lines that open every file; it returns what the
     template reads by name, for every file. What is not `by_default` is emitted only if it is asked
-    for by name. Its files need those of the targets that it `needs`.
+    for by name. Its files need those of the targets that it `needs`. What is no text comes of
+    `archives`, and of what it is made, modules have the functions that it `calls`.
     """
 
     printer: InfixPrinter
@@ -57,6 +60,12 @@ class Target:
     files: Mapping[str, str]
     by_default: bool = True
     needs: tuple[str, ...] = ()
+    archives: Callable[[Model, Lines], Mapping[str, bytes]] = lambda model, opening: {}
+    calls: tuple[str, ...] = ()
+
+
+def _nothing(model: Model, printer: InfixPrinter, opening: Lines) -> Contexts:
+    return {}
 
 
 TARGETS: dict[str, Target] = {
@@ -86,6 +95,14 @@ TARGETS: dict[str, Target] = {
         matlab_target.package_text,
         dict.fromkeys(matlab_target.TEMPLATES, "+{name}/{part}.m"),
         by_default=False,
+    ),
+    "fmu": Target(
+        CPrinter(),
+        _nothing,
+        {},
+        by_default=False,
+        archives=fmu_target.archives,
+        calls=fmu_target.CALLED,
     ),
 }
 # What needs no files of its own, and how it comes.
@@ -118,6 +135,16 @@ def find_targets(names: Sequence[str] = DEFAULT_TARGETS) -> dict[str, Target]:
     return found
 
 
+def called(targets: Mapping[str, Target], functions: Functions) -> tuple[str, ...]:
+    """Functions that a module must have for a choice of a user, and for what is made of them.
+
+    By default there are none where no target has a text of them.
+    """
+    has_text = any(target.files for target in targets.values())
+    chosen = chosen_functions(functions) if has_text or functions is not None else ()
+    return (*chosen, *(name for target in targets.values() for name in target.calls))
+
+
 def render_module(model: Model, robot_text: str, targets: Mapping[str, Target]) -> dict[str, str]:
     """Texts of a generated module's files by name; the robot file is one of them."""
     files = {"robot.toml": robot_text}
@@ -129,6 +156,17 @@ def render_module(model: Model, robot_text: str, targets: Mapping[str, Target]) 
                 name = file_name.format(name=model.robot.name, part=part)
                 files[name] = render(template, of_part)
     return files | law_files(model, opening)
+
+
+def render_archives(
+    model: Model, robot_text: str, targets: Mapping[str, Target]
+) -> dict[str, bytes]:
+    """Contents by name of those files of a generated module that are no text."""
+    opening = header(model, robot_text, targets)
+    files: dict[str, bytes] = {}
+    for target in targets.values():
+        files |= target.archives(model, opening)
+    return files
 
 
 def header(model: Model, robot_text: str, targets: Mapping[str, Target]) -> list[str]:

@@ -30,12 +30,15 @@ from gibbs_codegen.targets.printers import Context, InfixPrinter, Lines
 _NAMED = 8
 
 
-def module_text(model: Model, printer: InfixPrinter, header: Lines) -> Context:
+def module_text(
+    model: Model, printer: InfixPrinter, header: Lines, *, blocks: bool = True
+) -> Context:
     """Context of the C templates: all in header and source that depends on the robot.
 
-    `entry_lines` explain the entries of arguments and results. `places` has the enumerators of the
-    places in arguments, by the words for these. `support` is the source that depends on no robot,
-    and `gather` that of functions without zeros.
+    `blocks` says whether functions have a form for blocks of states. `entry_lines` explain the
+    entries of arguments and results. `places` has the enumerators of the places in arguments, by
+    the words for these. `support` is the source that depends on no robot, and `gather` that of
+    functions without zeros.
     """
     robot, program = model.robot, model.program
     values = program.prepared(model.defaults)
@@ -51,6 +54,7 @@ def module_text(model: Model, printer: InfixPrinter, header: Lines) -> Context:
         "header": header,
         "name": robot.name,
         "NAME": robot.name.upper(),
+        "blocks": blocks,
         "lanes": LANES,
         "single_lanes": 2 * LANES,
         "convention_lines": _convention_lines(model.description),
@@ -74,7 +78,7 @@ def module_text(model: Model, printer: InfixPrinter, header: Lines) -> Context:
         "places": _places(model),
         "constants": program.constants,
         "fields": broken(f"{robot.name}_real {', '.join(program.constants)};", WIDTH - 4),
-        "default_constants": _in_braces(printer.number(values[name]) for name in program.constants),
+        "default_constants": in_braces(printer.number(values[name]) for name in program.constants),
         "parameter_loads": side_by_side(load(name, "parameters", place) for name, place in loads),
         "prepare": CStatements(printer, kind="STEPWISE real").assign_all(program.prepare),
         "total_mass": printer.expression(model.total_mass),
@@ -82,7 +86,7 @@ def module_text(model: Model, printer: InfixPrinter, header: Lines) -> Context:
         "finite": broken(
             f"good &= {' & '.join(f'is_finite({name})' for name in program.constants)};", WIDTH - 4
         ),
-        "support": c_source("support.c"),
+        "support": c_source("support.c").removesuffix("" if blocks else c_source("blocks.c")),
         "functions": functions,
         "patterns": pattern_texts(model),
         "sparse": sparse_texts(model),
@@ -98,7 +102,7 @@ def rollout_text(model: Model, _: InfixPrinter, header: Lines) -> Context:
     return rollout_context(robot, programs, header)
 
 
-def _in_braces(texts: Iterable[str]) -> Lines:
+def in_braces(texts: Iterable[str]) -> Lines:
     """What stands in braces, as many in a line as there is room for."""
     return textwrap.wrap(" ".join(f"{text}," for text in texts), WIDTH - 4)
 
@@ -107,7 +111,7 @@ def _places(model: Model) -> dict[str, Lines]:
     """Enumerators of the places in each list; no parameter's begins with a single letter."""
     robot, listed = model.robot, _used(model)
     return {
-        words: _in_braces(_macros(f"{robot.name}_{words[0]}", listed[name]))
+        words: in_braces(_macros(f"{robot.name}_{words[0]}", listed[name]))
         for words, name in (
             ("q", "COORDINATES"),
             ("v, and in a", "VELOCITIES"),

@@ -1,0 +1,242 @@
+/*
+ * A robot as a functional mock-up unit (FMU), whatever the version of the interface (FMI).
+ *
+ * All values of an instance are in one array, and a value reference is a place in it: time, states,
+ * their rates, what is given (inputs), the greatest step of co-simulation, parameters, outputs. A
+ * variable of FMI 2.0 is an entry; one of FMI 3.0 may be an array of LENGTH[place] entries. Before
+ * it stand the numbers of these, START and LENGTH, GRAVITY, TOKEN, and MODULE, which gives names of
+ * the robot's functions. Memory is allocated for instances and saved states only.
+ */
+enum {
+    TIME,
+    X,
+    RATES = X + STATES,
+    GIVEN = RATES + STATES,
+    STEP = GIVEN + INPUTS,
+    PARAMETER,
+    RESULTS = PARAMETER + PARAMETERS,
+    COUNT = RESULTS + OUTPUTS
+};
+
+/* Both versions of FMI have these numbers for them. */
+typedef enum { OK, WARNING, DISCARD, ERROR } Status;
+
+/* What is to be computed before it is read. */
+enum { CONSTANTS_STALE = 1, RATES_STALE = 2, OUTPUTS_STALE = 4, ALL_STALE = 7 };
+
+typedef struct Instance Instance;
+struct Instance {
+    double values[COUNT];
+    MODULE(constants) constants;
+    int stale;
+    int has_arrays;
+    void (*log)(const Instance *instance, const char *message);
+    /* What the importer gave, by which it is told something. */
+    void *environment;
+    void (*callback)(void);
+    char name[64];
+};
+
+static Status fail(const Instance *instance, const char *message)
+{
+    instance->log(instance, message);
+    return ERROR;
+}
+
+static void start(Instance *instance)
+{
+    memcpy(instance->values, START, sizeof START);
+    instance->stale = ALL_STALE;
+}
+
+static Instance *instantiate(const char *name, const char *token, const int has_arrays)
+{
+    Instance *instance = strcmp(token, TOKEN) == 0 ? malloc(sizeof *instance) : NULL;
+    if (instance) {
+        memset(instance, 0, sizeof *instance);
+        instance->has_arrays = has_arrays;
+        strncpy(instance->name, name, sizeof instance->name - 1);
+        start(instance);
+    }
+    return instance;
+}
+
+/* Compute some of RATES_STALE and OUTPUTS_STALE, if they are. */
+static Status refresh(Instance *instance, const int wanted)
+{
+    double *values = instance->values;
+    const int stale = instance->stale & (wanted | CONSTANTS_STALE);
+    if (stale & CONSTANTS_STALE && MODULE(init_constants)(values + PARAMETER, &instance->constants)) {
+        return fail(instance, "parameters: the robot has no mass, or a value is not finite");
+    }
+    if (stale & RATES_STALE) {
+        MODULE(rates)(&instance->constants, values + X, values + GIVEN, values + RATES);
+    }
+    if (stale & OUTPUTS_STALE) {
+        MODULE(outputs)(
+            &instance->constants, values + X, values + GIVEN, GRAVITY, values + RESULTS);
+    }
+    instance->stale &= ~stale;
+    return OK;
+}
+
+/* Read some entries, which are computed where need be. */
+static Status get(Instance *instance, const size_t place, const size_t count, double *to)
+{
+    int wanted = place >= RATES && place < GIVEN ? RATES_STALE : 0;
+    wanted |= place >= RESULTS ? OUTPUTS_STALE : 0;
+    if (wanted && refresh(instance, wanted) != OK) {
+        return ERROR;
+    }
+    memcpy(to, instance->values + place, count * sizeof *to);
+    return OK;
+}
+
+/* Write some entries, of states, of what is given, or of parameters. */
+static Status set(Instance *instance, const size_t place, const size_t count, const double *from)
+{
+    const int is_state = place >= X && place + count <= RATES;
+    if (!is_state && !(place >= GIVEN && place + count <= RESULTS)) {
+        return fail(instance, "only states, inputs and parameters can be set");
+    }
+    memcpy(instance->values + place, from, count * sizeof *from);
+    instance->stale |= place >= PARAMETER ? ALL_STALE : RATES_STALE | OUTPUTS_STALE;
+    return OK;
+}
+
+/* Advance by steps of one size, no greater than the instance's; they end where `h` does. */
+static Status advance(Instance *instance, const double time, const double h)
+{
+    double *values = instance->values, next[STATES];
+    const double least = h / values[STEP];
+    if (!(h > 0.0) || !(values[STEP] > 0.0) || !(least < 1e9)) {
+        return fail(instance, "steps must be positive, and the step no shorter than it can count");
+    }
+    if (refresh(instance, 0) != OK) {
+        return ERROR;
+    }
+    /* So that rounding of a multiple makes no step more. */
+    const long steps = (long)ceil(least * (1.0 - 1e-9));
+    for (long k = 0; k < steps; ++k) {
+        MODULE(step)(&instance->constants, values + X, values + GIVEN, h / (double)steps, next);
+        for (int i = 0; i < STATES; ++i) {
+            if (!isfinite(next[i])) {
+                return fail(instance, "a state is no finite number after a step");
+            }
+        }
+        memcpy(values + X, next, sizeof next);
+        values[TIME] = time + h * (double)(k + 1) / (double)steps;
+        instance->stale |= RATES_STALE | OUTPUTS_STALE;
+    }
+    values[TIME] = time + h;
+    return OK;
+}
+
+/* Entries of a variable, or 0 where there is none of the reference, or no room for its values. */
+static size_t entries(const Instance *instance, const unsigned reference, const size_t room)
+{
+    const size_t any = reference < COUNT ? (instance->has_arrays ? LENGTH[reference] : 1) : 0;
+    if (any == 0 || any > room) {
+        fail(instance, "no such value reference, or a wrong number of values");
+    }
+    return any > room ? 0 : any;
+}
+
+/* Read or write variables one after the other. */
+static Status get_all(
+    Instance *instance, const unsigned *references, const size_t count, double *to, size_t room)
+{
+    for (size_t k = 0, found; k < count; ++k, to += found, room -= found) {
+        found = entries(instance, references[k], room);
+        if (found == 0 || get(instance, references[k], found, to) != OK) {
+            return ERROR;
+        }
+    }
+    return OK;
+}
+
+static Status set_all(
+    Instance *instance, const unsigned *references, const size_t count, const double *from,
+    size_t room)
+{
+    for (size_t k = 0, found; k < count; ++k, from += found, room -= found) {
+        found = entries(instance, references[k], room);
+        if (found == 0 || set(instance, references[k], found, from) != OK) {
+            return ERROR;
+        }
+    }
+    return OK;
+}
+
+/* Derivatives of rates and outputs along a direction of states and of what is given. */
+static Status derive(
+    Instance *instance, const unsigned *unknowns, const size_t of, const unsigned *knowns,
+    const size_t by, const double *seed, size_t seeds, double *sensitivity, size_t room)
+{
+    const double *values = instance->values;
+    double dot[COUNT] = {0.0};
+    for (size_t k = 0, found; k < by; ++k, seed += found, seeds -= found) {
+        const unsigned place = knowns[k];
+        found = entries(instance, place, seeds);
+        if (found == 0 || place < X || place >= STEP || (place >= RATES && place < GIVEN)) {
+            return fail(instance, "derivatives are by states and inputs");
+        }
+        memcpy(dot + place, seed, found * sizeof *seed);
+    }
+    if (refresh(instance, 0) != OK) {
+        return ERROR;
+    }
+    MODULE(derivatives)(
+        &instance->constants, values + X, values + GIVEN, GRAVITY, dot + X, dot + GIVEN,
+        dot + RATES, dot + RESULTS);
+    for (size_t k = 0, found; k < of; ++k, sensitivity += found, room -= found) {
+        const unsigned place = unknowns[k];
+        found = entries(instance, place, room);
+        if (found == 0 || place < RATES || (place >= GIVEN && place < RESULTS)) {
+            return fail(instance, "derivatives are of rates of states and outputs");
+        }
+        memcpy(sensitivity, dot + place, found * sizeof *sensitivity);
+    }
+    return OK;
+}
+
+/* A saved state is a copy of the values, of which all else can be computed again. */
+static Status save(const Instance *instance, void **state)
+{
+    *state = *state ? *state : malloc(sizeof instance->values);
+    if (!*state) {
+        return fail(instance, "no memory for a state");
+    }
+    memcpy(*state, instance->values, sizeof instance->values);
+    return OK;
+}
+
+static Status copy(const Instance *instance, void *to, const void *from, const size_t size)
+{
+    if (size != sizeof instance->values) {
+        return fail(instance, "a serialised state is of another model");
+    }
+    memcpy(to, from, size);
+    return OK;
+}
+
+static Status restore(Instance *instance, const void *state)
+{
+    memcpy(instance->values, state, sizeof instance->values);
+    instance->stale = ALL_STALE;
+    return OK;
+}
+
+#if defined(_WIN32)
+#define EXPORT __declspec(dllexport)
+#elif defined(__GNUC__)
+#define EXPORT __attribute__((visibility("default")))
+#else
+#define EXPORT
+#endif
+#define PASTED(prefix, name) prefix##name
+#define PASTE(prefix, name) PASTED(prefix, name)
+/* Functions that FMI names are declared here too: an importer's headers are not needed. */
+#define DEFINE(type, name, ...) \
+    EXPORT type name(__VA_ARGS__); \
+    type name(__VA_ARGS__)

@@ -1,0 +1,1 @@
+"""Functional mock-up units: their variables, descriptions, sources and archives."""

@@ -1,0 +1,221 @@
+"""Archives of FMUs: descriptions, sources, and a library for the machine at hand.
+
+One library has the functions of FMI 3.0 and 2.0, so that both archives hold the same sources.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import logging
+import platform
+import sys
+import uuid
+import zipfile
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
+from xml.sax.saxutils import quoteattr
+
+from gibbs_codegen.arrays.c_file import Function, c_files
+from gibbs_codegen.arrays.functions import Functions
+from gibbs_codegen.arrays.system import System
+from gibbs_codegen.files.templating import render
+from gibbs_codegen.files.verbatim import c_source
+from gibbs_codegen.program.choice import chosen_functions
+from gibbs_codegen.program.model import Model
+from gibbs_codegen.runtime.c_library import CompilerError, portable_library
+from gibbs_codegen.runtime.cache import CacheError
+from gibbs_codegen.targets.c import target as c_target
+from gibbs_codegen.targets.c.target import in_braces
+from gibbs_codegen.targets.fmu.variables import STEP, Variable, base_units, variables_of
+from gibbs_codegen.targets.printers import Context, CPrinter, Lines
+from gibbs_codegen.version import __version__
+
+# What its programs call, where the robot has it.
+CALLED = (
+    "forward_dynamics_with_wrenches",
+    "forward_dynamics_with_wrenches_jvp",
+    *(f"{x}{y}" for x in ("frame_poses", "frame_velocities") for y in ("", "_derivatives")),
+    *(f"frame_bias_accelerations{y}" for y in ("", "_derivatives")),
+    *(f"{x}{y}" for x in ("inputs_of", "actuator_rates") for y in ("", "_derivatives")),
+    *(f"rotor_speeds{y}" for y in ("", "_derivatives")),
+)
+# Folders of libraries by system and processor: those of FMI 3.0, and those of 2.0 that there are.
+_FOLDERS = {
+    ("linux", "x86_64"): ("x86_64-linux", "linux64"),
+    ("linux", "aarch64"): ("aarch64-linux", ""),
+    ("darwin", "x86_64"): ("x86_64-darwin", "darwin64"),
+    ("darwin", "arm64"): ("aarch64-darwin", ""),
+}
+_CAUSALITY = {
+    "state": 'causality="local" variability="continuous" initial="exact"',
+    "rate": 'causality="local" variability="continuous"',
+    "input": 'causality="input" variability="continuous"',
+    "step": 'causality="parameter" variability="fixed"',
+    "parameter": 'causality="parameter" variability="tunable"',
+    "output": 'causality="output" variability="continuous"',
+}
+# Archives keep no time, so that they are the same whenever they are made.
+_TIME = (1980, 1, 1, 0, 0, 0)
+
+_log = logging.getLogger("gibbs_codegen")
+
+
+def archives(model: Model, header: Lines) -> dict[str, bytes]:
+    """The FMUs of a model by the names of their files: of FMI 3.0, and of FMI 2.0."""
+    name = model.robot.name
+    model = _reduced(model)
+    times = {} if model.robot.has_actuators else model.description.constants["TIME_CONSTANTS"]
+    places = {entry.name: place for place, entry in enumerate(model.description.inputs)}
+    system = System(Functions(model.listing), {places[k]: time for k, time in times.items()})
+    module = c_target.module_text(model, CPrinter(), header, blocks=False)
+    module |= {"patterns": [], "sparse": []}
+    programs = [Function(program, words) for words, program in system.programs().items()]
+    sources = {
+        f"{name}.h": render("c_header.h.jinja", module),
+        f"{name}.c": render("c_source.c.jinja", module),
+        **c_files(system.robot, f"{name}_system", f"{name} as a system.", programs, header),
+    }
+    variables = variables_of(model, system)
+    token = _token([*sources.values(), *map(str, variables)])
+    context = {"name": name, "header": header, "token": token, **_numbers(model, variables)}
+    sources[f"{name}_fmu.c"] = render("fmu_source.c.jinja", context)
+    context |= {"sources": [file for file in sources if file.endswith(".c")]}
+    context |= _described(model, variables)
+    files = {f"sources/{file}": text.encode() for file, text in sources.items()}
+    first, second = _libraries(name, sources)
+    build = render("fmi3_build.xml.jinja", context).encode()
+    return {
+        f"{name}.fmu": _archive(
+            {
+                "modelDescription.xml": render("fmi3_model.xml.jinja", context).encode(),
+                **files,
+                "sources/buildDescription.xml": build,
+                **first,
+            }
+        ),
+        f"{name}_fmi2.fmu": _archive(
+            {
+                "modelDescription.xml": render("fmi2_model.xml.jinja", context).encode(),
+                **files,
+                **second,
+            }
+        ),
+    }
+
+
+def _reduced(model: Model) -> Model:
+    """A model with the functions that an FMU calls."""
+    called = {*chosen_functions(CALLED)}
+    own = [(function, each.name) for function, each in model.derived if each.name in called]
+    functions, names = zip(*own, strict=True)
+    program = replace(model.program, functions=functions)
+    return replace(model, functions=names, program=program, laws=())
+
+
+def _token(texts: Iterable[str]) -> str:
+    """What tells one model from another."""
+    digest = hashlib.sha256("\n".join(texts).encode()).digest()
+    return f"{{{uuid.UUID(bytes=digest[:16])}}}"
+
+
+def _numbers(model: Model, variables: Sequence[Variable]) -> Context:
+    """What the source is given of the values: how many there are, starts, lengths."""
+    sizes, start, lengths = Counter[str](), ["0.0"], ["1"]
+    gravity = "0.0"
+    for each in variables:
+        sizes[each.kind] += each.size
+        lengths += [str(each.size), *["0"] * (each.size - 1)]
+        if each.kind != "output":
+            start += map(repr, each.start or (0.0,) * each.size)
+        if each.name == "parameters.gravity":
+            gravity = f"values[{each.place}]"
+    return {
+        "states": sizes["state"],
+        "inputs": sizes["input"],
+        "parameters": sizes["parameter"],
+        "outputs": sizes["output"],
+        "gravity": gravity,
+        "start": in_braces(start),
+        "lengths": in_braces(lengths),
+        "source": "\n".join(map(c_source, ("fmu.c", "fmi3.c", "fmi2.c"))),
+    }
+
+
+def _described(model: Model, variables: Sequence[Variable]) -> Context:
+    """What the descriptions are given."""
+    numbers = [entry for each in variables for entry in each.entries]
+    units = base_units(["s", *(each.unit for each in variables)])
+    return {
+        "version": __version__,
+        "words": quoteattr(f"Dynamics of {model.robot.name}: SI units, world axes with z up"),
+        "step": STEP,
+        "units": [{"name": unit, "base": _base_unit(base)} for unit, base in units.items()],
+        "arrays": [
+            {
+                "attributes": f"{_attributes(each)} {_real(each, each.of)}",
+                "lengths": [len(axis) for axis in each.axes],
+            }
+            for each in variables
+        ],
+        "numbers": [
+            {"attributes": _attributes(each), "real": _real(each, each.of)} for each in numbers
+        ],
+        **{
+            f"{form}_{kind}s": [each.place for each in listed if each.kind == kind]
+            for form, listed in (("array", variables), ("number", numbers))
+            for kind in ("rate", "output")
+        },
+    }
+
+
+def _attributes(each: Variable) -> str:
+    """Attributes that both versions have alike."""
+    return (
+        f'name={quoteattr(each.name)} valueReference="{each.place}" {_CAUSALITY[each.kind]} '
+        f"description={quoteattr(each.words)}"
+    )
+
+
+def _real(each: Variable, of: int) -> str:
+    """Attributes that belong to numbers: unit, values at the start, and of a rate its state."""
+    found = f'unit="{each.unit}"'
+    if each.start:
+        found += f' start="{" ".join(map(repr, each.start))}"'
+    return f'{found} derivative="{of}"' if each.kind == "rate" else found
+
+
+def _base_unit(exponents: Mapping[str, int] | None) -> str:
+    if exponents is None:
+        return ""
+    powers = "".join(f' {unit}="{power}"' for unit, power in exponents.items())
+    return f"<BaseUnit{powers}/>"
+
+
+def _libraries(name: str, sources: Mapping[str, str]) -> tuple[dict[str, bytes], dict[str, bytes]]:
+    """The library in the places that FMI 3.0 and 2.0 have for it; none where none can be made."""
+    folders = _FOLDERS.get((sys.platform, platform.machine()))
+    if folders is None:
+        _log.warning("%s: the FMUs hold sources alone: FMI has no name for this system", name)
+        return {}, {}
+    try:
+        library = portable_library(name, sources).read_bytes()
+    except (CompilerError, CacheError) as error:
+        _log.warning("%s: the FMUs hold sources alone: %s", name, error)
+        return {}, {}
+    ending = "dylib" if sys.platform == "darwin" else "so"
+    first, second = (
+        {f"binaries/{folder}/{name}.{ending}": library} if folder else {} for folder in folders
+    )
+    return first, second
+
+
+def _archive(files: Mapping[str, bytes]) -> bytes:
+    room = io.BytesIO()
+    with zipfile.ZipFile(room, "w", zipfile.ZIP_DEFLATED) as archive:
+        for name, content in files.items():
+            info = zipfile.ZipInfo(name, _TIME)
+            info.external_attr = 0o100644 << 16  # A plain file, for all to read.
+            archive.writestr(info, content, zipfile.ZIP_DEFLATED)
+    return room.getvalue()

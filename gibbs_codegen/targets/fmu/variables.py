@@ -1,0 +1,184 @@
+"""The variables of an FMU: arrays of FMI 3.0, whose entries are the variables of FMI 2.0.
+
+All values of an instance are in one array (`emitted/fmu.c`); a value reference is a place in it.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+import re
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+
+from gibbs_codegen.arrays.system import System
+from gibbs_codegen.program.model import Model
+from gibbs_codegen.robot.description import Coordinate
+
+AXES = ("x", "y", "z")
+# The greatest step of co-simulation, s, if none is chosen.
+STEP = 0.001
+_OUTPUTS = {
+    "frames.position": ("m", "positions of the frames, world axes"),
+    "frames.rotation": ("1", "axes of the frames in columns, world axes"),
+    "frames.velocity": ("m/s", "velocities of the frames' origins, world axes"),
+    "frames.angular_velocity": ("rad/s", "angular velocities of the frames, world axes"),
+    "imu.specific_force": ("m/s^2", "what accelerometers at the frames measure, their axes"),
+    "imu.angular_velocity": ("rad/s", "what gyroscopes at the frames measure, their axes"),
+}
+_GIVEN = {
+    "force": ("N", "forces on the frames at their origins, world axes"),
+    "torque": ("N m", "torques on the frames, world axes"),
+    "wind": ("m/s", "velocity of the air, world axes"),
+}
+# Exponents of SI units in what units are made of.
+_SI: dict[str, dict[str, int]] = {
+    **{name: {name: 1} for name in ("kg", "m", "s", "A", "rad")},
+    "1": {},
+    "N": {"kg": 1, "m": 1, "s": -2},
+    "J": {"kg": 1, "m": 2, "s": -2},
+    "W": {"kg": 1, "m": 2, "s": -3},
+    "V": {"kg": 1, "m": 2, "s": -3, "A": -1},
+    "C": {"A": 1, "s": 1},
+    "Hz": {"s": -1},
+}
+
+
+@dataclass(frozen=True)
+class Variable:
+    """An array of the values, or a number: its place, and labels of the entries along each axis.
+
+    `kind` is "state", "rate", "input", "step", "parameter" or "output"; a rate has the place of its
+    state in `of`. `start` are the values at the start, of what has such.
+    """
+
+    name: str
+    kind: str
+    place: int
+    unit: str
+    words: str
+    axes: tuple[tuple[str, ...], ...] = ()
+    start: tuple[float, ...] = ()
+    of: int = 0
+
+    @property
+    def size(self) -> int:
+        """Number of entries."""
+        return math.prod(map(len, self.axes))
+
+    @property
+    def entries(self) -> Iterator[Variable]:
+        """Variables of a number each."""
+        for k, labels in enumerate(itertools.product(*self.axes)):
+            inner = self.name.removeprefix("der(").removesuffix(")")
+            name = ".".join([inner, *labels])
+            yield replace(
+                self,
+                name=f"der({name})" if self.kind == "rate" else name,
+                place=self.place + k,
+                axes=(),
+                start=self.start[k : k + 1],
+                of=self.of + k,
+            )
+
+
+def variables_of(model: Model, system: System) -> list[Variable]:
+    """All variables, in the order of their places, which begin at 1."""
+    found, place = [], 1
+    states = [each for each in _states(model, system) if each.size]
+    for each in itertools.chain(states, _rates(states), _inputs(model, system), _others(model)):
+        if each.size:
+            found.append(replace(each, place=place, of=each.of + 1))
+            place += each.size
+    shapes = system.outputs.values()
+    for (name, (unit, words)), shape in zip(_OUTPUTS.items(), shapes, strict=True):
+        axes = (model.description.frames, *[AXES] * (len(shape) - 1))
+        found.append(Variable(name, "output", place, unit, words, axes))
+        place += found[-1].size
+    return found
+
+
+def _rates(states: Iterable[Variable]) -> Iterator[Variable]:
+    """The rates of states, of which each has the place from 0 in `of`."""
+    place = 0
+    for state in states:
+        unit = f"{state.unit}/s".replace("/s/s", "/s^2")
+        words = f"rate of {state.name}"
+        yield Variable(f"der({state.name})", "rate", 0, unit, words, state.axes, of=place)
+        place += state.size
+
+
+def _inputs(model: Model, system: System) -> Iterator[Variable]:
+    """Commands, and what acts from outside."""
+    description = model.description
+    commands, rotors = description.commands or description.inputs, model.robot.rotors
+    for name, part in (("rotors", commands[:rotors]), ("joints", commands[rotors:])):
+        yield from _parted(f"command.{name}", "input", part, [0.0] * len(part))
+    for (name, (unit, words)), shape in zip(
+        _GIVEN.items(), [*system.given.values()][1:], strict=False
+    ):
+        axes = (description.frames, AXES)[2 - len(shape) :]
+        yield Variable(name, "input", 0, unit, words, axes, (0.0,) * math.prod(shape))
+
+
+def _others(model: Model) -> Iterator[Variable]:
+    """The greatest step, and the parameters."""
+    words = "greatest step of co-simulation inside a communication step"
+    yield Variable("step_size", "step", 0, "s", words, start=(STEP,))
+    for name, value in model.defaults.items():
+        unit = model.units[name]
+        yield Variable(f"parameters.{name}", "parameter", 0, unit, name, start=(value,))
+
+
+def _states(model: Model, system: System) -> Iterator[Variable]:
+    """The states: parts of q and v in the order of their places, and what actuators have."""
+    description = model.description
+    layout, start = description.layout, description.constants["POSTURE"]
+    for letter, places, listed, values in (
+        ("q", layout.q, description.coordinates, start),
+        ("v", layout.v, description.velocities, (0.0,) * layout.v.size),
+    ):
+        for name in sorted(
+            ("attitude", "joints", "position"), key=lambda x: getattr(places, x).start
+        ):
+            part = getattr(places, name)
+            yield from _parted(f"{letter}.{name}", "state", listed[part], values[part])
+    lagging = tuple(
+        replace(entry, meaning=f"{entry.meaning} that acts")
+        for entry in (description.inputs[rotor] for rotor in system.lags)
+    )
+    actuators = description.actuator_states or lagging
+    full = [float(each.name == "charge") for each in actuators]
+    yield from _parted("actuators", "state", actuators, full)
+
+
+def _parted(
+    name: str, kind: str, listed: Sequence[Coordinate], start: Sequence[float]
+) -> Iterator[Variable]:
+    """One array, or where units differ a number for each entry."""
+    if len({each.unit for each in listed}) < 2:
+        words = "; ".join(f"{each.name}: {each.meaning}" for each in listed)
+        axes = (tuple(each.name for each in listed),)
+        yield Variable(name, kind, 0, listed[0].unit if listed else "1", words, axes, tuple(start))
+        return
+    for each, value in zip(listed, start, strict=True):
+        yield Variable(f"{name}.{each.name}", kind, 0, each.unit, each.meaning, (), (value,))
+
+
+def base_units(units: Iterable[str]) -> dict[str, dict[str, int] | None]:
+    """Exponents of SI units by the names of units; None for one that has no such."""
+    return {unit: _exponents(unit) for unit in sorted({*units})}
+
+
+def _exponents(unit: str) -> dict[str, int] | None:
+    found: dict[str, int] = {}
+    for sign, part in zip(
+        itertools.chain([1], itertools.repeat(-1)), unit.split("/"), strict=False
+    ):
+        for factor in part.split():
+            match = re.fullmatch(r"([A-Za-z]+|1)(?:\^(-?\d+))?", factor)
+            if not match or match[1] not in _SI:
+                return None
+            for name, exponent in _SI[match[1]].items():
+                found[name] = found.get(name, 0) + sign * exponent * int(match[2] or 1)
+    return {name: exponent for name, exponent in found.items() if exponent}
