@@ -55,7 +55,7 @@ class BlockIntegration:
         compiled blocks. `progress` is told the time reached, s.
         """
         envelope, grid, count = self._envelope(self.loop), StepGrid(self.settings), len(starts)
-        times, samples = [np.zeros(1)], [starts[:, np.newaxis]]
+        times, samples = [np.zeros(1)], [starts[:, np.newaxis].copy()]
         kept, last, ends = np.ones(count, dtype=np.int64), starts.copy(), np.zeros(count)
         # Flights that are still under way, and those that must be integrated by themselves.
         flies, alone = np.ones(count, dtype=bool), np.zeros(count, dtype=bool)
@@ -73,15 +73,18 @@ class BlockIntegration:
             block = self._block(envelope.bounds, interval.loads, count)
             if block is None:
                 return [None] * count
-            times.append(grid.sample_times(interval))
             time = interval.begin
             if self.loop.takes_hold(time):
                 # Flights that have ended stay as they were, and may have no numbers.
                 with np.errstate(invalid="ignore"):
                     held, lost = self.loop.held(time, last)
                 last[flies] = held[flies]
+                # A sample of now is after the impact.
+                if flies.any() and times[-1][-1:].tolist() == [time]:
+                    samples[-1][flies, -1] = last[flies]
                 for i in np.flatnonzero(flies).tolist():
                     impacts[i].append((time, float(lost[i])))
+            times.append(grid.sample_times(interval))
             parts = [
                 (each, done)
                 for each in grid.stretches(interval)

@@ -328,20 +328,18 @@ class Integration:
         self._envelope = Envelope(loop, settings.divergence, duration)
         method = AdaptiveIntegrator if settings.method == "adaptive" else FixedStepIntegrator
         self._integrator = method(loop, settings, self._envelope)
-        self._times, self._states = [np.array([begin])], [start[np.newaxis]]
+        self._times, self._states = [np.array([begin])], [start[np.newaxis].copy()]
         self._inputs = [InputRanges.none(len(loop.vehicle.inputs))]
         self._impacts: list[tuple[float, float]] = []
         self.time, self.state = begin, start
         self._loads: Loads | None = None
         self.stopped = self._envelope.reason(begin, start)
+        self._take_hold()
 
     def advance(self, end: float, progress: Callable[[float], None] = lambda time: None) -> None:
         """Integrate up to a time, or until the flight cannot go on; `progress` is told the time."""
         for interval in self._loop.smooth_intervals(self.time, end):
             if not self.stopped:
-                if self._loop.takes_hold(interval.begin):
-                    self.state, lost = self._loop.held(interval.begin, self.state)
-                    self._impacts.append((interval.begin, float(lost)))
                 begun, self.stopped = self._loop.begun(interval, self.state)
             if self.stopped:
                 break
@@ -351,6 +349,15 @@ class Integration:
             self._states.append(result.samples.states)
             self._inputs.append(result.samples.inputs)
             self.time, self.state, self.stopped = result.end, result.state, result.samples.stopped
+            self._take_hold()
+
+    def _take_hold(self) -> None:
+        """Take the impact of constraints that begin to hold now; a sample of now is after it."""
+        if not self.stopped and self._loop.takes_hold(self.time):
+            self.state, lost = self._loop.held(self.time, self.state)
+            self._impacts.append((self.time, float(lost)))
+            if self._times[-1][-1:].tolist() == [self.time]:
+                self._states[-1][-1] = self.state
 
     def rate(self) -> Array:
         """Time derivative (size) of the state, under what has acted until now."""
