@@ -79,7 +79,7 @@ class Surroundings:
     """Which kinds of things act on which frames of the plant; their figures are inputs.
 
     `contacts` are of frames with walls, `payloads` have the frame of each, `spins` rotor and frame
-    of each. `holds` tells that constraints of the robot do; the input `active` says which.
+    of each. `holds` tells that constraints of the robot hold frames; the input `active` says which.
     """
 
     pushes: bool = False
@@ -231,7 +231,7 @@ class ClosedLoop:
         touches = self.touches(q, v, bristles)
         wrenches, a, forces = self._motion(at.time, q, v, u, aimed, actuators, touches)
         power = self._power(q, v, u, wrenches)
-        if self.around.holds:  # None but where a frame is drawn to its anchor.
+        if self.around.holds:  # Constraints do work only where they draw a frame to its anchor.
             power = power + dot(forces, self.plant.constraint_jacobian(q) @ v)
         rates = [base_of(self.plant, q).rates(v, x), a, power]
         if self._actuators:

@@ -136,20 +136,22 @@ def _errors(flight: Flight, samples: slice) -> str:
 
 
 def collisions_of(flight: Flight) -> str:
-    """Say where links go through discs of rotors or behind walls, and when they do so farthest.
+    """Say where links go through discs of rotors, or one of both behind walls, and when farthest.
 
     Such as "a link is 0.02 m behind wall 1 at t = 3 s"; empty if none does.
     """
     rotors = zip(flight.input_names, flight.rotor_distances.T, strict=False)
-    found = [(f"inside the rim of {name}", values) for name, values in rotors]
-    found += [(f"behind wall {k}", values) for k, values in enumerate(flight.wall_distances.T, 1)]
+    found = [("link", f"inside the rim of {name}", values) for name, values in rotors]
+    either = "link or rotor" if np.any(flight.disc_radii) else "link"
+    walls = enumerate(flight.wall_distances.T, 1)
+    found += [(either, f"behind wall {k}", values) for k, values in walls]
     clauses = []
-    for where, values in found:
+    for what, where, values in found:
         known = np.where(np.isnan(values), np.inf, values)
         sample = int(known.argmin())
         if known[sample] < 0.0:
             far, time = -known[sample], flight.time[sample]
-            clauses.append(f"a link is {far:.3g} m {where} at t = {time:.3g} s")
+            clauses.append(f"a {what} is {far:.3g} m {where} at t = {time:.3g} s")
     return "; ".join(clauses)
 
 

@@ -199,7 +199,11 @@ class _Reader:
         """Frames on links."""
         found = []
         for name, _ in self._of_kind("frame"):
-            if link := self._carrier(name):
+            link = self._carrier(name)
+            if link == _WORLD:
+                words = "on the world: a robot has frames of its own"
+                self.findings.append(sources.Finding("left out", name, words))
+            elif link:
                 found.append(sources.Frame(name, link, self._between(link, name)))
         return tuple(found)
 

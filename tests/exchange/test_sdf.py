@@ -189,6 +189,15 @@ def test_what_is_placed_by_frames_is_where_libsdformat_has_it(seen: str, tmp_pat
     assert_is_as_read(robot, as_read(path, tmp_path))
 
 
+def test_frames_on_the_world_are_told(tmp_path: Path) -> None:
+    path = tmp_path / "robot.sdf"
+    path.write_text(FEATURES.replace('"hook">', '"dock" attached_to="world"/><frame name="hook">'))
+    robot, report = import_robot(path, ImportOptions("quaternion", snap=False))
+    assert "dock" not in {frame.name for frame in robot.frames}
+    words = "on the world: a robot has frames of its own"
+    assert Finding("left out", "dock", words) in report
+
+
 def test_axes_of_old_files_are_those_of_the_model(tmp_path: Path) -> None:
     axes = []
     old = f"{AXIS}<use_parent_model_frame>1</use_parent_model_frame>"

@@ -43,7 +43,7 @@ class Observation:
       about its origin, N m, world axes
     - `actuators`: thrusts of motors that lag, N, or the state that `ACTUATOR_STATES` names
     - `constraint_forces`: those of the constraints of `CONSTRAINT_ROWS`, N and N m, in the axes of
-      their anchors; 0 of such as do not hold
+      their anchors; 0 of constraints that do not hold
 
     - `sensors`: by the names of the robot's sensors what they read last, a tuple of the `time` at
       which that was measured, s, and the `values`, which `SensorSuite` describes; NaN before

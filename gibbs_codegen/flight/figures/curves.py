@@ -54,6 +54,7 @@ _BAND: dict[str, Any] = {"alpha": 0.3, "linewidth": 0}
 # Of the range of a panel: what leaves the range of the samples by less is not seen.
 _SEEN = 0.005
 _SPAN: dict[str, Any] = {"color": "0.92", "zorder": 0, "linewidth": 0}
+_HELD: dict[str, Any] = {"facecolor": "none", "edgecolor": "0.8", "hatch": "////", "linewidth": 0}
 _SHARE: dict[str, Any] = {"color": "0.45", "linewidth": 0.9, "linestyle": (0, (1, 1.2))}
 # Of the limits of some of the inputs in a panel, pt.
 _DASH = 5.0
@@ -326,7 +327,8 @@ def inputs(flight: Flight, width: float = COLUMN) -> Figure:
     the applied inputs, with bands from the least to the greatest between samples; dashes, where
     they differ, the commanded ones. A dotted line is what each rotor bears of the weight, others
     are limits: red if all inputs of a panel have it, else in the colours of those that do. The
-    background is grey while a force or torque acts on a frame for a time.
+    background is grey while a force or torque acts on a frame for a time, and hatched while a
+    constraint holds.
     """
     places, units = np.arange(len(flight.input_names)), np.array(flight.input_units)
     lifts = places < 0
@@ -457,23 +459,26 @@ def _draw_bounds(axes: Axes, flight: Flight, places: NDArray[np.int_]) -> dict[s
 
 
 def _draw_loads(axes: Axes, flight: Flight) -> dict[str, Any]:
-    """Shade times at which a gust blows, or a frame is acted on for a time; return the legend."""
+    """Shade times of gusts and of what acts on frames, hatch those of holds; return the legend."""
     acts = np.any(flight.frame_wrenches != 0.0, axis=2)
     now = np.any(acts & ~np.all(acts, axis=0), axis=1)
     for begin, end in flight.gusts:
         now |= (begin <= flight.time) & (flight.time <= end)
-    return draw_spans(axes, flight, now, "external force")
+    held = draw_spans(axes, flight, np.any(flight.hold_forces != 0.0, axis=1), "held", _HELD)
+    return held | draw_spans(axes, flight, now, "external force")
 
 
-def draw_spans(axes: Axes, flight: Flight, now: Flags, words: str) -> dict[str, Any]:
+def draw_spans(
+    axes: Axes, flight: Flight, now: Flags, words: str, look: Mapping[str, Any] = _SPAN
+) -> dict[str, Any]:
     """Shade the times of samples (s) at which something is; return the legend."""
     if not now.any():
         return {}
     edges = np.flatnonzero(np.diff(now, prepend=False, append=False))
     last = len(flight.time) - 1
     for begin, end in edges.reshape(-1, 2):
-        axes.axvspan(flight.time[begin], flight.time[min(end, last)], **_SPAN)
-    return {words: Patch(**_SPAN)}
+        axes.axvspan(flight.time[begin], flight.time[min(end, last)], **look)
+    return {words: Patch(**look)}
 
 
 def _followed(flight: Flight) -> Any:

@@ -239,11 +239,14 @@ class ClosedLoop:
         `aimed` (…, nu) is as of `commands`. `wrenches` (…, f, 6) are on the frames by that but the
         inputs: force, N, and torque about the origin, N m, world axes; `touching` (…, f, 6) those
         of contacts and of the push alone. `contacts` (…, c, 8) are as of `Touch.series`, `holding`
-        (…, l) of constraints, none where none holds.
+        (…, l) of constraints, 0 where none holds.
         """
         own = {name: getattr(parts, name) for name in ("q", "v", "actuators", "bristles")}
         given = {"time": time, "u": inputs, "aimed": aimed, **own}
         found = self._found("motion", loads, given)
+        if not found["holding"].size:
+            rows = len(getattr(self.vehicle.module, "CONSTRAINT_ROWS", ()))
+            found["holding"] = np.zeros(rows)
         return {
             name: np.broadcast_to(x, (*parts.q.shape[:-1], *x.shape[-_AXES.get(name, 2) :]))
             for name, x in found.items()
@@ -342,11 +345,9 @@ class ClosedLoop:
         loads = replace(self.loads(time), inputs=tuple(inputs.tolist()))
         _, aimed, acting = self.commands(time, parts, loads)
         found = self.motion(time, parts, aimed, acting, loads)
-        rows = len(getattr(self.vehicle.module, "CONSTRAINT_ROWS", ()))
-        forces = found["holding"] if found["holding"].size else np.zeros(rows)
         moved, touching = (parts.q, parts.v, found["a"]), found["touching"]
         told = self.sensors.measurements(*moved, touching) if self.sensors else np.zeros(0)
-        return Measured(found["a"], touching, parts.actuators, forces, told)
+        return Measured(found["a"], touching, parts.actuators, found["holding"], told)
 
     def smooth_intervals(self, begin: float, end: float) -> Iterator[SmoothInterval]:
         """The intervals of a flight between which the push, held inputs and motors may change.

@@ -41,6 +41,11 @@ def resting(loop: ClosedLoop, q: Array, charge: float = 1.0) -> tuple[Array, Arr
     environment = loop.environment
     if environment is None or not environment.wall:
         raise UsageError("start.settled: there is no [[wall]] on which the robot could rest")
+    if np.any(loop.loads(0.0).holds):
+        raise UsageError(
+            "start.settled: a constraint holds the robot from the begin on, so that walls need not "
+            "carry it; let it take hold later, or leave settled out"
+        )
     stiffness = sum(wall.stiffness * len(wall.frames) for wall in environment.wall)
     weight = _weight(loop)
     place, bristles, left = _balanced(loop, _lowered(loop, q), charge)

@@ -162,16 +162,18 @@ class Environment:
 
     def carries(self, time: float | Array) -> Flags:
         """Which payloads are there (…, p) at times (…), s."""
-        times, spans = np.asarray(time)[..., np.newaxis], [(x.begin, x.end) for x in self.payload]
-        begins, ends = np.reshape(spans, (-1, 2)).T
-        return (times >= begins) & (times < ends)
+        times = np.asarray(time)
+        found = np.zeros((*times.shape, len(self.payload)), dtype=bool)
+        for place, each in enumerate(self.payload):
+            found[..., place] = each.acts_at(times)
+        return found
 
     def holding(self, time: float | Array) -> Flags:
         """Which constraints of the robot hold (…, c) at times (…), s."""
         times, names = np.asarray(time), self._constraints
         found = np.zeros((*times.shape, len(names)), dtype=bool)
         for each in self.hold:
-            found[..., names.index(each.constraint)] |= each.holds_at(times)
+            found[..., names.index(each.constraint)] |= each.acts_at(times)
         return found
 
     def takes_hold(self, time: float) -> bool:
@@ -184,7 +186,7 @@ class Environment:
         times = np.asarray(time)
         found = np.zeros(times.shape, dtype=bool)
         for each in self.hold:
-            found |= each.holds_at(times) & each.idle
+            found |= each.acts_at(times) & each.idle
         return found
 
     @cached_property
@@ -206,7 +208,7 @@ class Environment:
         times = np.asarray(time)
         if self.push is None:
             return np.zeros(times.shape, dtype=bool)
-        return (times >= self.push.begin) & (times < self.push.end)
+        return self.push.acts_at(times)
 
     @property
     def jumps(self) -> set[float]:

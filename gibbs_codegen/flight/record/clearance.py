@@ -1,4 +1,4 @@
-"""How near links come to discs of rotors and to walls, links being the lines between points.
+"""How near links come to discs of rotors, and both to walls, links being the lines between points.
 
 Discs and walls are convex, so that the distance along a link has one minimum, which is found by
 cutting off thirds.
@@ -17,6 +17,8 @@ from gibbs_codegen.flight.vectors import Array
 # Thirds that are cut off: what is left of a link is 1e-6 of its length; samples that are looked at
 # at once, which bounds the memory.
 _CUTS, _SAMPLES = 34, 4096
+# Points of a rim: between two of them it is within a hundredth of the radius.
+_RIM = 24
 Parents = NDArray[np.int_]
 
 
@@ -70,6 +72,25 @@ def wall_distances(
             least = _least(begin, end, distance)
         found[rows] = least.min(axis=1)
     return found
+
+
+def rim_distances(centres: Array, axes: Array, radii: Array, kind: str, figures: Array) -> Array:
+    """Distances (s), m, of a wall from the nearest rim of rotors' discs, NaN where none is known.
+
+    Centres and unit normals are (s, N, 3), radii (N), m, 0 where unknown.
+    """
+    known = radii > 0.0
+    if not known.any():
+        return np.full(len(centres), np.nan)
+    found = np.empty((_RIM, len(centres)))
+    normals = axes[:, known]
+    across = np.cross(normals, np.eye(3)[np.abs(normals).argmin(axis=-1)])
+    across /= np.linalg.norm(across, axis=-1, keepdims=True)
+    for k, angle in enumerate(2.0 * np.pi / _RIM * np.arange(_RIM)):
+        out = np.cos(angle) * across + np.sin(angle) * np.cross(normals, across)
+        rim = centres[:, known] + radii[known, np.newaxis] * out
+        found[k] = -surface_at(kind, figures, rim)[0].max(axis=-1)
+    return found.min(axis=0)
 
 
 def _links(parents: Parents, carrier: int) -> list[int]:

@@ -84,7 +84,7 @@ class Recording:
             "contact_slip": lambda: self._motion["contacts"][..., 4:7],
             "contact_depth": lambda: self._motion["contacts"][..., 7],
             "hold_names": lambda: tuple(getattr(vehicle.module, "CONSTRAINT_ROWS", ())),
-            "hold_forces": self._hold_forces,
+            "hold_forces": lambda: self._motion["holding"],
             "impacts": lambda: self.history.impacts,
             "disc_radii": self._disc_radii,
             "joint_limits": lambda: loop.actuators.joints,
@@ -179,12 +179,6 @@ class Recording:
         ends = np.cumsum([0, *counts])
         parts = [forces[:, a:b].sum(axis=1) for a, b in itertools.pairwise(ends)]
         return np.stack(parts, axis=1) if parts else np.zeros((len(self._time), 0))
-
-    def _hold_forces(self) -> Array:
-        """Forces (s, l) of constraints, 0 where none holds."""
-        rows = len(getattr(self.loop.vehicle.module, "CONSTRAINT_ROWS", ()))
-        forces = self._motion["holding"]
-        return forces if forces.size else np.zeros((len(self._time), rows))
 
     def _sensors(self) -> Array:
         """What the robot's sensors tell (s, m), as it was read in flight or would have been."""

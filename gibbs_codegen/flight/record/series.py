@@ -18,7 +18,7 @@ from gibbs_codegen.files.staging import writing
 from gibbs_codegen.flight.plant.actuators import followed
 from gibbs_codegen.flight.plant.kinematics import kinematics_of
 from gibbs_codegen.flight.plant.vehicle import Vehicle
-from gibbs_codegen.flight.record.clearance import disc_distances, wall_distances
+from gibbs_codegen.flight.record.clearance import disc_distances, rim_distances, wall_distances
 from gibbs_codegen.flight.vectors import Array as Array
 from gibbs_codegen.robot.layout import Layout
 
@@ -98,8 +98,9 @@ class Flight:
     velocity at which it slides, 0 where it sticks or is away, `contact_depth` (s, c), m, how
     deep it is, negative outside.
     `hold_forces` (s, l), N and N m, are those of constraints by `hold_names`, the rows of these, in
-    the axes of their anchors; 0 of such as do not hold. `impacts` (i, 2) are when constraints took
-    hold, s, and the energy that was lost, J; the `work` has it.
+    the axes of their anchors; 0 of constraints that do not hold. `impacts` (i, 2) are when
+    constraints took hold, s, and the energy that was lost, J; the `work` has it. A sample of that
+    instant is of after the impact.
     `sensors` (s, m) are what the robot's sensors had told last at each sample, by `sensor_names`
     and `sensor_units`, as `SensorSuite` describes them; NaN before the first reading, and (s, 0)
     without sensors.
@@ -304,24 +305,32 @@ class Flight:
         Links are the lines between joints, and to the tip; where one goes through a disc the
         distance is less than 0, by how far inside the rim. NaN where a radius is not known.
         """
+        return disc_distances(self.positions, self.parents, *self._discs)
+
+    @property
+    def _discs(self) -> tuple[list[int], Array, Array]:
+        """Numbers (N) of the points at which discs of rotors are, their axes (s, N, 3), radii."""
         discs = [self.points.index(name) for name in self.rotor_points]
         radii = self.disc_radii if len(self.disc_radii) else np.zeros(len(discs))
-        axes = self.thrust_directions @ np.swapaxes(self.base_rotation, -1, -2)
-        return disc_distances(self.positions, self.parents, discs, axes, radii)
+        return discs, self.thrust_directions @ np.swapaxes(self.base_rotation, -1, -2), radii
 
     @cached_property
     def wall_distances(self) -> Array:
-        """Distances (s, w), m, of walls from the nearest link, less than 0 where one is behind it.
+        """Distances (s, w), m, of walls from the nearest link or rim of a rotor's disc.
 
-        Ends of links that are there to touch a wall do not count there.
+        They are less than 0 where one is behind the wall. Ends of links that are there to touch a
+        wall do not count there, nor discs whose radius is not known.
         """
         found = np.empty((len(self.time), len(self.walls)))
+        discs, axes, radii = self._discs
         kinds = self.wall_kinds or ("plane",) * len(self.walls)
         for k, (kind, figures) in enumerate(zip(kinds, self.walls, strict=True)):
             pairs = zip(self.contact_walls.tolist(), self.contact_frames, strict=True)
             frames = [frame for wall, frame in pairs if wall == k + 1]
             places = [self.points.index(name) for name in frames if name in self.points]
-            found[:, k] = wall_distances(self.positions, self.parents, kind, figures, places)
+            links = wall_distances(self.positions, self.parents, kind, figures, places)
+            rims = rim_distances(self.positions[:, discs], axes, radii, kind, figures)
+            found[:, k] = np.fmin(links, rims)
         return found
 
     @property
@@ -412,6 +421,9 @@ class Flight:
 
     def write_npz(self, path: StrPath) -> None:
         """Write all fields to one `.npz` file, which `read_flight` reads.
+
+        What follows from them, such as `energy_error`, is not in it, but in the flight that is read
+        and in `write_csv`.
 
         Args:
             path: The file.

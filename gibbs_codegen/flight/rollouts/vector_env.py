@@ -163,7 +163,8 @@ class VectorEnv(gymnasium.vector.VectorEnv[Observations, ArrayLike, Any]):
         duration: An episode is truncated by the first decision at whose end so many seconds are
             over; or None.
         bounds: Least and greatest q and v, each a number or (nq + nv); beyond them an episode ends.
-        walls: What frames touch, as of `rollout`.
+        walls: What frames touch, as of `rollout`; whether steps are short enough for them is judged
+            by the parameters of the file.
         reward, terminated, observe: Functions of a `Moment` that give rewards (n), whether episodes
             end (n), and observations (n, m).
         normalised: Whether actions are between −1 and 1.

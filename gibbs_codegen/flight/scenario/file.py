@@ -302,9 +302,8 @@ class ScenarioTable(Table):
             beginning += [(("arm", each, joint), own) for joint, own in moves]
         for place, own in beginning:
             for number, part in enumerate(own):
-                if part.begin >= duration:
-                    words = f"must be before {duration:g}, when the flight ends"
-                    yield (*place, number, "begin"), f"{words}, not {part.begin:g}"
+                for words in parts.late(part, duration):
+                    yield (*place, number, "begin"), words
         if settings.rate * duration > _MAX_SAMPLES:
             words = f"more than {_MAX_SAMPLES} samples in {duration:g} s; lower it"
             yield ("integration", "rate"), words

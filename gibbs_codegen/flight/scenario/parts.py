@@ -99,6 +99,10 @@ class _ForATime:
         if not self.end > self.begin:
             yield ("end",), f"must be after begin, {self.begin:g} s"
 
+    def acts_at(self, times: Array) -> Flags:
+        """Whether it acts at times (…), s."""
+        return (times >= self.begin) & (times < self.end)
+
 
 @table
 class Impedance(Table):
@@ -423,10 +427,6 @@ class Hold(_ForATime, Table):
     end: Endless = entry("when it lets go, s; default: it stays", math.inf)
     idle: Flag = entry("whether motors idle meanwhile", False)
 
-    def holds_at(self, times: Array) -> Flags:
-        """Whether it holds at times (…), s."""
-        return (times >= self.begin) & (times < self.end)
-
 
 @table
 class Gust(Table):
@@ -466,3 +466,9 @@ class Move(Table):
     to: Annotated[Number, key("where the joint moves, m or degrees")]
     duration: Annotated[Positive, key("how long the move takes, s")]
     begin: NotNegative = entry("when the move begins, s", 0.0)
+
+
+def late(part: Move | Hold, duration: float) -> Iterator[str]:
+    """The fault of what begins after the end of a flight, if it does."""
+    if part.begin >= duration:
+        yield f"must be before {duration:g}, when the flight ends, not {part.begin:g}"

@@ -117,6 +117,12 @@ class Scenario(Table):
     timing: parts.Timing = parts.Timing()
     description: str = ""
 
+    def _faults(self) -> Iterator[tuple[Place, str]]:
+        """Faults of constraints that would hold after the end."""
+        for number, hold in enumerate(self.holds):
+            for each in parts.late(hold, self.duration):
+                yield ("holds", number, "begin"), each
+
     @property
     def is_sampled(self) -> bool:
         """Whether its law acts at instants, and holds its inputs in between."""

@@ -390,6 +390,15 @@ def test_background_tells_when_frames_are_pushed(paper: Flight) -> None:
     assert "external force" in legend_texts(axes)
 
 
+def test_figures_tell_when_constraints_hold(paper: Flight) -> None:
+    forces = np.zeros((len(paper.time), 3))
+    forces[20:40, 1] = 2.0
+    axes = figures.inputs(replace(paper, hold_forces=forces)).axes[0]
+    (span,) = [patch for patch in axes.patches if isinstance(patch, Rectangle)]
+    assert span.get_x() == paper.time[20]
+    assert "held" in legend_texts(axes)
+
+
 def test_gusts_are_told_in_a_wind_that_never_ceases(paper: Flight) -> None:
     wrenches = np.ones((len(paper.time), 1, 6))
     gust = paper.time[[10, 30]]

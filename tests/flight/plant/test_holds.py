@@ -22,8 +22,9 @@ from gibbs_codegen.flight.many import simulate_many
 from gibbs_codegen.flight.record.flight import Flight, read_flight
 from gibbs_codegen.flight.rollouts.rollout import rollout
 from gibbs_codegen.flight.scenario.file import parse_scenario
-from gibbs_codegen.flight.scenario.parts import Hold, Payload, Push, Wind
+from gibbs_codegen.flight.scenario.parts import Hold, Payload, Push, StartOffset, Wind
 from gibbs_codegen.flight.scenario.scenario import Scenario
+from gibbs_codegen.flight.scenario.walls import Plane
 from gibbs_codegen.flight.simulation import flight_start, simulate
 from gibbs_codegen.flight.stepping import Simulation
 from gibbs_codegen.flight.sweeps.sweep import sweep
@@ -238,6 +239,11 @@ def test_a_frequency_draws_the_frame_to_its_anchor(percher: ModuleType) -> None:
 
 def test_what_cannot_hold_is_refused(percher: ModuleType, monkeypatch: pytest.MonkeyPatch) -> None:
     other = (Hold("gripp"),)
+    with pytest.raises(UsageError, match=r"holds\[0\].begin: must be before 7, when the"):
+        perching(holds=(Hold("grip", 7.0),))
+    ground, start = Plane("claw", (0, 0, 0), (0, 0, 1), 1e3), StartOffset(settled=True)
+    with pytest.raises(UsageError, match=r"start\.settled: a constraint holds the robot from the"):
+        simulate(percher, perching(holds=(Hold("grip"),), walls=(ground,), start=start))
     with pytest.raises(UsageError, match="hold 1: constraint: percher has no gripp; its"):
         simulate(percher, perching(holds=other))
     heavy = perching(payloads=(Payload("claw", 0.1, 3.0, 5.0),))

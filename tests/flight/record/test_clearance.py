@@ -12,7 +12,7 @@ from scipy.spatial import cKDTree
 from support.synthetic_flight import synthetic_flight
 
 from gibbs_codegen.cli.simulate import collisions_of
-from gibbs_codegen.flight.record.clearance import disc_distances, wall_distances
+from gibbs_codegen.flight.record.clearance import disc_distances, rim_distances, wall_distances
 from gibbs_codegen.flight.record.flight import Flight, read_flight
 from gibbs_codegen.flight.scenario.walls import Sphere
 
@@ -72,6 +72,17 @@ def test_distances_of_walls_are_those_of_geometry() -> None:
     assert beside == pytest.approx(np.array([away(p[0], p[1]) for p in places]), abs=1e-9)
 
 
+def test_distances_of_rims_from_walls_are_those_of_geometry() -> None:
+    random = np.random.default_rng(4)
+    centres, axes = random.normal(size=(2, 20, 2, 3))
+    axes /= np.linalg.norm(axes, axis=-1, keepdims=True)
+    plane = np.array([0.1, 0.2, 0.3, 0.6, 0.0, 0.8])
+    found = rim_distances(centres, axes, np.array([0.4, 0.0]), "plane", plane)
+    height, upright = (centres[:, 0] - plane[:3]) @ plane[3:], axes[:, 0] @ plane[3:]
+    exact = height - 0.4 * np.sqrt(1.0 - upright**2)
+    assert np.all((found > exact - 1e-12) & (found < exact + 0.004))
+
+
 def test_collisions_are_told(shipped: Callable[[str], ModuleType], tmp_path: object) -> None:
     flight: Flight = synthetic_flight(shipped("hexarotor_3link"))
     assert collisions_of(flight) == ""
@@ -81,6 +92,8 @@ def test_collisions_are_told(shipped: Callable[[str], ModuleType], tmp_path: obj
     assert collisions_of(low).startswith("a link is 0.01 m behind wall 1 at t = ")
     touching = replace(low, contact_walls=np.array([1]), contact_frames=("tip",))
     assert collisions_of(touching) == ""
+    spinning = replace(low, disc_radii=np.full(6, 0.2))
+    assert "a link or rotor is 0.01 m behind wall 1" in collisions_of(spinning)
     wide = replace(flight, disc_radii=np.full(flight.rotors, 0.2))
     columns = {name for name, *_ in wide.columns()}
     assert {"F_1_distance", "F_6_distance"} <= columns
