@@ -10,8 +10,9 @@ from __future__ import annotations
 import math
 import re
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
+from typing import cast
 
 import numpy as np
 
@@ -135,6 +136,8 @@ def _merge(model: Element, path: Path, version: str | None) -> None:
                 besides = [each for each in children(model) if each.tag in ("link", "frame")]
                 moved = bool(besides) and other is not None and child(other, "pose") is not None
                 if other is not None and not moved and root.get("version") == version:
+                    for each in cast(Iterable[Element], other.iter()):
+                        each.elsewhere, each.line = f"{file}:{each.line}", None
                     place = list(model).index(include)
                     model[place : place + 1] = children(other)
                     break

@@ -47,6 +47,7 @@ class Values:
 
     def fault(self, element: Element, message: str) -> None:
         """Note a fault of an element: what is wrong, and what would be right."""
+        message += element.elsewhere and f" ({printable(element.elsewhere)})"
         self.faults.append(Fault(described(element), message, element.line))
 
     def name(self, element: Element, attribute: str = "name") -> str:

@@ -21,9 +21,10 @@ MAX_DEPTH = 300
 
 
 class Element(ET.Element):
-    """An element that knows its line."""
+    """An element that knows its line, or where it is if that is not in the file that is read."""
 
     line: int | None = None
+    elsewhere: str = ""
 
 
 class _Refused(Exception):  # noqa: N818 - it never leaves this module

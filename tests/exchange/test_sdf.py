@@ -231,6 +231,10 @@ def test_models_are_merged_from_folders_beside_theirs(tmp_path: Path) -> None:
     found, _ = import_robot(tmp_path / "machine" / "model.sdf", ImportOptions("quaternion"))
     assert found == expected
     # Not where a pose moves it against a link of the other model, nor of another version.
+    wrong = tmp_path / "base" / "model.sdf"
+    wrong.write_text(parts["base"].replace("<mass>1.5<", "<mass>-1<"))
+    with pytest.raises(GibbsCodegenError, match=r"not -1 \(.*base/model.sdf:\d+\)"):
+        import_robot(tmp_path / "machine" / "model.sdf", ImportOptions("quaternion"))
     own = {"machine": parts["machine"].replace("<include", '<link name="own"/><include')}
     older = {"base": parts["base"].replace("1.10", "1.9", 1)}
     for changed in (own, older):
