@@ -154,12 +154,13 @@ def test_a_cutoff_takes_what_is_fast_and_delays_nothing(shipped: Modules, tmp_pa
         "vehicle_attitude": {f"q[{k}]": 0.0 * slow + (k == 0) for k in range(4)},
     }
     for topic, fields in tables.items():
-        rows = np.column_stack([np.round(time * 1e6), *fields.values()])
+        sampled = np.round(time * 1e6)
+        rows = np.column_stack([sampled + 3000.0 * ("x" in fields), sampled, *fields.values()])
         np.savetxt(
             tmp_path / f"{topic}_0.csv",
             rows,
             delimiter=",",
-            header=",".join(["timestamp", *fields]),
+            header=",".join(["timestamp", "timestamp_sample", *fields]),
             comments="",
         )
     module = shipped("quadrotor_arm_2link")
@@ -183,7 +184,7 @@ def test_a_cutoff_takes_what_is_fast_and_delays_nothing(shipped: Modules, tmp_pa
 
 
 def test_topics_of_other_names_and_kinds(shipped: Modules, tmp_path: Path) -> None:
-    """A pose without a twist, after the epoch, and joints in messages of their own."""
+    """A pose without a twist, logged late, and joints in messages of their own, without a stamp."""
     store = get_typestore(Stores.ROS2_JAZZY)
     kinds = store.types
     message, state = "geometry_msgs/msg/PoseStamped", "sensor_msgs/msg/JointState"
@@ -200,9 +201,10 @@ def test_topics_of_other_names_and_kinds(shipped: Modules, tmp_path: Path) -> No
             pose = kinds[message](header, kinds["geometry_msgs/msg/Pose"](point, turned))
             none = np.zeros(0)
             name, place = (("elbow",), np.cos(t)) if k % 2 else (("shoulder",), 0.1 * t)
-            arm = kinds[state](header, list(name), np.array([place]), none, none)
+            unstamped = kinds["std_msgs/msg/Header"](kinds["builtin_interfaces/msg/Time"](0, 0), "")
+            arm = kinds[state](unstamped, list(name), np.array([place]), none, none)
             at = epoch * 10**9 + round(t * 1e9)
-            writer.write(poses, at, store.serialize_cdr(pose, message))
+            writer.write(poses, at + 5_000_000, store.serialize_cdr(pose, message))
             writer.write(joints, at, store.serialize_cdr(arm, state))
     names = {"odometry": "/mocap/pose", "joints": "/arm", "upper_arm": "shoulder"}
     names["forearm"] = "elbow"
