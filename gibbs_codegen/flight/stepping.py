@@ -187,9 +187,15 @@ class Simulation:
 
     def _take(self) -> None:
         """Take the readings that are due now."""
-        self._sensing.readings.take(
-            self.time, lambda: self._loop.measured(self.time, *self._at()).sensors
-        )
+        self._sensing.readings.take(self.time, self._measured)
+
+    def _measured(self) -> Array:
+        """What the robot's sensors measure (m) now, without errors."""
+        suite = self._loop.sensors
+        if suite is None or suite.feels_contacts or self._flight is None:
+            return self._loop.measured(self.time, *self._at()).sensors
+        found: Array = suite.measurements(self.q, self.v, self.a)
+        return found
 
     def _seen(self) -> Observation:
         """What the sensors tell now, of a while ago if they are late."""

@@ -120,7 +120,10 @@ class ZeroOrderHold:
         """Times between two others, and of readings, in order, and of such as are the same one."""
         if self.readings is not None:
             times = np.concatenate([times, self.readings.instants(begin, end)])
-        times = np.unique(times[(times > begin + self.same) & (times < end - self.same)])
+        times = times[(times > begin + self.same) & (times < end - self.same)]
+        if len(times) < 2:
+            return times
+        times = np.unique(times)
         return times[np.diff(times, prepend=-np.inf) > self.same]
 
     def begin(self, time: float, q: Array, v: Array, measure: Measure) -> str:

@@ -8,6 +8,7 @@ samples afterwards.
 from __future__ import annotations
 
 import itertools
+import math
 import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import cached_property
@@ -105,6 +106,11 @@ class SensorSuite:
         # The place of each sensor's values in readings.
         self.places = [slice(a, b) for a, b in itertools.pairwise(ends)]
         self.size: int = ends[-1]
+
+    @property
+    def feels_contacts(self) -> bool:
+        """Whether a sensor measures what contacts do, which takes time to find."""
+        return any(each.measures == "wrench" for each in self.devices)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -241,14 +247,11 @@ class Readings:
 
     def instants(self, begin: float, end: float) -> Array:
         """Times from `begin` to `end`, s, at which there is something to measure."""
-        if not self.suite.devices:
-            return np.zeros(0)
-        found = []
+        found: set[float] = set()
         for each in self.suite.devices:
-            first, last = np.floor(begin * each.rate), np.ceil(end * each.rate)
-            found.append(np.arange(first, last + 1.0) / each.rate)
-        times = np.unique(np.concatenate(found))
-        return times[(times >= begin) & (times <= end)]
+            first, last = math.floor(begin * each.rate), math.ceil(end * each.rate)
+            found.update(k / each.rate for k in range(first, last + 1))
+        return np.array(sorted(time for time in found if begin <= time <= end))
 
     def take(self, time: float, measure: Callable[[], Array]) -> None:
         """Take the readings that are due at a time, s; `measure` finds measurements (m)."""
