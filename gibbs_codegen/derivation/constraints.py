@@ -17,9 +17,10 @@ loads are added to the shares, and one pass outwards gives a.
 Of a frame that is held against the world, forces count in the axes in which its segment works,
 where unit loads have zeros. At the end they are turned to the axes of the anchor.
 
-The rank of A = J M⁻¹ Jᵀ is what the robot leaves of it: pivots of its L D Lᵀ that are nothing
-beside their entry of A are absent, with their columns of L. With L₁ and D₁ of what is left, λ is
-the least that does, −L₁ (L₁ᵀL₁)⁻¹ D₁⁻¹ (L₁ᵀL₁)⁻¹ L₁ᵀ b, where b are the accelerations without it.
+The rank of A = J M⁻¹ Jᵀ is what the robot leaves of it: with z and L⁻¹ root of each row as vectors,
+those of which nothing is left beside the rows before are absent, with their columns of L. With L₁
+and D₁ of what is left, λ is the least that does, −L₁ (L₁ᵀL₁)⁻¹ D₁⁻¹ (L₁ᵀL₁)⁻¹ L₁ᵀ b, where b are
+the accelerations without it.
 """
 
 from __future__ import annotations
@@ -494,7 +495,15 @@ class ConstraintEquations:
         with tape.group("forces of the constraints, by LDL^T"):
             if self.is_regular:
                 return Factors(tape, self._matrix)
-            return PseudoInverse(tape, self.masked_matrix, self._rounding)
+            root, joints = self._root[1].inverse, self.articulation.joints
+            moving = sorted({k for load in self._loads for k in load.shares})
+            weights = [*(joints[k - 1].lightness for k in moving), *root]
+            vectors = []
+            for mask, load in zip(self.masks, self._loads, strict=True):
+                entries = [*(load.shares.get(k, sp.S.Zero) for k in moving), *load.eliminated]
+                vectors.append([tape.let(times(mask, entry)) for entry in entries])
+            sizes = [row[k] for k, row in enumerate(self.masked_matrix)]
+            return PseudoInverse(tape, vectors, weights, sizes, self._rounding)
 
     @property
     def _rounding(self) -> sp.Expr:

@@ -12,6 +12,10 @@ from gibbs_codegen.symbolic.tape import Scalars, Values, times
 Rows = Sequence[Values]
 Safe = Callable[[int, sp.Expr], tuple[sp.Expr, sp.Expr]]
 _NOTHING = sp.Rational(1, 10**30)
+# How much larger than rounding the errors of vectors may be beside the largest.
+_LOST = sp.Integer(100)
+# How many times rounding, as a share, pivots are that are there.
+_SHARE = sp.Integer(10)
 
 
 class ZeroPivotError(Exception):
@@ -100,26 +104,17 @@ def _take_out(graph: dict[int, set[int]], unknown: int) -> int:
 
 
 class Factors:
-    """L D Lᵀ of a symmetric matrix in the order of its rows, to be used for many right sides.
+    """L D Lᵀ of a symmetric matrix in the order of its rows, to be used for many right sides."""
 
-    `safe` tells of a pivot, by its number, whether it is there, 1 or 0, and what to divide by. A
-    pivot that is not there, and its column of L, are left out.
-    """
-
-    def __init__(self, tape: Scalars, matrix: Rows, safe: Safe | None = None) -> None:
+    def __init__(self, tape: Scalars, matrix: Rows) -> None:
         self._tape, self._size = tape, len(matrix)
         self.inverse: list[sp.Expr] = []
         self.lower: dict[tuple[int, int], sp.Expr] = {}
-        self.there: list[sp.Expr] = []
         rest = [list(row) for row in matrix]
         for k in range(self._size):
-            pivot, there = rest[k][k], sp.S.One
-            if safe is None and pivot == 0:
+            if rest[k][k] == 0:
                 raise ZeroPivotError(k)
-            if safe is not None:
-                there, pivot = safe(k, pivot)
-            self.there.append(there)
-            self.inverse.append(tape.let(times(there, tape.let(1 / pivot))))
+            self.inverse.append(tape.let(1 / rest[k][k]))
             after = range(k + 1, self._size)
             for i in after:
                 self.lower[i, k] = tape.let(times(rest[i][k], self.inverse[k]))
@@ -144,7 +139,11 @@ class Factors:
 
     def solved(self, right: Values) -> list[sp.Expr]:
         """The x of L D Lᵀ x = b."""
-        found = self.scaled(self.eliminated(right))
+        return self.solved_back(self.scaled(self.eliminated(right)))
+
+    def solved_back(self, right: Values) -> list[sp.Expr]:
+        """L⁻ᵀ b."""
+        found = list(right)
         for k in range(self._size - 1, -1, -1):
             known = [
                 self._tape.let(times(self.lower[i, k], found[i])) for i in range(k + 1, self._size)
@@ -153,51 +152,70 @@ class Factors:
         return found
 
 
-class PseudoInverse:
-    """The pseudo-inverse of a semi-definite matrix: of all solutions that which is least.
+class _Orthogonal(Factors):
+    """L D Lᵀ of the matrix w_i·W w_j, of vectors w by rows and weights W, without the matrix.
 
-    Pivots are absent that are no more than √ε of the entry of the matrix that they are left of,
-    with the rounding error ε: then no error of what is left is taken for a pivot, even where
-    another is hardly more. So are those that nothing but rounding is left in, next to rows that
-    are there: rows of zeros count for nothing.
+    Each vector is taken out of all that follow: what is left of a vector has the error of a vector,
+    where what is left of the matrix has that of its square (modified Gram–Schmidt). `safe` tells of
+    a pivot, by its number, whether it is there, 1 or 0, and what to divide by; one that is not
+    there and its column of L are left out. `vectors` are L⁻¹ of the given ones.
     """
 
-    def __init__(self, tape: Scalars, matrix: Rows, rounding: sp.Expr) -> None:
-        self._tape, size, one = tape, len(matrix), sp.S.One
-        sizes = [matrix[k][k] for k in range(size)]
-        share = tape.let(sp.sqrt(rounding))
-        whole = tape.let(tape.let(rounding * tape.let(sp.Add(*sizes))) + _NOTHING)
+    def __init__(self, tape: Scalars, vectors: Rows, weights: Values, safe: Safe) -> None:
+        self._tape, self._size = tape, len(vectors)
+        self.inverse, self.lower, self.there = [], {}, []
+        self.vectors = rest = [list(row) for row in vectors]
+        for k, row in enumerate(rest):
+            scaled = [tape.let(times(x, y)) for x, y in zip(row, weights, strict=True)]
+            there, pivot = safe(k, tape.sum_of_products(row, scaled))
+            self.there.append(there)
+            self.inverse.append(tape.let(times(there, tape.let(1 / pivot))))
+            for i in range(k + 1, self._size):
+                product = tape.sum_of_products(rest[i], scaled)
+                factor = self.lower[i, k] = tape.let(times(product, self.inverse[k]))
+                pairs = zip(rest[i], row, strict=True)
+                rest[i] = [tape.let(x - tape.let(times(factor, y))) for x, y in pairs]
+
+
+class PseudoInverse:
+    """The pseudo-inverse of the matrix w_i·W w_j: of all solutions that which is least.
+
+    Pivots are absent that are about ε of the entry of the matrix that they are left of, with the
+    rounding error ε: of vectors that is √ε, so that no error of what is left is taken for a pivot,
+    even where another is hardly more. So are those that nothing but rounding is left in, next to
+    rows that are there: rows of zeros count for nothing.
+    """
+
+    def __init__(
+        self, tape: Scalars, vectors: Rows, weights: Values, sizes: Values, rounding: sp.Expr
+    ) -> None:
+        """Of vectors by rows; `sizes` are the diagonal of the matrix."""
+        self._tape, size, one, zero = tape, len(vectors), sp.S.One, sp.S.Zero
+        noise, share = tape.let(_LOST * rounding), tape.let(_SHARE * rounding)
+        whole = tape.let(tape.let(noise * noise) * tape.let(sp.Add(*sizes)) + _NOTHING)
 
         def there(k: int, pivot: sp.Expr) -> tuple[sp.Expr, sp.Expr]:
             least = tape.let(tape.let(share * sizes[k]) + whole)
             found = above(tape, tape.let(pivot - least))
             return found, chosen(tape, found, pivot, one)
 
-        self._factors = factors = Factors(tape, matrix, there)
-        # L₁ by rows, its columns from the last to the first, and L₁ᵀL₁ with ones for columns that
-        # are not there. In this order no pivot is less than 1.
-        self._rows = [
-            [
-                factors.lower[i, k] if k < i else factors.there[i] if k == i else sp.S.Zero
-                for k in range(size - 1, -1, -1)
-            ]
-            for i in range(size)
+        self._factors = factors = _Orthogonal(tape, vectors, weights, there)
+        # L₁ = Q R by columns from the last to the first: in this order none that is there gets
+        # shorter than 1.
+        columns = [
+            [factors.there[k] if i == k else factors.lower.get((i, k), zero) for i in range(size)]
+            for k in range(size - 1, -1, -1)
         ]
-        columns = [*zip(*self._rows, strict=True)]
-        squares = [[tape.let(sp.Add(*map(times, x, y))) for x in columns] for y in columns]
-        for k, column in enumerate(columns):
-            others = [x for i, x in enumerate(column) if i != size - 1 - k]
-            squares[k][k] = tape.let(sp.Add(one, *map(times, others, others)))
 
-        def at_least_one(k: int, pivot: sp.Expr) -> tuple[sp.Expr, sp.Expr]:
+        def at_least_one(_: int, pivot: sp.Expr) -> tuple[sp.Expr, sp.Expr]:
             return one, chosen(tape, above(tape, tape.let(pivot - 1)), pivot, one)
 
-        self._squares = Factors(tape, squares, at_least_one)
+        self._turned = _Orthogonal(tape, columns, [one] * size, at_least_one)
 
     def solved(self, right: Values) -> list[sp.Expr]:
-        """The x that is least of those for which A x is next to b."""
-        tape, rows = self._tape, self._rows
-        inner = [tape.sum_of_products(column, right) for column in zip(*rows, strict=True)]
-        inner = self._factors.scaled(self._squares.solved(inner)[::-1])
-        inner = self._squares.solved(inner[::-1])
-        return [tape.sum_of_products(row, inner) for row in rows]
+        """The x that is least of those for which A x is next to b: Q R⁻ᵀ D⁻¹ R⁻¹ Qᵀ b."""
+        tape, turned = self._tape, self._turned
+        inner = turned.scaled([tape.sum_of_products(row, right) for row in turned.vectors])
+        inner = self._factors.scaled(turned.solved_back(inner)[::-1])
+        inner = turned.scaled(turned.eliminated(inner[::-1]))
+        return tape.combination(inner, turned.vectors)

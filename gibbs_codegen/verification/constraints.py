@@ -22,9 +22,11 @@ from gibbs_codegen.verification.vectors import Array, cross, times
 # Name of an array that a function returns, its value, and the sizes of its entries.
 Row = tuple[str, Array, Array]
 ACCELERATION = "constrained_forward_dynamics.acceleration"
-# Eigenvalues, as shares of the largest, that are zero; and how many times the root of the rounding
-# error of a module those are that are not, clearly.
+# Eigenvalues, as shares of the largest, that are zero; and how many times the rounding error of a
+# module those are that are not, clearly.
 _ZERO, _CLEAR = 1e-13, 1e3
+# As many times that are rows of nothing but rounding, before they are squared.
+_LOST = 100.0
 # Where that is not clear no error counts.
 _UNKNOWN = 1e200
 
@@ -124,7 +126,8 @@ class Constraints:
         moved = np.linalg.solve(matrix, np.swapaxes(jacobian, -1, -2))
         # Digits that M takes, next to a singular attitude nearly all.
         lost = np.linalg.cond(matrix / sizes.free_matrix)
-        return _pseudo_inverse(jacobian @ moved, lost, self._rounding)
+        ends = np.cumsum([len(ROWS[own.holds]) for own in self.each])
+        return _pseudo_inverse(jacobian @ moved, ends, lost, self._rounding)
 
     def _rows(
         self, own: Constraint, found: Quantities, states: States, sizes: Sizes
@@ -217,28 +220,32 @@ def _largest(matrices: Array) -> Array:
     return np.abs(matrices).max(axis=(-1, -2), keepdims=True) * np.ones_like(matrices)
 
 
-def _pseudo_inverse(matrices: Array, lost: Array, rounding: float) -> tuple[Array, Array]:
+def _pseudo_inverse(
+    matrices: Array, ends: Array, lost: Array, rounding: float
+) -> tuple[Array, Array]:
     """Pseudo-inverses (s, l, l), and by how much they stretch errors, inf where rank is unclear.
 
-    `lost` (s,) is how much larger the errors of the matrices are than rounding.
+    `lost` (s,) is how much larger the errors of the matrices are than rounding. Modules take one
+    constraint after the other, so the rank of all up to each of the `ends` must be clear.
     """
     found, conditions = np.zeros_like(matrices), np.ones(len(matrices))
     for k, matrix in enumerate(matrices):
         zero = _ZERO * lost[k]
-        clear = max(_CLEAR * rounding**0.5, zero / _ZERO**0.5)
-        if not clear < 1.0:
-            conditions[k] = np.inf
-            continue
+        clear = max(_CLEAR * rounding, zero / _ZERO**0.5)
         diagonal = np.diag(matrix)
-        rows = np.flatnonzero(diagonal > rounding * diagonal.sum())
-        if not len(rows):
-            continue
-        own, scale = matrix[np.ix_(rows, rows)], np.sqrt(diagonal[rows])
-        shares = np.linalg.eigvalsh(own / np.outer(scale, scale))
-        shares = shares / shares[-1]
-        kept = shares > zero
-        if (kept & (shares < clear)).any():
-            conditions[k] = np.inf
+        there = np.flatnonzero(diagonal > (_LOST * rounding) ** 2 * diagonal.sum())
+        for end in ends:
+            rows = there[there < end]
+            if not len(rows):
+                continue
+            own, scale = matrix[np.ix_(rows, rows)], np.sqrt(diagonal[rows])
+            shares = np.linalg.eigvalsh(own / np.outer(scale, scale))
+            shares = shares / shares[-1]
+            kept = shares > zero
+            if not clear < 1.0 or (kept & (shares < clear)).any():
+                conditions[k] = np.inf
+                break
+        if not len(there) or np.isinf(conditions[k]):
             continue
         values, vectors = np.linalg.eigh(own)
         values, vectors = values[np.sum(~kept) :], vectors[:, np.sum(~kept) :]

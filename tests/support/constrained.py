@@ -61,6 +61,127 @@ xyz   = [0, 0, -0.25]
 joint = "revolute"
 axis  = "y"
 """
+LIGHT_FINGER = """
+name = "light"
+
+[base]
+attitude = "quaternion"
+mass     = 20
+inertia  = [0.5, 0.5, 0.9, 0, 0, 0]
+
+[[link]]
+name    = "finger"
+xyz     = [0, 0, -0.1]
+axis    = "y"
+mass    = 0.01
+com     = [0, 0, -0.005]
+inertia = [5e-7, 5e-7, 5e-7, 0, 0, 0]
+
+[[frame]]
+name = "pad"
+on   = "finger"
+xyz  = [0, 0, -0.01]
+
+[[frame]]
+name = "foot"
+on   = "base"
+xyz  = [0, 0, -0.2]
+
+[[constraint]]
+name  = "stand"
+type  = "point"
+frame = "foot"
+
+[[constraint]]
+name  = "grip"
+type  = "frame"
+frame = "pad"
+"""
+# Five rows for two.
+FOUR_BAR = """
+name = "four_bar"
+
+[base]
+attitude = "quaternion"
+mass     = 1.0
+inertia  = [0.02, 0.03, 0.04, 0, 0, 0]
+
+[[link]]
+name    = "crank"
+xyz     = [0, 0, 0]
+axis    = "y"
+mass    = 0.2
+com     = [0.1, 0, 0]
+inertia = [1e-4, 1e-3, 1e-3, 0, 0, 0]
+
+[[link]]
+name    = "coupler"
+xyz     = [0.2, 0, 0]
+axis    = "y"
+mass    = 0.3
+com     = [0.2, 0, 0]
+inertia = [1e-4, 4e-3, 4e-3, 0, 0, 0]
+
+[[link]]
+name    = "rocker"
+parent  = "base"
+xyz     = [0.4, 0, 0]
+axis    = "y"
+mass    = 0.2
+com     = [0.15, 0, 0]
+inertia = [1e-4, 2e-3, 2e-3, 0, 0, 0]
+
+[[frame]]
+name = "end"
+on   = "coupler"
+xyz  = [0.4, 0, 0]
+
+[[frame]]
+name = "pin"
+on   = "rocker"
+xyz  = [0.3, 0, 0]
+
+[[constraint]]
+name  = "closing"
+type  = "loop"
+frame = "end"
+to    = "pin"
+joint = "revolute"
+axis  = "y"
+"""
+HELD_STILL = """
+name = "perched"
+
+[base]
+attitude = "quaternion"
+mass     = 1.5
+com      = [0.01, 0, 0]
+inertia  = [0.015, 0.016, 0.03, 0, 0, 0]
+
+[[link]]
+name    = "leg"
+xyz     = [0, 0, -0.05]
+axis    = "y"
+mass    = 0.2
+com     = [0, 0, -0.1]
+inertia = [1e-3, 1e-3, 1e-4, 0, 0, 0]
+
+[[frame]]
+name = "toe"
+on   = "leg"
+xyz  = [0, 0, -0.3]
+
+[[constraint]]
+name  = "grip"
+type  = "frame"
+frame = "base"
+
+[[constraint]]
+name      = "stand"
+type      = "point"
+frame     = "toe"
+frequency = 8
+"""
 KINDS: tuple[ConstraintKind, ...] = ("point", "frame", "distance", "loop", "plane")
 _ROUNDING = 1e-13
 JOINTS: tuple[LoopJoint, ...] = ("fixed", "revolute", "spherical")

@@ -3,18 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import pytest
 import sympy as sp
-from support.constrained import TEXT
+from support.constrained import HELD_STILL, LIGHT_FINGER, TEXT
 from support.emitted import module_of
+from support.tools import tool
 
 from gibbs_codegen.derivation import constraints
 from gibbs_codegen.derivation.constraints import ConstraintEquations
 from gibbs_codegen.derivation.derive import derive
 from gibbs_codegen.robot.file import parse_robot
 from gibbs_codegen.robot.model import Robot
+from gibbs_codegen.runtime.c_library import chosen_compiler, compiled_library
+from gibbs_codegen.runtime.load import load
+from gibbs_codegen.symbolic import ldlt
+from gibbs_codegen.targets.registry import find_targets, render_module
+from gibbs_codegen.verification.c_program import compare_single_precision
 from gibbs_codegen.verification.comparison import Evaluation
 from gibbs_codegen.verification.complex_steps import ComplexSteps
 from gibbs_codegen.verification.derivatives import compare_derivatives
@@ -93,41 +100,6 @@ def test_the_sign_of_a_turn_is_found(monkeypatch: pytest.MonkeyPatch, expected: 
     assert "constraint_errors" in failing(expected)
 
 
-HELD_STILL = """
-name = "perched"
-
-[base]
-attitude = "quaternion"
-mass     = 1.5
-com      = [0.01, 0, 0]
-inertia  = [0.015, 0.016, 0.03, 0, 0, 0]
-
-[[link]]
-name    = "leg"
-xyz     = [0, 0, -0.05]
-axis    = "y"
-mass    = 0.2
-com     = [0, 0, -0.1]
-inertia = [1e-3, 1e-3, 1e-4, 0, 0, 0]
-
-[[frame]]
-name = "toe"
-on   = "leg"
-xyz  = [0, 0, -0.3]
-
-[[constraint]]
-name  = "grip"
-type  = "frame"
-frame = "base"
-
-[[constraint]]
-name      = "stand"
-type      = "point"
-frame     = "toe"
-frequency = 8
-"""
-
-
 def test_derivatives_pass_where_a_robot_is_held_still_and_faults_are_found() -> None:
     """Velocities after an impact are zero there, but for rounding."""
     robot = parse_robot(HELD_STILL)
@@ -141,3 +113,25 @@ def test_derivatives_pass_where_a_robot_is_held_still_and_faults_are_found() -> 
     found = compare_derivatives(evaluation, ComplexSteps(module, other), robot, states)
     wrong = {c.what for c in found if not c.passed}
     assert {"impact_derivatives.velocities_dq", f"{HELD}_derivatives.acceleration_dq"} <= wrong
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("lost", [False, True])
+def test_single_precision_is_verified_where_light_and_heavy_are_held(
+    lost: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Also that it loses what is heavy, if it takes too much for rounding."""
+    tool("cc")
+    if lost:
+        monkeypatch.setattr(ldlt, "_LOST", sp.Integer(10**4))
+    robot, folder = parse_robot(LIGHT_FINGER), tmp_path / "light"
+    folder.mkdir()
+    model = derive(robot, functions=("default", "constraints"))
+    for name, content in render_module(model, LIGHT_FINGER, find_targets(("numpy", "c"))).items():
+        (folder / name).write_text(content, encoding="utf-8")
+    flags = ("-DLIGHT_FLOAT", "-O0")
+    path = compiled_library(folder, robot.name, chosen_compiler(), flags)
+    found, said = compare_single_precision(str(path), load(folder, backend="c"), robot, 0)
+    assert not said
+    failed = {c.what for c in found if not c.passed}
+    assert failed == ({"impact.impulses", "operational_inertia"} if lost else set())
