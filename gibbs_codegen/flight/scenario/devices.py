@@ -89,11 +89,11 @@ class Imu(DeviceAtFrame):
     accelerometer_noise: NotNegative = entry("density of its noise, m/s²/√Hz", 0.0)
     accelerometer_walk: NotNegative = entry("density at which its bias walks, m/s³/√Hz", 0.0)
     accelerometer_bias: Vector = entry("its bias at the start, [x, y, z] in m/s²", _ZERO)
-    accelerometer_range: _Span = entry("greatest reading along an axis, m/s²", math.inf)
+    accelerometer_range: _Span = entry("greatest reading of an axis, m/s²; default: any", math.inf)
     gyroscope_noise: NotNegative = entry("density of its noise, rad/s/√Hz", 0.0)
     gyroscope_walk: NotNegative = entry("density at which its bias walks, rad/s²/√Hz", 0.0)
     gyroscope_bias: Vector = entry("its bias at the start, [x, y, z] in rad/s", _ZERO)
-    gyroscope_range: _Span = entry("greatest reading about an axis, rad/s", math.inf)
+    gyroscope_range: _Span = entry("greatest reading about an axis, rad/s; default: any", math.inf)
 
     def channels(self, layout: Layout) -> tuple[Channel, ...]:
         """Specific force and angular velocity."""
@@ -220,9 +220,9 @@ class WrenchSensor(DeviceAtFrame):
     name: _Name = entry(_NAME, "wrench")
     rate: _Rate = entry(_RATE, 250.0)
     force_noise: NotNegative = entry("standard deviation along an axis, N", 0.0)
-    force_range: _Span = entry("greatest force along an axis, N", math.inf)
+    force_range: _Span = entry("greatest force along an axis, N; default: any", math.inf)
     torque_noise: NotNegative = entry("standard deviation about an axis, N m", 0.0)
-    torque_range: _Span = entry("greatest torque about an axis, N m", math.inf)
+    torque_range: _Span = entry("greatest torque about an axis, N m; default: any", math.inf)
 
     def channels(self, layout: Layout) -> tuple[Channel, ...]:
         """Force and torque."""

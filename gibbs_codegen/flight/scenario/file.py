@@ -38,7 +38,7 @@ from gibbs_codegen.flight.scenario.walls import AnyWall
 
 _FOLDER = "scenarios"
 _MIN_DURATION = 1e-3
-_MAX_SAMPLES, _MAX_STEPS = 1_000_000, 100_000_000
+_MAX_SAMPLES, _MAX_STEPS, _MAX_READINGS = 1_000_000, 100_000_000, 5_000_000
 _LONGEST_NAME = 200
 _FILE = "default: as the robot file has them"
 
@@ -304,6 +304,11 @@ class ScenarioTable(Table):
             for number, part in enumerate(own):
                 for words in parts.late(part, duration):
                     yield (*place, number, "begin"), words
+        for kind in parts.DEVICES if self.sensors else ():
+            for number, each in enumerate(getattr(self.sensors, kind)):
+                if each.rate * duration > _MAX_READINGS:
+                    words = f"more than {_MAX_READINGS} readings in {duration:g} s; lower it"
+                    yield ("sensors", kind, number, "rate"), words
         if settings.rate * duration > _MAX_SAMPLES:
             words = f"more than {_MAX_SAMPLES} samples in {duration:g} s; lower it"
             yield ("integration", "rate"), words

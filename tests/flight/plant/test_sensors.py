@@ -334,9 +334,14 @@ def test_jax_and_c_measure_what_numpy_does(
         ),
         ("quadrotor", {"encoders": [{}]}, "sensors.encoders: encoders: quadrotor has no joints"),
         (ARM, {}, "sensors: there are none"),
+        (ARM, {"gps": [{}], "imu": [{"rate": 1e9}]}, "imu 1: rate: must be from 0.1 to 100000"),
+        (ARM, {"gps": [{"rate": 1e4}]}, "gps 1: rate: more than 5000000 readings in 3000 s"),
     ],
 )
 def test_what_is_refused(robot: str, sensors: dict[str, Any], words: str, fast: Load) -> None:
     none = np.zeros(8)
+    long = {"duration": 3000, "integration": {"rate": 1}, "sensors": sensors}
     with pytest.raises(GibbsCodegenError, match=re.escape(words)):
-        suite(fast(robot), **sensors).measurements(at(fast(robot)), none, none)
+        SensorSuite(fast(robot), read_scenario("hover", long).sensors).measurements(
+            at(fast(robot)), none, none
+        )
