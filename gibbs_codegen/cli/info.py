@@ -34,7 +34,7 @@ from gibbs_codegen.robot.balance import (
 from gibbs_codegen.robot.chains import coupling_map, decompose
 from gibbs_codegen.robot.description import Coordinate
 from gibbs_codegen.robot.layout import QUATERNION, frames_of, joint_terms
-from gibbs_codegen.robot.model import AXES, BASE, Robot
+from gibbs_codegen.robot.model import AXES, BASE, ROWS, Robot
 from gibbs_codegen.robot.names import coordinate_of, link_label, rotor_label
 from gibbs_codegen.robot.placement import joint_frame, mounted_rotors
 from gibbs_codegen.robot.posture import base_properties, whole_properties
@@ -116,6 +116,11 @@ def _machine_facts(robot: Robot) -> dict[str, Any]:
             | {"rpy_deg": [float(angle) for angle in frame.pose.rpy_deg]}
             for frame in frames_of(robot)
         ],
+        "constraints": [
+            {"name": own.name, "type": own.kind, "frame": own.frame, "to": own.to}
+            | {"xyz": list(own.anchor.xyz), "rows": list(ROWS[own.holds])}
+            for own in robot.constraints
+        ],
     }
 
 
@@ -175,7 +180,7 @@ def _print_machine(robot: Robot, data: dict[str, Any], console: Console) -> None
 
 
 def _part_tables(robot: Robot, data: dict[str, Any]) -> Iterator[Table]:
-    """Links, where their joints are in the form that the robot file has, rotors and frames."""
+    """Links, where their joints are in the form that the robot file has, and what is on them."""
     links, rotors = data["link_list"], data["rotor_list"]
     # A column of its own for coordinates only where they are not called like their links.
     own_names = any(link["coordinate"] not in (None, link["name"]) for link in links)
@@ -225,6 +230,15 @@ def _part_tables(robot: Robot, data: dict[str, Any]) -> Iterator[Table]:
         for frame in data["frames"]
     ]
     yield plain_table("\nFrames", "frame", "on", "position, m", "roll, pitch, yaw, °", rows=rows)
+    rows = [
+        [
+            *(own["name"], own["type"], own["frame"], own["to"] or "world"),
+            *(_short(own["xyz"]), ", ".join(own["rows"])),
+        ]
+        for own in data["constraints"]
+    ]
+    names = ("constraint", "type", "frame", "anchor on", "at, m", "rows")
+    yield plain_table("\nConstraints", *names, rows=rows)
 
 
 def _command(rotor: dict[str, Any]) -> str:

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from itertools import chain
 from typing import Any, Literal
 
 from gibbs_codegen.files.table import Place, shown
@@ -22,6 +23,7 @@ from gibbs_codegen.robot.model import (
     MAX_FRAMES,
     MAX_LINKS,
     MAX_ROTORS,
+    ROWS,
     Servo,
 )
 from gibbs_codegen.robot.names import (
@@ -45,6 +47,8 @@ _RIGID = (
     *(f"inertia_{axes}" for axes in AXIS_PAIRS),
 )
 _JOINT = (*_AXES, "a", "d", "damping", "armature", "stiffness", "rest")
+# What marks names of rows of constraints, which may be those of parameters.
+_ROW = "row "
 # How names of parameters end, after the prefix of what they belong to.
 _ENDS: dict[NamedKind, tuple[str, ...]] = {
     "base": _RIGID,
@@ -92,9 +96,10 @@ class NameRegistry:
             return f"{called} is the name of {owner} already; give another"
         for parameter in parameter_names(kind, name):
             if owner := self._owners.get(parameter):
+                what = "rows" if parameter.startswith(_ROW) else "parameters"
                 return (
-                    f"{shown(name)} gives parameters the names of those of {owner}, such as "
-                    f"{parameter}: give it another name"
+                    f"{shown(name)} gives {what} the names of those of {owner}, such as "
+                    f"{parameter.removeprefix(_ROW)}: give it another name"
                 )
         return None
 
@@ -106,13 +111,15 @@ def _form(kind: NamedKind, name: str) -> str:
 
 
 def parameter_names(kind: NamedKind, name: str) -> list[str]:
-    """Identifiers of all parameters that something may have.
+    """Identifiers of all parameters that something may have, and marked, of rows of constraints.
 
     Its name is the prefix, such as link2, of a link or rotor without one.
     """
     prefixes = {"frame": frame_prefix, "constraint": constraint_prefix}
     prefix = prefixes.get(kind, named_prefix)(name)
-    return [f"{prefix}_{end}" for end in _ENDS[kind]]
+    rows = sorted({*chain(*ROWS.values())}) if kind == "constraint" else []
+    own = [f"{_ROW}{identifier(name)}_{row}" for row in rows]
+    return own + [f"{prefix}_{end}" for end in _ENDS[kind]]
 
 
 Entry = Mapping[str, Any]
@@ -150,7 +157,9 @@ def constraint_faults(
             ("constraint", place, key): name
             for key, name in zip(("frame", "to"), pair, strict=True)
         }
-        yield from _unknown(at, bodies, f"must be {right}", example)
+        for key, name in at.items():
+            free = ", or be left out for the world" if name == "world" else ""
+            yield from _unknown({key: name}, bodies, f"must be {right}{free}", example)
         frame, to = pair
         if frame == to:
             yield ("constraint", place, "to"), f"{shown(frame)} is the frame that is held itself"

@@ -685,7 +685,7 @@ class ConstraintTable(Table):
             yield "distance", "missing: the distance from the anchor, m"
         if kind == "loop" and "to" not in values:
             yield "to", "missing: a loop is between two frames of the robot"
-        if "axis" in values and values.get("joint") != "revolute":
+        if kind == "loop" and "axis" in values and values.get("joint") != "revolute":
             yield "axis", 'belongs to a loop that turns: give joint = "revolute"'
         if "damping_ratio" in values and values.get("frequency", 0.0) == 0.0:
             yield "damping_ratio", "needs frequency beside it, rad/s"

@@ -247,13 +247,15 @@ def test_info_is_readable(tmp_path: Path) -> None:
 def test_info_of_a_robot_without_rotors_tells_its_first_link_from_the_base(tmp_path: Path) -> None:
     body = "mass = 1.0\ninertia = [1, 1, 1, 0, 0, 0]\n"
     upper, fore = '[[link]]\nname = "upper"\n', '[[link]]\nname = "fore"\ncoordinate = "elbow"\n'
-    text = f'name = "two"\n[base]\n{body}{upper}{body}{fore}{body}'
+    grip = '[[constraint]]\nname = "grip"\ntype = "plane"\nframe = "tip"\nxyz = [0, 0, 2]\n'
+    text = f'name = "two"\n[base]\n{body}{upper}{body}{fore}{body}{grip}'
     (tmp_path / "two.toml").write_text(text)
     done = run("info", "two.toml", cwd=tmp_path)
     lines = [" ".join(line.split()) for line in done.stdout.splitlines()]
     assert "1 base → upper → fore all its bodies - 8 -" in lines
     assert "fore revolute elbow 1 - -" in lines
     assert "fore upper 0 0 0 0" in lines
+    assert "grip plane tip world 0, 0, 2 normal" in lines
 
 
 def test_names_in_tables_stay_whole_where_no_terminal_folds_them() -> None:

@@ -78,7 +78,7 @@ def test_all_functions_are_those_of_dense_formulas(seed: int, redundant: bool) -
         for ours, theirs in zip(found["dynamics"], dense.dynamics(u[k], active), strict=True):
             assert_alike(ours[k], theirs)
         impulses, gain = dense.solved(dense.jacobian @ v[k], active)
-        assert_alike(found["impact"][0][k], v[k] + gain)
+        assert_alike(found["impact"][0][k], v[k] + gain, float(np.abs(v[k]).max()))
         assert_alike(found["impact"][1][k], impulses)
         rows = dense.active_rows(active)
         assert_alike(found["inertia"][k][np.ix_(rows, rows)], dense.inverse(active)[0])

@@ -92,6 +92,17 @@ def test_names_that_share_a_parameter_are_refused(text: str, place: str, words: 
     assert words in line
 
 
+def test_constraints_are_told_apart_in_their_rows_and_what_they_hold_is_told_once() -> None:
+    held = '[[constraint]]\nname = "{}"\nframe = "base"\ntype = "point"\n'
+    with pytest.raises(RobotFileError, match=r"'g_turn' gives rows .* such as g_turn_x: give"):
+        parse_robot(CARRIED + held.format("g") + held.format("g_turn"), "r.toml")
+    wrong = {'to = "world"': "or be left out for the world", 'axis = "x"': 'of type "loop"$'}
+    for key, words in wrong.items():
+        with pytest.raises(RobotFileError, match=words) as refusal:
+            parse_robot(CARRIED + held.format("g") + key, "r.toml")
+        assert len(str(refusal.value).splitlines()) == 1
+
+
 @pytest.mark.parametrize(
     "text",
     [
