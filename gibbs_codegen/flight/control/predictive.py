@@ -901,10 +901,19 @@ def _into_walls(
         for _ in range(_MEETING):
             there = places + way[:, np.newaxis] * direction
             depth, normals = surface_at(wall.kind, np.array(wall.figures), there)
-            facing = np.maximum(-np.sum(normals * direction, axis=-1), _FACING)
+            against = -np.sum(normals * direction, axis=-1)
+            facing = np.maximum(against, _FACING)
             lacking = force.value / (wall.stiffness * facing) - depth - wall.ball_radius
             way += lacking / facing
+        way[against < _FACING] = np.inf  # What does not face the push takes no part in it.
     shortest = np.min(ways, axis=0)
     shares = (np.clip((times - end) / force.rise, 0.0, 1.0) for end in (force.begin, force.end))
     rising, falling = (x * x * (3.0 - 2.0 * x) for x in shares)
+    alone = np.isinf(shortest)
+    if len(late := times[alone & (rising > falling)]):
+        raise UsageError(
+            f"control.force: at {late[0]:.4g} s no [[wall]] faces the push; give the direction "
+            "that leads into one"
+        )
+    shortest = np.where(alone, 0.0, shortest)
     return ((rising - falling) * shortest)[:, np.newaxis] * direction

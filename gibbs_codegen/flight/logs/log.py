@@ -11,6 +11,7 @@ import numpy as np
 
 from gibbs_codegen.errors import UsageError, cause_of, printable
 from gibbs_codegen.files.staging import put_in_place, staging_folder, writing
+from gibbs_codegen.flight.arguments import numbers
 from gibbs_codegen.flight.logs.px4 import is_px4, read_px4, write_tables
 from gibbs_codegen.flight.logs.reading import Samples, flight_of_log
 from gibbs_codegen.flight.logs.ros import read_bag, write_bag
@@ -20,7 +21,7 @@ from gibbs_codegen.flight.record.series import StrPath
 from gibbs_codegen.runtime.load import load
 
 # What `names` may name besides coordinates and inputs.
-_ROLES = ("odometry", "joints", "inputs", "position", "attitude", "spin")
+_OF_BAGS, _OF_PX4 = ("odometry", "joints", "inputs"), ("position", "attitude", "spin")
 FORMATS: dict[str, Callable[[Flight, Path], None]] = {"mcap": write_bag, "csv": write_tables}
 
 
@@ -82,9 +83,19 @@ def read_log(
     """
     module = robot if isinstance(robot, ModuleType) else load(robot, "c")
     vehicle, path, names = Vehicle(module), Path(log), names or {}
-    known = {*_ROLES, *vehicle.joint_names, *vehicle.inputs}
+    roles = _OF_PX4 if is_px4(path) else _OF_BAGS
+    known = {*roles, *vehicle.joint_names, *vehicle.inputs}
     if unknown := sorted(names.keys() - known):
         raise UsageError(f"names: {printable(unknown[0])}: is none of {', '.join(sorted(known))}")
+    for name, given in names.items():
+        if not isinstance(given, str):
+            called = "the name that the log has for it"
+            if name not in vehicle.joint_names:
+                raise UsageError(f"names: {name}: must be {called}, not {printable(repr(given))}")
+            numbers(f"names: {name}", given, f"{called}, or the number at which it stands", ())
+    for name, frequency in (("rate", rate), ("cutoff", cutoff)):
+        if frequency is not None and numbers(name, frequency, "a number of Hz", ()) <= 0.0:
+            raise UsageError(f"{name}: must be positive, not {frequency:g}")
     if not path.exists():
         raise UsageError(f"{printable(path)}: is not there; give a log")
     source = printable(path.name)
@@ -95,6 +106,9 @@ def read_log(
     except Exception as error:  # Files can be broken in many ways.
         why = cause_of(error) if isinstance(error, OSError) else printable(error)
         raise UsageError(f"{printable(path)}: is not a log that can be read: {why}") from None
+    if absent := [name for name in vehicle.inputs if name in names and name not in recorded.inputs]:
+        name = absent[0]
+        raise UsageError(f"{printable(path)}: has no {printable(names[name])}, named for {name}")
     still = {
         name: Samples(recorded.position.time, np.full(len(recorded.position.time), place))
         for name in vehicle.joint_names

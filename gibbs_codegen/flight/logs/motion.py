@@ -59,13 +59,12 @@ def shares(flight: Flight) -> Array:
     return flight.commanded / np.where(np.isfinite(most) & (most > 0.0), most, np.nan)
 
 
-def imus(flight: Flight) -> dict[str, Array]:
-    """By the name of each IMU of the robot its readings (s, 6): specific force, m/s², and spin."""
-    places = {name: k for k, name in enumerate(flight.sensor_names)}
-    first = "_acceleration_x"
-    # What another sensor of such a name reads has no angular velocity after it.
+def imus(flight: Flight) -> dict[str, tuple[str, Array]]:
+    """By the name of each IMU its frame and readings (s, 6): specific force, m/s², and spin."""
+    last = "_acceleration_x"
+    # Nothing else at a frame reads accelerations.
     return {
-        name.removesuffix(first): flight.sensors[:, k : k + 6]
-        for name, k in places.items()
-        if places.get(name.replace(first, "_angular_velocity_x")) == k + 3
+        name.removesuffix(last): (flight.sensor_frames[k], flight.sensors[:, k : k + 6])
+        for k, (name, unit) in enumerate(zip(flight.sensor_names, flight.sensor_units, strict=True))
+        if unit == "m/s^2" and name.endswith(last)
     }

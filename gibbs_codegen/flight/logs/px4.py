@@ -64,7 +64,8 @@ def topics_of(flight: Flight) -> Topics:
         ),
     }
     exact = np.concatenate([base.specific_force, base.spin], axis=1)
-    sensed = next(iter(imus(flight).values()), exact)
+    of_base = (values for frame, values in imus(flight).values() if frame == "base")
+    sensed = next(of_base, exact)
     measured = {
         **_listed("gyro_rad", turned_over(sensed[:, 3:])),
         "gyro_integral_dt": since,
@@ -159,9 +160,13 @@ def _logged(path: Path) -> Topics:
     found: Topics = {}
     for table in sorted(path.glob("*_0.csv")):
         with table.open(encoding="utf-8") as file:
-            names = file.readline().strip().split(",")
-            columns = np.loadtxt(file, delimiter=",", ndmin=2).T
-        found[table.stem.removesuffix("_0")] = dict(zip(names, columns, strict=True))
+            names, rows = file.readline().strip().split(","), file.readlines()
+        columns = np.loadtxt(rows, delimiter=",", ndmin=2).T if rows else ()
+        if rows and len(columns) != len(names):
+            raise UsageError(
+                f"{printable(table)}: has {len(columns)} columns below {len(names)} names"
+            )
+        found[table.stem.removesuffix("_0")] = dict(zip(names, columns, strict=False))
     return found
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
@@ -23,8 +24,12 @@ from gibbs_codegen.flight.vectors import Array, times
 
 # Order of the filter, which is applied forwards and backwards; samples that it needs.
 _ORDER, _LEAST = 4, 16
+# Samples that are too many; how many steps without samples are told.
+_MOST, _LONG_GAP = 1e7, 20.0
 # Share of a step by which the last sample may be late.
 _SAME_STEP = 1e-6
+
+_log = logging.getLogger("gibbs_codegen")
 
 
 class Samples(NamedTuple):
@@ -132,7 +137,7 @@ def flight_of_log(
         constraint_torques=vehicle.constraint_torques(q, v, a, u),
         centre_desired=no_place,
         tip_desired=no_place if vehicle.has_tip else np.zeros((len(seconds), 0)),
-        heading_error=np.zeros(len(seconds)),
+        heading_error=unknown,
         work=unknown,
     )
 
@@ -159,11 +164,24 @@ def _time_base(
         )
     if rate is None and cutoff is None:
         return begin, np.asarray((most - begin) * 1e-9)
+    for name, each in series.items():
+        gaps = np.diff(each.time)
+        if np.max(gaps) > _LONG_GAP * np.median(gaps):
+            what, late = name if isinstance(name, str) else name[1], each.time[np.argmax(gaps)]
+            _log.warning(
+                "%s: %s is not known for %.3g s after %.4g s; a spline goes across",
+                *(source, printable(what), np.max(gaps) * 1e-9, (late - begin) * 1e-9),
+            )
     step = 1.0 / rate if rate else float(np.median(np.diff(most))) * 1e-9
     if cutoff is not None and not 0.0 < cutoff < 0.5 / step:
         raise UsageError(
             f"cutoff: must be between 0 and {0.5 / step:.4g} Hz, half of the rate of the samples, "
             f"not {cutoff:g}"
+        )
+    if (end - begin) * 1e-9 / step > _MOST:
+        raise UsageError(
+            f"{source}: {(end - begin) * 1e-9:.4g} s in steps of {step:.3g} s are more than "
+            f"{_MOST:.0g} samples; give a lower rate"
         )
     seconds = step * np.arange(int((end - begin) * 1e-9 / step + _SAME_STEP) + 1.0)
     if len(seconds) < _LEAST:

@@ -107,9 +107,9 @@ def topics_of(flight: Flight) -> dict[str, tuple[str, Mapping[str, Any]]]:
         found["/joint_states"] = ("sensor_msgs/msg/JointState", {"header": header, **state})
     if (sensed := imus(flight)) or not np.isnan(flight.gravity):
         exact = np.concatenate([base.specific_force, base.spin], axis=1)
-        for name, values in (sensed or {"imu": exact}).items():
+        for name, (frame, values) in (sensed or {"imu": (BASE, exact)}).items():
             measured = {
-                "header": {"stamp": stamp, "frame_id": name if sensed else BASE},
+                "header": {"stamp": stamp, "frame_id": frame},
                 "angular_velocity": _named("xyz", values[:, 3:]),
                 "linear_acceleration": _named("xyz", values[:, :3]),
                 # A negative first entry says that there is no attitude.
@@ -117,7 +117,8 @@ def topics_of(flight: Flight) -> dict[str, tuple[str, Mapping[str, Any]]]:
                     {"orientation_covariance": no_attitude} if sensed else {"orientation": attitude}
                 ),
             }
-            found[f"/{name}"] = ("sensor_msgs/msg/Imu", measured)
+            # Below /imu, so that none takes the place of another topic.
+            found["/imu" if name == "imu" else f"/imu/{name}"] = ("sensor_msgs/msg/Imu", measured)
     return found
 
 
@@ -153,10 +154,8 @@ def read_bag(path: Path, vehicle: Vehicle, names: Mapping[str, str | float]) -> 
         wanted = [each for each in reader.connections if each.topic in messages]
         for channel, time, data in reader.messages(wanted):
             message: Any = reader.deserialize(data, channel.msgtype)
-            stamp = message.header.stamp
-            # A message without a stamp has the time at which it was logged.
-            time = stamp.sec * 10**9 + stamp.nanosec or time
             messages[channel.topic].append((time, message))
+    messages = {topic: _stamped(each) for topic, each in messages.items()}
     if not messages[topics["odometry"]]:
         raise UsageError(
             f"{printable(path)}: has no message of {printable(topics['odometry'])}, which is to "
@@ -185,6 +184,22 @@ def read_bag(path: Path, vehicle: Vehicle, names: Mapping[str, str | float]) -> 
         {each: efforts["effort", name] for each, name in inputs if ("effort", name) in efforts},
         tuple(str(name) for series, name in states if series == "position"),
     )
+
+
+def _stamped(messages: list[tuple[int, Any]]) -> list[tuple[int, Any]]:
+    """Messages with the times of their stamps, in place of those at which they were logged.
+
+    Where no message has a stamp these stay; where others have one, what has none is left out.
+    """
+    stamps = [each.header.stamp for _, each in messages]
+    times = [stamp.sec * 10**9 + stamp.nanosec for stamp in stamps]
+    if not any(times):
+        return messages
+    return [
+        (time, message)
+        for time, (logged, message) in zip(times, messages, strict=True)
+        if time or not logged
+    ]
 
 
 def _by_name(messages: Sequence[tuple[int, Any]]) -> dict[tuple[str, str | float], Samples]:

@@ -1,8 +1,8 @@
 """The sensors of a robot: what they read of motions, and the readings of a flight, one by one.
 
 Reading k of a sensor is measured at k / rate, and its errors depend on the seed, the sensor's name
-and k alone. So a flight has the same readings whether they are taken as it is flown, or from its
-samples afterwards.
+and k alone. A law that is sampled is told readings of before its command of that instant; samples
+of a flight, from which readings can be taken afterwards, are of behind it.
 """
 
 from __future__ import annotations
@@ -122,6 +122,14 @@ class SensorSuite:
     def units(self) -> tuple[str, ...]:
         """Units (m) of the entries of readings."""
         return tuple(unit for own in self._channels for each in own for unit in each.units)
+
+    @property
+    def frames(self) -> tuple[str, ...]:
+        """Names (m) of the frames at which the entries are read, "" of what is at none."""
+        pairs = zip(self.devices, self._channels, strict=True)
+        return tuple(
+            getattr(x, "frame", "") for x, own in pairs for each in own for _ in each.names
+        )
 
     @cached_property
     def program(self) -> Program:

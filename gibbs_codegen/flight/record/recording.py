@@ -90,6 +90,7 @@ class Recording:
             "joint_limits": lambda: loop.actuators.joints,
             "sensor_names": lambda: loop.sensors.names if loop.sensors else (),
             "sensor_units": lambda: loop.sensors.units if loop.sensors else (),
+            "sensor_frames": lambda: loop.sensors.frames if loop.sensors else (),
             "sensors": self._sensors,
             **self._driven,
         }

@@ -103,7 +103,7 @@ class Flight:
     instant is of after the impact.
     `sensors` (s, m) are what the robot's sensors had told last at each sample, by `sensor_names`
     and `sensor_units`, as `SensorSuite` describes them; NaN before the first reading, and (s, 0)
-    without sensors.
+    without sensors. `sensor_frames` (m) are the frames at which they are, "" of those at none.
     `disc_radii` (N), m, are those of the rotors, 0 where nobody says them.
     `gusts` (g, 2) are from when to when each gust of the wind
     blows, s.
@@ -184,6 +184,7 @@ class Flight:
     actuators: Array = field(default_factory=lambda: np.zeros((0, 0)), repr=False)
     sensor_names: tuple[str, ...] = ()
     sensor_units: tuple[str, ...] = ()
+    sensor_frames: tuple[str, ...] = ()
     sensors: Array = field(default_factory=lambda: np.zeros((0, 0)), repr=False)
 
     @property

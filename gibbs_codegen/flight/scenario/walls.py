@@ -315,7 +315,7 @@ def contacts_of(walls: Sequence[Wall], frames: Sequence[str]) -> tuple[Contact, 
 def touched_by(
     frames: Sequence[str], walls: Sequence[Wall]
 ) -> tuple[tuple[Contact, tuple[float, ...]], ...]:
-    """The same, each with the figures of its wall."""
+    """Contacts of frames with walls, each with the figures of its wall."""
     figures = [(*yielding(wall), *wall.figures) for wall in walls]
     return tuple((each, figures[each.wall]) for each in contacts_of(walls, frames))
 

@@ -525,6 +525,10 @@ def test_it_pushes_on_walls_that_it_knows(friction: float, module: ModuleType) -
     assert np.abs(pushed - 3.0).max() < 0.3
     off = (flight.point("tip") - vehicle.frame_poses(flight.q_desired)[:, -1, :3, 3])[slides]
     assert np.abs(off[:, 1]).max() < 5e-3
+    beside = {"frame": "tip", "point": [0, 0, 9], "normal": [1, 0.05, 0], "stiffness": 1000}
+    changes["wall"] = [beside]
+    with pytest.raises(UsageError, match=r"at 0\.\d+ s no \[\[wall\]\] faces the push; give"):
+        simulate(module, read_scenario("hover", changes))
     changes["wall"] = []
     with pytest.raises(UsageError, match="no \\[\\[wall\\]\\] has the frame that pushes"):
         simulate(module, read_scenario("hover", changes))

@@ -178,6 +178,10 @@ def test_a_cutoff_takes_what_is_fast_and_delays_nothing(shipped: Modules, tmp_pa
     for key, value, message in (
         ("cutoff", 500.0, "cutoff: must be between 0 and 500 Hz"),
         ("rate", 2.0, "rate: 8 samples are left; a flight needs 16"),
+        ("rate", 0.0, "rate: must be positive, not 0"),
+        ("rate", np.nan, "rate: must be a number of Hz; some are NaN"),
+        ("rate", 1e15, "give a lower rate"),
+        ("cutoff", "20", "cutoff: must be a number of Hz, not"),
     ):
         with pytest.raises(UsageError, match=message):
             gibbs_codegen.read_log(module, tmp_path, names, **{key: value})
@@ -194,6 +198,8 @@ def test_topics_of_other_names_and_kinds(shipped: Modules, tmp_path: Path) -> No
         joints = writer.add_connection("/arm", state, typestore=store)
         for k, t in enumerate(time):
             stamp = kinds["builtin_interfaces/msg/Time"](epoch + int(t), round(t % 1 * 1e9))
+            if k == 0:  # Before its clock has begun.
+                stamp = kinds["builtin_interfaces/msg/Time"](0, 0)
             header = kinds["std_msgs/msg/Header"](stamp, "map")
             point = kinds["geometry_msgs/msg/Point"](np.sin(t), 2.0, 3.0)
             turned = Rotation.from_euler("z", 0.5 * t).as_quat()
@@ -222,6 +228,11 @@ def test_topics_of_other_names_and_kinds(shipped: Modules, tmp_path: Path) -> No
         ({"forearm": "wrist"}, "no positions of the joint forearm; .* There are: shoulder, elbow"),
         ({"odometry": "/odom"}, 'no message of /odom.* as "odometry": /arm, /mocap/pose'),
         ({"wrist": "elbow"}, "names: wrist: is none of F_front_left"),
+        ({"spin": "/arm"}, "names: spin: is none of F_front_left"),
+        ({"F_front_left": "left"}, "mocap: has no left, named for F_front_left"),
+        ({"joints": 3.0}, "names: joints: must be the name that the log has for it, not 3.0"),
+        ({"forearm": [1, 2]}, "names: forearm: must be .* the number at which it stands, not an"),
+        ({"forearm": None}, "names: forearm: must be .* the number at which it stands"),
     ):
         with pytest.raises(UsageError, match=message):
             gibbs_codegen.read_log(module, tmp_path / "mocap", names | wrong)
@@ -237,6 +248,23 @@ def test_what_is_no_log_is_refused(
         gibbs_codegen.read_log(shipped("quadrotor_arm_2link"), tmp_path / name)
     with pytest.raises(UsageError, match="none: is not there; give a log"):
         gibbs_codegen.read_log(shipped("quadrotor_arm_2link"), tmp_path / "none")
+
+
+def test_a_gap_is_told_and_tables_without_rows_are_none(
+    flight: Flight, fast: Modules, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    gibbs_codegen.write_log(flight, tmp_path / "tables", "csv")
+    module, table = fast(flight.robot), tmp_path / "tables" / "vehicle_local_position_0.csv"
+    lines = table.read_text(encoding="utf-8").splitlines(keepends=True)
+    table.write_text("".join(lines[:60] + lines[160:]), encoding="utf-8")
+    gibbs_codegen.read_log(module, tmp_path / "tables", rate=200.0)
+    assert "position is not known for 0.202 s after 0.116 s; a spline goes across" in caplog.text
+    table.write_text(lines[0] + "1,2\n", encoding="utf-8")
+    with pytest.raises(UsageError, match=r"_0\.csv: has 2 columns below \d+ names"):
+        gibbs_codegen.read_log(module, tmp_path / "tables")
+    table.write_text(lines[0], encoding="utf-8")
+    with pytest.raises(UsageError, match="has no vehicle_local_position, which is to tell"):
+        gibbs_codegen.read_log(module, tmp_path / "tables")
 
 
 def ulog(topics: dict[str, tuple[str, Array, Array]]) -> bytes:

@@ -118,21 +118,22 @@ def test_actuators_have_the_lists_of_their_commands(fast: Modules, tmp_path: Pat
 
 def test_imus_of_the_robot_take_the_place_of_the_exact_one(fast: Modules, tmp_path: Path) -> None:
     imu = {"rate": 500, "accelerometer_noise": 0.1, "gyroscope_noise": 0.01}
-    sensors = {"imu": [imu, {"name": "hand", "frame": "tip"}], "encoders": [{}]}
+    sensors = {"imu": [{"name": "hand", "frame": "tip"}, imu], "encoders": [{}]}
     scenario = read_scenario("hover", {"duration": 0.05, "sensors": sensors})
     flight = simulate(fast("quadrotor_arm_2link"), scenario)
     gibbs_codegen.write_log(flight, tmp_path / "bag")
     messages = _read(tmp_path / "bag")[0]
-    for topic, first in (("imu", 0), ("hand", 6)):
-        assert flight.sensor_names[first] == f"{topic}_acceleration_x"
-        for message, values in zip(messages[f"/{topic}"], flight.sensors, strict=True):
-            assert message.header.frame_id == topic
+    for topic, frame, first in (("/imu/hand", "tip", 0), ("/imu", "base", 6)):
+        name = topic.split("/")[-1]
+        assert flight.sensor_names[first] == f"{name}_acceleration_x"
+        for message, values in zip(messages[topic], flight.sensors, strict=True):
+            assert message.header.frame_id == frame
             assert message.orientation_covariance[0] == -1.0
             force, spin = message.linear_acceleration, message.angular_velocity
             assert np.array_equal(_numbers([force, spin]).ravel(), values[first : first + 6])
     gibbs_codegen.write_log(flight, tmp_path / "tables", "csv")
     table = np.genfromtxt(tmp_path / "tables" / "sensor_combined_0.csv", delimiter=",", names=True)
-    expected = flight.sensors[:, :6] * [1.0, -1.0, -1.0, 1.0, -1.0, -1.0]
+    expected = flight.sensors[:, 6:12] * [1.0, -1.0, -1.0, 1.0, -1.0, -1.0]
     names = [f"{name}{k}" for name in ("accelerometer_m_s2", "gyro_rad") for k in range(3)]
     np.testing.assert_array_equal(np.stack([table[name] for name in names], axis=1), expected)
 
