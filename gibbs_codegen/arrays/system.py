@@ -55,12 +55,16 @@ class System:
     def outputs(self) -> Shapes:
         """Shapes of the outputs, in their order.
 
-        Each has a row for every frame: where it is and how it moves in the world, and what an IMU
-        measures there, in the frame's axes.
+        The first have a row for every frame: where it is and how it moves in the world, and what an
+        IMU measures there, in the frame's axes. Loads of joints have one for every body that a
+        joint carries, in the body's axes.
         """
         vectors = ("velocities", "angular_velocities", "specific_forces", "rates_of_turn")
         own = {"positions": (3,), "rotations": (3, 3), **dict.fromkeys(vectors, (3,))}
-        return {name: (self.robot.frames, *shape) for name, shape in own.items()}
+        of_frames = {name: (self.robot.frames, *shape) for name, shape in own.items()}
+        signature = self.robot.signatures.get("joint_wrenches_with_wrenches")
+        bodies = signature.shapes[0][0] if signature else 0
+        return {**of_frames, **dict.fromkeys(("loads", "load_torques"), (bodies, 3))}
 
     def programs(self) -> dict[str, Program]:
         """The programs by what they do, of x, `given`, the gravity, m/s², and the step h, s."""
@@ -114,6 +118,12 @@ class System:
 
     def _acceleration(self, x: Node, given: Node) -> Node:
         """Accelerations (nv)."""
+        q, v, _ = self._parts(x)
+        found: Node = self.robot.forward_dynamics_with_wrenches(q, v, *self._acting(x, given))
+        return found
+
+    def _acting(self, x: Node, given: Node) -> tuple[Node, Node]:
+        """Inputs u (nu) that act, and wrenches (f, 6) on the frames."""
         robot, (q, v, actuators) = self.robot, self._parts(x)
         count, ends = robot.inputs, 3 * robot.frames
         commands, rest = given[:count], given[count:]
@@ -132,22 +142,26 @@ class System:
             speeds, wind = robot.rotor_speeds(actuators, commands), rest[2 * ends :]
             air = air_on_rotors(robot, moving, speeds, u, wind)
             wrenches = wrenches + on_frames(air, robot.frames)
-        found: Node = robot.forward_dynamics_with_wrenches(q, v, u, wrenches)
-        return found
+        return u, wrenches
 
     def output(self, x: Node, given: Node, gravity: Node) -> Node:
         """The outputs one after the other."""
         robot, (q, v, _) = self.robot, self._parts(x)
+        a, acting = self._acceleration(x, given), self._acting(x, given)
         poses, velocities = robot.frame_poses(q), robot.frame_velocities(q, v)
         # A product with Jacobians is what velocities are of accelerations.
-        accelerations = robot.frame_velocities(q, self._acceleration(x, given))
-        accelerations = accelerations + robot.frame_bias_accelerations(q, v)
+        accelerations = robot.frame_velocities(q, a) + robot.frame_bias_accelerations(q, v)
         found: dict[str, list[Node]] = {name: [] for name in self.outputs}
         for k in range(robot.frames):
             rotation, spin = rotation_of(poses[k]), velocities[k][3:]
             felt = accelerations[k][:3] + join(0.0, 0.0, gravity)
             own = (velocities[k][:3], spin, rotation.transposed @ felt, rotation.transposed @ spin)
             values = (origin_of(poses[k]), reshaped(rotation, (9,)), *own)
-            for name, value in zip(found, values, strict=True):
+            for name, value in zip(found, values, strict=False):
                 found[name].append(value)
+        if bodies := self.outputs["loads"][0]:
+            loads = robot.joint_wrenches_with_wrenches(q, v, a, *acting)
+            for k in range(bodies):
+                found["loads"].append(loads[k][:3])
+                found["load_torques"].append(loads[k][3:])
         return join(*(value for values in found.values() for value in values))

@@ -14,6 +14,7 @@ import sympy as sp
 from gibbs_codegen.derivation import tree_dynamics
 from gibbs_codegen.derivation.forces import rotor_position
 from gibbs_codegen.derivation.inertia import Inertia
+from gibbs_codegen.derivation.jointed_bodies import JointedBodies
 from gibbs_codegen.derivation.motion import Acceleration, State
 from gibbs_codegen.derivation.symbolic_robot import SymbolicRobot
 from gibbs_codegen.robot.layout import frames_of
@@ -73,12 +74,17 @@ class MountedFrame:
             return tape.add(frame.position, combined(tape, frame.own, self.position))
 
 
-def mounted_frames(symbolic: SymbolicRobot, name: str | None = None) -> list[MountedFrame]:
-    """The frames of a robot, in the order of FRAMES, or only that of a name."""
+def mounted_frames(
+    symbolic: SymbolicRobot, name: str | None = None, bodies: JointedBodies | None = None
+) -> list[MountedFrame]:
+    """The frames of a robot, in the order of FRAMES, or only that of a name.
+
+    They are on segments of the reduced tree, or on those of other `bodies`.
+    """
     tape, robot = symbolic.tape, symbolic.robot
     mounted = []
     for frame in frames_of(robot):
-        body = symbolic.bodies.frames[frame.on]
+        body = (bodies or symbolic.bodies).frames[frame.on]
         if frame in robot.frames:
             place = symbolic.parameters.frames[frame.name]
         elif frame.rotor is not None:

@@ -117,6 +117,9 @@ DERIVATIONS: dict[str, Callable[[systems.Systems], systems.Array]] = {
     "wrench_forces": lambda s: wrenches.wrench_forces(s.symbolic),
     "forward_dynamics_with_wrenches": lambda s: s.loaded_dynamics,
     "joint_wrenches": lambda s: wrenches.joint_wrenches(s.symbolic),
+    "joint_wrenches_with_wrenches": (
+        lambda s: wrenches.joint_wrenches(s.symbolic, with_frames=True)
+    ),
     "coordinate_rates": lambda s: s.symbolic.coordinate_rates(s.symbolic.v),
     "integrated": lambda s: s.symbolic.integrated(),
     "difference": lambda s: s.symbolic.difference(),
@@ -181,6 +184,9 @@ DERIVATIONS: dict[str, Callable[[systems.Systems], systems.Array]] = {
     "forward_dynamics_with_wrenches_du": lambda s: s.loaded_derivatives.acceleration_du,
     "forward_dynamics_with_wrenches_dW": lambda s: s.loaded_derivatives.acceleration_dW,
     "forward_dynamics_with_wrenches_jvp": lambda s: s.jvp(s.loaded_dynamics, "qvuW"),
+    "joint_wrenches_with_wrenches_jvp": (
+        lambda s: s.jvp(wrenches.joint_wrenches(s.symbolic, with_frames=True), "qvauW")
+    ),
     "forward_dynamics_with_wrenches_q_bar": lambda s: s.loaded_gradient[0],
     "forward_dynamics_with_wrenches_v_bar": lambda s: s.loaded_gradient[1],
     "forward_dynamics_with_wrenches_u_bar": lambda s: s.loaded_gradient[2],

@@ -16,30 +16,35 @@ import sympy as sp
 from gibbs_codegen.derivation.forces import forces_of_wrenches, rod_thrust, thrust_wrenches
 from gibbs_codegen.derivation.forward_kinematics import mounted_frames, segment_frames
 from gibbs_codegen.derivation.hybrid import rod_wrench
+from gibbs_codegen.derivation.jointed_bodies import JointedBodies
 from gibbs_codegen.derivation.symbolic_robot import SymbolicRobot
 from gibbs_codegen.derivation.tree_dynamics import subtree_wrenches, tree_motions
-from gibbs_codegen.symbolic.structural import applied, back
+from gibbs_codegen.symbolic.structural import applied, back, product
 from gibbs_codegen.symbolic.vectors import NO_WRENCH, Wrench, minus
 
 # Components of a wrench.
 _SIZE = 6
 
 
-def frame_loads(symbolic: SymbolicRobot) -> dict[int, Wrench]:
+def frame_loads(symbolic: SymbolicRobot, bodies: JointedBodies | None = None) -> dict[int, Wrench]:
     """The wrenches W on the frames, taken to the joints of the segments that they are on.
 
     They are by index of the segment, about its joint or about the origin, in its own frame (N, N
-    m).
+    m): of the reduced tree, or of other `bodies`.
     """
     tape = symbolic.tape
     frames = segment_frames(symbolic)
     loads: dict[int, Wrench] = {}
-    for place, mounted in enumerate(mounted_frames(symbolic)):
+    places = mounted_frames(symbolic), mounted_frames(symbolic, bodies=bodies)
+    for place, (reduced, mounted) in enumerate(zip(*places, strict=True)):
         k, entries = mounted.segment, symbolic.W[place * _SIZE : (place + 1) * _SIZE]
         with tape.group(f"wrench on {mounted.name}, in the frame of its link"):
-            axes, halves = frames[k].own, (entries[:3], entries[3:])
-            components = [tape.dot(axis, half) for half in halves for axis in axes]
-            load = Wrench.of(components).shifted(tape, mounted.position)
+            axes, halves = frames[reduced.segment].own, (entries[:3], entries[3:])
+            vectors = [tuple(tape.dot(axis, half) for axis in axes) for half in halves]
+            if mounted.turn != reduced.turn:
+                turn = product(mounted.turn, back(reduced.turn))
+                vectors = [applied(turn, vector) for vector in vectors]
+            load = Wrench(*vectors).shifted(tape, mounted.position)
             loads[k] = loads.get(k, NO_WRENCH).plus(tape, load)
     return loads
 
@@ -51,9 +56,10 @@ def wrench_forces(symbolic: SymbolicRobot) -> list[sp.Expr]:
         return forces_of_wrenches(symbolic, symbolic.reduced_tree, loads)
 
 
-def joint_wrenches(symbolic: SymbolicRobot) -> list[list[sp.Expr]]:
+def joint_wrenches(symbolic: SymbolicRobot, *, with_frames: bool = False) -> list[list[sp.Expr]]:
     """The wrench that every joint passes on to the body that it carries.
 
+    With `with_frames` the wrenches W on the frames act on the bodies too.
     There is a row for each of BODIES: force and moment about the joint (N, N m), in the axes of the
     frame that the robot file gives the body.
     """
@@ -70,6 +76,8 @@ def joint_wrenches(symbolic: SymbolicRobot) -> list[list[sp.Expr]]:
     state = symbolic.state_with(symbolic.state, bodies.numbers)
     motions = tree_motions(tape, symbolic.root, tree, state)
     loads = thrust_wrenches(symbolic, bodies)
+    for k, load in (frame_loads(symbolic, bodies) if with_frames else {}).items():
+        loads[k] = loads.get(k, NO_WRENCH).plus(tape, load)
     sums = subtree_wrenches(tape, tree, motions, loads)
     for k, i in enumerate(bodies.numbers, start=1):
         with tape.group(f"wrench through {tree.segments[k].joint_name}, in its frame"):

@@ -13,8 +13,9 @@ Kind = Literal["", "jacobian", "jvp", "vjp", "hessian", "parameters"]
 # Units of accelerations, and of entries of a mass matrix.
 ACCELERATIONS = "rad/s^2 or m/s^2"
 INERTIAS = "[kg m^2] between angles, [kg] between lengths, [kg m] between both"
-# Entries of an input matrix, and of accelerations of frames.
+# Entries of an input matrix, of wrenches through joints, and of accelerations of frames.
 LEVERS = "[N/N], [N m/N] and [N m/(N m)], by row and column"
+LOADS = "[N] in the first three, [N m] in the others, a row for each of {bodies}"
 MOTIONS = "[m/s^2] in the first three, [rad/s^2] in the others"
 
 

@@ -25,6 +25,7 @@ from gibbs_codegen.interface.rows import (
     ACCELERATIONS,
     INERTIAS,
     LEVERS,
+    LOADS,
     Argument,
     Kind,
     Output,
@@ -127,7 +128,6 @@ ARGUMENTS = {
     ),
 }
 
-_LOADS = "[N] in the first three, [N m] in the others, a row for each of {bodies}"
 _MASS_MATRIX = Output("mass_matrix", "vv", "kg m^2, kg or kg m", INERTIAS, "mass_matrix")
 _RESIDUAL = Output("residual", "v", "N m or N", "{forces}", "residual")
 _ROWS = (
@@ -288,13 +288,23 @@ _ROWS = (
     Row(
         "joint_wrenches",
         "qvau",
-        (Output("wrenches", "b6", "N or N m", _LOADS),),
+        (Output("wrenches", "b6", "N or N m", LOADS),),
         "The whole wrench through every joint: what the parent does to the body, at the joint.",
         "eqs. 6 and 14, all six components",
         "It is in the axes of the joint's frame, which the robot file gives the body. Gravity, "
         "inertia and thrusts of all that the joint carries balance it, at the given accelerations, "
         "which need not fit the inputs. Where they do, its component along a joint that moves is "
         "the joint's input less armature, damper and spring.",
+        group="loads",
+        on_request=True,
+    ),
+    Row(
+        "joint_wrenches_with_wrenches",
+        "qvauW",
+        (Output("wrenches", "b6", "N or N m", LOADS),),
+        "The whole wrench through every joint, where wrenches act on the frames too.",
+        "eqs. 6, 7 and 14, all six components",
+        "As joint_wrenches, less what the wrenches on the frames of all that a joint carries do.",
         group="loads",
         on_request=True,
     ),

@@ -172,7 +172,8 @@ class CompiledFunction:
         `caller` is what `caller_type` returns, which makes that.
         """
         general = GeneralFunction(self.evaluate, self._in_numpy)
-        if caller is None:
+        # The short way takes eight arguments.
+        if caller is None or len(self._signature.arguments) > 8:
             return general
         shapes = self._signature.argument_shapes, self._signature.shapes
         self._caller = caller(*shapes, self._constants.default, general)

@@ -315,6 +315,15 @@ _ARRAYS: dict[str, tuple[str, Callable[[_Point, Array, Array], Array]]] = {
         ),
     ),
     "frame_velocities": ("", lambda point, scales, inputs: _twist(point, 1)),
+    "joint_wrenches_with_wrenches": (
+        "",
+        lambda point, scales, inputs: (
+            np.repeat([1.0, point.tree.reach], 3)
+            * point.tree.mass
+            * point.tree.reach
+            * point.tree.tempo**2
+        ),
+    ),
     "frame_bias_accelerations": ("", lambda point, scales, inputs: _twist(point, 2)),
 }
 

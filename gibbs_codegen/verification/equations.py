@@ -282,3 +282,8 @@ def mass_rows(tree: Tree, found: Quantities, states: States, sizes: Sizes) -> It
         acceleration = abs(tree.gravity) + sizes.length * spin
         size = wrench_sizes(tree, acceleration, spin, states.u)
         yield "joint_wrenches", found.joint_wrenches, size
+        if found.loaded_joint_wrenches is not None:
+            forces, moments = (np.abs(x).sum(axis=1) for x in np.split(states.W, 2, axis=-1))
+            moments = moments + tree.reach * forces.sum(axis=-1, keepdims=True)
+            size = size + np.concatenate([forces, moments], axis=-1).max(axis=0)[None, None, :]
+            yield "joint_wrenches_with_wrenches", found.loaded_joint_wrenches, size

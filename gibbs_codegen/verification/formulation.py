@@ -42,8 +42,8 @@ class Quantities(NamedTuple):
     - `centre_of_mass` (s, 3), in m, and `centre_jacobian` (s, 3, size); `momentum` (s, 6), the
       angular one about the centre of mass, in kg m/s and kg m²/s.
     - `joint_wrenches` (s, bodies, 6), in the order of a module's BODIES: what carries a body does
-      to it, force and moment at the origin and in the axes of its frame, in N and N m; only by
-      Newton and Euler.
+      to it, force and moment at the origin and in the axes of its frame, in N and N m; and
+      `loaded_joint_wrenches`, with wrenches on the frames; only by Newton and Euler.
     - `actuators`: what their functions return, by names; None where u is commanded, and only by
       Newton and Euler.
     """
@@ -62,6 +62,7 @@ class Quantities(NamedTuple):
     momentum: Array | None = None
     gravity_forces: Array | None = None
     joint_wrenches: Array | None = None
+    loaded_joint_wrenches: Array | None = None
     actuators: Mapping[str, Measured] | None = None
 
     def with_passive(self, tree: Tree, states: States) -> Quantities:

@@ -24,11 +24,13 @@ from gibbs_codegen.verification.tree import (
 from gibbs_codegen.verification.vectors import Array, cross, times
 
 
-def joint_wrenches(tree: Tree, motions: list[Motion], frames: Frames, u: Array) -> Array:
+def joint_wrenches(
+    tree: Tree, motions: list[Motion], frames: Frames, u: Array, pushes: Array | None = None
+) -> Array:
     """Wrenches (s, bodies, 6), N and N m, through the joints, held and welded ones included.
 
     What carries each body does that to it: force and moment at the origin of its frame, in its
-    axes.
+    axes. `pushes` (s, frames, 6) are wrenches on the frames.
     """
     rotations, upwards = frames.rotations, np.array([0.0, 0.0, tree.gravity])
     # On bodies at the origins of their frames, in world axes, (s, 3) each.
@@ -50,6 +52,9 @@ def joint_wrenches(tree: Tree, motions: list[Motion], frames: Frames, u: Array) 
     for k, (motor, seat) in enumerate(zip(tree.motors, tree.seats, strict=False)):
         thrust = u[:, k, None] * (rotations[seat.joint] @ seat.rotation @ motor.direction)
         add(motor.body, seat, -thrust, -motor.drag * thrust)
+    if pushes is not None:
+        for place, (body, point) in enumerate(zip(tree.mounts, tree.named, strict=True)):
+            add(body, point, -pushes[:, place, :3], -pushes[:, place, 3:])
     for body, carrier in reversed([*tree.carriers.items()]):
         add(carrier, tree.bodies[body], forces[body], moments[body])
     rows = []
@@ -146,6 +151,7 @@ class NewtonEuler:
             bias_accelerations=np.stack(bias, axis=1),
             gravity_forces=-self._efforts(still, frames, tree.gravity),
             joint_wrenches=joint_wrenches(tree, moved, frames, states.u),
+            loaded_joint_wrenches=joint_wrenches(tree, moved, frames, states.u, states.W),
             actuators=_of_actuators(tree, states),
             **self._masses(steady, frames),
         )

@@ -350,6 +350,7 @@ class InOwnUnits:
             "momentum": wrench * time,
             "gravity_forces": energy / units,
             "joint_wrenches": wrench,
+            "loaded_joint_wrenches": wrench,
         }
         values = {name: x for name, x in found._asdict().items() if x is not None}
         return found._replace(**{name: x * scales[name] for name, x in values.items()})

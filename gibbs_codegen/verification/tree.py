@@ -290,7 +290,7 @@ class Tree:
       1/s.
     - `parts`, `bodies`, `carriers`: the bodies of the joints one by one, and as of `Assembly`.
     - `points`, `named`: points in the order of a module's POINTS, and frames in that of FRAMES,
-      with `names`.
+      with `names`, and `mounts`, the numbers of the bodies that they are on.
     - `seats`: where the motors sit, and then the named frames.
     - `tip`: number of the frame of that name, or None.
     - `passive`: what acts on the joints by themselves; `actuators`, or None where u is commanded.
@@ -323,6 +323,7 @@ class Tree:
         self.named = [*built.frames.values()]
         self.seats = [*(seat for seat, _ in built.motors), *self.named]
         self.names = [*built.frames]
+        self.mounts = [frame.on for frame in frames_of(robot)]
         self.tip = self.names.index("tip") if "tip" in self.names else None
         self.passive = PassiveJoints.of(robot, self.size, self.arm)
         self.actuators = Actuators(robot) if robot.has_actuators else None

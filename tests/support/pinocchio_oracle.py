@@ -309,9 +309,10 @@ class Oracle:
         gravity = pin.computeGeneralizedGravity(self.model, self.data, tree)
         return centre, jacobian, momentum.vector, -gravity[self.order]
 
-    def joint_wrenches(self, q: Array, v: Array, a: Array, u: Array) -> Array:
+    def joint_wrenches(self, q: Array, v: Array, a: Array, u: Array, pushes: Array) -> Array:
         """What every joint passes on to its body, of rods and then of links.
 
+        `pushes` (frames, 6) are wrenches on the frames, in world axes.
         In the tree that this needs, every link has a joint, held where it is fixed in the robot.
         """
         held = [i for i, link in enumerate(self.robot.links, start=1) if not link.moves]
@@ -328,6 +329,10 @@ class Oracle:
             along = direction / np.linalg.norm(direction) * thrust
             outside[joint] += at.act(pin.Force(along, drag * along))
         state = whole.configuration(q), whole.spread(v), whole.spread(a)
+        pin.forwardKinematics(whole.model, whole.data, state[0])
+        for (joint, at), push in zip(whole.frames.values(), pushes, strict=True):
+            back = (whole.data.oMi[joint].rotation @ at.rotation).T
+            outside[joint] += at.act(pin.Force(back @ push[:3], back @ push[3:]))
         pin.rnea(whole.model, whole.data, *state, outside)
         rods = [whole.model.getJointId(f"theta_{k}") for k in range(2, self.robot.base.rotors + 1)]
         joints = [*rods, *(whole.bodies[i][0] for i in range(1, len(links) + 1))]
@@ -377,12 +382,12 @@ class InPinocchio:
 
     def at(self, states: States) -> Quantities:
         """Everything, state by state."""
-        motions = zip(states.q, states.v, states.a, states.u, strict=True)
+        motions = zip(states.q, states.v, states.a, states.u, states.W, strict=True)
         each = [self._at(*motion) for motion in motions]
         arrays = (None if x[0] is None else np.array(x) for x in zip(*each, strict=True))
         return _Whole._make(arrays)
 
-    def _at(self, q: Array, v: Array, a: Array, u: Array) -> Quantities:
+    def _at(self, q: Array, v: Array, a: Array, u: Array, pushes: Array) -> Quantities:
         oracle = self._oracle
         frames = [*oracle.frames.values()]
         jacobians, places = zip(
@@ -400,5 +405,6 @@ class InPinocchio:
             oracle.positions(q),
             np.array([oracle.bias_acceleration(q, v, frame) for frame in frames]),
             *oracle.centroidal(q, v),
-            oracle.joint_wrenches(q, v, a, u),
+            oracle.joint_wrenches(q, v, a, u, 0.0 * pushes),
+            oracle.joint_wrenches(q, v, a, u, pushes),
         )

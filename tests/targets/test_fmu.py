@@ -244,7 +244,7 @@ def test_directional_derivatives(
     unit = opened(folder, version)
     rng = scattered(unit)
     unit.begin()
-    unknowns, knowns = ["der(", "frames.", "imu."], ["q.", "v.", "actuators", "command."]
+    unknowns, knowns = ["der(", "frames.", "imu.", "loads."], ["q.", "v.", "actuators", "command."]
     knowns += ["force", "torque", "wind"]
     present = [k for k in knowns if unit.parts(k)]
     x = np.concatenate([unit.get(k) for k in present])
@@ -273,7 +273,7 @@ def test_derivatives_are_those_of_the_program(
 ) -> None:
     """They equal matrices of the module's other functions, for all entries, in NumPy."""
     folder = kept / "matrices" / name
-    made_once(folder, lambda: generate(name, folder.parent, ["numpy"], derivatives=True))
+    made_once(folder, lambda: generate(name, folder.parent, ["numpy"], derivatives="all"))
     module, unit = load(folder), opened(made(name)[1])
     scattered(unit, seed=1)
     unit.begin()
@@ -291,7 +291,7 @@ def test_derivatives_are_those_of_the_program(
         wanted = np.vstack([matrices[f"rate_by_{by}"], matrices[f"y_by_{by}"]])
         starts = [start for start in starts if unit.parts(start)]
         found = [
-            unit.along(["der(", "frames.", "imu."], starts, unit_direction)
+            unit.along(["der(", "frames.", "imu.", "loads."], starts, unit_direction)
             for unit_direction in np.eye(wanted.shape[1])
         ]
         scale = np.abs(wanted).max()
@@ -374,6 +374,8 @@ def test_parameters_and_outputs(made: Make, opened: Callable[..., Unit]) -> None
         "imu.specific_force": felt,
         "imu.angular_velocity": spins,
     }
+    loads = robot.joint_wrenches_with_wrenches(q, v, a, u, wrenches, constants=constants)
+    wanted |= {"loads.force": loads[:, :3], "loads.torque": loads[:, 3:]}
     for name, value in wanted.items():
         np.testing.assert_allclose(unit.get(name), np.ravel(value), rtol=0.0, atol=1e-12)
 

@@ -45,7 +45,11 @@ from gibbs_codegen.verification.verify import formulations
 EXACT, BY_DIFFERENCES = 1e-12, 1e-8
 BY_BODIES = ("centre_of_mass", "centre_jacobian", "momentum", "gravity_forces")
 NOT_COMPUTED = {("MuJoCo", name) for name in ("positions", "bias_accelerations", *BY_BODIES)}
-NOT_COMPUTED |= {(name, "joint_wrenches") for name in ("MuJoCo", "Lagrange", "Pinocchio")}
+NOT_COMPUTED |= {
+    (name, f"{loaded}joint_wrenches")
+    for name in ("MuJoCo", "Lagrange", "Pinocchio")
+    for loaded in ("", "loaded_")
+}
 # These robots have no actuators.
 EVERY = ("Newton–Euler", "MuJoCo", "Lagrange", "Pinocchio")
 NOT_COMPUTED |= {(name, "actuators") for name in EVERY}

@@ -25,6 +25,8 @@ _OUTPUTS = {
     "frames.angular_velocity": ("rad/s", "angular velocities of the frames, world axes"),
     "imu.specific_force": ("m/s^2", "what accelerometers at the frames measure, their axes"),
     "imu.angular_velocity": ("rad/s", "what gyroscopes at the frames measure, their axes"),
+    "loads.force": ("N", "forces through the joints of the bodies, at them, the bodies' axes"),
+    "loads.torque": ("N m", "torques through the joints of the bodies, likewise"),
 }
 _GIVEN = {
     "force": ("N", "forces on the frames at their origins, world axes"),
@@ -92,9 +94,11 @@ def variables_of(model: Model, system: System) -> list[Variable]:
             place += each.size
     shapes = system.outputs.values()
     for (name, (unit, words)), shape in zip(_OUTPUTS.items(), shapes, strict=True):
-        axes = (model.description.frames, *[AXES] * (len(shape) - 1))
-        found.append(Variable(name, "output", place, unit, words, axes))
-        place += found[-1].size
+        rows = model.description.bodies if name.startswith("loads") else model.description.frames
+        axes = (rows, *[AXES] * (len(shape) - 1))
+        if shape[0]:
+            found.append(Variable(name, "output", place, unit, words, axes))
+            place += found[-1].size
     return found
 
 
