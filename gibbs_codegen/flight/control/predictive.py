@@ -517,9 +517,7 @@ class Predictive:
     @property
     def _places(self) -> list[int]:
         """Places of the inputs of joints that servos hold."""
-        pairs = zip(self.vehicle.inputs, self.vehicle.commands, strict=True)
-        differ = [k for k, (name, command) in enumerate(pairs) if name != command]
-        return [k for k in differ if k >= self.vehicle.rotors]
+        return _served(self.vehicle)
 
     @property
     def _servos(self) -> bool:
@@ -822,6 +820,14 @@ def predictive_law(law: Controller, scenario: Scenario, actuators: Actuators) ->
     """
     vehicle, reference, control = law.vehicle, law.reference, scenario.control
     force = control.force
+    if force is not None and (
+        served := _served(vehicle)
+    ):  # Between a servo and a wall it loses machines.
+        held = ", ".join(vehicle.inputs[k] for k in served)
+        raise UsageError(
+            f"control.force: the predictive law pushes by torques of joints; servos hold {held}: "
+            'leave them out, or, if the base commands all directions, set control.law to "force"'
+        )
     step = 1.0 / (control.rate or (_RATE if force is None else _PUSHING_RATE))
     # Between instants too, where commands are late.
     spacing = step / 8.0
@@ -881,6 +887,13 @@ def predictive_law(law: Controller, scenario: Scenario, actuators: Actuators) ->
         actuators=actuators,
         walls=() if force is None else scenario.walls,
     )
+
+
+def _served(vehicle: Vehicle) -> list[int]:
+    """Places of the inputs of joints that servos hold."""
+    pairs = zip(vehicle.inputs, vehicle.commands, strict=True)
+    differ = [k for k, (name, command) in enumerate(pairs) if name != command]
+    return [k for k in differ if k >= vehicle.rotors]
 
 
 def _into_walls(

@@ -592,6 +592,17 @@ def driven(tmp_path_factory: pytest.TempPathFactory) -> ModuleType:
     return load(folder, "c")
 
 
+def test_it_does_not_push_against_servos(driven: ModuleType) -> None:
+    wall = {"frame": "base", "point": [0, 0, 5], "normal": [0, 0, -1], "stiffness": 1000}
+    force = {"value": 3, "direction": [0, 0, 1]}
+    changes = {
+        "control": {"law": "predictive", "force": force, "impedance": {"frame": "base"}},
+        "wall": [wall],
+    }
+    with pytest.raises(UsageError, match=r"control\.force: .* servos hold .*: leave them out"):
+        simulate(driven, read_scenario("hover", changes))
+
+
 def test_slopes_of_motors_and_servos_are_derivatives(driven: ModuleType) -> None:
     hover = trim(driven, posture_deg={"upper": 20.0, "wrist": 30.0})
     controller = Predictive(
