@@ -20,7 +20,7 @@ from gibbs_codegen.arrays.slopes import (
     entries_slope,
 )
 from gibbs_codegen.errors import UsageError
-from gibbs_codegen.interface import FUNCTIONS
+from gibbs_codegen.interface import FUNCTIONS, derivative
 
 
 def jacobian(program: Program, by: str | Iterable[str]) -> Program:
@@ -139,6 +139,8 @@ def _terms(x: Node, inner: dict[int, Node]) -> list[Node]:
         case nodes.Call() as call:
             if columns == 1 and (name := direct(call)):
                 return [_product_with(call, name, x, inner)]
+            if columns == 1 and call.name == "frame_poses" and not _has_derivative(call):
+                return [_poses_along(call, x, inner[0])]
             call_slope = call_slopes(call, x, [*inner])
             if call.name == "integrate":
                 return [_moved(call_slope, inner)]
@@ -193,6 +195,25 @@ def _product_with(call: nodes.Call, name: str, x: Node, inner: dict[int, Node]) 
     ]
     (found,) = call.functions.outputs(name, *x.arguments, *directions)
     return nodes.reshaped(found, (*x.tangent, 1))
+
+
+def _has_derivative(call: nodes.Call) -> bool:
+    """Whether the module has the derivatives of a function by matrices."""
+    return derivative(call.name, "jacobian") in call.functions.signatures
+
+
+def _poses_along(call: nodes.Call, x: Node, direction: Node) -> Node:
+    """Poses move along a direction as they would at that velocity: twists take few operations."""
+    move = nodes.reshaped(direction, (direction.shape[0],))
+    (twists,) = call.functions.outputs("frame_velocities", *x.arguments, move)
+    found = []
+    for k in range(x.shape[0]):
+        axes = x[k][:3].transposed
+        columns = [nodes.cross(twists[k][3:], axes[j]) for j in range(3)]
+        rows = [nodes.reshaped(y, (1, 3)) for y in (*columns, twists[k][:3])]
+        matrix = nodes.join(nodes.join(*rows).transposed, nodes.zeros(1, 4))
+        found.append(nodes.reshaped(matrix, (1, 4, 4)))
+    return nodes.reshaped(nodes.join(*found), (*x.shape, 1))
 
 
 def _moved(slopes: dict[int, Node], inner: dict[int, Node]) -> Node:

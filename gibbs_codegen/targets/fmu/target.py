@@ -36,7 +36,8 @@ from gibbs_codegen.version import __version__
 CALLED = (
     "forward_dynamics_with_wrenches",
     "forward_dynamics_with_wrenches_jvp",
-    *(f"{x}{y}" for x in ("frame_poses", "frame_velocities") for y in ("", "_derivatives")),
+    "frame_poses",
+    *(f"frame_velocities{y}" for y in ("", "_derivatives")),
     *(f"frame_bias_accelerations{y}" for y in ("", "_derivatives")),
     *(f"joint_wrenches_with_wrenches{y}" for y in ("", "_jvp")),
     *(f"{x}{y}" for x in ("inputs_of", "actuator_rates") for y in ("", "_derivatives")),
