@@ -241,6 +241,7 @@ def argument_parser() -> Parser:
     for word, meaning in (
         ("px4", "PX4, in lockstep over MAVLink: TCP port 4560"),
         ("ardupilot", "ArduPilot, by its JSON interface: UDP port 9002"),
+        ("betaflight", "Betaflight's SITL, by its own clock: UDP ports 9002 to 9004"),
     ):
         autopilots.add_argument(
             *(f"--{word}",), dest="autopilot", action="store_const", const=word, help=meaning
@@ -259,6 +260,8 @@ def argument_parser() -> Parser:
     )
     meaning = "number of the autopilot's instance, which its ports depend on"
     parser.add("--instance", "I", meaning, type=int, default=0)
+    meaning = "lines of a time and pulse widths of channels, which Betaflight is told as sticks"
+    parser.add("--sticks", "FILE.csv", meaning)
     meaning = "address to listen at; other machines reach 0.0.0.0"
     parser.add("--host", "ADDRESS", meaning, default="127.0.0.1")
     meaning = "seconds that the autopilot may be silent, at first as well"

@@ -5,11 +5,19 @@ from __future__ import annotations
 import argparse
 import sys
 
+import numpy as np
+
 from gibbs_codegen.cli import robot_argument, terminal
 from gibbs_codegen.cli.simulate import print_events
-from gibbs_codegen.errors import printable
+from gibbs_codegen.errors import UsageError, cause_of, printable
 from gibbs_codegen.files.toml import changes_of
 from gibbs_codegen.flight.autopilots.ardupilot import ArduPilot
+from gibbs_codegen.flight.autopilots.betaflight import (
+    BETAFLIGHT_RATE,
+    Betaflight,
+    Sticks,
+    sticks_of,
+)
 from gibbs_codegen.flight.autopilots.machine import Machine
 from gibbs_codegen.flight.autopilots.px4 import PX4, PX4_RATE
 from gibbs_codegen.flight.autopilots.session import Link, fly
@@ -60,4 +68,22 @@ def _link(machine: Machine, options: argparse.Namespace, rate: float | None) -> 
     of = (machine.rotors, machine.joints, options.host, options.instance, options.timeout)
     if options.autopilot == "ardupilot":
         return ArduPilot(*of)
+    if options.autopilot == "betaflight":
+        sticks = _sticks(options.sticks) if options.sticks else None
+        return Betaflight(machine, options.host, options.timeout, rate or BETAFLIGHT_RATE, sticks)
     return PX4(*of, rate or PX4_RATE)
+
+
+def _sticks(path: str) -> Sticks:
+    """The sticks of a table; raises `UsageError` where it is none."""
+    try:
+        table = np.loadtxt(path, delimiter=",", ndmin=2)
+    except (OSError, ValueError) as error:
+        words = cause_of(error) if isinstance(error, OSError) else printable(error)
+        raise UsageError(f"--sticks: {printable(path)}: {words}") from None
+    if not 2 <= table.shape[1] <= 17 or np.any(np.diff(table[:, 0]) <= 0.0):
+        raise UsageError(
+            f"--sticks: {printable(path)}: lines must be a time, s, that grows from line to line, "
+            "and pulse widths of 1 to 16 channels, µs"
+        )
+    return sticks_of(table)

@@ -14,19 +14,16 @@ from typing import Any
 
 import numpy as np
 
+from gibbs_codegen.flight.autopilots.air import place_at, pressure_at, temperature_at
 from gibbs_codegen.flight.autopilots.machine import Outputs, Readings
 from gibbs_codegen.flight.autopilots.session import PeerError, opened
+from gibbs_codegen.flight.plant.vehicle import Array
 
 _PORT = 4560
 # Readings a second, if nothing else is said.
 PX4_RATE = 250.0
 # Rates, Hz, of the fixes of satellites, and of the true state.
 _FIXES, _STATES = 5.0, 50.0
-# Where the origin of the world is, which is where PX4 takes its simulators to be: degrees, and m
-# above the sea. There the magnetic field, T, points so far to the east and downwards, degrees.
-_LATITUDE, _LONGITUDE, _ALTITUDE = 47.397742, 8.545594, 488.0
-_FIELD, _DECLINATION, _INCLINATION = 0.48, math.radians(3.0), math.radians(64.0)
-_EARTH = 6378137.0
 # Bits of `fields_updated`: all but the pressure of the airspeed.
 _UPDATED = 0x1BFF
 _GRAVITY = 9.80665
@@ -161,14 +158,12 @@ class PX4:
 
     def _sensors(self, now: int, readings: Readings) -> None:
         """Tell HIL_SENSOR: m/s², rad/s, gauss, hPa, m, °C."""
-        down = readings.position[2]
-        field = _turned_back(readings.quaternion, _field())
-        altitude = _ALTITUDE - down
+        altitude = readings.altitude
         self._mavlink.hil_sensor_send(
             now,
             *readings.accelerometer.tolist(),
             *readings.gyro.tolist(),
-            *field,
+            *(1e4 * readings.field).tolist(),
             pressure_at(altitude),
             0.0,
             altitude,
@@ -178,13 +173,14 @@ class PX4:
 
     def _fix(self, now: int, readings: Readings) -> None:
         """Tell HIL_GPS: degrees · 1e7, mm, cm, cm/s, hundredths of a degree."""
-        north, east, down = (100.0 * readings.velocity).round().astype(int).tolist()
+        position, velocity = readings.fix
+        north, east, down = (100.0 * velocity).round().astype(int).tolist()
         course = math.degrees(math.atan2(east, north)) % 360.0
         speed = round(math.hypot(north, east))
         self._mavlink.hil_gps_send(
             now,
             3,
-            *_place(readings),
+            *_place(position),
             30,
             40,
             speed,
@@ -204,7 +200,7 @@ class PX4:
             now,
             readings.quaternion.tolist(),
             *readings.gyro.tolist(),
-            *_place(readings),
+            *_place(readings.position),
             *velocity,
             speed,
             speed,
@@ -224,41 +220,7 @@ class PX4:
                 self.notes.append(f"{count} {what}")
 
 
-def _place(readings: Readings) -> tuple[int, int, int]:
-    """Latitude and longitude, degrees · 1e7, and altitude, mm, about the origin of the world."""
-    north, east, down = readings.position.tolist()
-    around = _EARTH * math.cos(math.radians(_LATITUDE))
-    latitude = _LATITUDE + math.degrees(north / _EARTH)
-    longitude = _LONGITUDE + math.degrees(east / around)
-    return round(1e7 * latitude), round(1e7 * longitude), round(1e3 * (_ALTITUDE - down))
-
-
-def temperature_at(altitude: float) -> float:
-    """Temperature, °C, of the standard atmosphere at an altitude, m."""
-    return 15.0 - 0.0065 * altitude
-
-
-def pressure_at(altitude: float) -> float:
-    """Pressure, hPa, of the standard atmosphere at an altitude, m."""
-    return 1013.25 * (1.0 - 0.0065 * altitude / 288.15) ** 5.25588
-
-
-def _field() -> tuple[float, float, float]:
-    """The magnetic field, gauss, north, east and down."""
-    level = _FIELD * math.cos(_INCLINATION)
-    north, east = level * math.cos(_DECLINATION), level * math.sin(_DECLINATION)
-    return north, east, _FIELD * math.sin(_INCLINATION)
-
-
-def _turned_back(quaternion: Any, vector: tuple[float, float, float]) -> list[float]:
-    """A vector (3) of the world's axes in the body's."""
-    w, *turn = quaternion.tolist()
-    x, y, z = (-each for each in turn)
-    a, b, c = vector
-    # Twice the cross product of the turn and the vector.
-    d, e, f = 2.0 * (y * c - z * b), 2.0 * (z * a - x * c), 2.0 * (x * b - y * a)
-    return [
-        a + w * d + y * f - z * e,
-        b + w * e + z * d - x * f,
-        c + w * f + x * e - y * d,
-    ]
+def _place(position: Array) -> tuple[int, int, int]:
+    """Latitude and longitude, degrees · 1e7, and altitude, mm, of a place (3) in NED, m."""
+    latitude, longitude, altitude = place_at(position)
+    return round(1e7 * latitude), round(1e7 * longitude), round(1e3 * altitude)

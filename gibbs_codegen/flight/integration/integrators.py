@@ -362,7 +362,7 @@ class Integration:
     def rate(self) -> Array:
         """Time derivative (size) of the state, under what has acted until now."""
         if self._loads is None:
-            first = next(self._loop.smooth_intervals(self.time, math.inf))
+            first = next(self._loop.smooth_intervals(self.time, self.time + 1.0))
             self._loads = self._loop.begun(first, self.state)[0].loads
         return self._integrator.compiled.derivative(self._loads)(self.time, self.state)
 

@@ -12,6 +12,7 @@ import math
 import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import cached_property
+from pathlib import Path
 from types import ModuleType
 from typing import Any, NamedTuple
 
@@ -27,7 +28,10 @@ from gibbs_codegen.flight.arguments import whole
 from gibbs_codegen.flight.plant.environment import Environment
 from gibbs_codegen.flight.plant.vehicle import Array, Vehicle
 from gibbs_codegen.flight.scenario.parts import Sensors
+from gibbs_codegen.runtime.c_library import CompilerError
+from gibbs_codegen.runtime.cache import CacheError
 from gibbs_codegen.runtime.load import load
+from gibbs_codegen.runtime.programs import CompiledProgram
 
 # Time, s, by which instants may differ that count as the same.
 _SAME = 1e-9
@@ -187,6 +191,43 @@ class SensorSuite:
         evaluator, constants, gravity = self._measure
         given = {"q": q, "v": v, "a": a, "wrenches": none if wrenches is None else wrenches}
         return evaluator({**given, "gravity": gravity}, constants)["measured"]
+
+    def measured(self, q: Array, v: Array, a: Array) -> Array:
+        """Measurements (m) of one state that nothing touches, in C where the module is.
+
+        Args:
+            q: Coordinates (nq).
+            v: Velocities (nv).
+            a: Accelerations (nv).
+
+        Returns:
+            Measurements (m).
+        """
+        if self._compiled is None:
+            found: Array = self.measurements(q, v, a)
+            return found
+        for name, x in (("q", q), ("v", v), ("a", a)):
+            if name in self._compiled.inputs:
+                self._compiled.inputs[name][...] = x
+        self._compiled.run()
+        return self._compiled.outputs["measured"].copy()
+
+    @cached_property
+    def _compiled(self) -> CompiledProgram | None:
+        """What is measured, in C; None where the module is not, or nothing compiles."""
+        module = self._vehicle.module
+        if Path(module.__file__ or "").suffix != ".so":
+            return None
+        own = self._vehicle.constants
+        constants = {"robot": module.prepare({}) if own is None else own}
+        try:
+            found = CompiledProgram(module, self.program, constants, [])
+        except (CompilerError, CacheError):
+            return None
+        found.inputs["gravity"][...] = Environment(self._vehicle).gravity
+        if "wrenches" in found.inputs:
+            found.inputs["wrenches"][...] = 0.0
+        return found
 
     def readings(
         self,

