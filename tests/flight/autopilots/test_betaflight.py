@@ -6,13 +6,14 @@ import math
 import socket
 import struct
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import ModuleType
 from typing import Any
 
 import numpy as np
 import pytest
+from filelock import FileLock
 from support.betaflight import firmware, flying
 from support.kept import kept_folder, made_once
 
@@ -50,6 +51,13 @@ SWING = [
     {"to": math.degrees((-1.0) ** k), "duration": 0.95, "begin": TURNED - 1.0 + k} for k in range(7)
 ]
 SWING.append({"to": 0.0, "duration": 0.9, "begin": DOWN})
+
+
+@pytest.fixture(autouse=True)
+def _alone(shared: Path) -> Iterator[None]:
+    """The firmware's ports are always the same, so that one test has them at a time."""
+    with FileLock(shared / "betaflight.lock"):
+        yield
 
 
 def wanted_rate(time: float) -> float:

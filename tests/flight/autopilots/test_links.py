@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import os
 import signal
 import socket
 import struct
@@ -31,8 +32,9 @@ from gibbs_codegen.flight.scenario.file import read_scenario
 Load = Callable[[str], ModuleType]
 ARM = "quadrotor_arm_2link"
 HOST = "127.0.0.1"
-# Instances of tests, which run side by side.
-NUMBERS = iter(range(100, 400))
+# Instances of this worker's tests; others run side by side.
+_WORKER = int(os.environ.get("PYTEST_XDIST_WORKER", "gw0").removeprefix("gw"))
+NUMBERS = iter(range(100 + 200 * _WORKER, 300 + 200 * _WORKER))
 PLACE = (0.4, -0.3, -2.2)
 SWING = {"moves_deg": {"upper_arm": [{"to": 40.0, "duration": 1.0, "begin": 0.5}]}}
 
