@@ -395,3 +395,17 @@ def test_wrong_calls_end_in_words(
     with pytest.raises(fmpy.fmi1.FMICallException):
         unit.advance(0.0, 0.01)
     assert "the robot has no mass" in capfd.readouterr().out
+
+
+def test_servos_hold_the_joints_where_they_start(made: Make) -> None:
+    module, folder = made("actuated")
+    place = module.POSTURE[module.COORDINATES.index("upper")]
+    assert place < -0.5
+    found = fmpy.read_model_description(str(folder / "actuated_fmi2.fmu"), validate=False)
+    start = {each.name: each.start for each in found.modelVariables}
+    for name in ("q.joints.upper", "actuators.upper_reference", "command.joints.upper_position"):
+        assert float(start[name]) == place
+    assert (float(start["actuators.charge"]), float(start["command.joints.tau_wrist"])) == (
+        1.0,
+        0.0,
+    )

@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 from gibbs_codegen.arrays.system import System
 from gibbs_codegen.program.model import Model
 from gibbs_codegen.robot.description import Coordinate
+from gibbs_codegen.robot.names import coordinate_of
 
 AXES = ("x", "y", "z")
 # The greatest step of co-simulation, s, if none is chosen.
@@ -116,8 +117,10 @@ def _inputs(model: Model, system: System) -> Iterator[Variable]:
     """Commands, and what acts from outside."""
     description = model.description
     commands, rotors = description.commands or description.inputs, model.robot.rotors
+    start = _actuators_at_rest(model)
     for name, part in (("rotors", commands[:rotors]), ("joints", commands[rotors:])):
-        yield from _parted(f"command.{name}", "input", part, [0.0] * len(part))
+        values = [start.get(each.name, 0.0) for each in part]
+        yield from _parted(f"command.{name}", "input", part, values)
     for (name, (unit, words)), shape in zip(
         _GIVEN.items(), [*system.given.values()][1:], strict=False
     ):
@@ -152,8 +155,22 @@ def _states(model: Model, system: System) -> Iterator[Variable]:
         for entry in (description.inputs[rotor] for rotor in system.lags)
     )
     actuators = description.actuator_states or lagging
-    full = [float(each.name == "charge") for each in actuators]
-    yield from _parted("actuators", "state", actuators, full)
+    rest = _actuators_at_rest(model)
+    values = [rest.get(each.name, 0.0) for each in actuators]
+    yield from _parted("actuators", "state", actuators, values)
+
+
+def _actuators_at_rest(model: Model) -> dict[str, float]:
+    """What is not zero at the start, by its name: the charge, and where servos hold joints."""
+    robot, layout = model.robot, model.description.layout
+    found = {"charge": 1.0}
+    for i, place in zip(
+        robot.moving, model.description.constants["POSTURE"][layout.q.joints], strict=True
+    ):
+        servo, name = robot.links[i - 1].servo, coordinate_of(robot, i)
+        if servo and servo.command == "position":
+            found |= {f"{name}_position": place, f"{name}_reference": place}
+    return found
 
 
 def _parted(
