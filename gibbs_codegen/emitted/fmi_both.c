@@ -99,7 +99,7 @@ FUNCTION(GetNominalsOfContinuousStates, double *nominals, size_t count)
     for (size_t i = 0; i < count; ++i) {
         nominals[i] = 1.0;
     }
-    return OK;
+    return count == STATES ? OK : ERROR;
 }
 
 FUNCTION(GetEventIndicators, double *indicators, size_t count)

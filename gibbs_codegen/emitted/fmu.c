@@ -110,13 +110,13 @@ static Status advance(Instance *instance, const double time, const double h)
     double *values = instance->values, next[STATES];
     const double least = h / values[STEP];
     if (!(h > 0.0) || !(values[STEP] > 0.0) || !(least < 1e9)) {
-        return fail(instance, "steps must be positive, and the step no shorter than it can count");
+        return fail(instance, "steps and step_size must be positive, at most 1e9 of these in one");
     }
     if (refresh(instance, 0) != OK) {
         return ERROR;
     }
     /* So that rounding of a multiple makes no step more. */
-    const long steps = (long)ceil(least * (1.0 - 1e-9));
+    const long steps = least > 1.0 ? (long)ceil(least * (1.0 - 1e-9)) : 1;
     for (long k = 0; k < steps; ++k) {
         MODULE(step)(&instance->constants, values + X, values + GIVEN, h / (double)steps, next);
         for (int i = 0; i < STATES; ++i) {
@@ -178,8 +178,8 @@ static Status derive(
     for (size_t k = 0, found; k < by; ++k, seed += found, seeds -= found) {
         const unsigned place = knowns[k];
         found = entries(instance, place, seeds);
-        if (found == 0 || place < X || place >= STEP || (place >= RATES && place < GIVEN)) {
-            return fail(instance, "derivatives are by states and inputs");
+        if (found == 0 || place >= PARAMETER || (place >= RATES && place < GIVEN)) {
+            return fail(instance, "derivatives are by states and inputs, and by no parameters");
         }
         memcpy(dot + place, seed, found * sizeof *seed);
     }

@@ -54,7 +54,7 @@ _CAUSALITY = {
     "state": 'causality="local" variability="continuous" initial="exact"',
     "rate": 'causality="local" variability="continuous"',
     "input": 'causality="input" variability="continuous"',
-    "step": 'causality="parameter" variability="fixed"',
+    "step": 'causality="parameter" variability="tunable"',
     "parameter": 'causality="parameter" variability="tunable"',
     "output": 'causality="output" variability="continuous"',
 }
