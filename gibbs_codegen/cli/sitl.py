@@ -32,6 +32,10 @@ def run(options: argparse.Namespace) -> int:
     """Fly until the scenario ends or somebody ends it, write the results, and tell what was."""
     if options.autopilot == "px4":  # Before a module is generated.
         require("pymavlink", "the link to PX4", "sitl")
+    if not 0 <= options.instance < 1000:
+        raise UsageError(f"--instance: must be from 0 to 999, not {options.instance}")
+    if not 0.0 < options.timeout <= 86400.0:
+        raise UsageError(f"--timeout: must be above 0 and at most a day, not {options.timeout:g} s")
     scenario = read_scenario(options.scenario, changes_of(options.set))
     check_results(options.out, "")
 

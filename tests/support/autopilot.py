@@ -142,7 +142,7 @@ def fly_as_px4(
         sensed = Sensed(0.0, (0.0,) * 3, (0.0,) * 3, (0.0,) * 3, (0.0,) * 3, (1.0, 0.0, 0.0, 0.0))
         shares: Sequence[float] = (0.0,) * 4
         answered = readings = 0
-        while answered < steps:
+        while answered <= steps:
             received = wire.recv(65536)
             if not received:
                 raise ConnectionError("the simulator has gone")
@@ -163,7 +163,8 @@ def fly_as_px4(
                 readings += 1
                 sensed.time = 1e-6 * message.time_usec
                 sensed.gyro = (message.xgyro, message.ygyro, message.zgyro)
-                if readings > late and answered < steps:
+                # The first answer ends the wait for it, and is not flown.
+                if readings > late and answered <= steps:
                     shares = pilot(sensed)
                     controls = [*shares, *servos]
                     controls += [0.0] * (16 - len(controls))

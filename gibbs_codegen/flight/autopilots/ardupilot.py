@@ -9,6 +9,7 @@ from __future__ import annotations
 import json
 import socket
 import struct
+import time
 
 import numpy as np
 
@@ -37,7 +38,6 @@ class ArduPilot:
         self.notes: list[str] = []
         self._rotors, self._joints, self._timeout = rotors, joints, timeout
         self._socket = opened(socket.SOCK_DGRAM, host, _PORT + 10 * instance)
-        self._socket.settimeout(timeout)
         self._where = f"UDP port {_PORT + 10 * instance} of {host}"
         self._peer: tuple[str, int] | None = None
         self._number: int | None = None
@@ -49,7 +49,10 @@ class ArduPilot:
 
     def receive(self) -> tuple[Outputs, float]:
         """Outputs of the next packet, and the time of a step, s."""
+        end = time.monotonic() + self._timeout
         while True:
+            # What comes from elsewhere does not prolong it.
+            self._socket.settimeout(max(end - time.monotonic(), 1e-3))
             try:
                 packet, peer = self._socket.recvfrom(_LONGEST)
             except TimeoutError:
@@ -110,9 +113,12 @@ class ArduPilot:
         """Close the port, and tell what was odd."""
         self._socket.close()
         for count, what in (
-            (self._lost, "packets of ArduPilot were lost"),
-            (self._garbage, "packets were not ArduPilot's"),
-            (self._strangers, "packets came from elsewhere than ArduPilot, and were left aside"),
+            (self._lost, "of the packets of ArduPilot were lost"),
+            (self._garbage, "of the packets were not ArduPilot's"),
+            (
+                self._strangers,
+                "of the packets came from elsewhere, as if one had begun anew, and were left aside",
+            ),
         ):
             if count:
                 self.notes.append(f"{count} {what}")

@@ -133,8 +133,11 @@ class Betaflight:
         """Close the port, and tell what was odd."""
         self._socket.close()
         for count, what in (
-            (self._missed, "steps were flown with the motors of the step before, which were late"),
-            (self._garbage, "packets were not Betaflight's"),
+            (
+                self._missed,
+                "of the steps were flown with the motors of the step before, which were late",
+            ),
+            (self._garbage, "of the packets were not Betaflight's"),
         ):
             if count:
                 self.notes.append(f"{count} {what}")

@@ -32,7 +32,7 @@ from gibbs_codegen.robot.autopilot_axes import north_east_down, turned_attitude,
 class Outputs:
     """What an autopilot commands: shares (N) of motors, 0 to 1, and places (n) of servos, −1 to 1.
 
-    What is beyond is as the nearest of these. Places that are NaN are not commanded.
+    What is beyond is as the nearest of these. Motors that are NaN rest, and servos stay.
     """
 
     motors: Array
@@ -95,8 +95,9 @@ class Machine:
         self.rotors, self.joints = self.vehicle.rotors, self.vehicle.joints
         actuators = self.loop.actuators
         limits = actuators.thrusts if actuators.commands is None else actuators.commands
-        self._least, self._most = limits[:, : self.rotors]
-        if missing := self._without(self.vehicle.commands, np.isfinite(limits).all(axis=0)):
+        # Rotors that could push backwards as well do not.
+        self._least, self._most = np.maximum(limits[:, : self.rotors], [[0.0], [-np.inf]])
+        if missing := self._without(self.vehicle.commands, np.isfinite(self._least + self._most)):
             raise UsageError(
                 f"{self.vehicle.name}: {missing}: no greatest thrust is known, of which outputs of "
                 "an autopilot are shares; give limits in the robot file, or motors.limits"
@@ -126,7 +127,7 @@ class Machine:
     def fly(self, outputs: Outputs, duration: float) -> None:
         """Fly on under outputs that are held, for a duration, s."""
         u = np.empty(len(self.vehicle.inputs))
-        shares = np.minimum(np.maximum(outputs.motors, 0.0), 1.0)
+        shares = np.clip(np.nan_to_num(outputs.motors), 0.0, 1.0)
         u[: self.rotors] = self._least + shares * (self._most - self._least)
         if self.joints:
             u[self.rotors :] = self._joint_commands(outputs.servos, u[: self.rotors])
@@ -164,7 +165,9 @@ class Machine:
         if not vehicle.is_driven:
             return inputs[self.rotors :]
         aim, speed = q.copy(), v.copy()
-        aim[joints], speed[places] = wanted, rate + stiffness / damping * off
+        # Servos of positions have no gains; those of rates correct the error by theirs.
+        correction = np.divide(stiffness, damping, out=np.zeros_like(off), where=damping > 0.0)
+        aim[joints], speed[places] = wanted, rate + correction * off
         return vehicle.command_of(aim, speed, inputs)[self.rotors :]
 
     def readings(self) -> Readings:

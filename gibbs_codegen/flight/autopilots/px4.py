@@ -24,6 +24,8 @@ _PORT = 4560
 PX4_RATE = 250.0
 # Rates, Hz, of the fixes of satellites, and of the true state.
 _FIXES, _STATES = 5.0, 50.0
+# Time, s, without an answer, after which none is on its way.
+_QUIET = 0.1
 # Bits of `fields_updated`: all but the pressure of the airspeed.
 _UPDATED = 0x1BFF
 _GRAVITY = 9.80665
@@ -87,6 +89,11 @@ class PX4:
                 )
             self.send(readings)
             self._take(1.0 / self._rate)
+        # Answers to all that was told meanwhile come late; the flight is to have those to its own.
+        while time.monotonic() < end and self._take(_QUIET):
+            pass
+        self._controls = None
+        self.send(readings)
 
     def receive(self) -> tuple[Outputs, float]:
         """Outputs that answer the last readings, and the time of a step, s."""
@@ -100,15 +107,15 @@ class PX4:
         servos = controls[self._rotors :][: self._joints]
         return Outputs(controls[: self._rotors], servos), 1.0 / self._rate
 
-    def _take(self, timeout: float) -> None:
-        """Take what comes within a time, s, the last outputs above all."""
+    def _take(self, timeout: float) -> bool:
+        """Take what comes within a time, s, the last outputs above all; whether anything came."""
         if self._peer is None:
-            return
+            return False
         self._peer.settimeout(max(timeout, 1e-3))
         try:
             received = self._peer.recv(65536)
         except TimeoutError:
-            return
+            return False
         except OSError as error:
             raise PeerError(f"the connection to PX4 broke ({error.strerror})") from None
         if not received:
@@ -116,9 +123,12 @@ class PX4:
         for message in self._mavlink.parse_buffer(received) or ():
             kind = message.get_type()
             if kind == "HIL_ACTUATOR_CONTROLS":
-                self._controls = message.controls
+                is_armed = message.mode & self._dialect.MAV_MODE_FLAG_SAFETY_ARMED
+                # Nothing is commanded before: motors rest, and servos are where they are.
+                self._controls = message.controls if is_armed else [np.nan] * 16
             elif kind == "BAD_DATA":
                 self._garbage += 1
+        return True
 
     def send(self, readings: Readings) -> None:
         """Tell readings, and now and then a fix, the true state, and that this is here."""
@@ -174,7 +184,7 @@ class PX4:
     def _fix(self, now: int, readings: Readings) -> None:
         """Tell HIL_GPS: degrees · 1e7, mm, cm, cm/s, hundredths of a degree."""
         position, velocity = readings.fix
-        north, east, down = (100.0 * velocity).round().astype(int).tolist()
+        north, east, down = _short(100.0 * velocity)
         course = math.degrees(math.atan2(east, north)) % 360.0
         speed = round(math.hypot(north, east))
         self._mavlink.hil_gps_send(
@@ -193,9 +203,8 @@ class PX4:
 
     def _state(self, now: int, readings: Readings) -> None:
         """Tell HIL_STATE_QUATERNION, the truth: degrees · 1e7, mm, cm/s, thousandths of g."""
-        force = (1e3 / _GRAVITY * readings.accelerometer).clip(-32768, 32767)
-        velocity = (100.0 * readings.velocity).clip(-32768, 32767).round().astype(int).tolist()
-        speed = min(round(math.hypot(*velocity)), 65535)
+        velocity = _short(100.0 * readings.velocity)
+        speed = round(math.hypot(*velocity))
         self._mavlink.hil_state_quaternion_send(
             now,
             readings.quaternion.tolist(),
@@ -204,7 +213,7 @@ class PX4:
             *velocity,
             speed,
             speed,
-            *force.round().astype(int).tolist(),
+            *_short(1e3 / _GRAVITY * readings.accelerometer),
         )
 
     def close(self) -> None:
@@ -213,14 +222,22 @@ class PX4:
             if each is not None:
                 each.close()
         for count, what in (
-            (self._garbage, "pieces of what came were no MAVLink"),
-            (self._strangers, "others wanted to connect, and were turned away"),
+            (self._garbage, "of the pieces that came were no MAVLink"),
+            (self._strangers, "of those that wanted to connect were turned away"),
         ):
             if count:
                 self.notes.append(f"{count} {what}")
 
 
+def _short(values: Array) -> list[int]:
+    """Whole numbers of 16 bits, the nearest ones."""
+    found: list[int] = values.round().clip(-32768, 32767).astype(int).tolist()
+    return found
+
+
 def _place(position: Array) -> tuple[int, int, int]:
     """Latitude and longitude, degrees · 1e7, and altitude, mm, of a place (3) in NED, m."""
     latitude, longitude, altitude = place_at(position)
-    return round(1e7 * latitude), round(1e7 * longitude), round(1e3 * altitude)
+    least, most = -(2**31), 2**31 - 1
+    north, east = (round(1e7 * max(min(x, 180.0), -180.0)) for x in (latitude, longitude))
+    return north, east, max(min(round(1e3 * altitude), most), least)

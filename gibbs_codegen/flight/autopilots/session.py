@@ -6,6 +6,7 @@ is by the clock of the machine that it runs on.
 
 from __future__ import annotations
 
+import errno
 import socket
 import time
 from collections.abc import Callable
@@ -74,7 +75,7 @@ def fly(
     `speed` is how many seconds are flown in a second at most, 0 as many as can be.
     """
     session = Session()
-    begin = time.perf_counter()
+    begin = last = time.perf_counter()
     try:
         progress(f"waiting for {link.name}", 0.0)
         link.open(machine.readings())
@@ -82,6 +83,7 @@ def fly(
         while machine.time < duration - _SAME:
             outputs, step = link.receive()
             machine.fly(outputs, min(step, duration - machine.time))
+            last = time.perf_counter()
             if machine.simulation.stopped:
                 session.ended, session.failed = machine.simulation.stopped, True
                 break
@@ -91,13 +93,13 @@ def fly(
                     time.sleep(ahead)
             link.send(machine.readings())
             progress("flying", machine.time / duration)
-    except PeerError as error:
+    except GibbsCodegenError as error:  # What was flown is kept.
         session.ended, session.failed = f"at t = {machine.time:.6g} s {error}", True
     except KeyboardInterrupt:
         session.ended = f"at t = {machine.time:.6g} s it was ended by Ctrl-C"
     finally:
         link.close()
-    session.pace = machine.time / max(time.perf_counter() - begin, _SAME)
+    session.pace = machine.time / max(last - begin, _SAME)
     session.notes = list(link.notes)
     if 0.0 < session.pace < _SLOW * speed:
         session.notes.append(
@@ -116,8 +118,8 @@ def opened(kind: socket.SocketKind, host: str, port: int) -> socket.socket:
         made.bind((host, port))
     except OSError as error:
         made.close()
-        raise UsageError(
-            f"port {port} of {host}: {cause_of(error)}; another flight or simulator may have it: "
-            "end that, or give another --instance"
-        ) from None
+        advice = "give an address of this machine as --host"
+        if error.errno == errno.EADDRINUSE:
+            advice = "another flight or simulator has it: end that, or give another --instance"
+        raise UsageError(f"port {port} of {host}: {cause_of(error)}; {advice}") from None
     return made

@@ -218,9 +218,9 @@ def test_packets_that_are_lost_repeated_foreign_or_garbage(fast: Load) -> None:
     assert times[0] == pytest.approx([0.01, 0.02, 0.02, 0.03])
     assert "ArduPilot began anew, with packet 1 after 5; start this again as well" in session.ended
     assert session.notes == [
-        "2 packets of ArduPilot were lost",
-        "8 packets were not ArduPilot's",
-        "4 packets came from elsewhere than ArduPilot, and were left aside",
+        "2 of the packets of ArduPilot were lost",
+        "8 of the packets were not ArduPilot's",
+        "4 of the packets came from elsewhere, as if one had begun anew, and were left aside",
     ]
 
 
@@ -239,7 +239,7 @@ def test_a_second_client_and_garbage_do_not_disturb_px4(fast: Load) -> None:
         assert other.recv(100) == b""
     assert (session.ended, session.notes) == (
         "",
-        ["1 others wanted to connect, and were turned away"],
+        ["1 of those that wanted to connect were turned away"],
     )
 
 
