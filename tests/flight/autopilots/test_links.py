@@ -128,8 +128,8 @@ def test_px4_has_its_messages_at_their_rates_and_its_clock_runs(fast: Load) -> N
     assert set(counts) == {"HEARTBEAT", "HIL_SENSOR", "HIL_GPS", "HIL_STATE_QUATERNION"}
     times = np.array([each.time_usec for each in by_kind["HIL_SENSOR"]])
     assert np.all(np.diff(times) == 4000)
-    # Before the first outputs it rests in its start, and only the clock runs.
-    assert len(times) == 503
+    # Until the first outputs it rests in its start, and only the clock runs.
+    assert len(times) == 504
     assert counts["HIL_GPS"] == pytest.approx(0.02 * len(times), abs=1)
     assert counts["HIL_STATE_QUATERNION"] == pytest.approx(0.2 * len(times), abs=1)
     first, fix = by_kind["HIL_SENSOR"][0], by_kind["HIL_GPS"][0]
