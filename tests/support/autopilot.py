@@ -10,6 +10,7 @@ import json
 import math
 import socket
 import struct
+import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -106,8 +107,10 @@ def fly_as_ardupilot(
                 try:
                     line = port.recv(4096)
                     break
-                except (TimeoutError, ConnectionRefusedError):
+                except TimeoutError:
                     continue
+                except ConnectionRefusedError:
+                    time.sleep(0.5)
             else:
                 raise TimeoutError("no answer")
             told: dict[str, Any] = json.loads(line)

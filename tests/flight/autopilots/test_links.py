@@ -55,7 +55,7 @@ def beside(what: Callable[[], Any]) -> Iterator[list[Any]]:
     try:
         yield found
     finally:
-        thread.join(30.0)
+        thread.join(120.0)
         assert not thread.is_alive()
 
 
@@ -264,7 +264,9 @@ def test_the_command_writes_what_simulate_writes(shipped: Load, tmp_path: Path) 
     number = next(NUMBERS)
     words = ["sitl", folder, "--ardupilot", "--instance", str(number), "--speed", "0"]
     words += ["--set", "duration=0.2", "--no-figures", "--out", "flown"]
-    with beside(lambda: fly_as_ardupilot((HOST, 9002 + 10 * number), Pilot(PLACE), 50)):
+    with beside(
+        lambda: fly_as_ardupilot((HOST, 9002 + 10 * number), Pilot(PLACE), 50, patience=200)
+    ):
         done = run(*words, cwd=tmp_path)
     assert (done.returncode, done.stderr) == (0, "")
     assert f"flown: {ARM} flew 'hover' for 0.2 s under ArduPilot, " in done.stdout
@@ -276,7 +278,7 @@ def test_ctrl_c_ends_the_flight_and_its_record_is_written(shipped: Load, tmp_pat
     number, pilot = next(NUMBERS), Pilot(PLACE)
 
     def fly_and_end() -> None:
-        fly_as_ardupilot((HOST, 9002 + 10 * number), pilot, 50)
+        fly_as_ardupilot((HOST, 9002 + 10 * number), pilot, 50, patience=200)
         signal.pthread_kill(threading.main_thread().ident or 0, signal.SIGINT)
 
     words = ["sitl", folder, "--ardupilot", "--instance", str(number), "--speed", "0"]
