@@ -138,9 +138,12 @@ def fly_as_px4(
     from pymavlink.dialects.v20 import common
 
     found: list[Any] = []
-    with socket.create_connection(address, 10.0) as wire:
+    with (
+        socket.create_connection(address, 10.0) as wire,
+        wire.makefile("wb", buffering=0) as out,
+    ):
         wire.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-        sender = common.MAVLink(wire.makefile("wb", buffering=0), srcSystem=1)
+        sender = common.MAVLink(out, srcSystem=1)
         reader = common.MAVLink(None)
         sensed = Sensed(0.0, (0.0,) * 3, (0.0,) * 3, (0.0,) * 3, (0.0,) * 3, (1.0, 0.0, 0.0, 0.0))
         shares: Sequence[float] = (0.0,) * 4

@@ -22,7 +22,7 @@
 
 #include "arrays.h"
 
-#define MAX_INPUTS 8
+#define MAX_INPUTS 10
 #define MAX_OUTPUTS 8
 #define MAX_DIMENSIONS 4
 
