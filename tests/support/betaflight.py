@@ -106,11 +106,33 @@ def _configure(program: Path, folder: Path, settings: Sequence[str]) -> None:
         running.wait()
 
 
+def _is_running(program: subprocess.Popen[bytes], motors: socket.socket) -> bool:
+    """Whether its loop runs, which sends motors once before it is told any state.
+
+    Its scheduler waits for ever if its second pass comes more than 250 µs after its start.
+    """
+    try:
+        motors.recv(4096)
+    except TimeoutError:
+        program.kill()
+        program.wait()
+        return False
+    return True
+
+
 @contextmanager
 def flying(program: Path, folder: Path, settings: Sequence[str] = SETTINGS) -> Iterator[None]:
     """The firmware, with settings, as long as a block lasts."""
     _configure(program, folder, settings)
-    running = _started(program, folder)
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as motors:
+        motors.bind(("127.0.0.1", 9002))
+        motors.settimeout(3.0)
+        for _ in range(10):
+            running = _started(program, folder)
+            if _is_running(running, motors):
+                break
+        else:
+            pytest.fail("Betaflight's loop never ran")
     try:
         yield
     finally:

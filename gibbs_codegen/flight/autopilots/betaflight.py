@@ -32,6 +32,9 @@ _RC_PACKET = struct.Struct("<d16H")
 _MOTOR_PACKET = struct.Struct("<4f")
 # How often sticks are told, Hz, and how long motors may take to come, s, before the last ones hold.
 _STICKS, _LATE = 100.0, 0.1
+# States that are answered before a flight begins. It answers the first one in any case, also while
+# it starts, and later ones only if its loop runs.
+_ANSWERS = 5
 # Places of a packet's motors: whether each is in front, and to the left.
 _PLACES = ((True, False), (False, True), (True, True), (False, False))
 
@@ -63,20 +66,25 @@ class Betaflight:
         self._host, self._step = host, 0
         self._socket = opened(socket.SOCK_DGRAM, host, _MOTORS)
         self._motors: Array | None = None
-        self._silent = self._missed = self._garbage = 0
+        self._answers = self._silent = self._missed = self._garbage = 0
 
     def open(self, readings: Readings) -> None:
-        """Tell the state in the start until motors come, in real time."""
+        """Tell the state in the start until motors answer it, in real time."""
         end = time.monotonic() + self._timeout
-        while self._motors is None:
+        while self._answers < _ANSWERS:
             if time.monotonic() > end:
                 raise PeerError(
-                    f"no motors came to UDP port {_MOTORS} of {self._host} within "
+                    f"Betaflight's loop does not run: motors came {self._answers} time(s) within "
+                    f"{self._timeout:g} s; start it again (where the machine is busy, it may miss "
+                    "its first cycle, and waits for ever)"
+                    if self._answers
+                    else f"no motors came to UDP port {_MOTORS} of {self._host} within "
                     f"{self._timeout:g} s; start Betaflight's SITL with the address {self._host}, "
                     "or wait longer with --timeout"
                 )
             self.send(readings)
-            self._take(1.0 / self._rate)
+            self._answers += self._take(1.0 / self._rate)
+        self.send(readings)  # The first step takes the motors that answer this one.
 
     def receive(self) -> tuple[Outputs, float]:
         """Motors that answer the last state, or the last ones if they are late; time of a step."""
@@ -108,7 +116,7 @@ class Betaflight:
         """Tell the state, and now and then the sticks."""
         now, rate = (self._step + 1) / self._rate, self._rate
         # A receiver that is told sticks before it has started never listens to them.
-        is_due = self._motors is not None and self._step % max(round(rate / _STICKS), 1) == 0
+        is_due = self._answers == _ANSWERS and self._step % max(round(rate / _STICKS), 1) == 0
         if self._sticks is not None and is_due:
             given = [min(max(round(each), 0), 65535) for each in self._sticks(readings)]
             channels = (*given, *[1000] * 16)[:16]

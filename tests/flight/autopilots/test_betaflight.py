@@ -47,6 +47,8 @@ FLOOR = {
 # When it is armed, takes off, is turned by rates, is to land, and the flight ends, s.
 ARMED, OFF, TURNED, DOWN, END = 2.0, 2.5, 7.0, 13.0, 20.0
 PERIOD, RATE = 2.0, 40.0
+# States before the first step.
+ANSWERED = 6
 SWING = [
     {"to": math.degrees((-1.0) ** k), "duration": 0.95, "begin": TURNED - 1.0 + k} for k in range(7)
 ]
@@ -153,7 +155,7 @@ def told_and_sent(machine: Machine, motors: list[float], steps: int = 3) -> tupl
     found: list[Any] = []
 
     def answer() -> None:
-        for _ in range(steps + 1):
+        for _ in range(ANSWERED + steps):
             found.append(struct.unpack("<18d", state.recv(4096)))
             out.sendto(struct.pack("<4f", *motors), ("127.0.0.1", 9002))
         found.append(struct.unpack("<d16H", sticks.recv(4096)))
@@ -190,7 +192,7 @@ def test_the_state_in_the_axes_of_the_firmware(fast: Load) -> None:
     machine.simulation.reset([1.0, 2.0, 3.0, *turn, 0.0, 0.0], [0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0, 0])
     state, sticks = told_and_sent(machine, [0.0] * 4, 1)
     time, *rates = state[:4]
-    assert time == pytest.approx(0.02)
+    assert time == pytest.approx(0.01 * (ANSWERED + 1))
     # Forwards, left, up: nose down and to the left are positive in the firmware.
     assert [rates[0], -rates[1], -rates[2]] == pytest.approx([0.4, 0.5, 0.6], abs=0.05)
     w, x, y, z = state[7:11]
@@ -207,6 +209,18 @@ def test_the_state_in_the_axes_of_the_firmware(fast: Load) -> None:
     assert latitude > 47.397742
     assert altitude == pytest.approx(491.0, abs=0.1)
     assert sticks[1:5] == (1501, 1502, 1503, 1504)
+
+
+def test_a_firmware_whose_loop_does_not_run_is_told_in_words(fast: Load) -> None:
+    """Such a one still answers its first state."""
+    machine = Machine(fast(ARM), read_scenario("hover", {}))
+    link = Betaflight(machine, "127.0.0.1", 0.3)
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as out:
+        out.sendto(struct.pack("<4f", 0.0, 0.0, 0.0, 0.0), ("127.0.0.1", 9002))
+    session = fly(machine, link, 1.0)
+    assert session.failed
+    assert "motors came 1 time(s)" in session.ended
+    assert "start it again" in session.ended
 
 
 def test_machines_that_the_firmware_does_not_fly(fast: Load) -> None:
