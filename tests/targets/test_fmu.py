@@ -30,6 +30,8 @@ Array = NDArray[np.float64]
 Make = Callable[[str], tuple[ModuleType, Path]]
 # Step of the flights, s.
 STEP = 0.002
+# The robot that ships of which most is emitted.
+LONGEST = "hextilt_flying_arm_5"
 WARNINGS = [
     *("-std=c99", "-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Wshadow", "-Werror"),
     *("-Wdouble-promotion", "-Wstrict-prototypes", "-Wmissing-prototypes", "-fPIC", "-shared"),
@@ -165,8 +167,13 @@ def test_descriptions_and_sources(made: Make, name: str, tmp_path: Path) -> None
     check(made(name)[1], tmp_path)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("name", sorted({*shipped_names("robots")} - {"quadrotor"}))
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param(name, marks=getattr(pytest.mark, "slow" if name == LONGEST else "exhaustive"))
+        for name in sorted({*shipped_names("robots")} - {"quadrotor"})
+    ],
+)
 def test_those_of_all_robots(name: str, tmp_path: Path) -> None:
     check(generate(name, tmp_path, ["fmu"], verify=False), tmp_path / "unzipped")
 
@@ -179,9 +186,15 @@ def law(robot: ModuleType, q: Array, v: Array, wanted: Sequence[Array]) -> Array
     return found
 
 
-@pytest.mark.parametrize("version", [3, 2])
-@pytest.mark.parametrize("kind", ["modelExchange", "coSimulation"])
-@pytest.mark.parametrize("duration", [0.2, pytest.param(10.0, marks=pytest.mark.slow)])
+@pytest.mark.parametrize(
+    ("version", "kind", "duration"),
+    [
+        (3, "modelExchange", 0.2),
+        (2, "coSimulation", 0.2),
+        pytest.param(3, "coSimulation", 10.0, marks=pytest.mark.slow),
+        pytest.param(2, "modelExchange", 10.0, marks=pytest.mark.slow),
+    ],
+)
 def test_circle_is_that_of_simulate(
     made: Make, opened: Callable[..., Unit], version: int, kind: str, duration: float
 ) -> None:

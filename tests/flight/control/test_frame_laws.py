@@ -137,11 +137,6 @@ def test_a_frame_that_is_to_push_yields_before_and_does_not_hurry(fast: Load) ->
 
 PUSHES: dict[str, dict[str, Any]] = {
     "hexarotor_3link": {"frequency": 8},
-    "hextilt_flying_arm_5": {
-        "frequency": 8,
-        "attitude_frequency": 30,
-        "joints": {f"flying_arm_5__j_{x}": {"frequency": 30} for x in HEXTILT},
-    },
     "quadrotor_arm_2link": {
         "frequency": 5,
         "impedance": {"stiffness": [100] * 3, "damping": [60, 20, 20], "inertia": [1] * 3},
@@ -149,7 +144,7 @@ PUSHES: dict[str, dict[str, Any]] = {
 }
 
 
-@pytest.mark.parametrize("name", PUSHES)
+@pytest.mark.parametrize("name", ["hexarotor_3link", "quadrotor_arm_2link"])
 def test_integral_action_makes_the_force_exact(name: str, fast: Load) -> None:
     """The machine is heavier than the law knows, motors lag, and the wall has friction."""
     module = fast(name)
@@ -228,7 +223,6 @@ def test_what_is_learnt_turns_with_its_axes(name: str, fast: Load) -> None:
         ("hexarotor_3link", "impedance"),
         ("hextilt_flying_arm_5", "force"),
         ("quadrotor_arm_2link", "force"),
-        ("quadrotor_arm_2link", "impedance"),
     ],
 )
 def test_compiled_flights_are_those_of_python(
@@ -257,10 +251,12 @@ def test_a_sampled_law_feels_what_sensors_tell(fast: Load) -> None:
     module = fast("hexarotor_3link")
     control = {"law": "impedance", "rate": 250, "impedance": IMPEDANCE}
     push = {"force": [0, 0, 2], "end": 100}
-    flight = flown(module, 8.0, control=control, push=push)
+    flight = flown(module, 4.0, control=control, push=push)
     assert tips(module, flight)[-1] == pytest.approx([0, 0, 2 / 80], abs=1e-6)
-    noisy = flown(module, 1.0, control=control, push=push, sensors={"force": 0.2, "seed": 1})
-    again = flown(module, 1.0, control=control, push=push, sensors={"force": 0.2, "seed": 1})
+    noisy, again = (
+        flown(module, 0.2, control=control, push=push, sensors={"force": 0.2, "seed": 1})
+        for _ in range(2)
+    )
     assert np.abs(noisy.q - flight.q[: len(noisy.q)]).max() > 1e-5
     assert np.array_equal(noisy.q, again.q)
 
@@ -417,8 +413,15 @@ def test_a_base_that_leans_needs_joints_to_move_a_frame(fast: Load) -> None:
         simulate(fast("quadrotor"), read_scenario("hover", {"control": control}))
 
 
-@pytest.mark.parametrize("name", ["hexarotor_3link", "hextilt_flying_arm_5", "quadrotor_arm_2link"])
-@pytest.mark.parametrize("law", ["impedance", "force"])
+@pytest.mark.parametrize(
+    ("name", "law"),
+    [
+        ("hexarotor_3link", "force"),
+        ("hextilt_flying_arm_5", "impedance"),
+        ("quadrotor_arm_2link", "force"),
+        ("quadrotor_arm_2link", "impedance"),
+    ],
+)
 def test_what_nothing_touches_follows_its_motion(name: str, law: str, fast: Load) -> None:
     """A base on a circle, and joints that move, with all that this does to each other."""
     module = fast(name)
