@@ -38,6 +38,7 @@ RUN_ELSEWHERE = {
     "docs/howto/own-nmpc.md": "tests/runtime/test_casadi_backend.py",
     "docs/howto/jax.md": "tests/runtime/test_jax_backend.py",
     "docs/howto/predictive-c.md": "tests/test_project_pages.py",
+    "docs/start/autopilot.md": "tests/flight/autopilots/test_betaflight.py",
     "docs/start/first-robot.md": "tests/test_first_robot.py",
 }
 # Pages of whole projects, which tests/test_project_pages.py builds and runs.
@@ -170,7 +171,7 @@ def test_files_in_toml_are_accepted() -> None:
         f"howto/{page}"
         for page in ("actuators", "constraints", "import", "sensors", "several-arms")
     ]
-    pages = [*sorted([*howto, *touching]), *files, "start/first-robot"]
+    pages = [*sorted([*howto, *touching]), *files, "start/autopilot", "start/first-robot"]
     assert pages_with("toml") == ["README.md", *(f"docs/{page}.md" for page in pages)]
     rods, placed, driven, held = map(parse_robot, blocks("docs/reference/robot-file.md", "toml"))
     assert (rods.base.rotors, len(rods.links)) == (6, 1)
@@ -252,7 +253,7 @@ def test_every_name_that_is_imported_is_on_the_page_of_the_python_functions() ->
 
 def test_pages_that_are_run_elsewhere_have_their_tests() -> None:
     for page, tests in RUN_ELSEWHERE.items():
-        assert f'run_python("{page}")' in (ROOT / tests).read_text(encoding="utf-8")
+        assert f'run_python("{page}"' in (ROOT / tests).read_text(encoding="utf-8")
 
 
 @pytest.mark.parametrize("page", PAGES)

@@ -8,7 +8,7 @@ import sys
 import tarfile
 import time
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
 import pytest
@@ -17,7 +17,7 @@ from support.kept import made_once
 
 _RELEASE = "0.0.6"
 # Of the simulated flight controller: the serial port over which it takes lines of its own.
-_LINES = 5761
+_LINES = ("127.0.0.1", 5761)
 # Rates are straight, so that half of a stick is half of the greatest rate, 200°/s.
 SETTINGS = (
     "feature -GPS",
@@ -70,71 +70,61 @@ def firmware(cache: Path) -> Path:
     )
 
 
-def _started(program: Path, folder: Path) -> subprocess.Popen[bytes]:
-    return subprocess.Popen(
+@contextmanager
+def started(program: Path, folder: Path) -> Iterator[None]:
+    """The firmware as long as a block lasts, with the settings that are in a folder."""
+    running = subprocess.Popen(
         [program, "127.0.0.1"], cwd=folder, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
     )
-
-
-def _configure(program: Path, folder: Path, settings: Sequence[str]) -> None:
-    """Start it once, and have it save settings."""
-    running = _started(program, folder)
-    try:
-        for _ in range(50):
-            time.sleep(0.1)
-            try:
-                lines = socket.create_connection(("127.0.0.1", _LINES), 5.0)
-                break
-            except ConnectionRefusedError:
-                continue
-        else:
-            pytest.skip("Betaflight's firmware takes no settings")
-        with lines:
-            lines.sendall(b"#")  # It listens to lines when nothing follows.
-            time.sleep(1.0)
-            lines.settimeout(5.0)
-            for line in ("", *settings, "save"):
-                if line:
-                    lines.sendall(f"{line}\n".encode())
-                told = ""
-                while not told.endswith("# ") and line != "save":
-                    told += lines.recv(4096).decode(errors="replace")
-                assert "ERROR" not in told, told
-            time.sleep(1.0)  # It has saved them, and would start again.
-    finally:
-        running.kill()
-        running.wait()
-
-
-def _is_running(program: subprocess.Popen[bytes], motors: socket.socket) -> bool:
-    """Whether its loop runs, which sends motors once before it is told any state.
-
-    Its scheduler waits for ever if its second pass comes more than 250 µs after its start.
-    """
-    try:
-        motors.recv(4096)
-    except TimeoutError:
-        program.kill()
-        program.wait()
-        return False
-    return True
-
-
-@contextmanager
-def flying(program: Path, folder: Path, settings: Sequence[str] = SETTINGS) -> Iterator[None]:
-    """The firmware, with settings, as long as a block lasts."""
-    _configure(program, folder, settings)
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as motors:
-        motors.bind(("127.0.0.1", 9002))
-        motors.settimeout(3.0)
-        for _ in range(10):
-            running = _started(program, folder)
-            if _is_running(running, motors):
-                break
-        else:
-            pytest.fail("Betaflight's loop never ran")
     try:
         yield
     finally:
         running.kill()
         running.wait()
+
+
+def lines_of_it() -> socket.socket:
+    """A connection to its port of lines, once it has started."""
+    for _ in range(100):
+        with suppress(ConnectionRefusedError):
+            return socket.create_connection(_LINES, 5.0)
+        time.sleep(0.1)
+    pytest.fail("Betaflight takes no lines")
+
+
+def configure(program: Path, folder: Path, settings: Sequence[str]) -> None:
+    """Start it once, and have it save settings."""
+    with started(program, folder), lines_of_it() as lines:
+        lines.sendall(b"#")  # It listens to lines when nothing follows.
+        time.sleep(1.0)
+        for line in ("", *settings, "save"):
+            if line:
+                lines.sendall(f"{line}\n".encode())
+            told = ""
+            while not told.endswith("# ") and line != "save":
+                told += lines.recv(4096).decode(errors="replace")
+            assert "ERROR" not in told, told
+        time.sleep(1.0)  # It has saved them, and ends.
+
+
+@contextmanager
+def flying(program: Path, folder: Path) -> Iterator[None]:
+    """The firmware as long as a block lasts, started until its loop runs.
+
+    Its scheduler waits for ever if its second pass comes more than 250 µs after its start. Else it
+    sends motors once before it is told any state.
+    """
+    for _ in range(10):
+        with ExitStack() as stack:
+            motors = stack.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM))
+            motors.bind(("127.0.0.1", 9002))
+            motors.settimeout(3.0)
+            stack.enter_context(started(program, folder))
+            try:
+                motors.recv(4096)
+            except TimeoutError:
+                continue
+            motors.close()
+            yield
+            return
+    pytest.fail("Betaflight's loop never ran")

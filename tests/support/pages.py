@@ -29,7 +29,7 @@ def files_of(page: str) -> dict[str, str]:
     """
     found: dict[str, str] = {}
     for block in re.findall(r"^```\w+\n(.*?)^```", PAGES[page], flags=re.DOTALL | re.MULTILINE):
-        if name := re.match(r"(?:\{?#|//|/\*) ([\w/-]+(?:\.\w+)+)", block):
+        if name := re.match(r"(?:\{?#|//|/\*|<!--) ([\w/-]+(?:\.\w+)+)", block):
             found[name[1]] = found.get(name[1], "") + block
     return found
 
@@ -42,10 +42,10 @@ def write_files(page: str, folder: Path) -> list[str]:
     return list(files_of(page))
 
 
-def run_python(page: str) -> dict[str, Any]:
-    """The names that a page defines, whose blocks with prompts give what is shown."""
+def run_python(page: str, which: slice = slice(None)) -> dict[str, Any]:
+    """The names that blocks of a page define; those with prompts give what is shown."""
     names: dict[str, Any] = {}
-    for block in blocks(page, "python"):
+    for block in blocks(page, "python")[which]:
         if not block.startswith(">>>"):
             exec(block, names)  # noqa: S102
             continue

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 import socket
 import struct
 import threading
@@ -14,8 +15,10 @@ from typing import Any
 import numpy as np
 import pytest
 from filelock import FileLock
-from support.betaflight import firmware, flying
+from support.betaflight import SETTINGS, configure, firmware, flying, lines_of_it, started
+from support.command import run
 from support.kept import kept_folder, made_once
+from support.pages import blocks, run_python, write_files
 
 from gibbs_codegen import load
 from gibbs_codegen.errors import UsageError
@@ -28,6 +31,7 @@ from gibbs_codegen.robot.file import parse_robot, read_robot
 
 Load = Callable[[str], ModuleType]
 ARM = "quadrotor_arm_2link"
+PAGE = "docs/start/autopilot.md"
 # Legs that are longer than the arm, which hangs down.
 FEET = {
     "foot_front_left": [0.3, 0.3, -0.6],
@@ -110,9 +114,16 @@ def lander(_kept_folders: None) -> ModuleType:
     return load(made, backend="c")
 
 
+@pytest.fixture(scope="module")
+def program(pytestconfig: pytest.Config, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The firmware."""
+    cache = pytestconfig.cache
+    return firmware(cache.mkdir("betaflight") if cache else tmp_path_factory.mktemp("betaflight"))
+
+
 @pytest.mark.slow
 def test_the_firmware_takes_off_holds_rates_and_lands(
-    lander: ModuleType, pytestconfig: pytest.Config, tmp_path: Path
+    lander: ModuleType, program: Path, tmp_path: Path
 ) -> None:
     changes: dict[str, Any] = {
         "duration": END,
@@ -124,7 +135,7 @@ def test_the_firmware_takes_off_holds_rates_and_lands(
         "integration": {"step": 0.0005},
     }
     machine, pilot = Machine(lander, read_scenario("hover", changes)), Pilot()
-    program = firmware(pytestconfig.cache.mkdir("betaflight") if pytestconfig.cache else tmp_path)
+    configure(program, tmp_path, SETTINGS)
     with flying(program, tmp_path):
         session = fly(machine, Betaflight(machine, "127.0.0.1", 10.0, 500.0, pilot), END)
     assert not session.failed, session
@@ -142,6 +153,28 @@ def test_the_firmware_takes_off_holds_rates_and_lands(
     assert height[np.argmin(np.abs(time - TURNED))] == pytest.approx(4.0, abs=0.5)
     assert height[-1] == pytest.approx(0.0, abs=0.01)
     assert machine.simulation.v == pytest.approx(np.zeros(8), abs=0.02)
+
+
+@pytest.mark.slow
+def test_the_page_leads_from_a_urdf_to_a_hover(
+    program: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    write_files(PAGE, tmp_path)
+    for command in re.findall(r"^gibbs-codegen (.*)$", blocks(PAGE, "sh")[0], re.MULTILINE):
+        assert run(*command.split(), cwd=tmp_path).returncode == 0
+    with started(program, tmp_path):
+        lines_of_it().close()
+        run_python("docs/start/autopilot.md", slice(1))
+    with flying(program, tmp_path):
+        flight = run_python(PAGE, slice(1, None))["flight"]
+    assert blocks(PAGE, "text")[-1] in capsys.readouterr().out
+    assert flight.q[flight.time < 1.5, 2] == pytest.approx(0.35, abs=0.01)
+    assert -0.2 < flight.q[-1, 0] < -0.05
+    assert Path("hover", "coordinates.png").is_file()
 
 
 def told_and_sent(machine: Machine, motors: list[float], steps: int = 3) -> tuple[Any, ...]:
