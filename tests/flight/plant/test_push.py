@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
 from types import ModuleType
 
 import numpy as np
@@ -15,8 +14,6 @@ from gibbs_codegen.flight.scenario.file import read_scenario
 from gibbs_codegen.flight.scenario.parts import Push, Settings
 from gibbs_codegen.flight.scenario.scenario import Scenario
 from gibbs_codegen.flight.simulation import simulate
-from gibbs_codegen.pipeline import generate
-from gibbs_codegen.runtime.load import load
 
 Load = Callable[[str], ModuleType]
 
@@ -27,9 +24,8 @@ TIGHT = Settings(relative_tolerance=1e-12, absolute_tolerance=1e-13, rate=1000.0
 
 
 @pytest.fixture(scope="module")
-def dual_arm(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Folder of the module of a robot with two arms, with a frame at the end of each."""
-    return generate("dual_arm", tmp_path_factory.mktemp("dual"), verify=False)
+def dual_arm(fast: Load) -> ModuleType:
+    return fast("dual_arm")
 
 
 def adrift(push: Push, settings: Settings) -> Scenario:
@@ -41,9 +37,9 @@ def adrift(push: Push, settings: Settings) -> Scenario:
 
 @pytest.mark.exhaustive
 @pytest.mark.parametrize("frame", ["base", "right_hand", "left_hand"])
-def test_momentum_changes_as_gravity_and_the_push_say(frame: str, dual_arm: Path) -> None:
+def test_momentum_changes_as_gravity_and_the_push_say(frame: str, dual_arm: ModuleType) -> None:
     """Linear and angular momentum about the centre of mass, by the push's own lever."""
-    module = load(dual_arm, "c")
+    module = dual_arm
     push = Push(tuple(FORCE), BEGIN, END, tuple(TORQUE), frame)
     flight = simulate(module, adrift(push, TIGHT))
     assert not flight.stopped
@@ -68,11 +64,11 @@ def test_momentum_changes_as_gravity_and_the_push_say(frame: str, dual_arm: Path
 
 
 @pytest.mark.parametrize("frame", ["base", "right_hand"])
-def test_both_loops_push_alike_and_energy_balances(frame: str, dual_arm: Path) -> None:
+def test_both_loops_push_alike_and_energy_balances(frame: str, dual_arm: ModuleType) -> None:
     push = Push(tuple(FORCE), BEGIN, END, tuple(TORQUE), frame)
-    exact = simulate(load(dual_arm, "c"), adrift(push, TIGHT))
-    compiled = simulate(load(dual_arm, "c"), adrift(push, RK4))
-    free = simulate(load(dual_arm, "c"), replace(adrift(push, RK4), push=None))
+    exact = simulate(dual_arm, adrift(push, TIGHT))
+    compiled = simulate(dual_arm, adrift(push, RK4))
+    free = simulate(dual_arm, replace(adrift(push, RK4), push=None))
     assert np.abs(exact.energy_error).max() < 1e-9
     assert np.ptp(exact.work) > 1e-3
     assert compiled.q == pytest.approx(exact.q, abs=1e-7)
