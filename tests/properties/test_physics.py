@@ -23,8 +23,11 @@ def gradient(function, x: np.ndarray) -> np.ndarray:
 
 @settings(max_examples=4)
 @given(robot=robots(most_rotors=5, most_links=4))
-def test_gradients_of_gibbs_function_and_energies(robot: Robot) -> None:
-    """∂S/∂a = M a − R, ∂T/∂v = M v; J v is the tip's velocity, J̇ v its acceleration at a = 0."""
+def test_gradients_of_gibbs_function_and_energies_and_power(robot: Robot) -> None:
+    """∂S/∂a = M a − R, ∂T/∂v = M v; J v is the tip's velocity, J̇ v its acceleration at a = 0.
+
+    The energy changes at the rate vᵀBu, whatever the inputs.
+    """
     module = emitted_module(robot)
     rng = np.random.default_rng(2)
     q, v, a = rng.uniform(-1, 1, (3, len(module.COORDINATES)))
@@ -42,26 +45,6 @@ def test_gradients_of_gibbs_function_and_energies(robot: Robot) -> None:
     gained = (module.tip_jacobian(q + STEP * v) - module.tip_jacobian(q - STEP * v)) @ v
     bias = module.tip_bias_acceleration(q, v)
     np.testing.assert_allclose(bias, gained / (2 * STEP), atol=1e-8 * np.abs(bias).max())
-
-
-@pytest.mark.parametrize("sequence", SEQUENCES)
-def test_attitude_is_the_sequence_of_the_angles(sequence: str) -> None:
-    """Without an arm the tip has the axes of base arm 1."""
-    base = Base(4, (Rod(0.5, 1.0),), alternating_thrust(4), (0.0,) * 4, attitude=sequence)
-    module = emitted_module(Robot("armless", base, ()))
-    q = np.array([0.4, -0.7, 1.1, 0.0, 0.0, 0.0])
-    expected = Rotation.from_euler(module.ATTITUDE.upper(), q[:3]).as_matrix()
-    np.testing.assert_allclose(module.tip_pose(q)[:3, :3], expected, atol=1e-15)
-
-
-@pytest.mark.slow
-@settings(max_examples=3)
-@given(robot=robots(most_rotors=5, most_links=4))
-def test_power_balance(robot: Robot) -> None:
-    """The energy changes at the rate vᵀBu, whatever the inputs."""
-    module = emitted_module(robot)
-    rng = np.random.default_rng(4)
-    q, v = rng.uniform(-1, 1, (2, len(module.COORDINATES)))
     u = rng.normal(size=len(module.INPUTS))
     a = module.forward_dynamics(q, v, u)
 
@@ -74,6 +57,16 @@ def test_power_balance(robot: Robot) -> None:
     rate = (8 * (energy(h) - energy(-h)) - (energy(2 * h) - energy(-2 * h))) / (12 * h)
     power = v @ module.input_matrix(q) @ u
     assert rate == pytest.approx(power, abs=1e-6 * (abs(energy(0.0)) + np.abs(a).max()))
+
+
+@pytest.mark.parametrize("sequence", SEQUENCES)
+def test_attitude_is_the_sequence_of_the_angles(sequence: str) -> None:
+    """Without an arm the tip has the axes of base arm 1."""
+    base = Base(4, (Rod(0.5, 1.0),), alternating_thrust(4), (0.0,) * 4, attitude=sequence)
+    module = emitted_module(Robot("armless", base, ()))
+    q = np.array([0.4, -0.7, 1.1, 0.0, 0.0, 0.0])
+    expected = Rotation.from_euler(module.ATTITUDE.upper(), q[:3]).as_matrix()
+    np.testing.assert_allclose(module.tip_pose(q)[:3, :3], expected, atol=1e-15)
 
 
 @pytest.mark.parametrize("name", ["quadrotor_2link", "octorotor_7link"])
