@@ -165,7 +165,7 @@ class MissingFunctionError(UsageError, AttributeError):
     def __init__(self, module: str, missing: str, option: str, words: Sequence[str]) -> None:
         listed = ", ".join(f'"{word}"' for word in words)
         super().__init__(
-            f"{module}: has no {missing}, which is generated on request: gibbs-codegen generate "
+            f"{module}: has no {missing}, generated on request only: gibbs-codegen generate "
             f"{module} --{option}={','.join(words)}, or {option}=[{listed}] in Python"
         )
 

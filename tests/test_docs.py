@@ -189,7 +189,7 @@ def test_files_in_toml_are_accepted() -> None:
 @pytest.mark.parametrize("page", [*pages_with("sh"), *pages_with("console")])
 def test_commands_have_options_that_exist(page: str) -> None:
     for block in [*blocks(page, "sh"), *blocks(page, "console")]:
-        for command in COMMAND.findall(block):
+        for command in COMMAND.findall(block.replace("\\\n", " ")):
             argument_parser().parse_args(shlex.split(command))
 
 

@@ -58,7 +58,8 @@ def run(options: argparse.Namespace) -> int:
         f"{printable(options.out)}: {flight.robot} flew {flight.scenario!r} for "
         f"{flight.time[-1]:.4g} s under {link.name}, {session.pace:.3g} times real time"
     )
-    print_events(flight, scenario.walls)
+    if len(flight.time) > 1:
+        print_events(flight, scenario.walls)
     for note in session.notes:
         print(f"note: {note}")
     if session.ended:

@@ -113,15 +113,17 @@ def read_px4(path: Path, vehicle: Vehicle, names: Mapping[str, str | float]) -> 
         fields = _topic(topics, str(names.get(role, _READ[role])))
         return next((_samples(fields, each) for each in alternatives if each[0] in fields), None)
 
-    position = series("position", ("x", "y", "z"), _entries("position"))
-    attitude = series("attitude", _entries("q", 4))
-    for role, found in (("position", position), ("attitude", attitude)):
-        if found is None:
-            raise UsageError(
-                f"{printable(path)}: has no {names.get(role, _READ[role])}, which is to tell the "
-                f'{role} of the base; name another topic as "{role}": {", ".join(sorted(topics))}'
-            )
-    assert position is not None and attitude is not None  # noqa: PT018, S101
+    def needed(role: str, *alternatives: tuple[str, ...]) -> Samples:
+        """The same of what a flight cannot be without."""
+        if found := series(role, *alternatives):
+            return found
+        raise UsageError(
+            f"{printable(path)}: has no {names.get(role, _READ[role])}, which is to tell the "
+            f'{role} of the base; name another topic as "{role}": {", ".join(sorted(topics))}'
+        )
+
+    position = needed("position", ("x", "y", "z"), _entries("position"))
+    attitude = needed("attitude", _entries("q", 4))
     velocity = series("position", ("vx", "vy", "vz"))
     spin = series("spin", _entries("xyz"), _entries("angular_velocity"), _entries("gyro_rad"))
 

@@ -9,6 +9,7 @@ import struct
 import threading
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from time import sleep
 from types import ModuleType
 from typing import Any
 
@@ -168,6 +169,7 @@ def test_the_page_leads_from_a_urdf_to_a_hover(
         assert run(*command.split(), cwd=tmp_path).returncode == 0
     with started(program, tmp_path):
         lines_of_it().close()
+        sleep(2.0)  # Until it has seen that, it takes nobody else.
         run_python("docs/start/autopilot.md", slice(1))
     with flying(program, tmp_path):
         flight = run_python(PAGE, slice(1, None))["flight"]
