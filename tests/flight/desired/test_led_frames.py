@@ -43,8 +43,11 @@ BELOW = {"path": {"kind": "fixed", "position": [0, 0, 2]}}
     [
         ("quadrotor_arm_2link", "line", {}, beside(0.15, 0, -0.25)),
         ("quadrotor_arm_2link", "circle", {"attitude": {"arm": 1}}, beside(0, 0, -0.3)),
-        ("quadrotor_arm_2link", "hover", {"path": STEEP}, beside(0.1, 0, -0.25)),
-        ("dual_arm", "hover", BELOW, hands(ROUND, HELD)),
+        pytest.param(
+            *("quadrotor_arm_2link", "hover", {"path": STEEP}, beside(0.1, 0, -0.25)),
+            marks=pytest.mark.slow,
+        ),
+        pytest.param("dual_arm", "hover", BELOW, hands(ROUND, HELD), marks=pytest.mark.slow),
     ],
 )
 def test_frames_keep_to_their_paths_without_lateral_force(

@@ -87,7 +87,7 @@ def test_commands_of_ones_own_fly_what_the_functions_of_the_module_say(
 def test_a_law_flies_by_commands_and_the_flight_has_them(
     module: ModuleType, folder: Path, tmp_path: Path
 ) -> None:
-    flight = simulate(module, hover(duration=1.5))
+    flight = simulate(module, hover(duration=1.0))
     assert flight.stopped == ""
     assert np.abs(flight.energy_error).max() < 1e-9
     # The law knows nothing of the ground's effect, nor of friction, which holds the wrist.
@@ -102,7 +102,7 @@ def test_a_law_flies_by_commands_and_the_flight_has_them(
     np.testing.assert_array_equal(read_flight(tmp_path / "flight.npz").commands, flight.commands)
     # The array program in NumPy is the oracle of the one in C. Where lag is made up for, adaptive
     # steps are to 1e-6, and differ by rounding.
-    short = hover(duration=0.05, start={"offset": [0.02, 0.0, 0.01]})
+    short = hover(duration=0.02, start={"offset": [0.02, 0.0, 0.01]})
     found, expected = (simulate(load(folder, x), short) for x in ("c", "numpy"))
     np.testing.assert_allclose(found.actuators, expected.actuators, rtol=1e-6, atol=1e-6)
     np.testing.assert_allclose(found.q, expected.q, rtol=0.0, atol=1e-8)
@@ -160,6 +160,7 @@ def test_what_overflows_is_told_by_the_names_of_states_and_commands(
         module.actuator_rates(x, command)
 
 
+@pytest.mark.slow
 def test_actuators_without_states_fly(tmp_path: Path) -> None:
     """Nothing lags, and a law sends commands that act at once, in the air of the rotors."""
     (tmp_path / "at_once.toml").write_text(robot_text(at_once()), encoding="utf-8")
@@ -186,6 +187,7 @@ def test_air_resists_a_rotor_that_turns_either_way(tmp_path: Path) -> None:
         assert found @ along == pytest.approx(np.exp(-500.0 * 1e-3 * 0.01), rel=1e-9)
 
 
+@pytest.mark.slow
 def test_laws_fly_servos_that_are_commanded_rates(tmp_path: Path) -> None:
     """They correct what is off themselves, with gains of their own, as for torques."""
     (tmp_path / "by_rates.toml").write_text(robot_text(by_rates()), encoding="utf-8")

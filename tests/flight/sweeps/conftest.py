@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
 def robot(shipped, fast):
     """Folder of the module of a robot with three links, which is compiled."""
     fast("hexarotor_3link")
