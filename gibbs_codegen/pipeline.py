@@ -8,6 +8,7 @@
       ImportedTape     tape            → graph, for derivatives          (graph/from_tape)
       lower            graph, outputs  → Program: statements by stage    (program/lower)
     render_module      Model           → text of each file               (targets/registry)
+    render_archives    Model           → FMUs, of sources compiled       (targets/fmu)
     refuse_wrong       text, Robot     → checks passed, or an error      (verification/modules)
     write_module       text            → generated/<name>/, or nothing   (files/module_writer)
 
@@ -25,6 +26,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
 
@@ -116,16 +118,20 @@ def generate_robot(
     model, files = module_files(
         robot, text, targets, keep_zeros, progress, derivatives, functions, laws
     )
-    if verify:
-        if "numpy" in targets:
-            readable = files
-        else:  # Every target prints the same program.
-            readable = registry.render_module(model, text, registry.find_targets(["numpy"]))
-        refuse_wrong(robot, readable["numpy_module.py"], progress)
-    progress("compiling")
-    archives = registry.render_archives(model, text, registry.find_targets(targets))
+    with ThreadPoolExecutor(1) as pool:  # Compilers work while functions are verified.
+        archives = pool.submit(
+            registry.render_archives, model, text, registry.find_targets(targets)
+        )
+        if verify:
+            if "numpy" in targets:
+                readable = files
+            else:  # Every target prints the same program.
+                readable = registry.render_module(model, text, registry.find_targets(["numpy"]))
+            refuse_wrong(robot, readable["numpy_module.py"], progress)
+        progress("compiling")
+        compiled = archives.result()
     progress("writing")
-    write_module(folder, {**files, **archives}, force, _options(model, targets))
+    write_module(folder, {**files, **compiled}, force, _options(model, targets))
     return model, folder
 
 
