@@ -24,6 +24,7 @@ FUNCTION(SetDebugLogging, FLAG on, size_t count, const char *const *categories)
 
 DEFINE(Status, FMI(ExitInitializationMode), Instance *instance)
 {
+    instance->is_initialised = 1;
     return refresh(instance, 0);
 }
 
@@ -52,19 +53,18 @@ FUNCTION(SAVED(Free), void **state)
 
 FUNCTION(SIZE_OF_SAVED, void *state, size_t *size)
 {
-    *size = sizeof instance->values;
+    *size = SERIALISED;
     return OK;
 }
 
 FUNCTION(SAVED(Serialize), void *state, BYTE *bytes, size_t size)
 {
-    return copy(instance, bytes, state, size);
+    return serialise(instance, state, bytes, size);
 }
 
 FUNCTION(DESERIALIZE, const BYTE *bytes, size_t size, void **state)
 {
-    const Status status = save(instance, state);
-    return status == OK ? copy(instance, *state, bytes, size) : status;
+    return deserialise(instance, bytes, size, state);
 }
 
 FUNCTION(CompletedIntegratorStep, FLAG is_final, FLAG *has_event, FLAG *terminate)

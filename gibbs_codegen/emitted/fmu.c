@@ -30,6 +30,7 @@ struct Instance {
     MODULE(constants) constants;
     int stale;
     int has_arrays;
+    int is_initialised;
     void (*log)(const Instance *instance, const char *message);
     /* What the importer gave, by which it is told something. */
     void *environment;
@@ -47,6 +48,7 @@ static void start(Instance *instance)
 {
     memcpy(instance->values, START, sizeof START);
     instance->stale = ALL_STALE;
+    instance->is_initialised = 0;
 }
 
 static Instance *instantiate(const char *name, const char *token, const int has_arrays)
@@ -112,6 +114,10 @@ static Status advance(Instance *instance, const double time, const double h)
     if (!(h > 0.0) || !(values[STEP] > 0.0) || !(least < 1e9)) {
         return fail(instance, "steps and step_size must be positive, at most 1e9 of these in one");
     }
+    /* Importers count steps or add them up: times differ by rounding. */
+    if (!(fabs(time - values[TIME]) <= 1e-6 * h + 1e-12 * fabs(time))) {
+        return fail(instance, "a step must begin at the time where the last one ended");
+    }
     if (refresh(instance, 0) != OK) {
         return ERROR;
     }
@@ -161,6 +167,9 @@ static Status set_all(
 {
     for (size_t k = 0, found; k < count; ++k, from += found, room -= found) {
         found = entries(instance, references[k], room);
+        if (found > 0 && instance->is_initialised && references[k] < RATES) {
+            return fail(instance, "states have values at the start: these end with initialisation");
+        }
         if (found == 0 || set(instance, references[k], found, from) != OK) {
             return ERROR;
         }
@@ -211,13 +220,30 @@ static Status save(const Instance *instance, void **state)
     return OK;
 }
 
-static Status copy(const Instance *instance, void *to, const void *from, const size_t size)
+/* A serialised state begins with the token: places of values are those of one model alone. */
+enum { SERIALISED = sizeof TOKEN + COUNT * sizeof(double) };
+
+static Status serialise(const Instance *instance, const void *state, void *to, const size_t size)
 {
-    if (size != sizeof instance->values) {
+    if (size != SERIALISED) {
+        return fail(instance, "a serialised state takes another number of bytes");
+    }
+    memcpy(to, TOKEN, sizeof TOKEN);
+    memcpy((char *)to + sizeof TOKEN, state, sizeof instance->values);
+    return OK;
+}
+
+static Status deserialise(
+    const Instance *instance, const void *from, const size_t size, void **state)
+{
+    if (size != SERIALISED || memcmp(from, TOKEN, sizeof TOKEN) != 0) {
         return fail(instance, "a serialised state is of another model");
     }
-    memcpy(to, from, size);
-    return OK;
+    const Status status = save(instance, state);
+    if (status == OK) {
+        memcpy(*state, (const char *)from + sizeof TOKEN, sizeof instance->values);
+    }
+    return status;
 }
 
 static Status restore(Instance *instance, const void *state)

@@ -256,7 +256,6 @@ def test_directional_derivatives(
     _, folder = made(name)
     unit = opened(folder, version)
     rng = scattered(unit)
-    unit.begin()
     unknowns, knowns = ["der(", "frames.", "imu.", "loads."], ["q.", "v.", "actuators", "command."]
     knowns += ["force", "torque", "wind"]
     present = [k for k in knowns if unit.parts(k)]
@@ -278,6 +277,7 @@ def test_directional_derivatives(
     near, far = ((values(k * h) - values(-k * h)) / (2 * k * h) for k in (1, 2))
     size = np.abs(found).max()
     np.testing.assert_allclose(found, (4 * near - far) / 3, rtol=0.0, atol=1e-7 * size)
+    unit.begin()
 
 
 @pytest.mark.parametrize("name", ["hexarotor_3link", "quadrotor"])
@@ -402,11 +402,26 @@ def test_wrong_calls_end_in_words(
     with pytest.raises(fmpy.fmi1.FMICallException):
         unit.set("imu.specific_force", np.zeros(unit.sizes["imu.specific_force"]))
     assert "only states, inputs and parameters can be set" in capfd.readouterr().out
+    with pytest.raises(fmpy.fmi1.FMICallException):
+        unit.set("q.position", np.zeros(3))
+    assert "these end with initialisation" in capfd.readouterr().out
+    unit.advance(0.0, 0.1)
+    with pytest.raises(fmpy.fmi1.FMICallException):
+        unit.advance(0.1001, 0.1)
+    assert "must begin at the time where the last one ended" in capfd.readouterr().out
+    unit.advance(0.1 + 1e-15, 0.1)
+    state = unit.fmu.getFMUState()
+    content = bytearray(unit.fmu.serializeFMUState(state))
+    unit.fmu.freeFMUState(state)
+    content[1] ^= 1
+    with pytest.raises(fmpy.fmi1.FMICallException):
+        unit.fmu.deserializeFMUState(bytes(content))
+    assert "of another model" in capfd.readouterr().out
     for name in unit.parts("parameters."):
         if name.endswith("mass"):
             unit.set(name, [0.0])
     with pytest.raises(fmpy.fmi1.FMICallException):
-        unit.advance(0.0, 0.01)
+        unit.advance(0.2, 0.01)
     assert "the robot has no mass" in capfd.readouterr().out
 
 
@@ -422,3 +437,15 @@ def test_servos_hold_the_joints_where_they_start(made: Make) -> None:
         1.0,
         0.0,
     )
+
+
+def test_units_have_sizes_in_the_si(made: Make) -> None:
+    description = fmpy.read_model_description(str(made("actuated")[1] / "actuated.fmu"))
+    found = {
+        unit.name: [getattr(unit.baseUnit, x) for x in ("factor", "kg", "m", "s", "A", "rad")]
+        for unit in description.unitDefinitions
+    }
+    assert found["N/(rad/s)^2"] == [1.0, 1, 1, 0, 0, -2]
+    assert found["N m s/rad"] == [1.0, 1, 2, -1, 0, -1]
+    assert found["ohm"] == [1.0, 1, 2, -3, -2, 0]
+    assert found["A h"] == [3600.0, 0, 0, 1, 1, 0]

@@ -34,16 +34,15 @@ _GIVEN = {
     "torque": ("N m", "torques on the frames, world axes"),
     "wind": ("m/s", "velocity of the air, world axes"),
 }
-# Exponents of SI units in what units are made of.
+# Exponents of SI units in what units are made of; an hour is greater than a second by a factor.
 _SI: dict[str, dict[str, int]] = {
     **{name: {name: 1} for name in ("kg", "m", "s", "A", "rad")},
     "1": {},
     "N": {"kg": 1, "m": 1, "s": -2},
-    "J": {"kg": 1, "m": 2, "s": -2},
     "W": {"kg": 1, "m": 2, "s": -3},
     "V": {"kg": 1, "m": 2, "s": -3, "A": -1},
-    "C": {"A": 1, "s": 1},
-    "Hz": {"s": -1},
+    "ohm": {"kg": 1, "m": 2, "s": -3, "A": -2},
+    "h": {"s": 1, "factor": 3600},
 }
 
 
@@ -187,19 +186,16 @@ def _parted(
 
 
 def base_units(units: Iterable[str]) -> dict[str, dict[str, int] | None]:
-    """Exponents of SI units by the names of units; None for one that has no such."""
+    """Exponents of SI units by the names of units; None where some are no integers."""
     return {unit: _exponents(unit) for unit in sorted({*units})}
 
 
 def _exponents(unit: str) -> dict[str, int] | None:
     found: dict[str, int] = {}
-    for sign, part in zip(
-        itertools.chain([1], itertools.repeat(-1)), unit.split("/"), strict=False
-    ):
-        for factor in part.split():
-            match = re.fullmatch(r"([A-Za-z]+|1)(?:\^(-?\d+))?", factor)
-            if not match or match[1] not in _SI:
-                return None
-            for name, exponent in _SI[match[1]].items():
-                found[name] = found.get(name, 0) + sign * exponent * int(match[2] or 1)
+    factors = r"(/?) *(?:\(([^)]*)\)|([A-Za-z]+|1))(?:\^([\d.]+))?"
+    for per, inner, name, power in re.findall(factors, unit):
+        if "." in power:
+            return None
+        for base, exponent in ((_exponents(inner) or {}) if inner else _SI[name]).items():
+            found[base] = found.get(base, 0) + exponent * int(power or 1) * (-1 if per else 1)
     return {name: exponent for name, exponent in found.items() if exponent}
