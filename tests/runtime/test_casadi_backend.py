@@ -254,6 +254,7 @@ def test_functions_become_c(pair: Callable[[str], Pair], tmp_path: Path) -> None
         assert_close("Jacobian in C", found.full(), right.full(), TOLERANCE)
 
 
+@pytest.mark.slow
 def test_the_page_runs(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.chdir(tmp_path)
     page = run_python("docs/howto/casadi.md")

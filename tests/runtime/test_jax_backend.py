@@ -377,6 +377,7 @@ def test_what_xla_cannot_call_is_traced(
     assert ("do flags in CC hide" if "hidden" in flags else "cannot be added") in calls
 
 
+@pytest.mark.slow
 def test_the_page_runs(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.chdir(tmp_path)
     page = run_python("docs/howto/jax.md")

@@ -208,6 +208,7 @@ def test_what_cannot_be_is_said(module: ModuleType, law: Program, tmp_path: Path
         compiled(given | {"v": np.zeros((4, 9))})
 
 
+@pytest.mark.slow
 def test_the_page_flies_its_law(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.chdir(tmp_path)
     page = run_python("docs/howto/own-law.md")

@@ -17,10 +17,10 @@ from support.tools import run, tool
 from gibbs_codegen.interface import FUNCTIONS, Signature, derivatives_among
 from gibbs_codegen.robot.family import paper_family
 
-ATTITUDES = ("xyz", "quaternion")
 
-
-@pytest.fixture(scope="module", params=ATTITUDES)
+@pytest.fixture(
+    scope="module", params=[pytest.param("xyz", marks=pytest.mark.exhaustive), "quaternion"]
+)
 def emitted(
     request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
 ) -> Iterator[Emitted]:

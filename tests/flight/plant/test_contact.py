@@ -415,6 +415,7 @@ def test_a_machine_takes_off_and_lands_without_a_jump(block: ModuleType) -> None
     assert np.abs(flight.applied[-1]).max() < 1e-10
 
 
+@pytest.mark.slow
 def test_a_start_at_rest_is_that_of_rollouts_many_flights_and_loops(block: ModuleType) -> None:
     scenario = read_scenario("hover", STANDING | {"duration": 1.0, "motors": {"begin": 0.2}})
     flight = simulate(block, scenario)
@@ -454,6 +455,7 @@ def test_the_first_sample_on_a_slope_is_of_a_machine_that_is_held(block: ModuleT
         np.testing.assert_allclose(a, 0.0, atol=1e-4)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["rk4", "adaptive"])
 def test_a_flight_does_not_depend_on_others_beside_it_or_before(
     method: str, block: ModuleType

@@ -22,7 +22,7 @@ from gibbs_codegen.flight.integration.integrators import Integration
 from gibbs_codegen.flight.many import simulate_many
 from gibbs_codegen.flight.record.flight import Flight, read_flight
 from gibbs_codegen.flight.rollouts.rollout import rollout
-from gibbs_codegen.flight.scenario.file import parse_scenario
+from gibbs_codegen.flight.scenario.file import parse_scenario, read_scenario
 from gibbs_codegen.flight.scenario.parts import Hold, Payload, Push, StartOffset, Wind
 from gibbs_codegen.flight.scenario.scenario import Scenario
 from gibbs_codegen.flight.scenario.walls import Plane
@@ -54,6 +54,12 @@ def perching(**changes: Any) -> Scenario:
     """The scenario of the page, with parts changed, in steps of 1 ms."""
     scene = parse_scenario(FILES["perch.toml"])
     return replace(scene, integration=replace(scene.integration, **RK4), **changes)
+
+
+def hovering(**changes: Any) -> Scenario:
+    """The same on the spot, which takes no time to plan."""
+    spot = {"base": {"path": {"kind": "fixed", "position": [0, 0, 1]}}}
+    return replace(perching(base=read_scenario("hover", spot).base), **changes)
 
 
 @pytest.fixture(scope="module")
@@ -150,7 +156,7 @@ def test_other_ways_to_fly_give_the_same(percher: ModuleType) -> None:
 @pytest.mark.slow
 def test_flights_that_have_ended_take_no_impacts(percher: ModuleType) -> None:
     push = Push((0.0, 10_000.0, 0.0), begin=1.8, end=1.81, frame="base")
-    scene = perching(duration=2.0, push=push)
+    scene = hovering(duration=2.0, push=push)
     scene = replace(scene, integration=replace(scene.integration, divergence=2.0))
     alone = simulate(percher, scene)
     assert "at t = 1.80" in alone.stopped
@@ -169,7 +175,7 @@ def test_flights_that_have_ended_take_no_impacts(percher: ModuleType) -> None:
 def test_constraints_that_hold_already_take_no_second_impact(percher: ModuleType) -> None:
     """Even at rest there is one, and none where holds overlap or follow each other."""
     holds = tuple(Hold("grip", *span) for span in ((0.0, 0.02), (0.01, 0.03), (0.03, 0.04)))
-    scene = perching(duration=0.3, holds=holds)
+    scene = hovering(duration=0.3, holds=holds)
     many = simulate_many(percher, [scene, replace(scene, plant={"base_mass": 1.5})], blocks=True)
     for flight in (simulate(percher, scene), *many):
         assert isinstance(flight, Flight)
@@ -183,7 +189,7 @@ def test_constraints_that_hold_already_take_no_second_impact(percher: ModuleType
 
 def test_rollouts_tell_the_thrusts_of_motors_that_idle(percher: ModuleType) -> None:
     """Of motors that lag, and of one that does not."""
-    scene = perching(holds=(Hold("grip", 0.01, 0.03, idle=True),))
+    scene = hovering(holds=(Hold("grip", 0.01, 0.03, idle=True),))
     lag = np.array([0.0, 0.02, 0.02, 0.02])
     found = rollout(percher, None, None, scene, 40, 0.001, time_constants=lag)
     idles = (found.time >= 0.01) & (found.time < 0.03)
@@ -193,7 +199,7 @@ def test_rollouts_tell_the_thrusts_of_motors_that_idle(percher: ModuleType) -> N
 
 
 def test_controllers_are_told_forces(percher: ModuleType) -> None:
-    scene = perching(holds=(Hold("grip", 0.1, 0.4),))
+    scene = hovering(holds=(Hold("grip", 0.1, 0.4),))
     seen: list[Observation] = []
     simulation = Simulation(percher, scene)
     for _ in range(5):
@@ -206,6 +212,7 @@ def test_controllers_are_told_forces(percher: ModuleType) -> None:
     assert simulation.flight().impacts.shape == (1, 2)
 
 
+@pytest.mark.slow
 def test_a_door_is_pulled_open() -> None:
     opener = module_of("opener")
     flight = simulate(opener, parse_scenario(FILES["door.toml"]))
@@ -223,6 +230,7 @@ def test_a_door_is_pulled_open() -> None:
     assert np.abs(flight.energy_error).max() < 1e-9
 
 
+@pytest.mark.slow
 def test_a_frequency_draws_the_frame_to_its_anchor(percher: ModuleType) -> None:
     del percher
     text = FILES["percher.toml"] + "xyz = [0.5, 0, 1.7]\nfrequency = 8\n"
@@ -243,19 +251,19 @@ def test_a_frequency_draws_the_frame_to_its_anchor(percher: ModuleType) -> None:
 def test_what_cannot_hold_is_refused(percher: ModuleType, monkeypatch: pytest.MonkeyPatch) -> None:
     other = (Hold("gripp"),)
     with pytest.raises(UsageError, match=r"holds\[0\].begin: must be before 7, when the"):
-        perching(holds=(Hold("grip", 7.0),))
+        hovering(holds=(Hold("grip", 7.0),))
     ground, start = Plane("claw", (0, 0, 0), (0, 0, 1), 1e3), StartOffset(settled=True)
     with pytest.raises(UsageError, match=r"start\.settled: a constraint holds the robot from the"):
-        simulate(percher, perching(holds=(Hold("grip"),), walls=(ground,), start=start))
+        simulate(percher, hovering(holds=(Hold("grip"),), walls=(ground,), start=start))
     with pytest.raises(UsageError, match="hold 1: constraint: percher has no gripp; its"):
-        simulate(percher, perching(holds=other))
-    heavy = perching(payloads=(Payload("claw", 0.1, 3.0, 5.0),))
+        simulate(percher, hovering(holds=other))
+    heavy = hovering(payloads=(Payload("claw", 0.1, 3.0, 5.0),))
     with pytest.raises(UsageError, match="hold 1: a payload is there while grip holds"):
         simulate(percher, heavy)
     lacking = module_of("percher", "numpy")
     monkeypatch.delattr(lacking, "impact")
     with pytest.raises(MissingFunctionError, match="constraints"):
-        simulate(lacking, perching())
+        simulate(lacking, hovering())
 
 
 @pytest.mark.slow
