@@ -21,6 +21,7 @@ from gibbs_codegen.flight.control.sampled_control import (
 )
 from gibbs_codegen.flight.desired.trajectory import Progress
 from gibbs_codegen.flight.integration.closed_loop import ClosedLoop, Parts
+from gibbs_codegen.flight.integration.compiled_loop import CompiledLoops
 from gibbs_codegen.flight.integration.integrators import Integration
 from gibbs_codegen.flight.plant.actuators import check_charge
 from gibbs_codegen.flight.plant.kinematics import UNIT, unit_quaternions
@@ -62,6 +63,9 @@ class Simulation:
         self._hold.readings = self._sensing.readings
         self._loop = replace(start.loop, controller=self._hold)
         self._start, self._bristles = (start.q, start.v), start.loop.bristles
+        self._compiled: CompiledLoops | None = None
+        # Accelerations, and when they were asked for, s.
+        self._growth: tuple[float, Array] | None = None
         self._usual = 1.0 / (control.rate or DEFAULT_RATE)
         self.reset()
 
@@ -76,6 +80,13 @@ class Simulation:
         return 0.0 if self._flight is None else self._flight.time
 
     @property
+    def state(self) -> Array:
+        """The state (size) of the loop as it is, for rooms of flight above."""
+        if self._flight is None:
+            return self._loop.start(*self._begin, self._charge)
+        return self._flight.state
+
+    @property
     def q(self) -> Array:
         """Coordinates (nq) as they are, without sensors."""
         return self._now.q
@@ -88,9 +99,11 @@ class Simulation:
     @property
     def a(self) -> Array:
         """Accelerations (nv) as they are, under the inputs that acted before, without sensors."""
-        places = self._loop.vehicle.layout
-        rate = (self._flight or self._integration()).rate()
-        return rate[places.q.size : places.q.size + places.v.size]
+        if self._growth is None or self._growth[0] != self.time:
+            rate = (self._flight or self._integration()).rate()
+            places = self._loop.vehicle.layout
+            self._growth = self.time, rate[places.q.size : places.q.size + places.v.size]
+        return self._growth[1]
 
     @property
     def stopped(self) -> str:
@@ -141,10 +154,15 @@ class Simulation:
         self._hold.forget()
         self._flight: Integration | None = None
         self._known: tuple[float, Parts] | None = None
+        self._growth = None
         # Times, states and inputs from which the flight of a while ago can be flown again.
         self._marks: list[tuple[float, Array, Array]] = []
         self._take()
         return self._seen()
+
+    def prepare(self) -> None:
+        """Compile now what steps through the scenario need, so that none of them waits for it."""
+        self._integration().prepare(self._scenario.duration)
 
     def step(self, u: ArrayLike, duration: float | None = None) -> Observation:
         """Fly on with inputs that are held.
@@ -194,8 +212,7 @@ class Simulation:
         suite = self._loop.sensors
         if suite is None or suite.feels_contacts or self._flight is None:
             return self._loop.measured(self.time, *self._at()).sensors
-        found: Array = suite.measurements(self.q, self.v, self.a)
-        return found
+        return suite.measured(self.q, self.v, self.a)
 
     def _seen(self) -> Observation:
         """What the sensors tell now, of a while ago if they are late."""
@@ -206,8 +223,14 @@ class Simulation:
 
     def _integration(self) -> Integration:
         """The flight at its start, with the inputs that were commanded, or none."""
-        start, scenario = self._loop.start(*self._begin, self._charge), self._scenario
-        return Integration(self._loop, start, scenario.integration, scenario.duration)
+        return self._integrated(self.state, 0.0)
+
+    def _integrated(self, state: Array, begin: float) -> Integration:
+        """A flight from a state at a time, s, on."""
+        settings, duration = self._scenario.integration, self._scenario.duration
+        found = Integration(self._loop, state, settings, duration, begin, self._compiled)
+        self._compiled = found.compiled
+        return found
 
     def _fly(self, flight: Integration, end: float) -> None:
         """Fly on while the same inputs act."""
@@ -231,13 +254,12 @@ class Simulation:
         """The state at a time, s, of those flown, the last if later, and the inputs held there."""
         hold = self._hold
         if self._flight is None:
-            return self._loop.parts(self._loop.start(*self._begin, self._charge)), hold.inputs
+            return self._loop.parts(self.state), hold.inputs
         state, held = self._flight.state, hold.inputs
         if time < self._flight.time - hold.same:
             begin, state, inputs = next(m for m in reversed(self._marks) if m[0] <= time)
             now, hold.inputs, held = held, inputs, inputs
-            settings, duration = self._scenario.integration, self._scenario.duration
-            again = Integration(self._loop, state, settings, duration, begin)
+            again = self._integrated(state, begin)
             again.advance(time)
             state = again.state
             hold.inputs = now

@@ -33,8 +33,8 @@ def turned_attitude(quaternion: ArrayLike) -> NDArray[np.float64]:
     Of those, real part last, from the base's axes to the world's; they are the products with both
     half turns.
     """
-    x, y, z, w = np.moveaxis(np.asarray(quaternion, float), -1, 0)
-    return _HALF * np.stack([w + z, x + y, x - y, w - z], axis=-1)
+    found = np.asarray(quaternion, float)
+    return _HALF * (found[..., [3, 0, 0, 3]] + [1.0, 1.0, -1.0, -1.0] * found[..., [2, 1, 1, 2]])
 
 
 def attitude_turned_back(quaternion: ArrayLike) -> NDArray[np.float64]:

@@ -87,6 +87,11 @@ class ProgramSteps:
                 self.given[name] = value.reshape(1, -1).astype(self.real)
             columns.append(self._column(self.given[name]))
         self._given = np.stack(columns, axis=1)
+        # States, and what becomes of each: whether it goes on, was refused, and its steps.
+        self._state = blocks.filled(self._count, self.size, blocks.lanes)
+        self._progress = np.zeros((self._count, 3, blocks.lanes), dtype=np.int32)
+        own = self._given, self._state, self._progress
+        self._places = [(x.ctypes.data, x.strides[0]) for x in own]
         # What is pointed to, so that it lives as long.
         self._owned = [known, context, found, addresses]
 
@@ -110,23 +115,20 @@ class ProgramSteps:
         and the greatest inputs of the first state from sample to sample.
         """
         blocks, kept = self._count, (number + steps) // every - number // every
-        state = self.blocks.of_rows(states)
+        self._state[...] = self.blocks.of_rows(states)
         samples = self.blocks.filled(blocks, kept + 1, self.size, self.blocks.lanes)
-        progress = np.zeros((blocks, 3, self.blocks.lanes), dtype=np.int32)
+        self._progress[...] = 0
         if self.count == 1:
-            progress[0, 0, 0] = 1 if going is None else going[0]
+            self._progress[0, 0, 0] = 1 if going is None else going[0]
         else:
             flown = np.zeros(blocks * self.blocks.lanes, dtype=np.int32)
             flown[: self.count] = 1 if going is None else going
-            progress[:, 0] = flown.reshape(blocks, -1)
+            self._progress[:, 0] = flown.reshape(blocks, -1)
         inputs = None if ranges is None else ranges.ctypes.data
-        parts = [
-            range(first := x.ctypes.data, first + blocks * x.strides[0], x.strides[0])
-            for x in (self._given, state, samples, progress)
-        ]
+        places = [*self._places, (samples.ctypes.data, samples.strides[0])]
 
         def fly(k: int) -> None:
-            given, x, kept_at, ends = (places[k] for places in parts)
+            given, x, ends, kept_at = (first + k * stride for first, stride in places)
             self._run(given, time, step, steps, every, number, x, kept_at, inputs, ends)
 
         if min(threads, blocks) == 1:
@@ -136,14 +138,15 @@ class ProgramSteps:
             with ThreadPoolExecutor(threads) as pool:
                 list(pool.map(fly, range(blocks)))
         last, found, ended = (
-            self.blocks.to_rows(x, self.count) for x in (state, samples[:, :kept], progress)
+            self.blocks.to_rows(x, self.count)
+            for x in (self._state.copy(), samples[:, :kept], self._progress.copy())
         )
         _, refused, taken = ended.T
         if taken.min() < steps:
             ends = (number + taken) // every - number // every
             for k in np.flatnonzero(ends < kept):
                 found[k, ends[k] :] = last[k]
-        return Taken(taken, found, last, refused != 0)
+        return Taken(taken, found, last, refused.astype(bool))
 
     def _constants(self, constants: Any, each: bool) -> NDArray[Any]:
         """Constants of one robot, or of each state in blocks."""

@@ -105,7 +105,10 @@ def fly_as_ardupilot(
             for _ in range(patience):
                 port.sendto(packet, address)
                 try:
-                    line = port.recv(4096)
+                    told: dict[str, Any] = json.loads(port.recv(4096))
+                    # Packets that were sent again are answered again.
+                    while seen and told["timestamp"] <= seen[-1].time:
+                        told = json.loads(port.recv(4096))
                     break
                 except TimeoutError:
                     continue
@@ -113,7 +116,6 @@ def fly_as_ardupilot(
                     time.sleep(0.5)
             else:
                 raise TimeoutError("no answer")
-            told: dict[str, Any] = json.loads(line)
             imu = told["imu"]
             of = ("position", "velocity", "quaternion")
             found = (told["timestamp"], imu["gyro"], imu["accel_body"], *map(told.get, of))

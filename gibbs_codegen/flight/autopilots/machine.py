@@ -1,25 +1,28 @@
 """A robot as an autopilot has it: outputs of motors and servos go in, readings of sensors come out.
 
-The autopilot flies the base. Joints follow the scenario, or servos of the autopilot, by computed
-torque: the inverse dynamics of the accelerations that joints are to have, and of the one that the
-base has under what acts on it, which its acceleration tells.
+What both are is said in `arrays/autopilot.py`.
 """
 
 from __future__ import annotations
 
 import math
 import os
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from types import ModuleType
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from gibbs_codegen.arrays.autopilot import command_program, telling_program
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.flight.autopilots.air import ALTITUDE
 from gibbs_codegen.flight.desired.trajectory import Progress
+from gibbs_codegen.flight.integration.closed_loop import loop_program, loop_tables
+from gibbs_codegen.flight.integration.state_history import Loads
+from gibbs_codegen.flight.plant.environment import Environment
 from gibbs_codegen.flight.plant.sensors import SensorSuite
+from gibbs_codegen.flight.plant.state_program import state_program
 from gibbs_codegen.flight.plant.vehicle import Array
 from gibbs_codegen.flight.scenario.devices import Barometer, Gps, Imu, Magnetometer
 from gibbs_codegen.flight.scenario.parts import Sensors
@@ -28,8 +31,7 @@ from gibbs_codegen.flight.stepping import Simulation
 from gibbs_codegen.robot.autopilot_axes import north_east_down, turned_attitude, turned_over
 
 
-@dataclass(frozen=True)
-class Outputs:
+class Outputs(NamedTuple):
     """What an autopilot commands: shares (N) of motors, 0 to 1, and places (n) of servos, −1 to 1.
 
     What is beyond is as the nearest of these. Motors that are NaN rest, and servos stay.
@@ -39,8 +41,7 @@ class Outputs:
     servos: Array
 
 
-@dataclass(frozen=True)
-class Readings:
+class Readings(NamedTuple):
     """What sensors tell at a time, s; a body's axes are FRD, the world's NED.
 
     Angular velocity `gyro` (3), rad/s, and specific force `accelerometer` (3), m/s², in the body's
@@ -96,24 +97,45 @@ class Machine:
         actuators = self.loop.actuators
         limits = actuators.thrusts if actuators.commands is None else actuators.commands
         # Rotors that could push backwards as well do not.
-        self._least, self._most = np.maximum(limits[:, : self.rotors], [[0.0], [-np.inf]])
-        if missing := self._without(self.vehicle.commands, np.isfinite(self._least + self._most)):
+        least, most = np.maximum(limits[:, : self.rotors], [[0.0], [-np.inf]])
+        if missing := self._without(self.vehicle.commands, np.isfinite(least + most)):
             raise UsageError(
                 f"{self.vehicle.name}: {missing}: no greatest thrust is known, of which outputs of "
                 "an autopilot are shares; give limits in the robot file, or motors.limits"
             )
-        self._travel = actuators.joints
-        bounded = np.isfinite(self._travel).all(axis=0)
+        travel = actuators.joints
+        bounded = np.isfinite(travel).all(axis=0)
         if servos and (missing := self._without(self.vehicle.joint_names, bounded)):
             raise UsageError(
                 f"{self.vehicle.name}: {missing}: a servo needs limits of the joint, from -1 to 1; "
                 "give limits in the robot file, or arm.limits"
             )
         own = scenario.sensors or Sensors()
-        self._own = {kind: getattr(own, kind)[:1] for kind in _USUAL}
-        chosen: dict[str, Any] = {kind: self._own[kind] or (each,) for kind, each in _USUAL.items()}
-        self._suite = SensorSuite(self.vehicle, Sensors(**chosen))
-        self._wanted: Array | None = np.full(self.joints, np.nan) if servos else None
+        chosen: dict[str, Any] = {k: getattr(own, k)[:1] or (x,) for k, x in _USUAL.items()}
+        suite = SensorSuite(self.vehicle, Sensors(**chosen))
+        # Of sensors of the scenario their places in what is told.
+        pairs = zip(_USUAL, suite.devices, suite.places, strict=True)
+        self._own = {each.name: place for kind, each, place in pairs if getattr(own, kind)}
+        closed, law = loop_program(self.loop, Loads(inputs=())), self.loop.controller
+        values = {"least": least, "most": most, "low": travel[0], "high": travel[1]}
+        values |= {"stiffness": law.gains.stiffness, "damping": law.gains.damping}
+        values |= {"gravity": Environment(self.vehicle).gravity}
+        self._commands = state_program(
+            self.vehicle,
+            command_program(closed),
+            {**values, "servos": np.nan, "asked": np.nan},
+            loop_tables(self.loop),
+            {"desired": law.reference.curves},
+        )
+        measurement = telling_program(closed, suite.program)
+        self._telling = state_program(self.vehicle, measurement, values)
+        # Of what is told the places and signs in axes of autopilots.
+        told = np.arange(1, suite.size + 7)
+        turned = [*map(turned_over, told[:6].reshape(2, 3)), told[6:7], turned_over(told[7:10])]
+        numbers = np.concatenate([*turned, *map(north_east_down, told[10:].reshape(4, 3))])
+        self._places, self._signs = np.abs(numbers).astype(int) - 1, np.sign(numbers)
+        # An autopilot is not to wait for what is compiled.
+        self.simulation.prepare()
 
     @staticmethod
     def _without(names: tuple[str, ...], known: Any) -> str:
@@ -126,73 +148,32 @@ class Machine:
 
     def fly(self, outputs: Outputs, duration: float) -> None:
         """Fly on under outputs that are held, for a duration, s."""
-        u = np.empty(len(self.vehicle.inputs))
-        shares = np.clip(np.nan_to_num(outputs.motors), 0.0, 1.0)
-        u[: self.rotors] = self._least + shares * (self._most - self._least)
-        if self.joints:
-            u[self.rotors :] = self._joint_commands(outputs.servos, u[: self.rotors])
-        self.simulation.advance(u, duration)
-
-    def _joint_commands(self, servos: Array, rotors: Array) -> Array:
-        """Torques and forces, or commands of servos (n), by which joints go where they are to."""
-        vehicle, gains = self.vehicle, self.loop.controller.gains
-        places, joints = vehicle.arm_rates, vehicle.arm
-        q, v = self.simulation.q, self.simulation.v
-        curves = self.loop.controller.reference.curves(self.time).reshape(3, -1)
-        wanted, rate, growth = curves[:, joints]
-        if self._wanted is not None:
-            low, high = self._travel
-            asked = low + 0.5 * (np.clip(servos, -1.0, 1.0) + 1.0) * (high - low)
-            self._wanted = np.where(np.isnan(asked), self._wanted, asked)
-            is_asked = ~np.isnan(self._wanted)
-            wanted = np.where(is_asked, self._wanted, wanted)
-            rate, growth = np.where(is_asked, 0.0, (rate, growth))
-        stiffness, damping = gains.stiffness[places], gains.damping[places]
-        off = wanted - q[joints]
-        wished = growth + damping * (rate - v[places]) + stiffness * off
-        # What acts on the base stays, and joints that move otherwise move it otherwise.
-        mass, every = vehicle.mass_matrix(q), np.arange(len(v))
-        base, moved = np.delete(every, places), self.simulation.a.copy()
-        coupling = mass[np.ix_(base, every[places])]
-        moved[base] -= np.linalg.solve(
-            mass[np.ix_(base, base)], coupling @ (wished - moved[places])
-        )
-        moved[places] = wished
-        inputs = np.zeros(len(vehicle.inputs))
-        inputs[self.rotors :] = vehicle.inverse_dynamics(q, v, moved)[places]
-        if vehicle.rotors_move and not vehicle.is_driven:
-            inputs[self.rotors :] -= vehicle.input_matrix(q)[places, : self.rotors] @ rotors
-        if not vehicle.is_driven:
-            return inputs[self.rotors :]
-        aim, speed = q.copy(), v.copy()
-        # Servos of positions have no gains; those of rates correct the error by theirs.
-        correction = np.divide(stiffness, damping, out=np.zeros_like(off), where=damping > 0.0)
-        aim[joints], speed[places] = wanted, rate + correction * off
-        return vehicle.command_of(aim, speed, inputs)[self.rotors :]
+        given, found = self._commands.inputs, self._commands.outputs
+        given["time"][...], given["motors"][...] = self.time, outputs.motors
+        given["x"][...], given["a"][...] = self.simulation.state, self.simulation.a
+        if self.servos:
+            given["servos"][...] = outputs.servos
+        self._commands.run()
+        given["asked"][...] = found["next"]
+        self.simulation.advance(found["u"], duration)
 
     def readings(self) -> Readings:
         """What sensors tell now: those of the scenario, and without errors those that it lacks."""
-        vehicle, q, v = self.vehicle, self.simulation.q, self.simulation.v
-        exact = self._suite.measured(q, v, self.simulation.a)
-        told, sensed = {}, self.simulation.sensors
-        for (kind, own), place in zip(self._own.items(), self._suite.places, strict=True):
-            told[kind] = exact[place]
-            if own and np.all(np.isfinite(values := sensed[own[0].name].values)):
-                told[kind] = values
-        pose = vehicle.frame_poses(q)[0]
-        layout, quaternion = vehicle.layout, q[vehicle.layout.q.attitude]
+        given = self._telling.inputs
+        given["x"][...], given["a"][...] = self.simulation.state, self.simulation.a
+        self._telling.run()
+        told = self._telling.outputs["told"].copy()
+        sensed = self.simulation.sensors if self._own else {}
+        for name, place in self._own.items():
+            if np.isfinite(values := sensed[name].values).all():
+                told[place] = values
+        layout, attitude = self.vehicle.layout, told[len(self._places) :]
         if not layout.is_quaternion:
-            quaternion = Rotation.from_matrix(pose[:3, :3]).as_quat()
-        force, turning = told["imu"].reshape(2, 3)
-        position, velocity = told["gps"].reshape(2, 3)
+            attitude = Rotation.from_matrix(attitude.reshape(3, 3)).as_quat()
+        turned = told[self._places] * self._signs + 0.0
+        force, turning, field = turned[:3], turned[3:6], turned[7:10]
+        fix, fix_velocity, position, velocity = turned[10:].reshape(4, 3)
         return Readings(
-            self.time,
-            turned_over(turning),
-            turned_over(force),
-            float(told["barometer"][0]),
-            turned_over(told["magnetometer"]),
-            (north_east_down(position), north_east_down(velocity)),
-            north_east_down(pose[:3, 3]),
-            north_east_down(vehicle.frame_velocities(q, v)[0, :3]),
-            turned_attitude(quaternion),
+            *(self.time, turning, force, float(turned[6]), field, (fix, fix_velocity)),
+            *(position, velocity, turned_attitude(attitude)),
         )

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Mapping
+from functools import cache
 from typing import Any, Protocol
 
 import numpy as np
@@ -37,6 +38,8 @@ _LOWEST_RATE = 0.1
 
 # Finds, when it is asked, what sensors measure of a state beside coordinates and velocities.
 Measure = Callable[[], Measured]
+# Finds q (nq), v (nv) and that of the state at a time.
+Sample = Callable[[], tuple[Array, Array, Measure]]
 # Whether motors idle at a time, s.
 Idles = Callable[[float], Any]
 
@@ -80,19 +83,20 @@ class ZeroOrderHold:
 
     def fault(self, command: Any) -> str:
         """What is wrong with a command that should be inputs u (nu), "" if nothing is."""
-        names = self.vehicle.commands
-        wanted = f"{len(names)} {'commands' if self.vehicle.is_driven else 'inputs'}: "
-        wanted += ", ".join(names)
-        if command is None:
-            return f"None, and not {wanted}"
+        names, found = self.vehicle.commands, "None" if command is None else ""
         try:
             numbers = np.asarray(command, dtype=np.float64)
         except (TypeError, ValueError):
-            return f"{printable(repr(command), 60)}, and not {wanted}"
-        if numbers.shape != (len(names),):
-            return f"an array of shape {numbers.shape}, and not {wanted}"
-        wrong = np.flatnonzero(~np.isfinite(numbers))
-        return f"{numbers[wrong[0]]} for {names[wrong[0]]}" if len(wrong) else ""
+            found = printable(repr(command), 60)
+        if not found and numbers.shape != (len(names),):
+            found = f"an array of shape {numbers.shape}"
+        if found:
+            what = "commands" if self.vehicle.is_driven else "inputs"
+            return f"{found}, and not {len(names)} {what}: {', '.join(names)}"
+        if np.isfinite(numbers).all():
+            return ""
+        wrong = np.flatnonzero(~np.isfinite(numbers))[0]
+        return f"{numbers[wrong]} for {names[wrong]}"
 
     def command(self, time: float, inputs: Array) -> None:
         """Give a command u (nu), which takes effect later by the delay."""
@@ -126,7 +130,7 @@ class ZeroOrderHold:
         times = np.unique(times)
         return times[np.diff(times, prepend=-np.inf) > self.same]
 
-    def begin(self, time: float, q: Array, v: Array, measure: Measure) -> str:
+    def begin(self, time: float, sample: Sample) -> str:
         """Let the commands that are due take effect; why the flight cannot go on, "" if it can.
 
         Times must not decrease from call to call.
@@ -305,7 +309,7 @@ class SampledControl(ZeroOrderHold):
         reset = getattr(self._controller, "reset", None)
         if reset is not None:
             reset()
-        if fault := self.begin(0.0, q, v, measure):
+        if fault := self.begin(0.0, lambda: (q, v, measure)):
             raise UsageError(fault)
 
     def instants(self, begin: float, end: float) -> Array:
@@ -316,23 +320,24 @@ class SampledControl(ZeroOrderHold):
         samples = np.arange(first, last) / self.rate
         return self._inside(np.concatenate([samples - late, samples + self.delay]), begin, end)
 
-    def begin(self, time: float, q: Array, v: Array, measure: Measure) -> str:
+    def begin(self, time: float, sample: Sample) -> str:
         """Take due samples, and let due commands take effect; the fault of a command, "" if none.
 
         A sample is taken of the state that its observation tells, which is earlier by the delay of
         the sensors. Times must not decrease from call to call.
         """
-        self._sensing.readings.take(time, lambda: measure().sensors)
+        sample = cache(sample)
+        self._sensing.readings.take(time, lambda: sample()[2]().sensors)
         while (sampled := self._taken / self.rate) - self._sensing.delay <= time + self.same:
             self._taken += 1
             try:
-                inputs = self._controller(self._sensing(sampled, q, v, measure))
+                inputs = self._controller(self._sensing(sampled, *sample()))
             except NoPlanError as error:
                 return str(error)
             if fault := self.fault(inputs):
                 return f"at t = {sampled:.6g} s the controller returned {fault}"
             self.command(sampled, inputs)
-        return super().begin(time, q, v, measure)
+        return super().begin(time, sample)
 
 
 # What commands motors and joints: inputs of a time, a state and what is remembered.

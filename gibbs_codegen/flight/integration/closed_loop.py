@@ -9,6 +9,7 @@ integration, and means nothing: who takes a state apart gets it of length 1.
 from __future__ import annotations
 
 import itertools
+from bisect import bisect_right
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
@@ -23,7 +24,7 @@ from gibbs_codegen.arrays.evaluation import Evaluator
 from gibbs_codegen.flight.control.geometric import LeaningController
 from gibbs_codegen.flight.control.laws import constants_of, evaluator_of, law_program
 from gibbs_codegen.flight.control.observation import Measured
-from gibbs_codegen.flight.control.sampled_control import ControlLaw, ZeroOrderHold
+from gibbs_codegen.flight.control.sampled_control import ControlLaw, Measure, ZeroOrderHold
 from gibbs_codegen.flight.integration.state_history import NOTHING, Loads, SmoothInterval
 from gibbs_codegen.flight.plant.actuators import Actuators, check_charge, has_battery
 from gibbs_codegen.flight.plant.environment import Environment
@@ -264,7 +265,7 @@ class ClosedLoop:
         around, figures = acting(self.environment, loads)
         key = name, around, known is not None, bool(np.any(loads.idle))
         if key not in self._evaluators:
-            whole = loop_program(self, replace(loads, inputs=known))
+            whole = loop_program(self, loads._replace(inputs=known))
             self._evaluators[key] = evaluator_of(whole, name)
         constants = constants_of(self.vehicle, self.controller.vehicle)
         values = {"held": known, **self._values, "idle": loads.idle, **figures, **given}
@@ -334,15 +335,19 @@ class ClosedLoop:
         """
         if self.hold is None:
             return interval, ""
-        parts = self.parts(state)
-        measure = partial(self.measured, interval.begin, parts, self.hold.inputs)
-        stopped = self.hold.begin(interval.begin, parts.q, parts.v, measure)
-        loads = replace(interval.loads, inputs=tuple(self.hold.inputs.tolist()))
-        return replace(interval, loads=loads), stopped
+        inputs = self.hold.inputs
+
+        def sample() -> tuple[Array, Array, Measure]:
+            parts = self.parts(state)
+            return parts.q, parts.v, partial(self.measured, interval.begin, parts, inputs)
+
+        stopped = self.hold.begin(interval.begin, sample)
+        loads = interval.loads._replace(inputs=self.hold.inputs)
+        return interval._replace(loads=loads), stopped
 
     def measured(self, time: float, parts: Parts, inputs: Array) -> Measured:
         """What sensors without noise measure of a state while inputs (nu) are held."""
-        loads = replace(self.loads(time), inputs=tuple(inputs.tolist()))
+        loads = self.loads(time)._replace(inputs=inputs)
         _, aimed, acting = self.commands(time, parts, loads)
         found = self.motion(time, parts, aimed, acting, loads)
         moved, touching = (parts.q, parts.v, found["a"]), found["touching"]
@@ -354,20 +359,30 @@ class ClosedLoop:
 
         Each begins where the one before ends; they are without the inputs that are held.
         """
-        jumps = {*self.actuators.span, *(self.environment.jumps if self.environment else ())}
-        times = np.array(sorted({begin, end, *(t for t in jumps if begin < t < end)}))
-        if self.hold is not None:
-            instants = self.hold.instants(begin, end)
-        if self.hold is not None and len(instants):
+        times = [begin, *(time for time in self._jumps if begin < time < end), end]
+        if self.hold is not None and len(instants := self.hold.instants(begin, end)):
             near = np.abs(instants[:, np.newaxis] - times) <= self.hold.same
-            times = np.sort(np.concatenate([times, instants[~near.any(axis=1)]]))
-        for first, last in itertools.pairwise(times.tolist()):
-            loads = self.loads(first)
+            times = np.sort([*times, *instants[~near.any(axis=1)]]).tolist()
+        for first, last in itertools.pairwise(times):
+            yield SmoothInterval(first, last, self.acting[bisect_right(self._jumps, first)])
+
+    @cached_property
+    def _jumps(self) -> list[float]:
+        """Times, s, at which what acts, or how it changes, jumps."""
+        around = self.environment
+        return sorted({*self.actuators.span, *(around.jumps if around else ())})
+
+    @cached_property
+    def acting(self) -> list[Loads]:
+        """What acts before the first jump, and from each on, without the inputs that are held."""
+        found = []
+        for time in [-np.inf, *self._jumps]:
+            loads = self.loads(time)
             payloads, holds = (
                 tuple(np.atleast_1d(each).tolist()) for each in (loads.payloads, loads.holds)
             )
-            acting = Loads(bool(loads.push), payloads, idle=bool(loads.idle), holds=holds)
-            yield SmoothInterval(first, last, acting)
+            found.append(Loads(bool(loads.push), payloads, idle=bool(loads.idle), holds=holds))
+        return found
 
 
 def loop_values(

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -89,7 +88,7 @@ class CompiledLoop:
         self._steps = steps_of(closed, bounds, loads)
         self._inputs = len(closed.vehicle.inputs)
 
-    def hold(self, inputs: Array) -> None:
+    def hold(self, inputs: Array | tuple[float, ...]) -> None:
         """Hold other inputs (nu) from now on, where inputs are held."""
         self._steps.given["held"][0] = inputs
 
@@ -117,7 +116,8 @@ class CompiledLoop:
             # The first stretch may begin after its sample, and the last one end before it.
             stretches = -(-(number + taken) // every) - first
             middle = time + ((first + 0.5 + np.arange(stretches)) * every - number) * step
-            inside = np.clip(middle, time + 0.25 * step, time + (taken - 0.25) * step)
+            inside = np.maximum(middle, time + 0.25 * step)
+            inside = np.minimum(inside, time + (taken - 0.25) * step)
             seen(InputRanges(inside, np.swapaxes(ranges[:stretches], 1, 2)))
         return taken, found.samples[0, : (number + taken) // every - first], found.last[0]
 
@@ -135,7 +135,7 @@ class CompiledSlope:
             if name in self._call.inputs:
                 self._call.inputs[name][...] = value
 
-    def hold(self, inputs: Array) -> None:
+    def hold(self, inputs: Array | tuple[float, ...]) -> None:
         """Hold other inputs (nu) from now on, where inputs are held."""
         self._call.inputs["held"][...] = inputs
 
@@ -177,7 +177,7 @@ class CompiledLoops:
         return derivative
 
     def _of(self, kind: type[_Compiled], loads: Loads) -> _Compiled | None:
-        key = kind, replace(loads, inputs=None), loads.inputs is None
+        key = kind, loads._replace(inputs=None), loads.inputs is None
         if key not in self._made:
             self._made[key] = None
             if is_compiled(self.closed, loads):
@@ -187,5 +187,5 @@ class CompiledLoops:
                     _log.warning("steps are taken in Python instead of C: %s", error)
         found: _Compiled | None = self._made[key]
         if found is not None and loads.inputs is not None:
-            found.hold(np.array(loads.inputs))
+            found.hold(loads.inputs)
         return found

@@ -75,10 +75,10 @@ class Envelope:
 
     def _finite(self, states: Array) -> Flags:
         """Whether states (…, size) are finite, with attitudes: 0 is left of what overflows."""
-        finite: Flags = np.all(np.isfinite(states), axis=-1)
+        finite: Flags = np.logical_and.reduce(np.isfinite(states), axis=-1)
         layout = self.loop.vehicle.layout
         if layout.is_quaternion:
-            finite &= np.any(states[..., layout.q.attitude], axis=-1)
+            finite &= np.logical_or.reduce(states[..., layout.q.attitude], axis=-1)
         return finite
 
     def goes_on(self, time: Array, states: Array) -> Flags:
@@ -98,11 +98,12 @@ class Envelope:
         lost = f"at t = {time:.6g} s control is lost: "
         if not self._finite(state):
             return f"{lost}{NOT_FINITE}; {self._advice([])}"
-        excess = self._errors(time, state) / self.bounds
-        worst = int(np.argmax(excess))
-        if excess[worst] > 1.0:
-            advice = self._advice(self.loop.saturated(time, state))
-            return f"{lost}{self._in_words(worst, excess[worst])}; {advice}"
+        if self._bounded:
+            excess = self._errors(time, state) / self.bounds
+            worst = int(np.argmax(excess))
+            if excess[worst] > 1.0:
+                advice = self._advice(self.loop.saturated(time, state))
+                return f"{lost}{self._in_words(worst, excess[worst])}; {advice}"
         if self._singular(state):
             vehicle = self.loop.vehicle
             theta_0 = state[vehicle.layout.middle_angle]

@@ -88,10 +88,11 @@ class FixedStepIntegrator:
     A push that begins or ends between instants of the grid ends a step early.
     """
 
-    def __init__(self, loop: ClosedLoop, settings: Settings, envelope: Envelope) -> None:
+    def __init__(
+        self, loop: ClosedLoop, settings: Settings, envelope: Envelope, compiled: CompiledLoops
+    ) -> None:
         self.loop, self.envelope = loop, envelope
-        self.grid = StepGrid(settings)
-        self.compiled = CompiledLoops(loop, envelope.bounds)
+        self.grid, self.compiled = StepGrid(settings), compiled
         check_stability(loop, self.grid.size)
 
     def __call__(
@@ -110,8 +111,8 @@ class FixedStepIntegrator:
                 stopped = self.envelope.reason(time, state)
                 progress(time)
         states, times = np.concatenate(samples), self.grid.sample_times(interval)
-        history = StateHistory(times[: len(states)], states, stopped, inputs.found())
-        return IntervalResult(history, time if stopped else interval.end, state)
+        end = time if stopped else interval.end
+        return IntervalResult(times[: len(states)], states, inputs.found(), end, state, stopped)
 
     def _advance(
         self, stretch: Stretch, done: int, time: float, state: Array, inputs: InputRecord
@@ -159,7 +160,7 @@ class InputRecord:
 
     def __init__(self, loop: ClosedLoop, loads: Loads) -> None:
         self.loop, self.loads = loop, loads
-        self._found = [InputRanges.none(len(loop.vehicle.inputs))]
+        self._found: list[InputRanges] = []
         self._times: list[float] = []
         self._states: list[Array] = []
 
@@ -175,11 +176,11 @@ class InputRecord:
         """Take ranges that are known already."""
         self._found.append(ranges)
 
-    def found(self) -> InputRanges:
+    def found(self) -> list[InputRanges]:
         """The ranges of all that was taken; a state is a stretch of its own."""
         if self._times:
             self._compute()
-        return InputRanges.joined(self._found)
+        return self._found
 
     def _compute(self) -> None:
         time, states = np.array(self._times), np.stack(self._states)
@@ -212,9 +213,11 @@ _SHORTEST = 1e-6
 class AdaptiveIntegrator:
     """Steps of adaptive size, sampled by their dense output."""
 
-    def __init__(self, loop: ClosedLoop, settings: Settings, envelope: Envelope) -> None:
+    def __init__(
+        self, loop: ClosedLoop, settings: Settings, envelope: Envelope, compiled: CompiledLoops
+    ) -> None:
         self.loop, self.settings, self.envelope = loop, settings, envelope
-        self.compiled = CompiledLoops(loop, envelope.bounds)
+        self.compiled = compiled
         # Evaluations that may still be spent; a smooth second saves up no more than this.
         self.budget: float = _EVALUATIONS_AHEAD
         # The step, s, that the interval before would have gone on with.
@@ -264,8 +267,8 @@ class AdaptiveIntegrator:
             progress(solver.t)
         self.ahead = solver.h_abs
         states = np.concatenate(samples)
-        history = StateHistory(sample_times[: len(states)], states, stopped, inputs.found())
-        return IntervalResult(history, time, state)
+        times = sample_times[: len(states)]
+        return IntervalResult(times, states, inputs.found(), time, state, stopped)
 
     def _set_tolerances(self, solver: DOP853) -> None:
         """Set tolerances for the next step."""
@@ -312,7 +315,8 @@ class Integration:
 
     Stops early at a singularity, where control is lost, where "adaptive" needs more evaluations
     than can be waited for, and where a controller commands what inputs cannot be. `duration`, s, is
-    what errors may take to grow. Raises `UsageError` for steps of "rk4" so long that errors under
+    what errors may take to grow. `compiled` are the loops of another flight in the same settings,
+    which need not be made again. Raises `UsageError` for steps of "rk4" so long that errors under
     control, or of lagging motors, would grow.
     """
 
@@ -323,11 +327,13 @@ class Integration:
         settings: Settings,
         duration: float,
         begin: float = 0.0,
+        compiled: CompiledLoops | None = None,
     ) -> None:
         self._loop = loop
         self._envelope = Envelope(loop, settings.divergence, duration)
+        self.compiled = compiled or CompiledLoops(loop, self._envelope.bounds)
         method = AdaptiveIntegrator if settings.method == "adaptive" else FixedStepIntegrator
-        self._integrator = method(loop, settings, self._envelope)
+        self._integrator = method(loop, settings, self._envelope, self.compiled)
         self._times, self._states = [np.array([begin])], [start[np.newaxis].copy()]
         self._inputs = [InputRanges.none(len(loop.vehicle.inputs))]
         self._impacts: list[tuple[float, float]] = []
@@ -345,10 +351,10 @@ class Integration:
                 break
             self._loads = begun.loads
             result = self._integrator(begun, self.state, progress)
-            self._times.append(result.samples.time)
-            self._states.append(result.samples.states)
-            self._inputs.append(result.samples.inputs)
-            self.time, self.state, self.stopped = result.end, result.state, result.samples.stopped
+            self._times.append(result.time)
+            self._states.append(result.states)
+            self._inputs += result.inputs
+            self.time, self.state, self.stopped = result.end, result.state, result.stopped
             self._take_hold()
 
     def _take_hold(self) -> None:
@@ -359,12 +365,19 @@ class Integration:
             if self._times[-1][-1:].tolist() == [self.time]:
                 self._states[-1][-1] = self.state
 
+    def prepare(self, end: float) -> None:
+        """Compile what steps up to a time need, s."""
+        inputs = self._loop.hold.inputs if self._loop.hold else None
+        for loads in {each.loads for each in self._loop.smooth_intervals(self.time, end)}:
+            for make in (self.compiled.at, self.compiled.derivative):
+                make(loads._replace(inputs=inputs))
+
     def rate(self) -> Array:
         """Time derivative (size) of the state, under what has acted until now."""
         if self._loads is None:
             first = next(self._loop.smooth_intervals(self.time, self.time + 1.0))
             self._loads = self._loop.begun(first, self.state)[0].loads
-        return self._integrator.compiled.derivative(self._loads)(self.time, self.state)
+        return self.compiled.derivative(self._loads)(self.time, self.state)
 
     def history(self) -> StateHistory:
         """Samples of the state at multiples of 1 / rate, and at the last instant."""

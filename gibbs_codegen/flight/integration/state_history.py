@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 
@@ -13,8 +14,7 @@ from gibbs_codegen.flight.plant.vehicle import Array, Flags
 SAME_TIME = 1e-6
 
 
-@dataclass(frozen=True)
-class InputRanges:
+class InputRanges(NamedTuple):
     """Ranges of the inputs, each over a stretch of time between two samples.
 
     `time` (k), s, is a time in each stretch; `values` (k, 2, 2, nu) are of the commanded and of the
@@ -51,8 +51,7 @@ class InputRanges:
         return np.moveaxis(ranges, 0, 2)
 
 
-@dataclass(frozen=True)
-class Loads:
+class Loads(NamedTuple):
     """What acts: pushes, payloads, and inputs u (nu) that are held, if any.
 
     `push` says whether the push does (…), `payloads` which of them do (…, p), or one flag for all;
@@ -62,7 +61,7 @@ class Loads:
 
     push: bool | Flags = False
     payloads: bool | tuple[bool, ...] | Flags = False
-    inputs: tuple[float, ...] | None = None
+    inputs: Array | tuple[float, ...] | None = None
     idle: bool | Flags = False
     holds: bool | tuple[bool, ...] | Flags = False
 
@@ -85,8 +84,7 @@ class StateHistory:
     impacts: Array = field(default_factory=lambda: np.zeros((0, 2)))
 
 
-@dataclass(frozen=True)
-class SmoothInterval:
+class SmoothInterval(NamedTuple):
     """An interval of time, s, all through which the same acts on the robot."""
 
     begin: float
@@ -94,13 +92,16 @@ class SmoothInterval:
     loads: Loads
 
 
-@dataclass(frozen=True)
-class IntervalResult:
-    """An interval that was integrated.
+class IntervalResult(NamedTuple):
+    """An interval that was integrated: samples of the state (s, size) at times (s) after its begin.
 
-    `samples` are those after its begin; `end` (s) and `state` (size) are where integration came to.
+    `inputs` are their ranges, part by part; `end` (s) and `state` (size) are where integration came
+    to, and `stopped` is why the flight cannot go on, "" if it can.
     """
 
-    samples: StateHistory
+    time: Array
+    states: Array
+    inputs: list[InputRanges]
     end: float
     state: Array
+    stopped: str

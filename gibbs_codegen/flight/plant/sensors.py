@@ -12,7 +12,6 @@ import math
 import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import cached_property
-from pathlib import Path
 from types import ModuleType
 from typing import Any, NamedTuple
 
@@ -26,12 +25,10 @@ from gibbs_codegen.arrays.sensors import Channel, Device, measurement_program, r
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.flight.arguments import whole
 from gibbs_codegen.flight.plant.environment import Environment
+from gibbs_codegen.flight.plant.state_program import StateProgram, state_program
 from gibbs_codegen.flight.plant.vehicle import Array, Vehicle
 from gibbs_codegen.flight.scenario.parts import Sensors
-from gibbs_codegen.runtime.c_library import CompilerError
-from gibbs_codegen.runtime.cache import CacheError
 from gibbs_codegen.runtime.load import load
-from gibbs_codegen.runtime.programs import CompiledProgram
 
 # Time, s, by which instants may differ that count as the same.
 _SAME = 1e-9
@@ -203,31 +200,17 @@ class SensorSuite:
         Returns:
             Measurements (m).
         """
-        if self._compiled is None:
-            found: Array = self.measurements(q, v, a)
-            return found
+        program = self._of_one_state
         for name, x in (("q", q), ("v", v), ("a", a)):
-            if name in self._compiled.inputs:
-                self._compiled.inputs[name][...] = x
-        self._compiled.run()
-        return self._compiled.outputs["measured"].copy()
+            program.inputs[name][...] = x
+        program.run()
+        return program.outputs["measured"].copy()
 
     @cached_property
-    def _compiled(self) -> CompiledProgram | None:
-        """What is measured, in C; None where the module is not, or nothing compiles."""
-        module = self._vehicle.module
-        if Path(module.__file__ or "").suffix != ".so":
-            return None
-        own = self._vehicle.constants
-        constants = {"robot": module.prepare({}) if own is None else own}
-        try:
-            found = CompiledProgram(module, self.program, constants, [])
-        except (CompilerError, CacheError):
-            return None
-        found.inputs["gravity"][...] = Environment(self._vehicle).gravity
-        if "wrenches" in found.inputs:
-            found.inputs["wrenches"][...] = 0.0
-        return found
+    def _of_one_state(self) -> StateProgram:
+        """What is measured of a state that nothing touches."""
+        gravity = Environment(self._vehicle).gravity
+        return state_program(self._vehicle, self.program, {"gravity": gravity})
 
     def readings(
         self,

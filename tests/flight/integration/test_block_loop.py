@@ -112,7 +112,7 @@ def test_each_flight_is_that_of_the_loop_of_one_state(name: str, fast: Load) -> 
     """Also with gains, limits and lags of its own, in samples and at the end."""
     closed, factors = loop_of(fast, *FLIGHTS[name]), np.linspace(0.8, 1.2, COUNT)
     loads, states = closed.loads(0.0), starts(closed)
-    loads = replace(loads, push=bool(loads.push), payloads=tuple(np.atleast_1d(loads.payloads)))
+    loads = loads._replace(push=bool(loads.push), payloads=tuple(np.atleast_1d(loads.payloads)))
     found = block_of(varied(closed, factors), loads, COUNT)(0.0, states, STEP, 100, 7, 3)
     assert not np.any(found.refused)
     for k, state in enumerate(states):

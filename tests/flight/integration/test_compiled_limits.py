@@ -187,7 +187,7 @@ def test_held_inputs_act_all_through(name: str, modules: Load) -> None:
         loads = Loads(inputs=(*held * np.linspace(0.5, 1.0, len(closed.vehicle.inputs)),))
         loop = loops.at(loads)
         assert loop is not None
-        assert loop is loops.at(replace(loads))
+        assert loop is loops.at(loads._replace())
         taken, samples, _ = loop(time, state, step, 5)
         assert taken == 5
         for done, after in enumerate(samples):

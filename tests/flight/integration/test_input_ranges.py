@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
 from types import ModuleType
 
 import numpy as np
@@ -86,6 +85,6 @@ def test_a_stretch_belongs_to_the_sample_after_it() -> None:
     found = ranges.up_to_samples(np.array([0.0, 1.0]), commanded, applied)
     assert found[..., 0].tolist() == [[[4, 4], [4, 7]], [[3, 1], [3, 9]]]
     # Without anything between, samples are all there is.
-    empty = replace(ranges, time=ranges.time[:0], values=ranges.values[:0])
+    empty = InputRanges(ranges.time[:0], ranges.values[:0])
     found = empty.up_to_samples(np.array([0.0, 1.0]), commanded, applied)
     assert found[..., 0].tolist() == [[[4, 4], [4, 7]], [[3, 3], [3, 4]]]

@@ -110,7 +110,7 @@ def test_forces_and_accelerations_are_those_of_the_bordered_matrix(percher: Modu
     rng = np.random.default_rng(2)
     q, v, u = rng.normal(size=8), rng.normal(size=7), rng.normal(size=5)
     q[3:7] /= np.linalg.norm(q[3:7])
-    loads = replace(loop.loads(3.0), idle=False)
+    loads = loop.loads(3.0)._replace(idle=False)
     parts = loop.parts(np.concatenate([q, v, np.zeros(loop.size - 15)]))
     found = loop.motion(3.0, parts, u, u, loads)
     mass, jacobian = percher.mass_matrix(q), percher.constraint_jacobian(q)
