@@ -24,7 +24,7 @@ FUNCTION(SetDebugLogging, FLAG on, size_t count, const char *const *categories)
 
 DEFINE(Status, FMI(ExitInitializationMode), Instance *instance)
 {
-    instance->is_initialised = 1;
+    instance->values[INITIALISED] = 1.0;
     return refresh(instance, 0);
 }
 

@@ -15,7 +15,10 @@ enum {
     STEP = GIVEN + INPUTS,
     PARAMETER,
     RESULTS = PARAMETER + PARAMETERS,
-    COUNT = RESULTS + OUTPUTS
+    COUNT = RESULTS + OUTPUTS,
+    /* Whether initialisation has ended, which has no value reference. */
+    INITIALISED = COUNT,
+    SIZE
 };
 
 /* Both versions of FMI have these numbers for them. */
@@ -26,11 +29,10 @@ enum { CONSTANTS_STALE = 1, RATES_STALE = 2, OUTPUTS_STALE = 4, ALL_STALE = 7 };
 
 typedef struct Instance Instance;
 struct Instance {
-    double values[COUNT];
+    double values[SIZE];
     MODULE(constants) constants;
     int stale;
     int has_arrays;
-    int is_initialised;
     void (*log)(const Instance *instance, const char *message);
     /* What the importer gave, by which it is told something. */
     void *environment;
@@ -47,8 +49,8 @@ static Status fail(const Instance *instance, const char *message)
 static void start(Instance *instance)
 {
     memcpy(instance->values, START, sizeof START);
+    instance->values[INITIALISED] = 0.0;
     instance->stale = ALL_STALE;
-    instance->is_initialised = 0;
 }
 
 static Instance *instantiate(const char *name, const char *token, const int has_arrays)
@@ -167,7 +169,7 @@ static Status set_all(
 {
     for (size_t k = 0, found; k < count; ++k, from += found, room -= found) {
         found = entries(instance, references[k], room);
-        if (found > 0 && instance->is_initialised && references[k] < RATES) {
+        if (found > 0 && references[k] < RATES && instance->values[INITIALISED] > 0.0) {
             return fail(instance, "states have values at the start: these end with initialisation");
         }
         if (found == 0 || set(instance, references[k], found, from) != OK) {
@@ -221,7 +223,7 @@ static Status save(const Instance *instance, void **state)
 }
 
 /* A serialised state begins with the token: places of values are those of one model alone. */
-enum { SERIALISED = sizeof TOKEN + COUNT * sizeof(double) };
+enum { SERIALISED = sizeof TOKEN + SIZE * sizeof(double) };
 
 static Status serialise(const Instance *instance, const void *state, void *to, const size_t size)
 {

@@ -398,6 +398,7 @@ def test_wrong_calls_end_in_words(
 ) -> None:
     _, folder = made("quadrotor")
     unit = opened(folder, 3, "coSimulation")
+    early = unit.fmu.getFMUState()
     unit.begin()
     with pytest.raises(fmpy.fmi1.FMICallException):
         unit.set("imu.specific_force", np.zeros(unit.sizes["imu.specific_force"]))
@@ -405,6 +406,10 @@ def test_wrong_calls_end_in_words(
     with pytest.raises(fmpy.fmi1.FMICallException):
         unit.set("q.position", np.zeros(3))
     assert "these end with initialisation" in capfd.readouterr().out
+    unit.fmu.setFMUState(early)
+    unit.fmu.freeFMUState(early)
+    unit.set("q.position", np.zeros(3))
+    unit.begin()
     unit.advance(0.0, 0.1)
     with pytest.raises(fmpy.fmi1.FMICallException):
         unit.advance(0.1001, 0.1)
