@@ -66,17 +66,14 @@ def test_a_bag_gives_the_flight_again(flight: Flight, fast: Modules, tmp_path: P
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("with_inputs", [True, False])
 def test_what_is_not_known_is_left_out_of_figures(
-    with_inputs: bool, flight: Flight, fast: Modules, tmp_path: Path
+    flight: Flight, fast: Modules, tmp_path: Path
 ) -> None:
     gibbs_codegen.write_log(flight, tmp_path / "bag")
-    names = {} if with_inputs else {"inputs": "/none"}
-    again = gibbs_codegen.read_log(fast(flight.robot), tmp_path / "bag", names)
+    again = gibbs_codegen.read_log(fast(flight.robot), tmp_path / "bag", {"inputs": "/none"})
     figures = {path.stem for path in write_figures(again, tmp_path, ("png",))}
     assert {"coordinates", "snapshots", "energy"} <= figures
-    assert "tracking_error" not in figures
-    assert ("inputs" in figures) == with_inputs
+    assert not {"tracking_error", "inputs"} & figures
     assert gibbs_codegen.view_html(again).size > 100_000
 
 
