@@ -61,7 +61,7 @@ def test_mass_matrix_and_gravity_are_those_of_appended_models(
     place = ["--xyz", "0.03", "-0.02", "-0.1", "--rpy_deg", "10", "-20", "130", "--prefix", "l_"]
     assert main(["import", "drone.urdf", "--attach", arm, "--on", on, *place]) == 0
     robot = read_robot("drone_arm.toml")[0]
-    module = emitted_module(robot)
+    module = emitted_module(robot, "mass_matrix", "gravity_forces", "frame_poses")
 
     drone = pin.buildModelFromXML(DRONE, pin.JointModelFreeFlyer())
     pose = pin.SE3(pin.rpy.rpyToMatrix(np.deg2rad([10, -20, 130])), np.array([0.03, -0.02, -0.1]))
@@ -143,7 +143,8 @@ def test_rods_keep_their_lengths_and_rotors_their_thrusts(folder: Path) -> None:
     place = ["--on", "link1", "--xyz", "0.1", "0.02", "0.03", "--rpy_deg", "10", "20", "30"]
     command = ["import", "crane.toml", "--attach", "crane.toml", *place, "--prefix", "l_"]
     assert main(command) == 0
-    one, two = (emitted_module(read_robot(f"{n}.toml")[0]) for n in ("crane", "crane_crane"))
+    few = "frame_poses", "positions", "input_matrix"
+    one, two = (emitted_module(read_robot(f"{n}.toml")[0], *few) for n in ("crane", "crane_crane"))
     q = np.random.default_rng(2).normal(size=11)
     q[3:7] /= np.linalg.norm(q[3:7])
     poses = dict(zip(two.FRAMES, two.frame_poses(q), strict=True))

@@ -63,7 +63,7 @@ def test_gradients_of_gibbs_function_and_energies_and_power(robot: Robot) -> Non
 def test_attitude_is_the_sequence_of_the_angles(sequence: str) -> None:
     """Without an arm the tip has the axes of base arm 1."""
     base = Base(4, (Rod(0.5, 1.0),), alternating_thrust(4), (0.0,) * 4, attitude=sequence)
-    module = emitted_module(Robot("armless", base, ()))
+    module = emitted_module(Robot("armless", base, ()), "tip_pose")
     q = np.array([0.4, -0.7, 1.1, 0.0, 0.0, 0.0])
     expected = Rotation.from_euler(module.ATTITUDE.upper(), q[:3]).as_matrix()
     np.testing.assert_allclose(module.tip_pose(q)[:3, :3], expected, atol=1e-15)

@@ -21,21 +21,22 @@ NUMPY = {"numpy": TARGETS["numpy"]}
 _number = itertools.count()
 
 
-def emitted_module(robot: Robot, keep_zeros: bool = False) -> ModuleType:
-    """Derive, render for NumPy, and import; what an earlier run has made of it serves again."""
-    return _kept(robot, keep_zeros=keep_zeros)
+def emitted_module(robot: Robot, *functions: str, keep_zeros: bool = False) -> ModuleType:
+    """Derive, render for NumPy, and import; what an earlier run has made of it serves again.
+
+    It has the functions of these names and groups, or all but derivatives.
+    """
+    return _kept(robot, functions=functions or EVERY_GROUP, keep_zeros=keep_zeros)
 
 
 def module_with_derivatives(robot: Robot, *names: str) -> ModuleType:
     """The same with the derivatives of these names, or with all."""
-    return _kept(robot, derivatives=names or "all")
+    return _kept(robot, functions=EVERY_GROUP, derivatives=names or "all")
 
 
 def _kept(robot: Robot, **options: Any) -> ModuleType:
     folder = kept_folder(robot, options) / robot.name
-    return load(
-        made_once(folder, lambda: _write(derive(robot, functions=EVERY_GROUP, **options), folder))
-    )
+    return load(made_once(folder, lambda: _write(derive(robot, **options), folder)))
 
 
 def module_of(model: Model) -> ModuleType:

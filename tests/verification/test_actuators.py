@@ -39,6 +39,7 @@ MORE = ("dynamics", "actuators", "kinematics")
 OWN = tuple(row.name for row in ACTUATORS)
 
 
+@pytest.mark.slow
 def test_a_robot_with_every_kind_passes_in_both_back_ends(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -9,12 +9,14 @@ from typing import Any
 import pytest
 import sympy as sp
 from support.constrained import HELD_STILL, LIGHT_FINGER, TEXT
+from support.derived import derived
 from support.emitted import module_of
 from support.tools import tool
 
 from gibbs_codegen.derivation import constraints
 from gibbs_codegen.derivation.constraints import ConstraintEquations
 from gibbs_codegen.derivation.derive import derive
+from gibbs_codegen.program.model import Model
 from gibbs_codegen.robot.file import parse_robot
 from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.runtime.c_library import chosen_compiler, compiled_library
@@ -43,16 +45,16 @@ Wanted = list[tuple[Robot, Expected, States]]
 def expected() -> Wanted:
     """What Newton and Euler's formulation gives, of a robot of other numbers as well."""
     robot = parse_robot(TEXT)
-    names, found = module_of(derive(robot, functions=FEW)).PARAMETERS, []
+    names, found = module_of(derived(robot, functions=FEW)).PARAMETERS, []
     for other in (robot, variation(robot, names, 0, 0)):
         states = States.random(Tree(other), 16, 1)
         found.append((other, Expected(formulated(NewtonEuler(Tree(other))), states), states))
     return found
 
 
-def failing(expected: Wanted) -> set[str]:
+def failing(expected: Wanted, derive: Callable[..., Model] = derive) -> set[str]:
     """Functions of the robot's module that are found wrong."""
-    module, failed = module_of(derive(parse_robot(TEXT), functions=FEW)), set()
+    module, failed = module_of(derive(parse_robot(TEXT), functions=FEW)), set[str]()
     for robot, rows, states in expected:
         evaluation = Evaluation(module, prepared(module, robot))
         found = rows.compare_functions(evaluation, states, "Newton–Euler")
@@ -61,9 +63,10 @@ def failing(expected: Wanted) -> set[str]:
 
 
 def test_functions_pass(expected: Wanted) -> None:
-    assert failing(expected) == set()
+    assert failing(expected, derived) == set()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("attribute", "fault", "found"),
     [
@@ -95,11 +98,13 @@ def test_a_fault_of_the_derivation_is_found(
     assert found <= failing(expected)
 
 
+@pytest.mark.slow
 def test_the_sign_of_a_turn_is_found(monkeypatch: pytest.MonkeyPatch, expected: Wanted) -> None:
     monkeypatch.setattr(constraints, "_HALF", sp.Rational(-1, 2))
     assert "constraint_errors" in failing(expected)
 
 
+@pytest.mark.slow
 def test_derivatives_pass_where_a_robot_is_held_still_and_faults_are_found() -> None:
     """Velocities after an impact are zero there, but for rounding."""
     robot = parse_robot(HELD_STILL)
