@@ -243,14 +243,16 @@ class ConstraintDerivatives:
         inverse = [systems.refs(row) for row in own.solver_inverse]
         if not turning or own.is_regular:
             return _columns_of(_minus(graph, _product(graph, inverse, changes)))
-        tape, matrix = systems.symbolic.tape, [systems.refs(row) for row in own.masked_matrix]
+        tape = systems.symbolic.tape
         with tape.group("least forces, seen from the rows, and what rows cannot have"):
             dual = [tape.sum_of_products(row, self.forces) for row in own.solver_inverse]
             left = [tape.let(m * c) for m, c in zip(own.masks, self._rows, strict=True)]
+            # Of rows that can have all there is rounding, which A⁺ would enlarge.
+            left = [tape.let(c - x) for c, x in zip(left, own.projected(left), strict=True)]
+            onto = [systems.refs(own.projected(unit)) for unit in identity(len(left))]
         by_dual, by_left = (self._under(forces, turning) for forces in (dual, left))
-        within = _product(graph, matrix, _product(graph, inverse, by_dual))
         changes = _sum(graph, changes, _product(graph, inverse, by_left))
-        outside = _sum(graph, by_dual, _minus(graph, within))
+        outside = _sum(graph, by_dual, _minus(graph, _product(graph, onto, by_dual)))
         return _columns_of(_sum(graph, outside, _minus(graph, _product(graph, inverse, changes))))
 
     def _under(self, forces: list[sp.Expr], directions: Sequence[Direction]) -> Matrix:

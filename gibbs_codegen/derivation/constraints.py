@@ -729,6 +729,11 @@ class ConstraintEquations:
         size = range(len(columns))
         return [[-columns[min(i, j)][max(i, j)] for j in size] for i in size]
 
+    def projected(self, rows: Values) -> list[sp.Expr]:
+        """A A⁺ times rows, in the axes of the solver: what forces can have of them."""
+        inverse = self._inverse
+        return inverse.projected(rows) if isinstance(inverse, PseudoInverse) else [*rows]
+
     def rows_under(self, forces: Values) -> list[sp.Expr]:
         """A times forces of all rows, in the axes of the solver."""
         nothing = [sp.S.Zero] * len(self.masks)

@@ -20,7 +20,8 @@ _ACCELERATION = Output(
     "acceleration", "v", ACCELERATIONS, "{accelerations}", "constrained_acceleration"
 )
 _FORCES = Output("forces", "l", "N or N m", "{constraint_forces}")
-_VELOCITY = Output("velocities", "v", "rad/s or m/s", "{velocities}", "impact_velocities")
+# Not as those of frames, of another shape: PATTERNS are by name.
+_VELOCITY = Output("velocities_after", "v", "rad/s or m/s", "{velocities}", "impact_velocities")
 _IMPULSES = Output("impulses", "l", "N s or N m s", "{constraint_impulses}")
 _KINEMATICS = "forward kinematics"
 _BORDERED = "eqs. 14 and 15, with a row and a column for each constraint"

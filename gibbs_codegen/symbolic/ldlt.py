@@ -219,3 +219,9 @@ class PseudoInverse:
         inner = self._factors.scaled(turned.solved_back(inner)[::-1])
         inner = turned.scaled(turned.eliminated(inner[::-1]))
         return tape.combination(inner, turned.vectors)
+
+    def projected(self, right: Values) -> list[sp.Expr]:
+        """A A⁺ b, without the digits that A⁺ loses: Q Qᵀ b."""
+        turned = self._turned
+        inner = [self._tape.sum_of_products(row, right) for row in turned.vectors]
+        return self._tape.combination(turned.scaled(inner), turned.vectors)

@@ -14,13 +14,16 @@ from gibbs_codegen.interface import FUNCTIONS, module_signatures
 from gibbs_codegen.verification.states import States
 from gibbs_codegen.verification.vectors import Array
 
+# The size of what rounding decides, of which no error counts.
+UNKNOWN = 1e200
+
 
 @dataclass(frozen=True)
 class Comparison:
     """What was compared with what over so many states, and the largest error relative to its size.
 
     `limit` is the largest error that passes; `fault` says what is wrong where there is more to it
-    than a number.
+    than a number. In `unclear` states besides rounding decides, and nothing was compared.
     """
 
     what: str
@@ -29,6 +32,7 @@ class Comparison:
     error: float
     limit: float
     fault: str = ""
+    unclear: int = 0
 
     @property
     def passed(self) -> bool:
@@ -58,7 +62,10 @@ def compared(
     with np.errstate(divide="ignore", invalid="ignore"):
         errors = np.where(ours == theirs, 0.0, np.abs(ours - theirs) / size)
     error = np.inf if np.isnan(errors).any() else float(errors.max(initial=0.0))
-    return Comparison(what, against, len(theirs), error, limit)
+    # Some are multiplied by what is less than 1.
+    unknown = np.broadcast_to(size, theirs.shape) > 1e-100 * UNKNOWN
+    unclear = int(unknown.any(axis=tuple(range(1, theirs.ndim))).sum())
+    return Comparison(what, against, len(theirs) - unclear, error, limit, unclear=unclear)
 
 
 def merged(comparisons: Iterable[Comparison]) -> list[Comparison]:
@@ -68,7 +75,9 @@ def merged(comparisons: Iterable[Comparison]) -> list[Comparison]:
         groups.setdefault((comparison.what, comparison.against), []).append(comparison)
     return [
         replace(
-            max(same, key=lambda c: (not c.passed, c.error)), states=sum(c.states for c in same)
+            max(same, key=lambda c: (not c.passed, c.error)),
+            states=sum(c.states for c in same),
+            unclear=sum(c.unclear for c in same),
         )
         for same in groups.values()
     ]

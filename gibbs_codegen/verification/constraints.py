@@ -14,6 +14,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from gibbs_codegen.robot.model import ROWS, Constraint
+from gibbs_codegen.verification.comparison import UNKNOWN
 from gibbs_codegen.verification.formulation import Quantities
 from gibbs_codegen.verification.states import Sizes, States
 from gibbs_codegen.verification.tree import Tree
@@ -27,8 +28,6 @@ ACCELERATION = "constrained_forward_dynamics.acceleration"
 _ZERO, _CLEAR = 1e-13, 1e3
 # As many times that are rows of nothing but rounding, before they are squared.
 _LOST = 100.0
-# Where that is not clear no error counts.
-_UNKNOWN = 1e200
 
 
 class Measured(NamedTuple):
@@ -78,7 +77,7 @@ class Constraints:
         moved = np.linalg.solve(matrix, np.swapaxes(j, -1, -2))
         inverse, condition = self._inverse(matrix, j, sizes)
         clear = np.isfinite(condition)
-        known = np.where(clear, 0.0, _UNKNOWN)
+        known = np.where(clear, 0.0, UNKNOWN)
         condition = np.where(clear, condition, 1.0)
         size = _largest(inverse) * condition[:, None, None] + known[:, None, None]
         yield "operational_inertia", inverse, size
@@ -96,7 +95,7 @@ class Constraints:
 
         moving = Measured(times(j, states.v), times(jacobian.size, np.abs(states.v)))
         impulses, gain = taken(moving)
-        yield "impact.velocities", states.v + gain.value, np.abs(states.v) + gain.size
+        yield "impact.velocities_after", states.v + gain.value, np.abs(states.v) + gain.size
         yield "impact.impulses", *impulses
         _, way = taken(errors)
         yield "constraint_projection", *way

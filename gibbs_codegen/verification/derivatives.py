@@ -10,7 +10,7 @@ bodies the robot may have.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import cached_property
 from typing import NamedTuple
 
@@ -19,6 +19,7 @@ import numpy as np
 from gibbs_codegen.interface import FUNCTIONS
 from gibbs_codegen.robot.model import Body, RigidBody, Robot
 from gibbs_codegen.verification.comparison import (
+    UNKNOWN,
     Comparison,
     Evaluation,
     compared,
@@ -41,8 +42,6 @@ LIMIT = 1e-11
 _ROUNDING = 1e-13
 # Rounding of the weighed sum, as a share of the error that its second derivatives may have.
 _LOST = 0.01
-# Where it is not clear which constraints are redundant.
-_UNCLEAR = 1e200
 # Sets of bodies that a regressor has to do for, and rows of it for each of its columns.
 _SETS, _ROWS = 3, 3
 # The generalised forces B u, of which no function gives the value alone.
@@ -248,11 +247,7 @@ class _OfConstraints(_Function):
 
     def __init__(self, point: _Point, name: str) -> None:
         super().__init__(point, name)
-        found = formulated(NewtonEuler(point.tree)).at(point.states)
-        found = found.with_passive(point.tree, point.states)
-        own = Constraints(point.tree, float(np.finfo(float).eps))
-        stretch, self._moved = own.conditions(found, point.states, point.sizes)
-        self.stretch = np.where(np.isfinite(stretch), stretch, _UNCLEAR)[:, None]
+        self._measure = _Measure(point.tree, point.states, name)
         shapes = [shape for (shape,) in point.call.signatures[name].shapes]
         self.parts = np.split(np.arange(self.value.shape[-1]), np.cumsum(shapes)[:-1])
         self.values = [
@@ -269,13 +264,51 @@ class _OfConstraints(_Function):
 
     def _largest(self, array: Array, part: Array) -> Array:
         """Sizes of some rows of an array (s, rows …): the largest, stretched."""
-        own = np.abs(array[:, part]).reshape(len(array), -1).max(axis=-1, initial=0.0)
-        if len(self.parts) == 2 and part is self.parts[0]:
-            forces = np.abs(array[:, self.parts[1]]).reshape(len(array), self._moved.shape[-1], -1)
-            held = (np.abs(self._moved) @ forces).reshape(len(array), -1)
-            own = np.maximum(own, held.max(axis=-1, initial=0.0))
-        size = (own * self.stretch[:, 0]).reshape(-1, *[1] * (array.ndim - 1))
-        return np.broadcast_to(size, array[:, part].shape)
+        first = len(self.parts) == 2 and part is self.parts[0]
+        size = self._measure([array[:, part]], [array[:, self.parts[1]]] if first else [])
+        return np.broadcast_to(size.reshape(-1, *[1] * (array.ndim - 1)), array[:, part].shape)
+
+
+class _Measure:
+    """Sizes (s) of what a function of the constraints of a robot returns at some states."""
+
+    def __init__(self, tree: Tree, states: States, name: str) -> None:
+        found = formulated(NewtonEuler(tree)).at(states).with_passive(tree, states)
+        own, sizes = Constraints(tree, float(np.finfo(float).eps)), Sizes(tree, states)
+        self._stretch, self._moved = own.conditions(found, states, sizes)
+        if "active" not in FUNCTIONS[name].arguments:  # Nothing is solved.
+            self._stretch = np.ones(len(states))
+
+    def __call__(self, arrays: Sequence[Array], forces: Sequence[Array]) -> Array:
+        """The largest entries of arrays (s, …) and of what forces (s, l, …) move, stretched."""
+        count, _, rows = self._moved.shape
+        moves = [np.abs(self._moved) @ np.abs(x).reshape(count, rows, -1) for x in forces]
+        every = [np.abs(x).reshape(count, -1).max(axis=-1, initial=0.0) for x in [*arrays, *moves]]
+        clear = np.isfinite(self._stretch)
+        size: Array = np.max(every, axis=0) * np.where(clear, self._stretch, 1.0)
+        return size + np.where(clear, 0.0, UNKNOWN)
+
+
+def constraint_sizes(robots: Sequence[Robot], states: States, name: str, values: Values) -> Values:
+    """Sizes (s, 1 …) of what a derivative of what constraints do returns; else nothing.
+
+    Of one robot, or of one for each state.
+    """
+    row = FUNCTIONS[name]
+    if not row.derivative_of or "CONSTRAINTS" not in row.needs:
+        return {}
+    measures = [_Measure(Tree(robot), states, name) for robot in robots]
+    arrays, found = list(values.values()), dict[str, Array]()
+    count = len(arrays) // len(FUNCTIONS[row.derivative_of].outputs)
+    for what, array in values.items():
+        # Rates of accelerations come before those of forces.
+        some, forces = arrays[:count], arrays[count:]
+        if len(found) >= count:
+            some, forces = forces, []
+        each = np.array([measure(some, forces) for measure in measures])
+        size = each[0] if len(robots) == 1 else np.diagonal(each)
+        found[what] = size.reshape(-1, *[1] * (array.ndim - 1))
+    return found
 
 
 def _constraint_rows(function: _OfConstraints, values: Values) -> Iterator[Row]:

@@ -12,7 +12,7 @@ batch, and in C what they return in NumPy, with the default parameters and with 
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 from types import ModuleType
 from typing import Any
@@ -29,6 +29,7 @@ from gibbs_codegen.verification.comparison import (
     failed,
 )
 from gibbs_codegen.verification.complex_steps import ComplexSteps
+from gibbs_codegen.verification.derivatives import constraint_sizes
 from gibbs_codegen.verification.equations import Values
 from gibbs_codegen.verification.parameters import parameter_values, prepared
 from gibbs_codegen.verification.states import Sizes, States
@@ -142,6 +143,10 @@ _NO_FORMULATION = (
     "no formulation gives this function, so its values may be wrong; it was only compared with "
     "itself, one state with a batch and one back end with the other"
 )
+_UNCLEAR = (
+    "rounding decides there which constraints are redundant, and so what the others do; functions "
+    "of constraints are not compared in such states, of which this one meets most"
+)
 # Two ways of computing the same, relative to the largest entry: a few digits more are lost at most.
 _LIMIT = 1e-10
 # What is supposed where there is no mass matrix to tell.
@@ -167,17 +172,25 @@ def compared_with_themselves(comparisons: Sequence[Comparison]) -> dict[str, str
     return {f"{name} with a formulation": _NO_FORMULATION for name in sorted(functions)}
 
 
+def unclear(comparisons: Sequence[Comparison]) -> dict[str, str]:
+    """In how many states something is not compared, if in any, and why."""
+    most = max(comparisons, key=lambda c: c.unclear)
+    where = f"{most.what} in {most.unclear} of {most.states + most.unclear} states"
+    return {where: _UNCLEAR} if most.unclear else {}
+
+
 def compare_with_itself(
     evaluation: Evaluation,
     numpy: Evaluation | None,
+    robot: Robot,
     functions: Sequence[str],
     states: States,
     circumstance: str = "",
 ) -> list[Comparison]:
     """Compare functions for a batch with the same one by one, and with those of another back end.
 
-    `numpy` is the NumPy back end with the same parameters, where `evaluation` is of another, and
-    `circumstance` is added to the names of what is compared with.
+    `numpy` is the NumPy back end, where `evaluation` is of another, both with the parameters of
+    `robot`; `circumstance` is added to the names of what is compared with.
     """
     rows: list[Comparison] = []
     solved = max(_LIMIT, _ROUNDING_OF_SOLUTIONS * _condition(evaluation, states))
@@ -185,10 +198,11 @@ def compare_with_itself(
         limit = _limit(evaluation.signatures[name], solved)
         batched = evaluation.results(name, states)
         alone = evaluation.results(name, states, singly=True)
-        rows += _alike(alone, batched, ONE_BY_ONE + circumstance, limit)
+        sizes = constraint_sizes([robot], states, name, batched)
+        rows += _alike(alone, batched, ONE_BY_ONE + circumstance, limit, sizes)
         if numpy is not None:
             there = numpy.results(name, states)
-            rows += _alike(batched, there, OTHER_BACK_END + circumstance, limit)
+            rows += _alike(batched, there, OTHER_BACK_END + circumstance, limit, sizes)
     return explained(rows, evaluation.faults)
 
 
@@ -212,7 +226,8 @@ def compare_constants_of_each(
     for name, signature in batched.signatures.items():
         limit = _limit(signature, solved)
         expected = alone.results(name, states)
-        rows += _alike(batched.results(name, states), expected, OF_EACH, limit)
+        sizes = constraint_sizes(robots, states, name, expected)
+        rows += _alike(batched.results(name, states), expected, OF_EACH, limit, sizes)
     failing = [c for c in explained(rows, batched.faults) if not c.passed]
     worst = max(rows, key=lambda c: c.error / c.limit)
     return failing or [replace(worst, what="functions")]
@@ -252,9 +267,9 @@ def _condition(evaluation: Evaluation, states: States) -> float:
 
 
 def _alike(
-    ours: Mapping[str, Array], theirs: Mapping[str, Array], against: str, limit: float
+    ours: Values, theirs: Values, against: str, limit: float, sizes: Values
 ) -> Iterator[Comparison]:
-    """Compare the arrays of a function with `theirs`, errors relative to the largest entry."""
+    """Compare the arrays of a function with `theirs`, errors relative to sizes or largest entry."""
     for what, array in theirs.items():
-        size = np.abs(array).max(initial=0.0)
+        size = sizes.get(what, np.abs(array).max(initial=0.0))
         yield compared(what, against, ours[what], array, size, limit)

@@ -152,7 +152,7 @@ def compare_module(
     unknown = invariants.without_formulation(evaluation.signatures, comparisons, against[0].name)
     states = States.random(tree, others, (seed, 5))
     there = Evaluation(numpy) if numpy else None
-    comparisons += invariants.compare_with_itself(evaluation, there, unknown, states)
+    comparisons += invariants.compare_with_itself(evaluation, there, robot, unknown, states)
     comparisons += compare_derivatives(evaluation, steps, robot, states.first(extent.derivatives))
     if extent.any_angles:
         progress(ANY_ANGLES)
@@ -247,7 +247,7 @@ def _with_other_parameters(
         yield from _compare_again(evaluation, tree, states, extent.singly, OTHER_PARAMETERS)
         usual = States.random(tree, count, (seed, 1, number))
         also = f", {OTHER_PARAMETERS}"
-        yield from invariants.compare_with_itself(evaluation, there, unknown, usual, also)
+        yield from invariants.compare_with_itself(evaluation, there, other, unknown, usual, also)
         few = usual.first(extent.derivatives)
         yield from compare_derivatives(
             evaluation, ComplexSteps(numpy or module, other), other, few, also

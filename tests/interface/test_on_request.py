@@ -141,6 +141,13 @@ def test_patterns_are_the_entries_that_are_not_zero_column_by_column(module) -> 
         np.testing.assert_array_equal(whole, matrices)
 
 
+def test_derivatives_of_one_name_have_one_shape() -> None:
+    """PATTERNS are by name."""
+    rows = [row for row in FUNCTIONS.values() if row.derivative_of]
+    shapes = {(output.name, output.shape) for row in rows for output in row.outputs}
+    assert len(shapes) == len({name for name, _ in shapes})
+
+
 def test_verify_takes_modules_that_have_them(folder: Path, names: list[str]) -> None:
     tool("cc")
     found = verify(folder, states=2)

@@ -124,6 +124,22 @@ def test_derivatives_are_those_of_complex_steps(
         active[0] = 0.0
 
 
+@pytest.mark.slow
+def test_derivatives_keep_their_digits_next_to_redundancy(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A hinge whose axis is 0.2° off resists turning by little more than rounding does."""
+    robot = parse_robot(FOUR_BAR.replace("joint =", "rpy_deg = [0, 0, 0.2]\njoint ="))
+    model = derive(robot, functions=("default", "constraints"), derivatives=("impact_derivatives",))
+    module = module_of(model)
+    source = sys.modules[module.mass_matrix.__module__]
+    monkeypatch.setattr(source, "sign", lambda x: np.copysign(1.0, np.real(x)))
+    q = np.array([0, 0, 0, 0, 0, 0, 1, 0.3, 1.3, 2.9])
+    state = {"q": q, "v": np.array([0.1, 0, 0.2, 0.3, 1.0, -0.2, 3.0, 1.0, -2.0])}
+    found = module.impact_derivatives(*state.values(), np.ones(1))
+    velocities, impulses = derivative(module, "impact", {**state, "active": np.ones(1)}, "q")
+    for ours, theirs, limit in ((found[1], velocities, 1e-8), (found[4], impulses, 1e-11)):
+        np.testing.assert_allclose(ours, theirs, rtol=0, atol=limit * np.abs(theirs).max())
+
+
 def met_robot(seed: int) -> tuple[Robot, Array]:
     """A robot with points and frames that are held, none redundantly, and a state of it there.
 
