@@ -80,11 +80,13 @@ def _finite(name: str, value: ArrayLike) -> NDArray[np.float64]:
     numbers = np.array(real_numbers(name, value))
     if numbers.ndim > MOST_AXES:
         raise ValueError(f"{name} must have at most {MOST_AXES} axes, not {numbers.ndim}")
-    wrong = ~np.isfinite(numbers)
+    wrong, right = ~np.isfinite(numbers), "a finite number"
+    if name.startswith("constraint_") and name.endswith("_distance"):
+        wrong, right = wrong | ~(numbers > 0.0), "a finite number above 0, m"
     if wrong.any():
         place, words = first_of("value", wrong)
         which = f": {words}" if numbers.ndim else ""
-        raise ValueError(f"{name}{which} must be a finite number, not {numbers[place]}")
+        raise ValueError(f"{name}{which} must be {right}, not {numbers[place]}")
     return numbers
 
 

@@ -43,3 +43,12 @@ def test_parameters_are_refused_by_name(
     with pytest.raises(error) as raised:
         prepared(inertia, DEFAULTS, ["drag"], parameters)
     assert str(raised.value).startswith(message)
+
+
+@pytest.mark.parametrize("distance", [0.0, -1.5, [1.0, 0.0]])
+def test_distances_of_constraints_are_above_zero(distance: Any) -> None:
+    defaults = {**DEFAULTS, "constraint_rope_distance": 1.0}
+    with pytest.raises(
+        ValueError, match=r"^constraint_rope_distance.* above 0, m, not (0\.0|-1\.5)"
+    ):
+        prepared(inertia, defaults, [], {"constraint_rope_distance": distance})
