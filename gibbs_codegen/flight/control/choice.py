@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import replace
 
 import numpy as np
@@ -120,7 +121,7 @@ def control_law(
     gains = Gains.of(frequencies, ratios, places.size)
     memory, moved = 0, _moved_frame(law, control, vehicle)
     if leans and moved is not None:
-        _check_push(moved, vehicle, reference)
+        _check_levers(moved, control, vehicle, reference)
     if law in LAWS and (control.integral or LAWS[law].pushes):
         gains, memory = replace(gains, integral=control.integral), places.size
     kind = LeaningController if leans else Controller
@@ -151,25 +152,40 @@ def _moved_frame(law: Law, control: Control, vehicle: Vehicle) -> MovedFrame | N
     return MovedFrame(place, axes, impedance, force)
 
 
-def _check_push(moved: MovedFrame, vehicle: Vehicle, reference: Reference) -> None:
+def _check_levers(
+    moved: MovedFrame, control: Control, vehicle: Vehicle, reference: Reference
+) -> None:
     """Raise `UsageError` where no joint moves a frame along its push when that begins.
 
-    Of a base that leans the joints alone push: they move the frame relative to the centre of mass.
+    Of a base that leans the joints alone move the frame relative to the centre of mass. Where they
+    cannot, springs that were asked for are not there: warn.
     """
-    if moved.force is None:
-        return
-    q, direction = reference(moved.force.begin)[0], np.array(moved.force.direction)
-    if moved.axes is not None:
-        direction = vehicle.frame_poses(q)[moved.axes, :3, :3] @ direction
+    frame, force = moved.impedance.frame, moved.force
+    q = reference(0.0 if force is None else force.begin)[0]
     relative = vehicle.frame_jacobians(q)[moved.place, :3] - vehicle.centre_of_mass_jacobian(q)
     free = [k for k in range(vehicle.joints) if not holds(vehicle, k)]
     levers = relative[:, vehicle.layout.v.joints][:, free]
+    least = _NO_LEVER * np.linalg.norm(levers)
+    if force is None:
+        ways, shares, _ = np.linalg.svd(np.pad(levers, ((0, 0), (0, 3))))
+        stuck = [way * np.sign(way[np.argmax(np.abs(way))]) for way in ways.T[shares <= least]]
+        stiff = " and ".join(f"[{', '.join(f'{x:.3g}' for x in way + 0.0)}]" for way in stuck)
+        if control.impedance and control.impedance.stiffness and stiff:
+            warnings.warn(
+                f"control.impedance.stiffness: {vehicle.name} leans, so that joints must yield; "
+                f"but at the beginning none moves {frame} along {stiff}, relative to the centre of "
+                "mass: there the base holds it on its path, by control.frequency",
+                stacklevel=2,
+            )
+        return
+    direction = np.array(force.direction)
+    if moved.axes is not None:
+        direction = vehicle.frame_poses(q)[moved.axes, :3, :3] @ direction
     along = np.linalg.norm(direction @ levers) / np.linalg.norm(direction)
-    if along <= _NO_LEVER * np.linalg.norm(levers):
-        frame = moved.impedance.frame
+    if along <= least:
         raise UsageError(
             f"control.force.direction: {vehicle.name} leans, so that joints must push; but when "
-            f"the push begins, at {moved.force.begin:g} s, none moves {frame} along the direction, "
+            f"the push begins, at {force.begin:g} s, none moves {frame} along the direction, "
             "relative to the centre of mass; turn the direction, or the heading of the base, to "
             "where the arm moves it, or bend the arm (arm.posture_deg)"
         )
