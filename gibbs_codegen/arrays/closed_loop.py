@@ -31,6 +31,7 @@ from gibbs_codegen.arrays.laws import (
     Rotors,
     inputs_of,
     learning,
+    push_shares,
     weight_of,
     within_limits,
 )
@@ -39,7 +40,6 @@ from gibbs_codegen.arrays.nodes import (
     Program,
     absolute,
     choose,
-    clip,
     constant,
     coordinates_of,
     dot,
@@ -597,8 +597,7 @@ class ClosedLoop:
             direction = axes @ direction
         force, rise, integral = (self.given(f"push_{x}") for x in ("force", "rise", "integral"))
         ends = self.given("push_begin"), self.given("push_end")
-        shares = (clip((at.time - end) / rise, 0.0, 1.0) for end in ends)
-        rising, falling = (x * x * (3.0 - 2.0 * x) for x in shares)
+        rising, falling = push_shares(at.time, *ends, rise)
         return replace(found, push=Push(direction, force, rising - falling, integral, axes))
 
     def _lead(

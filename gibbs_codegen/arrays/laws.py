@@ -146,6 +146,12 @@ class Push:
         return rates if self.axes is None else self.axes.transposed @ rates
 
 
+def push_shares(time: Node, begin: Node, end: Node, rise: Node) -> tuple[Node, Node]:
+    """How much of a push, 0 to 1, has come at times, s, and how much has gone again."""
+    come, gone = (clip((time - each) / rise, 0.0, 1.0) for each in (begin, end))
+    return come * come * (3.0 - 2.0 * come), gone * gone * (3.0 - 2.0 * gone)
+
+
 @dataclass(frozen=True)
 class FrameAim:
     """The frame that a law moves, by its number, and how.

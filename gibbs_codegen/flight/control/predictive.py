@@ -32,6 +32,8 @@ import numpy as np
 
 from gibbs_codegen.arrays.evaluation import evaluate
 from gibbs_codegen.arrays.functions import Functions
+from gibbs_codegen.arrays.laws import push_shares
+from gibbs_codegen.arrays.nodes import Program, constant, variable
 from gibbs_codegen.arrays.predictive import Horizon
 from gibbs_codegen.errors import (
     GibbsCodegenError,
@@ -920,8 +922,9 @@ def _into_walls(
             way += lacking / facing
         way[against < _FACING] = np.inf  # What does not face the push takes no part in it.
     shortest = np.min(ways, axis=0)
-    shares = (np.clip((times - end) / force.rise, 0.0, 1.0) for end in (force.begin, force.end))
-    rising, falling = (x * x * (3.0 - 2.0 * x) for x in shares)
+    time, figures = variable("time"), map(constant, (force.begin, force.end, force.rise))
+    program = Program("push", (time,), dict(zip("+-", push_shares(time, *figures), strict=True)))
+    rising, falling = evaluate(program, {"time": times}, {}).values()
     alone = np.isinf(shortest)
     if len(late := times[alone & (rising > falling)]):
         raise UsageError(
