@@ -13,6 +13,9 @@ from numpy.typing import ArrayLike, NDArray
 _OVER = np.array([1.0, -1.0, -1.0])
 _UNDER = np.array([1.0, 1.0, -1.0])
 _HALF = np.sqrt(0.5)
+# Entries of a quaternion, x y z w, of which sums and differences are those of the turned one.
+_FIRST, _SECOND = np.array([[3, 0, 0, 3], [2, 1, 1, 2]])
+_SIGNS = np.array([1.0, 1.0, -1.0, -1.0])
 
 
 def turned_over(vectors: ArrayLike) -> NDArray[np.float64]:
@@ -34,7 +37,7 @@ def turned_attitude(quaternion: ArrayLike) -> NDArray[np.float64]:
     half turns.
     """
     found = np.asarray(quaternion, float)
-    return _HALF * (found[..., [3, 0, 0, 3]] + [1.0, 1.0, -1.0, -1.0] * found[..., [2, 1, 1, 2]])
+    return _HALF * (found[..., _FIRST] + _SIGNS * found[..., _SECOND])
 
 
 def attitude_turned_back(quaternion: ArrayLike) -> NDArray[np.float64]:

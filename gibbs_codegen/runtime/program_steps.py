@@ -27,14 +27,15 @@ Flags = NDArray[np.bool_]
 class Taken(NamedTuple):
     """What became of states: steps `taken` (count), samples (count, s, size), `last` states.
 
-    `refused` (count) tells which ended before a step. Samples after the end of a state repeat its
-    last one.
+    `refused` (count) tells which ended before a step, `goes_on` (count) which have not ended.
+    Samples after the end of a state repeat its last one.
     """
 
     taken: NDArray[np.int32]
     samples: Array
     last: Array
     refused: Flags
+    goes_on: Flags
 
 
 class ProgramSteps:
@@ -141,12 +142,12 @@ class ProgramSteps:
             self.blocks.to_rows(x, self.count)
             for x in (self._state.copy(), samples[:, :kept], self._progress.copy())
         )
-        _, refused, taken = ended.T
+        goes_on, refused, taken = ended.T
         if taken.min() < steps:
             ends = (number + taken) // every - number // every
             for k in np.flatnonzero(ends < kept):
                 found[k, ends[k] :] = last[k]
-        return Taken(taken, found, last, refused.astype(bool))
+        return Taken(taken, found, last, refused.astype(bool), goes_on.astype(bool))
 
     def _constants(self, constants: Any, each: bool) -> NDArray[Any]:
         """Constants of one robot, or of each state in blocks."""

@@ -10,6 +10,7 @@ import json
 import math
 import socket
 import struct
+import sys
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -179,3 +180,8 @@ def fly_as_px4(
                     sender.hil_actuator_controls_send(message.time_usec, controls, 128 | 1, 1)
                     answered += 1
     return found
+
+
+if __name__ == "__main__":  # By itself: its kind, the port, and how many steps.
+    flying = {"px4": fly_as_px4, "ardupilot": fly_as_ardupilot}[sys.argv[1]]
+    flying(("127.0.0.1", int(sys.argv[2])), Pilot((0.4, -0.3, -2.2)), int(sys.argv[3]))

@@ -79,12 +79,12 @@ def _constants(closed: ClosedLoop) -> dict[str, object]:
 class CompiledLoop:
     """One closed loop in compiled code, while the same acts on the robot.
 
-    Where a wrench is asked for that the rotors cannot produce, Python says so. Raises as `steps_of`
-    does.
+    Where a wrench is asked for that the rotors cannot produce, Python says so. `goes_on`: whether
+    the flight does from the last state. Raises as `steps_of` does.
     """
 
     def __init__(self, closed: ClosedLoop, bounds: Array | float, loads: Loads = NOTHING) -> None:
-        self._closed, self._loads = closed, loads
+        self._closed, self._loads, self.goes_on = closed, loads, True
         self._steps = steps_of(closed, bounds, loads)
         self._inputs = len(closed.vehicle.inputs)
 
@@ -112,6 +112,7 @@ class CompiledLoop:
         ranges[:, 0], ranges[:, 1] = np.inf, -np.inf
         found = self._steps(time, state[np.newaxis], step, count, every, number, ranges=ranges)
         taken, first = int(found.taken[0]), number // every
+        self.goes_on = bool(found.goes_on[0])
         if seen:
             # The first stretch may begin after its sample, and the last one end before it.
             stretches = -(-(number + taken) // every) - first

@@ -104,11 +104,11 @@ class FixedStepIntegrator:
         for stretch in self.grid.stretches(interval):
             done = 0
             while done < stretch.steps and not stopped:
-                taken, kept, state = self._advance(stretch, done, time, state, inputs)
+                taken, kept, state, goes_on = self._advance(stretch, done, time, state, inputs)
                 samples.append(kept)
                 done += taken
                 time = min((stretch.first + done) * self.grid.size, interval.end)
-                stopped = self.envelope.reason(time, state)
+                stopped = "" if goes_on else self.envelope.reason(time, state)
                 progress(time)
         states, times = np.concatenate(samples), self.grid.sample_times(interval)
         end = time if stopped else interval.end
@@ -116,10 +116,11 @@ class FixedStepIntegrator:
 
     def _advance(
         self, stretch: Stretch, done: int, time: float, state: Array, inputs: InputRecord
-    ) -> tuple[int, Array, Array]:
+    ) -> tuple[int, Array, Array, bool]:
         """Take steps of a stretch, of which `done` were taken: many in C, or one in Python.
 
-        Returns how many, samples (s, size), and the last state.
+        Returns how many, samples (s, size), the last state, and whether it is known that the flight
+        goes on from it.
         """
         number, loads = stretch.first + done, inputs.loads
         if (compiled := self.compiled.at(loads)) is not None:
@@ -128,11 +129,11 @@ class FixedStepIntegrator:
                 time, state, stretch.step, count, stretch.every, number, inputs.ranges
             )
             if taken:
-                return taken, kept, last
+                return taken, kept, last, compiled.goes_on
         inputs.state(time, state)
         with np.errstate(all="ignore"):
             state = rk4_step(self.loop, time, state, stretch.step, loads)
-        return 1, state[np.newaxis][: (number + 1) % stretch.every == 0], state
+        return 1, state[np.newaxis][: (number + 1) % stretch.every == 0], state, False
 
 
 def rk4_step(loop: ClosedLoop, time: float, state: Array, size: float, loads: Loads) -> Array:
