@@ -11,7 +11,6 @@ from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from gibbs_codegen.robot.model import ROWS, Constraint
 from gibbs_codegen.verification.comparison import UNKNOWN
@@ -132,6 +131,8 @@ class Constraints:
         self, own: Constraint, found: Quantities, states: States, sizes: Sizes
     ) -> list[Measured]:
         """Errors, Jacobian, bias, and what brings errors back, of one constraint."""
+        from scipy.spatial.transform import Rotation  # Late, as SciPy takes long to import.
+
         frame, carrier = (self._frame(name, found, states) for name in (own.frame, own.to))
         turn = Rotation.from_quat(own.anchor.quaternion).as_matrix()
         axes = np.swapaxes(carrier.rotation @ turn, -1, -2)
@@ -208,6 +209,8 @@ def _under(first: Array, second: Array) -> Array:
 
 def _across(axis: Array) -> Array:
     """The first two axes (2, 3) of the frame turned by R_z·R_x whose third is an axis."""
+    from scipy.spatial.transform import Rotation  # Late, as SciPy takes long to import.
+
     x, y, z = axis
     level = np.hypot(x, y)
     about_z = np.arctan2(x, -y) if level > 0.0 else 0.0

@@ -15,7 +15,6 @@ from types import ModuleType
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from gibbs_codegen.robot import model
 from gibbs_codegen.robot.names import (
@@ -136,6 +135,8 @@ class _Mapping:
                 change(f"{prefix}_{part}", x, NUMBER._replace(no_zero=True)) for part, x in pairs
             ]
             if parts != [*own.anchor.quaternion]:
+                from scipy.spatial.transform import Rotation  # Late, as SciPy takes long to import.
+
                 x, y, z = Rotation.from_quat(parts).as_euler("xyz", degrees=True)
                 rpy = Fraction(x), Fraction(y), Fraction(z)
                 anchor = replace(anchor, rpy_deg=rpy)

@@ -657,10 +657,11 @@ def test_a_folder_name_too_long_is_wrong_use(tmp_path: Path) -> None:
     assert_refused(done, tmp_path, "File name too long")
 
 
-def test_info_of_a_robot_without_limits_does_not_import_scipy(tmp_path: Path) -> None:
+@pytest.mark.parametrize("command", ["info", "generate"])
+def test_of_a_robot_without_limits_scipy_is_not_imported(command: str, tmp_path: Path) -> None:
     code = (
         "import sys\nfrom gibbs_codegen.cli.app import main\n"
-        "assert main(['info', 'hexarotor_3link']) == 0\n"
+        f"assert main(['{command}', 'hexarotor']) == 0\n"
         "assert not {'scipy', 'gibbs_codegen.flight'} & set(sys.modules)"
     )
     done = subprocess.run(
