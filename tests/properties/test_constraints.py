@@ -6,6 +6,7 @@ Robots, constraints and states are random; constraints are redundant too, and ac
 from __future__ import annotations
 
 import sys
+from collections.abc import Sequence
 from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
@@ -46,11 +47,11 @@ FEW = (
 )
 
 
-def seeds(few: int, slow: int, every: int) -> list[Any]:
+def seeds(few: Sequence[int], slow: Sequence[int], every: int) -> list[Any]:
     """Seeds of the default run, of CI, and of all that there are."""
-    marks = pytest.mark.slow, pytest.mark.exhaustive
-    kinds = zip((range(few, slow), range(slow, every)), marks, strict=True)
-    return [*range(few), *(pytest.param(k, marks=mark) for some, mark in kinds for k in some)]
+    rest = sorted({*range(every)} - {*few, *slow})
+    kinds = ((slow, pytest.mark.slow), (rest, pytest.mark.exhaustive))
+    return [*few, *(pytest.param(k, marks=mark) for some, mark in kinds for k in some)]
 
 
 def assert_alike(ours: Array, theirs: Array, size: float = 0.0) -> None:
@@ -60,7 +61,8 @@ def assert_alike(ours: Array, theirs: Array, size: float = 0.0) -> None:
 
 
 @pytest.mark.parametrize("redundant", [False, True])
-@pytest.mark.parametrize("seed", seeds(2, 3, 100))
+# The slow ones have a loop, a plane, and errors that are brought back.
+@pytest.mark.parametrize("seed", seeds([1], [3, 9], 100))
 def test_all_functions_are_those_of_dense_formulas(seed: int, redundant: bool) -> None:
     robot = constrained_robot(seed, redundant)
     module, rng = emitted_module(robot, *FEW), np.random.default_rng(seed)
@@ -91,13 +93,14 @@ def test_all_functions_are_those_of_dense_formulas(seed: int, redundant: bool) -
         assert_alike(found["projection"][k], dense.solved(dense.errors, active)[1])
 
 
-@pytest.mark.parametrize("seed", [pytest.param(None, marks=pytest.mark.slow), *seeds(0, 1, 12)])
+@pytest.mark.parametrize("seed", [pytest.param(None, marks=pytest.mark.slow), *seeds([], [1], 12)])
 def test_derivatives_are_those_of_complex_steps(
     seed: int | None, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Also where constraints are redundant, and ask for what cannot be."""
     robot = parse_robot(TEXT) if seed is None else constrained_robot(seed, seed % 2 == 1)
-    model = derive(robot, functions=("mass_matrix", "constraints"), derivatives=DERIVATIVES)
+    needed = "constraints", "mass_matrix", "coordinate_rates"
+    model = derive(robot, functions=needed, derivatives=DERIVATIVES)
     module, rng = module_of(model), np.random.default_rng(seed or 0)
     source = sys.modules[module.mass_matrix.__module__]
     monkeypatch.setattr(source, "sign", lambda x: np.copysign(1.0, np.real(x)))
@@ -169,7 +172,7 @@ def met_robot(seed: int) -> tuple[Robot, Array]:
     return replace(robot, name=f"met_{seed}", constraints=tuple(found)), q
 
 
-@pytest.mark.parametrize("seed", seeds(1, 3, 60))
+@pytest.mark.parametrize("seed", seeds([0], [1, 2], 60))
 def test_accelerations_and_forces_are_those_of_constraint_dynamics(seed: int) -> None:
     """Where constraints are met and velocities agree with them, as Pinocchio takes them."""
     robot, q = met_robot(seed)
