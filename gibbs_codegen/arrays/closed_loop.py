@@ -54,7 +54,7 @@ from gibbs_codegen.arrays.nodes import (
     variable,
     zeros,
 )
-from gibbs_codegen.arrays.steps import classical_step
+from gibbs_codegen.arrays.steps import classical_step, constrained_motion
 
 # Time, s, over which thrusts are differenced for what makes up for the lag of motors.
 AHEAD = 1e-7
@@ -453,12 +453,7 @@ class ClosedLoop:
             free = plant.forward_dynamics(q, v, u) if pushed is None else pushed
             return wrenches, free, zeros(0)
         active = self.given("active", plant.constraints)
-        a, forces = plant.constrained_forward_dynamics(q, v, u, active)
-        if pushed is not None:
-            # Constraints take of accelerations by wrenches what an impact takes of velocities.
-            left, more = plant.impact(q, pushed - plant.forward_dynamics(q, v, u), active)
-            a, forces = a + left, forces + more
-        return wrenches, a, forces
+        return wrenches, *constrained_motion(plant, (q, v), u, active, pushed)
 
     def parts(self, x: Node) -> tuple[Node, Node, Node, Node, Node]:
         """Coordinates with a unit quaternion, velocities, actuators, memory and bristles."""

@@ -29,7 +29,7 @@ from gibbs_codegen.arrays.nodes import (
     variable,
     zeros,
 )
-from gibbs_codegen.arrays.steps import METHODS
+from gibbs_codegen.arrays.steps import METHODS, constrained_motion, projected
 from gibbs_codegen.arrays.surroundings import air_on_rotors, on_frames
 
 
@@ -37,7 +37,8 @@ from gibbs_codegen.arrays.surroundings import air_on_rotors, on_frames
 class Parts:
     """What a rollout has besides inputs; a robot that is driven has its own lag.
 
-    `walls` are contacts with them, each with the figures of its wall.
+    `walls` are contacts with them, each with the figures of its wall. `active` has 1 for each
+    constraint that holds, else 0, if any does.
     """
 
     feedback: bool = False
@@ -46,6 +47,7 @@ class Parts:
     wrenches: bool = False
     bounds: bool = False
     walls: tuple[tuple[Contact, tuple[float, ...]], ...] = ()
+    active: tuple[float, ...] = ()
 
     @property
     def bristles(self) -> int:
@@ -119,7 +121,7 @@ def rollout_step(
         u = named(u + own["gain"] @ error, "wanted", "inputs with linear feedback")
     if parts.limits:
         u = named(clip(u, own["least"], own["most"]), "commanded", "inputs within their limits")
-    acting = [u] * 3
+    acting, active = [u] * 3, constant(parts.active)
     if "lag" in own:
         settled, efforts = u[:rotors], u[rotors:]
         way = actuators - settled
@@ -144,9 +146,12 @@ def rollout_step(
         if acting_on:
             on_all = on_frames(acting_on, robot.frames)
             wrenches = on_all if wrenches is None else wrenches + on_all
+        a = None
         if wrenches is not None:
             a = robot.forward_dynamics_with_wrenches(q, v, inputs, wrenches)
-        else:
+        if parts.active:
+            a, _ = constrained_motion(robot, (q, v), inputs, active, a)
+        elif a is None:
             a = robot.forward_dynamics(q, v, inputs)
         rates = [robot.actuator_rates(states, u)] if states.size else []
         return join(a, *rates, *bristle_rates)
@@ -156,6 +161,9 @@ def rollout_step(
 
     begin = join(x[n : n + m + driven], x[end:])
     q_next, v_next = METHODS[method](move, accelerate, q, begin, h)
+    if parts.active:
+        q_next, own_next = projected(robot, move, q_next, v_next[:m], active)
+        v_next = join(own_next, v_next[m:])
     x_next = join(q_next, v_next[: m + driven], acting[2][:rotors], v_next[m + driven :])
     ended = constant(0.0)
     if parts.bounds:

@@ -59,6 +59,28 @@ def classical_step(rate: Callable[[Node, int], Node], x: Node, h: Node) -> Node:
     return x + h / 6.0 * (k1 + 2.0 * (k2 + k3) + k4)
 
 
+def constrained_motion(
+    robot: Functions, motion: State, u: Node, active: Node, pushed: Node | None
+) -> State:
+    """Accelerations (nv) under active constraints (g), and the forces of these.
+
+    `pushed` are those without constraints under wrenches, if there are any.
+    """
+    a, forces = robot.constrained_forward_dynamics(*motion, u, active)
+    if pushed is not None:
+        # Constraints take of accelerations by wrenches what an impact takes of velocities.
+        free = robot.forward_dynamics(*motion, u)
+        left, more = robot.impact(motion[0], pushed - free, active)
+        a, forces = a + left, forces + more
+    return a, forces
+
+
+def projected(robot: Functions, move: Move, q: Node, v: Node, active: Node) -> State:
+    """A state brought to where active constraints (g) are met: by a Newton step, and an impact."""
+    q = move(q, robot.constraint_projection(q, active))
+    return q, robot.impact(q, v, active)[0]
+
+
 METHODS = {"euler": semi_implicit_euler, "rk4": runge_kutta_4}
 
 

@@ -93,7 +93,8 @@ class Problem:
     `x` (1 or n, nx) are states of the actuators, if they have any. A state ends after the
     step that takes an entry of q and v beyond `bounds` (2, nq + nv), or makes it not finite; from
     then on it stays as it is, and changes no other. `walls` are as of `Parts`, `bristles`
-    (1 or n, 3 b) those of b contacts with friction at the start, not strained if None. A sample is
+    (1 or n, 3 b) those of b contacts with friction at the start, not strained if None; so is
+    `active`. A sample is
     kept after every `every`-th step. The step is the module's step_euler or step_rk4.
     """
 
@@ -114,6 +115,7 @@ class Problem:
     x: Array | None = None
     walls: tuple[tuple[Contact, tuple[float, ...]], ...] = ()
     bristles: Array | None = None
+    active: tuple[float, ...] = ()
 
     @functools.cached_property
     def parts(self) -> Parts:
@@ -126,6 +128,7 @@ class Problem:
             self.wrenches is not None,
             self.bounds is not None,
             self.walls,
+            self.active,
         )
 
     def begin(self, parts: Parts, xp: Any = np) -> list[Array]:

@@ -100,6 +100,7 @@ def rollout(
     every: int = 1,
     wrenches: Any = None,
     walls: Sequence[Wall] = (),
+    constraints: Sequence[str] = (),
     limits: Any = None,
     time_constants: Any = None,
     thrusts: Any = None,
@@ -134,6 +135,8 @@ def rollout(
             (1 or n, 1 or steps, f, 6).
         walls: What frames touch, with friction and without, as a scenario has it:
             `read_scenario(…).walls`.
+        constraints: Names of the constraints that hold, of the module's CONSTRAINTS; each step ends
+            where they are met. Start there: `integrate` and `constraint_projection`, `impact`.
         limits: The least and the greatest inputs, each a number or an array (nu); of commands those
             of the robot file, if None.
         time_constants: Those of the motors' lag, s, 0 for none: a number, (rotors) or (n, rotors).
@@ -174,15 +177,19 @@ def rollout(
     tell = functools.partial(progress, "rolling out")
     if isinstance(control, Scenario | str | os.PathLike):
         others = any(each is not None for each in (wrenches, limits, thrusts, x0, bounds))
-        if others or walls or method != "rk4":
+        if others or walls or constraints or method != "rk4":
             raise UsageError(
                 "control: a scenario is rolled out by rk4, with limits, wrenches and bounds of its "
-                "own: leave out method, wrenches, limits, thrusts, x0, bounds, walls"
+                "own: leave out method, wrenches, limits, thrusts, x0, bounds, walls, constraints"
             )
         varied = parameters or {}, time_constants
         return scenario_rollout(
             arguments, control, (q0, v0), (dt, every), varied, (precision, workers), progress
         )
+    active = tuple(float(name in constraints) for name in getattr(module, "CONSTRAINTS", ()))
+    if sum(active) != len(constraints):
+        names = ", ".join(getattr(module, "CONSTRAINTS", ())) or "the robot has none"
+        raise UsageError(f"constraints: must be names of CONSTRAINTS, each once; known: {names}")
     motors, x = arguments.motors(limits, time_constants, thrusts), arguments.actuators(x0)
     (q, v), constants = arguments.start(q0, v0), arguments.constants(parameters or {})
     inputs, feedback = arguments.control(control)
@@ -216,6 +223,7 @@ def rollout(
         precision=precision,
         x=x,
         walls=touched(module, walls, q, parameters or {}, float(dt), method),
+        active=active if constraints else (),
     )
     if x is not None and x0 is None:
         first = rollouts.Steps(problem, arguments.xp).commanded()
