@@ -192,6 +192,11 @@ def rollout(
         raise UsageError(f"constraints: must be names of CONSTRAINTS, each once; known: {names}")
     motors, x = arguments.motors(limits, time_constants, thrusts), arguments.actuators(x0)
     (q, v), constants = arguments.start(q0, v0), arguments.constants(parameters or {})
+    if constraints and backend == "jax" and q.dtype != np.float64:
+        raise UsageError(
+            "constraints: with JAX, double precision must tell which are redundant; set "
+            "jax_enable_x64, or load the module with the back end c"
+        )
     inputs, feedback = arguments.control(control)
     warn_of_long_steps(module, dt, method, parameters or {})
     in_limits_of_file = arguments.is_driven and limits is None and isinstance(inputs, np.ndarray)
