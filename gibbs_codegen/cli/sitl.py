@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import argparse
 import sys
-
-import numpy as np
+from pathlib import Path
 
 from gibbs_codegen.cli import robot_argument, terminal
 from gibbs_codegen.cli.simulate import print_events
@@ -36,6 +35,8 @@ def run(options: argparse.Namespace) -> int:
         raise UsageError(f"--instance: must be from 0 to 999, not {options.instance}")
     if not 0.0 < options.timeout <= 86400.0:
         raise UsageError(f"--timeout: must be above 0 and at most a day, not {options.timeout:g} s")
+    if options.sticks and options.autopilot != "betaflight":
+        raise UsageError("--sticks: only Betaflight's SITL is told sticks")
     scenario = read_scenario(options.scenario, changes_of(options.set))
     check_results(options.out, "")
 
@@ -50,17 +51,21 @@ def run(options: argparse.Namespace) -> int:
         module = load(folder, options.backend)
         machine = Machine(module, scenario, options.joints == "autopilot", progress)
         link = _link(machine, options, scenario.control.rate)
+        notes = list(link.notes)
+        for note in notes:
+            print(f"note: {note}")
         print(f"waiting for {link.name}; press Ctrl-C to end", flush=True)
         session = fly(machine, link, scenario.duration, options.speed, progress)
-        flight = machine.simulation.flight()
-        write_results(flight, options.out, not options.no_figures, "", progress)
-    print(
-        f"{printable(options.out)}: {flight.robot} flew {flight.scenario!r} for "
-        f"{flight.time[-1]:.4g} s under {link.name}, {session.pace:.3g} times real time"
-    )
-    if len(flight.time) > 1:
+        if machine.time > 0.0:  # Results of an earlier flight stay where none was flown.
+            flight = machine.simulation.flight()
+            write_results(flight, options.out, not options.no_figures, "", progress)
+    if machine.time > 0.0:
+        print(
+            f"{printable(options.out)}: {flight.robot} flew {flight.scenario!r} for "
+            f"{flight.time[-1]:.4g} s under {link.name}, {session.pace:.3g} times real time"
+        )
         print_events(flight, scenario.walls)
-    for note in session.notes:
+    for note in session.notes[len(notes) :]:
         print(f"note: {note}")
     if session.ended:
         words = f"the flight ended early: {session.ended}"
@@ -80,15 +85,10 @@ def _link(machine: Machine, options: argparse.Namespace, rate: float | None) -> 
 
 
 def _sticks(path: str) -> Sticks:
-    """The sticks of a table; raises `UsageError` where it is none."""
+    """The sticks of a table in a file; raises `UsageError` where it is none."""
     try:
-        table = np.loadtxt(path, delimiter=",", ndmin=2)
+        text = Path(path).read_text(encoding="utf-8")
     except (OSError, ValueError) as error:
-        words = cause_of(error) if isinstance(error, OSError) else printable(error)
+        words = cause_of(error) if isinstance(error, OSError) else "is no text in UTF-8"
         raise UsageError(f"--sticks: {printable(path)}: {words}") from None
-    if not 2 <= table.shape[1] <= 17 or np.any(np.diff(table[:, 0]) <= 0.0):
-        raise UsageError(
-            f"--sticks: {printable(path)}: lines must be a time, s, that grows from line to line, "
-            "and pulse widths of 1 to 16 channels, µs"
-        )
-    return sticks_of(table)
+    return sticks_of(text, f"--sticks: {printable(path)}")

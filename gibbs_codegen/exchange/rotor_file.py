@@ -41,7 +41,7 @@ def read_rotors(path: Path, source: Source) -> tuple[Rotor, ...]:
     Raises `SourceFileError` if the file is refused, or a link is unknown.
     """
     try:
-        text = read_bytes(path).decode("utf-8-sig")
+        text = read_bytes(path, "a file of rotors").decode("utf-8-sig")
     except UnicodeDecodeError as error:
         message = f"not UTF-8 text (byte {error.start}); save it as UTF-8"
         raise refusal(path, message) from None
@@ -64,8 +64,12 @@ def read_rotors(path: Path, source: Source) -> tuple[Rotor, ...]:
                 ((found.on, found.rotor(BASE)) for found in table.rotor), start=1
             )
         )
+    there_are = f"; there are {printable(', '.join(source.links), 200)}"
     faults = [
-        Fault(f"rotor[{i}].on", f"there is no link {printable(r.on, 60)}{near(r.on, source.links)}")
+        Fault(
+            f"rotor[{i}].on",
+            f"there is no link {printable(r.on, 60)}{near(r.on, source.links) or there_are}",
+        )
         for i, r in enumerate(rotors)
         if r.on not in source.links
     ]

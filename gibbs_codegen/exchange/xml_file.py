@@ -48,8 +48,8 @@ def described(element: Element) -> str:
     return f"<{tag}>" if name is None else f'<{tag} "{printable(name, 60)}">'
 
 
-def read_bytes(path: Path) -> bytes:
-    """The bytes of a file.
+def read_bytes(path: Path, wanted: str = "a URDF, xacro, MJCF or SDF file") -> bytes:
+    """The bytes of a file; `wanted` is what it is to be.
 
     Raises `UsageError` if there is no such file, or it cannot be read, and `SourceFileError` if it
     is too large.
@@ -57,7 +57,7 @@ def read_bytes(path: Path) -> bytes:
     try:
         if not path.is_file():
             what = "is not a file" if path.exists() else "no such file"
-            raise UsageError(f"{printable(path)}: {what}; give a URDF, xacro, MJCF or SDF file")
+            raise UsageError(f"{printable(path)}: {what}; give {wanted}")
         with path.open("rb") as file:
             data = file.read(MAX_BYTES + 1)
     except OSError as error:

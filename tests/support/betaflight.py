@@ -35,7 +35,9 @@ SETTINGS = (
     "set failsafe_delay = 200",
     "set motor_pwm_protocol = PWM",
     "set deadband = 0",
-    "set i_roll = 30",
+    # The machine turns less easily than a racing drone.
+    "set p_roll = 90",
+    "set i_roll = 90",
     "set f_roll = 0",
     "set pwr_on_arm_grace = 0",
     "set gyro_calib_duration = 50",

@@ -7,6 +7,7 @@ sends one packet of motors.
 
 from __future__ import annotations
 
+import math
 import socket
 import struct
 import time
@@ -14,7 +15,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from gibbs_codegen.errors import UsageError
+from gibbs_codegen.errors import UsageError, printable
 from gibbs_codegen.flight.autopilots.air import place_at, pressure_at
 from gibbs_codegen.flight.autopilots.machine import Machine, Outputs, Readings
 from gibbs_codegen.flight.autopilots.session import PeerError, opened
@@ -32,11 +33,18 @@ _RC_PACKET = struct.Struct("<d16H")
 _MOTOR_PACKET = struct.Struct("<4f")
 # How often sticks are told, Hz, and how long motors may take to come, s, before the last ones hold.
 _STICKS, _LATE = 100.0, 0.1
-# States that are answered before a flight begins. It answers the first one in any case, also while
-# it starts, and later ones only if its loop runs.
-_ANSWERS = 5
-# Places of a packet's motors: whether each is in front, and to the left.
+# States that are answered before its loop is known to run. It answers the first one in any case,
+# also while it starts, and is not long without an answer once it has started, s.
+_ANSWERS, _START = 5, 5.0
+# For how long the start and its sticks are told before a flight, s: until it has calibrated its
+# gyroscope, and is no more armed by the sticks of a flight before.
+_HEARD = 2.0
+# Pulse widths that can be meant, µs.
+_WIDTHS = (500.0, 2500.0)
+# Places of a packet's motors: whether each is in front, and to the left. Those of a diagonal turn
+# alike, the first two counter-clockwise.
 _PLACES = ((True, False), (False, True), (True, True), (False, False))
+_SENSES = (-1.0, -1.0, 1.0, 1.0)
 
 
 class Betaflight:
@@ -60,8 +68,7 @@ class Betaflight:
             raise UsageError(
                 f"control.rate: Betaflight needs more than {_LEAST_RATE:g} steps a second"
             )
-        self._order = _places(machine)
-        self.notes: list[str] = []
+        self._order, self.notes = _places(machine)
         self._timeout, self._rate, self._sticks = timeout, rate, sticks
         self._host, self._step = host, 0
         self._socket = opened(socket.SOCK_DGRAM, host, _MOTORS)
@@ -69,21 +76,30 @@ class Betaflight:
         self._answers = self._silent = self._missed = self._garbage = 0
 
     def open(self, readings: Readings) -> None:
-        """Tell the state in the start until motors answer it, in real time."""
-        end = time.monotonic() + self._timeout
+        """Tell the state in the start until motors answer it, and then some time more."""
+        end, begin = time.monotonic() + self._timeout, 0.0
         while self._answers < _ANSWERS:
-            if time.monotonic() > end:
+            now = time.monotonic()
+            if self._answers and now > min(end, begin + _START):
                 raise PeerError(
-                    f"Betaflight's loop does not run: motors came {self._answers} time(s) within "
-                    f"{self._timeout:g} s; start it again (where the machine is busy, it may miss "
-                    "its first cycle, and waits for ever)"
-                    if self._answers
-                    else f"no motors came to UDP port {_MOTORS} of {self._host} within "
+                    f"Betaflight's loop does not run: motors came {self._answers} time(s), and no "
+                    "more; start it again (where the machine is busy, it may miss its first cycle, "
+                    "and waits for ever)"
+                )
+            if now > end:
+                raise PeerError(
+                    f"no motors came to UDP port {_MOTORS} of {self._host} within "
                     f"{self._timeout:g} s; start Betaflight's SITL with the address {self._host}, "
                     "or wait longer with --timeout"
                 )
             self.send(readings)
-            self._answers += self._take(1.0 / self._rate)
+            if self._take(1.0 / self._rate):
+                self._answers, begin = self._answers + 1, now
+        for _ in range(round(_HEARD * self._rate)):
+            self.send(readings)
+            self._take(_LATE)
+        if self._motors is not None and self._motors.any():
+            self.notes.append("Betaflight was armed when the flight began; start it again before")
         self.send(readings)  # The first step takes the motors that answer this one.
 
     def receive(self) -> tuple[Outputs, float]:
@@ -118,7 +134,8 @@ class Betaflight:
         # A receiver that is told sticks before it has started never listens to them.
         is_due = self._answers == _ANSWERS and self._step % max(round(rate / _STICKS), 1) == 0
         if self._sticks is not None and is_due:
-            given = [min(max(round(each), 0), 65535) for each in self._sticks(readings)]
+            given = np.clip(self._sticks(readings), *_WIDTHS).tolist()
+            given = widths(given, f"sticks at t = {readings.time:.6g} s")
             channels = (*given, *[1000] * 16)[:16]
             self._socket.sendto(_RC_PACKET.pack(now, *channels), (self._host, _RC))
         latitude, longitude, altitude = place_at(readings.position)
@@ -151,8 +168,8 @@ class Betaflight:
                 self.notes.append(f"{count} {what}")
 
 
-def _places(machine: Machine) -> list[int]:
-    """For each rotor the place of its motor in Betaflight's packets."""
+def _places(machine: Machine) -> tuple[list[int], list[str]]:
+    """For each rotor the place of its motor in Betaflight's packets; what is to be told of them."""
     _, torques = np.split(machine.vehicle.thrust_wrenches(), 2)
     found = [(bool(-about_y > 0.0), bool(about_x > 0.0)) for about_x, about_y, _ in torques.T]
     if machine.rotors != 4 or {*found} != {*_PLACES}:
@@ -162,14 +179,64 @@ def _places(machine: Machine) -> list[int]:
         )
     if machine.joints and machine.servos:
         raise UsageError("--joints: Betaflight's SITL tells no servos; the scenario moves joints")
-    return [_PLACES.index(place) for place in found]
+    order = [_PLACES.index(place) for place in found]
+    senses = np.sign(torques[2]) * np.take(_SENSES, order)
+    notes = []
+    if np.all(senses == -1.0):
+        notes.append(
+            "rotors turn the other way than Betaflight's do by default: it needs the setting "
+            "yaw_motors_reversed = ON, or turns ever faster"
+        )
+    elif not np.all(senses == 1.0):
+        notes.append(
+            "Betaflight cannot turn this machine about z: rotors at the ends of a diagonal are to "
+            "turn alike, and the others against them; see `drag` in the robot file"
+        )
+    return order, notes
 
 
-def sticks_of(table: Array) -> Sticks:
-    """The sticks of a table (s, 1 + c) of times, s, and pulse widths, µs, linear in between."""
-    times = table[:, 0]
+def widths(channels: Sequence[float], where: str) -> list[int]:
+    """Pulse widths, µs, of up to 16 channels; raises `UsageError` where they cannot be that."""
+    least, most = _WIDTHS
+    for k, each in enumerate(channels, start=1):
+        if not least <= each <= most:
+            raise UsageError(
+                f"{where}: channel {k}: must be a pulse width from {least:g} to {most:g} µs, not "
+                f"{each:g}"
+            )
+    if not 1 <= len(channels) <= 16:
+        raise UsageError(f"{where}: must be of 1 to 16 channels, not {len(channels)}")
+    return [round(each) for each in channels]
+
+
+def sticks_of(text: str, source: str) -> Sticks:
+    """The sticks of a table, linear in between: lines of a time, s, and pulse widths, µs.
+
+    Raises `UsageError` where it is none.
+    """
+    rows: list[list[float]] = []
+    for number, line in enumerate(text.splitlines(), start=1):
+        if not line.strip() or line.startswith("#"):
+            continue
+        where = f"{source}:{number}"
+        try:
+            rows.append([float(each) for each in line.split(",")])
+        except ValueError:
+            raise UsageError(
+                f"{where}: must be numbers with commas between them, a time, s, and pulse widths, "
+                f"µs, not {printable(line)!r}"
+            ) from None
+        time, *channels = rows[-1]
+        widths(channels, where)
+        if len(rows[-1]) != len(rows[0]):
+            raise UsageError(f"{where}: must have {len(rows[0])} numbers, as the first line has")
+        if not (math.isfinite(time) and (len(rows) == 1 or time > rows[-2][0])):
+            raise UsageError(f"{where}: its time must be after that of the line before")
+    if not rows:
+        raise UsageError(f"{source}: has no line; each is a time, s, and pulse widths, µs")
+    times, *columns = np.array(rows).T
 
     def sticks(readings: Readings) -> list[float]:
-        return [float(np.interp(readings.time, times, each)) for each in table[:, 1:].T]
+        return [float(np.interp(readings.time, times, each)) for each in columns]
 
     return sticks

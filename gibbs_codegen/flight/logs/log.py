@@ -98,6 +98,8 @@ def read_log(
             raise UsageError(f"{name}: must be positive, not {frequency:g}")
     if not path.exists():
         raise UsageError(f"{printable(path)}: is not there; give a log")
+    if path.suffix == ".npz" or (path / "flight.npz").exists():
+        raise UsageError(f"{printable(path)}: is a flight already, which read_flight reads")
     source = printable(path.name)
     try:
         recorded = (read_px4 if is_px4(path) else read_bag)(path, vehicle, names)

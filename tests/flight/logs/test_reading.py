@@ -245,6 +245,9 @@ def test_what_is_no_log_is_refused(
         gibbs_codegen.read_log(shipped("quadrotor_arm_2link"), tmp_path / name)
     with pytest.raises(UsageError, match="none: is not there; give a log"):
         gibbs_codegen.read_log(shipped("quadrotor_arm_2link"), tmp_path / "none")
+    (tmp_path / "flight.npz").touch()
+    with pytest.raises(UsageError, match="is a flight already"):
+        gibbs_codegen.read_log(shipped("quadrotor_arm_2link"), tmp_path)
 
 
 def test_a_gap_is_told_and_tables_without_rows_are_none(
