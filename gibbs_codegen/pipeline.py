@@ -26,7 +26,6 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
 
@@ -118,20 +117,16 @@ def generate_robot(
     model, files = module_files(
         robot, text, targets, keep_zeros, progress, derivatives, functions, laws
     )
-    with ThreadPoolExecutor(1) as pool:  # Compilers work while functions are verified.
-        archives = pool.submit(
-            registry.render_archives, model, text, registry.find_targets(targets)
-        )
-        if verify:
-            if "numpy" in targets:
-                readable = files
-            else:  # Every target prints the same program.
-                readable = registry.render_module(model, text, registry.find_targets(["numpy"]))
-            refuse_wrong(robot, readable["numpy_module.py"], progress)
-        progress("compiling")
-        compiled = archives.result()
+    if verify:
+        if "numpy" in targets:
+            readable = files
+        else:  # Every target prints the same program.
+            readable = registry.render_module(model, text, registry.find_targets(["numpy"]))
+        refuse_wrong(robot, readable["numpy_module.py"], progress)
+    progress("compiling")
+    archives = registry.render_archives(model, text, registry.find_targets(targets))
     progress("writing")
-    write_module(folder, {**files, **compiled}, force, _options(model, targets))
+    write_module(folder, {**files, **archives}, force, _options(model, targets))
     return model, folder
 
 

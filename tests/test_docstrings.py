@@ -25,6 +25,9 @@ Definition = ast.FunctionDef | ast.ClassDef
 # write laws of their own.
 BY_PATH = {
     (PACKAGE / "flight" / "rollouts" / "vector_env.py", "VectorEnv"),
+    (PACKAGE / "flight" / "autopilots" / "betaflight.py", "Betaflight"),
+    (PACKAGE / "flight" / "autopilots" / "machine.py", "Machine"),
+    (PACKAGE / "flight" / "autopilots" / "session.py", "fly"),
     (PACKAGE / "arrays" / "backward.py", "gradient"),
     (PACKAGE / "arrays" / "c_file.py", "write_c"),
     (PACKAGE / "arrays" / "evaluation.py", "evaluate"),

@@ -56,10 +56,11 @@ def run(options: argparse.Namespace) -> int:
             print(f"note: {note}")
         print(f"waiting for {link.name}; press Ctrl-C to end", flush=True)
         session = fly(machine, link, scenario.duration, options.speed, progress)
-        if machine.time > 0.0:  # Results of an earlier flight stay where none was flown.
-            flight = machine.simulation.flight()
+        # Results of an earlier flight stay where none was flown.
+        flight = machine.simulation.flight() if machine.time > 0.0 else None
+        if flight:
             write_results(flight, options.out, not options.no_figures, "", progress)
-    if machine.time > 0.0:
+    if flight:
         print(
             f"{printable(options.out)}: {flight.robot} flew {flight.scenario!r} for "
             f"{flight.time[-1]:.4g} s under {link.name}, {session.pace:.3g} times real time"
@@ -87,7 +88,7 @@ def _link(machine: Machine, options: argparse.Namespace, rate: float | None) -> 
 def _sticks(path: str) -> Sticks:
     """The sticks of a table in a file; raises `UsageError` where it is none."""
     try:
-        text = Path(path).read_text(encoding="utf-8")
+        text = Path(path).read_text(encoding="utf-8-sig")
     except (OSError, ValueError) as error:
         words = cause_of(error) if isinstance(error, OSError) else "is no text in UTF-8"
         raise UsageError(f"--sticks: {printable(path)}: {words}") from None

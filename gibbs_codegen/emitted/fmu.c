@@ -170,7 +170,7 @@ static Status set_all(
     for (size_t k = 0, found; k < count; ++k, from += found, room -= found) {
         found = entries(instance, references[k], room);
         if (found > 0 && references[k] < RATES && instance->values[INITIALISED] > 0.0) {
-            return fail(instance, "states have values at the start: these end with initialisation");
+            return fail(instance, "states can be set until initialisation ends");
         }
         if (found == 0 || set(instance, references[k], found, from) != OK) {
             return ERROR;

@@ -89,12 +89,12 @@ class Simulation:
     @property
     def q(self) -> Array:
         """Coordinates (nq) as they are, without sensors."""
-        return self._now.q
+        return self._now.q.copy()
 
     @property
     def v(self) -> Array:
         """Velocities (nv) as they are, without sensors."""
-        return self._now.v
+        return self._now.v.copy()
 
     @property
     def a(self) -> Array:
@@ -103,7 +103,7 @@ class Simulation:
             rate = (self._flight or self._integration()).rate()
             places = self._loop.vehicle.layout
             self._growth = self.time, rate[places.q.size : places.q.size + places.v.size]
-        return self._growth[1]
+        return self._growth[1].copy()
 
     @property
     def stopped(self) -> str:
@@ -163,6 +163,8 @@ class Simulation:
     def prepare(self) -> None:
         """Compile now what steps through the scenario need, so that none of them waits for it."""
         self._integration().prepare(self._scenario.duration)
+        if self._loop.sensors:
+            self._loop.sensors.prepare()
 
     def step(self, u: ArrayLike, duration: float | None = None) -> Observation:
         """Fly on with inputs that are held.

@@ -144,8 +144,8 @@ _NO_FORMULATION = (
     "itself, one state with a batch and one back end with the other"
 )
 _UNCLEAR = (
-    "rounding decides there which constraints are redundant, and so what the others do; functions "
-    "of constraints are not compared in such states, of which this one meets most"
+    "rounding decides there which constraints are redundant; functions of constraints are not "
+    "compared in such states, of which the one named here has most"
 )
 # Two ways of computing the same, relative to the largest entry: a few digits more are lost at most.
 _LIMIT = 1e-10

@@ -20,6 +20,7 @@ from gibbs_codegen.flight.scenario.file import read_scenario
 from gibbs_codegen.flight.scenario.scenario import Scenario
 from gibbs_codegen.flight.simulation import simulate
 from gibbs_codegen.flight.stepping import Simulation
+from gibbs_codegen.runtime import programs
 
 Load = Callable[[str], ModuleType]
 
@@ -91,6 +92,29 @@ def test_steps_of_any_length(fast: Load) -> None:
     assert ends[1] == pytest.approx(ends[0], abs=1e-10)
     simulation.reset()
     assert simulation.step(u).time == 0.001
+
+
+def test_what_is_seen_is_not_what_is_flown_and_no_time_is_no_step(fast: Load) -> None:
+    simulation = Simulation(fast("quadrotor"), hover())
+    simulation.step(np.full(4, 4.0), 1.25)
+    before = [simulation.q, simulation.v, simulation.a]
+    for each in (simulation.q, simulation.v, simulation.a):
+        each *= 0.0
+    simulation.step(np.full(4, 4.0), 1e-18)
+    assert simulation.time == 1.25
+    assert all(map(np.array_equal, before, [simulation.q, simulation.v, simulation.a]))
+
+
+@pytest.mark.parametrize("method", ["adaptive", "rk4"])
+def test_nothing_is_compiled_after_it_was_prepared(
+    method: str, fast: Load, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    scenario = hover(integration={"method": method}, sensors={"imu": [{"rate": 500}]})
+    simulation = Simulation(fast("quadrotor"), scenario)
+    simulation.prepare()
+    monkeypatch.setattr(programs, "compiled_files", None)
+    simulation.step(np.full(4, 4.0), 0.2)
+    assert np.isfinite(simulation.sensors["imu"].values).all()
 
 
 def test_reset(fast: Load) -> None:

@@ -43,6 +43,8 @@ from gibbs_codegen.robot.file import read_robot, shipped_robots
 from gibbs_codegen.robot.model import JOINT_KINDS, RigidBody, Robot
 from gibbs_codegen.targets.registry import find_targets, render_module
 
+# Of robots that ship, the one that is compiled in CI.
+LARGEST = "octorotor_7link"
 NATIVE = ["-O3", "-march=native"]
 # What distributions add to every program is no part of the emitted code; and addresses in constant
 # tables would be written by the loader if the code might lie anywhere.
@@ -202,9 +204,14 @@ def test_functions_without_sines_compile_silently(compiler: str, tmp_path: Path)
     compile_only(compiler, ["-O0"], [str(tmp_path / f"{SMALL}.c")], tmp_path)
 
 
-@pytest.mark.exhaustive
 @pytest.mark.parametrize(("compiler", "real"), [("gcc", "double"), ("clang++", "float")])
-@pytest.mark.parametrize("name", shipped_robots())
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param(x, marks=pytest.mark.slow if x == LARGEST else pytest.mark.exhaustive)
+        for x in shipped_robots()
+    ],
+)
 def test_shipped_robots_compile_silently(
     name: str, compiler: str, real: str, emitted: Callable[[str], Emitted], tmp_path: Path
 ) -> None:

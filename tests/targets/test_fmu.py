@@ -277,7 +277,9 @@ def test_directional_derivatives(
     near, far = ((values(k * h) - values(-k * h)) / (2 * k * h) for k in (1, 2))
     size = np.abs(found).max()
     np.testing.assert_allclose(found, (4 * near - far) / 3, rtol=0.0, atol=1e-7 * size)
+    values(0.0)
     unit.begin()
+    assert np.array_equal(unit.along(unknowns, present, seed), found)
 
 
 @pytest.mark.parametrize("name", ["hexarotor_3link", "quadrotor"])

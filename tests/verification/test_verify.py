@@ -28,6 +28,7 @@ from gibbs_codegen.robot.file import read_robot, shipped_robots
 from gibbs_codegen.robot.model import Attitude, Base, Link, Pose, RigidBody, Robot
 from gibbs_codegen.robot.text import robot_text
 from gibbs_codegen.runtime.load import load
+from gibbs_codegen.verification.comparison import UNKNOWN, compared
 from gibbs_codegen.verification.contents import compare_c_defaults, compare_contents
 from gibbs_codegen.verification.equations import frame_rows
 from gibbs_codegen.verification.formulation import formulated
@@ -447,3 +448,11 @@ def test_wrenches_whose_forces_cancel_have_a_size() -> None:
     forces, size = next(row[1:] for row in rows if row[0] == "wrench_forces")
     assert np.all(np.abs(forces) < 1e-14)
     assert np.all(size > 1e-3)
+
+
+def test_states_that_rounding_decides_are_counted_and_others_are_compared() -> None:
+    theirs = np.array([[9.0, 0.0], [2.0, 1.0]])
+    size = np.array([[UNKNOWN, 1.0], [1.0, 1.0]])
+    right = compared("f", "g", np.array([[1.0, 0.0], [2.0, 1.0]]), theirs, size, 1e-12)
+    assert (right.passed, right.states, right.unclear) == (True, 1, 1)
+    assert not compared("f", "g", np.array([[1.0, 0.0], [2.0, 1.1]]), theirs, size, 1e-12).passed

@@ -48,10 +48,18 @@ _SENSES = (-1.0, -1.0, 1.0, 1.0)
 
 
 class Betaflight:
-    """A link to Betaflight, for a quadrotor of four rotors as an X, as of `session.Link`.
+    """A link to Betaflight's SITL, for a quadrotor of four rotors as an X.
 
-    States are sent `rate` times a second, and what `sticks` tells of them. It ends after `timeout`,
-    s, without motors. Raises `UsageError` for another machine or rate, and for a port in use.
+    Args:
+        machine: What flies.
+        host: Address at which motors come, and at which Betaflight takes states.
+        timeout: Time without motors after which a flight ends, s.
+        rate: States that are sent for each second of flight.
+        sticks: Pulse widths of up to 16 channels, µs, by what sensors tell, which is asked 100
+            times a second; another program sends them if None.
+
+    Raises:
+        UsageError: For another machine, a rate that is too small, and a port in use.
     """
 
     name = "Betaflight"
@@ -76,7 +84,14 @@ class Betaflight:
         self._answers = self._silent = self._missed = self._garbage = 0
 
     def open(self, readings: Readings) -> None:
-        """Tell the state in the start until motors answer it, and then some time more."""
+        """Tell the state in the start until motors answer it, and then some time more.
+
+        Args:
+            readings: What sensors tell in the start.
+
+        Raises:
+            PeerError: If no motors come, or no more after the first ones.
+        """
         end, begin = time.monotonic() + self._timeout, 0.0
         while self._answers < _ANSWERS:
             now = time.monotonic()
@@ -97,21 +112,26 @@ class Betaflight:
                 self._answers, begin = self._answers + 1, now
         for _ in range(round(_HEARD * self._rate)):
             self.send(readings)
-            self._take(_LATE)
+            self._wait()
         if self._motors is not None and self._motors.any():
-            self.notes.append("Betaflight was armed when the flight began; start it again before")
+            self.notes.append(
+                "Betaflight was already armed when the flight began; start it anew before each"
+            )
         self.send(readings)  # The first step takes the motors that answer this one.
 
     def receive(self) -> tuple[Outputs, float]:
         """Motors that answer the last state, or the last ones if they are late; time of a step."""
-        if self._take(_LATE):
-            self._silent = 0
-        else:
-            self._silent, self._missed = self._silent + 1, self._missed + 1
-            if self._silent * _LATE > self._timeout:
-                raise PeerError(f"Betaflight has been silent for {self._timeout:g} s")
+        if not self._wait():
+            self._missed += 1
         motors = np.zeros(4) if self._motors is None else self._motors
         return Outputs(motors[self._order], np.zeros(0)), 1.0 / self._rate
+
+    def _wait(self) -> bool:
+        """Whether motors come in time; raises `PeerError` once none have for too long."""
+        self._silent = 0 if self._take(_LATE) else self._silent + 1
+        if self._silent * _LATE > self._timeout:
+            raise PeerError(f"Betaflight has been silent for {self._timeout:g} s")
+        return not self._silent
 
     def _take(self, timeout: float) -> bool:
         """Take the last motors of those that come within a time, s; whether any came."""
@@ -129,7 +149,11 @@ class Betaflight:
             return found
 
     def send(self, readings: Readings) -> None:
-        """Tell the state, and now and then the sticks."""
+        """Tell the state, and now and then the sticks.
+
+        Args:
+            readings: What sensors tell now.
+        """
         now, rate = (self._step + 1) / self._rate, self._rate
         # A receiver that is told sticks before it has started never listens to them.
         is_due = self._answers == _ANSWERS and self._step % max(round(rate / _STICKS), 1) == 0
@@ -216,7 +240,7 @@ def sticks_of(text: str, source: str) -> Sticks:
     """
     rows: list[list[float]] = []
     for number, line in enumerate(text.splitlines(), start=1):
-        if not line.strip() or line.startswith("#"):
+        if not line.strip() or line.lstrip().startswith("#"):
             continue
         where = f"{source}:{number}"
         try:
@@ -224,7 +248,7 @@ def sticks_of(text: str, source: str) -> Sticks:
         except ValueError:
             raise UsageError(
                 f"{where}: must be numbers with commas between them, a time, s, and pulse widths, "
-                f"µs, not {printable(line)!r}"
+                f"µs, not {printable(line)}"
             ) from None
         time, *channels = rows[-1]
         widths(channels, where)

@@ -75,10 +75,17 @@ _USUAL: dict[str, Any] = {
 
 
 class Machine:
-    """A robot in a scenario, which an autopilot flies; with `servos` it moves the joints as well.
+    """A robot in a scenario, which an autopilot flies; the scenario's path and law play no part.
 
-    The scenario's paths of the base and its law are not looked at. Raises `UsageError` for a flight
-    that cannot begin, and for rotors and joints without the limits that outputs are shares of.
+    Args:
+        robot: A generated module, or the name or path of one.
+        scenario: Motion of the joints, wind, loads and walls, sensors, the start.
+        servos: Whether outputs of the autopilot move the joints, and not the scenario.
+        progress: Is told what is at work, and which share of it is done.
+
+    Raises:
+        UsageError: For a flight that cannot begin, and for rotors and joints without the limits
+            that outputs are shares of.
     """
 
     def __init__(
@@ -147,7 +154,12 @@ class Machine:
         return self.simulation.time
 
     def fly(self, outputs: Outputs, duration: float) -> None:
-        """Fly on under outputs that are held, for a duration, s."""
+        """Fly on under outputs that are held.
+
+        Args:
+            outputs: What the autopilot commands.
+            duration: How long, s.
+        """
         given, found = self._commands.inputs, self._commands.outputs
         given["time"][...], given["motors"][...] = self.time, outputs.motors
         given["x"][...], given["a"][...] = self.simulation.state, self.simulation.a

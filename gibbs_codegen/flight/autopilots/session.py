@@ -70,9 +70,17 @@ def fly(
     speed: float = 1.0,
     progress: Callable[[str, float], None] = lambda what, share: None,
 ) -> Session:
-    """Fly a machine under an autopilot for a duration, s, or until somebody ends it.
+    """Fly a machine under an autopilot, until the time is over or somebody ends it.
 
-    `speed` is how many seconds are flown in a second at most, 0 as many as can be.
+    Args:
+        machine: What flies.
+        link: The link to the autopilot, which is closed at the end.
+        duration: How long, s.
+        speed: Seconds that are flown in a second at most; 0 for as many as can be.
+        progress: Is told what is at work, and which share of it is done.
+
+    Returns:
+        What became of the flight, whose record is `machine.simulation.flight()`.
     """
     session = Session()
     begin = last = time.perf_counter()

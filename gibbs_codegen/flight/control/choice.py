@@ -169,7 +169,9 @@ def _check_levers(
     if force is None:
         ways, shares, _ = np.linalg.svd(np.pad(levers, ((0, 0), (0, 3))))
         stuck = [way * np.sign(way[np.argmax(np.abs(way))]) for way in ways.T[shares <= least]]
-        stiff = " and ".join(f"[{', '.join(f'{x:.3g}' for x in way + 0.0)}]" for way in stuck)
+        stiff = " and ".join(
+            f"[{', '.join(f'{x:.3g}' for x in way.round(3) + 0.0)}]" for way in stuck
+        )
         if control.impedance and control.impedance.stiffness and stiff:
             warnings.warn(
                 f"control.impedance.stiffness: {vehicle.name} leans, so that joints must yield; "

@@ -359,6 +359,8 @@ class ClosedLoop:
 
         Each begins where the one before ends; they are without the inputs that are held.
         """
+        if not begin < end:  # Nothing is left of a duration that rounding takes.
+            return
         times = [begin, *(time for time in self._jumps if begin < time < end), end]
         if self.hold is not None and len(instants := self.hold.instants(begin, end)):
             near = np.abs(instants[:, np.newaxis] - times) <= self.hold.same

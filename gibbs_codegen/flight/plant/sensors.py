@@ -200,15 +200,18 @@ class SensorSuite:
         Returns:
             Measurements (m).
         """
-        program = self._of_one_state
+        program = self.prepare()
         for name, x in (("q", q), ("v", v), ("a", a)):
             program.inputs[name][...] = x
         program.run()
         return program.outputs["measured"].copy()
 
+    def prepare(self) -> StateProgram:
+        """What `measured` runs, which is compiled now."""
+        return self._of_one_state
+
     @cached_property
     def _of_one_state(self) -> StateProgram:
-        """What is measured of a state that nothing touches."""
         gravity = Environment(self._vehicle).gravity
         return state_program(self._vehicle, self.program, {"gravity": gravity})
 

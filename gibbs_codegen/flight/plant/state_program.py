@@ -60,7 +60,7 @@ def state_program(
         try:
             found = CompiledProgram(vehicle.module, program, constants, tables or [])
         except (CompilerError, CacheError) as error:
-            _log.warning("%s is computed in Python instead of C: %s", program.name, error)
+            _log.warning("program %s is computed in Python, not in C: %s", program.name, error)
     found = found or EvaluatedProgram(vehicle, program, constants, externals or {})
     for name, value in values.items():
         if name in found.inputs:

@@ -7,9 +7,9 @@ import re
 import socket
 import struct
 import threading
+import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from time import sleep
 from types import ModuleType
 from typing import Any
 
@@ -169,7 +169,7 @@ def test_the_page_leads_from_a_urdf_to_a_hover(
         assert run(*command.split(), cwd=tmp_path).returncode == 0
     with started(program, tmp_path):
         lines_of_it().close()
-        sleep(2.0)  # Until it has seen that, it takes nobody else.
+        time.sleep(2.0)  # Until it has seen that, it takes nobody else.
         run_python("docs/start/autopilot.md", slice(1))
     with flying(program, tmp_path):
         flight = run_python(PAGE, slice(1, None))["flight"]
@@ -226,8 +226,8 @@ def test_the_state_in_the_axes_of_the_firmware(fast: Load) -> None:
     turn = [math.sin(0.1), 0.0, 0.0, math.cos(0.1)]  # To the right, about forwards, by 0.2.
     machine.simulation.reset([1.0, 2.0, 3.0, *turn, 0.0, 0.0], [0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0, 0])
     state, sticks = told_and_sent(machine, [0.0] * 4, 1)
-    time, *rates = state[:4]
-    assert time == pytest.approx(0.01 * (ANSWERED + 1))
+    told, *rates = state[:4]
+    assert told == pytest.approx(0.01 * (ANSWERED + 1))
     # Forwards, left, up: nose down and to the left are positive in the firmware.
     assert [rates[0], -rates[1], -rates[2]] == pytest.approx([0.4, 0.5, 0.6], abs=0.05)
     w, x, y, z = state[7:11]
@@ -258,6 +258,18 @@ def test_a_firmware_whose_loop_does_not_run_is_told_in_words(fast: Load) -> None
     assert "start it again" in session.ended
 
 
+def test_a_firmware_that_dies_before_the_flight(fast: Load) -> None:
+    """It ends when motors have been late for the timeout, not once each state was waited for."""
+    machine = Machine(fast(ARM), read_scenario("hover", {}))
+    link = Betaflight(machine, "127.0.0.1", 0.5)
+    answers, last = [True] * 5, link._take
+    link._take = lambda timeout: answers.pop() if answers else last(timeout)  # type: ignore[method-assign]
+    begin = time.monotonic()
+    session = fly(machine, link, 1.0)
+    assert "silent for 0.5 s" in session.ended
+    assert (machine.time, time.monotonic() - begin < 5.0) == (0.0, True)
+
+
 def test_senses_of_rotors_that_the_firmware_does_not_have_are_told(
     fast: Load, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -282,7 +294,7 @@ def test_senses_of_rotors_that_the_firmware_does_not_have_are_told(
     ("table", "words"),
     [
         ("0,1500,1000\n1,1500", r"t\.csv:2: must have 3 numbers"),
-        ("# time\ntime,roll\n", r"t\.csv:2: must be numbers .* not 'time,roll'"),
+        ("# time\ntime,roll\n", r"t\.csv:2: must be numbers .* not time,roll"),
         ("0,1500\n\n0,1600", r"t\.csv:3: its time must be after"),
         ("nan,1500", r"t\.csv:1: its time"),
         ("0,1500,nan", r"t\.csv:1: channel 2: must be a pulse width from 500 to 2500 µs, not nan"),

@@ -499,7 +499,9 @@ def test_a_plan_that_is_late_serves_an_instant_later(module: ModuleType) -> None
     np.testing.assert_allclose(late.inputs(late.step, q, away), planned, rtol=1e-9)
 
 
-def test_it_is_a_law_of_scenarios(module: ModuleType) -> None:
+@pytest.mark.parametrize("attitude", ["quaternion", pytest.param("xyz", marks=pytest.mark.slow)])
+def test_it_is_a_law_of_scenarios(attitude: Attitude) -> None:
+    module = made(attitude)
     changes = {"duration": 2.0, "control.law": "predictive", "motors.time_constant": 0.03}
     integration = {"integration": {"method": "rk4", "step": 0.002}}
     flight = simulate(module, read_scenario("circle", changes | integration))
