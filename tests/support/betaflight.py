@@ -6,7 +6,6 @@ import socket
 import subprocess
 import sys
 import tarfile
-import time
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
@@ -85,28 +84,20 @@ def started(program: Path, folder: Path) -> Iterator[None]:
         running.wait()
 
 
-def lines_of_it() -> socket.socket:
-    """A connection to its port of lines, once it has started."""
-    for _ in range(100):
-        with suppress(ConnectionRefusedError):
-            return socket.create_connection(_LINES, 5.0)
-        time.sleep(0.1)
-    pytest.fail("Betaflight takes no lines")
-
-
 def configure(program: Path, folder: Path, settings: Sequence[str]) -> None:
     """Start it once, and have it save settings."""
-    with started(program, folder), lines_of_it() as lines:
-        lines.sendall(b"#")  # It listens to lines when nothing follows.
-        time.sleep(1.0)
-        for line in ("", *settings, "save"):
-            if line:
-                lines.sendall(f"{line}\n".encode())
+    with flying(program, folder), socket.create_connection(_LINES, 30.0) as lines:
+        # It listens to lines once "#" came and nothing follows.
+        for line in ("#", *(f"{each}\n" for each in settings)):
+            lines.sendall(line.encode())
             told = ""
-            while not told.endswith("# ") and line != "save":
+            while not told.endswith("# "):
                 told += lines.recv(4096).decode(errors="replace")
             assert "ERROR" not in told, told
-        time.sleep(1.0)  # It has saved them, and ends.
+        lines.sendall(b"save\n")
+        with suppress(ConnectionError):  # It saves them, and ends.
+            while lines.recv(4096):
+                pass
 
 
 @contextmanager
