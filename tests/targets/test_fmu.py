@@ -407,7 +407,7 @@ def test_wrong_calls_end_in_words(
     assert "only states, inputs and parameters can be set" in capfd.readouterr().out
     with pytest.raises(fmpy.fmi1.FMICallException):
         unit.set("q.position", np.zeros(3))
-    assert "these end with initialisation" in capfd.readouterr().out
+    assert "until initialisation ends" in capfd.readouterr().out
     unit.fmu.setFMUState(early)
     unit.fmu.freeFMUState(early)
     unit.set("q.position", np.zeros(3))
