@@ -13,7 +13,7 @@ from typing import Any
 
 import pytest
 from hypothesis import HealthCheck, settings
-from support.compiled import EVERY_GROUP, Emitted, emit_labelled
+from support.compiled import EVERY_GROUP, SMALL, Emitted, emit_labelled
 from support.derived import derived
 from support.kept import KEPT_MODULES, forget_unused, generator_digest, made_once
 from support.left_out import left_out
@@ -141,6 +141,13 @@ def shipped(kept: Path) -> Callable[[str], ModuleType]:
         )
 
     return module
+
+
+@pytest.fixture(scope="session")
+def small(kept: Path) -> Path:
+    """The folder of a small robot's module, as `generate` writes it by default."""
+    modules = kept / "small"
+    return made_once(modules / SMALL, lambda: generate(SMALL, modules))
 
 
 @pytest.fixture(scope="session")

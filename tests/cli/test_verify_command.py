@@ -28,8 +28,10 @@ pytestmark = pytest.mark.usefixtures("derived_once")
 COMMAND = [sys.executable, "-m", "gibbs_codegen"]
 
 
-def test_verify_prints_tables_and_a_verdict(capsys: pytest.CaptureFixture[str]) -> None:
-    folder = ROOT / "generated" / "quadrotor_2link"
+def test_verify_prints_tables_and_a_verdict(
+    small: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = small
     assert main(["verify", str(folder), "--states", "2", "--backend", "numpy"]) == 0
     out, err = capsys.readouterr()
     assert err == ""
@@ -39,9 +41,9 @@ def test_verify_prints_tables_and_a_verdict(capsys: pytest.CaptureFixture[str]) 
     assert max(map(len, out.splitlines())) <= 80
 
 
-def test_tables_break_no_name_at_80_columns() -> None:
+def test_tables_break_no_name_at_80_columns(small: Path) -> None:
     """Functions, formulations and numbers stay whole, whatever failed."""
-    rows = verify(ROOT / "generated" / "quadrotor_2link", states=1, backends=["numpy"])
+    rows = verify(small, states=1, backends=["numpy"])
     failed = [replace(c, error=0.25) for c in rows.comparisons["numpy"]]
     rows.comparisons["numpy"] = failed
     console = Console(width=80, file=io.StringIO(), highlight=False)
@@ -71,8 +73,8 @@ def test_a_failure_has_the_digits_that_decide() -> None:
         assert failure_text(comparison).endswith("error 3.82e-06, limit 3.81e-06")
 
 
-def test_verify_as_json(capsys: pytest.CaptureFixture[str]) -> None:
-    folder = ROOT / "generated" / "quadrotor_2link"
+def test_verify_as_json(small: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    folder = small
     arguments = ["verify", str(folder), "--states", "2", "--backend", "numpy", "--json"]
     assert main(arguments) == 0
     data = json.loads(capsys.readouterr().out)
@@ -86,10 +88,10 @@ def test_verify_as_json(capsys: pytest.CaptureFixture[str]) -> None:
 
 
 def test_an_altered_module_fails_with_what_is_wrong(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    small: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     folder = tmp_path / "quadrotor_2link"
-    shutil.copytree(ROOT / "generated" / "quadrotor_2link", folder)
+    shutil.copytree(small, folder)
     path = folder / "numpy_module.py"
     text = path.read_text(encoding="utf-8")
     altered, count = re.subn(r"= gravity \* k\d+\n", "= gravity * gravity\n", text, count=1)
@@ -134,10 +136,10 @@ def test_wrong_use(
 
 
 def test_a_back_end_that_was_asked_for_and_is_not_there_is_a_failure(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    small: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setenv("CC", str(tmp_path / "none"))
-    folder = str(ROOT / "generated" / "quadrotor_2link")
+    folder = str(small)
     assert main(["verify", folder, "--states", "1", "--backend", "c"]) == 1
     assert "back end c was asked for: " in capsys.readouterr().err
     assert main(["verify", folder, "--states", "1"]) == 0
@@ -145,11 +147,11 @@ def test_a_back_end_that_was_asked_for_and_is_not_there_is_a_failure(
 
 
 def test_what_is_left_of_a_module_is_not_taken_for_a_robot(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    small: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """A broken module of a name that ships too is not replaced by one made for the occasion."""
     monkeypatch.chdir(tmp_path)
-    shutil.copytree(ROOT / "generated" / "quadrotor_2link", "generated/quadrotor_2link")
+    shutil.copytree(small, "generated/quadrotor_2link")
     Path("generated/quadrotor_2link/numpy_module.py").unlink()
     assert main(["verify", "quadrotor_2link"]) == 2
     assert "has the C target only" in capsys.readouterr().err

@@ -13,7 +13,6 @@ from support.command import ENVIRONMENT
 # The quadrotor commands too few directions for a law.
 OPEN_LOOP = 'control.law="open_loop"'
 FLY = ("simulate", "--scenario", "hover", "--set", "duration=0.1", "--set", OPEN_LOOP)
-MODULE = ROOT / "generated" / "quadrotor_2link"
 HIDDEN = ROOT / "tests" / "support" / "without_posix.py"
 
 
@@ -40,8 +39,8 @@ def test_generate_and_simulate_with_numpy_alone(tmp_path: Path) -> None:
         assert (tmp_path / "flight" / name).stat().st_size
 
 
-def test_numpy_serves_where_nothing_compiles(tmp_path: Path) -> None:
-    said = succeeds(*FLY, str(MODULE), "--no-figures", cwd=tmp_path)
+def test_numpy_serves_where_nothing_compiles(small: Path, tmp_path: Path) -> None:
+    said = succeeds(*FLY, str(small), "--no-figures", cwd=tmp_path)
     assert "NumPy serves instead of C" in said
 
 

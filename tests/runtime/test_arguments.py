@@ -95,8 +95,10 @@ def test_not_a_number_in_any_argument_is_one_in_the_result(ways: list[ModuleType
                     assert np.isfinite(many[[0, 2]]).all()
 
 
-def test_constants_of_another_robot_are_refused(ways: list[ModuleType], tmp_path: Path) -> None:
-    other = load(ROOT / "generated" / "quadrotor_2link").prepare({})
+def test_constants_of_another_robot_are_refused(
+    small: Path, ways: list[ModuleType], tmp_path: Path
+) -> None:
+    other = load(small).prepare({})
     others = [other, np.array(other).tobytes(), np.array(other).tobytes()]
     for module, constants in zip(ways, others, strict=True):
         with pytest.raises(TypeError, match=r"what this module's prepare\(\) returned"):

@@ -18,7 +18,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from conftest import ROOT
 from support.comparison import assert_close
 from support.differences import rate
 from support.emitted import module_with_derivatives
@@ -552,8 +551,8 @@ def test_what_does_not_fit_is_refused(case: int, module: Callable[[str], ModuleT
         build(robot, *robot.state())
 
 
-def test_a_function_that_the_module_lacks_is_named_with_its_option() -> None:
-    robot = Functions(load(ROOT / "generated" / "quadrotor_2link"))
+def test_a_function_that_the_module_lacks_is_named_with_its_option(small: Path) -> None:
+    robot = Functions(load(small))
     with pytest.raises(MissingFunctionError, match="--functions=default,gibbs"):
         robot.gibbs(*robot.state(), robot.velocities("a"))
     with pytest.raises(AttributeError, match="forward_dynamic"):

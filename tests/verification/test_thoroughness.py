@@ -11,7 +11,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from conftest import ROOT
 from support.degenerate_robots import degenerate_robot
 from support.derived import derived
 from support.emitted import NUMPY, emitted_module
@@ -31,17 +30,15 @@ from gibbs_codegen.verification.parameters import parameter_values, with_values
 from gibbs_codegen.verification.states import Sizes, States
 from gibbs_codegen.verification.tree import Tree
 
-COMMITTED = ROOT / "generated" / "quadrotor_2link"
-
 # What looks at parameters that are others than the robot file's, for all states or for each.
 OF_PARAMETERS = {"constants of each state", "other parameters"}
 
 
 @pytest.fixture
-def copied(tmp_path: Path) -> Path:
-    """A copy of a committed module."""
+def copied(small: Path, tmp_path: Path) -> Path:
+    """A copy of a module."""
     folder = tmp_path / "quadrotor_2link"
-    shutil.copytree(COMMITTED, folder, ignore=shutil.ignore_patterns("__pycache__"))
+    shutil.copytree(small, folder, ignore=shutil.ignore_patterns("__pycache__"))
     return folder
 
 

@@ -14,7 +14,6 @@ from types import ModuleType
 
 import numpy as np
 import pytest
-from conftest import ROOT
 from hypothesis import given, settings
 from support.emitted import emitted_module
 from support.kept import kept_folder, made_once
@@ -40,8 +39,6 @@ from gibbs_codegen.verification.vectors import Array
 from gibbs_codegen.verification.verify import compare_module, formulations
 
 pytestmark = pytest.mark.usefixtures("derived_once")
-
-COMMITTED = ROOT / "generated" / "quadrotor_2link"
 
 
 def failing(comparisons: list) -> list[str]:

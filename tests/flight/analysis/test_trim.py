@@ -11,7 +11,6 @@ from types import ModuleType
 
 import numpy as np
 import pytest
-from conftest import ROOT
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import linprog, minimize
@@ -293,9 +292,9 @@ def test_a_body_without_weight_or_inputs_is_balanced(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("backend", ["casadi", "jax"])
-def test_a_module_of_another_library_is_refused(backend: str) -> None:
+def test_a_module_of_another_library_is_refused(small: Path, backend: str) -> None:
     pytest.importorskip(backend)
-    module = load(ROOT / "generated" / "quadrotor_2link", backend=backend)
+    module = load(small, backend=backend)
     assert module.backend == backend
     linearised = functools.partial(linearise, q=module.COORDINATES)
     for function in (trim, linearised, functools.partial(simulate, scenario="hover")):
