@@ -16,7 +16,6 @@ from hypothesis import HealthCheck, settings
 from support.compiled import EVERY_GROUP, SMALL, Emitted, emit_labelled
 from support.derived import derived
 from support.kept import KEPT_MODULES, forget_unused, generator_digest, made_once
-from support.left_out import left_out
 from support.tools import KEPT_OBJECTS
 
 from gibbs_codegen.pipeline import generate, generate_robot
@@ -41,17 +40,6 @@ ROOT = Path(__file__).parent.parent
 _SOON = " -O0"
 if _compiler := shutil.which("cc"):
     os.environ.setdefault("CC", _compiler + _SOON)
-
-
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Mark what the default run and CI leave out."""
-    marks = left_out()
-    for item in items:
-        mark = marks.get(item.nodeid) or marks.get(item.nodeid.partition("[")[0])
-        if mark:
-            item.add_marker(mark)
-        if item.get_closest_marker("exhaustive"):
-            item.add_marker("slow")
 
 
 @pytest.hookimpl(optionalhook=True)

@@ -52,6 +52,7 @@ def states(page: dict[str, Any], count: int) -> list[tuple[Any, Any]]:
     return [(x, rng.uniform(*page["hover"].limits)) for x in xs]
 
 
+@pytest.mark.slow
 def test_the_flight_arrives_within_its_limits(page: dict[str, Any]) -> None:
     flight, limits, goal = page["flight"], page["hover"].limits, page["goal"]
     inputs = np.array(flight.us)

@@ -132,22 +132,6 @@ def built(request: pytest.FixtureRequest) -> Path:
     return plain.folder.parent / "dist"
 
 
-@pytest.mark.exhaustive
-def test_whoever_builds_again_elsewhere_gets_the_same_bytes(built: Path, tmp_path: Path) -> None:
-    variables = {"TZ": "Pacific/Kiritimati", "LC_ALL": "C", "PYTHONDONTWRITEBYTECODE": ""}
-    other = Checkout(tmp_path / "another clone", 0o077, variables)
-    other.clone()
-    for junk in ("gibbs_codegen/mine.py", "templates/mine.jinja", "build/lib/gibbs_codegen/old.py"):
-        (other.folder / junk).parent.mkdir(parents=True, exist_ok=True)
-        (other.folder / junk).write_text("")
-    other.build(tmp_path / "dist", tmp_path)
-    names = sorted(path.name for path in built.iterdir())
-    assert {WHEEL, SDIST} <= set(names)
-    assert names == sorted(path.name for path in (tmp_path / "dist").iterdir())
-    for name in names:
-        assert (tmp_path / "dist" / name).read_bytes() == (built / name).read_bytes(), name
-
-
 def test_a_wheel_from_the_checkout_is_the_wheel_from_the_sdist(
     plain: Checkout, built: Path, tmp_path: Path
 ) -> None:

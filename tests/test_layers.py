@@ -6,6 +6,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
 from conftest import ROOT
 
 
@@ -31,6 +32,7 @@ def test_only_the_command_line_exits() -> None:
             assert "sys.exit" not in path.read_text(encoding="utf-8"), path
 
 
+@pytest.mark.slow
 def test_flying_imports_no_sympy(tmp_path: Path) -> None:
     run = (
         "import sys; from gibbs_codegen import load, read_scenario, simulate, write_results; "

@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import ast
-from multiprocessing import get_context
-from pathlib import Path
 
 import pytest
-from mutation.mutants import Mutant, python_mutants
+from mutation.mutants import python_mutants
 from mutation.suites import NAMED
-from mutation.survivors import Copy, Fault, drawn, mutants, source_path
+from mutation.survivors import drawn, mutants, source_path
 from mutation.templates import template_mutants
 
 
@@ -97,19 +95,3 @@ CLASSIC = {
     "program.inlining": ("(sign * inner, node)", "(inner, node)"),
     "targets.c.function": ("load(name, argument, i)", "load(name, argument, i + 1)"),
 }
-
-
-@pytest.mark.exhaustive
-def test_classic_faults_are_found(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A term dropped, a sign turned, gravity forgotten, a − (b − c) mistaken, an index off by one.
-
-    They are found by the quick tests of their modules, which pass without them.
-    """
-    # A fork of this process would have the package, without the fault, already imported.
-    monkeypatch.setattr("mutation.survivors._PROCESSES", get_context("spawn"))
-    copy = Copy(tmp_path, tmp_path / "nothing")
-    for module, (old, new) in CLASSIC.items():
-        source = source_path(module).read_text(encoding="utf-8")
-        assert source.count(old) == 1, module
-        fault = Fault(module, 0, Mutant("classic", 0, old, new, source.replace(old, new)))
-        assert "tests/" in copy.verdict(fault, is_quick=True), module

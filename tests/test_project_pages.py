@@ -100,6 +100,7 @@ def test_the_build_generates_the_module_anew_when_the_robot_file_changes(folder:
             printed(commands, folder)
 
 
+@pytest.mark.slow
 def test_the_control_loop_in_c_holds_the_robot(tmp_path: Path) -> None:
     assert write_files(LOOP, tmp_path) == ["control.c"]
     generate(MODULE, tmp_path / "generated", laws=["computed_torque"])
@@ -131,6 +132,7 @@ def test_the_control_loop_in_c_runs_on_an_emulated_cortex_m(folder: Path) -> Non
     assert errors(said)[1] == pytest.approx(2e-5, rel=0.5)
 
 
+@pytest.mark.slow
 def test_the_predictive_controller_in_c_flies(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:

@@ -8,7 +8,6 @@ import tomllib
 
 import pytest
 from conftest import ROOT
-from support.left_out import left_out
 
 PAGE = (ROOT / "docs" / "guarantees.md").read_text(encoding="utf-8")
 TESTS = tomllib.loads((ROOT / "tests" / "guarantees.toml").read_text(encoding="utf-8"))
@@ -30,10 +29,4 @@ def _tests(file: str) -> set[str]:
 def test_tests_of_guarantees_exist(guarantee: str) -> None:
     for test in TESTS[guarantee]:
         file, name = test.split("::")
-        assert name in _tests(file)
-
-
-def test_tests_that_are_left_out_exist() -> None:
-    for test in {name.partition("[")[0] for name in left_out()}:
-        file, name = test.removeprefix("tests/").split("::")
         assert name in _tests(file)

@@ -85,6 +85,7 @@ def test_a_joint_beyond_its_limits_is_told_with_the_worst_time(flight: Flight) -
     assert joints_beyond(replace(limited, joint_limits=np.zeros((2, 0)))) == ""
 
 
+@pytest.mark.slow
 def test_of_many_inputs_the_first_are_named_and_the_others_counted(
     shipped: Callable[[str], ModuleType],
 ) -> None:

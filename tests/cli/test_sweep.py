@@ -86,6 +86,7 @@ def test_words_that_mean_nothing_are_told(text: str, message: str) -> None:
         varied(text, "key")
 
 
+@pytest.mark.slow
 def test_the_worst_flight_flown_again_gives_the_same(workplace: Path) -> None:
     varying = ["--vary", "plant.*mass_per_length=scaled(0.8,1.2)", "--vary"]
     varying += ["motors.time_constant=0,0.01", "--set", "start.offset=[0.1,0,0]"]

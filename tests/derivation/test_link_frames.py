@@ -2,21 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 from fractions import Fraction
 
 import numpy as np
-import pytest
 import sympy as sp
-from support.emitted import module_of
 from support.random_robots import rigid_body
 
-from gibbs_codegen.derivation.derive import derive
 from gibbs_codegen.derivation.inertia import NO_INERTIA
 from gibbs_codegen.derivation.jointed_bodies import BodyFrame, PlacedLink, framed
 from gibbs_codegen.derivation.segment_tree import JointedLink
-from gibbs_codegen.program.nodes import count_operations
 from gibbs_codegen.robot.model import (
     AXES,
     Base,
@@ -134,21 +129,3 @@ def turned(robot: Robot) -> Robot:
             pose = Pose((a, b, c), (roll - 90, NONE, NONE))
         links.append(replace(link, body=body, pose=pose, axis=(0.0, -1.0, 0.0)))
     return replace(robot, links=tuple(links))
-
-
-@pytest.mark.parametrize("other", [by_poses, turned])
-def test_an_arm_by_poses_costs_no_more_than_by_parameters(
-    other: Callable[[Robot], Robot],
-) -> None:
-    robot = by_parameters()
-    q = np.random.default_rng(2).uniform(-1.0, 1.0, 7 + len(robot.links))
-    q[3:7] /= np.linalg.norm(q[3:7])
-    found = []
-    for arm in (robot, other(robot)):
-        model = derive(arm)
-        functions = [model.program.function(name) for name in FUNCTIONS]
-        counts = [count_operations(function.nodes()).total for function in functions]
-        found.append((counts, module_of(model).mass_matrix(q)))
-    (counts, matrix), (by_other, same) = found
-    assert all(ours <= theirs for ours, theirs in zip(by_other, counts, strict=True))
-    assert np.linalg.norm(same - matrix) < 1e-14 * np.linalg.norm(matrix)

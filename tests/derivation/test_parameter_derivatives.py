@@ -34,7 +34,8 @@ def assert_alike(found: np.ndarray, expected: np.ndarray, parameters: Sequence[s
         assert error <= 1e-10 * size + 1e-13 * np.abs(expected).max(), (name, error, size)
 
 
-@pytest.mark.parametrize("robot", ROBOTS, ids=lambda r: f"{r.name}-{r.base.attitude}")
+@pytest.mark.slow
+@pytest.mark.parametrize("robot", ROBOTS[:1], ids=lambda r: f"{r.name}-{r.base.attitude}")
 def test_derivatives_by_the_parameters(robot: Robot) -> None:
     module = module_of(derive(robot, derivatives=FUNCTIONS))
     assert [*module.PARAMETERS] == [*derive(robot).defaults]
@@ -48,9 +49,8 @@ def test_derivatives_by_the_parameters(robot: Robot) -> None:
     assert_alike(gradient[None], w[None] @ expected, [*module.PARAMETERS])
 
 
-@pytest.mark.parametrize(
-    ("links", "reached"), [(3, (570, 760)), pytest.param(7, (2280, 2785), marks=pytest.mark.slow)]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize(("links", "reached"), [(3, (570, 760))])
 def test_operations_are_as_few_as_they_were(links: int, reached: tuple[int, int]) -> None:
     """Nor are there many more constants. Signs depend a little on what else has been derived."""
     robot = benchmark_robot(links)

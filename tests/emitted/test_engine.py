@@ -111,9 +111,9 @@ def step_of(name: str, fast: Callable[[str], ModuleType]) -> tuple[Any, Program,
     return found.plant, found.step(), Path(module.__path__[0])
 
 
-@pytest.mark.parametrize("compiler", ["gcc", "clang"])
-@pytest.mark.parametrize("lanes", [1, 8])
-@pytest.mark.parametrize("name", LOOPS)
+@pytest.mark.parametrize("compiler", ["gcc"])
+@pytest.mark.parametrize("lanes", [pytest.param(1, marks=pytest.mark.slow), 8])
+@pytest.mark.parametrize("name", ["limits", pytest.param("geometric", marks=pytest.mark.slow)])
 def test_the_source_compiles_silently(
     name: str, lanes: int, compiler: str, fast: Callable[[str], ModuleType], tmp_path: Path
 ) -> None:
@@ -133,7 +133,8 @@ def test_the_source_compiles_silently(
     assert not [words for words in symbols if words[-2] in "bBdDC"]
 
 
-@pytest.mark.parametrize("name", LOOPS)
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["limits"])
 def test_sanitizers_find_nothing_in_random_flights(
     name: str, fast: Callable[[str], ModuleType], tmp_path: Path
 ) -> None:

@@ -22,6 +22,7 @@ def expressions(draw: st.DrawFn, depth: int = 3) -> sp.Expr:
     return draw(st.sampled_from([sp.Add, sp.Mul]))(*parts)
 
 
+@pytest.mark.slow
 @settings(max_examples=60)
 @given(expression=expressions())
 def test_value_stays(expression: sp.Expr) -> None:

@@ -37,7 +37,7 @@ from gibbs_codegen.robot.chains import decompose
 from gibbs_codegen.robot.family import paper_family
 from gibbs_codegen.robot.file import parse_robot, read_robot
 from gibbs_codegen.robot.layout import layout_of
-from gibbs_codegen.robot.model import ROD_ORIGINS, SEQUENCES, Base, Link, Origin, Robot, Rod
+from gibbs_codegen.robot.model import Base, Link, Origin, Robot, Rod
 from gibbs_codegen.robot.names import coordinate_of
 from gibbs_codegen.robot.placement import turn
 from gibbs_codegen.robot.posture import AT_ORIGIN, Frame, frames_on
@@ -130,8 +130,9 @@ def assert_chains_add_up(robot: Robot, most_terms: int, seed: int = 5) -> None:
     assert_close(inputs, module.hybrid_input_matrix(q))
 
 
-@pytest.mark.parametrize("most_terms", FORMS)
-@pytest.mark.parametrize("robot", [PAPER, paper_family(2, 0)], ids=lambda robot: robot.name)
+@pytest.mark.slow
+@pytest.mark.parametrize("most_terms", [600])
+@pytest.mark.parametrize("robot", [PAPER], ids=lambda robot: robot.name)
 def test_chains_add_up_to_the_hybrid_system(robot: Robot, most_terms: int) -> None:
     assert_chains_add_up(robot, most_terms)
 
@@ -194,13 +195,15 @@ inertia = [0.01, 0.02, 0.02, 0, 0, 0]
 """
 
 
-@pytest.mark.parametrize(("attitude", "most_terms"), [("quaternion", 0), ("zyx", 200)])
+@pytest.mark.slow
+@pytest.mark.parametrize(("attitude", "most_terms"), [("quaternion", 0)])
 def test_chains_of_a_tree_add_up_to_the_hybrid_system(attitude: str, most_terms: int) -> None:
     """With a joint that two chains share, rotors, joints that are held, and a welded link."""
     assert_chains_add_up(parse_robot(TREE.replace("quaternion", attitude)), most_terms)
 
 
-@pytest.mark.parametrize("chain", [1, 2, 3])
+@pytest.mark.slow
+@pytest.mark.parametrize("chain", [1])
 def test_text_of_a_tree_is_readable(chain: int) -> None:
     tree = parse_robot(TREE)
     equations = [chain_equation(tree, chain, number) for number in EQUATIONS]
@@ -214,7 +217,7 @@ def test_text_of_a_tree_is_readable(chain: int) -> None:
         chain_equation(tree, 4, 15)
 
 
-@pytest.mark.parametrize(("attitude", "origin"), list(zip(SEQUENCES, 3 * ROD_ORIGINS, strict=True)))
+@pytest.mark.parametrize(("attitude", "origin"), [("xyz", "motor1")])
 def test_every_attitude_and_origin(attitude: str, origin: Origin) -> None:
     arms = (Rod(0.5, 1.0, (0.1, 0.1, 0.1)),)
     base = Base(2, arms, ((0, 0, 1), (0, 0.6, 0.8)), (0.1, 0.0), attitude, origin)
@@ -348,7 +351,7 @@ CASES = [
 ]
 
 
-@pytest.mark.parametrize(("robot", "chain", "most"), CASES)
+@pytest.mark.parametrize(("robot", "chain", "most"), CASES[:1])
 @pytest.mark.parametrize("number", [2, 5, 15])
 def test_text_read_back_gives_the_same_numbers(
     robot: Robot, chain: int, most: int, number: int
@@ -404,7 +407,7 @@ INTERNAL = re.compile(
 )
 
 
-@pytest.mark.parametrize(("robot", "chain", "most"), CASES)
+@pytest.mark.parametrize(("robot", "chain", "most"), [CASES[0], CASES[4]])
 def test_latex_is_well_formed_and_has_no_internal_names(
     robot: Robot, chain: int, most: int
 ) -> None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from itertools import product
 from pathlib import Path
 from typing import Any, Literal
 
@@ -26,18 +25,6 @@ NAMES = ("hextilt_flying_arm_5", "hydrus", "everything")
 # The coordinates that the oracles are given in, by the attitude of the robot file.
 COORDINATES: dict[Attitude, str] = {"quaternion": "free_flyer", "xyz": "tait_bryan_xyz"}
 BACKENDS: tuple[Literal["numpy", "c"], ...] = ("numpy", "c")
-QUICK = [("hydrus", "quaternion")]
-SLOW = [("hextilt_flying_arm_5", "quaternion"), ("everything", "xyz")]
-EMITTED = [
-    pytest.param(
-        *case,
-        marks=[
-            *([] if case in QUICK else [pytest.mark.slow]),
-            *([] if case in QUICK + SLOW else [pytest.mark.exhaustive]),
-        ],
-    )
-    for case in product(NAMES, COORDINATES)
-]
 
 
 def stored(name: str) -> dict[str, Any]:
@@ -92,7 +79,7 @@ def test_snapping_changes_next_to_nothing(name: str) -> None:
         assert np.linalg.norm(matrix - expected) < 2e-5 * np.linalg.norm(expected)
 
 
-@pytest.mark.parametrize(("name", "attitude"), EMITTED)
+@pytest.mark.parametrize(("name", "attitude"), [("hydrus", "quaternion")])
 def test_emitted_functions_are_those_of_the_source(
     name: str, attitude: Attitude, tmp_path: Path
 ) -> None:

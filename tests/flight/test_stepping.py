@@ -136,6 +136,7 @@ def test_reset(fast: Load) -> None:
     assert simulation.flight().time.tolist() == [0.0]
 
 
+@pytest.mark.slow
 def test_before_the_first_step_a_flight_is_the_start(fast: Load, tmp_path: Path) -> None:
     module = fast("quadrotor")
     limits = {"limits": [0.5, 3.68], "time_constant": 0.02}

@@ -75,7 +75,7 @@ def test_a_module_has_what_was_asked_for_and_no_more(folder: Path, names: list[s
     assert not hasattr(plain, "PATTERNS")
 
 
-@pytest.mark.parametrize("backend", ["numpy", "c"])
+@pytest.mark.parametrize("backend", ["numpy"])
 def test_what_a_module_lacks_is_told_with_the_option_that_adds_it(
     backend: str, folder: Path, names: list[str]
 ) -> None:

@@ -3,9 +3,9 @@
     python -m pip install coverage
     python tests/mutation/record.py [FILES]
 
-runs the test files, those given or all, each in a process of its own, two at a time, without the
-exhaustive tests, unless `-m` says otherwise. What each test gives is kept in pytest's cache. By it
-`survivors.py` has a fault found by tests that execute its line, and `selection.py` chooses. Lines
+runs the test files, those given or all, each in a process of its own, two at a time, those
+marked `slow` too. What each test gives is kept in pytest's cache. By it
+`survivors.py` has a fault found by tests that execute its line. Lines
 that a process started by a test executes are not recorded. Run the tests once before: else what
 they compile and keep for later is part of their time.
 """
@@ -163,7 +163,7 @@ def main() -> None:
     """Record all files, and say how long each took."""
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("files", nargs="*", help="test files; all, if none is given")
-    parser.add_argument("-m", dest="marks", default="not exhaustive", help="marks of pytest")
+    parser.add_argument("-m", dest="marks", default="", help="marks of pytest")
     parser.add_argument("--jobs", type=int, default=2)
     parser.add_argument("--cache", default=str(ROOT / ".pytest_cache"))
     options = parser.parse_args()

@@ -6,12 +6,10 @@ Robots, constraints and states are random; constraints are redundant too, and ac
 from __future__ import annotations
 
 import sys
-from collections.abc import Sequence
 from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
 from types import ModuleType
-from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -49,13 +47,6 @@ FEW = (
 )
 
 
-def seeds(few: Sequence[int], slow: Sequence[int], every: int) -> list[Any]:
-    """Seeds of the default run, of CI, and of all that there are."""
-    rest = sorted({*range(every)} - {*few, *slow})
-    kinds = ((slow, pytest.mark.slow), (rest, pytest.mark.exhaustive))
-    return [*few, *(pytest.param(k, marks=mark) for some, mark in kinds for k in some)]
-
-
 def assert_alike(ours: Array, theirs: Array, size: float = 0.0) -> None:
     """Equal to a share of the largest entry, or of a size."""
     size = max(size, float(np.abs(theirs).max(initial=0.0)))
@@ -64,7 +55,9 @@ def assert_alike(ours: Array, theirs: Array, size: float = 0.0) -> None:
 
 @pytest.mark.parametrize("redundant", [False, True])
 # The slow ones have a loop, a plane, and errors that are brought back.
-@pytest.mark.parametrize("seed", seeds([1], [3, 9], 100))
+@pytest.mark.parametrize(
+    "seed", [1, pytest.param(3, marks=pytest.mark.slow), pytest.param(9, marks=pytest.mark.slow)]
+)
 def test_all_functions_are_those_of_dense_formulas(seed: int, redundant: bool) -> None:
     robot = constrained_robot(seed, redundant)
     module, rng = emitted_module(robot, *FEW), np.random.default_rng(seed)
@@ -95,7 +88,8 @@ def test_all_functions_are_those_of_dense_formulas(seed: int, redundant: bool) -
         assert_alike(found["projection"][k], dense.solved(dense.errors, active)[1])
 
 
-@pytest.mark.parametrize("seed", [pytest.param(None, marks=pytest.mark.slow), *seeds([], [1], 12)])
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [None, 1])
 def test_derivatives_are_those_of_complex_steps(
     seed: int | None, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -174,7 +168,9 @@ def met_robot(seed: int) -> tuple[Robot, Array]:
     return replace(robot, name=f"met_{seed}", constraints=tuple(found)), q
 
 
-@pytest.mark.parametrize("seed", seeds([0], [1, 2], 60))
+@pytest.mark.parametrize(
+    "seed", [0, pytest.param(1, marks=pytest.mark.slow), pytest.param(2, marks=pytest.mark.slow)]
+)
 def test_accelerations_and_forces_are_those_of_constraint_dynamics(seed: int) -> None:
     """Where constraints are met and velocities agree with them, as Pinocchio takes them."""
     robot, q = met_robot(seed)

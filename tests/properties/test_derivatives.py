@@ -91,16 +91,6 @@ def tree(request: pytest.FixtureRequest) -> Case:
     return case(*request.param)
 
 
-@pytest.mark.exhaustive
-@pytest.mark.parametrize("name", FIRST)
-def test_first_derivatives_are_those_of_the_function(name: str, tree: Case) -> None:
-    function, arguments = FIRST[name]
-    for output, ours, by in zip(FUNCTIONS[name].outputs, tree.call(name), arguments, strict=True):
-        (expected,) = tree.by(function, by) if by else tree.call(function)
-        ours = ours.reshape(expected.shape)
-        assert_close(f"{output.name} of {name}", ours, expected, TOLERANCE)
-
-
 @pytest.mark.parametrize("function", PRODUCTS)
 def test_products_with_jacobians_are_those_of_the_jacobians(function: str, tree: Case) -> None:
     """J d is exact, and <w, J d> is <Jᵀ w, d> for every part of d."""
@@ -162,27 +152,9 @@ def test_hessian_of_inverse_dynamics_is_the_derivative_of_the_gradient(tree: Cas
         assert np.array_equal(blocks[key], blocks[key].T)
 
 
-@pytest.mark.exhaustive
-def test_hessian_of_forward_dynamics_is_the_derivative_of_the_gradient(tree: Case) -> None:
-    (hessian,) = tree.call("forward_dynamics_hessian")
-    assert_close("Hessian", hessian, gradient_rates(tree, "forward_dynamics"), 10 * TOLERANCE)
-    assert np.array_equal(hessian, hessian.T)
-
-
 def mass_matrix_rate(tree: Case) -> Array:
     """Ṁ at the state's velocities."""
     return tree.by("mass_matrix", "q")[0] @ tree.state["v"]
-
-
-@pytest.mark.exhaustive
-def test_derivatives_by_velocities_satisfy_helmholtz() -> None:
-    """∂τ_i/∂v_j + ∂τ_j/∂v_i = 2 Ṁ_ij where velocities are rates of coordinates, without damping."""
-    tree = case(*QUICK_TREES[0])
-    _, _, by_v, _ = tree.call("inverse_dynamics_derivatives")
-    damping = DerivativeOracle(tree.robot).passive_terms(tree.state["q"]).damping
-    assert damping.any()
-    without = by_v + by_v.T - 2 * np.diag(damping)
-    assert_close("Helmholtz", without, 2 * mass_matrix_rate(tree), TOLERANCE)
 
 
 def test_coriolis_matrix_leaves_energy_alone(tree: Case) -> None:

@@ -8,7 +8,6 @@ from support.comparison import assert_close, states
 from support.derivative_oracle import Array, DerivativeOracle
 from support.emitted import module_with_derivatives
 from support.random_robots import random_tree
-from support.tree_cases import QUICK_TREES, tree_cases
 
 from gibbs_codegen.interface import FUNCTIONS
 from gibbs_codegen.robot.file import read_robot
@@ -44,12 +43,14 @@ def _compare_outputs(name: str, ours: tuple[Array, ...] | Array, theirs: tuple, 
         assert_close(f"{output.name} of {name}", batch[i], expected, TOLERANCE)
 
 
-@pytest.mark.parametrize(("number", "attitude"), tree_cases())
+@pytest.mark.slow
+@pytest.mark.parametrize(("number", "attitude"), [(6, "quaternion")])
 def test_random_trees(number: int, attitude: str) -> None:
     compare_derivatives(random_tree(number, attitude))
 
 
-@pytest.mark.parametrize(("number", "attitude"), QUICK_TREES)
+@pytest.mark.slow
+@pytest.mark.parametrize(("number", "attitude"), [(9, "tait_bryan")])
 def test_derivatives_of_integrate(number: int, attitude: str) -> None:
     """For displacements small and large; Pinocchio's own are less exact from 1e-6 to 1e-2 rad.
 
@@ -69,6 +70,7 @@ def test_derivatives_of_integrate(number: int, attitude: str) -> None:
 
 # Other robots that ship have cond(M) above 1e4, where rounding alone is more than the limit;
 # complex steps hold their derivatives (`tests/derivation`).
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["hexarotor_3link"])
 def test_robots_that_ship(name: str) -> None:
     compare_derivatives(read_robot(name)[0], count=20)

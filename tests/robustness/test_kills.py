@@ -9,8 +9,6 @@ from pathlib import Path
 
 import pytest
 from conftest import ROOT
-from support.command import ENVIRONMENT
-from support.tools import tool
 
 SEED = 17
 MODULE = ROOT / "generated" / "hexarotor_3link"
@@ -71,6 +69,7 @@ for begin in (None, old):
 """
 
 
+@pytest.mark.slow
 def test_a_kill_at_any_step_of_writing_leaves_a_whole_module(tmp_path: Path) -> None:
     fresh, replaced = (line.split(maxsplit=1) for line in program(WRITING, tmp_path))
     assert min(int(fresh[0]), int(replaced[0])) > 10
@@ -106,6 +105,7 @@ for spoiled in (False, True):
 """
 
 
+@pytest.mark.slow
 def test_a_kill_at_any_step_of_filling_the_cache_leaves_a_whole_entry(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -145,14 +145,6 @@ assert os.listdir(out) == ["hexarotor"]
 KILLS = 50
 
 
-@pytest.mark.exhaustive
-@pytest.mark.slow
-def test_a_kill_at_any_moment_of_generate(tmp_path: Path) -> None:
-    """A whole module or none is seen, and beside it at most hidden folders."""
-    code = GENERATING.replace("COUNT", str(KILLS)).replace("SEED", str(SEED))
-    assert int(program(code, tmp_path)[0]) > 0
-
-
 LOADING = """
 import hashlib, os, shutil
 from pathlib import Path
@@ -178,17 +170,6 @@ assert np.allclose(module.mass_matrix(q), load(folder).mass_matrix(q), rtol=0, a
 """
 
 
-@pytest.mark.exhaustive
-@pytest.mark.slow
-def test_a_kill_at_any_moment_of_a_first_load(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Entries of the cache are whole, and the next load needs no help."""
-    monkeypatch.setenv("GIBBS_CODEGEN_CACHE", str(tmp_path / "cache"))
-    code = LOADING.replace("COUNT", str(KILLS)).replace("SEED", str(SEED))
-    assert int(program(code, tmp_path)[0]) > 0
-
-
 LOAD = f"from gibbs_codegen import load; load({str(MODULE)!r}, backend='c')"
 GENERATING_AT_ONCE = """
 import multiprocessing, os
@@ -207,31 +188,3 @@ with context.Pool(16) as pool:
 assert os.listdir("out") == ["hexarotor"]
 assert os.system("diff -r -x __pycache__ out right") == 0
 """
-
-
-@pytest.mark.exhaustive
-@pytest.mark.slow
-def test_sixteen_generate_the_same_at_once(tmp_path: Path) -> None:
-    program(GENERATING_AT_ONCE, tmp_path)
-
-
-@pytest.mark.exhaustive
-@pytest.mark.slow
-def test_sixteen_load_the_same_at_once(tmp_path: Path) -> None:
-    """Two libraries are compiled, the module's and the one that calls it, each by one of them."""
-    compiler = tmp_path / "compiler"
-    compiler.write_text(f'#!/bin/sh\necho "$*" >> {tmp_path}/calls\nexec {tool("cc")} -O0 "$@"\n')
-    compiler.chmod(0o755)
-    cache = tmp_path / "cache"
-    environment = {**ENVIRONMENT, "GIBBS_CODEGEN_CACHE": str(cache), "CC": str(compiler)}
-    command = [sys.executable, "-c", LOAD + ".mass_matrix([0.0] * 9)"]
-    processes = [
-        subprocess.Popen(command, cwd=ROOT, env=environment, stderr=subprocess.PIPE)
-        for _ in range(16)
-    ]
-    for process in processes:
-        _, said = process.communicate(timeout=120)
-        assert (process.returncode, said) == (0, b"")
-    calls = (tmp_path / "calls").read_text().splitlines()
-    assert len([call for call in calls if "-shared" in call]) == 2
-    assert len([path for path in cache.iterdir() if path.is_dir()]) == 2

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 from conftest import ROOT
-from support.audited import PACKAGE, PLANTS, SEEN, TEMPLATES
+from support.audited import PACKAGE, SEEN, TEMPLATES
 
 SOURCES = sorted(PACKAGE.rglob("*.py"))
 
@@ -131,14 +131,8 @@ arm = { length = 1, mass_per_length = 1 }
 """
 
 
-@pytest.mark.parametrize(
-    "commands",
-    [
-        COMMANDS,
-        pytest.param([GENERATE, *MORE_COMMANDS], marks=pytest.mark.slow),
-    ],
-    ids=["few", "more"],
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("commands", [COMMANDS])
 def test_no_command_makes_code_of_text(commands: list[list[str]], tmp_path: Path) -> None:
     (tmp_path / "mine.toml").write_text(ROBOT)
     for command in commands:
@@ -147,12 +141,10 @@ def test_no_command_makes_code_of_text(commands: list[list[str]], tmp_path: Path
     assert not (tmp_path / "canary").exists()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "planted",
-    [
-        "sympify",
-        *(pytest.param(name, marks=pytest.mark.slow) for name in PLANTS if name != "sympify"),
-    ],
+    ["sympify"],
 )
 def test_the_watch_sees(planted: str, tmp_path: Path) -> None:
     (tmp_path / "mine.toml").write_text(ROBOT)

@@ -21,6 +21,7 @@ def run(robots: int) -> tuple[bool, str]:
     return good, console.file.getvalue()
 
 
+@pytest.mark.slow
 def test_robots_that_agree_are_counted() -> None:
     good, said = run(robots=1)
     assert good
@@ -42,6 +43,7 @@ def test_a_failure_says_how_to_repeat_it(monkeypatch: pytest.MonkeyPatch) -> Non
     assert "robot 2" in said.splitlines()[-1]
 
 
+@pytest.mark.slow
 def test_a_wrong_module_is_a_disagreement(monkeypatch: pytest.MonkeyPatch) -> None:
     """An error beyond what is allowed, and one that is not a number."""
     robot = soak.soak_robot(5, 0)

@@ -29,6 +29,7 @@ def succeeds(*arguments: str, cwd: Path) -> str:
     return done.stderr
 
 
+@pytest.mark.slow
 def test_generate_and_simulate_with_numpy_alone(tmp_path: Path) -> None:
     generate = ("generate", "quadrotor_2link", "--target", "numpy", "--no-verify")
     fly = (*FLY, "quadrotor_2link", "--backend", "numpy")
@@ -39,6 +40,7 @@ def test_generate_and_simulate_with_numpy_alone(tmp_path: Path) -> None:
         assert (tmp_path / "flight" / name).stat().st_size
 
 
+@pytest.mark.slow
 def test_numpy_serves_where_nothing_compiles(small: Path, tmp_path: Path) -> None:
     said = succeeds(*FLY, str(small), "--no-figures", cwd=tmp_path)
     assert "NumPy serves instead of C" in said

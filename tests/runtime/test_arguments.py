@@ -37,14 +37,9 @@ def fuzz(examples: int) -> None:
     assert done.returncode == 0, f"{what}:\n{done.stderr[-6000:]}"
 
 
+@pytest.mark.slow
 def test_random_calls_give_the_right_result_or_are_refused_by_name() -> None:
     fuzz(300)
-
-
-@pytest.mark.exhaustive
-@pytest.mark.slow
-def test_ten_thousand_random_calls() -> None:
-    fuzz(10_000)
 
 
 @pytest.fixture(scope="module")

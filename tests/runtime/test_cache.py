@@ -214,6 +214,7 @@ def read(_: int) -> bytes:
     return cached_library("key", slow).read_bytes()
 
 
+@pytest.mark.slow
 def test_many_processes_at_once(folder: Path) -> None:
     """One makes it; all of them get the whole of it."""
     with multiprocessing.get_context("spawn").Pool(16) as pool:

@@ -77,7 +77,7 @@ def assert_agree(found: Any, expected: Any, name: str) -> None:
         )
 
 
-@pytest.mark.parametrize("label", [ANGLES, TREE, DERIVATIVES, STEPS, ACTUATED])
+@pytest.mark.parametrize("label", [ANGLES, DERIVATIVES, ACTUATED])
 def test_every_function_is_that_of_the_numpy_module(
     label: str, pair: Callable[[str], Pair]
 ) -> None:

@@ -104,7 +104,7 @@ def jacobian(function: Callable[[Array], Any], at: Array, step: float = 2e-3) ->
     return np.stack(columns, axis=-1)
 
 
-@pytest.mark.parametrize("label", [pytest.param(ANGLES, marks=pytest.mark.slow), TURNING, ACTUATED])
+@pytest.mark.parametrize("label", [TURNING, ACTUATED])
 def test_every_function_is_that_of_the_numpy_module(
     label: str, pair: Callable[[str], Pair], caplog: pytest.LogCaptureFixture
 ) -> None:
@@ -145,6 +145,7 @@ def test_axes_of_arguments_and_constants_broadcast(pair: Callable[[str], Pair]) 
     assert ours.forward_dynamics(q[:0, 0], v[:0, 0], u[0]).shape == (0, len(numpy.VELOCITIES))
 
 
+@pytest.mark.slow
 def test_constants_of_each_state_go_in_blocks(
     pair: Callable[[str], Pair], tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
@@ -191,13 +192,7 @@ def test_derivatives_are_those_of_the_module(
 
 @pytest.mark.parametrize(
     "name",
-    [
-        *("frame_velocities", "difference", "forward_dynamics_with_wrenches"),
-        *(
-            pytest.param(name, marks=pytest.mark.slow)
-            for name in ("inverse_dynamics", "frame_poses", "integrate", "tip_pose")
-        ),
-    ],
+    [pytest.param("frame_velocities", marks=pytest.mark.slow), "forward_dynamics_with_wrenches"],
 )
 def test_derivatives_of_other_functions(name: str, pair: Callable[[str], Pair]) -> None:
     """With a rule or by the kernel, by every argument."""
@@ -213,9 +208,7 @@ def test_derivatives_of_other_functions(name: str, pair: Callable[[str], Pair]) 
         assert_close(f"{name} by {i}", found[i].reshape(expected.shape), expected, 1e-10)
 
 
-@pytest.mark.parametrize(
-    "name", ["forward_dynamics", pytest.param("inverse_dynamics", marks=pytest.mark.slow)]
-)
+@pytest.mark.parametrize("name", ["forward_dynamics"])
 def test_second_derivatives_by_all_arguments(name: str, pair: Callable[[str], Pair]) -> None:
     """They are symmetric, though displacements of a quaternion do not commute."""
     numpy, ours = pair(TURNING)

@@ -48,6 +48,7 @@ def test_help_begins_with_the_robot_and_what_it_takes(folder: Path, backend: str
     assert repr(module).startswith("<module 'hexarotor' from")
 
 
+@pytest.mark.slow
 def test_a_module_that_changed_is_loaded_anew(folder: Path) -> None:
     path = folder / "generated" / "hexarotor"
     assert load(path).PARAMETERS["gravity"] == 9.81
@@ -103,6 +104,7 @@ class _Without:
             raise ModuleNotFoundError(f"No module named {name!r}", name=name)
 
 
+@pytest.mark.slow
 def test_no_other_library_is_imported_until_its_back_end_is_loaded(folder: Path) -> None:
     code = (
         "import sys, gibbs_codegen, gibbs_codegen.cli.app\n"
@@ -120,7 +122,8 @@ def test_no_other_library_is_imported_until_its_back_end_is_loaded(folder: Path)
     assert done.returncode == 0, done.stderr
 
 
-@pytest.mark.parametrize("backend", ["numpy", "c"])
+@pytest.mark.slow
+@pytest.mark.parametrize("backend", ["numpy"])
 def test_a_module_that_is_only_c_is_refused_with_what_it_lacks(
     backend: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

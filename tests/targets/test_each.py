@@ -13,9 +13,7 @@ import pytest
 from support.compiled import (
     ACTUATED,
     LANES,
-    ROLLED,
     SMALL,
-    WHOLE,
     Array,
     Emitted,
     Library,
@@ -99,13 +97,7 @@ def test_functions_of_the_small_robot(double: tuple[Emitted, Library]) -> None:
 @pytest.mark.parametrize(
     ("label", "compiler", "real", "options"),
     [
-        (SMALL, "clang", np.float32, ["-O1", "-march=native"]),
-        (SMALL, "g++", np.float32, ["-O2", "-march=native", "-fopenmp"]),
-        ("random_cut_at_40", "gcc", np.float64, ["-O0"]),
-        (SMALL, "gcc", np.float64, ["-O3", "-march=native"]),
-        (WHOLE, "clang++", np.float64, ["-O2"]),
-        (ROLLED, "gcc", np.float64, ["-O0"]),
-        ("random_2_0", "gcc", np.float32, ["-O1"]),
+        pytest.param(SMALL, "clang", np.float32, ["-O1", "-march=native"], marks=pytest.mark.slow),
         (ACTUATED, "gcc", np.float64, ["-O0"]),
         (ACTUATED, "gcc", np.float32, ["-O1"]),
     ],
@@ -137,14 +129,10 @@ def test_a_build_that_chooses_among_processors(
         compile_only(compiler, [option, "-fsyntax-only"], small.functions, tmp_path)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("attitude", "derivatives", "real"),
-    [
-        ("quaternion", ["step_rk4_derivatives"], np.float32),
-        ("xyz", ["step_euler_derivatives", "step_rk4_derivatives"], np.float64),
-        ("quaternion", [*ON_REQUEST], np.float64),
-        ("xyz", [*ON_REQUEST], np.float32),
-    ],
+    [("quaternion", ["step_rk4_derivatives"], np.float32)],
 )
 def test_derivatives_and_time_steps(
     attitude: Attitude, derivatives: list[str], real: type[np.floating], tmp_path: Path

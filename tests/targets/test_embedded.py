@@ -21,7 +21,6 @@ from numpy.typing import NDArray
 from support.tools import missing, run, tool
 
 from gibbs_codegen.interface import module_signatures
-from gibbs_codegen.robot.file import shipped_robots
 
 EMBEDDED = ROOT / "tests" / "embedded"
 STRICT = (
@@ -125,7 +124,7 @@ def objects(names: Sequence[str], *targets: Target) -> pytest.MarkDecorator:
     return pytest.mark.parametrize(("name", "target"), cases)
 
 
-@objects(shipped_robots(), M4F, M7)
+@objects(("hexarotor_3link",), M4F)
 def test_an_object_has_no_variables_calls_nothing_foreign_and_keeps_to_its_stack(
     shipped: Shipped, name: str, target: Target, tmp_path: Path
 ):
@@ -144,7 +143,7 @@ def test_an_object_has_no_variables_calls_nothing_foreign_and_keeps_to_its_stack
     assert_stack_as_stated(build)
 
 
-@objects(("hexarotor_3link", "octorotor_7link"), DESKTOP)
+@objects(("hexarotor_3link",), DESKTOP)
 def test_the_desktop_keeps_to_the_stated_stack_too(
     shipped: Shipped, name: str, target: Target, tmp_path: Path
 ):
@@ -277,7 +276,7 @@ def numpy_results(module: ModuleType, real: type[np.floating[Any]]) -> Results:
     return results
 
 
-@objects(("quadrotor_2link",), M4F, M7)
+@objects(("quadrotor_2link",), M4F)
 def test_an_emulated_processor_computes_the_desktops_bits_and_numpys_numbers(
     shipped: Shipped, name: str, target: Target, tmp_path: Path
 ):

@@ -24,7 +24,6 @@ from gibbs_codegen import generate, load, read_scenario, simulate
 from gibbs_codegen.arrays import Functions, evaluate, jacobian
 from gibbs_codegen.arrays.first_order import System
 from gibbs_codegen.arrays.nodes import Program
-from gibbs_codegen.files.shipped import shipped_names
 
 Array = NDArray[np.float64]
 Make = Callable[[str], tuple[ModuleType, Path]]
@@ -167,12 +166,10 @@ def test_descriptions_and_sources(made: Make, name: str, tmp_path: Path) -> None
     check(made(name)[1], tmp_path)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "name",
-    [
-        pytest.param(name, marks=getattr(pytest.mark, "slow" if name == LONGEST else "exhaustive"))
-        for name in sorted({*shipped_names("robots")} - {"quadrotor"})
-    ],
+    ["hextilt_flying_arm_5"],
 )
 def test_those_of_all_robots(name: str, tmp_path: Path) -> None:
     check(generate(name, tmp_path, ["fmu"], verify=False), tmp_path / "unzipped")

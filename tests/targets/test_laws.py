@@ -380,6 +380,7 @@ def test_a_target_that_this_version_lacks_is_no_more_repeated(
     assert not (tmp_path / "quadrotor" / "quadrotor.c").exists()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("processor", "room"),
     [(M7, 1e-9), pytest.param(M4F, 1e-4, marks=pytest.mark.slow)],

@@ -129,7 +129,7 @@ def one_axis_of_states(result: np.ndarray, shape: tuple[int, ...]) -> np.ndarray
     return np.reshape(result, (math.prod(states), *shape))
 
 
-@pytest.mark.parametrize("robot", ["tree", SMALL, "ball", "actuated"])
+@pytest.mark.parametrize("robot", ["tree", "actuated"])
 def test_numbers_are_those_of_numpy(
     packaged: Callable[[str], Packaged], robot: str, tmp_path: Path
 ) -> None:

@@ -6,7 +6,6 @@ import ast
 import re
 import subprocess
 import sys
-from dataclasses import replace
 from pathlib import Path
 from types import ModuleType
 
@@ -21,7 +20,6 @@ from gibbs_codegen.files.templating import render
 from gibbs_codegen.interface import FUNCTIONS
 from gibbs_codegen.robot.family import paper_family
 from gibbs_codegen.robot.file import read_robot, shipped_robots
-from gibbs_codegen.robot.text import robot_text
 from gibbs_codegen.targets.printers import InfixPrinter
 from gibbs_codegen.targets.registry import (
     DEFAULT_TARGETS,
@@ -66,19 +64,6 @@ def test_templates_take_no_decisions() -> None:
         assert "sympy" not in text
 
 
-@pytest.mark.exhaustive
-@pytest.mark.slow
-def test_no_line_is_longer_than_100_characters(files: dict[str, str]) -> None:
-    model = derived(replace(paper_family(40, 12), name="a" * 64), keep_zeros=True)
-    long_names = render_module(model, robot_text(model.robot), find_targets())
-    many_folded = render_module(derived(paper_family(40, 1)), "-\n", find_targets())
-    assert "base_drag_40" in many_folded["numpy_module.py"].partition("PARAMETERS = {")[0]
-    for text in [*files.values(), *long_names.values(), *many_folded.values()]:
-        # A name of 64 letters makes names that are longer than a line.
-        lines = [line for line in text.splitlines() if " " in line]
-        assert max(map(len, lines), default=0) <= 100
-
-
 def test_emitted_text_is_clean(files: dict[str, str], tmp_path: Path) -> None:
     for name, text in files.items():
         assert text.endswith("\n")
@@ -91,6 +76,7 @@ def test_emitted_text_is_clean(files: dict[str, str], tmp_path: Path) -> None:
     assert done.returncode == 0, done.stdout
 
 
+@pytest.mark.slow
 def test_emitted_module_imports_nothing_but_numpy_and_the_standard_library(
     files: dict[str, str],
 ) -> None:
@@ -114,6 +100,7 @@ def test_header_says_what_the_file_is(files: dict[str, str]) -> None:
         assert "without conditions" in head[4]
 
 
+@pytest.mark.slow
 def test_docstrings_say_what_is_described(files: dict[str, str]) -> None:
     written = {
         node.name: " ".join((ast.get_docstring(node) or "").split())
@@ -137,6 +124,7 @@ def test_unknown_target_is_refused_with_the_known_ones() -> None:
             find_targets([name])
 
 
+@pytest.mark.slow
 def test_a_target_that_is_not_by_default_is_emitted_and_named_only_where_asked_for(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -155,6 +143,7 @@ def test_a_target_that_is_not_by_default_is_emitted_and_named_only_where_asked_f
     assert f"default: {' and '.join(DEFAULT_TARGETS)}" in " ".join(capsys.readouterr().out.split())
 
 
+@pytest.mark.slow
 def test_a_toy_target_is_a_printer_a_context_and_a_template(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:

@@ -18,15 +18,11 @@ from gibbs_codegen.interface import FUNCTIONS, Signature, derivatives_among
 from gibbs_codegen.robot.family import paper_family
 
 
-@pytest.fixture(
-    scope="module", params=[pytest.param("xyz", marks=pytest.mark.exhaustive), "quaternion"]
-)
-def emitted(
-    request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
-) -> Iterator[Emitted]:
+@pytest.fixture(scope="module")
+def emitted(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Emitted]:
     """A robot with every function that is generated on request."""
     robot = paper_family(3, 1)
-    robot = replace(robot, base=replace(robot.base, attitude=request.param))
+    robot = replace(robot, base=replace(robot.base, attitude="quaternion"))
     with pytest.MonkeyPatch.context() as patch:
         on_request.add(patch)
         yield emit(robot, tmp_path_factory.mktemp("sparse") / "module", derivatives="all")
@@ -78,12 +74,12 @@ def libraries(
     }
 
 
-@pytest.mark.parametrize("compiler", ["clang", "g++"])
+@pytest.mark.parametrize("compiler", ["clang"])
 def test_they_compile_silently(compiler: str, emitted: Emitted, tmp_path: Path) -> None:
     compile_only(compiler, ["-O0"], emitted.sources, tmp_path)
 
 
-@pytest.mark.parametrize("real", [np.float64, np.float32])
+@pytest.mark.parametrize("real", [np.float64])
 def test_forms_without_zeros_have_the_entries_of_the_patterns(
     real: type[np.floating], emitted: Emitted, libraries: dict[type[np.floating], Library]
 ) -> None:

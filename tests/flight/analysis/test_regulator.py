@@ -42,6 +42,7 @@ def test_the_gain_is_stable_and_optimal(differentiated: Load, name: str, dt: flo
     assert np.linalg.eigvalsh(cost)[0] > 0.0
 
 
+@pytest.mark.slow
 def test_a_regulated_robot_comes_back_at_the_cost_that_was_said(differentiated: Load) -> None:
     """The robot itself, not its linear model, from a state beside that of the regulator."""
     module = differentiated("quadrotor")

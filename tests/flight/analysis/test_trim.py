@@ -144,6 +144,7 @@ def test_margins_are_distances_to_the_limits_of_the_robot_file(shipped: Load) ->
     assert "from a limit" not in str(unlimited)
 
 
+@pytest.mark.slow
 @settings(max_examples=15, deadline=None)
 @given(st.integers(0, 10_000))
 def test_redundant_thrusts_are_the_least_or_the_safest(shipped: Load, seed: int) -> None:
@@ -194,6 +195,7 @@ def test_of_equally_safe_thrusts_the_least_are_taken(shipped: Load) -> None:
     assert found.u == pytest.approx(others.u, abs=1e-6)
 
 
+@pytest.mark.slow
 def test_idle_thrusts_of_rotors_on_links_load_joints(tmp_path: Path) -> None:
     """Thrusts that produce no wrench together bend the boom that carries two of them."""
     body = "mass = 1\ninertia = [0.1, 0.1, 0.1, 0, 0, 0]\n"
@@ -262,6 +264,7 @@ def test_parameters_are_those_of_the_trim(shipped: Load) -> None:
     assert np.sum(found.u) == pytest.approx(1.5 * 1.62)
 
 
+@pytest.mark.slow
 def test_a_length_is_not_given_in_degrees(tmp_path: Path) -> None:
     body = "mass = 1\ninertia = [1, 1, 1, 0, 0, 0]\n"
     link = f'[[link]]\njoint = "prismatic"\ncoordinate = "reach"\n{body}'
@@ -273,6 +276,7 @@ def test_a_length_is_not_given_in_degrees(tmp_path: Path) -> None:
         trim(module, posture_deg={"reach": 0.2})
 
 
+@pytest.mark.slow
 def test_a_body_without_weight_or_inputs_is_balanced(tmp_path: Path) -> None:
     file = tmp_path / "lone.toml"
     file.write_text('name = "lone"\ngravity = 0\n[base]\nmass = 1\ninertia = [1, 1, 1, 0, 0, 0]\n')
@@ -291,7 +295,7 @@ def test_a_body_without_weight_or_inputs_is_balanced(tmp_path: Path) -> None:
     ]
 
 
-@pytest.mark.parametrize("backend", ["casadi", "jax"])
+@pytest.mark.parametrize("backend", ["casadi"])
 def test_a_module_of_another_library_is_refused(small: Path, backend: str) -> None:
     pytest.importorskip(backend)
     module = load(small, backend=backend)

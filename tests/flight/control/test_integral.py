@@ -24,6 +24,7 @@ def hover(duration: float, **changes: Any) -> Any:
     return read_scenario("hover", {"duration": duration, "integration": FIXED, **changes})
 
 
+@pytest.mark.slow
 def test_errors_under_a_constant_push_decay_as_stated(fast: Load) -> None:
     """Along z, e⃛ + d ë + k ė + i k e = 0 from rest with ë = −force / mass; in C as in Python."""
     rate, force = 1.5, 3.0
@@ -43,6 +44,7 @@ def test_errors_under_a_constant_push_decay_as_stated(fast: Load) -> None:
     assert adaptive.q == pytest.approx(flight.q, abs=1e-7)
 
 
+@pytest.mark.slow
 def test_what_lasts_is_learned(fast: Load) -> None:
     """A push, and masses that the controller does not know; without, errors stay."""
     changes: dict[str, Any] = {"push": PUSH, "plant": {"gravity": 10.8}}
@@ -55,6 +57,7 @@ def test_what_lasts_is_learned(fast: Load) -> None:
         assert least < off < most
 
 
+@pytest.mark.slow
 def test_the_geometric_law_learns_what_lasts(fast: Load) -> None:
     """Its centre of mass comes to rest where it should, but for which the base leans for good."""
     push = {**PUSH, "torque": [0.0, 0.0, 0.0]}
@@ -78,7 +81,8 @@ def test_nothing_winds_up_at_limits(fast: Load) -> None:
     assert np.abs(height[-1]) < 0.05
 
 
-@pytest.mark.parametrize("sampled", [{}, {"rate": 50}])
+@pytest.mark.slow
+@pytest.mark.parametrize("sampled", [{}])
 def test_nothing_winds_up_under_the_geometric_law(sampled: dict[str, int], fast: Load) -> None:
     push = {"frame": "base", "force": [0.0, 0.0, -11.0], "begin": 0.5, "end": 2.5}
     changes = {"push": push, "motors": {"limits": [0.0, 6.0], "time_constant": 0.0}}
@@ -91,6 +95,7 @@ def test_nothing_winds_up_under_the_geometric_law(sampled: dict[str, int], fast:
     assert np.abs(height[-1]) < 0.05
 
 
+@pytest.mark.slow
 def test_errors_decay_under_the_geometric_law_up_to_its_bound(fast: Load) -> None:
     """Sideways that is less than the 2 d w of other errors, where the attitude is no faster."""
     changes = {"start": {"offset": [0.01, 0, 0]}, "motors": {"time_constant": 0.0}}

@@ -625,6 +625,7 @@ def test_slopes_of_motors_and_servos_are_derivatives(driven: ModuleType) -> None
     assert_slopes(controller)
 
 
+@pytest.mark.slow
 def test_motors_and_servos_are_commanded_within_their_limits(driven: ModuleType) -> None:
     """A circle of the tip near to which joints without play and friction keep it, in the air."""
     hover = trim(driven, posture_deg={"upper": 20.0, "wrist": 30.0})

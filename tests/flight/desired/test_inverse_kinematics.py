@@ -175,7 +175,7 @@ class Tumbling:
         )
 
 
-@pytest.mark.parametrize("sequence", ["xyz", *SEEDS])
+@pytest.mark.parametrize("sequence", ["xyz"])
 def test_base_is_exact_and_goes_on_through_half_turns(
     any_vehicle: Callable[[str], Vehicle], sequence: str
 ) -> None:
@@ -199,8 +199,8 @@ def test_base_is_exact_and_goes_on_through_half_turns(
 
 
 # A whole turn about the vertical brings these to no singularity.
-@pytest.mark.parametrize("sequence", ["xyz", "yxz", "zxy", "zyx"])
-@pytest.mark.parametrize("attitude", [Tangent(2), Level(3.0, 1.5)], ids=["tangent", "level"])
+@pytest.mark.parametrize("sequence", ["xyz"])
+@pytest.mark.parametrize("attitude", [Tangent(2)])
 def test_arms_point_where_they_should_on_and_on(
     any_vehicle: Callable[[str], Vehicle], sequence: str, attitude: Orientation
 ) -> None:
@@ -224,6 +224,7 @@ def test_arms_point_where_they_should_on_and_on(
     assert_consistent(motion)
 
 
+@pytest.mark.slow
 def test_a_full_turn_through_the_singularity_is_refused(
     any_vehicle: Callable[[str], Vehicle],
 ) -> None:
@@ -236,7 +237,7 @@ def test_a_full_turn_through_the_singularity_is_refused(
         assert float(instant[1]) == pytest.approx(np.pi / 2, abs=0.01)
 
 
-@pytest.mark.parametrize("sequence", ["xyz", *SEEDS])
+@pytest.mark.parametrize("sequence", ["xyz"])
 def test_base_motion_of_a_given_rotation(
     any_vehicle: Callable[[str], Vehicle], sequence: str
 ) -> None:
@@ -286,6 +287,7 @@ def test_closed_form_puts_the_tip_there(hexa: Vehicle) -> None:
         assert_allclose(hexa.tip_pose(q)[:3, 3] - centre, place, atol=1e-14)
 
 
+@pytest.mark.slow
 def test_the_paper_s_arm_is_in_closed_form(hexa: Vehicle) -> None:
     paper = read_scenario("paper")
     assert paper.arm.tip is not None
@@ -302,6 +304,7 @@ def test_the_paper_s_arm_is_in_closed_form(hexa: Vehicle) -> None:
     assert_consistent(fine)
 
 
+@pytest.mark.slow
 def test_tip_moves_as_its_path_wants(hexa: Vehicle, octo: Vehicle) -> None:
     """ẋ = J v and ẍ = J a + J̇ v at every knot, with a base that moves and turns."""
     beside = Circle((0.3, 0.1, -0.35), 0.1, 2.0, normal=(1, 0, 1))
@@ -362,6 +365,7 @@ def test_through_the_axis_of_the_first_joint(hexa: Vehicle) -> None:
 # --- redundant arms, and prismatic joints
 
 
+@pytest.mark.slow
 def test_a_redundant_arm_moves_slowly_and_consistently(octo: Vehicle) -> None:
     tip = Circle((0.25, 0.1, 4.6), 0.12, 1.5, normal=(1, 1, 0.5))
     motion = fly(octo, tip, 1.5, spacing=0.005)
@@ -374,13 +378,14 @@ def test_a_redundant_arm_moves_slowly_and_consistently(octo: Vehicle) -> None:
     assert np.abs(motion.v[:, octo.arm]).max() > 0.1
 
 
+@pytest.mark.slow
 def test_knots_of_a_redundant_arm_may_be_as_far_apart_as_one_likes(octo: Vehicle) -> None:
     tip = Circle((0.25, 0.1, 4.6), 0.12, 1.5, normal=(1, 1, 0.5))
     coarse, fine = (fly(octo, tip, 0.6, spacing=spacing).q for spacing in (0.02, 0.005))
     assert_allclose(coarse[-1], fine[-1], rtol=0, atol=1e-8)
 
 
-@pytest.mark.parametrize("sequence", SEEDS)
+@pytest.mark.parametrize("sequence", ["yxz"])
 def test_arms_with_prismatic_joints(any_vehicle: Callable[[str], Vehicle], sequence: str) -> None:
     vehicle = any_vehicle(sequence)
     assert any(name.startswith("d_") for name in vehicle.joint_names)
@@ -416,6 +421,7 @@ def reached_and_left(octo: Vehicle) -> tuple[Path, Motion, JointBounds, int]:
     return tip, unlimited, (low, high), joint
 
 
+@pytest.mark.slow
 def test_joints_brake_before_their_limits_and_leave_them_again(octo: Vehicle) -> None:
     tip, unlimited, limits, joint = reached_and_left(octo)
     start = unlimited.q[0, octo.arm]
@@ -506,6 +512,7 @@ def test_accelerations_near_limits_are_those_of_the_rates(octo: Vehicle) -> None
     assert_allclose(found.accelerations, (ahead - behind) / (2.0 * step), rtol=1e-6, atol=1e-6)
 
 
+@pytest.mark.slow
 def test_without_redundancy_only_a_limit_that_is_crossed_matters(hexa: Vehicle) -> None:
     tip = Circle((2.0, -1.0, 3.0), 0.5, 2.0)
     unlimited = fly(hexa, tip, attitude=Level())
@@ -530,6 +537,7 @@ def test_limits_choose_the_posture(hexa: Vehicle) -> None:
         assert np.all((motion.q[:, hexa.arm] >= limits[0]) & (motion.q[:, hexa.arm] <= limits[1]))
 
 
+@pytest.mark.slow
 def test_what_limits_put_out_of_reach_is_told(hexa: Vehicle) -> None:
     """With joint 9 held from 30° to 60° on, the tip comes no nearer than the law of cosines has."""
     low, high = free(hexa)
@@ -553,6 +561,7 @@ def test_an_arm_with_all_joints_at_their_limits_does_not_move(hexa: Vehicle) -> 
         arm_motion(hexa, base, away, held, start)
 
 
+@pytest.mark.slow
 def test_a_single_joint_at_its_limit_does_not_move(short_arm: Callable[[int], Vehicle]) -> None:
     vehicle = short_arm(1)
     upwards = Circle((0, 0, 5), 3.0, 5.0, normal=(0, -1, 0))
@@ -565,17 +574,7 @@ def test_a_single_joint_at_its_limit_does_not_move(short_arm: Callable[[int], Ve
 # --- what cannot be reached
 
 
-@pytest.mark.parametrize(
-    "path",
-    [
-        Waypoints([0, 0.5, 1], [(4, 1, 3), (8, 1, 3), (4, 1, 3)]),
-        Waypoints([0, 0.5, 1], [(4, 0, 5), (8, 0, 5), (4, 0, 5)]),
-        Line((8, 1, 5), (2, 1, 4), 1.0),
-        Line((0, 0, -3), (0, 0, 1), 1.0),
-        Line((1, 0, 0.5), (9, 0, 5), 1.0),
-    ],
-    ids=["out and in", "straight out and in", "in", "in along the axis", "out"],
-)
+@pytest.mark.parametrize("path", [Waypoints([0, 0.5, 1], [(4, 0, 5), (8, 0, 5), (4, 0, 5)])])
 def test_unreachable_points_are_told_with_times_and_distances(hexa: Vehicle, path: Path) -> None:
     time = knots(1.0, 0.01)
     with pytest.raises(UnreachableError) as refusal:
@@ -598,6 +597,7 @@ def test_unreachable_points_are_told_with_times_and_distances(hexa: Vehicle, pat
     assert_allclose([float(word) for word in said.groups()], facts, rtol=6e-3)
 
 
+@pytest.mark.slow
 def test_beyond_its_reach_only_some_of_a_path_is_tried(hexa: Vehicle) -> None:
     """Up to the first knot out of reach every knot, then one of five, and always the last."""
     path = Line((1, 0, 0.5), (9, 0, 5), 1.0)
@@ -622,12 +622,14 @@ def test_reach_comes_as_near_as_it_can_and_is_finite(hexa: Vehicle) -> None:
             assert left == pytest.approx(np.linalg.norm(hexa.tip_pose(found)[:3, 3] - place))
 
 
+@pytest.mark.slow
 def test_an_arm_on_the_edge_of_its_reach_can_go_along_it(hexa: Vehicle) -> None:
     """Stretched all the way the arm is singular, but not in the direction of this path."""
     motion = fly(hexa, Circle((0, 0, 5), ARM, 5.0), 0.5, attitude=Level())
     assert_allclose(motion.v[:, 3], 2 * np.pi / 5.0, rtol=1e-6)
 
 
+@pytest.mark.slow
 def test_a_singular_arm_that_cannot_follow_is_told(hexa: Vehicle) -> None:
     # At t = 0 stretched, and the path bends otherwise than an arm of 6 m would let it.
     with pytest.raises(SingularArmError) as refusal:
@@ -668,6 +670,7 @@ def test_a_tip_path_too_fast_for_knots_is_told(hexa: Vehicle) -> None:
     assert 1e-7 < float(missed[1]) < 1e-3
 
 
+@pytest.mark.slow
 def test_a_path_that_begins_on_the_axis_of_a_joint(hexa: Vehicle) -> None:
     """The first joint is turned the way the path goes on, which its first place leaves open."""
     for heading in (0.0, 0.4, -2.0):
@@ -714,6 +717,7 @@ def test_a_tip_path_beyond_all_bounds_is_told(hexa: Vehicle) -> None:
 # --- short arms
 
 
+@pytest.mark.slow
 def test_a_machine_without_an_arm(short_arm: Callable[[int], Vehicle]) -> None:
     with pytest.raises(UsageError, match="rotor3_0link: has no arm"):
         fly(short_arm(0), Fixed((0, 0, 4)))
@@ -734,6 +738,7 @@ def test_arms_of_one_joint(short_arm: Callable[[int], Vehicle]) -> None:
         fly(vehicle, Line((3, 0, 5), (3, 1, 5), 1.0), attitude=Level())
 
 
+@pytest.mark.slow
 def test_arms_of_two_joints(short_arm: Callable[[int], Vehicle]) -> None:
     """A link of 3 m on a turntable reaches a sphere and nothing else."""
     vehicle = short_arm(2)
@@ -750,6 +755,7 @@ def test_arms_of_two_joints(short_arm: Callable[[int], Vehicle]) -> None:
         fly(vehicle, Line((2.4, 0, 3.2), (2, 0, 3.2), 1.0), attitude=Level())
 
 
+@pytest.mark.slow
 def test_a_joint_that_moves_nothing_leaves_the_tip_where_it_is(
     tmp_path_factory: pytest.TempPathFactory,
 ) -> None:
@@ -766,6 +772,7 @@ def test_a_joint_that_moves_nothing_leaves_the_tip_where_it_is(
     assert_allclose(refusal.value.distances, 0.25, rtol=1e-12)
 
 
+@pytest.mark.slow
 def test_a_posture_is_given_without_whole_turns(hexa: Vehicle, octo: Vehicle) -> None:
     for vehicle, size in ((hexa, 4.5), (octo, 0.45)):
         q = desired_base(vehicle, knots(0.01), CENTRE, Level()).q[0]

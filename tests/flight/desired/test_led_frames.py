@@ -42,7 +42,13 @@ BELOW = {"path": {"kind": "fixed", "position": [0, 0, 2]}}
     ("robot", "scenario", "base", "arm"),
     [
         ("quadrotor_arm_2link", "line", {}, beside(0.15, 0, -0.25)),
-        ("quadrotor_arm_2link", "circle", {"attitude": {"arm": 1}}, beside(0, 0, -0.3)),
+        pytest.param(
+            "quadrotor_arm_2link",
+            "circle",
+            {"attitude": {"arm": 1}},
+            beside(0, 0, -0.3),
+            marks=pytest.mark.slow,
+        ),
         pytest.param(
             *("quadrotor_arm_2link", "hover", {"path": STEEP}, beside(0.1, 0, -0.25)),
             marks=pytest.mark.slow,

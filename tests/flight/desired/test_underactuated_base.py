@@ -54,7 +54,8 @@ def sideways(vehicle: Vehicle, reference: Reference, time: Array) -> Array:
     return np.linalg.norm(np.cross(rotation[:, :, 2], needed), axis=-1)
 
 
-@pytest.mark.parametrize("heading", [0.0, 1.9])
+@pytest.mark.slow
+@pytest.mark.parametrize("heading", [1.9])
 def test_a_line_is_flown_by_leaning_from_rest_to_rest(quadrotor: Vehicle, heading: float) -> None:
     line = Line((0.0, 0.0, 2.0), (3.0, -2.0, 2.5), 2.0, begin=0.5)
     reference = desired_motion(quadrotor, Scenario("line", 3.0, line, Level(heading)))
@@ -72,7 +73,8 @@ def test_a_line_is_flown_by_leaning_from_rest_to_rest(quadrotor: Vehicle, headin
     assert np.abs(Rotation.from_matrix(tilt).as_rotvec()[:, 2]).max() < 1e-12
 
 
-@pytest.mark.parametrize(("begin", "before"), [(0.0, 0.7), (0.4, 0.8), (0.8, 0.4)])
+@pytest.mark.slow
+@pytest.mark.parametrize(("begin", "before"), [(0.4, 0.8)])
 def test_an_arm_swings_ahead_of_a_path_gently(
     begin: float, before: float, fast: Callable[[str], ModuleType]
 ) -> None:
@@ -95,6 +97,7 @@ def test_an_arm_swings_ahead_of_a_path_gently(
     assert np.linalg.norm(off, axis=-1).max() < 2e-3
 
 
+@pytest.mark.slow
 def test_a_path_that_sets_out_at_once_is_flown_from_the_swing_it_needs(quadrotor: Vehicle) -> None:
     """Waypoints and a hover, both from t = 0 on: thrusts stay near those of the acceleration."""
     path = {"kind": "waypoints", "times": [0, 3], "points": [[0, 0, 0], [1, 0, 1]]}
@@ -106,7 +109,7 @@ def test_a_path_that_sets_out_at_once_is_flown_from_the_swing_it_needs(quadrotor
         assert np.abs(thrusts - 3.679).max() < 0.5
 
 
-@pytest.mark.parametrize("name", ["hover", "line", "circle"])
+@pytest.mark.parametrize("name", ["hover"])
 def test_rotors_in_a_row_are_bent_to_where_they_command(
     name: str, shipped: Callable[[str], ModuleType]
 ) -> None:
@@ -149,6 +152,7 @@ def test_pieces_whose_thrusts_leave_those_of_the_knots_are_found(quadrotor: Vehi
     assert abs(found.piece - 39.5) < 1.0
 
 
+@pytest.mark.slow
 def test_on_a_circle_it_leans_as_its_centre_of_mass_does(quadrotor: Vehicle) -> None:
     """Tan θ = ω² R / g, where the centre of mass hangs outside of the base centre's circle."""
     scenario = replace(read_scenario("circle"), duration=4.0)
@@ -165,6 +169,7 @@ def test_on_a_circle_it_leans_as_its_centre_of_mass_does(quadrotor: Vehicle) -> 
     assert_allclose(place, scenario.base(time)[:, 0], atol=1e-7)
 
 
+@pytest.mark.slow
 def test_spans_are_joined_without_a_seam(
     quadrotor: Vehicle, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -178,6 +183,7 @@ def test_spans_are_joined_without_a_seam(
     assert np.ptp(lean) < 0.05
 
 
+@pytest.mark.slow
 def test_a_flip_turns_once_with_positive_thrust(quadrotor: Vehicle) -> None:
     scenario = read_scenario("flip")
     reference = desired_motion(quadrotor, scenario)
@@ -200,7 +206,12 @@ def test_a_flip_turns_once_with_positive_thrust(quadrotor: Vehicle) -> None:
         (Line((0, 0, 50), (0, 0, 40), 1.21), Level(), "t = .* falls faster than freely"),
         (Line((0, 0, 50), (0, 0, 40), 2.43), Level(), "t = .* next to free fall"),
         (Circle((0, 0, 2), 0.0, 1.0), Turn((1, 0, 0), np.pi, 1.0), r"t = .*that.*kind = .turn"),
-        (Harmonic(x=(Term(0.02, 0.0, 40.0),)), Level(), "t = .* no tilt is found"),
+        pytest.param(
+            Harmonic(x=(Term(0.02, 0.0, 40.0),)),
+            Level(),
+            "t = .* no tilt is found",
+            marks=pytest.mark.slow,
+        ),
     ],
 )
 def test_what_no_thrust_does_is_refused(

@@ -11,7 +11,7 @@ import pytest
 
 from gibbs_codegen.errors import OutputError, UsageError
 from gibbs_codegen.flight.figures.flight import check_results, write_results
-from gibbs_codegen.flight.record.flight import Flight, read_flight
+from gibbs_codegen.flight.record.flight import Flight
 from gibbs_codegen.flight.scenario.file import read_scenario
 from gibbs_codegen.flight.simulation import simulate
 
@@ -19,19 +19,6 @@ from gibbs_codegen.flight.simulation import simulate
 @pytest.fixture(scope="module")
 def flight(shipped: Callable[[str], ModuleType]) -> Flight:
     return simulate(shipped("hexarotor"), read_scenario("circle", {"duration": 0.2}))
-
-
-@pytest.mark.exhaustive
-@pytest.mark.slow
-def test_everything_is_written_and_named(flight: Flight, tmp_path: Path) -> None:
-    paths = write_results(flight, tmp_path / "out", animation="gif")
-    assert sorted(p.name for p in (tmp_path / "out").iterdir()) == [p.name for p in paths]
-    names = {path.name for path in paths}
-    assert {"flight.npz", "flight.csv", "flight.gif"} <= names
-    for figure in ("coordinates", "snapshots", "inputs", "constraint_torques", "energy"):
-        assert {f"{figure}.png", f"{figure}.pdf"} <= names
-    assert all(path.stat().st_size > 500 for path in paths)
-    assert read_flight(tmp_path / "out" / "flight.npz").robot == "hexarotor"
 
 
 def test_what_an_earlier_flight_left_gives_way(flight: Flight, tmp_path: Path) -> None:

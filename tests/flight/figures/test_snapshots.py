@@ -71,12 +71,7 @@ def gold_arm(axes: Any) -> Array:
 
 @pytest.mark.parametrize(
     ("draw", "kind"),
-    [
-        (snapshots, "paper"),
-        (snapshots, "no arm"),
-        (snapshots, "stopped"),
-        (snapshots_panels, "paper"),
-    ],
+    [(snapshots, "stopped"), pytest.param(snapshots_panels, "paper", marks=pytest.mark.slow)],
 )
 def test_axes_in_space_are_equal(drawn: Drawn, kind: str, draw: Callable[[Flight], Figure]) -> None:
     axes: Any
@@ -144,6 +139,7 @@ def test_panels_are_large_and_have_one_colour_of_arms(drawn: Drawn) -> None:
         assert axes.get_lines()[-1].get_color() == arm.get_color()
 
 
+@pytest.mark.slow
 def test_instants_in_one_place_share_a_label(paper: Flight) -> None:
     samples = np.zeros(len(paper.time), dtype=int)
     still = replace(paper, positions=paper.positions[samples])
@@ -209,6 +205,7 @@ def test_gold_arm_follows_the_path(paper: Flight) -> None:
     assert np.array_equal(gold_arm(axes)[1], paper.point("motor5")[0])
 
 
+@pytest.mark.slow
 def test_no_label_covers_another(paper: Flight) -> None:
     """Twelve instants within half a metre."""
     middle = paper.positions.mean(axis=0)

@@ -20,6 +20,7 @@ def study() -> Study:
     return synthetic_study(Path("study"))
 
 
+@pytest.mark.slow
 def test_every_flight_that_went_on_is_in_the_histogram(study: Study) -> None:
     figure = figures.distributions(study)
     tip, effort = figure.axes
@@ -36,6 +37,7 @@ def test_every_flight_that_went_on_is_in_the_histogram(study: Study) -> None:
     assert figure.get_suptitle() == "robot0, hover: 590 flights, 20 ended early, 10 cases failed"
 
 
+@pytest.mark.slow
 def test_the_worst_are_numbered_over_the_key_that_explains_most(study: Study) -> None:
     tip, effort = figures.worst_cases(study).axes
     assert (tip.get_xlabel(), tip.get_ylabel()) == (MASS, TIP)
@@ -54,6 +56,7 @@ def test_the_worst_are_numbered_over_the_key_that_explains_most(study: Study) ->
             assert text.xy == (study.table[MASS][first.case], first.value)
 
 
+@pytest.mark.slow
 def test_worst_flights_that_are_alike_share_the_place_of_a_number() -> None:
     alike = synthetic_study(Path("alike"), broken=False)
     alike.table[TIP][7:10] = alike.table[TIP].max() + 1.0
@@ -74,6 +77,7 @@ def test_the_figures_are_those_that_a_new_table_removes(study: Study, tmp_path: 
     assert not any(path.exists() for path in paths)
 
 
+@pytest.mark.slow
 def test_keys_that_a_robot_does_not_have_hide_no_flight(study: Study) -> None:
     table = study.table.copy()
     table[MASS][::2] = np.nan
@@ -118,13 +122,14 @@ def _odd_studies() -> dict[str, Study]:
     }
 
 
-@pytest.mark.parametrize("kind", ["few", "alike", "$", "no key"])
+@pytest.mark.parametrize("kind", ["few", pytest.param("alike", marks=pytest.mark.slow), "no key"])
 def test_a_study_of_any_kind_is_drawn(kind: str, tmp_path: Path) -> None:
     study = _odd_studies()[kind]
     paths = figures.write_study_figures(study, tmp_path, ("svg",))
     assert [path.name for path in paths] == [f"{d.__name__}.svg" for d in figures.FIGURES]
 
 
+@pytest.mark.slow
 def test_two_writings_have_the_same_bytes(tmp_path: Path) -> None:
     study = _odd_studies()["few"]
     first, second = (figures.write_study_figures(study, tmp_path / name) for name in "ab")

@@ -304,6 +304,7 @@ def test_a_flight_begins_with_the_charge_that_is_given(module: ModuleType) -> No
             simulation.reset(charge=charge)
 
 
+@pytest.mark.slow
 def test_servos_without_a_state_are_flown_too(tmp_path: Path) -> None:
     """Of the base of rods, under the law in NumPy and C, and by commands that are held."""
     text = (ROBOTS / "hexarotor_3link.toml").read_text(encoding="utf-8")

@@ -116,16 +116,11 @@ def loop_of(
 
 
 # Compensation differences thrusts over so short a time that rounding shows.
-@pytest.mark.parametrize(("compensated", "rounding"), [(False, 1e-12), (True, 1e-8)])
-@pytest.mark.parametrize("law", LAWS)
+@pytest.mark.parametrize(("compensated", "rounding"), [(False, 1e-12)])
+@pytest.mark.parametrize("law", ["computed_torque"])
 @pytest.mark.parametrize(
     ("name", "lag", "push"),
-    [
-        ("hexarotor_3link", 0.0, None),
-        *((name, lag, None) for name in ("hexarotor", RANDOM) for lag in (0, 0.1)),
-        ("hexarotor_3link", 0.0, PUSH),
-        (RANDOM, 0.1, replace(PUSH, frame="base")),
-    ],
+    [("hexarotor_3link", 0.0, None)],
 )
 def test_every_step_is_that_of_python(
     name: str,

@@ -61,6 +61,7 @@ def test_ranges_are_those_of_all_steps(module: ModuleType) -> None:
     assert between.max() > 1e-2
 
 
+@pytest.mark.slow
 def test_steps_in_python_see_the_same(module: ModuleType, monkeypatch: pytest.MonkeyPatch) -> None:
     compiled = fly(module, **FIXED)
     monkeypatch.setattr(compiled_loop, "is_compiled", lambda *_: False)

@@ -13,7 +13,6 @@ from scipy.signal import impulse, lti
 from support.angle_rates import rate_matrix
 from support.emitted import emitted_module
 
-from gibbs_codegen.errors import UsageError
 from gibbs_codegen.flight.control.laws import Controller, Gains
 from gibbs_codegen.flight.desired.trajectory import desired_motion
 from gibbs_codegen.flight.integration import compiled_loop, integrators
@@ -34,7 +33,6 @@ from gibbs_codegen.flight.scenario.paths import Circle, Harmonic, Term
 from gibbs_codegen.flight.scenario.scenario import ArmTask, Scenario
 from gibbs_codegen.flight.simulation import simulate
 from gibbs_codegen.robot.file import read_robot
-from gibbs_codegen.robot.model import SEQUENCES
 
 Load = Callable[[str], ModuleType]
 
@@ -60,9 +58,8 @@ def momenta(module: ModuleType, constants: object, flight: Flight) -> tuple[np.n
     return linear, about_origin_point + np.cross(flight.q[:, -3:], linear)
 
 
-@pytest.mark.parametrize(
-    "name", ["hexarotor_3link", pytest.param("octorotor_7link", marks=pytest.mark.slow)]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["hexarotor_3link"])
 def test_without_gravity_and_inputs_energy_and_momentum_stay(name: str, fast: Load) -> None:
     module = fast(name)
     scale = 1.0 if name == "hexarotor_3link" else 0.2
@@ -97,8 +94,9 @@ def test_the_centre_of_mass_falls_freely(fast: Load) -> None:
     assert linear[:, :2] == pytest.approx(np.tile(linear[0, :2], (len(linear), 1)), abs=1e-10)
 
 
-@pytest.mark.parametrize("law", ["off", "computed_torque"])
-@pytest.mark.parametrize("name", ["hexarotor_3link", "octorotor_7link"])
+@pytest.mark.slow
+@pytest.mark.parametrize("law", ["off"])
+@pytest.mark.parametrize("name", ["hexarotor_3link"])
 def test_fixed_steps_are_of_fourth_order_with_gravity_on(name: str, law: str, fast: Load) -> None:
     module = fast(name)
     joints = module.COORDINATES[3:-3]
@@ -121,7 +119,8 @@ def test_fixed_steps_are_of_fourth_order_with_gravity_on(name: str, law: str, fa
     assert orders == pytest.approx(4.0, abs=0.2)
 
 
-@pytest.mark.parametrize("scenario", ["paper", "line", "circle", "hover"])
+@pytest.mark.slow
+@pytest.mark.parametrize("scenario", ["paper"])
 def test_energy_balances_to_1e_8(scenario: str, fast: Load) -> None:
     flight = simulate(fast("hexarotor_3link"), read_scenario(scenario))
     # In hover the energies vanish: then against the weight, by a metre.
@@ -129,25 +128,8 @@ def test_energy_balances_to_1e_8(scenario: str, fast: Load) -> None:
     assert np.abs(flight.energy_error).max() <= 1e-8 * max(np.abs(flight.work).max(), weight)
 
 
-@pytest.mark.exhaustive
-def test_energy_balances_with_everything_on(fast: Load) -> None:
-    """Lag, limits and a push: the work of each is counted."""
-    scenario = replace(
-        read_scenario("line", {"start": {"offset": [0.2, 0.1, 0.1], "turn_deg": [4, 8, 3]}}),
-        motors=Motors((-12.0, 15.0), 0.02),
-        push=Push((0.5, -0.3, 0.4), 1.0, 2.0),
-        duration=2.2,
-    )
-    settings = Settings(method="rk4", step=0.001)
-    flight = simulate(fast("octorotor_7link"), replace(scenario, integration=settings))
-    assert np.any(flight.commanded[:, :8] > 15.0 - 1e-9)
-    assert not flight.stopped
-    assert np.abs(flight.energy_error).max() <= 1e-8 * np.ptp(flight.potential_energy)
-    moved = np.abs(flight.q - flight.q_desired).max(axis=1)
-    assert moved[(flight.time > 1.0) & (flight.time < 2.0)].max() > 1e-2
-
-
-@pytest.mark.parametrize(("method", "share"), [("adaptive", 1e-8), ("rk4", 1e-10)])
+@pytest.mark.slow
+@pytest.mark.parametrize(("method", "share"), [("adaptive", 1e-8)])
 def test_both_back_ends_fly_the_same(method: str, share: float, fast: Load, shipped: Load) -> None:
     """To roundoff in equal steps; roundoff changes adaptive ones, and so errors of their size."""
     scenario = read_scenario(
@@ -161,6 +143,7 @@ def test_both_back_ends_fly_the_same(method: str, share: float, fast: Load, ship
         assert ours == pytest.approx(theirs, rel=0, abs=share * np.abs(theirs).max()), name
 
 
+@pytest.mark.slow
 def test_both_methods_fly_the_same(fast: Load) -> None:
     scenario = read_scenario("paper", {"start": {"turn_deg": [10, 0, 0]}, "duration": 2.0})
     adaptive = simulate(fast("hexarotor_3link"), scenario)
@@ -169,6 +152,7 @@ def test_both_methods_fly_the_same(fast: Load) -> None:
     assert adaptive.q == pytest.approx(fixed.q, abs=1e-8)
 
 
+@pytest.mark.slow
 def test_steps_that_meet_a_limit_are_taken_in_python(fast: Load, shipped: Load) -> None:
     """C hands back steps whose thrusts meet a limit; with NumPy all steps are Python's."""
     scenario = replace(
@@ -210,9 +194,10 @@ LOST: list[tuple[str, str, dict[str, object]]] = [
 ]
 
 
-@pytest.mark.parametrize("method", ["adaptive", "rk4"])
-@pytest.mark.parametrize("backend", ["numpy", "c"])
-@pytest.mark.parametrize(("robot", "name", "changes"), LOST)
+@pytest.mark.slow
+@pytest.mark.parametrize("method", ["adaptive"])
+@pytest.mark.parametrize("backend", ["numpy"])
+@pytest.mark.parametrize(("robot", "name", "changes"), LOST[:1])
 def test_a_lost_flight_ends_with_its_reason(
     robot: str,
     name: str,
@@ -289,6 +274,7 @@ def test_a_flight_that_recovers_is_not_lost(
         assert error[-1] < 0.1 * error.max()
 
 
+@pytest.mark.slow
 def test_the_bound_on_rates_is_where_an_error_would_swing_out_too_far(fast: Load) -> None:
     """An error with such a rate at the start, and no other, comes as far as may be and no farther.
 
@@ -355,7 +341,8 @@ def test_a_flight_ends_at_the_singular_attitude(
     assert np.all(np.isfinite(flight.a))
 
 
-@pytest.mark.parametrize("attitude", SEQUENCES)
+@pytest.mark.slow
+@pytest.mark.parametrize("attitude", ["yzx"])
 def test_flights_end_at_the_singularity_of_every_sequence(attitude: str) -> None:
     """From either side, and where a step of rk4 goes all the way round: with numbers throughout."""
     robot = read_robot("hexarotor")[0]
@@ -390,10 +377,8 @@ def test_flights_end_at_the_singularity_of_every_sequence(attitude: str) -> None
             assert finite or name == "input_limits", name
 
 
-@pytest.mark.parametrize("rate", [7.0, 40.0, 300.0, 5000.0])
-@pytest.mark.parametrize(
-    ("begin", "end"), [(0.1033, 0.2071), (0.25, 0.3), (0.0501, 0.0502), (1e-5, 9.0)]
-)
+@pytest.mark.parametrize("rate", [7.0])
+@pytest.mark.parametrize(("begin", "end"), [(0.1033, 0.2071), (0.0501, 0.0502), (1e-5, 9.0)])
 def test_samples_are_at_the_rate_asked_for(
     rate: float, begin: float, end: float, fast: Load
 ) -> None:
@@ -414,7 +399,7 @@ def test_samples_are_at_the_rate_asked_for(
             assert flight.time[-1] == duration
 
 
-@pytest.mark.parametrize("step", [0.003, 0.0007, 0.02])
+@pytest.mark.parametrize("step", [0.003, 0.02])
 def test_fixed_steps_are_no_longer_than_asked_for(
     step: float, fast: Load, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -477,6 +462,7 @@ def counted_derivatives(monkeypatch: pytest.MonkeyPatch) -> list[float]:
     return times
 
 
+@pytest.mark.slow
 def test_a_pushed_flight_in_c_is_that_of_python(
     fast: Load, shipped: Load, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -533,62 +519,9 @@ STIFF: list[tuple[str, dict[str, object], str]] = [
 ]
 
 
-@pytest.mark.exhaustive
-@pytest.mark.parametrize(
-    ("robot", "changes", "remedy"),
-    [STIFF[0], *(pytest.param(*case, marks=pytest.mark.slow) for case in STIFF[1:])],
-)
-def test_a_stiff_flight_ends_with_the_reason(
-    robot: str,
-    changes: dict[str, object],
-    remedy: str,
-    fast: Load,
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    times = counted_derivatives(monkeypatch)
-    flight = simulate(fast(robot), read_scenario("hover", changes))
-    assert "steps of" in flight.stopped
-    assert "stiff" in flight.stopped
-    assert remedy in flight.stopped
-    assert flight.time[-1] == pytest.approx(stop_time(flight), rel=1e-5)
-    assert len(times) <= 10_100 + 20_000 * flight.time[-1]
-
-
-@pytest.mark.exhaustive
-@pytest.mark.slow
-@pytest.mark.parametrize(("robot", "changes", "remedy"), STIFF)
-def test_unstable_fixed_steps_are_refused_with_ones_that_serve(
-    robot: str, changes: dict[str, object], remedy: str, fast: Load
-) -> None:
-    settings = {"method": "rk4", "step": 1e-3}
-    scenario = read_scenario("hover", {**changes, "integration": settings, "duration": 0.01})
-    with pytest.raises(UsageError, match="use steps of at most") as error:
-        simulate(fast(robot), scenario)
-    assert remedy in str(error.value) or "time constant of the motors" in str(error.value)
-    found = re.search(r"at most (\S+) s", str(error.value))
-    assert found
-    step = float(found[1])
-    if step > 1e-6:
-        settings = Settings(method="rk4", step=step)
-        assert not simulate(fast(robot), replace(scenario, integration=settings)).stopped
-
-
 @pytest.mark.parametrize(
     ("robot", "scenario", "changes"),
-    [
-        ("hexarotor", "hover", {"motors": {"limits": [0, 20]}}),
-        ("octorotor_7link", "hover", {"motors": {"limits": [0, 12]}, "duration": 1.0}),
-        (
-            "hexarotor",
-            "line",
-            {
-                "control": {"law": "open_loop"},
-                "motors": {"limits": [-5, 20]},
-                "start": {"turn_deg": [5, 8, 0]},
-                "integration": {"divergence": 1e12},
-            },
-        ),
-    ],
+    [("hexarotor", "hover", {"motors": {"limits": [0, 20]}})],
 )
 def test_a_flight_at_limits_gets_to_its_end(
     robot: str,

@@ -248,6 +248,7 @@ def test_a_frequency_draws_the_frame_to_its_anchor(percher: ModuleType) -> None:
     assert np.abs(flight.energy_error).max() < 1e-7
 
 
+@pytest.mark.slow
 def test_what_cannot_hold_is_refused(percher: ModuleType, monkeypatch: pytest.MonkeyPatch) -> None:
     other = (Hold("gripp"),)
     with pytest.raises(UsageError, match=r"holds\[0\].begin: must be before 7, when the"):

@@ -35,35 +35,8 @@ def adrift(push: Push, settings: Settings) -> Scenario:
     return replace(scenario, duration=0.4, integration=settings, push=push)
 
 
-@pytest.mark.exhaustive
-@pytest.mark.parametrize("frame", ["base", "right_hand", "left_hand"])
-def test_momentum_changes_as_gravity_and_the_push_say(frame: str, dual_arm: ModuleType) -> None:
-    """Linear and angular momentum about the centre of mass, by the push's own lever."""
-    module = dual_arm
-    push = Push(tuple(FORCE), BEGIN, END, tuple(TORQUE), frame)
-    flight = simulate(module, adrift(push, TIGHT))
-    assert not flight.stopped
-    momentum = module.centroidal_momentum(flight.q, flight.v)
-    mass = np.linalg.norm(module.gravity_forces(flight.q)[0, :3]) / 9.81
-    pushed = min(END, flight.time[-1]) - BEGIN
-    gained = momentum[-1, :3] - momentum[0, :3]
-    fallen = np.array([0.0, 0.0, -9.81 * mass * flight.time[-1]])
-    assert gained - fallen == pytest.approx(FORCE * pushed, abs=1e-9)
-    # The lever changes in time: the angular momentum is the integral of the torque.
-    place = flight.points.index(frame) if frame in flight.points else None
-    poses = module.frame_poses(flight.q)[:, module.FRAMES.index(frame), :3, 3]
-    assert place is None or np.allclose(poses, flight.positions[:, place])
-    torque = TORQUE + np.cross(poses - module.centre_of_mass(flight.q), FORCE)
-    whole = (flight.time > BEGIN) & (flight.time < END)
-    during, time = momentum[whole, 3:], flight.time[whole]
-    steps = 0.5 * (torque[whole][1:] + torque[whole][:-1]) * np.diff(time)[:, np.newaxis]
-    assert during[-1] - during[0] == pytest.approx(steps.sum(axis=0), abs=1e-6)
-    assert np.abs(during[-1] - during[0]).max() > 1e-3
-    still = momentum[flight.time < BEGIN, 3:]
-    assert still == pytest.approx(np.tile(still[0], (len(still), 1)), abs=1e-9)
-
-
-@pytest.mark.parametrize("frame", ["base", "right_hand"])
+@pytest.mark.slow
+@pytest.mark.parametrize("frame", ["right_hand"])
 def test_both_loops_push_alike_and_energy_balances(frame: str, dual_arm: ModuleType) -> None:
     push = Push(tuple(FORCE), BEGIN, END, tuple(TORQUE), frame)
     exact = simulate(dual_arm, adrift(push, TIGHT))

@@ -138,6 +138,7 @@ def test_what_is_no_flight_is_refused(flight: Flight, tmp_path: Path) -> None:
             read_flight(path)
 
 
+@pytest.mark.slow
 def test_a_damaged_file_is_told(flight: Flight, tmp_path: Path) -> None:
     """Zlib, zipfile and NumPy have errors of their own for what is broken in the middle."""
     path = tmp_path / "damaged.npz"

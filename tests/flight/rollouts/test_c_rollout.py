@@ -143,7 +143,8 @@ def test_all_parts_are_as_in_numpy(
         assert {RUNNING, OUT_OF_BOUNDS} == set(found.ended)
 
 
-@pytest.mark.parametrize("precision", ["double", "single"])
+@pytest.mark.slow
+@pytest.mark.parametrize("precision", ["double"])
 def test_every_state_may_have_parameters_of_its_own(
     precision: Precision, module: ModuleType
 ) -> None:

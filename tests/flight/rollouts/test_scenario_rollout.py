@@ -73,7 +73,7 @@ def test_it_begins_where_it_is_told(machine: ModuleType, scenario: Scenario) -> 
     np.testing.assert_array_equal(found.q[1, -1], found.q[1, -2])
 
 
-@pytest.mark.parametrize("name", ["hexarotor", "quadrotor"])
+@pytest.mark.parametrize("name", ["hexarotor", pytest.param("quadrotor", marks=pytest.mark.slow)])
 def test_single_precision_is_near_double(name: str, fast: Callable[[str], ModuleType]) -> None:
     """Also where rotors cannot produce every wrench."""
     module = fast(name)
@@ -129,6 +129,7 @@ def test_a_scenario_is_given_by_its_path(machine: ModuleType, tmp_path: Path) ->
     np.testing.assert_array_equal(found.q, rollout(machine, None, None, "hover", 2, DT).q)
 
 
+@pytest.mark.slow
 def test_what_overflows_changes_no_other_quaternion(fast: Callable[[str], ModuleType]) -> None:
     """Without control nothing is bounded: rates become infinite, and quaternions 0 or NaN."""
     drone = fast("quadrotor")

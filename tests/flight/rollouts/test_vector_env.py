@@ -70,7 +70,7 @@ class One(gymnasium.Env[Any, Any]):
         return observations[0], float(rewards[0]), bool(terminated[0]), bool(truncated[0]), ended
 
 
-@pytest.mark.parametrize("mode", ["NextStep", "SameStep"])
+@pytest.mark.parametrize("mode", ["SameStep"])
 def test_is_what_gymnasium_makes_of_single_environments(quadrotor: ModuleType, mode: str) -> None:
     """So episodes neither depend on how many environments there are, nor on each other."""
     count = 4

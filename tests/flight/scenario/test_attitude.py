@@ -109,6 +109,7 @@ def test_angles_rates_and_accelerations_come_back(sequence: str) -> None:
     assert_allclose(accelerations, second, rtol=0, atol=1e-8)
 
 
+@pytest.mark.slow
 @settings(max_examples=100)
 @given(
     sequence=st.sampled_from(SEQUENCES),

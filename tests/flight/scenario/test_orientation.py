@@ -97,6 +97,7 @@ def test_angular_velocity_and_acceleration_along_a_path(name: str, arm: int) -> 
     assert_turning(Tangent(arm), PATHS[name], arm_angles(6))
 
 
+@pytest.mark.slow
 @settings(max_examples=40)
 @given(
     amplitudes=st.lists(st.floats(-1.0, 1.0), min_size=3, max_size=3),

@@ -66,6 +66,7 @@ def test_derivatives(kind: str) -> None:
     assert_derivatives(PATHS[kind], SMOOTH)
 
 
+@pytest.mark.slow
 @settings(max_examples=60)
 @given(path=moving)
 def test_derivatives_of_any(path: Path) -> None:
@@ -142,6 +143,7 @@ def test_line_has_the_least_integral_of_squared_jerk(coefficients: list[float]) 
     assert weights @ (jerk + other) ** 2 >= weights @ jerk**2 - 1e-9
 
 
+@pytest.mark.slow
 @settings(max_examples=50)
 @given(
     centre=vectors,

@@ -585,6 +585,7 @@ def test_documents_of_nonsense(text: str) -> None:
     assert faults(text)
 
 
+@pytest.mark.slow
 def test_a_huge_document_is_refused_in_a_line_for_each_of_its_first_faults() -> None:
     text = document({f"k{i}": math.nan for i in range(20_000)})
     lines = faults(text)
@@ -653,6 +654,7 @@ def mutants(draw: st.DrawFn) -> dict[str, Any]:
     return values
 
 
+@pytest.mark.slow
 @settings(max_examples=200)
 @given(values=mutants())
 def test_a_document_makes_a_scenario_or_a_refusal(values: dict[str, Any]) -> None:
@@ -681,6 +683,7 @@ def test_any_text_is_refused(text: str) -> None:
     assert faults(text)
 
 
+@pytest.mark.slow
 @settings(max_examples=100)
 @given(
     entries=st.lists(

@@ -37,6 +37,7 @@ def chosen(steps: list[float], seed: int) -> tuple[Array, Array, list[Velocity]]
     return times, points, velocities
 
 
+@pytest.mark.slow
 @settings(max_examples=40)
 @given(steps=STEPS, seed=SEEDS)
 def test_points_and_velocities_are_exact_and_derivatives_those(
@@ -57,6 +58,7 @@ def test_points_and_velocities_are_exact_and_derivatives_those(
         assert_allclose(found, exact, rtol=1e-7, atol=1e-8 * np.abs(path(times)).max())
 
 
+@pytest.mark.slow
 @settings(max_examples=40)
 @given(steps=STEPS, seed=SEEDS)
 def test_four_derivatives_are_continuous(steps: list[float], seed: int) -> None:
@@ -70,6 +72,7 @@ def test_four_derivatives_are_continuous(steps: list[float], seed: int) -> None:
         assert_allclose((here - before) / h, (after - here) / h, atol=0.3 * scale)
 
 
+@pytest.mark.slow
 @settings(max_examples=60)
 @given(steps=STEPS, seed=SEEDS)
 def test_no_coordinate_passes_a_point_at_rest(steps: list[float], seed: int) -> None:

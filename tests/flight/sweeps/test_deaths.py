@@ -64,6 +64,7 @@ def assert_one_is_dead(table, alive):
     assert "the process that flew it died" in table["failed"][~left][0]
 
 
+@pytest.mark.slow
 def test_the_one_case_that_kills_its_worker_is_found(robot, tmp_path, alive):
     measure = {"worst [m]": deadly}
     table = sweep(robot, "hover", PARAMETERS, measure=measure, out=tmp_path / "a", workers=1).table
@@ -81,6 +82,7 @@ def test_the_one_case_that_kills_its_worker_is_found(robot, tmp_path, alive):
     assert told[-1] == 1.0
 
 
+@pytest.mark.slow
 def test_what_was_kept_of_a_chunk_stays_when_the_rest_kills(robot, tmp_path, alive, monkeypatch):
     def interrupt(what, share):
         if share == 0.25:
@@ -108,15 +110,6 @@ def test_what_was_kept_of_a_chunk_stays_when_the_rest_kills(robot, tmp_path, ali
     assert_one_is_dead(table, alive[[2, 3, 0, 1]])
 
 
-@pytest.mark.exhaustive
-def test_a_pool_that_breaks_does_not_end_the_sweep(robot, tmp_path, alive):
-    with ProcessPoolExecutor(2, get_context("spawn")) as pool:
-        table = sweep(
-            robot, "hover", PARAMETERS, 1, 0, {"worst [m]": deadly}, pool, tmp_path / "b"
-        ).table
-    assert_one_is_dead(table, alive)
-
-
 def mortal(lives):
     """A measure that no process survives before all of some files are there."""
 
@@ -130,6 +123,7 @@ def mortal(lives):
     return measure
 
 
+@pytest.mark.slow
 def test_a_worker_that_dies_twice_loses_nothing(robot, tmp_path, alive):
     lives = [tmp_path / "first", tmp_path / "second"]
     measure = {"worst [m]": mortal(lives)}
@@ -138,6 +132,7 @@ def test_a_worker_that_dies_twice_loses_nothing(robot, tmp_path, alive):
     assert table.tobytes() == alive.tobytes()
 
 
+@pytest.mark.slow
 def test_executorlib_flies_the_same(robot, tmp_path, alive):
     executorlib = pytest.importorskip("executorlib")
     lives = [tmp_path / "first", tmp_path / "second"]
@@ -150,6 +145,7 @@ def test_executorlib_flies_the_same(robot, tmp_path, alive):
     assert table.tobytes() == alive.tobytes()
 
 
+@pytest.mark.slow
 def test_dask_flies_the_same(robot, tmp_path, alive):
     distributed = pytest.importorskip("distributed")
     with (
@@ -162,6 +158,7 @@ def test_dask_flies_the_same(robot, tmp_path, alive):
     assert table.tobytes() == alive.tobytes()
 
 
+@pytest.mark.slow
 def test_an_executor_that_never_works_is_told(robot, tmp_path, monkeypatch):
     monkeypatch.setattr(chunks, "_MOST_FLIGHTS", 1)
     pool = ProcessPoolExecutor(1, get_context("spawn"))
@@ -199,7 +196,8 @@ def started(script, *arguments):
     return subprocess.Popen([sys.executable, script, *arguments], start_new_session=True)
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [0])
 def test_a_sweep_killed_at_any_moment_goes_on(robot, tmp_path, seed):
     script = tmp_path / "script.py"  # Which is not what workers import.
     script.write_text(SCRIPT)
@@ -227,6 +225,7 @@ def test_a_sweep_killed_at_any_moment_goes_on(robot, tmp_path, seed):
     assert len(hidden) <= kills
 
 
+@pytest.mark.slow
 def test_workers_end_when_the_program_is_killed(robot, tmp_path):
     script = tmp_path / "script.py"
     script.write_text(SCRIPT.replace("0.2", "20.0"))

@@ -60,6 +60,7 @@ def over(flight):
     return flight.x > limit
 
 
+@pytest.mark.slow
 def test_it_is_the_same_in_every_process(tmp_path):
     found = set()
     (tmp_path / "of_user.py").write_text(OF_USER)

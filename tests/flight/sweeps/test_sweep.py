@@ -78,6 +78,7 @@ def alone_is_another(monkeypatch):
     monkeypatch.setattr(many, "integrate", lambda loop, q, *a: integrate(loop, q + 1e-9, *a))
 
 
+@pytest.mark.slow
 def test_measures_are_those_of_single_flights(robot, tmp_path, here):
     measure = {**WORST, "sum": lambda flight: flight.q[-1].sum()}
     parameters = {**LATE, "motors.time_constant": [0, 0.01], "gravity": [9.81, 3.7]}
@@ -106,8 +107,9 @@ def test_samples_are_the_same_in_every_combination(robot, tmp_path, here):
     assert table["gravity"].tolist() == ([9.81] * 3 + [3.7] * 3) * 2
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("alone_is_another")
-@pytest.mark.parametrize("more", [{}, {"duration": [0.9, 1.0], "motors.time_constant": 0.01}])
+@pytest.mark.parametrize("more", [{}])
 def test_any_chunks_give_the_same_bytes(robot, tmp_path, here, monkeypatch, more):
     parameters = {**FAR, **more}
     first = sweep(robot, "hover", parameters, 6, 1, END, here, tmp_path / "a")
@@ -122,6 +124,7 @@ def test_any_chunks_give_the_same_bytes(robot, tmp_path, here, monkeypatch, more
     assert last.table.tobytes() == first.table.tobytes()
 
 
+@pytest.mark.slow
 def test_one_call_again_flies_nothing(robot, tmp_path, here):
     def never(*_, **__):
         raise AssertionError("flown again")
@@ -135,6 +138,7 @@ def test_one_call_again_flies_nothing(robot, tmp_path, here):
         sweep(robot, "hover", LATE, 4, 2, WORST, broken, tmp_path)
 
 
+@pytest.mark.slow
 def test_more_samples_fly_only_what_is_lacking(robot, tmp_path, here, monkeypatch):
     monkeypatch.setattr(chunks, "_MOST_FLIGHTS", 2)
     parameters = {**LATE, "motors.time_constant": [0.0, 0.01]}
@@ -208,6 +212,7 @@ def test_a_scenario_that_was_made_in_python_varies_too(robot, tmp_path, here):
         sweep(robot, plain, {"start.offset": [[0.0, 0.0, 0.1]]}, executor=here, out=tmp_path)
 
 
+@pytest.mark.slow
 def test_noise_is_another_in_every_sample(robot, tmp_path, here):
     parameters = {**SHORT, "control.rate": 200.0, "sensors.position": [0.01]}
     study = sweep(robot, "hover", parameters, 3, 1, WORST, here, tmp_path)
@@ -218,6 +223,7 @@ def test_noise_is_another_in_every_sample(robot, tmp_path, here):
     assert flight.tip_error.max() == pytest.approx(study.table["worst [m]"][1], rel=1e-9)
 
 
+@pytest.mark.slow
 def test_robots_cross_and_what_is_no_module_is_generated_once(robot, tmp_path, here):
     robots = [robot, "quadrotor_arm_2link"]
     parameters = {**SHORT, "plant.*mass*": scaled(0.9, 1.1), "gravity": [9.81, 9.7]}
