@@ -131,7 +131,7 @@ def check_names(model: Model) -> None:
     longest = max((package, *sorted({*model.defaults, *read})), key=lambda x: len(variable(x)))
     if (length := len(variable(longest))) > LONGEST:
         raise _refusal(
-            f"{printable(longest)} has {length} characters, more than the {LONGEST} that MATLAB reads"
+            f"{printable(longest)} has {length} characters, more than the {LONGEST} of MATLAB"
         )
     for name in sorted(robot_names):
         if variable(name) != name and variable(name) in robot_names:
