@@ -259,5 +259,4 @@ def _pseudo_inverse(
             axes, values, _ = np.linalg.svd(rows[there], full_matrices=False)
             axes, values = axes[:, : np.sum(kept)], values[: np.sum(kept)]
             found[k][np.ix_(there, there)] = axes / values**2 @ axes.T
-            conditions[k] = lost[k] * max(worst, values[0] / values[-1])
     return found, conditions
