@@ -156,7 +156,8 @@ class ConstraintDerivatives:
         if argument == "u":
             columns = [*base.by_rotors(), *base.by_joints("effort")]
         elif argument == "v" and self.alone:
-            columns = [[sp.S.Zero] * len(base.by_joints("rate")[0])] * places.size
+            world = sum(held.carrier is None for held in own.held)
+            columns = [[sp.S.Zero] * (places.size + 6 * world)] * places.size
         else:
             by_place, by_velocity = base.by_base(places.split(acceleration)[0])
             if argument == "q":

@@ -107,12 +107,13 @@ def _slices(
     hybrid = hybrid_system(symbolic, reduced)
     systems = Systems(imported, symbolic, reduced, hybrid)
     lists: dict[str, Collection[str]] = {**symbolic.description.lists(functions)}
-    for on_request in (False, True):
-        if on_request:  # Their shapes depend on which parameters the others have.
+    for stage in range(3):
+        if stage == 2:  # Their shapes depend on which parameters the others have.
             lists["PARAMETERS"] = systems.parameters
         for signature in signatures(lists, functions):
             row = FUNCTIONS[signature.name]
-            if row.on_request is on_request and not row.composed:
+            own = 0 if not row.on_request else 1 if "CONSTRAINTS" in row.needs else 2
+            if own == stage and not row.composed:
                 progress(signature.name.replace("_", " "))
                 systems.functions[signature.name] = _slice(systems, signature)
     (matrix,) = signatures(lists, ["mass_matrix"])

@@ -6,6 +6,7 @@ when the file that is made of them is read; a prefix to the arm's names tells th
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -20,7 +21,7 @@ from gibbs_codegen.exchange.sources import Finding
 from gibbs_codegen.exchange.tree import near
 from gibbs_codegen.exchange.welding import composite, quiet_placement
 from gibbs_codegen.robot.file import read_robot, shipped_robots
-from gibbs_codegen.robot.layout import frames_of
+from gibbs_codegen.robot.layout import frames_of, has_default_tip
 from gibbs_codegen.robot.model import BASE, Body, Frame, Link, RigidBody, Robot
 from gibbs_codegen.robot.names import default_prefix, name_from
 from gibbs_codegen.robot.references import body_numbers
@@ -126,11 +127,12 @@ def _with_arm(
         return replace(own, pose=seated(joint_placement(arm, i), BASE).pose)
 
     frames = [*drone.frames, Frame(prefix + root, carrier, seated(HERE, BASE).pose)]
-    for f in frames_of(arm)[1:]:
+    brought = _frames(arm)
+    for f in brought:
         place = seated(Placement(f.pose.xyz, f.pose.rpy_deg), f.on)
         frames.append(Frame(prefix + f.name, on(f.on), place.pose))
     # The base's own frame is that of the root.
-    named = {"base": prefix + root} | {f.name: prefix + f.name for f in frames_of(arm)[1:]}
+    named = {"base": prefix + root} | {f.name: prefix + f.name for f in brought}
     constraints = [
         replace(
             each,
@@ -170,6 +172,16 @@ def _with_arm(
         constraints=(*drone.constraints, *constraints),
         allow_impossible_inertia=drone.allow_impossible_inertia or arm.allow_impossible_inertia,
     )
+
+
+def _frames(arm: Robot) -> list[Frame]:
+    """Frames of an arm but its base's, with the tip at what is farthest behind the last joint."""
+    _, *frames = frames_of(arm)
+    last = len(arm.links)
+    behind = [f for f in arm.frames if f.on == last]
+    if last and has_default_tip(arm) and behind and not arm.links[-1].body.length:
+        frames[0] = replace(max(behind, key=lambda f: math.hypot(*f.pose.xyz)), name="tip")
+    return frames
 
 
 def _welded(body: Body | None, added: RigidBody, pose: Placement, snap: bool) -> RigidBody:

@@ -20,6 +20,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from enum import IntEnum
+from operator import itemgetter
 from typing import TypeAlias
 
 # Twice the number of a node, and one more for its opposite.
@@ -68,6 +69,9 @@ class Graph:
         self.labels: list[str | float | None] = []
         self.constant: list[bool] = []
         self._known: dict[tuple[Kind, tuple[Ref, ...], str | float | None], int] = {}
+        # Each node as a number times what it has in common with like terms, by a key.
+        self._scaled: list[tuple[float, int]] = []
+        self._keys: dict[tuple[int, int], int] = {}
         self.zero = self.number(0.0)
         self.one = self.number(1.0)
 
@@ -86,7 +90,31 @@ class Graph:
             self.operands.append(operands)
             self.labels.append(label)
             self.constant.append(constant)
+            self._scaled.append(self._number_times(node))
         return 2 * node
+
+    def _number_times(self, node: int) -> tuple[float, int]:
+        """Its number, and the key of the rest: a node, the one of numbers, or below 0 a product."""
+        label = self.labels[node]
+        if isinstance(label, float):
+            return label, 1
+        if self.kinds[node] is not Kind.PRODUCT:
+            return 1.0, node
+        (m, x), (n, y) = sorted(
+            (self._scaled[ref >> 1] for ref in self.operands[node]), key=itemgetter(1)
+        )
+        if 1 in (x, y):
+            return m * n, x if y == 1 else y
+        return m * n, self._keys.setdefault((x, y), -1 - len(self._keys))
+
+    def _unscaled(self, ref: Ref) -> Ref:
+        """A value without the number that it is a multiple of."""
+        if self._scaled[ref >> 1][0] == 1.0:
+            return ref & ~1
+        if self.kinds[ref >> 1] is not Kind.PRODUCT:
+            return self.one
+        first, second = self.operands[ref >> 1]
+        return self.product(self._unscaled(first), self._unscaled(second))
 
     def symbol(self, name: str, constant: bool = False) -> Ref:
         """An entry of an argument, or a parameter if constant, by its name in the program."""
@@ -117,6 +145,15 @@ class Graph:
         counts: dict[int, int] = {}
         for term in terms:
             counts[term >> 1] = counts.get(term >> 1, 0) + (-1 if term & 1 else 1)
+        alike: dict[int, list[int]] = {}
+        for node, count in counts.items():
+            if count and self.kinds[node] is not Kind.NUMBER:
+                alike.setdefault(self._scaled[node][1], []).append(node)
+        for nodes in alike.values():
+            if len(nodes) > 1:
+                total = sum(counts.pop(node) * self._scaled[node][0] for node in nodes)
+                merged = self.product(self.number(total), self._unscaled(2 * nodes[0]))
+                counts[merged >> 1] = -1 if merged & 1 else 1
         number = 0.0
         constants: list[Ref] = []
         varying: list[Ref] = []

@@ -193,7 +193,7 @@ class _Sharing(Rebuilding):
     def __init__(self, graph: Graph, outputs: Sequence[Ref]) -> None:
         super().__init__(graph, outputs)
         self._sums = {
-            node: {ref >> 1: ref & 1 for ref in graph.operands[node]}
+            node: _signs(graph.operands[node])
             for node in self.nodes
             if graph.kinds[node] is Kind.SUM
         }
@@ -255,6 +255,14 @@ class _Sharing(Rebuilding):
                 found.setdefault(_pair(term, new, sign ^ other), []).append(node)
             terms[new] = sign
         return {pair: sums for pair, sums in found.items() if len(sums) > 1}
+
+
+def _signs(terms: Sequence[Ref]) -> dict[int, int]:
+    """The sign of each term of a sum, 1 for minus."""
+    signs = {ref >> 1: ref & 1 for ref in terms}
+    if len(signs) < len(terms):
+        raise ValueError(f"the sum of {list(terms)} has like terms")
+    return signs
 
 
 def _pair(first: int, second: int, sign: int) -> _Pair:

@@ -131,9 +131,9 @@ def default_posture(robot: Robot) -> placement.Array:
     """Coordinates q (nq) in which a robot shows its parts.
 
     The base is level, with the origin of the coordinates at the world's. Revolute joints are bent
-    by 40° or 140°, those of links with rotors by 40° only, within their limits, each so that the
-    ends of the arms move down and away. Prismatic ones stand in the middle of their limits, or at
-    half of the longest link.
+    by 40° or 140°, those of links with rotors by 40° only, strictly within their limits, each so
+    that the ends of the arms move down and away. Prismatic ones stand in the middle of their
+    limits, or at half of the longest link.
     """
     layout = layout_of(robot)
     q, bends = np.array(layout.neutral), {i: _bends(robot, i) for i in robot.moving}
@@ -165,18 +165,24 @@ def default_posture(robot: Robot) -> placement.Array:
     return q
 
 
+# How far from its limits a joint is at least, as a share of its range.
+_MARGIN = 0.1
+
+
 def _bends(robot: Robot, i: int) -> list[float]:
     """Values that the joint of a link may have in a drawing; of equally good ones the first."""
     link = robot.links[i - 1]
     low = -np.inf if link.limits.low is None else link.limits.low
     high = np.inf if link.limits.high is None else link.limits.high
-    if link.joint == "prismatic":
-        longest = max(link.body.length for link in robot.links)
-        middle = (low + high) / 2.0
-        return [middle if np.isfinite(middle) else float(np.clip(longest / 2.0, low, high))]
+    longest = max(link.body.length for link in robot.links)
+    bounded, unit = np.isfinite(high - low), 1.0
     carries = any(rotor.on == i for rotor in robot.thrusters)
-    angles = [-40.0, 40.0] if carries else [-40.0, 40.0, -140.0, 140.0]
-    return [float(np.clip(angle, low, high)) for angle in np.deg2rad(angles)]
+    values = np.deg2rad([-40.0, 40.0] if carries else [-40.0, 40.0, -140.0, 140.0])
+    if link.joint == "prismatic":
+        values = np.array([(low + high) / 2.0 if bounded else longest / 2.0])
+        unit = longest or 1.0
+    margin = _MARGIN * (high - low if bounded else unit)
+    return [float(np.clip(value, low + margin, high - margin)) for value in values]
 
 
 def link_end(robot: Robot, frames: RobotFrames, i: int) -> placement.Array:

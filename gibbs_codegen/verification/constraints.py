@@ -22,10 +22,10 @@ from gibbs_codegen.verification.vectors import Array, cross, times
 # Name of an array that a function returns, its value, and the sizes of its entries.
 Row = tuple[str, Array, Array]
 ACCELERATION = "constrained_forward_dynamics.acceleration"
-# Eigenvalues, as shares of the largest, that are zero; and how many times the rounding error of a
-# module those are that are not, clearly.
+# Singular values of rows, as shares of the largest, that are zero; and how many times the rounding
+# error of a module the squares of those are that are not, clearly.
 _ZERO, _CLEAR = 1e-13, 1e3
-# As many times that are rows of nothing but rounding, before they are squared.
+# As many times rounding are rows of nothing else, and shares of rows that are not zero.
 _LOST = 100.0
 
 
@@ -121,11 +121,14 @@ class Constraints:
 
     def _inverse(self, matrix: Array, jacobian: Array, sizes: Sizes) -> tuple[Array, Array]:
         """The pseudo-inverse of J M⁻¹ Jᵀ, and by how much it stretches errors."""
-        moved = np.linalg.solve(matrix, np.swapaxes(jacobian, -1, -2))
+        units = sizes.free_units[:, None]
+        shares, axes = np.linalg.eigh(matrix / sizes.free_matrix)
+        shares = np.maximum(shares, np.finfo(float).tiny)
         # Digits that M takes, next to a singular attitude nearly all.
-        lost = np.linalg.cond(matrix / sizes.free_matrix)
+        lost = shares[:, -1] / shares[:, 0]
         ends = np.cumsum([len(ROWS[own.holds]) for own in self.each])
-        return _pseudo_inverse(jacobian @ moved, ends, lost, self._rounding)
+        vectors = jacobian / units @ axes / np.sqrt(shares)[:, None]
+        return _pseudo_inverse(vectors, ends, lost, self._rounding)
 
     def _rows(
         self, own: Constraint, found: Quantities, states: States, sizes: Sizes
@@ -223,34 +226,37 @@ def _largest(matrices: Array) -> Array:
 
 
 def _pseudo_inverse(
-    matrices: Array, ends: Array, lost: Array, rounding: float
+    vectors: Array, ends: Array, lost: Array, rounding: float
 ) -> tuple[Array, Array]:
-    """Pseudo-inverses (s, l, l), and by how much they stretch errors, inf where rank is unclear.
+    """Pseudo-inverses (s, l, l) of V Vᵀ, and by how much they stretch errors, inf if unclear.
 
-    `lost` (s,) is how much larger the errors of the matrices are than rounding. Modules take one
-    constraint after the other, so the rank of all up to each of the `ends` must be clear.
+    `lost` (s,) is how much larger the errors of the vectors are than rounding. Modules take one
+    constraint after the other, so the rank of all up to each of the `ends` must be clear, and what
+    is least clear on the way loses digits of redundant rows that follow.
     """
-    found, conditions = np.zeros_like(matrices), np.ones(len(matrices))
-    for k, matrix in enumerate(matrices):
-        zero = _ZERO * lost[k]
-        clear = max(_CLEAR * rounding, zero / _ZERO**0.5)
-        diagonal = np.diag(matrix)
-        there = np.flatnonzero(diagonal > (_LOST * rounding) ** 2 * diagonal.sum())
-        for end in ends:
-            rows = there[there < end]
-            if not len(rows):
-                continue
-            own, scale = matrix[np.ix_(rows, rows)], np.sqrt(diagonal[rows])
-            shares = np.linalg.eigvalsh(own / np.outer(scale, scale))
-            shares = shares / shares[-1]
-            kept = shares > zero
-            if not clear < 1.0 or (kept & (shares < clear)).any():
-                conditions[k] = np.inf
-                break
-        if not len(there) or np.isinf(conditions[k]):
+    shape = *vectors.shape[:2], vectors.shape[1]
+    found, conditions = np.zeros(shape), np.ones(len(vectors))
+    for k, rows in enumerate(vectors):
+        lengths, worst = np.linalg.norm(rows, axis=-1), 1.0
+        there = np.flatnonzero(lengths > _LOST * rounding * np.linalg.norm(lengths))
+        if not len(there):
             continue
-        values, vectors = np.linalg.eigh(own)
-        values, vectors = values[np.sum(~kept) :], vectors[:, np.sum(~kept) :]
-        found[k][np.ix_(rows, rows)] = vectors / values @ vectors.T
-        conditions[k] = lost[k] / shares[kept][0]
+        zero = _ZERO * lost[k]
+        clear = max(_CLEAR * rounding, (_LOST * zero * lengths.max() / lengths[there].min()) ** 2)
+        for end in ends:
+            some = there[there < end]
+            if not len(some):
+                continue
+            shares = np.linalg.svd(rows[some] / lengths[some, None], compute_uv=False)
+            shares = (shares / shares[0]) ** 2
+            kept = shares > zero**2
+            if not clear < 1.0 or (kept & (shares < clear)).any():
+                worst = np.inf
+                break
+            worst = max(worst, 1.0 / shares[kept][-1])
+        conditions[k] = lost[k] * worst
+        if np.isfinite(worst):
+            axes, values, _ = np.linalg.svd(rows[there], full_matrices=False)
+            axes, values = axes[:, : np.sum(kept)], values[: np.sum(kept)]
+            found[k][np.ix_(there, there)] = axes / values**2 @ axes.T
     return found, conditions

@@ -107,6 +107,20 @@ def test_robot_files_keep_what_they_have(folder: Path) -> None:
     assert robot.total_mass == pytest.approx(drone.total_mass + 1.2)
 
 
+TOOL = """<link name="flange"/><joint name="f" type="fixed"><origin xyz="0.1 0 0"/>
+    <parent link="fore"/><child link="flange"/></joint>
+  <link name="tool0"/><joint name="t" type="fixed"><origin xyz="0.1 0 -0.2" rpy="0 0.3 0"/>
+    <parent link="flange"/><child link="tool0"/></joint></robot>"""
+
+
+def test_the_tip_of_an_arm_is_its_end_effector(folder: Path) -> None:
+    (folder / "arm.urdf").write_text(ARM.replace("</robot>", TOOL))
+    assert main(["import", "drone.urdf", "--attach", "arm.urdf", "--prefix", "l_"]) == 0
+    frames = {frame.name: frame for frame in read_robot("drone_arm.toml")[0].frames}
+    assert frames["l_tip"] == replace(frames["l_tool0"], name="l_tip")
+    assert frames["l_tip"].pose.xyz == pytest.approx((0.2, 0.0, -0.2))
+
+
 CRANE = """
 name = "crane"
 [base]

@@ -10,7 +10,8 @@ from gibbs_codegen.errors import UsageError
 from gibbs_codegen.robot.description import Description
 from gibbs_codegen.robot.file import read_robot
 from gibbs_codegen.robot.layout import Layout, coordinate_places, layout_of, velocity_places
-from gibbs_codegen.robot.model import Robot
+from gibbs_codegen.robot.model import JointKind, JointLimits, Robot
+from gibbs_codegen.robot.posture import default_posture
 
 ROBOTS = ["hexarotor", "quadrotor_2link", "octorotor_7link"]
 
@@ -22,6 +23,22 @@ def robot_with_slider(name: str) -> Robot:
     if links:
         links = (*links[:-1], replace(links[-1], joint="prismatic"))
     return replace(robot, links=links)
+
+
+@pytest.mark.parametrize("kind", ["revolute", "prismatic"])
+@pytest.mark.parametrize(
+    "limits", [(0.0, None), (None, 0.0), (0.0, 0.5), (-0.3, 0.3), (2.5, None), (None, -2.5)]
+)
+def test_a_robot_starts_strictly_within_its_limits(
+    kind: JointKind, limits: tuple[float | None, float | None]
+) -> None:
+    robot, _ = read_robot("quadrotor_2link")
+    links = [replace(link, joint=kind, limits=JointLimits(*limits)) for link in robot.links]
+    robot = replace(robot, links=tuple(links))
+    posture = default_posture(robot)[list(layout_of(robot).q.joint_places)]
+    low, high = limits
+    assert low is None or all(posture > low)
+    assert high is None or all(posture < high)
 
 
 @pytest.fixture(params=["xyz", "zyx", "quaternion"])

@@ -8,6 +8,9 @@ from collections.abc import Callable, Sequence
 
 from gibbs_codegen.graph.graph import Graph, Kind, Ref
 
+# Fractions modulo this prime are exact, and stay short.
+PRIME = 2**61 - 1
+
 _FUNCTIONS: dict[str, Callable[[float], float]] = {
     "sin": math.sin,
     "cos": math.cos,
@@ -43,6 +46,49 @@ def values(graph: Graph, refs: Sequence[Ref], inputs: Sequence[float]) -> list[f
     return [value(ref) for ref in refs]
 
 
+def exact(graph: Graph, refs: Sequence[Ref], rates: Sequence[int] = ()) -> list[tuple[int, int]]:
+    """Values modulo a prime, and their derivatives, where inputs have these rates or none.
+
+    Functions are others of the same parity, which know sine and cosine as each other's derivatives.
+    """
+    inputs = iter([*rates, *[0] * len(graph)])
+    found: list[tuple[int, int]] = []
+
+    def value(ref: Ref) -> tuple[int, int]:
+        x, rate = found[ref >> 1]
+        return (-x, -rate) if ref & 1 else (x, rate)
+
+    for node, label in enumerate(graph.labels):
+        of = [value(ref) for ref in graph.operands[node]]
+        match graph.kinds[node]:
+            case Kind.INPUT:
+                made = 3**node + 11, next(inputs)
+            case Kind.NUMBER:
+                top, bottom = float(str(label)).as_integer_ratio()
+                made = top * pow(bottom, -1, PRIME), 0
+            case Kind.SUM:
+                made = sum(x for x, _ in of), sum(rate for _, rate in of)
+            case Kind.PRODUCT:
+                (x, dx), (y, dy) = of
+                made = x * y, x * dy + y * dx
+            case Kind.RECIPROCAL:
+                inverse = pow(of[0][0], -1, PRIME)
+                made = inverse, -inverse * inverse * of[0][1]
+            case Kind.CALL:
+                ((x, dx),) = of
+                sine, cosine, root = 7 * x**3 + x, 5 * x**2 + 2, x**2 + x + 9
+                value_of, by_x = {
+                    "sin": (sine, cosine),
+                    "cos": (cosine, -sine),
+                    "sqrt": (root, pow(2 * root, -1, PRIME)),
+                    "atan": (x**3, pow(1 + x**2, -1, PRIME)),
+                    "sign": (x**5, 0),
+                }[str(label)]
+                made = value_of, by_x * dx
+        found.append((made[0] % PRIME, made[1] % PRIME))
+    return [(x % PRIME, rate % PRIME) for x, rate in map(value, refs)]
+
+
 def random_function(
     seed: int, graph: Graph | None = None, size: int = 60
 ) -> tuple[Graph, list[Ref], list[float]]:
@@ -61,8 +107,12 @@ def random_function(
         match draw.randrange(8):
             case 0 | 1 | 2:
                 made = graph.product(operand(), operand())
-            case 3 | 4:
+            case 3:
                 made = graph.sum([operand() for _ in range(draw.randrange(2, 6))])
+            case 4:  # Like terms, some of which cancel.
+                few = [operand() for _ in range(3)]
+                numbers = [graph.number(draw.choice([1.0, -1.0, 2.0, -2.0, 0.5])) for _ in range(6)]
+                made = graph.sum([graph.product(number, draw.choice(few)) for number in numbers])
             case 5:
                 common = operand()
                 terms = [graph.product(common, operand()) for _ in range(draw.randrange(2, 5))]

@@ -363,14 +363,17 @@ def test_names_that_matlab_does_not_take() -> None:
     for name in ("end", "case", "cos", "reshape", "pi", "u", "residual", "count", "k1", "x"):
         with pytest.raises(UsageError, match=f"--target matlab: the robot's name {name} is"):
             check_names(replace(given, description=Description(replace(robot, name=name))))
-    with pytest.raises(UsageError, match=f"{'b' * 64} has more than 63 characters"):
+    with pytest.raises(UsageError, match=f"{'b' * 64} has 64 characters, more than the 63 "):
         check_names(replace(given, description=Description(replace(robot, name="b" * 64))))
     for names, words in (
-        (["a" * 64], r"a{64} has more than 63 characters"),
+        (["a" * 64], r"a{64} has 64 characters, more than the 63 "),
         (["_1st_x", "x_1st_x"], "_1st_x would be x_1st_x, which is there already"),
     ):
         with pytest.raises(UsageError, match=words):
             check_names(replace(given, defaults=dict.fromkeys(names, 1.0)))
+    # Entries of arguments of functions that are not there have longer names.
+    links = tuple(replace(robot.links[1], name=name * 40) for name in "ab")
+    check_names(derived(replace(robot, links=links)))
 
 
 def test_a_package_is_whole_in_the_module_that_has_it(

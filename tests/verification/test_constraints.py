@@ -66,6 +66,45 @@ def test_functions_pass(expected: Wanted) -> None:
     assert failing(expected, derived) == set()
 
 
+NEAR = """
+[[frame]]
+name = "near"
+on   = "finger"
+xyz  = [0, {place}, -0.2]
+
+[[constraint]]
+name  = "first"
+type  = "point"
+frame = "claw"
+xyz   = [0.1, 0, 2]
+
+[[constraint]]
+name  = "second"
+type  = "point"
+frame = "near"
+xyz   = [0.1, 0.1, 2]
+"""
+
+
+@pytest.mark.parametrize("apart", [1e-4, 1e-7])
+def test_points_held_next_to_each_other_pass_and_faults_are_found(apart: float) -> None:
+    """Where rounding does not decide what is redundant, digits are lost as rows are conditioned."""
+    text = TEXT[: TEXT.index("[[constraint]]")] + NEAR.format(place=0.01 + apart)
+    robot = parse_robot(text)
+    module = module_of(derived(robot, functions=FEW))
+    for number in range(2):
+        other = variation(robot, module.PARAMETERS, 0, number)
+        states = States.random(Tree(other), 16, [1, number])
+        rows = Expected(formulated(NewtonEuler(Tree(other))), states)
+        right, wrong = (
+            rows.compare_functions(Evaluation(module, prepared(module, x)), states, "")
+            for x in (other, robot)
+        )
+        assert {c.what for c in right if not c.passed} == set()
+        missed = {c.what for c in wrong if c.passed}
+        assert apart < 1e-6 or not missed & {"operational_inertia", FORCES}
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("attribute", "fault", "found"),

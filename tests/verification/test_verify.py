@@ -83,6 +83,25 @@ def test_shipped_robots_pass_in_both_back_ends_as_the_command_compares_them(
     assert set(found.not_done) <= {"Pinocchio", "MuJoCo"}
 
 
+HELD = """
+[[constraint]]
+name  = "held"
+type  = "frame"
+frame = "base"
+xyz   = [0.1, 0.2, 0.3]
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", shipped_robots())
+def test_shipped_robots_pass_with_derivatives_and_constraints(name: str, tmp_path: Path) -> None:
+    text = robot_text(read_robot(name)[0])
+    path = tmp_path / f"{name}.toml"
+    path.write_text(text if "[[constraint]]" in text else text + HELD)
+    groups = ("default", "constraints", "parameters", "steps")
+    generate(path, tmp_path, ["numpy"], derivatives=True, functions=groups)
+
+
 @pytest.mark.parametrize("attitude", ["xyz", "quaternion"])
 def test_a_base_that_is_carried_passes_with_derivatives(attitude: Attitude, tmp_path: Path) -> None:
     """It has no rotors and no joints that move, hence no inputs."""

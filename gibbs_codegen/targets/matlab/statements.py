@@ -126,9 +126,13 @@ def check_names(model: Model) -> None:
         raise _refusal(f"the robot's name {package} is a word or a function of MATLAB or Octave")
     if package in variables:
         raise _refusal(f"the robot's name {package} is that of a variable in its functions")
-    for name in (package, *sorted(robot_names)):
-        if len(variable(name)) > LONGEST:
-            raise _refusal(f"{printable(name)} has more than {LONGEST} characters")
+    # Entries of arguments that no function here has are names of nothing.
+    read = {name for f in program.functions for node in f.nodes() for name in node.names}
+    longest = max((package, *sorted({*model.defaults, *read})), key=lambda x: len(variable(x)))
+    if (length := len(variable(longest))) > LONGEST:
+        raise _refusal(
+            f"{printable(longest)} has {length} characters, more than the {LONGEST} of MATLAB"
+        )
     for name in sorted(robot_names):
         if variable(name) != name and variable(name) in robot_names:
             raise _refusal(f"{name} would be {variable(name)}, which is there already")
