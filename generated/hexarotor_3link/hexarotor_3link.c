@@ -483,27 +483,28 @@ static INLINE int constants_lane(const real *RESTRICT parameters, Constants *RES
     const STEPWISE real k75 = k44 - k50, k76 = k32 - k68;
     const STEPWISE real k77 = k60 - k74, k78 = R(6.0) * k19;
     const STEPWISE real k79 = gravity * k72, k80 = R(0.5) * base_arm_length;
-    const STEPWISE real k81 = R(0.8660254037844386) * base_arm_length, k82 = base_arm_length - k80;
-    const STEPWISE real k83 = R(0.74999999999999989) * base_arm_length, k84 = R(0.5) * k82 - k83;
-    const STEPWISE real k85 = base_arm_length + k80;
+    const STEPWISE real k81 = R(0.8660254037844386) * base_arm_length;
+    const STEPWISE real k82 = R(0.49999999999999989) * base_arm_length;
+    const STEPWISE real k83 = R(1.5) * base_arm_length;
 
     /* inertia of the base, about the origin */
-    const STEPWISE real k86 = R(0.5) * k56;
+    const STEPWISE real k84 = R(0.5) * k56;
 
     /* constant terms and factors of the functions */
-    const STEPWISE real k87 = R(0.25) * k56, k88 = R(0.4330127018922193) * k56;
-    const STEPWISE real k89 = k8 - k14, k90 = R(0.74999999999999989) * k89;
-    const STEPWISE real k91 = k8 - k90, k92 = k14 + k90;
-    const STEPWISE real k93 = R(0.4330127018922193) * k89, k94 = k91 + k92;
-    const STEPWISE real k95 = base_arm_length * k87, k96 = k94 - k95;
-    const STEPWISE real k97 = k94 + k95, k98 = k8 + k14;
-    const STEPWISE real k99 = k98 + base_arm_length * k86, k100 = k83 + R(0.25) * base_arm_length;
-    const STEPWISE real k101 = k60 + k61, k102 = R(2.0) * k60;
-    const STEPWISE real k103 = R(1.0) / k102, k104 = R(1.0) / k101;
-    const STEPWISE real k105 = R(1.0) / k72, k106 = k62 * k105;
-    const STEPWISE real k107 = R(1.5) * k19, k108 = R(0.5) * k72;
-    const STEPWISE real k109 = R(0.5) * k69, k110 = k69 + k101;
-    const STEPWISE real k111 = k79 * k105, k112 = k79 * k106;
+    const STEPWISE real k85 = R(0.25) * k56, k86 = R(0.4330127018922193) * k56;
+    const STEPWISE real k87 = k8 - k14, k88 = R(0.74999999999999989) * k87;
+    const STEPWISE real k89 = k8 - k88, k90 = k14 + k88;
+    const STEPWISE real k91 = R(0.4330127018922193) * k87, k92 = k89 + k90;
+    const STEPWISE real k93 = base_arm_length * k85, k94 = k92 - k93;
+    const STEPWISE real k95 = k92 + k93, k96 = k8 + k14;
+    const STEPWISE real k97 = k96 + base_arm_length * k84;
+    const STEPWISE real k98 = R(0.99999999999999989) * base_arm_length, k99 = k60 + k61;
+    const STEPWISE real k100 = R(2.0) * k60, k101 = R(1.0) / k100;
+    const STEPWISE real k102 = R(1.0) / k99, k103 = R(1.0) / k72;
+    const STEPWISE real k104 = k62 * k103, k105 = R(1.5) * k19;
+    const STEPWISE real k106 = R(0.5) * k72, k107 = R(0.5) * k69;
+    const STEPWISE real k108 = k69 + k99, k109 = k79 * k103;
+    const STEPWISE real k110 = k79 * k104;
     int good = k72 > R(0.0);
     for (int i = 0; i < 16; ++i) {
         good &= is_finite(parameters[i * stride]);
@@ -515,24 +516,24 @@ static INLINE int constants_lane(const real *RESTRICT parameters, Constants *RES
     CONSTANT(k67) = k67; CONSTANT(k68) = k68; CONSTANT(k69) = k69; CONSTANT(k71) = k71;
     CONSTANT(k72) = k72; CONSTANT(k73) = k73; CONSTANT(k74) = k74; CONSTANT(k75) = k75;
     CONSTANT(k76) = k76; CONSTANT(k77) = k77; CONSTANT(k78) = k78; CONSTANT(k79) = k79;
-    CONSTANT(k80) = k80; CONSTANT(k81) = k81; CONSTANT(k82) = k82; CONSTANT(k84) = k84;
-    CONSTANT(k85) = k85; CONSTANT(k86) = k86; CONSTANT(k87) = k87; CONSTANT(k88) = k88;
-    CONSTANT(k91) = k91; CONSTANT(k92) = k92; CONSTANT(k93) = k93; CONSTANT(k94) = k94;
-    CONSTANT(k96) = k96; CONSTANT(k97) = k97; CONSTANT(k98) = k98; CONSTANT(k99) = k99;
-    CONSTANT(k100) = k100; CONSTANT(k102) = k102; CONSTANT(k103) = k103; CONSTANT(k104) = k104;
-    CONSTANT(k105) = k105; CONSTANT(k106) = k106; CONSTANT(k107) = k107; CONSTANT(k108) = k108;
-    CONSTANT(k109) = k109; CONSTANT(k110) = k110; CONSTANT(k111) = k111; CONSTANT(k112) = k112;
+    CONSTANT(k80) = k80; CONSTANT(k81) = k81; CONSTANT(k82) = k82; CONSTANT(k83) = k83;
+    CONSTANT(k84) = k84; CONSTANT(k85) = k85; CONSTANT(k86) = k86; CONSTANT(k89) = k89;
+    CONSTANT(k90) = k90; CONSTANT(k91) = k91; CONSTANT(k92) = k92; CONSTANT(k94) = k94;
+    CONSTANT(k95) = k95; CONSTANT(k96) = k96; CONSTANT(k97) = k97; CONSTANT(k98) = k98;
+    CONSTANT(k100) = k100; CONSTANT(k101) = k101; CONSTANT(k102) = k102; CONSTANT(k103) = k103;
+    CONSTANT(k104) = k104; CONSTANT(k105) = k105; CONSTANT(k106) = k106; CONSTANT(k107) = k107;
+    CONSTANT(k108) = k108; CONSTANT(k109) = k109; CONSTANT(k110) = k110;
     good &= is_finite(gravity) & is_finite(base_arm_length) & is_finite(k8) & is_finite(k14) &
         is_finite(link2_length) & is_finite(k32) & is_finite(link3_length) & is_finite(k44) &
         is_finite(k50) & is_finite(k60) & is_finite(k61) & is_finite(k62) & is_finite(k65) &
         is_finite(k67) & is_finite(k68) & is_finite(k69) & is_finite(k71) & is_finite(k72) &
         is_finite(k73) & is_finite(k74) & is_finite(k75) & is_finite(k76) & is_finite(k77) &
         is_finite(k78) & is_finite(k79) & is_finite(k80) & is_finite(k81) & is_finite(k82) &
-        is_finite(k84) & is_finite(k85) & is_finite(k86) & is_finite(k87) & is_finite(k88) &
-        is_finite(k91) & is_finite(k92) & is_finite(k93) & is_finite(k94) & is_finite(k96) &
-        is_finite(k97) & is_finite(k98) & is_finite(k99) & is_finite(k100) & is_finite(k102) &
-        is_finite(k103) & is_finite(k104) & is_finite(k105) & is_finite(k106) & is_finite(k107) &
-        is_finite(k108) & is_finite(k109) & is_finite(k110) & is_finite(k111) & is_finite(k112);
+        is_finite(k83) & is_finite(k84) & is_finite(k85) & is_finite(k86) & is_finite(k89) &
+        is_finite(k90) & is_finite(k91) & is_finite(k92) & is_finite(k94) & is_finite(k95) &
+        is_finite(k96) & is_finite(k97) & is_finite(k98) & is_finite(k100) & is_finite(k101) &
+        is_finite(k102) & is_finite(k103) & is_finite(k104) & is_finite(k105) & is_finite(k106) &
+        is_finite(k107) & is_finite(k108) & is_finite(k109) & is_finite(k110);
     return !good;
 }
 
@@ -585,8 +586,8 @@ const Constants
     R(1.9080000000000002e-06), R(3.0), R(9.0), R(1.9080000000000002e-06), R(0.12500572400000001),
     R(1.2719999999999994e-06), R(4.5), R(6.0), R(13.5), R(36.0), R(4.2399999999999983e-07), R(1.0),
     R(9.0), R(4.5), R(2.3750057240000002), R(8.9999980920000002), -R(35.999998091999998), -R(2.25),
-    R(2.5439999999999989e-06), R(88.290000000000006), R(0.25), R(0.4330127018922193), R(0.25),
-    -R(0.24999999999999994), R(0.75), R(0.125), R(0.0625), R(0.10825317547305482),
+    R(2.5439999999999989e-06), R(88.290000000000006), R(0.25), R(0.4330127018922193),
+    R(0.24999999999999994), R(0.75), R(0.125), R(0.0625), R(0.10825317547305482),
     R(0.010418097666666671), R(0.031250476999999992), R(0.018041369723940593),
     R(0.041668574666666666), R(0.010418574666666666), R(0.072918574666666666),
     R(0.041668574666666666), R(0.10416857466666667), R(0.49999999999999994), R(0.25001144800000002),
@@ -1300,11 +1301,11 @@ static INLINE void input_matrix_lane(const Constants *RESTRICT constants, const 
     const int stride)
 {
     (void)q;
-    const real k71 = CONSTANT(k71), k81 = CONSTANT(k81), k84 = CONSTANT(k84), k85 = CONSTANT(k85);
+    const real k71 = CONSTANT(k71), k81 = CONSTANT(k81), k82 = CONSTANT(k82), k83 = CONSTANT(k83);
     const real s1 = sine[0 * stride], c1 = cosine[0 * stride], s2 = sine[1 * stride];
     const real c2 = cosine[1 * stride], s3 = sine[2 * stride], c3 = cosine[2 * stride];
-    input_matrix[19 * stride] = -k84; input_matrix[21 * stride] = k71;
-    input_matrix[23 * stride] = -k84; input_matrix[33 * stride] = R(1.0);
+    input_matrix[19 * stride] = k82; input_matrix[21 * stride] = k71;
+    input_matrix[23 * stride] = k82; input_matrix[33 * stride] = R(1.0);
     input_matrix[43 * stride] = R(1.0); input_matrix[53 * stride] = R(1.0);
     input_matrix[54 * stride] = s2; input_matrix[56 * stride] = s2; input_matrix[58 * stride] = s2;
 
@@ -1321,16 +1322,16 @@ static INLINE void input_matrix_lane(const Constants *RESTRICT constants, const 
     const real t13 = R(0.8660254037844386) * s3, t14 = t13 - t12;
     const real t15 = s2 * t11, t16 = c2 * t11;
     input_matrix[55 * stride] = t16;
-    const real t17 = k84 * s2;
-    input_matrix[1 * stride] = -t17; input_matrix[5 * stride] = -t17;
+    const real t17 = k82 * s2;
+    input_matrix[1 * stride] = t17; input_matrix[5 * stride] = t17;
     const real t18 = s1 * t15 + c1 * t14;
     input_matrix[64 * stride] = t18;
     const real t19 = s1 * t14 - c1 * t15;
     input_matrix[73 * stride] = t19;
 
     /* thrust direction and generalised forces of motor 3 */
-    const real t20 = k85 * s3, t21 = k81 * c3;
-    const real t22 = k81 * s3, t23 = k85 * c3;
+    const real t20 = k83 * s3, t21 = k81 * c3;
+    const real t22 = k81 * s3, t23 = k83 * c3;
     const real t24 = t22 + t23;
     input_matrix[11 * stride] = -t24;
     const real t25 = c2 * (t20 - t21);
@@ -1440,8 +1441,8 @@ static INLINE void forward_dynamics_lane(const Constants *RESTRICT constants,
     const real k50 = CONSTANT(k50), k60 = CONSTANT(k60), k61 = CONSTANT(k61), k62 = CONSTANT(k62);
     const real k67 = CONSTANT(k67), k68 = CONSTANT(k68), k69 = CONSTANT(k69), k72 = CONSTANT(k72);
     const real k75 = CONSTANT(k75), k76 = CONSTANT(k76), k78 = CONSTANT(k78), k80 = CONSTANT(k80);
-    const real k81 = CONSTANT(k81), k100 = CONSTANT(k100), k102 = CONSTANT(k102);
-    const real k103 = CONSTANT(k103), k104 = CONSTANT(k104), k110 = CONSTANT(k110);
+    const real k81 = CONSTANT(k81), k98 = CONSTANT(k98), k100 = CONSTANT(k100);
+    const real k101 = CONSTANT(k101), k102 = CONSTANT(k102), k108 = CONSTANT(k108);
     const real v_theta_m1 = v[0 * stride], v_theta_0 = v[1 * stride], v_theta_1 = v[2 * stride];
     const real v_theta_7 = v[3 * stride], v_theta_8 = v[4 * stride], v_theta_9 = v[5 * stride];
     const real F_1 = u[0 * stride], F_2 = u[1 * stride], F_3 = u[2 * stride], F_4 = u[3 * stride];
@@ -1560,18 +1561,18 @@ static INLINE void forward_dynamics_lane(const Constants *RESTRICT constants,
     const real t139 = s4 * t130, t140 = s4 * t135;
     const real t141 = c4 * t134, t142 = F_1 + k67 * t45 + t90 + t104 - t114 * t117;
     const real t143 = t62 + t69 + t95 + t128 + t141 - t78 - t61 - t79 - t85 - t140;
-    const real t144 = base_arm_length * F_4 + k100 * t93 - tau_7 - k102 * t18;
+    const real t144 = base_arm_length * F_4 + k98 * t93 - tau_7 - k100 * t18;
 
     /* acceleration of the base, by LDL^T */
-    const real t145 = R(1.0) / (t59 + t76 + t110 + k110 - t88 * t126), t146 = t129 * t145;
+    const real t145 = R(1.0) / (t59 + t76 + t110 + k108 - t88 * t126), t146 = t129 * t145;
     const real t147 = t143 * t146, t148 = t66 + k67 * t46 + t127 + t139 - t138 - t147;
     const real t149 = R(1.0) / (k72 - t87 * t125 - t129 * t146);
     const real t150 = R(1.0) / (k72 - t106 - t114 * t119), t151 = t121 * t150;
     const real t152 = t151 * t142, t153 = k67 * t44 + t103 + t152 - t120 - t136 - t137;
     const real t154 = R(1.0) / (k72 - t105 - t113 * t118 - t121 * t151), t155 = t154 * t153;
     const real t156 = t151 * t155 + t150 * t142, t157 = t148 * t149;
-    const real t158 = t143 * t145 - t146 * t157, t159 = k104 * (tau_8 - s4 * t134 - c4 * t135);
-    const real t160 = k103 * t144;
+    const real t158 = t143 * t145 - t146 * t157, t159 = k102 * (tau_8 - s4 * t134 - c4 * t135);
+    const real t160 = k101 * t144;
 
     /* acceleration of joint 7 */
     const real t161 = t124 + t125 * t157 + t126 * t158 - t160;
@@ -1907,22 +1908,22 @@ static INLINE void hybrid_mass_matrix_lane(const Constants *RESTRICT constants,
     const real k61 = CONSTANT(k61), k62 = CONSTANT(k62), k65 = CONSTANT(k65), k67 = CONSTANT(k67);
     const real k68 = CONSTANT(k68), k69 = CONSTANT(k69), k71 = CONSTANT(k71), k72 = CONSTANT(k72);
     const real k73 = CONSTANT(k73), k74 = CONSTANT(k74), k75 = CONSTANT(k75), k76 = CONSTANT(k76);
-    const real k77 = CONSTANT(k77), k86 = CONSTANT(k86), k87 = CONSTANT(k87), k88 = CONSTANT(k88);
-    const real k94 = CONSTANT(k94), k96 = CONSTANT(k96), k97 = CONSTANT(k97), k98 = CONSTANT(k98);
-    const real k99 = CONSTANT(k99);
+    const real k77 = CONSTANT(k77), k84 = CONSTANT(k84), k85 = CONSTANT(k85), k86 = CONSTANT(k86);
+    const real k92 = CONSTANT(k92), k94 = CONSTANT(k94), k95 = CONSTANT(k95), k96 = CONSTANT(k96);
+    const real k97 = CONSTANT(k97);
     const real s1 = sine[0 * stride], c1 = cosine[0 * stride], s2 = sine[1 * stride];
     const real c2 = cosine[1 * stride], s3 = sine[2 * stride], c3 = cosine[2 * stride];
     const real s4 = sine[3 * stride], c4 = cosine[3 * stride], s5 = sine[4 * stride];
     const real c5 = cosine[4 * stride], s6 = sine[5 * stride], c6 = cosine[5 * stride];
-    mass_matrix[41 * stride] = k96; mass_matrix[42 * stride] = k97; mass_matrix[43 * stride] = k99;
-    mass_matrix[44 * stride] = k97; mass_matrix[45 * stride] = k96; mass_matrix[59 * stride] = k96;
-    mass_matrix[60 * stride] = k94; mass_matrix[71 * stride] = -R(1.0);
-    mass_matrix[78 * stride] = k97; mass_matrix[80 * stride] = k94;
-    mass_matrix[91 * stride] = -R(1.0); mass_matrix[97 * stride] = k99;
-    mass_matrix[100 * stride] = k98; mass_matrix[111 * stride] = -R(1.0);
-    mass_matrix[116 * stride] = k97; mass_matrix[120 * stride] = k94;
-    mass_matrix[131 * stride] = -R(1.0); mass_matrix[135 * stride] = k96;
-    mass_matrix[140 * stride] = k94; mass_matrix[151 * stride] = -R(1.0);
+    mass_matrix[41 * stride] = k94; mass_matrix[42 * stride] = k95; mass_matrix[43 * stride] = k97;
+    mass_matrix[44 * stride] = k95; mass_matrix[45 * stride] = k94; mass_matrix[59 * stride] = k94;
+    mass_matrix[60 * stride] = k92; mass_matrix[71 * stride] = -R(1.0);
+    mass_matrix[78 * stride] = k95; mass_matrix[80 * stride] = k92;
+    mass_matrix[91 * stride] = -R(1.0); mass_matrix[97 * stride] = k97;
+    mass_matrix[100 * stride] = k96; mass_matrix[111 * stride] = -R(1.0);
+    mass_matrix[116 * stride] = k95; mass_matrix[120 * stride] = k92;
+    mass_matrix[131 * stride] = -R(1.0); mass_matrix[135 * stride] = k94;
+    mass_matrix[140 * stride] = k92; mass_matrix[151 * stride] = -R(1.0);
     mass_matrix[220 * stride] = k72; mass_matrix[240 * stride] = k72;
     mass_matrix[260 * stride] = k72; mass_matrix[269 * stride] = R(1.0);
     mass_matrix[289 * stride] = R(1.0); mass_matrix[309 * stride] = R(1.0);
@@ -2046,17 +2047,17 @@ static INLINE void hybrid_mass_matrix_lane(const Constants *RESTRICT constants,
     mass_matrix[203 * stride] = t95; mass_matrix[257 * stride] = t95;
 
     /* composite inertia of the base and base arm 2 */
-    const real t96 = k88 * s3, t97 = k88 * c3;
+    const real t96 = k86 * s3, t97 = k86 * c3;
 
     /* mass matrix, columns of the joints carried in to the base */
-    const real t98 = k87 * s3, t99 = t97 + t98;
-    const real t100 = k87 * c3, t101 = t96 - t100;
+    const real t98 = k85 * s3, t99 = t97 + t98;
+    const real t100 = k85 * c3, t101 = t96 - t100;
 
     /* mass matrix, column of joint 2 */
     const real t102 = s2 * t99, t103 = t3 * t99;
     mass_matrix[68 * stride] = -t103; mass_matrix[125 * stride] = t103;
     mass_matrix[212 * stride] = -t103; mass_matrix[215 * stride] = t103;
-    const real t104 = k96 * s2;
+    const real t104 = k94 * s2;
     mass_matrix[3 * stride] = t104; mass_matrix[7 * stride] = t104; mass_matrix[57 * stride] = t104;
     mass_matrix[133 * stride] = t104;
     const real t105 = c1 * t101 - t2 * t102;
@@ -2073,7 +2074,7 @@ static INLINE void hybrid_mass_matrix_lane(const Constants *RESTRICT constants,
     const real t109 = s2 * t107, t110 = t3 * t107;
     mass_matrix[87 * stride] = -t110; mass_matrix[144 * stride] = t110;
     mass_matrix[213 * stride] = -t110; mass_matrix[216 * stride] = t110;
-    const real t111 = k97 * s2;
+    const real t111 = k95 * s2;
     mass_matrix[4 * stride] = t111; mass_matrix[6 * stride] = t111; mass_matrix[76 * stride] = t111;
     mass_matrix[114 * stride] = t111;
     const real t112 = c1 * t108 - t2 * t109;
@@ -2084,12 +2085,12 @@ static INLINE void hybrid_mass_matrix_lane(const Constants *RESTRICT constants,
     mass_matrix[251 * stride] = -t113; mass_matrix[254 * stride] = t113;
 
     /* mass matrix, columns of the joints carried in to the base */
-    const real t114 = k86 * s3, t115 = k86 * c3;
+    const real t114 = k84 * s3, t115 = k84 * c3;
 
     /* mass matrix, column of joint 4 */
     const real t116 = s2 * t114, t117 = t3 * t114;
     mass_matrix[106 * stride] = t117; mass_matrix[214 * stride] = t117;
-    const real t118 = k99 * s2;
+    const real t118 = k97 * s2;
     mass_matrix[5 * stride] = t118; mass_matrix[95 * stride] = t118;
     const real t119 = c1 * t115 + t2 * t116;
     mass_matrix[107 * stride] = t119; mass_matrix[233 * stride] = t119;
@@ -2176,8 +2177,8 @@ static INLINE void hybrid_residual_lane(const Constants *RESTRICT constants,
     const real k61 = CONSTANT(k61), k62 = CONSTANT(k62), k67 = CONSTANT(k67), k68 = CONSTANT(k68);
     const real k69 = CONSTANT(k69), k73 = CONSTANT(k73), k74 = CONSTANT(k74), k75 = CONSTANT(k75);
     const real k76 = CONSTANT(k76), k77 = CONSTANT(k77), k78 = CONSTANT(k78), k79 = CONSTANT(k79);
-    const real k86 = CONSTANT(k86), k87 = CONSTANT(k87), k88 = CONSTANT(k88), k91 = CONSTANT(k91);
-    const real k92 = CONSTANT(k92), k93 = CONSTANT(k93);
+    const real k84 = CONSTANT(k84), k85 = CONSTANT(k85), k86 = CONSTANT(k86), k89 = CONSTANT(k89);
+    const real k90 = CONSTANT(k90), k91 = CONSTANT(k91);
     const real v_theta_m1 = v[0 * stride], v_theta_0 = v[1 * stride], v_theta_1 = v[2 * stride];
     const real v_theta_7 = v[3 * stride], v_theta_8 = v[4 * stride], v_theta_9 = v[5 * stride];
     const real s1 = sine[0 * stride], c1 = cosine[0 * stride], s2 = sine[1 * stride];
@@ -2319,9 +2320,9 @@ static INLINE void hybrid_residual_lane(const Constants *RESTRICT constants,
     const real t170 = s3 * t22 + c3 * t15 - base_arm_length * t168;
 
     /* inertia forces of base arm 2, about joint 2 */
-    const real t171 = k88 * (s3 * t15 - c3 * t22 - base_arm_length * t167);
-    const real t172 = k93 * (t27 + t164 * t164 - t167), t173 = k87 * t170;
-    const real t174 = t171 - t172, t175 = k91 * t168 - k92 * t169;
+    const real t171 = k86 * (s3 * t15 - c3 * t22 - base_arm_length * t167);
+    const real t172 = k91 * (t27 + t164 * t164 - t167), t173 = k85 * t170;
+    const real t174 = t171 - t172, t175 = k89 * t168 - k90 * t169;
     const real t176 = t173 + t175, t177 = t176 - t174;
     residual[3 * stride] = t177;
 
@@ -2331,7 +2332,7 @@ static INLINE void hybrid_residual_lane(const Constants *RESTRICT constants,
     residual[4 * stride] = t180;
 
     /* inertia forces of base arm 4, about joint 4 */
-    const real t181 = k8 * t168 - k14 * t169 - k86 * t170;
+    const real t181 = k8 * t168 - k14 * t169 - k84 * t170;
     residual[5 * stride] = t181;
 
     /* inertia forces of base arm 5, about joint 5 */
@@ -2407,11 +2408,11 @@ static INLINE void hybrid_input_matrix_lane(const Constants *RESTRICT constants,
 {
     (void)q;
     const real base_arm_length = CONSTANT(base_arm_length), k71 = CONSTANT(k71);
-    const real k81 = CONSTANT(k81), k84 = CONSTANT(k84), k85 = CONSTANT(k85);
+    const real k81 = CONSTANT(k81), k82 = CONSTANT(k82), k83 = CONSTANT(k83);
     const real s1 = sine[0 * stride], c1 = cosine[0 * stride], s2 = sine[1 * stride];
     const real c2 = cosine[1 * stride], s3 = sine[2 * stride], c3 = cosine[2 * stride];
-    input_matrix[19 * stride] = -k84; input_matrix[21 * stride] = k71;
-    input_matrix[23 * stride] = -k84; input_matrix[28 * stride] = base_arm_length;
+    input_matrix[19 * stride] = k82; input_matrix[21 * stride] = k71;
+    input_matrix[23 * stride] = k82; input_matrix[28 * stride] = base_arm_length;
     input_matrix[48 * stride] = base_arm_length; input_matrix[68 * stride] = base_arm_length;
     input_matrix[78 * stride] = R(1.0); input_matrix[88 * stride] = R(1.0);
     input_matrix[98 * stride] = R(1.0); input_matrix[99 * stride] = s2;
@@ -2431,16 +2432,16 @@ static INLINE void hybrid_input_matrix_lane(const Constants *RESTRICT constants,
     const real t13 = R(0.8660254037844386) * s3, t14 = t13 - t12;
     const real t15 = s2 * t11, t16 = c2 * t11;
     input_matrix[100 * stride] = t16;
-    const real t17 = k84 * s2;
-    input_matrix[1 * stride] = -t17; input_matrix[5 * stride] = -t17;
+    const real t17 = k82 * s2;
+    input_matrix[1 * stride] = t17; input_matrix[5 * stride] = t17;
     const real t18 = s1 * t15 + c1 * t14;
     input_matrix[109 * stride] = t18;
     const real t19 = s1 * t14 - c1 * t15;
     input_matrix[118 * stride] = t19;
 
     /* thrust direction and generalised forces of motor 3 */
-    const real t20 = k85 * s3, t21 = k81 * c3;
-    const real t22 = k81 * s3, t23 = k85 * c3;
+    const real t20 = k83 * s3, t21 = k81 * c3;
+    const real t22 = k81 * s3, t23 = k83 * c3;
     const real t24 = t22 + t23;
     input_matrix[11 * stride] = -t24;
     const real t25 = c2 * (t20 - t21);
@@ -2544,8 +2545,8 @@ static INLINE void constraint_torques_lane(const Constants *RESTRICT constants,
 {
     (void)q;
     const real gravity = CONSTANT(gravity), base_arm_length = CONSTANT(base_arm_length);
-    const real k8 = CONSTANT(k8), k14 = CONSTANT(k14), k86 = CONSTANT(k86), k87 = CONSTANT(k87);
-    const real k88 = CONSTANT(k88), k91 = CONSTANT(k91), k92 = CONSTANT(k92), k93 = CONSTANT(k93);
+    const real k8 = CONSTANT(k8), k14 = CONSTANT(k14), k84 = CONSTANT(k84), k85 = CONSTANT(k85);
+    const real k86 = CONSTANT(k86), k89 = CONSTANT(k89), k90 = CONSTANT(k90), k91 = CONSTANT(k91);
     const real v_theta_m1 = v[0 * stride], v_theta_0 = v[1 * stride], v_theta_1 = v[2 * stride];
     const real a_theta_m1 = a[0 * stride], a_theta_1 = a[2 * stride], a_x = a[6 * stride];
     const real a_y = a[7 * stride], a_z = a[8 * stride];
@@ -2560,7 +2561,7 @@ static INLINE void constraint_torques_lane(const Constants *RESTRICT constants,
     const real t13 = t9 + t11 * t11;
 
     /* inertia forces of base arm 2, about joint 2 */
-    const real t14 = k93 * (t9 + t10 * t10 - t13);
+    const real t14 = k91 * (t9 + t10 * t10 - t13);
 
     /* motion of the base */
     const real t15 = a_z + gravity, t16 = a_y * c1 + s1 * t15;
@@ -2572,10 +2573,10 @@ static INLINE void constraint_torques_lane(const Constants *RESTRICT constants,
     const real t21 = c3 * t16 + base_arm_length * t19 - s3 * t17;
 
     /* inertia forces of base arm 2, about joint 2 */
-    const real t22 = k87 * t21, t23 = k88 * (base_arm_length * t13 - s3 * t16 - c3 * t17);
+    const real t22 = k85 * t21, t23 = k86 * (base_arm_length * t13 - s3 * t16 - c3 * t17);
 
     /* constraint torque on base arm 2 */
-    const real t24 = t14 + t22, t25 = k91 * t19 - k92 * t20;
+    const real t24 = t14 + t22, t25 = k89 * t19 - k90 * t20;
     const real t26 = t25 - t23, t27 = t26 - base_arm_length * F_2 - t24;
     torque[0 * stride] = t27;
 
@@ -2587,7 +2588,7 @@ static INLINE void constraint_torques_lane(const Constants *RESTRICT constants,
     const real t29 = k14 * t20;
 
     /* constraint torque on base arm 4 */
-    const real t30 = k8 * t19 + k86 * t21 - base_arm_length * F_4 - t29;
+    const real t30 = k8 * t19 + k84 * t21 - base_arm_length * F_4 - t29;
     torque[2 * stride] = t30;
 
     /* inertia forces of base arm 5, about joint 5 */
@@ -2677,7 +2678,7 @@ static INLINE void kinetic_energy_lane(const Constants *RESTRICT constants,
     const real k32 = CONSTANT(k32), k44 = CONSTANT(k44), k50 = CONSTANT(k50), k60 = CONSTANT(k60);
     const real k62 = CONSTANT(k62), k67 = CONSTANT(k67), k68 = CONSTANT(k68), k73 = CONSTANT(k73);
     const real k74 = CONSTANT(k74), k75 = CONSTANT(k75), k76 = CONSTANT(k76), k77 = CONSTANT(k77);
-    const real k107 = CONSTANT(k107), k108 = CONSTANT(k108), k109 = CONSTANT(k109);
+    const real k105 = CONSTANT(k105), k106 = CONSTANT(k106), k107 = CONSTANT(k107);
     const real v_theta_m1 = v[0 * stride], v_theta_0 = v[1 * stride], v_theta_1 = v[2 * stride];
     const real v_theta_7 = v[3 * stride], v_theta_8 = v[4 * stride], v_theta_9 = v[5 * stride];
     const real v_x = v[6 * stride], v_y = v[7 * stride], v_z = v[8 * stride];
@@ -2729,14 +2730,14 @@ static INLINE void kinetic_energy_lane(const Constants *RESTRICT constants,
     const real t49 = v_theta_0 * v_theta_0 * t37, t50 = t15 * t15 * t38;
 
     /* sum over the links */
-    const real t51 = v_theta_0 * c3 * t35 + k107 * t15 + t34 * t41, t52 = t15 * t51;
-    const real t53 = k108 * (t39 * t39 + t41 * t41 + t42 * t42);
-    const real t54 = t18 * (k109 * t18 - t28 * t47 - t22 * t48);
-    const real t55 = v_theta_0 * (k107 * v_theta_0 - t33 * t41);
+    const real t51 = v_theta_0 * c3 * t35 + k105 * t15 + t34 * t41, t52 = t15 * t51;
+    const real t53 = k106 * (t39 * t39 + t41 * t41 + t42 * t42);
+    const real t54 = t18 * (k107 * t18 - t28 * t47 - t22 * t48);
+    const real t55 = v_theta_0 * (k105 * v_theta_0 - t33 * t41);
     const real t56 = t16 * (t33 * t39 - t34 * t42), t57 = t19 * (t27 * t45 - t28 * t46);
     const real t58 = t22 * (t46 - link2_length * s5 * t19);
     const real t59 = t20 * (t21 * (t45 + link2_length * c5 * t19) - t58);
-    const real t60 = t18 * (c6 * t23 - c5 * t29), t61 = k109 * t17 + t27 * t47 + t21 * t48 - t60;
+    const real t60 = t18 * (c6 * t23 - c5 * t29), t61 = k107 * t17 + t27 * t47 + t21 * t48 - t60;
     const real t62 = t17 * t61, t63 = t16 * t16 * (t37 + t38);
     const real t64 = t17 * t17 * (t25 + t31), t65 = t18 * t18 * (t26 + t32);
     const real t66 = t19 * (t31 + t32) * t19, t67 = t20 * (t25 + t26) * t20;
@@ -2894,7 +2895,7 @@ static INLINE void gravity_forces_lane(const Constants *RESTRICT constants,
 {
     (void)q;
     const real k62 = CONSTANT(k62), k67 = CONSTANT(k67), k73 = CONSTANT(k73), k79 = CONSTANT(k79);
-    const real k105 = CONSTANT(k105), k111 = CONSTANT(k111), k112 = CONSTANT(k112);
+    const real k103 = CONSTANT(k103), k109 = CONSTANT(k109), k110 = CONSTANT(k110);
     const real s1 = sine[0 * stride], c1 = cosine[0 * stride], s2 = sine[1 * stride];
     const real c2 = cosine[1 * stride], s3 = sine[2 * stride], c3 = cosine[2 * stride];
     const real s4 = sine[3 * stride], c4 = cosine[3 * stride], s5 = sine[4 * stride];
@@ -2911,7 +2912,7 @@ static INLINE void gravity_forces_lane(const Constants *RESTRICT constants,
     const real t18 = c1 * c2;
 
     /* centre of mass from the origin */
-    const real t19 = k105 * (k62 * s6 + k67 * s5);
+    const real t19 = k103 * (k62 * s6 + k67 * s5);
 
     /* axes of the base */
     const real t20 = c1 * s2;
@@ -2920,10 +2921,10 @@ static INLINE void gravity_forces_lane(const Constants *RESTRICT constants,
     const real t21 = s1 * s4 - c4 * t20;
 
     /* centre of mass from the origin */
-    const real t22 = k105 * (k73 * c3 + t16);
+    const real t22 = k103 * (k73 * c3 + t16);
 
     /* columns of the base */
-    const real t23 = s2 * t19 + c2 * t22, t24 = c1 * k105 * (k73 * s3 + t17);
+    const real t23 = s2 * t19 + c2 * t22, t24 = c1 * k103 * (k73 * s3 + t17);
     const real t25 = s1 * (c2 * t19 - s2 * t22) - t24;
 
     /* weight at the centre of mass */
@@ -2933,11 +2934,11 @@ static INLINE void gravity_forces_lane(const Constants *RESTRICT constants,
     force[1 * stride] = t27;
     const real t28 = k79 * (s2 * t25 - s1 * c2 * t23);
     force[2 * stride] = t28;
-    const real t29 = k111 * (s1 * t16 + t17 * t20);
+    const real t29 = k109 * (s1 * t16 + t17 * t20);
     force[3 * stride] = -t29;
-    const real t30 = k79 * (t19 * t21 - t18 * k105 * t15);
+    const real t30 = k79 * (t19 * t21 - t18 * k103 * t15);
     force[4 * stride] = t30;
-    const real t31 = k112 * (s6 * t21 - c6 * t18);
+    const real t31 = k110 * (s6 * t21 - c6 * t18);
     force[5 * stride] = t31;
 }
 
@@ -3162,8 +3163,8 @@ static INLINE void forward_dynamics_with_wrenches_lane(const Constants *RESTRICT
     const real k60 = CONSTANT(k60), k61 = CONSTANT(k61), k62 = CONSTANT(k62), k67 = CONSTANT(k67);
     const real k68 = CONSTANT(k68), k69 = CONSTANT(k69), k72 = CONSTANT(k72), k75 = CONSTANT(k75);
     const real k76 = CONSTANT(k76), k78 = CONSTANT(k78), k80 = CONSTANT(k80), k81 = CONSTANT(k81);
-    const real k100 = CONSTANT(k100), k102 = CONSTANT(k102), k103 = CONSTANT(k103);
-    const real k104 = CONSTANT(k104), k110 = CONSTANT(k110);
+    const real k98 = CONSTANT(k98), k100 = CONSTANT(k100), k101 = CONSTANT(k101);
+    const real k102 = CONSTANT(k102), k108 = CONSTANT(k108);
     const real v_theta_m1 = v[0 * stride], v_theta_0 = v[1 * stride], v_theta_1 = v[2 * stride];
     const real v_theta_7 = v[3 * stride], v_theta_8 = v[4 * stride], v_theta_9 = v[5 * stride];
     const real F_1 = u[0 * stride], F_2 = u[1 * stride], F_3 = u[2 * stride], F_4 = u[3 * stride];
@@ -3270,10 +3271,10 @@ static INLINE void forward_dynamics_with_wrenches_lane(const Constants *RESTRICT
 
     /* articulated inertia and load of the base and links 1 to 3 */
     const real t116 = k60 * (t20 - R(2.0) * t21 * v_theta_0);
-    const real t117 = k60 * (t19 - R(2.0) * t21 * t16), t118 = k102 * t18;
+    const real t117 = k60 * (t19 - R(2.0) * t21 * t16), t118 = k100 * t18;
 
     /* acceleration of the base, by LDL^T */
-    const real t119 = R(1.0) / (t59 + t77 + t105 + k110 - t90 * t114), t120 = t115 * t119;
+    const real t119 = R(1.0) / (t59 + t77 + t105 + k108 - t90 * t114), t120 = t115 * t119;
     const real t121 = R(1.0) / (k72 - t89 * t113 - t115 * t120);
     const real t122 = R(1.0) / (k72 - t101 - t107 * t110), t123 = t111 * t122;
     const real t124 = R(1.0) / (k72 - t100 - t106 * t109 - t111 * t123);
@@ -3358,14 +3359,14 @@ static INLINE void forward_dynamics_with_wrenches_lane(const Constants *RESTRICT
     const real t203 = s4 * t196, t204 = c4 * t198;
     const real t205 = s4 * t199, t206 = F_1 + t86 + t146 + t147 + t175 + t183 - t148 - t191;
     const real t207 = t62 + t164 + t95 + t184 + t195 + t204 - t79 - t61 - t80 - t87 - t165 - t205;
-    const real t208 = k100 * t170, t209 = t94 + t151 + t152 + t208 - tau_7 - t118 - t153;
+    const real t208 = k98 * t170, t209 = t94 + t151 + t152 + t208 - tau_7 - t118 - t153;
 
     /* acceleration of the base, by LDL^T */
     const real t210 = t120 * t207, t211 = k67 * t46 + t178 + t194 + t203 - t202 - t210;
     const real t212 = t123 * t206, t213 = k67 * t44 + t182 + t212 - t190 - t200 - t201;
     const real t214 = t124 * t213, t215 = t123 * t214 + t122 * t206;
     const real t216 = t121 * t211, t217 = t119 * t207 - t120 * t216;
-    const real t218 = k104 * (tau_8 - s4 * t198 - c4 * t199), t219 = k103 * t209;
+    const real t218 = k102 * (tau_8 - s4 * t198 - c4 * t199), t219 = k101 * t209;
 
     /* acceleration of joint 7 */
     const real t220 = t193 + t113 * t216 + t114 * t217 - t219;
@@ -3485,8 +3486,8 @@ static INLINE void positions_lane(const Constants *RESTRICT constants, const rea
     const real *RESTRICT cosine, const real *RESTRICT q, real *RESTRICT position, const int stride)
 {
     const real base_arm_length = CONSTANT(base_arm_length), link2_length = CONSTANT(link2_length);
-    const real link3_length = CONSTANT(link3_length), k71 = CONSTANT(k71), k81 = CONSTANT(k81);
-    const real k82 = CONSTANT(k82), k85 = CONSTANT(k85);
+    const real link3_length = CONSTANT(link3_length), k71 = CONSTANT(k71), k80 = CONSTANT(k80);
+    const real k81 = CONSTANT(k81), k83 = CONSTANT(k83);
     const real x = q[6 * stride], y = q[7 * stride], z = q[8 * stride];
     const real s1 = sine[0 * stride], c1 = cosine[0 * stride], s2 = sine[1 * stride];
     const real c2 = cosine[1 * stride], s3 = sine[2 * stride], c3 = cosine[2 * stride];
@@ -3516,17 +3517,17 @@ static INLINE void positions_lane(const Constants *RESTRICT constants, const rea
     position[4 * stride] = t29; position[25 * stride] = t29; position[28 * stride] = t29;
     const real t30 = z + base_arm_length * t21;
     position[5 * stride] = t30; position[26 * stride] = t30; position[29 * stride] = t30;
-    const real t31 = x + k82 * t19, t32 = t25 + t31;
+    const real t31 = x + k80 * t19, t32 = t25 + t31;
     position[9 * stride] = t32;
-    const real t33 = y + k82 * t20, t34 = t33 - t26;
+    const real t33 = y + k80 * t20, t34 = t33 - t26;
     position[10 * stride] = t34;
-    const real t35 = z + k82 * t21, t36 = t35 - t27;
+    const real t35 = z + k80 * t21, t36 = t35 - t27;
     position[11 * stride] = t36;
-    const real t37 = x + k85 * t19, t38 = t25 + t37;
+    const real t37 = x + k83 * t19, t38 = t25 + t37;
     position[12 * stride] = t38;
-    const real t39 = y + k85 * t20, t40 = t39 - t26;
+    const real t39 = y + k83 * t20, t40 = t39 - t26;
     position[13 * stride] = t40;
-    const real t41 = z + k85 * t21, t42 = t41 - t27;
+    const real t41 = z + k83 * t21, t42 = t41 - t27;
     position[14 * stride] = t42;
     const real t43 = x + k71 * t19;
     position[15 * stride] = t43;
@@ -4234,7 +4235,7 @@ static INLINE void centre_of_mass_lane(const Constants *RESTRICT constants,
     const real *RESTRICT sine, const real *RESTRICT cosine, const real *RESTRICT q,
     real *RESTRICT position, const int stride)
 {
-    const real k62 = CONSTANT(k62), k67 = CONSTANT(k67), k73 = CONSTANT(k73), k105 = CONSTANT(k105);
+    const real k62 = CONSTANT(k62), k67 = CONSTANT(k67), k73 = CONSTANT(k73), k103 = CONSTANT(k103);
     const real x = q[6 * stride], y = q[7 * stride], z = q[8 * stride];
     const real s1 = sine[0 * stride], c1 = cosine[0 * stride], s2 = sine[1 * stride];
     const real c2 = cosine[1 * stride], s3 = sine[2 * stride], c3 = cosine[2 * stride];
@@ -4245,8 +4246,8 @@ static INLINE void centre_of_mass_lane(const Constants *RESTRICT constants,
     const real t15 = k62 * c6 + k67 * c5;
 
     /* centre of mass from the origin */
-    const real t16 = k105 * (k62 * s6 + k67 * s5), t17 = k105 * (k73 * c3 + c4 * t15);
-    const real t18 = k105 * (k73 * s3 + s4 * t15);
+    const real t16 = k103 * (k62 * s6 + k67 * s5), t17 = k103 * (k73 * c3 + c4 * t15);
+    const real t18 = k103 * (k73 * s3 + s4 * t15);
 
     /* centre of mass in the world */
     const real t19 = c2 * t16 - s2 * t17, t20 = x + s2 * t16 + c2 * t17;
@@ -4322,8 +4323,8 @@ static INLINE void centre_of_mass_jacobian_lane(const Constants *RESTRICT consta
     real *RESTRICT jacobian, const int stride)
 {
     (void)q;
-    const real k62 = CONSTANT(k62), k67 = CONSTANT(k67), k73 = CONSTANT(k73), k105 = CONSTANT(k105);
-    const real k106 = CONSTANT(k106);
+    const real k62 = CONSTANT(k62), k67 = CONSTANT(k67), k73 = CONSTANT(k73), k103 = CONSTANT(k103);
+    const real k104 = CONSTANT(k104);
     const real s1 = sine[0 * stride], c1 = cosine[0 * stride], s2 = sine[1 * stride];
     const real c2 = cosine[1 * stride], s3 = sine[2 * stride], c3 = cosine[2 * stride];
     const real s4 = sine[3 * stride], c4 = cosine[3 * stride], s5 = sine[4 * stride];
@@ -4346,16 +4347,16 @@ static INLINE void centre_of_mass_jacobian_lane(const Constants *RESTRICT consta
     const real t18 = t2 * t3, t19 = c1 * t3;
 
     /* column of joint 7 */
-    const real t20 = k105 * t16, t21 = k105 * t17;
+    const real t20 = k103 * t16, t21 = k103 * t17;
 
     /* centre of mass from the origin */
-    const real t22 = k105 * (k62 * s6 + k67 * s5);
+    const real t22 = k103 * (k62 * s6 + k67 * s5);
 
     /* column of joint 8 */
-    const real t23 = k105 * t15;
+    const real t23 = k103 * t15;
 
     /* column of joint 9 */
-    const real t24 = k106 * c6;
+    const real t24 = k104 * c6;
 
     /* axes of the base */
     const real t25 = t2 * s2, t26 = c1 * s2;
@@ -4365,7 +4366,7 @@ static INLINE void centre_of_mass_jacobian_lane(const Constants *RESTRICT consta
     const real t29 = t2 * s4 + c4 * t26;
 
     /* centre of mass from the origin */
-    const real t30 = k105 * (k73 * c3 + t16), t31 = k105 * (k73 * s3 + t17);
+    const real t30 = k103 * (k73 * c3 + t16), t31 = k103 * (k73 * s3 + t17);
 
     /* columns of the base */
     const real t32 = t3 * t22 + s2 * t30, t33 = t3 * t30 - s2 * t22;
@@ -4403,7 +4404,7 @@ static INLINE void centre_of_mass_jacobian_lane(const Constants *RESTRICT consta
     jacobian[22 * stride] = t47;
 
     /* column of joint 9 */
-    const real t48 = k106 * s6, t49 = t27 * t48 + s2 * t24;
+    const real t48 = k104 * s6, t49 = t27 * t48 + s2 * t24;
     jacobian[5 * stride] = t49;
     const real t50 = t28 * t48 - t18 * t24;
     jacobian[14 * stride] = t50;

@@ -135,7 +135,7 @@ typedef double hexarotor_3link_real;
 #define HEXAROTOR_3LINK_FRAMES 2
 #define HEXAROTOR_3LINK_BODIES 8
 #define HEXAROTOR_3LINK_PARAMETERS 16
-#define HEXAROTOR_3LINK_CONSTANTS 53
+#define HEXAROTOR_3LINK_CONSTANTS 52
 
 /** States in a block of the _batch functions: what the widest registers hold. */
 #ifdef HEXAROTOR_3LINK_FLOAT
@@ -202,8 +202,8 @@ enum {
 typedef struct hexarotor_3link_constants {
     hexarotor_3link_real gravity, base_arm_length, k8, k14, link2_length, k32, link3_length, k44,
         k50, k60, k61, k62, k65, k67, k68, k69, k71, k72, k73, k74, k75, k76, k77, k78, k79, k80,
-        k81, k82, k84, k85, k86, k87, k88, k91, k92, k93, k94, k96, k97, k98, k99, k100, k102, k103,
-        k104, k105, k106, k107, k108, k109, k110, k111, k112;
+        k81, k82, k83, k84, k85, k86, k89, k90, k91, k92, k94, k95, k96, k97, k98, k100, k101, k102,
+        k103, k104, k105, k106, k107, k108, k109, k110;
 } hexarotor_3link_constants;
 
 /** Parameters of the robot file. */
@@ -257,7 +257,7 @@ void hexarotor_3link_unpack(size_t count, size_t width,
  *
  * @param[in] count number of states
  * @param[in] parameters 16 of each state, in the order of their places
- * @param[out] constants 53 of each state, for functions with _batch_each
+ * @param[out] constants 52 of each state, for functions with _batch_each
  * @return 0, or 1 + the number of the first state whose constants are of no use
  */
 size_t hexarotor_3link_init_constants_batch(size_t count,
@@ -356,7 +356,7 @@ void hexarotor_3link_residual_batch_each(const hexarotor_3link_real *constants, 
  * @param[in] q coordinates, 9 entries: theta_m1 [rad], theta_0 [rad], theta_1 [rad], theta_7 [rad],
  *     theta_8 [rad], theta_9 [rad], x [m], y [m], z [m]
  * @param[out] input_matrix 9 x 9: [N/N], [N m/N] and [N m/(N m)], by row and column
- * @note 52 operations, 3 sine-cosine pairs; about 704 bytes of stack for one state of doubles,
+ * @note 50 operations, 3 sine-cosine pairs; about 704 bytes of stack for one state of doubles,
  *     optimised.
  * @par Source
  * eqs. 7-13.
@@ -504,7 +504,7 @@ void hexarotor_3link_hybrid_residual_batch_each(const hexarotor_3link_real *cons
  * @param[in] q coordinates, 9 entries: theta_m1 [rad], theta_0 [rad], theta_1 [rad], theta_7 [rad],
  *     theta_8 [rad], theta_9 [rad], x [m], y [m], z [m]
  * @param[out] input_matrix 19 x 9: [N/N], [N m/N] and [N m/(N m)], by row and column
- * @note 52 operations, 3 sine-cosine pairs; about 720 bytes of stack for one state of doubles,
+ * @note 50 operations, 3 sine-cosine pairs; about 720 bytes of stack for one state of doubles,
  *     optimised.
  * @par Source
  * eqs. 12, 13 and 18.

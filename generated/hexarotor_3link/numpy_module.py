@@ -284,46 +284,44 @@ def _constants(values):
     k79 = gravity * k72
     k80 = 0.5 * base_arm_length
     k81 = 0.8660254037844386 * base_arm_length
-    k82 = base_arm_length - k80
-    k83 = 0.7499999999999999 * base_arm_length
-    k84 = 0.5 * k82 - k83
-    k85 = base_arm_length + k80
+    k82 = 0.4999999999999999 * base_arm_length
+    k83 = 1.5 * base_arm_length
 
     # inertia of the base, about the origin
-    k86 = 0.5 * k56
+    k84 = 0.5 * k56
 
     # constant terms and factors of the functions
-    k87 = 0.25 * k56
-    k88 = 0.4330127018922193 * k56
-    k89 = k8 - k14
-    k90 = 0.7499999999999999 * k89
-    k91 = k8 - k90
-    k92 = k14 + k90
-    k93 = 0.4330127018922193 * k89
-    k94 = k91 + k92
-    k95 = base_arm_length * k87
-    k96 = k94 - k95
-    k97 = k94 + k95
-    k98 = k8 + k14
-    k99 = k98 + base_arm_length * k86
-    k100 = k83 + 0.25 * base_arm_length
-    k101 = k60 + k61
-    k102 = 2.0 * k60
-    k103 = 1.0 / k102
-    k104 = 1.0 / k101
-    k105 = 1.0 / k72
-    k106 = k62 * k105
-    k107 = 1.5 * k19
-    k108 = 0.5 * k72
-    k109 = 0.5 * k69
-    k110 = k69 + k101
-    k111 = k79 * k105
-    k112 = k79 * k106
+    k85 = 0.25 * k56
+    k86 = 0.4330127018922193 * k56
+    k87 = k8 - k14
+    k88 = 0.7499999999999999 * k87
+    k89 = k8 - k88
+    k90 = k14 + k88
+    k91 = 0.4330127018922193 * k87
+    k92 = k89 + k90
+    k93 = base_arm_length * k85
+    k94 = k92 - k93
+    k95 = k92 + k93
+    k96 = k8 + k14
+    k97 = k96 + base_arm_length * k84
+    k98 = 0.9999999999999999 * base_arm_length
+    k99 = k60 + k61
+    k100 = 2.0 * k60
+    k101 = 1.0 / k100
+    k102 = 1.0 / k99
+    k103 = 1.0 / k72
+    k104 = k62 * k103
+    k105 = 1.5 * k19
+    k106 = 0.5 * k72
+    k107 = 0.5 * k69
+    k108 = k69 + k99
+    k109 = k79 * k103
+    k110 = k79 * k104
     return k72, (
         gravity, base_arm_length, k8, k14, link2_length, k32, link3_length, k44, k50, k60, k61, k62,
-        k65, k67, k68, k69, k71, k72, k73, k74, k75, k76, k77, k78, k79, k80, k81, k82, k84, k85,
-        k86, k87, k88, k91, k92, k93, k94, k96, k97, k98, k99, k100, k102, k103, k104, k105, k106,
-        k107, k108, k109, k110, k111, k112,
+        k65, k67, k68, k69, k71, k72, k73, k74, k75, k76, k77, k78, k79, k80, k81, k82, k83, k84,
+        k85, k86, k89, k90, k91, k92, k94, k95, k96, k97, k98, k100, k101, k102, k103, k104, k105,
+        k106, k107, k108, k109, k110,
     )
 
 
@@ -1501,14 +1499,14 @@ def input_matrix(q: ArrayLike, constants: tuple[Any, ...] | None = None) -> NDAr
 
     Returns:
     input_matrix: array (..., 9, 9); [N/N], [N m/N] and [N m/(N m)], by row and column
-    Source: eqs. 7-13. 52 operations, 3 sine-cosine pairs.
+    Source: eqs. 7-13. 50 operations, 3 sine-cosine pairs.
     """
     entries, batch = _evaluate(_input_matrix, constants, state_array("q", q, 9))
     return shaped(entries, (9, 9), batch)
 
 
 def _input_matrix(k, sin, cos, q):
-    k71, k81, k84, k85 = k[16], k[26], k[28], k[29]
+    k71, k81, k82, k83 = k[16], k[26], k[27], k[28]
     theta_m1, theta_0, theta_1 = q[0], q[1], q[2]
 
     # attitude
@@ -1532,15 +1530,15 @@ def _input_matrix(k, sin, cos, q):
     t14 = t13 - t12
     t15 = t4 * t11
     t16 = t3 * t11
-    t17 = k84 * t4
+    t17 = k82 * t4
     t18 = t2 * t15 + t1 * t14
     t19 = t2 * t14 - t1 * t15
 
     # thrust direction and generalised forces of motor 3
-    t20 = k85 * t6
+    t20 = k83 * t6
     t21 = k81 * t5
     t22 = k81 * t6
-    t23 = k85 * t5
+    t23 = k83 * t5
     t24 = t22 + t23
     t25 = t3 * (t20 - t21)
 
@@ -1563,8 +1561,8 @@ def _input_matrix(k, sin, cos, q):
     t37 = t2 * t35 - t1 * t34
     t38 = t1 * t35 + t2 * t34
     return (
-        0.0, -t17, t25, t28, t32, -t17, 0.0, 0.0, 0.0, 0.0, 0.0, -t24, 0.0, t31, 0.0, 0.0, 0.0, 0.0,
-        0.0, -k84, 0.0, k71, 0.0, -k84, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0,
+        0.0, t17, t25, t28, t32, t17, 0.0, 0.0, 0.0, 0.0, 0.0, -t24, 0.0, t31, 0.0, 0.0, 0.0, 0.0,
+        0.0, k82, 0.0, k71, 0.0, k82, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0,
         0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0,
         t4, t16, t4, -t27, t4, t36, 0.0, 0.0, 0.0, -t7, t18, -t7, t29, -t7, t37, 0.0, 0.0, 0.0, t8,
         t19, t8, t30, t8, -t38, 0.0, 0.0, 0.0,
@@ -1608,10 +1606,10 @@ def forward_dynamics(
 def _forward_dynamics(k, sin, cos, q, v, u):
     (
         gravity, base_arm_length, link2_length, k32, k44, k50, k60, k61, k62, k67, k68, k69, k72,
-        k75, k76, k78, k80, k81, k100, k102, k103, k104, k110,
+        k75, k76, k78, k80, k81, k98, k100, k101, k102, k108,
     ) = (
         k[0], k[1], k[4], k[5], k[7], k[8], k[9], k[10], k[11], k[13], k[14], k[15], k[17], k[20],
-        k[21], k[23], k[25], k[26], k[41], k[42], k[43], k[44], k[50],
+        k[21], k[23], k[25], k[26], k[40], k[41], k[42], k[43], k[49],
     )
     theta_m1, theta_0, theta_1, theta_7, theta_8, theta_9 = q[0], q[1], q[2], q[3], q[4], q[5]
     (
@@ -1805,10 +1803,10 @@ def _forward_dynamics(k, sin, cos, q, v, u):
     t141 = t8 * t134
     t142 = F_1 + k67 * t45 + t90 + t104 - t114 * t117
     t143 = t62 + t69 + t95 + t128 + t141 - t78 - t61 - t79 - t85 - t140
-    t144 = base_arm_length * F_4 + k100 * t93 - tau_7 - k102 * t18
+    t144 = base_arm_length * F_4 + k98 * t93 - tau_7 - k100 * t18
 
     # acceleration of the base, by LDL^T
-    t145 = 1.0 / (t59 + t76 + t110 + k110 - t88 * t126)
+    t145 = 1.0 / (t59 + t76 + t110 + k108 - t88 * t126)
     t146 = t129 * t145
     t147 = t143 * t146
     t148 = t66 + k67 * t46 + t127 + t139 - t138 - t147
@@ -1822,8 +1820,8 @@ def _forward_dynamics(k, sin, cos, q, v, u):
     t156 = t151 * t155 + t150 * t142
     t157 = t148 * t149
     t158 = t143 * t145 - t146 * t157
-    t159 = k104 * (tau_8 - t9 * t134 - t8 * t135)
-    t160 = k103 * t144
+    t159 = k102 * (tau_8 - t9 * t134 - t8 * t135)
+    t160 = k101 * t144
 
     # acceleration of joint 7
     t161 = t124 + t125 * t157 + t126 * t158 - t160
@@ -2131,10 +2129,10 @@ def hybrid_mass_matrix(
 def _hybrid_mass_matrix(k, sin, cos, q):
     (
         base_arm_length, link2_length, k32, k44, k50, k60, k61, k62, k65, k67, k68, k69, k71, k72,
-        k73, k74, k75, k76, k77, k86, k87, k88, k94, k96, k97, k98, k99,
+        k73, k74, k75, k76, k77, k84, k85, k86, k92, k94, k95, k96, k97,
     ) = (
         k[1], k[4], k[5], k[7], k[8], k[9], k[10], k[11], k[12], k[13], k[14], k[15], k[16], k[17],
-        k[18], k[19], k[20], k[21], k[22], k[30], k[31], k[32], k[36], k[37], k[38], k[39], k[40],
+        k[18], k[19], k[20], k[21], k[22], k[29], k[30], k[31], k[35], k[36], k[37], k[38], k[39],
     )
     theta_m1, theta_0, theta_1, theta_7, theta_8, theta_9 = q[0], q[1], q[2], q[3], q[4], q[5]
 
@@ -2260,19 +2258,19 @@ def _hybrid_mass_matrix(k, sin, cos, q):
     t95 = t1 * t91 + t2 * t62
 
     # composite inertia of the base and base arm 2
-    t96 = k88 * t6
-    t97 = k88 * t5
+    t96 = k86 * t6
+    t97 = k86 * t5
 
     # mass matrix, columns of the joints carried in to the base
-    t98 = k87 * t6
+    t98 = k85 * t6
     t99 = t97 + t98
-    t100 = k87 * t5
+    t100 = k85 * t5
     t101 = t96 - t100
 
     # mass matrix, column of joint 2
     t102 = t4 * t99
     t103 = t3 * t99
-    t104 = k96 * t4
+    t104 = k94 * t4
     t105 = t1 * t101 - t2 * t102
     t106 = t2 * t101 + t1 * t102
 
@@ -2283,30 +2281,30 @@ def _hybrid_mass_matrix(k, sin, cos, q):
     # mass matrix, column of joint 3
     t109 = t4 * t107
     t110 = t3 * t107
-    t111 = k97 * t4
+    t111 = k95 * t4
     t112 = t1 * t108 - t2 * t109
     t113 = t2 * t108 + t1 * t109
 
     # mass matrix, columns of the joints carried in to the base
-    t114 = k86 * t6
-    t115 = k86 * t5
+    t114 = k84 * t6
+    t115 = k84 * t5
 
     # mass matrix, column of joint 4
     t116 = t4 * t114
     t117 = t3 * t114
-    t118 = k99 * t4
+    t118 = k97 * t4
     t119 = t1 * t115 + t2 * t116
     t120 = t1 * t116 - t2 * t115
     return (
         t78, t72, t68, t104, t111, t118, t111, t104, t83, t88, t93, 0.0, t80, t79, 0.0, 0.0, 0.0,
         0.0, 0.0, t72, t71, t45, 0.0, 0.0, 0.0, 0.0, 0.0, t38, -t58, -t64, t73, t76, t77, 0.0, 0.0,
-        0.0, 0.0, 0.0, t68, t45, t65, k96, k97, k99, k97, k96, t53, t57, t63, t67, t69, t70, 0.0,
-        0.0, 0.0, 0.0, 0.0, t104, 0.0, k96, k94, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, -t103, t105,
-        -t106, -1.0, 0.0, 0.0, 0.0, 0.0, t111, 0.0, k97, 0.0, k94, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0,
-        -t110, t112, -t113, 0.0, -1.0, 0.0, 0.0, 0.0, t118, 0.0, k99, 0.0, 0.0, k98, 0.0, 0.0, 0.0,
-        0.0, 0.0, t117, t119, t120, 0.0, 0.0, -1.0, 0.0, 0.0, t111, 0.0, k97, 0.0, 0.0, 0.0, k94,
-        0.0, 0.0, 0.0, 0.0, t103, -t105, t106, 0.0, 0.0, 0.0, -1.0, 0.0, t104, 0.0, k96, 0.0, 0.0,
-        0.0, 0.0, k94, 0.0, 0.0, 0.0, t110, -t112, t113, 0.0, 0.0, 0.0, 0.0, -1.0, t83, t38, t53,
+        0.0, 0.0, 0.0, t68, t45, t65, k94, k95, k97, k95, k94, t53, t57, t63, t67, t69, t70, 0.0,
+        0.0, 0.0, 0.0, 0.0, t104, 0.0, k94, k92, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, -t103, t105,
+        -t106, -1.0, 0.0, 0.0, 0.0, 0.0, t111, 0.0, k95, 0.0, k92, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0,
+        -t110, t112, -t113, 0.0, -1.0, 0.0, 0.0, 0.0, t118, 0.0, k97, 0.0, 0.0, k96, 0.0, 0.0, 0.0,
+        0.0, 0.0, t117, t119, t120, 0.0, 0.0, -1.0, 0.0, 0.0, t111, 0.0, k95, 0.0, 0.0, 0.0, k92,
+        0.0, 0.0, 0.0, 0.0, t103, -t105, t106, 0.0, 0.0, 0.0, -1.0, 0.0, t104, 0.0, k94, 0.0, 0.0,
+        0.0, 0.0, k92, 0.0, 0.0, 0.0, t110, -t112, t113, 0.0, 0.0, 0.0, 0.0, -1.0, t83, t38, t53,
         0.0, 0.0, 0.0, 0.0, 0.0, t52, 0.0, 0.0, t82, t84, t85, 0.0, 0.0, 0.0, 0.0, 0.0, t88, -t58,
         t57, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, t54, t60, t87, t89, t90, 0.0, 0.0, 0.0, 0.0, 0.0, t93,
         -t64, t63, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, t60, t59, t92, t94, t95, 0.0, 0.0, 0.0, 0.0, 0.0,
@@ -2351,10 +2349,10 @@ def hybrid_residual(
 def _hybrid_residual(k, sin, cos, q, v):
     (
         gravity, base_arm_length, k8, k14, link2_length, k32, k44, k50, k60, k61, k62, k67, k68,
-        k69, k73, k74, k75, k76, k77, k78, k79, k86, k87, k88, k91, k92, k93,
+        k69, k73, k74, k75, k76, k77, k78, k79, k84, k85, k86, k89, k90, k91,
     ) = (
         k[0], k[1], k[2], k[3], k[4], k[5], k[7], k[8], k[9], k[10], k[11], k[13], k[14], k[15],
-        k[18], k[19], k[20], k[21], k[22], k[23], k[24], k[30], k[31], k[32], k[33], k[34], k[35],
+        k[18], k[19], k[20], k[21], k[22], k[23], k[24], k[29], k[30], k[31], k[32], k[33], k[34],
     )
     theta_m1, theta_0, theta_1, theta_7, theta_8, theta_9 = q[0], q[1], q[2], q[3], q[4], q[5]
     (
@@ -2574,11 +2572,11 @@ def _hybrid_residual(k, sin, cos, q, v):
     t170 = t6 * t22 + t5 * t15 - base_arm_length * t168
 
     # inertia forces of base arm 2, about joint 2
-    t171 = k88 * (t6 * t15 - t5 * t22 - base_arm_length * t167)
-    t172 = k93 * (t27 + t164 * t164 - t167)
-    t173 = k87 * t170
+    t171 = k86 * (t6 * t15 - t5 * t22 - base_arm_length * t167)
+    t172 = k91 * (t27 + t164 * t164 - t167)
+    t173 = k85 * t170
     t174 = t171 - t172
-    t175 = k91 * t168 - k92 * t169
+    t175 = k89 * t168 - k90 * t169
     t176 = t173 + t175
     t177 = t176 - t174
 
@@ -2588,7 +2586,7 @@ def _hybrid_residual(k, sin, cos, q, v):
     t180 = t179 - t178
 
     # inertia forces of base arm 4, about joint 4
-    t181 = k8 * t168 - k14 * t169 - k86 * t170
+    t181 = k8 * t168 - k14 * t169 - k84 * t170
 
     # inertia forces of base arm 5, about joint 5
     t182 = t178 + t179
@@ -2614,14 +2612,14 @@ def hybrid_input_matrix(
 
     Returns:
     input_matrix: array (..., 19, 9); [N/N], [N m/N] and [N m/(N m)], by row and column
-    Source: eqs. 12, 13 and 18. 52 operations, 3 sine-cosine pairs.
+    Source: eqs. 12, 13 and 18. 50 operations, 3 sine-cosine pairs.
     """
     entries, batch = _evaluate(_hybrid_input_matrix, constants, state_array("q", q, 9))
     return shaped(entries, (19, 9), batch)
 
 
 def _hybrid_input_matrix(k, sin, cos, q):
-    base_arm_length, k71, k81, k84, k85 = k[1], k[16], k[26], k[28], k[29]
+    base_arm_length, k71, k81, k82, k83 = k[1], k[16], k[26], k[27], k[28]
     theta_m1, theta_0, theta_1 = q[0], q[1], q[2]
 
     # attitude
@@ -2645,15 +2643,15 @@ def _hybrid_input_matrix(k, sin, cos, q):
     t14 = t13 - t12
     t15 = t4 * t11
     t16 = t3 * t11
-    t17 = k84 * t4
+    t17 = k82 * t4
     t18 = t2 * t15 + t1 * t14
     t19 = t2 * t14 - t1 * t15
 
     # thrust direction and generalised forces of motor 3
-    t20 = k85 * t6
+    t20 = k83 * t6
     t21 = k81 * t5
     t22 = k81 * t6
-    t23 = k85 * t5
+    t23 = k83 * t5
     t24 = t22 + t23
     t25 = t3 * (t20 - t21)
 
@@ -2676,12 +2674,12 @@ def _hybrid_input_matrix(k, sin, cos, q):
     t37 = t2 * t35 - t1 * t34
     t38 = t1 * t35 + t2 * t34
     return (
-        0.0, -t17, t25, t28, t32, -t17, 0.0, 0.0, 0.0, 0.0, 0.0, -t24, 0.0, t31, 0.0, 0.0, 0.0, 0.0,
-        0.0, -k84, 0.0, k71, 0.0, -k84, 0.0, 0.0, 0.0, 0.0, base_arm_length, 0.0, 0.0, 0.0, 0.0,
-        0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, base_arm_length,
+        0.0, t17, t25, t28, t32, t17, 0.0, 0.0, 0.0, 0.0, 0.0, -t24, 0.0, t31, 0.0, 0.0, 0.0, 0.0,
+        0.0, k82, 0.0, k71, 0.0, k82, 0.0, 0.0, 0.0, 0.0, base_arm_length, 0.0, 0.0, 0.0, 0.0, 0.0,
+        0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, base_arm_length, 0.0,
         0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0,
-        0.0, base_arm_length, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0,
-        0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, t4, t16, t4,
+        base_arm_length, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0,
+        0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, t4, t16, t4,
         -t27, t4, t36, 0.0, 0.0, 0.0, -t7, t18, -t7, t29, -t7, t37, 0.0, 0.0, 0.0, t8, t19, t8, t30,
         t8, -t38, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0,
         0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0,
@@ -2729,9 +2727,9 @@ def constraint_torques(
 
 def _constraint_torques(k, sin, cos, q, v, a, u):
     (
-        gravity, base_arm_length, k8, k14, k86, k87, k88, k91, k92, k93,
+        gravity, base_arm_length, k8, k14, k84, k85, k86, k89, k90, k91,
     ) = (
-        k[0], k[1], k[2], k[3], k[30], k[31], k[32], k[33], k[34], k[35],
+        k[0], k[1], k[2], k[3], k[29], k[30], k[31], k[32], k[33], k[34],
     )
     theta_m1, theta_0, theta_1 = q[0], q[1], q[2]
     v_theta_m1, v_theta_0, v_theta_1 = v[0], v[1], v[2]
@@ -2756,7 +2754,7 @@ def _constraint_torques(k, sin, cos, q, v, a, u):
     t13 = t9 + t11 * t11
 
     # inertia forces of base arm 2, about joint 2
-    t14 = k93 * (t9 + t10 * t10 - t13)
+    t14 = k91 * (t9 + t10 * t10 - t13)
 
     # motion of the base
     t15 = a_z + gravity
@@ -2770,12 +2768,12 @@ def _constraint_torques(k, sin, cos, q, v, a, u):
     t21 = t5 * t16 + base_arm_length * t19 - t6 * t17
 
     # inertia forces of base arm 2, about joint 2
-    t22 = k87 * t21
-    t23 = k88 * (base_arm_length * t13 - t6 * t16 - t5 * t17)
+    t22 = k85 * t21
+    t23 = k86 * (base_arm_length * t13 - t6 * t16 - t5 * t17)
 
     # constraint torque on base arm 2
     t24 = t14 + t22
-    t25 = k91 * t19 - k92 * t20
+    t25 = k89 * t19 - k90 * t20
     t26 = t25 - t23
     t27 = t26 - base_arm_length * F_2 - t24
 
@@ -2786,7 +2784,7 @@ def _constraint_torques(k, sin, cos, q, v, a, u):
     t29 = k14 * t20
 
     # constraint torque on base arm 4
-    t30 = k8 * t19 + k86 * t21 - base_arm_length * F_4 - t29
+    t30 = k8 * t19 + k84 * t21 - base_arm_length * F_4 - t29
 
     # inertia forces of base arm 5, about joint 5
     t31 = t14 - t22
@@ -2824,10 +2822,10 @@ def kinetic_energy(
 def _kinetic_energy(k, sin, cos, q, v):
     (
         base_arm_length, link2_length, k32, k44, k50, k60, k62, k67, k68, k73, k74, k75, k76, k77,
-        k107, k108, k109,
+        k105, k106, k107,
     ) = (
         k[1], k[4], k[5], k[7], k[8], k[9], k[11], k[13], k[14], k[18], k[19], k[20], k[21], k[22],
-        k[47], k[48], k[49],
+        k[46], k[47], k[48],
     )
     theta_m1, theta_0, theta_1, theta_7, theta_8, theta_9 = q[0], q[1], q[2], q[3], q[4], q[5]
     v_theta_m1, v_theta_0, v_theta_1, v_theta_7, v_theta_8, v_theta_9, v_x, v_y, v_z = v
@@ -2909,17 +2907,17 @@ def _kinetic_energy(k, sin, cos, q, v):
     t50 = t15 * t15 * t38
 
     # sum over the links
-    t51 = v_theta_0 * t5 * t35 + k107 * t15 + t34 * t41
+    t51 = v_theta_0 * t5 * t35 + k105 * t15 + t34 * t41
     t52 = t15 * t51
-    t53 = k108 * (t39 * t39 + t41 * t41 + t42 * t42)
-    t54 = t18 * (k109 * t18 - t28 * t47 - t22 * t48)
-    t55 = v_theta_0 * (k107 * v_theta_0 - t33 * t41)
+    t53 = k106 * (t39 * t39 + t41 * t41 + t42 * t42)
+    t54 = t18 * (k107 * t18 - t28 * t47 - t22 * t48)
+    t55 = v_theta_0 * (k105 * v_theta_0 - t33 * t41)
     t56 = t16 * (t33 * t39 - t34 * t42)
     t57 = t19 * (t27 * t45 - t28 * t46)
     t58 = t22 * (t46 - link2_length * t11 * t19)
     t59 = t20 * (t21 * (t45 + link2_length * t10 * t19) - t58)
     t60 = t18 * (t13 * t23 - t10 * t29)
-    t61 = k109 * t17 + t27 * t47 + t21 * t48 - t60
+    t61 = k107 * t17 + t27 * t47 + t21 * t48 - t60
     t62 = t17 * t61
     t63 = t16 * t16 * (t37 + t38)
     t64 = t17 * t17 * (t25 + t31)
@@ -3011,7 +3009,7 @@ def gravity_forces(
 
 
 def _gravity_forces(k, sin, cos, q):
-    k62, k67, k73, k79, k105, k111, k112 = k[11], k[13], k[18], k[24], k[45], k[51], k[52]
+    k62, k67, k73, k79, k103, k109, k110 = k[11], k[13], k[18], k[24], k[44], k[50], k[51]
     theta_m1, theta_0, theta_1, theta_7, theta_8, theta_9 = q[0], q[1], q[2], q[3], q[4], q[5]
 
     # attitude
@@ -3043,7 +3041,7 @@ def _gravity_forces(k, sin, cos, q):
     t18 = t1 * t3
 
     # centre of mass from the origin
-    t19 = k105 * (k62 * t14 + k67 * t11)
+    t19 = k103 * (k62 * t14 + k67 * t11)
 
     # axes of the base
     t20 = t1 * t4
@@ -3052,20 +3050,20 @@ def _gravity_forces(k, sin, cos, q):
     t21 = t2 * t9 - t8 * t20
 
     # centre of mass from the origin
-    t22 = k105 * (k73 * t5 + t16)
+    t22 = k103 * (k73 * t5 + t16)
 
     # columns of the base
     t23 = t4 * t19 + t3 * t22
-    t24 = t1 * k105 * (k73 * t6 + t17)
+    t24 = t1 * k103 * (k73 * t6 + t17)
     t25 = t2 * (t3 * t19 - t4 * t22) - t24
 
     # weight at the centre of mass
     t26 = k79 * t25
     t27 = k79 * t1 * t23
     t28 = k79 * (t4 * t25 - t2 * t3 * t23)
-    t29 = k111 * (t2 * t16 + t17 * t20)
-    t30 = k79 * (t19 * t21 - t18 * k105 * t15)
-    t31 = k112 * (t14 * t21 - t13 * t18)
+    t29 = k109 * (t2 * t16 + t17 * t20)
+    t30 = k79 * (t19 * t21 - t18 * k103 * t15)
+    t31 = k110 * (t14 * t21 - t13 * t18)
     return (
         t26, t27, t28, -t29, t30, t31, 0.0, 0.0, -k79,
     )
@@ -3244,10 +3242,10 @@ def forward_dynamics_with_wrenches(
 def _forward_dynamics_with_wrenches(k, sin, cos, q, v, u, W):
     (
         gravity, base_arm_length, link2_length, k32, link3_length, k44, k50, k60, k61, k62, k67,
-        k68, k69, k72, k75, k76, k78, k80, k81, k100, k102, k103, k104, k110,
+        k68, k69, k72, k75, k76, k78, k80, k81, k98, k100, k101, k102, k108,
     ) = (
         k[0], k[1], k[4], k[5], k[6], k[7], k[8], k[9], k[10], k[11], k[13], k[14], k[15], k[17],
-        k[20], k[21], k[23], k[25], k[26], k[41], k[42], k[43], k[44], k[50],
+        k[20], k[21], k[23], k[25], k[26], k[40], k[41], k[42], k[43], k[49],
     )
     theta_m1, theta_0, theta_1, theta_7, theta_8, theta_9 = q[0], q[1], q[2], q[3], q[4], q[5]
     (
@@ -3419,10 +3417,10 @@ def _forward_dynamics_with_wrenches(k, sin, cos, q, v, u, W):
     # articulated inertia and load of the base and links 1 to 3
     t116 = k60 * (t20 - 2.0 * t21 * v_theta_0)
     t117 = k60 * (t19 - 2.0 * t21 * t16)
-    t118 = k102 * t18
+    t118 = k100 * t18
 
     # acceleration of the base, by LDL^T
-    t119 = 1.0 / (t59 + t77 + t105 + k110 - t90 * t114)
+    t119 = 1.0 / (t59 + t77 + t105 + k108 - t90 * t114)
     t120 = t115 * t119
     t121 = 1.0 / (k72 - t89 * t113 - t115 * t120)
     t122 = 1.0 / (k72 - t101 - t107 * t110)
@@ -3539,7 +3537,7 @@ def _forward_dynamics_with_wrenches(k, sin, cos, q, v, u, W):
     t205 = t9 * t199
     t206 = F_1 + t86 + t146 + t147 + t175 + t183 - t148 - t191
     t207 = t62 + t164 + t95 + t184 + t195 + t204 - t79 - t61 - t80 - t87 - t165 - t205
-    t208 = k100 * t170
+    t208 = k98 * t170
     t209 = t94 + t151 + t152 + t208 - tau_7 - t118 - t153
 
     # acceleration of the base, by LDL^T
@@ -3551,8 +3549,8 @@ def _forward_dynamics_with_wrenches(k, sin, cos, q, v, u, W):
     t215 = t123 * t214 + t122 * t206
     t216 = t121 * t211
     t217 = t119 * t207 - t120 * t216
-    t218 = k104 * (tau_8 - t9 * t198 - t8 * t199)
-    t219 = k103 * t209
+    t218 = k102 * (tau_8 - t9 * t198 - t8 * t199)
+    t219 = k101 * t209
 
     # acceleration of joint 7
     t220 = t193 + t113 * t216 + t114 * t217 - t219
@@ -3613,9 +3611,9 @@ def positions(q: ArrayLike, constants: tuple[Any, ...] | None = None) -> NDArray
 
 def _positions(k, sin, cos, q):
     (
-        base_arm_length, link2_length, link3_length, k71, k81, k82, k85,
+        base_arm_length, link2_length, link3_length, k71, k80, k81, k83,
     ) = (
-        k[1], k[4], k[6], k[16], k[26], k[27], k[29],
+        k[1], k[4], k[6], k[16], k[25], k[26], k[28],
     )
     theta_m1, theta_0, theta_1, theta_7, theta_8, theta_9, x, y, z = q
 
@@ -3660,17 +3658,17 @@ def _positions(k, sin, cos, q):
     t28 = x + base_arm_length * t19
     t29 = y + base_arm_length * t20
     t30 = z + base_arm_length * t21
-    t31 = x + k82 * t19
+    t31 = x + k80 * t19
     t32 = t25 + t31
-    t33 = y + k82 * t20
+    t33 = y + k80 * t20
     t34 = t33 - t26
-    t35 = z + k82 * t21
+    t35 = z + k80 * t21
     t36 = t35 - t27
-    t37 = x + k85 * t19
+    t37 = x + k83 * t19
     t38 = t25 + t37
-    t39 = y + k85 * t20
+    t39 = y + k83 * t20
     t40 = t39 - t26
-    t41 = z + k85 * t21
+    t41 = z + k83 * t21
     t42 = t41 - t27
     t43 = x + k71 * t19
     t44 = y + k71 * t20
@@ -4181,7 +4179,7 @@ def centre_of_mass(
 
 
 def _centre_of_mass(k, sin, cos, q):
-    k62, k67, k73, k105 = k[11], k[13], k[18], k[45]
+    k62, k67, k73, k103 = k[11], k[13], k[18], k[44]
     theta_m1, theta_0, theta_1, theta_7, theta_8, theta_9, x, y, z = q
 
     # attitude
@@ -4206,9 +4204,9 @@ def _centre_of_mass(k, sin, cos, q):
     t15 = k62 * t13 + k67 * t10
 
     # centre of mass from the origin
-    t16 = k105 * (k62 * t14 + k67 * t11)
-    t17 = k105 * (k73 * t5 + t8 * t15)
-    t18 = k105 * (k73 * t6 + t9 * t15)
+    t16 = k103 * (k62 * t14 + k67 * t11)
+    t17 = k103 * (k73 * t5 + t8 * t15)
+    t18 = k103 * (k73 * t6 + t9 * t15)
 
     # centre of mass in the world
     t19 = t3 * t16 - t4 * t17
@@ -4240,7 +4238,7 @@ def centre_of_mass_jacobian(
 
 
 def _centre_of_mass_jacobian(k, sin, cos, q):
-    k62, k67, k73, k105, k106 = k[11], k[13], k[18], k[45], k[46]
+    k62, k67, k73, k103, k104 = k[11], k[13], k[18], k[44], k[45]
     theta_m1, theta_0, theta_1, theta_7, theta_8, theta_9 = q[0], q[1], q[2], q[3], q[4], q[5]
 
     # attitude
@@ -4273,17 +4271,17 @@ def _centre_of_mass_jacobian(k, sin, cos, q):
     t19 = t1 * t3
 
     # column of joint 7
-    t20 = k105 * t16
-    t21 = k105 * t17
+    t20 = k103 * t16
+    t21 = k103 * t17
 
     # centre of mass from the origin
-    t22 = k105 * (k62 * t14 + k67 * t11)
+    t22 = k103 * (k62 * t14 + k67 * t11)
 
     # column of joint 8
-    t23 = k105 * t15
+    t23 = k103 * t15
 
     # column of joint 9
-    t24 = k106 * t13
+    t24 = k104 * t13
 
     # axes of the base
     t25 = t2 * t4
@@ -4295,8 +4293,8 @@ def _centre_of_mass_jacobian(k, sin, cos, q):
     t29 = t2 * t9 + t8 * t26
 
     # centre of mass from the origin
-    t30 = k105 * (k73 * t5 + t16)
-    t31 = k105 * (k73 * t6 + t17)
+    t30 = k103 * (k73 * t5 + t16)
+    t31 = k103 * (k73 * t6 + t17)
 
     # columns of the base
     t32 = t3 * t22 + t4 * t30
@@ -4321,7 +4319,7 @@ def _centre_of_mass_jacobian(k, sin, cos, q):
     t47 = t22 * t29 - t19 * t23
 
     # column of joint 9
-    t48 = k106 * t14
+    t48 = k104 * t14
     t49 = t27 * t48 + t4 * t24
     t50 = t28 * t48 - t18 * t24
     t51 = t29 * t48 - t19 * t24
