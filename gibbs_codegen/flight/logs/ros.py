@@ -12,29 +12,28 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from gibbs_codegen.errors import UsageError, printable
+from gibbs_codegen.flight.logs.bags import ACTUATORS, Message, message_types, read_messages
 from gibbs_codegen.flight.logs.cdr import encoded, stamps, times_of
 from gibbs_codegen.flight.logs.motion import base_motion, imus, shares
-from gibbs_codegen.flight.logs.reading import Recorded, Samples
+from gibbs_codegen.flight.logs.reading import NO_TIME, Recorded, Samples, known_attitudes
 from gibbs_codegen.flight.plant.vehicle import Vehicle
 from gibbs_codegen.flight.record.flight import Flight
 from gibbs_codegen.flight.vectors import Array
 from gibbs_codegen.runtime.load import require
 
 WORLD, BASE = "world", "base"
-# What ROS itself does not define: https://github.com/rudislabs/actuator_msgs.
-_ACTUATORS = "actuator_msgs/msg/Actuators"
-_ACTUATORS_TEXT = """std_msgs/Header header
-float64[] position
-float64[] velocity
-float64[] normalized
-"""
 # By the unit of a command, the list of Actuators that it belongs to.
 _LISTS = {"rad": "position", "m": "position", "rad/s": "velocity", "m/s": "velocity"}
 # Topics that are read, by what for.
 _READ = {"odometry": "/odom", "joints": "/joint_states", "inputs": "/inputs"}
+_JOINTS = "sensor_msgs/msg/JointState"
+_POSES = (
+    "nav_msgs/Odometry, geometry_msgs/PoseStamped, PoseWithCovarianceStamped or TransformStamped"
+)
 # Samples that are encoded at a time, which bounds the memory.
 _ROWS = 4096
 
@@ -64,15 +63,6 @@ def write_bag(flight: Flight, folder: Path) -> None:
                     writer.write(channel, times[row], block[row - begin].tobytes())
 
 
-def message_types() -> Any:
-    """The types of messages of rosbags, with those that are written and are not among them."""
-    from rosbags.typesys import Stores, get_types_from_msg, get_typestore
-
-    store = get_typestore(Stores.ROS2_JAZZY)
-    store.register(get_types_from_msg(_ACTUATORS_TEXT, _ACTUATORS))
-    return store
-
-
 def topics_of(flight: Flight) -> dict[str, tuple[str, Mapping[str, Any]]]:
     """By topic the type of its messages and their values, a message per sample."""
     stamp, base = stamps(flight.time), base_motion(flight)
@@ -93,8 +83,8 @@ def topics_of(flight: Flight) -> dict[str, tuple[str, Mapping[str, Any]]]:
         "/clock": ("rosgraph_msgs/msg/Clock", {"clock": stamp}),
         "/tf": ("tf2_msgs/msg/TFMessage", {"transforms": [transform]}),
         "/odom": ("nav_msgs/msg/Odometry", odometry),
-        "/inputs": ("sensor_msgs/msg/JointState", {"header": header, **efforts}),
-        "/actuators": (_ACTUATORS, {"header": header, **_commands(flight)}),
+        "/inputs": (_JOINTS, {"header": header, **efforts}),
+        "/actuators": (ACTUATORS, {"header": header, **_commands(flight)}),
     }
     places, rates = flight.layout.q.joints, flight.layout.v.joints
     if joints := flight.coordinates[places]:
@@ -104,7 +94,7 @@ def topics_of(flight: Flight) -> dict[str, tuple[str, Mapping[str, Any]]]:
             "velocity": flight.v[:, rates],
             "effort": flight.applied[:, flight.rotors :],
         }
-        found["/joint_states"] = ("sensor_msgs/msg/JointState", {"header": header, **state})
+        found["/joint_states"] = (_JOINTS, {"header": header, **state})
     if (sensed := imus(flight)) or not np.isnan(flight.gravity):
         exact = np.concatenate([base.specific_force, base.spin], axis=1)
         for name, (frame, values) in (sensed or {"imu": (BASE, exact)}).items():
@@ -144,39 +134,55 @@ def _commands(flight: Flight) -> dict[str, Array]:
 
 def read_bag(path: Path, vehicle: Vehicle, names: Mapping[str, str | float]) -> Recorded:
     """What a bag, or an MCAP file, has of a robot, by names that are others than those written."""
-    require("rosbags", "logs of ROS", "logs")
-    from rosbags.highlevel import AnyReader
-
     topics = {role: str(names.get(role, topic)) for role, topic in _READ.items()}
-    messages: dict[str, list[tuple[int, Any]]] = {topic: [] for topic in topics.values()}
-    with AnyReader([path]) as reader:
-        known = sorted({each.topic for each in reader.connections})
-        wanted = [each for each in reader.connections if each.topic in messages]
-        for channel, time, data in reader.messages(wanted):
-            message: Any = reader.deserialize(data, channel.msgtype)
-            messages[channel.topic].append((time, message))
-    messages = {topic: _stamped(each) for topic, each in messages.items()}
-    if not messages[topics["odometry"]]:
+    kinds, messages = read_messages(path, set(topics.values()))
+    topic = topics["odometry"]
+    poses = messages[topic]
+    if not poses:
+        there = ", ".join(f"{name} ({kinds[name]})" for name in sorted(kinds)) or "none"
         raise UsageError(
-            f"{printable(path)}: has no message of {printable(topics['odometry'])}, which is to "
-            f'tell where the base is; name another topic as "odometry": {", ".join(known)}'
+            f"{printable(path)}: has no message of {printable(topic)} that can be read, which is "
+            f'to tell where the base is; name a topic of the type {_POSES} as "odometry": '
+            f"{printable(there, 800)}"
         )
-    poses = messages[topics["odometry"]]
-    stamped = np.array([time for time, _ in poses])
-    placed = [getattr(message.pose, "pose", message.pose) for _, message in poses]
-    attitude = np.array([_entries("xyzw", each.orientation) for each in placed])
+    try:
+        placed = [_pose(each.content) for each in poses]
+        position, attitude = (
+            np.array([_entries(axes, each) for each in found], np.float64)
+            for axes, found in zip(("xyz", "xyzw"), zip(*placed, strict=True), strict=True)
+        )
+    except AttributeError:
+        raise UsageError(
+            f"{printable(path)}: {printable(topic)} is of the type {printable(kinds[topic])}, "
+            f'which has no pose; "odometry" names a topic of the type {_POSES}'
+        ) from None
+    time, places = _times(poses)
+    # Where a message has no attitude yet, nothing else in it is known.
+    attitude = known_attitudes(attitude)
+    unknown = 0.0 * attitude[:, :1]
     velocity = spin = None
-    if hasattr(poses[0][1], "twist"):
-        twists = [message.twist.twist for _, message in poses]
+    if hasattr(poses[0].content, "twist"):
+        twists = [each.content.twist.twist for each in poses]
         moving = np.array([_entries("xyz", each.linear) for each in twists])
-        velocity = Samples(stamped, Rotation.from_quat(attitude).apply(moving))
-        spin = Samples(stamped, np.array([_entries("xyz", each.angular) for each in twists]))
+        turned = Rotation.from_quat(np.where(np.isnan(attitude), [0, 0, 0, 1], attitude))
+        velocity = Samples(time, turned.apply(moving) + unknown, places)
+        turning = np.array([_entries("xyz", each.angular) for each in twists])
+        spin = Samples(time, turning + unknown, places)
+    for role in ("joints", "inputs"):
+        kind = kinds.get(topics[role], _JOINTS)
+        if not kind.endswith(_JOINTS.rpartition("/")[2]):
+            if role in names:
+                raise UsageError(
+                    f"{printable(path)}: {printable(topics[role])} is of the type "
+                    f'{printable(kind)}; "{role}" names a topic of the type {_JOINTS}'
+                )
+            messages[topics[role]] = []
     states, efforts = (_by_name(messages[topics[role]]) for role in ("joints", "inputs"))
     joints = [(each, names.get(each, each)) for each in vehicle.joint_names]
     inputs = [(each, str(names.get(each, each))) for each in vehicle.inputs]
     return Recorded(
-        Samples(stamped, np.array([_entries("xyz", each.position) for each in placed])),
-        Samples(stamped, attitude),
+        Samples(time, position + unknown, places),
+        Samples(time, attitude, places),
         velocity,
         spin,
         {each: states["position", name] for each, name in joints if ("position", name) in states},
@@ -186,30 +192,44 @@ def read_bag(path: Path, vehicle: Vehicle, names: Mapping[str, str | float]) -> 
     )
 
 
-def _stamped(messages: list[tuple[int, Any]]) -> list[tuple[int, Any]]:
-    """Messages with the times of their stamps, in place of those at which they were logged.
+def _pose(message: Any) -> tuple[Any, Any]:
+    """The position and the attitude of a message that has a pose or a transform."""
+    if hasattr(message, "transform"):
+        return message.transform.translation, message.transform.rotation
+    pose = getattr(message.pose, "pose", message.pose)
+    return pose.position, pose.orientation
 
-    Where no message has a stamp these stay; where others have one, what has none is left out.
+
+def _times(messages: Sequence[Message]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Times, ns, of messages by their stamps, or where they were logged, and their places.
+
+    The latter are meant where no message has a stamp; where others have one, what has none is at
+    `NO_TIME`.
     """
-    stamps = [each.header.stamp for _, each in messages]
-    times = [stamp.sec * 10**9 + stamp.nanosec for stamp in stamps]
-    if not any(times):
-        return messages
-    return [
-        (time, message)
-        for time, (logged, message) in zip(times, messages, strict=True)
-        if time or not logged
-    ]
+    headers = [getattr(each.content, "header", None) for each in messages]
+    stamps = [each.stamp.sec * 10**9 + each.stamp.nanosec if each else 0 for each in headers]
+    times = [each.logged for each in messages]
+    if any(stamps):
+        pairs = zip(stamps, times, strict=True)
+        times = [stamp if stamp or not logged else NO_TIME for stamp, logged in pairs]
+    times = [time if abs(time) < -NO_TIME // 2 else NO_TIME for time in times]
+    return np.array(times, np.int64), np.array([each.place for each in messages], np.int64)
 
 
-def _by_name(messages: Sequence[tuple[int, Any]]) -> dict[tuple[str, str | float], Samples]:
+def _by_name(messages: Sequence[Message]) -> dict[tuple[str, str | float], Samples]:
     """Positions, velocities and efforts of JointState by names; not every message has every one."""
     found: dict[tuple[str, str | float], list[tuple[int, float]]] = defaultdict(list)
-    for time, message in messages:
+    times, places = _times(messages)
+    for k, message in enumerate(messages):
         for series in ("position", "velocity", "effort"):
-            for name, value in zip(message.name, getattr(message, series), strict=False):
-                found[series, name].append((time, value))
-    return {key: Samples(*map(np.array, zip(*each, strict=True))) for key, each in found.items()}
+            values = getattr(message.content, series)
+            for name, value in zip(message.content.name, values, strict=False):
+                found[series, name].append((k, value))
+    series_of = {}
+    for key, each in found.items():
+        rows, values = (np.array(column) for column in zip(*each, strict=True))
+        series_of[key] = Samples(times[rows], values, places[rows])
+    return series_of
 
 
 def _entries(names: str, message: Any) -> list[float]:

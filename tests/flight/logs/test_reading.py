@@ -223,7 +223,7 @@ def test_topics_of_other_names_and_kinds(shipped: Modules, tmp_path: Path) -> No
     np.testing.assert_allclose(flight.q[:, 8], np.cos(t), atol=1e-7)
     for wrong, message in (
         ({"forearm": "wrist"}, "no positions of the joint forearm; .* There are: shoulder, elbow"),
-        ({"odometry": "/odom"}, 'no message of /odom.* as "odometry": /arm, /mocap/pose'),
+        ({"odometry": "/odom"}, 'no message of /odom.* as "odometry": /arm .*, /mocap/pose '),
         ({"wrist": "elbow"}, "names: wrist: is none of F_front_left"),
         ({"spin": "/arm"}, "names: spin: is none of F_front_left"),
         ({"F_front_left": "left"}, "mocap: has no left, named for F_front_left"),
