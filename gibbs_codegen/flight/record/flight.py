@@ -66,10 +66,10 @@ def _before_trees(stored: Mapping[str, NDArray[Any]]) -> Arrays:
 
 
 def read_flight(path: StrPath) -> Flight:
-    """The flight of an `.npz` file that `write_npz` wrote.
+    """The flight of an `.npz` file that `write_npz` wrote, with the same numbers bit by bit.
 
     Args:
-        path: The file.
+        path: The file, or the folder with a `flight.npz` that `simulate` wrote.
 
     Returns:
         The flight.
@@ -79,7 +79,7 @@ def read_flight(path: StrPath) -> Flight:
     """
     try:
         # Opened here: what `np.load` opens it leaves open where it is not an archive.
-        with Path(path).open("rb") as file:
+        with (flight_file(path) or Path(path)).open("rb") as file:
             return _stored(file)
     except OSError as error:
         why: object = cause_of(error)
@@ -115,6 +115,8 @@ def _stored(file: BinaryIO) -> Flight:
             values[name] = tuple(map(str, value)) if value.ndim else str(value)
         elif name not in _OF_NO_TIME and value.shape[:1] != values["time"].shape:
             raise ValueError(f"{name} has not as many rows as there are times")
+    if not (np.diff(values["time"]) >= 0.0).all():
+        raise ValueError("its time goes back, or is not a number; cut the flight there")
     return Flight(**values)
 
 
