@@ -22,26 +22,13 @@ float64[] position
 float64[] velocity
 float64[] normalized
 """
-# With what a message that ROS compressed by itself begins.
+# With what a message begins that ROS 2 has compressed by itself.
 _COMPRESSED = b"\x28\xb5\x2f\xfd"
-# By the ends of files' names, what mends one that was cut short.
-_MENDED = {
-    ".mcap": "`mcap recover` mends it",
-    ".db3": "`sqlite3 FILE .recover` and then `ros2 bag reindex` mend it",
-    ".bag": "`rosbag reindex` mends it",
-}
-
-
-class Message(NamedTuple):
-    """A message, its number in the bag, and when it was logged, ns."""
-
-    place: int
-    logged: int
-    content: Any
+_NO_BAG = "or is no log of ROS (.mcap, .db3, .bag or a folder of these) or PX4 (.ulg or tables)"
 
 
 class Channel(NamedTuple):
-    """A topic, the type and encoding of its messages, and a definition of it, "" for none."""
+    """A topic, the type and encoding of its messages, and the definition that a bag has of it."""
 
     topic: str
     kind: str
@@ -49,54 +36,46 @@ class Channel(NamedTuple):
     text: str = ""
 
 
-# A channel and, with the time and the bytes of a message, one of those.
+# Channels and, with the time and the bytes of a message, those of messages.
 Records = Iterator[tuple[Channel, int, bytes | None]]
 
 
-def message_types(distribution: str = "ROS2_JAZZY") -> Any:
-    """The types of messages of ROS, the same in all distributions, and those that are written."""
+@cache
+def message_types(encoding: str = "cdr") -> Any:
+    """The types of messages of ROS, in all versions of ROS 2 the same, and those written here."""
     from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-    store = get_typestore(Stores[distribution])
+    store = get_typestore({"cdr": Stores.ROS2_JAZZY, "ros1": Stores.ROS1_NOETIC}[encoding])
     store.register(get_types_from_msg(_ACTUATORS_TEXT, ACTUATORS))
     return store
 
 
 def read_messages(
     path: Path, topics: Collection[str]
-) -> tuple[dict[str, str], dict[str, list[Message]]]:
-    """By topic the types of its messages, and of some `topics` these; what cannot be is logged.
+) -> tuple[dict[str, str], dict[str, list[tuple[int, Any]]]]:
+    """Types of all topics, and of some the messages, with times, ns; what is lost is logged.
 
-    Raises `UsageError` where a bag has none of them, since it is damaged.
+    Raises `UsageError` where a bag is damaged and has none of them.
     """
     require("rosbags", "logs of ROS", "logs")
     require("mcap", "logs of ROS", "logs")
     kinds: dict[str, str] = {}
-    messages: dict[str, list[Message]] = {topic: [] for topic in topics}
+    messages: dict[str, list[tuple[int, Any]]] = {topic: [] for topic in topics}
     damaged: Counter[str] = Counter()
     for file in _files(path):
-        place = 0
+        read, remedy = _SOURCES.get(file.suffix.lower(), (_rosbag, _NO_BAG))
         try:
-            for channel, time, data in _SOURCES.get(file.suffix.lower(), _rosbag)(file, topics):
+            for channel, time, data in read(file, topics):
                 kinds.setdefault(channel.topic, channel.kind)
-                if data is None or channel.topic not in messages:
-                    continue
-                place += 1
-                try:
-                    found = Message(place, int(time), _decoder(channel)(data))
-                    messages[channel.topic].append(found)
-                except Exception:  # A bit that was flipped, or a type that nobody has defined.
-                    damaged[channel.topic] += 1
+                if data is not None and channel.topic in topics:
+                    try:
+                        messages[channel.topic].append((int(time), _decoded(channel, data)))
+                    except Exception:  # Bits that were flipped, or a type that is not read.
+                        damaged[channel.topic] += 1
         except Exception as error:  # Files can be broken in many ways.
-            why = "it is damaged, or was cut short while it was recorded"
-            if isinstance(error, OSError) and error.errno:
+            why = f"it is damaged, or was cut short while it was recorded, {remedy}"
+            if isinstance(error, OSError) and error.filename:
                 why = cause_of(error)
-            elif file.is_file() and not file.stat().st_size:
-                why = "it is empty"
-            elif remedy := _MENDED.get(file.suffix.lower()):
-                why += f"; {remedy}"
-            elif not (file / "metadata.yaml").exists():
-                why = "it is no bag of ROS (.mcap, .db3, .bag, or a folder of these), nor of PX4"
             if not any(messages.values()):
                 raise UsageError(
                     f"{printable(file)}: is not a log that can be read: {why}"
@@ -104,9 +83,8 @@ def read_messages(
             _log.warning("%s: is read as far as it goes: %s", printable(file.name), why)
     for topic, count in damaged.items():
         _log.warning(
-            "%s: %d of %d messages of %s cannot be decoded as %s, and are left out",
-            *(printable(path.name), count, count + len(messages[topic])),
-            *(printable(topic), printable(kinds[topic])),
+            "%s: %d messages of %s are left out: damaged, or not %s as ROS defines it",
+            *(printable(path.name), count, printable(topic), printable(kinds[topic])),
         )
     return kinds, messages
 
@@ -123,18 +101,17 @@ def _mcap(file: Path, topics: Collection[str]) -> Records:
     """Records of an MCAP file from its begin on: no index is needed, nor an end."""
     from mcap import records, stream_reader
 
-    kinds: dict[int, Any] = {}
+    kinds: dict[int, tuple[str, str]] = {}
     channels: dict[int, Channel] = {}
     size = file.stat().st_size
     with file.open("rb") as stream:
         reader = stream_reader.StreamReader(stream, validate_crcs=True, record_size_limit=size)
         for each in reader.records:
             if isinstance(each, records.Schema):
-                kinds[each.id] = each
+                kinds[each.id] = (each.name, each.data.decode(errors="replace"))
             elif isinstance(each, records.Channel):
-                kind = kinds.get(each.schema_id)
-                name, text = (kind.name, kind.data.decode(errors="replace")) if kind else ("", "")
-                channels[each.id] = Channel(each.topic, name, each.message_encoding, text)
+                kind, text = kinds.get(each.schema_id, ("", ""))
+                channels[each.id] = Channel(each.topic, kind, each.message_encoding, text)
                 yield channels[each.id], 0, None
             elif isinstance(each, records.Message):
                 yield channels[each.channel_id], each.log_time, each.data
@@ -144,73 +121,65 @@ def _sqlite(file: Path, topics: Collection[str]) -> Records:
     """Records of a database of ROS 2, with what a recording that broke off left beside it."""
     mode = "mode=ro" if Path(f"{file}-wal").exists() else "immutable=1"
     with closing(sqlite3.connect(f"{file.absolute().as_uri()}?{mode}", uri=True)) as base:
-        texts: dict[str, str] = {}
-        with suppress(sqlite3.Error):  # Before ROS 2 Iron there were none.
-            rows = "select topic_type, encoded_message_definition from message_definitions"
-            texts = dict(base.execute(rows))
-        rows = "select id, name, type, serialization_format from topics"
-        channels = {
-            number: Channel(topic, kind, encoding, texts.get(kind, ""))
-            for number, topic, kind, encoding in base.execute(rows)
-        }
+        rows = base.execute("select id, name, type, serialization_format from topics")
+        channels = {number: Channel(*row) for number, *row in rows}
         yield from ((channel, 0, None) for channel in channels.values())
         wanted = [number for number, channel in channels.items() if channel.topic in topics]
-        marks = ", ".join("?" * len(wanted))
-        rows = "select topic_id, timestamp, data from messages where topic_id in ({}) order by id"
-        for number, time, data in base.execute(rows.format(marks), wanted):
-            yield channels[number], time, data
+        query = "select topic_id, timestamp, data from messages where topic_id in ({}) order by id"
+        for number, *row in base.execute(query.format(",".join("?" * len(wanted))), wanted):
+            yield channels[number], *row
 
 
 def _rosbag(file: Path, topics: Collection[str]) -> Records:
     """Records of a bag of ROS 1, or of a folder of ROS 2 with compressed files."""
     from rosbags import rosbag1, rosbag2
 
-    is_first = file.suffix.lower() == ".bag"
-    encoding = "ros1" if is_first else "cdr"
-    reader: Any = (rosbag1 if is_first else rosbag2).Reader(file)
+    encoding = "ros1" if file.suffix.lower() == ".bag" else "cdr"
+    reader: Any = (rosbag1 if encoding == "ros1" else rosbag2).Reader(file)
     with reader:
         channels = {
             each.id: Channel(each.topic, each.msgtype, encoding, each.msgdef.data)
             for each in reader.connections
         }
         yield from ((channel, 0, None) for channel in channels.values())
-        wanted = [each for each in reader.connections if each.topic in topics]
-        messages = ((channels[each.id], time, data) for each, time, data in reader.messages(wanted))
-        if is_first and wanted:  # It sorts by time, in which a clock that goes back is not seen.
-            index = sorted(entry for each in wanted for entry in reader.indexes[each.id])
-            pairs = zip(index, messages, strict=True)
-            yield from (message for _, message in sorted(pairs, key=lambda pair: pair[0][1:]))
-        elif wanted:
-            yield from messages
+        if wanted := [each for each in reader.connections if each.topic in topics]:
+            messages = reader.messages(wanted)
+            if encoding == "ros1":  # Sorted by time, a clock that goes back would not be seen.
+                index = sorted(entry for each in wanted for entry in reader.indexes[each.id])
+                pairs = zip(index, messages, strict=True)
+                messages = (found for _, found in sorted(pairs, key=lambda pair: pair[0][1:]))
+            yield from ((channels[each.id], time, data) for each, time, data in messages)
 
 
-_SOURCES: dict[str, Callable[[Path, Collection[str]], Records]] = {
-    ".mcap": _mcap,
-    ".db3": _sqlite,
-    ".bag": _rosbag,
+# By the ends of files' names what reads them, and what mends one that was cut short.
+_SOURCES: dict[str, tuple[Callable[[Path, Collection[str]], Records], str]] = {
+    ".mcap": (_mcap, "which `mcap recover` mends"),
+    ".db3": (_sqlite, "which `sqlite3 FILE .recover` and then `ros2 bag reindex` mend"),
+    ".bag": (_rosbag, "which `rosbag reindex` mends"),
 }
 
 
 @cache
-def _decoder(channel: Channel) -> Callable[[bytes], Any]:
-    """What makes messages of bytes, by the definition of the bag, or else ROS's own."""
-    from rosbags.typesys import Stores, get_types_from_msg, get_typestore
-    from zstandard import ZstdDecompressor
+def _type_of(channel: Channel) -> str:
+    """The name of a type. Raises `ValueError` where a bag defines it otherwise than ROS."""
+    from rosbags.typesys import get_types_from_msg
 
-    is_first = {"ros1": True, "cdr": False}[channel.encoding]
-    store = message_types("ROS1_NOETIC" if is_first else "ROS2_JAZZY")
     kind = channel.kind if "/msg/" in channel.kind else channel.kind.replace("/", "/msg/")
-    with suppress(Exception):  # What is no definition does not keep ROS's own from being used.
-        if channel.text:
-            types = get_types_from_msg(channel.text, kind)
-            store = get_typestore(Stores.EMPTY)
-            store.register(types)
+    known, own = message_types(channel.encoding).fielddefs, {}
+    with suppress(Exception):  # Damaged, or in IDL.
+        own = get_types_from_msg(channel.text, kind) if channel.text else {}
+    if any(known[name][1] != fields for name, (_, fields) in own.items()):
+        raise ValueError(kind)
+    return kind
 
-    def decoded(data: bytes) -> Any:
-        if is_first:
-            return store.deserialize_ros1(data, kind)
-        if data.startswith(_COMPRESSED):
-            data = ZstdDecompressor().decompressobj().decompress(data)
-        return store.deserialize_cdr(data, kind)
 
-    return decoded
+def _decoded(channel: Channel, data: bytes) -> Any:
+    """A message."""
+    store, kind = message_types(channel.encoding), _type_of(channel)
+    if channel.encoding == "ros1":
+        return store.deserialize_ros1(data, kind)
+    if data.startswith(_COMPRESSED):
+        from zstandard import ZstdDecompressor
+
+        data = ZstdDecompressor().decompressobj().decompress(data)
+    return store.deserialize_cdr(data, kind)

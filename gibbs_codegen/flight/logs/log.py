@@ -108,12 +108,11 @@ def read_log(
             recorded = (read_px4 if is_px4(path) else read_bag)(path, vehicle, names)
     except UsageError:
         raise
-    except OSError as error:
-        raise UsageError(f"{printable(path)}: cannot be read: {cause_of(error)}") from None
-    except Exception:  # Files can be broken in many ways.
-        raise UsageError(
-            f"{printable(path)}: is not a log that can be read: it is damaged, or no such log"
-        ) from None
+    except Exception as error:  # Files can be broken in many ways.
+        why = "it is damaged, or no such log"
+        if isinstance(error, OSError) and error.filename:
+            why = cause_of(error)
+        raise UsageError(f"{printable(path)}: is not a log that can be read: {why}") from None
     if absent := [name for name in vehicle.inputs if name in names and name not in recorded.inputs]:
         name = absent[0]
         raise UsageError(f"{printable(path)}: has no {printable(names[name])}, named for {name}")

@@ -11,6 +11,7 @@ from collections.abc import Callable, Mapping
 from contextlib import redirect_stdout, suppress
 from functools import cache, partial
 from io import StringIO
+from itertools import zip_longest
 from pathlib import Path
 from typing import Any
 
@@ -129,13 +130,11 @@ def read_px4(path: Path, vehicle: Vehicle, names: Mapping[str, str | float]) -> 
         """The same of what a flight cannot be without."""
         if found := series(role, *alternatives):
             return found
-        name = str(names.get(role, _READ[role]))
-        fields = printable(", ".join(_topic(topics, name)), 400)
-        lacking = f" with the fields {' or '.join(', '.join(each) for each in alternatives)}"
+        name, others = str(names.get(role, _READ[role])), ", ".join(sorted(topics)) or "none"
         raise UsageError(
-            f"{printable(path)}: has no {printable(name)}{lacking if fields else ''}, which is to "
-            f'tell the {role} of the base; name another topic as "{role}": '
-            f"{printable(', '.join(sorted(topics)) or 'none', 800)}"
+            f"{printable(path)}: has no {printable(name)}, which is to tell the {role} of the base "
+            f"by {' or '.join(each[0] for each in alternatives)}; name another topic as "
+            f'"{role}": {printable(others, 800)}'
         )
 
     position = needed("position", ("x", "y", "z"), _entries("position"))
@@ -186,21 +185,14 @@ def _logged(path: Path) -> dict[str, Callable[[], Fields]]:
 def _table(path: Path) -> Fields:
     """Columns of a table by their names; what stands between columns stands after the first."""
     with path.open(encoding="utf-8-sig", errors="replace", newline="") as file:
-        line = file.readline().rstrip("\r\n")
-        delimiter = next((c for c in line if not (c.isalnum() or c in '_[]."')), ",")
-        (names,) = csv.reader([line], delimiter=delimiter) if line else ([],)
-        rows = list(csv.reader(file, delimiter=delimiter))
-    whole = [row for row in rows if len(row) == len(names)]
-    if rows and not whole:
-        raise UsageError(f"{printable(path)}: has {len(rows[0])} columns below {len(names)} names")
-    if whole and "timestamp" not in names:
+        head = file.readline().strip()
+        file.seek(0)
+        between = next((c for c in head if not (c.isalnum() or c in '_[]."')), ",")
+        names, *rows = [*csv.reader(file, delimiter=between)] or [[]]
+    if rows and "timestamp" not in names:
         raise UsageError(f"{printable(path)}: has no column timestamp, the time in µs")
-    if len(whole) < len(rows):
-        _log.warning(
-            "%s: %d of %d rows have not as many columns as names, and are left out",
-            *(printable(path.name), len(rows) - len(whole), len(rows)),
-        )
-    return dict(zip(names, map(np.array, zip(*whole, strict=True)), strict=False))
+    columns = zip_longest(*rows, fillvalue="")  # What a row lacks is not known.
+    return dict(zip(names, map(np.array, columns), strict=False))
 
 
 def _topic(topics: Mapping[str, Callable[[], Fields]], name: str) -> Fields:

@@ -43,16 +43,14 @@ _log = logging.getLogger("gibbs_codegen")
 
 
 class Samples(NamedTuple):
-    """Time (s), ns, or `NO_TIME`, and values (s) or (s, k), and places (s) in the log, if known."""
+    """Time (s), ns, or `NO_TIME`, and values (s) or (s, k), in the order of the log."""
 
     time: NDArray[np.int64]
     values: Array
-    places: NDArray[np.int64] | None = None
 
     def rows(self, chosen: Any) -> Samples:
-        """Some of the samples, by numbers, a slice or a mask (s)."""
-        places = None if self.places is None else self.places[chosen]
-        return Samples(self.time[chosen], self.values[chosen], places)
+        """Some of the samples, by a slice or a mask (s)."""
+        return Samples(self.time[chosen], self.values[chosen])
 
     def curve(self, begin: int) -> CubicSpline:
         """A spline of the values over seconds since a time, ns."""
@@ -212,43 +210,34 @@ def known_attitudes(quaternions: Array) -> Array:
 
 def _cleaned(series: Mapping[Any, Samples], source: str) -> dict[Any, Samples]:
     """Samples that can be, of one run of the clock, in the order of time; others are logged."""
-    found, total = {}, {name: len(each.time) for name, each in series.items()}
+    found = {}
     for name, each in series.items():
-        most = _GREATEST[name if isinstance(name, str) else name[0]]
         values = np.abs(each.values.reshape(len(each.time), -1))
+        most = _GREATEST[name if isinstance(name, str) else name[0]]
         found[name] = each.rows((values <= most).all(axis=1) & (each.time != NO_TIME))
+    lost = {name: len(each.time) - len(found[name].time) for name, each in series.items()}
     runs = {name: _runs(each.time) for name, each in found.items()}
-    odd = [name for name, each in runs.items() if len(each) > 1]
-    passed = dict.fromkeys(found, 0)
-    if odd and len(found["position"].time):
-        run = max(runs["position"], key=lambda each: each.stop - each.start)
-        number, places = runs["position"].index(run), found["position"].places
-        for name, each in found.items():
-            if each.places is not None and places is not None:
-                first, last = places[run][[0, -1]]
-                each = each.rows((each.places >= first) & (each.places <= last))
-                chosen = max(_runs(each.time), key=lambda part: part.stop - part.start)
-            elif len(runs[name]) == len(runs["position"]):
-                chosen = runs[name][number]
-            else:
-                raise UsageError(
-                    f"{source}: the clocks of {_title(name)} and of the position do not go back "
-                    "as often, so that none can tell what belongs together; cut the log there"
-                )
-            passed[name] = len(found[name].time) - len(each.time[chosen])
-            found[name] = each.rows(chosen)
+    if odd := [name for name, each in runs.items() if len(each) > 1]:
+        lengths = [each.stop - each.start for each in runs["position"]]
+        number, count = int(np.argmax(lengths)), len(lengths)
+        if other := [name for name, each in runs.items() if len(each) != count]:
+            raise UsageError(
+                f"{source}: clocks go back, or leap by more than an hour, that of position "
+                f"{count - 1} times and that of {_title(other[0])} {len(runs[other[0]]) - 1} "
+                "times, so that none can tell what belongs together; cut the log there"
+            )
+        found = {name: each.rows(runs[name][number]) for name, each in found.items()}
         _log.warning(
-            "%s: the clock of %s goes back, or leaps by more than an hour; of %d runs the longest, "
-            "number %d, is read, with %.4g s",
-            *(source, ", ".join(map(_title, odd)), max(map(len, runs.values())), number + 1),
-            np.ptp(found["position"].time) * 1e-9,
+            "%s: the clock of %s goes back, or leaps by more than an hour; of %d runs number %d, "
+            "the longest, is read, with %d samples of position",
+            *(source, ", ".join(map(_title, odd)), count, number + 1, lengths[number]),
         )
     left_out: dict[tuple[int, int], list[str]] = {}
     for name, each in found.items():
         latest = np.maximum.accumulate(each.time)
         found[name] = each.rows(np.append(True, each.time[1:] > latest[:-1])[: len(latest)])
-        if lost := total[name] - passed[name] - len(found[name].time):
-            left_out.setdefault((lost, total[name]), []).append(_title(name))
+        if missing := lost[name] + len(latest) - len(found[name].time):
+            left_out.setdefault((missing, len(series[name].time)), []).append(_title(name))
     if left_out:
         _log.warning(
             "%s: %s are left out: without a time, number or attitude, beyond what flies, or not "

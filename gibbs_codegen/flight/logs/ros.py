@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from gibbs_codegen.errors import UsageError, printable
-from gibbs_codegen.flight.logs.bags import ACTUATORS, Message, message_types, read_messages
+from gibbs_codegen.flight.logs.bags import ACTUATORS, message_types, read_messages
 from gibbs_codegen.flight.logs.cdr import encoded, stamps, times_of
 from gibbs_codegen.flight.logs.motion import base_motion, imus, shares
 from gibbs_codegen.flight.logs.reading import NO_TIME, Recorded, Samples, known_attitudes
@@ -28,12 +28,16 @@ from gibbs_codegen.runtime.load import require
 WORLD, BASE = "world", "base"
 # By the unit of a command, the list of Actuators that it belongs to.
 _LISTS = {"rad": "position", "m": "position", "rad/s": "velocity", "m/s": "velocity"}
-# Topics that are read, by what for.
-_READ = {"odometry": "/odom", "joints": "/joint_states", "inputs": "/inputs"}
 _JOINTS = "sensor_msgs/msg/JointState"
-_POSES = (
-    "nav_msgs/Odometry, geometry_msgs/PoseStamped, PoseWithCovarianceStamped or TransformStamped"
-)
+_POSES = ("Odometry", "PoseStamped", "PoseWithCovarianceStamped", "TransformStamped")
+# By what for, topics that are read, and types.
+_READ = {
+    "odometry": ("/odom", _POSES),
+    "joints": ("/joint_states", ("JointState",)),
+    "inputs": ("/inputs", ("JointState",)),
+}
+# Times whose differences are no more than integers hold, ns.
+_LATEST = 2**62
 # Samples that are encoded at a time, which bounds the memory.
 _ROWS = 4096
 
@@ -134,55 +138,45 @@ def _commands(flight: Flight) -> dict[str, Array]:
 
 def read_bag(path: Path, vehicle: Vehicle, names: Mapping[str, str | float]) -> Recorded:
     """What a bag, or an MCAP file, has of a robot, by names that are others than those written."""
-    topics = {role: str(names.get(role, topic)) for role, topic in _READ.items()}
+    topics = {role: str(names.get(role, topic)) for role, (topic, _) in _READ.items()}
     kinds, messages = read_messages(path, set(topics.values()))
-    topic = topics["odometry"]
-    poses = messages[topic]
+    for role, (_, wanted) in _READ.items():
+        topic, kind = topics[role], kinds.get(topics[role], "")
+        # Another type at a topic that nobody has named is as none.
+        if kind and kind.rpartition("/")[2] not in wanted:
+            if role in names or role == "odometry":
+                raise UsageError(
+                    f"{printable(path)}: {printable(topic)} is of the type {printable(kind)}; "
+                    f'"{role}" is read of the types {", ".join(wanted)}'
+                )
+            messages[topic] = []
+    poses = messages[topics["odometry"]]
     if not poses:
-        there = ", ".join(f"{name} ({kinds[name]})" for name in sorted(kinds)) or "none"
+        there = ", ".join(f"{topic} ({kinds[topic]})" for topic in sorted(kinds)) or "none"
         raise UsageError(
-            f"{printable(path)}: has no message of {printable(topic)} that can be read, which is "
-            f'to tell where the base is; name a topic of the type {_POSES} as "odometry": '
-            f"{printable(there, 800)}"
+            f"{printable(path)}: has no message of {printable(topics['odometry'])} that can be "
+            "read, which is to tell where the base is; name a topic of one of the types "
+            f'{", ".join(_POSES)} as "odometry": {printable(there, 800)}'
         )
-    try:
-        placed = [_pose(each.content) for each in poses]
-        position, attitude = (
-            np.array([_entries(axes, each) for each in found], np.float64)
-            for axes, found in zip(("xyz", "xyzw"), zip(*placed, strict=True), strict=True)
-        )
-    except AttributeError:
-        raise UsageError(
-            f"{printable(path)}: {printable(topic)} is of the type {printable(kinds[topic])}, "
-            f'which has no pose; "odometry" names a topic of the type {_POSES}'
-        ) from None
-    time, places = _times(poses)
+    time, placed = _times(poses), [_pose(message) for _, message in poses]
+    attitude = known_attitudes(np.array([_entries("xyzw", each) for _, each in placed]))
     # Where a message has no attitude yet, nothing else in it is known.
-    attitude = known_attitudes(attitude)
     unknown = 0.0 * attitude[:, :1]
+    position = np.array([_entries("xyz", each) for each, _ in placed]) + unknown
     velocity = spin = None
-    if hasattr(poses[0].content, "twist"):
-        twists = [each.content.twist.twist for each in poses]
+    if hasattr(poses[0][1], "twist"):
+        twists = [message.twist.twist for _, message in poses]
         moving = np.array([_entries("xyz", each.linear) for each in twists])
         turned = Rotation.from_quat(np.where(np.isnan(attitude), [0, 0, 0, 1], attitude))
-        velocity = Samples(time, turned.apply(moving) + unknown, places)
+        velocity = Samples(time, turned.apply(moving) + unknown)
         turning = np.array([_entries("xyz", each.angular) for each in twists])
-        spin = Samples(time, turning + unknown, places)
-    for role in ("joints", "inputs"):
-        kind = kinds.get(topics[role], _JOINTS)
-        if not kind.endswith(_JOINTS.rpartition("/")[2]):
-            if role in names:
-                raise UsageError(
-                    f"{printable(path)}: {printable(topics[role])} is of the type "
-                    f'{printable(kind)}; "{role}" names a topic of the type {_JOINTS}'
-                )
-            messages[topics[role]] = []
+        spin = Samples(time, turning + unknown)
     states, efforts = (_by_name(messages[topics[role]]) for role in ("joints", "inputs"))
     joints = [(each, names.get(each, each)) for each in vehicle.joint_names]
     inputs = [(each, str(names.get(each, each))) for each in vehicle.inputs]
     return Recorded(
-        Samples(time, position + unknown, places),
-        Samples(time, attitude, places),
+        Samples(time, position),
+        Samples(time, attitude),
         velocity,
         spin,
         {each: states["position", name] for each, name in joints if ("position", name) in states},
@@ -200,36 +194,27 @@ def _pose(message: Any) -> tuple[Any, Any]:
     return pose.position, pose.orientation
 
 
-def _times(messages: Sequence[Message]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Times, ns, of messages by their stamps, or where they were logged, and their places.
+def _times(messages: Sequence[tuple[int, Any]]) -> NDArray[np.int64]:
+    """Times, ns, of messages by their stamps, `NO_TIME` of those that alone have none.
 
-    The latter are meant where no message has a stamp; where others have one, what has none is at
-    `NO_TIME`.
+    Where no message has a stamp they are the times at which they were logged.
     """
-    headers = [getattr(each.content, "header", None) for each in messages]
-    stamps = [each.stamp.sec * 10**9 + each.stamp.nanosec if each else 0 for each in headers]
-    times = [each.logged for each in messages]
-    if any(stamps):
-        pairs = zip(stamps, times, strict=True)
-        times = [stamp if stamp or not logged else NO_TIME for stamp, logged in pairs]
-    times = [time if abs(time) < -NO_TIME // 2 else NO_TIME for time in times]
-    return np.array(times, np.int64), np.array([each.place for each in messages], np.int64)
+    stamps = [message.header.stamp for _, message in messages]
+    times = [stamp.sec * 10**9 + stamp.nanosec for stamp in stamps]
+    logged = [time for time, _ in messages]
+    if any(times):
+        logged = [a if a or not b else NO_TIME for a, b in zip(times, logged, strict=True)]
+    return np.array([time if abs(time) < _LATEST else NO_TIME for time in logged], np.int64)
 
 
-def _by_name(messages: Sequence[Message]) -> dict[tuple[str, str | float], Samples]:
+def _by_name(messages: Sequence[tuple[int, Any]]) -> dict[tuple[str, str | float], Samples]:
     """Positions, velocities and efforts of JointState by names; not every message has every one."""
     found: dict[tuple[str, str | float], list[tuple[int, float]]] = defaultdict(list)
-    times, places = _times(messages)
-    for k, message in enumerate(messages):
+    for time, (_, message) in zip(_times(messages).tolist(), messages, strict=True):
         for series in ("position", "velocity", "effort"):
-            values = getattr(message.content, series)
-            for name, value in zip(message.content.name, values, strict=False):
-                found[series, name].append((k, value))
-    series_of = {}
-    for key, each in found.items():
-        rows, values = (np.array(column) for column in zip(*each, strict=True))
-        series_of[key] = Samples(times[rows], values, places[rows])
-    return series_of
+            for name, value in zip(message.name, getattr(message, series), strict=False):
+                found[series, name].append((time, value))
+    return {key: Samples(*map(np.array, zip(*each, strict=True))) for key, each in found.items()}
 
 
 def _entries(names: str, message: Any) -> list[float]:
