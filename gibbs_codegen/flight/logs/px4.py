@@ -132,9 +132,9 @@ def read_px4(path: Path, vehicle: Vehicle, names: Mapping[str, str | float]) -> 
             return found
         name, others = str(names.get(role, _READ[role])), ", ".join(sorted(topics)) or "none"
         raise UsageError(
-            f"{printable(path)}: has no {printable(name)}, which is to tell the {role} of the base "
-            f"by {' or '.join(each[0] for each in alternatives)}; name another topic as "
-            f'"{role}": {printable(others, 800)}'
+            f"{printable(path)}: has no {printable(name)} that gives the {role} of the base "
+            f"by {' or '.join(each[0] for each in alternatives)}; name another topic "
+            f"(--name {role}=TOPIC); there are {printable(others, 800)}"
         )
 
     position = needed("position", ("x", "y", "z"), _entries("position"))

@@ -147,7 +147,7 @@ def read_bag(path: Path, vehicle: Vehicle, names: Mapping[str, str | float]) -> 
             if role in names or role == "odometry":
                 raise UsageError(
                     f"{printable(path)}: {printable(topic)} is of the type {printable(kind)}; "
-                    f'"{role}" is read of the types {", ".join(wanted)}'
+                    f"--name {role}=TOPIC takes the types {', '.join(wanted)}"
                 )
             messages[topic] = []
     poses = messages[topics["odometry"]]
@@ -156,7 +156,7 @@ def read_bag(path: Path, vehicle: Vehicle, names: Mapping[str, str | float]) -> 
         raise UsageError(
             f"{printable(path)}: has no message of {printable(topics['odometry'])} that can be "
             "read, which is to tell where the base is; name a topic of one of the types "
-            f'{", ".join(_POSES)} as "odometry": {printable(there, 800)}'
+            f"{', '.join(_POSES)} (--name odometry=TOPIC); there are {printable(there, 800)}"
         )
     time, placed = _times(poses), [_pose(message) for _, message in poses]
     attitude = known_attitudes(np.array([_entries("xyzw", each) for _, each in placed]))
