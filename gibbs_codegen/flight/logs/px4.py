@@ -191,7 +191,9 @@ def _table(path: Path) -> Fields:
         names, *rows = [*csv.reader(file, delimiter=between)] or [[]]
     if rows and "timestamp" not in names:
         raise UsageError(f"{printable(path)}: has no column timestamp, the time in µs")
-    columns = zip_longest(*rows, fillvalue="")  # What a row lacks is not known.
+    # What a row lacks is not known, and nothing of one with more columns than names.
+    whole = (row if len(row) <= len(names) else row[:1] for row in rows if row)
+    columns = zip_longest(*whole, fillvalue="")
     return dict(zip(names, map(np.array, columns), strict=False))
 
 

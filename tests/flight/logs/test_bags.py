@@ -183,10 +183,11 @@ def test_tables_with_text_and_other_delimiters(
     lines[13] = lines[13].replace("600000", "1e300")
     lines[0] = lines[0].replace("callsign", "xy_valid")
     lines[15] = lines[15].replace("||", "|0|")  # PX4 does not know where it is.
-    table.write_text("".join([*lines[:-1], lines[-1][:20]]), encoding="utf-8")
+    lines[17] = lines[17].replace("||", "||5|")  # As by a decimal comma.
+    table.write_text("".join([*lines[:-1], lines[-1][:20], "\n\n"]), encoding="utf-8")
     flight = gibbs_codegen.read_log(quadrotor, folder)
     assert off_circle(flight) < 1e-4  # Where the attitude alone is known a spline goes across.
-    assert "3: 8 of 41 samples of position are left out" in caplog.text
+    assert "3: 9 of 41 samples of position are left out" in caplog.text
     gone = tables(
         tmp_path / "back", [*range(0, 2_000_000, 50_000), *range(1025000, 2000000, 50000)]
     )
