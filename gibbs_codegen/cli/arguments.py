@@ -308,11 +308,9 @@ def argument_parser() -> Parser:
     meaning = "folder to write, which must not exist yet"
     parser.add("--out", "DIR", meaning, default="log")
 
-    parser = command(
-        "replay", "make a flight of a log of ROS 2 or PX4, with time series and figures"
-    )
+    parser = command("replay", "make a flight of a log of ROS or PX4, with time series and figures")
     _add_module(parser)
-    meaning = "a bag of ROS 2, an MCAP file, a ULog, or a folder with tables of one"
+    meaning = "a bag of ROS 1 or 2, an MCAP file, a ULog, or a folder with tables of one"
     parser.add("log", "LOG", meaning)
     parser.add("--out", "DIR", "folder in which the results are written", default="flight")
     parser.add(

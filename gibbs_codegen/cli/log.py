@@ -6,21 +6,15 @@ import argparse
 from pathlib import Path
 
 from gibbs_codegen.cli import terminal
-from gibbs_codegen.errors import UsageError, printable
+from gibbs_codegen.errors import printable
 from gibbs_codegen.flight.logs.log import write_log
-from gibbs_codegen.flight.record.flight import flight_file, read_flight
+from gibbs_codegen.flight.record.flight import read_flight
 
 
 @terminal.ended_by_signals()
 def run(options: argparse.Namespace) -> int:
     """Write the log, and print where it is."""
-    file = flight_file(options.flight)
-    if file is None:
-        raise UsageError(
-            f"{printable(options.flight)}: has no flight; give a folder with a flight.npz, which "
-            "`gibbs-codegen simulate` writes, or that file"
-        )
-    flight = read_flight(file)
+    flight = read_flight(options.flight)
     write_log(flight, options.out, options.format)
     size = sum(path.stat().st_size for path in Path(options.out).iterdir())
     samples = f"{len(flight.time)} samples of {flight.time[-1]:.4g} s"

@@ -129,31 +129,33 @@ def _run(command: Sequence[str], seconds: float, folder: Path) -> tuple[int | No
 
     The code is None if it hung. Raises `CompilerError` if it cannot be started.
     """
-    try:
-        process = subprocess.Popen(  # noqa: S603 - a compiler that the user has chosen
-            command,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.STDOUT,
-            stdin=subprocess.DEVNULL,
-            cwd=folder,
-            env={**os.environ, "LC_ALL": "C"},
-            text=True,
-            errors="replace",
-            start_new_session=True,
-        )
-    except OSError as error:
-        raise CompilerError(f"{command[0]}: {cause_of(error)}") from None
-    try:
-        said, _ = process.communicate(timeout=seconds)
-    except BaseException as error:
-        if sys.platform != "win32":  # There `find_compiler` finds none.
-            with suppress(OSError):
-                os.killpg(process.pid, signal.SIGKILL)
-        process.communicate()
-        if isinstance(error, subprocess.TimeoutExpired):
-            return None, ""
-        raise
-    return process.returncode, said
+    # What a compiler that is ended at once leaves goes with a folder of its own.
+    with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as scratch:
+        try:
+            process = subprocess.Popen(  # noqa: S603 - a compiler that the user has chosen
+                command,
+                stdout=subprocess.PIPE,
+                stderr=subprocess.STDOUT,
+                stdin=subprocess.DEVNULL,
+                cwd=folder,
+                env={**os.environ, "LC_ALL": "C", "TMPDIR": scratch},
+                text=True,
+                errors="replace",
+                start_new_session=True,
+            )
+        except OSError as error:
+            raise CompilerError(f"{command[0]}: {cause_of(error)}") from None
+        try:
+            said, _ = process.communicate(timeout=seconds)
+        except BaseException as error:
+            if sys.platform != "win32":  # There `find_compiler` finds none.
+                with suppress(OSError):
+                    os.killpg(process.pid, signal.SIGKILL)
+            process.communicate()
+            if isinstance(error, subprocess.TimeoutExpired):
+                return None, ""
+            raise
+        return process.returncode, said
 
 
 @functools.cache

@@ -30,7 +30,7 @@ def test_a_flight_becomes_a_bag(shipped: Callable[[str], ModuleType], tmp_path: 
     assert files == ["metadata.yaml", "one.mcap"]
     for words, message in (
         (("flight", "--out", "bags/one"), "bags/one: is there already"),
-        (("bags",), "bags: has no flight; give a folder with a flight.npz"),
+        (("bags",), "bags: is not a flight that was saved: Is a directory; give the flight.npz"),
         (("none.npz",), "none.npz: is not a flight that was saved: No such file"),
     ):
         done = run("log", *words, cwd=tmp_path)

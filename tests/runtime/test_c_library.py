@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import logging
 import sys
+import tempfile
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -15,7 +16,7 @@ from rich.console import Console
 from rich.file_proxy import FileProxy
 
 from gibbs_codegen.runtime import c_library
-from gibbs_codegen.runtime.c_library import Compiler, compiled_library
+from gibbs_codegen.runtime.c_library import Compiler, CompilerError, compiled_library
 
 NAME = "quadrotor_2link"
 
@@ -67,3 +68,18 @@ def test_what_takes_long_to_compile_is_told_in_one_line(
     level = logging.WARNING if terminal else logging.INFO  # Python shows warnings by default.
     said = [(record.levelno, record.getMessage()) for record in caplog.records]
     assert said == ([(level, f"{told}next time")] if patience < 1.0 else [])
+
+
+def test_a_compiler_that_is_ended_leaves_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder, program = tmp_path / "temporary", tmp_path / "cc"
+    folder.mkdir()
+    program.write_text("#!/bin/sh\necho half > $TMPDIR/cc7.s\nexec sleep 60\n", encoding="utf-8")
+    program.chmod(0o700)
+    monkeypatch.setenv("TMPDIR", str(folder))
+    monkeypatch.setattr(tempfile, "tempdir", str(folder))
+    monkeypatch.setattr(c_library, "_TIMEOUT_SECONDS", 0.3)
+    with pytest.raises(CompilerError, match="did not finish"):
+        Compiler((str(program),), "").portable([], tmp_path / "library.so")
+    assert not list(folder.iterdir())

@@ -92,13 +92,14 @@ def fly_as_ardupilot(
 ) -> list[Sensed]:
     """Send outputs, and take what comes back, so many times; `servos` are in µs.
 
-    A packet is sent again after half a second, `patience` times.
+    A packet is sent again after half a second, `patience` times. That of number 0 is answered with
+    the start.
     """
     seen: list[Sensed] = []
     shares: Sequence[float] = (0.0,) * 4
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as port:
         port.settimeout(0.5)
-        for number in range(steps):
+        for number in range(steps + 1):
             widths = [round(1000.0 + 1000.0 * share) for share in shares]
             widths = [*widths, *(int(width) for width in servos)]
             widths += [0] * (channels - len(widths))

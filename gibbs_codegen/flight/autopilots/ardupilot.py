@@ -1,7 +1,8 @@
 """ArduPilot's JSON interface: outputs as a packet of pulse widths, readings as a line of JSON.
 
 ArduPilot leads: it sends outputs with a number that counts up, and waits until it is told the time
-after them. It sends a packet again when no answer comes.
+after them. It sends a packet again when no answer comes. The first packet is answered with the
+start, and not flown: the second shows that ArduPilot has heard.
 """
 
 from __future__ import annotations
@@ -22,6 +23,8 @@ _PORT = 9002
 _HEAD = struct.Struct("<HHI")
 _CHANNELS = {18458: 16, 29569: 32}
 _LONGEST = 4096
+# No servo is told a longer pulse, µs.
+_WIDEST = 3000.0
 
 
 class ArduPilot:
@@ -41,11 +44,14 @@ class ArduPilot:
         self._where = f"UDP port {_PORT + 10 * instance} of {host}"
         self._peer: tuple[str, int] | None = None
         self._number: int | None = None
+        # Numbers of packets that were answered, by who sent them, before one is known as ArduPilot.
+        self._answered: dict[tuple[str, int], list[int]] = {}
         self._answer = b""
         self._lost = self._garbage = self._strangers = 0
 
     def open(self, readings: Readings) -> None:
-        """Nothing: ArduPilot speaks first."""
+        """Keep the first answer: ArduPilot speaks first."""
+        self.send(readings)
 
     def receive(self) -> tuple[Outputs, float]:
         """Outputs of the next packet, and the time of a step, s."""
@@ -61,16 +67,26 @@ class ArduPilot:
                     f"{kind} to {self._where} within {self._timeout:g} s; start ArduPilot with "
                     "--model JSON:127.0.0.1, or wait longer with --timeout"
                 ) from None
-            if self._peer is not None and peer != self._peer:
+            if self._peer not in (None, peer):
                 self._strangers += 1
                 continue
             head = _HEAD.unpack_from(packet) if len(packet) >= _HEAD.size else (0, 0, 0)
             kind, rate, number = head
             count = _CHANNELS.get(kind, 0)
-            if not count or not rate or len(packet) != _HEAD.size + 2 * count:
+            whole = count and rate and len(packet) == _HEAD.size + 2 * count
+            widths = np.frombuffer(packet, "<u2", count, _HEAD.size) if whole else np.inf
+            if np.max(widths) > _WIDEST:
                 self._garbage += 1
                 continue
-            self._peer = peer
+            # Other programs send packets as well: only ArduPilot counts on when it is answered.
+            if self._peer is None:
+                before = self._answered.setdefault(peer, [])
+                if before[-1:] != [number - 1]:
+                    before.append(number)
+                    self._socket.sendto(self._answer, peer)
+                    continue
+                self._peer = peer
+                self._strangers += sum(map(len, self._answered.values())) - len(before)
             if number == self._number:  # The answer was lost, or came late.
                 self._socket.sendto(self._answer, peer)
                 continue
@@ -82,9 +98,7 @@ class ArduPilot:
                     )
                 self._lost += number - self._number - 1
             self._number = number
-            widths = np.frombuffer(packet, "<u2", count, _HEAD.size).astype(float)
-            outputs = self._outputs(widths)
-            return outputs, 1.0 / rate
+            return self._outputs(np.asarray(widths, np.float64)), 1.0 / rate
 
     def _outputs(self, widths: Array) -> Outputs:
         """Outputs of pulse widths (c), µs, rotors first; channels without a function are 0."""
@@ -117,7 +131,8 @@ class ArduPilot:
             (self._garbage, "of the packets were not ArduPilot's"),
             (
                 self._strangers,
-                "of the packets came from elsewhere, as if one had begun anew, and were left aside",
+                "of the packets came from elsewhere, from another program or one that had begun "
+                "anew, and were left aside",
             ),
         ):
             if count:

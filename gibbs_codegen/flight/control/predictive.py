@@ -74,6 +74,8 @@ _STEPS = 500
 _FARTHEST = 5.0
 # Steps to a posture that has frames where they are led; how much less than turn bases lean there.
 _FITS, _LEAN = 3, 0.1
+# How far the product of a rotation with its transpose may be off 1.
+_ROTATION = 1e-6
 # Longest step, s, without a warning.
 _LONG = 0.05
 # Limits that there are not, and mean products of price and slack at the begin and the end.
@@ -409,18 +411,24 @@ class Predictive:
 
     def _check_paths(self) -> None:
         """Raise `UsageError` if a path is not what it must be, now and a step later."""
-        wanted: list[tuple[str, Any, tuple[int, ...]]] = [
+        paths: list[tuple[str, Any, tuple[int, ...]]] = [
             *((f"points[{x!r}]", path, (3,)) for x, path in self.points.items()),
             *((f"orientations[{x!r}]", path, (3, 3)) for x, path in self.orientations.items()),
             ("posture", self.posture, (len(self.hover.q),)),
             ("feedforward", self.feedforward, (len(self.hover.u),)),
         ]
-        for name, path, shape in [each for each in wanted if each[1] is not None]:
+        for name, path, shape in [each for each in paths if each[1] is not None]:
             found = np.asarray(path(self._ahead[:2]), np.float64)
-            if found.shape != (2, *shape) or not np.all(np.isfinite(found)):
+            wanted, fits = "finite numbers", found.shape == (2, *shape)
+            fits = fits and bool(np.all(np.isfinite(found)))
+            if shape == (3, 3):
+                wanted = "rotation matrices"
+                off = found @ found.swapaxes(1, 2) - np.eye(3) if fits else np.ones(1)
+                fits = np.abs(off).max() < _ROTATION and bool(np.all(np.linalg.det(found) > 0.0))
+            if not fits:
                 words = ", ".join(map(str, shape))
                 raise UsageError(
-                    f"predictive: {name} must return finite numbers (n, {words}) at times (n); at "
+                    f"predictive: {name} must return {wanted} (n, {words}) at times (n); at "
                     f"two times it returned {printable(str(found.tolist()), 100)}"
                 )
 

@@ -13,7 +13,7 @@ from gibbs_codegen.errors import UsageError, cause_of, printable
 from gibbs_codegen.files.staging import put_in_place, staging_folder, writing
 from gibbs_codegen.flight.arguments import numbers
 from gibbs_codegen.flight.logs.px4 import is_px4, read_px4, write_tables
-from gibbs_codegen.flight.logs.reading import Samples, flight_of_log
+from gibbs_codegen.flight.logs.reading import flight_of_log
 from gibbs_codegen.flight.logs.ros import read_bag, write_bag
 from gibbs_codegen.flight.plant.vehicle import Vehicle
 from gibbs_codegen.flight.record.flight import Flight
@@ -64,7 +64,7 @@ def read_log(
 
     Args:
         robot: The robot that flew: a generated module, or the name or path of one.
-        log: A bag of ROS 2, an MCAP file, a ULog of PX4, or a folder with tables of one.
+        log: A bag of ROS 1 or 2, an MCAP file, a ULog of PX4, or a folder with tables of one.
         names: What the log calls things. Of a bag, topics "odometry" (default /odom), "joints"
             (/joint_states) and "inputs" (/inputs), and coordinates and inputs. Of a ULog, topics
             "position" (vehicle_local_position), "attitude" (vehicle_attitude) and "spin"
@@ -75,7 +75,9 @@ def read_log(
             backwards and so delays nothing; none by default.
 
     Returns:
-        The flight, from the first instant at which all is known.
+        The flight, from the first instant at which all is known. Samples that cannot be are left
+        out, and of a clock that goes back one run is taken; a warning of the logger
+        `gibbs_codegen` says so.
 
     Raises:
         UsageError: The log cannot be read, or does not tell enough of the robot; or what reads it
@@ -102,17 +104,20 @@ def read_log(
         raise UsageError(f"{printable(path)}: is a flight already, which read_flight reads")
     source = printable(path.name)
     try:
-        recorded = (read_px4 if is_px4(path) else read_bag)(path, vehicle, names)
+        with np.errstate(all="ignore"):  # Of numbers that cannot be, which are left out later.
+            recorded = (read_px4 if is_px4(path) else read_bag)(path, vehicle, names)
     except UsageError:
         raise
     except Exception as error:  # Files can be broken in many ways.
-        why = cause_of(error) if isinstance(error, OSError) else printable(error)
+        why = "it is damaged, or no such log"
+        if isinstance(error, OSError) and error.filename:
+            why = cause_of(error)
         raise UsageError(f"{printable(path)}: is not a log that can be read: {why}") from None
     if absent := [name for name in vehicle.inputs if name in names and name not in recorded.inputs]:
         name = absent[0]
         raise UsageError(f"{printable(path)}: has no {printable(names[name])}, named for {name}")
     still = {
-        name: Samples(recorded.position.time, np.full(len(recorded.position.time), place))
+        name: recorded.position._replace(values=np.full(len(recorded.position.time), place))
         for name in vehicle.joint_names
         if isinstance(place := names.get(name), int | float)
     }

@@ -5,7 +5,13 @@ World axes are north, east, down, those of the base forwards, right, down, as PX
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import csv
+import logging
+from collections.abc import Callable, Mapping
+from contextlib import redirect_stdout, suppress
+from functools import cache, partial
+from io import StringIO
+from itertools import zip_longest
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +20,7 @@ from numpy.typing import NDArray
 
 from gibbs_codegen.errors import UsageError, printable
 from gibbs_codegen.flight.logs.motion import base_motion, imus, shares
-from gibbs_codegen.flight.logs.reading import Recorded, Samples
+from gibbs_codegen.flight.logs.reading import NO_TIME, Recorded, Samples
 from gibbs_codegen.flight.plant.vehicle import Vehicle
 from gibbs_codegen.flight.record.flight import Flight
 from gibbs_codegen.flight.record.series import write_table
@@ -29,6 +35,9 @@ from gibbs_codegen.runtime.load import require
 
 # By topic its fields, and of these the values, a row per message.
 Topics = dict[str, dict[str, NDArray[Any]]]
+Fields = Mapping[str, NDArray[Any]]
+# By a first field the flags that say whether it holds.
+_VALID = {"x": ("xy_valid", "z_valid"), "vx": ("v_xy_valid", "v_z_valid")}
 # Topics that are read, by what for.
 _READ = {
     "position": "vehicle_local_position",
@@ -37,6 +46,8 @@ _READ = {
 }
 # Motors that a message of PX4 has.
 _MOTORS = 12
+
+_log = logging.getLogger("gibbs_codegen")
 
 
 def write_tables(flight: Flight, folder: Path) -> None:
@@ -111,15 +122,19 @@ def read_px4(path: Path, vehicle: Vehicle, names: Mapping[str, str | float]) -> 
     def series(role: str, *alternatives: tuple[str, ...]) -> Samples | None:
         """Fields of the topic that has a role, those that it has first of some."""
         fields = _topic(topics, str(names.get(role, _READ[role])))
-        return next((_samples(fields, each) for each in alternatives if each[0] in fields), None)
+        return next(
+            (_samples(fields, each) for each in alternatives if fields.keys() >= {*each}), None
+        )
 
     def needed(role: str, *alternatives: tuple[str, ...]) -> Samples:
         """The same of what a flight cannot be without."""
         if found := series(role, *alternatives):
             return found
+        name, others = str(names.get(role, _READ[role])), ", ".join(sorted(topics)) or "none"
         raise UsageError(
-            f"{printable(path)}: has no {names.get(role, _READ[role])}, which is to tell the "
-            f'{role} of the base; name another topic as "{role}": {", ".join(sorted(topics))}'
+            f"{printable(path)}: has no {printable(name)} that gives the {role} of the base "
+            f"by {' or '.join(each[0] for each in alternatives)}; name another topic "
+            f"(--name {role}=TOPIC); there are {printable(others, 800)}"
         )
 
     position = needed("position", ("x", "y", "z"), _entries("position"))
@@ -131,7 +146,7 @@ def read_px4(path: Path, vehicle: Vehicle, names: Mapping[str, str | float]) -> 
         """The series of a coordinate or input by the topic and field that it is called."""
         topic, _, field = str(names.get(name, f"joint_states.{field}")).partition(".")
         fields = _topic(topics, topic)
-        return Samples(_times(fields), fields[field]) if field in fields else None
+        return _samples(fields, (field,)) if field in fields else None
 
     joints = list(enumerate(vehicle.joint_names))
     inputs = [(name, k - vehicle.rotors) for k, name in enumerate(vehicle.inputs)]
@@ -151,31 +166,41 @@ def read_px4(path: Path, vehicle: Vehicle, names: Mapping[str, str | float]) -> 
     )
 
 
-def _logged(path: Path) -> Topics:
-    """Topics of a ULog, or of the tables in a folder; of several of a kind the first."""
-    if path.suffix.lower() == ".ulg":
-        require("pyulog", "logs of PX4", "logs")
-        from pyulog import ULog
+def _logged(path: Path) -> dict[str, Callable[[], Fields]]:
+    """What reads topics of a ULog, or of the tables in a folder; of several of a kind the first."""
+    if path.suffix.lower() != ".ulg":
+        tables = sorted(path.glob("*_0.csv"))
+        return {each.stem.removesuffix("_0"): cache(partial(_table, each)) for each in tables}
+    require("pyulog", "logs of PX4", "logs")
+    from pyulog import ULog
 
-        with path.open("rb") as file:
-            return {each.name: each.data for each in ULog(file).data_list if each.multi_id == 0}
-    found: Topics = {}
-    for table in sorted(path.glob("*_0.csv")):
-        with table.open(encoding="utf-8") as file:
-            names, rows = file.readline().strip().split(","), file.readlines()
-        columns = np.loadtxt(rows, delimiter=",", ndmin=2).T if rows else ()
-        if rows and len(columns) != len(names):
-            raise UsageError(
-                f"{printable(table)}: has {len(columns)} columns below {len(names)} names"
-            )
-        found[table.stem.removesuffix("_0")] = dict(zip(names, columns, strict=False))
-    return found
+    # What it says is no help: `file_corruption` is.
+    with path.open("rb") as file, redirect_stdout(StringIO()):
+        log = ULog(file)
+    if log.file_corruption:
+        _log.warning("%s: is damaged, or was cut short; what can be is read", printable(path.name))
+    return {each.name: partial(dict, each.data) for each in log.data_list if each.multi_id == 0}
 
 
-def _topic(topics: Topics, name: str) -> dict[str, NDArray[Any]]:
+def _table(path: Path) -> Fields:
+    """Columns of a table by their names; what stands between columns stands after the first."""
+    with path.open(encoding="utf-8-sig", errors="replace", newline="") as file:
+        head = file.readline().strip()
+        file.seek(0)
+        between = next((c for c in head if not (c.isalnum() or c in '_[]."')), ",")
+        names, *rows = [*csv.reader(file, delimiter=between)] or [[]]
+    if rows and "timestamp" not in names:
+        raise UsageError(f"{printable(path)}: has no column timestamp, the time in µs")
+    # What a row lacks is not known, and nothing of one with more columns than names.
+    whole = (row if len(row) <= len(names) else row[:1] for row in rows if row)
+    columns = zip_longest(*whole, fillvalue="")
+    return dict(zip(names, map(np.array, columns), strict=False))
+
+
+def _topic(topics: Mapping[str, Callable[[], Fields]], name: str) -> Fields:
     """Fields of a topic, none if there is no such one; tables may begin with the name of a log."""
     named = [each for each in topics if each == name or each.endswith(f"_{name}")]
-    return topics[min(named, key=len)] if named else {}
+    return topics[min(named, key=len)]() if named else {}
 
 
 def _entries(name: str, count: int = 3) -> tuple[str, ...]:
@@ -183,13 +208,30 @@ def _entries(name: str, count: int = 3) -> tuple[str, ...]:
     return tuple(f"{name}[{k}]" for k in range(count))
 
 
-def _samples(fields: Mapping[str, NDArray[Any]], names: tuple[str, ...]) -> Samples:
-    """The series of some fields."""
-    values = np.stack([fields[name] for name in names], axis=1)
-    return Samples(_times(fields), values.astype(np.float64))
+def _samples(fields: Fields, names: tuple[str, ...]) -> Samples:
+    """The series of some fields, (s) of one; NaN where PX4 says that they do not hold yet."""
+    values = np.stack([_numbers(fields[name]) for name in names], axis=-1)
+    for flag in _VALID.get(names[0], ()):
+        if flag in fields:
+            values[_numbers(fields[flag]) == 0.0] = np.nan
+    return Samples(_times(fields), values if len(names) > 1 else values[:, 0])
 
 
-def _times(fields: Mapping[str, NDArray[Any]]) -> NDArray[np.int64]:
+def _numbers(column: NDArray[Any]) -> Array:
+    """Numbers of a column, NaN where there is another text."""
+    with suppress(ValueError):
+        return column.astype(np.float64)
+    found = np.full(len(column), np.nan)
+    for k, text in enumerate(column):
+        with suppress(ValueError):
+            found[k] = float(text)
+    return found
+
+
+def _times(fields: Fields) -> NDArray[np.int64]:
     """Times, ns, at which messages were measured, or else logged."""
-    sampled = fields.get("timestamp_sample", fields["timestamp"])
-    return np.asarray(sampled, np.int64) * 1000
+    logged = _numbers(fields["timestamp"])
+    sampled = _numbers(fields.get("timestamp_sample", fields["timestamp"]))
+    micro = sampled if np.any(sampled > 0.0) else logged
+    known = np.abs(micro) < -5e-4 * NO_TIME
+    return np.where(known, np.where(known, micro, 0.0).astype(np.int64) * 1000, NO_TIME)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Mapping
+from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -26,6 +27,15 @@ from gibbs_codegen.flight.vectors import Array, times
 _ORDER, _LEAST = 4, 16
 # Samples that are too many; how many steps without samples are told.
 _MOST, _LONG_GAP = 1e7, 20.0
+# Of samples without a time.
+NO_TIME = -(2**63)
+# How long no recording rests, ns, where its clock is right.
+_LONG_REST = 3600 * 10**9
+# Greatest numbers that a robot's samples can be, in SI units: around the Earth it is 4e7 m, in
+# an orbit 8e3 m/s. Numbers beyond are bits that were flipped.
+_GREATEST = {"position": 1e8, "attitude": 2.0, "velocity": 1e4, "spin": 1e4}
+_GREATEST |= {"q": 1e8, "v": 1e4, "u": 1e8}
+_GREATEST_ACCELERATION = 1e8
 # Share of a step by which the last sample may be late.
 _SAME_STEP = 1e-6
 
@@ -33,18 +43,14 @@ _log = logging.getLogger("gibbs_codegen")
 
 
 class Samples(NamedTuple):
-    """Times (s), ns, and values (s) or (s, k) at them."""
+    """Time (s), ns, or `NO_TIME`, and values (s) or (s, k), in the order of the log."""
 
     time: NDArray[np.int64]
     values: Array
 
-    @property
-    def known(self) -> Samples:
-        """Samples in the order of time, without those that are not finite or of the same time."""
-        flat = self.values.reshape(len(self.time), -1)
-        finite = np.flatnonzero(np.isfinite(flat).all(axis=1))
-        time, first = np.unique(self.time[finite], return_index=True)
-        return Samples(time, self.values[finite[first]])
+    def rows(self, chosen: Any) -> Samples:
+        """Some of the samples, by a slice or a mask (s)."""
+        return Samples(self.time[chosen], self.values[chosen])
 
     def curve(self, begin: int) -> CubicSpline:
         """A spline of the values over seconds since a time, ns."""
@@ -82,20 +88,20 @@ def flight_of_log(
     Samples are those of the series of the base that has most, or `rate` a second; what is slower
     than `cutoff`, Hz, is kept of them, if given. `source` names the log.
     """
-    series = {
-        name: each.known
-        for name, each in (
-            ("position", recorded.position),
-            ("attitude", recorded.attitude._replace(values=_attitudes(recorded.attitude))),
-            ("velocity", recorded.velocity),
-            ("spin", recorded.spin),
-            *((("q", name), each) for name, each in recorded.joints.items()),
-            *((("v", name), each) for name, each in recorded.rates.items()),
-            *((("u", name), each) for name, each in recorded.inputs.items()),
-        )
-        if each is not None
+    logged: dict[Any, Samples | None] = {
+        "position": recorded.position,
+        "attitude": recorded.attitude._replace(values=known_attitudes(recorded.attitude.values)),
+        "velocity": recorded.velocity,
+        "spin": recorded.spin,
+        **{("q", name): each for name, each in recorded.joints.items()},
+        **{("v", name): each for name, each in recorded.rates.items()},
+        **{("u", name): each for name, each in recorded.inputs.items()},
     }
+    series = _cleaned({name: each for name, each in logged.items() if each is not None}, source)
     begin, seconds = _time_base(series, source, rate, cutoff)
+    attitude = series["attitude"]
+    turned = Rotation.from_quat(attitude.values).as_matrix()
+    series["attitude"] = attitude._replace(values=quaternions_of(turned))
     curves = {name: each.curve(begin) for name, each in series.items()}
     found = {name: curve(seconds) for name, curve in curves.items()}
     if "velocity" not in found:
@@ -108,6 +114,13 @@ def flight_of_log(
         low = butter(_ORDER, cutoff, fs=1.0 / (seconds[1] - seconds[0]), output="sos")
         found = {name: sosfiltfilt(low, values, axis=0) for name, values in found.items()}
     q, v, a = _motion(vehicle, found, seconds)
+    fastest, sharpest = (float(np.abs(each).max()) for each in (v, a))
+    if not (fastest <= _GREATEST["v"] and sharpest <= _GREATEST_ACCELERATION):
+        raise UsageError(
+            f"{source}: by its samples the robot moves at {fastest:.3g} m/s or rad/s and "
+            f"{sharpest:.3g} m/s² or rad/s², as nothing flies; some samples or their times are "
+            "wrong: take these out, name other topics, or give a lower rate"
+        )
     unknown = np.full(len(seconds), np.nan)
     u = np.stack([found.get(("u", name), unknown) for name in vehicle.inputs], axis=1)
     limits = module_actuators(vehicle)
@@ -148,9 +161,8 @@ def _time_base(
     """The begin of the time that all series have, ns, and seconds (s) since then."""
     for name, each in series.items():
         if len(each.time) < _LEAST:
-            what = name if isinstance(name, str) else name[1]
             raise UsageError(
-                f"{source}: of {printable(what)} it has {len(each.time)} samples that are numbers; "
+                f"{source}: of {_title(name)} it has {len(each.time)} samples that are numbers; "
                 f"a flight needs {_LEAST}"
             )
     begin = int(max(each.time[0] for each in series.values()))
@@ -167,10 +179,10 @@ def _time_base(
     for name, each in series.items():
         gaps = np.diff(each.time)
         if np.max(gaps) > _LONG_GAP * np.median(gaps):
-            what, late = name if isinstance(name, str) else name[1], each.time[np.argmax(gaps)]
+            late = each.time[np.argmax(gaps)]
             _log.warning(
                 "%s: %s is not known for %.3g s after %.4g s; a spline goes across",
-                *(source, printable(what), np.max(gaps) * 1e-9, (late - begin) * 1e-9),
+                *(source, _title(name), np.max(gaps) * 1e-9, (late - begin) * 1e-9),
             )
     step = 1.0 / rate if rate else float(np.median(np.diff(most))) * 1e-9
     if cutoff is not None and not 0.0 < cutoff < 0.5 / step:
@@ -189,13 +201,65 @@ def _time_base(
     return begin, seconds
 
 
-def _attitudes(attitude: Samples) -> Array:
-    """Unit quaternions (s, 4) without jumps; NaN for those of no length."""
-    length = np.linalg.norm(attitude.values, axis=1, keepdims=True)
-    known = np.flatnonzero((length > 0.0)[:, 0])
-    found = np.full(attitude.values.shape, np.nan)
-    found[known] = quaternions_of(Rotation.from_quat(attitude.values[known]).as_matrix())
+def known_attitudes(quaternions: Array) -> Array:
+    """Quaternions (s, 4), NaN where they are zero or otherwise far from unit length."""
+    with np.errstate(over="ignore"):
+        length = np.linalg.norm(quaternions, axis=1, keepdims=True)
+    return np.where((length > 0.5) & (length < 2.0), quaternions, np.nan)
+
+
+def _cleaned(series: Mapping[Any, Samples], source: str) -> dict[Any, Samples]:
+    """Samples that can be, of one run of the clock, in the order of time; others are logged."""
+    found = {}
+    for name, each in series.items():
+        values = np.abs(each.values.reshape(len(each.time), -1))
+        most = _GREATEST[name if isinstance(name, str) else name[0]]
+        found[name] = each.rows((values <= most).all(axis=1) & (each.time != NO_TIME))
+    lost = {name: len(each.time) - len(found[name].time) for name, each in series.items()}
+    runs = {name: _runs(each.time) for name, each in found.items()}
+    if odd := [name for name, each in runs.items() if len(each) > 1]:
+        lengths = [each.stop - each.start for each in runs["position"]]
+        number, count = int(np.argmax(lengths)), len(lengths)
+        if other := [name for name, each in runs.items() if len(each) != count]:
+            raise UsageError(
+                f"{source}: clocks go back, or leap by more than an hour, that of position "
+                f"{count - 1} times and that of {_title(other[0])} {len(runs[other[0]]) - 1} "
+                "times, so that none can tell what belongs together; cut the log there"
+            )
+        found = {name: each.rows(runs[name][number]) for name, each in found.items()}
+        _log.warning(
+            "%s: the clock of %s goes back, or leaps by more than an hour; of %d runs number %d, "
+            "the longest, is read, with %d samples of position",
+            *(source, ", ".join(map(_title, odd)), count, number + 1, lengths[number]),
+        )
+    left_out: dict[tuple[int, int], list[str]] = {}
+    for name, each in found.items():
+        latest = np.maximum.accumulate(each.time)
+        found[name] = each.rows(np.append(True, each.time[1:] > latest[:-1])[: len(latest)])
+        if missing := lost[name] + len(latest) - len(found[name].time):
+            left_out.setdefault((missing, len(series[name].time)), []).append(_title(name))
+    if left_out:
+        _log.warning(
+            "%s: %s are left out: without a time, number or attitude, beyond what flies, or not "
+            "later than a sample before",
+            source,
+            "; ".join(f"{n} of {m} samples of {', '.join(x)}" for (n, m), x in left_out.items()),
+        )
     return found
+
+
+def _runs(time: NDArray[np.int64]) -> list[slice]:
+    """Samples between which a clock goes back for more than one of them, or leaps ahead."""
+    step = np.diff(time)
+    after = np.append(time[2:], np.iinfo(np.int64).max)[: len(step)]
+    breaks = 1 + np.flatnonzero((step < 0) & (after <= time[:-1]) | (step > _LONG_REST))
+    ends = [0, *breaks.tolist(), len(time)]
+    return [slice(*pair) for pair in pairwise(ends)]
+
+
+def _title(name: str | tuple[str, str]) -> str:
+    """What a series is called in messages."""
+    return name if isinstance(name, str) else printable(name[1])
 
 
 def _spin(quaternion: Array, rate: Array) -> Array:

@@ -12,29 +12,32 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from gibbs_codegen.errors import UsageError, printable
+from gibbs_codegen.flight.logs.bags import ACTUATORS, message_types, read_messages
 from gibbs_codegen.flight.logs.cdr import encoded, stamps, times_of
 from gibbs_codegen.flight.logs.motion import base_motion, imus, shares
-from gibbs_codegen.flight.logs.reading import Recorded, Samples
+from gibbs_codegen.flight.logs.reading import NO_TIME, Recorded, Samples, known_attitudes
 from gibbs_codegen.flight.plant.vehicle import Vehicle
 from gibbs_codegen.flight.record.flight import Flight
 from gibbs_codegen.flight.vectors import Array
 from gibbs_codegen.runtime.load import require
 
 WORLD, BASE = "world", "base"
-# What ROS itself does not define: https://github.com/rudislabs/actuator_msgs.
-_ACTUATORS = "actuator_msgs/msg/Actuators"
-_ACTUATORS_TEXT = """std_msgs/Header header
-float64[] position
-float64[] velocity
-float64[] normalized
-"""
 # By the unit of a command, the list of Actuators that it belongs to.
 _LISTS = {"rad": "position", "m": "position", "rad/s": "velocity", "m/s": "velocity"}
-# Topics that are read, by what for.
-_READ = {"odometry": "/odom", "joints": "/joint_states", "inputs": "/inputs"}
+_JOINTS = "sensor_msgs/msg/JointState"
+_POSES = ("Odometry", "PoseStamped", "PoseWithCovarianceStamped", "TransformStamped")
+# By what for, topics that are read, and types.
+_READ = {
+    "odometry": ("/odom", _POSES),
+    "joints": ("/joint_states", ("JointState",)),
+    "inputs": ("/inputs", ("JointState",)),
+}
+# Times whose differences are no more than integers hold, ns.
+_LATEST = 2**62
 # Samples that are encoded at a time, which bounds the memory.
 _ROWS = 4096
 
@@ -64,15 +67,6 @@ def write_bag(flight: Flight, folder: Path) -> None:
                     writer.write(channel, times[row], block[row - begin].tobytes())
 
 
-def message_types() -> Any:
-    """The types of messages of rosbags, with those that are written and are not among them."""
-    from rosbags.typesys import Stores, get_types_from_msg, get_typestore
-
-    store = get_typestore(Stores.ROS2_JAZZY)
-    store.register(get_types_from_msg(_ACTUATORS_TEXT, _ACTUATORS))
-    return store
-
-
 def topics_of(flight: Flight) -> dict[str, tuple[str, Mapping[str, Any]]]:
     """By topic the type of its messages and their values, a message per sample."""
     stamp, base = stamps(flight.time), base_motion(flight)
@@ -93,8 +87,8 @@ def topics_of(flight: Flight) -> dict[str, tuple[str, Mapping[str, Any]]]:
         "/clock": ("rosgraph_msgs/msg/Clock", {"clock": stamp}),
         "/tf": ("tf2_msgs/msg/TFMessage", {"transforms": [transform]}),
         "/odom": ("nav_msgs/msg/Odometry", odometry),
-        "/inputs": ("sensor_msgs/msg/JointState", {"header": header, **efforts}),
-        "/actuators": (_ACTUATORS, {"header": header, **_commands(flight)}),
+        "/inputs": (_JOINTS, {"header": header, **efforts}),
+        "/actuators": (ACTUATORS, {"header": header, **_commands(flight)}),
     }
     places, rates = flight.layout.q.joints, flight.layout.v.joints
     if joints := flight.coordinates[places]:
@@ -104,7 +98,7 @@ def topics_of(flight: Flight) -> dict[str, tuple[str, Mapping[str, Any]]]:
             "velocity": flight.v[:, rates],
             "effort": flight.applied[:, flight.rotors :],
         }
-        found["/joint_states"] = ("sensor_msgs/msg/JointState", {"header": header, **state})
+        found["/joint_states"] = (_JOINTS, {"header": header, **state})
     if (sensed := imus(flight)) or not np.isnan(flight.gravity):
         exact = np.concatenate([base.specific_force, base.spin], axis=1)
         for name, (frame, values) in (sensed or {"imu": (BASE, exact)}).items():
@@ -144,39 +138,45 @@ def _commands(flight: Flight) -> dict[str, Array]:
 
 def read_bag(path: Path, vehicle: Vehicle, names: Mapping[str, str | float]) -> Recorded:
     """What a bag, or an MCAP file, has of a robot, by names that are others than those written."""
-    require("rosbags", "logs of ROS", "logs")
-    from rosbags.highlevel import AnyReader
-
-    topics = {role: str(names.get(role, topic)) for role, topic in _READ.items()}
-    messages: dict[str, list[tuple[int, Any]]] = {topic: [] for topic in topics.values()}
-    with AnyReader([path]) as reader:
-        known = sorted({each.topic for each in reader.connections})
-        wanted = [each for each in reader.connections if each.topic in messages]
-        for channel, time, data in reader.messages(wanted):
-            message: Any = reader.deserialize(data, channel.msgtype)
-            messages[channel.topic].append((time, message))
-    messages = {topic: _stamped(each) for topic, each in messages.items()}
-    if not messages[topics["odometry"]]:
-        raise UsageError(
-            f"{printable(path)}: has no message of {printable(topics['odometry'])}, which is to "
-            f'tell where the base is; name another topic as "odometry": {", ".join(known)}'
-        )
+    topics = {role: str(names.get(role, topic)) for role, (topic, _) in _READ.items()}
+    kinds, messages = read_messages(path, set(topics.values()))
+    for role, (_, wanted) in _READ.items():
+        topic, kind = topics[role], kinds.get(topics[role], "")
+        # Another type at a topic that nobody has named is as none.
+        if kind and kind.rpartition("/")[2] not in wanted:
+            if role in names or role == "odometry":
+                raise UsageError(
+                    f"{printable(path)}: {printable(topic)} is of the type {printable(kind)}; "
+                    f"--name {role}=TOPIC takes the types {', '.join(wanted)}"
+                )
+            messages[topic] = []
     poses = messages[topics["odometry"]]
-    stamped = np.array([time for time, _ in poses])
-    placed = [getattr(message.pose, "pose", message.pose) for _, message in poses]
-    attitude = np.array([_entries("xyzw", each.orientation) for each in placed])
+    if not poses:
+        there = ", ".join(f"{topic} ({kinds[topic]})" for topic in sorted(kinds)) or "none"
+        raise UsageError(
+            f"{printable(path)}: has no message of {printable(topics['odometry'])} that can be "
+            "read, which is to tell where the base is; name a topic of one of the types "
+            f"{', '.join(_POSES)} (--name odometry=TOPIC); there are {printable(there, 800)}"
+        )
+    time, placed = _times(poses), [_pose(message) for _, message in poses]
+    attitude = known_attitudes(np.array([_entries("xyzw", each) for _, each in placed]))
+    # Where a message has no attitude yet, nothing else in it is known.
+    unknown = 0.0 * attitude[:, :1]
+    position = np.array([_entries("xyz", each) for each, _ in placed]) + unknown
     velocity = spin = None
     if hasattr(poses[0][1], "twist"):
         twists = [message.twist.twist for _, message in poses]
         moving = np.array([_entries("xyz", each.linear) for each in twists])
-        velocity = Samples(stamped, Rotation.from_quat(attitude).apply(moving))
-        spin = Samples(stamped, np.array([_entries("xyz", each.angular) for each in twists]))
+        turned = Rotation.from_quat(np.where(np.isnan(attitude), [0, 0, 0, 1], attitude))
+        velocity = Samples(time, turned.apply(moving) + unknown)
+        turning = np.array([_entries("xyz", each.angular) for each in twists])
+        spin = Samples(time, turning + unknown)
     states, efforts = (_by_name(messages[topics[role]]) for role in ("joints", "inputs"))
     joints = [(each, names.get(each, each)) for each in vehicle.joint_names]
     inputs = [(each, str(names.get(each, each))) for each in vehicle.inputs]
     return Recorded(
-        Samples(stamped, np.array([_entries("xyz", each.position) for each in placed])),
-        Samples(stamped, attitude),
+        Samples(time, position),
+        Samples(time, attitude),
         velocity,
         spin,
         {each: states["position", name] for each, name in joints if ("position", name) in states},
@@ -186,26 +186,31 @@ def read_bag(path: Path, vehicle: Vehicle, names: Mapping[str, str | float]) -> 
     )
 
 
-def _stamped(messages: list[tuple[int, Any]]) -> list[tuple[int, Any]]:
-    """Messages with the times of their stamps, in place of those at which they were logged.
+def _pose(message: Any) -> tuple[Any, Any]:
+    """The position and the attitude of a message that has a pose or a transform."""
+    if hasattr(message, "transform"):
+        return message.transform.translation, message.transform.rotation
+    pose = getattr(message.pose, "pose", message.pose)
+    return pose.position, pose.orientation
 
-    Where no message has a stamp these stay; where others have one, what has none is left out.
+
+def _times(messages: Sequence[tuple[int, Any]]) -> NDArray[np.int64]:
+    """Times, ns, of messages by their stamps, `NO_TIME` of those that alone have none.
+
+    Where no message has a stamp they are the times at which they were logged.
     """
-    stamps = [each.header.stamp for _, each in messages]
+    stamps = [message.header.stamp for _, message in messages]
     times = [stamp.sec * 10**9 + stamp.nanosec for stamp in stamps]
-    if not any(times):
-        return messages
-    return [
-        (time, message)
-        for time, (logged, message) in zip(times, messages, strict=True)
-        if time or not logged
-    ]
+    logged = [time for time, _ in messages]
+    if any(times):
+        logged = [a if a or not b else NO_TIME for a, b in zip(times, logged, strict=True)]
+    return np.array([time if abs(time) < _LATEST else NO_TIME for time in logged], np.int64)
 
 
 def _by_name(messages: Sequence[tuple[int, Any]]) -> dict[tuple[str, str | float], Samples]:
     """Positions, velocities and efforts of JointState by names; not every message has every one."""
     found: dict[tuple[str, str | float], list[tuple[int, float]]] = defaultdict(list)
-    for time, message in messages:
+    for time, (_, message) in zip(_times(messages).tolist(), messages, strict=True):
         for series in ("position", "velocity", "effort"):
             for name, value in zip(message.name, getattr(message, series), strict=False):
                 found[series, name].append((time, value))

@@ -66,10 +66,10 @@ def _before_trees(stored: Mapping[str, NDArray[Any]]) -> Arrays:
 
 
 def read_flight(path: StrPath) -> Flight:
-    """The flight of an `.npz` file that `write_npz` wrote.
+    """The flight of an `.npz` file that `write_npz` wrote, with the same numbers bit by bit.
 
     Args:
-        path: The file.
+        path: The file, or the folder with a `flight.npz` that `simulate` wrote.
 
     Returns:
         The flight.
@@ -79,14 +79,16 @@ def read_flight(path: StrPath) -> Flight:
     """
     try:
         # Opened here: what `np.load` opens it leaves open where it is not an archive.
-        with Path(path).open("rb") as file:
+        with (flight_file(path) or Path(path)).open("rb") as file:
             return _stored(file)
     except OSError as error:
         why: object = cause_of(error)
     except KeyError as error:
         why = f"it has no array {error.args[0]}"
-    except Exception as error:  # Archives can be broken in many ways.
-        why = str(error) or type(error).__name__
+    except UsageError as error:
+        why = error
+    except Exception:  # Archives can be broken in many ways.
+        why = "it is damaged, or its arrays are not those of a flight"
     raise UsageError(
         f"{printable(path)}: is not a flight that was saved: {printable(why)}; {_WANTED}"
     )
@@ -96,7 +98,7 @@ def _stored(file: BinaryIO) -> Flight:
     """The flight in an open file; whatever is wrong with it raises some exception."""
     if not is_zipfile(file):
         empty = file.seek(0, os.SEEK_END) == 0
-        raise ValueError(f"the file is {'empty' if empty else 'cut off, or no .npz file'}")
+        raise UsageError(f"the file is {'empty' if empty else 'cut off, or no .npz file'}")
     file.seek(0)
     known = {each.name: each for each in fields(Flight)}
     with np.load(file, allow_pickle=False) as stored:
@@ -106,15 +108,17 @@ def _stored(file: BinaryIO) -> Flight:
         kind = str(known[name].type)
         is_text = "str" in kind
         if value.dtype.kind not in ("U" if is_text else "iuf"):
-            raise ValueError(f"{name} does not hold {'text' if is_text else 'numbers'}")
+            raise UsageError(f"{name} does not hold {'text' if is_text else 'numbers'}")
         if (is_text or name in _NUMBERS) and value.ndim != kind.startswith("tuple"):
-            raise ValueError(f"{name} has the shape {value.shape}")
+            raise UsageError(f"{name} has the shape {value.shape}")
         if name in _NUMBERS:
             values[name] = _NUMBERS[name](value)
         elif is_text:
             values[name] = tuple(map(str, value)) if value.ndim else str(value)
         elif name not in _OF_NO_TIME and value.shape[:1] != values["time"].shape:
-            raise ValueError(f"{name} has not as many rows as there are times")
+            raise UsageError(f"{name} has not as many rows as there are times")
+    if not (np.diff(values["time"]) >= 0.0).all():
+        raise UsageError("its time goes back, or is not a number; cut the flight there")
     return Flight(**values)
 
 

@@ -335,6 +335,10 @@ def test_what_is_wrong_is_told(module: ModuleType) -> None:
         ({"iterations": 1.5}, "iterations must be 1 to 100"),
         ({"points": {"tip": lambda t: t}}, r"points\['tip'\] must return finite numbers \(n, 3\)"),
         ({"posture": lambda t: np.full((len(t), 9), np.nan)}, "posture must return finite"),
+        *(
+            ({"orientations": {"tip": lambda t, x=x: np.tile(x, (len(t), 1, 1))}}, "rotation matri")
+            for x in (np.zeros((3, 3)), np.diag([1.0, 1.0, -1.0]), 2.0 * np.eye(3), np.eye(2))
+        ),
     ):
         with pytest.raises(UsageError, match=words):
             controller_of(module, **changes)
