@@ -63,6 +63,12 @@ def child(element: Element, tag: str) -> Element | None:
     return next((found for found in children(element) if found.tag == tag), None)
 
 
+def child_text(element: Element | None, tag: str) -> str:
+    """The text of the first child of a tag, empty if there is none."""
+    found = None if element is None else child(element, tag)
+    return "" if found is None else (found.text or "").strip()
+
+
 def children(element: Element) -> list[Element]:
     """The children of an element, in order."""
     return [found for found in element if isinstance(found, Element)]
