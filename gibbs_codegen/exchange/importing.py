@@ -62,7 +62,7 @@ def import_robot(path: Path, options: ImportOptions) -> tuple[Robot, list[Findin
     """
     data, file = read_bytes(path), str(path)
     if path.suffix.lower() == ".xacro":
-        data = expanded(path, options.arguments)
+        data, file = expanded(path, options.arguments), f"{file} (expanded)"
     elif options.arguments:
         words = "NAME:=VALUE is an argument of xacro, and the name of this file does not end so"
         raise UsageError(f"{printable(path)}: {words}")

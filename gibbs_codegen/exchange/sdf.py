@@ -19,7 +19,7 @@ from gibbs_codegen.exchange import sources
 from gibbs_codegen.exchange.placement import HERE, LEVEL, Placement, degrees, vector
 from gibbs_codegen.exchange.sdf_models import MERGED, MODEL, PLACED, WORLD, whole_model
 from gibbs_codegen.exchange.tree import near
-from gibbs_codegen.exchange.urdf import Values, gazebo_rotors, is_motor, slowdown_notes
+from gibbs_codegen.exchange.urdf import Values, gazebo_rotors, is_motor, motor_findings
 from gibbs_codegen.exchange.xml_file import Element, child, children, parse_xml
 from gibbs_codegen.exchange.xml_file import child_text as _text
 from gibbs_codegen.robot.model import AXES, Command, JointLimits, Passive
@@ -35,7 +35,6 @@ _LEFT_OUT = {
     "visual": "visual shapes",
     "collision": "collision shapes",
     "sensor": "sensors",
-    "rollingMomentCoefficient": "rolling moments of rotors",
     "fluid_added_mass": "added masses of fluids",
 }
 _MOST_PLACED = 1000
@@ -84,7 +83,7 @@ def read_sdf(
             *(sources.Finding("left out", _text(e, "uri"), "another model") for e in elsewhere),
             *reader.findings,
             *_left_out(model),
-            *slowdown_notes(root),
+            *motor_findings(model),
         ),
     )
 
@@ -325,19 +324,19 @@ class _Reader:
             values.fault(axis, f"<lower> {low:g} is above <upper> {high:g}")
         # Negative ones are SDF's default, no bound.
         effort, velocity = (b if b is not None and b >= 0.0 else None for b in (effort, velocity))
-        damping, friction, stiffness, rest = (
+        damping, stiffness, rest = (
             _number(values, dynamics, tag)
-            for tag in ("damping", "friction", "spring_stiffness", "spring_reference")
+            for tag in ("damping", "spring_stiffness", "spring_reference")
         )
+        friction = _number(values, dynamics, "friction") if self._with_friction else 0.0
         if damping < 0.0:
             values.fault(axis, f"<damping> must be at least 0, not {damping:g}")
         if friction < 0.0:
             values.fault(axis, f"<friction> must be at least 0, not {friction:g}")
         if child(axis, "mimic") is not None:
             self.findings.append(sources.Finding("left out", name, "that it follows another joint"))
-        if friction and not self._with_friction:
-            words = f"dry friction {friction:g}"
-            self.findings.append(sources.Finding("left out", name, words))
+        if not self._with_friction:
+            self.findings += sources.untaken_friction(name, _text(dynamics, "friction") or "0")
         passive = Passive(max(damping, 0.0), 0.0, stiffness, rest if stiffness else 0.0)
         return JointLimits(low, high, effort, velocity), passive, friction
 

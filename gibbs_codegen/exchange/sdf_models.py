@@ -51,26 +51,27 @@ def whole_model(root: Element, file: Path, values: Values) -> tuple[Element, lis
     Models that a world includes count where it has none of its own. It has a `canonical_link`, on
     which its frames are.
     """
-    own = _Part(root, _version(root, values), (file.absolute(),))
+    own = _Part(root, _version(root, values), (Path(os.path.abspath(file)),))
     holders = [root, *(found for found in children(root) if found.tag == "world")]
     found = [each for holder in holders for each in children(holder)]
     models = [replace(own, model=each) for each in found if each.tag == "model"]
-    includes = [each for each in found if each.tag == "include"]
-    assembly, lost, left = _Assembly(values), list[str](), includes
-    moving = [part for part in models if not is_true(child_text(part.model, "static"))]
-    if not moving:
-        brought = {each: assembly.included(each, own) for each in includes}
-        left = [each for each, part in brought.items() if isinstance(part, str) or _rests(part)]
-        moving = [
-            part for each, part in brought.items() if not isinstance(part, str) if each not in left
-        ]
-        lost = [part for part in brought.values() if isinstance(part, str)]
+    left = [each for each in found if each.tag == "include"]
+    assembly, lost = _Assembly(values), list[str]()
+    moving = [part for part in models if not _rests(part.model)]
+    for include in [] if moving else left[:]:
+        brought = assembly.included(include, own)
+        if isinstance(brought, str):
+            lost.append(brought)
+        elif not _rests(brought.model) and {"link", "include"} & {
+            each.tag for each in brought.model.iter()
+        }:
+            left.remove(include)
+            moving.append(brought)
     if len(moving) != 1:
-        names = (
-            ", ".join(printable(part.model.get("name", "?"), 60) for part in moving[:5]) or "none"
-        )
-        words = f"holds {len(moving)} models that move ({names}); a robot is one"
-        values.fault(root, "; ".join([words, *lost[:5]]))
+        names = ", ".join(printable(part.model.get("name", "?"), 60) for part in moving[:5])
+        words = f"holds {len(moving)} models that move ({names or 'none'}); a robot is one"
+        static = [f"{printable(part.model.get('name'), 60)} is <static>" for part in models]
+        values.fault(root, "; ".join([words, *([] if moving else static[:5]), *lost[:5]]))
         return root, left
     parts, canonical = assembly.flat(moving[0])
     whole = Element("model", {**moving[0].model.attrib, "canonical_link": canonical})
@@ -84,11 +85,8 @@ def is_true(text: str | None) -> bool:
     return (text or "").strip().lower() in ("true", "1")
 
 
-def _rests(part: _Part) -> bool:
-    """Whether a model does not move, or has nothing that could."""
-    return is_true(child_text(part.model, "static")) or not any(
-        part.model.iter(tag) for tag in ("link", "include")
-    )
+def _rests(model: Element) -> bool:
+    return is_true(child_text(model, "static"))
 
 
 def _version(root: Element, values: Values) -> tuple[int, int]:
@@ -210,27 +208,25 @@ def _found(uri: str, folder: Path) -> Path | str:
     """
     scheme, _, rest = uri.rpartition("://")
     if not rest or scheme in ("http", "https", "fuel"):
-        words = "is not on this machine: `gz fuel download` gets it; then say model://NAME"
-        return f"<uri> {printable(uri, 200)} {words}" if rest else "has no <uri>"
+        words = "is not on this machine; get it with gz fuel download -u, and say model://NAME"
+        return f"{printable(uri, 200)} {words}" if rest else "has no <uri>"
     above = [folder, *folder.parents]
     named = [
         Path(path) for key in _PATHS for path in os.environ.get(key, "").split(os.pathsep) if path
     ]
-    words = f"of <uri> {printable(uri, 100)}"
+    words = ""
     for place in [*above, *(each / "models" for each in above), *filter(Path.is_absolute, named)]:
         file = place / rest
         if os.path.isdir(file):
             config = file / "model.config"
-            file = file / (_configured(config) if os.path.isfile(config) else "model.sdf")
-            words += (
-                ""
-                if os.path.isfile(file)
-                else f" there is {printable(file.parent)}, without {file.name};"
-            )
+            file /= _configured(config) if os.path.isfile(config) else "model.sdf"
+            words = words or f" ({printable(file)} is not there)"
         if os.path.isfile(file):
-            return file.resolve()
-    where = "beside this file, in folders above or in their models/, or in one that "
-    return f"{words} no model is {where}{', '.join(_PATHS)} names"
+            return Path(os.path.abspath(file))
+    return (
+        f"{printable(uri, 100)} was not found{words}: it may be beside this file, in folders above "
+        f"it or their models/, or in a folder that {' or '.join(_PATHS)} names"
+    )
 
 
 def _configured(config: Path) -> str:

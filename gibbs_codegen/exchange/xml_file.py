@@ -175,6 +175,8 @@ def parse_xml(data: bytes, file: str) -> Element:
     except expat.ExpatError as error:
         words = _FAULTS.get(expat.ErrorString(error.code), _OTHER_FAULT)
         words = words.format(printable(opened[-1] if opened else "none", 40))
+        if "{%" in text or "{{" in text:
+            words = "a template of Jinja, which its project renders when it is built"
         raise refusal(file, f"not well-formed XML: {words}", error.lineno) from None
 
 
@@ -224,7 +226,9 @@ def expanded(path: Path, arguments: Mapping[str, object]) -> bytes:
     except (UsageError, RefusedFileError):
         raise
     except Exception as error:  # Whatever its expressions raise.
-        cause = getattr(error, "exc", None) or error
+        cause = error
+        while isinstance(inner := getattr(cause, "exc", None), Exception):
+            cause = inner
         if isinstance(cause, xacro.substitution_args.ArgException):
             name = printable(cause, 60)
             words = f"its argument {name} has no value; give {name}:=VALUE after the file"

@@ -50,10 +50,9 @@ static void print(const sdf::Model *model, const ignition::math::Pose3d &at, con
 
 int main(int argc, char **argv) {
     sdf::Root root;
-    sdf::ParserConfig config;
     const auto folder = std::filesystem::absolute(argv[1]).parent_path();
-    config.AddURIPath("model://", folder.parent_path());
-    const sdf::Errors errors = root.Load(argv[1], config);
+    sdf::ParserConfig::GlobalConfig().AddURIPath("model://", folder.parent_path());
+    const sdf::Errors errors = root.Load(argv[1]);
     for (const auto &error : errors) std::fprintf(stderr, "%s\n", error.Message().c_str());
     const sdf::Model *model = root.Model();
     const sdf::World *world = root.WorldCount() ? root.WorldByIndex(0) : nullptr;

@@ -51,9 +51,16 @@ HOSTILE: dict[str, tuple[str | bytes, str]] = {
     "sdf version": ('<sdf version="one"><model/></sdf>', "version must be like 1.9, not one"),
     "sdf empty": ('<sdf version="1.6"><model name="m"/></sdf>', "has no <link>"),
     "sdf itself": (
-        '<sdf version="1.9"><model name="m"><include merge="true"><uri>model://.</uri></include>'
-        "</model></sdf>",
-        "brings in another model",
+        '<sdf version="1.9"><model name="m"><include><uri>robot.xml</uri></include></model></sdf>',
+        "includes itself",
+    ),
+    "sdf frames": (
+        '<sdf version="1.7"><model name="m"><frame name="F"/></model></sdf>',
+        "no <link>",
+    ),
+    "sdf rests": (
+        '<sdf version="1.7"><model name="m"><static>1</static></model></sdf>',
+        "m is <static>",
     ),
     "sdf circles": (
         '<sdf version="1.9"><model name="m">'
