@@ -62,9 +62,7 @@ def whole_model(root: Element, file: Path, values: Values) -> tuple[Element, lis
         brought = assembly.included(include, own)
         if isinstance(brought, str):
             lost.append(brought)
-        elif not _rests(brought.model) and {"link", "include"} & {
-            each.tag for each in brought.model.iter()
-        }:
+        elif not _rests(brought.model):
             left.remove(include)
             moving.append(brought)
     if len(moving) != 1:
@@ -154,24 +152,19 @@ class _Assembly:
             return file
         self._count += 1
         if file in by.files or self._count > _MOST_INCLUDED:
-            again = file in by.files
-            return "includes itself" if again else f"more than {_MOST_INCLUDED} models are included"
+            return f"includes itself, or is one of more than {_MOST_INCLUDED}"
         if any(each.tag.startswith("experimental:") for each in children(include)):
             return "has <experimental:params>, which import does not apply; write the model out"
         root = parse_xml(read_bytes(file), str(file))
-        if (model := child(root, "model")) is None or root.tag != "sdf":
+        if root.tag != "sdf" or (model := child(root, "model")) is None:
             return f"{printable(file)} holds no model of SDF"
         for each in cast(Iterable[Element], root.iter()):
             each.elsewhere, each.line = f"{file}:{each.line}", None
-        for key, attribute in (("name", "name"), ("placement_frame", "placement_frame")):
+        for key in ("name", "placement_frame"):
             if text := child_text(include, key):
-                model.set(attribute, text)
-        for tag in ("pose", "static"):
-            if (own := child(include, tag)) is not None:
-                if (other := child(model, tag)) is not None:
-                    model.remove(other)
-                model.append(own)
-        model.extend(each for each in children(include) if each.tag == "plugin")
+                model.set(key, text)
+        # What comes first counts.
+        model[:0] = [each for each in children(include) if each.tag in ("pose", "static", "plugin")]
         return _Part(model, _version(root, self._values), (*by.files, file))
 
 
@@ -192,13 +185,11 @@ def _rename(element: Element, named: Callable[[str], str], version: tuple[int, i
         for found in children(cast(Element, owner)):
             if found.tag in ("parent", "child", "linkName", "jointName") and found.text:
                 found.text = named(found.text)
+            in_model = version < _OWN_AXES or is_true(child_text(found, "use_parent_model_frame"))
             axis = child(found, "xyz") if found.tag == "axis" else None
-            if axis is not None:
-                in_model = version < _OWN_AXES or is_true(
-                    child_text(found, "use_parent_model_frame")
-                )
-                if seen_from := axis.get("expressed_in") or (MODEL if in_model else ""):
-                    axis.set("expressed_in", named(seen_from))
+            seen_from = "" if axis is None else axis.get("expressed_in") or MODEL * in_model
+            if axis is not None and seen_from:
+                axis.set("expressed_in", named(seen_from))
 
 
 def _found(uri: str, folder: Path) -> Path | str:
@@ -211,16 +202,15 @@ def _found(uri: str, folder: Path) -> Path | str:
         words = "is not on this machine; get it with gz fuel download -u, and say model://NAME"
         return f"{printable(uri, 200)} {words}" if rest else "has no <uri>"
     above = [folder, *folder.parents]
-    named = [
-        Path(path) for key in _PATHS for path in os.environ.get(key, "").split(os.pathsep) if path
-    ]
+    named = [Path(path) for key in _PATHS for path in os.environ.get(key, "").split(os.pathsep)]
     words = ""
     for place in [*above, *(each / "models" for each in above), *filter(Path.is_absolute, named)]:
         file = place / rest
         if os.path.isdir(file):
             config = file / "model.config"
             file /= _configured(config) if os.path.isfile(config) else "model.sdf"
-            words = words or f" ({printable(file)} is not there)"
+            only = ", only a template of it" if os.path.isfile(f"{file}.jinja") else ""
+            words = words or f" ({printable(file)} is not there{only})"
         if os.path.isfile(file):
             return Path(os.path.abspath(file))
     return (

@@ -236,9 +236,9 @@ def expanded(path: Path, arguments: Mapping[str, object]) -> bytes:
             words = f"it includes {printable(cause.filename)}, which is not there"
         else:
             words = (
-                f"xacro cannot evaluate it ({printable(error, 300)}); mend it, or expand it with "
+                f"xacro cannot evaluate it ({printable(error, 300)}); mend it, or have xacro of "
             )
-            words += "xacro of ROS and import the URDF"
+            words += "ROS expand it, and import the URDF"
         made = ""
     finally:
         xacro.parse = own_parse
