@@ -27,8 +27,19 @@ _SCENARIOS = f"{', '.join(shipped_names('scenarios'))} or a scenario file"
 class Parser(argparse.ArgumentParser):
     """A parser that wants options in full, and shows printably what it does not understand."""
 
+    takes_named = False
+
     def __init__(self, **options: Any) -> None:
         super().__init__(allow_abbrev=False, **options)
+
+    def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
+        """Parse; where they are taken, words NAME:=VALUE may stand anywhere, as in ROS."""
+        named = [word for word in args or () if self.takes_named and ":=" in word]
+        others = args if args is None else [word for word in args if word not in named]
+        options, unknown = super().parse_known_args(others, namespace)
+        if self.takes_named:
+            options.arguments += named
+        return options, unknown
 
     def error(self, message: str) -> NoReturn:
         """Print the usage and the message, and exit with 2."""
@@ -350,6 +361,9 @@ def argument_parser() -> Parser:
     extras = "xacro needs the extra xacro, and MJCF the extra mujoco"
     also = "with --attach also a robot file, or the name of a robot that ships"
     parser.add("file", "FILE", f"a .urdf, .xacro, .xml or .sdf file; {extras}; {also}")
+    meaning = "value of an <xacro:arg> of FILE, such as mass:=2.0"
+    parser.add("arguments", "NAME:=VALUE", meaning, nargs="*")
+    parser.takes_named = True
     parser.add(
         *("--attach", "ARM"),
         "file of an arm, as FILE may be, that is joined to the robot: its root becomes part of "

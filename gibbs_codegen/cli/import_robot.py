@@ -53,6 +53,12 @@ def run(options: argparse.Namespace) -> int:
             )
     wanted = ImportOptions(attitude, rotors, locks, options.base, not options.no_snap)
     wanted = replace(wanted, friction=options.friction, command=options.command or wanted.command)
+    pairs = [word.partition(":=") for word in options.arguments]
+    for name, sign, value in pairs:
+        if not (name and sign):
+            word = printable(name + sign + value, 80)
+            raise UsageError(f"{word}: after FILE come arguments of xacro as NAME:=VALUE")
+    wanted = replace(wanted, arguments={name: value for name, _, value in pairs})
     arms = [_attachment(each) for each in options.attach or ()]
     if is_robot_file(path):
         _check_robot_file(path, options)
@@ -91,9 +97,10 @@ def _check_robot_file(path: Path, options: argparse.Namespace) -> None:
     """Refuse what is of other formats: a robot file has its attitude, base and rotors."""
     if not options.attach:
         raise UsageError(f"{printable(path)}: is a robot file already; --attach joins arms to it")
-    for name in ("rotors", "attitude", "lock", "base", "command"):
+    for name in ("rotors", "attitude", "lock", "base", "command", "arguments"):
         if getattr(options, name):
-            raise UsageError(f"--{name}: change {printable(path)} itself, which is a robot file")
+            word = "NAME:=VALUE" if name == "arguments" else f"--{name}"
+            raise UsageError(f"{word}: change {printable(path)} itself, which is a robot file")
 
 
 def _check(

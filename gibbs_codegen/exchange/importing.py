@@ -40,7 +40,8 @@ class ImportOptions:
     `lock` has where joints are locked, rad or m, by their names; `base` is the link that is the
     base, None for the root; `rotors` a file of rotors that replace those found; `snap` whether
     angles are made exact and noise is set to zero; `command` what motors of Gazebo are commanded;
-    `friction` whether dry friction of joints is taken.
+    `friction` whether dry friction of joints is taken; `arguments` values of those of xacro, by
+    their names.
     """
 
     attitude: Attitude
@@ -50,6 +51,7 @@ class ImportOptions:
     snap: bool = True
     command: Command = "thrust"
     friction: bool = False
+    arguments: Mapping[str, object] = field(default_factory=dict)
 
 
 def import_robot(path: Path, options: ImportOptions) -> tuple[Robot, list[Finding]]:
@@ -60,7 +62,10 @@ def import_robot(path: Path, options: ImportOptions) -> tuple[Robot, list[Findin
     """
     data, file = read_bytes(path), str(path)
     if path.suffix.lower() == ".xacro":
-        data = expanded(path)
+        data, file = expanded(path, options.arguments), f"{file} (expanded)"
+    elif options.arguments:
+        words = "NAME:=VALUE is an argument of xacro, and the name of this file does not end so"
+        raise UsageError(f"{printable(path)}: {words}")
     tag = parse_xml(data, file).tag
     if tag == "mujoco":
         source = read_mjcf(path, data, options.base, options.friction)

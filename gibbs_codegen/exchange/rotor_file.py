@@ -90,11 +90,12 @@ def _of_yaml(text: str, path: Path, source: Source) -> tuple[Rotor, ...]:
             f"{printable(path)}: the package PyYAML is not installed; install it, or give the "
             "rotors as [[rotor]] tables in TOML"
         ) from None
+    number = 0
     try:
         if "&" in text:  # Aliases of anchors can expand without end; platforms have none.
-            raise ValueError("anchors are not read")
+            raise UsageError("anchors are not read")
         if len(text) > _MOST_YAML:  # Its parser is slow.
-            raise ValueError(f"more than {_MOST_YAML} characters")
+            raise UsageError(f"more than {_MOST_YAML} characters")
         platform = yaml.safe_load(text)["platform"]
         rotors = []
         for number, entry in enumerate(platform["$rotors"], start=1):
@@ -102,7 +103,7 @@ def _of_yaml(text: str, path: Path, source: Source) -> tuple[Rotor, ...]:
             turn = [float(value) for value in entry["orientation"]]
             size = math.hypot(*turn)
             if not 0.0 < size < math.inf:
-                raise ValueError("orientation must be a quaternion x, y, z, w, which is not zero")
+                raise UsageError("orientation must be a quaternion x, y, z, w, which is not zero")
             x, y, z, w = (value / size for value in turn)
             rotor = Rotor(
                 f"rotor_{number}",
@@ -116,13 +117,21 @@ def _of_yaml(text: str, path: Path, source: Source) -> tuple[Rotor, ...]:
             )
             numbers = (*rotor.position, *rotor.direction, rotor.drag, *(rotor.limits or ()))
             if not all(map(math.isfinite, numbers)):
-                raise ValueError("a number is not finite")
+                raise UsageError("a number is not finite")
             rotors.append(rotor)
         return tuple(rotors)
     except Exception as e:  # Whatever its parser, and values of other kinds, raise.
+        cause = (
+            f"rotor {number}: a value is missing or of another kind" if number else "it has none"
+        )
+        if isinstance(e, KeyError):
+            cause = f"{printable(e.args[0], 40)} is missing"
+        elif isinstance(e, yaml.MarkedYAMLError) and e.problem_mark:
+            cause = f"line {e.problem_mark.line + 1} is no YAML"
+        elif isinstance(e, UsageError):
+            cause = str(e)
         raise refusal(
             path,
             "no platform of eagle_mpc: platform with cf, cm, max_thrust, min_thrust and $rotors, "
-            "each with translation, orientation and spin_direction; "
-            + printable(f"{type(e).__name__}: {e}", 100),
+            f"each with translation, orientation and spin_direction; {cause}",
         ) from None

@@ -8,25 +8,24 @@ told.
 from __future__ import annotations
 
 import math
-import re
 from collections import Counter
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
-from typing import cast
 
 import numpy as np
 
 from gibbs_codegen.errors import printable
 from gibbs_codegen.exchange import sources
 from gibbs_codegen.exchange.placement import HERE, LEVEL, Placement, degrees, vector
+from gibbs_codegen.exchange.sdf_models import MERGED, MODEL, PLACED, WORLD, whole_model
 from gibbs_codegen.exchange.tree import near
-from gibbs_codegen.exchange.urdf import Values, gazebo_rotors, is_motor, slowdown_notes
-from gibbs_codegen.exchange.xml_file import Element, child, children, parse_xml, read_bytes
+from gibbs_codegen.exchange.urdf import Values, gazebo_rotors, is_motor, motor_findings
+from gibbs_codegen.exchange.xml_file import Element, child, children, parse_xml
+from gibbs_codegen.exchange.xml_file import child_text as _text
 from gibbs_codegen.robot.model import AXES, Command, JointLimits, Passive
 from gibbs_codegen.robot.placement import turn_of_quaternion
 from gibbs_codegen.robot.rigid_body import inertia_matrix
 
-_MODEL, _WORLD = "__model__", "world"
 _KINDS: dict[str, sources.JointKind] = {
     **{"revolute": "revolute", "continuous": "revolute"},
     **{"prismatic": "prismatic", "fixed": "fixed"},
@@ -36,14 +35,10 @@ _LEFT_OUT = {
     "visual": "visual shapes",
     "collision": "collision shapes",
     "sensor": "sensors",
-    "rollingMomentCoefficient": "rolling moments of rotors",
     "fluid_added_mass": "added masses of fluids",
 }
-_PLACED, _MOST_PLACED = ("link", "joint", "frame"), 1000
+_MOST_PLACED = 1000
 _DEEPEST = 400
-# Before this version axes are in the axes of the model.
-_OWN_AXES = (1, 5)
-_MOST_MERGED = 10
 
 
 def read_sdf(
@@ -55,44 +50,29 @@ def read_sdf(
     friction of joints is taken.
     """
     root, values = parse_xml(data, file), Values()
-    holders = [root, *(found for found in children(root) if found.tag == "world")]
-    found = [each for holder in holders for each in children(holder)]
-    models = [m for m in found if m.tag == "model" and _text(m, "static") not in ("true", "1")]
-    elsewhere = [each for each in found if each.tag == "include"]
-    for model in models:
-        _merge(model, Path(file), root.get("version"))
-    for inner in [each for model in models for each in children(model)]:
-        if inner.tag in ("include", "model"):
-            words = "brings in another model, which is not merged; `gz sdf -p` writes all into one"
-            values.fault(inner, words)
-    if len(models) != 1:
-        names = ", ".join(printable(model.get("name", "?"), 60) for model in models[:5]) or "none"
-        words = f"holds {len(models)} models that move ({names}); a robot is one"
-        words += "; includes are not read, `gz sdf -p` writes them out" if elsewhere else ""
-        values.fault(root, words)
-    if sum(each.tag in _PLACED for model in models for each in children(model)) > _MOST_PLACED:
-        values.fault(root, f"has more than {_MOST_PLACED} links, joints and frames")
+    model, elsewhere = whole_model(root, Path(file), values)
+    if sum(each.tag in PLACED for each in children(model)) > _MOST_PLACED:
+        values.fault(model, f"has more than {_MOST_PLACED} links, joints and frames")
     if values.faults:
         raise sources.SourceFileError(file, values.faults)
-    version = _version(root, values)
-    reader = _Reader(models[0], values, version, friction)
+    reader = _Reader(model, values, friction)
     links, joints = reader.links(), reader.joints()
     frames = reader.frames()
     gravity = 9.81
-    for each in found:
-        if each.tag == "gravity":
-            x, y, z = _numbers(values, each, 3)
-            if x or y or z > 0.0:
-                values.fault(each, "must point along -z, as 0 0 -9.81 does")
-            gravity = -z
-    rotors = gazebo_rotors(models[0], values, command)
-    if not reader.elements:
-        values.fault(models[0], "has no <link>")
+    holders = [root, *(each for each in children(root) if each.tag == "world")]
+    for each in (each for holder in holders for each in children(holder) if each.tag == "gravity"):
+        x, y, z = _numbers(values, each, 3)
+        if x or y or z > 0.0:
+            values.fault(each, "must point along -z, as 0 0 -9.81 does")
+        gravity = -z
+    rotors = gazebo_rotors(model, values, command)
+    if child(model, "link") is None:
+        values.fault(model, "has no <link>")
     if values.faults:
         raise sources.SourceFileError(file, values.faults)
     return sources.Source(
         file,
-        models[0].get("name", ""),
+        model.get("name", ""),
         links,
         joints,
         tuple(rotors),
@@ -102,53 +82,10 @@ def read_sdf(
         findings=(
             *(sources.Finding("left out", _text(e, "uri"), "another model") for e in elsewhere),
             *reader.findings,
-            *_left_out(models[0]),
-            *slowdown_notes(root),
+            *_left_out(model),
+            *motor_findings(model),
         ),
     )
-
-
-def _version(root: Element, values: Values) -> tuple[int, int]:
-    """The version of SDF, such as 1.10, which is later than 1.9."""
-    text = root.get("version", "1.0")
-    if not (found := re.fullmatch(r"(\d{1,4})\.(\d{1,4})", text)):
-        values.fault(root, f"version must be like 1.9, not {printable(text, 40)}")
-        return _OWN_AXES
-    return int(found[1]), int(found[2])
-
-
-def _merge(model: Element, path: Path, version: str | None) -> None:
-    """Put what is in models that are to be merged in place of their includes.
-
-    They are in folders of their names, beside the model's, as Gazebo's are. What moves them, is of
-    another version, or is to be found elsewhere, stays. A pose of their own moves them against what
-    the model has besides; where that is nothing, it is the place in the world.
-    """
-    for _ in range(_MOST_MERGED):
-        includes = [found for found in children(model) if found.tag == "include"]
-        for include in includes:
-            name = re.fullmatch(r"(?:model://)?([\w-][\w .-]*)", _text(include, "uri"))
-            file = path.absolute().parent.parent / name[1] / "model.sdf" if name else path
-            merged = include.get("merge") in ("true", "1") and child(include, "pose") is None
-            if merged and name and file.is_file():
-                root = parse_xml(read_bytes(file), str(file))
-                other = child(root, "model")
-                besides = [each for each in children(model) if each.tag in ("link", "frame")]
-                moved = bool(besides) and other is not None and child(other, "pose") is not None
-                if other is not None and not moved and root.get("version") == version:
-                    for each in cast(Iterable[Element], other.iter()):
-                        each.elsewhere, each.line = f"{file}:{each.line}", None
-                    place = list(model).index(include)
-                    model[place : place + 1] = children(other)
-                    break
-        else:
-            return
-
-
-def _text(element: Element | None, tag: str) -> str:
-    """The text of a child, empty if there is none."""
-    found = None if element is None else child(element, tag)
-    return "" if found is None else (found.text or "").strip()
 
 
 def _number(values: Values, element: Element | None, tag: str, default: float = 0.0) -> float:
@@ -169,21 +106,29 @@ def _numbers(values: Values, element: Element, count: int) -> list[float]:
 class _Reader:
     """Takes a model apart; names of links, joints and frames share one space."""
 
-    def __init__(
-        self, model: Element, values: Values, version: tuple[int, int], friction: bool
-    ) -> None:
-        self._values, self._version, self._with_friction = values, version, friction
+    def __init__(self, model: Element, values: Values, friction: bool) -> None:
+        self._values, self._with_friction = values, friction
+        self._canonical = model.get("canonical_link", "")
         self.findings: list[sources.Finding] = []
         self.elements: dict[str, Element] = {}
         self._poses: dict[str, tuple[str, Placement]] = {}
         for element in children(model):
-            if element.tag in _PLACED:
+            if element.tag in PLACED:
                 name = values.name(element)
                 if name in self.elements:
-                    values.fault(element, f"there is another {element.tag} of that name")
-                self.elements[name] = element
+                    tag = self.elements[name].tag
+                    values.fault(element, f"there is another {tag} of that name")
+                self.elements.setdefault(name, element)
         for name, element in self.elements.items():
             self._poses[name] = self._pose(element, self._stands_in(element))
+        for name, element in self.elements.items():
+            if placed := element.get("placement_frame"):
+                if placed not in self.elements:
+                    words = f"there is no link, joint or frame {printable(placed, 60)}"
+                    values.fault(element, words + near(placed, self.elements))
+                    continue
+                place, pose = self._poses[name]
+                self._poses[name] = place, pose @ self._between(name, placed).inverse
 
     def links(self) -> dict[str, sources.Link]:
         """The links, with the world where a joint hangs on it."""
@@ -192,7 +137,7 @@ class _Reader:
             for name, element in self._of_kind("link")
         }
         parents = {_text(joint, "parent") for _, joint in self._of_kind("joint")}
-        return ({_WORLD: sources.Link(_WORLD)} if _WORLD in parents else {}) | links
+        return ({WORLD: sources.Link(WORLD)} if WORLD in parents else {}) | links
 
     def joints(self) -> tuple[sources.Joint, ...]:
         """The joints, each of a parent before its pose and a child after its offset."""
@@ -203,10 +148,10 @@ class _Reader:
         found = []
         for name, _ in self._of_kind("frame"):
             link = self._carrier(name)
-            if link == _WORLD:
+            if link == WORLD:
                 words = "on the world: a robot has frames of its own"
                 self.findings.append(sources.Finding("left out", name, words))
-            elif link:
+            elif link and not name.rpartition("::")[2].startswith(MERGED):
                 found.append(sources.Frame(name, link, self._between(link, name)))
         return tuple(found)
 
@@ -216,8 +161,8 @@ class _Reader:
     def _stands_in(self, element: Element) -> str:
         """What an element is placed in, where its pose does not say."""
         if element.tag == "joint":
-            return _text(element, "child") or _MODEL
-        return element.get("attached_to") or _MODEL
+            return _text(element, "child") or MODEL
+        return element.get("attached_to") or MODEL
 
     def _pose(self, element: Element, default: str) -> tuple[str, Placement]:
         """What an element is placed in, and its pose there."""
@@ -227,10 +172,10 @@ class _Reader:
         if found is not None and own:
             names[own] = found
         for name, by in names.items():
-            if name not in self.elements and name not in (_MODEL, _WORLD):
+            if name not in self.elements and name not in (MODEL, WORLD):
                 words = f"there is no link, joint or frame {printable(name, 60)}"
                 self._values.fault(by, words + near(name, self.elements))
-                return _MODEL, HERE
+                return MODEL, HERE
         return own or default, HERE if found is None else self._placement(found)
 
     def _placement(self, element: Element) -> Placement:
@@ -261,11 +206,11 @@ class _Reader:
                 if stands_in not in passed:
                     words = f"is placed relative to more than {_DEEPEST} others, one in the other"
                 self._values.fault(self.elements[name], words)
-                self._poses[name] = (_MODEL, HERE)
-                return [name, _MODEL]
+                self._poses[name] = (MODEL, HERE)
+                return [name, MODEL]
             way.append(stands_in)
             passed.add(stands_in)
-        return [*way[:-1], _MODEL]  # The world's frame is where the model's is.
+        return [*way[:-1], MODEL]  # The world's frame is where the model's is.
 
     def _between(self, outer: str, inner: str) -> Placement:
         """The pose of an element in another."""
@@ -289,21 +234,16 @@ class _Reader:
         return Placement(vector(place), turned[0].rpy_deg if turned else LEVEL)
 
     def _carrier(self, name: str) -> str:
-        """The link that an element is on, by what frames are attached to; empty if there is none.
-
-        A frame of the model is on its first link.
-        """
+        """The link that an element is on, by what frames are attached to; else an empty text."""
+        on = name
         for _ in range(len(self.elements) + 1):
-            element = self.elements.get(name)
+            element = self.elements.get(on)
             if element is None:
-                first = next((link for link, _ in self._of_kind("link")), "")
-                return first if name == _MODEL else name
+                return self._canonical if on == MODEL else on
             if element.tag == "link":
-                return name
-            if element.tag == "frame":
-                name = element.get("attached_to") or _MODEL
-            else:
-                name = _text(element, "child")
+                return on
+            on = _text(element, "child") if element.tag == "joint" else self._stands_in(element)
+        self._values.fault(self.elements[name], "is attached to itself, in a circle")
         return ""
 
     def _inertial(self, name: str, element: Element) -> sources.Inertial:
@@ -346,7 +286,7 @@ class _Reader:
             kind or "fixed",
             parent,
             moved,
-            self._between(parent, name) if parent in self.elements else self._between(_MODEL, name),
+            self._between(parent, name) if parent in self.elements else self._between(MODEL, name),
             AXES["z"] if kind in (None, "fixed") else self._axis(name, axis),
             self._between(name, moved),
             passive,
@@ -362,9 +302,7 @@ class _Reader:
         if axis is None or found is None:
             return AXES["z"]
         direction = np.array(_numbers(self._values, found, 3))
-        older = self._version < _OWN_AXES
-        in_model = older or _text(axis, "use_parent_model_frame") in ("true", "1")
-        if seen_from := found.get("expressed_in") or (_MODEL if in_model else ""):
+        if seen_from := found.get("expressed_in"):
             direction = self._between(name, seen_from).matrix @ direction
         size = float(np.linalg.norm(direction))
         if not size > 0.0:
@@ -386,19 +324,19 @@ class _Reader:
             values.fault(axis, f"<lower> {low:g} is above <upper> {high:g}")
         # Negative ones are SDF's default, no bound.
         effort, velocity = (b if b is not None and b >= 0.0 else None for b in (effort, velocity))
-        damping, friction, stiffness, rest = (
+        damping, stiffness, rest = (
             _number(values, dynamics, tag)
-            for tag in ("damping", "friction", "spring_stiffness", "spring_reference")
+            for tag in ("damping", "spring_stiffness", "spring_reference")
         )
+        friction = _number(values, dynamics, "friction") if self._with_friction else 0.0
         if damping < 0.0:
             values.fault(axis, f"<damping> must be at least 0, not {damping:g}")
         if friction < 0.0:
             values.fault(axis, f"<friction> must be at least 0, not {friction:g}")
         if child(axis, "mimic") is not None:
             self.findings.append(sources.Finding("left out", name, "that it follows another joint"))
-        if friction and not self._with_friction:
-            words = f"dry friction {friction:g}"
-            self.findings.append(sources.Finding("left out", name, words))
+        if not self._with_friction:
+            self.findings += sources.untaken_friction(name, _text(dynamics, "friction") or "0")
         passive = Passive(max(damping, 0.0), 0.0, stiffness, rest if stiffness else 0.0)
         return JointLimits(low, high, effort, velocity), passive, friction
 

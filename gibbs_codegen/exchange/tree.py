@@ -13,8 +13,10 @@ from gibbs_codegen.exchange.placement import HERE, Placement, vector
 from gibbs_codegen.exchange.sources import WORLD, Constraint, Finding, Joint, Rotor, Source
 from gibbs_codegen.robot.placement import turn_about
 
-# How far a rotor may be from the axis of its joint and still be what spins there: m, and rad.
+# How far a rotor may be from the axis of its joint and still be what spins there: m, and rad. On
+# what carries the joint it must be at the joint, too, within so many metres.
 _ON_AXIS = 1e-6
+_AT_JOINT = 0.01
 _ANCHORS = ("world", "map", "odom")
 _MOST_ANCHORS = 10
 
@@ -73,7 +75,7 @@ def locked(source: Source, values: Mapping[str, float]) -> Source:
     for name in values:
         if name not in known:
             raise UsageError(f"--lock {printable(name, 60)}: no such joint{near(name, known)}")
-    joints, findings = [], []
+    joints, findings, seats = [], [], _seats(source)
     for joint in source.joints:
         value, why = 0.0, ""
         low, high = joint.limits.low, joint.limits.high
@@ -81,7 +83,9 @@ def locked(source: Source, values: Mapping[str, float]) -> Source:
             pass
         elif joint.name in values:
             value, why = values[joint.name], "as asked"
-        elif joint.name in source.spinning or any(_spins(joint, rotor) for rotor in source.rotors):
+        elif joint.name in source.spinning or any(
+            _spins(joint, rotor, seats) for rotor in source.rotors
+        ):
             why = "lets a rotor spin"
         elif joint.kind in ("revolute", "prismatic") and low is not None and low == high:
             value, why = low, "its limits leave it no range"
@@ -99,15 +103,34 @@ def locked(source: Source, values: Mapping[str, float]) -> Source:
     return source.found(*findings, joints=tuple(joints))
 
 
-def _spins(joint: Joint, rotor: Rotor) -> bool:
-    """Whether a joint without limits turns about the line of thrust of a rotor it carries."""
-    if joint.child != rotor.on or not joint.continuous:
+def _seats(source: Source) -> dict[str, tuple[str, Placement]]:
+    """The first of the links that fixed joints hold together, and where each link is in it."""
+    seats, way = {source.root: (source.root, HERE)}, [source.root]
+    for link in way:  # It grows meanwhile.
+        for joint in source.below[link]:
+            on, place = seats[link]
+            inner = place @ joint.pose @ joint.offset
+            seats[joint.child] = (on, inner) if joint.kind == "fixed" else (joint.child, HERE)
+            way.append(joint.child)
+    return seats
+
+
+def _spins(joint: Joint, rotor: Rotor, seats: Mapping[str, tuple[str, Placement]]) -> bool:
+    """Whether a joint without limits turns about the line of thrust of a rotor it carries.
+
+    It does, too, if what carries the joint has the rotor where the joint is.
+    """
+    if not joint.continuous or rotor.on not in seats:
         return False
-    place = joint.offset.point(rotor.position)
-    direction = joint.offset.matrix @ np.array(rotor.direction)
+    (body, seat), (carrier, at) = seats[rotor.on], seats[joint.parent]
+    carried = body == joint.child
+    frame = (joint.offset if carried else (at @ joint.pose).inverse) @ seat
+    place = frame.point(rotor.position)
+    direction = frame.matrix @ np.array(rotor.direction)
     beside = np.linalg.norm(np.cross(joint.axis, place))
     tilted = np.linalg.norm(np.cross(joint.axis, direction))
-    return bool(beside <= _ON_AXIS and tilted <= _ON_AXIS)
+    near_by = carried or (body == carrier and np.linalg.norm(place) <= _AT_JOINT)
+    return bool(near_by and beside <= _ON_AXIS and tilted <= _ON_AXIS)
 
 
 def without_anchor(source: Source) -> Source:

@@ -23,7 +23,14 @@ from scipy.spatial.transform import Rotation
 from gibbs_codegen.errors import Fault, printable
 from gibbs_codegen.exchange import sources
 from gibbs_codegen.exchange.placement import Placement, degrees, vector
-from gibbs_codegen.exchange.xml_file import Element, child, children, described, parse_xml
+from gibbs_codegen.exchange.xml_file import (
+    Element,
+    child,
+    child_text,
+    children,
+    described,
+    parse_xml,
+)
 from gibbs_codegen.robot.model import (
     AXES,
     Command,
@@ -123,10 +130,14 @@ class Values:
 
 
 _THRUST = "thrust"
-_MOTOR = (
-    *("momentConstant", "motorConstant", "maxRotVelocity", "timeConstantUp", "timeConstantDown"),
-    *("rotorDragCoefficient", "motorNumber"),
-)
+# What Gazebo, Gazebo Classic and RotorS take for the numbers that a motor does not give; the first
+# are those that a thrust needs.
+_MOTOR = {
+    **{"momentConstant": 0.016, "motorConstant": 8.54858e-06, "maxRotVelocity": 838.0},
+    **{"timeConstantUp": 0.0125, "timeConstantDown": 0.025, "rotorDragCoefficient": 1e-4},
+    "rollingMomentCoefficient": 1e-6,
+}
+_FOR_THRUST = 4
 
 
 def urdf_rotors(root: Element, values: Values, command: Command = "thrust") -> list[sources.Rotor]:
@@ -152,10 +163,13 @@ def gazebo_rotors(root: Element, values: Values, command: Command) -> list[sourc
             values.fault(
                 plugin, f"<turningDirection> must be cw or ccw, not {turning or 'left out'}"
             )
-        moment, constant, fastest, up, down, hub_drag, number = (
-            values.of_text(plugin, f"<{tag}>", texts[tag]) if texts.get(tag) else 0.0
-            for tag in _MOTOR
+        needed = [*_MOTOR][: None if command == "speed" else _FOR_THRUST]
+        given = {tag: text for tag in needed if (text := texts.get(tag))}
+        moment, constant, fastest, up, down, hub_drag, _ = (
+            values.of_text(plugin, f"<{tag}>", given[tag]) if tag in given else usual
+            for tag, usual in _MOTOR.items()
         )
+        number = values.of_text(plugin, "<motorNumber>", texts["motorNumber"] or "0")
         most = constant * fastest**2
         rotor = sources.Rotor(
             name=texts["linkName"],
@@ -189,7 +203,9 @@ def is_motor(plugin: Element) -> bool:
     kind = child(plugin, "motorType")
     if kind is not None and (kind.text or "").strip() != "velocity":
         return False
-    return child(plugin, "linkName") is not None and child(plugin, "motorConstant") is not None
+    name = plugin.get("filename", "") + plugin.get("name", "")
+    known = re.search("motor.?model", name.lower()) or child_text(plugin, "motorConstant")
+    return bool(known and child_text(plugin, "linkName"))
 
 
 def _jsk(root: Element, values: Values) -> list[sources.Rotor]:
@@ -230,7 +246,6 @@ _LEFT_OUT = {
     "transmission": "transmissions",
     "material": "materials",
     "gazebo": "<gazebo> elements other than motors",
-    "rollingMomentCoefficient": "rolling moments of rotors",
 }
 
 
@@ -328,7 +343,7 @@ def _joint(element: Element, values: Values, friction: bool) -> sources.Joint:
         # Files that know no bound of these say 0.
         effort, velocity = (b if b is not None and b > 0.0 else None for b in (effort, velocity))
         limits = JointLimits(low, high, effort, velocity)
-    dynamics = child(element, "dynamics")
+    dynamics = child(element, "dynamics") if kind in ("revolute", "prismatic") else None
     return sources.Joint(
         values.name(element),
         kind,
@@ -409,23 +424,33 @@ def _left_out(root: Element, values: Values, friction: bool) -> list[sources.Fin
     for tag, words in _LEFT_OUT.items():
         if counts[tag] > 0:
             findings.append(sources.Finding("left out", words, f"{counts[tag]}"))
-    findings += slowdown_notes(root)
+    findings += motor_findings(root)
     for joint in (found for found in children(root) if found.tag == "joint"):
         name = joint.get("name", "")
         if (mimic := child(joint, "mimic")) is not None:
             other = mimic.get("joint", "?")
             findings.append(sources.Finding("left out", name, f"that it follows joint {other}"))
-        dry = 0.0 if friction else values.positive(child(joint, "dynamics"), "friction")
-        if dry:
-            findings.append(sources.Finding("left out", name, f"dry friction {dry:g}"))
+        dynamics = None if friction else child(joint, "dynamics")
+        dry = "0" if dynamics is None else dynamics.get("friction", "0")
+        findings += sources.untaken_friction(name, dry)
     return findings
 
 
-def slowdown_notes(root: Element) -> list[sources.Finding]:
-    """Notes of propellers whose inertia may be made for a slower speed."""
+def motor_findings(root: Element) -> list[sources.Finding]:
+    """What of motors is left out, by default, or for a slower speed."""
+    motors = [each for each in root.iter("plugin") if isinstance(each, Element) and is_motor(each)]
+    findings, rolling = [], [child_text(motor, "rollingMomentCoefficient") for motor in motors]
+    if count := len(rolling) - sum(text in ("0", "0.0") for text in rolling):
+        findings.append(sources.Finding("left out", "rolling moments of rotors", f"{count}"))
+    missing = [tag for tag in _MOTOR if not all(child_text(motor, tag) for motor in motors)]
+    if missing:
+        usual = ", ".join(f"{tag} {_MOTOR[tag]:g}" for tag in missing)
+        findings.append(
+            sources.Finding("note", "rotors", f"not in the file, as in Gazebo: {usual}")
+        )
     slowdowns = {(found.text or "").strip() for found in root.iter("rotorVelocitySlowdownSim")}
     many = "made for rotorVelocitySlowdownSim {}: their links' inertia may be that many times too"
-    return [
+    return findings + [
         sources.Finding("note", "rotors", f"{many.format(printable(factor, 20))} large")
         for factor in sorted(slowdowns - {"", "1"})
     ]

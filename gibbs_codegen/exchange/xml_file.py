@@ -1,23 +1,50 @@
 """XML files read safely: no document types, no entities, size and depth bounded; xacro expanded.
 
 The expat parser of the standard library tells of a document type before it reads any entity, and
-the file is refused there, so that nothing is ever expanded or fetched.
+the file is refused there, so that nothing is ever expanded or fetched. What other readers of robots
+let pass is mended before: `--` in comments, a declaration that is not at the very beginning, and
+single bytes that are not in the encoding.
 """
 
 from __future__ import annotations
 
+import codecs
+import re
 import xml.etree.ElementTree as ET
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, cast
 from xml.parsers import expat
 
-from gibbs_codegen.errors import UsageError, cause_of, printable
+from gibbs_codegen.errors import RefusedFileError, UsageError, cause_of, printable
 from gibbs_codegen.exchange.sources import refusal
+from gibbs_codegen.exchange.tree import near
 
 MAX_BYTES = 10_000_000
 # Published robots have fewer than 2000 elements within 10 levels; bodies of MJCF are nested.
 MAX_ELEMENTS = 200_000
 MAX_DEPTH = 300
+
+
+# How files begin that are not in an encoding that keeps ASCII.
+_BEGINNINGS = {
+    codecs.BOM_UTF8: "utf-8-sig",
+    **dict.fromkeys((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE), "utf-16"),
+    **{b"<\0": "utf-16-le", b"\0<": "utf-16-be"},
+}
+_DECLARED = re.compile(rb"""\s*<\?xml\s[^>]*?encoding\s*=\s*["']([\w.:-]+)""")
+_ASCII = bytes(range(32, 127))
+# Each ends with the file at the latest, so that the search takes a time in proportion to it.
+_MENDED = re.compile(r"(?s)<!\[CDATA\[.*?(?:\]\]>|\Z)|<!--.*?(-->|\Z)|<\?xml\s.*?(\?>|\Z)")
+_FAULTS = {
+    expat.errors.XML_ERROR_NO_ELEMENTS: "it ends before its root element does",
+    expat.errors.XML_ERROR_UNCLOSED_TOKEN: "it ends within a tag or comment",
+    expat.errors.XML_ERROR_TAG_MISMATCH: "the end tag here is not that of the open element, <{}>",
+    expat.errors.XML_ERROR_DUPLICATE_ATTRIBUTE: "an attribute is there twice",
+    expat.errors.XML_ERROR_JUNK_AFTER_DOC_ELEMENT: "something follows the end of the root element",
+    expat.errors.XML_ERROR_UNDEFINED_ENTITY: "an entity &…; that XML does not define",
+}
+_OTHER_FAULT = "a character that cannot be here; < and & are written &lt; and &amp;"
 
 
 class Element(ET.Element):
@@ -34,6 +61,12 @@ class _Refused(Exception):  # noqa: N818 - it never leaves this module
 def child(element: Element, tag: str) -> Element | None:
     """The first child of a tag, or None."""
     return next((found for found in children(element) if found.tag == tag), None)
+
+
+def child_text(element: Element | None, tag: str) -> str:
+    """The text of the first child of a tag, empty if there is none."""
+    found = None if element is None else child(element, tag)
+    return "" if found is None else (found.text or "").strip()
 
 
 def children(element: Element) -> list[Element]:
@@ -69,6 +102,40 @@ def read_bytes(path: Path, wanted: str = "a URDF, xacro, MJCF or SDF file") -> b
     return data
 
 
+def _single_bytes(error: Any) -> tuple[str, int]:
+    """What is not in an encoding, byte by byte."""
+    return error.object[error.start : error.end].decode("latin-1"), error.end
+
+
+codecs.register_error("single bytes", _single_bytes)
+
+
+def xml_text(data: bytes, file: str | Path) -> str:
+    """The text of a document with its lines, but without a declaration or words in comments.
+
+    Raises `SourceFileError` if the encoding that it declares is not known.
+    """
+    name = next((name for mark, name in _BEGINNINGS.items() if data.startswith(mark)), "")
+    if not name:
+        declared = _DECLARED.match(data)
+        name = declared[1].decode() if declared else "utf-8"
+        # Some writers say UTF-16 of any text.
+        name = "utf-8" if name.lower().startswith("utf-16") else name
+    try:
+        if data.startswith(tuple(_BEGINNINGS)) or _ASCII.decode(name) == _ASCII.decode():
+            return _MENDED.sub(_mended, data.decode(name, "single bytes"))
+    except (LookupError, ValueError):
+        pass
+    words = f"the encoding {printable(name, 40)} that it declares is not known; save it as UTF-8"
+    raise refusal(file, f"not well-formed XML: {words}", 1)
+
+
+def _mended(found: re.Match[str]) -> str:
+    """What a declaration or comment becomes; all else stays as it is."""
+    lines = "\n" * found[0].count("\n")
+    return f"<!--{lines}-->" if found[1] else lines if found[2] else found[0]
+
+
 def parse_xml(data: bytes, file: str) -> Element:
     """The root element of a document; every element has its line.
 
@@ -76,22 +143,22 @@ def parse_xml(data: bytes, file: str) -> Element:
     large.
     """
     builder = ET.TreeBuilder(element_factory=Element)
-    parser = expat.ParserCreate()
+    parser = expat.ParserCreate("utf-8")
     parser.buffer_text = True
-    depth = count = 0
+    text, count, opened = xml_text(data, file), 0, list[str]()
 
     def start(tag: str, attributes: dict[str, str]) -> None:
-        nonlocal depth, count
-        depth, count = depth + 1, count + 1
-        if depth > MAX_DEPTH:
+        nonlocal count
+        opened.append(tag)
+        count += 1
+        if len(opened) > MAX_DEPTH:
             raise _Refused(f"elements are nested more than {MAX_DEPTH} deep")
         if count > MAX_ELEMENTS:
             raise _Refused(f"more than {MAX_ELEMENTS} elements; robots have far fewer")
         cast(Element, builder.start(tag, attributes)).line = parser.CurrentLineNumber
 
     def end(tag: str) -> None:
-        nonlocal depth
-        depth -= 1
+        opened.pop()
         builder.end(tag)
 
     def refuse(*_: Any) -> None:
@@ -101,33 +168,84 @@ def parse_xml(data: bytes, file: str) -> Element:
     parser.CharacterDataHandler = builder.data
     parser.StartDoctypeDeclHandler = parser.EntityDeclHandler = refuse
     try:
-        parser.Parse(data, True)
+        parser.Parse(text.encode(), True)
         return cast(Element, builder.close())
-    except (_Refused, expat.ExpatError, LookupError, ValueError) as error:
-        text = str(error) if isinstance(error, _Refused) else f"not well-formed XML: {error}"
-        line = parser.ErrorLineNumber if isinstance(error, expat.ExpatError) else None
-        line = line or parser.CurrentLineNumber
-        raise refusal(file, printable(text), line) from None
+    except _Refused as error:
+        raise refusal(file, str(error), parser.CurrentLineNumber) from None
+    except expat.ExpatError as error:
+        words = _FAULTS.get(expat.ErrorString(error.code), _OTHER_FAULT)
+        words = words.format(printable(opened[-1] if opened else "none", 40))
+        if "{%" in text or "{{" in text:
+            words = "a template of Jinja, which its project renders when it is built"
+        raise refusal(file, f"not well-formed XML: {words}", error.lineno) from None
 
 
-def expanded(path: Path) -> bytes:
-    """The URDF that a file expands to.
+def expanded(path: Path, arguments: Mapping[str, object]) -> bytes:
+    """The URDF that a file expands to with values for its `<xacro:arg>`, by their names.
 
     xacro evaluates expressions and reads other files: what it is given is trusted as a program is.
-    Raises `UsageError` if xacrodoc is not installed, and `SourceFileError` if it cannot expand the
-    file.
+    Raises `UsageError` if xacrodoc is not installed, or an argument is unknown or without a value,
+    and `SourceFileError` if it cannot expand the file.
     """
-    parse_xml(read_bytes(path), str(path))
+    text = xml_text(read_bytes(path), path)
+    parse_xml(text.encode(), str(path))
     try:
-        from xacrodoc import XacroDoc
+        from xacrodoc import packages, xacrodoc
     except ImportError:
         raise UsageError(
             f"{printable(path)}: the package xacrodoc is not installed; install "
             "xacrodoc, or gibbs_codegen with its extra xacro, or expand the file to URDF"
         ) from None
+    known, xacro = list[str](), xacrodoc.xacro
+    own_parse = xacro.parse
+
+    def document(text: str | None, file: str = "") -> Any:
+        """A file or what it includes, whose arguments become known."""
+        if text is None:
+            if not Path(file).is_file():
+                return own_parse(None, file)  # It is no fault where that is optional.
+            data = read_bytes(Path(file))
+            parse_xml(data, file)
+            text = xml_text(data, file)
+        made = own_parse(text)
+        for element in made.getElementsByTagName("xacro:arg"):
+            known.append(element.getAttribute("name"))
+            if not element.hasAttribute("default"):  # xacro insists on one.
+                element.parentNode.removeChild(element)
+        known.extend(re.findall(r"\$\(\s*arg\s+([\w.-]+)", text))
+        return made
+
+    words, values = "", {name: str(value) for name, value in arguments.items()}
     try:
-        text: str = XacroDoc.from_file(str(path), resolve_packages=False).to_urdf_string()
+        xacro.parse = document
+        xacro.init_stacks(str(path))  # What others are included relative to.
+        packages.walk_up_from(path)
+        made: str = xacrodoc.XacroDoc.from_string(
+            text, values, resolve_packages=False
+        ).to_urdf_string()
+    except (UsageError, RefusedFileError):
+        raise
     except Exception as error:  # Whatever its expressions raise.
-        words = printable(f"{type(error).__name__}: {error}", 300)
-        raise refusal(path, f"cannot be expanded: {words}") from None
-    return text.encode()
+        cause = error
+        while isinstance(inner := getattr(cause, "exc", None), Exception):
+            cause = inner
+        if isinstance(cause, xacro.substitution_args.ArgException):
+            name = printable(cause, 60)
+            words = f"its argument {name} has no value; give {name}:=VALUE after the file"
+        elif isinstance(cause, OSError):
+            words = f"it includes {printable(cause.filename)}, which is not there"
+        else:
+            words = (
+                f"xacro cannot evaluate it ({printable(error, 300)}); mend it, or have xacro of "
+            )
+            words += "ROS expand it, and import the URDF"
+        made = ""
+    finally:
+        xacro.parse = own_parse
+    there_are = f"; there are {printable(', '.join(dict.fromkeys(known)) or 'none', 200)}"
+    for name in arguments:
+        if name not in known:
+            words = f"it has no argument {printable(name, 60)}{near(name, known)}{there_are}"
+    if words:
+        raise refusal(path, f"cannot be expanded: {words}")
+    return made.encode()

@@ -44,7 +44,8 @@ def test_features_of_published_files(tmp_path: Path) -> None:
     assert told(report, "base") == ["hub"]
     assert told(report, "welded") == ["prop_0", "prop_1", "stiff", "shifted"]
     assert told(report, "locked") == ["spin_0", "spin_1", "stuck", "slid"]
-    assert told(report, "left out") == ["transmissions", "x", "right", "world"]
+    left_out = ["transmissions", "rolling moments of rotors", "x", "right", "world"]
+    assert told(report, "left out") == left_out
     assert {"boom-left", "boom_left", "x", "rotors"} == set(told(report, "note"))
     assert set(told(report, "snapped")) == {
         *("x", "right", "spin_1", "inertia of boom-left", "hub")
@@ -450,19 +451,87 @@ def test_servos_are_no_rotors(tmp_path: Path) -> None:
     assert [link.coordinate for link in robot.links] == ["x_joint", "right", "spin_1"]
 
 
-def test_xacro_is_expanded(tmp_path: Path) -> None:
-    path = tmp_path / "robot.urdf.xacro"
-    path.write_text(
-        '<robot name="Two" xmlns:xacro="http://www.ros.org/wiki/xacro">'
-        '<xacro:property name="m" value="2"/><link name="b"><inertial><mass value="${m * 2}"/>'
-        '<inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>'
-        '<visual><geometry><mesh filename="package://unknown/a.stl"/></geometry></visual>'
-        "</link></robot>"
-    )
-    assert import_robot(path, ImportOptions("xyz"))[0].total_mass == 4.0
-    path.write_text(path.read_text().replace("m * 2", "n"))
-    with pytest.raises(GibbsCodegenError, match="cannot be expanded: "):
-        import_robot(path, ImportOptions("xyz"))
+XACRO = """<robot name="Two" xmlns:xacro="http://www.ros.org/wiki/xacro">
+  <xacro:include filename="part.xacro"/><xacro:arg name="mass"/>
+  <xacro:include filename="no.xacro" optional="true"/>
+  <link name="b"><inertial><mass value="${m * factor}"/>
+    <inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>
+    <visual><geometry><mesh filename="package://unknown/a.stl"/></geometry></visual></link></robot>"""
+PART = """
+<?xml version="1.0"?>
+<!-- an empty line -- and two hyphens -->
+<robot xmlns:xacro="http://www.ros.org/wiki/xacro"><xacro:arg name="factor" default="2"/>
+  <xacro:property name="m" value="$(arg mass)"/>
+  <xacro:property name="factor" value="$(arg factor)"/>
+</robot>"""
+
+
+@pytest.mark.parametrize(
+    ("words", "mass", "message"),
+    [
+        (["mass:=1.5"], 3.0, ""),
+        (["--force", "factor:=4", "mass:=1.5"], 6.0, ""),
+        ([], 0.0, "argument mass has no value; give mass:=VALUE after the file"),
+        (["mas:=1.5"], 0.0, "no argument mas; did you mean mass?; there are mass, factor"),
+        (["mass:=1", "colour:=red"], 0.0, "it has no argument colour"),
+        (["mass=1"], 0.0, "mass=1: after FILE come arguments of xacro as NAME:=VALUE"),
+        (["mass:=${n}"], 0.0, "xacro cannot evaluate it (name 'n' is not defined"),
+        (["mass:=heavy"], 0.0, "robot.urdf.xacro (expanded):5: <mass>: value must be a finite"),
+    ],
+)
+def test_xacro_is_expanded_with_arguments(
+    words: list[str],
+    mass: float,
+    message: str,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    (tmp_path / "robot.urdf.xacro").write_text(XACRO)
+    (tmp_path / "part.xacro").write_text(PART)
+    monkeypatch.chdir(ROOT)  # Files are included from beside the one that includes them.
+    out = tmp_path / "out.toml"
+    file, *named = str(tmp_path / "robot.urdf.xacro"), *words[:1]
+    code = main(["import", file, *named, "--out", str(out), *words[1:]])
+    assert code == (2 if message else 0)
+    assert message in capsys.readouterr().err
+    if not message:
+        assert read_robot(str(out))[0].total_mass == mass
+
+
+def test_arguments_are_for_xacro_only(tmp_path: Path) -> None:
+    with pytest.raises(GibbsCodegenError, match=r"robot.urdf: NAME:=VALUE is an argument of xacro"):
+        imported(FEATURES, tmp_path, arguments={"mass": 2.0})
+
+
+SEAT = """<robot name="seat"><link name="base"><inertial><mass value="1"/></inertial></link>
+  <link name="arm"/><joint name="weld" type="fixed">
+    <origin xyz="0.1 0 0" rpy="0 0 1.5707963267948966"/><parent link="base"/>
+    <child link="arm"/></joint><link name="prop"><inertial><mass value="0.01"/></inertial></link>
+  <joint name="spin" type="continuous"><origin xyz="0.1 0 0.02"/><parent link="arm"/>
+    <child link="prop"/><axis xyz="0 0 1"/></joint></robot>"""
+
+
+@pytest.mark.parametrize(
+    ("rotor", "locked"),
+    [
+        ('on = "base"\nposition = [0.1, 0.1, 0.02]', True),
+        ('on = "arm"\nposition = [0.1, 0, 0.025]', True),
+        ('on = "prop"', True),
+        ('on = "base"\nposition = [0.1, 0.11, 0.02]', False),
+        ('on = "base"\nposition = [0.1, 0.1, 0.2]', False),
+        ('on = "base"\nposition = [0.1, 0.1, 0.02]\ndirection = "y"', False),
+    ],
+)
+def test_a_rotor_at_a_joint_without_end_lets_it_spin(
+    rotor: str, locked: bool, tmp_path: Path
+) -> None:
+    """Also where it is given on what carries the joint, or on a link that is fixed to that."""
+    file = tmp_path / "rotors.toml"
+    file.write_text(f"[[rotor]]\n{rotor}\n")
+    robot, report = imported(SEAT, tmp_path, rotors=file)
+    assert (told(report, "locked") == ["spin"]) == locked
+    assert len(robot.links) == (not locked)
 
 
 def test_motors_of_gazebo_are_commanded_speeds_if_so_asked(tmp_path: Path) -> None:
@@ -476,7 +545,7 @@ def test_motors_of_gazebo_are_commanded_speeds_if_so_asked(tmp_path: Path) -> No
     source.write_text(FEATURES.replace("</plugin>", more, 1))
     assert main(["import", str(source), "--command", "speed", "--out", str(out)]) == 0
     robot, text = read_robot(str(out))
-    assert "rolling moments of rotors (1)" in " ".join(text.replace("#", " ").split())
+    assert "rolling moments of rotors (2)" in " ".join(text.replace("#", " ").split())
     first, second = robot.thrusters
     assert (first.name, second.name) == ("prop_0", "prop_1")
     for rotor in (first, second):
@@ -484,11 +553,11 @@ def test_motors_of_gazebo_are_commanded_speeds_if_so_asked(tmp_path: Path) -> No
         assert (rotor.drive.command, rotor.drive.limits) == ("speed", (0.0, 838.0))
         assert rotor.drive.thrust(500.0) == pytest.approx(8.54858e-06 * 500.0**2, rel=1e-15)
         assert rotor.limits is None
-    assert first.air is None
+    # Where the file is silent, it is as in Gazebo.
+    assert first.air == RotorAir(drag=1e-4)
     assert second.air == RotorAir(drag=8.1e-5)
     drives = robot.drives
-    # Where the file has one time constant, it is for both ways.
-    assert (drives[0].up, drives[0].down) == (0.0125, 0.0125)
+    assert (drives[0].up, drives[0].down) == (0.0125, 0.025)
     assert (drives[1].up, drives[1].down) == (0.0125, 0.025)
     thrusts, report = imported(FEATURES, tmp_path)
     assert not thrusts.has_actuators

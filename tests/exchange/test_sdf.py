@@ -44,8 +44,8 @@ class Read(NamedTuple):
     joints: dict[str, Array]
 
 
-def as_read(path: Path, folder: Path) -> Read:
-    """What libsdformat reads in a file, of which it must not complain."""
+def written(path: Path, folder: Path, *words: str) -> str:
+    """What libsdformat prints of a file, of which it must not complain."""
     found = subprocess.run(
         ["pkg-config", "--cflags", "--libs", "sdformat12"], capture_output=True, text=True
     )
@@ -54,9 +54,14 @@ def as_read(path: Path, folder: Path) -> Read:
     flags = ["-std=c++17", "-w", *found.stdout.split()]
     command = [tools.tool("g++"), PROGRAM, *flags]
     program = tools.compiled(command, folder / "sdf_reader")
-    done = subprocess.run([program, path], capture_output=True, text=True)
+    done = subprocess.run([program, path, *words], capture_output=True, text=True)
     assert (done.returncode, done.stderr) == (0, "")
-    lines = [line.split() for line in done.stdout.splitlines()]
+    return done.stdout
+
+
+def as_read(path: Path, folder: Path) -> Read:
+    """What libsdformat reads in a file."""
+    lines = [line.split() for line in written(path, folder).splitlines()]
     numbers: dict[str, dict[str, Array]] = {"link": {}, "joint": {}}
     for kind, name, *words in lines:
         numbers[kind][name] = np.array(words, float)
@@ -182,7 +187,8 @@ def test_what_is_placed_by_frames_is_where_libsdformat_has_it(seen: str, tmp_pat
     ]
     told = {line.subject: line.detail for line in report if line.kind == "left out"}
     assert told == {
-        **{"model://sun": "another model", "lift": "dry friction 0.2", "collision shapes": "1"}
+        **{"model://sun": "another model", "lift": "dry friction 0.2", "collision shapes": "1"},
+        "rolling moments of rotors": "2",
     }
     # With the include libsdformat looks for the sun.
     path.write_text(text.replace("<include><uri>model://sun</uri></include>", ""))
@@ -212,36 +218,140 @@ def test_axes_of_old_files_are_those_of_the_model(tmp_path: Path) -> None:
     assert axes[0] == axes[1] == axes[2]
 
 
-def test_models_are_merged_from_folders_beside_theirs(tmp_path: Path) -> None:
+def test_a_model_may_be_merged_of_links_in_one_file_and_motors_in_another(tmp_path: Path) -> None:
     path = tmp_path / "whole.sdf"
     path.write_text(FEATURES)
     expected, _ = import_robot(path, ImportOptions("quaternion"))
     body, plugin, rest = FEATURES.partition('<plugin name="a"')
     begin = '<model name="machine">'
-    # As PX4 has it: links in one model, and motors in another. 1.10 is later than 1.9.
+    # 1.10 is later than 1.9.
     parts = {
         "base": f'<sdf version="1.10">{body[body.index(begin) :]}</model></sdf>',
         "machine": '<sdf version="1.10"><world name="w"><gravity>0 0 -3.7</gravity>'
         '<model name="machine"><include merge="true"><uri>model://base</uri></include>'
         f"{plugin}{rest}",
     }
-    for name, text in parts.items():
-        (tmp_path / name).mkdir()
-        (tmp_path / name / "model.sdf").write_text(text)
-    found, _ = import_robot(tmp_path / "machine" / "model.sdf", ImportOptions("quaternion"))
-    assert found == expected
-    # Not where a pose moves it against a link of the other model, nor of another version.
-    wrong = tmp_path / "base" / "model.sdf"
-    wrong.write_text(parts["base"].replace("<mass>1.5<", "<mass>-1<"))
+    machine = laid(tmp_path, parts)["machine"]
+    assert import_robot(machine, ImportOptions("quaternion"))[0] == expected
+    laid(tmp_path, {"base": parts["base"].replace("<mass>1.5<", "<mass>-1<")})
     with pytest.raises(GibbsCodegenError, match=r"not -1 \(.*base/model.sdf:\d+\)"):
-        import_robot(tmp_path / "machine" / "model.sdf", ImportOptions("quaternion"))
-    own = {"machine": parts["machine"].replace("<include", '<link name="own"/><include')}
-    older = {"base": parts["base"].replace("1.10", "1.9", 1)}
-    for changed in (own, older):
-        for name, text in {**parts, **changed}.items():
-            (tmp_path / name / "model.sdf").write_text(text)
-        with pytest.raises(GibbsCodegenError, match="which is not merged"):
-            import_robot(tmp_path / "machine" / "model.sdf", ImportOptions("quaternion"))
+        import_robot(machine, ImportOptions("quaternion"))
+
+
+def laid(folder: Path, texts: dict[str, str]) -> dict[str, Path]:
+    """Files of models, each in a folder of its name as Gazebo has them."""
+    for name, text in texts.items():
+        (folder / name).mkdir(parents=True, exist_ok=True)
+        (folder / name / "model.config").write_text(
+            '<model><sdf version="1.3">old.sdf</sdf><sdf version="1.9">model.sdf</sdf></model>'
+        )
+        (folder / name / "model.sdf").write_text(text)
+    return {name: folder / name / "model.sdf" for name in texts}
+
+
+def link(name: str, mass: float, inside: str = "") -> str:
+    """A link whose centre of mass is off its origin."""
+    moments = "<ixx>0.02</ixx><iyy>0.03</iyy><izz>0.04</izz><ixy>0.001</ixy>"
+    own = f"<pose>0.02 0.01 0.03 0.1 0 0</pose><mass>{mass}</mass><inertia>{moments}</inertia>"
+    return f'<link name="{name}">{inside}<inertial>{own}</inertial></link>'
+
+
+# An arm with a propeller and a motor, whose base is to be put somewhere by any of its frames.
+ARM = f"""<sdf version="1.9"><model name="arm" canonical_link="upper">
+  {link("mount", 0.1)}{link("upper", 0.2, "<pose>0.1 0 0.2 0 0.3 0</pose>")}
+  {link("prop", 0.01, '<pose relative_to="grip">0 0 0.05 0 0 0</pose>')}
+  <frame name="grip" attached_to="upper"><pose>0.3 0 0 0.2 0 0</pose></frame>
+  <frame name="own"><pose>0 0 0.1 0 0 0.5</pose></frame>
+  <frame name="level"><pose>0.1 0 0.1 0 0 0</pose></frame>
+  <joint name="elbow" type="revolute"><pose>0 0.1 0 0 0 0</pose><parent>mount</parent>
+    <child>upper</child><axis><xyz expressed_in="__model__">0 0.6 0.8</xyz>
+    <limit><lower>-1</lower><upper>1</upper></limit></axis></joint>
+  <joint name="spin" type="revolute"><parent>upper</parent><child>prop</child><axis><xyz>0 0 1</xyz>
+    <limit><lower>-1e16</lower><upper>1e16</upper></limit></axis></joint>
+  <plugin filename="gz-sim-multicopter-motor-model-system" name="m"><jointName>spin</jointName>
+    <linkName>prop</linkName><turningDirection>cw</turningDirection></plugin>
+</model></sdf>"""
+NESTED = ARM[ARM.index("<model") : ARM.index("</sdf>")]
+FIXED = '<joint name="j" type="fixed"><parent>{}</parent><child>{}</child></joint>'
+INCLUDE = "<include{}><uri>{}</uri>{}</include>"
+AT = '<pose relative_to="{}">0.3 -0.1 0.2 0.2 0.4 0.6</pose>'
+TOGETHER = {
+    "nested": NESTED.replace('link="upper">', f'link="upper">{AT.format("shelf")}')
+    + FIXED.format("body", "arm::mount"),
+    "nested, placed by a frame": NESTED.replace(
+        'link="upper">', f'link="upper" placement_frame="grip">{AT.format("body")}'
+    )
+    + FIXED.format("shelf", "arm::mount"),
+    "included": INCLUDE.format("", "model://arm", f"<name>left</name>{AT.format('shelf')}")
+    + FIXED.format("left::grip", "body").replace("<parent>left::grip", "<parent>left::mount"),
+    "included, placed by a frame": INCLUDE.format(
+        "", "model://arm", f"<placement_frame>own</placement_frame>{AT.format('body')}"
+    )
+    + FIXED.format("body", "arm::mount")
+    + '<frame name="tip" attached_to="arm::grip"><pose>0 0 0.1 0 0 0</pose></frame>',
+    "merged": INCLUDE.format(' merge="true"', "model://arm", AT.format("shelf"))
+    + FIXED.format("body", "mount"),
+    "merged, placed by a frame": INCLUDE.format(  # libsdformat rounds what it computes here.
+        ' merge="true"',
+        "model://arm",
+        "<placement_frame>level</placement_frame>"
+        '<pose relative_to="body">0.3 -0.1 0.2 0 0 0</pose>',
+    )
+    + FIXED.format("shelf", "mount"),
+    "through another": INCLUDE.format("", "model://between", AT.format("body"))
+    + FIXED.format("body", "between::arm::mount"),
+}
+
+
+@pytest.mark.parametrize("kind", TOGETHER)
+def test_models_are_put_together_as_libsdformat_does(kind: str, tmp_path: Path) -> None:
+    """The file itself, and the one that libsdformat writes of it, in which nothing is included."""
+    shelf = '<frame name="shelf" attached_to="body"><pose>0 0.1 0.2 0 0 0.7</pose></frame>'
+    texts = {"arm": ARM, "machine": f"{link('body', 1.5)}{shelf}{TOGETHER[kind]}"}
+    texts["between"] = INCLUDE.format("", "model://arm", AT.format("__model__"))
+    for name in ("machine", "between"):
+        texts[name] = f'<sdf version="1.9"><model name="{name}">{texts[name]}</model></sdf>'
+    path = laid(tmp_path, texts)["machine"]
+    options = ImportOptions("quaternion", snap=False, base="body")
+    robot, _ = import_robot(path, options)
+    (rotor,) = robot.thrusters
+    assert (rotor.drag, rotor.limits) == (0.016, (0.0, 8.54858e-06 * 838.0**2))
+    assert_is_as_read(robot, as_read(path, tmp_path))
+    whole = tmp_path / "whole.sdf"
+    whole.write_text(written(path, tmp_path, "-p"))
+    assert_is_as_read(import_robot(whole, options)[0], as_read(whole, tmp_path))
+
+
+@pytest.mark.parametrize(
+    ("uri", "place", "variable"),
+    [
+        *(("model://arm", "models/arm", ""), ("../arm", "models/arm", "")),
+        *(("arm/model.sdf", "models/machine/arm", ""), ("model://arm", "arm", "")),
+        *((("model://arm", "else/arm", name)) for name in ("GZ_SIM_RESOURCE_PATH", "SDF_PATH")),
+        *(("model://arm", "else/arm", "GAZEBO_MODEL_PATH"), ("FOLDER/else/arm", "else/arm", "")),
+        *(("model://arm", "working/arm", None), ("model://arm", "", None)),
+        *(("https://fuel.gazebosim.org/1.0/a/models/arm", "models/arm", None),),
+    ],
+)
+def test_models_are_looked_for_beside_the_file_and_where_the_environment_says(
+    uri: str, place: str, variable: str | None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """None: it is not there, for the working folder says nothing of models."""
+    for name in ("GZ_SIM_RESOURCE_PATH", "SDF_PATH", "GAZEBO_MODEL_PATH"):
+        value = f"{tmp_path / 'no'}:{tmp_path / 'else'}" if name == variable else ""
+        monkeypatch.setenv(name, value)
+    text = INCLUDE.format("", uri.replace("FOLDER", str(tmp_path)), "")
+    machine = f'<sdf version="1.9"><world name="w">{text}</world></sdf>'
+    path = laid(tmp_path, {"models/machine": machine, **({place: ARM} if place else {})})[
+        "models/machine"
+    ]
+    (tmp_path / "working").mkdir(exist_ok=True)
+    monkeypatch.chdir(tmp_path / "working")
+    if variable is None:
+        with pytest.raises(GibbsCodegenError, match=r"was not found|gz fuel download"):
+            import_robot(path, ImportOptions("quaternion"))
+    else:
+        assert import_robot(path, ImportOptions("quaternion"))[0].rotors == 1
 
 
 REFUSED = [
@@ -252,10 +362,14 @@ REFUSED = [
     ('attached_to="boom"><pose>0.05', 'attached_to="bom"><pose>0.05', "bom; did you mean boom?"),
     ('attached_to="hub">', 'attached_to="hup">', "no link, joint or frame hup; did you mean hub?"),
     ('"hook">', '"hook" attached_to="nolink"/><frame name="other">', "joint or frame nolink"),
-    ("<friction>0.2<", "<friction>-0.2<", "<friction> must be at least 0, not -0.2"),
     ('relative_to="boom"', 'relative_to="hook"', "relative to itself, in a circle"),
     ("<lower>-1<", "<lower>-1e20 m<", "must be a finite number"),
-    ("1 2 3 0 0 0.5</pose>", "1 2 3 0 0 0.5</pose><include/>", "`gz sdf -p` writes all into one"),
+    ("1 2 3 0 0 0.5</pose>", "1 2 3 0 0 0.5</pose><include/>", "<include>: has no <uri>"),
+    (
+        '"hook">',
+        '"hook" attached_to="ring"/><frame name="ring" attached_to="hook">',
+        "is attached to itself, in a circle",
+    ),
     (
         'type="revolute">\n        <pose>',
         'type="screw">\n        <pose>',
@@ -268,6 +382,21 @@ REFUSED = [
     ("<child>boom<", "<child>bom<", "no link, joint or frame bom; did you mean boom?"),
     ("<inertial><mass>0.2", '<inertial auto="true"><mass>0.2', "has its inertia from shapes"),
 ]
+
+
+@pytest.mark.parametrize("text", ["5e80", "nan", "-0.2", "sticky"])
+def test_friction_that_is_not_taken_is_refused_for_nothing(text: str, tmp_path: Path) -> None:
+    urdf = '<robot name="r"><link name="a"/><link name="b"/><joint name="lift" type="revolute">'
+    urdf += '<parent link="a"/><child link="b"/><axis xyz="0 0 1"/><dynamics friction="0.2"/>'
+    sources = {"robot.sdf": FEATURES, "robot.urdf": f"{urdf}</joint></robot>"}
+    for name, source in sources.items():
+        (tmp_path / name).write_text(
+            source.replace("<friction>0.2<", f"<friction>{text}<").replace('"0.2"', f'"{text}"')
+        )
+        _, report = import_robot(tmp_path / name, ImportOptions("quaternion"))
+        assert "dry friction" in next(line.detail for line in report if line.subject == "lift")
+        with pytest.raises(GibbsCodegenError, match="friction"):
+            import_robot(tmp_path / name, ImportOptions("quaternion", friction=True))
 
 
 @pytest.mark.parametrize(("right", "wrong", "message"), REFUSED)
