@@ -153,9 +153,9 @@ def test_hostile_files_are_refused(
     monkeypatch.chdir(tmp_path)
     source = tmp_path / "robot.xml"
     source.write_bytes(data if isinstance(data, bytes) else data.encode())
-    begin = time.perf_counter()
+    begin = time.process_time()
     code = main(["import", "robot.xml", "--attitude", "xyz", "--out", "out.toml"])
-    assert time.perf_counter() - begin < 20
+    assert time.process_time() - begin < 20
     said = capfd.readouterr()
     assert code == 2
     assert message in said.err
@@ -183,9 +183,9 @@ def test_names_of_one_form_take_no_longer(tmp_path: Path) -> None:
     links = "".join(f'<link name="{name}"/>' for name in names)
     joints = "".join(JOINT.format(f"j{name}", "fixed", "a", name) for name in names)
     path.write_text(f'<robot name="r">{LINK.format("a")}{links}{joints}</robot>', encoding="utf-8")
-    begin = time.perf_counter()
+    begin = time.process_time()
     assert main(["import", str(path), "--out", str(tmp_path / "o.toml")]) == 0
-    assert time.perf_counter() - begin < 20
+    assert time.process_time() - begin < 20
 
 
 def test_deep_bodies_of_mjcf_are_no_trouble(tmp_path: Path) -> None:
