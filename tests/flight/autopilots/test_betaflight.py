@@ -280,7 +280,8 @@ def test_a_firmware_that_dies_before_the_flight(fast: Load) -> None:
     session = fly(machine, link, 1.0)
     thread.join(5.0)
     assert "silent for 0.5 s" in session.ended
-    assert (machine.time, time.monotonic() - begin < 8.0) == (0.0, True)
+    assert machine.time == 0.0
+    assert time.monotonic() - begin < 60.0  # It waited for 100 s once, and a machine may be busy.
 
 
 def test_senses_of_rotors_that_the_firmware_does_not_have_are_told(
