@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 # More than a person will read at a time.
@@ -157,16 +157,20 @@ class MissingFunctionError(UsageError, AttributeError):
 
     Args:
         module: Name of the module.
-        missing: Name of what it lacks.
-        option: Name of the option that brings it, "functions" or "derivatives".
-        words: Words of that option with which it is there, and what the module has already.
+        missing: Names of what it lacks.
+        options: Words of the options "functions" and "derivatives" with which it is there, and what
+            the module has already.
     """
 
-    def __init__(self, module: str, missing: str, option: str, words: Sequence[str]) -> None:
-        listed = ", ".join(f'"{word}"' for word in words)
+    def __init__(
+        self, module: str, missing: Sequence[str], options: Mapping[str, Sequence[str]]
+    ) -> None:
+        flags = " ".join(f"--{option}={','.join(words)}" for option, words in options.items())
+        listed = {option: ", ".join(f'"{x}"' for x in words) for option, words in options.items()}
+        python = ", ".join(f"{option}=[{words}]" for option, words in listed.items())
         super().__init__(
-            f"{module}: has no {missing}, generated on request only: gibbs-codegen generate "
-            f"{module} --{option}={','.join(words)}, or {option}=[{listed}] in Python"
+            f"{module}: has no {', '.join(missing)}, generated on request only: gibbs-codegen "
+            f"generate {module} {flags}, or {python} in Python"
         )
 
 

@@ -41,17 +41,18 @@ def run(options: argparse.Namespace) -> int:
     """Fly the scenario, write the results, and print what is to be said of the flight."""
     scenario = read_scenario(options.scenario, changes_of(options.set))
     check_results(options.out, options.animate or "")
-    from gibbs_codegen.flight.simulation import simulate  # Late: refusals appear at once.
+    # Late: refusals appear at once.
+    from gibbs_codegen.flight.simulation import check_scenario, simulate
 
     control = scenario.control
     plans = control.law == PREDICTIVE
     derivatives = (*DERIVATIVES, *(AT_WALLS if control.force else ())) if plans else ()
     functions = WITH_CONSTRAINTS if scenario.holds else None
     with (
-        robot_argument.found_module(options.robot, terminal.progress(), derivatives, functions) as (
-            folder,
-            _,
-        ),
+        robot_argument.found_module(
+            *(options.robot, terminal.progress(), derivatives, functions),
+            check=lambda robot: check_scenario(robot, scenario),
+        ) as (folder, _),
         terminal.progress_bar() as progress,
     ):
         module = load(folder, options.backend)

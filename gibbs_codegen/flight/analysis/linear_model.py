@@ -33,7 +33,7 @@ from gibbs_codegen.flight.plant.allocation import listed
 from gibbs_codegen.flight.plant.vehicle import Array, Vehicle
 from gibbs_codegen.flight.vectors import skew
 from gibbs_codegen.robot.wrenches import directions
-from gibbs_codegen.runtime.loaded_module import missing_function
+from gibbs_codegen.runtime.loaded_module import require_functions
 
 _DERIVATIVES = "forward_dynamics_derivatives"
 # Share of a command to both sides of which its derivatives are looked at.
@@ -129,10 +129,9 @@ def linearise(
     """
     vehicle = vehicle_of(robot, parameters)
     module = vehicle.module
-    of_actuators = "inputs_of_derivatives" if vehicle.is_driven else _DERIVATIVES
-    for name in (_DERIVATIVES, of_actuators):
-        if name not in module.DERIVATIVES:
-            raise missing_function(module, name)
+    of_actuators = ["inputs_of_derivatives"] if vehicle.is_driven else []
+    of_actuators += ["actuator_rates_derivatives"] if vehicle.actuator_states else []
+    require_functions(module, [_DERIVATIVES, *of_actuators])
     state = checked_state(vehicle, q, v, u, x)
     if state.command is not None and (words := commands_beyond(module, state.command)):
         words = f"{vehicle.name}: u: {words}, beyond which nothing follows the command"
