@@ -22,6 +22,7 @@ from gibbs_codegen.flight.scenario.parts import (
     Impedance,
 )
 from gibbs_codegen.flight.scenario.walls import Wall
+from gibbs_codegen.runtime.c_library import seconds_waited
 from gibbs_codegen.runtime.load import load
 from gibbs_codegen.runtime.predictive import AT_WALLS, DERIVATIVES
 
@@ -32,6 +33,8 @@ _MOST_NAMES = 12
 _ROUND_OFF = 1e-9
 # Share of a wanted force from which on it counts as reached.
 _REACHED = 0.9
+# Of compiling, s, which is not worth a word.
+_SHORT = 0.05
 # How far joints may be beyond their limits, rad or m, by errors of integration.
 _INTEGRATION = 1e-5
 
@@ -55,15 +58,17 @@ def run(options: argparse.Namespace) -> int:
         ) as (folder, _),
         terminal.progress_bar() as progress,
     ):
-        module = load(folder, options.backend)
         start = time.perf_counter()
+        module = load(folder, options.backend)
         flight = simulate(module, scenario, progress=progress)
-        seconds = time.perf_counter() - start
+        compiled = seconds_waited(start)
+        flown = time.perf_counter() - start - compiled
         write_results(flight, options.out, not options.no_figures, options.animate or "", progress)
     print(
         f"{printable(options.out)}: {flight.robot} flew {flight.scenario!r} for "
-        f"{flight.time[-1]:.4g} s, computed in {seconds:.1f} s\n"
-        f"control law: {flight.law}\n"
+        f"{flight.time[-1]:.4g} s, computed in {flown:.1f} s"
+        + (f", after {compiled:.1f} s of compiling\n" if compiled > _SHORT else "\n")
+        + f"control law: {flight.law}\n"
         f"largest errors: {_errors(flight, slice(None))}, "
         f"energy balance {max(abs(flight.energy_error)):.2g} J\n"
         f"errors at the end: {_errors(flight, slice(-1, None))}"

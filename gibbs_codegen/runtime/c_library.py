@@ -17,6 +17,7 @@ import subprocess
 import sys
 import tempfile
 import threading
+import time
 from collections import defaultdict
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -173,6 +174,8 @@ def _processor() -> str:
 _log = logging.getLogger("gibbs_codegen")
 # What takes longer is told, s.
 _PATIENCE = 2.0
+# When that was at work, from and to, s.
+_SPANS: list[tuple[float, float]] = []
 NATIVE = Path(__file__).parent / "native"
 # As a source beside those of a robot, whose name begins with a letter.
 _ROWS = "_rows.c"
@@ -388,15 +391,23 @@ def opened_core(path: Path, prefix: str) -> ctypes.CDLL:
 
 @contextmanager
 def announced(what: str) -> Iterator[None]:
-    """Log what takes longer than two seconds: as a warning on a terminal, else as information."""
-    stream = getattr(sys.stderr, "rich_proxied_file", sys.stderr)  # While a command draws a bar.
-    level = logging.WARNING if stream and stream.isatty() else logging.INFO
-    timer = threading.Timer(_PATIENCE, _log.log, (level, "%s", what))
+    """Log, as a warning, what takes longer than two seconds, and keep when it was done."""
+    timer, begin = threading.Timer(_PATIENCE, _log.warning, ("%s", what)), time.perf_counter()
     timer.start()
     try:
         yield
     finally:
         timer.cancel()
+        _SPANS.append((begin, time.perf_counter()))
+
+
+def seconds_waited(since: float) -> float:
+    """How long, s, anything was at work that is announced, since a time of `perf_counter`."""
+    waited, end = 0.0, since
+    for begin, after in sorted(_SPANS):
+        waited += max(after - max(begin, end), 0.0)
+        end = max(end, after)
+    return waited
 
 
 def _make_of(text: bytes) -> list[bytes]:

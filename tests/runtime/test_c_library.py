@@ -2,34 +2,19 @@
 
 from __future__ import annotations
 
-import io
 import logging
-import sys
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from types import ModuleType
 
 import pytest
-from rich.console import Console
-from rich.file_proxy import FileProxy
 
+from gibbs_codegen.cli import terminal
 from gibbs_codegen.runtime import c_library
-from gibbs_codegen.runtime.c_library import Compiler, compiled_library
+from gibbs_codegen.runtime.c_library import Compiler, compiled_library, seconds_waited
 
 NAME = "quadrotor_2link"
-
-
-class Stream(io.StringIO):
-    """Standard error, which is a terminal or not."""
-
-    def __init__(self, terminal: bool) -> None:
-        super().__init__()
-        self.terminal = terminal
-
-    def isatty(self) -> bool:
-        """Whether it is one."""
-        return self.terminal
 
 
 class Slow(Compiler):
@@ -41,12 +26,8 @@ class Slow(Compiler):
         output.write_bytes(b"")
 
 
-@pytest.mark.parametrize("proxied", [False, True])
-@pytest.mark.parametrize("terminal", [True, False])
 @pytest.mark.parametrize("patience", [0.01, 60.0])
 def test_what_takes_long_to_compile_is_told_in_one_line(
-    proxied: bool,
-    terminal: bool,
     patience: float,
     shipped: Callable[[str], ModuleType],
     tmp_path: Path,
@@ -55,15 +36,23 @@ def test_what_takes_long_to_compile_is_told_in_one_line(
 ) -> None:
     monkeypatch.setenv("GIBBS_CODEGEN_CACHE", str(tmp_path / "cache"))
     monkeypatch.setattr(c_library, "_PATIENCE", patience)
-    stream: object = Stream(terminal)
-    if proxied:  # As commands have it while they draw a bar.
-        stream = FileProxy(Console(), stream)
-    monkeypatch.setattr(sys, "stderr", stream)
+    begin = time.perf_counter()
     folder = Path(shipped(NAME).__file__ or "").parent
     with caplog.at_level(logging.INFO, "gibbs_codegen"):
         for _ in range(2):
             compiled_library(folder, NAME, Slow(("cc",), "slow"))
     told = f"{NAME}: compiling {NAME}.c, _rows.c; the library is kept for the "
-    level = logging.WARNING if terminal else logging.INFO  # Python shows warnings by default.
+    # Python shows warnings by default, in scripts and pipes too.
     said = [(record.levelno, record.getMessage()) for record in caplog.records]
-    assert said == ([(level, f"{told}next time")] if patience < 1.0 else [])
+    assert said == ([(logging.WARNING, f"{told}next time")] if patience < 1.0 else [])
+    assert 0.2 <= seconds_waited(begin) <= time.perf_counter() - begin
+
+
+def test_what_takes_long_in_a_pipe_is_told_in_one_line(
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    monkeypatch.setattr(c_library, "_PATIENCE", 0.01)
+    with terminal.progress() as progress:
+        progress("a step")
+        time.sleep(0.2)
+    assert caplog.messages == ["deriving the equations of the robot"]
