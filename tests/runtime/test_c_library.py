@@ -35,9 +35,9 @@ def test_what_takes_long_to_compile_is_told_in_one_line(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
     monkeypatch.setenv("GIBBS_CODEGEN_CACHE", str(tmp_path / "cache"))
+    folder = Path(shipped(NAME).__file__ or "").parent
     monkeypatch.setattr(c_library, "_PATIENCE", patience)
     begin = time.perf_counter()
-    folder = Path(shipped(NAME).__file__ or "").parent
     with caplog.at_level(logging.INFO, "gibbs_codegen"):
         for _ in range(2):
             compiled_library(folder, NAME, Slow(("cc",), "slow"))
