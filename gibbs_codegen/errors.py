@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from difflib import get_close_matches
 from typing import NamedTuple
 
 # More than a person will read at a time.
@@ -24,6 +25,14 @@ def printable(text: object, most: int = _LONGEST) -> str:
         return escaped
     end = (most - 3) // 2  # A path tells most at its end, where its name is.
     return f"{escaped[: most - 3 - end]}...{escaped[-end:]}"
+
+
+def no_attribute(module: str, name: str, known: Iterable[str]) -> str:
+    """The words for an attribute that a module lacks, with that which may be meant."""
+    # Names of constants are asked for to learn whether they are there.
+    near = get_close_matches(name, known, n=1) if name.islower() and name[0] != "_" else []
+    hint = f"; did you mean {near[0]}?" if near else ""
+    return f"module {module!r} has no attribute {name!r}{hint}"
 
 
 def cause_of(error: OSError) -> str:

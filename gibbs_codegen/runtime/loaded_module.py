@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterable, Mapping
 from types import ModuleType
 from typing import Any, NoReturn
 
-from gibbs_codegen.errors import MissingFunctionError
+from gibbs_codegen.errors import MissingFunctionError, no_attribute
 from gibbs_codegen.interface import DATA, DATA_ON_REQUEST, FUNCTIONS
 from gibbs_codegen.interface.choice import options_with
 
@@ -43,7 +43,7 @@ class LoadedModule(ModuleType):
         """Raise `MissingFunctionError` for what can be generated, else `AttributeError`."""
         if _BROUGHT_BY.get(name, name) in FUNCTIONS:
             require_functions(self, [name])
-        raise AttributeError(f"module {self.__name__!r} has no attribute {name!r}")
+        raise AttributeError(no_attribute(self.__name__, name, [*vars(self), *FUNCTIONS]))
 
 
 class GeneralFunction:

@@ -262,8 +262,8 @@ def lqr(
     Args:
         robot: A generated module with derivatives, or the name or path of one, which is loaded.
         q: A trim, which has v and u as well, or coordinates (nq).
-        v, u: Velocities (nv) and inputs or, where the file describes actuators, commands (nu),
-            without a trim.
+        v, u: Velocities (nv) and inputs or, where the file describes actuators, commands (nu);
+            with a trim leave them out, also by position: `lqr(robot, trim, Q, R)`.
         Q: Weights of the deviations x of `linearise`, (2 nv, 2 nv), or their diagonal (2 nv), with
             the states of actuators (2 nv + nx); that of a battery's charge counts for nothing.
         R: Weights of deviations w of the inputs, (nu, nu), or their diagonal (nu).
@@ -280,6 +280,9 @@ def lqr(
             be stabilised or that Q leaves free.
     """
     vehicle = vehicle_of(robot, parameters)
+    if isinstance(q, Trim) and R is None and u is not None:  # lqr(robot, trim, Q, R, dt)
+        dt = dt if Q is None else float(numbers("dt", Q, "a period above zero, s", ()))
+        v, u, Q, R = None, None, v, u  # noqa: N806
     if Q is None or R is None:
         raise UsageError("Q, R: give the weights of deviations and those of inputs")
     whole = linearise(vehicle.module, q, v, u, dt, x=x, parameters=parameters)

@@ -47,6 +47,8 @@ AIMS: tuple[Aim, ...] = ("least_thrust", "widest_margin")
 _ROUNDING = 1e-9
 ATTITUDE = "attitude"
 _STILL = (0.0, 0.0, 0.0)
+# No angle that is meant to be one is larger, rad, but within limits.
+_TURN = 2.0 * np.pi
 
 
 @dataclass(frozen=True, eq=False)
@@ -487,6 +489,8 @@ def _start(vehicle: Vehicle, q: ArrayLike | None, **tables: Mapping[str, float] 
     table or in two.
     """
     start = vehicle.neutral if q is None else coordinates(vehicle, q)
+    ends = np.abs(module_actuators(vehicle).joints).max(axis=0)
+    ends = np.where(np.isfinite(ends), np.maximum(ends, _TURN), _TURN)
     for table, posture in tables.items():
         unit = "degrees" if table.endswith("_deg") else "rad or m"
         if not isinstance(posture, Mapping | None):
@@ -494,7 +498,13 @@ def _start(vehicle: Vehicle, q: ArrayLike | None, **tables: Mapping[str, float] 
         for name, given in (posture or {}).items():
             value = numbers(f"{table}: {name}", given, f"a finite number, {unit}", ())
             place = vehicle.layout.q.joint_places[joint_place(vehicle, name)]
-            if unit == "degrees" and vehicle.layout.q.units[place] != "rad":
+            turns, most = vehicle.layout.q.units[place] == "rad", ends[joint_place(vehicle, name)]
+            if unit != "degrees" and turns and abs(value) > most:
+                raise UsageError(
+                    f"{table}: {name}: {value:g} rad is more than a turn; for degrees give "
+                    f"posture_deg={{{name!r}: {value:g}}}"
+                )
+            if unit == "degrees" and not turns:
                 raise UsageError(f"{table}: {name} is prismatic; give it in posture, in m")
             if unit == "degrees" and name in (tables["posture"] or {}):
                 raise UsageError(f"{table}: {name} is in posture too; give it once")
