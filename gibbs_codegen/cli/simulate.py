@@ -73,6 +73,8 @@ def run(options: argparse.Namespace) -> int:
         f"energy balance {max(abs(flight.energy_error)):.2g} J\n"
         f"errors at the end: {_errors(flight, slice(-1, None))}"
     )
+    for line in (_attitude(flight), _battery(flight), _outside(flight)):
+        print(line, end="\n" if line else "")
     print_events(flight, scenario.walls)
     if unreached := _unreached(flight, scenario.control):
         print(f"note: {unreached}")
@@ -139,6 +141,34 @@ def _errors(flight: Flight, samples: slice) -> str:
         error, joint = max((error, joint) for error, joint, its_unit in of if its_unit == unit)
         found.append(f"joint {joint} {error:.2g} {unit}")
     return ", ".join(found)
+
+
+def _attitude(flight: Flight) -> str:
+    """Ranges of roll, pitch and yaw, degrees."""
+    angles = np.degrees(np.unwrap(flight.roll_pitch_yaw, axis=0)).round(2) + 0.0
+    ends = zip(("roll", "pitch", "yaw"), angles.min(axis=0), angles.max(axis=0), strict=True)
+    return "attitude: " + ", ".join(f"{n} {a:.3g} to {b:.3g}°" for n, a, b in ends)
+
+
+def _battery(flight: Flight) -> str:
+    """What the battery gave, and for how long a full one gives as much; "" without one."""
+    if not flight.battery.shape[1]:
+        return ""
+    (voltage, current), charge = flight.battery.T, flight.actuators[[0, -1], -1]
+    used = charge[0] - charge[1]
+    lasts = f"{flight.time[-1] / used / 60.0:.3g} min" if used > 0.0 else "for ever"
+    return (
+        f"battery: {100.0 * charge[0]:.4g} to {100.0 * charge[1]:.4g} %, at least "
+        f"{voltage.min():.4g} V, at most {current.max():.4g} A and {max(voltage * current):.4g} W; "
+        f"a full one lasts {lasts} like this"
+    )
+
+
+def _outside(flight: Flight) -> str:
+    """The greatest force from outside on each frame, of wind, payloads, pushes and walls."""
+    sizes = np.linalg.norm(flight.frame_wrenches[:, :, :3], axis=2).max(axis=0, initial=0.0)
+    found = [f"{n} {x:.3g} N" for n, x in zip(flight.frames, sizes, strict=False) if x > 0.0]
+    return f"from outside, at most: {printable(', '.join(found), 400)}" if found else ""
 
 
 def collisions_of(flight: Flight) -> str:

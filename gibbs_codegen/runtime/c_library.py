@@ -174,7 +174,8 @@ def _processor() -> str:
 _log = logging.getLogger("gibbs_codegen")
 # What takes longer is told, s.
 _PATIENCE = 2.0
-# When that was at work, from and to, s.
+# What was told; when that was at work, from and to, s.
+_SAID: set[str] = set()
 _SPANS: list[tuple[float, float]] = []
 NATIVE = Path(__file__).parent / "native"
 # As a source beside those of a robot, whose name begins with a letter.
@@ -337,8 +338,7 @@ def compiled_files(
         for file, text in texts.items():
             (sources / file).write_bytes(text)
         own = [file for file in texts if file.endswith(".c") and file not in included]
-        message = f"{name}: compiling {', '.join(own)}; the library is kept for the next time"
-        with announced(message):
+        with announced(f"{name}: compiling C, which is kept for the next time"):
             compiler.library([sources / file for file in own], output, extra)
         shutil.rmtree(sources)
 
@@ -391,8 +391,14 @@ def opened_core(path: Path, prefix: str) -> ctypes.CDLL:
 
 @contextmanager
 def announced(what: str) -> Iterator[None]:
-    """Log, as a warning, what takes longer than two seconds, and keep when it was done."""
-    timer, begin = threading.Timer(_PATIENCE, _log.warning, ("%s", what)), time.perf_counter()
+    """Log, as a warning, what takes longer than two seconds, once; and keep when it was done."""
+
+    def tell() -> None:
+        if what not in _SAID:
+            _SAID.add(what)
+            _log.warning("%s", what)
+
+    timer, begin = threading.Timer(_PATIENCE, tell), time.perf_counter()
     timer.start()
     try:
         yield

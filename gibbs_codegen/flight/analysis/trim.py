@@ -32,6 +32,7 @@ from gibbs_codegen.flight.plant.actuators import (
 )
 from gibbs_codegen.flight.plant.allocation import RANK, least_inputs
 from gibbs_codegen.flight.plant.vehicle import Array, Vehicle
+from gibbs_codegen.flight.vectors import roll_pitch_yaw
 from gibbs_codegen.robot.wrenches import DIRECTIONS, directions
 
 # Share of the wrench that may be missing.
@@ -435,10 +436,8 @@ def trim(
     own = layout.q.attitude
     attitude = dict(zip(layout.q.names[own], found[own].tolist(), strict=True))
     if layout.is_quaternion:
-        r = rotation
-        roll, yaw = np.arctan2(r[2, 1], r[2, 2]), np.arctan2(r[1, 0], r[0, 0])
-        pitch = np.arctan2(-r[2, 0], np.hypot(r[2, 1], r[2, 2]))
-        attitude = {"roll": float(roll), "pitch": float(pitch), "yaw": float(yaw)}
+        angles = roll_pitch_yaw(rotation).tolist()
+        attitude = dict(zip(("roll", "pitch", "yaw"), angles, strict=True))
     idle = null_space(vehicle.thrust_wrenches(found).T)
     beyond, command, x, units = _beyond(vehicle, actuators.joints, found), None, None, {}
     room = None
