@@ -231,8 +231,9 @@ def coordinates(flight: Flight) -> Figure:
     yaw, deg; joints of the arm, revolute ones in deg, prismatic ones in m in a panel of their own;
     position of O₁, of the base centre or of the base's frame, whichever the coordinates are of, m.
     Constrained angles of base arms 2 … N, deg, have a panel only if they drift, which takes a
-    system that was integrated with them; in flights of `simulate` they cannot. Attitudes and joints that vary far less than others, such
-    as roll and pitch beside a yaw of many turns, have axes of their own.
+    system that was integrated with them; in flights of `simulate` they cannot. Attitudes and joints
+    that vary far less than others, such as roll and pitch beside a yaw of many turns, have axes of
+    their own.
     """
     panels = _panels(flight)
     pairs = [panels[place : place + 2] for place in range(0, len(panels), 2)]
@@ -346,7 +347,8 @@ def inputs(flight: Flight, width: float = COLUMN) -> Figure:
     the applied inputs, with bands from the least to the greatest between samples; dashes, where
     they differ, the commanded ones. A dotted line is what each rotor bears of the weight, others
     are limits: red if all inputs of a panel have it, else in the colours of those that do. The
-    background is grey while a force acts on a frame, or a torque for a time, and hatched while a
+    background is grey while a force or torque acts on a frame for a time, or all the time where
+    nothing else does, and hatched while a
     constraint holds.
     """
     places, units = np.arange(len(flight.input_names)), np.array(flight.input_units)
@@ -478,10 +480,10 @@ def _draw_loads(axes: Axes, flight: Flight) -> dict[str, Any]:
     """Shade times of gusts and of what acts on frames, hatch those of holds; return the legend."""
     acts = np.any(flight.frame_wrenches != 0.0, axis=2)
     now = np.any(acts & ~np.all(acts, axis=0), axis=1)
-    # Torques alone that act all the time are those of spinning rotors.
-    now |= np.any(flight.frame_wrenches[:, :, :3] != 0.0, axis=(1, 2))
     for begin, end in flight.gusts:
         now |= (begin <= flight.time) & (flight.time <= end)
+    if not now.any():  # Steady winds; torques alone are those of spinning rotors.
+        now = np.any(flight.frame_wrenches[:, :, :3] != 0.0, axis=(1, 2))
     held = draw_spans(axes, flight, np.any(flight.hold_forces != 0.0, axis=1), "held", _HELD)
     return held | draw_spans(axes, flight, now, "external force")
 

@@ -67,12 +67,12 @@ def tracking_error(flight: Flight, width: float = COLUMN) -> Figure:
 
 def battery(flight: Flight, width: float = COLUMN) -> Figure:
     """Draw the charge of the battery, %, its voltage, V, its current, A, and its power, W."""
-    charge = 100.0 * flight.actuators[:, -1:]
     voltage, current = flight.battery[:, :1], flight.battery[:, 1:]
+    charge = 100.0 * flight.actuators[:, -1:][:, : current.shape[1]]  # None without a battery.
     panels = {"charge (%)": charge, "voltage (V)": voltage, "current (A)": current}
     panels["power (W)"] = voltage * current
     with style():
-        drawn = [curves.Curves(label, [""], values) for label, values in panels.items()]
+        drawn = [curves.Curves(name, [""] * x.shape[1], x) for name, x in panels.items()]
         return curves.finished(curves.stack(flight, drawn, width), flight)
 
 
@@ -81,12 +81,13 @@ def outside(flight: Flight, width: float = COLUMN) -> Figure:
 
     They are of push, wind, walls, payloads and spinning rotors.
     """
-    panels = []
+    panels: list[curves.Curves] = []
     for label, part in (("force from outside (N)", slice(3)), ("torque (N m)", slice(3, 6))):
         sizes = np.linalg.norm(flight.frame_wrenches[:, :, part], axis=2)
-        acts = np.any(sizes > 0.0, axis=0)
-        names = [curves.symbol(name) for name in np.array(flight.frames)[acts]]
-        panels += [curves.Curves(label, names, sizes[:, acts])] if acts.any() else []
+        acts = np.flatnonzero(np.any(sizes > 0.0, axis=0))
+        names = [curves.symbol(flight.frames[k]) for k in acts]
+        if names or not panels:
+            panels.append(curves.Curves(label, names, sizes[:, acts]))
     with style():
         return curves.finished(curves.stack(flight, panels, width), flight)
 
