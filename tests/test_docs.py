@@ -169,7 +169,14 @@ def test_files_in_toml_are_accepted() -> None:
     touching = ["howto/force-control", "howto/walls"]
     howto = [
         f"howto/{page}"
-        for page in ("actuators", "constraints", "import", "other-machines", "sensors", "several-arms")
+        for page in (
+            "actuators",
+            "constraints",
+            "import",
+            "other-machines",
+            "sensors",
+            "several-arms",
+        )
     ]
     pages = [*sorted([*howto, *touching]), *files, "start/autopilot", "start/first-robot"]
     assert pages_with("toml") == ["README.md", *(f"docs/{page}.md" for page in pages)]

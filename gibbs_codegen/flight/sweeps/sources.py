@@ -160,6 +160,10 @@ class ScenarioSource:
         found = entry(self._document, key)
         return entry(self._table, key) if found is None else found
 
+    def knows(self, key: str) -> bool:
+        """Whether a key is one of the scenario, rather than a parameter of a robot."""
+        return "." in key or hasattr(self.scenario or self._table, key.partition("[")[0])
+
     def changed(self, changes: Mapping[str, Any]) -> Scenario:
         """The scenario with other values of some entries, by keys without places in lists.
 

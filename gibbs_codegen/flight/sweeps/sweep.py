@@ -198,7 +198,7 @@ def _refuse_unfit(
     for robot, source in itertools.product(data, scenarios):
         # What is a factor, or a number of the module, has no name in it that could be wrong.
         keys = [k for k in levels if not varying[k].relative and k.partition(".")[0] not in NUMBERS]
-        keys = [k for k in keys if "." in k or source.says(k) is not None]
+        keys = [k for k in keys if source.knows(k)]
         for values in itertools.product(*(levels[key] for key in keys)):
             try:
                 check_scenario(robot, source.changed(dict(zip(keys, values, strict=True))))
