@@ -258,11 +258,10 @@ def test_faults_of_a_scenario_come_before_anything_is_compiled(
     shipped: Load, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     folder = Path(shipped("hexarotor").__file__ or "").parent
-    loaded = load(folder)
-    monkeypatch.setattr(
-        simulation, "load", lambda robot, backend="numpy": {"numpy": loaded}[backend]
-    )
-    tables = {"name": "up", "duration": 1, "base": {"path": {"kind": "fixed", "position": [0] * 3}}}
+    known = {"numpy": load(folder)}
+    monkeypatch.setattr(simulation, "load", lambda _, backend="numpy": known[backend])
+    base = {"path": {"kind": "fixed", "position": [0, 0, 0]}}
+    tables = {"name": "up", "duration": 1, "base": base}
     with pytest.raises(UsageError, match=r"push\.frame: hexarotor has no frame hand"):
         simulate(folder, tables | {"push": {"frame": "hand", "force": [1, 0, 0]}})
     with pytest.raises(ScenarioFileError, match="base: missing: the base's desired path"):
