@@ -134,7 +134,9 @@ def flight_start(
     if own:
         scenario = uncontrolled(scenario)
     # What NumPy can tell comes first: to compile takes long.
-    plain = getattr(robot, "in_numpy", robot) if isinstance(robot, ModuleType) else load(robot)
+    plain = robot if isinstance(robot, ModuleType) else load(robot)
+    if getattr(plain, "backend", "") == "c":
+        plain = plain.in_numpy
     check_scenario(Vehicle(plain, scenario.parameters), scenario)
     _check_functions(plain, scenario)
     module = robot if isinstance(robot, ModuleType) else load(robot, "c")

@@ -29,7 +29,7 @@ def derivatives_among(functions: Iterable[str]) -> tuple[str, ...]:
 def options_with(names: Iterable[str], functions: Collection[str]) -> dict[str, list[str]]:
     """The words of options that bring functions, and keep others."""
     every = [name for name in dict.fromkeys((*functions, *names)) if name in FUNCTIONS]
-    words = {"functions": _words(every), "derivatives": [*derivatives_among(every)]}
+    words = {"derivatives": [*derivatives_among(every)], "functions": _words(every)}
     return {option: listed for option, listed in words.items() if listed not in ([], [DEFAULT])}
 
 
