@@ -262,8 +262,8 @@ def lqr(
     Args:
         robot: A generated module with derivatives, or the name or path of one, which is loaded.
         q: A trim, which has v and u as well, or coordinates (nq).
-        v, u: Velocities (nv) and inputs or, where the file describes actuators, commands (nu);
-            with a trim leave them out, also by position: `lqr(robot, trim, Q, R)`.
+        v, u: Velocities (nv) and inputs or, where the file describes actuators, commands (nu),
+            without a trim, after which Q and R may come at once.
         Q: Weights of the deviations x of `linearise`, (2 nv, 2 nv), or their diagonal (2 nv), with
             the states of actuators (2 nv + nx); that of a battery's charge counts for nothing.
         R: Weights of deviations w of the inputs, (nu, nu), or their diagonal (nu).
