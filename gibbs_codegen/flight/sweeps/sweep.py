@@ -143,7 +143,7 @@ def sweep(
 
 def _listed(values: Any) -> list[Any]:
     """One or several, as a list."""
-    one = isinstance(values, str | os.PathLike | Scenario)
+    one = isinstance(values, str | os.PathLike | Scenario | Mapping)
     found = [values] if one else list(values)
     if not found:
         raise UsageError("a sweep needs at least one robot and one scenario")
