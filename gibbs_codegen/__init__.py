@@ -18,6 +18,7 @@ from gibbs_codegen.errors import ScenarioFileError as ScenarioFileError
 from gibbs_codegen.errors import SingularRobotError as SingularRobotError
 from gibbs_codegen.errors import UsageError as UsageError
 from gibbs_codegen.errors import WrongModuleError as WrongModuleError
+from gibbs_codegen.errors import no_attribute as _no_attribute
 from gibbs_codegen.version import __version__ as __version__
 
 # Functions of a robot share much of what they are derived from. When SymPy is imported it reads how
@@ -152,7 +153,7 @@ def __dir__() -> list[str]:
 
 def __getattr__(name: str) -> Any:
     if name not in _LAZY:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+        raise AttributeError(_no_attribute(__name__, name, __all__))
     from importlib import import_module
 
     return getattr(import_module(f"{__name__}.{_LAZY[name]}"), name)

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from difflib import get_close_matches
 from typing import NamedTuple
 
 # More than a person will read at a time.
@@ -24,6 +25,14 @@ def printable(text: object, most: int = _LONGEST) -> str:
         return escaped
     end = (most - 3) // 2  # A path tells most at its end, where its name is.
     return f"{escaped[: most - 3 - end]}...{escaped[-end:]}"
+
+
+def no_attribute(module: str, name: str, known: Iterable[str]) -> str:
+    """The words for an attribute that a module lacks, with that which may be meant."""
+    # Names of constants are asked for to learn whether they are there.
+    near = get_close_matches(name, known, n=1) if name.islower() and name[0] != "_" else []
+    hint = f"; did you mean {near[0]}?" if near else ""
+    return f"module {module!r} has no attribute {name!r}{hint}"
 
 
 def cause_of(error: OSError) -> str:
@@ -157,16 +166,20 @@ class MissingFunctionError(UsageError, AttributeError):
 
     Args:
         module: Name of the module.
-        missing: Name of what it lacks.
-        option: Name of the option that brings it, "functions" or "derivatives".
-        words: Words of that option with which it is there, and what the module has already.
+        missing: Names of what it lacks.
+        options: Words of the options "functions" and "derivatives" with which it is there, and what
+            the module has already.
     """
 
-    def __init__(self, module: str, missing: str, option: str, words: Sequence[str]) -> None:
-        listed = ", ".join(f'"{word}"' for word in words)
+    def __init__(
+        self, module: str, missing: Sequence[str], options: Mapping[str, Sequence[str]]
+    ) -> None:
+        flags = " ".join(f"--{option}={','.join(words)}" for option, words in options.items())
+        listed = {option: ", ".join(f'"{x}"' for x in words) for option, words in options.items()}
+        python = ", ".join(f"{option}=[{words}]" for option, words in listed.items())
         super().__init__(
-            f"{module}: has no {missing}, generated on request only: gibbs-codegen generate "
-            f"{module} --{option}={','.join(words)}, or {option}=[{listed}] in Python"
+            f"{module}: has no {', '.join(missing)}, generated on request only: gibbs-codegen "
+            f"generate {module} {flags}, or {python} in Python"
         )
 
 

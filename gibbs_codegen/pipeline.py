@@ -36,6 +36,7 @@ from gibbs_codegen.program.choice import Derivatives, Functions, chosen_derivati
 from gibbs_codegen.program.model import Model, Progress
 from gibbs_codegen.robot.file import read_robot
 from gibbs_codegen.robot.model import Robot
+from gibbs_codegen.runtime.c_library import announced
 from gibbs_codegen.targets import registry
 from gibbs_codegen.targets.c.laws import check_laws
 from gibbs_codegen.verification.modules import refuse_wrong
@@ -84,10 +85,11 @@ def generate(
         OutputError: If the module cannot be written.
     """
     robot, text = read_robot(os.fspath(robot_file))
-    return generate_robot(
-        *(robot, text, out, targets, keep_zeros, _silent),
-        *(verify, force, derivatives, functions, laws),
-    )[1]
+    with announced(f"{robot.name}: deriving its equations, and writing its module"):
+        return generate_robot(
+            *(robot, text, out, targets, keep_zeros, _silent),
+            *(verify, force, derivatives, functions, laws),
+        )[1]
 
 
 def _silent(step: str) -> None:

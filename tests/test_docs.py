@@ -167,10 +167,8 @@ def test_c_program_with_derivatives(tmp_path: Path) -> None:
 def test_files_in_toml_are_accepted() -> None:
     files = ["reference/robot-file", "reference/scenario-file"]
     touching = ["howto/force-control", "howto/walls"]
-    howto = [
-        f"howto/{page}"
-        for page in ("actuators", "constraints", "import", "sensors", "several-arms")
-    ]
+    named = ("actuators", "constraints", "import", "other-machines", "sensors", "several-arms")
+    howto = [f"howto/{page}" for page in named]
     pages = [*sorted([*howto, *touching]), *files, "start/autopilot", "start/first-robot"]
     assert pages_with("toml") == ["README.md", *(f"docs/{page}.md" for page in pages)]
     rods, placed, driven, held = map(parse_robot, blocks("docs/reference/robot-file.md", "toml"))

@@ -17,7 +17,7 @@ from gibbs_codegen.arrays.nodes import (
 )
 from gibbs_codegen.errors import MissingFunctionError, UsageError
 from gibbs_codegen.interface import ARGUMENTS, FUNCTIONS, module_signatures
-from gibbs_codegen.interface.choice import option_with
+from gibbs_codegen.interface.choice import options_with
 from gibbs_codegen.robot.layout import Layout
 
 
@@ -118,7 +118,8 @@ class Functions:
             UsageError: If the arguments are not those of the function.
         """
         if name not in self.signatures:
-            raise MissingFunctionError(self.name, name, *option_with(name, [*self.signatures]))
+            options = options_with([name], [*self.signatures])
+            raise MissingFunctionError(self.name, [name], options)
         signature = self.signatures[name]
         expected = list(zip(signature.arguments, signature.argument_shapes, strict=True))
         if len(arguments) != len(expected):

@@ -8,7 +8,7 @@ import os
 import re
 import sys
 import tempfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING
 from gibbs_codegen.errors import UsageError
 
 if TYPE_CHECKING:
+    from gibbs_codegen.flight.plant.vehicle import RobotData
     from gibbs_codegen.program.model import Progress
     from gibbs_codegen.robot.model import Robot
 
@@ -103,14 +104,19 @@ def found_module(
     progress: AbstractContextManager[Progress],
     derivatives: Sequence[str] = (),
     functions: Sequence[str] | None = None,
+    check: Callable[[RobotData], None] | None = None,
 ) -> Iterator[tuple[Path, bool]]:
     """The folder of the module that a word, as of `find_robot`, names, and whether it is kept.
 
     A folder of that path, or of that name in generated/, comes first: it is a module, or what is
     left of one. For any other robot a module is generated, with some `derivatives` and `functions`,
     or those by default, its steps shown by `progress`, and removed on leaving. Errors are those of
-    `find_robot`.
+    `find_robot`, and of `check`, which comes first.
     """
+    if check is not None:
+        from gibbs_codegen.flight.sweeps.sources import robot_data
+
+        check(robot_data(word, find_robot))
     if os.path.isdir(word) or os.path.isdir(os.path.join("generated", word)):
         from gibbs_codegen.runtime.load import find_module
 

@@ -22,6 +22,7 @@ from gibbs_codegen.flight.scenario.parts import (
     Impedance,
 )
 from gibbs_codegen.flight.scenario.walls import Wall
+from gibbs_codegen.runtime.c_library import seconds_waited
 from gibbs_codegen.runtime.load import load
 from gibbs_codegen.runtime.predictive import AT_WALLS, DERIVATIVES
 
@@ -32,6 +33,8 @@ _MOST_NAMES = 12
 _ROUND_OFF = 1e-9
 # Share of a wanted force from which on it counts as reached.
 _REACHED = 0.9
+# Of compiling, s, which is not worth a word.
+_SHORT = 0.05
 # How far joints may be beyond their limits, rad or m, by errors of integration.
 _INTEGRATION = 1e-5
 
@@ -41,32 +44,37 @@ def run(options: argparse.Namespace) -> int:
     """Fly the scenario, write the results, and print what is to be said of the flight."""
     scenario = read_scenario(options.scenario, changes_of(options.set))
     check_results(options.out, options.animate or "")
-    from gibbs_codegen.flight.simulation import simulate  # Late: refusals appear at once.
+    # Late: refusals appear at once.
+    from gibbs_codegen.flight.simulation import check_scenario, simulate
 
     control = scenario.control
     plans = control.law == PREDICTIVE
     derivatives = (*DERIVATIVES, *(AT_WALLS if control.force else ())) if plans else ()
     functions = WITH_CONSTRAINTS if scenario.holds else None
     with (
-        robot_argument.found_module(options.robot, terminal.progress(), derivatives, functions) as (
-            folder,
-            _,
-        ),
+        robot_argument.found_module(
+            *(options.robot, terminal.progress(), derivatives, functions),
+            check=lambda robot: check_scenario(robot, scenario),
+        ) as (folder, _),
         terminal.progress_bar() as progress,
     ):
-        module = load(folder, options.backend)
         start = time.perf_counter()
+        module = load(folder, options.backend)
         flight = simulate(module, scenario, progress=progress)
-        seconds = time.perf_counter() - start
+        compiled = seconds_waited(start)
+        flown = time.perf_counter() - start - compiled
         write_results(flight, options.out, not options.no_figures, options.animate or "", progress)
     print(
         f"{printable(options.out)}: {flight.robot} flew {flight.scenario!r} for "
-        f"{flight.time[-1]:.4g} s, computed in {seconds:.1f} s\n"
-        f"control law: {flight.law}\n"
+        f"{flight.time[-1]:.4g} s, computed in {flown:.1f} s"
+        + (f", after {compiled:.1f} s of compiling\n" if compiled > _SHORT else "\n")
+        + f"control law: {flight.law}\n"
         f"largest errors: {_errors(flight, slice(None))}, "
         f"energy balance {max(abs(flight.energy_error)):.2g} J\n"
         f"errors at the end: {_errors(flight, slice(-1, None))}"
     )
+    for line in (_attitude(flight), _battery(flight), _outside(flight)):
+        print(line, end="\n" if line else "")
     print_events(flight, scenario.walls)
     if unreached := _unreached(flight, scenario.control):
         print(f"note: {unreached}")
@@ -133,6 +141,34 @@ def _errors(flight: Flight, samples: slice) -> str:
         error, joint = max((error, joint) for error, joint, its_unit in of if its_unit == unit)
         found.append(f"joint {joint} {error:.2g} {unit}")
     return ", ".join(found)
+
+
+def _attitude(flight: Flight) -> str:
+    """Ranges of roll, pitch and yaw, degrees."""
+    angles = np.degrees(np.unwrap(flight.roll_pitch_yaw, axis=0)).round(2) + 0.0
+    ends = zip(("roll", "pitch", "yaw"), angles.min(axis=0), angles.max(axis=0), strict=True)
+    return "attitude: " + ", ".join(f"{n} {a:.3g} to {b:.3g}°" for n, a, b in ends)
+
+
+def _battery(flight: Flight) -> str:
+    """What the battery gave, and for how long a full one gives as much; "" without one."""
+    if not flight.battery.shape[1]:
+        return ""
+    (voltage, current), charge = flight.battery.T, flight.actuators[[0, -1], -1]
+    used = charge[0] - charge[1]
+    lasts = f"{flight.time[-1] / used / 60.0:.3g} min" if used > 0.0 else "for ever"
+    return (
+        f"battery: {100.0 * charge[0]:.4g} to {100.0 * charge[1]:.4g} %, at least "
+        f"{voltage.min():.4g} V, at most {current.max():.4g} A and {max(voltage * current):.4g} W; "
+        f"a full one lasts {lasts} like this"
+    )
+
+
+def _outside(flight: Flight) -> str:
+    """The greatest force from outside on each frame, of wind, payloads, pushes and walls."""
+    sizes = np.linalg.norm(flight.frame_wrenches[:, :, :3], axis=2).max(axis=0, initial=0.0)
+    found = [f"{n} {x:.3g} N" for n, x in zip(flight.frames, sizes, strict=False) if x > 0.0]
+    return f"from outside, at most: {printable(', '.join(found), 400)}" if found else ""
 
 
 def collisions_of(flight: Flight) -> str:

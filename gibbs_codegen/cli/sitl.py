@@ -23,6 +23,7 @@ from gibbs_codegen.flight.autopilots.session import Link, fly
 from gibbs_codegen.flight.figures.flight import check_results, write_results
 from gibbs_codegen.flight.scenario.file import read_scenario
 from gibbs_codegen.flight.scenario.parts import WITH_CONSTRAINTS
+from gibbs_codegen.flight.simulation import check_scenario, uncontrolled
 from gibbs_codegen.runtime.load import load, require
 
 
@@ -42,10 +43,10 @@ def run(options: argparse.Namespace) -> int:
 
     functions = WITH_CONSTRAINTS if scenario.holds else None
     with (
-        robot_argument.found_module(options.robot, terminal.progress(), (), functions) as (
-            folder,
-            _,
-        ),
+        robot_argument.found_module(
+            *(options.robot, terminal.progress(), (), functions),
+            check=lambda robot: check_scenario(robot, uncontrolled(scenario)),
+        ) as (folder, _),
         terminal.progress_bar() as progress,
     ):
         module = load(folder, options.backend)

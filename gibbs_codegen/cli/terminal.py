@@ -51,10 +51,13 @@ def print_table(table: Table, console: Console) -> None:
 
 
 @contextmanager
-def progress() -> Iterator[Progress]:
-    """A spinner that names the step at work, on a terminal; nothing in a pipe."""
+def progress(what: str = "deriving the equations of the robot") -> Iterator[Progress]:
+    """A spinner that names the step at work, on a terminal; in a pipe a line if it takes long."""
     if not sys.stderr.isatty():
-        yield lambda _: None
+        from gibbs_codegen.runtime.c_library import announced  # Late: it takes time to import.
+
+        with announced(what):
+            yield lambda _: None
         return
     with Console(stderr=True).status("starting") as status:
         yield lambda step: status.update(step)

@@ -30,7 +30,7 @@ def run(options: argparse.Namespace) -> int:
     """Verify the module, and print what was found."""
     module = robot_argument.found_module(options.robot, terminal.progress())
     with terminal.ended_by_signals(), module as (folder, is_kept):
-        with terminal.progress() as progress:
+        with terminal.progress("checking the functions of the module") as progress:
             backends = options.backend or ["numpy", "c"]
             found = verify(folder, options.states, options.seed, backends, progress)
         lacking = [b for b in options.backend or () if b not in found.comparisons]

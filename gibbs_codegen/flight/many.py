@@ -24,6 +24,7 @@ from gibbs_codegen.flight.integration.state_history import InputRanges, StateHis
 from gibbs_codegen.flight.plant.vehicle import Array
 from gibbs_codegen.flight.record.flight import Flight
 from gibbs_codegen.flight.record.recording import DeferredFlight, Recording, timing_fields
+from gibbs_codegen.flight.scenario.file import AnyScenario, read_scenario
 from gibbs_codegen.flight.scenario.parts import StartOffset
 from gibbs_codegen.flight.scenario.scenario import Scenario
 from gibbs_codegen.flight.simulation import (
@@ -206,7 +207,7 @@ class FlightGroup:
 
 def simulate_many(
     robot: ModuleType | str | os.PathLike[str],
-    scenarios: Sequence[Scenario],
+    scenarios: Sequence[AnyScenario],
     threads: int = 1,
     progress: Progress = lambda what, share: None,
     blocks: bool | None = None,
@@ -219,7 +220,7 @@ def simulate_many(
 
     Args:
         robot: As of `simulate`.
-        scenarios: What is flown.
+        scenarios: What is flown, each as of `simulate`.
         threads: How many threads share the flights that are computed side by side.
         progress: Is told what is being done, and the share of it that is done, 0 to 1.
         blocks: Whether flights that can be computed side by side are, even one by itself, so that
@@ -230,14 +231,15 @@ def simulate_many(
         error with which `simulate` refuses it.
     """
     module = robot if isinstance(robot, ModuleType) else load(robot, "c")
+    read = [read_scenario(each) for each in scenarios]
     found: dict[int, Outcome] = {}
-    for common, places in _groups(scenarios):
+    for common, places in _groups(read):
         done, size = len(found), len(places)
 
         def tell(share: float, done: int = done, size: int = size) -> None:
             progress("flying", (done + share * size) / len(scenarios))
 
-        group = {place: scenarios[place] for place in places}
+        group = {place: read[place] for place in places}
         whether = size > 1 if blocks is None else blocks
         found |= _fly_group(module, common, group, threads, tell, whether)
     return [found[place] for place in range(len(scenarios))]

@@ -32,28 +32,35 @@ from types import ModuleType
 import numpy as np
 
 from gibbs_codegen.errors import UsageError
-from gibbs_codegen.flight.control.choice import control_law, law_of
+from gibbs_codegen.flight.control.choice import check_control, control_law, law_of
 from gibbs_codegen.flight.control.sampled_control import OwnController, law_in_time
+from gibbs_codegen.flight.desired.timing import limits_of
 from gibbs_codegen.flight.desired.trajectory import (
     Progress,
     TimedMotion,
+    check_arm,
     starting_state,
     timed_motion,
 )
 from gibbs_codegen.flight.integration.closed_loop import ClosedLoop
 from gibbs_codegen.flight.integration.integrators import integrate
 from gibbs_codegen.flight.integration.rest import resting
-from gibbs_codegen.flight.plant.actuators import actuators_of
+from gibbs_codegen.flight.plant.actuators import actuators_of, check_charge
 from gibbs_codegen.flight.plant.allocation import Allocation, AllocationError, allocation_of
-from gibbs_codegen.flight.plant.vehicle import Array, Vehicle
+from gibbs_codegen.flight.plant.environment import check_surroundings
+from gibbs_codegen.flight.plant.sensors import frames_of_sensors
+from gibbs_codegen.flight.plant.vehicle import Array, RobotData, Vehicle
 from gibbs_codegen.flight.record.flight import Flight
 from gibbs_codegen.flight.record.recording import flight_of, timing_note
 from gibbs_codegen.flight.reference import Reference
-from gibbs_codegen.flight.scenario.file import read_scenario
-from gibbs_codegen.flight.scenario.parts import PREDICTIVE
+from gibbs_codegen.flight.scenario.file import AnyScenario, read_scenario
+from gibbs_codegen.flight.scenario.parts import HOLDING, PREDICTIVE
 from gibbs_codegen.flight.scenario.paths import check_path
 from gibbs_codegen.flight.scenario.scenario import Scenario
+from gibbs_codegen.interface import FUNCTIONS
 from gibbs_codegen.runtime.load import load
+from gibbs_codegen.runtime.loaded_module import require_functions
+from gibbs_codegen.runtime.predictive import AT_WALLS, DERIVATIVES
 
 # What rounding may make of an eigenvalue that is zero, as a share of the largest.
 _ROUNDING = 1e-13
@@ -61,7 +68,7 @@ _ROUNDING = 1e-13
 
 def simulate(
     robot: ModuleType | str | os.PathLike[str],
-    scenario: Scenario | str,
+    scenario: AnyScenario,
     controller: OwnController | None = None,
     progress: Progress = lambda what, share: None,
 ) -> Flight:
@@ -70,7 +77,7 @@ def simulate(
     Args:
         robot: A generated module with the back end "numpy" or "c", or the name or path of one,
             which is loaded with the C back end.
-        scenario: A scenario, or the name or path of one, which is read.
+        scenario: A scenario, or what `read_scenario` takes: its name or path, or its tables.
         controller: What commands the inputs instead of the scenario's law: a callable that takes an
             `Observation` and returns inputs u (nu). See docs/howto/controllers.md.
         progress: Is told what is being done, and the share of it that is done, 0 to 1.
@@ -114,7 +121,7 @@ class FlightStart:
 
 def flight_start(
     robot: ModuleType | str | os.PathLike[str],
-    scenario: Scenario | str,
+    scenario: AnyScenario,
     progress: Progress,
     own: bool,
 ) -> FlightStart:
@@ -123,15 +130,16 @@ def flight_start(
     `own`: whether the inputs come from elsewhere than the scenario's law. Raises `UsageError` for a
     flight that cannot begin.
     """
-    if isinstance(scenario, str):
-        scenario = read_scenario(scenario)
+    scenario = read_scenario(scenario)
     if own:
-        control = replace(scenario.control, law="open_loop", impedance=None, force=None)
-        scenario = replace(scenario, control=control)
+        scenario = uncontrolled(scenario)
+    # What NumPy can tell comes first: to compile takes long.
+    plain = robot if isinstance(robot, ModuleType) else load(robot)
+    if getattr(plain, "backend", "") == "c":
+        plain = plain.in_numpy
+    check_scenario(Vehicle(plain, scenario.parameters), scenario)
+    _check_functions(plain, scenario)
     module = robot if isinstance(robot, ModuleType) else load(robot, "c")
-    check_path(scenario.base, scenario.duration, "the path of the base")
-    for name, path in scenario.arm.paths.items():
-        check_path(path, scenario.duration, f"the path of {'the tip' if name == 'tip' else name}")
     vehicle = Vehicle(module, scenario.parameters)
     loop, motion = _closed_loop(vehicle, scenario, progress, own)
     q, v = starting_state(vehicle, loop.controller.reference, scenario.start)
@@ -146,6 +154,38 @@ def flight_start(
     return FlightStart(motion, loop, q, v)
 
 
+def uncontrolled(scenario: Scenario) -> Scenario:
+    """A scenario whose inputs come from elsewhere than its law."""
+    control = replace(scenario.control, law="open_loop", impedance=None, force=None)
+    return replace(scenario, control=control)
+
+
+def check_scenario(robot: RobotData, scenario: Scenario) -> None:
+    """Raise `UsageError` for what a robot cannot fly, as far as its constants show."""
+    check_path(scenario.base, scenario.duration, "the path of the base")
+    for name, path in scenario.arm.paths.items():
+        check_path(path, scenario.duration, f"the path of {'the tip' if name == 'tip' else name}")
+    check_arm(robot, scenario)
+    limits_of(robot, scenario)
+    check_control(scenario.control, robot)
+    check_charge(robot, scenario.start.charge)
+    check_surroundings(robot, scenario)
+    if scenario.sensors:
+        frames_of_sensors(robot, scenario.sensors)
+    if not robot.rotors_move:  # What they command is known before there is a motion.
+        law = scenario.control.law  # A plan is about hover: rotors must serve one of the others.
+        law_of("tracking" if law == PREDICTIVE else law, robot, robot.neutral, scenario.name)
+
+
+def _check_functions(module: ModuleType, scenario: Scenario) -> None:
+    """Raise `MissingFunctionError` with all functions on request that a module lacks."""
+    names = [*HOLDING] if scenario.holds else []
+    if scenario.control.law == PREDICTIVE:
+        names += [*DERIVATIVES, *(AT_WALLS if scenario.control.force else ())]
+    has = {name: all(getattr(module, x, ()) for x in FUNCTIONS[name].needs) for name in names}
+    require_functions(module, [name for name in names if has[name]])
+
+
 def _closed_loop(
     vehicle: Vehicle, scenario: Scenario, progress: Progress, own: bool
 ) -> tuple[ClosedLoop, TimedMotion]:
@@ -156,8 +196,6 @@ def _closed_loop(
     control = scenario.control
     actuators = actuators_of(vehicle, scenario)
     allocation = allocation_of(vehicle, limits=actuators.thrusts)
-    if not vehicle.rotors_move:  # What they command is known before there is a motion.
-        law_of(control.law, vehicle, vehicle.neutral, scenario.name)
     motion = timed_motion(vehicle, scenario, progress)
     reference = motion.reference
     knots = reference(reference.knots)[0]

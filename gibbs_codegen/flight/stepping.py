@@ -29,7 +29,7 @@ from gibbs_codegen.flight.plant.sensors import Reading
 from gibbs_codegen.flight.plant.vehicle import Array
 from gibbs_codegen.flight.record.flight import Flight
 from gibbs_codegen.flight.record.recording import flight_of
-from gibbs_codegen.flight.scenario.scenario import Scenario
+from gibbs_codegen.flight.scenario.file import AnyScenario
 from gibbs_codegen.flight.simulation import flight_start
 
 
@@ -42,7 +42,7 @@ class Simulation:
 
     Args:
         robot: a generated module with the back end "numpy" or "c", or the name or path of one.
-        scenario: a scenario, or the name or path of one.
+        scenario: a scenario, or what `read_scenario` takes.
         progress: is told what is being done, and the share of it that is done, 0 to 1.
 
     Raises:
@@ -52,7 +52,7 @@ class Simulation:
     def __init__(
         self,
         robot: ModuleType | str | os.PathLike[str],
-        scenario: Scenario | str,
+        scenario: AnyScenario,
         progress: Progress = lambda what, share: None,
     ) -> None:
         start = flight_start(robot, scenario, progress, own=True)

@@ -25,6 +25,14 @@ def skew(vector: Array) -> Array:
     return np.cross(np.eye(3), vector[..., np.newaxis, :])
 
 
+def roll_pitch_yaw(rotation: Array) -> Array:
+    """Angles (…, 3), rad, about x, then y, then z of the world, that make rotations (…, 3, 3)."""
+    r = np.moveaxis(rotation, (-2, -1), (0, 1))
+    pitch = np.arctan2(-r[2, 0], np.hypot(r[2, 1], r[2, 2]))
+    angles = (np.arctan2(r[2, 1], r[2, 2]), pitch, np.arctan2(r[1, 0], r[0, 0]))
+    return np.stack(angles, axis=-1)
+
+
 def rotation_about(axis: Array, angles: Array) -> Array:
     """Rotations (…, 3, 3) by angles (…) about a coordinate axis (3): Rodrigues' formula."""
     cross = np.cross(np.eye(3), axis)

@@ -26,11 +26,11 @@ def derivatives_among(functions: Iterable[str]) -> tuple[str, ...]:
     return tuple(name for name in functions if FUNCTIONS[name].group in DERIVATIVE_GROUPS)
 
 
-def option_with(name: str, functions: Collection[str]) -> tuple[str, list[str]]:
-    """The option that brings a function, and its words with which others are kept."""
-    if FUNCTIONS[name].group in DERIVATIVE_GROUPS:
-        return "derivatives", [*derivatives_among(functions), name]
-    return "functions", _words([other for other in functions if other in FUNCTIONS] + [name])
+def options_with(names: Iterable[str], functions: Collection[str]) -> dict[str, list[str]]:
+    """The words of options that bring functions, and keep others."""
+    every = [name for name in dict.fromkeys((*functions, *names)) if name in FUNCTIONS]
+    words = {"derivatives": [*derivatives_among(every)], "functions": _words(every)}
+    return {option: listed for option, listed in words.items() if listed not in ([], [DEFAULT])}
 
 
 def _words(functions: Collection[str]) -> list[str]:

@@ -17,6 +17,7 @@ import subprocess
 import sys
 import tempfile
 import threading
+import time
 from collections import defaultdict
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -175,6 +176,9 @@ def _processor() -> str:
 _log = logging.getLogger("gibbs_codegen")
 # What takes longer is told, s.
 _PATIENCE = 2.0
+# What was told; when that was at work, from and to, s.
+_SAID: set[str] = set()
+_SPANS: list[tuple[float, float]] = []
 NATIVE = Path(__file__).parent / "native"
 # As a source beside those of a robot, whose name begins with a letter.
 _ROWS = "_rows.c"
@@ -336,8 +340,7 @@ def compiled_files(
         for file, text in texts.items():
             (sources / file).write_bytes(text)
         own = [file for file in texts if file.endswith(".c") and file not in included]
-        message = f"{name}: compiling {', '.join(own)}; the library is kept for the next time"
-        with announced(message):
+        with announced(f"{name}: compiling C, which is kept for the next time"):
             compiler.library([sources / file for file in own], output, extra)
         shutil.rmtree(sources)
 
@@ -390,15 +393,29 @@ def opened_core(path: Path, prefix: str) -> ctypes.CDLL:
 
 @contextmanager
 def announced(what: str) -> Iterator[None]:
-    """Log what takes longer than two seconds: as a warning on a terminal, else as information."""
-    stream = getattr(sys.stderr, "rich_proxied_file", sys.stderr)  # While a command draws a bar.
-    level = logging.WARNING if stream and stream.isatty() else logging.INFO
-    timer = threading.Timer(_PATIENCE, _log.log, (level, "%s", what))
+    """Log, as a warning, what takes longer than two seconds, once; and keep when it was done."""
+
+    def tell() -> None:
+        if what not in _SAID:
+            _SAID.add(what)
+            _log.warning("%s", what)
+
+    timer, begin = threading.Timer(_PATIENCE, tell), time.perf_counter()
     timer.start()
     try:
         yield
     finally:
         timer.cancel()
+        _SPANS.append((begin, time.perf_counter()))
+
+
+def seconds_waited(since: float) -> float:
+    """How long, s, anything was at work that is announced, since a time of `perf_counter`."""
+    waited, end = 0.0, since
+    for begin, after in sorted(_SPANS):
+        waited += max(after - max(begin, end), 0.0)
+        end = max(end, after)
+    return waited
 
 
 def _make_of(text: bytes) -> list[bytes]:

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import functools
 import inspect
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from types import ModuleType
 from typing import Any, NoReturn
 
-from gibbs_codegen.errors import MissingFunctionError
+from gibbs_codegen.errors import MissingFunctionError, no_attribute
 from gibbs_codegen.interface import DATA, DATA_ON_REQUEST, FUNCTIONS
-from gibbs_codegen.interface.choice import option_with
+from gibbs_codegen.interface.choice import options_with
 
 # Functions that bring what is no function of the table.
 _BROUGHT_BY = {
@@ -34,7 +34,7 @@ class LoadedModule(ModuleType):
         super().__init__(module.__name__, module.__doc__)
         self.__file__ = module.__file__
         self.__path__ = module.__path__
-        self.backend = backend
+        self.backend, self.in_numpy = backend, module
         for name in (*DATA, *DATA_ON_REQUEST):
             if hasattr(module, name):
                 setattr(self, name, getattr(module, name))
@@ -42,8 +42,8 @@ class LoadedModule(ModuleType):
     def __getattr__(self, name: str) -> Any:
         """Raise `MissingFunctionError` for what can be generated, else `AttributeError`."""
         if _BROUGHT_BY.get(name, name) in FUNCTIONS:
-            raise missing_function(self, name)
-        raise AttributeError(f"module {self.__name__!r} has no attribute {name!r}")
+            require_functions(self, [name])
+        raise AttributeError(no_attribute(self.__name__, name, [*vars(self), *FUNCTIONS]))
 
 
 class GeneralFunction:
@@ -85,8 +85,9 @@ class GeneralFunction:
         return self
 
 
-def missing_function(module: ModuleType, name: str) -> MissingFunctionError:
-    """The error for a function, or what comes with one, that a module lacks."""
-    has = [function for function in FUNCTIONS if function in vars(module)]
-    option, words = option_with(_BROUGHT_BY.get(name, name), has)
-    return MissingFunctionError(module.NAME, name, option, words)
+def require_functions(module: ModuleType, names: Iterable[str]) -> None:
+    """Raise `MissingFunctionError` for functions, or what comes with some, that a module lacks."""
+    if missing := [name for name in names if name not in vars(module)]:
+        has = [function for function in FUNCTIONS if function in vars(module)]
+        options = options_with([_BROUGHT_BY.get(name, name) for name in missing], has)
+        raise MissingFunctionError(module.NAME, missing, options)

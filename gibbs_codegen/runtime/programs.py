@@ -27,6 +27,7 @@ from gibbs_codegen.arrays.nodes import Program
 from gibbs_codegen.files.verbatim import c_source
 from gibbs_codegen.interface import FUNCTIONS
 from gibbs_codegen.runtime.c_library import chosen_compiler, compiled_files, opened
+from gibbs_codegen.runtime.loaded_module import require_functions
 
 Array = NDArray[np.float64]
 # Names of the functions, which the module has not.
@@ -175,8 +176,7 @@ def library(
     Raises `CompilerError`, `CacheError` where the cache cannot be used, and `MissingFunctionError`.
     """
     name = module.NAME
-    for function in functions:
-        getattr(module, function)  # It says how the module is to be generated, if it lacks one.
+    require_functions(module, functions)
     path = compiled_files(
         Path(module.__path__[0]),
         name,

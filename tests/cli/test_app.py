@@ -42,7 +42,8 @@ def assert_refused(done: subprocess.CompletedProcess[str], folder: Path, message
 def test_generate_writes_a_module_that_imports_by_itself(tmp_path: Path) -> None:
     done = run_alone("generate", "quadrotor_2link", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
-    assert done.stderr == ""
+    # On a busy machine it takes long enough to say so.
+    assert done.stderr.strip() in ("", "deriving the equations of the robot")
     folder = tmp_path / "generated"
     assert sorted(p.name for p in folder.iterdir()) == ["quadrotor_2link"]
     code = (

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import pty
 import shutil
+import re
 import signal
 import subprocess
 import sys
@@ -16,6 +17,7 @@ from types import ModuleType
 import pytest
 from support.command import ENVIRONMENT, run
 
+from gibbs_codegen import pipeline
 from gibbs_codegen.cli.terminal import ended_by_signals
 from gibbs_codegen.flight.record.flight import read_flight
 
@@ -29,6 +31,39 @@ def workplace(
     for name in ("hexarotor_3link", "hexarotor", "quadrotor_2link"):
         shutil.copytree(Path(shipped(name).__file__ or "").parent, folder / "generated" / name)
     return folder
+
+
+@pytest.mark.parametrize("command", ["simulate", "sweep", "sitl --ardupilot"])
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ("arm.posture_deg.elbow=3", r"arm\.posture_deg\.elbow: quadrotor_2link has no joint elbow"),
+        ('push={frame="hand",force=[1,0,0]}', r"push\.frame: quadrotor_2link has no frame hand"),
+        ("start.charge=0.5", "quadrotor_2link has no battery"),
+    ],
+)
+def test_faults_of_a_scenario_come_before_anything_is_derived(
+    command: str, change: str, words: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    def derive(*_: object, **__: object) -> None:
+        raise AssertionError("a module is made")
+
+    monkeypatch.setattr(pipeline, "generate_robot", derive)
+    name, *options = command.split()
+    given = ["quadrotor_2link", *options, "--scenario", "hover", "--set", change, "--out", "out"]
+    done = run(name, *given, cwd=tmp_path)
+    assert done.returncode == 2
+    assert re.search(words, done.stderr)
+
+
+def test_a_law_that_does_not_fit_is_refused_before_anything_is_derived(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setattr(pipeline, "generate_robot", None)
+    law = ["--set", "control.law=computed_torque"]
+    done = run("simulate", "quadrotor", "--scenario", "hover", *law, cwd=tmp_path)
+    assert done.returncode == 2
+    assert "the base must be fully actuated" in done.stderr
 
 
 @pytest.mark.slow

@@ -13,7 +13,8 @@ import numpy as np
 import pytest
 from support.emitted import emitted_module
 
-from gibbs_codegen.errors import UsageError
+from gibbs_codegen.errors import ScenarioFileError, UsageError
+from gibbs_codegen.flight import simulation
 from gibbs_codegen.flight.desired.inverse_kinematics import UnreachableError
 from gibbs_codegen.flight.plant.allocation import AllocationError
 from gibbs_codegen.flight.record.flight import Flight
@@ -234,6 +235,22 @@ def test_progress_is_told(fast: Load) -> None:
         shares = [share for name, share in told if name == what]
         assert shares == sorted(shares)
         assert shares[-1] == pytest.approx(1.0)
+
+
+def test_faults_of_a_scenario_come_before_anything_is_compiled(
+    shipped: Load, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = Path(shipped("hexarotor").__file__ or "").parent
+    known = {"numpy": load(folder)}
+    monkeypatch.setattr(simulation, "load", lambda _, backend="numpy": known[backend])
+    base = {"path": {"kind": "fixed", "position": [0, 0, 0]}}
+    tables = {"name": "up", "duration": 1, "base": base}
+    with pytest.raises(UsageError, match=r"push\.frame: hexarotor has no frame hand"):
+        simulate(folder, tables | {"push": {"frame": "hand", "force": [1, 0, 0]}})
+    with pytest.raises(ScenarioFileError, match="base: missing: the base's desired path"):
+        simulate(folder, {"name": "up", "duration": 1})
+    with pytest.raises(UsageError, match="or its tables in a dictionary, not 3"):
+        simulate(folder, 3)  # type: ignore[arg-type]
 
 
 def test_names_will_do_for_robot_and_scenario(shipped: Load) -> None:

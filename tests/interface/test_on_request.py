@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
+from types import ModuleType
 
 import numpy as np
 import pytest
@@ -13,8 +14,10 @@ from support.tools import tool
 from gibbs_codegen import generate, load
 from gibbs_codegen.cli.app import main
 from gibbs_codegen.errors import MissingFunctionError, UsageError
-from gibbs_codegen.interface import FUNCTIONS, module_signatures
+from gibbs_codegen.flight.scenario.parts import HOLDING
+from gibbs_codegen.interface import FUNCTIONS, default_functions, module_signatures
 from gibbs_codegen.program.choice import chosen_derivatives
+from gibbs_codegen.runtime.loaded_module import require_functions
 from gibbs_codegen.verification.modules import verify
 
 ROBOT = "quadrotor_2link"
@@ -75,6 +78,15 @@ def test_a_module_has_what_was_asked_for_and_no_more(folder: Path, names: list[s
     assert not hasattr(plain, "PATTERNS")
 
 
+def test_all_that_is_lacking_is_told_at_once_with_what_keeps_the_rest() -> None:
+    bare = ModuleType("bare")
+    vars(bare).update(dict.fromkeys(default_functions()), NAME="bare", weight=None)
+    told = "no constrained_forward_dynamics, impact, base_parameters, .* bare "
+    told += "--derivatives=weight,base_parameters --functions=default,constrained_.*,impact, or"
+    with pytest.raises(MissingFunctionError, match=told):
+        require_functions(bare, ["mass_matrix", *HOLDING[:2], "base_parameters"])
+
+
 @pytest.mark.parametrize("backend", ["numpy"])
 def test_what_a_module_lacks_is_told_with_the_option_that_adds_it(
     backend: str, folder: Path, names: list[str]
@@ -92,7 +104,9 @@ def test_what_a_module_lacks_is_told_with_the_option_that_adds_it(
     with pytest.raises(MissingFunctionError, match=f"no BASE_PARAMETERS, .* --derivatives={kept}"):
         _ = asked.BASE_PARAMETERS
     assert not hasattr(plain, "weights")
-    with pytest.raises(AttributeError, match=f"module '{ROBOT}' has no attribute 'weights'"):
+    with pytest.raises(
+        AttributeError, match=f"module '{ROBOT}' has no attribute 'weights'; did .* weight"
+    ):
         plain.weights()
 
 

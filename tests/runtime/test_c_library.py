@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import io
 import logging
-import sys
 import tempfile
 import time
 from collections.abc import Callable, Sequence
@@ -12,25 +10,17 @@ from pathlib import Path
 from types import ModuleType
 
 import pytest
-from rich.console import Console
-from rich.file_proxy import FileProxy
 
+from gibbs_codegen.cli import terminal
 from gibbs_codegen.runtime import c_library
-from gibbs_codegen.runtime.c_library import Compiler, CompilerError, compiled_library
+from gibbs_codegen.runtime.c_library import (
+    Compiler,
+    CompilerError,
+    compiled_library,
+    seconds_waited,
+)
 
 NAME = "quadrotor_2link"
-
-
-class Stream(io.StringIO):
-    """Standard error, which is a terminal or not."""
-
-    def __init__(self, terminal: bool) -> None:
-        super().__init__()
-        self.terminal = terminal
-
-    def isatty(self) -> bool:
-        """Whether it is one."""
-        return self.terminal
 
 
 class Slow(Compiler):
@@ -42,12 +32,8 @@ class Slow(Compiler):
         output.write_bytes(b"")
 
 
-@pytest.mark.parametrize("proxied", [False, True])
-@pytest.mark.parametrize("terminal", [True, False])
 @pytest.mark.parametrize("patience", [0.01, 60.0])
 def test_what_takes_long_to_compile_is_told_in_one_line(
-    proxied: bool,
-    terminal: bool,
     patience: float,
     shipped: Callable[[str], ModuleType],
     tmp_path: Path,
@@ -55,19 +41,19 @@ def test_what_takes_long_to_compile_is_told_in_one_line(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
     monkeypatch.setenv("GIBBS_CODEGEN_CACHE", str(tmp_path / "cache"))
-    monkeypatch.setattr(c_library, "_PATIENCE", patience)
-    stream: object = Stream(terminal)
-    if proxied:  # As commands have it while they draw a bar.
-        stream = FileProxy(Console(), stream)
-    monkeypatch.setattr(sys, "stderr", stream)
     folder = Path(shipped(NAME).__file__ or "").parent
+    monkeypatch.setattr(c_library, "_PATIENCE", patience)
+    monkeypatch.setattr(c_library, "_SAID", set())
+    caplog.clear()  # The module may have been derived just now.
+    begin = time.perf_counter()
     with caplog.at_level(logging.INFO, "gibbs_codegen"):
         for _ in range(2):
             compiled_library(folder, NAME, Slow(("cc",), "slow"))
-    told = f"{NAME}: compiling {NAME}.c, _rows.c; the library is kept for the "
-    level = logging.WARNING if terminal else logging.INFO  # Python shows warnings by default.
+    told = f"{NAME}: compiling C, which is kept for the next time"
+    # Python shows warnings by default, in scripts and pipes too.
     said = [(record.levelno, record.getMessage()) for record in caplog.records]
-    assert said == ([(level, f"{told}next time")] if patience < 1.0 else [])
+    assert said == ([(logging.WARNING, told)] if patience < 1.0 else [])
+    assert 0.2 <= seconds_waited(begin) <= time.perf_counter() - begin
 
 
 def test_a_compiler_that_is_ended_leaves_nothing(
@@ -83,3 +69,14 @@ def test_a_compiler_that_is_ended_leaves_nothing(
     with pytest.raises(CompilerError, match="did not finish"):
         Compiler((str(program),), "").portable([], tmp_path / "library.so")
     assert not list(folder.iterdir())
+
+
+def test_what_takes_long_in_a_pipe_is_told_in_one_line(
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    monkeypatch.setattr(c_library, "_PATIENCE", 0.01)
+    monkeypatch.setattr(c_library, "_SAID", set())
+    with terminal.progress() as progress:
+        progress("a step")
+        time.sleep(0.2)
+    assert caplog.messages == ["deriving the equations of the robot"]

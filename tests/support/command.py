@@ -14,6 +14,7 @@ from unittest import mock
 from conftest import ROOT
 
 from gibbs_codegen.cli.app import main
+from gibbs_codegen.runtime import c_library
 
 ENVIRONMENT = {**os.environ, "PYTHONPATH": str(ROOT), "COLUMNS": "120"}
 
@@ -31,6 +32,7 @@ def run(*arguments: str, cwd: Path) -> subprocess.CompletedProcess[str]:
     with (
         contextlib.chdir(cwd),
         mock.patch.dict(os.environ, COLUMNS=ENVIRONMENT["COLUMNS"]),
+        mock.patch.object(c_library, "_PATIENCE", 600.0),  # However busy the machine is.
         contextlib.redirect_stdout(out),
         contextlib.redirect_stderr(err),
     ):

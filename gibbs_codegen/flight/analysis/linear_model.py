@@ -33,7 +33,7 @@ from gibbs_codegen.flight.plant.allocation import listed
 from gibbs_codegen.flight.plant.vehicle import Array, Vehicle
 from gibbs_codegen.flight.vectors import skew
 from gibbs_codegen.robot.wrenches import directions
-from gibbs_codegen.runtime.loaded_module import missing_function
+from gibbs_codegen.runtime.loaded_module import require_functions
 
 _DERIVATIVES = "forward_dynamics_derivatives"
 # Share of a command to both sides of which its derivatives are looked at.
@@ -129,10 +129,9 @@ def linearise(
     """
     vehicle = vehicle_of(robot, parameters)
     module = vehicle.module
-    of_actuators = "inputs_of_derivatives" if vehicle.is_driven else _DERIVATIVES
-    for name in (_DERIVATIVES, of_actuators):
-        if name not in module.DERIVATIVES:
-            raise missing_function(module, name)
+    of_actuators = ["inputs_of_derivatives"] if vehicle.is_driven else []
+    of_actuators += ["actuator_rates_derivatives"] if vehicle.actuator_states else []
+    require_functions(module, [_DERIVATIVES, *of_actuators])
     state = checked_state(vehicle, q, v, u, x)
     if state.command is not None and (words := commands_beyond(module, state.command)):
         words = f"{vehicle.name}: u: {words}, beyond which nothing follows the command"
@@ -264,7 +263,7 @@ def lqr(
         robot: A generated module with derivatives, or the name or path of one, which is loaded.
         q: A trim, which has v and u as well, or coordinates (nq).
         v, u: Velocities (nv) and inputs or, where the file describes actuators, commands (nu),
-            without a trim.
+            without a trim, after which Q and R may come at once.
         Q: Weights of the deviations x of `linearise`, (2 nv, 2 nv), or their diagonal (2 nv), with
             the states of actuators (2 nv + nx); that of a battery's charge counts for nothing.
         R: Weights of deviations w of the inputs, (nu, nu), or their diagonal (nu).
@@ -281,6 +280,9 @@ def lqr(
             be stabilised or that Q leaves free.
     """
     vehicle = vehicle_of(robot, parameters)
+    if isinstance(q, Trim) and R is None and u is not None:  # lqr(robot, trim, Q, R, dt)
+        dt = dt if Q is None else float(numbers("dt", Q, "a period above zero, s", ()))
+        v, u, Q, R = None, None, v, u  # noqa: N806
     if Q is None or R is None:
         raise UsageError("Q, R: give the weights of deviations and those of inputs")
     whole = linearise(vehicle.module, q, v, u, dt, x=x, parameters=parameters)

@@ -32,6 +32,7 @@ from gibbs_codegen.flight.plant.actuators import (
 )
 from gibbs_codegen.flight.plant.allocation import RANK, least_inputs
 from gibbs_codegen.flight.plant.vehicle import Array, Vehicle
+from gibbs_codegen.flight.vectors import roll_pitch_yaw
 from gibbs_codegen.robot.wrenches import DIRECTIONS, directions
 
 # Share of the wrench that may be missing.
@@ -47,6 +48,8 @@ AIMS: tuple[Aim, ...] = ("least_thrust", "widest_margin")
 _ROUNDING = 1e-9
 ATTITUDE = "attitude"
 _STILL = (0.0, 0.0, 0.0)
+# No angle that is meant to be one is larger, rad, but within limits.
+_TURN = 2.0 * np.pi
 
 
 @dataclass(frozen=True, eq=False)
@@ -433,10 +436,8 @@ def trim(
     own = layout.q.attitude
     attitude = dict(zip(layout.q.names[own], found[own].tolist(), strict=True))
     if layout.is_quaternion:
-        r = rotation
-        roll, yaw = np.arctan2(r[2, 1], r[2, 2]), np.arctan2(r[1, 0], r[0, 0])
-        pitch = np.arctan2(-r[2, 0], np.hypot(r[2, 1], r[2, 2]))
-        attitude = {"roll": float(roll), "pitch": float(pitch), "yaw": float(yaw)}
+        angles = roll_pitch_yaw(rotation).tolist()
+        attitude = dict(zip(("roll", "pitch", "yaw"), angles, strict=True))
     idle = null_space(vehicle.thrust_wrenches(found).T)
     beyond, command, x, units = _beyond(vehicle, actuators.joints, found), None, None, {}
     room = None
@@ -487,6 +488,8 @@ def _start(vehicle: Vehicle, q: ArrayLike | None, **tables: Mapping[str, float] 
     table or in two.
     """
     start = vehicle.neutral if q is None else coordinates(vehicle, q)
+    ends = np.abs(module_actuators(vehicle).joints).max(axis=0)
+    ends = np.where(np.isfinite(ends), np.maximum(ends, _TURN), _TURN)
     for table, posture in tables.items():
         unit = "degrees" if table.endswith("_deg") else "rad or m"
         if not isinstance(posture, Mapping | None):
@@ -494,7 +497,13 @@ def _start(vehicle: Vehicle, q: ArrayLike | None, **tables: Mapping[str, float] 
         for name, given in (posture or {}).items():
             value = numbers(f"{table}: {name}", given, f"a finite number, {unit}", ())
             place = vehicle.layout.q.joint_places[joint_place(vehicle, name)]
-            if unit == "degrees" and vehicle.layout.q.units[place] != "rad":
+            turns, most = vehicle.layout.q.units[place] == "rad", ends[joint_place(vehicle, name)]
+            if unit != "degrees" and turns and abs(value) > most:
+                raise UsageError(
+                    f"{table}: {name}: {value:g} rad is more than a turn; for degrees give "
+                    f"posture_deg={{{name!r}: {value:g}}}"
+                )
+            if unit == "degrees" and not turns:
                 raise UsageError(f"{table}: {name} is prismatic; give it in posture, in m")
             if unit == "degrees" and name in (tables["posture"] or {}):
                 raise UsageError(f"{table}: {name} is in posture too; give it once")

@@ -20,7 +20,7 @@ from gibbs_codegen.flight.plant.allocation import (
     ranks,
     thrust_axis,
 )
-from gibbs_codegen.flight.plant.vehicle import Array, Vehicle
+from gibbs_codegen.flight.plant.vehicle import Array, RobotData, Vehicle
 from gibbs_codegen.flight.reference import Reference
 from gibbs_codegen.flight.scenario.parts import PREDICTIVE, WORLD, Control, Impedance, Law
 
@@ -32,7 +32,7 @@ _FASTER = 4.0
 _WHERE = "(in the base's frame, about the base centre)"
 
 
-def law_of(law: Law, vehicle: Vehicle, q: Array, scenario: str) -> Law:
+def law_of(law: Law, vehicle: RobotData, q: Array, scenario: str) -> Law:
     """The law that a scenario asks for: of a task, such as "tracking", that which suits the rotors.
 
     All others are themselves.
@@ -105,14 +105,9 @@ def control_law(
     frequencies = np.full(places.size, control.frequency)
     frequencies[places.attitude] = attitude
     ratios = np.full(places.size, control.damping_ratio)
+    check_control(control, vehicle)
     for name, own in control.joints.items():
-        joint = joint_place(vehicle, name, "control.joints")
-        place = places.joints.start + joint
-        if holds(vehicle, joint):
-            raise UsageError(
-                f"control.joints.{name}: a servo holds the joint, by the stiffness and damping of "
-                "the robot file; leave it out"
-            )
+        place = places.joints.start + joint_place(vehicle, name)
         frequencies[place] = own.frequency or control.frequency
         ratios[place] = control.damping_ratio if own.damping_ratio is None else own.damping_ratio
     for k in range(vehicle.joints):
@@ -130,6 +125,21 @@ def control_law(
         found.check_thrust()
     check_integral(found)
     return found
+
+
+def check_control(control: Control, vehicle: RobotData) -> None:
+    """Raise `UsageError` for joints and frames that are not there, or that servos hold."""
+    for name in control.joints:
+        if holds(vehicle, joint_place(vehicle, name, "control.joints")):
+            raise UsageError(
+                f"control.joints.{name}: a servo holds the joint, by the stiffness and damping of "
+                "the robot file; leave it out"
+            )
+    if control.impedance or control.force:
+        frame = (control.impedance or Impedance()).frame
+        vehicle.frame_place(frame, "control.impedance.frame")
+    if control.force and control.force.axes != WORLD:
+        vehicle.frame_place(control.force.axes, "control.force.axes")
 
 
 def _moved_frame(law: Law, control: Control, vehicle: Vehicle) -> MovedFrame | None:

@@ -55,7 +55,7 @@ from gibbs_codegen.flight.scenario.parts import WORLD, Force, Impedance
 from gibbs_codegen.flight.scenario.scenario import Scenario
 from gibbs_codegen.flight.scenario.walls import Wall, surface_at, touched_by
 from gibbs_codegen.interface import FUNCTIONS
-from gibbs_codegen.interface.choice import option_with
+from gibbs_codegen.interface.choice import options_with
 from gibbs_codegen.runtime.load import load
 from gibbs_codegen.runtime.predictive import (
     AT_WALLS,
@@ -446,8 +446,7 @@ class Predictive:
             if all(getattr(self.module, need, ()) for need in FUNCTIONS[name].needs)
         ]
         if lacks := [name for name in needed if name not in has]:
-            option = option_with(lacks[0], [*has, *lacks[1:]])
-            raise MissingFunctionError(self.module.NAME, ", ".join(lacks), *option)
+            raise MissingFunctionError(self.module.NAME, lacks, options_with(lacks, has))
         wanted = {
             "step": (self.step, 0.0 < self.step < np.inf, "a finite time above 0, s"),
             "nodes": (self.nodes, self.nodes in range(1, 501), "1 to 500 steps"),

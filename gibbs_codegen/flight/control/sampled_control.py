@@ -7,6 +7,7 @@ long. All commands are recorded, since whoever gave them may not be asked again.
 
 from __future__ import annotations
 
+import logging
 from collections import deque
 from collections.abc import Callable, Mapping
 from functools import cache
@@ -32,9 +33,12 @@ from gibbs_codegen.flight.scenario.scenario import Scenario
 _SAME = 1e-6
 # Samples a second where a law has to be sampled and nobody says how often.
 DEFAULT_RATE = 1000.0
+# What nobody means who commands throttles.
+_MOST_THROTTLE = 2.0
 # Of a controller, Hz.
 _LOWEST_RATE = 0.1
 
+_log = logging.getLogger("gibbs_codegen")
 
 # Finds, when it is asked, what sensors measure of a state beside coordinates and velocities.
 Measure = Callable[[], Measured]
@@ -65,6 +69,8 @@ class ZeroOrderHold:
         self.delay, self.rate = delay, rate
         # Time, s, by which instants may differ that count as the same.
         self.same = _SAME * min(1e-3, 1.0 / rate if rate else 1.0)
+        # Units of commands, none once one was found to be in others.
+        self._units: tuple[str, ...] = getattr(law.vehicle.module, "COMMAND_UNITS", ())
         # The inputs (nu) that act.
         self.inputs: Array = np.zeros(len(law.vehicle.inputs))
         self._pending: deque[tuple[float, Array]] = deque()
@@ -99,7 +105,15 @@ class ZeroOrderHold:
         return f"{numbers[wrong]} for {names[wrong]}"
 
     def command(self, time: float, inputs: Array) -> None:
-        """Give a command u (nu), which takes effect later by the delay."""
+        """Give a command u (nu), which takes effect later by the delay; log what is no throttle."""
+        throttles = np.array(self._units[: self.vehicle.rotors]) == "1"
+        if np.any(wild := np.abs(inputs[: len(throttles)]) > _MOST_THROTTLE, where=throttles):
+            k, self._units = int(np.argmax(wild & throttles)), ()
+            _log.warning(
+                "%s: commands of rotors are throttles from 0 to 1; at t = %.6g s %g came for %s: "
+                "command_of of the module makes commands of thrusts in N",
+                *(self.vehicle.name, time, inputs[k], self.vehicle.commands[k]),
+            )
         self._pending.append((time + self.delay, np.array(inputs, dtype=np.float64)))
         if not self._times:
             self._act(-np.inf, self._pending[0][1])

@@ -36,7 +36,7 @@ from gibbs_codegen.flight.desired.base_trajectory import (
     refined,
     tolerance,
 )
-from gibbs_codegen.flight.plant.vehicle import Array, Flags, Vehicle
+from gibbs_codegen.flight.plant.vehicle import Array, Flags, RobotData, Vehicle
 from gibbs_codegen.flight.reference import Motion
 from gibbs_codegen.flight.scenario.paths import Path
 
@@ -490,6 +490,20 @@ _TOO_FAST = (
 )
 
 
+def check_tip(vehicle: RobotData) -> None:
+    """Raise `UsageError` for a robot without a tip, or without joints that move it."""
+    if not vehicle.has_tip:
+        raise UsageError(
+            f"{vehicle.name}: has no tip, which a robot has where it has one arm without branches, "
+            f"or a frame of that name; {OTHER_SCENARIO}"
+        )
+    if vehicle.joints == 0:
+        raise UsageError(
+            f"{vehicle.name}: has no arm, so its tip cannot follow a path of its own; "
+            f"{OTHER_SCENARIO}"
+        )
+
+
 def desired_with_tip(
     vehicle: Vehicle,
     time: Array,
@@ -507,16 +521,7 @@ def desired_with_tip(
     `SingularArmError` where the arm cannot move as the path wants, `UsageError` without an arm, and
     where not even the most knots keep the tip on its path.
     """
-    if not vehicle.has_tip:
-        raise UsageError(
-            f"{vehicle.name}: has no tip, which a robot has where it has one arm without branches, "
-            f"or a frame of that name; {OTHER_SCENARIO}"
-        )
-    if vehicle.joints == 0:
-        raise UsageError(
-            f"{vehicle.name}: has no arm, so its tip cannot follow a path of its own; "
-            f"{OTHER_SCENARIO}"
-        )
+    check_tip(vehicle)
     base = base_at(time)
     while True:
         bounded_path(base.time, tip, "path of the tip")

@@ -43,7 +43,7 @@ from gibbs_codegen.flight.desired.base_trajectory import (
 )
 from gibbs_codegen.flight.plant.actuators import actuators_of, joint_place
 from gibbs_codegen.flight.plant.allocation import least_inputs
-from gibbs_codegen.flight.plant.vehicle import Array, Flags, Vehicle
+from gibbs_codegen.flight.plant.vehicle import Array, Flags, RobotData, Vehicle
 from gibbs_codegen.flight.reference import Motion, Reference
 from gibbs_codegen.flight.scenario.parts import MAX_DURATION
 from gibbs_codegen.flight.scenario.scenario import Scenario
@@ -197,7 +197,7 @@ class TimingLimits:
         return bool(np.any(np.isfinite(self.inputs)) or np.any(np.isfinite(self.velocities)))
 
 
-def limits_of(vehicle: Vehicle, scenario: Scenario) -> TimingLimits:
+def limits_of(vehicle: RobotData, scenario: Scenario) -> TimingLimits:
     """Limits that the scenario's timing says, and else those of motors and joints.
 
     Raises `UsageError` for a joint that the robot does not have.

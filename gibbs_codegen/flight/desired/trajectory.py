@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.flight.desired import timing
 from gibbs_codegen.flight.desired.base_trajectory import check_times, desired_base, knots
-from gibbs_codegen.flight.desired.inverse_kinematics import JointBounds, desired_with_tip
+from gibbs_codegen.flight.desired.inverse_kinematics import JointBounds, check_tip, desired_with_tip
 from gibbs_codegen.flight.desired.led_frames import led_frames
 from gibbs_codegen.flight.desired.posture import (
     authority_posture,
@@ -24,9 +24,9 @@ from gibbs_codegen.flight.desired.posture import (
     with_joints,
 )
 from gibbs_codegen.flight.desired.underactuated_base import underactuated_motion
-from gibbs_codegen.flight.plant.actuators import actuators_of, joint_place
+from gibbs_codegen.flight.plant.actuators import Actuators, actuators_of, joint_place
 from gibbs_codegen.flight.plant.allocation import allocation_of, thrust_axis
-from gibbs_codegen.flight.plant.vehicle import Array, Vehicle
+from gibbs_codegen.flight.plant.vehicle import Array, RobotData, Vehicle
 from gibbs_codegen.flight.reference import Motion, Reference
 from gibbs_codegen.flight.scenario.orientation import SingularAttitudeError, Turning
 from gibbs_codegen.flight.scenario.parts import MAX_DURATION, StartOffset
@@ -44,8 +44,7 @@ def desired_motion(
     Raises `UsageError` or one of its kinds where there is no such motion, and for joints outside
     their limits.
     """
-    _check_units(vehicle, scenario.arm)
-    actuators = actuators_of(vehicle, scenario)
+    actuators = check_arm(vehicle, scenario)
     limits = actuators.joints[0], actuators.joints[1]
     # The timing "fastest" slows down what is too fast.
     fastest = actuators.velocities if scenario.timing.law == "uniform" else np.inf
@@ -73,11 +72,6 @@ def _with_posture(
         posture = _rest(vehicle, scenario, limits)
     else:
         posture = _joint_values(vehicle, task.posture, "arm.posture")
-        _check_limits(vehicle, task, "posture", posture, limits, vehicle.joint_names)
-    for name, moves in task.moves.items():
-        for move in moves:
-            moved = np.where(np.array(vehicle.joint_names) == name, move.to, posture)
-            _check_limits(vehicle, task, "moves", moved, limits, [name])
     joints_at = partial(joint_motion, vehicle, posture, task.moves)
     wanted, shown = (scenario.base, scenario.attitude), partial(progress, "desired motion")
     # What the base does then depends on the joints.
@@ -109,8 +103,6 @@ def _with_frames(
     guess = None
     if task.guess is not None:
         guess = _joint_values(vehicle, task.guess, "arm.guess")
-        # A guess says nothing of joints it leaves out: they begin at the limit nearest to 0.
-        _check_limits(vehicle, task, "guess", guess, limits, task.guess)
     posture = _rest(vehicle, scenario, limits) if guess is None else guess
     joints_at = partial(joint_motion, vehicle, posture, {})
     leans = thrust_axis(vehicle, joints_at(time[:1]).q) is not None
@@ -176,7 +168,33 @@ def starting_state(
     return start, vehicle.kinematics.kept(v, turned.T @ vehicle.base_rotation(q))
 
 
-def _check_units(vehicle: Vehicle, task: ArmTask) -> None:
+def check_arm(vehicle: RobotData, scenario: Scenario) -> Actuators:
+    """Limits and lag in a flight, by which what the arm is to do is possible for the joints.
+
+    Raises `UsageError` for joints and frames that are not there, and beyond limits.
+    """
+    task = scenario.arm
+    _check_units(vehicle, task)
+    actuators = actuators_of(vehicle, scenario)
+    limits = actuators.joints[0], actuators.joints[1]
+    if task.posture is not None:
+        posture = _joint_values(vehicle, task.posture, "arm.posture")
+        _check_limits(vehicle, task, "posture", posture, limits, vehicle.joint_names)
+    for name, moves in task.moves.items():
+        for move in moves:
+            moved = _joint_values(vehicle, {name: move.to}, "arm.moves")
+            _check_limits(vehicle, task, "moves", moved, limits, [name])
+    # A guess says nothing of joints it leaves out: they begin at the limit nearest to 0.
+    guess = _joint_values(vehicle, task.guess or {}, "arm.guess")
+    _check_limits(vehicle, task, "guess", guess, limits, task.guess or ())
+    if task.tip:
+        check_tip(vehicle)
+    for name in task.frames:
+        vehicle.frame_place(name, f"arm.frames.{name}")
+    return actuators
+
+
+def _check_units(vehicle: RobotData, task: ArmTask) -> None:
     """Raise `UsageError` if an angle was given as a travel, or a travel as an angle."""
     for name, table in sorted(task.named):
         unit = vehicle.layout.q.units[vehicle.arm][joint_place(vehicle, name, f"arm.{table}")]
@@ -203,7 +221,7 @@ def _check_rates(vehicle: Vehicle, motion: Motion, most: Array | float) -> None:
         )
 
 
-def _joint_values(vehicle: Vehicle, values: Mapping[str, float], table: str) -> Array:
+def _joint_values(vehicle: RobotData, values: Mapping[str, float], table: str) -> Array:
     """Coordinates (n) of all joints, 0 for those that `table`, as messages call it, leaves out."""
     found = np.zeros(vehicle.joints)
     for name, value in values.items():
@@ -212,7 +230,7 @@ def _joint_values(vehicle: Vehicle, values: Mapping[str, float], table: str) -> 
 
 
 def _check_limits(
-    vehicle: Vehicle,
+    vehicle: RobotData,
     task: ArmTask,
     key: str,
     values: Array,

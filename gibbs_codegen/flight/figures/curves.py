@@ -23,8 +23,9 @@ from gibbs_codegen.errors import UsageError
 from gibbs_codegen.figures.scene import fit, set_scene
 from gibbs_codegen.figures.style import COLOURS, COLUMN, DARK, FULL, spread, style
 from gibbs_codegen.flight.analysis.reachable_wrenches import Polytope, ReachableWrenches
+from gibbs_codegen.flight.plant.kinematics import kinematics_of
 from gibbs_codegen.flight.record.flight import Array, Flight
-from gibbs_codegen.flight.vectors import Flags
+from gibbs_codegen.flight.vectors import Flags, roll_pitch_yaw
 
 # Curves on a logarithmic axis end here, in m, rad or J: what is below is roundoff. Axes reach at
 # least so many times as far.
@@ -37,6 +38,8 @@ DASHED: dict[str, Any] = {"linewidth": 0.8, "color": DARK, "dashes": (4, 3)}
 ROUND_OFF, _ROUND_OFF_DEGREES = 1e-3, 0.1
 # What the range of linear axes is at least, as a share of the sum of their ends.
 _LEAST_RANGE = 0.1
+# Of a charge, which falls slowly, and is never more than full.
+_LEAST_RANGE_OF_CHARGE = 1e-3
 # Of names beside curves.
 _LONGEST_NAME = 14
 # Of a figure's width: a legend, beside names at the ends of curves and numbers at the axis.
@@ -84,6 +87,8 @@ def plot(axes: Axes, flight: Flight, curves: Curves) -> None:
             plot_line(axes, flight, curves.reference[:, column], zorder=3, **DASHED)
         # A flight that stopped because it diverged may end in what is not a number.
         finite = values[np.isfinite(values)]
+        if not name:
+            continue
         axes.annotate(
             name,
             xy=(flight.time[-1], finite[-1] if len(finite) else 0.0),
@@ -105,19 +110,22 @@ def plot(axes: Axes, flight: Flight, curves: Curves) -> None:
     label_axes(axes, curves.label)
 
 
-def plot_logarithms(axes: Axes, flight: Flight, label: str, series: Mapping[str, Array]) -> None:
-    """Draw series (s) on a logarithmic axis, with a legend of their names, none for ""."""
-    axes.set_yscale("log")
+def plot_lines(axes: Axes, flight: Flight, label: str, series: Mapping[str, Array]) -> None:
+    """Draw series (s) by their names, without a legend."""
     for (name, values), colour in zip(series.items(), COLOURS, strict=False):
-        raised = np.maximum(values, LOG_FLOOR)
-        plot_line(axes, flight, raised, label=name, color=colour, linewidth=1.0)
+        plot_line(axes, flight, values, label=name, color=colour, linewidth=1.0)
+    label_axes(axes, label)
+
+
+def plot_logarithms(axes: Axes, flight: Flight, label: str, series: Mapping[str, Array]) -> None:
+    """As `plot_lines`, on a logarithmic axis."""
+    axes.set_yscale("log")
+    raised = {name: np.maximum(values, LOG_FLOOR) for name, values in series.items()}
+    plot_lines(axes, flight, label, raised)
     low, high = axes.get_ylim()
     if low < 10.0 * LOG_FLOOR:
         axes.set_ylim(0.5 * LOG_FLOOR, max(high, _LEAST_REACH * LOG_FLOOR))
         axes.axhspan(0.5 * LOG_FLOOR, LOG_FLOOR, color="0.93", linewidth=0)
-    label_axes(axes, label)
-    if "" not in series:
-        add_key(axes)
 
 
 def plot_line(axes: Axes, flight: Flight, values: Array, **line: Any) -> None:
@@ -134,7 +142,8 @@ def label_axes(axes: Axes, label: str) -> None:
     """
     axes.set_ylabel(label)
     low, high = axes.get_ylim()
-    least = max(round_off(label), _LEAST_RANGE * abs(low + high))
+    share = _LEAST_RANGE_OF_CHARGE if label.startswith("charge") else _LEAST_RANGE
+    least = max(round_off(label), share * abs(low + high))
     if axes.get_yscale() == "linear" and high - low < least:
         axes.set_ylim((low + high - least) / 2.0, (low + high + least) / 2.0)
     place = axes.get_subplotspec()
@@ -218,12 +227,13 @@ _Panel = list[Curves]
 def coordinates(flight: Flight) -> Figure:
     """Draw the paper's Fig. 10: every coordinate, actual and desired, over time in s.
 
-    Panels, A and so on: attitude angles, deg, or the quaternion; joints of the arm, revolute ones
-    in deg, prismatic ones in m in a panel of their own; position of O₁, of the base centre or of
-    the base's frame, whichever the coordinates are of, m. Constrained angles of base arms 2 … N,
-    deg, have a panel only if they drift, which takes a system that was integrated with them; in
-    flights of `simulate` they cannot. Attitudes and joints that vary far less than others, such
-    as roll and pitch beside a yaw of many turns, have axes of their own.
+    Panels, A and so on: attitude angles, deg, or the quaternion, and the same as roll, pitch and
+    yaw, deg; joints of the arm, revolute ones in deg, prismatic ones in m in a panel of their own;
+    position of O₁, of the base centre or of the base's frame, whichever the coordinates are of, m.
+    Constrained angles of base arms 2 … N, deg, have a panel only if they drift, which takes a
+    system that was integrated with them; in flights of `simulate` they cannot. Attitudes and joints
+    that vary far less than others, such as roll and pitch beside a yaw of many turns, have axes of
+    their own.
     """
     panels = _panels(flight)
     pairs = [panels[place : place + 2] for place in range(0, len(panels), 2)]
@@ -269,6 +279,7 @@ def _panels(flight: Flight) -> list[_Panel]:
     base_arms = [Curves("base arms (deg)", arm_names, *np.degrees(arms))]
     return [
         _by_range(_coordinate_curves(flight, "attitude", every[layout.q.attitude])),
+        *([_by_range(_roll_pitch_yaw(flight))] if layout.is_quaternion else []),
         *([base_arms] if drift else []),
         *map(_by_range, joints),
         [_coordinate_curves(flight, f"position of {origin}", every[layout.q.position])],
@@ -287,6 +298,15 @@ def _coordinate_curves(flight: Flight, what: str, places: Sequence[int]) -> Curv
     names = [symbol(flight.coordinates[place]) for place in places]
     actual, desired = (factor * q[:, places] for q in (flight.q, flight.q_desired))
     return Curves(label, names, actual, desired)
+
+
+def _roll_pitch_yaw(flight: Flight) -> Curves:
+    """Curves of the attitude by angles, deg, which do not jump by turns."""
+    desired = roll_pitch_yaw(kinematics_of(flight.layout).rotation(flight.q_desired))
+    actual, desired = (
+        np.degrees(np.unwrap(each, axis=0)) for each in (flight.roll_pitch_yaw, desired)
+    )
+    return Curves("attitude (deg)", ["roll", "pitch", "yaw"], actual, desired)
 
 
 def _by_range(curves: Curves) -> list[Curves]:
@@ -327,7 +347,8 @@ def inputs(flight: Flight, width: float = COLUMN) -> Figure:
     the applied inputs, with bands from the least to the greatest between samples; dashes, where
     they differ, the commanded ones. A dotted line is what each rotor bears of the weight, others
     are limits: red if all inputs of a panel have it, else in the colours of those that do. The
-    background is grey while a force or torque acts on a frame for a time, and hatched while a
+    background is grey while a force or torque acts on a frame for a time, or all the time where
+    nothing else does, and hatched while a
     constraint holds.
     """
     places, units = np.arange(len(flight.input_names)), np.array(flight.input_units)
@@ -372,12 +393,12 @@ _OF_JOINTS = {
 
 
 def actuators(flight: Flight, width: float = COLUMN) -> Figure:
-    """Draw throttles, speeds, positions of joints with servos and the charge, over time in s.
+    """Draw throttles, speeds and positions of joints with servos over time in s.
 
-    Throttles and the charge are in %, speeds in rad/s, positions in deg and m. Lines are the levels
-    that rotors have and where joints are, dashes what motors and servos are sent.
+    Throttles are in %, speeds in rad/s, positions in deg and m. Lines are the levels that rotors
+    have and where joints are, dashes what motors and servos are sent.
     """
-    panels = actuator_panels(flight) or [Curves("charge (%)", [], flight.actuators[:, :0])]
+    panels = actuator_panels(flight) or [Curves("throttle (%)", [], flight.actuators[:, :0])]
     with style():
         figure = stack(flight, panels, width)
         explain(figure.axes[0], "actual", "sent")
@@ -385,7 +406,7 @@ def actuators(flight: Flight, width: float = COLUMN) -> Figure:
 
 
 def actuator_panels(flight: Flight) -> list[Curves]:
-    """What motors, servos and the battery do, by kind; nothing of a robot without them."""
+    """What motors and servos do, by kind; nothing of a robot without them."""
     states = dict(zip(flight.actuator_names, flight.actuators.T, strict=True))
     known = {f"{x}_position": q for x, q in zip(flight.coordinates, flight.q.T, strict=True)}
     known |= {f"{x}_rate": v for x, v in zip(flight.layout.v.names, flight.v.T, strict=True)}
@@ -398,9 +419,6 @@ def actuator_panels(flight: Flight) -> list[Curves]:
             actual = states.get(name, known.get(name, flight.commands[:, k]))
             curve = symbol(flight.input_names[k]), factor * actual, sent
             found.setdefault(label, []).append(curve)
-    if "charge" in states:  # It follows nothing.
-        charge = 100.0 * states["charge"]
-        found["charge (%)"] = [("charge", charge, np.full_like(charge, np.nan))]
     panels = []
     for label, own in found.items():
         actual, sent = (np.stack([each[k] for each in own], axis=1) for k in (1, 2))
@@ -464,6 +482,8 @@ def _draw_loads(axes: Axes, flight: Flight) -> dict[str, Any]:
     now = np.any(acts & ~np.all(acts, axis=0), axis=1)
     for begin, end in flight.gusts:
         now |= (begin <= flight.time) & (flight.time <= end)
+    if not now.any():  # Steady winds; torques alone are those of spinning rotors.
+        now = np.any(flight.frame_wrenches[:, :, :3] != 0.0, axis=(1, 2))
     held = draw_spans(axes, flight, np.any(flight.hold_forces != 0.0, axis=1), "held", _HELD)
     return held | draw_spans(axes, flight, now, "external force")
 

@@ -38,7 +38,7 @@ def constraint_torques(flight: Flight, width: float = COLUMN) -> Figure:
 
 
 def tracking_error(flight: Flight, width: float = COLUMN) -> Figure:
-    """Draw how far the flight is from what is desired, on logarithmic axes, over time in s.
+    """Draw how far the flight is from what is desired, over time in s: linearly, and by logarithms.
 
     Above in m: base centre, tip and, if there are prismatic joints, the largest of their errors.
     Below in rad: the largest error of an attitude angle or revolute joint and, if an arm is to be
@@ -56,11 +56,40 @@ def tracking_error(flight: Flight, width: float = COLUMN) -> Figure:
     if flight.tangent_arm:
         angles[f"arm {flight.tangent_arm} to tangent"] = flight.heading_error
     with style():
-        figure = Figure(figsize=(width, 3.6), layout="constrained")
-        above, below = figure.subplots(2, 1, sharex=True)
-        curves.plot_logarithms(above, flight, "error (m)", distances)
-        curves.plot_logarithms(below, flight, "error (rad)", angles)
+        figure = Figure(figsize=(width, 6.0), layout="constrained")
+        rows = iter(figure.subplots(4, 1, sharex=True))
+        for label, series in (("error (m)", distances), ("error (rad)", angles)):
+            curves.plot_lines(above := next(rows), flight, label, series)
+            curves.add_key(above)
+            curves.plot_logarithms(next(rows), flight, label, series)
         return curves.finished(figure, flight)
+
+
+def battery(flight: Flight, width: float = COLUMN) -> Figure:
+    """Draw the charge of the battery, %, its voltage, V, its current, A, and its power, W."""
+    voltage, current = flight.battery[:, :1], flight.battery[:, 1:]
+    charge = 100.0 * flight.actuators[:, -1:][:, : current.shape[1]]  # None without a battery.
+    panels = {"charge (%)": charge, "voltage (V)": voltage, "current (A)": current}
+    panels["power (W)"] = voltage * current
+    with style():
+        drawn = [curves.Curves(name, [""] * x.shape[1], x) for name, x in panels.items()]
+        return curves.finished(curves.stack(flight, drawn, width), flight)
+
+
+def outside(flight: Flight, width: float = COLUMN) -> Figure:
+    """Draw sizes of forces, N, and of torques, N m, that act on frames from outside.
+
+    They are of push, wind, walls, payloads and spinning rotors.
+    """
+    panels: list[curves.Curves] = []
+    for label, part in (("force from outside (N)", slice(3)), ("torque (N m)", slice(3, 6))):
+        sizes = np.linalg.norm(flight.frame_wrenches[:, :, part], axis=2)
+        acts = np.flatnonzero(np.any(sizes > 0.0, axis=0))
+        names = [curves.symbol(flight.frames[k]) for k in acts]
+        if names or not panels:
+            panels.append(curves.Curves(label, names, sizes[:, acts]))
+    with style():
+        return curves.finished(curves.stack(flight, panels, width), flight)
 
 
 def energy(flight: Flight, width: float = COLUMN) -> Figure:
@@ -114,6 +143,8 @@ FIGURES: tuple[Callable[[Flight], Figure], ...] = (
     snapshots_panels,
     inputs,
     actuators,
+    battery,
+    outside,
     constraint_torques,
     tracking_error,
     energy,
@@ -126,11 +157,13 @@ def write_figures(
 ) -> list[Path]:
     """Write every figure in every format, and return the files; two calls write the same bytes.
 
-    Inputs, actuators, constraint torques, errors and contacts are left out where none are known.
+    What is not known of a flight, or of its robot, is left out.
     """
     counts: dict[Callable[..., Figure], int] = {
         inputs: int(np.isfinite(flight.applied).sum()),
         actuators: len(curves.actuator_panels(flight)),
+        battery: flight.battery.shape[1],
+        outside: int(np.any(flight.frame_wrenches)),
         constraint_torques: int(np.isfinite(flight.constraint_torques).sum()),
         tracking_error: int(np.isfinite(flight.q_desired).sum()),
         contacts: flight.contact_forces.shape[1],

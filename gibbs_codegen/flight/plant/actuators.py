@@ -13,7 +13,7 @@ from types import ModuleType
 import numpy as np
 
 from gibbs_codegen.errors import UsageError
-from gibbs_codegen.flight.plant.vehicle import Array, Flags, Vehicle
+from gibbs_codegen.flight.plant.vehicle import Array, Flags, RobotData, Vehicle
 from gibbs_codegen.flight.scenario.scenario import Scenario
 
 _NO_LIMITS = (-math.inf, math.inf)
@@ -49,7 +49,7 @@ class Actuators:
     span: tuple[float, float] = (0.0, math.inf)
 
     @classmethod
-    def unlimited(cls, vehicle: Vehicle) -> Actuators:
+    def unlimited(cls, vehicle: RobotData) -> Actuators:
         """Those of a robot without limits and lag."""
         rotors, joints = vehicle.rotors, vehicle.joints
         return cls(
@@ -104,7 +104,7 @@ class Actuators:
         return (commanded <= least + margin) | (commanded >= most - margin)
 
 
-def actuators_of(vehicle: Vehicle, scenario: Scenario) -> Actuators:
+def actuators_of(vehicle: RobotData, scenario: Scenario) -> Actuators:
     """Limits and lag in a flight; what the scenario does not say is that of the robot file.
 
     Raises `UsageError` for a joint that the robot does not have, or for a module of an earlier
@@ -137,24 +137,24 @@ def actuators_of(vehicle: Vehicle, scenario: Scenario) -> Actuators:
     return found
 
 
-def has_servo(vehicle: Vehicle, place: int) -> bool:
+def has_servo(vehicle: RobotData, place: int) -> bool:
     """Whether a servo pushes a joint, by its place among the joints, from 0."""
     k = vehicle.rotors + place
     return vehicle.commands[k] != vehicle.inputs[k]
 
 
-def holds(vehicle: Vehicle, place: int) -> bool:
+def holds(vehicle: RobotData, place: int) -> bool:
     """Whether a servo holds a joint where it is commanded to be, by its place among the joints."""
     name = f"{vehicle.joint_names[place]}_position"
     return has_servo(vehicle, place) and vehicle.commands[vehicle.rotors + place] == name
 
 
-def has_battery(vehicle: Vehicle) -> bool:
+def has_battery(vehicle: RobotData) -> bool:
     """Whether the last state of the actuators is the charge of a battery."""
     return vehicle.actuator_states[-1:] == ("charge",)
 
 
-def check_charge(vehicle: Vehicle, charge: float) -> None:
+def check_charge(vehicle: RobotData, charge: float) -> None:
     """Raise `UsageError` for a charge that is not from 0 to 1, or not 1 without a battery."""
     if not 0.0 <= charge <= 1.0:
         raise UsageError(f"charge: must be from 0 to 1, not {charge:g}")
@@ -165,7 +165,7 @@ def check_charge(vehicle: Vehicle, charge: float) -> None:
         )
 
 
-def joint_place(vehicle: Vehicle, name: str, table: str = "") -> int:
+def joint_place(vehicle: RobotData, name: str, table: str = "") -> int:
     """The place of a joint among the joints, from 0.
 
     Raises `UsageError`, with the scenario's `table` that names it, if there is no such joint.
@@ -177,7 +177,7 @@ def joint_place(vehicle: Vehicle, name: str, table: str = "") -> int:
     return vehicle.joint_names.index(name)
 
 
-def module_actuators(vehicle: Vehicle) -> Actuators:
+def module_actuators(vehicle: RobotData) -> Actuators:
     """Limits and lag that the robot file says, as its module does.
 
     Raises `UsageError` for a module of an earlier version, which does not say.

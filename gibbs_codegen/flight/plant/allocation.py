@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy.optimize import lsq_linear
 
 from gibbs_codegen.errors import UsageError
-from gibbs_codegen.flight.plant.vehicle import Vehicle
+from gibbs_codegen.flight.plant.vehicle import RobotData, Vehicle
 from gibbs_codegen.flight.vectors import Array, times, transposed
 from gibbs_codegen.robot.wrenches import directions
 
@@ -246,7 +246,7 @@ def allocation_of(
     return MovingAllocation(vehicle, limits)
 
 
-def thrust_axis(vehicle: Vehicle, q: Array) -> Array | None:
+def thrust_axis(vehicle: RobotData, q: Array) -> Array | None:
     """The axis along which rotors push, if they command a force along it and three moments.
 
     Unit vectors (…, 3) in the base's frame, along what equal thrusts of all rotors make; None if at

@@ -23,13 +23,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gibbs_codegen.arrays.closed_loop import Surroundings
-from gibbs_codegen.errors import MissingFunctionError, UsageError, printable
-from gibbs_codegen.flight.plant.vehicle import Array, Flags, Vehicle
+from gibbs_codegen.errors import UsageError, printable
+from gibbs_codegen.flight.plant.vehicle import Array, Flags, RobotData, Vehicle
 from gibbs_codegen.flight.scenario.parts import Hold, Payload, Push, Wind
 from gibbs_codegen.flight.scenario.scenario import Scenario
 from gibbs_codegen.flight.scenario.walls import Wall, contacts_of, yielding
-from gibbs_codegen.interface import FUNCTIONS
-from gibbs_codegen.interface.choice import option_with
 
 
 class RotorSpin:
@@ -63,12 +61,34 @@ class RotorSpin:
         self.axes: Array = axes / np.linalg.norm(axes, axis=-1, keepdims=True)
 
 
+def check_surroundings(vehicle: RobotData, scenario: Scenario) -> None:
+    """Raise `UsageError` for frames and constraints that the robot does not have."""
+    if scenario.push is not None:
+        vehicle.frame_place(scenario.push.frame, "push.frame")
+    on = [(f"payload {k}: frame", each.frame) for k, each in enumerate(scenario.payloads, start=1)]
+    on += [(f"wall {k}: frame", x) for k, wall in enumerate(scenario.walls, 1) for x in wall.frames]
+    for key in ("drag", "rotational_drag") if scenario.wind else ():
+        on += [(f"wind.{key}", frame) for frame in getattr(scenario.wind, key)]
+    for key, frame in on:
+        vehicle.frame_place(frame, key)
+    known = getattr(vehicle.module, "CONSTRAINTS", ())
+    for place, hold in enumerate(scenario.holds, start=1):
+        where = f"hold {place}"
+        if hold.constraint not in known:
+            names = f"its constraints: {', '.join(known)}" if known else "it has no [[constraint]]"
+            raise UsageError(
+                f"{where}: constraint: {vehicle.name} has no {printable(hold.constraint)}; {names}"
+            )
+        if any(each.begin < hold.end and hold.begin < each.end for each in scenario.payloads):
+            raise UsageError(
+                f"{where}: a payload is there while {hold.constraint} holds, which is not computed "
+                "together; give the payload another time, or its mass to a link by [plant]"
+            )
+
+
 @dataclass(frozen=True)
 class Environment:
-    """What acts on the robot that flies; `spins` (N) are those of `Actuators`.
-
-    Raises `UsageError` for frames that the robot does not have.
-    """
+    """What acts on the robot that flies; `spins` (N) are those of `Actuators`."""
 
     vehicle: Vehicle
     push: Push | None = None
@@ -78,38 +98,6 @@ class Environment:
     spins: Array | None = None
     hold: tuple[Hold, ...] = ()
 
-    def __post_init__(self) -> None:
-        if self.push is not None:
-            self.vehicle.frame_place(self.push.frame, "push.frame")
-        on = [("payload", place, each.frame) for place, each in enumerate(self.payload, start=1)]
-        on += [("wall", i, frame) for i, wall in enumerate(self.wall, 1) for frame in wall.frames]
-        for name, place, frame in on:
-            self.vehicle.frame_place(frame, f"{name} {place}: frame")
-        if self.wind is not None:
-            for key in ("drag", "rotational_drag"):
-                for frame in getattr(self.wind, key):
-                    self.vehicle.frame_place(frame, f"wind.{key}")
-        for place, each in enumerate(self.hold, start=1):
-            self._check_hold(each, f"hold {place}")
-
-    def _check_hold(self, hold: Hold, where: str) -> None:
-        """Raise `UsageError` for a constraint that is not there, or a payload beside it."""
-        vehicle, known = self.vehicle, self._constraints
-        if hold.constraint not in known:
-            names = f"its constraints: {', '.join(known)}" if known else "it has no [[constraint]]"
-            raise UsageError(
-                f"{where}: constraint: {vehicle.name} has no {printable(hold.constraint)}; {names}"
-            )
-        for name in ("constrained_forward_dynamics", "impact", "constraint_jacobian"):
-            if not hasattr(vehicle.module, name):
-                having = [each for each in FUNCTIONS if hasattr(vehicle.module, each)]
-                raise MissingFunctionError(vehicle.name, name, *option_with(name, having))
-        if any(each.begin < hold.end and hold.begin < each.end for each in self.payload):
-            raise UsageError(
-                f"{where}: a payload is there while {hold.constraint} holds, which is not computed "
-                "together; give the payload another time, or its mass to a link by [plant]"
-            )
-
     @property
     def _constraints(self) -> tuple[str, ...]:
         return tuple(getattr(self.vehicle.module, "CONSTRAINTS", ()))
@@ -118,7 +106,7 @@ class Environment:
     def of(cls, vehicle: Vehicle, scenario: Scenario, spins: Array) -> Environment | None:
         """What acts in a flight; None if nothing does at any time.
 
-        Raises `UsageError` also for a spinning rotor on a link without a frame.
+        Raises `UsageError` for a spinning rotor on a link without a frame.
         """
         spinning = spins if np.any(spins) else None
         found = cls(

@@ -26,7 +26,7 @@ from gibbs_codegen.errors import UsageError
 from gibbs_codegen.flight.arguments import whole
 from gibbs_codegen.flight.plant.environment import Environment
 from gibbs_codegen.flight.plant.state_program import StateProgram, state_program
-from gibbs_codegen.flight.plant.vehicle import Array, Vehicle
+from gibbs_codegen.flight.plant.vehicle import Array, RobotData, Vehicle
 from gibbs_codegen.flight.scenario.parts import Sensors
 from gibbs_codegen.runtime.load import load
 
@@ -58,6 +58,20 @@ class Errors:
         given = {"measured": measured, "white": white, "walk": walk}
         found, steps = self._evaluator(given)["reading"], self._steps
         return self._xp.round(found / steps) * steps if steps.all() else found
+
+
+def frames_of_sensors(robot: RobotData, sensors: Sensors) -> list[int]:
+    """Places of the frames at which sensors are; `UsageError` where the robot lacks what it takes.
+
+    Sensors at no frame have the first.
+    """
+    found = []
+    for each in sensors.devices:
+        key = f"sensors.{each.measures}: {each.name}"
+        found.append(robot.frame_place(getattr(each, "frame", robot.frames[0]), key))
+        if each.measures == "encoders" and not robot.joints:
+            raise UsageError(f"{key}: {robot.name} has no joints; leave the encoders out")
+    return found
 
 
 class SensorSuite:
@@ -95,12 +109,7 @@ class SensorSuite:
         self._vehicle, self._module = robot, self._module or robot.module
         own = sensors or Sensors()
         self._parameters, self.seed, self.devices = parameters, own.seed, own.devices
-        self._frames = []
-        for each in self.devices:
-            key = f"sensors.{each.measures}: {each.name}"
-            self._frames.append(robot.frame_place(getattr(each, "frame", robot.frames[0]), key))
-            if each.measures == "encoders" and not robot.joints:
-                raise UsageError(f"{key}: {robot.name} has no joints; leave the encoders out")
+        self._frames = frames_of_sensors(robot, own)
         self._channels = [each.channels(robot.layout) for each in self.devices]
         sizes = [sum(len(one.names) for one in each) for each in self._channels]
         ends = np.cumsum([0, *sizes]).tolist()

@@ -29,28 +29,15 @@ from gibbs_codegen.runtime.load import BACKENDS
 _SAME_ANGLE = 1e-9
 
 
-class Vehicle:
-    """A generated module with the constants of some parameters, and its functions by their names.
+class RobotData:
+    """What a module says of its robot by its constants, of which a robot file alone has these too.
 
-    The back end is "numpy" or "c". Parameters left out keep their defaults; arrays have a value for
-    each state: they broadcast to the states' leading axes. `key` of a scenario file gave them.
-    Raises `UsageError` for a module of another back end or of an older version, and for parameters
-    that `prepare` rejects.
+    `wrenches` (6, N) are those of unit thrusts, as of `Vehicle.thrust_wrenches`, where no joint
+    moves a rotor.
     """
 
-    def __init__(
-        self,
-        module: ModuleType,
-        parameters: Mapping[str, ArrayLike] | None = None,
-        key: str = "parameters",
-    ) -> None:
-        _check(module)
-        try:
-            self.constants: Any = module.prepare(dict(parameters)) if parameters else None
-        except (ValueError, TypeError) as error:
-            words = f"{error}{_about_parameters(module, parameters or {}, str(error))}"
-            raise UsageError(f"{module.NAME}: {key}: {words}") from None
-        self.module = module
+    def __init__(self, module: ModuleType, wrenches: Array | None = None) -> None:
+        self.module, self._wrenches = module, wrenches
         self.name: str = module.NAME
         self.attitude: str = module.ATTITUDE
         self.coordinates: tuple[str, ...] = module.COORDINATES
@@ -76,6 +63,88 @@ class Vehicle:
         self.has_tip = "tip" in self.points
         self.joints = len(self.joint_names)
         self.rotors = len(self.inputs) - self.joints
+
+    @property
+    def input_units(self) -> tuple[str, ...]:
+        """Units of the inputs (nu): N of thrusts, then N m or N of the joints."""
+        return ("N",) * self.rotors + self.layout.effort_units
+
+    @property
+    def joint_names(self) -> tuple[str, ...]:
+        """Names of the arm's coordinates, from the base outwards."""
+        return self.coordinates[self.arm]
+
+    @property
+    def neutral(self) -> Array:
+        """Coordinates (nq) of zero, the base level."""
+        return np.array(self.layout.neutral)
+
+    def thrust_wrenches(self, q: Array | None = None) -> Array:
+        """Wrenches (…, 6, N) of unit thrusts: force, torque about the base centre, its frame."""
+        if self._wrenches is None:
+            raise UsageError(
+                f"{self.name}: joints move its rotors, whose wrenches are not constant"
+            )
+        before = () if q is None else q.shape[:-1]
+        return np.broadcast_to(self._wrenches, (*before, *self._wrenches.shape))
+
+    def frame_place(self, frame: str, key: str) -> int:
+        """The place of a frame among those of the module; `UsageError` names the key without it."""
+        if frame not in self.frames:
+            near = difflib.get_close_matches(frame, self.frames, n=1)
+            hint = f"did you mean {near[0]}? " if near else ""
+            raise UsageError(
+                f"{key}: {self.name} has no frame {printable(frame)}; "
+                f"{hint}its frames: {', '.join(self.frames)}"
+            )
+        return self.frames.index(frame)
+
+    def description(self, constant: str) -> Any:
+        """What the module says of its robot in a constant, one of `interface.DESCRIPTION`.
+
+        Raises `UsageError` for a module of an earlier version, which has none.
+        """
+        if not hasattr(self.module, constant):
+            raise UsageError(
+                f"{self.name}: has no {constant}, since an earlier version made it; generate it "
+                "again, with this version"
+            )
+        return getattr(self.module, constant)
+
+    @cached_property
+    def carriers(self) -> NDArray[np.intp]:
+        """By point (k) the place of the joint's point that carries it, or of the base centre."""
+        return np.array([self.points.index(name) for name in self.description("CARRIERS")])
+
+    @cached_property
+    def rotors_move(self) -> bool:
+        """Whether joints move rotors."""
+        centre = self.points.index(self.centre)
+        return bool(np.any(self.carriers[centre + 1 : centre + 1 + self.rotors] != centre))
+
+
+class Vehicle(RobotData):
+    """A generated module with the constants of some parameters, and its functions by their names.
+
+    The back end is "numpy" or "c". Parameters left out keep their defaults; arrays have a value for
+    each state: they broadcast to the states' leading axes. `key` of a scenario file gave them.
+    Raises `UsageError` for a module of another back end or of an older version, and for parameters
+    that `prepare` rejects.
+    """
+
+    def __init__(
+        self,
+        module: ModuleType,
+        parameters: Mapping[str, ArrayLike] | None = None,
+        key: str = "parameters",
+    ) -> None:
+        _check(module)
+        try:
+            self.constants: Any = module.prepare(dict(parameters)) if parameters else None
+        except (ValueError, TypeError) as error:
+            words = f"{error}{_about_parameters(module, parameters or {}, str(error))}"
+            raise UsageError(f"{module.NAME}: {key}: {words}") from None
+        super().__init__(module)
         if self.has_tip:
             self.tip_pose = self._of_tip("frame_poses")
             self.tip_jacobian = self._of_tip("frame_jacobians")
@@ -100,16 +169,6 @@ class Vehicle:
             return of_frames(*arguments)[(..., place, *[slice(None)] * axes)]
 
         return of_tip
-
-    @property
-    def input_units(self) -> tuple[str, ...]:
-        """Units of the inputs (nu): N of thrusts, then N m or N of the joints."""
-        return ("N",) * self.rotors + self.layout.effort_units
-
-    @property
-    def joint_names(self) -> tuple[str, ...]:
-        """Names of the arm's coordinates, from the base outwards."""
-        return self.coordinates[self.arm]
 
     def base_rotation(self, q: ArrayLike) -> Array:
         """R (…, 3, 3), from the base's frame, arm 1's if there are arms, to the world."""
@@ -149,11 +208,6 @@ class Vehicle:
         found: Array = _wrench(self.module)(given)["wrench"]
         return found
 
-    @property
-    def neutral(self) -> Array:
-        """Coordinates (nq) of zero, the base level."""
-        return np.array(self.layout.neutral)
-
     def thrust_wrenches(self, q: Array | None = None) -> Array:
         """Wrenches (…, 6, N) of unit thrusts: force, torque about the base centre, its frame.
 
@@ -173,34 +227,6 @@ class Vehicle:
         forward, backward = (self.inverse_dynamics(q, sign * v, 0.0 * v) for sign in (1.0, -1.0))
         return 0.5 * (forward - backward)
 
-    def frame_place(self, frame: str, key: str) -> int:
-        """The place of a frame among those of the module; `UsageError` names the key without it."""
-        if frame not in self.frames:
-            near = difflib.get_close_matches(frame, self.frames, n=1)
-            hint = f"did you mean {near[0]}? " if near else ""
-            raise UsageError(
-                f"{key}: {self.name} has no frame {printable(frame)}; "
-                f"{hint}its frames: {', '.join(self.frames)}"
-            )
-        return self.frames.index(frame)
-
-    def description(self, constant: str) -> Any:
-        """What the module says of its robot in a constant, one of `interface.DESCRIPTION`.
-
-        Raises `UsageError` for a module of an earlier version, which has none.
-        """
-        if not hasattr(self.module, constant):
-            raise UsageError(
-                f"{self.name}: has no {constant}, since an earlier version made it; generate it "
-                "again, with this version"
-            )
-        return getattr(self.module, constant)
-
-    @cached_property
-    def carriers(self) -> NDArray[np.intp]:
-        """By point (k) the place of the joint's point that carries it, or of the base centre."""
-        return np.array([self.points.index(name) for name in self.description("CARRIERS")])
-
     @property
     def gravity(self) -> Array:
         """The acceleration of gravity along z (…), m/s², world axes; negative where things fall."""
@@ -208,12 +234,6 @@ class Vehicle:
         pull = self.gravity_forces(self.neutral)[..., upwards]
         found: Array = pull / self.mass_matrix(self.neutral)[..., upwards, upwards]
         return found
-
-    @cached_property
-    def rotors_move(self) -> bool:
-        """Whether joints move rotors."""
-        centre = self.points.index(self.centre)
-        return bool(np.any(self.carriers[centre + 1 : centre + 1 + self.rotors] != centre))
 
 
 @lru_cache(maxsize=64)

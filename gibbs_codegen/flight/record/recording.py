@@ -13,12 +13,14 @@ import numpy as np
 from gibbs_codegen.flight.desired.trajectory import TimedMotion
 from gibbs_codegen.flight.integration.closed_loop import ClosedLoop, Parts
 from gibbs_codegen.flight.integration.state_history import InputRanges, StateHistory
+from gibbs_codegen.flight.plant.actuators import has_battery
 from gibbs_codegen.flight.plant.vehicle import Array, Vehicle
 from gibbs_codegen.flight.record.flight import Flight
 from gibbs_codegen.flight.record.series import RANGES, point_parents
 from gibbs_codegen.flight.scenario.orientation import Tangent, heading_error
 from gibbs_codegen.flight.scenario.scenario import Scenario
 
+_HOUR = 3600.0
 _FIELDS = frozenset(each.name for each in fields(Flight))
 
 
@@ -102,14 +104,30 @@ class Recording:
         if not vehicle.is_driven:
             names = ("command_names", "command_units", "actuator_names")
             none = partial(np.zeros, (len(self._time), 0))
-            return {**dict.fromkeys(names, tuple), "commands": none, "actuators": none}
+            of_nothing = dict.fromkeys(("commands", "actuators", "battery"), none)
+            return {**dict.fromkeys(names, tuple), **of_nothing}
         return {
             "command_names": lambda: vehicle.commands,
             "command_units": lambda: vehicle.description("COMMAND_UNITS"),
             "actuator_names": lambda: vehicle.actuator_states,
             "commands": lambda: self._sent[1],
             "actuators": lambda: self._parts.actuators,
+            "battery": self._battery,
         }
+
+    def _battery(self) -> Array:
+        """Voltage, V, and current, A, (s, 2) by which the charge falls; (s, 0) without battery."""
+        vehicle, scenario = self.loop.vehicle, self.scenario
+        if not has_battery(vehicle):
+            return np.zeros((len(self._time), 0))
+        known = {**vehicle.module.PARAMETERS, **scenario.parameters, **scenario.plant}
+        steps = [known[name] for name in known if name.startswith("battery_voltage_")]
+        charge = self._parts.actuators[:, -1]
+        rates = vehicle.actuator_rates(self._parts.actuators, self._sent[1])[:, -1]
+        current = -_HOUR * known["battery_capacity"] * rates
+        free = np.interp(charge, np.linspace(0.0, 1.0, len(steps)), steps)
+        voltage = free - known.get("battery_resistance", 0.0) * current
+        return np.stack([voltage, current], axis=1)
 
     @property
     def _time(self) -> Array:

@@ -20,6 +20,7 @@ from gibbs_codegen.flight.plant.kinematics import kinematics_of
 from gibbs_codegen.flight.plant.vehicle import Vehicle
 from gibbs_codegen.flight.record.clearance import disc_distances, rim_distances, wall_distances
 from gibbs_codegen.flight.vectors import Array as Array
+from gibbs_codegen.flight.vectors import roll_pitch_yaw
 from gibbs_codegen.robot.layout import Layout
 
 # Names of the fields that are the ranges of the inputs, in the order of `InputRanges`.
@@ -63,6 +64,7 @@ class Flight:
     - `commands` (s, nu): what motors and servos are sent, by `command_names` and `command_units`,
       and `actuators` (s, x): the state of these, by `actuator_names`; (s, 0) of robots without, and
       in files of before flights had them
+    - `battery` (s, 2): voltage, V, and current, A, with the load; (s, 0) likewise
     - `constraint_torques` (s, c): that hold base arms 2 … N (eqs. 14–17) and constrained
       links, in the order of `constraint_names`
     - `base_arm_angles` (s, N − 1) and `base_arm_angles_desired` (N − 1): angles of base arms
@@ -182,6 +184,7 @@ class Flight:
     actuator_names: tuple[str, ...] = ()
     commands: Array = field(default_factory=lambda: np.zeros((0, 0)), repr=False)
     actuators: Array = field(default_factory=lambda: np.zeros((0, 0)), repr=False)
+    battery: Array = field(default_factory=lambda: np.zeros((0, 0)), repr=False)
     sensor_names: tuple[str, ...] = ()
     sensor_units: tuple[str, ...] = ()
     sensor_frames: tuple[str, ...] = ()
@@ -213,6 +216,11 @@ class Flight:
         """
         kinematics = kinematics_of(self.layout)
         return kinematics.errors(self.q, self.v, self.q_desired, self.v_desired)[0]
+
+    @property
+    def roll_pitch_yaw(self) -> Array:
+        """Attitude of the base (s, 3) about x, then y, then z of the world, rad."""
+        return roll_pitch_yaw(self.base_rotation)
 
     @property
     def centre(self) -> str:
@@ -358,6 +366,9 @@ class Flight:
         ):
             for name, unit, values in zip(names, units, series.T, strict=True):
                 yield f"{name}{suffix}", unit, values
+        for name, values in zip(("roll", "pitch", "yaw"), self.roll_pitch_yaw.T, strict=True):
+            if name not in places.names:
+                yield name, "rad", values
         names, units = self.input_names, self.input_units
         for suffix, field_name in _INPUTS.items():
             for name, unit, values in zip(names, units, getattr(self, field_name).T, strict=True):
@@ -368,6 +379,8 @@ class Flight:
             yield f"{name}_sent", unit, values
         for name, values in zip(self.actuator_names, self.actuators.T, strict=True):
             yield f"{name}_state", of_commands.get(followed(name, of_commands), "1"), values
+        for name, unit, values in zip(("voltage", "current"), "VA", self.battery.T, strict=False):
+            yield f"battery_{name}", unit, values
         for name, values in zip(self.constraint_names, self.constraint_torques.T, strict=True):
             yield name, "N m", values
         for k, values in enumerate(self.base_arm_angles.T, start=2):

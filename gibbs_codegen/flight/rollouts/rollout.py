@@ -175,7 +175,7 @@ def rollout(
         raise UsageError("precision: with JAX it is what JAX is set to; leave it out")
     workers = (os.cpu_count() or 1) if threads is None else whole("threads", threads)
     tell = functools.partial(progress, "rolling out")
-    if isinstance(control, Scenario | str | os.PathLike):
+    if isinstance(control, Scenario | str | os.PathLike | Mapping):
         others = any(each is not None for each in (wrenches, limits, thrusts, x0, bounds))
         if others or walls or constraints or method != "rk4":
             raise UsageError(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Any
@@ -17,9 +16,8 @@ from gibbs_codegen.flight.integration.integrators import check_stability, integr
 from gibbs_codegen.flight.integration.state_history import StateHistory
 from gibbs_codegen.flight.many import ScenarioLoops
 from gibbs_codegen.flight.rollouts.arguments import RolloutArguments
-from gibbs_codegen.flight.scenario.file import read_scenario
+from gibbs_codegen.flight.scenario.file import AnyScenario, read_scenario
 from gibbs_codegen.flight.scenario.parts import Settings
-from gibbs_codegen.flight.scenario.scenario import Scenario
 from gibbs_codegen.flight.simulation import FlightStart, flight_start
 from gibbs_codegen.runtime.rollouts import (
     DIVERGED,
@@ -34,7 +32,7 @@ from gibbs_codegen.runtime.rollouts import (
 
 def scenario_rollout(
     arguments: RolloutArguments,
-    scenario: Scenario | str | os.PathLike[str],
+    scenario: AnyScenario,
     begin: tuple[Any, Any],
     grid: tuple[float, int],
     varied: tuple[Mapping[str, Any], Any],
@@ -87,13 +85,13 @@ def scenario_rollout(
 
 
 def _scenario_start(
-    arguments: RolloutArguments, scenario: Scenario | str | os.PathLike[str], dt: float, every: int
+    arguments: RolloutArguments, scenario: AnyScenario, dt: float, every: int
 ) -> FlightStart:
     """Motion, closed loop and start of a scenario, in steps of `dt`, `every` of them a sample.
 
     Raises `UsageError` if it cannot begin, or its law is sampled.
     """
-    scene = scenario if isinstance(scenario, Scenario) else read_scenario(os.fspath(scenario))
+    scene = read_scenario(scenario)
     if scene.is_sampled:
         raise UsageError(
             "control: a rollout is under laws that act at all times, without control.rate and "

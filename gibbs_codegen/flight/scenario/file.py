@@ -9,12 +9,13 @@ top table. Lengths are in m, times in s, angles in degrees where a key ends in `
 from __future__ import annotations
 
 import math
+import os
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Annotated, Any, ClassVar
 
 from pydantic import AfterValidator
 
-from gibbs_codegen.errors import Fault, ScenarioFileError
+from gibbs_codegen.errors import Fault, ScenarioFileError, UsageError, printable
 from gibbs_codegen.files.shipped import shipped_names, text_of
 from gibbs_codegen.files.table import (
     Bounds,
@@ -48,13 +49,17 @@ def shipped_scenarios() -> tuple[str, ...]:
     return shipped_names(_FOLDER)
 
 
-def read_scenario(name_or_path: str, changes: Mapping[str, Any] | None = None) -> Scenario:
+AnyScenario = Scenario | str | os.PathLike[str] | Mapping[str, Any]
+
+
+def read_scenario(name_or_path: AnyScenario, changes: Mapping[str, Any] | None = None) -> Scenario:
     """Read a scenario by file path, or by the name of one that ships.
 
     Refused files raise `ScenarioFileError`, and where there is none `UsageError` is raised.
 
     Args:
-        name_or_path: The path or name.
+        name_or_path: The path or name; or the tables of such a file as a dictionary. A scenario
+            without changes is returned as it is.
         changes: What replaces entries of the file, in its own form:
             `{"start": {"offset": [0.2, 0, 0]}}`, or `{"start.offset": [0.2, 0, 0]}`; None removes
             an entry.
@@ -62,7 +67,16 @@ def read_scenario(name_or_path: str, changes: Mapping[str, Any] | None = None) -
     Returns:
         The scenario.
     """
-    text, source = text_of(name_or_path, _FOLDER, ScenarioFileError)
+    if isinstance(name_or_path, Scenario) and not changes:
+        return name_or_path
+    if isinstance(name_or_path, Mapping):
+        return parse_scenario("", changes={**name_or_path, **(changes or {})})
+    if not isinstance(name_or_path, str | os.PathLike):
+        raise UsageError(
+            "scenario: must be a scenario without changes, the name or path of a file, or its "
+            f"tables in a dictionary, not {printable(repr(name_or_path), 60)}"
+        )
+    text, source = text_of(os.fspath(name_or_path), _FOLDER, ScenarioFileError)
     return parse_scenario(text, source, changes)
 
 

@@ -57,6 +57,8 @@ MAX_DURATION = 3600.0  # s
 PREDICTIVE = "predictive"
 # Functions of modules that fly scenarios in which constraints hold.
 WITH_CONSTRAINTS = ("default", "constraints")
+# Those that they call.
+HOLDING = ("constrained_forward_dynamics", "impact", "constraint_jacobian")
 Law = Annotated[str, OneOf(("tracking", *LAWS, PREDICTIVE, "open_loop", "off"))]
 # Laws of scenarios that move a frame, and of these those that control its force.
 _MOVING = [name for name, law in LAWS.items() if law.moves_frame]

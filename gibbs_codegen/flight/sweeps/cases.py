@@ -34,7 +34,7 @@ Kind = Literal["uniform", "normal", "log_uniform"]
 # has no number: they are moved by half of that.
 _HALF_STEP = 2.0**-31
 # Tables of the scenario file whose keys are parameters of the robot's module.
-_OF_PARAMETERS = ("parameters", "plant")
+NUMBERS = ("parameters", "plant")
 
 
 @dataclass(frozen=True)
@@ -268,7 +268,7 @@ def _entries_of(key: str, robot: sources.RobotSource) -> dict[str, list[str]]:
     table, dot, name = key.partition(".")
     if not dot and (key in robot.parameters or "*" in key):
         table, name = "parameters", key
-    if table not in _OF_PARAMETERS or not name:
+    if table not in NUMBERS or not name:
         sources.steps_of(key)  # Refuses what is no key.
         return {key: [key]}
     head = key.removesuffix(name)
@@ -283,7 +283,7 @@ def _base(key: str, robot: sources.RobotSource, scenario: sources.ScenarioSource
     """
     table, _, name = key.partition(".")
     found = scenario.says(key)
-    if found is None and table in _OF_PARAMETERS:
+    if found is None and table in NUMBERS:
         found = scenario.says(f"parameters.{name}")
         found = robot.parameters[name] if found is None else found
     if isinstance(found, bool) or not isinstance(found, float | int):

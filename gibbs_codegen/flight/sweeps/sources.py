@@ -10,18 +10,28 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields, is_dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from types import ModuleType
+from typing import TYPE_CHECKING, Any
 
 from gibbs_codegen.errors import ScenarioFileError, UsageError, cause_of, printable
 from gibbs_codegen.files.shipped import text_of
 from gibbs_codegen.files.table import Table, default_at, read_table
 from gibbs_codegen.files.toml import checked, merged, nested, plain_value
 from gibbs_codegen.flight.desired.trajectory import Progress
+from gibbs_codegen.flight.plant.vehicle import RobotData, Vehicle
 from gibbs_codegen.flight.record.series import StrPath as StrPath
-from gibbs_codegen.flight.scenario.file import ScenarioTable, parse_scenario
+from gibbs_codegen.flight.scenario.file import (
+    AnyScenario,
+    ScenarioTable,
+    parse_scenario,
+    read_scenario,
+)
 from gibbs_codegen.flight.scenario.scenario import Scenario
 from gibbs_codegen.runtime.load import find_module, load
 from gibbs_codegen.version import __version__
+
+if TYPE_CHECKING:
+    from gibbs_codegen.robot.model import Robot
 
 Step = str | int
 
@@ -150,6 +160,10 @@ class ScenarioSource:
         found = entry(self._document, key)
         return entry(self._table, key) if found is None else found
 
+    def knows(self, key: str) -> bool:
+        """Whether a key is one of the scenario, rather than a parameter of a robot."""
+        return "." in key or hasattr(self.scenario or self._table, key.partition("[")[0])
+
     def changed(self, changes: Mapping[str, Any]) -> Scenario:
         """The scenario with other values of some entries, by keys without places in lists.
 
@@ -163,17 +177,37 @@ class ScenarioSource:
         return table.scenario() if table else parse_scenario(self.text, self.word, tables)
 
 
-def scenario_source(scenario: Scenario | StrPath) -> ScenarioSource:
+def scenario_source(scenario: AnyScenario) -> ScenarioSource:
     """What is known of a scenario, given as such, by the name of one that ships, or by a file.
 
     Raises `UsageError` if there is no such file, and `ScenarioFileError` with every fault of it.
     """
-    if isinstance(scenario, Scenario):
-        return ScenarioSource(scenario.name, scenario=scenario)
+    if isinstance(scenario, Scenario | Mapping):
+        read = read_scenario(scenario)
+        return ScenarioSource(read.name, scenario=read)
     word = os.fspath(scenario)
     text, _ = text_of(word, "scenarios", ScenarioFileError)
     parse_scenario(text, word)
     return ScenarioSource(word, text)
+
+
+def robot_data(robot: StrPath, read: Callable[[str], tuple[Robot, str]] | None = None) -> RobotData:
+    """What flights know of a robot, as of `robot_source`, before it has a module.
+
+    `read` reads robot files. Raises as `robot_source` does.
+    """
+    word = os.fspath(robot)
+    if os.path.isdir(word) or os.path.isdir(os.path.join("generated", word)):
+        return Vehicle(load(find_module(Path(word))))
+    from gibbs_codegen.robot.balance import carried_rotors, wrench_matrix
+    from gibbs_codegen.robot.description import Description
+    from gibbs_codegen.robot.file import read_robot
+
+    found, _ = (read or read_robot)(word)
+    module, described = ModuleType(found.name), Description(found)
+    vars(module).update(NAME=found.name, ATTITUDE=found.base.attitude)
+    vars(module).update(**described.lists(), **described.constants)
+    return RobotData(module, None if carried_rotors(found) else wrench_matrix(found))
 
 
 def robot_source(

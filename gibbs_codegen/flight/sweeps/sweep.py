@@ -14,7 +14,9 @@ force, and the table is the same whatever has computed it.
 
 from __future__ import annotations
 
+import itertools
 import logging
+import math
 import os
 import time
 from collections.abc import Mapping, Sequence
@@ -22,14 +24,17 @@ from concurrent.futures import Executor
 from pathlib import Path
 from typing import Any
 
-from gibbs_codegen.errors import GibbsCodegenError, UsageError, printable
+import numpy as np
+
+from gibbs_codegen.errors import GibbsCodegenError, ScenarioFileError, UsageError, printable
 from gibbs_codegen.files.staging import check_output_folder
 from gibbs_codegen.flight.arguments import whole
 from gibbs_codegen.flight.desired.trajectory import Progress
 from gibbs_codegen.flight.scenario.parts import PREDICTIVE, WITH_CONSTRAINTS
 from gibbs_codegen.flight.scenario.scenario import Scenario
+from gibbs_codegen.flight.simulation import check_scenario
 from gibbs_codegen.flight.sweeps import measures as known_measures
-from gibbs_codegen.flight.sweeps.cases import Cases, cases_of, varied
+from gibbs_codegen.flight.sweeps.cases import NUMBERS, Cases, Varied, cases_of, varied
 from gibbs_codegen.flight.sweeps.chunks import (
     FILE,
     Row,
@@ -40,11 +45,20 @@ from gibbs_codegen.flight.sweeps.chunks import (
 )
 from gibbs_codegen.flight.sweeps.execution import Execution, own_count
 from gibbs_codegen.flight.sweeps.measures import Measure
-from gibbs_codegen.flight.sweeps.sources import StrPath, robot_source, scenario_source
+from gibbs_codegen.flight.sweeps.sources import (
+    ScenarioSource,
+    StrPath,
+    robot_data,
+    robot_source,
+    scenario_source,
+)
 from gibbs_codegen.flight.sweeps.study import FIXED, Study, table_of
 from gibbs_codegen.runtime.predictive import AT_WALLS, DERIVATIVES
 
 _MOST_SAMPLES = 2**24
+# Combinations of listed values that are looked at beforehand, and the middle of a distribution.
+_MOST_COMBINATIONS = 32
+_MIDDLE = np.array([0.5])
 # How often a line of the log says what is done, s.
 _LOG_SECONDS = 30.0
 _SLOW = (
@@ -101,6 +115,7 @@ def sweep(
     _check_own(folder)
     scenario_sources = [scenario_source(each) for each in _listed(scenarios)]
     varying = {key: varied(value) for key, value in (parameters or {}).items()}
+    _refuse_unfit(_listed(robots), scenario_sources, varying)
     laws = [each.says("control.law") for each in scenario_sources]
     laws += varying["control.law"].levels if "control.law" in varying else ()
     pushes = any(each.says("control.force") for each in scenario_sources)
@@ -128,7 +143,7 @@ def sweep(
 
 def _listed(values: Any) -> list[Any]:
     """One or several, as a list."""
-    one = isinstance(values, str | os.PathLike | Scenario)
+    one = isinstance(values, str | os.PathLike | Scenario | Mapping)
     found = [values] if one else list(values)
     if not found:
         raise UsageError("a sweep needs at least one robot and one scenario")
@@ -166,6 +181,34 @@ def _refuse_hopeless(cases: Cases) -> None:
                 errors.append(error)
         if len(errors) == len(places):
             raise errors[0]
+
+
+def _refuse_unfit(
+    robots: Sequence[StrPath], scenarios: Sequence[ScenarioSource], varying: Mapping[str, Varied]
+) -> None:
+    """Raise the error of scenarios none of which any robot can fly, before modules are made.
+
+    Nothing is said where more combinations are listed than are quickly looked at.
+    """
+    levels = {key: each.levels or [each.ppf(_MIDDLE)[0]] for key, each in varying.items()}
+    if math.prod(map(len, levels.values())) > _MOST_COMBINATIONS:
+        return
+    data = [robot_data(each) for each in robots]
+    errors = []
+    for robot, source in itertools.product(data, scenarios):
+        # What is a factor, or a number of the module, has no name in it that could be wrong.
+        keys = [k for k in levels if not varying[k].relative and k.partition(".")[0] not in NUMBERS]
+        keys = [k for k in keys if source.knows(k)]
+        for values in itertools.product(*(levels[key] for key in keys)):
+            try:
+                check_scenario(robot, source.changed(dict(zip(keys, values, strict=True))))
+            except UsageError as error:
+                errors.append(error)
+            except ScenarioFileError:  # It is refused later, with the case that has it.
+                return
+            else:
+                return
+    raise errors[0]
 
 
 def _rows(

@@ -22,7 +22,7 @@ def test_the_gain_is_stable_and_optimal(differentiated: Load, name: str, dt: flo
     found = trim(module)
     nv, nu = len(found.v), len(found.u)
     weights, price = np.repeat([4.0, 1.0], nv), np.linspace(0.5, 2.0, nu)
-    regulator = lqr(module, found, Q=weights, R=np.diag(price), dt=dt)
+    regulator = lqr(module, found, weights, np.diag(price), dt)
     a, b, gain, cost = regulator.a, regulator.b, regulator.gain, regulator.cost
     values = regulator.eigenvalues
     growth = values.real if dt is None else np.abs(values) - 1.0

@@ -344,6 +344,7 @@ def test_a_module_may_be_given_by_its_path(shipped: Load) -> None:
             "no frame foot; its frames: base, left_hand",
         ),
         ("dual_arm", {"posture": {"elbow": 1.0}}, "no joint elbow; its joints: left_shoulder"),
+        ("dual_arm", {"posture": {"left_shoulder": 60}}, "more than a turn; for degrees give post"),
         ("dual_arm", {"free": ["elbow"]}, "no joint elbow"),
         (
             "dual_arm",

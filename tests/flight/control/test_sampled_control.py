@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from types import ModuleType
+from types import ModuleType, SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -12,7 +12,12 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from gibbs_codegen.errors import UsageError
-from gibbs_codegen.flight.control.sampled_control import LawController, Observation, Sensing
+from gibbs_codegen.flight.control.sampled_control import (
+    LawController,
+    Observation,
+    Sensing,
+    ZeroOrderHold,
+)
 from gibbs_codegen.flight.plant.actuators import Actuators
 from gibbs_codegen.flight.plant.vehicle import Array, Vehicle
 from gibbs_codegen.flight.record.flight import read_flight
@@ -27,6 +32,18 @@ Load = Callable[[str], ModuleType]
 OFF = {"offset": [0.05, -0.02, 0.03], "turn_deg": [2, 3, 0]}
 TIGHT = {"relative_tolerance": 1e-12, "absolute_tolerance": 1e-13}
 FIXED = {"method": "rk4", "step": 5e-4}
+
+
+def test_newtons_for_throttles_are_told_once(caplog: pytest.LogCaptureFixture) -> None:
+    module = SimpleNamespace(COMMAND_UNITS=("1", "N", "rad"))
+    names = ("throttle_1", "F_2", "elbow_position")
+    vehicle = SimpleNamespace(name="mixed", module=module, rotors=2, commands=names, inputs=names)
+    law = SimpleNamespace(vehicle=vehicle, reference=None, allocation=None, gains=None)
+    hold = ZeroOrderHold(law, "own")  # type: ignore[arg-type]
+    for inputs in ([0.5, 9.0, 3.0], [4.5, 9.0, 3.0], [5.0, 9.0, 3.0]):
+        hold.command(0.5, np.array(inputs))
+    (told,) = caplog.messages
+    assert "throttles from 0 to 1; at t = 0.5 s 4.5 came for throttle_1" in told
 
 
 def hover(duration: float, **changes: Any) -> Scenario:

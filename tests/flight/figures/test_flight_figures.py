@@ -30,7 +30,7 @@ pytestmark = pytest.mark.usefixtures("derived_once")
 Drawn = Callable[[Callable[[Flight], Figure], str], Figure]
 Array = NDArray[Any]
 Shipped = Callable[[str], ModuleType]
-OWN_TESTS = ("snapshots", "snapshots_panels", "actuators")
+OWN_TESTS = ("snapshots", "snapshots_panels", "actuators", "battery", "outside")
 PLOTS = [draw for draw in figures.FIGURES if draw.__name__ not in OWN_TESTS]
 
 TWO_ROTORS = """
@@ -206,14 +206,20 @@ def test_actuators_are_what_motors_and_servos_do(sliding: Flight) -> None:
         ("rotor speed (rad/s)", [sent[:, 2]], [sent[:, 2]]),
         ("servo position (deg)", [np.degrees(joints[0])], [np.degrees(sent[:, 10])]),
         ("servo position (m)", [joints[1]], [sent[:, 11]]),
-        ("charge (%)", [100 * state[:, 1]], [np.full(len(state), np.nan)]),
     ):
         axes = panel(figure, label)
         np.testing.assert_allclose(solid(axes), actual)
         np.testing.assert_allclose(dashed(axes), commanded)
-    assert len(figure.axes) == 5
+    assert len(figure.axes) == 4
     assert legend_texts(figure.axes[0]) == ["actual", "sent"]
-    assert [axes.get_ylabel() for axes in figures.actuators(sliding).axes] == ["charge (%)"]
+    assert [axes.get_ylabel() for axes in figures.actuators(sliding).axes] == ["throttle (%)"]
+    supply = np.tile([16.0, 5.0], (len(state), 1))
+    charge, _, _, power = figures.battery(replace(flight, battery=supply)).axes
+    np.testing.assert_allclose(solid(charge), [100 * state[:, 1]])
+    np.testing.assert_allclose(solid(power), [[80.0] * len(state)])
+    full = replace(flight, battery=supply, actuators=1.0 - 1e-4 * np.cumsum(state, axis=0))
+    low, high = figures.battery(full).axes[0].get_ylim()
+    assert 90.0 < low < 100.0 <= high < 100.5
 
 
 @pytest.mark.slow
@@ -387,16 +393,22 @@ def test_limits_of_some_inputs_have_their_colours(paper: Flight) -> None:
 
 @pytest.mark.slow
 def test_background_tells_when_frames_are_pushed(paper: Flight) -> None:
-    """A push from sample 10 to 30; wind, which blows all the time, tells nothing."""
+    """A push from sample 10 to 30; torques of spinning rotors, all the time, tell nothing."""
     wrenches = np.zeros((len(paper.time), 2, 6))
     wrenches[10:30, 0, 2] = 5.0
-    wrenches[:, 1, 0] = 1.0
+    wrenches[:, 1, 3] = 1.0
     pushed = replace(paper, frames=("base", "tip"), frame_wrenches=wrenches)
     axes = figures.inputs(pushed).axes[0]
     (span,) = [patch for patch in axes.patches if isinstance(patch, Rectangle)]
     assert span.get_x() == paper.time[10]
     assert np.isclose(span.get_x() + span.get_width(), paper.time[30])
     assert "external force" in legend_texts(axes)
+    force, torque = figures.outside(pushed).axes
+    assert np.array_equal(solid(force), [wrenches[:, 0, 2]])
+    assert np.array_equal(solid(torque), [wrenches[:, 1, 3]])
+    wrenches[:, 0] = [0.3, 0.0, 0.0, 0.0, 0.0, 0.0]  # A steady wind.
+    (span,) = figures.inputs(replace(pushed, frame_wrenches=wrenches)).axes[0].patches
+    assert span.get_width() == pytest.approx(np.ptp(paper.time))
 
 
 def test_figures_tell_when_constraints_hold(paper: Flight) -> None:
@@ -454,19 +466,21 @@ def test_constraint_torques_are_the_flight(paper: Flight, drawn: Drawn) -> None:
 
 @pytest.mark.slow
 def test_tracking_error_by_unit(sliding: Flight, drawn: Drawn) -> None:
-    above, below = drawn(figures.tracking_error, "sliding").axes
+    linear, above, _, below = drawn(figures.tracking_error, "sliding").axes
+    assert [line.get_yscale() for line in (linear, above)] == ["linear", "log"]
+    assert np.array_equal(solid(linear), solid(above))
     error = np.abs(sliding.q - sliding.q_desired)
     assert np.array_equal(solid(above), [sliding.centre_error, sliding.tip_error, error[:, 4]])
     assert np.array_equal(solid(below)[0], error[:, :4].max(axis=1))
     assert np.array_equal(solid(below)[1], np.maximum(sliding.heading_error, LOG_FLOOR))
-    free = figures.tracking_error(replace(sliding, tangent_arm=0)).axes[1]
+    free = figures.tracking_error(replace(sliding, tangent_arm=0)).axes[3]
     assert len(solid(free)) == 1
 
 
 @pytest.mark.slow
 def test_zeros_on_logarithmic_axes(drawn: Drawn) -> None:
     axes = [
-        *drawn(figures.tracking_error, "no error").axes,
+        *drawn(figures.tracking_error, "no error").axes[1::2],
         drawn(figures.energy, "no error").axes[1],
     ]
     for each in axes:
