@@ -1,15 +1,13 @@
 """SDF of Gazebo, read with the standard library's parser and nothing else.
 
-A model's links, joints and frames are placed relative to each other by name. What has no part in
-the equations of motion, such as shapes, sensors and plugins other than motors, is left out and
-told.
+A model's links, joints and frames are placed relative to each other by name. What else a file says,
+and has a part in the motion, is left out and reported with its lines.
 """
 
 from __future__ import annotations
 
 import math
 import re
-from collections import Counter
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import cast
@@ -20,10 +18,23 @@ from gibbs_codegen.errors import printable
 from gibbs_codegen.exchange import sources
 from gibbs_codegen.exchange.placement import HERE, LEVEL, Placement, degrees, vector
 from gibbs_codegen.exchange.tree import near
-from gibbs_codegen.exchange.urdf import Values, gazebo_rotors, is_motor, slowdown_notes
-from gibbs_codegen.exchange.xml_file import Element, child, children, parse_xml, read_bytes
+from gibbs_codegen.exchange.unread import plain, unread, without_part
+from gibbs_codegen.exchange.urdf import (
+    COUNTED,
+    OF_MOTORS,
+    Values,
+    gazebo_rotors,
+    slowdown_notes,
+)
+from gibbs_codegen.exchange.xml_file import (
+    Element,
+    child,
+    children,
+    parse_xml,
+    pass_over,
+    read_bytes,
+)
 from gibbs_codegen.robot.model import AXES, Command, JointLimits, Passive
-from gibbs_codegen.robot.placement import turn_of_quaternion
 from gibbs_codegen.robot.rigid_body import inertia_matrix
 
 _MODEL, _WORLD = "__model__", "world"
@@ -32,13 +43,27 @@ _KINDS: dict[str, sources.JointKind] = {
     **{"prismatic": "prismatic", "fixed": "fixed"},
 }
 _ENTRIES = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
-_LEFT_OUT = {
-    "visual": "visual shapes",
-    "collision": "collision shapes",
-    "sensor": "sensors",
-    "rollingMomentCoefficient": "rolling moments of rotors",
-    "fluid_added_mass": "added masses of fluids",
-}
+# What is only counted, under these words, and what has no part in the motion.
+_KNOWN = (
+    COUNTED
+    | {"sensor": "sensors", "fluid_added_mass": "added masses of fluids"}
+    | without_part(
+        OF_MOTORS
+        | {
+            "sdf/": "model include actor light",
+            "world/": "model include actor light physics scene gui audio road population state "
+            "atmosphere magnetic_field spherical_coordinates",
+            "model@": "placement_frame",
+            "model/": "pose static self_collide allow_auto_disable enable_wind=0",
+            "link/": "light self_collide must_be_base_link gravity=1 kinematic=0 enable_wind=0 "
+            "audio_sink audio_source battery projector particle_emitter",
+            "velocity_decay/": "linear=0 angular=0",
+            "wind/": "linear_velocity=0",
+            "joint/": "physics",
+            "limit/": "stiffness dissipation",
+        }
+    )
+)
 _PLACED, _MOST_PLACED = ("link", "joint", "frame"), 1000
 _DEEPEST = 400
 # Before this version axes are in the axes of the model.
@@ -57,6 +82,8 @@ def read_sdf(
     root, values = parse_xml(data, file), Values()
     holders = [root, *(found for found in children(root) if found.tag == "world")]
     found = [each for holder in holders for each in children(holder)]
+    for holder in holders:
+        holder.read.add("")
     models = [m for m in found if m.tag == "model" and _text(m, "static") not in ("true", "1")]
     elsewhere = [each for each in found if each.tag == "include"]
     for model in models:
@@ -102,7 +129,7 @@ def read_sdf(
         findings=(
             *(sources.Finding("left out", _text(e, "uri"), "another model") for e in elsewhere),
             *reader.findings,
-            *_left_out(models[0]),
+            *unread([root], _KNOWN),
             *slowdown_notes(root),
         ),
     )
@@ -159,6 +186,7 @@ def _number(values: Values, element: Element | None, tag: str, default: float = 
 
 def _numbers(values: Values, element: Element, count: int) -> list[float]:
     """The numbers in the text of an element, zeros if there are not as many."""
+    element.read.add("")
     words = (element.text or "").split()
     if len(words) != count:
         values.fault(element, f"must have {count} numbers, not {len(words)}")
@@ -239,12 +267,7 @@ class _Reader:
             return HERE
         if element.get("rotation_format") == "quat_xyzw":
             x, y, z, *turn = _numbers(self._values, element, 7)
-            size = math.hypot(*turn)
-            if not size > 0.0:
-                self._values.fault(element, "has a quaternion that is zero")
-                return HERE
-            qx, qy, qz, qw = (entry / size for entry in turn)
-            return Placement.of_matrix((x, y, z), turn_of_quaternion(qx, qy, qz, qw))
+            return self._values.turned(element, (x, y, z), turn)
         x, y, z, *angles = _numbers(self._values, element, 6)
         if element.get("degrees") in ("true", "1"):
             angles = [math.radians(angle) for angle in angles]
@@ -318,9 +341,16 @@ class _Reader:
         usual = [1.0, 1.0, 1.0, 0.0, 0.0, 0.0]
         pairs = zip(_ENTRIES, usual, strict=True)
         moments = [_number(values, entries, entry, default) for entry, default in pairs]
+        lacking = [entry for entry in _ENTRIES[:3] if not _text(entries, entry)]
         if found is None or entries is None:
             words = "no inertia in the file, for which SDF has 1 kg m² about each axis"
             words += "" if found is not None else ", and 1 kg"
+            self.findings.append(sources.Finding("note", name, words))
+        elif lacking:
+            words = f"no {', '.join(lacking)} in the file, for which SDF has 1 kg m²"
+            self.findings.append(sources.Finding("note", name, words))
+        if found is not None and not _text(found, "mass"):
+            words = "no mass in the file, for which SDF has 1 kg"
             self.findings.append(sources.Finding("note", name, words))
         pose = None if found is None else child(found, "pose")
         place = HERE if pose is None else self._placement(pose)
@@ -341,6 +371,8 @@ class _Reader:
         limits, passive, dry = JointLimits(), Passive(), 0.0
         if kind in ("revolute", "prismatic") and axis is not None:
             limits, passive, dry = self._properties(name, axis, word)
+        else:
+            pass_over(axis)
         return sources.Joint(
             name,
             kind or "fixed",
@@ -377,27 +409,30 @@ class _Reader:
     ) -> tuple[JointLimits, Passive, float]:
         """Limits of a joint, what acts on it by itself, and its dry friction."""
         values, limit, dynamics = self._values, child(axis, "limit"), child(axis, "dynamics")
-        low, high, effort, velocity = (
-            _bound(values, limit, tag) for tag in ("lower", "upper", "effort", "velocity")
+        endless = word == "continuous"  # Whatever its limits.
+        low, high = (
+            None if endless and _text(limit, tag) else _bound(values, limit, tag)
+            for tag in ("lower", "upper")
         )
-        if word == "continuous":
-            low = high = None
+        effort, velocity = (_bound(values, limit, tag) for tag in ("effort", "velocity"))
         if low is not None and high is not None and low > high:
             values.fault(axis, f"<lower> {low:g} is above <upper> {high:g}")
         # Negative ones are SDF's default, no bound.
         effort, velocity = (b if b is not None and b >= 0.0 else None for b in (effort, velocity))
-        damping, friction, stiffness, rest = (
+        damping, stiffness, rest = (
             _number(values, dynamics, tag)
-            for tag in ("damping", "friction", "spring_stiffness", "spring_reference")
+            for tag in ("damping", "spring_stiffness", "spring_reference")
         )
+        dry = _text(dynamics, "friction") or "0"
+        friction = _number(values, dynamics, "friction") if self._with_friction else 0.0
         if damping < 0.0:
             values.fault(axis, f"<damping> must be at least 0, not {damping:g}")
         if friction < 0.0:
             values.fault(axis, f"<friction> must be at least 0, not {friction:g}")
         if child(axis, "mimic") is not None:
             self.findings.append(sources.Finding("left out", name, "that it follows another joint"))
-        if friction and not self._with_friction:
-            words = f"dry friction {friction:g}"
+        if plain(dry) != "0" and not self._with_friction:
+            words = f"dry friction {printable(dry, 40)}"
             self.findings.append(sources.Finding("left out", name, words))
         passive = Passive(max(damping, 0.0), 0.0, stiffness, rest if stiffness else 0.0)
         return JointLimits(low, high, effort, velocity), passive, friction
@@ -407,15 +442,3 @@ def _bound(values: Values, element: Element | None, tag: str) -> float | None:
     """A limit in a child of an element; what is left out or endless is None."""
     found = None if element is None else child(element, tag)
     return None if found is None else values.bound_of(found, f"<{tag}>", found.text)
-
-
-def _left_out(model: Element) -> list[sources.Finding]:
-    counts = Counter(e.tag for e in model.iter() if (e.text or "").strip() not in ("0", "0.0"))
-    plugins = [found for found in model.iter("plugin") if isinstance(found, Element)]
-    counts["plugin"] = sum(not is_motor(found) for found in plugins)
-    words = _LEFT_OUT | {"plugin": "plugins other than motors"}
-    return [
-        sources.Finding("left out", told, f"{counts[tag]}")
-        for tag, told in words.items()
-        if counts[tag]
-    ]

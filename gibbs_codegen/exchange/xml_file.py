@@ -21,10 +21,22 @@ MAX_DEPTH = 300
 
 
 class Element(ET.Element):
-    """An element that knows its line, or where it is if that is not in the file that is read."""
+    """An element that knows its line, or where it is if that is not in the file that is read.
+
+    `read` has the attributes that were asked for, and "" once the element was.
+    """
 
     line: int | None = None
     elsewhere: str = ""
+
+    def __init__(self, *named: Any, **attributes: str) -> None:
+        super().__init__(*named, **attributes)
+        self.read: set[str] = set()
+
+    def get(self, key: str, default: Any = None) -> Any:
+        """An attribute, which is read by that."""
+        self.read.add(key)
+        return super().get(key, default)
 
 
 class _Refused(Exception):  # noqa: N818 - it never leaves this module
@@ -32,8 +44,11 @@ class _Refused(Exception):  # noqa: N818 - it never leaves this module
 
 
 def child(element: Element, tag: str) -> Element | None:
-    """The first child of a tag, or None."""
-    return next((found for found in children(element) if found.tag == tag), None)
+    """The first child of a tag, which is read by that, or None."""
+    first = next((found for found in children(element) if found.tag == tag), None)
+    if first is not None:
+        first.read.add("")
+    return first
 
 
 def children(element: Element) -> list[Element]:
@@ -41,9 +56,15 @@ def children(element: Element) -> list[Element]:
     return [found for found in element if isinstance(found, Element)]
 
 
+def pass_over(element: Element | None) -> None:
+    """Count an element and all within as read, which say nothing where they are."""
+    for inner in () if element is None else element.iter():
+        cast(Element, inner).read.update(("", *inner.attrib))
+
+
 def described(element: Element) -> str:
     """An element in words for messages, such as `<joint "rotor1">`."""
-    name = element.get("name")
+    name = element.attrib.get("name")
     tag = printable(element.tag, 40)
     return f"<{tag}>" if name is None else f'<{tag} "{printable(name, 60)}">'
 

@@ -365,7 +365,7 @@ def test_other_plugins_of_gazebo_are_told(tmp_path: Path) -> None:
         '<gazebo><plugin name="imu" filename="imu.so"><linkName>hub</linkName></plugin></gazebo>'
     )
     _, report = imported(FEATURES.replace("</robot>", f"{plugin}</robot>"), tmp_path)
-    told_of = [line.detail for line in report if line.subject.startswith("<gazebo>")]
+    told_of = [line.detail for line in report if line.subject == "plugins other than motors"]
     assert told_of == ["1"]
 
 

@@ -252,7 +252,6 @@ REFUSED = [
     ('attached_to="boom"><pose>0.05', 'attached_to="bom"><pose>0.05', "bom; did you mean boom?"),
     ('attached_to="hub">', 'attached_to="hup">', "no link, joint or frame hup; did you mean hub?"),
     ('"hook">', '"hook" attached_to="nolink"/><frame name="other">', "joint or frame nolink"),
-    ("<friction>0.2<", "<friction>-0.2<", "<friction> must be at least 0, not -0.2"),
     ('relative_to="boom"', 'relative_to="hook"', "relative to itself, in a circle"),
     ("<lower>-1<", "<lower>-1e20 m<", "must be a finite number"),
     ("1 2 3 0 0 0.5</pose>", "1 2 3 0 0 0.5</pose><include/>", "`gz sdf -p` writes all into one"),

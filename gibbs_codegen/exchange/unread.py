@@ -1,0 +1,90 @@
+"""What a file says and no reader took, listed like with like, so that nothing is lost in silence.
+
+Readers mark what they read in `Element.read`. A format names what has no part in the motion, and
+what is only counted; all else that has no mark is reported with its lines.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Mapping
+from contextlib import suppress
+
+from gibbs_codegen.errors import printable
+from gibbs_codegen.exchange.sources import Finding
+from gibbs_codegen.exchange.xml_file import Element, children
+
+_MOST, _SHOWN = 20, 3
+# Of XML itself, in every format.
+_OF_XML = ("xmlns", "xml:", "xsi:")
+
+
+def unread(roots: Iterable[Element], known: Mapping[str, str]) -> list[Finding]:
+    """What is neither read nor known in elements and those within.
+
+    `known` has names as `tag`, `parent/tag`, `prefix:`, `@attribute` and `tag@attribute`, of which
+    the last four may end with a value, as in `link/gravity=1`; its texts are the words under which
+    something is counted, or empty.
+    """
+    counts: Counter[str] = Counter()
+    groups: dict[str, list[tuple[Element, str]]] = {}
+
+    def sort(element: Element, text: str, subject: str, *names: str) -> None:
+        value = plain(text)
+        names = (*(f"{name}={value}" for name in names), *names)
+        words = next((known[name] for name in names if name in known), None)
+        if words is None:
+            groups.setdefault(subject, []).append((element, text))
+        elif words:
+            counts[words] += 1
+
+    def walk(element: Element) -> None:
+        tag = element.tag
+        for key, text in element.attrib.items():
+            if key not in element.read and not key.startswith(_OF_XML):
+                subject = f"{printable(key, 40)} of <{printable(tag, 40)}>"
+                sort(element, text, subject, f"{tag}@{key}", f"@{key}", f"{tag}@")
+        for inner in children(element):
+            if inner.read:
+                walk(inner)
+            else:
+                space, colon, _ = inner.tag.partition(":")
+                names = (f"{tag}/{inner.tag}", inner.tag, space + colon)
+                subject = f"<{printable(inner.tag, 40)}> in <{printable(tag, 40)}>"
+                sort(inner, inner.text or "", subject, *names)
+
+    for root in roots:
+        walk(root)
+    lines = [Finding("left out", words, f"{count}") for words, count in counts.items()]
+    shown = [*groups.items()][:_MOST]
+    lines += [Finding("left out", subject, _detail(same)) for subject, same in shown]
+    if more := len(groups) - len(shown):
+        lines.append(Finding("left out", "elements and attributes", f"{more} other kinds of them"))
+    return lines
+
+
+def without_part(names: Mapping[str, str]) -> dict[str, str]:
+    """Names of what has no part in the motion, by what they begin with, with no words for them."""
+    return {common + name: "" for common, rest in names.items() for name in rest.split()}
+
+
+def plain(text: str) -> str:
+    """A value in one form: numbers that are all zero as 0, true and false as 1 and 0."""
+    words = text.lower().split()
+    with suppress(ValueError):
+        numbers = [float(word) for word in words]
+        return "0" if numbers and not any(numbers) else " ".join(f"{x:g}" for x in numbers)
+    return {"true": "1", "false": "0"}.get(" ".join(words), " ".join(words))
+
+
+def _detail(same: list[tuple[Element, str]]) -> str:
+    """How many there are, their value or names, and where the first are."""
+    values = {text.strip() for _, text in same}
+    names = [name for element, _ in same if (name := element.attrib.get("name"))]
+    words = [f"{len(same)} of them"] if len(same) > 1 else []
+    words += [printable(text, 40) for text in values if text and len(values) == 1]
+    words += [printable(name, 40) for name in names[:_SHOWN]]
+    lines = [f"{element.line}" for element, _ in same[:_SHOWN] if not element.elsewhere]
+    words += [f"line{'s' * (len(lines) > 1)} {', '.join(lines)}"] if lines else []
+    words += dict.fromkeys(printable(element.elsewhere) for element, _ in same[:_SHOWN])
+    return ", ".join(filter(None, words)) + " …" * (len(same) > _SHOWN)
