@@ -22,9 +22,9 @@ _OF_XML = ("xmlns", "xml:", "xsi:")
 def unread(roots: Iterable[Element], known: Mapping[str, str]) -> list[Finding]:
     """What is neither read nor known in elements and those within.
 
-    `known` has names as `tag`, `parent/tag`, `prefix:`, `@attribute` and `tag@attribute`, of which
-    the last four may end with a value, as in `link/gravity=1`; its texts are the words under which
-    something is counted, or empty.
+    `known` has names as `tag`, `parent/tag`, `parent/`, `prefix:`, `tag@attribute`, `@attribute`
+    and `tag@`, also with a value at the end, as in `link/gravity=1`; its texts are the words under
+    which something is counted, or empty.
     """
     counts: Counter[str] = Counter()
     groups: dict[str, list[tuple[Element, str]]] = {}
@@ -49,7 +49,7 @@ def unread(roots: Iterable[Element], known: Mapping[str, str]) -> list[Finding]:
                 walk(inner)
             else:
                 space, colon, _ = inner.tag.partition(":")
-                names = (f"{tag}/{inner.tag}", inner.tag, space + colon)
+                names = (f"{tag}/{inner.tag}", inner.tag, space + colon, f"{tag}/")
                 subject = f"<{printable(inner.tag, 40)}> in <{printable(tag, 40)}>"
                 sort(inner, inner.text or "", subject, *names)
 

@@ -31,6 +31,7 @@ from gibbs_codegen.exchange.xml_file import (
     described,
     parse_xml,
     pass_over,
+    within,
 )
 from gibbs_codegen.robot.model import (
     AXES,
@@ -311,7 +312,7 @@ def read_urdf(
     if root.tag != "robot":
         values.fault(root, "is no URDF: its root element is <robot>")
         raise sources.SourceFileError(file, values.faults)
-    elements = [found for found in root.iter() if isinstance(found, Element)]
+    elements = within(root)
     spaces = {key for each in elements for key, uri in each.attrib.items() if "/xacro" in uri}
     xacro = {f"{key.removeprefix('xmlns:')}:" for key in spaces} | {"xacro:"}
     for element in [each for each in elements if each.tag.startswith((*xacro,))][:1]:

@@ -29,7 +29,7 @@ class Element(ET.Element):
     line: int | None = None
     elsewhere: str = ""
 
-    def __init__(self, *named: Any, **attributes: str) -> None:
+    def __init__(self, *named: Any, **attributes: Any) -> None:
         super().__init__(*named, **attributes)
         self.read: set[str] = set()
 
@@ -56,10 +56,15 @@ def children(element: Element) -> list[Element]:
     return [found for found in element if isinstance(found, Element)]
 
 
+def within(element: Element) -> list[Element]:
+    """An element and all within it, in order."""
+    return [found for found in element.iter() if isinstance(found, Element)]
+
+
 def pass_over(element: Element | None) -> None:
     """Count an element and all within as read, which say nothing where they are."""
-    for inner in () if element is None else element.iter():
-        cast(Element, inner).read.update(("", *inner.attrib))
+    for inner in [] if element is None else within(element):
+        inner.read.update(("", *inner.attrib))
 
 
 def described(element: Element) -> str:
