@@ -20,80 +20,11 @@ from gibbs_codegen.exchange.placement import Placement, vector
 from gibbs_codegen.robot.model import AXES, JointLimits, Passive
 from gibbs_codegen.robot.placement import Array, turn_of_quaternion
 
-_JOINT, _SITE = 0, 4
+_SITE = 4
 # Of equalities: the kind, and that they are between sites rather than bodies.
 _WELD, _OF_SITES = 1, 6
-_NO_DYNAMICS, _FILTERS = 0, (2, 3)
+_FILTERS = (2, 3)
 _NO_BIAS = 0
-
-
-def mjcf_rotors(
-    model: Any, names: Sequence[str], bodies: Sequence[int]
-) -> tuple[tuple[sources.Rotor, ...], list[sources.Finding]]:
-    """The rotors on such bodies of a compiled model, by actuators, and what was left out."""
-    rotors, findings = [], []
-    for k in range(model.nu):
-        if model.actuator_trntype[k] != _SITE:
-            continue
-        site, gear = model.actuator_trnid[k, 0], np.array(model.actuator_gear[k])
-        body, size = model.site_bodyid[site], float(np.linalg.norm(gear[:3]))
-        size = 1.0 if abs(size - 1.0) < 4e-16 else size
-        name = model.actuator(k).name or f"rotor_{k + 1}"
-        if body not in bodies:
-            continue
-        if size == 0.0:
-            why = "an actuator of torque without a force, no rotor"
-            findings.append(sources.Finding("left out", name, why))
-            continue
-        turn = _turn(model.site_quat[site])
-        direction = gear[:3] / size
-        drag = float(direction @ gear[3:]) / size
-        if np.abs(gear[3:] - drag * gear[:3]).max() > 1e-9 * np.abs(gear).max():
-            findings.append(sources.Finding("left out", name, "torque across the thrust"))
-        if words := beyond_gain(model, k, (_NO_DYNAMICS, *_FILTERS)):
-            findings.append(sources.Finding("left out", name, f"{words} of a rotor"))
-        limits = _range(model, k, size)
-        if limits is not None and limits[1] <= 0.0:  # It pulls: turned, it pushes.
-            direction, limits = -direction, (-limits[1], -limits[0])
-        rotors.append(
-            sources.Rotor(
-                name,
-                names[body],
-                vector(model.site_pos[site]),
-                vector(turn @ direction),
-                drag,
-                limits,
-                float(model.actuator_dynprm[k, 0]) or None
-                if model.actuator_dyntype[k] in _FILTERS
-                else None,
-                found_by="motor at a site",
-            )
-        )
-    return tuple(rotors), findings
-
-
-def beyond_gain(model: Any, k: int, dynamics: Container[int]) -> str:
-    """What an actuator does besides a force in proportion to its control, empty if nothing."""
-    others = {"variable gain": model.actuator_gaintype[k], "bias": model.actuator_biastype[k]}
-    others["dynamics"] = model.actuator_dyntype[k] not in dynamics
-    return ", ".join(words for words, there in others.items() if there)
-
-
-def efforts(model: Any) -> dict[int, float]:
-    """The largest torque or force, N m or N, of motors at joints, by the number of the joint."""
-    found = {
-        j: float(np.abs(model.jnt_actfrcrange[j]).max())
-        for j in range(model.njnt)
-        if model.jnt_actfrclimited[j]
-    }
-    for k in range(model.nu):
-        if model.actuator_trntype[k] != _JOINT:
-            continue
-        limits = _range(model, k, abs(float(model.actuator_gear[k, 0])))
-        if limits is not None and (most := max(map(abs, limits))) > 0.0:
-            j = int(model.actuator_trnid[k, 0])
-            found[j] = min(most, found.get(j, most))
-    return found
 
 
 def _range(model: Any, k: int, gear: float) -> tuple[float, float] | None:
@@ -169,7 +100,11 @@ class _Reader:
         self.names = _names([model.body(b).name for b in range(model.nbody)], "body")
         self.joint_names = _names([model.joint(j).name for j in range(model.njnt)], "joint")
         self._links = sources.Names(self.names)
-        self.efforts = efforts(model)
+        self.efforts = {
+            j: float(np.abs(model.jnt_actfrcrange[j]).max())
+            for j in range(model.njnt)
+            if model.jnt_actfrclimited[j]
+        }
 
     def source(self, base: str | None) -> sources.Source:
         """What the file says of the robot with link `base` (None: the only one), by the tree."""
@@ -182,12 +117,13 @@ class _Reader:
         for j in range(first, first + count):
             if model.jnt_type[j] != _FREE:
                 why = "a joint between the world and the root: the robot flies"
-                self._leave_out(self.joint_names[j], why)
+                self._found(self.joint_names[j], why)
             elif lost := self._lost(j):
-                self._leave_out(self.joint_names[j], f"{lost} of the joint of the base")
+                self._found(self.joint_names[j], f"{lost} of the joint of the base")
+        rotors = tuple(self._rotors(bodies, range(first, first + count)))
         for body in bodies:
             if model.body_gravcomp[body]:
-                self._leave_out(self.names[body], "compensation of its weight")
+                self._found(self.names[body], "compensation of its weight")
             for link, joint in self._joints(body) if body != root else ():
                 links[link] = sources.Link(link)
                 joints.append(joint)
@@ -198,8 +134,6 @@ class _Reader:
                 float(model.body_mass[body]), place, (inertia + inertia.T) / 2
             )
             links[self.names[body]] = sources.Link(self.names[body], inertial)
-        self._drives(bodies, {*range(first, first + count)})
-        rotors, findings = mjcf_rotors(model, self.names, bodies)
         seats, frames = model.actuator_trnid[model.actuator_trntype == _SITE, 0], []
         for s in range(model.nsite):
             name, body = model.site(s).name, model.site_bodyid[s]
@@ -216,7 +150,7 @@ class _Reader:
             frames=tuple(frames),
             constraints=constraints,
             gravity=-float(model.opt.gravity[2]) + 0.0,
-            findings=(*self.findings, *findings),
+            findings=tuple(self.findings),
         )
 
     def _root(self, base: str | None) -> int:
@@ -233,21 +167,55 @@ class _Reader:
             raise sources.refusal(self.file, message)
         return found[0]
 
-    def _drives(self, bodies: Sequence[int], anchors: Container[int]) -> None:
-        """Tell of actuators at joints of such bodies that are not, or not only, their torques."""
+    def _rotors(self, bodies: Sequence[int], anchors: Container[int]) -> Iterator[sources.Rotor]:
+        """Rotors by actuators at sites of such bodies; those at joints say the largest efforts."""
         model = self.model
         for k in range(model.nu):
-            j = int(model.actuator_trnid[k, 0])
-            if model.actuator_trntype[k] != _JOINT or model.jnt_bodyid[j] not in bodies:
+            target, at_site = int(model.actuator_trnid[k, 0]), model.actuator_trntype[k] == _SITE
+            body = model.site_bodyid[target] if at_site else model.jnt_bodyid[target]
+            if body not in bodies:
                 continue
-            name, joint = model.actuator(k).name or f"actuator_{k + 1}", self.joint_names[j]
-            if j in anchors or model.jnt_type[j] == _BALL:
-                self._leave_out(name, f"an actuator on joint {joint}, which has no input")
-            elif words := beyond_gain(model, k, (_NO_DYNAMICS,)):
-                self._leave_out(name, f"{words} of an actuator; the input is a torque or force")
+            name = model.actuator(k).name or f"{'rotor' if at_site else 'actuator'}_{k + 1}"
+            gear, lag = np.array(model.actuator_gear[k]), model.actuator_dyntype[k]
+            size = float(np.linalg.norm(gear[: 3 if at_site else 1]))
+            size = 1.0 if abs(size - 1.0) < 4e-16 else size
+            more = {
+                "variable gain": model.actuator_gaintype[k],
+                "bias": model.actuator_biastype[k],
+                "dynamics": lag and not (at_site and lag in _FILTERS),
+            }
+            if lost := [words for words, there in more.items() if there]:
+                self._found(name, f"{', '.join(lost)} of an actuator")
+            limits = _range(model, k, size)
+            if not at_site:
+                if target in anchors or model.jnt_type[target] == _BALL:
+                    words = f"an actuator on joint {self.joint_names[target]}, which has no input"
+                    self._found(name, words)
+                if limits is not None and (most := max(map(abs, limits))) > 0.0:
+                    self.efforts[target] = min(most, self.efforts.get(target, most))
+                continue
+            if size == 0.0:
+                self._found(name, "an actuator of torque without a force, no rotor")
+                continue
+            direction = gear[:3] / size
+            drag = float(direction @ gear[3:]) / size
+            if np.abs(gear[3:] - drag * gear[:3]).max() > 1e-9 * np.abs(gear).max():
+                self._found(name, "torque across the thrust")
+            if limits is not None and limits[1] <= 0.0:  # It pulls: turned, it pushes.
+                direction, limits = -direction, (-limits[1], -limits[0])
+            yield sources.Rotor(
+                name,
+                self.names[body],
+                vector(model.site_pos[target]),
+                vector(_turn(model.site_quat[target]) @ direction),
+                drag,
+                limits,
+                float(model.actuator_dynprm[k, 0]) or None if lag in _FILTERS else None,
+                found_by="motor at a site",
+            )
 
-    def _leave_out(self, what: str, why: str) -> None:
-        self.findings.append(sources.Finding("left out", what, why))
+    def _found(self, what: str, why: str, kind: sources.Kind = "left out") -> None:
+        self.findings.append(sources.Finding(kind, what, why))
 
     def _constraints(self, bodies: Sequence[int]) -> Iterator[sources.Constraint]:
         """Constraints between such bodies, or of one of them and the world."""
@@ -270,12 +238,10 @@ class _Reader:
                 ]
             own = {sources.WORLD, *(self.names[b] for b in bodies)}
             if not {frame.on for frame in frames} <= own or frames[0].on == frames[1].on:
-                self._leave_out(name, "a constraint of what is not the robot's")
+                self._found(name, "a constraint of what is not the robot's")
                 continue
             if not model.eq_active0[k]:
-                self.findings.append(
-                    sources.Finding("note", name, "a constraint that is off at first")
-                )
+                self._found(name, "a constraint that is off at first", "note")
             first, second = frames if frames[0].on != sources.WORLD else frames[::-1]
             yield sources.Constraint(name, "frame" if welds else "point", first, second)
 
@@ -325,16 +291,14 @@ class _Reader:
         """Name, number and axis of each joint of one degree of freedom that a joint consists of."""
         name, model = self.joint_names[j], self.model
         if lost := self._lost(j):
-            self._leave_out(name, lost)
+            self._found(name, lost)
         if model.jnt_type[j] != _BALL:
             return [(name, j, vector(model.jnt_axis[j]))]
-        self.findings.append(
-            sources.Finding("note", name, "a ball joint, as three hinges about x, y and z")
-        )
+        self._found(name, "a ball joint, as three hinges about x, y and z", "note")
         return [(f"{name}_{letter}", j, axis) for letter, axis in AXES.items()]
 
     def _lost(self, j: int) -> str:
-        """What acts on a joint and is not taken, empty if nothing is."""
+        """What acts on a joint and is not taken, in words; empty if nothing is."""
         model, kind, dof = self.model, self.model.jnt_type[j], self.model.jnt_dofadr[j]
         dofs = slice(dof, dof + {_FREE: 6, _BALL: 3}.get(kind, 1))
         friction = model.dof_frictionloss[dof] if self._friction(j) == 0.0 else 0.0
@@ -364,9 +328,7 @@ class _Reader:
         dof, place = model.jnt_dofadr[j], model.jnt_qposadr[j]
         zero = float(model.qpos0[place])
         if zero:
-            self.findings.append(
-                sources.Finding("note", self.joint_names[j], f"counts from its ref, {zero:g}")
-            )
+            self._found(self.joint_names[j], f"counts from its ref, {zero:g}", "note")
         stiffness = float(np.ravel(model.jnt_stiffness[j])[0])
         rest = float(model.qpos_spring[place]) - zero if stiffness else 0.0
         damping = float(np.ravel(model.dof_damping[dof])[0])

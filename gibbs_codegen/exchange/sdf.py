@@ -18,22 +18,9 @@ from gibbs_codegen.errors import printable
 from gibbs_codegen.exchange import sources
 from gibbs_codegen.exchange.placement import HERE, LEVEL, Placement, degrees, vector
 from gibbs_codegen.exchange.tree import near
-from gibbs_codegen.exchange.unread import plain, unread, without_part
-from gibbs_codegen.exchange.urdf import (
-    COUNTED,
-    OF_MOTORS,
-    Values,
-    gazebo_rotors,
-    slowdown_notes,
-)
-from gibbs_codegen.exchange.xml_file import (
-    Element,
-    child,
-    children,
-    parse_xml,
-    pass_over,
-    read_bytes,
-)
+from gibbs_codegen.exchange.unread import pass_over, plain, unread, without_part
+from gibbs_codegen.exchange.urdf import COUNTED, OF_MOTORS, Values, gazebo_rotors, slowdown_notes
+from gibbs_codegen.exchange.xml_file import Element, child, children, parse_xml, read_bytes
 from gibbs_codegen.robot.model import AXES, Command, JointLimits, Passive
 from gibbs_codegen.robot.rigid_body import inertia_matrix
 
@@ -44,26 +31,20 @@ _KINDS: dict[str, sources.JointKind] = {
 }
 _ENTRIES = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
 # What is only counted, under these words, and what has no part in the motion.
-_KNOWN = (
-    COUNTED
-    | {"sensor": "sensors", "fluid_added_mass": "added masses of fluids"}
-    | without_part(
-        OF_MOTORS
-        | {
-            "sdf/": "model include actor light",
-            "world/": "model include actor light physics scene gui audio road population state "
-            "atmosphere magnetic_field spherical_coordinates",
-            "model@": "placement_frame",
-            "model/": "pose static self_collide allow_auto_disable enable_wind=0",
-            "link/": "light self_collide must_be_base_link gravity=1 kinematic=0 enable_wind=0 "
-            "audio_sink audio_source battery projector particle_emitter",
-            "velocity_decay/": "linear=0 angular=0",
-            "wind/": "linear_velocity=0",
-            "joint/": "physics",
-            "limit/": "stiffness dissipation",
-        }
-    )
-)
+_KNOWN = COUNTED | {"sensor": "sensors", "fluid_added_mass": "added masses of fluids"}
+_KNOWN |= without_part(f"""{OF_MOTORS}
+    sdf/ model include actor light
+    world/ model include actor light physics scene gui audio road population state atmosphere
+        magnetic_field spherical_coordinates
+    model@ placement_frame
+    model/ pose static self_collide allow_auto_disable enable_wind=0
+    link/ light self_collide must_be_base_link gravity=1 kinematic=0 enable_wind=0 audio_sink
+        audio_source battery projector particle_emitter
+    velocity_decay/ linear=0 angular=0
+    wind/ linear_velocity=0
+    joint/ physics
+    limit/ stiffness dissipation
+""")
 _PLACED, _MOST_PLACED = ("link", "joint", "frame"), 1000
 _DEEPEST = 400
 # Before this version axes are in the axes of the model.
@@ -201,7 +182,7 @@ class _Reader:
         self, model: Element, values: Values, version: tuple[int, int], friction: bool
     ) -> None:
         self._values, self._version, self._with_friction = values, version, friction
-        self.findings: list[sources.Finding] = []
+        self.findings = values.findings
         self.elements: dict[str, Element] = {}
         self._poses: dict[str, tuple[str, Placement]] = {}
         for element in children(model):
@@ -233,7 +214,7 @@ class _Reader:
             link = self._carrier(name)
             if link == _WORLD:
                 words = "on the world: a robot has frames of its own"
-                self.findings.append(sources.Finding("left out", name, words))
+                self._values.found("left out", name, words)
             elif link:
                 found.append(sources.Frame(name, link, self._between(link, name)))
         return tuple(found)
@@ -341,17 +322,14 @@ class _Reader:
         usual = [1.0, 1.0, 1.0, 0.0, 0.0, 0.0]
         pairs = zip(_ENTRIES, usual, strict=True)
         moments = [_number(values, entries, entry, default) for entry, default in pairs]
-        lacking = [entry for entry in _ENTRIES[:3] if not _text(entries, entry)]
-        if found is None or entries is None:
-            words = "no inertia in the file, for which SDF has 1 kg m² about each axis"
-            words += "" if found is not None else ", and 1 kg"
-            self.findings.append(sources.Finding("note", name, words))
-        elif lacking:
-            words = f"no {', '.join(lacking)} in the file, for which SDF has 1 kg m²"
-            self.findings.append(sources.Finding("note", name, words))
-        if found is not None and not _text(found, "mass"):
-            words = "no mass in the file, for which SDF has 1 kg"
-            self.findings.append(sources.Finding("note", name, words))
+        lacking = [] if _text(found, "mass") else ["mass"]
+        usual_ones = [entry for entry in _ENTRIES[:3] if not _text(entries, entry)]
+        lacking += ["inertia"] if entries is None else usual_ones
+        if lacking:
+            words = (
+                f"no {', '.join(lacking)} in the file; SDF has 1 kg, and 1 kg m² about each axis"
+            )
+            values.found("note", name, words)
         pose = None if found is None else child(found, "pose")
         place = HERE if pose is None else self._placement(pose)
         return sources.Inertial(max(mass, 0.0), place, inertia_matrix(moments))
@@ -430,10 +408,10 @@ class _Reader:
         if friction < 0.0:
             values.fault(axis, f"<friction> must be at least 0, not {friction:g}")
         if child(axis, "mimic") is not None:
-            self.findings.append(sources.Finding("left out", name, "that it follows another joint"))
+            self._values.found("left out", name, "that it follows another joint")
         if plain(dry) != "0" and not self._with_friction:
             words = f"dry friction {printable(dry, 40)}"
-            self.findings.append(sources.Finding("left out", name, words))
+            self._values.found("left out", name, words)
         passive = Passive(max(damping, 0.0), 0.0, stiffness, rest if stiffness else 0.0)
         return JointLimits(low, high, effort, velocity), passive, friction
 

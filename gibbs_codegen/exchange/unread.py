@@ -12,7 +12,7 @@ from contextlib import suppress
 
 from gibbs_codegen.errors import printable
 from gibbs_codegen.exchange.sources import Finding
-from gibbs_codegen.exchange.xml_file import Element, children
+from gibbs_codegen.exchange.xml_file import Element, children, within
 
 _MOST, _SHOWN = 20, 3
 # Of XML itself, in every format.
@@ -22,9 +22,9 @@ _OF_XML = ("xmlns", "xml:", "xsi:")
 def unread(roots: Iterable[Element], known: Mapping[str, str]) -> list[Finding]:
     """What is neither read nor known in elements and those within.
 
-    `known` has names as `tag`, `parent/tag`, `parent/`, `prefix:`, `tag@attribute`, `@attribute`
-    and `tag@`, also with a value at the end, as in `link/gravity=1`; its texts are the words under
-    which something is counted, or empty.
+    `known` has names as `tag`, `parent/tag`, `parent/`, `prefix:`, `tag@attribute`, `@attribute`,
+    `tag@` and `tag@prefix_`, also with a value at the end, as in `link/gravity=1`; its texts are
+    the words under which something is counted, or empty.
     """
     counts: Counter[str] = Counter()
     groups: dict[str, list[tuple[Element, str]]] = {}
@@ -43,7 +43,8 @@ def unread(roots: Iterable[Element], known: Mapping[str, str]) -> list[Finding]:
         for key, text in element.attrib.items():
             if key not in element.read and not key.startswith(_OF_XML):
                 subject = f"{printable(key, 40)} of <{printable(tag, 40)}>"
-                sort(element, text, subject, f"{tag}@{key}", f"@{key}", f"{tag}@")
+                begin = f"{tag}@{key.partition('_')[0]}_"
+                sort(element, text, subject, f"{tag}@{key}", f"@{key}", f"{tag}@", begin)
         for inner in children(element):
             if inner.read:
                 walk(inner)
@@ -63,9 +64,27 @@ def unread(roots: Iterable[Element], known: Mapping[str, str]) -> list[Finding]:
     return lines
 
 
-def without_part(names: Mapping[str, str]) -> dict[str, str]:
-    """Names of what has no part in the motion, by what they begin with, with no words for them."""
-    return {common + name: "" for common, rest in names.items() for name in rest.split()}
+def table(text: str) -> dict[str, list[str]]:
+    """Words by that before them which ends with `/` or `@`."""
+    found: dict[str, list[str]] = {}
+    for word in text.split():
+        if word[-1] in "/@":
+            found[word] = words = []
+        else:
+            words.append(word)
+    return found
+
+
+def without_part(text: str) -> dict[str, str]:
+    """Names of what has no part in the motion, of a table, with no words for them."""
+    lines = table(text).items()
+    return {begin.removeprefix("/") + name: "" for begin, names in lines for name in names}
+
+
+def pass_over(element: Element | None) -> None:
+    """Count an element and all within as read, which say nothing where they are."""
+    for inner in [] if element is None else within(element):
+        inner.read.update(("", *inner.attrib))
 
 
 def plain(text: str) -> str:

@@ -23,16 +23,8 @@ from scipy.spatial.transform import Rotation
 from gibbs_codegen.errors import Fault, printable
 from gibbs_codegen.exchange import sources
 from gibbs_codegen.exchange.placement import Placement, degrees, vector
-from gibbs_codegen.exchange.unread import plain, unread, without_part
-from gibbs_codegen.exchange.xml_file import (
-    Element,
-    child,
-    children,
-    described,
-    parse_xml,
-    pass_over,
-    within,
-)
+from gibbs_codegen.exchange.unread import pass_over, plain, unread, without_part
+from gibbs_codegen.exchange.xml_file import Element, child, children, described, parse_xml, within
 from gibbs_codegen.robot.model import (
     AXES,
     Command,
@@ -268,35 +260,28 @@ COUNTED = {
     "plugin": "plugins other than motors",
     "rollingMomentCoefficient": "rolling moments of rotors",
 }
-OF_MOTORS = {
-    "@": "name filename",
-    "plugin/": "robotNamespace commandSubTopic motorSpeedPubTopic rotorVelocitySlowdownSim "
-    "motorNumber actuator_number rollingMomentCoefficient=0 reversible=0",
-}
-_KNOWN = (
-    COUNTED
-    | {"transmission": "transmissions", "ros2_control": "transmissions"}
-    | {"controller:": COUNTED["plugin"]}
-    | without_part(
-        OF_MOTORS
-        | {
-            "": "sensor: material",
-            "robot@": "version",
-            "robot/": "sensor baselink drake:collision_filter_group",
-            "link@": "type",
-            "link/": "contact surface self_collision_checking collision_checking self_filter "
-            "gravity=1 kinematic=0",
-            "joint/": "safety_controller calibration",
-            "limit@": "acceleration deceleration jerk drake:acceleration",
-            "mimic@": "multiplier offset",
-            "gazebo/": "sensor visual light canonicalBody static=0 gravity=1 turnGravityOff=0 "
-            "kinematic=0 dampingFactor=0 velocity_decay=0 enable_wind=0 mu mu1 mu2 fdir1 kp kd "
-            "maxVel minDepth maxContacts laserRetro selfCollide self_collide stopCfm stopErp "
-            "stopKp stopKd cfm erp fudgeFactor implicitSpringDamper provideFeedback "
-            "initial_joint_position preserveFixedJoint disableFixedJointLumping",
-        }
-    )
-)
+OF_MOTORS = """
+    @ name filename
+    plugin/ robotNamespace commandSubTopic motorSpeedPubTopic rotorVelocitySlowdownSim motorNumber
+        actuator_number rollingMomentCoefficient=0 reversible=0
+"""
+_KNOWN = COUNTED | dict.fromkeys(("transmission", "ros2_control"), "transmissions")
+_KNOWN |= {"controller:": COUNTED["plugin"]} | without_part(f"""{OF_MOTORS}
+    / sensor: material
+    robot@ version
+    robot/ sensor baselink drake:collision_filter_group
+    link@ type
+    link/ contact surface self_collision_checking collision_checking self_filter gravity=1
+        kinematic=0
+    joint/ safety_controller calibration
+    limit@ acceleration deceleration jerk drake:acceleration
+    mimic@ multiplier offset
+    gazebo/ sensor visual light canonicalBody static=0 gravity=1 turnGravityOff=0 kinematic=0
+        dampingFactor=0 velocity_decay=0 enable_wind=0 mu mu1 mu2 fdir1 kp kd maxVel minDepth
+        maxContacts laserRetro selfCollide self_collide stopCfm stopErp stopKp stopKd cfm erp
+        fudgeFactor implicitSpringDamper provideFeedback initial_joint_position
+        preserveFixedJoint disableFixedJointLumping
+""")
 
 
 def read_urdf(

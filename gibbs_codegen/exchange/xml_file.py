@@ -61,12 +61,6 @@ def within(element: Element) -> list[Element]:
     return [found for found in element.iter() if isinstance(found, Element)]
 
 
-def pass_over(element: Element | None) -> None:
-    """Count an element and all within as read, which say nothing where they are."""
-    for inner in [] if element is None else within(element):
-        inner.read.update(("", *inner.attrib))
-
-
 def described(element: Element) -> str:
     """An element in words for messages, such as `<joint "rotor1">`."""
     name = element.attrib.get("name")

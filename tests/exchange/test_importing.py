@@ -258,10 +258,10 @@ def test_mjcf_is_told_where_it_is_not_imported(tmp_path: Path) -> None:
     robot, report = imported(text, tmp_path, lock={"root": 0.0})
     assert robot.name == "robot"  # The file's, since the model has none.
     assert [line[1:] for line in map(_as_tuple, report) if line[0] == "left out"] == [
+        ("servo", "bias of an actuator"),
         ("b", "compensation of its weight"),
         ("j", "stiffness of higher order, damping of higher order"),
         ("ball", "armature"),
-        ("servo", "bias of an actuator; the input is a torque or force"),
     ]
     assert ("note", "ball", "a ball joint, as three hinges about x, y and z") in map(
         _as_tuple, report
