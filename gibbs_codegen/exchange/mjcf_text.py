@@ -71,7 +71,7 @@ _KNOWN |= without_part("""
     general@ lengthrange delay=0 nsample=0 armature=0 damping=0 actdim actearly
 """)
 _MOST_COPIES = 1000
-_NOT_FINITE = re.compile(r"(?i)(^|[\s+-])(nan|inf)")
+_ODD = re.compile(r"(?i)(^|[\s+-])(nan|inf)")
 _TEXTS = ("name", "class", "childclass", "file", "mesh", "model", "joint", "prefix")
 
 
@@ -90,9 +90,8 @@ class MjcfTexts:
 
     def refused(self, element: Element, message: str) -> SourceFileError:
         """The error, to be raised, for a fault of an element: what is wrong and what to do."""
-        file, _, line = element.elsewhere.rpartition(":")
-        place = int(line) if file else element.line
-        return refusal(file or self.path, message, place, xml_file.described(element))
+        file, _, line = (element.elsewhere or f"{self.path}:{element.line or 1}").rpartition(":")
+        return refusal(file, message, int(line), xml_file.described(element))
 
     def refused_by_mujoco(self, error: Exception) -> SourceFileError:
         """The error, to be raised, for one of MuJoCo's, with the line of the file that it is of."""
@@ -125,13 +124,12 @@ class MjcfTexts:
             times = element.attrib.get("count", "1")
             copies *= int(times) if re.fullmatch(r"\d{1,5}", times) else _MOST_COPIES + 1
             numbers = {key: text for key, text in element.attrib.items() if key not in _TEXTS}
-            odd = [key for key, text in numbers.items() if _NOT_FINITE.search(text)]
-            words = f"{odd[0]} must be finite" if odd else ""
-            words = "composite bodies are not imported" if element.tag == "composite" else words
+            faults = [f"{k} must be finite" for k, text in numbers.items() if _ODD.search(text)]
+            faults += ["composite bodies are not imported"] * (element.tag == "composite")
             if copies > _MOST_COPIES:
-                words = f"more than {_MOST_COPIES} copies, or models that attach themselves"
-            if words:
-                raise self.refused(element, words)
+                faults = [f"more than {_MOST_COPIES} copies, or models that attach themselves"]
+            if faults:
+                raise self.refused(element, faults[0])
         for model in [found for found in within(root) if found.tag == "model"]:
             file = self._file(model, path)
             text = self._text(file, xml_file.read_bytes(file), copies, True)
@@ -208,8 +206,8 @@ def _mark(element: Element) -> None:
     for inner in children(element):
         taken = _TAKEN.get(f"{element.tag}/{inner.tag}@", _TAKEN.get(f"{inner.tag}@"))
         drives = element.tag != "actuator" or bool({"site", "joint"} & {*inner.attrib})
-        equal = (element.tag, inner.tag) == ("equality", "joint")
-        if taken is not None and drives and not equal and "refsite" not in inner.attrib:
+        drives = drives and (element.tag, inner.tag) != ("equality", "joint")
+        if taken is not None and drives and "refsite" not in inner.attrib:
             inner.read.update(("", *taken))
             _mark(inner)
 

@@ -18,7 +18,7 @@ from gibbs_codegen.errors import printable
 from gibbs_codegen.exchange import sources
 from gibbs_codegen.exchange.placement import HERE, LEVEL, Placement, degrees, vector
 from gibbs_codegen.exchange.tree import near
-from gibbs_codegen.exchange.unread import pass_over, plain, unread, without_part
+from gibbs_codegen.exchange.unread import WITHIN, pass_over, plain, unread, without_part
 from gibbs_codegen.exchange.urdf import COUNTED, OF_MOTORS, Values, gazebo_rotors, slowdown_notes
 from gibbs_codegen.exchange.xml_file import Element, child, children, parse_xml, read_bytes
 from gibbs_codegen.robot.model import AXES, Command, JointLimits, Passive
@@ -32,6 +32,7 @@ _KINDS: dict[str, sources.JointKind] = {
 _ENTRIES = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
 # What is only counted, under these words, and what has no part in the motion.
 _KNOWN = COUNTED | {"sensor": "sensors", "fluid_added_mass": "added masses of fluids"}
+_KNOWN |= dict.fromkeys(("sdf/world", "world/wind", "link/velocity_decay"), WITHIN)
 _KNOWN |= without_part(f"""{OF_MOTORS}
     sdf/ model include actor light
     world/ model include actor light physics scene gui audio road population state atmosphere
@@ -63,8 +64,6 @@ def read_sdf(
     root, values = parse_xml(data, file), Values()
     holders = [root, *(found for found in children(root) if found.tag == "world")]
     found = [each for holder in holders for each in children(holder)]
-    for holder in holders:
-        holder.read.add("")
     models = [m for m in found if m.tag == "model" and _text(m, "static") not in ("true", "1")]
     elsewhere = [each for each in found if each.tag == "include"]
     for model in models:
@@ -166,13 +165,9 @@ def _number(values: Values, element: Element | None, tag: str, default: float = 
 
 
 def _numbers(values: Values, element: Element, count: int) -> list[float]:
-    """The numbers in the text of an element, zeros if there are not as many."""
+    """The numbers in the text of an element, which is read by that."""
     element.read.add("")
-    words = (element.text or "").split()
-    if len(words) != count:
-        values.fault(element, f"must have {count} numbers, not {len(words)}")
-        return [0.0] * count
-    return [values.of_text(element, "each of its entries", word) for word in words]
+    return values.numbers(element, element.text or "", count)
 
 
 class _Reader:
@@ -182,7 +177,7 @@ class _Reader:
         self, model: Element, values: Values, version: tuple[int, int], friction: bool
     ) -> None:
         self._values, self._version, self._with_friction = values, version, friction
-        self.findings = values.findings
+        self.findings, self._canonical = values.findings, model.get("canonical_link", "")
         self.elements: dict[str, Element] = {}
         self._poses: dict[str, tuple[str, Placement]] = {}
         for element in children(model):
@@ -300,7 +295,8 @@ class _Reader:
         for _ in range(len(self.elements) + 1):
             element = self.elements.get(name)
             if element is None:
-                first = next((link for link, _ in self._of_kind("link")), "")
+                links = [link for link, _ in self._of_kind("link")]
+                first = self._canonical if self._canonical in links else [*links, ""][0]
                 return first if name == _MODEL else name
             if element.tag == "link":
                 return name
@@ -323,12 +319,10 @@ class _Reader:
         pairs = zip(_ENTRIES, usual, strict=True)
         moments = [_number(values, entries, entry, default) for entry, default in pairs]
         lacking = [] if _text(found, "mass") else ["mass"]
-        usual_ones = [entry for entry in _ENTRIES[:3] if not _text(entries, entry)]
-        lacking += ["inertia"] if entries is None else usual_ones
+        alone = [entry for entry in _ENTRIES[:3] if not _text(entries, entry)]
+        lacking += alone if entries is not None else ["inertia"]
         if lacking:
-            words = (
-                f"no {', '.join(lacking)} in the file; SDF has 1 kg, and 1 kg m² about each axis"
-            )
+            words = f"no {', '.join(lacking)} in the file, for which SDF has 1 kg and 1 kg m²"
             values.found("note", name, words)
         pose = None if found is None else child(found, "pose")
         place = HERE if pose is None else self._placement(pose)

@@ -15,6 +15,8 @@ from gibbs_codegen.exchange.sources import Finding
 from gibbs_codegen.exchange.xml_file import Element, children, within
 
 _MOST, _SHOWN = 20, 3
+# In place of words: what is within an element is looked at.
+WITHIN = "/"
 # Of XML itself, in every format.
 _OF_XML = ("xmlns", "xml:", "xsi:")
 
@@ -46,7 +48,7 @@ def unread(roots: Iterable[Element], known: Mapping[str, str]) -> list[Finding]:
                 begin = f"{tag}@{key.partition('_')[0]}_"
                 sort(element, text, subject, f"{tag}@{key}", f"@{key}", f"{tag}@", begin)
         for inner in children(element):
-            if inner.read:
+            if inner.read or known.get(f"{tag}/{inner.tag}") == WITHIN:
                 walk(inner)
             else:
                 space, colon, _ = inner.tag.partition(":")

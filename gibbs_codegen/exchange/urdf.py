@@ -23,7 +23,7 @@ from scipy.spatial.transform import Rotation
 from gibbs_codegen.errors import Fault, printable
 from gibbs_codegen.exchange import sources
 from gibbs_codegen.exchange.placement import Placement, degrees, vector
-from gibbs_codegen.exchange.unread import pass_over, plain, unread, without_part
+from gibbs_codegen.exchange.unread import WITHIN, pass_over, plain, unread, without_part
 from gibbs_codegen.exchange.xml_file import Element, child, children, described, parse_xml, within
 from gibbs_codegen.robot.model import (
     AXES,
@@ -115,20 +115,20 @@ class Values:
                 return None
         return self.of_text(element, what, text or "")
 
-    def numbers(self, element: Element, attribute: str, count: int) -> list[float] | None:
-        """So many numbers, or None if there are others."""
-        words = element.get(attribute, "").split()
+    def numbers(self, element: Element, text: str, count: int, what: str = "") -> list[float]:
+        """So many numbers of a text; `what` is what it is called, if it is not the element's."""
+        words = text.split()
         if len(words) != count:
-            self.fault(element, f"{attribute} must have {count} numbers, not {len(words)}")
-            return None
-        return [self.of_text(element, attribute, word) for word in words]
+            self.fault(element, f"{what} must have {count} numbers, not {len(words)}".strip())
+            return [0.0] * (count - 1) + [-1.0]  # A direction, a turn or downwards, as it may be.
+        return [self.of_text(element, what or "each of its entries", word) for word in words]
 
     def vector(self, element: Element | None, attribute: str, default: Vector3) -> Vector3:
         """Three numbers."""
-        if element is None or element.get(attribute) is None:
+        text = None if element is None else element.get(attribute)
+        if element is None or text is None:
             return default
-        entries = self.numbers(element, attribute, 3)
-        return default if entries is None else vector(entries)
+        return vector(self.numbers(element, text, 3, attribute))
 
     def turned(self, element: Element, xyz: Vector3, turn: Sequence[float]) -> Placement:
         """The pose at a place whose quaternion x, y, z, w has any length but zero."""
@@ -144,8 +144,8 @@ class Values:
         if element is not None and self._quaternions and "quat_xyzw" in element.attrib:
             if "rpy" in element.attrib:
                 self.fault(element, "has both rpy and quat_xyzw; give one of them")
-            turn = self.numbers(element, "quat_xyzw", 4)
-            return Placement(xyz) if turn is None else self.turned(element, xyz, turn)
+            turn = self.numbers(element, element.get("quat_xyzw"), 4, "quat_xyzw")
+            return self.turned(element, xyz, turn)
         roll, pitch, yaw = map(degrees, self.vector(element, "rpy", (0.0, 0.0, 0.0)))
         return Placement(xyz, (roll, pitch, yaw))
 
@@ -174,8 +174,9 @@ def gazebo_rotors(root: Element, values: Values, command: Command) -> list[sourc
     numbered = []
     for plugin in filter(is_motor, motors):
         texts = {found.tag: (found.text or "").strip() for found in children(plugin)}
-        for tag in ("", *_MOTOR, "linkName", "jointName", "turningDirection"):
-            plugin.read.add("") if not tag else child(plugin, tag)
+        plugin.read.add("")
+        for tag in (*_MOTOR, "linkName", "jointName", "turningDirection"):
+            child(plugin, tag)
         texts.setdefault("motorNumber", texts.get("actuator_number", ""))  # As new files have it.
         turning = texts.get("turningDirection", "")
         if turning not in ("cw", "ccw"):
@@ -266,7 +267,8 @@ OF_MOTORS = """
         actuator_number rollingMomentCoefficient=0 reversible=0
 """
 _KNOWN = COUNTED | dict.fromkeys(("transmission", "ros2_control"), "transmissions")
-_KNOWN |= {"controller:": COUNTED["plugin"]} | without_part(f"""{OF_MOTORS}
+_KNOWN |= {"controller:": COUNTED["plugin"], "robot/gazebo": WITHIN}
+_KNOWN |= without_part(f"""{OF_MOTORS}
     / sensor: material
     robot@ version
     robot/ sensor baselink drake:collision_filter_group
@@ -275,7 +277,7 @@ _KNOWN |= {"controller:": COUNTED["plugin"]} | without_part(f"""{OF_MOTORS}
         kinematic=0
     joint/ safety_controller calibration
     limit@ acceleration deceleration jerk drake:acceleration
-    mimic@ multiplier offset
+    mimic@ multiplier offset gazebo@ reference
     gazebo/ sensor visual light canonicalBody static=0 gravity=1 turnGravityOff=0 kinematic=0
         dampingFactor=0 velocity_decay=0 enable_wind=0 mu mu1 mu2 fdir1 kp kd maxVel minDepth
         maxContacts laserRetro selfCollide self_collide stopCfm stopErp stopKp stopKd cfm erp
@@ -321,8 +323,6 @@ def read_urdf(
             if joint.name in joints:
                 values.fault(element, "there is another joint of that name")
             joints[joint.name] = joint
-        elif element.tag == "gazebo":
-            element.get("reference")
     rotors = urdf_rotors(root, values, command)
     if not links:
         values.fault(root, "has no <link>")
@@ -348,8 +348,7 @@ def _link(element: Element, values: Values) -> sources.Link:
     heavy, entries = child(inertial, "mass"), child(inertial, "inertia")
     parts = {"mass": heavy is not None and heavy.get("value"), "inertia": entries is not None}
     for what in [what for what, there in parts.items() if not there]:
-        words = f"no {what} in the file, which is taken for 0; other readers refuse that"
-        values.found("note", name, words)
+        values.found("note", name, f"no {what} in the file, which is taken for 0")
     mass = values.positive(heavy, "value")
     moments = [
         values.number(entries, entry, None if entry[1] == entry[2] else 0.0) for entry in _ENTRIES
@@ -391,10 +390,9 @@ def _joint(element: Element, values: Values, friction: bool) -> sources.Joint:
     dry = "0" if dynamics is None else dynamics.get("friction", "0")
     if not friction and plain(dry) != "0":
         values.found("left out", name, f"dry friction {printable(dry, 40)}")
-    dry_friction = values.positive(dynamics, "friction") if friction else 0.0
-    passive = Passive(damping=values.positive(dynamics, "damping"))
-    for tag in ("axis", "limit", "dynamics") if not moves else ("limit",) * (word == "continuous"):
-        pass_over(child(element, tag))
+    for unused in () if moves else (child(element, "axis"), child(element, "dynamics")):
+        pass_over(unused)
+    pass_over(None if moves and word != "continuous" else limit)
     return sources.Joint(
         name,
         kind,
@@ -402,9 +400,9 @@ def _joint(element: Element, values: Values, friction: bool) -> sources.Joint:
         ends[1],
         pose=values.placement(child(element, "origin")),
         axis=axis,
-        passive=passive,
+        passive=Passive(damping=values.positive(dynamics, "damping")),
         limits=limits,
-        friction=sources.dry_friction(dry_friction),
+        friction=sources.dry_friction(values.positive(dynamics, "friction") if friction else 0.0),
         continuous=kind == "revolute" and sources.endless(limits),
         line=element.line,
     )
@@ -421,7 +419,7 @@ _IN_CONSTRAINTS = {
     for end in ("parent", "child")
     for tag, keys in {
         end: {"link"},
-        f"{end}_origin": {"xyz", "rpy"},
+        f"{end}_origin": {"xyz", "rpy", "quat_xyzw"},
         f"{end}_axis": {"xyz"},
     }.items()
 }
