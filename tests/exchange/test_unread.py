@@ -130,7 +130,7 @@ SILENT: list[tuple[str, dict[str, str]]] = [
     (SDF, {"type": "continuous", "axis": "<limit><lower>x</lower></limit>"}),
     (MJCF, {"top": '<option timestep="1" density="0"><flag spring="enable"/></option>'}),
     (MJCF, {"top": '<custom><numeric name="n" data="inf"/></custom><statistic extent="nan"/>'}),
-    (MJCF, {"top": '<asset><mesh file="no.obj"/></asset><default><geom rgba="1 0 0 1"/></default>'}),
+    (MJCF, {"top": '<asset><mesh file="n.obj"/></asset><default><geom rgba="1 0 0 1"/></default>'}),
 ]  # fmt: skip
 
 
