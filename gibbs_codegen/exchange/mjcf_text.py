@@ -239,9 +239,8 @@ def _strip(root: Element, attached: bool) -> int:
         if any(found.tag == "default" for found in holders):
             continue
         body = next(found for found in holders if found.tag in ("body", "worldbody"))
-        weighed = not attached
-        if body.tag == "body":
-            weighed = child(body, "inertial") is not None and not computed
+        heavy = child(body, "inertial") is not None and not computed
+        weighed = heavy if body.tag == "body" else not attached
         kind = geom.attrib.get("class", holders[-1].attrib.get("childclass", "main"))
         mass = geom.attrib.get("mass", masses.get(kind)) or "1"
         with suppress(ValueError):  # MuJoCo refuses what is no number.
