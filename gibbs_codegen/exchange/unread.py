@@ -6,7 +6,6 @@ what is only counted; all else that has no mark is reported with its lines.
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Iterable, Mapping
 from contextlib import suppress
 
@@ -28,17 +27,17 @@ def unread(roots: Iterable[Element], known: Mapping[str, str]) -> list[Finding]:
     `tag@` and `tag@prefix_`, also with a value at the end, as in `link/gravity=1`; its texts are
     the words under which something is counted, or empty.
     """
-    counts: Counter[str] = Counter()
-    groups: dict[str, list[tuple[Element, str]]] = {}
+    counts: dict[str, set[Element]] = {}
+    groups: dict[str, dict[Element, str]] = {}  # An element may be within several of the roots.
 
     def sort(element: Element, text: str, subject: str, *names: str) -> None:
         value = plain(text)
         names = (*(f"{name}={value}" for name in names), *names)
         words = next((known[name] for name in names if name in known), None)
         if words is None:
-            groups.setdefault(subject, []).append((element, text))
+            groups.setdefault(subject, {})[element] = text
         elif words:
-            counts[words] += 1
+            counts.setdefault(words, set()).add(element)
 
     def walk(element: Element) -> None:
         tag = element.tag
@@ -58,9 +57,9 @@ def unread(roots: Iterable[Element], known: Mapping[str, str]) -> list[Finding]:
 
     for root in roots:
         walk(root)
-    lines = [Finding("left out", words, f"{count}") for words, count in counts.items()]
+    lines = [Finding("left out", words, f"{len(same)}") for words, same in counts.items()]
     shown = [*groups.items()][:_MOST]
-    lines += [Finding("left out", subject, _detail(same)) for subject, same in shown]
+    lines += [Finding("left out", subject, _detail([*same.items()])) for subject, same in shown]
     if more := len(groups) - len(shown):
         lines.append(Finding("left out", "elements and attributes", f"{more} other kinds of them"))
     return lines
