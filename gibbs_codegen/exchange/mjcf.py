@@ -6,86 +6,25 @@ becomes three hinges about x, y and z.
 
 from __future__ import annotations
 
-import xml.etree.ElementTree as ET
-from collections import Counter
-from collections.abc import Iterator, Sequence
-from contextlib import suppress
+import math
+from collections.abc import Container, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from gibbs_codegen.errors import Fault, UsageError, printable
-from gibbs_codegen.exchange import sources, xml_file
+from gibbs_codegen.errors import UsageError, printable
+from gibbs_codegen.exchange import sources
+from gibbs_codegen.exchange.mjcf_text import MjcfTexts
 from gibbs_codegen.exchange.placement import Placement, vector
 from gibbs_codegen.robot.model import AXES, JointLimits, Passive
 from gibbs_codegen.robot.placement import Array, turn_of_quaternion
 
-_JOINT, _SITE = 0, 4
+_SITE = 4
 # Of equalities: the kind, and that they are between sites rather than bodies.
 _WELD, _OF_SITES = 1, 6
 _FILTERS = (2, 3)
 _NO_BIAS = 0
-
-
-def mjcf_rotors(
-    model: Any, names: Sequence[str], bodies: Sequence[int]
-) -> tuple[tuple[sources.Rotor, ...], list[sources.Finding]]:
-    """The rotors on such bodies of a compiled model, by actuators, and what was left out."""
-    rotors, findings = [], []
-    for k in range(model.nu):
-        if model.actuator_trntype[k] != _SITE:
-            continue
-        site, gear = model.actuator_trnid[k, 0], np.array(model.actuator_gear[k])
-        body, size = model.site_bodyid[site], float(np.linalg.norm(gear[:3]))
-        size = 1.0 if abs(size - 1.0) < 4e-16 else size
-        name = model.actuator(k).name or f"rotor_{k + 1}"
-        if body not in bodies:
-            continue
-        if size == 0.0:
-            why = "an actuator of torque without a force, no rotor"
-            findings.append(sources.Finding("left out", name, why))
-            continue
-        turn = _turn(model.site_quat[site])
-        direction = gear[:3] / size
-        drag = float(direction @ gear[3:]) / size
-        if np.abs(gear[3:] - drag * gear[:3]).max() > 1e-9 * np.abs(gear).max():
-            findings.append(sources.Finding("left out", name, "torque across the thrust"))
-        limits = _range(model, k, size)
-        if limits is not None and limits[1] <= 0.0:  # It pulls: turned, it pushes.
-            direction, limits = -direction, (-limits[1], -limits[0])
-        rotors.append(
-            sources.Rotor(
-                name,
-                names[body],
-                vector(model.site_pos[site]),
-                vector(turn @ direction),
-                drag,
-                limits,
-                float(model.actuator_dynprm[k, 0]) or None
-                if model.actuator_dyntype[k] in _FILTERS
-                else None,
-                found_by="motor at a site",
-            )
-        )
-    return tuple(rotors), findings
-
-
-def efforts(model: Any) -> dict[int, float]:
-    """The largest torque or force, N m or N, of motors at joints, by the number of the joint."""
-    found = {
-        j: float(np.abs(model.jnt_actfrcrange[j]).max())
-        for j in range(model.njnt)
-        if model.jnt_actfrclimited[j]
-    }
-    for k in range(model.nu):
-        if model.actuator_trntype[k] != _JOINT:
-            continue
-        limits = _range(model, k, abs(float(model.actuator_gear[k, 0])))
-        if limits is not None and (most := max(map(abs, limits))) > 0.0:
-            j = int(model.actuator_trnid[k, 0])
-            found[j] = min(most, found.get(j, most))
-    return found
 
 
 def _range(model: Any, k: int, gear: float) -> tuple[float, float] | None:
@@ -124,7 +63,7 @@ def read_mjcf(path: Path, data: bytes, base: str | None, friction: bool = False)
     whether the dry friction of joints is taken. Raises
     `UsageError` if MuJoCo is not installed, and `SourceFileError` if it refuses the model.
     """
-    text, findings = reduced_mjcf(path, data)
+    texts = MjcfTexts(path, data)
     try:
         import mujoco
     except ImportError:
@@ -136,13 +75,19 @@ def read_mjcf(path: Path, data: bytes, base: str | None, friction: bool = False)
     former = mujoco.get_mju_user_warning()
     mujoco.set_mju_user_warning(lambda message: None)
     try:
-        model = mujoco.MjModel.from_xml_string(text)
+        model = mujoco.MjModel.from_xml_string(texts.text, texts.models)
     except (ValueError, mujoco.FatalError, mujoco.UnexpectedError) as error:
-        words = printable(" ".join(str(error).split()), 300)
-        raise sources.refusal(path, f"MuJoCo refuses it: {words}") from None
+        raise texts.refused_by_mujoco(error) from None
     finally:
         mujoco.set_mju_user_warning(former)
-    return _Reader(model, str(path), findings, friction).source(base)
+    if model.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_GRAVITY:
+        model.opt.gravity[:] = 0.0
+    x, y, z = model.opt.gravity
+    if math.hypot(x, y) > -1e-9 * z:
+        words = f"gravity {x:g} {y:g} {z:g} must point along -z, as 0 0 -9.81 does; turn the model"
+        options = [each for each in texts.elements if "gravity" in each.attrib]
+        raise texts.refused(options[-1], words)
+    return _Reader(model, str(path), texts.findings, friction).source(base)
 
 
 class _Reader:
@@ -155,7 +100,11 @@ class _Reader:
         self.names = _names([model.body(b).name for b in range(model.nbody)], "body")
         self.joint_names = _names([model.joint(j).name for j in range(model.njnt)], "joint")
         self._links = sources.Names(self.names)
-        self.efforts = efforts(model)
+        self.efforts = {
+            j: float(np.abs(model.jnt_actfrcrange[j]).max())
+            for j in range(model.njnt)
+            if model.jnt_actfrclimited[j]
+        }
 
     def source(self, base: str | None) -> sources.Source:
         """What the file says of the robot with link `base` (None: the only one), by the tree."""
@@ -168,10 +117,13 @@ class _Reader:
         for j in range(first, first + count):
             if model.jnt_type[j] != _FREE:
                 why = "a joint between the world and the root: the robot flies"
-                self._leave_out(self.joint_names[j], why)
+                self._found(self.joint_names[j], why)
+            elif lost := self._lost(j):
+                self._found(self.joint_names[j], f"{lost} of the joint of the base")
+        rotors = tuple(self._rotors(bodies, range(first, first + count)))
         for body in bodies:
             if model.body_gravcomp[body]:
-                self._leave_out(self.names[body], "compensation of its weight")
+                self._found(self.names[body], "compensation of its weight")
             for link, joint in self._joints(body) if body != root else ():
                 links[link] = sources.Link(link)
                 joints.append(joint)
@@ -182,11 +134,6 @@ class _Reader:
                 float(model.body_mass[body]), place, (inertia + inertia.T) / 2
             )
             links[self.names[body]] = sources.Link(self.names[body], inertial)
-        x, y, z = (float(value) for value in model.opt.gravity)
-        if x or y or z > 0.0:
-            what = f"{x:g} {y:g} {z:g} is not downwards along z"
-            self.findings.append(sources.Finding("note", "gravity", what))
-        rotors, findings = mjcf_rotors(model, self.names, bodies)
         seats, frames = model.actuator_trnid[model.actuator_trntype == _SITE, 0], []
         for s in range(model.nsite):
             name, body = model.site(s).name, model.site_bodyid[s]
@@ -202,8 +149,8 @@ class _Reader:
             anchors=frozenset(self.joint_names[first : first + count]),
             frames=tuple(frames),
             constraints=constraints,
-            gravity=abs(z),
-            findings=(*self.findings, *findings),
+            gravity=-float(model.opt.gravity[2]) + 0.0,
+            findings=tuple(self.findings),
         )
 
     def _root(self, base: str | None) -> int:
@@ -220,8 +167,55 @@ class _Reader:
             raise sources.refusal(self.file, message)
         return found[0]
 
-    def _leave_out(self, what: str, why: str) -> None:
-        self.findings.append(sources.Finding("left out", what, why))
+    def _rotors(self, bodies: Sequence[int], anchors: Container[int]) -> Iterator[sources.Rotor]:
+        """Rotors by actuators at sites of such bodies; those at joints say the largest efforts."""
+        model = self.model
+        for k in range(model.nu):
+            target, at_site = int(model.actuator_trnid[k, 0]), model.actuator_trntype[k] == _SITE
+            body = model.site_bodyid[target] if at_site else model.jnt_bodyid[target]
+            if body not in bodies:
+                continue
+            name = model.actuator(k).name or f"{'rotor' if at_site else 'actuator'}_{k + 1}"
+            gear, lag = np.array(model.actuator_gear[k]), model.actuator_dyntype[k]
+            size = float(np.linalg.norm(gear[: 3 if at_site else 1]))
+            size = 1.0 if abs(size - 1.0) < 4e-16 else size
+            more = {
+                "variable gain": model.actuator_gaintype[k],
+                "bias": model.actuator_biastype[k],
+                "dynamics": lag and not (at_site and lag in _FILTERS),
+            }
+            if lost := [words for words, there in more.items() if there]:
+                self._found(name, f"{', '.join(lost)} of an actuator")
+            limits = _range(model, k, size)
+            if not at_site:
+                if target in anchors or model.jnt_type[target] == _BALL:
+                    words = f"an actuator on joint {self.joint_names[target]}, which has no input"
+                    self._found(name, words)
+                if limits is not None and (most := max(map(abs, limits))) > 0.0:
+                    self.efforts[target] = min(most, self.efforts.get(target, most))
+                continue
+            if size == 0.0:
+                self._found(name, "an actuator of torque without a force, no rotor")
+                continue
+            direction = gear[:3] / size
+            drag = float(direction @ gear[3:]) / size
+            if np.abs(gear[3:] - drag * gear[:3]).max() > 1e-9 * np.abs(gear).max():
+                self._found(name, "torque across the thrust")
+            if limits is not None and limits[1] <= 0.0:  # It pulls: turned, it pushes.
+                direction, limits = -direction, (-limits[1], -limits[0])
+            yield sources.Rotor(
+                name,
+                self.names[body],
+                vector(model.site_pos[target]),
+                vector(_turn(model.site_quat[target]) @ direction),
+                drag,
+                limits,
+                float(model.actuator_dynprm[k, 0]) or None if lag in _FILTERS else None,
+                found_by="motor at a site",
+            )
+
+    def _found(self, what: str, why: str, kind: sources.Kind = "left out") -> None:
+        self.findings.append(sources.Finding(kind, what, why))
 
     def _constraints(self, bodies: Sequence[int]) -> Iterator[sources.Constraint]:
         """Constraints between such bodies, or of one of them and the world."""
@@ -244,12 +238,10 @@ class _Reader:
                 ]
             own = {sources.WORLD, *(self.names[b] for b in bodies)}
             if not {frame.on for frame in frames} <= own or frames[0].on == frames[1].on:
-                self._leave_out(name, "a constraint of what is not the robot's")
+                self._found(name, "a constraint of what is not the robot's")
                 continue
             if not model.eq_active0[k]:
-                self.findings.append(
-                    sources.Finding("note", name, "a constraint that is off at first")
-                )
+                self._found(name, "a constraint that is off at first", "note")
             first, second = frames if frames[0].on != sources.WORLD else frames[::-1]
             yield sources.Constraint(name, "frame" if welds else "point", first, second)
 
@@ -298,32 +290,35 @@ class _Reader:
     def _parts(self, j: int) -> list[tuple[str, int, Any]]:
         """Name, number and axis of each joint of one degree of freedom that a joint consists of."""
         name, model = self.joint_names[j], self.model
-        dof = model.jnt_dofadr[j]
+        if lost := self._lost(j):
+            self._found(name, lost)
+        if model.jnt_type[j] != _BALL:
+            return [(name, j, vector(model.jnt_axis[j]))]
+        self._found(name, "a ball joint, as three hinges about x, y and z", "note")
+        return [(f"{name}_{letter}", j, axis) for letter, axis in AXES.items()]
+
+    def _lost(self, j: int) -> str:
+        """What acts on a joint and is not taken, in words; empty if nothing is."""
+        model, kind, dof = self.model, self.model.jnt_type[j], self.model.jnt_dofadr[j]
+        dofs = slice(dof, dof + {_FREE: 6, _BALL: 3}.get(kind, 1))
         friction = model.dof_frictionloss[dof] if self._friction(j) == 0.0 else 0.0
-        found = {f"dry friction {friction:g}": friction}
+        acting = {f"dry friction {friction:g}": friction}
         if hasattr(model, "jnt_stiffnesspoly"):  # New versions of MuJoCo know more coefficients.
-            found["stiffness of higher order"] = model.jnt_stiffnesspoly[j]
+            acting["stiffness of higher order"] = model.jnt_stiffnesspoly[j]
         if hasattr(model, "dof_dampingpoly"):
-            found["damping of higher order"] = model.dof_dampingpoly[dof]
-        if model.jnt_type[j] == _BALL:
-            found |= {
-                "damping": model.dof_damping[dof],
-                "armature": model.dof_armature[dof],
+            acting["damping of higher order"] = model.dof_dampingpoly[dof]
+        if kind in (_FREE, _BALL):
+            acting |= {
+                "damping": model.dof_damping[dofs],
+                "armature": model.dof_armature[dofs],
                 "stiffness": model.jnt_stiffness[j],
                 "limits": model.jnt_limited[j],
             }
-        if lost := [words for words, value in found.items() if np.any(value)]:
-            self._leave_out(name, ", ".join(lost))
-        if model.jnt_type[j] != _BALL:
-            return [(name, j, vector(model.jnt_axis[j]))]
-        self.findings.append(
-            sources.Finding("note", name, "a ball joint, as three hinges about x, y and z")
-        )
-        return [(f"{name}_{letter}", j, axis) for letter, axis in AXES.items()]
+        return ", ".join(words for words, value in acting.items() if np.any(value))
 
     def _friction(self, j: int) -> float:
         """Dry friction of a joint of one degree of freedom, where it is taken, N m or N."""
-        taken = self._with_friction and self.model.jnt_type[j] != _BALL
+        taken = self._with_friction and self.model.jnt_type[j] in (_SLIDE, _HINGE)
         return float(self.model.dof_frictionloss[self.model.jnt_dofadr[j]]) if taken else 0.0
 
     def _properties(self, j: int) -> tuple[Passive, JointLimits]:
@@ -333,9 +328,7 @@ class _Reader:
         dof, place = model.jnt_dofadr[j], model.jnt_qposadr[j]
         zero = float(model.qpos0[place])
         if zero:
-            self.findings.append(
-                sources.Finding("note", self.joint_names[j], f"counts from its ref, {zero:g}")
-            )
+            self._found(self.joint_names[j], f"counts from its ref, {zero:g}", "note")
         stiffness = float(np.ravel(model.jnt_stiffness[j])[0])
         rest = float(model.qpos_spring[place]) - zero if stiffness else 0.0
         damping = float(np.ravel(model.dof_damping[dof])[0])
@@ -350,182 +343,3 @@ def _names(own: list[str], what: str) -> list[str]:
     """Names of bodies or joints; of those without one what they are, a word, with the number."""
     names = sources.Names(own)
     return [name or names.free(f"{what}_{number}") for number, name in enumerate(own)]
-
-
-_KEPT = ("compiler", "option", "default", "asset", "worldbody", "actuator", "equality")
-_PICTURES = ("texture", "material", "skin", "light", "camera", "hfield", "plugin", "flexcomp")
-_LEFT_OUT = {
-    "tendon": "tendons and their springs",
-    "contact": "contacts",
-    "sensor": "sensors",
-    "keyframe": "keyframes",
-    "deformable": "deformable bodies",
-    "extension": "plugins, and what they do to the motion",
-}
-_NO_MOTION = ("custom", "visual", "statistic", "size")
-# What a compiler may be findings; versions differ in what else they know.
-_SETTINGS = {
-    *("angle", "eulerseq", "autolimits", "inertiafromgeom", "inertiagrouprange", "strippath"),
-    *("meshdir", "assetdir", "exactmeshinertia", "alignfree"),
-}
-_CHANGING = {"balanceinertia", "boundmass", "boundinertia", "settotalmass"}
-_MOST_INCLUDES = 50
-_MOST_COPIES = 1000
-_TEXTS = {"name", "class", "childclass", "file", "mesh", "meshdir", "assetdir", "model", "joint"}
-
-
-def reduced_mjcf(path: Path, data: bytes) -> tuple[str, list[sources.Finding]]:
-    """What a file and its includes have of mass, motion and drives, and what was left out."""
-    root = xml_file.parse_xml(data, str(path))
-    _include(root, path)
-    _check(root, str(path))
-    counts: Counter[str] = Counter()
-    for section in xml_file.children(root):
-        if section.tag not in _KEPT:
-            if section.tag not in _NO_MOTION:
-                words = _LEFT_OUT.get(section.tag, "a section that import does not know")
-                counts[f"{words} (<{printable(section.tag, 40)}>)"] += len(section)
-            root.remove(section)
-    findings = [
-        sources.Finding("left out", words, f"{count}") for words, count in counts.items() if count
-    ]
-    for element in [found for found in root.iter() if isinstance(found, xml_file.Element)]:
-        element.attrib.pop("material", None)
-        for picture in xml_file.children(element):
-            if picture.tag in _PICTURES:
-                element.remove(picture)
-    shapes = _Shapes(root)
-    for world in root.iter("worldbody"):
-        if isinstance(world, xml_file.Element):
-            shapes.strip(world, "", True)
-    if shapes.count:
-        findings.append(sources.Finding("left out", "shapes that give no mass", f"{shapes.count}"))
-    for drives in root.iter("actuator"):  # Motors at sites or joints are what is imported.
-        for actuator in [found for found in drives if isinstance(found, xml_file.Element)]:
-            acts = "site" in actuator.attrib or "joint" in actuator.attrib
-            if actuator.tag not in ("motor", "general") or not acts or "refsite" in actuator.attrib:
-                drives.remove(actuator)
-                name = printable(actuator.get("name", "without a name"), 60)
-                what = f"<{printable(actuator.tag, 40)}>, which is no motor"
-                findings.append(sources.Finding("left out", name, what))
-    for held in root.iter("equality"):
-        for element in [found for found in held if isinstance(found, xml_file.Element)]:
-            if element.tag not in ("connect", "weld"):
-                held.remove(element)
-                name = printable(element.get("name", "without a name"), 60)
-                what = f"<{printable(element.tag, 40)}> in <equality>, which holds no frame"
-                findings.append(sources.Finding("left out", name, what))
-    findings += _settle(root, path)
-    return ET.tostring(root, encoding="unicode"), findings
-
-
-def _include(root: xml_file.Element, path: Path) -> None:
-    """Put the contents of included files in place of `<include>`.
-
-    Raises `SourceFileError` if files include too many others.
-    """
-    for _ in range(_MOST_INCLUDES):
-        found = next(((p, e) for p in root.iter() for e in p if e.tag == "include"), (None, None))
-        if found[0] is None or found[1] is None:
-            return
-        parent, element = found
-        place = [*parent].index(element)
-        parent.remove(element)
-        file = path.parent / element.get("file", "")
-        for number, fresh in enumerate(xml_file.parse_xml(xml_file.read_bytes(file), str(file))):
-            parent.insert(place + number, fresh)
-    message = f"more than {_MOST_INCLUDES} files are included"
-    raise sources.refusal(path, message, where="<include>")
-
-
-def _check(root: xml_file.Element, file: str) -> None:
-    """Refuse what would keep the compiler busy without end, or is no number."""
-    faults, copies = [], 1
-    for element in root.iter():
-        line = element.line if isinstance(element, xml_file.Element) else None
-        where = xml_file.described(element) if isinstance(element, xml_file.Element) else ""
-        if element.tag == "replicate":
-            count = element.get("count", "1")
-            copies *= int(count) if count.isdigit() and len(count) < 6 else _MOST_COPIES + 1
-            if copies > _MOST_COPIES:
-                faults.append(Fault(where, f"more than {_MOST_COPIES} copies", line))
-        if element.tag == "composite":
-            faults.append(Fault(where, "composite bodies are not imported", line))
-        if element.tag == "mesh" and "builtin" in element.attrib:
-            faults.append(Fault(where, "builtin meshes are not imported; give a file", line))
-        for key, text in element.attrib.items():
-            words = text.lower().replace("+", "").replace("-", "").split()
-            if key not in _TEXTS and {"nan", "inf", "infinity"} & {*words}:
-                faults.append(Fault(where, f"{key} must be finite, not {printable(text)}", line))
-    if faults:
-        raise sources.SourceFileError(file, faults)
-
-
-class _Shapes:
-    """Removes shapes that give no mass, and counts them."""
-
-    def __init__(self, root: xml_file.Element) -> None:
-        self.count = 0
-        self._computed = any(c.get("inertiafromgeom") == "true" for c in root.iter("compiler"))
-        self._masses: dict[str, str | None] = {}
-        for default in xml_file.children(root):
-            if default.tag == "default":
-                self._read(default, None)
-
-    def _read(self, default: xml_file.Element, mass: str | None) -> None:
-        """Learn the mass of shapes of each class, which a class within a class inherits."""
-        geom = xml_file.child(default, "geom")
-        mass = mass if geom is None else geom.get("mass", mass)
-        self._masses[default.get("class", "main")] = mass
-        for inner in xml_file.children(default):
-            if inner.tag == "default":
-                self._read(inner, mass)
-
-    def strip(self, element: xml_file.Element, kind: str, weighed: bool) -> None:
-        """Remove the shapes of an element, a body or what holds some, and of the bodies in it.
-
-        `kind` is the class of shapes that name no other; `weighed` whether the mass is given, so
-        that no shape counts.
-        """
-        for found in xml_file.children(element):
-            inner = found.get("childclass", kind)
-            if found.tag == "body":
-                has_inertial = xml_file.child(found, "inertial") is not None
-                self.strip(found, inner, has_inertial and not self._computed)
-            elif found.tag in ("frame", "replicate"):
-                self.strip(found, inner, weighed)
-            elif found.tag == "geom":
-                given_class = found.get("class", kind) or "main"
-                mass = found.get("mass", self._masses.get(given_class))
-                with suppress(ValueError):  # MuJoCo refuses what is no number.
-                    if weighed or (mass is not None and float(mass) == 0.0):
-                        element.remove(found)
-                        self.count += 1
-
-
-def _settle(root: xml_file.Element, path: Path) -> Iterator[sources.Finding]:
-    """Leave the compiler no choice: no welding, and folders by their full paths.
-
-    Tells of settings with which MuJoCo changes masses or inertias.
-    """
-    meshes = any("mesh" in found.attrib for found in root.iter("geom"))
-    for section in xml_file.children(root):
-        if section.tag == "asset" and not meshes:
-            root.remove(section)
-        if section.tag == "option":
-            section.attrib = {k: v for k, v in section.attrib.items() if k == "gravity"}
-            section[:] = []
-    if root.find("compiler") is None:
-        root.insert(0, xml_file.Element("compiler"))
-    for compiler in root.iter("compiler"):
-        folder = compiler.get("meshdir", compiler.get("assetdir", ""))
-        for key in sorted(_CHANGING & set(compiler.attrib)):
-            setting = f"{compiler.get(key)}: with it MuJoCo changes masses or inertias"
-            yield sources.Finding("note", key, printable(setting))
-        kept = _SETTINGS | _CHANGING
-        if compiler.get("coordinate") == "global":
-            kept = kept | {"coordinate"}
-        compiler.attrib = {key: text for key, text in compiler.attrib.items() if key in kept}
-        compiler.attrib.pop("assetdir", None)
-        compiler.set("meshdir", str(path.parent.absolute() / folder))
-        compiler.set("fusestatic", "false")

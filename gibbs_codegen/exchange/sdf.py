@@ -1,14 +1,12 @@
 """SDF of Gazebo, read with the standard library's parser and nothing else.
 
-A model's links, joints and frames are placed relative to each other by name. What has no part in
-the equations of motion, such as shapes, sensors and plugins other than motors, is left out and
-told.
+A model's links, joints and frames are placed relative to each other by name. What else a file says,
+and has a part in the motion, is left out and reported with its lines.
 """
 
 from __future__ import annotations
 
 import math
-from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -19,11 +17,11 @@ from gibbs_codegen.exchange import sources
 from gibbs_codegen.exchange.placement import HERE, LEVEL, Placement, degrees, vector
 from gibbs_codegen.exchange.sdf_models import MERGED, MODEL, PLACED, WORLD, whole_model
 from gibbs_codegen.exchange.tree import near
-from gibbs_codegen.exchange.urdf import Values, gazebo_rotors, is_motor, motor_findings
-from gibbs_codegen.exchange.xml_file import Element, child, children, parse_xml
+from gibbs_codegen.exchange.unread import WITHIN, pass_over, unread, without_part
+from gibbs_codegen.exchange.urdf import COUNTED, OF_MOTORS, Values, gazebo_rotors, motor_findings
+from gibbs_codegen.exchange.xml_file import Element, child, children, parse_xml, within
 from gibbs_codegen.exchange.xml_file import child_text as _text
 from gibbs_codegen.robot.model import AXES, Command, JointLimits, Passive
-from gibbs_codegen.robot.placement import turn_of_quaternion
 from gibbs_codegen.robot.rigid_body import inertia_matrix
 
 _KINDS: dict[str, sources.JointKind] = {
@@ -31,12 +29,22 @@ _KINDS: dict[str, sources.JointKind] = {
     **{"prismatic": "prismatic", "fixed": "fixed"},
 }
 _ENTRIES = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
-_LEFT_OUT = {
-    "visual": "visual shapes",
-    "collision": "collision shapes",
-    "sensor": "sensors",
-    "fluid_added_mass": "added masses of fluids",
-}
+# What is only counted, under these words, and what has no part in the motion.
+_KNOWN = COUNTED | {"sensor": "sensors", "fluid_added_mass": "added masses of fluids"}
+_KNOWN |= dict.fromkeys(("sdf/world", "world/wind", "link/velocity_decay"), WITHIN)
+_KNOWN |= without_part(f"""{OF_MOTORS}
+    sdf/ model include actor light
+    world/ model include actor light physics scene gui audio road population state atmosphere
+        magnetic_field spherical_coordinates
+    model@ placement_frame
+    model/ pose static self_collide allow_auto_disable enable_wind=0
+    link/ light self_collide must_be_base_link gravity=1 kinematic=0 enable_wind=0 audio_sink
+        audio_source battery projector particle_emitter
+    velocity_decay/ linear=0 angular=0
+    wind/ linear_velocity=0
+    joint/ physics
+    limit/ stiffness dissipation
+""")
 _MOST_PLACED = 1000
 _DEEPEST = 400
 
@@ -82,7 +90,7 @@ def read_sdf(
         findings=(
             *(sources.Finding("left out", _text(e, "uri"), "another model") for e in elsewhere),
             *reader.findings,
-            *_left_out(model),
+            *unread([root] if model in within(root) else [root, model], _KNOWN),
             *motor_findings(model),
         ),
     )
@@ -95,12 +103,9 @@ def _number(values: Values, element: Element | None, tag: str, default: float = 
 
 
 def _numbers(values: Values, element: Element, count: int) -> list[float]:
-    """The numbers in the text of an element, zeros if there are not as many."""
-    words = (element.text or "").split()
-    if len(words) != count:
-        values.fault(element, f"must have {count} numbers, not {len(words)}")
-        return [0.0] * count
-    return [values.of_text(element, "each of its entries", word) for word in words]
+    """The numbers in the text of an element, which is read by that."""
+    element.read.add("")
+    return values.numbers(element, element.text or "", count)
 
 
 class _Reader:
@@ -109,7 +114,7 @@ class _Reader:
     def __init__(self, model: Element, values: Values, friction: bool) -> None:
         self._values, self._with_friction = values, friction
         self._canonical = model.get("canonical_link", "")
-        self.findings: list[sources.Finding] = []
+        self.findings = values.findings
         self.elements: dict[str, Element] = {}
         self._poses: dict[str, tuple[str, Placement]] = {}
         for element in children(model):
@@ -150,7 +155,7 @@ class _Reader:
             link = self._carrier(name)
             if link == WORLD:
                 words = "on the world: a robot has frames of its own"
-                self.findings.append(sources.Finding("left out", name, words))
+                self._values.found("left out", name, words)
             elif link and not name.rpartition("::")[2].startswith(MERGED):
                 found.append(sources.Frame(name, link, self._between(link, name)))
         return tuple(found)
@@ -184,12 +189,7 @@ class _Reader:
             return HERE
         if element.get("rotation_format") == "quat_xyzw":
             x, y, z, *turn = _numbers(self._values, element, 7)
-            size = math.hypot(*turn)
-            if not size > 0.0:
-                self._values.fault(element, "has a quaternion that is zero")
-                return HERE
-            qx, qy, qz, qw = (entry / size for entry in turn)
-            return Placement.of_matrix((x, y, z), turn_of_quaternion(qx, qy, qz, qw))
+            return self._values.turned(element, (x, y, z), turn)
         x, y, z, *angles = _numbers(self._values, element, 6)
         if element.get("degrees") in ("true", "1"):
             angles = [math.radians(angle) for angle in angles]
@@ -258,10 +258,12 @@ class _Reader:
         usual = [1.0, 1.0, 1.0, 0.0, 0.0, 0.0]
         pairs = zip(_ENTRIES, usual, strict=True)
         moments = [_number(values, entries, entry, default) for entry, default in pairs]
-        if found is None or entries is None:
-            words = "no inertia in the file, for which SDF has 1 kg m² about each axis"
-            words += "" if found is not None else ", and 1 kg"
-            self.findings.append(sources.Finding("note", name, words))
+        lacking = [] if _text(found, "mass") else ["mass"]
+        alone = [entry for entry in _ENTRIES[:3] if not _text(entries, entry)]
+        lacking += alone if entries is not None else ["inertia"]
+        if lacking:
+            words = f"no {', '.join(lacking)} in the file, for which SDF has 1 kg and 1 kg m²"
+            values.found("note", name, words)
         pose = None if found is None else child(found, "pose")
         place = HERE if pose is None else self._placement(pose)
         return sources.Inertial(max(mass, 0.0), place, inertia_matrix(moments))
@@ -281,6 +283,8 @@ class _Reader:
         limits, passive, dry = JointLimits(), Passive(), 0.0
         if kind in ("revolute", "prismatic") and axis is not None:
             limits, passive, dry = self._properties(name, axis, word)
+        else:
+            pass_over(axis)
         return sources.Joint(
             name,
             kind or "fixed",
@@ -315,11 +319,12 @@ class _Reader:
     ) -> tuple[JointLimits, Passive, float]:
         """Limits of a joint, what acts on it by itself, and its dry friction."""
         values, limit, dynamics = self._values, child(axis, "limit"), child(axis, "dynamics")
-        low, high, effort, velocity = (
-            _bound(values, limit, tag) for tag in ("lower", "upper", "effort", "velocity")
+        endless = word == "continuous"  # Whatever its limits.
+        low, high = (
+            None if endless and _text(limit, tag) else _bound(values, limit, tag)
+            for tag in ("lower", "upper")
         )
-        if word == "continuous":
-            low = high = None
+        effort, velocity = (_bound(values, limit, tag) for tag in ("effort", "velocity"))
         if low is not None and high is not None and low > high:
             values.fault(axis, f"<lower> {low:g} is above <upper> {high:g}")
         # Negative ones are SDF's default, no bound.
@@ -334,7 +339,7 @@ class _Reader:
         if friction < 0.0:
             values.fault(axis, f"<friction> must be at least 0, not {friction:g}")
         if child(axis, "mimic") is not None:
-            self.findings.append(sources.Finding("left out", name, "that it follows another joint"))
+            self._values.found("left out", name, "that it follows another joint")
         if not self._with_friction:
             self.findings += sources.untaken_friction(name, _text(dynamics, "friction") or "0")
         passive = Passive(max(damping, 0.0), 0.0, stiffness, rest if stiffness else 0.0)
@@ -345,15 +350,3 @@ def _bound(values: Values, element: Element | None, tag: str) -> float | None:
     """A limit in a child of an element; what is left out or endless is None."""
     found = None if element is None else child(element, tag)
     return None if found is None else values.bound_of(found, f"<{tag}>", found.text)
-
-
-def _left_out(model: Element) -> list[sources.Finding]:
-    counts = Counter(e.tag for e in model.iter() if (e.text or "").strip() not in ("0", "0.0"))
-    plugins = [found for found in model.iter("plugin") if isinstance(found, Element)]
-    counts["plugin"] = sum(not is_motor(found) for found in plugins)
-    words = _LEFT_OUT | {"plugin": "plugins other than motors"}
-    return [
-        sources.Finding("left out", told, f"{counts[tag]}")
-        for tag, told in words.items()
-        if counts[tag]
-    ]

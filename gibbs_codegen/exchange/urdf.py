@@ -4,14 +4,14 @@ What other readers drop is kept: thrust of rotors, for which URDF has no element
 plugins and JSK's convention. Both push along z of a link. A drag is negative for a rotor that spins
 counter-clockwise, seen from the tip of its thrust.
 
-What has no part in the equations of motion, such as meshes and transmissions, is left out and told.
+What else a file says, and has a part in the motion, is left out and reported with its lines.
 """
 
 from __future__ import annotations
 
 import math
 import re
-from collections import Counter
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import replace
 from operator import itemgetter
@@ -23,6 +23,7 @@ from scipy.spatial.transform import Rotation
 from gibbs_codegen.errors import Fault, printable
 from gibbs_codegen.exchange import sources
 from gibbs_codegen.exchange.placement import Placement, degrees, vector
+from gibbs_codegen.exchange.unread import WITHIN, pass_over, unread, without_part
 from gibbs_codegen.exchange.xml_file import (
     Element,
     child,
@@ -30,6 +31,7 @@ from gibbs_codegen.exchange.xml_file import (
     children,
     described,
     parse_xml,
+    within,
 )
 from gibbs_codegen.robot.model import (
     AXES,
@@ -40,6 +42,7 @@ from gibbs_codegen.robot.model import (
     RotorAir,
     Vector3,
 )
+from gibbs_codegen.robot.placement import turn_of_quaternion
 from gibbs_codegen.robot.rigid_body import LEAST, MOST, inertia_matrix
 
 # What some exporters write for no limit.
@@ -47,10 +50,19 @@ _ENDLESS = 1e15
 
 
 class Values:
-    """Reads values of elements and collects `faults`; a faulty value counts as its default."""
+    """Reads values of elements and collects `faults`; a faulty value counts as its default.
 
-    def __init__(self) -> None:
+    `findings` are lines of the report, and `quaternions` is whether an `<origin>` may have one.
+    """
+
+    def __init__(self, quaternions: bool = False) -> None:
         self.faults: list[Fault] = []
+        self.findings: list[sources.Finding] = []
+        self._quaternions = quaternions
+
+    def found(self, kind: sources.Kind, subject: str, detail: str) -> None:
+        """Add a line to the report."""
+        self.findings.append(sources.Finding(kind, subject, detail))
 
     def fault(self, element: Element, message: str) -> None:
         """Note a fault of an element: what is wrong, and what would be right."""
@@ -111,20 +123,37 @@ class Values:
                 return None
         return self.of_text(element, what, text or "")
 
+    def numbers(self, element: Element, text: str, count: int, what: str = "") -> list[float]:
+        """So many numbers of a text; `what` is what it is called, if it is not the element's."""
+        words = text.split()
+        if len(words) != count:
+            self.fault(element, f"{what} must have {count} numbers, not {len(words)}".strip())
+            return [0.0] * (count - 1) + [-1.0]  # A direction, a turn or downwards, as it may be.
+        return [self.of_text(element, what or "each of its entries", word) for word in words]
+
     def vector(self, element: Element | None, attribute: str, default: Vector3) -> Vector3:
         """Three numbers."""
         text = None if element is None else element.get(attribute)
         if element is None or text is None:
             return default
-        words = text.split()
-        if len(words) != 3:
-            self.fault(element, f"{attribute} must have 3 numbers, not {len(words)}")
-            return default
-        return vector([self.of_text(element, attribute, word) for word in words])
+        return vector(self.numbers(element, text, 3, attribute))
+
+    def turned(self, element: Element, xyz: Vector3, turn: Sequence[float]) -> Placement:
+        """The pose at a place whose quaternion x, y, z, w has any length but zero."""
+        if not (size := math.hypot(*turn)) > 0.0:
+            self.fault(element, "has a quaternion that is zero")
+            return Placement(xyz)
+        x, y, z, w = (entry / size for entry in turn)
+        return Placement.of_matrix(xyz, turn_of_quaternion(x, y, z, w))
 
     def placement(self, element: Element | None) -> Placement:
         """The pose that an `<origin>` gives, or that of one left out."""
         xyz = self.vector(element, "xyz", (0.0, 0.0, 0.0))
+        if element is not None and self._quaternions and "quat_xyzw" in element.attrib:
+            if "rpy" in element.attrib:
+                self.fault(element, "has both rpy and quat_xyzw; give one of them")
+            turn = self.numbers(element, element.get("quat_xyzw"), 4, "quat_xyzw")
+            return self.turned(element, xyz, turn)
         roll, pitch, yaw = map(degrees, self.vector(element, "rpy", (0.0, 0.0, 0.0)))
         return Placement(xyz, (roll, pitch, yaw))
 
@@ -157,6 +186,9 @@ def gazebo_rotors(root: Element, values: Values, command: Command) -> list[sourc
     numbered = []
     for plugin in filter(is_motor, motors):
         texts = {found.tag: (found.text or "").strip() for found in children(plugin)}
+        plugin.read.add("")
+        for tag in (*_MOTOR, "linkName", "jointName", "turningDirection"):
+            child(plugin, tag)
         texts.setdefault("motorNumber", texts.get("actuator_number", ""))  # As new files have it.
         turning = texts.get("turningDirection", "")
         if turning not in ("cw", "ccw"):
@@ -203,7 +235,7 @@ def is_motor(plugin: Element) -> bool:
     kind = child(plugin, "motorType")
     if kind is not None and (kind.text or "").strip() != "velocity":
         return False
-    name = plugin.get("filename", "") + plugin.get("name", "")
+    name = plugin.attrib.get("filename", "") + plugin.attrib.get("name", "")  # Not read by that.
     known = re.search("motor.?model", name.lower()) or child_text(plugin, "motorConstant")
     return bool(known and child_text(plugin, "linkName"))
 
@@ -239,14 +271,35 @@ def _jsk(root: Element, values: Values) -> list[sources.Rotor]:
 _KINDS: dict[str, sources.JointKind] = {"revolute": "revolute", "continuous": "revolute"}
 _KINDS |= {"prismatic": "prismatic", "fixed": "fixed", "floating": "floating", "planar": "planar"}
 _ENTRIES = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
-# What is not imported, and by which name it is told.
-_LEFT_OUT = {
+# What is only counted in URDF and SDF, under these words, and what has no part in the motion.
+COUNTED = {
     "visual": "visual shapes",
     "collision": "collision shapes",
-    "transmission": "transmissions",
-    "material": "materials",
-    "gazebo": "<gazebo> elements other than motors",
+    "plugin": "plugins other than motors",
 }
+OF_MOTORS = """
+    @ name filename
+    plugin/ robotNamespace commandSubTopic motorSpeedPubTopic rotorVelocitySlowdownSim motorNumber
+        actuator_number rollingMomentCoefficient reversible=0
+"""
+_KNOWN = COUNTED | dict.fromkeys(("transmission", "ros2_control"), "transmissions")
+_KNOWN |= {"controller:": COUNTED["plugin"], "robot/gazebo": WITHIN}
+_KNOWN |= without_part(f"""{OF_MOTORS}
+    / sensor: material
+    robot@ version
+    robot/ sensor baselink drake:collision_filter_group
+    link@ type
+    link/ contact surface self_collision_checking collision_checking self_filter gravity=1
+        kinematic=0
+    joint/ safety_controller calibration
+    limit@ acceleration deceleration jerk drake:acceleration
+    mimic@ multiplier offset gazebo@ reference
+    gazebo/ sensor visual light canonicalBody static=0 gravity=1 turnGravityOff=0 kinematic=0
+        dampingFactor=0 velocity_decay=0 enable_wind=0 mu mu1 mu2 fdir1 kp kd maxVel minDepth
+        maxContacts laserRetro selfCollide self_collide stopCfm stopErp stopKp stopKd cfm erp
+        fudgeFactor implicitSpringDamper provideFeedback initial_joint_position
+        preserveFixedJoint disableFixedJointLumping
+""")
 
 
 def read_urdf(
@@ -257,13 +310,16 @@ def read_urdf(
     Motors of Gazebo are commanded a thrust or, as there, a speed. `friction` is whether the dry
     friction of joints is taken.
     """
-    root, values = parse_xml(data, file), Values()
+    root = parse_xml(data, file)
+    values = Values(bool(re.match(r"1\.[1-9]|[2-9]", root.get("version", ""))))
     if root.tag != "robot":
         values.fault(root, "is no URDF: its root element is <robot>")
         raise sources.SourceFileError(file, values.faults)
-    if any(":" in found.tag for found in children(root)):
-        unexpanded = next(found for found in children(root) if ":" in found.tag)
-        values.fault(unexpanded, "is xacro, not URDF; name the file .xacro to have it expanded")
+    elements = within(root)
+    spaces = {key for each in elements for key, uri in each.attrib.items() if "/xacro" in uri}
+    xacro = {f"{key.removeprefix('xmlns:')}:" for key in spaces} | {"xacro:"}
+    for element in [each for each in elements if each.tag.startswith((*xacro,))][:1]:
+        values.fault(element, "is xacro, not URDF; name the file .xacro to have it expanded")
     links: dict[str, sources.Link] = {}
     joints: dict[str, sources.Joint] = {}
     constraints: dict[str, sources.Constraint] = {}
@@ -283,7 +339,7 @@ def read_urdf(
             if joint.name in joints:
                 values.fault(element, "there is another joint of that name")
             joints[joint.name] = joint
-    rotors, findings = urdf_rotors(root, values, command), _left_out(root, values, friction)
+    rotors = urdf_rotors(root, values, command)
     if not links:
         values.fault(root, "has no <link>")
     if values.faults:
@@ -297,7 +353,7 @@ def read_urdf(
         tuple(rotors),
         spinning=spinning,
         constraints=tuple(constraints.values()),
-        findings=tuple(findings),
+        findings=(*unread([root], _KNOWN), *motor_findings(root), *values.findings),
     )
 
 
@@ -305,8 +361,11 @@ def _link(element: Element, values: Values) -> sources.Link:
     name, inertial = values.name(element), child(element, "inertial")
     if inertial is None:
         return sources.Link(name, line=element.line)
-    mass = values.positive(child(inertial, "mass"), "value")
-    entries = child(inertial, "inertia")
+    heavy, entries = child(inertial, "mass"), child(inertial, "inertia")
+    parts = {"mass": heavy is not None and heavy.get("value"), "inertia": entries is not None}
+    for what in [what for what, there in parts.items() if not there]:
+        values.found("note", name, f"no {what} in the file, which is taken for 0")
+    mass = values.positive(heavy, "value")
     moments = [
         values.number(entries, entry, None if entry[1] == entry[2] else 0.0) for entry in _ENTRIES
     ]
@@ -325,27 +384,33 @@ def _joint(element: Element, values: Values, friction: bool) -> sources.Joint:
         if (end := child(element, tag)) is None:
             values.fault(element, f"has no <{tag}>")
         ends.append("" if end is None else values.name(end, "link"))
-    axis = AXES["z"]
-    if kind in ("revolute", "prismatic"):
+    axis, moves, name = AXES["z"], kind in ("revolute", "prismatic"), values.name(element)
+    if moves:
         axis = _unit(element, values.vector(child(element, "axis"), "xyz", AXES["x"]), values)
     limit = child(element, "limit")
     limits = JointLimits()
-    if limit is not None and word in ("revolute", "prismatic", "continuous"):
+    if limit is not None and moves:
         effort, velocity = values.bound(limit, "effort"), values.bound(limit, "velocity")
-        low, high = values.bound(limit, "lower"), values.bound(limit, "upper")
-        # In URDF a bound that is left out is 0; a continuous joint has none.
-        low = 0.0 if limit.get("lower") is None else low
-        high = 0.0 if limit.get("upper") is None else high
-        if word == "continuous":
-            low = high = None
+        low = high = None
+        if word != "continuous":  # It has none; else a bound that is left out is 0.
+            low = 0.0 if limit.get("lower") is None else values.bound(limit, "lower")
+            high = 0.0 if limit.get("upper") is None else values.bound(limit, "upper")
         if low is not None and high is not None and low > high:
             values.fault(limit, f"lower {low:g} is above upper {high:g}")
         # Files that know no bound of these say 0.
         effort, velocity = (b if b is not None and b > 0.0 else None for b in (effort, velocity))
         limits = JointLimits(low, high, effort, velocity)
-    dynamics = child(element, "dynamics") if kind in ("revolute", "prismatic") else None
+    if (mimic := child(element, "mimic")) is not None:
+        values.found("left out", name, f"that it follows joint {mimic.get('joint', '?')}")
+    dynamics = child(element, "dynamics") if moves else None
+    dry = "0" if dynamics is None else dynamics.get("friction", "0")
+    if not friction:
+        values.findings += sources.untaken_friction(name, dry)
+    for unused in () if moves else (child(element, "axis"), child(element, "dynamics")):
+        pass_over(unused)
+    pass_over(None if moves and word != "continuous" else limit)
     return sources.Joint(
-        values.name(element),
+        name,
         kind,
         ends[0],
         ends[1],
@@ -370,7 +435,7 @@ _IN_CONSTRAINTS = {
     for end in ("parent", "child")
     for tag, keys in {
         end: {"link"},
-        f"{end}_origin": {"xyz", "rpy"},
+        f"{end}_origin": {"xyz", "rpy", "quat_xyzw"},
         f"{end}_axis": {"xyz"},
     }.items()
 }
@@ -413,27 +478,6 @@ def _unit(element: Element, axis: Vector3, values: Values) -> Vector3:
         values.fault(element, "its axis has no length; give a direction such as 0 0 1")
         return AXES["x"]
     return axis if abs(size - 1.0) <= 4e-16 else vector(np.array(axis) / size)
-
-
-def _left_out(root: Element, values: Values, friction: bool) -> list[sources.Finding]:
-    """What the file says that is not imported; `friction` is whether that of joints is."""
-    findings = []
-    counts = Counter(element.tag for element in root.iter())
-    gazebo = [found for found in children(root) if found.tag == "gazebo"]
-    counts["gazebo"] = sum(not all(map(is_motor, children(found))) for found in gazebo)
-    for tag, words in _LEFT_OUT.items():
-        if counts[tag] > 0:
-            findings.append(sources.Finding("left out", words, f"{counts[tag]}"))
-    findings += motor_findings(root)
-    for joint in (found for found in children(root) if found.tag == "joint"):
-        name = joint.get("name", "")
-        if (mimic := child(joint, "mimic")) is not None:
-            other = mimic.get("joint", "?")
-            findings.append(sources.Finding("left out", name, f"that it follows joint {other}"))
-        dynamics = None if friction else child(joint, "dynamics")
-        dry = "0" if dynamics is None else dynamics.get("friction", "0")
-        findings += sources.untaken_friction(name, dry)
-    return findings
 
 
 def motor_findings(root: Element) -> list[sources.Finding]:

@@ -48,10 +48,22 @@ _OTHER_FAULT = "a character that cannot be here; < and & are written &lt; and &a
 
 
 class Element(ET.Element):
-    """An element that knows its line, or where it is if that is not in the file that is read."""
+    """An element that knows its line, or where it is if that is not in the file that is read.
+
+    `read` has the attributes that were asked for, and "" once the element was.
+    """
 
     line: int | None = None
     elsewhere: str = ""
+
+    def __init__(self, *named: Any, **attributes: Any) -> None:
+        super().__init__(*named, **attributes)
+        self.read: set[str] = set()
+
+    def get(self, key: str, default: Any = None) -> Any:
+        """An attribute, which is read by that."""
+        self.read.add(key)
+        return super().get(key, default)
 
 
 class _Refused(Exception):  # noqa: N818 - it never leaves this module
@@ -59,8 +71,11 @@ class _Refused(Exception):  # noqa: N818 - it never leaves this module
 
 
 def child(element: Element, tag: str) -> Element | None:
-    """The first child of a tag, or None."""
-    return next((found for found in children(element) if found.tag == tag), None)
+    """The first child of a tag, which is read by that, or None."""
+    first = next((found for found in children(element) if found.tag == tag), None)
+    if first is not None:
+        first.read.add("")
+    return first
 
 
 def child_text(element: Element | None, tag: str) -> str:
@@ -74,9 +89,14 @@ def children(element: Element) -> list[Element]:
     return [found for found in element if isinstance(found, Element)]
 
 
+def within(element: Element) -> list[Element]:
+    """An element and all within it, in order."""
+    return [found for found in element.iter() if isinstance(found, Element)]
+
+
 def described(element: Element) -> str:
     """An element in words for messages, such as `<joint "rotor1">`."""
-    name = element.get("name")
+    name = element.attrib.get("name")
     tag = printable(element.tag, 40)
     return f"<{tag}>" if name is None else f'<{tag} "{printable(name, 60)}">'
 

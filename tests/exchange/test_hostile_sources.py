@@ -120,7 +120,7 @@ HOSTILE: dict[str, tuple[str | bytes, str]] = {
         "no.obj",
     ),
     "mjcf include": ('<mujoco><include file="no.xml"/></mujoco>', "no.xml: no such file"),
-    "mjcf itself": ('<mujoco><include file="robot.xml"/></mujoco>', "more than 50 files"),
+    "mjcf itself": ('<mujoco><include file="robot.xml"/></mujoco>', "is included already"),
     "mjcf copies": (
         MJCF.format(
             '<replicate count="9999"><replicate count="9999"><geom size="1"/>'
