@@ -198,7 +198,7 @@ class ClosedLoop:
 
         first_effects = zeros(3 + 6 * len(self.around.contacts))
         whole = classical_step(rate, join(x, first_effects), h)
-        x_next = self._passive(x, whole[: self.size], whole[self.size :])
+        x_next = self._held(self._passive(x, whole[: self.size], whole[self.size :]))
         first, *others = stages
         ended = self._ended(self._instant(after, self._curves_at(after)), x_next)
         outputs = {"x_next": x_next, "ended": ended}
@@ -207,6 +207,14 @@ class ClosedLoop:
         for stage in others:
             outputs["refused"] = outputs["refused"] + maximum(stage["refused"], 0.0)
         return self._program("step", (time, h, x), outputs)
+
+    def _held(self, x: Node) -> Node:
+        """A state of which velocities are such as active constraints leave, or places drift."""
+        if not self.around.holds:
+            return x
+        (q, v, *_), n = self.parts(x), self.plant.space.coordinates
+        after, _ = self.plant.impact(q, v, self.given("active", self.plant.constraints))
+        return join(x[:n], after, x[self._work :])
 
     def _passive(self, x: Node, after: Node, done: Node) -> Node:
         """The state after a step, without the energy that contacts gained by what they did."""
