@@ -162,8 +162,8 @@ def returned(
     """Change of velocities (nv) that takes back what energy contacts have `gained`, J, in a step.
 
     It is along what they have `done` (3 + 6 c), as of `effects`, at q and v after the step, and
-    leaves active constraints (g) met. Of a damper that stopped what it met, nothing goes on. What is
-    more than there is along that way, all velocities lose.
+    leaves active constraints (g) met. Of a damper that stopped what it met, nothing goes on. Where
+    there is less along that way, all velocities lose the rest.
     """
     (q, v), still, none = motion, zeros(robot.space.velocities), zeros(robot.inputs)
     parts = [(x.frame, done[6 * k + 3 : 6 * k + 9]) for k, x in enumerate(contacts)]
