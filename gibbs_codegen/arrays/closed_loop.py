@@ -209,11 +209,12 @@ class ClosedLoop:
         return self._program("step", (time, h, x), outputs)
 
     def _held(self, x: Node) -> Node:
-        """A state of which velocities are such as active constraints leave, or places drift."""
-        if not self.around.holds:
+        """A state with velocities that active constraints allow, so that places do not drift."""
+        rigid = constant(self.plant.rigid)
+        if not (self.around.holds and any(self.plant.rigid)):
             return x
         (q, v, *_), n = self.parts(x), self.plant.space.coordinates
-        after, _ = self.plant.impact(q, v, self.given("active", self.plant.constraints))
+        after, _ = self.plant.impact(q, v, self.given("active", self.plant.constraints) * rigid)
         return join(x[:n], after, x[self._work :])
 
     def _passive(self, x: Node, after: Node, done: Node) -> Node:
