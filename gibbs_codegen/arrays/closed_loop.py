@@ -15,19 +15,9 @@ from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
-from gibbs_codegen.arrays import surroundings
+from gibbs_codegen.arrays import impacts, surroundings
 from gibbs_codegen.arrays.base import Motion, base_of, quaternion_motion, unit_entries
-from gibbs_codegen.arrays.contact import (
-    FIGURES,
-    Contact,
-    Touch,
-    bristle_parts,
-    bristles_of,
-    effects,
-    energy_of,
-    returned,
-    touch,
-)
+from gibbs_codegen.arrays.contact import FIGURES, Contact, Touch, bristle_parts, bristles_of, touch
 from gibbs_codegen.arrays.functions import Functions
 from gibbs_codegen.arrays.labels import labelled
 from gibbs_codegen.arrays.laws import (
@@ -225,10 +215,10 @@ class ClosedLoop:
         energies = []
         for state in (x, after):
             q, v, *_, bristles = self.parts(state)
-            energies.append(energy_of(plant, q, v, self.touches(q, v, bristles)))
+            energies.append(impacts.energy_of(plant, q, v, self.touches(q, v, bristles)))
         gained = energies[1] - energies[0] - (after[work] - x[work] - done[0])
         active = self.given("active", plant.constraints) if self.around.holds else None
-        change = returned(plant, contacts, (q, v), gained, done, active)
+        change = impacts.returned(plant, contacts, (q, v), gained, done, active)
         return join(after[: plant.space.coordinates], v + change, after[work:])
 
     def slope(self) -> Program:
@@ -276,7 +266,7 @@ class ClosedLoop:
         rates += self._of_sticking([each.rate for each in touches])
         found = {"rate": join(*rates), "commanded": wanted, "acting": u, "refused": refused}
         velocities = self.plant.frame_velocities(q, v) if touches else zeros(0)
-        return found | {"effects": effects(self.around.contacts, touches, velocities)}
+        return found | {"effects": impacts.effects(self.around.contacts, touches, velocities)}
 
     @labelled
     def commands(self) -> Program:

@@ -17,10 +17,6 @@ So nothing creeps, the force never leaves Coulomb's cone, and what slides slides
 the energy of bristles is ½ s z², of which a point that slides or lets go only loses. Without a
 load z decays with the time constant g / s. No rate is faster than s / g besides those of mass,
 spring and damper, so that equal steps can follow.
-
-Equal steps know neither when a surface is met nor how fast a damper slows what hits it hard, and
-may gain energy. With what they had before, springs and bristles included, and with the work of all
-else it is known how much; `returned` is the part of the contacts' impulse that takes it back.
 """
 
 from __future__ import annotations
@@ -29,23 +25,19 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from gibbs_codegen.arrays.functions import Functions
 from gibbs_codegen.arrays.nodes import (
     Node,
-    absolute,
     choose,
     constant,
-    copysign,
     cross,
     dot,
     join,
     maximum,
     minimum,
-    reshaped,
     square_root,
     zeros,
 )
-from gibbs_codegen.arrays.surroundings import on_frames, origin_of
+from gibbs_codegen.arrays.surroundings import origin_of
 
 # Of figures of a shape and a place (3), how deep that is behind its surface, m, and the unit normal
 # (3) out of it there.
@@ -53,8 +45,8 @@ Surface = Callable[[Node, Node], tuple[Node, Node]]
 # Figures of a wall before those of its shape: the ball's radius, stiffness, damping, dissipation,
 # friction, and stiffness and damping of bristles.
 FIGURES = 7
-# The square of a force, N², that is none; and what is no divisor.
-_NOTHING, _NONE = 1e-18, 1e-30
+# The square of a force, N², that is none.
+_NOTHING = 1e-18
 
 
 @dataclass(frozen=True)
@@ -130,61 +122,6 @@ def touch(contact: Contact, wall: Node, moving: tuple[Node, Node], bristle: Node
     slip = choose(pressed, 0.0, slip, 0.0)
     stored = spring + 0.5 * holds * dot(bristle, bristle)
     return Touch(pressed, normal, drag, slip, depth, wrench, rate, eased, stored)
-
-
-def effects(contacts: tuple[Contact, ...], touches: list[Touch], velocities: Node) -> Node:
-    """What contacts do now (3 + 6 c), of which a step makes what they have done.
-
-    Power, W, parts of normal forces by damping, N, normal forces, N, and the wrench (6) of each.
-    """
-    pairs = list(zip(contacts, touches, strict=True))
-    power = sum((dot(x.wrench, velocities[each.frame]) for each, x in pairs), constant(0.0))
-    eased, normal = (
-        sum((getattr(x, name) for x in touches), constant(0.0)) for name in ("eased", "normal")
-    )
-    return join(power, eased, normal, *(x.wrench for x in touches))
-
-
-def energy_of(robot: Functions, q: Node, v: Node, touches: list[Touch]) -> Node:
-    """Energy, J, of a robot, and of springs and bristles of what touches it."""
-    own: Node = robot.kinetic_energy(q, v) + robot.potential_energy(q)
-    return sum((x.stored for x in touches), own)
-
-
-def returned(
-    robot: Functions,
-    contacts: tuple[Contact, ...],
-    motion: tuple[Node, Node],
-    gained: Node,
-    done: Node,
-    active: Node | None,
-) -> Node:
-    """Change of velocities (nv) that takes back what energy contacts have `gained`, J, in a step.
-
-    It is along what they have `done` (3 + 6 c), as of `effects`, at q and v after the step, and
-    leaves active constraints (g) met. Of a damper that stopped what it met, nothing goes on. Where
-    there is less along that way, all velocities lose the rest.
-    """
-    (q, v), still, none = motion, zeros(robot.space.velocities), zeros(robot.inputs)
-    parts = [(x.frame, done[6 * k + 3 : 6 * k + 9]) for k, x in enumerate(contacts)]
-    impulses = on_frames(parts, robot.frames)
-    pushed = robot.forward_dynamics_with_wrenches(q, still, none, impulses)
-    change = pushed - robot.forward_dynamics(q, still, none)
-    if active is not None:
-        change, _ = robot.impact(q, change, active)
-    speed, yielding = (
-        dot(*(reshaped(x, (6 * robot.frames,)) for x in (impulses, robot.frame_velocities(q, way))))
-        for way in (v, change)
-    )
-    most = 0.5 * speed * speed / maximum(yielding, _NONE)
-    taken = minimum(gained + done[1] / maximum(done[2], _NONE) * most, most)
-    taken = choose(gained, 0.0, taken, 0.0)
-    root = square_root(maximum(speed * speed - 2.0 * taken * yielding, 0.0))
-    share = copysign(2.0 * taken / maximum(absolute(speed) + root, _NONE), speed)
-    left = v - share * change
-    moving = maximum(robot.kinetic_energy(q, left), _NONE)
-    rest = minimum(maximum(gained - taken, 0.0) / moving, 1.0)
-    return square_root(1.0 - rest) * left - v
 
 
 def bristles_of(contacts: tuple[Contact, ...]) -> int:

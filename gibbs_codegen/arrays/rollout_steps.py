@@ -12,16 +12,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gibbs_codegen.arrays.contact import (
-    Contact,
-    Touch,
-    bristle_parts,
-    bristles_of,
-    effects,
-    energy_of,
-    returned,
-    touch,
-)
+from gibbs_codegen.arrays import impacts
+from gibbs_codegen.arrays.contact import Contact, Touch, bristle_parts, bristles_of, touch
 from gibbs_codegen.arrays.functions import Functions
 from gibbs_codegen.arrays.labels import labelled, named
 from gibbs_codegen.arrays.nodes import (
@@ -177,7 +169,7 @@ def rollout_step(
         rates = [robot.actuator_rates(states, u)] if states.size else []
         rates += [found.rate for each, found in pairs if each.sticks]
         if parts.walls:
-            done = effects(contacts, touching, velocities)
+            done = impacts.effects(contacts, touching, velocities)
             rates += [dot(v, robot.inverse_dynamics(q, v, a)) - done[0], done]
         return join(a, *rates)
 
@@ -187,7 +179,7 @@ def rollout_step(
     def energy(q: Node, v: Node) -> tuple[Node, Node]:
         """Energy, J, and the velocities (nv) at which it is taken, of Euler's half a step later."""
         at = v[:m] + 0.5 * h * accelerate(q, v, 0)[:m] if method == "euler" else v[:m]
-        return energy_of(robot, q, at, touches(q, at, v[m + driven : kept])[0]), at
+        return impacts.energy_of(robot, q, at, touches(q, at, v[m + driven : kept])[0]), at
 
     spent = zeros(4 + 6 * len(contacts) if contacts else 0)
     begin = join(x[n : n + m + driven], x[end:], spent)
@@ -198,7 +190,7 @@ def rollout_step(
     if contacts:
         (before, _), (after, at), done = energy(q, begin), energy(q_next, v_next), v_next[kept:]
         gained, held = after - before - done[0], active if parts.active else None
-        change = returned(robot, contacts, (q_next, at), gained, done[1:], held)
+        change = impacts.returned(robot, contacts, (q_next, at), gained, done[1:], held)
         v_next = join(v_next[:m] + change, v_next[m:])
     x_next = join(q_next, v_next[: m + driven], acting[2][:rotors], v_next[m + driven : kept])
     ended = constant(0.0)

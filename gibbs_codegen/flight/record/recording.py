@@ -13,7 +13,6 @@ import numpy as np
 from gibbs_codegen.flight.desired.trajectory import TimedMotion
 from gibbs_codegen.flight.integration.closed_loop import ClosedLoop, Parts
 from gibbs_codegen.flight.integration.state_history import InputRanges, StateHistory
-from gibbs_codegen.flight.plant.actuators import has_battery
 from gibbs_codegen.flight.plant.vehicle import Array, Vehicle
 from gibbs_codegen.flight.record.flight import Flight
 from gibbs_codegen.flight.record.series import RANGES, point_parents
@@ -86,7 +85,11 @@ class Recording:
             "contact_depth": lambda: self._motion["contacts"][..., 7],
             "hold_names": lambda: tuple(getattr(vehicle.module, "CONSTRAINT_ROWS", ())),
             "hold_forces": lambda: self._motion["holding"],
-            "hold_errors": self._hold_errors,
+            "hold_errors": lambda: (
+                vehicle.function("constraint_errors")(self._parts.q)
+                if scenario.holds
+                else np.zeros((len(time), 0))
+            ),
             "held": lambda: tuple(each.constraint for each in scenario.holds),
             "hold_times": lambda: np.reshape([(x.begin, x.end) for x in scenario.holds], (-1, 2)),
             "impacts": lambda: self.history.impacts,
@@ -112,15 +115,12 @@ class Recording:
             "command_units": lambda: vehicle.description("COMMAND_UNITS"),
             "actuator_names": lambda: vehicle.actuator_states,
             "commands": lambda: self._sent[1],
-            "actuators": self._actuators,
+            # The step in which a battery runs empty may leave it below that.
+            "actuators": lambda: np.maximum(
+                self._parts.actuators,
+                np.where(np.array(vehicle.actuator_states) == "charge", 0.0, -np.inf),
+            ),
         }
-
-    def _actuators(self) -> Array:
-        """States (s, x) of motors, servos and the battery, which a step may leave below empty."""
-        found = self._parts.actuators.copy()
-        if has_battery(self.loop.vehicle):
-            found[:, -1] = np.maximum(found[:, -1], 0.0)
-        return found
 
     @property
     def _time(self) -> Array:
@@ -205,13 +205,6 @@ class Recording:
         last = partial(loop.sensors.measurements, *(each[-1] for each in moved))
         loop.hold.readings.take(time[-1], last)
         return loop.hold.readings.series(time)
-
-    def _hold_errors(self) -> Array:
-        """How far (s, l), m and rad, the constraints are from being met, of flights with holds."""
-        if not self.scenario.holds:
-            return np.zeros((len(self._time), 0))
-        found: Array = self.loop.vehicle.function("constraint_errors")(self._parts.q)
-        return found
 
     def _disc_radii(self) -> Array:
         """Radii (N), m, of the discs of rotors, 0 where neither scenario nor robot says them."""

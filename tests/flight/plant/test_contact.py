@@ -233,7 +233,7 @@ def test_energy_never_grows_by_contact(block: ModuleType) -> None:
 def test_no_impact_adds_energy_at_the_default_step(
     method: Any, stiffness: float, dissipation: float, speed: float, folder: Path
 ) -> None:
-    """Into a corner, of a body that is free: in 16 of 18 throws it was more before."""
+    """Into a corner, of a body that is free: against the energy with which it begins."""
     module, own = load(folder, "numpy"), {"frame": FEET[0], "stiffness": stiffness}
     own |= {"dissipation": dissipation, "friction": 0.3}
     walls = [

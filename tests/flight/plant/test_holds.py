@@ -18,15 +18,14 @@ from gibbs_codegen.cli.app import main
 from gibbs_codegen.errors import MissingFunctionError, UsageError
 from gibbs_codegen.flight.control.observation import Observation
 from gibbs_codegen.flight.integration.compiled_loop import CompiledSlope
-from gibbs_codegen.flight.integration.integrators import Integration
+from gibbs_codegen.flight.integration.integrators import Integration, integrate
 from gibbs_codegen.flight.many import simulate_many
 from gibbs_codegen.flight.record.flight import Flight, read_flight
+from gibbs_codegen.flight.record.recording import flight_of
 from gibbs_codegen.flight.rollouts.rollout import rollout
 from gibbs_codegen.flight.scenario.file import parse_scenario, read_scenario
 from gibbs_codegen.flight.scenario.parts import Hold, Payload, Push, StartOffset, Wind
 from gibbs_codegen.flight.scenario.scenario import Scenario
-from gibbs_codegen.flight.integration.integrators import integrate
-from gibbs_codegen.flight.record.recording import flight_of
 from gibbs_codegen.flight.scenario.walls import Plane
 from gibbs_codegen.flight.simulation import flight_start, simulate
 from gibbs_codegen.flight.stepping import Simulation
