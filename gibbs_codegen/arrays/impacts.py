@@ -61,13 +61,7 @@ def returned(
         change, _ = robot.impact(q, change, active)
     flat = nodes.reshaped(impulses, (6 * robot.frames,))
     speed, yielding = (
-        dot(
-            *(
-                nodes.reshaped(x, (6 * robot.frames,))
-                for x in (impulses, robot.frame_velocities(q, way))
-            )
-        )
-        for way in (v, change)
+        dot(flat, nodes.reshaped(robot.frame_velocities(q, way), flat.shape)) for way in (v, change)
     )
     most = 0.5 * speed * speed / maximum(yielding, _NONE)
     taken = minimum(gained + done[1] / maximum(done[2], _NONE) * most, most)
