@@ -198,6 +198,12 @@ class ClosedLoop:
             outputs["refused"] = outputs["refused"] + maximum(stage["refused"], 0.0)
         return self._program("step", (time, h, x), outputs)
 
+    def after(self) -> Program:
+        """As `step`, `x_next` and `refused` alone, for which held inputs need no desired motion."""
+        step = self.step()
+        outputs = {name: step.outputs[name] for name in ("x_next", "refused")}
+        return self._program("after", step.inputs[:3], outputs)
+
     def _held(self, x: Node) -> Node:
         """A state with velocities that active constraints allow, so that places do not drift."""
         rigid = constant(self.plant.rigid)

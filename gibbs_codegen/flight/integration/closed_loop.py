@@ -332,7 +332,7 @@ class ClosedLoop:
         """The state (size) after one step of the classical method of Runge and Kutta, of s."""
         if not np.all(np.isfinite(state)):
             return np.full_like(state, np.nan)
-        return self._found("step", loads, {"time": time, "x": state, "h": size})["x_next"]
+        return self._found("after", loads, {"time": time, "x": state, "h": size})["x_next"]
 
     def begun(self, interval: SmoothInterval, state: Array) -> tuple[SmoothInterval, str]:
         """An interval with the inputs held through it, after samples that are due, and a reason.

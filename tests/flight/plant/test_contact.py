@@ -235,7 +235,7 @@ def test_no_impact_adds_energy_at_the_default_step(
 ) -> None:
     """Into a corner, of a body that is free: against the energy with which it begins."""
     module, own = load(folder, "numpy"), {"frame": FEET[0], "stiffness": stiffness}
-    own |= {"dissipation": dissipation, "friction": 0.3}
+    own |= {"dissipation": dissipation}
     walls = [
         own | {"point": [0.2005, 0.0, 0.0], "normal": [-1, 0, 0]},
         own | {"point": [0.0, 0.1503, 0.0], "normal": [0, -1, 0]},
