@@ -224,8 +224,9 @@ class ClosedLoop:
             energies.append(impacts.energy_of(plant, q, v, self.touches(q, v, bristles)))
         gained = energies[1] - energies[0] - (after[work] - x[work] - done[0])
         active = self.given("active", plant.constraints) if self.around.holds else None
-        change = impacts.returned(plant, contacts, (q, v), gained, done, active)
-        return join(after[: plant.space.coordinates], v + change, after[work:])
+        change, stuck = impacts.returned(plant, contacts, (q, v), gained, done, active)
+        n = plant.space.coordinates
+        return join(choose(stuck, 0.0, x[:n], after[:n]), v + change, after[work:])
 
     def slope(self) -> Program:
         """The time derivative `rate` of x at a time, and `refused` as of a step."""

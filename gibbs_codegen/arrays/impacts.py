@@ -45,12 +45,13 @@ def returned(
     gained: Node,
     done: Node,
     active: Node | None,
-) -> Node:
+) -> tuple[Node, Node]:
     """Change of velocities (nv) that takes back what energy contacts have `gained`, J, in a step.
 
     It is along what they have `done` (3 + 6 c), as of `effects`, at q and v after the step, and
     leaves active constraints (g) met. Of a damper that stopped what it met, nothing goes on. Where
-    there is less along that way, all velocities lose the rest.
+    there is less along that way, all velocities lose the rest. The second is above 0 where they
+    have less than that: then the robot must stay where it was before the step.
     """
     (q, v), still, none = motion, zeros(robot.space.velocities), zeros(robot.inputs)
     parts = [(x.frame, done[6 * k + 3 : 6 * k + 9]) for k, x in enumerate(contacts)]
@@ -71,4 +72,4 @@ def returned(
     left = v - share * change
     moving = maximum(robot.kinetic_energy(q, left), _NONE)
     rest = minimum(maximum(gained - taken, 0.0) / moving, 1.0)
-    return square_root(1.0 - rest) * left - v
+    return square_root(1.0 - rest) * left - v, gained - taken - moving

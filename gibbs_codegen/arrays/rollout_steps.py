@@ -20,6 +20,7 @@ from gibbs_codegen.arrays.nodes import (
     Input,
     Node,
     Program,
+    choose,
     clip,
     constant,
     coordinates_of,
@@ -176,22 +177,26 @@ def rollout_step(
     def move(q: Node, displacement: Node) -> Node:
         return _moved(robot, q, displacement[:m])
 
-    def energy(q: Node, v: Node) -> tuple[Node, Node]:
-        """Energy, J, and the velocities (nv) at which it is taken, of Euler's half a step later."""
-        at = v[:m] + 0.5 * h * accelerate(q, v, 0)[:m] if method == "euler" else v[:m]
-        return impacts.energy_of(robot, q, at, touches(q, at, v[m + driven : kept])[0]), at
-
     spent = zeros(4 + 6 * len(contacts) if contacts else 0)
     begin = join(x[n : n + m + driven], x[end:], spent)
     q_next, v_next = METHODS[method](move, accelerate, q, begin, h)
     if parts.active:
         q_next, own_next = projected(robot, move, q_next, v_next[:m], active)
         v_next = join(own_next, v_next[m:])
-    if contacts:
-        (before, _), (after, at), done = energy(q, begin), energy(q_next, v_next), v_next[kept:]
-        gained, held = after - before - done[0], active if parts.active else None
-        change = impacts.returned(robot, contacts, (q_next, at), gained, done[1:], held)
+    if contacts and method == "rk4":
+        before, after = (
+            impacts.energy_of(robot, *at, touches(*at, strain)[0])
+            for at, strain in (
+                ((q, begin[:m]), begin[m + driven : kept]),
+                ((q_next, v_next[:m]), v_next[m + driven : kept]),
+            )
+        )
+        gained, held = after - before - v_next[kept], active if parts.active else None
+        motion, done = (q_next, v_next[:m]), v_next[kept + 1 :]
+        change, stuck = impacts.returned(robot, contacts, motion, gained, done, held)
         v_next = join(v_next[:m] + change, v_next[m:])
+        place = choose(stuck, 0.0, entries_of(q), entries_of(q_next))
+        q_next = coordinates_of(place, robot.space)
     x_next = join(q_next, v_next[: m + driven], acting[2][:rotors], v_next[m + driven : kept])
     ended = constant(0.0)
     if parts.bounds:
