@@ -167,7 +167,7 @@ class CProgram:
         if _name_of(x) in _ANGLES and not self.is_plain:
             return False
         if len(readers) == 1 and x.shape == () and self._is_piece(readers[0]):
-            return True
+            return isinstance(x.operation, nodes.Elementary)
         if len(readers) != 1 or self.uniform(x) != self.uniform(readers[0]):
             return False
         reader = readers[0]

@@ -15,7 +15,7 @@ from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
-from gibbs_codegen.arrays import surroundings
+from gibbs_codegen.arrays import impacts, surroundings
 from gibbs_codegen.arrays.base import Motion, base_of, quaternion_motion, unit_entries
 from gibbs_codegen.arrays.contact import FIGURES, Contact, Touch, bristle_parts, bristles_of, touch
 from gibbs_codegen.arrays.functions import Functions
@@ -183,10 +183,12 @@ class ClosedLoop:
         times, stages = (time, time + 0.5 * h, after), list[dict[str, Node]]()
 
         def rate(x: Node, halves: int) -> Node:
-            stages.append(self._rates(times[halves], x))
-            return stages[-1]["rate"]
+            stages.append(self._rates(times[halves], x[: self.size]))
+            return join(stages[-1]["rate"], stages[-1]["effects"])
 
-        x_next = classical_step(rate, x, h)
+        first_effects = zeros(3 + 6 * len(self.around.contacts))
+        whole = classical_step(rate, join(x, first_effects), h)
+        x_next = self._held(self._passive(x, whole[: self.size], whole[self.size :]))
         first, *others = stages
         ended = self._ended(self._instant(after, self._curves_at(after)), x_next)
         outputs = {"x_next": x_next, "ended": ended}
@@ -195,6 +197,36 @@ class ClosedLoop:
         for stage in others:
             outputs["refused"] = outputs["refused"] + maximum(stage["refused"], 0.0)
         return self._program("step", (time, h, x), outputs)
+
+    def after(self) -> Program:
+        """As `step`, `x_next` and `refused` alone, for which held inputs need no desired motion."""
+        step = self.step()
+        outputs = {name: step.outputs[name] for name in ("x_next", "refused")}
+        return self._program("after", step.inputs[:3], outputs)
+
+    def _held(self, x: Node) -> Node:
+        """A state with velocities that active constraints allow, so that places do not drift."""
+        rigid = constant(self.plant.rigid)
+        if not (self.around.holds and any(self.plant.rigid)):
+            return x
+        (q, v, *_), n = self.parts(x), self.plant.space.coordinates
+        after, _ = self.plant.impact(q, v, self.given("active", self.plant.constraints) * rigid)
+        return join(x[:n], after, x[self._work :])
+
+    def _passive(self, x: Node, after: Node, done: Node) -> Node:
+        """The state after a step, without the energy that contacts gained by what they did."""
+        contacts, plant, work = self.around.contacts, self.plant, self._work
+        if not contacts:
+            return after
+        energies = []
+        for state in (x, after):
+            q, v, *_, bristles = self.parts(state)
+            energies.append(impacts.energy_of(plant, q, v, self.touches(q, v, bristles)))
+        gained = energies[1] - energies[0] - (after[work] - x[work] - done[0])
+        active = self.given("active", plant.constraints) if self.around.holds else None
+        change, stuck = impacts.returned(plant, contacts, (q, v), gained, done, active)
+        n = plant.space.coordinates
+        return join(choose(stuck, 0.0, x[:n], after[:n]), v + change, after[work:])
 
     def slope(self) -> Program:
         """The time derivative `rate` of x at a time, and `refused` as of a step."""
@@ -239,7 +271,9 @@ class ClosedLoop:
         if self.integral:
             rates.append(self._remembered(at, q, v, memory, wanted))
         rates += self._of_sticking([each.rate for each in touches])
-        return {"rate": join(*rates), "commanded": wanted, "acting": u, "refused": refused}
+        found = {"rate": join(*rates), "commanded": wanted, "acting": u, "refused": refused}
+        velocities = self.plant.frame_velocities(q, v) if touches else zeros(0)
+        return found | {"effects": impacts.effects(self.around.contacts, touches, velocities)}
 
     @labelled
     def commands(self) -> Program:

@@ -68,7 +68,8 @@ class Touch(NamedTuple):
 
     The force `normal` along the unit `direction` (3), N, the `friction` (3), N, at which velocity
     the point of the surface slides, `slip` (3), m/s, 0 where nothing presses, and how deep the ball
-    is, `depth`, m; the `wrench` (6) on the frame, and the `rate` (3) of the bristle.
+    is, `depth`, m; the `wrench` (6) on the frame, and the `rate` (3) of the bristle. `eased` is the
+    part of the normal force by damping, N, `stored` the energy of spring and bristle, J.
     """
 
     normal: Node
@@ -78,6 +79,8 @@ class Touch(NamedTuple):
     depth: Node
     wrench: Node
     rate: Node
+    eased: Node
+    stored: Node
 
     @property
     def series(self) -> Node:
@@ -99,11 +102,14 @@ def touch(contact: Contact, wall: Node, moving: tuple[Node, Node], bristle: Node
     inwards = -dot(normal, velocity[:3])
     pressed = stiffness * depth * (1.0 + dissipation * inwards) + damping * inwards
     pressed = choose(depth, 0.0, maximum(pressed, 0.0), 0.0)
+    inside = maximum(depth, 0.0)
+    eased, spring = maximum(pressed - stiffness * inside, 0.0), 0.5 * stiffness * inside * inside
     lever = -ball * normal
     along = velocity[:3] + cross(velocity[3:], lever) + inwards * normal
     if not contact.sticks:
         none, slip = zeros(3), choose(pressed, 0.0, along, 0.0)
-        return Touch(pressed, normal, none, slip, depth, join(pressed * normal, none), none)
+        wrench = join(pressed * normal, none)
+        return Touch(pressed, normal, none, slip, depth, wrench, none, eased, spring)
     across = bristle - dot(bristle, normal) * normal
     pull = holds * across + eases * along
     size = square_root(maximum(dot(pull, pull), _NOTHING))
@@ -114,7 +120,8 @@ def touch(contact: Contact, wall: Node, moving: tuple[Node, Node], bristle: Node
     rate = along - slip - holds / eases * (bristle - across)
     wrench = join(pressed * normal + drag, cross(lever, drag))
     slip = choose(pressed, 0.0, slip, 0.0)
-    return Touch(pressed, normal, drag, slip, depth, wrench, rate)
+    stored = spring + 0.5 * holds * dot(bristle, bristle)
+    return Touch(pressed, normal, drag, slip, depth, wrench, rate, eased, stored)
 
 
 def bristles_of(contacts: tuple[Contact, ...]) -> int:

@@ -40,6 +40,11 @@ class Functions:
         self.frames = len(module.FRAMES)
         self.actuator_states = len(getattr(module, "ACTUATOR_STATES", ()))
         self.constraints = len(getattr(module, "CONSTRAINTS", ()))
+        # Of each constraint 1, but 0 where its errors go back to zero.
+        self.rigid = [
+            float(f"constraint_{name}_frequency" not in module.PARAMETERS)
+            for name in getattr(module, "CONSTRAINTS", ())
+        ]
         # Of rotors on which the air acts their numbers, hubs' frames, and what it does to them.
         inputs, frames = list(module.INPUTS), list(module.FRAMES)
         self.air = [

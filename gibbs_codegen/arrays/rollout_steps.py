@@ -12,16 +12,19 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gibbs_codegen.arrays.contact import Contact, bristle_parts, bristles_of, touch
+from gibbs_codegen.arrays import impacts
+from gibbs_codegen.arrays.contact import Contact, Touch, bristle_parts, bristles_of, touch
 from gibbs_codegen.arrays.functions import Functions
 from gibbs_codegen.arrays.labels import labelled, named
 from gibbs_codegen.arrays.nodes import (
     Input,
     Node,
     Program,
+    choose,
     clip,
     constant,
     coordinates_of,
+    dot,
     entries_of,
     join,
     maximum,
@@ -127,22 +130,33 @@ def rollout_step(
         way = actuators - settled
         acting = [join(settled + own["lag"][k] * way, efforts) for k in range(3)]
 
+    contacts, kept = tuple(contact for contact, _ in parts.walls), m + driven + parts.bristles
+
+    def touches(q: Node, v: Node, bristles: Node) -> tuple[list[Touch], Node]:
+        """What contacts do, and velocities (f, 6) of the frames."""
+        poses, velocities = robot.frame_poses(q), robot.frame_velocities(q, v)
+        found = [
+            touch(each, constant(np.array(wall)), (poses[each.frame], velocities[each.frame]), z)
+            for (each, wall), z in zip(parts.walls, bristle_parts(contacts, bristles), strict=True)
+        ]
+        return found, velocities
+
     def accelerate(q: Node, v: Node, halves: int) -> Node:
-        """Accelerations, and rates of states of actuators and bristles, which follow in v."""
-        v, states, bristles = v[:m], v[m : m + driven], v[m + driven :]
+        """Accelerations, and rates of states of actuators and bristles, which follow in v.
+
+        Where there are walls, also the power of all but contacts, and what these do.
+        """
+        v, states, bristles = v[:m], v[m : m + driven], v[m + driven : kept]
         inputs = robot.inputs_of(q, v, states, u) if robot.driven else acting[halves]
-        wrenches, acting_on, bristle_rates = own.get("wrenches"), [], []
-        if robot.air or parts.walls:
-            moving = poses, velocities = robot.frame_poses(q), robot.frame_velocities(q, v)
+        wrenches, acting_on, touching = own.get("wrenches"), [], list[Touch]()
         if robot.air:
-            speeds = robot.rotor_speeds(states, u)
+            velocities = robot.frame_velocities(q, v)
+            speeds, moving = robot.rotor_speeds(states, u), (robot.frame_poses(q), velocities)
             acting_on += air_on_rotors(robot, moving, speeds, inputs, zeros(3))
-        strains = bristle_parts(tuple(contact for contact, _ in parts.walls), bristles)
-        for (contact, wall), bristle in zip(parts.walls, strains, strict=True):
-            of_frame = poses[contact.frame], velocities[contact.frame]
-            found = touch(contact, constant(np.array(wall)), of_frame, bristle)
-            acting_on.append((contact.frame, found.wrench))
-            bristle_rates += [found.rate] if contact.sticks else []
+        if parts.walls:
+            touching, velocities = touches(q, v, bristles)
+        pairs = list(zip(contacts, touching, strict=True))
+        acting_on += [(each.frame, found.wrench) for each, found in pairs]
         if acting_on:
             on_all = on_frames(acting_on, robot.frames)
             wrenches = on_all if wrenches is None else wrenches + on_all
@@ -154,17 +168,36 @@ def rollout_step(
         elif a is None:
             a = robot.forward_dynamics(q, v, inputs)
         rates = [robot.actuator_rates(states, u)] if states.size else []
-        return join(a, *rates, *bristle_rates)
+        rates += [found.rate for each, found in pairs if each.sticks]
+        if parts.walls:
+            done = impacts.effects(contacts, touching, velocities)
+            rates += [dot(v, robot.inverse_dynamics(q, v, a)) - done[0], done]
+        return join(a, *rates)
 
     def move(q: Node, displacement: Node) -> Node:
         return _moved(robot, q, displacement[:m])
 
-    begin = join(x[n : n + m + driven], x[end:])
+    spent = zeros(4 + 6 * len(contacts) if contacts else 0)
+    begin = join(x[n : n + m + driven], x[end:], spent)
     q_next, v_next = METHODS[method](move, accelerate, q, begin, h)
     if parts.active:
         q_next, own_next = projected(robot, move, q_next, v_next[:m], active)
         v_next = join(own_next, v_next[m:])
-    x_next = join(q_next, v_next[: m + driven], acting[2][:rotors], v_next[m + driven :])
+    if contacts and method == "rk4":
+        before, after = (
+            impacts.energy_of(robot, *at, touches(*at, strain)[0])
+            for at, strain in (
+                ((q, begin[:m]), begin[m + driven : kept]),
+                ((q_next, v_next[:m]), v_next[m + driven : kept]),
+            )
+        )
+        gained, held = after - before - v_next[kept], active if parts.active else None
+        motion, done = (q_next, v_next[:m]), v_next[kept + 1 :]
+        change, stuck = impacts.returned(robot, contacts, motion, gained, done, held)
+        v_next = join(v_next[:m] + change, v_next[m:])
+        place = choose(stuck, 0.0, entries_of(q), entries_of(q_next))
+        q_next = coordinates_of(place, robot.space)
+    x_next = join(q_next, v_next[: m + driven], acting[2][:rotors], v_next[m + driven : kept])
     ended = constant(0.0)
     if parts.bounds:
         moved = x_next[: n + m]

@@ -100,6 +100,8 @@ def print_events(flight: Flight, walls: Sequence[Wall]) -> None:
         words += f"{forces[-1]:.3g} N at the end"
         on = printable(", ".join(wall.frames))
         print(f"wall {k}, on {on}: {words if forces.any() else 'not touched'}")
+    for words in flight.hold_summaries:
+        print(printable(words, 400))
     if collisions := collisions_of(flight):
         print(f"collisions: {printable(collisions, 400)}")
     if limits := reached_limits(flight):

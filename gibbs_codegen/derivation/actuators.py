@@ -6,7 +6,8 @@ A rotor's level is a thrust, a speed or a throttle, and follows what it is comma
 
 A throttle's target is the command times the battery's voltage over the nominal one. The battery
 gives the power P of all rotors, drag·F·Ω by its efficiency, and of all else: with the voltage U₀ of
-its charge and the resistance R its voltage is U = (U₀ + √(U₀² − 4 R P))/2 and its current P/U.
+its charge and the resistance R its voltage is U = (U₀ + √(U₀² − 4 R P))/2 and its current P/U. Of
+an empty one the charge stays, and the voltage is the least.
 
 A servo pushes with stiffness·e − damping·rate, within its torque, where e is the way to its
 reference, less the backlash. The reference r follows the command with dr/dt = (command − r)/delay,
@@ -198,7 +199,8 @@ class Actuators:
             if kind == "charge":
                 with self._tape.group("discharge of the battery"):
                     capacity = self.symbolic.parameters.battery["capacity"]
-                    found.append(-let(current * let(1 / let(3600 * capacity))))
+                    rate = let(current * let(1 / let(3600 * capacity)))
+                    found.append(-let(above(self._tape, state) * rate))  # None is left below 0.
             elif kind == "rotor":
                 with self._tape.group("lag of the rotors"):
                     found.append(self._level_rate(i, state, voltage))

@@ -178,7 +178,8 @@ class Actuators:
                 limit = servo.numbers.get("rate") or np.inf
                 found.append(Measured(np.clip(rate, -limit, limit), size))
         if battery:
-            found.append(battery.rate)
+            left = given.x[:, -1] > 0.0
+            found.append(Measured(left * battery.rate.value, battery.rate.size))
         return found
 
     def _level_rate(

@@ -328,6 +328,12 @@ class ClosedLoop:
             return np.full_like(state, np.nan)
         return self._found("slope", loads, {"time": time, "x": state})["rate"]
 
+    def step(self, time: float, state: Array, size: float, loads: Loads = NOTHING) -> Array:
+        """The state (size) after one step of the classical method of Runge and Kutta, of s."""
+        if not np.all(np.isfinite(state)):
+            return np.full_like(state, np.nan)
+        return self._found("after", loads, {"time": time, "x": state, "h": size})["x_next"]
+
     def begun(self, interval: SmoothInterval, state: Array) -> tuple[SmoothInterval, str]:
         """An interval with the inputs held through it, after samples that are due, and a reason.
 

@@ -32,6 +32,8 @@ from gibbs_codegen.flight.scenario.walls import Wall, bristle, surface_at
 
 # A rate, rad/s or m/s, next to which dry friction is as it is about rest.
 _AT_REST = 1e-9
+# Of levels, next to what any command makes them at rest.
+_FAR = 10.0
 # Of errors that a servo corrects, s: their rates have no bound.
 _LEAST_PEAK = 1e-12
 # What to try instead of a law, where it is not lower gains.
@@ -265,7 +267,7 @@ def stable_modes(loop: ClosedLoop) -> list[Mode]:
     others = wall_modes(loop.vehicle, walls, _configurations(loop)) if walls else []
     others += _drag_modes(loop)
     if loop.controller.law != "off":
-        others += joint_modes(loop.vehicle, _configurations(loop))
+        others += lag_modes(loop.vehicle) + joint_modes(loop.vehicle, _configurations(loop))
     return sorted([*found, *others], reverse=True)
 
 
@@ -381,6 +383,29 @@ def joint_modes(vehicle: Vehicle, q: Array) -> list[Mode]:
         cause, remedy = "dry friction about rest", "a greater velocity of it"
     words = f"the {cause} of {vehicle.joint_names[joint]}", f"{remedy}, or the armature of a gear"
     return [Mode(abs(fastest), *words, fastest)]
+
+
+def lag_modes(vehicle: Vehicle) -> list[Mode]:
+    """Modes of states of motors and servos that follow their commands, up and down.
+
+    Rates are linear on either side of where a state is to be, whatever the parameters.
+    """
+    if not vehicle.is_driven or not vehicle.actuator_states:
+        return []
+    still, found = np.zeros(vehicle.layout.v.size), []
+    rest = vehicle.command_of(vehicle.neutral, still, np.zeros(len(vehicle.inputs)))
+    x = vehicle.actuator_state_of(rest)
+    for k, name in enumerate(vehicle.actuator_states):
+        unit = np.eye(len(x))[k]
+        # Far from rest both time constants of levels are met, and near it references, whose rates
+        # have limits.
+        for aside, step in ((0.0, _AT_REST), (0.0, -_AT_REST), (_FAR, 1.0), (-_FAR, -1.0)):
+            ends = (x + each * unit for each in (aside, aside + step))
+            near, further = (vehicle.actuator_rates(end, rest)[k] for end in ends)
+            if (rate := float(near - further) / step) > 0.0:
+                remedy = f"a longer time constant or delay of it than {1.0 / rate:.3g} s, or none"
+                found.append(Mode(rate, f"the lag of {name}", remedy, complex(-rate)))
+    return found
 
 
 def _configurations(loop: ClosedLoop) -> Array:

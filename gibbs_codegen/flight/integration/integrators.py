@@ -132,17 +132,8 @@ class FixedStepIntegrator:
                 return taken, kept, last, compiled.goes_on
         inputs.state(time, state)
         with np.errstate(all="ignore"):
-            state = rk4_step(self.loop, time, state, stretch.step, loads)
+            state = self.loop.step(time, state, stretch.step, loads)
         return 1, state[np.newaxis][: (number + 1) % stretch.every == 0], state, False
-
-
-def rk4_step(loop: ClosedLoop, time: float, state: Array, size: float, loads: Loads) -> Array:
-    """The state (size) after one step of the classical method of Runge and Kutta."""
-    first = loop.derivative(time, state, loads)
-    second = loop.derivative(time + size / 2.0, state + size / 2.0 * first, loads)
-    third = loop.derivative(time + size / 2.0, state + size / 2.0 * second, loads)
-    fourth = loop.derivative(time + size, state + size * third, loads)
-    return state + size / 6.0 * (first + 2.0 * second + 2.0 * third + fourth)
 
 
 def check_stability(loop: ClosedLoop, size: float) -> None:

@@ -23,7 +23,7 @@ Arrays = dict[str, NDArray[Any]]
 _NUMBERS: dict[str, Any] = {"control_rate": float, "tangent_arm": int}
 _NUMBERS |= {"weight": float, "gravity": float}
 _OF_NO_TIME = NO_SERIES | {"parents", "thrust_directions", "wall_forces", "commands", "actuators"}
-_OF_NO_TIME |= {"hold_forces", "sensors", "battery"}
+_OF_NO_TIME |= {"hold_errors", "hold_forces", "sensors", "battery"}
 _OF_NO_TIME |= {f"contact_{each}" for each in ("forces", "friction", "slip", "depth")}
 _WANTED = "give the flight.npz that `gibbs-codegen simulate` wrote, or what write_npz wrote"
 

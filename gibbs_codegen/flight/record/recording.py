@@ -87,6 +87,13 @@ class Recording:
             "contact_depth": lambda: self._motion["contacts"][..., 7],
             "hold_names": lambda: tuple(getattr(vehicle.module, "CONSTRAINT_ROWS", ())),
             "hold_forces": lambda: self._motion["holding"],
+            "hold_errors": lambda: (
+                vehicle.function("constraint_errors")(self._parts.q)
+                if scenario.holds
+                else np.zeros((len(time), 0))
+            ),
+            "held": lambda: tuple(each.constraint for each in scenario.holds),
+            "hold_times": lambda: np.reshape([(x.begin, x.end) for x in scenario.holds], (-1, 2)),
             "impacts": lambda: self.history.impacts,
             "disc_radii": self._disc_radii,
             "joint_limits": lambda: loop.actuators.joints,
@@ -111,7 +118,11 @@ class Recording:
             "command_units": lambda: vehicle.description("COMMAND_UNITS"),
             "actuator_names": lambda: vehicle.actuator_states,
             "commands": lambda: self._sent[1],
-            "actuators": lambda: self._parts.actuators,
+            # The step in which a battery runs empty may leave it below that.
+            "actuators": lambda: np.maximum(
+                self._parts.actuators,
+                np.where(np.array(vehicle.actuator_states) == "charge", 0.0, -np.inf),
+            ),
             "battery": self._battery,
         }
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import itertools
 import os
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, fields
@@ -29,13 +30,15 @@ RANGES = ("commanded_least", "commanded_greatest", "applied_least", "applied_gre
 NO_SERIES = frozenset(
     {
         *("base_arm_angles_desired", "binding_times", "contact_walls", "disc_radii", "gusts"),
-        *("impacts", "input_limits", "joint_limits", "walls"),
+        *("hold_times", "impacts", "input_limits", "joint_limits", "walls"),
     }
 )
 # Rows of a CSV that are written at a time.
 _ROWS = 4096
 # A wall carries a robot that rests on it by no more than this share of the weight.
 _RESTS = 1.01
+# What names of rows of constraints end in that hold places, not attitudes.
+_LINEAR_ROWS = frozenset({"x", "y", "z", "distance", "normal"})
 Column = tuple[str, str, Array]
 StrPath = str | os.PathLike[str]
 # What the names of columns of inputs end in, and the series.
@@ -100,7 +103,9 @@ class Flight:
     velocity at which it slides, 0 where it sticks or is away, `contact_depth` (s, c), m, how
     deep it is, negative outside.
     `hold_forces` (s, l), N and N m, are those of constraints by `hold_names`, the rows of these, in
-    the axes of their anchors; 0 of constraints that do not hold. `impacts` (i, 2) are when
+    the axes of their anchors; 0 of constraints that do not hold. `hold_errors` (s, l), m and rad,
+    are how far these are from being met, (s, 0) in flights without holds. The constraints `held`
+    (h) are so from and to `hold_times` (h, 2), s. `impacts` (i, 2) are when
     constraints took hold, s, and the energy that was lost, J; the `work` has it. A sample of that
     instant is of after the impact.
     `sensors` (s, m) are what the robot's sensors had told last at each sample, by `sensor_names`
@@ -176,6 +181,9 @@ class Flight:
     contact_depth: Array = field(default_factory=lambda: np.zeros((0, 0)), repr=False)
     hold_names: tuple[str, ...] = ()
     hold_forces: Array = field(default_factory=lambda: np.zeros((0, 0)), repr=False)
+    hold_errors: Array = field(default_factory=lambda: np.zeros((0, 0)), repr=False)
+    held: tuple[str, ...] = ()
+    hold_times: Array = field(default_factory=lambda: np.zeros((0, 2)), repr=False)
     impacts: Array = field(default_factory=lambda: np.zeros((0, 2)), repr=False)
     disc_radii: Array = field(default_factory=lambda: np.zeros(0), repr=False)
     joint_limits: Array = field(default_factory=lambda: np.zeros((2, 0)), repr=False)
@@ -247,11 +255,38 @@ class Flight:
             for k in deep
         )
         charge = dict(zip(self.actuator_names, self.actuators.T, strict=True)).get("charge")
-        empty = () if charge is None else np.flatnonzero(charge < 0.0)
+        empty = () if charge is None else np.flatnonzero(charge <= 0.0)
         return inside + tuple(
             f"The battery is empty at t = {self.time[k]:.4g} s; the flight goes on with what it "
             "gives then, which no battery does."
             for k in empty[:1]
+        )
+
+    @property
+    def hold_summaries(self) -> tuple[str, ...]:
+        """Of each hold when it took hold and let go, the impact, the greatest force and the drift.
+
+        The drift is the largest change of an error, m, while it holds.
+        """
+        return tuple(itertools.starmap(self._hold_summary, enumerate(self.held)))
+
+    def _hold_summary(self, k: int, name: str) -> str:
+        begin, end = self.hold_times[k]
+        during = np.flatnonzero((self.time >= begin) & (self.time < end))
+        if not len(during):
+            return f"hold {k + 1}, {name}: never took hold"
+        own = {f"{name}_{row}" for row in _LINEAR_ROWS}
+        rows = [i for i, row in enumerate(self.hold_names) if row in own]
+        forces = np.linalg.norm(self.hold_forces[np.ix_(during, rows)], axis=1)
+        most = int(np.argmax(forces))
+        errors = self.hold_errors[np.ix_(during, rows)]
+        until = f"to {end:.4g} s" if end <= self.time[-1] else "on"
+        losses = self.impacts[self.impacts[:, 0] == begin, 1]
+        impact = "".join(f"{lost:.3g} J lost in the impact; " for lost in losses)
+        return (
+            f"hold {k + 1}, {name}: from t = {begin:.4g} s {until}; {impact}"
+            f"at most {forces[most]:.3g} N, at t = {self.time[during[most]]:.4g} s; "
+            f"drifts by {np.abs(errors - errors[0]).max(initial=0.0):.2g} m"
         )
 
     @property

@@ -17,7 +17,7 @@ from gibbs_codegen.arrays.contact import Contact
 from gibbs_codegen.arrays.rollout_steps import Parts
 from gibbs_codegen.errors import UsageError, printable
 from gibbs_codegen.flight.arguments import seconds, whole
-from gibbs_codegen.flight.integration.envelope import joint_modes, wall_modes
+from gibbs_codegen.flight.integration.envelope import joint_modes, lag_modes, wall_modes
 from gibbs_codegen.flight.plant.actuators import commands_beyond
 from gibbs_codegen.flight.plant.vehicle import Vehicle
 from gibbs_codegen.flight.rollouts.arguments import Controller, RolloutArguments
@@ -298,7 +298,7 @@ def _long_steps(
     """Why steps are too long for servos and friction with parameters, "" if they are not."""
     try:
         vehicle = Vehicle(_on_arrays(module), dict(own))
-        modes = joint_modes(vehicle, vehicle.neutral[np.newaxis])
+        modes = lag_modes(vehicle) + joint_modes(vehicle, vehicle.neutral[np.newaxis])
     except UsageError:  # A module of few functions does not tell.
         return ""
     return "".join(mode.fault(dt, method) for mode in modes)

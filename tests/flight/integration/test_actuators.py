@@ -248,6 +248,24 @@ def test_steps_too_long_for_dry_friction_are_told(tmp_path: Path) -> None:
             simulation.step(command, step)
 
 
+LAGGING = RUBBING.partition("[[link]]")[0]
+
+
+@pytest.mark.parametrize("times", ["3e-4, 3e-4", "0.05, 3e-4", "3e-4, 0.05"])
+def test_steps_too_long_for_a_lag_are_refused(times: str, tmp_path: Path) -> None:
+    """It decays in steps of rk4 of up to 2.785 time constants, the shorter of both."""
+    own = f"command = 'throttle'\nmax_thrust = 2e7\ntime_constants = [{times}]"
+    text = LAGGING.replace("limits = [0, 2e7]", own)
+    (tmp_path / "rubbing.toml").write_text(text, encoding="utf-8")
+    robot = load(generate(tmp_path / "rubbing.toml", tmp_path, verify=False), "numpy")
+    for step, refused in ((8.3e-4, False), (8.4e-4, True)):
+        near = {"integration": {"method": "rk4", "step": step, "rate": 1.0 / step}}
+        simulation = Simulation(robot, read_scenario("hover", near))
+        words = r"integration\.step: .* because of the lag of .*; use steps of at most 0.0006 s"
+        with pytest.raises(UsageError, match=words) if refused else nullcontext():
+            simulation.step(np.full(len(robot.COMMANDS), 1e6 * 9.81), step)
+
+
 def test_modules_of_few_functions_are_rolled_out(tmp_path: Path) -> None:
     """Without what tells whether steps are too long."""
     (tmp_path / "rubbing.toml").write_text(RUBBING, encoding="utf-8")
@@ -293,11 +311,14 @@ def test_a_flight_begins_with_the_charge_that_is_given(module: ModuleType) -> No
 
     simulate(module, replace(half, duration=0.01), own)
     assert told[0] == 0.5
-    simulation.reset(charge=0.0)
+    simulation.reset(charge=1e-6)
     simulation.step(command, 0.05)
     empty = simulation.flight()
     (note,) = empty.notes
-    at = empty.time[np.argmax(empty.actuators[:, place] < 0.0)]
+    charge = empty.actuators[:, place]
+    at = empty.time[np.argmax(charge <= 0.0)]
+    assert charge[0] > 0.0
+    assert not charge[empty.time >= at].any()
     assert note.startswith(f"The battery is empty at t = {at:.4g} s")
     for charge in (1.5, np.nan):
         with pytest.raises(UsageError, match="charge: must be"):

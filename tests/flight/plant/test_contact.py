@@ -226,6 +226,38 @@ def test_energy_never_grows_by_contact(block: ModuleType) -> None:
     assert np.linalg.norm(start.loop.parts(history.states[-1]).v) < 1e-3
 
 
+@pytest.mark.parametrize(
+    ("stiffness", "dissipation", "speed"), [(1e6, 10.0, 15.0), (3e5, 10.0, 5.0), (2e5, 0.0, 5.0)]
+)
+def test_no_impact_adds_energy_at_the_default_step(
+    stiffness: float, dissipation: float, speed: float, folder: Path
+) -> None:
+    """Into a corner, of a body that is free: against the energy with which it begins."""
+    module, own = load(folder, "numpy"), {"frame": FEET[0], "stiffness": stiffness}
+    own |= {"dissipation": dissipation}
+    walls = [
+        own | {"point": [0.2005, 0.0, 0.0], "normal": [-1, 0, 0]},
+        own | {"point": [0.0, 0.1503, 0.0], "normal": [0, -1, 0]},
+    ]
+    given = {"control": {"law": "off"}, "wall": walls, "integration": {"method": "rk4"}}
+    scenario = read_scenario("hover", given | fixed(0, 0, 0))
+    start = flight_start(module, scenario, lambda *_: None, own=False)
+    thrown_at = speed * np.array([[1.0, 0.4, 0.0, 0.0, 0.0, 0.0], [0.5, 0.9, 0, 0, 0, 0.3]])
+    q = np.tile(start.q, (2, 1))
+    found = rollout(module, q, thrown_at, np.zeros(4), 25, 1e-3, walls=scenario.walls)
+    ends = [(found.q[:, -1], found.v[:, -1])]
+    states = [start.loop.start(*each) for each in zip(q, thrown_at, strict=True)]
+    parts = [
+        start.loop.parts(integrate(start.loop, x, 0.025, scenario.integration).states[-1])
+        for x in states
+    ]
+    ends += [(each.q[np.newaxis], each.v[np.newaxis]) for each in parts]
+    before = module.kinetic_energy(q, thrown_at) + module.potential_energy(q)
+    for k, (place, moving) in enumerate(ends):
+        energy = module.kinetic_energy(place, moving) + module.potential_energy(place)
+        assert np.all(energy <= (before if k == 0 else before[k - 1]) * (1.0 + 1e-12))
+
+
 @pytest.mark.parametrize("speed", [0.5, 2.0])
 def test_a_ball_bounces_as_hunt_and_crossley_say(speed: float, block: ModuleType) -> None:
     """Against the equation of one dimension by SciPy."""

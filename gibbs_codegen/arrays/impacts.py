@@ -1,0 +1,75 @@
+"""Energy that contacts gain in steps of time, as array programs: known, and taken back.
+
+Equal steps know neither when a surface is met nor how fast a damper slows what hits it hard, and
+may gain energy. With what there was before, springs and bristles included, and with the work of all
+else it is known how much; `returned` is the part of the contacts' impulse that takes it back.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from gibbs_codegen.arrays import nodes
+from gibbs_codegen.arrays.contact import Contact, Touch
+from gibbs_codegen.arrays.functions import Functions
+from gibbs_codegen.arrays.nodes import Node, constant, dot, maximum, minimum, square_root, zeros
+from gibbs_codegen.arrays.surroundings import on_frames
+
+# What is no divisor.
+_NONE = 1e-30
+
+
+def effects(contacts: Sequence[Contact], touches: Sequence[Touch], velocities: Node) -> Node:
+    """What contacts do now (3 + 6 c), of which a step makes what they have done.
+
+    Power, W, parts of normal forces by damping, N, normal forces, N, and the wrench (6) of each.
+    """
+    pairs = list(zip(contacts, touches, strict=True))
+    power = sum((dot(x.wrench, velocities[each.frame]) for each, x in pairs), constant(0.0))
+    eased, normal = (
+        sum((getattr(x, name) for x in touches), constant(0.0)) for name in ("eased", "normal")
+    )
+    return nodes.join(power, eased, normal, *(x.wrench for x in touches))
+
+
+def energy_of(robot: Functions, q: Node, v: Node, touches: Sequence[Touch]) -> Node:
+    """Energy, J, of a robot, and of springs and bristles of what touches it."""
+    own: Node = robot.kinetic_energy(q, v) + robot.potential_energy(q)
+    return sum((x.stored for x in touches), own)
+
+
+def returned(
+    robot: Functions,
+    contacts: Sequence[Contact],
+    motion: tuple[Node, Node],
+    gained: Node,
+    done: Node,
+    active: Node | None,
+) -> tuple[Node, Node]:
+    """Change of velocities (nv) that takes back what energy contacts have `gained`, J, in a step.
+
+    It is along what they have `done` (3 + 6 c), as of `effects`, at q and v after the step, and
+    leaves active constraints (g) met. Of a damper that stopped what it met, nothing goes on. Where
+    there is less along that way, all velocities lose the rest. The second is above 0 where they
+    have less than that: then the robot must stay where it was before the step.
+    """
+    (q, v), still, none = motion, zeros(robot.space.velocities), zeros(robot.inputs)
+    parts = [(x.frame, done[6 * k + 3 : 6 * k + 9]) for k, x in enumerate(contacts)]
+    impulses = on_frames(parts, robot.frames)
+    pushed = robot.forward_dynamics_with_wrenches(q, still, none, impulses)
+    change = pushed - robot.forward_dynamics(q, still, none)
+    if active is not None:
+        change, _ = robot.impact(q, change, active)
+    flat = nodes.reshaped(impulses, (6 * robot.frames,))
+    speed, yielding = (
+        dot(flat, nodes.reshaped(robot.frame_velocities(q, way), flat.shape)) for way in (v, change)
+    )
+    most = 0.5 * speed * speed / maximum(yielding, _NONE)
+    taken = minimum(gained + done[1] / maximum(done[2], _NONE) * most, most)
+    taken = nodes.choose(gained, 0.0, taken, 0.0)
+    root = square_root(maximum(speed * speed - 2.0 * taken * yielding, 0.0))
+    share = nodes.copysign(2.0 * taken / maximum(nodes.absolute(speed) + root, _NONE), speed)
+    left = v - share * change
+    moving = maximum(robot.kinetic_energy(q, left), _NONE)
+    rest = minimum(maximum(gained - taken, 0.0) / moving, 1.0)
+    return square_root(1.0 - rest) * left - v, gained - taken - moving
