@@ -35,6 +35,8 @@ NO_SERIES = frozenset(
 _ROWS = 4096
 # A wall carries a robot that rests on it by no more than this share of the weight.
 _RESTS = 1.01
+# Commands that jump by more than this share of the greatest, in more than this share of samples.
+_JUMP, _CHATTERS = 0.5, 0.05
 Column = tuple[str, str, Array]
 StrPath = str | os.PathLike[str]
 # What the names of columns of inputs end in, and the series.
@@ -229,7 +231,7 @@ class Flight:
         """What else is to be said of the flight, in sentences.
 
         They tell of frames that begin so deep in a wall that it pushes with more than the weight,
-        and of a battery that ran empty.
+        of a battery that ran empty, and of commands that chatter.
         """
         deep = np.flatnonzero(np.any(self.contact_forces[:1] > _RESTS * self.weight, axis=0))
         inside = tuple(
@@ -244,6 +246,24 @@ class Flight:
             f"The battery is empty at t = {self.time[k]:.4g} s; the flight goes on with what it "
             "gives then, which no battery does."
             for k in empty[:1]
+        ) + self._chatter
+
+    @property
+    def _chatter(self) -> tuple[str, ...]:
+        """That the commands of motors jump from sample to sample, if they do so often."""
+        names, sent = self.command_names or self.input_names, self.commands
+        if not self.command_names:
+            sent = np.clip(self.commanded, *self.input_limits)
+        size = np.fmax.reduce(np.abs(sent[:, : self.rotors]), axis=None, initial=0.0)
+        jumps = np.abs(np.diff(sent[:, : self.rotors], axis=0)) > _JUMP * size
+        share, shares = np.mean(jumps.any(axis=1)), jumps.mean(axis=0)
+        if not share > _CHATTERS:
+            return ()
+        return (
+            f"Commands of motors chatter: in {share:.0%} of the samples one jumps by more than half "
+            f"of the greatest, {names[int(shares.argmax())]} most often; try lower gains "
+            "(control.attitude_frequency, control.frequency), wider limits, less noise of sensors, "
+            "or motors.compensation = false.",
         )
 
     @property
