@@ -32,6 +32,7 @@ from gibbs_codegen.arrays.laws import (
     inputs_of,
     learning,
     push_shares,
+    turns_servos,
     weight_of,
     within_limits,
 )
@@ -381,7 +382,7 @@ class ClosedLoop:
     ) -> tuple[Node, Node, Node, Node]:
         """Inputs (nu) that are commanded, what is aimed for, inputs that act; refusal."""
         wanted, refused = self.commanded(at, q, v, memory)
-        sent = self._sent(at, wanted)
+        sent = self._sent(at, q, v, wanted)
         if self.driven and self.law == "held":  # What is held are commands.
             wanted = self.plant.inputs_of(q, v, self._settled(sent), sent)
         if self.compensates:
@@ -399,11 +400,13 @@ class ClosedLoop:
         """A value while motors run, or else another."""
         return choose(self.given("idle"), 0.5, idle, running)
 
-    def _sent(self, at: Instant, wanted: Node) -> Node:
+    def _sent(self, at: Instant, q: Node, v: Node, wanted: Node) -> Node:
         """What is sent for inputs (nu) that are wanted: themselves, or commands for them."""
         if not self.driven or self.law in ("off", "held"):
             return wanted
-        found: Node = self.model.command_of(at.motion.q, at.motion.v, self._possible(wanted))
+        if not turns_servos(self.law):
+            q, v = at.motion.q, at.motion.v
+        found: Node = self.model.command_of(q, v, self._possible(wanted))
         return found
 
     def _possible(self, inputs: Node) -> Node:
@@ -638,7 +641,9 @@ class ClosedLoop:
         found = self._law_results(then, later, v + ahead * a, learnt)
         rates, possible = (found["free"] - free) / ahead, self._possible(wanted)
         if self.driven:
-            turning = (self._sent(then, possible + ahead * rates) - sent) / ahead
+            turning = (
+                self._sent(then, later, v + ahead * a, possible + ahead * rates) - sent
+            ) / ahead
             up, down = (self.given(f"time_{x}", model.inputs) for x in ("up", "down"))
             lag = choose(turning, 0.0, up, down)
         else:
