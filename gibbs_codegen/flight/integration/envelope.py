@@ -65,7 +65,7 @@ class Envelope:
         if controller.law in LAWS:
             peaks = np.clip(_peak_response(controller.gains), _LEAST_PEAK, duration)
             self.bounds[count:] = divergence / peaks
-        # A joint that nothing drives, as that of a wheel or of a load that hangs, is not controlled.
+        # Joints that nothing drives, as of wheels and loads that hang, are not controlled.
         joints = loop.vehicle.layout.v.joints
         self.bounds.reshape(2, -1)[:, joints][:, loop.actuators.efforts == 0.0] = np.inf
         self._bounded = bool(np.any(np.isfinite(self.bounds)))
