@@ -32,6 +32,7 @@ from gibbs_codegen.arrays.laws import (
     inputs_of,
     learning,
     push_shares,
+    turns_servos,
     weight_of,
     within_limits,
 )
@@ -58,6 +59,8 @@ from gibbs_codegen.arrays.steps import classical_step, constrained_motion
 
 # Time, s, over which thrusts are differenced for what makes up for the lag of motors.
 AHEAD = 1e-7
+# Inputs, N or N m, next to which what makes up for the lag is nothing.
+_NO_LEAD = 1e-12
 
 
 @dataclass(frozen=True)
@@ -259,7 +262,7 @@ class ClosedLoop:
         q, v, actuators, memory, bristles = self.parts(x)
         if self.moved is not None:
             at = replace(at, felt=self._touching(q, v, bristles)[self.moved])
-        wanted, aimed, u, refused = self._inputs(at, q, v, actuators, memory)
+        wanted, aimed, u, refused = self._inputs(at, q, v, actuators, memory, bristles)
         touches = self.touches(q, v, bristles)
         wrenches, a, forces = self._motion(at.time, q, v, u, aimed, actuators, touches)
         power = self._power(q, v, u, wrenches)
@@ -288,9 +291,10 @@ class ClosedLoop:
         felt, bristles, own = None, self._state_of_bristles, self._own(actuators, memory)
         if self.moved is not None:
             felt = self._touching(q, v, bristles)[self.moved]
-            own += [bristles] if bristles.size else []
+        if bristles.size and (self.compensates or self.moved is not None):
+            own.append(bristles)
         at = self._instant(time, self._curves_at(time), felt)
-        wanted, aimed, u, refused = self._inputs(at, q, v, actuators, memory)
+        wanted, aimed, u, refused = self._inputs(at, q, v, actuators, memory, bristles)
         outputs = {"commanded": wanted, "aimed": aimed, "acting": u, "refused": refused}
         return self._program("commands", (time, q, v, *own), outputs)
 
@@ -408,15 +412,15 @@ class ClosedLoop:
         return [*([actuators] if self._actuators else []), *([memory] if self.integral else [])]
 
     def _inputs(
-        self, at: Instant, q: Node, v: Node, actuators: Node, memory: Node
+        self, at: Instant, q: Node, v: Node, actuators: Node, memory: Node, bristles: Node
     ) -> tuple[Node, Node, Node, Node]:
         """Inputs (nu) that are commanded, what is aimed for, inputs that act; refusal."""
         wanted, refused = self.commanded(at, q, v, memory)
-        sent = self._sent(at, wanted)
+        sent = self._sent(at, q, v, wanted)
         if self.driven and self.law == "held":  # What is held are commands.
             wanted = self.plant.inputs_of(q, v, self._settled(sent), sent)
         if self.compensates:
-            lead, later = self._lead(at, (q, v, memory), actuators, wanted, sent)
+            lead, later = self._lead(at, (q, v, memory), (actuators, bristles), wanted, sent)
             sent, refused = sent + lead, refused + maximum(later, 0.0)
             wanted = wanted if self.driven else sent
         aimed = self._within(sent)
@@ -430,13 +434,18 @@ class ClosedLoop:
         """A value while motors run, or else another."""
         return choose(self.given("idle"), 0.5, idle, running)
 
-    def _sent(self, at: Instant, wanted: Node) -> Node:
+    def _sent(self, at: Instant, q: Node, v: Node, wanted: Node) -> Node:
         """What is sent for inputs (nu) that are wanted: themselves, or commands for them."""
         if not self.driven or self.law in ("off", "held"):
             return wanted
-        possible = within_limits(wanted, self.limits) if self.limited else wanted
-        found: Node = self.model.command_of(at.motion.q, at.motion.v, possible)
+        if not turns_servos(self.law):
+            q, v = at.motion.q, at.motion.v
+        found: Node = self.model.command_of(q, v, self._possible(wanted))
         return found
+
+    def _possible(self, inputs: Node) -> Node:
+        """Inputs (nu) within the limits of those that act, if there are any."""
+        return within_limits(inputs, self.limits) if self.limited else inputs
 
     @property
     def _has_air(self) -> bool:
@@ -455,7 +464,7 @@ class ClosedLoop:
         if self.driven and self.law != "off":
             least, most = (self.given(f"{x}_command", sent.size) for x in ("least", "most"))
             return within_limits(sent, Limits(least, most))
-        return within_limits(sent, self.limits) if self.limited else sent
+        return self._possible(sent)
 
     def _actuator_rates(self, actuators: Node, aimed: Node) -> Node:
         """Time derivative of the state of the actuators."""
@@ -564,13 +573,17 @@ class ClosedLoop:
             return zeros(self.model.inputs), constant(0.0)
         if self.law == "held":
             return self.given("held", self.model.inputs), constant(0.0)
+        found = self._law_results(at, q, v, memory)
+        return found["wanted"], found["refused"]
+
+    def _law_results(self, at: Instant, q: Node, v: Node, memory: Node) -> dict[str, Node]:
+        """Inputs `wanted` (nu), and `free` of limits, of the law, and `refused` as of a step."""
         if not self.compensates:
             return self._law(at, q, v, memory)
         law = self._law_program
         known = self._known(at, memory)
         own = 4 + len(known)
-        found = law.results(at.time, at.curves, q, v, *known, *law.inputs[own:])
-        return found["wanted"], found["refused"]
+        return law.results(at.time, at.curves, q, v, *known, *law.inputs[own:])
 
     @cached_property
     @labelled
@@ -580,8 +593,7 @@ class ClosedLoop:
         curves = variable("curves", self.curves.outputs["curves"].size, uniform=True)
         memory = variable("memory", v.size)
         at = self._instant(time, curves, self._felt)
-        wanted, refused = self._law(at, q, v, memory)
-        outputs = {"wanted": wanted, "refused": refused}
+        outputs = self._law(at, q, v, memory)
         return self._program("law", (time, curves, q, v, *self._known(at, memory)), outputs)
 
     @property
@@ -593,9 +605,12 @@ class ClosedLoop:
         """What the law knows beside time and state: what it remembers and feels, if it does."""
         return [*([memory] if self.integral else []), *([] if at.felt is None else [at.felt])]
 
-    def _law(self, at: Instant, q: Node, v: Node, memory: Node) -> tuple[Node, Node]:
+    def _law(self, at: Instant, q: Node, v: Node, memory: Node) -> dict[str, Node]:
         q, force = self._force(at, q, v, memory)
-        return inputs_of(self.model, q, force, self.rotors)
+        wanted, refused = inputs_of(self.model, q, force, self.rotors)
+        unlimited = replace(self.rotors, limited=False, refuse=False)
+        free, _ = inputs_of(self.model, q, force, unlimited)
+        return {"wanted": wanted, "free": free, "refused": refused}
 
     def _force(self, at: Instant, q: Node, v: Node, memory: Node) -> tuple[Node, Node]:
         """Coordinates (nq) and the generalised force (nv) that the law wants there."""
@@ -630,22 +645,25 @@ class ClosedLoop:
         return replace(found, push=Push(direction, force, rising - falling, integral, axes))
 
     def _lead(
-        self, at: Instant, parts: Sequence[Node], actuators: Node, wanted: Node, sent: Node
+        self,
+        at: Instant,
+        parts: Sequence[Node],
+        others: tuple[Node, Node],
+        wanted: Node,
+        sent: Node,
     ) -> tuple[Node, Node]:
         """What makes up for the lag (nu): time constants times rates of what is sent.
 
-        It is differenced along the motion as the law knows it, back at the end of the desired
-        one, after which it stands still. More than 0 where rotors cannot produce what comes next.
+        It is differenced along the motion of the plant, of coordinates, velocities and memory, and
+        of actuators and bristles, back at the end of the desired one, after which it stands still.
+        More than 0 where rotors cannot produce what comes next.
         """
-        q, v, memory = parts
-        model, count = self.model, self.plant.rotors
+        (q, v, memory), (actuators, bristles) = parts, others
+        model, count, aimed = self.model, self.plant.rotors, self._within(sent)
         ahead = choose(at.time, self.given("end") - AHEAD, -AHEAD, AHEAD)
-        acting = self._acting(model, (q, v), self._within(sent), actuators)
-        if at.felt is None or self.moved is None:
-            a = model.forward_dynamics(q, v, acting)
-        else:
-            felt = surroundings.on_frames([(self.moved, at.felt)], self.frames)
-            a = model.forward_dynamics_with_wrenches(q, v, acting, felt)
+        acting = self._acting(self.plant, (q, v), aimed, actuators)
+        touches = self.touches(q, v, bristles)
+        _, a, _ = self._motion(at.time, q, v, acting, aimed, actuators, touches)
         entries = entries_of(q)
         moved = entries + ahead * base_of(model, q).rates(v, entries)
         later = coordinates_of(unit_entries(model, moved), model.space)
@@ -653,13 +671,34 @@ class ClosedLoop:
         time = at.time + ahead
         # What will be felt nobody knows.
         then = self._instant(time, self._curves_at(time), at.felt)
-        next_wanted, refused = self.commanded(then, later, v + ahead * a, learnt)
+        free = self._law_results(at, q, v, memory)["free"]
+        found = self._law_results(then, later, v + ahead * a, learnt)
+        rates, possible = (found["free"] - free) / ahead, self._possible(wanted)
         if self.driven:
-            rates = (self._sent(then, next_wanted) - sent) / ahead
+            turning = (
+                self._sent(then, later, v + ahead * a, possible + ahead * rates) - sent
+            ) / ahead
             up, down = (self.given(f"time_{x}", model.inputs) for x in ("up", "down"))
-            return choose(rates, 0.0, up, down) * rates, refused
-        rates = (next_wanted - wanted)[:count] / ahead
-        return join(self.given("lag", count) * rates, zeros(model.inputs - count)), refused
+            lag = choose(turning, 0.0, up, down)
+        else:
+            turning, lag = rates, join(self.given("lag", count), zeros(model.inputs - count))
+        kept = self._kept(absolute(lag * rates), absolute(free - possible))
+        return kept * lag * turning, found["refused"]
+
+    def _kept(self, lead: Node, beyond: Node) -> Node:
+        """Which share (nu) is kept of what makes up for the lag, by its size in units of inputs.
+
+        The less the further inputs are `beyond` limits, so that nothing jumps there, and none
+        where the lead would not bring them back; of rotors, which have one wrench, the same.
+        """
+        if not self.limited and not self.shared:
+            return constant(1.0)
+        count = self.plant.rotors
+        lead, beyond = (
+            join(_greatest(x[:count]) + zeros(count), x[count:]) for x in (lead, beyond)
+        )
+        share = maximum(1.0 - beyond / maximum(lead, _NO_LEAD), 0.0)
+        return choose(beyond, 0.0, share, 1.0)
 
     def _errors(self, at: Instant, q: Node, v: Node) -> Node:
         """Errors (nv) that are integrated."""
@@ -759,6 +798,11 @@ class ClosedLoop:
             return power
         velocities = plant.frame_velocities(q, v)
         return power + dot(*(reshaped(x, (x.size,)) for x in (wrenches, velocities)))
+
+
+def _greatest(x: Node) -> Node:
+    """The greatest entry of a vector."""
+    return -_least(-x)
 
 
 def _least(x: Node) -> Node:

@@ -14,6 +14,11 @@ Where force is controlled, it pushes along a direction n as hard as wanted, f pl
 action has learnt, in place of the spring there; across it the spring alone decides, whatever w is.
 What w does to all else is made up for, so that the posture is held as in free flight.
 
+Where the base leans, joints alone move the frame. A servo with the stiffness k and the damping d,
+at q and v, is sent to q + (τ + d v) / k, where it exerts the torque τ that the law wants (Khatib,
+Thaulad, Yoshikawa and Park, "Torque-position transformer for task control of position controlled
+robots", 2008). Other laws send servos to the posture.
+
 To add a law, add a row to `LAWS`: flights, scenario files and `generate --laws` read it.
 """
 
@@ -393,15 +398,11 @@ class Law:
         """Whether it controls the force of that."""
         return self.task == "force"
 
-    def hindrance(self, held: Sequence[bool], frame: str) -> str | None:
-        """Why it cannot move a frame, in words; None where it can, or need not.
-
-        `held` tells of each joint whether a servo holds it.
-        """
-        if not (self.moves_frame and self.leans and all(held)):
+    def hindrance(self, joints: int, frame: str) -> str | None:
+        """Why it cannot move a frame, in words; None where it can, or need not."""
+        if joints or not (self.leans and self.moves_frame):
             return None
-        reason = "servos hold all of them" if held else "it has none"
-        return f"under {self.title} torques of joints move {frame}, but {reason}"
+        return f"under {self.title} joints move {frame}, but it has none"
 
 
 LAWS = {
@@ -449,6 +450,11 @@ LAWS = {
         task="force",
     ),
 }
+
+
+def turns_servos(law: str) -> bool:
+    """Whether a law sends servos where they exert the torques that it wants, not to the posture."""
+    return law in LAWS and LAWS[law].leans and LAWS[law].moves_frame
 
 
 def _entries(q: Node) -> Node:

@@ -167,14 +167,16 @@ def check_scenario(robot: RobotData, scenario: Scenario) -> None:
         check_path(path, scenario.duration, f"the path of {'the tip' if name == 'tip' else name}")
     check_arm(robot, scenario)
     limits_of(robot, scenario)
-    check_control(scenario.control, robot)
     check_charge(robot, scenario.start.charge)
     check_surroundings(robot, scenario)
     if scenario.sensors:
         frames_of_sensors(robot, scenario.sensors)
+    law = None
     if not robot.rotors_move:  # What they command is known before there is a motion.
         law = scenario.control.law  # A plan is about hover: rotors must serve one of the others.
-        law_of("tracking" if law == PREDICTIVE else law, robot, robot.neutral, scenario.name)
+        law = "tracking" if law == PREDICTIVE else law
+        law = law_of(law, robot, robot.neutral, scenario.name)
+    check_control(law, scenario.control, robot)
 
 
 def _check_functions(module: ModuleType, scenario: Scenario) -> None:

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from gibbs_codegen.arrays.laws import LAWS
+from gibbs_codegen.arrays.laws import LAWS, turns_servos
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.flight.control.error_polynomials import check_integral
 from gibbs_codegen.flight.control.geometric import LeaningController
@@ -105,14 +105,14 @@ def control_law(
     frequencies = np.full(places.size, control.frequency)
     frequencies[places.attitude] = attitude
     ratios = np.full(places.size, control.damping_ratio)
-    check_control(control, vehicle)
+    check_control(law, control, vehicle)
+    held = [k for k in range(vehicle.joints) if holds(vehicle, k) and not turns_servos(law)]
     for name, own in control.joints.items():
         place = places.joints.start + joint_place(vehicle, name)
         frequencies[place] = own.frequency or control.frequency
         ratios[place] = control.damping_ratio if own.damping_ratio is None else own.damping_ratio
-    for k in range(vehicle.joints):
-        if holds(vehicle, k):  # It corrects what is off itself.
-            frequencies[places.joints.start + k] = 0.0
+    # A servo corrects what is off itself, unless the law wants torques of it.
+    frequencies[places.joints][held] = 0.0
     gains = Gains.of(frequencies, ratios, places.size)
     memory, moved = 0, _moved_frame(law, control, vehicle)
     if leans and moved is not None:
@@ -127,10 +127,14 @@ def control_law(
     return found
 
 
-def check_control(control: Control, vehicle: RobotData) -> None:
-    """Raise `UsageError` for joints and frames that are not there, or that servos hold."""
+def check_control(law: Law | None, control: Control, vehicle: RobotData) -> None:
+    """Raise `UsageError` for joints and frames that are not there, or that servos hold.
+
+    `law` is None where the desired motion decides it.
+    """
     for name in control.joints:
-        if holds(vehicle, joint_place(vehicle, name, "control.joints")):
+        held = holds(vehicle, joint_place(vehicle, name, "control.joints"))
+        if held and law is not None and not turns_servos(law):
             raise UsageError(
                 f"control.joints.{name}: a servo holds the joint, by the stiffness and damping of "
                 "the robot file; leave it out"
@@ -153,8 +157,7 @@ def _moved_frame(law: Law, control: Control, vehicle: Vehicle) -> MovedFrame | N
     place, axes = vehicle.frame_place(impedance.frame, "control.impedance.frame"), None
     if force is not None and force.axes != WORLD:
         axes = vehicle.frame_place(force.axes, "control.force.axes")
-    held = [holds(vehicle, k) for k in range(vehicle.joints)]
-    if hindrance := LAWS[law].hindrance(held, impedance.frame):
+    if hindrance := LAWS[law].hindrance(vehicle.joints, impedance.frame):
         raise UsageError(
             f'{vehicle.name}: {hindrance}; set control.law to "tracking", or fly a robot whose '
             "base commands all directions"
@@ -173,8 +176,7 @@ def _check_levers(
     frame, force = moved.impedance.frame, moved.force
     q = reference(0.0 if force is None else force.begin)[0]
     relative = vehicle.frame_jacobians(q)[moved.place, :3] - vehicle.centre_of_mass_jacobian(q)
-    free = [k for k in range(vehicle.joints) if not holds(vehicle, k)]
-    levers = relative[:, vehicle.layout.v.joints][:, free]
+    levers = relative[:, vehicle.layout.v.joints]
     least = _NO_LEVER * np.linalg.norm(levers)
     if force is None:
         ways, shares, _ = np.linalg.svd(np.pad(levers, ((0, 0), (0, 3))))

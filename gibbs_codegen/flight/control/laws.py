@@ -20,8 +20,10 @@ F* that a law wants, the command u = F* + T Ḟ* makes T (Ḟ − Ḟ*) = F* −
 decays by itself, within T, and tracking errors obey the same equation as without lag. Ḟ* is the
 derivative in time along the motion, of the desired motion and of all that the law feeds back but
 for the wrench on a frame, which is taken as it is. The
-accelerations that are part of the motion are those that the acting thrusts give the robot as the
-law knows it; for this the thrusts must be measured, or known from a model of the motors.
+accelerations that are part of the motion are those of the robot that flies, with all that acts on
+it: inertial sensors measure them, and the thrusts must be measured too, or known from a model of
+the motors. Beyond limits Ḟ* is that of the thrusts without limits, and fades: by as much as those
+are beyond, as a share of T Ḟ*.
 """
 
 from __future__ import annotations

@@ -15,6 +15,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from gibbs_codegen.arrays.laws import turns_servos
 from gibbs_codegen.errors import UsageError, printable
 from gibbs_codegen.flight.arguments import whole
 from gibbs_codegen.flight.control.laws import Controller, Gains
@@ -287,8 +288,10 @@ class LawController:
         if not self._is_driven:
             return inputs
         possible = np.clip(inputs, self._limits["least"], self._limits["most"])
-        desired = observation.q_desired, observation.v_desired
-        return self._law.vehicle.command_of(*desired, possible)
+        at = observation.q_desired, observation.v_desired
+        if turns_servos(self._law.law):
+            at = observation.q, observation.v
+        return self._law.vehicle.command_of(*at, possible)
 
 
 class SampledControl(ZeroOrderHold):

@@ -21,6 +21,7 @@ from gibbs_codegen.arrays import closed_loop
 from gibbs_codegen.arrays.closed_loop import Surroundings
 from gibbs_codegen.arrays.contact import bristles_of
 from gibbs_codegen.arrays.evaluation import Evaluator
+from gibbs_codegen.arrays.laws import turns_servos
 from gibbs_codegen.flight.control.geometric import LeaningController
 from gibbs_codegen.flight.control.laws import constants_of, evaluator_of, law_program
 from gibbs_codegen.flight.control.observation import Measured
@@ -166,7 +167,7 @@ class ClosedLoop:
         settled = np.clip(wanted, *self.actuators.inputs) if self.limited else wanted
         settled = settled[..., : self.vehicle.rotors if self.lags else 0]
         if self.vehicle.is_driven:
-            sent = wanted if self.hold is not None else self.sent(0.0, wanted)
+            sent = wanted if self.hold is not None else self.sent(0.0, q, v, wanted)
             if idles:
                 sent[..., : self.vehicle.rotors] = self.actuators.idling
             settled = np.zeros((*v.shape[:-1], self.memory_place - self.work_place - 1))
@@ -181,9 +182,10 @@ class ClosedLoop:
             bristles[...] = self.bristles
         return np.concatenate([q, v, work, settled, memory, bristles], axis=-1)
 
-    def sent(self, time: float | Array, wanted: Array) -> Array:
+    def sent(self, time: float | Array, q: Array, v: Array, wanted: Array) -> Array:
         """Commands (…, nu) of motors and servos for inputs that a law wants at times (…), s."""
-        q, v, _ = self.controller.reference(time)
+        if not turns_servos(self.controller.law):
+            q, v, _ = self.controller.reference(time)
         possible = np.clip(wanted, *self.actuators.inputs)
         return self.controller.vehicle.command_of(q, v, possible)
 

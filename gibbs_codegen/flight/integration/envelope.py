@@ -67,6 +67,9 @@ class Envelope:
         if controller.law in LAWS:
             peaks = np.clip(_peak_response(controller.gains), _LEAST_PEAK, duration)
             self.bounds[count:] = divergence / peaks
+        # Joints that nothing drives, as of wheels and loads that hang, are not controlled.
+        joints = loop.vehicle.layout.v.joints
+        self.bounds.reshape(2, -1)[:, joints][:, loop.actuators.efforts == 0.0] = np.inf
         self._bounded = bool(np.any(np.isfinite(self.bounds)))
 
     def holds(self, time: Array, states: Array) -> Flags:

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from gibbs_codegen.arrays.laws import LAWS
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.files.staging import writing
 from gibbs_codegen.flight.plant.actuators import followed
@@ -39,6 +40,10 @@ _ROWS = 4096
 _RESTS = 1.01
 # What names of rows of constraints end in that hold places, not attitudes.
 _LINEAR_ROWS = frozenset({"x", "y", "z", "distance", "normal"})
+# Share of the range of a joint that is far from its posture.
+_TURNED = 0.25
+# Commands that jump by more than this share of the greatest, in more than this share of samples.
+_JUMP, _CHATTERS = 0.5, 0.05
 Column = tuple[str, str, Array]
 StrPath = str | os.PathLike[str]
 # What the names of columns of inputs end in, and the series.
@@ -245,7 +250,7 @@ class Flight:
         """What else is to be said of the flight, in sentences.
 
         They tell of frames that begin so deep in a wall that it pushes with more than the weight,
-        and of a battery that ran empty.
+        of a battery that ran empty, of commands that chatter, and of joints that a push turns far.
         """
         deep = np.flatnonzero(np.any(self.contact_forces[:1] > _RESTS * self.weight, axis=0))
         inside = tuple(
@@ -256,10 +261,52 @@ class Flight:
         )
         charge = dict(zip(self.actuator_names, self.actuators.T, strict=True)).get("charge")
         empty = () if charge is None else np.flatnonzero(charge <= 0.0)
-        return inside + tuple(
+        drained = tuple(
             f"The battery is empty at t = {self.time[k]:.4g} s; the flight goes on with what it "
             "gives then, which no battery does."
             for k in empty[:1]
+        )
+        return inside + drained + self._chatter + self._turned
+
+    @property
+    def _chatter(self) -> tuple[str, ...]:
+        """That the commands of motors jump from sample to sample, if they do so often."""
+        names, sent, count = self.command_names, self.commands, self.rotors
+        units = np.array((self.command_units or self.input_units)[:count])
+        if not names:
+            names, sent = self.input_names, np.clip(self.commanded, *self.input_limits)
+        most = np.fmax.reduce(np.abs(sent[:, :count]), axis=0)
+        size = np.array([most[units == unit].max() for unit in units])
+        jumps = np.abs(np.diff(sent[:, :count], axis=0)) > _JUMP * size
+        shares = jumps.sum(axis=0) / len(sent)
+        share = jumps.any(axis=1).sum() / len(sent)
+        if not share > _CHATTERS:
+            return ()
+        return (
+            f"Commands of motors chatter: in {share:.0%} of the samples one jumps by more than "
+            f"half of the greatest, {names[int(shares.argmax())]} most often; try lower gains "
+            "(control.attitude_frequency, control.frequency), wider limits, less noise of "
+            "sensors, or motors.compensation = false.",
+        )
+
+    @property
+    def _turned(self) -> tuple[str, ...]:
+        """Which joints left their posture by much while the machine pushed, if any did."""
+        joints, places = self.layout.q.joints, self.layout.v.joints
+        pushes = self.law in LAWS and LAWS[self.law].pushes
+        if not pushes or not self.joint_limits.size:
+            return ()
+        span = np.abs(np.diff(self.joint_limits, axis=0)[0])
+        turns = np.array(self.coordinate_units[joints]) == "rad"
+        # A joint without limits turns all the way round, or slides as far as it likes.
+        span = np.where(turns, np.minimum(span, 2.0 * np.pi), span)
+        off = np.fmax.reduce(np.abs(self.errors[:, places]), axis=0)
+        return tuple(
+            f"{self.coordinates[joints][k]} leaves its posture by {off[k]:.3g} "
+            f"{self.coordinate_units[joints][k]} while the machine pushes, more than a quarter of "
+            f"its range of {span[k]:.3g}; bend the arm more (arm.posture_deg), put the base nearer "
+            "to what it pushes, push with less force, or hold the joint (control.joints)."
+            for k in np.flatnonzero(off > _TURNED * span)
         )
 
     @property

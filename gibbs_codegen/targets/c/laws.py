@@ -78,17 +78,16 @@ def _check(robot: Robot, law: str, frames: Sequence[str]) -> None:
     left = np.linalg.svd(matrix)[0]
     full, one_axis = rank == len(left), (rank, axes) == _ALONG_ONE_AXIS
     of_rotors = {name: each for name, each in LAWS.items() if (one_axis if each.leans else full)}
-    servos = (robot.links[i - 1].servo for i in robot.moving)
-    held = [servo is not None and servo.command == "position" for servo in servos]
+    joints = len(robot.moving)
     suiting = [
         name
         for name, each in of_rotors.items()
-        if each.hindrance(held, "the tip") is None and ("tip" in frames or not each.moves_frame)
+        if each.hindrance(joints, "the tip") is None and ("tip" in frames or not each.moves_frame)
     ]
     if law in suiting:
         return
     if law in of_rotors:
-        lacks, remedy = LAWS[law].hindrance(held, "the tip"), f"choose {' or '.join(suiting)}"
+        lacks, remedy = LAWS[law].hindrance(joints, "the tip"), f"choose {' or '.join(suiting)}"
         if lacks is None:
             lacks = f"the law moves the frame tip, and the frames are {', '.join(frames)}"
             remedy = 'name the frame that it is to move "tip", as a [[frame]] in the robot file'

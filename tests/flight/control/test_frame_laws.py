@@ -5,6 +5,8 @@ from __future__ import annotations
 import pickle
 from collections.abc import Callable
 from contextlib import nullcontext
+from dataclasses import replace
+from pathlib import Path
 from types import ModuleType
 from typing import Any
 
@@ -13,6 +15,8 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
+import gibbs_codegen
+from gibbs_codegen import generate, load
 from gibbs_codegen.errors import ScenarioFileError, UsageError
 from gibbs_codegen.flight.control.sampled_control import Observation
 from gibbs_codegen.flight.plant.vehicle import Array, Vehicle
@@ -22,6 +26,7 @@ from gibbs_codegen.flight.simulation import flight_start, simulate
 from gibbs_codegen.flight.stepping import Simulation
 
 Load = Callable[[str], ModuleType]
+ROBOTS = Path(gibbs_codegen.__file__).parent / "robots"
 
 FIXED = {"method": "rk4", "step": 1e-3}
 IMPEDANCE = {"stiffness": [40, 60, 80], "damping": [22, 30, 37], "inertia": [3, 4, 5]}
@@ -142,6 +147,48 @@ PUSHES: dict[str, dict[str, Any]] = {
         "impedance": {"stiffness": [100] * 3, "damping": [60, 20, 20], "inertia": [1] * 3},
     },
 }
+
+
+@pytest.mark.slow
+def test_servos_push_with_the_force_that_is_asked_for(tmp_path: Path, fast: Load) -> None:
+    """Joints that are sent positions bear what the law wants, in NumPy as in C."""
+    text = (ROBOTS / "quadrotor_arm_2link.toml").read_text(encoding="utf-8")
+    servo = "servo = { stiffness = 30, damping = 0.6, delay = 0.02, rate = 6 }"
+    text = text.replace("\nmass       = ", f"\n{servo}\nmass = ")
+    (tmp_path / "served.toml").write_text(text.replace(name := "quadrotor_arm_2link", "served"))
+    folder = generate(str(tmp_path / "served.toml"), str(tmp_path), verify=False)
+    module, plain = load(folder, "c"), load(folder, "numpy")
+    assert module.COMMANDS[-1] == "forearm_position"
+    push = {"value": 3.0, "direction": [1, 0, 0], "begin": 0.1, "rise": 0.5, "integral": 4}
+    given = {
+        "control": {"law": "force", "force": push, **PUSHES[name]},
+        "arm.posture_deg": BENT[name],
+        "wall": [wall(fast(name), 0.005, damping=20)],
+        "plant": {x: 1.1 * v for x, v in module.PARAMETERS.items() if x.endswith("_mass")},
+        "integration": FIXED,
+    }
+    flight = simulate(module, read_scenario("hover", {"duration": 5.0, **given}))
+    assert not flight.stopped
+    assert flight.wall_forces[-1, 0] == pytest.approx(3.0, rel=0.02)
+    short = read_scenario("hover", {"duration": 0.02, **given})
+    in_c, in_numpy = (simulate(each, short).commands for each in (module, plain))
+    assert in_c == pytest.approx(in_numpy, abs=1e-6)
+
+
+def test_a_joint_that_a_push_turns_far_is_noted(fast: Load) -> None:
+    """By more than a quarter of its range, here by 1.6 of 6.28 rad."""
+    flight = flown(
+        module := fast("quadrotor_arm_2link"),
+        0.05,
+        control={"law": "force", "force": {"value": 1.0, "direction": [1, 0, 0]}},
+        wall=[wall(module, 0.01)],
+    )
+    assert flight.notes == ()
+    q = flight.q.copy()
+    low, high = flight.joint_limits[:, -1]
+    q[-1, -1] += 0.26 * min(high - low, 2.0 * np.pi)
+    (note,) = replace(flight, q=q).notes
+    assert note.startswith("forearm leaves its posture by ")
 
 
 @pytest.mark.parametrize("name", ["hexarotor_3link", "quadrotor_arm_2link"])
@@ -408,7 +455,7 @@ def test_a_push_that_no_joint_can_exert_is_refused(
 
 def test_a_base_that_leans_needs_joints_to_move_a_frame(fast: Load) -> None:
     control = {"law": "impedance", "impedance": {"frame": "base"}}
-    words = "quadrotor: under geometric impedance control torques of joints move base, but it has"
+    words = "quadrotor: under geometric impedance control joints move base, but it has"
     with pytest.raises(UsageError, match=words):
         simulate(fast("quadrotor"), read_scenario("hover", {"control": control}))
 

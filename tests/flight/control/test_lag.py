@@ -113,17 +113,25 @@ def test_a_thrust_that_is_off_finds_back_within_its_time_constant(law: Law, fast
     assert (thrusts - wanted)[1:] == pytest.approx(2.0 * decay, abs=1e-5)
 
 
+@pytest.mark.parametrize("heavier", [1.0, 1.3])
 @pytest.mark.parametrize(
     "robot",
     ["hexarotor_3link", pytest.param("everything", marks=pytest.mark.slow)],  # rotors on links
 )
-def test_commands_look_ahead_along_the_motion_that_the_acting_thrusts_make(
-    robot: str, fast: Load
+def test_commands_look_ahead_along_the_motion_of_the_flight(
+    robot: str, heavier: float, fast: Load
 ) -> None:
-    """By thrusts that the law wants a little earlier and later in flights that are integrated."""
+    """By thrusts that the law wants a little earlier and later in flights that are integrated.
+
+    Of masses that it does not know, and in wind.
+    """
     file = Path(__file__).parents[2] / "robots/everything.toml"
     module = fast(robot) if robot != "everything" else emitted_module(read_robot(str(file))[0])
     loop = loop_of(module)
+    if heavier != 1.0:
+        plant = {k: heavier * x for k, x in module.PARAMETERS.items() if "mass" in k}
+        wind = {"velocity": [6, 4, 0], "drag": {"base": 0.8}}
+        loop = loop.with_plant(plant, loop.actuators.lag, flight_scenario("hover", wind=wind))
     rotors, state, time, size = loop.vehicle.rotors, start_of(loop, 0.3), 0.3, 1e-6
     wanted = []
     for side in (-size, size):
@@ -137,6 +145,34 @@ def test_commands_look_ahead_along_the_motion_that_the_acting_thrusts_make(
     assert np.abs(more[1:rotors]).max() > 0.02
     assert more[0] == 0.0
     assert not np.any(more[rotors:])
+
+
+@pytest.mark.parametrize("side", [0, 1])
+def test_commands_do_not_jump_where_a_thrust_comes_to_its_limit(side: int, fast: Load) -> None:
+    """Beside a limit that the law just wants, and with none that it could lead beyond."""
+    loop = loop_of(fast("hexarotor"))
+    state, rotor = start_of(loop, 2.0), 3
+    parts = loop.parts(state)
+    wanted = loop.controller.commanded(0.3, parts.q, parts.v, parts.memory, {})[0]
+    led = loop.inputs(0.3, parts)[0]
+    assert abs(led - wanted)[rotor] > 0.1
+
+    def commanded(beyond: float) -> Array:
+        thrusts = np.full((2, 6), [[-1e3], [1e3]])
+        thrusts[side, rotor] = wanted[rotor] + (beyond if side == 0 else -beyond)
+        controller = replace(
+            loop.controller, allocation=allocation_of(loop.vehicle, limits=thrusts).in_flight()
+        )
+        actuators = replace(loop.actuators, thrusts=thrusts)
+        limited = replace(loop, controller=controller, actuators=actuators)
+        return limited.inputs(0.3, parts)[0]
+
+    assert commanded(-1e-6) == pytest.approx(led, abs=1e-5)
+    assert commanded(1e-6) == pytest.approx(led, abs=1e-3)
+    # Far beyond a limit nothing is led.
+    far = commanded(50.0)
+    held = wanted[rotor] + (50.0 if side == 0 else -50.0)
+    assert far[rotor] == pytest.approx(held, abs=1e-9)
 
 
 def test_commands_at_limits_stay_within_them_and_bring_the_robot_back(fast: Load) -> None:

@@ -31,7 +31,7 @@ from gibbs_codegen.flight.scenario.orientation import Tangent
 from gibbs_codegen.flight.scenario.parts import Control, Motors, Push, Settings
 from gibbs_codegen.flight.scenario.paths import Circle, Harmonic, Term
 from gibbs_codegen.flight.scenario.scenario import ArmTask, Scenario
-from gibbs_codegen.flight.simulation import simulate
+from gibbs_codegen.flight.simulation import flight_start, simulate
 from gibbs_codegen.robot.file import read_robot
 
 Load = Callable[[str], ModuleType]
@@ -192,6 +192,21 @@ LOST: list[tuple[str, str, dict[str, object]]] = [
         },
     ),
 ]
+
+
+def test_control_of_what_nothing_drives_is_not_lost(fast: Load) -> None:
+    """A joint without effort turns as far and as fast as it likes, as a wheel does."""
+    scenario = read_scenario("hover")
+    start = flight_start(fast("quadrotor_arm_2link"), scenario, lambda *_: None, own=False)
+    actuators = replace(start.loop.actuators, efforts=np.array([4.0, 0.0]))
+    loop, layout = replace(start.loop, actuators=actuators), start.loop.vehicle.layout
+    for place, reason in enumerate(("upper_arm is 20 rad off", "")):
+        q, v = start.q.copy(), start.v.copy()
+        q[layout.q.joints][place] += 20.0
+        v[layout.v.joints][place] += 10.0
+        found = Envelope(loop, 1.0, 10.0).reason(0.0, loop.start(q, v))
+        assert reason in found
+        assert bool(found) == bool(reason)
 
 
 @pytest.mark.slow
