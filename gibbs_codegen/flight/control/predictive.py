@@ -29,6 +29,7 @@ from types import ModuleType
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 
 from gibbs_codegen.arrays.evaluation import evaluate
 from gibbs_codegen.arrays.functions import Functions
@@ -72,6 +73,8 @@ Path = Callable[[Array], Array]
 _STEPS = 500
 # How far a point may be off its path before it is led there step by step, in tolerances.
 _FARTHEST = 5.0
+# Change of velocity, m/s, that within a step is a jump of the path, beside so many steps around it.
+_JUMP, _AROUND = 4.0, 5
 # Steps to a posture that has frames where they are led; how much less than turn bases lean there.
 _FITS, _LEAN = 3, 0.1
 # Longest step, s, without a warning.
@@ -665,11 +668,21 @@ class Predictive:
         return np.concatenate([*(x[:-1] for x in (*led, q)), v, u], axis=1)
 
     def _led(self, path: Array, place: Array, times: Array) -> Array:
-        """A path (n, 3), m, at times (n), s, begun so far ahead of a place that is off it."""
-        error = place - path[0]
-        ahead = self._farthest + self.tolerances.velocity * (times - times[0])
-        share = ahead / max(float(np.linalg.norm(error)), 1e-12)
-        return np.asarray(path + np.maximum(0.0, 1.0 - share)[:, np.newaxis] * error)
+        """A path (n, 3), m, at times (n), s, that neither leaves its place nor jumps faster than led.
+
+        What is missing of it, now or after a jump, fades as what is led so far ahead comes nearer.
+        """
+        lengths = np.diff(times)[:, np.newaxis]
+        speeds = np.diff(path, axis=0) / lengths
+        around = np.pad(speeds, ((_AROUND, _AROUND), (0, 0)), "reflect")
+        usual = np.median(sliding_window_view(around, 2 * _AROUND + 1, axis=0), axis=-1)
+        jumps = (speeds - usual) * lengths
+        is_jump = np.linalg.norm(jumps, axis=1) > np.maximum(self._farthest, _JUMP * lengths[:, 0])
+        missing = np.concatenate([[place - path[0]], np.where(is_jump[:, np.newaxis], -jumps, 0.0)])
+        since = times - times[:, np.newaxis]
+        ahead = np.where(since < 0.0, np.inf, self._farthest + self.tolerances.velocity * since)
+        shares = 1.0 - ahead / np.maximum(np.linalg.norm(missing, axis=1), 1e-12)[:, np.newaxis]
+        return np.asarray(path + np.maximum(0.0, shares).T @ missing)
 
     def _fitting(self, q: Array, points: list[Array], led: list[Array]) -> Array:
         """Coordinates (n, nq) near to q with frames where they are led, by damped least squares.
