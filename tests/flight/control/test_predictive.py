@@ -224,7 +224,7 @@ def test_a_plan_is_the_optimum_within_limits(kind: Any, either: ModuleType) -> N
         hessian[first : first + nv, first : first + nv] += node["hessian"]
         for i in range(horizon.before):
             a, b = k * width + i, (k + 1) * width - horizon.before + i
-            hessian[a, b] = hessian[b, a] = -told["changes"][i]
+            hessian[a, b] = hessian[b, a] = told["across"][i, nx - horizon.before + i]
         gradient[at] = node["gradient"]
         rows = slice((k + 1) * nx, (k + 2) * nx)
         equal[rows, at] = -node["slope"]
@@ -333,15 +333,49 @@ def test_what_is_wrong_is_told(module: ModuleType) -> None:
         ({"walls": [1.0]}, "walls must be walls, as"),
         ({"walls": [Plane("hand", (0.0,) * 3, (0.0, 0.0, 1.0), 1e3)]}, "no frame hand"),
         ({"iterations": 1.5}, "iterations must be 1 to 100"),
-        ({"points": {"tip": lambda t: t}}, r"points\['tip'\] must return finite numbers \(n, 3\)"),
-        ({"posture": lambda t: np.full((len(t), 9), np.nan)}, "posture must return finite"),
+        ({"points": {"tip": lambda t: t}}, r"points\['tip'\]: must be .* finite numbers \(n, 3\)"),
+        (
+            {"points": {"tip": lambda t: [[0.0], [1.0, 2.0]]}},
+            r"points\['tip'\]: must be a function",
+        ),
+        ({"posture": lambda t: np.full((len(t), 8), np.nan)}, "posture: must be .* NaN"),
+        ({"points": {"tip": 3.0}}, "points and orientations must be functions of times"),
+        ({"points": {3: len}}, "points and orientations must be functions of times"),
+        ({"parameters": 3.0}, "parameters must be numbers by names"),
+        ({"rates": "fast"}, "rates: must be above 0, one or as many as inputs, not 'fast'"),
+        ({"rates": [1.0, 2.0]}, r"rates: must be above 0, .* shape \(2,\)"),
+        ({"tolerances": Tolerances(joints=[0.1, 0.1])}, "one for each of the 1 joints"),
     ):
         with pytest.raises(UsageError, match=words):
             controller_of(module, **changes)
-    with pytest.raises(UsageError, match="hover must be a state at rest"):
-        Predictive(module, Rest(np.zeros(3), np.zeros(2)))
-    with pytest.raises(UsageError, match="time of an instant must be finite"):
-        controller_of(module).inputs(np.nan, *[np.zeros(3)] * 2)
+    for rest in (Rest(np.zeros(3), np.zeros(2)), None):
+        with pytest.raises(
+            UsageError, match=r"hover\.q: must be \d+ finite numbers: hover is a state"
+        ):
+            Predictive(module, rest)  # type: ignore[arg-type]
+    for robot in (pytest, None):
+        with pytest.raises(UsageError, match="module must be a module, as load"):
+            Predictive(robot, Rest(np.zeros(3), np.zeros(2)))  # type: ignore[arg-type]
+    controller = controller_of(module)
+    q, v = controller.hover.q, np.zeros(len(module.VELOCITIES))
+    wrong: Any
+    for name, wrong in (
+        ("time", (np.nan, q, v)),
+        ("time", (None, q, v)),
+        ("q", (0.0, None, v)),
+        ("q", (0.0, q[np.newaxis], v)),
+        ("v", (0.0, q, v[:-1])),
+        ("v", (0.0, q, "fast")),
+    ):
+        with pytest.raises(UsageError, match=rf"predictive\.inputs: {name}: must be "):
+            controller.inputs(*wrong)
+    with pytest.raises(UsageError, match="is called with an `Observation`, not NoneType"):
+        controller(None)  # type: ignore[arg-type]
+    with pytest.raises(UsageError, match="folder must be a path, not None"):
+        controller.write_c(None)  # type: ignore[arg-type]
+    for tolerance in (0.0, [0.1, -1.0], [[1.0]], "tight", None):
+        with pytest.raises(UsageError, match="tolerances: joints"):
+            Tolerances(joints=tolerance)  # type: ignore[arg-type]
     with pytest.warns(UserWarning, match="a step of 0.1 s is long"):
         controller_of(module, step=0.1)
     with pytest.raises(UsageError, match='backend="c"'):
