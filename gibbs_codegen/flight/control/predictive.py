@@ -427,8 +427,8 @@ class Predictive:
             for x, (kind, words) in kinds.items()
             if not isinstance(robot if x == "module" else getattr(self, x), kind)
         ]
-        led = {**self.points, **self.orientations} if not faults else {}
-        if any(not isinstance(x, str) or not callable(path) for x, path in led.items()):
+        led = [] if faults else [*self.points.items(), *self.orientations.items()]
+        if any(not isinstance(x, str) or not callable(path) for x, path in led):
             faults = [("points and orientations", paths)]
         if not faults and not all(isinstance(wall, Wall) for wall in self.walls):
             faults = [("walls", "walls, as `read_scenario(…).walls` has them")]
