@@ -663,6 +663,29 @@ def test_slopes_of_motors_and_servos_are_derivatives(driven: ModuleType) -> None
     assert_slopes(controller)
 
 
+def test_what_servos_are_sent_costs_by_the_torque_that_it_makes(driven: ModuleType) -> None:
+    """Of one tolerance a joint: servos of 30 N m/rad and 400 N/m, and a joint without one."""
+    hover = trim(driven, posture_deg={"upper": 20.0, "wrist": 30.0})
+    tolerances = Tolerances(joints=[0.3, 0.01, 0.2], effort=[2.0, 20.0, 1.0])
+    smooth = {x: 0.0 for x in driven.PARAMETERS if x.endswith("_backlash")}
+    controller = Predictive(
+        driven,
+        hover,
+        {"tip": lambda t: np.tile([0.1, 0.0, -0.4], (len(t), 1))},
+        parameters=smooth,
+        tolerances=tolerances,
+    )
+    weights = controller._weights()
+    efforts = np.array([30.0 / 2.0, 400.0 / 20.0, 1.0]) ** 2
+    np.testing.assert_allclose(weights["inputs"][-3:], efforts, rtol=1e-9)
+    np.testing.assert_allclose(weights["posture"][-3:], np.array([0.3, 0.01, 0.2]) ** -2.0)
+    told = controller._compiled.arrays
+    nv, first = len(driven.VELOCITIES), controller.vehicle.layout.v.joints.start
+    right = np.zeros((len(hover.u), nv))
+    right[[4, 5], [first, first + 1]] = -efforts[:2]
+    np.testing.assert_allclose(told["across"][:, :nv], right, rtol=1e-9)
+
+
 def test_motors_and_servos_are_commanded_within_their_limits(driven: ModuleType) -> None:
     """A circle of the tip near to which joints without play and friction keep it, in the air."""
     hover = trim(driven, posture_deg={"upper": 20.0, "wrist": 30.0})
