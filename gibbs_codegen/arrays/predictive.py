@@ -19,6 +19,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 
 from gibbs_codegen.arrays.contact import Contact, touch
 from gibbs_codegen.arrays.forward import jacobian
@@ -60,7 +61,8 @@ class Horizon:
     `points` and `orientations` are frames that are led. `method` takes the steps. `lags`: motors
     lag; `changes`: changes of inputs cost, or are limited. `carries`: the position of the base is
     free, and at the end of the horizon is where the first point would be on its path. `walls` are
-    contacts with them, each with the figures of its wall.
+    contacts with them, each with the figures of its wall. `served`: inputs that servos are sent,
+    each with the entry of (q, v), as displacements, off which it costs, since it pushes by these.
     """
 
     robot: Functions
@@ -71,6 +73,7 @@ class Horizon:
     changes: bool = False
     carries: bool = False
     walls: tuple[tuple[Contact, tuple[float, ...]], ...] = ()
+    served: tuple[tuple[int, int], ...] = ()
 
     @property
     def motors(self) -> int:
@@ -98,6 +101,14 @@ class Horizon:
     def size(self) -> int:
         """Length of a state."""
         return self.robot.space.coordinates + self.states - self.robot.space.velocities
+
+    @property
+    def pushing(self) -> NDArray[np.float64]:
+        """What each input (rows) costs off, of displacements of q and v (columns)."""
+        pushing = np.zeros((self.robot.inputs, 2 * self.robot.space.velocities))
+        for row, entry in self.served:
+            pushing[row, entry] = 1.0
+        return pushing
 
     @cached_property
     def reference_size(self) -> int:
@@ -369,6 +380,11 @@ class Horizon:
         errors = found["errors"]
         hessian, pull = self._pulled(given, found["errors_by_q"], errors)
         cost, efforts, rates, changed = self._cost(given, errors)
+        if self.served:
+            by_q, by_v = np.split(self.pushing, 2, axis=1)
+            stiff = reshaped(given.weights["inputs"], (len(by_q), 1)) * constant(by_q)
+            hessian = hessian + constant(by_q.T) @ stiff
+            pull, rates = pull - constant(by_q.T) @ efforts, rates - constant(by_v.T) @ efforts
         parts = [efforts if changed is None else efforts + changed, pull, rates]
         parts += [zeros(self.motors)] if self.motors else []
         parts += [] if changed is None else [-changed]
@@ -396,6 +412,9 @@ class Horizon:
         """Cost of a node, its slopes by u and v, and by the change of u."""
         u, weights = given.inputs[0], given.weights
         off, drift = u - given.reference["u"], given.v - given.reference["v"]
+        if self.served:
+            away = errors[errors.size - self.robot.space.velocities :]
+            off = off - constant(self.pushing) @ join(away, drift)
         efforts, rates = weights["inputs"] * off, weights["velocities"] * drift
         cost, changed = self._squares(given, errors) + dot(efforts, off) + dot(rates, drift), None
         if self.changes:

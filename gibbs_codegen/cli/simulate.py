@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import itertools
 import sys
 import time
 from collections.abc import Sequence
@@ -140,8 +139,9 @@ def _errors(flight: Flight, samples: slice) -> str:
     joints, rates = flight.layout.q.joints, flight.layout.v.joints
     errors = abs(flight.errors[samples, rates]).max(axis=0)
     named = zip(errors, flight.coordinates[joints], flight.coordinate_units[joints], strict=True)
-    driven = flight.input_limits[:, flight.rotors :].any(axis=0)  # No other follows a motion.
-    of = list(itertools.compress(named, driven))
+    driven = flight.input_limits[:, flight.rotors :].any(axis=0)
+    # A joint that nothing drives follows no motion.
+    of = [joint for joint, has_effort in zip(named, driven, strict=True) if has_effort]
     for unit in sorted({unit for _, _, unit in of}):
         error, joint = max((error, joint) for error, joint, its_unit in of if its_unit == unit)
         found.append(f"joint {joint} {error:.2g} {unit}")

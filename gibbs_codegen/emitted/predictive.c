@@ -105,8 +105,8 @@ WIDE static void linearise(const Constants *constants, Controller *own, Room *ro
                 reals(node->hessian[i])[i] = own->diagonal[i];
             }
         }
-        for (int i = 0; i < CHANGES; ++i) {
-            reals(node->hessian[i])[WIDTH - CHANGES + i] = -own->changes[i];
+        for (int i = 0; i < INPUTS; ++i) {
+            memcpy(reals(node->hessian[i]) + INPUTS, own->across[i], sizeof own->across[i]);
         }
     }
 }
@@ -223,7 +223,8 @@ static real value_with_gaps(
 /*
  * Take a step of Gauss and Newton's method from the plan, where the machine is at x, or a share of it
  * where all of it would make the plan worse: its cost, and its gaps at a price of which the step
- * saves more than it costs (Nocedal and Wright, 2006, 18.36). Returns whether there was a step.
+ * saves more than it costs (Nocedal and Wright, 2006, 18.36). Returns whether there was a step;
+ * without one the plan stays as it was.
  */
 static int iterate(const Constants *constants, Controller *own, Room *room, const real *x)
 {
@@ -255,18 +256,17 @@ static int iterate(const Constants *constants, Controller *own, Room *room, cons
     }
     const real merit = before + price * gaps_before;
     own->share = R(2.0);
-    for (int tried = 0; tried < SHARES; ++tried) {
+    int is_better = 0;
+    for (int tried = 0; tried < SHARES && !is_better; ++tried) {
         own->share *= R(0.5);
         propose(constants, own, room, own->share);
         own->cost = value_with_gaps(constants, own, room, x, &gaps);
         own->gaps = gaps;
         const real fall = own->share * (price * gaps_before - slope);
         const real rounding = R(1e-9) * (R(1.0) + absolute_real(merit));
-        if (own->cost + price * gaps <= merit - R(1e-4) * fall + rounding) {
-            break;
-        }
+        is_better = own->cost + price * gaps <= merit - R(1e-4) * fall + rounding;
     }
-    if (!(own->cost < R(1e30))) {
+    if (!is_better) {
         return 0;
     }
     memcpy(own->x, room->candidate, sizeof own->x);

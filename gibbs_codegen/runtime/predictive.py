@@ -140,7 +140,10 @@ class Transcription:
                 (robot.inputs + horizon.states,),
                 "Of the Hessian by inputs and state, beside that by q.",
             ),
-            "changes": Member((max(horizon.before, 1),), "Weights of changes of inputs."),
+            "across": Member(
+                (robot.inputs, horizon.states),
+                "Of the Hessian by an input and by the state: of changes of inputs, and of servos.",
+            ),
             "least": Member(
                 (rows,), "Limits of inputs, joints and their rates, and rates of inputs."
             ),

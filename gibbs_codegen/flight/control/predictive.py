@@ -29,6 +29,7 @@ from types import ModuleType
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 
 from gibbs_codegen.arrays.evaluation import evaluate
 from gibbs_codegen.arrays.functions import Functions
@@ -41,6 +42,7 @@ from gibbs_codegen.errors import (
     UsageError,
     printable,
 )
+from gibbs_codegen.flight.arguments import numbers, numpy_array, real
 from gibbs_codegen.flight.control.laws import Controller
 from gibbs_codegen.flight.control.observation import Observation
 from gibbs_codegen.flight.plant.actuators import (
@@ -72,6 +74,8 @@ Path = Callable[[Array], Array]
 _STEPS = 500
 # How far a point may be off its path before it is led there step by step, in tolerances.
 _FARTHEST = 5.0
+# Change of velocity, m/s, that within a step is a jump of the path, beside so many steps around it.
+_JUMP, _AROUND = 4.0, 5
 # Steps to a posture that has frames where they are led; how much less than turn bases lean there.
 _FITS, _LEAN = 3, 0.1
 # How far the product of a rotation with its transpose may be off 1.
@@ -84,6 +88,8 @@ _NONE, _BARRIER, _TOLERANCE = 1e30, 1e-2, 1e-6
 _SLOW = 2.0
 # Time constants, s, of what follows no command: of the charge of a battery.
 _ENDLESS = (1e4, 1e4)
+# Tolerances of which there may be one a joint.
+_BY_JOINT = ("joints", "joint_rates", "effort")
 # What a state costs that is out of its limits by its tolerance, per step.
 _EXCESS = 100.0
 
@@ -106,30 +112,34 @@ class Tolerances:
 
     - `point`, m, and `orientation`, rad: of frames that are led
     - `position`, m, of the base, None if it is where points need it; `attitude`, rad; `joints`, rad
-      or m: off the posture
-    - `velocity`, m/s, `angular_velocity`, rad/s, `joint_rates`, rad/s or m/s
-    - `thrust`, N, and `effort`, N m or N: off those of hover; `change`: share of these by which
-      inputs may change from step to step, None if changes are free
+      or m, one or one a joint: off the posture
+    - `velocity`, m/s, `angular_velocity`, rad/s, `joint_rates`, rad/s or m/s, one or one a joint
+    - `thrust`, N, and `effort`, N m or N, one or one a joint: off those of hover; `change`: share
+      of these by which inputs may change from step to step, None if changes are free
     """
 
     point: float = 0.002
     orientation: float = 0.02
     position: float | None = None
     attitude: float = 0.3
-    joints: float = 0.3
+    joints: float | Sequence[float] = 0.3
     velocity: float = 0.5
     angular_velocity: float = 1.0
-    joint_rates: float = 1.0
+    joint_rates: float | Sequence[float] = 1.0
     thrust: float | None = None
-    effort: float | None = None
+    effort: float | Sequence[float] | None = None
     change: float | None = None
 
     def __post_init__(self) -> None:
         for each in fields(self):
-            value = getattr(self, each.name)
-            if value is not None and not 0.0 < value < np.inf:
+            if (value := getattr(self, each.name)) is None and each.default is None:
+                continue
+            many = each.name in _BY_JOINT
+            tolerance = numpy_array(f"tolerances: {each.name}", value)
+            if tolerance.ndim > many or not np.all((tolerance > 0.0) & (tolerance < np.inf)):
                 raise UsageError(
-                    f"tolerances: {each.name} must be a finite number above 0, not {value}"
+                    f"tolerances: {each.name} must be a finite number above 0"
+                    f"{', or one a joint' * many}, not {printable(str(value), 100)}"
                 )
 
 
@@ -256,6 +266,7 @@ class Predictive:
             self.rates is not None or self.tolerances.change is not None,
             self._carries,
             touched_by(vehicle.frames, self.walls),
+            self._served,
         )
         rows, limits = self._rows()
         transcription = Transcription(self.horizon, self.nodes, tuple(rows))
@@ -271,11 +282,16 @@ class Predictive:
         weights = self._weights()
         told["weights"][:] = np.concatenate([weights[name] for name in self.horizon.weight_sizes])
         # Beside those of coordinates: of inputs, velocities, thrusts and inputs before.
-        nothing = np.zeros(robot.space.velocities), np.zeros(self.horizon.motors)
-        changes = weights["changes"]
-        told["changes"][: len(changes)] = changes
+        changes, pushing = weights["changes"], self.horizon.pushing
+        across, nv = told["across"], robot.space.velocities
+        across[:, : 2 * nv] = -weights["inputs"][:, np.newaxis] * pushing
+        across[:, across.shape[1] - len(changes) :] = (
+            -np.eye(*across[:, : len(changes)].shape) * changes
+        )
         by_u = weights["inputs"] + (changes if len(changes) else 0.0)
-        told["diagonal"][:] = np.r_[by_u, nothing[0], weights["velocities"], nothing[1], changes]
+        by_v = weights["velocities"] + weights["inputs"] @ pushing[:, nv:]
+        nothing = np.zeros(nv), np.zeros(self.horizon.motors)
+        told["diagonal"][:] = np.r_[by_u, nothing[0], by_v, nothing[1], changes]
         told["barrier"][()], told["tolerance"][()] = _BARRIER, _TOLERANCE
         told["rounds"][()], told["delay"][()] = self.iterations, self.delay or 0.0
         told["hover"][:] = self._hovering()
@@ -283,7 +299,6 @@ class Predictive:
         told["ahead"][:] = self._ahead_costs(constants, weights)
         self._check_paths()
         # What follows the horizon costs by displacements and velocities in the base's frame.
-        nv = robot.space.velocities
         to_base = np.linalg.inv(self._in_base(self.hover.q))
         costs = told["ahead"][: 4 * nv * nv].reshape(2 * nv, 2 * nv)
         self._costs_in_base = to_base.T @ costs @ to_base
@@ -307,6 +322,10 @@ class Predictive:
 
     def __call__(self, seen: Observation) -> Array:
         """Inputs u (nu), N and N m, of the step that begins at an observation; see `inputs`."""
+        if not isinstance(seen, Observation):
+            raise UsageError(
+                f"predictive: is called with an `Observation`, not {type(seen).__name__}"
+            )
         return self.inputs(seen.time, seen.q, seen.v)
 
     def inputs(self, time: float, q: Array, v: Array) -> Array:
@@ -321,11 +340,15 @@ class Predictive:
             The inputs, N and N m, within their limits.
 
         Raises:
-            UsageError: If the time is not finite.
+            UsageError: If the time is not finite, or q or v have other shapes.
             NoPlanError: If no plan was found for a whole horizon.
         """
-        if not np.isfinite(time):
-            raise UsageError(f"predictive: the time of an instant must be finite, s, not {time}")
+        time = float(numbers("predictive.inputs: time", time, "a finite time, s", ()))
+        names, shapes = ("q", "v"), (self.vehicle.neutral.shape, (self.vehicle.layout.v.size,))
+        q, v = (
+            real(f"predictive.inputs: {name}", x, f"numbers of shape {shape}", shape)
+            for name, x, shape in zip(names, (q, v), shapes, strict=True)
+        )
         begin, own = clock.perf_counter(), self._compiled
         told = own.arrays
         is_first = told["failures"] < 0.0
@@ -377,7 +400,10 @@ class Predictive:
 
         Raises:
             OutputError: If the files cannot be written.
+            UsageError: If the folder is not a path.
         """
+        if not isinstance(folder, str | os.PathLike):
+            raise UsageError(f"predictive.write_c: folder must be a path, not {folder!r}")
         self._turn_costs(self.hover.q)
         return self._compiled.write_c(pathlib.Path(folder))
 
@@ -385,12 +411,13 @@ class Predictive:
 
     def _check_kinds(self) -> None:
         """Raise `UsageError` for arguments of other kinds than they must be."""
-        robot, sizes = self.module, [np.size(getattr(self.hover, x, ())) for x in ("q", "u")]
+        robot = self.module if hasattr(self.module, "COORDINATES") else None
         paths = 'functions of times by names of frames, such as {"tip": path}'
         kinds: dict[str, tuple[Any, str]] = {
             "module": (ModuleType, 'a module, as load(folder, backend="c") returns'),
             **dict.fromkeys(("points", "orientations"), (Mapping, paths)),
             **dict.fromkeys(("posture", "feedforward"), (Callable | None, "a function of times")),
+            "parameters": (Mapping, 'numbers by names of parameters, such as {"gravity": 3.7}'),
             "tolerances": (Tolerances, "`Tolerances`"),
             "walls": (Sequence, "a list of walls"),
             "actuators": (Actuators | Scenario | None, "a `Scenario` that has them"),
@@ -400,14 +427,18 @@ class Predictive:
         faults = [
             (x, words)
             for x, (kind, words) in kinds.items()
-            if not isinstance(getattr(self, x), kind)
+            if not isinstance(robot if x == "module" else getattr(self, x), kind)
         ]
-        if not faults and sizes != [len(robot.COORDINATES), len(robot.INPUTS)]:
-            faults = [("hover", f"a state at rest of {robot.NAME}, as `trim` returns")]
+        led = [] if faults else [*self.points.items(), *self.orientations.items()]
+        if any(not isinstance(x, str) or not callable(path) for x, path in led):
+            faults = [("points and orientations", paths)]
         if not faults and not all(isinstance(wall, Wall) for wall in self.walls):
             faults = [("walls", "walls, as `read_scenario(…).walls` has them")]
         for name, words in faults:
             raise UsageError(f"predictive: {name} must be {words}")
+        for name, size in (("q", len(self.module.COORDINATES)), ("u", len(self.module.INPUTS))):
+            words = f"{size} finite numbers: hover is a state at rest, as `trim` returns"
+            numbers(f"predictive: hover.{name}", getattr(self.hover, name, np.nan), words, (size,))
 
     def _check_paths(self) -> None:
         """Raise `UsageError` if a path is not what it must be, now and a step later."""
@@ -418,19 +449,16 @@ class Predictive:
             ("feedforward", self.feedforward, (len(self.hover.u),)),
         ]
         for name, path, shape in [each for each in paths if each[1] is not None]:
-            found = np.asarray(path(self._ahead[:2]), np.float64)
-            wanted, fits = "finite numbers", found.shape == (2, *shape)
-            fits = fits and bool(np.all(np.isfinite(found)))
+            words = ", ".join(map(str, shape))
+            words = f"a function that returns finite numbers (n, {words}) at times (n)"
+            found = numbers(f"predictive: {name}", path(self._ahead[:2]), words, (2, *shape))
             if shape == (3, 3):
-                wanted = "rotation matrices"
-                off = found @ found.swapaxes(1, 2) - np.eye(3) if fits else np.ones(1)
-                fits = np.abs(off).max() < _ROTATION and bool(np.all(np.linalg.det(found) > 0.0))
-            if not fits:
-                words = ", ".join(map(str, shape))
-                raise UsageError(
-                    f"predictive: {name} must return {wanted} (n, {words}) at times (n); at "
-                    f"two times it returned {printable(str(found.tolist()), 100)}"
-                )
+                off = np.abs(found @ found.swapaxes(1, 2) - np.eye(3)).max()
+                if not (off < _ROTATION and np.all(np.linalg.det(found) > 0.0)):
+                    raise UsageError(
+                        f"predictive: {name}: must be rotation matrices (n, 3, 3) at times (n); at "
+                        f"two times they are {printable(str(found.tolist()), 100)}"
+                    )
 
     def _check(self) -> None:
         """Raise `UsageError` for what is not what it must be."""
@@ -447,6 +475,13 @@ class Predictive:
         ]
         if lacks := [name for name in needed if name not in has]:
             raise MissingFunctionError(self.module.NAME, lacks, options_with(lacks, has))
+        joints = len(self.module.INPUTS) - Functions(self.module).rotors
+        for name in _BY_JOINT:
+            if np.shape(getattr(self.tolerances, name)) not in ((), (joints,)):
+                raise UsageError(
+                    f"tolerances: {name} must be one number, or one for each of the {joints} "
+                    f"joints of {self.module.NAME}, not {np.size(getattr(self.tolerances, name))}"
+                )
         wanted = {
             "step": (self.step, 0.0 < self.step < np.inf, "a finite time above 0, s"),
             "nodes": (self.nodes, self.nodes in range(1, 501), "1 to 500 steps"),
@@ -455,19 +490,14 @@ class Predictive:
             "farthest": (self._farthest, self._farthest > 0.0, "a distance above 0, m"),
             "delay": (self.delay, 0.0 <= (self.delay or 0.0) <= self.step, "0 to a step, s"),
             "deadline": (self.deadline, (self.deadline or 0.0) >= 0.0, "a time of 0 or more, s"),
-            "rates": (
-                self.rates,
-                self.rates is None
-                or (
-                    (np.ndim(self.rates) == 0 or np.shape(self.rates) == (len(self.module.INPUTS),))
-                    and bool(np.all(np.asarray(self.rates) > 0.0))
-                ),
-                "above 0, one or as many as inputs",
-            ),
         }
         for name, (value, is_right, words) in wanted.items():
             if not is_right:
                 raise UsageError(f"predictive: {name} must be {words}, not {value}")
+        if self.rates is not None:
+            words, count = "above 0, one or as many as inputs", len(self.module.INPUTS)
+            if not np.all(real("predictive: rates", self.rates, words, (), (count,)) > 0.0):
+                raise UsageError(f"predictive: rates must be {words}, not {self.rates}")
         if self.step > _LONG:
             warnings.warn(
                 f"predictive: a step of {self.step:g} s is long: between instants motors and "
@@ -529,6 +559,13 @@ class Predictive:
         return _served(self.vehicle)
 
     @property
+    def _served(self) -> tuple[tuple[int, int], ...]:
+        """Inputs that servos are sent, with the entry of (q, v) off which they push."""
+        first, nv = self.vehicle.layout.v.joints.start, self.vehicle.layout.v.size
+        joints = [(k, k - self.vehicle.rotors) for k in self._places]
+        return tuple((k, first + x + nv * (not holds(self.vehicle, x))) for k, x in joints)
+
+    @property
     def _servos(self) -> bool:
         """Whether servos hold joints."""
         return bool(self._places)
@@ -571,9 +608,9 @@ class Predictive:
         found = [(Row(i, i), *self._bounds[:, i], _NONE, 0.0) for i in range(nu)]
         for k in range(joints):
             i, at = rates.start + k, own.start + k
-            excess = _EXCESS / self.tolerances.joints
+            excess = _EXCESS / self._by_joint("joints")[k]
             found.append((Row(nu + i, nu + at), *limits.joints[:, k], excess, 1.0))
-            fastest, excess = limits.velocities[k], _EXCESS / self.tolerances.joint_rates
+            fastest, excess = limits.velocities[k], _EXCESS / self._by_joint("joint_rates")[k]
             row = Row(nu + nv + i, nu + n + i)
             found.append((row, -fastest, fastest, excess, 1.0))
         if self.rates is not None:
@@ -597,26 +634,30 @@ class Predictive:
     def _weights(self) -> dict[str, Array]:
         """Weights of the squares of what is off, by kind."""
         tolerances, layout = self.tolerances, self.horizon.robot.layout.v
-        rotors, joints = self.vehicle.rotors, self.vehicle.joints
+        rotors = self.vehicle.rotors
         thrusts = np.abs(self.hover.u[:rotors])
         thrust = tolerances.thrust or 0.5 * float(thrusts.max(initial=0.0)) or 1.0
-        effort = tolerances.effort or thrust * self._reach or 1.0
-        scale = np.r_[np.full(rotors, thrust), np.full(joints, effort)]
+        turning = np.array([x == "N m" for x in self.module.INPUT_UNITS[rotors:]], dtype=bool)
+        effort = np.where(turning, thrust * self._reach or 1.0, thrust)
+        scale = np.r_[
+            np.full(rotors, thrust),
+            effort if tolerances.effort is None else self._by_joint("effort"),
+        ]
         if self.vehicle.is_driven:  # Commands that make so much of a difference.
-            scale = np.abs(self._sent(self.hover.q, self.hover.u + scale) - self._inputs)
-            held = [holds(self.vehicle, place - rotors) for place in self._places]
-            scale[self._places] = np.where(held, tolerances.joints, tolerances.joint_rates)
+            still, u = np.zeros(layout.size), self.hover.u
+            sent = [self.vehicle.command_of(self.hover.q, still, x) for x in (u + scale, u)]
+            scale = np.abs(sent[0] - sent[1])
         inputs = scale**-2.0
         posture, rates = np.zeros(layout.size), np.zeros(layout.size)
         posture[layout.attitude] = tolerances.attitude**-2
-        posture[layout.joints] = tolerances.joints**-2
+        posture[layout.joints] = self._by_joint("joints") ** -2.0
         if tolerances.position is not None:
             posture[layout.position] = tolerances.position**-2
         elif not self.points:
             posture[layout.position] = tolerances.point**-2
         rates[layout.attitude] = tolerances.angular_velocity**-2
         rates[layout.position] = tolerances.velocity**-2
-        rates[layout.joints] = tolerances.joint_rates**-2
+        rates[layout.joints] = self._by_joint("joint_rates") ** -2.0
         has_changes = self.horizon.changes
         share = tolerances.change
         changes = np.zeros_like(inputs) if share is None else inputs / share**2
@@ -628,6 +669,12 @@ class Predictive:
             "inputs": inputs,
             "changes": changes if has_changes else np.zeros(0),
         }
+
+    def _by_joint(self, name: str) -> Array:
+        """A tolerance of each joint (n)."""
+        return np.broadcast_to(
+            np.asarray(getattr(self.tolerances, name), np.float64), (self.vehicle.joints,)
+        )
 
     @property
     def _reach(self) -> float:
@@ -666,17 +713,29 @@ class Predictive:
         if self.posture is not None or len(led) > self._carries:
             self._turn_costs(q[-2])
         v = _rates(self.vehicle.function("difference")(q[:-1], q[1:]), beyond)
-        u = np.tile(self._inputs, (count, 1))
+        # The same torques: what servos are sent goes along.
+        moved = np.concatenate([self.vehicle.function("difference")(self.hover.q, q[:-1]), v], 1)
+        u = self._inputs + moved @ self.horizon.pushing.T
         if self.feedforward is not None:
             u = np.asarray(self.feedforward(times))
         return np.concatenate([*(x[:-1] for x in (*led, q)), v, u], axis=1)
 
     def _led(self, path: Array, place: Array, times: Array) -> Array:
-        """A path (n, 3), m, at times (n), s, begun so far ahead of a place that is off it."""
-        error = place - path[0]
-        ahead = self._farthest + self.tolerances.velocity * (times - times[0])
-        share = ahead / max(float(np.linalg.norm(error)), 1e-12)
-        return np.asarray(path + np.maximum(0.0, 1.0 - share)[:, np.newaxis] * error)
+        """A path (n, 3), m, at times (n), s, that begins near a place and does not jump.
+
+        What is missing of it, now or after a jump, fades as what is led so far ahead comes nearer.
+        """
+        lengths = np.diff(times)[:, np.newaxis]
+        speeds = np.diff(path, axis=0) / lengths
+        around = np.pad(speeds, ((_AROUND, _AROUND), (0, 0)), "reflect")
+        usual = np.median(sliding_window_view(around, 2 * _AROUND + 1, axis=0), axis=-1)
+        jumps = (speeds - usual) * lengths
+        is_jump = np.linalg.norm(jumps, axis=1) > np.maximum(self._farthest, _JUMP * lengths[:, 0])
+        missing = np.concatenate([[place - path[0]], np.where(is_jump[:, np.newaxis], -jumps, 0.0)])
+        since = times - times[:, np.newaxis]
+        ahead = np.where(since < 0.0, np.inf, self._farthest + self.tolerances.velocity * since)
+        shares = 1.0 - ahead / np.maximum(np.linalg.norm(missing, axis=1), 1e-12)[:, np.newaxis]
+        return np.asarray(path + np.maximum(0.0, shares).T @ missing)
 
     def _fitting(self, q: Array, points: list[Array], led: list[Array]) -> Array:
         """Coordinates (n, nq) near to q with frames where they are led, by damped least squares.
@@ -684,7 +743,8 @@ class Predictive:
         Bases lean last, which do not hover so if their rotors push along one axis.
         """
         layout, tolerances, joints = self.vehicle.layout, self.tolerances, self.vehicle.arm
-        scale = np.full(layout.v.size, tolerances.joints)
+        scale = np.empty(layout.v.size)
+        scale[layout.v.joints] = self._by_joint("joints")
         scale[layout.v.position] = tolerances.position or 1.0
         scale[layout.v.attitude] = tolerances.attitude * np.array([_LEAN, _LEAN, 1.0])
         frames = [*self.horizon.points, *self.horizon.orientations]
@@ -761,13 +821,15 @@ class Predictive:
             b = b + by_motors @ self._followed
         states, inputs = np.zeros((2 * nv, 2 * nv)), np.diag(weights["inputs"])
         states[:nv, :nv] = found["hessian"]
-        states[range(nv, 2 * nv), range(nv, 2 * nv)] = weights["velocities"]
+        states[range(nv, 2 * nv), range(nv, 2 * nv)] = told["diagonal"][nu + nv : nu + 2 * nv]
+        across = told["across"][:, : 2 * nv]
         after = np.zeros_like(states)
         for _ in range(_STEPS):
             cost = states + after
-            gain = np.linalg.solve(inputs + b.T @ cost @ b, b.T @ cost @ a)
+            gain = np.linalg.solve(inputs + b.T @ cost @ b, b.T @ cost @ a + across)
             closed = a - b @ gain
-            after = gain.T @ inputs @ gain + closed.T @ cost @ closed
+            after = gain.T @ (inputs @ gain - across) - across.T @ gain + closed.T @ cost @ closed
+        after -= horizon.pushing.T @ across  # What servos push costs at the end, too.
         return np.concatenate([after.ravel(), *self._carrying(hover.q)])
 
     def _hovering(self) -> Array:

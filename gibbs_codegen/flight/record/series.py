@@ -323,10 +323,10 @@ class Flight:
         if not len(during):
             return f"hold {k + 1}, {name}: never took hold"
         own = {f"{name}_{row}" for row in _LINEAR_ROWS}
-        rows = [i for i, row in enumerate(self.hold_names) if row in own]
-        forces = np.linalg.norm(self.hold_forces[np.ix_(during, rows)], axis=1)
+        rows = [row in own for row in self.hold_names]
+        forces = np.linalg.norm(self.hold_forces[during][:, rows], axis=1)
         most = int(np.argmax(forces))
-        errors = self.hold_errors[np.ix_(during, rows)]
+        errors = self.hold_errors[during][:, rows]
         until = f"to {end:.4g} s" if end <= self.time[-1] else "on"
         losses = self.impacts[self.impacts[:, 0] == begin, 1]
         impact = "".join(f"{lost:.3g} J lost in the impact; " for lost in losses)
