@@ -11,7 +11,7 @@ limits. It needs an environment of its own, and its row is left out without:
 
 Rounds go through all that is timed in turn, so that a slow moment of the machine hits all alike;
 numbers are medians over the rounds, ratios with 10th and 90th percentiles. The tables are printed
-as Markdown, for docs/explanation/rollout-times.md. `--only` takes words of which a row's name has
+as Markdown. `--only` takes words of which a row's name has
 one, in which case what rows are compared with is timed too.
 """
 

@@ -54,8 +54,7 @@ def pages_with(language: str) -> list[str]:
 
 @pytest.mark.parametrize("page", [p for p in pages_with("python") if p not in RUN_ELSEWHERE])
 def test_python_runs(page: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    """The blocks of a page one after the other; those with prompts give what is shown."""
-    copytree(ROOT / "generated", tmp_path / "generated")
+    """The blocks of a page one after the other, in an empty folder; prompts give what is shown."""
     monkeypatch.chdir(tmp_path)
     write_files(page, tmp_path)
     run_python(page)

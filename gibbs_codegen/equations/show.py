@@ -139,7 +139,7 @@ _OF_EVERY_CHAIN = {6: _link, 18: _coupling}
 
 
 WHY_DEFINITIONS = (
-    "Written out, these expressions would be too long to be read: they grow about threefold with "
+    "Written out, these expressions would be too long to be read: they grow two- to threefold with "
     "every link. They are given as definitions instead, each by those before it, and vectors in "
     "the frames of their own items. Components that are not listed are zero."
 )

@@ -1,8 +1,9 @@
-"""The per-user cache of compiled libraries: private, keyed by content, verified, filled atomically.
+"""The per-user cache of compiled libraries and of modules of robots that ship.
 
-An entry is a folder that holds one library and its digest. It is made under another name and then
+It is private, keyed by content, verified and filled atomically. An entry is a folder that holds one
+library and its digest, or one module and its manifest. It is made under another name and then
 renamed, so that it is whole or not there; it is never changed. A lock keeps processes that start at
-once from compiling the same thing side by side.
+once from making the same thing side by side.
 """
 
 from __future__ import annotations
@@ -11,10 +12,11 @@ import hashlib
 import os
 import stat
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from gibbs_codegen.errors import cause_of
+from gibbs_codegen.files.module_writer import generated_files
 from gibbs_codegen.files.staging import put_in_place, staging_folder
 
 _LIBRARY = "library.so"
@@ -31,28 +33,72 @@ def cached_library(key: str, make: Callable[[Path], None]) -> Path:
     Keys differ where libraries do. Raises `CacheError` if the cache cannot be used, and what `make`
     raises.
     """
+
+    def fill(new: Path) -> None:
+        make(new / _LIBRARY)
+        (new / _DIGEST).write_text(_digest(new / _LIBRARY), encoding="ascii")
+
+    def is_whole(entry: Path) -> bool:
+        return _digest(entry / _LIBRARY) == (entry / _DIGEST).read_text(encoding="ascii")
+
+    return _cached(key, fill, is_whole, (_LIBRARY, _DIGEST)) / _LIBRARY
+
+
+def cached_module(key: str, name: str, make: Callable[[Path], None]) -> Path:
+    """Folder of the module of a key, which `make` writes into a folder where the cache has none.
+
+    `name` is the module's. Raises as `cached_library` does.
+    """
+
+    def is_whole(entry: Path) -> bool:
+        folder = entry / name
+        digests = generated_files(folder)
+        return bool(digests) and all(_digest(folder / f) == d for f, d in digests.items())
+
+    return _cached(key, make, is_whole, (name,)) / name
+
+
+def _cached(
+    key: str,
+    fill: Callable[[Path], None],
+    is_whole: Callable[[Path], bool],
+    parts: Sequence[str],
+) -> Path:
+    """The entry of a key, which `fill` fills where the cache has none that is whole.
+
+    `parts` are in it, and have to be ours.
+    """
+
+    def is_there(entry: Path) -> bool:
+        try:
+            paths = [entry, *(entry / part for part in parts)]
+            if any(p.is_symlink() or not _is_ours(os.lstat(p)) for p in paths):
+                return False
+            return is_whole(entry)
+        except (OSError, UnicodeDecodeError):
+            return False
+
     try:
         root = _private_folder()
         entry = root / hashlib.sha256(key.encode()).hexdigest()
-        if not _is_whole(entry):
-            from filelock import FileLock  # Late, as most calls find the library there.
+        if not is_there(entry):
+            from filelock import FileLock  # Late, as most calls find the entry there.
 
             with FileLock(root / f"{entry.name}.lock", mode=0o600):
-                if not _is_whole(entry):
+                if not is_there(entry):
                     # What was there is renamed: a library that another process has loaded must not
                     # change under it.
                     with staging_folder(root) as new:
-                        make(new / _LIBRARY)
-                        (new / _DIGEST).write_text(_digest(new / _LIBRARY), encoding="ascii")
+                        fill(new)
                         put_in_place(new, entry)
     except OSError as error:
         where = error.filename or cache_folder()
         raise CacheError(f"{where}: {cause_of(error)}") from None
-    return entry / _LIBRARY
+    return entry
 
 
 def cache_folder() -> Path:
-    """Where libraries are kept: GIBBS_CODEGEN_CACHE, or a folder of the platform's user cache.
+    """Where they are kept: GIBBS_CODEGEN_CACHE, or a folder of the platform's user cache.
 
     Raises `RuntimeError` where there is no home.
     """
@@ -93,19 +139,8 @@ def _private_folder() -> Path:
 def _is_ours(status: os.stat_result) -> bool:
     """Whether something is this user's. Raises `CacheError` where files have no such owner."""
     if sys.platform == "win32":
-        raise CacheError("on Windows no compiled libraries are kept")
+        raise CacheError("on Windows nothing is kept")
     return status.st_uid == os.getuid()
-
-
-def _is_whole(entry: Path) -> bool:
-    """Whether an entry is there, ours, and holds what was put there."""
-    try:
-        paths = [entry, entry / _LIBRARY, entry / _DIGEST]
-        if any(p.is_symlink() or not _is_ours(os.lstat(p)) for p in paths):
-            return False
-        return _digest(entry / _LIBRARY) == (entry / _DIGEST).read_text(encoding="ascii")
-    except (OSError, UnicodeDecodeError):
-        return False
 
 
 def _digest(path: Path) -> str:

@@ -7,11 +7,13 @@ imported when first used, since it needs NumPy, which the command line mostly do
 from __future__ import annotations
 
 import difflib
+import functools
 import hashlib
 import importlib
 import importlib.util
 import logging
 import os
+import subprocess
 import sys
 import threading
 from collections.abc import Callable
@@ -19,13 +21,18 @@ from pathlib import Path
 from types import ModuleType
 
 from gibbs_codegen.errors import UsageError, cause_of, printable
+from gibbs_codegen.files.shipped import shipped_names
 from gibbs_codegen.interface import DATA
+from gibbs_codegen.runtime.cache import CacheError, cached_module
 from gibbs_codegen.runtime.loaded_module import LoadedModule
 
 BACKENDS = ("numpy", "c")
 # Back ends whose functions belong to another library, which the extra of that name installs.
 LIBRARIES = ("casadi", "jax")
 METHODS = ("euler", "rk4")
+# What the package lies in, and endings of what in it a generated module depends on.
+_BESIDE = Path(__file__).parents[2]
+_SOURCES = {".c", ".jinja", ".m", ".py", ".toml"}
 
 _log = logging.getLogger("gibbs_codegen")
 _importing = threading.Lock()
@@ -38,7 +45,8 @@ def load(
 
     Args:
         name_or_path: The module's folder, or a name, which is looked for in `generated/` of the
-            working directory.
+            working directory. Where there is none, the module of a robot that ships is generated
+            once into the cache, which the log `gibbs_codegen` says in a line.
         backend: "numpy"; "c", which compiles the module's C source once, with CC or the
             machine's compiler, and keeps it in a cache; "casadi" or "jax", whose functions are
             those of that library.
@@ -73,7 +81,6 @@ def load(
     elif backend == "c":
         from gibbs_codegen.runtime.c_backend import c_module
         from gibbs_codegen.runtime.c_library import CompilerError, chosen_compiler
-        from gibbs_codegen.runtime.cache import CacheError
 
         try:
             loaded = c_module(module, folder, chosen_compiler(), threads)
@@ -163,7 +170,8 @@ def _import(folder: Path) -> ModuleType:
 def find_module(path: Path) -> Path:
     """Absolute path of the folder of a generated module, given by that or by its name.
 
-    Raises `UsageError` if there is none.
+    Where there is none, the module of a robot that ships is generated. Raises `UsageError` if it
+    cannot be, or there is no such robot.
     """
     folders = (path, Path("generated") / path)
     try:
@@ -183,13 +191,53 @@ def find_module(path: Path) -> Path:
             f"{printable(path)}: a robot file is no module; gibbs-codegen generate writes one, "
             "which is loaded by its folder or by the robot's name"
         )
-    near = difflib.get_close_matches(path.name, modules_made(), n=1)
+    # A folder of a robot's name is what is left of its module, or something else.
+    shipped = () if any(folder.is_dir() for folder in folders) else shipped_names("robots")
+    if str(path) in shipped:
+        return _module_that_ships(str(path))
+    near = difflib.get_close_matches(path.name, [*modules_made(), *shipped], n=1)
     # A folder has the name of no robot.
     robot = "ROBOT.toml" if path.is_dir() or not path.name else printable(path.name)
     remedy = (
         f"did you mean {near[0]}?" if near else f"make one with: gibbs-codegen generate {robot}"
     )
     raise UsageError(f"{printable(path)}: no generated module there, nor in generated/; {remedy}")
+
+
+def _module_that_ships(name: str) -> Path:
+    """Folder of the module of a robot that ships, which this generator made into the cache.
+
+    It is generated in a process of its own, so that what flies imports no SymPy.
+    """
+
+    def make(new: Path) -> None:
+        _log.warning("%s: no generated module here; generating it once, into the cache", name)
+        command = [sys.executable, "-m", "gibbs_codegen", "generate", name, "--out", str(new)]
+        # The folder of this package comes first where Python looks for one.
+        done = subprocess.run(  # noqa: S603 - this program
+            command, cwd=_BESIDE, capture_output=True, stdin=subprocess.DEVNULL, check=False
+        )
+        if done.returncode:
+            raise CacheError(printable(done.stderr.decode(errors="replace").strip(), 400))
+
+    try:
+        return cached_module(f"{name}\n{_generator_digest()}", name, make)
+    except (CacheError, OSError) as error:
+        raise UsageError(
+            f"{name}: cannot be generated into the cache: {error}; "
+            f"make it here with: gibbs-codegen generate {name}"
+        ) from None
+
+
+@functools.cache
+def _generator_digest() -> str:
+    """Digest of all that a generated module depends on, robots that ship among it."""
+    # In a checkout templates are beside the package.
+    parts = [p for f in ("gibbs_codegen", "templates") for p in (_BESIDE / f).rglob("*.*")]
+    found = hashlib.sha256()
+    for path in sorted(path for path in parts if path.suffix in _SOURCES):
+        found.update(hashlib.sha256(path.read_bytes()).digest())
+    return found.hexdigest()
 
 
 def modules_made() -> list[str]:

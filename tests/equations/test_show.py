@@ -442,7 +442,7 @@ def test_every_symbol_is_defined_or_in_the_legend(
 
 
 def test_long_chains_say_why_they_are_definitions() -> None:
-    assert "grow about threefold with every link" in " ".join(
+    assert "grow two- to threefold with every link" in " ".join(
         as_text(chain_equation(PAPER, 6, 15)).split()
     )
     assert not chain_equation(PAPER, 6, 15).closed

@@ -13,11 +13,12 @@ import pytest
 from support.command import ENVIRONMENT
 from support.tools import missing, tool
 
-from gibbs_codegen import load
+from gibbs_codegen import load, verify
 from gibbs_codegen.cli.robot_argument import find_robot
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.pipeline import generate
 from gibbs_codegen.robot.file import read_robot
+from gibbs_codegen.runtime.load import find_module
 
 
 @pytest.fixture(scope="module")
@@ -134,6 +135,49 @@ def test_a_module_that_is_only_c_is_refused_with_what_it_lacks(
             load(name, backend=backend)
 
 
+def test_a_robot_that_ships_is_generated_once_into_the_cache(
+    tmp_path: Path, small: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    """The module is the one that the command makes; one in generated/, or what is left, wins."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("GIBBS_CODEGEN_CACHE", str(tmp_path / "cache"))
+    commands = []
+
+    def generated(command: list[str], **_: object) -> subprocess.CompletedProcess[bytes]:
+        commands.append(command[1:-1])
+        shutil.copytree(small, Path(command[-1]) / small.name)
+        return subprocess.CompletedProcess(command, 0)
+
+    monkeypatch.setattr(subprocess, "run", generated)
+    assert load(small.name).NAME == load(small.name, "c").NAME == small.name
+    assert verify(small.name, states=1, backends=["numpy"]).passed
+    assert commands == [["-m", "gibbs_codegen", "generate", small.name, "--out"]]
+    assert [line.split("; ")[1] for line in caplog.messages] == [
+        "generating it once, into the cache"
+    ]
+    kept = find_module(Path(small.name))
+    (kept / "numpy_module.py").write_text("")
+    assert find_module(Path(small.name)) == kept
+    assert (kept / "numpy_module.py").stat().st_size
+    (tmp_path / "generated" / small.name).mkdir(parents=True)
+    with pytest.raises(UsageError, match=f"no generated module there.*generate {small.name}$"):
+        load(small.name)
+    shutil.copytree(small, tmp_path / "generated" / small.name, dirs_exist_ok=True)
+    assert find_module(Path(small.name)).parent == tmp_path / "generated"
+
+
+def test_a_robot_that_cannot_be_cached_is_refused_with_why(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "file").touch()
+    monkeypatch.setenv("GIBBS_CODEGEN_CACHE", str(tmp_path / "file"))
+    with pytest.raises(
+        UsageError, match=r"into the cache: .*exists; .*: gibbs-codegen generate qu"
+    ):
+        load("quadrotor")
+
+
 def test_what_was_meant_is_suggested(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     (tmp_path / "inspector.toml").touch()
@@ -142,8 +186,9 @@ def test_what_was_meant_is_suggested(tmp_path: Path, monkeypatch: pytest.MonkeyP
     folder = tmp_path / "generated" / "inspector"
     folder.mkdir(parents=True)
     (folder / "robot.toml").touch()
-    with pytest.raises(UsageError, match=r"no generated module there.*; did you mean inspector\?"):
-        load("inspectr")
+    for meant, word in (("inspector", "inspectr"), ("hexarotor_3link", "hexarotr_3link")):
+        with pytest.raises(UsageError, match=rf"generated module there.*; did you mean {meant}\?$"):
+            load(word)
     for meant, word in (("inspector", "inspctor"), ("inspector.toml", "inspctor.toml")):
         with pytest.raises(UsageError, match=rf"; did you mean {meant}\?$"):
             find_robot(word)
