@@ -79,8 +79,8 @@ def test_newton_euler(robot: Robot) -> None:
     assert_agree(formulated(NewtonEuler(Tree(robot))), robot, EXACT)
 
 
-@settings(max_examples=6)
-@given(robot=robots(most_rotors=7, most_links=6) | trees())
+@settings(max_examples=3)
+@given(robot=robots(most_rotors=5, most_links=3) | trees())
 def test_lagrange(robot: Robot) -> None:
     assert_agree(formulated(Lagrange(Tree(robot))), robot, BY_DIFFERENCES)
 
