@@ -89,9 +89,9 @@ def test_a_joint_beyond_its_limits_is_told_with_the_worst_time(flight: Flight) -
 def test_of_many_inputs_the_first_are_named_and_the_others_counted(
     shipped: Callable[[str], ModuleType],
 ) -> None:
-    """Of eight thrusts and seven torques."""
-    flight = within_limits(shipped("octorotor_7link"))
+    """Of ten thrusts and three torques."""
+    flight = within_limits(shipped("decarotor_3link"))
     greatest = np.full_like(flight.commanded_greatest, 11.0)
     said = reached_limits(replace(flight, commanded_greatest=greatest))
     named, _, more = said.partition(" (")[0].partition(" and ")
-    assert len(named.split(", ")) + int(more.removesuffix(" more")) == 15
+    assert len(named.split(", ")) + int(more.removesuffix(" more")) == 13

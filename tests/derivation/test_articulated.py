@@ -102,9 +102,8 @@ def compare(robot: Robot, keep_zeros: bool = False, states: int = 2) -> None:
             assert relative(one, other) < TOLERANCE, robot
 
 
-@pytest.mark.parametrize("shard", [0])
-def test_both_ways_give_what_pinocchio_gives(shard: int) -> None:
-    for robot in RANDOM_ROBOTS[shard::3]:
+def test_both_ways_give_what_pinocchio_gives() -> None:
+    for robot in RANDOM_ROBOTS[:4]:
         compare(robot)
 
 

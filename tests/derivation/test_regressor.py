@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cache
 from types import ModuleType
 
 import numpy as np
@@ -43,9 +44,10 @@ def robot(request: pytest.FixtureRequest) -> Robot:
     return request.param
 
 
+@cache
 def emitted(robot: Robot) -> ModuleType:
     """The module with both functions."""
-    return module_of(derive(robot, derivatives=NAMES))
+    return module_of(derive(robot, functions=("inverse_dynamics",), derivatives=NAMES))
 
 
 def independent(matrix: np.ndarray) -> int:

@@ -251,7 +251,7 @@ def test_gibbs_function_and_partials_of_the_papers_robot(chain: int, most_terms:
     assert_partials_hold(PAPER, chain, most_terms)
 
 
-@settings(max_examples=4)
+@settings(max_examples=2)
 @given(robot=robots(most_rotors=3, most_links=2), most_terms=st.sampled_from(FORMS))
 def test_gibbs_function_and_partials_of_any_robot(robot: Robot, most_terms: int) -> None:
     assert_partials_hold(robot, robot.rotors, most_terms)

@@ -38,8 +38,8 @@ def test_eight_threads_give_the_bytes_that_one_gives(
     emitted: Callable[[str], Emitted],
     tmp_path: Path,
 ) -> None:
-    """In 100 000 calls each, of every function for one state and in blocks."""
-    program = threads_program(emitted(label), compiler, options, tmp_path)
+    """In 10 000 calls each, of every function for one state and in blocks."""
+    program = threads_program(emitted(label), compiler, options, tmp_path, "-DCALLS=10000")
     assert run([program]) == "0\n"
 
 
@@ -127,5 +127,5 @@ def test_no_conversion_loses_what_it_converts(
 @pytest.mark.skipif(shutil.which("valgrind") is None, reason="valgrind is not installed")
 def test_valgrind_finds_nothing(emitted: Callable[[str], Emitted], tmp_path: Path) -> None:
     """In code optimised as it is used, which no sanitizer has changed."""
-    program = calls_program(emitted(SMALL), "gcc", ["-O2", "-g"], ["-O2", "-DCALLS=5000"], tmp_path)
+    program = calls_program(emitted(SMALL), "gcc", ["-O2", "-g"], ["-O2", "-DCALLS=500"], tmp_path)
     run(["valgrind", "--quiet", "--error-exitcode=9", "--leak-check=full", program])

@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 from support.c_programs import random_calls
 from support.compiled import (
     LANES,
-    LANGUAGES,
     RANDOM,
     ROLLED,
     SANITIZERS,
@@ -41,20 +40,10 @@ from gibbs_codegen.robot.file import read_robot
 from gibbs_codegen.robot.model import JOINT_KINDS, RigidBody, Robot
 from gibbs_codegen.targets.registry import find_targets, render_module
 
-# Of robots that ship, the one that is compiled in CI.
-LARGEST = "octorotor_7link"
 NATIVE = ["-O3", "-march=native"]
 # What distributions add to every program is no part of the emitted code; and addresses in constant
 # tables would be written by the loader if the code might lie anywhere.
 PLAIN = ["-fno-stack-protector", "-U_FORTIFY_SOURCE", "-fno-pic"]
-# What takes longer than the same at -O0 or by another compiler.
-OPTIMISED = [
-    (compiler, real, "-O3")
-    for compiler, real in itertools.product(LANGUAGES, ("double", "float"))
-    if (compiler, real) not in {("gcc", "double"), ("clang++", "float")}
-]
-# Robots that the default run leaves out of comparisons that others are in.
-LONG = ("random_7_4", "random_5_2")
 STATES = 21  # Two whole blocks and a part of one.
 
 Arrays = dict[str, NDArray[np.float64]]
@@ -200,29 +189,14 @@ def test_functions_without_sines_compile_silently(compiler: str, tmp_path: Path)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("compiler", "real"), [("gcc", "double"), ("clang++", "float")])
 @pytest.mark.parametrize(
-    "name",
-    ["octorotor_7link"],
-)
-def test_shipped_robots_compile_silently(
-    name: str, compiler: str, real: str, emitted: Callable[[str], Emitted], tmp_path: Path
-) -> None:
-    robot = emitted(name)
-    options = ["-O2", *([robot.single] if real == "float" else [])]
-    compile_only(compiler, options, robot.functions, tmp_path)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("label", "compiler", "real"),
-    [("random_3_1", "gcc", "double")],
+    ("compiler", "level", "single"), [("gcc", "-O2", False), ("clang++", "-O1", True)]
 )
 def test_random_robots_compile_silently(
-    label: str, compiler: str, real: str, emitted: Callable[[str], Emitted], tmp_path: Path
+    compiler: str, level: str, single: bool, emitted: Callable[[str], Emitted], tmp_path: Path
 ) -> None:
-    robot = emitted(label)
-    options = ["-O1", *([robot.single] if real == "float" else [])]
+    robot = emitted("random_3_1")
+    options = [level, *([robot.single] if single else [])]
     compile_only(compiler, options, robot.functions, tmp_path)
 
 

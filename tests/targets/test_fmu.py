@@ -29,8 +29,6 @@ Array = NDArray[np.float64]
 Make = Callable[[str], tuple[ModuleType, Path]]
 # Step of the flights, s.
 STEP = 0.002
-# The robot that ships of which most is emitted.
-LONGEST = "hextilt_flying_arm_5"
 WARNINGS = [
     *("-std=c99", "-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Wshadow", "-Werror"),
     *("-Wdouble-promotion", "-Wstrict-prototypes", "-Wmissing-prototypes", "-fPIC", "-shared"),
@@ -127,7 +125,9 @@ def made(kept: Path) -> Make:
             source = str(kept / "actuated.toml")
             Path(source).write_text(TEXT, encoding="utf-8")
         targets = ["numpy", "c", "fmu"]
-        made_once(folder, lambda: generate(source, folder.parent, targets, force=True))
+        made_once(
+            folder, lambda: generate(source, folder.parent, targets, force=True, verify=False)
+        )
         return load(folder, backend="c"), folder
 
     return make
@@ -166,15 +166,6 @@ def test_descriptions_and_sources(made: Make, name: str, tmp_path: Path) -> None
     check(made(name)[1], tmp_path)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    "name",
-    ["hextilt_flying_arm_5"],
-)
-def test_those_of_all_robots(name: str, tmp_path: Path) -> None:
-    check(generate(name, tmp_path, ["fmu"], verify=False), tmp_path / "unzipped")
-
-
 def law(robot: ModuleType, q: Array, v: Array, wanted: Sequence[Array]) -> Array:
     """Computed torque: the inputs that a tracking error asks for."""
     off, faster = robot.difference(q, wanted[0]), wanted[1] - v
@@ -188,8 +179,8 @@ def law(robot: ModuleType, q: Array, v: Array, wanted: Sequence[Array]) -> Array
     [
         (3, "modelExchange", 0.2),
         (2, "coSimulation", 0.2),
-        pytest.param(3, "coSimulation", 10.0, marks=pytest.mark.slow),
-        pytest.param(2, "modelExchange", 10.0, marks=pytest.mark.slow),
+        pytest.param(3, "coSimulation", 2.0, marks=pytest.mark.slow),
+        pytest.param(2, "modelExchange", 2.0, marks=pytest.mark.slow),
     ],
 )
 def test_circle_is_that_of_simulate(
@@ -285,7 +276,9 @@ def test_derivatives_are_those_of_the_program(
 ) -> None:
     """They equal matrices of the module's other functions, for all entries, in NumPy."""
     folder = kept / "matrices" / name
-    made_once(folder, lambda: generate(name, folder.parent, ["numpy"], derivatives="all"))
+    made_once(
+        folder, lambda: generate(name, folder.parent, ["numpy"], derivatives="all", verify=False)
+    )
     module, unit = load(folder), opened(made(name)[1])
     scattered(unit, seed=1)
     unit.begin()

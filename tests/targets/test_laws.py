@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from scipy.optimize import lsq_linear
 from support.actuated import actuated
 from support.compiled import build, compile_only
-from support.embedded_laws import M4F, M7, Processor, called, flown
+from support.embedded_laws import M4F, M7, called, flown
 
 from gibbs_codegen import generate, load, simulate
 from gibbs_codegen.arrays import Functions, Program, evaluate
@@ -381,14 +381,7 @@ def test_a_target_that_this_version_lacks_is_no_more_repeated(
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("processor", "room"),
-    [(M7, 1e-9), pytest.param(M4F, 1e-4, marks=pytest.mark.slow)],
-    ids=["M7", "M4F"],
-)
-def test_a_flight_on_an_emulated_processor_is_that_of_the_simulator(
-    tmp_path: Path, processor: Processor, room: float
-) -> None:
+def test_a_flight_on_an_emulated_processor_is_that_of_the_simulator(tmp_path: Path) -> None:
     """By throttle, speeds, servos with backlash and friction, and a battery: all of it in C."""
     robot = actuated()
     robot = replace(robot, thrusters=tuple(replace(x, air=None) for x in robot.thrusters))
@@ -415,7 +408,7 @@ def test_a_flight_on_an_emulated_processor_is_that_of_the_simulator(
         "actuated",
         law.law,
         folder,
-        processor,
+        M7,
         {
             "COORDINATES": len(module.COORDINATES),
             "VELOCITIES": len(module.VELOCITIES),
@@ -439,4 +432,4 @@ def test_a_flight_on_an_emulated_processor_is_that_of_the_simulator(
     wanted = np.concatenate([flight.q, flight.v, flight.actuators], axis=1)[1:]
     size = np.maximum(np.abs(wanted).max(axis=0), 1.0)
     assert np.abs(flight.commands - flight.commands[0]).max(axis=0).min() > 1e-4
-    assert np.abs((found - wanted) / size).max() < room
+    assert np.abs((found - wanted) / size).max() < 1e-9

@@ -79,8 +79,7 @@ def test_newton_euler(robot: Robot) -> None:
     assert_agree(formulated(NewtonEuler(Tree(robot))), robot, EXACT)
 
 
-@settings(max_examples=6)
-@given(robot=robots(most_rotors=7, most_links=6) | trees())
+@pytest.mark.parametrize("robot", [random_robot(2, 5, 2), random_tree(1), random_tree(4)])
 def test_lagrange(robot: Robot) -> None:
     assert_agree(formulated(Lagrange(Tree(robot))), robot, BY_DIFFERENCES)
 

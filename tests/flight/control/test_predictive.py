@@ -141,7 +141,7 @@ def value(controller: Predictive, program: Any, given: dict[str, Any]) -> dict[s
     return evaluate(program, own, {"robot": controller.module}, {"robot": constants})
 
 
-@pytest.mark.parametrize("kind", [controller_of, every_kind, pressing])
+@pytest.mark.parametrize("kind", [every_kind, pressing])
 def test_slopes_and_gradients_are_derivatives(kind: Any, either: ModuleType) -> None:
     assert_slopes(kind(either))
 

@@ -163,7 +163,7 @@ def test_what_is_observed(fast: Load) -> None:
 @pytest.mark.slow
 def test_a_sampled_law_nears_the_continuous_one(fast: Load) -> None:
     """With twice the rate, it is off by half as much, since inputs are half a period late."""
-    module = fast("octorotor_7link")
+    module = fast("hexarotor_3link")
     settings = {"method": "rk4", "step": 1e-3}
     exact = simulate(module, hover(0.2, integration=settings))
     off = []
@@ -336,7 +336,7 @@ def test_noise_depends_on_the_seed_and_on_nothing_else(fast: Load) -> None:
 
 @pytest.mark.slow
 def test_sensors_sample_our_laws_too(fast: Load) -> None:
-    module = fast("octorotor_7link")
+    module = fast("hexarotor_3link")
     settings = {"method": "rk4", "step": 1e-3}
     flight = simulate(module, hover(0.1, sensors={"velocity": 0.01}, integration=settings))
     assert flight.control_rate == 1000.0

@@ -229,12 +229,11 @@ def test_a_full_turn_through_the_singularity_is_refused(
     any_vehicle: Callable[[str], Vehicle],
 ) -> None:
     """Where the second angle is the one about the vertical, heading 90° is the singularity."""
-    for sequence in ("xzy", "yzx"):
-        with pytest.raises(SingularAttitudeError, match=r"at t = (\S+) s the attitude") as refusal:
-            desired_base(any_vehicle(sequence), knots(9.0), BASE_PATH, Level(0.0, 1.0))
-        instant = re.search(r"t = (\S+) s", str(refusal.value))
-        assert instant is not None
-        assert float(instant[1]) == pytest.approx(np.pi / 2, abs=0.01)
+    with pytest.raises(SingularAttitudeError, match=r"at t = (\S+) s the attitude") as refusal:
+        desired_base(any_vehicle("xzy"), knots(9.0), BASE_PATH, Level(0.0, 1.0))
+    instant = re.search(r"t = (\S+) s", str(refusal.value))
+    assert instant is not None
+    assert float(instant[1]) == pytest.approx(np.pi / 2, abs=0.01)
 
 
 @pytest.mark.parametrize("sequence", ["xyz"])

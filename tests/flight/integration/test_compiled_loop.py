@@ -10,7 +10,6 @@ from types import ModuleType
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from support.random_robots import random_robot
 from support.tools import missing
 
 from gibbs_codegen.flight.control.laws import Controller, Gains
@@ -24,9 +23,6 @@ from gibbs_codegen.flight.plant.vehicle import Vehicle
 from gibbs_codegen.flight.reference import Motion, Reference
 from gibbs_codegen.flight.scenario.orientation import LARGEST_THETA_0
 from gibbs_codegen.flight.scenario.parts import Law, Push
-from gibbs_codegen.pipeline import generate_robot
-from gibbs_codegen.robot.text import robot_text
-from gibbs_codegen.runtime.load import load
 
 pytestmark = pytest.mark.usefixtures("derived_once", "optimized")
 
@@ -37,26 +33,16 @@ LAWS: tuple[Law, ...] = ("computed_torque", "open_loop", "off")
 # A power of two, so that times are exact and calls can be told apart by nothing but mistakes; and
 # long, so that slopes at the wrong times would show.
 STEP = 2.0**-8
-# Seven rotors that pull in all directions, a slide between two hinges, drag, attitude y-x-z, and
-# position at motor 1.
-RANDOM = "random"
 # Along no axis, so that every row of the Jacobian counts.
 PUSH = Push((0.7, -0.4, 0.5), 0.0, 1.0, (0.2, 0.3, -0.1))
 
 
 @pytest.fixture(scope="module")
-def modules(fast: Load, tmp_path_factory: pytest.TempPathFactory) -> Load:
-    """Load the C back end of a robot that ships, or of RANDOM."""
-    robot = random_robot(2, 7, 3)
-    folder = tmp_path_factory.mktemp("random")
+def modules(fast: Load) -> Load:
+    """Load the C back end of a robot that ships."""
 
     def module(name: str) -> ModuleType:
-        if name != RANDOM:
-            found = fast(name)
-        else:
-            if not (folder / robot.name).is_dir():
-                generate_robot(robot, robot_text(robot), folder)
-            found = load(folder / robot.name, backend="c")
+        found = fast(name)
         if (found.__file__ or "").endswith(".py"):
             missing("nothing compiles")
         return found
@@ -232,7 +218,7 @@ def test_a_flight_ends_after_the_step_that_reaches_the_singularity(
 
 @pytest.mark.parametrize("wrong", [np.nan, np.inf, 1e200])
 def test_a_flight_ends_where_it_is_not_finite(wrong: float, modules: Load) -> None:
-    free = closed_loop_of(modules(RANDOM))
+    free = closed_loop_of(modules("hexarotor_3link"))
     for closed in (free, restricted(free, (-1e6, 1e6))):
         state = start_of(closed)
         state[len(closed.vehicle.coordinates)] = wrong

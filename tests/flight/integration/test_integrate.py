@@ -253,21 +253,18 @@ def test_a_lost_flight_ends_with_its_reason(
     [
         *(
             (
-                robot,
+                "hexarotor_3link",
                 {
                     "start": {"offset": [0.2, 0, 0], "turn_deg": [0, 10, 0]},
                     "integration": integration,
                 },
             )
-            for robot in ("hexarotor_3link", "octorotor_7link")
             for integration in ({"method": "rk4"}, ADAPTIVE)
         ),
         ("hexarotor_3link", {"start": {"offset": [5, -5, 3], "turn_deg": [60, 20, 90]}}),
-        ("octorotor_7link", {"start": {"offset": [3, 2, -2], "turn_deg": [40, 30, 70]}}),
         ("octorotor_7link", {"motors": {"time_constant": 0.05}, "start": {"offset": [1, 0, 0]}}),
         ("octorotor_7link", {"motors": {"limits": [-20, 25]}, "start": {"offset": [0.5, 0, 0]}}),
         ("hexarotor_3link", {"tip_force": {"force": [60, -40, 50], "begin": 0.2, "end": 0.5}}),
-        ("octorotor_7link", {"tip_force": {"force": [20, -10, 15], "begin": 0.2, "end": 0.5}}),
         ("hexarotor", {"control": {"frequency": 40}, "start": {"offset": [9, 9, 9]}}),
         ("hexarotor", {"control": {"frequency": 0.01}, "start": {"offset": [9, 9, 9]}}),
         (

@@ -14,7 +14,7 @@ from scipy.optimize import minimize
 from gibbs_codegen.flight.plant.allocation import Allocation, AllocationError
 from gibbs_codegen.flight.plant.vehicle import Vehicle
 
-SHIPPED = ("hexarotor_3link", "quadrotor_2link", "octorotor_7link", "decarotor_3link", "hexarotor")
+SHIPPED = ("hexarotor_3link", "quadrotor_2link", "decarotor_3link", "hexarotor")
 
 
 def random_wrenches(seed: int, rotors: int) -> np.ndarray:
@@ -53,6 +53,7 @@ def test_thrust_wrenches_are_the_same_at_every_configuration(
         assert made == pytest.approx(vehicle.thrust_wrenches(), abs=1e-12)
 
 
+@settings(max_examples=20)
 @given(st.integers(0, 10_000), st.integers(6, 12))
 def test_thrusts_make_the_wrench_and_are_the_smallest(seed: int, rotors: int) -> None:
     wrenches = random_wrenches(seed, rotors)
@@ -64,7 +65,7 @@ def test_thrusts_make_the_wrench_and_are_the_smallest(seed: int, rotors: int) ->
     assert thrusts @ rows[6:].T == pytest.approx(0, abs=1e-8)
 
 
-@settings(max_examples=30)
+@settings(max_examples=15)
 @given(st.integers(0, 10_000), st.integers(6, 9))
 @example(2634, 6)  # Takes more iterations than there are rotors.
 def test_limits_are_kept_and_nothing_within_them_is_nearer(seed: int, rotors: int) -> None:
