@@ -259,7 +259,9 @@ def test_the_page_runs(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.chdir(tmp_path)
     page = run_python("docs/howto/casadi.md")
     assert_close("falling", page["falling"].full().ravel(), np.array([0.0] * 8 + [-9.81]), 1e-12)
-    folder = generate("quadrotor", tmp_path, derivatives=["forward_dynamics_derivatives"])
+    folder = generate(
+        "quadrotor", tmp_path, derivatives=["forward_dynamics_derivatives"], verify=False
+    )
     for robot in (page["robot"], load(folder, backend="casadi")):
         given = [np.linspace(0.4, -0.7, x.numel()) for x in robot.forward_dynamics.sx_in()]
         plain = robot.forward_dynamics

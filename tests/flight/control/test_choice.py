@@ -99,7 +99,7 @@ def test_a_law_is_a_row_of_the_table(
         for each in (law, "computed_torque")
     )
     assert np.array_equal(found, same)
-    folder = generate(name, tmp_path, laws=[law])
+    folder = generate(name, tmp_path, laws=[law], verify=False)
     assert f"void {name}_other(" in (folder / f"{name}_laws.h").read_text(encoding="utf-8")
 
 

@@ -117,7 +117,7 @@ def drawn(flights: dict[str, Flight]) -> Drawn:
 
 def _own(text: str, folder: Path) -> ModuleType:
     (folder / "robot.toml").write_text(text, encoding="utf-8")
-    return load(generate(folder / "robot.toml", folder, targets=("numpy",)))
+    return load(generate(folder / "robot.toml", folder, targets=("numpy",), verify=False))
 
 
 def solid(axes: Any) -> list[Array]:
