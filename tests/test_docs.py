@@ -52,6 +52,7 @@ def pages_with(language: str) -> list[str]:
     return [page for page in PAGES if blocks(page, language)]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("page", [p for p in pages_with("python") if p not in RUN_ELSEWHERE])
 def test_python_runs(page: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """The blocks of a page one after the other, in an empty folder; prompts give what is shown."""
@@ -80,6 +81,7 @@ def test_the_step_that_is_shown_is_of_the_fourth_order(
     assert np.log2(errors[1] / errors[2]) == pytest.approx(4.0, abs=0.3)
 
 
+@pytest.mark.slow
 def test_c_program(tmp_path: Path) -> None:
     """The C lines compile as the body of a program, and it computes something."""
     pages = ["actuators", "c-and-firmware", "rollouts"]
@@ -114,6 +116,7 @@ def test_c_program(tmp_path: Path) -> None:
     run([program])
 
 
+@pytest.mark.slow
 def test_c_program_that_sends_commands(tmp_path: Path) -> None:
     """Without gains the law gives what hovers, and the commands are those of NumPy."""
     page = "docs/howto/actuators.md"
@@ -209,7 +212,14 @@ def test_the_readme_leads_from_a_robot_file_to_a_flight(tmp_path: Path) -> None:
     assert (tmp_path / "flight" / "flight.csv").is_file()
 
 
-@pytest.mark.parametrize("page", pages_with("console"))
+@pytest.mark.parametrize(
+    "page",
+    [
+        "docs/howto/actuators.md",
+        "docs/howto/latex.md",
+        pytest.param("docs/howto/verification.md", marks=pytest.mark.slow),
+    ],
+)
 def test_commands_print_what_is_shown(page: str, tmp_path: Path) -> None:
     """Line by line, but for what is left out (…), and for times and errors, which vary."""
     copytree(ROOT / "generated", tmp_path / "generated")

@@ -24,6 +24,7 @@ def test_every_export_is_a_function_or_a_class_of_its_name(name: str) -> None:
     assert name == "__version__" or exported.__name__ == name
 
 
+@pytest.mark.slow
 def test_no_submodule_hides_an_export_by_its_import() -> None:
     """Python sets a submodule as an attribute of its package when it imports it."""
     code = (
@@ -37,7 +38,13 @@ def test_no_submodule_hides_an_export_by_its_import() -> None:
 
 
 @pytest.mark.parametrize(
-    "name", ["machine_figure", "chains_figure", "coupling_figure", "hybrid_pattern_figure"]
+    "name",
+    [
+        pytest.param("machine_figure", marks=pytest.mark.slow),
+        "chains_figure",
+        "coupling_figure",
+        "hybrid_pattern_figure",
+    ],
 )
 def test_figures_are_functions_at_the_package_itself(name: str) -> None:
     draw = getattr(gibbs_codegen, name)

@@ -97,6 +97,7 @@ def test_both_back_ends_load_a_function_that_was_added(backend: str, folder: Pat
         np.testing.assert_allclose(doubled, 2.0 * module.kinetic_energy(*state), rtol=1e-12)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("file", "old", "new", "against"),
     [

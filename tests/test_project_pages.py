@@ -66,6 +66,7 @@ def folder(tmp_path: Path) -> Path:
     return tmp_path
 
 
+@pytest.mark.slow
 def test_the_program_runs_on_a_pc(folder: Path) -> None:
     _, commands, _ = blocks(CMAKE, "sh")
     said = printed(commands, folder).splitlines()[-1]
@@ -73,6 +74,7 @@ def test_the_program_runs_on_a_pc(folder: Path) -> None:
     assert PAGES[CMAKE].count(f"`{said}`") == 2
 
 
+@pytest.mark.slow
 def test_the_same_program_runs_on_an_emulated_cortex_m(folder: Path) -> None:
     _, _, commands = blocks(CMAKE, "sh")
     said = printed(commands, folder).splitlines()[-1]

@@ -226,6 +226,7 @@ def test_new_shows_both_forms_of_a_body(tmp_path: Path) -> None:
         assert body.inertia == pytest.approx(expected.inertia, rel=1e-5)
 
 
+@pytest.mark.slow
 def test_new_placed_writes_a_robot_that_flies_as_it_is(tmp_path: Path) -> None:
     written = run("new", "--placed", "my_uav.toml", cwd=tmp_path)
     assert (written.returncode, written.stderr) == (0, "")
@@ -238,6 +239,7 @@ def test_new_placed_writes_a_robot_that_flies_as_it_is(tmp_path: Path) -> None:
     assert flown.returncode == 0, flown.stderr
 
 
+@pytest.mark.slow
 def test_info_is_readable(tmp_path: Path) -> None:
     done = run("info", "hexarotor_3link", cwd=tmp_path)
     assert done.returncode == 0
@@ -452,6 +454,7 @@ def test_a_name_that_is_a_file_and_a_module_is_asked_about(tmp_path: Path) -> No
     assert "the robot file own.toml or the module generated/own" in done.stderr
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("word", ["own"])
 def test_every_command_takes_every_kind_of_robot(word: str, tmp_path: Path) -> None:
     (tmp_path / "own.toml").write_text(LOPSIDED.replace("lop", "own").replace("0.23", "0.15"))

@@ -146,6 +146,7 @@ def test_what_is_right_is_valid_and_what_is_wrong_is_not(
         assert not schemas[kind].is_valid(wrong), what
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["robot"])
 def test_the_schema_refuses_nothing_that_is_read(
     kind: str, schemas: dict[str, Draft202012Validator], tmp_path: Path

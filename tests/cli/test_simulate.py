@@ -85,7 +85,9 @@ def test_the_force_of_every_wall_is_told(workplace: Path) -> None:
     assert forces[-1] > 5.0
 
 
-@pytest.mark.parametrize(("felt", "told"), [(0.6, True), (2.0, False)])
+@pytest.mark.parametrize(
+    ("felt", "told"), [pytest.param(0.6, True, marks=pytest.mark.slow), (2.0, False)]
+)
 def test_a_force_that_is_not_reached_is_told(felt: float, told: bool, workplace: Path) -> None:
     law = "control={law='force', force={value=2, direction=[1, 0, 0], rise=0.1}}"
     push = f"push={{frame='tip', force=[-{felt}, 0, 0], end=9}}"

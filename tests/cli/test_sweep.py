@@ -112,6 +112,7 @@ def test_the_worst_flight_flown_again_gives_the_same(workplace: Path) -> None:
         shutil.rmtree(workplace / "f")
 
 
+@pytest.mark.slow
 def test_flights_that_end_early_and_fail_are_told(workplace: Path) -> None:
     options = ["--scenario", "hover", *SHORT, "--vary", "motors.time_constant=0,-1", "--vary"]
     options += ["start.offset=[0,0,0],[0,0,30]", "--no-figures", "--workers", "1", "--out", "t"]

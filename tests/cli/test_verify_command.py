@@ -28,6 +28,7 @@ pytestmark = pytest.mark.usefixtures("derived_once")
 COMMAND = [sys.executable, "-m", "gibbs_codegen"]
 
 
+@pytest.mark.slow
 def test_verify_prints_tables_and_a_verdict(
     small: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -87,6 +88,7 @@ def test_verify_as_json(small: Path, capsys: pytest.CaptureFixture[str]) -> None
     assert 0 <= row["error"] <= row["limit"] == 1e-10
 
 
+@pytest.mark.slow
 def test_an_altered_module_fails_with_what_is_wrong(
     small: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -106,6 +108,7 @@ def test_an_altered_module_fails_with_what_is_wrong(
     assert json.loads(capsys.readouterr().out)["passed"] is False
 
 
+@pytest.mark.slow
 def test_a_robot_file_is_verified_without_leaving_anything(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -157,6 +160,7 @@ def test_what_is_left_of_a_module_is_not_taken_for_a_robot(
     assert "has the C target only" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_verifying_a_module_imports_no_sympy() -> None:
     run = (
         "import sys; from gibbs_codegen.cli.app import main; "

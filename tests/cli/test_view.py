@@ -28,6 +28,7 @@ def workplace(shipped: Shipped, tmp_path: Path) -> Path:
     return tmp_path
 
 
+@pytest.mark.slow
 def test_a_file_is_written_of_a_flight_and_of_a_robot(workplace: Path) -> None:
     for what, title in (
         ("flight", "hexarotor_3link, synthetic"),
@@ -67,6 +68,7 @@ def test_a_place_that_cannot_be_written_is_told_before_anything_is_computed(
     assert (done.returncode, done.stderr) == (1, told)
 
 
+@pytest.mark.slow
 def test_the_server_ends_with_ctrl_c(workplace: Path) -> None:
     command = [sys.executable, "-m", "gibbs_codegen", "view", "flight", "--no-browser"]
     with subprocess.Popen(

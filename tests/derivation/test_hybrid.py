@@ -133,7 +133,9 @@ def check_chains(robot: Robot) -> None:
 
 
 @pytest.mark.parametrize(
-    "robot", [read_robot("hexarotor_3link")[0], paper_family(4, 2)], ids=lambda robot: robot.name
+    "robot",
+    [pytest.param(read_robot("hexarotor_3link")[0], marks=pytest.mark.slow), paper_family(4, 2)],
+    ids=lambda robot: robot.name,
 )
 def test_hybrid_system_gives_the_reduced_accelerations(robot: Robot) -> None:
     """Eq. 19 solved: θ̈ = 0 on the constrained rows, the reduced accelerations elsewhere."""

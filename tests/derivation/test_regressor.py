@@ -72,6 +72,7 @@ def pinocchio_regressor(oracle: Oracle, *state: np.ndarray) -> np.ndarray:
     return every[np.ix_(oracle.order, columns)]
 
 
+@pytest.mark.slow
 def test_it_is_inverse_dynamics_and_no_parameter_is_superfluous(robot: Robot) -> None:
     """Its columns span what Pinocchio's ten numbers of each body span, and are independent."""
     module, oracle = emitted(robot), Oracle(robot, rigid_base=True)

@@ -27,6 +27,7 @@ def assert_partials_are_derivatives(robot: Robot, number: int) -> None:
         assert abs(difference) < sp.Float("1e-30") * size, acceleration
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("number", [6])
 def test_every_chain_of_the_papers_robot(number: int) -> None:
     assert_partials_are_derivatives(read_robot("hexarotor_3link")[0], number)

@@ -217,6 +217,7 @@ def test_text_of_a_tree_is_readable(chain: int) -> None:
         chain_equation(tree, 4, 15)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("attitude", "origin"), [("xyz", "motor1")])
 def test_every_attitude_and_origin(attitude: str, origin: Origin) -> None:
     arms = (Rod(0.5, 1.0, (0.1, 0.1, 0.1)),)
@@ -251,6 +252,7 @@ def test_gibbs_function_and_partials_of_the_papers_robot(chain: int, most_terms:
     assert_partials_hold(PAPER, chain, most_terms)
 
 
+@pytest.mark.slow
 @settings(max_examples=2)
 @given(robot=robots(most_rotors=3, most_links=2), most_terms=st.sampled_from(FORMS))
 def test_gibbs_function_and_partials_of_any_robot(robot: Robot, most_terms: int) -> None:
@@ -407,7 +409,9 @@ INTERNAL = re.compile(
 )
 
 
-@pytest.mark.parametrize(("robot", "chain", "most"), [CASES[0], CASES[4]])
+@pytest.mark.parametrize(
+    ("robot", "chain", "most"), [CASES[0], pytest.param(*CASES[4], marks=pytest.mark.slow)]
+)
 def test_latex_is_well_formed_and_has_no_internal_names(
     robot: Robot, chain: int, most: int
 ) -> None:
@@ -441,6 +445,7 @@ def test_every_symbol_is_defined_or_in_the_legend(
             assert f"s_{index}" in legend
 
 
+@pytest.mark.slow
 def test_long_chains_say_why_they_are_definitions() -> None:
     assert "grow two- to threefold with every link" in " ".join(
         as_text(chain_equation(PAPER, 6, 15)).split()
@@ -450,6 +455,7 @@ def test_long_chains_say_why_they_are_definitions() -> None:
     assert chain_equation(PAPER, 2, 15).closed
 
 
+@pytest.mark.slow
 def test_definitions_grow_in_proportion_to_the_links() -> None:
     """Rows of eq. 5; the mass matrix has a square of them by itself."""
     lengths = [len(chain_equation(paper_family(4, n), 4, 5).lines) for n in (4, 7, 10)]
@@ -507,7 +513,9 @@ def test_equations_of_two_chains_are_not_laid_out_together() -> None:
 EVERYTHING = parse_robot((ROOT / "tests" / "robots" / "everything.toml").read_text())
 
 
-@pytest.mark.parametrize("robot", [PAPER, read_robot("dual_arm")[0], EVERYTHING])
+@pytest.mark.parametrize(
+    "robot", [PAPER, read_robot("dual_arm")[0], pytest.param(EVERYTHING, marks=pytest.mark.slow)]
+)
 def test_the_table_of_frames_says_where_every_axis_is(robot: Robot) -> None:
     """The axis of each joint, as the robot file places it, is the z axis of its item."""
     drawn = frames_on(robot, AT_ORIGIN, np.zeros(len(robot.moving)))
@@ -534,6 +542,7 @@ def test_the_table_of_frames_says_where_every_axis_is(robot: Robot) -> None:
             assert aside == pytest.approx(np.zeros(3), abs=1e-12)
 
 
+@pytest.mark.slow
 def test_a_page_begins_with_the_columns_and_the_frames() -> None:
     equation = shown(paper_family(4, 2), 4, 15)
     head, _, table = as_text(equation).partition("Frames of the items\n")

@@ -142,7 +142,13 @@ HOSTILE: dict[str, tuple[str | bytes, str]] = {
 }
 
 
-@pytest.mark.parametrize("name", HOSTILE)
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param(name, marks=pytest.mark.slow) if name in ("flood", "sdf chain") else name
+        for name in HOSTILE
+    ],
+)
 def test_hostile_files_are_refused(
     name: str,
     tmp_path: Path,

@@ -79,6 +79,7 @@ def test_snapping_changes_next_to_nothing(name: str) -> None:
         assert np.linalg.norm(matrix - expected) < 2e-5 * np.linalg.norm(expected)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "attitude"), [("hydrus", "quaternion")])
 def test_emitted_functions_are_those_of_the_source(
     name: str, attitude: Attitude, tmp_path: Path

@@ -303,6 +303,7 @@ TOGETHER = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", TOGETHER)
 def test_models_are_put_together_as_libsdformat_does(kind: str, tmp_path: Path) -> None:
     """The file itself, and the one that libsdformat writes of it, in which nothing is included."""

@@ -106,7 +106,7 @@ def test_frames_of_a_tree_are_where_the_emitted_functions_put_them() -> None:
     assert np.allclose(frames.base.axes.T @ frames.thrusts.T, thrusts, atol=1e-12)
 
 
-@pytest.mark.parametrize("name", ["dual_arm", "everything"])
+@pytest.mark.parametrize("name", [pytest.param("dual_arm", marks=pytest.mark.slow), "everything"])
 def test_machine_of_a_tree_has_every_rotor_and_joint(name: str) -> None:
     robot = tree(name)
     q = default_posture(robot)
@@ -317,6 +317,7 @@ def test_many_rotors_and_links_are_left_out() -> None:
     assert {"…", "41", "42", "43", "70"} <= set(texts(panels[-1]))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("numbers", [[5]], ids=len)
 def test_legend_fits_every_width(numbers: list[int]) -> None:
     figure = chains_figure(PAPER, numbers)

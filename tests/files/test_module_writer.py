@@ -323,6 +323,7 @@ def test_a_file_named_like_what_a_kill_leaves_is_left_alone(tmp_path: Path) -> N
     assert sorted(os.listdir(tmp_path)) == [odd.name, "robot"]
 
 
+@pytest.mark.slow
 def test_a_disk_that_fills_up_leaves_nothing_behind(tmp_path: Path) -> None:
     """A limit on the size of files stands in for a full disk."""
     limit = "import resource; resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, 20_000))"
@@ -342,6 +343,7 @@ def test_a_disk_that_fills_up_leaves_nothing_behind(tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full")
 def test_a_full_disk_under_standard_output_is_no_traceback(tmp_path: Path) -> None:
     command = f"{sys.executable} -m gibbs_codegen info hexarotor > /dev/full"
@@ -354,7 +356,9 @@ def test_a_full_disk_under_standard_output_is_no_traceback(tmp_path: Path) -> No
     assert "No space left" in done.stderr
 
 
-@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+@pytest.mark.parametrize(
+    "number", [signal.SIGTERM, pytest.param(signal.SIGINT, marks=pytest.mark.slow)]
+)
 @pytest.mark.parametrize("delay", [0.05, 0.5, 0.8])
 def test_nothing_is_left_behind_when_ended(
     number: signal.Signals, delay: float, tmp_path: Path
@@ -442,6 +446,7 @@ def test_a_file_is_closed_before_it_replaces_another(
     assert os.listdir(tmp_path) == ["robot.toml"]
 
 
+@pytest.mark.slow
 def test_many_processes_write_at_once(tmp_path: Path) -> None:
     """Each finds, checks and replaces a whole module, never one that another is replacing."""
     code = WRITE_MANY.replace("{FILES!r}", repr(FILES))

@@ -79,7 +79,9 @@ CASES = {
 }
 
 
-@pytest.mark.parametrize("name", ["payload on other planets", "adaptive"])
+@pytest.mark.parametrize(
+    "name", [pytest.param("payload on other planets", marks=pytest.mark.slow), "adaptive"]
+)
 def test_each_flight_is_that_of_its_scenario(fast: Load, name: str) -> None:
     module, scenarios = fast("hexarotor_3link"), CASES[name]
     # Thin rods magnify what is rounded; so does a difference over 1e-7 s, which makes up for lag.

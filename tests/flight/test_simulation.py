@@ -184,6 +184,7 @@ def test_parameters_reach_the_machine(fast: Load) -> None:
         simulate(fast("hexarotor_3link"), replace(heavy, parameters={"gravitas": 1.0}))
 
 
+@pytest.mark.slow
 def test_a_push_at_the_tip_moves_it_and_is_overcome(fast: Load) -> None:
     push = Push((3.0, 0.0, 0.0), 0.5, 1.5)
     scenario = replace(read_scenario("line"), push=push, duration=5.0)

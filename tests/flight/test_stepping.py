@@ -51,7 +51,10 @@ def controller(module: ModuleType) -> Callable[[Observation], Array]:
 
 
 @pytest.mark.parametrize("method", ["adaptive", "rk4"])
-@pytest.mark.parametrize(("delay", "late"), [(0.0, 0.0), (0.027, 0.0), (0.013, 0.033)])
+@pytest.mark.parametrize(
+    ("delay", "late"),
+    [pytest.param(0.0, 0.0, marks=pytest.mark.slow), (0.027, 0.0), (0.013, 0.033)],
+)
 def test_a_loop_of_ones_own_flies_what_simulate_flies(
     delay: float, late: float, method: str, fast: Load
 ) -> None:

@@ -68,6 +68,7 @@ def test_a_name_that_is_none_is_refused_with_those_that_are(names: list[str]) ->
             chosen_derivatives(wrong)  # type: ignore[arg-type]
 
 
+@pytest.mark.slow
 def test_a_module_has_what_was_asked_for_and_no_more(folder: Path, names: list[str]) -> None:
     asked, plain = load(folder), load(generate(ROBOT, folder.parent.parent / "plain"))
     assert (*names,) == asked.DERIVATIVES
@@ -162,6 +163,7 @@ def test_derivatives_of_one_name_have_one_shape() -> None:
     assert len(shapes) == len({name for name, _ in shapes})
 
 
+@pytest.mark.slow
 def test_verify_takes_modules_that_have_them(folder: Path, names: list[str]) -> None:
     tool("cc")
     found = verify(folder, states=2)
@@ -169,6 +171,7 @@ def test_verify_takes_modules_that_have_them(folder: Path, names: list[str]) -> 
     assert {f"{name} with a formulation" for name in names} <= {*found.not_done}
 
 
+@pytest.mark.slow
 def test_the_command_line_takes_them(
     names: list[str], folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -280,6 +280,7 @@ def steps_of(links: int, function: str) -> list[Step]:
     return schedule_stores(parts.statements, parts.outputs, [True] * len(parts.outputs))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("links", [4])
 def test_a_robot(links: int) -> None:
     loops = check(steps_of(links, "mass_matrix"), 250)

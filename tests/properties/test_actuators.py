@@ -111,7 +111,7 @@ def test_accelerations_are_those_of_rotorpy(air: str, hummingbird: Oracle) -> No
         np.testing.assert_allclose(lag, rates[16:], rtol=1e-9)
 
 
-@pytest.mark.parametrize("air", ["still", "air"])
+@pytest.mark.parametrize("air", ["still", pytest.param("air", marks=pytest.mark.slow)])
 def test_a_flight_is_that_of_rotorpy(air: str, hummingbird: Oracle) -> None:
     told, module = hummingbird.told, hummingbird.module
     wind = np.zeros(3) if air == "air" else None

@@ -91,7 +91,16 @@ def tree(request: pytest.FixtureRequest) -> Case:
     return case(*request.param)
 
 
-@pytest.mark.parametrize("function", PRODUCTS)
+@pytest.mark.parametrize(
+    "function",
+    [
+        pytest.param("inverse_dynamics", marks=pytest.mark.slow),
+        "forward_dynamics",
+        "forward_dynamics_with_wrenches",
+        "input_matrix",
+        "centre_of_mass_jacobian",
+    ],
+)
 def test_products_with_jacobians_are_those_of_the_jacobians(function: str, tree: Case) -> None:
     """J d is exact, and <w, J d> is <Jᵀ w, d> for every part of d."""
     letters = PRODUCTS[function]

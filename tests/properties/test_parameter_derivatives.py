@@ -29,6 +29,7 @@ def first_state(robot, module) -> dict[str, Array]:
     return {key: values[0] for key, values in zip("qvau", rows, strict=True)}
 
 
+@pytest.mark.slow
 def test_forces_by_parameters(tree) -> None:
     robot, module = tree
     at = first_state(robot, module)

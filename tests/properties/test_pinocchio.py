@@ -58,7 +58,10 @@ def test_random_trees(number: int, attitude: str) -> None:
     compare(robot, emitted_module(robot))
 
 
-@pytest.mark.parametrize("name", ["decarotor_3link", "hexarotor_3link", "quadrotor"])
+@pytest.mark.parametrize(
+    "name",
+    [pytest.param("decarotor_3link", marks=pytest.mark.slow), "hexarotor_3link", "quadrotor"],
+)
 def test_shipped_robots(name: str, shipped) -> None:
     compare(read_robot(name)[0], shipped(name), count=20)
 

@@ -51,7 +51,7 @@ def test_robots_that_ship(name: str) -> None:
     compare(robot, emitted_module(robot), count=10)
 
 
-@pytest.mark.parametrize("number", [0, 4])
+@pytest.mark.parametrize("number", [0, pytest.param(4, marks=pytest.mark.slow)])
 def test_random_robots(number: int) -> None:
     """Every structure, about either origin."""
     robot = with_quaternion(random_robot(300 + number, 2 + number % 5, number % 6))
@@ -164,6 +164,7 @@ def test_integrate_is_that_of_pinocchio(angle: float) -> None:
         assert np.linalg.norm(found[3:7]) == pytest.approx(1.0, abs=5e-16)
 
 
+@pytest.mark.slow
 @settings(max_examples=50)
 @given(seed=st.integers(0, 2**32 - 1))
 def test_the_shorter_way_is_taken_from_either_of_two_opposite_quaternions(seed: int) -> None:

@@ -37,6 +37,7 @@ def tree(request: pytest.FixtureRequest) -> tuple[ModuleType, tuple[Array, Array
     return case(*request.param)
 
 
+@pytest.mark.slow
 def test_euler_is_semi_implicit(tree) -> None:
     """Velocities first, which then carry the coordinates."""
     module, (q, v, u) = tree

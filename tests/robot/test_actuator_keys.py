@@ -104,6 +104,7 @@ def test_what_does_not_go_together_is_refused(good: str, bad: str, words: str) -
         parse_robot(TEXT.replace(good, bad))
 
 
+@pytest.mark.slow
 def test_servos_by_rate_are_commanded_rates_within_limits() -> None:
     robot = by_rates()
     module = emitted_module(robot)

@@ -33,7 +33,7 @@ def inertia_matrix(found: MassProperties) -> np.ndarray:
     return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", [pytest.param(0, marks=pytest.mark.slow), 1, 2, 3])
 def test_base_is_that_of_the_emitted_mass_matrix(seed: int) -> None:
     robot = random_robot(seed, 3 + seed, 0)
     module, found = emitted_module(robot), base_properties(robot)
@@ -49,7 +49,7 @@ def test_base_is_that_of_the_emitted_mass_matrix(seed: int) -> None:
     assert np.allclose(matrix[:3, :3], about_origin[np.ix_(order, order)], atol=1e-12)
 
 
-@pytest.mark.parametrize("links", [0, 2])
+@pytest.mark.parametrize("links", [0, pytest.param(2, marks=pytest.mark.slow)])
 def test_hover_thrusts_hold_the_machine(links: int) -> None:
     """With an arm, where it hangs."""
     base = machine("{ " + ARM.format(com="0.2, 0.01, -0.05") + " }")

@@ -93,6 +93,7 @@ def test_defaults() -> None:
     assert (link.a, link.d, link.alpha_deg, link.joint) == (None, 0.0, Fraction(0), "revolute")
 
 
+@pytest.mark.slow
 @settings(max_examples=60)
 @given(robot=robots())
 def test_text_of_any_robot_reads_back_as_it(robot: Robot) -> None:
@@ -167,7 +168,10 @@ def test_angles_beyond_a_turn_are_refused(key: str, angle: str) -> None:
     assert line.endswith("leave out whole turns")
 
 
-@pytest.mark.parametrize("angle", ["360", "-360", "359.9999999999", "1e-30", "-1e-300"])
+@pytest.mark.parametrize(
+    "angle",
+    [pytest.param("360", marks=pytest.mark.slow), "-360", "359.9999999999", "1e-30", "-1e-300"],
+)
 def test_angles_within_a_turn_make_a_module(angle: str) -> None:
     """Its functions agree with formulations in plain numbers."""
     text = BASE + f"[[link]]\nalpha_deg = {angle}\ntheta_deg = {angle}\nlength = 1\nmass = 1\n"

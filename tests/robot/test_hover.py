@@ -43,6 +43,7 @@ FOREARM = parse_robot(
 )
 
 
+@pytest.mark.slow
 def test_whole_machine_is_that_of_the_emitted_functions() -> None:
     """At any configuration of the joints, the base at the origin of the world."""
     module, layout = emitted_module(DUAL_ARM), layout_of(DUAL_ARM)
@@ -59,6 +60,7 @@ def test_whole_machine_is_that_of_the_emitted_functions() -> None:
     assert np.allclose(matrix[3:6, 3:6], inertia - found.mass * skew @ skew, atol=1e-12)
 
 
+@pytest.mark.slow
 def test_what_a_joint_carries_is_its_entry_of_the_emitted_mass_matrix() -> None:
     layout = layout_of(EVERYTHING)
     matrix = emitted_module(EVERYTHING).mass_matrix(np.array(layout.neutral))
@@ -73,6 +75,7 @@ def test_what_a_joint_carries_is_its_entry_of_the_emitted_mass_matrix() -> None:
         assert carried_inertia(EVERYTHING, i) == pytest.approx(matrix[place, place] - armature)
 
 
+@pytest.mark.slow
 def test_wrenches_are_those_of_the_emitted_input_matrix() -> None:
     """Rotors on links, joints bent; generalised forces of the base are the wrench itself."""
     robot = replace(HYDRUS, base=replace(HYDRUS.base, attitude="quaternion"))

@@ -94,6 +94,7 @@ def test_no_results_rather_than_half_of_them(kibibytes: int, options: str, tmp_p
     assert done.left == []
 
 
+@pytest.mark.slow
 def test_a_sweep_says_what_a_full_disk_says(tmp_path: Path) -> None:
     script = """cat > fill.py << 'END'
 from gibbs_codegen.flight.sweeps.chunks import Store

@@ -128,6 +128,7 @@ def test_both_back_ends_agree_on_other_robots(robot: str, shipped) -> None:
         assert disagreement(signature.name, numpy, compiled, at) < 1e-14, signature.name
 
 
+@pytest.mark.slow
 def test_one_state_equals_a_batch(backends, states: dict[str, np.ndarray]) -> None:
     compiled = backends[1]
     for signature in module_signatures(compiled):
@@ -270,6 +271,7 @@ def test_functions_say_what_they_are(backends) -> None:
     assert Path(compiled.__file__).suffix == ".so"
 
 
+@pytest.mark.slow
 def test_weak_references_end_with_what_they_refer_to() -> None:
     module = load(ROBOT, backend="c")
     references = [weakref.ref(getattr(module, name)) for name in ("residual", "prepare")]
@@ -278,6 +280,7 @@ def test_weak_references_end_with_what_they_refer_to() -> None:
     assert [reference() for reference in references] == [None, None]
 
 
+@pytest.mark.slow
 def test_threads_share_a_batch(
     states: dict[str, np.ndarray], monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -31,6 +31,7 @@ def test_a_step_in_c_is_that_of_numpy(method: str) -> None:
         np.testing.assert_allclose(found[name], values, rtol=0, atol=1e-12 * np.max(abs(values)))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("scenario", ["paper", "inspection"])
 def test_rates_of_a_closed_loop_are_those_of_the_flight(scenario: str) -> None:
     module = load(GENERATED / "hexarotor_3link", "numpy")

@@ -77,7 +77,14 @@ def assert_agree(found: Any, expected: Any, name: str) -> None:
         )
 
 
-@pytest.mark.parametrize("label", [ANGLES, DERIVATIVES, ACTUATED])
+@pytest.mark.parametrize(
+    "label",
+    [
+        ANGLES,
+        pytest.param(DERIVATIVES, marks=pytest.mark.slow),
+        pytest.param(ACTUATED, marks=pytest.mark.slow),
+    ],
+)
 def test_every_function_is_that_of_the_numpy_module(
     label: str, pair: Callable[[str], Pair]
 ) -> None:
@@ -140,6 +147,7 @@ def test_casadis_derivatives_are_the_modules(pair: Callable[[str], Pair]) -> Non
     assert_close("Hessian", hessian.full(), numpy.forward_dynamics_hessian(q, v, u, w), 1e-11)
 
 
+@pytest.mark.slow
 def test_functions_do_not_depend_on_the_length_of_a_quaternion(pair: Callable[[str], Pair]) -> None:
     numpy, ours = pair(TREE)
     attitude = [numpy.COORDINATES.index(name) for name in ("qx", "qy", "qz", "qw")]
@@ -283,6 +291,7 @@ def test_the_page_runs(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     assert_close("second", by_q, bent(*level, weighted).full()[:, :9], 1e-11)
 
 
+@pytest.mark.slow
 def test_both_solvers_find_the_flight_of_the_page(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:

@@ -104,7 +104,8 @@ def jacobian(function: Callable[[Array], Any], at: Array, step: float = 2e-3) ->
     return np.stack(columns, axis=-1)
 
 
-@pytest.mark.parametrize("label", [TURNING, ACTUATED])
+@pytest.mark.slow
+@pytest.mark.parametrize("label", [ACTUATED])
 def test_every_function_is_that_of_the_numpy_module(
     label: str, pair: Callable[[str], Pair], caplog: pytest.LogCaptureFixture
 ) -> None:
@@ -208,6 +209,7 @@ def test_derivatives_of_other_functions(name: str, pair: Callable[[str], Pair]) 
         assert_close(f"{name} by {i}", found[i].reshape(expected.shape), expected, 1e-10)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["forward_dynamics"])
 def test_second_derivatives_by_all_arguments(name: str, pair: Callable[[str], Pair]) -> None:
     """They are symmetric, though displacements of a quaternion do not commute."""
@@ -225,6 +227,7 @@ def test_second_derivatives_by_all_arguments(name: str, pair: Callable[[str], Pa
     assert_close(name, hessian, jacobian(jax.jit(jax.grad(function)), x), 1e-9)
 
 
+@pytest.mark.slow
 def test_matrices_are_computed_once_for_all_columns(pair: Callable[[str], Pair]) -> None:
     numpy, ours = pair(TURNING)
     q, v, u = state(numpy, "forward_dynamics", 5)
@@ -236,6 +239,7 @@ def test_matrices_are_computed_once_for_all_columns(pair: Callable[[str], Pair])
     assert f"f64[5,{size * size}]" in calls[0]
 
 
+@pytest.mark.slow
 @LABELS
 def test_gradient_of_a_rollout_is_that_of_differences(
     label: str, pair: Callable[[str], Pair]
@@ -276,6 +280,7 @@ def test_derivatives_by_parameters(pair: Callable[[str], Pair]) -> None:
         assert_close(name, np.asarray(found), differences, 1e-9)
 
 
+@pytest.mark.slow
 def test_single_precision_where_arguments_have_it(pair: Callable[[str], Pair]) -> None:
     numpy, ours = pair(TURNING)
     given = state(numpy, "forward_dynamics", 3)
@@ -341,6 +346,7 @@ def test_what_is_too_long_for_xla_is_refused_with_the_reason(
         load(numpy.__path__[0], backend="jax").residual(*given)
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("little_for_xla")
 def test_a_derivative_too_long_for_xla_is_refused_with_the_reason() -> None:
     """Compiled or not: the function that gives it is named, where there is one."""
@@ -413,6 +419,7 @@ def test_a_program_of_another_process_says_what_it_lacks(pair: Callable[[str], P
         jax.block_until_ready(call(jnp.zeros(3), function="unheard/of"))
 
 
+@pytest.mark.slow
 def test_the_switch_for_double_precision_is_left_alone() -> None:
     """Without it all is float32, and nothing warns."""
     code = (

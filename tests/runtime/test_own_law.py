@@ -111,6 +111,7 @@ def test_what_is_written_compiles_silently(
     compile_only(compiler, options, [str(source)], tmp_path)
 
 
+@pytest.mark.slow
 def test_what_is_written_has_the_numbers_of_numpy(
     law: Program, module: ModuleType, tmp_path: Path
 ) -> None:

@@ -227,7 +227,9 @@ def displacement(module: ModuleType, q: Array, rates: Array) -> Array:
     return found
 
 
-@pytest.mark.parametrize("attitude", ROOTS)
+@pytest.mark.parametrize(
+    "attitude", ["tait_bryan", pytest.param("quaternion", marks=pytest.mark.slow)]
+)
 def test_derivatives_are_those_of_complex_steps(
     attitude: str, module: Callable[[str], ModuleType]
 ) -> None:
@@ -256,7 +258,9 @@ def test_derivatives_are_those_of_complex_steps(
         ), name
 
 
-@pytest.mark.parametrize("name", ["forward_dynamics", "inverse_dynamics"])
+@pytest.mark.parametrize(
+    "name", ["forward_dynamics", pytest.param("inverse_dynamics", marks=pytest.mark.slow)]
+)
 def test_gradients_have_second_derivatives(name: str) -> None:
     """They are differences of eighth order, though displacements of a quaternion do not commute."""
     robot = paper_family(2, 1)
@@ -426,6 +430,7 @@ def test_a_program_within_a_program_is_evaluated_once_and_derived_once() -> None
         jacobian(program, ("x",))
 
 
+@pytest.mark.slow
 def test_nodes_are_made_once_and_forgotten() -> None:
     x = variable("x", 3)
     assert 2.0 * sine(x) is 2.0 * sine(x)

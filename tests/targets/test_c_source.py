@@ -167,6 +167,7 @@ def test_a_missing_tool_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
 # Warnings
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("compiler", "real", "level"),
     [("gcc", "double", "-O0")],
@@ -203,6 +204,7 @@ def test_random_robots_compile_silently(
 # Numbers
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("label", "compiler", "options"),
     [("quadrotor_2link", "gcc", ["-O3", "-march=native"])],
@@ -255,7 +257,7 @@ def test_loops_are_among_what_is_compiled(emitted: Callable[[str], Emitted]) -> 
     assert re.search(r"mass_matrix\[\(\d+ \+ -?\d+ \* i\) \* stride\] = ", text)
 
 
-@pytest.mark.parametrize("count", [1, 7, 8, 9, 16])
+@pytest.mark.parametrize("count", [pytest.param(1, marks=pytest.mark.slow), 7, 8, 9, 16])
 def test_unused_lanes_do_not_matter(count: int, strict: tuple[Emitted, Library]) -> None:
     emitted, library = strict
     at = {name: values[:count] for name, values in states(emitted.module).items()}

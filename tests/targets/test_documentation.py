@@ -19,6 +19,7 @@ from gibbs_codegen.targets.documentation import attitude_lines, attitude_text, o
 from gibbs_codegen.targets.registry import find_targets, render_module
 
 
+@pytest.mark.slow
 def test_emitted_functions_are_those_of_the_table() -> None:
     program = derived(actuated(), derivatives="all").program
     offered, known = chosen_derivatives("all"), Description(actuated())
@@ -129,6 +130,7 @@ def test_a_table_without_entries_is_left_out() -> None:
     assert "Inputs u" not in header(lone)
 
 
+@pytest.mark.slow
 def test_unknowns_of_the_hybrid_system_are_accelerations_and_torques() -> None:
     told = header(parse_robot(MOUNTED))
     assert "vx [m/s^2] derivative of the velocity of the base's frame, along the" in told

@@ -90,10 +90,12 @@ def compare(library: Library, emitted: Emitted, count: int = STATES) -> None:
             assert gap <= NEAR[library.real] * scale, (signature.name, gap, scale)
 
 
+@pytest.mark.slow
 def test_functions_of_the_small_robot(double: tuple[Emitted, Library]) -> None:
     compare(double[1], double[0])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("label", "compiler", "real", "options"),
     [

@@ -124,6 +124,7 @@ def objects(names: Sequence[str], *targets: Target) -> pytest.MarkDecorator:
     return pytest.mark.parametrize(("name", "target"), cases)
 
 
+@pytest.mark.slow
 @objects(("hexarotor_3link",), M4F)
 def test_an_object_has_no_variables_calls_nothing_foreign_and_keeps_to_its_stack(
     shipped: Shipped, name: str, target: Target, tmp_path: Path
@@ -143,6 +144,7 @@ def test_an_object_has_no_variables_calls_nothing_foreign_and_keeps_to_its_stack
     assert_stack_as_stated(build)
 
 
+@pytest.mark.slow
 @objects(("hexarotor_3link",), DESKTOP)
 def test_the_desktop_keeps_to_the_stated_stack_too(
     shipped: Shipped, name: str, target: Target, tmp_path: Path
@@ -276,6 +278,7 @@ def numpy_results(module: ModuleType, real: type[np.floating[Any]]) -> Results:
     return results
 
 
+@pytest.mark.slow
 @objects(("quadrotor_2link",), M4F)
 def test_an_emulated_processor_computes_the_desktops_bits_and_numpys_numbers(
     shipped: Shipped, name: str, target: Target, tmp_path: Path

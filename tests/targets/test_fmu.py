@@ -161,6 +161,7 @@ def check(folder: Path, unzipped: Path) -> None:
     compiled([tool("gcc"), "-O0", *WARNINGS, *sources, "-lm"], unzipped / "whole.so")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["quadrotor", "actuated"])
 def test_descriptions_and_sources(made: Make, name: str, tmp_path: Path) -> None:
     check(made(name)[1], tmp_path)
@@ -177,7 +178,7 @@ def law(robot: ModuleType, q: Array, v: Array, wanted: Sequence[Array]) -> Array
 @pytest.mark.parametrize(
     ("version", "kind", "duration"),
     [
-        (3, "modelExchange", 0.2),
+        pytest.param(3, "modelExchange", 0.2, marks=pytest.mark.slow),
         (2, "coSimulation", 0.2),
         pytest.param(3, "coSimulation", 2.0, marks=pytest.mark.slow),
         pytest.param(2, "modelExchange", 2.0, marks=pytest.mark.slow),
@@ -270,7 +271,8 @@ def test_directional_derivatives(
     assert np.array_equal(unit.along(unknowns, present, seed), found)
 
 
-@pytest.mark.parametrize("name", ["hexarotor_3link", "quadrotor"])
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["quadrotor"])
 def test_derivatives_are_those_of_the_program(
     kept: Path, opened: Callable[..., Unit], made: Make, name: str
 ) -> None:

@@ -316,18 +316,25 @@ def test_laws_run_on_microcontrollers(case: Case) -> None:
             "fully actuated.*force along x.*choose geometric",
         ),
         ("hexarotor_3link", ["geometric"], ["c"], "command all directions; choose computed_torque"),
-        ("hydrus", ["computed_torque"], ["c"], "fully actuated.*choose geometric"),
+        pytest.param(
+            "hydrus",
+            ["computed_torque"],
+            ["c"],
+            "fully actuated.*choose geometric",
+            marks=pytest.mark.slow,
+        ),
         (
             "quadrotor",
             ["geometric_force"],
             ["c"],
             "quadrotor: under .* joints move the tip, but it has none; choose geometric$",
         ),
-        (
+        pytest.param(
             "dual_arm",
             ["geometric_impedance"],
             ["c"],
             r'moves the frame tip, .* are .*left_hand.*; name .* "tip", as a \[\[frame\]\]',
+            marks=pytest.mark.slow,
         ),
     ],
 )
@@ -355,6 +362,7 @@ def test_functions_that_a_law_calls_must_be_there(tmp_path: Path) -> None:
         )
 
 
+@pytest.mark.slow
 def test_a_module_keeps_its_laws(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     words = ["generate", "quadrotor", "--out", str(tmp_path), "--no-verify"]
     assert main([*words, "--laws", "geometric"]) == 0

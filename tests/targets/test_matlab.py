@@ -129,6 +129,7 @@ def one_axis_of_states(result: np.ndarray, shape: tuple[int, ...]) -> np.ndarray
     return np.reshape(result, (math.prod(states), *shape))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("robot", ["tree", "actuated"])
 def test_numbers_are_those_of_numpy(
     packaged: Callable[[str], Packaged], robot: str, tmp_path: Path
@@ -172,6 +173,7 @@ def test_numbers_are_those_of_numpy(
         )
 
 
+@pytest.mark.slow
 def test_empty_brackets_are_an_argument_without_entries(
     packaged: Callable[[str], Packaged], tmp_path: Path
 ) -> None:
@@ -219,6 +221,7 @@ def test_every_list_has_its_names_and_the_units_that_its_kind_has(tmp_path: Path
         assert tuple(str(cell[0]) for cell in cells.ravel()) == names, key
 
 
+@pytest.mark.slow
 def test_help_names_lists_as_the_package_does(packaged: Callable[[str], Packaged]) -> None:
     """And no constant of another language."""
     constants = re.compile(rf"\b({'|'.join((*DATA, *DATA_ON_REQUEST))})\b")
@@ -317,6 +320,7 @@ def test_help_and_errors_are_in_words(packaged: Callable[[str], Packaged], tmp_p
         assert words in message
 
 
+@pytest.mark.slow
 def test_what_the_page_shows_runs_and_reaches_the_goal(
     packaged: Callable[[str], Packaged], tmp_path: Path
 ) -> None:
@@ -351,6 +355,7 @@ def test_source_keeps_to_what_matlab_has_too(packaged: Callable[[str], Packaged]
             assert called - own <= TAKEN, path
 
 
+@pytest.mark.slow
 def test_names_that_matlab_does_not_take() -> None:
     """A name that begins with a digit gets an x; a robot's that hides another is refused."""
     robot = read_robot("quadrotor_2link")[0]

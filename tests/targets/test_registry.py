@@ -64,6 +64,7 @@ def test_templates_take_no_decisions() -> None:
         assert "sympy" not in text
 
 
+@pytest.mark.slow
 def test_emitted_text_is_clean(files: dict[str, str], tmp_path: Path) -> None:
     for name, text in files.items():
         assert text.endswith("\n")

@@ -92,6 +92,7 @@ def falling() -> Robot:
     return parse_robot(TEXT.replace("constant = 1e-5", "curve = [0, 2e-2, -1e-5]"))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("robot", "zeros"),
     [(actuated(), True), (falling(), False), (by_rates(), False), (by_rates(), True)],

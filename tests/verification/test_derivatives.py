@@ -84,6 +84,7 @@ def test_other_faults_are_found() -> None:
     assert refused("xyz", f"{text}\n{lacking}\n")
 
 
+@pytest.mark.slow
 def test_steps_of_a_robot_with_stiff_dampers_pass() -> None:
     """Velocities of its links die out much faster than any change in random states."""
     robot = vehicle("xyz")

@@ -73,6 +73,7 @@ def assert_agree(formulation: Formulation, robot: Robot, tolerance: float) -> No
         assert error < tolerance, f"{name}: {error:.1e}"
 
 
+@pytest.mark.slow
 @settings(max_examples=6)
 @given(robot=robots(most_rotors=7, most_links=6) | trees())
 def test_newton_euler(robot: Robot) -> None:

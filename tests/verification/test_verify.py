@@ -63,6 +63,7 @@ def whole_module() -> Path:
     return made / "quadrotor_2link"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", shipped_robots())
 def test_shipped_robots_pass(name: str, shipped: Callable[[str], ModuleType]) -> None:
     folder = Path(shipped(name).__file__ or "").parent
@@ -102,6 +103,7 @@ def test_shipped_robots_pass_with_derivatives_and_constraints(name: str, tmp_pat
     generate(path, tmp_path, ["numpy"], derivatives=True, functions=groups)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("attitude", ["xyz", "quaternion"])
 def test_a_base_that_is_carried_passes_with_derivatives(attitude: Attitude, tmp_path: Path) -> None:
     """It has no rotors and no joints that move, hence no inputs."""
@@ -143,6 +145,7 @@ def test_a_quaternion_passes_in_both_back_ends(quaternion: Path) -> None:
     assert {"residual", "frame_bias_accelerations", "integrate", "difference"} <= compared
 
 
+@pytest.mark.slow
 @settings(max_examples=2)
 @given(robot=robots(most_rotors=7, most_links=6))
 def test_random_robots_pass(robot: Robot) -> None:
@@ -151,6 +154,7 @@ def test_random_robots_pass(robot: Robot) -> None:
     assert failing(compare_module(module, robot, found, 2, 0)) == []
 
 
+@pytest.mark.slow
 def test_both_back_ends_are_verified(copied: Path) -> None:
     tool("cc")
     found = verify(copied, states=3)
@@ -168,6 +172,7 @@ def test_both_back_ends_are_verified(copied: Path) -> None:
     assert 100 < len(found.comparisons["numpy"]) < len(found.comparisons["c"])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("faults", "least"), [(8, 8)])
 @pytest.mark.parametrize("attitude", ["angles"])
 def test_planted_faults_are_found(
@@ -216,6 +221,7 @@ for precision in ("double", "single"):
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("attitude", "faults", "least"),
     [("angles", 3, 3)],
@@ -246,6 +252,7 @@ def test_planted_faults_in_rollouts_are_found(
     assert len(missed) <= faults - least, "\n".join(missed)
 
 
+@pytest.mark.slow
 def test_a_module_of_wrong_rollouts_fails_and_one_without_passes(copied: Path) -> None:
     tool("cc")
     path = copied / "quadrotor_2link_rollout.c"
@@ -314,6 +321,7 @@ def test_whatever_was_done_to_a_module_is_a_failure_with_a_reason(
     assert all(c.fault or not math.isfinite(c.error) or c.error > 0 for _, c in found.failures)
 
 
+@pytest.mark.slow
 def test_a_module_without_carriers_fails() -> None:
     robot = read_robot("quadrotor_2link")[0]
     module = emitted_module(robot)
@@ -321,6 +329,7 @@ def test_a_module_without_carriers_fails() -> None:
     assert failing(compare_contents(module, robot)) == ["CARRIERS"]
 
 
+@pytest.mark.slow
 def test_a_function_that_gives_what_is_not_a_number_fails(copied: Path) -> None:
     path = copied / "numpy_module.py"
     text = path.read_text(encoding="utf-8")
@@ -372,6 +381,7 @@ def test_a_module_without_c_says_so(tmp_path: Path) -> None:
     assert found.not_done["back end c"] == "the module was generated without the C target"
 
 
+@pytest.mark.slow
 def test_the_seed_chooses_the_states(copied: Path) -> None:
     def errors(seed: int) -> list[float]:
         found = verify(copied, states=2, seed=seed, backends=["numpy"])
@@ -399,6 +409,7 @@ def test_an_arm_that_is_folded_has_the_sizes_of_its_terms() -> None:
     assert np.all(Sizes(tree, states).free_matrix > 0.999 * largest)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("backend", "file"),
     [("numpy", "numpy_module.py")],

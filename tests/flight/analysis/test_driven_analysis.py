@@ -82,6 +82,7 @@ def test_the_model_is_of_motion_and_actuators(module: ModuleType) -> None:
         np.testing.assert_array_equal(found, expected)
 
 
+@pytest.mark.slow
 def test_a_regulator_of_commands_brings_the_robot_back(module: ModuleType) -> None:
     loose = {name: 0.0 for name in module.PARAMETERS if "friction_" in name}
     loose = {name: x for name, x in loose.items() if not name.endswith("velocity")}

@@ -58,6 +58,7 @@ def flow_of_deviations(module: ModuleType, q: Array, v: Array, u: Array, time: f
     return np.transpose(columns)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["hexarotor_3link"])
 def test_deviations_grow_as_the_model_says(differentiated: Load, name: str) -> None:
     module = differentiated(name)

@@ -27,6 +27,7 @@ def test_a_cube_has_eight_corners_and_six_faces() -> None:
     assert not found.contains(np.array([2.0, -1.0, 6.1]))
 
 
+@pytest.mark.slow
 @settings(max_examples=25, deadline=None)
 @given(st.integers(0, 10_000), st.integers(2, 5))
 def test_nothing_of_a_hull_is_left_out(seed: int, size: int) -> None:

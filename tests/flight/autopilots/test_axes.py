@@ -42,6 +42,7 @@ def about(axis: int, degrees: float) -> list[float]:
     return found
 
 
+@pytest.mark.slow
 def test_east_north_up_are_told_as_north_east_down(fast: Load) -> None:
     seen = told(fast("quadrotor"), [1.0, 2.0, 3.0, *LEVEL], [0.4, 0.5, 0.6, 0.0, 0.0, 0.0])
     assert seen.position == pytest.approx([2.0, 1.0, -3.0])
@@ -64,6 +65,7 @@ def test_turns_of_the_base(axis: int, roll: float, pitch: float, yaw: float, fas
     assert seen.gyro == pytest.approx(wanted)
 
 
+@pytest.mark.slow
 def test_a_base_of_attitude_angles_is_told_as_one_with_a_quaternion(fast: Load) -> None:
     module = fast("hexarotor")
     found = machine(module, motors={"limits": [0, 20]})
@@ -92,7 +94,11 @@ def test_a_base_of_attitude_angles_is_told_as_one_with_a_quaternion(fast: Load) 
 
 @pytest.mark.parametrize(
     ("force", "wanted"),
-    [([3, 0, 0], [2, 0, 0]), ([0, 3, 0], [0, -2, 0]), ([0, 0, 3], [0, 0, -2])],
+    [
+        pytest.param([3, 0, 0], [2, 0, 0], marks=pytest.mark.slow),
+        ([0, 3, 0], [0, -2, 0]),
+        ([0, 0, 3], [0, 0, -2]),
+    ],
 )
 def test_what_an_accelerometer_feels(force: list[float], wanted: list[float], fast: Load) -> None:
     """Of a body of 1.5 kg that falls and is pushed at its centre of mass, the push alone."""
@@ -101,6 +107,7 @@ def test_what_an_accelerometer_feels(force: list[float], wanted: list[float], fa
     assert seen.accelerometer == pytest.approx(wanted, abs=1e-9)
 
 
+@pytest.mark.slow
 def test_a_body_at_rest_feels_its_weight(fast: Load) -> None:
     floor = {"frame": ["base"], "point": [0, 0, 1.8], "normal": [0, 0, 1], "stiffness": 2000.0}
     wall = [{"kind": "plane", "damping": 60.0, "ball_radius": 0.2, **floor}]
@@ -108,6 +115,7 @@ def test_a_body_at_rest_feels_its_weight(fast: Load) -> None:
     assert seen.accelerometer == pytest.approx([0.0, 0.0, -9.81], abs=1e-6)
 
 
+@pytest.mark.slow
 def test_sensors_of_the_scenario_are_told_as_they_err(fast: Load) -> None:
     """Of a machine that falls freely: biases of readings, in the axes of autopilots."""
     imu = {"accelerometer_bias": [0.1, 0.2, 0.3], "gyroscope_bias": [0.01, 0.02, 0.03]}
@@ -131,7 +139,7 @@ def test_sensors_of_the_scenario_are_told_as_they_err(fast: Load) -> None:
     assert abs(found.readings().fix[0][:2]).min() > 0.01
 
 
-@pytest.mark.parametrize("rotor", range(4))
+@pytest.mark.parametrize("rotor", [1, 2, pytest.param(3, marks=pytest.mark.slow)])
 def test_every_rotor_turns_the_machine_as_its_place_says(rotor: int, fast: Load) -> None:
     found = machine(fast(ARM))
     shares = np.full(4, 0.4)
@@ -148,12 +156,14 @@ def test_every_rotor_turns_the_machine_as_its_place_says(rotor: int, fast: Load)
     )
 
 
+@pytest.mark.slow
 def test_shares_are_of_the_greatest_thrust(fast: Load) -> None:
     found = machine(fast(ARM), motors={"time_constant": 0.0, "limits": [2.0, 10.0]})
     found.fly(Outputs(np.array([-0.5, 0.0, 0.25, 1.5]), np.full(2, np.nan)), 0.01)
     assert found.simulation.flight().applied[-1, :4].tolist() == [2.0, 2.0, 4.0, 10.0]
 
 
+@pytest.mark.slow
 def test_servos_move_joints_over_their_limits(fast: Load) -> None:
     """Places from -1 to 1 are from limit to limit; those that are not told stay as they are."""
     found = machine(fast(ARM), servos=True, control={"frequency": 15.0})
@@ -163,6 +173,7 @@ def test_servos_move_joints_over_their_limits(fast: Load) -> None:
         assert np.degrees(found.simulation.q[7:]) == pytest.approx(wanted, abs=0.5)
 
 
+@pytest.mark.slow
 def test_joints_follow_the_scenario_while_the_base_falls_and_turns(fast: Load) -> None:
     moves = {"upper_arm": [{"to": 57.0, "duration": 1.0, "begin": 0.1}]}
     found = machine(fast(ARM), arm={"moves_deg": moves}, control={"frequency": 10.0})

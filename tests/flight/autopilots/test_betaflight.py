@@ -212,7 +212,13 @@ def told_and_sent(machine: Machine, motors: list[float], steps: int = 3) -> tupl
 
 
 @pytest.mark.parametrize(
-    ("place", "rotor"), [(0, "front_right"), (1, "rear_left"), (2, "front_left"), (3, "rear_right")]
+    ("place", "rotor"),
+    [
+        pytest.param(0, "front_right", marks=pytest.mark.slow),
+        (1, "rear_left"),
+        (2, "front_left"),
+        (3, "rear_right"),
+    ],
 )
 def test_motors_in_the_order_of_the_firmware(place: int, rotor: str, fast: Load) -> None:
     """It sends motors 2, 3, 4 and 1: at the right in front, the left behind, and across."""

@@ -83,6 +83,7 @@ def flown(
     return found, told[0], session
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["ardupilot", "px4"])
 def test_a_stand_in_flies_to_a_place_and_two_flights_are_the_same(kind: str, fast: Load) -> None:
     # Flights of PX4 are compared that began after as many readings.

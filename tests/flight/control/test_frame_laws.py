@@ -64,7 +64,9 @@ def wall(module: ModuleType, gap: float, **others: Any) -> dict[str, Any]:
     return {"frame": "tip", "point": point, "normal": [-1, 0, 0], "stiffness": 1000.0, **others}
 
 
-@pytest.mark.parametrize("name", ["hexarotor_3link", "hextilt_flying_arm_5"])
+@pytest.mark.parametrize(
+    "name", ["hexarotor_3link", pytest.param("hextilt_flying_arm_5", marks=pytest.mark.slow)]
+)
 def test_a_frame_moves_as_a_body_on_springs(name: str, fast: Load) -> None:
     module, force = fast(name), np.array([0.5, 1.0, -2.0])
     push = {"force": force.tolist(), "torque": [0.05, -0.1, 0.02], "end": 100}
@@ -87,6 +89,7 @@ def test_a_frame_moves_as_a_body_on_springs(name: str, fast: Load) -> None:
     assert moved == pytest.approx(needed, abs=0.01 * np.linalg.norm(moved))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["hexarotor_3link", "hextilt_flying_arm_5"])
 def test_a_push_is_a_mass_that_pushes_a_spring(name: str, fast: Load) -> None:
     """From before the wall into it, with what integral action learns."""
@@ -126,6 +129,7 @@ def test_a_frame_that_begins_deep_in_a_wall_is_noted(fast: Load) -> None:
     assert note.startswith("tip begins 0.18 m inside wall 3, which pushes it with 180 N")
 
 
+@pytest.mark.slow
 def test_a_frame_that_is_to_push_yields_before_and_does_not_hurry(fast: Load) -> None:
     """Before its time it yields along the direction as a spring; far away it learns nothing."""
     module = fast("hexarotor_3link")
@@ -175,6 +179,7 @@ def test_servos_push_with_the_force_that_is_asked_for(tmp_path: Path, fast: Load
     assert in_c == pytest.approx(in_numpy, abs=1e-6)
 
 
+@pytest.mark.slow
 def test_a_joint_that_a_push_turns_far_is_noted(fast: Load) -> None:
     """By more than a quarter of its range, here by 1.6 of 6.28 rad."""
     flight = flown(
@@ -191,6 +196,7 @@ def test_a_joint_that_a_push_turns_far_is_noted(fast: Load) -> None:
     assert note.startswith("forearm leaves its posture by ")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["hexarotor_3link", "quadrotor_arm_2link"])
 def test_integral_action_makes_the_force_exact(name: str, fast: Load) -> None:
     """The machine is heavier than the law knows, motors lag, and the wall has friction."""
@@ -209,6 +215,7 @@ def test_integral_action_makes_the_force_exact(name: str, fast: Load) -> None:
     assert flight.wall_forces[-1, 0] == pytest.approx(3.0, abs=1e-5)
 
 
+@pytest.mark.slow
 def test_a_push_ends_and_turns_with_its_axes(fast: Load) -> None:
     module = fast("hexarotor_3link")
     # The tip's own z axis, against a wall that it meets so.
@@ -228,7 +235,9 @@ def test_a_push_ends_and_turns_with_its_axes(fast: Load) -> None:
     assert tips(module, flight)[-1] == pytest.approx(0.0, abs=1e-3)
 
 
-@pytest.mark.parametrize("name", ["hextilt_flying_arm_5", "quadrotor_arm_2link"])
+@pytest.mark.parametrize(
+    "name", ["hextilt_flying_arm_5", pytest.param("quadrotor_arm_2link", marks=pytest.mark.slow)]
+)
 def test_what_is_learnt_turns_with_its_axes(name: str, fast: Load) -> None:
     """A machine that faces elsewhere, along axes of its base, is as one along the world's."""
     module, heading = fast(name), 40.0
@@ -264,6 +273,7 @@ def test_what_is_learnt_turns_with_its_axes(name: str, fast: Load) -> None:
     assert turned[1] == pytest.approx(learning, abs=1e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "law"),
     [
@@ -294,6 +304,7 @@ def test_compiled_flights_are_those_of_python(
         assert getattr(compiled, each) == pytest.approx(wanted, abs=1e-8 * np.abs(wanted).max())
 
 
+@pytest.mark.slow
 def test_a_sampled_law_feels_what_sensors_tell(fast: Load) -> None:
     module = fast("hexarotor_3link")
     control = {"law": "impedance", "rate": 250, "impedance": IMPEDANCE}
@@ -322,7 +333,7 @@ class Keeps:
         return self.u
 
 
-@pytest.mark.parametrize("late", [0.0, 0.02])
+@pytest.mark.parametrize("late", [pytest.param(0.0, marks=pytest.mark.slow), 0.02])
 def test_observations_have_accelerations_wrenches_and_actuators(late: float, fast: Load) -> None:
     module = fast("quadrotor_arm_2link")
     push = {"force": [1, 2, 3], "torque": [0.1, 0, 0], "begin": 0.045, "frame": "tip"}
@@ -464,9 +475,9 @@ def test_a_base_that_leans_needs_joints_to_move_a_frame(fast: Load) -> None:
     ("name", "law"),
     [
         ("hexarotor_3link", "force"),
-        ("hextilt_flying_arm_5", "impedance"),
-        ("quadrotor_arm_2link", "force"),
-        ("quadrotor_arm_2link", "impedance"),
+        pytest.param("hextilt_flying_arm_5", "impedance", marks=pytest.mark.slow),
+        pytest.param("quadrotor_arm_2link", "force", marks=pytest.mark.slow),
+        pytest.param("quadrotor_arm_2link", "impedance", marks=pytest.mark.slow),
     ],
 )
 def test_what_nothing_touches_follows_its_motion(name: str, law: str, fast: Load) -> None:
@@ -489,7 +500,9 @@ def test_what_nothing_touches_follows_its_motion(name: str, law: str, fast: Load
     assert np.abs(flight.errors).max() < 1e-5
 
 
-@pytest.mark.parametrize("name", ["hexarotor_3link", "quadrotor_arm_2link"])
+@pytest.mark.parametrize(
+    "name", ["hexarotor_3link", pytest.param("quadrotor_arm_2link", marks=pytest.mark.slow)]
+)
 def test_the_posture_comes_back(name: str, fast: Load) -> None:
     module = fast(name)
     start = {"offset": [0.05, -0.02, 0.03], "turn_deg": [3, 4, 5]}
@@ -498,6 +511,7 @@ def test_the_posture_comes_back(name: str, fast: Load) -> None:
     assert np.abs(flight.errors[-1]).max() < 1e-5
 
 
+@pytest.mark.slow
 def test_a_base_leans_against_what_its_tip_feels(fast: Load) -> None:
     """The centre of mass stays without integral action, and the tip yields within its plane."""
     module, force = fast("quadrotor_arm_2link"), np.array([1.0, 0.0, -0.5])

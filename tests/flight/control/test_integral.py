@@ -68,6 +68,7 @@ def test_the_geometric_law_learns_what_lasts(fast: Load) -> None:
         assert least < flight.centre_error[-1] < most
 
 
+@pytest.mark.slow
 def test_nothing_winds_up_at_limits(fast: Load) -> None:
     """A push that is too strong for the motors ends, and the robot does not shoot past."""
     push = {"frame": "base", "force": [0.0, 0.0, -8.0], "begin": 0.5, "end": 3.0}

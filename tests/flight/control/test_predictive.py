@@ -141,6 +141,7 @@ def value(controller: Predictive, program: Any, given: dict[str, Any]) -> dict[s
     return evaluate(program, own, {"robot": controller.module}, {"robot": constants})
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", [every_kind, pressing])
 def test_slopes_and_gradients_are_derivatives(kind: Any, either: ModuleType) -> None:
     assert_slopes(kind(either))
@@ -282,7 +283,8 @@ def flown(controller: Predictive) -> list[tuple[Any, Any, Any]]:
     return found
 
 
-@pytest.mark.parametrize(("compiler", "macros"), [("gcc", []), ("clang", ["SINGLY"])])
+@pytest.mark.slow
+@pytest.mark.parametrize(("compiler", "macros"), [("clang", ["SINGLY"])])
 def test_c_has_the_inputs_of_python(
     compiler: str, macros: list[str], module: ModuleType, tmp_path: Path
 ) -> None:
@@ -317,6 +319,7 @@ def test_c_has_the_inputs_of_python(
     assert all(instant.solved for instant in controller.log)
 
 
+@pytest.mark.slow
 def test_what_is_wrong_is_told(module: ModuleType) -> None:
     for changes, words in (
         ({"step": 0.0}, "step must be a finite time above 0"),
@@ -434,6 +437,7 @@ def circling(module: ModuleType, **changes: Any) -> Predictive:
     return controller_of(module, **(given | {"actuators": wide} | changes))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("jump", [[0.05, 0.0, 0.0], [0.0, 1.0, 0.0], [-3.0, 0.0, 4.0]])
 @pytest.mark.parametrize("led", ["point", "posture"])
 def test_a_path_may_jump_at_an_instant(led: str, jump: list[float], module: ModuleType) -> None:
@@ -471,6 +475,7 @@ def test_what_is_far_off_is_led_at_a_speed(module: ModuleType) -> None:
     np.testing.assert_allclose(v, np.tile(-speed * off, (len(v), 1)), atol=1e-9)
 
 
+@pytest.mark.slow
 def test_an_orientation_needs_no_posture(module: ModuleType) -> None:
     """The tip is turned by 0.6 rad about the vertical, where it stays."""
     start = circling(module)
@@ -499,6 +504,7 @@ def test_an_orientation_needs_no_posture(module: ModuleType) -> None:
     assert np.arccos(min(cosine, 1.0)) < 1e-3
 
 
+@pytest.mark.slow
 def test_delay_and_lag_are_made_up_for(module: ModuleType) -> None:
     delay, lag = 0.02, 0.03
     limits = circling(module).actuators
@@ -529,6 +535,7 @@ def test_the_last_plan_is_followed_until_its_end(module: ModuleType) -> None:
     assert controller.log[-1].solved
 
 
+@pytest.mark.slow
 def test_a_plan_that_is_late_serves_an_instant_later(module: ModuleType) -> None:
     prompt, late = circling(module), circling(module, deadline=0.0)
     q, v = prompt.hover.q, np.zeros(len(module.VELOCITIES))
@@ -541,6 +548,7 @@ def test_a_plan_that_is_late_serves_an_instant_later(module: ModuleType) -> None
     np.testing.assert_allclose(late.inputs(late.step, q, away), planned, rtol=1e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("attitude", ["quaternion", pytest.param("xyz", marks=pytest.mark.slow)])
 def test_it_is_a_law_of_scenarios(attitude: Attitude) -> None:
     module = made(attitude)
@@ -552,6 +560,7 @@ def test_it_is_a_law_of_scenarios(attitude: Attitude) -> None:
     assert np.abs(off[:, Vehicle(module).layout.q.position]).max() < 5e-3
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("friction", [0.0, 0.5])
 def test_it_pushes_on_walls_that_it_knows(friction: float, module: ModuleType) -> None:
     """Sliding sideways along a wall that leans, with a force that the flight records."""
@@ -586,6 +595,7 @@ def test_it_pushes_on_walls_that_it_knows(friction: float, module: ModuleType) -
         simulate(module, read_scenario("hover", changes))
 
 
+@pytest.mark.slow
 def test_flights_side_by_side_are_sampled_too(module: ModuleType) -> None:
     changes = {"duration": 0.2, "control.law": "predictive", "start": {"offset": [0.05, 0.0, 0.0]}}
     integration = {"integration": {"method": "rk4", "step": 0.002}}
@@ -612,6 +622,7 @@ def test_without_a_first_plan_inputs_are_those_of_hover(module: ModuleType) -> N
     np.testing.assert_array_equal(u, controller.hover.u)
 
 
+@pytest.mark.slow
 def test_inputs_keep_their_rates_whatever_acts(module: ModuleType) -> None:
     controller = circling(module, rates=2.0, deadline=0.0)
     q, v, before = controller.hover.q, np.zeros(len(module.VELOCITIES)), controller.hover.u
@@ -621,6 +632,7 @@ def test_inputs_keep_their_rates_whatever_acts(module: ModuleType) -> None:
         before = u
 
 
+@pytest.mark.slow
 def test_a_copy_flies_as_the_controller_does(module: ModuleType) -> None:
     controller = replace(circling(module), points={})
     q, v = controller.hover.q, np.full(len(module.VELOCITIES), 0.1)
@@ -628,6 +640,7 @@ def test_a_copy_flies_as_the_controller_does(module: ModuleType) -> None:
     np.testing.assert_array_equal(copied.inputs(0.0, q, v), controller.inputs(0.0, q, v))
 
 
+@pytest.mark.slow
 def test_limits_may_be_those_of_a_scenario(module: ModuleType) -> None:
     scenario = read_scenario("hover", {"motors": {"time_constant": 0.07, "limits": [0.5, 30.0]}})
     told = circling(module, actuators=scenario)._compiled.arrays
@@ -647,6 +660,7 @@ def driven() -> ModuleType:
     return load(made_once(base / robot.name, make), "c")
 
 
+@pytest.mark.slow
 def test_it_does_not_push_against_servos(driven: ModuleType) -> None:
     wall = {"frame": "base", "point": [0, 0, 5], "normal": [0, 0, -1], "stiffness": 1000}
     force = {"value": 3, "direction": [0, 0, 1]}
@@ -658,6 +672,7 @@ def test_it_does_not_push_against_servos(driven: ModuleType) -> None:
         simulate(driven, read_scenario("hover", changes))
 
 
+@pytest.mark.slow
 def test_slopes_of_motors_and_servos_are_derivatives(driven: ModuleType) -> None:
     hover = trim(driven, posture_deg={"upper": 20.0, "wrist": 30.0})
     controller = Predictive(

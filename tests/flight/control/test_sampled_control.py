@@ -212,6 +212,7 @@ def test_fixed_steps_longer_than_the_errors_allow(fast: Load) -> None:
 # --- what may go wrong
 
 
+@pytest.mark.slow
 def test_wrong_commands_end_the_flight_and_leave_its_data(fast: Load) -> None:
     module = fast("quadrotor")
 
@@ -278,6 +279,7 @@ def test_any_robot_is_flown_and_may_be_lost(fast: Load) -> None:
 NOISE = Sensors(0.01, 0.02, 0.03, 0.04, 0.05, 0.06, seed=4)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["hextilt_flying_arm_5"])
 def test_noise_has_its_standard_deviations(name: str, fast: Load) -> None:
     module = fast(name)

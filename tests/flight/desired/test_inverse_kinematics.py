@@ -384,6 +384,7 @@ def test_knots_of_a_redundant_arm_may_be_as_far_apart_as_one_likes(octo: Vehicle
     assert_allclose(coarse[-1], fine[-1], rtol=0, atol=1e-8)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("sequence", ["yxz"])
 def test_arms_with_prismatic_joints(any_vehicle: Callable[[str], Vehicle], sequence: str) -> None:
     vehicle = any_vehicle(sequence)

@@ -38,22 +38,14 @@ ROUND = {"kind": "circle", "centre": [0.25, 0.15, 1.65], "radius": 0.08, "period
 BELOW = {"path": {"kind": "fixed", "position": [0, 0, 2]}}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("robot", "scenario", "base", "arm"),
     [
-        ("quadrotor_arm_2link", "line", {}, beside(0.15, 0, -0.25)),
-        pytest.param(
-            "quadrotor_arm_2link",
-            "circle",
-            {"attitude": {"arm": 1}},
-            beside(0, 0, -0.3),
-            marks=pytest.mark.slow,
-        ),
         pytest.param(
             *("quadrotor_arm_2link", "hover", {"path": STEEP}, beside(0.1, 0, -0.25)),
             marks=pytest.mark.slow,
-        ),
-        pytest.param("dual_arm", "hover", BELOW, hands(ROUND, HELD), marks=pytest.mark.slow),
+        )
     ],
 )
 def test_frames_keep_to_their_paths_without_lateral_force(
@@ -82,7 +74,12 @@ def test_frames_keep_to_their_paths_without_lateral_force(
 @pytest.mark.parametrize(
     ("robot", "arm", "message"),
     [
-        ("quadrotor_arm_2link", beside(0.15, 0, -1.5), "t = 0 s .* m off its path"),
+        pytest.param(
+            "quadrotor_arm_2link",
+            beside(0.15, 0, -1.5),
+            "t = 0 s .* m off its path",
+            marks=pytest.mark.slow,
+        ),
         ("quadrotor_arm_2link", {"frames": {"tipp": ROUND}}, "arm.frames.tipp: .* mean tip"),
         ("dual_arm", {"frames": {"base": ROUND}}, "arm.frames.base: no joint"),
         ("hexarotor_3link", {"frames": {"tip": ROUND}}, "only a base that leans"),

@@ -119,6 +119,7 @@ def test_it_flies_where_the_scenario_does_and_leaves_its_record(hexa: Vehicle) -
     assert np.abs(off).max() < 1e-4
 
 
+@pytest.mark.slow
 def test_rates_of_thrusts_are_kept(hexa: Vehicle) -> None:
     quick = fastest(hexa, "line")
     motion = fastest(hexa, "line", timing={"thrust_rate": 400.0})

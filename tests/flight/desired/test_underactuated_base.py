@@ -109,6 +109,7 @@ def test_a_path_that_sets_out_at_once_is_flown_from_the_swing_it_needs(quadrotor
         assert np.abs(thrusts - 3.679).max() < 0.5
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["hover"])
 def test_rotors_in_a_row_are_bent_to_where_they_command(
     name: str, shipped: Callable[[str], ModuleType]

@@ -67,6 +67,7 @@ def test_worst_flights_that_are_alike_share_the_place_of_a_number() -> None:
     assert not axes.collections
 
 
+@pytest.mark.slow
 def test_the_figures_are_those_that_a_new_table_removes(study: Study, tmp_path: Path) -> None:
     kept = replace(study, folder=tmp_path)
     kept.save()

@@ -69,6 +69,7 @@ def flown(module: ModuleType, q: Array, v: Array, command: Array, time: float) -
     return end
 
 
+@pytest.mark.slow
 def test_commands_of_ones_own_fly_what_the_functions_of_the_module_say(
     module: ModuleType,
 ) -> None:
@@ -84,6 +85,7 @@ def test_commands_of_ones_own_fly_what_the_functions_of_the_module_say(
     np.testing.assert_allclose(found, expected, rtol=0.0, atol=2e-6)
 
 
+@pytest.mark.slow
 def test_a_law_flies_by_commands_and_the_flight_has_them(
     module: ModuleType, folder: Path, tmp_path: Path
 ) -> None:
@@ -108,6 +110,7 @@ def test_a_law_flies_by_commands_and_the_flight_has_them(
     np.testing.assert_allclose(found.q, expected.q, rtol=0.0, atol=1e-8)
 
 
+@pytest.mark.slow
 def test_a_sampled_law_sends_the_commands_of_its_samples(module: ModuleType) -> None:
     flight = simulate(module, hover(control={"rate": 200}, duration=1.0, integration=RK4))
     assert flight.stopped == ""
@@ -139,6 +142,7 @@ def test_what_is_off_pushes_nothing_whatever_its_least_command(module: ModuleTyp
     np.testing.assert_allclose(flight.v[:, 2], -9.81 * flight.time, rtol=0.0, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_rollouts_of_a_scenario_have_the_states_of_actuators(module: ModuleType) -> None:
     steps, step = 250, RK4["step"]
     found = rollout(module, None, None, hover(), steps, step, every=50)
@@ -283,6 +287,7 @@ def robot_neutral(robot: ModuleType) -> Array:
     return q
 
 
+@pytest.mark.slow
 def test_a_flight_begins_with_the_charge_that_is_given(module: ModuleType) -> None:
     """And goes on, with a note, when it is empty."""
     half = hover(start={"charge": 0.5, "offset": [0.01, 0.0, 0.0]}, duration=0.05)

@@ -107,6 +107,7 @@ FLIGHTS: dict[str, tuple[str, str, dict[str, Any]]] = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["off"])
 def test_each_flight_is_that_of_the_loop_of_one_state(name: str, fast: Load) -> None:
     """Also with gains, limits and lags of its own, in samples and at the end."""
@@ -156,6 +157,7 @@ def test_plant_and_model_may_differ_from_flight_to_flight(name: str, fast: Load)
     assert np.ptp(found.last, axis=0).min() > 0.0
 
 
+@pytest.mark.slow
 def test_a_flight_that_ends_changes_no_other(fast: Load) -> None:
     """One diverges, one is not finite, one is not flown; samples repeat where they ended."""
     closed = loop_of(fast, *FLIGHTS["lag"])

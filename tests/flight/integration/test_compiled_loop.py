@@ -101,6 +101,7 @@ def loop_of(
 
 
 # Compensation differences thrusts over so short a time that rounding shows.
+@pytest.mark.slow
 @pytest.mark.parametrize(("compensated", "rounding"), [(False, 1e-12)])
 @pytest.mark.parametrize("law", ["computed_torque"])
 @pytest.mark.parametrize(
@@ -138,6 +139,7 @@ def test_every_step_is_that_of_python(
         state = after
 
 
+@pytest.mark.slow
 def test_a_push_that_does_not_act_changes_nothing(modules: Load) -> None:
     closed = closed_loop_of(modules("hexarotor_3link"))
     state = start_of(closed)
@@ -216,7 +218,7 @@ def test_a_flight_ends_after_the_step_that_reaches_the_singularity(
         assert abs(last[1]) == pytest.approx(turned, rel=0.05)
 
 
-@pytest.mark.parametrize("wrong", [np.nan, np.inf, 1e200])
+@pytest.mark.parametrize("wrong", [pytest.param(np.nan, marks=pytest.mark.slow), np.inf, 1e200])
 def test_a_flight_ends_where_it_is_not_finite(wrong: float, modules: Load) -> None:
     free = closed_loop_of(modules("hexarotor_3link"))
     for closed in (free, restricted(free, (-1e6, 1e6))):

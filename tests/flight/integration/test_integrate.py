@@ -553,6 +553,7 @@ def test_a_flight_at_limits_gets_to_its_end(
     assert flight.q[:50] == pytest.approx(other.q[:50], abs=1e-5)
 
 
+@pytest.mark.slow
 def test_limits_and_lag_are_named_where_no_step_is_small_enough(
     fast: Load, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -130,6 +130,7 @@ def test_a_module_that_does_not_say_its_limits_is_to_be_generated_again(
         actuators_of(Vehicle(module), hover())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["rk4"])
 def test_joints_give_no_more_than_their_effort(method: str, folders: dict[str, Path]) -> None:
     """A start that is off asks for more than the limits of the robot file."""
@@ -148,6 +149,7 @@ def test_joints_give_no_more_than_their_effort(method: str, folders: dict[str, P
     assert np.min(flights[0].applied[:, :6]) >= 0.0854858
 
 
+@pytest.mark.slow
 def test_only_motors_with_a_time_constant_lag(folders: dict[str, Path]) -> None:
     """In open loop, along a path on which the thrusts change."""
     path = {"kind": "line", "start": [0, 0, 2], "end": [0, 0, 2.5], "duration": 0.5}

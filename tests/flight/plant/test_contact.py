@@ -106,6 +106,7 @@ def on_slope(degrees: float, friction: float, **changes: Any) -> Scenario:
     return read_scenario("hover", given | at | start | changes)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("degrees", [26.0, 27.2])
 def test_a_block_sticks_below_the_angle_of_friction_and_slides_above(
     degrees: float, block: ModuleType
@@ -153,6 +154,7 @@ def test_a_ball_rolls_down_as_its_inertia_says(block: ModuleType) -> None:
     assert found == pytest.approx(expected, rel=1e-3)
 
 
+@pytest.mark.slow
 def test_what_slides_is_the_lowest_point_of_a_ball_that_presses(block: ModuleType) -> None:
     """With friction and without; in the air nothing slides."""
     v = np.array([1.0, 0.0, 0.0, 0.0, 3.0, 0.0])
@@ -183,6 +185,7 @@ def test_nothing_slides_where_some_feet_are_at_the_limit(block: ModuleType) -> N
     assert np.ptp(flight.q, axis=0).max() < 1e-12
 
 
+@pytest.mark.slow
 def test_a_parked_machine_does_not_creep(block: ModuleType) -> None:
     """On a slope of 20 degrees with a friction of 0.5, over 10 s from where it rests."""
     start = {"turn_deg": [0, 20.0, 0], "settled": True}
@@ -281,6 +284,7 @@ def test_a_ball_bounces_as_hunt_and_crossley_say(speed: float, block: ModuleType
     assert 0.3 < parts.v[2] / speed < 0.95
 
 
+@pytest.mark.slow
 def test_steps_of_a_millisecond_agree_with_adaptive_ones(block: ModuleType) -> None:
     floor = {"kind": "floor", "frame": FEET, "friction": 0.5} | SOFT
     given = {"duration": 1.5, "start": {"turn_deg": [8, 5, 0]}, **fixed(0, 0, 0.2)}
@@ -336,6 +340,7 @@ def machine_at_walls(module: ModuleType, **changes: Any) -> Any:
     return flight_start(module, read_scenario("hover", given | changes), lambda *_: None, own=False)
 
 
+@pytest.mark.slow
 def test_c_numpy_and_jax_say_the_same(
     shipped: Callable[[str], ModuleType], jax_in_double_precision: ModuleType
 ) -> None:
@@ -428,6 +433,7 @@ TRIP: dict[str, Any] = {
 STANDING = TRIP | fixed(0, 0, HEIGHT)
 
 
+@pytest.mark.slow
 def test_a_machine_takes_off_and_lands_without_a_jump(block: ModuleType) -> None:
     flight = simulate(block, read_scenario("hover", TRIP | {"duration": 10.0}))
     assert not flight.stopped
@@ -473,6 +479,7 @@ def test_a_start_at_rest_is_that_of_rollouts_many_flights_and_loops(block: Modul
         np.testing.assert_allclose(compiled, loop.derivative(0.0, state, loads), atol=1e-11)
 
 
+@pytest.mark.slow
 def test_the_first_sample_on_a_slope_is_of_a_machine_that_is_held(block: ModuleType) -> None:
     at_rest = on_slope(20.0, 0.5, duration=0.02, start={"turn_deg": [0, 20, 0], "settled": True})
     seen: list[Any] = [Simulation(block, at_rest).reset()]
@@ -510,6 +517,7 @@ def test_a_flight_does_not_depend_on_others_beside_it_or_before(
             np.testing.assert_allclose(friction, expected, rtol=0.0, atol=1e-6)
 
 
+@pytest.mark.slow
 def test_a_machine_that_leans_comes_to_stand_on_all_of_its_feet(block: ModuleType) -> None:
     leaning = {"start": {"settled": True, "turn_deg": [2, 3, 0]}, "duration": 0.2}
     flight = simulate(block, read_scenario("hover", STANDING | leaning))
@@ -522,9 +530,10 @@ def test_a_machine_that_leans_comes_to_stand_on_all_of_its_feet(block: ModuleTyp
     [
         ({"wall": []}, r"start.settled: there is no \[\[wall\]\]"),
         ({"wall": [FLOOR | {"height": -1.0}]}, r"start.settled: within 0.5 m .* no wall carries"),
-        (
+        pytest.param(
             {"wall": [FLOOR | {"frame": FEET[:2]}]},
             r"start.settled: block does not come to rest there",
+            marks=pytest.mark.slow,
         ),
     ],
 )
@@ -545,6 +554,7 @@ def test_bristles_that_are_too_stiff_for_the_steps_are_refused(block: ModuleType
             thrown(block, [floor | own], duration=0.1)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "round_wall",
     [
@@ -598,6 +608,7 @@ def test_rollouts_of_inputs_touch_walls_in_every_back_end(
         rollout(block, q0, v0, u, 2, 0.2, walls=scenario.walls)
 
 
+@pytest.mark.slow
 def test_rollouts_refuse_steps_that_are_too_long_for_walls(block: ModuleType) -> None:
     """Of a mass m on a spring s and a damper c, in closed form; of the lightest state."""
     start: Any = [0.0, 0.0, 0.01, 0.0, 0.0, 0.0, 1.0], np.zeros(6), np.zeros(4), 1
@@ -632,6 +643,7 @@ def test_rollouts_refuse_what_are_no_walls(walls: Any, block: ModuleType) -> Non
         rollout(block, *start, 1e-3, walls=walls)
 
 
+@pytest.mark.slow
 def test_environments_touch_walls(block: ModuleType) -> None:
     vector_env = pytest.importorskip("gibbs_codegen.flight.rollouts.vector_env")
     walls, q0 = read_scenario("hover", {"wall": [FLOOR]}).walls, [0.0, 0, 0.105, 0, 0, 0, 1]

@@ -282,7 +282,7 @@ def test_inspection_pushes_with_the_force_of_two_springs_in_a_row(fast: Load) ->
 
 @pytest.mark.parametrize(
     ("frequency", "load", "wanted", "pressed"),
-    [(30, 2.29, 1.0, 1.0), (60, 9.18, 5.0, 5.0)],
+    [pytest.param(30, 2.29, 1.0, 1.0, marks=pytest.mark.slow), (60, 9.18, 5.0, 5.0)],
 )
 def test_an_arm_that_is_pressed_along_its_length_buckles(
     frequency: float, load: float, wanted: float, pressed: float, fast: Load
@@ -341,6 +341,7 @@ def test_a_payload_is_a_heavier_body() -> None:
     assert np.abs(free.q - heavier.q).max() > 1e-2
 
 
+@pytest.mark.slow
 def test_payloads_obey_newtons_law_and_hang_on_the_controller(fast: Load) -> None:
     """Forces are m (g − p̈) by differences of recorded places, and hover carries the weight."""
     module = fast("hexarotor_3link")
@@ -519,6 +520,7 @@ def test_a_module_that_does_not_say_what_carries_its_rotors_is_asked_for_again()
 # In C
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["hexarotor_3link", "hexarotor"])
 def test_every_compiled_step_is_that_of_python(name: str, fast: Load) -> None:
     module = fast(name)

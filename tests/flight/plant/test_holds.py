@@ -73,6 +73,7 @@ def perched(percher: ModuleType) -> Flight:
     return simulate(percher, perching())
 
 
+@pytest.mark.slow
 def test_a_machine_perches_where_it_is_and_takes_off(
     percher: ModuleType, perched: Flight, tmp_path: Any
 ) -> None:
@@ -109,6 +110,7 @@ def test_a_machine_perches_where_it_is_and_takes_off(
     assert np.array_equal(read_flight(tmp_path / "flight.npz").impacts, flight.impacts)
 
 
+@pytest.mark.slow
 def test_forces_and_accelerations_are_those_of_the_bordered_matrix(percher: ModuleType) -> None:
     """With push and wind; in NumPy, and compiled."""
     push, wind = Push((1.0, -2.0, 3.0), torque=(0.1, 0.2, -0.1), frame="claw"), Wind({"base": 0.4})
@@ -179,6 +181,7 @@ def test_flights_that_have_ended_take_no_impacts(percher: ModuleType) -> None:
     np.testing.assert_allclose(rolled.v[0, -1], alone.v[-1], rtol=0, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_constraints_that_hold_already_take_no_second_impact(percher: ModuleType) -> None:
     """Even at rest there is one, and none where holds overlap or follow each other."""
     holds = tuple(Hold("grip", *span) for span in ((0.0, 0.02), (0.01, 0.03), (0.03, 0.04)))
@@ -194,6 +197,7 @@ def test_constraints_that_hold_already_take_no_second_impact(percher: ModuleType
     assert integration.history().impacts.tolist() == [[0.0, 0.0]]
 
 
+@pytest.mark.slow
 def test_rollouts_tell_the_thrusts_of_motors_that_idle(percher: ModuleType) -> None:
     """Of motors that lag, and of one that does not."""
     scene = hovering(holds=(Hold("grip", 0.01, 0.03, idle=True),))
@@ -205,6 +209,7 @@ def test_rollouts_tell_the_thrusts_of_motors_that_idle(percher: ModuleType) -> N
     assert found.thrusts[0, ~idles, 0].all()
 
 
+@pytest.mark.slow
 def test_controllers_are_told_forces(percher: ModuleType) -> None:
     scene = hovering(holds=(Hold("grip", 0.1, 0.4),))
     seen: list[Observation] = []

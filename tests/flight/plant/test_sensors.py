@@ -58,6 +58,7 @@ def flown(module: ModuleType, u: Array, **changes: Any) -> Simulation:
     return simulation
 
 
+@pytest.mark.slow
 def test_free_fall_has_no_specific_force_and_hover_has_that_of_gravity(fast: Load) -> None:
     module = fast("quadrotor")
     weight = module.mass_matrix(at(module))[2, 2] * G
@@ -219,6 +220,7 @@ def changed(**changes: Any) -> Scenario:
     return read_scenario("hover", FLOWN | changes)
 
 
+@pytest.mark.slow
 def test_the_same_seed_reads_the_same_and_the_record_has_what_was_told(
     fast: Load, tmp_path: Path
 ) -> None:
@@ -261,6 +263,7 @@ def test_the_same_seed_reads_the_same_and_the_record_has_what_was_told(
     assert ("gps_velocity_z", "m/s") in [column[:2] for column in flight.columns()]
 
 
+@pytest.mark.slow
 def test_sensors_alone_change_no_flight(fast: Load) -> None:
     """A law that acts at all times goes on to, and its flight is read from its samples."""
     module, smooth = fast("quadrotor"), {name: x for name, x in FLOWN.items() if name != "control"}
@@ -277,6 +280,7 @@ def test_sensors_alone_change_no_flight(fast: Load) -> None:
     assert not np.array_equal(noisy.q, flight.q)
 
 
+@pytest.mark.slow
 def test_forces_on_a_frame_are_felt_in_its_axes(fast: Load) -> None:
     module, weight = fast(ARM), [0.5, -0.2, 0.3, 0.01, 0.02, -0.03]
     push = {"frame": "tip", "force": weight[:3], "torque": weight[3:], "end": 0.1}
@@ -292,6 +296,7 @@ def test_forces_on_a_frame_are_felt_in_its_axes(fast: Load) -> None:
     assert np.all(flight.sensors[22:] == 0.0)
 
 
+@pytest.mark.slow
 def test_jax_and_c_measure_what_numpy_does(
     shipped: Load, fast: Load, jax_in_double_precision: ModuleType
 ) -> None:

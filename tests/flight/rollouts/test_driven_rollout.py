@@ -87,6 +87,7 @@ def assert_same(found: Rollout, expected: Rollout, room: float) -> None:
     assert found.thrusts is None
 
 
+@pytest.mark.slow
 def test_states_of_actuators_are_integrated_with_the_motion(module: ModuleType) -> None:
     """Against the whole system, integrated to rounding where no choice is near another."""
     given = arguments(module) | {"steps": 200, "dt": 5e-5}
@@ -121,6 +122,7 @@ def test_states_of_actuators_are_integrated_with_the_motion(module: ModuleType) 
         assert found.x is None
 
 
+@pytest.mark.slow
 def test_c_is_as_numpy(emitted: Emitted, module: ModuleType) -> None:
     compiled = load(emitted.folder, "c")
     given = everything(module)
@@ -189,6 +191,7 @@ def test_the_generated_source_compiles_without_a_warning(
     compile_only(compiler, options, [str(emitted.file("_rollout.c"))], tmp_path)
 
 
+@pytest.mark.slow
 def test_the_generated_source_does_the_same(emitted: Emitted, module: ModuleType) -> None:
     given = arguments(module)
     motors = Motors(*limits(module), *np.zeros((2, 1, 4)))

@@ -53,6 +53,7 @@ def arguments(module: ModuleType) -> dict[str, Any]:
     }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["euler"])
 def test_everything_is_as_in_numpy(module: ModuleType, jax_module: ModuleType, method: Any) -> None:
     given = arguments(module)
@@ -65,6 +66,7 @@ def test_everything_is_as_in_numpy(module: ModuleType, jax_module: ModuleType, m
     assert found.q.dtype == jnp.float64
 
 
+@pytest.mark.slow
 def test_without_lag_there_are_no_thrusts(module: ModuleType, jax_module: ModuleType) -> None:
     given = arguments(module) | {"time_constants": 0.0}
     assert rollout(jax_module, **given).thrusts is None
@@ -72,6 +74,7 @@ def test_without_lag_there_are_no_thrusts(module: ModuleType, jax_module: Module
     assert rollout(jax_module, **given).thrusts is None
 
 
+@pytest.mark.slow
 def test_a_controller_is_traced(module: ModuleType, jax_module: ModuleType) -> None:
     given = arguments(module)
 
@@ -114,6 +117,7 @@ def test_it_is_differentiated_and_transformed(tmp_path: Path) -> None:
         assert float((slope * direction).sum()) == pytest.approx(expected, rel=1e-6)
 
 
+@pytest.mark.slow
 def test_single_precision_is_jax_s_default(module: ModuleType, jax_module: ModuleType) -> None:
     given = arguments(module)
     jax.config.update("jax_enable_x64", False)

@@ -144,6 +144,7 @@ def test_progress_gets_to_its_end_and_can_interrupt(module: ModuleType) -> None:
         rollout(module, **settings, progress=interrupt)
 
 
+@pytest.mark.slow
 def test_c_and_numpy_do_the_same(
     emitted_steps: Emitted, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:

@@ -39,6 +39,7 @@ def scenario_flights(machine: ModuleType, scenario: Scenario, **changed: Any) ->
     return simulate(machine, replace(scenario, integration=settings, **changed))
 
 
+@pytest.mark.slow
 def test_states_are_those_of_flights(machine: ModuleType, scenario: Scenario) -> None:
     masses = machine.PARAMETERS[LENGTH] * np.array([0.8, 1.0, 1.3])
     lag = np.array([0.01, 0.02, 0.03])
@@ -60,6 +61,7 @@ def test_states_are_those_of_flights(machine: ModuleType, scenario: Scenario) ->
         np.testing.assert_allclose(found.thrusts[i], flight.applied[:, :6], atol=1e-5)
 
 
+@pytest.mark.slow
 def test_it_begins_where_it_is_told(machine: ModuleType, scenario: Scenario) -> None:
     """Where control is lost a state ends, and changes no other."""
     usual = rollout(machine, None, None, scenario, STEPS, DT, every=EVERY)
@@ -73,6 +75,7 @@ def test_it_begins_where_it_is_told(machine: ModuleType, scenario: Scenario) -> 
     np.testing.assert_array_equal(found.q[1, -1], found.q[1, -2])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["hexarotor", pytest.param("quadrotor", marks=pytest.mark.slow)])
 def test_single_precision_is_near_double(name: str, fast: Callable[[str], ModuleType]) -> None:
     """Also where rotors cannot produce every wrench."""
@@ -89,6 +92,7 @@ def test_single_precision_is_near_double(name: str, fast: Callable[[str], Module
     assert not single.ended.any()
 
 
+@pytest.mark.slow
 def test_thrusts_without_lag_are_those_that_are_commanded(
     machine: ModuleType, scenario: Scenario
 ) -> None:

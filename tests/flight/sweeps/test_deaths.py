@@ -187,6 +187,7 @@ class Unpackable:
         return {"a": 1}
 
 
+@pytest.mark.slow
 def test_what_no_worker_can_unpack_is_told(robot, tmp_path):
     with pytest.raises(UsageError, match="a worker cannot fly: RuntimeError: no licence here"):
         sweep(robot, "hover", {"duration": 0.05}, measure={"a": Unpackable()}, out=tmp_path)
@@ -243,6 +244,7 @@ def test_workers_end_when_the_program_is_killed(robot, tmp_path):
         time.sleep(0.1)
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not hasattr(signal, "pthread_sigmask"), reason="POSIX alone has masks")
 def test_ctrl_c_is_the_callers_while_workers_begin() -> None:
     """Else a worker that is still importing would print a traceback; the caller hears it again."""

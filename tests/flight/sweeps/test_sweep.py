@@ -173,6 +173,7 @@ def test_a_flight_that_is_refused_is_a_row_with_its_reason(robot, tmp_path, here
     assert np.isfinite(table["worst [m]"][0])
 
 
+@pytest.mark.slow
 def test_own_processes_fly_lambdas(robot, tmp_path, here):
     there = sweep(robot, "hover", LATE, 2, 0, {"x": lambda f: f.q.sum()}, None, tmp_path / "a")
     same = sweep(robot, "hover", LATE, 2, 0, {"x": lambda f: f.q.sum()}, here, tmp_path / "b")
@@ -318,6 +319,7 @@ def test_rows_that_cannot_be_read_are_left_alone(robot, tmp_path, here, monkeypa
     assert path.is_file()
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("alone_is_another")
 def test_what_takes_longer_than_thought_is_kept_piece_by_piece(robot, tmp_path, here, monkeypatch):
     parameters = {**FAR, "motors.time_constant": 0.01}

@@ -67,6 +67,7 @@ def test_torques_that_rounding_leaves_are_no_load(
     assert any("at a joint" in words for _, words in scene.key()) == shown
 
 
+@pytest.mark.slow
 def test_a_long_flight_has_fewer_frames_rather_than_more_room(
     shipped: Shipped, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -54,6 +54,7 @@ def box(seen: Visit, label: str) -> Locator:
     )
 
 
+@pytest.mark.slow
 def test_a_slider_moves_the_robot_and_lights_what_changed(shipped: Shipped) -> None:
     with shown(shipped("hexarotor_3link")) as seen:
         page = seen.page

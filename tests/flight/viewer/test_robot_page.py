@@ -37,6 +37,7 @@ limits = [0, 0.25]
 """
 
 
+@pytest.mark.slow
 def test_a_robot_without_rotors_that_slides_is_shown(tmp_path: Path) -> None:
     (tmp_path / "slider.toml").write_text(SLIDER)
     file, out = str(tmp_path / "slider.toml"), str(tmp_path / "made")
@@ -51,6 +52,7 @@ def test_a_robot_without_rotors_that_slides_is_shown(tmp_path: Path) -> None:
     assert "force at a joint" in page.text
 
 
+@pytest.mark.slow
 def test_a_page_has_fewer_frames_rather_than_more_room(
     shipped: Shipped, monkeypatch: pytest.MonkeyPatch
 ) -> None:
