@@ -513,8 +513,10 @@ def test_a_wait_of_seconds_is_said_where_the_command_runs(tmp_path: Path) -> Non
             text=True,
         )
         assert process.stderr is not None
-        said = process.stderr.readline()
-        assert said == f"generated: waiting for process {number} to let go\n"
+        # A slow machine also says that it derives the equations.
+        assert f"generated: waiting for process {number} to let go\n" in iter(
+            process.stderr.readline, ""
+        )
     assert "is not there yet" in process.communicate(timeout=30)[1]
     assert process.returncode == 1
 
