@@ -51,6 +51,7 @@ from gibbs_codegen.flight.sweeps.sources import (
     robot_data,
     robot_source,
     scenario_source,
+    with_places_filled,
 )
 from gibbs_codegen.flight.sweeps.study import FIXED, Study, table_of
 from gibbs_codegen.runtime.predictive import AT_WALLS, DERIVATIVES
@@ -200,8 +201,9 @@ def _refuse_unfit(
         keys = [k for k in levels if not varying[k].relative and k.partition(".")[0] not in NUMBERS]
         keys = [k for k in keys if source.knows(k)]
         for values in itertools.product(*(levels[key] for key in keys)):
+            entries = dict(zip(keys, values, strict=True))
             try:
-                check_scenario(robot, source.changed(dict(zip(keys, values, strict=True))))
+                check_scenario(robot, source.changed(with_places_filled(source.says, entries)))
             except UsageError as error:
                 errors.append(error)
             except ScenarioFileError:  # It is refused later, with the case that has it.
