@@ -72,7 +72,7 @@ class _Refused(Exception):  # noqa: N818 - it never leaves this module
 
 def child(element: Element, tag: str) -> Element | None:
     """The first child of a tag, which is read by that, or None."""
-    first = next((found for found in children(element) if found.tag == tag), None)
+    first = next(iter(children(element, tag)), None)
     if first is not None:
         first.read.add("")
     return first
@@ -84,9 +84,9 @@ def child_text(element: Element | None, tag: str) -> str:
     return "" if found is None else (found.text or "").strip()
 
 
-def children(element: Element) -> list[Element]:
-    """The children of an element, in order."""
-    return [found for found in element if isinstance(found, Element)]
+def children(element: Element, *tags: str) -> list[Element]:
+    """The children of an element, in order, all or those of some tags."""
+    return [e for e in element if isinstance(e, Element) and (e.tag in tags or not tags)]
 
 
 def within(element: Element) -> list[Element]:
