@@ -55,7 +55,7 @@ def read_sdf(
     """
     root, values = parse_xml(data, file), _Values(friction)
     model, elsewhere = whole_model(root, Path(file), values)
-    if sum(each.tag in PLACED for each in children(model)) > _MOST_PLACED:
+    if len(children(model, *PLACED)) > _MOST_PLACED:
         values.fault(model, f"has more than {_MOST_PLACED} links, joints and frames")
     if values.faults:
         raise sources.SourceFileError(file, values.faults)
@@ -63,8 +63,8 @@ def read_sdf(
     links, joints = reader.links(), reader.joints()
     frames = reader.frames()
     gravity = 9.81
-    holders = [root, *(each for each in children(root) if each.tag == "world")]
-    for each in (each for holder in holders for each in children(holder) if each.tag == "gravity"):
+    holders = [root, *children(root, "world")]
+    for each in (each for holder in holders for each in children(holder, "gravity")):
         x, y, z = _numbers(values, each, 3)
         if x or y or z > 0.0:
             values.fault(each, "must point along -z, as 0 0 -9.81 does")
@@ -118,21 +118,15 @@ class _Reader:
         self._values, self._canonical = values, model.get("canonical_link", "")
         self.elements: dict[str, Element] = {}
         self._poses: dict[str, tuple[str, Placement]] = {}
-        for element in children(model):
-            if element.tag in PLACED:
-                name = values.name(element)
-                if name in self.elements:
-                    tag = self.elements[name].tag
-                    values.fault(element, f"there is another {tag} of that name")
-                self.elements.setdefault(name, element)
+        for element in children(model, *PLACED):
+            other = self.elements.setdefault(values.name(element), element)
+            if other is not element:
+                values.fault(element, f"there is another {other.tag} of that name")
         for name, element in self.elements.items():
             self._poses[name] = self._pose(element, self._stands_in(element))
         for name, element in self.elements.items():
-            if placed := element.get("placement_frame"):
-                if placed not in self.elements:
-                    words = f"there is no link, joint or frame {printable(placed, 60)}"
-                    values.fault(element, words + near(placed, self.elements))
-                    continue
+            placed = element.get("placement_frame")
+            if placed and self._known(placed, element):
                 place, pose = self._poses[name]
                 self._poses[name] = place, pose @ self._between(name, placed).inverse
 
@@ -178,11 +172,16 @@ class _Reader:
         if found is not None and own:
             names[own] = found
         for name, by in names.items():
-            if name not in self.elements and name not in (MODEL, WORLD):
-                words = f"there is no link, joint or frame {printable(name, 60)}"
-                self._values.fault(by, words + near(name, self.elements))
+            if name not in (MODEL, WORLD) and not self._known(name, by):
                 return MODEL, HERE
         return own or default, HERE if found is None else self._placement(found)
+
+    def _known(self, name: str, by: Element) -> bool:
+        """Whether a link, joint or frame that an element names is there; else it is a fault."""
+        if name not in self.elements:
+            words = f"there is no link, joint or frame {printable(name, 60)}"
+            self._values.fault(by, words + near(name, self.elements))
+        return name in self.elements
 
     def _placement(self, element: Element) -> Placement:
         """The numbers of a pose: a place, then roll, pitch and yaw or a quaternion."""

@@ -236,7 +236,7 @@ def gazebo_rotors(root: Element, values: Values, command: Command) -> list[sourc
     They are commanded a thrust or, as there, a speed.
     """
     numbered, missing, rolling, slowdowns = [], dict[str, float](), 0, set[str]()
-    for plugin in [found for found in within(root) if found.tag == "plugin" and is_motor(found)]:
+    for plugin in filter(is_motor, within(root, "plugin")):
         texts = {found.tag: (found.text or "").strip() for found in children(plugin)}
         plugin.read.add("")
         for tag in (*_MOTOR, "linkName", "jointName", "turningDirection"):
