@@ -122,7 +122,7 @@ class MjcfTexts:
         copies *= max(1, len(within(root, "model", "attach")))
         for element in within(root):
             times = element.attrib.get("count", "1")
-            copies *= int(times) if re.fullmatch(r"\d{1,5}", times) else _MOST_COPIES + 1
+            copies *= max(1, int(times)) if re.fullmatch(r"\d{1,5}", times) else _MOST_COPIES + 1
             if copies > _MOST_COPIES:
                 words = f"more than {_MOST_COPIES} copies, or models that attach themselves"
                 raise self.refused(element, words)
