@@ -18,10 +18,7 @@ def run(options: argparse.Namespace) -> int:
     names = changes_of(options.name)
     check_results(options.out)
     with (
-        robot_argument.found_module(options.robot, terminal.progress()) as (
-            folder,
-            _,
-        ),
+        robot_argument.found_module(options.robot, terminal.progress()) as (folder, _),
         terminal.progress_bar() as progress,
     ):
         flight = read_log(load(folder), options.log, names, options.rate, options.cutoff)

@@ -33,7 +33,7 @@ _MOST_NAMES = 12
 _ROUND_OFF = 1e-9
 # Share of a wanted force from which on it counts as reached.
 _REACHED = 0.9
-# Of compiling, s, which is not worth a word.
+# Compiling that is not worth a word, s.
 _SHORT = 0.05
 # How far joints may be beyond their limits, rad or m, by errors of integration.
 _INTEGRATION = 1e-5

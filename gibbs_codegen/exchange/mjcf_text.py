@@ -1,7 +1,7 @@
-"""MJCF for MuJoCo's compiler: files put together, and of them what has to do with mass and motion.
+"""MJCF for MuJoCo's compiler: files put together, with only what has to do with mass and motion.
 
-MuJoCo looks for no file by itself: what a model names is found here, beside the model's file or the
-one that names it, and never in the working folder.
+MuJoCo looks for no file by itself: this module finds what a model names, beside the model's file or
+the one that names it, and never in the working folder.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ _COUNTED = {
     "deformable": "deformable bodies",
     "extension": "plugins, and what they do to the motion",
 }
-# What MuJoCo is given: attributes of elements.
+# What MuJoCo gets: attributes of elements.
 _POSE = "pos quat axisangle euler xyaxes zaxis"
 _ACTUATOR = "name class site joint gear ctrlrange ctrllimited forcerange forcelimited"
 _EQUALITY = "name class active body1 body2 site1 site2 anchor"
@@ -76,7 +76,7 @@ _TEXTS = ("name", "class", "childclass", "file", "mesh", "model", "joint", "pref
 
 
 class MjcfTexts:
-    """A model as MuJoCo is given it: a text, and the texts of the models that it attaches.
+    """A model for MuJoCo: a text, and the texts of the models that it attaches.
 
     Every line of them has an element of its own, those of `elements`; `findings` says what is left
     out.
@@ -94,7 +94,7 @@ class MjcfTexts:
         return refusal(file, message, int(line), xml_file.described(element))
 
     def refused_by_mujoco(self, error: Exception) -> SourceFileError:
-        """The error, to be raised, for one of MuJoCo's, with the line of the file that it is of."""
+        """The error, to be raised, for one of MuJoCo's, at the element of which it complains."""
         text = printable(" ".join(str(error).split()), 300)
         line = re.search(r"line (\d+)", text)
         text = re.sub(r"(XML )?Error: |,? ?Element (name )?'[^']*',( id \d+,)? line \d+", "", text)
@@ -104,13 +104,13 @@ class MjcfTexts:
         return self.refused(self.elements[min(int(line[1]), len(self.elements)) - 1], message)
 
     def _text(self, path: Path, data: bytes, copies: int, attached: bool = False) -> str:
-        """The text of a model, of which others have so many copies.
+        """The text of a model, which other models copy so many times.
 
         Raises `SourceFileError` for what would keep MuJoCo busy without end, or is missing.
         """
         root = xml_file.parse_xml(data, str(path))
         if attached:
-            _place(root, path)
+            xml_file.place_elsewhere(root, path)
         self._include(root, path)
         root.get("model")
         _mark(root)
@@ -119,18 +119,19 @@ class MjcfTexts:
         if count := _strip(root, attached):
             self.findings.append(Finding("left out", "shapes that give no mass", f"{count}"))
         self._settle(root, path)
-        copies *= max(1, sum(each.tag in ("model", "attach") for each in within(root)))
+        copies *= max(1, len(within(root, "model", "attach")))
         for element in within(root):
             times = element.attrib.get("count", "1")
-            copies *= int(times) if re.fullmatch(r"\d{1,5}", times) else _MOST_COPIES + 1
-            numbers = {key: text for key, text in element.attrib.items() if key not in _TEXTS}
-            faults = [f"{k} must be finite" for k, text in numbers.items() if _ODD.search(text)]
-            faults += ["composite bodies are not imported"] * (element.tag == "composite")
+            copies *= max(1, int(times)) if re.fullmatch(r"\d{1,5}", times) else _MOST_COPIES + 1
             if copies > _MOST_COPIES:
-                faults = [f"more than {_MOST_COPIES} copies, or models that attach themselves"]
-            if faults:
-                raise self.refused(element, faults[0])
-        for model in [found for found in within(root) if found.tag == "model"]:
+                words = f"more than {_MOST_COPIES} copies, or models that attach themselves"
+                raise self.refused(element, words)
+            if element.tag == "composite":
+                raise self.refused(element, "composite bodies are not imported")
+            for key, text in element.attrib.items():
+                if key not in _TEXTS and _ODD.search(text):
+                    raise self.refused(element, f"{key} must be finite")
+        for model in within(root, "model"):
             file = self._file(model, path)
             text = self._text(file, xml_file.read_bytes(file), copies, True)
             model.set("file", name := f"model_{len(self.models)}.xml")
@@ -154,7 +155,7 @@ class MjcfTexts:
     def _include(self, root: Element, path: Path) -> None:
         """Put the contents of included files in place of `<include>`."""
         taken = {path.resolve()}
-        while found := [(p, e) for p in within(root) for e in children(p) if e.tag == "include"]:
+        while found := [(p, e) for p in within(root) for e in children(p, "include")]:
             parent, element = found[0]
             file = self._file(element, path)
             if file.resolve() in taken:
@@ -162,19 +163,18 @@ class MjcfTexts:
                 raise self.refused(element, words)
             taken.add(file.resolve())
             fresh = xml_file.parse_xml(xml_file.read_bytes(file), str(file))
-            _place(fresh, file)
+            xml_file.place_elsewhere(fresh, file)
             place = [*parent].index(element)
             parent[place : place + 1] = children(fresh)
 
     def _settle(self, root: Element, path: Path) -> None:
         """Leave the compiler no choice: no welding, meshes that have mass, by their full paths.
 
-        Tells of settings with which MuJoCo changes masses or inertias.
+        Settings with which MuJoCo changes masses or inertias are noted.
         """
-        if child(root, "compiler") is None:
-            root.insert(0, Element("compiler"))
+        root.insert(0, Element("compiler"))
         folder, bare = "", False
-        for compiler in [found for found in children(root) if found.tag == "compiler"]:
+        for compiler in children(root, "compiler"):
             for key in sorted(_CHANGING & {*compiler.attrib}):
                 setting = f"{compiler.get(key)}: with it MuJoCo changes masses or inertias"
                 self.findings.append(Finding("note", key, printable(setting)))
@@ -183,8 +183,8 @@ class MjcfTexts:
             bare = compiler.attrib.pop("strippath", "false") == "true" or bare
             compiler.set("fusestatic", "false")
         used = {geom.get("mesh") for geom in root.iter("geom")}
-        for assets in [found for found in children(root) if found.tag == "asset"]:
-            for mesh in [found for found in children(assets) if found.tag == "mesh"]:
+        for assets in children(root, "asset"):
+            for mesh in children(assets, "mesh"):
                 file = mesh.attrib.get("file", "").replace("\\", "/")
                 if mesh.get("name", PurePosixPath(file).stem) not in used:
                     assets.remove(mesh)
@@ -195,14 +195,8 @@ class MjcfTexts:
                     mesh.set("file", str(self._file(mesh, path, folder, bare)))
 
 
-def _place(root: Element, path: Path) -> None:
-    """Note in all elements of a file that they are of it, where it is not the one imported."""
-    for element in within(root):
-        element.elsewhere, element.line = f"{path}:{element.line}", None
-
-
 def _mark(element: Element) -> None:
-    """Mark what MuJoCo is given of what is within an element."""
+    """Mark what MuJoCo gets of the contents of an element."""
     for inner in children(element):
         taken = _TAKEN.get(f"{element.tag}/{inner.tag}@", _TAKEN.get(f"{inner.tag}@"))
         drives = element.tag != "actuator" or bool({"site", "joint"} & {*inner.attrib})
@@ -225,14 +219,14 @@ def _purge(element: Element) -> None:
 def _strip(root: Element, attached: bool) -> int:
     """Remove shapes that give no mass, and count them; those of the world do if it is attached."""
     above = {inner: outer for outer in within(root) for inner in children(outer)}
-    computed = any(each.get("inertiafromgeom") == "true" for each in root.iter("compiler"))
+    computed = any(each.get("inertiafromgeom") == "true" for each in within(root, "compiler"))
     masses: dict[str, str | None] = {}
-    for default in [found for found in within(root) if found.tag == "default"]:
+    for default in within(root, "default"):
         geom, outer = child(default, "geom"), above[default].attrib.get("class", "main")
         own = None if geom is None else geom.attrib.get("mass")
         masses[default.attrib.get("class", "main")] = own or masses.get(outer)
     count = 0
-    for geom in [found for found in within(root) if found.tag == "geom"]:
+    for geom in within(root, "geom"):
         holders = [above[geom]]
         while "childclass" not in holders[-1].attrib and holders[-1] in above:
             holders.append(above[holders[-1]])

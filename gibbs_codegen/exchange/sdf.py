@@ -18,17 +18,13 @@ from gibbs_codegen.exchange.placement import HERE, LEVEL, Placement, degrees, ve
 from gibbs_codegen.exchange.sdf_models import MERGED, MODEL, PLACED, WORLD, whole_model
 from gibbs_codegen.exchange.tree import near
 from gibbs_codegen.exchange.unread import WITHIN, pass_over, unread, without_part
-from gibbs_codegen.exchange.urdf import COUNTED, OF_MOTORS, Values, gazebo_rotors, motor_findings
+from gibbs_codegen.exchange.urdf import COUNTED, ENTRIES, KINDS, OF_MOTORS, Values, gazebo_rotors
 from gibbs_codegen.exchange.xml_file import Element, child, children, parse_xml, within
 from gibbs_codegen.exchange.xml_file import child_text as _text
-from gibbs_codegen.robot.model import AXES, Command, JointLimits, Passive
+from gibbs_codegen.robot.model import AXES, Command, Passive
 from gibbs_codegen.robot.rigid_body import inertia_matrix
 
-_KINDS: dict[str, sources.JointKind] = {
-    **{"revolute": "revolute", "continuous": "revolute"},
-    **{"prismatic": "prismatic", "fixed": "fixed"},
-}
-_ENTRIES = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
+_KINDS = ("revolute", "continuous", "prismatic", "fixed")
 # What is only counted, under these words, and what has no part in the motion.
 _KNOWN = COUNTED | {"sensor": "sensors", "fluid_added_mass": "added masses of fluids"}
 _KNOWN |= dict.fromkeys(("sdf/world", "world/wind", "link/velocity_decay"), WITHIN)
@@ -57,18 +53,18 @@ def read_sdf(
     Motors of Gazebo are commanded a thrust or, as there, a speed. `friction` is whether the dry
     friction of joints is taken.
     """
-    root, values = parse_xml(data, file), Values()
+    root, values = parse_xml(data, file), _Values(friction)
     model, elsewhere = whole_model(root, Path(file), values)
-    if sum(each.tag in PLACED for each in children(model)) > _MOST_PLACED:
+    if len(children(model, *PLACED)) > _MOST_PLACED:
         values.fault(model, f"has more than {_MOST_PLACED} links, joints and frames")
     if values.faults:
         raise sources.SourceFileError(file, values.faults)
-    reader = _Reader(model, values, friction)
+    reader = _Reader(model, values)
     links, joints = reader.links(), reader.joints()
     frames = reader.frames()
     gravity = 9.81
-    holders = [root, *(each for each in children(root) if each.tag == "world")]
-    for each in (each for holder in holders for each in children(holder) if each.tag == "gravity"):
+    holders = [root, *children(root, "world")]
+    for each in (each for holder in holders for each in children(holder, "gravity")):
         x, y, z = _numbers(values, each, 3)
         if x or y or z > 0.0:
             values.fault(each, "must point along -z, as 0 0 -9.81 does")
@@ -89,17 +85,24 @@ def read_sdf(
         gravity=gravity,
         findings=(
             *(sources.Finding("left out", _text(e, "uri"), "another model") for e in elsewhere),
-            *reader.findings,
+            *values.findings,
             *unread([root] if model in within(root) else [root, model], _KNOWN),
-            *motor_findings(model),
         ),
     )
 
 
-def _number(values: Values, element: Element | None, tag: str, default: float = 0.0) -> float:
-    """The number in a child of an element."""
-    text = _text(element, tag)
-    return values.of_text(element, f"<{tag}>", text) if text and element is not None else default
+class _Values(Values):
+    """Values that are texts of an element's children, as SDF has them."""
+
+    unbounded, zero_bounds = None, True
+
+    def text(self, element: Element | None, key: str) -> str | None:
+        """The text of a child, None if there is none."""
+        return _text(element, key) or None
+
+    def label(self, key: str) -> str:
+        """A key as messages have it."""
+        return f"<{key}>"
 
 
 def _numbers(values: Values, element: Element, count: int) -> list[float]:
@@ -111,27 +114,19 @@ def _numbers(values: Values, element: Element, count: int) -> list[float]:
 class _Reader:
     """Takes a model apart; names of links, joints and frames share one space."""
 
-    def __init__(self, model: Element, values: Values, friction: bool) -> None:
-        self._values, self._with_friction = values, friction
-        self._canonical = model.get("canonical_link", "")
-        self.findings = values.findings
+    def __init__(self, model: Element, values: Values) -> None:
+        self._values, self._canonical = values, model.get("canonical_link", "")
         self.elements: dict[str, Element] = {}
         self._poses: dict[str, tuple[str, Placement]] = {}
-        for element in children(model):
-            if element.tag in PLACED:
-                name = values.name(element)
-                if name in self.elements:
-                    tag = self.elements[name].tag
-                    values.fault(element, f"there is another {tag} of that name")
-                self.elements.setdefault(name, element)
+        for element in children(model, *PLACED):
+            other = self.elements.setdefault(values.name(element), element)
+            if other is not element:
+                values.fault(element, f"there is another {other.tag} of that name")
         for name, element in self.elements.items():
             self._poses[name] = self._pose(element, self._stands_in(element))
         for name, element in self.elements.items():
-            if placed := element.get("placement_frame"):
-                if placed not in self.elements:
-                    words = f"there is no link, joint or frame {printable(placed, 60)}"
-                    values.fault(element, words + near(placed, self.elements))
-                    continue
+            placed = element.get("placement_frame")
+            if placed and self._known(placed, element):
                 place, pose = self._poses[name]
                 self._poses[name] = place, pose @ self._between(name, placed).inverse
 
@@ -177,11 +172,16 @@ class _Reader:
         if found is not None and own:
             names[own] = found
         for name, by in names.items():
-            if name not in self.elements and name not in (MODEL, WORLD):
-                words = f"there is no link, joint or frame {printable(name, 60)}"
-                self._values.fault(by, words + near(name, self.elements))
+            if name not in (MODEL, WORLD) and not self._known(name, by):
                 return MODEL, HERE
         return own or default, HERE if found is None else self._placement(found)
+
+    def _known(self, name: str, by: Element) -> bool:
+        """Whether a link, joint or frame that an element names is there; else it is a fault."""
+        if name not in self.elements:
+            words = f"there is no link, joint or frame {printable(name, 60)}"
+            self._values.fault(by, words + near(name, self.elements))
+        return name in self.elements
 
     def _placement(self, element: Element) -> Placement:
         """The numbers of a pose: a place, then roll, pitch and yaw or a quaternion."""
@@ -252,51 +252,53 @@ class _Reader:
         if found is not None and found.get("auto") in ("true", "1"):
             values.fault(found, "has its inertia from shapes, which import does not read")
         entries = None if found is None else child(found, "inertia")
-        mass = _number(values, found, "mass", 1.0)
-        if mass < 0.0:
-            values.fault(element, f"<mass> must be at least 0, not {mass:g}")
-        usual = [1.0, 1.0, 1.0, 0.0, 0.0, 0.0]
-        pairs = zip(_ENTRIES, usual, strict=True)
-        moments = [_number(values, entries, entry, default) for entry, default in pairs]
+        mass = values.positive(found, "mass", 1.0)
+        moments = [values.number(entries, key, float(key[1] == key[2])) for key in ENTRIES]
         lacking = [] if _text(found, "mass") else ["mass"]
-        alone = [entry for entry in _ENTRIES[:3] if not _text(entries, entry)]
+        alone = [entry for entry in ENTRIES[:3] if not _text(entries, entry)]
         lacking += alone if entries is not None else ["inertia"]
         if lacking:
             words = f"no {', '.join(lacking)} in the file, for which SDF has 1 kg and 1 kg m²"
             values.found("note", name, words)
         pose = None if found is None else child(found, "pose")
         place = HERE if pose is None else self._placement(pose)
-        return sources.Inertial(max(mass, 0.0), place, inertia_matrix(moments))
+        return sources.Inertial(mass, place, inertia_matrix(moments))
 
     def _joint(self, name: str, element: Element) -> sources.Joint:
-        values, word = self._values, element.get("type", "")
-        kind = _KINDS.get(word)
-        if kind is None:
-            kinds, found = ", ".join(_KINDS), printable(word or "none", 40)
-            values.fault(element, f"type must be one of {kinds}, not {found}")
+        values, word = self._values, self._values.kind(element, _KINDS)
+        kind = KINDS[word] if word in _KINDS else "fixed"
         ends = [_text(element, tag) for tag in ("parent", "child")]
         for tag, end in zip(("parent", "child"), ends, strict=True):
             if not end:
                 values.fault(element, f"has no <{tag}>")
         parent, moved = (self._carrier(end) for end in ends)
         axis = child(element, "axis")
-        limits, passive, dry = JointLimits(), Passive(), 0.0
-        if kind in ("revolute", "prismatic") and axis is not None:
-            limits, passive, dry = self._properties(name, axis, word)
-        else:
+        if kind == "fixed":
             pass_over(axis)
+            axis = None
+        limit, dynamics = (
+            None if axis is None else child(axis, tag) for tag in ("limit", "dynamics")
+        )
+        limits, damping = (
+            values.limits(limit, word == "continuous"),
+            values.positive(dynamics, "damping"),
+        )
+        stiffness = values.number(dynamics, "spring_stiffness", 0.0)
+        rest = values.number(dynamics, "spring_reference", 0.0)
+        if axis is not None and child(axis, "mimic") is not None:
+            values.found("left out", name, "that it follows another joint")
         return sources.Joint(
             name,
-            kind or "fixed",
+            kind,
             parent,
             moved,
             self._between(parent, name) if parent in self.elements else self._between(MODEL, name),
-            AXES["z"] if kind in (None, "fixed") else self._axis(name, axis),
+            self._axis(name, axis),
             self._between(name, moved),
-            passive,
+            Passive(damping, 0.0, stiffness, rest if stiffness else 0.0),
             limits,
             continuous=kind == "revolute" and sources.endless(limits),
-            friction=sources.dry_friction(dry) if self._with_friction else None,
+            friction=values.friction(name, dynamics),
             line=element.line,
         )
 
@@ -308,45 +310,4 @@ class _Reader:
         direction = np.array(_numbers(self._values, found, 3))
         if seen_from := found.get("expressed_in"):
             direction = self._between(name, seen_from).matrix @ direction
-        size = float(np.linalg.norm(direction))
-        if not size > 0.0:
-            self._values.fault(found, "its axis has no length; give a direction such as 0 0 1")
-            return AXES["z"]
-        return vector(direction if abs(size - 1.0) <= 4e-16 else direction / size)
-
-    def _properties(
-        self, name: str, axis: Element, word: str
-    ) -> tuple[JointLimits, Passive, float]:
-        """Limits of a joint, what acts on it by itself, and its dry friction."""
-        values, limit, dynamics = self._values, child(axis, "limit"), child(axis, "dynamics")
-        endless = word == "continuous"  # Whatever its limits.
-        low, high = (
-            None if endless and _text(limit, tag) else _bound(values, limit, tag)
-            for tag in ("lower", "upper")
-        )
-        effort, velocity = (_bound(values, limit, tag) for tag in ("effort", "velocity"))
-        if low is not None and high is not None and low > high:
-            values.fault(axis, f"<lower> {low:g} is above <upper> {high:g}")
-        # Negative ones are SDF's default, no bound.
-        effort, velocity = (b if b is not None and b >= 0.0 else None for b in (effort, velocity))
-        damping, stiffness, rest = (
-            _number(values, dynamics, tag)
-            for tag in ("damping", "spring_stiffness", "spring_reference")
-        )
-        friction = _number(values, dynamics, "friction") if self._with_friction else 0.0
-        if damping < 0.0:
-            values.fault(axis, f"<damping> must be at least 0, not {damping:g}")
-        if friction < 0.0:
-            values.fault(axis, f"<friction> must be at least 0, not {friction:g}")
-        if child(axis, "mimic") is not None:
-            self._values.found("left out", name, "that it follows another joint")
-        if not self._with_friction:
-            self.findings += sources.untaken_friction(name, _text(dynamics, "friction") or "0")
-        passive = Passive(max(damping, 0.0), 0.0, stiffness, rest if stiffness else 0.0)
-        return JointLimits(low, high, effort, velocity), passive, friction
-
-
-def _bound(values: Values, element: Element | None, tag: str) -> float | None:
-    """A limit in a child of an element; what is left out or endless is None."""
-    found = None if element is None else child(element, tag)
-    return None if found is None else values.bound_of(found, f"<{tag}>", found.text)
+        return self._values.unit(found, vector(direction))

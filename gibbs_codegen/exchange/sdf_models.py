@@ -9,10 +9,9 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import cast
 
 from gibbs_codegen.errors import printable
 from gibbs_codegen.exchange.urdf import Values
@@ -22,7 +21,9 @@ from gibbs_codegen.exchange.xml_file import (
     child_text,
     children,
     parse_xml,
+    place_elsewhere,
     read_bytes,
+    within,
 )
 
 MODEL, WORLD = "__model__", "world"
@@ -52,10 +53,9 @@ def whole_model(root: Element, file: Path, values: Values) -> tuple[Element, lis
     which its frames are.
     """
     own = _Part(root, _version(root, values), (Path(os.path.abspath(file)),))
-    holders = [root, *(found for found in children(root) if found.tag == "world")]
-    found = [each for holder in holders for each in children(holder)]
-    models = [replace(own, model=each) for each in found if each.tag == "model"]
-    left = [each for each in found if each.tag == "include"]
+    holders = [root, *children(root, "world")]
+    models = [replace(own, model=each) for top in holders for each in children(top, "model")]
+    left = [each for top in holders for each in children(top, "include")]
     assembly, lost = _Assembly(values), list[str]()
     moving = [part for part in models if not _rests(part.model)]
     for include in [] if moving else left[:]:
@@ -129,13 +129,13 @@ class _Assembly:
             model, merged = brought.model, is_true(each.get("merge"))
             name = self._values.name(model)
             own = scope + (f"{MERGED}{name}{MODEL}" if merged else name)
-            within = scope if merged else f"{own}::"
-            below, canonical = self.flat(brought, within, own)
+            inner = scope if merged else f"{own}::"
+            below, canonical = self.flat(brought, inner, own)
             (links if merged else nested).append(canonical)
             seat = Element("frame", {"name": own, "attached_to": canonical})
             seat.line, seat.elsewhere = each.line, each.elsewhere
             if placed := model.get("placement_frame"):
-                seat.set("placement_frame", own if placed == MODEL else within + placed)
+                seat.set("placement_frame", own if placed == MODEL else inner + placed)
             pose = child(model, "pose")
             pose = Element("pose") if pose is None else pose
             pose.set("relative_to", named(pose.get("relative_to") or MODEL))
@@ -158,13 +158,12 @@ class _Assembly:
         root = parse_xml(read_bytes(file), str(file))
         if root.tag != "sdf" or (model := child(root, "model")) is None:
             return f"{printable(file)} holds no model of SDF"
-        for each in cast(Iterable[Element], root.iter()):
-            each.elsewhere, each.line = f"{file}:{each.line}", None
+        place_elsewhere(root, file)
         for key in ("name", "placement_frame"):
             if text := child_text(include, key):
                 model.set(key, text)
         # What comes first counts.
-        model[:0] = [each for each in children(include) if each.tag in ("pose", "static", "plugin")]
+        model[:0] = children(include, "pose", "static", "plugin")
         return _Part(model, _version(root, self._values), (*by.files, file))
 
 
@@ -174,15 +173,15 @@ def _rename(element: Element, named: Callable[[str], str], version: tuple[int, i
         if name := element.get("name"):
             element.set("name", named(name))
         pose = child(element, "pose")
-        within = "" if pose is None else pose.get("relative_to") or pose.get("frame") or ""
-        if within or element.tag == "link":
+        outer = "" if pose is None else pose.get("relative_to") or pose.get("frame") or ""
+        if outer or element.tag == "link":
             if pose is None:
                 element.append(pose := Element("pose"))
-            pose.set("relative_to", named(within or MODEL))
+            pose.set("relative_to", named(outer or MODEL))
         if element.tag == "frame":
             element.set("attached_to", named(element.get("attached_to") or MODEL))
-    for owner in (each for each in element.iter() if each.tag in ("joint", "plugin")):
-        for found in children(cast(Element, owner)):
+    for owner in within(element, "joint", "plugin"):
+        for found in children(owner):
             if found.tag in ("parent", "child", "linkName", "jointName") and found.text:
                 found.text = named(found.text)
             in_model = version < _OWN_AXES or is_true(child_text(found, "use_parent_model_frame"))

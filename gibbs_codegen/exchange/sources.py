@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
-from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from functools import cached_property
@@ -20,7 +19,7 @@ from typing import Any, Literal, TypeVar
 
 import numpy as np
 
-from gibbs_codegen.errors import Fault, RefusedFileError, printable
+from gibbs_codegen.errors import Fault, RefusedFileError
 from gibbs_codegen.exchange.placement import HERE, Placement, snapped_angle, vector
 from gibbs_codegen.robot import model
 from gibbs_codegen.robot.model import (
@@ -185,15 +184,6 @@ class Finding:
     kind: Kind
     subject: str
     detail: str
-
-
-def untaken_friction(joint: str, text: str) -> list[Finding]:
-    """That dry friction is left out, which is refused for nothing that it says."""
-    with suppress(ValueError):
-        if float(text) == 0.0:
-            return []
-        text = f"{float(text):g}"
-    return [Finding("left out", joint, f"dry friction {printable(text, 20)}")]
 
 
 @dataclass(frozen=True, eq=False)

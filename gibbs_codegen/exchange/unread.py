@@ -16,7 +16,7 @@ from gibbs_codegen.exchange.xml_file import Element, children, within
 _MOST, _SHOWN = 20, 3
 # In place of words: what is within an element is looked at.
 WITHIN = "/"
-# Of XML itself, in every format.
+# Attributes that XML itself defines, in every format.
 _OF_XML = ("xmlns", "xml:", "xsi:")
 
 

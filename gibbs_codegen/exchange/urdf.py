@@ -11,11 +11,11 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from operator import itemgetter
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -23,7 +23,7 @@ from scipy.spatial.transform import Rotation
 from gibbs_codegen.errors import Fault, printable
 from gibbs_codegen.exchange import sources
 from gibbs_codegen.exchange.placement import Placement, degrees, vector
-from gibbs_codegen.exchange.unread import WITHIN, pass_over, unread, without_part
+from gibbs_codegen.exchange.unread import WITHIN, pass_over, plain, unread, without_part
 from gibbs_codegen.exchange.xml_file import (
     Element,
     child,
@@ -37,6 +37,7 @@ from gibbs_codegen.robot.model import (
     AXES,
     Command,
     Drive,
+    Friction,
     JointLimits,
     Passive,
     RotorAir,
@@ -52,13 +53,26 @@ _ENDLESS = 1e15
 class Values:
     """Reads values of elements and collects `faults`; a faulty value counts as its default.
 
-    `findings` are lines of the report, and `quaternions` is whether an `<origin>` may have one.
+    `findings` are lines of the report, `friction` is whether the dry friction of joints is taken,
+    and `quaternions` whether an `<origin>` may have one.
     """
 
-    def __init__(self, quaternions: bool = False) -> None:
+    # The bound of a joint whose limits have none, and whether an effort of 0 is a bound.
+    unbounded: float | None = 0.0
+    zero_bounds = False
+
+    def __init__(self, friction: bool, quaternions: bool = False) -> None:
         self.faults: list[Fault] = []
         self.findings: list[sources.Finding] = []
-        self._quaternions = quaternions
+        self._friction, self._quaternions = friction, quaternions
+
+    def text(self, element: Element | None, key: str) -> str | None:
+        """The text of a value by its key, None if there is none."""
+        return None if element is None else element.get(key)
+
+    def label(self, key: str) -> str:
+        """A key as messages have it."""
+        return key
 
     def found(self, kind: sources.Kind, subject: str, detail: str) -> None:
         """Add a line to the report."""
@@ -78,17 +92,13 @@ class Values:
             self.fault(element, f"{attribute} must be at most 200 printable characters")
         return text
 
-    def number(
-        self, element: Element | None, attribute: str, default: float | None = None
-    ) -> float:
+    def number(self, element: Element | None, key: str, default: float | None = None) -> float:
         """A finite number, which must be there unless it has a default."""
-        if element is None:
-            return default or 0.0
-        if (text := element.get(attribute)) is None:
-            if default is None:
-                self.fault(element, f"has no {attribute}")
-            return default or 0.0
-        return self.of_text(element, attribute, text)
+        if element is not None and (text := self.text(element, key)) is not None:
+            return self.of_text(element, self.label(key), text)
+        if element is not None and default is None:
+            self.fault(element, f"has no {self.label(key)}")
+        return default or 0.0
 
     def of_text(self, element: Element, what: str, text: str) -> float:
         """The number that a text holds, 0 if it is faulty; `what` is what it is called."""
@@ -104,24 +114,67 @@ class Values:
             return 0.0
         return value if abs(value) >= LEAST else 0.0
 
-    def positive(self, element: Element | None, attribute: str) -> float:
-        """A number that is at least 0, and 0 by default."""
-        value = self.number(element, attribute, 0.0)
+    def positive(self, element: Element | None, key: str, default: float = 0.0) -> float:
+        """A number that is at least 0."""
+        value = self.number(element, key, default)
         if value < 0.0 and element is not None:
-            self.fault(element, f"{attribute} must be at least 0, not {value:g}")
+            self.fault(element, f"{self.label(key)} must be at least 0, not {value:g}")
         return max(value, 0.0)
 
-    def bound(self, element: Element | None, attribute: str) -> float | None:
-        """A limit; what is left out or endless is None."""
-        text = None if element is None else element.get(attribute)
-        return None if element is None else self.bound_of(element, attribute, text)
-
-    def bound_of(self, element: Element, what: str, text: str | None) -> float | None:
-        """The limit that a text holds; `what` is what it is called."""
+    def bound(
+        self, element: Element | None, key: str, default: float | None = None
+    ) -> float | None:
+        """A limit; one that is endless is None."""
+        if element is None or (text := self.text(element, key)) is None:
+            return default
         with suppress(ValueError):  # Some write the greatest number that there is.
-            if text is None or abs(float(text)) >= _ENDLESS:
+            if abs(float(text)) >= _ENDLESS:
                 return None
-        return self.of_text(element, what, text or "")
+        return self.of_text(element, self.label(key), text)
+
+    def limits(self, element: Element | None, endless: bool) -> JointLimits:
+        """Limits of a joint, of which one that turns without end has those of effort and rate."""
+        if element is None:
+            return sources.NO_LIMITS
+        low, high = (
+            None if endless else self.bound(element, key, self.unbounded)
+            for key in ("lower", "upper")
+        )
+        pass_over(element if endless else None)
+        if low is not None and high is not None and low > high:
+            words = f"{self.label('lower')} {low:g} is above {self.label('upper')} {high:g}"
+            self.fault(element, words)
+        effort, velocity = (
+            bound
+            if bound is not None and (bound > 0.0 or (bound == 0.0 and self.zero_bounds))
+            else None
+            for bound in (self.bound(element, key) for key in ("effort", "velocity"))
+        )
+        return JointLimits(low, high, effort, velocity)
+
+    def friction(self, joint: str, dynamics: Element | None) -> Friction | None:
+        """Dry friction of a joint, where it is taken; else nothing in it is a fault."""
+        if self._friction:
+            return sources.dry_friction(self.positive(dynamics, "friction"))
+        if (text := plain(self.text(dynamics, "friction") or "0")) != "0":
+            self.found("left out", joint, f"dry friction {printable(text, 20)}")
+        return None
+
+    def kind(self, element: Element, kinds: Iterable[str]) -> str:
+        """The type of an element, which must be one of some."""
+        word: str = element.get("type", "")
+        if word not in kinds:
+            words = f"type must be one of {', '.join(kinds)}, not {printable(word or 'none', 40)}"
+            self.fault(element, words)
+        return word
+
+    def unit(self, element: Element, axis: Vector3) -> Vector3:
+        """A direction of length 1, kept digit by digit if, as far as numbers go, it has it."""
+        size = math.hypot(*axis)
+        if not size > 0.0:
+            self.fault(element, "its axis has no length; give a direction such as 0 0 1")
+            return AXES["x"]
+        return axis if abs(size - 1.0) <= 4e-16 else vector(np.array(axis) / size)
 
     def numbers(self, element: Element, text: str, count: int, what: str = "") -> list[float]:
         """So many numbers of a text; `what` is what it is called, if it is not the element's."""
@@ -182,9 +235,8 @@ def gazebo_rotors(root: Element, values: Values, command: Command) -> list[sourc
 
     They are commanded a thrust or, as there, a speed.
     """
-    motors = [found for found in root.iter("plugin") if isinstance(found, Element)]
-    numbered = []
-    for plugin in filter(is_motor, motors):
+    numbered, missing, rolling, slowdowns = [], dict[str, float](), 0, set[str]()
+    for plugin in filter(is_motor, within(root, "plugin")):
         texts = {found.tag: (found.text or "").strip() for found in children(plugin)}
         plugin.read.add("")
         for tag in (*_MOTOR, "linkName", "jointName", "turningDirection"):
@@ -192,15 +244,17 @@ def gazebo_rotors(root: Element, values: Values, command: Command) -> list[sourc
         texts.setdefault("motorNumber", texts.get("actuator_number", ""))  # As new files have it.
         turning = texts.get("turningDirection", "")
         if turning not in ("cw", "ccw"):
-            values.fault(
-                plugin, f"<turningDirection> must be cw or ccw, not {turning or 'left out'}"
-            )
+            words = f"<turningDirection> must be cw or ccw, not {turning or 'left out'}"
+            values.fault(plugin, words)
         needed = [*_MOTOR][: None if command == "speed" else _FOR_THRUST]
         given = {tag: text for tag in needed if (text := texts.get(tag))}
         moment, constant, fastest, up, down, hub_drag, _ = (
             values.of_text(plugin, f"<{tag}>", given[tag]) if tag in given else usual
             for tag, usual in _MOTOR.items()
         )
+        missing |= {tag: usual for tag, usual in _MOTOR.items() if not texts.get(tag)}
+        rolling += plain(texts.get("rollingMomentCoefficient", "")) != "0"
+        slowdowns.add(plain(texts.get("rotorVelocitySlowdownSim") or "1"))
         number = values.of_text(plugin, "<motorNumber>", texts["motorNumber"] or "0")
         most = constant * fastest**2
         rotor = sources.Rotor(
@@ -219,6 +273,14 @@ def gazebo_rotors(root: Element, values: Values, command: Command) -> list[sourc
             air = RotorAir(drag=hub_drag) if hub_drag else None
             rotor = replace(rotor, limits=None, time_constant=None, drive=drive, air=air)
         numbered.append((number, rotor))
+    if rolling:
+        values.found("left out", "rolling moments of rotors", f"{rolling}")
+    if missing:
+        usual = ", ".join(f"{tag} {missing[tag]:g}" for tag in _MOTOR if tag in missing)
+        values.found("note", "rotors", f"not in the file, as in Gazebo: {usual}")
+    for factor in sorted(slowdowns - {"1"}):
+        words = f"made for rotorVelocitySlowdownSim {printable(factor, 20)}: their links' inertia"
+        values.found("note", "rotors", f"{words} may be that many times too large")
     return [rotor for _, rotor in sorted(numbered, key=itemgetter(0))]
 
 
@@ -250,7 +312,7 @@ def _jsk(root: Element, values: Values) -> list[sources.Rotor]:
     thrust = child(root, "thrust_link")
     prefix = _THRUST if thrust is None else thrust.get("name", _THRUST)
     numbered = []
-    for joint in (found for found in children(root) if found.tag == "joint"):
+    for joint in children(root, "joint"):
         own, link = child(joint, "m_f_rate"), child(joint, "child")
         name, on = joint.get("name", ""), "" if link is None else link.get("link", "")
         by_name = is_rotor_by_name(name, on if common is None else f"{prefix}0", prefix)
@@ -268,9 +330,9 @@ def _jsk(root: Element, values: Values) -> list[sources.Rotor]:
     return [rotor for _, rotor in sorted(numbered, key=itemgetter(0))]
 
 
-_KINDS: dict[str, sources.JointKind] = {"revolute": "revolute", "continuous": "revolute"}
-_KINDS |= {"prismatic": "prismatic", "fixed": "fixed", "floating": "floating", "planar": "planar"}
-_ENTRIES = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
+KINDS: dict[str, sources.JointKind] = {"revolute": "revolute", "continuous": "revolute"}
+KINDS |= {"prismatic": "prismatic", "fixed": "fixed", "floating": "floating", "planar": "planar"}
+ENTRIES = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
 # What is only counted in URDF and SDF, under these words, and what has no part in the motion.
 COUNTED = {
     "visual": "visual shapes",
@@ -311,7 +373,7 @@ def read_urdf(
     friction of joints is taken.
     """
     root = parse_xml(data, file)
-    values = Values(bool(re.match(r"1\.[1-9]|[2-9]", root.get("version", ""))))
+    values = Values(friction, bool(re.match(r"1\.[1-9]|[2-9]", root.get("version", ""))))
     if root.tag != "robot":
         values.fault(root, "is no URDF: its root element is <robot>")
         raise sources.SourceFileError(file, values.faults)
@@ -320,40 +382,28 @@ def read_urdf(
     xacro = {f"{key.removeprefix('xmlns:')}:" for key in spaces} | {"xacro:"}
     for element in [each for each in elements if each.tag.startswith((*xacro,))][:1]:
         values.fault(element, "is xacro, not URDF; name the file .xacro to have it expanded")
-    links: dict[str, sources.Link] = {}
-    joints: dict[str, sources.Joint] = {}
-    constraints: dict[str, sources.Constraint] = {}
-    for element in children(root):
-        if element.tag == "constraint":
-            constraint = _constraint(element, values)
-            if constraint.name in constraints:
-                values.fault(element, "there is another constraint of that name")
-            constraints[constraint.name] = constraint
-        elif element.tag == "link":
-            link = _link(element, values)
-            if link.name in links:
-                values.fault(element, "there is another link of that name")
-            links[link.name] = link
-        elif element.tag == "joint":
-            joint = _joint(element, values, friction)
-            if joint.name in joints:
-                values.fault(element, "there is another joint of that name")
-            joints[joint.name] = joint
+    readers: dict[str, Callable[[Element, Values], Any]]
+    readers = {"link": _link, "joint": _joint, "constraint": _constraint}
+    parts: dict[str, dict[str, Any]] = {tag: {} for tag in readers}
+    for element in children(root, *readers):
+        part, tag = readers[element.tag](element, values), element.tag
+        if part.name in parts[tag]:
+            values.fault(element, f"there is another {tag} of that name")
+        parts[tag][part.name] = part
     rotors = urdf_rotors(root, values, command)
-    if not links:
+    if not parts["link"]:
         values.fault(root, "has no <link>")
     if values.faults:
         raise sources.SourceFileError(file, values.faults)
-    spinning = frozenset(rotor.joint for rotor in rotors if rotor.joint)
     return sources.Source(
         file,
         root.get("name", ""),
-        links,
-        tuple(joints.values()),
+        parts["link"],
+        tuple(parts["joint"].values()),
         tuple(rotors),
-        spinning=spinning,
-        constraints=tuple(constraints.values()),
-        findings=(*unread([root], _KNOWN), *motor_findings(root), *values.findings),
+        spinning=frozenset(rotor.joint for rotor in rotors if rotor.joint),
+        constraints=tuple(parts["constraint"].values()),
+        findings=(*unread([root], _KNOWN), *values.findings),
     )
 
 
@@ -367,48 +417,31 @@ def _link(element: Element, values: Values) -> sources.Link:
         values.found("note", name, f"no {what} in the file, which is taken for 0")
     mass = values.positive(heavy, "value")
     moments = [
-        values.number(entries, entry, None if entry[1] == entry[2] else 0.0) for entry in _ENTRIES
+        values.number(entries, entry, None if entry[1] == entry[2] else 0.0) for entry in ENTRIES
     ]
     pose = values.placement(child(inertial, "origin"))
     return sources.Link(name, sources.Inertial(mass, pose, inertia_matrix(moments)), element.line)
 
 
-def _joint(element: Element, values: Values, friction: bool) -> sources.Joint:
-    word = element.get("type", "")
-    if word not in _KINDS:
-        kinds = ", ".join(_KINDS)
-        values.fault(element, f"type must be one of {kinds}, not {printable(word or 'none', 40)}")
-    kind = _KINDS.get(word, "fixed")
+def _joint(element: Element, values: Values) -> sources.Joint:
+    word = values.kind(element, KINDS)
+    kind = KINDS.get(word, "fixed")
     ends = []
     for tag in ("parent", "child"):
         if (end := child(element, tag)) is None:
             values.fault(element, f"has no <{tag}>")
         ends.append("" if end is None else values.name(end, "link"))
     axis, moves, name = AXES["z"], kind in ("revolute", "prismatic"), values.name(element)
+    limit, dynamics = child(element, "limit"), child(element, "dynamics")
     if moves:
-        axis = _unit(element, values.vector(child(element, "axis"), "xyz", AXES["x"]), values)
-    limit = child(element, "limit")
-    limits = JointLimits()
-    if limit is not None and moves:
-        effort, velocity = values.bound(limit, "effort"), values.bound(limit, "velocity")
-        low = high = None
-        if word != "continuous":  # It has none; else a bound that is left out is 0.
-            low = 0.0 if limit.get("lower") is None else values.bound(limit, "lower")
-            high = 0.0 if limit.get("upper") is None else values.bound(limit, "upper")
-        if low is not None and high is not None and low > high:
-            values.fault(limit, f"lower {low:g} is above upper {high:g}")
-        # Files that know no bound of these say 0.
-        effort, velocity = (b if b is not None and b > 0.0 else None for b in (effort, velocity))
-        limits = JointLimits(low, high, effort, velocity)
+        axis = values.unit(element, values.vector(child(element, "axis"), "xyz", AXES["x"]))
+    else:
+        for unused in (child(element, "axis"), limit, dynamics):
+            pass_over(unused)
+        limit = dynamics = None
+    limits = values.limits(limit, word == "continuous")
     if (mimic := child(element, "mimic")) is not None:
         values.found("left out", name, f"that it follows joint {mimic.get('joint', '?')}")
-    dynamics = child(element, "dynamics") if moves else None
-    dry = "0" if dynamics is None else dynamics.get("friction", "0")
-    if not friction:
-        values.findings += sources.untaken_friction(name, dry)
-    for unused in () if moves else (child(element, "axis"), child(element, "dynamics")):
-        pass_over(unused)
-    pass_over(None if moves and word != "continuous" else limit)
     return sources.Joint(
         name,
         kind,
@@ -418,7 +451,7 @@ def _joint(element: Element, values: Values, friction: bool) -> sources.Joint:
         axis=axis,
         passive=Passive(damping=values.positive(dynamics, "damping")),
         limits=limits,
-        friction=sources.dry_friction(values.positive(dynamics, "friction") if friction else 0.0),
+        friction=values.friction(name, dynamics),
         continuous=kind == "revolute" and sources.endless(limits),
         line=element.line,
     )
@@ -443,10 +476,7 @@ _IN_CONSTRAINTS = {
 
 def _constraint(element: Element, values: Values) -> sources.Constraint:
     """A closed loop as urdfdom's pull request 264 proposes it: a joint between two frames."""
-    name, word = values.name(element), element.get("type", "")
-    if word not in _HOLDS:
-        words = f"type must be one of {', '.join(_HOLDS)}, not {printable(word or 'none', 40)}"
-        values.fault(element, words)
+    name, word = values.name(element), values.kind(element, _HOLDS)
     for found in children(element):
         known = _IN_CONSTRAINTS.get(found.tag)
         if known is None or {*found.attrib} - known:
@@ -458,9 +488,8 @@ def _constraint(element: Element, values: Values) -> sources.Constraint:
         on = "" if link is None else values.name(link, "link")
         pose = values.placement(child(element, f"{end}_origin"))
         frames.append(sources.Frame(f"{name}_{end}", on, pose))
-        axes.append(
-            _unit(element, values.vector(child(element, f"{end}_axis"), "xyz", AXES["x"]), values)
-        )
+        axis = values.vector(child(element, f"{end}_axis"), "xyz", AXES["x"])
+        axes.append(values.unit(element, axis))
     parent, own = frames
     holds = _HOLDS.get(word, "frame")
     if holds == "hinge" and axes[0] != axes[1]:
@@ -469,32 +498,3 @@ def _constraint(element: Element, values: Values) -> sources.Constraint:
         turned = own.pose @ Placement.of_matrix((0.0, 0.0, 0.0), turn.as_matrix())
         own = replace(own, pose=turned)
     return sources.Constraint(name, holds, own, parent, axes[0] if holds == "hinge" else AXES["z"])
-
-
-def _unit(element: Element, axis: Vector3, values: Values) -> Vector3:
-    """A direction of length 1, which is kept digit by digit if, as far as numbers go, it has it."""
-    size = math.hypot(*axis)
-    if not size > 0.0:
-        values.fault(element, "its axis has no length; give a direction such as 0 0 1")
-        return AXES["x"]
-    return axis if abs(size - 1.0) <= 4e-16 else vector(np.array(axis) / size)
-
-
-def motor_findings(root: Element) -> list[sources.Finding]:
-    """What of motors is left out, by default, or for a slower speed."""
-    motors = [each for each in root.iter("plugin") if isinstance(each, Element) and is_motor(each)]
-    findings, rolling = [], [child_text(motor, "rollingMomentCoefficient") for motor in motors]
-    if count := len(rolling) - sum(text in ("0", "0.0") for text in rolling):
-        findings.append(sources.Finding("left out", "rolling moments of rotors", f"{count}"))
-    missing = [tag for tag in _MOTOR if not all(child_text(motor, tag) for motor in motors)]
-    if missing:
-        usual = ", ".join(f"{tag} {_MOTOR[tag]:g}" for tag in missing)
-        findings.append(
-            sources.Finding("note", "rotors", f"not in the file, as in Gazebo: {usual}")
-        )
-    slowdowns = {(found.text or "").strip() for found in root.iter("rotorVelocitySlowdownSim")}
-    many = "made for rotorVelocitySlowdownSim {}: their links' inertia may be that many times too"
-    return findings + [
-        sources.Finding("note", "rotors", f"{many.format(printable(factor, 20))} large")
-        for factor in sorted(slowdowns - {"", "1"})
-    ]

@@ -1,6 +1,6 @@
 """XML files read safely: no document types, no entities, size and depth bounded; xacro expanded.
 
-The expat parser of the standard library tells of a document type before it reads any entity, and
+The expat parser of the standard library reports a document type before it reads any entity, and
 the file is refused there, so that nothing is ever expanded or fetched. What other readers of robots
 let pass is mended before: `--` in comments, a declaration that is not at the very beginning, and
 single bytes that are not in the encoding.
@@ -24,8 +24,6 @@ MAX_BYTES = 10_000_000
 # Published robots have fewer than 2000 elements within 10 levels; bodies of MJCF are nested.
 MAX_ELEMENTS = 200_000
 MAX_DEPTH = 300
-
-
 # How files begin that are not in an encoding that keeps ASCII.
 _BEGINNINGS = {
     codecs.BOM_UTF8: "utf-8-sig",
@@ -72,7 +70,7 @@ class _Refused(Exception):  # noqa: N818 - it never leaves this module
 
 def child(element: Element, tag: str) -> Element | None:
     """The first child of a tag, which is read by that, or None."""
-    first = next((found for found in children(element) if found.tag == tag), None)
+    first = next(iter(children(element, tag)), None)
     if first is not None:
         first.read.add("")
     return first
@@ -84,14 +82,20 @@ def child_text(element: Element | None, tag: str) -> str:
     return "" if found is None else (found.text or "").strip()
 
 
-def children(element: Element) -> list[Element]:
-    """The children of an element, in order."""
-    return [found for found in element if isinstance(found, Element)]
+def children(element: Element, *tags: str) -> list[Element]:
+    """The children of an element, in order, all or those of some tags."""
+    return [e for e in element if isinstance(e, Element) and (e.tag in tags or not tags)]
 
 
-def within(element: Element) -> list[Element]:
-    """An element and all within it, in order."""
-    return [found for found in element.iter() if isinstance(found, Element)]
+def within(element: Element, *tags: str) -> list[Element]:
+    """An element and all within it, in order, all or those of some tags."""
+    return [e for e in element.iter() if isinstance(e, Element) and (e.tag in tags or not tags)]
+
+
+def place_elsewhere(root: Element, file: Path) -> None:
+    """Note, in all elements of a file that another one brings in, where they are."""
+    for element in within(root):
+        element.elsewhere, element.line = f"{file}:{element.line}", None
 
 
 def described(element: Element) -> str:
@@ -255,10 +259,8 @@ def expanded(path: Path, arguments: Mapping[str, object]) -> bytes:
         elif isinstance(cause, OSError):
             words = f"it includes {printable(cause.filename)}, which is not there"
         else:
-            words = (
-                f"xacro cannot evaluate it ({printable(error, 300)}); mend it, or have xacro of "
-            )
-            words += "ROS expand it, and import the URDF"
+            words = f"xacro cannot evaluate it ({printable(error, 300)}); mend it, or have xacro"
+            words += " of ROS expand it, and import the URDF"
         made = ""
     finally:
         xacro.parse = own_parse

@@ -176,8 +176,8 @@ def _processor() -> str:
 _log = logging.getLogger("gibbs_codegen")
 # What takes longer is told, s.
 _PATIENCE = 2.0
-# What was told; when that was at work, from and to, s.
-_SAID: set[str] = set()
+# What was logged; when work that is announced was done, from and to, s.
+_LOGGED: set[str] = set()
 _SPANS: list[tuple[float, float]] = []
 NATIVE = Path(__file__).parent / "native"
 # As a source beside those of a robot, whose name begins with a letter.
@@ -395,12 +395,12 @@ def opened_core(path: Path, prefix: str) -> ctypes.CDLL:
 def announced(what: str) -> Iterator[None]:
     """Log, as a warning, what takes longer than two seconds, once; and keep when it was done."""
 
-    def tell() -> None:
-        if what not in _SAID:
-            _SAID.add(what)
+    def log_once() -> None:
+        if what not in _LOGGED:
+            _LOGGED.add(what)
             _log.warning("%s", what)
 
-    timer, begin = threading.Timer(_PATIENCE, tell), time.perf_counter()
+    timer, begin = threading.Timer(_PATIENCE, log_once), time.perf_counter()
     timer.start()
     try:
         yield

@@ -123,7 +123,7 @@ HOSTILE: dict[str, tuple[str | bytes, str]] = {
     "mjcf itself": ('<mujoco><include file="robot.xml"/></mujoco>', "is included already"),
     "mjcf copies": (
         MJCF.format(
-            '<replicate count="9999"><replicate count="9999"><geom size="1"/>'
+            '<replicate count="0"/><replicate count="99"><replicate count="99"><geom size="1"/>'
             "</replicate></replicate>"
         ),
         "more than 1000 copies",

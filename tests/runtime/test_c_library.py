@@ -43,7 +43,7 @@ def test_what_takes_long_to_compile_is_told_in_one_line(
     monkeypatch.setenv("GIBBS_CODEGEN_CACHE", str(tmp_path / "cache"))
     folder = Path(shipped(NAME).__file__ or "").parent
     monkeypatch.setattr(c_library, "_PATIENCE", patience)
-    monkeypatch.setattr(c_library, "_SAID", set())
+    monkeypatch.setattr(c_library, "_LOGGED", set())
     caplog.clear()  # The module may have been derived just now.
     begin = time.perf_counter()
     with caplog.at_level(logging.INFO, "gibbs_codegen"):
@@ -75,7 +75,7 @@ def test_what_takes_long_in_a_pipe_is_told_in_one_line(
     monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     monkeypatch.setattr(c_library, "_PATIENCE", 0.01)
-    monkeypatch.setattr(c_library, "_SAID", set())
+    monkeypatch.setattr(c_library, "_LOGGED", set())
     with terminal.progress() as progress:
         progress("a step")
         time.sleep(0.2)

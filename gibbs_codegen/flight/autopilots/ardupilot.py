@@ -23,7 +23,7 @@ _PORT = 9002
 _HEAD = struct.Struct("<HHI")
 _CHANNELS = {18458: 16, 29569: 32}
 _LONGEST = 4096
-# No servo is told a longer pulse, µs.
+# The longest pulse that any servo takes, µs.
 _WIDEST = 3000.0
 
 

@@ -104,7 +104,7 @@ def read_log(
         raise UsageError(f"{printable(path)}: is a flight already, which read_flight reads")
     source = printable(path.name)
     try:
-        with np.errstate(all="ignore"):  # Of numbers that cannot be, which are left out later.
+        with np.errstate(all="ignore"):  # Impossible numbers are left out later.
             recorded = (read_px4 if is_px4(path) else read_bag)(path, vehicle, names)
     except UsageError:
         raise

@@ -27,7 +27,7 @@ from gibbs_codegen.flight.vectors import Array, times
 _ORDER, _LEAST = 4, 16
 # Samples that are too many; how many steps without samples are told.
 _MOST, _LONG_GAP = 1e7, 20.0
-# Of samples without a time.
+# The time of samples that have none.
 NO_TIME = -(2**63)
 # How long no recording rests, ns, where its clock is right.
 _LONG_REST = 3600 * 10**9
@@ -222,9 +222,9 @@ def _cleaned(series: Mapping[Any, Samples], source: str) -> dict[Any, Samples]:
         number, count = int(np.argmax(lengths)), len(lengths)
         if other := [name for name, each in runs.items() if len(each) != count]:
             raise UsageError(
-                f"{source}: clocks go back, or leap by more than an hour, that of position "
-                f"{count - 1} times and that of {_title(other[0])} {len(runs[other[0]]) - 1} "
-                "times, so that none can tell what belongs together; cut the log there"
+                f"{source}: clocks go back, or leap by more than an hour: of position "
+                f"{count - 1} times and of {_title(other[0])} {len(runs[other[0]]) - 1} "
+                "times, so that it is unknown what belongs together; cut the log there"
             )
         found = {name: each.rows(runs[name][number]) for name, each in found.items()}
         _log.warning(

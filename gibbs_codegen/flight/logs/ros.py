@@ -155,7 +155,7 @@ def read_bag(path: Path, vehicle: Vehicle, names: Mapping[str, str | float]) -> 
         there = ", ".join(f"{topic} ({kinds[topic]})" for topic in sorted(kinds)) or "none"
         raise UsageError(
             f"{printable(path)}: has no message of {printable(topics['odometry'])} that can be "
-            "read, which is to tell where the base is; name a topic of one of the types "
+            "read and says where the base is; name a topic of one of the types "
             f"{', '.join(_POSES)} (--name odometry=TOPIC); there are {printable(there, 800)}"
         )
     time, placed = _times(poses), [_pose(message) for _, message in poses]
