@@ -22,7 +22,6 @@ from gibbs_codegen.flight.desired.trajectory import desired_motion, starting_sta
 from gibbs_codegen.flight.figures.flight import write_results
 from gibbs_codegen.flight.integration.closed_loop import ClosedLoop
 from gibbs_codegen.flight.integration.compiled_loop import CompiledLoop
-from gibbs_codegen.flight.integration.integrators import rk4_step
 from gibbs_codegen.flight.integration.state_history import Loads
 from gibbs_codegen.flight.plant.actuators import Actuators
 from gibbs_codegen.flight.plant.allocation import AllocationError, allocation_of
@@ -141,7 +140,7 @@ def test_every_step_with_a_quaternion_is_that_of_python(
     taken, samples, _ = loop(0.0, state, step, 25)
     assert taken == 25
     for number, sample in enumerate(samples):
-        state = rk4_step(closed, number * step, state, step, loads=Loads(push=True))
+        state = closed.step(number * step, state, step, loads=Loads(push=True))
         assert sample == pytest.approx(state, rel=1e-9, abs=1e-9)
         state = sample
 

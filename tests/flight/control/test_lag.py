@@ -15,7 +15,6 @@ from support.emitted import emitted_module
 
 from gibbs_codegen.flight.control.laws import Controller, Gains
 from gibbs_codegen.flight.integration.closed_loop import ClosedLoop
-from gibbs_codegen.flight.integration.integrators import rk4_step
 from gibbs_codegen.flight.integration.state_history import NOTHING
 from gibbs_codegen.flight.plant.actuators import Actuators
 from gibbs_codegen.flight.plant.allocation import allocation_of
@@ -106,7 +105,7 @@ def test_a_thrust_that_is_off_finds_back_within_its_time_constant(law: Law, fast
     loop = loop_of(fast("hexarotor"), law)
     state, size = start_of(loop, 2.0), 0.002
     for step in range(50):
-        state = rk4_step(loop, step * size, state, size, NOTHING)
+        state = loop.step(step * size, state, size, NOTHING)
     q, v, _, thrusts, memory, _ = loop.parts(state)
     wanted = loop.controller.commanded(50 * size, q, v, memory, {})[0][: len(thrusts)]
     decay = np.exp(-50 * size / loop.actuators.lag[1:])
@@ -135,7 +134,7 @@ def test_commands_look_ahead_along_the_motion_of_the_flight(
     rotors, state, time, size = loop.vehicle.rotors, start_of(loop, 0.3), 0.3, 1e-6
     wanted = []
     for side in (-size, size):
-        q, v, _, _, memory, _ = loop.parts(rk4_step(loop, time, state, side, NOTHING))
+        q, v, _, _, memory, _ = loop.parts(loop.step(time, state, side, NOTHING))
         wanted.append(loop.controller.commanded(time + side, q, v, memory, {})[0][:rotors])
     parts = loop.parts(state)
     law, _ = loop.controller.commanded(time, parts.q, parts.v, parts.memory, {})
