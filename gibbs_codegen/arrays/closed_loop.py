@@ -221,15 +221,11 @@ class ClosedLoop:
         contacts, plant, work = self.around.contacts, self.plant, self._work
         if not contacts:
             return after
-        energies = []
-        for state in (x, after):
-            q, v, *_, bristles = self.parts(state)
-            energies.append(impacts.energy_of(plant, q, v, self.touches(q, v, bristles)))
-        gained = energies[1] - energies[0] - (after[work] - x[work] - done[0])
+        states = [(q, v, bristles) for q, v, *_, bristles in map(self.parts, (x, after))]
+        others = after[work] - x[work] - done[0]
         active = self.given("active", plant.constraints) if self.around.holds else None
-        change, stuck = impacts.returned(plant, contacts, (q, v), gained, done, active)
-        n = plant.space.coordinates
-        return join(choose(stuck, 0.0, x[:n], after[:n]), v + change, after[work:])
+        place, v = impacts.passive(plant, contacts, self.touches, states, others, done, active)
+        return join(place, v, after[work:])
 
     def slope(self) -> Program:
         """The time derivative `rate` of x at a time, and `refused` as of a step."""

@@ -2,17 +2,26 @@
 
 Equal steps know neither when a surface is met nor how fast a damper slows what hits it hard, and
 may gain energy. With what there was before, springs and bristles included, and with the work of all
-else it is known how much; `returned` is the part of the contacts' impulse that takes it back.
+else it is known how much, and a part of the contacts' impulse takes it back.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 from gibbs_codegen.arrays import nodes
 from gibbs_codegen.arrays.contact import Contact, Touch
 from gibbs_codegen.arrays.functions import Functions
-from gibbs_codegen.arrays.nodes import Node, constant, dot, maximum, minimum, square_root, zeros
+from gibbs_codegen.arrays.nodes import (
+    Node,
+    constant,
+    dot,
+    entries_of,
+    maximum,
+    minimum,
+    square_root,
+    zeros,
+)
 from gibbs_codegen.arrays.surroundings import on_frames
 
 # What is no divisor.
@@ -32,28 +41,30 @@ def effects(contacts: Sequence[Contact], touches: Sequence[Touch], velocities: N
     return nodes.join(power, eased, normal, *(x.wrench for x in touches))
 
 
-def energy_of(robot: Functions, q: Node, v: Node, touches: Sequence[Touch]) -> Node:
-    """Energy, J, of a robot, and of springs and bristles of what touches it."""
-    own: Node = robot.kinetic_energy(q, v) + robot.potential_energy(q)
-    return sum((x.stored for x in touches), own)
-
-
-def returned(
+def passive(
     robot: Functions,
     contacts: Sequence[Contact],
-    motion: tuple[Node, Node],
-    gained: Node,
+    touches: Callable[[Node, Node, Node], Sequence[Touch]],
+    states: Sequence[tuple[Node, Node, Node]],
+    work: Node,
     done: Node,
     active: Node | None,
 ) -> tuple[Node, Node]:
-    """Change of velocities (nv) that takes back what energy contacts have `gained`, J, in a step.
+    """Entries of coordinates (nq) and velocities (nv) after a step in which contacts gain nothing.
 
-    It is along what they have `done` (3 + 6 c), as of `effects`, at q and v after the step, and
-    leaves active constraints (g) met. Of a damper that stopped what it met, nothing goes on. Where
-    there is less along that way, all velocities lose the rest. The second is above 0 where they
-    have less than that: then the robot must stay where it was before the step.
+    `states` are q, v and bristles before and after a step, `work`, J, is of all but contacts, which
+    have `done` (3 + 6 c), as of `effects`. What they gained is taken back along that, at q and v
+    after the step; active constraints (g) stay met. Of a damper that stopped what it met, nothing
+    goes on. Where there is less along that way, all velocities lose the rest. Where they have less
+    than that, the robot stays where it was before the step.
     """
-    (q, v), still, none = motion, zeros(robot.space.velocities), zeros(robot.inputs)
+    before, after = (
+        sum((x.stored for x in touches(q, v, strain)), robot.kinetic_energy(q, v))
+        + robot.potential_energy(q)
+        for q, v, strain in states
+    )
+    gained, (q, v, _) = after - before - work, states[1]
+    still, none = zeros(robot.space.velocities), zeros(robot.inputs)
     parts = [(x.frame, done[6 * k + 3 : 6 * k + 9]) for k, x in enumerate(contacts)]
     impulses = on_frames(parts, robot.frames)
     pushed = robot.forward_dynamics_with_wrenches(q, still, none, impulses)
@@ -72,4 +83,5 @@ def returned(
     left = v - share * change
     moving = maximum(robot.kinetic_energy(q, left), _NONE)
     rest = minimum(maximum(gained - taken, 0.0) / moving, 1.0)
-    return square_root(1.0 - rest) * left - v, gained - taken - moving
+    place = nodes.choose(gained - taken - moving, 0.0, *(entries_of(x[0]) for x in states))
+    return place, square_root(1.0 - rest) * left

@@ -20,7 +20,6 @@ from gibbs_codegen.arrays.nodes import (
     Input,
     Node,
     Program,
-    choose,
     clip,
     constant,
     coordinates_of,
@@ -184,19 +183,15 @@ def rollout_step(
         q_next, own_next = projected(robot, move, q_next, v_next[:m], active)
         v_next = join(own_next, v_next[m:])
     if contacts and method == "rk4":
-        before, after = (
-            impacts.energy_of(robot, *at, touches(*at, strain)[0])
-            for at, strain in (
-                ((q, begin[:m]), begin[m + driven : kept]),
-                ((q_next, v_next[:m]), v_next[m + driven : kept]),
-            )
+        states = [
+            (place, moving[:m], moving[m + driven : kept])
+            for place, moving in ((q, begin), (q_next, v_next))
+        ]
+        (work, done), held = (v_next[kept], v_next[kept + 1 :]), active if parts.active else None
+        place, own_next = impacts.passive(
+            robot, contacts, lambda *at: touches(*at)[0], states, work, done, held
         )
-        gained, held = after - before - v_next[kept], active if parts.active else None
-        motion, done = (q_next, v_next[:m]), v_next[kept + 1 :]
-        change, stuck = impacts.returned(robot, contacts, motion, gained, done, held)
-        v_next = join(v_next[:m] + change, v_next[m:])
-        place = choose(stuck, 0.0, entries_of(q), entries_of(q_next))
-        q_next = coordinates_of(place, robot.space)
+        q_next, v_next = coordinates_of(place, robot.space), join(own_next, v_next[m:])
     x_next = join(q_next, v_next[: m + driven], acting[2][:rotors], v_next[m + driven : kept])
     ended = constant(0.0)
     if parts.bounds:

@@ -6,8 +6,8 @@ A rotor's level is a thrust, a speed or a throttle, and follows what it is comma
 
 A throttle's target is the command times the battery's voltage over the nominal one. The battery
 gives the power P of all rotors, drag·F·Ω by its efficiency, and of all else: with the voltage U₀ of
-its charge and the resistance R its voltage is U = (U₀ + √(U₀² − 4 R P))/2 and its current P/U. Of
-an empty one the charge stays, and the voltage is the least.
+its charge and the resistance R its voltage is U = (U₀ + √(U₀² − 4 R P))/2 and its current P/U. An
+empty battery keeps the charge 0, and goes on with the least U₀.
 
 A servo pushes with stiffness·e − damping·rate, within its torque, where e is the way to its
 reference, less the backlash. The reference r follows the command with dr/dt = (command − r)/delay,

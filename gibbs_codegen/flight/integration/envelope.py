@@ -15,8 +15,8 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -274,15 +274,18 @@ def stable_modes(loop: ClosedLoop) -> list[Mode]:
     return sorted([*found, *others], reverse=True)
 
 
-def wall_modes(vehicle: Vehicle, walls: Sequence[Wall], q: Array) -> list[Mode]:
+def wall_modes(
+    vehicle: Vehicle, walls: Sequence[Wall], q: Array, speed: Array | float = 0.0
+) -> list[Mode]:
     """Modes of frames that lean on walls, and stick to them, with the least mass that each feels.
 
     That is the least at coordinates (s, nq), of a robot that is free to move, all frames of a wall
     touching it; its parameters may be arrays (s). What moves by x along the normal obeys
     ẍ + (c/m) ẋ + (s/m) x = 0 with the stiffness s of the wall and its damping c, to which
-    dissipation adds as under the weight; along the wall s and c are those of bristles, which
-    without a load are lost at the rate s/c. Next to these the modes of control are small where a
-    wall decides about steps.
+    dissipation d adds as under the weight, or as where the wall stops what meets it at a `speed` v
+    (s), m/s: d v √(s m) at most, by its spring, and √(2 m v s d), by dissipation. Along the wall s
+    and c are those of bristles, which without a load are lost at the rate s/c. Next to these the
+    modes of control are small where a wall decides about steps.
     """
     poses, jacobians = vehicle.frame_poses(q), vehicle.frame_jacobians(q)
     inverse = np.linalg.inv(vehicle.mass_matrix(q))
@@ -305,8 +308,14 @@ def wall_modes(vehicle: Vehicle, walls: Sequence[Wall], q: Array) -> list[Mode]:
         linear, angular = jacobians[:, frames, :3], jacobians[:, frames, 3:]
         across = normals @ linear
         where = f"the wall at {', '.join(wall.frames)}"
-        damping = wall.damping + wall.dissipation * weight
-        found += _oscillation(f"{where}, which feels", wall.stiffness, damping, felt(across))
+        mass, hardness = felt(across), wall.stiffness * wall.dissipation
+        bounded = np.where(np.isfinite(mass), mass, 0.0)
+        stopping = np.minimum(
+            wall.dissipation * speed * np.sqrt(wall.stiffness * bounded),
+            np.sqrt(2.0 * hardness * speed * bounded),
+        )
+        damping = wall.damping + np.maximum(wall.dissipation * weight, stopping)
+        found += _oscillation(f"{where}, which feels", wall.stiffness, damping, mass)
         if wall.friction:
             # Of the lowest point of each ball, which turns about its centre.
             moved = linear + wall.ball_radius * np.cross(
@@ -319,6 +328,45 @@ def wall_modes(vehicle: Vehicle, walls: Sequence[Wall], q: Array) -> list[Mode]:
             rate = stiffness / eases
             found.append(Mode(rate, where, "more of their damping", complex(-rate), explicit=True))
     return found
+
+
+def hard_impacts(
+    vehicle: Vehicle,
+    walls: Sequence[Wall],
+    motion: tuple[Array, Array],
+    times: Array,
+    step: float,
+    method: str = "rk4",
+) -> Iterator[str]:
+    """Sentences on impacts that steps, s, are too long for: of each frame at each wall the fastest.
+
+    Coordinates (s, n, nq) and velocities (s, n, nv) at times (s), s, are those of n machines. An
+    impact is where a frame comes to a surface before the next sample, if it goes on as it does.
+    """
+    q, v = motion
+    if len(times) < 2 or not any(wall.dissipation for wall in walls):
+        return
+    poses, velocities = vehicle.frame_poses(q), vehicle.frame_velocities(q, v)
+    until = np.diff(times, append=times[-1])[:, np.newaxis]
+    # Steps of "euler" reverse what they more than stop: the damping, as the root of this, is twice.
+    share = 4.0 if method == "euler" else 1.0
+    for number, wall in enumerate(walls, start=1):
+        for frame in wall.frames:
+            k = vehicle.frames.index(frame)
+            depth, normals = surface_at(wall.kind, np.array(wall.figures), poses[..., k, :3, 3])
+            outside = -wall.ball_radius - depth
+            speeds = -np.sum(normals * velocities[..., k, :3], axis=-1)
+            speeds[(outside < 0.0) | (outside >= until * speeds)] = 0.0
+            fastest = np.argmax(speeds, axis=0)
+            at = fastest, np.arange(len(fastest))
+            modes = wall_modes(vehicle, [replace(wall, frame=frame)], q[at], share * speeds[at])
+            faults = (mode.fault(step, method) for mode in sorted(modes, reverse=True))
+            if words := next(filter(None, faults), ""):
+                most = int(np.argmax(speeds[at]))
+                yield (
+                    f"At t = {times[fastest[most]]:.4g} s {frame} meets wall {number} at "
+                    f"{speeds[at][most]:.3g} m/s, too fast for its steps: {words}."
+                )
 
 
 def _oscillation(

@@ -63,9 +63,8 @@ class RotorSpin:
 
 def check_surroundings(vehicle: RobotData, scenario: Scenario) -> None:
     """Raise `UsageError` for frames and constraints that the robot does not have."""
-    if scenario.push is not None:
-        vehicle.frame_place(scenario.push.frame, "push.frame")
-    on = [(f"payload {k}: frame", each.frame) for k, each in enumerate(scenario.payloads, start=1)]
+    on = [("push.frame", scenario.push.frame)] if scenario.push else []
+    on += [(f"payload {k}: frame", each.frame) for k, each in enumerate(scenario.payloads, start=1)]
     on += [(f"wall {k}: frame", x) for k, wall in enumerate(scenario.walls, 1) for x in wall.frames]
     for key in ("drag", "rotational_drag") if scenario.wind else ():
         on += [(f"wind.{key}", frame) for frame in getattr(scenario.wind, key)]

@@ -12,6 +12,8 @@ import numpy as np
 
 from gibbs_codegen.flight.desired.trajectory import TimedMotion
 from gibbs_codegen.flight.integration.closed_loop import ClosedLoop, Parts
+from gibbs_codegen.flight.integration.envelope import hard_impacts
+from gibbs_codegen.flight.integration.integrators import StepGrid
 from gibbs_codegen.flight.integration.state_history import InputRanges, StateHistory
 from gibbs_codegen.flight.plant.actuators import has_battery
 from gibbs_codegen.flight.plant.vehicle import Array, Vehicle
@@ -21,6 +23,8 @@ from gibbs_codegen.flight.scenario.orientation import Tangent, heading_error
 from gibbs_codegen.flight.scenario.scenario import Scenario
 
 _HOUR = 3600.0
+# The last of a charge.
+_LAST = 1e-12
 _FIELDS = frozenset(each.name for each in fields(Flight))
 
 
@@ -95,6 +99,7 @@ class Recording:
             "held": lambda: tuple(each.constraint for each in scenario.holds),
             "hold_times": lambda: np.reshape([(x.begin, x.end) for x in scenario.holds], (-1, 2)),
             "impacts": lambda: self.history.impacts,
+            "hard_impacts": self._hard_impacts,
             "disc_radii": self._disc_radii,
             "joint_limits": lambda: loop.actuators.joints,
             "sensor_names": lambda: loop.sensors.names if loop.sensors else (),
@@ -127,14 +132,16 @@ class Recording:
         }
 
     def _battery(self) -> Array:
-        """Voltage, V, and current, A, (s, 2) by which the charge falls; (s, 0) without battery."""
+        """Voltage, V, and current, A, (s, 2) under the load; (s, 0) without a battery."""
         vehicle, scenario = self.loop.vehicle, self.scenario
         if not has_battery(vehicle):
             return np.zeros((len(self._time), 0))
         known = {**vehicle.module.PARAMETERS, **scenario.parameters, **scenario.plant}
         steps = [known[name] for name in known if name.startswith("battery_voltage_")]
-        charge = self._parts.actuators[:, -1]
-        rates = vehicle.actuator_rates(self._parts.actuators, self._sent[1])[:, -1]
+        states = self._parts.actuators.copy()
+        # An empty battery gives a current, by which the charge of 0 does not fall.
+        states[:, -1] = charge = np.maximum(states[:, -1], _LAST)
+        rates = vehicle.actuator_rates(states, self._sent[1])[:, -1]
         current = -_HOUR * known["battery_capacity"] * rates
         free = np.interp(charge, np.linspace(0.0, 1.0, len(steps)), steps)
         voltage = free - known.get("battery_resistance", 0.0) * current
@@ -209,6 +216,15 @@ class Recording:
         ends = np.cumsum([0, *counts])
         parts = [forces[:, a:b].sum(axis=1) for a, b in itertools.pairwise(ends)]
         return np.stack(parts, axis=1) if parts else np.zeros((len(self._time), 0))
+
+    def _hard_impacts(self) -> tuple[str, ...]:
+        """Sentences on impacts for which equal steps are too long."""
+        settings = self.scenario.integration
+        if settings.method != "rk4":
+            return ()
+        q, v = (x[:, np.newaxis] for x in self._parts[:2])
+        vehicle, walls, step = self.loop.vehicle, self.scenario.walls, StepGrid(settings).size
+        return tuple(hard_impacts(vehicle, walls, (q, v), self._time, step))
 
     def _sensors(self) -> Array:
         """What the robot's sensors tell (s, m), as it was read in flight or would have been."""

@@ -113,6 +113,7 @@ class Flight:
     (h) are so from and to `hold_times` (h, 2), s. `impacts` (i, 2) are when
     constraints took hold, s, and the energy that was lost, J; the `work` has it. A sample of that
     instant is of after the impact.
+    `hard_impacts` are sentences on impacts at walls for which the steps were too long.
     `sensors` (s, m) are what the robot's sensors had told last at each sample, by `sensor_names`
     and `sensor_units`, as `SensorSuite` describes them; NaN before the first reading, and (s, 0)
     without sensors. `sensor_frames` (m) are the frames at which they are, "" of those at none.
@@ -190,6 +191,7 @@ class Flight:
     held: tuple[str, ...] = ()
     hold_times: Array = field(default_factory=lambda: np.zeros((0, 2)), repr=False)
     impacts: Array = field(default_factory=lambda: np.zeros((0, 2)), repr=False)
+    hard_impacts: tuple[str, ...] = field(default=(), repr=False)
     disc_radii: Array = field(default_factory=lambda: np.zeros(0), repr=False)
     joint_limits: Array = field(default_factory=lambda: np.zeros((2, 0)), repr=False)
     command_names: tuple[str, ...] = ()
@@ -249,8 +251,9 @@ class Flight:
     def notes(self) -> tuple[str, ...]:
         """What else is to be said of the flight, in sentences.
 
-        They tell of frames that begin so deep in a wall that it pushes with more than the weight,
-        of a battery that ran empty, of commands that chatter, and of joints that a push turns far.
+        They are on frames that begin so deep in a wall that it pushes with more than the weight, on
+        impacts for which steps are too long, on a battery that ran empty, on commands that chatter,
+        and on joints that a push turns far.
         """
         deep = np.flatnonzero(np.any(self.contact_forces[:1] > _RESTS * self.weight, axis=0))
         inside = tuple(
@@ -266,7 +269,7 @@ class Flight:
             "gives then, which no battery does."
             for k in empty[:1]
         )
-        return inside + drained + self._chatter + self._turned
+        return inside + self.hard_impacts + drained + self._chatter + self._turned
 
     @property
     def _chatter(self) -> tuple[str, ...]:

@@ -17,7 +17,12 @@ from gibbs_codegen.arrays.contact import Contact
 from gibbs_codegen.arrays.rollout_steps import Parts
 from gibbs_codegen.errors import UsageError, printable
 from gibbs_codegen.flight.arguments import seconds, whole
-from gibbs_codegen.flight.integration.envelope import joint_modes, lag_modes, wall_modes
+from gibbs_codegen.flight.integration.envelope import (
+    hard_impacts,
+    joint_modes,
+    lag_modes,
+    wall_modes,
+)
 from gibbs_codegen.flight.plant.actuators import commands_beyond
 from gibbs_codegen.flight.plant.vehicle import Vehicle
 from gibbs_codegen.flight.rollouts.arguments import Controller, RolloutArguments
@@ -238,10 +243,17 @@ def rollout(
         problem = replace(problem, motors=replace(motors, thrusts=first))
     if backend == "jax":
         return jax_rollout.jax_rollout(problem, control if callable(control) else None)
-    if not callable(control):
-        return array_rollout(problem, workers, tell)
     roll = functools.partial(array_rollout, threads=workers)
-    return callback_rollout(problem, control, arguments.commands, roll, tell)
+    if callable(control):
+        done = callback_rollout(problem, control, arguments.commands, roll, tell)
+    else:
+        done = roll(problem, tell=tell)
+    if walls:
+        vehicle = Vehicle(module, {name: np.squeeze(x) for name, x in (parameters or {}).items()})
+        q, v = (np.swapaxes(np.asarray(x, np.float64), 0, 1) for x in (done.q, done.v))
+        for words in hard_impacts(vehicle, walls, (q, v), done.time, float(dt), method):
+            warnings.warn(f"{module.NAME}: dt: {words}", RuntimeWarning, stacklevel=2)
+    return done
 
 
 def touched(

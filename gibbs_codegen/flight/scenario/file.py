@@ -29,7 +29,7 @@ from gibbs_codegen.files.table import (
     optional,
     refusal,
 )
-from gibbs_codegen.files.toml import TOO_DEEP, checked, nested
+from gibbs_codegen.files.toml import TOO_DEEP, checked, merged, nested
 from gibbs_codegen.flight.scenario import parts
 from gibbs_codegen.flight.scenario.numbers import JointName, Number, Positive
 from gibbs_codegen.flight.scenario.orientation import AnyAttitude, Level
@@ -70,7 +70,7 @@ def read_scenario(name_or_path: AnyScenario, changes: Mapping[str, Any] | None =
     if isinstance(name_or_path, Scenario) and not changes:
         return name_or_path
     if isinstance(name_or_path, Mapping):
-        return parse_scenario("", changes={**name_or_path, **(changes or {})})
+        return parse_scenario("", changes=changes, tables=name_or_path)
     if not isinstance(name_or_path, str | os.PathLike):
         raise UsageError(
             "scenario: must be a scenario without changes, the name or path of a file, or its "
@@ -81,14 +81,18 @@ def read_scenario(name_or_path: AnyScenario, changes: Mapping[str, Any] | None =
 
 
 def parse_scenario(
-    text: str, source: str = "scenario", changes: Mapping[str, Any] | None = None
+    text: str,
+    source: str = "scenario",
+    changes: Mapping[str, Any] | None = None,
+    tables: Mapping[str, Any] | None = None,
 ) -> Scenario:
-    """Check a scenario file's text, with changes as of `read_scenario`.
+    """Check a scenario file's text, or its `tables`, with changes as of `read_scenario`.
 
     Raises `ScenarioFileError` with every fault found; `source` is the file's name in messages.
     """
     try:
         changes = nested(changes or {})
+        changes = changes if tables is None else merged(nested(tables), changes)
         return checked(text, source, ScenarioTable, ScenarioFileError, changes).scenario()
     except RecursionError:
         raise ScenarioFileError(source, [Fault("", TOO_DEEP)]) from None

@@ -325,6 +325,7 @@ def test_a_flight_begins_with_the_charge_that_is_given(module: ModuleType) -> No
     assert charge[0] > 0.0
     assert not charge[empty.time >= at].any()
     assert note.startswith(f"The battery is empty at t = {at:.4g} s")
+    assert empty.battery[-1, 1] > 1.0
     for charge in (1.5, np.nan):
         with pytest.raises(UsageError, match="charge: must be"):
             simulation.reset(charge=charge)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
 from types import ModuleType
@@ -247,7 +248,9 @@ def test_no_impact_adds_energy_at_the_default_step(
     start = flight_start(module, scenario, lambda *_: None, own=False)
     thrown_at = speed * np.array([[1.0, 0.4, 0.0, 0.0, 0.0, 0.0], [0.5, 0.9, 0, 0, 0, 0.3]])
     q = np.tile(start.q, (2, 1))
-    found = rollout(module, q, thrown_at, np.zeros(4), 25, 1e-3, walls=scenario.walls)
+    long = pytest.warns(RuntimeWarning, match=r"foot_1 meets wall . at .* use steps of at most")
+    with long if dissipation else nullcontext():
+        found = rollout(module, q, thrown_at, np.zeros(4), 25, 1e-3, walls=scenario.walls)
     ends = [(found.q[:, -1], found.v[:, -1])]
     states = [start.loop.start(*each) for each in zip(q, thrown_at, strict=True)]
     parts = [
@@ -259,6 +262,28 @@ def test_no_impact_adds_energy_at_the_default_step(
     for k, (place, moving) in enumerate(ends):
         energy = module.kinetic_energy(place, moving) + module.potential_energy(place)
         assert np.all(energy <= (before if k == 0 else before[k - 1]) * (1.0 + 1e-12))
+
+
+def test_steps_that_are_too_long_for_an_impact_are_named_with_those_that_serve(
+    block: ModuleType,
+) -> None:
+    """Of a fall on a damper so hard that what leaves it has 1/dissipation as speed, or less."""
+    height, dissipation = 12.0, 10.0
+    floor = {"kind": "floor", "frame": "base", "stiffness": 1e5, "dissipation": dissipation}
+    given = {"duration": 1.6, **fixed(0, 0, height)}
+    (note,) = thrown(block, [floor], **given).notes
+    assert note.startswith("At t = 1.56 s base meets wall 1 at 15.3 m/s, too fast for its steps")
+    serves = 0.95 * float(note.split("at most ")[1].split()[0])  # Rounded.
+    flight = thrown(block, [floor], **given, integration=RK4 | {"step": serves})
+    assert flight.notes == ()
+    assert np.abs(flight.v[-1]).max() < 1.0 / dissipation + GRAVITY * 0.04
+    walls = read_scenario("hover", {"wall": [floor]}).walls
+    fall: Any = np.array([0, 0, 0.01, 0, 0, 0, 1.0]), [0, 0, -15.0, 0, 0, 0], np.zeros(4), 20
+    with pytest.warns(RuntimeWarning, match="base meets wall 1 at 15 m/s") as heard:
+        rollout(block, *fall, 1e-3, walls=walls, method="euler")
+    serves = 0.95 * float(str(heard[0].message).split("at most ")[1].split()[0])  # Rounded.
+    speeds = rollout(block, *fall, serves, walls=walls, method="euler").v[0, :, 2]
+    assert speeds.max() < 1.0
 
 
 @pytest.mark.parametrize("speed", [0.5, 2.0])

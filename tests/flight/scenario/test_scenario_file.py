@@ -734,6 +734,18 @@ def test_changes(entries: list[str], changes: dict[str, Any]) -> None:
     assert changes_of(entries) == changes
 
 
+def test_changes_of_tables_leave_their_other_keys() -> None:
+    tables = {
+        "name": "a",
+        "duration": 3,
+        "base": {"path": {"kind": "fixed", "position": [0, 0, 0]}},
+    }
+    moved = {"offset": [1, 2, 3], "turn_deg": [4, 5, 6]}
+    found = read_scenario(tables | {"start": moved}, {"start.offset": [7, 8, 9]})
+    expected = read_scenario(tables | {"start": moved | {"offset": [7, 8, 9]}})
+    assert found == expected
+
+
 @pytest.mark.parametrize(
     ("entry", "message"),
     [
