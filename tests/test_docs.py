@@ -198,20 +198,6 @@ def test_commands_are_what_a_shell_reads(page: str) -> None:
     run([tool("bash"), "-n", "-c", "\n".join(blocks(page, "sh"))])
 
 
-@pytest.mark.slow
-def test_the_readme_leads_from_a_robot_file_to_a_flight(tmp_path: Path) -> None:
-    """The commands of its last block, after the robot file is written; `view` into a file."""
-    write_files("README.md", tmp_path)
-    *_, block = blocks("README.md", "sh")
-    commands = [command.split() for command in COMMAND.findall(block)]
-    assert [words[0] for words in commands] == ["generate", "verify", "simulate", "view"]
-    commands[-1] += ["--html", "my_uav.html"]
-    for words in commands:
-        done = run_command(*words, cwd=tmp_path)
-        assert done.returncode == 0, done.stderr
-    assert (tmp_path / "flight" / "flight.csv").is_file()
-
-
 @pytest.mark.parametrize(
     "page",
     [

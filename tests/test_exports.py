@@ -39,12 +39,7 @@ def test_no_submodule_hides_an_export_by_its_import() -> None:
 
 @pytest.mark.parametrize(
     "name",
-    [
-        pytest.param("machine_figure", marks=pytest.mark.slow),
-        "chains_figure",
-        "coupling_figure",
-        "hybrid_pattern_figure",
-    ],
+    ["chains_figure", "coupling_figure", "hybrid_pattern_figure"],
 )
 def test_figures_are_functions_at_the_package_itself(name: str) -> None:
     draw = getattr(gibbs_codegen, name)

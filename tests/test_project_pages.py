@@ -120,21 +120,6 @@ def test_the_control_loop_in_c_holds_the_robot(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_the_control_loop_in_c_runs_on_an_emulated_cortex_m(folder: Path) -> None:
-    write_files(LOOP, folder)
-    (folder / "control.c").rename(folder / "main.c")
-    generate(MODULE, folder / "generated", laws=["computed_torque"])
-    built = folder / "CMakeLists.txt"
-    source = f"${{MODULE}}/{MODULE}.c"
-    text = built.read_text(encoding="utf-8")
-    assert source in text
-    text = text.replace(source, f"{source} ${{MODULE}}/{MODULE}_laws.c")
-    built.write_text(text, encoding="utf-8")
-    said = printed(blocks(CMAKE, "sh")[2], folder)
-    assert errors(said)[1] == pytest.approx(2e-5, rel=0.5)
-
-
-@pytest.mark.slow
 def test_the_predictive_controller_in_c_flies(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
@@ -153,6 +138,3 @@ def test_the_controller_in_cpp_flies(tmp_path: Path) -> None:
     said = printed(blocks(EIGEN, "sh")[1], tmp_path).splitlines()[-1]
     assert said.startswith("after 5 s")
     assert f"`{said}`" in PAGES[EIGEN]
-    with_quaternion(tmp_path, "robot.hpp", "main.cpp", "CMakeLists.txt")
-    (end,) = errors(printed(blocks(EIGEN, "sh")[1], tmp_path))
-    assert end < 1e-5

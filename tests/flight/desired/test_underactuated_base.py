@@ -23,7 +23,7 @@ from gibbs_codegen.flight.plant.vehicle import Vehicle
 from gibbs_codegen.flight.reference import Motion, Reference
 from gibbs_codegen.flight.scenario.file import read_scenario
 from gibbs_codegen.flight.scenario.orientation import Level, Turn, turning_of
-from gibbs_codegen.flight.scenario.paths import Circle, Harmonic, Line, Path, Term
+from gibbs_codegen.flight.scenario.paths import Circle, Line, Path
 from gibbs_codegen.flight.scenario.scenario import Scenario
 from gibbs_codegen.flight.vectors import Array
 
@@ -207,12 +207,6 @@ def test_a_flip_turns_once_with_positive_thrust(quadrotor: Vehicle) -> None:
         (Line((0, 0, 50), (0, 0, 40), 1.21), Level(), "t = .* falls faster than freely"),
         (Line((0, 0, 50), (0, 0, 40), 2.43), Level(), "t = .* next to free fall"),
         (Circle((0, 0, 2), 0.0, 1.0), Turn((1, 0, 0), np.pi, 1.0), r"t = .*that.*kind = .turn"),
-        pytest.param(
-            Harmonic(x=(Term(0.02, 0.0, 40.0),)),
-            Level(),
-            "t = .* no tilt is found",
-            marks=pytest.mark.slow,
-        ),
     ],
 )
 def test_what_no_thrust_does_is_refused(

@@ -128,10 +128,3 @@ def test_a_study_of_any_kind_is_drawn(kind: str, tmp_path: Path) -> None:
     study = _odd_studies()[kind]
     paths = figures.write_study_figures(study, tmp_path, ("svg",))
     assert [path.name for path in paths] == [f"{d.__name__}.svg" for d in figures.FIGURES]
-
-
-@pytest.mark.slow
-def test_two_writings_have_the_same_bytes(tmp_path: Path) -> None:
-    study = _odd_studies()["few"]
-    first, second = (figures.write_study_figures(study, tmp_path / name) for name in "ab")
-    assert [path.read_bytes() for path in first] == [path.read_bytes() for path in second]

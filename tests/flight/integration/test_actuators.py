@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
-from support.actuated import TEXT, air, at_once, by_rates
+from support.actuated import TEXT, air, by_rates
 
 import gibbs_codegen
 from gibbs_codegen import Simulation, generate, load, rollout, simulate, simulate_many
@@ -162,22 +162,6 @@ def test_what_overflows_is_told_by_the_names_of_states_and_commands(
     x[0] = 1e200
     with pytest.warns(RuntimeWarning, match="largest there: x of throttle_front_left, 1e"):
         module.actuator_rates(x, command)
-
-
-@pytest.mark.slow
-def test_actuators_without_states_fly(tmp_path: Path) -> None:
-    """Nothing lags, and a law sends commands that act at once, in the air of the rotors."""
-    (tmp_path / "at_once.toml").write_text(robot_text(at_once()), encoding="utf-8")
-    robot = load(generate(tmp_path / "at_once.toml", tmp_path, verify=False), "c")
-    flight = simulate(robot, hover(start={"offset": [0.02, 0.0, 0.0]}))
-    assert flight.stopped == ""
-    assert flight.actuators.shape == (len(flight.time), 0)
-    u = robot.inputs_of(flight.q, flight.v, np.zeros((len(flight.time), 0)), flight.commands)
-    np.testing.assert_allclose(u, flight.applied, rtol=0.0, atol=1e-12)
-    assert np.abs(flight.energy_error).max() < 1e-9
-    sampled = simulate(robot, hover(control={"rate": 400}, duration=0.1, integration=RK4))
-    assert sampled.stopped == ""
-    assert np.abs(sampled.errors[-1]).max() < 5e-3
 
 
 def test_air_resists_a_rotor_that_turns_either_way(tmp_path: Path) -> None:

@@ -218,7 +218,7 @@ def test_a_flight_ends_after_the_step_that_reaches_the_singularity(
         assert abs(last[1]) == pytest.approx(turned, rel=0.05)
 
 
-@pytest.mark.parametrize("wrong", [pytest.param(np.nan, marks=pytest.mark.slow), np.inf, 1e200])
+@pytest.mark.parametrize("wrong", [np.inf, 1e200])
 def test_a_flight_ends_where_it_is_not_finite(wrong: float, modules: Load) -> None:
     free = closed_loop_of(modules("hexarotor_3link"))
     for closed in (free, restricted(free, (-1e6, 1e6))):

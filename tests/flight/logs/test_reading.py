@@ -66,6 +66,7 @@ def test_a_bag_gives_the_flight_again(flight: Flight, fast: Modules, tmp_path: P
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("flight", ["quadrotor_arm_2link"], indirect=True)
 def test_what_is_not_known_is_left_out_of_figures(
     flight: Flight, fast: Modules, tmp_path: Path
 ) -> None:

@@ -29,6 +29,15 @@ STATES, STEPS, DT = 3, 4, 0.02
 PARAMETERS = {"link1_mass_per_length": np.array([0.5, 0.7, 0.9]), "gravity": 3.7}
 
 
+@pytest.fixture(scope="module")
+def emitted_steps(tmp_path_factory: pytest.TempPathFactory) -> Emitted:
+    """A small robot with a quaternion, and its time steps."""
+    robot = paper_family(3, 1)
+    robot = replace(robot, base=replace(robot.base, attitude="quaternion"))
+    folder = tmp_path_factory.mktemp("rollouts") / robot.name
+    return emit(robot, folder, derivatives=["step_euler", "step_rk4"])
+
+
 @pytest.fixture
 def jax_module(emitted_steps: Emitted) -> ModuleType:
     """The functions of JAX."""

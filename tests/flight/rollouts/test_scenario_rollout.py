@@ -76,9 +76,8 @@ def test_it_begins_where_it_is_told(machine: ModuleType, scenario: Scenario) -> 
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["hexarotor", pytest.param("quadrotor", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("name", ["hexarotor"])
 def test_single_precision_is_near_double(name: str, fast: Callable[[str], ModuleType]) -> None:
-    """Also where rotors cannot produce every wrench."""
     module = fast(name)
     scenario = read_scenario("circle", {"motors": {"compensation": False}})
     v0 = 0.05 * np.random.default_rng(1).normal(size=(19, len(module.VELOCITIES)))

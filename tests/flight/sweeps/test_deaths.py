@@ -32,7 +32,7 @@ from gibbs_codegen.flight.sweeps import chunks
 chunks._MOST_FLIGHTS = 4
 parameters = {"duration": 0.2, "start.offset[0]": uniform(-0.1, 0.1)}
 measure = {"last": "tip_error.last", "mean": lambda flight: flight.q.mean()}
-sweep(sys.argv[1], "hover", parameters, 40, 3, measure, out=sys.argv[2], workers=2)
+sweep(sys.argv[1], "hover", parameters, 20, 3, measure, out=sys.argv[2], workers=2)
 """
 
 
@@ -80,34 +80,6 @@ def test_the_one_case_that_kills_its_worker_is_found(robot, tmp_path, alive):
     call = (measure, None, tmp_path / "a", lambda what, share: told.append(share), 1)
     sweep(robot, "hover", PARAMETERS, 1, 0, *call)
     assert told[-1] == 1.0
-
-
-@pytest.mark.slow
-def test_what_was_kept_of_a_chunk_stays_when_the_rest_kills(robot, tmp_path, alive, monkeypatch):
-    def interrupt(what, share):
-        if share == 0.25:
-            assert len((tmp_path / "a" / chunks.FILE).read_text().split("\n")[1:-1]) == 1
-            raise KeyboardInterrupt
-
-    monkeypatch.setattr(chunks, "_HANDED_OVER", 0.0)  # One flight at a time.
-    parameters, measure = {**PARAMETERS, "duration": [DEADLY, 0.05]}, {"worst [m]": deadly}
-    with ThreadPoolExecutor(1) as here, pytest.raises(KeyboardInterrupt):
-        sweep(robot, "hover", parameters, 1, 0, measure, here, tmp_path / "a", interrupt)
-    told = []
-    table = sweep(
-        robot,
-        "hover",
-        parameters,
-        1,
-        0,
-        measure,
-        None,
-        tmp_path / "a",
-        lambda what, share: told.append(share),
-        1,
-    ).table
-    assert told[-1] == 1.0
-    assert_one_is_dead(table, alive[[2, 3, 0, 1]])
 
 
 def mortal(lives):
@@ -208,7 +180,7 @@ def test_a_sweep_killed_at_any_moment_goes_on(robot, tmp_path, seed):
     seconds = time.monotonic() - begin
     random = np.random.default_rng(seed)
     kills, out = 0, tmp_path / "killed"
-    while kills < 3:
+    while kills < 2:
         run = started(script, robot, out)
         try:
             run.wait(random.uniform(0.2, 1.0) * seconds)

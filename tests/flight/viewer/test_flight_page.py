@@ -67,16 +67,6 @@ def test_torques_that_rounding_leaves_are_no_load(
     assert any("at a joint" in words for _, words in scene.key()) == shown
 
 
-@pytest.mark.slow
-def test_a_long_flight_has_fewer_frames_rather_than_more_room(
-    shipped: Shipped, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    flight = synthetic_flight(shipped("hexarotor_3link"), samples=300)
-    whole = gibbs_codegen.view_html(flight).size
-    monkeypatch.setattr(viewer_page, "_ROOM", whole - 10_000)
-    assert whole - 80_000 < gibbs_codegen.view_html(flight).size <= whole - 10_000
-
-
 def test_what_cannot_be_drawn_or_written_is_told(shipped: Shipped, tmp_path: Path) -> None:
     flight = synthetic_flight(shipped("hexarotor_3link"), samples=3)
     page = gibbs_codegen.view_html(flight)

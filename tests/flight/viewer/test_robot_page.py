@@ -7,12 +7,10 @@ from pathlib import Path
 from types import ModuleType
 
 import pytest
-from support.browser import visit
-from support.pixels import count, pixels
 
 import gibbs_codegen
 from gibbs_codegen.flight.viewer import page as viewer_page
-from gibbs_codegen.flight.viewer.machine import ROTOR, THRUST, Machine
+from gibbs_codegen.flight.viewer.machine import Machine
 
 pytestmark = pytest.mark.usefixtures("derived_once")
 
@@ -59,18 +57,3 @@ def test_a_page_has_fewer_frames_rather_than_more_room(
     whole = gibbs_codegen.view_html(shipped("quadrotor")).size
     monkeypatch.setattr(viewer_page, "_ROOM", whole - 1000)
     assert gibbs_codegen.view_html(shipped("quadrotor")).size <= whole - 1000
-
-
-@pytest.mark.slow
-def test_rotors_that_joints_move_are_drawn_where_they_are(shipped: Shipped, tmp_path: Path) -> None:
-    gibbs_codegen.view_html(shipped("hydrus")).save(tmp_path / "hydrus.html")
-    with visit((tmp_path / "hydrus.html").as_uri(), 600, 400) as seen:
-        seen.page.wait_for_function(
-            "parseFloat(document.querySelector('input')?.value) > 1", timeout=120_000
-        )
-        seen.page.keyboard.press("Space")
-        picture = pixels(seen.page)
-        assert (seen.foreign, seen.faults) == ([], [])
-    assert count(picture, THRUST) + count(picture, ROTOR) > 20
-    dark = (picture.max(axis=-1) < 140).mean()
-    assert dark > 0.002
