@@ -109,14 +109,12 @@ def test_it_depends_on_lengths_alone_and_they_on_masses() -> None:
     )
 
 
-@pytest.mark.slow
 def test_a_body_that_turns_has_seven_and_one_that_slides_four() -> None:
     robot = random_tree(9, "tait_bryan")
     joints = [robot.links[i - 1].joint for i in robot.moving]
     assert {*joints} == {"revolute", "prismatic"}
     listed = [entry.name for entry in Description(robot).base_parameters]
     assert len({*listed}) == len(listed) == 10 + sum(7 if j == "revolute" else 4 for j in joints)
-    assert tuple(listed) == emitted(robot).BASE_PARAMETERS
 
 
 @pytest.mark.slow

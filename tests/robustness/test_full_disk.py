@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
 from conftest import ROOT
-from support.command import ENVIRONMENT, run
 from support.small_disk import on_small_disk
 from support.tools import tool
 
@@ -111,16 +108,3 @@ END
         "disk: cannot be written: No space left on device; what was done is kept, and the same "
         "call goes on from there\n"
     )
-
-
-@pytest.mark.slow
-@pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full")
-def test_a_module_whose_message_finds_no_room_is_whole(tmp_path: Path) -> None:
-    command = f"{sys.executable} -m gibbs_codegen generate hexarotor --target numpy > /dev/full"
-    done = subprocess.run(
-        ["bash", "-c", command], cwd=tmp_path, env=ENVIRONMENT, capture_output=True, text=True
-    )
-    assert done.returncode == 1
-    assert done.stderr == "gibbs-codegen: output: No space left on device\n"
-    checked = run("generate", "hexarotor", "--target", "numpy", "--check", cwd=tmp_path)
-    assert checked.returncode == 0

@@ -130,7 +130,7 @@ def one_axis_of_states(result: np.ndarray, shape: tuple[int, ...]) -> np.ndarray
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("robot", ["tree", "actuated"])
+@pytest.mark.parametrize("robot", ["actuated"])
 def test_numbers_are_those_of_numpy(
     packaged: Callable[[str], Packaged], robot: str, tmp_path: Path
 ) -> None:
