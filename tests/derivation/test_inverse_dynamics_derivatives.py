@@ -171,13 +171,6 @@ def test_random_arms(seed: int) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", [2])
-def test_random_trees(seed: int) -> None:
-    """Branches, joints placed by poses, springs, dampers and armature, and both roots."""
-    compare(random_tree(seed))
-
-
-@pytest.mark.slow
 def test_no_entry_between_two_arms_is_computed() -> None:
     derived = compare(two_arms(2))
     function, size = derived.program.function("derivatives"), derived.places.size

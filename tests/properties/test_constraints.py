@@ -17,7 +17,6 @@ import pytest
 from support.complex_step import derivative
 from support.constrained import (
     FOUR_BAR,
-    TEXT,
     Dense,
     constrained_robot,
     random_state,
@@ -29,14 +28,11 @@ from support.random_robots import random_tree
 from gibbs_codegen import generate, load, rollout
 from gibbs_codegen.derivation.derive import derive
 from gibbs_codegen.errors import UsageError
-from gibbs_codegen.interface import FUNCTIONS
-from gibbs_codegen.interface.constraints import CONSTRAINT_DERIVATIVES
 from gibbs_codegen.robot.file import parse_robot
 from gibbs_codegen.robot.model import Constraint, ConstraintKind, Pose, Robot
 
 Array = np.ndarray
 TOLERANCE = 1e-10
-DERIVATIVES = tuple(row.name for row in CONSTRAINT_DERIVATIVES)
 # Of constraints, and what tests of them need besides.
 FEW = (
     *("constraints", "integrate", "residual", "input_matrix"),
@@ -81,41 +77,6 @@ def test_all_functions_are_those_of_dense_formulas(seed: int, redundant: bool) -
         assert_alike(found["inertia"][k][np.ix_(rows, rows)], dense.inverse(active)[0])
         assert not np.delete(found["inertia"][k], rows, axis=0).any()
         assert_alike(found["projection"][k], dense.solved(dense.errors, active)[1])
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("seed", [1])
-def test_derivatives_are_those_of_complex_steps(
-    seed: int | None, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Also where constraints are redundant, and ask for what cannot be."""
-    robot = parse_robot(TEXT) if seed is None else constrained_robot(seed, seed % 2 == 1)
-    needed = "constraints", "mass_matrix", "coordinate_rates"
-    model = derive(robot, functions=needed, derivatives=DERIVATIVES)
-    module, rng = module_of(model), np.random.default_rng(seed or 0)
-    source = sys.modules[module.mass_matrix.__module__]
-    monkeypatch.setattr(source, "sign", lambda x: np.copysign(1.0, np.real(x)))
-    q, v, u = random_state(robot, rng)
-    active = np.ones(len(robot.constraints))
-    # What unit forces do: where these hold a robot still, motions are small sums of great terms.
-    pushed = np.abs(np.linalg.solve(module.mass_matrix(q), module.constraint_jacobian(q).T))
-    for _ in range(2):
-        arguments = {"q": q, "v": v, "u": u, "active": active}
-        for name in DERIVATIVES:
-            of, found = name.removesuffix("_derivatives"), []
-            own = {x: arguments[x] for x in FUNCTIONS[of].arguments}
-            for k in range(len(FUNCTIONS[of].outputs)):
-                values = getattr(module, of)(*own.values())
-                found.append(values[k] if isinstance(values, tuple) else values)
-                found += [derivative(module, of, own, x)[k] for x in own if x != "active"]
-            ours = getattr(module, name)(*own.values())
-            half = len(found) // len(FUNCTIONS[of].outputs)
-            for k, (mine, theirs) in enumerate(zip(ours, found, strict=True)):
-                size = max(1.0, np.abs(theirs).max(initial=0.0))
-                if k + half < len(found):
-                    size = max(size, (pushed @ np.abs(found[k + half])).max(initial=0.0))
-                np.testing.assert_allclose(mine, theirs, rtol=0, atol=1e-9 * size)
-        active[0] = 0.0
 
 
 @pytest.mark.slow

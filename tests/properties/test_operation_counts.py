@@ -98,12 +98,3 @@ def test_forty_rotors_cost_the_same_as_four() -> None:
     four, forty = counts(3, rotors=4), counts(3, rotors=40)
     for name in REDUCED:
         assert four[name] == forty[name], name
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("rotors", [3])
-def test_sums_over_the_arms_vanish_for_every_rotor_count(rotors: int) -> None:
-    """Also where the constrained angles are no multiples of 30° or 45°."""
-    expected, found = counts(2, rotors=6), counts(2, rotors=rotors)
-    for name in REDUCED:
-        assert found[name] == expected[name], name

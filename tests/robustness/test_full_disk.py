@@ -72,26 +72,6 @@ def test_numpy_serves_until_there_is_room(kibibytes: int, tmp_path: Path) -> Non
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("kibibytes", "options"),
-    [(16, "--no-figures")],
-)
-def test_no_results_rather_than_half_of_them(kibibytes: int, options: str, tmp_path: Path) -> None:
-    """Where the series do not fit, the film, or some figure."""
-    script = (
-        f'"$PYTHON" -m gibbs_codegen simulate {MODULE} --backend numpy --set duration=0.3 '
-        f"--out disk/flight {options}"
-    )
-    done = on_small_disk(tmp_path, kibibytes, script)
-    assert done.code == 1
-    assert "Traceback" not in done.error
-    assert "No space left on device" in done.error
-    assert "disk/flight" in done.error
-    assert done.out == ""
-    assert done.left == []
-
-
-@pytest.mark.slow
 def test_a_sweep_says_what_a_full_disk_says(tmp_path: Path) -> None:
     script = """cat > fill.py << 'END'
 from gibbs_codegen.flight.sweeps.chunks import Store

@@ -209,24 +209,6 @@ def test_derivatives_of_other_functions(name: str, pair: Callable[[str], Pair]) 
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["forward_dynamics"])
-def test_second_derivatives_by_all_arguments(name: str, pair: Callable[[str], Pair]) -> None:
-    """They are symmetric, though displacements of a quaternion do not commute."""
-    numpy, ours = pair(TURNING)
-    given = state(numpy, name)
-    places = np.cumsum([len(argument) for argument in given])[:-1].tolist()
-    weights = jnp.linspace(1.0, 2.0, len(numpy.VELOCITIES))
-
-    def function(x: Any) -> Any:
-        return weights @ getattr(ours, name)(*jnp.split(x, places))
-
-    x = np.concatenate(given)
-    hessian = np.asarray(jax.jit(jax.hessian(function))(x))
-    assert_close(name, hessian, hessian.T, 1e-12)
-    assert_close(name, hessian, jacobian(jax.jit(jax.grad(function)), x), 1e-9)
-
-
-@pytest.mark.slow
 def test_matrices_are_computed_once_for_all_columns(pair: Callable[[str], Pair]) -> None:
     numpy, ours = pair(TURNING)
     q, v, u = state(numpy, "forward_dynamics", 5)
@@ -259,24 +241,6 @@ def test_gradient_of_a_rollout_is_that_of_differences(
     by_v, by_u = jax.jit(jax.grad(loss, argnums=(0, 1)))(v, u)
     assert_close("by v", by_v, jacobian(lambda x: loss(x, u), v), 1e-8)
     assert_close("by u", by_u, jacobian(lambda x: loss(v, x), u), 1e-8)
-
-
-@pytest.mark.slow
-def test_derivatives_by_parameters(pair: Callable[[str], Pair]) -> None:
-    """Through the module's own derivative by parameters, and through the kernel."""
-    numpy, ours = pair(TURNING)
-    names = ["link1_mass_per_length", "base_arm_length", "gravity"]
-    at = np.array([numpy.PARAMETERS[name] for name in names])
-    for name in ("forward_dynamics", "potential_energy"):
-        given = state(numpy, name)
-
-        def function(x: Any, name: str = name, given: Any = given) -> Any:
-            constants = ours.prepare(dict(zip(names, x, strict=True)))
-            return getattr(ours, name)(*given, constants=constants)
-
-        found = jax.jacrev(function)(jnp.asarray(at))
-        differences = jacobian(lambda x: function(jnp.asarray(x)), at)
-        assert_close(name, np.asarray(found), differences, 1e-9)
 
 
 @pytest.mark.slow

@@ -128,15 +128,6 @@ def test_one_state_with_constants_of_its_own(copied: Path) -> None:
     assert failing(copied) == OF_PARAMETERS
 
 
-@pytest.mark.slow
-def test_single_precision_that_does_not_compile_fails(copied: Path) -> None:
-    tool("cc")
-    plant(copied / "quadrotor_2link.c", "typedef uint32_t bits;", "typedef no_such_type bits;")
-    found = verify(copied, states=1, backends=["c"])
-    # The source of rollouts includes what does not compile.
-    assert [c.what for _, c in found.failures] == ["single precision", "rollouts"]
-
-
 @pytest.mark.parametrize(
     "script",
     [pytest.param("for last; do :; done; echo x > library.so", id="makes no library")],
