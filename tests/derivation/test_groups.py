@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from itertools import groupby
 
 import pytest
-from support.random_robots import random_robot, random_tree
+from support.random_robots import random_robot
 
 from gibbs_codegen.derivation.derive import derive
 from gibbs_codegen.program.model import Model
@@ -30,12 +30,6 @@ def groups(statements: Sequence[Statement]) -> list[str]:
 def test_every_statement_belongs_to_a_group(rotors: int, links: int) -> None:
     """With joints and bodies of every kind, and with parameters that are zero."""
     check_groups(random_robot(1, rotors, links), keep_zeros=True)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("seed", [9])
-def test_every_statement_of_a_tree_belongs_to_a_group(seed: int) -> None:
-    check_groups(random_tree(seed), keep_zeros=False)
 
 
 def check_groups(robot: Robot, keep_zeros: bool) -> None:

@@ -17,7 +17,6 @@ from gibbs_codegen.derivation.inverse_dynamics import inverse_dynamics, inverse_
 from gibbs_codegen.derivation.symbolic_robot import SymbolicRobot
 from gibbs_codegen.program.lower import Slice, lower, operations
 from gibbs_codegen.program.nodes import Number, Program
-from gibbs_codegen.robot.file import read_robot
 from gibbs_codegen.robot.layout import Places, layout_of
 from gibbs_codegen.robot.model import ROD_ORIGINS, SEQUENCES, Attitude, Robot
 from gibbs_codegen.symbolic.tape import Tape
@@ -169,20 +168,6 @@ def test_random_arms(seed: int) -> None:
     robot = random_robot(seed, 3, seed)
     base = replace(robot.base, attitude=SEQUENCES[seed], origin=ROD_ORIGINS[seed % 2])
     compare(replace(robot, base=base))
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("seed", [2])
-def test_random_trees(seed: int) -> None:
-    """Branches, joints placed by poses, springs, dampers and armature, and both roots."""
-    compare(random_tree(seed))
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("name", ["octorotor_7link"])
-def test_robots_that_ship(name: str) -> None:
-    """Among them joints whose axes are twisted against the base's, with offsets along them."""
-    compare(read_robot(name)[0])
 
 
 @pytest.mark.slow

@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import math
-import os
 import re
 import shutil
 import subprocess
-import sys
 import unicodedata
 from collections.abc import Callable, Mapping
 from dataclasses import replace
@@ -18,7 +16,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 import sympy as sp
-from conftest import ROOT
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from support.emitted import emitted_module
@@ -135,86 +132,6 @@ def assert_chains_add_up(robot: Robot, most_terms: int, seed: int = 5) -> None:
 @pytest.mark.parametrize("robot", [PAPER], ids=lambda robot: robot.name)
 def test_chains_add_up_to_the_hybrid_system(robot: Robot, most_terms: int) -> None:
     assert_chains_add_up(robot, most_terms)
-
-
-TREE = """name = "tree"
-[base]
-attitude = "quaternion"
-mass = 2.0
-com = [0.01, 0, 0.02]
-inertia = [0.1, 0.12, 0.2, 0, 0, 0.01]
-[[rotor]]
-position = [0.3, 0.1, 0]
-direction = [0, 0.6, 0.8]
-drag = 0.02
-[[rotor]]
-name = "tip rotor"
-on = "leg 1"
-position = [0.1, 0, 0.05]
-[[link]]
-name = "hip"
-xyz = [0.1, 0.2, 0]
-rpy_deg = [20, 0, 90]
-axis = "-y"
-mass = 0.5
-com = [0.1, 0, 0]
-inertia = [0.01, 0.02, 0.02, 0, 0, 0]
-damping = 0.3
-armature = 0.1
-[[link]]
-name = "leg 1"
-xyz = [0.2, 0, 0]
-mass = 0.3
-com = [0, 0.1, 0]
-inertia = [0.01, 0.02, 0.02, 0, 0, 0]
-stiffness = 2.0
-rest = 0.1
-[[link]]
-parent = "hip"
-joint = "prismatic"
-xyz = [0, 0.2, 0]
-axis = [0.6, 0, 0.8]
-mass = 0.3
-inertia = [0.01, 0.02, 0.02, 0, 0, 0]
-[[link]]
-name = "held"
-joint = "fixed"
-constrained = true
-xyz = [0.1, 0, 0]
-mass = 0.2
-com = [0.05, 0, 0]
-inertia = [0.01, 0.02, 0.02, 0, 0, 0]
-[[link]]
-name = "welded"
-joint = "fixed"
-parent = "base"
-xyz = [0, 0, -0.2]
-rpy_deg = [0, 0, 37.25]
-mass = 0.2
-inertia = [0.01, 0.02, 0.02, 0, 0, 0]
-"""
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(("attitude", "most_terms"), [("quaternion", 0)])
-def test_chains_of_a_tree_add_up_to_the_hybrid_system(attitude: str, most_terms: int) -> None:
-    """With a joint that two chains share, rotors, joints that are held, and a welded link."""
-    assert_chains_add_up(parse_robot(TREE.replace("quaternion", attitude)), most_terms)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("chain", [1])
-def test_text_of_a_tree_is_readable(chain: int) -> None:
-    tree = parse_robot(TREE)
-    equations = [chain_equation(tree, chain, number) for number in EQUATIONS]
-    text = as_text(*equations)
-    assert max(map(text_width, text.splitlines())) <= 80
-    assert not INTERNAL.search(text.replace("Symbols\n", ""))
-    assert_is_latex(as_latex(*equations))
-    assert ("thrust of motor tip_rotor" in text) == (chain == 1)
-    assert ("τ'_{2,6}" in text) == (chain == 2)
-    with pytest.raises(UsageError, match="has chains 1 to 3"):
-        chain_equation(tree, 4, 15)
 
 
 @pytest.mark.slow
@@ -462,25 +379,6 @@ def test_definitions_grow_in_proportion_to_the_links() -> None:
     assert lengths[2] - lengths[1] <= 1.2 * (lengths[1] - lengths[0])
 
 
-@pytest.mark.slow
-def test_two_processes_show_the_same() -> None:
-    code = (
-        "from gibbs_codegen import as_latex, chain_equation, read_robot; "
-        "r = read_robot('hexarotor_3link')[0]; "
-        "print(*(as_latex(chain_equation(r, j, e)) for j in (1, 6) for e in (2, 15)))"
-    )
-    outputs = {
-        subprocess.run(
-            [sys.executable, "-c", code],
-            env={**os.environ, "PYTHONHASHSEED": seed, "PYTHONPATH": str(ROOT)},
-            capture_output=True,
-            check=True,
-        ).stdout
-        for seed in "12"
-    }
-    assert len(outputs) == 1
-
-
 def test_latex_compiles(tmp_path: Path) -> None:
     compiler = shutil.which("pdflatex")
     if compiler is None:
@@ -510,12 +408,7 @@ def test_equations_of_two_chains_are_not_laid_out_together() -> None:
         as_text(shown(PAPER, 1, 18), shown(PAPER, 2, 18))
 
 
-EVERYTHING = parse_robot((ROOT / "tests" / "robots" / "everything.toml").read_text())
-
-
-@pytest.mark.parametrize(
-    "robot", [PAPER, read_robot("dual_arm")[0], pytest.param(EVERYTHING, marks=pytest.mark.slow)]
-)
+@pytest.mark.parametrize("robot", [PAPER, read_robot("dual_arm")[0]])
 def test_the_table_of_frames_says_where_every_axis_is(robot: Robot) -> None:
     """The axis of each joint, as the robot file places it, is the z axis of its item."""
     drawn = frames_on(robot, AT_ORIGIN, np.zeros(len(robot.moving)))

@@ -97,7 +97,8 @@ def places(module: ModuleType) -> list[slice]:
 def test_rows_and_accelerations_are_those_of_mujoco(tmp_path: Path) -> None:
     import mujoco
 
-    text = MJCF.format(EQUALITIES.format(relpose=weld_met()))
+    kinds = "\n".join(EQUALITIES.splitlines()[2:5])  # One of each: the others have the same rows.
+    text = MJCF.format(kinds.format(relpose=weld_met()))
     robot, _ = of_text(text, tmp_path)
     written, missing = export_robot(robot, "mjcf")
     assert not missing
@@ -106,7 +107,7 @@ def test_rows_and_accelerations_are_those_of_mujoco(tmp_path: Path) -> None:
     module = emitted_module(robot, "constraints", "integrate")
     assert ("x", "y", "z", "qx", "qy", "qz", "qw", *JOINTS) == module.COORDINATES
     for k, active in enumerate(np.eye(len(module.CONSTRAINTS))):
-        for seed, source in enumerate((text, written)):
+        for seed, source in [(0, text), (1, written)][k % 2 :][:1]:
             model = mujoco.MjModel.from_xml_string(source)
             model.opt.tolerance, model.opt.iterations = 0.0, 1000
             data = mujoco.MjData(model)

@@ -27,17 +27,6 @@ Array = np.ndarray
 TOLERANCE = 1e-12
 
 # What each function differentiates, and by which argument each of its outputs is.
-FIRST = {
-    "inverse_dynamics_derivatives": ("inverse_dynamics", ("", "q", "v", "a")),
-    "forward_dynamics_derivatives": ("forward_dynamics", ("", "q", "v", "u")),
-    "frame_poses_derivatives": ("frame_poses", ("", "q")),
-    "frame_velocities_derivatives": ("frame_velocities", ("", "q", "v")),
-    "frame_bias_accelerations_derivatives": ("frame_bias_accelerations", ("", "q", "v")),
-    "forward_dynamics_with_wrenches_derivatives": (
-        "forward_dynamics_with_wrenches",
-        ("", "q", "v", "u", "W"),
-    ),
-}
 PRODUCTS = {
     "inverse_dynamics": "qva",
     "forward_dynamics": "qvu",
@@ -94,7 +83,6 @@ def tree(request: pytest.FixtureRequest) -> Case:
 @pytest.mark.parametrize(
     "function",
     [
-        pytest.param("inverse_dynamics", marks=pytest.mark.slow),
         "forward_dynamics",
         "forward_dynamics_with_wrenches",
         "input_matrix",

@@ -10,7 +10,6 @@ from support.emitted import module_with_derivatives
 from support.random_robots import random_tree
 
 from gibbs_codegen.interface import FUNCTIONS
-from gibbs_codegen.robot.file import read_robot
 from gibbs_codegen.robot.model import Robot
 
 TOLERANCE = 1e-11
@@ -70,7 +69,3 @@ def test_derivatives_of_integrate(number: int, attitude: str) -> None:
 
 # Other robots that ship have cond(M) above 1e4, where rounding alone is more than the limit;
 # complex steps hold their derivatives (`tests/derivation`).
-@pytest.mark.slow
-@pytest.mark.parametrize("name", ["hexarotor_3link"])
-def test_robots_that_ship(name: str) -> None:
-    compare_derivatives(read_robot(name)[0], count=20)

@@ -9,13 +9,9 @@ import pytest
 from support.compiled import EVERY_GROUP
 from support.derived import derived
 
-from benchmarks.family import benchmark_robot, two_benchmark_arms
-from gibbs_codegen.derivation.forward_dynamics import factorised_dynamics
-from gibbs_codegen.derivation.symbolic_robot import SymbolicRobot
-from gibbs_codegen.program.lower import operations
-from gibbs_codegen.program.nodes import Number, count_operations
+from benchmarks.family import benchmark_robot
+from gibbs_codegen.program.nodes import count_operations
 from gibbs_codegen.robot.model import Attitude, Robot
-from gibbs_codegen.symbolic.tape import Tape
 
 REDUCED = (
     "mass_matrix_and_residual",
@@ -98,49 +94,7 @@ def test_derivatives_take_as_few_as_they_did(attitude: Attitude, reached: tuple[
 
 
 @pytest.mark.slow
-def test_two_arms_of_seven_joints_cost_less_than_one_of_fourteen() -> None:
-    """No entry of M between the arms is computed, and articulated bodies pass each arm by itself.
-
-    LDLᵀ with the translation eliminated first would couple the arms.
-    """
-    robot = two_benchmark_arms()
-    names = COUNTED[:-1]  # Two arms have no tip.
-    program = derived(robot, functions=names).program
-    found = {name: count_operations(program.function(name).nodes()).total for name in names}
-    assert list(found.values()) == [1610, 722, 962, 2246, 983, 49, 1139]
-    (matrix,) = program.function("mass_matrix").outputs
-    between = {matrix.entries[20 * i + j] for i in range(6, 13) for j in range(13, 20)}
-    assert between == {Number(0.0)}
-    tape = Tape()
-    factorised = factorised_dynamics(SymbolicRobot.of(robot, tape), most=10**9)
-    assert operations(tape, factorised) > 1.5 * found["forward_dynamics"]
-
-
-@pytest.mark.slow
 def test_forty_rotors_cost_the_same_as_four() -> None:
     four, forty = counts(3, rotors=4), counts(3, rotors=40)
     for name in REDUCED:
         assert four[name] == forty[name], name
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("rotors", [3])
-def test_sums_over_the_arms_vanish_for_every_rotor_count(rotors: int) -> None:
-    """Also where the constrained angles are no multiples of 30° or 45°."""
-    expected, found = counts(2, rotors=6), counts(2, rotors=rotors)
-    for name in REDUCED:
-        assert found[name] == expected[name], name
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("links", [3])
-def test_wrenches_cost_what_it_takes_to_carry_them_in(links: int) -> None:
-    """They are loads of links like thrusts, so that dynamics with them takes little more.
-
-    Each of the two frames takes 30 operations to turn its wrench and at most 15 to shift and add
-    it; a joint on the way takes at most 20 to pass it on.
-    """
-    found = counts(links, functions=EVERY_GROUP)
-    most = 2 * (30 + 15) + 20 * links
-    assert found["forward_dynamics_with_wrenches"] - found["forward_dynamics"] <= most
-    assert found["gravity_forces"] < found["centre_of_mass_jacobian"]

@@ -182,4 +182,3 @@ def test_all_back_ends_are_accurate_ever_nearer_to_the_singularity(
     compiled = load(emitted.folder, backend="c")
     calls = module_calls("NumPy", emitted.module) | module_calls("C", compiled)
     check(emitted, states(emitted, NEARER, np.float64), calls, np.float64)
-    check_single(emitted, NEARER)

@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 from fractions import Fraction
-from pathlib import Path
 
 import mpmath
 import numpy as np
 import pytest
-from support.compiled import Emitted, Library, emit
 from support.high_precision import DIGITS, evaluated, prepared
 
 from gibbs_codegen.derivation.derive import derive
@@ -105,36 +103,3 @@ def test_mass_matrix_keeps_its_digits(alpha_deg: int, joint: str) -> None:
             assert largest_error(found, exact, terms(robot, q)) <= 1e-14, (moments, q)
             if joint == "revolute":
                 assert abs(found[5, 5] - moments[2]) <= 3e-16 * moments[2]
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("real", [np.float64])
-@pytest.mark.parametrize(
-    ("compiler", "options"),
-    [("gcc", "-O2")],
-)
-def test_constants_that_c_computes_keep_their_digits(
-    compiler: str, options: str, real: type[np.floating], tmp_path: Path
-) -> None:
-    """In both precisions, also where compilers may reorder sums."""
-    emitted = emit(carrying(SPHERE, 90, "revolute"), tmp_path / "slender")
-    single = [emitted.single] if real is np.float32 else []
-    path = tmp_path / "robot.so"
-    library = Library(emitted, path, compiler, ["-Wno-error", *options.split(), *single], real)
-    for moments in shapes():
-        check_compiled(emitted, library, moments)
-
-
-def check_compiled(emitted: Emitted, library: Library, moments: tuple[float, ...]) -> None:
-    robot = carrying(RigidBody(0.3, 1.0, inertia=(*moments, 0, 0, 0)), 90, "revolute")
-    names = [f"link3_inertia_{axes}" for axes in ("xx", "yy", "zz")]
-    parameters = emitted.model.defaults | dict(zip(names, moments, strict=True))
-    parameters = {name: float(library.real(value)) for name, value in parameters.items()}
-    status, library.constants = library.init(list(parameters.values()))
-    assert status == 0
-    q = np.linspace(-1.0, 1.1, 9).astype(library.real).astype(float)
-    signature = next(s for s in emitted.signatures() if s.name == "mass_matrix")
-    (found,) = library.one(signature, [q[None]])
-    exact = exact_mass_matrix(emitted.model.program, parameters, q)
-    limit = 1e-5 if library.real is np.float32 else 1e-14
-    assert largest_error(found[0].astype(float), exact, terms(robot, q)) <= limit, moments

@@ -37,16 +37,6 @@ def tree(request: pytest.FixtureRequest) -> tuple[ModuleType, tuple[Array, Array
     return case(*request.param)
 
 
-@pytest.mark.slow
-def test_euler_is_semi_implicit(tree) -> None:
-    """Velocities first, which then carry the coordinates."""
-    module, (q, v, u) = tree
-    found, velocities = module.step_euler(q, v, u, STEP)
-    expected = v + STEP * module.forward_dynamics(q, v, u)
-    assert_close("v", velocities, expected)
-    assert_close("q", found, module.integrate(q, STEP * expected))
-
-
 def test_runge_kutta_is_of_fourth_order(tree) -> None:
     """A step of half the length errs a thirty-second."""
     module, state = tree

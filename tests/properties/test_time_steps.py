@@ -27,7 +27,7 @@ METHODS = ["euler", "rk4"]
 LOW, HIGH = -0.9, 0.9
 
 
-@pytest.fixture(scope="module", params=["xyz", "quaternion"])
+@pytest.fixture(scope="module", params=["quaternion"])
 def emitted(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Emitted:
     """A small robot with all time steps."""
     robot = paper_family(3, 1)

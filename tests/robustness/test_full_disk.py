@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
 from conftest import ROOT
-from support.command import ENVIRONMENT, run
 from support.small_disk import on_small_disk
 from support.tools import tool
 
@@ -75,26 +72,6 @@ def test_numpy_serves_until_there_is_room(kibibytes: int, tmp_path: Path) -> Non
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("kibibytes", "options"),
-    [(16, "--no-figures")],
-)
-def test_no_results_rather_than_half_of_them(kibibytes: int, options: str, tmp_path: Path) -> None:
-    """Where the series do not fit, the film, or some figure."""
-    script = (
-        f'"$PYTHON" -m gibbs_codegen simulate {MODULE} --backend numpy --set duration=0.3 '
-        f"--out disk/flight {options}"
-    )
-    done = on_small_disk(tmp_path, kibibytes, script)
-    assert done.code == 1
-    assert "Traceback" not in done.error
-    assert "No space left on device" in done.error
-    assert "disk/flight" in done.error
-    assert done.out == ""
-    assert done.left == []
-
-
-@pytest.mark.slow
 def test_a_sweep_says_what_a_full_disk_says(tmp_path: Path) -> None:
     script = """cat > fill.py << 'END'
 from gibbs_codegen.flight.sweeps.chunks import Store
@@ -111,16 +88,3 @@ END
         "disk: cannot be written: No space left on device; what was done is kept, and the same "
         "call goes on from there\n"
     )
-
-
-@pytest.mark.slow
-@pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full")
-def test_a_module_whose_message_finds_no_room_is_whole(tmp_path: Path) -> None:
-    command = f"{sys.executable} -m gibbs_codegen generate hexarotor --target numpy > /dev/full"
-    done = subprocess.run(
-        ["bash", "-c", command], cwd=tmp_path, env=ENVIRONMENT, capture_output=True, text=True
-    )
-    assert done.returncode == 1
-    assert done.stderr == "gibbs-codegen: output: No space left on device\n"
-    checked = run("generate", "hexarotor", "--target", "numpy", "--check", cwd=tmp_path)
-    assert checked.returncode == 0

@@ -42,7 +42,7 @@ def test_generate_and_simulate_with_numpy_alone(tmp_path: Path) -> None:
     generate = ("generate", "quadrotor_2link", "--target", "numpy", "--no-verify")
     fly = (*FLY, "quadrotor_2link", "--backend", "numpy")
     # Twice, so that the second replaces what the first has left.
-    for command in (generate, generate, (*fly, "--no-figures"), fly):
+    for command in (generate, generate, fly):
         succeeds(*command, cwd=tmp_path)
     for name in ("flight.csv", "snapshots.pdf"):
         assert (tmp_path / "flight" / name).stat().st_size

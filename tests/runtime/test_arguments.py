@@ -39,7 +39,7 @@ def fuzz(examples: int) -> None:
 
 @pytest.mark.slow
 def test_random_calls_give_the_right_result_or_are_refused_by_name() -> None:
-    fuzz(300)
+    fuzz(100)
 
 
 @pytest.fixture(scope="module")

@@ -116,19 +116,6 @@ def test_both_back_ends_agree(name: str, backends, states: dict[str, np.ndarray]
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    "robot",
-    ["hexarotor"],
-)
-def test_both_back_ends_agree_on_other_robots(robot: str, shipped) -> None:
-    numpy = shipped(robot)
-    compiled = compiled_of(numpy)
-    at = random_states(numpy)
-    for signature in module_signatures(numpy):
-        assert disagreement(signature.name, numpy, compiled, at) < 1e-14, signature.name
-
-
-@pytest.mark.slow
 def test_one_state_equals_a_batch(backends, states: dict[str, np.ndarray]) -> None:
     compiled = backends[1]
     for signature in module_signatures(compiled):
@@ -364,7 +351,7 @@ def test_without_extension_calls_are_as_cheap(states: dict[str, np.ndarray]) -> 
 
 @pytest.mark.slow
 def test_functions_of_nine_arrays_take_batches(tmp_path: Path) -> None:
-    names = [f"forward_dynamics_with_wrenches_{kind}" for kind in ("derivatives", "jvp", "vjp")]
+    names = [f"forward_dynamics_with_wrenches_{kind}" for kind in ("vjp",)]
     options = {"functions": ["forward_dynamics_with_wrenches"], "verify": False}
     folder = generate("quadrotor_2link", tmp_path, derivatives=names, **options)
     numpy = load(folder)

@@ -32,7 +32,7 @@ def test_a_step_in_c_is_that_of_numpy(method: str) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("scenario", ["paper", "inspection"])
+@pytest.mark.parametrize("scenario", ["paper"])
 def test_rates_of_a_closed_loop_are_those_of_the_flight(scenario: str) -> None:
     module = load(GENERATED / "hexarotor_3link", "numpy")
     start = flight_start(module, read_scenario(scenario), lambda *_: None, own=False)

@@ -100,7 +100,6 @@ def test_functions_give_what_they_give_for_one_state_at_a_time(
 @pytest.mark.slow
 def test_actuators_have_numbers_of_each_state(tmp_path: Path) -> None:
     folder = emit_labelled(ACTUATED, tmp_path / "module").folder
-    assert_as_one_at_a_time(load(folder), load(folder))
     assert_as_one_at_a_time(load(folder), load(folder, backend="c"))
 
 

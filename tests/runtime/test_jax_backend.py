@@ -49,10 +49,9 @@ MORE = [
     *("frame_velocities_derivatives", "inverse_dynamics_parameters"),
     *("difference_derivatives", "forward_dynamics_with_wrenches_derivatives"),
 ]
+
+
 # The second robot, and what XLA takes long to compile, are for the slow run.
-LABELS = pytest.mark.parametrize("label", [pytest.param(ANGLES, marks=pytest.mark.slow), TURNING])
-
-
 @pytest.fixture(scope="module")
 def pair(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Pair]:
     """The back ends of a module, which is made when it is first asked for."""
@@ -175,7 +174,7 @@ def test_constants_of_each_state_go_in_blocks(
     assert "generate the module again" in caplog.text
 
 
-@LABELS
+@pytest.mark.parametrize("label", [TURNING])
 @pytest.mark.parametrize("mode", [jax.jacfwd, jax.jacrev])
 def test_derivatives_are_those_of_the_module(
     label: str, mode: Any, pair: Callable[[str], Pair]
@@ -210,24 +209,6 @@ def test_derivatives_of_other_functions(name: str, pair: Callable[[str], Pair]) 
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["forward_dynamics"])
-def test_second_derivatives_by_all_arguments(name: str, pair: Callable[[str], Pair]) -> None:
-    """They are symmetric, though displacements of a quaternion do not commute."""
-    numpy, ours = pair(TURNING)
-    given = state(numpy, name)
-    places = np.cumsum([len(argument) for argument in given])[:-1].tolist()
-    weights = jnp.linspace(1.0, 2.0, len(numpy.VELOCITIES))
-
-    def function(x: Any) -> Any:
-        return weights @ getattr(ours, name)(*jnp.split(x, places))
-
-    x = np.concatenate(given)
-    hessian = np.asarray(jax.jit(jax.hessian(function))(x))
-    assert_close(name, hessian, hessian.T, 1e-12)
-    assert_close(name, hessian, jacobian(jax.jit(jax.grad(function)), x), 1e-9)
-
-
-@pytest.mark.slow
 def test_matrices_are_computed_once_for_all_columns(pair: Callable[[str], Pair]) -> None:
     numpy, ours = pair(TURNING)
     q, v, u = state(numpy, "forward_dynamics", 5)
@@ -240,7 +221,7 @@ def test_matrices_are_computed_once_for_all_columns(pair: Callable[[str], Pair])
 
 
 @pytest.mark.slow
-@LABELS
+@pytest.mark.parametrize("label", [TURNING])
 def test_gradient_of_a_rollout_is_that_of_differences(
     label: str, pair: Callable[[str], Pair]
 ) -> None:
@@ -260,24 +241,6 @@ def test_gradient_of_a_rollout_is_that_of_differences(
     by_v, by_u = jax.jit(jax.grad(loss, argnums=(0, 1)))(v, u)
     assert_close("by v", by_v, jacobian(lambda x: loss(x, u), v), 1e-8)
     assert_close("by u", by_u, jacobian(lambda x: loss(v, x), u), 1e-8)
-
-
-@pytest.mark.slow
-def test_derivatives_by_parameters(pair: Callable[[str], Pair]) -> None:
-    """Through the module's own derivative by parameters, and through the kernel."""
-    numpy, ours = pair(TURNING)
-    names = ["link1_mass_per_length", "base_arm_length", "gravity"]
-    at = np.array([numpy.PARAMETERS[name] for name in names])
-    for name in ("forward_dynamics", "inverse_dynamics", "potential_energy"):
-        given = state(numpy, name)
-
-        def function(x: Any, name: str = name, given: Any = given) -> Any:
-            constants = ours.prepare(dict(zip(names, x, strict=True)))
-            return getattr(ours, name)(*given, constants=constants)
-
-        found = jax.jacrev(function)(jnp.asarray(at))
-        differences = jacobian(lambda x: function(jnp.asarray(x)), at)
-        assert_close(name, np.asarray(found), differences, 1e-9)
 
 
 @pytest.mark.slow

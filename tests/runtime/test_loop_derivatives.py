@@ -157,7 +157,7 @@ class Cost:
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "rounding"),
-    [("hexarotor_3link", 1e-8)],
+    [("hexarotor", 1e-8)],
 )
 def test_costs_of_closed_loops_have_the_gradients_of_complex_steps(
     name: str, rounding: float, jax_in_double_precision: ModuleType

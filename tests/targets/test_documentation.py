@@ -10,30 +10,12 @@ from support.actuated import actuated
 from support.derived import derived
 
 from gibbs_codegen.interface import FUNCTIONS, Output, Row
-from gibbs_codegen.program.choice import chosen_derivatives
 from gibbs_codegen.robot.description import Description
 from gibbs_codegen.robot.family import paper_family
 from gibbs_codegen.robot.file import parse_robot, read_robot
 from gibbs_codegen.robot.model import Constraint, Robot
 from gibbs_codegen.targets.documentation import attitude_lines, attitude_text, output_text
 from gibbs_codegen.targets.registry import find_targets, render_module
-
-
-@pytest.mark.slow
-def test_emitted_functions_are_those_of_the_table() -> None:
-    program = derived(actuated(), derivatives="all").program
-    offered, known = chosen_derivatives("all"), Description(actuated())
-    # A derivative brings the function whose derivative it is.
-    brought = {*offered, *(FUNCTIONS[name].derivative_of for name in offered)}
-    there = {*known.frames, *(name for name, listed in known.lists().items() if listed)}
-    assert [function.name for function in program.functions] == [
-        row.name
-        for row in FUNCTIONS.values()
-        if (not row.on_request or row.name in brought) and not row.composed
-        if there.issuperset(row.needs)
-    ]
-    for function in program.functions:
-        assert len(FUNCTIONS[function.name].outputs) == len(function.outputs)
 
 
 @pytest.mark.parametrize("described", FUNCTIONS.values(), ids=FUNCTIONS)

@@ -144,14 +144,6 @@ def test_an_object_has_no_variables_calls_nothing_foreign_and_keeps_to_its_stack
     assert_stack_as_stated(build)
 
 
-@pytest.mark.slow
-@objects(("hexarotor_3link",), DESKTOP)
-def test_the_desktop_keeps_to_the_stated_stack_too(
-    shipped: Shipped, name: str, target: Target, tmp_path: Path
-):
-    assert_stack_as_stated(compiled(shipped(name), target, tmp_path))
-
-
 def assert_stack_as_stated(build: Build) -> None:
     """No function for one state takes more than its comment states, and floats half of it."""
     taken = build.stack()

@@ -162,7 +162,7 @@ def check(folder: Path, unzipped: Path) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["quadrotor", "actuated"])
+@pytest.mark.parametrize("name", ["quadrotor"])
 def test_descriptions_and_sources(made: Make, name: str, tmp_path: Path) -> None:
     check(made(name)[1], tmp_path)
 
@@ -180,8 +180,6 @@ def law(robot: ModuleType, q: Array, v: Array, wanted: Sequence[Array]) -> Array
     [
         pytest.param(3, "modelExchange", 0.2, marks=pytest.mark.slow),
         (2, "coSimulation", 0.2),
-        pytest.param(3, "coSimulation", 2.0, marks=pytest.mark.slow),
-        pytest.param(2, "modelExchange", 2.0, marks=pytest.mark.slow),
     ],
 )
 def test_circle_is_that_of_simulate(

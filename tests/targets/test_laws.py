@@ -240,9 +240,7 @@ def test_inputs_that_are_no_numbers_are_told(case: Case, tmp_path: Path) -> None
     assert np.isnan(InC(case, "gcc", np.float64, tmp_path).run(given)[1]).any()
 
 
-@pytest.mark.parametrize(
-    ("compiler", "level", "single"), [("g++", "-O2", True), ("clang++", "-O0", False)]
-)
+@pytest.mark.parametrize(("compiler", "level", "single"), [("g++", "-O1", True)])
 def test_laws_compile_silently_as_cpp_too(
     compiler: str, level: str, single: bool, case: Case, tmp_path: Path
 ) -> None:
@@ -316,13 +314,6 @@ def test_laws_run_on_microcontrollers(case: Case) -> None:
             "fully actuated.*force along x.*choose geometric",
         ),
         ("hexarotor_3link", ["geometric"], ["c"], "command all directions; choose computed_torque"),
-        pytest.param(
-            "hydrus",
-            ["computed_torque"],
-            ["c"],
-            "fully actuated.*choose geometric",
-            marks=pytest.mark.slow,
-        ),
         (
             "quadrotor",
             ["geometric_force"],

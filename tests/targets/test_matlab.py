@@ -27,8 +27,6 @@ from gibbs_codegen.files.module_writer import differing_files, write_module
 from gibbs_codegen.files.templating import render
 from gibbs_codegen.interface import (
     ARGUMENTS,
-    DATA,
-    DATA_ON_REQUEST,
     FUNCTIONS,
     Signature,
     module_signatures,
@@ -130,7 +128,7 @@ def one_axis_of_states(result: np.ndarray, shape: tuple[int, ...]) -> np.ndarray
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("robot", ["tree", "actuated"])
+@pytest.mark.parametrize("robot", ["actuated"])
 def test_numbers_are_those_of_numpy(
     packaged: Callable[[str], Packaged], robot: str, tmp_path: Path
 ) -> None:
@@ -173,20 +171,6 @@ def test_numbers_are_those_of_numpy(
         )
 
 
-@pytest.mark.slow
-def test_empty_brackets_are_an_argument_without_entries(
-    packaged: Callable[[str], Packaged], tmp_path: Path
-) -> None:
-    made = packaged("ball")
-    signature = next(s for s in module_signatures(made.module) if s.name == "forward_dynamics")
-    given = arguments(made.module, signature, COUNT)
-    lines = [f"addpath('{made.folder}');", "a = ball.forward_dynamics(q, v, []);"]
-    pages = {name: as_pages(given[name]) for name in "qv"}
-    (found,) = octave_arrays(tmp_path, pages, lines, ["a"])
-    wanted = as_pages(made.module.forward_dynamics(given["q"], given["v"], given["u"]))
-    np.testing.assert_allclose(found, wanted, rtol=1e-13, atol=1e-13)
-
-
 def every_list() -> dict[Robot, dict[str, Context]]:
     """The lists of robots, with those that a function on request brings."""
     listed = [read_robot(name)[0] for name in shipped_robots()] + [ball()]
@@ -219,20 +203,6 @@ def test_every_list_has_its_names_and_the_units_that_its_kind_has(tmp_path: Path
         wanted.items(), octave_arrays(tmp_path, {}, lines, [*wanted]), strict=True
     ):
         assert tuple(str(cell[0]) for cell in cells.ravel()) == names, key
-
-
-@pytest.mark.slow
-def test_help_names_lists_as_the_package_does(packaged: Callable[[str], Packaged]) -> None:
-    """And no constant of another language."""
-    constants = re.compile(rf"\b({'|'.join((*DATA, *DATA_ON_REQUEST))})\b")
-    for robot in ("ball", SMALL):
-        for path in packaged(robot).folder.rglob("*.m"):
-            own_name, _, text = path.read_text(encoding="utf-8").partition("\n%")[2].partition(" ")
-            assert own_name == path.stem.upper()
-            assert constants.findall(text) == [], path
-    folder = packaged("ball").folder / "+ball"
-    text = (folder / "regressor.m").read_text(encoding="utf-8").replace("%", "")
-    assert "each by each of base_parameter_names" in " ".join(text.split())
 
 
 def test_default_parameters_lists_and_patterns(

@@ -95,8 +95,8 @@ def falling() -> Robot:
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("robot", "zeros"),
-    [(actuated(), True), (falling(), False), (by_rates(), False), (by_rates(), True)],
-    ids=["zeros", "falling", "rates", "zeros with rates"],
+    [(falling(), False), (by_rates(), True)],
+    ids=["falling", "zeros with rates"],
 )
 def test_other_curves_and_servos_and_zeros_that_are_parameters_pass(
     robot: Robot, zeros: bool
@@ -154,11 +154,9 @@ def test_each_number_of_actuators_counts(expected: Wanted) -> None:
     assert wrong(front_left_time_up=0.05, front_left_time_down=0.03) == {"actuator_rates"}
 
 
-@pytest.mark.parametrize(
-    ("faults", "least"), [(20, 20), pytest.param(200, 198, marks=pytest.mark.slow)]
-)
+@pytest.mark.parametrize(("faults", "least"), [(20, 20)])
 def test_planted_faults_are_found(faults: int, least: int, expected: Wanted) -> None:
-    """One sign, index or name altered; two of 200 change no value."""
+    """One sign, index or name altered."""
     text = source(actuated())
     begin, functions = text.index("\ndef _thrusts_of("), text.index("\ndef actuator_state_of(")
     assert failing(module_of(text), expected) == set()

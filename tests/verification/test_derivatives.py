@@ -49,12 +49,6 @@ def test_what_is_right_passes() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("attitude", ["xyz"])
-def test_every_derivative_that_is_right_passes(attitude: str) -> None:
-    refuse_wrong(vehicle(attitude), source(attitude, "all"))
-
-
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("attitude", "derivatives", "faults", "least"),
     [("xyz", QUICKLY, 4, 4)],

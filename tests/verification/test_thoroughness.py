@@ -128,68 +128,6 @@ def test_one_state_with_constants_of_its_own(copied: Path) -> None:
     assert failing(copied) == OF_PARAMETERS
 
 
-C_FAULTS = {
-    # Where, what becomes what, at which of its occurrences, and against what it is found.
-    "fill_lanes": ("lane < filled ? lane", "lane < filled ? 0 * lane", 0, "last block not full"),
-    "pack": ("state * width + i]", "state * width]", 0, "the header"),
-    "unpack": ("rows[state * width + i] =", "rows[state * width] =", 0, "the header"),
-    "a last block": (
-        "const size_t rest = count % LANES;",
-        "const size_t rest = count < LANES ? count % LANES : 0;",
-        3,
-        "last block not full",
-    ),
-    "constants of one state": (
-        "    real angle[5], sine[5], cosine[5];",
-        "    constants = &quadrotor_2link_default_constants;\n"
-        "    real angle[5], sine[5], cosine[5];",
-        0,
-        "other parameters",
-    ),
-    "far angles of one state": (
-        "library_sine_cosine(count, angle, sine, cosine);",
-        "library_sine_cosine(count, angle, cosine, sine);",
-        0,
-        "any angles",
-    ),
-    "far angles of blocks": (
-        "library_sine_cosine(count, angle, sine, cosine);",
-        "library_sine_cosine(count, angle, cosine, sine);",
-        1,
-        "any angles",
-    ),
-    "constants of each state": ("constants + lane", "constants", 0, "constants of each state"),
-    "series of floats": ("R(0.008332175", "R(-0.008332175", 0, "single precision"),
-    "far angles of floats": (
-        "#define LIBRARY(function) function##f",
-        "#define LIBRARY(function) function##f\n#define sinf cosf",
-        0,
-        "single precision",
-    ),
-}
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    "name",
-    ["fill_lanes"],
-)
-def test_what_only_a_c_program_uses(name: str, copied: Path) -> None:
-    tool("cc")
-    old, new, place, against = C_FAULTS[name]
-    plant(copied / "quadrotor_2link.c", old, new, place)
-    assert against in failing(copied, "c")
-
-
-@pytest.mark.slow
-def test_single_precision_that_does_not_compile_fails(copied: Path) -> None:
-    tool("cc")
-    plant(copied / "quadrotor_2link.c", "typedef uint32_t bits;", "typedef no_such_type bits;")
-    found = verify(copied, states=1, backends=["c"])
-    # The source of rollouts includes what does not compile.
-    assert [c.what for _, c in found.failures] == ["single precision", "rollouts"]
-
-
 @pytest.mark.parametrize(
     "script",
     [pytest.param("for last; do :; done; echo x > library.so", id="makes no library")],
@@ -242,18 +180,6 @@ def test_what_single_precision_cannot_hold_is_told(light: bool, copied: Path) ->
     assert found == []
     words = "out of the range" if light else "rounding hides the inertia"
     assert words in said["single precision"]
-
-
-@pytest.mark.slow
-def test_without_other_parameters_in_single_precision_these_are_told(
-    copied: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    tool("cc")
-    answers = iter([True])  # Only the robot's own parameters leave enough digits.
-    monkeypatch.setattr(c_program, "determined", lambda *_: next(answers, False))
-    found = verify(copied, states=1, backends=["c"])
-    assert found.passed
-    assert "rounding hides" in found.not_done["single precision, other parameters"]
 
 
 def with_feelers(mass: float, links: int = 2, rotors: int = 4, chained: bool = False) -> Robot:
