@@ -302,7 +302,9 @@ def _coordinate_curves(flight: Flight, what: str, places: Sequence[int]) -> Curv
 
 def _roll_pitch_yaw(flight: Flight) -> Curves:
     """Curves of the attitude by angles, deg, which do not jump by turns."""
-    desired = roll_pitch_yaw(kinematics_of(flight.layout).rotation(flight.q_desired))
+    known = np.isfinite(flight.q_desired).all(axis=1)  # A log may not have it.
+    desired = np.full_like(flight.roll_pitch_yaw, np.nan)
+    desired[known] = roll_pitch_yaw(kinematics_of(flight.layout).rotation(flight.q_desired[known]))
     actual, desired = (
         np.degrees(np.unwrap(each, axis=0)) for each in (flight.roll_pitch_yaw, desired)
     )
