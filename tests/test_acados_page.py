@@ -29,6 +29,7 @@ def robot(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFacto
     return generate(request.param, out, derivatives=wanted, verify=False)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("parameters", [True])
 def test_models_of_the_page_are_the_equations_of_motion(
     robot: Path, parameters: bool, monkeypatch: pytest.MonkeyPatch, tmp_path: Path

@@ -66,6 +66,7 @@ def test_the_flight_arrives_within_its_limits(page: dict[str, Any]) -> None:
     assert np.linalg.norm(page["state"].diff(goal, flight.xs[0])) > 1.0
 
 
+@pytest.mark.slow
 def test_derivatives_are_crocoddyls_own(page: dict[str, Any], own: Any) -> None:
     arguments = page["state"], page["costs"](1.0), page["hover"].limits
     models = page["Dynamics"](*arguments), own(*arguments)
@@ -77,6 +78,7 @@ def test_derivatives_are_crocoddyls_own(page: dict[str, Any], own: Any) -> None:
             assert_allclose(getattr(ours, name), expected, rtol=0.0, atol=atol, err_msg=name)
 
 
+@pytest.mark.slow
 def test_derivatives_are_those_of_differences(page: dict[str, Any]) -> None:
     import crocoddyl
 
@@ -93,6 +95,7 @@ def test_derivatives_are_those_of_differences(page: dict[str, Any]) -> None:
                 assert_allclose(getattr(ours, name), expected, rtol=0.0, atol=atol, err_msg=name)
 
 
+@pytest.mark.slow
 def test_crocoddyls_own_model_flies_the_same(page: dict[str, Any], own: Any) -> None:
     import crocoddyl
 

@@ -151,6 +151,7 @@ def test_c_program_that_sends_commands(tmp_path: Path) -> None:
     assert np.allclose(found, expected, rtol=1e-9)
 
 
+@pytest.mark.slow
 def test_c_program_with_derivatives(tmp_path: Path) -> None:
     """Gravity turns with the base: the acceleration along x by the angle about y is g."""
     generate("quadrotor", tmp_path, derivatives="forward_dynamics_derivatives")
@@ -201,7 +202,7 @@ def test_commands_are_what_a_shell_reads(page: str) -> None:
 @pytest.mark.parametrize(
     "page",
     [
-        "docs/howto/actuators.md",
+        pytest.param("docs/howto/actuators.md", marks=pytest.mark.slow),
         "docs/howto/latex.md",
         pytest.param("docs/howto/verification.md", marks=pytest.mark.slow),
     ],

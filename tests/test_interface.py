@@ -63,6 +63,7 @@ def test_every_output_has_its_derivation_and_no_other_is_there() -> None:
     assert {name for row in rows for name in row.derivations} == set(DERIVATIONS)
 
 
+@pytest.mark.slow
 def test_every_target_has_a_function_that_was_added(folder: Path) -> None:
     numpy, source, header = (
         (folder / name).read_text(encoding="utf-8")
@@ -125,6 +126,7 @@ def test_verify_finds_what_is_wrong_with_it(
     assert {c.against for c in failed} == {against, f"{against}, other parameters"} | also
 
 
+@pytest.mark.slow
 def test_a_derivation_that_contradicts_the_table_is_an_error(
     added: None, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -494,6 +494,7 @@ def test_a_terminal_is_filled_and_not_overrun(columns: int, tmp_path: Path) -> N
     assert min(columns, 100) - 20 < widest <= min(columns, 100)
 
 
+@pytest.mark.slow
 def test_show_prints_the_equations_of_a_chain(tmp_path: Path) -> None:
     done = run("show", "hexarotor_3link", "--chain", "5", cwd=tmp_path)
     assert done.returncode == 0

@@ -85,6 +85,7 @@ def test_the_force_of_every_wall_is_told(workplace: Path) -> None:
     assert forces[-1] > 5.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("felt", "told"), [pytest.param(0.6, True, marks=pytest.mark.slow), (2.0, False)]
 )

@@ -123,7 +123,11 @@ def test_a_robot_file_is_verified_without_leaving_anything(
     ("arguments", "message"),
     [
         (["nothing_here"], "no such robot file"),
-        (["quadrotor_2link", "--states", "0"], "states: from 1 to 10000, not 0"),
+        pytest.param(
+            ["quadrotor_2link", "--states", "0"],
+            "states: from 1 to 10000, not 0",
+            marks=pytest.mark.slow,
+        ),
         (["quadrotor_2link", "--seed", "-1"], "seed: "),
         (["."], "no generated module there"),
         (["."], "make one with: gibbs-codegen generate ROBOT.toml"),

@@ -102,6 +102,7 @@ def compare(robot: Robot, keep_zeros: bool = False, states: int = 2) -> None:
             assert relative(one, other) < TOLERANCE, robot
 
 
+@pytest.mark.slow
 def test_both_ways_give_what_pinocchio_gives() -> None:
     for robot in RANDOM_ROBOTS[:4]:
         compare(robot)

@@ -132,6 +132,7 @@ def check_chains(robot: Robot) -> None:
         assert np.linalg.norm(ours - theirs) <= 1e-12 * max(1.0, float(np.linalg.norm(theirs)))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "robot",
     [pytest.param(read_robot("hexarotor_3link")[0], marks=pytest.mark.slow), paper_family(4, 2)],

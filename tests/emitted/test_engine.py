@@ -111,6 +111,7 @@ def step_of(name: str, fast: Callable[[str], ModuleType]) -> tuple[Any, Program,
     return found.plant, found.step(), Path(module.__path__[0])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "lanes"), [("limits", 8), pytest.param("geometric", 1, marks=pytest.mark.slow)]
 )

@@ -151,6 +151,7 @@ direction = "y"
 """
 
 
+@pytest.mark.slow
 def test_rods_keep_their_lengths_and_rotors_their_thrusts(folder: Path) -> None:
     """A crane by Denavit and Hartenberg on the middle of another: each is where it is by itself."""
     (folder / "crane.toml").write_text(CRANE)

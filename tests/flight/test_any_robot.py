@@ -91,6 +91,7 @@ def test_a_quaternion_flies_where_angles_are_singular(compiled: Load, fast: Load
         simulate(fast("hexarotor_3link"), scenario)
 
 
+@pytest.mark.slow
 def test_errors_under_control_decay_as_the_gains_say(compiled: Load) -> None:
     """From rest each obeys ë + 2 w ė + w² e = 0, the attitude's along its rotation vector."""
     start = {"offset": [0.2, 0.1, -0.1], "turn_deg": [60, 80, 30]}

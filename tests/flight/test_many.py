@@ -91,6 +91,7 @@ def test_each_flight_is_that_of_its_scenario(fast: Load, name: str) -> None:
         _assert_same(flight, simulate(module, scenario), tolerance)
 
 
+@pytest.mark.slow
 def test_one_that_cannot_fly_and_one_that_is_lost_change_no_other(fast: Load) -> None:
     module = fast("hexarotor_3link")
     weak = replace(_scenario().motors, limits=(-30.0, 30.0))

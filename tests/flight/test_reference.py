@@ -356,6 +356,7 @@ def test_arms_that_ship_hang(shipped: Callable[[str], ModuleType], name: str) ->
     assert_hangs(vehicle, free(vehicle))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("sequence", ["zyx"])
 def test_any_arm_hangs(sequence: str, tmp_path_factory: pytest.TempPathFactory) -> None:
     vehicle = random_vehicle(SEEDS[sequence], tmp_path_factory)

@@ -87,6 +87,7 @@ def test_all_that_is_lacking_is_told_at_once_with_what_keeps_the_rest() -> None:
         require_functions(bare, ["mass_matrix", *HOLDING[:2], "base_parameters"])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("backend", ["numpy"])
 def test_what_a_module_lacks_is_told_with_the_option_that_adds_it(
     backend: str, folder: Path, names: list[str]

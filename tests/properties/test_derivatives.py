@@ -80,6 +80,7 @@ def tree(request: pytest.FixtureRequest) -> Case:
     return case(*request.param)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "function",
     [
@@ -103,6 +104,7 @@ def test_products_with_jacobians_are_those_of_the_jacobians(function: str, tree:
         assert_close(f"{by}_bar", pulled.ravel(), whole, TOLERANCE)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("size", [0.0, 1e-160, 1e-9, 1e-5, 1e-3, 0.1, 0.999, 1.001, 3.0])
 def test_derivatives_of_difference_are_those_that_integrate_takes_back(
     size: float, tree: Case
@@ -138,6 +140,7 @@ def gradient_rates(tree: Case, function: str) -> Array:
     return found
 
 
+@pytest.mark.slow
 def test_hessian_of_inverse_dynamics_is_the_derivative_of_the_gradient(tree: Case) -> None:
     size = len(tree.state["v"])
     q, v, a = (slice(k * size, (k + 1) * size) for k in range(3))
@@ -154,6 +157,7 @@ def mass_matrix_rate(tree: Case) -> Array:
     return tree.by("mass_matrix", "q")[0] @ tree.state["v"]
 
 
+@pytest.mark.slow
 def test_coriolis_matrix_leaves_energy_alone(tree: Case) -> None:
     (coriolis,) = tree.call("coriolis_matrix")
     skew = mass_matrix_rate(tree) - 2 * coriolis
@@ -165,6 +169,7 @@ def test_coriolis_matrix_leaves_energy_alone(tree: Case) -> None:
     assert_close("C v", coriolis @ v, effects, TOLERANCE)
 
 
+@pytest.mark.slow
 def test_patterns_are_the_entries_that_are_not_always_zero(tree: Case) -> None:
     """Off the pattern everything is exactly zero; nothing on it is zero at every state."""
     samples = random_states(tree.robot, tree.module, 20, seed=3)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pytest
 from conftest import ROOT
 from support.comparison import compare
 
@@ -12,6 +13,7 @@ from gibbs_codegen.runtime.load import load
 COMMITTED = "hexarotor_3link"
 
 
+@pytest.mark.slow
 def test_committed_module_is_up_to_date() -> None:
     robot, text = read_robot(COMMITTED)
     differing = check_robot(robot, text, ROOT / "generated")[1]

@@ -38,6 +38,7 @@ COUNTED = (
 )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("robot", "reached"),
     [(benchmark_robot(3), (323, 130, 211, 353, 248, 58, 270, 114))],

@@ -38,6 +38,7 @@ def test_forces_by_parameters(tree) -> None:
     assert_close("force_dp", ours, expected, TOLERANCE)
 
 
+@pytest.mark.slow
 def test_accelerations_by_parameters(tree) -> None:
     robot, module = tree
     at = first_state(robot, module)
@@ -47,6 +48,7 @@ def test_accelerations_by_parameters(tree) -> None:
     assert_close("p_bar", ours, w @ expected, TOLERANCE)
 
 
+@pytest.mark.slow
 def test_regressor_times_base_parameters_is_inverse_dynamics(tree) -> None:
     """But for what acts in the joints by itself; no column depends on the others."""
     robot, module = tree

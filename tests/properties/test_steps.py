@@ -37,6 +37,7 @@ def tree(request: pytest.FixtureRequest) -> tuple[ModuleType, tuple[Array, Array
     return case(*request.param)
 
 
+@pytest.mark.slow
 def test_runge_kutta_is_of_fourth_order(tree) -> None:
     """A step of half the length errs a thirty-second."""
     module, state = tree

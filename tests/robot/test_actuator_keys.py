@@ -128,6 +128,7 @@ def test_servos_by_rate_are_commanded_rates_within_limits() -> None:
         assert module.inputs_of(q, v, x, command)[5] == pytest.approx(force)
 
 
+@pytest.mark.slow
 def test_a_curve_that_falls_beyond_its_commands_is_inverted_where_it_rises() -> None:
     """Its thrusts go up to 9.975 N; beyond 10 N at 1000 rad/s there are none."""
     robot = parse_robot(TEXT.replace(FAST, CURVED))

@@ -49,6 +49,7 @@ def test_base_is_that_of_the_emitted_mass_matrix(seed: int) -> None:
     assert np.allclose(matrix[:3, :3], about_origin[np.ix_(order, order)], atol=1e-12)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("links", [0, pytest.param(2, marks=pytest.mark.slow)])
 def test_hover_thrusts_hold_the_machine(links: int) -> None:
     """With an arm, where it hangs."""

@@ -87,6 +87,7 @@ def test_wrenches_are_those_of_the_emitted_input_matrix() -> None:
     assert np.allclose(wrench_matrix(robot, joints), matrix[:6, : robot.rotors], atol=1e-12)
 
 
+@pytest.mark.slow
 def test_hover_holds_the_machine_with_joints_at_zero() -> None:
     module, layout = emitted_module(DUAL_ARM), layout_of(DUAL_ARM)
     q, still = np.array(layout.neutral), np.zeros(layout.v.size)
@@ -98,6 +99,7 @@ def test_hover_holds_the_machine_with_joints_at_zero() -> None:
     assert np.allclose(module.forward_dynamics(q, still, u), 0.0, atol=1e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("robot", [HYDRUS, EVERYTHING])
 def test_efforts_that_hold_the_joints_are_those_of_the_emitted_functions(robot: Robot) -> None:
     """Also with rotors on links, springs and joints that slide, and thrusts that do not hover."""

@@ -300,6 +300,7 @@ def test_calls_from_many_threads(backends, states: dict[str, np.ndarray]) -> Non
     assert not wrong
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:os.fork")  # JAX, once another test has it imported, warns.
 def test_a_forked_process_has_threads_of_its_own(
     states: dict[str, np.ndarray], monkeypatch: pytest.MonkeyPatch

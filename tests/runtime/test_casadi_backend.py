@@ -104,7 +104,7 @@ def test_every_function_is_that_of_the_numpy_module(
         assert_agree(function(*given, constants=ours.prepare(lengths)), changed, name)
 
 
-@pytest.mark.parametrize("label", [ANGLES, DERIVATIVES])
+@pytest.mark.parametrize("label", [ANGLES, pytest.param(DERIVATIVES, marks=pytest.mark.slow)])
 def test_constants_and_names_are_those_of_the_module(
     label: str, pair: Callable[[str], Pair]
 ) -> None:
@@ -168,6 +168,7 @@ def test_functions_do_not_depend_on_the_length_of_a_quaternion(pair: Callable[[s
         assert np.abs(along).max() < 1e-13 * np.abs(as_tuple(slope)[0].full()).max()
 
 
+@pytest.mark.slow
 def test_integrate_is_smooth_where_nothing_moves(pair: Callable[[str], Pair]) -> None:
     """A solver begins there: no derivative by a displacement of zero is lost."""
     numpy, ours = pair(TREE)

@@ -175,7 +175,7 @@ def test_constants_of_each_state_go_in_blocks(
 
 
 @pytest.mark.parametrize("label", [TURNING])
-@pytest.mark.parametrize("mode", [jax.jacfwd, jax.jacrev])
+@pytest.mark.parametrize("mode", [pytest.param(jax.jacfwd, marks=pytest.mark.slow), jax.jacrev])
 def test_derivatives_are_those_of_the_module(
     label: str, mode: Any, pair: Callable[[str], Pair]
 ) -> None:
@@ -190,6 +190,7 @@ def test_derivatives_are_those_of_the_module(
     assert_close("by q", by_q, jacobian(lambda x: ours.forward_dynamics(x, v, u), q), 1e-10)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "name",
     [pytest.param("frame_velocities", marks=pytest.mark.slow), "forward_dynamics_with_wrenches"],

@@ -135,6 +135,7 @@ def test_a_module_that_is_only_c_is_refused_with_what_it_lacks(
             load(name, backend=backend)
 
 
+@pytest.mark.slow
 def test_a_robot_that_ships_is_generated_once_into_the_cache(
     tmp_path: Path, small: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:

@@ -91,6 +91,7 @@ def check(
         )
 
 
+@pytest.mark.slow
 def test_computed_torque(module: ModuleType, tmp_path: Path) -> None:
     robot = Functions(module)
     q, v = robot.state()
@@ -111,6 +112,7 @@ def test_computed_torque(module: ModuleType, tmp_path: Path) -> None:
     check(law, given, {"robot": module}, tmp_path)
 
 
+@pytest.mark.slow
 def test_the_rate_of_a_closed_loop(module: ModuleType, tmp_path: Path) -> None:
     start = flight_start(module, read_scenario("circle"), lambda *_: None, own=False)
     loop = start.loop
@@ -134,6 +136,7 @@ def small() -> ModuleType:
     return load(ROOT / "generated" / "hexarotor_3link")
 
 
+@pytest.mark.slow
 def test_operations_of_arrays(small: ModuleType, tmp_path: Path) -> None:
     """Of none to three axes: entries row by row, products, parts, sums, functions and choices."""
     a, b, y = variable("a", 3, 4), variable("b", 4, 2, 3), variable("y", 3)
@@ -184,6 +187,7 @@ def test_operations_of_arrays(small: ModuleType, tmp_path: Path) -> None:
     check(slopes, given, {"robot": small}, tmp_path)
 
 
+@pytest.mark.slow
 def test_what_cannot_be_is_said(small: ModuleType, tmp_path: Path) -> None:
     x, robot = variable("x", 2), Functions(small)
     for program, words in (

@@ -258,6 +258,7 @@ def test_derivatives_are_those_of_complex_steps(
         ), name
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "name", ["forward_dynamics", pytest.param("inverse_dynamics", marks=pytest.mark.slow)]
 )

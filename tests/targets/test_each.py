@@ -138,7 +138,7 @@ def test_derivatives_and_time_steps(
     compare(Library(own, tmp_path / "own.so", "gcc", options, real, each=True), own)
 
 
-@pytest.mark.parametrize("count", [1, 7, 8, 9])
+@pytest.mark.parametrize("count", [pytest.param(1, marks=pytest.mark.slow), 7, 8, 9])
 def test_the_first_state_whose_constants_are_of_no_use_is_told(
     count: int, double: tuple[Emitted, Library]
 ) -> None:

@@ -175,6 +175,7 @@ def law(robot: ModuleType, q: Array, v: Array, wanted: Sequence[Array]) -> Array
     return found
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("version", "kind", "duration"),
     [

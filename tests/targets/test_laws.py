@@ -369,6 +369,7 @@ def test_a_module_keeps_its_laws(tmp_path: Path, capsys: pytest.CaptureFixture[s
     assert not (folder / "quadrotor_laws.c").exists()
 
 
+@pytest.mark.slow
 def test_a_target_that_this_version_lacks_is_no_more_repeated(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

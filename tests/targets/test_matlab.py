@@ -205,6 +205,7 @@ def test_every_list_has_its_names_and_the_units_that_its_kind_has(tmp_path: Path
         assert tuple(str(cell[0]) for cell in cells.ravel()) == names, key
 
 
+@pytest.mark.slow
 def test_default_parameters_lists_and_patterns(
     packaged: Callable[[str], Packaged], tmp_path: Path
 ) -> None:
@@ -306,6 +307,7 @@ def test_what_the_page_shows_runs_and_reaches_the_goal(
     assert 0.0 < distance < 1e-3
 
 
+@pytest.mark.slow
 def test_source_keeps_to_what_matlab_has_too(packaged: Callable[[str], Packaged]) -> None:
     """No word of Octave alone, no statement over 100 columns, a file for each function."""
     for robot in ("tree", SMALL):

@@ -37,11 +37,13 @@ def files() -> dict[str, str]:
     return render_module(derived(robot), text, find_targets())
 
 
+@pytest.mark.slow
 def test_a_name_that_the_context_lacks_is_an_error() -> None:
     with pytest.raises(jinja2.UndefinedError):
         render("package_init.py.jinja", {})
 
 
+@pytest.mark.slow
 def test_help_names_every_target(capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit):
         main(["generate", "--help"])
@@ -53,6 +55,7 @@ def test_help_names_every_target(capsys: pytest.CaptureFixture[str]) -> None:
     assert all(f"{name}, which needs {TARGETS[name].needs[0]}" in told for name in needing)
 
 
+@pytest.mark.slow
 def test_templates_take_no_decisions() -> None:
     """A template may leave out a part that the robot lacks, by its name; it compares nothing."""
     for template in (ROOT / "templates").glob("*.jinja"):
@@ -91,6 +94,7 @@ def test_emitted_module_imports_nothing_but_numpy_and_the_standard_library(
     assert imported <= {"numpy", "numpy.typing", *sys.stdlib_module_names, "collections.abc"}
 
 
+@pytest.mark.slow
 def test_header_says_what_the_file_is(files: dict[str, str]) -> None:
     for name in ("numpy_module.py", "__init__.py"):
         head = files[name].splitlines()[:5]
@@ -117,6 +121,7 @@ def test_docstrings_say_what_is_described(files: dict[str, str]) -> None:
         assert f"Source: {described.source}. " in written[name]
 
 
+@pytest.mark.slow
 def test_unknown_target_is_refused_with_the_known_ones() -> None:
     with pytest.raises(UsageError, match="known targets: numpy, c"):
         find_targets(["fortran"])
@@ -178,6 +183,7 @@ def test_a_toy_target_is_a_printer_a_context_and_a_template(
     assert "COS[theta_0]" in files["quadrotor_1link_mass_matrix.toy"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", shipped_robots())
 def test_docstrings_name_every_entry_with_its_unit(name: str, shipped) -> None:
     module: ModuleType = shipped(name)

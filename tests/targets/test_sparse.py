@@ -28,6 +28,7 @@ def emitted(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Emitted]:
         yield emit(robot, tmp_path_factory.mktemp("sparse") / "module", derivatives="all")
 
 
+@pytest.mark.slow
 def test_clang_finds_nothing_amiss_in_the_comments_of_headers(emitted: Emitted) -> None:
     """Its versions before 19 do not know that what stands beside @par is a title."""
     header = emitted.file(".h")
@@ -50,6 +51,7 @@ def matrices(signature: Signature) -> list[str]:
     return [output.name if len(shape) > 1 else "" for output, shape in pairs]
 
 
+@pytest.mark.slow
 def test_they_are_described(emitted: Emitted) -> None:
     header, said = emitted.text(".h"), " ".join(emitted.text(".h").replace("\n *", " ").split())
     for signature in on_demand(emitted):
@@ -74,11 +76,13 @@ def libraries(
     }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("compiler", ["clang"])
 def test_they_compile_silently(compiler: str, emitted: Emitted, tmp_path: Path) -> None:
     compile_only(compiler, ["-O0"], emitted.sources, tmp_path)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("real", [np.float64])
 def test_forms_without_zeros_have_the_entries_of_the_patterns(
     real: type[np.floating], emitted: Emitted, libraries: dict[type[np.floating], Library]
@@ -111,6 +115,7 @@ def test_forms_without_zeros_have_the_entries_of_the_patterns(
     assert compared == {*emitted.module.PATTERNS}
 
 
+@pytest.mark.slow
 def test_patterns_in_c_are_those_of_python(
     emitted: Emitted, libraries: dict[type[np.floating], Library]
 ) -> None:
@@ -127,6 +132,7 @@ def test_patterns_in_c_are_those_of_python(
             assert tuple(found) == places
 
 
+@pytest.mark.slow
 def test_functions_equal_numpy(
     emitted: Emitted, libraries: dict[type[np.floating], Library]
 ) -> None:
@@ -144,6 +150,7 @@ def test_functions_equal_numpy(
                 np.testing.assert_allclose(ours, theirs, rtol=1e-9, atol=1e-10 * size)
 
 
+@pytest.mark.slow
 def test_a_program_may_use_them(emitted: Emitted, tmp_path: Path) -> None:
     size = len(emitted.module.VELOCITIES)
     prefix = emitted.name

@@ -86,6 +86,7 @@ xyz   = [0.1, 0.1, 2]
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("apart", [1e-4, 1e-7])
 def test_points_held_next_to_each_other_pass_and_faults_are_found(apart: float) -> None:
     """Where rounding does not decide what is redundant, digits are lost as rows are conditioned."""

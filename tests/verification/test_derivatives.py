@@ -68,6 +68,7 @@ def test_faults_planted_in_derivatives_are_found(
     assert len(missed) <= faults - least, missed
 
 
+@pytest.mark.slow
 def test_other_faults_are_found() -> None:
     """A transposed matrix, and a pattern that lacks an entry."""
     text = source("xyz", QUICKLY)

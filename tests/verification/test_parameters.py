@@ -44,6 +44,7 @@ def test_names_and_values_of_arms_one_by_one_and_rigid_bodies() -> None:
     assert derive(robot, keep_zeros=True).defaults == values
 
 
+@pytest.mark.slow
 @settings(max_examples=30)
 @given(robot=robots() | trees())
 def test_robots_of_other_numbers_have_those_numbers(robot: Robot) -> None:

@@ -318,6 +318,7 @@ def test_what_cannot_be_verified_is_told(copied: Path, tmp_path: Path) -> None:
         verify(copied)
 
 
+@pytest.mark.slow
 def test_a_module_without_c_says_so(tmp_path: Path) -> None:
     found = verify(generate("hexarotor", tmp_path, ["numpy"]), states=1)
     assert found.passed

@@ -26,6 +26,7 @@ def module(tmp_path_factory: pytest.TempPathFactory) -> ModuleType:
     return emit(robot, folder, derivatives=[*DERIVATIVES, "actuator_rates_derivatives"]).module
 
 
+@pytest.mark.slow
 def test_commands_keep_the_inputs_of_a_trim(module: ModuleType) -> None:
     # Torques that are smaller than what backlash takes, too; and a battery that has sagged.
     for posture in (POSTURE, POSTURE | {"upper": 0.02}):

@@ -104,6 +104,7 @@ def test_a_trim_stands_for_its_state(differentiated: Load) -> None:
     assert all(map(np.array_equal, linearise(module, found, dt=0.1), by_parts))
 
 
+@pytest.mark.slow
 def test_a_trim_is_given_alone_and_of_the_same_robot(differentiated: Load) -> None:
     module = differentiated("quadrotor")
     found = trim(module)

@@ -65,7 +65,15 @@ def test_margins_are_how_far_one_component_reaches(reach, name: str) -> None:
         assert found.margins[place, sign] == pytest.approx(best.x[-1], abs=1e-6)
 
 
-@pytest.mark.parametrize("name", POSTURES)
+@pytest.mark.parametrize(
+    "name",
+    [
+        "quadrotor",
+        pytest.param("hextilt_flying_arm_5", marks=pytest.mark.slow),
+        pytest.param("hydrus", marks=pytest.mark.slow),
+        pytest.param("dual_arm", marks=pytest.mark.slow),
+    ],
+)
 def test_slices_hold_the_rest_as_it_is_at_hover(reach, name: str) -> None:
     found = reach(name)
     for shape, part in ((found.forces, slice(0, 3)), (found.torques, slice(3, 6))):

@@ -215,7 +215,7 @@ def told_and_sent(machine: Machine, motors: list[float], steps: int = 3) -> tupl
     ("place", "rotor"),
     [
         pytest.param(0, "front_right", marks=pytest.mark.slow),
-        (1, "rear_left"),
+        pytest.param(1, "rear_left", marks=pytest.mark.slow),
         (2, "front_left"),
         (3, "rear_right"),
     ],
@@ -336,6 +336,7 @@ def test_sticks_are_linear_between_lines(fast: Load) -> None:
     assert sticks(at._replace(time=0.5)) == [1250, 1500]
 
 
+@pytest.mark.slow
 def test_machines_that_the_firmware_does_not_fly(fast: Load) -> None:
     hexarotor = Machine(fast("hexarotor"), read_scenario("hover", {"motors": {"limits": [0, 20]}}))
     with pytest.raises(UsageError, match=r"hexarotor: .* four rotors as an X"):

@@ -236,6 +236,7 @@ def test_packets_that_are_lost_repeated_foreign_or_garbage(fast: Load) -> None:
     ]
 
 
+@pytest.mark.slow
 def test_a_second_client_and_garbage_do_not_disturb_px4(fast: Load) -> None:
     made, address = link(PX4)
     found, others = machine(fast), []
@@ -285,6 +286,7 @@ def test_the_command_writes_what_simulate_writes(shipped: Load, tmp_path: Path) 
     assert read_flight(tmp_path / "flown" / "flight.npz").time[-1] == pytest.approx(0.2)
 
 
+@pytest.mark.slow
 def test_ctrl_c_ends_the_flight_and_its_record_is_written(shipped: Load, tmp_path: Path) -> None:
     folder = str(Path(shipped(ARM).__file__ or "").parent)
     number, pilot = next(NUMBERS), Pilot(PLACE)

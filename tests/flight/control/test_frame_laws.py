@@ -120,6 +120,7 @@ def test_a_push_is_a_mass_that_pushes_a_spring(name: str, fast: Load) -> None:
     assert tips(module, flight)[:, 0] == pytest.approx(oracle.y[0], abs=1e-6)
 
 
+@pytest.mark.slow
 def test_a_frame_that_begins_deep_in_a_wall_is_noted(fast: Load) -> None:
     module = fast("hexarotor_3link")
     walls = [wall(module, gap) for gap in (0.01, -0.01, -0.18)]
@@ -233,6 +234,7 @@ def test_a_push_ends_and_turns_with_its_axes(fast: Load) -> None:
     assert tips(module, flight)[-1] == pytest.approx(0.0, abs=1e-3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "name", ["hextilt_flying_arm_5", pytest.param("quadrotor_arm_2link", marks=pytest.mark.slow)]
 )
@@ -327,6 +329,7 @@ class Keeps:
         return self.u
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("late", [0.02])
 def test_observations_have_accelerations_wrenches_and_actuators(late: float, fast: Load) -> None:
     module = fast("quadrotor_arm_2link")
@@ -438,10 +441,10 @@ def test_gains_of_a_frame_that_no_step_follows_are_refused(
 @pytest.mark.parametrize(
     ("changes", "refused"),
     [
-        ({"direction": [0, 1, 0]}, True),  # Across the plane of the arm.
+        ({"direction": [0, 1, 0]}, True),
         ({"direction": [0, 2, 0], "axes": "base"}, True),
         ({"direction": [0, 0.1, 1]}, False),
-        ({"direction": [0, 0, 1], "begin": 2}, True),  # Along the arm, which hangs straight then.
+        pytest.param({"direction": [0, 0, 1], "begin": 2}, True, marks=pytest.mark.slow),
     ],
 )
 def test_a_push_that_no_joint_can_exert_is_refused(
@@ -519,6 +522,7 @@ def test_a_base_leans_against_what_its_tip_feels(fast: Load) -> None:
     assert tips(module, flight)[-1] == pytest.approx(force / 50, abs=3e-4)
 
 
+@pytest.mark.slow
 def test_what_pushes_does_not_follow_its_path_into_the_wall(fast: Load) -> None:
     module = fast("hexarotor_3link")
     push = {"value": 3, "direction": [1, 0, 0], "begin": 0.1, "rise": 0.5}

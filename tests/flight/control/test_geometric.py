@@ -118,7 +118,12 @@ def test_without_errors_the_inputs_are_those_that_flew(
 
 
 @pytest.mark.parametrize(
-    ("name", "lag"), [("quadrotor", 0.0), ("dual_arm", 0.0), ("quadrotor", 0.02)]
+    ("name", "lag"),
+    [
+        ("quadrotor", 0.0),
+        pytest.param("dual_arm", 0.0, marks=pytest.mark.slow),
+        ("quadrotor", 0.02),
+    ],
 )
 def test_small_errors_decay_by_the_polynomials(name: str, lag: float, machines: Load) -> None:
     """Eigenvalues of the loop at a hover, by finite differences of its derivative."""
@@ -170,7 +175,9 @@ def test_integrals_decay_by_the_polynomials(machines: Load) -> None:
         assert max(np.min(np.abs(one - each)) for each in other) < 1e-3
 
 
-@pytest.mark.parametrize("name", ["quadrotor", ANGLES, "dual_arm", "hydrus"])
+@pytest.mark.parametrize(
+    "name", ["quadrotor", ANGLES, "dual_arm", pytest.param("hydrus", marks=pytest.mark.slow)]
+)
 def test_from_any_state_joints_and_centre_of_mass_move_as_the_law_says(
     name: str, machines: Load, motions: Callable[[str], Motion]
 ) -> None:

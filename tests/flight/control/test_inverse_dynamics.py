@@ -34,6 +34,7 @@ def test_required_inputs_make_the_motion(name: str, fast: Callable[[str], Module
     assert np.all(np.abs(moved - a).max(axis=1) < 1e-13 * condition)
 
 
+@pytest.mark.slow
 def test_minimum_norm_where_there_are_rotors_to_spare(fast: Callable[[str], ModuleType]) -> None:
     vehicle = Vehicle(fast("decarotor_3link"))
     q, v, a = np.random.default_rng(2).uniform(-1, 1, (3, len(vehicle.coordinates)))

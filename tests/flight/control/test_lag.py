@@ -117,7 +117,7 @@ def test_a_thrust_that_is_off_finds_back_within_its_time_constant(law: Law, fast
     [
         ("hexarotor_3link", 1.0),
         ("hexarotor_3link", 1.3),
-        pytest.param("everything", 1.3, marks=pytest.mark.slow),  # rotors on links
+        pytest.param("everything", 1.3, marks=pytest.mark.slow),
     ],
 )
 def test_commands_look_ahead_along_the_motion_of_the_flight(

@@ -184,7 +184,7 @@ def assert_slopes(controller: Predictive) -> None:
         np.testing.assert_allclose(found["gradient"][i], cost, rtol=2e-6, atol=1e-4)
 
 
-@pytest.mark.parametrize("kind", [controller_of, every_kind])
+@pytest.mark.parametrize("kind", [pytest.param(controller_of, marks=pytest.mark.slow), every_kind])
 def test_a_plan_is_the_optimum_within_limits(kind: Any, either: ModuleType) -> None:
     """By the conditions of Karush, Kuhn and Tucker of the dense program, which NumPy assembles."""
     controller = kind(either)
@@ -461,6 +461,7 @@ def test_a_path_may_jump_at_an_instant(led: str, jump: list[float], module: Modu
     assert off[-10:].max() < max(1e-4, size - 0.4)
 
 
+@pytest.mark.slow
 def test_what_is_far_off_is_led_at_a_speed(module: ModuleType) -> None:
     controller = circling(module)
     target, off = controller._first_point, np.array([0.0, -0.6, 0.8])
@@ -678,6 +679,7 @@ def test_slopes_of_motors_and_servos_are_derivatives(driven: ModuleType) -> None
     assert_slopes(controller)
 
 
+@pytest.mark.slow
 def test_what_servos_are_sent_costs_by_the_torque_that_it_makes(driven: ModuleType) -> None:
     """Of one tolerance a joint: servos of 30 N m/rad and 400 N/m, and a joint without one."""
     hover = trim(driven, posture_deg={"upper": 20.0, "wrist": 30.0})

@@ -197,6 +197,7 @@ def test_a_flight_keeps_the_rate_in_its_file(fast: Load, tmp_path: Any) -> None:
     assert read_flight(tmp_path / "flight.npz").control_rate == 50.0
 
 
+@pytest.mark.slow
 def test_fixed_steps_longer_than_the_errors_allow(fast: Load) -> None:
     """A law of 4000 rad/s makes errors grow in steps of 1 ms, but inputs that are held do not."""
     changes: dict[str, Any] = {"integration": {"method": "rk4", "step": 1e-3}}

@@ -267,6 +267,7 @@ def test_flat_coordinates_have_axes_of_their_own(paper: Flight) -> None:
     assert parts([1.0, 1.1, 4.0], [0.0, 0.1, 4.0]) == [["-1", "0", "1"], ["7", "8"], ["9"]]
 
 
+@pytest.mark.slow
 def test_parts_of_a_panel(drawn: Drawn) -> None:
     """Colours as if it were one, and times below the lowest only."""
     above, below, joints, *_ = drawn(figures.coordinates, "paper").axes

@@ -219,6 +219,7 @@ def test_no_label_covers_another(paper: Flight) -> None:
         assert not one.overlaps(other)
 
 
+@pytest.mark.slow
 def test_a_wall_is_drawn_where_it_is(paper: Flight) -> None:
     normal, point = np.array([1.0, -0.5, 0.2]), np.array([0.3, 0.0, 1.0])
     walls = np.array([[*point, *normal], [0.0, 0.0, 500.0, 0.0, 0.0, 1.0]])

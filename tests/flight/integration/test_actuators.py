@@ -119,6 +119,7 @@ def test_a_sampled_law_sends_the_commands_of_its_samples(module: ModuleType) -> 
     np.testing.assert_array_equal(period, np.broadcast_to(period[0], period.shape))
 
 
+@pytest.mark.slow
 def test_joints_have_gains_of_their_own_but_where_servos_hold_them(module: ModuleType) -> None:
     own = hover(control={"joints": {"wrist": {"frequency": 20.0, "damping_ratio": 0.5}}})
     gains = flight_start(module, own, lambda *_: None, own=False).loop.controller.gains
@@ -164,6 +165,7 @@ def test_what_overflows_is_told_by_the_names_of_states_and_commands(
         module.actuator_rates(x, command)
 
 
+@pytest.mark.slow
 def test_air_resists_a_rotor_that_turns_either_way(tmp_path: Path) -> None:
     text = 'name = "both"\nbase = { mass = 1, inertia = [1, 1, 1, 0, 0, 0] }\n'
     text += '[[rotor]]\ncommand = "speed"\nthrust_constant = 1e-9\nhub_drag = 1e-3\n'

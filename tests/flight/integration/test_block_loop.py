@@ -204,6 +204,7 @@ def test_a_wrench_that_rotors_cannot_produce_ends_its_flight_alone(fast: Load) -
     assert np.all(np.delete(found.taken, 5) == 20)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("count", [1])
 def test_threads_make_no_difference(count: int, fast: Load) -> None:
     closed = loop_of(fast, *FLIGHTS["lag"])

@@ -154,7 +154,7 @@ def test_a_push_that_does_not_act_changes_nothing(modules: Load) -> None:
 # Samples
 
 
-@pytest.mark.parametrize("every", [1, 3, 5, 7, 100])
+@pytest.mark.parametrize("every", [pytest.param(1, marks=pytest.mark.slow), 3, 5, 7, 100])
 def test_samples_do_not_depend_on_how_steps_are_shared_among_calls(
     every: int, modules: Load
 ) -> None:

@@ -66,6 +66,7 @@ def test_thrusts_make_the_wrench_and_are_the_smallest(seed: int, rotors: int) ->
     assert thrusts @ rows[6:].T == pytest.approx(0, abs=1e-8)
 
 
+@pytest.mark.slow
 @settings(max_examples=15)
 @given(st.integers(0, 10_000), st.integers(6, 9))
 @example(2634, 6)  # Takes more iterations than there are rotors.

@@ -139,6 +139,7 @@ def test_a_block_sticks_below_the_angle_of_friction_and_slides_above(
     assert strained == pytest.approx(friction * pressed[-1] / SOFT["stiffness"], rel=1e-4)
 
 
+@pytest.mark.slow
 def test_a_ball_rolls_down_as_its_inertia_says(block: ModuleType) -> None:
     """A ball that sticks, of a body with the inertia 0.03 kg m² about the axis of its turning."""
     angle, radius = np.radians(20.0), 0.1
@@ -176,6 +177,7 @@ def test_what_slides_is_the_lowest_point_of_a_ball_that_presses(block: ModuleTyp
         assert found[0, 4:7].any() == bool(expected)
 
 
+@pytest.mark.slow
 def test_nothing_slides_where_some_feet_are_at_the_limit(block: ModuleType) -> None:
     start = {"turn_deg": [0, 26.0, 0], "settled": True}
     flight = simulate(block, on_slope(26.0, 0.5, duration=0.1, start=start))
@@ -403,6 +405,7 @@ def test_c_numpy_and_jax_say_the_same(
     assert not np.all(slides)
 
 
+@pytest.mark.slow
 def test_contact_has_the_derivatives_of_complex_steps(folder: Path) -> None:
     """Of what one bristle that sticks, and one that slides, make of coordinates and velocities."""
     module = load(folder)

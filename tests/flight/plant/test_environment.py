@@ -280,6 +280,7 @@ def test_inspection_pushes_with_the_force_of_two_springs_in_a_row(fast: Load) ->
     assert flight.tip_error[-1] < 1e-3
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("frequency", "load", "wanted", "pressed"),
     [(60, 9.18, 5.0, 5.0)],

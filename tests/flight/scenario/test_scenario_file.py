@@ -677,6 +677,7 @@ def test_a_document_makes_a_scenario_or_a_refusal(values: dict[str, Any]) -> Non
     assert np.all(np.isfinite(numbers))
 
 
+@pytest.mark.slow
 @settings(max_examples=100)
 @given(text=st.text(st.characters(), max_size=60))
 def test_any_text_is_refused(text: str) -> None:

@@ -97,6 +97,7 @@ def test_measures_are_those_of_single_flights(robot, tmp_path, here):
         assert 0.8 * mass < row["plant.link3_mass_per_length"] < 1.2 * mass
 
 
+@pytest.mark.slow
 def test_samples_are_the_same_in_every_combination(robot, tmp_path, here):
     table = sweep(
         robot, ["hover", "line"], {**LATE, "gravity": [9.81, 3.7]}, 3, 0, WORST, here, tmp_path
