@@ -14,9 +14,12 @@ from types import ModuleType
 import numpy as np
 import pinocchio as pin
 import pytest
+from support.compiled import build, emit
 from support.complex_step import derivative
 from support.constrained import (
     FOUR_BAR,
+    LIGHT_FINGER,
+    TEXT,
     Dense,
     constrained_robot,
     random_state,
@@ -24,15 +27,19 @@ from support.constrained import (
 from support.emitted import emitted_module, module_of
 from support.pinocchio_oracle import Oracle, placed
 from support.random_robots import random_tree
+from support.tools import run
 
 from gibbs_codegen import generate, load, rollout
 from gibbs_codegen.derivation.derive import derive
 from gibbs_codegen.errors import UsageError
+from gibbs_codegen.interface import FUNCTIONS
+from gibbs_codegen.interface.constraints import CONSTRAINT_DERIVATIVES
 from gibbs_codegen.robot.file import parse_robot
 from gibbs_codegen.robot.model import Constraint, ConstraintKind, Pose, Robot
 
 Array = np.ndarray
 TOLERANCE = 1e-10
+DERIVATIVES = tuple(row.name for row in CONSTRAINT_DERIVATIVES)
 # Of constraints, and what tests of them need besides.
 FEW = (
     *("constraints", "integrate", "residual", "input_matrix"),
@@ -47,8 +54,11 @@ def assert_alike(ours: Array, theirs: Array, size: float = 0.0) -> None:
 
 
 @pytest.mark.slow
-# The second has a loop, a plane, and errors that are brought back.
-@pytest.mark.parametrize(("seed", "redundant"), [(1, False), (3, True)])
+@pytest.mark.parametrize("redundant", [False, True])
+# The slow ones have a loop, a plane, and errors that are brought back.
+@pytest.mark.parametrize(
+    "seed", [1, pytest.param(3, marks=pytest.mark.slow), pytest.param(9, marks=pytest.mark.slow)]
+)
 def test_all_functions_are_those_of_dense_formulas(seed: int, redundant: bool) -> None:
     robot = constrained_robot(seed, redundant)
     module, rng = emitted_module(robot, *FEW), np.random.default_rng(seed)
@@ -77,6 +87,41 @@ def test_all_functions_are_those_of_dense_formulas(seed: int, redundant: bool) -
         assert_alike(found["inertia"][k][np.ix_(rows, rows)], dense.inverse(active)[0])
         assert not np.delete(found["inertia"][k], rows, axis=0).any()
         assert_alike(found["projection"][k], dense.solved(dense.errors, active)[1])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [None, 1])
+def test_derivatives_are_those_of_complex_steps(
+    seed: int | None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Also where constraints are redundant, and ask for what cannot be."""
+    robot = parse_robot(TEXT) if seed is None else constrained_robot(seed, seed % 2 == 1)
+    needed = "constraints", "mass_matrix", "coordinate_rates"
+    model = derive(robot, functions=needed, derivatives=DERIVATIVES)
+    module, rng = module_of(model), np.random.default_rng(seed or 0)
+    source = sys.modules[module.mass_matrix.__module__]
+    monkeypatch.setattr(source, "sign", lambda x: np.copysign(1.0, np.real(x)))
+    q, v, u = random_state(robot, rng)
+    active = np.ones(len(robot.constraints))
+    # What unit forces do: where these hold a robot still, motions are small sums of great terms.
+    pushed = np.abs(np.linalg.solve(module.mass_matrix(q), module.constraint_jacobian(q).T))
+    for _ in range(2):
+        arguments = {"q": q, "v": v, "u": u, "active": active}
+        for name in DERIVATIVES:
+            of, found = name.removesuffix("_derivatives"), []
+            own = {x: arguments[x] for x in FUNCTIONS[of].arguments}
+            for k in range(len(FUNCTIONS[of].outputs)):
+                values = getattr(module, of)(*own.values())
+                found.append(values[k] if isinstance(values, tuple) else values)
+                found += [derivative(module, of, own, x)[k] for x in own if x != "active"]
+            ours = getattr(module, name)(*own.values())
+            half = len(found) // len(FUNCTIONS[of].outputs)
+            for k, (mine, theirs) in enumerate(zip(ours, found, strict=True)):
+                size = max(1.0, np.abs(theirs).max(initial=0.0))
+                if k + half < len(found):
+                    size = max(size, (pushed @ np.abs(found[k + half])).max(initial=0.0))
+                np.testing.assert_allclose(mine, theirs, rtol=0, atol=1e-9 * size)
+        active[0] = 0.0
 
 
 @pytest.mark.slow
@@ -125,7 +170,9 @@ def met_robot(seed: int) -> tuple[Robot, Array]:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", [2])
+@pytest.mark.parametrize(
+    "seed", [pytest.param(1, marks=pytest.mark.slow), pytest.param(2, marks=pytest.mark.slow)]
+)
 def test_accelerations_and_forces_are_those_of_constraint_dynamics(seed: int) -> None:
     """Where constraints are met and velocities agree with them, as Pinocchio takes them."""
     robot, q = met_robot(seed)
@@ -189,6 +236,37 @@ def test_impacts_take_energy_away_and_keep_momentum_within_the_robot() -> None:
         assert_alike(module.centroidal_momentum(q, kept), before)
 
 
+@pytest.mark.slow
+def test_light_constraints_hide_no_heavy_ones_in_single_precision(tmp_path: Path) -> None:
+    """Under a force a finger moves by far more than the base, whether it is held or not."""
+    emitted = emit(parse_robot(LIGHT_FINGER), tmp_path / "light")
+    source = tmp_path / "program.c"
+    source.write_text("""
+#include "light.h"
+#include <stdio.h>
+int main(void)
+{
+    const float q[8] = {0, 0, 0, 0, 0, 0, 1, 0.3f}, v[7] = {0.3f, -0.2f, 0.1f};
+    const float on[2][2] = {{1, 0}, {1, 1}};
+    float after[7], impulses[9];
+    for (int i = 0; i < 2; i++) {
+        light_impact(&light_default_constants, q, v, on[i], after, impulses);
+        for (int k = 0; k < 9; k++) { printf("%.9g ", (double)impulses[k]); }
+    }
+    return 0;
+}
+""")
+    options = [emitted.single, f"-I{emitted.folder}", str(source), *emitted.sources]
+    program = build("gcc", ["-O1"], options, tmp_path / "program")
+    found = np.array(run([program]).split(), float).reshape(2, 9)
+    q, v = np.array([0, 0, 0, 0, 0, 0, 1, 0.3]), np.array([0.3, -0.2, 0.1, 0, 0, 0, 0])
+    dense = Dense(emitted.model.robot, q, v)
+    for impulses, active in zip(found, np.array([[1.0, 0.0], [1.0, 1.0]]), strict=True):
+        right = dense.solved(dense.jacobian @ v, active)[0]
+        limit = 1e-5 if active[1] == 0.0 else 1e-4
+        np.testing.assert_allclose(impulses, right, rtol=0, atol=limit * np.abs(right).max())
+
+
 def closed_four_bar() -> tuple[ModuleType, Array, Array, Array]:
     """The module of a four-bar on a base, which closes with five rows for two; a moving state."""
     module = emitted_module(parse_robot(FOUR_BAR), *FEW)
@@ -202,17 +280,17 @@ def closed_four_bar() -> tuple[ModuleType, Array, Array, Array]:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("backend", ["c", "jax"])
+@pytest.mark.parametrize("backend", ["numpy", "c", "jax"])
 def test_a_four_bar_keeps_its_energy_and_with_projection_its_loop(
     backend: str, tmp_path: Path, jax_in_double_precision: ModuleType
 ) -> None:
-    """For 10 s by back ends that compile: NumPy would take a minute."""
+    """For 10 s by every back end, NumPy, which is slow, for 0.2 s."""
     _, q, v, _ = closed_four_bar()
     (tmp_path / "robot.toml").write_text(FOUR_BAR)
     functions = ["default", "constraints"]
     path = generate(tmp_path / "robot.toml", tmp_path, functions=functions, verify=False)
     module = load(path, backend=backend)
-    steps = 10_000
+    steps = 200 if backend == "numpy" else 10_000
     found = rollout(module, q, v, np.zeros(3), steps, 1e-3, every=100, constraints=["closing"])
     assert found.steps.tolist() == [steps]
     moving, still = (np.array(x)[0] for x in (found.v, found.q))

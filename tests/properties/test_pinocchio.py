@@ -51,6 +51,13 @@ def test_quick_trees_have_every_structure() -> None:
     assert any(rotor.on for robot in robots for rotor in robot.thrusters)
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize(("number", "attitude"), [(6, "quaternion")])
+def test_random_trees(number: int, attitude: str) -> None:
+    robot = random_tree(number, attitude)
+    compare(robot, emitted_module(robot))
+
+
 @pytest.mark.parametrize(
     "name",
     [pytest.param("decarotor_3link", marks=pytest.mark.slow), "hexarotor_3link", "quadrotor"],
