@@ -20,6 +20,16 @@ os.environ["PYTHONPATH"] = os.pathsep.join(
 
 from gibbs_codegen import __version__  # noqa: E402 - the package of this checkout
 
+# How long work takes depends on the machine, and pages must not: notebooks leave it out of their log.
+STARTUP = ROOT / "site" / ".cache" / "ipython" / "profile_default" / "startup"
+STARTUP.mkdir(parents=True, exist_ok=True)
+(STARTUP / "quiet.py").write_text(
+    "import logging\n"
+    "logging.getLogger('gibbs_codegen').addFilter(lambda record: record.funcName != 'log_once')\n",
+    encoding="utf-8",
+)
+os.environ["IPYTHONDIR"] = str(STARTUP.parents[1])
+
 
 def execution_cache() -> Path:
     """Where the outputs of notebooks are kept, which are those of one state of the package.
