@@ -20,7 +20,7 @@ os.environ["PYTHONPATH"] = os.pathsep.join(
 
 from gibbs_codegen import __version__  # noqa: E402 - the package of this checkout
 
-# How long work takes depends on the machine, and pages must not: notebooks leave it out of their log.
+# How long work takes depends on the machine, and pages must not: notebooks do not log it.
 STARTUP = ROOT / "site" / ".cache" / "ipython" / "profile_default" / "startup"
 STARTUP.mkdir(parents=True, exist_ok=True)
 (STARTUP / "quiet.py").write_text(
