@@ -120,9 +120,8 @@ def evaluated(
     return dict(zip(arrays, map(np.array, found), strict=True))
 
 
-@pytest.mark.parametrize(
-    "robot", [pytest.param(EVERY_TREE[0], marks=pytest.mark.slow), EVERY_TREE[3]]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("robot", [EVERY_TREE[0], EVERY_TREE[3]])
 def test_both_forward_dynamics_and_trees_that_are_not_regrouped(robot: Robot) -> None:
     symbolic, tape = in_symbols(robot)
     tree = symbolic.reduced_tree
