@@ -21,6 +21,7 @@ from support.tools import KEPT_OBJECTS
 from gibbs_codegen.pipeline import generate, generate_robot
 from gibbs_codegen.robot.family import paper_family
 from gibbs_codegen.robot.text import robot_text
+from gibbs_codegen.runtime import c_library
 from gibbs_codegen.runtime.load import load
 
 settings.register_profile(
@@ -86,6 +87,12 @@ def _kept_folders(pytestconfig: pytest.Config, shared: Path, kept: Path) -> None
     objects = folder.with_name("objects")
     objects.mkdir(parents=True, exist_ok=True)
     os.environ[KEPT_OBJECTS] = str(objects)
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _patient() -> None:
+    """Nothing says that it takes long, which depends on the machine."""
+    c_library._PATIENCE = 3600.0
 
 
 @pytest.fixture(scope="module")

@@ -65,7 +65,8 @@ def test_numpy_serves_until_there_is_room(kibibytes: int, tmp_path: Path) -> Non
     done = on_small_disk(tmp_path, kibibytes, script, GIBBS_CODEGEN_CACHE=cache, CC="cc -O0")
     assert done.code == 0, done.error
     assert done.out.splitlines() == ["True (9, 9)", "[]", "True True"]
-    said = done.error.splitlines()
+    # A slow machine also says that it compiles.
+    said = [line for line in done.error.splitlines() if "compiling C" not in line]
     assert len(said) == 1
     assert said[0].startswith("hexarotor_3link: NumPy serves instead of C: ")
     assert "No space left on device" in said[0]
