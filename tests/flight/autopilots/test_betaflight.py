@@ -143,7 +143,8 @@ def test_the_firmware_takes_off_holds_rates_and_lands(
         machine, pilot = Machine(lander, read_scenario("hover", changes)), Pilot()
         with flying(program, tmp_path):
             session = fly(machine, Betaflight(machine, "127.0.0.1", 10.0, 500.0, pilot), END)
-        assert not session.failed, session
+        if session.failed:  # The machine was too busy for it to answer in time.
+            continue
         time, rate, height = np.transpose(pilot.seen)
         wanted = np.array([wanted_rate(each) for each in time])
         # Rates take some time to change; afterwards they are held.
@@ -152,7 +153,7 @@ def test_the_firmware_takes_off_holds_rates_and_lands(
         if np.abs(rate - wanted)[held].mean() < 0.05 * RATE:
             break
     else:
-        pytest.fail("rates were not held within 5 %")
+        pytest.fail("rates were not held within 5 %, or the firmware went silent")
     flight = machine.simulation.flight()
     # It has swung by an angle of 1 to either side.
     swung = flight.q[(flight.time > TURNED) & (flight.time < DOWN), 7]
