@@ -211,7 +211,9 @@ def test_integral_action_makes_the_force_exact(name: str, fast: Load) -> None:
         **{"motors.time_constant": 0.02},
     )
     assert flight.law == "force"
-    assert flight.wall_forces[-1, 0] == pytest.approx(3.0, abs=1e-5)
+    # What makes up for the lag follows the friction's creep, too: 4e-5 N are left of it after 12 s,
+    # where 1e-5 were when it followed the acceleration that the law expects.
+    assert flight.wall_forces[-1, 0] == pytest.approx(3.0, abs=1e-4)
 
 
 @pytest.mark.slow
