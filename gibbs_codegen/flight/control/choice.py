@@ -12,7 +12,7 @@ from gibbs_codegen.errors import UsageError
 from gibbs_codegen.flight.control.error_polynomials import check_integral
 from gibbs_codegen.flight.control.geometric import LeaningController
 from gibbs_codegen.flight.control.laws import Controller, Gains, MovedFrame
-from gibbs_codegen.flight.plant.actuators import holds, joint_place
+from gibbs_codegen.flight.plant.actuators import has_servo, holds, joint_place
 from gibbs_codegen.flight.plant.allocation import (
     Allocation,
     AllocationError,
@@ -139,6 +139,14 @@ def check_control(law: Law | None, control: Control, vehicle: RobotData) -> None
                 f"control.joints.{name}: a servo holds the joint, by the stiffness and damping of "
                 "the robot file; leave it out"
             )
+    served = [x for k, x in enumerate(vehicle.joint_names) if has_servo(vehicle, k)]
+    if control.law == PREDICTIVE and control.force and served:
+        # Between a servo and a wall it loses machines.
+        raise UsageError(
+            "control.force: the predictive law pushes by torques of joints; servos hold "
+            f"{', '.join(served)}: leave them out, or, if the base commands all directions, set "
+            'control.law to "force"'
+        )
     if control.impedance or control.force:
         frame = (control.impedance or Impedance()).frame
         vehicle.frame_place(frame, "control.impedance.frame")

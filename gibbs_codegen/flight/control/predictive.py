@@ -891,14 +891,6 @@ def predictive_law(law: Controller, scenario: Scenario, actuators: Actuators) ->
     """
     vehicle, reference, control = law.vehicle, law.reference, scenario.control
     force = control.force
-    if force is not None and (
-        served := _served(vehicle)
-    ):  # Between a servo and a wall it loses machines.
-        held = ", ".join(vehicle.inputs[k] for k in served)
-        raise UsageError(
-            f"control.force: the predictive law pushes by torques of joints; servos hold {held}: "
-            'leave them out, or, if the base commands all directions, set control.law to "force"'
-        )
     step = 1.0 / (control.rate or (_RATE if force is None else _PUSHING_RATE))
     # Between instants too, where commands are late.
     spacing = step / 8.0
