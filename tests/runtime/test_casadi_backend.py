@@ -32,6 +32,7 @@ except ImportError:
 
 pytestmark = pytest.mark.usefixtures("derived_once")
 
+Array = np.ndarray
 ANGLES, TREE, DERIVATIVES = "hexarotor_3link", "a tree with a quaternion", "all derivatives"
 STEPS = "steps with angles"
 STEP_FUNCTIONS = ["step_euler", "step_rk4_derivatives"]
@@ -168,7 +169,6 @@ def test_functions_do_not_depend_on_the_length_of_a_quaternion(pair: Callable[[s
         assert np.abs(along).max() < 1e-13 * np.abs(as_tuple(slope)[0].full()).max()
 
 
-@pytest.mark.slow
 def test_integrate_is_smooth_where_nothing_moves(pair: Callable[[str], Pair]) -> None:
     """A solver begins there: no derivative by a displacement of zero is lost."""
     numpy, ours = pair(TREE)
@@ -289,6 +289,34 @@ def test_the_page_runs(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     assert_close("second", by_q[:9], by_q[:9].T, 1e-10)
     bent = casadi.Function("bent", [page[name] for name in "qvuw"], [page["hessian"]])
     assert_close("second", by_q, bent(*level, weighted).full()[:, :9], 1e-11)
+
+
+@pytest.mark.slow
+def test_both_solvers_find_the_flight_of_the_page(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """It keeps within limits, and its steps are those of a robot of larger armature."""
+    monkeypatch.chdir(tmp_path)
+    page = run_python("docs/howto/own-nmpc.md")
+    plan, robot, h = page["plan"], page["robot"], page["STEP"]
+    again, converged = page["solved"]("fatrop")
+    assert converged
+    assert_close("plan", again, plan, 5e-3)
+    known, nu, nq = robot.PARAMETERS, page["nu"], page["nq"]
+    changed = {
+        name.replace("damping", "armature"): h * value
+        for name, value in known.items()
+        if name.endswith("_damping")
+    }
+    assert set(changed.values()) == {0.02 * h}
+    constants = robot.prepare(changed)
+    before = np.vstack([page["first"], plan[:-1, nu:]])
+    for begin, stage in zip(before, plan, strict=True):
+        found = robot.step_euler(begin[:nq], begin[nq:], stage[:nu], h, constants=constants)
+        assert_close("step", np.concatenate(found), stage[nu:], 1e-6)
+    least, most = np.transpose([robot.INPUT_LIMITS[name] for name in robot.INPUTS])
+    assert (plan[:, :nu] > least - 1e-6).all()
+    assert (plan[:, :nu] < most + 1e-6).all()
 
 
 def test_what_is_wrong_is_said(pair: Callable[[str], Pair]) -> None:
