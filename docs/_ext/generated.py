@@ -131,7 +131,9 @@ def commands() -> str:
         ]
         for action in parser._actions:
             if action.help != argparse.SUPPRESS and action.dest != "help":
-                meaning = re.sub(r"(?<!\w)--[a-z-]+|<[^>]+>", r"`\g<0>`", action.help % vars(action))
+                meaning = re.sub(
+                    r"(?<!\w)--[a-z-]+|<[^>]+>", r"`\g<0>`", action.help % vars(action)
+                )
                 parts += [f"`{invocation(action)}`", f": {meaning}", ""]
     return "\n".join(parts)
 
