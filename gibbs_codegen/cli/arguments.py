@@ -10,6 +10,7 @@ import math
 from typing import Any, NoReturn
 
 from gibbs_codegen.errors import printable
+from gibbs_codegen.figures import FORMATS
 from gibbs_codegen.files.shipped import shipped_names
 from gibbs_codegen.version import __version__
 
@@ -134,6 +135,21 @@ def _add_changes(parser: Parser, flights: str) -> None:
     parser.add("--set", "KEY=VALUE", f"{meaning} repeated", action="append", default=[])
 
 
+def _add_figures(parser: Parser, without: str) -> None:
+    """Add --format and --no-figures, which leaves no format."""
+    meaning = f"formats of the figures: {', '.join(FORMATS)} (default: {FORMATS[0]})"
+    parser.add("--format", "NAME,...", meaning, type=_formats, default=FORMATS[:1])
+    parser.add_argument("--no-figures", action="store_const", const=(), dest="format", help=without)
+
+
+def _formats(text: str) -> list[str]:
+    names = text.split(",")
+    if unknown := [name for name in names if name not in FORMATS]:
+        known = ", ".join(FORMATS)
+        raise argparse.ArgumentTypeError(f"{printable(unknown[0])}: unknown format; known: {known}")
+    return names
+
+
 def _port(text: str) -> int:
     if not (text.isascii() and text.isdigit() and 1 <= int(text) <= 65535):
         raise argparse.ArgumentTypeError(f"{printable(text)}: a port is a number from 1 to 65535")
@@ -242,7 +258,7 @@ def argument_parser() -> Parser:
     parser.add("--out", "DIR", "folder in which the results are written", default="flight")
     _add_backend(parser)
     _add_changes(parser, "")
-    parser.flag("--no-figures", "write the time series only")
+    _add_figures(parser, "write the time series only")
     meaning = "write an animation as well, in this format"
     parser.add("--animate", None, meaning, choices=("gif", "mp4"))
 
@@ -279,7 +295,7 @@ def argument_parser() -> Parser:
     parser.add("--timeout", "S", meaning, type=_not_negative, default=30)
     _add_backend(parser)
     _add_changes(parser, "")
-    parser.flag("--no-figures", "write the time series only")
+    _add_figures(parser, "write the time series only")
 
     parser = command("sweep", "fly scenarios in many variants, and measure every flight")
     meaning = f"{_PLACES}, which comes first; of others a module is generated"
@@ -309,7 +325,7 @@ def argument_parser() -> Parser:
     parser.add("--workers", "N", meaning, type=int)
     meaning = "folder in which the results are kept; the same command goes on with what is there"
     parser.add("--out", "DIR", meaning, default="sweep")
-    parser.flag("--no-figures", "draw no figures")
+    _add_figures(parser, "draw no figures")
 
     parser = command("log", "write a flight as a log of ROS 2 or PX4")
     flight = "a folder that `simulate` wrote, or its flight.npz"
@@ -336,7 +352,7 @@ def argument_parser() -> Parser:
     parser.add("--rate", "HZ", meaning, type=_number)
     meaning = "keep what is slower, by a filter without delay (default: no filter)"
     parser.add("--cutoff", "HZ", meaning, type=_number)
-    parser.flag("--no-figures", "write the time series only")
+    _add_figures(parser, "write the time series only")
 
     parser = command("view", "show a robot or a flight in the browser, live or as one file")
     parser.add("what", "ROBOT|FLIGHT", f"a robot, as for `simulate`; or {flight}")

@@ -22,7 +22,7 @@ def run(options: argparse.Namespace) -> int:
         terminal.progress_bar() as progress,
     ):
         flight = read_log(load(folder), options.log, names, options.rate, options.cutoff)
-        write_results(flight, options.out, not options.no_figures, progress=progress)
+        write_results(flight, options.out, progress=progress, formats=options.format)
     samples = f"{len(flight.time)} samples of {flight.time[-1]:.4g} s"
     print(f"{printable(options.out)}: {flight.robot}, {samples}, by {flight.scenario}")
     return 0

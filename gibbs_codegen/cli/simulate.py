@@ -63,7 +63,7 @@ def run(options: argparse.Namespace) -> int:
         flight = simulate(module, scenario, progress=progress)
         compiled = seconds_waited(start)
         flown = time.perf_counter() - start - compiled
-        write_results(flight, options.out, not options.no_figures, options.animate or "", progress)
+        write_results(*(flight, options.out, True, options.animate or "", progress, options.format))
     print(
         f"{printable(options.out)}: {flight.robot} flew {flight.scenario!r} for "
         f"{flight.time[-1]:.4g} s, computed in {flown:.1f} s"

@@ -60,7 +60,7 @@ def run(options: argparse.Namespace) -> int:
         # Results of an earlier flight stay where none was flown.
         flight = machine.simulation.flight() if machine.time > 0.0 else None
         if flight:
-            write_results(flight, options.out, not options.no_figures, "", progress)
+            write_results(flight, options.out, progress=progress, formats=options.format)
     if flight:
         print(
             f"{printable(options.out)}: {flight.robot} flew {flight.scenario!r} for "

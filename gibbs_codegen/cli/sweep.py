@@ -74,8 +74,7 @@ def run(options: argparse.Namespace) -> int:
             print(f"gibbs-codegen: {printable(state, 400)}; {again}", file=sys.stderr)
             return 130
     seconds = time.perf_counter() - start
-    if not options.no_figures:
-        write_study_figures(study, study.folder)
+    write_study_figures(study, study.folder, options.format)
     print_study(study, seconds)
     return 1 if len(study.failures) == len(study.table) else 0
 

@@ -17,7 +17,7 @@ from matplotlib.lines import Line2D
 from gibbs_codegen.figures import marks
 from gibbs_codegen.figures.robot_artists import RobotArtists, Shapes, disc_corners, disc_radius
 from gibbs_codegen.figures.scene import VIEW, Names, fit, project, set_scene
-from gibbs_codegen.figures.style import DARK, FULL, GOLD, style
+from gibbs_codegen.figures.style import DARK, FULL, GOLD, lay_out, style
 from gibbs_codegen.robot.chains import decompose
 from gibbs_codegen.robot.layout import layout_of
 from gibbs_codegen.robot.model import BASE, Robot
@@ -209,8 +209,7 @@ def machine_figure(robot: Robot, q: Sequence[float] | Array | None = None) -> Fi
             room = (left, (_LEGEND + row * _ROW) / height, width, _ROW / height)
             draw(axes, subject, room).settle()
         figure.legend(handles=_keys(subject), loc="lower center", ncols=3)
-        # Makes the ticks while the style is ours.
-        figure.draw_without_rendering()
+        lay_out(figure)
         return figure
 
 

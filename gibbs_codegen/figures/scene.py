@@ -60,24 +60,44 @@ def hide_numbers(axes: Any) -> None:
 
 def fit(axes: Any, left: float, bottom: float, width: float, height: float) -> None:
     """Make a scene, with its labels, as large as a rectangle, in shares of its figure, allows."""
-    corners = np.array(list(itertools.product(*(getattr(axes, f"get_{n}lim")() for n in "xyz"))))
     room = np.array([width, height])
     middle = np.array([left, bottom]) + room / 2.0
-    axes.set_position((left, bottom, width, height))
-    # Labels do not grow with the box, so that one step is not enough.
-    for _ in range(4):
-        axes.figure.draw_without_rendering()
-        axis_boxes = [axis.get_tightbbox() for axis in (axes.xaxis, axes.yaxis, axes.zaxis)]
-        labels = [box for box in axis_boxes if box is not None]
-        pixels = np.concatenate([axes.transData.transform(project(axes, corners)), *labels])
-        drawn = axes.figure.transFigure.inverted().transform(pixels)
-        low, high = drawn.min(axis=0), drawn.max(axis=0)
-        place = axes.get_position(original=True)
-        scale = float(np.min(room / (high - low)))
-        origin = middle + scale * (place.p0 - (low + high) / 2.0)
-        axes.set_position((*origin, *(scale * place.size)))
+    # Labels do not grow with the box: edges are linear in its size, so that two sizes tell.
+    first = _edges(axes, (left, bottom), room)
+    size = np.min(room / (first[1] - first[0]))
+    second = _edges(axes, middle - size * room / 2.0, size * room)
+    slopes = (second - first) / (size - 1.0) if size != 1.0 else second
+    more = np.min((room - second[1] + second[0]) / (slopes[1] - slopes[0]))
+    origin = middle - (second + more * slopes).mean(axis=0)
+    axes.set_position((*origin, *((size + more) * room)))
     # Where the scene is drawn, of a wide rectangle only a part, and where names find their places.
     axes.apply_aspect()
+
+
+def _edges(axes: Any, origin: Sequence[float] | Array, size: Array) -> Array:
+    """Lowest and highest places (2, 2), from the origin, of a scene in such a box with its labels.
+
+    All are in shares of the figure.
+    """
+    axes.set_position((*origin, *size))
+    place_labels(axes)
+    corners = np.array(list(itertools.product(*(getattr(axes, f"get_{n}lim")() for n in "xyz"))))
+    labels = [axis.get_tightbbox() for axis in (axes.xaxis, axes.yaxis, axes.zaxis)]
+    pixels = np.concatenate(
+        [axes.transData.transform(project(axes, corners)), *filter(None, labels)]
+    )
+    drawn = axes.figure.transFigure.inverted().transform(pixels)
+    return np.array([drawn.min(axis=0), drawn.max(axis=0)]) - origin
+
+
+def place_labels(axes: Any) -> None:
+    """Put the labels of a scene where they will be drawn."""
+    others = [other for other in axes.figure.axes if other is not axes]
+    for other in others:
+        other.set_visible(False)
+    axes.figure.draw_without_rendering()
+    for other in others:
+        other.set_visible(True)
 
 
 def project(axes: Any, points: Array) -> Array:

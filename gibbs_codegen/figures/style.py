@@ -11,11 +11,14 @@ from typing import Any
 
 import matplotlib.style
 import numpy as np
+from matplotlib import rc_context, rcParams
 from matplotlib.axes import Axes
+from matplotlib.backend_bases import get_registered_canvas_class
 from matplotlib.figure import Figure
 from matplotlib.text import Annotation
 
 from gibbs_codegen.errors import OutputError, cause_of, printable
+from gibbs_codegen.figures import FORMATS
 
 # Widths of a column and of a page of two columns, in.
 COLUMN, FULL = 3.5, 7.2
@@ -62,7 +65,9 @@ _STYLE: dict[str, Any] = {
 @contextmanager
 def style() -> Iterator[None]:
     """The style of all drawings, for as long as one is made or saved."""
-    with matplotlib.style.context(["default", _STYLE]), warnings.catch_warnings():
+    # How fine a picture is remains the user's: a notebook shows it at that size.
+    own = {**_STYLE, "figure.dpi": rcParams["figure.dpi"]}
+    with matplotlib.style.context(["default", own]), warnings.catch_warnings():
         # A letter of a scenario's name that no font has is drawn as a box; that is told by itself.
         warnings.filterwarnings("ignore", r"Glyph .* missing from")
         yield
@@ -95,14 +100,26 @@ def spread(axes: Axes) -> None:
         kept[index].set_position((_NAME_DISTANCE, float(place - ends[index]) * _NAME_HEIGHT))
 
 
+def lay_out(figure: Figure) -> None:
+    """Place the axes of a figure, once, and make the ticks while the style is ours."""
+    engine = figure.get_layout_engine()
+    if engine is None:
+        figure.draw_without_rendering()
+    else:
+        engine.execute(figure)
+        figure.set_layout_engine("none")
+
+
 # A date would make every file another.
 _METADATA: dict[str, dict[str, None]] = {"pdf": {"CreationDate": None}, "svg": {"Date": None}}
 
 
+# What is drawn on the way is laid out as fine as it is written.
+@rc_context({"figure.dpi": _STYLE["savefig.dpi"]})
 def save_figures(
-    figures: Iterable[tuple[str, Figure]], folder: Path, formats: Sequence[str] = ("png", "pdf")
+    figures: Iterable[tuple[str, Figure]], folder: Path, formats: Sequence[str] = FORMATS[:1]
 ) -> list[Path]:
-    """Write figures, given with their names, in every format, and return the files in order.
+    """Write figures with their names, which are drawn on the way, and return the files in order.
 
     Raises `OutputError` if the folder, which is made if need be, cannot hold them.
     """
@@ -114,8 +131,10 @@ def save_figures(
                 path = folder / f"{name}.{suffix}"
                 # A writer of PDF loses what the disk said; memory takes it whole.
                 drawn = io.BytesIO()
+                # `Figure.savefig` would lay it out, and draw it, once more.
+                canvas = get_registered_canvas_class(suffix)(figure)
                 with style():
-                    figure.savefig(drawn, format=suffix, metadata=_METADATA.get(suffix))
+                    getattr(canvas, f"print_{suffix}")(drawn, metadata=_METADATA.get(suffix))
                 path.write_bytes(drawn.getbuffer())
                 paths.append(path)
     except OSError as error:

@@ -96,7 +96,7 @@ def test_the_worst_flight_flown_again_gives_the_same(workplace: Path) -> None:
     assert (done.returncode, done.stderr) == (0, "")
     assert "6 flights to the end, 0 ended early, 0 failed" in done.stdout
     names = {path.name for path in (workplace / "s").iterdir()}
-    assert {"table.csv", "table.npy", "distributions.png", "worst_cases.pdf"} <= names
+    assert {"table.csv", "table.npy", "distributions.png", "worst_cases.png"} <= names
     study = read_study(workplace / "s")
     for measure, of_flight in (("tip", "tip_error"), ("late [m]", "centre_error")):
         worst = study.worst(measure, 1)[0]

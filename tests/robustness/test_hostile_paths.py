@@ -17,6 +17,7 @@ from support.folders import Tree, tree
 
 from gibbs_codegen import pipeline
 from gibbs_codegen.cli.app import main
+from gibbs_codegen.figures import FORMATS
 from gibbs_codegen.flight import simulation
 from gibbs_codegen.flight.figures.flight import FIGURES
 from gibbs_codegen.flight.record.flight import Flight
@@ -292,7 +293,7 @@ def test_what_stands_where_results_are_to_be(
 def test_all_names_of_results_are_guarded(
     quick: str, work: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    names = [f"{draw.__name__}.{suffix}" for draw in FIGURES for suffix in ("png", "pdf")]
+    names = [f"{draw.__name__}.{suffix}" for draw in FIGURES for suffix in FORMATS]
     for name in (*names, "flight.mp4"):
         path = work / "folder" / name
         path.write_text("precious")

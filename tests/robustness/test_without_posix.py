@@ -44,7 +44,7 @@ def test_generate_and_simulate_with_numpy_alone(tmp_path: Path) -> None:
     # Twice, so that the second replaces what the first has left.
     for command in (generate, generate, fly):
         succeeds(*command, cwd=tmp_path)
-    for name in ("flight.csv", "snapshots.pdf"):
+    for name in ("flight.csv", "snapshots.png"):
         assert (tmp_path / "flight" / name).stat().st_size
 
 

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.figures.scene import fit, set_scene
-from gibbs_codegen.figures.style import COLOURS, COLUMN, DARK, FULL, spread, style
+from gibbs_codegen.figures.style import COLOURS, COLUMN, DARK, FULL, lay_out, spread, style
 from gibbs_codegen.flight.analysis.reachable_wrenches import Polytope, ReachableWrenches
 from gibbs_codegen.flight.plant.kinematics import kinematics_of
 from gibbs_codegen.flight.record.flight import Array, Flight
@@ -213,8 +213,7 @@ def finished(figure: Figure, flight: Flight) -> Figure:
     """The figure with its heading, and names moved beside curves so that none covers another."""
     add_heading(figure, flight)
     figure.align_ylabels()
-    # Lays the figure out, so that heights are known, and makes the ticks while the style is ours.
-    figure.draw_without_rendering()
+    lay_out(figure)  # So that heights are known.
     for axes in figure.axes:
         spread(axes)
     return figure

@@ -16,6 +16,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from gibbs_codegen.errors import OutputError, UsageError, printable
+from gibbs_codegen.figures import FORMATS
 from gibbs_codegen.figures.style import COLOURS, COLUMN, save_figures, style
 from gibbs_codegen.files.staging import check_output_folder, staging_folder, writing
 from gibbs_codegen.flight.figures import curves
@@ -152,9 +153,7 @@ FIGURES: tuple[Callable[[Flight], Figure], ...] = (
 )
 
 
-def write_figures(
-    flight: Flight, folder: Path, formats: Sequence[str] = ("png", "pdf")
-) -> list[Path]:
+def write_figures(flight: Flight, folder: Path, formats: Sequence[str] = FORMATS[:1]) -> list[Path]:
     """Write every figure in every format, and return the files; two calls write the same bytes.
 
     What is not known of a flight, or of its robot, is left out.
@@ -174,7 +173,7 @@ def write_figures(
 
 # Names of all files of results.
 _NAMES = {f"flight.{suffix}" for suffix in ("npz", "csv", *ANIMATIONS)}
-_NAMES |= {f"{draw.__name__}.{suffix}" for draw in FIGURES for suffix in ("png", "pdf")}
+_NAMES |= {f"{draw.__name__}.{suffix}" for draw in FIGURES for suffix in FORMATS}
 
 
 def write_results(
@@ -183,8 +182,9 @@ def write_results(
     figures: bool = True,
     animation: str = "",
     progress: Callable[[str, float], None] = lambda what, share: None,
+    formats: Sequence[str] = FORMATS[:1],
 ) -> list[Path]:
-    """Write `flight.npz`, `flight.csv`, figures as PNG and PDF, and `flight.gif` or `flight.mp4`.
+    """Write `flight.npz`, `flight.csv`, figures, and `flight.gif` or `flight.mp4`.
 
     Results of an earlier flight in the folder are replaced once all new ones are complete; other
     files are left alone.
@@ -195,15 +195,18 @@ def write_results(
         figures: Whether to draw figures.
         animation: "gif", "mp4", or empty for none.
         progress: Is called with what is being written and the share (0 to 1) that is done.
+        formats: Those of the figures: "png", "pdf" or "svg".
 
     Returns:
         Paths of the files written.
 
     Raises:
-        UsageError: The folder cannot be used, or the animation is unknown; nothing has changed.
+        UsageError: The folder cannot be used, or a format is unknown; nothing has changed.
         OutputError: The results cannot be written; nothing has changed.
     """
     check_results(folder, animation)
+    if unknown := set(formats) - set(FORMATS):
+        raise UsageError(f"format {min(unknown)!r}: unknown; known: {', '.join(FORMATS)}")
     folder = Path(folder)
     with _staged(folder) as staging:
         progress("time series", 0.0)
@@ -211,7 +214,7 @@ def write_results(
         flight.write_csv(staging / "flight.csv")
         if figures:
             progress("figures", 0.0)
-            write_figures(flight, staging)
+            write_figures(flight, staging, formats)
         if animation:
             from gibbs_codegen.flight.figures.animation import write_animation
 

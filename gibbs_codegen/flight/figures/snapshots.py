@@ -18,11 +18,12 @@ from gibbs_codegen.figures.scene import (
     extent,
     fit,
     hide_numbers,
+    place_labels,
     project,
     seen_from,
     set_scene,
 )
-from gibbs_codegen.figures.style import COLOURS, DARK, FULL, style
+from gibbs_codegen.figures.style import COLOURS, DARK, FULL, lay_out, style
 from gibbs_codegen.flight.figures.curves import add_legend, thrust_directions
 from gibbs_codegen.flight.record.flight import Array, Flight
 from gibbs_codegen.flight.scenario.walls import patches
@@ -252,7 +253,7 @@ def snapshots_panels(flight: Flight) -> Figure:
             panels.append(axes)
         add_legend(panels[0], flight)
         # Whether the numbers of the z axis are on the left of a scene.
-        figure.draw_without_rendering()
+        place_labels(panels[0])
         heights, lengths = (x.get_tightbbox() for x in (panels[0].zaxis, panels[0].xaxis))
         on_left = bool(heights.x1 < lengths.x1)
         numbered = panels[columns * (rows - 1) if on_left else -1]
@@ -269,8 +270,7 @@ def snapshots_panels(flight: Flight) -> Figure:
             axes.set_position(fitting.translated(*(shift / size)))
             x, y = (corner + shift + (_GAP, cell[1] - 0.5 * _TIME)) / size
             figure.text(x, y, f"{flight.time[sample]:.1f} s", verticalalignment="center")
-        # Makes the ticks while the style is ours.
-        figure.draw_without_rendering()
+        lay_out(figure)
         return figure
 
 
@@ -381,8 +381,9 @@ def _cover(places: Array, points: Array, reach: Array) -> Array:
 
     `points` (p, 2) might be covered by a label within `reach`, (2) or (p, 2).
     """
-    near = (np.abs(places[:, np.newaxis] - points) / reach).max(axis=2)
-    return np.maximum(0.0, 1.0 - near).sum(axis=1)
+    away = [np.abs(np.subtract.outer(places[:, k], points[:, k])) / reach[..., k] for k in (0, 1)]
+    covered: Array = np.maximum(0.0, 1.0 - np.maximum(*away)).sum(axis=1)
+    return covered
 
 
 class ThrustArrows:

@@ -12,7 +12,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patheffects import withStroke
 
-from gibbs_codegen.figures.style import COLOURS, COLUMN, DARK, FULL, save_figures, style
+from gibbs_codegen.figures import FORMATS
+from gibbs_codegen.figures.style import COLOURS, COLUMN, DARK, FULL, lay_out, save_figures, style
 from gibbs_codegen.flight.sweeps.sensitivity import Sensitivity
 from gibbs_codegen.flight.sweeps.study import Study
 
@@ -110,7 +111,7 @@ FIGURES: tuple[Callable[[Study], Figure], ...] = (distributions, worst_cases, se
 
 
 def write_study_figures(
-    study: Study, folder: Path, formats: Sequence[str] = ("png", "pdf")
+    study: Study, folder: Path, formats: Sequence[str] = FORMATS[:1]
 ) -> list[Path]:
     """Write every figure of a study in every format; two calls write the same bytes."""
     return save_figures(((draw.__name__, draw(study)) for draw in FIGURES), folder, formats)
@@ -213,8 +214,7 @@ def _panels(study: Study, height: float) -> tuple[Figure, list[Axes]]:
 
 
 def _finished(figure: Figure) -> Figure:
-    """A figure laid out, with ticks made while the style is ours."""
-    figure.draw_without_rendering()
+    lay_out(figure)
     return figure
 
 

@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gibbs_codegen.errors import UsageError, printable
+from gibbs_codegen.figures import FORMATS
 from gibbs_codegen.files.staging import staging_folder, writing
 from gibbs_codegen.flight.sweeps.cases import Case, Cases
 from gibbs_codegen.flight.sweeps.chunks import REASONS, Row
@@ -28,9 +29,7 @@ from gibbs_codegen.runtime.load import require
 
 _TABLE, _CSV, _CASES = "table.npy", "table.csv", "cases.json"
 # What `gibbs_codegen.flight.figures.study` leaves beside them.
-_FIGURES = [
-    f"{n}.{s}" for n in ("distributions", "worst_cases", "sensitivities") for s in ("png", "pdf")
-]
+_FIGURES = [f"{n}.{s}" for n in ("distributions", "worst_cases", "sensitivities") for s in FORMATS]
 # Columns that every table has.
 FIXED = ("case", "robot", "scenario", *REASONS)
 

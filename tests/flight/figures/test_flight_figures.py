@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from support.synthetic_flight import names, synthetic_flight
 
 from gibbs_codegen.errors import OutputError
+from gibbs_codegen.figures import FORMATS
 from gibbs_codegen.flight.figures import flight as figures
 from gibbs_codegen.flight.figures.curves import LOG_FLOOR, symbol
 from gibbs_codegen.flight.record.flight import Flight
@@ -510,17 +511,21 @@ def test_heading_says_why_it_stopped(drawn: Drawn) -> None:
         assert "stopped at t = 0 s: $5 of θ₀ is too_much" in heading
 
 
+_BEGINNINGS = {".pdf": b"%PDF", ".png": b"\x89PNG", ".svg": b"<?xml"}
+
+
 @pytest.mark.slow
 def test_files_in_order_and_twice_the_same(
     paper: Flight, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(figures, "FIGURES", (figures.constraint_torques,))
-    written = figures.write_figures(paper, tmp_path / "new" / "once")
-    assert [path.name for path in written] == ["constraint_torques.png", "constraint_torques.pdf"]
-    again = figures.write_figures(paper, tmp_path / "twice")
+    written = figures.write_figures(paper, tmp_path / "new" / "once", FORMATS)
+    names = [f"constraint_torques.{suffix}" for suffix in FORMATS]
+    assert [path.name for path in written] == names
+    again = figures.write_figures(paper, tmp_path / "twice", FORMATS)
     for path, other in zip(written, again, strict=True):
         content = path.read_bytes()
-        assert content.startswith(b"%PDF" if path.suffix == ".pdf" else b"\x89PNG")
+        assert content.startswith(_BEGINNINGS[path.suffix])
         assert b"CreationDate" not in content
         assert content == other.read_bytes()
 
