@@ -126,7 +126,7 @@ def save_figures(
     paths = []
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        for name, figure in figures:
+        for name, figure in figures if formats else ():
             for suffix in formats:
                 path = folder / f"{name}.{suffix}"
                 # A writer of PDF loses what the disk said; memory takes it whole.

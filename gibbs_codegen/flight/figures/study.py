@@ -24,6 +24,8 @@ _LONGEST_LINE = 27
 # Bins of a histogram; worst flights that are numbered; flights beyond which points are not drawn
 # one by one in files of vectors.
 _MOST_BINS, _WORST, _MOST_POINTS = 60, 5, 2000
+# What differs by a smaller share differs by rounding.
+_SAME = 1e-12
 # Distance of points that share a number's place, in points of typography.
 _NEAR = 12.0
 # How many times as great as the least the greatest value is from which an axis is logarithmic.
@@ -52,7 +54,7 @@ def distributions(study: Study) -> Figure:
             if not flights:
                 _say(axes, "no flight went on to its end")
                 continue
-            if least == greatest:
+            if np.isclose(least, greatest, _SAME, 0.0):
                 _say(axes, f"{least:.3g} in every flight")
                 continue
             axes.axvspan(low, high, color="0.93", linewidth=0)

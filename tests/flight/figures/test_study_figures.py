@@ -37,6 +37,13 @@ def test_every_flight_that_went_on_is_in_the_histogram(study: Study) -> None:
     assert figure.get_suptitle() == "robot0, hover: 590 flights, 20 ended early, 10 cases failed"
 
 
+def test_what_differs_by_rounding_alone_is_one_value(study: Study) -> None:
+    table = study.table.copy()
+    table[EFFORT] = np.nextafter(2.0, np.where(np.arange(len(table)) % 2, 2.0, 3.0))
+    effort = figures.distributions(replace(study, table=table)).axes[1]
+    assert [text.get_text() for text in effort.texts] == ["2 in every flight"]
+
+
 @pytest.mark.slow
 def test_the_worst_are_numbered_over_the_key_that_explains_most(study: Study) -> None:
     tip, effort = figures.worst_cases(study).axes
