@@ -108,6 +108,20 @@ class Functions:
             return self.outputs("integrate", q, displacement)[0]
         return coordinates_of(entries_of(q) + displacement, self.space)
 
+    def away(self, q: Node, other: Node) -> Node:
+        """The displacement (nv) from coordinates to others: their difference, but of a quaternion.
+
+        Args:
+            q: Coordinates (nq).
+            other: Coordinates (nq).
+
+        Returns:
+            The node.
+        """
+        if self.space.has_quaternion:
+            return self.outputs("difference", q, other)[0]
+        return entries_of(other) - entries_of(q)
+
     def outputs(self, name: str, *arguments: Node) -> tuple[Node, ...]:
         """The outputs of a function, as many as it has.
 

@@ -1,7 +1,7 @@
 /*
  * A predictive controller: real-time iterations on a plan of states and inputs.
  *
- * Before it stand the programs of `arrays/predictive.py`, `horizon.c`, and what
+ * Before it stand the programs of `machine/predictive.py`, `horizon.c`, and what
  * `runtime/predictive.py` prints: lengths, the structure Controller, which users see, and
  * `placed`, the places of the entries of each row in inputs and state, one after the other.
  * MODULE(name) puts the robot's name before a name.

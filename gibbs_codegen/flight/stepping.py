@@ -20,7 +20,7 @@ from gibbs_codegen.flight.control.sampled_control import (
     ZeroOrderHold,
 )
 from gibbs_codegen.flight.desired.trajectory import Progress
-from gibbs_codegen.flight.integration.closed_loop import ClosedLoop, Parts
+from gibbs_codegen.flight.integration.closed_loop import ClosedLoop
 from gibbs_codegen.flight.integration.compiled_loop import CompiledLoops
 from gibbs_codegen.flight.integration.integrators import Integration
 from gibbs_codegen.flight.plant.actuators import check_charge
@@ -31,6 +31,7 @@ from gibbs_codegen.flight.record.flight import Flight
 from gibbs_codegen.flight.record.recording import flight_of
 from gibbs_codegen.flight.scenario.file import AnyScenario
 from gibbs_codegen.flight.simulation import flight_start
+from gibbs_codegen.machine.state import State
 
 
 class Simulation:
@@ -153,7 +154,7 @@ class Simulation:
         self._loop = replace(self._loop, bristles=self._bristles if q is None else None)
         self._hold.forget()
         self._flight: Integration | None = None
-        self._known: tuple[float, Parts] | None = None
+        self._known: tuple[float, State[Array]] | None = None
         self._growth = None
         # Times, states and inputs from which the flight of a while ago can be flown again.
         self._marks: list[tuple[float, Array, Array]] = []
@@ -246,13 +247,13 @@ class Simulation:
             self._marks.append((begin, state, self._hold.inputs))
 
     @property
-    def _now(self) -> Parts:
+    def _now(self) -> State[Array]:
         """The state now; taken apart once."""
         if self._known is None or self._known[0] != self.time:
             self._known = self.time, self._at()[0]
         return self._known[1]
 
-    def _at(self, time: float = math.inf) -> tuple[Parts, Array]:
+    def _at(self, time: float = math.inf) -> tuple[State[Array], Array]:
         """The state at a time, s, of those flown, the last if later, and the inputs held there."""
         hold = self._hold
         if self._flight is None:

@@ -15,9 +15,9 @@ import casadi
 
 from gibbs_codegen.arrays.evaluation import evaluate_casadi
 from gibbs_codegen.arrays.functions import Functions
-from gibbs_codegen.arrays.steps import emitted_step
 from gibbs_codegen.emitted.preparation import real_numbers
 from gibbs_codegen.interface import ARGUMENTS, FUNCTIONS, Signature, module_signatures
+from gibbs_codegen.machine.steps import emitted_step
 from gibbs_codegen.runtime.kernels import Kernels
 from gibbs_codegen.runtime.loaded_module import LoadedModule
 

@@ -29,11 +29,11 @@ from gibbs_codegen.arrays.evaluation import Evaluator, shaped
 from gibbs_codegen.arrays.functions import Functions
 from gibbs_codegen.arrays.nodes import Program
 from gibbs_codegen.arrays.rules import by_arguments, by_parameters, gradients_by_arguments
-from gibbs_codegen.arrays.steps import emitted_step
 from gibbs_codegen.emitted.evaluation import state_array
 from gibbs_codegen.emitted.preparation import common_shape, real_numbers
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.interface import ARGUMENTS, FUNCTIONS, Signature
+from gibbs_codegen.machine.steps import emitted_step
 from gibbs_codegen.runtime.jax_ffi import CompiledCalls, compiled_calls
 from gibbs_codegen.runtime.kernels import Kernels
 from gibbs_codegen.runtime.loaded_module import GeneralFunction, LoadedModule

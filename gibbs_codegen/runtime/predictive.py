@@ -23,10 +23,10 @@ from numpy.typing import NDArray
 from gibbs_codegen.arrays.c_file import comment, opening
 from gibbs_codegen.arrays.c_text import CProgram, c_functions, literal
 from gibbs_codegen.arrays.nodes import Program
-from gibbs_codegen.arrays.predictive import Horizon
 from gibbs_codegen.files.line_breaks import WIDTH, broken
 from gibbs_codegen.files.staging import writing
 from gibbs_codegen.files.verbatim import c_source
+from gibbs_codegen.machine.predictive import Horizon
 from gibbs_codegen.runtime.programs import PREFIX, blocks_of, called, library, support
 
 Array = NDArray[np.float64]

@@ -46,7 +46,7 @@ def c_text(
 
     With `each` every state of a block has constants of its own. With `steps` it ends with
     `program_run`, which takes many steps of the program: its inputs are time, h and x, then what is
-    given, and its outputs those of `arrays.closed_loop`.
+    given, and its outputs those of `machine.closed_loop`.
     """
     constants = "real" if each else f"{robot.name}_constants"
     lines = [

@@ -13,10 +13,10 @@ from typing import Any
 from gibbs_codegen.arrays.c_text import c_functions, literal
 from gibbs_codegen.arrays.functions import Functions
 from gibbs_codegen.arrays.nodes import Program
-from gibbs_codegen.arrays.rollout_steps import ALL, Parts, given, rollout_step, sent
-from gibbs_codegen.arrays.steps import METHODS
 from gibbs_codegen.files.templating import render
 from gibbs_codegen.files.verbatim import c_source
+from gibbs_codegen.machine.rollout_steps import ALL, Parts, given, rollout_step, sent
+from gibbs_codegen.machine.steps import METHODS
 from gibbs_codegen.runtime.programs import PREFIX, blocks_of, support, take_step
 
 TEMPLATES = {

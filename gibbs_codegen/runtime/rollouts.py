@@ -1,9 +1,9 @@
 """Rollouts on plain arrays: what one computes, and how, by NumPy, by JAX or in C.
 
-A step is the array program of `arrays.rollout_steps`. `Steps` evaluates it on arrays of NumPy or of
-JAX, all states at once. In C it is compiled together with the robot's functions that it calls, once
-for each precision, and kept in the cache of libraries; it takes blocks of states that stay in the
-processor's cache.
+A step is the array program of `machine.rollout_steps`. `Steps` evaluates it on arrays of NumPy or
+of JAX, all states at once. In C it is compiled together with the robot's functions that it calls,
+once for each precision, and kept in the cache of libraries; it takes blocks of states that stay in
+the processor's cache.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import wait
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from types import ModuleType
 from typing import Any, Literal
@@ -23,12 +23,13 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from gibbs_codegen.arrays.contact import Contact
 from gibbs_codegen.arrays.evaluation import evaluate
 from gibbs_codegen.arrays.functions import Functions
 from gibbs_codegen.arrays.nodes import Program
-from gibbs_codegen.arrays.rollout_steps import ALL, Parts, given, rollout_step, sent
-from gibbs_codegen.arrays.steps import METHODS
+from gibbs_codegen.machine.contact import bristles_of
+from gibbs_codegen.machine.machine import NO_SURROUNDINGS, Surroundings
+from gibbs_codegen.machine.rollout_steps import ALL, Parts, given, rollout_step, sent
+from gibbs_codegen.machine.steps import METHODS
 from gibbs_codegen.runtime.c_backend import Pool
 from gibbs_codegen.runtime.c_library import Compiler, chosen_compiler
 from gibbs_codegen.runtime.programs import called, library
@@ -92,10 +93,9 @@ class Problem:
     describes actuators, inputs are commands of motors and servos, motors have limits alone, and
     `x` (1 or n, nx) are states of the actuators, if they have any. A state ends after the
     step that takes an entry of q and v beyond `bounds` (2, nq + nv), or makes it not finite; from
-    then on it stays as it is, and changes no other. `walls` are as of `Parts`, `bristles`
-    (1 or n, 3 b) those of b contacts with friction at the start, not strained if None; so is
-    `active`. A sample is
-    kept after every `every`-th step. The step is the module's step_euler or step_rk4.
+    then on it stays as it is, and changes no other. `around` and `figures` are as of `Parts`,
+    `bristles` (1 or n, 3 b) those of b contacts with friction at the start, not strained if None. A
+    sample is kept after every `every`-th step. The step is the module's step_euler or step_rk4.
     """
 
     module: ModuleType
@@ -113,9 +113,9 @@ class Problem:
     bounds: Array | None = None
     precision: Precision = "double"
     x: Array | None = None
-    walls: tuple[tuple[Contact, tuple[float, ...]], ...] = ()
+    around: Surroundings = NO_SURROUNDINGS
+    figures: tuple[tuple[str, tuple[float, ...]], ...] = ()
     bristles: Array | None = None
-    active: tuple[float, ...] = ()
 
     @functools.cached_property
     def parts(self) -> Parts:
@@ -125,11 +125,15 @@ class Problem:
             self.feedback is not None,
             motors is not None and bool(np.isfinite([motors.least, motors.most]).any()),
             motors is not None and _may_lag(motors.time_constants),
-            self.wrenches is not None,
             self.bounds is not None,
-            self.walls,
-            self.active,
+            replace(self.around, pushes=self.wrenches is not None),
+            self.figures,
         )
+
+    @property
+    def strains(self) -> int:
+        """How many numbers the bristles of contacts have, which end the state."""
+        return bristles_of(self.around.contacts)
 
     def begin(self, parts: Parts, xp: Any = np) -> list[Array]:
         """Coordinates, velocities and, in states with such parts, what follows them: (n, k) each.
@@ -138,15 +142,15 @@ class Problem:
         """
         actuated = self.motors.thrusts if parts.lag and self.motors is not None else self.x
         after = [] if actuated is None else [actuated]
-        if parts.bristles:
-            unstrained = xp.zeros((1, parts.bristles), self.q.dtype)
+        if self.strains:
+            unstrained = xp.zeros((1, self.strains), self.q.dtype)
             after.append(unstrained if self.bristles is None else self.bristles)
         after = [xp.broadcast_to(each, (len(self.q), each.shape[-1])) for each in after]
         return [self.q, self.v, *([xp.concatenate(after, axis=-1)] if after else [])]
 
     def after(self, rest: Array | None) -> tuple[Array | None, Array | None]:
         """Of what follows q and v in states (…, k) that of motors or actuators, and bristles."""
-        count = Parts(walls=self.walls).bristles
+        count = self.strains
         if rest is None or not count:
             return rest, None
         actuated = rest[..., : rest.shape[-1] - count]

@@ -24,7 +24,7 @@ from support.actuated import actuated
 from support.emitted import emitted_module, module_with_derivatives
 
 from gibbs_codegen.arrays import Functions, Program, evaluate, variable
-from gibbs_codegen.arrays.surroundings import air_on_rotors, on_frames
+from gibbs_codegen.machine.surroundings import air_on_rotors, on_frames
 from gibbs_codegen.robot.file import parse_robot
 
 ORACLES = Path(__file__).parents[1] / "oracles"

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from gibbs_codegen.arrays import Functions, evaluate
-from gibbs_codegen.arrays.steps import METHODS, step_program
 from gibbs_codegen.flight.integration.closed_loop import loop_program, loop_values
 from gibbs_codegen.flight.reference import Reference
 from gibbs_codegen.flight.scenario.file import read_scenario
 from gibbs_codegen.flight.simulation import flight_start
+from gibbs_codegen.machine.steps import METHODS, step_program
 from gibbs_codegen.runtime.load import load
 from gibbs_codegen.runtime.programs import CompiledProgram
 

@@ -22,12 +22,12 @@ from gibbs_codegen.arrays import (
     jacobian,
     variable,
 )
-from gibbs_codegen.arrays.allocation import nearest_thrusts, smallest_thrusts
 from gibbs_codegen.flight.integration.closed_loop import loop_program, loop_values
 from gibbs_codegen.flight.plant.allocation import Allocation
 from gibbs_codegen.flight.reference import Reference
 from gibbs_codegen.flight.scenario.file import read_scenario
 from gibbs_codegen.flight.simulation import flight_start
+from gibbs_codegen.machine.allocation import nearest_thrusts, smallest_thrusts
 from gibbs_codegen.pipeline import generate_robot
 from gibbs_codegen.robot.file import read_robot
 from gibbs_codegen.runtime.load import load

@@ -34,13 +34,13 @@ from gibbs_codegen.arrays import (
     variable,
     write_matlab,
 )
-from gibbs_codegen.arrays.base import Motion
-from gibbs_codegen.arrays.laws import Aim, Gains, computed_torque
 from gibbs_codegen.arrays.nodes import copysign, exponential, reshaped, transposed
 from gibbs_codegen.flight.integration.closed_loop import loop_program, loop_values
 from gibbs_codegen.flight.reference import Reference
 from gibbs_codegen.flight.scenario.file import read_scenario
 from gibbs_codegen.flight.simulation import flight_start
+from gibbs_codegen.machine.base import Motion
+from gibbs_codegen.machine.laws import Aim, Gains, computed_torque
 from gibbs_codegen.pipeline import generate_robot
 from gibbs_codegen.robot.file import read_robot
 from gibbs_codegen.robot.text import robot_text

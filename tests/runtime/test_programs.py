@@ -55,8 +55,8 @@ from gibbs_codegen.arrays import (
 from gibbs_codegen.arrays.c_text import CProgram
 from gibbs_codegen.arrays.labels import labelled, named
 from gibbs_codegen.arrays.slopes import ELEMENTARY_SLOPES
-from gibbs_codegen.arrays.steps import METHODS, step_program
 from gibbs_codegen.errors import MissingFunctionError, UsageError
+from gibbs_codegen.machine.steps import METHODS, step_program
 from gibbs_codegen.pipeline import generate_robot
 from gibbs_codegen.robot.family import paper_family
 from gibbs_codegen.robot.model import Robot

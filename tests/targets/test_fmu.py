@@ -22,8 +22,8 @@ from support.tools import compiled, tool
 
 from gibbs_codegen import generate, load, read_scenario, simulate
 from gibbs_codegen.arrays import Functions, evaluate, jacobian
-from gibbs_codegen.arrays.first_order import System
 from gibbs_codegen.arrays.nodes import Program
+from gibbs_codegen.machine.first_order import System
 
 Array = NDArray[np.float64]
 Make = Callable[[str], tuple[ModuleType, Path]]

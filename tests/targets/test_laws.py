@@ -21,7 +21,6 @@ from support.embedded_laws import M4F, M7, called, flown
 
 from gibbs_codegen import generate, load, simulate
 from gibbs_codegen.arrays import Functions, Program, evaluate
-from gibbs_codegen.arrays.law_functions import law_functions
 from gibbs_codegen.cli.app import main
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.files.module_writer import kept_options
@@ -29,6 +28,7 @@ from gibbs_codegen.flight.control.geometric import LeaningController
 from gibbs_codegen.flight.plant.allocation import Allocation, force_axis
 from gibbs_codegen.flight.scenario.file import read_scenario
 from gibbs_codegen.flight.simulation import flight_start
+from gibbs_codegen.machine.law_functions import law_functions
 from gibbs_codegen.pipeline import generate_robot
 from gibbs_codegen.robot.balance import carried_rotors
 from gibbs_codegen.robot.file import read_robot

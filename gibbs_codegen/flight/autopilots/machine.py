@@ -1,6 +1,6 @@
 """A robot as an autopilot has it: outputs of motors and servos go in, readings of sensors come out.
 
-What both are is said in `arrays/autopilot.py`.
+What both are is said in `machine/autopilot.py`.
 """
 
 from __future__ import annotations
@@ -14,7 +14,6 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from gibbs_codegen.arrays.autopilot import command_program, telling_program
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.flight.autopilots.air import ALTITUDE
 from gibbs_codegen.flight.desired.trajectory import Progress
@@ -28,6 +27,7 @@ from gibbs_codegen.flight.scenario.devices import Barometer, Gps, Imu, Magnetome
 from gibbs_codegen.flight.scenario.parts import Sensors
 from gibbs_codegen.flight.scenario.scenario import Scenario
 from gibbs_codegen.flight.stepping import Simulation
+from gibbs_codegen.machine.autopilot import command_program, telling_program
 from gibbs_codegen.robot.autopilot_axes import north_east_down, turned_attitude, turned_over
 
 

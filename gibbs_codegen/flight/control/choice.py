@@ -7,7 +7,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from gibbs_codegen.arrays.laws import LAWS, turns_servos
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.flight.control.error_polynomials import check_integral
 from gibbs_codegen.flight.control.geometric import LeaningController
@@ -23,6 +22,7 @@ from gibbs_codegen.flight.plant.allocation import (
 from gibbs_codegen.flight.plant.vehicle import Array, RobotData, Vehicle
 from gibbs_codegen.flight.reference import Reference
 from gibbs_codegen.flight.scenario.parts import PREDICTIVE, WORLD, Control, Impedance, Law
+from gibbs_codegen.machine.laws import LAWS, turns_servos
 
 _ALL = 6
 # Joints do not move a frame along a push by less than this share of how they move it.

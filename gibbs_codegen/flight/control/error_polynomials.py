@@ -15,11 +15,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from gibbs_codegen.arrays.laws import LAWS
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.flight.control.laws import Controller, Gains
 from gibbs_codegen.flight.control.sampled_control import ControlLaw
 from gibbs_codegen.flight.plant.vehicle import Array
+from gibbs_codegen.machine.laws import LAWS
 
 # Real parts count as 0 below this share of the greatest root.
 _ROUNDING = 1e-9

@@ -35,13 +35,13 @@ from typing import Any
 
 import numpy as np
 
-from gibbs_codegen.arrays import closed_loop
 from gibbs_codegen.arrays.evaluation import Evaluator
 from gibbs_codegen.arrays.nodes import Program
 from gibbs_codegen.flight.plant.allocation import EXACT, Allocation
 from gibbs_codegen.flight.plant.vehicle import Array, Vehicle
 from gibbs_codegen.flight.reference import Reference
 from gibbs_codegen.flight.scenario.parts import Force, Impedance
+from gibbs_codegen.machine import closed_loop
 
 # What a frame feels that nothing touches.
 _NOTHING: Array = np.zeros(6)
@@ -188,7 +188,7 @@ class MovedFrame:
 class Controller:
     """Inputs for a state, so that the vehicle follows a reference.
 
-    The laws of `arrays.laws` correct by the gains; "open_loop" commands the inputs of the desired
+    The laws of `machine.laws` correct by the gains; "open_loop" commands the inputs of the desired
     motion, whatever the state; "off" commands zeros. `vehicle` is the model that the law knows,
     which need not be the plant. `memory` is how many numbers it remembers, which are integrated
     with the state: nv with integral action. `moved` is the frame that the law moves, if it does.

@@ -33,9 +33,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 
 from gibbs_codegen.arrays.evaluation import evaluate
 from gibbs_codegen.arrays.functions import Functions
-from gibbs_codegen.arrays.laws import push_shares
 from gibbs_codegen.arrays.nodes import Program, constant, variable
-from gibbs_codegen.arrays.predictive import Horizon
 from gibbs_codegen.errors import (
     GibbsCodegenError,
     MissingFunctionError,
@@ -58,6 +56,8 @@ from gibbs_codegen.flight.scenario.scenario import Scenario
 from gibbs_codegen.flight.scenario.walls import Wall, surface_at, touched_by
 from gibbs_codegen.interface import FUNCTIONS
 from gibbs_codegen.interface.choice import options_with
+from gibbs_codegen.machine.laws import push_shares
+from gibbs_codegen.machine.predictive import Horizon
 from gibbs_codegen.runtime.load import load
 from gibbs_codegen.runtime.predictive import (
     AT_WALLS,

@@ -15,7 +15,6 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from gibbs_codegen.arrays.laws import turns_servos
 from gibbs_codegen.errors import UsageError, printable
 from gibbs_codegen.flight.arguments import whole
 from gibbs_codegen.flight.control.laws import Controller, Gains
@@ -29,6 +28,7 @@ from gibbs_codegen.flight.plant.vehicle import Array, Vehicle
 from gibbs_codegen.flight.reference import Reference
 from gibbs_codegen.flight.scenario.parts import PREDICTIVE, Sensors
 from gibbs_codegen.flight.scenario.scenario import Scenario
+from gibbs_codegen.machine.laws import turns_servos
 
 # Instants are the same, to this share of a millisecond, and of the time between two samples.
 _SAME = 1e-6

@@ -13,15 +13,11 @@ from bisect import bisect_right
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
-from gibbs_codegen.arrays import closed_loop
-from gibbs_codegen.arrays.closed_loop import Surroundings
-from gibbs_codegen.arrays.contact import bristles_of
 from gibbs_codegen.arrays.evaluation import Evaluator
-from gibbs_codegen.arrays.laws import turns_servos
 from gibbs_codegen.flight.control.geometric import LeaningController
 from gibbs_codegen.flight.control.laws import constants_of, evaluator_of, law_program
 from gibbs_codegen.flight.control.observation import Measured
@@ -33,27 +29,16 @@ from gibbs_codegen.flight.plant.sensors import SensorSuite
 from gibbs_codegen.flight.plant.vehicle import Array, Flags, Vehicle
 from gibbs_codegen.flight.scenario.orientation import LARGEST_THETA_0
 from gibbs_codegen.flight.scenario.scenario import Scenario
+from gibbs_codegen.machine import closed_loop
+from gibbs_codegen.machine.contact import bristles_of
+from gibbs_codegen.machine.laws import turns_servos
+from gibbs_codegen.machine.machine import Surroundings
+from gibbs_codegen.machine.state import State, StateLayout
 
 # Axes of what `motion` finds, if it is not two.
 _AXES = {"a": 1, "holding": 1}
 # Shares of a wrench that thrusts may fail to produce and still count as exact.
 DOUBLE, SINGLE = 1e-9, 1e-4
-
-
-class Parts(NamedTuple):
-    """What states consist of: coordinates (…, nq), velocities (…, nv) and work (…), J.
-
-    Then the state of the actuators, which is thrusts (…, N), N, of motors that lag, of a robot with
-    motors and servos that of its module, or (…, 0), the law's memory (…, memory), and displacements
-    (…, 3 b), m, of the bristles of b contacts with friction, world axes.
-    """
-
-    q: Array
-    v: Array
-    work: Array
-    actuators: Array
-    memory: Array
-    bristles: Array
 
 
 @dataclass(frozen=True)
@@ -120,28 +105,20 @@ class ClosedLoop:
         lags = self.lags or (times is not None and bool(np.any(times)))
         return self.compensated and lags and commands
 
+    @cached_property
+    def layout(self) -> StateLayout:
+        """The layout of the state."""
+        contacts = self.environment.around.contacts if self.environment else ()
+        actuators = len(self.vehicle.actuator_states)
+        if self.lags and not self.vehicle.is_driven:
+            actuators = self.vehicle.rotors
+        sizes = self.vehicle.layout.q.size, self.vehicle.layout.v.size, 1, actuators
+        return StateLayout(*sizes, self.controller.memory, bristles_of(contacts))
+
     @property
     def size(self) -> int:
         """Length of the state."""
-        contacts = self.environment.around.contacts if self.environment else ()
-        return self.bristle_place + bristles_of(contacts)
-
-    @property
-    def bristle_place(self) -> int:
-        """Place of the bristles in the state, after the law's memory."""
-        return self.memory_place + self.controller.memory
-
-    @property
-    def memory_place(self) -> int:
-        """Place of the law's memory in the state, after work and actuators."""
-        own = self.vehicle.rotors if self.lags else 0
-        own = len(self.vehicle.actuator_states) if self.vehicle.is_driven else own
-        return self.work_place + 1 + own
-
-    @property
-    def work_place(self) -> int:
-        """Place of the work in the state, after coordinates and velocities."""
-        return self.vehicle.layout.q.size + self.vehicle.layout.v.size
+        return self.layout.size
 
     def start(self, q: Array, v: Array, charge: float = 1.0) -> Array:
         """States (…, size) at time 0, with motors and servos settled at what the law wants.
@@ -170,14 +147,14 @@ class ClosedLoop:
             sent = wanted if self.hold is not None else self.sent(0.0, q, v, wanted)
             if idles:
                 sent[..., : self.vehicle.rotors] = self.actuators.idling
-            settled = np.zeros((*v.shape[:-1], self.memory_place - self.work_place - 1))
+            settled = np.zeros((*v.shape[:-1], self.layout.actuators))
             limits = self.actuators.commands
             if settled.shape[-1] and limits is not None:
                 settled = self.vehicle.actuator_state_of(np.clip(sent, *limits))
         if has_battery(self.vehicle):
             settled[..., -1] = charge
         memory = np.zeros((*v.shape[:-1], self.controller.memory))
-        work, bristles = (np.zeros((*v.shape[:-1], n)) for n in (1, self.size - self.bristle_place))
+        work, bristles = (np.zeros((*v.shape[:-1], n)) for n in (1, self.layout.bristles))
         if self.bristles is not None:
             bristles[...] = self.bristles
         return np.concatenate([q, v, work, settled, memory, bristles], axis=-1)
@@ -189,21 +166,13 @@ class ClosedLoop:
         possible = np.clip(wanted, *self.actuators.inputs)
         return self.controller.vehicle.command_of(q, v, possible)
 
-    def parts(self, states: Array) -> Parts:
+    def parts(self, states: Array) -> State[Array]:
         """What states (…, size) consist of, the quaternion made of length 1."""
-        n, work, memory = self.vehicle.layout.q.size, self.work_place, self.memory_place
-        bristles = self.bristle_place
-        return Parts(
-            self.vehicle.kinematics.normalised(states[..., :n]),
-            states[..., n:work],
-            states[..., work],
-            states[..., work + 1 : memory],
-            states[..., memory:bristles],
-            states[..., bristles:],
-        )
+        q, v, work, *others = (states[..., place] for place in self.layout.places)
+        return State(self.vehicle.kinematics.normalised(q), v, work[..., 0], *others)
 
     def inputs(
-        self, time: float | Array, parts: Parts, loads: Loads = NOTHING
+        self, time: float | Array, parts: State[Array], loads: Loads = NOTHING
     ) -> tuple[Array, Array]:
         """Inputs (…, nu) that are commanded, not yet within limits, and those that act.
 
@@ -214,7 +183,7 @@ class ClosedLoop:
         return commanded, acting
 
     def commands(
-        self, time: float | Array, parts: Parts, loads: Loads = NOTHING
+        self, time: float | Array, parts: State[Array], loads: Loads = NOTHING
     ) -> tuple[Array, Array, Array]:
         """As `inputs`, and between both what is aimed for: commands of motors and servos."""
         given = {"time": time, **parts._asdict()}
@@ -235,7 +204,7 @@ class ClosedLoop:
         return [self.vehicle.inputs[place] for place in np.flatnonzero(reached)]
 
     def motion(
-        self, time: float | Array, parts: Parts, aimed: Array, inputs: Array, loads: Loads
+        self, time: float | Array, parts: State[Array], aimed: Array, inputs: Array, loads: Loads
     ) -> dict[str, Array]:
         """Accelerations `a` (…, nv) under inputs (…, nu) and all else that acts.
 
@@ -255,7 +224,7 @@ class ClosedLoop:
             for name, x in found.items()
         }
 
-    def contact_wrenches(self, parts: Parts) -> Array:
+    def contact_wrenches(self, parts: State[Array]) -> Array:
         """Wrenches (…, f, 6) of contacts alone on the frames: N and N m, world axes."""
         own = {name: getattr(parts, name) for name in ("q", "v", "bristles")}
         found = self._found("contact_wrenches", NOTHING, own)["wrenches"]
@@ -316,8 +285,8 @@ class ClosedLoop:
         # An impact never adds energy, and of one that takes none rounding may say so.
         lost = np.maximum(vehicle.kinetic_energy(q, v) - vehicle.kinetic_energy(q, after), 0.0)
         found = states.copy()
-        found[..., vehicle.layout.q.size : self.work_place] = after
-        found[..., self.work_place] = work - lost
+        found[..., self.layout.places.v] = after
+        found[..., self.layout.places.work] = (work - lost)[..., np.newaxis]
         return found, lost
 
     def derivative(self, time: float, state: Array, loads: Loads = NOTHING) -> Array:
@@ -353,7 +322,7 @@ class ClosedLoop:
         loads = interval.loads._replace(inputs=self.hold.inputs)
         return interval._replace(loads=loads), stopped
 
-    def measured(self, time: float, parts: Parts, inputs: Array) -> Measured:
+    def measured(self, time: float, parts: State[Array], inputs: Array) -> Measured:
         """What sensors without noise measure of a state while inputs (nu) are held."""
         loads = self.loads(time)._replace(inputs=inputs)
         _, aimed, acting = self.commands(time, parts, loads)

@@ -20,7 +20,6 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from gibbs_codegen.arrays.laws import LAWS
 from gibbs_codegen.flight.control.error_polynomials import error_polynomials
 from gibbs_codegen.flight.control.laws import Gains
 from gibbs_codegen.flight.integration.closed_loop import ClosedLoop
@@ -29,6 +28,7 @@ from gibbs_codegen.flight.plant.vehicle import Array, Flags, Vehicle
 from gibbs_codegen.flight.scenario.orientation import LARGEST_THETA_0
 from gibbs_codegen.flight.scenario.parts import PREDICTIVE
 from gibbs_codegen.flight.scenario.walls import Wall, bristle, surface_at
+from gibbs_codegen.machine.laws import LAWS
 
 # A rate, rad/s or m/s, next to which dry friction is as it is about rest.
 _AT_REST = 1e-9

@@ -270,7 +270,7 @@ class AdaptiveIntegrator:
             relative, absolute = max(relative, _NOT_SMOOTH[0]), max(absolute, _NOT_SMOOTH[1])
         solver.rtol = relative
         solver.atol = np.full(len(solver.y), absolute)
-        solver.atol[loop.work_place] *= _WORK_SCALE
+        solver.atol[loop.layout.places.work] *= _WORK_SCALE
 
     def _too_slow(self, time: float, step: float, state: Array) -> str:
         """Why a flight takes too many evaluations, and what to do about it."""

@@ -112,18 +112,18 @@ def _balanced(loop: ClosedLoop, begin: Array, charge: float) -> tuple[Array, Arr
         there = vehicle.integrate(begin, moved)
         found = loop.start(there, still, charge)
         deflections = vehicle.frame_poses(there)[frames, :3, 3] - before
-        found[loop.bristle_place :] = deflections.ravel()
+        found[loop.layout.places.bristles] = deflections.ravel()
         return found
 
     def accelerations(moved: Array) -> Array:
-        return loop.derivative(0.0, state(moved), loads)[size : loop.work_place]
+        return loop.derivative(0.0, state(moved), loads)[loop.layout.places.v]
 
     tight = dict.fromkeys(("xtol", "ftol", "gtol"), 1e-15)
     found = least_squares(accelerations, still, x_scale="jac", max_nfev=_TRIES, **tight)
     end, left = state(found.x), float(np.abs(found.fun).max())
     if np.linalg.eigvals(found.jac).real.max() > _TOPPLES:
         left = np.inf
-    return end[:size], end[loop.bristle_place :], left
+    return end[:size], end[loop.layout.places.bristles], left
 
 
 def _weight(loop: ClosedLoop) -> float:

@@ -113,7 +113,7 @@ class Allocation:
 
     @property
     def externals(self) -> dict[str, Callable[..., Array]]:
-        """What programs of laws call: see `arrays.laws.inputs_of`."""
+        """What programs of laws call: see `machine.laws.inputs_of`."""
         return {"nearest_thrusts": self._nearest}
 
     def check(self, q: Array, wrenches: Array) -> None:

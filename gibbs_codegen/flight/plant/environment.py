@@ -1,4 +1,4 @@
-"""Figures of what acts on the robot besides its inputs; `arrays.surroundings` has the wrenches.
+"""Figures of what acts on the robot besides its inputs; `machine.surroundings` has the wrenches.
 
 A push, drag in the wind, walls, spinning rotors and payloads.
 
@@ -22,12 +22,12 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from gibbs_codegen.arrays.closed_loop import Surroundings
 from gibbs_codegen.errors import UsageError, printable
 from gibbs_codegen.flight.plant.vehicle import Array, Flags, RobotData, Vehicle
 from gibbs_codegen.flight.scenario.parts import Hold, Payload, Push, Wind
 from gibbs_codegen.flight.scenario.scenario import Scenario
 from gibbs_codegen.flight.scenario.walls import Wall, contacts_of, yielding
+from gibbs_codegen.machine.machine import Surroundings
 
 
 class RotorSpin:
@@ -120,8 +120,13 @@ class Environment:
         """What acts at all times, and on which frames."""
         gusts, spin = self.wind.gusts if self.wind else (), self.spin
         spins = zip(spin.rotors.tolist(), spin.places.tolist(), strict=True) if spin else ()
-        contacts = contacts_of(self.wall, self.vehicle.frames)
-        return Surroundings(False, self.wind is not None, len(gusts), contacts, tuple(spins))
+        return Surroundings(
+            wind=self.wind is not None,
+            drag=self.wind is not None,
+            gusts=len(gusts),
+            contacts=contacts_of(self.wall, self.vehicle.frames),
+            spins=tuple(spins),
+        )
 
     @cached_property
     def figures(self) -> dict[str, Array]:

@@ -20,13 +20,13 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from gibbs_codegen.arrays import Node, Program, external, variable
-from gibbs_codegen.arrays.base import Base, base_of, placed, quaternion_motion, unit_entries
-from gibbs_codegen.arrays.base import Motion as DesiredNodes
 from gibbs_codegen.arrays.evaluation import Evaluator
 from gibbs_codegen.arrays.nodes import Space, coordinates_of, cross, entries_of, zeros
 from gibbs_codegen.flight.reference import Motion, Reference
 from gibbs_codegen.flight.scenario.orientation import Turning, attitude_angles, rotation_matrix
 from gibbs_codegen.flight.vectors import Array, times, transposed
+from gibbs_codegen.machine.base import Base, base_of, placed, quaternion_motion, unit_entries
+from gibbs_codegen.machine.base import Motion as DesiredNodes
 from gibbs_codegen.robot.layout import Layout
 
 # What coordinates must be for `unit_quaternions`.

@@ -21,13 +21,13 @@ from numpy.typing import ArrayLike, NDArray
 from gibbs_codegen.arrays.evaluation import Evaluator
 from gibbs_codegen.arrays.functions import Functions
 from gibbs_codegen.arrays.nodes import Program
-from gibbs_codegen.arrays.sensors import Channel, Device, measurement_program, reading_program
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.flight.arguments import whole
 from gibbs_codegen.flight.plant.environment import Environment
 from gibbs_codegen.flight.plant.state_program import StateProgram, state_program
 from gibbs_codegen.flight.plant.vehicle import Array, RobotData, Vehicle
 from gibbs_codegen.flight.scenario.parts import Sensors
+from gibbs_codegen.machine.sensors import Channel, Device, measurement_program, reading_program
 from gibbs_codegen.runtime.load import load
 
 # Time, s, by which instants may differ that count as the same.

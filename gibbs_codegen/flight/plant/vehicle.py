@@ -15,13 +15,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gibbs_codegen.arrays import Functions, Program, variable
-from gibbs_codegen.arrays.base import base_of
 from gibbs_codegen.arrays.evaluation import Evaluator
 from gibbs_codegen.errors import UsageError, printable
 from gibbs_codegen.flight.plant.kinematics import kinematics_of
 from gibbs_codegen.flight.vectors import Array as Array
 from gibbs_codegen.flight.vectors import Flags as Flags
 from gibbs_codegen.interface import DATA, FUNCTIONS
+from gibbs_codegen.machine.base import base_of
 from gibbs_codegen.robot.layout import Layout
 from gibbs_codegen.runtime.load import BACKENDS
 

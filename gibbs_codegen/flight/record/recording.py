@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from gibbs_codegen.flight.desired.trajectory import TimedMotion
-from gibbs_codegen.flight.integration.closed_loop import ClosedLoop, Parts
+from gibbs_codegen.flight.integration.closed_loop import ClosedLoop
 from gibbs_codegen.flight.integration.envelope import hard_impacts
 from gibbs_codegen.flight.integration.integrators import StepGrid
 from gibbs_codegen.flight.integration.state_history import InputRanges, StateHistory
@@ -21,6 +21,7 @@ from gibbs_codegen.flight.record.flight import Flight
 from gibbs_codegen.flight.record.series import RANGES, point_parents
 from gibbs_codegen.flight.scenario.orientation import Tangent, heading_error
 from gibbs_codegen.flight.scenario.scenario import Scenario
+from gibbs_codegen.machine.state import State
 
 _HOUR = 3600.0
 # The last of a charge.
@@ -152,7 +153,7 @@ class Recording:
         return self.history.time
 
     @cached_property
-    def _parts(self) -> Parts:
+    def _parts(self) -> State[Array]:
         return self.loop.parts(self.history.states)
 
     @cached_property

@@ -14,7 +14,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gibbs_codegen.arrays.laws import LAWS
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.files.staging import writing
 from gibbs_codegen.flight.plant.actuators import followed
@@ -23,6 +22,7 @@ from gibbs_codegen.flight.plant.vehicle import Vehicle
 from gibbs_codegen.flight.record.clearance import disc_distances, rim_distances, wall_distances
 from gibbs_codegen.flight.vectors import Array as Array
 from gibbs_codegen.flight.vectors import roll_pitch_yaw
+from gibbs_codegen.machine.laws import LAWS
 from gibbs_codegen.robot.layout import Layout
 
 # Names of the fields that are the ranges of the inputs, in the order of `InputRanges`.

@@ -10,9 +10,9 @@ from typing import Any
 import jax
 import jax.numpy
 
-from gibbs_codegen.arrays.rollout_steps import Parts
 from gibbs_codegen.flight.arguments import numpy_array
 from gibbs_codegen.flight.rollouts.arguments import Controller, RolloutArguments
+from gibbs_codegen.machine.rollout_steps import Parts
 from gibbs_codegen.runtime import rollouts
 
 jnp: Any = jax.numpy
@@ -27,7 +27,7 @@ _ARRAYS = {
     ],
     rollouts.Rollout: ["time", "q", "v", "thrusts", "steps", "ended", "x", "bristles"],
 }
-_FIXED = ["module", "steps", "method", "every", "precision", "walls", "active"]
+_FIXED = ["module", "steps", "method", "every", "precision", "around", "figures"]
 for _kind, _names in _ARRAYS.items():
     jax.tree_util.register_dataclass(_kind, _names, _FIXED if _kind is rollouts.Problem else [])
 

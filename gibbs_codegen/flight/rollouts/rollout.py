@@ -13,8 +13,6 @@ from typing import Any, get_args
 
 import numpy as np
 
-from gibbs_codegen.arrays.contact import Contact
-from gibbs_codegen.arrays.rollout_steps import Parts
 from gibbs_codegen.errors import UsageError, printable
 from gibbs_codegen.flight.arguments import seconds, whole
 from gibbs_codegen.flight.integration.envelope import (
@@ -24,11 +22,14 @@ from gibbs_codegen.flight.integration.envelope import (
     wall_modes,
 )
 from gibbs_codegen.flight.plant.actuators import commands_beyond
+from gibbs_codegen.flight.plant.environment import Environment
 from gibbs_codegen.flight.plant.vehicle import Vehicle
 from gibbs_codegen.flight.rollouts.arguments import Controller, RolloutArguments
 from gibbs_codegen.flight.rollouts.scenario_rollout import scenario_rollout
 from gibbs_codegen.flight.scenario.scenario import Scenario
-from gibbs_codegen.flight.scenario.walls import Wall, touched_by
+from gibbs_codegen.flight.scenario.walls import Wall
+from gibbs_codegen.machine.machine import NO_SURROUNDINGS, Surroundings
+from gibbs_codegen.machine.rollout_steps import Parts
 from gibbs_codegen.runtime import rollouts
 from gibbs_codegen.runtime.c_library import CompilerError
 from gibbs_codegen.runtime.cache import CacheError
@@ -216,6 +217,9 @@ def rollout(
     q, v = (arguments.xp.repeat(each, arguments.count() // len(each), 0) for each in (q, v))
     if callable(control):
         inputs = arguments.commands(control(0.0, q.copy(), v.copy()))
+    around, figures = touched(module, walls, q, parameters or {}, float(dt), method)
+    if constraints:
+        around, figures = replace(around, holds=True), (*figures, ("active", active))
     problem = rollouts.Problem(
         module,
         constants,
@@ -232,8 +236,8 @@ def rollout(
         bounds=bounds,
         precision=precision,
         x=x,
-        walls=touched(module, walls, q, parameters or {}, float(dt), method),
-        active=active if constraints else (),
+        around=around,
+        figures=figures,
     )
     if x is not None and x0 is None:
         first = rollouts.Steps(problem, arguments.xp).commanded()
@@ -263,8 +267,8 @@ def touched(
     parameters: Mapping[str, Any],
     dt: float,
     method: rollouts.Method,
-) -> tuple[tuple[Contact, tuple[float, ...]], ...]:
-    """Contacts with walls, each with the figures of its wall.
+) -> tuple[Surroundings, tuple[tuple[str, tuple[float, ...]], ...]]:
+    """What is around states, walls with contacts, and its figures by name.
 
     Coordinates q (n, nq) and parameters, numbers or arrays (n), are those of the states. Raises
     `UsageError` for what are no walls, for frames that the robot does not have, and for steps of
@@ -273,7 +277,7 @@ def touched(
     if not (isinstance(walls, list | tuple) and all(isinstance(each, Wall) for each in walls)):
         raise UsageError("walls: must be walls as read_scenario(…).walls has them")
     if not walls:
-        return ()
+        return NO_SURROUNDINGS, ()
     vehicle = Vehicle(_on_arrays(module))
     for k, wall in enumerate(walls, start=1):
         for frame in wall.frames:
@@ -288,7 +292,9 @@ def touched(
     for mode in sorted(wall_modes(vehicle, walls, places), reverse=True):
         if words := mode.fault(dt, method):
             raise UsageError(f"dt: {words}")
-    return touched_by(vehicle.frames, walls)
+    environment = Environment(vehicle, wall=tuple(walls))
+    figures = ((name, tuple(x.tolist())) for name, x in environment.figures.items())
+    return environment.around, tuple(figures)
 
 
 def array_rollout(

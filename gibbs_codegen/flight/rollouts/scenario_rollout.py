@@ -10,7 +10,6 @@ import numpy as np
 
 from gibbs_codegen.errors import GibbsCodegenError, UsageError
 from gibbs_codegen.flight.integration.block_loop import BlockIntegration
-from gibbs_codegen.flight.integration.closed_loop import Parts
 from gibbs_codegen.flight.integration.envelope import NOT_FINITE
 from gibbs_codegen.flight.integration.integrators import check_stability, integrate
 from gibbs_codegen.flight.integration.state_history import StateHistory
@@ -19,6 +18,7 @@ from gibbs_codegen.flight.rollouts.arguments import RolloutArguments
 from gibbs_codegen.flight.scenario.file import AnyScenario, read_scenario
 from gibbs_codegen.flight.scenario.parts import Settings
 from gibbs_codegen.flight.simulation import FlightStart, flight_start
+from gibbs_codegen.machine.state import State
 from gibbs_codegen.runtime.rollouts import (
     DIVERGED,
     OUT_OF_BOUNDS,
@@ -154,7 +154,7 @@ def _single(
     `start` (size) has thrusts if any state lags. Raises `UsageError` if it cannot go on.
     """
     loop, size = loops.loop(state), len(start)
-    first = loop.work_place + 1
+    first = loop.layout.places.work.stop
     places = np.delete(np.arange(size), slice(first, first + size - loop.size))
     settings = loops.start.scenario.integration
     try:
@@ -166,13 +166,13 @@ def _single(
     return replace(own, states=states)
 
 
-def _thrusts(loops: ScenarioLoops, parts: Parts, time: Array) -> Array:
+def _thrusts(loops: ScenarioLoops, parts: State[Array], time: Array) -> Array:
     """Thrusts (n, samples, rotors), N, of motors of which some lag, of parts (n, samples)."""
     thrusts = parts.actuators.copy()
     lag = np.broadcast_to(loops.loop().actuators.lag, thrusts[:, 0].shape)
     for i in np.flatnonzero((lag == 0.0).any(axis=1)).tolist():
         # A command acts at once where nothing lags, and then the state has no thrust.
-        loop, own = loops.loop(i), Parts(*(each[i] for each in parts))
+        loop, own = loops.loop(i), State(*(each[i] for each in parts))
         applied = loop.inputs(time[i], own, loop.loads(time[i]))[1]
         thrusts[i] = applied[:, : thrusts.shape[-1]]
     return thrusts

@@ -236,6 +236,7 @@ class VectorEnv(gymnasium.vector.VectorEnv[Observations, ArrayLike, Any]):
         thrusts = np.tile(self._holding[: vehicle.rotors], (self.num_envs, 1))
         self._motors = replace(motors, thrusts=thrusts)
         # Where the machines are, and how a decision is flown.
+        around, figures = touched(module, walls, self._hover[np.newaxis], {}, dt, method)
         self._now = Problem(
             module,
             vehicle.constants,
@@ -249,11 +250,11 @@ class VectorEnv(gymnasium.vector.VectorEnv[Observations, ArrayLike, Any]):
             bounds=None if bounds is None else arguments.range("bounds", bounds, nq + nv),
             precision=precision,
             x=np.tile(x, (self.num_envs, 1)) if len(x) else None,
-            walls=touched(module, walls, self._hover[np.newaxis], {}, dt, method),
+            around=around,
+            figures=figures,
         )
-        entries = self._now.parts.bristles
-        if entries:
-            self._now = replace(self._now, bristles=np.zeros((self.num_envs, entries)))
+        if strains := self._now.strains:
+            self._now = replace(self._now, bristles=np.zeros((self.num_envs, strains)))
         self._decisions = np.zeros(self.num_envs, dtype=np.int64)
         self._parameters: dict[str, Array] = {}
         zero = dict.fromkeys(module.VELOCITIES, 0.0)

@@ -10,7 +10,6 @@ import math
 import re
 from typing import Annotated, ClassVar
 
-from gibbs_codegen.arrays.sensors import Channel
 from gibbs_codegen.files.table import Bounds, Table, entry, key, needed, table
 from gibbs_codegen.flight.scenario.numbers import (
     IN_DEGREES,
@@ -21,6 +20,7 @@ from gibbs_codegen.flight.scenario.numbers import (
     Positive,
     Vector,
 )
+from gibbs_codegen.machine.sensors import Channel
 from gibbs_codegen.robot.layout import Layout
 
 Delay = Annotated[Number, Bounds(0.0, 10.0, " s")]

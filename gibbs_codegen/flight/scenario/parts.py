@@ -10,8 +10,6 @@ import math
 from collections.abc import Iterator, Mapping
 from typing import Annotated, Any, ClassVar, Literal
 
-from gibbs_codegen.arrays.laws import LAWS
-from gibbs_codegen.arrays.sensors import MEASUREMENTS
 from gibbs_codegen.files.table import (
     Bounds,
     Flag,
@@ -51,6 +49,8 @@ from gibbs_codegen.flight.scenario.numbers import (
     Vector,
 )
 from gibbs_codegen.flight.vectors import Array, Flags
+from gibbs_codegen.machine.laws import LAWS
+from gibbs_codegen.machine.sensors import MEASUREMENTS
 
 MAX_DURATION = 3600.0  # s
 # The law that plans: `flight.control.predictive`.

@@ -1,6 +1,6 @@
 """Walls that frames may touch: surfaces that yield, with or without friction.
 
-`arrays.contact` has the forces. A shape is a class of `Wall`: keys of a scenario file, the figures
+`machine.contact` has the forces. A shape is a class of `Wall`: keys of a scenario file, the figures
 that array programs and records have of it, its surface, and a patch of that for drawings.
 """
 
@@ -13,8 +13,6 @@ from typing import Annotated, Any, ClassVar, get_args
 
 import numpy as np
 
-from gibbs_codegen.arrays.base import length
-from gibbs_codegen.arrays.contact import Contact
 from gibbs_codegen.arrays.evaluation import Evaluator
 from gibbs_codegen.arrays.nodes import (
     Node,
@@ -52,6 +50,8 @@ from gibbs_codegen.flight.scenario.orientation import rotation_matrix
 from gibbs_codegen.flight.scenario.parts import FRAME
 from gibbs_codegen.flight.scenario.paths import plane
 from gibbs_codegen.flight.vectors import Array
+from gibbs_codegen.machine.base import length
+from gibbs_codegen.machine.contact import Contact
 
 # Within which time a bristle without a load is lost, s, if nothing else is said.
 _LOST_WITHIN = 0.01
@@ -298,7 +298,7 @@ def bristle(wall: Wall) -> tuple[float, float]:
 
 
 def yielding(wall: Wall) -> tuple[float, ...]:
-    """Figures of a wall before those of its shape, as `arrays.contact` has them."""
+    """Figures of a wall before those of its shape, as `machine.contact` has them."""
     own = wall.ball_radius, wall.stiffness, wall.damping, wall.dissipation, wall.friction
     return (*own, *bristle(wall))
 

@@ -7,9 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from gibbs_codegen.arrays.c_file import c_files
-from gibbs_codegen.arrays.law_functions import law_functions
-from gibbs_codegen.arrays.laws import LAWS
 from gibbs_codegen.errors import UsageError, printable
+from gibbs_codegen.machine.law_functions import law_functions
+from gibbs_codegen.machine.laws import LAWS
 from gibbs_codegen.program.model import Model
 from gibbs_codegen.robot.balance import carried_rotors, tried_postures, wrench_matrix
 from gibbs_codegen.robot.model import Robot

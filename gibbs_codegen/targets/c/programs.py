@@ -11,10 +11,10 @@ from gibbs_codegen.arrays.c_text import CProgram, View
 from gibbs_codegen.arrays.contents import functions_of
 from gibbs_codegen.arrays.functions import Functions
 from gibbs_codegen.arrays.nodes import Node, Program
-from gibbs_codegen.arrays.steps import emitted_step
 from gibbs_codegen.files.line_breaks import broken
 from gibbs_codegen.files.verbatim import c_source
 from gibbs_codegen.interface import FUNCTIONS, Signature
+from gibbs_codegen.machine.steps import emitted_step
 from gibbs_codegen.program.model import Model
 from gibbs_codegen.program.scratch import stack_bytes
 from gibbs_codegen.program.trigonometry import gather_angles

@@ -18,10 +18,10 @@ from dataclasses import replace
 from xml.sax.saxutils import quoteattr
 
 from gibbs_codegen.arrays.c_file import Function, c_files
-from gibbs_codegen.arrays.first_order import System
 from gibbs_codegen.arrays.functions import Functions
 from gibbs_codegen.files.templating import render
 from gibbs_codegen.files.verbatim import c_source
+from gibbs_codegen.machine.first_order import System
 from gibbs_codegen.program.choice import chosen_functions
 from gibbs_codegen.program.model import Model
 from gibbs_codegen.runtime.c_library import CompilerError, portable_library

@@ -11,7 +11,7 @@ import re
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
-from gibbs_codegen.arrays.first_order import System
+from gibbs_codegen.machine.first_order import System
 from gibbs_codegen.program.model import Model
 from gibbs_codegen.robot.description import Coordinate
 from gibbs_codegen.robot.names import coordinate_of

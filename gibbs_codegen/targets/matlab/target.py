@@ -8,9 +8,9 @@ from dataclasses import replace
 
 from gibbs_codegen.arrays.functions import Functions
 from gibbs_codegen.arrays.matlab_text import MatlabPages
-from gibbs_codegen.arrays.steps import emitted_step
 from gibbs_codegen.files.verbatim import matlab_source
 from gibbs_codegen.interface import FUNCTIONS, Signature
+from gibbs_codegen.machine.steps import emitted_step
 from gibbs_codegen.program.model import Model
 from gibbs_codegen.program.nodes import names_in
 from gibbs_codegen.program.patterns import patterns

@@ -6,9 +6,9 @@ from typing import Any
 
 from gibbs_codegen.arrays.functions import Functions
 from gibbs_codegen.arrays.numpy_text import NumpyText
-from gibbs_codegen.arrays.steps import emitted_step
 from gibbs_codegen.files.verbatim import python_source
 from gibbs_codegen.interface import ARGUMENTS, DATA, DATA_ON_REQUEST, LISTS, OWN_LISTS, Signature
+from gibbs_codegen.machine.steps import emitted_step
 from gibbs_codegen.program.model import Model
 from gibbs_codegen.program.nodes import Function, names_in
 from gibbs_codegen.program.patterns import patterns

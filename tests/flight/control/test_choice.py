@@ -11,12 +11,12 @@ import numpy as np
 import pytest
 
 from gibbs_codegen import generate
-from gibbs_codegen.arrays.laws import LAWS
 from gibbs_codegen.flight.control.choice import control_law, law_of
 from gibbs_codegen.flight.plant.allocation import AllocationError, allocation_of, thrust_axis
 from gibbs_codegen.flight.plant.vehicle import Array, Vehicle
 from gibbs_codegen.flight.reference import Motion, Reference
 from gibbs_codegen.flight.scenario.parts import Control, Law
+from gibbs_codegen.machine.laws import LAWS
 
 Load = Callable[[str], ModuleType]
 

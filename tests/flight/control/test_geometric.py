@@ -133,7 +133,7 @@ def test_small_errors_decay_by_the_polynomials(name: str, lag: float, machines: 
     actuators.lag[:] = lag
     loop = ClosedLoop(vehicle, law, actuators)
     rest = loop.start(*law.reference(0.0)[:2])
-    keep = [*range(loop.work_place), *range(loop.work_place + 1, loop.size)]
+    keep = np.delete(np.arange(loop.size), loop.layout.places.work)
     size, nq = 1e-5, vehicle.layout.q.size
     slopes = [
         (loop.derivative(0.5, rest + step) - loop.derivative(0.5, rest - step))[keep] / (2.0 * size)
@@ -160,9 +160,9 @@ def test_integrals_decay_by_the_polynomials(machines: Load) -> None:
     law = law_of(vehicle, resting(vehicle, vehicle.neutral), control)
     loop = ClosedLoop(vehicle, law, Actuators.unlimited(vehicle))
     rest = loop.start(*law.reference(0.0)[:2])
-    attitude = loop.memory_place + np.arange(vehicle.layout.v.size)[vehicle.layout.v.attitude]
+    attitude = np.arange(loop.size)[loop.layout.places.memory][vehicle.layout.v.attitude]
     scalar = vehicle.layout.q.attitude.stop - 1
-    keep = np.setdiff1d(np.arange(loop.size), [loop.work_place, scalar, *attitude])
+    keep = np.setdiff1d(np.arange(loop.size), [loop.layout.places.work.start, scalar, *attitude])
     size = 1e-5
     slopes = [
         (loop.derivative(0.5, rest + step) - loop.derivative(0.5, rest - step))[keep] / (2.0 * size)

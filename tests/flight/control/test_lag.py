@@ -95,7 +95,7 @@ def start_of(loop: ClosedLoop, off: float) -> Array:
     """A state beside the motion at its begin, whose lagging thrusts are `off` what is wanted."""
     q, v, _ = loop.controller.reference(0.0)
     state = loop.start(q + 0.05 * np.cos(np.arange(len(q))), v)
-    state[loop.work_place + 2 : loop.memory_place] += off
+    state[loop.layout.places.actuators][1:] += off
     return state
 
 

@@ -378,7 +378,7 @@ def test_c_numpy_and_jax_say_the_same(
     random, jax = np.random.default_rng(3), jax_in_double_precision
     states = np.tile(loop.start(start.q, start.v), (6, 1))
     states += 1e-3 * random.normal(size=states.shape)
-    states[:, loop.bristle_place :] *= 3.0
+    states[:, loop.layout.places.bristles] *= 3.0
     slope = CompiledSlope(loop, np.inf)
     program = loop_program(loop, loop.loads(0.0))
     values = loop_values(loop, np.inf, loop.loads(0.0)) | {"time": 0.0}
@@ -420,7 +420,7 @@ def test_contact_has_the_derivatives_of_complex_steps(folder: Path) -> None:
     values = loop_values(loop, np.inf, loop.loads(0.0)) | {"time": 0.0}
     values |= {"curves": np.concatenate(loop.controller.reference(0.0))}
     state = loop.start(start.q, np.array([0.01, 0.02, -0.03, 0.02, 0.01, 0.05]))
-    state[loop.bristle_place :] = [1e-4, 0, 0, 3e-3, 1e-3, 0, 0, 2e-4, 0, 0, 0, 0]
+    state[loop.layout.places.bristles] = [1e-4, 0, 0, 3e-3, 1e-3, 0, 0, 2e-4, 0, 0, 0, 0]
     values = {name: values[name] for name in program.names if name != "x"} | {"x": state}
     owners = dict.fromkeys(("plant", "model"), module)
     found = evaluate(jacobian(program, "x"), values, owners)["rate_by_x"]

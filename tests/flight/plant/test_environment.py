@@ -16,7 +16,7 @@ from support.emitted import emitted_module
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.flight.control.laws import Controller, Gains
 from gibbs_codegen.flight.desired.trajectory import desired_motion
-from gibbs_codegen.flight.integration.closed_loop import ClosedLoop, Parts
+from gibbs_codegen.flight.integration.closed_loop import ClosedLoop
 from gibbs_codegen.flight.integration.compiled_loop import CompiledLoop, is_compiled
 from gibbs_codegen.flight.integration.state_history import NOTHING, Loads
 from gibbs_codegen.flight.plant.actuators import Actuators
@@ -29,6 +29,7 @@ from gibbs_codegen.flight.scenario.file import read_scenario
 from gibbs_codegen.flight.scenario.parts import Gust, Payload, Push, Wind
 from gibbs_codegen.flight.scenario.walls import Cylinder, Plane
 from gibbs_codegen.flight.simulation import simulate
+from gibbs_codegen.machine.state import State
 from gibbs_codegen.robot.file import parse_robot
 
 Array = NDArray[np.float64]
@@ -111,7 +112,7 @@ def wrenches(
     law = Controller(vehicle, reference, allocation_of(vehicle), gains, "off")
     loop = ClosedLoop(vehicle, law, Actuators.unlimited(vehicle), environment)
     none = np.zeros((*q.shape[:-1], 0))
-    parts = Parts(q, v, none, none, none, none)
+    parts = State(q, v, none, none, none, none)
     return loop.motion(time, parts, inputs, inputs, NOTHING)["wrenches"]
 
 

@@ -11,7 +11,6 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from gibbs_codegen.arrays.base import base_of, unit_entries
 from gibbs_codegen.arrays.forward import along
 from gibbs_codegen.arrays.functions import Functions
 from gibbs_codegen.arrays.labels import labelled
@@ -19,13 +18,16 @@ from gibbs_codegen.arrays.nodes import (
     Node,
     Program,
     beside,
-    coordinates_of,
+    constant,
     join,
     reshaped,
     variable,
 )
-from gibbs_codegen.arrays.steps import classical_step
-from gibbs_codegen.arrays.surroundings import air_on_rotors, on_frames, origin_of, rotation_of
+from gibbs_codegen.machine.base import base_of
+from gibbs_codegen.machine.machine import Machine, Surroundings
+from gibbs_codegen.machine.state import State
+from gibbs_codegen.machine.steps import classical_step
+from gibbs_codegen.machine.surroundings import origin_of, rotation_of
 
 Shapes = Mapping[str, tuple[int, ...]]
 
@@ -40,9 +42,7 @@ class System:
     @property
     def size(self) -> int:
         """Length of a state."""
-        robot = self.robot
-        actuators = robot.actuator_states if robot.driven else len(self.lags)
-        return robot.space.coordinates + robot.space.velocities + actuators
+        return Machine(self.robot, variable).layout().size + len(self.lags)
 
     @property
     def given(self) -> Shapes:
@@ -98,56 +98,40 @@ class System:
 
     def rate(self, x: Node, given: Node) -> Node:
         """Time derivative of a state."""
-        robot, (q, v, actuators) = self.robot, self._parts(x)
-        commands = given[: robot.inputs]
-        rates = [base_of(robot, q).rates(v, x), self._acceleration(x, given)]
-        if robot.driven and robot.actuator_states:
-            rates.append(robot.actuator_rates(actuators, commands))
-        rates += [
-            (commands[rotor] - actuators[place]) / time
+        commands, (state, lagging, u) = given[: self.robot.inputs], self._acting(x, given)
+        rates = self._machine(given).rates(constant(0.0), state, u, commands)
+        following = [
+            (commands[rotor] - lagging[place]) / time
             for place, (rotor, time) in enumerate(self.lags.items())
         ]
-        return join(*rates)
+        moved = base_of(self.robot, state.q).rates(state.v, x)
+        return join(moved, rates.a, rates.actuators, *following)
 
-    def _parts(self, x: Node) -> tuple[Node, Node, Node]:
-        """Coordinates with a unit quaternion, velocities, and the state of the actuators."""
-        space = self.robot.space
-        end = space.coordinates + space.velocities
-        q = coordinates_of(unit_entries(self.robot, x[: space.coordinates]), space)
-        return q, x[space.coordinates : end], x[end:]
+    def _machine(self, given: Node) -> Machine:
+        """The machine, on whose frames act the forces and torques that are given."""
+        frames = self.robot.frames
+        rest, end = given[self.robot.inputs :], 3 * self.robot.frames
+        halves = (reshaped(x, (frames, 3)) for x in (rest[:end], rest[end : 2 * end]))
+        figures = {"push": beside(*halves), "wind": rest[2 * end :]}
+        around = Surroundings(pushes=True, wind=bool(self.robot.air))
+        return Machine(self.robot, lambda name, *shape: figures[name], around)
 
-    def _acceleration(self, x: Node, given: Node) -> Node:
-        """Accelerations (nv)."""
-        q, v, _ = self._parts(x)
-        found: Node = self.robot.forward_dynamics_with_wrenches(q, v, *self._acting(x, given))
-        return found
-
-    def _acting(self, x: Node, given: Node) -> tuple[Node, Node]:
-        """Inputs u (nu) that act, and wrenches (f, 6) on the frames."""
-        robot, (q, v, actuators) = self.robot, self._parts(x)
-        count, ends = robot.inputs, 3 * robot.frames
-        commands, rest = given[:count], given[count:]
-        u = commands
+    def _acting(self, x: Node, given: Node) -> tuple[State[Node], Node, Node]:
+        """The state of the machine, thrusts that lag, and inputs u (nu) that act."""
+        robot, machine, commands = self.robot, self._machine(given), given[: self.robot.inputs]
+        state = machine.parts(x, machine.layout())
+        lagging = x[machine.layout().size :]
         if robot.driven:
-            u = robot.inputs_of(q, v, actuators, commands)
-        elif self.lags:
-            places = {rotor: place for place, rotor in enumerate(self.lags)}
-            u = join(*(actuators[places[k]] if k in places else u[k] for k in range(count)))
-        forces, torques = (
-            reshaped(half, (robot.frames, 3)) for half in (rest[:ends], rest[ends : 2 * ends])
-        )
-        wrenches = beside(forces, torques)
-        if robot.air:
-            moving = robot.frame_poses(q), robot.frame_velocities(q, v)
-            speeds, wind = robot.rotor_speeds(actuators, commands), rest[2 * ends :]
-            air = air_on_rotors(robot, moving, speeds, u, wind)
-            wrenches = wrenches + on_frames(air, robot.frames)
-        return u, wrenches
+            return state, lagging, machine.inputs(state, commands)
+        places = {rotor: place for place, rotor in enumerate(self.lags)}
+        u = (lagging[places[k]] if k in places else commands[k] for k in range(robot.inputs))
+        return state, lagging, join(*u) if self.lags else commands
 
     def output(self, x: Node, given: Node, gravity: Node) -> Node:
         """The outputs one after the other."""
-        robot, (q, v, _) = self.robot, self._parts(x)
-        a, acting = self._acceleration(x, given), self._acting(x, given)
+        robot, (state, _, u) = self.robot, self._acting(x, given)
+        commands, (q, v, *_) = given[: robot.inputs], state
+        a, _, _, wrenches, *_ = self._machine(given).rates(constant(0.0), state, u, commands)
         poses, velocities = robot.frame_poses(q), robot.frame_velocities(q, v)
         # A product with Jacobians is what velocities are of accelerations.
         accelerations = robot.frame_velocities(q, a) + robot.frame_bias_accelerations(q, v)
@@ -160,7 +144,7 @@ class System:
             for name, value in zip(found, values, strict=False):
                 found[name].append(value)
         if bodies := self.outputs["loads"][0]:
-            loads = robot.joint_wrenches_with_wrenches(q, v, a, *acting)
+            loads = robot.joint_wrenches_with_wrenches(q, v, a, u, wrenches)
             for k in range(bodies):
                 found["loads"].append(loads[k][:3])
                 found["load_torques"].append(loads[k][3:])

@@ -30,8 +30,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from gibbs_codegen.arrays.allocation import nearest_thrusts, smallest_thrusts
-from gibbs_codegen.arrays.base import Motion, base_of, length, placed
 from gibbs_codegen.arrays.functions import Functions
 from gibbs_codegen.arrays.labels import named
 from gibbs_codegen.arrays.nodes import (
@@ -51,6 +49,8 @@ from gibbs_codegen.arrays.nodes import (
     square_root,
     zeros,
 )
+from gibbs_codegen.machine.allocation import nearest_thrusts, smallest_thrusts
+from gibbs_codegen.machine.base import Motion, base_of, length, placed
 
 # Greatest force that corrects errors, as a share of the desired one: the sum never turns round.
 _AUTHORITY = 0.8

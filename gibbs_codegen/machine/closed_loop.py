@@ -1,8 +1,8 @@
 """The closed loop dx/dt = f(t, x) as an array program: a plant, a law, motors, surroundings.
 
 The plant has its own parameters, the law those of the robot that it knows: calls have the owners
-`plant` and `model`. The state x is the entries of q and v, the work of all that acts, J, the state
-of the actuators, the integrals of the errors that a law remembers, and the bristles of contacts.
+`plant` and `model`. The state x is that of the machine, with the work of all that acts, and the
+integrals of the errors that a law remembers.
 
 Laws say which thrusts and torques they want. Of a robot that is `driven`, motors and servos are
 sent the commands that give them, of servos where the joint is to be, and the state of its actuators
@@ -15,12 +15,29 @@ from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
-from gibbs_codegen.arrays import impacts, surroundings
-from gibbs_codegen.arrays.base import Motion, base_of, quaternion_motion, unit_entries
-from gibbs_codegen.arrays.contact import FIGURES, Contact, Touch, bristle_parts, bristles_of, touch
 from gibbs_codegen.arrays.functions import Functions
 from gibbs_codegen.arrays.labels import labelled
-from gibbs_codegen.arrays.laws import (
+from gibbs_codegen.arrays.nodes import (
+    Node,
+    Program,
+    absolute,
+    choose,
+    constant,
+    coordinates_of,
+    entries_of,
+    external,
+    join,
+    mark,
+    maximum,
+    minimum,
+    ordered,
+    reshaped,
+    variable,
+    zeros,
+)
+from gibbs_codegen.machine import impacts, surroundings
+from gibbs_codegen.machine.base import Motion, base_of, quaternion_motion, unit_entries
+from gibbs_codegen.machine.laws import (
     LAWS,
     Aim,
     CentrePath,
@@ -36,26 +53,9 @@ from gibbs_codegen.arrays.laws import (
     weight_of,
     within_limits,
 )
-from gibbs_codegen.arrays.nodes import (
-    Node,
-    Program,
-    absolute,
-    choose,
-    constant,
-    coordinates_of,
-    dot,
-    entries_of,
-    external,
-    join,
-    mark,
-    maximum,
-    minimum,
-    ordered,
-    reshaped,
-    variable,
-    zeros,
-)
-from gibbs_codegen.arrays.steps import classical_step, constrained_motion
+from gibbs_codegen.machine.machine import NO_SURROUNDINGS, Machine, Surroundings
+from gibbs_codegen.machine.state import State, StateLayout
+from gibbs_codegen.machine.steps import classical_step
 
 # Time, s, over which thrusts are differenced for what makes up for the lag of motors.
 AHEAD = 1e-7
@@ -75,28 +75,6 @@ class Instant:
     centre: CentrePath | None
     curves: Node
     felt: Node | None = None
-
-
-@dataclass(frozen=True)
-class Surroundings:
-    """Which kinds of things act on which frames of the plant; their figures are inputs.
-
-    `contacts` are of frames with walls, `payloads` have the frame of each, `spins` rotor and frame
-    of each. `holds` tells that constraints of the robot hold frames; the input `active` says which.
-    """
-
-    pushes: bool = False
-    drag: bool = False
-    gusts: int = 0
-    contacts: tuple[Contact, ...] = ()
-    spins: tuple[tuple[int, int], ...] = ()
-    payloads: tuple[int, ...] = ()
-    holds: bool = False
-
-    @property
-    def acts(self) -> bool:
-        """Whether anything does a wrench to a frame; constraints have forces of their own."""
-        return bool(self.pushes or self.drag or self.contacts or self.spins or self.payloads)
 
 
 @dataclass(frozen=True)
@@ -127,7 +105,7 @@ class ClosedLoop:
     refuses: bool = False
     moved: int | None = None
     axes: int | None = None
-    around: Surroundings = Surroundings()
+    around: Surroundings = NO_SURROUNDINGS
     each: Collection[str] = ()
     inputs: dict[str, Node] = field(default_factory=dict, compare=False)
 
@@ -141,32 +119,22 @@ class ClosedLoop:
         """The robot that the law knows."""
         return Functions(self.module, "model")
 
+    @cached_property
+    def machine(self) -> Machine:
+        """The robot that flies, with its actuators and what is around it."""
+        runs = self.law != "off"
+        return Machine(self.plant, self.given, self.around, self.lags, runs, self.moves)
+
+    @cached_property
+    def layout(self) -> StateLayout:
+        """The layout of the state."""
+        memory = self.plant.space.velocities if self.integral else 0
+        return self.machine.layout(work=1, memory=memory)
+
     @property
     def size(self) -> int:
         """Length of the state."""
-        return self._memory_end + bristles_of(self.around.contacts)
-
-    @property
-    def _work(self) -> int:
-        """Place of the work in the state."""
-        return self.plant.space.coordinates + self.plant.space.velocities
-
-    @property
-    def _actuators(self) -> int:
-        """Length of the state of the actuators."""
-        if self.driven:
-            return self.plant.actuator_states
-        return self.plant.rotors if self.lags else 0
-
-    @property
-    def _memory(self) -> int:
-        """Place of what the law remembers."""
-        return self._work + 1 + self._actuators
-
-    @property
-    def _memory_end(self) -> int:
-        """Where what the law remembers ends in the state, and bristles begin."""
-        return self._memory + (self.plant.space.velocities if self.integral else 0)
+        return self.layout.size
 
     def given(self, name: str, *shape: int) -> Node:
         """An input by its name, which is made when it is first asked for."""
@@ -209,23 +177,21 @@ class ClosedLoop:
 
     def _held(self, x: Node) -> Node:
         """A state with velocities that active constraints allow, so that places do not drift."""
-        rigid = constant(self.plant.rigid)
-        if not (self.around.holds and any(self.plant.rigid)):
+        rigid, active = constant(self.plant.rigid), self.machine.active
+        if active is None or not any(self.plant.rigid):
             return x
-        (q, v, *_), n = self.parts(x), self.plant.space.coordinates
-        after, _ = self.plant.impact(q, v, self.given("active", self.plant.constraints) * rigid)
-        return join(x[:n], after, x[self._work :])
+        (q, v, *_), places = self.parts(x), self.layout.places
+        after, _ = self.plant.impact(q, v, active * rigid)
+        return join(x[places.q], after, x[places.v.stop :])
 
     def _passive(self, x: Node, after: Node, done: Node) -> Node:
         """The state after a step, without the energy that contacts gained by what they did."""
-        contacts, plant, work = self.around.contacts, self.plant, self._work
-        if not contacts:
+        if not self.around.contacts:
             return after
-        states = [(q, v, bristles) for q, v, *_, bristles in map(self.parts, (x, after))]
-        others = after[work] - x[work] - done[0]
-        active = self.given("active", plant.constraints) if self.around.holds else None
-        place, v = impacts.passive(plant, contacts, self.touches, states, others, done, active)
-        return join(place, v, after[work:])
+        place = self.layout.places.work.start
+        others = after[place] - x[place] - done[0]
+        moved = impacts.passive(self.machine, [*map(self.parts, (x, after))], others, done)
+        return join(*moved, after[place:])
 
     def slope(self) -> Program:
         """The time derivative `rate` of x at a time, and `refused` as of a step."""
@@ -255,24 +221,18 @@ class ClosedLoop:
 
     def rate(self, at: Instant, x: Node) -> dict[str, Node]:
         """Time derivative of a state x, inputs that are commanded and that act (nu), refusal."""
-        q, v, actuators, memory, bristles = self.parts(x)
+        state, machine = self.parts(x), self.machine
         if self.moved is not None:
-            at = replace(at, felt=self._touching(q, v, bristles)[self.moved])
-        wanted, aimed, u, refused = self._inputs(at, q, v, actuators, memory, bristles)
-        touches = self.touches(q, v, bristles)
-        wrenches, a, forces = self._motion(at.time, q, v, u, aimed, actuators, touches)
-        power = self._power(q, v, u, wrenches)
-        if self.around.holds:  # Constraints do work only where they draw a frame to its anchor.
-            power = power + dot(forces, self.plant.constraint_jacobian(q) @ v)
-        rates = [base_of(self.plant, q).rates(v, x), a, power]
-        if self._actuators:
-            rates.append(self._actuator_rates(actuators, aimed))
+            at = replace(at, felt=machine.touching(state)[self.moved])
+        wanted, aimed, u, refused = self._inputs(at, state)
+        rates = machine.rates(at.time, state, u, aimed)
+        power, learnt = machine.power(state, u, rates), zeros(0)
         if self.integral:
-            rates.append(self._remembered(at, q, v, memory, wanted))
-        rates += self._of_sticking([each.rate for each in touches])
-        found = {"rate": join(*rates), "commanded": wanted, "acting": u, "refused": refused}
-        velocities = self.plant.frame_velocities(q, v) if touches else zeros(0)
-        return found | {"effects": impacts.effects(self.around.contacts, touches, velocities)}
+            learnt = self._remembered(at, state.q, state.v, state.memory, wanted)
+        moved = base_of(self.plant, state.q).rates(state.v, x)
+        rate = join(moved, rates.a, power, rates.actuators, learnt, rates.bristles)
+        found = {"rate": rate, "commanded": wanted, "acting": u, "refused": refused}
+        return found | {"effects": impacts.effects(machine, state, rates.touches)}
 
     @labelled
     def commands(self) -> Program:
@@ -282,17 +242,16 @@ class ClosedLoop:
         in the state, the last if the law feels them. `aimed` (nu) are the same within limits, or
         commands of motors and servos.
         """
-        time, (q, v) = variable("time", uniform=True), self.plant.state()
-        actuators, memory = self._state_of_actuators, variable("memory", v.size)
-        felt, bristles, own = None, self._state_of_bristles, self._own(actuators, memory)
+        time, state = variable("time", uniform=True), self._state()
+        felt, parts = None, [x for x in (state.actuators, state.memory) if x.size]
         if self.moved is not None:
-            felt = self._touching(q, v, bristles)[self.moved]
-        if bristles.size and (self.compensates or self.moved is not None):
-            own.append(bristles)
+            felt = self.machine.touching(state)[self.moved]
+        if state.bristles.size and (self.compensates or self.moved is not None):
+            parts.append(state.bristles)
         at = self._instant(time, self._curves_at(time), felt)
-        wanted, aimed, u, refused = self._inputs(at, q, v, actuators, memory, bristles)
+        wanted, aimed, u, refused = self._inputs(at, state)
         outputs = {"commanded": wanted, "aimed": aimed, "acting": u, "refused": refused}
-        return self._program("commands", (time, q, v, *own), outputs)
+        return self._program("commands", (time, state.q, state.v, *parts), outputs)
 
     def motion(self) -> Program:
         """Accelerations `a` (nv), `wrenches` (f, 6) of what acts, and of the `contacts` (c, 8).
@@ -303,63 +262,28 @@ class ClosedLoop:
         is aimed for, and of the state of the actuators; of bristles where there are any. Rows of
         contacts are as of `Touch.series`.
         """
-        time, (q, v) = variable("time", uniform=True), self.plant.state()
+        time, state = variable("time", uniform=True), self._state()
         u, aimed = variable("u", self.plant.inputs), variable("aimed", self.plant.inputs)
-        actuators, bristles = self._state_of_actuators, self._state_of_bristles
-        touches = self.touches(q, v, bristles)
-        wrenches, a, forces = self._motion(time, q, v, u, aimed, actuators, touches)
+        rates = self.machine.rates(time, state, u, aimed)
+        none = zeros(self.frames, 6)
         outputs = {
-            "a": a,
-            "holding": forces,
-            "wrenches": zeros(self.frames, 6) if wrenches is None else wrenches,
-            "touching": self._touching(q, v, bristles),
-            "contacts": join(zeros(0, 8), *(reshaped(x.series, (1, 8)) for x in touches)),
+            "a": rates.a,
+            "holding": rates.holding,
+            "wrenches": none if rates.wrenches is None else rates.wrenches,
+            "touching": self.machine.touching(state),
+            "contacts": join(zeros(0, 8), *(reshaped(x.series, (1, 8)) for x in rates.touches)),
         }
-        of_air = [x for x in (aimed, actuators) if x.size] if self._has_air else []
-        own = [bristles] if bristles.size else []
-        return self._program("motion", (time, q, v, u, *of_air, *own), outputs)
+        of_air = [aimed, state.actuators] if self.machine.has_air else []
+        parts = [x for x in (*of_air, state.bristles) if x.size]
+        return self._program("motion", (time, state.q, state.v, u, *parts), outputs)
 
     @labelled
     def contact_wrenches(self) -> Program:
         """The `wrenches` (f, 6) of contacts alone: of coordinates, velocities and bristles."""
-        (q, v), bristles = self.plant.state(), self._state_of_bristles
-        outputs = {"wrenches": self.contact_wrenches_at(q, v, bristles)}
-        own = [bristles] if bristles.size else []
-        return self._program("contact_wrenches", (q, v, *own), outputs)
-
-    def contact_wrenches_at(self, q: Node, v: Node, bristles: Node) -> Node:
-        """Wrenches (f, 6) of contacts on the frames of the plant, N and N m, world axes.
-
-        `bristles` are those of a state, the last of its `parts`.
-        """
-        pressing = self._pressing(self.touches(q, v, bristles))
-        return surroundings.on_frames(pressing, self.frames)
-
-    def touches(self, q: Node, v: Node, bristles: Node) -> list[Touch]:
-        """What each contact does in a state."""
-        contacts = self.around.contacts
-        if not contacts:
-            return []
-        poses, velocities = self.plant.frame_poses(q), self.plant.frame_velocities(q, v)
-        return [
-            touch(
-                each,
-                self.given(f"wall_{each.wall}", FIGURES + each.figures),
-                (poses[each.frame], velocities[each.frame]),
-                bristle,
-            )
-            for each, bristle in zip(contacts, bristle_parts(contacts, bristles), strict=True)
-        ]
-
-    def _of_sticking(self, found: list[Node]) -> list[Node]:
-        """Of values of all contacts those of such as have friction."""
-        contacts = self.around.contacts
-        return [x for x, each in zip(found, contacts, strict=True) if each.sticks]
-
-    def _pressing(self, touches: list[Touch]) -> list[tuple[int, Node]]:
-        """Frames of contacts by their numbers, and the wrench (6) of each."""
-        pairs = zip(self.around.contacts, touches, strict=True)
-        return [(contact.frame, each.wrench) for contact, each in pairs]
+        state, machine = self._state(), self.machine
+        outputs = {"wrenches": machine.contact_wrenches(machine.touches(state))}
+        parts = [state.bristles] if state.bristles.size else []
+        return self._program("contact_wrenches", (state.q, state.v, *parts), outputs)
 
     @labelled
     def command(self) -> Program:
@@ -392,31 +316,23 @@ class ClosedLoop:
         """Force and torque (6) about the base centre that a generalised force (nv) asks for."""
         return base_of(self.model, q).wrench(self.rotors.centre, force)
 
-    @property
-    def _state_of_actuators(self) -> Node:
-        """The state of the actuators as an input, which programs have if it is of any length."""
-        return variable("actuators", self._actuators) if self._actuators else zeros(0)
+    def _state(self) -> State[Node]:
+        """Parts of a state as inputs of a program, but for the work; none of no length."""
+        layout = self.layout
+        sizes = {"actuators": layout.actuators, "memory": layout.memory}
+        sizes["bristles"] = layout.bristles
+        own = {name: variable(name, size) if size else zeros(0) for name, size in sizes.items()}
+        return State(*self.plant.state(), zeros(0), **own)
 
-    @property
-    def _state_of_bristles(self) -> Node:
-        """The bristles of contacts as an input, likewise."""
-        size = bristles_of(self.around.contacts)
-        return variable("bristles", size) if size else zeros(0)
-
-    def _own(self, actuators: Node, memory: Node) -> list[Node]:
-        """Of actuators and memory what the state has."""
-        return [*([actuators] if self._actuators else []), *([memory] if self.integral else [])]
-
-    def _inputs(
-        self, at: Instant, q: Node, v: Node, actuators: Node, memory: Node, bristles: Node
-    ) -> tuple[Node, Node, Node, Node]:
+    def _inputs(self, at: Instant, state: State[Node]) -> tuple[Node, Node, Node, Node]:
         """Inputs (nu) that are commanded, what is aimed for, inputs that act; refusal."""
+        q, v, _, _, memory, _ = state
         wanted, refused = self.commanded(at, q, v, memory)
         sent = self._sent(at, q, v, wanted)
         if self.driven and self.law == "held":  # What is held are commands.
-            wanted = self.plant.inputs_of(q, v, self._settled(sent), sent)
+            wanted = self.plant.inputs_of(q, v, self.machine.settled(sent), sent)
         if self.compensates:
-            lead, later = self._lead(at, (q, v, memory), (actuators, bristles), wanted, sent)
+            lead, later = self._lead(at, state, wanted, sent)
             sent, refused = sent + lead, refused + maximum(later, 0.0)
             wanted = wanted if self.driven else sent
         aimed = self._within(sent)
@@ -424,7 +340,7 @@ class ClosedLoop:
             count = self.plant.rotors
             thrusts = self._unless_idle(aimed[:count], self.given("idling", count))
             aimed = join(thrusts, aimed[count:])
-        return wanted, aimed, self._acting(self.plant, (q, v), aimed, actuators), refused
+        return wanted, aimed, self.machine.inputs(state, aimed), refused
 
     def _unless_idle(self, running: Node, idle: Node | float) -> Node:
         """A value while motors run, or else another."""
@@ -443,18 +359,6 @@ class ClosedLoop:
         """Inputs (nu) within the limits of those that act, if there are any."""
         return within_limits(inputs, self.limits) if self.limited else inputs
 
-    @property
-    def _has_air(self) -> bool:
-        """Whether the air acts on rotors, which run."""
-        return bool(self.plant.air) and self.law != "off"
-
-    def _settled(self, commands: Node) -> Node:
-        """The state that the actuators come to with commands."""
-        if not self._actuators:
-            return zeros(0)
-        found: Node = self.plant.actuator_state_of(commands)
-        return found
-
     def _within(self, sent: Node) -> Node:
         """What is sent, within limits; what is off is sent nothing, whatever its least command."""
         if self.driven and self.law != "off":
@@ -462,44 +366,9 @@ class ClosedLoop:
             return within_limits(sent, Limits(least, most))
         return self._possible(sent)
 
-    def _actuator_rates(self, actuators: Node, aimed: Node) -> Node:
-        """Time derivative of the state of the actuators."""
-        if not self.driven:
-            count = self.plant.rotors
-            return self.given("pace", count) * (aimed[:count] - actuators)
-        if self.law == "off":
-            return zeros(self._actuators)
-        found: Node = self.plant.actuator_rates(actuators, aimed)
-        return found
-
-    def _motion(
-        self,
-        time: Node,
-        q: Node,
-        v: Node,
-        u: Node,
-        aimed: Node,
-        actuators: Node,
-        touches: list[Touch],
-    ) -> tuple[Node | None, Node, Node]:
-        """Wrenches (f, 6) of what acts, if anything does, accelerations (nv), and `holding`."""
-        plant, wrenches, pushed = self.plant, None, None
-        if self.around.acts or self._has_air:
-            speeds = plant.rotor_speeds(actuators, aimed) if self._has_air else zeros(0)
-            wrenches = self._wrenches(time, q, v, u, speeds, touches)
-            pushed = plant.forward_dynamics_with_wrenches(q, v, u, wrenches)
-        if not self.around.holds:
-            free = plant.forward_dynamics(q, v, u) if pushed is None else pushed
-            return wrenches, free, zeros(0)
-        active = self.given("active", plant.constraints)
-        return wrenches, *constrained_motion(plant, (q, v), u, active, pushed)
-
-    def parts(self, x: Node) -> tuple[Node, Node, Node, Node, Node]:
-        """Coordinates with a unit quaternion, velocities, actuators, memory and bristles."""
-        n, work, memory = self.plant.space.coordinates, self._work, self._memory
-        end = self._memory_end
-        q = coordinates_of(unit_entries(self.plant, x[:n]), self.plant.space)
-        return q, x[n:work], x[work + 1 : memory], x[memory:end], x[end:]
+    def parts(self, x: Node) -> State[Node]:
+        """Parts of a state; a quaternion is made of unit length."""
+        return self.machine.parts(x, self.layout)
 
     # The desired motion.
 
@@ -640,26 +509,17 @@ class ClosedLoop:
         rising, falling = push_shares(at.time, *ends, rise)
         return replace(found, push=Push(direction, force, rising - falling, integral, axes))
 
-    def _lead(
-        self,
-        at: Instant,
-        parts: Sequence[Node],
-        others: tuple[Node, Node],
-        wanted: Node,
-        sent: Node,
-    ) -> tuple[Node, Node]:
+    def _lead(self, at: Instant, state: State[Node], wanted: Node, sent: Node) -> tuple[Node, Node]:
         """What makes up for the lag (nu): time constants times rates of what is sent.
 
-        It is differenced along the motion of the plant, of coordinates, velocities and memory, and
-        of actuators and bristles, back at the end of the desired one, after which it stands still.
+        It is differenced along the motion of the plant from its state, back at the end of the
+        desired one, after which it stands still.
         More than 0 where rotors cannot produce what comes next.
         """
-        (q, v, memory), (actuators, bristles) = parts, others
+        q, v, _, _, memory, _ = state
         model, count, aimed = self.model, self.plant.rotors, self._within(sent)
         ahead = choose(at.time, self.given("end") - AHEAD, -AHEAD, AHEAD)
-        acting = self._acting(self.plant, (q, v), aimed, actuators)
-        touches = self.touches(q, v, bristles)
-        _, a, _ = self._motion(at.time, q, v, acting, aimed, actuators, touches)
+        a = self.machine.rates(at.time, state, self.machine.inputs(state, aimed), aimed).a
         entries = entries_of(q)
         moved = entries + ahead * base_of(model, q).rates(v, entries)
         later = coordinates_of(unit_entries(model, moved), model.space)
@@ -722,78 +582,6 @@ class ClosedLoop:
             angle = absolute(x[self.plant.layout.middle_angle])
             within = join(within, self.given("largest_lean") - angle)
         return -_least(within) + mark(x)
-
-    # Motors and what acts on the plant.
-
-    def _acting(
-        self, robot: Functions, state: tuple[Node, Node], aimed: Node, actuators: Node
-    ) -> Node:
-        """Inputs (nu) that act in a state, of what motors aim for, or servos."""
-        if self.driven and self.law != "off":
-            found: Node = robot.inputs_of(*state, actuators, aimed)
-            return found
-        if not self.lags:
-            return aimed
-        count = self.plant.rotors
-        settled = choose(self.given("lag", count), 0.0, actuators, aimed[:count])
-        return join(settled, aimed[count:])
-
-    def _touching(self, q: Node, v: Node, bristles: Node) -> Node:
-        """Wrenches (f, 6) of what touches the frames of the plant: of contacts and of the push."""
-        found = self.contact_wrenches_at(q, v, bristles)
-        return found + self.given("push", self.frames, 6) if self.around.pushes else found
-
-    def _wrenches(
-        self, time: Node, q: Node, v: Node, u: Node, speeds: Node, touches: list[Touch]
-    ) -> Node:
-        """Wrenches (f, 6) on the frames of the plant."""
-        around, plant, frames = self.around, self.plant, self.frames
-        found = self.given("push", frames, 6) if around.pushes else zeros(frames, 6)
-        if around.drag or around.spins or self._has_air:
-            velocities = plant.frame_velocities(q, v)
-        wind: Node = zeros(3)
-        if around.drag:
-            gusts = self.given("gusts", around.gusts, 5)
-            wind = surroundings.wind_velocity(time, self.given("wind", 3), gusts)
-            found = found + surroundings.drag(self.given("drag", frames, 6), wind, velocities)
-        parts = self._pressing(touches)
-        if around.spins or self._has_air:
-            poses = plant.frame_poses(q)
-        for k, (rotor, frame) in enumerate(around.spins):
-            spin = self.given("spins", len(around.spins), 4)[k]
-            moving = poses[frame], velocities[frame]
-            torque = surroundings.spin_torque(spin[:3], spin[3], u[rotor], *moving)
-            parts.append((frame, join(zeros(3), torque)))
-        if self._has_air:
-            parts += surroundings.air_on_rotors(plant, (poses, velocities), speeds, u, wind)
-        if parts:
-            found = found + surroundings.on_frames(parts, frames)
-        if around.payloads:
-            masses, gravity = self.given("payloads", len(around.payloads)), self.given("gravity", 3)
-            forces = surroundings.payload_forces(
-                plant, (q, v, u), found, around.payloads, masses, gravity
-            )
-            carried = [
-                (frame, join(force, zeros(3)))
-                for frame, force in zip(around.payloads, forces, strict=True)
-            ]
-            found = found + surroundings.on_frames(carried, frames)
-        return found
-
-    def _power(self, q: Node, v: Node, u: Node, wrenches: Node | None) -> Node:
-        """Power, W, of all that acts less what damping takes."""
-        plant, count = self.plant, self.plant.rotors
-        if self.moves:
-            power = dot(v, plant.input_matrix(q) @ u)
-        else:
-            twist = base_of(plant, q).twist(self.given("centre", 3), v)
-            power = dot(u[:count], self.given("wrenches", count, 6) @ twist)
-            power = power + dot(u[count:], v[plant.layout.v.joints])
-        power = power - dot(self.given("losses", v.size) * v, v)
-        if wrenches is None:
-            return power
-        velocities = plant.frame_velocities(q, v)
-        return power + dot(*(reshaped(x, (x.size,)) for x in (wrenches, velocities)))
 
 
 def _greatest(x: Node) -> Node:

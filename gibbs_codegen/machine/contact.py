@@ -37,7 +37,7 @@ from gibbs_codegen.arrays.nodes import (
     square_root,
     zeros,
 )
-from gibbs_codegen.arrays.surroundings import origin_of
+from gibbs_codegen.machine.surroundings import origin_of
 
 # Of figures of a shape and a place (3), how deep that is behind its surface, m, and the unit normal
 # (3) out of it there.

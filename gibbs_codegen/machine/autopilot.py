@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import math
 
-from gibbs_codegen.arrays.closed_loop import ClosedLoop
 from gibbs_codegen.arrays.nodes import (
     Node,
     Program,
@@ -25,7 +24,8 @@ from gibbs_codegen.arrays.nodes import (
     variable,
     zeros,
 )
-from gibbs_codegen.arrays.surroundings import origin_of, rotation_of
+from gibbs_codegen.machine.closed_loop import ClosedLoop
+from gibbs_codegen.machine.surroundings import origin_of, rotation_of
 
 # Least damping, 1/s, by which stiffness is divided: a servo of positions has none.
 _LEAST = 1e-9

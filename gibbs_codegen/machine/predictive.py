@@ -21,7 +21,6 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from gibbs_codegen.arrays.contact import Contact, touch
 from gibbs_codegen.arrays.forward import jacobian
 from gibbs_codegen.arrays.functions import Functions
 from gibbs_codegen.arrays.nodes import (
@@ -33,7 +32,6 @@ from gibbs_codegen.arrays.nodes import (
     coordinates_of,
     cross,
     dot,
-    entries_of,
     exponential,
     join,
     mark,
@@ -43,8 +41,9 @@ from gibbs_codegen.arrays.nodes import (
     variable,
     zeros,
 )
-from gibbs_codegen.arrays.steps import runge_kutta_4
-from gibbs_codegen.arrays.surroundings import on_frames
+from gibbs_codegen.machine.contact import Contact, touch
+from gibbs_codegen.machine.steps import runge_kutta_4
+from gibbs_codegen.machine.surroundings import on_frames
 
 # Least time constant, s, of a motor that lags: faster ones follow at once.
 _LEAST_LAG = 1e-6
@@ -210,7 +209,7 @@ class Horizon:
         """The displacement `away` from x to `x_next`."""
         n, space = self.robot.space.coordinates, self.robot.space
         x, other = variable("x", self.size), variable("x_next", self.size)
-        base = self._displacement(coordinates_of(x[:n], space), coordinates_of(other[:n], space))
+        base = self.robot.away(coordinates_of(x[:n], space), coordinates_of(other[:n], space))
         return Program("horizon_away", (x, other), {"away": join(base, other[n:] - x[n:])})
 
     # Parts of these.
@@ -353,20 +352,13 @@ class Horizon:
                 entries = led[-1][9 * place : 9 * place + 9]
                 wanted = [entries[3 * row : 3 * row + 3] for row in range(3)]
                 found.append(rotation_error(actual, wanted))
-        away = self._displacement(q_desired, q)
+        away = self.robot.away(q_desired, q)
         outputs = {"errors": join(*found, away), "away": away}
         return Program("horizon_errors", (q, *led, q_desired), outputs)
 
-    def _displacement(self, q: Node, other: Node) -> Node:
-        """The displacement (nv) from coordinates to others."""
-        if self.robot.space.has_quaternion:
-            found: Node = self.robot.difference(q, other)
-            return found
-        return entries_of(other) - entries_of(q)
-
     def _gap(self, given: Given, found: dict[str, Node]) -> Node:
         """Displacement (states) from the next node to where the step of a node ends."""
-        base = self._displacement(given.after["q"], found["q_next"])
+        base = self.robot.away(given.after["q"], found["q_next"])
         return join(base, *(found[f"{x}_next"] - given.after[x] for x in self._rest))
 
     def _slope(self, found: dict[str, Node], name: str) -> Node:

@@ -15,7 +15,7 @@ import numpy as np
 
 from gibbs_codegen.arrays.functions import Functions
 from gibbs_codegen.arrays.nodes import Node, Program, clip, constant, entries_of, join, variable
-from gibbs_codegen.arrays.surroundings import origin_of, rotation_of
+from gibbs_codegen.machine.surroundings import origin_of, rotation_of
 
 
 class Channel(NamedTuple):

@@ -11,25 +11,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from gibbs_codegen.arrays.allocation import smallest_thrusts
-from gibbs_codegen.arrays.base import Motion, base_of
 from gibbs_codegen.arrays.c_file import Function, Member, Structure
 from gibbs_codegen.arrays.functions import Functions
 from gibbs_codegen.arrays.labels import labelled
-from gibbs_codegen.arrays.laws import (
-    LAWS,
-    Aim,
-    CentrePath,
-    FrameAim,
-    Gains,
-    Limits,
-    Push,
-    Rotors,
-    inputs_of,
-    moved_wrenches,
-    weight_of,
-    within_limits,
-)
 from gibbs_codegen.arrays.nodes import (
     Input,
     Node,
@@ -42,6 +26,22 @@ from gibbs_codegen.arrays.nodes import (
     reshaped,
     variable,
     zeros,
+)
+from gibbs_codegen.machine.allocation import smallest_thrusts
+from gibbs_codegen.machine.base import Motion, base_of
+from gibbs_codegen.machine.laws import (
+    LAWS,
+    Aim,
+    CentrePath,
+    FrameAim,
+    Gains,
+    Limits,
+    Push,
+    Rotors,
+    inputs_of,
+    moved_wrenches,
+    weight_of,
+    within_limits,
 )
 
 _OF_ROTORS = {

@@ -7,11 +7,9 @@ else it is known how much, and a part of the contacts' impulse takes it back.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 from gibbs_codegen.arrays import nodes
-from gibbs_codegen.arrays.contact import Contact, Touch
-from gibbs_codegen.arrays.functions import Functions
 from gibbs_codegen.arrays.nodes import (
     Node,
     constant,
@@ -22,18 +20,22 @@ from gibbs_codegen.arrays.nodes import (
     square_root,
     zeros,
 )
-from gibbs_codegen.arrays.surroundings import on_frames
+from gibbs_codegen.machine.contact import Touch
+from gibbs_codegen.machine.machine import Machine
+from gibbs_codegen.machine.state import State
+from gibbs_codegen.machine.surroundings import on_frames
 
 # What is no divisor.
 _NONE = 1e-30
 
 
-def effects(contacts: Sequence[Contact], touches: Sequence[Touch], velocities: Node) -> Node:
+def effects(machine: Machine, state: State[Node], touches: Sequence[Touch]) -> Node:
     """What contacts do now (3 + 6 c), of which a step makes what they have done.
 
     Power, W, parts of normal forces by damping, N, normal forces, N, and the wrench (6) of each.
     """
-    pairs = list(zip(contacts, touches, strict=True))
+    pairs = list(zip(machine.around.contacts, touches, strict=True))
+    velocities = machine.robot.frame_velocities(state.q, state.v) if touches else zeros(0)
     power = sum((dot(x.wrench, velocities[each.frame]) for each, x in pairs), constant(0.0))
     eased, normal = (
         sum((getattr(x, name) for x in touches), constant(0.0)) for name in ("eased", "normal")
@@ -42,28 +44,23 @@ def effects(contacts: Sequence[Contact], touches: Sequence[Touch], velocities: N
 
 
 def passive(
-    robot: Functions,
-    contacts: Sequence[Contact],
-    touches: Callable[[Node, Node, Node], Sequence[Touch]],
-    states: Sequence[tuple[Node, Node, Node]],
-    work: Node,
-    done: Node,
-    active: Node | None,
+    machine: Machine, states: Sequence[State[Node]], work: Node, done: Node
 ) -> tuple[Node, Node]:
     """Entries of coordinates (nq) and velocities (nv) after a step in which contacts gain nothing.
 
-    `states` are q, v and bristles before and after a step, `work`, J, is of all but contacts, which
-    have `done` (3 + 6 c), as of `effects`. What they gained is taken back along that, at q and v
-    after the step; active constraints (g) stay met. Of a damper that stopped what it met, nothing
-    goes on. Where there is less along that way, all velocities lose the rest. Where they have less
-    than that, the robot stays where it was before the step.
+    `states` are those before and after a step, `work`, J, is of all but contacts, which have `done`
+    (3 + 6 c), as of `effects`. What they gained is taken back along that, at q and v after
+    the step; active constraints stay met. Of a damper that stopped what it met, nothing goes on.
+    Where there is less along that way, all velocities lose the rest. Where they have less than
+    that, the robot stays where it was before the step.
     """
+    robot, contacts, active = machine.robot, machine.around.contacts, machine.active
     before, after = (
-        sum((x.stored for x in touches(q, v, strain)), robot.kinetic_energy(q, v))
-        + robot.potential_energy(q)
-        for q, v, strain in states
+        sum((x.stored for x in machine.touches(each)), robot.kinetic_energy(each.q, each.v))
+        + robot.potential_energy(each.q)
+        for each in states
     )
-    gained, (q, v, _) = after - before - work, states[1]
+    gained, (q, v, *_) = after - before - work, states[1]
     still, none = zeros(robot.space.velocities), zeros(robot.inputs)
     parts = [(x.frame, done[6 * k + 3 : 6 * k + 9]) for k, x in enumerate(contacts)]
     impulses = on_frames(parts, robot.frames)
@@ -83,5 +80,5 @@ def passive(
     left = v - share * change
     moving = maximum(robot.kinetic_energy(q, left), _NONE)
     rest = minimum(maximum(gained - taken, 0.0) / moving, 1.0)
-    place = nodes.choose(gained - taken - moving, 0.0, *(entries_of(x[0]) for x in states))
+    place = nodes.choose(gained - taken - moving, 0.0, *(entries_of(x.q) for x in states))
     return place, square_root(1.0 - rest) * left

@@ -1,0 +1,1 @@
+"""What moves, as array programs: machines of parts, laws over them, and the steps they take."""

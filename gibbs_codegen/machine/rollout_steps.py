@@ -1,0 +1,180 @@
+"""Steps of rollouts: inputs or linear feedback, limits, lag of motors, wrenches and bounds.
+
+A program has what is asked for and nothing else. Inputs are commanded at the start of a step and
+held through it; what becomes of them is known in closed form at its start, middle and end. Of a
+robot that is driven, commands of motors and servos are held, and the states of its actuators are
+integrated as velocities are; so are bristles of contacts.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from gibbs_codegen.arrays.functions import Functions
+from gibbs_codegen.arrays.labels import labelled, named
+from gibbs_codegen.arrays.nodes import (
+    Input,
+    Node,
+    Program,
+    clip,
+    constant,
+    coordinates_of,
+    dot,
+    join,
+    maximum,
+    total,
+    variable,
+    zeros,
+)
+from gibbs_codegen.machine import impacts
+from gibbs_codegen.machine.machine import NO_SURROUNDINGS, Machine, Surroundings
+from gibbs_codegen.machine.state import State, StateLayout
+from gibbs_codegen.machine.steps import METHODS, projected
+
+
+@dataclass(frozen=True)
+class Parts:
+    """What a rollout has besides inputs; a robot that is driven has its own lag.
+
+    `around` is what acts on frames: with `pushes` there are wrenches. `figures` are those of what
+    surrounds it that are part of the program, entry by entry, by the names of `Machine`.
+    """
+
+    feedback: bool = False
+    limits: bool = False
+    lag: bool = False
+    bounds: bool = False
+    around: Surroundings = NO_SURROUNDINGS
+    figures: tuple[tuple[str, tuple[float, ...]], ...] = ()
+
+
+ALL = Parts(feedback=True, limits=True, lag=True, bounds=True, around=Surroundings(pushes=True))
+
+
+def sent(robot: Functions) -> str:
+    """What the input of programs is called that says what is commanded."""
+    return "command" if robot.driven else "u"
+
+
+def given(robot: Functions, parts: Parts) -> dict[str, Node]:
+    """What a program with such parts is given of each state or all, by names, in their order.
+
+    - `u` (nu): inputs, or `command` (nu) where the robot is driven
+    - `gain` (nu, 2 nv), `desired_q` (nq) and `desired_v` (nv): feedback, which is added to them;
+      with states of actuators a gain (nu, 2 nv + nx) and `desired_x` (nx)
+    - `least` and `most` (nu): limits, within which they are then brought
+    - `lag` (3, rotors): what is left of the way from thrusts to what is commanded at the start of a
+      step, after half of it, and at its end
+    - `wrenches` (frames, 6): on the frames, as of `forward_dynamics_with_wrenches`
+    - `lowest` and `highest` (nq + nv): the least and the greatest q and v
+    """
+    n, m, inputs = robot.space.coordinates, robot.space.velocities, robot.inputs
+    found = [variable(sent(robot), inputs)]
+    if parts.feedback:
+        states = robot.actuator_states
+        found += [variable("gain", inputs, 2 * m + states, uniform=True)]
+        found += [robot.coordinates("desired_q"), robot.velocities("desired_v")]
+        found += [variable("desired_x", states)] if states else []
+    if parts.limits:
+        found += [variable(name, inputs, uniform=True) for name in ("least", "most")]
+    if parts.lag and not robot.driven:
+        found += [variable("lag", 3, robot.rotors)]
+    if parts.around.pushes:
+        found += [variable("wrenches", robot.frames, 6)]
+    if parts.bounds:
+        found += [variable(name, n + m, uniform=True) for name in ("lowest", "highest")]
+    return {x.operation.name: x for x in found if isinstance(x.operation, Input)}
+
+
+@labelled
+def rollout_step(
+    robot: Functions, method: str, parts: Parts, name: str = "step", *, has_thrusts: bool = False
+) -> Program:
+    """A step of h from x: coordinates, velocities and, where motors may lag, thrusts.
+
+    Of a robot that is driven, the states of its actuators follow in their place; bristles of
+    contacts come last. `inputs` (nu) are
+    those that are commanded, within limits. Where `ended` is above 0, the step has taken a state
+    out of bounds. With `has_thrusts` it has thrusts without lag too, which are those commanded.
+    """
+    own, around = given(robot, parts), parts.around
+    machine = Machine(robot, _figures(parts, own), around)
+    rotors = robot.rotors if "lag" in own or (has_thrusts and not robot.driven) else 0
+    time, h = (variable(each, uniform=True) for each in ("time", "h"))
+    layout = replace(machine.layout(), actuators=robot.actuator_states or rotors)
+    places, x = layout.places, variable("x", layout.size)
+    q, v, actuators = coordinates_of(x[places.q], robot.space), x[places.v], x[places.actuators]
+    u = own[sent(robot)]
+    if parts.feedback:
+        parts_away = [robot.away(q, own["desired_q"]), own["desired_v"] - v]
+        parts_away += [own["desired_x"] - actuators] if "desired_x" in own else []
+        error = named(join(*parts_away), "error", "way to the desired state")
+        u = named(u + own["gain"] @ error, "wanted", "inputs with linear feedback")
+    if parts.limits:
+        u = named(clip(u, own["least"], own["most"]), "commanded", "inputs within their limits")
+    acting = [u] * 3
+    if "lag" in own:
+        settled, efforts = u[:rotors], u[rotors:]
+        way = actuators - settled
+        acting = [join(settled + own["lag"][k] * way, efforts) for k in range(3)]
+
+    # What is integrated together: velocities, states of actuators, bristles, and what is done.
+    moving = StateLayout(0, layout.v, 0, robot.actuator_states, 0, layout.bristles)
+
+    def state_of(q: Node, moved: Node) -> State[Node]:
+        _, *others = (moved[place] for place in moving.places)
+        return State(q, *others)
+
+    def accelerate(q: Node, moved: Node, halves: int) -> Node:
+        """Rates of velocities, states of actuators and bristles, which follow in v.
+
+        Where there are walls, also the power of all but contacts, and what these do.
+        """
+        state = state_of(q, moved)
+        inputs = machine.inputs(state, u) if robot.driven else acting[halves]
+        rates = machine.rates(time, state, inputs, u)
+        done = [rates.a, rates.actuators, rates.bristles]
+        if around.contacts:
+            effects = impacts.effects(machine, state, rates.touches)
+            force = robot.inverse_dynamics(q, state.v, rates.a)
+            done += [dot(state.v, force) - effects[0], effects]
+        return join(*done)
+
+    def move(q: Node, displacement: Node) -> Node:
+        return robot.integrate(q, displacement[: layout.v])
+
+    spent = zeros(4 + 6 * len(around.contacts) if around.contacts else 0)
+    end = moving.places.actuators.stop
+    begin = join(x[layout.q : layout.q + end], x[places.bristles], spent)
+    q_next, moved = METHODS[method](move, accelerate, q, begin, h)
+    if machine.active is not None:
+        q_next, v_next = projected(robot, move, q_next, moved[: layout.v], machine.active)
+        moved = join(v_next, moved[layout.v :])
+    if around.contacts and method == "rk4":
+        states, work = (state_of(q, begin), state_of(q_next, moved)), moved[moving.size]
+        place, v_next = impacts.passive(machine, states, work, moved[moving.size + 1 :])
+        q_next = coordinates_of(place, robot.space)
+        moved = join(v_next, moved[layout.v :])
+    x_next = join(q_next, moved[:end], acting[2][:rotors], moved[end : moving.size])
+    ended = constant(0.0)
+    if parts.bounds:
+        held = x_next[: layout.q + layout.v]
+        beyond = maximum(own["lowest"] - held, 0.0) + maximum(held - own["highest"], 0.0)
+        ended = named(total(beyond), "beyond", "how far q and v are out of bounds")
+    outputs = {"x_next": x_next, "ended": ended, "inputs": u}
+    return Program(name, (time, h, x, *own.values()), outputs)
+
+
+def _figures(parts: Parts, own: dict[str, Node]) -> Callable[..., Node]:
+    """The figures of what is around a robot, of the program or given."""
+    known = dict(parts.figures)
+
+    def figure(name: str, *shape: int) -> Node:
+        if name == "push":
+            return own["wrenches"]
+        return constant(np.reshape(known[name], shape))
+
+    return figure
