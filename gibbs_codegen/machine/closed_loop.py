@@ -122,8 +122,8 @@ class ClosedLoop:
     @cached_property
     def machine(self) -> Machine:
         """The robot that flies, with its actuators and what is around it."""
-        runs = self.law != "off"
-        return Machine(self.plant, self.given, self.around, self.lags, runs, self.moves)
+        more = {"lags": self.lags, "runs": self.law != "off", "moves": self.moves}
+        return Machine(self.plant, self.given, self.around, **more)
 
     @cached_property
     def layout(self) -> StateLayout:

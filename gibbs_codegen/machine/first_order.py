@@ -24,7 +24,7 @@ from gibbs_codegen.arrays.nodes import (
     variable,
 )
 from gibbs_codegen.machine.base import base_of
-from gibbs_codegen.machine.machine import Machine, Surroundings
+from gibbs_codegen.machine.machine import Machine, Rates, Surroundings
 from gibbs_codegen.machine.state import State
 from gibbs_codegen.machine.steps import classical_step
 from gibbs_codegen.machine.surroundings import origin_of, rotation_of
@@ -42,7 +42,7 @@ class System:
     @property
     def size(self) -> int:
         """Length of a state."""
-        return Machine(self.robot, variable).layout().size + len(self.lags)
+        return Machine(self.robot, variable, lagging=tuple(self.lags)).layout().size
 
     @property
     def given(self) -> Shapes:
@@ -98,40 +98,31 @@ class System:
 
     def rate(self, x: Node, given: Node) -> Node:
         """Time derivative of a state."""
-        commands, (state, lagging, u) = given[: self.robot.inputs], self._acting(x, given)
-        rates = self._machine(given).rates(constant(0.0), state, u, commands)
-        following = [
-            (commands[rotor] - lagging[place]) / time
-            for place, (rotor, time) in enumerate(self.lags.items())
-        ]
+        state, _, rates = self._moving(x, given)
         moved = base_of(self.robot, state.q).rates(state.v, x)
-        return join(moved, rates.a, rates.actuators, *following)
+        return join(moved, rates.a, rates.actuators)
 
     def _machine(self, given: Node) -> Machine:
         """The machine, on whose frames act the forces and torques that are given."""
-        frames = self.robot.frames
+        frames, lagging = self.robot.frames, tuple(self.lags)
         rest, end = given[self.robot.inputs :], 3 * self.robot.frames
         halves = (reshaped(x, (frames, 3)) for x in (rest[:end], rest[end : 2 * end]))
         figures = {"push": beside(*halves), "wind": rest[2 * end :]}
+        figures["time_constants"] = constant([*self.lags.values()])
         around = Surroundings(pushes=True, wind=bool(self.robot.air))
-        return Machine(self.robot, lambda name, *shape: figures[name], around)
+        return Machine(self.robot, lambda name, *_: figures[name], around, lagging=lagging)
 
-    def _acting(self, x: Node, given: Node) -> tuple[State[Node], Node, Node]:
-        """The state of the machine, thrusts that lag, and inputs u (nu) that act."""
-        robot, machine, commands = self.robot, self._machine(given), given[: self.robot.inputs]
+    def _moving(self, x: Node, given: Node) -> tuple[State[Node], Node, Rates]:
+        """The state of the machine, inputs u (nu) that act, and how it moves."""
+        machine, commands = self._machine(given), given[: self.robot.inputs]
         state = machine.parts(x, machine.layout())
-        lagging = x[machine.layout().size :]
-        if robot.driven:
-            return state, lagging, machine.inputs(state, commands)
-        places = {rotor: place for place, rotor in enumerate(self.lags)}
-        u = (lagging[places[k]] if k in places else commands[k] for k in range(robot.inputs))
-        return state, lagging, join(*u) if self.lags else commands
+        u = machine.inputs(state, commands)
+        return state, u, machine.rates(constant(0.0), state, u, commands)
 
     def output(self, x: Node, given: Node, gravity: Node) -> Node:
         """The outputs one after the other."""
-        robot, (state, _, u) = self.robot, self._acting(x, given)
-        commands, (q, v, *_) = given[: robot.inputs], state
-        a, _, _, wrenches, *_ = self._machine(given).rates(constant(0.0), state, u, commands)
+        robot, ((q, v, *_), u, rates) = self.robot, self._moving(x, given)
+        a = rates.a
         poses, velocities = robot.frame_poses(q), robot.frame_velocities(q, v)
         # A product with Jacobians is what velocities are of accelerations.
         accelerations = robot.frame_velocities(q, a) + robot.frame_bias_accelerations(q, v)
@@ -144,7 +135,7 @@ class System:
             for name, value in zip(found, values, strict=False):
                 found[name].append(value)
         if bodies := self.outputs["loads"][0]:
-            loads = robot.joint_wrenches_with_wrenches(q, v, a, u, wrenches)
+            loads = robot.joint_wrenches_with_wrenches(q, v, a, u, rates.wrenches)
             for k in range(bodies):
                 found["loads"].append(loads[k][:3])
                 found["load_torques"].append(loads[k][3:])

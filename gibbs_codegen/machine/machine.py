@@ -82,7 +82,8 @@ class Rates(NamedTuple):
 class Machine:
     """A robot, its actuators and what is around it; `figure` gives inputs by name and shape.
 
-    `lags`: thrusts of a robot that is not driven follow their commands. Motors that do not run are
+    Thrusts of a robot that is not driven may follow their commands: with `lags` all, of which some
+    may do so at once, or those of `lagging` rotors, with time constants. Motors that do not run are
     sent nothing, and the air does nothing to them. `moves`: joints move rotors.
     """
 
@@ -90,6 +91,7 @@ class Machine:
     figure: Callable[..., Node]
     around: Surroundings = NO_SURROUNDINGS
     lags: bool = False
+    lagging: tuple[int, ...] = ()
     runs: bool = True
     moves: bool = False
 
@@ -97,7 +99,7 @@ class Machine:
         """The layout of its state, with the work, or what a law remembers."""
         robot, actuators = self.robot, self.robot.actuator_states
         if not robot.driven:
-            actuators = robot.rotors if self.lags else 0
+            actuators = robot.rotors if self.lags else len(self.lagging)
         sizes = robot.space.coordinates, robot.space.velocities
         return StateLayout(*sizes, work, actuators, memory, bristles_of(self.around.contacts))
 
@@ -127,6 +129,11 @@ class Machine:
         if self.robot.driven and self.runs:
             acting: Node = self.robot.inputs_of(state.q, state.v, state.actuators, command)
             return acting
+        if self.lagging:
+            inputs = [command[k] for k in range(self.robot.inputs)]
+            for place, rotor in enumerate(self.lagging):
+                inputs[rotor] = state.actuators[place]
+            return join(*inputs)
         if not self.lags:
             return command
         count = self.robot.rotors
@@ -142,6 +149,10 @@ class Machine:
 
     def _actuator_rates(self, actuators: Node, command: Node) -> Node:
         """Time derivative of the state of the actuators."""
+        if self.lagging:
+            times = self.figure("time_constants", len(self.lagging))
+            ways = (command[rotor] - actuators[k] for k, rotor in enumerate(self.lagging))
+            return join(*(way / times[k] for k, way in enumerate(ways)))
         if not self.robot.driven:
             count = self.robot.rotors
             return self.figure("pace", count) * (command[:count] - actuators)

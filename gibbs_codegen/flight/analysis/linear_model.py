@@ -6,7 +6,8 @@ velocity of the base, and q = q₀ exp(δ) follows δ̇ = ξ − ξ₀ − ad(ξ
 is the Lie bracket of ξ₀ and δ.
 
 Where the robot file describes actuators, inputs are made of commands, and the states x of the
-actuators are part of a deviation, after the others.
+actuators are part of a deviation, after the others; or the thrusts of motors that lag. The model is
+that of the machine that flies, differentiated.
 
 Of such a model `lqr` finds the linear regulator of least quadratic cost about a state.
 """
@@ -15,8 +16,9 @@ from __future__ import annotations
 
 import os
 import warnings
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import lru_cache
 from types import ModuleType
 from typing import NamedTuple
 
@@ -24,18 +26,22 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import linalg
 
+from gibbs_codegen.arrays import Functions, Program, jacobian, variable
+from gibbs_codegen.arrays.evaluation import Evaluator
+from gibbs_codegen.arrays.nodes import Node, constant, zeros
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.flight.analysis.arguments import coordinates, vehicle_of
 from gibbs_codegen.flight.analysis.trim import Trim, null_space
 from gibbs_codegen.flight.arguments import numbers, vector
 from gibbs_codegen.flight.plant.actuators import commands_beyond, has_battery
 from gibbs_codegen.flight.plant.allocation import listed
+from gibbs_codegen.flight.plant.environment import surrounding
 from gibbs_codegen.flight.plant.vehicle import Array, Vehicle
+from gibbs_codegen.flight.scenario.file import AnyScenario
 from gibbs_codegen.flight.vectors import skew
+from gibbs_codegen.machine.machine import NO_SURROUNDINGS, Machine, Surroundings
 from gibbs_codegen.robot.wrenches import directions
-from gibbs_codegen.runtime.loaded_module import require_functions
 
-_DERIVATIVES = "forward_dynamics_derivatives"
 # Share of a command to both sides of which its derivatives are looked at.
 _NEAR = 1e-9
 # Share of the largest influence below which one is rounding.
@@ -101,6 +107,8 @@ def linearise(
     *,
     x: ArrayLike | None = None,
     parameters: Mapping[str, float] | None = None,
+    time_constants: ArrayLike | None = None,
+    surroundings: AnyScenario | None = None,
 ) -> tuple[Array, Array]:
     """A and B of deviations x from a state under deviations w of the inputs: ẋ = A x + B w.
 
@@ -109,7 +117,7 @@ def linearise(
     for as long as that stays near.
 
     Where the robot file describes actuators, x ends with the deviations of their states, and w are
-    deviations of commands.
+    deviations of commands; else x ends with those of thrusts of motors that lag, if there are any.
 
     Args:
         robot: A generated module with derivatives, or the name or path of one, which is loaded.
@@ -119,6 +127,10 @@ def linearise(
         dt: None, or a period, s, for which inputs are held: then x' = A x + B w after it, exactly.
         x: States of the actuators (nx), without a trim; those that commands keep, if None.
         parameters: Parameters of the module's `prepare`.
+        time_constants: Those of the motors' lag, s, a number or (rotors), 0 for none; no motor lags
+            if None.
+        surroundings: A scenario, or the name or path of one, whose steady wind acts, and spinning
+            rotors, and what else does at its start: push, payloads, constraints.
 
     Returns:
         A (2 nv, 2 nv) and B (2 nv, nu), or with nx more rows, and columns of A.
@@ -128,20 +140,42 @@ def linearise(
         UsageError: An argument is not what it must be.
     """
     vehicle = vehicle_of(robot, parameters)
-    module = vehicle.module
-    of_actuators = ["inputs_of_derivatives"] if vehicle.is_driven else []
-    of_actuators += ["actuator_rates_derivatives"] if vehicle.actuator_states else []
-    require_functions(module, [_DERIVATIVES, *of_actuators])
     state = checked_state(vehicle, q, v, u, x)
-    if state.command is not None and (words := commands_beyond(module, state.command)):
-        words = f"{vehicle.name}: u: {words}, beyond which nothing follows the command"
-        warnings.warn(words, RuntimeWarning, stacklevel=2)
+    a, b, _ = _model(vehicle, state, dt, time_constants, surroundings)
+    return a, b
+
+
+def _model(
+    vehicle: Vehicle,
+    state: State,
+    dt: float | None,
+    time_constants: ArrayLike | None,
+    surroundings: AnyScenario | None,
+) -> tuple[Array, Array, Array]:
+    """A and B as of `linearise`, and accelerations (nv) in the state."""
     if dt is not None:
         wanted = "a period above zero, s"
         dt = float(numbers("dt", dt, wanted, ()))
         if dt <= 0.0:
             raise UsageError(f"dt: must be {wanted}, not {dt:g}")
-    _, by_q, by_v, by_u = vehicle.function(_DERIVATIVES)(state.q, state.v, state.u)
+    u = state.u if state.command is None else state.command
+    if state.command is not None and (words := commands_beyond(vehicle.module, u)):
+        words = f"{vehicle.name}: u: {words}, beyond which nothing follows the command"
+        warnings.warn(words, RuntimeWarning, stacklevel=3)
+    times = _lag_times(vehicle, time_constants)
+    lagging = tuple(np.flatnonzero(times).tolist())
+    around, figures = _around(vehicle, surroundings)
+    actuators = u[: len(times)][list(lagging)] if state.x is None else state.x
+    values = {"q": state.q, "v": state.v, "actuators": actuators, "u": u, **figures}
+    values["time_constants"] = times[list(lagging)]
+    evaluate = _differentiated(vehicle.module, around, lagging)
+    # Levels at rest would speed up and slow down in different times: the mean of both sides.
+    near = _NEAR * np.maximum(1.0, np.abs(u)) if state.x is not None and len(state.x) else 0.0
+    sides = [
+        evaluate({**values, "u": u + side}, {"robot": vehicle.constants})
+        for side in ((-near, near) if np.any(near) else (0.0,))
+    ]
+    found = {name: sum(side[name] for side in sides) / len(sides) for name in sides[0]}
     places = vehicle.layout.v
     carried = np.zeros((places.size, places.size))  # −ad(ξ₀): the rate of δ by δ itself.
     if vehicle.layout.is_quaternion:
@@ -149,27 +183,68 @@ def linearise(
         carried[places.position, places.position] = -turning
         carried[places.position, places.attitude] = -moving
         carried[places.attitude, places.attitude] = -turning
-    a = np.block([[carried, np.eye(places.size)], [by_q, by_v]])
-    b = np.concatenate([np.zeros_like(by_u), by_u])
-    if state.command is not None:
-        a, b = _with_actuators(vehicle, state, a, b)
-    return (a, b) if dt is None else held(a, b, dt)
+    still = np.zeros((places.size, len(actuators) + len(u)))
+    names = ["q", "v", *(["actuators"] if len(actuators) else []), "u"]
+    rows = [[found[f"{y}_by_{x}"] for x in names] for y in ("a", "rates") if y in found]
+    both = np.block([[carried, np.eye(places.size), still], *rows])
+    a, b = np.split(both, [len(both)], axis=1)
+    return (*((a, b) if dt is None else held(a, b, dt)), found["a"])
 
 
-def _with_actuators(vehicle: Vehicle, state: State, a: Array, b: Array) -> tuple[Array, Array]:
-    """The model of motion and actuators under commands, of that of the motion under inputs."""
-    q, v, x, command = state.q, state.v, np.asarray(state.x), np.asarray(state.command)
-    _, by_q, by_v, by_x, by_command = vehicle.function("inputs_of_derivatives")(q, v, x, command)
-    motion = a + b @ np.concatenate([by_q, by_v], axis=1)
-    if not len(x):
-        return motion, b @ by_command
-    # Levels at rest would speed up and slow down in different times: the mean of both sides.
-    near = _NEAR * np.maximum(1.0, np.abs(command))
-    of_rates = vehicle.function("actuator_rates_derivatives")
-    sides = [of_rates(x, command + side) for side in (-near, near)]
-    rates, forced = (0.5 * (low + high) for low, high in zip(*(s[1:] for s in sides), strict=True))
-    still = np.zeros((len(x), len(a)))
-    return np.block([[motion, b @ by_x], [still, rates]]), np.concatenate([b @ by_command, forced])
+def _lag_times(vehicle: Vehicle, time_constants: ArrayLike | None) -> Array:
+    """Time constants (rotors), s, 0 where there is no lag, of what callers give."""
+    count = vehicle.rotors
+    if time_constants is None:
+        return np.zeros(count)
+    if vehicle.is_driven:
+        raise UsageError(
+            f"time_constants: the robot file of {vehicle.name} says how motors follow commands; "
+            "leave them out"
+        )
+    wanted = f"a number or {count} numbers, 0 or more, in s"
+    times = numbers("time_constants", time_constants, wanted, (), (count,))
+    if np.any(times < 0.0):
+        raise UsageError(f"time_constants: must be {wanted}")
+    return np.broadcast_to(times, count)
+
+
+def _around(
+    vehicle: Vehicle, surroundings: AnyScenario | None
+) -> tuple[Surroundings, dict[str, Array]]:
+    """What acts at the start of a scenario, in steady wind, and its figures."""
+    environment = surrounding(vehicle, surroundings)
+    if environment is None:
+        return NO_SURROUNDINGS, {}
+    if environment.wall:
+        raise UsageError(
+            "surroundings: walls are in no linear model, since contact has none where it begins; "
+            "leave them out, or hold the frame by a constraint"
+        )
+    now = environment.push_acts(0.0), environment.carries(0.0), environment.holding(0.0)
+    around, figures = environment.under(*now)
+    return replace(around, gusts=0), figures
+
+
+@lru_cache(maxsize=64)
+def _differentiated(
+    module: ModuleType, around: Surroundings, lagging: tuple[int, ...]
+) -> Evaluator:
+    """Accelerations `a` and `rates` of actuators, with their derivatives by state and inputs."""
+    robot, figures = Functions(module), dict[str, Node]()
+
+    def figure(name: str, *shape: int) -> Node:
+        return figures.setdefault(name, variable(name, *shape, uniform=True))
+
+    machine = Machine(robot, figure, around, lagging=lagging)
+    size = machine.layout().actuators
+    actuators = variable("actuators", size) if size else zeros(0)
+    (q, v), u = robot.state(), variable("u", robot.inputs)
+    state = machine.state(q, v, actuators, zeros(0))
+    rates = machine.rates(constant(0.0), state, machine.inputs(state, u), u)
+    by = ["q", "v", *(["actuators"] if size else []), "u"]
+    outputs = {"a": rates.a} | ({"rates": rates.actuators} if size else {})
+    given = (q, v, *([actuators] if size else []), u, *figures.values())
+    return Evaluator(jacobian(Program("motion", given, outputs), by), {"robot": module})
 
 
 def held(a: Array, b: Array, dt: float) -> tuple[Array, Array]:
@@ -253,6 +328,8 @@ def lqr(
     *,
     x: ArrayLike | None = None,
     parameters: Mapping[str, float] | None = None,
+    time_constants: ArrayLike | None = None,
+    surroundings: AnyScenario | None = None,
 ) -> Regulator:
     """The regulator that keeps a robot at a state with the least cost ∫ (xᵀ Q x + wᵀ R w) dt.
 
@@ -270,6 +347,7 @@ def lqr(
         dt: None, or a period, s, for which inputs are held; the cost is then a sum over periods.
         x: States of the actuators (nx), without a trim; those that commands keep, if None.
         parameters: Parameters of the module's `prepare`.
+        time_constants, surroundings: As of `linearise`; gains are also of thrusts that lag.
 
     Returns:
         The regulator.
@@ -285,16 +363,20 @@ def lqr(
         v, u, Q, R = None, None, v, u  # noqa: N806
     if Q is None or R is None:
         raise UsageError("Q, R: give the weights of deviations and those of inputs")
-    whole = linearise(vehicle.module, q, v, u, dt, x=x, parameters=parameters)
+    state = checked_state(vehicle, q, v, u, x)
+    *whole, a = _model(vehicle, state, dt, time_constants, surroundings)
     if not vehicle.inputs:
         raise UsageError(f"{vehicle.name}: has no inputs, so there is no regulator")
-    _warn_if_unbalanced(vehicle, checked_state(vehicle, q, v, u, x))
+    moved = state.q, state.v, state.u
+    by_wrenches = vehicle.forward_dynamics_with_wrenches(*moved, state.wrenches)
+    _warn_if_unbalanced(vehicle, a + by_wrenches - vehicle.forward_dynamics(*moved))
     size = len(whole[0])
     kept = size - has_battery(vehicle)  # No command brings its charge back.
     a, b = whole[0][:kept, :kept], whole[1][:kept]
     states = _weights("Q", Q, size, False)[:kept, :kept]
     inputs = _weights("R", R, b.shape[1], True)
-    _check_solvable(vehicle, a, b, states, dt)
+    lagging = np.flatnonzero(_lag_times(vehicle, time_constants)).tolist()
+    _check_solvable(vehicle, a, b, states, dt, lagging)
     solve = linalg.solve_continuous_are if dt is None else linalg.solve_discrete_are
     try:
         cost = solve(a, b, states, inputs)
@@ -314,9 +396,8 @@ def lqr(
     return Regulator(gain, cost, values[slowest], *whole)
 
 
-def _warn_if_unbalanced(vehicle: Vehicle, state: State) -> None:
+def _warn_if_unbalanced(vehicle: Vehicle, acceleration: Array) -> None:
     """Warn, with the accelerations by name, where a robot does not keep its velocities."""
-    acceleration = vehicle.forward_dynamics_with_wrenches(*state[:4])
     rates = vehicle.layout.v
     told = [
         f"{name} by {value:.3g} {unit}²"
@@ -350,18 +431,26 @@ def _weights(name: str, given: ArrayLike, size: int, definite: bool) -> Array:
     return matrix
 
 
-def _check_solvable(vehicle: Vehicle, a: Array, b: Array, weights: Array, dt: float | None) -> None:
+def _check_solvable(
+    vehicle: Vehicle,
+    a: Array,
+    b: Array,
+    weights: Array,
+    dt: float | None,
+    lagging: Sequence[int],
+) -> None:
     """Raise `UsageError` that names the motions for which there is no regulator.
 
     Inputs do not reach a motion that does not decay, or Q one that neither grows nor decays.
-    `weights` are of the states, as many as A has; `dt` is None for a continuous model.
+    `weights` are of the states, as many as A has; `dt` is None for a continuous model. `lagging`
+    are rotors whose thrusts are states.
     """
     tolerance = _MARGINAL * max(1.0, float(np.linalg.norm(a, 2)))
 
     def growth(value: complex) -> float:
         return value.real if dt is None else abs(value) - 1.0
 
-    names = deviation_names(vehicle)[: len(a)]
+    names = deviation_names(vehicle, lagging)[: len(a)]
     stuck = unreached(a, b, lambda value: growth(value) > -tolerance)
     if stuck.shape[1]:
         raise UsageError(
@@ -376,10 +465,13 @@ def _check_solvable(vehicle: Vehicle, a: Array, b: Array, weights: Array, dt: fl
         )
 
 
-def deviation_names(vehicle: Vehicle) -> tuple[str, ...]:
-    """Names of the entries of a deviation: of δ, then velocities, then states of actuators."""
+def deviation_names(vehicle: Vehicle, lagging: Sequence[int] = ()) -> tuple[str, ...]:
+    """Names of the entries of a deviation: of δ, then velocities, then states of actuators.
+
+    Of a robot without such these are thrusts of `lagging` rotors.
+    """
     places, names = vehicle.layout.v, list(vehicle.layout.v.names)
-    states = vehicle.actuator_states
+    states = vehicle.actuator_states or [f"the thrust {vehicle.inputs[k]}" for k in lagging]
     names[places.joints] = vehicle.joint_names
     if vehicle.layout.is_quaternion:
         names[places.position] = [f"place along the base's {axis}" for axis in "xyz"]

@@ -32,7 +32,7 @@ from gibbs_codegen.flight.scenario.scenario import Scenario
 from gibbs_codegen.machine import closed_loop
 from gibbs_codegen.machine.contact import bristles_of
 from gibbs_codegen.machine.laws import turns_servos
-from gibbs_codegen.machine.machine import Surroundings
+from gibbs_codegen.machine.machine import NO_SURROUNDINGS, Surroundings
 from gibbs_codegen.machine.state import State, StateLayout
 
 # Axes of what `motion` finds, if it is not two.
@@ -430,19 +430,5 @@ def loop_program(
 def acting(environment: Environment | None, loads: Loads) -> tuple[Surroundings, dict[str, Any]]:
     """What acts on which frames, and the figures of that."""
     if environment is None:
-        return Surroundings(), {}
-    around, values = environment.around, {**environment.figures}
-    if np.any(loads.holds):
-        around = replace(around, holds=True)
-        values["active"] = np.asarray(loads.holds, dtype=np.float64)
-    masses = np.where(loads.payloads, [each.mass for each in environment.payload], 0.0)
-    there = np.flatnonzero(np.any(masses > 0.0, axis=tuple(range(masses.ndim - 1))))
-    if np.any(loads.push):
-        around = replace(around, pushes=True)
-        values["push"] = np.multiply.outer(loads.push, environment.pushing)
-    if len(there):
-        frames, payloads = environment.vehicle.frames, environment.payload
-        places = tuple(frames.index(payloads[k].frame) for k in there)
-        around = replace(around, payloads=places)
-        values |= {"payloads": masses[..., there], "gravity": environment.gravity}
-    return around, values
+        return NO_SURROUNDINGS, {}
+    return environment.under(loads.push, loads.payloads, loads.holds)

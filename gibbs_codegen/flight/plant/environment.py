@@ -16,14 +16,18 @@ is that under all other forces, so payloads come last. The forces of all payload
 from __future__ import annotations
 
 import itertools
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gibbs_codegen.errors import UsageError, printable
+from gibbs_codegen.flight.plant.actuators import module_actuators
 from gibbs_codegen.flight.plant.vehicle import Array, Flags, RobotData, Vehicle
+from gibbs_codegen.flight.scenario.file import AnyScenario, read_scenario
 from gibbs_codegen.flight.scenario.parts import Hold, Payload, Push, Wind
 from gibbs_codegen.flight.scenario.scenario import Scenario
 from gibbs_codegen.flight.scenario.walls import Wall, contacts_of, yielding
@@ -59,6 +63,18 @@ class RotorSpin:
         world = vehicle.base_rotation(q[0]) @ vehicle.thrust_wrenches(q)[0, :3, self.rotors].T
         axes = np.einsum("gij,ig->gj", vehicle.frame_poses(q)[0, self.places, :3, :3], world)
         self.axes: Array = axes / np.linalg.norm(axes, axis=-1, keepdims=True)
+
+
+def surrounding(vehicle: Vehicle, scenario: AnyScenario | None) -> Environment | None:
+    """What surrounds a robot in a scenario; None if nothing acts in it at any time.
+
+    Raises `UsageError` for what does not fit the robot.
+    """
+    if scenario is None:
+        return None
+    scene = read_scenario(scenario)
+    check_surroundings(vehicle, scene)
+    return Environment.of(vehicle, scene, module_actuators(vehicle).spins)
 
 
 def check_surroundings(vehicle: RobotData, scenario: Scenario) -> None:
@@ -151,6 +167,28 @@ class Environment:
     def gravity(self) -> Array:
         """The acceleration of gravity (…, 3), m/s², world axes; plants that differ have theirs."""
         return np.multiply.outer(self.vehicle.gravity, [0.0, 0.0, 1.0])
+
+    def under(
+        self, push: bool | Flags, payloads: bool | Sequence[bool] | Flags, holds: Any
+    ) -> tuple[Surroundings, dict[str, Any]]:
+        """What acts on which frames, and its figures, while the push acts (…) if it does.
+
+        `payloads` (…, p) and constraints, `holds` (…, c), tell which do; one flag is for all.
+        """
+        around, values = self.around, {**self.figures}
+        if np.any(holds):
+            around = replace(around, holds=True)
+            values["active"] = np.asarray(holds, dtype=np.float64)
+        masses = np.where(payloads, [each.mass for each in self.payload], 0.0)
+        there = np.flatnonzero(np.any(masses > 0.0, axis=tuple(range(masses.ndim - 1))))
+        if np.any(push):
+            around = replace(around, pushes=True)
+            values["push"] = np.multiply.outer(push, self.pushing)
+        if len(there):
+            places = tuple(self.vehicle.frames.index(self.payload[k].frame) for k in there)
+            around = replace(around, payloads=places)
+            values |= {"payloads": masses[..., there], "gravity": self.gravity}
+        return around, values
 
     def carries(self, time: float | Array) -> Flags:
         """Which payloads are there (…, p) at times (…), s."""
