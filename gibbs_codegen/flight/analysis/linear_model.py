@@ -130,7 +130,7 @@ def linearise(
         time_constants: Those of the motors' lag, s, a number or (rotors), 0 for none; no motor lags
             if None.
         surroundings: A scenario, or the name or path of one, whose steady wind acts, and spinning
-            rotors, and what else does at its start: push, payloads, constraints.
+            rotors, and the push and constraints that act at its start.
 
     Returns:
         A (2 nv, 2 nv) and B (2 nv, nu), or with nx more rows, and columns of A.
@@ -220,8 +220,12 @@ def _around(
             "surroundings: walls are in no linear model, since contact has none where it begins; "
             "leave them out, or hold the frame by a constraint"
         )
-    now = environment.push_acts(0.0), environment.carries(0.0), environment.holding(0.0)
-    around, figures = environment.under(*now)
+    if environment.payload:
+        raise UsageError(
+            "surroundings: a payload is no part of a linear model; leave it out, and give its mass "
+            "to the link that carries it by `parameters`"
+        )
+    around, figures = environment.under(environment.push_acts(0.0), False, environment.holding(0.0))
     return replace(around, gusts=0), figures
 
 

@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from types import ModuleType
 
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
+from support.actuated import actuated
 from support.differences import Array
+from support.emitted import module_with_derivatives
 
-from gibbs_codegen import UsageError, linearise, trim
+from gibbs_codegen import Simulation, UsageError, linearise, read_scenario, trim
 from gibbs_codegen.flight.analysis.linear_model import held
+from gibbs_codegen.robot.file import parse_robot
 
 Load = Callable[[str], ModuleType]
 
@@ -114,6 +118,98 @@ def test_a_trim_is_given_alone_and_of_the_same_robot(differentiated: Load) -> No
         linearise(module, found.q, found.v)
     with pytest.raises(UsageError, match="the trim is of quadrotor, not of hexarotor_3link"):
         linearise(differentiated("hexarotor_3link"), found)
+
+
+BLOWN = """
+name = "blown"
+
+[base]
+attitude = "zyx"
+mass     = 1.1
+inertia  = [0.012, 0.014, 0.024, 0, 0, 0]
+""" + "".join(
+    f"""
+[[rotor]]
+position              = [{x}, {y}, 0.03]
+drag                  = {0.016 * x * y / 0.04}
+spin_inertia          = 4e-5
+speed_per_sqrt_thrust = 290
+"""
+    for x in (-0.2, 0.2)
+    for y in (-0.2, 0.2)
+)
+DERIVATIVES = [
+    *("forward_dynamics_derivatives", "forward_dynamics_with_wrenches_derivatives"),
+    *("frame_poses_derivatives", "frame_velocities_derivatives", "inputs_of_derivatives"),
+    *("actuator_rates_derivatives", "rotor_speeds_derivatives"),
+]
+SCENE = {
+    "wind": {
+        "velocity": [3.0, -1.0, 0.5],
+        "drag": {"base": 0.4},
+        "rotational_drag": {"base": 0.03},
+    },
+    "push": {
+        "frame": "base",
+        "force": [0.5, 1.0, -0.7],
+        "torque": [0.1, 0, 0.05],
+        "begin": 0,
+        "end": 1,
+    },
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["blown", "actuated"])
+def test_lag_air_wind_spin_and_pushes_are_those_of_flights(name: str) -> None:
+    """Against differences of the rates of the flight that `Simulation` flies with held inputs."""
+    robot = actuated() if name == "actuated" else parse_robot(BLOWN)
+    names = DERIVATIVES if name == "actuated" else DERIVATIVES[:4]
+    module = module_with_derivatives(robot, *names)
+    lag = {} if name == "actuated" else {"time_constants": [0.05, 0.04, 0.0, 0.03]}
+    scene = read_scenario("hover", SCENE)
+    loop = Simulation(module, scene).loop
+    if lag:
+        actuators = replace(loop.actuators, lag=np.array(lag["time_constants"]))
+        loop = replace(loop, actuators=actuators)
+    nv, nu, rng = len(module.VELOCITIES), len(module.INPUTS), np.random.default_rng(1)
+    q, v = module.integrate(loop.vehicle.neutral, 0.3 * rng.normal(size=nv)), rng.normal(size=nv)
+    u = np.full(nu, 0.4 if name == "actuated" else 3.0) + 0.1 * rng.normal(size=nu)
+    if name == "actuated":
+        u[1:3] = 500.0, 550.0
+    places, count = loop.layout.places, loop.layout.actuators
+    x = module.actuator_state_of(u) if name == "actuated" else u[:count]
+    if name == "actuated":
+        x[-1] = 0.9  # Off the end of the battery's table.
+    a, b = linearise(module, q, v, u, x=None if lag else x, surroundings=scene, **lag)
+    lagging = np.flatnonzero(loop.actuators.lag) if lag else np.arange(count)
+    assert a.shape == (2 * nv + len(lagging),) * 2
+
+    def rates(deviation: Array) -> Array:
+        delta, dv, dx, w = np.split(deviation, [nv, 2 * nv, 2 * nv + len(lagging)])
+        state = np.zeros(loop.size)
+        state[places.q], state[places.v] = module.integrate(q, delta), v + dv
+        state[places.actuators] = x
+        state[places.actuators][lagging] += dx
+        loads = loop.loads(0.0)._replace(inputs=tuple(u + w))
+        rate = loop.derivative(0.0, state, loads)
+        return np.concatenate([rate[places.v], rate[places.actuators][lagging]])
+
+    for k, column in enumerate(np.hstack([a, b])[nv:].T):
+        aside = np.zeros(len(a) + nu)
+        aside[k] = 1e-6
+        expected = (rates(aside) - rates(-aside)) / 2e-6
+        np.testing.assert_allclose(column, expected, rtol=1e-6, atol=1e-5 * np.abs(a).max())
+
+
+def test_walls_and_payloads_are_in_no_linear_model(differentiated: Load) -> None:
+    module, still = differentiated("quadrotor"), (np.zeros(6), np.ones(4))
+    q = trim(module).q
+    payload = read_scenario("hover", {"payload": [{"frame": "base", "mass": 0.1}]})
+    with pytest.raises(UsageError, match="surroundings: a payload is no part of a linear model"):
+        linearise(module, q, *still, surroundings=payload)
+    with pytest.raises(UsageError, match="time_constants: must be a number or 4 numbers, 0 or mor"):
+        linearise(module, q, *still, time_constants=-1.0)
 
 
 def test_a_module_without_derivatives_is_told_the_option(shipped: Load) -> None:
