@@ -122,8 +122,9 @@ class ClosedLoop:
     @cached_property
     def machine(self) -> Machine:
         """The robot that flies, with its actuators and what is around it."""
-        more = {"lags": self.lags, "runs": self.law != "off", "moves": self.moves}
-        return Machine(self.plant, self.given, self.around, **more)
+        runs = self.law != "off"
+        loads = self.plant, self.given, self.around
+        return Machine(*loads, lags=self.lags, runs=runs, moves=self.moves)
 
     @cached_property
     def layout(self) -> StateLayout:

@@ -206,6 +206,13 @@ class Machine:
         gusts = self.figure("gusts", self.around.gusts, 5) if self.around.gusts else zeros(0, 5)
         return surroundings.wind_velocity(time, self.figure("wind", 3), gusts)
 
+    def _gravity(self, q: Node) -> Node:
+        """The acceleration of gravity (3), m/s², world axes."""
+        place = self.robot.layout.v.position
+        mass = self.robot.mass_matrix(q)[place][0][place.start]
+        pull = self.robot.gravity_forces(q)[place] / mass
+        return base_of(self.robot, q).to_world(pull) if self.robot.space.has_quaternion else pull
+
     def _wrenches(
         self, time: Node, state: State[Node], u: Node, command: Node, touches: list[Touch]
     ) -> Node | None:
@@ -235,7 +242,7 @@ class Machine:
         if around.payloads:
             masses = self.figure("payloads", len(around.payloads))
             forces = surroundings.payload_forces(
-                *(robot, (q, v, u), wrenches, around.payloads, masses, self.figure("gravity", 3))
+                *(robot, (q, v, u), wrenches, around.payloads, masses, self._gravity(q))
             )
             carried = [
                 (frame, join(force, zeros(3)))

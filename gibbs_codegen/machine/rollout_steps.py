@@ -70,6 +70,9 @@ def given(robot: Functions, parts: Parts) -> dict[str, Node]:
       step, after half of it, and at its end
     - `wrenches` (frames, 6): on the frames, as of `forward_dynamics_with_wrenches`
     - `lowest` and `highest` (nq + nv): the least and the greatest q and v
+    - `wind` (3, 3): velocities of the air at the start of a step, after half of it and at its end;
+      `drag` (frames, 6) coefficients of the frames
+    - `payloads` (p): masses, kg
     """
     n, m, inputs = robot.space.coordinates, robot.space.velocities, robot.inputs
     found = [variable(sent(robot), inputs)]
@@ -86,6 +89,10 @@ def given(robot: Functions, parts: Parts) -> dict[str, Node]:
         found += [variable("wrenches", robot.frames, 6)]
     if parts.bounds:
         found += [variable(name, n + m, uniform=True) for name in ("lowest", "highest")]
+    if parts.around.wind:
+        found += [variable("wind", 3, 3), variable("drag", robot.frames, 6)]
+    if parts.around.payloads:
+        found += [variable("payloads", len(parts.around.payloads))]
     return {x.operation.name: x for x in found if isinstance(x.operation, Input)}
 
 
@@ -101,7 +108,8 @@ def rollout_step(
     out of bounds. With `has_thrusts` it has thrusts without lag too, which are those commanded.
     """
     own, around = given(robot, parts), parts.around
-    machine = Machine(robot, _figures(parts, own), around)
+    machines = [Machine(robot, _figures(parts, own, halves), around) for halves in range(3)]
+    machine = machines[0]
     rotors = robot.rotors if "lag" in own or (has_thrusts and not robot.driven) else 0
     time, h = (variable(each, uniform=True) for each in ("time", "h"))
     layout = replace(machine.layout(), actuators=robot.actuator_states or rotors)
@@ -135,7 +143,7 @@ def rollout_step(
         """
         state = state_of(q, moved)
         inputs = machine.inputs(state, u) if robot.driven else acting[halves]
-        rates = machine.rates(time, state, inputs, u)
+        rates = machines[halves].rates(time, state, inputs, u)
         done = [rates.a, rates.actuators, rates.bristles]
         if around.contacts:
             effects = impacts.effects(machine, state, rates.touches)
@@ -168,13 +176,17 @@ def rollout_step(
     return Program(name, (time, h, x, *own.values()), outputs)
 
 
-def _figures(parts: Parts, own: dict[str, Node]) -> Callable[..., Node]:
-    """The figures of what is around a robot, of the program or given."""
+def _figures(parts: Parts, own: dict[str, Node], halves: int) -> Callable[..., Node]:
+    """Figures of what is around a robot, so many halves of a step after its start."""
     known = dict(parts.figures)
 
     def figure(name: str, *shape: int) -> Node:
         if name == "push":
             return own["wrenches"]
+        if name == "wind":
+            return own["wind"][halves]
+        if name in own:
+            return own[name]
         return constant(np.reshape(known[name], shape))
 
     return figure

@@ -12,7 +12,7 @@ from typing import Any
 
 from gibbs_codegen.arrays.c_text import c_functions, literal
 from gibbs_codegen.arrays.functions import Functions
-from gibbs_codegen.arrays.nodes import Program
+from gibbs_codegen.arrays.nodes import Node, Program
 from gibbs_codegen.files.templating import render
 from gibbs_codegen.files.verbatim import c_source
 from gibbs_codegen.machine.rollout_steps import ALL, Parts, given, rollout_step, sent
@@ -68,6 +68,7 @@ def rollout_context(
         "inputs": "COMMANDS" if robot.driven else "INPUTS",
         "states": robot.actuator_states,
         "actuated": "x" if robot.driven else "thrust",
+        "others": [name for name in _inputs(robot, programs) if name not in given(robot, ALL)],
         "source": _source(robot, programs),
     }
 
@@ -104,16 +105,24 @@ def _source(robot: Functions, programs: Sequence[Program]) -> list[str]:
         "",
         *c_functions(programs, PREFIX, "static "),
         c_source("rows.c"),
-        *take_step(programs, [*given(robot, ALL)]),
+        *take_step(programs, [*_inputs(robot, programs)]),
         c_source("engine.c"),
         *_tables(robot, programs),
         c_source("rollout.c").rstrip(),
     ]
 
 
+def _inputs(robot: Functions, programs: Sequence[Program]) -> dict[str, Node]:
+    """What a rollout may be given, and what else programs are given."""
+    found = given(robot, ALL)
+    for program in programs:
+        found |= dict(zip(program.names[3:], program.inputs[3:], strict=True))
+    return found
+
+
 def _tables(robot: Functions, programs: Sequence[Program]) -> list[str]:
     """What programs are given, in the order of the header, and which have what."""
-    inputs, lines, room = given(robot, ALL), [], 0
+    inputs, lines, room = _inputs(robot, programs), [], 0
     for name, x in inputs.items():
         size = x.size if any(name in program.names for program in programs) else 0
         without = literal(_WITHOUT.get(name, 0.0))

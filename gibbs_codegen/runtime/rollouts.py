@@ -13,9 +13,9 @@ import functools
 import math
 import threading
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import wait
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from types import ModuleType
 from typing import Any, Literal
@@ -94,7 +94,8 @@ class Problem:
     `x` (1 or n, nx) are states of the actuators, if they have any. A state ends after the
     step that takes an entry of q and v beyond `bounds` (2, nq + nv), or makes it not finite; from
     then on it stays as it is, and changes no other. `around` and `figures` are as of `Parts`,
-    `bristles` (1 or n, 3 b) those of b contacts with friction at the start, not strained if None. A
+    `bristles` (1 or n, 3 b) those of b contacts with friction at the start, not strained if None,
+    and `loads` (1 or n, 1 or steps, …) wind, drag and payloads, as `given` names them. A
     sample is kept after every `every`-th step. The step is the module's step_euler or step_rk4.
     """
 
@@ -116,6 +117,7 @@ class Problem:
     around: Surroundings = NO_SURROUNDINGS
     figures: tuple[tuple[str, tuple[float, ...]], ...] = ()
     bristles: Array | None = None
+    loads: Mapping[str, Array] = field(default_factory=dict)
 
     @functools.cached_property
     def parts(self) -> Parts:
@@ -318,7 +320,11 @@ def _given(problem: Problem, parts: Parts, xp: Any) -> dict[str, Any]:
 
     What differs from state to state has axes (1 or n, 1 or steps) in front.
     """
-    found = {sent(functions_of(problem.module)): problem.inputs, "wrenches": problem.wrenches}
+    found = {
+        sent(functions_of(problem.module)): problem.inputs,
+        "wrenches": problem.wrenches,
+        **problem.loads,
+    }
     if problem.bounds is not None:
         found |= dict(zip(("lowest", "highest"), problem.bounds, strict=True))
     if (feedback := problem.feedback) is not None:
@@ -477,7 +483,8 @@ class _Run:
         words = [self._address(constants), int(len(constants) > 1)]
         words.append([*METHODS].index(problem.method))
         values = _given(problem, parts, np)
-        for name, is_shared in _inputs(problem.module, ALL).items():
+        inputs = _inputs(problem.module, ALL) | _inputs(problem.module, parts)
+        for name, is_shared in inputs.items():
             words += self._rows(values[name], is_shared) if name in values else [0, 0, 0]
         self.given = np.array(words, np.uintp)
 

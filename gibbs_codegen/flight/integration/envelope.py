@@ -268,7 +268,9 @@ def stable_modes(loop: ClosedLoop) -> list[Mode]:
     ]
     walls = loop.environment.wall if loop.environment else ()
     others = wall_modes(loop.vehicle, walls, _configurations(loop)) if walls else []
-    others += _drag_modes(loop)
+    if loop.environment is not None and loop.environment.wind is not None:
+        drag = loop.environment.figures["drag"]
+        others += drag_modes(loop.vehicle, drag, _configurations(loop))
     if loop.controller.law != "off":
         others += lag_modes(loop.vehicle) + joint_modes(loop.vehicle, _configurations(loop))
     return sorted([*found, *others], reverse=True)
@@ -383,18 +385,14 @@ def _oscillation(
     return found
 
 
-def _drag_modes(loop: ClosedLoop) -> list[Mode]:
-    """The fastest mode by which drag slows the machine, along the desired motion: M v̇ = −Jᵀ C J v.
+def drag_modes(vehicle: Vehicle, drag: Array, q: Array) -> list[Mode]:
+    """The fastest mode by which drag slows the machine at coordinates (s, nq): M v̇ = −Jᵀ C J v.
 
-    J is the Jacobian of the frames, C their coefficients.
+    J is the Jacobian of the frames, C their coefficients, `drag` (f, 6).
     """
-    if loop.environment is None or loop.environment.wind is None:
-        return []
-    q = _configurations(loop)
-    jacobians = loop.vehicle.frame_jacobians(q)
-    coefficients = loop.environment.figures["drag"][..., np.newaxis]
+    jacobians, coefficients = vehicle.frame_jacobians(q), drag[..., np.newaxis]
     slowing = np.einsum("sfai,sfaj->sij", jacobians, coefficients * jacobians)
-    values = np.linalg.eigvals(np.linalg.solve(loop.vehicle.mass_matrix(q), slowing))
+    values = np.linalg.eigvals(np.linalg.solve(vehicle.mass_matrix(q), slowing))
     rate = float(np.max(values.real))
     remedy = "less drag (wind.drag, wind.rotational_drag)"
     return [Mode(rate, "the drag", remedy, complex(-rate))] if rate > 0.0 else []

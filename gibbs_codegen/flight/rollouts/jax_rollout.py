@@ -23,7 +23,7 @@ _ARRAYS = {
     rollouts.Motors: ["least", "most", "time_constants", "thrusts"],
     rollouts.Problem: [
         *("constants", "q", "v", "inputs", "dt", "feedback", "motors", "wrenches", "bounds"),
-        *("x", "bristles"),
+        *("x", "bristles", "loads"),
     ],
     rollouts.Rollout: ["time", "q", "v", "thrusts", "steps", "ended", "x", "bristles"],
 }

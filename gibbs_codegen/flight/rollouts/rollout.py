@@ -19,16 +19,15 @@ from gibbs_codegen.flight.integration.envelope import (
     hard_impacts,
     joint_modes,
     lag_modes,
-    wall_modes,
 )
 from gibbs_codegen.flight.plant.actuators import commands_beyond
-from gibbs_codegen.flight.plant.environment import Environment
 from gibbs_codegen.flight.plant.vehicle import Vehicle
 from gibbs_codegen.flight.rollouts.arguments import Controller, RolloutArguments
 from gibbs_codegen.flight.rollouts.scenario_rollout import scenario_rollout
+from gibbs_codegen.flight.rollouts.surroundings import on_arrays, rollout_surroundings
+from gibbs_codegen.flight.scenario.file import AnyScenario
 from gibbs_codegen.flight.scenario.scenario import Scenario
 from gibbs_codegen.flight.scenario.walls import Wall
-from gibbs_codegen.machine.machine import NO_SURROUNDINGS, Surroundings
 from gibbs_codegen.machine.rollout_steps import Parts
 from gibbs_codegen.runtime import rollouts
 from gibbs_codegen.runtime.c_library import CompilerError
@@ -83,13 +82,17 @@ def _piece(
     q, v, *rest = state
     actuators, bristles = problem.after(rest[0] if rest else None)
     wrenches, motors = problem.wrenches, problem.motors
-    if wrenches is not None and wrenches.shape[1] > 1:
-        wrenches = wrenches[:, first : first + problem.every]
+
+    def now(x: rollouts.Array) -> rollouts.Array:
+        return x[:, first : first + problem.every] if x.shape[1] > 1 else x
+
+    wrenches = None if wrenches is None else now(wrenches)
+    loads = {name: now(x) for name, x in problem.loads.items()}
     if actuators is not None and problem.x is not None:
         problem = replace(problem, x=actuators)
     elif actuators is not None and motors is not None:
         motors = replace(motors, thrusts=actuators)
-    problem, steps = replace(problem, bristles=bristles), problem.every
+    problem, steps = replace(problem, bristles=bristles, loads=loads), problem.every
     return replace(problem, q=q, v=v, inputs=inputs, steps=steps, wrenches=wrenches, motors=motors)
 
 
@@ -106,6 +109,9 @@ def rollout(
     every: int = 1,
     wrenches: Any = None,
     walls: Sequence[Wall] = (),
+    surroundings: AnyScenario | None = None,
+    wind: Any = None,
+    payloads: Any = None,
     constraints: Sequence[str] = (),
     limits: Any = None,
     time_constants: Any = None,
@@ -141,6 +147,12 @@ def rollout(
             (1 or n, 1 or steps, f, 6).
         walls: What frames touch, with friction and without, as a scenario has it:
             `read_scenario(…).walls`.
+        surroundings: A scenario, or the name or path of one, whose wind, payloads, push and walls
+            act, and spinning rotors.
+        wind: Velocities of the steady wind in the place of that of the surroundings, m/s, world
+            axes, (3) or (n, 3).
+        payloads: Masses of the payloads in the place of those of the surroundings, kg, (p) or
+            (n, p).
         constraints: Names of the constraints that hold, of the module's CONSTRAINTS; each step ends
             where they are met. Start there: `integrate` and `constraint_projection`, `impact`.
         limits: The least and the greatest inputs, each a number or an array (nu); of commands those
@@ -182,11 +194,13 @@ def rollout(
     workers = (os.cpu_count() or 1) if threads is None else whole("threads", threads)
     tell = functools.partial(progress, "rolling out")
     if isinstance(control, Scenario | str | os.PathLike | Mapping):
-        others = any(each is not None for each in (wrenches, limits, thrusts, x0, bounds))
+        given = wrenches, limits, thrusts, x0, bounds, surroundings, wind, payloads
+        others = any(each is not None for each in given)
         if others or walls or constraints or method != "rk4":
             raise UsageError(
                 "control: a scenario is rolled out by rk4, with limits, wrenches and bounds of its "
-                "own: leave out method, wrenches, limits, thrusts, x0, bounds, walls, constraints"
+                "own: leave out method, wrenches, limits, thrusts, x0, bounds, walls, constraints, "
+                "surroundings, wind, payloads"
             )
         varied = parameters or {}, time_constants
         return scenario_rollout(
@@ -204,6 +218,9 @@ def rollout(
             "jax_enable_x64, or load the module with the back end c"
         )
     inputs, feedback = arguments.control(control)
+    states, taken = (q, parameters or {}), (float(dt), method)
+    varied = wind, payloads
+    surrounded = rollout_surroundings(arguments, walls, surroundings, varied, states, taken)
     warn_of_long_steps(module, dt, method, parameters or {})
     in_limits_of_file = arguments.is_driven and limits is None and isinstance(inputs, np.ndarray)
     alone = feedback is None and not callable(control)
@@ -212,12 +229,15 @@ def rollout(
         warnings.warn(beyond, RuntimeWarning, stacklevel=2)
     if wrenches is not None:
         wrenches = arguments.in_time("wrenches", wrenches, len(module.FRAMES), 6)
+    loads = surrounded.at(np.zeros(1), arguments.steps, float(dt))
+    if (push := loads.pop("wrenches", None)) is not None:
+        wrenches = push if wrenches is None else wrenches + push
     if bounds is not None:
         bounds = arguments.range("bounds", bounds, q.shape[1] + v.shape[1])
     q, v = (arguments.xp.repeat(each, arguments.count() // len(each), 0) for each in (q, v))
     if callable(control):
         inputs = arguments.commands(control(0.0, q.copy(), v.copy()))
-    around, figures = touched(module, walls, q, parameters or {}, float(dt), method)
+    around, figures = surrounded.around, surrounded.figures
     if constraints:
         around, figures = replace(around, holds=True), (*figures, ("active", active))
     problem = rollouts.Problem(
@@ -238,6 +258,7 @@ def rollout(
         x=x,
         around=around,
         figures=figures,
+        loads=loads,
     )
     if x is not None and x0 is None:
         first = rollouts.Steps(problem, arguments.xp).commanded()
@@ -252,49 +273,13 @@ def rollout(
         done = callback_rollout(problem, control, arguments.commands, roll, tell)
     else:
         done = roll(problem, tell=tell)
-    if walls:
+    if surrounded.around.contacts:
         vehicle = Vehicle(module, {name: np.squeeze(x) for name, x in (parameters or {}).items()})
         q, v = (np.swapaxes(np.asarray(x, np.float64), 0, 1) for x in (done.q, done.v))
-        for words in hard_impacts(vehicle, walls, (q, v), done.time, float(dt), method):
+        touched = surrounded.walls
+        for words in hard_impacts(vehicle, touched, (q, v), done.time, float(dt), method):
             warnings.warn(f"{module.NAME}: dt: {words}", RuntimeWarning, stacklevel=2)
     return done
-
-
-def touched(
-    module: ModuleType,
-    walls: Sequence[Wall],
-    q: Any,
-    parameters: Mapping[str, Any],
-    dt: float,
-    method: rollouts.Method,
-) -> tuple[Surroundings, tuple[tuple[str, tuple[float, ...]], ...]]:
-    """What is around states, walls with contacts, and its figures by name.
-
-    Coordinates q (n, nq) and parameters, numbers or arrays (n), are those of the states. Raises
-    `UsageError` for what are no walls, for frames that the robot does not have, and for steps of
-    `dt` s that are too long for a wall.
-    """
-    if not (isinstance(walls, list | tuple) and all(isinstance(each, Wall) for each in walls)):
-        raise UsageError("walls: must be walls as read_scenario(…).walls has them")
-    if not walls:
-        return NO_SURROUNDINGS, ()
-    vehicle = Vehicle(_on_arrays(module))
-    for k, wall in enumerate(walls, start=1):
-        for frame in wall.frames:
-            vehicle.frame_place(frame, f"walls: wall {k}: frame")
-    try:
-        places = np.asarray(q, dtype=np.float64)
-        if parameters:
-            own = {name: np.squeeze(np.asarray(each)) for name, each in parameters.items()}
-            vehicle = Vehicle(_on_arrays(module), own)
-    except TypeError:  # What is traced by JAX has no values.
-        places = vehicle.neutral[np.newaxis]
-    for mode in sorted(wall_modes(vehicle, walls, places), reverse=True):
-        if words := mode.fault(dt, method):
-            raise UsageError(f"dt: {words}")
-    environment = Environment(vehicle, wall=tuple(walls))
-    figures = ((name, tuple(x.tolist())) for name, x in environment.figures.items())
-    return environment.around, tuple(figures)
 
 
 def array_rollout(
@@ -315,16 +300,11 @@ def _long_steps(
 ) -> str:
     """Why steps are too long for servos and friction with parameters, "" if they are not."""
     try:
-        vehicle = Vehicle(_on_arrays(module), dict(own))
+        vehicle = Vehicle(on_arrays(module), dict(own))
         modes = lag_modes(vehicle) + joint_modes(vehicle, vehicle.neutral[np.newaxis])
     except UsageError:  # A module of few functions does not tell.
         return ""
     return "".join(mode.fault(dt, method) for mode in modes)
-
-
-def _on_arrays(module: ModuleType) -> ModuleType:
-    """A module that works on arrays of NumPy."""
-    return load(module.__path__[0]) if getattr(module, "backend", "") == "jax" else module
 
 
 @functools.lru_cache(maxsize=64)

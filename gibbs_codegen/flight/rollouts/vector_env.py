@@ -22,9 +22,10 @@ from gibbs_codegen.flight.rollouts.arguments import RolloutArguments
 from gibbs_codegen.flight.rollouts.rollout import (
     array_rollout,
     check_settings,
-    touched,
     warn_of_long_steps,
 )
+from gibbs_codegen.flight.rollouts.surroundings import rollout_surroundings
+from gibbs_codegen.flight.scenario.file import AnyScenario
 from gibbs_codegen.flight.scenario.walls import Wall
 from gibbs_codegen.runtime.load import load, require
 from gibbs_codegen.runtime.rollouts import RUNNING, Array, Method, Motors, Precision, Problem
@@ -165,6 +166,7 @@ class VectorEnv(gymnasium.vector.VectorEnv[Observations, ArrayLike, Any]):
         bounds: Least and greatest q and v, each a number or (nq + nv); beyond them an episode ends.
         walls: What frames touch, as of `rollout`; whether steps are short enough for them is judged
             by the parameters of the file.
+        surroundings, wind, payloads: What acts, as of `rollout`, by the time of each episode.
         reward, terminated, observe: Functions of a `Moment` that give rewards (n), whether episodes
             end (n), and observations (n, m).
         normalised: Whether actions are between −1 and 1.
@@ -192,6 +194,9 @@ class VectorEnv(gymnasium.vector.VectorEnv[Observations, ArrayLike, Any]):
         duration: float | None = 10.0,
         bounds: ArrayLike | None = None,
         walls: Sequence[Wall] = (),
+        surroundings: AnyScenario | None = None,
+        wind: ArrayLike | None = None,
+        payloads: ArrayLike | None = None,
         reward: Measure = nearness,
         terminated: Ending = is_lost,
         observe: Measure = away_and_rates,
@@ -236,7 +241,12 @@ class VectorEnv(gymnasium.vector.VectorEnv[Observations, ArrayLike, Any]):
         thrusts = np.tile(self._holding[: vehicle.rotors], (self.num_envs, 1))
         self._motors = replace(motors, thrusts=thrusts)
         # Where the machines are, and how a decision is flown.
-        around, figures = touched(module, walls, self._hover[np.newaxis], {}, dt, method)
+        hovering, varied = self._hover[np.newaxis], (wind, payloads)
+        self._surrounded = rollout_surroundings(
+            *(arguments, walls, surroundings, varied, (hovering, {}), (float(dt), method))
+        )
+        if arguments.count() not in (1, self.num_envs):
+            raise UsageError(f"wind, payloads: one for all, or {self.num_envs} of them")
         self._now = Problem(
             module,
             vehicle.constants,
@@ -250,8 +260,8 @@ class VectorEnv(gymnasium.vector.VectorEnv[Observations, ArrayLike, Any]):
             bounds=None if bounds is None else arguments.range("bounds", bounds, nq + nv),
             precision=precision,
             x=np.tile(x, (self.num_envs, 1)) if len(x) else None,
-            around=around,
-            figures=figures,
+            around=self._surrounded.around,
+            figures=self._surrounded.figures,
         )
         if strains := self._now.strains:
             self._now = replace(self._now, bristles=np.zeros((self.num_envs, strains)))
@@ -447,7 +457,9 @@ class VectorEnv(gymnasium.vector.VectorEnv[Observations, ArrayLike, Any]):
     def _advance(self, inputs: Array) -> NDArray[np.int8]:
         """Fly all through a decision of inputs (n, nu): why each has ended (n), as of `Rollout`."""
         commanded = np.clip(inputs, *self._limits)
-        now = replace(self._now, inputs=commanded[:, np.newaxis])
+        now, begin = replace(self._now, inputs=commanded[:, np.newaxis]), self._time()
+        loads = self._surrounded.at(begin, now.steps, now.dt)
+        now = replace(now, wrenches=loads.pop("wrenches", None), loads=loads)
         found = array_rollout(replace(now, motors=self._motors), self._threads)
         last = (
             commanded[:, : self._vehicle.rotors] if found.thrusts is None else found.thrusts[:, -1]
@@ -461,6 +473,10 @@ class VectorEnv(gymnasium.vector.VectorEnv[Observations, ArrayLike, Any]):
         self._decisions += 1
         return found.ended
 
+    def _time(self) -> Array:
+        """How long episodes last (n), s."""
+        return self._decisions * np.float64(self._now.steps * self._now.dt)
+
     def _moment(self) -> Moment:
         """Where the machines are, in arrays of its own."""
         now, places, thrusts = self._now, self._vehicle.layout.v, self._motors.thrusts
@@ -470,7 +486,7 @@ class VectorEnv(gymnasium.vector.VectorEnv[Observations, ArrayLike, Any]):
             acting = self._vehicle.module.inputs_of(*state, constants=now.constants)
             thrusts = acting[:, : self._vehicle.rotors]
         return Moment(
-            self._decisions * np.float64(now.steps * now.dt),
+            self._time(),
             now.q.copy(),
             now.v.copy(),
             np.asarray(self._vehicle.module.difference(self._hover, now.q)),

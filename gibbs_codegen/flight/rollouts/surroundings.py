@@ -1,0 +1,164 @@
+"""What surrounds the states of a rollout: walls, and the wind, payloads and push of a scenario."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+
+from gibbs_codegen.arrays import Program, evaluate, variable
+from gibbs_codegen.errors import UsageError
+from gibbs_codegen.flight.integration.envelope import drag_modes, wall_modes
+from gibbs_codegen.flight.plant.environment import Environment, surrounding
+from gibbs_codegen.flight.plant.vehicle import Array, Flags, Vehicle
+from gibbs_codegen.flight.rollouts.arguments import RolloutArguments
+from gibbs_codegen.flight.scenario.file import AnyScenario
+from gibbs_codegen.flight.scenario.walls import Wall
+from gibbs_codegen.machine.machine import NO_SURROUNDINGS, Surroundings
+from gibbs_codegen.machine.surroundings import wind_velocity
+from gibbs_codegen.runtime.load import load
+from gibbs_codegen.runtime.rollouts import Method
+
+
+@dataclass(frozen=True)
+class RolloutSurroundings:
+    """What acts on the states, and its figures: those that the program of a step has in it.
+
+    Those of an environment of which `at` tells are arrays: `wind` (1 or n, 3), m/s, is steady,
+    and `masses` (1 or n, p), kg, are of payloads.
+    """
+
+    around: Surroundings = NO_SURROUNDINGS
+    figures: tuple[tuple[str, tuple[float, ...]], ...] = ()
+    walls: tuple[Wall, ...] = ()
+    environment: Environment | None = None
+    wind: Any = None
+    masses: Any = None
+
+    def at(self, begin: Array, steps: int, dt: float) -> dict[str, Any]:
+        """Inputs (1 or n, 1 or steps, …) of so many steps of dt s from times (1 or n), s, on.
+
+        A push or payload acts in a step if it does in the middle of it.
+        """
+        environment, found = self.environment, dict[str, Any]()
+        if environment is None:
+            return found
+        times = begin[:, np.newaxis] + dt * np.arange(steps)
+        middle = times + 0.5 * dt
+        if environment.wind is not None:
+            found["drag"] = environment.figures["drag"][np.newaxis, np.newaxis]
+            found["wind"] = self.wind[:, np.newaxis, np.newaxis] + _gusts(
+                environment.figures["gusts"], times[..., np.newaxis] + dt * np.array([0, 0.5, 1])
+            )
+        if environment.payload:
+            carried = _shortest(environment.carries(middle))
+            found["payloads"] = self.masses[:, np.newaxis] * carried
+        if environment.push is not None:
+            acts = _shortest(environment.push_acts(middle)[..., np.newaxis, np.newaxis])
+            found["wrenches"] = acts * environment.pushing
+        return found
+
+
+def _gusts(gusts: Array, times: Array) -> Array:
+    """Velocities (…, 3) of gusts (g, 5) at times (1 or n, steps, 3), s."""
+    if not len(gusts):
+        return np.zeros((1, 1, 3, 3))
+    time, wind = variable("time"), variable("wind", 3, uniform=True)
+    shared = variable("gusts", *gusts.shape, uniform=True)
+    outputs = {"wind": wind_velocity(time, wind, shared)}
+    values = {"time": times, "wind": np.zeros(3), "gusts": gusts}
+    blown: Array = evaluate(Program("gusts", (time, wind, shared), outputs), values, {})["wind"]
+    return blown
+
+
+def _shortest(x: Flags) -> Flags:
+    """What is the same in all steps, (1 or n, steps, …), of one step."""
+    return x[:, :1] if np.array_equal(x, np.broadcast_to(x[:, :1], x.shape)) else x
+
+
+def rollout_surroundings(
+    arguments: RolloutArguments,
+    walls: Sequence[Wall],
+    scenario: AnyScenario | None,
+    figures: tuple[Any, Any],
+    states: tuple[Any, Mapping[str, Any]],
+    steps: tuple[float, Method],
+) -> RolloutSurroundings:
+    """What surrounds states of coordinates (n, nq) and parameters, numbers or arrays.
+
+    `figures` are the wind and payloads' masses in the place of those of the scenario. Raises
+    `UsageError` for what are no walls, for what does not fit the robot, and for steps (dt, method)
+    that are too long for a wall.
+    """
+    module, (q, parameters), (dt, method) = arguments.module, states, steps
+    if not (isinstance(walls, list | tuple) and all(isinstance(each, Wall) for each in walls)):
+        raise UsageError("walls: must be walls as read_scenario(…).walls has them")
+    if scenario is None:
+        for name, value in zip(("wind", "payloads"), figures, strict=True):
+            if value is not None:
+                raise UsageError(f"{name}: says figures of surroundings; give these too")
+        if not walls:
+            return RolloutSurroundings()
+    vehicle = Vehicle(on_arrays(module))
+    given = surrounding(vehicle, scenario)
+    if given is not None and given.hold:
+        raise UsageError(
+            "surroundings: holds begin and end at times; leave them out, and name the constraints "
+            "that hold in `constraints`"
+        )
+    environment = given or Environment(vehicle)
+    environment = replace(environment, wall=(*walls, *environment.wall))
+    _check_steps(environment, q, parameters, dt, method)
+    around, known = environment.around, environment.figures
+    fixed = {name: x for name, x in known.items() if name.startswith("wall_") or name == "spins"}
+    frames = tuple(vehicle.frames.index(each.frame) for each in environment.payload)
+    own = tuple((name, tuple(np.ravel(x).tolist())) for name, x in fixed.items())
+    wind, masses = figures
+    if environment.wind is None and wind is not None:
+        raise UsageError("wind: the surroundings have none; give them [wind]")
+    if environment.wind is not None:
+        wind = arguments.states("wind", known["wind"] if wind is None else wind, 3)
+    if masses is None:
+        masses = np.array([each.mass for each in environment.payload])
+    masses = arguments.states("payloads", masses, len(frames)) if frames else None
+    if figures[1] is not None and not frames:
+        raise UsageError("payloads: the surroundings have none; give them [[payload]]")
+    return RolloutSurroundings(
+        replace(around, gusts=0, payloads=frames),
+        own,
+        environment.wall,
+        given,
+        wind,
+        masses,
+    )
+
+
+def _check_steps(
+    environment: Environment, q: Any, parameters: Mapping[str, Any], dt: float, method: Method
+) -> None:
+    """Raise `UsageError` for frames that there are not, and steps too long for walls or drag."""
+    vehicle, walls = environment.vehicle, environment.wall
+    for k, wall in enumerate(walls, start=1):
+        for frame in wall.frames:
+            vehicle.frame_place(frame, f"walls: wall {k}: frame")
+    try:
+        places = np.asarray(q, dtype=np.float64)
+        if parameters:
+            own = {name: np.squeeze(np.asarray(each)) for name, each in parameters.items()}
+            vehicle = Vehicle(vehicle.module, own)
+    except TypeError:  # What is traced by JAX has no values.
+        places = vehicle.neutral[np.newaxis]
+    modes = wall_modes(vehicle, walls, places) if walls else []
+    if environment.wind is not None:
+        modes += drag_modes(vehicle, environment.figures["drag"], places)
+    for mode in sorted(modes, reverse=True):
+        if words := mode.fault(dt, method):
+            raise UsageError(f"dt: {words}")
+
+
+def on_arrays(module: ModuleType) -> ModuleType:
+    """A module that works on arrays of NumPy."""
+    return load(module.__path__[0]) if getattr(module, "backend", "") == "jax" else module

@@ -1,0 +1,140 @@
+"""Wind, gusts, payloads, pushes and spinning rotors act in rollouts as they do in flights."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from support.compiled import emit
+
+from gibbs_codegen import Simulation, UsageError, load, read_scenario, rollout
+from gibbs_codegen.robot.file import parse_robot
+
+TEXT = """
+name = "blown"
+
+[base]
+attitude = "quaternion"
+mass     = 1.1
+inertia  = [0.012, 0.014, 0.024, 0, 0, 0]
+
+[[link]]
+name    = "arm"
+xyz     = [0, 0, -0.05]
+axis    = "y"
+mass    = 0.2
+com     = [0, 0, -0.1]
+inertia = [1e-3, 1e-3, 2e-5, 0, 0, 0]
+
+[[frame]]
+name = "tip"
+on   = "arm"
+xyz  = [0, 0, -0.2]
+""" + "".join(
+    f"""
+[[rotor]]
+position              = [{x}, {y}, 0.03]
+drag                  = {0.4 * x * y}
+spin_inertia          = 4e-5
+speed_per_sqrt_thrust = 290
+time_constant         = 0.05
+"""
+    for x in (-0.2, 0.2)
+    for y in (-0.2, 0.2)
+)
+DT, STEPS = 0.002, 100
+SCENE = {
+    "integration": {"method": "rk4", "step": DT, "rate": 1 / DT},
+    "duration": 1.0,
+    "wind": {
+        "velocity": [3.0, -1.0, 0.5],
+        "drag": {"base": 0.4, "tip": 0.1},
+        "rotational_drag": {"base": 0.03},
+        "gusts": [{"amplitude": [0.0, 6.0, 0.0], "begin": 0.05, "duration": 0.1}],
+    },
+    "payload": [{"frame": "tip", "mass": 0.3, "begin": 0.1, "end": 0.15}],
+    "push": {
+        "frame": "tip",
+        "force": [0.5, 1, -7],
+        "torque": [0.1, 0, 0],
+        "begin": 0.02,
+        "end": 0.1,
+    },
+}
+CHANGES = {"wind.velocity": [-2.0, 0.0, 1.0], "payload": [{**SCENE["payload"][0], "mass": 0.1}]}
+U = np.array([3.0, 3.5, 3.2, 4.0, 0.2])
+Q, V = np.array([0, 0, 1, 0, 0, 0, 1, 0.3]), np.array([0.5, 0, 0, 1, -2, 3, 0.5])
+SETTINGS = {"dt": DT, "time_constants": 0.05, "surroundings": read_scenario("hover", SCENE)}
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> str:
+    robot = parse_robot(TEXT)
+    return str(emit(robot, tmp_path_factory.mktemp("blown") / robot.name).folder)
+
+
+@pytest.fixture(scope="module")
+def flown(folder: str) -> list[np.ndarray]:
+    """States (steps + 1, nq + nv) of both winds and payloads, as a `Simulation` flies them."""
+    found = []
+    for changes in ({}, CHANGES):
+        simulation = Simulation(load(folder), read_scenario("hover", {**SCENE, **changes}))
+        simulation.reset(Q, V)
+        rows = [[*simulation.q, *simulation.v]]
+        for _ in range(STEPS):
+            simulation.advance(U, DT)
+            rows.append([*simulation.q, *simulation.v])
+        found.append(np.array(rows))
+    return found
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("backend", ["numpy", "c", "jax"])
+def test_states_of_two_winds_and_payloads_fly_as_simulated(
+    folder: str, flown: list[np.ndarray], backend: str
+) -> None:
+    varied = {"wind": [[3.0, -1.0, 0.5], [-2.0, 0.0, 1.0]], "payloads": [[0.3], [0.1]]}
+    module = load(folder, backend=backend)
+    if backend == "jax":
+        import jax
+
+        jax.config.update("jax_enable_x64", True)
+    done = rollout(module, Q, V, U, STEPS, **SETTINGS, **varied)
+    for k, expected in enumerate(flown):
+        states = np.concatenate([done.q[k], done.v[k]], axis=1)
+        # Thrusts that lag are exact in rollouts, and integrated in flights; so is the quaternion.
+        np.testing.assert_allclose(states, expected, rtol=0, atol=2e-7)
+    assert np.abs(flown[0] - flown[1]).max() > 0.05
+
+
+@pytest.mark.slow
+def test_a_controller_sees_the_same_surroundings(folder: str) -> None:
+    """Pieces between samples have their own part of the time."""
+    module = load(folder)
+    whole = rollout(module, Q, V, U, STEPS, every=10, **SETTINGS)
+    pieces = rollout(module, Q, V, lambda *_: U, STEPS, every=10, **SETTINGS)
+    np.testing.assert_allclose(pieces.q, whole.q, rtol=0, atol=1e-14)
+
+
+WRONG = {
+    "wind: says figures of surroundings; give these too": {"surroundings": None, "wind": [1, 0, 0]},
+    "payloads: the surroundings have none; give them [[payload]]": {
+        "surroundings": "hover",
+        "payloads": [1.0],
+    },
+    "wind: the surroundings have none; give them [wind]": {
+        "surroundings": "hover",
+        "wind": [1.0, 0, 0],
+    },
+    "payloads: its shape must be (1,) or (states, 1), not (2,)": {"payloads": [1.0, 2.0]},
+    "dt: ": {
+        "surroundings": read_scenario("hover", {"wind": {"drag": {"base": 5000.0}}}),
+        "method": "euler",
+    },
+}
+
+
+@pytest.mark.parametrize("message", WRONG)
+def test_what_is_wrong_is_told(folder: str, message: str) -> None:
+    with pytest.raises(UsageError) as error:
+        rollout(load(folder), Q, V, U, 4, **SETTINGS | WRONG[message])
+    assert str(error.value).startswith(message)
