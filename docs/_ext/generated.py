@@ -10,6 +10,8 @@ import re
 from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING, Any
 
+from ways_to_fly import ways_to_fly
+
 from gibbs_codegen.cli.app import argument_parser
 from gibbs_codegen.files.table import json_schema
 from gibbs_codegen.flight.scenario.file import ScenarioTable
@@ -176,7 +178,7 @@ def dimensions(shape: str) -> str:
 
 
 PARTS: dict[str, Callable[[], str]] = {
-    part.__name__: part for part in (robot_keys, scenario_keys, commands, c_functions)
+    part.__name__: part for part in (robot_keys, scenario_keys, commands, c_functions, ways_to_fly)
 }
 
 

@@ -2,7 +2,7 @@
 
 All are vectors, so that C which knows no robot can call the programs. A state x has coordinates,
 velocities, and states of actuators or thrusts that lag. `given` are commands, forces and torques
-(f, 3) on the frames, in world axes, and the wind where the air acts on rotors.
+(f, 3) on the frames, and the wind, in world axes, and coefficients of the drag of frames.
 """
 
 from __future__ import annotations
@@ -22,6 +22,7 @@ from gibbs_codegen.arrays.nodes import (
     join,
     reshaped,
     variable,
+    zeros,
 )
 from gibbs_codegen.machine.base import base_of
 from gibbs_codegen.machine.machine import Machine, Rates, Surroundings
@@ -34,10 +35,16 @@ Shapes = Mapping[str, tuple[int, ...]]
 
 @dataclass(frozen=True)
 class System:
-    """The system of a robot, of whose rotors some lag: time constants, s, by their numbers."""
+    """The system of a robot, of whose rotors some lag: time constants, s, by their numbers.
+
+    `spins` are rotor and frame of each that spins, `momenta` (g, 4) its axis in the frame and its
+    angular momentum by the square root of the thrust.
+    """
 
     robot: Functions
     lags: Mapping[int, float]
+    spins: tuple[tuple[int, int], ...] = ()
+    momenta: tuple[tuple[float, ...], ...] = ()
 
     @property
     def size(self) -> int:
@@ -47,9 +54,10 @@ class System:
     @property
     def given(self) -> Shapes:
         """Shapes of what is given, in its order."""
-        frames = (self.robot.frames, 3)
-        found = {"commands": (self.robot.inputs,), "forces": frames, "torques": frames}
-        return {**found, **({"wind": (3,)} if self.robot.air else {})}
+        frames = self.robot.frames
+        acting = {"forces": (frames, 3), "torques": (frames, 3), "wind": (3,)}
+        drag = {"drag": (frames,), "rotational_drag": (frames,)}
+        return {"commands": (self.robot.inputs,), **acting, **drag}
 
     @property
     def outputs(self) -> Shapes:
@@ -103,13 +111,21 @@ class System:
         return join(moved, rates.a, rates.actuators)
 
     def _machine(self, given: Node) -> Machine:
-        """The machine, on whose frames act the forces and torques that are given."""
-        frames, lagging = self.robot.frames, tuple(self.lags)
-        rest, end = given[self.robot.inputs :], 3 * self.robot.frames
-        halves = (reshaped(x, (frames, 3)) for x in (rest[:end], rest[end : 2 * end]))
-        figures = {"push": beside(*halves), "wind": rest[2 * end :]}
-        figures["time_constants"] = constant([*self.lags.values()])
-        around = Surroundings(pushes=True, wind=bool(self.robot.air))
+        """The machine, on whose frames act the forces and torques that are given, and the air."""
+        place, parts = 0, dict[str, Node]()
+        for name, shape in self.given.items():
+            end = place + math.prod(shape)
+            parts[name], place = reshaped(given[place:end], shape), end
+        drags = (reshaped(parts[x], (self.robot.frames, 1)) for x in ("drag", "rotational_drag"))
+        figures = {
+            "push": beside(parts["forces"], parts["torques"]),
+            "wind": parts["wind"],
+            "drag": beside(*(drag + zeros(self.robot.frames, 3) for drag in drags)),
+            "spins": constant(self.momenta),
+            "time_constants": constant([*self.lags.values()]),
+        }
+        around = Surroundings(pushes=True, wind=True, drag=True, spins=self.spins)
+        lagging = tuple(self.lags)
         return Machine(self.robot, lambda name, *_: figures[name], around, lagging=lagging)
 
     def _moving(self, x: Node, given: Node) -> tuple[State[Node], Node, Rates]:

@@ -8,6 +8,7 @@ from types import ModuleType
 
 import pytest
 from conftest import ROOT
+from ways_to_fly import REASONS, ways_to_fly
 
 from gibbs_codegen.cli.app import argument_parser
 from gibbs_codegen.files.table import json_schema
@@ -57,3 +58,18 @@ def test_keys_are_told_with_their_bounds_and_defaults(generated: ModuleType) -> 
         schema = json_schema(table)
         for described in (schema, *schema["$defs"].values()):
             assert all(f"| `{key}` |" in page for key in described["properties"])
+
+
+def test_every_part_acts_in_every_way_to_fly_or_there_is_a_reason() -> None:
+    """A reason for what acts, and none for what does not, ends the table of the programs."""
+    told = ways_to_fly()
+    (wind,) = (line for line in told.splitlines() if line.startswith("| wind"))
+    assert wind == "| wind, with drag | yes | yes | yes | yes | no |"
+    with pytest.MonkeyPatch.context() as patch:
+        patch.delitem(REASONS, ("FMU", "walls"))
+        with pytest.raises(ValueError, match="walls in FMU: there is no reason"):
+            ways_to_fly()
+        patch.setitem(REASONS, ("FMU", "walls"), "")
+        patch.setitem(REASONS, ("FMU", "pushes"), "none")
+        with pytest.raises(ValueError, match="pushes in FMU: none"):
+            ways_to_fly()

@@ -16,17 +16,18 @@ from fmpy.fmi2 import FMU2Model, FMU2Slave
 from fmpy.fmi3 import FMU3Model, FMU3Slave
 from fmpy.validation import validate_fmu
 from numpy.typing import NDArray
-from support.actuated import TEXT
+from support import actuated, blown
 from support.kept import made_once
 from support.tools import compiled, tool
 
-from gibbs_codegen import generate, load, read_scenario, simulate
+from gibbs_codegen import Simulation, generate, load, read_scenario, simulate
 from gibbs_codegen.arrays import Functions, evaluate, jacobian
 from gibbs_codegen.arrays.nodes import Program
 from gibbs_codegen.machine.first_order import System
 
 Array = NDArray[np.float64]
 Make = Callable[[str], tuple[ModuleType, Path]]
+TEXTS = {"actuated": actuated.TEXT, "blown": blown.TEXT}
 # Step of the flights, s.
 STEP = 0.002
 WARNINGS = [
@@ -117,13 +118,13 @@ class Unit:
 
 @pytest.fixture(scope="session")
 def made(kept: Path) -> Make:
-    """Generate a robot that ships, or the actuated one, with its FMUs."""
+    """Generate a robot that ships, or one of `TEXTS`, with its FMUs."""
 
     def make(name: str) -> tuple[ModuleType, Path]:
         folder, source = kept / "fmu" / name, name
-        if name == "actuated":
-            source = str(kept / "actuated.toml")
-            Path(source).write_text(TEXT, encoding="utf-8")
+        if name in TEXTS:
+            source = str(kept / f"{name}.toml")
+            Path(source).write_text(TEXTS[name], encoding="utf-8")
         targets = ["numpy", "c", "fmu"]
         made_once(
             folder, lambda: generate(source, folder.parent, targets, force=True, verify=False)
@@ -222,10 +223,39 @@ def test_circle_is_that_of_simulate(
     assert worst < 1e-9
 
 
-def scattered(unit: Unit, seed: int = 0) -> np.random.Generator:
-    """Set states and inputs to random values, with a quaternion of unit length."""
+@pytest.mark.slow
+def test_wind_drag_and_spinning_rotors_are_those_of_simulate(
+    made: Make, opened: Callable[..., Unit]
+) -> None:
+    robot, folder = made("blown")
+    wind = {"velocity": [3.0, -1.0, 0.5], "drag": {"base": 0.4, "tip": 0.1}}
+    keys = {"wind": {**wind, "rotational_drag": {"base": 0.03}}}
+    keys["integration"] = {"method": "rk4", "step": STEP, "rate": 1.0 / STEP}
+    simulation, u = Simulation(robot, read_scenario("hover", keys)), np.full(5, 3.2)
+    q, v = np.array([0, 0, 1, 0, 0, 0, 1, 0.3]), np.array([0.5, 0, 0, 1, -2, 3, 0.5])
+    simulation.reset(q, v)
+    unit = opened(folder, 3, "coSimulation")
+    for start, values in (("q.", q), ("v.", v), ("actuators", u[:4]), ("command.", u)):
+        unit.set(start, values)
+    unit.set("wind", wind["velocity"])
+    unit.set("drag", [0.4, 0.1])
+    unit.set("rotational_drag", [0.03, 0.0])
+    unit.set("step_size", STEP)
+    unit.begin()
+    for k in range(50):
+        simulation.advance(u, STEP)
+        unit.advance(k * STEP, STEP)
+        found = unit.get("q.", "v.")
+        found[3:7] /= np.linalg.norm(found[3:7])  # Its length drifts, and means nothing.
+        np.testing.assert_allclose(found, [*simulation.q, *simulation.v], rtol=0.0, atol=1e-10)
+    assert np.abs(found - [*q, *v]).max() > 0.1
+
+
+def scattered(unit: Unit, seed: int = 0, drag: bool = False) -> np.random.Generator:
+    """Set states and inputs, or also drag, to random values, with a quaternion of unit length."""
     rng = np.random.default_rng(seed)
-    for start in ("q.", "v.", "actuators", "command.", "force", "torque", "wind"):
+    drags = ("drag", "rotational_drag") if drag else ()
+    for start in ("q.", "v.", "actuators", "command.", "force", "torque", "wind", *drags):
         size = sum(unit.sizes[name] for name in unit.parts(start))
         if size:
             unit.set(start, rng.uniform(0.2, 0.8, size))
@@ -243,9 +273,9 @@ def test_directional_derivatives(
     """They are those of the program by matrices, in NumPy, and what differences of values show."""
     _, folder = made(name)
     unit = opened(folder, version)
-    rng = scattered(unit)
+    rng = scattered(unit, drag=True)
     unknowns, knowns = ["der(", "frames.", "imu.", "loads."], ["q.", "v.", "actuators", "command."]
-    knowns += ["force", "torque", "wind"]
+    knowns += ["force", "torque", "wind", "drag", "rotational_drag"]
     present = [k for k in knowns if unit.parts(k)]
     x = np.concatenate([unit.get(k) for k in present])
     seed = rng.uniform(-1.0, 1.0, len(x))
@@ -281,7 +311,7 @@ def test_derivatives_are_those_of_the_program(
         folder, lambda: generate(name, folder.parent, ["numpy"], derivatives="all", verify=False)
     )
     module, unit = load(folder), opened(made(name)[1])
-    scattered(unit, seed=1)
+    scattered(unit, seed=1, drag=True)
     unit.begin()
     times = getattr(module, "TIME_CONSTANTS", {})
     system = System(
@@ -290,7 +320,8 @@ def test_derivatives_are_those_of_the_program(
     x, given = system.programs()["Rates of the state."].inputs
     outputs = {"rate": system.rate(x, given), "y": system.output(x, given, 9.81)}
     program = jacobian(Program("both", (x, given), outputs), ("x", "given"))
-    states, inputs = ["q.", "v.", "actuators"], ["command.", "force", "torque"]
+    states = ["q.", "v.", "actuators"]
+    inputs = ["command.", "force", "torque", "wind", "drag", "rotational_drag"]
     values = [np.concatenate([unit.get(s) for s in starts]) for starts in (states, inputs)]
     matrices = evaluate(program, dict(zip(("x", "given"), values, strict=True)), {"robot": module})
     for by, starts in (("x", states), ("given", inputs)):

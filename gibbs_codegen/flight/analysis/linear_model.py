@@ -42,6 +42,11 @@ from gibbs_codegen.flight.vectors import skew
 from gibbs_codegen.machine.machine import NO_SURROUNDINGS, Machine, Surroundings
 from gibbs_codegen.robot.wrenches import directions
 
+# What is in no linear model, and why.
+LEFT_OUT = {
+    "walls": "contact has none where it begins; leave them out, or hold the frame by a constraint",
+    "payloads": "their mass is that of the link which carries them; give it by `parameters`",
+}
 # Share of a command to both sides of which its derivatives are looked at.
 _NEAR = 1e-9
 # Share of the largest influence below which one is rounding.
@@ -215,16 +220,10 @@ def _around(
     environment = surrounding(vehicle, surroundings)
     if environment is None:
         return NO_SURROUNDINGS, {}
-    if environment.wall:
-        raise UsageError(
-            "surroundings: walls are in no linear model, since contact has none where it begins; "
-            "leave them out, or hold the frame by a constraint"
-        )
-    if environment.payload:
-        raise UsageError(
-            "surroundings: a payload is no part of a linear model; leave it out, and give its mass "
-            "to the link that carries it by `parameters`"
-        )
+    acting = {"walls": environment.wall, "payloads": environment.payload}
+    for name, why in LEFT_OUT.items():
+        if acting[name]:
+            raise UsageError(f"surroundings: {name} are in no linear model: {why}")
     around, figures = environment.under(environment.push_acts(0.0), False, environment.holding(0.0))
     return replace(around, gusts=0), figures
 
@@ -233,8 +232,15 @@ def _around(
 def _differentiated(
     module: ModuleType, around: Surroundings, lagging: tuple[int, ...]
 ) -> Evaluator:
-    """Accelerations `a` and `rates` of actuators, with their derivatives by state and inputs."""
-    robot, figures = Functions(module), dict[str, Node]()
+    """What evaluates `motion_program` with the derivatives by state and inputs."""
+    program = motion_program(Functions(module), around, lagging)
+    by = [name for name in ("q", "v", "actuators", "u") if name in program.names]
+    return Evaluator(jacobian(program, by), {"robot": module})
+
+
+def motion_program(robot: Functions, around: Surroundings, lagging: tuple[int, ...]) -> Program:
+    """Accelerations `a` and `rates` of actuators, of state, inputs and figures of what acts."""
+    figures = dict[str, Node]()
 
     def figure(name: str, *shape: int) -> Node:
         return figures.setdefault(name, variable(name, *shape, uniform=True))
@@ -245,10 +251,9 @@ def _differentiated(
     (q, v), u = robot.state(), variable("u", robot.inputs)
     state = machine.state(q, v, actuators, zeros(0))
     rates = machine.rates(constant(0.0), state, machine.inputs(state, u), u)
-    by = ["q", "v", *(["actuators"] if size else []), "u"]
     outputs = {"a": rates.a} | ({"rates": rates.actuators} if size else {})
     given = (q, v, *([actuators] if size else []), u, *figures.values())
-    return Evaluator(jacobian(Program("motion", given, outputs), by), {"robot": module})
+    return Program("motion", given, outputs)
 
 
 def held(a: Array, b: Array, dt: float) -> tuple[Array, Array]:

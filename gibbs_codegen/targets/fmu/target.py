@@ -19,11 +19,17 @@ from xml.sax.saxutils import quoteattr
 
 from gibbs_codegen.arrays.c_file import Function, c_files
 from gibbs_codegen.arrays.functions import Functions
+from gibbs_codegen.errors import UsageError
 from gibbs_codegen.files.templating import render
 from gibbs_codegen.files.verbatim import c_source
 from gibbs_codegen.machine.first_order import System
 from gibbs_codegen.program.choice import chosen_functions
 from gibbs_codegen.program.model import Model
+from gibbs_codegen.robot.description import Description
+from gibbs_codegen.robot.layout import frames_of
+from gibbs_codegen.robot.model import Robot
+from gibbs_codegen.robot.placement import mounted_rotors
+from gibbs_codegen.robot.posture import robot_frames
 from gibbs_codegen.runtime.c_library import CompilerError, portable_library
 from gibbs_codegen.runtime.cache import CacheError
 from gibbs_codegen.targets.c import target as c_target
@@ -54,6 +60,7 @@ _CAUSALITY = {
     "state": 'causality="local" variability="continuous" initial="exact"',
     "rate": 'causality="local" variability="continuous"',
     "input": 'causality="input" variability="continuous"',
+    "figure": 'causality="parameter" variability="tunable"',
     "step": 'causality="parameter" variability="tunable"',
     "parameter": 'causality="parameter" variability="tunable"',
     "output": 'causality="output" variability="continuous"',
@@ -70,7 +77,8 @@ def archives(model: Model, header: Lines) -> dict[str, bytes]:
     model = _reduced(model)
     times = {} if model.robot.has_actuators else model.description.constants["TIME_CONSTANTS"]
     places = {entry.name: place for place, entry in enumerate(model.description.inputs)}
-    system = System(Functions(model.listing), {places[k]: time for k, time in times.items()})
+    lags = {places[k]: time for k, time in times.items()}
+    system = System(Functions(model.listing), lags, *_spins(model.robot, model.description))
     module = c_target.module_text(model, CPrinter(), header, blocks=False)
     module |= {"patterns": [], "sparse": []}
     programs = [Function(program, words) for words, program in system.programs().items()]
@@ -107,6 +115,31 @@ def archives(model: Model, header: Lines) -> dict[str, bytes]:
     }
 
 
+def _spins(
+    robot: Robot, description: Description
+) -> tuple[tuple[tuple[int, int], ...], tuple[tuple[float, ...], ...]]:
+    """Rotor and frame of each that spins, and its axis in the frame with its momentum.
+
+    Raises `UsageError` for a rotor on a link that has no frame.
+    """
+    spins, momenta, rotors = [], [], mounted_rotors(robot)
+    posed, names = robot_frames(robot, description.layout.neutral), description.constants["SPINS"]
+    for k, entry in enumerate(description.inputs):
+        if entry.name not in names:
+            continue
+        carrier = robot.rigid[rotors[k].on]
+        frames = [x.name for x in frames_of(robot) if robot.rigid[x.on] == carrier]
+        if not frames:
+            raise UsageError(
+                f"{robot.name}: rotor {k + 1} has a spin_inertia, but no frame moves with it: add "
+                "a [[frame]] on the link that carries it"
+            )
+        axis = posed.named[frames[0]].axes.T @ posed.thrusts[k]
+        spins.append((k, [*posed.named].index(frames[0])))
+        momenta.append((*axis.tolist(), names[entry.name]))
+    return tuple(spins), tuple(momenta)
+
+
 def _reduced(model: Model) -> Model:
     """A model with the functions that an FMU calls."""
     called = {*chosen_functions(CALLED)}
@@ -135,7 +168,7 @@ def _numbers(model: Model, variables: Sequence[Variable]) -> Context:
             gravity = f"values[{each.place}]"
     return {
         "states": sizes["state"],
-        "inputs": sizes["input"],
+        "inputs": sizes["input"] + sizes["figure"],
         "parameters": sizes["parameter"],
         "outputs": sizes["output"],
         "gravity": gravity,

@@ -33,6 +33,8 @@ _GIVEN = {
     "force": ("N", "forces on the frames at their origins, world axes"),
     "torque": ("N m", "torques on the frames, world axes"),
     "wind": ("m/s", "velocity of the air, world axes"),
+    "drag": ("N s/m", "coefficients of the drag of frames: force by velocity against the air"),
+    "rotational_drag": ("N m s/rad", "coefficients of the drag of frames against turning"),
 }
 # Exponents of SI units in what units are made of; an hour is greater than a second by a factor.
 _SI: dict[str, dict[str, int]] = {
@@ -50,8 +52,8 @@ _SI: dict[str, dict[str, int]] = {
 class Variable:
     """An array of the values, or a number: its place, and labels of the entries along each axis.
 
-    `kind` is "state", "rate", "input", "step", "parameter" or "output"; a rate has the place of its
-    state in `of`. `start` are the values at the start, of what has such.
+    `kind` is "state", "rate", "input", "figure" of what acts, "step", "parameter" or "output"; a
+    rate has the place of its state in `of`. `start` are the values at the start, of what has such.
     """
 
     name: str
@@ -121,10 +123,11 @@ def _inputs(model: Model, system: System) -> Iterator[Variable]:
         values = [start.get(each.name, 0.0) for each in part]
         yield from _parted(f"command.{name}", "input", part, values)
     for (name, (unit, words)), shape in zip(
-        _GIVEN.items(), [*system.given.values()][1:], strict=False
+        _GIVEN.items(), [*system.given.values()][1:], strict=True
     ):
-        axes = (description.frames, AXES)[2 - len(shape) :]
-        yield Variable(name, "input", 0, unit, words, axes, (0.0,) * math.prod(shape))
+        axes = (AXES,) if name == "wind" else (description.frames, AXES)[: len(shape)]
+        kind = "figure" if "drag" in name else "input"
+        yield Variable(name, kind, 0, unit, words, axes, (0.0,) * math.prod(shape))
 
 
 def _others(model: Model) -> Iterator[Variable]:

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 from support.actuated import actuated
+from support.blown import TEXT
 from support.differences import Array
 from support.emitted import module_with_derivatives
 
@@ -120,24 +121,6 @@ def test_a_trim_is_given_alone_and_of_the_same_robot(differentiated: Load) -> No
         linearise(differentiated("hexarotor_3link"), found)
 
 
-BLOWN = """
-name = "blown"
-
-[base]
-attitude = "zyx"
-mass     = 1.1
-inertia  = [0.012, 0.014, 0.024, 0, 0, 0]
-""" + "".join(
-    f"""
-[[rotor]]
-position              = [{x}, {y}, 0.03]
-drag                  = {0.016 * x * y / 0.04}
-spin_inertia          = 4e-5
-speed_per_sqrt_thrust = 290
-"""
-    for x in (-0.2, 0.2)
-    for y in (-0.2, 0.2)
-)
 DERIVATIVES = [
     *("forward_dynamics_derivatives", "forward_dynamics_with_wrenches_derivatives"),
     *("frame_poses_derivatives", "frame_velocities_derivatives", "inputs_of_derivatives"),
@@ -163,7 +146,7 @@ SCENE = {
 @pytest.mark.parametrize("name", ["blown", "actuated"])
 def test_lag_air_wind_spin_and_pushes_are_those_of_flights(name: str) -> None:
     """Against differences of the rates of the flight that `Simulation` flies with held inputs."""
-    robot = actuated() if name == "actuated" else parse_robot(BLOWN)
+    robot = actuated() if name == "actuated" else parse_robot(TEXT.replace("quaternion", "zyx"))
     names = DERIVATIVES if name == "actuated" else DERIVATIVES[:4]
     module = module_with_derivatives(robot, *names)
     lag = {} if name == "actuated" else {"time_constants": [0.05, 0.04, 0.0, 0.03]}
@@ -206,7 +189,7 @@ def test_walls_and_payloads_are_in_no_linear_model(differentiated: Load) -> None
     module, still = differentiated("quadrotor"), (np.zeros(6), np.ones(4))
     q = trim(module).q
     payload = read_scenario("hover", {"payload": [{"frame": "base", "mass": 0.1}]})
-    with pytest.raises(UsageError, match="surroundings: a payload is no part of a linear model"):
+    with pytest.raises(UsageError, match="surroundings: payloads are in no linear model"):
         linearise(module, q, *still, surroundings=payload)
     with pytest.raises(UsageError, match="time_constants: must be a number or 4 numbers, 0 or mor"):
         linearise(module, q, *still, time_constants=-1.0)
