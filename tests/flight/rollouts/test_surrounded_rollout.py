@@ -8,6 +8,7 @@ from support.blown import TEXT
 from support.compiled import emit
 
 from gibbs_codegen import Simulation, UsageError, load, read_scenario, rollout
+from gibbs_codegen.flight.rollouts.vector_env import VectorEnv
 from gibbs_codegen.robot.file import parse_robot
 
 DT, STEPS = 0.002, 100
@@ -82,6 +83,27 @@ def test_a_controller_sees_the_same_surroundings(folder: str) -> None:
     whole = rollout(module, Q, V, U, STEPS, every=10, **SETTINGS)
     pieces = rollout(module, Q, V, lambda *_: U, STEPS, every=10, **SETTINGS)
     np.testing.assert_allclose(pieces.q, whole.q, rtol=0, atol=1e-14)
+
+
+@pytest.mark.slow
+def test_episodes_of_two_winds_are_rollouts(folder: str) -> None:
+    """Gusts blow by the time of the episode, also of one that began later."""
+    module, varied = load(folder, "c"), {"wind": [[3.0, -1.0, 0.5], [-2.0, 0.0, 1.0]]}
+    scene, hover = SETTINGS["surroundings"], [0, 0, 1, 0, 0, 0, 1, 0.3]
+    moved = {"time_constants": 0.0, "dt": DT, "surroundings": scene, **varied}
+    environments = VectorEnv(
+        module, 2, hover=hover, limits=(-9, 9), steps=10, normalised=False, **moved
+    )
+    environments.reset(seed=0)
+    environments.step(np.tile(U, (2, 1)))
+    environments.reset(options={"reset_mask": np.array([True, False])})
+    done = rollout(module, hover, np.zeros(7), U, STEPS, every=10, **moved)
+    for k in range(1, 10):
+        observed, *_ = environments.step(np.tile(U, (2, 1)))
+        for state, sample in ((0, k), (1, k + 1)):
+            q, v = done.q[state, sample], done.v[state, sample]
+            wanted = [*module.difference(np.array(hover), q), *v]
+            np.testing.assert_allclose(observed[state], wanted, rtol=1e-5, atol=1e-6)
 
 
 WRONG = {
