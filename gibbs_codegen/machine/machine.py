@@ -206,13 +206,6 @@ class Machine:
         gusts = self.figure("gusts", self.around.gusts, 5) if self.around.gusts else zeros(0, 5)
         return surroundings.wind_velocity(time, self.figure("wind", 3), gusts)
 
-    def _gravity(self, q: Node) -> Node:
-        """The acceleration of gravity (3), m/s², world axes."""
-        place = self.robot.layout.v.position
-        mass = self.robot.mass_matrix(q)[place][0][place.start]
-        pull = self.robot.gravity_forces(q)[place] / mass
-        return base_of(self.robot, q).to_world(pull) if self.robot.space.has_quaternion else pull
-
     def _wrenches(
         self, time: Node, state: State[Node], u: Node, command: Node, touches: list[Touch]
     ) -> Node | None:
@@ -240,9 +233,12 @@ class Machine:
         if parts:
             wrenches = wrenches + surroundings.on_frames(parts, robot.frames)
         if around.payloads:
-            masses = self.figure("payloads", len(around.payloads))
+            masses, gravity = (
+                self.figure("payloads", len(around.payloads)),
+                self.figure("gravity", 3),
+            )
             forces = surroundings.payload_forces(
-                *(robot, (q, v, u), wrenches, around.payloads, masses, self._gravity(q))
+                robot, (q, v, u), wrenches, around.payloads, masses, gravity
             )
             carried = [
                 (frame, join(force, zeros(3)))

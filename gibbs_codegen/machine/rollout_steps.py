@@ -72,7 +72,7 @@ def given(robot: Functions, parts: Parts) -> dict[str, Node]:
     - `lowest` and `highest` (nq + nv): the least and the greatest q and v
     - `wind` (3, 3): velocities of the air at the start of a step, after half of it and at its end;
       `drag` (frames, 6) coefficients of the frames
-    - `payloads` (p): masses, kg
+    - `payloads` (p): masses, kg, and `gravity` (3), m/s²
     """
     n, m, inputs = robot.space.coordinates, robot.space.velocities, robot.inputs
     found = [variable(sent(robot), inputs)]
@@ -92,7 +92,7 @@ def given(robot: Functions, parts: Parts) -> dict[str, Node]:
     if parts.around.wind:
         found += [variable("wind", 3, 3), variable("drag", robot.frames, 6)]
     if parts.around.payloads:
-        found += [variable("payloads", len(parts.around.payloads))]
+        found += [variable("payloads", len(parts.around.payloads)), variable("gravity", 3)]
     return {x.operation.name: x for x in found if isinstance(x.operation, Input)}
 
 

@@ -339,7 +339,18 @@ def _given(problem: Problem, parts: Parts, xp: Any) -> dict[str, Any]:
         times = -problem.dt * xp.asarray([[0.0], [0.5], [1.0]])
         decay = xp.exp(times / xp.where(lag > 0.0, lag, 1.0))
         found["lag"] = xp.where(lag > 0.0, decay, 0.0)
+    if parts.around.payloads:
+        found["gravity"] = _gravity(problem, xp)
     return {name: found[name] for name in _inputs(problem.module, parts)}
+
+
+def _gravity(problem: Problem, xp: Any) -> Array:
+    """The acceleration of gravity (1 or n, 1, 3), m/s², world axes."""
+    module, layout = problem.module, functions_of(problem.module).layout
+    neutral, upwards = np.array(layout.neutral), layout.v.position.start + 2
+    pull = module.gravity_forces(neutral, constants=problem.constants)[..., upwards]
+    mass = module.mass_matrix(neutral, constants=problem.constants)[..., upwards, upwards]
+    return (pull / mass).reshape(-1, 1, 1) * xp.asarray([0.0, 0.0, 1.0])
 
 
 @functools.lru_cache(maxsize=64)

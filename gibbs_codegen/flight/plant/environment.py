@@ -187,7 +187,7 @@ class Environment:
         if len(there):
             places = tuple(self.vehicle.frames.index(self.payload[k].frame) for k in there)
             around = replace(around, payloads=places)
-            values["payloads"] = masses[..., there]
+            values |= {"payloads": masses[..., there], "gravity": self.gravity}
         return around, values
 
     def carries(self, time: float | Array) -> Flags:
