@@ -11,7 +11,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from types import SimpleNamespace
 
-from gibbs_codegen.arrays import Functions, Node, constant
+from gibbs_codegen.arrays import Functions, Node, constant, jacobian
 from gibbs_codegen.arrays.nodes import (
     Call,
     Input,
@@ -123,7 +123,9 @@ def _linear(flown: Flown) -> list[Node]:
     left_out = {"walls": flown.around.contacts, "payloads": flown.around.payloads}
     around = NO_SURROUNDINGS if any(left_out[x] for x in LEFT_OUT) else flown.around
     lagging = (0,) if flown.lags else ()
-    return [*motion_program(Functions(flown.listing), around, lagging).outputs.values()]
+    program = motion_program(Functions(flown.listing), around, lagging)
+    by = [name for name in ("q", "v", "actuators", "u") if name in program.names]
+    return [*jacobian(program, by).outputs.values()]
 
 
 def _prediction(flown: Flown) -> list[Node]:

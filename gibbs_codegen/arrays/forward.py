@@ -76,7 +76,9 @@ def _from_derivatives(program: Program) -> Program:
         operation = x.operation
         if isinstance(operation, nodes.Call):
             name = names.get((operation.functions, operation.name, x.arguments), operation.name)
-            operation = replace(operation, name=name)
+            value = FUNCTIONS[operation.name].outputs[operation.output].name
+            places = [output.name for output in FUNCTIONS[name].outputs]
+            operation = replace(operation, name=name, output=places.index(value))
         arguments = [made[y] for y in x.arguments]
         made[x] = nodes.node(operation, arguments, x.shape, x.space, x.is_uniform)
     return replace(

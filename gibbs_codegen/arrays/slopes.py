@@ -74,16 +74,18 @@ def call_slopes(call: Call, x: Node, places: Sequence[int]) -> dict[int, Node]:
     by direction, what one gives with products.
     """
     row = FUNCTIONS[call.name]
+    value = row.outputs[call.output]
     if row.kind == "vjp" and derivative(row.derivative_of, "hessian"):
         return _second_slopes(call, x, places)
-    if row.kind == "jacobian" and not row.outputs[call.output].by:
+    if row.kind == "jacobian" and not value.by:
         row = FUNCTIONS[row.derivative_of]  # What a function gives is there with its derivatives.
     if row.name in _JACOBIANS:
         return {0: call.functions.outputs(_JACOBIANS[row.name], *x.arguments)[0]}
-    names = [name for kind in _KINDS if (name := derivative(row.name, kind))]
-    if not names or len(row.outputs) > 1:
-        argument = row.arguments[places[0]]
-        raise UsageError(f"no function of a module gives derivatives of {row.name} by {argument}")
+    kinds = _KINDS if len(row.outputs) == 1 else _KINDS[:1]
+    names = [name for kind in kinds if (name := derivative(row.name, kind))]
+    fault = f"no function of a module gives derivatives of {row.name} by "
+    if not names:
+        raise UsageError(f"{fault}{row.arguments[places[0]]}")
     # Of none of them the module says which option brings the first.
     name = next((name for name in names if name in call.functions.signatures), names[0])
     if FUNCTIONS[name].kind == "jvp":
@@ -92,8 +94,10 @@ def call_slopes(call: Call, x: Node, places: Sequence[int]) -> dict[int, Node]:
     slopes = {
         row.arguments.index(output.by): slope
         for output, slope in zip(FUNCTIONS[name].outputs, outputs, strict=True)
-        if output.by
+        if output.by and (len(row.outputs) == 1 or output.name == f"{value.name}_d{output.by}")
     }
+    if absent := [row.arguments[place] for place in places if place not in slopes]:
+        raise UsageError(f"{fault}{absent[0]}")
     return {
         place: reshaped(slopes[place], (*x.tangent, math.prod(x.arguments[place].tangent)))
         for place in places

@@ -212,6 +212,12 @@ class RolloutArguments:
         self._check(lag >= 0.0, "time_constants", "0 or more, in s")
         return lag
 
+    def masses(self, name: str, value: Any, count: int) -> Any:
+        """So many masses (1 or n, count), kg."""
+        masses = self.states(name, value, count)
+        self._check(masses >= 0.0, name, "0 or more, in kg")
+        return masses
+
     def _of_rotors(self, name: str, value: Any) -> Any:
         """Finite numbers (1 or n, rotors) of which one may be given for all."""
         return self.states(name, self._one_for_all(name, value, self.rotors), self.rotors)

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from types import ModuleType
 from typing import Any
 
 import numpy as np
 
-from gibbs_codegen.arrays import Program, evaluate, variable
+from gibbs_codegen.arrays import Program, variable
+from gibbs_codegen.arrays.evaluation import Evaluator
+from gibbs_codegen.arrays.nodes import zeros
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.flight.integration.envelope import drag_modes, wall_modes
 from gibbs_codegen.flight.plant.environment import Environment, surrounding
@@ -66,12 +69,16 @@ def _gusts(gusts: Array, times: Array) -> Array:
     """Velocities (…, 3) of gusts (g, 5) at times (1 or n, steps, 3), s."""
     if not len(gusts):
         return np.zeros((1, 1, 3, 3))
-    time, wind = variable("time"), variable("wind", 3, uniform=True)
-    shared = variable("gusts", *gusts.shape, uniform=True)
-    outputs = {"wind": wind_velocity(time, wind, shared)}
-    values = {"time": times, "wind": np.zeros(3), "gusts": gusts}
-    blown: Array = evaluate(Program("gusts", (time, wind, shared), outputs), values, {})["wind"]
+    blown: Array = _wind(len(gusts))({"time": times, "gusts": gusts})["wind"]
     return blown
+
+
+@lru_cache
+def _wind(count: int) -> Evaluator:
+    """What evaluates the velocity of so many gusts."""
+    time, gusts = variable("time"), variable("gusts", count, 5, uniform=True)
+    outputs = {"wind": wind_velocity(time, zeros(3), gusts)}
+    return Evaluator(Program("gusts", (time, gusts), outputs), {})
 
 
 def _shortest(x: Flags) -> Flags:
@@ -99,7 +106,7 @@ def rollout_surroundings(
     if scenario is None:
         for name, value in zip(("wind", "payloads"), figures, strict=True):
             if value is not None:
-                raise UsageError(f"{name}: says figures of surroundings; give these too")
+                raise UsageError(f"{name}: is in the place of that of `surroundings`; give these")
         if not walls:
             return RolloutSurroundings()
     vehicle = Vehicle(on_arrays(module))
@@ -112,28 +119,25 @@ def rollout_surroundings(
     environment = given or Environment(vehicle)
     environment = replace(environment, wall=(*walls, *environment.wall))
     _check_steps(environment, q, parameters, dt, method)
-    around, known = environment.around, environment.figures
-    fixed = {name: x for name, x in known.items() if name.startswith("wall_") or name == "spins"}
     frames = tuple(vehicle.frames.index(each.frame) for each in environment.payload)
-    own = tuple((name, tuple(np.ravel(x).tolist())) for name, x in fixed.items())
+    fixed = tuple(
+        (name, tuple(np.ravel(x).tolist()))
+        for name, x in environment.figures.items()
+        if name.startswith("wall_") or name == "spins"
+    )
     wind, masses = figures
     if environment.wind is None and wind is not None:
         raise UsageError("wind: the surroundings have none; give them [wind]")
     if environment.wind is not None:
-        wind = arguments.states("wind", known["wind"] if wind is None else wind, 3)
-    if masses is None:
-        masses = np.array([each.mass for each in environment.payload])
-    masses = arguments.states("payloads", masses, len(frames)) if frames else None
-    if figures[1] is not None and not frames:
+        steady = environment.figures["wind"] if wind is None else wind
+        wind = arguments.states("wind", steady, 3)
+    if masses is not None and not frames:
         raise UsageError("payloads: the surroundings have none; give them [[payload]]")
-    return RolloutSurroundings(
-        replace(around, gusts=0, payloads=frames),
-        own,
-        environment.wall,
-        given,
-        wind,
-        masses,
-    )
+    if frames:
+        known = [each.mass for each in environment.payload]
+        masses = arguments.masses("payloads", known if masses is None else masses, len(frames))
+    around = replace(environment.around, gusts=0, payloads=frames)
+    return RolloutSurroundings(around, fixed, environment.wall, given, wind, masses)
 
 
 def _check_steps(

@@ -126,6 +126,8 @@ DERIVATIVES = [
     *("frame_poses_derivatives", "frame_velocities_derivatives", "inputs_of_derivatives"),
     *("actuator_rates_derivatives", "rotor_speeds_derivatives"),
 ]
+STAND = '[[constraint]]\nname = "stand"\ntype = "point"\nframe = "tip"\nfrequency = 3\n'
+HOLDING = ["constrained_forward_dynamics_derivatives", "impact_derivatives"]
 SCENE = {
     "wind": {
         "velocity": [3.0, -1.0, 0.5],
@@ -143,14 +145,20 @@ SCENE = {
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["blown", "actuated"])
-def test_lag_air_wind_spin_and_pushes_are_those_of_flights(name: str) -> None:
+@pytest.mark.parametrize("name", ["blown", "actuated", "held"])
+def test_lag_air_wind_spin_pushes_and_constraints_are_those_of_flights(name: str) -> None:
     """Against differences of the rates of the flight that `Simulation` flies with held inputs."""
-    robot = actuated() if name == "actuated" else parse_robot(TEXT.replace("quaternion", "zyx"))
-    names = DERIVATIVES if name == "actuated" else DERIVATIVES[:4]
-    module = module_with_derivatives(robot, *names)
+    text = TEXT.replace("quaternion", "zyx") + (STAND if name == "held" else "")
+    robot = actuated() if name == "actuated" else parse_robot(text)
+    names = {
+        "actuated": DERIVATIVES,
+        "blown": DERIVATIVES[:4],
+        "held": [*DERIVATIVES[:4], *HOLDING],
+    }
+    module = module_with_derivatives(robot, *names[name])
     lag = {} if name == "actuated" else {"time_constants": [0.05, 0.04, 0.0, 0.03]}
-    scene = read_scenario("hover", SCENE)
+    holds = {"hold": [{"constraint": "stand"}]} if name == "held" else {}
+    scene = read_scenario("hover", SCENE | holds)
     loop = Simulation(module, scene).loop
     if lag:
         actuators = replace(loop.actuators, lag=np.array(lag["time_constants"]))

@@ -107,7 +107,10 @@ def test_episodes_of_two_winds_are_rollouts(folder: str) -> None:
 
 
 WRONG = {
-    "wind: says figures of surroundings; give these too": {"surroundings": None, "wind": [1, 0, 0]},
+    "wind: takes the place of that of `surroundings`; give these too": {
+        "surroundings": None,
+        "wind": [1, 0, 0],
+    },
     "payloads: the surroundings have none; give them [[payload]]": {
         "surroundings": "hover",
         "payloads": [1.0],
@@ -116,6 +119,7 @@ WRONG = {
         "surroundings": "hover",
         "wind": [1.0, 0, 0],
     },
+    "payloads: value [1, 0] of 2 must be 0 or more, in kg": {"payloads": [[1.0], [-1.0]]},
     "payloads: its shape must be (1,) or (states, 1), not (2,)": {"payloads": [1.0, 2.0]},
     "dt: ": {
         "surroundings": read_scenario("hover", {"wind": {"drag": {"base": 5000.0}}}),
