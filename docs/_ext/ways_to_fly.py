@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from types import SimpleNamespace
 
 from gibbs_codegen.arrays import Functions, Node, constant, jacobian
@@ -94,7 +94,6 @@ FEATURES = {
 
 def _closed_loop(flown: Flown) -> list[Node]:
     loop = ClosedLoop(flown.listing, "held", 1, lags=flown.lags, around=flown.around)
-    loop = replace(loop, driven=loop.plant.driven)
     return [*loop.slope().outputs.values()]
 
 

@@ -82,13 +82,13 @@ class ClosedLoop:
     """What a closed loop consists of, as far as its program depends on it.
 
     `law` is one of `LAWS`, "open_loop", "off" or "held"; `integral` tells that it remembers errors,
-    `driven` that the robot has actuators of its own, `limited` that inputs have limits, `shared`
-    that thrusts have in the allocation, `lags` and `compensates` whether motors lag, and commands
-    make up for it, `idles` that motors do not run where the input `idle` is 1, `moves` that joints
-    move rotors, `refuses` that wrenches that rotors do not produce end a flight. `each` are names
-    of inputs that differ from state to state; `frames` is the number of the plant's. A law that
-    moves a frame moves that of the number `moved`, and pushes along a direction in the axes of the
-    one of the number `axes`, or of the world.
+    `limited` that inputs have limits, `shared` that thrusts have in the allocation, `lags` and
+    `compensates` whether motors lag, and commands make up for it, `idles` that motors do not run
+    where the input `idle` is 1, `moves` that joints move rotors, `refuses` that wrenches that
+    rotors do not produce end a flight. `each` are names of inputs that differ from state to state;
+    `frames` is the number of the plant's. A law that moves a frame moves that of the number
+    `moved`, and pushes along a direction in the axes of the one of the number `axes`, or of the
+    world.
     """
 
     module: object
@@ -97,7 +97,6 @@ class ClosedLoop:
     integral: bool = False
     limited: bool = False
     shared: bool = False
-    driven: bool = False
     lags: bool = False
     compensates: bool = False
     idles: bool = False
@@ -330,12 +329,12 @@ class ClosedLoop:
         q, v, _, _, memory, _ = state
         wanted, refused = self.commanded(at, q, v, memory)
         sent = self._sent(at, q, v, wanted)
-        if self.driven and self.law == "held":  # What is held are commands.
+        if self.plant.driven and self.law == "held":  # What is held are commands.
             wanted = self.plant.inputs_of(q, v, self.machine.settled(sent), sent)
         if self.compensates:
             lead, later = self._lead(at, state, wanted, sent)
             sent, refused = sent + lead, refused + maximum(later, 0.0)
-            wanted = wanted if self.driven else sent
+            wanted = wanted if self.plant.driven else sent
         aimed = self._within(sent)
         if self.idles:
             count = self.plant.rotors
@@ -349,7 +348,7 @@ class ClosedLoop:
 
     def _sent(self, at: Instant, q: Node, v: Node, wanted: Node) -> Node:
         """What is sent for inputs (nu) that are wanted: themselves, or commands for them."""
-        if not self.driven or self.law in ("off", "held"):
+        if not self.plant.driven or self.law in ("off", "held"):
             return wanted
         if not turns_servos(self.law):
             q, v = at.motion.q, at.motion.v
@@ -362,7 +361,7 @@ class ClosedLoop:
 
     def _within(self, sent: Node) -> Node:
         """What is sent, within limits; what is off is sent nothing, whatever its least command."""
-        if self.driven and self.law != "off":
+        if self.plant.driven and self.law != "off":
             least, most = (self.given(f"{x}_command", sent.size) for x in ("least", "most"))
             return within_limits(sent, Limits(least, most))
         return self._possible(sent)
@@ -531,7 +530,7 @@ class ClosedLoop:
         free = self._law_results(at, q, v, memory)["free"]
         found = self._law_results(then, later, v + ahead * a, learnt)
         rates, possible = (found["free"] - free) / ahead, self._possible(wanted)
-        if self.driven:
+        if self.plant.driven:
             turning = (
                 self._sent(then, later, v + ahead * a, possible + ahead * rates) - sent
             ) / ahead

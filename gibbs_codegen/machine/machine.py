@@ -108,10 +108,6 @@ class Machine:
         entries, *others = (x[place] for place in layout.places)
         return State(coordinates_of(unit_entries(self.robot, entries), self.robot.space), *others)
 
-    def state(self, q: Node, v: Node, actuators: Node, bristles: Node) -> State[Node]:
-        """The state of these parts, and no others."""
-        return State(q, v, zeros(0), actuators, zeros(0), bristles)
-
     @cached_property
     def has_air(self) -> bool:
         """Whether the air acts on rotors."""

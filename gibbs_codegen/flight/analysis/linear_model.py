@@ -40,6 +40,7 @@ from gibbs_codegen.flight.plant.vehicle import Array, Vehicle
 from gibbs_codegen.flight.scenario.file import AnyScenario
 from gibbs_codegen.flight.vectors import skew
 from gibbs_codegen.machine.machine import NO_SURROUNDINGS, Machine, Surroundings
+from gibbs_codegen.machine.state import State
 from gibbs_codegen.robot.wrenches import directions
 
 # What is in no linear model, and why.
@@ -53,7 +54,7 @@ _NEAR = 1e-9
 _RANK = 1e-9
 
 
-class State(NamedTuple):
+class OperatingPoint(NamedTuple):
     """Where a robot is to be linearised; `wrenches` (f, 6) are as of `SteadyMotion`.
 
     `x` (nx) and `command` (nu) are of actuators that the robot file describes.
@@ -73,7 +74,7 @@ def checked_state(
     v: ArrayLike | None,
     u: ArrayLike | None,
     x: ArrayLike | None = None,
-) -> State:
+) -> OperatingPoint:
     """The state that callers give, as a trim or by its parts; without a trim no wrenches act.
 
     Raises `UsageError` for what an argument must not be, or a trim of another robot.
@@ -97,10 +98,10 @@ def checked_state(
     if x is not None:
         x = vector(f"x ({', '.join(states) or 'there are none'})", x, len(states))
     if not vehicle.is_driven:
-        return State(q, v, u, wrenches)
+        return OperatingPoint(q, v, u, wrenches)
     if x is None:
         x = vehicle.actuator_state_of(u) if states else np.zeros(0)
-    return State(q, v, vehicle.inputs_of(q, v, x, u), wrenches, x, u)
+    return OperatingPoint(q, v, vehicle.inputs_of(q, v, x, u), wrenches, x, u)
 
 
 def linearise(
@@ -152,7 +153,7 @@ def linearise(
 
 def _model(
     vehicle: Vehicle,
-    state: State,
+    state: OperatingPoint,
     dt: float | None,
     time_constants: ArrayLike | None,
     surroundings: AnyScenario | None,
@@ -199,15 +200,14 @@ def _model(
 def _lag_times(vehicle: Vehicle, time_constants: ArrayLike | None) -> Array:
     """Time constants (rotors), s, 0 where there is no lag, of what callers give."""
     count = vehicle.rotors
-    if time_constants is None:
-        return np.zeros(count)
-    if vehicle.is_driven:
+    if vehicle.is_driven and time_constants is not None:
         raise UsageError(
             f"time_constants: the robot file of {vehicle.name} says how motors follow commands; "
             "leave them out"
         )
     wanted = f"a number or {count} numbers, 0 or more, in s"
-    times = numbers("time_constants", time_constants, wanted, (), (count,))
+    given = 0.0 if time_constants is None else time_constants
+    times = numbers("time_constants", given, wanted, (), (count,))
     if np.any(times < 0.0):
         raise UsageError(f"time_constants: must be {wanted}")
     return np.broadcast_to(times, count)
@@ -249,7 +249,7 @@ def motion_program(robot: Functions, around: Surroundings, lagging: tuple[int, .
     size = machine.layout().actuators
     actuators = variable("actuators", size) if size else zeros(0)
     (q, v), u = robot.state(), variable("u", robot.inputs)
-    state = machine.state(q, v, actuators, zeros(0))
+    state = State(q, v, zeros(0), actuators, zeros(0), zeros(0))
     rates = machine.rates(constant(0.0), state, machine.inputs(state, u), u)
     outputs = {"a": rates.a} | ({"rates": rates.actuators} if size else {})
     given = (q, v, *([actuators] if size else []), u, *figures.values())

@@ -418,7 +418,6 @@ def loop_program(
         None if held else law.moved,
         integral=law.memory > 0,
         limited=closed.limited,
-        driven=closed.vehicle.is_driven,
         lags=closed.lags,
         compensates=closed.compensates and not held,
         idles=bool(np.any(loads.idle)),
