@@ -14,6 +14,7 @@ from typing import Any
 
 import pytest
 from hypothesis import HealthCheck, settings
+from hypothesis.internal.conjecture import providers
 from support.compiled import EVERY_GROUP, SMALL, Emitted, emit_labelled
 from support.derived import derived
 from support.kept import KEPT_MODULES, forget_unused, generator_digest, made_once
@@ -34,6 +35,10 @@ settings.register_profile(
     suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large],
 )
 settings.load_profile("project")
+
+# Hypothesis looks for constants in the source of every module that is loaded. It takes seconds, and
+# examples would be others after each change, and where other modules were loaded before.
+providers.is_local_module_file = lambda path: False
 
 ROOT = Path(__file__).parent.parent
 

@@ -184,7 +184,8 @@ def assert_slopes(controller: Predictive) -> None:
         np.testing.assert_allclose(found["gradient"][i], cost, rtol=2e-6, atol=1e-4)
 
 
-@pytest.mark.parametrize("kind", [pytest.param(controller_of, marks=pytest.mark.slow), every_kind])
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", [controller_of, every_kind])
 def test_a_plan_is_the_optimum_within_limits(kind: Any, either: ModuleType) -> None:
     """By the conditions of Karush, Kuhn and Tucker of the dense program, which NumPy assembles."""
     controller = kind(either)

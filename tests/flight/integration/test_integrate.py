@@ -262,8 +262,15 @@ def test_a_lost_flight_ends_with_its_reason(
             for integration in ({"method": "rk4"}, ADAPTIVE)
         ),
         ("hexarotor_3link", {"start": {"offset": [5, -5, 3], "turn_deg": [60, 20, 90]}}),
-        ("octorotor_7link", {"motors": {"time_constant": 0.05}, "start": {"offset": [1, 0, 0]}}),
-        ("octorotor_7link", {"motors": {"limits": [-20, 25]}, "start": {"offset": [0.5, 0, 0]}}),
+        *(
+            pytest.param(
+                "octorotor_7link", {"motors": motors, "start": start}, marks=pytest.mark.slow
+            )
+            for motors, start in (
+                ({"time_constant": 0.05}, {"offset": [1, 0, 0]}),
+                ({"limits": [-20, 25]}, {"offset": [0.5, 0, 0]}),
+            )
+        ),
         ("hexarotor_3link", {"tip_force": {"force": [60, -40, 50], "begin": 0.2, "end": 0.5}}),
         ("hexarotor", {"control": {"frequency": 40}, "start": {"offset": [9, 9, 9]}}),
         ("hexarotor", {"control": {"frequency": 0.01}, "start": {"offset": [9, 9, 9]}}),
