@@ -38,6 +38,7 @@ def visit(address: str, width: int = 1280, height: int = 800) -> Iterator[Visit]
         browser = playwright.chromium.launch(executable_path=tool("chromium"), args=OPTIONS)
         try:
             page = browser.new_page(viewport={"width": width, "height": height})
+            page.set_default_timeout(120_000)  # The machine may be busy.
             seen = Visit(page)
 
             def pass_or_block(route: Route) -> None:
