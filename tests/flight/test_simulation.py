@@ -32,7 +32,7 @@ Load = Callable[[str], ModuleType]
 METHODS = ("adaptive", "rk4")
 
 
-@pytest.fixture(scope="module", params=METHODS)
+@pytest.fixture(scope="module", params=["adaptive", pytest.param("rk4", marks=pytest.mark.slow)])
 def paper_flight(request: pytest.FixtureRequest, fast: Load) -> Flight:
     scenario = read_scenario("paper", {"integration": {"method": request.param}})
     return simulate(fast("hexarotor_3link"), scenario)

@@ -6,6 +6,7 @@ import random
 import shutil
 import sqlite3
 from collections.abc import Callable, Iterable
+from functools import cache
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -25,7 +26,6 @@ from gibbs_codegen.errors import UsageError
 from gibbs_codegen.flight.logs.bags import message_types
 
 Modules = Callable[[str], ModuleType]
-STORES = {name: get_typestore(Stores[name]) for name in ("ROS1_NOETIC", "ROS2_JAZZY")}
 TIMES = 10.0 + 0.05 * np.arange(41)
 ODOMETRY, TRANSFORM = "nav_msgs/msg/Odometry", "geometry_msgs/msg/TransformStamped"
 POSE, COVARIANCE = "geometry_msgs/msg/PoseStamped", "geometry_msgs/msg/PoseWithCovarianceStamped"
@@ -33,13 +33,19 @@ IMU = "sensor_msgs/msg/Imu"
 MCAP, SQLITE, FIRST = ".mcap", ".db3", ".bag"
 
 
+@cache
+def types_of(store: str) -> Any:
+    """The types of messages of ROS1_NOETIC or ROS2_JAZZY."""
+    return get_typestore(Stores[store])
+
+
 def message(store: str, kind: str, stamp: float, shift: float = 0.0, turn: Any = None) -> Any:
     """A message of a time, s, with all that it has of the circle, `shift` m further on."""
-    make = STORES[store].types
+    make = types_of(store).types
 
     def made(kind: str) -> Any:
         values = {}
-        fields: Any = STORES[store].fielddefs[kind][1]
+        fields: Any = types_of(store).fielddefs[kind][1]
         for name, (node, detail) in fields:
             if node == Nodetype.NAME:
                 values[name] = made(detail)
@@ -64,7 +70,7 @@ def written(
 ) -> Path:
     """A bag of messages, by arguments of these after when each was logged, s."""
     store = "ROS1_NOETIC" if suffix == FIRST else "ROS2_JAZZY"
-    types = STORES[store]
+    types = types_of(store)
     folder.mkdir(exist_ok=True)
     path = folder / f"log{suffix if suffix == FIRST else ''}"
     options: dict[str, Any] = {"version": 8, "storage_plugin": StoragePlugin.MCAP}

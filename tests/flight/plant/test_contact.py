@@ -233,7 +233,12 @@ def test_energy_never_grows_by_contact(block: ModuleType) -> None:
 
 
 @pytest.mark.parametrize(
-    ("stiffness", "dissipation", "speed"), [(1e6, 10.0, 15.0), (3e5, 10.0, 5.0), (2e5, 0.0, 5.0)]
+    ("stiffness", "dissipation", "speed"),
+    [
+        (1e6, 10.0, 15.0),
+        pytest.param(3e5, 10.0, 5.0, marks=pytest.mark.slow),
+        pytest.param(2e5, 0.0, 5.0, marks=pytest.mark.slow),
+    ],
 )
 def test_no_impact_adds_energy_at_the_default_step(
     stiffness: float, dissipation: float, speed: float, folder: Path
