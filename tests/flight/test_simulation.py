@@ -29,7 +29,6 @@ from gibbs_codegen.robot.model import Link, RigidBody, Rod
 from gibbs_codegen.runtime.load import load
 
 Load = Callable[[str], ModuleType]
-METHODS = ("adaptive", "rk4")
 
 
 @pytest.fixture(scope="module", params=["adaptive", pytest.param("rk4", marks=pytest.mark.slow)])
