@@ -29,7 +29,7 @@ from gibbs_codegen.files.table import (
     optional,
     refusal,
 )
-from gibbs_codegen.files.toml import TOO_DEEP, checked, merged, nested
+from gibbs_codegen.files.toml import TOO_DEEP, checked
 from gibbs_codegen.flight.scenario import parts
 from gibbs_codegen.flight.scenario.numbers import JointName, Number, Positive
 from gibbs_codegen.flight.scenario.orientation import AnyAttitude, Level
@@ -91,9 +91,8 @@ def parse_scenario(
     Raises `ScenarioFileError` with every fault found; `source` is the file's name in messages.
     """
     try:
-        changes = nested(changes or {})
-        changes = changes if tables is None else merged(nested(tables), changes)
-        return checked(text, source, ScenarioTable, ScenarioFileError, changes).scenario()
+        found = checked(text, source, ScenarioTable, ScenarioFileError, changes, tables)
+        return found.scenario()
     except RecursionError:
         raise ScenarioFileError(source, [Fault("", TOO_DEEP)]) from None
 
