@@ -107,10 +107,9 @@ class Values:
         except ValueError:
             value = math.nan
         if not abs(value) <= MOST:
-            self.fault(
-                element,
-                f"{what} must be a finite number up to {MOST:g} in size, not {printable(text, 40)}",
-            )
+            is_not = printable(text, 40) or "an empty text"
+            words = f"{what} must be a finite number up to {MOST:g} in size, not {is_not}"
+            self.fault(element, words)
             return 0.0
         return value if abs(value) >= LEAST else 0.0
 

@@ -220,7 +220,7 @@ def expanded(path: Path, arguments: Mapping[str, object]) -> bytes:
             f"{printable(path)}: the package xacrodoc is not installed; install "
             "xacrodoc, or gibbs_codegen with its extra xacro, or expand the file to URDF"
         ) from None
-    known, xacro = list[str](), xacrodoc.xacro
+    known, texts, xacro = list[str](), list[str](), xacrodoc.xacro
     own_parse = xacro.parse
 
     def document(text: str | None, file: str = "") -> Any:
@@ -237,6 +237,7 @@ def expanded(path: Path, arguments: Mapping[str, object]) -> bytes:
             if not element.hasAttribute("default"):  # xacro insists on one.
                 element.parentNode.removeChild(element)
         known.extend(re.findall(r"\$\(\s*arg\s+([\w.-]+)", text))
+        texts.append(text)
         return made
 
     words, values = "", {name: str(value) for name, value in arguments.items()}
@@ -268,6 +269,8 @@ def expanded(path: Path, arguments: Mapping[str, object]) -> bytes:
     for name in arguments:
         if name not in known:
             words = f"it has no argument {printable(name, 60)}{near(name, known)}{there_are}"
+        elif not re.search(rf"\$[({{][^<\n]*\b{re.escape(name)}\b", "\n".join(texts)):
+            words = words or f"its argument {printable(name, 60)} is used nowhere; leave it out"
     if words:
         raise refusal(path, f"cannot be expanded: {words}")
     return made.encode()
