@@ -27,11 +27,16 @@ def printable(text: object, most: int = _LONGEST) -> str:
     return f"{escaped[: most - 3 - end]}...{escaped[-end:]}"
 
 
+def near(name: str, known: Iterable[str]) -> str:
+    """A hint at the known name that may have been meant, empty if none is near."""
+    found = get_close_matches(name[:80], list(known)[:2000], n=1)
+    return f"; did you mean {printable(found[0], 60)}?" if found else ""
+
+
 def no_attribute(module: str, name: str, known: Iterable[str]) -> str:
     """The words for an attribute that a module lacks, with that which may be meant."""
     # Names of constants are asked for to learn whether they are there.
-    near = get_close_matches(name, known, n=1) if name.islower() and name[0] != "_" else []
-    hint = f"; did you mean {near[0]}?" if near else ""
+    hint = near(name, known) if name.islower() and name[0] != "_" else ""
     return f"module {module!r} has no attribute {name!r}{hint}"
 
 

@@ -202,7 +202,7 @@ class _Reader:
             if np.abs(gear[3:] - drag * gear[:3]).max() > 1e-9 * np.abs(gear).max():
                 self._found(name, "torque across the thrust")
             if limits is not None and limits[1] <= 0.0:  # It pulls: turned, it pushes.
-                direction, limits = -direction, (-limits[1], -limits[0])
+                direction, limits = -direction, (0.0 - limits[1], 0.0 - limits[0])
             yield sources.Rotor(
                 name,
                 self.names[body],

@@ -264,6 +264,7 @@ def gazebo_rotors(root: Element, values: Values, command: Command) -> list[sourc
             time_constant=up or None,
             joint=texts.get("jointName"),
             found_by="Gazebo",
+            line=plugin.line,
         )
         if command == "speed":
             bounds = (0.0, fastest) if fastest > 0.0 else None

@@ -16,9 +16,8 @@ from pathlib import Path
 from typing import Any, cast
 from xml.parsers import expat
 
-from gibbs_codegen.errors import RefusedFileError, UsageError, cause_of, printable
+from gibbs_codegen.errors import RefusedFileError, UsageError, cause_of, near, printable
 from gibbs_codegen.exchange.sources import refusal
-from gibbs_codegen.exchange.tree import near
 
 MAX_BYTES = 10_000_000
 # Published robots have fewer than 2000 elements within 10 levels; bodies of MJCF are nested.

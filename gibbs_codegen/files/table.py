@@ -65,6 +65,8 @@ def shown(value: object) -> str:
         return kind_of(value)
     if isinstance(value, int) and abs(value) > 10**20:
         return "a huge number"
+    if isinstance(value, float) and len(repr(value)) > _LONGEST_NUMBER:  # Rounding made it so.
+        return f"{value:.15g}"
     return ascii(value[:80] if isinstance(value, str) else value)[:80]
 
 
@@ -100,6 +102,9 @@ def _quoted(key: str) -> str:
         shown = shown[: len(shown) // 2]
     return ascii(shown)
 
+
+# Digits of a number that a person writes, and its sign and point.
+_LONGEST_NUMBER = 17
 
 # Values keep their types: a string or boolean is no number, and 2.0 no whole one.
 _REAL = core_schema.float_schema(strict=True, allow_inf_nan=False)

@@ -476,7 +476,7 @@ PART = """
         (["mas:=1.5"], 0.0, "no argument mas; did you mean mass?; there are mass, old, factor"),
         (["mass:=1", "colour:=red"], 0.0, "it has no argument colour"),
         (["mass:=1", "old:=1"], 0.0, "its argument old is used nowhere; leave it out"),
-        (["mass:="], 0.0, "<mass>: value must be a finite number up to 1e+50 in size, not an empty"),
+        (["mass:="], 0.0, "value must be a finite number up to 1e+50 in size, not an empty"),
         (["mass=1"], 0.0, "mass=1: after FILE come arguments of xacro as NAME:=VALUE"),
         (["mass:=${n}"], 0.0, "xacro cannot evaluate it (name 'n' is not defined"),
         (["mass:=heavy"], 0.0, "robot.urdf.xacro (expanded):5: <mass>: value must be a finite"),

@@ -65,7 +65,6 @@ REPORTED: list[tuple[str, dict[str, str], str, str]] = [
     (URDF, {"inertial": '<mass value="1"/>'}, "b", "no inertia in the file"),
     (URDF, {"inertial": HEAVY.replace("value", "kg")}, "b", "no mass in the file"),
     (URDF, {"joint": '<dynamics friction="1e60"/><limit upper="1"/>'}, "j", "dry friction 1e"),
-    (SDF, {"link": "<gravity>false</gravity>"}, "<gravity> in <link>", "false, line 2"),
     (SDF, {"world": "<wind><linear_velocity>3 0 0</linear_velocity></wind>"}, "in <wind>", "3 0 0"),
     (SDF, {"more": "<gripper name='g'/>"}, "<gripper> in <model>", "g, line 3"),
     (SDF, {"link": "<velocity_decay><linear>0.1</linear></velocity_decay>"}, "<linear> in", "0.1"),
