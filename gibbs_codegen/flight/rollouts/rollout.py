@@ -7,6 +7,7 @@ import logging
 import os
 import warnings
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from types import ModuleType
 from typing import Any, get_args
@@ -241,19 +242,26 @@ def rollout(
     elif motors is not None and thrusts is None:
         first = rollouts.Steps(problem, arguments.xp).commanded()[:, : arguments.rotors]
         problem = replace(problem, motors=replace(motors, thrusts=first))
-    if backend == "jax":
-        return jax_rollout.jax_rollout(problem, control if callable(control) else None)
     roll = functools.partial(array_rollout, threads=workers)
-    if callable(control):
+    if backend == "jax":
+        done = jax_rollout.jax_rollout(problem, control if callable(control) else None)
+    elif callable(control):
         done = callback_rollout(problem, control, arguments.commands, roll, tell)
     else:
         done = roll(problem, tell=tell)
-    if walls:
-        vehicle = Vehicle(module, {name: np.squeeze(x) for name, x in (parameters or {}).items()})
+    with suppress(TypeError):  # What JAX traces has no values.
+        vehicle = _on_walls(module, parameters or {})
         q, v = (np.swapaxes(np.asarray(x, np.float64), 0, 1) for x in (done.q, done.v))
-        for words in hard_impacts(vehicle, walls, (q, v), done.time, float(dt), method):
+        times = np.asarray(done.time)
+        for words in hard_impacts(vehicle, walls, (q, v), times, float(dt), method):
             warnings.warn(f"{module.NAME}: dt: {words}", RuntimeWarning, stacklevel=2)
     return done
+
+
+def _on_walls(module: ModuleType, parameters: Mapping[str, Any]) -> Vehicle:
+    """The robots, on NumPy's arrays, with parameters, numbers or arrays (n) that are known."""
+    own = {name: np.squeeze(np.asarray(each)) for name, each in parameters.items()}
+    return Vehicle(_on_arrays(module), own)
 
 
 def touched(
@@ -274,15 +282,13 @@ def touched(
         raise UsageError("walls: must be walls as read_scenario(…).walls has them")
     if not walls:
         return ()
-    vehicle = Vehicle(_on_arrays(module))
+    vehicle = _on_walls(module, {})
     for k, wall in enumerate(walls, start=1):
         for frame in wall.frames:
             vehicle.frame_place(frame, f"walls: wall {k}: frame")
     try:
         places = np.asarray(q, dtype=np.float64)
-        if parameters:
-            own = {name: np.squeeze(np.asarray(each)) for name, each in parameters.items()}
-            vehicle = Vehicle(_on_arrays(module), own)
+        vehicle = _on_walls(module, parameters)
     except TypeError:  # What is traced by JAX has no values.
         places = vehicle.neutral[np.newaxis]
     for mode in sorted(wall_modes(vehicle, walls, places), reverse=True):
