@@ -250,8 +250,9 @@ def test_faults_of_a_scenario_come_before_anything_is_compiled(
         simulate(folder, tables | {"push": {"frame": "hand", "force": [1, 0, 0]}})
     with pytest.raises(ScenarioFileError, match="base: missing: the base's desired path"):
         simulate(folder, {"name": "up", "duration": 1})
+    no_scenario: Any = 3
     with pytest.raises(UsageError, match="or its tables in a dictionary, not 3"):
-        simulate(folder, 3)  # type: ignore[arg-type]
+        simulate(folder, no_scenario)
 
 
 def test_names_will_do_for_robot_and_scenario(shipped: Load) -> None:
