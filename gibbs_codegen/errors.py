@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from difflib import get_close_matches
+from importlib import import_module
 from typing import NamedTuple
 
 # More than a person will read at a time.
@@ -164,6 +165,22 @@ class SingularRobotError(GibbsCodegenError):
 
 class UsageError(GibbsCodegenError):
     """A request that cannot be met as it was put: an unknown name, target or folder."""
+
+
+def require(library: str, for_what: str, extra: str = "") -> None:
+    """Raise `UsageError` if a package is missing that `extra`, or the extra of its name, installs.
+
+    `for_what` needs it.
+    """
+    try:
+        import_module(library)
+    except ModuleNotFoundError as error:
+        if error.name != library:
+            raise
+        raise UsageError(
+            f"{for_what}: the package {library} is not installed; "
+            f"install {library}, or gibbs_codegen with its extra {extra or library}"
+        ) from None
 
 
 class MissingFunctionError(UsageError, AttributeError):

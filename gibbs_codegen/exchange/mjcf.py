@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from gibbs_codegen.errors import UsageError, printable
+from gibbs_codegen.errors import printable, require
 from gibbs_codegen.exchange import sources
 from gibbs_codegen.exchange.mjcf_text import MjcfTexts
 from gibbs_codegen.exchange.placement import Placement, vector
@@ -64,13 +64,9 @@ def read_mjcf(path: Path, data: bytes, base: str | None, friction: bool = False)
     `UsageError` if MuJoCo is not installed, and `SourceFileError` if it refuses the model.
     """
     texts = MjcfTexts(path, data)
-    try:
-        import mujoco
-    except ImportError:
-        raise UsageError(
-            f"{printable(path)}: the package mujoco is not installed; install mujoco, or "
-            "gibbs_codegen with its extra mujoco"
-        ) from None
+    require("mujoco", printable(path))
+    import mujoco
+
     # Else warnings are printed, and written to a file in the working directory.
     former = mujoco.get_mju_user_warning()
     mujoco.set_mju_user_warning(lambda message: None)

@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any, cast
 from xml.parsers import expat
 
-from gibbs_codegen.errors import RefusedFileError, UsageError, cause_of, near, printable
+from gibbs_codegen.errors import RefusedFileError, UsageError, cause_of, near, printable, require
 from gibbs_codegen.exchange.sources import refusal
 
 MAX_BYTES = 10_000_000
@@ -212,13 +212,9 @@ def expanded(path: Path, arguments: Mapping[str, object]) -> bytes:
     """
     text = xml_text(read_bytes(path), path)
     parse_xml(text.encode(), str(path))
-    try:
-        from xacrodoc import packages, xacrodoc
-    except ImportError:
-        raise UsageError(
-            f"{printable(path)}: the package xacrodoc is not installed; install "
-            "xacrodoc, or gibbs_codegen with its extra xacro, or expand the file to URDF"
-        ) from None
+    require("xacrodoc", printable(path), "xacro")
+    from xacrodoc import packages, xacrodoc
+
     known, texts, xacro = list[str](), list[str](), xacrodoc.xacro
     own_parse = xacro.parse
 

@@ -19,7 +19,7 @@ from collections.abc import Callable
 from pathlib import Path
 from types import ModuleType
 
-from gibbs_codegen.errors import UsageError, cause_of, near, printable
+from gibbs_codegen.errors import UsageError, cause_of, near, printable, require
 from gibbs_codegen.files.shipped import shipped_names
 from gibbs_codegen.interface import DATA
 from gibbs_codegen.runtime.cache import CacheError, cached_module
@@ -114,22 +114,6 @@ def _time_step(module: ModuleType, ending: str) -> Callable[..., object]:
         f"Arguments and results are those of step_euler{ending} and step_rk4{ending}."
     )
     return step
-
-
-def require(library: str, for_what: str, extra: str = "") -> None:
-    """Raise `UsageError` if a package is missing that `extra`, or the extra of its name, installs.
-
-    `for_what` needs it.
-    """
-    try:
-        importlib.import_module(library)
-    except ModuleNotFoundError as error:
-        if error.name != library:
-            raise
-        raise UsageError(
-            f"{for_what}: the package {library} is not installed; "
-            f"install {library}, or gibbs_codegen with its extra {extra or library}"
-        ) from None
 
 
 def _import(folder: Path) -> ModuleType:

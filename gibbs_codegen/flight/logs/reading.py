@@ -222,7 +222,7 @@ def _cleaned(series: Mapping[Any, Samples], source: str) -> dict[Any, Samples]:
         each = kept(name, each, each.time != NO_TIME, "have no time")
         values = np.abs(each.values.reshape(len(each.time), -1))
         right = (values <= _GREATEST[name if isinstance(name, str) else name[0]]).all(axis=1)
-        found[name] = kept(name, each, right, "are no numbers, or beyond what flies")
+        found[name] = kept(name, each, right, "are no numbers or attitudes, or beyond what flies")
     runs = {name: _runs(each.time) for name, each in found.items()}
     if odd := [name for name, each in runs.items() if len(each) > 1]:
         lengths = [each.stop - each.start for each in runs["position"]]

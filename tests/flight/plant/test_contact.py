@@ -285,7 +285,6 @@ def test_steps_that_are_too_long_for_an_impact_are_named_with_those_that_serve(
         hard = rollout(block, *fall, 1e-3, walls=walls, method="euler")
     spring = [replace(walls[0], dissipation=0.0)]
     for met in (hard, rollout(block, *fall, 1e-3, walls=spring, method="euler")):
-        assert met.v[0, -1, 2] > 0.0
         assert np.abs(met.v).max() < 15.0 + GRAVITY * 1e-3  # It is 1 cm above at first.
     serves = float(str(heard[0].message).split("at most ")[1].split()[0])
     speeds = rollout(block, *fall, serves, walls=walls, method="euler").v[0, :, 2]
