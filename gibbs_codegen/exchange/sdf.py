@@ -16,7 +16,7 @@ from gibbs_codegen.errors import near, printable
 from gibbs_codegen.exchange import sources
 from gibbs_codegen.exchange.placement import HERE, LEVEL, Placement, degrees, vector
 from gibbs_codegen.exchange.sdf_models import MERGED, MODEL, PLACED, WORLD, whole_model
-from gibbs_codegen.exchange.unread import WITHIN, pass_over, plain, unread, without_part
+from gibbs_codegen.exchange.unread import WITHIN, pass_over, unread, without_part
 from gibbs_codegen.exchange.urdf import COUNTED, ENTRIES, KINDS, OF_MOTORS, Values, gazebo_rotors
 from gibbs_codegen.exchange.xml_file import Element, child, children, parse_xml, within
 from gibbs_codegen.exchange.xml_file import child_text as _text
@@ -136,9 +136,7 @@ class _Reader:
             for name, element in self._of_kind("link")
         }
         for name, element in self._of_kind("link"):
-            if plain(_text(element, "gravity") or "1") == "0":
-                words = "no gravity acts on it in Gazebo; here it has its weight"
-                self._values.found("note", name, words)
+            self._values.weightless(name, _text(element, "gravity"))
         parents = {_text(joint, "parent") for _, joint in self._of_kind("joint")}
         return ({WORLD: sources.Link(WORLD)} if WORLD in parents else {}) | links
 

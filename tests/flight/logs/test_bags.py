@@ -187,7 +187,10 @@ def test_tables_with_text_and_other_delimiters(
     table.write_text("".join([*lines[:-1], lines[-1][:20], "\n\n"]), encoding="utf-8")
     flight = gibbs_codegen.read_log(quadrotor, folder)
     assert off_circle(flight) < 1e-4  # Where the attitude alone is known a spline goes across.
-    assert "8 of 41 samples of position, which are no numbers or attitudes, or beyond what flies" in caplog.text
+    assert (
+        "8 of 41 samples of position, which are no numbers or attitudes, or beyond what flies"
+        in caplog.text
+    )
     gone = tables(
         tmp_path / "back", [*range(0, 2_000_000, 50_000), *range(1025000, 2000000, 50000)]
     )
