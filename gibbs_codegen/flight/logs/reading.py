@@ -212,9 +212,9 @@ def _cleaned(series: Mapping[Any, Samples], source: str) -> dict[Any, Samples]:
     """Samples that can be, of one run of the clock, in the order of time; others are logged."""
     found, left_out = dict[Any, Samples](), dict[tuple[str, int, int], list[str]]()
 
-    def kept(name: Any, each: Samples, right: NDArray[np.bool_], why: str) -> Samples:
+    def kept(name: Any, each: Samples, right: Any, why: str) -> Samples:
         """The samples that are right; others are counted under the words for why they are not."""
-        if count := len(right) - np.count_nonzero(right):
+        if count := len(right) - int(np.count_nonzero(right)):
             left_out.setdefault((why, count, len(series[name].time)), []).append(_title(name))
         return each.rows(right)
 
