@@ -12,6 +12,8 @@ from typing import NamedTuple
 _SHOWN = 50
 _MOTIONS = 4
 _LONGEST = 160
+# Digits of a number that a person writes, with its sign and point.
+_LONGEST_NUMBER = 17
 
 
 def printable(text: object, most: int = _LONGEST) -> str:
@@ -26,6 +28,14 @@ def printable(text: object, most: int = _LONGEST) -> str:
         return escaped
     end = (most - 3) // 2  # A path tells most at its end, where its name is.
     return f"{escaped[: most - 3 - end]}...{escaped[-end:]}"
+
+
+def written(value: object, most: int = 60) -> str:
+    """A value as a person writes it, of a number without the digits that rounding makes."""
+    if isinstance(value, float):  # NumPy's are such, too.
+        exact = repr(float(value))
+        return exact if len(exact) <= _LONGEST_NUMBER else f"{value:.15g}"
+    return printable(repr(value), most)
 
 
 def near(name: str, known: Iterable[str]) -> str:

@@ -27,7 +27,7 @@ from pydantic.functional_validators import ModelWrapValidatorHandler
 from pydantic.json_schema import GenerateJsonSchema, JsonSchemaValue
 from pydantic_core import CoreSchema, core_schema
 
-from gibbs_codegen.errors import UsageError
+from gibbs_codegen.errors import UsageError, written
 
 # Keys and list places, from a table inwards.
 Place = tuple[str | int, ...]
@@ -65,8 +65,8 @@ def shown(value: object) -> str:
         return kind_of(value)
     if isinstance(value, int) and abs(value) > 10**20:
         return "a huge number"
-    if isinstance(value, float) and len(repr(value)) > _LONGEST_NUMBER:  # Rounding made it so.
-        return f"{value:.15g}"
+    if isinstance(value, float):
+        return written(value)
     return ascii(value[:80] if isinstance(value, str) else value)[:80]
 
 
@@ -102,9 +102,6 @@ def _quoted(key: str) -> str:
         shown = shown[: len(shown) // 2]
     return ascii(shown)
 
-
-# Digits of a number that a person writes, and its sign and point.
-_LONGEST_NUMBER = 17
 
 # Values keep their types: a string or boolean is no number, and 2.0 no whole one.
 _REAL = core_schema.float_schema(strict=True, allow_inf_nan=False)

@@ -258,6 +258,7 @@ def test_mjcf_is_told_where_it_is_not_imported(tmp_path: Path) -> None:
     text = DETAILS.format(j='actuatorfrcrange="-4 4"')
     robot, report = imported(text, tmp_path, lock={"root": 0.0})
     assert robot.name == "robot"  # The file's, since the model has none.
+    assert "on b_j, drag 0.02 m, 0 to 6 N (motor at a site)" in [line.detail for line in report]
     assert [line[1:] for line in map(_as_tuple, report) if line[0] == "left out"] == [
         ("servo", "bias of an actuator"),
         ("b", "compensation of its weight"),

@@ -17,7 +17,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from gibbs_codegen.arrays.laws import turns_servos
-from gibbs_codegen.errors import UsageError, printable
+from gibbs_codegen.errors import UsageError, written
 from gibbs_codegen.flight.arguments import whole
 from gibbs_codegen.flight.control.laws import Controller, Gains
 from gibbs_codegen.flight.control.observation import Measured
@@ -35,8 +35,9 @@ from gibbs_codegen.flight.scenario.scenario import Scenario
 _SAME = 1e-6
 # Samples a second where a law has to be sampled and nobody says how often.
 DEFAULT_RATE = 1000.0
-# What nobody means who commands throttles, or a servo whose range is less than half of it.
-_MOST_THROTTLE, _LEAST_FAR = 2.0, math.pi
+# By units, commands that nobody means who commands throttles, or servos; they are also so many
+# times beyond their limits.
+_LEAST_WILD, _BEYOND = {"1": 2.0, "rad": math.pi}, 2.0
 # Of a controller, Hz.
 _LOWEST_RATE = 0.1
 
@@ -95,7 +96,7 @@ class ZeroOrderHold:
         try:
             numbers = np.asarray(command, dtype=np.float64)
         except (TypeError, ValueError):
-            found = printable(repr(command), 60)
+            found = written(command)
         if not found and numbers.shape != (len(names),):
             found = f"an array of shape {numbers.shape}"
         if found:
@@ -185,14 +186,8 @@ def _wild_commands(vehicle: Vehicle) -> Array:
     """Sizes (nu) beyond which commands are not meant in their unit, infinite where none is."""
     if not vehicle.is_driven:
         return np.full(len(vehicle.commands), np.inf)
-    ranges = np.abs(command_limits(vehicle.module)).max(axis=0)
-    far = {"1": np.full(len(ranges), _MOST_THROTTLE), "rad": np.maximum(2.0 * ranges, _LEAST_FAR)}
-    return np.array(
-        [
-            far[unit][k] if unit in far else np.inf
-            for k, unit in enumerate(vehicle.module.COMMAND_UNITS)
-        ]
-    )
+    least = [_LEAST_WILD.get(unit, np.inf) for unit in vehicle.module.COMMAND_UNITS]
+    return np.maximum(least, _BEYOND * np.abs(command_limits(vehicle.module)).max(axis=0))
 
 
 class Sensing:
@@ -408,7 +403,7 @@ def law_in_time(
             raise UsageError(f"controller: {name} is a class: give an instance, such as {name}()")
         if not callable(controller):
             raise UsageError(
-                f"controller: {printable(repr(controller), 60)} cannot be called; give a function "
+                f"controller: {written(controller)} cannot be called; give a function "
                 "or an object that takes an Observation and returns inputs"
             )
         rate = _number(controller, "rate", rate, least=_LOWEST_RATE)
@@ -436,6 +431,6 @@ def _number(
         unit = {"rate": "Hz", "delay": "s"}[name]
         raise UsageError(
             f"controller: its {name} must be a number of {least:g} {unit} or more, not "
-            f"{printable(repr(found), 60)}"
+            f"{written(found)}"
         )
     return float(found)

@@ -9,7 +9,7 @@ from types import ModuleType
 
 import numpy as np
 
-from gibbs_codegen.errors import UsageError, cause_of, near, printable
+from gibbs_codegen.errors import UsageError, cause_of, near, printable, written
 from gibbs_codegen.files.staging import put_in_place, staging_folder, writing
 from gibbs_codegen.flight.arguments import numbers
 from gibbs_codegen.flight.logs.px4 import is_px4, read_px4, write_tables
@@ -95,7 +95,7 @@ def read_log(
         if not isinstance(given, str):
             called = "the name that the log has for it"
             if name not in vehicle.joint_names:
-                raise UsageError(f"names: {name}: must be {called}, not {printable(repr(given))}")
+                raise UsageError(f"names: {name}: must be {called}, not {written(given)}")
             numbers(f"names: {name}", given, f"{called}, or the number at which it stands", ())
     for name, frequency in (("rate", rate), ("cutoff", cutoff)):
         if frequency is not None and numbers(name, frequency, "a number of Hz", ()) <= 0.0:

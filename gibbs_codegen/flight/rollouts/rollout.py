@@ -16,7 +16,7 @@ import numpy as np
 
 from gibbs_codegen.arrays.contact import Contact
 from gibbs_codegen.arrays.rollout_steps import Parts
-from gibbs_codegen.errors import UsageError, printable
+from gibbs_codegen.errors import UsageError, printable, written
 from gibbs_codegen.flight.arguments import seconds, whole
 from gibbs_codegen.flight.integration.envelope import (
     hard_impacts,
@@ -164,7 +164,7 @@ def rollout(
         UsageError: An argument is not what it must be, or the module is of an older version.
     """
     if not isinstance(robot, ModuleType | str | os.PathLike):
-        words = printable(repr(robot), 60)
+        words = written(robot)
         raise UsageError(f"robot: must be a module, or the name or path of one, not {words}")
     module = robot if isinstance(robot, ModuleType) else load(robot, "c")
     count, backend = whole("steps", steps), getattr(module, "backend", None)
@@ -358,7 +358,7 @@ def check_settings(steps: int, every: int, dt: float, method: str, precision: st
     ):
         if value not in known:
             words = ", ".join(known)
-            raise UsageError(f"{name}: {printable(repr(value), 60)} is unknown; known: {words}")
+            raise UsageError(f"{name}: {written(value)} is unknown; known: {words}")
 
 
 def warn_of_long_steps(

@@ -15,7 +15,7 @@ from typing import Annotated, Any, ClassVar
 
 from pydantic import AfterValidator
 
-from gibbs_codegen.errors import Fault, ScenarioFileError, UsageError, printable
+from gibbs_codegen.errors import Fault, ScenarioFileError, UsageError, written
 from gibbs_codegen.files.shipped import shipped_names, text_of
 from gibbs_codegen.files.table import (
     Bounds,
@@ -74,7 +74,7 @@ def read_scenario(name_or_path: AnyScenario, changes: Mapping[str, Any] | None =
     if not isinstance(name_or_path, str | os.PathLike):
         raise UsageError(
             "scenario: must be a scenario without changes, the name or path of a file, or its "
-            f"tables in a dictionary, not {printable(repr(name_or_path), 60)}"
+            f"tables in a dictionary, not {written(name_or_path)}"
         )
     text, source = text_of(os.fspath(name_or_path), _FOLDER, ScenarioFileError)
     return parse_scenario(text, source, changes)
