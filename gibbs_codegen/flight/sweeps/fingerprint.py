@@ -53,7 +53,7 @@ def fingerprint(*values: Any) -> str:
     except Exception as error:  # Whatever pickling meets.
         why = "it holds itself" if "cyclic" in str(error) else printable(error)
         raise UsageError(
-            f"{written(values)}: a sweep cannot tell whether this is the same when it "
+            f"{printable(repr(values), 60)}: a sweep cannot tell whether this is the same when it "
             f"is called again ({why}); let measures use numbers, arrays and functions"
         ) from None
     return hashlib.sha256(written.getbuffer()).hexdigest()
