@@ -171,7 +171,7 @@ def test_shipped_scenarios_fly(name: str, robot: str, fast: Load) -> None:
 def test_names_of_another_robot_are_refused(shipped: Load) -> None:
     for task in (ArmTask(posture={"theta_6": 0.1}), ArmTask(limits={"theta_6": (0.0, 1.0)})):
         scenario = replace(read_scenario("hover"), arm=task)
-        with pytest.raises(UsageError, match="no joint theta_6; its joints: theta_7, theta_8"):
+        with pytest.raises(UsageError, match=r"no joint theta_6; .* its joints: theta_7"):
             simulate(shipped("hexarotor_3link"), scenario)
 
 

@@ -7,7 +7,6 @@ import logging
 import os
 import warnings
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import suppress
 from dataclasses import replace
 from types import ModuleType
 from typing import Any, get_args
@@ -249,13 +248,28 @@ def rollout(
         done = callback_rollout(problem, control, arguments.commands, roll, tell)
     else:
         done = roll(problem, tell=tell)
-    with suppress(TypeError):  # What JAX traces has no values.
-        vehicle = _on_walls(module, parameters or {})
-        q, v = (np.swapaxes(np.asarray(x, np.float64), 0, 1) for x in (done.q, done.v))
-        times = np.asarray(done.time)
-        for words in hard_impacts(vehicle, walls, (q, v), times, float(dt), method):
-            warnings.warn(f"{module.NAME}: dt: {words}", RuntimeWarning, stacklevel=2)
+    for words in _hard_impacts(done, module, walls, parameters or {}, float(dt), method):
+        warnings.warn(f"{module.NAME}: dt: {words}", RuntimeWarning, stacklevel=2)
     return done
+
+
+def _hard_impacts(
+    done: rollouts.Rollout,
+    module: ModuleType,
+    walls: Sequence[Wall],
+    parameters: Mapping[str, Any],
+    dt: float,
+    method: rollouts.Method,
+) -> list[str]:
+    """Sentences on impacts for which steps of `dt` s were too long; none of what JAX traces."""
+    if not walls:
+        return []
+    try:
+        vehicle = _on_walls(module, parameters)
+        q, v = (np.swapaxes(np.asarray(x, np.float64), 0, 1) for x in (done.q, done.v))
+        return list(hard_impacts(vehicle, walls, (q, v), np.asarray(done.time), dt, method))
+    except TypeError:  # It has no values.
+        return []
 
 
 def _on_walls(module: ModuleType, parameters: Mapping[str, Any]) -> Vehicle:
