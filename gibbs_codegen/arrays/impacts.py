@@ -58,10 +58,10 @@ def passive(
     goes on. Where there is less along that way, all velocities lose the rest. Where they have less
     than that, the robot stays where it was before the step.
     """
+    strained = [sum((x.stored for x in touches(*at)), constant(0.0)) for at in states]
     before, after = (
-        sum((x.stored for x in touches(q, v, strain)), robot.kinetic_energy(q, v))
-        + robot.potential_energy(q)
-        for q, v, strain in states
+        stored + robot.kinetic_energy(q, v) + robot.potential_energy(q)
+        for (q, v, _), stored in zip(states, strained, strict=True)
     )
     gained, (q, v, _) = after - before - work, states[1]
     still, none = zeros(robot.space.velocities), zeros(robot.inputs)
@@ -69,9 +69,11 @@ def passive(
     impulses = on_frames(parts, robot.frames)
     pushed = robot.forward_dynamics_with_wrenches(q, still, none, impulses)
     change = pushed - robot.forward_dynamics(q, still, none)
+    flat = nodes.reshaped(impulses, (6 * robot.frames,))
+    # A step in which nothing touched has errors of its own.
+    gained = nodes.choose(sum(strained) + dot(flat, flat), 0.0, gained, 0.0)
     if active is not None:
         change, _ = robot.impact(q, change, active)
-    flat = nodes.reshaped(impulses, (6 * robot.frames,))
     speed, yielding = (
         dot(flat, nodes.reshaped(robot.frame_velocities(q, way), flat.shape)) for way in (v, change)
     )

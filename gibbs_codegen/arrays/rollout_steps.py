@@ -131,14 +131,13 @@ def rollout_step(
 
     contacts, kept = tuple(contact for contact, _ in parts.walls), m + driven + parts.bristles
 
-    def touches(q: Node, v: Node, bristles: Node) -> tuple[list[Touch], Node]:
-        """What contacts do, and velocities (f, 6) of the frames."""
+    def touches(q: Node, v: Node, bristles: Node) -> list[Touch]:
+        """What contacts do."""
         poses, velocities = robot.frame_poses(q), robot.frame_velocities(q, v)
-        found = [
+        return [
             touch(each, constant(np.array(wall)), (poses[each.frame], velocities[each.frame]), z)
             for (each, wall), z in zip(parts.walls, bristle_parts(contacts, bristles), strict=True)
         ]
-        return found, velocities
 
     def accelerate(q: Node, v: Node, halves: int) -> Node:
         """Accelerations, and rates of states of actuators and bristles, which follow in v.
@@ -153,7 +152,7 @@ def rollout_step(
             speeds, moving = robot.rotor_speeds(states, u), (robot.frame_poses(q), velocities)
             acting_on += air_on_rotors(robot, moving, speeds, inputs, zeros(3))
         if parts.walls:
-            touching, velocities = touches(q, v, bristles)
+            touching = touches(q, v, bristles)
         pairs = list(zip(contacts, touching, strict=True))
         acting_on += [(each.frame, found.wrench) for each, found in pairs]
         if acting_on:
@@ -169,8 +168,10 @@ def rollout_step(
         rates = [robot.actuator_rates(states, u)] if states.size else []
         rates += [found.rate for each, found in pairs if each.sticks]
         if parts.walls:
-            done = impacts.effects(contacts, touching, velocities)
-            rates += [dot(v, robot.inverse_dynamics(q, v, a)) - done[0], done]
+            # By "euler" forces of the begin act through the step: on the mean of its velocities.
+            mean = v + 0.5 * h * a if method == "euler" else v
+            done = impacts.effects(contacts, touching, robot.frame_velocities(q, mean))
+            rates += [dot(mean, robot.inverse_dynamics(q, v, a)) - done[0], done]
         return join(a, *rates)
 
     def move(q: Node, displacement: Node) -> Node:
@@ -182,15 +183,15 @@ def rollout_step(
     if parts.active:
         q_next, own_next = projected(robot, move, q_next, v_next[:m], active)
         v_next = join(own_next, v_next[m:])
-    if contacts and method == "rk4":
+    if contacts:
         states = [
             (place, moving[:m], moving[m + driven : kept])
             for place, moving in ((q, begin), (q_next, v_next))
         ]
         (work, done), held = (v_next[kept], v_next[kept + 1 :]), active if parts.active else None
-        place, own_next = impacts.passive(
-            robot, contacts, lambda *at: touches(*at)[0], states, work, done, held
-        )
+        if method == "euler":  # What comes into a wall in a step was not pushed yet.
+            done = done + h * join(zeros(3), *(found.wrench for found in touches(*states[1])))
+        place, own_next = impacts.passive(robot, contacts, touches, states, work, done, held)
         q_next, v_next = coordinates_of(place, robot.space), join(own_next, v_next[m:])
     x_next = join(q_next, v_next[: m + driven], acting[2][:rotors], v_next[m + driven : kept])
     ended = constant(0.0)

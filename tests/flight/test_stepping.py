@@ -181,7 +181,7 @@ def test_what_is_refused(fast: Load) -> None:
             simulation.reset(v=wrong)  # type: ignore[arg-type]
     for length in (0.0, 1e-160, 1e200):
         with pytest.raises(
-            UsageError, match="q: must be with a quaternion whose length is between"
+            UsageError, match="q: must be coordinates with a quaternion of length 1"
         ):
             simulation.reset(q=np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, length]))
     for length in (1e-152, 1e151):

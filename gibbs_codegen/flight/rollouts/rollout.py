@@ -15,7 +15,7 @@ import numpy as np
 
 from gibbs_codegen.arrays.contact import Contact
 from gibbs_codegen.arrays.rollout_steps import Parts
-from gibbs_codegen.errors import UsageError, printable
+from gibbs_codegen.errors import UsageError, printable, written
 from gibbs_codegen.flight.arguments import seconds, whole
 from gibbs_codegen.flight.integration.envelope import (
     hard_impacts,
@@ -163,7 +163,7 @@ def rollout(
         UsageError: An argument is not what it must be, or the module is of an older version.
     """
     if not isinstance(robot, ModuleType | str | os.PathLike):
-        words = printable(repr(robot), 60)
+        words = written(robot)
         raise UsageError(f"robot: must be a module, or the name or path of one, not {words}")
     module = robot if isinstance(robot, ModuleType) else load(robot, "c")
     count, backend = whole("steps", steps), getattr(module, "backend", None)
@@ -241,19 +241,41 @@ def rollout(
     elif motors is not None and thrusts is None:
         first = rollouts.Steps(problem, arguments.xp).commanded()[:, : arguments.rotors]
         problem = replace(problem, motors=replace(motors, thrusts=first))
-    if backend == "jax":
-        return jax_rollout.jax_rollout(problem, control if callable(control) else None)
     roll = functools.partial(array_rollout, threads=workers)
-    if callable(control):
+    if backend == "jax":
+        done = jax_rollout.jax_rollout(problem, control if callable(control) else None)
+    elif callable(control):
         done = callback_rollout(problem, control, arguments.commands, roll, tell)
     else:
         done = roll(problem, tell=tell)
-    if walls:
-        vehicle = Vehicle(module, {name: np.squeeze(x) for name, x in (parameters or {}).items()})
-        q, v = (np.swapaxes(np.asarray(x, np.float64), 0, 1) for x in (done.q, done.v))
-        for words in hard_impacts(vehicle, walls, (q, v), done.time, float(dt), method):
-            warnings.warn(f"{module.NAME}: dt: {words}", RuntimeWarning, stacklevel=2)
+    for words in _hard_impacts(done, module, walls, parameters or {}, float(dt), method):
+        warnings.warn(f"{module.NAME}: dt: {words}", RuntimeWarning, stacklevel=2)
     return done
+
+
+def _hard_impacts(
+    done: rollouts.Rollout,
+    module: ModuleType,
+    walls: Sequence[Wall],
+    parameters: Mapping[str, Any],
+    dt: float,
+    method: rollouts.Method,
+) -> list[str]:
+    """Sentences on impacts for which steps of `dt` s were too long; none of what JAX traces."""
+    if not walls:
+        return []
+    try:
+        vehicle = _on_walls(module, parameters)
+        q, v = (np.swapaxes(np.asarray(x, np.float64), 0, 1) for x in (done.q, done.v))
+        return list(hard_impacts(vehicle, walls, (q, v), np.asarray(done.time), dt, method))
+    except TypeError:  # It has no values.
+        return []
+
+
+def _on_walls(module: ModuleType, parameters: Mapping[str, Any]) -> Vehicle:
+    """The robots, on NumPy's arrays, with parameters, numbers or arrays (n) that are known."""
+    own = {name: np.squeeze(np.asarray(each)) for name, each in parameters.items()}
+    return Vehicle(_on_arrays(module), own)
 
 
 def touched(
@@ -274,15 +296,13 @@ def touched(
         raise UsageError("walls: must be walls as read_scenario(…).walls has them")
     if not walls:
         return ()
-    vehicle = Vehicle(_on_arrays(module))
+    vehicle = _on_walls(module, {})
     for k, wall in enumerate(walls, start=1):
         for frame in wall.frames:
             vehicle.frame_place(frame, f"walls: wall {k}: frame")
     try:
         places = np.asarray(q, dtype=np.float64)
-        if parameters:
-            own = {name: np.squeeze(np.asarray(each)) for name, each in parameters.items()}
-            vehicle = Vehicle(_on_arrays(module), own)
+        vehicle = _on_walls(module, parameters)
     except TypeError:  # What is traced by JAX has no values.
         places = vehicle.neutral[np.newaxis]
     for mode in sorted(wall_modes(vehicle, walls, places), reverse=True):
@@ -352,7 +372,7 @@ def check_settings(steps: int, every: int, dt: float, method: str, precision: st
     ):
         if value not in known:
             words = ", ".join(known)
-            raise UsageError(f"{name}: {printable(repr(value), 60)} is unknown; known: {words}")
+            raise UsageError(f"{name}: {written(value)} is unknown; known: {words}")
 
 
 def warn_of_long_steps(
