@@ -5,12 +5,15 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from difflib import get_close_matches
+from importlib import import_module
 from typing import NamedTuple
 
 # More than a person will read at a time.
 _SHOWN = 50
 _MOTIONS = 4
 _LONGEST = 160
+# Digits of a number that a person writes, with its sign and point.
+_LONGEST_NUMBER = 17
 
 
 def printable(text: object, most: int = _LONGEST) -> str:
@@ -27,11 +30,24 @@ def printable(text: object, most: int = _LONGEST) -> str:
     return f"{escaped[: most - 3 - end]}...{escaped[-end:]}"
 
 
+def written(value: object, most: int = 60) -> str:
+    """A value as a person writes it, of a number without the digits that rounding makes."""
+    if isinstance(value, float):  # NumPy's are such, too.
+        exact = repr(float(value))
+        return exact if len(exact) <= _LONGEST_NUMBER else f"{value:.15g}"
+    return printable(repr(value), most)
+
+
+def near(name: str, known: Iterable[str]) -> str:
+    """A hint at the known name that may have been meant, empty if none is near."""
+    found = get_close_matches(name[:80], list(known)[:2000], n=1)
+    return f"; did you mean {printable(found[0], 60)}?" if found else ""
+
+
 def no_attribute(module: str, name: str, known: Iterable[str]) -> str:
     """The words for an attribute that a module lacks, with that which may be meant."""
     # Names of constants are asked for to learn whether they are there.
-    near = get_close_matches(name, known, n=1) if name.islower() and name[0] != "_" else []
-    hint = f"; did you mean {near[0]}?" if near else ""
+    hint = near(name, known) if name.islower() and name[0] != "_" else ""
     return f"module {module!r} has no attribute {name!r}{hint}"
 
 
@@ -159,6 +175,22 @@ class SingularRobotError(GibbsCodegenError):
 
 class UsageError(GibbsCodegenError):
     """A request that cannot be met as it was put: an unknown name, target or folder."""
+
+
+def require(library: str, for_what: str, extra: str = "") -> None:
+    """Raise `UsageError` if a package is missing that `extra`, or the extra of its name, installs.
+
+    `for_what` needs it.
+    """
+    try:
+        import_module(library)
+    except ModuleNotFoundError as error:
+        if error.name != library:
+            raise
+        raise UsageError(
+            f"{for_what}: the package {library} is not installed; "
+            f"install {library}, or gibbs_codegen with its extra {extra or library}"
+        ) from None
 
 
 class MissingFunctionError(UsageError, AttributeError):

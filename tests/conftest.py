@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import gc
 import os
 import pickle
 import shutil
@@ -13,6 +14,7 @@ from typing import Any
 
 import pytest
 from hypothesis import HealthCheck, settings
+from hypothesis.internal.conjecture import providers
 from support.compiled import EVERY_GROUP, SMALL, Emitted, emit_labelled
 from support.derived import derived
 from support.kept import KEPT_MODULES, forget_unused, generator_digest, made_once
@@ -34,7 +36,15 @@ settings.register_profile(
 )
 settings.load_profile("project")
 
+# Hypothesis looks for constants in the source of every module that is loaded. It takes seconds, and
+# examples would be others after each change, and where other modules were loaded before.
+providers.is_local_module_file = lambda path: False
+
 ROOT = Path(__file__).parent.parent
+
+# What is derived is many small objects that live long. To look for cycles among them as often as
+# Python does takes a seventh of the time.
+gc.set_threshold(50_000, 20, 20)
 
 # C is compiled in a third of the time: what the source says does not depend on how well it is
 # optimised. Where that is what is tested, `optimized` stands.

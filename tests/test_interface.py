@@ -55,7 +55,7 @@ def added(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.fixture
 def folder(added: None, tmp_path: Path) -> Path:
     """The module of a robot, generated with the function that was added."""
-    return generate("quadrotor_2link", tmp_path)
+    return generate("quadrotor_2link", tmp_path, verify=False)
 
 
 def test_every_output_has_its_derivation_and_no_other_is_there() -> None:

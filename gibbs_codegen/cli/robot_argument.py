@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import difflib
 import os
 import re
 import sys
@@ -13,7 +12,7 @@ from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from gibbs_codegen.errors import UsageError
+from gibbs_codegen.errors import UsageError, near
 
 if TYPE_CHECKING:
     from gibbs_codegen.flight.plant.vehicle import RobotData
@@ -76,9 +75,7 @@ def find_robot(word: str) -> tuple[Robot, str]:
         from gibbs_codegen.runtime.load import modules_made
 
         known = [*modules_made(), *(name for name in os.listdir() if name.endswith(".toml"))]
-        near = difflib.get_close_matches(word[:80], known, n=1)
-        hint = f"; did you mean {near[0]}?" if near else ""
-        message = f"{error}; nor is there a module of that name in generated/{hint}"
+        message = f"{error}; nor is there a module of that name in generated/{near(word, known)}"
         raise UsageError(message) from None
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from gibbs_codegen.cli import robot_argument, terminal
 from gibbs_codegen.cli.simulate import print_events
-from gibbs_codegen.errors import UsageError, cause_of, printable
+from gibbs_codegen.errors import UsageError, cause_of, printable, require
 from gibbs_codegen.files.toml import changes_of
 from gibbs_codegen.flight.autopilots.ardupilot import ArduPilot
 from gibbs_codegen.flight.autopilots.betaflight import (
@@ -24,7 +24,7 @@ from gibbs_codegen.flight.figures.flight import check_results, write_results
 from gibbs_codegen.flight.scenario.file import read_scenario
 from gibbs_codegen.flight.scenario.parts import WITH_CONSTRAINTS
 from gibbs_codegen.flight.simulation import check_scenario, uncontrolled
-from gibbs_codegen.runtime.load import load, require
+from gibbs_codegen.runtime.load import load
 
 
 @terminal.ended_by_signals()

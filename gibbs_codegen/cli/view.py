@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from gibbs_codegen.cli import robot_argument, terminal
-from gibbs_codegen.errors import UsageError, printable
-from gibbs_codegen.runtime.load import load, require
+from gibbs_codegen.errors import UsageError, printable, require
+from gibbs_codegen.runtime.load import load
 
 
 @terminal.ended_by_signals()

@@ -13,12 +13,11 @@ from pathlib import Path
 
 import numpy as np
 
-from gibbs_codegen.errors import UsageError, printable
+from gibbs_codegen.errors import UsageError, near, printable
 from gibbs_codegen.exchange.exporting import inertial_of, joint_placement
 from gibbs_codegen.exchange.importing import ImportOptions, import_robot
 from gibbs_codegen.exchange.placement import HERE, Placement, vector
 from gibbs_codegen.exchange.sources import Finding
-from gibbs_codegen.exchange.tree import near
 from gibbs_codegen.exchange.welding import composite, quiet_placement
 from gibbs_codegen.robot.file import read_robot, shipped_robots
 from gibbs_codegen.robot.layout import frames_of, has_default_tip

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from gibbs_codegen.errors import UsageError, printable
+from gibbs_codegen.errors import printable, require
 from gibbs_codegen.exchange import sources
 from gibbs_codegen.exchange.mjcf_text import MjcfTexts
 from gibbs_codegen.exchange.placement import Placement, vector
@@ -64,13 +64,9 @@ def read_mjcf(path: Path, data: bytes, base: str | None, friction: bool = False)
     `UsageError` if MuJoCo is not installed, and `SourceFileError` if it refuses the model.
     """
     texts = MjcfTexts(path, data)
-    try:
-        import mujoco
-    except ImportError:
-        raise UsageError(
-            f"{printable(path)}: the package mujoco is not installed; install mujoco, or "
-            "gibbs_codegen with its extra mujoco"
-        ) from None
+    require("mujoco", printable(path))
+    import mujoco
+
     # Else warnings are printed, and written to a file in the working directory.
     former = mujoco.get_mju_user_warning()
     mujoco.set_mju_user_warning(lambda message: None)
@@ -202,7 +198,7 @@ class _Reader:
             if np.abs(gear[3:] - drag * gear[:3]).max() > 1e-9 * np.abs(gear).max():
                 self._found(name, "torque across the thrust")
             if limits is not None and limits[1] <= 0.0:  # It pulls: turned, it pushes.
-                direction, limits = -direction, (-limits[1], -limits[0])
+                direction, limits = -direction, (0.0 - limits[1], 0.0 - limits[0])
             yield sources.Rotor(
                 name,
                 self.names[body],

@@ -10,10 +10,9 @@ import math
 from pathlib import Path
 from typing import Annotated
 
-from gibbs_codegen.errors import Fault, UsageError, printable
+from gibbs_codegen.errors import Fault, UsageError, near, printable
 from gibbs_codegen.exchange.placement import vector
 from gibbs_codegen.exchange.sources import Rotor, Source, SourceFileError, refusal, rotor_numbers
-from gibbs_codegen.exchange.tree import near
 from gibbs_codegen.exchange.xml_file import read_bytes
 from gibbs_codegen.files.table import Table, Tables, file_table, key
 from gibbs_codegen.files.toml import checked

@@ -12,11 +12,10 @@ from pathlib import Path
 
 import numpy as np
 
-from gibbs_codegen.errors import printable
+from gibbs_codegen.errors import near, printable
 from gibbs_codegen.exchange import sources
 from gibbs_codegen.exchange.placement import HERE, LEVEL, Placement, degrees, vector
 from gibbs_codegen.exchange.sdf_models import MERGED, MODEL, PLACED, WORLD, whole_model
-from gibbs_codegen.exchange.tree import near
 from gibbs_codegen.exchange.unread import WITHIN, pass_over, unread, without_part
 from gibbs_codegen.exchange.urdf import COUNTED, ENTRIES, KINDS, OF_MOTORS, Values, gazebo_rotors
 from gibbs_codegen.exchange.xml_file import Element, child, children, parse_xml, within
@@ -34,7 +33,7 @@ _KNOWN |= without_part(f"""{OF_MOTORS}
         magnetic_field spherical_coordinates
     model@ placement_frame
     model/ pose static self_collide allow_auto_disable enable_wind=0
-    link/ light self_collide must_be_base_link gravity=1 kinematic=0 enable_wind=0 audio_sink
+    link/ light self_collide must_be_base_link kinematic=0 enable_wind=0 audio_sink
         audio_source battery projector particle_emitter
     velocity_decay/ linear=0 angular=0
     wind/ linear_velocity=0
@@ -136,6 +135,8 @@ class _Reader:
             name: sources.Link(name, self._inertial(name, element), element.line)
             for name, element in self._of_kind("link")
         }
+        for name, element in self._of_kind("link"):
+            self._values.weightless(name, _text(element, "gravity"))
         parents = {_text(joint, "parent") for _, joint in self._of_kind("joint")}
         return ({WORLD: sources.Link(WORLD)} if WORLD in parents else {}) | links
 

@@ -132,6 +132,7 @@ class Rotor:
     air: RotorAir | None = None
     joint: str | None = None
     found_by: str = ""
+    line: int | None = None
 
 
 # What a rotor of a file and one of a robot have alike.

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import difflib
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
 
-from gibbs_codegen.errors import UsageError, printable
+from gibbs_codegen.errors import UsageError, near, printable
 from gibbs_codegen.exchange.placement import HERE, Placement, vector
 from gibbs_codegen.exchange.sources import WORLD, Constraint, Finding, Joint, Rotor, Source
 from gibbs_codegen.robot.placement import turn_about
@@ -216,9 +215,3 @@ def rerooted(source: Source, link: str) -> Source:
     joints = (*backwards, *others)
     finding = Finding("base", link, f"in place of {source.root}")
     return source.found(finding, joints=joints, root=link)
-
-
-def near(name: str, known: Iterable[str]) -> str:
-    """A hint at the known name that may have been meant, empty if none is near."""
-    found = difflib.get_close_matches(name[:80], list(known)[:2000], n=1)
-    return f"; did you mean {printable(found[0], 60)}?" if found else ""

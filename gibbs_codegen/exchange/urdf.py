@@ -78,6 +78,11 @@ class Values:
         """Add a line to the report."""
         self.findings.append(sources.Finding(kind, subject, detail))
 
+    def weightless(self, name: str, gravity: str, off: str = "") -> None:
+        """Note a link on which no gravity acts in Gazebo, by texts of its flags."""
+        if plain(gravity or "1") == "0" or plain(off) == "1":
+            self.found("note", name, "no gravity acts on it in Gazebo; here it has its weight")
+
     def fault(self, element: Element, message: str) -> None:
         """Note a fault of an element: what is wrong, and what would be right."""
         message += element.elsewhere and f" ({printable(element.elsewhere)})"
@@ -107,10 +112,9 @@ class Values:
         except ValueError:
             value = math.nan
         if not abs(value) <= MOST:
-            self.fault(
-                element,
-                f"{what} must be a finite number up to {MOST:g} in size, not {printable(text, 40)}",
-            )
+            is_not = printable(text, 40) or "an empty text"
+            words = f"{what} must be a finite number up to {MOST:g} in size, not {is_not}"
+            self.fault(element, words)
             return 0.0
         return value if abs(value) >= LEAST else 0.0
 
@@ -265,6 +269,7 @@ def gazebo_rotors(root: Element, values: Values, command: Command) -> list[sourc
             time_constant=up or None,
             joint=texts.get("jointName"),
             found_by="Gazebo",
+            line=plugin.line,
         )
         if command == "speed":
             bounds = (0.0, fastest) if fastest > 0.0 else None
@@ -356,7 +361,7 @@ _KNOWN |= without_part(f"""{OF_MOTORS}
     joint/ safety_controller calibration
     limit@ acceleration deceleration jerk drake:acceleration
     mimic@ multiplier offset gazebo@ reference
-    gazebo/ sensor visual light canonicalBody static=0 gravity=1 turnGravityOff=0 kinematic=0
+    gazebo/ sensor visual light canonicalBody static=0 kinematic=0
         dampingFactor=0 velocity_decay=0 enable_wind=0 mu mu1 mu2 fdir1 kp kd maxVel minDepth
         maxContacts laserRetro selfCollide self_collide stopCfm stopErp stopKp stopKd cfm erp
         fudgeFactor implicitSpringDamper provideFeedback initial_joint_position
@@ -390,6 +395,9 @@ def read_urdf(
         if part.name in parts[tag]:
             values.fault(element, f"there is another {tag} of that name")
         parts[tag][part.name] = part
+    for each in children(root, "gazebo"):
+        flags = (child_text(each, tag) for tag in ("gravity", "turnGravityOff"))
+        values.weightless(each.get("reference", root.tag), *flags)
     rotors = urdf_rotors(root, values, command)
     if not parts["link"]:
         values.fault(root, "has no <link>")

@@ -12,6 +12,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from gibbs_codegen.errors import near
 from gibbs_codegen.exchange.placement import HERE, Placement, vector
 from gibbs_codegen.exchange.sources import (
     WORLD,
@@ -183,7 +184,8 @@ def _rotors(
     rotors = []
     for rotor in source.rotors:
         if (place := places.get(rotor.on)) is None:
-            raise source.refused(f"rotor {rotor.name} is on link {rotor.on}, which is missing")
+            words = f"rotor {rotor.name} is on link {rotor.on}, which is missing"
+            raise source.refused(words + near(rotor.on, places), rotor.line)
         direction = vector(place.frame.matrix @ np.array(rotor.direction))
         position = vector(place.frame.point(rotor.position))
         rotors.append(

@@ -16,9 +16,8 @@ from pathlib import Path
 from typing import Any, cast
 from xml.parsers import expat
 
-from gibbs_codegen.errors import RefusedFileError, UsageError, cause_of, printable
+from gibbs_codegen.errors import RefusedFileError, UsageError, cause_of, near, printable, require
 from gibbs_codegen.exchange.sources import refusal
-from gibbs_codegen.exchange.tree import near
 
 MAX_BYTES = 10_000_000
 # Published robots have fewer than 2000 elements within 10 levels; bodies of MJCF are nested.
@@ -213,14 +212,10 @@ def expanded(path: Path, arguments: Mapping[str, object]) -> bytes:
     """
     text = xml_text(read_bytes(path), path)
     parse_xml(text.encode(), str(path))
-    try:
-        from xacrodoc import packages, xacrodoc
-    except ImportError:
-        raise UsageError(
-            f"{printable(path)}: the package xacrodoc is not installed; install "
-            "xacrodoc, or gibbs_codegen with its extra xacro, or expand the file to URDF"
-        ) from None
-    known, xacro = list[str](), xacrodoc.xacro
+    require("xacrodoc", printable(path), "xacro")
+    from xacrodoc import packages, xacrodoc
+
+    known, texts, xacro = list[str](), list[str](), xacrodoc.xacro
     own_parse = xacro.parse
 
     def document(text: str | None, file: str = "") -> Any:
@@ -237,6 +232,7 @@ def expanded(path: Path, arguments: Mapping[str, object]) -> bytes:
             if not element.hasAttribute("default"):  # xacro insists on one.
                 element.parentNode.removeChild(element)
         known.extend(re.findall(r"\$\(\s*arg\s+([\w.-]+)", text))
+        texts.append(text)
         return made
 
     words, values = "", {name: str(value) for name, value in arguments.items()}
@@ -268,6 +264,8 @@ def expanded(path: Path, arguments: Mapping[str, object]) -> bytes:
     for name in arguments:
         if name not in known:
             words = f"it has no argument {printable(name, 60)}{near(name, known)}{there_are}"
+        elif not re.search(rf"\$[({{][^<\n]*\b{re.escape(name)}\b", "\n".join(texts)):
+            words = words or f"its argument {printable(name, 60)} is used nowhere; leave it out"
     if words:
         raise refusal(path, f"cannot be expanded: {words}")
     return made.encode()

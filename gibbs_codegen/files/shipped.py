@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import difflib
 from importlib import resources
 from pathlib import Path
 
-from gibbs_codegen.errors import Fault, RefusedFileError, UsageError, cause_of, printable
+from gibbs_codegen.errors import Fault, RefusedFileError, UsageError, cause_of, near, printable
 
 MAX_BYTES = 1_000_000
 
@@ -34,8 +33,7 @@ def text_of(name_or_path: str, folder: str, refused: type[RefusedFileError]) -> 
             noun = folder.removesuffix("s")
             if path.exists():
                 raise UsageError(f"{printable(path)}: is not a file; give a {noun} file in TOML")
-            near = difflib.get_close_matches(str(path)[:80].removesuffix(".toml"), shipped, n=1)
-            hint = f"; did you mean {near[0]}?" if near else f" ({', '.join(shipped)})"
+            hint = near(str(path).removesuffix(".toml"), shipped) or f" ({', '.join(shipped)})"
             raise UsageError(
                 f"{printable(path)}: no such {noun} file, and no {noun} of that name ships{hint}"
             )

@@ -27,7 +27,7 @@ from pydantic.functional_validators import ModelWrapValidatorHandler
 from pydantic.json_schema import GenerateJsonSchema, JsonSchemaValue
 from pydantic_core import CoreSchema, core_schema
 
-from gibbs_codegen.errors import UsageError
+from gibbs_codegen.errors import UsageError, written
 
 # Keys and list places, from a table inwards.
 Place = tuple[str | int, ...]
@@ -65,6 +65,8 @@ def shown(value: object) -> str:
         return kind_of(value)
     if isinstance(value, int) and abs(value) > 10**20:
         return "a huge number"
+    if isinstance(value, float):
+        return written(value)
     return ascii(value[:80] if isinstance(value, str) else value)[:80]
 
 

@@ -37,25 +37,27 @@ def checked(
     table: type[Checked],
     refused: type[RefusedFileError],
     changes: Mapping[str, Any] | None = None,
+    tables: Mapping[str, Any] | None = None,
 ) -> Checked:
     """The top table of a document, once it is checked against what its tables may hold.
 
     Raises `refused` with every fault, in the order of the file, which messages call `source`.
-    `changes` come in place of what the text says, table by table.
+    `changes` come in place of what the text says, or the `tables` of Python that are given instead,
+    table by table.
     """
     from gibbs_codegen.files.table import key_path, read_table  # Late, as it imports pydantic.
 
     if line := too_deep_line(text):
         raise refused(source, [Fault("", TOO_DEEP, line)])
     try:
-        document = tomllib.loads(text)
+        document = tomllib.loads(text) if tables is None else merged({}, nested(tables))
     except ValueError as error:
         raise refused(source, [_syntax_fault(text, error)]) from None
     other, keys = table.mistaken
     if theirs := [key for key in document if key in keys]:
         words = f"a key of {other}, and not of a {refused.kind}, which must be given here"
         raise refused(source, [Fault(theirs[0], words, line_of(key_lines(text), (theirs[0],)))])
-    changes = changes or {}
+    changes = nested(changes or {})
     found, refusals = read_table(table, merged(document, changes))
     absent = list(nothing_to_remove(document, changes))
     if found is not None and not absent:
@@ -68,7 +70,7 @@ def checked(
     faults += [
         Fault(
             key_path(place),
-            f"{words} (changed: not as in the file)" if key_path(place) in changed else words,
+            f"{words} (given by a change)" if key_path(place) in changed else words,
             line_of(lines, place),
         )
         for place, words in refusals
@@ -238,7 +240,7 @@ def nothing_to_remove(
         elif value is None and key not in document:
             yield (
                 (*outer, key),
-                "an empty value (None in Python) removes an entry, but the file has no such entry",
+                "an empty value (None in Python) removes an entry, but there is no such entry",
             )
 
 

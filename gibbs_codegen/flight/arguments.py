@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gibbs_codegen.emitted.preparation import real_numbers
-from gibbs_codegen.errors import UsageError, printable
+from gibbs_codegen.errors import UsageError, written
 
 Array = NDArray[np.float64]
 
@@ -30,7 +30,7 @@ def real(name: str, given: ArrayLike, wanted: str, *shapes: tuple[int, ...]) -> 
     try:
         found = np.array(real_numbers(name, given))
     except (TypeError, ValueError):  # Rows of different lengths, among others.
-        raise UsageError(f"{name}: must be {wanted}, not {printable(repr(given), 60)}") from None
+        raise UsageError(f"{name}: must be {wanted}, not {written(given)}") from None
     if found.shape not in shapes:
         raise UsageError(f"{name}: must be {wanted}, not an array of shape {found.shape}")
     return found
@@ -52,8 +52,7 @@ def vector(name: str, given: ArrayLike, count: int) -> Array:
 def whole(name: str, value: Any, least: int = 1) -> int:
     """A whole number of at least so much. Raises `UsageError` otherwise."""
     if not isinstance(value, int | np.integer) or isinstance(value, bool) or value < least:
-        shown = printable(repr(value), 60)
-        raise UsageError(f"{name}: must be a whole number of {least} or more, not {shown}")
+        raise UsageError(f"{name}: must be a whole number of {least} or more, not {written(value)}")
     return int(value)
 
 
@@ -61,7 +60,5 @@ def seconds(name: str, value: Any) -> float:
     """A time, s, finite and above 0. Raises `UsageError` otherwise."""
     is_number = isinstance(value, int | float | np.number) and not isinstance(value, bool)
     if not (is_number and 0.0 < value < math.inf):
-        raise UsageError(
-            f"{name}: must be a finite time above 0 s, not {printable(repr(value), 60)}"
-        )
+        raise UsageError(f"{name}: must be a finite time above 0 s, not {written(value)}")
     return float(value)

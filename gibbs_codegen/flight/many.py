@@ -29,6 +29,7 @@ from gibbs_codegen.flight.scenario.parts import StartOffset
 from gibbs_codegen.flight.scenario.scenario import Scenario
 from gibbs_codegen.flight.simulation import (
     FlightStart,
+    check_flight,
     check_mass_matrix,
     flight_start,
 )
@@ -230,10 +231,12 @@ def simulate_many(
         For each scenario its flight, whose series are computed when they are asked for, or the
         error with which `simulate` refuses it.
     """
-    module = robot if isinstance(robot, ModuleType) else load(robot, "c")
-    read = [read_scenario(each) for each in scenarios]
-    found: dict[int, Outcome] = {}
-    for common, places in _groups(read):
+    read = dict(enumerate(map(read_scenario, scenarios)))
+    module, found = robot if isinstance(robot, ModuleType) else load(robot), dict[int, Outcome]()
+    if module is not robot:  # What NumPy can tell comes first: to compile takes long.
+        found = _refused(module, read)
+        module = load(robot, "c") if len(found) < len(read) else module
+    for common, places in _groups({k: each for k, each in read.items() if k not in found}):
         done, size = len(found), len(places)
 
         def tell(share: float, done: int = done, size: int = size) -> None:
@@ -243,6 +246,17 @@ def simulate_many(
         whether = size > 1 if blocks is None else blocks
         found |= _fly_group(module, common, group, threads, tell, whether)
     return [found[place] for place in range(len(scenarios))]
+
+
+def _refused(module: ModuleType, scenarios: Mapping[int, Scenario]) -> dict[int, Outcome]:
+    """Errors of the scenarios that a module on NumPy's arrays refuses, by their places."""
+    found: dict[int, Outcome] = {}
+    for place, scenario in scenarios.items():
+        try:
+            check_flight(module, scenario)
+        except GibbsCodegenError as error:
+            found[place] = error
+    return found
 
 
 def _fly_group(
@@ -285,10 +299,10 @@ def _start_of(module: ModuleType, common: bytes | None, scenario: Scenario) -> F
     return known
 
 
-def _groups(scenarios: Sequence[Scenario]) -> Iterable[tuple[bytes | None, list[int]]]:
+def _groups(scenarios: Mapping[int, Scenario]) -> Iterable[tuple[bytes | None, list[int]]]:
     """Places of scenarios that share their desired motion, and what these have in common."""
     groups: dict[Any, list[int]] = defaultdict(list)
-    for place, scenario in enumerate(scenarios):
+    for place, scenario in scenarios.items():
         groups[_common(scenario) or place].append(place)
     return [(k if isinstance(k, bytes) else None, places) for k, places in groups.items()]
 

@@ -134,11 +134,7 @@ def flight_start(
     if own:
         scenario = uncontrolled(scenario)
     # What NumPy can tell comes first: to compile takes long.
-    plain = robot if isinstance(robot, ModuleType) else load(robot)
-    if getattr(plain, "backend", "") == "c":
-        plain = plain.in_numpy
-    check_scenario(Vehicle(plain, scenario.parameters), scenario)
-    _check_functions(plain, scenario)
+    check_flight(robot if isinstance(robot, ModuleType) else load(robot), scenario)
     module = robot if isinstance(robot, ModuleType) else load(robot, "c")
     vehicle = Vehicle(module, scenario.parameters)
     loop, motion = _closed_loop(vehicle, scenario, progress, own)
@@ -152,6 +148,14 @@ def flight_start(
     for machine in {vehicle, loop.vehicle}:
         check_mass_matrix(machine, q)
     return FlightStart(motion, loop, q, v)
+
+
+def check_flight(module: ModuleType, scenario: Scenario) -> None:
+    """Raise `UsageError` for what the constants of a module, or its functions, cannot fly."""
+    if getattr(module, "backend", "") == "c":
+        module = module.in_numpy
+    check_scenario(Vehicle(module, scenario.parameters), scenario)
+    _check_functions(module, scenario)
 
 
 def uncontrolled(scenario: Scenario) -> Scenario:

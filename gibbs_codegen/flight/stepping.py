@@ -145,7 +145,7 @@ class Simulation:
         vehicle = self._loop.vehicle
         unit, right = unit_quaternions(vehicle.module, vehicle.layout, start_state[0])
         if not right:
-            raise UsageError(f"q: must be {UNIT}")
+            raise UsageError(f"q: must be coordinates {UNIT}")
         known = self._scenario.start.charge
         level = known if charge is None else float(numbers("charge", charge, "a number", ()))
         check_charge(vehicle, level)

@@ -39,3 +39,11 @@ def rotation_about(axis: Array, angles: Array) -> Array:
     along = np.outer(axis, axis)
     cosine, sine = (part[..., np.newaxis, np.newaxis] for part in (np.cos(angles), np.sin(angles)))
     return along + cosine * (np.eye(3) - along) + sine * cross
+
+
+def halton(count: int, dimensions: int) -> Array:
+    """The first points (count, dimensions) of Halton's sequence, from 0 to below 1."""
+    from scipy.stats import qmc  # Late, as SciPy's statistics take long to import.
+
+    points: Array = qmc.Halton(dimensions, scramble=False).random(count)
+    return points

@@ -55,10 +55,10 @@ def passive(
     that, the robot stays where it was before the step.
     """
     robot, contacts, active = machine.robot, machine.around.contacts, machine.active
+    strained = [sum((x.stored for x in machine.touches(at)), constant(0.0)) for at in states]
     before, after = (
-        sum((x.stored for x in machine.touches(each)), robot.kinetic_energy(each.q, each.v))
-        + robot.potential_energy(each.q)
-        for each in states
+        stored + robot.kinetic_energy(at.q, at.v) + robot.potential_energy(at.q)
+        for at, stored in zip(states, strained, strict=True)
     )
     gained, (q, v, *_) = after - before - work, states[1]
     still, none = zeros(robot.space.velocities), zeros(robot.inputs)
@@ -66,9 +66,11 @@ def passive(
     impulses = on_frames(parts, robot.frames)
     pushed = robot.forward_dynamics_with_wrenches(q, still, none, impulses)
     change = pushed - robot.forward_dynamics(q, still, none)
+    flat = nodes.reshaped(impulses, (6 * robot.frames,))
+    # A step in which nothing touched has errors of its own.
+    gained = nodes.choose(sum(strained) + dot(flat, flat), 0.0, gained, 0.0)
     if active is not None:
         change, _ = robot.impact(q, change, active)
-    flat = nodes.reshaped(impulses, (6 * robot.frames,))
     speed, yielding = (
         dot(flat, nodes.reshaped(robot.frame_velocities(q, way), flat.shape)) for way in (v, change)
     )

@@ -146,9 +146,11 @@ def rollout_step(
         rates = machines[halves].rates(time, state, inputs, u)
         done = [rates.a, rates.actuators, rates.bristles]
         if around.contacts:
-            effects = impacts.effects(machine, state, rates.touches)
+            # By "euler" forces of the begin act through the step: on the mean of its velocities.
+            mean = state.v + 0.5 * h * rates.a if method == "euler" else state.v
+            effects = impacts.effects(machine, state._replace(v=mean), rates.touches)
             force = robot.inverse_dynamics(q, state.v, rates.a)
-            done += [dot(state.v, force) - effects[0], effects]
+            done += [dot(mean, force) - effects[0], effects]
         return join(*done)
 
     def move(q: Node, displacement: Node) -> Node:
@@ -161,9 +163,13 @@ def rollout_step(
     if machine.active is not None:
         q_next, v_next = projected(robot, move, q_next, moved[: layout.v], machine.active)
         moved = join(v_next, moved[layout.v :])
-    if around.contacts and method == "rk4":
+    if around.contacts:
         states, work = (state_of(q, begin), state_of(q_next, moved)), moved[moving.size]
-        place, v_next = impacts.passive(machine, states, work, moved[moving.size + 1 :])
+        done = moved[moving.size + 1 :]
+        if method == "euler":  # What comes into a wall in a step was not pushed yet.
+            touches = machine.touches(states[1])
+            done = done + h * join(zeros(3), *(touch.wrench for touch in touches))
+        place, v_next = impacts.passive(machine, states, work, done)
         q_next = coordinates_of(place, robot.space)
         moved = join(v_next, moved[layout.v :])
     x_next = join(q_next, moved[:end], acting[2][:rotors], moved[end : moving.size])

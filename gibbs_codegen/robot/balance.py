@@ -455,6 +455,8 @@ _FILM = 0.004
 _LARGEST_GYRATION = 3.0
 # Of propellers it is about 0.01 to 0.03 m.
 LARGEST_DRAG = 0.1
+# What nobody means who gives throttles.
+_MOST_THROTTLE = 2.0
 # Of the smallest propellers, rad/s; power that racers need for a newton is half as much, W/N; no
 # tip outruns its sound, m/s.
 _FASTEST, _THIRSTIEST, _SPEED_OF_SOUND = 6000.0, 75.0, 340.0
@@ -510,19 +512,32 @@ def implausible(robot: Robot) -> tuple[str, ...]:
     return tuple(found)
 
 
+def _listed(labels: Sequence[str]) -> str:
+    """Labels of rotors, of many the first."""
+    return ", ".join(labels[:_MOST_LISTED]) + " and others" * (len(labels) > _MOST_LISTED)
+
+
 def _implausible_drives(robot: Robot) -> Iterator[str]:
-    """Warnings of speeds that are probably turns a minute, and of what a battery does not give."""
+    """Warnings of percent, of turns a minute, and of what a battery does not give."""
+    wild: dict[str, list[str]] = {}
     for k, (rotor, drive) in enumerate(
         zip(mounted_rotors(robot), robot.drives, strict=True), start=1
     ):
-        speed = drive.speed(drive.limits[1]) if drive.limits else 0.0
+        most = drive.limits[1] if drive.limits else 0.0
+        speed = drive.speed(most)
         tip = speed * (rotor.air.radius if rotor.air else 0.0)
-        if speed > _FASTEST or abs(rotor.drag) * speed > _THIRSTIEST or tip > _SPEED_OF_SOUND:
-            yield (
-                f"the speed of rotor {rotor_label(robot, k)} is {speed:.4g} rad/s at its greatest "
-                f"command; is it in turns a minute? (these would be {speed * math.pi / 30:.4g} "
-                "rad/s)"
+        if drive.command == "throttle" and most > _MOST_THROTTLE:
+            words = f"throttle of {{}} is {most:.4g}, and 1 is full; is it in percent?"
+        elif speed > _FASTEST or abs(rotor.drag) * speed > _THIRSTIEST or tip > _SPEED_OF_SOUND:
+            words = (
+                f"speed of {{}} is {speed:.4g} rad/s; is it in turns a minute? (these would be "
+                f"{speed * math.pi / 30:.4g} rad/s)"
             )
+        else:
+            continue
+        wild.setdefault(words, []).append(rotor_label(robot, k))
+    for words, labels in wild.items():
+        yield "the greatest " + words.format(f"rotor{'s' * (len(labels) > 1)} {_listed(labels)}")
     battery = robot.battery
     if battery is None:
         return
@@ -534,8 +549,8 @@ def _implausible_drives(robot: Robot) -> Iterator[str]:
     units = [1.0] * robot.rotors
     powers = enumerate(_shaft_powers(robot, units, units), start=1)
     if idle := [rotor_label(robot, k) for k, power in powers if power == 0.0]:
-        which = ", ".join(idle[:_MOST_LISTED]) + " and others" * (len(idle) > _MOST_LISTED)
         yield (
-            f"the battery gives no power to rotors of which drag or speed is not known: {which}; "
+            "the battery gives no power to rotors of which drag or speed is not known: "
+            f"{_listed(idle)}; "
             "give drag, and full_speed of a throttle or speed_per_sqrt_thrust of a thrust"
         )

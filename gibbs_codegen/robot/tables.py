@@ -569,22 +569,25 @@ _BY_SPEED = ("hub_drag", "inflow", "thrust_by_advance")
 
 
 def _speed_known(values: Mapping[str, Any]) -> bool:
-    """Whether the keys of a rotor tell its speed."""
-    command = values.get("command", "thrust")
-    known = {"speed": True, "throttle": "full_speed" in values}
-    return known.get(command, False) or "speed_per_sqrt_thrust" in values
+    """Whether the keys of a rotor tell its speed, or may do so if its command is misspelt."""
+    known = {"thrust": False, "throttle": "full_speed" in values}
+    return known.get(values.get("command", "thrust"), True) or "speed_per_sqrt_thrust" in values
 
 
 def _drive_faults(values: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
-    """Faults of what a rotor makes of its command."""
+    """Faults of what a rotor makes of its command, one that is known."""
     command = values.get("command", "thrust")
+    if command not in model.COMMANDS:
+        return
     curves = [key for key in ("thrust_curve", "thrust_constant", "max_thrust") if key in values]
-    if command == "thrust":
-        for key in (*curves, "thrust_model_factor", "command_limits", "full_speed"):
-            if key in values:
-                other = "throttle" if key in _OF_THROTTLES else "speed"
-                yield key, f'needs command = "{other}" beside it, since thrusts are commanded here'
-    elif "limits" in values:
+    others = ("thrust_model_factor", "command_limits", "full_speed")
+    if command == "thrust" and (driven := [*curves, *(key for key in others if key in values)]):
+        right = '"speed"' if "thrust_constant" in curves else '"speed" or "throttle"'
+        if {*_OF_THROTTLES, "thrust_model_factor"} & {*driven}:
+            right = '"throttle"'
+        words = "must be" if "command" in values else "missing: give"
+        yield "command", f"{words} {right}; thrusts are commanded without {', '.join(driven)}"
+    elif command != "thrust" and "limits" in values:
         yield "limits", f"are limits of a thrust: give command_limits, those of the {command}"
     if command != "thrust" and len(curves) != 1:
         known = "thrust_curve or thrust_constant"

@@ -6,7 +6,6 @@ imported when first used, since it needs NumPy, which the command line mostly do
 
 from __future__ import annotations
 
-import difflib
 import functools
 import hashlib
 import importlib
@@ -20,7 +19,7 @@ from collections.abc import Callable
 from pathlib import Path
 from types import ModuleType
 
-from gibbs_codegen.errors import UsageError, cause_of, printable
+from gibbs_codegen.errors import UsageError, cause_of, near, printable, require
 from gibbs_codegen.files.shipped import shipped_names
 from gibbs_codegen.interface import DATA
 from gibbs_codegen.runtime.cache import CacheError, cached_module
@@ -117,22 +116,6 @@ def _time_step(module: ModuleType, ending: str) -> Callable[..., object]:
     return step
 
 
-def require(library: str, for_what: str, extra: str = "") -> None:
-    """Raise `UsageError` if a package is missing that `extra`, or the extra of its name, installs.
-
-    `for_what` needs it.
-    """
-    try:
-        importlib.import_module(library)
-    except ModuleNotFoundError as error:
-        if error.name != library:
-            raise
-        raise UsageError(
-            f"{for_what}: the package {library} is not installed; "
-            f"install {library}, or gibbs_codegen with its extra {extra or library}"
-        ) from None
-
-
 def _import(folder: Path) -> ModuleType:
     digest = hashlib.sha256(os.fsencode(folder)).hexdigest()[:16]
     module_name = f"_gibbs_codegen_{digest}_{folder.name}"
@@ -195,13 +178,11 @@ def find_module(path: Path) -> Path:
     shipped = () if any(folder.is_dir() for folder in folders) else shipped_names("robots")
     if str(path) in shipped:
         return _module_that_ships(str(path))
-    near = difflib.get_close_matches(path.name, [*modules_made(), *shipped], n=1)
     # A folder has the name of no robot.
     robot = "ROBOT.toml" if path.is_dir() or not path.name else printable(path.name)
-    remedy = (
-        f"did you mean {near[0]}?" if near else f"make one with: gibbs-codegen generate {robot}"
-    )
-    raise UsageError(f"{printable(path)}: no generated module there, nor in generated/; {remedy}")
+    hint = near(path.name, [*modules_made(), *shipped])
+    remedy = hint or f"; make one with: gibbs-codegen generate {robot}"
+    raise UsageError(f"{printable(path)}: no generated module there, nor in generated/{remedy}")
 
 
 def _module_that_ships(name: str) -> Path:

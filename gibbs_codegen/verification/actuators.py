@@ -11,20 +11,13 @@ from typing import NamedTuple
 import numpy as np
 
 from gibbs_codegen.robot.model import Battery, Drive, Robot
-from gibbs_codegen.verification.vectors import Array
+from gibbs_codegen.verification.vectors import Array, Measured
 
 _HOUR = 3600.0
 # One of so many states takes more than the battery can give: levels grow until it does.
 _OVERLOADED, _STEP, _STEPS = 4, 1.2, 60
 # Share of a friction's velocity in which it is smooth about rest.
 _SMOOTH = 0.1
-
-
-class Measured(NamedTuple):
-    """A number at each state, or several, and the sizes of the terms that it is made of."""
-
-    value: Array
-    size: Array
 
 
 class Motions(NamedTuple):

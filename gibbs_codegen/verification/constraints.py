@@ -17,7 +17,7 @@ from gibbs_codegen.verification.comparison import UNKNOWN
 from gibbs_codegen.verification.formulation import Quantities
 from gibbs_codegen.verification.states import Sizes, States
 from gibbs_codegen.verification.tree import Tree
-from gibbs_codegen.verification.vectors import Array, cross, times
+from gibbs_codegen.verification.vectors import Array, Measured, cross, times
 
 # Name of an array that a function returns, its value, and the sizes of its entries.
 Row = tuple[str, Array, Array]
@@ -27,13 +27,6 @@ ACCELERATION = "constrained_forward_dynamics.acceleration"
 _ZERO, _CLEAR = 1e-13, 1e3
 # As many times rounding are rows of nothing else, and shares of rows that are not zero.
 _LOST = 100.0
-
-
-class Measured(NamedTuple):
-    """Numbers (s, …), and the sizes of the terms that they are made of."""
-
-    value: Array
-    size: Array
 
 
 class Frames(NamedTuple):

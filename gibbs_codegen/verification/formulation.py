@@ -15,10 +15,9 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from gibbs_codegen.verification.actuators import Measured
 from gibbs_codegen.verification.states import States
 from gibbs_codegen.verification.tree import Tree
-from gibbs_codegen.verification.vectors import Array, times
+from gibbs_codegen.verification.vectors import Array, Measured, times
 
 
 class NotApplicableError(Exception):

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from gibbs_codegen.verification.actuators import Measured, Motions
+from gibbs_codegen.verification.actuators import Motions
 from gibbs_codegen.verification.formulation import Quantities
 from gibbs_codegen.verification.states import States
 from gibbs_codegen.verification.tree import (
@@ -21,7 +21,7 @@ from gibbs_codegen.verification.tree import (
     Tree,
     joint_motions,
 )
-from gibbs_codegen.verification.vectors import Array, cross, times
+from gibbs_codegen.verification.vectors import Array, Measured, cross, times
 
 
 def joint_wrenches(

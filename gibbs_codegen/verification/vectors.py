@@ -2,13 +2,20 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 # Real or complex: the Lagrangian formulation differentiates by complex steps.
 Array = NDArray[Any]
+
+
+class Measured(NamedTuple):
+    """Numbers (s, …), and the sizes of the terms that they are made of."""
+
+    value: Array
+    size: Array
 
 
 def about(axis: int, angle: Array) -> Array:

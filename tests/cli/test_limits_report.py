@@ -16,12 +16,8 @@ from gibbs_codegen.flight.record.flight import Flight
 
 @pytest.fixture(scope="module")
 def flight(shipped: Callable[[str], ModuleType]) -> Flight:
-    return within_limits(shipped("hexarotor_3link"))
-
-
-def within_limits(module: ModuleType) -> Flight:
     """Commands in a range of 1 to 9, for limits of 0 to 10."""
-    base = synthetic_flight(module)
+    base = synthetic_flight(shipped("hexarotor_3link"))
     shape = base.commanded.shape
     limits = np.array([[0.0], [10.0]]) * np.ones(shape[1])
     least, greatest = np.full(shape, 1.0), np.full(shape, 9.0)
@@ -85,13 +81,13 @@ def test_a_joint_beyond_its_limits_is_told_with_the_worst_time(flight: Flight) -
     assert joints_beyond(replace(limited, joint_limits=np.zeros((2, 0)))) == ""
 
 
-@pytest.mark.slow
 def test_of_many_inputs_the_first_are_named_and_the_others_counted(
-    shipped: Callable[[str], ModuleType],
+    flight: Flight, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Of ten thrusts and three torques."""
-    flight = within_limits(shipped("decarotor_3link"))
+    """Of six thrusts and three torques."""
+    monkeypatch.setattr("gibbs_codegen.cli.simulate._MOST_NAMES", 7)
     greatest = np.full_like(flight.commanded_greatest, 11.0)
     said = reached_limits(replace(flight, commanded_greatest=greatest))
     named, _, more = said.partition(" (")[0].partition(" and ")
-    assert len(named.split(", ")) + int(more.removesuffix(" more")) == 13
+    assert len(named.split(", ")) + int(more.removesuffix(" more")) == 9
+    assert more == "2 more"

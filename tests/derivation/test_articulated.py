@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 import sympy as sp
 from support.pinocchio_oracle import Oracle
-from support.random_robots import random_robot, rigid_body
+from support.random_robots import random_robot
 
 from benchmarks.family import benchmark_robot
 from gibbs_codegen.derivation.articulated import SolvedJoint
@@ -28,11 +28,9 @@ from gibbs_codegen.robot.model import (
     JOINT_KINDS,
     ROD_ORIGINS,
     SEQUENCES,
-    Base,
     Link,
     Robot,
     Rod,
-    alternating_thrust,
 )
 from gibbs_codegen.symbolic.ldlt import (
     ZeroPivotError,
@@ -123,18 +121,6 @@ def test_the_family_with_both_origins_and_zeros_kept(links: int) -> None:
     robot = paper_family(5, links)
     compare(robot)
     compare(replace(robot, base=replace(robot.base, origin="centre")), keep_zeros=True)
-
-
-def general_robot(links: int) -> Robot:
-    """General inertias, twists of every kind, and every fifth joint prismatic."""
-    rng = np.random.default_rng(7)
-    base = Base(6, (rigid_body(rng),), alternating_thrust(6), (0.0,) * 6)
-    twists = (0, 90, 0, -90, 37, 180)
-    joints = ("revolute", "revolute", "revolute", "revolute", "prismatic")
-    arm = (
-        Link(rigid_body(rng), Fraction(twists[i % 6]), joint=joints[i % 5]) for i in range(links)
-    )
-    return Robot("general", base, tuple(arm))
 
 
 @cache

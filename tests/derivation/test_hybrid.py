@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from fractions import Fraction
-from itertools import product
 from types import ModuleType
 
 import numpy as np
@@ -85,12 +84,7 @@ def test_free_chain_has_no_constraint() -> None:
     assert len(system.matrix) == 9
 
 
-# Trees in which a held link carries others: between links that move, shared by two chains, and
-# beside the rods of a base; and a hand on a held wrist, whose two fingers share its mass.
-SHARED = ((16, "tait_bryan"), (49, "quaternion"))
-MORE = product((9, 25, 29), ("tait_bryan", "quaternion"))
-
-
+# A tree in which held links carry others, between links that move.
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("number", "attitude"),

@@ -206,7 +206,13 @@ def build(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., SineCosine]
 
 @pytest.fixture(
     scope="module",
-    params=itertools.product(("gcc", "clang"), OPTIONS, LIMIT),
+    params=[
+        *itertools.product(("gcc",), OPTIONS, LIMIT),
+        *(
+            pytest.param(w, marks=pytest.mark.slow)
+            for w in itertools.product(("clang",), OPTIONS, LIMIT)
+        ),
+    ],
     ids=lambda way: f"{way[0]}-{way[1]}-{way[2].__name__}",
 )
 def sine_cosine(request: pytest.FixtureRequest, build: Callable[..., SineCosine]) -> SineCosine:
@@ -246,13 +252,12 @@ def test_what_sweeps_take_for_true_is_so() -> None:
             assert error.max() < 0.02
 
 
-@pytest.mark.parametrize("form", ["few"])
-def test_a_million_angles(form: str, sine_cosine: SineCosine) -> None:
+def test_a_million_angles(sine_cosine: SineCosine) -> None:
     needs_long_double(sine_cosine.real)
     truth = sweep(sine_cosine.real)
     assert len(truth.angles) > 1_000_000
     assert np.abs(truth.angles).max() == LIMIT[sine_cosine.real]
-    worst = truth.worst_ulp(sine_cosine(form, truth.angles))
+    worst = truth.worst_ulp(sine_cosine("few", truth.angles))
     assert worst <= MOST_ULP, f"{worst} ulp"
 
 
@@ -332,7 +337,7 @@ def test_groups_that_are_not_full(form: str, group: int, sine_cosine: SineCosine
 
 
 @pytest.mark.parametrize("freedom", ["-ffast-math", "-funsafe-math-optimizations"])
-@pytest.mark.parametrize("compiler", ["gcc", "clang"])
+@pytest.mark.parametrize("compiler", ["gcc", pytest.param("clang", marks=pytest.mark.slow)])
 @pytest.mark.parametrize(("real", "most"), [(np.float64, 1e-15), (np.float32, 5e-7)])
 def test_a_compiler_that_takes_freedoms_is_not_wrong(
     real: type[np.floating],

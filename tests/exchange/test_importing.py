@@ -258,6 +258,7 @@ def test_mjcf_is_told_where_it_is_not_imported(tmp_path: Path) -> None:
     text = DETAILS.format(j='actuatorfrcrange="-4 4"')
     robot, report = imported(text, tmp_path, lock={"root": 0.0})
     assert robot.name == "robot"  # The file's, since the model has none.
+    assert "on b_j, drag 0.02 m, 0 to 6 N (motor at a site)" in [line.detail for line in report]
     assert [line[1:] for line in map(_as_tuple, report) if line[0] == "left out"] == [
         ("servo", "bias of an actuator"),
         ("b", "compensation of its weight"),
@@ -453,7 +454,7 @@ def test_servos_are_no_rotors(tmp_path: Path) -> None:
 
 
 XACRO = """<robot name="Two" xmlns:xacro="http://www.ros.org/wiki/xacro">
-  <xacro:include filename="part.xacro"/><xacro:arg name="mass"/>
+  <xacro:include filename="part.xacro"/><xacro:arg name="mass"/><xacro:arg name="old"/>
   <xacro:include filename="no.xacro" optional="true"/>
   <link name="b"><inertial><mass value="${m * factor}"/>
     <inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>
@@ -473,8 +474,10 @@ PART = """
         (["mass:=1.5"], 3.0, ""),
         (["--force", "factor:=4", "mass:=1.5"], 6.0, ""),
         ([], 0.0, "argument mass has no value; give mass:=VALUE after the file"),
-        (["mas:=1.5"], 0.0, "no argument mas; did you mean mass?; there are mass, factor"),
+        (["mas:=1.5"], 0.0, "no argument mas; did you mean mass?; there are mass, old, factor"),
         (["mass:=1", "colour:=red"], 0.0, "it has no argument colour"),
+        (["mass:=1", "old:=1"], 0.0, "its argument old is used nowhere; leave it out"),
+        (["mass:="], 0.0, "value must be a finite number up to 1e+50 in size, not an empty"),
         (["mass=1"], 0.0, "mass=1: after FILE come arguments of xacro as NAME:=VALUE"),
         (["mass:=${n}"], 0.0, "xacro cannot evaluate it (name 'n' is not defined"),
         (["mass:=heavy"], 0.0, "robot.urdf.xacro (expanded):5: <mass>: value must be a finite"),

@@ -56,16 +56,20 @@ REPORTED: list[tuple[str, dict[str, str], str, str]] = [
     (URDF, {"link": MASS}, "<inertial> in <link>", "line 2"),
     (
         URDF,
-        {"robot": '<gazebo reference="a"><turnGravityOff>true</turnGravityOff></gazebo>' * 4},
-        "<turnGravityOff> in <gazebo>",
-        "4 of them, true, lines 3, 3, 3 …",
+        {"robot": '<gazebo reference="a"><dampingFactor>0.1</dampingFactor></gazebo>' * 4},
+        "<dampingFactor> in <gazebo>",
+        "4 of them, 0.1, lines 3, 3, 3 …",
     ),
+    *(
+        (URDF, {"robot": f'<gazebo reference="a">{flag}</gazebo>'}, "a", "no gravity acts on it")
+        for flag in ("<gravity>0</gravity>", "<turnGravityOff>true</turnGravityOff>")
+    ),
+    (SDF, {"link": "<gravity>false</gravity>"}, "b", "no gravity acts on it in Gazebo; here it"),
     (URDF, {"joint": '<dynamics damping="1" coulomb="2"/>'}, "coulomb of <dynamics>", "2, line 3"),
     (URDF, {"robot": '<loop_joint name="l"/>'}, "<loop_joint> in <robot>", "l, line 3"),
     (URDF, {"inertial": '<mass value="1"/>'}, "b", "no inertia in the file"),
     (URDF, {"inertial": HEAVY.replace("value", "kg")}, "b", "no mass in the file"),
     (URDF, {"joint": '<dynamics friction="1e60"/><limit upper="1"/>'}, "j", "dry friction 1e"),
-    (SDF, {"link": "<gravity>false</gravity>"}, "<gravity> in <link>", "false, line 2"),
     (SDF, {"world": "<wind><linear_velocity>3 0 0</linear_velocity></wind>"}, "in <wind>", "3 0 0"),
     (SDF, {"more": "<gripper name='g'/>"}, "<gripper> in <model>", "g, line 3"),
     (SDF, {"link": "<velocity_decay><linear>0.1</linear></velocity_decay>"}, "<linear> in", "0.1"),

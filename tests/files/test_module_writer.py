@@ -373,7 +373,7 @@ def test_nothing_is_left_behind_when_ended(
     )
     time.sleep(delay)
     process.send_signal(number)
-    process.wait(timeout=30)
+    process.wait(timeout=300)
     left = visible(tmp_path)
     endings = (".c", ".h", "_each.c")
     sources = [f"quadrotor_2link{ending}" for ending in endings]
@@ -401,7 +401,7 @@ def test_a_write_in_progress_is_cleaned_up_when_ended(tmp_path: Path) -> None:
     assert process.stdout is not None
     process.stdout.readline()
     process.send_signal(signal.SIGTERM)
-    process.wait(timeout=30)
+    process.wait(timeout=300)
     process.stdout.close()
     assert visible(tmp_path) == {}
 
@@ -517,7 +517,7 @@ def test_a_wait_of_seconds_is_said_where_the_command_runs(tmp_path: Path) -> Non
         assert f"generated: waiting for process {number} to let go\n" in iter(
             process.stderr.readline, ""
         )
-    assert "is not there yet" in process.communicate(timeout=30)[1]
+    assert "is not there yet" in process.communicate(timeout=300)[1]
     assert process.returncode == 1
 
 
@@ -542,7 +542,7 @@ def test_waiting_for_another_process_can_be_ended(tmp_path: Path) -> None:
         process.stdout.readline()
         time.sleep(0.2)
         process.send_signal(signal.SIGTERM)
-        assert process.wait(timeout=30) == -signal.SIGTERM
+        assert process.wait(timeout=300) == -signal.SIGTERM
         process.stdout.close()
     finally:
         os.close(held)

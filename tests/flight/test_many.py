@@ -6,17 +6,20 @@ import pickle
 from collections.abc import Callable
 from dataclasses import fields, replace
 from types import ModuleType
+from typing import Any
 
 import numpy as np
 import pytest
 
-from gibbs_codegen.errors import GibbsCodegenError
+from gibbs_codegen.errors import GibbsCodegenError, ScenarioFileError
+from gibbs_codegen.flight import many
 from gibbs_codegen.flight.many import simulate_many
 from gibbs_codegen.flight.record.flight import Flight
 from gibbs_codegen.flight.scenario.file import read_scenario
 from gibbs_codegen.flight.scenario.parts import Gust, Payload, Push, Settings, StartOffset, Wind
 from gibbs_codegen.flight.scenario.scenario import Scenario
 from gibbs_codegen.flight.simulation import simulate
+from gibbs_codegen.runtime.load import load
 
 Load = Callable[[str], ModuleType]
 
@@ -113,6 +116,24 @@ def test_different_motions_are_kept_apart(fast: Load) -> None:
     scenarios = [_scenario(plant={MASS: 1.1}), line, _scenario(plant={MASS: 0.9})]
     for flight, scenario in zip(simulate_many(module, scenarios), scenarios, strict=True):
         _assert_same(flight, simulate(module, scenario))
+
+
+def test_faults_are_found_before_anything_compiles(
+    shipped: Callable[[str], ModuleType], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of a path: one that NumPy refuses needs no C, and a file that is wrong no module."""
+
+    def in_numpy(path: Any, backend: str = "numpy") -> ModuleType:
+        assert backend == "numpy"
+        return load(path)
+
+    folder = shipped("hexarotor_3link").__path__[0]
+    monkeypatch.setattr(many, "load", in_numpy)
+    payload = replace(_scenario(), payloads=(Payload("tipp", 0.1),))
+    (found,) = simulate_many(folder, [payload])
+    assert "has no frame tipp; did you mean tip?" in str(found)
+    with pytest.raises(ScenarioFileError, match="duration: must be from"):
+        simulate_many("no_such_module", ["hover", {"duration": -1}])
 
 
 def test_flights_can_be_sent_to_another_process(fast: Load) -> None:

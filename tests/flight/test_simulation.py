@@ -29,10 +29,9 @@ from gibbs_codegen.robot.model import Link, RigidBody, Rod
 from gibbs_codegen.runtime.load import load
 
 Load = Callable[[str], ModuleType]
-METHODS = ("adaptive", "rk4")
 
 
-@pytest.fixture(scope="module", params=METHODS)
+@pytest.fixture(scope="module", params=["adaptive", pytest.param("rk4", marks=pytest.mark.slow)])
 def paper_flight(request: pytest.FixtureRequest, fast: Load) -> Flight:
     scenario = read_scenario("paper", {"integration": {"method": request.param}})
     return simulate(fast("hexarotor_3link"), scenario)
@@ -171,7 +170,7 @@ def test_shipped_scenarios_fly(name: str, robot: str, fast: Load) -> None:
 def test_names_of_another_robot_are_refused(shipped: Load) -> None:
     for task in (ArmTask(posture={"theta_6": 0.1}), ArmTask(limits={"theta_6": (0.0, 1.0)})):
         scenario = replace(read_scenario("hover"), arm=task)
-        with pytest.raises(UsageError, match="no joint theta_6; its joints: theta_7, theta_8"):
+        with pytest.raises(UsageError, match=r"no joint theta_6; .* its joints: theta_7"):
             simulate(shipped("hexarotor_3link"), scenario)
 
 
@@ -250,8 +249,9 @@ def test_faults_of_a_scenario_come_before_anything_is_compiled(
         simulate(folder, tables | {"push": {"frame": "hand", "force": [1, 0, 0]}})
     with pytest.raises(ScenarioFileError, match="base: missing: the base's desired path"):
         simulate(folder, {"name": "up", "duration": 1})
+    no_scenario: Any = 3
     with pytest.raises(UsageError, match="or its tables in a dictionary, not 3"):
-        simulate(folder, 3)  # type: ignore[arg-type]
+        simulate(folder, no_scenario)
 
 
 def test_names_will_do_for_robot_and_scenario(shipped: Load) -> None:

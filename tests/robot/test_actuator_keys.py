@@ -41,12 +41,12 @@ CURVED = FAST.replace("constant = 1e-5", "curve = [0, 2e-2, -1e-5]")
         (
             "limits        = [0, 9]",
             "max_thrust = 9",
-            'rotor 4: max_thrust: needs command = "throttle" beside it, since thrusts are',
+            'rotor 4: command: missing: give "throttle"; thrusts are commanded without max_thrust',
         ),
         (
             "limits        = [0, 9]",
             "thrust_constant = 1e-5",
-            'rotor 4: thrust_constant: needs command = "speed" beside it, since thrusts are',
+            'rotor 4: command: missing: give "speed"; thrusts are commanded without thrust_con',
         ),
         (
             FAST,
@@ -102,6 +102,24 @@ def test_what_does_not_go_together_is_refused(good: str, bad: str, words: str) -
     assert good in TEXT
     with pytest.raises(RobotFileError, match=re.escape(words)):
         parse_robot(TEXT.replace(good, bad))
+
+
+@pytest.mark.parametrize(
+    ("bad", "words"),
+    [
+        ('comand = "throttle"\nmax_thrust = 8\ncommand_limits = [0.1, 1]', "comand: unknown key"),
+        ('command = "throtle"\nhub_drag = 0.1', "command: must be one of"),
+        (
+            "full_speed = 900\nthrust_constant = 1e-5\ncommand_limits = [0, 1]",
+            'command: missing: give "throttle"; thrusts are commanded without thrust_constant, '
+            "command_limits, full_speed",
+        ),
+    ],
+)
+def test_a_command_that_is_wrong_or_missing_is_one_fault(bad: str, words: str) -> None:
+    with pytest.raises(RobotFileError, match=f"rotor 4: {re.escape(words)}") as refused:
+        parse_robot(TEXT.replace("limits        = [0, 9]", bad))
+    assert len(refused.value.faults) == 1
 
 
 @pytest.mark.slow

@@ -121,11 +121,16 @@ command_limits = [0, 900]
         (
             "full_speed = 900",
             "full_speed = 9000",
-            "the speed of rotor 1 is 9000 rad/s at its greatest command; is it in turns a minute? "
+            "the greatest speed of rotor 1 is 9000 rad/s; is it in turns a minute? "
             "(these would be 942.5 rad/s)",
         ),
-        ("disc_radius = 0.12", "disc_radius = 0.4", "the speed of rotor 1 is 900 rad/s at its"),
-        ("[0, 900]", "[0, 5000]", "the speed of rotor 2 is 5000 rad/s at its greatest command"),
+        (
+            "time_constant = 0.03",
+            "time_constant = 0.03\ncommand_limits = [0, 100]",
+            "the greatest throttle of rotor 1 is 100, and 1 is full; is it in percent?",
+        ),
+        ("disc_radius = 0.12", "disc_radius = 0.4", "the greatest speed of rotor 1 is 900 rad/s"),
+        ("[0, 900]", "[0, 5000]", "the greatest speed of rotor 2 is 5000 rad/s"),
         (
             "capacity = 5",
             "capacity = 5200",
@@ -148,3 +153,10 @@ def test_turns_a_minute_and_milliamperes_are_warned_of(good: str, bad: str, word
     assert good in THROTTLES
     (warning,) = implausible(parse_robot(THROTTLES.replace(good, bad)))
     assert warning.startswith(words)
+
+
+def test_what_two_rotors_have_in_common_is_warned_of_once() -> None:
+    rotor = THROTTLES.split("[[rotor]]")[1].replace("full_speed = 900", "full_speed = 9000")
+    top = THROTTLES.partition("[[rotor]]")[0]
+    (warning,) = implausible(parse_robot(f"{top}[[rotor]]{rotor}[[rotor]]{rotor}"))
+    assert warning.startswith("the greatest speed of rotors 1, 2 is 9000 rad/s; is")

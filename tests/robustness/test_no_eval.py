@@ -52,22 +52,24 @@ def uses(text: str) -> set[str]:
             name = getattr(node.func, "id", getattr(node.func, "attr", ""))
             if name in FORBIDDEN and ast.unparse(node.func) not in HARMLESS:
                 found.add(name)
-            if ast.unparse(node.func) in ("sp.S", "sympy.S", "S"):
+            if name == "S" and ast.unparse(node.func) in ("sp.S", "sympy.S", "S"):
                 found.add("S")
             found |= {
                 f"{k.arg}="
                 for k in node.keywords
                 if k.arg in ("shell", "allow_pickle") and ast.unparse(k.value) != "False"
             }
-        elif isinstance(node, ast.Attribute) and ast.unparse(node).startswith("yaml."):
-            found |= {ast.unparse(node)} - {*SAFE_YAML}
+        elif isinstance(node, ast.Attribute) and getattr(node.value, "id", "") == "yaml":
+            found |= {f"yaml.{node.attr}"} - {*SAFE_YAML}
     return found
 
 
-@pytest.mark.parametrize("path", SOURCES, ids=lambda path: str(path.relative_to(ROOT)))
-def test_no_source_makes_code_of_text(path: Path) -> None:
-    allowed = SENT_TO_WORKERS.get(path.relative_to(PACKAGE).as_posix(), set())
-    assert uses(path.read_text(encoding="utf-8")) == allowed
+def test_no_source_makes_code_of_text() -> None:
+    found = {
+        path.relative_to(PACKAGE).as_posix(): uses(path.read_text(encoding="utf-8"))
+        for path in SOURCES
+    }
+    assert {path: names for path, names in found.items() if names} == SENT_TO_WORKERS
 
 
 def test_sources_are_looked_at_closely() -> None:

@@ -65,6 +65,16 @@ from gibbs_codegen.runtime.load import load
 from gibbs_codegen.verification.complex_steps import ComplexSteps
 
 Array = np.ndarray
+# The derivatives of what programs here call. Second ones take longer to derive than all others.
+NEEDED = (
+    *("forward_dynamics_derivatives", "forward_dynamics_vjp", "inverse_dynamics_derivatives"),
+    *("forward_dynamics_with_wrenches_derivatives", "forward_dynamics_with_wrenches_vjp"),
+    *("inverse_dynamics_vjp", "input_matrix_jvp", "input_matrix_vjp", "input_forces_derivatives"),
+    *("frame_poses_derivatives", "frame_velocities_derivatives"),
+    *("frame_bias_accelerations_derivatives", "centre_of_mass_jacobian_jvp"),
+    *("centre_of_mass_jacobian_vjp", "integrate_derivatives", "difference_derivatives"),
+    *("step_euler", "step_euler_derivatives", "step_rk4", "step_rk4_derivatives"),
+)
 ROOTS = [attitude for _, attitude in QUICK_TREES]
 STEP = 1e-40
 COUNT = 3
@@ -77,8 +87,8 @@ def tree(attitude: str) -> Robot:
 
 @pytest.fixture(scope="module")
 def module() -> Callable[[str], ModuleType]:
-    """A random tree with all derivatives, by its attitude."""
-    return cache(lambda attitude: module_with_derivatives(tree(attitude)))
+    """A random tree with derivatives, by its attitude."""
+    return cache(lambda attitude: module_with_derivatives(tree(attitude), *NEEDED))
 
 
 class Complex:

@@ -39,7 +39,7 @@ FORMULAS = r"""async () => {
 
 @pytest.fixture(scope="session")
 def pages(shared: Path) -> dict[str, BeautifulSoup]:
-    """Every page by its path, of a site that is up to date."""
+    """Every page by its path, of a site that is built first, or brought up to date."""
 
     def build() -> None:
         command = [sys.executable, "-m", "sphinx", "-q", "-W", "--keep-going", "docs", "site"]
@@ -51,7 +51,7 @@ def pages(shared: Path) -> dict[str, BeautifulSoup]:
     paths = [path for path in sorted(SITE.rglob("*.html")) if path.name != "flight.html"]
     paths = [path for path in paths if "_static" not in path.parts]
     return {
-        path.relative_to(SITE).as_posix(): BeautifulSoup(path.read_bytes(), "html.parser")
+        path.relative_to(SITE).as_posix(): BeautifulSoup(path.read_bytes(), "lxml")
         for path in paths
     }
 

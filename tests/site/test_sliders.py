@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import nbformat
 import numpy as np
 import pytest
 from conftest import ROOT
-from playwright.sync_api import Page
 from support.browser import visit
 from support.notebook_cells import run_cells
+
+if TYPE_CHECKING:
+    from playwright.sync_api import Page
 
 pytestmark = pytest.mark.slow
 TANGENT, BOWL = "tangent-to-be-moved", "bowl-drawn"

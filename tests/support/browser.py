@@ -5,11 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 from urllib.parse import urlsplit
 
-from playwright.sync_api import Page, Route, sync_playwright
-
 from support.tools import tool
+
+if TYPE_CHECKING:
+    from playwright.sync_api import Page, Route
 
 # Software rendering draws WebGL where there is no graphics card.
 OPTIONS = ["--no-sandbox", "--enable-unsafe-swiftshader", "--disable-background-networking"]
@@ -29,10 +31,14 @@ class Visit:
 @contextmanager
 def visit(address: str, width: int = 1280, height: int = 800) -> Iterator[Visit]:
     """Open an address, of a file or a server on this machine, in a window of a size in pixels."""
+    # Late, as the default run has no Playwright.
+    from playwright.sync_api import sync_playwright
+
     with sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=tool("chromium"), args=OPTIONS)
         try:
             page = browser.new_page(viewport={"width": width, "height": height})
+            page.set_default_timeout(120_000)  # The machine may be busy.
             seen = Visit(page)
 
             def pass_or_block(route: Route) -> None:

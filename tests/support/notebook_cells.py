@@ -7,9 +7,6 @@ import tempfile
 from collections.abc import Iterable
 from typing import Any
 
-from IPython.core.interactiveshell import InteractiveShell
-from IPython.utils.capture import capture_output
-
 
 def run_cells(cells: Iterable[Any], wanted: set[str]) -> dict[str, tuple[Any, dict[str, Any]]]:
     """What cells show, and the names that are known after each of them.
@@ -21,6 +18,10 @@ def run_cells(cells: Iterable[Any], wanted: set[str]) -> dict[str, tuple[Any, di
     Returns:
         By id the value of a cell's last expression, and the namespace.
     """
+    # Late, as the default run has no IPython.
+    from IPython.core.interactiveshell import InteractiveShell
+    from IPython.utils.capture import capture_output
+
     found: dict[str, tuple[Any, dict[str, Any]]] = {}
     shell, before = InteractiveShell.instance(), os.getcwd()
     shell.reset(new_session=True)

@@ -92,8 +92,9 @@ def checked_state(
         u = found.u if found.command is None else found.command
     elif v is None or u is None:
         raise UsageError("q, v, u: give all three, or a trim in the place of q")
-    q, v = coordinates(vehicle, q), vector("v", v, vehicle.layout.v.size)
-    u = vector("u", u, len(vehicle.inputs))
+    q, places = coordinates(vehicle, q), vehicle.layout.v
+    v = vector(f"v ({', '.join(places.names)})", v, places.size)
+    u = vector(f"u ({', '.join(vehicle.commands)})", u, len(vehicle.commands))
     states = vehicle.actuator_states
     if x is not None:
         x = vector(f"x ({', '.join(states) or 'there are none'})", x, len(states))

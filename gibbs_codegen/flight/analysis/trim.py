@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.optimize import least_squares, linprog, nnls
 
-from gibbs_codegen.errors import UsageError
+from gibbs_codegen.errors import UsageError, near, printable
 from gibbs_codegen.flight.analysis.arguments import coordinates, vehicle_of
 from gibbs_codegen.flight.arguments import numbers, real, vector
 from gibbs_codegen.flight.plant.actuators import (
@@ -531,7 +531,9 @@ def _freedom(
             continue
         if name not in vehicle.joint_names:
             known = ", ".join([f'"{ATTITUDE}"', *vehicle.joint_names])
-            raise UsageError(f"free: {vehicle.name} has no joint {name}; what may differ: {known}")
+            hint = near(name, [ATTITUDE, *vehicle.joint_names]) or ";"
+            words = f"has no joint {printable(name, 60)}{hint} what may differ: {known}"
+            raise UsageError(f"free: {vehicle.name} {words}")
         joint = joint_place(vehicle, name)
         low, high = actuators.joints[:, joint] - start[layout.q.joint_places[joint]]
         if not low <= 0.0 <= high:

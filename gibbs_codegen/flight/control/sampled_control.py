@@ -8,6 +8,7 @@ long. All commands are recorded, since whoever gave them may not be asked again.
 from __future__ import annotations
 
 import logging
+import math
 from collections import deque
 from collections.abc import Callable, Mapping
 from functools import cache
@@ -15,13 +16,13 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from gibbs_codegen.errors import UsageError, printable
+from gibbs_codegen.errors import UsageError, written
 from gibbs_codegen.flight.arguments import whole
 from gibbs_codegen.flight.control.laws import Controller, Gains
 from gibbs_codegen.flight.control.observation import Measured
 from gibbs_codegen.flight.control.observation import Observation as Observation
 from gibbs_codegen.flight.control.predictive import NoPlanError, predictive_law
-from gibbs_codegen.flight.plant.actuators import Actuators
+from gibbs_codegen.flight.plant.actuators import Actuators, command_limits
 from gibbs_codegen.flight.plant.allocation import Allocation
 from gibbs_codegen.flight.plant.sensors import Readings, SensorSuite
 from gibbs_codegen.flight.plant.vehicle import Array, Vehicle
@@ -34,8 +35,9 @@ from gibbs_codegen.machine.laws import turns_servos
 _SAME = 1e-6
 # Samples a second where a law has to be sampled and nobody says how often.
 DEFAULT_RATE = 1000.0
-# What nobody means who commands throttles.
-_MOST_THROTTLE = 2.0
+# By units, commands that nobody means who commands throttles, or servos; they are also so many
+# times beyond their limits.
+_LEAST_WILD, _BEYOND = {"1": 2.0, "rad": math.pi}, 2.0
 # Of a controller, Hz.
 _LOWEST_RATE = 0.1
 
@@ -70,8 +72,8 @@ class ZeroOrderHold:
         self.delay, self.rate = delay, rate
         # Time, s, by which instants may differ that count as the same.
         self.same = _SAME * min(1e-3, 1.0 / rate if rate else 1.0)
-        # Units of commands, none once one was found to be in others.
-        self._units: tuple[str, ...] = getattr(law.vehicle.module, "COMMAND_UNITS", ())
+        # Sizes (nu) of commands that are in another unit, infinite once one was found.
+        self._wild: Array = _wild_commands(law.vehicle)
         # The inputs (nu) that act.
         self.inputs: Array = np.zeros(len(law.vehicle.inputs))
         self._pending: deque[tuple[float, Array]] = deque()
@@ -94,7 +96,7 @@ class ZeroOrderHold:
         try:
             numbers = np.asarray(command, dtype=np.float64)
         except (TypeError, ValueError):
-            found = printable(repr(command), 60)
+            found = written(command)
         if not found and numbers.shape != (len(names),):
             found = f"an array of shape {numbers.shape}"
         if found:
@@ -106,15 +108,19 @@ class ZeroOrderHold:
         return f"{numbers[wrong]} for {names[wrong]}"
 
     def command(self, time: float, inputs: Array) -> None:
-        """Give a command u (nu), which takes effect later by the delay; log what is no throttle."""
-        throttles = np.array(self._units[: self.vehicle.rotors]) == "1"
-        if np.any(wild := np.abs(inputs[: len(throttles)]) > _MOST_THROTTLE, where=throttles):
-            k, self._units = int(np.argmax(wild & throttles)), ()
-            _log.warning(
-                "%s: commands of rotors are throttles from 0 to 1; at t = %.6g s %g came for %s: "
-                "command_of of the module makes commands of thrusts in N",
-                *(self.vehicle.name, time, inputs[k], self.vehicle.commands[k]),
-            )
+        """Give a command u (nu), which takes effect later by the delay; log a wrong unit of it."""
+        if np.any(wild := np.abs(inputs) > self._wild):
+            k, module = int(np.argmax(wild)), self.vehicle.module
+            self._wild = np.full(len(inputs), np.inf)
+            name = self.vehicle.commands[k]
+            words = "a throttle from 0 to 1; is it in percent, or a thrust in N? command_of makes"
+            words += " commands of thrusts"
+            if module.COMMAND_UNITS[k] == "rad":
+                low, high = module.COMMAND_LIMITS[name]
+                words = f"a position in rad, far beyond its range of {low:.4g} to {high:.4g}; is "
+                words += "it in degrees?"
+            told = self.vehicle.name, time, name, inputs[k], words
+            _log.warning("%s: at t = %.6g s %s is commanded %g, %s", *told)
         self._pending.append((time + self.delay, np.array(inputs, dtype=np.float64)))
         if not self._times:
             self._act(-np.inf, self._pending[0][1])
@@ -174,6 +180,14 @@ class ZeroOrderHold:
         """
         places = np.searchsorted(self._times, np.asarray(time) + self.same, side="right") - 1
         return np.array(self._commands or [self.inputs])[places], memory
+
+
+def _wild_commands(vehicle: Vehicle) -> Array:
+    """Sizes (nu) beyond which commands are not meant in their unit, infinite where none is."""
+    if not vehicle.is_driven:
+        return np.full(len(vehicle.commands), np.inf)
+    least = [_LEAST_WILD.get(unit, np.inf) for unit in vehicle.module.COMMAND_UNITS]
+    return np.maximum(least, _BEYOND * np.abs(command_limits(vehicle.module)).max(axis=0))
 
 
 class Sensing:
@@ -389,7 +403,7 @@ def law_in_time(
             raise UsageError(f"controller: {name} is a class: give an instance, such as {name}()")
         if not callable(controller):
             raise UsageError(
-                f"controller: {printable(repr(controller), 60)} cannot be called; give a function "
+                f"controller: {written(controller)} cannot be called; give a function "
                 "or an object that takes an Observation and returns inputs"
             )
         rate = _number(controller, "rate", rate, least=_LOWEST_RATE)
@@ -417,6 +431,6 @@ def _number(
         unit = {"rate": "Hz", "delay": "s"}[name]
         raise UsageError(
             f"controller: its {name} must be a number of {least:g} {unit} or more, not "
-            f"{printable(repr(found), 60)}"
+            f"{written(found)}"
         )
     return float(found)

@@ -23,7 +23,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.optimize import lsq_linear
-from scipy.stats import qmc
 
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.flight.desired.base_trajectory import (
@@ -39,6 +38,7 @@ from gibbs_codegen.flight.desired.base_trajectory import (
 from gibbs_codegen.flight.plant.vehicle import Array, Flags, RobotData, Vehicle
 from gibbs_codegen.flight.reference import Motion
 from gibbs_codegen.flight.scenario.paths import Path
+from gibbs_codegen.flight.vectors import halton
 
 # Lower and upper limits of the joints (n), rad or m; infinite where there are none.
 JointBounds = tuple[Array, Array]
@@ -139,7 +139,7 @@ def first_posture(
     high = np.where(np.isfinite(limits[1]), limits[1], np.pi)
     endless = np.isinf(limits[0]) & np.isinf(limits[1]) & vehicle.is_angle[vehicle.arm]
     postures = []
-    for share in qmc.Halton(vehicle.joints, scramble=False).random(_GUESSES):
+    for share in halton(_GUESSES, vehicle.joints):
         start = q.copy()
         start[vehicle.arm] = low + share * (high - low)
         found, distance = reach(vehicle, start, target, limits)

@@ -10,7 +10,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import qmc
 
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.flight.desired.base_trajectory import bounded_path
@@ -19,7 +18,7 @@ from gibbs_codegen.flight.plant.vehicle import Array, Vehicle
 from gibbs_codegen.flight.reference import Motion
 from gibbs_codegen.flight.scenario.orientation import Derivatives
 from gibbs_codegen.flight.scenario.paths import ORDERS, Path
-from gibbs_codegen.flight.vectors import Indices
+from gibbs_codegen.flight.vectors import Indices, halton
 
 # Half the range of a joint without limits, rad or m: it is next to the number itself.
 _ENDLESS = 1e6
@@ -102,7 +101,7 @@ def led_frames(
             )
     joints = np.flatnonzero(np.any(moves, axis=0) & (half > 0.0))
     middle, half, reach = middle[joints], half[joints], reach[joints]
-    postures = middle + reach * (2.0 * qmc.Halton(len(joints), scramble=False).random(_GUESSES) - 1)
+    postures = middle + reach * (2.0 * halton(_GUESSES, len(joints)) - 1)
     if guess is not None:
         postures = guess[np.newaxis, joints]
     share = np.clip((postures - middle) / half, -_INSIDE, _INSIDE)

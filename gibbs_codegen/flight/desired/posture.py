@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
-from scipy.stats import qmc
 
 from gibbs_codegen.flight.desired.inverse_kinematics import JointBounds
 from gibbs_codegen.flight.plant.actuators import joint_place
@@ -14,6 +13,7 @@ from gibbs_codegen.flight.plant.vehicle import Array, Flags, Vehicle
 from gibbs_codegen.flight.reference import Motion
 from gibbs_codegen.flight.scenario.parts import Move
 from gibbs_codegen.flight.scenario.paths import Line
+from gibbs_codegen.flight.vectors import halton
 
 # Postures that the search starts from, besides the first.
 _STARTS = 7
@@ -94,7 +94,7 @@ def rest_posture(vehicle: Vehicle, limits: JointBounds) -> Array:
         return vehicle.inverse_dynamics(q, still, still)[..., rates]
 
     # The first start is away from 0 and from symmetry, where the gradient may vanish at a maximum.
-    shares = qmc.Halton(len(places), scramble=False).random(_STARTS)
+    shares = halton(_STARTS, len(places))
     ends = np.clip(-np.pi, low, high), np.clip(np.pi, low, high)
     starts = [-0.3 - 0.1 * np.arange(len(places)), *(ends[0] + shares * (ends[1] - ends[0]))]
     found = _energy_minima(energy, gradient, np.clip(starts, low, high), low, high)

@@ -17,6 +17,7 @@ import itertools
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
+from decimal import ROUND_FLOOR, Context
 
 import numpy as np
 
@@ -45,6 +46,10 @@ _OTHER_CONTROL = {
 
 # What the reason says of a state in which an entry is infinite, or no number.
 NOT_FINITE = "the state is no longer finite"
+# Steps that are proposed keep what was asked for once they are rounded.
+_DOWN = Context(prec=2, rounding=ROUND_FLOOR)
+# Rates that are differences are off by a smaller share.
+_ROUNDED = 1.0 + 1e-6
 # Instants of the desired motion at which masses that walls feel are looked at.
 _INSTANTS = 33
 
@@ -218,14 +223,15 @@ class Mode:
         z, longest = size * self.eigenvalue, self.longest_step
         if method == "euler":
             longest = self._longest_of_euler
-            grows = size > longest
+            grows = size > longest * _ROUNDED
         else:
             grows = not abs(1.0 + z + z**2 / 2.0 + z**3 / 6.0 + z**4 / 24.0) <= 1.0 + 1e-9
         if not grows:
             return ""
+        most = _DOWN.create_decimal(longest * _ROUNDED)
         return (
             f"in steps of {size:.3g} s {method} makes errors grow, because of {self.cause}; use "
-            f"steps of at most {longest:.2g} s, or {self.remedy}"
+            f"steps of at most {float(most):g} s, or {self.remedy}"
         )
 
     @property

@@ -11,8 +11,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from gibbs_codegen.errors import UsageError, cause_of, printable
-from gibbs_codegen.runtime.load import require
+from gibbs_codegen.errors import UsageError, cause_of, printable, require
 
 _log = logging.getLogger("gibbs_codegen")
 # What ROS itself does not define: https://github.com/rudislabs/actuator_msgs.

@@ -9,7 +9,7 @@ from types import ModuleType
 
 import numpy as np
 
-from gibbs_codegen.errors import UsageError, cause_of, printable
+from gibbs_codegen.errors import UsageError, cause_of, near, printable, written
 from gibbs_codegen.files.staging import put_in_place, staging_folder, writing
 from gibbs_codegen.flight.arguments import numbers
 from gibbs_codegen.flight.logs.px4 import is_px4, read_px4, write_tables
@@ -88,12 +88,14 @@ def read_log(
     roles = _OF_PX4 if is_px4(path) else _OF_BAGS
     known = {*roles, *vehicle.joint_names, *vehicle.inputs}
     if unknown := sorted(names.keys() - known):
-        raise UsageError(f"names: {printable(unknown[0])}: is none of {', '.join(sorted(known))}")
+        hint = near(unknown[0], known)
+        words = f"is none of {', '.join(sorted(known))}{hint}"
+        raise UsageError(f"names: {printable(unknown[0])}: {words}")
     for name, given in names.items():
         if not isinstance(given, str):
             called = "the name that the log has for it"
             if name not in vehicle.joint_names:
-                raise UsageError(f"names: {name}: must be {called}, not {printable(repr(given))}")
+                raise UsageError(f"names: {name}: must be {called}, not {written(given)}")
             numbers(f"names: {name}", given, f"{called}, or the number at which it stands", ())
     for name, frequency in (("rate", rate), ("cutoff", cutoff)):
         if frequency is not None and numbers(name, frequency, "a number of Hz", ()) <= 0.0:

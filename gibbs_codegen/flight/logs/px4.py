@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gibbs_codegen.errors import UsageError, printable
+from gibbs_codegen.errors import UsageError, printable, require
 from gibbs_codegen.flight.logs.motion import base_motion, imus, shares
 from gibbs_codegen.flight.logs.reading import NO_TIME, Recorded, Samples
 from gibbs_codegen.flight.plant.vehicle import Vehicle
@@ -31,7 +31,6 @@ from gibbs_codegen.robot.autopilot_axes import (
     turned_attitude,
     turned_over,
 )
-from gibbs_codegen.runtime.load import require
 
 # By topic its fields, and of these the values, a row per message.
 Topics = dict[str, dict[str, NDArray[Any]]]

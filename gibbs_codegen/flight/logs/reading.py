@@ -210,41 +210,46 @@ def known_attitudes(quaternions: Array) -> Array:
 
 def _cleaned(series: Mapping[Any, Samples], source: str) -> dict[Any, Samples]:
     """Samples that can be, of one run of the clock, in the order of time; others are logged."""
-    found = {}
+    found, left_out = dict[Any, Samples](), dict[tuple[str, int, int], list[str]]()
+
+    def kept(name: Any, each: Samples, right: Any, why: str) -> Samples:
+        """The samples that are right; others are counted under the words for why they are not."""
+        if count := len(right) - int(np.count_nonzero(right)):
+            left_out.setdefault((why, count, len(series[name].time)), []).append(_title(name))
+        return each.rows(right)
+
     for name, each in series.items():
+        each = kept(name, each, each.time != NO_TIME, "have no time")
         values = np.abs(each.values.reshape(len(each.time), -1))
-        most = _GREATEST[name if isinstance(name, str) else name[0]]
-        found[name] = each.rows((values <= most).all(axis=1) & (each.time != NO_TIME))
-    lost = {name: len(each.time) - len(found[name].time) for name, each in series.items()}
+        right = (values <= _GREATEST[name if isinstance(name, str) else name[0]]).all(axis=1)
+        found[name] = kept(name, each, right, "are no numbers or attitudes, or beyond what flies")
     runs = {name: _runs(each.time) for name, each in found.items()}
     if odd := [name for name, each in runs.items() if len(each) > 1]:
         lengths = [each.stop - each.start for each in runs["position"]]
         number, count = int(np.argmax(lengths)), len(lengths)
         if other := [name for name, each in runs.items() if len(each) != count]:
+            parts = len(runs[other[0]])
             raise UsageError(
-                f"{source}: clocks go back, or leap by more than an hour: of position "
-                f"{count - 1} times and of {_title(other[0])} {len(runs[other[0]]) - 1} "
-                "times, so that it is unknown what belongs together; cut the log there"
+                f"{source}: its clock goes back, or leaps ahead by more than an hour, which cuts "
+                f"position into {count} parts and {_title(other[0])} into {parts}, so that it is "
+                "unknown which belong together; cut the log there, and read its parts"
             )
         found = {name: each.rows(runs[name][number]) for name, each in found.items()}
         _log.warning(
-            "%s: the clock of %s goes back, or leaps by more than an hour; of %d runs number %d, "
-            "the longest, is read, with %d samples of position",
+            "%s: the clock of %s goes back, or leaps ahead by more than an hour; of the %d parts "
+            "between, only the longest is read, number %d, with %d samples of position",
             *(source, ", ".join(map(_title, odd)), count, number + 1, lengths[number]),
         )
-    left_out: dict[tuple[int, int], list[str]] = {}
     for name, each in found.items():
         latest = np.maximum.accumulate(each.time)
-        found[name] = each.rows(np.append(True, each.time[1:] > latest[:-1])[: len(latest)])
-        if missing := lost[name] + len(latest) - len(found[name].time):
-            left_out.setdefault((missing, len(series[name].time)), []).append(_title(name))
+        later = np.append(True, each.time[1:] > latest[:-1])[: len(latest)]
+        found[name] = kept(name, each, later, "are not later than one before")
     if left_out:
-        _log.warning(
-            "%s: %s are left out: without a time, number or attitude, beyond what flies, or not "
-            "later than a sample before",
-            source,
-            "; ".join(f"{n} of {m} samples of {', '.join(x)}" for (n, m), x in left_out.items()),
+        words = (
+            f"{count} of {whole} samples of {', '.join(names)}, which {why}"
+            for (why, count, whole), names in left_out.items()
         )
+        _log.warning("%s: left out: %s", source, "; ".join(words))
     return found
 
 

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from gibbs_codegen.errors import UsageError, printable
+from gibbs_codegen.errors import UsageError, printable, require
 from gibbs_codegen.flight.logs.bags import ACTUATORS, message_types, read_messages
 from gibbs_codegen.flight.logs.cdr import encoded, stamps, times_of
 from gibbs_codegen.flight.logs.motion import base_motion, imus, shares
@@ -23,7 +23,6 @@ from gibbs_codegen.flight.logs.reading import NO_TIME, Recorded, Samples, known_
 from gibbs_codegen.flight.plant.vehicle import Vehicle
 from gibbs_codegen.flight.record.flight import Flight
 from gibbs_codegen.flight.vectors import Array
-from gibbs_codegen.runtime.load import require
 
 WORLD, BASE = "world", "base"
 # By the unit of a command, the list of Actuators that it belongs to.

@@ -12,7 +12,7 @@ from types import ModuleType
 
 import numpy as np
 
-from gibbs_codegen.errors import UsageError
+from gibbs_codegen.errors import UsageError, near, printable
 from gibbs_codegen.flight.plant.vehicle import Array, Flags, RobotData, Vehicle
 from gibbs_codegen.flight.scenario.scenario import Scenario
 
@@ -173,7 +173,8 @@ def joint_place(vehicle: RobotData, name: str, table: str = "") -> int:
     if name not in vehicle.joint_names:
         known = ", ".join(vehicle.joint_names) or "none"
         where = f"{table}.{name}: {vehicle.name}" if table else f"{vehicle.name}:"
-        raise UsageError(f"{where} has no joint {name}; its joints: {known}")
+        hint = near(name, vehicle.joint_names) or ";"
+        raise UsageError(f"{where} has no joint {printable(name, 60)}{hint} its joints: {known}")
     return vehicle.joint_names.index(name)
 
 

@@ -24,7 +24,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gibbs_codegen.errors import UsageError, printable
+from gibbs_codegen.errors import UsageError, near, printable
 from gibbs_codegen.flight.plant.actuators import module_actuators
 from gibbs_codegen.flight.plant.vehicle import Array, Flags, RobotData, Vehicle
 from gibbs_codegen.flight.scenario.file import AnyScenario, read_scenario
@@ -91,14 +91,16 @@ def check_surroundings(vehicle: RobotData, scenario: Scenario) -> None:
         where = f"hold {place}"
         if hold.constraint not in known:
             names = f"its constraints: {', '.join(known)}" if known else "it has no [[constraint]]"
-            raise UsageError(
-                f"{where}: constraint: {vehicle.name} has no {printable(hold.constraint)}; {names}"
-            )
-        if any(each.begin < hold.end and hold.begin < each.end for each in scenario.payloads):
-            raise UsageError(
-                f"{where}: a payload is there while {hold.constraint} holds, which is not computed "
-                "together; give the payload another time, or its mass to a link by [plant]"
-            )
+            hint = near(hold.constraint, known) or ";"
+            words = f"{vehicle.name} has no {printable(hold.constraint)}{hint} {names}"
+            raise UsageError(f"{where}: constraint: {words}")
+        for number, each in enumerate(scenario.payloads, start=1):
+            if (first := max(each.begin, hold.begin)) < min(each.end, hold.end):
+                raise UsageError(
+                    f"{where}: at t = {first:g} s {hold.constraint} holds, and payload {number} is "
+                    "there too, which no flight can have together: end one before the other "
+                    "begins, or leave the payload out and add its mass to a link's in [plant]"
+                )
 
 
 @dataclass(frozen=True)

@@ -30,7 +30,7 @@ from gibbs_codegen.machine.base import Motion as DesiredNodes
 from gibbs_codegen.robot.layout import Layout
 
 # What coordinates must be for `unit_quaternions`.
-UNIT = "with a quaternion whose length is between 1e-154 and 1e154"
+UNIT = "with a quaternion of length 1 (any from 1e-154 to 1e154 is scaled to it), not of zeros"
 
 
 def unit_quaternions(module: ModuleType, layout: Layout, q: Any, xp: Any = np) -> tuple[Any, Any]:

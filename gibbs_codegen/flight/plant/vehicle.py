@@ -5,7 +5,6 @@ This is all that a flight knows of a robot.
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Callable, Mapping
 from functools import cached_property, lru_cache, partial
 from types import ModuleType
@@ -16,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from gibbs_codegen.arrays import Functions, Program, variable
 from gibbs_codegen.arrays.evaluation import Evaluator
-from gibbs_codegen.errors import UsageError, printable
+from gibbs_codegen.errors import UsageError, near, printable
 from gibbs_codegen.flight.plant.kinematics import kinematics_of
 from gibbs_codegen.flight.vectors import Array as Array
 from gibbs_codegen.flight.vectors import Flags as Flags
@@ -91,11 +90,10 @@ class RobotData:
     def frame_place(self, frame: str, key: str) -> int:
         """The place of a frame among those of the module; `UsageError` names the key without it."""
         if frame not in self.frames:
-            near = difflib.get_close_matches(frame, self.frames, n=1)
-            hint = f"did you mean {near[0]}? " if near else ""
+            hint = near(frame, self.frames) or ";"
             raise UsageError(
-                f"{key}: {self.name} has no frame {printable(frame)}; "
-                f"{hint}its frames: {', '.join(self.frames)}"
+                f"{key}: {self.name} has no frame {printable(frame)}{hint} its frames: "
+                f"{', '.join(self.frames)}"
             )
         return self.frames.index(frame)
 

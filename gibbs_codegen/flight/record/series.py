@@ -332,7 +332,11 @@ class Flight:
         errors = self.hold_errors[during][:, rows]
         until = f"to {end:.4g} s" if end <= self.time[-1] else "on"
         losses = self.impacts[self.impacts[:, 0] == begin, 1]
-        impact = "".join(f"{lost:.3g} J lost in the impact; " for lost in losses)
+        together = np.flatnonzero(self.hold_times[:, 0] == begin).tolist()
+        of = f" of holds {', '.join(str(j + 1) for j in together)}" if together[1:] else ""
+        impact = "".join(f"{lost:.3g} J lost in the impact{of}; " for lost in losses)
+        if losses.size and k != together[0]:
+            impact = f"the impact is that of hold {together[0] + 1}; "
         return (
             f"hold {k + 1}, {name}: from t = {begin:.4g} s {until}; {impact}"
             f"at most {forces[most]:.3g} N, at t = {self.time[during[most]]:.4g} s; "

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from gibbs_codegen.emitted.preparation import first_of
-from gibbs_codegen.errors import UsageError, printable
+from gibbs_codegen.errors import UsageError, printable, written
 from gibbs_codegen.flight.arguments import numpy_array
 from gibbs_codegen.flight.plant.actuators import command_limits
 from gibbs_codegen.flight.plant.kinematics import UNIT, unit_quaternions
@@ -138,7 +138,7 @@ class RolloutArguments:
     def parameters(self, parameters: Mapping[str, Any]) -> dict[str, Any]:
         """Parameters by name in arrays (1 or n), of numbers or arrays (n)."""
         if not isinstance(parameters, Mapping):
-            words = printable(repr(parameters), 60)
+            words = written(parameters)
             raise UsageError(f"parameters: must map names to numbers or arrays, not {words}")
         return {name: self.states(f"parameters: {name}", v) for name, v in parameters.items()}
 

@@ -13,7 +13,7 @@ from typing import Any, get_args
 
 import numpy as np
 
-from gibbs_codegen.errors import UsageError, printable
+from gibbs_codegen.errors import UsageError, printable, written
 from gibbs_codegen.flight.arguments import seconds, whole
 from gibbs_codegen.flight.integration.envelope import (
     hard_impacts,
@@ -24,7 +24,11 @@ from gibbs_codegen.flight.plant.actuators import commands_beyond
 from gibbs_codegen.flight.plant.vehicle import Vehicle
 from gibbs_codegen.flight.rollouts.arguments import Controller, RolloutArguments
 from gibbs_codegen.flight.rollouts.scenario_rollout import scenario_rollout
-from gibbs_codegen.flight.rollouts.surroundings import on_arrays, rollout_surroundings
+from gibbs_codegen.flight.rollouts.surroundings import (
+    on_arrays,
+    rollout_surroundings,
+    with_parameters,
+)
 from gibbs_codegen.flight.scenario.file import AnyScenario
 from gibbs_codegen.flight.scenario.scenario import Scenario
 from gibbs_codegen.flight.scenario.walls import Wall
@@ -176,7 +180,7 @@ def rollout(
         UsageError: An argument is not what it must be, or the module is of an older version.
     """
     if not isinstance(robot, ModuleType | str | os.PathLike):
-        words = printable(repr(robot), 60)
+        words = written(robot)
         raise UsageError(f"robot: must be a module, or the name or path of one, not {words}")
     module = robot if isinstance(robot, ModuleType) else load(robot, "c")
     count, backend = whole("steps", steps), getattr(module, "backend", None)
@@ -266,20 +270,35 @@ def rollout(
     elif motors is not None and thrusts is None:
         first = rollouts.Steps(problem, arguments.xp).commanded()[:, : arguments.rotors]
         problem = replace(problem, motors=replace(motors, thrusts=first))
-    if backend == "jax":
-        return jax_rollout.jax_rollout(problem, control if callable(control) else None)
     roll = functools.partial(array_rollout, threads=workers)
-    if callable(control):
+    if backend == "jax":
+        done = jax_rollout.jax_rollout(problem, control if callable(control) else None)
+    elif callable(control):
         done = callback_rollout(problem, control, arguments.commands, roll, tell)
     else:
         done = roll(problem, tell=tell)
-    if surrounded.around.contacts:
-        vehicle = Vehicle(module, {name: np.squeeze(x) for name, x in (parameters or {}).items()})
-        q, v = (np.swapaxes(np.asarray(x, np.float64), 0, 1) for x in (done.q, done.v))
-        touched = surrounded.walls
-        for words in hard_impacts(vehicle, touched, (q, v), done.time, float(dt), method):
-            warnings.warn(f"{module.NAME}: dt: {words}", RuntimeWarning, stacklevel=2)
+    for words in _hard_impacts(done, module, surrounded.walls, parameters or {}, float(dt), method):
+        warnings.warn(f"{module.NAME}: dt: {words}", RuntimeWarning, stacklevel=2)
     return done
+
+
+def _hard_impacts(
+    done: rollouts.Rollout,
+    module: ModuleType,
+    walls: Sequence[Wall],
+    parameters: Mapping[str, Any],
+    dt: float,
+    method: rollouts.Method,
+) -> list[str]:
+    """Sentences on impacts for which steps of `dt` s were too long; none of what JAX traces."""
+    if not walls:
+        return []
+    try:
+        vehicle = with_parameters(module, parameters)
+        q, v = (np.swapaxes(np.asarray(x, np.float64), 0, 1) for x in (done.q, done.v))
+        return list(hard_impacts(vehicle, walls, (q, v), np.asarray(done.time), dt, method))
+    except TypeError:  # It has no values.
+        return []
 
 
 def array_rollout(
@@ -338,7 +357,7 @@ def check_settings(steps: int, every: int, dt: float, method: str, precision: st
     ):
         if value not in known:
             words = ", ".join(known)
-            raise UsageError(f"{name}: {printable(repr(value), 60)} is unknown; known: {words}")
+            raise UsageError(f"{name}: {written(value)} is unknown; known: {words}")
 
 
 def warn_of_long_steps(

@@ -109,7 +109,7 @@ def rollout_surroundings(
                 raise UsageError(f"{name}: is in the place of that of `surroundings`; give these")
         if not walls:
             return RolloutSurroundings()
-    vehicle = Vehicle(on_arrays(module))
+    vehicle = with_parameters(module, {})
     given = surrounding(vehicle, scenario)
     if given is not None and given.hold:
         raise UsageError(
@@ -150,9 +150,7 @@ def _check_steps(
             vehicle.frame_place(frame, f"walls: wall {k}: frame")
     try:
         places = np.asarray(q, dtype=np.float64)
-        if parameters:
-            own = {name: np.squeeze(np.asarray(each)) for name, each in parameters.items()}
-            vehicle = Vehicle(vehicle.module, own)
+        vehicle = with_parameters(vehicle.module, parameters)
     except TypeError:  # What is traced by JAX has no values.
         places = vehicle.neutral[np.newaxis]
     modes = wall_modes(vehicle, walls, places) if walls else []
@@ -161,6 +159,12 @@ def _check_steps(
     for mode in sorted(modes, reverse=True):
         if words := mode.fault(dt, method):
             raise UsageError(f"dt: {words}")
+
+
+def with_parameters(module: ModuleType, parameters: Mapping[str, Any]) -> Vehicle:
+    """The robots, on NumPy's arrays, with parameters, numbers or arrays (n) that are known."""
+    own = {name: np.squeeze(np.asarray(each)) for name, each in parameters.items()}
+    return Vehicle(on_arrays(module), own)
 
 
 def on_arrays(module: ModuleType) -> ModuleType:

@@ -14,7 +14,7 @@ from typing import Any, SupportsIndex, cast
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from gibbs_codegen.errors import UsageError, printable
+from gibbs_codegen.errors import UsageError, printable, require
 from gibbs_codegen.flight.arguments import numbers, seconds, whole
 from gibbs_codegen.flight.plant.actuators import kept_commands, module_actuators
 from gibbs_codegen.flight.plant.vehicle import Flags, Vehicle
@@ -27,7 +27,7 @@ from gibbs_codegen.flight.rollouts.rollout import (
 from gibbs_codegen.flight.rollouts.surroundings import rollout_surroundings
 from gibbs_codegen.flight.scenario.file import AnyScenario
 from gibbs_codegen.flight.scenario.walls import Wall
-from gibbs_codegen.runtime.load import load, require
+from gibbs_codegen.runtime.load import load
 from gibbs_codegen.runtime.rollouts import RUNNING, Array, Method, Motors, Precision, Problem
 
 require("gymnasium", "VectorEnv")

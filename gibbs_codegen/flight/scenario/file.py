@@ -15,7 +15,7 @@ from typing import Annotated, Any, ClassVar
 
 from pydantic import AfterValidator
 
-from gibbs_codegen.errors import Fault, ScenarioFileError, UsageError, printable
+from gibbs_codegen.errors import Fault, ScenarioFileError, UsageError, written
 from gibbs_codegen.files.shipped import shipped_names, text_of
 from gibbs_codegen.files.table import (
     Bounds,
@@ -29,7 +29,7 @@ from gibbs_codegen.files.table import (
     optional,
     refusal,
 )
-from gibbs_codegen.files.toml import TOO_DEEP, checked, merged, nested
+from gibbs_codegen.files.toml import TOO_DEEP, checked
 from gibbs_codegen.flight.scenario import parts
 from gibbs_codegen.flight.scenario.numbers import JointName, Number, Positive
 from gibbs_codegen.flight.scenario.orientation import AnyAttitude, Level
@@ -74,7 +74,7 @@ def read_scenario(name_or_path: AnyScenario, changes: Mapping[str, Any] | None =
     if not isinstance(name_or_path, str | os.PathLike):
         raise UsageError(
             "scenario: must be a scenario without changes, the name or path of a file, or its "
-            f"tables in a dictionary, not {printable(repr(name_or_path), 60)}"
+            f"tables in a dictionary, not {written(name_or_path)}"
         )
     text, source = text_of(os.fspath(name_or_path), _FOLDER, ScenarioFileError)
     return parse_scenario(text, source, changes)
@@ -91,9 +91,8 @@ def parse_scenario(
     Raises `ScenarioFileError` with every fault found; `source` is the file's name in messages.
     """
     try:
-        changes = nested(changes or {})
-        changes = changes if tables is None else merged(nested(tables), changes)
-        return checked(text, source, ScenarioTable, ScenarioFileError, changes).scenario()
+        found = checked(text, source, ScenarioTable, ScenarioFileError, changes, tables)
+        return found.scenario()
     except RecursionError:
         raise ScenarioFileError(source, [Fault("", TOO_DEEP)]) from None
 

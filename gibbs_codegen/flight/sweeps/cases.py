@@ -23,7 +23,7 @@ from typing import Any, Literal, overload
 
 import numpy as np
 
-from gibbs_codegen.errors import UsageError, printable
+from gibbs_codegen.errors import UsageError, printable, written
 from gibbs_codegen.files.toml import plain_value
 from gibbs_codegen.flight.sweeps import sources
 from gibbs_codegen.flight.vectors import Array
@@ -199,7 +199,7 @@ def noise_seed(seed: int, sample: int) -> int:
 def _drawn(kind: Kind, first: float, second: float, right: bool, words: str) -> Varied:
     """A distribution; `UsageError` with what its numbers must be if these are not `right`."""
     numbers = (first, second)
-    call = f"{kind}({', '.join(printable(repr(n), 40) for n in numbers)})"
+    call = f"{kind}({', '.join(written(n, 40) for n in numbers)})"
     if not all(isinstance(n, float | int) and math.isfinite(n) for n in numbers):
         raise UsageError(f"{call}: two finite numbers are needed")
     if not right:

@@ -5,7 +5,6 @@ Functions go to other processes by cloudpickle, which takes lambdas and what a n
 
 from __future__ import annotations
 
-import difflib
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import fields
@@ -15,7 +14,7 @@ import cloudpickle
 import numpy as np
 from numpy.typing import NDArray
 
-from gibbs_codegen.errors import GibbsCodegenError, UsageError, printable
+from gibbs_codegen.errors import GibbsCodegenError, UsageError, near, printable
 from gibbs_codegen.flight.record.flight import Flight
 from gibbs_codegen.flight.record.series import NO_SERIES
 
@@ -69,8 +68,7 @@ def check(measures: Mapping[str, Measure], columns: Sequence[str]) -> None:
         named = {each.name for each in fields(Flight) if each.type == "Array"} - NO_SERIES
         known_series = sorted({*named, "errors", "centre_error", "tip_error", "energy_error"})
         if series not in known_series:
-            near = difflib.get_close_matches(series[:80], known_series, n=1)
-            hint = f"; did you mean {near[0]}?" if near else "."
+            hint = near(series, known_series) or "."
             there = ", ".join(known_series)
             raise UsageError(f"{words}: a flight has no such series{hint} There are {there}")
 

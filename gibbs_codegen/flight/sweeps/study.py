@@ -18,14 +18,13 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from gibbs_codegen.errors import UsageError, printable
+from gibbs_codegen.errors import UsageError, printable, require
 from gibbs_codegen.figures import FORMATS
 from gibbs_codegen.files.staging import staging_folder, writing
 from gibbs_codegen.flight.sweeps.cases import Case, Cases
 from gibbs_codegen.flight.sweeps.chunks import REASONS, Row
 from gibbs_codegen.flight.sweeps.sensitivity import Sensitivity, sensitivities
 from gibbs_codegen.flight.sweeps.sources import StrPath
-from gibbs_codegen.runtime.load import require
 
 _TABLE, _CSV, _CASES = "table.npy", "table.csv", "cases.json"
 # What `gibbs_codegen.flight.figures.study` leaves beside them.

@@ -13,9 +13,8 @@ from typing import Any
 
 import rich
 
-from gibbs_codegen.errors import UsageError
+from gibbs_codegen.errors import UsageError, require
 from gibbs_codegen.files.staging import staging_folder, writing
-from gibbs_codegen.runtime.load import require
 
 # How large a page may be, bytes: less than the 2 MB that are promised.
 _ROOM = 1_900_000

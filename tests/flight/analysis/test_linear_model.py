@@ -221,9 +221,13 @@ def test_a_period_is_above_zero(differentiated: Load, dt: float) -> None:
     ("place", "given", "words"),
     [
         (0, np.zeros(7), "q: its quaternion qx, qy, qz, qw must have the length 1, not 0"),
-        (1, np.full(6, np.nan), "v: must be 6 finite numbers; some are NaN"),
-        (1, np.zeros((3, 6)), r"v: must be 6 finite numbers, not an array of shape \(3, 6\)"),
-        (2, "four", "u: must be 4 finite numbers, not 'four'"),
+        (1, np.full(6, np.nan), r"v \(.*\): must be 6 finite numbers; some are NaN"),
+        (
+            1,
+            np.zeros((3, 6)),
+            r"v \(.*\): must be 6 finite numbers, not an array of shape \(3, 6\)",
+        ),
+        (2, "four", r"u \(F_front_left, .*\): must be 4 finite numbers, not 'four'"),
     ],
 )
 def test_a_state_that_is_none_is_refused(

@@ -192,7 +192,7 @@ def told_and_sent(machine: Machine, motors: list[float], steps: int = 3) -> tupl
     state.bind(("127.0.0.1", 9003))
     sticks.bind(("127.0.0.1", 9004))
     for each in wires:
-        each.settimeout(5.0)
+        each.settimeout(60.0)
     found: list[Any] = []
 
     def answer() -> None:
@@ -278,7 +278,7 @@ def test_a_firmware_that_dies_before_the_flight(fast: Load) -> None:
     def answer() -> None:
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as wire:
             wire.bind(("127.0.0.1", 9003))
-            wire.settimeout(5.0)
+            wire.settimeout(60.0)
             for _ in range(5):
                 wire.recv(4096)
                 wire.sendto(struct.pack("<4f", 0.0, 0.0, 0.0, 0.0), ("127.0.0.1", 9002))

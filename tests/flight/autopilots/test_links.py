@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import os
+import re
 import signal
 import socket
 import struct
@@ -175,7 +176,7 @@ def test_a_port_in_use(kind: type[ArduPilot | PX4]) -> None:
 
 
 def test_an_autopilot_that_falls_silent(fast: Load) -> None:
-    made, address = link(ArduPilot, 0.2)
+    made, address = link(ArduPilot, 2.0)
     found = machine(fast)
     with beside(lambda: fly_as_ardupilot(address, Pilot(PLACE), 10)):
         session = fly(found, made, 1.0, 0.0)
@@ -184,10 +185,12 @@ def test_an_autopilot_that_falls_silent(fast: Load) -> None:
 
 
 @pytest.mark.parametrize(
-    ("silent", "words"), [(False, "PX4 closed"), (True, "PX4 has been silent")]
+    ("silent", "words"),
+    # What it has not read when it goes is a broken connection to the system.
+    [(False, "PX4 closed|connection to PX4 broke"), (True, "PX4 has been silent")],
 )
 def test_px4_goes_or_falls_silent(silent: bool, words: str, fast: Load) -> None:
-    made, address = link(PX4, 0.3)
+    made, address = link(PX4, 0.3 if silent else 60.0)  # A busy machine is silent for a while.
 
     def come() -> None:
         fly_as_px4(address, Pilot(PLACE), 10, watch=stay if silent else lambda message: None)
@@ -199,7 +202,7 @@ def test_px4_goes_or_falls_silent(silent: bool, words: str, fast: Load) -> None:
     with beside(come):
         session = fly(machine(fast), made, 1.0, 0.0)
     assert session.failed
-    assert words in session.ended
+    assert re.search(words, session.ended)
 
 
 def test_packets_that_are_lost_repeated_foreign_or_garbage(fast: Load) -> None:
@@ -210,7 +213,7 @@ def test_packets_that_are_lost_repeated_foreign_or_garbage(fast: Load) -> None:
         own, other = (socket.socket(socket.AF_INET, socket.SOCK_DGRAM) for _ in range(2))
         times = []
         with own, other:
-            own.settimeout(5.0)
+            own.settimeout(60.0)
             for _ in range(2):  # Well formed, and first; but its number does not count on.
                 other.sendto(struct.pack("<HHI16H", 18458, 100, 7, *[1900] * 16), address)
             for number in (1, 2, 2, 5):

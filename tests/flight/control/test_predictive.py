@@ -184,7 +184,8 @@ def assert_slopes(controller: Predictive) -> None:
         np.testing.assert_allclose(found["gradient"][i], cost, rtol=2e-6, atol=1e-4)
 
 
-@pytest.mark.parametrize("kind", [pytest.param(controller_of, marks=pytest.mark.slow), every_kind])
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", [controller_of, every_kind])
 def test_a_plan_is_the_optimum_within_limits(kind: Any, either: ModuleType) -> None:
     """By the conditions of Karush, Kuhn and Tucker of the dense program, which NumPy assembles."""
     controller = kind(either)
@@ -355,14 +356,16 @@ def test_what_is_wrong_is_told(module: ModuleType) -> None:
     ):
         with pytest.raises(UsageError, match=words):
             controller_of(module, **changes)
+    rest: Any
     for rest in (Rest(np.zeros(3), np.zeros(2)), None):
         with pytest.raises(
             UsageError, match=r"hover\.q: must be \d+ finite numbers: hover is a state"
         ):
-            Predictive(module, rest)  # type: ignore[arg-type]
+            Predictive(module, rest)
+    robot: Any
     for robot in (pytest, None):
         with pytest.raises(UsageError, match="module must be a module, as load"):
-            Predictive(robot, Rest(np.zeros(3), np.zeros(2)))  # type: ignore[arg-type]
+            Predictive(robot, Rest(np.zeros(3), np.zeros(2)))
     controller = controller_of(module)
     q, v = controller.hover.q, np.zeros(len(module.VELOCITIES))
     wrong: Any
@@ -376,13 +379,15 @@ def test_what_is_wrong_is_told(module: ModuleType) -> None:
     ):
         with pytest.raises(UsageError, match=rf"predictive\.inputs: {name}: must be "):
             controller.inputs(*wrong)
+    nothing: Any = None
     with pytest.raises(UsageError, match="is called with an `Observation`, not NoneType"):
-        controller(None)  # type: ignore[arg-type]
+        controller(nothing)
     with pytest.raises(UsageError, match="folder must be a path, not None"):
-        controller.write_c(None)  # type: ignore[arg-type]
+        controller.write_c(nothing)
+    tolerance: Any
     for tolerance in (0.0, [0.1, -1.0], [[1.0]], "tight", None):
         with pytest.raises(UsageError, match="tolerances: joints"):
-            Tolerances(joints=tolerance)  # type: ignore[arg-type]
+            Tolerances(joints=tolerance)
     with pytest.warns(UserWarning, match="a step of 0.1 s is long"):
         controller_of(module, step=0.1)
     with pytest.raises(UsageError, match='backend="c"'):

@@ -34,16 +34,30 @@ TIGHT = {"relative_tolerance": 1e-12, "absolute_tolerance": 1e-13}
 FIXED = {"method": "rk4", "step": 5e-4}
 
 
-def test_newtons_for_throttles_are_told_once(caplog: pytest.LogCaptureFixture) -> None:
-    module = SimpleNamespace(COMMAND_UNITS=("1", "N", "rad"))
+@pytest.mark.parametrize(
+    ("wild", "words"),
+    [
+        ([4.5, 9.0, 3.0], "throttle_1 is commanded 4.5, a throttle from 0 to 1; is it in percent"),
+        ([0.5, 9.0, 45.0], "elbow_position is commanded 45, a position in rad, far beyond its"),
+    ],
+)
+def test_commands_in_another_unit_are_told_once(
+    wild: list[float], words: str, caplog: pytest.LogCaptureFixture
+) -> None:
     names = ("throttle_1", "F_2", "elbow_position")
-    vehicle = SimpleNamespace(name="mixed", module=module, rotors=2, commands=names, inputs=names)
-    law = SimpleNamespace(vehicle=vehicle, reference=None, allocation=None, gains=None)
-    hold = ZeroOrderHold(law, "own")  # type: ignore[arg-type]
-    for inputs in ([0.5, 9.0, 3.0], [4.5, 9.0, 3.0], [5.0, 9.0, 3.0]):
+    limits = {"throttle_1": (0.0, 1.0), "elbow_position": (-1.5, 1.6)}
+    module = SimpleNamespace(
+        NAME="mixed", COMMANDS=names, COMMAND_UNITS=("1", "N", "rad"), COMMAND_LIMITS=limits
+    )
+    vehicle = SimpleNamespace(
+        name="mixed", module=module, is_driven=True, commands=names, inputs=names
+    )
+    law: Any = SimpleNamespace(vehicle=vehicle, reference=None, allocation=None, gains=None)
+    hold = ZeroOrderHold(law, "own")
+    for inputs in ([0.5, 9.0, 3.0], wild, wild):
         hold.command(0.5, np.array(inputs))
     (told,) = caplog.messages
-    assert "throttles from 0 to 1; at t = 0.5 s 4.5 came for throttle_1" in told
+    assert f"mixed: at t = 0.5 s {words}" in told
 
 
 def hover(duration: float, **changes: Any) -> Scenario:

@@ -102,7 +102,7 @@ def test_the_paper_s_motion_takes_no_more_knots_and_little_time(hexa: Vehicle) -
         (ArmTask(posture={"theta_3": 0.0}), "arm.posture.theta_3: .* has no joint theta_3"),
         (
             ArmTask(posture={"theta_3": 0.0}, named=frozenset({("theta_3", "posture_deg")})),
-            "arm.posture_deg.theta_3: hexarotor_3link has no joint theta_3; its joints: theta_7",
+            "arm.posture_deg.theta_3: hexarotor_3link has no joint theta_3; .* its joints: theta_7",
         ),
         (
             ArmTask(posture={"theta_7": 0.0}, named=frozenset({("theta_7", "posture")})),

@@ -18,7 +18,7 @@ from gibbs_codegen.flight.desired.trajectory import desired_motion
 from gibbs_codegen.flight.integration import compiled_loop
 from gibbs_codegen.flight.integration.closed_loop import ClosedLoop
 from gibbs_codegen.flight.integration.compiled_loop import CompiledSlope
-from gibbs_codegen.flight.integration.envelope import Envelope
+from gibbs_codegen.flight.integration.envelope import Envelope, Mode
 from gibbs_codegen.flight.integration.integrators import integrate
 from gibbs_codegen.flight.integration.state_history import Loads
 from gibbs_codegen.flight.plant.actuators import Actuators
@@ -262,8 +262,15 @@ def test_a_lost_flight_ends_with_its_reason(
             for integration in ({"method": "rk4"}, ADAPTIVE)
         ),
         ("hexarotor_3link", {"start": {"offset": [5, -5, 3], "turn_deg": [60, 20, 90]}}),
-        ("octorotor_7link", {"motors": {"time_constant": 0.05}, "start": {"offset": [1, 0, 0]}}),
-        ("octorotor_7link", {"motors": {"limits": [-20, 25]}, "start": {"offset": [0.5, 0, 0]}}),
+        *(
+            pytest.param(
+                "octorotor_7link", {"motors": motors, "start": start}, marks=pytest.mark.slow
+            )
+            for motors, start in (
+                ({"time_constant": 0.05}, {"offset": [1, 0, 0]}),
+                ({"limits": [-20, 25]}, {"offset": [0.5, 0, 0]}),
+            )
+        ),
         ("hexarotor_3link", {"tip_force": {"force": [60, -40, 50], "begin": 0.2, "end": 0.5}}),
         ("hexarotor", {"control": {"frequency": 40}, "start": {"offset": [9, 9, 9]}}),
         ("hexarotor", {"control": {"frequency": 0.01}, "start": {"offset": [9, 9, 9]}}),
@@ -572,3 +579,14 @@ def test_limits_and_lag_are_named_where_no_step_is_small_enough(
     assert "saturated inputs: F_" in flight.stopped
     assert "the motors' time constant is 0.5 s" in flight.stopped
     assert flight.time[-1] == pytest.approx(0.505, abs=1e-6)
+
+
+@pytest.mark.parametrize("method", ["rk4", "euler"])
+def test_steps_that_are_proposed_are_taken(method: str) -> None:
+    rng = np.random.default_rng(4)
+    for rate, turn in rng.uniform((0.0, 1.7), (6.0, np.pi), (200, 2)):
+        root = 10.0**rate * complex(np.cos(turn), np.sin(turn))
+        for mode in (Mode(abs(root), "lag", "", root), Mode(abs(root), "lag", "", root.real + 0j)):
+            words = mode.fault(100.0 / abs(root), method)
+            step = float(words.split("steps of at most ")[1].split(" s")[0])
+            assert mode.fault(step, method) == ""

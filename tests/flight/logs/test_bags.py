@@ -6,6 +6,7 @@ import random
 import shutil
 import sqlite3
 from collections.abc import Callable, Iterable
+from functools import cache
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -25,7 +26,6 @@ from gibbs_codegen.errors import UsageError
 from gibbs_codegen.flight.logs.bags import message_types
 
 Modules = Callable[[str], ModuleType]
-STORES = {name: get_typestore(Stores[name]) for name in ("ROS1_NOETIC", "ROS2_JAZZY")}
 TIMES = 10.0 + 0.05 * np.arange(41)
 ODOMETRY, TRANSFORM = "nav_msgs/msg/Odometry", "geometry_msgs/msg/TransformStamped"
 POSE, COVARIANCE = "geometry_msgs/msg/PoseStamped", "geometry_msgs/msg/PoseWithCovarianceStamped"
@@ -33,13 +33,19 @@ IMU = "sensor_msgs/msg/Imu"
 MCAP, SQLITE, FIRST = ".mcap", ".db3", ".bag"
 
 
+@cache
+def types_of(store: str) -> Any:
+    """The types of messages of ROS1_NOETIC or ROS2_JAZZY."""
+    return get_typestore(Stores[store])
+
+
 def message(store: str, kind: str, stamp: float, shift: float = 0.0, turn: Any = None) -> Any:
     """A message of a time, s, with all that it has of the circle, `shift` m further on."""
-    make = STORES[store].types
+    make = types_of(store).types
 
     def made(kind: str) -> Any:
         values = {}
-        fields: Any = STORES[store].fielddefs[kind][1]
+        fields: Any = types_of(store).fielddefs[kind][1]
         for name, (node, detail) in fields:
             if node == Nodetype.NAME:
                 values[name] = made(detail)
@@ -64,7 +70,7 @@ def written(
 ) -> Path:
     """A bag of messages, by arguments of these after when each was logged, s."""
     store = "ROS1_NOETIC" if suffix == FIRST else "ROS2_JAZZY"
-    types = STORES[store]
+    types = types_of(store)
     folder.mkdir(exist_ok=True)
     path = folder / f"log{suffix if suffix == FIRST else ''}"
     options: dict[str, Any] = {"version": 8, "storage_plugin": StoragePlugin.MCAP}
@@ -147,7 +153,7 @@ def test_of_a_clock_that_goes_back_one_run_is_read(
     flight = gibbs_codegen.read_log(quadrotor, path)
     assert len(flight.time) == 40
     assert off_circle(flight) < 1e-9
-    assert "goes back, or leaps by more than an hour; of 2 runs number 1" in caplog.text
+    assert "goes back, or leaps ahead by more than an hour; of the 2 parts between" in caplog.text
 
 
 def tables(folder: Path, times: Iterable[Any] = range(0, 2_050_000, 50_000)) -> Path:
@@ -187,16 +193,19 @@ def test_tables_with_text_and_other_delimiters(
     table.write_text("".join([*lines[:-1], lines[-1][:20], "\n\n"]), encoding="utf-8")
     flight = gibbs_codegen.read_log(quadrotor, folder)
     assert off_circle(flight) < 1e-4  # Where the attitude alone is known a spline goes across.
-    assert "3: 9 of 41 samples of position are left out" in caplog.text
+    assert (
+        "8 of 41 samples of position, which are no numbers or attitudes, or beyond what flies"
+        in caplog.text
+    )
     gone = tables(
         tmp_path / "back", [*range(0, 2_000_000, 50_000), *range(1025000, 2000000, 50000)]
     )
     assert len(gibbs_codegen.read_log(quadrotor, gone).time) == 40
-    assert "of 2 runs number 1, the longest, is read, with 40 samples of position" in caplog.text
+    assert "only the longest is read, number 1, with 40 samples of position" in caplog.text
     attitude = gone / "log_vehicle_attitude_0.csv"
     attitude.write_text("".join(attitude.read_text().splitlines(keepends=True)[:41]))
     with pytest.raises(
-        UsageError, match=r"clocks go back, .* position 1 times .* attitude 0 times"
+        UsageError, match=r"clock goes back, .* cuts position into 2 parts and attitude into 1,"
     ):
         gibbs_codegen.read_log(quadrotor, gone)
 

@@ -70,12 +70,14 @@ on = "link3"
 
 
 @pytest.fixture(scope="module")
-def folders(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+def folders(shipped: Load, tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     """Folders of the modules of a robot with some limits, and of one that ships with all."""
     folder = tmp_path_factory.mktemp("limits")
     (folder / "mixed.toml").write_text(ROBOT, encoding="utf-8")
-    robots = {"mixed": folder / "mixed.toml", "hextilt": "hextilt_flying_arm_5"}
-    return {name: generate(file, folder, verify=False) for name, file in robots.items()}
+    return {
+        "mixed": generate(folder / "mixed.toml", folder, verify=False),
+        "hextilt": Path(str(shipped("hextilt_flying_arm_5").__file__)).parent,
+    }
 
 
 def hover(**changes: Any) -> Scenario:

@@ -101,6 +101,10 @@ def test_a_machine_perches_where_it_is_and_takes_off(
     assert np.abs(flight.energy_error).max() < 1e-9
     (words,) = flight.hold_summaries
     assert words.startswith(f"hold 1, grip: from t = 1.9 s to 4 s; {lost:.3g} J lost in the impact")
+    times = np.repeat(flight.hold_times, 2, axis=0)
+    first, second = replace(flight, held=("grip", "grip"), hold_times=times).hold_summaries
+    assert f"{lost:.3g} J lost in the impact of holds 1, 2;" in first
+    assert "s; the impact is that of hold 1; at most" in second
     forces = np.linalg.norm(flight.hold_forces[:, :3], axis=1)
     most = int(forces.argmax())
     assert f"at most {forces[most]:.3g} N, at t = {flight.time[most]:.4g} s; drifts by" in words
@@ -290,10 +294,12 @@ def test_what_cannot_hold_is_refused(percher: ModuleType, monkeypatch: pytest.Mo
     ground, start = Plane("claw", (0, 0, 0), (0, 0, 1), 1e3), StartOffset(settled=True)
     with pytest.raises(UsageError, match=r"start\.settled: a constraint holds the robot from the"):
         simulate(percher, hovering(holds=(Hold("grip"),), walls=(ground,), start=start))
-    with pytest.raises(UsageError, match="hold 1: constraint: percher has no gripp; its"):
+    with pytest.raises(
+        UsageError, match="hold 1: constraint: percher has no gripp; did you mean grip\\? its"
+    ):
         simulate(percher, hovering(holds=other))
     heavy = hovering(payloads=(Payload("claw", 0.1, 3.0, 5.0),))
-    with pytest.raises(UsageError, match="hold 1: a payload is there while grip holds"):
+    with pytest.raises(UsageError, match="hold 1: at t = 3 s grip holds, and payload 1 is there"):
         simulate(percher, heavy)
     lacking = module_of("percher", "numpy")
     monkeypatch.delattr(lacking, "impact")

@@ -126,8 +126,10 @@ def test_a_hundred_steps_are_those_of_the_module(module: ModuleType, method: Met
             np.testing.assert_allclose(found.v[state, number + 1], v, rtol=1e-11, atol=1e-11)
 
 
-@pytest.mark.parametrize("precision", ["double", "single"])
-@pytest.mark.parametrize("parts", [(), *((part,) for part in PARTS), tuple(PARTS)])
+@pytest.mark.parametrize("precision", ["double", pytest.param("single", marks=pytest.mark.slow)])
+@pytest.mark.parametrize(
+    "parts", [(), tuple(PARTS), *(pytest.param((part,), marks=pytest.mark.slow) for part in PARTS)]
+)
 def test_all_parts_are_as_in_numpy(
     parts: tuple[str, ...], precision: Precision, module: ModuleType
 ) -> None:

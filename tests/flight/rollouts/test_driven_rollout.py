@@ -23,7 +23,7 @@ LIGHT = 1e-3
 ACTUATED, AT_ONCE = "with every actuator", "whose actuators have no states"
 
 
-@pytest.fixture(scope="module", params=[ACTUATED, AT_ONCE])
+@pytest.fixture(scope="module", params=[ACTUATED, pytest.param(AT_ONCE, marks=pytest.mark.slow)])
 def emitted(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Emitted:
     robot = actuated() if request.param == ACTUATED else at_once()
     return emit(robot, tmp_path_factory.mktemp("driven") / robot.name)

@@ -66,9 +66,7 @@ def test_a_quaternion_is_normalised_at_the_begin(module: ModuleType) -> None:
     if module.ATTITUDE == "quaternion":
         for factor in (0.0, 1e200):
             settings["q0"][1, 3:7] *= factor
-            with pytest.raises(
-                UsageError, match=r"q0: value 1 of .* length is between 1e-154 and 1e154"
-            ):
+            with pytest.raises(UsageError, match=r"q0: value 1 of .* a quaternion of length 1 "):
                 rollout(module, **settings)
             settings["q0"][1, 3:7] = 1.0
 

@@ -792,7 +792,7 @@ def test_what_is_not_there_cannot_be_taken_away(entry: str) -> None:
     with pytest.raises(ScenarioFileError) as refusal:
         read_scenario("hover", changes_of([f"{entry}="]))
     assert str(refusal.value) == (
-        f"hover.toml: {entry}: an empty value (None in Python) removes an entry, but the file has "
+        f"hover.toml: {entry}: an empty value (None in Python) removes an entry, but there is "
         "no such entry"
     )
 
@@ -814,10 +814,19 @@ def test_a_robot_file_is_told_from_a_scenario() -> None:
 
 def test_what_was_changed_is_not_looked_for_in_the_file() -> None:
     with pytest.raises(ScenarioFileError) as refused:
-        read_scenario("hover", {"duration": -3, "start": {"ofset": [1, 2, 3]}})
+        read_scenario("hover", {"duration": -0.1 - 0.2, "start": {"ofset": [1, 2, 3]}})
     assert [fault.text("hover.toml") for fault in refused.value.faults] == [
-        "hover.toml: duration: must be from 0.001 to 3600 s, not -3 (changed: not as in the file)",
-        "hover.toml: start.ofset: unknown key; did you mean offset? (changed: not as in the file)",
+        "hover.toml: duration: must be from 0.001 to 3600 s, not -0.3 (given by a change)",
+        "hover.toml: start.ofset: unknown key; did you mean offset? (given by a change)",
+    ]
+    # Tables of Python are no file, from which anything was changed.
+    tables = {"name": "mine", "duration": -1, "description": None, "base": {"path.kind": "hold"}}
+    with pytest.raises(ScenarioFileError) as refused:
+        read_scenario(tables, {"control.frequency": 0})
+    assert str(refused.value).splitlines() == [
+        "scenario: duration: must be from 0.001 to 3600 s, not -1",
+        "scenario: base.'path.kind': unknown key; did you mean path?",
+        "scenario: control.frequency: must be from 1e-09 to 10000, not 0 (given by a change)",
     ]
 
 

@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from pyarrow import parquet
 from support.synthetic_study import EFFORT, LAG, MASS, TIP, synthetic_study
 
 from gibbs_codegen.cli.app import argument_parser
@@ -146,7 +145,10 @@ def test_what_is_no_study_is_refused(study: Study, tmp_path: Path) -> None:
         replace(study, folder=tmp_path / "file").save()
 
 
+@pytest.mark.slow  # pyarrow is in the extra `ci`.
 def test_parquet_has_the_table(study: Study, tmp_path: Path) -> None:
+    from pyarrow import parquet
+
     study.to_parquet(tmp_path / "table.parquet")
     back = parquet.read_table(tmp_path / "table.parquet").to_pydict()
     assert tuple(back) == study.table.dtype.names

@@ -9,14 +9,17 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from types import ModuleType
+from typing import TYPE_CHECKING
 
 import pytest
-from playwright.sync_api import Locator, expect
 from support.browser import Visit, visit
 from support.pixels import moved_from, still
 from support.synthetic_flight import synthetic_flight
 
 from gibbs_codegen.flight.viewer.view import Viewed, viewing
+
+if TYPE_CHECKING:
+    from playwright.sync_api import Locator
 
 Shipped = Callable[[str], ModuleType]
 
@@ -56,6 +59,8 @@ def box(seen: Visit, label: str) -> Locator:
 
 @pytest.mark.slow
 def test_a_slider_moves_the_robot_and_lights_what_changed(shipped: Shipped) -> None:
+    from playwright.sync_api import expect
+
     with shown(shipped("hexarotor_3link")) as seen:
         page = seen.page
         expect(page.get_by_text("The inputs hold the robot still.")).to_be_visible(timeout=60_000)
@@ -80,7 +85,7 @@ def test_a_flight_goes_to_the_time_that_is_asked_for(shipped: Shipped, tmp_path:
     flight.write_npz(tmp_path / "flight.npz")
     with shown(tmp_path) as seen:
         page = seen.page
-        expect(page.get_by_text("hexarotor_3link, synthetic")).to_be_visible(timeout=60_000)
+        page.get_by_text("hexarotor_3link, synthetic").wait_for(timeout=60_000)
         page.get_by_role("checkbox").first.uncheck()
         picture = still(page)
         for moment in ("3", "5"):
