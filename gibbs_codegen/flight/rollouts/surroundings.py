@@ -106,7 +106,7 @@ def rollout_surroundings(
     if scenario is None:
         for name, value in zip(("wind", "payloads"), figures, strict=True):
             if value is not None:
-                raise UsageError(f"{name}: is in the place of that of `surroundings`; give these")
+                raise UsageError(f"{name}: replaces that of `surroundings`; give these too")
         if not walls:
             return RolloutSurroundings()
     vehicle = with_parameters(module, {})

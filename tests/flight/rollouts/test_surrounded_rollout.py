@@ -107,7 +107,7 @@ def test_episodes_of_two_winds_are_rollouts(folder: str) -> None:
 
 
 WRONG = {
-    "wind: takes the place of that of `surroundings`; give these too": {
+    "wind: replaces that of `surroundings`; give these too": {
         "surroundings": None,
         "wind": [1, 0, 0],
     },
