@@ -35,9 +35,13 @@ EMISSION = (
     *_in("targets.matlab", "target statements"),
     *_in("targets.numpy", "target statements"),
     *_in("runtime", "kernels casadi_backend jax_backend"),
-    "arrays.rules",
     "emitted.evaluation",
     "emitted.preparation",
+)
+ARRAYS = tuple(
+    f"arrays.{path.stem}"
+    for path in sorted((PACKAGE / "arrays").glob("*.py"))
+    if path.stem != "__init__"
 )
 # The other templates are declarations and text, and so are the other files of `emitted`.
 TEMPLATES = (
@@ -100,6 +104,7 @@ NAMED = {
     "derivation": DERIVATION,
     "combine": COMBINE,
     "emission": EMISSION,
+    "arrays": ARRAYS,
     "templates": TEMPLATES,
     "matlab": MATLAB,
     "native": tuple(NATIVE),
@@ -184,6 +189,11 @@ _QUICK_LOOPS = (
     "tests/program/test_loops.py",
     "tests/program/test_worked_examples.py",
 )
+_REST_OF_ARRAYS = (
+    *("tests/targets/test_laws.py", "tests/targets/test_fmu.py", "tests/emitted/test_engine.py"),
+    *("tests/flight/integration", "tests/flight/rollouts", "tests/flight/plant"),
+    "tests/flight/control/test_predictive.py",
+)
 _QUICK_SYMBOLS = ("tests/runtime/test_casadi_backend.py",)
 _QUICK_JAX = ("tests/runtime/test_jax_backend.py",)
 _QUICK_BLOCKS = ("tests/emitted/test_blocks.py", *_QUICK_EMISSION)
@@ -223,7 +233,6 @@ _QUICK = {
     "runtime.kernels": _QUICK_SYMBOLS,
     "runtime.casadi_backend": _QUICK_SYMBOLS,
     "runtime.jax_backend": _QUICK_JAX,
-    "arrays.rules": _QUICK_JAX,
     "blocks.c": _QUICK_BLOCKS,
     "gather.c": _QUICK_BLOCKS,
     "exactness.c": _QUICK_BLOCKS,
@@ -297,6 +306,8 @@ def suite_of(module: str, line: int, recorded: Mapping[str, Record]) -> Suite:
         return NATIVE[module]
     if module in MATLAB:
         return Suite(("tests/targets/test_matlab.py",), ("tests/runtime/test_matlab_programs.py",))
+    if module in ARRAYS:
+        return Suite(("tests/arrays",), _REST_OF_ARRAYS)
     if module in _ALL_NAMED:
         usual = _QUICK_DERIVATION if module in DERIVATION + COMBINE else _QUICK_EMISSION
         return Suite(_QUICK.get(module, usual), _REST.get(module, _REST_OF_DERIVATION))

@@ -131,10 +131,19 @@ class MadeUp:
         random = np.random.default_rng(zlib.crc32(f"{name} {output}".encode()))
         inner = random.normal(size=(_SINES, z.shape[-1])) * 0.3
         outer = random.normal(size=(math.prod(shape), _SINES))
-        phase = z @ inner.T + random.normal(size=_SINES)
-        value = (np.sin(phase) @ outer.T).reshape(*lead, *shape)
-        slope = (outer * np.cos(phase)[..., None, :]) @ inner
-        bend = -np.einsum("...k,rk,ki,kj->...rij", np.sin(phase), outer, inner, inner)
+        shift, size = random.normal(size=_SINES), np.zeros_like(inner)
+        if name == "inverse_dynamics":  # It is linear in a, by what depends on q alone.
+            q, v, a = lengths
+            inner[:, q + v : q + v + a] = inner[2:, q : q + v] = 0.0
+            size[2:, q + v : q + v + a] = random.normal(size=(_SINES - 2, a))
+        phase, share = z @ inner.T + shift, z @ size.T + (~size.any(1))
+        sine, cosine = np.sin(phase), np.cos(phase)
+        value = ((share * sine) @ outer.T).reshape(*lead, *shape)
+        slope = (outer * (share * cosine)[..., None, :]) @ inner
+        slope = slope + (outer * sine[..., None, :]) @ size
+        both = np.einsum("...k,rk,ki,kj->...rij", cosine, outer, inner, size)
+        bend = both + np.swapaxes(both, -1, -2)
+        bend = bend - np.einsum("...k,rk,ki,kj->...rij", share * sine, outer, inner, inner)
         return value, slope, bend
 
     # What programs rely on.
@@ -226,6 +235,10 @@ class MadeUp:
     def _frame_jacobians(self, q: Array) -> Array:
         columns = [self._frame_velocities(q, unit) for unit in np.eye(len(self.VELOCITIES))]
         return np.stack(columns, -1)
+
+    def _centre_of_mass_jacobian(self, q: Array) -> Array:
+        slope = self._sines("centre_of_mass", 0, (3,), (q,))[1][..., : q.shape[-1]]
+        return slope @ self._moves(q)
 
     # Derivatives, of one state.
 
