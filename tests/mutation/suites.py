@@ -194,6 +194,29 @@ _REST_OF_ARRAYS = (
     *("tests/flight/integration", "tests/flight/rollouts", "tests/flight/plant"),
     "tests/flight/control/test_predictive.py",
 )
+
+
+def _of_arrays(modules: str, *tests: str) -> dict[str, tuple[str, ...]]:
+    return dict.fromkeys(modules.split(), tuple(f"tests/arrays/test_{test}" for test in tests))
+
+
+_VALUES = "nodes.py::test_numpy_has_the_numbers_of_plain_arrays"
+_IN_LANGUAGES = {
+    language: f"nodes.py::test_{language}_has_the_numbers_of_plain_arrays"
+    for language in ("casadi", "jax", "c", "c_of_one_state", "c_for_firmware", "octave")
+}
+_DERIVED = ("nodes.py::test_derivatives_are_those_of_complex_steps", "calls.py")
+_QUICK_ARRAYS = (
+    _of_arrays("nodes contents functions labels text", _VALUES, *_DERIVED, "programs.py")
+    | _of_arrays("evaluation", _VALUES, _IN_LANGUAGES["casadi"], "programs.py", "calls.py", _IN_LANGUAGES["jax"])
+    | _of_arrays("forward backward slopes rules steps", *_DERIVED, "programs.py", "machine.py")
+    | _of_arrays("c_text c_file", *(_IN_LANGUAGES[x] for x in _IN_LANGUAGES if x[0] == "c"), "programs.py")
+    | _of_arrays("matlab_text numpy_text", _IN_LANGUAGES["octave"], "programs.py")
+    | _of_arrays("base", "base.py", "laws.py")
+    | _of_arrays("laws law_functions allocation", "laws.py", "machine.py")
+    | _of_arrays("contact impacts sensors surroundings autopilot", "surroundings.py", "machine.py")
+    | _of_arrays("closed_loop first_order rollout_steps predictive", "machine.py")
+)
 _QUICK_SYMBOLS = ("tests/runtime/test_casadi_backend.py",)
 _QUICK_JAX = ("tests/runtime/test_jax_backend.py",)
 _QUICK_BLOCKS = ("tests/emitted/test_blocks.py", *_QUICK_EMISSION)
@@ -307,7 +330,7 @@ def suite_of(module: str, line: int, recorded: Mapping[str, Record]) -> Suite:
     if module in MATLAB:
         return Suite(("tests/targets/test_matlab.py",), ("tests/runtime/test_matlab_programs.py",))
     if module in ARRAYS:
-        return Suite(("tests/arrays",), _REST_OF_ARRAYS)
+        return Suite(_QUICK_ARRAYS[module.removeprefix("arrays.")], ("tests/arrays", *_REST_OF_ARRAYS))
     if module in _ALL_NAMED:
         usual = _QUICK_DERIVATION if module in DERIVATION + COMBINE else _QUICK_EMISSION
         return Suite(_QUICK.get(module, usual), _REST.get(module, _REST_OF_DERIVATION))

@@ -138,7 +138,7 @@ class MadeUp:
             size[2:, q + v : q + v + a] = random.normal(size=(_SINES - 2, a))
         phase, share = z @ inner.T + shift, z @ size.T + (~size.any(1))
         sine, cosine = np.sin(phase), np.cos(phase)
-        value = ((share * sine) @ outer.T).reshape(*lead, *shape)
+        value = ((share * sine) @ outer.T).reshape((*lead, *shape))
         slope = (outer * (share * cosine)[..., None, :]) @ inner
         slope = slope + (outer * sine[..., None, :]) @ size
         both = np.einsum("...k,rk,ki,kj->...rij", cosine, outer, inner, size)
