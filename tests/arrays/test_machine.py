@@ -1,1 +1,427 @@
-"""."""
+"""What moves, at random states of a made-up robot: closed loops, rollouts, FMUs and horizons."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from support.made_up import STEP, Array, MadeUp
+
+from arrays.test_surroundings import ball, close, touched
+from gibbs_codegen.arrays import Functions, Program, evaluate, variable
+from gibbs_codegen.arrays.base import Motion, base_of
+from gibbs_codegen.arrays.closed_loop import AHEAD, ClosedLoop, Surroundings
+from gibbs_codegen.arrays.contact import Contact
+from gibbs_codegen.arrays.laws import (
+    LAWS,
+    Aim,
+    CentrePath,
+    FrameAim,
+    Gains,
+    Push,
+    Rotors,
+    Weight,
+    inputs_of,
+    learning,
+)
+
+DRIVEN = {
+    "COMMANDS": ("c1", "c2", "c3", "c4", "s1", "s2"),
+    "ACTUATOR_STATES": ("w1", "w2", "w3", "w4", "p1"),
+    "ROTOR_AIR": {"F_2": ("tip", 0.0, 0.6, 0.8, 0.03, 0.02, 0.0, 0.2, 0.0)},
+}
+HOLDING = {"CONSTRAINTS": ("hook", "rail"), "CONSTRAINT_ROWS": ("hook_x", "rail_y", "rail_z"), "PARAMETERS": {"mass": 1.5, "constraint_hook_frequency": 0.7, "gravity": 9.81}}
+CONTACTS = (Contact(1, 0, ball, 4, True), Contact(0, 1, ball, 4))
+AROUND = Surroundings(pushes=True, drag=True, gusts=2, contacts=CONTACTS, spins=((2, 1), (0, 0)), payloads=(1,))
+
+
+class Loop:
+    """A closed loop, random values of what it is given, and what it does by NumPy."""
+
+    def __init__(self, attitude: str, law: str, lists: dict[str, Any], seed: int = 1, **options: Any) -> None:
+        self.module = MadeUp(attitude, **lists)
+        # The law knows another robot than the one that flies.
+        self.known = MadeUp(attitude, **lists)
+        self.known.parameters = self.known.parameters * 1.1
+        self.owners = {"plant": self.module, "model": self.known}
+        self.spec = ClosedLoop(self.module, law, 2, driven="COMMANDS" in lists, **options)
+        self.random, self.law = np.random.default_rng(seed), law
+        self.is_quaternion = attitude == "quaternion"
+        self.joints = slice(6, 8) if self.is_quaternion else slice(3, 5)
+
+    def externals(self) -> dict[str, Callable[..., Array]]:
+        n = len(self.module.COORDINATES)
+        start, rate, bend = np.random.default_rng(5).uniform(-0.7, 0.7, (3, n))
+        start[6] += self.is_quaternion
+
+        def desired(t: Any) -> Array:
+            t = np.asarray(t)[..., None]
+            return np.concatenate([start + rate * t + bend * t * t, rate + 2.0 * bend * t, 2.0 * bend + 0.0 * t], -1)
+
+        def centre(t: Any) -> Array:
+            return np.concatenate([[1.0, t, 0.5], [0.2, 0.1, 0.1], [0.3, 0.1, 0.2]])
+
+        def nearest(thrusts: Array, wrench: Array, columns: Array, least: Array, most: Array) -> Array:
+            return np.clip(thrusts, least, most) + 1e-3 * wrench[:4]
+
+        return {"desired": desired, "centre": centre, "nearest_thrusts": nearest, "smallest_thrusts": lambda c, w: np.linalg.pinv(c.T) @ w, "force_axis": lambda c: c.sum(0)[:3]}
+
+    def values(self, program: Program) -> dict[str, Array]:
+        """Random inputs of a program of the loop."""
+        given: dict[str, Array] = {n: self.random.uniform(0.2, 0.9, x.shape) for n, x in zip(program.names, program.inputs, strict=True)}
+        for name in given:
+            if name.startswith("least"):
+                given[name] = given[name] - 1.0
+            elif name == "gusts":
+                given[name][:, 0] = -0.3
+            elif name.startswith("wall"):
+                given[name] = np.concatenate([[0.1, 50.0, 3.0, 0.4, 0.6, 40.0, 2.0], self.random.normal(size=3) * 0.3, [1.6]])
+            elif name in ("idle", "idling", "active"):
+                given[name] = np.round(given[name])
+        if "x" in given:
+            q, v = self.module.state(self.random)
+            given["x"][: q.size + 8] = np.concatenate([q, v])
+            if self.is_quaternion:
+                given["x"][3:7] *= 1.2
+            given["x"][q.size + 8 :] -= 0.5
+        return given
+
+    def run(self, program: Program, given: dict[str, Any]) -> dict[str, Array]:
+        return evaluate(program, given, self.owners, externals=self.externals())
+
+    def parts(self, x: Array) -> tuple[Array, ...]:
+        n = len(self.module.COORDINATES)
+        q = x[:n].copy()
+        if self.is_quaternion:
+            q[3:7] = q[3:7] / np.sqrt(np.sum(q[3:7] ** 2))
+        lags = 4 if self.spec.lags else 0
+        actuators = 5 if self.spec.driven else lags
+        ends = np.cumsum([n, 8, 1, actuators, 8 * self.spec.integral])
+        return (q, *np.split(x[n:], ends[1:] - n))
+
+    def curves(self, time: Any) -> tuple[Array, ...]:
+        """Desired coordinates, velocities, accelerations, and the path of the centre of mass."""
+        c = np.split(self.externals()["desired"](time), 3, -1)
+        path = np.split(self.externals()["centre"](time), 3) if self.spec.leans else [np.zeros(3)] * 3
+        if not self.is_quaternion:
+            return (*c, *path)
+
+        def moving(c: Array, rates: Array) -> tuple[Array, Array]:
+            size = np.sqrt(np.sum(c[3:7] ** 2))
+            unit, own = c.copy(), rates.copy()
+            unit[3:7] = c[3:7] / size
+            own[3:7] = rates[3:7] / size - c[3:7] * (c[3:7] @ rates[3:7]) / size**3
+            moves = self.module._moves(unit)
+            return unit, np.linalg.solve(moves.T @ moves, moves.T @ own)
+
+        a = np.imag(moving(c[0] + 1j * STEP * c[1], c[1] + 1j * STEP * c[2])[1]) / STEP
+        return (*moving(c[0], c[1]), a, *path)
+
+    def asked(self, g: dict[str, Array], time: float, q: Array, v: Array, memory: Array, felt: Array, *, free: bool = False) -> dict[str, Array]:
+        """What the law wants, and errors that it integrates: it is known by `test_laws`."""
+        if self.law in ("off", "held"):
+            return {"u": g["held"] if self.law == "held" else np.zeros(6), "refused": np.zeros(())}
+        robot, curves = Functions(self.known, "model"), self.curves(time)
+        given = {"q": q, "v": v, "felt": felt, **dict(zip(("q_d", "v_d", "a_d", "p", "pv", "pa"), curves, strict=True))}
+        given |= {"memory": memory} if self.spec.integral else {}
+        names = "stiffness damping integral mass axis weight known_centre distribution known_wrenches least_shared most_shared exact"
+        given |= {n: np.asarray(x) for n, x in g.items() if n in names.split() or n.startswith(("frame_", "push_"))}
+        n = {name: variable(name, *np.shape(x), space=robot.space if name in ("q", "q_d") else None) for name, x in given.items()}
+        gains = Gains(*(n.get(x) for x in ("stiffness", "damping", "integral")))  # type: ignore[arg-type]
+        rotors = Rotors(n["known_centre"], n["distribution"], n.get("known_wrenches", n["q"]), n.get("least_shared", n["q"]), n.get("most_shared", n["q"]), self.spec.shared and not free, False, self.spec.refuses and not free, n.get("exact", 0.0))
+        aim = Aim(Motion(n["q_d"], n["v_d"], n["a_d"]), gains, n.get("memory"))
+        if self.spec.leans:
+            aim = replace(aim, path=CentrePath(n["p"], n["pv"], n["pa"]), weight=Weight(n["mass"], n["weight"], n["axis"]))
+        if self.spec.moved is not None:
+            for name in {"push_force", "push_integral"} - {*given}:
+                given[name], n[name] = np.zeros(()), variable(name)
+            frame = FrameAim(self.spec.moved, n["frame_stiffness"], n["frame_damping"], n["frame_inertia"], n["felt"])
+            if LAWS[self.law].pushes:
+                turn = self.known.frame_poses(q)[self.spec.axes, :3, :3] if self.spec.axes is not None else np.eye(3)
+                given |= {"n": turn @ g["push_direction"], "turn": turn}
+                begin, end, rise = (g[f"push_{x}"] for x in ("begin", "end", "rise"))
+                shares = [x * x * (3.0 - 2.0 * x) for x in np.clip([(time - begin) / rise, (time - end) / rise], 0.0, 1.0)]
+                given["share"] = shares[0] - shares[1]
+                n |= {"n": variable("n", 3), "turn": variable("turn", 3, 3), "share": variable("share")}
+                axes = n["turn"] if self.spec.axes is not None else None
+                frame = replace(frame, push=Push(n["n"], n["push_force"], n["share"], n["push_integral"], axes))
+            aim = replace(aim, frame=frame)
+        if self.law == "open_loop":
+            at, force = n["q_d"], robot.inverse_dynamics(n["q_d"], n["v_d"], n["a_d"])
+        else:
+            at, force = n["q"], LAWS[self.law].force(robot, n["q"], n["v"], aim)
+        u, refused = inputs_of(robot, at, force, rotors)
+        outputs = {"u": u, "refused": refused, "wrench": base_of(robot, at).wrench(n["known_centre"], force)}
+        outputs |= {"errors": learning(robot, n["q"], n["v"], aim)} if self.spec.integral else {}
+        program = Program("law", tuple(n.values()), outputs)
+        return evaluate(program, given, {"model": self.known}, externals=self.externals())
+
+    def touching(self, g: dict[str, Array], q: Array, v: Array, bristles: Array) -> tuple[list[Any], Array]:
+        """What contacts do, and wrenches of what touches frames."""
+        found, wrenches = [], np.zeros((2, 6))
+        poses, velocities = self.module.frame_poses(q), self.module.frame_velocities(q, v)
+        for contact in self.spec.around.contacts:
+            own = bristles if contact.sticks else np.zeros(3)
+            found.append(touched(g[f"wall_{contact.wall}"], poses[contact.frame], velocities[contact.frame], own, contact.sticks))
+            wrenches[contact.frame] += found[-1]["wrench"]
+        return found, wrenches + (g["push"] if self.spec.around.pushes else 0.0)
+
+    def motion(self, g: dict[str, Array], time: float, q: Array, v: Array, u: Array, aimed: Array, actuators: Array, bristles: Array) -> dict[str, Any]:
+        """Accelerations, wrenches, forces of constraints and power."""
+        plant, around = self.module, self.spec.around
+        found, touching = self.touching(g, q, v, bristles)
+        wrenches, velocities, poses = touching.copy(), plant.frame_velocities(q, v), plant.frame_poses(q)
+        wind = np.zeros(3)
+        has_air = self.spec.driven and self.law != "off"
+        if around.drag:
+            wind = g["wind"].copy()
+            for begin, lasting, *half in g.get("gusts", ()):
+                wind += (1.0 - np.cos(2.0 * np.pi * np.clip((time - begin) / lasting, 0.0, 1.0))) * np.array(half)
+            wrenches += g["drag"] * (np.concatenate([wind, np.zeros(3)]) - velocities)
+        for (rotor, frame), spin in zip(around.spins, g.get("spins", ()), strict=False):
+            size = spin[3] * np.sign(u[rotor]) * np.sqrt(abs(u[rotor]))
+            wrenches[frame, 3:] += np.cross(size * poses[frame, :3, :3] @ spin[:3], velocities[frame, 3:])
+        if has_air:
+            speed, (_, *air) = abs(plant.rotor_speeds(actuators, aimed)[1]), DRIVEN["ROTOR_AIR"]["F_2"]
+            axis, moved = poses[1, :3, :3] @ air[:3], velocities[1, :3] - wind
+            wrenches[1, :3] += (air[3] - air[4]) * speed * (axis @ moved) * axis - air[3] * speed * moved
+        if around.payloads:
+            free = plant.forward_dynamics_with_wrenches(q, v, u, wrenches)
+            j, c, mass = plant.frame_jacobians(q)[1, :3], plant.frame_bias_accelerations(q, v)[1, :3], g["payloads"][0]
+            matrix = np.eye(3) / mass + j @ np.linalg.solve(plant.mass_matrix(q), j.T)
+            wrenches[1, :3] += np.linalg.solve(matrix, g["gravity"] - c - j @ free)
+        acts = around.acts or has_air
+        free = plant.forward_dynamics(q, v, u)
+        a = plant.forward_dynamics_with_wrenches(q, v, u, wrenches) if acts else free
+        forces, more = np.zeros(0), 0.0
+        if around.holds:
+            pushed = a - free
+            a, forces = plant.constrained_forward_dynamics(q, v, u, g["active"])
+            if acts:
+                after, impulses = plant.impact(q, pushed, g["active"])
+                a, forces = a + after, forces + impulses
+            more = forces @ plant.constraint_jacobian(q) @ v
+        turn, linear = plant.turns(q)[-1], velocities[0, :3]
+        spin = turn.T @ velocities[0, 3:]
+        levers, centre = g.get("wrenches", np.zeros((4, 6))), g.get("centre", np.zeros(3))
+        twist = np.concatenate([turn.T @ linear + np.cross(spin, centre), spin])
+        power = u[:4] @ levers @ twist + u[4:] @ v[self.joints] - g["losses"] @ (v * v)
+        power += more + (np.sum(wrenches * velocities) if acts else 0.0)
+        rates = [x["rate"] for x, contact in zip(found, around.contacts, strict=True) if contact.sticks]
+        return {"a": a, "wrenches": wrenches if acts else np.zeros((2, 6)), "holding": forces, "power": power, "touching": touching, "contacts": found, "bristles": rates}
+
+    def commands(self, g: dict[str, Array], time: float, q: Array, v: Array, actuators: Array, memory: Array, bristles: Array) -> dict[str, Array]:
+        """Inputs that are commanded, aimed for, and act, and refusal."""
+        s, plant = self.spec, self.module
+        felt = self.touching(g, q, v, bristles)[1][s.moved] if s.moved is not None else np.zeros(6)
+        found = self.asked(g, time, q, v, memory, felt)
+        wanted, refused = found["u"], found["refused"]
+        limit = (lambda x: np.clip(x, g["least"], g["most"])) if s.limited else (lambda x: x)
+
+        def sent_for(wanted: Array, time: float, q: Array, v: Array) -> Array:
+            if not s.driven or self.law in ("off", "held"):
+                return wanted
+            if self.law not in ("geometric_impedance", "geometric_force"):
+                q, v = self.curves(time)[:2]
+            return self.known.command_of(q, v, limit(wanted))
+
+        def within(sent: Array) -> Array:
+            return np.clip(sent, g["least_command"], g["most_command"]) if s.driven and self.law != "off" else limit(sent)
+
+        def acting(aimed: Array) -> Array:
+            if s.driven and self.law != "off":
+                return plant.inputs_of(q, v, actuators, aimed)
+            if not s.lags:
+                return aimed
+            return np.concatenate([np.where(g["lag"] > 0.0, actuators, aimed[:4]), aimed[4:]])
+
+        sent = sent_for(wanted, time, q, v)
+        if s.driven and self.law == "held":
+            wanted = plant.inputs_of(q, v, plant.actuator_state_of(sent), sent)
+        if s.compensates:
+            ahead = -AHEAD if time > g["end"] - AHEAD else AHEAD
+            aimed = within(sent)
+            a = self.motion(g, time, q, v, acting(aimed), aimed, actuators, bristles)["a"]
+            moved = self.unit(q + ahead * plant.coordinate_rates(q, v))
+            # The integrals go on by what is not remembered yet.
+            own = memory + ahead * self.asked(g, time, q, v, np.zeros(8), felt)["errors"] if s.integral else memory
+            free = self.asked(g, time, q, v, memory, felt, free=True)["u"]
+            then = (g, time + ahead, moved, v + ahead * a, own, felt)
+            later = self.asked(*then, free=True)["u"]
+            refused = refused + max(self.asked(*then)["refused"], 0.0)
+            rates = (later - free) / ahead
+            turning, lag = rates, np.concatenate([g.get("lag", np.zeros(4)), np.zeros(2)])
+            if s.driven:
+                turning = (sent_for(limit(wanted) + ahead * rates, time + ahead, moved, v + ahead * a) - sent) / ahead
+                lag = np.where(turning > 0.0, g["time_up"], g["time_down"])
+            kept = np.ones(6)
+            if s.limited or s.shared:
+                lead, beyond = abs(lag * rates), abs(free - limit(wanted))
+                lead[:4], beyond[:4] = lead[:4].max(), beyond[:4].max()
+                kept = np.where(beyond > 0.0, np.maximum(1.0 - beyond / np.maximum(lead, 1e-12), 0.0), 1.0)
+            sent = sent + kept * lag * turning
+            wanted = wanted if s.driven else sent
+        aimed = within(sent)
+        if s.idles and g["idle"] > 0.5:
+            aimed = np.concatenate([g["idling"], aimed[4:]])
+        return {"commanded": wanted, "aimed": aimed, "acting": acting(aimed), "refused": refused, "felt": felt}
+
+    def unit(self, q: Array) -> Array:
+        if self.is_quaternion:
+            q = q.copy()
+            q[3:7] /= np.linalg.norm(q[3:7])
+        return q
+
+    def rate(self, g: dict[str, Array], time: float, x: Array) -> Array:
+        """The time derivative of a state."""
+        s, plant = self.spec, self.module
+        q, v, _, actuators, memory, bristles = self.parts(x)
+        found = self.commands(g, time, q, v, actuators, memory, bristles)
+        moved = self.motion(g, time, q, v, found["acting"], found["aimed"], actuators, bristles)
+        rates = plant.coordinate_rates(q, v)
+        if self.is_quaternion:  # Entries of any length keep it.
+            rates = np.concatenate([rates[:3], rates[3:7] * np.linalg.norm(x[3:7]), rates[7:]])
+        parts = [rates, moved["a"], [moved["power"]]]
+        if s.driven:
+            parts.append(plant.actuator_rates(actuators, found["aimed"]) if self.law != "off" else np.zeros(5))
+        elif s.lags:
+            parts.append(g["pace"] * (found["aimed"][:4] - actuators))
+        if s.integral:
+            parts.append(self.remembered(g, found, self.asked(g, time, q, v, np.zeros(8), found["felt"])["errors"], memory))
+        return np.concatenate([*parts, *moved["bristles"]])
+
+    def remembered(self, g: dict[str, Array], found: dict[str, Array], errors: Array, memory: Array) -> Array:
+        """Errors, but none away from zero while an input is at a limit, nor while motors idle."""
+        if self.spec.idles and g["idle"] > 0.5:
+            errors = 0.0 * errors
+        if not self.spec.limited:
+            return errors
+        wanted, margin = found["commanded"], g["margin"]
+        inside = np.all((wanted > g["least"] + margin) & (wanted < g["most"] - margin))
+        return errors if inside else np.where(errors * memory < 0.0, errors, 0.0)
+
+
+CASES: dict[str, tuple[str, str, dict[str, Any], dict[str, Any]]] = {
+    "all": ("zyx", "computed_torque", {}, {"integral": True, "limited": True, "shared": True, "lags": True, "compensates": True, "idles": True, "refuses": True, "around": AROUND}),
+    "wide": ("quaternion", "computed_torque", {}, {"integral": True, "lags": True, "compensates": True, "around": Surroundings(drag=True)}),
+    "held": ("quaternion", "held", HOLDING, {"lags": True, "around": replace(AROUND, holds=True, payloads=())}),
+    "free": ("quaternion", "open_loop", HOLDING, {"limited": True, "around": Surroundings(holds=True)}),
+    "driven": ("zyx", "computed_torque", DRIVEN, {"limited": True, "compensates": True, "integral": True, "around": Surroundings(drag=True, gusts=1)}),
+    "driven_held": ("quaternion", "held", DRIVEN, {"idles": True}),
+    "off": ("zyx", "off", DRIVEN, {"around": Surroundings(pushes=True)}),
+    "impedance": ("quaternion", "impedance", {}, {"moved": 1, "integral": True, "around": AROUND}),
+    "force": ("zyx", "force", {}, {"moved": 1, "axes": 0, "integral": True, "limited": True, "idles": True, "around": AROUND}),
+    "leaning": ("quaternion", "geometric", {}, {"lags": True, "integral": True}),
+    "leaning_force": ("zyx", "geometric_force", DRIVEN, {"moved": 1, "limited": True, "around": AROUND}),
+}
+
+
+def loop_of(name: str, seed: int = 1) -> Loop:
+    attitude, law, lists, options = CASES[name]
+    return Loop(attitude, law, lists, seed, **options)
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_rates_of_a_closed_loop(name: str) -> None:
+    for seed in (1, 2, 3):
+        loop = loop_of(name, seed)
+        slope = loop.spec.slope()
+        given = loop.values(slope)
+        if seed == 3:
+            for limit in ("least", "most", "least_shared", "most_shared"):
+                if limit in given:
+                    given[limit] = given[limit] * 40.0
+        found = loop.run(slope, given)
+        time = float(given["time"])
+        # Differences over a short time are no better than rounding lets them be.
+        rough = 1e-5 if loop.spec.compensates else 1e-11
+        close(found["rate"], loop.rate(given, time, given["x"]), rough)
+        q, v, _, actuators, memory, bristles = loop.parts(given["x"])
+        wanted = loop.commands(given, time, q, v, actuators, memory, bristles)
+        close(found["refused"], wanted["refused"], rough)
+        own = {"time": time, "q": q, "v": v, "actuators": actuators, "memory": memory, "bristles": bristles}
+        program = loop.spec.commands()
+        commands = loop.run(program, {n: (given | own)[n] for n in program.names})
+        for output, value in commands.items():
+            close(value, wanted[output], rough)
+        program, u = loop.spec.motion(), loop.random.normal(size=6)
+        own |= {"u": u, "aimed": wanted["aimed"]}
+        motion = loop.run(program, {n: (given | own)[n] for n in program.names})
+        right = loop.motion(given, time, q, v, u, wanted["aimed"], actuators, bristles)
+        for output in ("a", "wrenches", "holding", "touching"):
+            close(motion[output], right[output] if np.size(right[output]) else np.zeros(motion[output].shape))
+        rows = [np.hstack([x[y] for y in ("normal", "friction", "slip", "depth")]) for x in right["contacts"]]
+        np.testing.assert_allclose(motion["contacts"], np.reshape(rows, (-1, 8)), rtol=0, atol=1e-11)
+        program = loop.spec.contact_wrenches()
+        alone = loop.run(program, {n: (given | own)[n] for n in program.names})["wrenches"]
+        push = given["push"] if loop.spec.around.pushes else 0.0
+        close(alone, right["touching"] - push)
+        program = loop.spec.command()
+        felt = wanted["felt"]
+        asked = loop.run(program, {n: (given | own | {"felt": felt})[n] for n in program.names})
+        law = loop.asked(given, time, q, v, memory, felt)
+        close(asked["wanted"], law["u"])
+        close(asked["refused"], law["refused"])
+        if "wrench" in asked:
+            close(asked["wrench"], law["wrench"])
+        if "growth" in asked:
+            close(asked["growth"], loop.remembered(given, {"commanded": law["u"]}, law["errors"], memory))
+
+
+@pytest.mark.parametrize("name", ["leaning", "free", "driven_held"])
+def test_steps_of_a_closed_loop_are_those_of_runge_and_kutta(name: str) -> None:
+    loop = loop_of(name)
+    program = loop.spec.step()
+    given = loop.values(program)
+    given["h"] = np.array(0.02)
+    found, x, t, h = loop.run(program, given), given["x"], float(given["time"]), 0.02
+    k1 = loop.rate(given, t, x)
+    k2 = loop.rate(given, t + h / 2, x + h / 2 * k1)
+    k3 = loop.rate(given, t + h / 2, x + h / 2 * k2)
+    after = x + h / 6 * (k1 + 2 * k2 + 2 * k3 + loop.rate(given, t + h, x + h * k3))
+    q, v, *others = loop.parts(after)
+    if name == "free":  # Rigid constraints keep velocities; of an elastic one errors go back.
+        n = q.size
+        after[n : n + 8] = loop.module.impact(q, v, given["active"] * [0.0, 1.0])[0]
+        v = after[n : n + 8]
+    close(found["x_next"], after, 1e-10)
+    begin = loop.commands(given, t, *loop.parts(x)[:2], *loop.parts(x)[3:])
+    close(found["inputs"], np.concatenate([begin["commanded"], begin["acting"]]))
+    curves = loop.curves(t + h)
+    robot = Functions(loop.known, "model")
+    q_n, v_n, a_n = robot.coordinates(), robot.velocities(), Motion(robot.coordinates("d"), robot.velocities("e"), robot.velocities("a"))
+    errors = Program("errors", (q_n, v_n, a_n.q, a_n.v, a_n.a), dict(zip("er", base_of(robot, q_n).errors(v_n, a_n), strict=True)))
+    off = evaluate(errors, {"q": q, "v": v, "d": curves[0], "e": curves[1], "a": curves[2]}, {"model": loop.known})
+    beyond = np.max(np.abs(np.concatenate([off["e"], off["r"]])) - given["bounds"])
+    close(found["ended"], beyond)
+    alone = loop.spec.after()
+    both = loop.run(alone, {n: given[n] for n in alone.names})
+    close(both["x_next"], found["x_next"])
+    close(both["refused"], found["refused"])
+    assert not loop.law == "open_loop" or "stiffness" not in program.names
+
+
+def test_a_step_ends_a_flight_that_leans_too_far() -> None:
+    loop = loop_of("off")
+    program = loop.spec.step()
+    given = loop.values(program)
+    given |= {"h": np.array(1e-3), "bounds": np.full(16, 99.0), "largest_lean": np.array(0.1)}
+    found = loop.run(program, given)
+    close(found["ended"], abs(found["x_next"][1]) - 0.1)
+
+
+def test_what_accelerations_need() -> None:
+    loop = loop_of("wide")
+    program = loop.spec.required()
+    given = loop.values(program)
+    given["q"], given["v"] = loop.module.state(loop.random)
+    found = loop.run(program, given)
+    force = loop.known.inverse_dynamics(given["q"], given["v"], given["a"])
+    turn = loop.module.turns(given["q"])[-1]
+    assert turn.shape == (3, 3)
+    wrench = np.concatenate([force[:3], force[3:6] - np.cross(given["known_centre"], force[:3])])
+    close(found["wrench"], wrench)
+    close(found["wanted"], np.concatenate([given["distribution"] @ wrench, force[6:]]))

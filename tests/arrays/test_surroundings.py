@@ -50,7 +50,7 @@ def moving(attitude: str, **lists: Any) -> tuple[MadeUp, Functions, dict[str, Ar
 
 def close(found: Any, wanted: Any, tolerance: float = 1e-12) -> None:
     wanted = np.asarray(wanted)
-    np.testing.assert_allclose(found, wanted, rtol=0, atol=tolerance * max(1.0, np.abs(wanted).max()))
+    np.testing.assert_allclose(found, wanted, rtol=0, atol=tolerance * max(1.0, np.abs(wanted).max(initial=0.0)))
 
 
 @pytest.mark.parametrize("attitude", ["zyx", "quaternion"])
