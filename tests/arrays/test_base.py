@@ -71,7 +71,14 @@ def test_base(attitude: str) -> None:
     state = State(attitude)
 
     def build(
-        robot: Functions, base: Any, v: Node, desired: Motion, a: Node, x: Node, centre: Node, f: Node
+        robot: Functions,
+        base: Any,
+        v: Node,
+        desired: Motion,
+        a: Node,
+        x: Node,
+        centre: Node,
+        f: Node,
     ) -> dict[str, Node]:
         spin, growth = base.angular(v, a)
         error, rate = base.errors(v, desired)
@@ -124,7 +131,9 @@ def test_base(attitude: str) -> None:
         # The base speeds up in the world as what is desired does, and by the force besides.
         away = state.along(lambda q, v: state.twist(q, v)[0], "_d") + f[:3]
         own = turn.T @ away - np.cross(v[3:6], v[:3])
-        about = turn.T @ state.along(lambda q, v: state.twist(q, v)[1], "_d") - np.cross(v[3:6], turn.T @ spin_d)
+        about = turn.T @ state.along(lambda q, v: state.twist(q, v)[1], "_d") - np.cross(
+            v[3:6], turn.T @ spin_d
+        )
         wanted["corrected"] = np.concatenate([own, about + f[3:6], given["a_d"][6:] + f[6:]])
     for name, right in wanted.items():
         np.testing.assert_allclose(found[name], right, rtol=0, atol=1e-12, err_msg=name)
@@ -145,10 +154,18 @@ def test_rates_and_unit_entries_bear_a_quaternion_of_any_length(attitude: str) -
         outputs["motion"] = join(*quaternion_motion(robot, c, rates, growth))
     program = Program("p", (robot.coordinates(), robot.velocities(), c, rates, growth), outputs)
     random = np.random.default_rng(4)
-    given = {"q": q, "v": v, "c": entries, "rates": random.normal(size=q.size), "growth": random.normal(size=q.size)}
+    given = {
+        "q": q,
+        "v": v,
+        "c": entries,
+        "rates": random.normal(size=q.size),
+        "growth": random.normal(size=q.size),
+    }
     found = evaluate(program, given, {"robot": state.module})
     wanted = state.module.coordinate_rates(q, v)
-    wanted = np.concatenate([wanted[:3], 1.3 * wanted[3:7], wanted[7:]]) if state.is_quaternion else v
+    wanted = (
+        np.concatenate([wanted[:3], 1.3 * wanted[3:7], wanted[7:]]) if state.is_quaternion else v
+    )
     np.testing.assert_allclose(found["rates"], wanted, rtol=0, atol=1e-13)
     np.testing.assert_allclose(found["unit"], q, rtol=0, atol=1e-14)
     if not state.is_quaternion:

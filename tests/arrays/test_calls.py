@@ -31,7 +31,10 @@ from gibbs_codegen.errors import UsageError
 from gibbs_codegen.interface import FUNCTIONS
 
 ROOTS = ("xyz", "zyx", "quaternion")
-KINDS = {kind: [x.name for x in FUNCTIONS.values() if x.kind == kind] for kind in ("jacobian", "jvp", "vjp")}
+KINDS = {
+    kind: [x.name for x in FUNCTIONS.values() if x.kind == kind]
+    for kind in ("jacobian", "jvp", "vjp")
+}
 LACKS = {"": [], "jacobian": KINDS["jacobian"], "vjp": KINDS["vjp"] + KINDS["jvp"]}
 
 
@@ -41,7 +44,9 @@ def program_of(robot: Functions, is_whole: bool) -> Program:
     s = variable("s", uniform=True)
     wrenches = variable("W", robot.frames, 6)
     moved = robot.integrate(q, 0.3 * v) if is_whole else q
-    inner = Program("inner", (q, v), {"a": robot.inverse_dynamics(q, v, sine(v)), "b": v * 2.0, "q": q})
+    inner = Program(
+        "inner", (q, v), {"a": robot.inverse_dynamics(q, v, sine(v)), "b": v * 2.0, "q": q}
+    )
     a, b, same = inner(moved, v * s)
     outputs = {
         "force": a + b,
@@ -50,7 +55,11 @@ def program_of(robot: Functions, is_whole: bool) -> Program:
         "loaded": robot.forward_dynamics_with_wrenches(q, s * v, u, wrenches * s),
         "levers": robot.input_matrix(q) @ u if not is_whole else u,
         "twice": robot.forward_dynamics(moved, v, u * s) * a,
-        "solved": solve(4.0 * constant(np.eye(v.size)) + nodes.reshaped(v, (v.size, 1)) * nodes.reshaped(b, (1, v.size)), a),
+        "solved": solve(
+            4.0 * constant(np.eye(v.size))
+            + nodes.reshaped(v, (v.size, 1)) * nodes.reshaped(b, (1, v.size)),
+            a,
+        ),
         "entries": nodes.entries_of(moved) * 2.0,
         "none": constant([1.0, 2.0]),
     }
@@ -71,13 +80,18 @@ def program_of(robot: Functions, is_whole: bool) -> Program:
 
 def values_of(module: MadeUp, program: Program) -> dict[str, Array]:
     random = np.random.default_rng(7)
-    given = {n: random.normal(size=x.shape) * 0.4 for n, x in zip(program.names, program.inputs, strict=True)}
+    given = {
+        n: random.normal(size=x.shape) * 0.4
+        for n, x in zip(program.names, program.inputs, strict=True)
+    }
     if "q" in given:
         given["q"], given["v"] = module.state(random)
     return given
 
 
-def complex_slopes(module: MadeUp, program: Program, given: dict[str, Array], by: str) -> dict[str, Array]:
+def complex_slopes(
+    module: MadeUp, program: Program, given: dict[str, Array], by: str
+) -> dict[str, Array]:
     """Derivatives of all results by an input, in the tangent space of coordinates."""
     x = dict(zip(program.names, program.inputs, strict=True))[by]
     steps = module._moves(given[by]).T if x.space else np.eye(x.size)
@@ -103,12 +117,16 @@ def test_derivatives_are_those_of_complex_steps(attitude: str, lacks: str) -> No
     module = MadeUp(attitude, lacks=LACKS[lacks])
     owners, program = {"robot": module}, program_of(Functions(module), lacks != "jacobian")
     if lacks == "vjp":  # Products with weights are all that input matrices have.
-        program = Program("whole", program.inputs, {n: x for n, x in program.outputs.items() if n != "levers"})
+        program = Program(
+            "whole", program.inputs, {n: x for n, x in program.outputs.items() if n != "levers"}
+        )
     given, by = values_of(module, program), tuple(program.names)
     slopes = {x: complex_slopes(module, program, given, x) for x in by}
     found = evaluate(jacobian(program, by), given, owners)
     random = np.random.default_rng(8)
-    directions = {f"{x}_dot": random.normal(size=y.tangent) for x, y in zip(by, program.inputs, strict=True)}
+    directions = {
+        f"{x}_dot": random.normal(size=y.tangent) for x, y in zip(by, program.inputs, strict=True)
+    }
     moved = evaluate(along(program, by, "along"), given | directions, owners)
     for name, x in program.outputs.items():
         for other in by:
@@ -124,7 +142,10 @@ def test_derivatives_are_those_of_complex_steps(attitude: str, lacks: str) -> No
     weights = {f"{name}_bar": random.normal(size=x.tangent) for name, x in program.outputs.items()}
     bars = evaluate(gradient(program, by), given | weights, owners)
     for other, y in zip(by, program.inputs, strict=True):
-        terms = [(weights[f"{n}_bar"].ravel() @ slopes[other][n].reshape(math.prod(x.tangent), -1)) for n, x in program.outputs.items()]
+        terms = [
+            (weights[f"{n}_bar"].ravel() @ slopes[other][n].reshape(math.prod(x.tangent), -1))
+            for n, x in program.outputs.items()
+        ]
         close(bars[f"{other}_bar"], sum(terms).reshape(y.tangent), other)
 
 
@@ -218,9 +239,13 @@ def test_rules_are_derivatives_by_entries_of_arguments(attitude: str) -> None:
         close(found[f"acceleration_by_{by}"], slope, by)
     assert plain.outputs["acceleration"] is whole.outputs["acceleration"]
     given["w"] = random.normal(size=8)
-    second = evaluate(gradients_by_arguments(robot, "forward_dynamics_derivatives", ("v",)), given, owners)
+    second = evaluate(
+        gradients_by_arguments(robot, "forward_dynamics_derivatives", ("v",)), given, owners
+    )
     pulls = {
-        name: rates("v", lambda x, k=k: module.forward_dynamics_vjp(x["q"], x["v"], x["u"], given["w"])[k])
+        name: rates(
+            "v", lambda x, k=k: module.forward_dynamics_vjp(x["q"], x["v"], x["u"], given["w"])[k]
+        )
         for k, name in enumerate("qvu")
     }
     assert {*second} == {f"{x}_by_v" for x in "qvu"}
@@ -228,7 +253,11 @@ def test_rules_are_derivatives_by_entries_of_arguments(attitude: str) -> None:
         close(second[f"{name}_by_v"], slope, name)
     weight = by_parameters(robot, "inverse_dynamics")
     own = given | {"a": random.normal(size=8), "force_bar": given["w"]}
-    bar = evaluate(weight, {name: own[name] for name in weight.names}, owners)["robot_parameters_bar"]
+    bar = evaluate(weight, {name: own[name] for name in weight.names}, owners)[
+        "robot_parameters_bar"
+    ]
     close(bar, given["w"] @ module.inverse_dynamics_parameters(own["q"], own["v"], own["a"]), "p")
-    with pytest.raises(UsageError, match="no function of a module gives derivatives of frame_poses"):
+    with pytest.raises(
+        UsageError, match="no function of a module gives derivatives of frame_poses"
+    ):
         gradients_by_arguments(robot, "frame_poses_derivatives", ("q",))

@@ -12,7 +12,16 @@ from scipy.spatial.transform import Rotation
 from support.made_up import STEP, Array, skew
 
 from arrays.test_base import State
-from gibbs_codegen.arrays import Functions, Node, Program, constant, evaluate, gradient, jacobian, variable
+from gibbs_codegen.arrays import (
+    Functions,
+    Node,
+    Program,
+    constant,
+    evaluate,
+    gradient,
+    jacobian,
+    variable,
+)
 from gibbs_codegen.arrays.allocation import nearest_thrusts, smallest_thrusts
 from gibbs_codegen.arrays.base import Motion
 from gibbs_codegen.arrays.laws import (
@@ -52,11 +61,15 @@ class Case(State):
         self.given |= {name: np.array(value) for name, value in NUMBERS.items()}
         self.given["direction"] /= np.linalg.norm(self.given["direction"])
 
-    def program(self, law: str, *, turned: bool = False, remembers: bool = True) -> dict[str, Array]:
+    def program(
+        self, law: str, *, turned: bool = False, remembers: bool = True
+    ) -> dict[str, Array]:
         """Force, and rates of what is remembered, of a law."""
         robot, given = Functions(self.module), {**self.given, "axis": AXIS}
         spaces = {"q": robot.space, "q_d": robot.space}
-        g = {name: variable(name, *np.shape(x), space=spaces.get(name)) for name, x in given.items()}
+        g = {
+            name: variable(name, *np.shape(x), space=spaces.get(name)) for name, x in given.items()
+        }
         desired = Motion(g["q_d"], g["v_d"], g["a_d"])
         gains = Gains(g["stiffness"], g["damping"], g["integral"] if remembers else None)
         aim = Aim(desired, gains, g["memory"] if remembers else None)
@@ -79,12 +92,18 @@ class Case(State):
 
     def errors(self) -> tuple[Array, Array]:
         """Errors and their rates as `test_base` knows them."""
-        found = self.evaluated(lambda robot, base, v, desired, **_: dict(zip("er", base.errors(v, desired), strict=True)))
+        found = self.evaluated(
+            lambda robot, base, v, desired, **_: dict(
+                zip("er", base.errors(v, desired), strict=True)
+            )
+        )
         return found["e"], found["r"]
 
     def corrected(self, pull: Array) -> Array:
         kept, self.given["f"] = self.given["f"], pull
-        found = self.evaluated(lambda robot, base, v, desired, f, **_: {"a": base.corrected(v, desired, f)})["a"]
+        found = self.evaluated(
+            lambda robot, base, v, desired, f, **_: {"a": base.corrected(v, desired, f)}
+        )["a"]
         self.given["f"] = kept
         return found
 
@@ -212,7 +231,9 @@ def leaning(case: Case, law: str, remembers: bool) -> Array:
     along = turn @ AXIS
     thrust = max(needed @ along, 0.0)
     slowing = (desired - thrust * along) / mass  # Of the drift, where errors are those of the path.
-    pulled = correction(off + learnt[case.lines] + 1j * STEP * (drift + learned), drift + 1j * STEP * slowing)
+    pulled = correction(
+        off + learnt[case.lines] + 1j * STEP * (drift + learned), drift + 1j * STEP * slowing
+    )
     rate = np.imag(pulled) / STEP
     _, spin = case.twist(q, v)
     _, spin_d = case.twist(q_d, v_d)
@@ -255,7 +276,9 @@ def leaning(case: Case, law: str, remembers: bool) -> Array:
     joints = slice(7, 9) if case.is_quaternion else slice(3, 5)
     e = (q_d - q)[joints] + learnt[case.joints]
     rates = (v_d - v)[case.joints]
-    a[case.joints] = a_d[case.joints] + g["stiffness"][case.joints] * e + g["damping"][case.joints] * rates
+    a[case.joints] = (
+        a_d[case.joints] + g["stiffness"][case.joints] * e + g["damping"][case.joints] * rates
+    )
     if held:
         zero = np.zeros(8)
         root = lambda f: turn @ f[:3] if case.is_quaternion else f[5:8]  # noqa: E731
@@ -263,13 +286,20 @@ def leaning(case: Case, law: str, remembers: bool) -> Array:
         pushed = (thrust * along - weight) / mass
         relative = module.frame_jacobians(q)[1, :3] - jacobian
         place = case.places
-        lacking = case.frame(law, place, learnt, False) - case.tip("")[1] - (pushed - drift) - relative @ a
+        lacking = (
+            case.frame(law, place, learnt, False)
+            - case.tip("")[1]
+            - (pushed - drift)
+            - relative @ a
+        )
         levers = relative[:, case.joints]
         stiff = g["stiffness"][case.joints]
         rest = np.where(stiff > 0.0, 4e-6 * stiff, 1e6)
         # Of all the joints may do it comes nearest, less what strays from the posture costs.
         tall = np.concatenate([levers, np.diag(np.sqrt(rest))])
-        a[case.joints] += np.linalg.lstsq(tall, np.concatenate([lacking, np.zeros(2)]), rcond=None)[0]
+        a[case.joints] += np.linalg.lstsq(tall, np.concatenate([lacking, np.zeros(2)]), rcond=None)[
+            0
+        ]
     force = module.inverse_dynamics(q, v, a)
     if held:
         force = force - case.felt()
@@ -312,7 +342,10 @@ def test_a_base_that_leans_as_it_must_has_derivatives(attitude: str) -> None:
     """And its small attitude errors are as such a little larger."""
     case = Case(attitude)
     case.given["q"] = case.given["q_d"]
-    case.given["path"], case.given["path_v"] = case.module.centre_of_mass(case.given["q"]), np.zeros(3)
+    case.given["path"], case.given["path_v"] = (
+        case.module.centre_of_mass(case.given["q"]),
+        np.zeros(3),
+    )
     turn = case.turn(case.given["q"])
     case.given["weight"] = 9.0 * turn @ AXIS - NUMBERS["mass"] * case.given["path_a"]
     found = case.program("geometric", remembers=False)["force"]
@@ -320,14 +353,25 @@ def test_a_base_that_leans_as_it_must_has_derivatives(attitude: str) -> None:
     owners, inputs = {"robot": case.module}, {**case.given, "axis": AXIS}
     slope = evaluate(jacobian(case.program_of_law, ("path_a",)), inputs, owners)["force_by_path_a"]
     for k, unit in enumerate(np.eye(3)):
-        moved = [evaluate(case.program_of_law, inputs | {"path_a": inputs["path_a"] + h * unit}, owners)["force"] for h in (1e-5, -1e-5)]
-        np.testing.assert_allclose(slope[:, k], (moved[0] - moved[1]) / 2e-5, rtol=0, atol=2e-4 * np.abs(slope).max())
+        moved = [
+            evaluate(case.program_of_law, inputs | {"path_a": inputs["path_a"] + h * unit}, owners)[
+                "force"
+            ]
+            for h in (1e-5, -1e-5)
+        ]
+        np.testing.assert_allclose(
+            slope[:, k], (moved[0] - moved[1]) / 2e-5, rtol=0, atol=2e-4 * np.abs(slope).max()
+        )
 
 
 def test_names_and_shares() -> None:
     time = variable("t")
     shares = push_shares(time, constant(1.0), constant(4.0), constant(2.0))
-    found = evaluate(Program("p", (time,), dict(zip("cg", shares, strict=True))), {"t": np.array([0.5, 1.5, 3.5, 4.5, 7.0])}, {})
+    found = evaluate(
+        Program("p", (time,), dict(zip("cg", shares, strict=True))),
+        {"t": np.array([0.5, 1.5, 3.5, 4.5, 7.0])},
+        {},
+    )
     np.testing.assert_allclose(found["c"], [0.0, 3 / 16 - 2 / 64, 1.0, 1.0, 1.0])
     np.testing.assert_allclose(found["g"], [0.0, 0.0, 0.0, 3 / 16 - 2 / 64, 1.0])
     servos = {"geometric_impedance", "geometric_force"}
@@ -350,7 +394,9 @@ def nearest(thrusts: Array, wrench: Array, columns: Array, least: Array, most: A
     matrix = weights[:, None] * columns.T
     small = 1e-5 * np.linalg.norm(matrix) * np.eye(len(columns))
     right = np.concatenate([weights * wrench, np.zeros(len(columns))])
-    found: Array = lsq_linear(np.concatenate([matrix, small]), right, (least, most), method="bvls").x
+    found: Array = lsq_linear(
+        np.concatenate([matrix, small]), right, (least, most), method="bvls"
+    ).x
     return found
 
 
@@ -378,31 +424,62 @@ def test_allocation_by_formulas_has_the_values_and_slopes_of_scipy(count: int) -
         for name, x in own.items():
             way = random.normal(size=x.shape)
             for output in ("small", "near"):
-                ends = [evaluate(program, own | {name: x + h * way}, {}, externals=EXTERNALS)[output] for h in (1e-6, -1e-6)]
+                ends = [
+                    evaluate(program, own | {name: x + h * way}, {}, externals=EXTERNALS)[output]
+                    for h in (1e-6, -1e-6)
+                ]
                 slope = found[f"{output}_by_{name}"] @ way.ravel()
                 np.testing.assert_allclose(slope, (ends[0] - ends[1]) / 2e-6, rtol=0, atol=1e-4)
             total = sum(bars[f"{o}_bar"] @ found[f"{o}_by_{name}"] for o in ("small", "near"))
             np.testing.assert_allclose(back[f"{name}_bar"].ravel(), total, rtol=0, atol=1e-8)
-        assert np.any((found["near"] == own["most"]) | (found["near"] == own["least"])) or wide > 1.0
+        assert (
+            np.any((found["near"] == own["most"]) | (found["near"] == own["least"])) or wide > 1.0
+        )
 
 
-@pytest.mark.parametrize(("moves", "refuses", "limited"), [(False, True, True), (True, True, False), (True, False, True)])
+@pytest.mark.parametrize(
+    ("moves", "refuses", "limited"), [(False, True, True), (True, True, False), (True, False, True)]
+)
 @pytest.mark.parametrize("attitude", ROOTS)
-def test_inputs_share_a_wrench_among_rotors(attitude: str, moves: bool, refuses: bool, limited: bool) -> None:
+def test_inputs_share_a_wrench_among_rotors(
+    attitude: str, moves: bool, refuses: bool, limited: bool
+) -> None:
     state = State(attitude)
     robot, module, random = Functions(state.module), state.module, np.random.default_rng(9)
     q, f = robot.coordinates(), robot.velocities("f")
     columns = random.normal(size=(4, 6))
-    given = {"centre": random.normal(size=3), "distribution": np.linalg.pinv(columns.T), "wrenches": columns, "least": np.full(4, -0.5), "most": np.full(4, 0.6)}
+    given = {
+        "centre": random.normal(size=3),
+        "distribution": np.linalg.pinv(columns.T),
+        "wrenches": columns,
+        "least": np.full(4, -0.5),
+        "most": np.full(4, 0.6),
+    }
     own = {name: variable(name, *x.shape) for name, x in given.items()}
     rotors = Rotors(*own.values(), limited=limited, move=moves, refuse=refuses, exact=0.01)
     u, refused = inputs_of(robot, q, f, rotors)
-    asked = {name: variable(name) for name in ("mass",)} | {name: variable(name, 3) for name in ("axis", "weight")}
+    asked = {name: variable(name) for name in ("mass",)} | {
+        name: variable(name, 3) for name in ("axis", "weight")
+    }
     known = weight_of(robot, q, lambda name, *shape: asked[name], rotors)
-    outputs: dict[str, Node] = {"u": u, "refused": refused, "axis_of": known.axis, "mass_of": known.mass}
-    outputs["within"] = within_limits(u, Limits(constant(np.full(6, -0.2)), constant(np.full(6, 0.3))))
+    outputs: dict[str, Node] = {
+        "u": u,
+        "refused": refused,
+        "axis_of": known.axis,
+        "mass_of": known.mass,
+    }
+    outputs["within"] = within_limits(
+        u, Limits(constant(np.full(6, -0.2)), constant(np.full(6, 0.3)))
+    )
     program = Program("p", (q, f, *own.values(), *asked.values()), outputs)
-    values = {"q": state.given["q"], "f": state.given["f"], **given, "mass": 2.0, "axis": AXIS, "weight": AXIS}
+    values = {
+        "q": state.given["q"],
+        "f": state.given["f"],
+        **given,
+        "mass": 2.0,
+        "axis": AXIS,
+        "weight": AXIS,
+    }
     by_hand: dict[str, Any] = {**EXTERNALS, "force_axis": lambda x: x.sum(0)[:3]}
     found = evaluate(program, values, {"robot": module}, externals=by_hand)
     turn = state.turn(values["q"])
@@ -412,7 +489,9 @@ def test_inputs_share_a_wrench_among_rotors(attitude: str, moves: bool, refuses:
         columns = []
         for unit in np.eye(8):
             p, w = state.twist(values["q"], unit)
-            columns.append(np.concatenate([turn.T @ (p + np.cross(w, turn @ given["centre"])), turn.T @ w]))
+            columns.append(
+                np.concatenate([turn.T @ (p + np.cross(w, turn @ given["centre"])), turn.T @ w])
+            )
         return np.linalg.solve(np.stack(columns)[base], force[base])
 
     loads = module.input_matrix(values["q"])
@@ -420,7 +499,9 @@ def test_inputs_share_a_wrench_among_rotors(attitude: str, moves: bool, refuses:
         columns = np.stack([wrench(column) for column in loads.T[:4]])
     asked_for = wrench(values["f"])
     thrusts = smallest(columns, asked_for)
-    left = np.linalg.norm(asked_for - columns.T @ thrusts) - 0.01 * (1.0 + np.linalg.norm(asked_for))
+    left = np.linalg.norm(asked_for - columns.T @ thrusts) - 0.01 * (
+        1.0 + np.linalg.norm(asked_for)
+    )
     if limited:
         thrusts = nearest(thrusts, asked_for, columns, given["least"], given["most"])
     efforts = values["f"][state.joints] - (loads[state.joints, :4] @ thrusts if moves else 0.0)
@@ -432,5 +513,10 @@ def test_inputs_share_a_wrench_among_rotors(attitude: str, moves: bool, refuses:
     lost = {**by_hand, "nearest_thrusts": lambda thrusts, *_: np.full(4, np.nan)}
     if limited:
         assert np.isnan(evaluate(program, values, {"robot": module}, externals=lost)["refused"])
-    nothing = evaluate(program, values | {"f": np.full(8, np.nan)}, {"robot": module}, externals={**lost, "smallest_thrusts": lambda c, w: np.full(4, np.nan)})
+    nothing = evaluate(
+        program,
+        values | {"f": np.full(8, np.nan)},
+        {"robot": module},
+        externals={**lost, "smallest_thrusts": lambda c, w: np.full(4, np.nan)},
+    )
     assert nothing["refused"] == 0.0

@@ -33,15 +33,23 @@ DRIVEN = {
     "ACTUATOR_STATES": ("w1", "w2", "w3", "w4", "p1"),
     "ROTOR_AIR": {"F_2": ("tip", 0.0, 0.6, 0.8, 0.03, 0.02, 0.0, 0.2, 0.0)},
 }
-HOLDING = {"CONSTRAINTS": ("hook", "rail"), "CONSTRAINT_ROWS": ("hook_x", "rail_y", "rail_z"), "PARAMETERS": {"mass": 1.5, "constraint_hook_frequency": 0.7, "gravity": 9.81}}
+HOLDING = {
+    "CONSTRAINTS": ("hook", "rail"),
+    "CONSTRAINT_ROWS": ("hook_x", "rail_y", "rail_z"),
+    "PARAMETERS": {"mass": 1.5, "constraint_hook_frequency": 0.7, "gravity": 9.81},
+}
 CONTACTS = (Contact(1, 0, ball, 4, True), Contact(0, 1, ball, 4))
-AROUND = Surroundings(pushes=True, drag=True, gusts=2, contacts=CONTACTS, spins=((2, 1), (0, 0)), payloads=(1,))
+AROUND = Surroundings(
+    pushes=True, drag=True, gusts=2, contacts=CONTACTS, spins=((2, 1), (0, 0)), payloads=(1,)
+)
 
 
 class Loop:
     """A closed loop, random values of what it is given, and what it does by NumPy."""
 
-    def __init__(self, attitude: str, law: str, lists: dict[str, Any], seed: int = 1, **options: Any) -> None:
+    def __init__(
+        self, attitude: str, law: str, lists: dict[str, Any], seed: int = 1, **options: Any
+    ) -> None:
         self.module = MadeUp(attitude, **lists)
         # The law knows another robot than the one that flies.
         self.known = MadeUp(attitude, **lists)
@@ -59,26 +67,41 @@ class Loop:
 
         def desired(t: Any) -> Array:
             t = np.asarray(t)[..., None]
-            return np.concatenate([start + rate * t + bend * t * t, rate + 2.0 * bend * t, 2.0 * bend + 0.0 * t], -1)
+            return np.concatenate(
+                [start + rate * t + bend * t * t, rate + 2.0 * bend * t, 2.0 * bend + 0.0 * t], -1
+            )
 
         def centre(t: Any) -> Array:
             return np.concatenate([[1.0, t, 0.5], [0.2, 0.1, 0.1], [0.3, 0.1, 0.2]])
 
-        def nearest(thrusts: Array, wrench: Array, columns: Array, least: Array, most: Array) -> Array:
+        def nearest(
+            thrusts: Array, wrench: Array, columns: Array, least: Array, most: Array
+        ) -> Array:
             return np.clip(thrusts, least, most) + 1e-3 * wrench[:4]
 
-        return {"desired": desired, "centre": centre, "nearest_thrusts": nearest, "smallest_thrusts": lambda c, w: np.linalg.pinv(c.T) @ w, "force_axis": lambda c: c.sum(0)[:3]}
+        return {
+            "desired": desired,
+            "centre": centre,
+            "nearest_thrusts": nearest,
+            "smallest_thrusts": lambda c, w: np.linalg.pinv(c.T) @ w,
+            "force_axis": lambda c: c.sum(0)[:3],
+        }
 
     def values(self, program: Program) -> dict[str, Array]:
         """Random inputs of a program of the loop."""
-        given: dict[str, Array] = {n: self.random.uniform(0.2, 0.9, x.shape) for n, x in zip(program.names, program.inputs, strict=True)}
+        given: dict[str, Array] = {
+            n: self.random.uniform(0.2, 0.9, x.shape)
+            for n, x in zip(program.names, program.inputs, strict=True)
+        }
         for name in given:
             if name.startswith("least"):
                 given[name] = given[name] - 1.0
             elif name == "gusts":
                 given[name][:, 0] = -0.3
             elif name.startswith("wall"):
-                given[name] = np.concatenate([[0.1, 50.0, 3.0, 0.4, 0.6, 40.0, 2.0], self.random.normal(size=3) * 0.3, [1.6]])
+                given[name] = np.concatenate(
+                    [[0.1, 50.0, 3.0, 0.4, 0.6, 40.0, 2.0], self.random.normal(size=3) * 0.3, [1.6]]
+                )
             elif name in ("idle", "idling", "active"):
                 given[name] = np.round(given[name])
         if "x" in given:
@@ -105,7 +128,9 @@ class Loop:
     def curves(self, time: Any) -> tuple[Array, ...]:
         """Desired coordinates, velocities, accelerations, and the path of the centre of mass."""
         c = np.split(self.externals()["desired"](time), 3, -1)
-        path = np.split(self.externals()["centre"](time), 3) if self.spec.leans else [np.zeros(3)] * 3
+        path = (
+            np.split(self.externals()["centre"](time), 3) if self.spec.leans else [np.zeros(3)] * 3
+        )
         if not self.is_quaternion:
             return (*c, *path)
 
@@ -120,77 +145,173 @@ class Loop:
         a = np.imag(moving(c[0] + 1j * STEP * c[1], c[1] + 1j * STEP * c[2])[1]) / STEP
         return (*moving(c[0], c[1]), a, *path)
 
-    def asked(self, g: dict[str, Array], time: float, q: Array, v: Array, memory: Array, felt: Array, *, free: bool = False) -> dict[str, Array]:
+    def asked(
+        self,
+        g: dict[str, Array],
+        time: float,
+        q: Array,
+        v: Array,
+        memory: Array,
+        felt: Array,
+        *,
+        free: bool = False,
+    ) -> dict[str, Array]:
         """What the law wants, and errors that it integrates: it is known by `test_laws`."""
         if self.law in ("off", "held"):
             return {"u": g["held"] if self.law == "held" else np.zeros(6), "refused": np.zeros(())}
         robot, curves = Functions(self.known, "model"), self.curves(time)
-        given = {"q": q, "v": v, "felt": felt, **dict(zip(("q_d", "v_d", "a_d", "p", "pv", "pa"), curves, strict=True))}
+        given = {
+            "q": q,
+            "v": v,
+            "felt": felt,
+            **dict(zip(("q_d", "v_d", "a_d", "p", "pv", "pa"), curves, strict=True)),
+        }
         given |= {"memory": memory} if self.spec.integral else {}
         names = "stiffness damping integral mass axis weight known_centre distribution known_wrenches least_shared most_shared exact"
-        given |= {n: np.asarray(x) for n, x in g.items() if n in names.split() or n.startswith(("frame_", "push_"))}
-        n = {name: variable(name, *np.shape(x), space=robot.space if name in ("q", "q_d") else None) for name, x in given.items()}
+        given |= {
+            n: np.asarray(x)
+            for n, x in g.items()
+            if n in names.split() or n.startswith(("frame_", "push_"))
+        }
+        n = {
+            name: variable(name, *np.shape(x), space=robot.space if name in ("q", "q_d") else None)
+            for name, x in given.items()
+        }
         gains = Gains(*(n.get(x) for x in ("stiffness", "damping", "integral")))  # type: ignore[arg-type]
-        rotors = Rotors(n["known_centre"], n["distribution"], n.get("known_wrenches", n["q"]), n.get("least_shared", n["q"]), n.get("most_shared", n["q"]), self.spec.shared and not free, False, self.spec.refuses and not free, n.get("exact", 0.0))
+        rotors = Rotors(
+            n["known_centre"],
+            n["distribution"],
+            n.get("known_wrenches", n["q"]),
+            n.get("least_shared", n["q"]),
+            n.get("most_shared", n["q"]),
+            self.spec.shared and not free,
+            False,
+            self.spec.refuses and not free,
+            n.get("exact", 0.0),
+        )
         aim = Aim(Motion(n["q_d"], n["v_d"], n["a_d"]), gains, n.get("memory"))
         if self.spec.leans:
-            aim = replace(aim, path=CentrePath(n["p"], n["pv"], n["pa"]), weight=Weight(n["mass"], n["weight"], n["axis"]))
+            aim = replace(
+                aim,
+                path=CentrePath(n["p"], n["pv"], n["pa"]),
+                weight=Weight(n["mass"], n["weight"], n["axis"]),
+            )
         if self.spec.moved is not None:
             for name in {"push_force", "push_integral"} - {*given}:
                 given[name], n[name] = np.zeros(()), variable(name)
-            frame = FrameAim(self.spec.moved, n["frame_stiffness"], n["frame_damping"], n["frame_inertia"], n["felt"])
+            frame = FrameAim(
+                self.spec.moved,
+                n["frame_stiffness"],
+                n["frame_damping"],
+                n["frame_inertia"],
+                n["felt"],
+            )
             if LAWS[self.law].pushes:
-                turn = self.known.frame_poses(q)[self.spec.axes, :3, :3] if self.spec.axes is not None else np.eye(3)
+                turn = (
+                    self.known.frame_poses(q)[self.spec.axes, :3, :3]
+                    if self.spec.axes is not None
+                    else np.eye(3)
+                )
                 given |= {"n": turn @ g["push_direction"], "turn": turn}
                 begin, end, rise = (g[f"push_{x}"] for x in ("begin", "end", "rise"))
-                shares = [x * x * (3.0 - 2.0 * x) for x in np.clip([(time - begin) / rise, (time - end) / rise], 0.0, 1.0)]
+                shares = [
+                    x * x * (3.0 - 2.0 * x)
+                    for x in np.clip([(time - begin) / rise, (time - end) / rise], 0.0, 1.0)
+                ]
                 given["share"] = shares[0] - shares[1]
-                n |= {"n": variable("n", 3), "turn": variable("turn", 3, 3), "share": variable("share")}
+                n |= {
+                    "n": variable("n", 3),
+                    "turn": variable("turn", 3, 3),
+                    "share": variable("share"),
+                }
                 axes = n["turn"] if self.spec.axes is not None else None
-                frame = replace(frame, push=Push(n["n"], n["push_force"], n["share"], n["push_integral"], axes))
+                frame = replace(
+                    frame, push=Push(n["n"], n["push_force"], n["share"], n["push_integral"], axes)
+                )
             aim = replace(aim, frame=frame)
         if self.law == "open_loop":
             at, force = n["q_d"], robot.inverse_dynamics(n["q_d"], n["v_d"], n["a_d"])
         else:
             at, force = n["q"], LAWS[self.law].force(robot, n["q"], n["v"], aim)
         u, refused = inputs_of(robot, at, force, rotors)
-        outputs = {"u": u, "refused": refused, "wrench": base_of(robot, at).wrench(n["known_centre"], force)}
+        outputs = {
+            "u": u,
+            "refused": refused,
+            "wrench": base_of(robot, at).wrench(n["known_centre"], force),
+        }
         outputs |= {"errors": learning(robot, n["q"], n["v"], aim)} if self.spec.integral else {}
         program = Program("law", tuple(n.values()), outputs)
         return evaluate(program, given, {"model": self.known}, externals=self.externals())
 
-    def touching(self, g: dict[str, Array], q: Array, v: Array, bristles: Array) -> tuple[list[Any], Array]:
+    def touching(
+        self, g: dict[str, Array], q: Array, v: Array, bristles: Array
+    ) -> tuple[list[Any], Array]:
         """What contacts do, and wrenches of what touches frames."""
         found, wrenches = [], np.zeros((2, 6))
         poses, velocities = self.module.frame_poses(q), self.module.frame_velocities(q, v)
         for contact in self.spec.around.contacts:
             own = bristles if contact.sticks else np.zeros(3)
-            found.append(touched(g[f"wall_{contact.wall}"], poses[contact.frame], velocities[contact.frame], own, contact.sticks))
+            found.append(
+                touched(
+                    g[f"wall_{contact.wall}"],
+                    poses[contact.frame],
+                    velocities[contact.frame],
+                    own,
+                    contact.sticks,
+                )
+            )
             wrenches[contact.frame] += found[-1]["wrench"]
         return found, wrenches + (g["push"] if self.spec.around.pushes else 0.0)
 
-    def motion(self, g: dict[str, Array], time: float, q: Array, v: Array, u: Array, aimed: Array, actuators: Array, bristles: Array) -> dict[str, Any]:
+    def motion(
+        self,
+        g: dict[str, Array],
+        time: float,
+        q: Array,
+        v: Array,
+        u: Array,
+        aimed: Array,
+        actuators: Array,
+        bristles: Array,
+    ) -> dict[str, Any]:
         """Accelerations, wrenches, forces of constraints and power."""
         plant, around = self.module, self.spec.around
         found, touching = self.touching(g, q, v, bristles)
-        wrenches, velocities, poses = touching.copy(), plant.frame_velocities(q, v), plant.frame_poses(q)
+        wrenches, velocities, poses = (
+            touching.copy(),
+            plant.frame_velocities(q, v),
+            plant.frame_poses(q),
+        )
         wind = np.zeros(3)
         has_air = self.spec.driven and self.law != "off"
         if around.drag:
             wind = g["wind"].copy()
             for begin, lasting, *half in g.get("gusts", ()):
-                wind += (1.0 - np.cos(2.0 * np.pi * np.clip((time - begin) / lasting, 0.0, 1.0))) * np.array(half)
+                wind += (
+                    1.0 - np.cos(2.0 * np.pi * np.clip((time - begin) / lasting, 0.0, 1.0))
+                ) * np.array(half)
             wrenches += g["drag"] * (np.concatenate([wind, np.zeros(3)]) - velocities)
         for (rotor, frame), spin in zip(around.spins, g.get("spins", ()), strict=False):
             size = spin[3] * np.sign(u[rotor]) * np.sqrt(abs(u[rotor]))
-            wrenches[frame, 3:] += np.cross(size * poses[frame, :3, :3] @ spin[:3], velocities[frame, 3:])
+            wrenches[frame, 3:] += np.cross(
+                size * poses[frame, :3, :3] @ spin[:3], velocities[frame, 3:]
+            )
         if has_air:
-            speed, (_, *air) = abs(plant.rotor_speeds(actuators, aimed)[1]), DRIVEN["ROTOR_AIR"]["F_2"]
+            speed, (_, *air) = (
+                abs(plant.rotor_speeds(actuators, aimed)[1]),
+                DRIVEN["ROTOR_AIR"]["F_2"],
+            )
             axis, moved = poses[1, :3, :3] @ air[:3], velocities[1, :3] - wind
-            wrenches[1, :3] += (air[3] - air[4]) * speed * (axis @ moved) * axis - air[3] * speed * moved
+            wrenches[1, :3] += (air[3] - air[4]) * speed * (axis @ moved) * axis - air[
+                3
+            ] * speed * moved
         if around.payloads:
             free = plant.forward_dynamics_with_wrenches(q, v, u, wrenches)
-            j, c, mass = plant.frame_jacobians(q)[1, :3], plant.frame_bias_accelerations(q, v)[1, :3], g["payloads"][0]
+            j, c, mass = (
+                plant.frame_jacobians(q)[1, :3],
+                plant.frame_bias_accelerations(q, v)[1, :3],
+                g["payloads"][0],
+            )
             matrix = np.eye(3) / mass + j @ np.linalg.solve(plant.mass_matrix(q), j.T)
             wrenches[1, :3] += np.linalg.solve(matrix, g["gravity"] - c - j @ free)
         acts = around.acts or has_air
@@ -210,10 +331,29 @@ class Loop:
         twist = np.concatenate([turn.T @ linear + np.cross(spin, centre), spin])
         power = u[:4] @ levers @ twist + u[4:] @ v[self.joints] - g["losses"] @ (v * v)
         power += more + (np.sum(wrenches * velocities) if acts else 0.0)
-        rates = [x["rate"] for x, contact in zip(found, around.contacts, strict=True) if contact.sticks]
-        return {"a": a, "wrenches": wrenches if acts else np.zeros((2, 6)), "holding": forces, "power": power, "touching": touching, "contacts": found, "bristles": rates}
+        rates = [
+            x["rate"] for x, contact in zip(found, around.contacts, strict=True) if contact.sticks
+        ]
+        return {
+            "a": a,
+            "wrenches": wrenches if acts else np.zeros((2, 6)),
+            "holding": forces,
+            "power": power,
+            "touching": touching,
+            "contacts": found,
+            "bristles": rates,
+        }
 
-    def commands(self, g: dict[str, Array], time: float, q: Array, v: Array, actuators: Array, memory: Array, bristles: Array) -> dict[str, Array]:
+    def commands(
+        self,
+        g: dict[str, Array],
+        time: float,
+        q: Array,
+        v: Array,
+        actuators: Array,
+        memory: Array,
+        bristles: Array,
+    ) -> dict[str, Array]:
         """Inputs that are commanded, aimed for, and act, and refusal."""
         s, plant = self.spec, self.module
         felt = self.touching(g, q, v, bristles)[1][s.moved] if s.moved is not None else np.zeros(6)
@@ -229,7 +369,11 @@ class Loop:
             return self.known.command_of(q, v, limit(wanted))
 
         def within(sent: Array) -> Array:
-            return np.clip(sent, g["least_command"], g["most_command"]) if s.driven and self.law != "off" else limit(sent)
+            return (
+                np.clip(sent, g["least_command"], g["most_command"])
+                if s.driven and self.law != "off"
+                else limit(sent)
+            )
 
         def acting(aimed: Array) -> Array:
             if s.driven and self.law != "off":
@@ -247,7 +391,11 @@ class Loop:
             a = self.motion(g, time, q, v, acting(aimed), aimed, actuators, bristles)["a"]
             moved = self.unit(q + ahead * plant.coordinate_rates(q, v))
             # The integrals go on by what is not remembered yet.
-            own = memory + ahead * self.asked(g, time, q, v, np.zeros(8), felt)["errors"] if s.integral else memory
+            own = (
+                memory + ahead * self.asked(g, time, q, v, np.zeros(8), felt)["errors"]
+                if s.integral
+                else memory
+            )
             free = self.asked(g, time, q, v, memory, felt, free=True)["u"]
             then = (g, time + ahead, moved, v + ahead * a, own, felt)
             later = self.asked(*then, free=True)["u"]
@@ -255,19 +403,30 @@ class Loop:
             rates = (later - free) / ahead
             turning, lag = rates, np.concatenate([g.get("lag", np.zeros(4)), np.zeros(2)])
             if s.driven:
-                turning = (sent_for(limit(wanted) + ahead * rates, time + ahead, moved, v + ahead * a) - sent) / ahead
+                turning = (
+                    sent_for(limit(wanted) + ahead * rates, time + ahead, moved, v + ahead * a)
+                    - sent
+                ) / ahead
                 lag = np.where(turning > 0.0, g["time_up"], g["time_down"])
             kept = np.ones(6)
             if s.limited or s.shared:
                 lead, beyond = abs(lag * rates), abs(free - limit(wanted))
                 lead[:4], beyond[:4] = lead[:4].max(), beyond[:4].max()
-                kept = np.where(beyond > 0.0, np.maximum(1.0 - beyond / np.maximum(lead, 1e-12), 0.0), 1.0)
+                kept = np.where(
+                    beyond > 0.0, np.maximum(1.0 - beyond / np.maximum(lead, 1e-12), 0.0), 1.0
+                )
             sent = sent + kept * lag * turning
             wanted = wanted if s.driven else sent
         aimed = within(sent)
         if s.idles and g["idle"] > 0.5:
             aimed = np.concatenate([g["idling"], aimed[4:]])
-        return {"commanded": wanted, "aimed": aimed, "acting": acting(aimed), "refused": refused, "felt": felt}
+        return {
+            "commanded": wanted,
+            "aimed": aimed,
+            "acting": acting(aimed),
+            "refused": refused,
+            "felt": felt,
+        }
 
     def unit(self, q: Array) -> Array:
         if self.is_quaternion:
@@ -286,14 +445,27 @@ class Loop:
             rates = np.concatenate([rates[:3], rates[3:7] * np.linalg.norm(x[3:7]), rates[7:]])
         parts = [rates, moved["a"], [moved["power"]]]
         if s.driven:
-            parts.append(plant.actuator_rates(actuators, found["aimed"]) if self.law != "off" else np.zeros(5))
+            parts.append(
+                plant.actuator_rates(actuators, found["aimed"])
+                if self.law != "off"
+                else np.zeros(5)
+            )
         elif s.lags:
             parts.append(g["pace"] * (found["aimed"][:4] - actuators))
         if s.integral:
-            parts.append(self.remembered(g, found, self.asked(g, time, q, v, np.zeros(8), found["felt"])["errors"], memory))
+            parts.append(
+                self.remembered(
+                    g,
+                    found,
+                    self.asked(g, time, q, v, np.zeros(8), found["felt"])["errors"],
+                    memory,
+                )
+            )
         return np.concatenate([*parts, *moved["bristles"]])
 
-    def remembered(self, g: dict[str, Array], found: dict[str, Array], errors: Array, memory: Array) -> Array:
+    def remembered(
+        self, g: dict[str, Array], found: dict[str, Array], errors: Array, memory: Array
+    ) -> Array:
         """Errors, but none away from zero while an input is at a limit, nor while motors idle."""
         if self.spec.idles and g["idle"] > 0.5:
             errors = 0.0 * errors
@@ -305,17 +477,66 @@ class Loop:
 
 
 CASES: dict[str, tuple[str, str, dict[str, Any], dict[str, Any]]] = {
-    "all": ("zyx", "computed_torque", {}, {"integral": True, "limited": True, "shared": True, "lags": True, "compensates": True, "idles": True, "refuses": True, "around": AROUND}),
-    "wide": ("quaternion", "computed_torque", {}, {"integral": True, "lags": True, "compensates": True, "around": Surroundings(drag=True)}),
-    "held": ("quaternion", "held", HOLDING, {"lags": True, "around": replace(AROUND, holds=True, payloads=())}),
-    "free": ("quaternion", "open_loop", HOLDING, {"limited": True, "around": Surroundings(holds=True)}),
-    "driven": ("zyx", "computed_torque", DRIVEN, {"limited": True, "compensates": True, "integral": True, "around": Surroundings(drag=True, gusts=1)}),
+    "all": (
+        "zyx",
+        "computed_torque",
+        {},
+        {
+            "integral": True,
+            "limited": True,
+            "shared": True,
+            "lags": True,
+            "compensates": True,
+            "idles": True,
+            "refuses": True,
+            "around": AROUND,
+        },
+    ),
+    "wide": (
+        "quaternion",
+        "computed_torque",
+        {},
+        {"integral": True, "lags": True, "compensates": True, "around": Surroundings(drag=True)},
+    ),
+    "held": (
+        "quaternion",
+        "held",
+        HOLDING,
+        {"lags": True, "around": replace(AROUND, holds=True, payloads=())},
+    ),
+    "free": (
+        "quaternion",
+        "open_loop",
+        HOLDING,
+        {"limited": True, "around": Surroundings(holds=True)},
+    ),
+    "driven": (
+        "zyx",
+        "computed_torque",
+        DRIVEN,
+        {
+            "limited": True,
+            "compensates": True,
+            "integral": True,
+            "around": Surroundings(drag=True, gusts=1),
+        },
+    ),
     "driven_held": ("quaternion", "held", DRIVEN, {"idles": True}),
     "off": ("zyx", "off", DRIVEN, {"around": Surroundings(pushes=True)}),
     "impedance": ("quaternion", "impedance", {}, {"moved": 1, "integral": True, "around": AROUND}),
-    "force": ("zyx", "force", {}, {"moved": 1, "axes": 0, "integral": True, "limited": True, "idles": True, "around": AROUND}),
+    "force": (
+        "zyx",
+        "force",
+        {},
+        {"moved": 1, "axes": 0, "integral": True, "limited": True, "idles": True, "around": AROUND},
+    ),
     "leaning": ("quaternion", "geometric", {}, {"lags": True, "integral": True}),
-    "leaning_force": ("zyx", "geometric_force", DRIVEN, {"moved": 1, "limited": True, "around": AROUND}),
+    "leaning_force": (
+        "zyx",
+        "geometric_force",
+        DRIVEN,
+        {"moved": 1, "limited": True, "around": AROUND},
+    ),
 }
 
 
@@ -342,7 +563,14 @@ def test_rates_of_a_closed_loop(name: str) -> None:
         q, v, _, actuators, memory, bristles = loop.parts(given["x"])
         wanted = loop.commands(given, time, q, v, actuators, memory, bristles)
         close(found["refused"], wanted["refused"], rough)
-        own = {"time": time, "q": q, "v": v, "actuators": actuators, "memory": memory, "bristles": bristles}
+        own = {
+            "time": time,
+            "q": q,
+            "v": v,
+            "actuators": actuators,
+            "memory": memory,
+            "bristles": bristles,
+        }
         program = loop.spec.commands()
         commands = loop.run(program, {n: (given | own)[n] for n in program.names})
         for output, value in commands.items():
@@ -352,9 +580,17 @@ def test_rates_of_a_closed_loop(name: str) -> None:
         motion = loop.run(program, {n: (given | own)[n] for n in program.names})
         right = loop.motion(given, time, q, v, u, wanted["aimed"], actuators, bristles)
         for output in ("a", "wrenches", "holding", "touching"):
-            close(motion[output], right[output] if np.size(right[output]) else np.zeros(motion[output].shape))
-        rows = [np.hstack([x[y] for y in ("normal", "friction", "slip", "depth")]) for x in right["contacts"]]
-        np.testing.assert_allclose(motion["contacts"], np.reshape(rows, (-1, 8)), rtol=0, atol=1e-11)
+            close(
+                motion[output],
+                right[output] if np.size(right[output]) else np.zeros(motion[output].shape),
+            )
+        rows = [
+            np.hstack([x[y] for y in ("normal", "friction", "slip", "depth")])
+            for x in right["contacts"]
+        ]
+        np.testing.assert_allclose(
+            motion["contacts"], np.reshape(rows, (-1, 8)), rtol=0, atol=1e-11
+        )
         program = loop.spec.contact_wrenches()
         alone = loop.run(program, {n: (given | own)[n] for n in program.names})["wrenches"]
         push = given["push"] if loop.spec.around.pushes else 0.0
@@ -368,7 +604,10 @@ def test_rates_of_a_closed_loop(name: str) -> None:
         if "wrench" in asked:
             close(asked["wrench"], law["wrench"])
         if "growth" in asked:
-            close(asked["growth"], loop.remembered(given, {"commanded": law["u"]}, law["errors"], memory))
+            close(
+                asked["growth"],
+                loop.remembered(given, {"commanded": law["u"]}, law["errors"], memory),
+            )
 
 
 @pytest.mark.parametrize("name", ["leaning", "free", "driven_held"])
@@ -392,9 +631,21 @@ def test_steps_of_a_closed_loop_are_those_of_runge_and_kutta(name: str) -> None:
     close(found["inputs"], np.concatenate([begin["commanded"], begin["acting"]]))
     curves = loop.curves(t + h)
     robot = Functions(loop.known, "model")
-    q_n, v_n, a_n = robot.coordinates(), robot.velocities(), Motion(robot.coordinates("d"), robot.velocities("e"), robot.velocities("a"))
-    errors = Program("errors", (q_n, v_n, a_n.q, a_n.v, a_n.a), dict(zip("er", base_of(robot, q_n).errors(v_n, a_n), strict=True)))
-    off = evaluate(errors, {"q": q, "v": v, "d": curves[0], "e": curves[1], "a": curves[2]}, {"model": loop.known})
+    q_n, v_n, a_n = (
+        robot.coordinates(),
+        robot.velocities(),
+        Motion(robot.coordinates("d"), robot.velocities("e"), robot.velocities("a")),
+    )
+    errors = Program(
+        "errors",
+        (q_n, v_n, a_n.q, a_n.v, a_n.a),
+        dict(zip("er", base_of(robot, q_n).errors(v_n, a_n), strict=True)),
+    )
+    off = evaluate(
+        errors,
+        {"q": q, "v": v, "d": curves[0], "e": curves[1], "a": curves[2]},
+        {"model": loop.known},
+    )
     beyond = np.max(np.abs(np.concatenate([off["e"], off["r"]])) - given["bounds"])
     close(found["ended"], beyond)
     alone = loop.spec.after()

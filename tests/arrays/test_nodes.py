@@ -106,7 +106,11 @@ class Nodes:
         return inner()(x, s)
 
     def twice(self, x: Node, s: Node) -> Node:
-        outer = Program("outer", inner().inputs, {"y": inner()(inner()(*inner().inputs)[0], inner().inputs[1])[0]})
+        outer = Program(
+            "outer",
+            inner().inputs,
+            {"y": inner()(inner()(*inner().inputs)[0], inner().inputs[1])[0]},
+        )
         return outer(x, s)[0]
 
 
@@ -210,7 +214,9 @@ def program(*left_out: str) -> Program:
     """All cases but some."""
     inputs = {n: variable(n, *shape, uniform=n[-1] == "_") for n, shape in SHAPES.items()}
     given = SimpleNamespace(**inputs)
-    made = {n: nodes.entries_of(case(Nodes(), given)) for n, case in CASES.items() if n not in left_out}
+    made = {
+        n: nodes.entries_of(case(Nodes(), given)) for n, case in CASES.items() if n not in left_out
+    }
     return Program("nodes", tuple(inputs.values()), {f"{name}_of": x for name, x in made.items()})
 
 
@@ -263,10 +269,16 @@ def test_numpy_has_the_numbers_of_plain_arrays() -> None:
     given = numbers()
     check(evaluate(program(), given, {}), given)
     check(single(evaluate(program(), one(given, 0), {})), some(given, 1))
-    grid = {name: x if name[-1] == "_" else x[:10].reshape(2, 5, *x.shape[1:]) for name, x in given.items()}
+    grid = {
+        name: x if name[-1] == "_" else x[:10].reshape(2, 5, *x.shape[1:])
+        for name, x in given.items()
+    }
     found = evaluate(program(), grid | {"y": given["y"][0]}, {})
     shared = given | {"y": np.tile(given["y"][0], (COUNT, 1))}
-    flat = {n: x.reshape(10, *x.shape[2:]) if x.ndim - len(program().outputs[n].shape) == 2 else x for n, x in found.items()}
+    flat = {
+        n: x.reshape(10, *x.shape[2:]) if x.ndim - len(program().outputs[n].shape) == 2 else x
+        for n, x in found.items()
+    }
     check(flat, some(shared, 10))
 
 
@@ -289,15 +301,29 @@ def test_derivatives_are_those_of_complex_steps() -> None:
     given, right = one(numbers(), 0), slopes()
     found = evaluate(jacobian(program(), tuple(SHAPES)), given, {})
     for name, slope in right.items():
-        np.testing.assert_allclose(found[name], slope, rtol=0, atol=2e-13 * max(1.0, np.abs(slope).max(initial=0.0)), err_msg=name)
+        np.testing.assert_allclose(
+            found[name],
+            slope,
+            rtol=0,
+            atol=2e-13 * max(1.0, np.abs(slope).max(initial=0.0)),
+            err_msg=name,
+        )
     random = np.random.default_rng(5)
     for name, x in program().outputs.items():
         alone = gradient(Program("alone", program().inputs, {name: x}), tuple(SHAPES))
         weight = random.normal(size=x.shape)
         bars = evaluate(alone, given | {f"{name}_bar": weight}, {})
         for by, shape in SHAPES.items():
-            wanted = np.tensordot(weight, right[f"{name}_by_{by}"], x.shape and weight.ndim or 0).reshape(shape)
-            np.testing.assert_allclose(bars[f"{by}_bar"], wanted, rtol=0, atol=1e-12 * max(1.0, np.abs(wanted).max(initial=0.0)), err_msg=f"{name} {by}")
+            wanted = np.tensordot(
+                weight, right[f"{name}_by_{by}"], x.shape and weight.ndim or 0
+            ).reshape(shape)
+            np.testing.assert_allclose(
+                bars[f"{by}_bar"],
+                wanted,
+                rtol=0,
+                atol=1e-12 * max(1.0, np.abs(wanted).max(initial=0.0)),
+                err_msg=f"{name} {by}",
+            )
 
 
 def test_jax_has_the_numbers_of_plain_arrays(jax_in_double_precision: ModuleType) -> None:
@@ -308,7 +334,10 @@ def test_jax_has_the_numbers_of_plain_arrays(jax_in_double_precision: ModuleType
 def test_casadi_has_the_numbers_of_plain_arrays() -> None:
     casadi = pytest.importorskip("casadi")
     given = one(numbers(), 0)
-    flat = {n: x.reshape((int(np.prod(x.shape[:-1])), x.shape[-1]) if x.ndim > 1 else (x.size, 1)) for n, x in given.items()}
+    flat = {
+        n: x.reshape((int(np.prod(x.shape[:-1])), x.shape[-1]) if x.ndim > 1 else (x.size, 1))
+        for n, x in given.items()
+    }
     symbols = {name: casadi.MX.sym(name, *x.shape) for name, x in flat.items()}
     found = evaluate_casadi(program(), symbols, {})
     results = casadi.Function("f", [*symbols.values()], [*found.values()])(*flat.values())
@@ -335,11 +364,15 @@ def check_slopes(found: dict[str, Array], tolerance: float) -> None:
         if name in right:
             value = found[name] if found[name].ndim == len(x.shape) else found[name][0]
             size = max(1.0, np.abs(right[name]).max(initial=0.0))
-            np.testing.assert_allclose(value, right[name], rtol=0, atol=tolerance * size, err_msg=name)
+            np.testing.assert_allclose(
+                value, right[name], rtol=0, atol=tolerance * size, err_msg=name
+            )
 
 
 @pytest.mark.parametrize(("is_single", "tolerance"), [(False, 1e-13), (True, 5e-5)])
-def test_c_has_the_numbers_of_plain_arrays(is_single: bool, tolerance: float, robot: ModuleType) -> None:
+def test_c_has_the_numbers_of_plain_arrays(
+    is_single: bool, tolerance: float, robot: ModuleType
+) -> None:
     """In blocks of states, the last of which is not full."""
     given = numbers()
     found = compile_program(derived(), robot, single=is_single)(given)
@@ -355,7 +388,9 @@ def test_c_of_one_state_has_the_numbers_of_plain_arrays(robot: ModuleType) -> No
 
 
 @pytest.mark.parametrize("real", [np.float64, np.float32])
-def test_c_for_firmware_has_the_numbers_of_plain_arrays(real: Any, robot: ModuleType, tmp_path: Path) -> None:
+def test_c_for_firmware_has_the_numbers_of_plain_arrays(
+    real: Any, robot: ModuleType, tmp_path: Path
+) -> None:
     folder = Path(robot.__path__[0])
     _, source = write_c(derived(), Functions(robot), tmp_path)
     options = ["-O0", "-shared", "-fPIC", f"-I{folder}"]
@@ -364,7 +399,9 @@ def test_c_for_firmware_has_the_numbers_of_plain_arrays(real: Any, robot: Module
     given = {name: x.astype(real) for name, x in one(numbers(), 0).items()}
     found = {name: np.full(x.shape, np.nan, real) for name, x in derived().outputs.items()}
     number = ctypes.c_float if real is np.float32 else ctypes.c_double
-    arguments = [number(x) if not x.ndim else ctypes.c_void_p(x.ctypes.data) for x in given.values()]
+    arguments = [
+        number(x) if not x.ndim else ctypes.c_void_p(x.ctypes.data) for x in given.values()
+    ]
     arguments += [ctypes.c_void_p(x.ctypes.data) for x in found.values()]
     library[f"{NAME}_{derived().name}"](*arguments)
     tolerance = 1e-13 if real is np.float64 else 5e-5

@@ -50,20 +50,28 @@ def moving(attitude: str, **lists: Any) -> tuple[MadeUp, Functions, dict[str, Ar
 
 def close(found: Any, wanted: Any, tolerance: float = 1e-12) -> None:
     wanted = np.asarray(wanted)
-    np.testing.assert_allclose(found, wanted, rtol=0, atol=tolerance * max(1.0, np.abs(wanted).max(initial=0.0)))
+    np.testing.assert_allclose(
+        found, wanted, rtol=0, atol=tolerance * max(1.0, np.abs(wanted).max(initial=0.0))
+    )
 
 
 @pytest.mark.parametrize("attitude", ["zyx", "quaternion"])
 def test_wind_drag_and_spin(attitude: str) -> None:
     module, robot, state = moving(attitude)
-    own, values = given(time=(), steady=(3,), gusts=(2, 5), drags=(2, 6), axis=(3,), momentum=(), thrust=())
+    own, values = given(
+        time=(), steady=(3,), gusts=(2, 5), drags=(2, 6), axis=(3,), momentum=(), thrust=()
+    )
     values["gusts"][..., 1] = 0.4
     q, v = robot.state()
     wind = wind_velocity(own["time"], own["steady"], own["gusts"])
     velocities = robot.frame_velocities(q, v)
-    spun = spin_torque(own["axis"], own["momentum"], own["thrust"], robot.frame_poses(q)[1], velocities[1])
+    spun = spin_torque(
+        own["axis"], own["momentum"], own["thrust"], robot.frame_poses(q)[1], velocities[1]
+    )
     outputs = {"wind": wind, "drag": drag(own["drags"], wind, velocities), "spun": spun}
-    found = evaluate(Program("p", (q, v, *own.values()), outputs), state | values, {"robot": module})
+    found = evaluate(
+        Program("p", (q, v, *own.values()), outputs), state | values, {"robot": module}
+    )
     begun = set()
     for k, x in enumerate(each(state | values)):
         air = x["steady"].copy()
@@ -93,7 +101,9 @@ def test_air_on_rotors(attitude: str) -> None:
     parts = air_on_rotors(robot, places, own["speeds"], own["u"], own["wind"])
     assert [frame for frame, _ in parts] == [1, 0, 0, 1]
     outputs = {"all": on_frames(parts, 2)} | {f"of_{k}": x for k, (_, x) in enumerate(parts)}
-    found = evaluate(Program("p", (q, v, *own.values()), outputs), state | values, {"robot": module})
+    found = evaluate(
+        Program("p", (q, v, *own.values()), outputs), state | values, {"robot": module}
+    )
     for k, x in enumerate(each(state | values)):
         poses, velocities = module.frame_poses(x["q"]), module.frame_velocities(x["q"], x["v"])
         whole = np.zeros((2, 6))
@@ -136,7 +146,10 @@ def test_payloads_are_masses_that_move_with_their_frames(attitude: str) -> None:
             whole += mass * j.T @ j
             right += mass * j.T @ (x["gravity"] - c)
         a = np.linalg.solve(whole, right)
-        wanted = [m * (x["gravity"] - bias[f, :3] - jacobians[f, :3] @ a) for f, m in zip(frames, x["masses"], strict=True)]
+        wanted = [
+            m * (x["gravity"] - bias[f, :3] - jacobians[f, :3] @ a)
+            for f, m in zip(frames, x["masses"], strict=True)
+        ]
         close(forces[k], np.concatenate(wanted), 1e-10)
 
 
@@ -147,10 +160,20 @@ def ball(figures: Any, place: Any) -> tuple[Any, Any]:
     return figures[3] - size, away / size
 
 
-WALL = {"radius": 0.1, "stiffness": 50.0, "damping": 3.0, "dissipation": 0.4, "friction": 0.6, "holds": 40.0, "eases": 2.0}
+WALL = {
+    "radius": 0.1,
+    "stiffness": 50.0,
+    "damping": 3.0,
+    "dissipation": 0.4,
+    "friction": 0.6,
+    "holds": 40.0,
+    "eases": 2.0,
+}
 
 
-def touched(wall: Array, pose: Array, velocity: Array, bristle: Array, sticks: bool) -> dict[str, Any]:
+def touched(
+    wall: Array, pose: Array, velocity: Array, bristle: Array, sticks: bool
+) -> dict[str, Any]:
     """A contact as the head of `arrays/contact.py` says it."""
     radius, stiffness, damping, dissipation, friction, s, g = wall[:7]
     away = pose[:3, 3] - wall[7:10]
@@ -169,7 +192,12 @@ def touched(wall: Array, pose: Array, velocity: Array, bristle: Array, sticks: b
     found["eased"] = max(force - stiffness * max(deep, 0.0), 0.0)
     none, kind = np.zeros(3), "free"
     if not sticks:
-        own = {"friction": none, "rate": none, "slip": sliding if force > 0.0 else none, "stored": spring}
+        own = {
+            "friction": none,
+            "rate": none,
+            "slip": sliding if force > 0.0 else none,
+            "stored": spring,
+        }
         return found | own | {"wrench": np.concatenate([force * normal, none]), "kind": kind}
     pull, most = s * held + g * sliding, friction * force
     slip, pushed, kind = none, -pull, "sticks"
@@ -198,13 +226,21 @@ def test_contact(sticks: bool) -> None:
     walls[2, 1:4] = 1.0, 9.0, 9.0  # What moves out of it so fast is not held.
     q, v = robot.state()
     wall = variable("wall", 11)
-    found = touch(contact, wall, (robot.frame_poses(q)[1], robot.frame_velocities(q, v)[1]), own["bristle"])
+    found = touch(
+        contact, wall, (robot.frame_poses(q)[1], robot.frame_velocities(q, v)[1]), own["bristle"]
+    )
     outputs = found._asdict() | {"series": found.series}
     program = Program("p", (q, v, wall, own["bristle"]), outputs)
     values |= {"wall": walls, **state}
     results, kinds = evaluate(program, values, {"robot": module}), set()
     for k, x in enumerate(each(values)):
-        pose, velocity = (f(*a)[1] for f, a in ((module.frame_poses, [x["q"]]), (module.frame_velocities, [x["q"], x["v"]])))
+        pose, velocity = (
+            f(*a)[1]
+            for f, a in (
+                (module.frame_poses, [x["q"]]),
+                (module.frame_velocities, [x["q"], x["v"]]),
+            )
+        )
         wanted = touched(x["wall"], pose, velocity, x["bristle"], sticks)
         kinds.add((wanted.pop("kind"), wanted["normal"] > 0.0, wanted["eased"] > 0.0))
         for name, right in wanted.items():
@@ -239,7 +275,9 @@ def test_steps_give_back_what_contacts_gained(scale: float, holds: bool) -> None
     states = ((q, v, own["z"]), (q_after, v_after, 2.0 * own["z"]))
     active = own["active"] if holds else None
     place, moved = passive(robot, contacts, touches, states, own["work"], own["done"], active)
-    program = Program("p", (q, v, q_after, v_after, *own.values()), {"place": place, "v_next": moved})
+    program = Program(
+        "p", (q, v, q_after, v_after, *own.values()), {"place": place, "v_next": moved}
+    )
     values |= state | other
     found, kinds = evaluate(program, values, {"robot": module}), set()
     for k, x in enumerate(each(values)):
@@ -270,12 +308,23 @@ def test_steps_give_back_what_contacts_gained(scale: float, holds: bool) -> None
         close(found["place"][k], x["q"] if stays else q1)
         close(found["v_next"][k], np.sqrt(1.0 - rest) * left, 1e-9)
     assert kinds
-    both = [Did(*(variable(f"{name}_{k}", *shape) for name, shape in (("wrench", (6,)), ("eased", ()), ("normal", ())))) for k in range(2)]
+    both = [
+        Did(
+            *(
+                variable(f"{name}_{k}", *shape)
+                for name, shape in (("wrench", (6,)), ("eased", ()), ("normal", ()))
+            )
+        )
+        for k in range(2)
+    ]
     inputs = [x for y in both for x in (y.wrench, y.eased, y.normal)]
     twists = variable("twists", 2, 6)
     program = Program("p", (*inputs, twists), {"e": effects(contacts, both, twists)})
     random = np.random.default_rng(1)
-    at = {name: random.normal(size=x.shape) for name, x in zip(program.names, program.inputs, strict=True)}
+    at = {
+        name: random.normal(size=x.shape)
+        for name, x in zip(program.names, program.inputs, strict=True)
+    }
     power = at["wrench_0"] @ at["twists"][1] + at["wrench_1"] @ at["twists"][0]
     sums = [power, at["eased_0"] + at["eased_1"], at["normal_0"] + at["normal_1"]]
     close(evaluate(program, at, {})["e"], np.concatenate([sums, at["wrench_0"], at["wrench_1"]]))
@@ -299,7 +348,14 @@ class Did:
 def test_sensors(attitude: str) -> None:
     module, robot, state = moving(attitude)
     _, values = given(a=(8,), wrenches=(2, 6), gravity=(3,))
-    kinds = {"imu": (), "barometer": (120.0,), "magnetometer": (0.3, -0.2, 0.9), "gps": (), "encoders": (), "wrench": ()}
+    kinds = {
+        "imu": (),
+        "barometer": (120.0,),
+        "magnetometer": (0.3, -0.2, 0.9),
+        "gps": (),
+        "encoders": (),
+        "wrench": (),
+    }
     devices = [Device(kind, 1, figures) for kind, figures in kinds.items()]
     program = measurement_program(robot, [*devices, Device("imu", 0, ())])
     found = evaluate(program, state | values, {"robot": module})["measured"]
@@ -307,12 +363,23 @@ def test_sensors(attitude: str) -> None:
         pose, velocity = module.frame_poses(x["q"])[1], module.frame_velocities(x["q"], x["v"])
         axes, joints = pose[:3, :3].T, slice(7, 9) if attitude == "quaternion" else slice(3, 5)
 
-        def felt(frame: int, turn: Array, x: dict[str, Array] = x, velocity: Array = velocity) -> Array:
-            jacobian, bias = module.frame_jacobians(x["q"])[frame], module.frame_bias_accelerations(x["q"], x["v"])[frame]
+        def felt(
+            frame: int, turn: Array, x: dict[str, Array] = x, velocity: Array = velocity
+        ) -> Array:
+            jacobian, bias = (
+                module.frame_jacobians(x["q"])[frame],
+                module.frame_bias_accelerations(x["q"], x["v"])[frame],
+            )
             force = jacobian[:3] @ x["a"] + bias[:3] - x["gravity"]
             return np.concatenate([turn @ force, turn @ velocity[frame, 3:]])
 
-        wanted = [felt(1, axes), [pose[2, 3] + 120.0], axes @ kinds["magnetometer"], pose[:3, 3], velocity[1, :3]]
+        wanted = [
+            felt(1, axes),
+            [pose[2, 3] + 120.0],
+            axes @ kinds["magnetometer"],
+            pose[:3, 3],
+            velocity[1, :3],
+        ]
         wanted += [x["q"][joints], axes @ x["wrenches"][1, :3], axes @ x["wrenches"][1, 3:]]
         wanted.append(felt(0, module.turns(x["q"])[-1].T))
         close(found[k], np.concatenate(wanted))
@@ -326,7 +393,11 @@ def test_readings_err_as_their_channels_say() -> None:
     ]
     _, values = given(measured=(5,), white=(5,), walk=(5,))
     found = evaluate(reading_program(channels), values, {})["reading"]
-    bias, walk, noise = [0.5, -0.5, 0.0, -0.1, -0.1], [0.2, 0.2, 0.0, 1.5, 1.5], [0.1, 0.3, 2.0, 0.4, 0.4]
+    bias, walk, noise = (
+        [0.5, -0.5, 0.0, -0.1, -0.1],
+        [0.2, 0.2, 0.0, 1.5, 1.5],
+        [0.1, 0.3, 2.0, 0.4, 0.4],
+    )
     wanted = values["measured"] + bias + walk * values["walk"] + noise * values["white"]
     wanted[:, :2] = np.clip(wanted[:, :2], -0.7, 0.7)
     assert np.abs(wanted[:, :2]).max() == 0.7

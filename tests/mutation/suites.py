@@ -208,9 +208,18 @@ _IN_LANGUAGES = {
 _DERIVED = ("nodes.py::test_derivatives_are_those_of_complex_steps", "calls.py")
 _QUICK_ARRAYS = (
     _of_arrays("nodes contents functions labels text", _VALUES, *_DERIVED, "programs.py")
-    | _of_arrays("evaluation", _VALUES, _IN_LANGUAGES["casadi"], "programs.py", "calls.py", _IN_LANGUAGES["jax"])
+    | _of_arrays(
+        "evaluation",
+        _VALUES,
+        _IN_LANGUAGES["casadi"],
+        "programs.py",
+        "calls.py",
+        _IN_LANGUAGES["jax"],
+    )
     | _of_arrays("forward backward slopes rules steps", *_DERIVED, "programs.py", "machine.py")
-    | _of_arrays("c_text c_file", *(_IN_LANGUAGES[x] for x in _IN_LANGUAGES if x[0] == "c"), "programs.py")
+    | _of_arrays(
+        "c_text c_file", *(_IN_LANGUAGES[x] for x in _IN_LANGUAGES if x[0] == "c"), "programs.py"
+    )
     | _of_arrays("matlab_text numpy_text", _IN_LANGUAGES["octave"], "programs.py")
     | _of_arrays("base", "base.py", "laws.py")
     | _of_arrays("laws law_functions allocation", "laws.py", "machine.py")
@@ -330,7 +339,9 @@ def suite_of(module: str, line: int, recorded: Mapping[str, Record]) -> Suite:
     if module in MATLAB:
         return Suite(("tests/targets/test_matlab.py",), ("tests/runtime/test_matlab_programs.py",))
     if module in ARRAYS:
-        return Suite(_QUICK_ARRAYS[module.removeprefix("arrays.")], ("tests/arrays", *_REST_OF_ARRAYS))
+        return Suite(
+            _QUICK_ARRAYS[module.removeprefix("arrays.")], ("tests/arrays", *_REST_OF_ARRAYS)
+        )
     if module in _ALL_NAMED:
         usual = _QUICK_DERIVATION if module in DERIVATION + COMBINE else _QUICK_EMISSION
         return Suite(_QUICK.get(module, usual), _REST.get(module, _REST_OF_DERIVATION))

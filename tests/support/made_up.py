@@ -94,7 +94,9 @@ class MadeUp:
 
     def state(self, random: np.random.Generator, *count: int) -> tuple[Array, Array]:
         """Random coordinates and velocities, or of so many states."""
-        q, v = (random.uniform(-0.8, 0.8, (*count, len(x))) for x in (self.COORDINATES, self.VELOCITIES))
+        q, v = (
+            random.uniform(-0.8, 0.8, (*count, len(x))) for x in (self.COORDINATES, self.VELOCITIES)
+        )
         if self.ATTITUDE == "quaternion":
             q[..., 6] = 1.0
             q[..., 3:7] /= np.linalg.norm(q[..., 3:7], axis=-1, keepdims=True)
@@ -210,9 +212,7 @@ class MadeUp:
         base, tip = self.turns(q)[-1], self._tip(q)
         places = q[..., self.places], q[..., self.places] + tip
         turns = base, base @ turn("y", q[..., self.joints][..., 0])
-        blocks = [
-            np.concatenate([x, p[..., None]], -1) for x, p in zip(turns, places, strict=True)
-        ]
+        blocks = [np.concatenate([x, p[..., None]], -1) for x, p in zip(turns, places, strict=True)]
         last = np.broadcast_to(np.eye(4)[3:], (*base.shape[:-2], 1, 4))
         return np.stack([np.concatenate([x, last], -2) for x in blocks], -3)
 
@@ -326,7 +326,9 @@ class MadeUp:
         moves = np.zeros((n + rest, m + rest))
         moves[:n, :m], moves[n:, m:] = self._moves(q), np.eye(rest)
         whole = moves.T @ np.tensordot(w, bend, 1)[: n + rest, : n + rest] @ moves
-        if self.ATTITUDE == "quaternion":  # A displacement is a half turn of the linear one as well.
+        if (
+            self.ATTITUDE == "quaternion"
+        ):  # A displacement is a half turn of the linear one as well.
             by, turned = w @ slope, rotation(q[3:7])
             for j in range(3):
                 whole[:3, 3 + j] += 0.5 * (by[:3] @ turned) @ skew(np.eye(3)[j])
