@@ -206,25 +206,18 @@ _IN_LANGUAGES = {
     for language in ("casadi", "jax", "c", "c_of_one_state", "c_for_firmware", "octave")
 }
 _DERIVED = ("nodes.py::test_derivatives_are_those_of_complex_steps", "calls.py")
+_OF_C = tuple(_IN_LANGUAGES[x] for x in ("c_for_firmware", "c", "c_of_one_state"))
 _QUICK_ARRAYS = (
     _of_arrays("nodes contents functions labels text", _VALUES, *_DERIVED, "programs.py")
-    | _of_arrays(
-        "evaluation",
-        _VALUES,
-        _IN_LANGUAGES["casadi"],
-        "programs.py",
-        "calls.py",
-        _IN_LANGUAGES["jax"],
-    )
-    | _of_arrays("forward backward slopes rules steps", *_DERIVED, "programs.py", "machine.py")
-    | _of_arrays(
-        "c_text c_file", *(_IN_LANGUAGES[x] for x in _IN_LANGUAGES if x[0] == "c"), "programs.py"
-    )
+    | _of_arrays("evaluation", _VALUES, _IN_LANGUAGES["casadi"], "programs.py", "calls.py")
+    | _of_arrays("forward backward slopes rules", *_DERIVED, "programs.py")
+    | _of_arrays("c_text c_file", *_OF_C, "programs.py", "laws.py")
     | _of_arrays("matlab_text numpy_text", _IN_LANGUAGES["octave"], "programs.py")
     | _of_arrays("base", "base.py", "laws.py")
-    | _of_arrays("laws law_functions allocation", "laws.py", "machine.py")
-    | _of_arrays("contact impacts sensors surroundings autopilot", "surroundings.py", "machine.py")
-    | _of_arrays("closed_loop first_order rollout_steps predictive", "machine.py")
+    | _of_arrays("laws law_functions allocation", "laws.py")
+    | _of_arrays("contact impacts sensors surroundings", "surroundings.py", "machine.py")
+    | _of_arrays("closed_loop", "machine.py")
+    | _of_arrays("autopilot first_order predictive rollout_steps steps", "systems.py")
 )
 _QUICK_SYMBOLS = ("tests/runtime/test_casadi_backend.py",)
 _QUICK_JAX = ("tests/runtime/test_jax_backend.py",)
