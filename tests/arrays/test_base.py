@@ -51,6 +51,7 @@ class State:
         return found
 
     def turn(self, q: Array) -> Array:
+        """The rotation of the base."""
         found: Array = self.module.turns(q)[-1]
         return found
 

@@ -7,11 +7,11 @@ from typing import Any
 
 import numpy as np
 import pytest
+from arrays.test_base import State
 from scipy.optimize import lsq_linear
 from scipy.spatial.transform import Rotation
 from support.made_up import STEP, Array, skew
 
-from arrays.test_base import State
 from gibbs_codegen.arrays import (
     Functions,
     Node,
@@ -88,6 +88,7 @@ class Case(State):
         return evaluate(self.program_of_law, given, {"robot": self.module})
 
     def learnt(self, remembers: bool) -> Array:
+        """What integral action adds to errors."""
         return NUMBERS["integral"] * self.given["memory"] if remembers else np.zeros(8)
 
     def errors(self) -> tuple[Array, Array]:
@@ -100,6 +101,7 @@ class Case(State):
         return found["e"], found["r"]
 
     def corrected(self, pull: Array) -> Array:
+        """Accelerations of the desired motion and of a pull, as `test_base` knows them."""
         kept, self.given["f"] = self.given["f"], pull
         found = self.evaluated(
             lambda robot, base, v, desired, f, **_: {"a": base.corrected(v, desired, f)}
@@ -132,7 +134,7 @@ class Case(State):
         return acceleration + force / g["frame_inertia"]
 
     def tip(self, end: str) -> tuple[Array, Array]:
-        """Velocity and acceleration of the tip, which is at q, v and a; of the robot itself a = 0."""
+        """Velocity and acceleration of the tip: of the robot itself without accelerations."""
         g, module = self.given, self.module
         q, v = g[f"q{end}"], g[f"v{end}"]
         a = g["a_d"] if end else np.zeros(8)
@@ -140,6 +142,7 @@ class Case(State):
         return jacobian @ v, jacobian @ a + module.frame_bias_accelerations(q, v)[1, :3]
 
     def felt(self) -> Array:
+        """Generalised force of what the tip feels."""
         found: Array = self.module.frame_jacobians(self.given["q"])[1].T @ self.given["wrench"]
         return found
 
@@ -175,7 +178,7 @@ def test_a_frame_moves_as_on_springs_and_all_else_as_near_as_can_be(
     near = case.corrected(g["stiffness"] * (error + free) + g["damping"] * rate)
     jacobian = module.frame_jacobians(q)[1, :3]
     lacking = case.frame(law, case.lines, learnt, turned) - case.tip("")[1] - jacobian @ near
-    # Least squares of what is moved, weighed by stiffness, as conditions of Karush, Kuhn and Tucker.
+    # Weighed least squares of what is moved, by the conditions of Karush, Kuhn and Tucker.
     moving = g["stiffness"] > 0.0
     n, own = moving.sum(), jacobian[:, moving]
     matrix = np.block([[np.diag(g["stiffness"][moving]), own.T], [own, np.zeros((3, 3))]])

@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from support.made_up import STEP, Array, MadeUp
-
 from arrays.test_machine import CONTACTS, DRIVEN, HOLDING, Loop
 from arrays.test_surroundings import ball, close, touched
+from support.made_up import STEP, Array, MadeUp
+
 from gibbs_codegen.arrays import Functions, Program, evaluate, jacobian
 from gibbs_codegen.arrays.autopilot import command_program, telling_program
 from gibbs_codegen.arrays.contact import Contact
@@ -249,7 +249,8 @@ def test_systems_of_first_order(
         poses, velocities = module.frame_poses(q), module.frame_velocities(q, v)
         growth = module.frame_velocities(q, a) + module.frame_bias_accelerations(q, v)
         turns = np.swapaxes(poses[:, :3, :3], 1, 2)
-        felt = [turn @ (row[:3] + [0.0, 0.0, 9.5]) for turn, row in zip(turns, growth, strict=True)]
+        growth[:, 2] += 9.5
+        felt = [turn @ row[:3] for turn, row in zip(turns, growth, strict=True)]
         spins = [turn @ row[3:] for turn, row in zip(turns, velocities, strict=True)]
         loads = module.joint_wrenches_with_wrenches(q, v, a, u, wrenches)
         found = [
@@ -303,14 +304,17 @@ class Ahead:
         self.motors = 5 if lists else 4 * options.get("lags", False)
 
     def split(self, x: Array) -> Sequence[Array]:
+        """Coordinates, velocities, motors, and inputs before, of a state."""
         return np.split(x, [self.n, self.n + 8, self.n + 8 + self.motors])
 
     def reference(self, g: dict[str, Array]) -> Sequence[Array]:
+        """Points, rotations, coordinates, velocities and inputs that are desired."""
         points, turns = (len(self.options.get(x, ())) for x in ("points", "orientations"))
         ends = np.cumsum([3 * points, 9 * turns, self.n, 8])
         return np.split(g["reference"], ends)
 
     def predicted(self, g: dict[str, Array], u: Array, x: Array) -> tuple[Array, ...]:
+        """Coordinates, velocities, motors and inputs after a step."""
         module, h = self.module, float(g["h"])
         q, v, motors, _ = self.split(x)
         acting, mean, after = u, motors, motors
@@ -356,6 +360,7 @@ class Ahead:
         return module.integrate(q, 0.5 * h * (v + v_next)), v_next, after, u
 
     def errors(self, g: dict[str, Array], q: Array) -> Array:
+        """Errors of points, orientations and coordinates."""
         poses, (points, turns, q_d, _, _) = self.module.frame_poses(q), self.reference(g)
         found = [
             poses[f, :3, 3] - points[3 * k : 3 * k + 3] for k, f in enumerate(self.spec.points)
@@ -373,6 +378,7 @@ class Ahead:
         return np.concatenate([*found, self.module.difference(q_d, q)])
 
     def cost(self, g: dict[str, Array], u: Array, x: Array) -> Array:
+        """The cost of a node."""
         q, v, _, before = self.split(x)
         errors, (*_, v_d, u_d) = self.errors(g, q), self.reference(g)
         of_errors, of_rates, of_inputs, of_changes = self.weights(g, errors.size)
@@ -384,6 +390,7 @@ class Ahead:
         return 0.5 * (cost + (of_changes @ (u - before) ** 2 if before.size else 0.0))
 
     def weights(self, g: dict[str, Array], errors: int) -> Sequence[Array]:
+        """Weights of errors, velocities, inputs and changes."""
         return np.split(g["weights"], np.cumsum([errors, 8, 6]))
 
     def ways(self, x: Array) -> Array:
@@ -495,6 +502,8 @@ def test_autopilots(attitude: str, lists: dict[str, Any], moves: bool) -> None:
     """Outputs that are no numbers command nothing."""
     loop = Loop(attitude, "held", lists, moves=moves)
     module, program = loop.module, command_program(loop.spec)
+    own = [*"xa", "motors", "least", "most", "servos", "low", "high", "asked"]
+    assert program.names == ["time", *own, "stiffness", "damping"]
     for lost in ("", "motors", "servos", "asked"):
         g = loop.values(program)
         g["low"] = g["low"] - 1.0
