@@ -14,17 +14,14 @@ import pytest
 from gibbs_codegen import (
     SensorSuite,
     Simulation,
-    load,
     read_flight,
     read_robot,
     read_scenario,
     simulate,
 )
-from gibbs_codegen.arrays import evaluate
 from gibbs_codegen.errors import GibbsCodegenError
 from gibbs_codegen.flight.plant.vehicle import Array
 from gibbs_codegen.flight.scenario.scenario import Scenario
-from gibbs_codegen.runtime.program_blocks import compile_program
 
 Load = Callable[[str], ModuleType]
 ARM = "quadrotor_arm_2link"
@@ -294,32 +291,6 @@ def test_forces_on_a_frame_are_felt_in_its_axes(fast: Load) -> None:
     # What is read at 0.1 s, as the push ends, may be either.
     assert flight.sensors[2:20:2] == pytest.approx(wanted[2:20:2], abs=1e-12)
     assert np.all(flight.sensors[22:] == 0.0)
-
-
-@pytest.mark.slow
-def test_jax_and_c_measure_what_numpy_does(
-    shipped: Load, fast: Load, jax_in_double_precision: ModuleType
-) -> None:
-    module = shipped(ARM)
-    sensors: dict[str, Any] = SENSORS | {"barometer": [{}], "encoders": [{"resolution": 1e-3}]}
-    sensors["wrench"] = [{"frame": "tip"}]
-    draw = np.random.default_rng(2)
-    motion = [draw.uniform(-1.0, 1.0, (3, 7, n)) for n in (9, 8, 8)]
-    motion[0][..., 3:7] /= np.linalg.norm(motion[0][..., 3:7], axis=-1, keepdims=True)
-    wrenches, times = draw.uniform(-1.0, 1.0, (3, 7, 2, 6)), np.arange(7) / 50.0
-    own = suite(module, **sensors)
-    wanted = own.readings(times, *motion, wrenches)
-    on_jax = suite(load(Path(module.__file__ or "").parent, "jax"), **sensors)
-    found = jax_in_double_precision.jit(lambda *x: on_jax.readings(times, *x))(*motion, wrenches)
-    assert np.asarray(found) == pytest.approx(wanted, abs=1e-12, nan_ok=True)
-    given = dict(zip(("q", "v", "a", "wrenches"), (*motion, wrenches), strict=True))
-    given["gravity"] = -UP
-    in_c = compile_program(own.program, fast(ARM))(given)["measured"]
-    measured = evaluate(own.program, given, {"robot": module})["measured"]
-    assert in_c == pytest.approx(measured, abs=1e-12)
-    turns = module.frame_poses(motion[0])[..., 1, :3, :3]
-    force = np.einsum("...ji,...j", turns, wrenches[..., 1, :3])
-    assert measured[..., -6:-3] == pytest.approx(force, abs=1e-12)
 
 
 @pytest.mark.parametrize(
