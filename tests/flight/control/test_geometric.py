@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 from support.emitted import emitted_module
-from support.tools import missing
 
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.flight.control.choice import control_law
@@ -19,7 +18,6 @@ from gibbs_codegen.flight.control.error_polynomials import error_polynomials
 from gibbs_codegen.flight.control.geometric import LeaningController
 from gibbs_codegen.flight.integration.closed_loop import ClosedLoop
 from gibbs_codegen.flight.integration.compiled_loop import (
-    CompiledLoop,
     CompiledSlope,
     is_compiled,
 )
@@ -210,72 +208,6 @@ def test_from_any_state_joints_and_centre_of_mass_move_as_the_law_says(
     wish /= np.sqrt(1.0 + np.sum(wish**2, axis=-1, keepdims=True) / most**2)
     asked = law.mass * np.sum((needed + wish) * along, axis=-1, keepdims=True)
     assert thrust == pytest.approx(np.maximum(asked, 0.0), abs=2e-2)
-
-
-def test_angles_and_a_quaternion_get_the_same_inputs(machines: Load) -> None:
-    one, other = Vehicle(machines("quadrotor")), Vehicle(machines(ANGLES))
-    rng = np.random.default_rng(2)
-    laws = [law_of(each, resting(each, each.neutral)) for each in (one, other)]
-    angles = rng.uniform(-0.9, 0.9, (5, 3))
-    rates = rng.uniform(-2.0, 2.0, (5, 3))
-    velocity = rng.uniform(-1.0, 1.0, (5, 3))
-    q = np.zeros((5, 6))
-    places = other.layout.q
-    q[:, places.attitude], q[:, places.position] = angles, rng.uniform(-1.0, 1.0, (5, 3))
-    v = np.zeros_like(q)
-    v[:, places.attitude], v[:, places.position] = rates, velocity
-    rotation = other.base_rotation(q)
-    same_q, same_v = np.zeros((5, 7)), np.zeros((5, 6))
-    same_q[:, one.layout.q.position] = q[:, places.position]
-    same_q[:, one.layout.q.attitude] = Rotation.from_matrix(rotation).as_quat()
-    turning = other.function("frame_velocities")(q, v)[:, 0, 3:]
-    spin = np.einsum("sji,sj->si", rotation, turning)
-    same_v[:, one.layout.v.attitude] = spin
-    same_v[:, one.layout.v.position] = np.einsum("sji,sj->si", rotation, velocity)
-    size = 1e-6
-    turned = other.base_rotation(q + size * v) - other.base_rotation(q - size * v)
-    skew = np.swapaxes(rotation, -1, -2) @ turned / (2.0 * size)
-    assert spin == pytest.approx(skew[:, (2, 0, 1), (1, 2, 0)], abs=1e-8)
-    inputs = [law(0.5, *state) for law, state in zip(laws, [(same_q, same_v), (q, v)], strict=True)]
-    assert inputs[0] == pytest.approx(inputs[1], abs=1e-9)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("name", "limits", "lag", "integral"),
-    [("quadrotor", (0.0, 8.5), 0.0, 0.0)],
-)
-def test_every_step_in_c_is_that_of_python(
-    name: str,
-    limits: tuple[float, float],
-    lag: float,
-    integral: float,
-    machines: Load,
-    motions: Callable[[str], Motion],
-) -> None:
-    """From each state that C comes to, Python takes the next step to the same state."""
-    vehicle = Vehicle(machines(name))
-    if (vehicle.module.__file__ or "").endswith(".py"):
-        missing("nothing compiles")
-    reference = vehicle.kinematics.reference(motions(name))
-    allocation = allocation_of(vehicle, limits=limits)
-    control = replace(CONTROL, integral=integral)
-    law = control_law("geometric", control, vehicle, reference, allocation)
-    actuators = Actuators.unlimited(vehicle)
-    actuators.lag[:] = lag
-    closed = ClosedLoop(vehicle, law, actuators)
-    q, v, _ = reference(0.0)
-    rng = np.random.default_rng(6)
-    state = closed.start(q, v) + 0.4 * rng.normal(size=closed.size)
-    loop = CompiledLoop(closed, np.inf)
-    step = 2.0**-8
-    taken, samples, _ = loop(0.0, state, step, 30)
-    assert taken == 30
-    for done, after in enumerate(samples):
-        expected = closed.step(done * step, state, step, NOTHING)
-        moved = np.linalg.norm(expected - state)
-        assert np.linalg.norm(after - expected) <= 1e-10 * (np.linalg.norm(state) + moved)
-        state = after
 
 
 def start(case: int) -> tuple[float, float, float]:

@@ -137,44 +137,6 @@ def test_a_block_sticks_below_the_angle_of_friction_and_slides_above(
 
 
 @pytest.mark.slow
-def test_a_ball_rolls_down_as_its_inertia_says(block: ModuleType) -> None:
-    """A ball that sticks, of a body with the inertia 0.03 kg m² about the axis of its turning."""
-    angle, radius = np.radians(20.0), 0.1
-    normal = np.array([np.sin(angle), 0.0, np.cos(angle)])
-    wall = {"frame": "base", "point": [0, 0, 0], "normal": normal.tolist(), "friction": 0.5}
-    wall |= {"ball_radius": radius, "stiffness": 4000.0, "damping": 100.0}
-    deep = MASS * GRAVITY * np.cos(angle) / 4000.0
-    flight = thrown(block, [wall], duration=1.5, **fixed(*((radius - deep) * normal)))
-    path = flight.point("base") @ np.array([np.cos(angle), 0.0, -np.sin(angle)])
-    late = flight.time > 0.5
-    assert not flight.contact_slip[late].any()
-    found = 2.0 * np.polyfit(flight.time[late], path[late], 2)[0]
-    expected = GRAVITY * np.sin(angle) / (1.0 + 0.03 / (MASS * radius**2))
-    assert found == pytest.approx(expected, rel=1e-3)
-
-
-@pytest.mark.slow
-def test_what_slides_is_the_lowest_point_of_a_ball_that_presses(block: ModuleType) -> None:
-    """With friction and without; in the air nothing slides."""
-    v = np.array([1.0, 0.0, 0.0, 0.0, 3.0, 0.0])
-    for friction, height, expected in (
-        (0.0, 0.04, 1.0 - 3.0 * 0.05),
-        (1e-6, 0.04, 1.0 - 3.0 * 0.05),
-        (0.0, 1.0, 0.0),
-        (0.5, 1.0, 0.0),
-    ):
-        floor = {"kind": "floor", "frame": "base", "stiffness": 4000, "ball_radius": 0.05}
-        own = {"wall": [floor | {"friction": friction}], "control": {"law": "off"}}
-        scenario = read_scenario("hover", own | fixed(0, 0, height))
-        start = flight_start(block, scenario, lambda *_: None, own=False)
-        loop, none = start.loop, np.zeros(4)
-        parts = loop.parts(loop.start(start.q, v))
-        found = loop.motion(0.0, parts, none, none, loop.loads(0.0))["contacts"]
-        np.testing.assert_allclose(found[0, 4:7], [expected, 0.0, 0.0], atol=1e-4)
-        assert found[0, 4:7].any() == bool(expected)
-
-
-@pytest.mark.slow
 def test_nothing_slides_where_some_feet_are_at_the_limit(block: ModuleType) -> None:
     start = {"turn_deg": [0, 26.0, 0], "settled": True}
     flight = simulate(block, on_slope(26.0, 0.5, duration=0.1, start=start))
