@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from support.made_up import STEP, Array, MadeUp
+from support.made_up import STEP, Array, MadeUp, close
 
 from gibbs_codegen.arrays import (
     Functions,
@@ -106,11 +106,6 @@ def complex_slopes(
     return {name: np.stack(found, -1) for name, found in columns.items()}
 
 
-def close(found: Any, wanted: Array, name: str, tolerance: float = 1e-11) -> None:
-    size = max(1.0, np.abs(wanted).max(initial=0.0))
-    np.testing.assert_allclose(found, wanted, rtol=0, atol=tolerance * size, err_msg=name)
-
-
 @pytest.mark.parametrize("lacks", LACKS)
 @pytest.mark.parametrize("attitude", ROOTS[1:])
 def test_derivatives_are_those_of_complex_steps(attitude: str, lacks: str) -> None:
@@ -130,15 +125,15 @@ def test_derivatives_are_those_of_complex_steps(attitude: str, lacks: str) -> No
     moved = evaluate(along(program, by, "along"), given | directions, owners)
     for name, x in program.outputs.items():
         for other in by:
-            close(found[f"{name}_by_{other}"], slopes[other][name], f"{name} by {other}")
+            close(found[f"{name}_by_{other}"], slopes[other][name], 1e-11, f"{name} by {other}")
         wanted = sum(slopes[y][name] @ directions[f"{y}_dot"].ravel() for y in by)
-        close(moved[f"{name}_dot"], wanted, name)
+        close(moved[f"{name}_dot"], wanted, 1e-11, name)
         weight = random.normal(size=x.tangent)
         alone = gradient(Program("alone", program.inputs, {name: x}), by)
         bars = evaluate(alone, given | {f"{name}_bar": weight}, owners)
         for other, y in zip(by, program.inputs, strict=True):
             wanted = weight.ravel() @ slopes[other][name].reshape(weight.size, -1)
-            close(bars[f"{other}_bar"], wanted.reshape(y.tangent), f"{name} to {other}")
+            close(bars[f"{other}_bar"], wanted.reshape(y.tangent), 1e-11, f"{name} to {other}")
     weights = {f"{name}_bar": random.normal(size=x.tangent) for name, x in program.outputs.items()}
     bars = evaluate(gradient(program, by), given | weights, owners)
     for other, y in zip(by, program.inputs, strict=True):
@@ -146,7 +141,7 @@ def test_derivatives_are_those_of_complex_steps(attitude: str, lacks: str) -> No
             (weights[f"{n}_bar"].ravel() @ slopes[other][n].reshape(math.prod(x.tangent), -1))
             for n, x in program.outputs.items()
         ]
-        close(bars[f"{other}_bar"], sum(terms).reshape(y.tangent), other)
+        close(bars[f"{other}_bar"], sum(terms).reshape(y.tangent), 1e-11, other)
 
 
 def test_values_come_from_the_call_that_gives_derivatives() -> None:
@@ -165,7 +160,9 @@ def test_poses_move_along_a_direction_as_their_twists_say(lacks: str) -> None:
     program = Program("p", (q, v), {"poses": robot.frame_poses(q)})
     given = values_of(module, program)
     found = evaluate(along(program, "q", "along"), given | {"q_dot": given["v"]}, {"robot": module})
-    close(found["poses_dot"], complex_slopes(module, program, given, "q")["poses"] @ given["v"], "")
+    close(
+        found["poses_dot"], complex_slopes(module, program, given, "q")["poses"] @ given["v"], 1e-11
+    )
 
 
 @pytest.mark.parametrize("attitude", ROOTS[1:])
@@ -181,7 +178,7 @@ def test_gradients_have_second_derivatives(name: str, attitude: str) -> None:
     found = evaluate(jacobian(program, program.names), given, {"robot": module})
     for by in program.names:
         for output, slope in complex_slopes(module, program, given, by).items():
-            close(found[f"{output}_by_{by}"], slope, f"{output} by {by}")
+            close(found[f"{output}_by_{by}"], slope, 1e-11, f"{output} by {by}")
 
 
 def test_gradients_by_parameters_are_those_of_complex_steps() -> None:
@@ -208,7 +205,7 @@ def test_gradients_by_parameters_are_those_of_complex_steps() -> None:
             moved = evaluate(program, given, modules)
             wanted.append(sum(weights[f"{x}_bar"] @ np.imag(moved[x]) for x in outputs) / STEP)
         module.parameters = before
-        close(found[f"{owner}_parameters_bar"], np.array(wanted), owner)
+        close(found[f"{owner}_parameters_bar"], np.array(wanted), 1e-11, owner)
     with pytest.raises(UsageError, match="derivatives of frame_poses by parameters"):
         gradient(Program("p", (q,), {"y": plant.frame_poses(q)}), "plant_parameters")
 
@@ -222,7 +219,7 @@ def test_rules_are_derivatives_by_entries_of_arguments(attitude: str) -> None:
     random = np.random.default_rng(3)
     given = {**dict(zip("qv", module.state(random), strict=True)), "u": random.normal(size=6)}
     found = evaluate(whole, given, owners)
-    close(found["acceleration"], module.forward_dynamics(*given.values()), "value")
+    close(found["acceleration"], module.forward_dynamics(*given.values()), 1e-11, "value")
     assert {*found} == {"acceleration", "acceleration_by_q", "acceleration_by_u"}
 
     def rates(name: str, function: Any) -> Array:
@@ -236,7 +233,7 @@ def test_rules_are_derivatives_by_entries_of_arguments(attitude: str) -> None:
 
     for by in "qu":
         slope = rates(by, lambda x: module.forward_dynamics(x["q"], x["v"], x["u"]))
-        close(found[f"acceleration_by_{by}"], slope, by)
+        close(found[f"acceleration_by_{by}"], slope, 1e-11, by)
     assert plain.outputs["acceleration"] is whole.outputs["acceleration"]
     given["w"] = random.normal(size=8)
     second = evaluate(
@@ -250,13 +247,18 @@ def test_rules_are_derivatives_by_entries_of_arguments(attitude: str) -> None:
     }
     assert {*second} == {f"{x}_by_v" for x in "qvu"}
     for name, slope in pulls.items():
-        close(second[f"{name}_by_v"], slope, name)
+        close(second[f"{name}_by_v"], slope, 1e-11, name)
     weight = by_parameters(robot, "inverse_dynamics")
     own = given | {"a": random.normal(size=8), "force_bar": given["w"]}
     bar = evaluate(weight, {name: own[name] for name in weight.names}, owners)[
         "robot_parameters_bar"
     ]
-    close(bar, given["w"] @ module.inverse_dynamics_parameters(own["q"], own["v"], own["a"]), "p")
+    close(
+        bar,
+        given["w"] @ module.inverse_dynamics_parameters(own["q"], own["v"], own["a"]),
+        1e-11,
+        "p",
+    )
     with pytest.raises(
         UsageError, match="no function of a module gives derivatives of frame_poses"
     ):

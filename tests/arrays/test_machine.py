@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from arrays.test_surroundings import ball, close, touched
-from support.made_up import STEP, Array, MadeUp
+from arrays.test_surroundings import ball, touched
+from support.made_up import STEP, Array, MadeUp, close
 
 from gibbs_codegen.arrays import Functions, Program, evaluate, variable
 from gibbs_codegen.arrays.base import Motion, base_of

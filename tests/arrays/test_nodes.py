@@ -17,7 +17,7 @@ import numpy as np
 import pytest
 from conftest import ROOT
 from support.compiled import build
-from support.made_up import STEP, Array
+from support.made_up import STEP, Array, MadeUp, close
 from support.octave import octave_arrays
 from support.tools import tool
 
@@ -34,7 +34,11 @@ from gibbs_codegen.arrays import (
     write_c,
     write_matlab,
 )
+from gibbs_codegen.arrays.matlab_text import MatlabPages
 from gibbs_codegen.arrays.nodes import Node
+from gibbs_codegen.arrays.numpy_text import NumpyText
+from gibbs_codegen.arrays.steps import emitted_step
+from gibbs_codegen.files.verbatim import matlab_source
 from gibbs_codegen.runtime.programs import CompiledProgram
 
 NAME = "hexarotor_3link"
@@ -260,12 +264,9 @@ def check(found: dict[str, Any], given: dict[str, Array], tolerance: float = 1e-
     states = [plain(one(given, k)) for k in range(len(given["x"]))]
     for name, values in found.items():
         for k, state in enumerate(states):
-            right = state[name]
             value = np.asarray(values)
-            value = value[k] if value.ndim > right.ndim else value
-            assert value.shape == right.shape, name
-            size = max(1.0, np.abs(right).max(initial=0.0))
-            np.testing.assert_allclose(value, right, rtol=0, atol=tolerance * size, err_msg=name)
+            value = value[k] if value.ndim > state[name].ndim else value
+            close(value, state[name], tolerance, name)
 
 
 def single(found: dict[str, Any]) -> dict[str, Array]:
@@ -310,29 +311,15 @@ def test_derivatives_are_those_of_complex_steps() -> None:
     given, right = one(numbers(), 0), slopes()
     found = evaluate(jacobian(program(), tuple(SHAPES)), given, {})
     for name, slope in right.items():
-        np.testing.assert_allclose(
-            found[name],
-            slope,
-            rtol=0,
-            atol=2e-13 * max(1.0, np.abs(slope).max(initial=0.0)),
-            err_msg=name,
-        )
+        close(found[name], slope, 2e-13, name)
     random = np.random.default_rng(5)
     for name, x in program().outputs.items():
         alone = gradient(Program("alone", program().inputs, {name: x}), tuple(SHAPES))
         weight = random.normal(size=x.shape)
         bars = evaluate(alone, given | {f"{name}_bar": weight}, {})
         for by, shape in SHAPES.items():
-            wanted = np.tensordot(
-                weight, right[f"{name}_by_{by}"], (x.shape and weight.ndim) or 0
-            ).reshape(shape)
-            np.testing.assert_allclose(
-                bars[f"{by}_bar"],
-                wanted,
-                rtol=0,
-                atol=1e-12 * max(1.0, np.abs(wanted).max(initial=0.0)),
-                err_msg=f"{name} {by}",
-            )
+            wanted = np.tensordot(weight, right[f"{name}_by_{by}"], weight.ndim).reshape(shape)
+            close(bars[f"{by}_bar"], wanted, 1e-12, f"{name} {by}")
 
 
 def test_casadi_has_the_numbers_of_plain_arrays() -> None:
@@ -363,14 +350,10 @@ def derived() -> Program:
 
 def check_slopes(found: dict[str, Array], tolerance: float) -> None:
     """Compare derivatives of the first of several states."""
-    right = slopes()
-    for name, x in derived().outputs.items():
-        if name in right:
-            value = found[name] if found[name].ndim == len(x.shape) else found[name][0]
-            size = max(1.0, np.abs(right[name]).max(initial=0.0))
-            np.testing.assert_allclose(
-                value, right[name], rtol=0, atol=tolerance * size, err_msg=name
-            )
+    for name, right in slopes().items():
+        if name in found:
+            value = found[name] if found[name].ndim == right.ndim else found[name][0]
+            close(value, right, tolerance, name)
 
 
 @pytest.mark.parametrize(("is_single", "tolerance"), [(False, 1e-13), (True, 5e-5)])
@@ -427,6 +410,68 @@ def test_octave_has_the_numbers_of_plain_arrays(robot: ModuleType, tmp_path: Pat
         assert array.size == np.prod(shape), name
         found[name] = array.reshape(shape)
     check(single(found), some(numbers(), 1))
+
+
+def pages() -> Program:
+    """A program of what is written for many states in MATLAB."""
+    x, s, matrix = variable("x", 3), variable("s"), variable("A", 3, 3)
+    left, table = matrix @ matrix + s * EYE, nodes.constant(np.eye(3, 2, -1))
+    blocks = nodes.beside(left, nodes.zeros(3, 2)), nodes.beside(matrix * 0.5, table)
+    outputs = {
+        "sum": s * x - 2.0 * nodes.sine(x) / (s + 3.0),
+        "blocks": nodes.join(*blocks),
+        "part": nodes.join(left[1:], matrix),
+        "columns": matrix.transposed[1:3].transposed,
+        "entry": x[1:] * s,
+        "number": s * s,
+    }
+    return Program("pages", (x, s, matrix), outputs)
+
+
+def test_octave_takes_many_states_in_pages(tmp_path: Path) -> None:
+    random = np.random.default_rng(3)
+    x, s, matrix = (random.uniform(-1.0, 1.0, (5, *y.shape)) for y in pages().inputs)
+    lines = MatlabPages(pages(), "product").lines()
+    (tmp_path / "product.m").write_text("\n".join(matlab_source("product")), encoding="utf-8")
+    given = {"x": x.T, "s": s[np.newaxis], "A": np.moveaxis(matrix, 0, -1), "count": np.array(5.0)}
+    arrays = octave_arrays(tmp_path, given, lines, [*pages().outputs])
+    for k in range(5):
+        left = matrix[k] @ matrix[k] + s[k] * EYE
+        rows = [[left, np.zeros((3, 2))], [matrix[k] * 0.5, np.eye(3, 2, -1)]]
+        wanted = {
+            "sum": s[k] * x[k] - 2.0 * np.sin(x[k]) / (s[k] + 3.0),
+            "blocks": np.block(rows),
+            "part": np.concatenate([left[1:], matrix[k]]),
+            "columns": matrix[k][:, 1:3],
+            "entry": x[k][1:] * s[k],
+            "number": s[k] ** 2,
+        }
+        for array, (name, right) in zip(arrays, wanted.items(), strict=True):
+            close(array[..., k].reshape(right.shape), right, 1e-13, name)
+
+
+@pytest.mark.parametrize("name", ["step_euler", "step_rk4", "step_rk4_derivatives"])
+@pytest.mark.parametrize("attitude", ["zyx", "quaternion"])
+def test_numpy_text_has_the_numbers_of_the_program(attitude: str, name: str) -> None:
+    """Which `test_systems` knows; the text calls a robot's functions by their names."""
+    module = MadeUp(attitude)
+    step = emitted_step(Functions(module), name)
+    random = np.random.default_rng(2)
+    q, v = module.state(random)
+    given = {"q": q, "v": v, "u": random.normal(size=6), "h": np.array([0.1])}
+    body = "\n".join(f"    {line}" for line in NumpyText(step).lines())
+
+    def joined(axis: int, *arrays: Array) -> Array:
+        return np.concatenate(arrays, axis)
+
+    names: dict[str, Any] = {"np": np, "_joined": joined}
+    for x in module.FUNCTIONS:
+        names[x] = lambda *given, x=x: getattr(module, x)(*given[:-1])
+    exec(f"def f({', '.join(given)}, constants):\n{body}\n", names)  # noqa: S102 - it is ours
+    found = names["f"](*given.values(), None)
+    wanted = evaluate(step, given | {"h": np.array(0.1)}, {"robot": module})
+    for value, (output, right) in zip(found, wanted.items(), strict=True):
+        close(value, right, 1e-13, output)
 
 
 def test_jax_has_the_numbers_of_plain_arrays(jax_in_double_precision: ModuleType) -> None:

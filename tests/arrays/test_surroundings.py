@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from support.made_up import Array, MadeUp
+from support.made_up import Array, MadeUp, close
 
 from gibbs_codegen.arrays import Functions, Node, Program, evaluate, join, nodes, variable
 from gibbs_codegen.arrays.contact import Contact, bristle_parts, bristles_of, touch
@@ -46,13 +46,6 @@ def moving(attitude: str, **lists: Any) -> tuple[MadeUp, Functions, dict[str, Ar
     module = MadeUp(attitude, **lists)
     q, v = module.state(np.random.default_rng(2), COUNT)
     return module, Functions(module), {"q": q, "v": v}
-
-
-def close(found: Any, wanted: Any, tolerance: float = 1e-12) -> None:
-    wanted = np.asarray(wanted)
-    np.testing.assert_allclose(
-        found, wanted, rtol=0, atol=tolerance * max(1.0, np.abs(wanted).max(initial=0.0))
-    )
 
 
 @pytest.mark.parametrize("attitude", ["zyx", "quaternion"])

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 from arrays.test_machine import CONTACTS, DRIVEN, HOLDING, Loop
-from arrays.test_surroundings import ball, close, touched
-from support.made_up import STEP, Array, MadeUp
+from arrays.test_surroundings import ball, touched
+from support.made_up import STEP, Array, MadeUp, close
 
 from gibbs_codegen.arrays import Functions, Program, evaluate, jacobian
 from gibbs_codegen.arrays.autopilot import command_program, telling_program

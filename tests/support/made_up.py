@@ -23,6 +23,14 @@ _AXES, _TERMS, STEP = "xyz", 20, 1e-40
 _SINES = 5
 
 
+def close(found: Any, wanted: Any, tolerance: float = 1e-12, name: str = "") -> None:
+    """Compare arrays of one shape, by the largest number that is wanted."""
+    wanted = np.asarray(wanted)
+    assert np.shape(found) == wanted.shape, name
+    size = max(1.0, np.abs(wanted).max(initial=0.0))
+    np.testing.assert_allclose(found, wanted, rtol=0, atol=tolerance * size, err_msg=name)
+
+
 def skew(x: Array) -> Array:
     """The matrix (..., 3, 3) of the cross product with a vector."""
     none = np.zeros_like(x[..., 0])
