@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+import ctypes
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from arrays.test_base import State
+from conftest import ROOT
 from scipy.optimize import lsq_linear
 from scipy.spatial.transform import Rotation
-from support.made_up import STEP, Array, skew
+from support.compiled import build, compile_only
+from support.made_up import STEP, Array, close, skew
 
 from gibbs_codegen.arrays import (
     Functions,
@@ -24,6 +28,8 @@ from gibbs_codegen.arrays import (
 )
 from gibbs_codegen.arrays.allocation import nearest_thrusts, smallest_thrusts
 from gibbs_codegen.arrays.base import Motion
+from gibbs_codegen.arrays.c_file import c_files, opening
+from gibbs_codegen.arrays.law_functions import law_functions
 from gibbs_codegen.arrays.laws import (
     LAWS,
     Aim,
@@ -41,7 +47,9 @@ from gibbs_codegen.arrays.laws import (
     weight_of,
     within_limits,
 )
+from gibbs_codegen.runtime.load import load
 
+FOLDER = ROOT / "generated" / "hexarotor_3link"
 AXIS = np.array([0.6, 0.0, 0.8])
 VECTORS = {
     "stiffness": 8, "damping": 8, "memory": 8, "path": 3, "path_v": 3, "path_a": 3, "weight": 3,
@@ -403,6 +411,17 @@ def nearest(thrusts: Array, wrench: Array, columns: Array, least: Array, most: A
     return found
 
 
+def wrench_of(state: State, q: Array, centre: Array, force: Array) -> Array:
+    """The wrench about a point that does the work of a force on the base, however that moves."""
+    turn, columns = state.turn(q), []
+    for unit in np.eye(8):
+        linear, spin = (turn.T @ x for x in state.twist(q, unit))
+        columns.append(np.concatenate([linear + np.cross(spin, centre), spin]))
+    base = [*range(8)[state.lines], *range(8)[state.places]]
+    found: Array = np.linalg.solve(np.stack(columns)[base], force[base])
+    return found
+
+
 EXTERNALS = {"smallest_thrusts": smallest, "nearest_thrusts": nearest}
 
 
@@ -488,14 +507,7 @@ def test_inputs_share_a_wrench_among_rotors(
     turn = state.turn(values["q"])
 
     def wrench(force: Array) -> Array:
-        base = [*range(8)[state.lines], *range(8)[state.places]]
-        columns = []
-        for unit in np.eye(8):
-            p, w = state.twist(values["q"], unit)
-            columns.append(
-                np.concatenate([turn.T @ (p + np.cross(w, turn @ given["centre"])), turn.T @ w])
-            )
-        return np.linalg.solve(np.stack(columns)[base], force[base])
+        return wrench_of(state, values["q"], given["centre"], force)
 
     loads = module.input_matrix(values["q"])
     if moves:
@@ -523,3 +535,126 @@ def test_inputs_share_a_wrench_among_rotors(
         externals={**lost, "smallest_thrusts": lambda c, w: np.full(4, np.nan)},
     )
     assert nothing["refused"] == 0.0
+
+
+@pytest.mark.parametrize("real", [np.float64, np.float32])
+def test_laws_for_firmware(real: Any, tmp_path: Path) -> None:
+    """What laws know of the rotors, and inputs, in structures of C."""
+    module = load(FOLDER)
+    robot, name = Functions(module), module.NAME
+    made = law_functions(robot, ("computed_torque", "force"), module.POINTS.index("O2"), 1, False)
+    for file, text in c_files(robot, f"{name}_laws", "Laws.", made, opening(robot)).items():
+        (tmp_path / file).write_text(text, encoding="utf-8")
+    options = ["-O0", "-fPIC", f"-I{FOLDER}", "-Wno-unused-function"]
+    options += [f"-D{name.upper()}_FLOAT"] if real is np.float32 else []
+    sources = [str(FOLDER / f"{name}.c"), str(tmp_path / f"{name}_laws.c")]
+    objects = compile_only("gcc", options, sources, tmp_path)
+    build("gcc", ["-shared"], ["-x", "none", *map(str, objects)], tmp_path / "laws.so")
+    library, mark = ctypes.CDLL(str(tmp_path / "laws.so")), "_float" if real is np.float32 else ""
+    constants = ctypes.c_char.in_dll(library, f"{name}_default_constants{mark}")
+
+    def called(function: Any, given: dict[str, Array], output: Array) -> Array:
+        parts = [
+            np.concatenate([np.ravel(given[member.value]) for member in structure.members])
+            for structure in function.structures
+            if structure.members[0].value in given
+        ]
+        arrays = [*(x.astype(real) for x in parts), output]
+        pointers = (ctypes.c_void_p(x.ctypes.data) for x in arrays)
+        library[f"{name}_{function.program.name}"](ctypes.byref(constants), *pointers)
+        return output
+
+    init, *laws = made
+    sizes = [x.size for x in init.program.outputs.values()]
+    packed = np.split(called(init, {}, np.full(sum(sizes), np.nan, real)), np.cumsum(sizes)[:-1])
+    outputs = init.program.outputs.items()
+    rotors = {n: p.reshape(x.shape) for (n, x), p in zip(outputs, packed, strict=True)}
+    near, level = 1e-12 if real is np.float64 else 1e-4, np.zeros(9)
+    centre = module.positions(level)[module.POINTS.index("O2")]
+
+    def wrench(q: Array, force: Array) -> Array:
+        turn, twists, base = module.frame_poses(q)[0, :3, :3], [], [0, 1, 2, 6, 7, 8]
+        for unit in np.eye(9)[base]:
+            linear, spin = turn.T @ unit[6:], turn.T @ module.frame_velocities(q, unit)[0, 3:]
+            twists.append(np.concatenate([linear + np.cross(spin, centre), spin]))
+        found: Array = np.linalg.solve(np.stack(twists), force[base])
+        return found
+
+    columns = np.stack([wrench(level, x) for x in module.input_matrix(level).T[:6]])
+    close(rotors["centre"], centre, near)
+    close(rotors["wrenches"], columns, near)
+    close(rotors["distribution"], np.linalg.pinv(columns.T, rcond=1e-9), near)
+    own, (torque, force) = {n: np.asarray(x, float) for n, x in rotors.items()}, laws
+    random = np.random.default_rng(3)
+    for bounds in (np.inf, 3.0):
+        inputs = {
+            n: x for law in laws for n, x in zip(law.program.names, law.program.inputs, strict=True)
+        }
+        given = {n: random.uniform(-0.4, 0.4, x.shape) for n, x in inputs.items()} | own
+        given |= {n: np.abs(given[n]) + 1.0 for n in ("frame_inertia", "stiffness", "damping")}
+        given |= {"least": np.full(9, -bounds), "most": np.full(9, bounds)}
+        values = {n: given[n] for n in force.program.names}
+        wanted = evaluate(force.program, values, {"robot": module}, externals=EXTERNALS)["u"]
+        rough = near if bounds > 3.0 else 1e3 * near
+        close(called(force, given, np.full(9, np.nan, real)), wanted, rough)
+        q, v = given["q"], given["v"]
+        pull = given["stiffness"] * (given["desired_q"] - q) + given["damping"] * (
+            given["desired_v"] - v
+        )
+        needed = module.inverse_dynamics(q, v, given["desired_a"] + pull)
+        asked = wrench(q, needed)
+        thrusts = nearest(
+            own["distribution"] @ asked,
+            asked,
+            own["wrenches"],
+            *([x] * 6 for x in (-bounds, bounds)),
+        )
+        right = np.clip(np.concatenate([thrusts, needed[3:6]]), -bounds, bounds)
+        close(called(torque, given, np.full(9, np.nan, real)), right, rough)
+
+
+@pytest.mark.parametrize("attitude", ROOTS)
+@pytest.mark.parametrize("moves", [True, False])
+def test_functions_of_laws(attitude: str, moves: bool) -> None:
+    """What they know of the rotors, and that each is its law within limits."""
+    case = Case(attitude)
+    module, robot = case.module, Functions(case.module)
+    init, *made = law_functions(robot, LAWS, 0, 1, moves)
+    by_hand = {**EXTERNALS, "force_axis": lambda x: x.sum(0)[:3]}
+    level = np.array(robot.layout.neutral)
+    known = evaluate(init.program, {}, {"robot": module}, externals=by_hand)
+    centre, still = module.positions(level)[0], np.zeros(8)
+    loads = module.input_matrix(level).T[:4]
+    columns = np.stack([wrench_of(case, level, centre, x) for x in loads])
+    place = case.lines.start
+    wanted = {
+        "centre": centre,
+        "wrenches": columns,
+        "distribution": np.linalg.pinv(columns.T),
+        "axis": np.sum(columns, 0)[:3],
+        "mass": module.mass_matrix(level)[place, place],
+        "weight": module.inverse_dynamics(level, still, still)[case.lines],
+    }
+    for name, value in known.items():
+        close(value, wanted[name], 1e-9, name)
+    assert {*known} >= {"centre", "mass", "weight"}
+    assert ("distribution" in known) != moves
+    g = case.given | wanted | {"weight": case.given["weight"], "mass": np.array(NUMBERS["mass"])}
+    g |= {"axis": AXIS, "push": g["force"], "least": np.full(6, -2.0), "most": np.full(6, 2.5)}
+    for name, x in (("position", "path"), ("velocity", "path_v"), ("acceleration", "path_a")):
+        g[f"centre_{name}"] = g[x]
+    g |= {f"desired_{x}": g[f"{x}_d"] for x in "qva"}
+    for function in made:
+        law = function.program.name
+        given = {n: g[n] for n in function.program.names}
+        found = evaluate(function.program, given, {"robot": module}, externals=by_hand)["u"]
+        assert np.all((found >= -2.0) & (found <= 2.5))
+        if moves and LAWS[law].leans:
+            continue  # The axis is that of the posture.
+        asked = case.program(law, remembers=False)["force"]
+        q, f = robot.coordinates(), robot.velocities("f")
+        own = centre, wanted["distribution"], columns, g["least"][:4], g["most"][:4]
+        rotors = Rotors(*map(constant, own), move=moves)
+        u = Program("u", (q, f), {"u": inputs_of(robot, q, f, rotors)[0]})
+        right = evaluate(u, {"q": g["q"], "f": asked}, {"robot": module}, externals=by_hand)["u"]
+        close(found, np.clip(right, -2.0, 2.5), 1e-9, law)
