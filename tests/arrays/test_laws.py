@@ -504,7 +504,6 @@ def test_inputs_share_a_wrench_among_rotors(
     }
     by_hand: dict[str, Any] = {**EXTERNALS, "force_axis": lambda x: x.sum(0)[:3]}
     found = evaluate(program, values, {"robot": module}, externals=by_hand)
-    turn = state.turn(values["q"])
 
     def wrench(force: Array) -> Array:
         return wrench_of(state, values["q"], given["centre"], force)
@@ -587,9 +586,7 @@ def test_laws_for_firmware(real: Any, tmp_path: Path) -> None:
     own, (torque, force) = {n: np.asarray(x, float) for n, x in rotors.items()}, laws
     random = np.random.default_rng(3)
     for bounds in (np.inf, 3.0):
-        inputs = {
-            n: x for law in laws for n, x in zip(law.program.names, law.program.inputs, strict=True)
-        }
+        inputs = dict(zip(force.program.names, force.program.inputs, strict=True))
         given = {n: random.uniform(-0.4, 0.4, x.shape) for n, x in inputs.items()} | own
         given |= {n: np.abs(given[n]) + 1.0 for n in ("frame_inertia", "stiffness", "damping")}
         given |= {"least": np.full(9, -bounds), "most": np.full(9, bounds)}

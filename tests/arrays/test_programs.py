@@ -105,6 +105,7 @@ def test_text_has_the_names_of_its_own_program() -> None:
         for derived in (program, jacobian(program, "x"), gradient(program, "x")):
             text = "\n".join(CProgram(derived).function())
             assert {one for one in programs if one and one in text} == ({name} - {""})
+            assert not name or (f"{name}[" in text and f"/* It is called {name}. */" in text)
     assert programs["first"].labels != programs["second"].labels
 
 

@@ -206,13 +206,17 @@ _IN_LANGUAGES = {
     for language in ("casadi", "jax", "c", "c_of_one_state", "c_for_firmware", "octave")
 }
 _DERIVED = ("nodes.py::test_derivatives_are_those_of_complex_steps", "calls.py")
+_TEXT = "nodes.py::test_numpy_text_has_the_numbers_of_the_program"
+_PAGES = "nodes.py::test_octave_takes_many_states_in_pages"
 _OF_C = tuple(_IN_LANGUAGES[x] for x in ("c_for_firmware", "c", "c_of_one_state"))
 _QUICK_ARRAYS = (
-    _of_arrays("nodes contents functions labels text", _VALUES, *_DERIVED, "programs.py")
+    _of_arrays("nodes contents labels text", _VALUES, *_DERIVED, "programs.py", _TEXT)
+    | _of_arrays("functions", "programs.py", "calls.py", "laws.py")
     | _of_arrays("evaluation", _VALUES, _IN_LANGUAGES["casadi"], "programs.py", "calls.py")
     | _of_arrays("forward backward slopes rules", *_DERIVED, "programs.py")
     | _of_arrays("c_text c_file", *_OF_C, "programs.py", "laws.py")
-    | _of_arrays("matlab_text numpy_text", _IN_LANGUAGES["octave"], "programs.py")
+    | _of_arrays("matlab_text", _IN_LANGUAGES["octave"], _PAGES)
+    | _of_arrays("numpy_text", _TEXT)
     | _of_arrays("base", "base.py", "laws.py")
     | _of_arrays("laws law_functions allocation", "laws.py")
     | _of_arrays("contact impacts sensors surroundings", "surroundings.py", "machine.py")
