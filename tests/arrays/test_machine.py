@@ -181,7 +181,7 @@ class Loop:
             name: variable(name, *np.shape(x), space=robot.space if name in ("q", "q_d") else None)
             for name, x in given.items()
         }
-        gains = Gains(*(n.get(x) for x in ("stiffness", "damping", "integral")))  # type: ignore[arg-type]
+        gains = Gains(*(n.get(x) for x in ("stiffness", "damping", "integral")))
         rotors = Rotors(
             n["known_centre"],
             n["distribution"],
