@@ -123,17 +123,11 @@ def test_derivatives_are_those_of_complex_steps(attitude: str, lacks: str) -> No
         f"{x}_dot": random.normal(size=y.tangent) for x, y in zip(by, program.inputs, strict=True)
     }
     moved = evaluate(along(program, by, "along"), given | directions, owners)
-    for name, x in program.outputs.items():
+    for name in program.outputs:
         for other in by:
             close(found[f"{name}_by_{other}"], slopes[other][name], 1e-11, f"{name} by {other}")
         wanted = sum(slopes[y][name] @ directions[f"{y}_dot"].ravel() for y in by)
         close(moved[f"{name}_dot"], wanted, 1e-11, name)
-        weight = random.normal(size=x.tangent)
-        alone = gradient(Program("alone", program.inputs, {name: x}), by)
-        bars = evaluate(alone, given | {f"{name}_bar": weight}, owners)
-        for other, y in zip(by, program.inputs, strict=True):
-            wanted = weight.ravel() @ slopes[other][name].reshape(weight.size, -1)
-            close(bars[f"{other}_bar"], wanted.reshape(y.tangent), 1e-11, f"{name} to {other}")
     weights = {f"{name}_bar": random.normal(size=x.tangent) for name, x in program.outputs.items()}
     bars = evaluate(gradient(program, by), given | weights, owners)
     for other, y in zip(by, program.inputs, strict=True):

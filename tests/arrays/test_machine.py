@@ -15,6 +15,7 @@ from gibbs_codegen.arrays import Functions, Program, evaluate, variable
 from gibbs_codegen.arrays.base import Motion, base_of
 from gibbs_codegen.arrays.closed_loop import AHEAD, ClosedLoop, Surroundings
 from gibbs_codegen.arrays.contact import Contact
+from gibbs_codegen.arrays.evaluation import Evaluator
 from gibbs_codegen.arrays.laws import (
     LAWS,
     Aim,
@@ -57,6 +58,7 @@ class Loop:
         self.owners = {"plant": self.module, "model": self.known}
         self.spec = ClosedLoop(self.module, law, 2, driven="COMMANDS" in lists, **options)
         self.random, self.law = np.random.default_rng(seed), law
+        self.laws: dict[bool, Evaluator] = {}
         self.is_quaternion = attitude == "quaternion"
         self.joints = slice(6, 8) if self.is_quaternion else slice(3, 5)
 
@@ -162,90 +164,55 @@ class Loop:
         """What the law wants, and errors that it integrates: it is known by `test_laws`."""
         if self.law in ("off", "held"):
             return {"u": g["held"] if self.law == "held" else np.zeros(6), "refused": np.zeros(())}
-        robot, curves = Functions(self.known, "model"), self.curves(time)
-        given = {
-            "q": q,
-            "v": v,
-            "felt": felt,
-            **dict(zip(("q_d", "v_d", "a_d", "p", "pv", "pa"), curves, strict=True)),
-        }
+        given = {"q": q, "v": v, "felt": felt}
+        given |= zip(("q_d", "v_d", "a_d", "p", "pv", "pa"), self.curves(time), strict=True)
         given |= {"memory": memory} if self.spec.integral else {}
         names = "stiffness damping integral mass axis weight known_centre distribution"
         names += " known_wrenches least_shared most_shared exact"
-        given |= {
-            n: np.asarray(x)
-            for n, x in g.items()
-            if n in names.split() or n.startswith(("frame_", "push_"))
-        }
-        n = {
-            name: variable(name, *np.shape(x), space=robot.space if name in ("q", "q_d") else None)
-            for name, x in given.items()
-        }
+        own = {x for x in g if x in names.split() or x.startswith(("frame_", "push_"))}
+        given |= {x: np.asarray(g[x]) for x in own}
+        if self.law in LAWS and LAWS[self.law].pushes:
+            begin, end, rise = (g[f"push_{x}"] for x in ("begin", "end", "rise"))
+            shares = np.clip([(time - begin) / rise, (time - end) / rise], 0.0, 1.0)
+            come, gone = shares * shares * (3.0 - 2.0 * shares)
+            turn = np.eye(3) if self.spec.axes is None else self.known.frame_poses(q)[0, :3, :3]
+            given |= {"share": come - gone, "turn": turn, "n": turn @ g["push_direction"]}
+            given = {"push_integral": np.zeros(()), **given}
+        if free not in self.laws:
+            shapes = {x: np.shape(value) for x, value in given.items()}
+            self.laws[free] = Evaluator(self.law_program(shapes, free), {"model": self.known})
+        return self.laws[free](given, externals=self.externals())
+
+    def law_program(self, shapes: dict[str, tuple[int, ...]], free: bool) -> Program:
+        """The law as a program of inputs of such shapes, with or without limits of thrusts."""
+        robot = Functions(self.known, "model")
+        spaces = dict.fromkeys(("q", "q_d"), robot.space)
+        n = {x: variable(x, *shape, space=spaces.get(x)) for x, shape in shapes.items()}
         gains = Gains(*(n.get(x) for x in ("stiffness", "damping", "integral")))
-        rotors = Rotors(
-            n["known_centre"],
-            n["distribution"],
-            n.get("known_wrenches", n["q"]),
-            n.get("least_shared", n["q"]),
-            n.get("most_shared", n["q"]),
-            self.spec.shared and not free,
-            False,
-            self.spec.refuses and not free,
-            n.get("exact", 0.0),
-        )
+        names = ("known_centre", "distribution", "known_wrenches", "least_shared", "most_shared")
+        s, own = self.spec, (n.get(x, n["q"]) for x in names)
+        exact = n.get("exact", 0.0)
+        rotors = Rotors(*own, s.shared and not free, False, s.refuses and not free, exact)
         aim = Aim(Motion(n["q_d"], n["v_d"], n["a_d"]), gains, n.get("memory"))
-        if self.spec.leans:
-            aim = replace(
-                aim,
-                path=CentrePath(n["p"], n["pv"], n["pa"]),
-                weight=Weight(n["mass"], n["weight"], n["axis"]),
-            )
-        if self.spec.moved is not None:
-            for name in {"push_force", "push_integral"} - {*given}:
-                given[name], n[name] = np.zeros(()), variable(name)
-            frame = FrameAim(
-                self.spec.moved,
-                n["frame_stiffness"],
-                n["frame_damping"],
-                n["frame_inertia"],
-                n["felt"],
-            )
+        if s.leans:
+            weight = Weight(n["mass"], n["weight"], n["axis"])
+            aim = replace(aim, path=CentrePath(n["p"], n["pv"], n["pa"]), weight=weight)
+        if s.moved is not None:
+            figures = (n[f"frame_{x}"] for x in ("stiffness", "damping", "inertia"))
+            push, axes = None, None if s.axes is None else n["turn"]
             if LAWS[self.law].pushes:
-                turn = (
-                    self.known.frame_poses(q)[self.spec.axes, :3, :3]
-                    if self.spec.axes is not None
-                    else np.eye(3)
-                )
-                given |= {"n": turn @ g["push_direction"], "turn": turn}
-                begin, end, rise = (g[f"push_{x}"] for x in ("begin", "end", "rise"))
-                shares = [
-                    x * x * (3.0 - 2.0 * x)
-                    for x in np.clip([(time - begin) / rise, (time - end) / rise], 0.0, 1.0)
-                ]
-                given["share"] = shares[0] - shares[1]
-                n |= {
-                    "n": variable("n", 3),
-                    "turn": variable("turn", 3, 3),
-                    "share": variable("share"),
-                }
-                axes = n["turn"] if self.spec.axes is not None else None
-                frame = replace(
-                    frame, push=Push(n["n"], n["push_force"], n["share"], n["push_integral"], axes)
-                )
-            aim = replace(aim, frame=frame)
+                push = Push(n["n"], n["push_force"], n["share"], n["push_integral"], axes)
+            aim = replace(aim, frame=FrameAim(s.moved, *figures, n["felt"], push))
+        at, v = (n["q_d"], n["v_d"]) if self.law == "open_loop" else (n["q"], n["v"])
         if self.law == "open_loop":
-            at, force = n["q_d"], robot.inverse_dynamics(n["q_d"], n["v_d"], n["a_d"])
+            force = robot.inverse_dynamics(at, v, n["a_d"])
         else:
-            at, force = n["q"], LAWS[self.law].force(robot, n["q"], n["v"], aim)
+            force = LAWS[self.law].force(robot, at, v, aim)
         u, refused = inputs_of(robot, at, force, rotors)
-        outputs = {
-            "u": u,
-            "refused": refused,
-            "wrench": base_of(robot, at).wrench(n["known_centre"], force),
-        }
-        outputs |= {"errors": learning(robot, n["q"], n["v"], aim)} if self.spec.integral else {}
-        program = Program("law", tuple(n.values()), outputs)
-        return evaluate(program, given, {"model": self.known}, externals=self.externals())
+        wrench = base_of(robot, at).wrench(n["known_centre"], force)
+        outputs = {"u": u, "refused": refused, "wrench": wrench}
+        outputs |= {"errors": learning(robot, n["q"], n["v"], aim)} if s.integral else {}
+        return Program("law", tuple(n.values()), outputs)
 
     def touching(
         self, g: dict[str, Array], q: Array, v: Array, bristles: Array

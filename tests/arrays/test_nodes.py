@@ -460,6 +460,7 @@ def test_numpy_text_has_the_numbers_of_the_program(attitude: str, name: str) -> 
     q, v = module.state(random)
     given = {"q": q, "v": v, "u": random.normal(size=6), "h": np.array([0.1])}
     body = "\n".join(f"    {line}" for line in NumpyText(step).lines())
+    assert "# accelerations at the beginning\n    acceleration" in body
 
     def joined(axis: int, *arrays: Array) -> Array:
         return np.concatenate(arrays, axis)
