@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
@@ -43,6 +43,30 @@ CONTACTS = (Contact(1, 0, ball, 4, True), Contact(0, 1, ball, 4))
 AROUND = Surroundings(
     pushes=True, drag=True, gusts=2, contacts=CONTACTS, spins=((2, 1), (0, 0)), payloads=(1,)
 )
+
+
+def air(module: MadeUp, q: Array, v: Array, speeds: Array, wind: Array) -> Array:
+    """Wrenches of the air on the one hub of `DRIVEN`."""
+    found, (_, *figures) = np.zeros((2, 6), np.result_type(q, v)), DRIVEN["ROTOR_AIR"]["F_2"]
+    axis = module.frame_poses(q)[1, :3, :3] @ figures[:3]
+    moved, speed = (
+        module.frame_velocities(q, v)[1, :3] - wind,
+        speeds[1] * np.sign(np.real(speeds[1])),
+    )
+    found[1, :3] = (figures[3] - figures[4]) * speed * (axis @ moved) * axis - figures[
+        3
+    ] * speed * moved
+    return found
+
+
+class At(NamedTuple):
+    """Unit coordinates, velocities, actuators, memory and bristles of a state."""
+
+    q: Array
+    v: Array
+    actuators: Array
+    memory: Array
+    bristles: Array
 
 
 class Loop:
@@ -119,16 +143,11 @@ class Loop:
         """Outputs of a program."""
         return evaluate(program, given, self.owners, externals=self.externals())
 
-    def parts(self, x: Array) -> tuple[Array, ...]:
-        """Unit coordinates, velocities, work, actuators, memory and bristles of a state."""
-        n = len(self.module.COORDINATES)
-        q = x[:n].copy()
-        if self.is_quaternion:
-            q[3:7] = q[3:7] / np.sqrt(np.sum(q[3:7] ** 2))
-        lags = 4 if self.spec.lags else 0
-        actuators = 5 if self.spec.driven else lags
-        ends = np.cumsum([n, 8, 1, actuators, 8 * self.spec.integral])
-        return (q, *np.split(x[n:], ends[1:] - n))
+    def parts(self, x: Array) -> At:
+        """A state, without the work."""
+        n, actuators = len(self.module.COORDINATES), 5 if self.spec.driven else 4 * self.spec.lags
+        q, v, _, *rest = np.split(x, np.cumsum([n, 8, 1, actuators, 8 * self.spec.integral]))
+        return At(self.unit(q), v, *rest)
 
     def curves(self, time: Any) -> tuple[Array, ...]:
         """Desired coordinates, velocities, accelerations, and the path of the centre of mass."""
@@ -151,22 +170,14 @@ class Loop:
         return (*moving(c[0], c[1]), a, *path)
 
     def asked(
-        self,
-        g: dict[str, Array],
-        time: float,
-        q: Array,
-        v: Array,
-        memory: Array,
-        felt: Array,
-        *,
-        free: bool = False,
+        self, g: dict[str, Array], time: float, at: At, felt: Array, *, free: bool = False
     ) -> dict[str, Array]:
         """What the law wants, and errors that it integrates: it is known by `test_laws`."""
         if self.law in ("off", "held"):
             return {"u": g["held"] if self.law == "held" else np.zeros(6), "refused": np.zeros(())}
-        given = {"q": q, "v": v, "felt": felt}
+        given = {"q": at.q, "v": at.v, "felt": felt}
         given |= zip(("q_d", "v_d", "a_d", "p", "pv", "pa"), self.curves(time), strict=True)
-        given |= {"memory": memory} if self.spec.integral else {}
+        given |= {"memory": at.memory} if self.spec.integral else {}
         names = "stiffness damping integral mass axis weight known_centre distribution"
         names += " known_wrenches least_shared most_shared exact"
         own = {x for x in g if x in names.split() or x.startswith(("frame_", "push_"))}
@@ -175,7 +186,7 @@ class Loop:
             begin, end, rise = (g[f"push_{x}"] for x in ("begin", "end", "rise"))
             shares = np.clip([(time - begin) / rise, (time - end) / rise], 0.0, 1.0)
             come, gone = shares * shares * (3.0 - 2.0 * shares)
-            turn = np.eye(3) if self.spec.axes is None else self.known.frame_poses(q)[0, :3, :3]
+            turn = np.eye(3) if self.spec.axes is None else self.known.frame_poses(at.q)[0, :3, :3]
             given |= {"share": come - gone, "turn": turn, "n": turn @ g["push_direction"]}
             given = {"push_integral": np.zeros(()), **given}
         if free not in self.laws:
@@ -214,77 +225,46 @@ class Loop:
         outputs |= {"errors": learning(robot, n["q"], n["v"], aim)} if s.integral else {}
         return Program("law", tuple(n.values()), outputs)
 
-    def touching(
-        self, g: dict[str, Array], q: Array, v: Array, bristles: Array
-    ) -> tuple[list[Any], Array]:
+    def touching(self, g: dict[str, Array], at: At) -> tuple[list[Any], Array]:
         """What contacts do, and wrenches of what touches frames."""
         found, wrenches = [], np.zeros((2, 6))
-        poses, velocities = self.module.frame_poses(q), self.module.frame_velocities(q, v)
+        poses = self.module.frame_poses(at.q)
+        velocities = self.module.frame_velocities(at.q, at.v)
         for contact in self.spec.around.contacts:
-            own = bristles if contact.sticks else np.zeros(3)
-            found.append(
-                touched(
-                    g[f"wall_{contact.wall}"],
-                    poses[contact.frame],
-                    velocities[contact.frame],
-                    own,
-                    contact.sticks,
-                )
-            )
-            wrenches[contact.frame] += found[-1]["wrench"]
+            own, frame = at.bristles if contact.sticks else np.zeros(3), contact.frame
+            moving = g[f"wall_{contact.wall}"], poses[frame], velocities[frame]
+            found.append(touched(*moving, own, contact.sticks))
+            wrenches[frame] += found[-1]["wrench"]
         return found, wrenches + (g["push"] if self.spec.around.pushes else 0.0)
 
     def motion(
-        self,
-        g: dict[str, Array],
-        time: float,
-        q: Array,
-        v: Array,
-        u: Array,
-        aimed: Array,
-        actuators: Array,
-        bristles: Array,
+        self, g: dict[str, Array], time: float, at: At, u: Array, aimed: Array
     ) -> dict[str, Any]:
         """Accelerations, wrenches, forces of constraints and power."""
-        plant, around = self.module, self.spec.around
-        found, touching = self.touching(g, q, v, bristles)
-        wrenches, velocities, poses = (
-            touching.copy(),
-            plant.frame_velocities(q, v),
-            plant.frame_poses(q),
-        )
+        plant, around, (q, v, actuators, *_) = self.module, self.spec.around, at
+        found, touching = self.touching(g, at)
+        wrenches, poses = touching.copy(), plant.frame_poses(q)
+        velocities = plant.frame_velocities(q, v)
         wind = np.zeros(3)
         has_air = self.spec.driven and self.law != "off"
         if around.drag:
             wind = g["wind"].copy()
             for begin, lasting, *half in g.get("gusts", ()):
-                wind += (
-                    1.0 - np.cos(2.0 * np.pi * np.clip((time - begin) / lasting, 0.0, 1.0))
-                ) * np.array(half)
+                share = np.clip((time - begin) / lasting, 0.0, 1.0)
+                wind += (1.0 - np.cos(2.0 * np.pi * share)) * np.array(half)
             wrenches += g["drag"] * (np.concatenate([wind, np.zeros(3)]) - velocities)
         for (rotor, frame), spin in zip(around.spins, g.get("spins", ()), strict=False):
             size = spin[3] * np.sign(u[rotor]) * np.sqrt(abs(u[rotor]))
-            wrenches[frame, 3:] += np.cross(
-                size * poses[frame, :3, :3] @ spin[:3], velocities[frame, 3:]
-            )
+            axis = poses[frame, :3, :3] @ spin[:3]
+            wrenches[frame, 3:] += np.cross(size * axis, velocities[frame, 3:])
         if has_air:
-            speed, (_, *air) = (
-                abs(plant.rotor_speeds(actuators, aimed)[1]),
-                DRIVEN["ROTOR_AIR"]["F_2"],
-            )
-            axis, moved = poses[1, :3, :3] @ air[:3], velocities[1, :3] - wind
-            wrenches[1, :3] += (air[3] - air[4]) * speed * (axis @ moved) * axis - air[
-                3
-            ] * speed * moved
+            wrenches += air(plant, q, v, plant.rotor_speeds(actuators, aimed), wind)
         if around.payloads:
             free = plant.forward_dynamics_with_wrenches(q, v, u, wrenches)
-            j, c, mass = (
-                plant.frame_jacobians(q)[1, :3],
-                plant.frame_bias_accelerations(q, v)[1, :3],
-                g["payloads"][0],
-            )
+            j, mass = plant.frame_jacobians(q)[1, :3], g["payloads"][0]
             matrix = np.eye(3) / mass + j @ np.linalg.solve(plant.mass_matrix(q), j.T)
-            wrenches[1, :3] += np.linalg.solve(matrix, g["gravity"] - c - j @ free)
+            falls = g["gravity"] - plant.frame_bias_accelerations(q, v)[1, :3] - j @ free
+            wrenches[1, :3] += np.linalg.solve(matrix, falls)
         acts = around.acts or has_air
         free = plant.forward_dynamics(q, v, u)
         a = plant.forward_dynamics_with_wrenches(q, v, u, wrenches) if acts else free
@@ -302,33 +282,16 @@ class Loop:
         twist = np.concatenate([turn.T @ linear + np.cross(spin, centre), spin])
         power = u[:4] @ levers @ twist + u[4:] @ v[self.joints] - g["losses"] @ (v * v)
         power += more + (np.sum(wrenches * velocities) if acts else 0.0)
-        rates = [
-            x["rate"] for x, contact in zip(found, around.contacts, strict=True) if contact.sticks
-        ]
-        return {
-            "a": a,
-            "wrenches": wrenches if acts else np.zeros((2, 6)),
-            "holding": forces,
-            "power": power,
-            "touching": touching,
-            "contacts": found,
-            "bristles": rates,
-        }
+        pairs = zip(found, around.contacts, strict=True)
+        done = {"touching": touching, "contacts": found, "holding": forces, "power": power}
+        done["bristles"] = [x["rate"] for x, contact in pairs if contact.sticks]
+        return done | {"a": a, "wrenches": wrenches if acts else np.zeros((2, 6))}
 
-    def commands(
-        self,
-        g: dict[str, Array],
-        time: float,
-        q: Array,
-        v: Array,
-        actuators: Array,
-        memory: Array,
-        bristles: Array,
-    ) -> dict[str, Array]:
+    def commands(self, g: dict[str, Array], time: float, at: At) -> dict[str, Array]:
         """Inputs that are commanded, aimed for, and act, and refusal."""
-        s, plant = self.spec, self.module
-        felt = self.touching(g, q, v, bristles)[1][s.moved] if s.moved is not None else np.zeros(6)
-        found = self.asked(g, time, q, v, memory, felt)
+        s, plant, (q, v, actuators, memory, _) = self.spec, self.module, at
+        felt = self.touching(g, at)[1][s.moved] if s.moved is not None else np.zeros(6)
+        found = self.asked(g, time, at, felt)
         wanted, refused = found["u"], found["refused"]
         limit = (lambda x: np.clip(x, g["least"], g["most"])) if s.limited else (lambda x: x)
 
@@ -340,11 +303,9 @@ class Loop:
             return self.known.command_of(q, v, limit(wanted))
 
         def within(sent: Array) -> Array:
-            return (
-                np.clip(sent, g["least_command"], g["most_command"])
-                if s.driven and self.law != "off"
-                else limit(sent)
-            )
+            if s.driven and self.law != "off":
+                return np.clip(sent, g["least_command"], g["most_command"])
+            return limit(sent)
 
         def acting(aimed: Array) -> Array:
             if s.driven and self.law != "off":
@@ -359,80 +320,59 @@ class Loop:
         if s.compensates:
             ahead = -AHEAD if time > g["end"] - AHEAD else AHEAD
             aimed = within(sent)
-            a = self.motion(g, time, q, v, acting(aimed), aimed, actuators, bristles)["a"]
-            moved = self.unit(q + ahead * plant.coordinate_rates(q, v))
-            # The integrals go on by what is not remembered yet.
-            own = (
-                memory + ahead * self.asked(g, time, q, v, np.zeros(8), felt)["errors"]
-                if s.integral
-                else memory
-            )
-            free = self.asked(g, time, q, v, memory, felt, free=True)["u"]
-            then = (g, time + ahead, moved, v + ahead * a, own, felt)
-            later = self.asked(*then, free=True)["u"]
+            a = self.motion(g, time, at, acting(aimed), aimed)["a"]
+            moved, own = self.unit(q + ahead * plant.coordinate_rates(q, v)), memory
+            if s.integral:  # The integrals go on by what is not remembered yet.
+                errors = self.asked(g, time, at._replace(memory=np.zeros(8)), felt)["errors"]
+                own = memory + ahead * errors
+            free = self.asked(g, time, at, felt, free=True)["u"]
+            later = At(moved, v + ahead * a, actuators, own, at.bristles)
+            then = g, time + ahead, later, felt
             refused = refused + max(self.asked(*then)["refused"], 0.0)
-            rates = (later - free) / ahead
+            rates = (self.asked(*then, free=True)["u"] - free) / ahead
             turning, lag = rates, np.concatenate([g.get("lag", np.zeros(4)), np.zeros(2)])
             if s.driven:
-                turning = (
-                    sent_for(limit(wanted) + ahead * rates, time + ahead, moved, v + ahead * a)
-                    - sent
-                ) / ahead
+                change = limit(wanted) + ahead * rates, time + ahead, later.q, later.v
+                turning = (sent_for(*change) - sent) / ahead
                 lag = np.where(turning > 0.0, g["time_up"], g["time_down"])
             kept = np.ones(6)
             if s.limited or s.shared:
                 lead, beyond = abs(lag * rates), abs(free - limit(wanted))
                 lead[:4], beyond[:4] = lead[:4].max(), beyond[:4].max()
-                kept = np.where(
-                    beyond > 0.0, np.maximum(1.0 - beyond / np.maximum(lead, 1e-12), 0.0), 1.0
-                )
+                less = np.maximum(1.0 - beyond / np.maximum(lead, 1e-12), 0.0)
+                kept = np.where(beyond > 0.0, less, 1.0)
             sent = sent + kept * lag * turning
             wanted = wanted if s.driven else sent
         aimed = within(sent)
         if s.idles and g["idle"] > 0.5:
             aimed = np.concatenate([g["idling"], aimed[4:]])
-        return {
-            "commanded": wanted,
-            "aimed": aimed,
-            "acting": acting(aimed),
-            "refused": refused,
-            "felt": felt,
-        }
+        both = {"commanded": wanted, "aimed": aimed, "acting": acting(aimed)}
+        return both | {"refused": refused, "felt": felt}
 
     def unit(self, q: Array) -> Array:
         """Coordinates with a quaternion of unit length."""
-        if self.is_quaternion:
-            q = q.copy()
-            q[3:7] /= np.linalg.norm(q[3:7])
-        return q
+        size = np.linalg.norm(q[3:7]) if self.is_quaternion else 1.0
+        return np.concatenate([q[:3], q[3:7] / size, q[7:]])
 
     def rate(self, g: dict[str, Array], time: float, x: Array) -> Array:
         """The time derivative of a state."""
-        s, plant = self.spec, self.module
-        q, v, _, actuators, memory, bristles = self.parts(x)
-        found = self.commands(g, time, q, v, actuators, memory, bristles)
-        moved = self.motion(g, time, q, v, found["acting"], found["aimed"], actuators, bristles)
+        s, plant, at = self.spec, self.module, self.parts(x)
+        q, v, actuators, memory, _ = at
+        found = self.commands(g, time, at)
+        moved = self.motion(g, time, at, found["acting"], found["aimed"])
         rates = plant.coordinate_rates(q, v)
         if self.is_quaternion:  # Entries of any length keep it.
             rates = np.concatenate([rates[:3], rates[3:7] * np.linalg.norm(x[3:7]), rates[7:]])
         parts = [rates, moved["a"], [moved["power"]]]
         if s.driven:
-            parts.append(
-                plant.actuator_rates(actuators, found["aimed"])
-                if self.law != "off"
-                else np.zeros(5)
-            )
+            own = plant.actuator_rates(actuators, found["aimed"])
+            parts.append(own if self.law != "off" else np.zeros(5))
         elif s.lags:
             parts.append(g["pace"] * (found["aimed"][:4] - actuators))
         if s.integral:
-            parts.append(
-                self.remembered(
-                    g,
-                    found,
-                    self.asked(g, time, q, v, np.zeros(8), found["felt"])["errors"],
-                    memory,
-                )
-            )
+            at = at._replace(memory=np.zeros(8))
+            errors = self.asked(g, time, at, found["felt"])["errors"]
+            parts.append(self.remembered(g, found, errors, memory))
         return np.concatenate([*parts, *moved["bristles"]])
 
     def remembered(
@@ -448,146 +388,78 @@ class Loop:
         return errors if inside else np.where(errors * memory < 0.0, errors, 0.0)
 
 
-CASES: dict[str, tuple[str, str, dict[str, Any], dict[str, Any]]] = {
-    "all": (
-        "zyx",
-        "computed_torque",
-        {},
-        {
-            "integral": True,
-            "limited": True,
-            "shared": True,
-            "lags": True,
-            "compensates": True,
-            "idles": True,
-            "refuses": True,
-            "around": AROUND,
-        },
-    ),
-    "wide": (
-        "quaternion",
-        "computed_torque",
-        {},
-        {"integral": True, "lags": True, "compensates": True, "around": Surroundings(drag=True)},
-    ),
-    "held": (
-        "quaternion",
-        "held",
-        HOLDING,
-        {"lags": True, "around": replace(AROUND, holds=True, payloads=())},
-    ),
-    "free": (
-        "quaternion",
-        "open_loop",
-        HOLDING,
-        {"limited": True, "around": Surroundings(holds=True)},
-    ),
-    "driven": (
-        "zyx",
-        "computed_torque",
-        DRIVEN,
-        {
-            "limited": True,
-            "compensates": True,
-            "integral": True,
-            "around": Surroundings(drag=True, gusts=1),
-        },
-    ),
-    "driven_held": ("quaternion", "held", DRIVEN, {"idles": True}),
-    "off": ("zyx", "off", DRIVEN, {"around": Surroundings(pushes=True)}),
-    "impedance": ("quaternion", "impedance", {}, {"moved": 1, "integral": True, "around": AROUND}),
-    "force": (
-        "zyx",
-        "force",
-        {},
-        {"moved": 1, "axes": 0, "integral": True, "limited": True, "idles": True, "around": AROUND},
-    ),
-    "leaning": ("quaternion", "geometric", {}, {"lags": True, "integral": True}),
-    "leaning_force": (
-        "zyx",
-        "geometric_force",
-        DRIVEN,
-        {"moved": 1, "limited": True, "around": AROUND},
-    ),
-}
+# Attitude, law, what else the module lists, what is on, and what else there is.
+CASES: dict[str, tuple[str, str, dict[str, Any], str, dict[str, Any]]] = {
+    "all": ("zyx", "computed_torque", {}, "integral limited shared lags compensates idles refuses",
+            {"around": AROUND}),
+    "wide": ("quaternion", "computed_torque", {}, "integral lags compensates",
+             {"around": Surroundings(drag=True)}),
+    "held": ("quaternion", "held", HOLDING, "lags",
+             {"around": replace(AROUND, holds=True, payloads=())}),
+    "free": ("quaternion", "open_loop", HOLDING, "limited", {"around": Surroundings(holds=True)}),
+    "driven": ("zyx", "computed_torque", DRIVEN, "limited compensates integral",
+               {"around": Surroundings(drag=True, gusts=1)}),
+    "driven_held": ("quaternion", "held", DRIVEN, "idles", {}),
+    "off": ("zyx", "off", DRIVEN, "", {"around": Surroundings(pushes=True)}),
+    "impedance": ("quaternion", "impedance", {}, "integral", {"moved": 1, "around": AROUND}),
+    "force": ("zyx", "force", {}, "integral limited idles",
+              {"moved": 1, "axes": 0, "around": AROUND}),
+    "leaning": ("quaternion", "geometric", {}, "lags integral", {}),
+    "leaning_force": ("zyx", "geometric_force", DRIVEN, "limited", {"moved": 1, "around": AROUND}),
+}  # fmt: skip
 
 
 def loop_of(name: str, seed: int = 1) -> Loop:
-    attitude, law, lists, options = CASES[name]
-    return Loop(attitude, law, lists, seed, **options)
+    attitude, law, lists, on, options = CASES[name]
+    return Loop(attitude, law, lists, seed, **dict.fromkeys(on.split(), True), **options)
 
 
 @pytest.mark.parametrize("name", CASES)
 def test_rates_of_a_closed_loop(name: str) -> None:
+    """And inputs, motion and law by themselves, within limits and at them."""
     for seed in (1, 3):
         loop = loop_of(name, seed)
-        slope = loop.spec.slope()
-        given = loop.values(slope)
+        given = loop.values(loop.spec.slope())
         if seed == 3:
-            for limit in ("least", "most", "least_shared", "most_shared"):
-                if limit in given:
-                    given[limit] = given[limit] * 40.0
-        found = loop.run(slope, given)
-        time = float(given["time"])
+            given |= {x: 40.0 * y for x, y in given.items() if x.startswith(("least", "most"))}
+
+        def run(program: Program, loop: Loop = loop, given: dict[str, Any] = given) -> Any:
+            return loop.run(program, {name: given[name] for name in program.names})
+
+        found, time, at = run(loop.spec.slope()), float(given["time"]), loop.parts(given["x"])
         # Differences over a short time are no better than rounding lets them be.
         rough = 1e-5 if loop.spec.compensates else 1e-11
         close(found["rate"], loop.rate(given, time, given["x"]), rough)
-        q, v, _, actuators, memory, bristles = loop.parts(given["x"])
-        wanted = loop.commands(given, time, q, v, actuators, memory, bristles)
+        wanted = loop.commands(given, time, at)
         close(found["refused"], wanted["refused"], rough)
-        own = {
-            "time": time,
-            "q": q,
-            "v": v,
-            "actuators": actuators,
-            "memory": memory,
-            "bristles": bristles,
-        }
-        program = loop.spec.commands()
-        commands = loop.run(program, {n: (given | own)[n] for n in program.names})
-        for output, value in commands.items():
-            close(value, wanted[output], rough)
-        program, u = loop.spec.motion(), loop.random.normal(size=6)
-        own |= {"u": u, "aimed": wanted["aimed"]}
-        motion = loop.run(program, {n: (given | own)[n] for n in program.names})
-        right = loop.motion(given, time, q, v, u, wanted["aimed"], actuators, bristles)
-        for output in ("a", "wrenches", "holding", "touching"):
-            close(
-                motion[output],
-                right[output] if np.size(right[output]) else np.zeros(motion[output].shape),
-            )
-        rows = [
-            np.hstack([x[y] for y in ("normal", "friction", "slip", "depth")])
-            for x in right["contacts"]
-        ]
-        np.testing.assert_allclose(
-            motion["contacts"], np.reshape(rows, (-1, 8)), rtol=0, atol=1e-11
-        )
-        program = loop.spec.contact_wrenches()
-        alone = loop.run(program, {n: (given | own)[n] for n in program.names})["wrenches"]
+        given |= at._asdict()
+        for output, value in run(loop.spec.commands()).items():
+            close(value, wanted[output], rough, output)
+        given |= {"u": loop.random.normal(size=6), "aimed": wanted["aimed"], "felt": wanted["felt"]}
+        right = loop.motion(given, time, at, given["u"], wanted["aimed"])
+        motion = run(loop.spec.motion())
+        for output in ("a", "wrenches", "touching"):
+            close(motion[output], right[output], 1e-12, output)
+        holding = right["holding"] if loop.spec.around.holds else np.zeros(0)
+        close(motion["holding"], holding)
+        rows = [[x[y] for y in ("normal", "friction", "slip", "depth")] for x in right["contacts"]]
+        close(motion["contacts"], np.reshape([np.hstack(row) for row in rows], (-1, 8)), 1e-11)
         push = given["push"] if loop.spec.around.pushes else 0.0
-        close(alone, right["touching"] - push)
-        program = loop.spec.command()
-        felt = wanted["felt"]
-        asked = loop.run(program, {n: (given | own | {"felt": felt})[n] for n in program.names})
-        law = loop.asked(given, time, q, v, memory, felt)
-        close(asked["wanted"], law["u"])
-        close(asked["refused"], law["refused"])
-        if "wrench" in asked:
-            close(asked["wrench"], law["wrench"])
-        if "growth" in asked:
-            close(
-                asked["growth"],
-                loop.remembered(given, {"commanded": law["u"]}, law["errors"], memory),
-            )
+        close(run(loop.spec.contact_wrenches())["wrenches"], right["touching"] - push)
+        law = loop.asked(given, time, at, given["felt"])
+        law |= {"wanted": law["u"]}
+        if loop.spec.integral:
+            commanded = {"commanded": law["u"]}
+            law["growth"] = loop.remembered(given, commanded, law["errors"], at.memory)
+        for output, value in run(loop.spec.command()).items():
+            close(value, law[output], 1e-12, output)
 
 
 @pytest.mark.parametrize("name", ["leaning", "free", "driven_held"])
 def test_steps_of_a_closed_loop_are_those_of_runge_and_kutta(name: str) -> None:
     loop = loop_of(name)
     program = loop.spec.step()
-    given = loop.values(program)
-    given["h"] = np.array(0.02)
+    given = loop.values(program) | {"h": np.array(0.02)}
     found, x, t, h = loop.run(program, given), given["x"], float(given["time"]), 0.02
     k1 = loop.rate(given, t, x)
     k2 = loop.rate(given, t + h / 2, x + h / 2 * k1)
@@ -595,35 +467,25 @@ def test_steps_of_a_closed_loop_are_those_of_runge_and_kutta(name: str) -> None:
     after = x + h / 6 * (k1 + 2 * k2 + 2 * k3 + loop.rate(given, t + h, x + h * k3))
     q, v, *_ = loop.parts(after)
     if name == "free":  # Rigid constraints keep velocities; of an elastic one errors go back.
-        n = q.size
-        after[n : n + 8] = loop.module.impact(q, v, given["active"] * [0.0, 1.0])[0]
-        v = after[n : n + 8]
+        v = loop.module.impact(q, v, given["active"] * [0.0, 1.0])[0]
+        after[q.size : q.size + 8] = v
     close(found["x_next"], after, 1e-10)
-    begin = loop.commands(given, t, *loop.parts(x)[:2], *loop.parts(x)[3:])
+    begin = loop.commands(given, t, loop.parts(x))
     close(found["inputs"], np.concatenate([begin["commanded"], begin["acting"]]))
-    curves = loop.curves(t + h)
     robot = Functions(loop.known, "model")
-    q_n, v_n, a_n = (
-        robot.coordinates(),
-        robot.velocities(),
-        Motion(robot.coordinates("d"), robot.velocities("e"), robot.velocities("a")),
+    at, there = (
+        Motion(*(robot.coordinates(f"q{x}"), *map(robot.velocities, (f"v{x}", f"a{x}"))))
+        for x in ("", "_d")
     )
-    errors = Program(
-        "errors",
-        (q_n, v_n, a_n.q, a_n.v, a_n.a),
-        dict(zip("er", base_of(robot, q_n).errors(v_n, a_n), strict=True)),
-    )
-    off = evaluate(
-        errors,
-        {"q": q, "v": v, "d": curves[0], "e": curves[1], "a": curves[2]},
-        {"model": loop.known},
-    )
-    beyond = np.max(np.abs(np.concatenate([off["e"], off["r"]])) - given["bounds"])
-    close(found["ended"], beyond)
+    errors = base_of(robot, at.q).errors(at.v, there)
+    inputs = (at.q, at.v, there.q, there.v, there.a)
+    own = dict(zip(("q", "v", "q_d", "v_d", "a_d"), (q, v, *loop.curves(t + h)), strict=False))
+    off = evaluate(Program("off", inputs, dict(zip("er", errors, strict=True))), own, loop.owners)
+    beyond = np.abs(np.concatenate([off["e"], off["r"]])) - given["bounds"]
+    close(found["ended"], np.max(beyond))
     alone = loop.spec.after()
-    both = loop.run(alone, {n: given[n] for n in alone.names})
-    close(both["x_next"], found["x_next"])
-    close(both["refused"], found["refused"])
+    for output, value in loop.run(alone, {n: given[n] for n in alone.names}).items():
+        close(value, found[output], 1e-12, output)
 
 
 def test_a_step_ends_a_flight_that_leans_too_far() -> None:
@@ -642,8 +504,6 @@ def test_what_accelerations_need() -> None:
     given["q"], given["v"] = loop.module.state(loop.random)
     found = loop.run(program, given)
     force = loop.known.inverse_dynamics(given["q"], given["v"], given["a"])
-    turn = loop.module.turns(given["q"])[-1]
-    assert turn.shape == (3, 3)
     wrench = np.concatenate([force[:3], force[3:6] - np.cross(given["known_centre"], force[:3])])
     close(found["wrench"], wrench)
     close(found["wanted"], np.concatenate([given["distribution"] @ wrench, force[6:]]))

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from arrays.test_machine import CONTACTS, DRIVEN, HOLDING, Loop
+from arrays.test_machine import CONTACTS, DRIVEN, HOLDING, Loop, air
 from arrays.test_surroundings import ball, touched
 from support.made_up import STEP, Array, MadeUp, close
 
@@ -64,20 +64,6 @@ def random_inputs(module: MadeUp, program: Program, seed: int = 2) -> dict[str, 
     for name, x in zip(program.names, program.inputs, strict=True):
         if x.space:
             found[name] = module.state(random)[0]
-    return found
-
-
-def air(module: MadeUp, q: Array, v: Array, speeds: Array, wind: Array) -> Array:
-    """Wrenches of the air on the one hub of `DRIVEN`."""
-    found, (_, *figures) = np.zeros((2, 6), np.result_type(q, v)), DRIVEN["ROTOR_AIR"]["F_2"]
-    axis = module.frame_poses(q)[1, :3, :3] @ figures[:3]
-    moved, speed = (
-        module.frame_velocities(q, v)[1, :3] - wind,
-        speeds[1] * np.sign(np.real(speeds[1])),
-    )
-    found[1, :3] = (figures[3] - figures[4]) * speed * (axis @ moved) * axis - figures[
-        3
-    ] * speed * moved
     return found
 
 
