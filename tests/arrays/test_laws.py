@@ -543,6 +543,7 @@ def test_laws_for_firmware(real: Any, tmp_path: Path) -> None:
     robot, name = Functions(module), module.NAME
     made = law_functions(robot, ("computed_torque", "force"), module.POINTS.index("O2"), 1, False)
     for file, text in c_files(robot, f"{name}_laws", "Laws.", made, opening(robot)).items():
+        assert max(map(len, text.partition("SPDX")[2].splitlines())) <= 100
         (tmp_path / file).write_text(text, encoding="utf-8")
     options = ["-O0", "-fPIC", f"-I{FOLDER}", "-Wno-unused-function"]
     options += [f"-D{name.upper()}_FLOAT"] if real is np.float32 else []
@@ -617,6 +618,8 @@ def test_functions_of_laws(attitude: str, moves: bool) -> None:
     case = Case(attitude)
     module, robot = case.module, Functions(case.module)
     init, *made = law_functions(robot, LAWS, 0, 1, moves)
+    structures = [structure for function in made for structure in function.structures]
+    assert all(x.name.isidentifier() for each in structures for x in each.members)
     by_hand = {**EXTERNALS, "force_axis": lambda x: x.sum(0)[:3]}
     level = np.array(robot.layout.neutral)
     known = evaluate(init.program, {}, {"robot": module}, externals=by_hand)

@@ -474,7 +474,7 @@ def test_steps_of_a_closed_loop_are_those_of_runge_and_kutta(name: str) -> None:
     close(found["inputs"], np.concatenate([begin["commanded"], begin["acting"]]))
     robot = Functions(loop.known, "model")
     at, there = (
-        Motion(*(robot.coordinates(f"q{x}"), *map(robot.velocities, (f"v{x}", f"a{x}"))))
+        Motion(robot.coordinates(f"q{x}"), *map(robot.velocities, (f"v{x}", f"a{x}")))
         for x in ("", "_d")
     )
     errors = base_of(robot, at.q).errors(at.v, there)

@@ -38,6 +38,7 @@ from gibbs_codegen.arrays.matlab_text import MatlabPages
 from gibbs_codegen.arrays.nodes import Node
 from gibbs_codegen.arrays.numpy_text import NumpyText
 from gibbs_codegen.arrays.steps import emitted_step
+from gibbs_codegen.errors import UsageError
 from gibbs_codegen.files.verbatim import matlab_source
 from gibbs_codegen.runtime.programs import CompiledProgram
 
@@ -429,6 +430,10 @@ def pages() -> Program:
 
 
 def test_octave_takes_many_states_in_pages(tmp_path: Path) -> None:
+    x = variable("x", 3)
+    for wrong in (nodes.reshaped(x, (3, 1)), nodes.total(x, 0), nodes.product(x, EYE + 1.0)):
+        with pytest.raises(UsageError, match="is not written in MATLAB for many states"):
+            MatlabPages(Program("wrong", (x,), {"y": wrong}), "product").lines()
     random = np.random.default_rng(3)
     x, s, matrix = (random.uniform(-1.0, 1.0, (5, *y.shape)) for y in pages().inputs)
     lines = MatlabPages(pages(), "product").lines()
