@@ -21,6 +21,9 @@ from support.kept import made_once
 from support.tools import compiled, tool
 
 from gibbs_codegen import generate, load, read_scenario, simulate
+from gibbs_codegen.arrays import Functions, evaluate, jacobian
+from gibbs_codegen.arrays.first_order import System
+from gibbs_codegen.arrays.nodes import Program
 
 Array = NDArray[np.float64]
 Make = Callable[[str], tuple[ModuleType, Path]]
@@ -265,6 +268,40 @@ def test_directional_derivatives(
     values(0.0)
     unit.begin()
     assert np.array_equal(unit.along(unknowns, present, seed), found)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["quadrotor"])
+def test_derivatives_are_those_of_the_program(
+    kept: Path, opened: Callable[..., Unit], made: Make, name: str
+) -> None:
+    """They equal matrices of the module's other functions, for all entries, in NumPy."""
+    folder = kept / "matrices" / name
+    made_once(
+        folder, lambda: generate(name, folder.parent, ["numpy"], derivatives="all", verify=False)
+    )
+    module, unit = load(folder), opened(made(name)[1])
+    scattered(unit, seed=1)
+    unit.begin()
+    times = getattr(module, "TIME_CONSTANTS", {})
+    system = System(
+        Functions(module), {module.INPUTS.index(rotor): time for rotor, time in times.items()}
+    )
+    x, given = system.programs()["Rates of the state."].inputs
+    outputs = {"rate": system.rate(x, given), "y": system.output(x, given, 9.81)}
+    program = jacobian(Program("both", (x, given), outputs), ("x", "given"))
+    states, inputs = ["q.", "v.", "actuators"], ["command.", "force", "torque"]
+    values = [np.concatenate([unit.get(s) for s in starts]) for starts in (states, inputs)]
+    matrices = evaluate(program, dict(zip(("x", "given"), values, strict=True)), {"robot": module})
+    for by, starts in (("x", states), ("given", inputs)):
+        wanted = np.vstack([matrices[f"rate_by_{by}"], matrices[f"y_by_{by}"]])
+        starts = [start for start in starts if unit.parts(start)]
+        found = [
+            unit.along(["der(", "frames.", "imu.", "loads."], starts, unit_direction)
+            for unit_direction in np.eye(wanted.shape[1])
+        ]
+        scale = np.abs(wanted).max()
+        np.testing.assert_allclose(np.transpose(found), wanted, rtol=0.0, atol=1e-12 * scale)
 
 
 @pytest.mark.parametrize("version", [3, 2])

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 from support.emitted import emitted_module
+from support.tools import missing
 
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.flight.control.choice import control_law
@@ -18,6 +19,7 @@ from gibbs_codegen.flight.control.error_polynomials import error_polynomials
 from gibbs_codegen.flight.control.geometric import LeaningController
 from gibbs_codegen.flight.integration.closed_loop import ClosedLoop
 from gibbs_codegen.flight.integration.compiled_loop import (
+    CompiledLoop,
     CompiledSlope,
     is_compiled,
 )
@@ -208,6 +210,44 @@ def test_from_any_state_joints_and_centre_of_mass_move_as_the_law_says(
     wish /= np.sqrt(1.0 + np.sum(wish**2, axis=-1, keepdims=True) / most**2)
     asked = law.mass * np.sum((needed + wish) * along, axis=-1, keepdims=True)
     assert thrust == pytest.approx(np.maximum(asked, 0.0), abs=2e-2)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("name", "limits", "lag", "integral"),
+    [("quadrotor", (0.0, 8.5), 0.0, 0.0)],
+)
+def test_every_step_in_c_is_that_of_python(
+    name: str,
+    limits: tuple[float, float],
+    lag: float,
+    integral: float,
+    machines: Load,
+    motions: Callable[[str], Motion],
+) -> None:
+    """From each state that C comes to, Python takes the next step to the same state."""
+    vehicle = Vehicle(machines(name))
+    if (vehicle.module.__file__ or "").endswith(".py"):
+        missing("nothing compiles")
+    reference = vehicle.kinematics.reference(motions(name))
+    allocation = allocation_of(vehicle, limits=limits)
+    control = replace(CONTROL, integral=integral)
+    law = control_law("geometric", control, vehicle, reference, allocation)
+    actuators = Actuators.unlimited(vehicle)
+    actuators.lag[:] = lag
+    closed = ClosedLoop(vehicle, law, actuators)
+    q, v, _ = reference(0.0)
+    rng = np.random.default_rng(6)
+    state = closed.start(q, v) + 0.4 * rng.normal(size=closed.size)
+    loop = CompiledLoop(closed, np.inf)
+    step = 2.0**-8
+    taken, samples, _ = loop(0.0, state, step, 30)
+    assert taken == 30
+    for done, after in enumerate(samples):
+        expected = closed.step(done * step, state, step, NOTHING)
+        moved = np.linalg.norm(expected - state)
+        assert np.linalg.norm(after - expected) <= 1e-10 * (np.linalg.norm(state) + moved)
+        state = after
 
 
 def start(case: int) -> tuple[float, float, float]:

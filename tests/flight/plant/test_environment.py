@@ -15,8 +15,10 @@ from support.emitted import emitted_module
 
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.flight.control.laws import Controller, Gains
+from gibbs_codegen.flight.desired.trajectory import desired_motion
 from gibbs_codegen.flight.integration.closed_loop import ClosedLoop, Parts
-from gibbs_codegen.flight.integration.state_history import NOTHING
+from gibbs_codegen.flight.integration.compiled_loop import CompiledLoop, is_compiled
+from gibbs_codegen.flight.integration.state_history import NOTHING, Loads
 from gibbs_codegen.flight.plant.actuators import Actuators
 from gibbs_codegen.flight.plant.allocation import allocation_of
 from gibbs_codegen.flight.plant.environment import Environment, RotorSpin
@@ -24,6 +26,8 @@ from gibbs_codegen.flight.plant.vehicle import Vehicle
 from gibbs_codegen.flight.record.flight import Flight
 from gibbs_codegen.flight.reference import Motion, Reference
 from gibbs_codegen.flight.scenario.file import read_scenario
+from gibbs_codegen.flight.scenario.parts import Gust, Payload, Push, Wind
+from gibbs_codegen.flight.scenario.walls import Cylinder, Plane
 from gibbs_codegen.flight.simulation import simulate
 from gibbs_codegen.robot.file import parse_robot
 
@@ -299,6 +303,24 @@ def test_an_arm_that_is_pressed_along_its_length_buckles(
 # Payloads
 
 
+@pytest.mark.slow
+def test_a_payload_is_a_heavier_body() -> None:
+    """At the origin of a base it adds to the mass, which `[plant]` can as well."""
+    module = emitted_module(parse_robot(TOP))
+    common: dict[str, Any] = {
+        "control": {"law": "off"},
+        "start": {"turn_deg": [10, 20, 30]},
+        "duration": 0.5,
+        "wind": {"velocity": [5, 1, 2], "drag": {"base": 1.3}},
+    }
+    heavier = flown(module, **common, plant={"base_mass": 2.7})
+    carried = flown(module, **common, payload=[{"frame": "base", "mass": 0.7}])
+    free = flown(module, **common)
+    assert carried.q == pytest.approx(heavier.q, abs=1e-10)
+    assert carried.a == pytest.approx(heavier.a, abs=1e-9)
+    assert np.abs(free.q - heavier.q).max() > 1e-2
+
+
 def test_momentum_changes_as_gravity_and_the_recorded_wrenches_say(fast: Load) -> None:
     module = fast("hexarotor_3link")
     flight = flown(
@@ -451,6 +473,48 @@ def test_a_module_that_does_not_say_what_carries_its_rotors_is_asked_for_again()
 
 
 # In C
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["hexarotor_3link"])
+def test_every_compiled_step_is_that_of_python(name: str, fast: Load) -> None:
+    module = fast(name)
+    model, vehicle = Vehicle(module), Vehicle(module, {"gravity": 9.7}, "plant")
+    reference = desired_motion(model, read_scenario("circle"))
+    gains = Gains.of(5.0, 1.0, len(vehicle.coordinates))
+    controller = Controller(model, reference, allocation_of(model), gains)
+    closed = ClosedLoop(vehicle, controller, Actuators.unlimited(vehicle))
+    frame = vehicle.frames[-1]
+    place = vehicle.frame_poses(closed.controller.reference(0.0)[0])[-1, :3, 3]
+    environment = Environment(
+        vehicle,
+        Push((1, 2, 3), 0.0, 1.0, (0.1, 0.2, 0.1), "base"),
+        (Payload("base", 0.5), Payload(frame, 0.2), Payload("base", 0.0)),
+        Wind({"base": 0.4, frame: 0.1}, (3, 1, 0), (Gust((2, 0, 1), 0.01),), {"base": 0.01}),
+        (
+            Plane(frame, tuple(place + 0.05), (-1, 0.2, -3), 200.0, 3.0),
+            Cylinder(frame, tuple(place + 0.2), (1, 2, -3), 0.4, 30.0, 1.0),
+        ),
+        np.array([0.01, -0.02, 0.03, 0.01, 0.0, 0.01]),
+    )
+    closed = replace(closed, environment=environment)
+    q, v, _ = closed.controller.reference(0.0)
+    state = closed.start(q, v + 0.3 * np.cos(np.arange(len(v))))
+    for loads in (Loads(True, (True, True, True)), Loads(False, (False, True, False)), Loads()):
+        if not is_compiled(closed, loads):
+            pytest.skip("nothing compiles")
+        loop = CompiledLoop(closed, np.inf, loads)
+        after, step = state, 2.0**-10
+        for done in range(8):
+            time = done * step
+            expected = closed.step(time, after, step, loads)
+            taken, _, found = loop(time, after, step, 1)
+            assert taken == 1
+            moved = np.linalg.norm(expected - after)
+            # The functions that Python calls were compiled with few optimisations, and the arm's
+            # inertia about its own axis is 1e-5 kg m²: their rounding differs by as much.
+            assert np.linalg.norm(found - expected) <= 1e-10 * (1.0 + moved)
+            after = found
 
 
 # What is refused
