@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -249,92 +250,83 @@ def test_contact(sticks: bool) -> None:
     assert parts == ([bristles[:3], zero, bristles[3:]] if sticks else [zero, zero, bristles])
 
 
+End = tuple[Array, Array, Any]
+
+
+def given_back(
+    module: MadeUp, ends: tuple[End, End], work: Any, done: Array, active: Array | None
+) -> tuple[Array, Array, tuple[bool, bool]]:
+    """Coordinates and velocities after a step, without the energy that two contacts gained.
+
+    `ends` are coordinates, velocities and what contacts have stored before and after it.
+    """
+    before, after = (
+        module.kinetic_energy(q, v) + module.potential_energy(q) + stored for q, v, stored in ends
+    )
+    gained, (q, v, _), still, none = after - before - work, ends[1], np.zeros(8), np.zeros(6)
+    impulses = np.stack([done[9:15], done[3:9]])
+    change = module.forward_dynamics_with_wrenches(q, still, none, impulses)
+    change = change - module.forward_dynamics(q, still, none)
+    if active is not None:
+        change = module.impact(q, change, active)[0]
+    speed, yielding = (np.sum(impulses * module.frame_velocities(q, x)) for x in (v, change))
+    most, taken = 0.5 * speed**2 / max(yielding, 1e-30), 0.0
+    if gained > 0.0:
+        taken = min(gained + done[1] / max(done[2], 1e-30) * most, most)
+    # Of both shares that take so much, the lesser: they solve a quadratic equation.
+    root = np.sqrt(max(speed**2 - 2.0 * taken * yielding, 0.0))
+    left = v - 2.0 * taken / max(abs(speed) + root, 1e-30) * np.sign(speed) * change
+    moving = max(module.kinetic_energy(q, left), 1e-30)
+    stays = gained - taken - moving > 0.0
+    rest = min(max(gained - taken, 0.0) / moving, 1.0)
+    return ends[0][0] if stays else q, np.sqrt(1.0 - rest) * left, (gained > 0.0, stays)
+
+
 @pytest.mark.parametrize("holds", [True, False])
 @pytest.mark.parametrize("scale", [1.0, -3.0, 40.0])
 def test_steps_give_back_what_contacts_gained(scale: float, holds: bool) -> None:
     """By what they did, then by all velocities; where that is not enough, they do not happen."""
     module, robot, state = moving("quaternion", CONSTRAINTS=("hook",), CONSTRAINT_ROWS=("hook_x",))
     contacts = (Contact(1, 0, ball, 4, True), Contact(0, 1, ball, 4))
-    other = {"q_after": state["q"][::-1], "v_after": state["v"][::-1]}
-    own, values = given(stored=(2,), work=(), done=(15,), active=(1,), z=(3,))
+    own, values = given(work=(), done=(15,), active=(1,), z=(3,))
+    values |= state | {"q_after": state["q"][::-1], "v_after": state["v"][::-1]}
     values["work"] *= scale
     q, v = robot.state()
     q_after, v_after = robot.coordinates("q_after"), robot.velocities("v_after")
 
     def touches(q: Node, v: Node, z: Node) -> Any:
         energy = nodes.dot(v, v) * 0.1 + z[0]
-        return [Stored(energy), Stored(2.0 * energy)]
+        return [SimpleNamespace(stored=x * energy) for x in (1.0, 2.0)]
 
     states = ((q, v, own["z"]), (q_after, v_after, 2.0 * own["z"]))
     active = own["active"] if holds else None
-    place, moved = passive(robot, contacts, touches, states, own["work"], own["done"], active)
-    program = Program(
-        "p", (q, v, q_after, v_after, *own.values()), {"place": place, "v_next": moved}
-    )
-    values |= state | other
-    found, kinds = evaluate(program, values, {"robot": module}), set()
+    found = passive(robot, contacts, touches, states, own["work"], own["done"], active)
+    inputs, outputs = (q, v, q_after, v_after, *own.values()), dict(zip("qv", found, strict=True))
+    results, kinds = evaluate(Program("p", inputs, outputs), values, {"robot": module}), set()
     for k, x in enumerate(each(values)):
-        energies = [
-            module.kinetic_energy(a, b) + module.potential_energy(a) + 3.0 * (0.1 * b @ b + z[0])
-            for a, b, z in ((x["q"], x["v"], x["z"]), (x["q_after"], x["v_after"], 2.0 * x["z"]))
-        ]
-        gained = energies[1] - energies[0] - x["work"]
-        q1, v1, still, none = x["q_after"], x["v_after"], np.zeros(8), np.zeros(6)
-        impulses = np.stack([x["done"][9:15], x["done"][3:9]])
-        change = module.forward_dynamics_with_wrenches(q1, still, none, impulses)
-        change = change - module.forward_dynamics(q1, still, none)
-        if holds:
-            change = module.impact(q1, change, x["active"])[0]
-        speed, yielding = (np.sum(impulses * module.frame_velocities(q1, y)) for y in (v1, change))
-        most = 0.5 * speed**2 / max(yielding, 1e-30)
-        taken = 0.0
-        if gained > 0.0:
-            taken = min(gained + x["done"][1] / max(x["done"][2], 1e-30) * most, most)
-        # Of both shares that take so much, the lesser: a quadratic equation of each.
-        root = np.sqrt(max(speed**2 - 2.0 * taken * yielding, 0.0))
-        share = 2.0 * taken / max(abs(speed) + root, 1e-30) * np.sign(speed)
-        left = v1 - share * change
-        moving_energy = max(module.kinetic_energy(q1, left), 1e-30)
-        rest = min(max(gained - taken, 0.0) / moving_energy, 1.0)
-        stays = gained - taken - moving_energy > 0.0
-        kinds.add((gained > 0.0, stays))
-        close(found["place"][k], x["q"] if stays else q1)
-        close(found["v_next"][k], np.sqrt(1.0 - rest) * left, 1e-9)
-    assert kinds
-    both = [
-        Did(
-            *(
-                variable(f"{name}_{k}", *shape)
-                for name, shape in (("wrench", (6,)), ("eased", ()), ("normal", ()))
-            )
-        )
+        before = x["q"], x["v"], 3.0 * (0.1 * x["v"] @ x["v"] + x["z"][0])
+        after = x["v_after"] @ x["v_after"]
+        after = x["q_after"], x["v_after"], 3.0 * (0.1 * after + 2.0 * x["z"][0])
+        ends, held = (before, after), x["active"] if holds else None
+        place, left, kind = given_back(module, ends, x["work"], x["done"], held)
+        kinds.add(kind)
+        close(results["q"][k], place)
+        close(results["v"][k], left, 1e-9)
+    assert len(kinds) > (scale > 1.0)
+
+
+def test_effects_are_power_and_forces_of_contacts() -> None:
+    own, values = given(twists=(2, 6), wrenches=(2, 6), eased=(2,), normal=(2,))
+    touches: list[Any] = [
+        SimpleNamespace(wrench=own["wrenches"][k], eased=own["eased"][k], normal=own["normal"][k])
         for k in range(2)
     ]
-    inputs = [x for y in both for x in (y.wrench, y.eased, y.normal)]
-    twists = variable("twists", 2, 6)
-    program = Program("p", (*inputs, twists), {"e": effects(contacts, both, twists)})
-    random = np.random.default_rng(1)
-    at = {
-        name: random.normal(size=x.shape)
-        for name, x in zip(program.names, program.inputs, strict=True)
-    }
-    power = at["wrench_0"] @ at["twists"][1] + at["wrench_1"] @ at["twists"][0]
-    sums = [power, at["eased_0"] + at["eased_1"], at["normal_0"] + at["normal_1"]]
-    close(evaluate(program, at, {})["e"], np.concatenate([sums, at["wrench_0"], at["wrench_1"]]))
-
-
-class Stored:
-    """A touch of which the energy counts."""
-
-    def __init__(self, stored: Node) -> None:
-        self.stored = stored
-
-
-class Did:
-    """A touch of which the effects count."""
-
-    def __init__(self, wrench: Node, eased: Node, normal: Node) -> None:
-        self.wrench, self.eased, self.normal = wrench, eased, normal
+    contacts = (Contact(1, 0, ball, 4, True), Contact(0, 1, ball, 4))
+    program = Program("p", tuple(own.values()), {"e": effects(contacts, touches, own["twists"])})
+    found = evaluate(program, values, {})["e"]
+    for k, x in enumerate(each(values)):
+        sums = [np.sum(x["wrenches"] * x["twists"][::-1]), x["eased"].sum(), x["normal"].sum()]
+        close(found[k], np.concatenate([sums, x["wrenches"].ravel()]))
 
 
 @pytest.mark.parametrize("attitude", ["zyx", "quaternion"])

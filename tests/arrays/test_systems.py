@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 from arrays.test_machine import CONTACTS, DRIVEN, HOLDING, Loop, air
-from arrays.test_surroundings import ball, touched
+from arrays.test_surroundings import ball, given_back, touched
 from support.made_up import STEP, Array, MadeUp, close
 
 from gibbs_codegen.arrays import Functions, Program, evaluate, jacobian
@@ -81,8 +81,6 @@ def random_inputs(module: MadeUp, program: Program, seed: int = 2) -> dict[str, 
 )
 def test_steps_of_rollouts(method: str, attitude: str, lists: dict[str, Any], parts: Parts) -> None:
     module = MadeUp(attitude, **lists)
-    if parts.walls and method == "rk4":  # What contacts gain is taken back after a step.
-        return
     program = rollout_step(Functions(module), method, parts, has_thrusts=attitude == "zyx")
     g, h = random_inputs(module, program), 0.03
     g |= {"h": np.array(h)}
@@ -95,34 +93,20 @@ def test_steps_of_rollouts(method: str, attitude: str, lists: dict[str, Any], pa
         error = [module.difference(q, g["desired_q"]), g["desired_v"] - v]
         u = u + g["gain"] @ np.concatenate([*error, *([g["desired_x"] - act] if driven else [])])
     if parts.limits:
-        u = (
-            np.clip(u, g["least"], g["most"])
-            if np.all(g["least"] < g["most"])
-            else np.maximum(np.minimum(u, g["most"]), g["least"])
-        )
+        u = np.maximum(np.minimum(u, g["most"]), g["least"])
     acting = [u] * 3
     if parts.lag:
         acting = [np.concatenate([u[:4] + share * (act - u[:4]), u[4:]]) for share in g["lag"]]
 
     def accelerate(q: Array, y: Array, halves: int) -> Array:
-        v, states, bristles = y[:8], y[8 : 8 + driven], y[8 + driven :]
+        v, states, bristles = y[:8], y[8 : 8 + driven], y[8 + driven : 8 + driven + z.size]
         inputs = module.inputs_of(q, v, states, u) if driven else acting[halves]
         wrenches, rates = g.get("wrenches", np.zeros((2, 6))), []
         if driven:
             wrenches = wrenches + air(module, q, v, module.rotor_speeds(states, u), np.zeros(3))
             rates.append(module.actuator_rates(states, u))
-        for contact, figures in parts.walls:
-            pose, velocity = (
-                module.frame_poses(q)[contact.frame],
-                module.frame_velocities(q, v)[contact.frame],
-            )
-            own = touched(
-                np.array(figures),
-                pose,
-                velocity,
-                bristles if contact.sticks else np.zeros(3),
-                contact.sticks,
-            )
+        touches = touching(q, v, bristles)
+        for (contact, _), own in zip(parts.walls, touches, strict=True):
             wrenches = wrenches + np.eye(2)[contact.frame][:, None] * own["wrench"]
             rates += [own["rate"]] if contact.sticks else []
         free = module.forward_dynamics(q, v, inputs)
@@ -132,16 +116,44 @@ def test_steps_of_rollouts(method: str, attitude: str, lists: dict[str, Any], pa
             active, pushed = np.array(parts.active), a - free
             a = module.constrained_forward_dynamics(q, v, inputs, active)[0]
             a = a + module.impact(q, pushed, active)[0] if acts else a
+        if parts.walls:
+            moving = module.frame_velocities(q, v)
+            power = sum(
+                x["wrench"] @ moving[c.frame]
+                for (c, _), x in zip(parts.walls, touches, strict=True)
+            )
+            done = [power, *(sum(x[y] for x in touches) for y in ("eased", "normal"))]
+            rates += [[v @ module.inverse_dynamics(q, v, a) - power], done]
+            rates += [x["wrench"] for x in touches]
         return np.concatenate([a, *rates])
 
-    begin = np.concatenate([v, act if driven else [], z])
+    def touching(q: Array, v: Array, z: Array) -> list[dict[str, Any]]:
+        poses, moving = module.frame_poses(q), module.frame_velocities(q, v)
+        return [
+            touched(
+                np.array(figures),
+                poses[c.frame],
+                moving[c.frame],
+                z if c.sticks else z * 0.0,
+                c.sticks,
+            )
+            for c, figures in parts.walls
+        ]
+
+    spent = np.zeros(4 + 6 * len(parts.walls) if parts.walls else 0)
+    begin = np.concatenate([v, act if driven else [], z, spent])
     q_next, y = stepped(module, method, accelerate, q, begin, h)
     if parts.active:
         q_next = module.integrate(
             q_next, module.constraint_projection(q_next, np.array(parts.active))
         )
         y[:8] = module.impact(q_next, y[:8], np.array(parts.active))[0]
-    wanted = [q_next, y[: 8 + driven], acting[2][:thrusts], y[8 + driven :]]
+    end = 8 + driven + z.size
+    if parts.walls and method == "rk4":
+        states = (q, v, z), (q_next, y[:8], y[8:end])
+        ends = [(*at[:2], sum(x["stored"] for x in touching(*at))) for at in states]
+        q_next, y[:8], _ = given_back(module, ends, y[end], y[end + 1 :], None)
+    wanted = [q_next, y[: 8 + driven], acting[2][:thrusts], y[8 + driven : end]]
     close(found["x_next"], np.concatenate(wanted), 1e-11)
     close(found["inputs"], u)
     beyond = 0.0
