@@ -336,9 +336,8 @@ def suite_of(module: str, line: int, recorded: Mapping[str, Record]) -> Suite:
     if module in MATLAB:
         return Suite(("tests/targets/test_matlab.py",), ("tests/runtime/test_matlab_programs.py",))
     if module in ARRAYS:
-        return Suite(
-            _QUICK_ARRAYS[module.removeprefix("arrays.")], ("tests/arrays", *_REST_OF_ARRAYS)
-        )
+        quick = _QUICK_ARRAYS.get(module.removeprefix("arrays."), ("tests/arrays",))
+        return Suite(quick, ("tests/arrays", *_REST_OF_ARRAYS))
     if module in _ALL_NAMED:
         usual = _QUICK_DERIVATION if module in DERIVATION + COMBINE else _QUICK_EMISSION
         return Suite(_QUICK.get(module, usual), _REST.get(module, _REST_OF_DERIVATION))
