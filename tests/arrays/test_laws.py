@@ -18,7 +18,6 @@ from support.made_up import STEP, Array, close, skew
 
 from gibbs_codegen.arrays import (
     Functions,
-    Node,
     Program,
     constant,
     evaluate,
@@ -291,26 +290,18 @@ def leaning(case: Case, law: str, remembers: bool) -> Array:
         a_d[case.joints] + g["stiffness"][case.joints] * e + g["damping"][case.joints] * rates
     )
     if held:
-        zero = np.zeros(8)
-        root = lambda f: turn @ f[:3] if case.is_quaternion else f[5:8]  # noqa: E731
-        drift = (root(module.inverse_dynamics(q, v, zero)) - g["weight"]) / mass
+        resting = module.inverse_dynamics(q, v, np.zeros(8))
+        resting = turn @ resting[:3] if case.is_quaternion else resting[5:8]
+        drift = (resting - g["weight"]) / mass
         pushed = (thrust * along - weight) / mass
         relative = module.frame_jacobians(q)[1, :3] - jacobian
-        place = case.places
-        lacking = (
-            case.frame(law, place, learnt, False)
-            - case.tip("")[1]
-            - (pushed - drift)
-            - relative @ a
-        )
-        levers = relative[:, case.joints]
+        lacking = case.frame(law, case.places, learnt, False) - case.tip("")[1]
+        lacking = np.concatenate([lacking - (pushed - drift) - relative @ a, np.zeros(2)])
         stiff = g["stiffness"][case.joints]
         rest = np.where(stiff > 0.0, 4e-6 * stiff, 1e6)
         # Of all the joints may do it comes nearest, less what strays from the posture costs.
-        tall = np.concatenate([levers, np.diag(np.sqrt(rest))])
-        a[case.joints] += np.linalg.lstsq(tall, np.concatenate([lacking, np.zeros(2)]), rcond=None)[
-            0
-        ]
+        tall = np.concatenate([relative[:, case.joints], np.diag(np.sqrt(rest))])
+        a[case.joints] += np.linalg.lstsq(tall, lacking, rcond=None)[0]
     force = module.inverse_dynamics(q, v, a)
     if held:
         force = force - case.felt()
@@ -480,28 +471,14 @@ def test_inputs_share_a_wrench_among_rotors(
     own = {name: variable(name, *x.shape) for name, x in given.items()}
     rotors = Rotors(*own.values(), limited=limited, move=moves, refuse=refuses, exact=0.01)
     u, refused = inputs_of(robot, q, f, rotors)
-    asked = {name: variable(name) for name in ("mass",)} | {
-        name: variable(name, 3) for name in ("axis", "weight")
-    }
+    asked = {"mass": variable("mass"), "axis": variable("axis", 3), "weight": variable("weight", 3)}
     known = weight_of(robot, q, lambda name, *shape: asked[name], rotors)
-    outputs: dict[str, Node] = {
-        "u": u,
-        "refused": refused,
-        "axis_of": known.axis,
-        "mass_of": known.mass,
-    }
-    outputs["within"] = within_limits(
-        u, Limits(constant(np.full(6, -0.2)), constant(np.full(6, 0.3)))
-    )
+    limits = Limits(constant(np.full(6, -0.2)), constant(np.full(6, 0.3)))
+    outputs = {"u": u, "refused": refused, "within": within_limits(u, limits)}
+    outputs |= {"axis_of": known.axis, "mass_of": known.mass}
     program = Program("p", (q, f, *own.values(), *asked.values()), outputs)
-    values = {
-        "q": state.given["q"],
-        "f": state.given["f"],
-        **given,
-        "mass": 2.0,
-        "axis": AXIS,
-        "weight": AXIS,
-    }
+    values = {x: state.given[x] for x in "qf"} | given
+    values |= {"mass": np.array(2.0), "axis": AXIS, "weight": AXIS}
     by_hand: dict[str, Any] = {**EXTERNALS, "force_axis": lambda x: x.sum(0)[:3]}
     found = evaluate(program, values, {"robot": module}, externals=by_hand)
 
@@ -513,27 +490,21 @@ def test_inputs_share_a_wrench_among_rotors(
         columns = np.stack([wrench(column) for column in loads.T[:4]])
     asked_for = wrench(values["f"])
     thrusts = smallest(columns, asked_for)
-    left = np.linalg.norm(asked_for - columns.T @ thrusts) - 0.01 * (
-        1.0 + np.linalg.norm(asked_for)
-    )
+    left = np.linalg.norm(asked_for - columns.T @ thrusts)
+    left = left - 0.01 * (1.0 + np.linalg.norm(asked_for))
     if limited:
         thrusts = nearest(thrusts, asked_for, columns, given["least"], given["most"])
     efforts = values["f"][state.joints] - (loads[state.joints, :4] @ thrusts if moves else 0.0)
     wanted = np.concatenate([thrusts, efforts])
-    np.testing.assert_allclose(found["u"], wanted, rtol=0, atol=1e-6)
-    np.testing.assert_allclose(found["within"], np.clip(wanted, -0.2, 0.3), rtol=0, atol=1e-6)
-    np.testing.assert_allclose(found["refused"], max(left, 0.0) if refuses else 0.0, atol=1e-9)
-    np.testing.assert_allclose(found["axis_of"], columns.sum(0)[:3] if moves else AXIS, atol=1e-12)
+    close(found["u"], wanted, 1e-6)
+    close(found["within"], np.clip(wanted, -0.2, 0.3), 1e-6)
+    close(found["refused"], max(left, 0.0) if refuses else 0.0, 1e-9)
+    close(found["axis_of"], columns.sum(0)[:3] if moves else AXIS)
     lost = {**by_hand, "nearest_thrusts": lambda thrusts, *_: np.full(4, np.nan)}
     if limited:
         assert np.isnan(evaluate(program, values, {"robot": module}, externals=lost)["refused"])
-    nothing = evaluate(
-        program,
-        values | {"f": np.full(8, np.nan)},
-        {"robot": module},
-        externals={**lost, "smallest_thrusts": lambda c, w: np.full(4, np.nan)},
-    )
-    assert nothing["refused"] == 0.0
+    values["f"], lost["smallest_thrusts"] = np.full(8, np.nan), lambda c, w: np.full(4, np.nan)
+    assert evaluate(program, values, {"robot": module}, externals=lost)["refused"] == 0.0
 
 
 @pytest.mark.parametrize("real", [np.float64, np.float32])
