@@ -34,6 +34,7 @@ from gibbs_codegen.arrays import (
     write_c,
     write_matlab,
 )
+from gibbs_codegen.arrays.contents import solve_room
 from gibbs_codegen.arrays.matlab_text import MatlabPages
 from gibbs_codegen.arrays.nodes import Node
 from gibbs_codegen.arrays.numpy_text import NumpyText
@@ -362,6 +363,7 @@ def test_c_has_the_numbers_of_plain_arrays(
     is_single: bool, tolerance: float, robot: ModuleType
 ) -> None:
     """In blocks of states, the last of which is not full."""
+    assert solve_room(program()) == 9  # Of the largest matrix that it solves with.
     given = numbers()
     found = compile_program(derived(), robot, single=is_single)(given)
     check({name: found[name] for name in program().outputs}, given, tolerance)
