@@ -405,7 +405,8 @@ CASES: dict[str, tuple[str, str, dict[str, Any], str, dict[str, Any]]] = {
     "force": ("zyx", "force", {}, "integral limited idles",
               {"moved": 1, "axes": 0, "around": AROUND}),
     "leaning": ("quaternion", "geometric", {}, "lags integral", {}),
-    "leaning_force": ("zyx", "geometric_force", DRIVEN, "limited", {"moved": 1, "around": AROUND}),
+    "leaning_force": ("zyx", "geometric_force", DRIVEN, "limited",
+                      {"moved": 1, "around": Surroundings(contacts=CONTACTS)}),
 }  # fmt: skip
 
 
