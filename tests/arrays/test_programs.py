@@ -30,6 +30,7 @@ from gibbs_codegen.arrays import (
     variable,
 )
 from gibbs_codegen.arrays.c_text import CProgram
+from gibbs_codegen.arrays.contents import check_distinct
 from gibbs_codegen.arrays.labels import labelled, named
 from gibbs_codegen.errors import MissingFunctionError, UsageError
 from gibbs_codegen.runtime.load import load
@@ -150,6 +151,8 @@ def wrong() -> Iterator[tuple[Callable[[Functions, Node, Node], object], str]]:
             "has no derivative",
         )
     yield lambda r, q, v: Program("p", (v,), {"v": v})(v[:1]), "does not go with its input"
+    twice = [Program("f", (), {"y": constant(value)}) for value in (1.0, 2.0)]
+    yield lambda r, q, v: check_distinct(twice), "two programs are called f; each needs a name"
     shared = variable("v", 1, uniform=True)
     yield lambda r, q, v: Program("p", (shared,), {"v": shared})(v[:1]), "does not go with"
     yield (
