@@ -265,6 +265,8 @@ def given_back(
     )
     gained, (q, v, _), still, none = after - before - work, ends[1], np.zeros(8), np.zeros(6)
     impulses = np.stack([done[9:15], done[3:9]])
+    if ends[0][2] + ends[1][2] + np.sum(impulses**2) <= 0.0:
+        gained = 0.0  # Nothing touched.
     change = module.forward_dynamics_with_wrenches(q, still, none, impulses)
     change = change - module.forward_dynamics(q, still, none)
     if active is not None:

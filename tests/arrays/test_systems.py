@@ -117,27 +117,20 @@ def test_steps_of_rollouts(method: str, attitude: str, lists: dict[str, Any], pa
             a = module.constrained_forward_dynamics(q, v, inputs, active)[0]
             a = a + module.impact(q, pushed, active)[0] if acts else a
         if parts.walls:
-            moving = module.frame_velocities(q, v)
-            power = sum(
-                x["wrench"] @ moving[c.frame]
-                for (c, _), x in zip(parts.walls, touches, strict=True)
-            )
+            # By euler what acts at the begin acts through the step.
+            mean = v + h / 2 * a if method == "euler" else v
+            moving, pairs = module.frame_velocities(q, mean), zip(parts.walls, touches, strict=True)
+            power = sum(x["wrench"] @ moving[c.frame] for (c, _), x in pairs)
             done = [power, *(sum(x[y] for x in touches) for y in ("eased", "normal"))]
-            rates += [[v @ module.inverse_dynamics(q, v, a) - power], done]
+            rates += [[mean @ module.inverse_dynamics(q, v, a) - power], done]
             rates += [x["wrench"] for x in touches]
         return np.concatenate([a, *rates])
 
     def touching(q: Array, v: Array, z: Array) -> list[dict[str, Any]]:
         poses, moving = module.frame_poses(q), module.frame_velocities(q, v)
         return [
-            touched(
-                np.array(figures),
-                poses[c.frame],
-                moving[c.frame],
-                z if c.sticks else z * 0.0,
-                c.sticks,
-            )
-            for c, figures in parts.walls
+            touched(np.array(wall), poses[c.frame], moving[c.frame], z * c.sticks, c.sticks)
+            for c, wall in parts.walls
         ]
 
     spent = np.zeros(4 + 6 * len(parts.walls) if parts.walls else 0)
@@ -149,10 +142,15 @@ def test_steps_of_rollouts(method: str, attitude: str, lists: dict[str, Any], pa
         )
         y[:8] = module.impact(q_next, y[:8], np.array(parts.active))[0]
     end = 8 + driven + z.size
-    if parts.walls and method == "rk4":
+    if parts.walls:
         states = (q, v, z), (q_next, y[:8], y[8:end])
-        ends = [(*at[:2], sum(x["stored"] for x in touching(*at))) for at in states]
-        q_next, y[:8], _ = given_back(module, ends, y[end], y[end + 1 :], None)
+        ends, done = (
+            [(*at[:2], sum(x["stored"] for x in touching(*at))) for at in states],
+            y[end + 1 :],
+        )
+        if method == "euler":  # What is met at the end was not felt.
+            done[3:] += h * np.concatenate([x["wrench"] for x in touching(*states[1])])
+        q_next, y[:8], _ = given_back(module, ends, y[end], done, None)
     wanted = [q_next, y[: 8 + driven], acting[2][:thrusts], y[8 + driven : end]]
     close(found["x_next"], np.concatenate(wanted), 1e-11)
     close(found["inputs"], u)
