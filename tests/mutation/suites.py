@@ -210,7 +210,8 @@ _TEXT = "nodes.py::test_numpy_text_has_the_numbers_of_the_program"
 _PAGES = "nodes.py::test_octave_takes_many_states_in_pages"
 _OF_C = tuple(_IN_LANGUAGES[x] for x in ("c_for_firmware", "c", "c_of_one_state"))
 _QUICK_ARRAYS = (
-    _of_arrays("nodes contents labels text", _VALUES, *_DERIVED, "programs.py", _TEXT)
+    _of_arrays("nodes labels text", _VALUES, *_DERIVED, "programs.py", _TEXT)
+    | _of_arrays("contents", "programs.py", _IN_LANGUAGES["c"])
     | _of_arrays("functions", "programs.py", "calls.py", "laws.py", "machine.py")
     | _of_arrays("evaluation", _VALUES, _IN_LANGUAGES["casadi"], "programs.py", "calls.py")
     | _of_arrays("forward backward slopes rules", *_DERIVED, "programs.py")
