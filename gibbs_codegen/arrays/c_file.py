@@ -31,7 +31,7 @@ from gibbs_codegen.files.verbatim import c_source
 from gibbs_codegen.version import __version__
 
 # Endings of the names of files that modules have.
-_OF_MODULES = ("each", "laws", "rollout")
+_OF_MODULES = ("batch", "each", "laws", "rollout")
 # What is written by hand, with the paragraphs that others need before them.
 _BY_HAND = ("numbers.c", "allocation.c", "smallest_thrusts.c")
 _EXTERNALS = frozenset({"nearest_thrusts", "smallest_thrusts", "force_axis"})
