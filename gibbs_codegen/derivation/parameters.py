@@ -34,6 +34,9 @@ from gibbs_codegen.robot.names import (
 from gibbs_codegen.symbolic.tape import InlineTape, Scalars, Stage, Vector
 from gibbs_codegen.symbolic.vectors import ZERO
 
+# Else these lines would read like a mistake.
+_WORDS_OF_ROUNDING = "a difference, and what rounding takes from it, which is added below"
+
 
 @dataclass(frozen=True)
 class BodySymbols:
@@ -307,6 +310,7 @@ class Parameters:
         computed exactly and added (Dekker's sum of two numbers).
         """
         let = self._tape.let
-        difference = let(first - whole)
-        rounding = let(first - let(difference + whole))
+        with self._tape.group(_WORDS_OF_ROUNDING, Stage.PARAMETER):
+            difference = let(first - whole)
+            rounding = let(first - let(difference + whole))
         return let(let(let(difference + second) + rounding) / 2)

@@ -202,10 +202,11 @@ class _Printed:
     def _angle_lines(self, statements: c.CStatements) -> tuple[Lines, Lines]:
         """Lines that compute the angles and put them into their array, and arguments not used."""
         gathered = self.parts.gathered
-        lines, idle = self._loads(self._angle_names())
+        lines, idle = self._loads(self._angle_names(), statements.depth)
         lines += statements.assign_all(gathered.angle_statements)
         stores = [statements.store(ANGLE, i, angle) for i, angle in enumerate(gathered.angles)]
-        return [*lines, *c.side_by_side(line for store in stores for line in store)], idle
+        stored = c.side_by_side((line for store in stores for line in store), statements.depth)
+        return [*lines, *stored], idle
 
     def _few_sines(self) -> Lines:
         """Calls that compute the sines and cosines of the angles of one state."""
@@ -228,8 +229,8 @@ class _Printed:
         nodes = [*(s.value for s in gathered.angle_statements), *gathered.angles]
         return {name for node in nodes for name in names_in(node)}
 
-    def _loads(self, read: set[str]) -> tuple[list[str], list[str]]:
-        """Lines that load what is read of the arguments, and the arguments not used."""
+    def _loads(self, read: set[str], depth: int = 1) -> tuple[list[str], list[str]]:
+        """Lines in `depth` blocks that load what is read of arguments, and arguments not used."""
         statements = self.statements
         loads = {
             "constants": [
@@ -243,7 +244,7 @@ class _Printed:
                 statements.load(name, argument, i) for i, name in enumerate(names) if name in read
             ]
         idle = [argument for argument, lines in loads.items() if not lines]
-        return [x for lines in loads.values() for x in c.side_by_side(lines)], idle
+        return [x for lines in loads.values() for x in c.side_by_side(lines, depth)], idle
 
     def _sine_loads(self, read: set[str]) -> Lines:
         """Lines that load the sines and cosines that are read."""

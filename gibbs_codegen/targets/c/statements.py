@@ -38,14 +38,14 @@ class CStatements(StatementPrinter):
         of_several: bool = False,
     ) -> None:
         super().__init__(expressions)
-        self._depth = depth
+        self.depth = depth
         self._kind = kind
         self.of_several = of_several
 
     @property
     def inside(self) -> CStatements:
         """The printer of what stands in a loop, where lines are shorter."""
-        depth, of_several = self._depth + 1, self.of_several
+        depth, of_several = self.depth + 1, self.of_several
         return CStatements(self._expressions, depth, self._kind, of_several=of_several)
 
     def assign(self, name: str, value: Node) -> list[str]:
@@ -54,7 +54,7 @@ class CStatements(StatementPrinter):
 
     def assign_all(self, statements: Iterable[Statement]) -> list[str]:
         """Local constants, short ones side by side, with a comment above each group."""
-        return side_by_side(super().assign_all(statements))
+        return side_by_side(super().assign_all(statements), self.depth)
 
     def store(self, array: str, place: int | str, value: Node) -> list[str]:
         """An assignment to an entry of an array; `place` is as of `entry`."""
@@ -114,7 +114,7 @@ class CStatements(StatementPrinter):
 
     def _assignment(self, target: str, value: str) -> list[str]:
         """An assignment, broken where it is too long for a line."""
-        return broken(f"{target} = {value};", WIDTH - self._depth * INDENT)
+        return broken(f"{target} = {value};", WIDTH - self.depth * INDENT)
 
 
 def unused(name: str) -> str:
@@ -153,8 +153,8 @@ def vector_loop(index: str, count: int | str, body: Sequence[str]) -> list[str]:
     return ["VECTORISE", *loop(index, count, body)]
 
 
-def side_by_side(lines: Iterable[str]) -> list[str]:
-    """Lines of a function's body, short statements of a kind in one.
+def side_by_side(lines: Iterable[str], depth: int = 1) -> list[str]:
+    """Lines that stand in `depth` blocks, short statements of a kind in one.
 
     Of constants that are computed a line has two, so that a reader finds them.
     """
@@ -168,7 +168,7 @@ def side_by_side(lines: Iterable[str]) -> list[str]:
             rest = f", {line.removeprefix(declared)}" if declared else f"; {line}"
             same = bool(short["copied"]) == bool(before["copied"]) or not declared
             room = count < 2 or short["copied"] or not declared
-            if same and room and len(found[-1]) + len(rest) <= WIDTH - INDENT + 1:
+            if same and room and len(found[-1]) + len(rest) <= WIDTH - depth * INDENT + 1:
                 found[-1] = f"{found[-1][:-1]}{rest}"
                 count += 1
                 continue
