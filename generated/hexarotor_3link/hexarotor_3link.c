@@ -41,13 +41,13 @@ const real
 
 const Constants
     hexarotor_3link_default_constants = {
-    R(9.8100000000000005), R(0.5), R(1.9080000000000002e-06), R(0.041666666666666664), R(3.0),
-    R(1.9080000000000002e-06), R(3.0), R(1.9080000000000002e-06), R(9.0), R(0.12500572400000001),
+    R(9.8100000000000005), R(0.5), R(0.041666666666666664), R(1.9080000000000002e-06), R(3.0),
+    R(1.9080000000000002e-06), R(3.0), R(9.0), R(1.9080000000000002e-06), R(0.12500572400000001),
     R(1.2719999999999994e-06), R(4.5), R(6.0), R(13.5), R(36.0), R(4.2399999999999983e-07), R(1.0),
-    R(9.0), R(4.5), R(2.3750057240000002), -R(8.9999980920000002), -R(35.999998091999998), -R(2.25),
+    R(9.0), R(4.5), R(2.3750057240000002), R(8.9999980920000002), -R(35.999998091999998), -R(2.25),
     R(2.5439999999999989e-06), R(88.290000000000006), R(0.25), R(0.4330127018922193), R(0.75),
     R(0.125), R(0.0625), R(0.10825317547305482), R(0.010418097666666667), R(0.031250476999999999),
-    -R(0.018041369723940593), R(0.041668574666666666), R(0.010418574666666666),
+    R(0.018041369723940593), R(0.041668574666666666), R(0.010418574666666666),
     R(0.072918574666666666), R(0.041668574666666666), R(0.10416857466666667),
     R(0.25001144800000002), R(3.9998168403872447), R(7.9995522810579329), R(0.1111111111111111),
     R(0.5), R(6.3599999999999971e-07), R(4.5), R(2.1199999999999991e-07), R(0.12500742000000001),
@@ -69,71 +69,68 @@ int hexarotor_3link_init_constants(const real *RESTRICT parameters,
     const real link3_section_inertia_xx = parameters[13], link3_section_inertia_yy = parameters[14];
     const real link3_section_inertia_zz = parameters[15];
 
-    /* differences of moments of inertia, and what rounding took from them */
+    /* second moments of base_arm, corrected for rounding */
     const STEPWISE real k1 = base_arm_section_inertia_xx - base_arm_section_inertia_yy;
-    const STEPWISE real k2 = base_arm_section_inertia_yy - base_arm_section_inertia_zz;
-    const STEPWISE real k3 = base_arm_section_inertia_xx - base_arm_section_inertia_zz;
-    const STEPWISE real k4 = base_arm_section_inertia_xx - k1;
-    const STEPWISE real k5 = base_arm_section_inertia_yy - k4;
-    const STEPWISE real k6 = base_arm_section_inertia_yy - k2;
-    const STEPWISE real k7 = base_arm_section_inertia_zz - k6;
-    const STEPWISE real k8 = base_arm_section_inertia_zz + k3;
-    const STEPWISE real k9 = base_arm_section_inertia_xx - k8;
+    const STEPWISE real k2 = base_arm_section_inertia_xx - k1;
+    const STEPWISE real k3 = base_arm_section_inertia_yy - k2;
+    const STEPWISE real k4 = base_arm_section_inertia_zz - k1, k5 = k3 + k4;
+    const STEPWISE real k6 = base_arm_length * base_arm_length;
+    const STEPWISE real k7 = base_arm_mass_per_length * base_arm_length * k6;
+    const STEPWISE real k8 = R(0.5) * k5 + R(0.33333333333333331) * k7;
+    const STEPWISE real k9 = base_arm_section_inertia_yy - base_arm_section_inertia_zz;
+    const STEPWISE real k10 = base_arm_section_inertia_yy - k9;
+    const STEPWISE real k11 = base_arm_section_inertia_zz - k10;
+    const STEPWISE real k12 = base_arm_section_inertia_xx - k9, k13 = k11 + k12;
+    const STEPWISE real k14 = R(0.5) * k13;
+    const STEPWISE real k15 = base_arm_section_inertia_xx - base_arm_section_inertia_zz;
+    const STEPWISE real k16 = base_arm_section_inertia_zz + k15;
+    const STEPWISE real k17 = base_arm_section_inertia_xx - k16;
+    const STEPWISE real k18 = base_arm_section_inertia_yy + k15, k19 = k17 + k18;
 
-    /* second moments of base_arm */
-    const STEPWISE real k10 = base_arm_section_inertia_zz - k1, k11 = k5 + k10;
-    const STEPWISE real k12 = base_arm_section_inertia_xx - k2, k13 = k7 + k12;
-    const STEPWISE real k14 = R(0.5) * k13, k15 = base_arm_section_inertia_yy + k3;
-    const STEPWISE real k16 = k9 + k15, k17 = base_arm_length * base_arm_length;
-    const STEPWISE real k18 = base_arm_mass_per_length * base_arm_length * k17;
-    const STEPWISE real k19 = R(0.5) * k11 + R(0.33333333333333331) * k18;
-
-    /* differences of moments of inertia, and what rounding took from them */
+    /* second moments of link2, corrected for rounding */
     const STEPWISE real k20 = link2_section_inertia_xx - link2_section_inertia_yy;
-    const STEPWISE real k21 = link2_section_inertia_yy - link2_section_inertia_zz;
-    const STEPWISE real k22 = link2_section_inertia_xx - link2_section_inertia_zz;
-    const STEPWISE real k23 = link2_section_inertia_xx - k20, k24 = link2_section_inertia_yy - k23;
-    const STEPWISE real k25 = link2_section_inertia_yy - k21, k26 = link2_section_inertia_zz - k25;
-    const STEPWISE real k27 = link2_section_inertia_zz + k22, k28 = link2_section_inertia_xx - k27;
+    const STEPWISE real k21 = link2_section_inertia_xx - k20, k22 = link2_section_inertia_yy - k21;
+    const STEPWISE real k23 = link2_section_inertia_zz - k20, k24 = k22 + k23;
+    const STEPWISE real k25 = link2_length * link2_length;
+    const STEPWISE real k26 = R(0.5) * k24 + R(0.33333333333333331) * link2_mass_per_length *
+        link2_length * k25;
+    const STEPWISE real k27 = link2_section_inertia_yy - link2_section_inertia_zz;
+    const STEPWISE real k28 = link2_section_inertia_yy - k27, k29 = link2_section_inertia_zz - k28;
+    const STEPWISE real k30 = link2_section_inertia_xx - k27, k31 = k29 + k30;
+    const STEPWISE real k32 = R(0.5) * k31;
+    const STEPWISE real k33 = link2_section_inertia_xx - link2_section_inertia_zz;
+    const STEPWISE real k34 = link2_section_inertia_zz + k33, k35 = link2_section_inertia_xx - k34;
+    const STEPWISE real k36 = link2_section_inertia_yy + k33, k37 = k35 + k36;
 
-    /* second moments of link2 */
-    const STEPWISE real k29 = link2_section_inertia_zz - k20, k30 = k24 + k29;
-    const STEPWISE real k31 = link2_section_inertia_xx - k21, k32 = k26 + k31;
-    const STEPWISE real k33 = R(0.5) * k32, k34 = link2_section_inertia_yy + k22;
-    const STEPWISE real k35 = k28 + k34, k36 = link2_length * link2_length;
-    const STEPWISE real k37 = R(0.5) * k30 + R(0.33333333333333331) * link2_mass_per_length *
-        link2_length * k36;
-
-    /* differences of moments of inertia, and what rounding took from them */
+    /* second moments of link3, corrected for rounding */
     const STEPWISE real k38 = link3_section_inertia_xx - link3_section_inertia_yy;
-    const STEPWISE real k39 = link3_section_inertia_yy - link3_section_inertia_zz;
-    const STEPWISE real k40 = link3_section_inertia_xx - link3_section_inertia_zz;
-    const STEPWISE real k41 = link3_section_inertia_xx - k38, k42 = link3_section_inertia_yy - k41;
-    const STEPWISE real k43 = link3_section_inertia_yy - k39, k44 = link3_section_inertia_zz - k43;
-    const STEPWISE real k45 = link3_section_inertia_zz + k40, k46 = link3_section_inertia_xx - k45;
-
-    /* second moments of link3 */
-    const STEPWISE real k47 = link3_section_inertia_zz - k38, k48 = k42 + k47;
-    const STEPWISE real k49 = link3_section_inertia_xx - k39, k50 = k44 + k49;
-    const STEPWISE real k51 = R(0.5) * k50, k52 = link3_section_inertia_yy + k40;
-    const STEPWISE real k53 = k46 + k52, k54 = link3_length * link3_length;
-    const STEPWISE real k55 = R(0.5) * k48 + R(0.33333333333333331) * link3_mass_per_length *
-        link3_length * k54;
+    const STEPWISE real k39 = link3_section_inertia_xx - k38, k40 = link3_section_inertia_yy - k39;
+    const STEPWISE real k41 = link3_section_inertia_zz - k38, k42 = k40 + k41;
+    const STEPWISE real k43 = link3_length * link3_length;
+    const STEPWISE real k44 = R(0.5) * k42 + R(0.33333333333333331) * link3_mass_per_length *
+        link3_length * k43;
+    const STEPWISE real k45 = link3_section_inertia_yy - link3_section_inertia_zz;
+    const STEPWISE real k46 = link3_section_inertia_yy - k45, k47 = link3_section_inertia_zz - k46;
+    const STEPWISE real k48 = link3_section_inertia_xx - k45, k49 = k47 + k48;
+    const STEPWISE real k50 = R(0.5) * k49;
+    const STEPWISE real k51 = link3_section_inertia_xx - link3_section_inertia_zz;
+    const STEPWISE real k52 = link3_section_inertia_zz + k51, k53 = link3_section_inertia_xx - k52;
+    const STEPWISE real k54 = link3_section_inertia_yy + k51, k55 = k53 + k54;
 
     /* inertia of the base, about the origin */
-    const STEPWISE real k56 = base_arm_mass_per_length * k17, k57 = R(1.5) * k13;
-    const STEPWISE real k58 = R(3.0) * k19, k59 = k57 + k58 + R(6.0) * k18;
-    const STEPWISE real k60 = k57 + k58, k61 = R(3.0) * k16;
+    const STEPWISE real k56 = base_arm_mass_per_length * k6, k57 = R(3.0) * k8;
+    const STEPWISE real k58 = R(1.5) * k13, k59 = k57 + k58 + R(6.0) * k7;
+    const STEPWISE real k60 = k57 + k58, k61 = R(3.0) * k19;
 
     /* inertias of the links */
-    const STEPWISE real k62 = R(0.5) * link3_mass_per_length * k54;
+    const STEPWISE real k62 = R(0.5) * link3_mass_per_length * k43;
     const STEPWISE real k63 = link3_length * link3_mass_per_length;
 
     /* inertia of link 2, with that of link 3 which joint 9 does not move */
     const STEPWISE real k64 = link2_length * k63, k65 = R(2.0) * link2_length;
     const STEPWISE real k66 = link2_length * link2_mass_per_length + k63;
-    const STEPWISE real k67 = R(0.5) * link2_mass_per_length * k36 + k64;
-    const STEPWISE real k68 = k37 + link2_length * k64, k69 = R(0.5) * k35 + R(0.5) * k53;
+    const STEPWISE real k67 = R(0.5) * link2_mass_per_length * k25 + k64;
+    const STEPWISE real k68 = k26 + link2_length * k64, k69 = R(0.5) * k37 + R(0.5) * k55;
 
     /* inertia of the base, with that of link 1 which joint 7 does not move */
     const STEPWISE real k70 = base_arm_length * k66, k71 = R(2.0) * base_arm_length;
@@ -141,8 +138,8 @@ int hexarotor_3link_init_constants(const real *RESTRICT parameters,
     const STEPWISE real k73 = R(6.0) * k56 + k70, k74 = k59 + base_arm_length * k70;
 
     /* constant terms and factors of the functions */
-    const STEPWISE real k75 = k51 - k55, k76 = k33 - k68;
-    const STEPWISE real k77 = k60 - k74, k78 = R(6.0) * k16;
+    const STEPWISE real k75 = k44 - k50, k76 = k32 - k68;
+    const STEPWISE real k77 = k60 - k74, k78 = R(6.0) * k19;
     const STEPWISE real k79 = gravity * k72, k80 = R(0.5) * base_arm_length;
     const STEPWISE real k81 = R(0.8660254037844386) * base_arm_length;
     const STEPWISE real k82 = R(1.5) * base_arm_length;
@@ -152,41 +149,41 @@ int hexarotor_3link_init_constants(const real *RESTRICT parameters,
 
     /* constant terms and factors of the functions */
     const STEPWISE real k84 = R(0.25) * k56, k85 = R(0.4330127018922193) * k56;
-    const STEPWISE real k86 = k14 - k19, k87 = R(0.75) * k86;
-    const STEPWISE real k88 = k19 + k87, k89 = k14 - k87;
+    const STEPWISE real k86 = k8 - k14, k87 = R(0.75) * k86;
+    const STEPWISE real k88 = k8 - k87, k89 = k14 + k87;
     const STEPWISE real k90 = R(0.4330127018922193) * k86, k91 = k88 + k89;
     const STEPWISE real k92 = base_arm_length * k84, k93 = k91 - k92;
-    const STEPWISE real k94 = k91 + k92, k95 = k14 + k19;
+    const STEPWISE real k94 = k91 + k92, k95 = k8 + k14;
     const STEPWISE real k96 = k95 + base_arm_length * k83, k97 = k60 + k61;
     const STEPWISE real k98 = R(2.0) * k60, k99 = R(1.0) / k98;
     const STEPWISE real k100 = R(1.0) / k97, k101 = R(1.0) / k72;
-    const STEPWISE real k102 = k62 * k101, k103 = R(1.5) * k16;
+    const STEPWISE real k102 = k62 * k101, k103 = R(1.5) * k19;
     const STEPWISE real k104 = R(0.5) * k72, k105 = R(0.5) * k69;
     const STEPWISE real k106 = k69 + k97, k107 = k79 * k101;
     const STEPWISE real k108 = k79 * k102;
-    constants->gravity = gravity; constants->base_arm_length = base_arm_length;
-    constants->k14 = k14; constants->k19 = k19; constants->link2_length = link2_length;
-    constants->k33 = k33; constants->link3_length = link3_length; constants->k51 = k51;
-    constants->k55 = k55; constants->k60 = k60; constants->k61 = k61; constants->k62 = k62;
-    constants->k65 = k65; constants->k67 = k67; constants->k68 = k68; constants->k69 = k69;
-    constants->k71 = k71; constants->k72 = k72; constants->k73 = k73; constants->k74 = k74;
-    constants->k75 = k75; constants->k76 = k76; constants->k77 = k77; constants->k78 = k78;
-    constants->k79 = k79; constants->k80 = k80; constants->k81 = k81; constants->k82 = k82;
-    constants->k83 = k83; constants->k84 = k84; constants->k85 = k85; constants->k88 = k88;
-    constants->k89 = k89; constants->k90 = k90; constants->k91 = k91; constants->k93 = k93;
-    constants->k94 = k94; constants->k95 = k95; constants->k96 = k96; constants->k98 = k98;
-    constants->k99 = k99; constants->k100 = k100; constants->k101 = k101; constants->k102 = k102;
-    constants->k103 = k103; constants->k104 = k104; constants->k105 = k105; constants->k106 = k106;
-    constants->k107 = k107; constants->k108 = k108;
+    constants->gravity = gravity; constants->base_arm_length = base_arm_length; constants->k8 = k8;
+    constants->k14 = k14; constants->link2_length = link2_length; constants->k32 = k32;
+    constants->link3_length = link3_length; constants->k44 = k44; constants->k50 = k50;
+    constants->k60 = k60; constants->k61 = k61; constants->k62 = k62; constants->k65 = k65;
+    constants->k67 = k67; constants->k68 = k68; constants->k69 = k69; constants->k71 = k71;
+    constants->k72 = k72; constants->k73 = k73; constants->k74 = k74; constants->k75 = k75;
+    constants->k76 = k76; constants->k77 = k77; constants->k78 = k78; constants->k79 = k79;
+    constants->k80 = k80; constants->k81 = k81; constants->k82 = k82; constants->k83 = k83;
+    constants->k84 = k84; constants->k85 = k85; constants->k88 = k88; constants->k89 = k89;
+    constants->k90 = k90; constants->k91 = k91; constants->k93 = k93; constants->k94 = k94;
+    constants->k95 = k95; constants->k96 = k96; constants->k98 = k98; constants->k99 = k99;
+    constants->k100 = k100; constants->k101 = k101; constants->k102 = k102; constants->k103 = k103;
+    constants->k104 = k104; constants->k105 = k105; constants->k106 = k106; constants->k107 = k107;
+    constants->k108 = k108;
 
     /* Of no use without a mass, or where a number is not finite. */
     int good = k72 > R(0.0);
     for (int i = 0; i < 16; ++i) {
         good &= is_finite(parameters[i]);
     }
-    good &= is_finite(gravity) & is_finite(base_arm_length) & is_finite(k14) & is_finite(k19) &
-        is_finite(link2_length) & is_finite(k33) & is_finite(link3_length) & is_finite(k51) &
-        is_finite(k55) & is_finite(k60) & is_finite(k61) & is_finite(k62) & is_finite(k65) &
+    good &= is_finite(gravity) & is_finite(base_arm_length) & is_finite(k8) & is_finite(k14) &
+        is_finite(link2_length) & is_finite(k32) & is_finite(link3_length) & is_finite(k44) &
+        is_finite(k50) & is_finite(k60) & is_finite(k61) & is_finite(k62) & is_finite(k65) &
         is_finite(k67) & is_finite(k68) & is_finite(k69) & is_finite(k71) & is_finite(k72) &
         is_finite(k73) & is_finite(k74) & is_finite(k75) & is_finite(k76) & is_finite(k77) &
         is_finite(k78) & is_finite(k79) & is_finite(k80) & is_finite(k81) & is_finite(k82) &
@@ -217,8 +214,8 @@ void hexarotor_3link_mass_matrix_and_residual(const Constants *RESTRICT constant
     sine_cosine_few(4, angle + 0, sine + 0, cosine + 0);
     sine_cosine_few(2, angle + 4, sine + 4, cosine + 4);
     const real gravity = constants->gravity, base_arm_length = constants->base_arm_length;
-    const real link2_length = constants->link2_length, k33 = constants->k33, k51 = constants->k51;
-    const real k55 = constants->k55, k60 = constants->k60, k61 = constants->k61;
+    const real link2_length = constants->link2_length, k32 = constants->k32, k44 = constants->k44;
+    const real k50 = constants->k50, k60 = constants->k60, k61 = constants->k61;
     const real k62 = constants->k62, k65 = constants->k65, k67 = constants->k67;
     const real k68 = constants->k68, k69 = constants->k69, k71 = constants->k71;
     const real k72 = constants->k72, k73 = constants->k73, k74 = constants->k74;
@@ -276,13 +273,14 @@ void hexarotor_3link_mass_matrix_and_residual(const Constants *RESTRICT constant
     /* inertia of link 3, turned by the joints */
     const real t71 = k62 * c6, t72 = k62 * s6;
     const real t73 = k75 * s6, t74 = s6 * t73;
-    const real t75 = k55 + t74, t76 = k51 - t74;
+    const real t75 = k44 - t74, t76 = k50 + t74;
     const real t77 = c6 * t73;
 
     /* inertia forces of link 3, about joint 9 */
-    const real t78 = t68 * t77 + t70 * t76 - t64 * t72, t79 = t64 * t71 + t68 * t75 + t70 * t77;
-    const real t80 = (t37 - link2_length * t62) * t71, t81 = (t45 + link2_length * t61) * t72;
-    const real t82 = t77 * (t67 - t69), t83 = t49 * t75 + t52 * t76 + t81 + t82 - t80;
+    const real t78 = t70 * t76 - t64 * t72 - t68 * t77, t79 = t64 * t71 + t68 * t75 - t70 * t77;
+    const real t80 = (t37 - link2_length * t62) * t71, t81 = t77 * (t67 - t69);
+    const real t82 = (t45 + link2_length * t61) * t72;
+    const real t83 = t49 * t75 + t52 * t76 + t82 - t80 - t81;
     residual[5] = t83;
     const real t84 = k62 * (s6 * t52 - c6 * t67), t85 = k62 * (c6 * t49 + s6 * t69);
     const real t86 = k62 * (s6 * t70 - c6 * t68);
@@ -293,7 +291,7 @@ void hexarotor_3link_mass_matrix_and_residual(const Constants *RESTRICT constant
     /* inertia of link 2, turned by the joints */
     const real t89 = k67 * c5, t90 = k67 * s5;
     const real t91 = k76 * s5, t92 = s5 * t91;
-    const real t93 = k68 + t92, t94 = k33 - t92;
+    const real t93 = k68 + t92, t94 = k32 - t92;
     const real t95 = c5 * t91;
 
     /* inertia forces of links 2 and 3, about joint 8 */
@@ -323,7 +321,7 @@ void hexarotor_3link_mass_matrix_and_residual(const Constants *RESTRICT constant
     const real t121 = t29 * t116, t122 = t21 * t112 + t31 * t118 - k61 * t23 - t121;
     const real t123 = t118 * (t28 - t30), t124 = t22 * t113 + t24 * t116 + t15 * t112 - t123;
     const real t125 = k73 * t32 - t108, t126 = t109 - k73 * t33;
-    const real t127 = t103 + k73 * t34, t128 = t103 * t111 + s4 * t105 - c4 * t106 - t120;
+    const real t127 = t103 + k73 * t34, t128 = c4 * t106 + t120 - s4 * t105 - t103 * t111;
     const real t129 = t122 - c4 * t105 - s4 * t106 - t103 * t110;
     residual[1] = t129;
     const real t130 = t107 + t109 * t110 + t108 * t111 - t124;
@@ -332,7 +330,7 @@ void hexarotor_3link_mass_matrix_and_residual(const Constants *RESTRICT constant
     /* inertia forces on attitude and position */
     const real t131 = s2 * t125 - c2 * t127, t132 = c2 * t125 + s2 * t127;
     residual[6] = t132;
-    const real t133 = c2 * t128 + s2 * t130;
+    const real t133 = s2 * t130 - c2 * t128;
     residual[0] = t133;
     const real t134 = c1 * t126 + s1 * t131;
     residual[7] = t134;
@@ -342,7 +340,7 @@ void hexarotor_3link_mass_matrix_and_residual(const Constants *RESTRICT constant
     /* composite inertia of links 2 and 3, about joint 8 */
     const real t136 = t71 + t89, t137 = t72 + t90;
     const real t138 = t93 + t75 + t71 * k65 * c5, t139 = t94 + t76 + t72 * k65 * s5;
-    const real t140 = t95 + t77 - t71 * t88 - t72 * t87;
+    const real t140 = t95 - t77 - t71 * t88 - t72 * t87;
 
     /* composite inertia of links 1 to 3, about joint 7 */
     const real t141 = c4 * t136, t142 = s4 * t136;
@@ -454,7 +452,7 @@ void hexarotor_3link_mass_matrix(const Constants *RESTRICT constants, const real
     sine_cosine_few(4, angle + 0, sine + 0, cosine + 0);
     sine_cosine_few(2, angle + 4, sine + 4, cosine + 4);
     const real base_arm_length = constants->base_arm_length, link2_length = constants->link2_length;
-    const real k33 = constants->k33, k51 = constants->k51, k55 = constants->k55;
+    const real k32 = constants->k32, k44 = constants->k44, k50 = constants->k50;
     const real k60 = constants->k60, k61 = constants->k61, k62 = constants->k62;
     const real k65 = constants->k65, k67 = constants->k67, k68 = constants->k68;
     const real k69 = constants->k69, k71 = constants->k71, k72 = constants->k72;
@@ -476,7 +474,7 @@ void hexarotor_3link_mass_matrix(const Constants *RESTRICT constants, const real
     /* inertia of link 3, turned by the joints */
     const real t15 = k62 * c6, t16 = k62 * s6;
     const real t17 = k75 * s6, t18 = s6 * t17;
-    const real t19 = k55 + t18, t20 = k51 - t18;
+    const real t19 = k44 - t18, t20 = k50 + t18;
 
     /* step from link 2 to link 3 */
     const real t21 = link2_length * c5, t22 = link2_length * s5;
@@ -491,9 +489,9 @@ void hexarotor_3link_mass_matrix(const Constants *RESTRICT constants, const real
     const real t27 = k77 * s3, t28 = s3 * t27;
 
     /* composite inertia of links 2 and 3, about joint 8 */
-    const real t29 = t15 * t22 + t16 * t21 - c6 * t17, t30 = t15 + k67 * c5;
+    const real t29 = c6 * t17 + t15 * t22 + t16 * t21, t30 = t15 + k67 * c5;
     const real t31 = t16 + k67 * s5, t32 = k68 + t24 + t19 + t15 * k65 * c5;
-    const real t33 = k33 + t20 + t16 * k65 * s5 - t24, t34 = t29 - c5 * t23;
+    const real t33 = k32 + t20 + t16 * k65 * s5 - t24, t34 = t29 - c5 * t23;
 
     /* composite inertia of links 1 to 3, about joint 7 */
     const real t35 = c4 * t30, t36 = s4 * t30;
@@ -606,8 +604,8 @@ void hexarotor_3link_residual(const Constants *RESTRICT constants, const real *R
     sine_cosine_few(4, angle + 0, sine + 0, cosine + 0);
     sine_cosine_few(2, angle + 4, sine + 4, cosine + 4);
     const real gravity = constants->gravity, base_arm_length = constants->base_arm_length;
-    const real link2_length = constants->link2_length, k33 = constants->k33, k51 = constants->k51;
-    const real k55 = constants->k55, k60 = constants->k60, k61 = constants->k61;
+    const real link2_length = constants->link2_length, k32 = constants->k32, k44 = constants->k44;
+    const real k50 = constants->k50, k60 = constants->k60, k61 = constants->k61;
     const real k62 = constants->k62, k67 = constants->k67, k68 = constants->k68;
     const real k69 = constants->k69, k73 = constants->k73, k74 = constants->k74;
     const real k75 = constants->k75, k76 = constants->k76, k77 = constants->k77;
@@ -658,13 +656,14 @@ void hexarotor_3link_residual(const Constants *RESTRICT constants, const real *R
     /* inertia of link 3, turned by the joints */
     const real t71 = k62 * c6, t72 = k62 * s6;
     const real t73 = k75 * s6, t74 = s6 * t73;
-    const real t75 = k55 + t74, t76 = k51 - t74;
+    const real t75 = k44 - t74, t76 = k50 + t74;
     const real t77 = c6 * t73;
 
     /* inertia forces of link 3, about joint 9 */
-    const real t78 = t68 * t77 + t70 * t76 - t64 * t72, t79 = t64 * t71 + t68 * t75 + t70 * t77;
-    const real t80 = (t37 - link2_length * t62) * t71, t81 = (t45 + link2_length * t61) * t72;
-    const real t82 = t77 * (t67 - t69), t83 = t49 * t75 + t52 * t76 + t81 + t82 - t80;
+    const real t78 = t70 * t76 - t64 * t72 - t68 * t77, t79 = t64 * t71 + t68 * t75 - t70 * t77;
+    const real t80 = (t37 - link2_length * t62) * t71, t81 = t77 * (t67 - t69);
+    const real t82 = (t45 + link2_length * t61) * t72;
+    const real t83 = t49 * t75 + t52 * t76 + t82 - t80 - t81;
     residual[5] = t83;
     const real t84 = k62 * (s6 * t52 - c6 * t67), t85 = k62 * (c6 * t49 + s6 * t69);
     const real t86 = k62 * (s6 * t70 - c6 * t68);
@@ -675,7 +674,7 @@ void hexarotor_3link_residual(const Constants *RESTRICT constants, const real *R
     /* inertia of link 2, turned by the joints */
     const real t89 = k67 * c5, t90 = k67 * s5;
     const real t91 = k76 * s5, t92 = s5 * t91;
-    const real t93 = k68 + t92, t94 = k33 - t92;
+    const real t93 = k68 + t92, t94 = k32 - t92;
     const real t95 = c5 * t91;
 
     /* inertia forces of links 2 and 3, about joint 8 */
@@ -704,7 +703,7 @@ void hexarotor_3link_residual(const Constants *RESTRICT constants, const real *R
     const real t120 = t29 * t116, t121 = t21 * t112 + t31 * t117 - k61 * t23 - t120;
     const real t122 = t117 * (t28 - t30), t123 = t22 * t113 + t24 * t116 + t15 * t112 - t122;
     const real t124 = k73 * t32 - t108, t125 = t109 - k73 * t33;
-    const real t126 = t103 + k73 * t34, t127 = t103 * t111 + s4 * t105 - c4 * t106 - t119;
+    const real t126 = t103 + k73 * t34, t127 = c4 * t106 + t119 - s4 * t105 - t103 * t111;
     const real t128 = t121 - c4 * t105 - s4 * t106 - t103 * t110;
     residual[1] = t128;
     const real t129 = t107 + t109 * t110 + t108 * t111 - t123;
@@ -713,7 +712,7 @@ void hexarotor_3link_residual(const Constants *RESTRICT constants, const real *R
     /* inertia forces on attitude and position */
     const real t130 = s2 * t124 - c2 * t126, t131 = c2 * t124 + s2 * t126;
     residual[6] = t131;
-    const real t132 = c2 * t127 + s2 * t129;
+    const real t132 = s2 * t129 - c2 * t127;
     residual[0] = t132;
     const real t133 = c1 * t125 + s1 * t130;
     residual[7] = t133;
@@ -815,8 +814,8 @@ void hexarotor_3link_forward_dynamics(const Constants *RESTRICT constants, const
     sine_cosine_few(4, angle + 0, sine + 0, cosine + 0);
     sine_cosine_few(2, angle + 4, sine + 4, cosine + 4);
     const real gravity = constants->gravity, base_arm_length = constants->base_arm_length;
-    const real link2_length = constants->link2_length, k33 = constants->k33, k51 = constants->k51;
-    const real k55 = constants->k55, k60 = constants->k60, k61 = constants->k61;
+    const real link2_length = constants->link2_length, k32 = constants->k32, k44 = constants->k44;
+    const real k50 = constants->k50, k60 = constants->k60, k61 = constants->k61;
     const real k62 = constants->k62, k67 = constants->k67, k68 = constants->k68;
     const real k69 = constants->k69, k72 = constants->k72, k75 = constants->k75;
     const real k76 = constants->k76, k78 = constants->k78, k80 = constants->k80;
@@ -861,11 +860,11 @@ void hexarotor_3link_forward_dynamics(const Constants *RESTRICT constants, const
     /* inertia of link 3, turned by the joints */
     const real t54 = k62 * c6, t55 = k62 * s6;
     const real t56 = k75 * s6, t57 = s6 * t56;
-    const real t58 = k55 + t57, t59 = k51 - t57;
+    const real t58 = k44 - t57, t59 = k50 + t57;
     const real t60 = c6 * t56;
 
     /* articulated inertia and load of link 3, about joint 9 */
-    const real t61 = t51 * t60, t62 = t59 * t53;
+    const real t61 = t59 * t53, t62 = t51 * t60;
     const real t63 = t51 * t58, t64 = t60 * t53;
     const real t65 = t60 * (t50 - t52), t66 = k62 * (c6 * t51 - s6 * t53);
 
@@ -878,7 +877,7 @@ void hexarotor_3link_forward_dynamics(const Constants *RESTRICT constants, const
     /* inertia of link 2, turned by the joints */
     const real t71 = k67 * c5, t72 = k67 * s5;
     const real t73 = k76 * s5, t74 = s5 * t73;
-    const real t75 = k68 + t74, t76 = k33 - t74;
+    const real t75 = k68 + t74, t76 = k32 - t74;
     const real t77 = c5 * t73;
 
     /* articulated inertia and load of links 2 and 3, about joint 8 */
@@ -891,7 +890,7 @@ void hexarotor_3link_forward_dynamics(const Constants *RESTRICT constants, const
     const real t85 = k69 * t34, t86 = k69 * t33;
 
     /* articulated inertia and load of links 2 and 3, about joint 8 */
-    const real t87 = t54 + t71, t88 = t60 + t77 - t54 * t68 - t55 * t67;
+    const real t87 = t54 + t71, t88 = t60 + t54 * t68 + t55 * t67 - t77;
 
     /* force and moment of all thrusts */
     const real t89 = k81 * (F_3 - F_5), t90 = F_3 + F_5;
@@ -903,7 +902,7 @@ void hexarotor_3link_forward_dynamics(const Constants *RESTRICT constants, const
 
     /* equation of joint 9, its acceleration eliminated */
     const real t97 = R(1.0) / (t58 + t59), t98 = link2_length * (t44 * t55 + t45 * t54);
-    const real t99 = tau_9 + t32 * t58 + t35 * t59 + t65 + t98, t100 = t97 * t99;
+    const real t99 = tau_9 + t32 * t58 + t35 * t59 + t98 - t65, t100 = t97 * t99;
     const real t101 = t55 * t97, t102 = t54 * t97;
     const real t103 = k62 * (s6 * t35 - c6 * t50) - t55 * t100;
     const real t104 = k62 * (c6 * t32 + s6 * t52) - t54 * t100, t105 = t55 * t101;
@@ -923,10 +922,10 @@ void hexarotor_3link_forward_dynamics(const Constants *RESTRICT constants, const
 
     /* equation of joint 7, its acceleration eliminated */
     const real t122 = R(1.0) / (k69 + t58 + t75 + R(2.0) * t54 * t67);
-    const real t123 = tau_7 - t63 - t80 - t86 - t64 - t70 - t81 - t96, t124 = t122 * t123;
+    const real t123 = tau_7 + t64 - t63 - t80 - t86 - t70 - t81 - t96, t124 = t122 * t123;
     const real t125 = t87 * t122, t126 = t88 * t122;
     const real t127 = t87 * t124, t128 = t88 * t124;
-    const real t129 = t55 + t72 + t88 * t125;
+    const real t129 = t55 + t72 - t88 * t125;
 
     /* articulated inertia and load of the base and links 1 to 3 */
     const real t130 = c3 * t92 - s3 * t94, t131 = c3 * t94 + s3 * t92;
@@ -937,21 +936,21 @@ void hexarotor_3link_forward_dynamics(const Constants *RESTRICT constants, const
     const real t137 = s4 * t131, t138 = c4 * t131;
     const real t139 = s4 * t130, t140 = s4 * t135;
     const real t141 = c4 * t134, t142 = F_1 + k67 * t45 + t90 + t104 - t114 * t117;
-    const real t143 = t61 + t78 + t62 + t79 + t85 + t128 + t140 - t69 - t95 - t141;
+    const real t143 = t62 + t69 + t95 + t128 + t141 - t78 - t61 - t79 - t85 - t140;
 
     /* acceleration of the base, by LDL^T */
-    const real t144 = R(1.0) / (t88 * t126 - t59 - t76 - t110 - k106), t145 = t129 * t144;
+    const real t144 = R(1.0) / (t59 + t76 + t110 + k106 - t88 * t126), t145 = t129 * t144;
     const real t146 = t143 * t145, t147 = t66 + k67 * t46 + t127 + t139 - t138 - t146;
-    const real t148 = R(1.0) / (k72 + t129 * t145 - t87 * t125);
+    const real t148 = R(1.0) / (k72 - t87 * t125 - t129 * t145);
     const real t149 = R(1.0) / (k72 - t106 - t114 * t119), t150 = t121 * t149;
     const real t151 = t150 * t142, t152 = k67 * t44 + t103 + t151 - t120 - t136 - t137;
     const real t153 = R(1.0) / (k72 - t105 - t113 * t118 - t121 * t150), t154 = t153 * t152;
     const real t155 = t150 * t154 + t149 * t142, t156 = t147 * t148;
-    const real t157 = t145 * t156 + t143 * t144, t158 = k100 * (tau_8 - s4 * t134 - c4 * t135);
+    const real t157 = t143 * t144 - t145 * t156, t158 = k100 * (tau_8 - s4 * t134 - c4 * t135);
     const real t159 = k99 * (base_arm_length * (F_4 + t93) - tau_7 - k98 * t18);
 
     /* acceleration of joint 7 */
-    const real t160 = t124 + t125 * t156 - t126 * t157 - t159;
+    const real t160 = t124 + t125 * t156 + t126 * t157 - t159;
     acceleration[3] = t160;
 
     /* acceleration of joint 8 */
@@ -1011,8 +1010,8 @@ void hexarotor_3link_inverse_dynamics(const Constants *RESTRICT constants, const
     sine_cosine_few(4, angle + 0, sine + 0, cosine + 0);
     sine_cosine_few(2, angle + 4, sine + 4, cosine + 4);
     const real gravity = constants->gravity, base_arm_length = constants->base_arm_length;
-    const real link2_length = constants->link2_length, k33 = constants->k33, k51 = constants->k51;
-    const real k55 = constants->k55, k60 = constants->k60, k61 = constants->k61;
+    const real link2_length = constants->link2_length, k32 = constants->k32, k44 = constants->k44;
+    const real k50 = constants->k50, k60 = constants->k60, k61 = constants->k61;
     const real k62 = constants->k62, k67 = constants->k67, k68 = constants->k68;
     const real k69 = constants->k69, k72 = constants->k72, k73 = constants->k73;
     const real k74 = constants->k74, k75 = constants->k75, k76 = constants->k76;
@@ -1048,7 +1047,7 @@ void hexarotor_3link_inverse_dynamics(const Constants *RESTRICT constants, const
     /* inertia of link 3, turned by the joints */
     const real t39 = k62 * c6, t40 = k62 * s6;
     const real t41 = k75 * s6, t42 = s6 * t41;
-    const real t43 = k55 + t42, t44 = k51 - t42;
+    const real t43 = k44 - t42, t44 = k50 + t42;
     const real t45 = c6 * t41;
 
     /* inertia forces of link 3, about joint 9 */
@@ -1060,7 +1059,7 @@ void hexarotor_3link_inverse_dynamics(const Constants *RESTRICT constants, const
     /* inertia of link 2, turned by the joints */
     const real t49 = k67 * c5, t50 = k67 * s5;
     const real t51 = k76 * s5, t52 = s5 * t51;
-    const real t53 = k68 + t52, t54 = k33 - t52;
+    const real t53 = k68 + t52, t54 = k32 - t52;
     const real t55 = c5 * t51;
 
     /* inertia forces of links 2 and 3, about joint 8 */
@@ -1107,10 +1106,10 @@ void hexarotor_3link_inverse_dynamics(const Constants *RESTRICT constants, const
     const real t104 = t34 * t35 + t90;
 
     /* inertia forces of link 3, about joint 9 */
-    const real t105 = t44 * t104 - t40 * t99 - t45 * t102;
-    const real t106 = t39 * t99 + t45 * t104 - t43 * t102, t107 = t39 * (t84 - link2_length * t97);
+    const real t105 = t45 * t102 + t44 * t104 - t40 * t99;
+    const real t106 = t39 * t99 - t43 * t102 - t45 * t104, t107 = t39 * (t84 - link2_length * t97);
     const real t108 = t40 * (t87 - link2_length * t96);
-    const real t109 = t107 + t43 * t101 - t46 - t108 - t44 * t103;
+    const real t109 = t46 + t107 + t43 * t101 - t108 - t44 * t103;
     force[5] = t109;
     const real t110 = k62 * (c6 * t37 - s6 * t103), t111 = k62 * (s6 * t38 - c6 * t101);
     const real t112 = k62 * (c6 * t102 + s6 * t104);
@@ -1135,14 +1134,14 @@ void hexarotor_3link_inverse_dynamics(const Constants *RESTRICT constants, const
     const real t130 = t59 * t68, t131 = t63 * t75;
     const real t132 = t66 + t60 * t71 + t64 * t77 - t130 - t131, t133 = t124 - k73 * t79;
     const real t134 = t125 + k73 * t80, t135 = t119 - k73 * t81;
-    const real t136 = t58 * t119 - s4 * t121 - c4 * t122 - t127;
+    const real t136 = s4 * t121 + c4 * t122 + t127 - t58 * t119;
     const real t137 = s4 * t122 + t57 * t119 + t129 - c4 * t121;
     force[1] = t137;
     const real t138 = t123 - t58 * t124 - t57 * t125 - t132;
     force[2] = t138;
 
     /* inertia forces on attitude and position */
-    const real t139 = s2 * t133 + c2 * t135, t140 = s2 * t138 - c2 * t136;
+    const real t139 = s2 * t133 + c2 * t135, t140 = c2 * t136 + s2 * t138;
     force[0] = t140;
     const real t141 = c2 * t133 + k72 * a_x - s2 * t135;
     force[6] = t141;
@@ -1173,7 +1172,7 @@ void hexarotor_3link_hybrid_mass_matrix(const Constants *RESTRICT constants, con
     sine_cosine_few(4, angle + 0, sine + 0, cosine + 0);
     sine_cosine_few(2, angle + 4, sine + 4, cosine + 4);
     const real base_arm_length = constants->base_arm_length, link2_length = constants->link2_length;
-    const real k33 = constants->k33, k51 = constants->k51, k55 = constants->k55;
+    const real k32 = constants->k32, k44 = constants->k44, k50 = constants->k50;
     const real k60 = constants->k60, k61 = constants->k61, k62 = constants->k62;
     const real k65 = constants->k65, k67 = constants->k67, k68 = constants->k68;
     const real k69 = constants->k69, k71 = constants->k71, k72 = constants->k72;
@@ -1205,7 +1204,7 @@ void hexarotor_3link_hybrid_mass_matrix(const Constants *RESTRICT constants, con
     /* inertia of link 3, turned by the joints */
     const real t15 = k62 * c6, t16 = k62 * s6;
     const real t17 = k75 * s6, t18 = s6 * t17;
-    const real t19 = k55 + t18, t20 = k51 - t18;
+    const real t19 = k44 - t18, t20 = k50 + t18;
 
     /* step from link 2 to link 3 */
     const real t21 = link2_length * c5, t22 = link2_length * s5;
@@ -1222,7 +1221,7 @@ void hexarotor_3link_hybrid_mass_matrix(const Constants *RESTRICT constants, con
     /* composite inertia of links 2 and 3, about joint 8 */
     const real t29 = t16 * t21, t30 = t15 + k67 * c5;
     const real t31 = t16 + k67 * s5, t32 = k68 + t19 + t24 + t15 * k65 * c5;
-    const real t33 = k33 + t20 + t16 * k65 * s5 - t24, t34 = c6 * t17 + c5 * t23 - t15 * t22 - t29;
+    const real t33 = k32 + t20 + t16 * k65 * s5 - t24, t34 = c5 * t23 - c6 * t17 - t15 * t22 - t29;
 
     /* composite inertia of links 1 to 3, about joint 7 */
     const real t35 = c4 * t30, t36 = s4 * t30;
@@ -1386,8 +1385,8 @@ void hexarotor_3link_hybrid_residual(const Constants *RESTRICT constants, const 
     sine_cosine_few(4, angle + 0, sine + 0, cosine + 0);
     sine_cosine_few(2, angle + 4, sine + 4, cosine + 4);
     const real gravity = constants->gravity, base_arm_length = constants->base_arm_length;
-    const real k14 = constants->k14, k19 = constants->k19, link2_length = constants->link2_length;
-    const real k33 = constants->k33, k51 = constants->k51, k55 = constants->k55;
+    const real k8 = constants->k8, k14 = constants->k14, link2_length = constants->link2_length;
+    const real k32 = constants->k32, k44 = constants->k44, k50 = constants->k50;
     const real k60 = constants->k60, k61 = constants->k61, k62 = constants->k62;
     const real k67 = constants->k67, k68 = constants->k68, k69 = constants->k69;
     const real k73 = constants->k73, k74 = constants->k74, k75 = constants->k75;
@@ -1437,24 +1436,25 @@ void hexarotor_3link_hybrid_residual(const Constants *RESTRICT constants, const 
     const real t61 = s5 * t52 - c5 * t55, t62 = c5 * t49 + s5 * t58;
     const real t63 = c5 * t57 - s5 * t60, t64 = t46 + link2_length * t63;
     const real t65 = v_theta_9 + t53, t66 = t65 * t65;
-    const real t67 = t41 + t66, t68 = t56 * t65 - t50;
+    const real t67 = t41 + t66, t68 = t50 - t56 * t65;
     const real t69 = t47 + t66, t70 = t59 * t65 + t51;
 
     /* inertia of link 3, turned by the joints */
     const real t71 = k62 * c6, t72 = k62 * s6;
     const real t73 = k75 * s6, t74 = s6 * t73;
-    const real t75 = k55 + t74, t76 = k51 - t74;
+    const real t75 = k44 - t74, t76 = k50 + t74;
     const real t77 = c6 * t73;
 
     /* inertia forces of link 3, about joint 9 */
-    const real t78 = t68 * t77, t79 = t76 * t70;
-    const real t80 = t72 * t64, t81 = t71 * t64;
+    const real t78 = t76 * t70, t79 = t72 * t64;
+    const real t80 = t68 * t77, t81 = t71 * t64;
     const real t82 = t68 * t75, t83 = t77 * t70;
-    const real t84 = (t37 - link2_length * t62) * t71, t85 = (t45 + link2_length * t61) * t72;
-    const real t86 = t77 * (t67 - t69), t87 = t49 * t75 + t52 * t76 + t85 + t86 - t84;
+    const real t84 = (t37 - link2_length * t62) * t71, t85 = t77 * (t67 - t69);
+    const real t86 = (t45 + link2_length * t61) * t72;
+    const real t87 = t49 * t75 + t52 * t76 + t86 - t84 - t85;
     residual[10] = t87;
     const real t88 = k62 * (s6 * t52 - c6 * t67), t89 = k62 * (c6 * t49 + s6 * t69);
-    const real t90 = k62 * (c6 * t68 + s6 * t70);
+    const real t90 = k62 * (c6 * t68 - s6 * t70);
 
     /* step from link 2 to link 3 */
     const real t91 = link2_length * c5, t92 = link2_length * s5;
@@ -1466,7 +1466,7 @@ void hexarotor_3link_hybrid_residual(const Constants *RESTRICT constants, const 
     /* inertia of link 2, turned by the joints */
     const real t97 = k67 * c5, t98 = k67 * s5;
     const real t99 = k76 * s5, t100 = s5 * t99;
-    const real t101 = k68 + t100, t102 = k33 - t100;
+    const real t101 = k68 + t100, t102 = k32 - t100;
     const real t103 = c5 * t99;
 
     /* inertia forces of links 2 and 3, about joint 8 */
@@ -1476,17 +1476,17 @@ void hexarotor_3link_hybrid_residual(const Constants *RESTRICT constants, const 
     const real t110 = t37 * t97, t111 = t45 * t98;
     const real t112 = t49 * t101, t113 = t52 * t102;
     const real t114 = t103 * (t55 - t58), t115 = t88 + k67 * t61;
-    const real t116 = t89 + k67 * t62, t117 = k67 * t63 - t90;
+    const real t116 = t89 + k67 * t62, t117 = t90 + k67 * t63;
     const real t118 = t87 + t95 + t96 + t111 + t112 + t113 + t114 - t110;
     residual[9] = t118;
 
     /* inertia forces of links 1 to 3, about joint 7 */
     const real t119 = k69 * t51, t120 = k69 * t50;
-    const real t121 = t104 + t79 + t93 + t105 + t119 - t78 - t106 - t80;
-    const real t122 = t82 + t94 - t107 - t108 - t120 - t81 - t83 - t109;
+    const real t121 = t80 + t106 + t79 + t93 - t104 - t78 - t105 - t119;
+    const real t122 = t83 - t82 - t107 - t108 - t120 - t81 - t94 - t109;
     residual[8] = t122;
     const real t123 = c4 * t115 - s4 * t117, t124 = s4 * t115 + c4 * t117;
-    const real t125 = c4 * t121, t126 = s4 * t118;
+    const real t125 = s4 * t118, t126 = c4 * t121;
     const real t127 = c4 * t118, t128 = s4 * t121;
 
     /* step from the base to link 1 */
@@ -1509,8 +1509,8 @@ void hexarotor_3link_hybrid_residual(const Constants *RESTRICT constants, const 
     const real t149 = t22 * t136, t150 = t24 * t139;
     const real t151 = t15 * t135, t152 = t140 * (t28 - t30);
     const real t153 = k73 * t32 - t123, t154 = k73 * t33 - t124;
-    const real t155 = t116 + k73 * t34, t156 = t131 + t143 + t144 + t126 - t141 - t142 - t125;
-    const real t157 = t147 + t148 - t132 - t145 - t146 - t127 - t128;
+    const real t155 = t116 + k73 * t34, t156 = t131 + t143 + t144 + t125 + t126 - t141 - t142;
+    const real t157 = t147 + t148 + t128 - t132 - t145 - t146 - t127;
     residual[1] = t157;
     const real t158 = t152 + t122 + t134 - t149 - t150 - t151 - t133;
     residual[2] = t158;
@@ -1518,7 +1518,7 @@ void hexarotor_3link_hybrid_residual(const Constants *RESTRICT constants, const 
     /* inertia forces on attitude and position */
     const real t159 = c2 * t155 - s2 * t153, t160 = s2 * t155 + c2 * t153;
     residual[11] = t160;
-    const real t161 = c2 * t156 + s2 * t158;
+    const real t161 = s2 * t158 + c2 * t156;
     residual[0] = t161;
     const real t162 = c1 * t154 - s1 * t159;
     residual[12] = t162;
@@ -1534,10 +1534,10 @@ void hexarotor_3link_hybrid_residual(const Constants *RESTRICT constants, const 
     const real t170 = s3 * t22 + c3 * t15 - base_arm_length * t168;
 
     /* inertia forces of base arm 2, about joint 2 */
-    const real t171 = k85 * (s3 * t15 - c3 * t22 - base_arm_length * t167), t172 = k84 * t170;
-    const real t173 = k90 * (t167 - t27 - t164 * t164), t174 = t172 - t171;
-    const real t175 = k88 * t168 - k89 * t169, t176 = t173 + t175;
-    const real t177 = t174 + t176;
+    const real t171 = k85 * (s3 * t15 - c3 * t22 - base_arm_length * t167);
+    const real t172 = k90 * (t27 + t164 * t164 - t167), t173 = k84 * t170;
+    const real t174 = t171 - t172, t175 = k88 * t168 - k89 * t169;
+    const real t176 = t173 + t175, t177 = t176 - t174;
     residual[3] = t177;
 
     /* inertia forces of base arm 3, about joint 3 */
@@ -1546,15 +1546,15 @@ void hexarotor_3link_hybrid_residual(const Constants *RESTRICT constants, const 
     residual[4] = t180;
 
     /* inertia forces of base arm 4, about joint 4 */
-    const real t181 = k19 * t168 - k14 * t169 - k83 * t170;
+    const real t181 = k8 * t168 - k14 * t169 - k83 * t170;
     residual[5] = t181;
 
     /* inertia forces of base arm 5, about joint 5 */
-    const real t182 = t176 - t174;
+    const real t182 = t178 + t179;
     residual[6] = t182;
 
     /* inertia forces of base arm 6, about joint 6 */
-    const real t183 = t178 + t179;
+    const real t183 = t174 + t176;
     residual[7] = t183;
 }
 
@@ -1647,9 +1647,9 @@ void hexarotor_3link_constraint_torques(const Constants *RESTRICT constants, con
     }
     sine_cosine_few(3, angle + 0, sine + 0, cosine + 0);
     const real gravity = constants->gravity, base_arm_length = constants->base_arm_length;
-    const real k14 = constants->k14, k19 = constants->k19, k83 = constants->k83;
-    const real k84 = constants->k84, k85 = constants->k85, k88 = constants->k88;
-    const real k89 = constants->k89, k90 = constants->k90;
+    const real k8 = constants->k8, k14 = constants->k14, k83 = constants->k83, k84 = constants->k84;
+    const real k85 = constants->k85, k88 = constants->k88, k89 = constants->k89;
+    const real k90 = constants->k90;
     const real v_theta_m1 = v[0], v_theta_0 = v[1], v_theta_1 = v[2];
     const real a_theta_m1 = a[0], a_theta_1 = a[2], a_x = a[6], a_y = a[7], a_z = a[8];
     const real F_2 = u[1], F_4 = u[3], F_6 = u[5];
@@ -1678,7 +1678,7 @@ void hexarotor_3link_constraint_torques(const Constants *RESTRICT constants, con
     const real t22 = k84 * t21, t23 = k85 * (base_arm_length * t13 - s3 * t16 - c3 * t17);
 
     /* constraint torque on base arm 2 */
-    const real t24 = t22 - t14, t25 = k88 * t19 - k89 * t20;
+    const real t24 = t14 + t22, t25 = k88 * t19 - k89 * t20;
     const real t26 = t25 - t23, t27 = t26 - base_arm_length * F_2 - t24;
     torque[0] = t27;
 
@@ -1690,16 +1690,16 @@ void hexarotor_3link_constraint_torques(const Constants *RESTRICT constants, con
     const real t29 = k14 * t20;
 
     /* constraint torque on base arm 4 */
-    const real t30 = k19 * t19 + k83 * t21 - base_arm_length * F_4 - t29;
+    const real t30 = k8 * t19 + k83 * t21 - base_arm_length * F_4 - t29;
     torque[2] = t30;
 
     /* inertia forces of base arm 5, about joint 5 */
-    const real t31 = t14 + t22, t32 = t23 + t25;
-    const real t33 = t31 + t32;
+    const real t31 = t14 - t22, t32 = t23 + t25;
+    const real t33 = t32 - t31;
     torque[3] = t33;
 
     /* constraint torque on base arm 6 */
-    const real t34 = t32 - base_arm_length * F_6 - t31;
+    const real t34 = t31 + t32 - base_arm_length * F_6;
     torque[4] = t34;
 }
 
@@ -1721,7 +1721,7 @@ void hexarotor_3link_kinetic_energy(const Constants *RESTRICT constants, const r
     sine_cosine_few(4, angle + 0, sine + 0, cosine + 0);
     sine_cosine_few(2, angle + 4, sine + 4, cosine + 4);
     const real base_arm_length = constants->base_arm_length, link2_length = constants->link2_length;
-    const real k33 = constants->k33, k51 = constants->k51, k55 = constants->k55;
+    const real k32 = constants->k32, k44 = constants->k44, k50 = constants->k50;
     const real k60 = constants->k60, k62 = constants->k62, k67 = constants->k67;
     const real k68 = constants->k68, k73 = constants->k73, k74 = constants->k74;
     const real k75 = constants->k75, k76 = constants->k76, k77 = constants->k77;
@@ -1747,12 +1747,12 @@ void hexarotor_3link_kinetic_energy(const Constants *RESTRICT constants, const r
     /* inertia of link 3, turned by the joints */
     const real t21 = k62 * c6, t22 = k62 * s6;
     const real t23 = k75 * s6, t24 = s6 * t23;
-    const real t25 = k55 + t24, t26 = k51 - t24;
+    const real t25 = k44 - t24, t26 = k50 + t24;
 
     /* inertia of link 2, turned by the joints */
     const real t27 = k67 * c5, t28 = k67 * s5;
     const real t29 = k76 * s5, t30 = s5 * t29;
-    const real t31 = k68 + t30, t32 = k33 - t30;
+    const real t31 = k68 + t30, t32 = k32 - t30;
 
     /* inertia of the base, turned by the joints */
     const real t33 = k73 * c3, t34 = k73 * s3;
@@ -1782,7 +1782,7 @@ void hexarotor_3link_kinetic_energy(const Constants *RESTRICT constants, const r
     const real t56 = t16 * (t33 * t39 - t34 * t42), t57 = t19 * (t27 * t45 - t28 * t46);
     const real t58 = t22 * (t46 - link2_length * s5 * t19);
     const real t59 = t20 * (t21 * (t45 + link2_length * c5 * t19) - t58);
-    const real t60 = t18 * (c6 * t23 + c5 * t29), t61 = k105 * t17 + t27 * t47 + t21 * t48 + t60;
+    const real t60 = t18 * (c6 * t23 - c5 * t29), t61 = k105 * t17 + t27 * t47 + t21 * t48 - t60;
     const real t62 = t17 * t61, t63 = t16 * t16 * (t37 + t38);
     const real t64 = t17 * t17 * (t25 + t31), t65 = t18 * t18 * (t26 + t32);
     const real t66 = t19 * (t31 + t32) * t19, t67 = t20 * (t25 + t26) * t20;
@@ -2000,8 +2000,8 @@ void hexarotor_3link_forward_dynamics_with_wrenches(const Constants *RESTRICT co
     sine_cosine_few(4, angle + 0, sine + 0, cosine + 0);
     sine_cosine_few(2, angle + 4, sine + 4, cosine + 4);
     const real gravity = constants->gravity, base_arm_length = constants->base_arm_length;
-    const real link2_length = constants->link2_length, k33 = constants->k33;
-    const real link3_length = constants->link3_length, k51 = constants->k51, k55 = constants->k55;
+    const real link2_length = constants->link2_length, k32 = constants->k32;
+    const real link3_length = constants->link3_length, k44 = constants->k44, k50 = constants->k50;
     const real k60 = constants->k60, k61 = constants->k61, k62 = constants->k62;
     const real k67 = constants->k67, k68 = constants->k68, k69 = constants->k69;
     const real k72 = constants->k72, k75 = constants->k75, k76 = constants->k76;
@@ -2050,14 +2050,14 @@ void hexarotor_3link_forward_dynamics_with_wrenches(const Constants *RESTRICT co
     /* inertia of link 3, turned by the joints */
     const real t54 = k62 * c6, t55 = k62 * s6;
     const real t56 = k75 * s6, t57 = s6 * t56;
-    const real t58 = k55 + t57, t59 = k51 - t57;
+    const real t58 = k44 - t57, t59 = k50 + t57;
     const real t60 = c6 * t56;
 
     /* articulated inertia and load of link 3, about joint 9 */
-    const real t61 = t51 * t60, t62 = t59 * t53;
+    const real t61 = t59 * t53, t62 = t51 * t60;
     const real t63 = t51 * t58, t64 = t60 * t53;
-    const real t65 = t32 * t58, t66 = t35 * t59;
-    const real t67 = t60 * (t50 - t52), t68 = k62 * (s6 * t35 - c6 * t50);
+    const real t65 = t60 * (t50 - t52), t66 = t32 * t58;
+    const real t67 = t35 * t59, t68 = k62 * (s6 * t35 - c6 * t50);
     const real t69 = k62 * (c6 * t32 + s6 * t52);
 
     /* step from link 2 to link 3 */
@@ -2066,7 +2066,7 @@ void hexarotor_3link_forward_dynamics_with_wrenches(const Constants *RESTRICT co
     /* inertia of link 2, turned by the joints */
     const real t72 = k67 * c5, t73 = k67 * s5;
     const real t74 = k76 * s5, t75 = s5 * t74;
-    const real t76 = k68 + t75, t77 = k33 - t75;
+    const real t76 = k68 + t75, t77 = k32 - t75;
     const real t78 = c5 * t74;
 
     /* articulated inertia and load of links 2 and 3, about joint 8 */
@@ -2079,7 +2079,7 @@ void hexarotor_3link_forward_dynamics_with_wrenches(const Constants *RESTRICT co
     const real t87 = k69 * t34, t88 = k69 * t33;
 
     /* articulated inertia and load of links 2 and 3, about joint 8 */
-    const real t89 = t54 + t72, t90 = t60 + t78 - t54 * t71 - t55 * t70;
+    const real t89 = t54 + t72, t90 = t60 + t54 * t71 + t55 * t70 - t78;
 
     /* axes of the base */
     const real t91 = s1 * c2, t92 = c1 * c2;
@@ -2104,15 +2104,15 @@ void hexarotor_3link_forward_dynamics_with_wrenches(const Constants *RESTRICT co
 
     /* equation of joint 7, its acceleration eliminated */
     const real t111 = R(1.0) / (k69 + t58 + t76 + R(2.0) * t54 * t70), t112 = t89 * t111;
-    const real t113 = t90 * t111, t114 = t55 + t73 + t90 * t112;
+    const real t113 = t90 * t111, t114 = t55 + t73 - t90 * t112;
 
     /* articulated inertia and load of the base and links 1 to 3 */
     const real t115 = k60 * (t20 - R(2.0) * t21 * v_theta_0);
     const real t116 = k60 * (t19 - R(2.0) * t21 * t16), t117 = k98 * t18;
 
     /* acceleration of the base, by LDL^T */
-    const real t118 = R(1.0) / (t90 * t113 - t59 - t77 - t104 - k106), t119 = t114 * t118;
-    const real t120 = R(1.0) / (k72 + t114 * t119 - t89 * t112);
+    const real t118 = R(1.0) / (t59 + t77 + t104 + k106 - t90 * t113), t119 = t114 * t118;
+    const real t120 = R(1.0) / (k72 - t89 * t112 - t114 * t119);
     const real t121 = R(1.0) / (k72 - t100 - t106 * t109), t122 = t110 * t121;
     const real t123 = R(1.0) / (k72 - t99 - t105 * t108 - t110 * t122);
 
@@ -2170,7 +2170,7 @@ void hexarotor_3link_forward_dynamics_with_wrenches(const Constants *RESTRICT co
 
     /* equation of joint 9, its acceleration eliminated */
     const real t177 = link2_length * (t44 * t55 + t45 * t54);
-    const real t178 = tau_9 + t65 + t66 + t67 + t156 + t161 + t177 - t157 - t158, t179 = t96 * t178;
+    const real t178 = tau_9 + t66 + t67 + t156 + t161 + t177 - t65 - t157 - t158, t179 = t96 * t178;
     const real t180 = t68 + s6 * t153 - c6 * t152 - t55 * t179;
     const real t181 = t69 + s6 * t152 + c6 * t153 - t54 * t179;
 
@@ -2183,7 +2183,7 @@ void hexarotor_3link_forward_dynamics_with_wrenches(const Constants *RESTRICT co
     const real t188 = t105 * t187, t189 = t106 * t187;
 
     /* equation of joint 7, its acceleration eliminated */
-    const real t190 = tau_7 + t164 + t165 - t63 - t81 - t88 - t64 - t82 - t95 - t183;
+    const real t190 = tau_7 + t164 + t64 + t165 - t63 - t81 - t88 - t82 - t95 - t183;
     const real t191 = t111 * t190, t192 = t89 * t191;
     const real t193 = t90 * t191;
 
@@ -2194,7 +2194,7 @@ void hexarotor_3link_forward_dynamics_with_wrenches(const Constants *RESTRICT co
     const real t199 = s4 * t195, t200 = c4 * t195;
     const real t201 = s4 * t194, t202 = c4 * t196;
     const real t203 = s4 * t197, t204 = F_1 + t86 + t145 + t146 + t173 + t181 - t147 - t189;
-    const real t205 = t61 + t79 + t62 + t80 + t87 + t163 + t193 + t203 - t162 - t94 - t182 - t202;
+    const real t205 = t62 + t162 + t94 + t182 + t193 + t202 - t79 - t61 - t80 - t87 - t163 - t203;
     const real t206 = base_arm_length * (F_4 + t168);
     const real t207 = W_base_tx * s2 + t150 + t206 - tau_7 - t117 - t151;
 
@@ -2202,11 +2202,11 @@ void hexarotor_3link_forward_dynamics_with_wrenches(const Constants *RESTRICT co
     const real t208 = t119 * t205, t209 = k67 * t46 + t176 + t192 + t201 - t200 - t208;
     const real t210 = t122 * t204, t211 = k67 * t44 + t180 + t210 - t188 - t198 - t199;
     const real t212 = t123 * t211, t213 = t122 * t212 + t121 * t204;
-    const real t214 = t120 * t209, t215 = t119 * t214 + t118 * t205;
+    const real t214 = t120 * t209, t215 = t118 * t205 - t119 * t214;
     const real t216 = k100 * (tau_8 - s4 * t196 - c4 * t197), t217 = k99 * t207;
 
     /* acceleration of joint 7 */
-    const real t218 = t191 + t112 * t214 - t113 * t215 - t217;
+    const real t218 = t191 + t112 * t214 + t113 * t215 - t217;
     acceleration[3] = t218;
 
     /* acceleration of joint 8 */

@@ -200,8 +200,8 @@ enum {
 
 /** What the functions need of the parameters, computed once. */
 typedef struct hexarotor_3link_constants {
-    hexarotor_3link_real gravity, base_arm_length, k14, k19, link2_length, k33, link3_length, k51,
-        k55, k60, k61, k62, k65, k67, k68, k69, k71, k72, k73, k74, k75, k76, k77, k78, k79, k80,
+    hexarotor_3link_real gravity, base_arm_length, k8, k14, link2_length, k32, link3_length, k44,
+        k50, k60, k61, k62, k65, k67, k68, k69, k71, k72, k73, k74, k75, k76, k77, k78, k79, k80,
         k81, k82, k83, k84, k85, k88, k89, k90, k91, k93, k94, k95, k96, k98, k99, k100, k101, k102,
         k103, k104, k105, k106, k107, k108;
 } hexarotor_3link_constants;

@@ -64,8 +64,8 @@ static INLINE void mass_matrix_and_residual_lane(const Constants *RESTRICT const
 {
     (void)q;
     const real gravity = CONSTANT(gravity), base_arm_length = CONSTANT(base_arm_length);
-    const real link2_length = CONSTANT(link2_length), k33 = CONSTANT(k33), k51 = CONSTANT(k51);
-    const real k55 = CONSTANT(k55), k60 = CONSTANT(k60), k61 = CONSTANT(k61), k62 = CONSTANT(k62);
+    const real link2_length = CONSTANT(link2_length), k32 = CONSTANT(k32), k44 = CONSTANT(k44);
+    const real k50 = CONSTANT(k50), k60 = CONSTANT(k60), k61 = CONSTANT(k61), k62 = CONSTANT(k62);
     const real k65 = CONSTANT(k65), k67 = CONSTANT(k67), k68 = CONSTANT(k68), k69 = CONSTANT(k69);
     const real k71 = CONSTANT(k71), k72 = CONSTANT(k72), k73 = CONSTANT(k73), k74 = CONSTANT(k74);
     const real k75 = CONSTANT(k75), k76 = CONSTANT(k76), k77 = CONSTANT(k77), k78 = CONSTANT(k78);
@@ -125,13 +125,14 @@ static INLINE void mass_matrix_and_residual_lane(const Constants *RESTRICT const
     /* inertia of link 3, turned by the joints */
     const real t71 = k62 * c6, t72 = k62 * s6;
     const real t73 = k75 * s6, t74 = s6 * t73;
-    const real t75 = k55 + t74, t76 = k51 - t74;
+    const real t75 = k44 - t74, t76 = k50 + t74;
     const real t77 = c6 * t73;
 
     /* inertia forces of link 3, about joint 9 */
-    const real t78 = t68 * t77 + t70 * t76 - t64 * t72, t79 = t64 * t71 + t68 * t75 + t70 * t77;
-    const real t80 = (t37 - link2_length * t62) * t71, t81 = (t45 + link2_length * t61) * t72;
-    const real t82 = t77 * (t67 - t69), t83 = t49 * t75 + t52 * t76 + t81 + t82 - t80;
+    const real t78 = t70 * t76 - t64 * t72 - t68 * t77, t79 = t64 * t71 + t68 * t75 - t70 * t77;
+    const real t80 = (t37 - link2_length * t62) * t71, t81 = t77 * (t67 - t69);
+    const real t82 = (t45 + link2_length * t61) * t72;
+    const real t83 = t49 * t75 + t52 * t76 + t82 - t80 - t81;
     residual[5 * stride] = t83;
     const real t84 = k62 * (s6 * t52 - c6 * t67), t85 = k62 * (c6 * t49 + s6 * t69);
     const real t86 = k62 * (s6 * t70 - c6 * t68);
@@ -142,7 +143,7 @@ static INLINE void mass_matrix_and_residual_lane(const Constants *RESTRICT const
     /* inertia of link 2, turned by the joints */
     const real t89 = k67 * c5, t90 = k67 * s5;
     const real t91 = k76 * s5, t92 = s5 * t91;
-    const real t93 = k68 + t92, t94 = k33 - t92;
+    const real t93 = k68 + t92, t94 = k32 - t92;
     const real t95 = c5 * t91;
 
     /* inertia forces of links 2 and 3, about joint 8 */
@@ -172,7 +173,7 @@ static INLINE void mass_matrix_and_residual_lane(const Constants *RESTRICT const
     const real t121 = t29 * t116, t122 = t21 * t112 + t31 * t118 - k61 * t23 - t121;
     const real t123 = t118 * (t28 - t30), t124 = t22 * t113 + t24 * t116 + t15 * t112 - t123;
     const real t125 = k73 * t32 - t108, t126 = t109 - k73 * t33;
-    const real t127 = t103 + k73 * t34, t128 = t103 * t111 + s4 * t105 - c4 * t106 - t120;
+    const real t127 = t103 + k73 * t34, t128 = c4 * t106 + t120 - s4 * t105 - t103 * t111;
     const real t129 = t122 - c4 * t105 - s4 * t106 - t103 * t110;
     residual[1 * stride] = t129;
     const real t130 = t107 + t109 * t110 + t108 * t111 - t124;
@@ -181,7 +182,7 @@ static INLINE void mass_matrix_and_residual_lane(const Constants *RESTRICT const
     /* inertia forces on attitude and position */
     const real t131 = s2 * t125 - c2 * t127, t132 = c2 * t125 + s2 * t127;
     residual[6 * stride] = t132;
-    const real t133 = c2 * t128 + s2 * t130;
+    const real t133 = s2 * t130 - c2 * t128;
     residual[0 * stride] = t133;
     const real t134 = c1 * t126 + s1 * t131;
     residual[7 * stride] = t134;
@@ -191,7 +192,7 @@ static INLINE void mass_matrix_and_residual_lane(const Constants *RESTRICT const
     /* composite inertia of links 2 and 3, about joint 8 */
     const real t136 = t71 + t89, t137 = t72 + t90;
     const real t138 = t93 + t75 + t71 * k65 * c5, t139 = t94 + t76 + t72 * k65 * s5;
-    const real t140 = t95 + t77 - t71 * t88 - t72 * t87;
+    const real t140 = t95 - t77 - t71 * t88 - t72 * t87;
 
     /* composite inertia of links 1 to 3, about joint 7 */
     const real t141 = c4 * t136, t142 = s4 * t136;
@@ -345,7 +346,7 @@ static INLINE void mass_matrix_lane(const Constants *RESTRICT constants, const r
 {
     (void)q;
     const real base_arm_length = CONSTANT(base_arm_length), link2_length = CONSTANT(link2_length);
-    const real k33 = CONSTANT(k33), k51 = CONSTANT(k51), k55 = CONSTANT(k55), k60 = CONSTANT(k60);
+    const real k32 = CONSTANT(k32), k44 = CONSTANT(k44), k50 = CONSTANT(k50), k60 = CONSTANT(k60);
     const real k61 = CONSTANT(k61), k62 = CONSTANT(k62), k65 = CONSTANT(k65), k67 = CONSTANT(k67);
     const real k68 = CONSTANT(k68), k69 = CONSTANT(k69), k71 = CONSTANT(k71), k72 = CONSTANT(k72);
     const real k73 = CONSTANT(k73), k74 = CONSTANT(k74), k75 = CONSTANT(k75), k76 = CONSTANT(k76);
@@ -369,7 +370,7 @@ static INLINE void mass_matrix_lane(const Constants *RESTRICT constants, const r
     /* inertia of link 3, turned by the joints */
     const real t15 = k62 * c6, t16 = k62 * s6;
     const real t17 = k75 * s6, t18 = s6 * t17;
-    const real t19 = k55 + t18, t20 = k51 - t18;
+    const real t19 = k44 - t18, t20 = k50 + t18;
 
     /* step from link 2 to link 3 */
     const real t21 = link2_length * c5, t22 = link2_length * s5;
@@ -384,9 +385,9 @@ static INLINE void mass_matrix_lane(const Constants *RESTRICT constants, const r
     const real t27 = k77 * s3, t28 = s3 * t27;
 
     /* composite inertia of links 2 and 3, about joint 8 */
-    const real t29 = t15 * t22 + t16 * t21 - c6 * t17, t30 = t15 + k67 * c5;
+    const real t29 = c6 * t17 + t15 * t22 + t16 * t21, t30 = t15 + k67 * c5;
     const real t31 = t16 + k67 * s5, t32 = k68 + t24 + t19 + t15 * k65 * c5;
-    const real t33 = k33 + t20 + t16 * k65 * s5 - t24, t34 = t29 - c5 * t23;
+    const real t33 = k32 + t20 + t16 * k65 * s5 - t24, t34 = t29 - c5 * t23;
 
     /* composite inertia of links 1 to 3, about joint 7 */
     const real t35 = c4 * t30, t36 = s4 * t30;
@@ -536,8 +537,8 @@ static INLINE void residual_lane(const Constants *RESTRICT constants, const real
 {
     (void)q;
     const real gravity = CONSTANT(gravity), base_arm_length = CONSTANT(base_arm_length);
-    const real link2_length = CONSTANT(link2_length), k33 = CONSTANT(k33), k51 = CONSTANT(k51);
-    const real k55 = CONSTANT(k55), k60 = CONSTANT(k60), k61 = CONSTANT(k61), k62 = CONSTANT(k62);
+    const real link2_length = CONSTANT(link2_length), k32 = CONSTANT(k32), k44 = CONSTANT(k44);
+    const real k50 = CONSTANT(k50), k60 = CONSTANT(k60), k61 = CONSTANT(k61), k62 = CONSTANT(k62);
     const real k67 = CONSTANT(k67), k68 = CONSTANT(k68), k69 = CONSTANT(k69), k73 = CONSTANT(k73);
     const real k74 = CONSTANT(k74), k75 = CONSTANT(k75), k76 = CONSTANT(k76), k77 = CONSTANT(k77);
     const real k78 = CONSTANT(k78), k79 = CONSTANT(k79);
@@ -588,13 +589,14 @@ static INLINE void residual_lane(const Constants *RESTRICT constants, const real
     /* inertia of link 3, turned by the joints */
     const real t71 = k62 * c6, t72 = k62 * s6;
     const real t73 = k75 * s6, t74 = s6 * t73;
-    const real t75 = k55 + t74, t76 = k51 - t74;
+    const real t75 = k44 - t74, t76 = k50 + t74;
     const real t77 = c6 * t73;
 
     /* inertia forces of link 3, about joint 9 */
-    const real t78 = t68 * t77 + t70 * t76 - t64 * t72, t79 = t64 * t71 + t68 * t75 + t70 * t77;
-    const real t80 = (t37 - link2_length * t62) * t71, t81 = (t45 + link2_length * t61) * t72;
-    const real t82 = t77 * (t67 - t69), t83 = t49 * t75 + t52 * t76 + t81 + t82 - t80;
+    const real t78 = t70 * t76 - t64 * t72 - t68 * t77, t79 = t64 * t71 + t68 * t75 - t70 * t77;
+    const real t80 = (t37 - link2_length * t62) * t71, t81 = t77 * (t67 - t69);
+    const real t82 = (t45 + link2_length * t61) * t72;
+    const real t83 = t49 * t75 + t52 * t76 + t82 - t80 - t81;
     residual[5 * stride] = t83;
     const real t84 = k62 * (s6 * t52 - c6 * t67), t85 = k62 * (c6 * t49 + s6 * t69);
     const real t86 = k62 * (s6 * t70 - c6 * t68);
@@ -605,7 +607,7 @@ static INLINE void residual_lane(const Constants *RESTRICT constants, const real
     /* inertia of link 2, turned by the joints */
     const real t89 = k67 * c5, t90 = k67 * s5;
     const real t91 = k76 * s5, t92 = s5 * t91;
-    const real t93 = k68 + t92, t94 = k33 - t92;
+    const real t93 = k68 + t92, t94 = k32 - t92;
     const real t95 = c5 * t91;
 
     /* inertia forces of links 2 and 3, about joint 8 */
@@ -634,7 +636,7 @@ static INLINE void residual_lane(const Constants *RESTRICT constants, const real
     const real t120 = t29 * t116, t121 = t21 * t112 + t31 * t117 - k61 * t23 - t120;
     const real t122 = t117 * (t28 - t30), t123 = t22 * t113 + t24 * t116 + t15 * t112 - t122;
     const real t124 = k73 * t32 - t108, t125 = t109 - k73 * t33;
-    const real t126 = t103 + k73 * t34, t127 = t103 * t111 + s4 * t105 - c4 * t106 - t119;
+    const real t126 = t103 + k73 * t34, t127 = c4 * t106 + t119 - s4 * t105 - t103 * t111;
     const real t128 = t121 - c4 * t105 - s4 * t106 - t103 * t110;
     residual[1 * stride] = t128;
     const real t129 = t107 + t109 * t110 + t108 * t111 - t123;
@@ -643,7 +645,7 @@ static INLINE void residual_lane(const Constants *RESTRICT constants, const real
     /* inertia forces on attitude and position */
     const real t130 = s2 * t124 - c2 * t126, t131 = c2 * t124 + s2 * t126;
     residual[6 * stride] = t131;
-    const real t132 = c2 * t127 + s2 * t129;
+    const real t132 = s2 * t129 - c2 * t127;
     residual[0 * stride] = t132;
     const real t133 = c1 * t125 + s1 * t130;
     residual[7 * stride] = t133;
@@ -825,8 +827,8 @@ static INLINE void forward_dynamics_lane(const Constants *RESTRICT constants,
 {
     (void)q;
     const real gravity = CONSTANT(gravity), base_arm_length = CONSTANT(base_arm_length);
-    const real link2_length = CONSTANT(link2_length), k33 = CONSTANT(k33), k51 = CONSTANT(k51);
-    const real k55 = CONSTANT(k55), k60 = CONSTANT(k60), k61 = CONSTANT(k61), k62 = CONSTANT(k62);
+    const real link2_length = CONSTANT(link2_length), k32 = CONSTANT(k32), k44 = CONSTANT(k44);
+    const real k50 = CONSTANT(k50), k60 = CONSTANT(k60), k61 = CONSTANT(k61), k62 = CONSTANT(k62);
     const real k67 = CONSTANT(k67), k68 = CONSTANT(k68), k69 = CONSTANT(k69), k72 = CONSTANT(k72);
     const real k75 = CONSTANT(k75), k76 = CONSTANT(k76), k78 = CONSTANT(k78), k80 = CONSTANT(k80);
     const real k81 = CONSTANT(k81), k98 = CONSTANT(k98), k99 = CONSTANT(k99), k100 = CONSTANT(k100);
@@ -872,11 +874,11 @@ static INLINE void forward_dynamics_lane(const Constants *RESTRICT constants,
     /* inertia of link 3, turned by the joints */
     const real t54 = k62 * c6, t55 = k62 * s6;
     const real t56 = k75 * s6, t57 = s6 * t56;
-    const real t58 = k55 + t57, t59 = k51 - t57;
+    const real t58 = k44 - t57, t59 = k50 + t57;
     const real t60 = c6 * t56;
 
     /* articulated inertia and load of link 3, about joint 9 */
-    const real t61 = t51 * t60, t62 = t59 * t53;
+    const real t61 = t59 * t53, t62 = t51 * t60;
     const real t63 = t51 * t58, t64 = t60 * t53;
     const real t65 = t60 * (t50 - t52), t66 = k62 * (c6 * t51 - s6 * t53);
 
@@ -889,7 +891,7 @@ static INLINE void forward_dynamics_lane(const Constants *RESTRICT constants,
     /* inertia of link 2, turned by the joints */
     const real t71 = k67 * c5, t72 = k67 * s5;
     const real t73 = k76 * s5, t74 = s5 * t73;
-    const real t75 = k68 + t74, t76 = k33 - t74;
+    const real t75 = k68 + t74, t76 = k32 - t74;
     const real t77 = c5 * t73;
 
     /* articulated inertia and load of links 2 and 3, about joint 8 */
@@ -902,7 +904,7 @@ static INLINE void forward_dynamics_lane(const Constants *RESTRICT constants,
     const real t85 = k69 * t34, t86 = k69 * t33;
 
     /* articulated inertia and load of links 2 and 3, about joint 8 */
-    const real t87 = t54 + t71, t88 = t60 + t77 - t54 * t68 - t55 * t67;
+    const real t87 = t54 + t71, t88 = t60 + t54 * t68 + t55 * t67 - t77;
 
     /* force and moment of all thrusts */
     const real t89 = k81 * (F_3 - F_5), t90 = F_3 + F_5;
@@ -914,7 +916,7 @@ static INLINE void forward_dynamics_lane(const Constants *RESTRICT constants,
 
     /* equation of joint 9, its acceleration eliminated */
     const real t97 = R(1.0) / (t58 + t59), t98 = link2_length * (t44 * t55 + t45 * t54);
-    const real t99 = tau_9 + t32 * t58 + t35 * t59 + t65 + t98, t100 = t97 * t99;
+    const real t99 = tau_9 + t32 * t58 + t35 * t59 + t98 - t65, t100 = t97 * t99;
     const real t101 = t55 * t97, t102 = t54 * t97;
     const real t103 = k62 * (s6 * t35 - c6 * t50) - t55 * t100;
     const real t104 = k62 * (c6 * t32 + s6 * t52) - t54 * t100, t105 = t55 * t101;
@@ -934,10 +936,10 @@ static INLINE void forward_dynamics_lane(const Constants *RESTRICT constants,
 
     /* equation of joint 7, its acceleration eliminated */
     const real t122 = R(1.0) / (k69 + t58 + t75 + R(2.0) * t54 * t67);
-    const real t123 = tau_7 - t63 - t80 - t86 - t64 - t70 - t81 - t96, t124 = t122 * t123;
+    const real t123 = tau_7 + t64 - t63 - t80 - t86 - t70 - t81 - t96, t124 = t122 * t123;
     const real t125 = t87 * t122, t126 = t88 * t122;
     const real t127 = t87 * t124, t128 = t88 * t124;
-    const real t129 = t55 + t72 + t88 * t125;
+    const real t129 = t55 + t72 - t88 * t125;
 
     /* articulated inertia and load of the base and links 1 to 3 */
     const real t130 = c3 * t92 - s3 * t94, t131 = c3 * t94 + s3 * t92;
@@ -948,21 +950,21 @@ static INLINE void forward_dynamics_lane(const Constants *RESTRICT constants,
     const real t137 = s4 * t131, t138 = c4 * t131;
     const real t139 = s4 * t130, t140 = s4 * t135;
     const real t141 = c4 * t134, t142 = F_1 + k67 * t45 + t90 + t104 - t114 * t117;
-    const real t143 = t61 + t78 + t62 + t79 + t85 + t128 + t140 - t69 - t95 - t141;
+    const real t143 = t62 + t69 + t95 + t128 + t141 - t78 - t61 - t79 - t85 - t140;
 
     /* acceleration of the base, by LDL^T */
-    const real t144 = R(1.0) / (t88 * t126 - t59 - t76 - t110 - k106), t145 = t129 * t144;
+    const real t144 = R(1.0) / (t59 + t76 + t110 + k106 - t88 * t126), t145 = t129 * t144;
     const real t146 = t143 * t145, t147 = t66 + k67 * t46 + t127 + t139 - t138 - t146;
-    const real t148 = R(1.0) / (k72 + t129 * t145 - t87 * t125);
+    const real t148 = R(1.0) / (k72 - t87 * t125 - t129 * t145);
     const real t149 = R(1.0) / (k72 - t106 - t114 * t119), t150 = t121 * t149;
     const real t151 = t150 * t142, t152 = k67 * t44 + t103 + t151 - t120 - t136 - t137;
     const real t153 = R(1.0) / (k72 - t105 - t113 * t118 - t121 * t150), t154 = t153 * t152;
     const real t155 = t150 * t154 + t149 * t142, t156 = t147 * t148;
-    const real t157 = t145 * t156 + t143 * t144, t158 = k100 * (tau_8 - s4 * t134 - c4 * t135);
+    const real t157 = t143 * t144 - t145 * t156, t158 = k100 * (tau_8 - s4 * t134 - c4 * t135);
     const real t159 = k99 * (base_arm_length * (F_4 + t93) - tau_7 - k98 * t18);
 
     /* acceleration of joint 7 */
-    const real t160 = t124 + t125 * t156 - t126 * t157 - t159;
+    const real t160 = t124 + t125 * t156 + t126 * t157 - t159;
     acceleration[3 * stride] = t160;
 
     /* acceleration of joint 8 */
@@ -1067,8 +1069,8 @@ static INLINE void inverse_dynamics_lane(const Constants *RESTRICT constants,
 {
     (void)q;
     const real gravity = CONSTANT(gravity), base_arm_length = CONSTANT(base_arm_length);
-    const real link2_length = CONSTANT(link2_length), k33 = CONSTANT(k33), k51 = CONSTANT(k51);
-    const real k55 = CONSTANT(k55), k60 = CONSTANT(k60), k61 = CONSTANT(k61), k62 = CONSTANT(k62);
+    const real link2_length = CONSTANT(link2_length), k32 = CONSTANT(k32), k44 = CONSTANT(k44);
+    const real k50 = CONSTANT(k50), k60 = CONSTANT(k60), k61 = CONSTANT(k61), k62 = CONSTANT(k62);
     const real k67 = CONSTANT(k67), k68 = CONSTANT(k68), k69 = CONSTANT(k69), k72 = CONSTANT(k72);
     const real k73 = CONSTANT(k73), k74 = CONSTANT(k74), k75 = CONSTANT(k75), k76 = CONSTANT(k76);
     const real k77 = CONSTANT(k77);
@@ -1105,7 +1107,7 @@ static INLINE void inverse_dynamics_lane(const Constants *RESTRICT constants,
     /* inertia of link 3, turned by the joints */
     const real t39 = k62 * c6, t40 = k62 * s6;
     const real t41 = k75 * s6, t42 = s6 * t41;
-    const real t43 = k55 + t42, t44 = k51 - t42;
+    const real t43 = k44 - t42, t44 = k50 + t42;
     const real t45 = c6 * t41;
 
     /* inertia forces of link 3, about joint 9 */
@@ -1117,7 +1119,7 @@ static INLINE void inverse_dynamics_lane(const Constants *RESTRICT constants,
     /* inertia of link 2, turned by the joints */
     const real t49 = k67 * c5, t50 = k67 * s5;
     const real t51 = k76 * s5, t52 = s5 * t51;
-    const real t53 = k68 + t52, t54 = k33 - t52;
+    const real t53 = k68 + t52, t54 = k32 - t52;
     const real t55 = c5 * t51;
 
     /* inertia forces of links 2 and 3, about joint 8 */
@@ -1164,10 +1166,10 @@ static INLINE void inverse_dynamics_lane(const Constants *RESTRICT constants,
     const real t104 = t34 * t35 + t90;
 
     /* inertia forces of link 3, about joint 9 */
-    const real t105 = t44 * t104 - t40 * t99 - t45 * t102;
-    const real t106 = t39 * t99 + t45 * t104 - t43 * t102, t107 = t39 * (t84 - link2_length * t97);
+    const real t105 = t45 * t102 + t44 * t104 - t40 * t99;
+    const real t106 = t39 * t99 - t43 * t102 - t45 * t104, t107 = t39 * (t84 - link2_length * t97);
     const real t108 = t40 * (t87 - link2_length * t96);
-    const real t109 = t107 + t43 * t101 - t46 - t108 - t44 * t103;
+    const real t109 = t46 + t107 + t43 * t101 - t108 - t44 * t103;
     force[5 * stride] = t109;
     const real t110 = k62 * (c6 * t37 - s6 * t103), t111 = k62 * (s6 * t38 - c6 * t101);
     const real t112 = k62 * (c6 * t102 + s6 * t104);
@@ -1192,14 +1194,14 @@ static INLINE void inverse_dynamics_lane(const Constants *RESTRICT constants,
     const real t130 = t59 * t68, t131 = t63 * t75;
     const real t132 = t66 + t60 * t71 + t64 * t77 - t130 - t131, t133 = t124 - k73 * t79;
     const real t134 = t125 + k73 * t80, t135 = t119 - k73 * t81;
-    const real t136 = t58 * t119 - s4 * t121 - c4 * t122 - t127;
+    const real t136 = s4 * t121 + c4 * t122 + t127 - t58 * t119;
     const real t137 = s4 * t122 + t57 * t119 + t129 - c4 * t121;
     force[1 * stride] = t137;
     const real t138 = t123 - t58 * t124 - t57 * t125 - t132;
     force[2 * stride] = t138;
 
     /* inertia forces on attitude and position */
-    const real t139 = s2 * t133 + c2 * t135, t140 = s2 * t138 - c2 * t136;
+    const real t139 = s2 * t133 + c2 * t135, t140 = c2 * t136 + s2 * t138;
     force[0 * stride] = t140;
     const real t141 = c2 * t133 + k72 * a_x - s2 * t135;
     force[6 * stride] = t141;
@@ -1267,7 +1269,7 @@ static INLINE void hybrid_mass_matrix_lane(const Constants *RESTRICT constants,
 {
     (void)q;
     const real base_arm_length = CONSTANT(base_arm_length), link2_length = CONSTANT(link2_length);
-    const real k33 = CONSTANT(k33), k51 = CONSTANT(k51), k55 = CONSTANT(k55), k60 = CONSTANT(k60);
+    const real k32 = CONSTANT(k32), k44 = CONSTANT(k44), k50 = CONSTANT(k50), k60 = CONSTANT(k60);
     const real k61 = CONSTANT(k61), k62 = CONSTANT(k62), k65 = CONSTANT(k65), k67 = CONSTANT(k67);
     const real k68 = CONSTANT(k68), k69 = CONSTANT(k69), k71 = CONSTANT(k71), k72 = CONSTANT(k72);
     const real k73 = CONSTANT(k73), k74 = CONSTANT(k74), k75 = CONSTANT(k75), k76 = CONSTANT(k76);
@@ -1299,7 +1301,7 @@ static INLINE void hybrid_mass_matrix_lane(const Constants *RESTRICT constants,
     /* inertia of link 3, turned by the joints */
     const real t15 = k62 * c6, t16 = k62 * s6;
     const real t17 = k75 * s6, t18 = s6 * t17;
-    const real t19 = k55 + t18, t20 = k51 - t18;
+    const real t19 = k44 - t18, t20 = k50 + t18;
 
     /* step from link 2 to link 3 */
     const real t21 = link2_length * c5, t22 = link2_length * s5;
@@ -1316,7 +1318,7 @@ static INLINE void hybrid_mass_matrix_lane(const Constants *RESTRICT constants,
     /* composite inertia of links 2 and 3, about joint 8 */
     const real t29 = t16 * t21, t30 = t15 + k67 * c5;
     const real t31 = t16 + k67 * s5, t32 = k68 + t19 + t24 + t15 * k65 * c5;
-    const real t33 = k33 + t20 + t16 * k65 * s5 - t24, t34 = c6 * t17 + c5 * t23 - t15 * t22 - t29;
+    const real t33 = k32 + t20 + t16 * k65 * s5 - t24, t34 = c5 * t23 - c6 * t17 - t15 * t22 - t29;
 
     /* composite inertia of links 1 to 3, about joint 7 */
     const real t35 = c4 * t30, t36 = s4 * t30;
@@ -1522,8 +1524,8 @@ static INLINE void hybrid_residual_lane(const Constants *RESTRICT constants,
 {
     (void)q;
     const real gravity = CONSTANT(gravity), base_arm_length = CONSTANT(base_arm_length);
-    const real k14 = CONSTANT(k14), k19 = CONSTANT(k19), link2_length = CONSTANT(link2_length);
-    const real k33 = CONSTANT(k33), k51 = CONSTANT(k51), k55 = CONSTANT(k55), k60 = CONSTANT(k60);
+    const real k8 = CONSTANT(k8), k14 = CONSTANT(k14), link2_length = CONSTANT(link2_length);
+    const real k32 = CONSTANT(k32), k44 = CONSTANT(k44), k50 = CONSTANT(k50), k60 = CONSTANT(k60);
     const real k61 = CONSTANT(k61), k62 = CONSTANT(k62), k67 = CONSTANT(k67), k68 = CONSTANT(k68);
     const real k69 = CONSTANT(k69), k73 = CONSTANT(k73), k74 = CONSTANT(k74), k75 = CONSTANT(k75);
     const real k76 = CONSTANT(k76), k77 = CONSTANT(k77), k78 = CONSTANT(k78), k79 = CONSTANT(k79);
@@ -1572,24 +1574,25 @@ static INLINE void hybrid_residual_lane(const Constants *RESTRICT constants,
     const real t61 = s5 * t52 - c5 * t55, t62 = c5 * t49 + s5 * t58;
     const real t63 = c5 * t57 - s5 * t60, t64 = t46 + link2_length * t63;
     const real t65 = v_theta_9 + t53, t66 = t65 * t65;
-    const real t67 = t41 + t66, t68 = t56 * t65 - t50;
+    const real t67 = t41 + t66, t68 = t50 - t56 * t65;
     const real t69 = t47 + t66, t70 = t59 * t65 + t51;
 
     /* inertia of link 3, turned by the joints */
     const real t71 = k62 * c6, t72 = k62 * s6;
     const real t73 = k75 * s6, t74 = s6 * t73;
-    const real t75 = k55 + t74, t76 = k51 - t74;
+    const real t75 = k44 - t74, t76 = k50 + t74;
     const real t77 = c6 * t73;
 
     /* inertia forces of link 3, about joint 9 */
-    const real t78 = t68 * t77, t79 = t76 * t70;
-    const real t80 = t72 * t64, t81 = t71 * t64;
+    const real t78 = t76 * t70, t79 = t72 * t64;
+    const real t80 = t68 * t77, t81 = t71 * t64;
     const real t82 = t68 * t75, t83 = t77 * t70;
-    const real t84 = (t37 - link2_length * t62) * t71, t85 = (t45 + link2_length * t61) * t72;
-    const real t86 = t77 * (t67 - t69), t87 = t49 * t75 + t52 * t76 + t85 + t86 - t84;
+    const real t84 = (t37 - link2_length * t62) * t71, t85 = t77 * (t67 - t69);
+    const real t86 = (t45 + link2_length * t61) * t72;
+    const real t87 = t49 * t75 + t52 * t76 + t86 - t84 - t85;
     residual[10 * stride] = t87;
     const real t88 = k62 * (s6 * t52 - c6 * t67), t89 = k62 * (c6 * t49 + s6 * t69);
-    const real t90 = k62 * (c6 * t68 + s6 * t70);
+    const real t90 = k62 * (c6 * t68 - s6 * t70);
 
     /* step from link 2 to link 3 */
     const real t91 = link2_length * c5, t92 = link2_length * s5;
@@ -1601,7 +1604,7 @@ static INLINE void hybrid_residual_lane(const Constants *RESTRICT constants,
     /* inertia of link 2, turned by the joints */
     const real t97 = k67 * c5, t98 = k67 * s5;
     const real t99 = k76 * s5, t100 = s5 * t99;
-    const real t101 = k68 + t100, t102 = k33 - t100;
+    const real t101 = k68 + t100, t102 = k32 - t100;
     const real t103 = c5 * t99;
 
     /* inertia forces of links 2 and 3, about joint 8 */
@@ -1611,17 +1614,17 @@ static INLINE void hybrid_residual_lane(const Constants *RESTRICT constants,
     const real t110 = t37 * t97, t111 = t45 * t98;
     const real t112 = t49 * t101, t113 = t52 * t102;
     const real t114 = t103 * (t55 - t58), t115 = t88 + k67 * t61;
-    const real t116 = t89 + k67 * t62, t117 = k67 * t63 - t90;
+    const real t116 = t89 + k67 * t62, t117 = t90 + k67 * t63;
     const real t118 = t87 + t95 + t96 + t111 + t112 + t113 + t114 - t110;
     residual[9 * stride] = t118;
 
     /* inertia forces of links 1 to 3, about joint 7 */
     const real t119 = k69 * t51, t120 = k69 * t50;
-    const real t121 = t104 + t79 + t93 + t105 + t119 - t78 - t106 - t80;
-    const real t122 = t82 + t94 - t107 - t108 - t120 - t81 - t83 - t109;
+    const real t121 = t80 + t106 + t79 + t93 - t104 - t78 - t105 - t119;
+    const real t122 = t83 - t82 - t107 - t108 - t120 - t81 - t94 - t109;
     residual[8 * stride] = t122;
     const real t123 = c4 * t115 - s4 * t117, t124 = s4 * t115 + c4 * t117;
-    const real t125 = c4 * t121, t126 = s4 * t118;
+    const real t125 = s4 * t118, t126 = c4 * t121;
     const real t127 = c4 * t118, t128 = s4 * t121;
 
     /* step from the base to link 1 */
@@ -1644,8 +1647,8 @@ static INLINE void hybrid_residual_lane(const Constants *RESTRICT constants,
     const real t149 = t22 * t136, t150 = t24 * t139;
     const real t151 = t15 * t135, t152 = t140 * (t28 - t30);
     const real t153 = k73 * t32 - t123, t154 = k73 * t33 - t124;
-    const real t155 = t116 + k73 * t34, t156 = t131 + t143 + t144 + t126 - t141 - t142 - t125;
-    const real t157 = t147 + t148 - t132 - t145 - t146 - t127 - t128;
+    const real t155 = t116 + k73 * t34, t156 = t131 + t143 + t144 + t125 + t126 - t141 - t142;
+    const real t157 = t147 + t148 + t128 - t132 - t145 - t146 - t127;
     residual[1 * stride] = t157;
     const real t158 = t152 + t122 + t134 - t149 - t150 - t151 - t133;
     residual[2 * stride] = t158;
@@ -1653,7 +1656,7 @@ static INLINE void hybrid_residual_lane(const Constants *RESTRICT constants,
     /* inertia forces on attitude and position */
     const real t159 = c2 * t155 - s2 * t153, t160 = s2 * t155 + c2 * t153;
     residual[11 * stride] = t160;
-    const real t161 = c2 * t156 + s2 * t158;
+    const real t161 = s2 * t158 + c2 * t156;
     residual[0 * stride] = t161;
     const real t162 = c1 * t154 - s1 * t159;
     residual[12 * stride] = t162;
@@ -1669,10 +1672,10 @@ static INLINE void hybrid_residual_lane(const Constants *RESTRICT constants,
     const real t170 = s3 * t22 + c3 * t15 - base_arm_length * t168;
 
     /* inertia forces of base arm 2, about joint 2 */
-    const real t171 = k85 * (s3 * t15 - c3 * t22 - base_arm_length * t167), t172 = k84 * t170;
-    const real t173 = k90 * (t167 - t27 - t164 * t164), t174 = t172 - t171;
-    const real t175 = k88 * t168 - k89 * t169, t176 = t173 + t175;
-    const real t177 = t174 + t176;
+    const real t171 = k85 * (s3 * t15 - c3 * t22 - base_arm_length * t167);
+    const real t172 = k90 * (t27 + t164 * t164 - t167), t173 = k84 * t170;
+    const real t174 = t171 - t172, t175 = k88 * t168 - k89 * t169;
+    const real t176 = t173 + t175, t177 = t176 - t174;
     residual[3 * stride] = t177;
 
     /* inertia forces of base arm 3, about joint 3 */
@@ -1681,15 +1684,15 @@ static INLINE void hybrid_residual_lane(const Constants *RESTRICT constants,
     residual[4 * stride] = t180;
 
     /* inertia forces of base arm 4, about joint 4 */
-    const real t181 = k19 * t168 - k14 * t169 - k83 * t170;
+    const real t181 = k8 * t168 - k14 * t169 - k83 * t170;
     residual[5 * stride] = t181;
 
     /* inertia forces of base arm 5, about joint 5 */
-    const real t182 = t176 - t174;
+    const real t182 = t178 + t179;
     residual[6 * stride] = t182;
 
     /* inertia forces of base arm 6, about joint 6 */
-    const real t183 = t178 + t179;
+    const real t183 = t174 + t176;
     residual[7 * stride] = t183;
 }
 
@@ -1870,7 +1873,7 @@ static INLINE void constraint_torques_lane(const Constants *RESTRICT constants,
 {
     (void)q;
     const real gravity = CONSTANT(gravity), base_arm_length = CONSTANT(base_arm_length);
-    const real k14 = CONSTANT(k14), k19 = CONSTANT(k19), k83 = CONSTANT(k83), k84 = CONSTANT(k84);
+    const real k8 = CONSTANT(k8), k14 = CONSTANT(k14), k83 = CONSTANT(k83), k84 = CONSTANT(k84);
     const real k85 = CONSTANT(k85), k88 = CONSTANT(k88), k89 = CONSTANT(k89), k90 = CONSTANT(k90);
     const real v_theta_m1 = v[0 * stride], v_theta_0 = v[1 * stride], v_theta_1 = v[2 * stride];
     const real a_theta_m1 = a[0 * stride], a_theta_1 = a[2 * stride], a_x = a[6 * stride];
@@ -1901,7 +1904,7 @@ static INLINE void constraint_torques_lane(const Constants *RESTRICT constants,
     const real t22 = k84 * t21, t23 = k85 * (base_arm_length * t13 - s3 * t16 - c3 * t17);
 
     /* constraint torque on base arm 2 */
-    const real t24 = t22 - t14, t25 = k88 * t19 - k89 * t20;
+    const real t24 = t14 + t22, t25 = k88 * t19 - k89 * t20;
     const real t26 = t25 - t23, t27 = t26 - base_arm_length * F_2 - t24;
     torque[0 * stride] = t27;
 
@@ -1913,16 +1916,16 @@ static INLINE void constraint_torques_lane(const Constants *RESTRICT constants,
     const real t29 = k14 * t20;
 
     /* constraint torque on base arm 4 */
-    const real t30 = k19 * t19 + k83 * t21 - base_arm_length * F_4 - t29;
+    const real t30 = k8 * t19 + k83 * t21 - base_arm_length * F_4 - t29;
     torque[2 * stride] = t30;
 
     /* inertia forces of base arm 5, about joint 5 */
-    const real t31 = t14 + t22, t32 = t23 + t25;
-    const real t33 = t31 + t32;
+    const real t31 = t14 - t22, t32 = t23 + t25;
+    const real t33 = t32 - t31;
     torque[3 * stride] = t33;
 
     /* constraint torque on base arm 6 */
-    const real t34 = t32 - base_arm_length * F_6 - t31;
+    const real t34 = t31 + t32 - base_arm_length * F_6;
     torque[4 * stride] = t34;
 }
 
@@ -1989,7 +1992,7 @@ static INLINE void kinetic_energy_lane(const Constants *RESTRICT constants,
 {
     (void)q;
     const real base_arm_length = CONSTANT(base_arm_length), link2_length = CONSTANT(link2_length);
-    const real k33 = CONSTANT(k33), k51 = CONSTANT(k51), k55 = CONSTANT(k55), k60 = CONSTANT(k60);
+    const real k32 = CONSTANT(k32), k44 = CONSTANT(k44), k50 = CONSTANT(k50), k60 = CONSTANT(k60);
     const real k62 = CONSTANT(k62), k67 = CONSTANT(k67), k68 = CONSTANT(k68), k73 = CONSTANT(k73);
     const real k74 = CONSTANT(k74), k75 = CONSTANT(k75), k76 = CONSTANT(k76), k77 = CONSTANT(k77);
     const real k103 = CONSTANT(k103), k104 = CONSTANT(k104), k105 = CONSTANT(k105);
@@ -2016,12 +2019,12 @@ static INLINE void kinetic_energy_lane(const Constants *RESTRICT constants,
     /* inertia of link 3, turned by the joints */
     const real t21 = k62 * c6, t22 = k62 * s6;
     const real t23 = k75 * s6, t24 = s6 * t23;
-    const real t25 = k55 + t24, t26 = k51 - t24;
+    const real t25 = k44 - t24, t26 = k50 + t24;
 
     /* inertia of link 2, turned by the joints */
     const real t27 = k67 * c5, t28 = k67 * s5;
     const real t29 = k76 * s5, t30 = s5 * t29;
-    const real t31 = k68 + t30, t32 = k33 - t30;
+    const real t31 = k68 + t30, t32 = k32 - t30;
 
     /* inertia of the base, turned by the joints */
     const real t33 = k73 * c3, t34 = k73 * s3;
@@ -2051,7 +2054,7 @@ static INLINE void kinetic_energy_lane(const Constants *RESTRICT constants,
     const real t56 = t16 * (t33 * t39 - t34 * t42), t57 = t19 * (t27 * t45 - t28 * t46);
     const real t58 = t22 * (t46 - link2_length * s5 * t19);
     const real t59 = t20 * (t21 * (t45 + link2_length * c5 * t19) - t58);
-    const real t60 = t18 * (c6 * t23 + c5 * t29), t61 = k105 * t17 + t27 * t47 + t21 * t48 + t60;
+    const real t60 = t18 * (c6 * t23 - c5 * t29), t61 = k105 * t17 + t27 * t47 + t21 * t48 - t60;
     const real t62 = t17 * t61, t63 = t16 * t16 * (t37 + t38);
     const real t64 = t17 * t17 * (t25 + t31), t65 = t18 * t18 * (t26 + t32);
     const real t66 = t19 * (t31 + t32) * t19, t67 = t20 * (t25 + t26) * t20;
@@ -2425,8 +2428,8 @@ static INLINE void forward_dynamics_with_wrenches_lane(const Constants *RESTRICT
 {
     (void)q;
     const real gravity = CONSTANT(gravity), base_arm_length = CONSTANT(base_arm_length);
-    const real link2_length = CONSTANT(link2_length), k33 = CONSTANT(k33);
-    const real link3_length = CONSTANT(link3_length), k51 = CONSTANT(k51), k55 = CONSTANT(k55);
+    const real link2_length = CONSTANT(link2_length), k32 = CONSTANT(k32);
+    const real link3_length = CONSTANT(link3_length), k44 = CONSTANT(k44), k50 = CONSTANT(k50);
     const real k60 = CONSTANT(k60), k61 = CONSTANT(k61), k62 = CONSTANT(k62), k67 = CONSTANT(k67);
     const real k68 = CONSTANT(k68), k69 = CONSTANT(k69), k72 = CONSTANT(k72), k75 = CONSTANT(k75);
     const real k76 = CONSTANT(k76), k78 = CONSTANT(k78), k80 = CONSTANT(k80), k81 = CONSTANT(k81);
@@ -2477,14 +2480,14 @@ static INLINE void forward_dynamics_with_wrenches_lane(const Constants *RESTRICT
     /* inertia of link 3, turned by the joints */
     const real t54 = k62 * c6, t55 = k62 * s6;
     const real t56 = k75 * s6, t57 = s6 * t56;
-    const real t58 = k55 + t57, t59 = k51 - t57;
+    const real t58 = k44 - t57, t59 = k50 + t57;
     const real t60 = c6 * t56;
 
     /* articulated inertia and load of link 3, about joint 9 */
-    const real t61 = t51 * t60, t62 = t59 * t53;
+    const real t61 = t59 * t53, t62 = t51 * t60;
     const real t63 = t51 * t58, t64 = t60 * t53;
-    const real t65 = t32 * t58, t66 = t35 * t59;
-    const real t67 = t60 * (t50 - t52), t68 = k62 * (s6 * t35 - c6 * t50);
+    const real t65 = t60 * (t50 - t52), t66 = t32 * t58;
+    const real t67 = t35 * t59, t68 = k62 * (s6 * t35 - c6 * t50);
     const real t69 = k62 * (c6 * t32 + s6 * t52);
 
     /* step from link 2 to link 3 */
@@ -2493,7 +2496,7 @@ static INLINE void forward_dynamics_with_wrenches_lane(const Constants *RESTRICT
     /* inertia of link 2, turned by the joints */
     const real t72 = k67 * c5, t73 = k67 * s5;
     const real t74 = k76 * s5, t75 = s5 * t74;
-    const real t76 = k68 + t75, t77 = k33 - t75;
+    const real t76 = k68 + t75, t77 = k32 - t75;
     const real t78 = c5 * t74;
 
     /* articulated inertia and load of links 2 and 3, about joint 8 */
@@ -2506,7 +2509,7 @@ static INLINE void forward_dynamics_with_wrenches_lane(const Constants *RESTRICT
     const real t87 = k69 * t34, t88 = k69 * t33;
 
     /* articulated inertia and load of links 2 and 3, about joint 8 */
-    const real t89 = t54 + t72, t90 = t60 + t78 - t54 * t71 - t55 * t70;
+    const real t89 = t54 + t72, t90 = t60 + t54 * t71 + t55 * t70 - t78;
 
     /* axes of the base */
     const real t91 = s1 * c2, t92 = c1 * c2;
@@ -2531,15 +2534,15 @@ static INLINE void forward_dynamics_with_wrenches_lane(const Constants *RESTRICT
 
     /* equation of joint 7, its acceleration eliminated */
     const real t111 = R(1.0) / (k69 + t58 + t76 + R(2.0) * t54 * t70), t112 = t89 * t111;
-    const real t113 = t90 * t111, t114 = t55 + t73 + t90 * t112;
+    const real t113 = t90 * t111, t114 = t55 + t73 - t90 * t112;
 
     /* articulated inertia and load of the base and links 1 to 3 */
     const real t115 = k60 * (t20 - R(2.0) * t21 * v_theta_0);
     const real t116 = k60 * (t19 - R(2.0) * t21 * t16), t117 = k98 * t18;
 
     /* acceleration of the base, by LDL^T */
-    const real t118 = R(1.0) / (t90 * t113 - t59 - t77 - t104 - k106), t119 = t114 * t118;
-    const real t120 = R(1.0) / (k72 + t114 * t119 - t89 * t112);
+    const real t118 = R(1.0) / (t59 + t77 + t104 + k106 - t90 * t113), t119 = t114 * t118;
+    const real t120 = R(1.0) / (k72 - t89 * t112 - t114 * t119);
     const real t121 = R(1.0) / (k72 - t100 - t106 * t109), t122 = t110 * t121;
     const real t123 = R(1.0) / (k72 - t99 - t105 * t108 - t110 * t122);
 
@@ -2597,7 +2600,7 @@ static INLINE void forward_dynamics_with_wrenches_lane(const Constants *RESTRICT
 
     /* equation of joint 9, its acceleration eliminated */
     const real t177 = link2_length * (t44 * t55 + t45 * t54);
-    const real t178 = tau_9 + t65 + t66 + t67 + t156 + t161 + t177 - t157 - t158, t179 = t96 * t178;
+    const real t178 = tau_9 + t66 + t67 + t156 + t161 + t177 - t65 - t157 - t158, t179 = t96 * t178;
     const real t180 = t68 + s6 * t153 - c6 * t152 - t55 * t179;
     const real t181 = t69 + s6 * t152 + c6 * t153 - t54 * t179;
 
@@ -2610,7 +2613,7 @@ static INLINE void forward_dynamics_with_wrenches_lane(const Constants *RESTRICT
     const real t188 = t105 * t187, t189 = t106 * t187;
 
     /* equation of joint 7, its acceleration eliminated */
-    const real t190 = tau_7 + t164 + t165 - t63 - t81 - t88 - t64 - t82 - t95 - t183;
+    const real t190 = tau_7 + t164 + t64 + t165 - t63 - t81 - t88 - t82 - t95 - t183;
     const real t191 = t111 * t190, t192 = t89 * t191;
     const real t193 = t90 * t191;
 
@@ -2621,7 +2624,7 @@ static INLINE void forward_dynamics_with_wrenches_lane(const Constants *RESTRICT
     const real t199 = s4 * t195, t200 = c4 * t195;
     const real t201 = s4 * t194, t202 = c4 * t196;
     const real t203 = s4 * t197, t204 = F_1 + t86 + t145 + t146 + t173 + t181 - t147 - t189;
-    const real t205 = t61 + t79 + t62 + t80 + t87 + t163 + t193 + t203 - t162 - t94 - t182 - t202;
+    const real t205 = t62 + t162 + t94 + t182 + t193 + t202 - t79 - t61 - t80 - t87 - t163 - t203;
     const real t206 = base_arm_length * (F_4 + t168);
     const real t207 = W_base_tx * s2 + t150 + t206 - tau_7 - t117 - t151;
 
@@ -2629,11 +2632,11 @@ static INLINE void forward_dynamics_with_wrenches_lane(const Constants *RESTRICT
     const real t208 = t119 * t205, t209 = k67 * t46 + t176 + t192 + t201 - t200 - t208;
     const real t210 = t122 * t204, t211 = k67 * t44 + t180 + t210 - t188 - t198 - t199;
     const real t212 = t123 * t211, t213 = t122 * t212 + t121 * t204;
-    const real t214 = t120 * t209, t215 = t119 * t214 + t118 * t205;
+    const real t214 = t120 * t209, t215 = t118 * t205 - t119 * t214;
     const real t216 = k100 * (tau_8 - s4 * t196 - c4 * t197), t217 = k99 * t207;
 
     /* acceleration of joint 7 */
-    const real t218 = t191 + t112 * t214 - t113 * t215 - t217;
+    const real t218 = t191 + t112 * t214 + t113 * t215 - t217;
     acceleration[3 * stride] = t218;
 
     /* acceleration of joint 8 */

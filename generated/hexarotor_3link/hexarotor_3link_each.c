@@ -32,71 +32,68 @@ static INLINE int constants_lane(const real *RESTRICT parameters, Constants *RES
     const real link3_section_inertia_yy = parameters[14 * stride];
     const real link3_section_inertia_zz = parameters[15 * stride];
 
-    /* differences of moments of inertia, and what rounding took from them */
+    /* second moments of base_arm, corrected for rounding */
     const STEPWISE real k1 = base_arm_section_inertia_xx - base_arm_section_inertia_yy;
-    const STEPWISE real k2 = base_arm_section_inertia_yy - base_arm_section_inertia_zz;
-    const STEPWISE real k3 = base_arm_section_inertia_xx - base_arm_section_inertia_zz;
-    const STEPWISE real k4 = base_arm_section_inertia_xx - k1;
-    const STEPWISE real k5 = base_arm_section_inertia_yy - k4;
-    const STEPWISE real k6 = base_arm_section_inertia_yy - k2;
-    const STEPWISE real k7 = base_arm_section_inertia_zz - k6;
-    const STEPWISE real k8 = base_arm_section_inertia_zz + k3;
-    const STEPWISE real k9 = base_arm_section_inertia_xx - k8;
+    const STEPWISE real k2 = base_arm_section_inertia_xx - k1;
+    const STEPWISE real k3 = base_arm_section_inertia_yy - k2;
+    const STEPWISE real k4 = base_arm_section_inertia_zz - k1, k5 = k3 + k4;
+    const STEPWISE real k6 = base_arm_length * base_arm_length;
+    const STEPWISE real k7 = base_arm_mass_per_length * base_arm_length * k6;
+    const STEPWISE real k8 = R(0.5) * k5 + R(0.33333333333333331) * k7;
+    const STEPWISE real k9 = base_arm_section_inertia_yy - base_arm_section_inertia_zz;
+    const STEPWISE real k10 = base_arm_section_inertia_yy - k9;
+    const STEPWISE real k11 = base_arm_section_inertia_zz - k10;
+    const STEPWISE real k12 = base_arm_section_inertia_xx - k9, k13 = k11 + k12;
+    const STEPWISE real k14 = R(0.5) * k13;
+    const STEPWISE real k15 = base_arm_section_inertia_xx - base_arm_section_inertia_zz;
+    const STEPWISE real k16 = base_arm_section_inertia_zz + k15;
+    const STEPWISE real k17 = base_arm_section_inertia_xx - k16;
+    const STEPWISE real k18 = base_arm_section_inertia_yy + k15, k19 = k17 + k18;
 
-    /* second moments of base_arm */
-    const STEPWISE real k10 = base_arm_section_inertia_zz - k1, k11 = k5 + k10;
-    const STEPWISE real k12 = base_arm_section_inertia_xx - k2, k13 = k7 + k12;
-    const STEPWISE real k14 = R(0.5) * k13, k15 = base_arm_section_inertia_yy + k3;
-    const STEPWISE real k16 = k9 + k15, k17 = base_arm_length * base_arm_length;
-    const STEPWISE real k18 = base_arm_mass_per_length * base_arm_length * k17;
-    const STEPWISE real k19 = R(0.5) * k11 + R(0.33333333333333331) * k18;
-
-    /* differences of moments of inertia, and what rounding took from them */
+    /* second moments of link2, corrected for rounding */
     const STEPWISE real k20 = link2_section_inertia_xx - link2_section_inertia_yy;
-    const STEPWISE real k21 = link2_section_inertia_yy - link2_section_inertia_zz;
-    const STEPWISE real k22 = link2_section_inertia_xx - link2_section_inertia_zz;
-    const STEPWISE real k23 = link2_section_inertia_xx - k20, k24 = link2_section_inertia_yy - k23;
-    const STEPWISE real k25 = link2_section_inertia_yy - k21, k26 = link2_section_inertia_zz - k25;
-    const STEPWISE real k27 = link2_section_inertia_zz + k22, k28 = link2_section_inertia_xx - k27;
+    const STEPWISE real k21 = link2_section_inertia_xx - k20, k22 = link2_section_inertia_yy - k21;
+    const STEPWISE real k23 = link2_section_inertia_zz - k20, k24 = k22 + k23;
+    const STEPWISE real k25 = link2_length * link2_length;
+    const STEPWISE real k26 = R(0.5) * k24 + R(0.33333333333333331) * link2_mass_per_length *
+        link2_length * k25;
+    const STEPWISE real k27 = link2_section_inertia_yy - link2_section_inertia_zz;
+    const STEPWISE real k28 = link2_section_inertia_yy - k27, k29 = link2_section_inertia_zz - k28;
+    const STEPWISE real k30 = link2_section_inertia_xx - k27, k31 = k29 + k30;
+    const STEPWISE real k32 = R(0.5) * k31;
+    const STEPWISE real k33 = link2_section_inertia_xx - link2_section_inertia_zz;
+    const STEPWISE real k34 = link2_section_inertia_zz + k33, k35 = link2_section_inertia_xx - k34;
+    const STEPWISE real k36 = link2_section_inertia_yy + k33, k37 = k35 + k36;
 
-    /* second moments of link2 */
-    const STEPWISE real k29 = link2_section_inertia_zz - k20, k30 = k24 + k29;
-    const STEPWISE real k31 = link2_section_inertia_xx - k21, k32 = k26 + k31;
-    const STEPWISE real k33 = R(0.5) * k32, k34 = link2_section_inertia_yy + k22;
-    const STEPWISE real k35 = k28 + k34, k36 = link2_length * link2_length;
-    const STEPWISE real k37 = R(0.5) * k30 + R(0.33333333333333331) * link2_mass_per_length *
-        link2_length * k36;
-
-    /* differences of moments of inertia, and what rounding took from them */
+    /* second moments of link3, corrected for rounding */
     const STEPWISE real k38 = link3_section_inertia_xx - link3_section_inertia_yy;
-    const STEPWISE real k39 = link3_section_inertia_yy - link3_section_inertia_zz;
-    const STEPWISE real k40 = link3_section_inertia_xx - link3_section_inertia_zz;
-    const STEPWISE real k41 = link3_section_inertia_xx - k38, k42 = link3_section_inertia_yy - k41;
-    const STEPWISE real k43 = link3_section_inertia_yy - k39, k44 = link3_section_inertia_zz - k43;
-    const STEPWISE real k45 = link3_section_inertia_zz + k40, k46 = link3_section_inertia_xx - k45;
-
-    /* second moments of link3 */
-    const STEPWISE real k47 = link3_section_inertia_zz - k38, k48 = k42 + k47;
-    const STEPWISE real k49 = link3_section_inertia_xx - k39, k50 = k44 + k49;
-    const STEPWISE real k51 = R(0.5) * k50, k52 = link3_section_inertia_yy + k40;
-    const STEPWISE real k53 = k46 + k52, k54 = link3_length * link3_length;
-    const STEPWISE real k55 = R(0.5) * k48 + R(0.33333333333333331) * link3_mass_per_length *
-        link3_length * k54;
+    const STEPWISE real k39 = link3_section_inertia_xx - k38, k40 = link3_section_inertia_yy - k39;
+    const STEPWISE real k41 = link3_section_inertia_zz - k38, k42 = k40 + k41;
+    const STEPWISE real k43 = link3_length * link3_length;
+    const STEPWISE real k44 = R(0.5) * k42 + R(0.33333333333333331) * link3_mass_per_length *
+        link3_length * k43;
+    const STEPWISE real k45 = link3_section_inertia_yy - link3_section_inertia_zz;
+    const STEPWISE real k46 = link3_section_inertia_yy - k45, k47 = link3_section_inertia_zz - k46;
+    const STEPWISE real k48 = link3_section_inertia_xx - k45, k49 = k47 + k48;
+    const STEPWISE real k50 = R(0.5) * k49;
+    const STEPWISE real k51 = link3_section_inertia_xx - link3_section_inertia_zz;
+    const STEPWISE real k52 = link3_section_inertia_zz + k51, k53 = link3_section_inertia_xx - k52;
+    const STEPWISE real k54 = link3_section_inertia_yy + k51, k55 = k53 + k54;
 
     /* inertia of the base, about the origin */
-    const STEPWISE real k56 = base_arm_mass_per_length * k17, k57 = R(1.5) * k13;
-    const STEPWISE real k58 = R(3.0) * k19, k59 = k57 + k58 + R(6.0) * k18;
-    const STEPWISE real k60 = k57 + k58, k61 = R(3.0) * k16;
+    const STEPWISE real k56 = base_arm_mass_per_length * k6, k57 = R(3.0) * k8;
+    const STEPWISE real k58 = R(1.5) * k13, k59 = k57 + k58 + R(6.0) * k7;
+    const STEPWISE real k60 = k57 + k58, k61 = R(3.0) * k19;
 
     /* inertias of the links */
-    const STEPWISE real k62 = R(0.5) * link3_mass_per_length * k54;
+    const STEPWISE real k62 = R(0.5) * link3_mass_per_length * k43;
     const STEPWISE real k63 = link3_length * link3_mass_per_length;
 
     /* inertia of link 2, with that of link 3 which joint 9 does not move */
     const STEPWISE real k64 = link2_length * k63, k65 = R(2.0) * link2_length;
     const STEPWISE real k66 = link2_length * link2_mass_per_length + k63;
-    const STEPWISE real k67 = R(0.5) * link2_mass_per_length * k36 + k64;
-    const STEPWISE real k68 = k37 + link2_length * k64, k69 = R(0.5) * k35 + R(0.5) * k53;
+    const STEPWISE real k67 = R(0.5) * link2_mass_per_length * k25 + k64;
+    const STEPWISE real k68 = k26 + link2_length * k64, k69 = R(0.5) * k37 + R(0.5) * k55;
 
     /* inertia of the base, with that of link 1 which joint 7 does not move */
     const STEPWISE real k70 = base_arm_length * k66, k71 = R(2.0) * base_arm_length;
@@ -104,8 +101,8 @@ static INLINE int constants_lane(const real *RESTRICT parameters, Constants *RES
     const STEPWISE real k73 = R(6.0) * k56 + k70, k74 = k59 + base_arm_length * k70;
 
     /* constant terms and factors of the functions */
-    const STEPWISE real k75 = k51 - k55, k76 = k33 - k68;
-    const STEPWISE real k77 = k60 - k74, k78 = R(6.0) * k16;
+    const STEPWISE real k75 = k44 - k50, k76 = k32 - k68;
+    const STEPWISE real k77 = k60 - k74, k78 = R(6.0) * k19;
     const STEPWISE real k79 = gravity * k72, k80 = R(0.5) * base_arm_length;
     const STEPWISE real k81 = R(0.8660254037844386) * base_arm_length;
     const STEPWISE real k82 = R(1.5) * base_arm_length;
@@ -115,21 +112,21 @@ static INLINE int constants_lane(const real *RESTRICT parameters, Constants *RES
 
     /* constant terms and factors of the functions */
     const STEPWISE real k84 = R(0.25) * k56, k85 = R(0.4330127018922193) * k56;
-    const STEPWISE real k86 = k14 - k19, k87 = R(0.75) * k86;
-    const STEPWISE real k88 = k19 + k87, k89 = k14 - k87;
+    const STEPWISE real k86 = k8 - k14, k87 = R(0.75) * k86;
+    const STEPWISE real k88 = k8 - k87, k89 = k14 + k87;
     const STEPWISE real k90 = R(0.4330127018922193) * k86, k91 = k88 + k89;
     const STEPWISE real k92 = base_arm_length * k84, k93 = k91 - k92;
-    const STEPWISE real k94 = k91 + k92, k95 = k14 + k19;
+    const STEPWISE real k94 = k91 + k92, k95 = k8 + k14;
     const STEPWISE real k96 = k95 + base_arm_length * k83, k97 = k60 + k61;
     const STEPWISE real k98 = R(2.0) * k60, k99 = R(1.0) / k98;
     const STEPWISE real k100 = R(1.0) / k97, k101 = R(1.0) / k72;
-    const STEPWISE real k102 = k62 * k101, k103 = R(1.5) * k16;
+    const STEPWISE real k102 = k62 * k101, k103 = R(1.5) * k19;
     const STEPWISE real k104 = R(0.5) * k72, k105 = R(0.5) * k69;
     const STEPWISE real k106 = k69 + k97, k107 = k79 * k101;
     const STEPWISE real k108 = k79 * k102;
-    CONSTANT(gravity) = gravity; CONSTANT(base_arm_length) = base_arm_length; CONSTANT(k14) = k14;
-    CONSTANT(k19) = k19; CONSTANT(link2_length) = link2_length; CONSTANT(k33) = k33;
-    CONSTANT(link3_length) = link3_length; CONSTANT(k51) = k51; CONSTANT(k55) = k55;
+    CONSTANT(gravity) = gravity; CONSTANT(base_arm_length) = base_arm_length; CONSTANT(k8) = k8;
+    CONSTANT(k14) = k14; CONSTANT(link2_length) = link2_length; CONSTANT(k32) = k32;
+    CONSTANT(link3_length) = link3_length; CONSTANT(k44) = k44; CONSTANT(k50) = k50;
     CONSTANT(k60) = k60; CONSTANT(k61) = k61; CONSTANT(k62) = k62; CONSTANT(k65) = k65;
     CONSTANT(k67) = k67; CONSTANT(k68) = k68; CONSTANT(k69) = k69; CONSTANT(k71) = k71;
     CONSTANT(k72) = k72; CONSTANT(k73) = k73; CONSTANT(k74) = k74; CONSTANT(k75) = k75;
@@ -146,9 +143,9 @@ static INLINE int constants_lane(const real *RESTRICT parameters, Constants *RES
     for (int i = 0; i < 16; ++i) {
         good &= is_finite(parameters[i * stride]);
     }
-    good &= is_finite(gravity) & is_finite(base_arm_length) & is_finite(k14) & is_finite(k19) &
-        is_finite(link2_length) & is_finite(k33) & is_finite(link3_length) & is_finite(k51) &
-        is_finite(k55) & is_finite(k60) & is_finite(k61) & is_finite(k62) & is_finite(k65) &
+    good &= is_finite(gravity) & is_finite(base_arm_length) & is_finite(k8) & is_finite(k14) &
+        is_finite(link2_length) & is_finite(k32) & is_finite(link3_length) & is_finite(k44) &
+        is_finite(k50) & is_finite(k60) & is_finite(k61) & is_finite(k62) & is_finite(k65) &
         is_finite(k67) & is_finite(k68) & is_finite(k69) & is_finite(k71) & is_finite(k72) &
         is_finite(k73) & is_finite(k74) & is_finite(k75) & is_finite(k76) & is_finite(k77) &
         is_finite(k78) & is_finite(k79) & is_finite(k80) & is_finite(k81) & is_finite(k82) &

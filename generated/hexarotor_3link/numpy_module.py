@@ -188,92 +188,86 @@ def _constants(values):
     link3_section_inertia_yy = values["link3_section_inertia_yy"]
     link3_section_inertia_zz = values["link3_section_inertia_zz"]
 
-    # differences of moments of inertia, and what rounding took from them
+    # second moments of base_arm, corrected for rounding
     k1 = base_arm_section_inertia_xx - base_arm_section_inertia_yy
-    k2 = base_arm_section_inertia_yy - base_arm_section_inertia_zz
-    k3 = base_arm_section_inertia_xx - base_arm_section_inertia_zz
-    k4 = base_arm_section_inertia_xx - k1
-    k5 = base_arm_section_inertia_yy - k4
-    k6 = base_arm_section_inertia_yy - k2
-    k7 = base_arm_section_inertia_zz - k6
-    k8 = base_arm_section_inertia_zz + k3
-    k9 = base_arm_section_inertia_xx - k8
-
-    # second moments of base_arm
-    k10 = base_arm_section_inertia_zz - k1
-    k11 = k5 + k10
-    k12 = base_arm_section_inertia_xx - k2
-    k13 = k7 + k12
+    k2 = base_arm_section_inertia_xx - k1
+    k3 = base_arm_section_inertia_yy - k2
+    k4 = base_arm_section_inertia_zz - k1
+    k5 = k3 + k4
+    k6 = base_arm_length * base_arm_length
+    k7 = base_arm_mass_per_length * base_arm_length * k6
+    k8 = 0.5 * k5 + 0.3333333333333333 * k7
+    k9 = base_arm_section_inertia_yy - base_arm_section_inertia_zz
+    k10 = base_arm_section_inertia_yy - k9
+    k11 = base_arm_section_inertia_zz - k10
+    k12 = base_arm_section_inertia_xx - k9
+    k13 = k11 + k12
     k14 = 0.5 * k13
-    k15 = base_arm_section_inertia_yy + k3
-    k16 = k9 + k15
-    k17 = base_arm_length * base_arm_length
-    k18 = base_arm_mass_per_length * base_arm_length * k17
-    k19 = 0.5 * k11 + 0.3333333333333333 * k18
+    k15 = base_arm_section_inertia_xx - base_arm_section_inertia_zz
+    k16 = base_arm_section_inertia_zz + k15
+    k17 = base_arm_section_inertia_xx - k16
+    k18 = base_arm_section_inertia_yy + k15
+    k19 = k17 + k18
 
-    # differences of moments of inertia, and what rounding took from them
+    # second moments of link2, corrected for rounding
     k20 = link2_section_inertia_xx - link2_section_inertia_yy
-    k21 = link2_section_inertia_yy - link2_section_inertia_zz
-    k22 = link2_section_inertia_xx - link2_section_inertia_zz
-    k23 = link2_section_inertia_xx - k20
-    k24 = link2_section_inertia_yy - k23
-    k25 = link2_section_inertia_yy - k21
-    k26 = link2_section_inertia_zz - k25
-    k27 = link2_section_inertia_zz + k22
-    k28 = link2_section_inertia_xx - k27
+    k21 = link2_section_inertia_xx - k20
+    k22 = link2_section_inertia_yy - k21
+    k23 = link2_section_inertia_zz - k20
+    k24 = k22 + k23
+    k25 = link2_length * link2_length
+    k26 = 0.5 * k24 + 0.3333333333333333 * link2_mass_per_length * link2_length * k25
+    k27 = link2_section_inertia_yy - link2_section_inertia_zz
+    k28 = link2_section_inertia_yy - k27
+    k29 = link2_section_inertia_zz - k28
+    k30 = link2_section_inertia_xx - k27
+    k31 = k29 + k30
+    k32 = 0.5 * k31
+    k33 = link2_section_inertia_xx - link2_section_inertia_zz
+    k34 = link2_section_inertia_zz + k33
+    k35 = link2_section_inertia_xx - k34
+    k36 = link2_section_inertia_yy + k33
+    k37 = k35 + k36
 
-    # second moments of link2
-    k29 = link2_section_inertia_zz - k20
-    k30 = k24 + k29
-    k31 = link2_section_inertia_xx - k21
-    k32 = k26 + k31
-    k33 = 0.5 * k32
-    k34 = link2_section_inertia_yy + k22
-    k35 = k28 + k34
-    k36 = link2_length * link2_length
-    k37 = 0.5 * k30 + 0.3333333333333333 * link2_mass_per_length * link2_length * k36
-
-    # differences of moments of inertia, and what rounding took from them
+    # second moments of link3, corrected for rounding
     k38 = link3_section_inertia_xx - link3_section_inertia_yy
-    k39 = link3_section_inertia_yy - link3_section_inertia_zz
-    k40 = link3_section_inertia_xx - link3_section_inertia_zz
-    k41 = link3_section_inertia_xx - k38
-    k42 = link3_section_inertia_yy - k41
-    k43 = link3_section_inertia_yy - k39
-    k44 = link3_section_inertia_zz - k43
-    k45 = link3_section_inertia_zz + k40
-    k46 = link3_section_inertia_xx - k45
-
-    # second moments of link3
-    k47 = link3_section_inertia_zz - k38
-    k48 = k42 + k47
-    k49 = link3_section_inertia_xx - k39
-    k50 = k44 + k49
-    k51 = 0.5 * k50
-    k52 = link3_section_inertia_yy + k40
-    k53 = k46 + k52
-    k54 = link3_length * link3_length
-    k55 = 0.5 * k48 + 0.3333333333333333 * link3_mass_per_length * link3_length * k54
+    k39 = link3_section_inertia_xx - k38
+    k40 = link3_section_inertia_yy - k39
+    k41 = link3_section_inertia_zz - k38
+    k42 = k40 + k41
+    k43 = link3_length * link3_length
+    k44 = 0.5 * k42 + 0.3333333333333333 * link3_mass_per_length * link3_length * k43
+    k45 = link3_section_inertia_yy - link3_section_inertia_zz
+    k46 = link3_section_inertia_yy - k45
+    k47 = link3_section_inertia_zz - k46
+    k48 = link3_section_inertia_xx - k45
+    k49 = k47 + k48
+    k50 = 0.5 * k49
+    k51 = link3_section_inertia_xx - link3_section_inertia_zz
+    k52 = link3_section_inertia_zz + k51
+    k53 = link3_section_inertia_xx - k52
+    k54 = link3_section_inertia_yy + k51
+    k55 = k53 + k54
 
     # inertia of the base, about the origin
-    k56 = base_arm_mass_per_length * k17
-    k57 = 1.5 * k13
-    k58 = 3.0 * k19
-    k59 = k57 + k58 + 6.0 * k18
+    k56 = base_arm_mass_per_length * k6
+    k57 = 3.0 * k8
+    k58 = 1.5 * k13
+    k59 = k57 + k58 + 6.0 * k7
     k60 = k57 + k58
-    k61 = 3.0 * k16
+    k61 = 3.0 * k19
 
     # inertias of the links
-    k62 = 0.5 * link3_mass_per_length * k54
+    k62 = 0.5 * link3_mass_per_length * k43
     k63 = link3_length * link3_mass_per_length
 
     # inertia of link 2, with that of link 3 which joint 9 does not move
     k64 = link2_length * k63
     k65 = 2.0 * link2_length
     k66 = link2_length * link2_mass_per_length + k63
-    k67 = 0.5 * link2_mass_per_length * k36 + k64
-    k68 = k37 + link2_length * k64
-    k69 = 0.5 * k35 + 0.5 * k53
+    k67 = 0.5 * link2_mass_per_length * k25 + k64
+    k68 = k26 + link2_length * k64
+    k69 = 0.5 * k37 + 0.5 * k55
 
     # inertia of the base, with that of link 1 which joint 7 does not move
     k70 = base_arm_length * k66
@@ -283,10 +277,10 @@ def _constants(values):
     k74 = k59 + base_arm_length * k70
 
     # constant terms and factors of the functions
-    k75 = k51 - k55
-    k76 = k33 - k68
+    k75 = k44 - k50
+    k76 = k32 - k68
     k77 = k60 - k74
-    k78 = 6.0 * k16
+    k78 = 6.0 * k19
     k79 = gravity * k72
     k80 = 0.5 * base_arm_length
     k81 = 0.8660254037844386 * base_arm_length
@@ -298,16 +292,16 @@ def _constants(values):
     # constant terms and factors of the functions
     k84 = 0.25 * k56
     k85 = 0.4330127018922193 * k56
-    k86 = k14 - k19
+    k86 = k8 - k14
     k87 = 0.75 * k86
-    k88 = k19 + k87
-    k89 = k14 - k87
+    k88 = k8 - k87
+    k89 = k14 + k87
     k90 = 0.4330127018922193 * k86
     k91 = k88 + k89
     k92 = base_arm_length * k84
     k93 = k91 - k92
     k94 = k91 + k92
-    k95 = k14 + k19
+    k95 = k8 + k14
     k96 = k95 + base_arm_length * k83
     k97 = k60 + k61
     k98 = 2.0 * k60
@@ -315,17 +309,17 @@ def _constants(values):
     k100 = 1.0 / k97
     k101 = 1.0 / k72
     k102 = k62 * k101
-    k103 = 1.5 * k16
+    k103 = 1.5 * k19
     k104 = 0.5 * k72
     k105 = 0.5 * k69
     k106 = k69 + k97
     k107 = k79 * k101
     k108 = k79 * k102
     return k72, (
-        gravity, base_arm_length, k14, k19, link2_length, k33, link3_length, k51, k55, k60, k61,
-        k62, k65, k67, k68, k69, k71, k72, k73, k74, k75, k76, k77, k78, k79, k80, k81, k82, k83,
-        k84, k85, k88, k89, k90, k91, k93, k94, k95, k96, k98, k99, k100, k101, k102, k103, k104,
-        k105, k106, k107, k108,
+        gravity, base_arm_length, k8, k14, link2_length, k32, link3_length, k44, k50, k60, k61, k62,
+        k65, k67, k68, k69, k71, k72, k73, k74, k75, k76, k77, k78, k79, k80, k81, k82, k83, k84,
+        k85, k88, k89, k90, k91, k93, k94, k95, k96, k98, k99, k100, k101, k102, k103, k104, k105,
+        k106, k107, k108,
     )
 
 
@@ -862,7 +856,7 @@ def mass_matrix_and_residual(
 
 def _mass_matrix_and_residual(k, sin, cos, q, v):
     (
-        gravity, base_arm_length, link2_length, k33, k51, k55, k60, k61, k62, k65, k67, k68, k69,
+        gravity, base_arm_length, link2_length, k32, k44, k50, k60, k61, k62, k65, k67, k68, k69,
         k71, k72, k73, k74, k75, k76, k77, k78, k79,
     ) = (
         k[0], k[1], k[4], k[5], k[7], k[8], k[9], k[10], k[11], k[12], k[13], k[14], k[15], k[16],
@@ -962,17 +956,17 @@ def _mass_matrix_and_residual(k, sin, cos, q, v):
     t72 = k62 * t14
     t73 = k75 * t14
     t74 = t14 * t73
-    t75 = k55 + t74
-    t76 = k51 - t74
+    t75 = k44 - t74
+    t76 = k50 + t74
     t77 = t13 * t73
 
     # inertia forces of link 3, about joint 9
-    t78 = t68 * t77 + t70 * t76 - t64 * t72
-    t79 = t64 * t71 + t68 * t75 + t70 * t77
+    t78 = t70 * t76 - t64 * t72 - t68 * t77
+    t79 = t64 * t71 + t68 * t75 - t70 * t77
     t80 = (t37 - link2_length * t62) * t71
-    t81 = (t45 + link2_length * t61) * t72
-    t82 = t77 * (t67 - t69)
-    t83 = t49 * t75 + t52 * t76 + t81 + t82 - t80
+    t81 = t77 * (t67 - t69)
+    t82 = (t45 + link2_length * t61) * t72
+    t83 = t49 * t75 + t52 * t76 + t82 - t80 - t81
     t84 = k62 * (t14 * t52 - t13 * t67)
     t85 = k62 * (t13 * t49 + t14 * t69)
     t86 = k62 * (t14 * t70 - t13 * t68)
@@ -987,7 +981,7 @@ def _mass_matrix_and_residual(k, sin, cos, q, v):
     t91 = k76 * t11
     t92 = t11 * t91
     t93 = k68 + t92
-    t94 = k33 - t92
+    t94 = k32 - t92
     t95 = t10 * t91
 
     # inertia forces of links 2 and 3, about joint 8
@@ -1031,14 +1025,14 @@ def _mass_matrix_and_residual(k, sin, cos, q, v):
     t125 = k73 * t32 - t108
     t126 = t109 - k73 * t33
     t127 = t103 + k73 * t34
-    t128 = t103 * t111 + t9 * t105 - t8 * t106 - t120
+    t128 = t8 * t106 + t120 - t9 * t105 - t103 * t111
     t129 = t122 - t8 * t105 - t9 * t106 - t103 * t110
     t130 = t107 + t109 * t110 + t108 * t111 - t124
 
     # inertia forces on attitude and position
     t131 = t4 * t125 - t3 * t127
     t132 = t3 * t125 + t4 * t127
-    t133 = t3 * t128 + t4 * t130
+    t133 = t4 * t130 - t3 * t128
     t134 = t1 * t126 + t2 * t131
     t135 = t2 * t126 - t1 * t131 - k79
 
@@ -1047,7 +1041,7 @@ def _mass_matrix_and_residual(k, sin, cos, q, v):
     t137 = t72 + t90
     t138 = t93 + t75 + t71 * k65 * t10
     t139 = t94 + t76 + t72 * k65 * t11
-    t140 = t95 + t77 - t71 * t88 - t72 * t87
+    t140 = t95 - t77 - t71 * t88 - t72 * t87
 
     # composite inertia of links 1 to 3, about joint 7
     t141 = t8 * t136
@@ -1148,7 +1142,7 @@ def mass_matrix(q: ArrayLike, constants: tuple[Any, ...] | None = None) -> NDArr
 
 def _mass_matrix(k, sin, cos, q):
     (
-        base_arm_length, link2_length, k33, k51, k55, k60, k61, k62, k65, k67, k68, k69, k71, k72,
+        base_arm_length, link2_length, k32, k44, k50, k60, k61, k62, k65, k67, k68, k69, k71, k72,
         k73, k74, k75, k76, k77,
     ) = (
         k[1], k[4], k[5], k[7], k[8], k[9], k[10], k[11], k[12], k[13], k[14], k[15], k[16], k[17],
@@ -1179,8 +1173,8 @@ def _mass_matrix(k, sin, cos, q):
     t16 = k62 * t14
     t17 = k75 * t14
     t18 = t14 * t17
-    t19 = k55 + t18
-    t20 = k51 - t18
+    t19 = k44 - t18
+    t20 = k50 + t18
 
     # step from link 2 to link 3
     t21 = link2_length * t10
@@ -1199,11 +1193,11 @@ def _mass_matrix(k, sin, cos, q):
     t28 = t6 * t27
 
     # composite inertia of links 2 and 3, about joint 8
-    t29 = t15 * t22 + t16 * t21 - t13 * t17
+    t29 = t13 * t17 + t15 * t22 + t16 * t21
     t30 = t15 + k67 * t10
     t31 = t16 + k67 * t11
     t32 = k68 + t24 + t19 + t15 * k65 * t10
-    t33 = k33 + t20 + t16 * k65 * t11 - t24
+    t33 = k32 + t20 + t16 * k65 * t11 - t24
     t34 = t29 - t10 * t23
 
     # composite inertia of links 1 to 3, about joint 7
@@ -1309,7 +1303,7 @@ def residual(
 
 def _residual(k, sin, cos, q, v):
     (
-        gravity, base_arm_length, link2_length, k33, k51, k55, k60, k61, k62, k67, k68, k69, k73,
+        gravity, base_arm_length, link2_length, k32, k44, k50, k60, k61, k62, k67, k68, k69, k73,
         k74, k75, k76, k77, k78, k79,
     ) = (
         k[0], k[1], k[4], k[5], k[7], k[8], k[9], k[10], k[11], k[13], k[14], k[15], k[18], k[19],
@@ -1409,17 +1403,17 @@ def _residual(k, sin, cos, q, v):
     t72 = k62 * t14
     t73 = k75 * t14
     t74 = t14 * t73
-    t75 = k55 + t74
-    t76 = k51 - t74
+    t75 = k44 - t74
+    t76 = k50 + t74
     t77 = t13 * t73
 
     # inertia forces of link 3, about joint 9
-    t78 = t68 * t77 + t70 * t76 - t64 * t72
-    t79 = t64 * t71 + t68 * t75 + t70 * t77
+    t78 = t70 * t76 - t64 * t72 - t68 * t77
+    t79 = t64 * t71 + t68 * t75 - t70 * t77
     t80 = (t37 - link2_length * t62) * t71
-    t81 = (t45 + link2_length * t61) * t72
-    t82 = t77 * (t67 - t69)
-    t83 = t49 * t75 + t52 * t76 + t81 + t82 - t80
+    t81 = t77 * (t67 - t69)
+    t82 = (t45 + link2_length * t61) * t72
+    t83 = t49 * t75 + t52 * t76 + t82 - t80 - t81
     t84 = k62 * (t14 * t52 - t13 * t67)
     t85 = k62 * (t13 * t49 + t14 * t69)
     t86 = k62 * (t14 * t70 - t13 * t68)
@@ -1434,7 +1428,7 @@ def _residual(k, sin, cos, q, v):
     t91 = k76 * t11
     t92 = t11 * t91
     t93 = k68 + t92
-    t94 = k33 - t92
+    t94 = k32 - t92
     t95 = t10 * t91
 
     # inertia forces of links 2 and 3, about joint 8
@@ -1477,14 +1471,14 @@ def _residual(k, sin, cos, q, v):
     t124 = k73 * t32 - t108
     t125 = t109 - k73 * t33
     t126 = t103 + k73 * t34
-    t127 = t103 * t111 + t9 * t105 - t8 * t106 - t119
+    t127 = t8 * t106 + t119 - t9 * t105 - t103 * t111
     t128 = t121 - t8 * t105 - t9 * t106 - t103 * t110
     t129 = t107 + t109 * t110 + t108 * t111 - t123
 
     # inertia forces on attitude and position
     t130 = t4 * t124 - t3 * t126
     t131 = t3 * t124 + t4 * t126
-    t132 = t3 * t127 + t4 * t129
+    t132 = t4 * t129 - t3 * t127
     t133 = t1 * t125 + t2 * t130
     t134 = t2 * t125 - t1 * t130 - k79
     return (
@@ -1609,7 +1603,7 @@ def forward_dynamics(
 
 def _forward_dynamics(k, sin, cos, q, v, u):
     (
-        gravity, base_arm_length, link2_length, k33, k51, k55, k60, k61, k62, k67, k68, k69, k72,
+        gravity, base_arm_length, link2_length, k32, k44, k50, k60, k61, k62, k67, k68, k69, k72,
         k75, k76, k78, k80, k81, k98, k99, k100, k106,
     ) = (
         k[0], k[1], k[4], k[5], k[7], k[8], k[9], k[10], k[11], k[13], k[14], k[15], k[17], k[20],
@@ -1693,13 +1687,13 @@ def _forward_dynamics(k, sin, cos, q, v, u):
     t55 = k62 * t14
     t56 = k75 * t14
     t57 = t14 * t56
-    t58 = k55 + t57
-    t59 = k51 - t57
+    t58 = k44 - t57
+    t59 = k50 + t57
     t60 = t13 * t56
 
     # articulated inertia and load of link 3, about joint 9
-    t61 = t51 * t60
-    t62 = t59 * t53
+    t61 = t59 * t53
+    t62 = t51 * t60
     t63 = t51 * t58
     t64 = t60 * t53
     t65 = t60 * (t50 - t52)
@@ -1719,7 +1713,7 @@ def _forward_dynamics(k, sin, cos, q, v, u):
     t73 = k76 * t11
     t74 = t11 * t73
     t75 = k68 + t74
-    t76 = k33 - t74
+    t76 = k32 - t74
     t77 = t10 * t73
 
     # articulated inertia and load of links 2 and 3, about joint 8
@@ -1737,7 +1731,7 @@ def _forward_dynamics(k, sin, cos, q, v, u):
 
     # articulated inertia and load of links 2 and 3, about joint 8
     t87 = t54 + t71
-    t88 = t60 + t77 - t54 * t68 - t55 * t67
+    t88 = t60 + t54 * t68 + t55 * t67 - t77
 
     # force and moment of all thrusts
     t89 = k81 * (F_3 - F_5)
@@ -1754,7 +1748,7 @@ def _forward_dynamics(k, sin, cos, q, v, u):
     # equation of joint 9, its acceleration eliminated
     t97 = 1.0 / (t58 + t59)
     t98 = link2_length * (t44 * t55 + t45 * t54)
-    t99 = tau_9 + t32 * t58 + t35 * t59 + t65 + t98
+    t99 = tau_9 + t32 * t58 + t35 * t59 + t98 - t65
     t100 = t97 * t99
     t101 = t55 * t97
     t102 = t54 * t97
@@ -1784,13 +1778,13 @@ def _forward_dynamics(k, sin, cos, q, v, u):
 
     # equation of joint 7, its acceleration eliminated
     t122 = 1.0 / (k69 + t58 + t75 + 2.0 * t54 * t67)
-    t123 = tau_7 - t63 - t80 - t86 - t64 - t70 - t81 - t96
+    t123 = tau_7 + t64 - t63 - t80 - t86 - t70 - t81 - t96
     t124 = t122 * t123
     t125 = t87 * t122
     t126 = t88 * t122
     t127 = t87 * t124
     t128 = t88 * t124
-    t129 = t55 + t72 + t88 * t125
+    t129 = t55 + t72 - t88 * t125
 
     # articulated inertia and load of the base and links 1 to 3
     t130 = t5 * t92 - t6 * t94
@@ -1806,14 +1800,14 @@ def _forward_dynamics(k, sin, cos, q, v, u):
     t140 = t9 * t135
     t141 = t8 * t134
     t142 = F_1 + k67 * t45 + t90 + t104 - t114 * t117
-    t143 = t61 + t78 + t62 + t79 + t85 + t128 + t140 - t69 - t95 - t141
+    t143 = t62 + t69 + t95 + t128 + t141 - t78 - t61 - t79 - t85 - t140
 
     # acceleration of the base, by LDL^T
-    t144 = 1.0 / (t88 * t126 - t59 - t76 - t110 - k106)
+    t144 = 1.0 / (t59 + t76 + t110 + k106 - t88 * t126)
     t145 = t129 * t144
     t146 = t143 * t145
     t147 = t66 + k67 * t46 + t127 + t139 - t138 - t146
-    t148 = 1.0 / (k72 + t129 * t145 - t87 * t125)
+    t148 = 1.0 / (k72 - t87 * t125 - t129 * t145)
     t149 = 1.0 / (k72 - t106 - t114 * t119)
     t150 = t121 * t149
     t151 = t150 * t142
@@ -1822,12 +1816,12 @@ def _forward_dynamics(k, sin, cos, q, v, u):
     t154 = t153 * t152
     t155 = t150 * t154 + t149 * t142
     t156 = t147 * t148
-    t157 = t145 * t156 + t143 * t144
+    t157 = t143 * t144 - t145 * t156
     t158 = k100 * (tau_8 - t9 * t134 - t8 * t135)
     t159 = k99 * (base_arm_length * (F_4 + t93) - tau_7 - k98 * t18)
 
     # acceleration of joint 7
-    t160 = t124 + t125 * t156 - t126 * t157 - t159
+    t160 = t124 + t125 * t156 + t126 * t157 - t159
 
     # acceleration of joint 8
     t161 = t117 - t118 * t154 - t119 * t155
@@ -1901,7 +1895,7 @@ def inverse_dynamics(
 
 def _inverse_dynamics(k, sin, cos, q, v, a):
     (
-        gravity, base_arm_length, link2_length, k33, k51, k55, k60, k61, k62, k67, k68, k69, k72,
+        gravity, base_arm_length, link2_length, k32, k44, k50, k60, k61, k62, k67, k68, k69, k72,
         k73, k74, k75, k76, k77,
     ) = (
         k[0], k[1], k[4], k[5], k[7], k[8], k[9], k[10], k[11], k[13], k[14], k[15], k[17], k[18],
@@ -1970,8 +1964,8 @@ def _inverse_dynamics(k, sin, cos, q, v, a):
     t40 = k62 * t14
     t41 = k75 * t14
     t42 = t14 * t41
-    t43 = k55 + t42
-    t44 = k51 - t42
+    t43 = k44 - t42
+    t44 = k50 + t42
     t45 = t13 * t41
 
     # inertia forces of link 3, about joint 9
@@ -1987,7 +1981,7 @@ def _inverse_dynamics(k, sin, cos, q, v, a):
     t51 = k76 * t11
     t52 = t11 * t51
     t53 = k68 + t52
-    t54 = k33 - t52
+    t54 = k32 - t52
     t55 = t10 * t51
 
     # inertia forces of links 2 and 3, about joint 8
@@ -2056,11 +2050,11 @@ def _inverse_dynamics(k, sin, cos, q, v, a):
     t104 = t34 * t35 + t90
 
     # inertia forces of link 3, about joint 9
-    t105 = t44 * t104 - t40 * t99 - t45 * t102
-    t106 = t39 * t99 + t45 * t104 - t43 * t102
+    t105 = t45 * t102 + t44 * t104 - t40 * t99
+    t106 = t39 * t99 - t43 * t102 - t45 * t104
     t107 = t39 * (t84 - link2_length * t97)
     t108 = t40 * (t87 - link2_length * t96)
-    t109 = t107 + t43 * t101 - t46 - t108 - t44 * t103
+    t109 = t46 + t107 + t43 * t101 - t108 - t44 * t103
     t110 = k62 * (t13 * t37 - t14 * t103)
     t111 = k62 * (t14 * t38 - t13 * t101)
     t112 = k62 * (t13 * t102 + t14 * t104)
@@ -2093,13 +2087,13 @@ def _inverse_dynamics(k, sin, cos, q, v, a):
     t133 = t124 - k73 * t79
     t134 = t125 + k73 * t80
     t135 = t119 - k73 * t81
-    t136 = t58 * t119 - t9 * t121 - t8 * t122 - t127
+    t136 = t9 * t121 + t8 * t122 + t127 - t58 * t119
     t137 = t9 * t122 + t57 * t119 + t129 - t8 * t121
     t138 = t123 - t58 * t124 - t57 * t125 - t132
 
     # inertia forces on attitude and position
     t139 = t4 * t133 + t3 * t135
-    t140 = t4 * t138 - t3 * t136
+    t140 = t3 * t136 + t4 * t138
     t141 = t3 * t133 + k72 * a_x - t4 * t135
     t142 = t2 * t139 + k72 * a_y - t1 * t134
     t143 = k72 * t67 - t1 * t139 - t2 * t134
@@ -2131,7 +2125,7 @@ def hybrid_mass_matrix(
 
 def _hybrid_mass_matrix(k, sin, cos, q):
     (
-        base_arm_length, link2_length, k33, k51, k55, k60, k61, k62, k65, k67, k68, k69, k71, k72,
+        base_arm_length, link2_length, k32, k44, k50, k60, k61, k62, k65, k67, k68, k69, k71, k72,
         k73, k74, k75, k76, k77, k83, k84, k85, k91, k93, k94, k95, k96,
     ) = (
         k[1], k[4], k[5], k[7], k[8], k[9], k[10], k[11], k[12], k[13], k[14], k[15], k[16], k[17],
@@ -2162,8 +2156,8 @@ def _hybrid_mass_matrix(k, sin, cos, q):
     t16 = k62 * t14
     t17 = k75 * t14
     t18 = t14 * t17
-    t19 = k55 + t18
-    t20 = k51 - t18
+    t19 = k44 - t18
+    t20 = k50 + t18
 
     # step from link 2 to link 3
     t21 = link2_length * t10
@@ -2186,8 +2180,8 @@ def _hybrid_mass_matrix(k, sin, cos, q):
     t30 = t15 + k67 * t10
     t31 = t16 + k67 * t11
     t32 = k68 + t19 + t24 + t15 * k65 * t10
-    t33 = k33 + t20 + t16 * k65 * t11 - t24
-    t34 = t13 * t17 + t10 * t23 - t15 * t22 - t29
+    t33 = k32 + t20 + t16 * k65 * t11 - t24
+    t34 = t10 * t23 - t13 * t17 - t15 * t22 - t29
 
     # composite inertia of links 1 to 3, about joint 7
     t35 = t8 * t30
@@ -2351,7 +2345,7 @@ def hybrid_residual(
 
 def _hybrid_residual(k, sin, cos, q, v):
     (
-        gravity, base_arm_length, k14, k19, link2_length, k33, k51, k55, k60, k61, k62, k67, k68,
+        gravity, base_arm_length, k8, k14, link2_length, k32, k44, k50, k60, k61, k62, k67, k68,
         k69, k73, k74, k75, k76, k77, k78, k79, k83, k84, k85, k88, k89, k90,
     ) = (
         k[0], k[1], k[2], k[3], k[4], k[5], k[7], k[8], k[9], k[10], k[11], k[13], k[14], k[15],
@@ -2442,7 +2436,7 @@ def _hybrid_residual(k, sin, cos, q, v):
     t65 = v_theta_9 + t53
     t66 = t65 * t65
     t67 = t41 + t66
-    t68 = t56 * t65 - t50
+    t68 = t50 - t56 * t65
     t69 = t47 + t66
     t70 = t59 * t65 + t51
 
@@ -2451,24 +2445,24 @@ def _hybrid_residual(k, sin, cos, q, v):
     t72 = k62 * t14
     t73 = k75 * t14
     t74 = t14 * t73
-    t75 = k55 + t74
-    t76 = k51 - t74
+    t75 = k44 - t74
+    t76 = k50 + t74
     t77 = t13 * t73
 
     # inertia forces of link 3, about joint 9
-    t78 = t68 * t77
-    t79 = t76 * t70
-    t80 = t72 * t64
+    t78 = t76 * t70
+    t79 = t72 * t64
+    t80 = t68 * t77
     t81 = t71 * t64
     t82 = t68 * t75
     t83 = t77 * t70
     t84 = (t37 - link2_length * t62) * t71
-    t85 = (t45 + link2_length * t61) * t72
-    t86 = t77 * (t67 - t69)
-    t87 = t49 * t75 + t52 * t76 + t85 + t86 - t84
+    t85 = t77 * (t67 - t69)
+    t86 = (t45 + link2_length * t61) * t72
+    t87 = t49 * t75 + t52 * t76 + t86 - t84 - t85
     t88 = k62 * (t14 * t52 - t13 * t67)
     t89 = k62 * (t13 * t49 + t14 * t69)
-    t90 = k62 * (t13 * t68 + t14 * t70)
+    t90 = k62 * (t13 * t68 - t14 * t70)
 
     # step from link 2 to link 3
     t91 = link2_length * t10
@@ -2486,7 +2480,7 @@ def _hybrid_residual(k, sin, cos, q, v):
     t99 = k76 * t11
     t100 = t11 * t99
     t101 = k68 + t100
-    t102 = k33 - t100
+    t102 = k32 - t100
     t103 = t10 * t99
 
     # inertia forces of links 2 and 3, about joint 8
@@ -2503,18 +2497,18 @@ def _hybrid_residual(k, sin, cos, q, v):
     t114 = t103 * (t55 - t58)
     t115 = t88 + k67 * t61
     t116 = t89 + k67 * t62
-    t117 = k67 * t63 - t90
+    t117 = t90 + k67 * t63
     t118 = t87 + t95 + t96 + t111 + t112 + t113 + t114 - t110
 
     # inertia forces of links 1 to 3, about joint 7
     t119 = k69 * t51
     t120 = k69 * t50
-    t121 = t104 + t79 + t93 + t105 + t119 - t78 - t106 - t80
-    t122 = t82 + t94 - t107 - t108 - t120 - t81 - t83 - t109
+    t121 = t80 + t106 + t79 + t93 - t104 - t78 - t105 - t119
+    t122 = t83 - t82 - t107 - t108 - t120 - t81 - t94 - t109
     t123 = t8 * t115 - t9 * t117
     t124 = t9 * t115 + t8 * t117
-    t125 = t8 * t121
-    t126 = t9 * t118
+    t125 = t9 * t118
+    t126 = t8 * t121
     t127 = t8 * t118
     t128 = t9 * t121
 
@@ -2552,14 +2546,14 @@ def _hybrid_residual(k, sin, cos, q, v):
     t153 = k73 * t32 - t123
     t154 = k73 * t33 - t124
     t155 = t116 + k73 * t34
-    t156 = t131 + t143 + t144 + t126 - t141 - t142 - t125
-    t157 = t147 + t148 - t132 - t145 - t146 - t127 - t128
+    t156 = t131 + t143 + t144 + t125 + t126 - t141 - t142
+    t157 = t147 + t148 + t128 - t132 - t145 - t146 - t127
     t158 = t152 + t122 + t134 - t149 - t150 - t151 - t133
 
     # inertia forces on attitude and position
     t159 = t3 * t155 - t4 * t153
     t160 = t4 * t155 + t3 * t153
-    t161 = t3 * t156 + t4 * t158
+    t161 = t4 * t158 + t3 * t156
     t162 = t1 * t154 - t2 * t159
     t163 = t2 * t154 + t1 * t159 - k79
 
@@ -2576,12 +2570,12 @@ def _hybrid_residual(k, sin, cos, q, v):
 
     # inertia forces of base arm 2, about joint 2
     t171 = k85 * (t6 * t15 - t5 * t22 - base_arm_length * t167)
-    t172 = k84 * t170
-    t173 = k90 * (t167 - t27 - t164 * t164)
-    t174 = t172 - t171
+    t172 = k90 * (t27 + t164 * t164 - t167)
+    t173 = k84 * t170
+    t174 = t171 - t172
     t175 = k88 * t168 - k89 * t169
     t176 = t173 + t175
-    t177 = t174 + t176
+    t177 = t176 - t174
 
     # inertia forces of base arm 3, about joint 3
     t178 = t171 + t172
@@ -2589,13 +2583,13 @@ def _hybrid_residual(k, sin, cos, q, v):
     t180 = t179 - t178
 
     # inertia forces of base arm 4, about joint 4
-    t181 = k19 * t168 - k14 * t169 - k83 * t170
+    t181 = k8 * t168 - k14 * t169 - k83 * t170
 
     # inertia forces of base arm 5, about joint 5
-    t182 = t176 - t174
+    t182 = t178 + t179
 
     # inertia forces of base arm 6, about joint 6
-    t183 = t178 + t179
+    t183 = t174 + t176
     return (
         t161, t157, t158, t177, t180, t181, t182, t183, t122, t118, t87, t160, t162, t163, 0.0, 0.0,
         0.0, 0.0, 0.0,
@@ -2730,7 +2724,7 @@ def constraint_torques(
 
 def _constraint_torques(k, sin, cos, q, v, a, u):
     (
-        gravity, base_arm_length, k14, k19, k83, k84, k85, k88, k89, k90,
+        gravity, base_arm_length, k8, k14, k83, k84, k85, k88, k89, k90,
     ) = (
         k[0], k[1], k[2], k[3], k[28], k[29], k[30], k[31], k[32], k[33],
     )
@@ -2775,7 +2769,7 @@ def _constraint_torques(k, sin, cos, q, v, a, u):
     t23 = k85 * (base_arm_length * t13 - t6 * t16 - t5 * t17)
 
     # constraint torque on base arm 2
-    t24 = t22 - t14
+    t24 = t14 + t22
     t25 = k88 * t19 - k89 * t20
     t26 = t25 - t23
     t27 = t26 - base_arm_length * F_2 - t24
@@ -2787,15 +2781,15 @@ def _constraint_torques(k, sin, cos, q, v, a, u):
     t29 = k14 * t20
 
     # constraint torque on base arm 4
-    t30 = k19 * t19 + k83 * t21 - base_arm_length * F_4 - t29
+    t30 = k8 * t19 + k83 * t21 - base_arm_length * F_4 - t29
 
     # inertia forces of base arm 5, about joint 5
-    t31 = t14 + t22
+    t31 = t14 - t22
     t32 = t23 + t25
-    t33 = t31 + t32
+    t33 = t32 - t31
 
     # constraint torque on base arm 6
-    t34 = t32 - base_arm_length * F_6 - t31
+    t34 = t31 + t32 - base_arm_length * F_6
     return (
         t27, t28, t30, t33, t34,
     )
@@ -2824,7 +2818,7 @@ def kinetic_energy(
 
 def _kinetic_energy(k, sin, cos, q, v):
     (
-        base_arm_length, link2_length, k33, k51, k55, k60, k62, k67, k68, k73, k74, k75, k76, k77,
+        base_arm_length, link2_length, k32, k44, k50, k60, k62, k67, k68, k73, k74, k75, k76, k77,
         k103, k104, k105,
     ) = (
         k[1], k[4], k[5], k[7], k[8], k[9], k[11], k[13], k[14], k[18], k[19], k[20], k[21], k[22],
@@ -2870,8 +2864,8 @@ def _kinetic_energy(k, sin, cos, q, v):
     t22 = k62 * t14
     t23 = k75 * t14
     t24 = t14 * t23
-    t25 = k55 + t24
-    t26 = k51 - t24
+    t25 = k44 - t24
+    t26 = k50 + t24
 
     # inertia of link 2, turned by the joints
     t27 = k67 * t10
@@ -2879,7 +2873,7 @@ def _kinetic_energy(k, sin, cos, q, v):
     t29 = k76 * t11
     t30 = t11 * t29
     t31 = k68 + t30
-    t32 = k33 - t30
+    t32 = k32 - t30
 
     # inertia of the base, turned by the joints
     t33 = k73 * t5
@@ -2919,8 +2913,8 @@ def _kinetic_energy(k, sin, cos, q, v):
     t57 = t19 * (t27 * t45 - t28 * t46)
     t58 = t22 * (t46 - link2_length * t11 * t19)
     t59 = t20 * (t21 * (t45 + link2_length * t10 * t19) - t58)
-    t60 = t18 * (t13 * t23 + t10 * t29)
-    t61 = k105 * t17 + t27 * t47 + t21 * t48 + t60
+    t60 = t18 * (t13 * t23 - t10 * t29)
+    t61 = k105 * t17 + t27 * t47 + t21 * t48 - t60
     t62 = t17 * t61
     t63 = t16 * t16 * (t37 + t38)
     t64 = t17 * t17 * (t25 + t31)
@@ -3244,7 +3238,7 @@ def forward_dynamics_with_wrenches(
 
 def _forward_dynamics_with_wrenches(k, sin, cos, q, v, u, W):
     (
-        gravity, base_arm_length, link2_length, k33, link3_length, k51, k55, k60, k61, k62, k67,
+        gravity, base_arm_length, link2_length, k32, link3_length, k44, k50, k60, k61, k62, k67,
         k68, k69, k72, k75, k76, k78, k80, k81, k98, k99, k100, k106,
     ) = (
         k[0], k[1], k[4], k[5], k[6], k[7], k[8], k[9], k[10], k[11], k[13], k[14], k[15], k[17],
@@ -3332,18 +3326,18 @@ def _forward_dynamics_with_wrenches(k, sin, cos, q, v, u, W):
     t55 = k62 * t14
     t56 = k75 * t14
     t57 = t14 * t56
-    t58 = k55 + t57
-    t59 = k51 - t57
+    t58 = k44 - t57
+    t59 = k50 + t57
     t60 = t13 * t56
 
     # articulated inertia and load of link 3, about joint 9
-    t61 = t51 * t60
-    t62 = t59 * t53
+    t61 = t59 * t53
+    t62 = t51 * t60
     t63 = t51 * t58
     t64 = t60 * t53
-    t65 = t32 * t58
-    t66 = t35 * t59
-    t67 = t60 * (t50 - t52)
+    t65 = t60 * (t50 - t52)
+    t66 = t32 * t58
+    t67 = t35 * t59
     t68 = k62 * (t14 * t35 - t13 * t50)
     t69 = k62 * (t13 * t32 + t14 * t52)
 
@@ -3357,7 +3351,7 @@ def _forward_dynamics_with_wrenches(k, sin, cos, q, v, u, W):
     t74 = k76 * t11
     t75 = t11 * t74
     t76 = k68 + t75
-    t77 = k33 - t75
+    t77 = k32 - t75
     t78 = t10 * t74
 
     # articulated inertia and load of links 2 and 3, about joint 8
@@ -3376,7 +3370,7 @@ def _forward_dynamics_with_wrenches(k, sin, cos, q, v, u, W):
 
     # articulated inertia and load of links 2 and 3, about joint 8
     t89 = t54 + t72
-    t90 = t60 + t78 - t54 * t71 - t55 * t70
+    t90 = t60 + t54 * t71 + t55 * t70 - t78
 
     # axes of the base
     t91 = t2 * t3
@@ -3412,7 +3406,7 @@ def _forward_dynamics_with_wrenches(k, sin, cos, q, v, u, W):
     t111 = 1.0 / (k69 + t58 + t76 + 2.0 * t54 * t70)
     t112 = t89 * t111
     t113 = t90 * t111
-    t114 = t55 + t73 + t90 * t112
+    t114 = t55 + t73 - t90 * t112
 
     # articulated inertia and load of the base and links 1 to 3
     t115 = k60 * (t20 - 2.0 * t21 * v_theta_0)
@@ -3420,9 +3414,9 @@ def _forward_dynamics_with_wrenches(k, sin, cos, q, v, u, W):
     t117 = k98 * t18
 
     # acceleration of the base, by LDL^T
-    t118 = 1.0 / (t90 * t113 - t59 - t77 - t104 - k106)
+    t118 = 1.0 / (t59 + t77 + t104 + k106 - t90 * t113)
     t119 = t114 * t118
-    t120 = 1.0 / (k72 + t114 * t119 - t89 * t112)
+    t120 = 1.0 / (k72 - t89 * t112 - t114 * t119)
     t121 = 1.0 / (k72 - t100 - t106 * t109)
     t122 = t110 * t121
     t123 = 1.0 / (k72 - t99 - t105 * t108 - t110 * t122)
@@ -3500,7 +3494,7 @@ def _forward_dynamics_with_wrenches(k, sin, cos, q, v, u, W):
 
     # equation of joint 9, its acceleration eliminated
     t177 = link2_length * (t44 * t55 + t45 * t54)
-    t178 = tau_9 + t65 + t66 + t67 + t156 + t161 + t177 - t157 - t158
+    t178 = tau_9 + t66 + t67 + t156 + t161 + t177 - t65 - t157 - t158
     t179 = t96 * t178
     t180 = t68 + t14 * t153 - t13 * t152 - t55 * t179
     t181 = t69 + t14 * t152 + t13 * t153 - t54 * t179
@@ -3518,7 +3512,7 @@ def _forward_dynamics_with_wrenches(k, sin, cos, q, v, u, W):
     t189 = t106 * t187
 
     # equation of joint 7, its acceleration eliminated
-    t190 = tau_7 + t164 + t165 - t63 - t81 - t88 - t64 - t82 - t95 - t183
+    t190 = tau_7 + t164 + t64 + t165 - t63 - t81 - t88 - t82 - t95 - t183
     t191 = t111 * t190
     t192 = t89 * t191
     t193 = t90 * t191
@@ -3535,7 +3529,7 @@ def _forward_dynamics_with_wrenches(k, sin, cos, q, v, u, W):
     t202 = t8 * t196
     t203 = t9 * t197
     t204 = F_1 + t86 + t145 + t146 + t173 + t181 - t147 - t189
-    t205 = t61 + t79 + t62 + t80 + t87 + t163 + t193 + t203 - t162 - t94 - t182 - t202
+    t205 = t62 + t162 + t94 + t182 + t193 + t202 - t79 - t61 - t80 - t87 - t163 - t203
     t206 = base_arm_length * (F_4 + t168)
     t207 = W_base_tx * t4 + t150 + t206 - tau_7 - t117 - t151
 
@@ -3547,12 +3541,12 @@ def _forward_dynamics_with_wrenches(k, sin, cos, q, v, u, W):
     t212 = t123 * t211
     t213 = t122 * t212 + t121 * t204
     t214 = t120 * t209
-    t215 = t119 * t214 + t118 * t205
+    t215 = t118 * t205 - t119 * t214
     t216 = k100 * (tau_8 - t9 * t196 - t8 * t197)
     t217 = k99 * t207
 
     # acceleration of joint 7
-    t218 = t191 + t112 * t214 - t113 * t215 - t217
+    t218 = t191 + t112 * t214 + t113 * t215 - t217
 
     # acceleration of joint 8
     t219 = t187 - t108 * t212 - t109 * t213

@@ -277,49 +277,37 @@ class Parameters:
 
     def _body(self, prefix: str, body: Body) -> BodySymbols:
         length = self._value(f"{prefix}_length", body.length, "m")
-        with self._tape.group(f"second moments of {prefix}", Stage.PARAMETER):
-            zero = sp.S.Zero
+        words = f"second moments of {prefix}, corrected for rounding"
+        with self._tape.group(words, Stage.PARAMETER):
+            zero, excess = sp.S.Zero, self._half_excess
             if isinstance(body, Rod):
                 # About its start: B₀ = μl, C = (μl²/2, 0, 0), B₂ = diag(0, μl³/3, μl³/3), and the
                 # section's B₃.
                 density = self._value(f"{prefix}_mass_per_length", body.mass_per_length, "kg/m")
                 own, names = body.section_inertia, AXIS_PAIRS[:3]
-                moments = self._values(f"{prefix}_section_inertia", names, own, "kg m^2")
-                x, y, z = self._half_excesses(*moments)
-                along = self._tape.let(density * length**3 / 3 + x)
-                second = (along, y, z, zero, zero, zero)
+                x, y, z = self._values(f"{prefix}_section_inertia", names, own, "kg m^2")
+                along = self._tape.let(density * length**3 / 3 + excess(y, z, x))
+                second = (along, excess(z, x, y), excess(x, y, z), zero, zero, zero)
                 moment = (density * length**2 / 2, zero, zero)
                 return BodySymbols(length, Inertia(density * length, moment, second))
             mass = self._value(f"{prefix}_mass", body.mass, "kg")
             com = self._vector(f"{prefix}_com", body.com)
             entries = self._values(f"{prefix}_inertia", AXIS_PAIRS, body.inertia, "kg m^2")
             xx, yy, zz, xy, xz, yz = entries
-            second = (*self._half_excesses(xx, yy, zz), -xy, -xz, -yz)
+            second = (excess(yy, zz, xx), excess(zz, xx, yy), excess(xx, yy, zz), -xy, -xz, -yz)
             about_com = Inertia(mass, (zero, zero, zero), second)
             return BodySymbols(length, about_com.shifted(InlineTape(), com))
 
-    def _half_excesses(self, xx: sp.Expr, yy: sp.Expr, zz: sp.Expr) -> list[sp.Expr]:
-        """½(I_yy + I_zz − I_xx), which is E_xx, E_yy and E_zz of a body's moments of inertia.
+    def _half_excess(self, first: sp.Expr, second: sp.Expr, whole: sp.Expr) -> sp.Expr:
+        """½(first + second − whole), which is E_xx for the moments of inertia I_yy, I_zz, I_xx.
 
         The mass matrix adds second moments up to moments of inertia again, so E_xx must be exact to
         a rounding of the smaller of I_yy and I_zz, however slender or flat the body is. No moment
-        of inertia is larger than the sum of the other two. So where the rounding of I_yy − I_xx
-        is too large for that, I_yy is less than half of I_xx, and the rounding can be
+        of inertia is larger than the sum of the other two. So where the rounding of first − whole
+        is too large for that, `first` is less than half of `whole`, and the rounding can be
         computed exactly and added (Dekker's sum of two numbers).
         """
         let = self._tape.let
-        ordered = ((yy, zz, xx), (zz, xx, yy), (xx, yy, zz))
-        # Without words on the spot these lines read like a mistake.
-        words = "differences of moments of inertia, and what rounding took from them"
-        with self._tape.group(words, Stage.PARAMETER):
-            differences = [let(first - whole) for first, _, whole in ordered]
-            roundings = [
-                let(first - let(difference + whole))
-                for difference, (first, _, whole) in zip(differences, ordered, strict=True)
-            ]
-        return [
-            let(let(let(difference + second) + rounding) / 2)
-            for difference, rounding, (_, second, _) in zip(
-                differences, roundings, ordered, strict=True
-            )
-        ]
+        difference = let(first - whole)
+        rounding = let(first - let(difference + whole))
+        return let(let(let(difference + second) + rounding) / 2)
