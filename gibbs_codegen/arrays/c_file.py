@@ -130,10 +130,11 @@ def write_c(
     return [Path(folder) / name for name in texts]
 
 
-def opening(robot: Functions) -> list[str]:
-    """How files begin that are compiled with a module."""
+def opening(robot: Functions, *others: str) -> list[str]:
+    """How files begin that are compiled with a module's functions for one state, and `others`."""
+    files = " and ".join([f"{robot.name}.c", *others])
     return [
-        f"Printed by gibbs_codegen {__version__}; compile it with {robot.name}.c.",
+        f"Printed by gibbs_codegen {__version__}; compile it with {files}.",
         "SPDX-License-Identifier: MIT-0 (yours to use, change and pass on without conditions)",
     ]
 
