@@ -45,7 +45,7 @@ ARRAYS = tuple(
 )
 # The other templates are declarations and text, and so are the other files of `emitted`.
 TEMPLATES = (
-    *("c_source.c.jinja", "numpy_module.py.jinja"),
+    *("c_source.c.jinja", "c_batch.c.jinja", "c_each.c.jinja", "numpy_module.py.jinja"),
     *("blocks.c", "exactness.c", "gather.c", "platform.c"),
     *("sine_cosine.c", "sine_cosine_kernel.c"),
 )
@@ -311,7 +311,9 @@ _REST = {
     "targets.c.statements": (_EMITTED, *_IN_C),
     "targets.documentation": (_EMITTED, "tests/targets/test_c_source.py"),
     "targets.registry": (_EMITTED, "tests/cli/test_app.py", "tests/targets/test_c_source.py"),
-    "c_source.c.jinja": (*_IN_C, "tests/targets/test_each.py"),
+    "c_source.c.jinja": _IN_C,
+    "c_batch.c.jinja": _IN_C,
+    "c_each.c.jinja": ("tests/targets/test_each.py",),
     "blocks.c": _IN_C,
     "gather.c": ("tests/targets/test_sparse.py",),
     "exactness.c": _IN_C,

@@ -250,7 +250,7 @@ def test_c_has_the_inputs_of_python(
     assert (header.name, source.name) == (f"{name}_predictive.h", f"{name}_predictive.c")
     options = ["-O1", f"-I{folder}", f"-I{tmp_path}", "-shared", "-fPIC"]
     options += [f"-D{name.upper()}_{macro}" for macro in macros]
-    sources = [str(source), str(folder / f"{name}.c")]
+    sources = [str(source), *(str(folder / f"{name}{part}.c") for part in ("", "_batch"))]
     path = build(compiler, options, sources, tmp_path / "predictive.so")
     seen = {line.split()[-1] for line in run(["nm", "-D", "--defined-only", path]).splitlines()}
     assert all(symbol.startswith((f"{name}_", "_")) for symbol in seen)
