@@ -66,7 +66,12 @@ def measures(
     """Functions that measure nanoseconds per state: with shared constants, and with own ones."""
     module = ROOT / "generated" / NAME
     library.with_suffix(".c").write_text(_CALLS, encoding="utf-8")
-    sources = [module / f"{NAME}.c", module / f"{NAME}_each.c", library.with_suffix(".c")]
+    sources = [
+        module / f"{NAME}.c",
+        module / f"{NAME}_batch.c",
+        module / f"{NAME}_each.c",
+        library.with_suffix(".c"),
+    ]
     single = [f"-D{NAME.upper()}_FLOAT"] if real is np.float32 else []
     flags = ["-O3", "-fPIC", "-shared", *options, *single, f"-I{module}"]
     subprocess.run([compiler, *flags, *sources, "-o", library, "-lm"], check=True)

@@ -82,13 +82,10 @@ def rows(model: Model, objects: Sequence[Object]) -> list[list[str]]:
         for made in objects:
             cells += [str(made.code([made.prefix + name])), str(made.stack(name))]
         found.append(cells)
-    for title, endings in (("all but batches", ("_batch", "pack")), ("all", ())):
-        cells = [title, "", ""]
-        for made in objects:
-            kept = [name for name in made.public() if not name.endswith(endings)]
-            cells += [str(made.code(kept)), ""]
-        found.append(cells)
-    return found
+    whole = ["all functions without batches", "", ""]
+    for made in objects:
+        whole += [str(made.code(made.public())), ""]
+    return [*found, whole]
 
 
 def main() -> None:

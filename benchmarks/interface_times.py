@@ -131,10 +131,11 @@ def of_c(module: ModuleType, folder: Path, states: States) -> list[tuple[float, 
             arguments=", ".join([f"q + i * {nq}", f"v + i * {nv}", f"u + i * {nu}", *outputs]),
         )
     (folder / "loop.c").write_text(text, encoding="utf-8")
-    c_file = folder / module.NAME / f"{module.NAME}.c"
-    command = ["gcc", "-O3", "-march=native", "-fPIC", "-shared", f"-I{c_file.parent}"]
+    package = folder / module.NAME
+    sources = [package / f"{module.NAME}{ending}.c" for ending in ("", "_batch")]
+    command = ["gcc", "-O3", "-march=native", "-fPIC", "-shared", f"-I{package}"]
     subprocess.run(
-        [*command, folder / "loop.c", c_file, "-lm", "-o", folder / "loop.so"], check=True
+        [*command, folder / "loop.c", *sources, "-lm", "-o", folder / "loop.so"], check=True
     )
     library = ctypes.CDLL(str(folder / "loop.so"))
     constants = ctypes.addressof(ctypes.c_char.in_dll(library, f"{module.NAME}_default_constants"))

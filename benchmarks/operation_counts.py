@@ -19,6 +19,7 @@ from rich.console import Console
 from rich.table import Table
 
 from gibbs_codegen.derivation.derive import derive
+from gibbs_codegen.interface import derivatives_among
 from gibbs_codegen.program.nodes import Operations, count_operations
 from gibbs_codegen.robot.model import Robot
 
@@ -35,7 +36,8 @@ def derivative_counts(robot: Robot, *names: str) -> dict[str, Operations]:
     """Operations of functions that are generated on request: of these, or of all that there are."""
     model = derive(robot, derivatives=names or "all")
     program = model.program
-    return {name: count_operations(program.function(name).nodes()) for name in model.derivatives}
+    chosen = derivatives_among(model.functions)
+    return {name: count_operations(program.function(name).nodes()) for name in chosen}
 
 
 def family() -> list[Robot]:

@@ -50,21 +50,21 @@ def our_contenders(robot: Robot, folder: Path) -> list[Contender]:
     return _contenders(*built(derive(robot), folder, _GLUE.format(name=robot.name)))
 
 
-def written(model: Model, package: Path) -> Path:
-    """Write a robot's module to a folder: its C source."""
+def written(model: Model, package: Path) -> list[Path]:
+    """Write a robot's module to a folder: its C sources, for one state and for batches."""
     package.mkdir(parents=True, exist_ok=True)
     for file, text in render_module(model, "", find_targets()).items():
         (package / file).write_text(text, encoding="utf-8")
-    return package / f"{model.robot.name}.c"
+    return [package / f"{model.robot.name}{ending}.c" for ending in ("", "_batch")]
 
 
 def built(model: Model, folder: Path, glue: str) -> tuple[ctypes.CDLL, ModuleType]:
     """Emit a robot's module in `folder`: its C, compiled with `glue`, and its Python."""
-    source = written(model, folder / f"{model.robot.name}_module")
-    package = source.parent
+    package = folder / f"{model.robot.name}_module"
+    sources = written(model, package)
     calls, library = package / "glue.c", package / "ours.so"
     calls.write_text(glue, encoding="utf-8")
-    subprocess.run(["gcc", *FLAGS, str(source), str(calls), "-o", str(library), "-lm"], check=True)
+    subprocess.run(["gcc", *FLAGS, *sources, calls, "-o", library, "-lm"], check=True)
     return ctypes.CDLL(str(library)), load(package)
 
 

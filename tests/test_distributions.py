@@ -37,14 +37,13 @@ print(sys.modules[type(function).__module__].__file__)
 # All of a wheel but the modules, which are those of the layers.
 DATA = """
     py.typed
-    emitted/allocation.c emitted/blocks.c emitted/calls.c emitted/constants.c
+    emitted/allocation.c emitted/blocks.c emitted/constants.c
     emitted/curves.c emitted/engine.c emitted/exactness.c emitted/fmi_both.c emitted/fmi2.c
     emitted/fmi3.c emitted/fmu.c emitted/gather.c emitted/horizon.c
     emitted/lanes.c emitted/numbers.c emitted/platform.c emitted/predictive.c emitted/rollout.c
-    emitted/rows.c
+    emitted/rows.c emitted/runtime.c
     emitted/smallest_thrusts.c
     emitted/sine_cosine.c emitted/sine_cosine_kernel.c emitted/sine_cosine_numbers.c
-    emitted/support.c
     emitted/matlab/changed_parameters.m emitted/matlab/check_constants.m
     emitted/matlab/product.m emitted/matlab/states.m
     runtime/native/arrays.h runtime/native/caller.c runtime/native/jax_call.c runtime/native/rows.c
@@ -54,8 +53,8 @@ DATA = """
     robots/quadrotor_2link.toml robots/quadrotor_arm_2link.toml
     scenarios/circle.toml scenarios/flip.toml scenarios/hover.toml scenarios/inspection.toml
     scenarios/line.toml scenarios/paper.toml scenarios/push.toml
-    templates/c_each.c.jinja templates/c_header.h.jinja
-    templates/c_rollout.c.jinja templates/c_rollout.h.jinja
+    templates/c_batch.c.jinja templates/c_each.c.jinja templates/c_header.h.jinja
+    templates/c_rollout.c.jinja templates/c_rollout.h.jinja templates/c_runtime.h.jinja
     templates/c_source.c.jinja templates/fmi2_model.xml.jinja templates/fmi3_build.xml.jinja
     templates/fmi3_model.xml.jinja templates/fmu_source.c.jinja
     templates/matlab_constants.m.jinja

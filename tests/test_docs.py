@@ -109,7 +109,7 @@ def test_c_program(tmp_path: Path) -> None:
     (tmp_path / "program.c").write_text("\n".join(lines), encoding="utf-8")
     folder = ROOT / "generated" / "hexarotor_3link"
     other_folder = tmp_path / "quadrotor"
-    sources = [folder / f"hexarotor_3link{ending}.c" for ending in ("", "_each")]
+    sources = [folder / f"hexarotor_3link{ending}.c" for ending in ("", "_batch", "_each")]
     sources += [tmp_path / "program.c", other_folder / "quadrotor.c"]
     program = tmp_path / "program"
     run([tool("cc"), "-O0", f"-I{folder}", f"-I{other_folder}", *sources, "-o", program, "-lm"])
@@ -141,7 +141,7 @@ def test_c_program_that_sends_commands(tmp_path: Path) -> None:
         "}",
     ]
     (tmp_path / "program.c").write_text("\n".join([text, *lines]), encoding="utf-8")
-    sources = [tmp_path / "program.c", *folder.glob("*.c")]
+    sources = [tmp_path / "program.c", *(folder / f"courier{ending}.c" for ending in ("", "_laws"))]
     program = tmp_path / "program"
     run([tool("cc"), "-O0", f"-I{folder}", *sources, "-o", program, "-lm"])
     found = np.array([float(line) for line in run([program]).split()])

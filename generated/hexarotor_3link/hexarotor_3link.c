@@ -5,413 +5,71 @@
 /* SPDX-License-Identifier: MIT-0 (yours to use, change and pass on without conditions) */
 
 /*
- * Each function is straight-line code for one state among several: `stride` is the distance from
- * one entry of an array to the next. The function for one state calls it with stride 1, the
- * function for batches with stride LANES, in a loop over the states of a block, which compilers
- * vectorise. A very long function has code of its own for one state, with loops over the columns of
- * a matrix. Sines and cosines of all angles are computed first.
+ * Functions for one state. Each is straight-line code; a very long one has parts with loops over
+ * the columns of a matrix. Sines and cosines of all angles are computed first.
  */
 
 #include "hexarotor_3link.h"
 
 typedef hexarotor_3link_real real;
+typedef hexarotor_3link_constants Constants;
 
-#define LANES HEXAROTOR_3LINK_LANES
-#define MODULE(name) hexarotor_3link_##name
 #ifdef HEXAROTOR_3LINK_FLOAT
 #define SINGLE
 #endif
-#ifdef HEXAROTOR_3LINK_DISPATCH
-#define DISPATCH
-#endif
-#ifdef HEXAROTOR_3LINK_EACH
-#define EACH
-#define CONSTANTS HEXAROTOR_3LINK_CONSTANTS
-#endif
+#include "gibbs_runtime.h"
 
-/*
- * From here to MODULE(unpack) the source is the same for every robot. It needs `real`, LANES,
- * MODULE(name), which puts the robot's name before a name, SINGLE where `real` is float, and, where
- * every state has its own constants, EACH and CONSTANTS, which says how many these are.
- */
-#include <float.h>
-#include <math.h>
-#include <stdint.h>
-#include <string.h>
+const real
+    hexarotor_3link_default_parameters[16] = {
+    R(9.8100000000000005), /* gravity, m/s^2 */
+    R(0.5), /* base_arm_length, m */
+    R(1.0), /* base_arm_mass_per_length, kg/m */
+    R(2.12e-06), /* base_arm_section_inertia_xx, kg m^2 */
+    R(2.1199999999999999e-07), /* base_arm_section_inertia_yy, kg m^2 */
+    R(1.9080000000000002e-06), /* base_arm_section_inertia_zz, kg m^2 */
+    R(3.0), /* link2_length, m */
+    R(1.0), /* link2_mass_per_length, kg/m */
+    R(2.12e-06), /* link2_section_inertia_xx, kg m^2 */
+    R(2.1199999999999999e-07), /* link2_section_inertia_yy, kg m^2 */
+    R(1.9080000000000002e-06), /* link2_section_inertia_zz, kg m^2 */
+    R(3.0), /* link3_length, m */
+    R(1.0), /* link3_mass_per_length, kg/m */
+    R(2.12e-06), /* link3_section_inertia_xx, kg m^2 */
+    R(2.1199999999999999e-07), /* link3_section_inertia_yy, kg m^2 */
+    R(1.9080000000000002e-06), /* link3_section_inertia_zz, kg m^2 */
+};
 
-#if defined(_MSC_VER) || (defined(__cplusplus) && defined(__GNUC__))
-#define RESTRICT __restrict
-#elif defined(__cplusplus)
-#define RESTRICT
-#else
-#define RESTRICT restrict
-#endif
+const Constants
+    hexarotor_3link_default_constants = {
+    R(9.8100000000000005), R(0.5), R(0.041666666666666664), R(1.9080000000000002e-06), R(3.0),
+    R(1.9080000000000002e-06), R(3.0), R(9.0), R(1.9080000000000002e-06), R(0.12500572400000001),
+    R(1.2719999999999994e-06), R(4.5), R(6.0), R(13.5), R(36.0), R(4.2399999999999983e-07), R(1.0),
+    R(9.0), R(4.5), R(2.3750057240000002), R(8.9999980920000002), -R(35.999998091999998), -R(2.25),
+    R(2.5439999999999989e-06), R(88.290000000000006), R(0.25), R(0.4330127018922193), R(0.75),
+    R(0.125), R(0.0625), R(0.10825317547305482), R(0.010418097666666667), R(0.031250476999999999),
+    R(0.018041369723940593), R(0.041668574666666666), R(0.010418574666666666),
+    R(0.072918574666666666), R(0.041668574666666666), R(0.10416857466666667),
+    R(0.25001144800000002), R(3.9998168403872447), R(7.9995522810579329), R(0.1111111111111111),
+    R(0.5), R(6.3599999999999971e-07), R(4.5), R(2.1199999999999991e-07), R(0.12500742000000001),
+    R(9.8100000000000005), R(44.145000000000003),
+};
 
-/* Not every source calls all of these functions. */
-#ifdef __GNUC__
-#define INLINE inline __attribute__((always_inline, unused))
-#else
-#define INLINE inline
-#endif
-
-/* The lanes or columns of a loop are independent. */
-#if defined(__GNUC__) && !defined(__clang__)
-#define VECTORISE _Pragma("GCC ivdep")
-#else
-#define VECTORISE
-#endif
-
-/*
- * Compilers use half of the widest registers unless told; a block of states fills the whole. With
- * DISPATCH, what works on blocks is compiled for three generations of processors, among which the
- * program chooses when it starts: by gcc for glibc, without effect elsewhere.
- */
-#if defined(DISPATCH) && defined(__x86_64__) && defined(__GLIBC__) && !defined(__clang__) && \
-    __GNUC__ >= 12
-#define WIDE __attribute__((target_clones("default", "arch=x86-64-v3", "arch=x86-64-v4")))
-#elif defined(__clang__) && defined(__AVX512F__)
-#define WIDE __attribute__((min_vector_width(512)))
-#elif defined(__GNUC__) && __GNUC__ >= 8 && defined(__AVX512F__)
-#define WIDE __attribute__((target("prefer-vector-width=512")))
-#else
-#define WIDE
-#endif
-
-#ifdef _OPENMP
-#define PARALLEL _Pragma("omp parallel for")
-#else
-#define PARALLEL
-#endif
-
-/* Literals and the layout of their bits; functions of <math.h>. */
-#ifdef SINGLE
-#define R(literal) literal##f
-#define LIBRARY(function) function##f
-typedef uint32_t bits;
-#define MAGNITUDE UINT32_C(0x7fffffff)
-#define NOT_FINITE UINT32_C(0x7f800000)
-#else
-#if DBL_MANT_DIG != 53
-#error "double has not 64 bits here: choose single precision, as the header says"
-#endif
-/* This does not compile with -fsingle-precision-constant, which makes floats of all constants. */
-typedef char constants_are_double[(long)16777217.0 == 16777217L ? 1 : -1];
-#define R(literal) literal
-#define LIBRARY(function) function
-typedef uint64_t bits;
-#define MAGNITUDE UINT64_C(0x7fffffffffffffff)
-#define NOT_FINITE UINT64_C(0x7ff0000000000000)
-#endif
-
-#ifdef __GNUC__
-#define COLD __attribute__((noinline, cold))
-#else
-#define COLD
-#endif
-
-/* How far the second bit of a small whole number is from the sign of a real. */
-#ifdef SINGLE
-#define SIGN_SHIFT 30
-#else
-#define SIGN_SHIFT 62
-#endif
-
-/*
- * Some sums keep what rounding takes, so their order matters. Where the compiler does not keep to
- * the arithmetic as it is written, STEPWISE makes it store every number on the way.
- */
-#if defined(__FAST_MATH__) || defined(__ASSOCIATIVE_MATH__) || defined(_M_FP_FAST) || \
-    FLT_EVAL_METHOD < 0 || FLT_EVAL_METHOD == 1 || FLT_EVAL_METHOD == 2
-#define REORDERED
-#define STEPWISE volatile
-#else
-#define STEPWISE
-#endif
-
-#ifdef __clang__
-#define AS_WRITTEN _Pragma("clang fp reassociate(off)")
-#else
-#define AS_WRITTEN
-#endif
-
-/* It looks at the bits, since with -ffast-math compilers assume that every number is finite. */
-static int is_finite(const real value)
-{
-    bits value_bits;
-    memcpy(&value_bits, &value, sizeof value_bits);
-    return (value_bits & MAGNITUDE) < NOT_FINITE;
-}
-
-/*
- * The same text serves for constants that all states share and, where EACH is defined, for those of
- * each state. These are in blocks, as inputs are, and only functions for batches have them.
- */
-#ifdef EACH
-typedef real Constants;
-#define CONSTANT(name) constants[offsetof(MODULE(constants), name) / sizeof(real) * LANES]
-#define OF_LANE(constants, lane) constants + lane
-#define OF_BLOCK(constants, block) constants + block * (CONSTANTS * LANES)
-#define OF_LAST_BLOCK(constants, block, filled) \
-    real last_constants[CONSTANTS * LANES]; \
-    fill_lanes(CONSTANTS, filled, OF_BLOCK(constants, block), last_constants)
-#define BATCH(function) MODULE(function##_batch_each)
-#else
-typedef MODULE(constants) Constants;
-#define CONSTANT(name) constants->name
-#define OF_LANE(constants, lane) constants
-#define OF_BLOCK(constants, block) constants
-#define OF_LAST_BLOCK(constants, block, filled) const Constants *last_constants = constants
-#define BATCH(function) MODULE(function##_batch)
-#endif
-
-/*
- * Sine and cosine. The nearest multiple m of pi/2 is subtracted from the angle, in parts of which
- * all but the last multiply exactly; the rounding error of the remainder is kept. Polynomials give
- * the sine and cosine of the remainder; m says which of them is which, and their signs. There is
- * one branch: the library computes angles beyond ANGLE_LIMIT and infinities, and every angle where
- * the compiler may reorder the arithmetic.
- */
-#ifdef SINGLE
-#define ANGLE_LIMIT UINT32_C(0x43c80000) /* 400 as float */
-#define ROUND R(12582912.0)              /* 1.5 * 2^23 */
-#define HALF_PI_1 R(1.570770263671875)
-#define HALF_PI_2 R(2.606306225061416626e-05)
-#define HALF_PI_REST(m) ((m) * R(6.077094383272196865e-11) + (m) * R(6.123233995736765886e-17))
-#define SINE_SERIES(z, zz)                                                                     \
-    ((R(-0.16666654908636106869) + (z) * R(0.008332175846584764919)) +                         \
-     (zz) * R(-0.00019516977498448928726))
-#define COSINE_SERIES(z, zz)                                                                   \
-    ((R(0.041666646807190746216) + (z) * R(-0.0013887364485517624984)) +                       \
-     (zz) * R(0.000024438090961243314256))
-#else
-#define ANGLE_LIMIT UINT64_C(0x40f86a0000000000) /* 100000 as double */
-#define ROUND R(6755399441055744.0)              /* 1.5 * 2^52 */
-#define HALF_PI_1 R(1.570796326792333275079727)
-#define HALF_PI_2 R(2.563344151583955789121955e-12)
-#define HALF_PI_REST(m) ((m) * R(1.056299906698742711241868e-23))
-#define SINE_SERIES(z, zz)                                                                     \
-    ((R(-0.1666666666666663186) + (z) * R(0.008333333333322369958)) +                          \
-     (zz) * ((R(-0.00019841269829771154519) + (z) * R(2.755731367866183082e-06)) +             \
-             (zz) * (R(-2.5050755960800009268e-08) + (z) * R(1.5896666472027738053e-10))))
-#define COSINE_SERIES(z, zz)                                                                   \
-    ((R(0.041666666666666599153) + (z) * R(-0.0013888888888874064882)) +                       \
-     (zz) * ((R(0.000024801587289443480916) + (z) * R(-2.7557314340660010951e-07)) +           \
-             (zz) * (R(2.0875721623861680061e-09) + (z) * R(-1.1359559340405310137e-11))))
-#endif
-
-#ifdef REORDERED
-#undef ANGLE_LIMIT
-#define ANGLE_LIMIT 0
-#elif defined(__GNUC__) && (defined(__SSE2__) || defined(__aarch64__))
-#define QUAD
-#endif
-
-/* Sine and cosine of one angle. */
-#define KERNEL sine_cosine_one
-#define NUMBER real
-#define BITS bits
-/* `beyond` becomes 1 where the angle is beyond ANGLE_LIMIT or not finite. */
-static INLINE void KERNEL(const NUMBER *angle, NUMBER *sine, NUMBER *cosine, BITS *beyond)
+int hexarotor_3link_init_constants(const real *RESTRICT parameters,
+    Constants *RESTRICT constants)
 {
     AS_WRITTEN
-    const NUMBER x = *angle;
-    const NUMBER shifted = x * R(0.6366197723675813430755) + ROUND;
-    const NUMBER m = shifted - ROUND;
-    const NUMBER first = x - m * HALF_PI_1;
-    const NUMBER second = m * HALF_PI_2;
-    const NUMBER third = HALF_PI_REST(m);
-    const NUMBER r = first - (second + third);
-    const NUMBER lost = ((first - r) - second) - third;
-    const NUMBER z = r * r;
-    const NUMBER zz = z * z;
-    const NUMBER sine_of_rest = r + ((r * z) * SINE_SERIES(z, zz) + lost);
-    const NUMBER cosine_of_rest = (R(1.0) - R(0.5) * z) + zz * COSINE_SERIES(z, zz);
-    const bits one = 1;
-    BITS angle_bits, quadrant, rest_bits, sine_bits, cosine_bits;
-    memcpy(&angle_bits, &x, sizeof x);
-    memcpy(&quadrant, &shifted, sizeof x);
-    memcpy(&rest_bits, &r, sizeof x);
-    memcpy(&sine_bits, &sine_of_rest, sizeof x);
-    memcpy(&cosine_bits, &cosine_of_rest, sizeof x);
-    /* The sine of a negative zero is a negative zero. */
-    sine_bits |= rest_bits & ~(bits)MAGNITUDE;
-    const BITS swap = (sine_bits ^ cosine_bits) & ((bits)0 - (quadrant & one));
-    sine_bits ^= swap ^ ((quadrant & (one + one)) << SIGN_SHIFT);
-    cosine_bits ^= swap ^ (((quadrant + one) & (one + one)) << SIGN_SHIFT);
-    memcpy(sine, &sine_bits, sizeof x);
-    memcpy(cosine, &cosine_bits, sizeof x);
-    *beyond = ((bits)ANGLE_LIMIT - (angle_bits & MAGNITUDE)) >> (SIGN_SHIFT + 1);
-}
-#undef KERNEL
-#undef NUMBER
-#undef BITS
+    const real gravity = parameters[0], base_arm_length = parameters[1];
+    const real base_arm_mass_per_length = parameters[2];
+    const real base_arm_section_inertia_xx = parameters[3];
+    const real base_arm_section_inertia_yy = parameters[4];
+    const real base_arm_section_inertia_zz = parameters[5], link2_length = parameters[6];
+    const real link2_mass_per_length = parameters[7], link2_section_inertia_xx = parameters[8];
+    const real link2_section_inertia_yy = parameters[9], link2_section_inertia_zz = parameters[10];
+    const real link3_length = parameters[11], link3_mass_per_length = parameters[12];
+    const real link3_section_inertia_xx = parameters[13], link3_section_inertia_yy = parameters[14];
+    const real link3_section_inertia_zz = parameters[15];
 
-/* Of four angles in a vector, where there are vectors. */
-#ifdef QUAD
-typedef real quad __attribute__((vector_size(4 * sizeof(real))));
-typedef bits quad_bits __attribute__((vector_size(4 * sizeof(real))));
-#define KERNEL sine_cosine_quad
-#define NUMBER quad
-#define BITS quad_bits
-/* `beyond` becomes 1 where the angle is beyond ANGLE_LIMIT or not finite. */
-static INLINE void KERNEL(const NUMBER *angle, NUMBER *sine, NUMBER *cosine, BITS *beyond)
-{
-    AS_WRITTEN
-    const NUMBER x = *angle;
-    const NUMBER shifted = x * R(0.6366197723675813430755) + ROUND;
-    const NUMBER m = shifted - ROUND;
-    const NUMBER first = x - m * HALF_PI_1;
-    const NUMBER second = m * HALF_PI_2;
-    const NUMBER third = HALF_PI_REST(m);
-    const NUMBER r = first - (second + third);
-    const NUMBER lost = ((first - r) - second) - third;
-    const NUMBER z = r * r;
-    const NUMBER zz = z * z;
-    const NUMBER sine_of_rest = r + ((r * z) * SINE_SERIES(z, zz) + lost);
-    const NUMBER cosine_of_rest = (R(1.0) - R(0.5) * z) + zz * COSINE_SERIES(z, zz);
-    const bits one = 1;
-    BITS angle_bits, quadrant, rest_bits, sine_bits, cosine_bits;
-    memcpy(&angle_bits, &x, sizeof x);
-    memcpy(&quadrant, &shifted, sizeof x);
-    memcpy(&rest_bits, &r, sizeof x);
-    memcpy(&sine_bits, &sine_of_rest, sizeof x);
-    memcpy(&cosine_bits, &cosine_of_rest, sizeof x);
-    /* The sine of a negative zero is a negative zero. */
-    sine_bits |= rest_bits & ~(bits)MAGNITUDE;
-    const BITS swap = (sine_bits ^ cosine_bits) & ((bits)0 - (quadrant & one));
-    sine_bits ^= swap ^ ((quadrant & (one + one)) << SIGN_SHIFT);
-    cosine_bits ^= swap ^ (((quadrant + one) & (one + one)) << SIGN_SHIFT);
-    memcpy(sine, &sine_bits, sizeof x);
-    memcpy(cosine, &cosine_bits, sizeof x);
-    *beyond = ((bits)ANGLE_LIMIT - (angle_bits & MAGNITUDE)) >> (SIGN_SHIFT + 1);
-}
-#undef KERNEL
-#undef NUMBER
-#undef BITS
-#endif
-
-/* Angles beyond ANGLE_LIMIT only, so that they do not change the results of the others. */
-static COLD void library_sine_cosine(const int count, const real *angle, real *sine, real *cosine)
-{
-    for (int i = 0; i < count; ++i) {
-        bits angle_bits;
-        memcpy(&angle_bits, angle + i, sizeof angle_bits);
-        if ((angle_bits & MAGNITUDE) > ANGLE_LIMIT) {
-            sine[i] = LIBRARY(sin)(angle[i]);
-            cosine[i] = LIBRARY(cos)(angle[i]);
-        }
-    }
-}
-
-/* Up to four angles. */
-static INLINE void sine_cosine_few(const int count, const real *RESTRICT angle,
-    real *RESTRICT sine, real *RESTRICT cosine)
-{
-    bits beyond = 0;
-#ifdef QUAD
-    const real zero = R(0.0);
-    const quad x = {
-        angle[0],
-        count > 1 ? angle[1] : zero,
-        count > 2 ? angle[2] : zero,
-        count > 3 ? angle[3] : zero,
-    };
-    quad sine_quad, cosine_quad;
-    quad_bits beyond_quad;
-    sine_cosine_quad(&x, &sine_quad, &cosine_quad, &beyond_quad);
-    for (int i = 0; i < count; ++i) {
-        sine[i] = sine_quad[i];
-        cosine[i] = cosine_quad[i];
-        beyond |= beyond_quad[i];
-    }
-#else
-    for (int i = 0; i < count; ++i) {
-        bits here;
-        sine_cosine_one(angle + i, sine + i, cosine + i, &here);
-        beyond |= here;
-    }
-#endif
-    if (beyond) {
-        library_sine_cosine(count, angle, sine, cosine);
-    }
-}
-
-/* Any number of angles. */
-static INLINE void sine_cosine_many(const int count, const real *RESTRICT angle,
-    real *RESTRICT sine, real *RESTRICT cosine)
-{
-    bits beyond = 0;
-    VECTORISE
-    for (int i = 0; i < count; ++i) {
-        bits here;
-        sine_cosine_one(angle + i, sine + i, cosine + i, &here);
-        beyond |= here;
-    }
-    if (beyond) {
-        library_sine_cosine(count, angle, sine, cosine);
-    }
-}
-
-/* Copies a block of which some lanes are filled; the last of them is repeated in the others. */
-static void fill_lanes(const size_t width, const size_t filled, const real *RESTRICT block,
-    real *RESTRICT whole_block)
-{
-    for (size_t i = 0; i < width; ++i) {
-        for (size_t lane = 0; lane < LANES; ++lane) {
-            whole_block[i * LANES + lane] = block[i * LANES + (lane < filled ? lane : filled - 1)];
-        }
-    }
-}
-
-#ifndef EACH
-void MODULE(pack)(const size_t count, const size_t width, const real *RESTRICT rows,
-    real *RESTRICT blocks)
-{
-    for (size_t first = 0; first < count; first += LANES) {
-        const size_t filled = count - first < LANES ? count - first : LANES;
-        for (size_t i = 0; i < width; ++i) {
-            for (size_t lane = 0; lane < LANES; ++lane) {
-                const size_t state = first + (lane < filled ? lane : filled - 1);
-                blocks[first * width + i * LANES + lane] = rows[state * width + i];
-            }
-        }
-    }
-}
-
-void MODULE(unpack)(const size_t count, const size_t width, const real *RESTRICT blocks,
-    real *RESTRICT rows)
-{
-    for (size_t state = 0; state < count; ++state) {
-        const size_t lane = state % LANES;
-        for (size_t i = 0; i < width; ++i) {
-            rows[state * width + i] = blocks[(state - lane) * width + i * LANES + lane];
-        }
-    }
-}
-#endif
-
-/* Constants for parameters; 1 if they are of no use. */
-static INLINE int constants_lane(const real *RESTRICT parameters, Constants *RESTRICT constants,
-    const int stride)
-{
-    AS_WRITTEN
-    const real gravity = parameters[0 * stride], base_arm_length = parameters[1 * stride];
-    const real base_arm_mass_per_length = parameters[2 * stride];
-    const real base_arm_section_inertia_xx = parameters[3 * stride];
-    const real base_arm_section_inertia_yy = parameters[4 * stride];
-    const real base_arm_section_inertia_zz = parameters[5 * stride];
-    const real link2_length = parameters[6 * stride];
-    const real link2_mass_per_length = parameters[7 * stride];
-    const real link2_section_inertia_xx = parameters[8 * stride];
-    const real link2_section_inertia_yy = parameters[9 * stride];
-    const real link2_section_inertia_zz = parameters[10 * stride];
-    const real link3_length = parameters[11 * stride];
-    const real link3_mass_per_length = parameters[12 * stride];
-    const real link3_section_inertia_xx = parameters[13 * stride];
-    const real link3_section_inertia_yy = parameters[14 * stride];
-    const real link3_section_inertia_zz = parameters[15 * stride];
-
-    /* second moments of base_arm */
+    /* second moments of base_arm, corrected for rounding */
     const STEPWISE real k1 = base_arm_section_inertia_xx - base_arm_section_inertia_yy;
     const STEPWISE real k2 = base_arm_section_inertia_xx - k1;
     const STEPWISE real k3 = base_arm_section_inertia_yy - k2;
@@ -429,7 +87,7 @@ static INLINE int constants_lane(const real *RESTRICT parameters, Constants *RES
     const STEPWISE real k17 = base_arm_section_inertia_xx - k16;
     const STEPWISE real k18 = base_arm_section_inertia_yy + k15, k19 = k17 + k18;
 
-    /* second moments of link2 */
+    /* second moments of link2, corrected for rounding */
     const STEPWISE real k20 = link2_section_inertia_xx - link2_section_inertia_yy;
     const STEPWISE real k21 = link2_section_inertia_xx - k20, k22 = link2_section_inertia_yy - k21;
     const STEPWISE real k23 = link2_section_inertia_zz - k20, k24 = k22 + k23;
@@ -444,7 +102,7 @@ static INLINE int constants_lane(const real *RESTRICT parameters, Constants *RES
     const STEPWISE real k34 = link2_section_inertia_zz + k33, k35 = link2_section_inertia_xx - k34;
     const STEPWISE real k36 = link2_section_inertia_yy + k33, k37 = k35 + k36;
 
-    /* second moments of link3 */
+    /* second moments of link3, corrected for rounding */
     const STEPWISE real k38 = link3_section_inertia_xx - link3_section_inertia_yy;
     const STEPWISE real k39 = link3_section_inertia_xx - k38, k40 = link3_section_inertia_yy - k39;
     const STEPWISE real k41 = link3_section_inertia_zz - k38, k42 = k40 + k41;
@@ -484,167 +142,96 @@ static INLINE int constants_lane(const real *RESTRICT parameters, Constants *RES
     const STEPWISE real k77 = k60 - k74, k78 = R(6.0) * k19;
     const STEPWISE real k79 = gravity * k72, k80 = R(0.5) * base_arm_length;
     const STEPWISE real k81 = R(0.8660254037844386) * base_arm_length;
-    const STEPWISE real k82 = R(0.49999999999999989) * base_arm_length;
-    const STEPWISE real k83 = R(1.5) * base_arm_length;
+    const STEPWISE real k82 = R(1.5) * base_arm_length;
 
     /* inertia of the base, about the origin */
-    const STEPWISE real k84 = R(0.5) * k56;
+    const STEPWISE real k83 = R(0.5) * k56;
 
     /* constant terms and factors of the functions */
-    const STEPWISE real k85 = R(0.25) * k56, k86 = R(0.4330127018922193) * k56;
-    const STEPWISE real k87 = k8 - k14, k88 = R(0.74999999999999989) * k87;
-    const STEPWISE real k89 = k8 - k88, k90 = k14 + k88;
-    const STEPWISE real k91 = R(0.4330127018922193) * k87, k92 = k89 + k90;
-    const STEPWISE real k93 = base_arm_length * k85, k94 = k92 - k93;
-    const STEPWISE real k95 = k92 + k93, k96 = k8 + k14;
-    const STEPWISE real k97 = k96 + base_arm_length * k84;
-    const STEPWISE real k98 = R(0.99999999999999989) * base_arm_length, k99 = k60 + k61;
-    const STEPWISE real k100 = R(2.0) * k60, k101 = R(1.0) / k100;
-    const STEPWISE real k102 = R(1.0) / k99, k103 = R(1.0) / k72;
-    const STEPWISE real k104 = k62 * k103, k105 = R(1.5) * k19;
-    const STEPWISE real k106 = R(0.5) * k72, k107 = R(0.5) * k69;
-    const STEPWISE real k108 = k69 + k99, k109 = k79 * k103;
-    const STEPWISE real k110 = k79 * k104;
+    const STEPWISE real k84 = R(0.25) * k56, k85 = R(0.4330127018922193) * k56;
+    const STEPWISE real k86 = k8 - k14, k87 = R(0.75) * k86;
+    const STEPWISE real k88 = k8 - k87, k89 = k14 + k87;
+    const STEPWISE real k90 = R(0.4330127018922193) * k86, k91 = k88 + k89;
+    const STEPWISE real k92 = base_arm_length * k84, k93 = k91 - k92;
+    const STEPWISE real k94 = k91 + k92, k95 = k8 + k14;
+    const STEPWISE real k96 = k95 + base_arm_length * k83, k97 = k60 + k61;
+    const STEPWISE real k98 = R(2.0) * k60, k99 = R(1.0) / k98;
+    const STEPWISE real k100 = R(1.0) / k97, k101 = R(1.0) / k72;
+    const STEPWISE real k102 = k62 * k101, k103 = R(1.5) * k19;
+    const STEPWISE real k104 = R(0.5) * k72, k105 = R(0.5) * k69;
+    const STEPWISE real k106 = k69 + k97, k107 = k79 * k101;
+    const STEPWISE real k108 = k79 * k102;
+    constants->gravity = gravity; constants->base_arm_length = base_arm_length; constants->k8 = k8;
+    constants->k14 = k14; constants->link2_length = link2_length; constants->k32 = k32;
+    constants->link3_length = link3_length; constants->k44 = k44; constants->k50 = k50;
+    constants->k60 = k60; constants->k61 = k61; constants->k62 = k62; constants->k65 = k65;
+    constants->k67 = k67; constants->k68 = k68; constants->k69 = k69; constants->k71 = k71;
+    constants->k72 = k72; constants->k73 = k73; constants->k74 = k74; constants->k75 = k75;
+    constants->k76 = k76; constants->k77 = k77; constants->k78 = k78; constants->k79 = k79;
+    constants->k80 = k80; constants->k81 = k81; constants->k82 = k82; constants->k83 = k83;
+    constants->k84 = k84; constants->k85 = k85; constants->k88 = k88; constants->k89 = k89;
+    constants->k90 = k90; constants->k91 = k91; constants->k93 = k93; constants->k94 = k94;
+    constants->k95 = k95; constants->k96 = k96; constants->k98 = k98; constants->k99 = k99;
+    constants->k100 = k100; constants->k101 = k101; constants->k102 = k102; constants->k103 = k103;
+    constants->k104 = k104; constants->k105 = k105; constants->k106 = k106; constants->k107 = k107;
+    constants->k108 = k108;
+
+    /* Of no use without a mass, or where a number is not finite. */
     int good = k72 > R(0.0);
     for (int i = 0; i < 16; ++i) {
-        good &= is_finite(parameters[i * stride]);
+        good &= is_finite(parameters[i]);
     }
-    CONSTANT(gravity) = gravity; CONSTANT(base_arm_length) = base_arm_length; CONSTANT(k8) = k8;
-    CONSTANT(k14) = k14; CONSTANT(link2_length) = link2_length; CONSTANT(k32) = k32;
-    CONSTANT(link3_length) = link3_length; CONSTANT(k44) = k44; CONSTANT(k50) = k50;
-    CONSTANT(k60) = k60; CONSTANT(k61) = k61; CONSTANT(k62) = k62; CONSTANT(k65) = k65;
-    CONSTANT(k67) = k67; CONSTANT(k68) = k68; CONSTANT(k69) = k69; CONSTANT(k71) = k71;
-    CONSTANT(k72) = k72; CONSTANT(k73) = k73; CONSTANT(k74) = k74; CONSTANT(k75) = k75;
-    CONSTANT(k76) = k76; CONSTANT(k77) = k77; CONSTANT(k78) = k78; CONSTANT(k79) = k79;
-    CONSTANT(k80) = k80; CONSTANT(k81) = k81; CONSTANT(k82) = k82; CONSTANT(k83) = k83;
-    CONSTANT(k84) = k84; CONSTANT(k85) = k85; CONSTANT(k86) = k86; CONSTANT(k89) = k89;
-    CONSTANT(k90) = k90; CONSTANT(k91) = k91; CONSTANT(k92) = k92; CONSTANT(k94) = k94;
-    CONSTANT(k95) = k95; CONSTANT(k96) = k96; CONSTANT(k97) = k97; CONSTANT(k98) = k98;
-    CONSTANT(k100) = k100; CONSTANT(k101) = k101; CONSTANT(k102) = k102; CONSTANT(k103) = k103;
-    CONSTANT(k104) = k104; CONSTANT(k105) = k105; CONSTANT(k106) = k106; CONSTANT(k107) = k107;
-    CONSTANT(k108) = k108; CONSTANT(k109) = k109; CONSTANT(k110) = k110;
     good &= is_finite(gravity) & is_finite(base_arm_length) & is_finite(k8) & is_finite(k14) &
         is_finite(link2_length) & is_finite(k32) & is_finite(link3_length) & is_finite(k44) &
         is_finite(k50) & is_finite(k60) & is_finite(k61) & is_finite(k62) & is_finite(k65) &
         is_finite(k67) & is_finite(k68) & is_finite(k69) & is_finite(k71) & is_finite(k72) &
         is_finite(k73) & is_finite(k74) & is_finite(k75) & is_finite(k76) & is_finite(k77) &
         is_finite(k78) & is_finite(k79) & is_finite(k80) & is_finite(k81) & is_finite(k82) &
-        is_finite(k83) & is_finite(k84) & is_finite(k85) & is_finite(k86) & is_finite(k89) &
-        is_finite(k90) & is_finite(k91) & is_finite(k92) & is_finite(k94) & is_finite(k95) &
-        is_finite(k96) & is_finite(k97) & is_finite(k98) & is_finite(k100) & is_finite(k101) &
+        is_finite(k83) & is_finite(k84) & is_finite(k85) & is_finite(k88) & is_finite(k89) &
+        is_finite(k90) & is_finite(k91) & is_finite(k93) & is_finite(k94) & is_finite(k95) &
+        is_finite(k96) & is_finite(k98) & is_finite(k99) & is_finite(k100) & is_finite(k101) &
         is_finite(k102) & is_finite(k103) & is_finite(k104) & is_finite(k105) & is_finite(k106) &
-        is_finite(k107) & is_finite(k108) & is_finite(k109) & is_finite(k110);
+        is_finite(k107) & is_finite(k108);
     return !good;
 }
 
-#ifdef EACH
-size_t hexarotor_3link_init_constants_batch(const size_t count,
-    const real *RESTRICT parameters, real *RESTRICT constants)
-{
-    size_t useless = 0;
-    for (size_t block = 0; block * LANES < count; ++block) {
-        const size_t left = count - block * LANES, filled = left < LANES ? left : LANES;
-        real whole_block[16 * LANES];
-        int is_useless[LANES];
-        fill_lanes(16, filled, parameters + block * (16 * LANES), whole_block);
-        for (int lane = 0; lane < LANES; ++lane) {
-            is_useless[lane] = constants_lane(whole_block + lane,
-                OF_LANE(OF_BLOCK(constants, block), lane), LANES);
-        }
-        for (size_t lane = 0; lane < filled && !useless; ++lane) {
-            if (is_useless[lane]) {
-                useless = 1 + block * LANES + lane;
-            }
-        }
-    }
-    return useless;
-}
-#else
-const real
-    hexarotor_3link_default_parameters[16] = {
-    R(9.8100000000000005), /* gravity, m/s^2 */
-    R(0.5), /* base_arm_length, m */
-    R(1.0), /* base_arm_mass_per_length, kg/m */
-    R(2.12e-06), /* base_arm_section_inertia_xx, kg m^2 */
-    R(2.1199999999999999e-07), /* base_arm_section_inertia_yy, kg m^2 */
-    R(1.9080000000000002e-06), /* base_arm_section_inertia_zz, kg m^2 */
-    R(3.0), /* link2_length, m */
-    R(1.0), /* link2_mass_per_length, kg/m */
-    R(2.12e-06), /* link2_section_inertia_xx, kg m^2 */
-    R(2.1199999999999999e-07), /* link2_section_inertia_yy, kg m^2 */
-    R(1.9080000000000002e-06), /* link2_section_inertia_zz, kg m^2 */
-    R(3.0), /* link3_length, m */
-    R(1.0), /* link3_mass_per_length, kg/m */
-    R(2.12e-06), /* link3_section_inertia_xx, kg m^2 */
-    R(2.1199999999999999e-07), /* link3_section_inertia_yy, kg m^2 */
-    R(1.9080000000000002e-06), /* link3_section_inertia_zz, kg m^2 */
-};
-
-const Constants
-    hexarotor_3link_default_constants = {
-    R(9.8100000000000005), R(0.5), R(0.041666666666666664), R(1.9080000000000002e-06), R(3.0),
-    R(1.9080000000000002e-06), R(3.0), R(9.0), R(1.9080000000000002e-06), R(0.12500572400000001),
-    R(1.2719999999999994e-06), R(4.5), R(6.0), R(13.5), R(36.0), R(4.2399999999999983e-07), R(1.0),
-    R(9.0), R(4.5), R(2.3750057240000002), R(8.9999980920000002), -R(35.999998091999998), -R(2.25),
-    R(2.5439999999999989e-06), R(88.290000000000006), R(0.25), R(0.4330127018922193),
-    R(0.24999999999999994), R(0.75), R(0.125), R(0.0625), R(0.10825317547305482),
-    R(0.010418097666666671), R(0.031250476999999992), R(0.018041369723940593),
-    R(0.041668574666666666), R(0.010418574666666666), R(0.072918574666666666),
-    R(0.041668574666666666), R(0.10416857466666667), R(0.49999999999999994), R(0.25001144800000002),
-    R(3.9998168403872447), R(7.9995522810579329), R(0.1111111111111111), R(0.5),
-    R(6.3599999999999971e-07), R(4.5), R(2.1199999999999991e-07), R(0.12500742000000001),
-    R(9.8100000000000005), R(44.145000000000003),
-};
-
-int hexarotor_3link_init_constants(const real *RESTRICT parameters,
-    Constants *RESTRICT constants)
-{
-    return constants_lane(parameters, constants, 1);
-}
-#endif
-
 /* ---- mass_matrix_and_residual ---- */
 
-static INLINE void mass_matrix_and_residual_angles(const Constants *RESTRICT constants,
-    const real *RESTRICT q, const real *RESTRICT v, real *RESTRICT angle, const int stride)
+void hexarotor_3link_mass_matrix_and_residual(const Constants *RESTRICT constants,
+    const real *RESTRICT q, const real *RESTRICT v, real *RESTRICT mass_matrix,
+    real *RESTRICT residual)
 {
-    (void)constants;
-    (void)v;
-    const real theta_m1 = q[0 * stride], theta_0 = q[1 * stride], theta_1 = q[2 * stride];
-    const real theta_7 = q[3 * stride], theta_8 = q[4 * stride], theta_9 = q[5 * stride];
+    real angle[6], sine[6], cosine[6];
+    {
+        const real theta_m1 = q[0], theta_0 = q[1], theta_1 = q[2], theta_7 = q[3], theta_8 = q[4];
+        const real theta_9 = q[5];
 
-    /* angles and places of the joints */
-    const real t7 = theta_1 + theta_7, t12 = theta_8 + theta_9;
-    angle[0 * stride] = theta_m1; angle[1 * stride] = theta_0; angle[2 * stride] = theta_1;
-    angle[3 * stride] = t7; angle[4 * stride] = theta_8; angle[5 * stride] = t12;
-}
-
-static INLINE void mass_matrix_and_residual_lane(const Constants *RESTRICT constants,
-    const real *RESTRICT sine, const real *RESTRICT cosine, const real *RESTRICT q,
-    const real *RESTRICT v, real *RESTRICT mass_matrix, real *RESTRICT residual, const int stride)
-{
-    (void)q;
-    const real gravity = CONSTANT(gravity), base_arm_length = CONSTANT(base_arm_length);
-    const real link2_length = CONSTANT(link2_length), k32 = CONSTANT(k32), k44 = CONSTANT(k44);
-    const real k50 = CONSTANT(k50), k60 = CONSTANT(k60), k61 = CONSTANT(k61), k62 = CONSTANT(k62);
-    const real k65 = CONSTANT(k65), k67 = CONSTANT(k67), k68 = CONSTANT(k68), k69 = CONSTANT(k69);
-    const real k71 = CONSTANT(k71), k72 = CONSTANT(k72), k73 = CONSTANT(k73), k74 = CONSTANT(k74);
-    const real k75 = CONSTANT(k75), k76 = CONSTANT(k76), k77 = CONSTANT(k77), k78 = CONSTANT(k78);
-    const real k79 = CONSTANT(k79);
-    const real v_theta_m1 = v[0 * stride], v_theta_0 = v[1 * stride], v_theta_1 = v[2 * stride];
-    const real v_theta_7 = v[3 * stride], v_theta_8 = v[4 * stride], v_theta_9 = v[5 * stride];
-    const real s1 = sine[0 * stride], c1 = cosine[0 * stride], s2 = sine[1 * stride];
-    const real c2 = cosine[1 * stride], s3 = sine[2 * stride], c3 = cosine[2 * stride];
-    const real s4 = sine[3 * stride], c4 = cosine[3 * stride], s5 = sine[4 * stride];
-    const real c5 = cosine[4 * stride], s6 = sine[5 * stride], c6 = cosine[5 * stride];
-    mass_matrix[6 * stride] = R(0.0); mass_matrix[31 * stride] = R(0.0);
-    mass_matrix[32 * stride] = R(0.0); mass_matrix[39 * stride] = R(0.0);
-    mass_matrix[48 * stride] = R(0.0); mass_matrix[54 * stride] = R(0.0);
-    mass_matrix[60 * stride] = k72; mass_matrix[61 * stride] = R(0.0);
-    mass_matrix[62 * stride] = R(0.0); mass_matrix[69 * stride] = R(0.0);
-    mass_matrix[70 * stride] = k72; mass_matrix[71 * stride] = R(0.0);
-    mass_matrix[78 * stride] = R(0.0); mass_matrix[79 * stride] = R(0.0);
-    mass_matrix[80 * stride] = k72;
+        /* angles and places of the joints */
+        const real t7 = theta_1 + theta_7, t12 = theta_8 + theta_9;
+        angle[0] = theta_m1; angle[1] = theta_0; angle[2] = theta_1; angle[3] = t7;
+        angle[4] = theta_8; angle[5] = t12;
+    }
+    sine_cosine_few(4, angle + 0, sine + 0, cosine + 0);
+    sine_cosine_few(2, angle + 4, sine + 4, cosine + 4);
+    const real gravity = constants->gravity, base_arm_length = constants->base_arm_length;
+    const real link2_length = constants->link2_length, k32 = constants->k32, k44 = constants->k44;
+    const real k50 = constants->k50, k60 = constants->k60, k61 = constants->k61;
+    const real k62 = constants->k62, k65 = constants->k65, k67 = constants->k67;
+    const real k68 = constants->k68, k69 = constants->k69, k71 = constants->k71;
+    const real k72 = constants->k72, k73 = constants->k73, k74 = constants->k74;
+    const real k75 = constants->k75, k76 = constants->k76, k77 = constants->k77;
+    const real k78 = constants->k78, k79 = constants->k79;
+    const real v_theta_m1 = v[0], v_theta_0 = v[1], v_theta_1 = v[2], v_theta_7 = v[3];
+    const real v_theta_8 = v[4], v_theta_9 = v[5];
+    const real s1 = sine[0], c1 = cosine[0], s2 = sine[1], c2 = cosine[1], s3 = sine[2];
+    const real c3 = cosine[2], s4 = sine[3], c4 = cosine[3], s5 = sine[4], c5 = cosine[4];
+    const real s6 = sine[5], c6 = cosine[5];
+    mass_matrix[0 * 9 + 6] = R(0.0); mass_matrix[3 * 9 + 4] = R(0.0);
+    mass_matrix[3 * 9 + 5] = R(0.0); mass_matrix[4 * 9 + 3] = R(0.0);
+    mass_matrix[5 * 9 + 3] = R(0.0); mass_matrix[6 * 9 + 0] = R(0.0); mass_matrix[6 * 9 + 6] = k72;
+    mass_matrix[6 * 9 + 7] = R(0.0); mass_matrix[6 * 9 + 8] = R(0.0);
+    mass_matrix[7 * 9 + 6] = R(0.0); mass_matrix[7 * 9 + 7] = k72; mass_matrix[7 * 9 + 8] = R(0.0);
+    mass_matrix[8 * 9 + 6] = R(0.0); mass_matrix[8 * 9 + 7] = R(0.0); mass_matrix[8 * 9 + 8] = k72;
 
     /* motion of the base */
     const real t15 = gravity * s1, t16 = gravity * c1;
@@ -694,7 +281,7 @@ static INLINE void mass_matrix_and_residual_lane(const Constants *RESTRICT const
     const real t80 = (t37 - link2_length * t62) * t71, t81 = t77 * (t67 - t69);
     const real t82 = (t45 + link2_length * t61) * t72;
     const real t83 = t49 * t75 + t52 * t76 + t82 - t80 - t81;
-    residual[5 * stride] = t83;
+    residual[5] = t83;
     const real t84 = k62 * (s6 * t52 - c6 * t67), t85 = k62 * (c6 * t49 + s6 * t69);
     const real t86 = k62 * (s6 * t70 - c6 * t68);
 
@@ -713,11 +300,11 @@ static INLINE void mass_matrix_and_residual_lane(const Constants *RESTRICT const
     const real t100 = t95 * (t55 - t58), t101 = t37 * t89 - t45 * t90 - t98 - t99 - t100;
     const real t102 = t84 + k67 * t61, t103 = t85 + k67 * t62;
     const real t104 = t86 + k67 * t63, t105 = t83 + t84 * t88 + t85 * t87 - t101;
-    residual[4 * stride] = t105;
+    residual[4] = t105;
 
     /* inertia forces of links 1 to 3, about joint 7 */
     const real t106 = t78 + t86 * t88 + t96 + k69 * t51, t107 = t86 * t87 - t79 - t97 - k69 * t50;
-    residual[3 * stride] = t107;
+    residual[3] = t107;
     const real t108 = c4 * t102 + s4 * t104, t109 = c4 * t104 - s4 * t102;
 
     /* step from the base to link 1 */
@@ -736,19 +323,19 @@ static INLINE void mass_matrix_and_residual_lane(const Constants *RESTRICT const
     const real t125 = k73 * t32 - t108, t126 = t109 - k73 * t33;
     const real t127 = t103 + k73 * t34, t128 = c4 * t106 + t120 - s4 * t105 - t103 * t111;
     const real t129 = t122 - c4 * t105 - s4 * t106 - t103 * t110;
-    residual[1 * stride] = t129;
+    residual[1] = t129;
     const real t130 = t107 + t109 * t110 + t108 * t111 - t124;
-    residual[2 * stride] = t130;
+    residual[2] = t130;
 
     /* inertia forces on attitude and position */
     const real t131 = s2 * t125 - c2 * t127, t132 = c2 * t125 + s2 * t127;
-    residual[6 * stride] = t132;
+    residual[6] = t132;
     const real t133 = s2 * t130 - c2 * t128;
-    residual[0 * stride] = t133;
+    residual[0] = t133;
     const real t134 = c1 * t126 + s1 * t131;
-    residual[7 * stride] = t134;
+    residual[7] = t134;
     const real t135 = s1 * t126 - c1 * t131 - k79;
-    residual[8 * stride] = t135;
+    residual[8] = t135;
 
     /* composite inertia of links 2 and 3, about joint 8 */
     const real t136 = t71 + t89, t137 = t72 + t90;
@@ -758,186 +345,128 @@ static INLINE void mass_matrix_and_residual_lane(const Constants *RESTRICT const
     /* composite inertia of links 1 to 3, about joint 7 */
     const real t141 = c4 * t136, t142 = s4 * t136;
     const real t143 = c4 * t140, t144 = s4 * t140;
-    mass_matrix[12 * stride] = t144; mass_matrix[28 * stride] = t144;
+    mass_matrix[1 * 9 + 3] = t144; mass_matrix[3 * 9 + 1] = t144;
     const real t145 = s4 * (k69 - t138), t146 = s4 * t145;
     const real t147 = t138 + t146, t148 = k69 - t146;
 
     /* composite inertia of the base and links 1 to 3 */
     const real t149 = t143 - t110 * t137, t150 = t144 - t111 * t137;
-    mass_matrix[11 * stride] = t150; mass_matrix[19 * stride] = t150;
+    mass_matrix[1 * 9 + 2] = t150; mass_matrix[2 * 9 + 1] = t150;
     const real t151 = t112 + t141, t152 = t113 + t142;
     const real t153 = t116 + t147 + t141 * k71 * c3, t154 = t117 + t148 + t142 * k71 * s3;
     const real t155 = k61 + t139, t156 = t118 + c4 * t145 - t110 * t142 - t111 * t141;
 
     /* mass matrix, columns of the joints carried in to the base */
     const real t157 = t147 + t148;
-    mass_matrix[30 * stride] = t157;
+    mass_matrix[3 * 9 + 3] = t157;
     const real t158 = t157 + t110 * t141 + t111 * t142;
-    mass_matrix[21 * stride] = t158; mass_matrix[29 * stride] = t158;
+    mass_matrix[2 * 9 + 3] = t158; mass_matrix[3 * 9 + 2] = t158;
     const real t159 = t138 + t139;
-    mass_matrix[40 * stride] = t159;
+    mass_matrix[4 * 9 + 4] = t159;
     const real t160 = c4 * t137, t161 = s4 * t137;
     const real t162 = t111 * t160 - t110 * t161;
-    mass_matrix[22 * stride] = t162; mass_matrix[38 * stride] = t162;
+    mass_matrix[2 * 9 + 4] = t162; mass_matrix[4 * 9 + 2] = t162;
     const real t163 = c4 * t159 + t110 * t136;
-    mass_matrix[13 * stride] = -t163; mass_matrix[37 * stride] = -t163;
+    mass_matrix[1 * 9 + 4] = -t163; mass_matrix[4 * 9 + 1] = -t163;
     const real t164 = t75 + t76;
-    mass_matrix[50 * stride] = t164;
+    mass_matrix[5 * 9 + 5] = t164;
     const real t165 = t164 + t71 * t87 + t72 * t88;
-    mass_matrix[41 * stride] = t165; mass_matrix[49 * stride] = t165;
+    mass_matrix[4 * 9 + 5] = t165; mass_matrix[5 * 9 + 4] = t165;
     const real t166 = c4 * t72, t167 = s4 * t72;
     const real t168 = t111 * t166 - t110 * t167;
-    mass_matrix[23 * stride] = t168; mass_matrix[47 * stride] = t168;
+    mass_matrix[2 * 9 + 5] = t168; mass_matrix[5 * 9 + 2] = t168;
     const real t169 = c4 * t165 + t71 * t110;
-    mass_matrix[14 * stride] = -t169; mass_matrix[46 * stride] = -t169;
+    mass_matrix[1 * 9 + 5] = -t169; mass_matrix[5 * 9 + 1] = -t169;
 
     /* mass matrix of attitude and position */
     const real t170 = t153 + t154;
-    mass_matrix[20 * stride] = t170;
+    mass_matrix[2 * 9 + 2] = t170;
     const real t171 = s2 * t152, t172 = c2 * t152;
-    mass_matrix[24 * stride] = -t172; mass_matrix[56 * stride] = -t172;
+    mass_matrix[2 * 9 + 6] = -t172; mass_matrix[6 * 9 + 2] = -t172;
     const real t173 = c2 * t149 + s2 * t170;
-    mass_matrix[2 * stride] = t173; mass_matrix[18 * stride] = t173;
+    mass_matrix[0 * 9 + 2] = t173; mass_matrix[2 * 9 + 0] = t173;
     const real t174 = c1 * t151 - s1 * t171;
-    mass_matrix[25 * stride] = t174; mass_matrix[65 * stride] = t174;
+    mass_matrix[2 * 9 + 7] = t174; mass_matrix[7 * 9 + 2] = t174;
     const real t175 = c1 * t171 + s1 * t151;
-    mass_matrix[26 * stride] = t175; mass_matrix[74 * stride] = t175;
+    mass_matrix[2 * 9 + 8] = t175; mass_matrix[8 * 9 + 2] = t175;
     const real t176 = t153 + t155;
-    mass_matrix[10 * stride] = t176;
+    mass_matrix[1 * 9 + 1] = t176;
     const real t177 = c2 * t156 + s2 * t150;
-    mass_matrix[1 * stride] = t177; mass_matrix[9 * stride] = t177;
+    mass_matrix[0 * 9 + 1] = t177; mass_matrix[1 * 9 + 0] = t177;
     const real t178 = c2 * t137 - s2 * t151;
-    mass_matrix[15 * stride] = t178; mass_matrix[55 * stride] = t178;
+    mass_matrix[1 * 9 + 6] = t178; mass_matrix[6 * 9 + 1] = t178;
     const real t179 = c2 * t151 + s2 * t137, t180 = s2 * (R(2.0) * c2 * t149 + s2 * (t153 - t155));
     const real t181 = s1 * t179;
-    mass_matrix[16 * stride] = t181; mass_matrix[64 * stride] = t181;
+    mass_matrix[1 * 9 + 7] = t181; mass_matrix[7 * 9 + 1] = t181;
     const real t182 = c1 * t179;
-    mass_matrix[17 * stride] = -t182; mass_matrix[73 * stride] = -t182;
+    mass_matrix[1 * 9 + 8] = -t182; mass_matrix[8 * 9 + 1] = -t182;
     const real t183 = t154 + t155 + t180;
-    mass_matrix[0 * stride] = t183;
+    mass_matrix[0 * 9 + 0] = t183;
     const real t184 = c1 * t152 - s1 * t178;
-    mass_matrix[8 * stride] = t184; mass_matrix[72 * stride] = t184;
+    mass_matrix[0 * 9 + 8] = t184; mass_matrix[8 * 9 + 0] = t184;
     const real t185 = c1 * t178 + s1 * t152;
-    mass_matrix[7 * stride] = -t185; mass_matrix[63 * stride] = -t185;
+    mass_matrix[0 * 9 + 7] = -t185; mass_matrix[7 * 9 + 0] = -t185;
 
     /* mass matrix between the joints and attitude and position */
     const real t186 = s2 * t142, t187 = c2 * t142;
-    mass_matrix[33 * stride] = -t187; mass_matrix[57 * stride] = -t187;
+    mass_matrix[3 * 9 + 6] = -t187; mass_matrix[6 * 9 + 3] = -t187;
     const real t188 = c2 * t143 + s2 * t158;
-    mass_matrix[3 * stride] = t188; mass_matrix[27 * stride] = t188;
+    mass_matrix[0 * 9 + 3] = t188; mass_matrix[3 * 9 + 0] = t188;
     const real t189 = c1 * t141 - s1 * t186;
-    mass_matrix[34 * stride] = t189; mass_matrix[66 * stride] = t189;
+    mass_matrix[3 * 9 + 7] = t189; mass_matrix[7 * 9 + 3] = t189;
     const real t190 = c1 * t186 + s1 * t141;
-    mass_matrix[35 * stride] = t190; mass_matrix[75 * stride] = t190;
+    mass_matrix[3 * 9 + 8] = t190; mass_matrix[8 * 9 + 3] = t190;
     const real t191 = c2 * t136 + s2 * t160, t192 = s2 * t136 - c2 * t160;
-    mass_matrix[42 * stride] = t192; mass_matrix[58 * stride] = t192;
+    mass_matrix[4 * 9 + 6] = t192; mass_matrix[6 * 9 + 4] = t192;
     const real t193 = c2 * (s4 * t159 + t111 * t136) + s2 * t162;
-    mass_matrix[4 * stride] = t193; mass_matrix[36 * stride] = t193;
+    mass_matrix[0 * 9 + 4] = t193; mass_matrix[4 * 9 + 0] = t193;
     const real t194 = c1 * t161 + s1 * t191;
-    mass_matrix[43 * stride] = -t194; mass_matrix[67 * stride] = -t194;
+    mass_matrix[4 * 9 + 7] = -t194; mass_matrix[7 * 9 + 4] = -t194;
     const real t195 = c1 * t191 - s1 * t161;
-    mass_matrix[44 * stride] = t195; mass_matrix[76 * stride] = t195;
+    mass_matrix[4 * 9 + 8] = t195; mass_matrix[8 * 9 + 4] = t195;
     const real t196 = c2 * t71 + s2 * t166, t197 = s2 * t71 - c2 * t166;
-    mass_matrix[51 * stride] = t197; mass_matrix[59 * stride] = t197;
+    mass_matrix[5 * 9 + 6] = t197; mass_matrix[6 * 9 + 5] = t197;
     const real t198 = c2 * (s4 * t165 + t71 * t111) + s2 * t168;
-    mass_matrix[5 * stride] = t198; mass_matrix[45 * stride] = t198;
+    mass_matrix[0 * 9 + 5] = t198; mass_matrix[5 * 9 + 0] = t198;
     const real t199 = c1 * t167 + s1 * t196;
-    mass_matrix[52 * stride] = -t199; mass_matrix[68 * stride] = -t199;
+    mass_matrix[5 * 9 + 7] = -t199; mass_matrix[7 * 9 + 5] = -t199;
     const real t200 = c1 * t196 - s1 * t167;
-    mass_matrix[53 * stride] = t200; mass_matrix[77 * stride] = t200;
-}
-
-#ifndef EACH
-void hexarotor_3link_mass_matrix_and_residual(const Constants *RESTRICT constants,
-    const real *RESTRICT q, const real *RESTRICT v, real *RESTRICT mass_matrix,
-    real *RESTRICT residual)
-{
-    real angle[6], sine[6], cosine[6];
-    mass_matrix_and_residual_angles(constants, q, v, angle, 1);
-    sine_cosine_few(4, angle + 0, sine + 0, cosine + 0);
-    sine_cosine_few(2, angle + 4, sine + 4, cosine + 4);
-    mass_matrix_and_residual_lane(constants, sine, cosine, q, v, mass_matrix, residual,
-        1);
-}
-#endif
-
-static WIDE void mass_matrix_and_residual_block(const Constants *RESTRICT constants,
-    const real *RESTRICT q, const real *RESTRICT v, real *RESTRICT mass_matrix,
-    real *RESTRICT residual)
-{
-    real angle[6 * LANES], sine[6 * LANES], cosine[6 * LANES];
-    VECTORISE
-    for (int lane = 0; lane < LANES; ++lane) {
-        mass_matrix_and_residual_angles(OF_LANE(constants, lane), q + lane, v + lane,
-            angle + lane, LANES);
-    }
-    sine_cosine_many(6 * LANES, angle, sine, cosine);
-    VECTORISE
-    for (int lane = 0; lane < LANES; ++lane) {
-        mass_matrix_and_residual_lane(OF_LANE(constants, lane), sine + lane, cosine + lane,
-            q + lane, v + lane, mass_matrix + lane, residual + lane, LANES);
-    }
-}
-
-void BATCH(mass_matrix_and_residual)(const Constants *RESTRICT constants, const size_t count,
-    const real *RESTRICT q, const real *RESTRICT v, real *RESTRICT mass_matrix,
-    real *RESTRICT residual)
-{
-    const size_t whole = count / LANES, rest = count % LANES;
-    PARALLEL
-    for (size_t block = 0; block < whole; ++block) {
-        mass_matrix_and_residual_block(OF_BLOCK(constants, block), q + block * (9 * LANES),
-            v + block * (9 * LANES), mass_matrix + block * (81 * LANES),
-            residual + block * (9 * LANES));
-    }
-    if (rest > 0) {
-        OF_LAST_BLOCK(constants, whole, rest);
-        real last_q[9 * LANES], last_v[9 * LANES];
-        fill_lanes(9, rest, q + whole * (9 * LANES), last_q);
-        fill_lanes(9, rest, v + whole * (9 * LANES), last_v);
-        mass_matrix_and_residual_block(last_constants, last_q, last_v,
-            mass_matrix + whole * (81 * LANES), residual + whole * (9 * LANES));
-    }
+    mass_matrix[5 * 9 + 8] = t200; mass_matrix[8 * 9 + 5] = t200;
 }
 
 /* ---- mass_matrix ---- */
 
-static INLINE void mass_matrix_angles(const Constants *RESTRICT constants, const real *RESTRICT q,
-    real *RESTRICT angle, const int stride)
+void hexarotor_3link_mass_matrix(const Constants *RESTRICT constants, const real *RESTRICT q,
+    real *RESTRICT mass_matrix)
 {
-    (void)constants;
-    const real theta_m1 = q[0 * stride], theta_0 = q[1 * stride], theta_1 = q[2 * stride];
-    const real theta_7 = q[3 * stride], theta_8 = q[4 * stride], theta_9 = q[5 * stride];
+    real angle[6], sine[6], cosine[6];
+    {
+        const real theta_m1 = q[0], theta_0 = q[1], theta_1 = q[2], theta_7 = q[3], theta_8 = q[4];
+        const real theta_9 = q[5];
 
-    /* angles and places of the joints */
-    const real t7 = -theta_1 - theta_7, t12 = theta_8 + theta_9;
-    angle[0 * stride] = theta_m1; angle[1 * stride] = theta_0; angle[2 * stride] = theta_1;
-    angle[3 * stride] = t7; angle[4 * stride] = theta_8; angle[5 * stride] = t12;
-}
-
-static INLINE void mass_matrix_lane(const Constants *RESTRICT constants, const real *RESTRICT sine,
-    const real *RESTRICT cosine, const real *RESTRICT q, real *RESTRICT mass_matrix,
-    const int stride)
-{
-    (void)q;
-    const real base_arm_length = CONSTANT(base_arm_length), link2_length = CONSTANT(link2_length);
-    const real k32 = CONSTANT(k32), k44 = CONSTANT(k44), k50 = CONSTANT(k50), k60 = CONSTANT(k60);
-    const real k61 = CONSTANT(k61), k62 = CONSTANT(k62), k65 = CONSTANT(k65), k67 = CONSTANT(k67);
-    const real k68 = CONSTANT(k68), k69 = CONSTANT(k69), k71 = CONSTANT(k71), k72 = CONSTANT(k72);
-    const real k73 = CONSTANT(k73), k74 = CONSTANT(k74), k75 = CONSTANT(k75), k76 = CONSTANT(k76);
-    const real k77 = CONSTANT(k77);
-    const real s1 = sine[0 * stride], c1 = cosine[0 * stride], s2 = sine[1 * stride];
-    const real c2 = cosine[1 * stride], s3 = sine[2 * stride], c3 = cosine[2 * stride];
-    const real s4 = sine[3 * stride], c4 = cosine[3 * stride], s5 = sine[4 * stride];
-    const real c5 = cosine[4 * stride], s6 = sine[5 * stride], c6 = cosine[5 * stride];
-    mass_matrix[6 * stride] = R(0.0); mass_matrix[31 * stride] = R(0.0);
-    mass_matrix[32 * stride] = R(0.0); mass_matrix[39 * stride] = R(0.0);
-    mass_matrix[48 * stride] = R(0.0); mass_matrix[54 * stride] = R(0.0);
-    mass_matrix[60 * stride] = k72; mass_matrix[61 * stride] = R(0.0);
-    mass_matrix[62 * stride] = R(0.0); mass_matrix[69 * stride] = R(0.0);
-    mass_matrix[70 * stride] = k72; mass_matrix[71 * stride] = R(0.0);
-    mass_matrix[78 * stride] = R(0.0); mass_matrix[79 * stride] = R(0.0);
-    mass_matrix[80 * stride] = k72;
+        /* angles and places of the joints */
+        const real t7 = -theta_1 - theta_7, t12 = theta_8 + theta_9;
+        angle[0] = theta_m1; angle[1] = theta_0; angle[2] = theta_1; angle[3] = t7;
+        angle[4] = theta_8; angle[5] = t12;
+    }
+    sine_cosine_few(4, angle + 0, sine + 0, cosine + 0);
+    sine_cosine_few(2, angle + 4, sine + 4, cosine + 4);
+    const real base_arm_length = constants->base_arm_length, link2_length = constants->link2_length;
+    const real k32 = constants->k32, k44 = constants->k44, k50 = constants->k50;
+    const real k60 = constants->k60, k61 = constants->k61, k62 = constants->k62;
+    const real k65 = constants->k65, k67 = constants->k67, k68 = constants->k68;
+    const real k69 = constants->k69, k71 = constants->k71, k72 = constants->k72;
+    const real k73 = constants->k73, k74 = constants->k74, k75 = constants->k75;
+    const real k76 = constants->k76, k77 = constants->k77;
+    const real s1 = sine[0], c1 = cosine[0], s2 = sine[1], c2 = cosine[1], s3 = sine[2];
+    const real c3 = cosine[2], s4 = sine[3], c4 = cosine[3], s5 = sine[4], c5 = cosine[4];
+    const real s6 = sine[5], c6 = cosine[5];
+    mass_matrix[0 * 9 + 6] = R(0.0); mass_matrix[3 * 9 + 4] = R(0.0);
+    mass_matrix[3 * 9 + 5] = R(0.0); mass_matrix[4 * 9 + 3] = R(0.0);
+    mass_matrix[5 * 9 + 3] = R(0.0); mass_matrix[6 * 9 + 0] = R(0.0); mass_matrix[6 * 9 + 6] = k72;
+    mass_matrix[6 * 9 + 7] = R(0.0); mass_matrix[6 * 9 + 8] = R(0.0);
+    mass_matrix[7 * 9 + 6] = R(0.0); mass_matrix[7 * 9 + 7] = k72; mass_matrix[7 * 9 + 8] = R(0.0);
+    mass_matrix[8 * 9 + 6] = R(0.0); mass_matrix[8 * 9 + 7] = R(0.0); mass_matrix[8 * 9 + 8] = k72;
 
     /* attitude */
     const real t1 = -c1;
@@ -967,174 +496,125 @@ static INLINE void mass_matrix_lane(const Constants *RESTRICT constants, const r
     /* composite inertia of links 1 to 3, about joint 7 */
     const real t35 = c4 * t30, t36 = s4 * t30;
     const real t37 = c4 * t34, t38 = s4 * t34;
-    mass_matrix[12 * stride] = t38; mass_matrix[28 * stride] = t38;
+    mass_matrix[1 * 9 + 3] = t38; mass_matrix[3 * 9 + 1] = t38;
     const real t39 = s4 * (k69 - t32), t40 = s4 * t39;
     const real t41 = t32 + t40, t42 = k69 - t40;
 
     /* composite inertia of the base and links 1 to 3 */
     const real t43 = t25 * t36 - c4 * t39 - t26 * t35, t44 = t37 + t25 * t31;
     const real t45 = t38 - t26 * t31;
-    mass_matrix[11 * stride] = t45; mass_matrix[19 * stride] = t45;
+    mass_matrix[1 * 9 + 2] = t45; mass_matrix[2 * 9 + 1] = t45;
     const real t46 = k73 * c3 + t35, t47 = t36 - k73 * s3;
     const real t48 = k74 + t28 + t41 + t35 * k71 * c3, t49 = k60 + t42 - t28 - t36 * k71 * s3;
     const real t50 = k61 + t33;
 
     /* mass matrix, columns of the joints carried in to the base */
     const real t51 = t41 + t42;
-    mass_matrix[30 * stride] = t51;
+    mass_matrix[3 * 9 + 3] = t51;
     const real t52 = t51 + t25 * t35 - t26 * t36;
-    mass_matrix[21 * stride] = t52; mass_matrix[29 * stride] = t52;
+    mass_matrix[2 * 9 + 3] = t52; mass_matrix[3 * 9 + 2] = t52;
     const real t53 = t32 + t33;
-    mass_matrix[40 * stride] = t53;
+    mass_matrix[4 * 9 + 4] = t53;
     const real t54 = c4 * t31, t55 = s4 * t31;
     const real t56 = t26 * t54 + t25 * t55;
-    mass_matrix[22 * stride] = t56; mass_matrix[38 * stride] = t56;
+    mass_matrix[2 * 9 + 4] = t56; mass_matrix[4 * 9 + 2] = t56;
     const real t57 = c4 * t53 + t25 * t30;
-    mass_matrix[13 * stride] = -t57; mass_matrix[37 * stride] = -t57;
+    mass_matrix[1 * 9 + 4] = -t57; mass_matrix[4 * 9 + 1] = -t57;
     const real t58 = t19 + t20;
-    mass_matrix[50 * stride] = t58;
+    mass_matrix[5 * 9 + 5] = t58;
     const real t59 = t58 + t15 * t21 + t16 * t22;
-    mass_matrix[41 * stride] = t59; mass_matrix[49 * stride] = t59;
+    mass_matrix[4 * 9 + 5] = t59; mass_matrix[5 * 9 + 4] = t59;
     const real t60 = c4 * t16, t61 = s4 * t16;
     const real t62 = t26 * t60 + t25 * t61;
-    mass_matrix[23 * stride] = t62; mass_matrix[47 * stride] = t62;
+    mass_matrix[2 * 9 + 5] = t62; mass_matrix[5 * 9 + 2] = t62;
     const real t63 = c4 * t59 + t15 * t25;
-    mass_matrix[14 * stride] = -t63; mass_matrix[46 * stride] = -t63;
+    mass_matrix[1 * 9 + 5] = -t63; mass_matrix[5 * 9 + 1] = -t63;
 
     /* mass matrix of attitude and position */
     const real t64 = t48 + t49;
-    mass_matrix[20 * stride] = t64;
+    mass_matrix[2 * 9 + 2] = t64;
     const real t65 = s2 * t47, t66 = c2 * t47;
-    mass_matrix[24 * stride] = t66; mass_matrix[56 * stride] = t66;
+    mass_matrix[2 * 9 + 6] = t66; mass_matrix[6 * 9 + 2] = t66;
     const real t67 = s2 * t64 - c2 * t44;
-    mass_matrix[2 * stride] = t67; mass_matrix[18 * stride] = t67;
+    mass_matrix[0 * 9 + 2] = t67; mass_matrix[2 * 9 + 0] = t67;
     const real t68 = s1 * t65 - t1 * t46;
-    mass_matrix[25 * stride] = t68; mass_matrix[65 * stride] = t68;
+    mass_matrix[2 * 9 + 7] = t68; mass_matrix[7 * 9 + 2] = t68;
     const real t69 = t1 * t65 + s1 * t46;
-    mass_matrix[26 * stride] = t69; mass_matrix[74 * stride] = t69;
+    mass_matrix[2 * 9 + 8] = t69; mass_matrix[8 * 9 + 2] = t69;
     const real t70 = t48 + t50;
-    mass_matrix[10 * stride] = t70;
+    mass_matrix[1 * 9 + 1] = t70;
     const real t71 = c2 * (c3 * t27 + t43) + s2 * t45;
-    mass_matrix[1 * stride] = t71; mass_matrix[9 * stride] = t71;
+    mass_matrix[0 * 9 + 1] = t71; mass_matrix[1 * 9 + 0] = t71;
     const real t72 = c2 * t31 - s2 * t46;
-    mass_matrix[15 * stride] = t72; mass_matrix[55 * stride] = t72;
+    mass_matrix[1 * 9 + 6] = t72; mass_matrix[6 * 9 + 1] = t72;
     const real t73 = c2 * t46 + s2 * t31, t74 = s2 * (s2 * (t48 - t50) - R(2.0) * c2 * t44);
     const real t75 = s1 * t73;
-    mass_matrix[16 * stride] = t75; mass_matrix[64 * stride] = t75;
+    mass_matrix[1 * 9 + 7] = t75; mass_matrix[7 * 9 + 1] = t75;
     const real t76 = t1 * t73;
-    mass_matrix[17 * stride] = t76; mass_matrix[73 * stride] = t76;
+    mass_matrix[1 * 9 + 8] = t76; mass_matrix[8 * 9 + 1] = t76;
     const real t77 = t49 + t50 + t74;
-    mass_matrix[0 * stride] = t77;
+    mass_matrix[0 * 9 + 0] = t77;
     const real t78 = t1 * t47 - s1 * t72;
-    mass_matrix[8 * stride] = t78; mass_matrix[72 * stride] = t78;
+    mass_matrix[0 * 9 + 8] = t78; mass_matrix[8 * 9 + 0] = t78;
     const real t79 = t1 * t72 + s1 * t47;
-    mass_matrix[7 * stride] = t79; mass_matrix[63 * stride] = t79;
+    mass_matrix[0 * 9 + 7] = t79; mass_matrix[7 * 9 + 0] = t79;
 
     /* mass matrix between the joints and attitude and position */
     const real t80 = s2 * t36, t81 = c2 * t36;
-    mass_matrix[33 * stride] = t81; mass_matrix[57 * stride] = t81;
+    mass_matrix[3 * 9 + 6] = t81; mass_matrix[6 * 9 + 3] = t81;
     const real t82 = s2 * t52 - c2 * t37;
-    mass_matrix[3 * stride] = t82; mass_matrix[27 * stride] = t82;
+    mass_matrix[0 * 9 + 3] = t82; mass_matrix[3 * 9 + 0] = t82;
     const real t83 = s1 * t80 - t1 * t35;
-    mass_matrix[34 * stride] = t83; mass_matrix[66 * stride] = t83;
+    mass_matrix[3 * 9 + 7] = t83; mass_matrix[7 * 9 + 3] = t83;
     const real t84 = t1 * t80 + s1 * t35;
-    mass_matrix[35 * stride] = t84; mass_matrix[75 * stride] = t84;
+    mass_matrix[3 * 9 + 8] = t84; mass_matrix[8 * 9 + 3] = t84;
     const real t85 = c2 * t30 + s2 * t54, t86 = s2 * t30 - c2 * t54;
-    mass_matrix[42 * stride] = t86; mass_matrix[58 * stride] = t86;
+    mass_matrix[4 * 9 + 6] = t86; mass_matrix[6 * 9 + 4] = t86;
     const real t87 = c2 * (t26 * t30 - s4 * t53) + s2 * t56;
-    mass_matrix[4 * stride] = t87; mass_matrix[36 * stride] = t87;
+    mass_matrix[0 * 9 + 4] = t87; mass_matrix[4 * 9 + 0] = t87;
     const real t88 = t1 * t55 + s1 * t85;
-    mass_matrix[43 * stride] = -t88; mass_matrix[67 * stride] = -t88;
+    mass_matrix[4 * 9 + 7] = -t88; mass_matrix[7 * 9 + 4] = -t88;
     const real t89 = s1 * t55 - t1 * t85;
-    mass_matrix[44 * stride] = t89; mass_matrix[76 * stride] = t89;
+    mass_matrix[4 * 9 + 8] = t89; mass_matrix[8 * 9 + 4] = t89;
     const real t90 = c2 * t15 + s2 * t60, t91 = s2 * t15 - c2 * t60;
-    mass_matrix[51 * stride] = t91; mass_matrix[59 * stride] = t91;
+    mass_matrix[5 * 9 + 6] = t91; mass_matrix[6 * 9 + 5] = t91;
     const real t92 = c2 * (t15 * t26 - s4 * t59) + s2 * t62;
-    mass_matrix[5 * stride] = t92; mass_matrix[45 * stride] = t92;
+    mass_matrix[0 * 9 + 5] = t92; mass_matrix[5 * 9 + 0] = t92;
     const real t93 = t1 * t61 + s1 * t90;
-    mass_matrix[52 * stride] = -t93; mass_matrix[68 * stride] = -t93;
+    mass_matrix[5 * 9 + 7] = -t93; mass_matrix[7 * 9 + 5] = -t93;
     const real t94 = s1 * t61 - t1 * t90;
-    mass_matrix[53 * stride] = t94; mass_matrix[77 * stride] = t94;
-}
-
-#ifndef EACH
-void hexarotor_3link_mass_matrix(const Constants *RESTRICT constants, const real *RESTRICT q,
-    real *RESTRICT mass_matrix)
-{
-    real angle[6], sine[6], cosine[6];
-    mass_matrix_angles(constants, q, angle, 1);
-    sine_cosine_few(4, angle + 0, sine + 0, cosine + 0);
-    sine_cosine_few(2, angle + 4, sine + 4, cosine + 4);
-    mass_matrix_lane(constants, sine, cosine, q, mass_matrix, 1);
-}
-#endif
-
-static WIDE void mass_matrix_block(const Constants *RESTRICT constants, const real *RESTRICT q,
-    real *RESTRICT mass_matrix)
-{
-    real angle[6 * LANES], sine[6 * LANES], cosine[6 * LANES];
-    VECTORISE
-    for (int lane = 0; lane < LANES; ++lane) {
-        mass_matrix_angles(OF_LANE(constants, lane), q + lane, angle + lane, LANES);
-    }
-    sine_cosine_many(6 * LANES, angle, sine, cosine);
-    VECTORISE
-    for (int lane = 0; lane < LANES; ++lane) {
-        mass_matrix_lane(OF_LANE(constants, lane), sine + lane, cosine + lane, q + lane,
-            mass_matrix + lane, LANES);
-    }
-}
-
-void BATCH(mass_matrix)(const Constants *RESTRICT constants, const size_t count,
-    const real *RESTRICT q, real *RESTRICT mass_matrix)
-{
-    const size_t whole = count / LANES, rest = count % LANES;
-    PARALLEL
-    for (size_t block = 0; block < whole; ++block) {
-        mass_matrix_block(OF_BLOCK(constants, block), q + block * (9 * LANES),
-            mass_matrix + block * (81 * LANES));
-    }
-    if (rest > 0) {
-        OF_LAST_BLOCK(constants, whole, rest);
-        real last_q[9 * LANES];
-        fill_lanes(9, rest, q + whole * (9 * LANES), last_q);
-        mass_matrix_block(last_constants, last_q, mass_matrix + whole * (81 * LANES));
-    }
+    mass_matrix[5 * 9 + 8] = t94; mass_matrix[8 * 9 + 5] = t94;
 }
 
 /* ---- residual ---- */
 
-static INLINE void residual_angles(const Constants *RESTRICT constants, const real *RESTRICT q,
-    const real *RESTRICT v, real *RESTRICT angle, const int stride)
+void hexarotor_3link_residual(const Constants *RESTRICT constants, const real *RESTRICT q,
+    const real *RESTRICT v, real *RESTRICT residual)
 {
-    (void)constants;
-    (void)v;
-    const real theta_m1 = q[0 * stride], theta_0 = q[1 * stride], theta_1 = q[2 * stride];
-    const real theta_7 = q[3 * stride], theta_8 = q[4 * stride], theta_9 = q[5 * stride];
+    real angle[6], sine[6], cosine[6];
+    {
+        const real theta_m1 = q[0], theta_0 = q[1], theta_1 = q[2], theta_7 = q[3], theta_8 = q[4];
+        const real theta_9 = q[5];
 
-    /* angles and places of the joints */
-    const real t7 = theta_1 + theta_7, t12 = theta_8 + theta_9;
-    angle[0 * stride] = theta_m1; angle[1 * stride] = theta_0; angle[2 * stride] = theta_1;
-    angle[3 * stride] = t7; angle[4 * stride] = theta_8; angle[5 * stride] = t12;
-}
-
-static INLINE void residual_lane(const Constants *RESTRICT constants, const real *RESTRICT sine,
-    const real *RESTRICT cosine, const real *RESTRICT q, const real *RESTRICT v,
-    real *RESTRICT residual, const int stride)
-{
-    (void)q;
-    const real gravity = CONSTANT(gravity), base_arm_length = CONSTANT(base_arm_length);
-    const real link2_length = CONSTANT(link2_length), k32 = CONSTANT(k32), k44 = CONSTANT(k44);
-    const real k50 = CONSTANT(k50), k60 = CONSTANT(k60), k61 = CONSTANT(k61), k62 = CONSTANT(k62);
-    const real k67 = CONSTANT(k67), k68 = CONSTANT(k68), k69 = CONSTANT(k69), k73 = CONSTANT(k73);
-    const real k74 = CONSTANT(k74), k75 = CONSTANT(k75), k76 = CONSTANT(k76), k77 = CONSTANT(k77);
-    const real k78 = CONSTANT(k78), k79 = CONSTANT(k79);
-    const real v_theta_m1 = v[0 * stride], v_theta_0 = v[1 * stride], v_theta_1 = v[2 * stride];
-    const real v_theta_7 = v[3 * stride], v_theta_8 = v[4 * stride], v_theta_9 = v[5 * stride];
-    const real s1 = sine[0 * stride], c1 = cosine[0 * stride], s2 = sine[1 * stride];
-    const real c2 = cosine[1 * stride], s3 = sine[2 * stride], c3 = cosine[2 * stride];
-    const real s4 = sine[3 * stride], c4 = cosine[3 * stride], s5 = sine[4 * stride];
-    const real c5 = cosine[4 * stride], s6 = sine[5 * stride], c6 = cosine[5 * stride];
+        /* angles and places of the joints */
+        const real t7 = theta_1 + theta_7, t12 = theta_8 + theta_9;
+        angle[0] = theta_m1; angle[1] = theta_0; angle[2] = theta_1; angle[3] = t7;
+        angle[4] = theta_8; angle[5] = t12;
+    }
+    sine_cosine_few(4, angle + 0, sine + 0, cosine + 0);
+    sine_cosine_few(2, angle + 4, sine + 4, cosine + 4);
+    const real gravity = constants->gravity, base_arm_length = constants->base_arm_length;
+    const real link2_length = constants->link2_length, k32 = constants->k32, k44 = constants->k44;
+    const real k50 = constants->k50, k60 = constants->k60, k61 = constants->k61;
+    const real k62 = constants->k62, k67 = constants->k67, k68 = constants->k68;
+    const real k69 = constants->k69, k73 = constants->k73, k74 = constants->k74;
+    const real k75 = constants->k75, k76 = constants->k76, k77 = constants->k77;
+    const real k78 = constants->k78, k79 = constants->k79;
+    const real v_theta_m1 = v[0], v_theta_0 = v[1], v_theta_1 = v[2], v_theta_7 = v[3];
+    const real v_theta_8 = v[4], v_theta_9 = v[5];
+    const real s1 = sine[0], c1 = cosine[0], s2 = sine[1], c2 = cosine[1], s3 = sine[2];
+    const real c3 = cosine[2], s4 = sine[3], c4 = cosine[3], s5 = sine[4], c5 = cosine[4];
+    const real s6 = sine[5], c6 = cosine[5];
 
     /* motion of the base */
     const real t15 = gravity * s1, t16 = gravity * c1;
@@ -1184,7 +664,7 @@ static INLINE void residual_lane(const Constants *RESTRICT constants, const real
     const real t80 = (t37 - link2_length * t62) * t71, t81 = t77 * (t67 - t69);
     const real t82 = (t45 + link2_length * t61) * t72;
     const real t83 = t49 * t75 + t52 * t76 + t82 - t80 - t81;
-    residual[5 * stride] = t83;
+    residual[5] = t83;
     const real t84 = k62 * (s6 * t52 - c6 * t67), t85 = k62 * (c6 * t49 + s6 * t69);
     const real t86 = k62 * (s6 * t70 - c6 * t68);
 
@@ -1203,11 +683,11 @@ static INLINE void residual_lane(const Constants *RESTRICT constants, const real
     const real t100 = t95 * (t55 - t58), t101 = t37 * t89 - t45 * t90 - t98 - t99 - t100;
     const real t102 = t84 + k67 * t61, t103 = t85 + k67 * t62;
     const real t104 = t86 + k67 * t63, t105 = t83 + t84 * t88 + t85 * t87 - t101;
-    residual[4 * stride] = t105;
+    residual[4] = t105;
 
     /* inertia forces of links 1 to 3, about joint 7 */
     const real t106 = t78 + t86 * t88 + t96 + k69 * t51, t107 = t86 * t87 - t79 - t97 - k69 * t50;
-    residual[3 * stride] = t107;
+    residual[3] = t107;
     const real t108 = c4 * t102 + s4 * t104, t109 = c4 * t104 - s4 * t102;
 
     /* step from the base to link 1 */
@@ -1225,145 +705,23 @@ static INLINE void residual_lane(const Constants *RESTRICT constants, const real
     const real t124 = k73 * t32 - t108, t125 = t109 - k73 * t33;
     const real t126 = t103 + k73 * t34, t127 = c4 * t106 + t119 - s4 * t105 - t103 * t111;
     const real t128 = t121 - c4 * t105 - s4 * t106 - t103 * t110;
-    residual[1 * stride] = t128;
+    residual[1] = t128;
     const real t129 = t107 + t109 * t110 + t108 * t111 - t123;
-    residual[2 * stride] = t129;
+    residual[2] = t129;
 
     /* inertia forces on attitude and position */
     const real t130 = s2 * t124 - c2 * t126, t131 = c2 * t124 + s2 * t126;
-    residual[6 * stride] = t131;
+    residual[6] = t131;
     const real t132 = s2 * t129 - c2 * t127;
-    residual[0 * stride] = t132;
+    residual[0] = t132;
     const real t133 = c1 * t125 + s1 * t130;
-    residual[7 * stride] = t133;
+    residual[7] = t133;
     const real t134 = s1 * t125 - c1 * t130 - k79;
-    residual[8 * stride] = t134;
-}
-
-#ifndef EACH
-void hexarotor_3link_residual(const Constants *RESTRICT constants, const real *RESTRICT q,
-    const real *RESTRICT v, real *RESTRICT residual)
-{
-    real angle[6], sine[6], cosine[6];
-    residual_angles(constants, q, v, angle, 1);
-    sine_cosine_few(4, angle + 0, sine + 0, cosine + 0);
-    sine_cosine_few(2, angle + 4, sine + 4, cosine + 4);
-    residual_lane(constants, sine, cosine, q, v, residual, 1);
-}
-#endif
-
-static WIDE void residual_block(const Constants *RESTRICT constants, const real *RESTRICT q,
-    const real *RESTRICT v, real *RESTRICT residual)
-{
-    real angle[6 * LANES], sine[6 * LANES], cosine[6 * LANES];
-    VECTORISE
-    for (int lane = 0; lane < LANES; ++lane) {
-        residual_angles(OF_LANE(constants, lane), q + lane, v + lane, angle + lane, LANES);
-    }
-    sine_cosine_many(6 * LANES, angle, sine, cosine);
-    VECTORISE
-    for (int lane = 0; lane < LANES; ++lane) {
-        residual_lane(OF_LANE(constants, lane), sine + lane, cosine + lane, q + lane,
-            v + lane, residual + lane, LANES);
-    }
-}
-
-void BATCH(residual)(const Constants *RESTRICT constants, const size_t count,
-    const real *RESTRICT q, const real *RESTRICT v, real *RESTRICT residual)
-{
-    const size_t whole = count / LANES, rest = count % LANES;
-    PARALLEL
-    for (size_t block = 0; block < whole; ++block) {
-        residual_block(OF_BLOCK(constants, block), q + block * (9 * LANES),
-            v + block * (9 * LANES), residual + block * (9 * LANES));
-    }
-    if (rest > 0) {
-        OF_LAST_BLOCK(constants, whole, rest);
-        real last_q[9 * LANES], last_v[9 * LANES];
-        fill_lanes(9, rest, q + whole * (9 * LANES), last_q);
-        fill_lanes(9, rest, v + whole * (9 * LANES), last_v);
-        residual_block(last_constants, last_q, last_v, residual + whole * (9 * LANES));
-    }
+    residual[8] = t134;
 }
 
 /* ---- input_matrix ---- */
 
-static INLINE void input_matrix_angles(const Constants *RESTRICT constants, const real *RESTRICT q,
-    real *RESTRICT angle, const int stride)
-{
-    (void)constants;
-    const real theta_m1 = q[0 * stride], theta_0 = q[1 * stride], theta_1 = q[2 * stride];
-    angle[0 * stride] = theta_m1; angle[1 * stride] = theta_0; angle[2 * stride] = theta_1;
-}
-
-static INLINE void input_matrix_lane(const Constants *RESTRICT constants, const real *RESTRICT sine,
-    const real *RESTRICT cosine, const real *RESTRICT q, real *RESTRICT input_matrix,
-    const int stride)
-{
-    (void)q;
-    const real k71 = CONSTANT(k71), k81 = CONSTANT(k81), k82 = CONSTANT(k82), k83 = CONSTANT(k83);
-    const real s1 = sine[0 * stride], c1 = cosine[0 * stride], s2 = sine[1 * stride];
-    const real c2 = cosine[1 * stride], s3 = sine[2 * stride], c3 = cosine[2 * stride];
-    input_matrix[19 * stride] = k82; input_matrix[21 * stride] = k71;
-    input_matrix[23 * stride] = k82; input_matrix[33 * stride] = R(1.0);
-    input_matrix[43 * stride] = R(1.0); input_matrix[53 * stride] = R(1.0);
-    input_matrix[54 * stride] = s2; input_matrix[56 * stride] = s2; input_matrix[58 * stride] = s2;
-
-    /* thrust direction and generalised forces of motor 1 */
-    const real t7 = s1 * c2;
-    input_matrix[63 * stride] = -t7; input_matrix[65 * stride] = -t7;
-    input_matrix[67 * stride] = -t7;
-    const real t8 = c1 * c2;
-    input_matrix[72 * stride] = t8; input_matrix[74 * stride] = t8; input_matrix[76 * stride] = t8;
-
-    /* thrust direction and generalised forces of motor 2 */
-    const real t9 = R(0.5) * s3, t10 = R(0.8660254037844386) * c3;
-    const real t11 = t9 + t10, t12 = R(0.5) * c3;
-    const real t13 = R(0.8660254037844386) * s3, t14 = t13 - t12;
-    const real t15 = s2 * t11, t16 = c2 * t11;
-    input_matrix[55 * stride] = t16;
-    const real t17 = k82 * s2;
-    input_matrix[1 * stride] = t17; input_matrix[5 * stride] = t17;
-    const real t18 = s1 * t15 + c1 * t14;
-    input_matrix[64 * stride] = t18;
-    const real t19 = s1 * t14 - c1 * t15;
-    input_matrix[73 * stride] = t19;
-
-    /* thrust direction and generalised forces of motor 3 */
-    const real t20 = k83 * s3, t21 = k81 * c3;
-    const real t22 = k81 * s3, t23 = k83 * c3;
-    const real t24 = t22 + t23;
-    input_matrix[11 * stride] = -t24;
-    const real t25 = c2 * (t20 - t21);
-    input_matrix[2 * stride] = t25;
-
-    /* thrust direction and generalised forces of motor 4 */
-    const real t26 = s2 * s3, t27 = c2 * s3;
-    input_matrix[57 * stride] = -t27;
-    const real t28 = k71 * s2;
-    input_matrix[3 * stride] = t28;
-    const real t29 = c1 * c3 - s1 * t26;
-    input_matrix[66 * stride] = t29;
-    const real t30 = c1 * t26 + s1 * c3;
-    input_matrix[75 * stride] = t30;
-
-    /* thrust direction and generalised forces of motor 5 */
-    const real t31 = t22 - t23;
-    input_matrix[13 * stride] = t31;
-    const real t32 = c2 * (t20 + t21);
-    input_matrix[4 * stride] = t32;
-
-    /* thrust direction and generalised forces of motor 6 */
-    const real t33 = t9 - t10, t34 = t12 + t13;
-    const real t35 = s2 * t33, t36 = c2 * t33;
-    input_matrix[59 * stride] = t36;
-    const real t37 = s1 * t35 - c1 * t34;
-    input_matrix[68 * stride] = t37;
-    const real t38 = c1 * t35 + s1 * t34;
-    input_matrix[77 * stride] = -t38;
-}
-
-#ifndef EACH
 void hexarotor_3link_input_matrix(const Constants *RESTRICT constants, const real *RESTRICT q,
     real *RESTRICT input_matrix)
 {
@@ -1371,87 +729,105 @@ void hexarotor_3link_input_matrix(const Constants *RESTRICT constants, const rea
     for (int i = 0; i < 81; ++i) {
         input_matrix[i] = R(0.0);
     }
-    input_matrix_angles(constants, q, angle, 1);
+    {
+        const real theta_m1 = q[0], theta_0 = q[1], theta_1 = q[2];
+        angle[0] = theta_m1; angle[1] = theta_0; angle[2] = theta_1;
+    }
     sine_cosine_few(3, angle + 0, sine + 0, cosine + 0);
-    input_matrix_lane(constants, sine, cosine, q, input_matrix, 1);
-}
-#endif
+    const real k71 = constants->k71, k80 = constants->k80, k81 = constants->k81;
+    const real k82 = constants->k82;
+    const real s1 = sine[0], c1 = cosine[0], s2 = sine[1], c2 = cosine[1], s3 = sine[2];
+    const real c3 = cosine[2];
+    input_matrix[2 * 9 + 1] = k80; input_matrix[2 * 9 + 3] = k71; input_matrix[2 * 9 + 5] = k80;
+    input_matrix[3 * 9 + 6] = R(1.0); input_matrix[4 * 9 + 7] = R(1.0);
+    input_matrix[5 * 9 + 8] = R(1.0); input_matrix[6 * 9 + 0] = s2; input_matrix[6 * 9 + 2] = s2;
+    input_matrix[6 * 9 + 4] = s2;
 
-static WIDE void input_matrix_block(const Constants *RESTRICT constants, const real *RESTRICT q,
-    real *RESTRICT input_matrix)
-{
-    real angle[3 * LANES], sine[3 * LANES], cosine[3 * LANES];
-    for (int i = 0; i < 81 * LANES; ++i) {
-        input_matrix[i] = R(0.0);
-    }
-    VECTORISE
-    for (int lane = 0; lane < LANES; ++lane) {
-        input_matrix_angles(OF_LANE(constants, lane), q + lane, angle + lane, LANES);
-    }
-    sine_cosine_many(3 * LANES, angle, sine, cosine);
-    VECTORISE
-    for (int lane = 0; lane < LANES; ++lane) {
-        input_matrix_lane(OF_LANE(constants, lane), sine + lane, cosine + lane, q + lane,
-            input_matrix + lane, LANES);
-    }
-}
+    /* thrust direction and generalised forces of motor 1 */
+    const real t7 = s1 * c2;
+    input_matrix[7 * 9 + 0] = -t7; input_matrix[7 * 9 + 2] = -t7; input_matrix[7 * 9 + 4] = -t7;
+    const real t8 = c1 * c2;
+    input_matrix[8 * 9 + 0] = t8; input_matrix[8 * 9 + 2] = t8; input_matrix[8 * 9 + 4] = t8;
 
-void BATCH(input_matrix)(const Constants *RESTRICT constants, const size_t count,
-    const real *RESTRICT q, real *RESTRICT input_matrix)
-{
-    const size_t whole = count / LANES, rest = count % LANES;
-    PARALLEL
-    for (size_t block = 0; block < whole; ++block) {
-        input_matrix_block(OF_BLOCK(constants, block), q + block * (9 * LANES),
-            input_matrix + block * (81 * LANES));
-    }
-    if (rest > 0) {
-        OF_LAST_BLOCK(constants, whole, rest);
-        real last_q[9 * LANES];
-        fill_lanes(9, rest, q + whole * (9 * LANES), last_q);
-        input_matrix_block(last_constants, last_q, input_matrix + whole * (81 * LANES));
-    }
+    /* thrust direction and generalised forces of motor 2 */
+    const real t9 = R(0.5) * s3, t10 = R(0.8660254037844386) * c3;
+    const real t11 = t9 + t10, t12 = R(0.5) * c3;
+    const real t13 = R(0.8660254037844386) * s3, t14 = t13 - t12;
+    const real t15 = s2 * t11, t16 = c2 * t11;
+    input_matrix[6 * 9 + 1] = t16;
+    const real t17 = k80 * s2;
+    input_matrix[0 * 9 + 1] = t17; input_matrix[0 * 9 + 5] = t17;
+    const real t18 = s1 * t15 + c1 * t14;
+    input_matrix[7 * 9 + 1] = t18;
+    const real t19 = s1 * t14 - c1 * t15;
+    input_matrix[8 * 9 + 1] = t19;
+
+    /* thrust direction and generalised forces of motor 3 */
+    const real t20 = k82 * s3, t21 = k81 * c3;
+    const real t22 = k81 * s3, t23 = k82 * c3;
+    const real t24 = t22 + t23;
+    input_matrix[1 * 9 + 2] = -t24;
+    const real t25 = c2 * (t20 - t21);
+    input_matrix[0 * 9 + 2] = t25;
+
+    /* thrust direction and generalised forces of motor 4 */
+    const real t26 = s2 * s3, t27 = c2 * s3;
+    input_matrix[6 * 9 + 3] = -t27;
+    const real t28 = k71 * s2;
+    input_matrix[0 * 9 + 3] = t28;
+    const real t29 = c1 * c3 - s1 * t26;
+    input_matrix[7 * 9 + 3] = t29;
+    const real t30 = c1 * t26 + s1 * c3;
+    input_matrix[8 * 9 + 3] = t30;
+
+    /* thrust direction and generalised forces of motor 5 */
+    const real t31 = t22 - t23;
+    input_matrix[1 * 9 + 4] = t31;
+    const real t32 = c2 * (t20 + t21);
+    input_matrix[0 * 9 + 4] = t32;
+
+    /* thrust direction and generalised forces of motor 6 */
+    const real t33 = t9 - t10, t34 = t12 + t13;
+    const real t35 = s2 * t33, t36 = c2 * t33;
+    input_matrix[6 * 9 + 5] = t36;
+    const real t37 = s1 * t35 - c1 * t34;
+    input_matrix[7 * 9 + 5] = t37;
+    const real t38 = c1 * t35 + s1 * t34;
+    input_matrix[8 * 9 + 5] = -t38;
 }
 
 /* ---- forward_dynamics ---- */
 
-static INLINE void forward_dynamics_angles(const Constants *RESTRICT constants,
-    const real *RESTRICT q, const real *RESTRICT v, const real *RESTRICT u, real *RESTRICT angle,
-    const int stride)
+void hexarotor_3link_forward_dynamics(const Constants *RESTRICT constants, const real *RESTRICT q,
+    const real *RESTRICT v, const real *RESTRICT u, real *RESTRICT acceleration)
 {
-    (void)constants;
-    (void)v;
-    (void)u;
-    const real theta_m1 = q[0 * stride], theta_0 = q[1 * stride], theta_1 = q[2 * stride];
-    const real theta_7 = q[3 * stride], theta_8 = q[4 * stride], theta_9 = q[5 * stride];
+    real angle[6], sine[6], cosine[6];
+    {
+        const real theta_m1 = q[0], theta_0 = q[1], theta_1 = q[2], theta_7 = q[3], theta_8 = q[4];
+        const real theta_9 = q[5];
 
-    /* angles and places of the joints */
-    const real t7 = theta_1 + theta_7, t12 = theta_8 + theta_9;
-    angle[0 * stride] = theta_m1; angle[1 * stride] = theta_0; angle[2 * stride] = theta_1;
-    angle[3 * stride] = t7; angle[4 * stride] = theta_8; angle[5 * stride] = t12;
-}
-
-static INLINE void forward_dynamics_lane(const Constants *RESTRICT constants,
-    const real *RESTRICT sine, const real *RESTRICT cosine, const real *RESTRICT q,
-    const real *RESTRICT v, const real *RESTRICT u, real *RESTRICT acceleration, const int stride)
-{
-    (void)q;
-    const real gravity = CONSTANT(gravity), base_arm_length = CONSTANT(base_arm_length);
-    const real link2_length = CONSTANT(link2_length), k32 = CONSTANT(k32), k44 = CONSTANT(k44);
-    const real k50 = CONSTANT(k50), k60 = CONSTANT(k60), k61 = CONSTANT(k61), k62 = CONSTANT(k62);
-    const real k67 = CONSTANT(k67), k68 = CONSTANT(k68), k69 = CONSTANT(k69), k72 = CONSTANT(k72);
-    const real k75 = CONSTANT(k75), k76 = CONSTANT(k76), k78 = CONSTANT(k78), k80 = CONSTANT(k80);
-    const real k81 = CONSTANT(k81), k98 = CONSTANT(k98), k100 = CONSTANT(k100);
-    const real k101 = CONSTANT(k101), k102 = CONSTANT(k102), k108 = CONSTANT(k108);
-    const real v_theta_m1 = v[0 * stride], v_theta_0 = v[1 * stride], v_theta_1 = v[2 * stride];
-    const real v_theta_7 = v[3 * stride], v_theta_8 = v[4 * stride], v_theta_9 = v[5 * stride];
-    const real F_1 = u[0 * stride], F_2 = u[1 * stride], F_3 = u[2 * stride], F_4 = u[3 * stride];
-    const real F_5 = u[4 * stride], F_6 = u[5 * stride], tau_7 = u[6 * stride];
-    const real tau_8 = u[7 * stride], tau_9 = u[8 * stride];
-    const real s1 = sine[0 * stride], c1 = cosine[0 * stride], s2 = sine[1 * stride];
-    const real c2 = cosine[1 * stride], s3 = sine[2 * stride], c3 = cosine[2 * stride];
-    const real s4 = sine[3 * stride], c4 = cosine[3 * stride], s5 = sine[4 * stride];
-    const real c5 = cosine[4 * stride], s6 = sine[5 * stride], c6 = cosine[5 * stride];
+        /* angles and places of the joints */
+        const real t7 = theta_1 + theta_7, t12 = theta_8 + theta_9;
+        angle[0] = theta_m1; angle[1] = theta_0; angle[2] = theta_1; angle[3] = t7;
+        angle[4] = theta_8; angle[5] = t12;
+    }
+    sine_cosine_few(4, angle + 0, sine + 0, cosine + 0);
+    sine_cosine_few(2, angle + 4, sine + 4, cosine + 4);
+    const real gravity = constants->gravity, base_arm_length = constants->base_arm_length;
+    const real link2_length = constants->link2_length, k32 = constants->k32, k44 = constants->k44;
+    const real k50 = constants->k50, k60 = constants->k60, k61 = constants->k61;
+    const real k62 = constants->k62, k67 = constants->k67, k68 = constants->k68;
+    const real k69 = constants->k69, k72 = constants->k72, k75 = constants->k75;
+    const real k76 = constants->k76, k78 = constants->k78, k80 = constants->k80;
+    const real k81 = constants->k81, k98 = constants->k98, k99 = constants->k99;
+    const real k100 = constants->k100, k106 = constants->k106;
+    const real v_theta_m1 = v[0], v_theta_0 = v[1], v_theta_1 = v[2], v_theta_7 = v[3];
+    const real v_theta_8 = v[4], v_theta_9 = v[5];
+    const real F_1 = u[0], F_2 = u[1], F_3 = u[2], F_4 = u[3], F_5 = u[4], F_6 = u[5], tau_7 = u[6];
+    const real tau_8 = u[7], tau_9 = u[8];
+    const real s1 = sine[0], c1 = cosine[0], s2 = sine[1], c2 = cosine[1], s3 = sine[2];
+    const real c3 = cosine[2], s4 = sine[3], c4 = cosine[3], s5 = sine[4], c5 = cosine[4];
+    const real s6 = sine[5], c6 = cosine[5];
 
     /* motion of the base */
     const real t15 = v_theta_m1 * s2, t16 = v_theta_m1 * c2;
@@ -1561,151 +937,92 @@ static INLINE void forward_dynamics_lane(const Constants *RESTRICT constants,
     const real t139 = s4 * t130, t140 = s4 * t135;
     const real t141 = c4 * t134, t142 = F_1 + k67 * t45 + t90 + t104 - t114 * t117;
     const real t143 = t62 + t69 + t95 + t128 + t141 - t78 - t61 - t79 - t85 - t140;
-    const real t144 = base_arm_length * F_4 + k98 * t93 - tau_7 - k100 * t18;
 
     /* acceleration of the base, by LDL^T */
-    const real t145 = R(1.0) / (t59 + t76 + t110 + k108 - t88 * t126), t146 = t129 * t145;
-    const real t147 = t143 * t146, t148 = t66 + k67 * t46 + t127 + t139 - t138 - t147;
-    const real t149 = R(1.0) / (k72 - t87 * t125 - t129 * t146);
-    const real t150 = R(1.0) / (k72 - t106 - t114 * t119), t151 = t121 * t150;
-    const real t152 = t151 * t142, t153 = k67 * t44 + t103 + t152 - t120 - t136 - t137;
-    const real t154 = R(1.0) / (k72 - t105 - t113 * t118 - t121 * t151), t155 = t154 * t153;
-    const real t156 = t151 * t155 + t150 * t142, t157 = t148 * t149;
-    const real t158 = t143 * t145 - t146 * t157, t159 = k102 * (tau_8 - s4 * t134 - c4 * t135);
-    const real t160 = k101 * t144;
+    const real t144 = R(1.0) / (t59 + t76 + t110 + k106 - t88 * t126), t145 = t129 * t144;
+    const real t146 = t143 * t145, t147 = t66 + k67 * t46 + t127 + t139 - t138 - t146;
+    const real t148 = R(1.0) / (k72 - t87 * t125 - t129 * t145);
+    const real t149 = R(1.0) / (k72 - t106 - t114 * t119), t150 = t121 * t149;
+    const real t151 = t150 * t142, t152 = k67 * t44 + t103 + t151 - t120 - t136 - t137;
+    const real t153 = R(1.0) / (k72 - t105 - t113 * t118 - t121 * t150), t154 = t153 * t152;
+    const real t155 = t150 * t154 + t149 * t142, t156 = t147 * t148;
+    const real t157 = t143 * t144 - t145 * t156, t158 = k100 * (tau_8 - s4 * t134 - c4 * t135);
+    const real t159 = k99 * (base_arm_length * (F_4 + t93) - tau_7 - k98 * t18);
 
     /* acceleration of joint 7 */
-    const real t161 = t124 + t125 * t157 + t126 * t158 - t160;
-    acceleration[3 * stride] = t161;
+    const real t160 = t124 + t125 * t156 + t126 * t157 - t159;
+    acceleration[3] = t160;
 
     /* acceleration of joint 8 */
-    const real t162 = t117 - t118 * t155 - t119 * t156, t163 = t159 + t162;
-    acceleration[4 * stride] = t163;
+    const real t161 = t117 - t118 * t154 - t119 * t155, t162 = t158 + t161;
+    acceleration[4] = t162;
 
     /* acceleration of joint 9 */
-    const real t164 = t102 * (t156 + t67 * t162);
-    const real t165 = t100 - t162 - t101 * (t155 + t68 * t162) - t164;
-    acceleration[5 * stride] = t165;
+    const real t163 = t102 * (t155 + t67 * t161);
+    const real t164 = t100 - t161 - t101 * (t154 + t68 * t161) - t163;
+    acceleration[5] = t164;
 
     /* acceleration of the base */
-    const real t166 = c4 * t158 - s4 * t159, t167 = s4 * t158 + c4 * t159;
-    acceleration[1 * stride] = t167;
+    const real t165 = c4 * t157 - s4 * t158, t166 = s4 * t157 + c4 * t158;
+    acceleration[1] = t166;
 
     /* acceleration of the origin from that of the base centre */
-    const real t168 = t18 + t160, t169 = c3 * (v_theta_0 * v_theta_0 + t22) - s3 * (t18 - t168);
-    const real t170 = s3 * (t16 * t16 + t22) - c3 * (t18 + t168);
-    const real t171 = s3 * (t20 - t166 - R(2.0) * v_theta_0 * t21);
-    const real t172 = c3 * (t19 + t167 - R(2.0) * t16 * t21) + t171;
-    const real t173 = s4 * t157 + base_arm_length * t169 - c4 * t155;
-    const real t174 = base_arm_length * t170 - c4 * t157 - s4 * t155;
-    const real t175 = base_arm_length * t172 + t156;
+    const real t167 = t18 + t159, t168 = c3 * (v_theta_0 * v_theta_0 + t22) - s3 * (t18 - t167);
+    const real t169 = s3 * (t16 * t16 + t22) - c3 * (t18 + t167);
+    const real t170 = s3 * (t20 - t165 - R(2.0) * v_theta_0 * t21);
+    const real t171 = c3 * (t19 + t166 - R(2.0) * t16 * t21) + t170;
+    const real t172 = s4 * t156 + base_arm_length * t168 - c4 * t154;
+    const real t173 = base_arm_length * t169 - c4 * t156 - s4 * t154;
+    const real t174 = base_arm_length * t171 + t155;
 
     /* acceleration of the origin, in world axes */
-    const real t176 = c2 * t175 - s2 * t173, t177 = s2 * t175 + c2 * t173;
-    acceleration[6 * stride] = t177;
-    const real t178 = c1 * t174 - s1 * t176;
-    acceleration[7 * stride] = t178;
+    const real t175 = c2 * t174 - s2 * t172, t176 = s2 * t174 + c2 * t172;
+    acceleration[6] = t176;
+    const real t177 = c1 * t173 - s1 * t175;
+    acceleration[7] = t177;
 
     /* accelerations of the attitude angles */
-    const real t179 = R(1.0) / c2, t180 = t179 * t166;
-    acceleration[0 * stride] = t180;
-    const real t181 = t160 - s2 * t180;
-    acceleration[2 * stride] = t181;
+    const real t178 = R(1.0) / c2, t179 = t178 * t165;
+    acceleration[0] = t179;
+    const real t180 = t159 - s2 * t179;
+    acceleration[2] = t180;
 
     /* acceleration of the origin, in world axes */
-    const real t182 = c1 * t176 + s1 * t174 - gravity;
-    acceleration[8 * stride] = t182;
-}
-
-#ifndef EACH
-void hexarotor_3link_forward_dynamics(const Constants *RESTRICT constants, const real *RESTRICT q,
-    const real *RESTRICT v, const real *RESTRICT u, real *RESTRICT acceleration)
-{
-    real angle[6], sine[6], cosine[6];
-    forward_dynamics_angles(constants, q, v, u, angle, 1);
-    sine_cosine_few(4, angle + 0, sine + 0, cosine + 0);
-    sine_cosine_few(2, angle + 4, sine + 4, cosine + 4);
-    forward_dynamics_lane(constants, sine, cosine, q, v, u, acceleration, 1);
-}
-#endif
-
-static WIDE void forward_dynamics_block(const Constants *RESTRICT constants, const real *RESTRICT q,
-    const real *RESTRICT v, const real *RESTRICT u, real *RESTRICT acceleration)
-{
-    real angle[6 * LANES], sine[6 * LANES], cosine[6 * LANES];
-    VECTORISE
-    for (int lane = 0; lane < LANES; ++lane) {
-        forward_dynamics_angles(OF_LANE(constants, lane), q + lane, v + lane, u + lane,
-            angle + lane, LANES);
-    }
-    sine_cosine_many(6 * LANES, angle, sine, cosine);
-    VECTORISE
-    for (int lane = 0; lane < LANES; ++lane) {
-        forward_dynamics_lane(OF_LANE(constants, lane), sine + lane, cosine + lane,
-            q + lane, v + lane, u + lane, acceleration + lane, LANES);
-    }
-}
-
-void BATCH(forward_dynamics)(const Constants *RESTRICT constants, const size_t count,
-    const real *RESTRICT q, const real *RESTRICT v, const real *RESTRICT u,
-    real *RESTRICT acceleration)
-{
-    const size_t whole = count / LANES, rest = count % LANES;
-    PARALLEL
-    for (size_t block = 0; block < whole; ++block) {
-        forward_dynamics_block(OF_BLOCK(constants, block), q + block * (9 * LANES),
-            v + block * (9 * LANES), u + block * (9 * LANES),
-            acceleration + block * (9 * LANES));
-    }
-    if (rest > 0) {
-        OF_LAST_BLOCK(constants, whole, rest);
-        real last_q[9 * LANES], last_v[9 * LANES], last_u[9 * LANES];
-        fill_lanes(9, rest, q + whole * (9 * LANES), last_q);
-        fill_lanes(9, rest, v + whole * (9 * LANES), last_v);
-        fill_lanes(9, rest, u + whole * (9 * LANES), last_u);
-        forward_dynamics_block(last_constants, last_q, last_v, last_u,
-            acceleration + whole * (9 * LANES));
-    }
+    const real t181 = c1 * t175 + s1 * t173 - gravity;
+    acceleration[8] = t181;
 }
 
 /* ---- inverse_dynamics ---- */
 
-static INLINE void inverse_dynamics_angles(const Constants *RESTRICT constants,
-    const real *RESTRICT q, const real *RESTRICT v, const real *RESTRICT a, real *RESTRICT angle,
-    const int stride)
+void hexarotor_3link_inverse_dynamics(const Constants *RESTRICT constants, const real *RESTRICT q,
+    const real *RESTRICT v, const real *RESTRICT a, real *RESTRICT force)
 {
-    (void)constants;
-    (void)v;
-    (void)a;
-    const real theta_m1 = q[0 * stride], theta_0 = q[1 * stride], theta_1 = q[2 * stride];
-    const real theta_7 = q[3 * stride], theta_8 = q[4 * stride], theta_9 = q[5 * stride];
+    real angle[6], sine[6], cosine[6];
+    {
+        const real theta_m1 = q[0], theta_0 = q[1], theta_1 = q[2], theta_7 = q[3], theta_8 = q[4];
+        const real theta_9 = q[5];
 
-    /* angles and places of the joints */
-    const real t7 = theta_1 + theta_7, t12 = theta_8 + theta_9;
-    angle[0 * stride] = theta_m1; angle[1 * stride] = theta_0; angle[2 * stride] = theta_1;
-    angle[3 * stride] = t7; angle[4 * stride] = theta_8; angle[5 * stride] = t12;
-}
-
-static INLINE void inverse_dynamics_lane(const Constants *RESTRICT constants,
-    const real *RESTRICT sine, const real *RESTRICT cosine, const real *RESTRICT q,
-    const real *RESTRICT v, const real *RESTRICT a, real *RESTRICT force, const int stride)
-{
-    (void)q;
-    const real gravity = CONSTANT(gravity), base_arm_length = CONSTANT(base_arm_length);
-    const real link2_length = CONSTANT(link2_length), k32 = CONSTANT(k32), k44 = CONSTANT(k44);
-    const real k50 = CONSTANT(k50), k60 = CONSTANT(k60), k61 = CONSTANT(k61), k62 = CONSTANT(k62);
-    const real k67 = CONSTANT(k67), k68 = CONSTANT(k68), k69 = CONSTANT(k69), k72 = CONSTANT(k72);
-    const real k73 = CONSTANT(k73), k74 = CONSTANT(k74), k75 = CONSTANT(k75), k76 = CONSTANT(k76);
-    const real k77 = CONSTANT(k77);
-    const real v_theta_m1 = v[0 * stride], v_theta_0 = v[1 * stride], v_theta_1 = v[2 * stride];
-    const real v_theta_7 = v[3 * stride], v_theta_8 = v[4 * stride], v_theta_9 = v[5 * stride];
-    const real a_theta_m1 = a[0 * stride], a_theta_0 = a[1 * stride], a_theta_1 = a[2 * stride];
-    const real a_theta_7 = a[3 * stride], a_theta_8 = a[4 * stride], a_theta_9 = a[5 * stride];
-    const real a_x = a[6 * stride], a_y = a[7 * stride], a_z = a[8 * stride];
-    const real s1 = sine[0 * stride], c1 = cosine[0 * stride], s2 = sine[1 * stride];
-    const real c2 = cosine[1 * stride], s3 = sine[2 * stride], c3 = cosine[2 * stride];
-    const real s4 = sine[3 * stride], c4 = cosine[3 * stride], s5 = sine[4 * stride];
-    const real c5 = cosine[4 * stride], s6 = sine[5 * stride], c6 = cosine[5 * stride];
+        /* angles and places of the joints */
+        const real t7 = theta_1 + theta_7, t12 = theta_8 + theta_9;
+        angle[0] = theta_m1; angle[1] = theta_0; angle[2] = theta_1; angle[3] = t7;
+        angle[4] = theta_8; angle[5] = t12;
+    }
+    sine_cosine_few(4, angle + 0, sine + 0, cosine + 0);
+    sine_cosine_few(2, angle + 4, sine + 4, cosine + 4);
+    const real gravity = constants->gravity, base_arm_length = constants->base_arm_length;
+    const real link2_length = constants->link2_length, k32 = constants->k32, k44 = constants->k44;
+    const real k50 = constants->k50, k60 = constants->k60, k61 = constants->k61;
+    const real k62 = constants->k62, k67 = constants->k67, k68 = constants->k68;
+    const real k69 = constants->k69, k72 = constants->k72, k73 = constants->k73;
+    const real k74 = constants->k74, k75 = constants->k75, k76 = constants->k76;
+    const real k77 = constants->k77;
+    const real v_theta_m1 = v[0], v_theta_0 = v[1], v_theta_1 = v[2], v_theta_7 = v[3];
+    const real v_theta_8 = v[4], v_theta_9 = v[5];
+    const real a_theta_m1 = a[0], a_theta_0 = a[1], a_theta_1 = a[2], a_theta_7 = a[3];
+    const real a_theta_8 = a[4], a_theta_9 = a[5], a_x = a[6], a_y = a[7], a_z = a[8];
+    const real s1 = sine[0], c1 = cosine[0], s2 = sine[1], c2 = cosine[1], s3 = sine[2];
+    const real c3 = cosine[2], s4 = sine[3], c4 = cosine[3], s5 = sine[4], c5 = cosine[4];
+    const real s6 = sine[5], c6 = cosine[5];
 
     /* motion of the base */
     const real t15 = v_theta_m1 * s2, t16 = v_theta_m1 * c2;
@@ -1793,7 +1110,7 @@ static INLINE void inverse_dynamics_lane(const Constants *RESTRICT constants,
     const real t106 = t39 * t99 - t43 * t102 - t45 * t104, t107 = t39 * (t84 - link2_length * t97);
     const real t108 = t40 * (t87 - link2_length * t96);
     const real t109 = t46 + t107 + t43 * t101 - t108 - t44 * t103;
-    force[5 * stride] = t109;
+    force[5] = t109;
     const real t110 = k62 * (c6 * t37 - s6 * t103), t111 = k62 * (s6 * t38 - c6 * t101);
     const real t112 = k62 * (c6 * t102 + s6 * t104);
 
@@ -1803,12 +1120,12 @@ static INLINE void inverse_dynamics_lane(const Constants *RESTRICT constants,
     const real t117 = t56 + t50 * t87 + t54 * t94 - t115 - t116, t118 = t110 + k67 * t96;
     const real t119 = t111 + k67 * t97, t120 = t112 + k67 * t98;
     const real t121 = t109 + t48 * t110 - t47 * t111 - t117;
-    force[4 * stride] = t121;
+    force[4] = t121;
 
     /* inertia forces of links 1 to 3, about joint 7 */
     const real t122 = t105 + t48 * t112 + t113 + k69 * t90;
     const real t123 = t106 + t114 - t47 * t112 - k69 * t89;
-    force[3 * stride] = t123;
+    force[3] = t123;
     const real t124 = s4 * t120 - c4 * t118, t125 = s4 * t118 + c4 * t120;
 
     /* inertia forces of the base and links 1 to 3 */
@@ -1819,115 +1136,67 @@ static INLINE void inverse_dynamics_lane(const Constants *RESTRICT constants,
     const real t134 = t125 + k73 * t80, t135 = t119 - k73 * t81;
     const real t136 = s4 * t121 + c4 * t122 + t127 - t58 * t119;
     const real t137 = s4 * t122 + t57 * t119 + t129 - c4 * t121;
-    force[1 * stride] = t137;
+    force[1] = t137;
     const real t138 = t123 - t58 * t124 - t57 * t125 - t132;
-    force[2 * stride] = t138;
+    force[2] = t138;
 
     /* inertia forces on attitude and position */
     const real t139 = s2 * t133 + c2 * t135, t140 = c2 * t136 + s2 * t138;
-    force[0 * stride] = t140;
+    force[0] = t140;
     const real t141 = c2 * t133 + k72 * a_x - s2 * t135;
-    force[6 * stride] = t141;
+    force[6] = t141;
     const real t142 = s1 * t139 + k72 * a_y - c1 * t134;
-    force[7 * stride] = t142;
+    force[7] = t142;
     const real t143 = k72 * t67 - c1 * t139 - s1 * t134;
-    force[8 * stride] = t143;
-}
-
-#ifndef EACH
-void hexarotor_3link_inverse_dynamics(const Constants *RESTRICT constants, const real *RESTRICT q,
-    const real *RESTRICT v, const real *RESTRICT a, real *RESTRICT force)
-{
-    real angle[6], sine[6], cosine[6];
-    inverse_dynamics_angles(constants, q, v, a, angle, 1);
-    sine_cosine_few(4, angle + 0, sine + 0, cosine + 0);
-    sine_cosine_few(2, angle + 4, sine + 4, cosine + 4);
-    inverse_dynamics_lane(constants, sine, cosine, q, v, a, force, 1);
-}
-#endif
-
-static WIDE void inverse_dynamics_block(const Constants *RESTRICT constants, const real *RESTRICT q,
-    const real *RESTRICT v, const real *RESTRICT a, real *RESTRICT force)
-{
-    real angle[6 * LANES], sine[6 * LANES], cosine[6 * LANES];
-    VECTORISE
-    for (int lane = 0; lane < LANES; ++lane) {
-        inverse_dynamics_angles(OF_LANE(constants, lane), q + lane, v + lane, a + lane,
-            angle + lane, LANES);
-    }
-    sine_cosine_many(6 * LANES, angle, sine, cosine);
-    VECTORISE
-    for (int lane = 0; lane < LANES; ++lane) {
-        inverse_dynamics_lane(OF_LANE(constants, lane), sine + lane, cosine + lane,
-            q + lane, v + lane, a + lane, force + lane, LANES);
-    }
-}
-
-void BATCH(inverse_dynamics)(const Constants *RESTRICT constants, const size_t count,
-    const real *RESTRICT q, const real *RESTRICT v, const real *RESTRICT a, real *RESTRICT force)
-{
-    const size_t whole = count / LANES, rest = count % LANES;
-    PARALLEL
-    for (size_t block = 0; block < whole; ++block) {
-        inverse_dynamics_block(OF_BLOCK(constants, block), q + block * (9 * LANES),
-            v + block * (9 * LANES), a + block * (9 * LANES), force + block * (9 * LANES));
-    }
-    if (rest > 0) {
-        OF_LAST_BLOCK(constants, whole, rest);
-        real last_q[9 * LANES], last_v[9 * LANES], last_a[9 * LANES];
-        fill_lanes(9, rest, q + whole * (9 * LANES), last_q);
-        fill_lanes(9, rest, v + whole * (9 * LANES), last_v);
-        fill_lanes(9, rest, a + whole * (9 * LANES), last_a);
-        inverse_dynamics_block(last_constants, last_q, last_v, last_a,
-            force + whole * (9 * LANES));
-    }
+    force[8] = t143;
 }
 
 /* ---- hybrid_mass_matrix ---- */
 
-static INLINE void hybrid_mass_matrix_angles(const Constants *RESTRICT constants,
-    const real *RESTRICT q, real *RESTRICT angle, const int stride)
+void hexarotor_3link_hybrid_mass_matrix(const Constants *RESTRICT constants, const real *RESTRICT q,
+    real *RESTRICT mass_matrix)
 {
-    (void)constants;
-    const real theta_m1 = q[0 * stride], theta_0 = q[1 * stride], theta_1 = q[2 * stride];
-    const real theta_7 = q[3 * stride], theta_8 = q[4 * stride], theta_9 = q[5 * stride];
+    real angle[6], sine[6], cosine[6];
+    for (int i = 0; i < 361; ++i) {
+        mass_matrix[i] = R(0.0);
+    }
+    {
+        const real theta_m1 = q[0], theta_0 = q[1], theta_1 = q[2], theta_7 = q[3], theta_8 = q[4];
+        const real theta_9 = q[5];
 
-    /* angles and places of the joints */
-    const real t7 = theta_1 + theta_7, t12 = theta_8 + theta_9;
-    angle[0 * stride] = theta_m1; angle[1 * stride] = theta_0; angle[2 * stride] = theta_1;
-    angle[3 * stride] = t7; angle[4 * stride] = theta_8; angle[5 * stride] = t12;
-}
-
-static INLINE void hybrid_mass_matrix_lane(const Constants *RESTRICT constants,
-    const real *RESTRICT sine, const real *RESTRICT cosine, const real *RESTRICT q,
-    real *RESTRICT mass_matrix, const int stride)
-{
-    (void)q;
-    const real base_arm_length = CONSTANT(base_arm_length), link2_length = CONSTANT(link2_length);
-    const real k32 = CONSTANT(k32), k44 = CONSTANT(k44), k50 = CONSTANT(k50), k60 = CONSTANT(k60);
-    const real k61 = CONSTANT(k61), k62 = CONSTANT(k62), k65 = CONSTANT(k65), k67 = CONSTANT(k67);
-    const real k68 = CONSTANT(k68), k69 = CONSTANT(k69), k71 = CONSTANT(k71), k72 = CONSTANT(k72);
-    const real k73 = CONSTANT(k73), k74 = CONSTANT(k74), k75 = CONSTANT(k75), k76 = CONSTANT(k76);
-    const real k77 = CONSTANT(k77), k84 = CONSTANT(k84), k85 = CONSTANT(k85), k86 = CONSTANT(k86);
-    const real k92 = CONSTANT(k92), k94 = CONSTANT(k94), k95 = CONSTANT(k95), k96 = CONSTANT(k96);
-    const real k97 = CONSTANT(k97);
-    const real s1 = sine[0 * stride], c1 = cosine[0 * stride], s2 = sine[1 * stride];
-    const real c2 = cosine[1 * stride], s3 = sine[2 * stride], c3 = cosine[2 * stride];
-    const real s4 = sine[3 * stride], c4 = cosine[3 * stride], s5 = sine[4 * stride];
-    const real c5 = cosine[4 * stride], s6 = sine[5 * stride], c6 = cosine[5 * stride];
-    mass_matrix[41 * stride] = k94; mass_matrix[42 * stride] = k95; mass_matrix[43 * stride] = k97;
-    mass_matrix[44 * stride] = k95; mass_matrix[45 * stride] = k94; mass_matrix[59 * stride] = k94;
-    mass_matrix[60 * stride] = k92; mass_matrix[71 * stride] = -R(1.0);
-    mass_matrix[78 * stride] = k95; mass_matrix[80 * stride] = k92;
-    mass_matrix[91 * stride] = -R(1.0); mass_matrix[97 * stride] = k97;
-    mass_matrix[100 * stride] = k96; mass_matrix[111 * stride] = -R(1.0);
-    mass_matrix[116 * stride] = k95; mass_matrix[120 * stride] = k92;
-    mass_matrix[131 * stride] = -R(1.0); mass_matrix[135 * stride] = k94;
-    mass_matrix[140 * stride] = k92; mass_matrix[151 * stride] = -R(1.0);
-    mass_matrix[220 * stride] = k72; mass_matrix[240 * stride] = k72;
-    mass_matrix[260 * stride] = k72; mass_matrix[269 * stride] = R(1.0);
-    mass_matrix[289 * stride] = R(1.0); mass_matrix[309 * stride] = R(1.0);
-    mass_matrix[329 * stride] = R(1.0); mass_matrix[349 * stride] = R(1.0);
+        /* angles and places of the joints */
+        const real t7 = theta_1 + theta_7, t12 = theta_8 + theta_9;
+        angle[0] = theta_m1; angle[1] = theta_0; angle[2] = theta_1; angle[3] = t7;
+        angle[4] = theta_8; angle[5] = t12;
+    }
+    sine_cosine_few(4, angle + 0, sine + 0, cosine + 0);
+    sine_cosine_few(2, angle + 4, sine + 4, cosine + 4);
+    const real base_arm_length = constants->base_arm_length, link2_length = constants->link2_length;
+    const real k32 = constants->k32, k44 = constants->k44, k50 = constants->k50;
+    const real k60 = constants->k60, k61 = constants->k61, k62 = constants->k62;
+    const real k65 = constants->k65, k67 = constants->k67, k68 = constants->k68;
+    const real k69 = constants->k69, k71 = constants->k71, k72 = constants->k72;
+    const real k73 = constants->k73, k74 = constants->k74, k75 = constants->k75;
+    const real k76 = constants->k76, k77 = constants->k77, k83 = constants->k83;
+    const real k84 = constants->k84, k85 = constants->k85, k91 = constants->k91;
+    const real k93 = constants->k93, k94 = constants->k94, k95 = constants->k95;
+    const real k96 = constants->k96;
+    const real s1 = sine[0], c1 = cosine[0], s2 = sine[1], c2 = cosine[1], s3 = sine[2];
+    const real c3 = cosine[2], s4 = sine[3], c4 = cosine[3], s5 = sine[4], c5 = cosine[4];
+    const real s6 = sine[5], c6 = cosine[5];
+    mass_matrix[2 * 19 + 3] = k93; mass_matrix[2 * 19 + 4] = k94; mass_matrix[2 * 19 + 5] = k96;
+    mass_matrix[2 * 19 + 6] = k94; mass_matrix[2 * 19 + 7] = k93; mass_matrix[3 * 19 + 2] = k93;
+    mass_matrix[3 * 19 + 3] = k91; mass_matrix[3 * 19 + 14] = -R(1.0);
+    mass_matrix[4 * 19 + 2] = k94; mass_matrix[4 * 19 + 4] = k91;
+    mass_matrix[4 * 19 + 15] = -R(1.0); mass_matrix[5 * 19 + 2] = k96;
+    mass_matrix[5 * 19 + 5] = k95; mass_matrix[5 * 19 + 16] = -R(1.0);
+    mass_matrix[6 * 19 + 2] = k94; mass_matrix[6 * 19 + 6] = k91;
+    mass_matrix[6 * 19 + 17] = -R(1.0); mass_matrix[7 * 19 + 2] = k93;
+    mass_matrix[7 * 19 + 7] = k91; mass_matrix[7 * 19 + 18] = -R(1.0);
+    mass_matrix[11 * 19 + 11] = k72; mass_matrix[12 * 19 + 12] = k72;
+    mass_matrix[13 * 19 + 13] = k72; mass_matrix[14 * 19 + 3] = R(1.0);
+    mass_matrix[15 * 19 + 4] = R(1.0); mass_matrix[16 * 19 + 5] = R(1.0);
+    mass_matrix[17 * 19 + 6] = R(1.0); mass_matrix[18 * 19 + 7] = R(1.0);
 
     /* attitude */
     const real t2 = -s1, t3 = -c2;
@@ -1957,236 +1226,181 @@ static INLINE void hybrid_mass_matrix_lane(const Constants *RESTRICT constants,
     /* composite inertia of links 1 to 3, about joint 7 */
     const real t35 = c4 * t30, t36 = s4 * t30;
     const real t37 = c4 * t34, t38 = s4 * t34;
-    mass_matrix[27 * stride] = t38; mass_matrix[153 * stride] = t38;
+    mass_matrix[1 * 19 + 8] = t38; mass_matrix[8 * 19 + 1] = t38;
     const real t39 = s4 * (k69 - t32), t40 = s4 * t39;
     const real t41 = t32 + t40, t42 = k69 - t40;
 
     /* composite inertia of the base and links 1 to 3 */
     const real t43 = t26 * t35, t44 = t25 * t31 - t37;
     const real t45 = t38 - t26 * t31;
-    mass_matrix[21 * stride] = t45; mass_matrix[39 * stride] = t45;
+    mass_matrix[1 * 19 + 2] = t45; mass_matrix[2 * 19 + 1] = t45;
     const real t46 = k73 * c3 + t35, t47 = k73 * s3 + t36;
     const real t48 = k74 + t28 + t35 * k71 * c3 + t41, t49 = k60 + t36 * k71 * s3 + t42 - t28;
     const real t50 = k61 + t33, t51 = c3 * t27 + c4 * t39 - t25 * t36 - t43;
 
     /* mass matrix, columns of the joints carried in to the base */
     const real t52 = t41 + t42;
-    mass_matrix[160 * stride] = t52;
+    mass_matrix[8 * 19 + 8] = t52;
     const real t53 = t25 * t35 + t26 * t36 + t52;
-    mass_matrix[46 * stride] = t53; mass_matrix[154 * stride] = t53;
+    mass_matrix[2 * 19 + 8] = t53; mass_matrix[8 * 19 + 2] = t53;
     const real t54 = t32 + t33;
-    mass_matrix[180 * stride] = t54;
+    mass_matrix[9 * 19 + 9] = t54;
     const real t55 = c4 * t31, t56 = s4 * t31;
     const real t57 = t26 * t55 - t25 * t56;
-    mass_matrix[47 * stride] = t57; mass_matrix[173 * stride] = t57;
+    mass_matrix[2 * 19 + 9] = t57; mass_matrix[9 * 19 + 2] = t57;
     const real t58 = t25 * t30 + c4 * t54;
-    mass_matrix[28 * stride] = -t58; mass_matrix[172 * stride] = -t58;
+    mass_matrix[1 * 19 + 9] = -t58; mass_matrix[9 * 19 + 1] = -t58;
     const real t59 = t19 + t20;
-    mass_matrix[200 * stride] = t59;
+    mass_matrix[10 * 19 + 10] = t59;
     const real t60 = t59 + t15 * t21 + t16 * t22;
-    mass_matrix[181 * stride] = t60; mass_matrix[199 * stride] = t60;
+    mass_matrix[9 * 19 + 10] = t60; mass_matrix[10 * 19 + 9] = t60;
     const real t61 = c4 * t16, t62 = s4 * t16;
     const real t63 = t26 * t61 - t25 * t62;
-    mass_matrix[48 * stride] = t63; mass_matrix[192 * stride] = t63;
+    mass_matrix[2 * 19 + 10] = t63; mass_matrix[10 * 19 + 2] = t63;
     const real t64 = c4 * t60 + t15 * t25;
-    mass_matrix[29 * stride] = -t64; mass_matrix[191 * stride] = -t64;
+    mass_matrix[1 * 19 + 10] = -t64; mass_matrix[10 * 19 + 1] = -t64;
 
     /* mass matrix of attitude and position */
     const real t65 = t48 + t49;
-    mass_matrix[40 * stride] = t65;
+    mass_matrix[2 * 19 + 2] = t65;
     const real t66 = s2 * t47, t67 = t3 * t47;
-    mass_matrix[49 * stride] = t67; mass_matrix[211 * stride] = t67;
+    mass_matrix[2 * 19 + 11] = t67; mass_matrix[11 * 19 + 2] = t67;
     const real t68 = t3 * t44 + s2 * t65;
-    mass_matrix[2 * stride] = t68; mass_matrix[38 * stride] = t68;
+    mass_matrix[0 * 19 + 2] = t68; mass_matrix[2 * 19 + 0] = t68;
     const real t69 = c1 * t46 + t2 * t66;
-    mass_matrix[50 * stride] = t69; mass_matrix[230 * stride] = t69;
+    mass_matrix[2 * 19 + 12] = t69; mass_matrix[12 * 19 + 2] = t69;
     const real t70 = c1 * t66 - t2 * t46;
-    mass_matrix[51 * stride] = t70; mass_matrix[249 * stride] = t70;
+    mass_matrix[2 * 19 + 13] = t70; mass_matrix[13 * 19 + 2] = t70;
     const real t71 = t48 + t50;
-    mass_matrix[20 * stride] = t71;
+    mass_matrix[1 * 19 + 1] = t71;
     const real t72 = s2 * t45 - t3 * t51;
-    mass_matrix[1 * stride] = t72; mass_matrix[19 * stride] = t72;
+    mass_matrix[0 * 19 + 1] = t72; mass_matrix[1 * 19 + 0] = t72;
     const real t73 = -t3 * t31 - s2 * t46;
-    mass_matrix[30 * stride] = t73; mass_matrix[210 * stride] = t73;
+    mass_matrix[1 * 19 + 11] = t73; mass_matrix[11 * 19 + 1] = t73;
     const real t74 = t3 * t46 - s2 * t31, t75 = s2 * (R(2.0) * t3 * t44 + s2 * (t48 - t50));
     const real t76 = t2 * t74;
-    mass_matrix[31 * stride] = t76; mass_matrix[229 * stride] = t76;
+    mass_matrix[1 * 19 + 12] = t76; mass_matrix[12 * 19 + 1] = t76;
     const real t77 = c1 * t74;
-    mass_matrix[32 * stride] = t77; mass_matrix[248 * stride] = t77;
+    mass_matrix[1 * 19 + 13] = t77; mass_matrix[13 * 19 + 1] = t77;
     const real t78 = t49 + t50 + t75;
-    mass_matrix[0 * stride] = t78;
+    mass_matrix[0 * 19 + 0] = t78;
     const real t79 = c1 * t47 + t2 * t73;
-    mass_matrix[13 * stride] = t79; mass_matrix[247 * stride] = t79;
+    mass_matrix[0 * 19 + 13] = t79; mass_matrix[13 * 19 + 0] = t79;
     const real t80 = t2 * t47 - c1 * t73;
-    mass_matrix[12 * stride] = t80; mass_matrix[228 * stride] = t80;
+    mass_matrix[0 * 19 + 12] = t80; mass_matrix[12 * 19 + 0] = t80;
 
     /* mass matrix between the joints and attitude and position */
     const real t81 = s2 * t36, t82 = t3 * t36;
-    mass_matrix[163 * stride] = t82; mass_matrix[217 * stride] = t82;
+    mass_matrix[8 * 19 + 11] = t82; mass_matrix[11 * 19 + 8] = t82;
     const real t83 = s2 * t53 - t3 * t37;
-    mass_matrix[8 * stride] = t83; mass_matrix[152 * stride] = t83;
+    mass_matrix[0 * 19 + 8] = t83; mass_matrix[8 * 19 + 0] = t83;
     const real t84 = c1 * t35 + t2 * t81;
-    mass_matrix[164 * stride] = t84; mass_matrix[236 * stride] = t84;
+    mass_matrix[8 * 19 + 12] = t84; mass_matrix[12 * 19 + 8] = t84;
     const real t85 = c1 * t81 - t2 * t35;
-    mass_matrix[165 * stride] = t85; mass_matrix[255 * stride] = t85;
+    mass_matrix[8 * 19 + 13] = t85; mass_matrix[13 * 19 + 8] = t85;
     const real t86 = s2 * t55 - t3 * t30, t87 = s2 * t30 + t3 * t55;
-    mass_matrix[182 * stride] = t87; mass_matrix[218 * stride] = t87;
+    mass_matrix[9 * 19 + 11] = t87; mass_matrix[11 * 19 + 9] = t87;
     const real t88 = s2 * t57 - t3 * (t26 * t30 + s4 * t54);
-    mass_matrix[9 * stride] = t88; mass_matrix[171 * stride] = t88;
+    mass_matrix[0 * 19 + 9] = t88; mass_matrix[9 * 19 + 0] = t88;
     const real t89 = t2 * t86 - c1 * t56;
-    mass_matrix[183 * stride] = t89; mass_matrix[237 * stride] = t89;
+    mass_matrix[9 * 19 + 12] = t89; mass_matrix[12 * 19 + 9] = t89;
     const real t90 = c1 * t86 + t2 * t56;
-    mass_matrix[184 * stride] = t90; mass_matrix[256 * stride] = t90;
+    mass_matrix[9 * 19 + 13] = t90; mass_matrix[13 * 19 + 9] = t90;
     const real t91 = s2 * t61 - t3 * t15, t92 = s2 * t15 + t3 * t61;
-    mass_matrix[201 * stride] = t92; mass_matrix[219 * stride] = t92;
+    mass_matrix[10 * 19 + 11] = t92; mass_matrix[11 * 19 + 10] = t92;
     const real t93 = s2 * t63 - t3 * (s4 * t60 + t15 * t26);
-    mass_matrix[10 * stride] = t93; mass_matrix[190 * stride] = t93;
+    mass_matrix[0 * 19 + 10] = t93; mass_matrix[10 * 19 + 0] = t93;
     const real t94 = t2 * t91 - c1 * t62;
-    mass_matrix[202 * stride] = t94; mass_matrix[238 * stride] = t94;
+    mass_matrix[10 * 19 + 12] = t94; mass_matrix[12 * 19 + 10] = t94;
     const real t95 = c1 * t91 + t2 * t62;
-    mass_matrix[203 * stride] = t95; mass_matrix[257 * stride] = t95;
+    mass_matrix[10 * 19 + 13] = t95; mass_matrix[13 * 19 + 10] = t95;
 
     /* composite inertia of the base and base arm 2 */
-    const real t96 = k86 * s3, t97 = k86 * c3;
+    const real t96 = k85 * s3, t97 = k85 * c3;
 
     /* mass matrix, columns of the joints carried in to the base */
-    const real t98 = k85 * s3, t99 = t97 + t98;
-    const real t100 = k85 * c3, t101 = t96 - t100;
+    const real t98 = k84 * s3, t99 = t97 + t98;
+    const real t100 = k84 * c3, t101 = t96 - t100;
 
     /* mass matrix, column of joint 2 */
     const real t102 = s2 * t99, t103 = t3 * t99;
-    mass_matrix[68 * stride] = -t103; mass_matrix[125 * stride] = t103;
-    mass_matrix[212 * stride] = -t103; mass_matrix[215 * stride] = t103;
-    const real t104 = k94 * s2;
-    mass_matrix[3 * stride] = t104; mass_matrix[7 * stride] = t104; mass_matrix[57 * stride] = t104;
-    mass_matrix[133 * stride] = t104;
+    mass_matrix[3 * 19 + 11] = -t103; mass_matrix[6 * 19 + 11] = t103;
+    mass_matrix[11 * 19 + 3] = -t103; mass_matrix[11 * 19 + 6] = t103;
+    const real t104 = k93 * s2;
+    mass_matrix[0 * 19 + 3] = t104; mass_matrix[0 * 19 + 7] = t104; mass_matrix[3 * 19 + 0] = t104;
+    mass_matrix[7 * 19 + 0] = t104;
     const real t105 = c1 * t101 - t2 * t102;
-    mass_matrix[69 * stride] = t105; mass_matrix[126 * stride] = -t105;
-    mass_matrix[231 * stride] = t105; mass_matrix[234 * stride] = -t105;
+    mass_matrix[3 * 19 + 12] = t105; mass_matrix[6 * 19 + 12] = -t105;
+    mass_matrix[12 * 19 + 3] = t105; mass_matrix[12 * 19 + 6] = -t105;
     const real t106 = t2 * t101 + c1 * t102;
-    mass_matrix[70 * stride] = -t106; mass_matrix[127 * stride] = t106;
-    mass_matrix[250 * stride] = -t106; mass_matrix[253 * stride] = t106;
+    mass_matrix[3 * 19 + 13] = -t106; mass_matrix[6 * 19 + 13] = t106;
+    mass_matrix[13 * 19 + 3] = -t106; mass_matrix[13 * 19 + 6] = t106;
 
     /* mass matrix, columns of the joints carried in to the base */
     const real t107 = t97 - t98, t108 = t96 + t100;
 
     /* mass matrix, column of joint 3 */
     const real t109 = s2 * t107, t110 = t3 * t107;
-    mass_matrix[87 * stride] = -t110; mass_matrix[144 * stride] = t110;
-    mass_matrix[213 * stride] = -t110; mass_matrix[216 * stride] = t110;
-    const real t111 = k95 * s2;
-    mass_matrix[4 * stride] = t111; mass_matrix[6 * stride] = t111; mass_matrix[76 * stride] = t111;
-    mass_matrix[114 * stride] = t111;
+    mass_matrix[4 * 19 + 11] = -t110; mass_matrix[7 * 19 + 11] = t110;
+    mass_matrix[11 * 19 + 4] = -t110; mass_matrix[11 * 19 + 7] = t110;
+    const real t111 = k94 * s2;
+    mass_matrix[0 * 19 + 4] = t111; mass_matrix[0 * 19 + 6] = t111; mass_matrix[4 * 19 + 0] = t111;
+    mass_matrix[6 * 19 + 0] = t111;
     const real t112 = c1 * t108 - t2 * t109;
-    mass_matrix[88 * stride] = t112; mass_matrix[145 * stride] = -t112;
-    mass_matrix[232 * stride] = t112; mass_matrix[235 * stride] = -t112;
+    mass_matrix[4 * 19 + 12] = t112; mass_matrix[7 * 19 + 12] = -t112;
+    mass_matrix[12 * 19 + 4] = t112; mass_matrix[12 * 19 + 7] = -t112;
     const real t113 = t2 * t108 + c1 * t109;
-    mass_matrix[89 * stride] = -t113; mass_matrix[146 * stride] = t113;
-    mass_matrix[251 * stride] = -t113; mass_matrix[254 * stride] = t113;
+    mass_matrix[4 * 19 + 13] = -t113; mass_matrix[7 * 19 + 13] = t113;
+    mass_matrix[13 * 19 + 4] = -t113; mass_matrix[13 * 19 + 7] = t113;
 
     /* mass matrix, columns of the joints carried in to the base */
-    const real t114 = k84 * s3, t115 = k84 * c3;
+    const real t114 = k83 * s3, t115 = k83 * c3;
 
     /* mass matrix, column of joint 4 */
     const real t116 = s2 * t114, t117 = t3 * t114;
-    mass_matrix[106 * stride] = t117; mass_matrix[214 * stride] = t117;
-    const real t118 = k97 * s2;
-    mass_matrix[5 * stride] = t118; mass_matrix[95 * stride] = t118;
+    mass_matrix[5 * 19 + 11] = t117; mass_matrix[11 * 19 + 5] = t117;
+    const real t118 = k96 * s2;
+    mass_matrix[0 * 19 + 5] = t118; mass_matrix[5 * 19 + 0] = t118;
     const real t119 = c1 * t115 + t2 * t116;
-    mass_matrix[107 * stride] = t119; mass_matrix[233 * stride] = t119;
+    mass_matrix[5 * 19 + 12] = t119; mass_matrix[12 * 19 + 5] = t119;
     const real t120 = c1 * t116 - t2 * t115;
-    mass_matrix[108 * stride] = t120; mass_matrix[252 * stride] = t120;
-}
-
-#ifndef EACH
-void hexarotor_3link_hybrid_mass_matrix(const Constants *RESTRICT constants, const real *RESTRICT q,
-    real *RESTRICT mass_matrix)
-{
-    real angle[6], sine[6], cosine[6];
-    for (int i = 0; i < 361; ++i) {
-        mass_matrix[i] = R(0.0);
-    }
-    hybrid_mass_matrix_angles(constants, q, angle, 1);
-    sine_cosine_few(4, angle + 0, sine + 0, cosine + 0);
-    sine_cosine_few(2, angle + 4, sine + 4, cosine + 4);
-    hybrid_mass_matrix_lane(constants, sine, cosine, q, mass_matrix, 1);
-}
-#endif
-
-static WIDE void hybrid_mass_matrix_block(const Constants *RESTRICT constants,
-    const real *RESTRICT q, real *RESTRICT mass_matrix)
-{
-    real angle[6 * LANES], sine[6 * LANES], cosine[6 * LANES];
-    for (int i = 0; i < 361 * LANES; ++i) {
-        mass_matrix[i] = R(0.0);
-    }
-    VECTORISE
-    for (int lane = 0; lane < LANES; ++lane) {
-        hybrid_mass_matrix_angles(OF_LANE(constants, lane), q + lane, angle + lane, LANES);
-    }
-    sine_cosine_many(6 * LANES, angle, sine, cosine);
-    VECTORISE
-    for (int lane = 0; lane < LANES; ++lane) {
-        hybrid_mass_matrix_lane(OF_LANE(constants, lane), sine + lane, cosine + lane,
-            q + lane, mass_matrix + lane, LANES);
-    }
-}
-
-void BATCH(hybrid_mass_matrix)(const Constants *RESTRICT constants, const size_t count,
-    const real *RESTRICT q, real *RESTRICT mass_matrix)
-{
-    const size_t whole = count / LANES, rest = count % LANES;
-    PARALLEL
-    for (size_t block = 0; block < whole; ++block) {
-        hybrid_mass_matrix_block(OF_BLOCK(constants, block), q + block * (9 * LANES),
-            mass_matrix + block * (361 * LANES));
-    }
-    if (rest > 0) {
-        OF_LAST_BLOCK(constants, whole, rest);
-        real last_q[9 * LANES];
-        fill_lanes(9, rest, q + whole * (9 * LANES), last_q);
-        hybrid_mass_matrix_block(last_constants, last_q,
-            mass_matrix + whole * (361 * LANES));
-    }
+    mass_matrix[5 * 19 + 13] = t120; mass_matrix[13 * 19 + 5] = t120;
 }
 
 /* ---- hybrid_residual ---- */
 
-static INLINE void hybrid_residual_angles(const Constants *RESTRICT constants,
-    const real *RESTRICT q, const real *RESTRICT v, real *RESTRICT angle, const int stride)
+void hexarotor_3link_hybrid_residual(const Constants *RESTRICT constants, const real *RESTRICT q,
+    const real *RESTRICT v, real *RESTRICT residual)
 {
-    (void)constants;
-    (void)v;
-    const real theta_m1 = q[0 * stride], theta_0 = q[1 * stride], theta_1 = q[2 * stride];
-    const real theta_7 = q[3 * stride], theta_8 = q[4 * stride], theta_9 = q[5 * stride];
+    real angle[6], sine[6], cosine[6];
+    {
+        const real theta_m1 = q[0], theta_0 = q[1], theta_1 = q[2], theta_7 = q[3], theta_8 = q[4];
+        const real theta_9 = q[5];
 
-    /* angles and places of the joints */
-    const real t7 = theta_1 + theta_7, t12 = theta_8 + theta_9;
-    angle[0 * stride] = theta_m1; angle[1 * stride] = theta_0; angle[2 * stride] = theta_1;
-    angle[3 * stride] = t7; angle[4 * stride] = theta_8; angle[5 * stride] = t12;
-}
-
-static INLINE void hybrid_residual_lane(const Constants *RESTRICT constants,
-    const real *RESTRICT sine, const real *RESTRICT cosine, const real *RESTRICT q,
-    const real *RESTRICT v, real *RESTRICT residual, const int stride)
-{
-    (void)q;
-    const real gravity = CONSTANT(gravity), base_arm_length = CONSTANT(base_arm_length);
-    const real k8 = CONSTANT(k8), k14 = CONSTANT(k14), link2_length = CONSTANT(link2_length);
-    const real k32 = CONSTANT(k32), k44 = CONSTANT(k44), k50 = CONSTANT(k50), k60 = CONSTANT(k60);
-    const real k61 = CONSTANT(k61), k62 = CONSTANT(k62), k67 = CONSTANT(k67), k68 = CONSTANT(k68);
-    const real k69 = CONSTANT(k69), k73 = CONSTANT(k73), k74 = CONSTANT(k74), k75 = CONSTANT(k75);
-    const real k76 = CONSTANT(k76), k77 = CONSTANT(k77), k78 = CONSTANT(k78), k79 = CONSTANT(k79);
-    const real k84 = CONSTANT(k84), k85 = CONSTANT(k85), k86 = CONSTANT(k86), k89 = CONSTANT(k89);
-    const real k90 = CONSTANT(k90), k91 = CONSTANT(k91);
-    const real v_theta_m1 = v[0 * stride], v_theta_0 = v[1 * stride], v_theta_1 = v[2 * stride];
-    const real v_theta_7 = v[3 * stride], v_theta_8 = v[4 * stride], v_theta_9 = v[5 * stride];
-    const real s1 = sine[0 * stride], c1 = cosine[0 * stride], s2 = sine[1 * stride];
-    const real c2 = cosine[1 * stride], s3 = sine[2 * stride], c3 = cosine[2 * stride];
-    const real s4 = sine[3 * stride], c4 = cosine[3 * stride], s5 = sine[4 * stride];
-    const real c5 = cosine[4 * stride], s6 = sine[5 * stride], c6 = cosine[5 * stride];
-    residual[14 * stride] = R(0.0); residual[15 * stride] = R(0.0); residual[16 * stride] = R(0.0);
-    residual[17 * stride] = R(0.0); residual[18 * stride] = R(0.0);
+        /* angles and places of the joints */
+        const real t7 = theta_1 + theta_7, t12 = theta_8 + theta_9;
+        angle[0] = theta_m1; angle[1] = theta_0; angle[2] = theta_1; angle[3] = t7;
+        angle[4] = theta_8; angle[5] = t12;
+    }
+    sine_cosine_few(4, angle + 0, sine + 0, cosine + 0);
+    sine_cosine_few(2, angle + 4, sine + 4, cosine + 4);
+    const real gravity = constants->gravity, base_arm_length = constants->base_arm_length;
+    const real k8 = constants->k8, k14 = constants->k14, link2_length = constants->link2_length;
+    const real k32 = constants->k32, k44 = constants->k44, k50 = constants->k50;
+    const real k60 = constants->k60, k61 = constants->k61, k62 = constants->k62;
+    const real k67 = constants->k67, k68 = constants->k68, k69 = constants->k69;
+    const real k73 = constants->k73, k74 = constants->k74, k75 = constants->k75;
+    const real k76 = constants->k76, k77 = constants->k77, k78 = constants->k78;
+    const real k79 = constants->k79, k83 = constants->k83, k84 = constants->k84;
+    const real k85 = constants->k85, k88 = constants->k88, k89 = constants->k89;
+    const real k90 = constants->k90;
+    const real v_theta_m1 = v[0], v_theta_0 = v[1], v_theta_1 = v[2], v_theta_7 = v[3];
+    const real v_theta_8 = v[4], v_theta_9 = v[5];
+    const real s1 = sine[0], c1 = cosine[0], s2 = sine[1], c2 = cosine[1], s3 = sine[2];
+    const real c3 = cosine[2], s4 = sine[3], c4 = cosine[3], s5 = sine[4], c5 = cosine[4];
+    const real s6 = sine[5], c6 = cosine[5];
+    residual[14] = R(0.0); residual[15] = R(0.0); residual[16] = R(0.0); residual[17] = R(0.0);
+    residual[18] = R(0.0);
 
     /* motion of the base */
     const real t15 = gravity * s1, t16 = gravity * c1;
@@ -2238,7 +1452,7 @@ static INLINE void hybrid_residual_lane(const Constants *RESTRICT constants,
     const real t84 = (t37 - link2_length * t62) * t71, t85 = t77 * (t67 - t69);
     const real t86 = (t45 + link2_length * t61) * t72;
     const real t87 = t49 * t75 + t52 * t76 + t86 - t84 - t85;
-    residual[10 * stride] = t87;
+    residual[10] = t87;
     const real t88 = k62 * (s6 * t52 - c6 * t67), t89 = k62 * (c6 * t49 + s6 * t69);
     const real t90 = k62 * (c6 * t68 - s6 * t70);
 
@@ -2264,13 +1478,13 @@ static INLINE void hybrid_residual_lane(const Constants *RESTRICT constants,
     const real t114 = t103 * (t55 - t58), t115 = t88 + k67 * t61;
     const real t116 = t89 + k67 * t62, t117 = t90 + k67 * t63;
     const real t118 = t87 + t95 + t96 + t111 + t112 + t113 + t114 - t110;
-    residual[9 * stride] = t118;
+    residual[9] = t118;
 
     /* inertia forces of links 1 to 3, about joint 7 */
     const real t119 = k69 * t51, t120 = k69 * t50;
     const real t121 = t80 + t106 + t79 + t93 - t104 - t78 - t105 - t119;
     const real t122 = t83 - t82 - t107 - t108 - t120 - t81 - t94 - t109;
-    residual[8 * stride] = t122;
+    residual[8] = t122;
     const real t123 = c4 * t115 - s4 * t117, t124 = s4 * t115 + c4 * t117;
     const real t125 = s4 * t118, t126 = c4 * t121;
     const real t127 = c4 * t118, t128 = s4 * t121;
@@ -2297,19 +1511,19 @@ static INLINE void hybrid_residual_lane(const Constants *RESTRICT constants,
     const real t153 = k73 * t32 - t123, t154 = k73 * t33 - t124;
     const real t155 = t116 + k73 * t34, t156 = t131 + t143 + t144 + t125 + t126 - t141 - t142;
     const real t157 = t147 + t148 + t128 - t132 - t145 - t146 - t127;
-    residual[1 * stride] = t157;
+    residual[1] = t157;
     const real t158 = t152 + t122 + t134 - t149 - t150 - t151 - t133;
-    residual[2 * stride] = t158;
+    residual[2] = t158;
 
     /* inertia forces on attitude and position */
     const real t159 = c2 * t155 - s2 * t153, t160 = s2 * t155 + c2 * t153;
-    residual[11 * stride] = t160;
+    residual[11] = t160;
     const real t161 = s2 * t158 + c2 * t156;
-    residual[0 * stride] = t161;
+    residual[0] = t161;
     const real t162 = c1 * t154 - s1 * t159;
-    residual[12 * stride] = t162;
+    residual[12] = t162;
     const real t163 = s1 * t154 + c1 * t159 - k79;
-    residual[13 * stride] = t163;
+    residual[13] = t163;
 
     /* motion of the base */
     const real t164 = c3 * t18 + v_theta_0 * s3, t165 = s3 * t18 - v_theta_0 * c3;
@@ -2320,160 +1534,32 @@ static INLINE void hybrid_residual_lane(const Constants *RESTRICT constants,
     const real t170 = s3 * t22 + c3 * t15 - base_arm_length * t168;
 
     /* inertia forces of base arm 2, about joint 2 */
-    const real t171 = k86 * (s3 * t15 - c3 * t22 - base_arm_length * t167);
-    const real t172 = k91 * (t27 + t164 * t164 - t167), t173 = k85 * t170;
-    const real t174 = t171 - t172, t175 = k89 * t168 - k90 * t169;
+    const real t171 = k85 * (s3 * t15 - c3 * t22 - base_arm_length * t167);
+    const real t172 = k90 * (t27 + t164 * t164 - t167), t173 = k84 * t170;
+    const real t174 = t171 - t172, t175 = k88 * t168 - k89 * t169;
     const real t176 = t173 + t175, t177 = t176 - t174;
-    residual[3 * stride] = t177;
+    residual[3] = t177;
 
     /* inertia forces of base arm 3, about joint 3 */
     const real t178 = t171 + t172, t179 = t175 - t173;
     const real t180 = t179 - t178;
-    residual[4 * stride] = t180;
+    residual[4] = t180;
 
     /* inertia forces of base arm 4, about joint 4 */
-    const real t181 = k8 * t168 - k14 * t169 - k84 * t170;
-    residual[5 * stride] = t181;
+    const real t181 = k8 * t168 - k14 * t169 - k83 * t170;
+    residual[5] = t181;
 
     /* inertia forces of base arm 5, about joint 5 */
     const real t182 = t178 + t179;
-    residual[6 * stride] = t182;
+    residual[6] = t182;
 
     /* inertia forces of base arm 6, about joint 6 */
     const real t183 = t174 + t176;
-    residual[7 * stride] = t183;
-}
-
-#ifndef EACH
-void hexarotor_3link_hybrid_residual(const Constants *RESTRICT constants, const real *RESTRICT q,
-    const real *RESTRICT v, real *RESTRICT residual)
-{
-    real angle[6], sine[6], cosine[6];
-    hybrid_residual_angles(constants, q, v, angle, 1);
-    sine_cosine_few(4, angle + 0, sine + 0, cosine + 0);
-    sine_cosine_few(2, angle + 4, sine + 4, cosine + 4);
-    hybrid_residual_lane(constants, sine, cosine, q, v, residual, 1);
-}
-#endif
-
-static WIDE void hybrid_residual_block(const Constants *RESTRICT constants, const real *RESTRICT q,
-    const real *RESTRICT v, real *RESTRICT residual)
-{
-    real angle[6 * LANES], sine[6 * LANES], cosine[6 * LANES];
-    VECTORISE
-    for (int lane = 0; lane < LANES; ++lane) {
-        hybrid_residual_angles(OF_LANE(constants, lane), q + lane, v + lane, angle + lane,
-            LANES);
-    }
-    sine_cosine_many(6 * LANES, angle, sine, cosine);
-    VECTORISE
-    for (int lane = 0; lane < LANES; ++lane) {
-        hybrid_residual_lane(OF_LANE(constants, lane), sine + lane, cosine + lane, q + lane,
-            v + lane, residual + lane, LANES);
-    }
-}
-
-void BATCH(hybrid_residual)(const Constants *RESTRICT constants, const size_t count,
-    const real *RESTRICT q, const real *RESTRICT v, real *RESTRICT residual)
-{
-    const size_t whole = count / LANES, rest = count % LANES;
-    PARALLEL
-    for (size_t block = 0; block < whole; ++block) {
-        hybrid_residual_block(OF_BLOCK(constants, block), q + block * (9 * LANES),
-            v + block * (9 * LANES), residual + block * (19 * LANES));
-    }
-    if (rest > 0) {
-        OF_LAST_BLOCK(constants, whole, rest);
-        real last_q[9 * LANES], last_v[9 * LANES];
-        fill_lanes(9, rest, q + whole * (9 * LANES), last_q);
-        fill_lanes(9, rest, v + whole * (9 * LANES), last_v);
-        hybrid_residual_block(last_constants, last_q, last_v,
-            residual + whole * (19 * LANES));
-    }
+    residual[7] = t183;
 }
 
 /* ---- hybrid_input_matrix ---- */
 
-static INLINE void hybrid_input_matrix_angles(const Constants *RESTRICT constants,
-    const real *RESTRICT q, real *RESTRICT angle, const int stride)
-{
-    (void)constants;
-    const real theta_m1 = q[0 * stride], theta_0 = q[1 * stride], theta_1 = q[2 * stride];
-    angle[0 * stride] = theta_m1; angle[1 * stride] = theta_0; angle[2 * stride] = theta_1;
-}
-
-static INLINE void hybrid_input_matrix_lane(const Constants *RESTRICT constants,
-    const real *RESTRICT sine, const real *RESTRICT cosine, const real *RESTRICT q,
-    real *RESTRICT input_matrix, const int stride)
-{
-    (void)q;
-    const real base_arm_length = CONSTANT(base_arm_length), k71 = CONSTANT(k71);
-    const real k81 = CONSTANT(k81), k82 = CONSTANT(k82), k83 = CONSTANT(k83);
-    const real s1 = sine[0 * stride], c1 = cosine[0 * stride], s2 = sine[1 * stride];
-    const real c2 = cosine[1 * stride], s3 = sine[2 * stride], c3 = cosine[2 * stride];
-    input_matrix[19 * stride] = k82; input_matrix[21 * stride] = k71;
-    input_matrix[23 * stride] = k82; input_matrix[28 * stride] = base_arm_length;
-    input_matrix[48 * stride] = base_arm_length; input_matrix[68 * stride] = base_arm_length;
-    input_matrix[78 * stride] = R(1.0); input_matrix[88 * stride] = R(1.0);
-    input_matrix[98 * stride] = R(1.0); input_matrix[99 * stride] = s2;
-    input_matrix[101 * stride] = s2; input_matrix[103 * stride] = s2;
-
-    /* thrust direction and generalised forces of motor 1 */
-    const real t7 = s1 * c2;
-    input_matrix[108 * stride] = -t7; input_matrix[110 * stride] = -t7;
-    input_matrix[112 * stride] = -t7;
-    const real t8 = c1 * c2;
-    input_matrix[117 * stride] = t8; input_matrix[119 * stride] = t8;
-    input_matrix[121 * stride] = t8;
-
-    /* thrust direction and generalised forces of motor 2 */
-    const real t9 = R(0.5) * s3, t10 = R(0.8660254037844386) * c3;
-    const real t11 = t9 + t10, t12 = R(0.5) * c3;
-    const real t13 = R(0.8660254037844386) * s3, t14 = t13 - t12;
-    const real t15 = s2 * t11, t16 = c2 * t11;
-    input_matrix[100 * stride] = t16;
-    const real t17 = k82 * s2;
-    input_matrix[1 * stride] = t17; input_matrix[5 * stride] = t17;
-    const real t18 = s1 * t15 + c1 * t14;
-    input_matrix[109 * stride] = t18;
-    const real t19 = s1 * t14 - c1 * t15;
-    input_matrix[118 * stride] = t19;
-
-    /* thrust direction and generalised forces of motor 3 */
-    const real t20 = k83 * s3, t21 = k81 * c3;
-    const real t22 = k81 * s3, t23 = k83 * c3;
-    const real t24 = t22 + t23;
-    input_matrix[11 * stride] = -t24;
-    const real t25 = c2 * (t20 - t21);
-    input_matrix[2 * stride] = t25;
-
-    /* thrust direction and generalised forces of motor 4 */
-    const real t26 = s2 * s3, t27 = c2 * s3;
-    input_matrix[102 * stride] = -t27;
-    const real t28 = k71 * s2;
-    input_matrix[3 * stride] = t28;
-    const real t29 = c1 * c3 - s1 * t26;
-    input_matrix[111 * stride] = t29;
-    const real t30 = c1 * t26 + s1 * c3;
-    input_matrix[120 * stride] = t30;
-
-    /* thrust direction and generalised forces of motor 5 */
-    const real t31 = t22 - t23;
-    input_matrix[13 * stride] = t31;
-    const real t32 = c2 * (t20 + t21);
-    input_matrix[4 * stride] = t32;
-
-    /* thrust direction and generalised forces of motor 6 */
-    const real t33 = t9 - t10, t34 = t12 + t13;
-    const real t35 = s2 * t33, t36 = c2 * t33;
-    input_matrix[104 * stride] = t36;
-    const real t37 = s1 * t35 - c1 * t34;
-    input_matrix[113 * stride] = t37;
-    const real t38 = c1 * t35 + s1 * t34;
-    input_matrix[122 * stride] = -t38;
-}
-
-#ifndef EACH
 void hexarotor_3link_hybrid_input_matrix(const Constants *RESTRICT constants,
     const real *RESTRICT q, real *RESTRICT input_matrix)
 {
@@ -2481,78 +1567,94 @@ void hexarotor_3link_hybrid_input_matrix(const Constants *RESTRICT constants,
     for (int i = 0; i < 171; ++i) {
         input_matrix[i] = R(0.0);
     }
-    hybrid_input_matrix_angles(constants, q, angle, 1);
+    {
+        const real theta_m1 = q[0], theta_0 = q[1], theta_1 = q[2];
+        angle[0] = theta_m1; angle[1] = theta_0; angle[2] = theta_1;
+    }
     sine_cosine_few(3, angle + 0, sine + 0, cosine + 0);
-    hybrid_input_matrix_lane(constants, sine, cosine, q, input_matrix, 1);
-}
-#endif
+    const real base_arm_length = constants->base_arm_length, k71 = constants->k71;
+    const real k80 = constants->k80, k81 = constants->k81, k82 = constants->k82;
+    const real s1 = sine[0], c1 = cosine[0], s2 = sine[1], c2 = cosine[1], s3 = sine[2];
+    const real c3 = cosine[2];
+    input_matrix[2 * 9 + 1] = k80; input_matrix[2 * 9 + 3] = k71; input_matrix[2 * 9 + 5] = k80;
+    input_matrix[3 * 9 + 1] = base_arm_length; input_matrix[5 * 9 + 3] = base_arm_length;
+    input_matrix[7 * 9 + 5] = base_arm_length; input_matrix[8 * 9 + 6] = R(1.0);
+    input_matrix[9 * 9 + 7] = R(1.0); input_matrix[10 * 9 + 8] = R(1.0);
+    input_matrix[11 * 9 + 0] = s2; input_matrix[11 * 9 + 2] = s2; input_matrix[11 * 9 + 4] = s2;
 
-static WIDE void hybrid_input_matrix_block(const Constants *RESTRICT constants,
-    const real *RESTRICT q, real *RESTRICT input_matrix)
-{
-    real angle[3 * LANES], sine[3 * LANES], cosine[3 * LANES];
-    for (int i = 0; i < 171 * LANES; ++i) {
-        input_matrix[i] = R(0.0);
-    }
-    VECTORISE
-    for (int lane = 0; lane < LANES; ++lane) {
-        hybrid_input_matrix_angles(OF_LANE(constants, lane), q + lane, angle + lane, LANES);
-    }
-    sine_cosine_many(3 * LANES, angle, sine, cosine);
-    VECTORISE
-    for (int lane = 0; lane < LANES; ++lane) {
-        hybrid_input_matrix_lane(OF_LANE(constants, lane), sine + lane, cosine + lane,
-            q + lane, input_matrix + lane, LANES);
-    }
-}
+    /* thrust direction and generalised forces of motor 1 */
+    const real t7 = s1 * c2;
+    input_matrix[12 * 9 + 0] = -t7; input_matrix[12 * 9 + 2] = -t7; input_matrix[12 * 9 + 4] = -t7;
+    const real t8 = c1 * c2;
+    input_matrix[13 * 9 + 0] = t8; input_matrix[13 * 9 + 2] = t8; input_matrix[13 * 9 + 4] = t8;
 
-void BATCH(hybrid_input_matrix)(const Constants *RESTRICT constants, const size_t count,
-    const real *RESTRICT q, real *RESTRICT input_matrix)
-{
-    const size_t whole = count / LANES, rest = count % LANES;
-    PARALLEL
-    for (size_t block = 0; block < whole; ++block) {
-        hybrid_input_matrix_block(OF_BLOCK(constants, block), q + block * (9 * LANES),
-            input_matrix + block * (171 * LANES));
-    }
-    if (rest > 0) {
-        OF_LAST_BLOCK(constants, whole, rest);
-        real last_q[9 * LANES];
-        fill_lanes(9, rest, q + whole * (9 * LANES), last_q);
-        hybrid_input_matrix_block(last_constants, last_q,
-            input_matrix + whole * (171 * LANES));
-    }
+    /* thrust direction and generalised forces of motor 2 */
+    const real t9 = R(0.5) * s3, t10 = R(0.8660254037844386) * c3;
+    const real t11 = t9 + t10, t12 = R(0.5) * c3;
+    const real t13 = R(0.8660254037844386) * s3, t14 = t13 - t12;
+    const real t15 = s2 * t11, t16 = c2 * t11;
+    input_matrix[11 * 9 + 1] = t16;
+    const real t17 = k80 * s2;
+    input_matrix[0 * 9 + 1] = t17; input_matrix[0 * 9 + 5] = t17;
+    const real t18 = s1 * t15 + c1 * t14;
+    input_matrix[12 * 9 + 1] = t18;
+    const real t19 = s1 * t14 - c1 * t15;
+    input_matrix[13 * 9 + 1] = t19;
+
+    /* thrust direction and generalised forces of motor 3 */
+    const real t20 = k82 * s3, t21 = k81 * c3;
+    const real t22 = k81 * s3, t23 = k82 * c3;
+    const real t24 = t22 + t23;
+    input_matrix[1 * 9 + 2] = -t24;
+    const real t25 = c2 * (t20 - t21);
+    input_matrix[0 * 9 + 2] = t25;
+
+    /* thrust direction and generalised forces of motor 4 */
+    const real t26 = s2 * s3, t27 = c2 * s3;
+    input_matrix[11 * 9 + 3] = -t27;
+    const real t28 = k71 * s2;
+    input_matrix[0 * 9 + 3] = t28;
+    const real t29 = c1 * c3 - s1 * t26;
+    input_matrix[12 * 9 + 3] = t29;
+    const real t30 = c1 * t26 + s1 * c3;
+    input_matrix[13 * 9 + 3] = t30;
+
+    /* thrust direction and generalised forces of motor 5 */
+    const real t31 = t22 - t23;
+    input_matrix[1 * 9 + 4] = t31;
+    const real t32 = c2 * (t20 + t21);
+    input_matrix[0 * 9 + 4] = t32;
+
+    /* thrust direction and generalised forces of motor 6 */
+    const real t33 = t9 - t10, t34 = t12 + t13;
+    const real t35 = s2 * t33, t36 = c2 * t33;
+    input_matrix[11 * 9 + 5] = t36;
+    const real t37 = s1 * t35 - c1 * t34;
+    input_matrix[12 * 9 + 5] = t37;
+    const real t38 = c1 * t35 + s1 * t34;
+    input_matrix[13 * 9 + 5] = -t38;
 }
 
 /* ---- constraint_torques ---- */
 
-static INLINE void constraint_torques_angles(const Constants *RESTRICT constants,
-    const real *RESTRICT q, const real *RESTRICT v, const real *RESTRICT a, const real *RESTRICT u,
-    real *RESTRICT angle, const int stride)
+void hexarotor_3link_constraint_torques(const Constants *RESTRICT constants, const real *RESTRICT q,
+    const real *RESTRICT v, const real *RESTRICT a, const real *RESTRICT u, real *RESTRICT torque)
 {
-    (void)constants;
-    (void)v;
-    (void)a;
-    (void)u;
-    const real theta_m1 = q[0 * stride], theta_0 = q[1 * stride], theta_1 = q[2 * stride];
-    angle[0 * stride] = theta_m1; angle[1 * stride] = theta_0; angle[2 * stride] = theta_1;
-}
-
-static INLINE void constraint_torques_lane(const Constants *RESTRICT constants,
-    const real *RESTRICT sine, const real *RESTRICT cosine, const real *RESTRICT q,
-    const real *RESTRICT v, const real *RESTRICT a, const real *RESTRICT u, real *RESTRICT torque,
-    const int stride)
-{
-    (void)q;
-    const real gravity = CONSTANT(gravity), base_arm_length = CONSTANT(base_arm_length);
-    const real k8 = CONSTANT(k8), k14 = CONSTANT(k14), k84 = CONSTANT(k84), k85 = CONSTANT(k85);
-    const real k86 = CONSTANT(k86), k89 = CONSTANT(k89), k90 = CONSTANT(k90), k91 = CONSTANT(k91);
-    const real v_theta_m1 = v[0 * stride], v_theta_0 = v[1 * stride], v_theta_1 = v[2 * stride];
-    const real a_theta_m1 = a[0 * stride], a_theta_1 = a[2 * stride], a_x = a[6 * stride];
-    const real a_y = a[7 * stride], a_z = a[8 * stride];
-    const real F_2 = u[1 * stride], F_4 = u[3 * stride], F_6 = u[5 * stride];
-    const real s1 = sine[0 * stride], c1 = cosine[0 * stride], s2 = sine[1 * stride];
-    const real c2 = cosine[1 * stride], s3 = sine[2 * stride], c3 = cosine[2 * stride];
+    real angle[3], sine[3], cosine[3];
+    {
+        const real theta_m1 = q[0], theta_0 = q[1], theta_1 = q[2];
+        angle[0] = theta_m1; angle[1] = theta_0; angle[2] = theta_1;
+    }
+    sine_cosine_few(3, angle + 0, sine + 0, cosine + 0);
+    const real gravity = constants->gravity, base_arm_length = constants->base_arm_length;
+    const real k8 = constants->k8, k14 = constants->k14, k83 = constants->k83, k84 = constants->k84;
+    const real k85 = constants->k85, k88 = constants->k88, k89 = constants->k89;
+    const real k90 = constants->k90;
+    const real v_theta_m1 = v[0], v_theta_0 = v[1], v_theta_1 = v[2];
+    const real a_theta_m1 = a[0], a_theta_1 = a[2], a_x = a[6], a_y = a[7], a_z = a[8];
+    const real F_2 = u[1], F_4 = u[3], F_6 = u[5];
+    const real s1 = sine[0], c1 = cosine[0], s2 = sine[1], c2 = cosine[1], s3 = sine[2];
+    const real c3 = cosine[2];
 
     /* motion of the base */
     const real t7 = v_theta_m1 * c2, t8 = v_theta_1 + v_theta_m1 * s2;
@@ -2561,7 +1663,7 @@ static INLINE void constraint_torques_lane(const Constants *RESTRICT constants,
     const real t13 = t9 + t11 * t11;
 
     /* inertia forces of base arm 2, about joint 2 */
-    const real t14 = k91 * (t9 + t10 * t10 - t13);
+    const real t14 = k90 * (t9 + t10 * t10 - t13);
 
     /* motion of the base */
     const real t15 = a_z + gravity, t16 = a_y * c1 + s1 * t15;
@@ -2573,119 +1675,62 @@ static INLINE void constraint_torques_lane(const Constants *RESTRICT constants,
     const real t21 = c3 * t16 + base_arm_length * t19 - s3 * t17;
 
     /* inertia forces of base arm 2, about joint 2 */
-    const real t22 = k85 * t21, t23 = k86 * (base_arm_length * t13 - s3 * t16 - c3 * t17);
+    const real t22 = k84 * t21, t23 = k85 * (base_arm_length * t13 - s3 * t16 - c3 * t17);
 
     /* constraint torque on base arm 2 */
-    const real t24 = t14 + t22, t25 = k89 * t19 - k90 * t20;
+    const real t24 = t14 + t22, t25 = k88 * t19 - k89 * t20;
     const real t26 = t25 - t23, t27 = t26 - base_arm_length * F_2 - t24;
-    torque[0 * stride] = t27;
+    torque[0] = t27;
 
     /* inertia forces of base arm 3, about joint 3 */
     const real t28 = t24 + t26;
-    torque[1 * stride] = t28;
+    torque[1] = t28;
 
     /* inertia forces of base arm 4, about joint 4 */
     const real t29 = k14 * t20;
 
     /* constraint torque on base arm 4 */
-    const real t30 = k8 * t19 + k84 * t21 - base_arm_length * F_4 - t29;
-    torque[2 * stride] = t30;
+    const real t30 = k8 * t19 + k83 * t21 - base_arm_length * F_4 - t29;
+    torque[2] = t30;
 
     /* inertia forces of base arm 5, about joint 5 */
     const real t31 = t14 - t22, t32 = t23 + t25;
     const real t33 = t32 - t31;
-    torque[3 * stride] = t33;
+    torque[3] = t33;
 
     /* constraint torque on base arm 6 */
     const real t34 = t31 + t32 - base_arm_length * F_6;
-    torque[4 * stride] = t34;
-}
-
-#ifndef EACH
-void hexarotor_3link_constraint_torques(const Constants *RESTRICT constants, const real *RESTRICT q,
-    const real *RESTRICT v, const real *RESTRICT a, const real *RESTRICT u, real *RESTRICT torque)
-{
-    real angle[3], sine[3], cosine[3];
-    constraint_torques_angles(constants, q, v, a, u, angle, 1);
-    sine_cosine_few(3, angle + 0, sine + 0, cosine + 0);
-    constraint_torques_lane(constants, sine, cosine, q, v, a, u, torque, 1);
-}
-#endif
-
-static WIDE void constraint_torques_block(const Constants *RESTRICT constants,
-    const real *RESTRICT q, const real *RESTRICT v, const real *RESTRICT a, const real *RESTRICT u,
-    real *RESTRICT torque)
-{
-    real angle[3 * LANES], sine[3 * LANES], cosine[3 * LANES];
-    VECTORISE
-    for (int lane = 0; lane < LANES; ++lane) {
-        constraint_torques_angles(OF_LANE(constants, lane), q + lane, v + lane, a + lane,
-            u + lane, angle + lane, LANES);
-    }
-    sine_cosine_many(3 * LANES, angle, sine, cosine);
-    VECTORISE
-    for (int lane = 0; lane < LANES; ++lane) {
-        constraint_torques_lane(OF_LANE(constants, lane), sine + lane, cosine + lane,
-            q + lane, v + lane, a + lane, u + lane, torque + lane, LANES);
-    }
-}
-
-void BATCH(constraint_torques)(const Constants *RESTRICT constants, const size_t count,
-    const real *RESTRICT q, const real *RESTRICT v, const real *RESTRICT a, const real *RESTRICT u,
-    real *RESTRICT torque)
-{
-    const size_t whole = count / LANES, rest = count % LANES;
-    PARALLEL
-    for (size_t block = 0; block < whole; ++block) {
-        constraint_torques_block(OF_BLOCK(constants, block), q + block * (9 * LANES),
-            v + block * (9 * LANES), a + block * (9 * LANES), u + block * (9 * LANES),
-            torque + block * (5 * LANES));
-    }
-    if (rest > 0) {
-        OF_LAST_BLOCK(constants, whole, rest);
-        real last_q[9 * LANES], last_v[9 * LANES], last_a[9 * LANES], last_u[9 * LANES];
-        fill_lanes(9, rest, q + whole * (9 * LANES), last_q);
-        fill_lanes(9, rest, v + whole * (9 * LANES), last_v);
-        fill_lanes(9, rest, a + whole * (9 * LANES), last_a);
-        fill_lanes(9, rest, u + whole * (9 * LANES), last_u);
-        constraint_torques_block(last_constants, last_q, last_v, last_a, last_u,
-            torque + whole * (5 * LANES));
-    }
+    torque[4] = t34;
 }
 
 /* ---- kinetic_energy ---- */
 
-static INLINE void kinetic_energy_angles(const Constants *RESTRICT constants,
-    const real *RESTRICT q, const real *RESTRICT v, real *RESTRICT angle, const int stride)
+void hexarotor_3link_kinetic_energy(const Constants *RESTRICT constants, const real *RESTRICT q,
+    const real *RESTRICT v, real *RESTRICT energy)
 {
-    (void)constants;
-    (void)v;
-    const real theta_m1 = q[0 * stride], theta_0 = q[1 * stride], theta_1 = q[2 * stride];
-    const real theta_7 = q[3 * stride], theta_8 = q[4 * stride], theta_9 = q[5 * stride];
+    real angle[6], sine[6], cosine[6];
+    {
+        const real theta_m1 = q[0], theta_0 = q[1], theta_1 = q[2], theta_7 = q[3], theta_8 = q[4];
+        const real theta_9 = q[5];
 
-    /* angles and places of the joints */
-    const real t7 = theta_1 + theta_7, t12 = theta_8 + theta_9;
-    angle[0 * stride] = theta_m1; angle[1 * stride] = theta_0; angle[2 * stride] = theta_1;
-    angle[3 * stride] = t7; angle[4 * stride] = theta_8; angle[5 * stride] = t12;
-}
-
-static INLINE void kinetic_energy_lane(const Constants *RESTRICT constants,
-    const real *RESTRICT sine, const real *RESTRICT cosine, const real *RESTRICT q,
-    const real *RESTRICT v, real *RESTRICT energy, const int stride)
-{
-    (void)q;
-    const real base_arm_length = CONSTANT(base_arm_length), link2_length = CONSTANT(link2_length);
-    const real k32 = CONSTANT(k32), k44 = CONSTANT(k44), k50 = CONSTANT(k50), k60 = CONSTANT(k60);
-    const real k62 = CONSTANT(k62), k67 = CONSTANT(k67), k68 = CONSTANT(k68), k73 = CONSTANT(k73);
-    const real k74 = CONSTANT(k74), k75 = CONSTANT(k75), k76 = CONSTANT(k76), k77 = CONSTANT(k77);
-    const real k105 = CONSTANT(k105), k106 = CONSTANT(k106), k107 = CONSTANT(k107);
-    const real v_theta_m1 = v[0 * stride], v_theta_0 = v[1 * stride], v_theta_1 = v[2 * stride];
-    const real v_theta_7 = v[3 * stride], v_theta_8 = v[4 * stride], v_theta_9 = v[5 * stride];
-    const real v_x = v[6 * stride], v_y = v[7 * stride], v_z = v[8 * stride];
-    const real s1 = sine[0 * stride], c1 = cosine[0 * stride], s2 = sine[1 * stride];
-    const real c2 = cosine[1 * stride], s3 = sine[2 * stride], c3 = cosine[2 * stride];
-    const real s4 = sine[3 * stride], c4 = cosine[3 * stride], s5 = sine[4 * stride];
-    const real c5 = cosine[4 * stride], s6 = sine[5 * stride], c6 = cosine[5 * stride];
+        /* angles and places of the joints */
+        const real t7 = theta_1 + theta_7, t12 = theta_8 + theta_9;
+        angle[0] = theta_m1; angle[1] = theta_0; angle[2] = theta_1; angle[3] = t7;
+        angle[4] = theta_8; angle[5] = t12;
+    }
+    sine_cosine_few(4, angle + 0, sine + 0, cosine + 0);
+    sine_cosine_few(2, angle + 4, sine + 4, cosine + 4);
+    const real base_arm_length = constants->base_arm_length, link2_length = constants->link2_length;
+    const real k32 = constants->k32, k44 = constants->k44, k50 = constants->k50;
+    const real k60 = constants->k60, k62 = constants->k62, k67 = constants->k67;
+    const real k68 = constants->k68, k73 = constants->k73, k74 = constants->k74;
+    const real k75 = constants->k75, k76 = constants->k76, k77 = constants->k77;
+    const real k103 = constants->k103, k104 = constants->k104, k105 = constants->k105;
+    const real v_theta_m1 = v[0], v_theta_0 = v[1], v_theta_1 = v[2], v_theta_7 = v[3];
+    const real v_theta_8 = v[4], v_theta_9 = v[5], v_x = v[6], v_y = v[7], v_z = v[8];
+    const real s1 = sine[0], c1 = cosine[0], s2 = sine[1], c2 = cosine[1], s3 = sine[2];
+    const real c3 = cosine[2], s4 = sine[3], c4 = cosine[3], s5 = sine[4], c5 = cosine[4];
+    const real s6 = sine[5], c6 = cosine[5];
 
     /* motion of the base */
     const real t15 = v_theta_m1 * c2, t16 = v_theta_1 + v_theta_m1 * s2;
@@ -2730,95 +1775,45 @@ static INLINE void kinetic_energy_lane(const Constants *RESTRICT constants,
     const real t49 = v_theta_0 * v_theta_0 * t37, t50 = t15 * t15 * t38;
 
     /* sum over the links */
-    const real t51 = v_theta_0 * c3 * t35 + k105 * t15 + t34 * t41, t52 = t15 * t51;
-    const real t53 = k106 * (t39 * t39 + t41 * t41 + t42 * t42);
-    const real t54 = t18 * (k107 * t18 - t28 * t47 - t22 * t48);
-    const real t55 = v_theta_0 * (k105 * v_theta_0 - t33 * t41);
+    const real t51 = v_theta_0 * c3 * t35 + k103 * t15 + t34 * t41, t52 = t15 * t51;
+    const real t53 = k104 * (t39 * t39 + t41 * t41 + t42 * t42);
+    const real t54 = t18 * (k105 * t18 - t28 * t47 - t22 * t48);
+    const real t55 = v_theta_0 * (k103 * v_theta_0 - t33 * t41);
     const real t56 = t16 * (t33 * t39 - t34 * t42), t57 = t19 * (t27 * t45 - t28 * t46);
     const real t58 = t22 * (t46 - link2_length * s5 * t19);
     const real t59 = t20 * (t21 * (t45 + link2_length * c5 * t19) - t58);
-    const real t60 = t18 * (c6 * t23 - c5 * t29), t61 = k107 * t17 + t27 * t47 + t21 * t48 - t60;
+    const real t60 = t18 * (c6 * t23 - c5 * t29), t61 = k105 * t17 + t27 * t47 + t21 * t48 - t60;
     const real t62 = t17 * t61, t63 = t16 * t16 * (t37 + t38);
     const real t64 = t17 * t17 * (t25 + t31), t65 = t18 * t18 * (t26 + t32);
     const real t66 = t19 * (t31 + t32) * t19, t67 = t20 * (t25 + t26) * t20;
     const real t68 = t49 + t50 + t63 + t64 + t65 + t66 + t67, t69 = R(0.5) * t68;
     const real t70 = t52 + t53 + t54 + t55 + t56 + t57 + t59 + t62 + t69;
-    energy[0 * stride] = t70;
-}
-
-#ifndef EACH
-void hexarotor_3link_kinetic_energy(const Constants *RESTRICT constants, const real *RESTRICT q,
-    const real *RESTRICT v, real *RESTRICT energy)
-{
-    real angle[6], sine[6], cosine[6];
-    kinetic_energy_angles(constants, q, v, angle, 1);
-    sine_cosine_few(4, angle + 0, sine + 0, cosine + 0);
-    sine_cosine_few(2, angle + 4, sine + 4, cosine + 4);
-    kinetic_energy_lane(constants, sine, cosine, q, v, energy, 1);
-}
-#endif
-
-static WIDE void kinetic_energy_block(const Constants *RESTRICT constants, const real *RESTRICT q,
-    const real *RESTRICT v, real *RESTRICT energy)
-{
-    real angle[6 * LANES], sine[6 * LANES], cosine[6 * LANES];
-    VECTORISE
-    for (int lane = 0; lane < LANES; ++lane) {
-        kinetic_energy_angles(OF_LANE(constants, lane), q + lane, v + lane, angle + lane,
-            LANES);
-    }
-    sine_cosine_many(6 * LANES, angle, sine, cosine);
-    VECTORISE
-    for (int lane = 0; lane < LANES; ++lane) {
-        kinetic_energy_lane(OF_LANE(constants, lane), sine + lane, cosine + lane, q + lane,
-            v + lane, energy + lane, LANES);
-    }
-}
-
-void BATCH(kinetic_energy)(const Constants *RESTRICT constants, const size_t count,
-    const real *RESTRICT q, const real *RESTRICT v, real *RESTRICT energy)
-{
-    const size_t whole = count / LANES, rest = count % LANES;
-    PARALLEL
-    for (size_t block = 0; block < whole; ++block) {
-        kinetic_energy_block(OF_BLOCK(constants, block), q + block * (9 * LANES),
-            v + block * (9 * LANES), energy + block * (1 * LANES));
-    }
-    if (rest > 0) {
-        OF_LAST_BLOCK(constants, whole, rest);
-        real last_q[9 * LANES], last_v[9 * LANES];
-        fill_lanes(9, rest, q + whole * (9 * LANES), last_q);
-        fill_lanes(9, rest, v + whole * (9 * LANES), last_v);
-        kinetic_energy_block(last_constants, last_q, last_v, energy + whole * (1 * LANES));
-    }
+    energy[0] = t70;
 }
 
 /* ---- potential_energy ---- */
 
-static INLINE void potential_energy_angles(const Constants *RESTRICT constants,
-    const real *RESTRICT q, real *RESTRICT angle, const int stride)
+void hexarotor_3link_potential_energy(const Constants *RESTRICT constants, const real *RESTRICT q,
+    real *RESTRICT energy)
 {
-    (void)constants;
-    const real theta_m1 = q[0 * stride], theta_0 = q[1 * stride], theta_1 = q[2 * stride];
-    const real theta_7 = q[3 * stride], theta_8 = q[4 * stride], theta_9 = q[5 * stride];
+    real angle[6], sine[6], cosine[6];
+    {
+        const real theta_m1 = q[0], theta_0 = q[1], theta_1 = q[2], theta_7 = q[3], theta_8 = q[4];
+        const real theta_9 = q[5];
 
-    /* angles and places of the joints */
-    const real t7 = theta_1 + theta_7, t12 = theta_8 + theta_9;
-    angle[0 * stride] = theta_m1; angle[1 * stride] = theta_0; angle[2 * stride] = theta_1;
-    angle[3 * stride] = t7; angle[4 * stride] = theta_8; angle[5 * stride] = t12;
-}
-
-static INLINE void potential_energy_lane(const Constants *RESTRICT constants,
-    const real *RESTRICT sine, const real *RESTRICT cosine, const real *RESTRICT q,
-    real *RESTRICT energy, const int stride)
-{
-    const real gravity = CONSTANT(gravity), k62 = CONSTANT(k62), k67 = CONSTANT(k67);
-    const real k72 = CONSTANT(k72), k73 = CONSTANT(k73);
-    const real z = q[8 * stride];
-    const real s1 = sine[0 * stride], c1 = cosine[0 * stride], s2 = sine[1 * stride];
-    const real c2 = cosine[1 * stride], s3 = sine[2 * stride], c3 = cosine[2 * stride];
-    const real s4 = sine[3 * stride], c4 = cosine[3 * stride], s5 = sine[4 * stride];
-    const real c5 = cosine[4 * stride], s6 = sine[5 * stride], c6 = cosine[5 * stride];
+        /* angles and places of the joints */
+        const real t7 = theta_1 + theta_7, t12 = theta_8 + theta_9;
+        angle[0] = theta_m1; angle[1] = theta_0; angle[2] = theta_1; angle[3] = t7;
+        angle[4] = theta_8; angle[5] = t12;
+    }
+    sine_cosine_few(4, angle + 0, sine + 0, cosine + 0);
+    sine_cosine_few(2, angle + 4, sine + 4, cosine + 4);
+    const real gravity = constants->gravity, k62 = constants->k62, k67 = constants->k67;
+    const real k72 = constants->k72, k73 = constants->k73;
+    const real z = q[8];
+    const real s1 = sine[0], c1 = cosine[0], s2 = sine[1], c2 = cosine[1], s3 = sine[2];
+    const real c3 = cosine[2], s4 = sine[3], c4 = cosine[3], s5 = sine[4], c5 = cosine[4];
+    const real s6 = sine[5], c6 = cosine[5];
 
     /* composite inertia of links 2 and 3, about joint 8 */
     const real t15 = k62 * c6 + k67 * c5;
@@ -2826,81 +1821,33 @@ static INLINE void potential_energy_lane(const Constants *RESTRICT constants,
     /* first moment of mass above Z = 0, and its weight */
     const real t16 = s2 * (k73 * c3 + c4 * t15), t17 = c1 * (c2 * (k62 * s6 + k67 * s5) - t16);
     const real t18 = t17 + s1 * (k73 * s3 + s4 * t15), t19 = gravity * (t18 + k72 * z);
-    energy[0 * stride] = t19;
-}
-
-#ifndef EACH
-void hexarotor_3link_potential_energy(const Constants *RESTRICT constants, const real *RESTRICT q,
-    real *RESTRICT energy)
-{
-    real angle[6], sine[6], cosine[6];
-    potential_energy_angles(constants, q, angle, 1);
-    sine_cosine_few(4, angle + 0, sine + 0, cosine + 0);
-    sine_cosine_few(2, angle + 4, sine + 4, cosine + 4);
-    potential_energy_lane(constants, sine, cosine, q, energy, 1);
-}
-#endif
-
-static WIDE void potential_energy_block(const Constants *RESTRICT constants, const real *RESTRICT q,
-    real *RESTRICT energy)
-{
-    real angle[6 * LANES], sine[6 * LANES], cosine[6 * LANES];
-    VECTORISE
-    for (int lane = 0; lane < LANES; ++lane) {
-        potential_energy_angles(OF_LANE(constants, lane), q + lane, angle + lane, LANES);
-    }
-    sine_cosine_many(6 * LANES, angle, sine, cosine);
-    VECTORISE
-    for (int lane = 0; lane < LANES; ++lane) {
-        potential_energy_lane(OF_LANE(constants, lane), sine + lane, cosine + lane,
-            q + lane, energy + lane, LANES);
-    }
-}
-
-void BATCH(potential_energy)(const Constants *RESTRICT constants, const size_t count,
-    const real *RESTRICT q, real *RESTRICT energy)
-{
-    const size_t whole = count / LANES, rest = count % LANES;
-    PARALLEL
-    for (size_t block = 0; block < whole; ++block) {
-        potential_energy_block(OF_BLOCK(constants, block), q + block * (9 * LANES),
-            energy + block * (1 * LANES));
-    }
-    if (rest > 0) {
-        OF_LAST_BLOCK(constants, whole, rest);
-        real last_q[9 * LANES];
-        fill_lanes(9, rest, q + whole * (9 * LANES), last_q);
-        potential_energy_block(last_constants, last_q, energy + whole * (1 * LANES));
-    }
+    energy[0] = t19;
 }
 
 /* ---- gravity_forces ---- */
 
-static INLINE void gravity_forces_angles(const Constants *RESTRICT constants,
-    const real *RESTRICT q, real *RESTRICT angle, const int stride)
+void hexarotor_3link_gravity_forces(const Constants *RESTRICT constants, const real *RESTRICT q,
+    real *RESTRICT force)
 {
-    (void)constants;
-    const real theta_m1 = q[0 * stride], theta_0 = q[1 * stride], theta_1 = q[2 * stride];
-    const real theta_7 = q[3 * stride], theta_8 = q[4 * stride], theta_9 = q[5 * stride];
+    real angle[6], sine[6], cosine[6];
+    {
+        const real theta_m1 = q[0], theta_0 = q[1], theta_1 = q[2], theta_7 = q[3], theta_8 = q[4];
+        const real theta_9 = q[5];
 
-    /* angles and places of the joints */
-    const real t7 = theta_1 + theta_7, t12 = theta_8 + theta_9;
-    angle[0 * stride] = theta_m1; angle[1 * stride] = theta_0; angle[2 * stride] = theta_1;
-    angle[3 * stride] = t7; angle[4 * stride] = theta_8; angle[5 * stride] = t12;
-}
-
-static INLINE void gravity_forces_lane(const Constants *RESTRICT constants,
-    const real *RESTRICT sine, const real *RESTRICT cosine, const real *RESTRICT q,
-    real *RESTRICT force, const int stride)
-{
-    (void)q;
-    const real k62 = CONSTANT(k62), k67 = CONSTANT(k67), k73 = CONSTANT(k73), k79 = CONSTANT(k79);
-    const real k103 = CONSTANT(k103), k109 = CONSTANT(k109), k110 = CONSTANT(k110);
-    const real s1 = sine[0 * stride], c1 = cosine[0 * stride], s2 = sine[1 * stride];
-    const real c2 = cosine[1 * stride], s3 = sine[2 * stride], c3 = cosine[2 * stride];
-    const real s4 = sine[3 * stride], c4 = cosine[3 * stride], s5 = sine[4 * stride];
-    const real c5 = cosine[4 * stride], s6 = sine[5 * stride], c6 = cosine[5 * stride];
-    force[6 * stride] = R(0.0); force[7 * stride] = R(0.0); force[8 * stride] = -k79;
+        /* angles and places of the joints */
+        const real t7 = theta_1 + theta_7, t12 = theta_8 + theta_9;
+        angle[0] = theta_m1; angle[1] = theta_0; angle[2] = theta_1; angle[3] = t7;
+        angle[4] = theta_8; angle[5] = t12;
+    }
+    sine_cosine_few(4, angle + 0, sine + 0, cosine + 0);
+    sine_cosine_few(2, angle + 4, sine + 4, cosine + 4);
+    const real k62 = constants->k62, k67 = constants->k67, k73 = constants->k73;
+    const real k79 = constants->k79, k101 = constants->k101, k107 = constants->k107;
+    const real k108 = constants->k108;
+    const real s1 = sine[0], c1 = cosine[0], s2 = sine[1], c2 = cosine[1], s3 = sine[2];
+    const real c3 = cosine[2], s4 = sine[3], c4 = cosine[3], s5 = sine[4], c5 = cosine[4];
+    const real s6 = sine[5], c6 = cosine[5];
+    force[6] = R(0.0); force[7] = R(0.0); force[8] = -k79;
 
     /* composite inertia of links 2 and 3, about joint 8 */
     const real t15 = k62 * c6 + k67 * c5;
@@ -2912,7 +1859,7 @@ static INLINE void gravity_forces_lane(const Constants *RESTRICT constants,
     const real t18 = c1 * c2;
 
     /* centre of mass from the origin */
-    const real t19 = k103 * (k62 * s6 + k67 * s5);
+    const real t19 = k101 * (k62 * s6 + k67 * s5);
 
     /* axes of the base */
     const real t20 = c1 * s2;
@@ -2921,103 +1868,52 @@ static INLINE void gravity_forces_lane(const Constants *RESTRICT constants,
     const real t21 = s1 * s4 - c4 * t20;
 
     /* centre of mass from the origin */
-    const real t22 = k103 * (k73 * c3 + t16);
+    const real t22 = k101 * (k73 * c3 + t16);
 
     /* columns of the base */
-    const real t23 = s2 * t19 + c2 * t22, t24 = c1 * k103 * (k73 * s3 + t17);
+    const real t23 = s2 * t19 + c2 * t22, t24 = c1 * k101 * (k73 * s3 + t17);
     const real t25 = s1 * (c2 * t19 - s2 * t22) - t24;
 
     /* weight at the centre of mass */
     const real t26 = k79 * t25;
-    force[0 * stride] = t26;
+    force[0] = t26;
     const real t27 = k79 * c1 * t23;
-    force[1 * stride] = t27;
+    force[1] = t27;
     const real t28 = k79 * (s2 * t25 - s1 * c2 * t23);
-    force[2 * stride] = t28;
-    const real t29 = k109 * (s1 * t16 + t17 * t20);
-    force[3 * stride] = -t29;
-    const real t30 = k79 * (t19 * t21 - t18 * k103 * t15);
-    force[4 * stride] = t30;
-    const real t31 = k110 * (s6 * t21 - c6 * t18);
-    force[5 * stride] = t31;
-}
-
-#ifndef EACH
-void hexarotor_3link_gravity_forces(const Constants *RESTRICT constants, const real *RESTRICT q,
-    real *RESTRICT force)
-{
-    real angle[6], sine[6], cosine[6];
-    gravity_forces_angles(constants, q, angle, 1);
-    sine_cosine_few(4, angle + 0, sine + 0, cosine + 0);
-    sine_cosine_few(2, angle + 4, sine + 4, cosine + 4);
-    gravity_forces_lane(constants, sine, cosine, q, force, 1);
-}
-#endif
-
-static WIDE void gravity_forces_block(const Constants *RESTRICT constants, const real *RESTRICT q,
-    real *RESTRICT force)
-{
-    real angle[6 * LANES], sine[6 * LANES], cosine[6 * LANES];
-    VECTORISE
-    for (int lane = 0; lane < LANES; ++lane) {
-        gravity_forces_angles(OF_LANE(constants, lane), q + lane, angle + lane, LANES);
-    }
-    sine_cosine_many(6 * LANES, angle, sine, cosine);
-    VECTORISE
-    for (int lane = 0; lane < LANES; ++lane) {
-        gravity_forces_lane(OF_LANE(constants, lane), sine + lane, cosine + lane, q + lane,
-            force + lane, LANES);
-    }
-}
-
-void BATCH(gravity_forces)(const Constants *RESTRICT constants, const size_t count,
-    const real *RESTRICT q, real *RESTRICT force)
-{
-    const size_t whole = count / LANES, rest = count % LANES;
-    PARALLEL
-    for (size_t block = 0; block < whole; ++block) {
-        gravity_forces_block(OF_BLOCK(constants, block), q + block * (9 * LANES),
-            force + block * (9 * LANES));
-    }
-    if (rest > 0) {
-        OF_LAST_BLOCK(constants, whole, rest);
-        real last_q[9 * LANES];
-        fill_lanes(9, rest, q + whole * (9 * LANES), last_q);
-        gravity_forces_block(last_constants, last_q, force + whole * (9 * LANES));
-    }
+    force[2] = t28;
+    const real t29 = k107 * (s1 * t16 + t17 * t20);
+    force[3] = -t29;
+    const real t30 = k79 * (t19 * t21 - t18 * k101 * t15);
+    force[4] = t30;
+    const real t31 = k108 * (s6 * t21 - c6 * t18);
+    force[5] = t31;
 }
 
 /* ---- wrench_forces ---- */
 
-static INLINE void wrench_forces_angles(const Constants *RESTRICT constants, const real *RESTRICT q,
-    const real *RESTRICT W, real *RESTRICT angle, const int stride)
+void hexarotor_3link_wrench_forces(const Constants *RESTRICT constants, const real *RESTRICT q,
+    const real *RESTRICT W, real *RESTRICT force)
 {
-    (void)constants;
-    (void)W;
-    const real theta_m1 = q[0 * stride], theta_0 = q[1 * stride], theta_1 = q[2 * stride];
-    const real theta_7 = q[3 * stride], theta_8 = q[4 * stride], theta_9 = q[5 * stride];
+    real angle[6], sine[6], cosine[6];
+    {
+        const real theta_m1 = q[0], theta_0 = q[1], theta_1 = q[2], theta_7 = q[3], theta_8 = q[4];
+        const real theta_9 = q[5];
 
-    /* angles and places of the joints */
-    const real t7 = theta_1 + theta_7, t12 = theta_8 + theta_9;
-    angle[0 * stride] = theta_m1; angle[1 * stride] = theta_0; angle[2 * stride] = theta_1;
-    angle[3 * stride] = t7; angle[4 * stride] = theta_8; angle[5 * stride] = t12;
-}
-
-static INLINE void wrench_forces_lane(const Constants *RESTRICT constants,
-    const real *RESTRICT sine, const real *RESTRICT cosine, const real *RESTRICT q,
-    const real *RESTRICT W, real *RESTRICT force, const int stride)
-{
-    (void)q;
-    const real base_arm_length = CONSTANT(base_arm_length), link2_length = CONSTANT(link2_length);
-    const real link3_length = CONSTANT(link3_length);
-    const real W_base_fx = W[0 * stride], W_base_fy = W[1 * stride], W_base_fz = W[2 * stride];
-    const real W_base_tx = W[3 * stride], W_base_ty = W[4 * stride], W_base_tz = W[5 * stride];
-    const real W_tip_fx = W[6 * stride], W_tip_fy = W[7 * stride], W_tip_fz = W[8 * stride];
-    const real W_tip_tx = W[9 * stride], W_tip_ty = W[10 * stride], W_tip_tz = W[11 * stride];
-    const real s1 = sine[0 * stride], c1 = cosine[0 * stride], s2 = sine[1 * stride];
-    const real c2 = cosine[1 * stride], s3 = sine[2 * stride], c3 = cosine[2 * stride];
-    const real s4 = sine[3 * stride], c4 = cosine[3 * stride], s5 = sine[4 * stride];
-    const real c5 = cosine[4 * stride], s6 = sine[5 * stride], c6 = cosine[5 * stride];
+        /* angles and places of the joints */
+        const real t7 = theta_1 + theta_7, t12 = theta_8 + theta_9;
+        angle[0] = theta_m1; angle[1] = theta_0; angle[2] = theta_1; angle[3] = t7;
+        angle[4] = theta_8; angle[5] = t12;
+    }
+    sine_cosine_few(4, angle + 0, sine + 0, cosine + 0);
+    sine_cosine_few(2, angle + 4, sine + 4, cosine + 4);
+    const real base_arm_length = constants->base_arm_length, link2_length = constants->link2_length;
+    const real link3_length = constants->link3_length;
+    const real W_base_fx = W[0], W_base_fy = W[1], W_base_fz = W[2], W_base_tx = W[3];
+    const real W_base_ty = W[4], W_base_tz = W[5], W_tip_fx = W[6], W_tip_fy = W[7];
+    const real W_tip_fz = W[8], W_tip_tx = W[9], W_tip_ty = W[10], W_tip_tz = W[11];
+    const real s1 = sine[0], c1 = cosine[0], s2 = sine[1], c2 = cosine[1], s3 = sine[2];
+    const real c3 = cosine[2], s4 = sine[3], c4 = cosine[3], s5 = sine[4], c5 = cosine[4];
+    const real s6 = sine[5], c6 = cosine[5];
 
     /* step from link 2 to link 3 */
     const real t15 = link2_length * c5, t16 = link2_length * s5;
@@ -3059,125 +1955,69 @@ static INLINE void wrench_forces_lane(const Constants *RESTRICT constants,
     const real t52 = W_tip_tx * t38 + W_tip_tz * t40 - W_tip_ty * t39;
     const real t53 = W_tip_tx * t32 - W_tip_ty * t33 - W_tip_tz * t34;
     const real t54 = t52 - link3_length * t50, t55 = t53 + link3_length * t49;
-    force[5 * stride] = t55;
+    force[5] = t55;
 
     /* wrenches carried in to the base */
     const real t56 = c6 * t48 - s6 * t49, t57 = s6 * t48 + c6 * t49;
     const real t58 = c6 * t51 + t16 * t50 - s6 * t54, t59 = s6 * t51 + c6 * t54 - t15 * t50;
-    force[3 * stride] = t59;
+    force[3] = t59;
     const real t60 = t55 + t15 * t57 - t16 * t56;
-    force[4 * stride] = t60;
+    force[4] = t60;
     const real t61 = c4 * t56 + s4 * t50, t62 = c4 * t50 - s4 * t56;
     const real t63 = c4 * t58 + s4 * t60 + t18 * t57, t64 = s4 * t58 - c4 * t60 - t17 * t57;
     const real t65 = t59 - t17 * t62 - t18 * t61, t66 = c3 * t41 + t61 - s3 * t42;
     const real t67 = s3 * t41 + c3 * t42 - t62, t68 = t43 + t57;
     const real t69 = s3 * t44 + c3 * t47 + t64;
-    force[1 * stride] = t69;
+    force[1] = t69;
     const real t70 = t46 + base_arm_length * t42 + t65;
-    force[2 * stride] = t70;
+    force[2] = t70;
     const real t71 = c2 * t68 - s2 * t66, t72 = c2 * t66 + s2 * t68;
-    force[6 * stride] = t72;
+    force[6] = t72;
     const real t73 = c2 * (c3 * t44 + t63 - s3 * t47), t74 = t73 + s2 * t70;
-    force[0 * stride] = t74;
+    force[0] = t74;
     const real t75 = c1 * t67 - s1 * t71;
-    force[7 * stride] = t75;
+    force[7] = t75;
     const real t76 = c1 * t71 + s1 * t67;
-    force[8 * stride] = t76;
-}
-
-#ifndef EACH
-void hexarotor_3link_wrench_forces(const Constants *RESTRICT constants, const real *RESTRICT q,
-    const real *RESTRICT W, real *RESTRICT force)
-{
-    real angle[6], sine[6], cosine[6];
-    wrench_forces_angles(constants, q, W, angle, 1);
-    sine_cosine_few(4, angle + 0, sine + 0, cosine + 0);
-    sine_cosine_few(2, angle + 4, sine + 4, cosine + 4);
-    wrench_forces_lane(constants, sine, cosine, q, W, force, 1);
-}
-#endif
-
-static WIDE void wrench_forces_block(const Constants *RESTRICT constants, const real *RESTRICT q,
-    const real *RESTRICT W, real *RESTRICT force)
-{
-    real angle[6 * LANES], sine[6 * LANES], cosine[6 * LANES];
-    VECTORISE
-    for (int lane = 0; lane < LANES; ++lane) {
-        wrench_forces_angles(OF_LANE(constants, lane), q + lane, W + lane, angle + lane,
-            LANES);
-    }
-    sine_cosine_many(6 * LANES, angle, sine, cosine);
-    VECTORISE
-    for (int lane = 0; lane < LANES; ++lane) {
-        wrench_forces_lane(OF_LANE(constants, lane), sine + lane, cosine + lane, q + lane,
-            W + lane, force + lane, LANES);
-    }
-}
-
-void BATCH(wrench_forces)(const Constants *RESTRICT constants, const size_t count,
-    const real *RESTRICT q, const real *RESTRICT W, real *RESTRICT force)
-{
-    const size_t whole = count / LANES, rest = count % LANES;
-    PARALLEL
-    for (size_t block = 0; block < whole; ++block) {
-        wrench_forces_block(OF_BLOCK(constants, block), q + block * (9 * LANES),
-            W + block * (12 * LANES), force + block * (9 * LANES));
-    }
-    if (rest > 0) {
-        OF_LAST_BLOCK(constants, whole, rest);
-        real last_q[9 * LANES], last_W[12 * LANES];
-        fill_lanes(9, rest, q + whole * (9 * LANES), last_q);
-        fill_lanes(12, rest, W + whole * (12 * LANES), last_W);
-        wrench_forces_block(last_constants, last_q, last_W, force + whole * (9 * LANES));
-    }
+    force[8] = t76;
 }
 
 /* ---- forward_dynamics_with_wrenches ---- */
 
-static INLINE void forward_dynamics_with_wrenches_angles(const Constants *RESTRICT constants,
+void hexarotor_3link_forward_dynamics_with_wrenches(const Constants *RESTRICT constants,
     const real *RESTRICT q, const real *RESTRICT v, const real *RESTRICT u, const real *RESTRICT W,
-    real *RESTRICT angle, const int stride)
+    real *RESTRICT acceleration)
 {
-    (void)constants;
-    (void)v;
-    (void)u;
-    (void)W;
-    const real theta_m1 = q[0 * stride], theta_0 = q[1 * stride], theta_1 = q[2 * stride];
-    const real theta_7 = q[3 * stride], theta_8 = q[4 * stride], theta_9 = q[5 * stride];
+    real angle[6], sine[6], cosine[6];
+    {
+        const real theta_m1 = q[0], theta_0 = q[1], theta_1 = q[2], theta_7 = q[3], theta_8 = q[4];
+        const real theta_9 = q[5];
 
-    /* angles and places of the joints */
-    const real t7 = theta_1 + theta_7, t12 = theta_8 + theta_9;
-    angle[0 * stride] = theta_m1; angle[1 * stride] = theta_0; angle[2 * stride] = theta_1;
-    angle[3 * stride] = t7; angle[4 * stride] = theta_8; angle[5 * stride] = t12;
-}
-
-static INLINE void forward_dynamics_with_wrenches_lane(const Constants *RESTRICT constants,
-    const real *RESTRICT sine, const real *RESTRICT cosine, const real *RESTRICT q,
-    const real *RESTRICT v, const real *RESTRICT u, const real *RESTRICT W,
-    real *RESTRICT acceleration, const int stride)
-{
-    (void)q;
-    const real gravity = CONSTANT(gravity), base_arm_length = CONSTANT(base_arm_length);
-    const real link2_length = CONSTANT(link2_length), k32 = CONSTANT(k32);
-    const real link3_length = CONSTANT(link3_length), k44 = CONSTANT(k44), k50 = CONSTANT(k50);
-    const real k60 = CONSTANT(k60), k61 = CONSTANT(k61), k62 = CONSTANT(k62), k67 = CONSTANT(k67);
-    const real k68 = CONSTANT(k68), k69 = CONSTANT(k69), k72 = CONSTANT(k72), k75 = CONSTANT(k75);
-    const real k76 = CONSTANT(k76), k78 = CONSTANT(k78), k80 = CONSTANT(k80), k81 = CONSTANT(k81);
-    const real k98 = CONSTANT(k98), k100 = CONSTANT(k100), k101 = CONSTANT(k101);
-    const real k102 = CONSTANT(k102), k108 = CONSTANT(k108);
-    const real v_theta_m1 = v[0 * stride], v_theta_0 = v[1 * stride], v_theta_1 = v[2 * stride];
-    const real v_theta_7 = v[3 * stride], v_theta_8 = v[4 * stride], v_theta_9 = v[5 * stride];
-    const real F_1 = u[0 * stride], F_2 = u[1 * stride], F_3 = u[2 * stride], F_4 = u[3 * stride];
-    const real F_5 = u[4 * stride], F_6 = u[5 * stride], tau_7 = u[6 * stride];
-    const real tau_8 = u[7 * stride], tau_9 = u[8 * stride];
-    const real W_base_fx = W[0 * stride], W_base_fy = W[1 * stride], W_base_fz = W[2 * stride];
-    const real W_base_tx = W[3 * stride], W_base_ty = W[4 * stride], W_base_tz = W[5 * stride];
-    const real W_tip_fx = W[6 * stride], W_tip_fy = W[7 * stride], W_tip_fz = W[8 * stride];
-    const real W_tip_tx = W[9 * stride], W_tip_ty = W[10 * stride], W_tip_tz = W[11 * stride];
-    const real s1 = sine[0 * stride], c1 = cosine[0 * stride], s2 = sine[1 * stride];
-    const real c2 = cosine[1 * stride], s3 = sine[2 * stride], c3 = cosine[2 * stride];
-    const real s4 = sine[3 * stride], c4 = cosine[3 * stride], s5 = sine[4 * stride];
-    const real c5 = cosine[4 * stride], s6 = sine[5 * stride], c6 = cosine[5 * stride];
+        /* angles and places of the joints */
+        const real t7 = theta_1 + theta_7, t12 = theta_8 + theta_9;
+        angle[0] = theta_m1; angle[1] = theta_0; angle[2] = theta_1; angle[3] = t7;
+        angle[4] = theta_8; angle[5] = t12;
+    }
+    sine_cosine_few(4, angle + 0, sine + 0, cosine + 0);
+    sine_cosine_few(2, angle + 4, sine + 4, cosine + 4);
+    const real gravity = constants->gravity, base_arm_length = constants->base_arm_length;
+    const real link2_length = constants->link2_length, k32 = constants->k32;
+    const real link3_length = constants->link3_length, k44 = constants->k44, k50 = constants->k50;
+    const real k60 = constants->k60, k61 = constants->k61, k62 = constants->k62;
+    const real k67 = constants->k67, k68 = constants->k68, k69 = constants->k69;
+    const real k72 = constants->k72, k75 = constants->k75, k76 = constants->k76;
+    const real k78 = constants->k78, k80 = constants->k80, k81 = constants->k81;
+    const real k98 = constants->k98, k99 = constants->k99, k100 = constants->k100;
+    const real k106 = constants->k106;
+    const real v_theta_m1 = v[0], v_theta_0 = v[1], v_theta_1 = v[2], v_theta_7 = v[3];
+    const real v_theta_8 = v[4], v_theta_9 = v[5];
+    const real F_1 = u[0], F_2 = u[1], F_3 = u[2], F_4 = u[3], F_5 = u[4], F_6 = u[5], tau_7 = u[6];
+    const real tau_8 = u[7], tau_9 = u[8];
+    const real W_base_fx = W[0], W_base_fy = W[1], W_base_fz = W[2], W_base_tx = W[3];
+    const real W_base_ty = W[4], W_base_tz = W[5], W_tip_fx = W[6], W_tip_fy = W[7];
+    const real W_tip_fz = W[8], W_tip_tx = W[9], W_tip_ty = W[10], W_tip_tz = W[11];
+    const real s1 = sine[0], c1 = cosine[0], s2 = sine[1], c2 = cosine[1], s3 = sine[2];
+    const real c3 = cosine[2], s4 = sine[3], c4 = cosine[3], s5 = sine[4], c5 = cosine[4];
+    const real s6 = sine[5], c6 = cosine[5];
 
     /* motion of the base */
     const real t15 = v_theta_m1 * s2, t16 = v_theta_m1 * c2;
@@ -3245,256 +2085,195 @@ static INLINE void forward_dynamics_with_wrenches_lane(const Constants *RESTRICT
     const real t91 = s1 * c2, t92 = c1 * c2;
     const real t93 = c2 * s3;
 
-    /* force and moment of all thrusts */
-    const real t94 = base_arm_length * F_4;
-
     /* articulated inertia and load of link 3, about joint 9 */
-    const real t95 = t55 * t47, t96 = t54 * t47;
+    const real t94 = t55 * t47, t95 = t54 * t47;
 
     /* equation of joint 9, its acceleration eliminated */
-    const real t97 = R(1.0) / (t58 + t59), t98 = t55 * t97;
-    const real t99 = t54 * t97, t100 = t55 * t98;
-    const real t101 = t54 * t99, t102 = t54 * t98;
+    const real t96 = R(1.0) / (t58 + t59), t97 = t55 * t96;
+    const real t98 = t54 * t96, t99 = t55 * t97;
+    const real t100 = t54 * t98, t101 = t54 * t97;
 
     /* articulated inertia and load of links 2 and 3, about joint 8 */
-    const real t103 = t71 * t100 + t70 * t102, t104 = t71 * t102 + t70 * t101;
-    const real t105 = R(2.0) * t55 * t71, t106 = t73 - t103;
-    const real t107 = t72 - t104;
+    const real t102 = t71 * t99 + t70 * t101, t103 = t71 * t101 + t70 * t100;
+    const real t104 = R(2.0) * t55 * t71, t105 = t73 - t102;
+    const real t106 = t72 - t103;
 
     /* equation of joint 8, its acceleration eliminated */
-    const real t108 = R(1.0) / (t76 + t77 - t70 * t104 - t71 * t103), t109 = t106 * t108;
-    const real t110 = t107 * t108, t111 = t102 + t107 * t109;
+    const real t107 = R(1.0) / (t76 + t77 - t70 * t103 - t71 * t102), t108 = t105 * t107;
+    const real t109 = t106 * t107, t110 = t101 + t106 * t108;
 
     /* equation of joint 7, its acceleration eliminated */
-    const real t112 = R(1.0) / (k69 + t58 + t76 + R(2.0) * t54 * t70), t113 = t89 * t112;
-    const real t114 = t90 * t112, t115 = t55 + t73 - t90 * t113;
+    const real t111 = R(1.0) / (k69 + t58 + t76 + R(2.0) * t54 * t70), t112 = t89 * t111;
+    const real t113 = t90 * t111, t114 = t55 + t73 - t90 * t112;
 
     /* articulated inertia and load of the base and links 1 to 3 */
-    const real t116 = k60 * (t20 - R(2.0) * t21 * v_theta_0);
-    const real t117 = k60 * (t19 - R(2.0) * t21 * t16), t118 = k100 * t18;
+    const real t115 = k60 * (t20 - R(2.0) * t21 * v_theta_0);
+    const real t116 = k60 * (t19 - R(2.0) * t21 * t16), t117 = k98 * t18;
 
     /* acceleration of the base, by LDL^T */
-    const real t119 = R(1.0) / (t59 + t77 + t105 + k108 - t90 * t114), t120 = t115 * t119;
-    const real t121 = R(1.0) / (k72 - t89 * t113 - t115 * t120);
-    const real t122 = R(1.0) / (k72 - t101 - t107 * t110), t123 = t111 * t122;
-    const real t124 = R(1.0) / (k72 - t100 - t106 * t109 - t111 * t123);
+    const real t118 = R(1.0) / (t59 + t77 + t104 + k106 - t90 * t113), t119 = t114 * t118;
+    const real t120 = R(1.0) / (k72 - t89 * t112 - t114 * t119);
+    const real t121 = R(1.0) / (k72 - t100 - t106 * t109), t122 = t110 * t121;
+    const real t123 = R(1.0) / (k72 - t99 - t105 * t108 - t110 * t122);
 
     /* accelerations of the attitude angles */
-    const real t125 = R(1.0) / c2;
+    const real t124 = R(1.0) / c2;
 
     /* axes of the base */
-    const real t126 = s1 * s2, t127 = c1 * s2;
-    const real t128 = c2 * c3, t129 = c1 * s3 + c3 * t126;
-    const real t130 = s1 * s3 - c3 * t127, t131 = c1 * c3 - s3 * t126;
-    const real t132 = s1 * c3 + s3 * t127;
+    const real t125 = s1 * s2, t126 = c1 * s2;
+    const real t127 = c2 * c3, t128 = c1 * s3 + c3 * t125;
+    const real t129 = s1 * s3 - c3 * t126, t130 = c1 * c3 - s3 * t125;
+    const real t131 = s1 * c3 + s3 * t126;
 
     /* joint 7 and the axes of link 1 */
-    const real t133 = c2 * c4, t134 = c1 * s4 + c4 * t126;
-    const real t135 = s1 * s4 - c4 * t127, t136 = c2 * s4;
-    const real t137 = c1 * c4 - s4 * t126, t138 = s1 * c4 + s4 * t127;
+    const real t132 = c2 * c4, t133 = c1 * s4 + c4 * t125;
+    const real t134 = s1 * s4 - c4 * t126, t135 = c2 * s4;
+    const real t136 = c1 * c4 - s4 * t125, t137 = s1 * c4 + s4 * t126;
 
     /* joint 9 and the axes of link 3 */
-    const real t139 = c6 * t133 + s2 * s6, t140 = c6 * t134 - s6 * t91;
-    const real t141 = c6 * t135 + s6 * t92, t142 = s2 * c6 - s6 * t133;
-    const real t143 = s6 * t134 + c6 * t91, t144 = c6 * t92 - s6 * t135;
+    const real t138 = c6 * t132 + s2 * s6, t139 = c6 * t133 - s6 * t91;
+    const real t140 = c6 * t134 + s6 * t92, t141 = s2 * c6 - s6 * t132;
+    const real t142 = s6 * t133 + c6 * t91, t143 = c6 * t92 - s6 * t134;
 
     /* wrench on base, in the frame of its link */
-    const real t145 = W_base_fx * t93, t146 = W_base_fx * s2;
-    const real t147 = W_base_fz * t92, t148 = W_base_fy * t91;
-    const real t149 = W_base_tz * t132, t150 = W_base_tx * t93;
-    const real t151 = W_base_tx * s2, t152 = W_base_tz * t92;
-    const real t153 = W_base_ty * t91;
+    const real t144 = W_base_fx * t93, t145 = W_base_fx * s2;
+    const real t146 = W_base_fz * t92, t147 = W_base_fy * t91;
+    const real t148 = W_base_tz * t131, t149 = W_base_tx * t93;
+    const real t150 = W_base_tz * t92, t151 = W_base_ty * t91;
 
     /* wrench on tip, in the frame of its link */
-    const real t154 = W_tip_fx * t139 + W_tip_fy * t140 + W_tip_fz * t141;
-    const real t155 = W_tip_fx * t142 + W_tip_fz * t144 - W_tip_fy * t143;
-    const real t156 = W_tip_fx * t136 - W_tip_fy * t137 - W_tip_fz * t138;
-    const real t157 = W_tip_tx * t139 + W_tip_ty * t140 + W_tip_tz * t141, t158 = W_tip_tx * t136;
-    const real t159 = W_tip_ty * t137, t160 = W_tip_tz * t138;
-    const real t161 = link3_length * t156;
-    const real t162 = W_tip_tx * t142 + W_tip_tz * t144 - W_tip_ty * t143 - t161;
-    const real t163 = link3_length * t155;
+    const real t152 = W_tip_fx * t138 + W_tip_fy * t139 + W_tip_fz * t140;
+    const real t153 = W_tip_fx * t141 + W_tip_fz * t143 - W_tip_fy * t142;
+    const real t154 = W_tip_fx * t135 - W_tip_fy * t136 - W_tip_fz * t137;
+    const real t155 = W_tip_tx * t138 + W_tip_ty * t139 + W_tip_tz * t140, t156 = W_tip_tx * t135;
+    const real t157 = W_tip_ty * t136, t158 = W_tip_tz * t137;
+    const real t159 = link3_length * t154;
+    const real t160 = W_tip_tx * t141 + W_tip_tz * t143 - W_tip_ty * t142 - t159;
+    const real t161 = link3_length * t153;
 
     /* articulated inertia and load of link 3, about joint 9 */
-    const real t164 = c6 * t157, t165 = s6 * t162;
-    const real t166 = s6 * t157, t167 = c6 * t162;
+    const real t162 = c6 * t155, t163 = s6 * t160;
+    const real t164 = s6 * t155, t165 = c6 * t160;
 
     /* thrusts and wrenches together */
-    const real t168 = R(0.8660254037844386) * (F_2 - F_6);
-    const real t169 = W_base_fx * t128 + W_base_fy * t129 + W_base_fz * t130 + t168;
-    const real t170 = F_2 + F_6, t171 = R(0.5) * t170;
-    const real t172 = F_4 + W_base_fy * t131 + W_base_fz * t132 - t145 - t171;
-    const real t173 = k81 * (F_3 - F_5);
-    const real t174 = W_base_tx * t128 + W_base_ty * t129 + W_base_tz * t130 - t173;
-    const real t175 = F_3 + F_5, t176 = k80 * t175;
-    const real t177 = base_arm_length * F_1 + W_base_ty * t131 + t149 - t150 - t176;
+    const real t166 = R(0.8660254037844386) * (F_2 - F_6);
+    const real t167 = W_base_fx * t127 + W_base_fy * t128 + W_base_fz * t129 + t166;
+    const real t168 = F_2 + F_6, t169 = R(0.5) * t168;
+    const real t170 = F_4 + W_base_fy * t130 + W_base_fz * t131 - t144 - t169;
+    const real t171 = k81 * (F_3 - F_5);
+    const real t172 = W_base_tx * t127 + W_base_ty * t128 + W_base_tz * t129 - t171;
+    const real t173 = F_3 + F_5, t174 = k80 * t173;
+    const real t175 = base_arm_length * F_1 + W_base_ty * t130 + t148 - t149 - t174;
 
     /* articulated inertia and load of link 3, about joint 9 */
-    const real t178 = t156 + k62 * (c6 * t51 - s6 * t53);
+    const real t176 = t154 + k62 * (c6 * t51 - s6 * t53);
 
     /* equation of joint 9, its acceleration eliminated */
-    const real t179 = link2_length * (t44 * t55 + t45 * t54);
-    const real t180 = tau_9 + t66 + t67 + t158 + t163 + t179 - t65 - t159 - t160, t181 = t97 * t180;
-    const real t182 = t68 + s6 * t155 - c6 * t154 - t55 * t181;
-    const real t183 = t69 + s6 * t154 + c6 * t155 - t54 * t181;
+    const real t177 = link2_length * (t44 * t55 + t45 * t54);
+    const real t178 = tau_9 + t66 + t67 + t156 + t161 + t177 - t65 - t157 - t158, t179 = t96 * t178;
+    const real t180 = t68 + s6 * t153 - c6 * t152 - t55 * t179;
+    const real t181 = t69 + s6 * t152 + c6 * t153 - t54 * t179;
 
     /* articulated inertia and load of links 2 and 3, about joint 8 */
-    const real t184 = t71 * t178, t185 = t70 * t178;
-    const real t186 = t71 * t182, t187 = t70 * t183;
+    const real t182 = t71 * t176, t183 = t70 * t176;
+    const real t184 = t71 * t180, t185 = t70 * t181;
 
     /* equation of joint 8, its acceleration eliminated */
-    const real t188 = tau_8 + t83 + t84 + t85 + t186 + t187 - tau_9, t189 = t108 * t188;
-    const real t190 = t106 * t189, t191 = t107 * t189;
+    const real t186 = tau_8 + t83 + t84 + t85 + t184 + t185 - tau_9, t187 = t107 * t186;
+    const real t188 = t105 * t187, t189 = t106 * t187;
 
     /* equation of joint 7, its acceleration eliminated */
-    const real t192 = tau_7 + t166 + t64 + t167 - t63 - t81 - t88 - t82 - t96 - t185;
-    const real t193 = t112 * t192, t194 = t89 * t193;
-    const real t195 = t90 * t193;
+    const real t190 = tau_7 + t164 + t64 + t165 - t63 - t81 - t88 - t82 - t95 - t183;
+    const real t191 = t111 * t190, t192 = t89 * t191;
+    const real t193 = t90 * t191;
 
     /* articulated inertia and load of the base and links 1 to 3 */
-    const real t196 = c3 * t169 - s3 * t172, t197 = s3 * t169 + c3 * t172;
-    const real t198 = k78 * t17 + t116 + c3 * t174 - s3 * t177;
-    const real t199 = k61 * t19 + t117 - c3 * t177 - s3 * t174, t200 = c4 * t196;
-    const real t201 = s4 * t197, t202 = c4 * t197;
-    const real t203 = s4 * t196, t204 = c4 * t198;
-    const real t205 = s4 * t199, t206 = F_1 + t86 + t146 + t147 + t175 + t183 - t148 - t191;
-    const real t207 = t62 + t164 + t95 + t184 + t195 + t204 - t79 - t61 - t80 - t87 - t165 - t205;
-    const real t208 = k98 * t170, t209 = t94 + t151 + t152 + t208 - tau_7 - t118 - t153;
+    const real t194 = c3 * t167 - s3 * t170, t195 = s3 * t167 + c3 * t170;
+    const real t196 = k78 * t17 + t115 + c3 * t172 - s3 * t175;
+    const real t197 = k61 * t19 + t116 - c3 * t175 - s3 * t172, t198 = c4 * t194;
+    const real t199 = s4 * t195, t200 = c4 * t195;
+    const real t201 = s4 * t194, t202 = c4 * t196;
+    const real t203 = s4 * t197, t204 = F_1 + t86 + t145 + t146 + t173 + t181 - t147 - t189;
+    const real t205 = t62 + t162 + t94 + t182 + t193 + t202 - t79 - t61 - t80 - t87 - t163 - t203;
+    const real t206 = base_arm_length * (F_4 + t168);
+    const real t207 = W_base_tx * s2 + t150 + t206 - tau_7 - t117 - t151;
 
     /* acceleration of the base, by LDL^T */
-    const real t210 = t120 * t207, t211 = k67 * t46 + t178 + t194 + t203 - t202 - t210;
-    const real t212 = t123 * t206, t213 = k67 * t44 + t182 + t212 - t190 - t200 - t201;
-    const real t214 = t124 * t213, t215 = t123 * t214 + t122 * t206;
-    const real t216 = t121 * t211, t217 = t119 * t207 - t120 * t216;
-    const real t218 = k102 * (tau_8 - s4 * t198 - c4 * t199), t219 = k101 * t209;
+    const real t208 = t119 * t205, t209 = k67 * t46 + t176 + t192 + t201 - t200 - t208;
+    const real t210 = t122 * t204, t211 = k67 * t44 + t180 + t210 - t188 - t198 - t199;
+    const real t212 = t123 * t211, t213 = t122 * t212 + t121 * t204;
+    const real t214 = t120 * t209, t215 = t118 * t205 - t119 * t214;
+    const real t216 = k100 * (tau_8 - s4 * t196 - c4 * t197), t217 = k99 * t207;
 
     /* acceleration of joint 7 */
-    const real t220 = t193 + t113 * t216 + t114 * t217 - t219;
-    acceleration[3 * stride] = t220;
+    const real t218 = t191 + t112 * t214 + t113 * t215 - t217;
+    acceleration[3] = t218;
 
     /* acceleration of joint 8 */
-    const real t221 = t189 - t109 * t214 - t110 * t215, t222 = t218 + t221;
-    acceleration[4 * stride] = t222;
+    const real t219 = t187 - t108 * t212 - t109 * t213, t220 = t216 + t219;
+    acceleration[4] = t220;
 
     /* acceleration of joint 9 */
-    const real t223 = t99 * (t215 + t70 * t221);
-    const real t224 = t181 - t221 - t98 * (t214 + t71 * t221) - t223;
-    acceleration[5 * stride] = t224;
+    const real t221 = t98 * (t213 + t70 * t219);
+    const real t222 = t179 - t219 - t97 * (t212 + t71 * t219) - t221;
+    acceleration[5] = t222;
 
     /* acceleration of the base */
-    const real t225 = c4 * t217 - s4 * t218, t226 = s4 * t217 + c4 * t218;
-    acceleration[1 * stride] = t226;
+    const real t223 = c4 * t215 - s4 * t216, t224 = s4 * t215 + c4 * t216;
+    acceleration[1] = t224;
 
     /* acceleration of the origin from that of the base centre */
-    const real t227 = t18 + t219, t228 = c3 * (v_theta_0 * v_theta_0 + t22) - s3 * (t18 - t227);
-    const real t229 = s3 * (t16 * t16 + t22) - c3 * (t18 + t227);
-    const real t230 = s3 * (t20 - R(2.0) * v_theta_0 * t21 - t225);
-    const real t231 = c3 * (t19 + t226 - R(2.0) * t16 * t21) + t230;
-    const real t232 = s4 * t216 + base_arm_length * t228 - c4 * t214;
-    const real t233 = base_arm_length * t229 - c4 * t216 - s4 * t214;
-    const real t234 = base_arm_length * t231 + t215;
+    const real t225 = t18 + t217, t226 = c3 * (v_theta_0 * v_theta_0 + t22) - s3 * (t18 - t225);
+    const real t227 = s3 * (t16 * t16 + t22) - c3 * (t18 + t225);
+    const real t228 = s3 * (t20 - R(2.0) * v_theta_0 * t21 - t223);
+    const real t229 = c3 * (t19 + t224 - R(2.0) * t16 * t21) + t228;
+    const real t230 = s4 * t214 + base_arm_length * t226 - c4 * t212;
+    const real t231 = base_arm_length * t227 - c4 * t214 - s4 * t212;
+    const real t232 = base_arm_length * t229 + t213;
 
     /* acceleration of the origin, in world axes */
-    const real t235 = c2 * t234 - s2 * t232, t236 = s2 * t234 + c2 * t232;
-    acceleration[6 * stride] = t236;
-    const real t237 = c1 * t233 - s1 * t235;
-    acceleration[7 * stride] = t237;
+    const real t233 = c2 * t232 - s2 * t230, t234 = s2 * t232 + c2 * t230;
+    acceleration[6] = t234;
+    const real t235 = c1 * t231 - s1 * t233;
+    acceleration[7] = t235;
 
     /* accelerations of the attitude angles */
-    const real t238 = t125 * t225;
-    acceleration[0 * stride] = t238;
-    const real t239 = t219 - s2 * t238;
-    acceleration[2 * stride] = t239;
+    const real t236 = t124 * t223;
+    acceleration[0] = t236;
+    const real t237 = t217 - s2 * t236;
+    acceleration[2] = t237;
 
     /* acceleration of the origin, in world axes */
-    const real t240 = c1 * t235 + s1 * t233 - gravity;
-    acceleration[8 * stride] = t240;
-}
-
-#ifndef EACH
-void hexarotor_3link_forward_dynamics_with_wrenches(const Constants *RESTRICT constants,
-    const real *RESTRICT q, const real *RESTRICT v, const real *RESTRICT u, const real *RESTRICT W,
-    real *RESTRICT acceleration)
-{
-    real angle[6], sine[6], cosine[6];
-    forward_dynamics_with_wrenches_angles(constants, q, v, u, W, angle, 1);
-    sine_cosine_few(4, angle + 0, sine + 0, cosine + 0);
-    sine_cosine_few(2, angle + 4, sine + 4, cosine + 4);
-    forward_dynamics_with_wrenches_lane(constants, sine, cosine, q, v, u, W,
-        acceleration, 1);
-}
-#endif
-
-static WIDE void forward_dynamics_with_wrenches_block(const Constants *RESTRICT constants,
-    const real *RESTRICT q, const real *RESTRICT v, const real *RESTRICT u, const real *RESTRICT W,
-    real *RESTRICT acceleration)
-{
-    real angle[6 * LANES], sine[6 * LANES], cosine[6 * LANES];
-    VECTORISE
-    for (int lane = 0; lane < LANES; ++lane) {
-        forward_dynamics_with_wrenches_angles(OF_LANE(constants, lane), q + lane, v + lane,
-            u + lane, W + lane, angle + lane, LANES);
-    }
-    sine_cosine_many(6 * LANES, angle, sine, cosine);
-    VECTORISE
-    for (int lane = 0; lane < LANES; ++lane) {
-        forward_dynamics_with_wrenches_lane(OF_LANE(constants, lane), sine + lane,
-            cosine + lane, q + lane, v + lane, u + lane, W + lane, acceleration + lane,
-            LANES);
-    }
-}
-
-void BATCH(forward_dynamics_with_wrenches)(const Constants *RESTRICT constants, const size_t count,
-    const real *RESTRICT q, const real *RESTRICT v, const real *RESTRICT u, const real *RESTRICT W,
-    real *RESTRICT acceleration)
-{
-    const size_t whole = count / LANES, rest = count % LANES;
-    PARALLEL
-    for (size_t block = 0; block < whole; ++block) {
-        forward_dynamics_with_wrenches_block(OF_BLOCK(constants, block),
-            q + block * (9 * LANES), v + block * (9 * LANES), u + block * (9 * LANES),
-            W + block * (12 * LANES), acceleration + block * (9 * LANES));
-    }
-    if (rest > 0) {
-        OF_LAST_BLOCK(constants, whole, rest);
-        real last_q[9 * LANES], last_v[9 * LANES], last_u[9 * LANES], last_W[12 * LANES];
-        fill_lanes(9, rest, q + whole * (9 * LANES), last_q);
-        fill_lanes(9, rest, v + whole * (9 * LANES), last_v);
-        fill_lanes(9, rest, u + whole * (9 * LANES), last_u);
-        fill_lanes(12, rest, W + whole * (12 * LANES), last_W);
-        forward_dynamics_with_wrenches_block(last_constants, last_q, last_v, last_u, last_W,
-            acceleration + whole * (9 * LANES));
-    }
+    const real t238 = c1 * t233 + s1 * t231 - gravity;
+    acceleration[8] = t238;
 }
 
 /* ---- positions ---- */
 
-static INLINE void positions_angles(const Constants *RESTRICT constants, const real *RESTRICT q,
-    real *RESTRICT angle, const int stride)
+void hexarotor_3link_positions(const Constants *RESTRICT constants, const real *RESTRICT q,
+    real *RESTRICT position)
 {
-    (void)constants;
-    const real theta_m1 = q[0 * stride], theta_0 = q[1 * stride], theta_1 = q[2 * stride];
-    const real theta_7 = q[3 * stride], theta_8 = q[4 * stride], theta_9 = q[5 * stride];
+    real angle[6], sine[6], cosine[6];
+    {
+        const real theta_m1 = q[0], theta_0 = q[1], theta_1 = q[2], theta_7 = q[3], theta_8 = q[4];
+        const real theta_9 = q[5];
 
-    /* angles and places of the joints */
-    const real t7 = theta_1 + theta_7, t12 = theta_8 + theta_9;
-    angle[0 * stride] = theta_m1; angle[1 * stride] = theta_0; angle[2 * stride] = theta_1;
-    angle[3 * stride] = t7; angle[4 * stride] = theta_8; angle[5 * stride] = t12;
-}
-
-static INLINE void positions_lane(const Constants *RESTRICT constants, const real *RESTRICT sine,
-    const real *RESTRICT cosine, const real *RESTRICT q, real *RESTRICT position, const int stride)
-{
-    const real base_arm_length = CONSTANT(base_arm_length), link2_length = CONSTANT(link2_length);
-    const real link3_length = CONSTANT(link3_length), k71 = CONSTANT(k71), k80 = CONSTANT(k80);
-    const real k81 = CONSTANT(k81), k83 = CONSTANT(k83);
-    const real x = q[6 * stride], y = q[7 * stride], z = q[8 * stride];
-    const real s1 = sine[0 * stride], c1 = cosine[0 * stride], s2 = sine[1 * stride];
-    const real c2 = cosine[1 * stride], s3 = sine[2 * stride], c3 = cosine[2 * stride];
-    const real s4 = sine[3 * stride], c4 = cosine[3 * stride], s5 = sine[4 * stride];
-    const real c5 = cosine[4 * stride], s6 = sine[5 * stride], c6 = cosine[5 * stride];
-    position[0 * stride] = x; position[1 * stride] = y; position[2 * stride] = z;
-    position[6 * stride] = x; position[7 * stride] = y; position[8 * stride] = z;
+        /* angles and places of the joints */
+        const real t7 = theta_1 + theta_7, t12 = theta_8 + theta_9;
+        angle[0] = theta_m1; angle[1] = theta_0; angle[2] = theta_1; angle[3] = t7;
+        angle[4] = theta_8; angle[5] = t12;
+    }
+    sine_cosine_few(4, angle + 0, sine + 0, cosine + 0);
+    sine_cosine_few(2, angle + 4, sine + 4, cosine + 4);
+    const real base_arm_length = constants->base_arm_length, link2_length = constants->link2_length;
+    const real link3_length = constants->link3_length, k71 = constants->k71, k80 = constants->k80;
+    const real k81 = constants->k81, k82 = constants->k82;
+    const real x = q[6], y = q[7], z = q[8];
+    const real s1 = sine[0], c1 = cosine[0], s2 = sine[1], c2 = cosine[1], s3 = sine[2];
+    const real c3 = cosine[2], s4 = sine[3], c4 = cosine[3], s5 = sine[4], c5 = cosine[4];
+    const real s6 = sine[5], c6 = cosine[5];
+    position[0 * 3 + 0] = x; position[0 * 3 + 1] = y; position[0 * 3 + 2] = z;
+    position[2 * 3 + 0] = x; position[2 * 3 + 1] = y; position[2 * 3 + 2] = z;
 
     /* axes of the base */
     const real t15 = s1 * c2, t16 = c1 * c2;
@@ -3512,287 +2291,200 @@ static INLINE void positions_lane(const Constants *RESTRICT constants, const rea
 
     /* positions in the world */
     const real t28 = x + base_arm_length * t19;
-    position[3 * stride] = t28; position[24 * stride] = t28; position[27 * stride] = t28;
+    position[1 * 3 + 0] = t28; position[8 * 3 + 0] = t28; position[9 * 3 + 0] = t28;
     const real t29 = y + base_arm_length * t20;
-    position[4 * stride] = t29; position[25 * stride] = t29; position[28 * stride] = t29;
+    position[1 * 3 + 1] = t29; position[8 * 3 + 1] = t29; position[9 * 3 + 1] = t29;
     const real t30 = z + base_arm_length * t21;
-    position[5 * stride] = t30; position[26 * stride] = t30; position[29 * stride] = t30;
+    position[1 * 3 + 2] = t30; position[8 * 3 + 2] = t30; position[9 * 3 + 2] = t30;
     const real t31 = x + k80 * t19, t32 = t25 + t31;
-    position[9 * stride] = t32;
+    position[3 * 3 + 0] = t32;
     const real t33 = y + k80 * t20, t34 = t33 - t26;
-    position[10 * stride] = t34;
+    position[3 * 3 + 1] = t34;
     const real t35 = z + k80 * t21, t36 = t35 - t27;
-    position[11 * stride] = t36;
-    const real t37 = x + k83 * t19, t38 = t25 + t37;
-    position[12 * stride] = t38;
-    const real t39 = y + k83 * t20, t40 = t39 - t26;
-    position[13 * stride] = t40;
-    const real t41 = z + k83 * t21, t42 = t41 - t27;
-    position[14 * stride] = t42;
+    position[3 * 3 + 2] = t36;
+    const real t37 = x + k82 * t19, t38 = t25 + t37;
+    position[4 * 3 + 0] = t38;
+    const real t39 = y + k82 * t20, t40 = t39 - t26;
+    position[4 * 3 + 1] = t40;
+    const real t41 = z + k82 * t21, t42 = t41 - t27;
+    position[4 * 3 + 2] = t42;
     const real t43 = x + k71 * t19;
-    position[15 * stride] = t43;
+    position[5 * 3 + 0] = t43;
     const real t44 = y + k71 * t20;
-    position[16 * stride] = t44;
+    position[5 * 3 + 1] = t44;
     const real t45 = z + k71 * t21;
-    position[17 * stride] = t45;
+    position[5 * 3 + 2] = t45;
     const real t46 = t37 - t25;
-    position[18 * stride] = t46;
+    position[6 * 3 + 0] = t46;
     const real t47 = t26 + t39;
-    position[19 * stride] = t47;
+    position[6 * 3 + 1] = t47;
     const real t48 = t27 + t41;
-    position[20 * stride] = t48;
+    position[6 * 3 + 2] = t48;
     const real t49 = t31 - t25;
-    position[21 * stride] = t49;
+    position[7 * 3 + 0] = t49;
     const real t50 = t26 + t33;
-    position[22 * stride] = t50;
+    position[7 * 3 + 1] = t50;
     const real t51 = t27 + t35;
-    position[23 * stride] = t51;
+    position[7 * 3 + 2] = t51;
     const real t52 = link2_length * (c5 * t22 + s2 * s5) + t28;
-    position[30 * stride] = t52;
+    position[10 * 3 + 0] = t52;
     const real t53 = link2_length * (c5 * t23 - s5 * t15) + t29;
-    position[31 * stride] = t53;
+    position[10 * 3 + 1] = t53;
     const real t54 = link2_length * (c5 * t24 + s5 * t16) + t30;
-    position[32 * stride] = t54;
+    position[10 * 3 + 2] = t54;
     const real t55 = link3_length * (c6 * t22 + s2 * s6) + t52;
-    position[33 * stride] = t55;
+    position[11 * 3 + 0] = t55;
     const real t56 = link3_length * (c6 * t23 - s6 * t15) + t53;
-    position[34 * stride] = t56;
+    position[11 * 3 + 1] = t56;
     const real t57 = link3_length * (c6 * t24 + s6 * t16) + t54;
-    position[35 * stride] = t57;
-}
-
-#ifndef EACH
-void hexarotor_3link_positions(const Constants *RESTRICT constants, const real *RESTRICT q,
-    real *RESTRICT position)
-{
-    real angle[6], sine[6], cosine[6];
-    positions_angles(constants, q, angle, 1);
-    sine_cosine_few(4, angle + 0, sine + 0, cosine + 0);
-    sine_cosine_few(2, angle + 4, sine + 4, cosine + 4);
-    positions_lane(constants, sine, cosine, q, position, 1);
-}
-#endif
-
-static WIDE void positions_block(const Constants *RESTRICT constants, const real *RESTRICT q,
-    real *RESTRICT position)
-{
-    real angle[6 * LANES], sine[6 * LANES], cosine[6 * LANES];
-    VECTORISE
-    for (int lane = 0; lane < LANES; ++lane) {
-        positions_angles(OF_LANE(constants, lane), q + lane, angle + lane, LANES);
-    }
-    sine_cosine_many(6 * LANES, angle, sine, cosine);
-    VECTORISE
-    for (int lane = 0; lane < LANES; ++lane) {
-        positions_lane(OF_LANE(constants, lane), sine + lane, cosine + lane, q + lane,
-            position + lane, LANES);
-    }
-}
-
-void BATCH(positions)(const Constants *RESTRICT constants, const size_t count,
-    const real *RESTRICT q, real *RESTRICT position)
-{
-    const size_t whole = count / LANES, rest = count % LANES;
-    PARALLEL
-    for (size_t block = 0; block < whole; ++block) {
-        positions_block(OF_BLOCK(constants, block), q + block * (9 * LANES),
-            position + block * (36 * LANES));
-    }
-    if (rest > 0) {
-        OF_LAST_BLOCK(constants, whole, rest);
-        real last_q[9 * LANES];
-        fill_lanes(9, rest, q + whole * (9 * LANES), last_q);
-        positions_block(last_constants, last_q, position + whole * (36 * LANES));
-    }
+    position[11 * 3 + 2] = t57;
 }
 
 /* ---- frame_poses ---- */
 
-static INLINE void frame_poses_angles(const Constants *RESTRICT constants, const real *RESTRICT q,
-    real *RESTRICT angle, const int stride)
+void hexarotor_3link_frame_poses(const Constants *RESTRICT constants, const real *RESTRICT q,
+    real *RESTRICT poses)
 {
-    (void)constants;
-    const real theta_m1 = q[0 * stride], theta_0 = q[1 * stride], theta_1 = q[2 * stride];
-    const real theta_7 = q[3 * stride], theta_8 = q[4 * stride], theta_9 = q[5 * stride];
+    real angle[6], sine[6], cosine[6];
+    {
+        const real theta_m1 = q[0], theta_0 = q[1], theta_1 = q[2], theta_7 = q[3], theta_8 = q[4];
+        const real theta_9 = q[5];
 
-    /* angles and places of the joints */
-    const real t7 = theta_1 + theta_7, t12 = theta_8 + theta_9;
-    angle[0 * stride] = theta_m1; angle[1 * stride] = theta_0; angle[2 * stride] = theta_1;
-    angle[3 * stride] = t7; angle[4 * stride] = theta_8; angle[5 * stride] = t12;
-}
-
-static INLINE void frame_poses_lane(const Constants *RESTRICT constants, const real *RESTRICT sine,
-    const real *RESTRICT cosine, const real *RESTRICT q, real *RESTRICT poses, const int stride)
-{
-    const real base_arm_length = CONSTANT(base_arm_length), link2_length = CONSTANT(link2_length);
-    const real link3_length = CONSTANT(link3_length);
-    const real x = q[6 * stride], y = q[7 * stride], z = q[8 * stride];
-    const real s1 = sine[0 * stride], c1 = cosine[0 * stride], s2 = sine[1 * stride];
-    const real c2 = cosine[1 * stride], s3 = sine[2 * stride], c3 = cosine[2 * stride];
-    const real s4 = sine[3 * stride], c4 = cosine[3 * stride], s5 = sine[4 * stride];
-    const real c5 = cosine[4 * stride], s6 = sine[5 * stride], c6 = cosine[5 * stride];
-    poses[2 * stride] = s2; poses[12 * stride] = R(0.0); poses[13 * stride] = R(0.0);
-    poses[14 * stride] = R(0.0); poses[15 * stride] = R(1.0); poses[28 * stride] = R(0.0);
-    poses[29 * stride] = R(0.0); poses[30 * stride] = R(0.0); poses[31 * stride] = R(1.0);
+        /* angles and places of the joints */
+        const real t7 = theta_1 + theta_7, t12 = theta_8 + theta_9;
+        angle[0] = theta_m1; angle[1] = theta_0; angle[2] = theta_1; angle[3] = t7;
+        angle[4] = theta_8; angle[5] = t12;
+    }
+    sine_cosine_few(4, angle + 0, sine + 0, cosine + 0);
+    sine_cosine_few(2, angle + 4, sine + 4, cosine + 4);
+    const real base_arm_length = constants->base_arm_length, link2_length = constants->link2_length;
+    const real link3_length = constants->link3_length;
+    const real x = q[6], y = q[7], z = q[8];
+    const real s1 = sine[0], c1 = cosine[0], s2 = sine[1], c2 = cosine[1], s3 = sine[2];
+    const real c3 = cosine[2], s4 = sine[3], c4 = cosine[3], s5 = sine[4], c5 = cosine[4];
+    const real s6 = sine[5], c6 = cosine[5];
+    poses[0 * 16 + 0 * 4 + 2] = s2; poses[0 * 16 + 3 * 4 + 0] = R(0.0);
+    poses[0 * 16 + 3 * 4 + 1] = R(0.0); poses[0 * 16 + 3 * 4 + 2] = R(0.0);
+    poses[0 * 16 + 3 * 4 + 3] = R(1.0); poses[1 * 16 + 3 * 4 + 0] = R(0.0);
+    poses[1 * 16 + 3 * 4 + 1] = R(0.0); poses[1 * 16 + 3 * 4 + 2] = R(0.0);
+    poses[1 * 16 + 3 * 4 + 3] = R(1.0);
 
     /* axes of the base */
     const real t15 = s1 * c2;
-    poses[6 * stride] = -t15;
+    poses[0 * 16 + 1 * 4 + 2] = -t15;
     const real t16 = c1 * c2;
-    poses[10 * stride] = t16;
+    poses[0 * 16 + 2 * 4 + 2] = t16;
     const real t17 = c2 * s3;
-    poses[1 * stride] = -t17;
+    poses[0 * 16 + 0 * 4 + 1] = -t17;
     const real t18 = s1 * s2, t19 = c1 * s2;
     const real t20 = c2 * c3;
-    poses[0 * stride] = t20;
+    poses[0 * 16 + 0 * 4 + 0] = t20;
     const real t21 = c1 * s3 + c3 * t18;
-    poses[4 * stride] = t21;
+    poses[0 * 16 + 1 * 4 + 0] = t21;
     const real t22 = s1 * s3 - c3 * t19;
-    poses[8 * stride] = t22;
+    poses[0 * 16 + 2 * 4 + 0] = t22;
     const real t23 = c1 * c3 - s3 * t18;
-    poses[5 * stride] = t23;
+    poses[0 * 16 + 1 * 4 + 1] = t23;
     const real t24 = s1 * c3 + s3 * t19;
-    poses[9 * stride] = t24;
+    poses[0 * 16 + 2 * 4 + 1] = t24;
 
     /* joint 7 and the axes of link 1 */
     const real t25 = c2 * c4, t26 = c1 * s4 + c4 * t18;
     const real t27 = s1 * s4 - c4 * t19, t28 = c2 * s4;
-    poses[18 * stride] = t28;
+    poses[1 * 16 + 0 * 4 + 2] = t28;
     const real t29 = s4 * t18 - c1 * c4;
-    poses[22 * stride] = t29;
+    poses[1 * 16 + 1 * 4 + 2] = t29;
     const real t30 = s1 * c4 + s4 * t19;
-    poses[26 * stride] = -t30;
+    poses[1 * 16 + 2 * 4 + 2] = -t30;
 
     /* joint 9 and the axes of link 3 */
     const real t31 = link2_length * (c5 * t25 + s2 * s5);
     const real t32 = link2_length * (c5 * t26 - s5 * t15);
     const real t33 = link2_length * (c5 * t27 + s5 * t16), t34 = c6 * t25 + s2 * s6;
-    poses[16 * stride] = t34;
+    poses[1 * 16 + 0 * 4 + 0] = t34;
     const real t35 = c6 * t26 - s6 * t15;
-    poses[20 * stride] = t35;
+    poses[1 * 16 + 1 * 4 + 0] = t35;
     const real t36 = c6 * t27 + s6 * t16;
-    poses[24 * stride] = t36;
+    poses[1 * 16 + 2 * 4 + 0] = t36;
     const real t37 = s2 * c6 - s6 * t25;
-    poses[17 * stride] = t37;
+    poses[1 * 16 + 0 * 4 + 1] = t37;
     const real t38 = s6 * t26 + c6 * t15;
-    poses[21 * stride] = -t38;
+    poses[1 * 16 + 1 * 4 + 1] = -t38;
     const real t39 = c6 * t16 - s6 * t27;
-    poses[25 * stride] = t39;
+    poses[1 * 16 + 2 * 4 + 1] = t39;
 
     /* position of base */
     const real t40 = x + base_arm_length * t20;
-    poses[3 * stride] = t40;
+    poses[0 * 16 + 0 * 4 + 3] = t40;
     const real t41 = y + base_arm_length * t21;
-    poses[7 * stride] = t41;
+    poses[0 * 16 + 1 * 4 + 3] = t41;
     const real t42 = z + base_arm_length * t22;
-    poses[11 * stride] = t42;
+    poses[0 * 16 + 2 * 4 + 3] = t42;
 
     /* position of tip */
     const real t43 = t31 + link3_length * t34 + t40;
-    poses[19 * stride] = t43;
+    poses[1 * 16 + 0 * 4 + 3] = t43;
     const real t44 = t32 + link3_length * t35 + t41;
-    poses[23 * stride] = t44;
+    poses[1 * 16 + 1 * 4 + 3] = t44;
     const real t45 = t33 + link3_length * t36 + t42;
-    poses[27 * stride] = t45;
-}
-
-#ifndef EACH
-void hexarotor_3link_frame_poses(const Constants *RESTRICT constants, const real *RESTRICT q,
-    real *RESTRICT poses)
-{
-    real angle[6], sine[6], cosine[6];
-    frame_poses_angles(constants, q, angle, 1);
-    sine_cosine_few(4, angle + 0, sine + 0, cosine + 0);
-    sine_cosine_few(2, angle + 4, sine + 4, cosine + 4);
-    frame_poses_lane(constants, sine, cosine, q, poses, 1);
-}
-#endif
-
-static WIDE void frame_poses_block(const Constants *RESTRICT constants, const real *RESTRICT q,
-    real *RESTRICT poses)
-{
-    real angle[6 * LANES], sine[6 * LANES], cosine[6 * LANES];
-    VECTORISE
-    for (int lane = 0; lane < LANES; ++lane) {
-        frame_poses_angles(OF_LANE(constants, lane), q + lane, angle + lane, LANES);
-    }
-    sine_cosine_many(6 * LANES, angle, sine, cosine);
-    VECTORISE
-    for (int lane = 0; lane < LANES; ++lane) {
-        frame_poses_lane(OF_LANE(constants, lane), sine + lane, cosine + lane, q + lane,
-            poses + lane, LANES);
-    }
-}
-
-void BATCH(frame_poses)(const Constants *RESTRICT constants, const size_t count,
-    const real *RESTRICT q, real *RESTRICT poses)
-{
-    const size_t whole = count / LANES, rest = count % LANES;
-    PARALLEL
-    for (size_t block = 0; block < whole; ++block) {
-        frame_poses_block(OF_BLOCK(constants, block), q + block * (9 * LANES),
-            poses + block * (32 * LANES));
-    }
-    if (rest > 0) {
-        OF_LAST_BLOCK(constants, whole, rest);
-        real last_q[9 * LANES];
-        fill_lanes(9, rest, q + whole * (9 * LANES), last_q);
-        frame_poses_block(last_constants, last_q, poses + whole * (32 * LANES));
-    }
+    poses[1 * 16 + 2 * 4 + 3] = t45;
 }
 
 /* ---- frame_jacobians ---- */
 
-static INLINE void frame_jacobians_angles(const Constants *RESTRICT constants,
-    const real *RESTRICT q, real *RESTRICT angle, const int stride)
+void hexarotor_3link_frame_jacobians(const Constants *RESTRICT constants, const real *RESTRICT q,
+    real *RESTRICT jacobians)
 {
-    (void)constants;
-    const real theta_m1 = q[0 * stride], theta_0 = q[1 * stride], theta_1 = q[2 * stride];
-    const real theta_7 = q[3 * stride], theta_8 = q[4 * stride], theta_9 = q[5 * stride];
+    real angle[6], sine[6], cosine[6];
+    for (int i = 0; i < 108; ++i) {
+        jacobians[i] = R(0.0);
+    }
+    {
+        const real theta_m1 = q[0], theta_0 = q[1], theta_1 = q[2], theta_7 = q[3], theta_8 = q[4];
+        const real theta_9 = q[5];
 
-    /* angles and places of the joints */
-    const real t7 = theta_1 + theta_7, t12 = theta_8 + theta_9;
-    angle[0 * stride] = theta_m1; angle[1 * stride] = theta_0; angle[2 * stride] = theta_1;
-    angle[3 * stride] = t7; angle[4 * stride] = theta_8; angle[5 * stride] = t12;
-}
-
-static INLINE void frame_jacobians_lane(const Constants *RESTRICT constants,
-    const real *RESTRICT sine, const real *RESTRICT cosine, const real *RESTRICT q,
-    real *RESTRICT jacobians, const int stride)
-{
-    (void)q;
-    const real base_arm_length = CONSTANT(base_arm_length), link2_length = CONSTANT(link2_length);
-    const real link3_length = CONSTANT(link3_length);
-    const real s1 = sine[0 * stride], c1 = cosine[0 * stride], s2 = sine[1 * stride];
-    const real c2 = cosine[1 * stride], s3 = sine[2 * stride], c3 = cosine[2 * stride];
-    const real s4 = sine[3 * stride], c4 = cosine[3 * stride], s5 = sine[4 * stride];
-    const real c5 = cosine[4 * stride], s6 = sine[5 * stride], c6 = cosine[5 * stride];
-    jacobians[6 * stride] = R(1.0); jacobians[16 * stride] = R(1.0);
-    jacobians[26 * stride] = R(1.0); jacobians[27 * stride] = R(1.0); jacobians[29 * stride] = s2;
-    jacobians[37 * stride] = c1; jacobians[46 * stride] = s1; jacobians[60 * stride] = R(1.0);
-    jacobians[70 * stride] = R(1.0); jacobians[80 * stride] = R(1.0);
-    jacobians[81 * stride] = R(1.0); jacobians[83 * stride] = s2; jacobians[84 * stride] = s2;
-    jacobians[91 * stride] = c1; jacobians[100 * stride] = s1;
+        /* angles and places of the joints */
+        const real t7 = theta_1 + theta_7, t12 = theta_8 + theta_9;
+        angle[0] = theta_m1; angle[1] = theta_0; angle[2] = theta_1; angle[3] = t7;
+        angle[4] = theta_8; angle[5] = t12;
+    }
+    sine_cosine_few(4, angle + 0, sine + 0, cosine + 0);
+    sine_cosine_few(2, angle + 4, sine + 4, cosine + 4);
+    const real base_arm_length = constants->base_arm_length, link2_length = constants->link2_length;
+    const real link3_length = constants->link3_length;
+    const real s1 = sine[0], c1 = cosine[0], s2 = sine[1], c2 = cosine[1], s3 = sine[2];
+    const real c3 = cosine[2], s4 = sine[3], c4 = cosine[3], s5 = sine[4], c5 = cosine[4];
+    const real s6 = sine[5], c6 = cosine[5];
+    jacobians[0 * 54 + 0 * 9 + 6] = R(1.0); jacobians[0 * 54 + 1 * 9 + 7] = R(1.0);
+    jacobians[0 * 54 + 2 * 9 + 8] = R(1.0); jacobians[0 * 54 + 3 * 9 + 0] = R(1.0);
+    jacobians[0 * 54 + 3 * 9 + 2] = s2; jacobians[0 * 54 + 4 * 9 + 1] = c1;
+    jacobians[0 * 54 + 5 * 9 + 1] = s1; jacobians[1 * 54 + 0 * 9 + 6] = R(1.0);
+    jacobians[1 * 54 + 1 * 9 + 7] = R(1.0); jacobians[1 * 54 + 2 * 9 + 8] = R(1.0);
+    jacobians[1 * 54 + 3 * 9 + 0] = R(1.0); jacobians[1 * 54 + 3 * 9 + 2] = s2;
+    jacobians[1 * 54 + 3 * 9 + 3] = s2; jacobians[1 * 54 + 4 * 9 + 1] = c1;
+    jacobians[1 * 54 + 5 * 9 + 1] = s1;
 
     /* axes of the base */
     const real t15 = s1 * c2;
-    jacobians[38 * stride] = -t15; jacobians[92 * stride] = -t15; jacobians[93 * stride] = -t15;
+    jacobians[0 * 54 + 4 * 9 + 2] = -t15; jacobians[1 * 54 + 4 * 9 + 2] = -t15;
+    jacobians[1 * 54 + 4 * 9 + 3] = -t15;
     const real t16 = c1 * c2;
-    jacobians[47 * stride] = t16; jacobians[101 * stride] = t16; jacobians[102 * stride] = t16;
+    jacobians[0 * 54 + 5 * 9 + 2] = t16; jacobians[1 * 54 + 5 * 9 + 2] = t16;
+    jacobians[1 * 54 + 5 * 9 + 3] = t16;
     const real t17 = s1 * s2, t18 = c1 * s2;
 
     /* joint 7 and the axes of link 1 */
     const real t19 = base_arm_length * c2 * c3, t20 = base_arm_length * (c1 * s3 + c3 * t17);
-    jacobians[18 * stride] = t20;
+    jacobians[0 * 54 + 2 * 9 + 0] = t20;
     const real t21 = base_arm_length * (c3 * t18 - s1 * s3);
-    jacobians[9 * stride] = t21;
+    jacobians[0 * 54 + 1 * 9 + 0] = t21;
     const real t22 = c2 * c4, t23 = c1 * s4 + c4 * t17;
     const real t24 = s1 * s4 - c4 * t18, t25 = c2 * s4;
-    jacobians[85 * stride] = t25; jacobians[86 * stride] = t25;
+    jacobians[1 * 54 + 3 * 9 + 4] = t25; jacobians[1 * 54 + 3 * 9 + 5] = t25;
     const real t26 = s4 * t17 - c1 * c4;
-    jacobians[94 * stride] = t26; jacobians[95 * stride] = t26;
+    jacobians[1 * 54 + 4 * 9 + 4] = t26; jacobians[1 * 54 + 4 * 9 + 5] = t26;
     const real t27 = s1 * c4 + s4 * t18;
-    jacobians[103 * stride] = -t27; jacobians[104 * stride] = -t27;
+    jacobians[1 * 54 + 5 * 9 + 4] = -t27; jacobians[1 * 54 + 5 * 9 + 5] = -t27;
 
     /* joint 9 and the axes of link 3 */
     const real t28 = t19 + link2_length * (c5 * t22 + s2 * s5);
@@ -3802,144 +2494,87 @@ static INLINE void frame_jacobians_lane(const Constants *RESTRICT constants,
     /* position of tip */
     const real t31 = t28 + link3_length * (c6 * t22 + s2 * s6);
     const real t32 = t29 + link3_length * (c6 * t23 - s6 * t15);
-    jacobians[72 * stride] = t32;
+    jacobians[1 * 54 + 2 * 9 + 0] = t32;
     const real t33 = t30 - link3_length * (c6 * t24 + s6 * t16);
-    jacobians[63 * stride] = t33;
+    jacobians[1 * 54 + 1 * 9 + 0] = t33;
 
     /* columns of the base */
     const real t34 = -c1 * t21 - s1 * t20;
-    jacobians[1 * stride] = t34;
+    jacobians[0 * 54 + 0 * 9 + 1] = t34;
     const real t35 = s1 * t19;
-    jacobians[10 * stride] = t35;
+    jacobians[0 * 54 + 1 * 9 + 1] = t35;
     const real t36 = c1 * t19;
-    jacobians[19 * stride] = -t36;
+    jacobians[0 * 54 + 2 * 9 + 1] = -t36;
     const real t37 = t15 * t21 - t16 * t20;
-    jacobians[2 * stride] = t37;
+    jacobians[0 * 54 + 0 * 9 + 2] = t37;
     const real t38 = t16 * t19 + s2 * t21;
-    jacobians[11 * stride] = t38;
+    jacobians[0 * 54 + 1 * 9 + 2] = t38;
     const real t39 = t15 * t19 + s2 * t20;
-    jacobians[20 * stride] = t39;
+    jacobians[0 * 54 + 2 * 9 + 2] = t39;
     const real t40 = c1 * t33 + s1 * t32;
-    jacobians[55 * stride] = -t40;
+    jacobians[1 * 54 + 0 * 9 + 1] = -t40;
     const real t41 = s1 * t31;
-    jacobians[64 * stride] = t41;
+    jacobians[1 * 54 + 1 * 9 + 1] = t41;
     const real t42 = c1 * t31;
-    jacobians[73 * stride] = -t42;
+    jacobians[1 * 54 + 2 * 9 + 1] = -t42;
     const real t43 = t15 * t33 - t16 * t32;
-    jacobians[56 * stride] = t43;
+    jacobians[1 * 54 + 0 * 9 + 2] = t43;
     const real t44 = t16 * t31 + s2 * t33;
-    jacobians[65 * stride] = t44;
+    jacobians[1 * 54 + 1 * 9 + 2] = t44;
     const real t45 = t15 * t31 + s2 * t32;
-    jacobians[74 * stride] = t45;
+    jacobians[1 * 54 + 2 * 9 + 2] = t45;
 
     /* column of joint 7 */
     const real t46 = t31 - t19, t47 = t32 - t20;
     const real t48 = t33 - t21, t49 = t15 * t48 - t16 * t47;
-    jacobians[57 * stride] = t49;
+    jacobians[1 * 54 + 0 * 9 + 3] = t49;
     const real t50 = s2 * t48 + t16 * t46;
-    jacobians[66 * stride] = t50;
+    jacobians[1 * 54 + 1 * 9 + 3] = t50;
     const real t51 = t15 * t46 + s2 * t47;
-    jacobians[75 * stride] = t51;
+    jacobians[1 * 54 + 2 * 9 + 3] = t51;
 
     /* column of joint 8 */
     const real t52 = t27 * t47 - t26 * t48;
-    jacobians[58 * stride] = t52;
+    jacobians[1 * 54 + 0 * 9 + 4] = t52;
     const real t53 = t25 * t48 - t27 * t46;
-    jacobians[67 * stride] = t53;
+    jacobians[1 * 54 + 1 * 9 + 4] = t53;
     const real t54 = t25 * t47 - t26 * t46;
-    jacobians[76 * stride] = t54;
+    jacobians[1 * 54 + 2 * 9 + 4] = t54;
 
     /* column of joint 9 */
     const real t55 = t28 - t31, t56 = t32 - t29;
     const real t57 = t33 - t30, t58 = t27 * t56 - t26 * t57;
-    jacobians[59 * stride] = t58;
+    jacobians[1 * 54 + 0 * 9 + 5] = t58;
     const real t59 = t25 * t57 + t27 * t55;
-    jacobians[68 * stride] = t59;
+    jacobians[1 * 54 + 1 * 9 + 5] = t59;
     const real t60 = t25 * t56 + t26 * t55;
-    jacobians[77 * stride] = t60;
-}
-
-#ifndef EACH
-void hexarotor_3link_frame_jacobians(const Constants *RESTRICT constants, const real *RESTRICT q,
-    real *RESTRICT jacobians)
-{
-    real angle[6], sine[6], cosine[6];
-    for (int i = 0; i < 108; ++i) {
-        jacobians[i] = R(0.0);
-    }
-    frame_jacobians_angles(constants, q, angle, 1);
-    sine_cosine_few(4, angle + 0, sine + 0, cosine + 0);
-    sine_cosine_few(2, angle + 4, sine + 4, cosine + 4);
-    frame_jacobians_lane(constants, sine, cosine, q, jacobians, 1);
-}
-#endif
-
-static WIDE void frame_jacobians_block(const Constants *RESTRICT constants, const real *RESTRICT q,
-    real *RESTRICT jacobians)
-{
-    real angle[6 * LANES], sine[6 * LANES], cosine[6 * LANES];
-    for (int i = 0; i < 108 * LANES; ++i) {
-        jacobians[i] = R(0.0);
-    }
-    VECTORISE
-    for (int lane = 0; lane < LANES; ++lane) {
-        frame_jacobians_angles(OF_LANE(constants, lane), q + lane, angle + lane, LANES);
-    }
-    sine_cosine_many(6 * LANES, angle, sine, cosine);
-    VECTORISE
-    for (int lane = 0; lane < LANES; ++lane) {
-        frame_jacobians_lane(OF_LANE(constants, lane), sine + lane, cosine + lane, q + lane,
-            jacobians + lane, LANES);
-    }
-}
-
-void BATCH(frame_jacobians)(const Constants *RESTRICT constants, const size_t count,
-    const real *RESTRICT q, real *RESTRICT jacobians)
-{
-    const size_t whole = count / LANES, rest = count % LANES;
-    PARALLEL
-    for (size_t block = 0; block < whole; ++block) {
-        frame_jacobians_block(OF_BLOCK(constants, block), q + block * (9 * LANES),
-            jacobians + block * (108 * LANES));
-    }
-    if (rest > 0) {
-        OF_LAST_BLOCK(constants, whole, rest);
-        real last_q[9 * LANES];
-        fill_lanes(9, rest, q + whole * (9 * LANES), last_q);
-        frame_jacobians_block(last_constants, last_q, jacobians + whole * (108 * LANES));
-    }
+    jacobians[1 * 54 + 2 * 9 + 5] = t60;
 }
 
 /* ---- frame_velocities ---- */
 
-static INLINE void frame_velocities_angles(const Constants *RESTRICT constants,
-    const real *RESTRICT q, const real *RESTRICT v, real *RESTRICT angle, const int stride)
+void hexarotor_3link_frame_velocities(const Constants *RESTRICT constants, const real *RESTRICT q,
+    const real *RESTRICT v, real *RESTRICT velocities)
 {
-    (void)constants;
-    (void)v;
-    const real theta_m1 = q[0 * stride], theta_0 = q[1 * stride], theta_1 = q[2 * stride];
-    const real theta_7 = q[3 * stride], theta_8 = q[4 * stride], theta_9 = q[5 * stride];
+    real angle[6], sine[6], cosine[6];
+    {
+        const real theta_m1 = q[0], theta_0 = q[1], theta_1 = q[2], theta_7 = q[3], theta_8 = q[4];
+        const real theta_9 = q[5];
 
-    /* angles and places of the joints */
-    const real t7 = theta_1 + theta_7, t12 = theta_8 + theta_9;
-    angle[0 * stride] = theta_m1; angle[1 * stride] = theta_0; angle[2 * stride] = theta_1;
-    angle[3 * stride] = t7; angle[4 * stride] = theta_8; angle[5 * stride] = t12;
-}
-
-static INLINE void frame_velocities_lane(const Constants *RESTRICT constants,
-    const real *RESTRICT sine, const real *RESTRICT cosine, const real *RESTRICT q,
-    const real *RESTRICT v, real *RESTRICT velocities, const int stride)
-{
-    (void)q;
-    const real base_arm_length = CONSTANT(base_arm_length), link2_length = CONSTANT(link2_length);
-    const real link3_length = CONSTANT(link3_length);
-    const real v_theta_m1 = v[0 * stride], v_theta_0 = v[1 * stride], v_theta_1 = v[2 * stride];
-    const real v_theta_7 = v[3 * stride], v_theta_8 = v[4 * stride], v_theta_9 = v[5 * stride];
-    const real v_x = v[6 * stride], v_y = v[7 * stride], v_z = v[8 * stride];
-    const real s1 = sine[0 * stride], c1 = cosine[0 * stride], s2 = sine[1 * stride];
-    const real c2 = cosine[1 * stride], s3 = sine[2 * stride], c3 = cosine[2 * stride];
-    const real s4 = sine[3 * stride], c4 = cosine[3 * stride], s5 = sine[4 * stride];
-    const real c5 = cosine[4 * stride], s6 = sine[5 * stride], c6 = cosine[5 * stride];
+        /* angles and places of the joints */
+        const real t7 = theta_1 + theta_7, t12 = theta_8 + theta_9;
+        angle[0] = theta_m1; angle[1] = theta_0; angle[2] = theta_1; angle[3] = t7;
+        angle[4] = theta_8; angle[5] = t12;
+    }
+    sine_cosine_few(4, angle + 0, sine + 0, cosine + 0);
+    sine_cosine_few(2, angle + 4, sine + 4, cosine + 4);
+    const real base_arm_length = constants->base_arm_length, link2_length = constants->link2_length;
+    const real link3_length = constants->link3_length;
+    const real v_theta_m1 = v[0], v_theta_0 = v[1], v_theta_1 = v[2], v_theta_7 = v[3];
+    const real v_theta_8 = v[4], v_theta_9 = v[5], v_x = v[6], v_y = v[7], v_z = v[8];
+    const real s1 = sine[0], c1 = cosine[0], s2 = sine[1], c2 = cosine[1], s3 = sine[2];
+    const real c3 = cosine[2], s4 = sine[3], c4 = cosine[3], s5 = sine[4], c5 = cosine[4];
+    const real s6 = sine[5], c6 = cosine[5];
 
     /* motion of the base */
     const real t15 = v_theta_m1 * c2, t16 = v_theta_1 + v_theta_m1 * s2;
@@ -3980,112 +2615,59 @@ static INLINE void frame_velocities_lane(const Constants *RESTRICT constants,
     /* motion of base in world axes */
     const real t39 = t16 * t22, t40 = t16 * t21;
     const real t41 = v_theta_0 * t21 - t15 * t22, t42 = v_x - c2 * t39 - s2 * t41;
-    velocities[0 * stride] = t42;
+    velocities[0 * 6 + 0] = t42;
     const real t43 = v_y + c1 * t40 + t23 * t41 - t29 * t39;
-    velocities[1 * stride] = t43;
+    velocities[0 * 6 + 1] = t43;
     const real t44 = v_z + t30 * t39 + s1 * t40 - t24 * t41;
-    velocities[2 * stride] = t44;
+    velocities[0 * 6 + 2] = t44;
     const real t45 = c2 * t15 + s2 * t16;
-    velocities[3 * stride] = t45;
+    velocities[0 * 6 + 3] = t45;
     const real t46 = t15 * t29 + v_theta_0 * c1 - t16 * t23;
-    velocities[4 * stride] = t46;
+    velocities[0 * 6 + 4] = t46;
     const real t47 = v_theta_0 * s1 + t16 * t24 - t15 * t30;
-    velocities[5 * stride] = t47;
+    velocities[0 * 6 + 5] = t47;
 
     /* motion of tip in world axes */
     const real t48 = link3_length * c6, t49 = link3_length * s6;
     const real t50 = t37 + t20 * t49, t51 = t27 - link2_length * c5 * t19 - t20 * t48;
     const real t52 = t38 + t18 * t49 - t17 * t48, t53 = v_x + t34 * t52 - t31 * t50 - s2 * t51;
-    velocities[6 * stride] = t53;
+    velocities[1 * 6 + 0] = t53;
     const real t54 = v_y + t23 * t51 - t32 * t50 - t35 * t52;
-    velocities[7 * stride] = t54;
+    velocities[1 * 6 + 1] = t54;
     const real t55 = v_z - t33 * t50 - t24 * t51 - t36 * t52;
-    velocities[8 * stride] = t55;
+    velocities[1 * 6 + 2] = t55;
     const real t56 = t18 * t31 + s2 * t17 + t20 * t34;
-    velocities[9 * stride] = t56;
+    velocities[1 * 6 + 3] = t56;
     const real t57 = t18 * t32 - t17 * t23 - t20 * t35;
-    velocities[10 * stride] = t57;
+    velocities[1 * 6 + 4] = t57;
     const real t58 = t18 * t33 + t17 * t24 - t20 * t36;
-    velocities[11 * stride] = t58;
-}
-
-#ifndef EACH
-void hexarotor_3link_frame_velocities(const Constants *RESTRICT constants, const real *RESTRICT q,
-    const real *RESTRICT v, real *RESTRICT velocities)
-{
-    real angle[6], sine[6], cosine[6];
-    frame_velocities_angles(constants, q, v, angle, 1);
-    sine_cosine_few(4, angle + 0, sine + 0, cosine + 0);
-    sine_cosine_few(2, angle + 4, sine + 4, cosine + 4);
-    frame_velocities_lane(constants, sine, cosine, q, v, velocities, 1);
-}
-#endif
-
-static WIDE void frame_velocities_block(const Constants *RESTRICT constants, const real *RESTRICT q,
-    const real *RESTRICT v, real *RESTRICT velocities)
-{
-    real angle[6 * LANES], sine[6 * LANES], cosine[6 * LANES];
-    VECTORISE
-    for (int lane = 0; lane < LANES; ++lane) {
-        frame_velocities_angles(OF_LANE(constants, lane), q + lane, v + lane, angle + lane,
-            LANES);
-    }
-    sine_cosine_many(6 * LANES, angle, sine, cosine);
-    VECTORISE
-    for (int lane = 0; lane < LANES; ++lane) {
-        frame_velocities_lane(OF_LANE(constants, lane), sine + lane, cosine + lane,
-            q + lane, v + lane, velocities + lane, LANES);
-    }
-}
-
-void BATCH(frame_velocities)(const Constants *RESTRICT constants, const size_t count,
-    const real *RESTRICT q, const real *RESTRICT v, real *RESTRICT velocities)
-{
-    const size_t whole = count / LANES, rest = count % LANES;
-    PARALLEL
-    for (size_t block = 0; block < whole; ++block) {
-        frame_velocities_block(OF_BLOCK(constants, block), q + block * (9 * LANES),
-            v + block * (9 * LANES), velocities + block * (12 * LANES));
-    }
-    if (rest > 0) {
-        OF_LAST_BLOCK(constants, whole, rest);
-        real last_q[9 * LANES], last_v[9 * LANES];
-        fill_lanes(9, rest, q + whole * (9 * LANES), last_q);
-        fill_lanes(9, rest, v + whole * (9 * LANES), last_v);
-        frame_velocities_block(last_constants, last_q, last_v,
-            velocities + whole * (12 * LANES));
-    }
+    velocities[1 * 6 + 5] = t58;
 }
 
 /* ---- frame_bias_accelerations ---- */
 
-static INLINE void frame_bias_accelerations_angles(const Constants *RESTRICT constants,
-    const real *RESTRICT q, const real *RESTRICT v, real *RESTRICT angle, const int stride)
+void hexarotor_3link_frame_bias_accelerations(const Constants *RESTRICT constants,
+    const real *RESTRICT q, const real *RESTRICT v, real *RESTRICT bias_accelerations)
 {
-    (void)constants;
-    (void)v;
-    const real theta_m1 = q[0 * stride], theta_0 = q[1 * stride], theta_1 = q[2 * stride];
-    const real theta_7 = q[3 * stride], theta_8 = q[4 * stride], theta_9 = q[5 * stride];
+    real angle[6], sine[6], cosine[6];
+    {
+        const real theta_m1 = q[0], theta_0 = q[1], theta_1 = q[2], theta_7 = q[3], theta_8 = q[4];
+        const real theta_9 = q[5];
 
-    /* angles and places of the joints */
-    const real t7 = theta_1 + theta_7, t12 = theta_8 + theta_9;
-    angle[0 * stride] = theta_m1; angle[1 * stride] = theta_0; angle[2 * stride] = theta_1;
-    angle[3 * stride] = t7; angle[4 * stride] = theta_8; angle[5 * stride] = t12;
-}
-
-static INLINE void frame_bias_accelerations_lane(const Constants *RESTRICT constants,
-    const real *RESTRICT sine, const real *RESTRICT cosine, const real *RESTRICT q,
-    const real *RESTRICT v, real *RESTRICT bias_accelerations, const int stride)
-{
-    (void)q;
-    const real base_arm_length = CONSTANT(base_arm_length), link2_length = CONSTANT(link2_length);
-    const real link3_length = CONSTANT(link3_length);
-    const real v_theta_m1 = v[0 * stride], v_theta_0 = v[1 * stride], v_theta_1 = v[2 * stride];
-    const real v_theta_7 = v[3 * stride], v_theta_8 = v[4 * stride], v_theta_9 = v[5 * stride];
-    const real s1 = sine[0 * stride], c1 = cosine[0 * stride], s2 = sine[1 * stride];
-    const real c2 = cosine[1 * stride], s3 = sine[2 * stride], c3 = cosine[2 * stride];
-    const real s4 = sine[3 * stride], c4 = cosine[3 * stride], s5 = sine[4 * stride];
-    const real c5 = cosine[4 * stride], s6 = sine[5 * stride], c6 = cosine[5 * stride];
+        /* angles and places of the joints */
+        const real t7 = theta_1 + theta_7, t12 = theta_8 + theta_9;
+        angle[0] = theta_m1; angle[1] = theta_0; angle[2] = theta_1; angle[3] = t7;
+        angle[4] = theta_8; angle[5] = t12;
+    }
+    sine_cosine_few(4, angle + 0, sine + 0, cosine + 0);
+    sine_cosine_few(2, angle + 4, sine + 4, cosine + 4);
+    const real base_arm_length = constants->base_arm_length, link2_length = constants->link2_length;
+    const real link3_length = constants->link3_length;
+    const real v_theta_m1 = v[0], v_theta_0 = v[1], v_theta_1 = v[2], v_theta_7 = v[3];
+    const real v_theta_8 = v[4], v_theta_9 = v[5];
+    const real s1 = sine[0], c1 = cosine[0], s2 = sine[1], c2 = cosine[1], s3 = sine[2];
+    const real c3 = cosine[2], s4 = sine[3], c4 = cosine[3], s5 = sine[4], c5 = cosine[4];
+    const real s6 = sine[5], c6 = cosine[5];
 
     /* motion of the base */
     const real t15 = v_theta_m1 * s2, t16 = v_theta_m1 * c2;
@@ -4139,200 +2721,101 @@ static INLINE void frame_bias_accelerations_lane(const Constants *RESTRICT const
     /* motion of base in world axes */
     const real t73 = t25 * t56, t74 = t19 * t56 - t27 * t57;
     const real t75 = t26 * t56 - t28 * t57, t76 = s2 * t75 - c2 * t73;
-    bias_accelerations[0 * stride] = t76;
+    bias_accelerations[0 * 6 + 0] = t76;
     const real t77 = c1 * t74 - t60 * t73 - t58 * t75;
-    bias_accelerations[1 * stride] = t77;
+    bias_accelerations[0 * 6 + 1] = t77;
     const real t78 = t61 * t73 + s1 * t74 + t59 * t75;
-    bias_accelerations[2 * stride] = t78;
+    bias_accelerations[0 * 6 + 2] = t78;
     const real t79 = s2 * t17 - c2 * t22;
-    bias_accelerations[3 * stride] = t79;
+    bias_accelerations[0 * 6 + 3] = t79;
     const real t80 = c1 * t23 - t22 * t60 - t17 * t58;
-    bias_accelerations[4 * stride] = t80;
+    bias_accelerations[0 * 6 + 4] = t80;
     const real t81 = t22 * t61 + s1 * t23 + t17 * t59;
-    bias_accelerations[5 * stride] = t81;
+    bias_accelerations[0 * 6 + 5] = t81;
 
     /* motion of tip in world axes */
     const real t82 = t70 + t43 * t69 - (t34 + t55) * t68, t83 = t71 + t40 * t68 + (t38 + t55) * t69;
     const real t84 = (t41 - t46 * t52) * t68, t85 = t72 + (t42 + t47 * t52) * t69 - t84;
     const real t86 = t62 * t82 + t65 * t85 - s2 * t83;
-    bias_accelerations[6 * stride] = t86;
+    bias_accelerations[1 * 6 + 0] = t86;
     const real t87 = t63 * t82 + t58 * t83 - t66 * t85;
-    bias_accelerations[7 * stride] = t87;
+    bias_accelerations[1 * 6 + 1] = t87;
     const real t88 = t64 * t82 - t59 * t83 - t67 * t85;
-    bias_accelerations[8 * stride] = t88;
+    bias_accelerations[1 * 6 + 2] = t88;
     const real t89 = t53 * t62 + s2 * t54 - t37 * t65;
-    bias_accelerations[9 * stride] = t89;
+    bias_accelerations[1 * 6 + 3] = t89;
     const real t90 = t53 * t63 + t37 * t66 - t54 * t58;
-    bias_accelerations[10 * stride] = t90;
+    bias_accelerations[1 * 6 + 4] = t90;
     const real t91 = t53 * t64 + t54 * t59 + t37 * t67;
-    bias_accelerations[11 * stride] = t91;
-}
-
-#ifndef EACH
-void hexarotor_3link_frame_bias_accelerations(const Constants *RESTRICT constants,
-    const real *RESTRICT q, const real *RESTRICT v, real *RESTRICT bias_accelerations)
-{
-    real angle[6], sine[6], cosine[6];
-    frame_bias_accelerations_angles(constants, q, v, angle, 1);
-    sine_cosine_few(4, angle + 0, sine + 0, cosine + 0);
-    sine_cosine_few(2, angle + 4, sine + 4, cosine + 4);
-    frame_bias_accelerations_lane(constants, sine, cosine, q, v, bias_accelerations, 1);
-}
-#endif
-
-static WIDE void frame_bias_accelerations_block(const Constants *RESTRICT constants,
-    const real *RESTRICT q, const real *RESTRICT v, real *RESTRICT bias_accelerations)
-{
-    real angle[6 * LANES], sine[6 * LANES], cosine[6 * LANES];
-    VECTORISE
-    for (int lane = 0; lane < LANES; ++lane) {
-        frame_bias_accelerations_angles(OF_LANE(constants, lane), q + lane, v + lane,
-            angle + lane, LANES);
-    }
-    sine_cosine_many(6 * LANES, angle, sine, cosine);
-    VECTORISE
-    for (int lane = 0; lane < LANES; ++lane) {
-        frame_bias_accelerations_lane(OF_LANE(constants, lane), sine + lane, cosine + lane,
-            q + lane, v + lane, bias_accelerations + lane, LANES);
-    }
-}
-
-void BATCH(frame_bias_accelerations)(const Constants *RESTRICT constants, const size_t count,
-    const real *RESTRICT q, const real *RESTRICT v, real *RESTRICT bias_accelerations)
-{
-    const size_t whole = count / LANES, rest = count % LANES;
-    PARALLEL
-    for (size_t block = 0; block < whole; ++block) {
-        frame_bias_accelerations_block(OF_BLOCK(constants, block), q + block * (9 * LANES),
-            v + block * (9 * LANES), bias_accelerations + block * (12 * LANES));
-    }
-    if (rest > 0) {
-        OF_LAST_BLOCK(constants, whole, rest);
-        real last_q[9 * LANES], last_v[9 * LANES];
-        fill_lanes(9, rest, q + whole * (9 * LANES), last_q);
-        fill_lanes(9, rest, v + whole * (9 * LANES), last_v);
-        frame_bias_accelerations_block(last_constants, last_q, last_v,
-            bias_accelerations + whole * (12 * LANES));
-    }
+    bias_accelerations[1 * 6 + 5] = t91;
 }
 
 /* ---- centre_of_mass ---- */
 
-static INLINE void centre_of_mass_angles(const Constants *RESTRICT constants,
-    const real *RESTRICT q, real *RESTRICT angle, const int stride)
+void hexarotor_3link_centre_of_mass(const Constants *RESTRICT constants, const real *RESTRICT q,
+    real *RESTRICT position)
 {
-    (void)constants;
-    const real theta_m1 = q[0 * stride], theta_0 = q[1 * stride], theta_1 = q[2 * stride];
-    const real theta_7 = q[3 * stride], theta_8 = q[4 * stride], theta_9 = q[5 * stride];
+    real angle[6], sine[6], cosine[6];
+    {
+        const real theta_m1 = q[0], theta_0 = q[1], theta_1 = q[2], theta_7 = q[3], theta_8 = q[4];
+        const real theta_9 = q[5];
 
-    /* angles and places of the joints */
-    const real t7 = theta_1 + theta_7, t12 = theta_8 + theta_9;
-    angle[0 * stride] = theta_m1; angle[1 * stride] = theta_0; angle[2 * stride] = theta_1;
-    angle[3 * stride] = t7; angle[4 * stride] = theta_8; angle[5 * stride] = t12;
-}
-
-static INLINE void centre_of_mass_lane(const Constants *RESTRICT constants,
-    const real *RESTRICT sine, const real *RESTRICT cosine, const real *RESTRICT q,
-    real *RESTRICT position, const int stride)
-{
-    const real k62 = CONSTANT(k62), k67 = CONSTANT(k67), k73 = CONSTANT(k73), k103 = CONSTANT(k103);
-    const real x = q[6 * stride], y = q[7 * stride], z = q[8 * stride];
-    const real s1 = sine[0 * stride], c1 = cosine[0 * stride], s2 = sine[1 * stride];
-    const real c2 = cosine[1 * stride], s3 = sine[2 * stride], c3 = cosine[2 * stride];
-    const real s4 = sine[3 * stride], c4 = cosine[3 * stride], s5 = sine[4 * stride];
-    const real c5 = cosine[4 * stride], s6 = sine[5 * stride], c6 = cosine[5 * stride];
+        /* angles and places of the joints */
+        const real t7 = theta_1 + theta_7, t12 = theta_8 + theta_9;
+        angle[0] = theta_m1; angle[1] = theta_0; angle[2] = theta_1; angle[3] = t7;
+        angle[4] = theta_8; angle[5] = t12;
+    }
+    sine_cosine_few(4, angle + 0, sine + 0, cosine + 0);
+    sine_cosine_few(2, angle + 4, sine + 4, cosine + 4);
+    const real k62 = constants->k62, k67 = constants->k67, k73 = constants->k73;
+    const real k101 = constants->k101;
+    const real x = q[6], y = q[7], z = q[8];
+    const real s1 = sine[0], c1 = cosine[0], s2 = sine[1], c2 = cosine[1], s3 = sine[2];
+    const real c3 = cosine[2], s4 = sine[3], c4 = cosine[3], s5 = sine[4], c5 = cosine[4];
+    const real s6 = sine[5], c6 = cosine[5];
 
     /* composite inertia of links 2 and 3, about joint 8 */
     const real t15 = k62 * c6 + k67 * c5;
 
     /* centre of mass from the origin */
-    const real t16 = k103 * (k62 * s6 + k67 * s5), t17 = k103 * (k73 * c3 + c4 * t15);
-    const real t18 = k103 * (k73 * s3 + s4 * t15);
+    const real t16 = k101 * (k62 * s6 + k67 * s5), t17 = k101 * (k73 * c3 + c4 * t15);
+    const real t18 = k101 * (k73 * s3 + s4 * t15);
 
     /* centre of mass in the world */
     const real t19 = c2 * t16 - s2 * t17, t20 = x + s2 * t16 + c2 * t17;
-    position[0 * stride] = t20;
+    position[0] = t20;
     const real t21 = y + c1 * t18 - s1 * t19;
-    position[1 * stride] = t21;
+    position[1] = t21;
     const real t22 = z + c1 * t19 + s1 * t18;
-    position[2 * stride] = t22;
-}
-
-#ifndef EACH
-void hexarotor_3link_centre_of_mass(const Constants *RESTRICT constants, const real *RESTRICT q,
-    real *RESTRICT position)
-{
-    real angle[6], sine[6], cosine[6];
-    centre_of_mass_angles(constants, q, angle, 1);
-    sine_cosine_few(4, angle + 0, sine + 0, cosine + 0);
-    sine_cosine_few(2, angle + 4, sine + 4, cosine + 4);
-    centre_of_mass_lane(constants, sine, cosine, q, position, 1);
-}
-#endif
-
-static WIDE void centre_of_mass_block(const Constants *RESTRICT constants, const real *RESTRICT q,
-    real *RESTRICT position)
-{
-    real angle[6 * LANES], sine[6 * LANES], cosine[6 * LANES];
-    VECTORISE
-    for (int lane = 0; lane < LANES; ++lane) {
-        centre_of_mass_angles(OF_LANE(constants, lane), q + lane, angle + lane, LANES);
-    }
-    sine_cosine_many(6 * LANES, angle, sine, cosine);
-    VECTORISE
-    for (int lane = 0; lane < LANES; ++lane) {
-        centre_of_mass_lane(OF_LANE(constants, lane), sine + lane, cosine + lane, q + lane,
-            position + lane, LANES);
-    }
-}
-
-void BATCH(centre_of_mass)(const Constants *RESTRICT constants, const size_t count,
-    const real *RESTRICT q, real *RESTRICT position)
-{
-    const size_t whole = count / LANES, rest = count % LANES;
-    PARALLEL
-    for (size_t block = 0; block < whole; ++block) {
-        centre_of_mass_block(OF_BLOCK(constants, block), q + block * (9 * LANES),
-            position + block * (3 * LANES));
-    }
-    if (rest > 0) {
-        OF_LAST_BLOCK(constants, whole, rest);
-        real last_q[9 * LANES];
-        fill_lanes(9, rest, q + whole * (9 * LANES), last_q);
-        centre_of_mass_block(last_constants, last_q, position + whole * (3 * LANES));
-    }
+    position[2] = t22;
 }
 
 /* ---- centre_of_mass_jacobian ---- */
 
-static INLINE void centre_of_mass_jacobian_angles(const Constants *RESTRICT constants,
-    const real *RESTRICT q, real *RESTRICT angle, const int stride)
+void hexarotor_3link_centre_of_mass_jacobian(const Constants *RESTRICT constants,
+    const real *RESTRICT q, real *RESTRICT jacobian)
 {
-    (void)constants;
-    const real theta_m1 = q[0 * stride], theta_0 = q[1 * stride], theta_1 = q[2 * stride];
-    const real theta_7 = q[3 * stride], theta_8 = q[4 * stride], theta_9 = q[5 * stride];
+    real angle[6], sine[6], cosine[6];
+    {
+        const real theta_m1 = q[0], theta_0 = q[1], theta_1 = q[2], theta_7 = q[3], theta_8 = q[4];
+        const real theta_9 = q[5];
 
-    /* angles and places of the joints */
-    const real t7 = theta_1 + theta_7, t12 = theta_8 + theta_9;
-    angle[0 * stride] = theta_m1; angle[1 * stride] = theta_0; angle[2 * stride] = theta_1;
-    angle[3 * stride] = t7; angle[4 * stride] = theta_8; angle[5 * stride] = t12;
-}
-
-static INLINE void centre_of_mass_jacobian_lane(const Constants *RESTRICT constants,
-    const real *RESTRICT sine, const real *RESTRICT cosine, const real *RESTRICT q,
-    real *RESTRICT jacobian, const int stride)
-{
-    (void)q;
-    const real k62 = CONSTANT(k62), k67 = CONSTANT(k67), k73 = CONSTANT(k73), k103 = CONSTANT(k103);
-    const real k104 = CONSTANT(k104);
-    const real s1 = sine[0 * stride], c1 = cosine[0 * stride], s2 = sine[1 * stride];
-    const real c2 = cosine[1 * stride], s3 = sine[2 * stride], c3 = cosine[2 * stride];
-    const real s4 = sine[3 * stride], c4 = cosine[3 * stride], s5 = sine[4 * stride];
-    const real c5 = cosine[4 * stride], s6 = sine[5 * stride], c6 = cosine[5 * stride];
-    jacobian[0 * stride] = R(0.0); jacobian[6 * stride] = R(1.0); jacobian[7 * stride] = R(0.0);
-    jacobian[8 * stride] = R(0.0); jacobian[15 * stride] = R(0.0); jacobian[16 * stride] = R(1.0);
-    jacobian[17 * stride] = R(0.0); jacobian[24 * stride] = R(0.0); jacobian[25 * stride] = R(0.0);
-    jacobian[26 * stride] = R(1.0);
+        /* angles and places of the joints */
+        const real t7 = theta_1 + theta_7, t12 = theta_8 + theta_9;
+        angle[0] = theta_m1; angle[1] = theta_0; angle[2] = theta_1; angle[3] = t7;
+        angle[4] = theta_8; angle[5] = t12;
+    }
+    sine_cosine_few(4, angle + 0, sine + 0, cosine + 0);
+    sine_cosine_few(2, angle + 4, sine + 4, cosine + 4);
+    const real k62 = constants->k62, k67 = constants->k67, k73 = constants->k73;
+    const real k101 = constants->k101, k102 = constants->k102;
+    const real s1 = sine[0], c1 = cosine[0], s2 = sine[1], c2 = cosine[1], s3 = sine[2];
+    const real c3 = cosine[2], s4 = sine[3], c4 = cosine[3], s5 = sine[4], c5 = cosine[4];
+    const real s6 = sine[5], c6 = cosine[5];
+    jacobian[0 * 9 + 0] = R(0.0); jacobian[0 * 9 + 6] = R(1.0); jacobian[0 * 9 + 7] = R(0.0);
+    jacobian[0 * 9 + 8] = R(0.0); jacobian[1 * 9 + 6] = R(0.0); jacobian[1 * 9 + 7] = R(1.0);
+    jacobian[1 * 9 + 8] = R(0.0); jacobian[2 * 9 + 6] = R(0.0); jacobian[2 * 9 + 7] = R(0.0);
+    jacobian[2 * 9 + 8] = R(1.0);
 
     /* attitude */
     const real t2 = -s1, t3 = -c2;
@@ -4347,16 +2830,16 @@ static INLINE void centre_of_mass_jacobian_lane(const Constants *RESTRICT consta
     const real t18 = t2 * t3, t19 = c1 * t3;
 
     /* column of joint 7 */
-    const real t20 = k103 * t16, t21 = k103 * t17;
+    const real t20 = k101 * t16, t21 = k101 * t17;
 
     /* centre of mass from the origin */
-    const real t22 = k103 * (k62 * s6 + k67 * s5);
+    const real t22 = k101 * (k62 * s6 + k67 * s5);
 
     /* column of joint 8 */
-    const real t23 = k103 * t15;
+    const real t23 = k101 * t15;
 
     /* column of joint 9 */
-    const real t24 = k104 * c6;
+    const real t24 = k102 * c6;
 
     /* axes of the base */
     const real t25 = t2 * s2, t26 = c1 * s2;
@@ -4366,293 +2849,129 @@ static INLINE void centre_of_mass_jacobian_lane(const Constants *RESTRICT consta
     const real t29 = t2 * s4 + c4 * t26;
 
     /* centre of mass from the origin */
-    const real t30 = k103 * (k73 * c3 + t16), t31 = k103 * (k73 * s3 + t17);
+    const real t30 = k101 * (k73 * c3 + t16), t31 = k101 * (k73 * s3 + t17);
 
     /* columns of the base */
     const real t32 = t3 * t22 + s2 * t30, t33 = t3 * t30 - s2 * t22;
     const real t34 = c1 * t31 - t2 * t32;
-    jacobian[18 * stride] = t34;
+    jacobian[2 * 9 + 0] = t34;
     const real t35 = c1 * t32 + t2 * t31;
-    jacobian[9 * stride] = t35;
+    jacobian[1 * 9 + 0] = t35;
     const real t36 = t2 * t34 - c1 * t35;
-    jacobian[1 * stride] = t36;
+    jacobian[0 * 9 + 1] = t36;
     const real t37 = t2 * t33;
-    jacobian[10 * stride] = t37;
+    jacobian[1 * 9 + 1] = t37;
     const real t38 = c1 * t33;
-    jacobian[19 * stride] = t38;
+    jacobian[2 * 9 + 1] = t38;
     const real t39 = t19 * t34 + t18 * t35;
-    jacobian[2 * stride] = t39;
+    jacobian[0 * 9 + 2] = t39;
     const real t40 = t19 * t33 + s2 * t35;
-    jacobian[11 * stride] = t40;
+    jacobian[1 * 9 + 2] = t40;
     const real t41 = s2 * t34 - t18 * t33;
-    jacobian[20 * stride] = t41;
+    jacobian[2 * 9 + 2] = t41;
 
     /* column of joint 7 */
     const real t42 = t3 * t21;
-    jacobian[3 * stride] = t42;
+    jacobian[0 * 9 + 3] = t42;
     const real t43 = t21 * t25 + c1 * t20;
-    jacobian[12 * stride] = t43;
+    jacobian[1 * 9 + 3] = t43;
     const real t44 = t21 * t26 - t2 * t20;
-    jacobian[21 * stride] = t44;
+    jacobian[2 * 9 + 3] = t44;
 
     /* column of joint 8 */
     const real t45 = t22 * t27 + s2 * t23;
-    jacobian[4 * stride] = t45;
+    jacobian[0 * 9 + 4] = t45;
     const real t46 = t22 * t28 - t18 * t23;
-    jacobian[13 * stride] = t46;
+    jacobian[1 * 9 + 4] = t46;
     const real t47 = t22 * t29 - t19 * t23;
-    jacobian[22 * stride] = t47;
+    jacobian[2 * 9 + 4] = t47;
 
     /* column of joint 9 */
-    const real t48 = k104 * s6, t49 = t27 * t48 + s2 * t24;
-    jacobian[5 * stride] = t49;
+    const real t48 = k102 * s6, t49 = t27 * t48 + s2 * t24;
+    jacobian[0 * 9 + 5] = t49;
     const real t50 = t28 * t48 - t18 * t24;
-    jacobian[14 * stride] = t50;
+    jacobian[1 * 9 + 5] = t50;
     const real t51 = t29 * t48 - t19 * t24;
-    jacobian[23 * stride] = t51;
-}
-
-#ifndef EACH
-void hexarotor_3link_centre_of_mass_jacobian(const Constants *RESTRICT constants,
-    const real *RESTRICT q, real *RESTRICT jacobian)
-{
-    real angle[6], sine[6], cosine[6];
-    centre_of_mass_jacobian_angles(constants, q, angle, 1);
-    sine_cosine_few(4, angle + 0, sine + 0, cosine + 0);
-    sine_cosine_few(2, angle + 4, sine + 4, cosine + 4);
-    centre_of_mass_jacobian_lane(constants, sine, cosine, q, jacobian, 1);
-}
-#endif
-
-static WIDE void centre_of_mass_jacobian_block(const Constants *RESTRICT constants,
-    const real *RESTRICT q, real *RESTRICT jacobian)
-{
-    real angle[6 * LANES], sine[6 * LANES], cosine[6 * LANES];
-    VECTORISE
-    for (int lane = 0; lane < LANES; ++lane) {
-        centre_of_mass_jacobian_angles(OF_LANE(constants, lane), q + lane, angle + lane,
-            LANES);
-    }
-    sine_cosine_many(6 * LANES, angle, sine, cosine);
-    VECTORISE
-    for (int lane = 0; lane < LANES; ++lane) {
-        centre_of_mass_jacobian_lane(OF_LANE(constants, lane), sine + lane, cosine + lane,
-            q + lane, jacobian + lane, LANES);
-    }
-}
-
-void BATCH(centre_of_mass_jacobian)(const Constants *RESTRICT constants, const size_t count,
-    const real *RESTRICT q, real *RESTRICT jacobian)
-{
-    const size_t whole = count / LANES, rest = count % LANES;
-    PARALLEL
-    for (size_t block = 0; block < whole; ++block) {
-        centre_of_mass_jacobian_block(OF_BLOCK(constants, block), q + block * (9 * LANES),
-            jacobian + block * (27 * LANES));
-    }
-    if (rest > 0) {
-        OF_LAST_BLOCK(constants, whole, rest);
-        real last_q[9 * LANES];
-        fill_lanes(9, rest, q + whole * (9 * LANES), last_q);
-        centre_of_mass_jacobian_block(last_constants, last_q,
-            jacobian + whole * (27 * LANES));
-    }
+    jacobian[2 * 9 + 5] = t51;
 }
 
 /* ---- coordinate_rates ---- */
 
-static INLINE void coordinate_rates_lane(const Constants *RESTRICT constants,
-    const real *RESTRICT q, const real *RESTRICT v, real *RESTRICT rate, const int stride)
-{
-    (void)constants;
-    (void)q;
-    const real v_theta_m1 = v[0 * stride], v_theta_0 = v[1 * stride], v_theta_1 = v[2 * stride];
-    const real v_theta_7 = v[3 * stride], v_theta_8 = v[4 * stride], v_theta_9 = v[5 * stride];
-    const real v_x = v[6 * stride], v_y = v[7 * stride], v_z = v[8 * stride];
-    rate[0 * stride] = v_theta_m1; rate[1 * stride] = v_theta_0; rate[2 * stride] = v_theta_1;
-    rate[3 * stride] = v_theta_7; rate[4 * stride] = v_theta_8; rate[5 * stride] = v_theta_9;
-    rate[6 * stride] = v_x; rate[7 * stride] = v_y; rate[8 * stride] = v_z;
-}
-
-#ifndef EACH
 void hexarotor_3link_coordinate_rates(const Constants *RESTRICT constants, const real *RESTRICT q,
     const real *RESTRICT v, real *RESTRICT rate)
 {
-    coordinate_rates_lane(constants, q, v, rate, 1);
-}
-#endif
-
-static WIDE void coordinate_rates_block(const Constants *RESTRICT constants, const real *RESTRICT q,
-    const real *RESTRICT v, real *RESTRICT rate)
-{
-    VECTORISE
-    for (int lane = 0; lane < LANES; ++lane) {
-        coordinate_rates_lane(OF_LANE(constants, lane), q + lane, v + lane, rate + lane,
-            LANES);
-    }
-}
-
-void BATCH(coordinate_rates)(const Constants *RESTRICT constants, const size_t count,
-    const real *RESTRICT q, const real *RESTRICT v, real *RESTRICT rate)
-{
-    const size_t whole = count / LANES, rest = count % LANES;
-    PARALLEL
-    for (size_t block = 0; block < whole; ++block) {
-        coordinate_rates_block(OF_BLOCK(constants, block), q + block * (9 * LANES),
-            v + block * (9 * LANES), rate + block * (9 * LANES));
-    }
-    if (rest > 0) {
-        OF_LAST_BLOCK(constants, whole, rest);
-        real last_q[9 * LANES], last_v[9 * LANES];
-        fill_lanes(9, rest, q + whole * (9 * LANES), last_q);
-        fill_lanes(9, rest, v + whole * (9 * LANES), last_v);
-        coordinate_rates_block(last_constants, last_q, last_v, rate + whole * (9 * LANES));
-    }
+    (void)constants;
+    (void)q;
+    const real v_theta_m1 = v[0], v_theta_0 = v[1], v_theta_1 = v[2], v_theta_7 = v[3];
+    const real v_theta_8 = v[4], v_theta_9 = v[5], v_x = v[6], v_y = v[7], v_z = v[8];
+    rate[0] = v_theta_m1; rate[1] = v_theta_0; rate[2] = v_theta_1; rate[3] = v_theta_7;
+    rate[4] = v_theta_8; rate[5] = v_theta_9; rate[6] = v_x; rate[7] = v_y; rate[8] = v_z;
 }
 
 /* ---- integrate ---- */
 
-static INLINE void integrate_lane(const Constants *RESTRICT constants, const real *RESTRICT q,
-    const real *RESTRICT v, real *RESTRICT coordinates, const int stride)
-{
-    (void)constants;
-    const real theta_m1 = q[0 * stride], theta_0 = q[1 * stride], theta_1 = q[2 * stride];
-    const real theta_7 = q[3 * stride], theta_8 = q[4 * stride], theta_9 = q[5 * stride];
-    const real x = q[6 * stride], y = q[7 * stride], z = q[8 * stride];
-    const real v_theta_m1 = v[0 * stride], v_theta_0 = v[1 * stride], v_theta_1 = v[2 * stride];
-    const real v_theta_7 = v[3 * stride], v_theta_8 = v[4 * stride], v_theta_9 = v[5 * stride];
-    const real v_x = v[6 * stride], v_y = v[7 * stride], v_z = v[8 * stride];
-
-    /* attitude and position after the displacement */
-    const real t1 = theta_m1 + v_theta_m1;
-    coordinates[0 * stride] = t1;
-    const real t2 = theta_0 + v_theta_0;
-    coordinates[1 * stride] = t2;
-    const real t3 = theta_1 + v_theta_1;
-    coordinates[2 * stride] = t3;
-    const real t4 = x + v_x;
-    coordinates[6 * stride] = t4;
-    const real t5 = y + v_y;
-    coordinates[7 * stride] = t5;
-    const real t6 = z + v_z;
-    coordinates[8 * stride] = t6;
-
-    /* joints after the displacement */
-    const real t7 = theta_7 + v_theta_7;
-    coordinates[3 * stride] = t7;
-    const real t8 = theta_8 + v_theta_8;
-    coordinates[4 * stride] = t8;
-    const real t9 = theta_9 + v_theta_9;
-    coordinates[5 * stride] = t9;
-}
-
-#ifndef EACH
 void hexarotor_3link_integrate(const Constants *RESTRICT constants, const real *RESTRICT q,
     const real *RESTRICT v, real *RESTRICT coordinates)
 {
-    integrate_lane(constants, q, v, coordinates, 1);
-}
-#endif
+    (void)constants;
+    const real theta_m1 = q[0], theta_0 = q[1], theta_1 = q[2], theta_7 = q[3], theta_8 = q[4];
+    const real theta_9 = q[5], x = q[6], y = q[7], z = q[8];
+    const real v_theta_m1 = v[0], v_theta_0 = v[1], v_theta_1 = v[2], v_theta_7 = v[3];
+    const real v_theta_8 = v[4], v_theta_9 = v[5], v_x = v[6], v_y = v[7], v_z = v[8];
 
-static WIDE void integrate_block(const Constants *RESTRICT constants, const real *RESTRICT q,
-    const real *RESTRICT v, real *RESTRICT coordinates)
-{
-    VECTORISE
-    for (int lane = 0; lane < LANES; ++lane) {
-        integrate_lane(OF_LANE(constants, lane), q + lane, v + lane, coordinates + lane,
-            LANES);
-    }
-}
+    /* attitude and position after the displacement */
+    const real t1 = theta_m1 + v_theta_m1;
+    coordinates[0] = t1;
+    const real t2 = theta_0 + v_theta_0;
+    coordinates[1] = t2;
+    const real t3 = theta_1 + v_theta_1;
+    coordinates[2] = t3;
+    const real t4 = x + v_x;
+    coordinates[6] = t4;
+    const real t5 = y + v_y;
+    coordinates[7] = t5;
+    const real t6 = z + v_z;
+    coordinates[8] = t6;
 
-void BATCH(integrate)(const Constants *RESTRICT constants, const size_t count,
-    const real *RESTRICT q, const real *RESTRICT v, real *RESTRICT coordinates)
-{
-    const size_t whole = count / LANES, rest = count % LANES;
-    PARALLEL
-    for (size_t block = 0; block < whole; ++block) {
-        integrate_block(OF_BLOCK(constants, block), q + block * (9 * LANES),
-            v + block * (9 * LANES), coordinates + block * (9 * LANES));
-    }
-    if (rest > 0) {
-        OF_LAST_BLOCK(constants, whole, rest);
-        real last_q[9 * LANES], last_v[9 * LANES];
-        fill_lanes(9, rest, q + whole * (9 * LANES), last_q);
-        fill_lanes(9, rest, v + whole * (9 * LANES), last_v);
-        integrate_block(last_constants, last_q, last_v, coordinates + whole * (9 * LANES));
-    }
+    /* joints after the displacement */
+    const real t7 = theta_7 + v_theta_7;
+    coordinates[3] = t7;
+    const real t8 = theta_8 + v_theta_8;
+    coordinates[4] = t8;
+    const real t9 = theta_9 + v_theta_9;
+    coordinates[5] = t9;
 }
 
 /* ---- difference ---- */
 
-static INLINE void difference_lane(const Constants *RESTRICT constants, const real *RESTRICT q0,
-    const real *RESTRICT q1, real *RESTRICT displacement, const int stride)
-{
-    (void)constants;
-    const real q0_theta_m1 = q0[0 * stride], q0_theta_0 = q0[1 * stride];
-    const real q0_theta_1 = q0[2 * stride], q0_theta_7 = q0[3 * stride];
-    const real q0_theta_8 = q0[4 * stride], q0_theta_9 = q0[5 * stride], q0_x = q0[6 * stride];
-    const real q0_y = q0[7 * stride], q0_z = q0[8 * stride];
-    const real q1_theta_m1 = q1[0 * stride], q1_theta_0 = q1[1 * stride];
-    const real q1_theta_1 = q1[2 * stride], q1_theta_7 = q1[3 * stride];
-    const real q1_theta_8 = q1[4 * stride], q1_theta_9 = q1[5 * stride], q1_x = q1[6 * stride];
-    const real q1_y = q1[7 * stride], q1_z = q1[8 * stride];
-
-    /* displacement of attitude and position */
-    const real t1 = q1_theta_m1 - q0_theta_m1;
-    displacement[0 * stride] = t1;
-    const real t2 = q1_theta_0 - q0_theta_0;
-    displacement[1 * stride] = t2;
-    const real t3 = q1_theta_1 - q0_theta_1;
-    displacement[2 * stride] = t3;
-    const real t4 = q1_x - q0_x;
-    displacement[6 * stride] = t4;
-    const real t5 = q1_y - q0_y;
-    displacement[7 * stride] = t5;
-    const real t6 = q1_z - q0_z;
-    displacement[8 * stride] = t6;
-
-    /* displacements of the joints */
-    const real t7 = q1_theta_7 - q0_theta_7;
-    displacement[3 * stride] = t7;
-    const real t8 = q1_theta_8 - q0_theta_8;
-    displacement[4 * stride] = t8;
-    const real t9 = q1_theta_9 - q0_theta_9;
-    displacement[5 * stride] = t9;
-}
-
-#ifndef EACH
 void hexarotor_3link_difference(const Constants *RESTRICT constants, const real *RESTRICT q0,
     const real *RESTRICT q1, real *RESTRICT displacement)
 {
-    difference_lane(constants, q0, q1, displacement, 1);
-}
-#endif
+    (void)constants;
+    const real q0_theta_m1 = q0[0], q0_theta_0 = q0[1], q0_theta_1 = q0[2], q0_theta_7 = q0[3];
+    const real q0_theta_8 = q0[4], q0_theta_9 = q0[5], q0_x = q0[6], q0_y = q0[7], q0_z = q0[8];
+    const real q1_theta_m1 = q1[0], q1_theta_0 = q1[1], q1_theta_1 = q1[2], q1_theta_7 = q1[3];
+    const real q1_theta_8 = q1[4], q1_theta_9 = q1[5], q1_x = q1[6], q1_y = q1[7], q1_z = q1[8];
 
-static WIDE void difference_block(const Constants *RESTRICT constants, const real *RESTRICT q0,
-    const real *RESTRICT q1, real *RESTRICT displacement)
-{
-    VECTORISE
-    for (int lane = 0; lane < LANES; ++lane) {
-        difference_lane(OF_LANE(constants, lane), q0 + lane, q1 + lane, displacement + lane,
-            LANES);
-    }
-}
+    /* displacement of attitude and position */
+    const real t1 = q1_theta_m1 - q0_theta_m1;
+    displacement[0] = t1;
+    const real t2 = q1_theta_0 - q0_theta_0;
+    displacement[1] = t2;
+    const real t3 = q1_theta_1 - q0_theta_1;
+    displacement[2] = t3;
+    const real t4 = q1_x - q0_x;
+    displacement[6] = t4;
+    const real t5 = q1_y - q0_y;
+    displacement[7] = t5;
+    const real t6 = q1_z - q0_z;
+    displacement[8] = t6;
 
-void BATCH(difference)(const Constants *RESTRICT constants, const size_t count,
-    const real *RESTRICT q0, const real *RESTRICT q1, real *RESTRICT displacement)
-{
-    const size_t whole = count / LANES, rest = count % LANES;
-    PARALLEL
-    for (size_t block = 0; block < whole; ++block) {
-        difference_block(OF_BLOCK(constants, block), q0 + block * (9 * LANES),
-            q1 + block * (9 * LANES), displacement + block * (9 * LANES));
-    }
-    if (rest > 0) {
-        OF_LAST_BLOCK(constants, whole, rest);
-        real last_q0[9 * LANES], last_q1[9 * LANES];
-        fill_lanes(9, rest, q0 + whole * (9 * LANES), last_q0);
-        fill_lanes(9, rest, q1 + whole * (9 * LANES), last_q1);
-        difference_block(last_constants, last_q0, last_q1,
-            displacement + whole * (9 * LANES));
-    }
+    /* displacements of the joints */
+    const real t7 = q1_theta_7 - q0_theta_7;
+    displacement[3] = t7;
+    const real t8 = q1_theta_8 - q0_theta_8;
+    displacement[4] = t8;
+    const real t9 = q1_theta_9 - q0_theta_9;
+    displacement[5] = t9;
 }

@@ -135,7 +135,7 @@ typedef double hexarotor_3link_real;
 #define HEXAROTOR_3LINK_FRAMES 2
 #define HEXAROTOR_3LINK_BODIES 8
 #define HEXAROTOR_3LINK_PARAMETERS 16
-#define HEXAROTOR_3LINK_CONSTANTS 52
+#define HEXAROTOR_3LINK_CONSTANTS 50
 
 /** States in a block of the _batch functions: what the widest registers hold. */
 #ifdef HEXAROTOR_3LINK_FLOAT
@@ -202,8 +202,8 @@ enum {
 typedef struct hexarotor_3link_constants {
     hexarotor_3link_real gravity, base_arm_length, k8, k14, link2_length, k32, link3_length, k44,
         k50, k60, k61, k62, k65, k67, k68, k69, k71, k72, k73, k74, k75, k76, k77, k78, k79, k80,
-        k81, k82, k83, k84, k85, k86, k89, k90, k91, k92, k94, k95, k96, k97, k98, k100, k101, k102,
-        k103, k104, k105, k106, k107, k108, k109, k110;
+        k81, k82, k83, k84, k85, k88, k89, k90, k91, k93, k94, k95, k96, k98, k99, k100, k101, k102,
+        k103, k104, k105, k106, k107, k108;
 } hexarotor_3link_constants;
 
 /** Parameters of the robot file. */
@@ -249,7 +249,7 @@ void hexarotor_3link_unpack(size_t count, size_t width,
 
 /*
  * The functions that have _batch_each at the end of their names, and the next one, are in
- * hexarotor_3link_each.c, which only programs that call them need.
+ * hexarotor_3link_each.c, which includes hexarotor_3link_batch.c, where those for batches are.
  */
 
 /**
@@ -257,7 +257,7 @@ void hexarotor_3link_unpack(size_t count, size_t width,
  *
  * @param[in] count number of states
  * @param[in] parameters 16 of each state, in the order of their places
- * @param[out] constants 52 of each state, for functions with _batch_each
+ * @param[out] constants 50 of each state, for functions with _batch_each
  * @return 0, or 1 + the number of the first state whose constants are of no use
  */
 size_t hexarotor_3link_init_constants_batch(size_t count,
@@ -270,10 +270,8 @@ size_t hexarotor_3link_init_constants_batch(size_t count,
  *
  * @param[in] constants what hexarotor_3link_init_constants() made, or
  *     &hexarotor_3link_default_constants
- * @param[in] q coordinates, 9 entries: theta_m1 [rad], theta_0 [rad], theta_1 [rad], theta_7 [rad],
- *     theta_8 [rad], theta_9 [rad], x [m], y [m], z [m]
- * @param[in] v their rates, 9 entries: v_theta_m1 [rad/s], v_theta_0 [rad/s], v_theta_1 [rad/s],
- *     v_theta_7 [rad/s], v_theta_8 [rad/s], v_theta_9 [rad/s], v_x [m/s], v_y [m/s], v_z [m/s]
+ * @param[in] q coordinates, 9 entries, as above
+ * @param[in] v their rates, 9 entries, as above
  * @param[out] mass_matrix 9 x 9: [kg m^2] between angles, [kg] between lengths, [kg m] between both
  * @param[out] residual 9: theta_m1 [N m], theta_0 [N m], theta_1 [N m], theta_7 [N m], theta_8 [N
  *     m], theta_9 [N m], x [N], y [N], z [N]
@@ -301,8 +299,7 @@ void hexarotor_3link_mass_matrix_and_residual_batch_each(const hexarotor_3link_r
  *
  * @param[in] constants what hexarotor_3link_init_constants() made, or
  *     &hexarotor_3link_default_constants
- * @param[in] q coordinates, 9 entries: theta_m1 [rad], theta_0 [rad], theta_1 [rad], theta_7 [rad],
- *     theta_8 [rad], theta_9 [rad], x [m], y [m], z [m]
+ * @param[in] q coordinates, 9 entries, as above
  * @param[out] mass_matrix 9 x 9: [kg m^2] between angles, [kg] between lengths, [kg m] between both
  * @note 190 operations, 6 sine-cosine pairs; about 1104 bytes of stack for one state of doubles,
  *     optimised.
@@ -326,10 +323,8 @@ void hexarotor_3link_mass_matrix_batch_each(const hexarotor_3link_real *constant
  *
  * @param[in] constants what hexarotor_3link_init_constants() made, or
  *     &hexarotor_3link_default_constants
- * @param[in] q coordinates, 9 entries: theta_m1 [rad], theta_0 [rad], theta_1 [rad], theta_7 [rad],
- *     theta_8 [rad], theta_9 [rad], x [m], y [m], z [m]
- * @param[in] v their rates, 9 entries: v_theta_m1 [rad/s], v_theta_0 [rad/s], v_theta_1 [rad/s],
- *     v_theta_7 [rad/s], v_theta_8 [rad/s], v_theta_9 [rad/s], v_x [m/s], v_y [m/s], v_z [m/s]
+ * @param[in] q coordinates, 9 entries, as above
+ * @param[in] v their rates, 9 entries, as above
  * @param[out] residual 9: theta_m1 [N m], theta_0 [N m], theta_1 [N m], theta_7 [N m], theta_8 [N
  *     m], theta_9 [N m], x [N], y [N], z [N]
  * @note 268 operations, 6 sine-cosine pairs; about 1456 bytes of stack for one state of doubles,
@@ -353,8 +348,7 @@ void hexarotor_3link_residual_batch_each(const hexarotor_3link_real *constants, 
  *
  * @param[in] constants what hexarotor_3link_init_constants() made, or
  *     &hexarotor_3link_default_constants
- * @param[in] q coordinates, 9 entries: theta_m1 [rad], theta_0 [rad], theta_1 [rad], theta_7 [rad],
- *     theta_8 [rad], theta_9 [rad], x [m], y [m], z [m]
+ * @param[in] q coordinates, 9 entries, as above
  * @param[out] input_matrix 9 x 9: [N/N], [N m/N] and [N m/(N m)], by row and column
  * @note 50 operations, 3 sine-cosine pairs; about 704 bytes of stack for one state of doubles,
  *     optimised.
@@ -380,16 +374,13 @@ void hexarotor_3link_input_matrix_batch_each(const hexarotor_3link_real *constan
  *
  * @param[in] constants what hexarotor_3link_init_constants() made, or
  *     &hexarotor_3link_default_constants
- * @param[in] q coordinates, 9 entries: theta_m1 [rad], theta_0 [rad], theta_1 [rad], theta_7 [rad],
- *     theta_8 [rad], theta_9 [rad], x [m], y [m], z [m]
- * @param[in] v their rates, 9 entries: v_theta_m1 [rad/s], v_theta_0 [rad/s], v_theta_1 [rad/s],
- *     v_theta_7 [rad/s], v_theta_8 [rad/s], v_theta_9 [rad/s], v_x [m/s], v_y [m/s], v_z [m/s]
- * @param[in] u inputs, 9 entries: F_1 [N], F_2 [N], F_3 [N], F_4 [N], F_5 [N], F_6 [N], tau_7 [N
- *     m], tau_8 [N m], tau_9 [N m]
+ * @param[in] q coordinates, 9 entries, as above
+ * @param[in] v their rates, 9 entries, as above
+ * @param[in] u inputs, 9 entries, as above
  * @param[out] acceleration 9: a_theta_m1 [rad/s^2], a_theta_0 [rad/s^2], a_theta_1 [rad/s^2],
  *     a_theta_7 [rad/s^2], a_theta_8 [rad/s^2], a_theta_9 [rad/s^2], a_x [m/s^2], a_y [m/s^2], a_z
  *     [m/s^2]
- * @note 384 operations, 6 sine-cosine pairs; about 1808 bytes of stack for one state of doubles,
+ * @note 383 operations, 6 sine-cosine pairs; about 1792 bytes of stack for one state of doubles,
  *     optimised.
  * @par Source
  * eq. 19, solved for the free coordinates.
@@ -413,13 +404,9 @@ void hexarotor_3link_forward_dynamics_batch_each(const hexarotor_3link_real *con
  *
  * @param[in] constants what hexarotor_3link_init_constants() made, or
  *     &hexarotor_3link_default_constants
- * @param[in] q coordinates, 9 entries: theta_m1 [rad], theta_0 [rad], theta_1 [rad], theta_7 [rad],
- *     theta_8 [rad], theta_9 [rad], x [m], y [m], z [m]
- * @param[in] v their rates, 9 entries: v_theta_m1 [rad/s], v_theta_0 [rad/s], v_theta_1 [rad/s],
- *     v_theta_7 [rad/s], v_theta_8 [rad/s], v_theta_9 [rad/s], v_x [m/s], v_y [m/s], v_z [m/s]
- * @param[in] a their accelerations, 9 entries: a_theta_m1 [rad/s^2], a_theta_0 [rad/s^2], a_theta_1
- *     [rad/s^2], a_theta_7 [rad/s^2], a_theta_8 [rad/s^2], a_theta_9 [rad/s^2], a_x [m/s^2], a_y
- *     [m/s^2], a_z [m/s^2]
+ * @param[in] q coordinates, 9 entries, as above
+ * @param[in] v their rates, 9 entries, as above
+ * @param[in] a their accelerations, 9 entries, as above
  * @param[out] force 9: theta_m1 [N m], theta_0 [N m], theta_1 [N m], theta_7 [N m], theta_8 [N m],
  *     theta_9 [N m], x [N], y [N], z [N]
  * @note 298 operations, 6 sine-cosine pairs; about 1632 bytes of stack for one state of doubles,
@@ -447,8 +434,7 @@ void hexarotor_3link_inverse_dynamics_batch_each(const hexarotor_3link_real *con
  *
  * @param[in] constants what hexarotor_3link_init_constants() made, or
  *     &hexarotor_3link_default_constants
- * @param[in] q coordinates, 9 entries: theta_m1 [rad], theta_0 [rad], theta_1 [rad], theta_7 [rad],
- *     theta_8 [rad], theta_9 [rad], x [m], y [m], z [m]
+ * @param[in] q coordinates, 9 entries, as above
  * @param[out] mass_matrix 19 x 19: [kg m^2] between angles, [kg] between lengths, [kg m] between
  *     both
  * @note 232 operations, 6 sine-cosine pairs; about 1344 bytes of stack for one state of doubles,
@@ -472,10 +458,8 @@ void hexarotor_3link_hybrid_mass_matrix_batch_each(const hexarotor_3link_real *c
  *
  * @param[in] constants what hexarotor_3link_init_constants() made, or
  *     &hexarotor_3link_default_constants
- * @param[in] q coordinates, 9 entries: theta_m1 [rad], theta_0 [rad], theta_1 [rad], theta_7 [rad],
- *     theta_8 [rad], theta_9 [rad], x [m], y [m], z [m]
- * @param[in] v their rates, 9 entries: v_theta_m1 [rad/s], v_theta_0 [rad/s], v_theta_1 [rad/s],
- *     v_theta_7 [rad/s], v_theta_8 [rad/s], v_theta_9 [rad/s], v_x [m/s], v_y [m/s], v_z [m/s]
+ * @param[in] q coordinates, 9 entries, as above
+ * @param[in] v their rates, 9 entries, as above
  * @param[out] residual 19: theta_m1 [N m], theta_0 [N m], theta_1 [N m], theta_2 [N m], theta_3 [N
  *     m], theta_4 [N m], theta_5 [N m], theta_6 [N m], theta_7 [N m], theta_8 [N m], theta_9 [N m],
  *     x [N], y [N], z [N], tau_prime_2 [rad/s^2], tau_prime_3 [rad/s^2], tau_prime_4 [rad/s^2],
@@ -501,8 +485,7 @@ void hexarotor_3link_hybrid_residual_batch_each(const hexarotor_3link_real *cons
  *
  * @param[in] constants what hexarotor_3link_init_constants() made, or
  *     &hexarotor_3link_default_constants
- * @param[in] q coordinates, 9 entries: theta_m1 [rad], theta_0 [rad], theta_1 [rad], theta_7 [rad],
- *     theta_8 [rad], theta_9 [rad], x [m], y [m], z [m]
+ * @param[in] q coordinates, 9 entries, as above
  * @param[out] input_matrix 19 x 9: [N/N], [N m/N] and [N m/(N m)], by row and column
  * @note 50 operations, 3 sine-cosine pairs; about 720 bytes of stack for one state of doubles,
  *     optimised.
@@ -525,15 +508,10 @@ void hexarotor_3link_hybrid_input_matrix_batch_each(const hexarotor_3link_real *
  *
  * @param[in] constants what hexarotor_3link_init_constants() made, or
  *     &hexarotor_3link_default_constants
- * @param[in] q coordinates, 9 entries: theta_m1 [rad], theta_0 [rad], theta_1 [rad], theta_7 [rad],
- *     theta_8 [rad], theta_9 [rad], x [m], y [m], z [m]
- * @param[in] v their rates, 9 entries: v_theta_m1 [rad/s], v_theta_0 [rad/s], v_theta_1 [rad/s],
- *     v_theta_7 [rad/s], v_theta_8 [rad/s], v_theta_9 [rad/s], v_x [m/s], v_y [m/s], v_z [m/s]
- * @param[in] a their accelerations, 9 entries: a_theta_m1 [rad/s^2], a_theta_0 [rad/s^2], a_theta_1
- *     [rad/s^2], a_theta_7 [rad/s^2], a_theta_8 [rad/s^2], a_theta_9 [rad/s^2], a_x [m/s^2], a_y
- *     [m/s^2], a_z [m/s^2]
- * @param[in] u inputs, 9 entries: F_1 [N], F_2 [N], F_3 [N], F_4 [N], F_5 [N], F_6 [N], tau_7 [N
- *     m], tau_8 [N m], tau_9 [N m]
+ * @param[in] q coordinates, 9 entries, as above
+ * @param[in] v their rates, 9 entries, as above
+ * @param[in] a their accelerations, 9 entries, as above
+ * @param[in] u inputs, 9 entries, as above
  * @param[out] torque 5: tau_prime_2 [N m], tau_prime_3 [N m], tau_prime_4 [N m], tau_prime_5 [N m],
  *     tau_prime_6 [N m]
  * @note 67 operations, 3 sine-cosine pairs; about 752 bytes of stack for one state of doubles,
@@ -558,10 +536,8 @@ void hexarotor_3link_constraint_torques_batch_each(const hexarotor_3link_real *c
  *
  * @param[in] constants what hexarotor_3link_init_constants() made, or
  *     &hexarotor_3link_default_constants
- * @param[in] q coordinates, 9 entries: theta_m1 [rad], theta_0 [rad], theta_1 [rad], theta_7 [rad],
- *     theta_8 [rad], theta_9 [rad], x [m], y [m], z [m]
- * @param[in] v their rates, 9 entries: v_theta_m1 [rad/s], v_theta_0 [rad/s], v_theta_1 [rad/s],
- *     v_theta_7 [rad/s], v_theta_8 [rad/s], v_theta_9 [rad/s], v_x [m/s], v_y [m/s], v_z [m/s]
+ * @param[in] q coordinates, 9 entries, as above
+ * @param[in] v their rates, 9 entries, as above
  * @param[out] energy 1: [J]
  * @note 152 operations, 6 sine-cosine pairs; about 1088 bytes of stack for one state of doubles,
  *     optimised.
@@ -582,8 +558,7 @@ void hexarotor_3link_kinetic_energy_batch_each(const hexarotor_3link_real *const
  *
  * @param[in] constants what hexarotor_3link_init_constants() made, or
  *     &hexarotor_3link_default_constants
- * @param[in] q coordinates, 9 entries: theta_m1 [rad], theta_0 [rad], theta_1 [rad], theta_7 [rad],
- *     theta_8 [rad], theta_9 [rad], x [m], y [m], z [m]
+ * @param[in] q coordinates, 9 entries, as above
  * @param[out] energy 1: [J]
  * @note 23 operations, 6 sine-cosine pairs; about 704 bytes of stack for one state of doubles,
  *     optimised.
@@ -606,8 +581,7 @@ void hexarotor_3link_potential_energy_batch_each(const hexarotor_3link_real *con
  *
  * @param[in] constants what hexarotor_3link_init_constants() made, or
  *     &hexarotor_3link_default_constants
- * @param[in] q coordinates, 9 entries: theta_m1 [rad], theta_0 [rad], theta_1 [rad], theta_7 [rad],
- *     theta_8 [rad], theta_9 [rad], x [m], y [m], z [m]
+ * @param[in] q coordinates, 9 entries, as above
  * @param[out] force 9: theta_m1 [N m], theta_0 [N m], theta_1 [N m], theta_7 [N m], theta_8 [N m],
  *     theta_9 [N m], x [N], y [N], z [N]
  * @note 54 operations, 6 sine-cosine pairs; about 768 bytes of stack for one state of doubles,
@@ -631,8 +605,7 @@ void hexarotor_3link_gravity_forces_batch_each(const hexarotor_3link_real *const
  *
  * @param[in] constants what hexarotor_3link_init_constants() made, or
  *     &hexarotor_3link_default_constants
- * @param[in] q coordinates, 9 entries: theta_m1 [rad], theta_0 [rad], theta_1 [rad], theta_7 [rad],
- *     theta_8 [rad], theta_9 [rad], x [m], y [m], z [m]
+ * @param[in] q coordinates, 9 entries, as above
  * @param[in] W wrenches on the frames, at their origins, in world axes, 12 entries: force [N] and
  *     torque [N m], a row for each of base, tip
  * @param[out] force 9: theta_m1 [N m], theta_0 [N m], theta_1 [N m], theta_7 [N m], theta_8 [N m],
@@ -658,18 +631,15 @@ void hexarotor_3link_wrench_forces_batch_each(const hexarotor_3link_real *consta
  *
  * @param[in] constants what hexarotor_3link_init_constants() made, or
  *     &hexarotor_3link_default_constants
- * @param[in] q coordinates, 9 entries: theta_m1 [rad], theta_0 [rad], theta_1 [rad], theta_7 [rad],
- *     theta_8 [rad], theta_9 [rad], x [m], y [m], z [m]
- * @param[in] v their rates, 9 entries: v_theta_m1 [rad/s], v_theta_0 [rad/s], v_theta_1 [rad/s],
- *     v_theta_7 [rad/s], v_theta_8 [rad/s], v_theta_9 [rad/s], v_x [m/s], v_y [m/s], v_z [m/s]
- * @param[in] u inputs, 9 entries: F_1 [N], F_2 [N], F_3 [N], F_4 [N], F_5 [N], F_6 [N], tau_7 [N
- *     m], tau_8 [N m], tau_9 [N m]
+ * @param[in] q coordinates, 9 entries, as above
+ * @param[in] v their rates, 9 entries, as above
+ * @param[in] u inputs, 9 entries, as above
  * @param[in] W wrenches on the frames, at their origins, in world axes, 12 entries: force [N] and
  *     torque [N m], a row for each of base, tip
  * @param[out] acceleration 9: a_theta_m1 [rad/s^2], a_theta_0 [rad/s^2], a_theta_1 [rad/s^2],
  *     a_theta_7 [rad/s^2], a_theta_8 [rad/s^2], a_theta_9 [rad/s^2], a_x [m/s^2], a_y [m/s^2], a_z
  *     [m/s^2]
- * @note 522 operations, 6 sine-cosine pairs; about 2512 bytes of stack for one state of doubles,
+ * @note 521 operations, 6 sine-cosine pairs; about 2464 bytes of stack for one state of doubles,
  *     optimised.
  * @par Source
  * eq. 19, solved for the free coordinates.
@@ -693,8 +663,7 @@ void hexarotor_3link_forward_dynamics_with_wrenches_batch_each(
  *
  * @param[in] constants what hexarotor_3link_init_constants() made, or
  *     &hexarotor_3link_default_constants
- * @param[in] q coordinates, 9 entries: theta_m1 [rad], theta_0 [rad], theta_1 [rad], theta_7 [rad],
- *     theta_8 [rad], theta_9 [rad], x [m], y [m], z [m]
+ * @param[in] q coordinates, 9 entries, as above
  * @param[out] position 12 x 3: O1, O2, motor1, motor2, motor3, motor4, motor5, motor6, joint7,
  *     joint8, joint9, tip [m]
  * @note 96 operations, 6 sine-cosine pairs; about 1008 bytes of stack for one state of doubles,
@@ -716,8 +685,7 @@ void hexarotor_3link_positions_batch_each(const hexarotor_3link_real *constants,
  *
  * @param[in] constants what hexarotor_3link_init_constants() made, or
  *     &hexarotor_3link_default_constants
- * @param[in] q coordinates, 9 entries: theta_m1 [rad], theta_0 [rad], theta_1 [rad], theta_7 [rad],
- *     theta_8 [rad], theta_9 [rad], x [m], y [m], z [m]
+ * @param[in] q coordinates, 9 entries, as above
  * @param[out] poses 2 x 4 x 4: axes [1] and position [m], a block for each of base, tip
  * @note 83 operations, 6 sine-cosine pairs; about 880 bytes of stack for one state of doubles,
  *     optimised.
@@ -740,8 +708,7 @@ void hexarotor_3link_frame_poses_batch_each(const hexarotor_3link_real *constant
  *
  * @param[in] constants what hexarotor_3link_init_constants() made, or
  *     &hexarotor_3link_default_constants
- * @param[in] q coordinates, 9 entries: theta_m1 [rad], theta_0 [rad], theta_1 [rad], theta_7 [rad],
- *     theta_8 [rad], theta_9 [rad], x [m], y [m], z [m]
+ * @param[in] q coordinates, 9 entries, as above
  * @param[out] jacobians 2 x 6 x 9: [m/rad] or [1] in the first rows, [1] or [rad/m] in the others,
  *     a block for each of base, tip
  * @note 127 operations, 6 sine-cosine pairs; about 976 bytes of stack for one state of doubles,
@@ -763,10 +730,8 @@ void hexarotor_3link_frame_jacobians_batch_each(const hexarotor_3link_real *cons
  *
  * @param[in] constants what hexarotor_3link_init_constants() made, or
  *     &hexarotor_3link_default_constants
- * @param[in] q coordinates, 9 entries: theta_m1 [rad], theta_0 [rad], theta_1 [rad], theta_7 [rad],
- *     theta_8 [rad], theta_9 [rad], x [m], y [m], z [m]
- * @param[in] v their rates, 9 entries: v_theta_m1 [rad/s], v_theta_0 [rad/s], v_theta_1 [rad/s],
- *     v_theta_7 [rad/s], v_theta_8 [rad/s], v_theta_9 [rad/s], v_x [m/s], v_y [m/s], v_z [m/s]
+ * @param[in] q coordinates, 9 entries, as above
+ * @param[in] v their rates, 9 entries, as above
  * @param[out] velocities 2 x 6: [m/s] in the first three, [rad/s] in the others, a row for each of
  *     base, tip
  * @note 136 operations, 6 sine-cosine pairs; about 1024 bytes of stack for one state of doubles,
@@ -793,10 +758,8 @@ void hexarotor_3link_frame_velocities_batch_each(const hexarotor_3link_real *con
  *
  * @param[in] constants what hexarotor_3link_init_constants() made, or
  *     &hexarotor_3link_default_constants
- * @param[in] q coordinates, 9 entries: theta_m1 [rad], theta_0 [rad], theta_1 [rad], theta_7 [rad],
- *     theta_8 [rad], theta_9 [rad], x [m], y [m], z [m]
- * @param[in] v their rates, 9 entries: v_theta_m1 [rad/s], v_theta_0 [rad/s], v_theta_1 [rad/s],
- *     v_theta_7 [rad/s], v_theta_8 [rad/s], v_theta_9 [rad/s], v_x [m/s], v_y [m/s], v_z [m/s]
+ * @param[in] q coordinates, 9 entries, as above
+ * @param[in] v their rates, 9 entries, as above
  * @param[out] bias_accelerations 2 x 6: [m/s^2] in the first three, [rad/s^2] in the others, a row
  *     for each of base, tip
  * @note 201 operations, 6 sine-cosine pairs; about 1216 bytes of stack for one state of doubles,
@@ -821,8 +784,7 @@ void hexarotor_3link_frame_bias_accelerations_batch_each(const hexarotor_3link_r
  *
  * @param[in] constants what hexarotor_3link_init_constants() made, or
  *     &hexarotor_3link_default_constants
- * @param[in] q coordinates, 9 entries: theta_m1 [rad], theta_0 [rad], theta_1 [rad], theta_7 [rad],
- *     theta_8 [rad], theta_9 [rad], x [m], y [m], z [m]
+ * @param[in] q coordinates, 9 entries, as above
  * @param[out] position 3: [m]
  * @note 32 operations, 6 sine-cosine pairs; about 720 bytes of stack for one state of doubles,
  *     optimised.
@@ -845,8 +807,7 @@ void hexarotor_3link_centre_of_mass_batch_each(const hexarotor_3link_real *const
  *
  * @param[in] constants what hexarotor_3link_init_constants() made, or
  *     &hexarotor_3link_default_constants
- * @param[in] q coordinates, 9 entries: theta_m1 [rad], theta_0 [rad], theta_1 [rad], theta_7 [rad],
- *     theta_8 [rad], theta_9 [rad], x [m], y [m], z [m]
+ * @param[in] q coordinates, 9 entries, as above
  * @param[out] jacobian 3 x 9: [m/rad or 1]
  * @note 86 operations, 6 sine-cosine pairs; about 832 bytes of stack for one state of doubles,
  *     optimised.
@@ -869,10 +830,8 @@ void hexarotor_3link_centre_of_mass_jacobian_batch_each(const hexarotor_3link_re
  *
  * @param[in] constants what hexarotor_3link_init_constants() made, or
  *     &hexarotor_3link_default_constants
- * @param[in] q coordinates, 9 entries: theta_m1 [rad], theta_0 [rad], theta_1 [rad], theta_7 [rad],
- *     theta_8 [rad], theta_9 [rad], x [m], y [m], z [m]
- * @param[in] v their rates, 9 entries: v_theta_m1 [rad/s], v_theta_0 [rad/s], v_theta_1 [rad/s],
- *     v_theta_7 [rad/s], v_theta_8 [rad/s], v_theta_9 [rad/s], v_x [m/s], v_y [m/s], v_z [m/s]
+ * @param[in] q coordinates, 9 entries, as above
+ * @param[in] v their rates, 9 entries, as above
  * @param[out] rate 9: theta_m1 [rad/s], theta_0 [rad/s], theta_1 [rad/s], theta_7 [rad/s], theta_8
  *     [rad/s], theta_9 [rad/s], x [m/s], y [m/s], z [m/s]
  * @note 0 operations, 0 sine-cosine pairs; about 272 bytes of stack for one state of doubles,
@@ -898,10 +857,8 @@ void hexarotor_3link_coordinate_rates_batch_each(const hexarotor_3link_real *con
  *
  * @param[in] constants what hexarotor_3link_init_constants() made, or
  *     &hexarotor_3link_default_constants
- * @param[in] q coordinates, 9 entries: theta_m1 [rad], theta_0 [rad], theta_1 [rad], theta_7 [rad],
- *     theta_8 [rad], theta_9 [rad], x [m], y [m], z [m]
- * @param[in] v their rates, 9 entries: v_theta_m1 [rad/s], v_theta_0 [rad/s], v_theta_1 [rad/s],
- *     v_theta_7 [rad/s], v_theta_8 [rad/s], v_theta_9 [rad/s], v_x [m/s], v_y [m/s], v_z [m/s]
+ * @param[in] q coordinates, 9 entries, as above
+ * @param[in] v their rates, 9 entries, as above
  * @param[out] coordinates 9: theta_m1 [rad], theta_0 [rad], theta_1 [rad], theta_7 [rad], theta_8
  *     [rad], theta_9 [rad], x [m], y [m], z [m]
  * @note 9 operations, 0 sine-cosine pairs; about 416 bytes of stack for one state of doubles,

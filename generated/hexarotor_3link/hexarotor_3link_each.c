@@ -4,6 +4,177 @@
 /* From the folder above: gibbs-codegen generate THIS_FOLDER/robot.toml --out . */
 /* SPDX-License-Identifier: MIT-0 (yours to use, change and pass on without conditions) */
 
-/* The functions for batches of states that have constants each, from the same text as the others. */
+/* Functions for batches of states that have constants each, from the same text as the others. */
+
 #define HEXAROTOR_3LINK_EACH
-#include "hexarotor_3link.c"
+#include "hexarotor_3link_batch.c"
+
+/* ---- init_constants_batch ---- */
+
+/* Constants of a lane for its parameters; 1 if they are of no use, as in hexarotor_3link.c. */
+static INLINE int constants_lane(const real *RESTRICT parameters, Constants *RESTRICT constants,
+    const int stride)
+{
+    AS_WRITTEN
+    const real gravity = parameters[0 * stride], base_arm_length = parameters[1 * stride];
+    const real base_arm_mass_per_length = parameters[2 * stride];
+    const real base_arm_section_inertia_xx = parameters[3 * stride];
+    const real base_arm_section_inertia_yy = parameters[4 * stride];
+    const real base_arm_section_inertia_zz = parameters[5 * stride];
+    const real link2_length = parameters[6 * stride];
+    const real link2_mass_per_length = parameters[7 * stride];
+    const real link2_section_inertia_xx = parameters[8 * stride];
+    const real link2_section_inertia_yy = parameters[9 * stride];
+    const real link2_section_inertia_zz = parameters[10 * stride];
+    const real link3_length = parameters[11 * stride];
+    const real link3_mass_per_length = parameters[12 * stride];
+    const real link3_section_inertia_xx = parameters[13 * stride];
+    const real link3_section_inertia_yy = parameters[14 * stride];
+    const real link3_section_inertia_zz = parameters[15 * stride];
+
+    /* second moments of base_arm, corrected for rounding */
+    const STEPWISE real k1 = base_arm_section_inertia_xx - base_arm_section_inertia_yy;
+    const STEPWISE real k2 = base_arm_section_inertia_xx - k1;
+    const STEPWISE real k3 = base_arm_section_inertia_yy - k2;
+    const STEPWISE real k4 = base_arm_section_inertia_zz - k1, k5 = k3 + k4;
+    const STEPWISE real k6 = base_arm_length * base_arm_length;
+    const STEPWISE real k7 = base_arm_mass_per_length * base_arm_length * k6;
+    const STEPWISE real k8 = R(0.5) * k5 + R(0.33333333333333331) * k7;
+    const STEPWISE real k9 = base_arm_section_inertia_yy - base_arm_section_inertia_zz;
+    const STEPWISE real k10 = base_arm_section_inertia_yy - k9;
+    const STEPWISE real k11 = base_arm_section_inertia_zz - k10;
+    const STEPWISE real k12 = base_arm_section_inertia_xx - k9, k13 = k11 + k12;
+    const STEPWISE real k14 = R(0.5) * k13;
+    const STEPWISE real k15 = base_arm_section_inertia_xx - base_arm_section_inertia_zz;
+    const STEPWISE real k16 = base_arm_section_inertia_zz + k15;
+    const STEPWISE real k17 = base_arm_section_inertia_xx - k16;
+    const STEPWISE real k18 = base_arm_section_inertia_yy + k15, k19 = k17 + k18;
+
+    /* second moments of link2, corrected for rounding */
+    const STEPWISE real k20 = link2_section_inertia_xx - link2_section_inertia_yy;
+    const STEPWISE real k21 = link2_section_inertia_xx - k20, k22 = link2_section_inertia_yy - k21;
+    const STEPWISE real k23 = link2_section_inertia_zz - k20, k24 = k22 + k23;
+    const STEPWISE real k25 = link2_length * link2_length;
+    const STEPWISE real k26 = R(0.5) * k24 + R(0.33333333333333331) * link2_mass_per_length *
+        link2_length * k25;
+    const STEPWISE real k27 = link2_section_inertia_yy - link2_section_inertia_zz;
+    const STEPWISE real k28 = link2_section_inertia_yy - k27, k29 = link2_section_inertia_zz - k28;
+    const STEPWISE real k30 = link2_section_inertia_xx - k27, k31 = k29 + k30;
+    const STEPWISE real k32 = R(0.5) * k31;
+    const STEPWISE real k33 = link2_section_inertia_xx - link2_section_inertia_zz;
+    const STEPWISE real k34 = link2_section_inertia_zz + k33, k35 = link2_section_inertia_xx - k34;
+    const STEPWISE real k36 = link2_section_inertia_yy + k33, k37 = k35 + k36;
+
+    /* second moments of link3, corrected for rounding */
+    const STEPWISE real k38 = link3_section_inertia_xx - link3_section_inertia_yy;
+    const STEPWISE real k39 = link3_section_inertia_xx - k38, k40 = link3_section_inertia_yy - k39;
+    const STEPWISE real k41 = link3_section_inertia_zz - k38, k42 = k40 + k41;
+    const STEPWISE real k43 = link3_length * link3_length;
+    const STEPWISE real k44 = R(0.5) * k42 + R(0.33333333333333331) * link3_mass_per_length *
+        link3_length * k43;
+    const STEPWISE real k45 = link3_section_inertia_yy - link3_section_inertia_zz;
+    const STEPWISE real k46 = link3_section_inertia_yy - k45, k47 = link3_section_inertia_zz - k46;
+    const STEPWISE real k48 = link3_section_inertia_xx - k45, k49 = k47 + k48;
+    const STEPWISE real k50 = R(0.5) * k49;
+    const STEPWISE real k51 = link3_section_inertia_xx - link3_section_inertia_zz;
+    const STEPWISE real k52 = link3_section_inertia_zz + k51, k53 = link3_section_inertia_xx - k52;
+    const STEPWISE real k54 = link3_section_inertia_yy + k51, k55 = k53 + k54;
+
+    /* inertia of the base, about the origin */
+    const STEPWISE real k56 = base_arm_mass_per_length * k6, k57 = R(3.0) * k8;
+    const STEPWISE real k58 = R(1.5) * k13, k59 = k57 + k58 + R(6.0) * k7;
+    const STEPWISE real k60 = k57 + k58, k61 = R(3.0) * k19;
+
+    /* inertias of the links */
+    const STEPWISE real k62 = R(0.5) * link3_mass_per_length * k43;
+    const STEPWISE real k63 = link3_length * link3_mass_per_length;
+
+    /* inertia of link 2, with that of link 3 which joint 9 does not move */
+    const STEPWISE real k64 = link2_length * k63, k65 = R(2.0) * link2_length;
+    const STEPWISE real k66 = link2_length * link2_mass_per_length + k63;
+    const STEPWISE real k67 = R(0.5) * link2_mass_per_length * k25 + k64;
+    const STEPWISE real k68 = k26 + link2_length * k64, k69 = R(0.5) * k37 + R(0.5) * k55;
+
+    /* inertia of the base, with that of link 1 which joint 7 does not move */
+    const STEPWISE real k70 = base_arm_length * k66, k71 = R(2.0) * base_arm_length;
+    const STEPWISE real k72 = R(6.0) * base_arm_length * base_arm_mass_per_length + k66;
+    const STEPWISE real k73 = R(6.0) * k56 + k70, k74 = k59 + base_arm_length * k70;
+
+    /* constant terms and factors of the functions */
+    const STEPWISE real k75 = k44 - k50, k76 = k32 - k68;
+    const STEPWISE real k77 = k60 - k74, k78 = R(6.0) * k19;
+    const STEPWISE real k79 = gravity * k72, k80 = R(0.5) * base_arm_length;
+    const STEPWISE real k81 = R(0.8660254037844386) * base_arm_length;
+    const STEPWISE real k82 = R(1.5) * base_arm_length;
+
+    /* inertia of the base, about the origin */
+    const STEPWISE real k83 = R(0.5) * k56;
+
+    /* constant terms and factors of the functions */
+    const STEPWISE real k84 = R(0.25) * k56, k85 = R(0.4330127018922193) * k56;
+    const STEPWISE real k86 = k8 - k14, k87 = R(0.75) * k86;
+    const STEPWISE real k88 = k8 - k87, k89 = k14 + k87;
+    const STEPWISE real k90 = R(0.4330127018922193) * k86, k91 = k88 + k89;
+    const STEPWISE real k92 = base_arm_length * k84, k93 = k91 - k92;
+    const STEPWISE real k94 = k91 + k92, k95 = k8 + k14;
+    const STEPWISE real k96 = k95 + base_arm_length * k83, k97 = k60 + k61;
+    const STEPWISE real k98 = R(2.0) * k60, k99 = R(1.0) / k98;
+    const STEPWISE real k100 = R(1.0) / k97, k101 = R(1.0) / k72;
+    const STEPWISE real k102 = k62 * k101, k103 = R(1.5) * k19;
+    const STEPWISE real k104 = R(0.5) * k72, k105 = R(0.5) * k69;
+    const STEPWISE real k106 = k69 + k97, k107 = k79 * k101;
+    const STEPWISE real k108 = k79 * k102;
+    CONSTANT(gravity) = gravity; CONSTANT(base_arm_length) = base_arm_length; CONSTANT(k8) = k8;
+    CONSTANT(k14) = k14; CONSTANT(link2_length) = link2_length; CONSTANT(k32) = k32;
+    CONSTANT(link3_length) = link3_length; CONSTANT(k44) = k44; CONSTANT(k50) = k50;
+    CONSTANT(k60) = k60; CONSTANT(k61) = k61; CONSTANT(k62) = k62; CONSTANT(k65) = k65;
+    CONSTANT(k67) = k67; CONSTANT(k68) = k68; CONSTANT(k69) = k69; CONSTANT(k71) = k71;
+    CONSTANT(k72) = k72; CONSTANT(k73) = k73; CONSTANT(k74) = k74; CONSTANT(k75) = k75;
+    CONSTANT(k76) = k76; CONSTANT(k77) = k77; CONSTANT(k78) = k78; CONSTANT(k79) = k79;
+    CONSTANT(k80) = k80; CONSTANT(k81) = k81; CONSTANT(k82) = k82; CONSTANT(k83) = k83;
+    CONSTANT(k84) = k84; CONSTANT(k85) = k85; CONSTANT(k88) = k88; CONSTANT(k89) = k89;
+    CONSTANT(k90) = k90; CONSTANT(k91) = k91; CONSTANT(k93) = k93; CONSTANT(k94) = k94;
+    CONSTANT(k95) = k95; CONSTANT(k96) = k96; CONSTANT(k98) = k98; CONSTANT(k99) = k99;
+    CONSTANT(k100) = k100; CONSTANT(k101) = k101; CONSTANT(k102) = k102; CONSTANT(k103) = k103;
+    CONSTANT(k104) = k104; CONSTANT(k105) = k105; CONSTANT(k106) = k106; CONSTANT(k107) = k107;
+    CONSTANT(k108) = k108;
+
+    int good = k72 > R(0.0);
+    for (int i = 0; i < 16; ++i) {
+        good &= is_finite(parameters[i * stride]);
+    }
+    good &= is_finite(gravity) & is_finite(base_arm_length) & is_finite(k8) & is_finite(k14) &
+        is_finite(link2_length) & is_finite(k32) & is_finite(link3_length) & is_finite(k44) &
+        is_finite(k50) & is_finite(k60) & is_finite(k61) & is_finite(k62) & is_finite(k65) &
+        is_finite(k67) & is_finite(k68) & is_finite(k69) & is_finite(k71) & is_finite(k72) &
+        is_finite(k73) & is_finite(k74) & is_finite(k75) & is_finite(k76) & is_finite(k77) &
+        is_finite(k78) & is_finite(k79) & is_finite(k80) & is_finite(k81) & is_finite(k82) &
+        is_finite(k83) & is_finite(k84) & is_finite(k85) & is_finite(k88) & is_finite(k89) &
+        is_finite(k90) & is_finite(k91) & is_finite(k93) & is_finite(k94) & is_finite(k95) &
+        is_finite(k96) & is_finite(k98) & is_finite(k99) & is_finite(k100) & is_finite(k101) &
+        is_finite(k102) & is_finite(k103) & is_finite(k104) & is_finite(k105) & is_finite(k106) &
+        is_finite(k107) & is_finite(k108);
+    return !good;
+}
+
+size_t hexarotor_3link_init_constants_batch(const size_t count,
+    const real *RESTRICT parameters, real *RESTRICT constants)
+{
+    size_t useless = 0;
+    for (size_t block = 0; block * LANES < count; ++block) {
+        const size_t left = count - block * LANES, filled = left < LANES ? left : LANES;
+        real whole_block[16 * LANES];
+        int is_useless[LANES];
+        fill_lanes(16, filled, parameters + block * (16 * LANES), whole_block);
+        for (int lane = 0; lane < LANES; ++lane) {
+            is_useless[lane] = constants_lane(whole_block + lane,
+                OF_LANE(OF_BLOCK(constants, block), lane), LANES);
+        }
+        for (size_t lane = 0; lane < filled && !useless; ++lane) {
+            if (is_useless[lane]) {
+                useless = 1 + block * LANES + lane;
+            }
+        }
+    }
+    return useless;
+}

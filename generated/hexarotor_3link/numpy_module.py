@@ -188,7 +188,7 @@ def _constants(values):
     link3_section_inertia_yy = values["link3_section_inertia_yy"]
     link3_section_inertia_zz = values["link3_section_inertia_zz"]
 
-    # second moments of base_arm
+    # second moments of base_arm, corrected for rounding
     k1 = base_arm_section_inertia_xx - base_arm_section_inertia_yy
     k2 = base_arm_section_inertia_xx - k1
     k3 = base_arm_section_inertia_yy - k2
@@ -209,7 +209,7 @@ def _constants(values):
     k18 = base_arm_section_inertia_yy + k15
     k19 = k17 + k18
 
-    # second moments of link2
+    # second moments of link2, corrected for rounding
     k20 = link2_section_inertia_xx - link2_section_inertia_yy
     k21 = link2_section_inertia_xx - k20
     k22 = link2_section_inertia_yy - k21
@@ -229,7 +229,7 @@ def _constants(values):
     k36 = link2_section_inertia_yy + k33
     k37 = k35 + k36
 
-    # second moments of link3
+    # second moments of link3, corrected for rounding
     k38 = link3_section_inertia_xx - link3_section_inertia_yy
     k39 = link3_section_inertia_xx - k38
     k40 = link3_section_inertia_yy - k39
@@ -284,44 +284,42 @@ def _constants(values):
     k79 = gravity * k72
     k80 = 0.5 * base_arm_length
     k81 = 0.8660254037844386 * base_arm_length
-    k82 = 0.4999999999999999 * base_arm_length
-    k83 = 1.5 * base_arm_length
+    k82 = 1.5 * base_arm_length
 
     # inertia of the base, about the origin
-    k84 = 0.5 * k56
+    k83 = 0.5 * k56
 
     # constant terms and factors of the functions
-    k85 = 0.25 * k56
-    k86 = 0.4330127018922193 * k56
-    k87 = k8 - k14
-    k88 = 0.7499999999999999 * k87
-    k89 = k8 - k88
-    k90 = k14 + k88
-    k91 = 0.4330127018922193 * k87
-    k92 = k89 + k90
-    k93 = base_arm_length * k85
-    k94 = k92 - k93
-    k95 = k92 + k93
-    k96 = k8 + k14
-    k97 = k96 + base_arm_length * k84
-    k98 = 0.9999999999999999 * base_arm_length
-    k99 = k60 + k61
-    k100 = 2.0 * k60
-    k101 = 1.0 / k100
-    k102 = 1.0 / k99
-    k103 = 1.0 / k72
-    k104 = k62 * k103
-    k105 = 1.5 * k19
-    k106 = 0.5 * k72
-    k107 = 0.5 * k69
-    k108 = k69 + k99
-    k109 = k79 * k103
-    k110 = k79 * k104
+    k84 = 0.25 * k56
+    k85 = 0.4330127018922193 * k56
+    k86 = k8 - k14
+    k87 = 0.75 * k86
+    k88 = k8 - k87
+    k89 = k14 + k87
+    k90 = 0.4330127018922193 * k86
+    k91 = k88 + k89
+    k92 = base_arm_length * k84
+    k93 = k91 - k92
+    k94 = k91 + k92
+    k95 = k8 + k14
+    k96 = k95 + base_arm_length * k83
+    k97 = k60 + k61
+    k98 = 2.0 * k60
+    k99 = 1.0 / k98
+    k100 = 1.0 / k97
+    k101 = 1.0 / k72
+    k102 = k62 * k101
+    k103 = 1.5 * k19
+    k104 = 0.5 * k72
+    k105 = 0.5 * k69
+    k106 = k69 + k97
+    k107 = k79 * k101
+    k108 = k79 * k102
     return k72, (
         gravity, base_arm_length, k8, k14, link2_length, k32, link3_length, k44, k50, k60, k61, k62,
         k65, k67, k68, k69, k71, k72, k73, k74, k75, k76, k77, k78, k79, k80, k81, k82, k83, k84,
-        k85, k86, k89, k90, k91, k92, k94, k95, k96, k97, k98, k100, k101, k102, k103, k104, k105,
-        k106, k107, k108, k109, k110,
+        k85, k88, k89, k90, k91, k93, k94, k95, k96, k98, k99, k100, k101, k102, k103, k104, k105,
+        k106, k107, k108,
     )
 
 
@@ -1506,7 +1504,7 @@ def input_matrix(q: ArrayLike, constants: tuple[Any, ...] | None = None) -> NDAr
 
 
 def _input_matrix(k, sin, cos, q):
-    k71, k81, k82, k83 = k[16], k[26], k[27], k[28]
+    k71, k80, k81, k82 = k[16], k[25], k[26], k[27]
     theta_m1, theta_0, theta_1 = q[0], q[1], q[2]
 
     # attitude
@@ -1530,15 +1528,15 @@ def _input_matrix(k, sin, cos, q):
     t14 = t13 - t12
     t15 = t4 * t11
     t16 = t3 * t11
-    t17 = k82 * t4
+    t17 = k80 * t4
     t18 = t2 * t15 + t1 * t14
     t19 = t2 * t14 - t1 * t15
 
     # thrust direction and generalised forces of motor 3
-    t20 = k83 * t6
+    t20 = k82 * t6
     t21 = k81 * t5
     t22 = k81 * t6
-    t23 = k83 * t5
+    t23 = k82 * t5
     t24 = t22 + t23
     t25 = t3 * (t20 - t21)
 
@@ -1562,7 +1560,7 @@ def _input_matrix(k, sin, cos, q):
     t38 = t1 * t35 + t2 * t34
     return (
         0.0, t17, t25, t28, t32, t17, 0.0, 0.0, 0.0, 0.0, 0.0, -t24, 0.0, t31, 0.0, 0.0, 0.0, 0.0,
-        0.0, k82, 0.0, k71, 0.0, k82, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0,
+        0.0, k80, 0.0, k71, 0.0, k80, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0,
         0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0,
         t4, t16, t4, -t27, t4, t36, 0.0, 0.0, 0.0, -t7, t18, -t7, t29, -t7, t37, 0.0, 0.0, 0.0, t8,
         t19, t8, t30, t8, -t38, 0.0, 0.0, 0.0,
@@ -1591,7 +1589,7 @@ def forward_dynamics(
     acceleration: array (..., 9); a_theta_m1 [rad/s^2], a_theta_0 [rad/s^2], a_theta_1 [rad/s^2],
         a_theta_7 [rad/s^2], a_theta_8 [rad/s^2], a_theta_9 [rad/s^2], a_x [m/s^2], a_y [m/s^2], a_z
         [m/s^2]
-    Source: eq. 19, solved for the free coordinates. 384 operations, 6 sine-cosine pairs.
+    Source: eq. 19, solved for the free coordinates. 383 operations, 6 sine-cosine pairs.
     """
     entries, batch = _evaluate(
         _forward_dynamics,
@@ -1606,10 +1604,10 @@ def forward_dynamics(
 def _forward_dynamics(k, sin, cos, q, v, u):
     (
         gravity, base_arm_length, link2_length, k32, k44, k50, k60, k61, k62, k67, k68, k69, k72,
-        k75, k76, k78, k80, k81, k98, k100, k101, k102, k108,
+        k75, k76, k78, k80, k81, k98, k99, k100, k106,
     ) = (
         k[0], k[1], k[4], k[5], k[7], k[8], k[9], k[10], k[11], k[13], k[14], k[15], k[17], k[20],
-        k[21], k[23], k[25], k[26], k[40], k[41], k[42], k[43], k[49],
+        k[21], k[23], k[25], k[26], k[39], k[40], k[41], k[47],
     )
     theta_m1, theta_0, theta_1, theta_7, theta_8, theta_9 = q[0], q[1], q[2], q[3], q[4], q[5]
     (
@@ -1803,65 +1801,64 @@ def _forward_dynamics(k, sin, cos, q, v, u):
     t141 = t8 * t134
     t142 = F_1 + k67 * t45 + t90 + t104 - t114 * t117
     t143 = t62 + t69 + t95 + t128 + t141 - t78 - t61 - t79 - t85 - t140
-    t144 = base_arm_length * F_4 + k98 * t93 - tau_7 - k100 * t18
 
     # acceleration of the base, by LDL^T
-    t145 = 1.0 / (t59 + t76 + t110 + k108 - t88 * t126)
-    t146 = t129 * t145
-    t147 = t143 * t146
-    t148 = t66 + k67 * t46 + t127 + t139 - t138 - t147
-    t149 = 1.0 / (k72 - t87 * t125 - t129 * t146)
-    t150 = 1.0 / (k72 - t106 - t114 * t119)
-    t151 = t121 * t150
-    t152 = t151 * t142
-    t153 = k67 * t44 + t103 + t152 - t120 - t136 - t137
-    t154 = 1.0 / (k72 - t105 - t113 * t118 - t121 * t151)
-    t155 = t154 * t153
-    t156 = t151 * t155 + t150 * t142
-    t157 = t148 * t149
-    t158 = t143 * t145 - t146 * t157
-    t159 = k102 * (tau_8 - t9 * t134 - t8 * t135)
-    t160 = k101 * t144
+    t144 = 1.0 / (t59 + t76 + t110 + k106 - t88 * t126)
+    t145 = t129 * t144
+    t146 = t143 * t145
+    t147 = t66 + k67 * t46 + t127 + t139 - t138 - t146
+    t148 = 1.0 / (k72 - t87 * t125 - t129 * t145)
+    t149 = 1.0 / (k72 - t106 - t114 * t119)
+    t150 = t121 * t149
+    t151 = t150 * t142
+    t152 = k67 * t44 + t103 + t151 - t120 - t136 - t137
+    t153 = 1.0 / (k72 - t105 - t113 * t118 - t121 * t150)
+    t154 = t153 * t152
+    t155 = t150 * t154 + t149 * t142
+    t156 = t147 * t148
+    t157 = t143 * t144 - t145 * t156
+    t158 = k100 * (tau_8 - t9 * t134 - t8 * t135)
+    t159 = k99 * (base_arm_length * (F_4 + t93) - tau_7 - k98 * t18)
 
     # acceleration of joint 7
-    t161 = t124 + t125 * t157 + t126 * t158 - t160
+    t160 = t124 + t125 * t156 + t126 * t157 - t159
 
     # acceleration of joint 8
-    t162 = t117 - t118 * t155 - t119 * t156
-    t163 = t159 + t162
+    t161 = t117 - t118 * t154 - t119 * t155
+    t162 = t158 + t161
 
     # acceleration of joint 9
-    t164 = t102 * (t156 + t67 * t162)
-    t165 = t100 - t162 - t101 * (t155 + t68 * t162) - t164
+    t163 = t102 * (t155 + t67 * t161)
+    t164 = t100 - t161 - t101 * (t154 + t68 * t161) - t163
 
     # acceleration of the base
-    t166 = t8 * t158 - t9 * t159
-    t167 = t9 * t158 + t8 * t159
+    t165 = t8 * t157 - t9 * t158
+    t166 = t9 * t157 + t8 * t158
 
     # acceleration of the origin from that of the base centre
-    t168 = t18 + t160
-    t169 = t5 * (v_theta_0 * v_theta_0 + t22) - t6 * (t18 - t168)
-    t170 = t6 * (t16 * t16 + t22) - t5 * (t18 + t168)
-    t171 = t6 * (t20 - t166 - 2.0 * v_theta_0 * t21)
-    t172 = t5 * (t19 + t167 - 2.0 * t16 * t21) + t171
-    t173 = t9 * t157 + base_arm_length * t169 - t8 * t155
-    t174 = base_arm_length * t170 - t8 * t157 - t9 * t155
-    t175 = base_arm_length * t172 + t156
+    t167 = t18 + t159
+    t168 = t5 * (v_theta_0 * v_theta_0 + t22) - t6 * (t18 - t167)
+    t169 = t6 * (t16 * t16 + t22) - t5 * (t18 + t167)
+    t170 = t6 * (t20 - t165 - 2.0 * v_theta_0 * t21)
+    t171 = t5 * (t19 + t166 - 2.0 * t16 * t21) + t170
+    t172 = t9 * t156 + base_arm_length * t168 - t8 * t154
+    t173 = base_arm_length * t169 - t8 * t156 - t9 * t154
+    t174 = base_arm_length * t171 + t155
 
     # acceleration of the origin, in world axes
-    t176 = t3 * t175 - t4 * t173
-    t177 = t4 * t175 + t3 * t173
-    t178 = t1 * t174 - t2 * t176
+    t175 = t3 * t174 - t4 * t172
+    t176 = t4 * t174 + t3 * t172
+    t177 = t1 * t173 - t2 * t175
 
     # accelerations of the attitude angles
-    t179 = 1.0 / t3
-    t180 = t179 * t166
-    t181 = t160 - t4 * t180
+    t178 = 1.0 / t3
+    t179 = t178 * t165
+    t180 = t159 - t4 * t179
 
     # acceleration of the origin, in world axes
-    t182 = t1 * t176 + t2 * t174 - gravity
+    t181 = t1 * t175 + t2 * t173 - gravity
     return (
-        t180, t167, t181, t161, t163, t165, t177, t178, t182,
+        t179, t166, t180, t160, t162, t164, t176, t177, t181,
     )
 
 
@@ -2129,10 +2126,10 @@ def hybrid_mass_matrix(
 def _hybrid_mass_matrix(k, sin, cos, q):
     (
         base_arm_length, link2_length, k32, k44, k50, k60, k61, k62, k65, k67, k68, k69, k71, k72,
-        k73, k74, k75, k76, k77, k84, k85, k86, k92, k94, k95, k96, k97,
+        k73, k74, k75, k76, k77, k83, k84, k85, k91, k93, k94, k95, k96,
     ) = (
         k[1], k[4], k[5], k[7], k[8], k[9], k[10], k[11], k[12], k[13], k[14], k[15], k[16], k[17],
-        k[18], k[19], k[20], k[21], k[22], k[29], k[30], k[31], k[35], k[36], k[37], k[38], k[39],
+        k[18], k[19], k[20], k[21], k[22], k[28], k[29], k[30], k[34], k[35], k[36], k[37], k[38],
     )
     theta_m1, theta_0, theta_1, theta_7, theta_8, theta_9 = q[0], q[1], q[2], q[3], q[4], q[5]
 
@@ -2258,19 +2255,19 @@ def _hybrid_mass_matrix(k, sin, cos, q):
     t95 = t1 * t91 + t2 * t62
 
     # composite inertia of the base and base arm 2
-    t96 = k86 * t6
-    t97 = k86 * t5
+    t96 = k85 * t6
+    t97 = k85 * t5
 
     # mass matrix, columns of the joints carried in to the base
-    t98 = k85 * t6
+    t98 = k84 * t6
     t99 = t97 + t98
-    t100 = k85 * t5
+    t100 = k84 * t5
     t101 = t96 - t100
 
     # mass matrix, column of joint 2
     t102 = t4 * t99
     t103 = t3 * t99
-    t104 = k94 * t4
+    t104 = k93 * t4
     t105 = t1 * t101 - t2 * t102
     t106 = t2 * t101 + t1 * t102
 
@@ -2281,30 +2278,30 @@ def _hybrid_mass_matrix(k, sin, cos, q):
     # mass matrix, column of joint 3
     t109 = t4 * t107
     t110 = t3 * t107
-    t111 = k95 * t4
+    t111 = k94 * t4
     t112 = t1 * t108 - t2 * t109
     t113 = t2 * t108 + t1 * t109
 
     # mass matrix, columns of the joints carried in to the base
-    t114 = k84 * t6
-    t115 = k84 * t5
+    t114 = k83 * t6
+    t115 = k83 * t5
 
     # mass matrix, column of joint 4
     t116 = t4 * t114
     t117 = t3 * t114
-    t118 = k97 * t4
+    t118 = k96 * t4
     t119 = t1 * t115 + t2 * t116
     t120 = t1 * t116 - t2 * t115
     return (
         t78, t72, t68, t104, t111, t118, t111, t104, t83, t88, t93, 0.0, t80, t79, 0.0, 0.0, 0.0,
         0.0, 0.0, t72, t71, t45, 0.0, 0.0, 0.0, 0.0, 0.0, t38, -t58, -t64, t73, t76, t77, 0.0, 0.0,
-        0.0, 0.0, 0.0, t68, t45, t65, k94, k95, k97, k95, k94, t53, t57, t63, t67, t69, t70, 0.0,
-        0.0, 0.0, 0.0, 0.0, t104, 0.0, k94, k92, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, -t103, t105,
-        -t106, -1.0, 0.0, 0.0, 0.0, 0.0, t111, 0.0, k95, 0.0, k92, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0,
-        -t110, t112, -t113, 0.0, -1.0, 0.0, 0.0, 0.0, t118, 0.0, k97, 0.0, 0.0, k96, 0.0, 0.0, 0.0,
-        0.0, 0.0, t117, t119, t120, 0.0, 0.0, -1.0, 0.0, 0.0, t111, 0.0, k95, 0.0, 0.0, 0.0, k92,
-        0.0, 0.0, 0.0, 0.0, t103, -t105, t106, 0.0, 0.0, 0.0, -1.0, 0.0, t104, 0.0, k94, 0.0, 0.0,
-        0.0, 0.0, k92, 0.0, 0.0, 0.0, t110, -t112, t113, 0.0, 0.0, 0.0, 0.0, -1.0, t83, t38, t53,
+        0.0, 0.0, 0.0, t68, t45, t65, k93, k94, k96, k94, k93, t53, t57, t63, t67, t69, t70, 0.0,
+        0.0, 0.0, 0.0, 0.0, t104, 0.0, k93, k91, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, -t103, t105,
+        -t106, -1.0, 0.0, 0.0, 0.0, 0.0, t111, 0.0, k94, 0.0, k91, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0,
+        -t110, t112, -t113, 0.0, -1.0, 0.0, 0.0, 0.0, t118, 0.0, k96, 0.0, 0.0, k95, 0.0, 0.0, 0.0,
+        0.0, 0.0, t117, t119, t120, 0.0, 0.0, -1.0, 0.0, 0.0, t111, 0.0, k94, 0.0, 0.0, 0.0, k91,
+        0.0, 0.0, 0.0, 0.0, t103, -t105, t106, 0.0, 0.0, 0.0, -1.0, 0.0, t104, 0.0, k93, 0.0, 0.0,
+        0.0, 0.0, k91, 0.0, 0.0, 0.0, t110, -t112, t113, 0.0, 0.0, 0.0, 0.0, -1.0, t83, t38, t53,
         0.0, 0.0, 0.0, 0.0, 0.0, t52, 0.0, 0.0, t82, t84, t85, 0.0, 0.0, 0.0, 0.0, 0.0, t88, -t58,
         t57, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, t54, t60, t87, t89, t90, 0.0, 0.0, 0.0, 0.0, 0.0, t93,
         -t64, t63, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, t60, t59, t92, t94, t95, 0.0, 0.0, 0.0, 0.0, 0.0,
@@ -2349,10 +2346,10 @@ def hybrid_residual(
 def _hybrid_residual(k, sin, cos, q, v):
     (
         gravity, base_arm_length, k8, k14, link2_length, k32, k44, k50, k60, k61, k62, k67, k68,
-        k69, k73, k74, k75, k76, k77, k78, k79, k84, k85, k86, k89, k90, k91,
+        k69, k73, k74, k75, k76, k77, k78, k79, k83, k84, k85, k88, k89, k90,
     ) = (
         k[0], k[1], k[2], k[3], k[4], k[5], k[7], k[8], k[9], k[10], k[11], k[13], k[14], k[15],
-        k[18], k[19], k[20], k[21], k[22], k[23], k[24], k[29], k[30], k[31], k[32], k[33], k[34],
+        k[18], k[19], k[20], k[21], k[22], k[23], k[24], k[28], k[29], k[30], k[31], k[32], k[33],
     )
     theta_m1, theta_0, theta_1, theta_7, theta_8, theta_9 = q[0], q[1], q[2], q[3], q[4], q[5]
     (
@@ -2572,11 +2569,11 @@ def _hybrid_residual(k, sin, cos, q, v):
     t170 = t6 * t22 + t5 * t15 - base_arm_length * t168
 
     # inertia forces of base arm 2, about joint 2
-    t171 = k86 * (t6 * t15 - t5 * t22 - base_arm_length * t167)
-    t172 = k91 * (t27 + t164 * t164 - t167)
-    t173 = k85 * t170
+    t171 = k85 * (t6 * t15 - t5 * t22 - base_arm_length * t167)
+    t172 = k90 * (t27 + t164 * t164 - t167)
+    t173 = k84 * t170
     t174 = t171 - t172
-    t175 = k89 * t168 - k90 * t169
+    t175 = k88 * t168 - k89 * t169
     t176 = t173 + t175
     t177 = t176 - t174
 
@@ -2586,7 +2583,7 @@ def _hybrid_residual(k, sin, cos, q, v):
     t180 = t179 - t178
 
     # inertia forces of base arm 4, about joint 4
-    t181 = k8 * t168 - k14 * t169 - k84 * t170
+    t181 = k8 * t168 - k14 * t169 - k83 * t170
 
     # inertia forces of base arm 5, about joint 5
     t182 = t178 + t179
@@ -2619,7 +2616,7 @@ def hybrid_input_matrix(
 
 
 def _hybrid_input_matrix(k, sin, cos, q):
-    base_arm_length, k71, k81, k82, k83 = k[1], k[16], k[26], k[27], k[28]
+    base_arm_length, k71, k80, k81, k82 = k[1], k[16], k[25], k[26], k[27]
     theta_m1, theta_0, theta_1 = q[0], q[1], q[2]
 
     # attitude
@@ -2643,15 +2640,15 @@ def _hybrid_input_matrix(k, sin, cos, q):
     t14 = t13 - t12
     t15 = t4 * t11
     t16 = t3 * t11
-    t17 = k82 * t4
+    t17 = k80 * t4
     t18 = t2 * t15 + t1 * t14
     t19 = t2 * t14 - t1 * t15
 
     # thrust direction and generalised forces of motor 3
-    t20 = k83 * t6
+    t20 = k82 * t6
     t21 = k81 * t5
     t22 = k81 * t6
-    t23 = k83 * t5
+    t23 = k82 * t5
     t24 = t22 + t23
     t25 = t3 * (t20 - t21)
 
@@ -2675,7 +2672,7 @@ def _hybrid_input_matrix(k, sin, cos, q):
     t38 = t1 * t35 + t2 * t34
     return (
         0.0, t17, t25, t28, t32, t17, 0.0, 0.0, 0.0, 0.0, 0.0, -t24, 0.0, t31, 0.0, 0.0, 0.0, 0.0,
-        0.0, k82, 0.0, k71, 0.0, k82, 0.0, 0.0, 0.0, 0.0, base_arm_length, 0.0, 0.0, 0.0, 0.0, 0.0,
+        0.0, k80, 0.0, k71, 0.0, k80, 0.0, 0.0, 0.0, 0.0, base_arm_length, 0.0, 0.0, 0.0, 0.0, 0.0,
         0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, base_arm_length, 0.0,
         0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0,
         base_arm_length, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0,
@@ -2727,9 +2724,9 @@ def constraint_torques(
 
 def _constraint_torques(k, sin, cos, q, v, a, u):
     (
-        gravity, base_arm_length, k8, k14, k84, k85, k86, k89, k90, k91,
+        gravity, base_arm_length, k8, k14, k83, k84, k85, k88, k89, k90,
     ) = (
-        k[0], k[1], k[2], k[3], k[29], k[30], k[31], k[32], k[33], k[34],
+        k[0], k[1], k[2], k[3], k[28], k[29], k[30], k[31], k[32], k[33],
     )
     theta_m1, theta_0, theta_1 = q[0], q[1], q[2]
     v_theta_m1, v_theta_0, v_theta_1 = v[0], v[1], v[2]
@@ -2754,7 +2751,7 @@ def _constraint_torques(k, sin, cos, q, v, a, u):
     t13 = t9 + t11 * t11
 
     # inertia forces of base arm 2, about joint 2
-    t14 = k91 * (t9 + t10 * t10 - t13)
+    t14 = k90 * (t9 + t10 * t10 - t13)
 
     # motion of the base
     t15 = a_z + gravity
@@ -2768,12 +2765,12 @@ def _constraint_torques(k, sin, cos, q, v, a, u):
     t21 = t5 * t16 + base_arm_length * t19 - t6 * t17
 
     # inertia forces of base arm 2, about joint 2
-    t22 = k85 * t21
-    t23 = k86 * (base_arm_length * t13 - t6 * t16 - t5 * t17)
+    t22 = k84 * t21
+    t23 = k85 * (base_arm_length * t13 - t6 * t16 - t5 * t17)
 
     # constraint torque on base arm 2
     t24 = t14 + t22
-    t25 = k89 * t19 - k90 * t20
+    t25 = k88 * t19 - k89 * t20
     t26 = t25 - t23
     t27 = t26 - base_arm_length * F_2 - t24
 
@@ -2784,7 +2781,7 @@ def _constraint_torques(k, sin, cos, q, v, a, u):
     t29 = k14 * t20
 
     # constraint torque on base arm 4
-    t30 = k8 * t19 + k84 * t21 - base_arm_length * F_4 - t29
+    t30 = k8 * t19 + k83 * t21 - base_arm_length * F_4 - t29
 
     # inertia forces of base arm 5, about joint 5
     t31 = t14 - t22
@@ -2822,10 +2819,10 @@ def kinetic_energy(
 def _kinetic_energy(k, sin, cos, q, v):
     (
         base_arm_length, link2_length, k32, k44, k50, k60, k62, k67, k68, k73, k74, k75, k76, k77,
-        k105, k106, k107,
+        k103, k104, k105,
     ) = (
         k[1], k[4], k[5], k[7], k[8], k[9], k[11], k[13], k[14], k[18], k[19], k[20], k[21], k[22],
-        k[46], k[47], k[48],
+        k[44], k[45], k[46],
     )
     theta_m1, theta_0, theta_1, theta_7, theta_8, theta_9 = q[0], q[1], q[2], q[3], q[4], q[5]
     v_theta_m1, v_theta_0, v_theta_1, v_theta_7, v_theta_8, v_theta_9, v_x, v_y, v_z = v
@@ -2907,17 +2904,17 @@ def _kinetic_energy(k, sin, cos, q, v):
     t50 = t15 * t15 * t38
 
     # sum over the links
-    t51 = v_theta_0 * t5 * t35 + k105 * t15 + t34 * t41
+    t51 = v_theta_0 * t5 * t35 + k103 * t15 + t34 * t41
     t52 = t15 * t51
-    t53 = k106 * (t39 * t39 + t41 * t41 + t42 * t42)
-    t54 = t18 * (k107 * t18 - t28 * t47 - t22 * t48)
-    t55 = v_theta_0 * (k105 * v_theta_0 - t33 * t41)
+    t53 = k104 * (t39 * t39 + t41 * t41 + t42 * t42)
+    t54 = t18 * (k105 * t18 - t28 * t47 - t22 * t48)
+    t55 = v_theta_0 * (k103 * v_theta_0 - t33 * t41)
     t56 = t16 * (t33 * t39 - t34 * t42)
     t57 = t19 * (t27 * t45 - t28 * t46)
     t58 = t22 * (t46 - link2_length * t11 * t19)
     t59 = t20 * (t21 * (t45 + link2_length * t10 * t19) - t58)
     t60 = t18 * (t13 * t23 - t10 * t29)
-    t61 = k107 * t17 + t27 * t47 + t21 * t48 - t60
+    t61 = k105 * t17 + t27 * t47 + t21 * t48 - t60
     t62 = t17 * t61
     t63 = t16 * t16 * (t37 + t38)
     t64 = t17 * t17 * (t25 + t31)
@@ -3009,7 +3006,7 @@ def gravity_forces(
 
 
 def _gravity_forces(k, sin, cos, q):
-    k62, k67, k73, k79, k103, k109, k110 = k[11], k[13], k[18], k[24], k[44], k[50], k[51]
+    k62, k67, k73, k79, k101, k107, k108 = k[11], k[13], k[18], k[24], k[42], k[48], k[49]
     theta_m1, theta_0, theta_1, theta_7, theta_8, theta_9 = q[0], q[1], q[2], q[3], q[4], q[5]
 
     # attitude
@@ -3041,7 +3038,7 @@ def _gravity_forces(k, sin, cos, q):
     t18 = t1 * t3
 
     # centre of mass from the origin
-    t19 = k103 * (k62 * t14 + k67 * t11)
+    t19 = k101 * (k62 * t14 + k67 * t11)
 
     # axes of the base
     t20 = t1 * t4
@@ -3050,20 +3047,20 @@ def _gravity_forces(k, sin, cos, q):
     t21 = t2 * t9 - t8 * t20
 
     # centre of mass from the origin
-    t22 = k103 * (k73 * t5 + t16)
+    t22 = k101 * (k73 * t5 + t16)
 
     # columns of the base
     t23 = t4 * t19 + t3 * t22
-    t24 = t1 * k103 * (k73 * t6 + t17)
+    t24 = t1 * k101 * (k73 * t6 + t17)
     t25 = t2 * (t3 * t19 - t4 * t22) - t24
 
     # weight at the centre of mass
     t26 = k79 * t25
     t27 = k79 * t1 * t23
     t28 = k79 * (t4 * t25 - t2 * t3 * t23)
-    t29 = k109 * (t2 * t16 + t17 * t20)
-    t30 = k79 * (t19 * t21 - t18 * k103 * t15)
-    t31 = k110 * (t14 * t21 - t13 * t18)
+    t29 = k107 * (t2 * t16 + t17 * t20)
+    t30 = k79 * (t19 * t21 - t18 * k101 * t15)
+    t31 = k108 * (t14 * t21 - t13 * t18)
     return (
         t26, t27, t28, -t29, t30, t31, 0.0, 0.0, -k79,
     )
@@ -3226,7 +3223,7 @@ def forward_dynamics_with_wrenches(
     acceleration: array (..., 9); a_theta_m1 [rad/s^2], a_theta_0 [rad/s^2], a_theta_1 [rad/s^2],
         a_theta_7 [rad/s^2], a_theta_8 [rad/s^2], a_theta_9 [rad/s^2], a_x [m/s^2], a_y [m/s^2], a_z
         [m/s^2]
-    Source: eq. 19, solved for the free coordinates. 522 operations, 6 sine-cosine pairs.
+    Source: eq. 19, solved for the free coordinates. 521 operations, 6 sine-cosine pairs.
     """
     entries, batch = _evaluate(
         _forward_dynamics_with_wrenches,
@@ -3242,10 +3239,10 @@ def forward_dynamics_with_wrenches(
 def _forward_dynamics_with_wrenches(k, sin, cos, q, v, u, W):
     (
         gravity, base_arm_length, link2_length, k32, link3_length, k44, k50, k60, k61, k62, k67,
-        k68, k69, k72, k75, k76, k78, k80, k81, k98, k100, k101, k102, k108,
+        k68, k69, k72, k75, k76, k78, k80, k81, k98, k99, k100, k106,
     ) = (
         k[0], k[1], k[4], k[5], k[6], k[7], k[8], k[9], k[10], k[11], k[13], k[14], k[15], k[17],
-        k[20], k[21], k[23], k[25], k[26], k[40], k[41], k[42], k[43], k[49],
+        k[20], k[21], k[23], k[25], k[26], k[39], k[40], k[41], k[47],
     )
     theta_m1, theta_0, theta_1, theta_7, theta_8, theta_9 = q[0], q[1], q[2], q[3], q[4], q[5]
     (
@@ -3380,216 +3377,212 @@ def _forward_dynamics_with_wrenches(k, sin, cos, q, v, u, W):
     t92 = t1 * t3
     t93 = t3 * t6
 
-    # force and moment of all thrusts
-    t94 = base_arm_length * F_4
-
     # articulated inertia and load of link 3, about joint 9
-    t95 = t55 * t47
-    t96 = t54 * t47
+    t94 = t55 * t47
+    t95 = t54 * t47
 
     # equation of joint 9, its acceleration eliminated
-    t97 = 1.0 / (t58 + t59)
-    t98 = t55 * t97
-    t99 = t54 * t97
-    t100 = t55 * t98
-    t101 = t54 * t99
-    t102 = t54 * t98
+    t96 = 1.0 / (t58 + t59)
+    t97 = t55 * t96
+    t98 = t54 * t96
+    t99 = t55 * t97
+    t100 = t54 * t98
+    t101 = t54 * t97
 
     # articulated inertia and load of links 2 and 3, about joint 8
-    t103 = t71 * t100 + t70 * t102
-    t104 = t71 * t102 + t70 * t101
-    t105 = 2.0 * t55 * t71
-    t106 = t73 - t103
-    t107 = t72 - t104
+    t102 = t71 * t99 + t70 * t101
+    t103 = t71 * t101 + t70 * t100
+    t104 = 2.0 * t55 * t71
+    t105 = t73 - t102
+    t106 = t72 - t103
 
     # equation of joint 8, its acceleration eliminated
-    t108 = 1.0 / (t76 + t77 - t70 * t104 - t71 * t103)
-    t109 = t106 * t108
-    t110 = t107 * t108
-    t111 = t102 + t107 * t109
+    t107 = 1.0 / (t76 + t77 - t70 * t103 - t71 * t102)
+    t108 = t105 * t107
+    t109 = t106 * t107
+    t110 = t101 + t106 * t108
 
     # equation of joint 7, its acceleration eliminated
-    t112 = 1.0 / (k69 + t58 + t76 + 2.0 * t54 * t70)
-    t113 = t89 * t112
-    t114 = t90 * t112
-    t115 = t55 + t73 - t90 * t113
+    t111 = 1.0 / (k69 + t58 + t76 + 2.0 * t54 * t70)
+    t112 = t89 * t111
+    t113 = t90 * t111
+    t114 = t55 + t73 - t90 * t112
 
     # articulated inertia and load of the base and links 1 to 3
-    t116 = k60 * (t20 - 2.0 * t21 * v_theta_0)
-    t117 = k60 * (t19 - 2.0 * t21 * t16)
-    t118 = k100 * t18
+    t115 = k60 * (t20 - 2.0 * t21 * v_theta_0)
+    t116 = k60 * (t19 - 2.0 * t21 * t16)
+    t117 = k98 * t18
 
     # acceleration of the base, by LDL^T
-    t119 = 1.0 / (t59 + t77 + t105 + k108 - t90 * t114)
-    t120 = t115 * t119
-    t121 = 1.0 / (k72 - t89 * t113 - t115 * t120)
-    t122 = 1.0 / (k72 - t101 - t107 * t110)
-    t123 = t111 * t122
-    t124 = 1.0 / (k72 - t100 - t106 * t109 - t111 * t123)
+    t118 = 1.0 / (t59 + t77 + t104 + k106 - t90 * t113)
+    t119 = t114 * t118
+    t120 = 1.0 / (k72 - t89 * t112 - t114 * t119)
+    t121 = 1.0 / (k72 - t100 - t106 * t109)
+    t122 = t110 * t121
+    t123 = 1.0 / (k72 - t99 - t105 * t108 - t110 * t122)
 
     # accelerations of the attitude angles
-    t125 = 1.0 / t3
+    t124 = 1.0 / t3
 
     # axes of the base
-    t126 = t2 * t4
-    t127 = t1 * t4
-    t128 = t3 * t5
-    t129 = t1 * t6 + t5 * t126
-    t130 = t2 * t6 - t5 * t127
-    t131 = t1 * t5 - t6 * t126
-    t132 = t2 * t5 + t6 * t127
+    t125 = t2 * t4
+    t126 = t1 * t4
+    t127 = t3 * t5
+    t128 = t1 * t6 + t5 * t125
+    t129 = t2 * t6 - t5 * t126
+    t130 = t1 * t5 - t6 * t125
+    t131 = t2 * t5 + t6 * t126
 
     # joint 7 and the axes of link 1
-    t133 = t3 * t8
-    t134 = t1 * t9 + t8 * t126
-    t135 = t2 * t9 - t8 * t127
-    t136 = t3 * t9
-    t137 = t1 * t8 - t9 * t126
-    t138 = t2 * t8 + t9 * t127
+    t132 = t3 * t8
+    t133 = t1 * t9 + t8 * t125
+    t134 = t2 * t9 - t8 * t126
+    t135 = t3 * t9
+    t136 = t1 * t8 - t9 * t125
+    t137 = t2 * t8 + t9 * t126
 
     # joint 9 and the axes of link 3
-    t139 = t13 * t133 + t4 * t14
-    t140 = t13 * t134 - t14 * t91
-    t141 = t13 * t135 + t14 * t92
-    t142 = t4 * t13 - t14 * t133
-    t143 = t14 * t134 + t13 * t91
-    t144 = t13 * t92 - t14 * t135
+    t138 = t13 * t132 + t4 * t14
+    t139 = t13 * t133 - t14 * t91
+    t140 = t13 * t134 + t14 * t92
+    t141 = t4 * t13 - t14 * t132
+    t142 = t14 * t133 + t13 * t91
+    t143 = t13 * t92 - t14 * t134
 
     # wrench on base, in the frame of its link
-    t145 = W_base_fx * t93
-    t146 = W_base_fx * t4
-    t147 = W_base_fz * t92
-    t148 = W_base_fy * t91
-    t149 = W_base_tz * t132
-    t150 = W_base_tx * t93
-    t151 = W_base_tx * t4
-    t152 = W_base_tz * t92
-    t153 = W_base_ty * t91
+    t144 = W_base_fx * t93
+    t145 = W_base_fx * t4
+    t146 = W_base_fz * t92
+    t147 = W_base_fy * t91
+    t148 = W_base_tz * t131
+    t149 = W_base_tx * t93
+    t150 = W_base_tz * t92
+    t151 = W_base_ty * t91
 
     # wrench on tip, in the frame of its link
-    t154 = W_tip_fx * t139 + W_tip_fy * t140 + W_tip_fz * t141
-    t155 = W_tip_fx * t142 + W_tip_fz * t144 - W_tip_fy * t143
-    t156 = W_tip_fx * t136 - W_tip_fy * t137 - W_tip_fz * t138
-    t157 = W_tip_tx * t139 + W_tip_ty * t140 + W_tip_tz * t141
-    t158 = W_tip_tx * t136
-    t159 = W_tip_ty * t137
-    t160 = W_tip_tz * t138
-    t161 = link3_length * t156
-    t162 = W_tip_tx * t142 + W_tip_tz * t144 - W_tip_ty * t143 - t161
-    t163 = link3_length * t155
+    t152 = W_tip_fx * t138 + W_tip_fy * t139 + W_tip_fz * t140
+    t153 = W_tip_fx * t141 + W_tip_fz * t143 - W_tip_fy * t142
+    t154 = W_tip_fx * t135 - W_tip_fy * t136 - W_tip_fz * t137
+    t155 = W_tip_tx * t138 + W_tip_ty * t139 + W_tip_tz * t140
+    t156 = W_tip_tx * t135
+    t157 = W_tip_ty * t136
+    t158 = W_tip_tz * t137
+    t159 = link3_length * t154
+    t160 = W_tip_tx * t141 + W_tip_tz * t143 - W_tip_ty * t142 - t159
+    t161 = link3_length * t153
 
     # articulated inertia and load of link 3, about joint 9
-    t164 = t13 * t157
-    t165 = t14 * t162
-    t166 = t14 * t157
-    t167 = t13 * t162
+    t162 = t13 * t155
+    t163 = t14 * t160
+    t164 = t14 * t155
+    t165 = t13 * t160
 
     # thrusts and wrenches together
-    t168 = 0.8660254037844386 * (F_2 - F_6)
-    t169 = W_base_fx * t128 + W_base_fy * t129 + W_base_fz * t130 + t168
-    t170 = F_2 + F_6
-    t171 = 0.5 * t170
-    t172 = F_4 + W_base_fy * t131 + W_base_fz * t132 - t145 - t171
-    t173 = k81 * (F_3 - F_5)
-    t174 = W_base_tx * t128 + W_base_ty * t129 + W_base_tz * t130 - t173
-    t175 = F_3 + F_5
-    t176 = k80 * t175
-    t177 = base_arm_length * F_1 + W_base_ty * t131 + t149 - t150 - t176
+    t166 = 0.8660254037844386 * (F_2 - F_6)
+    t167 = W_base_fx * t127 + W_base_fy * t128 + W_base_fz * t129 + t166
+    t168 = F_2 + F_6
+    t169 = 0.5 * t168
+    t170 = F_4 + W_base_fy * t130 + W_base_fz * t131 - t144 - t169
+    t171 = k81 * (F_3 - F_5)
+    t172 = W_base_tx * t127 + W_base_ty * t128 + W_base_tz * t129 - t171
+    t173 = F_3 + F_5
+    t174 = k80 * t173
+    t175 = base_arm_length * F_1 + W_base_ty * t130 + t148 - t149 - t174
 
     # articulated inertia and load of link 3, about joint 9
-    t178 = t156 + k62 * (t13 * t51 - t14 * t53)
+    t176 = t154 + k62 * (t13 * t51 - t14 * t53)
 
     # equation of joint 9, its acceleration eliminated
-    t179 = link2_length * (t44 * t55 + t45 * t54)
-    t180 = tau_9 + t66 + t67 + t158 + t163 + t179 - t65 - t159 - t160
-    t181 = t97 * t180
-    t182 = t68 + t14 * t155 - t13 * t154 - t55 * t181
-    t183 = t69 + t14 * t154 + t13 * t155 - t54 * t181
+    t177 = link2_length * (t44 * t55 + t45 * t54)
+    t178 = tau_9 + t66 + t67 + t156 + t161 + t177 - t65 - t157 - t158
+    t179 = t96 * t178
+    t180 = t68 + t14 * t153 - t13 * t152 - t55 * t179
+    t181 = t69 + t14 * t152 + t13 * t153 - t54 * t179
 
     # articulated inertia and load of links 2 and 3, about joint 8
-    t184 = t71 * t178
-    t185 = t70 * t178
-    t186 = t71 * t182
-    t187 = t70 * t183
+    t182 = t71 * t176
+    t183 = t70 * t176
+    t184 = t71 * t180
+    t185 = t70 * t181
 
     # equation of joint 8, its acceleration eliminated
-    t188 = tau_8 + t83 + t84 + t85 + t186 + t187 - tau_9
-    t189 = t108 * t188
-    t190 = t106 * t189
-    t191 = t107 * t189
+    t186 = tau_8 + t83 + t84 + t85 + t184 + t185 - tau_9
+    t187 = t107 * t186
+    t188 = t105 * t187
+    t189 = t106 * t187
 
     # equation of joint 7, its acceleration eliminated
-    t192 = tau_7 + t166 + t64 + t167 - t63 - t81 - t88 - t82 - t96 - t185
-    t193 = t112 * t192
-    t194 = t89 * t193
-    t195 = t90 * t193
+    t190 = tau_7 + t164 + t64 + t165 - t63 - t81 - t88 - t82 - t95 - t183
+    t191 = t111 * t190
+    t192 = t89 * t191
+    t193 = t90 * t191
 
     # articulated inertia and load of the base and links 1 to 3
-    t196 = t5 * t169 - t6 * t172
-    t197 = t6 * t169 + t5 * t172
-    t198 = k78 * t17 + t116 + t5 * t174 - t6 * t177
-    t199 = k61 * t19 + t117 - t5 * t177 - t6 * t174
-    t200 = t8 * t196
-    t201 = t9 * t197
-    t202 = t8 * t197
-    t203 = t9 * t196
-    t204 = t8 * t198
-    t205 = t9 * t199
-    t206 = F_1 + t86 + t146 + t147 + t175 + t183 - t148 - t191
-    t207 = t62 + t164 + t95 + t184 + t195 + t204 - t79 - t61 - t80 - t87 - t165 - t205
-    t208 = k98 * t170
-    t209 = t94 + t151 + t152 + t208 - tau_7 - t118 - t153
+    t194 = t5 * t167 - t6 * t170
+    t195 = t6 * t167 + t5 * t170
+    t196 = k78 * t17 + t115 + t5 * t172 - t6 * t175
+    t197 = k61 * t19 + t116 - t5 * t175 - t6 * t172
+    t198 = t8 * t194
+    t199 = t9 * t195
+    t200 = t8 * t195
+    t201 = t9 * t194
+    t202 = t8 * t196
+    t203 = t9 * t197
+    t204 = F_1 + t86 + t145 + t146 + t173 + t181 - t147 - t189
+    t205 = t62 + t162 + t94 + t182 + t193 + t202 - t79 - t61 - t80 - t87 - t163 - t203
+    t206 = base_arm_length * (F_4 + t168)
+    t207 = W_base_tx * t4 + t150 + t206 - tau_7 - t117 - t151
 
     # acceleration of the base, by LDL^T
-    t210 = t120 * t207
-    t211 = k67 * t46 + t178 + t194 + t203 - t202 - t210
-    t212 = t123 * t206
-    t213 = k67 * t44 + t182 + t212 - t190 - t200 - t201
-    t214 = t124 * t213
-    t215 = t123 * t214 + t122 * t206
-    t216 = t121 * t211
-    t217 = t119 * t207 - t120 * t216
-    t218 = k102 * (tau_8 - t9 * t198 - t8 * t199)
-    t219 = k101 * t209
+    t208 = t119 * t205
+    t209 = k67 * t46 + t176 + t192 + t201 - t200 - t208
+    t210 = t122 * t204
+    t211 = k67 * t44 + t180 + t210 - t188 - t198 - t199
+    t212 = t123 * t211
+    t213 = t122 * t212 + t121 * t204
+    t214 = t120 * t209
+    t215 = t118 * t205 - t119 * t214
+    t216 = k100 * (tau_8 - t9 * t196 - t8 * t197)
+    t217 = k99 * t207
 
     # acceleration of joint 7
-    t220 = t193 + t113 * t216 + t114 * t217 - t219
+    t218 = t191 + t112 * t214 + t113 * t215 - t217
 
     # acceleration of joint 8
-    t221 = t189 - t109 * t214 - t110 * t215
-    t222 = t218 + t221
+    t219 = t187 - t108 * t212 - t109 * t213
+    t220 = t216 + t219
 
     # acceleration of joint 9
-    t223 = t99 * (t215 + t70 * t221)
-    t224 = t181 - t221 - t98 * (t214 + t71 * t221) - t223
+    t221 = t98 * (t213 + t70 * t219)
+    t222 = t179 - t219 - t97 * (t212 + t71 * t219) - t221
 
     # acceleration of the base
-    t225 = t8 * t217 - t9 * t218
-    t226 = t9 * t217 + t8 * t218
+    t223 = t8 * t215 - t9 * t216
+    t224 = t9 * t215 + t8 * t216
 
     # acceleration of the origin from that of the base centre
-    t227 = t18 + t219
-    t228 = t5 * (v_theta_0 * v_theta_0 + t22) - t6 * (t18 - t227)
-    t229 = t6 * (t16 * t16 + t22) - t5 * (t18 + t227)
-    t230 = t6 * (t20 - 2.0 * v_theta_0 * t21 - t225)
-    t231 = t5 * (t19 + t226 - 2.0 * t16 * t21) + t230
-    t232 = t9 * t216 + base_arm_length * t228 - t8 * t214
-    t233 = base_arm_length * t229 - t8 * t216 - t9 * t214
-    t234 = base_arm_length * t231 + t215
+    t225 = t18 + t217
+    t226 = t5 * (v_theta_0 * v_theta_0 + t22) - t6 * (t18 - t225)
+    t227 = t6 * (t16 * t16 + t22) - t5 * (t18 + t225)
+    t228 = t6 * (t20 - 2.0 * v_theta_0 * t21 - t223)
+    t229 = t5 * (t19 + t224 - 2.0 * t16 * t21) + t228
+    t230 = t9 * t214 + base_arm_length * t226 - t8 * t212
+    t231 = base_arm_length * t227 - t8 * t214 - t9 * t212
+    t232 = base_arm_length * t229 + t213
 
     # acceleration of the origin, in world axes
-    t235 = t3 * t234 - t4 * t232
-    t236 = t4 * t234 + t3 * t232
-    t237 = t1 * t233 - t2 * t235
+    t233 = t3 * t232 - t4 * t230
+    t234 = t4 * t232 + t3 * t230
+    t235 = t1 * t231 - t2 * t233
 
     # accelerations of the attitude angles
-    t238 = t125 * t225
-    t239 = t219 - t4 * t238
+    t236 = t124 * t223
+    t237 = t217 - t4 * t236
 
     # acceleration of the origin, in world axes
-    t240 = t1 * t235 + t2 * t233 - gravity
+    t238 = t1 * t233 + t2 * t231 - gravity
     return (
-        t238, t226, t239, t220, t222, t224, t236, t237, t240,
+        t236, t224, t237, t218, t220, t222, t234, t235, t238,
     )
 
 
@@ -3611,9 +3604,9 @@ def positions(q: ArrayLike, constants: tuple[Any, ...] | None = None) -> NDArray
 
 def _positions(k, sin, cos, q):
     (
-        base_arm_length, link2_length, link3_length, k71, k80, k81, k83,
+        base_arm_length, link2_length, link3_length, k71, k80, k81, k82,
     ) = (
-        k[1], k[4], k[6], k[16], k[25], k[26], k[28],
+        k[1], k[4], k[6], k[16], k[25], k[26], k[27],
     )
     theta_m1, theta_0, theta_1, theta_7, theta_8, theta_9, x, y, z = q
 
@@ -3664,11 +3657,11 @@ def _positions(k, sin, cos, q):
     t34 = t33 - t26
     t35 = z + k80 * t21
     t36 = t35 - t27
-    t37 = x + k83 * t19
+    t37 = x + k82 * t19
     t38 = t25 + t37
-    t39 = y + k83 * t20
+    t39 = y + k82 * t20
     t40 = t39 - t26
-    t41 = z + k83 * t21
+    t41 = z + k82 * t21
     t42 = t41 - t27
     t43 = x + k71 * t19
     t44 = y + k71 * t20
@@ -4179,7 +4172,7 @@ def centre_of_mass(
 
 
 def _centre_of_mass(k, sin, cos, q):
-    k62, k67, k73, k103 = k[11], k[13], k[18], k[44]
+    k62, k67, k73, k101 = k[11], k[13], k[18], k[42]
     theta_m1, theta_0, theta_1, theta_7, theta_8, theta_9, x, y, z = q
 
     # attitude
@@ -4204,9 +4197,9 @@ def _centre_of_mass(k, sin, cos, q):
     t15 = k62 * t13 + k67 * t10
 
     # centre of mass from the origin
-    t16 = k103 * (k62 * t14 + k67 * t11)
-    t17 = k103 * (k73 * t5 + t8 * t15)
-    t18 = k103 * (k73 * t6 + t9 * t15)
+    t16 = k101 * (k62 * t14 + k67 * t11)
+    t17 = k101 * (k73 * t5 + t8 * t15)
+    t18 = k101 * (k73 * t6 + t9 * t15)
 
     # centre of mass in the world
     t19 = t3 * t16 - t4 * t17
@@ -4238,7 +4231,7 @@ def centre_of_mass_jacobian(
 
 
 def _centre_of_mass_jacobian(k, sin, cos, q):
-    k62, k67, k73, k103, k104 = k[11], k[13], k[18], k[44], k[45]
+    k62, k67, k73, k101, k102 = k[11], k[13], k[18], k[42], k[43]
     theta_m1, theta_0, theta_1, theta_7, theta_8, theta_9 = q[0], q[1], q[2], q[3], q[4], q[5]
 
     # attitude
@@ -4271,17 +4264,17 @@ def _centre_of_mass_jacobian(k, sin, cos, q):
     t19 = t1 * t3
 
     # column of joint 7
-    t20 = k103 * t16
-    t21 = k103 * t17
+    t20 = k101 * t16
+    t21 = k101 * t17
 
     # centre of mass from the origin
-    t22 = k103 * (k62 * t14 + k67 * t11)
+    t22 = k101 * (k62 * t14 + k67 * t11)
 
     # column of joint 8
-    t23 = k103 * t15
+    t23 = k101 * t15
 
     # column of joint 9
-    t24 = k104 * t13
+    t24 = k102 * t13
 
     # axes of the base
     t25 = t2 * t4
@@ -4293,8 +4286,8 @@ def _centre_of_mass_jacobian(k, sin, cos, q):
     t29 = t2 * t9 + t8 * t26
 
     # centre of mass from the origin
-    t30 = k103 * (k73 * t5 + t16)
-    t31 = k103 * (k73 * t6 + t17)
+    t30 = k101 * (k73 * t5 + t16)
+    t31 = k101 * (k73 * t6 + t17)
 
     # columns of the base
     t32 = t3 * t22 + t4 * t30
@@ -4319,7 +4312,7 @@ def _centre_of_mass_jacobian(k, sin, cos, q):
     t47 = t22 * t29 - t19 * t23
 
     # column of joint 9
-    t48 = k104 * t14
+    t48 = k102 * t14
     t49 = t27 * t48 + t4 * t24
     t50 = t28 * t48 - t18 * t24
     t51 = t29 * t48 - t19 * t24

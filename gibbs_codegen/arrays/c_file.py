@@ -31,7 +31,7 @@ from gibbs_codegen.files.verbatim import c_source
 from gibbs_codegen.version import __version__
 
 # Endings of the names of files that modules have.
-_OF_MODULES = ("each", "laws", "rollout")
+_OF_MODULES = ("batch", "each", "laws", "rollout")
 # What is written by hand, with the paragraphs that others need before them.
 _BY_HAND = ("numbers.c", "allocation.c", "smallest_thrusts.c")
 _EXTERNALS = frozenset({"nearest_thrusts", "smallest_thrusts", "force_axis"})
@@ -130,10 +130,11 @@ def write_c(
     return [Path(folder) / name for name in texts]
 
 
-def opening(robot: Functions) -> list[str]:
-    """How files begin that are compiled with a module."""
+def opening(robot: Functions, *others: str) -> list[str]:
+    """How files begin that are compiled with a module's functions for one state, and `others`."""
+    files = " and ".join([f"{robot.name}.c", *others])
     return [
-        f"Printed by gibbs_codegen {__version__}; compile it with {robot.name}.c.",
+        f"Printed by gibbs_codegen {__version__}; compile it with {files}.",
         "SPDX-License-Identifier: MIT-0 (yours to use, change and pass on without conditions)",
     ]
 

@@ -197,7 +197,7 @@ class CProgram:
             match x.operation:
                 case nodes.Input():
                     found = x.is_uniform
-                case nodes.Call():
+                case nodes.Call() | nodes.Solution():
                     found = False
                 case nodes.Invocation(program, name):
                     found = CProgram(program).uniform(program.outputs[name])
@@ -755,11 +755,10 @@ class CProgram:
                 lines.append(f"*{name} = {self.entry(x, ())};")
             elif not self._is_there(x, target):
                 lines += self._loops(x.shape, self._assignment(target, x), self.uniform(x))
-        unused = [
-            f"(void){name};"
-            for name, x in zip(self.program.names, self.program.inputs, strict=True)
-            if x not in self.readers
-        ]
+        given = dict(zip(self.program.names, self.program.inputs, strict=True))
+        unread = [name for name, x in given.items() if x.size and x not in self.readers]
+        empty = [name for name, x in (given | dict(self.program.outputs)).items() if not x.size]
+        unused = [f"(void){name};" for name in (*unread, *empty)]
         return [*unused, *self._declared(), *lines]
 
     def _is_there(self, x: Node, target: View) -> bool:

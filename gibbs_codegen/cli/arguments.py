@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import argparse
 import math
+from collections.abc import Callable
 from typing import Any, NoReturn
 
 from gibbs_codegen.errors import printable
@@ -23,6 +24,7 @@ _PLACES = (
 )
 _DERIVES = f"{_PLACES}; if a name is both, the robot that ships is taken"
 _SCENARIOS = f"{', '.join(shipped_names('scenarios'))} or a scenario file"
+_FLIGHT = "a folder that `simulate` wrote, or its flight.npz"
 
 
 class Parser(argparse.ArgumentParser):
@@ -188,23 +190,7 @@ class _OfAttachment(argparse.Action):
         namespace.attach[-1][self.dest] = values
 
 
-def argument_parser() -> Parser:
-    """Parser of the command line; `module` of what it returns is that of the command."""
-    whole = Parser(
-        prog="gibbs-codegen",
-        description="Derive the equations of motion of flying robots with arms, and write them as "
-        "fast functions in NumPy and C.",
-    )
-    whole.add_argument("--version", action="version", version=f"gibbs_codegen {__version__}")
-    commands = whole.add_subparsers(title="commands", required=True, metavar="COMMAND")
-
-    def command(name: str, meaning: str) -> Parser:
-        made: Parser = commands.add_parser(name, help=meaning)
-        made.set_defaults(module="import_robot" if name == "import" else name)
-        return made
-
-    # In the order of the help.
-    parser = command("generate", "derive a robot's equations of motion and write its module")
+def _add_generate_arguments(parser: Parser) -> None:
     _add_robot(parser)
     add_kept(parser)
     parser.add("--out", "DIR", "folder in which modules are written", default="generated")
@@ -219,15 +205,15 @@ def argument_parser() -> Parser:
     )
     parser.flag("--no-verify", "write the module without checking its functions first")
 
-    parser = command(
-        "info", "show a robot's base, chains, coordinates, motors and operation counts"
-    )
+
+def _add_info_arguments(parser: Parser) -> None:
     _add_robot(parser)
     _add_json(parser)
     also = "of a module, those that it has are counted, too"
     _add_choice(parser, f"count the operations of {{which}}; {also}")
 
-    parser = command("show", "print the paper's equations of one chain as text or LaTeX")
+
+def _add_show_arguments(parser: Parser) -> None:
     _add_robot(parser)
     meaning = "number of the chain, as `info` lists them"
     parser.add("--chain", "J", meaning, type=int, required=True)
@@ -242,9 +228,8 @@ def argument_parser() -> Parser:
     formats = ("text", "latex")
     parser.add("--format", None, "how to print the equations", choices=formats, default="text")
 
-    parser = command(
-        "verify", "compare a module with formulations that share no code with the derivation"
-    )
+
+def _add_verify_arguments(parser: Parser) -> None:
     _add_module(parser)
     parser.add("--states", "K", "number of random states to compare at", type=int, default=20)
     parser.add("--seed", None, "seed of the states", type=int, default=0)
@@ -252,7 +237,8 @@ def argument_parser() -> Parser:
     parser.add("--backend", None, meaning, choices=("numpy", "c"), action="append")
     _add_json(parser)
 
-    parser = command("simulate", "fly a scenario with a module, and write time series and figures")
+
+def _add_simulate_arguments(parser: Parser) -> None:
     _add_module(parser)
     parser.add("--scenario", "NAME|FILE", f"the scenario to fly: {_SCENARIOS}", default="paper")
     parser.add("--out", "DIR", "folder in which the results are written", default="flight")
@@ -262,7 +248,8 @@ def argument_parser() -> Parser:
     meaning = "write an animation as well, in this format"
     parser.add("--animate", None, meaning, choices=("gif", "mp4"))
 
-    parser = command("sitl", "fly a scenario under an autopilot, in step with it")
+
+def _add_sitl_arguments(parser: Parser) -> None:
     _add_module(parser)
     autopilots = parser.add_mutually_exclusive_group(required=True)
     for word, meaning in (
@@ -297,7 +284,8 @@ def argument_parser() -> Parser:
     _add_changes(parser, "")
     _add_figures(parser, "write the time series only")
 
-    parser = command("sweep", "fly scenarios in many variants, and measure every flight")
+
+def _add_sweep_arguments(parser: Parser) -> None:
     meaning = f"{_PLACES}, which comes first; of others a module is generated"
     parser.add("robots", "ROBOT", meaning, nargs="+")
     meaning = f"a scenario to fly: {_SCENARIOS}; may be repeated (default: paper)"
@@ -327,15 +315,16 @@ def argument_parser() -> Parser:
     parser.add("--out", "DIR", meaning, default="sweep")
     _add_figures(parser, "draw no figures")
 
-    parser = command("log", "write a flight as a log of ROS 2 or PX4")
-    flight = "a folder that `simulate` wrote, or its flight.npz"
-    parser.add("flight", "FLIGHT", flight)
+
+def _add_log_arguments(parser: Parser) -> None:
+    parser.add("flight", "FLIGHT", _FLIGHT)
     meaning = "mcap for a bag of ROS 2, csv for tables of the topics of PX4"
     parser.add("--format", None, meaning, choices=("mcap", "csv"), default="mcap")
     meaning = "folder to write, which must not exist yet"
     parser.add("--out", "DIR", meaning, default="log")
 
-    parser = command("replay", "make a flight of a log of ROS or PX4, with time series and figures")
+
+def _add_replay_arguments(parser: Parser) -> None:
     _add_module(parser)
     meaning = "a bag of ROS 1 or 2, an MCAP file, a ULog, or a folder with tables of one"
     parser.add("log", "LOG", meaning)
@@ -354,14 +343,16 @@ def argument_parser() -> Parser:
     parser.add("--cutoff", "HZ", meaning, type=_number)
     _add_figures(parser, "write the time series only")
 
-    parser = command("view", "show a robot or a flight in the browser, live or as one file")
-    parser.add("what", "ROBOT|FLIGHT", f"a robot, as for `simulate`; or {flight}")
+
+def _add_view_arguments(parser: Parser) -> None:
+    parser.add("what", "ROBOT|FLIGHT", f"a robot, as for `simulate`; or {_FLIGHT}")
     meaning = "write one file that any browser opens without a request, instead of serving"
     parser.add("--html", "FILE", meaning)
     parser.add("--port", "P", "port of the server, or the next free one", type=_port, default=8080)
     parser.flag("--no-browser", "do not open the browser")
 
-    parser = command("new", "write a commented robot file to start from")
+
+def _add_new_arguments(parser: Parser) -> None:
     parser.add("file", "ROBOT.toml", "robot file to write, which must not exist yet")
     parser.flag(
         "--placed",
@@ -372,8 +363,8 @@ def argument_parser() -> Parser:
     meaning = "number of rotors (default: 4 with --placed, else 6)"
     parser.add("--rotors", "N", meaning, type=int)
 
-    meaning = "write a robot file from a robot in URDF, xacro, MJCF or SDF, or join arms to a drone"
-    parser = command("import", meaning)
+
+def _add_import_arguments(parser: Parser) -> None:
     extras = "xacro needs the extra xacro, and MJCF the extra mujoco"
     also = "with --attach also a robot file, or the name of a robot that ships"
     parser.add("file", "FILE", f"a .urdf, .xacro, .xml or .sdf file; {extras}; {also}")
@@ -424,7 +415,8 @@ def argument_parser() -> Parser:
     parser.flag("--friction", "take the dry friction of joints, which is left out otherwise")
     parser.flag("--force", "replace ROBOT.toml if it exists")
 
-    parser = command("export", "write a robot in URDF, MJCF or SDF, or parameters for an autopilot")
+
+def _add_export_arguments(parser: Parser) -> None:
     parser.add("robot", "ROBOT", _DERIVES)
     kinds = ("urdf", "mjcf", "sdf", "px4", "ardupilot")
     parser.add("--format", None, "format of the file", choices=kinds, required=True)
@@ -434,10 +426,73 @@ def argument_parser() -> Parser:
     parser.add("--out", "FILE", meaning)
     parser.flag("--force", "replace FILE if it exists")
 
-    parser = command(
-        "schema",
-        "print the JSON schema of robot or scenario files, with which editors complete keys",
-    )
+
+def _add_schema_arguments(parser: Parser) -> None:
     parser.add("file", None, "kind of file that the schema is for", choices=("robot", "scenario"))
 
+
+# Each command with its meaning and what adds its arguments, in the order of the help.
+_COMMANDS: tuple[tuple[str, str, Callable[[Parser], None]], ...] = (
+    (
+        "generate",
+        "derive a robot's equations of motion and write its module",
+        _add_generate_arguments,
+    ),
+    (
+        "info",
+        "show a robot's base, chains, coordinates, motors and operation counts",
+        _add_info_arguments,
+    ),
+    ("show", "print the paper's equations of one chain as text or LaTeX", _add_show_arguments),
+    (
+        "verify",
+        "compare a module with formulations that share no code with the derivation",
+        _add_verify_arguments,
+    ),
+    (
+        "simulate",
+        "fly a scenario with a module, and write time series and figures",
+        _add_simulate_arguments,
+    ),
+    ("sitl", "fly a scenario under an autopilot, in step with it", _add_sitl_arguments),
+    ("sweep", "fly scenarios in many variants, and measure every flight", _add_sweep_arguments),
+    ("log", "write a flight as a log of ROS 2 or PX4", _add_log_arguments),
+    (
+        "replay",
+        "make a flight of a log of ROS or PX4, with time series and figures",
+        _add_replay_arguments,
+    ),
+    ("view", "show a robot or a flight in the browser, live or as one file", _add_view_arguments),
+    ("new", "write a commented robot file to start from", _add_new_arguments),
+    (
+        "import",
+        "write a robot file from a robot in URDF, xacro, MJCF or SDF, or join arms to a drone",
+        _add_import_arguments,
+    ),
+    (
+        "export",
+        "write a robot in URDF, MJCF or SDF, or parameters for an autopilot",
+        _add_export_arguments,
+    ),
+    (
+        "schema",
+        "print the JSON schema of robot or scenario files, with which editors complete keys",
+        _add_schema_arguments,
+    ),
+)
+
+
+def argument_parser() -> Parser:
+    """Parser of the command line; `module` of what it returns is that of the command."""
+    whole = Parser(
+        prog="gibbs-codegen",
+        description="Derive the equations of motion of flying robots with arms, and write them as "
+        "fast functions in NumPy and C.",
+    )
+    whole.add_argument("--version", action="version", version=f"gibbs_codegen {__version__}")
+    commands = whole.add_subparsers(title="commands", required=True, metavar="COMMAND")
+    for name, meaning, add_arguments in _COMMANDS:
+        parser = commands.add_parser(name, help=meaning)
+        parser.set_defaults(module="import_robot" if name == "import" else name)
+        add_arguments(parser)
     return whole

@@ -27,7 +27,6 @@ from collections.abc import Callable, Sequence
 from copy import copy
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING
 
 import sympy as sp
 
@@ -43,13 +42,11 @@ from gibbs_codegen.derivation.forward_dynamics_derivatives import (
 )
 from gibbs_codegen.derivation.parameters import PassiveSymbols
 from gibbs_codegen.derivation.symbolic_robot import SymbolicRobot
+from gibbs_codegen.derivation.systems import Systems
 from gibbs_codegen.graph.differentiate import Direction, Matrix, jacobian
 from gibbs_codegen.graph.graph import Graph, Ref
 from gibbs_codegen.symbolic.tape import Values
 from gibbs_codegen.symbolic.vectors import identity
-
-if TYPE_CHECKING:
-    from gibbs_codegen.derivation.systems import Systems
 
 
 @dataclass(frozen=True)
@@ -294,8 +291,22 @@ def _moved(graph: Graph, refs: Sequence[Ref], rates: Sequence[Ref]) -> Direction
     }
 
 
+class ConstrainedSystems(Systems):
+    """Systems with the derivatives of what constraints do, which outputs share."""
+
+    @cached_property
+    def held_derivatives(self) -> ConstraintDerivatives:
+        """Derivatives of accelerations under the forces of constraints."""
+        return ConstraintDerivatives(self, self.constraints.solver_forces, alone=False)
+
+    @cached_property
+    def impact_derivatives(self) -> ConstraintDerivatives:
+        """Derivatives of velocities after an impact."""
+        return ConstraintDerivatives(self, self.constraints.solver_impulses, alone=True)
+
+
 # What a derivative by an argument is made of, by the derivation of the output.
-IMPLICIT: dict[str, Callable[[Systems, str], Matrix]] = {
+IMPLICIT: dict[str, Callable[[ConstrainedSystems, str], Matrix]] = {
     "constrained_acceleration": lambda s, by: s.held_derivatives.of_accelerations(by),
     "constraint_forces": lambda s, by: s.held_derivatives.of_forces(by),
     "impact_velocities": lambda s, by: s.impact_derivatives.of_accelerations(by),

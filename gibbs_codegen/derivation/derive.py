@@ -7,10 +7,11 @@ from collections.abc import Collection, Sequence
 from dataclasses import replace
 
 from gibbs_codegen.derivation import regularity
+from gibbs_codegen.derivation.constraint_derivatives import ConstrainedSystems
 from gibbs_codegen.derivation.functions import DERIVATIONS
 from gibbs_codegen.derivation.hybrid import hybrid_system, reduced_system
 from gibbs_codegen.derivation.symbolic_robot import SymbolicRobot
-from gibbs_codegen.derivation.systems import Systems, entries
+from gibbs_codegen.derivation.systems import entries
 from gibbs_codegen.graph.from_tape import ImportedTape
 from gibbs_codegen.interface import ARGUMENTS, FUNCTIONS, Signature, signatures
 from gibbs_codegen.program.choice import Derivatives, Functions, chosen_functions
@@ -105,7 +106,7 @@ def _slices(
     reduced = reduced_system(symbolic)
     progress("hybrid system")
     hybrid = hybrid_system(symbolic, reduced)
-    systems = Systems(imported, symbolic, reduced, hybrid)
+    systems = ConstrainedSystems(imported, symbolic, reduced, hybrid)
     lists: dict[str, Collection[str]] = {**symbolic.description.lists(functions)}
     for stage in range(3):
         if stage == 2:  # Their shapes depend on which parameters the others have.
@@ -132,7 +133,7 @@ def _slices(
     ]
 
 
-def _slice(systems: Systems, signature: Signature) -> Slice:
+def _slice(systems: ConstrainedSystems, signature: Signature) -> Slice:
     """Entries of a function on the tape; `ValueError` where they contradict its row's shape."""
     arrays = []
     row = FUNCTIONS[signature.name]

@@ -9,7 +9,6 @@ import sympy as sp
 
 from gibbs_codegen.derivation import (
     actuators,
-    constraint_derivatives,
     forces,
     forward_kinematics,
     hybrid,
@@ -17,25 +16,26 @@ from gibbs_codegen.derivation import (
     systems,
     wrenches,
 )
+from gibbs_codegen.derivation.constraint_derivatives import IMPLICIT, ConstrainedSystems
 from gibbs_codegen.graph.differentiate import Matrix
 from gibbs_codegen.interface.actuators import ACTUATOR_DERIVATIVES, ACTUATOR_PARAMETERS
 from gibbs_codegen.interface.constraints import CONSTRAINT_DERIVATIVES
 from gibbs_codegen.interface.rows import Row
 
 
-def _block(s: systems.Systems, rows: str, columns: str) -> Matrix:
+def _block(s: ConstrainedSystems, rows: str, columns: str) -> Matrix:
     """Second derivatives of inverse dynamics by "q" or "v" (rows) and by "q" or "v" (columns)."""
     size = len(s.symbolic.v)
     place = {"q": slice(0, size), "v": slice(size, 2 * size)}
     return [row[place[columns]] for row in s.inverse_hessian[place[rows]]]
 
 
-def _by_q(s: systems.Systems) -> Matrix:
+def _by_q(s: ConstrainedSystems) -> Matrix:
     """Rows by q of the second derivatives of the inputs' forces."""
     return s.input_hessian[: len(s.symbolic.v)]
 
 
-_ACTUATORS: dict[str, Callable[[systems.Systems], list[sp.Expr]]] = {
+_ACTUATORS: dict[str, Callable[[ConstrainedSystems], list[sp.Expr]]] = {
     "thrusts_of": lambda s: actuators.Actuators(s.symbolic).thrusts_of_commands(),
     "command_of": lambda s: actuators.Actuators(s.symbolic).commands(),
     "inputs_of": lambda s: actuators.Actuators(s.symbolic).inputs(),
@@ -45,7 +45,7 @@ _ACTUATORS: dict[str, Callable[[systems.Systems], list[sp.Expr]]] = {
 }
 
 
-_CONSTRAINTS: dict[str, Callable[[systems.Systems], list[Any]]] = {
+_CONSTRAINTS: dict[str, Callable[[ConstrainedSystems], list[Any]]] = {
     "constraint_errors": lambda s: s.constraints.errors(),
     "constraint_jacobian": lambda s: s.constraints.jacobian(),
     "constraint_bias": lambda s: s.constraints.bias(),
@@ -58,7 +58,7 @@ _CONSTRAINTS: dict[str, Callable[[systems.Systems], list[Any]]] = {
 }
 
 
-def _of_constraints(row: Row) -> dict[str, Callable[[systems.Systems], systems.Array]]:
+def _of_constraints(row: Row) -> dict[str, Callable[[ConstrainedSystems], systems.Array]]:
     """What derives the outputs of a derivative of a function of the constraints."""
     return {
         output.derivation: _of_constraint(output.derivation[: -len("_dq")], output.by)
@@ -67,21 +67,21 @@ def _of_constraints(row: Row) -> dict[str, Callable[[systems.Systems], systems.A
     }
 
 
-def _of_constraint(name: str, argument: str) -> Callable[[systems.Systems], systems.Array]:
-    value, implicit = _CONSTRAINTS[name], constraint_derivatives.IMPLICIT.get(name)
+def _of_constraint(name: str, argument: str) -> Callable[[ConstrainedSystems], systems.Array]:
+    value, implicit = _CONSTRAINTS[name], IMPLICIT.get(name)
     if implicit is None:
         return _by(value, argument)
     return lambda s: implicit(s, argument)
 
 
 def _by(
-    value: Callable[[systems.Systems], systems.Array], argument: str
-) -> Callable[[systems.Systems], systems.Array]:
+    value: Callable[[ConstrainedSystems], systems.Array], argument: str
+) -> Callable[[ConstrainedSystems], systems.Array]:
     """What derives the derivative of a value by an argument."""
     return lambda s: s.jacobian(value(s), argument)
 
 
-def _of_actuators(row: Row) -> dict[str, Callable[[systems.Systems], systems.Array]]:
+def _of_actuators(row: Row) -> dict[str, Callable[[ConstrainedSystems], systems.Array]]:
     """What derives the outputs of a derivative of a function of the actuators."""
     value = _ACTUATORS[row.derivative_of]
     if row.kind == "parameters":
@@ -89,7 +89,7 @@ def _of_actuators(row: Row) -> dict[str, Callable[[systems.Systems], systems.Arr
     return {output.derivation: _by(value, output.by) for output in row.outputs if output.by}
 
 
-DERIVATIONS: dict[str, Callable[[systems.Systems], systems.Array]] = {
+DERIVATIONS: dict[str, Callable[[ConstrainedSystems], systems.Array]] = {
     "mass_matrix": lambda s: s.reduced.matrix,
     "residual": lambda s: s.reduced.residual,
     "input_matrix": lambda s: s.reduced.inputs,

@@ -277,7 +277,8 @@ class Parameters:
 
     def _body(self, prefix: str, body: Body) -> BodySymbols:
         length = self._value(f"{prefix}_length", body.length, "m")
-        with self._tape.group(f"second moments of {prefix}", Stage.PARAMETER):
+        words = f"second moments of {prefix}, corrected for rounding"
+        with self._tape.group(words, Stage.PARAMETER):
             zero, excess = sp.S.Zero, self._half_excess
             if isinstance(body, Rod):
                 # About its start: B₀ = μl, C = (μl²/2, 0, 0), B₂ = diag(0, μl³/3, μl³/3), and the

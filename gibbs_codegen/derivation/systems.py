@@ -26,7 +26,6 @@ from typing import TypeAlias
 
 import sympy as sp
 
-from gibbs_codegen.derivation.constraint_derivatives import ConstraintDerivatives
 from gibbs_codegen.derivation.constraints import ConstraintEquations
 from gibbs_codegen.derivation.forward_dynamics import (
     Dynamics,
@@ -156,7 +155,7 @@ class Systems:
             layout = self.symbolic.description.layout
             if not layout.is_quaternion or "q" not in arguments:
                 return matrix
-            half = graph.number(0.5)
+            half = graph.number(sp.S.Half)
             base = [starts["q"] + place for place in layout.v.base]
             for j in base:
                 others = [i for i in base if i < j]
@@ -180,16 +179,6 @@ class Systems:
     def constraints(self) -> ConstraintEquations:
         """The constraints of frames."""
         return ConstraintEquations(self.symbolic)
-
-    @cached_property
-    def held_derivatives(self) -> ConstraintDerivatives:
-        """Derivatives of accelerations under the forces of constraints."""
-        return ConstraintDerivatives(self, self.constraints.solver_forces, alone=False)
-
-    @cached_property
-    def impact_derivatives(self) -> ConstraintDerivatives:
-        """Derivatives of velocities after an impact."""
-        return ConstraintDerivatives(self, self.constraints.solver_impulses, alone=True)
 
     @cached_property
     def dynamics(self) -> tuple[Dynamics, list[sp.Expr]]:

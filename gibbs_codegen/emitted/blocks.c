@@ -1,5 +1,5 @@
 /* Copies a block of which some lanes are filled; the last of them is repeated in the others. */
-static void fill_lanes(const size_t width, const size_t filled, const real *RESTRICT block,
+static INLINE void fill_lanes(const size_t width, const size_t filled, const real *RESTRICT block,
     real *RESTRICT whole_block)
 {
     for (size_t i = 0; i < width; ++i) {
@@ -9,8 +9,8 @@ static void fill_lanes(const size_t width, const size_t filled, const real *REST
     }
 }
 
-#ifndef EACH
-void MODULE(pack)(const size_t count, const size_t width, const real *RESTRICT rows,
+/* Packs states that follow each other into blocks; the last state fills up the last block. */
+static INLINE void pack_rows(const size_t count, const size_t width, const real *RESTRICT rows,
     real *RESTRICT blocks)
 {
     for (size_t first = 0; first < count; first += LANES) {
@@ -24,8 +24,9 @@ void MODULE(pack)(const size_t count, const size_t width, const real *RESTRICT r
     }
 }
 
-void MODULE(unpack)(const size_t count, const size_t width, const real *RESTRICT blocks,
-    real *RESTRICT rows)
+/* Unpacks blocks into states that follow each other. */
+static INLINE void unpack_rows(const size_t count, const size_t width,
+    const real *RESTRICT blocks, real *RESTRICT rows)
 {
     for (size_t state = 0; state < count; ++state) {
         const size_t lane = state % LANES;
@@ -34,4 +35,3 @@ void MODULE(unpack)(const size_t count, const size_t width, const real *RESTRICT
         }
     }
 }
-#endif

@@ -30,7 +30,7 @@
 #endif
 
 /* It looks at the bits, since with -ffast-math compilers assume that every number is finite. */
-static int is_finite(const real value)
+static INLINE int is_finite(const real value)
 {
     bits value_bits;
     memcpy(&value_bits, &value, sizeof value_bits);

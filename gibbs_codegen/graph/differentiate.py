@@ -13,6 +13,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import TypeAlias
 
+import sympy as sp
+
 from gibbs_codegen.graph.graph import Graph, Kind, Ref
 
 # The rate of each input that moves, by its node.
@@ -39,7 +41,7 @@ def partials(graph: Graph, node: int) -> list[tuple[int, Ref]]:
         case "cos":
             outer = graph.minus(graph.call("sin", ref))
         case "sqrt":
-            outer = graph.product(graph.number(0.5), graph.reciprocal(2 * node))
+            outer = graph.product(graph.number(sp.S.Half), graph.reciprocal(2 * node))
         case "atan":
             square = graph.product(ref, ref)
             outer = graph.reciprocal(graph.sum([graph.one, square]))

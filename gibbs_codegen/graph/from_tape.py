@@ -73,15 +73,12 @@ class ImportedTape:
         graph = self.graph
         if expression.is_Symbol:
             return self._refs[expression]
-        if expression.is_Integer:
-            return graph.number(float(int(expression)))
         if expression.is_number:
-            return graph.number(float(sp.N(expression, 30)))
+            return graph.number(expression)
         if expression.is_Add:
             return graph.sum([self._imported(term) for term in expression.args])
         if expression.is_Mul:
-            # Numbers are multiplied before they are rounded; of the factors the older come first,
-            # as the tape has put them together.
+            # Of the factors the older come first, as the tape has put them together.
             number = sp.Mul(*(factor for factor in expression.args if factor.is_number))
             factors = [self._imported(f) for f in expression.args if not f.is_number]
             return graph.product(self._imported(number), graph.products(sorted(factors)))

@@ -10,9 +10,9 @@ more for its opposite: signs are free and never hide that two values are the sam
     graph.sum([y, opposite(x)])       7      the opposite of the same node
 
 The same operation on the same operands is the same node. Zeros, ones, numbers and like terms are
-folded as a node is made. What parameters alone determine is *constant*: it is computed once per
-set of parameters and costs a function nothing, so constant factors and terms are put together
-first.
+folded as a node is made; numbers stay exact until a program rounds them. What parameters alone
+determine is *constant*: it is computed once per set of parameters and costs a function nothing, so
+constant factors and terms are put together first.
 """
 
 from __future__ import annotations
@@ -20,8 +20,13 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from enum import IntEnum
+from functools import reduce
 from operator import itemgetter
 from typing import TypeAlias
+
+import sympy as sp
+
+from gibbs_codegen.symbolic import numbers
 
 # Twice the number of a node, and one more for its opposite.
 Ref: TypeAlias = int
@@ -38,6 +43,8 @@ class Kind(IntEnum):
     CALL = 5
 
 
+# Digits in which numbers agree that are the same; they carry ten more.
+_SAME_DIGITS = numbers.DIGITS - 10
 # Functions f with f(−x) = −f(x), and with f(−x) = f(x).
 ODD = ("sin", "atan", "sign")
 EVEN = ("cos",)
@@ -53,6 +60,12 @@ def opposite(ref: Ref) -> Ref:
     return ref ^ 1
 
 
+def _sum(terms: Iterable[tuple[int, sp.Expr]]) -> sp.Expr:
+    """The sum of numbers, each times an integer."""
+    products = (numbers.product(sp.Integer(count), number) for count, number in terms)
+    return reduce(numbers.total, products)
+
+
 class Graph:
     """Nodes by number; operands have smaller numbers than what is made of them.
 
@@ -66,20 +79,22 @@ class Graph:
     def __init__(self) -> None:
         self.kinds: list[Kind] = []
         self.operands: list[tuple[Ref, ...]] = []
-        self.labels: list[str | float | None] = []
+        self.labels: list[str | sp.Expr | None] = []
         self.constant: list[bool] = []
-        self._known: dict[tuple[Kind, tuple[Ref, ...], str | float | None], int] = {}
+        self._known: dict[tuple[Kind, tuple[Ref, ...], str | sp.Expr | None], int] = {}
         # Each node as a number times what it has in common with like terms, by a key.
-        self._scaled: list[tuple[float, int]] = []
+        self._scaled: list[tuple[sp.Expr, int]] = []
         self._keys: dict[tuple[int, int], int] = {}
-        self.zero = self.number(0.0)
-        self.one = self.number(1.0)
+        # Numbers that are not exact, by their first digits.
+        self._of_digits: dict[sp.Expr, sp.Expr] = {}
+        self.zero = self.number(sp.S.Zero)
+        self.one = self.number(sp.S.One)
 
     def __len__(self) -> int:
         return len(self.kinds)
 
     def _node(
-        self, kind: Kind, operands: tuple[Ref, ...], label: str | float | None, constant: bool
+        self, kind: Kind, operands: tuple[Ref, ...], label: str | sp.Expr | None, constant: bool
     ) -> Ref:
         """A node, made once; the class says what its parts are."""
         key = (kind, operands, label)
@@ -93,23 +108,24 @@ class Graph:
             self._scaled.append(self._number_times(node))
         return 2 * node
 
-    def _number_times(self, node: int) -> tuple[float, int]:
+    def _number_times(self, node: int) -> tuple[sp.Expr, int]:
         """Its number, and the key of the rest: a node, the one of numbers, or below 0 a product."""
         label = self.labels[node]
-        if isinstance(label, float):
+        if isinstance(label, sp.Expr):
             return label, 1
         if self.kinds[node] is not Kind.PRODUCT:
-            return 1.0, node
+            return sp.S.One, node
         (m, x), (n, y) = sorted(
             (self._scaled[ref >> 1] for ref in self.operands[node]), key=itemgetter(1)
         )
+        number = n if m is sp.S.One else numbers.product(m, n)
         if 1 in (x, y):
-            return m * n, x if y == 1 else y
-        return m * n, self._keys.setdefault((x, y), -1 - len(self._keys))
+            return number, x if y == 1 else y
+        return number, self._keys.setdefault((x, y), -1 - len(self._keys))
 
     def _unscaled(self, ref: Ref) -> Ref:
         """A value without the number that it is a multiple of."""
-        if self._scaled[ref >> 1][0] == 1.0:
+        if self._scaled[ref >> 1][0] is sp.S.One:
             return ref & ~1
         if self.kinds[ref >> 1] is not Kind.PRODUCT:
             return self.one
@@ -120,15 +136,19 @@ class Graph:
         """An entry of an argument, or a parameter if constant, by its name in the program."""
         return self._node(Kind.INPUT, (), name, constant)
 
-    def number(self, value: float) -> Ref:
-        """A literal."""
-        ref = self._node(Kind.NUMBER, (), abs(value), True)
-        return ref ^ 1 if value < 0 else ref
+    def number(self, value: sp.Expr) -> Ref:
+        """A literal, exact or to forty digits."""
+        value = numbers.settled(value)
+        if value.is_negative:
+            return self.number(-value) ^ 1
+        if value.is_Float:  # It may have come in another way before, with other last digits.
+            value = self._of_digits.setdefault(sp.Float(value, _SAME_DIGITS), value)
+        return self._node(Kind.NUMBER, (), value, True)
 
-    def value(self, ref: Ref) -> float | None:
+    def value(self, ref: Ref) -> sp.Expr | None:
         """The value of a number with its sign, or None where the node is no number."""
         label = self.labels[ref >> 1]
-        if not isinstance(label, float):
+        if not isinstance(label, sp.Expr):
             return None
         return -label if ref & 1 else label
 
@@ -151,22 +171,22 @@ class Graph:
                 alike.setdefault(self._scaled[node][1], []).append(node)
         for nodes in alike.values():
             if len(nodes) > 1:
-                total = sum(counts.pop(node) * self._scaled[node][0] for node in nodes)
+                total = _sum((counts.pop(node), self._scaled[node][0]) for node in nodes)
                 merged = self.product(self.number(total), self._unscaled(2 * nodes[0]))
                 counts[merged >> 1] = -1 if merged & 1 else 1
-        number = 0.0
+        literals: list[tuple[int, sp.Expr]] = []
         constants: list[Ref] = []
         varying: list[Ref] = []
         for node, count in counts.items():
             value = self.labels[node]
-            if isinstance(value, float):
-                number += count * value
+            if isinstance(value, sp.Expr):
+                literals.append((count, value))
             elif count:
                 term = 2 * node ^ (count < 0)
                 if abs(count) > 1:
-                    term = self.product(self.number(float(count)), 2 * node)
+                    term = self.product(self.number(sp.Integer(count)), 2 * node)
                 (constants if self.constant[node] else varying).append(term)
-        if number:
+        if literals and (number := _sum(literals)):
             constants.insert(0, self.number(number))
         if varying and len(constants) > 1:
             constants = [self._ordered_sum(constants)]
@@ -193,9 +213,9 @@ class Graph:
         if x == self.one or y == self.one:
             return (x if y == self.one else y) ^ sign
         p, q = self.labels[x >> 1], self.labels[y >> 1]
-        if isinstance(p, float) and isinstance(q, float):
-            return self.number(p * q) ^ sign
-        if self.constant[y >> 1] and (not self.constant[x >> 1] or isinstance(q, float)):
+        if isinstance(p, sp.Expr) and isinstance(q, sp.Expr):
+            return self.number(numbers.product(p, q)) ^ sign
+        if self.constant[y >> 1] and (not self.constant[x >> 1] or isinstance(q, sp.Expr)):
             x, y = y, x
         # A constant is first now, and a number before others.
         constant = self.constant[x >> 1]
@@ -203,10 +223,8 @@ class Graph:
             factor, rest = self.operands[y >> 1]
             # k·(k'·t) is (k·k')·t, and 2·(3·k) is 6·k.
             merges = not self.constant[y >> 1] and self.constant[factor >> 1]
-            numbers = isinstance(self.labels[x >> 1], float) and isinstance(
-                self.labels[factor >> 1], float
-            )
-            if merges or numbers:
+            literals = (self.labels[x >> 1], self.labels[factor >> 1])
+            if merges or all(isinstance(label, sp.Expr) for label in literals):
                 return self.product(self.product(x, factor), rest) ^ sign
         return self._node(Kind.PRODUCT, (x, y), None, constant and self.constant[y >> 1]) ^ sign
 
@@ -221,7 +239,7 @@ class Graph:
         """One over a value."""
         value = self.value(ref)
         if value is not None:
-            return self.number(1.0 / value)
+            return self.number(numbers.reciprocal(value))
         node = ref & ~1
         return self._node(Kind.RECIPROCAL, (node,), None, self.constant[ref >> 1]) ^ (ref & 1)
 

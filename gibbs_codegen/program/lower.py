@@ -26,6 +26,7 @@ from gibbs_codegen.graph.shortening import operations as graph_operations
 from gibbs_codegen.graph.shortening import optimised
 from gibbs_codegen.program import nodes
 from gibbs_codegen.program.inlining import inline_single_uses, substituted
+from gibbs_codegen.symbolic.numbers import rounded
 from gibbs_codegen.symbolic.tape import WORDS_OF_CONSTANTS, Tape
 
 
@@ -230,7 +231,8 @@ class _Lowering:
         node, graph = ref >> 1, self.graph
         value = graph.value(ref)
         if value is not None:
-            return (-1, nodes.Number(-value)) if value < 0 else (1, nodes.Number(value))
+            number = rounded(value)
+            return (-1, nodes.Number(-number)) if number < 0 else (1, nodes.Number(number))
         flipped = (ref & 1) ^ (node in negated)
         return (-1 if flipped else 1), nodes.Name(self.name(node))
 

@@ -55,6 +55,8 @@ def name_fault(name: str) -> str | None:
         why = "is a keyword of Python, which no module can be named"
     elif name == "numpy":
         why = "is the package that the generated module itself imports"
+    elif name == "gibbs_runtime":
+        why = "is the header of every module that is the same for all"
     elif _WINDOWS_DEVICE.fullmatch(name):
         why = "cannot be a folder's name on Windows"
     elif ending := next(filter(name.endswith, _ENDINGS), None):

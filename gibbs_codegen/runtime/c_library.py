@@ -180,6 +180,8 @@ _PATIENCE = 2.0
 _LOGGED: set[str] = set()
 _SPANS: list[tuple[float, float]] = []
 NATIVE = Path(__file__).parent / "native"
+# The header that is the same for every robot.
+RUNTIME = "gibbs_runtime.h"
 # As a source beside those of a robot, whose name begins with a letter.
 _ROWS = "_rows.c"
 
@@ -234,12 +236,14 @@ class ModuleLibrary:
             return compiled_library(self._folder, self._name, self._compiler)
         rows = {_ROWS: native_source("rows.c").encode()}
         files = c_files(self._name)
-        return compiled_files(self._folder, self._name, files, self._compiler, (), rows, (), ())
+        return compiled_files(
+            self._folder, self._name, files, self._compiler, (), rows, functions=()
+        )
 
     @functools.cached_property
     def digest(self) -> str:
         """What differs where the functions do."""
-        text = (self._folder / f"{self._name}.c").read_bytes()
+        text = b"".join((self._folder / file).read_bytes() for file in c_files(self._name))
         return hashlib.sha256(self._compiler.identity.encode() + text).hexdigest()[:32]
 
     def function(self, name: str, form: str = "") -> Any:
@@ -280,10 +284,8 @@ class ModuleLibrary:
             return self.core
         own = [name for name in self._functions if self._unit(name, each=each) == (unit, each)]
         parts = {part for name in own for part in FUNCTIONS[name].composed}
-        files = [*c_files(self._name), *([f"{self._name}_each.c"] if each else [])]
-        included, flags = ([f"{self._name}.c"], self._of_each) if each else ([], ())
-        where = self._folder, self._name, files, self._compiler, flags
-        return compiled_files(*where, {}, included, [*parts, *own])
+        where = self._folder, self._name, c_files(self._name, each=each), self._compiler
+        return compiled_files(*where, self._of_each if each else (), functions=[*parts, *own])
 
 
 def compiled_library(
@@ -304,14 +306,13 @@ def compiled_files(
     compiler: Compiler,
     extra: Sequence[str] = (),
     others: Mapping[str, bytes] = MappingProxyType({}),
-    included: Sequence[str] = (),
     functions: Collection[str] | None = None,
 ) -> Path:
     """Path of a shared library of C files of a generated module, from the cache or compiled now.
 
-    `files` are those that it is made of, and what they include; of these, those `included` are not
-    compiled by themselves. `others` are texts of further sources, by names that no file of the
-    module has. Of the module's C source there are only some `functions`, unless they are None.
+    `files` are those that it is made of, and what they include, as of `c_files`. `others` are texts
+    of further sources, by names that no file of the module has. Of the module's C sources there are
+    only some `functions`, unless they are None.
     Raises `UsageError` for a file that is missing, or was not generated with the module.
     """
     # Read once: what is compiled is what the key was made of, whatever happens to the files.
@@ -324,13 +325,16 @@ def compiled_files(
     texts = {file: (folder / file).read_bytes() for file in files}
     made = _make_of((folder / "numpy_module.py").read_bytes())
     for file, text in texts.items():
-        if _make_of(text) != made:
+        # What is the same for every robot names none.
+        if _make_of(text) != made and not (file == RUNTIME and _make_of(text)[:1] == made[:1]):
             raise UsageError(
                 f"{printable(folder / file)}: was not generated together with numpy_module.py; "
                 f"generate the module again"
             )
     if functions is not None:
-        texts[f"{name}.c"] = some_functions(texts[f"{name}.c"], functions)
+        for file in texts.keys() & {f"{name}.c", f"{name}_batch.c"}:
+            texts[file] = some_functions(texts[file], functions)
+    included = {f"{name}_batch.c"} if f"{name}_each.c" in texts else set()
     texts |= others
     digests = [hashlib.sha256(text).hexdigest() for text in texts.values()]
 
@@ -423,6 +427,11 @@ def _make_of(text: bytes) -> list[bytes]:
     return [line.strip(b"#/* \r") for line in text.split(b"\n", 4)[:4]]
 
 
-def c_files(name: str) -> list[str]:
-    """Names of the files that the C target of a module consists of."""
-    return [f"{name}.h", f"{name}.c"]
+def c_files(name: str, *, each: bool = False) -> list[str]:
+    """Names of the files that the functions of a module consist of in C.
+
+    With `each` they are those that take constants of each state.
+    """
+    sources = ["batch", "each"] if each else ["batch"]
+    own = [] if each else [f"{name}.c"]
+    return [RUNTIME, f"{name}.h", *own, *(f"{name}_{source}.c" for source in sources)]

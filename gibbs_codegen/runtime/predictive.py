@@ -304,7 +304,9 @@ class Transcription:
 
     @property
     def _opening(self) -> str:
-        return "".join(f"/* {line} */\n" for line in opening(self.horizon.robot))
+        robot = self.horizon.robot
+        lines = opening(robot, f"{robot.name}_batch.c")
+        return "".join(f"/* {line} */\n" for line in lines)
 
 
 def _without_unused(lines: Sequence[str]) -> str:

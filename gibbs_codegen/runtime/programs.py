@@ -26,7 +26,7 @@ from gibbs_codegen.arrays.functions import Functions
 from gibbs_codegen.arrays.nodes import Program
 from gibbs_codegen.files.verbatim import c_source
 from gibbs_codegen.interface import FUNCTIONS
-from gibbs_codegen.runtime.c_library import chosen_compiler, compiled_files, opened
+from gibbs_codegen.runtime.c_library import c_files, chosen_compiler, compiled_files, opened
 from gibbs_codegen.runtime.loaded_module import require_functions
 
 Array = NDArray[np.float64]
@@ -180,12 +180,11 @@ def library(
     path = compiled_files(
         Path(module.__path__[0]),
         name,
-        [f"{name}.h", f"{name}.c", *([f"{name}_each.c"] if each else []), *files],
+        [*c_files(name, each=each), *files],
         chosen_compiler(),
         # Nobody asks what square roots leave in errno; with it they are not taken side by side.
         ["-fno-math-errno", *flags, *([f"-D{name.upper()}_FLOAT"] if single else [])],
         {file: text.encode() for file, text in sources.items()},
-        included=[f"{name}.c"] if each else [],
         functions=functions,
     )
     return opened(path)

@@ -12,8 +12,9 @@ from functools import cache
 
 import sympy as sp
 
+from gibbs_codegen.symbolic.numbers import DIGITS
 from gibbs_codegen.symbolic.tape import Vector
-from gibbs_codegen.symbolic.vectors import DIGITS, Rotation, X, Z, cos_sin_deg
+from gibbs_codegen.symbolic.vectors import Rotation, X, Z, cos_sin_deg
 
 # By rows: takes components in the turned frame to components in the frame it was turned from.
 Turn = tuple[Vector, ...]

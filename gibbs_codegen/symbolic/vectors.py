@@ -1,8 +1,7 @@
 """Vectors, matrices, elementary rotations and wrenches over scalars that a tape names.
 
-Structural numbers are sines and cosines of angles that the robot file fixes. They decide which
-terms exist, so they are exact for multiples of 30° and 45° and carry forty digits otherwise; sums
-of them that vanish by symmetry are recognised as zero.
+Sines and cosines of angles that the robot file fixes are exact for multiples of 30° and 45°;
+coefficients that are made of them, and vanish by symmetry, are recognised as zero.
 """
 
 from __future__ import annotations
@@ -15,12 +14,8 @@ from typing import Protocol, Self, TypeVar
 
 import sympy as sp
 
+from gibbs_codegen.symbolic.numbers import DIGITS, settled
 from gibbs_codegen.symbolic.tape import Scalars, Vector, times
-
-DIGITS = 40
-_VANISHING = sp.Float("1e-25", DIGITS)
-# Sums of cosines, squares and products over a regular polygon, with the 1/2, 1/3 of rods before.
-_FRACTION = sp.Integer(24)
 
 
 @cache
@@ -50,25 +45,14 @@ def radians(angle: Fraction) -> sp.Expr:
 
 
 def gather(expression: sp.Expr) -> sp.Expr:
-    """Expand, add the structural coefficients of like terms, and drop those that vanish.
-
-    Whether a coefficient such as Σ cos² θ_k was summed exactly or to forty digits makes no
-    difference: what is within 1e-25 of a multiple of 1/24 is that multiple.
-    """
+    """Expand, add the structural coefficients of like terms, and drop those that vanish."""
     coefficients: dict[sp.Expr, sp.Expr] = {}
     for term in sp.Add.make_args(sp.expand(expression)):
         factors = sp.Mul.make_args(term)
         number = sp.Mul(*(factor for factor in factors if factor.is_number))
         rest = sp.Mul(*(factor for factor in factors if not factor.is_number))
         coefficients[rest] = coefficients.get(rest, sp.S.Zero) + number
-    terms = []
-    for rest, number in coefficients.items():
-        if not number.is_Rational:
-            multiple = _FRACTION * sp.N(number, DIGITS)
-            nearest = sp.Integer(round(multiple))
-            number = nearest / _FRACTION if abs(multiple - nearest) < _VANISHING else number
-        terms.append(number * rest)
-    return sp.Add(*terms)
+    return sp.Add(*(settled(number) * rest for rest, number in coefficients.items()))
 
 
 Matrix = list[list[sp.Expr]]

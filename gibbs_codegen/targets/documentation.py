@@ -14,6 +14,8 @@ from gibbs_codegen.targets.printers import Context, InfixPrinter
 # Of a docstring's lines, which are indented by four, and of a C comment's, which begin with " * ".
 _DOCSTRING_WIDTH, _DOXYGEN_WIDTH = 96, 97
 HANGING = "    "
+# Arguments whose entries the header lists before its functions.
+_LISTED_ABOVE = ("q", "v", "a", "u")
 
 
 def docstring(description: Description, signature: Signature, work: str) -> list[str]:
@@ -51,10 +53,8 @@ def doxygen(description: Description, signature: Signature, work: str, stack: in
         f"&{description.robot.name}_default_constants"
     ]
     for a, width in zip(signature.arguments, signature.widths, strict=True):
-        items.append(
-            f"@param[in] {a} {meaning(description, a)}, {width} entries: "
-            f"{argument_text(description, a)}"
-        )
+        listed = ", as above" if a in _LISTED_ABOVE else f": {argument_text(description, a)}"
+        items.append(f"@param[in] {a} {meaning(description, a)}, {width} entries{listed}")
     for output, sizes in zip(row.outputs, signature.shapes, strict=True):
         shape = " x ".join(map(str, sizes)) or "1"
         items.append(f"@param[out] {output.name} {shape}: {output_text(description, output)}")

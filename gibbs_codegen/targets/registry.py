@@ -17,6 +17,7 @@ from gibbs_codegen.files.templating import render
 from gibbs_codegen.interface import options_for
 from gibbs_codegen.program.choice import Functions, chosen_functions
 from gibbs_codegen.program.model import Model
+from gibbs_codegen.runtime.c_library import RUNTIME
 from gibbs_codegen.runtime.rollout_source import TEMPLATES as ROLLOUT_TEMPLATES
 from gibbs_codegen.targets.c import target as c_target
 from gibbs_codegen.targets.c.laws import law_files
@@ -80,7 +81,9 @@ TARGETS: dict[str, Target] = {
         {
             "c_header.h.jinja": "{name}.h",
             "c_source.c.jinja": "{name}.c",
+            "c_batch.c.jinja": "{name}_batch.c",
             "c_each.c.jinja": "{name}_each.c",
+            "c_runtime.h.jinja": RUNTIME,
         },
     ),
     "rollout": Target(

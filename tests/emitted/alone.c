@@ -15,16 +15,15 @@ typedef struct {
     real one;
 } alone_constants;
 
-void alone_pack(size_t count, size_t width, const real *rows, real *blocks);
-void alone_unpack(size_t count, size_t width, const real *blocks, real *rows);
-
-#include "support.c"
+#include "runtime.c"
 
 #include "gather.c"
 
 void few(size_t count, size_t group, const real *angle, real *sine, real *cosine);
 void many(size_t count, size_t group, const real *angle, real *sine, real *cosine);
 void filled(size_t width, size_t lanes, const real *block, real *whole_block);
+void packed(size_t count, size_t width, const real *rows, real *blocks);
+void unpacked(size_t count, size_t width, const real *blocks, real *rows);
 void gathered(int count, const int *rows, const int *columns, int width, const real *matrix,
               real *entries);
 int finite_number(const real *value);
@@ -50,6 +49,16 @@ void many(size_t count, size_t group, const real *angle, real *sine, real *cosin
 void filled(size_t width, size_t lanes, const real *block, real *whole_block)
 {
     fill_lanes(width, lanes, block, whole_block);
+}
+
+void packed(size_t count, size_t width, const real *rows, real *blocks)
+{
+    pack_rows(count, width, rows, blocks);
+}
+
+void unpacked(size_t count, size_t width, const real *blocks, real *rows)
+{
+    unpack_rows(count, width, blocks, rows);
 }
 
 void gathered(int count, const int *rows, const int *columns, int width, const real *matrix,

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import pytest
+import sympy as sp
 from support.random_graphs import exact, random_function
 
 from gibbs_codegen.graph.differentiate import hessian, jacobian, jvp, vjp
@@ -22,7 +23,7 @@ def test_the_chain_rule_by_hand() -> None:
     assert vjp(graph, [entry], [graph.one], [x, y]) == row
     square = graph.product(entry, entry)
     (rate,) = jvp(graph, [square], {y >> 1: graph.one})
-    assert rate == graph.product(graph.number(2.0), graph.product(sine, entry))
+    assert rate == graph.product(graph.number(sp.Integer(2)), graph.product(sine, entry))
     inverse = graph.reciprocal(y)
     assert jvp(graph, [inverse, x], {y >> 1: graph.one})[0] == graph.minus(
         graph.product(inverse, inverse)

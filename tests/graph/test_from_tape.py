@@ -1,6 +1,8 @@
-"""What the graph makes of a tape: the same values, numbers rounded once, and the tape's words."""
+"""What the graph makes of a tape: the same values, exact numbers, and the tape's words."""
 
 from __future__ import annotations
+
+from fractions import Fraction
 
 import pytest
 import sympy as sp
@@ -8,6 +10,7 @@ import sympy as sp
 from gibbs_codegen.graph.from_tape import ImportedTape
 from gibbs_codegen.graph.graph import Kind
 from gibbs_codegen.symbolic.tape import Stage, Tape
+from gibbs_codegen.symbolic.vectors import cos_sin_deg
 
 
 def test_statements_become_nodes_in_the_order_of_the_tape() -> None:
@@ -28,15 +31,40 @@ def test_statements_become_nodes_in_the_order_of_the_tape() -> None:
 
 
 @pytest.mark.parametrize("number", [sp.Rational(1, 3), -sp.sqrt(3) / 2, sp.Integer(4), sp.pi / 7])
-def test_numbers_are_rounded_once(number: sp.Expr) -> None:
+def test_numbers_are_exact_or_have_forty_digits(number: sp.Expr) -> None:
     tape = Tape()
     x = tape.symbol("x", Stage.CONFIGURATION)
     imported = ImportedTape(tape)
     graph = imported.graph
-    assert graph.value(imported.ref(number)) == float(sp.N(number, 30))
-    twice = imported.ref(number * sp.sqrt(2) * x)
+    root = sp.sqrt(2)
+    exact = not number.has(sp.pi)
+    value = graph.value(imported.ref(number))
+    assert value == number if exact else abs(value - number).evalf(50) < 1e-39
+    twice = imported.ref(number * root * x)
     factor, _ = graph.operands[twice >> 1]
-    assert graph.labels[factor >> 1] == abs(float(sp.N(number * sp.sqrt(2), 30)))
+    label = graph.labels[factor >> 1]
+    assert label == abs(number * root) if exact else abs(label - number * root).evalf(50) < 1e-39
+
+
+def test_numbers_that_are_equal_are_one_node() -> None:
+    imported = ImportedTape(Tape())
+    graph, ref = imported.graph, imported.ref
+    cosine, root = sp.sqrt(3) / 2, sp.sqrt(2)
+    square = graph.product(ref(cosine), ref(cosine))
+    assert square == ref(sp.Rational(3, 4))
+    assert graph.sum([graph.one, graph.minus(square)]) == ref(sp.Rational(1, 4))
+    length = graph.symbol("length", constant=True)
+    third = graph.product(square, length)
+    assert graph.sum([length, graph.minus(third)]) == graph.product(ref(sp.Rational(1, 4)), length)
+    # 1/(√6 + √2) is (√6 − √2)/4.
+    total = graph.product(ref(root), graph.sum([graph.one, ref(sp.sqrt(3))]))
+    assert graph.reciprocal(total) == ref((sp.sqrt(6) - root) / 4)
+    # sin² 20° + cos² 20°, of forty digits each.
+    cos, sin = (ref(entry) for entry in cos_sin_deg(Fraction(20)))
+    squares = [graph.product(cos, cos), graph.product(sin, sin)]
+    assert graph.sum(squares) == graph.one
+    assert graph.sum([graph.one, *map(graph.minus, squares)]) == graph.zero
+    assert graph.sum([graph.one, graph.minus(squares[0])]) == squares[1]
 
 
 def test_powers_are_whole_powers_of_a_value_or_of_its_root() -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import sympy as sp
+
 from gibbs_codegen.graph.graph import Graph, Kind, node_of, opposite
 
 
@@ -22,12 +24,12 @@ def test_zeros_ones_and_like_terms_are_folded() -> None:
     graph = Graph()
     x, y = graph.symbol("x"), graph.symbol("y")
     assert graph.product(x, graph.zero) == graph.zero
-    assert graph.product(x, graph.number(-1.0)) == opposite(x)
+    assert graph.product(x, graph.number(sp.Integer(-1))) == opposite(x)
     assert graph.sum([x, y, opposite(x)]) == y
-    assert graph.sum([x, x, x]) == graph.product(graph.number(3.0), x)
-    assert graph.sum([graph.number(2.0), graph.number(-2.0)]) == graph.zero
+    assert graph.sum([x, x, x]) == graph.product(graph.number(sp.Integer(3)), x)
+    assert graph.sum([graph.number(sp.Integer(2)), graph.number(sp.Integer(-2))]) == graph.zero
     assert graph.minus(graph.zero) == graph.zero
-    assert graph.value(graph.reciprocal(graph.number(-4.0))) == -0.25
+    assert graph.value(graph.reciprocal(graph.number(sp.Integer(-4)))) == sp.Rational(-1, 4)
     assert graph.value(x) is None
 
 
@@ -39,8 +41,10 @@ def test_constants_are_put_together_first() -> None:
     assert together == graph.product(graph.product(k, m), x)
     total = graph.sum([x, k, y, m])
     assert graph.operands[node_of(total)] == (x, y, graph.sum([k, m]))
-    twice = graph.product(graph.number(2.0), graph.product(graph.number(3.0), k))
-    assert twice == graph.product(graph.number(6.0), k)
+    twice = graph.product(
+        graph.number(sp.Integer(2)), graph.product(graph.number(sp.Integer(3)), k)
+    )
+    assert twice == graph.product(graph.number(sp.Integer(6)), k)
 
 
 def test_what_a_function_reaches() -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, MutableMapping, Sequence
 
 import pytest
+import sympy as sp
 from support.random_graphs import exact, random_function
 
 from gibbs_codegen.graph.graph import Graph, Kind, Ref
@@ -31,13 +32,15 @@ def test_values_are_exactly_what_they_were(shorten: Pass, seed: int) -> None:
 def test_like_terms_are_one_term_and_a_sum_that_has_them_is_refused() -> None:
     graph = Graph()
     k, x, y = graph.symbol("k", constant=True), graph.symbol("x"), graph.symbol("y")
-    two, four = graph.number(2.0), graph.number(-4.0)
+    two, four = graph.number(sp.Integer(2)), graph.number(sp.Integer(-4))
     for like in (x, k, graph.product(k, x), graph.product(x, graph.product(two, y))):
         twice = graph.product(two, like)
         assert graph.sum([like, like, graph.minus(twice), y]) == y
         thrice = graph.sum([twice, like])
         assert graph.kinds[thrice >> 1] is Kind.PRODUCT
-        assert exact(graph, [thrice]) == exact(graph, [graph.product(graph.number(3.0), like)])
+        assert exact(graph, [thrice]) == exact(
+            graph, [graph.product(graph.number(sp.Integer(3)), like)]
+        )
         assert graph.sum([like, graph.product(four, like), y, like, twice]) == y
     total = graph.sum([x, y])
     graph.operands[total >> 1] = (x, x)

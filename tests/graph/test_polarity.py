@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pytest
+import sympy as sp
 from support.random_graphs import random_function
 
 from gibbs_codegen.graph.graph import Graph, Kind, Ref, opposite
@@ -24,7 +25,7 @@ def test_a_sum_of_minus_terms_costs_one_more() -> None:
     assert Polarity(graph, [total]).changes == 1
     assert Polarity(graph, [opposite(x)]).changes == 1
     assert Polarity(graph, [opposite(graph.product(x, y))]).changes == 1
-    assert Polarity(graph, [graph.number(-2.0)]).changes == 0
+    assert Polarity(graph, [graph.number(sp.Integer(-2))]).changes == 0
 
 
 def test_products_and_odd_functions_pass_signs_on() -> None:

@@ -35,13 +35,17 @@ EMISSION = (
     *_in("targets.matlab", "target statements"),
     *_in("targets.numpy", "target statements"),
     *_in("runtime", "kernels casadi_backend jax_backend"),
-    "arrays.rules",
     "emitted.evaluation",
     "emitted.preparation",
 )
+ARRAYS = tuple(
+    f"arrays.{path.stem}"
+    for path in sorted((PACKAGE / "arrays").glob("*.py"))
+    if path.stem != "__init__"
+)
 # The other templates are declarations and text, and so are the other files of `emitted`.
 TEMPLATES = (
-    *("c_source.c.jinja", "numpy_module.py.jinja"),
+    *("c_source.c.jinja", "c_batch.c.jinja", "c_each.c.jinja", "numpy_module.py.jinja"),
     *("blocks.c", "exactness.c", "gather.c", "platform.c"),
     *("sine_cosine.c", "sine_cosine_kernel.c"),
 )
@@ -100,6 +104,7 @@ NAMED = {
     "derivation": DERIVATION,
     "combine": COMBINE,
     "emission": EMISSION,
+    "arrays": ARRAYS,
     "templates": TEMPLATES,
     "matlab": MATLAB,
     "native": tuple(NATIVE),
@@ -184,6 +189,41 @@ _QUICK_LOOPS = (
     "tests/program/test_loops.py",
     "tests/program/test_worked_examples.py",
 )
+_REST_OF_ARRAYS = (
+    *("tests/targets/test_laws.py", "tests/targets/test_fmu.py", "tests/emitted/test_engine.py"),
+    *("tests/flight/integration", "tests/flight/rollouts", "tests/flight/plant"),
+    "tests/flight/control/test_predictive.py",
+)
+
+
+def _of_arrays(modules: str, *tests: str) -> dict[str, tuple[str, ...]]:
+    return dict.fromkeys(modules.split(), tuple(f"tests/arrays/test_{test}" for test in tests))
+
+
+_VALUES = "nodes.py::test_numpy_has_the_numbers_of_plain_arrays"
+_IN_LANGUAGES = {
+    language: f"nodes.py::test_{language}_has_the_numbers_of_plain_arrays"
+    for language in ("casadi", "jax", "c", "c_of_one_state", "c_for_firmware", "octave")
+}
+_DERIVED = ("nodes.py::test_derivatives_are_those_of_complex_steps", "calls.py")
+_TEXT = "nodes.py::test_numpy_text_has_the_numbers_of_the_program"
+_PAGES = "nodes.py::test_octave_takes_many_states_in_pages"
+_OF_C = tuple(_IN_LANGUAGES[x] for x in ("c_for_firmware", "c", "c_of_one_state"))
+_QUICK_ARRAYS = (
+    _of_arrays("nodes labels text", _VALUES, *_DERIVED, "programs.py", _TEXT)
+    | _of_arrays("contents", "programs.py", _IN_LANGUAGES["c"])
+    | _of_arrays("functions", "programs.py", "calls.py", "laws.py", "machine.py")
+    | _of_arrays("evaluation", _VALUES, _IN_LANGUAGES["casadi"], "programs.py", "calls.py")
+    | _of_arrays("forward backward slopes rules", *_DERIVED, "programs.py")
+    | _of_arrays("c_text c_file", *_OF_C, "programs.py", "laws.py")
+    | _of_arrays("matlab_text", _IN_LANGUAGES["octave"], _PAGES)
+    | _of_arrays("numpy_text", _TEXT)
+    | _of_arrays("base", "base.py", "laws.py")
+    | _of_arrays("laws law_functions allocation", "laws.py")
+    | _of_arrays("contact impacts sensors surroundings", "surroundings.py", "machine.py")
+    | _of_arrays("closed_loop", "machine.py")
+    | _of_arrays("autopilot first_order predictive rollout_steps steps", "systems.py")
+)
 _QUICK_SYMBOLS = ("tests/runtime/test_casadi_backend.py",)
 _QUICK_JAX = ("tests/runtime/test_jax_backend.py",)
 _QUICK_BLOCKS = ("tests/emitted/test_blocks.py", *_QUICK_EMISSION)
@@ -223,7 +263,6 @@ _QUICK = {
     "runtime.kernels": _QUICK_SYMBOLS,
     "runtime.casadi_backend": _QUICK_SYMBOLS,
     "runtime.jax_backend": _QUICK_JAX,
-    "arrays.rules": _QUICK_JAX,
     "blocks.c": _QUICK_BLOCKS,
     "gather.c": _QUICK_BLOCKS,
     "exactness.c": _QUICK_BLOCKS,
@@ -272,7 +311,9 @@ _REST = {
     "targets.c.statements": (_EMITTED, *_IN_C),
     "targets.documentation": (_EMITTED, "tests/targets/test_c_source.py"),
     "targets.registry": (_EMITTED, "tests/cli/test_app.py", "tests/targets/test_c_source.py"),
-    "c_source.c.jinja": (*_IN_C, "tests/targets/test_each.py"),
+    "c_source.c.jinja": _IN_C,
+    "c_batch.c.jinja": _IN_C,
+    "c_each.c.jinja": ("tests/targets/test_each.py",),
     "blocks.c": _IN_C,
     "gather.c": ("tests/targets/test_sparse.py",),
     "exactness.c": _IN_C,
@@ -297,6 +338,9 @@ def suite_of(module: str, line: int, recorded: Mapping[str, Record]) -> Suite:
         return NATIVE[module]
     if module in MATLAB:
         return Suite(("tests/targets/test_matlab.py",), ("tests/runtime/test_matlab_programs.py",))
+    if module in ARRAYS:
+        quick = _QUICK_ARRAYS.get(module.removeprefix("arrays."), ("tests/arrays",))
+        return Suite(quick, ("tests/arrays", *_REST_OF_ARRAYS))
     if module in _ALL_NAMED:
         usual = _QUICK_DERIVATION if module in DERIVATION + COMBINE else _QUICK_EMISSION
         return Suite(_QUICK.get(module, usual), _REST.get(module, _REST_OF_DERIVATION))

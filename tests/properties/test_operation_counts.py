@@ -41,7 +41,7 @@ COUNTED = (
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("robot", "reached"),
-    [(benchmark_robot(3), (323, 130, 211, 353, 248, 58, 270, 114))],
+    [(benchmark_robot(3), (323, 130, 211, 352, 248, 58, 270, 114))],
     ids=lambda value: f"{value.base.origin}-{len(value.links)}" if isinstance(value, Robot) else "",
 )
 def test_operations_are_as_few_as_they_were(robot: Robot, reached: tuple[int, ...]) -> None:
@@ -59,7 +59,7 @@ def test_operations_are_as_few_as_they_were(robot: Robot, reached: tuple[int, ..
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("links", "reached"),
-    [(3, (254, 69, 202, 332, 223, 49, 269, 147))],
+    [(3, (254, 69, 202, 331, 223, 49, 269, 147))],
 )
 def test_with_a_quaternion_it_takes_fewer(links: int, reached: tuple[int, ...]) -> None:
     """The mass matrix needs no attitude, and no sine but those of the joints."""
@@ -83,7 +83,7 @@ DIFFERENTIATED = (
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("attitude", "reached"),
-    [("xyz", (1058, 1634, 646, 970, 633, 960, 2881, 5153, 411, 179, 322))],
+    [("xyz", (1058, 1633, 646, 969, 633, 959, 2881, 5153, 411, 179, 322))],
 )
 def test_derivatives_take_as_few_as_they_did(attitude: Attitude, reached: tuple[int, ...]) -> None:
     robot = benchmark_robot(3, attitude=attitude)

@@ -45,6 +45,7 @@ HOSTILE = [
     "lambda",
     "while",
     "numpy",
+    "gibbs_runtime",
     "arm_hybrid",
     "arm_default",
     "arm_init",

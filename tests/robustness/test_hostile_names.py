@@ -278,7 +278,7 @@ def test_what_is_accepted_compiles_and_imports(
         targets = find_targets(["numpy", "c"])
         for file, text in render_module(model, "", targets).items():
             (folder / file).write_text(text)
-        sources.append(folder / f"{name}.c")
+        sources += [folder / f"{name}{ending}.c" for ending in ("", "_batch")]
     warnings = ["-Wall", "-Wextra", "-Wpedantic", "-Werror", "-fsyntax-only"]
     for source in sources:
         run([tool("gcc"), "-std=gnu99", *warnings, source])

@@ -19,7 +19,7 @@ def threads_program(
     source = folder / "threads.c"
     source.write_text(threads_beside_each_other(robot), encoding="utf-8")
     options = [*options, "-pthread", f"-I{robot.folder}"]
-    objects = compile_only(compiler, options, robot.sources[:1], folder)
+    objects = compile_only(compiler, options, robot.sources, folder)
     objects += compile_only(compiler, [*options, *defined], [str(source)], folder)
     run([tool(compiler), *options, *objects, "-o", folder / "threads", "-lm"])
     return folder / "threads"

@@ -546,12 +546,23 @@ def test_flags_of_the_user_come_last(monkeypatch: pytest.MonkeyPatch, tmp_path: 
     assert module.mass_matrix(np.zeros(9)).shape == (9, 9)
 
 
-@pytest.mark.parametrize("changed", ["hexarotor_3link.h", "hexarotor_3link.c", "numpy_module.py"])
-def test_files_of_different_makes_are_refused(changed: str, tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("changed", "line", "place"),
+    [
+        ("hexarotor_3link.h", 2, -2),
+        ("hexarotor_3link.c", 2, -2),
+        ("hexarotor_3link_batch.c", 2, -2),
+        ("numpy_module.py", 2, -1),
+        ("gibbs_runtime.h", 0, 4),  # It names no robot, but the version.
+    ],
+)
+def test_files_of_different_makes_are_refused(
+    changed: str, line: int, place: int, tmp_path: Path
+) -> None:
     folder = tmp_path / "hexarotor_3link"
     shutil.copytree(ROBOT, folder)
     lines = (folder / changed).read_text(encoding="utf-8").splitlines()
-    lines[2] = lines[2].replace(lines[2].split()[-1 if changed.endswith("py") else -2], "0" * 64)
+    lines[line] = lines[line].replace(lines[line].split()[place], "0" * 64)
     (folder / changed).write_text("\n".join(lines) + "\n", encoding="utf-8")
     with pytest.raises(UsageError, match="generate the module again"):
         load(folder, backend="c")

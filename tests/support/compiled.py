@@ -73,13 +73,13 @@ class Emitted:
 
     @property
     def sources(self) -> list[str]:
-        """The C source."""
-        return [str(self.file(".c"))]
+        """The C sources, of functions for one state and for batches."""
+        return [str(self.file(ending)) for ending in (".c", "_batch.c")]
 
     @property
     def functions(self) -> list[str]:
-        """The C source, and that of functions with constants of each state."""
-        return [str(self.file(".c")), str(self.file("_each.c"))]
+        """The C sources, and that of functions with constants of each state."""
+        return [*self.sources, str(self.file("_each.c"))]
 
     @property
     def single(self) -> str:
@@ -169,7 +169,7 @@ class Library:
         real: type[np.floating] = np.float64,
         each: bool = False,
     ) -> None:
-        sources = emitted.functions[: 2 if each else 1]
+        sources = emitted.functions if each else emitted.sources
         build(compiler, ["-shared", "-fPIC", *options], sources, path)
         self.real = real
         self.lanes = LANES if real is np.float64 else 2 * LANES

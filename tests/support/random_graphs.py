@@ -6,10 +6,14 @@ import math
 import random
 from collections.abc import Callable, Sequence
 
+import sympy as sp
+
 from gibbs_codegen.graph.graph import Graph, Kind, Ref
 
 # Fractions modulo this prime are exact, and stay short.
 PRIME = 2**61 - 1
+
+_NUMBERS = [sp.Integer(1), sp.Integer(-1), sp.Integer(2), sp.Integer(-2), sp.S.Half]
 
 _FUNCTIONS: dict[str, Callable[[float], float]] = {
     "sin": math.sin,
@@ -34,7 +38,7 @@ def values(graph: Graph, refs: Sequence[Ref], inputs: Sequence[float]) -> list[f
             case Kind.INPUT:
                 found.append(next(given))
             case Kind.NUMBER:
-                found.append(float(str(label)))
+                found.append(float(sp.N(label)))
             case Kind.SUM:
                 found.append(math.fsum(of))
             case Kind.PRODUCT:
@@ -64,8 +68,8 @@ def exact(graph: Graph, refs: Sequence[Ref], rates: Sequence[int] = ()) -> list[
             case Kind.INPUT:
                 made = 3**node + 11, next(inputs)
             case Kind.NUMBER:
-                top, bottom = float(str(label)).as_integer_ratio()
-                made = top * pow(bottom, -1, PRIME), 0
+                number = sp.Rational(label)
+                made = number.p * pow(number.q, -1, PRIME), 0
             case Kind.SUM:
                 made = sum(x for x, _ in of), sum(rate for _, rate in of)
             case Kind.PRODUCT:
@@ -98,7 +102,7 @@ def random_function(
     refs = [graph.symbol(f"p{i}", constant=True) for i in range(3)]
     refs += [graph.symbol(f"x{i}") for i in range(6)]
     inputs = [draw.uniform(0.5, 2.0) for _ in refs]
-    refs += [graph.number(2.0), graph.number(-0.75)]
+    refs += [graph.number(sp.Integer(2)), graph.number(sp.Rational(-3, 4))]
 
     def operand() -> Ref:
         return graph.minus(draw.choice(refs)) if draw.random() < 0.5 else draw.choice(refs)
@@ -111,7 +115,7 @@ def random_function(
                 made = graph.sum([operand() for _ in range(draw.randrange(2, 6))])
             case 4:  # Like terms, some of which cancel.
                 few = [operand() for _ in range(3)]
-                numbers = [graph.number(draw.choice([1.0, -1.0, 2.0, -2.0, 0.5])) for _ in range(6)]
+                numbers = [graph.number(draw.choice(_NUMBERS)) for _ in range(6)]
                 made = graph.sum([graph.product(number, draw.choice(few)) for number in numbers])
             case 5:
                 common = operand()

@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+import itertools
+from collections.abc import Iterator
 from fractions import Fraction
 
 import pytest
 import sympy as sp
+from support.derived import derived
 
+from gibbs_codegen.program.nodes import Node, Number, Product
+from gibbs_codegen.robot.file import read_robot
 from gibbs_codegen.symbolic.vectors import cos_sin_deg, gather, structural_number
 
 
@@ -59,3 +64,35 @@ def test_an_angle_that_forty_digits_cannot_tell_from_none_has_a_cosine_of_one() 
     cos, sin = cos_sin_deg(Fraction(1, 10**25))
     assert cos is sp.S.One
     assert 0 < sin < 2e-27
+
+
+@pytest.mark.parametrize(
+    "name", ["hexarotor", pytest.param("hexarotor_3link", marks=pytest.mark.slow)]
+)
+def test_numbers_of_a_program_are_exact_until_they_are_rounded(name: str) -> None:
+    """Fractions among them are the nearest doubles, and no number is there a second time.
+
+    cos² 30° is 0.75, not 0.74999999999999989, whatever it is made of.
+    """
+    program = derived(read_robot(name)[0]).program
+    constants = [statement.value for statement in program.prepare]
+    functions = [node for function in program.functions for node in function.nodes()]
+    for node in (part for value in (*constants, *functions) for part in nodes_in(value)):
+        if isinstance(node, Number):
+            fraction = round(24 * node.value) / 24
+            assert abs(node.value - fraction) > 1e-9 or node.value == fraction
+    multiples: dict[tuple[Node, ...], list[float]] = {}
+    for value in constants:
+        match value:
+            case Product((Number(number), *factors)):
+                multiples.setdefault(tuple(factors), []).append(number)
+    assert multiples
+    for numbers in multiples.values():
+        assert all(abs(x - 1.0) > 1e-9 for x in numbers)
+        assert all(abs(x - y) > 1e-9 for x, y in itertools.combinations(numbers, 2))
+
+
+def nodes_in(node: Node) -> Iterator[Node]:
+    yield node
+    for part in node.operands:
+        yield from nodes_in(part)

@@ -37,6 +37,7 @@ from gibbs_codegen.program.trigonometry import gather_angles
 from gibbs_codegen.robot.description import Description
 from gibbs_codegen.robot.file import read_robot
 from gibbs_codegen.robot.model import JOINT_KINDS, RigidBody, Robot
+from gibbs_codegen.runtime.c_library import RUNTIME
 from gibbs_codegen.targets.registry import find_targets, render_module
 
 # What distributions add to every program is no part of the emitted code; and addresses in constant
@@ -184,7 +185,8 @@ def test_functions_without_sines_compile_silently(compiler: str, tmp_path: Path)
     model = derived(robot, functions=("coordinate_rates",))
     for name, content in render_module(model, text, find_targets(["c"])).items():
         (tmp_path / name).write_text(content, encoding="utf-8")
-    compile_only(compiler, ["-O0"], [str(tmp_path / f"{SMALL}.c")], tmp_path)
+    sources = [str(tmp_path / f"{SMALL}{ending}.c") for ending in ("", "_batch", "_each")]
+    compile_only(compiler, ["-O0"], sources, tmp_path)
 
 
 @pytest.mark.slow
@@ -512,8 +514,8 @@ def test_symbols(
     robot = emitted(label)
     options = ["-O2", *PLAIN, *([robot.single] if real == "float" else [])]
     objects = compile_only(compiler, options, robot.functions, tmp_path)
-    source, each = map(_symbols, objects)
-    for path, symbols in zip(objects, (source, each), strict=True):
+    one, batch, each = map(_symbols, objects)
+    for path, symbols in zip(objects, (one, batch, each), strict=True):
         assert {kind for kind, _ in symbols} <= set("TtRrU")
         data, bss = run([tool("size"), path]).splitlines()[1].split()[1:3]
         assert (data, bss) == ("0", "0")
@@ -524,12 +526,14 @@ def test_symbols(
         declared = (declared - marked) | {f"{name}_float" for name in marked}
     of_each = {name for name in declared if re.search("_batch_each$|_constants_batch", name)}
     assert {name for kind, name in each if kind in "TR"} == of_each
-    assert {name for kind, name in source if kind in "TR"} == declared - of_each
+    of_blocks = {name for name in declared - of_each if re.search("_batch$|_(un)?pack$", name)}
+    assert {name for kind, name in batch if kind in "TR"} == of_blocks
+    assert {name for kind, name in one if kind in "TR"} == declared - of_each - of_blocks
     assert all(name.startswith(f"{robot.name}_") for name in declared)
     suffix = "f" if real == "float" else ""
     library = {f"sin{suffix}", f"cos{suffix}", f"sincos{suffix}"}
     moving = {"memcpy", "memset", "memmove"}
-    assert {name for kind, name in (*source, *each) if kind == "U"} <= library | moving
+    assert {name for kind, name in (*one, *batch, *each) if kind == "U"} <= library | moving
 
 
 @pytest.mark.slow
@@ -559,15 +563,15 @@ def test_stack_is_what_the_header_promises(
 )
 def test_text_is_portable_and_narrow(label: str, emitted: Callable[[str], Emitted]) -> None:
     robot = emitted(label)
-    for ending in (".h", ".c"):
-        text = robot.text(ending)
+    texts = [robot.text(ending) for ending in (".h", ".c", "_batch.c", "_each.c")]
+    for text in (*texts, (robot.folder / RUNTIME).read_text(encoding="utf-8")):
         assert "M_PI" not in text
         assert re.search(r"\bpow[fl]?\s*\(", text) is None
         assert max(map(len, text.splitlines())) <= 100
         assert text.isascii()
 
 
-@pytest.mark.parametrize("ending", [".h", ".c"])
+@pytest.mark.parametrize("ending", [".h", ".c", "_batch.c"])
 def test_files_open_with_what_they_are(ending: str, emitted: Callable[[str], Emitted]) -> None:
     small = emitted(SMALL)
     digest = hashlib.sha256(read_robot(SMALL)[1].encode()).hexdigest()
@@ -612,7 +616,8 @@ def test_comments_tell_arguments_shapes_units_and_cost(
         assert f"@par Source {described.source}." in comment
         for name, width in zip(signature.arguments, signature.widths, strict=True):
             entries = comment.partition(f"@param[in] {name} ")[2].partition("@")[0]
-            assert f", {width} entries: {_entries(robot.model.robot, name)}" in entries
+            listed = _entries(robot.model.robot, name)
+            assert f", {width} entries{listed}" in entries
         for output, shape in zip(described.outputs, signature.shapes, strict=True):
             assert f"@param[out] {output.name} {' x '.join(map(str, shape)) or '1'}" in comment
         assert _cost(function) in comment
@@ -620,16 +625,13 @@ def test_comments_tell_arguments_shapes_units_and_cost(
 
 
 def _entries(robot: Robot, argument: str) -> str:
-    if argument == "u":
-        return ", ".join(f"{c.name} [{c.unit}]" for c in Description(robot).inputs)
+    if argument in ("q", "v", "a", "u"):
+        return ", as above"
     if argument == "W":
         frames = ", ".join(Description(robot).lists()["FRAMES"])
-        return f"force [N] and torque [N m], a row for each of {frames}"
-    prefix = "" if argument == "q" else f"{argument}_"
-    per_time = {"v": "/s", "a": "/s^2"}.get(argument, "")
-    return ", ".join(
-        f"{prefix}{c.name} [{c.unit}{per_time}]" for c in Description(robot).coordinates
-    )
+        return f": force [N] and torque [N m], a row for each of {frames}"
+    listed = ", ".join(f"{argument}_{c.name} [{c.unit}]" for c in Description(robot).coordinates)
+    return f": {listed}"
 
 
 def _cost(function: Function) -> str:

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import math
+
+import numpy as np
 import pytest
 
 from gibbs_codegen.program.nodes import Name, Number, Product, Statement, Sum
@@ -9,16 +12,13 @@ from gibbs_codegen.targets.c.statements import (
     CStatements,
     array_size,
     call,
-    call_helper,
     from_block,
     from_entry,
-    helper,
-    load,
     loop,
+    place,
     place_in_loop,
     read_arrays,
     side_by_side,
-    spill,
     unused,
     vector_loop,
     written_arrays,
@@ -26,24 +26,42 @@ from gibbs_codegen.targets.c.statements import (
 from gibbs_codegen.targets.printers import CPrinter
 
 PRINTER = CStatements(CPrinter())
+OF_SEVERAL = CStatements(CPrinter(), of_several=True)
 TWICE = Product((Number(2.0), Name("x")))
 
 
 def test_statements_are_c() -> None:
     assert PRINTER.assign("t1", TWICE) == ["const real t1 = R(2.0) * x;"]
-    assert PRINTER.store("residual", 3, Name("t1")) == ["residual[3 * stride] = t1;"]
-    assert load("x", "q", 4) == "const real x = q[4 * stride];"
-    assert load("t1", "scratch", 2, "-") == "const real t1 = -scratch[2 * stride];"
-    assert spill("scratch", place_in_loop(2), "t1", "-") == "scratch[(2 + i) * stride] = -t1;"
-    assert place_in_loop(2, 1) == "(2 + 1 * i)"
+    assert PRINTER.store("residual", 3, Name("t1")) == ["residual[3] = t1;"]
+    assert PRINTER.load("x", "q", 4) == "const real x = q[4];"
+    assert PRINTER.load("t1", "scratch", 2, "-") == "const real t1 = -scratch[2];"
+    assert PRINTER.spill("scratch", place_in_loop(2), "t1", "-") == "scratch[2 + i] = -t1;"
+    assert PRINTER.load_constant("k3") == "const real k3 = constants->k3;"
+    assert place_in_loop(2, 1) == "2 + 1 * i"
     assert unused("v") == "(void)v;"
     assert call("f", ["a", "b + 1"]) == ["f(a, b + 1);"]
 
 
+def test_entries_of_several_states_are_a_stride_apart() -> None:
+    assert OF_SEVERAL.store("residual", 3, Name("t1")) == ["residual[3 * stride] = t1;"]
+    assert OF_SEVERAL.inside.load("x", "q", 4) == "const real x = q[4 * stride];"
+    assert OF_SEVERAL.spill("scratch", place_in_loop(2), "t1") == "scratch[(2 + i) * stride] = t1;"
+    assert OF_SEVERAL.load_constant("k3") == "const real k3 = CONSTANT(k3);"
+
+
+@pytest.mark.parametrize("shape", [(), (7,), (3, 5), (2, 3, 4)])
+def test_places_tell_row_and_column(shape: tuple[int, ...]) -> None:
+    """What C makes of the text is the number of the entry in the order of NumPy."""
+    for number, index in enumerate(np.ndindex(shape)):
+        factors = [[*map(int, term.split(" * "))] for term in place(shape, number).split(" + ")]
+        assert sum(map(math.prod, factors)) == number
+        assert tuple(first for first, *_ in factors) == (index or (0,))
+
+
 def test_functions_are_called_for_one_state_or_for_every_lane() -> None:
-    assert call_helper("f", ["q", "x"], lanes=False) == ["f(constants, q, x, 1);"]
+    assert PRINTER.call_helper("f", ["q", "x"]) == ["f(constants, q, x);"]
     lines = ["f(OF_LANE(constants, lane), q + lane, x + lane, LANES);"]
-    assert call_helper("f", ["q", "x"], lanes=True) == vector_loop("lane", "LANES", lines)
+    assert OF_SEVERAL.call_helper("f", ["q", "x"]) == vector_loop("lane", "LANES", lines)
     assert [array_size(3, lanes) for lanes in (False, True)] == ["3", "3 * LANES"]
     assert from_entry("angle", 4) == "angle + 4"
     assert from_block("q", 9, "whole") == "q + whole * (9 * LANES)"
@@ -51,7 +69,7 @@ def test_functions_are_called_for_one_state_or_for_every_lane() -> None:
 
 def test_a_helper_has_constants_arrays_and_stride() -> None:
     body = ["x[0 * stride] = a;", "", "b;"]
-    assert helper("f", [*read_arrays(["q"]), *written_arrays(["x"])], body) == [
+    assert OF_SEVERAL.helper("f", [*read_arrays(["q"]), *written_arrays(["x"])], body) == [
         "static INLINE void f(const Constants *RESTRICT constants, const real *RESTRICT q, "
         "real *RESTRICT x,",
         "    const int stride)",
@@ -61,13 +79,16 @@ def test_a_helper_has_constants_arrays_and_stride() -> None:
         "    b;",
         "}",
     ]
-    assert helper("f", [], ["a;"])[-4:] == ["{", "    (void)stride;", "    a;", "}"]
+    assert OF_SEVERAL.helper("f", [], ["a;"])[-4:] == ["{", "    (void)stride;", "    a;", "}"]
+    alone = PRINTER.helper("f", [*read_arrays(["q"])], ["a;"])
+    assert "stride" not in " ".join(alone)
+    assert alone[-3:] == ["{", "    a;", "}"]
     assert read_arrays(["q"], "toy_real", "") == ["const toy_real *q"]
 
 
 def test_short_statements_of_a_kind_stand_side_by_side() -> None:
     """Numbers that are copied fill lines; of those that are computed a line has two."""
-    loads = [load(f"x{i}", "q", i) for i in range(6)]
+    loads = [OF_SEVERAL.load(f"x{i}", "q", i) for i in range(6)]
     copied = side_by_side(loads)
     assert " ".join(copied).replace("; const real", ",") == (
         "const real " + ", ".join(f"x{i} = q[{i} * stride]" for i in range(6)) + ";"

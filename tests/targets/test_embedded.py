@@ -79,11 +79,12 @@ def precision(module: ModuleType, target: Target) -> list[str]:
 
 @dataclass(frozen=True)
 class Build:
-    """A module whose C source was compiled for a target, as it was emitted."""
+    """A module whose C sources were compiled for a target, for one state and for batches."""
 
     module: ModuleType
     target: Target
     object: Path
+    batches: Path
 
     @property
     def emitted(self) -> Path:
@@ -98,11 +99,12 @@ class Build:
 
 
 def compiled(module: ModuleType, target: Target, folder: Path) -> Build:
-    """Compile a module's C source into an object in `folder`."""
-    build = Build(module, target, folder / f"{module.NAME}.o")
-    source = build.emitted / f"{module.NAME}.c"
+    """Compile a module's C sources into objects in `folder`."""
+    build = Build(module, target, *(folder / f"{module.NAME}{part}.o" for part in ("", "_batch")))
     flags = [*STRICT, *target.flags, *precision(module, target), "-fstack-usage"]
-    run([compiler(target), *flags, "-c", source, "-o", build.object])
+    for output in (build.object, build.batches):
+        source = (build.emitted / output.name).with_suffix(".c")
+        run([compiler(target), *flags, "-c", source, "-o", output])
     return build
 
 
@@ -233,7 +235,7 @@ def evaluated(build: Build) -> Results:
     module, target, folder = build.module, build.target, build.object.parent
     (folder / "cases.h").write_text(cases_header(module, target.real), encoding="utf-8")
     program = folder / "program.elf"
-    inputs = [build.object, EMBEDDED / "main.c"]
+    inputs = [build.object, build.batches, EMBEDDED / "main.c"]
     flags = [*target.flags, *precision(module, target), f"-I{folder}", f"-I{build.emitted}"]
     command: list[str | Path] = [program]
     if target.board:

@@ -170,7 +170,7 @@ int main(void)
 }}
 """
     (tmp_path / "program.c").write_text(text)
-    sources = [str(tmp_path / "program.c"), *emitted.sources[:1]]
+    sources = [str(tmp_path / "program.c"), *emitted.sources]
     program = build("gcc", [f"-I{emitted.folder}"], sources, tmp_path / "program")
     lines = run([program]).splitlines()
     assert lines[0] == "0 0 0.5"

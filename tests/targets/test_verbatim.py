@@ -8,6 +8,7 @@ from conftest import ROOT
 from support.compiled import SMALL, Emitted
 
 from gibbs_codegen.files.verbatim import c_source, python_source
+from gibbs_codegen.runtime.c_library import RUNTIME
 
 EMITTED = ROOT / "gibbs_codegen" / "emitted"
 ROBOT = ROOT / "generated" / "hexarotor_3link"
@@ -32,11 +33,13 @@ def test_python_files_are_their_docstrings_their_imports_and_the_rest() -> None:
 
 def test_a_c_file_has_those_that_it_includes_in_their_places() -> None:
     kernel = (EMITTED / "sine_cosine_kernel.c").read_text(encoding="utf-8")
-    support = c_source("support.c")
-    assert support.count(kernel) == 2
-    assert '#include "' not in support
-    assert "#include <math.h>\n" in support
+    runtime = c_source("runtime.c")
+    assert runtime.count(kernel) == 2
+    assert '#include "' not in runtime
+    assert "#include <math.h>\n" in runtime
 
 
 def test_every_line_stands_in_the_module(emitted: Callable[[str], Emitted]) -> None:
-    assert f"\n{c_source('support.c')}" in emitted(SMALL).text(".c")
+    small = emitted(SMALL)
+    assert (small.folder / RUNTIME).read_text(encoding="utf-8").endswith(c_source("runtime.c"))
+    assert f'#include "{RUNTIME}"' in small.text(".c")

@@ -147,7 +147,7 @@ def test_a_compiler_that_does_not_work_is_no_fault_of_the_module(
 
 def test_c_that_does_not_compile_is_a_fault_of_the_module(copied: Path) -> None:
     tool("cc")
-    plant(copied / "quadrotor_2link.c", "#define LANES", "#error no\n#define LANES")
+    plant(copied / "quadrotor_2link_batch.c", "#define LANES", "#error no\n#define LANES")
     found = verify(copied, states=1, backends=["c"])
     assert [c.what for _, c in found.failures] == ["the module"]
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import ClassVar
 
 from gibbs_codegen.interface import FUNCTIONS, Signature
 from gibbs_codegen.program.loops import reroll
@@ -13,6 +14,7 @@ from gibbs_codegen.program.nodes import Function, Number, Output, names_in
 from gibbs_codegen.program.scratch import Allocation, Section, allocate_scratch, stack_bytes
 from gibbs_codegen.program.steps import Loop, Step, Store, headed, schedule_stores
 from gibbs_codegen.program.trigonometry import (
+    GatheredFunction,
     cosine_name,
     gather_angles,
     sine_name,
@@ -22,20 +24,27 @@ from gibbs_codegen.targets.documentation import doxygen, operations
 from gibbs_codegen.targets.printers import Context, InfixPrinter, Lines
 
 
+@dataclass(frozen=True)
+class FunctionBody:
+    """A function's body, and definitions of the helpers that it calls, in the order of calls."""
+
+    helpers: list[Lines]
+    lines: Lines
+
+
 def function_text(
     robot: str,
     signature: Signature,
     documentation: Lines,
-    helpers: list[Lines],
-    one: Lines,
-    block: Lines,
+    one: FunctionBody,
+    block: FunctionBody,
 ) -> Context:
-    """What the templates need of a function; `helpers` are definitions of what bodies call.
+    """What the templates need of a function, by its bodies for one state and for a block of states.
 
-    `one` and `block` are the bodies for one state and for a block of states. Of the functions for
-    one state, for a block of states and for a batch there are the heads; `declarations` are those
-    in the header, for a batch also with constants of each state. `whole_block` and `last_block` are
-    calls of the second in a batch, `last_inputs` what makes the inputs of the last block whole.
+    Of the functions for one state, for a block of states and for a batch there are the heads;
+    `declarations` are those in the header, for a batch also with constants of each state.
+    `whole_block` and `last_block` are calls of the second in a batch, `last_inputs` what makes the
+    inputs of the last block whole.
     """
     names = [output.name for output in FUNCTIONS[signature.name].outputs]
     inputs = dict(zip(signature.arguments, signature.widths, strict=True))
@@ -50,7 +59,6 @@ def function_text(
         "name": own,
         "documentation": documentation,
         "declarations": declarations(robot, public, signature.arguments, names),
-        "helpers": helpers,
         "one_head": c.head(f"void {public}", [constants, *parameters]),
         "one": one,
         "block_head": c.head(f"static WIDE void {block_name}", [constants, *parameters]),
@@ -104,223 +112,315 @@ _FEWEST_ROLLED = 200
 _AT_ONCE = 4
 
 
-@dataclass(frozen=True, eq=False)
-class _Sections:
-    """A function split into sections, each a helper whose name begins with `prefix`."""
+def c_function(
+    model: Model, function: Function, signature: Signature, printer: InfixPrinter
+) -> Context:
+    """What the templates need of one function."""
+    gathered = gather_angles(function)
+    stored = [not _is_sparse(output) for output in function.outputs]
+    steps = schedule_stores(gathered.statements, gathered.outputs, stored)
+    inputs = {name: model.program.inputs[name] for name in function.arguments}
+    parts = _Parts(function, signature, inputs, gathered, steps)
+    robot = model.description.robot.name
+    work, stack = operations(function), stack_bytes(gathered)
+    return function_text(
+        robot,
+        signature,
+        doxygen(model.description, signature, work, stack),
+        _of_one_state(parts, printer),
+        _OfBlock(parts, c.CStatements(printer, of_several=True)).body(),
+    )
 
-    prefix: str
-    allocation: Allocation
+
+@dataclass(frozen=True)
+class _Parts:
+    """A function, the names of its inputs by argument, its angles, and its schedule."""
+
+    function: Function
+    signature: Signature
+    inputs: Mapping[str, Sequence[str]]
+    gathered: GatheredFunction
+    steps: Sequence[Step]
 
     @property
-    def names(self) -> list[str]:
-        """Names of the helpers, in the order of the sections."""
-        count = len(self.allocation.sections)
-        return [self.prefix] if count == 1 else [f"{self.prefix}_{i + 1}" for i in range(count)]
+    def outputs(self) -> list[str]:
+        """Names of the arrays that are returned."""
+        return [output.name for output in FUNCTIONS[self.function.name].outputs]
 
     @property
-    def steps_in_loops(self) -> int:
-        """How many steps the loops stand for."""
-        codes = [section.code for section in self.allocation.sections]
-        return sum(len(code.unrolled) for code in codes if isinstance(code, Loop))
+    def angles(self) -> int:
+        """How many angles there are."""
+        return len(self.gathered.angles)
+
+    @property
+    def cleared(self) -> dict[str, int]:
+        """Sizes of the outputs that are made zero before entries are stored, by name."""
+        return {
+            name: math.prod(output.shape)
+            for name, output in zip(self.outputs, self.function.outputs, strict=True)
+            if _is_sparse(output)
+        }
 
 
-class CFunction:
-    """Prints one function."""
+def _of_one_state(parts: _Parts, printer: InfixPrinter) -> FunctionBody:
+    """A function for one state: straight on, or in sections if loops stand for much of it."""
+    items, signs = reroll(parts.steps)
+    if any(isinstance(item, Loop) for item in items):
+        allocation = allocate_scratch(items, signs, _MAX_REFERENCES)
+        codes = [section.code for section in allocation.sections]
+        rolled = sum(len(code.unrolled) for code in codes if isinstance(code, Loop))
+        if rolled >= _FEWEST_ROLLED:
+            return _InSections(parts, c.CStatements(printer), allocation).body()
+    return _StraightOn(parts, c.CStatements(printer)).body()
 
-    def __init__(
-        self, model: Model, function: Function, signature: Signature, printer: InfixPrinter
-    ) -> None:
-        self._model = model
-        self._function = function
-        self._statements = c.CStatements(printer)
-        self._signature = signature
-        self._gathered = gather_angles(function)
-        self._inputs = {name: model.program.inputs[name] for name in function.arguments}
-        self._outputs = [output.name for output in FUNCTIONS[function.name].outputs]
-        self._cleared = [_is_sparse(output) for output in function.outputs]
-        gathered = self._gathered
-        stored = [not cleared for cleared in self._cleared]
-        steps = schedule_stores(gathered.statements, gathered.outputs, stored)
-        name = function.name
-        self._block = _Sections(f"{name}_lane", allocate_scratch(steps, {}, _MAX_REFERENCES))
-        self._one = self._block
-        items, signs = reroll(steps)
-        if any(isinstance(item, Loop) for item in items):
-            looped = _Sections(f"{name}_state", allocate_scratch(items, signs, _MAX_REFERENCES))
-            if looped.steps_in_loops >= _FEWEST_ROLLED:
-                self._one = looped
 
-    def text(self) -> Context:
-        """What the templates need of the function."""
-        description = self._model.description
-        stack = stack_bytes(self._gathered)
-        return function_text(
-            description.robot.name,
-            self._signature,
-            doxygen(description, self._signature, operations(self._function), stack),
-            helpers=self._helpers(),
-            one=self._body(self._one, lanes=False),
-            block=self._body(self._block, lanes=True),
+@dataclass(frozen=True)
+class _Printed:
+    """A function in one of its forms, with the printer of that form's statements."""
+
+    parts: _Parts
+    statements: c.CStatements
+
+    def _array_size(self, entries: int | str) -> str:
+        return c.array_size(entries, self.statements.of_several)
+
+    def _local_arrays(self, slots: int = 0) -> Lines:
+        """Declarations of the arrays of angles and scratch."""
+        names = [ANGLE, SINE, COSINE] if self.parts.angles else []
+        sizes = dict.fromkeys(names, self._array_size(self.parts.angles))
+        return c.local_arrays(sizes | ({SCRATCH: self._array_size(slots)} if slots else {}))
+
+    def _cleared(self) -> Lines:
+        """Loops that make outputs zero."""
+        sizes = self.parts.cleared.items()
+        return [
+            line
+            for name, size in sizes
+            for line in self.statements.clear(name, self._array_size(size))
+        ]
+
+    def _angle_lines(self, statements: c.CStatements) -> tuple[Lines, Lines]:
+        """Lines that compute the angles and put them into their array, and arguments not used."""
+        gathered = self.parts.gathered
+        lines, idle = self._loads(self._angle_names(), statements.depth)
+        lines += statements.assign_all(gathered.angle_statements)
+        stores = [statements.store(ANGLE, i, angle) for i, angle in enumerate(gathered.angles)]
+        stored = c.side_by_side((line for store in stores for line in store), statements.depth)
+        return [*lines, *stored], idle
+
+    def _few_sines(self) -> Lines:
+        """Calls that compute the sines and cosines of the angles of one state."""
+        lines = []
+        for i in range(0, self.parts.angles, _AT_ONCE):
+            arrays = [c.from_entry(array, i) for array in (ANGLE, SINE, COSINE)]
+            count = min(_AT_ONCE, self.parts.angles - i)
+            lines += c.call("sine_cosine_few", [f"{count}", *arrays])
+        return lines
+
+    def _stored(self, step: Store, statements: c.CStatements, place: str = "") -> Lines:
+        """Lines of a store, at a place in a loop or by row and column."""
+        shape = self.parts.function.outputs[step.output].shape
+        at = place or c.place(shape, step.place)
+        return statements.store(self.parts.outputs[step.output], at, step.value)
+
+    def _angle_names(self) -> set[str]:
+        """Names that the angles are computed of."""
+        gathered = self.parts.gathered
+        nodes = [*(s.value for s in gathered.angle_statements), *gathered.angles]
+        return {name for node in nodes for name in names_in(node)}
+
+    def _loads(self, read: set[str], depth: int = 1) -> tuple[list[str], list[str]]:
+        """Lines in `depth` blocks that load what is read of arguments, and arguments not used."""
+        statements = self.statements
+        loads = {
+            "constants": [
+                statements.load_constant(name)
+                for name in self.parts.function.constants
+                if name in read
+            ]
+        }
+        for argument, names in self.parts.inputs.items():
+            loads[argument] = [
+                statements.load(name, argument, i) for i, name in enumerate(names) if name in read
+            ]
+        idle = [argument for argument, lines in loads.items() if not lines]
+        return [x for lines in loads.values() for x in c.side_by_side(lines, depth)], idle
+
+    def _sine_loads(self, read: set[str]) -> Lines:
+        """Lines that load the sines and cosines that are read."""
+        return c.side_by_side(
+            self.statements.load(entry, array, i)
+            for i in range(self.parts.angles)
+            for array, entry in ((SINE, sine_name(i)), (COSINE, cosine_name(i)))
+            if entry in read
         )
 
-    def _helpers(self) -> list[Lines]:
-        """Definitions of all helpers, in the order in which they are called."""
-        helpers = []
-        if self._gathered.angles:
-            helpers.append(self._angles(f"{self._function.name}_angles"))
-        for sections in dict.fromkeys([self._one, self._block]):
-            allocation = sections.allocation
-            for name, section in zip(sections.names, allocation.sections, strict=True):
-                helpers.append(self._section(name, section, allocation))
-        return helpers
+
+class _StraightOn(_Printed):
+    """A function for one state without helpers."""
+
+    def body(self) -> FunctionBody:
+        """Its body."""
+        steps, statements = self.parts.steps, self.statements
+        read = {name for step in steps for name in names_in(step.value)}
+        loads, idle = self._loads(read)
+        idle = [
+            name for name in idle if not self._angle_names() & {*self.parts.inputs.get(name, ())}
+        ]
+        written = {self.parts.outputs[step.output] for step in steps if isinstance(step, Store)}
+        idle += [o for o in self.parts.outputs if o not in written and o not in self.parts.cleared]
+        lines = [*self._local_arrays(), *map(c.unused, idle), *self._cleared()]
+        if self.parts.angles:
+            # What is loaded for the angles would be kept in memory while sines are computed.
+            lines += ["{", *c.indented(self._angle_lines(statements.inside)[0]), "}"]
+            lines += self._few_sines()
+        lines += [*loads, *self._sine_loads(read)]
+        computed: list[str] = []
+        for words, step in headed(steps):
+            computed += statements.comment(words)
+            if isinstance(step, Store):
+                computed += self._stored(step, statements)
+            else:
+                computed += statements.assign(step.name, step.value)
+        return FunctionBody([], [*lines, *c.side_by_side(computed)])
+
+
+@dataclass(frozen=True)
+class _InSections(_Printed):
+    """A function in sections, each a helper, for one state."""
+
+    allocation: Allocation
+    ending: ClassVar[str] = "part"
+
+    @property
+    def _names(self) -> list[str]:
+        """Names of the helpers, in the order of the sections."""
+        prefix, count = f"{self.parts.function.name}_{self.ending}", len(self.allocation.sections)
+        return [prefix] if count == 1 else [f"{prefix}_{i + 1}" for i in range(count)]
+
+    def body(self) -> FunctionBody:
+        """Its helpers and its body."""
+        parts, slots = self.parts, self.allocation.slots
+        inputs = parts.signature.arguments
+        arrays = [*inputs, *parts.outputs]
+        lines, helpers = [*self._local_arrays(slots), *self._cleared()], []
+        if slots:
+            arrays = [SCRATCH, *arrays]
+        if parts.angles:
+            arrays = [SINE, COSINE, *arrays]
+            name = f"{parts.function.name}_{self.ending}_angles"
+            helpers.append(self._angles(name))
+            lines += self.statements.call_helper(name, [*inputs, ANGLE])
+            lines += self._sines()
+        for name, section in zip(self._names, self.allocation.sections, strict=True):
+            helpers.append(self._section(name, section))
+            lines += self.statements.call_helper(name, arrays)
+        return FunctionBody(helpers, lines)
+
+    def _sines(self) -> Lines:
+        """Calls that compute the sines and cosines of all angles."""
+        return self._few_sines()
 
     def _angles(self, name: str) -> list[str]:
         """The helper that computes all angles whose sines and cosines are needed."""
-        gathered = self._gathered
-        nodes = [*(s.value for s in gathered.angle_statements), *gathered.angles]
-        lines, idle = self._loads({name for node in nodes for name in names_in(node)})
-        lines += self._statements.assign_all(gathered.angle_statements)
-        stores = [self._statements.store(ANGLE, i, x) for i, x in enumerate(gathered.angles)]
-        lines += c.side_by_side(line for store in stores for line in store)
-        parameters = c.read_arrays(self._inputs) + c.written_arrays([ANGLE])
-        return c.helper(name, parameters, [*map(c.unused, idle), *lines])
+        lines, idle = self._angle_lines(self.statements)
+        parameters = c.read_arrays(self.parts.inputs) + c.written_arrays([ANGLE])
+        return self.statements.helper(name, parameters, [*map(c.unused, idle), *lines])
 
-    def _section(self, name: str, section: Section, allocation: Allocation) -> list[str]:
-        """The helper that computes one section of the function.
-
-        `allocation` says where the sections keep what they hand on.
-        """
-        code = section.code
+    def _section(self, name: str, section: Section) -> list[str]:
+        """The helper that computes one section of the function."""
+        code, parts = section.code, self.parts
         if isinstance(code, Loop):
             steps: Sequence[Step] = code.body
             read = set(code.invariants)
-            computed = self._loop(code, section, allocation)
+            computed = self._loop(code, section)
         else:
             steps = code
             read = {name for step in steps for name in names_in(step.value)}
-            computed = self._straight(code, section, allocation)
+            computed = self._straight(code, section)
         loads, idle = self._loads(read)
         stored = {step.output for step in steps if isinstance(step, Store)}
-        idle = self._idle_arrays(section, read, allocation) + idle
-        idle += [output for i, output in enumerate(self._outputs) if i not in stored]
+        idle = self._idle_arrays(section, read) + idle
+        idle += [output for i, output in enumerate(parts.outputs) if i not in stored]
         parameters = [
-            *c.read_arrays([SINE, COSINE] if self._gathered.angles else []),
-            *c.written_arrays([SCRATCH] if allocation.slots else []),
-            *c.read_arrays(self._inputs),
-            *c.written_arrays(self._outputs),
+            *c.read_arrays([SINE, COSINE] if parts.angles else []),
+            *c.written_arrays([SCRATCH] if self.allocation.slots else []),
+            *c.read_arrays(parts.inputs),
+            *c.written_arrays(parts.outputs),
         ]
-        return c.helper(name, parameters, [*map(c.unused, idle), *loads, *computed])
+        lines = [*map(c.unused, idle), *loads, *self._sine_loads(read), *computed]
+        return self.statements.helper(name, parameters, lines)
 
-    def _straight(
-        self, steps: Sequence[Step], section: Section, allocation: Allocation
-    ) -> list[str]:
+    def _straight(self, steps: Sequence[Step], section: Section) -> list[str]:
         """Lines of steps that are done once."""
+        statements, sign = self.statements, self.allocation.sign
         loads = [
-            c.load(name, SCRATCH, slot, allocation.sign(name))
+            statements.load(name, SCRATCH, slot, sign(name))
             for name, slot in section.reloads.items()
         ]
         lines: list[str] = []
         for words, step in headed(steps):
-            lines += self._statements.comment(words)
+            lines += statements.comment(words)
             if isinstance(step, Store):
-                lines += self._statements.store(self._outputs[step.output], step.place, step.value)
+                lines += self._stored(step, statements)
                 continue
-            lines += self._statements.assign(step.name, step.value)
+            lines += statements.assign(step.name, step.value)
             if step.name in section.spills:
                 slot = section.spills[step.name]
-                lines.append(c.spill(SCRATCH, slot, step.name, allocation.sign(step.name)))
+                lines.append(statements.spill(SCRATCH, slot, step.name, sign(step.name)))
         return [*c.side_by_side(loads), *c.side_by_side(lines)]
 
-    def _loop(self, loop: Loop, section: Section, allocation: Allocation) -> list[str]:
+    def _loop(self, loop: Loop, section: Section) -> list[str]:
         """Lines of a loop."""
-        before, lines, inside = [], [], self._statements.inside
+        statements, inside = self.statements, self.statements.inside
+        before, lines = [], []
         for name, slot in section.reloads.items():
             if name in loop.operands:
-                lines.append(c.load(name, SCRATCH, c.place_in_loop(slot)))
+                lines.append(statements.load(name, SCRATCH, c.place_in_loop(slot)))
             else:
-                before.append(c.load(name, SCRATCH, slot, allocation.sign(name)))
+                sign = self.allocation.sign(name)
+                before.append(statements.load(name, SCRATCH, slot, sign))
         places = map(c.place_in_loop, loop.places, loop.strides)
         for step in loop.body:
             if isinstance(step, Store):
-                lines += inside.store(self._outputs[step.output], next(places), step.value)
+                lines += self._stored(step, inside, next(places))
                 continue
             lines += inside.assign(step.name, step.value)
             if step.name in section.spills:
                 slot = section.spills[step.name]
-                lines.append(c.spill(SCRATCH, c.place_in_loop(slot), step.name))
+                lines.append(statements.spill(SCRATCH, c.place_in_loop(slot), step.name))
         return [
             *before,
-            *self._statements.comment(loop.group),
+            *statements.comment(loop.group),
             *c.vector_loop("i", loop.count, lines),
         ]
 
-    def _idle_arrays(self, section: Section, read: set[str], allocation: Allocation) -> list[str]:
+    def _idle_arrays(self, section: Section, read: set[str]) -> list[str]:
         """Arrays of angles and scratch that a section is given and, by `read`, does not use."""
-        count = len(self._gathered.angles)
+        count = self.parts.angles
         idle = []
         for array, entry in ((SINE, sine_name), (COSINE, cosine_name)):
             if count and read.isdisjoint(map(entry, range(count))):
                 idle.append(array)
-        if allocation.slots and not (section.reloads or section.spills):
+        if self.allocation.slots and not (section.reloads or section.spills):
             idle.append(SCRATCH)
         return idle
 
-    def _loads(self, read: set[str]) -> tuple[list[str], list[str]]:
-        """Lines that load what is read and no step computes, and the arguments not used."""
-        loads = {
-            "constants": [
-                c.load_constant(name) for name in self._function.constants if name in read
-            ]
-        }
-        for argument, names in self._inputs.items():
-            loads[argument] = [
-                c.load(name, argument, i) for i, name in enumerate(names) if name in read
-            ]
-        idle = [argument for argument, lines in loads.items() if not lines]
-        loads[SINE] = [
-            c.load(entry, array, i)
-            for i in range(len(self._gathered.angles))
-            for array, entry in ((SINE, sine_name(i)), (COSINE, cosine_name(i)))
-            if entry in read
-        ]
-        return [x for lines in loads.values() for x in c.side_by_side(lines)], idle
 
-    def _body(self, sections: _Sections, lanes: bool) -> Lines:
-        """Body of the function, for a block of states (`lanes`), one a lane, or for one state."""
-        angles, slots = len(self._gathered.angles), sections.allocation.slots
-        inputs = self._signature.arguments
-        arrays = [*inputs, *self._outputs]
-        local = dict.fromkeys([ANGLE, SINE, COSINE] if angles else [], c.array_size(angles, lanes))
-        local |= {SCRATCH: c.array_size(slots, lanes)} if slots else {}
-        lines = c.local_arrays(local)
-        for name, shape, cleared in zip(
-            self._outputs, self._signature.shapes, self._cleared, strict=True
-        ):
-            if cleared:
-                lines += self._statements.clear(name, c.array_size(math.prod(shape), lanes))
-        if slots:
-            arrays = [SCRATCH, *arrays]
-        if angles:
-            arrays = [SINE, COSINE, *arrays]
-            lines += c.call_helper(f"{self._function.name}_angles", [*inputs, ANGLE], lanes)
-            lines += _sine_cosine(angles, lanes)
-        for name in sections.names:
-            lines += c.call_helper(name, arrays, lanes)
-        return lines
+class _OfBlock(_InSections):
+    """A function for a block of states, one a lane."""
+
+    ending: ClassVar[str] = "lane"
+
+    def __init__(self, parts: _Parts, statements: c.CStatements) -> None:
+        super().__init__(parts, statements, allocate_scratch(parts.steps, {}, _MAX_REFERENCES))
+
+    def _sines(self) -> Lines:
+        size = self._array_size(self.parts.angles)
+        return c.call("sine_cosine_many", [size, ANGLE, SINE, COSINE])
 
 
 def _is_sparse(output: Output) -> bool:
     """Whether it pays to clear the whole output first and then store what is not zero."""
     zeros = sum(entry == Number(0.0) for entry in output.entries)
     return zeros >= 32 and 3 * zeros >= len(output.entries)
-
-
-def _sine_cosine(angles: int, lanes: bool) -> Lines:
-    """Calls that compute the sines and cosines of all angles."""
-    if lanes:
-        return c.call("sine_cosine_many", [c.array_size(angles, lanes), ANGLE, SINE, COSINE])
-    lines = []
-    for i in range(0, angles, _AT_ONCE):
-        arrays = [c.from_entry(array, i) for array in (ANGLE, SINE, COSINE)]
-        lines += c.call("sine_cosine_few", [f"{min(_AT_ONCE, angles - i)}", *arrays])
-    return lines

@@ -1,10 +1,12 @@
 """Statements and arrays in C as lines: how they are written and broken is decided here alone.
 
-The entries of an array are `stride` reals apart: 1 for one state, LANES for a block of states.
+The entries of an array follow each other; where states are side by side, in blocks of LANES, those
+of a state are `stride` reals apart.
 """
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Iterable, Mapping, Sequence
 
@@ -14,28 +16,37 @@ from gibbs_codegen.targets.printers import InfixPrinter, StatementPrinter
 
 # A short statement: what begins a declaration, and whether its value is copied, not computed.
 _SHORT = re.compile(
-    r"(?P<declared>const (?:\w+ )?real )?\w+(?:\[[^]]*\]|\(\w+\))? = "
-    r"(?:(?P<copied>-?\w+(?:\[[^]]*\]|\(\w+\)))|.*);"
+    r"(?P<declared>const (?:\w+ )?real )?\w+(?:\[[^]]*\]|\(\w+\)|->\w+)? = "
+    r"(?:(?P<copied>-?\w+(?:\[[^]]*\]|\(\w+\)|->\w+))|.*);"
 )
 
 
 class CStatements(StatementPrinter):
-    """Prints statements in C.
+    """Prints statements in C, for one state or for one `of_several` that are side by side.
 
     Local constants are of a `kind` of number; `depth` counts the blocks that the lines stand in.
     """
 
     COMMENT = "/* {} */"
 
-    def __init__(self, expressions: InfixPrinter, depth: int = 1, kind: str = "real") -> None:
+    def __init__(
+        self,
+        expressions: InfixPrinter,
+        depth: int = 1,
+        kind: str = "real",
+        *,
+        of_several: bool = False,
+    ) -> None:
         super().__init__(expressions)
-        self._depth = depth
+        self.depth = depth
         self._kind = kind
+        self.of_several = of_several
 
     @property
     def inside(self) -> CStatements:
         """The printer of what stands in a loop, where lines are shorter."""
-        return CStatements(self._expressions, self._depth + 1, self._kind)
+        depth, of_several = self.depth + 1, self.of_several
+        return CStatements(self._expressions, depth, self._kind, of_several=of_several)
 
     def assign(self, name: str, value: Node) -> list[str]:
         """A local constant."""
@@ -43,11 +54,59 @@ class CStatements(StatementPrinter):
 
     def assign_all(self, statements: Iterable[Statement]) -> list[str]:
         """Local constants, short ones side by side, with a comment above each group."""
-        return side_by_side(super().assign_all(statements))
+        return side_by_side(super().assign_all(statements), self.depth)
 
     def store(self, array: str, place: int | str, value: Node) -> list[str]:
-        """An assignment to an entry of an array; `place` may be of `statements.place_in_loop`."""
-        return self._assignment(f"{array}[{place} * stride]", self._expressions.expression(value))
+        """An assignment to an entry of an array; `place` is as of `entry`."""
+        return self._assignment(self.entry(array, place), self._expressions.expression(value))
+
+    def entry(self, array: str, place: int | str) -> str:
+        """An entry of an array by its number, or by what `place` or `place_in_loop` returns."""
+        if not self.of_several:
+            return f"{array}[{place}]"
+        return f"{array}[({place}) * stride]" if " " in str(place) else f"{array}[{place} * stride]"
+
+    def load(self, name: str, array: str, place: int | str, sign: str = "") -> str:
+        """A line with a local constant that is an entry of an array; `place` is as of `entry`.
+
+        `sign` is "-" where the array has minus the constant.
+        """
+        return f"const real {name} = {sign}{self.entry(array, place)};"
+
+    def spill(self, array: str, place: int | str, name: str, sign: str = "") -> str:
+        """A line that assigns a local constant to an entry, from which `load` reads it.
+
+        `sign` is "-" where minus the constant is stored.
+        """
+        return f"{self.entry(array, place)} = {sign}{name};"
+
+    def constant(self, name: str) -> str:
+        """One of those that `constants` points to, by its name."""
+        return f"CONSTANT({name})" if self.of_several else f"constants->{name}"
+
+    def load_constant(self, name: str) -> str:
+        """A local constant that is the one of its name that `constants` points to."""
+        return f"const real {name} = {self.constant(name)};"
+
+    def helper(self, name: str, parameters: Sequence[str], body: Sequence[str]) -> list[str]:
+        """Definition of a function that computes a part of another one for a state.
+
+        `parameters` stand after the constants, and of several states before the stride.
+        """
+        every = ["const Constants *RESTRICT constants", *parameters]
+        idle: list[str] = []
+        if self.of_several:
+            every.append("const int stride")
+            idle = [] if any("stride" in line for line in body) else [unused("stride")]
+        return [*head(f"static INLINE void {name}", every), "{", *indented([*idle, *body]), "}"]
+
+    def call_helper(self, name: str, arrays: Sequence[str]) -> list[str]:
+        """A call of what `helper` defines, for one state or for each lane of a block."""
+        if not self.of_several:
+            return call(name, ["constants", *arrays])
+        beginning_at_lane = [f"{array} + lane" for array in arrays]
+        of_lane = ["OF_LANE(constants, lane)", *beginning_at_lane, "LANES"]
+        return vector_loop("lane", "LANES", call(name, of_lane))
 
     def clear(self, array: str, size: str) -> list[str]:
         """A loop that makes all entries of an array zero; `size` is of `statements.array_size`."""
@@ -55,12 +114,7 @@ class CStatements(StatementPrinter):
 
     def _assignment(self, target: str, value: str) -> list[str]:
         """An assignment, broken where it is too long for a line."""
-        return broken(f"{target} = {value};", WIDTH - self._depth * INDENT)
-
-
-def load_constant(name: str) -> str:
-    """A local constant that is the one of its name that `constants` points to."""
-    return f"const real {name} = CONSTANT({name});"
+        return broken(f"{target} = {value};", WIDTH - self.depth * INDENT)
 
 
 def unused(name: str) -> str:
@@ -88,15 +142,6 @@ def _listed(begin: str, items: Sequence[str], end: str, width: int) -> list[str]
     return [line.rstrip() for line in lines]
 
 
-def call_helper(name: str, arrays: Sequence[str], lanes: bool) -> list[str]:
-    """A call of what `helper` defines, for each lane of a block of states or for one state."""
-    if not lanes:
-        return call(name, ["constants", *arrays, "1"])
-    beginning_at_lane = [f"{array} + lane" for array in arrays]
-    of_lane = ["OF_LANE(constants, lane)", *beginning_at_lane, "LANES"]
-    return vector_loop("lane", "LANES", call(name, of_lane))
-
-
 def loop(index: str, count: int | str, body: Sequence[str]) -> list[str]:
     """A loop over an index from 0, of `count` rounds."""
     head = f"for (int {index} = 0; {index} < {count}; ++{index}) {{"
@@ -108,19 +153,8 @@ def vector_loop(index: str, count: int | str, body: Sequence[str]) -> list[str]:
     return ["VECTORISE", *loop(index, count, body)]
 
 
-def helper(name: str, parameters: Sequence[str], body: Sequence[str]) -> list[str]:
-    """Definition of a function that computes a part of another one, for one state of several.
-
-    `parameters` stand between the constants and the stride.
-    """
-    every = ["const Constants *RESTRICT constants", *parameters, "const int stride"]
-    idle = [] if any("stride" in line for line in body) else [unused("stride")]
-    opening = head(f"static INLINE void {name}", every)
-    return [*opening, "{", *indented([*idle, *body]), "}"]
-
-
-def side_by_side(lines: Iterable[str]) -> list[str]:
-    """Lines of a function's body, short statements of a kind in one.
+def side_by_side(lines: Iterable[str], depth: int = 1) -> list[str]:
+    """Lines that stand in `depth` blocks, short statements of a kind in one.
 
     Of constants that are computed a line has two, so that a reader finds them.
     """
@@ -134,7 +168,7 @@ def side_by_side(lines: Iterable[str]) -> list[str]:
             rest = f", {line.removeprefix(declared)}" if declared else f"; {line}"
             same = bool(short["copied"]) == bool(before["copied"]) or not declared
             room = count < 2 or short["copied"] or not declared
-            if same and room and len(found[-1]) + len(rest) <= WIDTH - INDENT + 1:
+            if same and room and len(found[-1]) + len(rest) <= WIDTH - depth * INDENT + 1:
                 found[-1] = f"{found[-1][:-1]}{rest}"
                 count += 1
                 continue
@@ -148,26 +182,19 @@ def indented(lines: Iterable[str]) -> list[str]:
     return [f"{' ' * INDENT}{line}".rstrip() for line in lines]
 
 
-def load(name: str, array: str, place: int | str, sign: str = "") -> str:
-    """A line with a local constant that is an entry of an array.
-
-    `place` is a number, or what `place_in_loop` returns; `sign` is "-" where the array has minus
-    the constant.
-    """
-    return f"const real {name} = {sign}{array}[{place} * stride];"
-
-
-def spill(array: str, place: int | str, name: str, sign: str = "") -> str:
-    """A line that assigns a local constant to an entry, from which `load` reads it.
-
-    `sign` is "-" where minus the constant is stored.
-    """
-    return f"{array}[{place} * stride] = {sign}{name};"
+def place(shape: Sequence[int], number: int) -> str:
+    """Number of an entry of an array of a shape, by row and column, as 1 * 9 + 3."""
+    terms = []
+    for axis in range(1, len(shape)):
+        size = math.prod(shape[axis:])
+        index, number = divmod(number, size)
+        terms.append(f"{index} * {size}")
+    return " + ".join([*terms, str(number)])
 
 
 def place_in_loop(first: int, step: int = 0) -> str:
-    """Number of an entry in round `i` of a loop, in parentheses, moving by `step` or one."""
-    return f"({first} + {step} * i)" if step else f"({first} + i)"
+    """Number of an entry in round `i` of a loop, moving by `step` or one."""
+    return f"{first} + {step} * i" if step else f"{first} + i"
 
 
 def array_size(entries: int | str, lanes: bool) -> str:

@@ -17,15 +17,18 @@ from gibbs_codegen.interface import (
 )
 from gibbs_codegen.program.model import Model
 from gibbs_codegen.robot.description import Description
+from gibbs_codegen.runtime.c_library import RUNTIME
 from gibbs_codegen.runtime.rollout_source import rollout_context, rollout_programs
 from gibbs_codegen.targets import documentation
 from gibbs_codegen.targets.c.calls import check_calls, model_functions
-from gibbs_codegen.targets.c.function import CFunction
+from gibbs_codegen.targets.c.function import c_function
 from gibbs_codegen.targets.c.programs import program_texts
 from gibbs_codegen.targets.c.sparse import pattern_texts, sparse_texts
-from gibbs_codegen.targets.c.statements import CStatements, load, side_by_side
+from gibbs_codegen.targets.c.statements import CStatements, side_by_side
 from gibbs_codegen.targets.printers import Context, InfixPrinter, Lines
 
+# Rounding is part of what `prepare` computes.
+_KIND = "STEPWISE real"
 # Of more derivatives that are left out nobody reads the names.
 _NAMED = 8
 
@@ -35,23 +38,22 @@ def module_text(
 ) -> Context:
     """Context of the C templates: all in header and source that depends on the robot.
 
-    `blocks` says whether functions have a form for blocks of states. `entry_lines` explain the
+    `blocks` says whether the header has the forms for blocks of states. `entry_lines` explain the
     entries of arguments and results. `places` has the enumerators of the places in arguments, by
-    the words for these. `support` is the source that depends on no robot, and `gather` that of
-    functions without zeros.
+    the words for these. `runtime` is the source that depends on no robot, which a header of its own
+    has, and `gather` that of functions without zeros.
     """
     robot, program = model.robot, model.program
     values = program.prepared(model.defaults)
-    loads = [(name, program.parameters.index(name)) for name in model.parameters_read]
     functions = [
-        CFunction(model, function, signature, printer).text()
-        for function, signature in model.derived
+        c_function(model, function, signature, printer) for function, signature in model.derived
     ]
     functions += program_texts(model)
     macros = _macros(robot.name, model.defaults)
     listed, folded = model.description.lists(model.functions), ", ".join(model.folded) or "nothing"
     return {
         "header": header,
+        "runtime_header": [header[0], header[-1]],
         "name": robot.name,
         "NAME": robot.name.upper(),
         "blocks": blocks,
@@ -79,19 +81,34 @@ def module_text(
         "constants": program.constants,
         "fields": broken(f"{robot.name}_real {', '.join(program.constants)};", WIDTH - 4),
         "default_constants": in_braces(printer.number(values[name]) for name in program.constants),
-        "parameter_loads": side_by_side(load(name, "parameters", place) for name, place in loads),
-        "prepare": CStatements(printer, kind="STEPWISE real").assign_all(program.prepare),
         "total_mass": printer.expression(model.total_mass),
-        "kept": side_by_side(f"CONSTANT({name}) = {name};" for name in program.constants),
+        "prepare": _prepare_lines(model, CStatements(printer, kind=_KIND)),
+        "prepare_lane": _prepare_lines(model, CStatements(printer, kind=_KIND, of_several=True)),
         "finite": broken(
             f"good &= {' & '.join(f'is_finite({name})' for name in program.constants)};", WIDTH - 4
         ),
-        "support": c_source("support.c").removesuffix("" if blocks else c_source("blocks.c")),
+        "runtime_file": RUNTIME,
+        "runtime": c_source("runtime.c").rstrip(),
         "functions": functions,
         "patterns": pattern_texts(model),
         "sparse": sparse_texts(model),
         "gather": c_source("gather.c"),
     }
+
+
+def _prepare_lines(model: Model, statements: CStatements) -> Lines:
+    """Lines that load the parameters, compute the constants and keep them."""
+    program = model.program
+    loads = [
+        statements.load(name, "parameters", program.parameters.index(name))
+        for name in model.parameters_read
+    ]
+    kept = [f"{statements.constant(name)} = {name};" for name in program.constants]
+    return [
+        *side_by_side(loads),
+        *statements.assign_all(program.prepare),
+        *side_by_side(kept),
+    ]
 
 
 def rollout_text(model: Model, _: InfixPrinter, header: Lines) -> Context:

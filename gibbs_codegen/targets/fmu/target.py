@@ -30,7 +30,7 @@ from gibbs_codegen.robot.layout import frames_of
 from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.robot.placement import mounted_rotors
 from gibbs_codegen.robot.posture import robot_frames
-from gibbs_codegen.runtime.c_library import CompilerError, portable_library
+from gibbs_codegen.runtime.c_library import RUNTIME, CompilerError, portable_library
 from gibbs_codegen.runtime.cache import CacheError
 from gibbs_codegen.targets.c import target as c_target
 from gibbs_codegen.targets.c.target import in_braces
@@ -83,6 +83,7 @@ def archives(model: Model, header: Lines) -> dict[str, bytes]:
     module |= {"patterns": [], "sparse": []}
     programs = [Function(program, words) for words, program in system.programs().items()]
     sources = {
+        RUNTIME: render("c_runtime.h.jinja", module),
         f"{name}.h": render("c_header.h.jinja", module),
         f"{name}.c": render("c_source.c.jinja", module),
         **c_files(system.robot, f"{name}_system", f"{name} as a system.", programs, header),

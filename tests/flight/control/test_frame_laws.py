@@ -13,7 +13,6 @@ from typing import Any
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
-from scipy.spatial.transform import Rotation
 
 import gibbs_codegen
 from gibbs_codegen import generate, load
@@ -128,21 +127,6 @@ def test_a_frame_that_begins_deep_in_a_wall_is_noted(fast: Load) -> None:
     assert note.startswith("tip begins 0.18 m inside wall 3, which pushes it with 180 N")
 
 
-@pytest.mark.slow
-def test_a_frame_that_is_to_push_yields_before_and_does_not_hurry(fast: Load) -> None:
-    """Before its time it yields along the direction as a spring; far away it learns nothing."""
-    module = fast("hexarotor_3link")
-    push = {"value": 3.0, "direction": [1, 0, 0], "begin": 50.0}
-    impedance = {"inertia": [2.0] * 3, "damping": [60.0] * 3, "stiffness": [50.0] * 3}
-    control = {"law": "force", "force": push, "impedance": impedance}
-    pushed = {"force": [-1.0, 0, 0], "end": 100}
-    yielding = tips(module, flown(module, 8.0, control=control, push=pushed))
-    assert yielding[-1] == pytest.approx([-0.02, 0, 0], abs=1e-4)
-    control["force"] = {**push, "begin": 0.0}
-    free = tips(module, flown(module, 4.0, control=control))[:, 0]
-    assert 0.15 < free[-1] < 4.0 * 3.0 / 60.0  # At no more than value / damping.
-
-
 PUSHES: dict[str, dict[str, Any]] = {
     "hexarotor_3link": {"frequency": 8},
     "quadrotor_arm_2link": {
@@ -214,65 +198,6 @@ def test_integral_action_makes_the_force_exact(name: str, fast: Load) -> None:
     # What makes up for the lag follows the friction's creep, too: 4e-5 N are left of it after 12 s,
     # where 1e-5 were when it followed the acceleration that the law expects.
     assert flight.wall_forces[-1, 0] == pytest.approx(3.0, abs=1e-4)
-
-
-@pytest.mark.slow
-def test_a_push_ends_and_turns_with_its_axes(fast: Load) -> None:
-    module = fast("hexarotor_3link")
-    # The tip's own z axis, against a wall that it meets so.
-    still = flown(module, 0.01)
-    pose = module.frame_poses(still.q[0])[module.FRAMES.index("tip")]
-    along = pose[:3, 2]
-    barrier = {"frame": "tip", "point": pose[:3, 3].tolist(), "normal": (-along).tolist()}
-    push = {"value": 2, "direction": [0, 0, 1], "axes": "tip", "end": 4.0, "integral": 3}
-    flight = flown(
-        module,
-        6.0,
-        control={"law": "force", "force": push, "frequency": 8},
-        wall=[barrier | {"stiffness": 800, "damping": 20}],
-    )
-    row = np.searchsorted(flight.time, 3.9)
-    assert flight.frame_wrench("tip")[row, :3] == pytest.approx(-2 * along, abs=1e-2)
-    assert tips(module, flight)[-1] == pytest.approx(0.0, abs=1e-3)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    "name", ["hextilt_flying_arm_5", pytest.param("quadrotor_arm_2link", marks=pytest.mark.slow)]
-)
-def test_what_is_learnt_turns_with_its_axes(name: str, fast: Load) -> None:
-    """A machine that faces elsewhere, along axes of its base, is as one along the world's."""
-    module, heading = fast(name), 40.0
-    turn, rng = Rotation.from_euler("z", heading, degrees=True), np.random.default_rng(4)
-    v, learnt = rng.normal(size=(2, len(module.VELOCITIES)))
-    felt, found = np.array([[-1.5, 0.4, -0.6], [0.2, -0.1, 0.3]]), []
-    force = {"value": 3.0, "direction": [0.6, 0, 0.8], "integral": 2, "rise": 0.5}
-    for axes, facing in (("world", Rotation.identity()), ("base", turn)):
-        changes = {
-            "base": {
-                "path": {"kind": "fixed", "position": [0, 0, 2]},
-                "attitude": {"kind": "level", "heading_deg": heading if axes == "base" else 0.0},
-            },
-            "arm.posture_deg": BENT[name],
-            "control": {"law": "force", "integral": 0.7, "force": {**force, "axes": axes}},
-            "duration": 2,
-        }
-        start = flight_start(module, read_scenario("hover", changes), lambda *_: None, own=False)
-        controller, places = start.loop.controller, start.loop.vehicle.layout
-        q, own = controller.reference(1.0)[0].copy(), learnt.copy()
-        q[places.q.position] += facing.apply([0.02, -0.03, 0.01])
-        q[places.q.joints] += 0.1
-        wrench = facing.apply(felt).ravel()
-        if name.startswith("quad"):  # That of the centre of mass is in world axes.
-            own[places.v.position] = facing.apply(own[places.v.position])
-        u, growth = controller.commanded(1.0, q, v, own, {}, wrench)
-        if name.startswith("quad"):
-            growth[places.v.position] = facing.inv().apply(growth[places.v.position])
-        found.append((u, growth))
-    (level, learning), turned = found
-    assert np.abs(learning).max() > 0.1
-    assert turned[0] == pytest.approx(level, abs=1e-9 * np.abs(level).max())
-    assert turned[1] == pytest.approx(learning, abs=1e-9)
 
 
 @pytest.mark.slow
@@ -522,19 +447,3 @@ def test_a_base_leans_against_what_its_tip_feels(fast: Load) -> None:
     assert np.cross(axis, pull / np.linalg.norm(pull)) == pytest.approx(0.0, abs=1e-6)
     # The posture takes a little of it.
     assert tips(module, flight)[-1] == pytest.approx(force / 50, abs=3e-4)
-
-
-@pytest.mark.slow
-def test_what_pushes_does_not_follow_its_path_into_the_wall(fast: Load) -> None:
-    module = fast("hexarotor_3link")
-    push = {"value": 3, "direction": [1, 0, 0], "begin": 0.1, "rise": 0.5}
-    into = {"kind": "line", "start": [0, 0, 2], "end": [0.05, 0, 2], "begin": 3, "duration": 0.5}
-    flight = flown(
-        module,
-        4.0,
-        control={"law": "force", "force": push, "frequency": 8},
-        wall=[wall(module, 0.002, damping=20)],
-        **{"base.path": into},
-    )
-    later = flight.time > 2.9
-    assert flight.wall_forces[later, 0] == pytest.approx(3.0, abs=0.01)

@@ -212,34 +212,6 @@ def test_from_any_state_joints_and_centre_of_mass_move_as_the_law_says(
     assert thrust == pytest.approx(np.maximum(asked, 0.0), abs=2e-2)
 
 
-def test_angles_and_a_quaternion_get_the_same_inputs(machines: Load) -> None:
-    one, other = Vehicle(machines("quadrotor")), Vehicle(machines(ANGLES))
-    rng = np.random.default_rng(2)
-    laws = [law_of(each, resting(each, each.neutral)) for each in (one, other)]
-    angles = rng.uniform(-0.9, 0.9, (5, 3))
-    rates = rng.uniform(-2.0, 2.0, (5, 3))
-    velocity = rng.uniform(-1.0, 1.0, (5, 3))
-    q = np.zeros((5, 6))
-    places = other.layout.q
-    q[:, places.attitude], q[:, places.position] = angles, rng.uniform(-1.0, 1.0, (5, 3))
-    v = np.zeros_like(q)
-    v[:, places.attitude], v[:, places.position] = rates, velocity
-    rotation = other.base_rotation(q)
-    same_q, same_v = np.zeros((5, 7)), np.zeros((5, 6))
-    same_q[:, one.layout.q.position] = q[:, places.position]
-    same_q[:, one.layout.q.attitude] = Rotation.from_matrix(rotation).as_quat()
-    turning = other.function("frame_velocities")(q, v)[:, 0, 3:]
-    spin = np.einsum("sji,sj->si", rotation, turning)
-    same_v[:, one.layout.v.attitude] = spin
-    same_v[:, one.layout.v.position] = np.einsum("sji,sj->si", rotation, velocity)
-    size = 1e-6
-    turned = other.base_rotation(q + size * v) - other.base_rotation(q - size * v)
-    skew = np.swapaxes(rotation, -1, -2) @ turned / (2.0 * size)
-    assert spin == pytest.approx(skew[:, (2, 0, 1), (1, 2, 0)], abs=1e-8)
-    inputs = [law(0.5, *state) for law, state in zip(laws, [(same_q, same_v), (q, v)], strict=True)]
-    assert inputs[0] == pytest.approx(inputs[1], abs=1e-9)
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "limits", "lag", "integral"),

@@ -26,7 +26,7 @@ from gibbs_codegen.flight.many import simulate_many
 from gibbs_codegen.flight.plant.actuators import module_actuators
 from gibbs_codegen.flight.plant.vehicle import Vehicle
 from gibbs_codegen.flight.scenario.file import read_scenario
-from gibbs_codegen.flight.scenario.walls import Plane, Sphere
+from gibbs_codegen.flight.scenario.walls import Plane
 from gibbs_codegen.flight.simulation import simulate
 from gibbs_codegen.pipeline import generate_robot
 from gibbs_codegen.robot.family import paper_family
@@ -108,15 +108,6 @@ def every_kind(module: ModuleType, **changes: Any) -> Predictive:
     return controller_of(module, **changes)
 
 
-def pressing(module: ModuleType) -> Predictive:
-    """A controller that knows a wall, in which the tip is, and a ball before it."""
-    tip = controller_of(module)._first_point
-    own = {"stiffness": 300.0, "damping": 5.0, "friction": 0.5, "ball_radius": 0.1}
-    ball = Sphere("tip", tuple(tip + np.array([0.3, 0.0, 0.2])), 0.9, **own)
-    wall = Plane("tip", tuple(tip - [1.0, 0.0, 0.0]), (-1.0, 0.2, 0.1), dissipation=0.1, **own)
-    return controller_of(module, walls=[wall, ball], orientations={})
-
-
 def stay(controller: Predictive) -> None:
     """Let the plan be to hover, from where the machine is."""
     told, hover = controller._compiled.arrays, controller.hover
@@ -139,49 +130,6 @@ def value(controller: Predictive, program: Any, given: dict[str, Any]) -> dict[s
     constants = controller._compiled.arrays["constants"].tobytes()
     own = {name: given[name] for name in program.names}
     return evaluate(program, own, {"robot": controller.module}, {"robot": constants})
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("kind", [every_kind, pressing])
-def test_slopes_and_gradients_are_derivatives(kind: Any, module: ModuleType) -> None:
-    assert_slopes(kind(module))
-
-
-def assert_slopes(controller: Predictive) -> None:
-    """Against central differences of the gap and the cost, whose displacements `moved` makes."""
-    rng = np.random.default_rng(3)
-    horizon = controller.horizon
-    stay(controller)
-    told = controller._compiled.arrays
-    told["reference"][:] = controller._reference(controller._ahead, controller.hover.q)
-    moved, node = horizon.moved(), horizon.node()
-    for x in told["x"]:
-        away = rng.uniform(-0.2, 0.2, horizon.states)
-        x[:] = value(controller, moved, {"x": x, "displacement": away})["x_next"]
-    told["u"] += rng.uniform(-1.0, 1.0, told["u"].shape)
-    given = inputs_of(controller, 0)
-    # The next state is where the step ends, where a displacement of the gap is one of the step.
-    gap = value(controller, horizon.values(), given)["gap"]
-    ahead = {"x": given["x_next"], "displacement": gap}
-    given["x_next"] = value(controller, moved, ahead)["x_next"]
-    found = value(controller, node, given)
-    np.testing.assert_allclose(found["gap"], 0.0, atol=1e-12)
-    inputs, h = horizon.robot.inputs, 1e-6
-    for i in range(inputs + horizon.states):
-        ends = []
-        for sign in (-h, h):
-            near = dict(given)
-            if i < inputs:
-                near["u"] = given["u"] + sign * np.eye(inputs)[i]
-            else:
-                away = sign * np.eye(horizon.states)[i - inputs]
-                near["x"] = value(controller, moved, {"x": given["x"], "displacement": away})[
-                    "x_next"
-                ]
-            ends.append(value(controller, horizon.values(), near))
-        slope, cost = ((ends[1][x] - ends[0][x]) / (2.0 * h) for x in ("gap", "cost"))
-        np.testing.assert_allclose(found["slope"][:, i], slope, atol=2e-7)
-        np.testing.assert_allclose(found["gradient"][i], cost, rtol=2e-6, atol=1e-4)
 
 
 @pytest.mark.slow
@@ -302,7 +250,7 @@ def test_c_has_the_inputs_of_python(
     assert (header.name, source.name) == (f"{name}_predictive.h", f"{name}_predictive.c")
     options = ["-O1", f"-I{folder}", f"-I{tmp_path}", "-shared", "-fPIC"]
     options += [f"-D{name.upper()}_{macro}" for macro in macros]
-    sources = [str(source), str(folder / f"{name}.c")]
+    sources = [str(source), *(str(folder / f"{name}{part}.c") for part in ("", "_batch"))]
     path = build(compiler, options, sources, tmp_path / "predictive.so")
     seen = {line.split()[-1] for line in run(["nm", "-D", "--defined-only", path]).splitlines()}
     assert all(symbol.startswith((f"{name}_", "_")) for symbol in seen)
@@ -672,16 +620,6 @@ def test_it_does_not_push_against_servos(driven: ModuleType) -> None:
     }
     with pytest.raises(UsageError, match=r"control\.force: .* servos hold .*: leave them out"):
         simulate(driven, read_scenario("hover", changes))
-
-
-@pytest.mark.slow
-def test_slopes_of_motors_and_servos_are_derivatives(driven: ModuleType) -> None:
-    hover = trim(driven, posture_deg={"upper": 20.0, "wrist": 30.0})
-    controller = Predictive(
-        driven, hover, {"tip": lambda t: np.tile([0.1, 0.0, -0.4], (len(t), 1))}
-    )
-    assert controller.horizon.motors == len(driven.ACTUATOR_STATES)
-    assert_slopes(controller)
 
 
 @pytest.mark.slow

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
 from types import ModuleType
 
 import numpy as np
@@ -193,15 +192,3 @@ def test_held_inputs_act_all_through(name: str, modules: Load) -> None:
             expected = closed.step(time + done * step, state, step, loads)
             assert after == pytest.approx(expected, rel=1e-11, abs=1e-11)
             state = after
-
-
-def test_plant_and_model_may_differ(modules: Load) -> None:
-    """The law reckons with its own parameters, and the plant moves and works by others."""
-    closed = closed_loop_of(modules("hexarotor_3link"))
-    plant = Vehicle(closed.vehicle.module, {"base_arm_length": 0.4, "link2_mass_per_length": 1.3})
-    closed = replace(closed, vehicle=plant)
-    slope = CompiledSlope(closed, np.inf)
-    for time, state in states_near(closed, 5):
-        state[-plant.rotors :] = 3.0
-        expected = closed.derivative(time, state)
-        assert slope(time, state) == pytest.approx(expected, rel=1e-9, abs=1e-9)

@@ -129,21 +129,6 @@ def test_energy_balances_to_1e_8(scenario: str, fast: Load) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("method", "share"), [("adaptive", 1e-8)])
-def test_both_back_ends_fly_the_same(method: str, share: float, fast: Load, shipped: Load) -> None:
-    """To roundoff in equal steps; roundoff changes adaptive ones, and so errors of their size."""
-    scenario = read_scenario(
-        "paper",
-        {"start": {"offset": [0.1, 0, 0]}, "duration": 1.0, "integration": {"method": method}},
-    )
-    slow, quick = (simulate(load("hexarotor_3link"), scenario) for load in (shipped, fast))
-    assert np.array_equal(slow.time, quick.time)
-    for name in ("q", "v", "applied", "constraint_torques", "work"):
-        ours, theirs = getattr(slow, name), getattr(quick, name)
-        assert ours == pytest.approx(theirs, rel=0, abs=share * np.abs(theirs).max()), name
-
-
-@pytest.mark.slow
 def test_both_methods_fly_the_same(fast: Load) -> None:
     scenario = read_scenario("paper", {"start": {"turn_deg": [10, 0, 0]}, "duration": 2.0})
     adaptive = simulate(fast("hexarotor_3link"), scenario)
@@ -482,29 +467,6 @@ def counted_derivatives(monkeypatch: pytest.MonkeyPatch) -> list[float]:
     return times
 
 
-@pytest.mark.slow
-def test_a_pushed_flight_in_c_is_that_of_python(
-    fast: Load, shipped: Load, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """And Python takes no steps, not even those that the push's begin and end cut short."""
-    push = Push((0.5, -0.3, 0.4), 0.2003, 0.6007)
-    scenario = replace(
-        read_scenario("line", {"start": {"offset": [0.1, 0, 0]}, "duration": 0.8}),
-        push=push,
-        integration=Settings(method="rk4", step=0.002),
-    )
-    times = counted_derivatives(monkeypatch)
-    quick = simulate(fast("hexarotor_3link"), scenario)
-    if (fast("hexarotor_3link").__file__ or "").endswith(".so"):
-        assert not times
-    slow = simulate(shipped("hexarotor_3link"), scenario)
-    free = simulate(fast("hexarotor_3link"), replace(scenario, push=None))
-    assert np.abs(quick.q - free.q).max() > 1e-3
-    for name in ("q", "v", "work"):
-        ours, theirs = getattr(quick, name), getattr(slow, name)
-        assert ours == pytest.approx(theirs, rel=0, abs=1e-10 * np.abs(theirs).max()), name
-
-
 @pytest.mark.parametrize(
     ("changes", "advice"),
     [
@@ -530,13 +492,6 @@ def test_advice_is_what_applies(changes: dict[str, object], advice: str, fast: L
 
 
 # Flights that adaptive steps cannot take
-
-STIFF: list[tuple[str, dict[str, object], str]] = [
-    ("hexarotor", {"motors": {"time_constant": 1e-9}}, "a longer time constant of the motors"),
-    ("octorotor_7link", {"motors": {"time_constant": 1e-5}}, "use rk4 with steps of 2e-05 s"),
-    ("hexarotor", {"control": {"frequency": 1e4, "damping_ratio": 1e4}}, "lower gains"),
-    ("hexarotor", {"control": {"frequency": 100, "damping_ratio": 100}}, "lower gains"),
-]
 
 
 @pytest.mark.parametrize(

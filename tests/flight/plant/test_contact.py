@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
@@ -15,10 +14,9 @@ from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 from support.kept import kept_folder, made_once
 
-from gibbs_codegen.arrays import evaluate, jacobian, variable
+from gibbs_codegen.arrays import evaluate, variable
 from gibbs_codegen.arrays.nodes import Program
 from gibbs_codegen.errors import ScenarioFileError, UsageError
-from gibbs_codegen.flight.integration.closed_loop import loop_program, loop_values
 from gibbs_codegen.flight.integration.compiled_loop import CompiledSlope
 from gibbs_codegen.flight.integration.integrators import integrate
 from gibbs_codegen.flight.integration.state_history import Loads
@@ -34,7 +32,6 @@ from gibbs_codegen.flight.stepping import Simulation
 from gibbs_codegen.pipeline import generate_robot
 from gibbs_codegen.robot.file import parse_robot
 from gibbs_codegen.runtime.load import load
-from gibbs_codegen.verification.complex_steps import ComplexSteps
 
 Array = NDArray[np.float64]
 GRAVITY, MASS = 9.81, 2.0
@@ -137,44 +134,6 @@ def test_a_block_sticks_below_the_angle_of_friction_and_slides_above(
     assert bristles is not None
     strained = np.linalg.norm(bristles[0, -1].reshape(-1, 3), axis=1)
     assert strained == pytest.approx(friction * pressed[-1] / SOFT["stiffness"], rel=1e-4)
-
-
-@pytest.mark.slow
-def test_a_ball_rolls_down_as_its_inertia_says(block: ModuleType) -> None:
-    """A ball that sticks, of a body with the inertia 0.03 kg m² about the axis of its turning."""
-    angle, radius = np.radians(20.0), 0.1
-    normal = np.array([np.sin(angle), 0.0, np.cos(angle)])
-    wall = {"frame": "base", "point": [0, 0, 0], "normal": normal.tolist(), "friction": 0.5}
-    wall |= {"ball_radius": radius, "stiffness": 4000.0, "damping": 100.0}
-    deep = MASS * GRAVITY * np.cos(angle) / 4000.0
-    flight = thrown(block, [wall], duration=1.5, **fixed(*((radius - deep) * normal)))
-    path = flight.point("base") @ np.array([np.cos(angle), 0.0, -np.sin(angle)])
-    late = flight.time > 0.5
-    assert not flight.contact_slip[late].any()
-    found = 2.0 * np.polyfit(flight.time[late], path[late], 2)[0]
-    expected = GRAVITY * np.sin(angle) / (1.0 + 0.03 / (MASS * radius**2))
-    assert found == pytest.approx(expected, rel=1e-3)
-
-
-@pytest.mark.slow
-def test_what_slides_is_the_lowest_point_of_a_ball_that_presses(block: ModuleType) -> None:
-    """With friction and without; in the air nothing slides."""
-    v = np.array([1.0, 0.0, 0.0, 0.0, 3.0, 0.0])
-    for friction, height, expected in (
-        (0.0, 0.04, 1.0 - 3.0 * 0.05),
-        (1e-6, 0.04, 1.0 - 3.0 * 0.05),
-        (0.0, 1.0, 0.0),
-        (0.5, 1.0, 0.0),
-    ):
-        floor = {"kind": "floor", "frame": "base", "stiffness": 4000, "ball_radius": 0.05}
-        own = {"wall": [floor | {"friction": friction}], "control": {"law": "off"}}
-        scenario = read_scenario("hover", own | fixed(0, 0, height))
-        start = flight_start(block, scenario, lambda *_: None, own=False)
-        loop, none = start.loop, np.zeros(4)
-        parts = loop.parts(loop.start(start.q, v))
-        found = loop.motion(0.0, parts, none, none, loop.loads(0.0))["contacts"]
-        np.testing.assert_allclose(found[0, 4:7], [expected, 0.0, 0.0], atol=1e-4)
-        assert found[0, 4:7].any() == bool(expected)
 
 
 @pytest.mark.slow
@@ -375,91 +334,6 @@ def test_depths_are_those_of_the_nearest_points(name: str) -> None:
     directions /= np.linalg.norm(directions, axis=-1, keepdims=True)
     nearer = found(places + 0.999 * np.abs(depths)[:, np.newaxis] * directions)[0]
     assert np.all(np.sign(nearer) == np.sign(depths))
-
-
-def machine_at_walls(module: ModuleType, **changes: Any) -> Any:
-    """The start of a flight of the paper's machine, which leans on walls with friction."""
-    place = simulate(module, read_scenario("hover", {"duration": 0.01})).positions[0, -1]
-    walls = [
-        {"frame": "tip", "point": np.add(place, [0, 0, 0.005]).tolist(), "normal": [0.2, 0.1, 1]},
-        {"kind": "sphere", "frame": ["base", "tip"], "centre": [0, 0.1, 1.2], "radius": 0.7},
-    ]
-    common = {"stiffness": 300, "damping": 5, "dissipation": 0.5, "friction": 0.4}
-    given = {"wall": [x | common | {"ball_radius": 0.11} for x in walls]}
-    given |= {"control": {"law": "off"}}
-    return flight_start(module, read_scenario("hover", given | changes), lambda *_: None, own=False)
-
-
-@pytest.mark.slow
-def test_c_numpy_and_jax_say_the_same(
-    shipped: Callable[[str], ModuleType], jax_in_double_precision: ModuleType
-) -> None:
-    """Of states with bristles, of which some stick and some slide."""
-    folder = Path(shipped("hexarotor_3link").__file__ or "").parent
-    start = machine_at_walls(load(folder, "c"))
-    loop = start.loop
-    random, jax = np.random.default_rng(3), jax_in_double_precision
-    states = np.tile(loop.start(start.q, start.v), (6, 1))
-    states += 1e-3 * random.normal(size=states.shape)
-    states[:, loop.layout.places.bristles] *= 3.0
-    slope = CompiledSlope(loop, np.inf)
-    program = loop_program(loop, loop.loads(0.0))
-    values = loop_values(loop, np.inf, loop.loads(0.0)) | {"time": 0.0}
-    owners = {owner: load(folder, "jax") for owner in ("plant", "model")}
-    curves = np.concatenate(loop.controller.reference(0.0))
-    slides = []
-    for state in states:
-        python = loop.derivative(0.0, state)
-        compiled = slope(0.0, state)
-        rates = program.rate_program
-        given = {name: values.get(name, 0.0) for name in rates.names}
-        given |= {"x": state, "curves": curves}
-        traced = evaluate(rates, given, owners, xp=jax.numpy)["rate"]
-        size = np.abs(python).max()
-        np.testing.assert_allclose(compiled, python, rtol=0.0, atol=1e-12 * size)
-        np.testing.assert_allclose(traced, python, rtol=0.0, atol=1e-11 * size)
-        parts = loop.parts(state)
-        inputs = np.zeros(len(loop.vehicle.inputs))
-        contacts = loop.motion(0.0, parts, inputs, inputs, loop.loads(0.0))["contacts"]
-        slides.append(np.any(contacts[:, 4:7], axis=-1) & (contacts[:, 0] > 0.0))
-        wrenches = loop.motion(0.0, parts, inputs, inputs, loop.loads(0.0))["wrenches"]
-        np.testing.assert_allclose(loop.contact_wrenches(parts), wrenches, rtol=1e-14)
-    assert np.any(slides)
-    assert not np.all(slides)
-
-
-@pytest.mark.slow
-def test_contact_has_the_derivatives_of_complex_steps(folder: Path) -> None:
-    """Of what one bristle that sticks, and one that slides, make of coordinates and velocities."""
-    module = load(folder)
-    given = {
-        "control": {"law": "off"},
-        "wall": [{"kind": "floor", "frame": FEET, "friction": 0.5, "ball_radius": 0.03} | SOFT],
-        **fixed(0, 0, HEIGHT + 0.026),
-    }
-    start = flight_start(module, read_scenario("hover", given), lambda *_: None, own=False)
-    loop = start.loop
-    program = loop_program(loop, loop.loads(0.0)).rate_program
-    values = loop_values(loop, np.inf, loop.loads(0.0)) | {"time": 0.0}
-    values |= {"curves": np.concatenate(loop.controller.reference(0.0))}
-    state = loop.start(start.q, np.array([0.01, 0.02, -0.03, 0.02, 0.01, 0.05]))
-    state[loop.layout.places.bristles] = [1e-4, 0, 0, 3e-3, 1e-3, 0, 0, 2e-4, 0, 0, 0, 0]
-    values = {name: values[name] for name in program.names if name != "x"} | {"x": state}
-    owners = dict.fromkeys(("plant", "model"), module)
-    found = evaluate(jacobian(program, "x"), values, owners)["rate_by_x"]
-
-    robot = parse_robot(BLOCK)
-
-    class Complex:
-        def __getattr__(self, name: str) -> Any:
-            return lambda *arguments: ComplexSteps(module, robot)(name, *map(np.ravel, arguments))
-
-    moved = dict.fromkeys(owners, Complex())
-    for k, column in enumerate(found.T):
-        aside = state + 1e-40j * np.eye(len(state))[k]
-        wanted = np.imag(evaluate(program, values | {"x": aside}, moved)["rate"]) / 1e-40
-        size = np.abs(wanted).max()
-        np.testing.assert_allclose(column, wanted, rtol=0.0, atol=1e-12 * max(size, 1.0))
 
 
 # From the floor and back, with motors that run from 0.5 s to 9 s. The path begins below the floor,

@@ -145,27 +145,6 @@ def test_wind_carries_a_falling_base_as_the_exponential_function_says(fast: Load
     assert force == pytest.approx(drag * (wind - terminal * settled), abs=1e-9)
 
 
-def test_a_gust_rises_and_falls_once_and_turning_is_dragged_too(fast: Load) -> None:
-    """The velocity of a gust has the mean of half its amplitude."""
-    wind = Wind({"base": 1.0}, (1, 0, 0), (Gust((2, 0, 4), 0.5, 1.0),), {"base": 0.3})
-    vehicle = Vehicle(fast("hexarotor"))
-    environment = Environment(vehicle, wind=wind)
-    time = np.linspace(0.9, 1.6, 7001)
-    still = np.zeros((len(time), 6))
-    pulled = wrenches(environment, still + vehicle.neutral, still, np.zeros((len(time), 6)), time)
-    speed = pulled[:, 0, :3] - [1.0, 0.0, 0.0]
-    assert speed[[0, 1000, 3500, 6000, 7000]] == pytest.approx(
-        np.outer([0, 0, 1, 0, 0], [2, 0, 4]), abs=1e-12
-    )
-    mean = np.mean(speed[(time >= 1.0) & (time <= 1.5)], axis=0)
-    assert mean == pytest.approx([1, 0, 2], abs=1e-3)
-    assert environment.jumps == {1.0, 1.5}
-    moving = vehicle.function("frame_velocities")(vehicle.neutral, np.arange(6.0))[0]
-    expected = [*(np.array([1, 0, 0]) - moving[:3]), *(-0.3 * moving[3:])]
-    found = wrenches(environment, vehicle.neutral, np.arange(6.0), np.zeros(6))
-    assert found == pytest.approx(np.array([expected, [0] * 6]))
-
-
 # Walls
 
 
@@ -341,31 +320,6 @@ def test_a_payload_is_a_heavier_body() -> None:
     assert carried.q == pytest.approx(heavier.q, abs=1e-10)
     assert carried.a == pytest.approx(heavier.a, abs=1e-9)
     assert np.abs(free.q - heavier.q).max() > 1e-2
-
-
-@pytest.mark.slow
-def test_payloads_obey_newtons_law_and_hang_on_the_controller(fast: Load) -> None:
-    """Forces are m (g − p̈) by differences of recorded places, and hover carries the weight."""
-    module = fast("hexarotor_3link")
-    payloads = [
-        {"frame": "tip", "mass": 0.4, "begin": 0.21},
-        {"frame": "base", "mass": 0.3, "begin": 0.4, "end": 0.9},
-    ]
-    flight = flown(module, duration=2.5, control={"frequency": 12}, payload=payloads)
-    force = flight.frame_wrench("tip")[:, :3]
-    assert np.all(force[flight.time < 0.209] == 0.0)
-    step = flight.time[1] - flight.time[0]
-    place = flight.point("tip")
-    second = (place[2:] - 2.0 * place[1:-1] + place[:-2]) / step**2
-    smooth = (flight.time > 0.22) & (np.abs(flight.time - 0.4) > 0.01)
-    smooth &= np.abs(flight.time - 0.9) > 0.01
-    found, expected = force[1:-1], 0.4 * ([0.0, 0.0, -GRAVITY] - second)
-    assert found[smooth[1:-1]] == pytest.approx(expected[smooth[1:-1]], abs=2e-3)
-    loaded = flight.frame_wrench("base")[:, 2] != 0.0
-    assert np.array_equal(loaded, (flight.time >= 0.4) & (flight.time < 0.9))
-    thrust = module.input_matrix(flight.q[-1])[:, :6] @ flight.applied[-1, :6]
-    up = flight.layout.v.position.start + 2
-    assert thrust[up] == pytest.approx((9.0 + 0.4) * GRAVITY, abs=1e-3)
 
 
 def test_momentum_changes_as_gravity_and_the_recorded_wrenches_say(fast: Load) -> None:

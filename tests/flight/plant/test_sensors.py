@@ -14,17 +14,14 @@ import pytest
 from gibbs_codegen import (
     SensorSuite,
     Simulation,
-    load,
     read_flight,
     read_robot,
     read_scenario,
     simulate,
 )
-from gibbs_codegen.arrays import evaluate
 from gibbs_codegen.errors import GibbsCodegenError
 from gibbs_codegen.flight.plant.vehicle import Array
 from gibbs_codegen.flight.scenario.scenario import Scenario
-from gibbs_codegen.runtime.program_blocks import compile_program
 
 Load = Callable[[str], ModuleType]
 ARM = "quadrotor_arm_2link"
@@ -45,32 +42,11 @@ def at(module: ModuleType, **entries: float) -> Array:
     return q
 
 
-def turned(vector: Array, rotation: Array) -> Array:
-    """A vector of the world in the axes of a frame."""
-    found: Array = rotation.T @ vector
-    return found
-
-
 def flown(module: ModuleType, u: Array, **changes: Any) -> Simulation:
     simulation = Simulation(module, changed(**changes))
     simulation.reset(at(module, z=2.0))
     simulation.step(u, 0.1)
     return simulation
-
-
-@pytest.mark.slow
-def test_free_fall_has_no_specific_force_and_hover_has_that_of_gravity(fast: Load) -> None:
-    module = fast("quadrotor")
-    weight = module.mass_matrix(at(module))[2, 2] * G
-    sensors = {"imu": [{"rate": 100}, {"name": "camera", "frame": "camera"}]}
-    for thrust, wanted in ((0.0, 0.0 * UP), (weight / 4.0, UP)):
-        simulation = flown(module, np.full(4, thrust), sensors=sensors)
-        for each in simulation.step(np.full(4, thrust), 0.1).sensors.values():
-            assert each.values[3:] == pytest.approx(0.0, abs=1e-12)
-            assert np.linalg.norm(each.values[:3]) == pytest.approx(wanted[2], abs=1e-9)
-        assert simulation.step(np.full(4, thrust), 0.1).sensors["imu"].values[:3] == pytest.approx(
-            wanted, abs=1e-9
-        )
 
 
 def test_the_robot_that_flies_is_read_and_as_late_as_it_is_observed(fast: Load) -> None:
@@ -83,18 +59,6 @@ def test_the_robot_that_flies_is_read_and_as_late_as_it_is_observed(fast: Load) 
     assert simulation.sensors["imu"].values is reading.values
     with pytest.raises(ValueError, match="read-only"):
         reading.values[0] = 1.0
-
-
-def test_off_centre_a_turn_is_felt_as_centripetal(fast: Load) -> None:
-    module, rate = fast(ARM), 3.0
-    q, v = at(module, upper_arm=0.7, forearm=0.5), np.zeros(8)
-    v[5] = rate  # About the vertical, while the base's origin rests.
-    pose = module.frame_poses(q)[module.FRAMES.index("tip")]
-    away = pose[:3, 3] * [1.0, 1.0, 0.0]
-    assert np.linalg.norm(away) > 0.05
-    found = suite(module, imu=[{"frame": "tip"}]).measurements(q, v, np.zeros(8))
-    assert found[:3] == pytest.approx(turned(UP - rate**2 * away, pose[:3, :3]), abs=1e-12)
-    assert found[3:] == pytest.approx(turned(np.array([0, 0, rate]), pose[:3, :3]), abs=1e-12)
 
 
 @pytest.mark.parametrize("name", [ARM, "hexarotor_3link"])
@@ -278,48 +242,6 @@ def test_sensors_alone_change_no_flight(fast: Load) -> None:
     noisy = simulate(module, changed(sensors=SENSORS | {"position": 1e-3}))
     assert noisy.control_rate == 50.0
     assert not np.array_equal(noisy.q, flight.q)
-
-
-@pytest.mark.slow
-def test_forces_on_a_frame_are_felt_in_its_axes(fast: Load) -> None:
-    module, weight = fast(ARM), [0.5, -0.2, 0.3, 0.01, 0.02, -0.03]
-    push = {"frame": "tip", "force": weight[:3], "torque": weight[3:], "end": 0.1}
-    sensors = {"wrench": [{"frame": "tip", "rate": 100, "torque_range": 0.02}]}
-    start = {"turn_deg": [30, -20, 40]}
-    changes = {"duration": 0.2, "start": start, "push": push, "sensors": sensors}
-    flight = simulate(module, changed(**changes))
-    turns = module.frame_poses(flight.q)[:, 1, :3, :3]
-    wanted = np.einsum("sji,nj->sni", turns, np.reshape(weight, (2, 3))).reshape(-1, 6)
-    wanted[:, 3:] = np.clip(wanted[:, 3:], -0.02, 0.02)
-    # What is read at 0.1 s, as the push ends, may be either.
-    assert flight.sensors[2:20:2] == pytest.approx(wanted[2:20:2], abs=1e-12)
-    assert np.all(flight.sensors[22:] == 0.0)
-
-
-@pytest.mark.slow
-def test_jax_and_c_measure_what_numpy_does(
-    shipped: Load, fast: Load, jax_in_double_precision: ModuleType
-) -> None:
-    module = shipped(ARM)
-    sensors: dict[str, Any] = SENSORS | {"barometer": [{}], "encoders": [{"resolution": 1e-3}]}
-    sensors["wrench"] = [{"frame": "tip"}]
-    draw = np.random.default_rng(2)
-    motion = [draw.uniform(-1.0, 1.0, (3, 7, n)) for n in (9, 8, 8)]
-    motion[0][..., 3:7] /= np.linalg.norm(motion[0][..., 3:7], axis=-1, keepdims=True)
-    wrenches, times = draw.uniform(-1.0, 1.0, (3, 7, 2, 6)), np.arange(7) / 50.0
-    own = suite(module, **sensors)
-    wanted = own.readings(times, *motion, wrenches)
-    on_jax = suite(load(Path(module.__file__ or "").parent, "jax"), **sensors)
-    found = jax_in_double_precision.jit(lambda *x: on_jax.readings(times, *x))(*motion, wrenches)
-    assert np.asarray(found) == pytest.approx(wanted, abs=1e-12, nan_ok=True)
-    given = dict(zip(("q", "v", "a", "wrenches"), (*motion, wrenches), strict=True))
-    given["gravity"] = -UP
-    in_c = compile_program(own.program, fast(ARM))(given)["measured"]
-    measured = evaluate(own.program, given, {"robot": module})["measured"]
-    assert in_c == pytest.approx(measured, abs=1e-12)
-    turns = module.frame_poses(motion[0])[..., 1, :3, :3]
-    force = np.einsum("...ji,...j", turns, wrenches[..., 1, :3])
-    assert measured[..., -6:-3] == pytest.approx(force, abs=1e-12)
 
 
 @pytest.mark.parametrize(

@@ -12,7 +12,7 @@ from scipy.integrate import solve_ivp
 from support.actuated import actuated, air, at_once
 from support.compiled import Emitted, compile_only, emit
 
-from gibbs_codegen import Feedback, Rollout, UsageError, load, rollout, trim, uniform
+from gibbs_codegen import Rollout, UsageError, rollout, trim, uniform
 from gibbs_codegen.runtime.rollouts import Motors, Problem, compiled_rollout, numpy_rollout
 
 # In such steps dry friction throws the wrist about, in every back end alike.
@@ -53,27 +53,6 @@ def arguments(module: ModuleType, beyond: float = 0.0) -> dict[str, Any]:
 def limits(module: ModuleType) -> np.ndarray:
     """The least and the greatest commands, m where the file has none."""
     return np.array([module.COMMAND_LIMITS.get(x, (-0.1, 0.1)) for x in module.COMMANDS]).T
-
-
-def everything(module: ModuleType) -> dict[str, Any]:
-    """What a rollout may have besides: another battery, servo and lag in each state, and more."""
-    rng = np.random.default_rng(4)
-    given, nu, nv = arguments(module), len(module.COMMANDS), len(module.VELOCITIES)
-    own = [x for x in module.PARAMETERS if x.startswith(("battery", "upper")) or "_t" in x]
-    u = given["control"]
-    x = module.actuator_state_of(u[:, :1]) if module.ACTUATOR_STATES else None
-    width = 2 * nv + len(module.ACTUATOR_STATES)
-    gain = rng.normal(size=(nu, width)) * 0.1 * np.ptp(limits(module), axis=0)[:, None]
-    gain[-1] *= LIGHT
-    if x is not None:
-        gain[:, 2 * nv :] /= np.abs(x).max(axis=(0, 1))
-    return given | {
-        "control": Feedback(gain, given["q0"][:1, None], given["v0"][:1, None], u, x),
-        "parameters": {x: module.PARAMETERS[x] * rng.uniform(0.9, 1.1, STATES) for x in own},
-        "wrenches": rng.normal(size=(STEPS, len(module.FRAMES), 6)),
-        "bounds": (-np.inf, np.where(np.arange(len(module.COORDINATES) + nv) == 2, 0.2, np.inf)),
-        "every": 2,
-    }
 
 
 def assert_same(found: Rollout, expected: Rollout, room: float) -> None:
@@ -120,17 +99,6 @@ def test_states_of_actuators_are_integrated_with_the_motion(module: ModuleType) 
         assert np.abs(x / x0 - 1.0)[:-1].max() > 0.005
     else:
         assert found.x is None
-
-
-@pytest.mark.slow
-def test_c_is_as_numpy(emitted: Emitted, module: ModuleType) -> None:
-    compiled = load(emitted.folder, "c")
-    given = everything(module)
-    for method in ("euler", "rk4"):
-        expected = rollout(module, **given, method=method)
-        assert_same(rollout(compiled, **given, method=method), expected, 1e-11)
-    assert_same(rollout(compiled, **given, precision="single"), expected, 2e-3)
-    assert 0 < (expected.ended == 2).sum() < STATES
 
 
 def test_commands_are_within_the_limits_of_the_file(module: ModuleType) -> None:

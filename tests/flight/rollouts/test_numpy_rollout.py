@@ -6,14 +6,12 @@ from dataclasses import replace
 from types import ModuleType
 
 import numpy as np
-import pytest
 from scipy.integrate import solve_ivp
 
 from gibbs_codegen.runtime.rollouts import (
     DIVERGED,
     OUT_OF_BOUNDS,
     RUNNING,
-    Feedback,
     Method,
     Motors,
     Problem,
@@ -43,22 +41,6 @@ def motors_of(problem: Problem, *time_constants: float) -> Motors:
         np.array([time_constants]),
         some,
     )
-
-
-@pytest.mark.parametrize("method", ["euler", "rk4"])
-def test_steps_are_those_of_the_module(module: ModuleType, method: Method) -> None:
-    problem = problem_of(module, method)
-    found = numpy_rollout(problem)
-    step = getattr(module, f"step_{method}")
-    for lane in range(STATES):
-        q, v = problem.q[lane], problem.v[lane]
-        for number in range(STEPS):
-            q, v = step(q, v, problem.inputs[lane, number], DT)
-            np.testing.assert_allclose(found.q[lane, number + 1], q, rtol=1e-12, atol=1e-13)
-            np.testing.assert_allclose(found.v[lane, number + 1], v, rtol=1e-12, atol=1e-13)
-    np.testing.assert_array_equal(found.ended, RUNNING)
-    np.testing.assert_array_equal(found.steps, STEPS)
-    np.testing.assert_array_equal(found.q[:, 0], problem.q)
 
 
 def test_every_second_step_is_kept(module: ModuleType) -> None:
@@ -98,51 +80,6 @@ def test_thrusts_follow_their_commands_between_steps_too(module: ModuleType) -> 
     np.testing.assert_allclose(found.thrusts[1, 1:, 2], u[2])
     np.testing.assert_allclose(found.q[1, -1], q, rtol=1e-9, atol=1e-10)
     np.testing.assert_allclose(found.v[1, -1], v, rtol=1e-9, atol=1e-9)
-
-
-def test_inputs_are_brought_within_limits_before_motors_lag(module: ModuleType) -> None:
-    problem = problem_of(module)
-    least, most = np.full((2, problem.inputs.shape[-1]), [[1.0], [2.5]])
-    clipped = replace(problem, inputs=np.clip(problem.inputs, 1.0, 2.5))
-    limited = replace(motors_of(problem, 0.05, 0.05, 0.05), least=least, most=most)
-    found = numpy_rollout(replace(problem, motors=limited))
-    expected = numpy_rollout(replace(clipped, motors=motors_of(problem, 0.05, 0.05, 0.05)))
-    np.testing.assert_array_equal(found.q, expected.q)
-    without_lag = numpy_rollout(
-        replace(problem, motors=replace(limited, time_constants=np.zeros((1, 3))))
-    )
-    np.testing.assert_array_equal(without_lag.q, numpy_rollout(clipped).q)
-    assert without_lag.thrusts is None
-
-
-def test_feedback_holds_a_desired_state(module: ModuleType) -> None:
-    """The gain is that of displacements: a quaternion and its negative are one attitude."""
-    size, problem = len(module.VELOCITIES), problem_of(module)
-    desired = Feedback(
-        np.ones((len(module.INPUTS), 2 * size)), problem.q[:1, None], problem.v[:1, None]
-    )
-    found = numpy_rollout(replace(problem, feedback=desired, steps=1))
-    error = np.concatenate(
-        [module.difference(problem.q, problem.q[0]), problem.v[0] - problem.v], axis=1
-    )
-    expected = numpy_rollout(
-        replace(problem, steps=1, inputs=problem.inputs + error.sum(axis=1)[:, None, None])
-    )
-    np.testing.assert_allclose(found.v, expected.v, rtol=1e-13, atol=1e-13)
-    np.testing.assert_array_equal(found.v[0], numpy_rollout(replace(problem, steps=1)).v[0])
-
-
-def test_wrenches_push(module: ModuleType) -> None:
-    """A force on the base is what a thrust along it would be."""
-    problem = problem_of(module, "euler")
-    wrenches = np.zeros((1, STEPS, len(module.FRAMES), 6))
-    wrenches[:, 2, 0] = [1.0, -2.0, 3.0, 0.1, 0.2, -0.3]
-    calm, pushed = numpy_rollout(problem), numpy_rollout(replace(problem, wrenches=wrenches))
-    np.testing.assert_allclose(pushed.v[:, :3], calm.v[:, :3], rtol=1e-12, atol=1e-13)
-    q = calm.q[:, 2]
-    forces = module.wrench_forces(q, wrenches[:, 2])
-    gained = np.linalg.solve(module.mass_matrix(q), forces[..., None])[..., 0] * DT
-    np.testing.assert_allclose(pushed.v[:, 3] - calm.v[:, 3], gained, rtol=1e-9, atol=1e-12)
 
 
 def test_states_that_end_change_no_other(module: ModuleType) -> None:
