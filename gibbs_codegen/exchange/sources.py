@@ -118,7 +118,6 @@ class FoundRotor(Rotor):
     joint: str | None = None
     found_by: str = ""
     line: int | None = None
-    line: int | None = None
 
 
 @dataclass(frozen=True, eq=False)
