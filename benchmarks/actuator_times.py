@@ -12,7 +12,7 @@ import re
 import sys
 import tempfile
 import time
-from dataclasses import replace
+from dataclasses import fields, replace
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -29,6 +29,7 @@ from gibbs_codegen import Feedback, load, rollout, trim  # noqa: E402
 from gibbs_codegen.pipeline import generate_robot  # noqa: E402
 from gibbs_codegen.robot.file import parse_robot  # noqa: E402
 from gibbs_codegen.robot.model import Robot  # noqa: E402
+from gibbs_codegen.robot.parts.rotor import AIR_KEYS, Rotor  # noqa: E402
 from gibbs_codegen.robot.text import robot_text  # noqa: E402
 
 ROOT = Path(__file__).parents[1]
@@ -41,11 +42,20 @@ def robots() -> dict[str, Robot]:
     """The machine with thrusts that lag, with actuators without air, and with air of two kinds."""
     page = (ROOT / "docs" / "howto" / "actuators.md").read_text(encoding="utf-8")
     whole = parse_robot(re.findall(r"```toml\n(.*?)```", page, re.DOTALL)[0])
-    calm = replace(whole, thrusters=tuple(replace(each, air=None) for each in whole.thrusters))
+    air = {own.name: own.default for own in fields(Rotor) if own.name in AIR_KEYS}
+    calm = replace(whole, thrusters=tuple(replace(each, **air) for each in whole.thrusters))
     lagging = replace(
         calm,
         thrusters=tuple(
-            replace(each, drive=None, limits=each.drive and each.drive.thrust_limits)
+            Rotor(
+                on=each.on,
+                name=each.name,
+                position=each.position,
+                direction=each.direction,
+                drag=each.drag,
+                limits=each.drive.thrust_limits,
+                time_constant=each.time_constant,
+            )
             for each in calm.thrusters
         ),
         links=tuple(replace(link, servo=None, friction=None) for link in calm.links),
@@ -53,10 +63,7 @@ def robots() -> dict[str, Robot]:
     )
     unlike = replace(
         whole,
-        thrusters=tuple(
-            replace(each, air=each.air and replace(each.air, inflow=2.0 * each.air.inflow))
-            for each in whole.thrusters
-        ),
+        thrusters=tuple(replace(each, inflow=2.0 * each.inflow) for each in whole.thrusters),
     )
     return {LAGGING: lagging, WITHOUT_AIR: calm, WHOLE: whole, UNLIKE: unlike}
 

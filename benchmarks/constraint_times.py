@@ -50,7 +50,8 @@ from support.pinocchio_oracle import Oracle  # noqa: E402
 
 from gibbs_codegen.derivation.derive import derive  # noqa: E402
 from gibbs_codegen.exchange.exporting import export_robot  # noqa: E402
-from gibbs_codegen.robot.model import Constraint, Robot  # noqa: E402
+from gibbs_codegen.robot.model import Robot  # noqa: E402
+from gibbs_codegen.robot.parts.constraint import Constraint  # noqa: E402
 
 DYNAMICS, DERIVATIVES = "constrained dynamics", "constrained dynamics, derivatives"
 _NAMES = {DYNAMICS: "constrained_forward_dynamics"}

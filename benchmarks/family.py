@@ -16,18 +16,13 @@ import numpy as np
 
 from gibbs_codegen.robot.family import paper_family
 from gibbs_codegen.robot.file import read_robot
-from gibbs_codegen.robot.model import (
-    Attitude,
-    Base,
-    Link,
-    Origin,
-    Pose,
-    RigidBody,
-    Robot,
-    Rod,
-    Rotor,
-    Vector3,
-)
+from gibbs_codegen.robot.model import Robot
+from gibbs_codegen.robot.parts.base import Attitude, Base, Origin
+from gibbs_codegen.robot.parts.body import RigidBody, Rod
+from gibbs_codegen.robot.parts.link import Link
+from gibbs_codegen.robot.parts.numbers import Vector3
+from gibbs_codegen.robot.parts.pose import Pose
+from gibbs_codegen.robot.parts.rotor import Rotor
 
 # From joint to joint of a seven-joint arm: shoulder, elbow and wrist, with offsets of the elbow and
 # the hand. Length in m and the twist about x in degrees, as in many arms on the market.
@@ -48,11 +43,11 @@ def benchmark_robot(
     """Member of the family with n = `links` ≥ 2."""
     paper = paper_family(rotors, 2)
     section = paper.base.arm(1).section_inertia
-    rod = Rod(6.0 / (links - 1), 1.0, section)
+    rod = Rod(length=6.0 / (links - 1), mass_per_length=1.0, section_inertia=section)
     arm = tuple(Link(rod, alpha_deg=Fraction(0 if i % 2 else 90)) for i in range(links - 1))
     name = f"benchmark_{rotors}_{links}"
     base = replace(paper.base, origin=origin, attitude=attitude)
-    return Robot(name, base, (Link(Rod(0.0)), *arm))
+    return Robot(name, base, (Link(Rod(length=0.0)), *arm))
 
 
 def two_benchmark_arms(links: int = 7) -> Robot:
@@ -97,7 +92,9 @@ def _tilted_rotors(number: int) -> tuple[Rotor, ...]:
         angle, side = 2 * np.pi * k / number, (-1.0) ** k
         cos, sin = float(np.cos(angle)), float(np.sin(angle))
         direction = (-0.5 * side * sin, 0.5 * side * cos, 0.75**0.5)
-        rotors.append(Rotor((0.5 * cos, 0.5 * sin, 0.0), direction, 0.016 * side))
+        rotors.append(
+            Rotor(position=(0.5 * cos, 0.5 * sin, 0.0), direction=direction, drag=0.016 * side)
+        )
     return tuple(rotors)
 
 
@@ -108,5 +105,5 @@ def named_robot(name: str) -> Robot:
     """
     made = {"two_arms": two_arms, "two_benchmark_arms": two_benchmark_arms}
     robot = made[name]() if name in made else read_robot(name)[0]
-    free = Link(Rod(0.0)).passive
+    free = Link(Rod(length=0.0)).passive
     return replace(robot, links=tuple(replace(link, passive=free) for link in robot.links))

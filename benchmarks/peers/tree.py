@@ -10,7 +10,8 @@ import pinocchio as pin
 from peers.contender import Ordered
 from support.pinocchio_oracle import Oracle
 
-from gibbs_codegen.robot.model import Robot, Vector3
+from gibbs_codegen.robot.model import Robot
+from gibbs_codegen.robot.parts.numbers import Vector3
 
 Array = np.ndarray
 

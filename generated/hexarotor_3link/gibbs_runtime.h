@@ -37,13 +37,6 @@
 #define VECTORISE
 #endif
 
-/* Entries, and lanes, are independent. gcc vectorises loops over them that it does not unroll. */
-#if defined(__GNUC__) && !defined(__clang__) && __GNUC__ >= 8
-#define ENTRYWISE _Pragma("GCC ivdep") _Pragma("GCC unroll 1")
-#else
-#define ENTRYWISE VECTORISE
-#endif
-
 /*
  * Compilers use half of the widest registers unless told; a block of states fills the whole. With
  * DISPATCH, what works on blocks is compiled for three generations of processors, among which the
@@ -84,6 +77,13 @@ typedef char constants_are_double[(long)16777217.0 == 16777217L ? 1 : -1];
 typedef uint64_t bits;
 #define MAGNITUDE UINT64_C(0x7fffffffffffffff)
 #define NOT_FINITE UINT64_C(0x7ff0000000000000)
+#endif
+
+/* Entries, and lanes, are independent. gcc vectorises loops over them that it does not unroll. */
+#if defined(__GNUC__) && !defined(__clang__) && __GNUC__ >= 8
+#define ENTRYWISE _Pragma("GCC ivdep") _Pragma("GCC unroll 1")
+#else
+#define ENTRYWISE VECTORISE
 #endif
 
 #ifdef __GNUC__

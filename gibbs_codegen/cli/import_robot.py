@@ -22,8 +22,9 @@ from gibbs_codegen.exchange.placement import Placement, vector
 from gibbs_codegen.exchange.sources import Finding, SourceFileError
 from gibbs_codegen.files.module_writer import write_new_file
 from gibbs_codegen.robot.file import parse_robot
-from gibbs_codegen.robot.model import ATTITUDES, Robot
+from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.robot.names import link_label
+from gibbs_codegen.robot.parts.base import ATTITUDES
 from gibbs_codegen.robot.text import robot_text
 
 # Lines of one kind, more than a person will read at a time.

@@ -34,8 +34,10 @@ from gibbs_codegen.robot.balance import (
 from gibbs_codegen.robot.chains import coupling_map, decompose
 from gibbs_codegen.robot.description import Coordinate
 from gibbs_codegen.robot.layout import QUATERNION, frames_of, joint_terms
-from gibbs_codegen.robot.model import AXES, BASE, ROWS, Robot
+from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.robot.names import coordinate_of, link_label, rotor_label
+from gibbs_codegen.robot.parts.constraint import ROWS
+from gibbs_codegen.robot.parts.numbers import AXES, BASE
 from gibbs_codegen.robot.placement import joint_frame, mounted_rotors
 from gibbs_codegen.robot.posture import base_properties, whole_properties
 from gibbs_codegen.robot.wrenches import DIRECTIONS

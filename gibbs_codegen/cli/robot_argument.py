@@ -44,7 +44,7 @@ def chosen_robot(options: argparse.Namespace) -> tuple[Robot, str]:
 def warn_of_inertias(robot: Robot) -> None:
     """Warn of inertias that no body has and that the robot's file lets pass."""
     if robot.allow_impossible_inertia:
-        from gibbs_codegen.robot.rigid_body import impossible_inertias
+        from gibbs_codegen.robot.balance import impossible_inertias
 
         for warning in impossible_inertias(robot):
             print(f"gibbs-codegen: warning: {warning}", file=sys.stderr)

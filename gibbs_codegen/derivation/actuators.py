@@ -18,18 +18,21 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import Any
 
 import sympy as sp
 
 from gibbs_codegen.derivation.parameters import ServoSymbols
 from gibbs_codegen.derivation.symbolic_robot import SymbolicRobot
 from gibbs_codegen.robot.description import ActuatorKey
-from gibbs_codegen.robot.model import Drive
+from gibbs_codegen.robot.parts.rotor import Drive
 from gibbs_codegen.symbolic.choices import above, chosen
 from gibbs_codegen.symbolic.tape import Scalars
 
 _HALF = sp.Rational(1, 2)
 _ZERO = sp.S.Zero
+# Thrusts that are commanded.
+_IDENTITY = (sp.S.Zero, sp.S.One, sp.S.Zero)
 # A thrust, N, lost beside any other, under a root that would have no derivative at 0.
 _NO_THRUST = sp.Rational(1, 10**30)
 # Share of a friction's velocity in which it is smooth about rest.
@@ -59,6 +62,10 @@ class Actuators:
     def _tape(self) -> Scalars:
         return self.symbolic.tape
 
+    def _rotor(self, k: int) -> dict[str, Any]:
+        """Symbols of the numbers of rotor k, by their keys."""
+        return self.symbolic.parameters.rotors[k]
+
     @property
     def _rotors(self) -> range:
         return range(1, self.symbolic.robot.rotors + 1)
@@ -83,7 +90,7 @@ class Actuators:
     def _thrust(self, k: int, level: sp.Expr) -> sp.Expr:
         """The thrust of rotor k at a level, N."""
         let = self._tape.let
-        constant, slope, square = self.symbolic.parameters.curves[k]
+        constant, slope, square = self._rotor(k).get("thrust_curve", _IDENTITY)
         return let(constant + let(level * let(slope + let(square * level))))
 
     def _speed(self, k: int, level: sp.Expr) -> sp.Expr:
@@ -91,7 +98,8 @@ class Actuators:
         command, let = self._drive(k).command, self._tape.let
         if command == "speed":
             return level
-        known = self.symbolic.parameters.speeds.get(k, _ZERO)
+        own = self._rotor(k)
+        known = own.get("full_speed", own.get("speed_per_sqrt_thrust", _ZERO))
         if command == "throttle" or known == 0:
             return let(known * level)
         sign = let(sp.sign(level))
@@ -169,7 +177,7 @@ class Actuators:
         let, drive = self._tape.let, self._drive(k)
         if drive.command == "thrust":
             return thrust
-        constant, slope, square = self.symbolic.parameters.curves[k]
+        constant, slope, square = self._rotor(k).get("thrust_curve", _IDENTITY)
         rest = let(thrust - constant)
         if square == 0:
             return let(rest * let(1 / slope))
@@ -210,7 +218,9 @@ class Actuators:
         return found
 
     def _level_rate(self, k: int, level: sp.Expr, voltage: sp.Expr) -> sp.Expr:
-        let, (up, down) = self._tape.let, self.symbolic.parameters.times[k]
+        let, own = self._tape.let, self._rotor(k)
+        lag = own.get("time_constant")
+        up, down = own.get("time_constants", (lag, lag))
         target = self._command(k)
         if self._drive(k).command == "throttle" and voltage != 0:
             nominal = self.symbolic.parameters.battery["nominal"]
@@ -238,9 +248,7 @@ class Actuators:
             powers = []
             for k in self._rotors:
                 level = self._level(k)
-                placed = parameters.rotors.get(k)
-                ratio = placed[1] if placed else parameters.drags[k]
-                torque = let(ratio * self._thrust(k, level))
+                torque = let(self._rotor(k)["drag"] * self._thrust(k, level))
                 power = let(torque * self._speed(k, level))
                 powers.append(let(power * let(sp.sign(power))) if power != 0 else power)
             rotors = let(let(sp.Add(*powers)) * let(1 / parameters.battery["efficiency"]))

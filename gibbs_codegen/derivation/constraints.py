@@ -54,8 +54,8 @@ from gibbs_codegen.derivation.motion import Acceleration, State
 from gibbs_codegen.derivation.parameters import ConstraintSymbols
 from gibbs_codegen.derivation.root.quaternion import rotation_columns
 from gibbs_codegen.derivation.symbolic_robot import SymbolicRobot
-from gibbs_codegen.robot.model import Constraint
 from gibbs_codegen.robot.names import identifier
+from gibbs_codegen.robot.parts.constraint import Constraint
 from gibbs_codegen.symbolic.ldlt import Factors, PseudoInverse, minimum_degree
 from gibbs_codegen.symbolic.structural import turned_by_rpy, z_onto
 from gibbs_codegen.symbolic.tape import Scalars, Values, Vector, times
@@ -162,14 +162,17 @@ class ConstraintEquations:
         point, axes = self._pose(frame)
         with tape.group(f"anchor of {identifier(own.name)}"):
             if carrier is None:
-                arm, along = tape.add(self.symbolic.origin, point), _axes_of(tape, symbols.attitude)
-                way = tape.add(arm, minus(symbols.anchor))
+                arm, along = (
+                    tape.add(self.symbolic.origin, point),
+                    _axes_of(tape, symbols.quaternion),
+                )
+                way = tape.add(arm, minus(symbols.xyz))
             else:
                 origin, carried = self._pose(carrier)
                 turn = zip(*turned_by_rpy(own.anchor.rpy_deg), strict=True)
                 along = tuple([combined(tape, carried, column) for column in turn])
                 arm = tape.add(point, minus(origin))
-                way = tape.add(arm, minus(combined(tape, carried, symbols.anchor)))
+                way = tape.add(arm, minus(combined(tape, carried, symbols.xyz)))
         with tape.group(f"directions that {identifier(own.name)} holds"):
             rows = _directions(tape, own, along, way, symbols.distance)
         return Held(own, symbols, frame, carrier, arm, way, axes, along, rows)

@@ -21,8 +21,8 @@ from gibbs_codegen.derivation.parameters import PassiveSymbols
 from gibbs_codegen.derivation.segment_tree import SegmentTree
 from gibbs_codegen.derivation.symbolic_robot import SymbolicRobot
 from gibbs_codegen.derivation.tree_dynamics import gibbs_function, whole_inertia
-from gibbs_codegen.robot.model import Vector3
 from gibbs_codegen.robot.names import rotor_identifier
+from gibbs_codegen.robot.parts.numbers import Vector3
 from gibbs_codegen.symbolic.tape import Scalars, Values, Vector
 from gibbs_codegen.symbolic.vectors import (
     NO_WRENCH,
@@ -49,8 +49,7 @@ def rotor_position(symbolic: SymbolicRobot, bodies: JointedBodies, k: int) -> tu
     tape = symbolic.tape
     if symbolic.robot.thrusters:
         frame = bodies.frames[symbolic.robot.thrusters[k - 1].on]
-        position, _ = symbolic.parameters.rotors[k]
-        return frame.segment, frame.point(tape, position)
+        return frame.segment, frame.point(tape, symbolic.parameters.rotors[k]["position"])
     reach = axis_vector(0, symbolic.rod_reach(k))
     return 0, tape.add(symbolic.centre, symbolic.rod_frame(k).vector(tape, reach))
 
@@ -64,10 +63,9 @@ def rotor_wrench(symbolic: SymbolicRobot, bodies: JointedBodies, k: int) -> tupl
     if symbolic.robot.thrusters:
         rotor = symbolic.robot.thrusters[k - 1]
         direction = bodies.frames[rotor.on].direction(structural(rotor.direction))
-        _, ratio = symbolic.parameters.rotors[k]
     else:
         direction = symbolic.rod_frame(k).vector(tape, rod_thrust_direction(symbolic, k))
-        ratio = symbolic.parameters.drags[k]
+    ratio = symbolic.parameters.rotors[k]["drag"]
     segment, position = rotor_position(symbolic, bodies, k)
     return segment, _thrust_wrench(tape, position, direction, ratio)
 
@@ -84,12 +82,12 @@ def motor_torque_about_rod(symbolic: SymbolicRobot, k: int) -> sp.Expr:
     _, y, z = rod_thrust_direction(symbolic, k)
     tape, parameters = symbolic.tape, symbolic.parameters
     with tape.group(f"torque of motor {k} about joint {k}"):
-        return tape.let(parameters.arms[k].length * y + parameters.drags[k] * z)
+        return tape.let(parameters.arms[k].length * y + parameters.rotors[k]["drag"] * z)
 
 
 def rod_thrust(symbolic: SymbolicRobot, k: int) -> Wrench:
     """Wrench of motor k = 2 … N per unit of thrust on its base rod, about O₂ in the rod's frame."""
-    position, drag = axis_vector(0, symbolic.rod_reach(k)), symbolic.parameters.drags[k]
+    position, drag = axis_vector(0, symbolic.rod_reach(k)), symbolic.parameters.rotors[k]["drag"]
     return _thrust_wrench(symbolic.tape, position, rod_thrust_direction(symbolic, k), drag)
 
 

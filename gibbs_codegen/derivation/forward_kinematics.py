@@ -18,8 +18,8 @@ from gibbs_codegen.derivation.jointed_bodies import JointedBodies
 from gibbs_codegen.derivation.motion import Acceleration, State
 from gibbs_codegen.derivation.symbolic_robot import SymbolicRobot
 from gibbs_codegen.robot.layout import frames_of
-from gibbs_codegen.robot.model import BASE
 from gibbs_codegen.robot.names import identifier
+from gibbs_codegen.robot.parts.numbers import BASE
 from gibbs_codegen.symbolic.structural import Turn, product, turned_by_rpy
 from gibbs_codegen.symbolic.tape import Scalars, Stage, Vector
 from gibbs_codegen.symbolic.vectors import NO_ROTATION, ZERO, Matrix, Rotation, axis_vector, minus
@@ -88,7 +88,7 @@ def mounted_frames(
         if frame in robot.frames:
             place = symbolic.parameters.frames[frame.name]
         elif frame.rotor is not None:
-            place, _ = symbolic.parameters.rotors[frame.rotor]
+            place = symbolic.parameters.rotors[frame.rotor]["position"]
         elif frame.on != BASE:  # The tip: the end of the last link.
             place = axis_vector(0, symbolic.parameters.links[frame.on].body.length)
         else:

@@ -28,8 +28,9 @@ from gibbs_codegen.derivation.segment_tree import SegmentTree
 from gibbs_codegen.derivation.symbolic_robot import SymbolicRobot
 from gibbs_codegen.robot.chains import coupling_map
 from gibbs_codegen.robot.description import constrained_coordinate
-from gibbs_codegen.robot.model import BASE, Robot
+from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.robot.names import coordinate_of
+from gibbs_codegen.robot.parts.numbers import BASE
 from gibbs_codegen.symbolic.tape import Tape
 from gibbs_codegen.symbolic.vectors import Matrix, Wrench, zeros
 

@@ -26,8 +26,10 @@ import sympy as sp
 from gibbs_codegen.derivation.inertia import NO_INERTIA, Inertia, total
 from gibbs_codegen.derivation.parameters import LinkSymbols, Parameters
 from gibbs_codegen.derivation.segment_tree import JointedLink
-from gibbs_codegen.robot.model import BASE, Link, Robot, Vector3
+from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.robot.names import identifier
+from gibbs_codegen.robot.parts.link import Link
+from gibbs_codegen.robot.parts.numbers import BASE, Vector3
 from gibbs_codegen.symbolic.structural import (
     NO_TURN,
     Turn,

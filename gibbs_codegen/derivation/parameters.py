@@ -7,30 +7,23 @@ so that sums over arms that vanish by symmetry can be seen to vanish.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
+from typing import Any
 
 import sympy as sp
 
 from gibbs_codegen.derivation.inertia import Inertia
-from gibbs_codegen.robot.model import (
-    AXES,
-    AXIS_PAIRS,
-    BASE,
-    PASSIVE_UNITS,
-    Body,
-    Constraint,
-    Robot,
-    Rod,
-    Servo,
-    Vector3,
-)
+from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.robot.names import (
     constraint_prefix,
     frame_prefix,
     parameter_prefix,
     rotor_prefix,
 )
+from gibbs_codegen.robot.parts.body import Body, Rod
+from gibbs_codegen.robot.parts.constraint import QUATERNION, Constraint
+from gibbs_codegen.robot.parts.numbers import BASE, XYZ
+from gibbs_codegen.robot.parts.part import Number, Part, changed_numbers
 from gibbs_codegen.symbolic.tape import InlineTape, Scalars, Stage, Vector
 from gibbs_codegen.symbolic.vectors import ZERO
 
@@ -73,8 +66,8 @@ class ServoSymbols:
     """A servo, as `robot.model.Servo` has it; None is no limit. Of rates it has no stiffness."""
 
     damping: sp.Expr
-    torque: sp.Expr | None
     delay: sp.Expr
+    torque: sp.Expr | None = None
     rate: sp.Expr | None = None
     stiffness: sp.Expr = sp.S.Zero
     backlash: sp.Expr = sp.S.Zero
@@ -84,14 +77,14 @@ class ServoSymbols:
 class ConstraintSymbols:
     """A constraint's anchor (m), distance (m) and gains.
 
-    `attitude` is the quaternion of a whole frame's anchor in the world; others are structural.
+    The quaternion is that of a whole frame's anchor in the world; others are structural.
     """
 
-    anchor: Vector
-    attitude: Vector
-    distance: sp.Expr
-    frequency: sp.Expr
-    damping_ratio: sp.Expr
+    xyz: Vector
+    quaternion: Vector = ()
+    distance: sp.Expr = sp.S.Zero
+    frequency: sp.Expr = sp.S.Zero
+    damping_ratio: sp.Expr = sp.S.Zero
 
 
 NOT_PASSIVE = PassiveSymbols(*(sp.S.Zero,) * 4)
@@ -101,14 +94,13 @@ class Parameters:
     """Symbols for the numbers of a robot file, with their defaults in `defaults`, units in `units`.
 
     `folded` names those that are zero in the file and therefore structural.
-    `arms`, with the `drags` of their motors (m), `links` and placed `rotors`, with position (m) and
-    drag (m), are by number, from 1, `frames` by name: positions in the frame of the body that they
-    are on (m), and `constraints`. `central_body` is its inertia about the base centre, None where
-    there is none.
+    `arms`, `links` and `rotors` are by number, from 1, `frames` by name: positions in the frame of
+    the body that they are on (m), and `constraints`.
+    `central_body` is its inertia about the base centre, None where there is none.
 
-    Where a robot has actuators, `curves`, `times` and, where they are known, `speeds` of its rotors
-    are by number, `servos` and `frictions` by link; `battery` by the names of its keys, and its
-    `voltages` from empty to full.
+    Symbols of a rotor are by the keys of its numbers, of a motor at the end of a rod by "drag".
+    Where a robot has actuators, those of drives are among them, `servos` and `frictions` are by
+    link, `battery` by its keys, and its `voltages` from empty to full.
     """
 
     def __init__(self, robot: Robot, tape: Scalars, keep_zeros: bool = False) -> None:
@@ -119,27 +111,23 @@ class Parameters:
         self._tape = tape
         self._keep_zeros, self._kept = keep_zeros, set[str]()
         # All at once, in the order of the file, whatever the derivation asks for first.
-        self.gravity = self._value("gravity", robot.gravity, "m/s^2")
-        arms = range(1, robot.base.rotors + 1)
-        self.drags = {k: self._value(f"base_drag_{k}", robot.base.drag[k - 1], "m") for k in arms}
-        number = "" if robot.base.shares_one_arm else "{}"
-        self.arms = {k: self._body(f"base_arm{number.format(k)}", robot.base.arm(k)) for k in arms}
-        central = self._body("base", robot.base.body) if robot.base.body else None
-        self.central_body = central.inertia if central else None
-        self.links = {i: self._link(i) for i in range(1, len(robot.links) + 1)}
-        self.rotors: dict[int, tuple[Vector, sp.Expr]] = {}
+        self.gravity = self._symbols(robot, "")["gravity"]
+        arms, base = range(1, robot.base.rotors + 1), robot.base
+        drags = self._symbols(base, "base")["drag"]
+        self.rotors = {k: {"drag": drag} for k, drag in zip(arms, drags, strict=True)}
+        number = "" if base.shares_one_arm else "{}"
+        self.arms = {k: self._body(f"base_arm{number.format(k)}", base.arm(k)) for k in arms}
+        self.central_body = self._body("base", base.body).inertia if base.body else None
+        self.links: dict[int, LinkSymbols] = {}
+        for i in range(1, len(robot.links) + 1):
+            self.links[i] = self._link(i)
         for k, rotor in enumerate(robot.thrusters, start=1):
-            prefix = rotor_prefix(robot, k)
-            position = self._vector(prefix, rotor.position)
-            self.rotors[k] = position, self._value(f"{prefix}_drag", rotor.drag, "m")
+            self.rotors[k] = self._symbols(rotor, rotor_prefix(robot, k))
         self.frames = {
-            frame.name: self._vector(frame_prefix(frame.name), frame.pose.xyz)
+            frame.name: self._symbols(frame.pose, frame_prefix(frame.name))["xyz"]
             for frame in robot.frames
         }
         self.constraints = {each.name: self._constraint(each) for each in robot.constraints}
-        self.curves: dict[int, Vector] = {}
-        self.times: dict[int, tuple[sp.Expr, sp.Expr]] = {}
-        self.speeds: dict[int, sp.Expr] = {}
         self.servos: dict[int, ServoSymbols] = {}
         self.frictions: dict[int, Vector] = {}
         self.battery: dict[str, sp.Expr] = {}
@@ -150,153 +138,82 @@ class Parameters:
     def _actuators(self) -> None:
         """Symbols of the numbers of rotors' drives, servos, friction and the battery."""
         robot = self.robot
-        for k, drive in enumerate(robot.drives, start=1):
-            prefix = rotor_prefix(robot, k) if robot.thrusters else f"motor{k}"
-            self.curves[k] = (sp.S.Zero, sp.S.One, sp.S.Zero)
-            if drive.command != "thrust":
-                per = "N/(rad/s)" if drive.command == "speed" else "N"
-                of_curve = "N", per, f"{per}^2" if drive.command == "speed" else per
-                self.curves[k] = tuple(
-                    self._value(f"{prefix}_thrust_{n}", value, unit)
-                    for n, (value, unit) in enumerate(zip(drive.curve, of_curve, strict=True))
-                )
-            if drive.full_speed is not None:
-                self.speeds[k] = self._value(f"{prefix}_full_speed", drive.full_speed, "rad/s")
-            elif drive.command == "thrust" and robot.thrusters:
-                known = robot.thrusters[k - 1].speed_per_sqrt_thrust or 0.0
-                name = f"{prefix}_speed_per_sqrt_thrust"
-                self.speeds[k] = self._value(name, known, "rad/s/N^0.5")
-            if drive.lags:
-                ends = ("up", "down") if drive.up != drive.down else ("constant",) * 2
-                up, down = (
-                    self._value(f"{prefix}_time_{end}", value, "s")
-                    for end, value in zip(ends, (drive.up, drive.down), strict=True)
-                )
-                self.times[k] = up, down
+        for k, rotor in enumerate(robot.thrusters, start=1):
+            self.rotors[k] |= self._symbols(rotor, rotor_prefix(robot, k), driven=True)
         for i in robot.moving:
-            self._drive_of_joint(i)
+            link, prefix = robot.links[i - 1], parameter_prefix(robot, i)
+            if link.servo is not None:
+                servo = self._symbols(link.servo, f"{prefix}_servo", link.slides)
+                self.servos[i] = ServoSymbols(**servo)
+            if link.friction is not None:
+                dry = self._symbols(link.friction, f"{prefix}_friction", link.slides)
+                self.frictions[i] = tuple(dry.values())
         if robot.battery is not None:
-            own = robot.battery
-            units = {
-                "nominal": "V",
-                "resistance": "ohm",
-                "capacity": "A h",
-                "efficiency": "1",
-                "auxiliary": "W",
-            }
-            self.battery = {
-                name: self._value(f"battery_{name}", getattr(own, name), unit)
-                for name, unit in units.items()
-            }
-            numbered = [str(n) for n in range(1, len(own.voltages) + 1)]
-            self.voltages = [*self._values("battery_voltage", numbered, own.voltages, "V")]
+            battery = changed_numbers(robot.battery, "battery", lambda number: number)
+            voltages = battery.pop("voltages")
+            self.battery = {key: self._symbol(number) for key, number in battery.items()}
+            self.voltages = [*map(self._symbol, voltages)]
 
-    def _drive_of_joint(self, i: int) -> None:
-        """Symbols of the servo and of the friction of link i's joint."""
-        link, prefix = self.robot.links[i - 1], parameter_prefix(self.robot, i)
-        slides = link.joint == "prismatic"
-        length, force = ("m", "N") if slides else ("rad", "N m")
-        if link.servo is not None:
-            units = (f"{force}/{length}", f"{force} s/{length}", force, f"{length}/s", "s", length)
-            unit = dict(zip(Servo().numbers, units, strict=True))
-            self.servos[i] = ServoSymbols(
-                **{
-                    name: None
-                    if x is None
-                    else self._value(f"{prefix}_servo_{name}", x, unit[name])
-                    for name, x in link.servo.numbers.items()
-                }
-            )
-        if link.friction is not None:
-            dry, names = link.friction, ("coulomb", "static")
-            forces = self._values(f"{prefix}_friction", names, (dry.coulomb, dry.static), force)
-            velocity = self._value(f"{prefix}_friction_velocity", dry.velocity, f"{length}/s")
-            self.frictions[i] = (*forces, velocity)
+    def _symbols(
+        self, part: Part, prefix: str, slides: bool = False, driven: bool = False
+    ) -> dict[str, Any]:
+        """Symbols of the numbers of a part, by its fields."""
+        return changed_numbers(part, prefix, self._symbol, slides, driven)
 
-    def _value(self, name: str, default: float, unit: str) -> sp.Expr:
+    def _symbol(self, number: Number) -> sp.Expr:
         """The symbol of a parameter, its default and unit noted, or zero where it is structural."""
-        if default == 0.0 and not (self._keep_zeros or name in self._kept):
+        name = number.name
+        if number.value == 0.0 and not (self._keep_zeros or name in self._kept):
             if name not in self.folded:
                 self.folded.append(name)
             return sp.S.Zero
-        self.defaults[name] = default
-        self.units[name] = unit
+        self.defaults[name] = number.value
+        self.units[name] = number.unit
         return self._tape.symbol(name, Stage.PARAMETER)
 
     def _link(self, i: int) -> LinkSymbols:
         link, prefix = self.robot.links[i - 1], parameter_prefix(self.robot, i)
-        parent = self.robot.parents[i - 1]
-        a = d = sp.S.Zero
-        position = ZERO
+        parent, position = self.robot.parents[i - 1], ZERO
+        step: dict[str, sp.Expr] = {"a": sp.S.Zero, "d": sp.S.Zero}
         if link.pose is not None:
-            position = self._vector(prefix, link.pose.xyz)
+            position = self._symbols(link.pose, prefix)["xyz"]
         else:
-            if link.a is not None:
-                a = self._value(f"{prefix}_a", link.a, "m")
-            elif parent != BASE:  # The length of the link that carries it.
-                before = self.robot.links[parent - 1].body.length
-                a = self._value(f"{parameter_prefix(self.robot, parent)}_length", before, "m")
-            d = self._value(f"{prefix}_d", link.d, "m")
+            if parent != BASE:  # The length of the link that carries it.
+                step["a"] = self.links[parent].body.length
+            step |= self._symbols(link, prefix)
         body = self._body(prefix, link.body)
         if not link.moves:
-            return LinkSymbols(a, d, position, body, NOT_PASSIVE)
-        units = PASSIVE_UNITS["revolute" if link.joint == "revolute" else "prismatic"]
-        own = zip(asdict(link.passive).items(), units, strict=True)
+            return LinkSymbols(**step, position=position, body=body, passive=NOT_PASSIVE)
         # Steps that take a damper's or servo's torque at their end need an armature that is larger.
         if link.passive.damping or link.servo:
             self._kept.add(f"{prefix}_armature")
-        passive = (self._value(f"{prefix}_{name}", x, unit) for (name, x), unit in own)
-        return LinkSymbols(a, d, position, body, PassiveSymbols(*passive))
+        passive = PassiveSymbols(**self._symbols(link.passive, prefix, link.slides))
+        return LinkSymbols(**step, position=position, body=body, passive=passive)
 
     def _constraint(self, own: Constraint) -> ConstraintSymbols:
         """Symbols of a constraint; an anchor in the world may be anywhere at any time."""
-        prefix, parts = constraint_prefix(own.name), ("qx", "qy", "qz", "qw")
+        prefix = constraint_prefix(own.name)
         if own.to is None:
-            self._kept |= {f"{prefix}_{end}" for end in (*AXES, *parts)}
-        anchor = self._vector(prefix, own.anchor.xyz)
-        attitude: Vector = ()
-        if own.to is None and own.kind == "frame":
-            attitude = self._values(prefix, parts, own.anchor.quaternion, "1")
-        distance = frequency = damping_ratio = sp.S.Zero
-        if own.kind == "distance":
-            distance = self._value(f"{prefix}_distance", own.distance, "m")
-        if own.frequency:
-            frequency = self._value(f"{prefix}_frequency", own.frequency, "rad/s")
-            damping_ratio = self._value(f"{prefix}_damping_ratio", own.damping_ratio, "1")
-        return ConstraintSymbols(anchor, attitude, distance, frequency, damping_ratio)
-
-    def _vector(self, prefix: str, values: Vector3) -> Vector:
-        return self._values(prefix, ("x", "y", "z"), values, "m")
-
-    def _values(
-        self, prefix: str, names: Sequence[str], values: Sequence[float], unit: str
-    ) -> tuple[sp.Expr, ...]:
-        """Symbols of several numbers of one unit, by the ends of their names."""
-        pairs = zip(names, values, strict=True)
-        return tuple(self._value(f"{prefix}_{name}", value, unit) for name, value in pairs)
+            self._kept |= {f"{prefix}_{end}" for end in (*XYZ, *QUATERNION.ends)}
+        return ConstraintSymbols(**self._symbols(own, prefix))
 
     def _body(self, prefix: str, body: Body) -> BodySymbols:
-        length = self._value(f"{prefix}_length", body.length, "m")
-        words = f"second moments of {prefix}, corrected for rounding"
+        own = self._symbols(body, prefix)
+        length, words = own["length"], f"second moments of {prefix}, corrected for rounding"
         with self._tape.group(words, Stage.PARAMETER):
             zero, excess = sp.S.Zero, self._half_excess
             if isinstance(body, Rod):
                 # About its start: B₀ = μl, C = (μl²/2, 0, 0), B₂ = diag(0, μl³/3, μl³/3), and the
                 # section's B₃.
-                density = self._value(f"{prefix}_mass_per_length", body.mass_per_length, "kg/m")
-                own, names = body.section_inertia, AXIS_PAIRS[:3]
-                x, y, z = self._values(f"{prefix}_section_inertia", names, own, "kg m^2")
+                density, (x, y, z) = own["mass_per_length"], own["section_inertia"]
                 along = self._tape.let(density * length**3 / 3 + excess(y, z, x))
                 second = (along, excess(z, x, y), excess(x, y, z), zero, zero, zero)
                 moment = (density * length**2 / 2, zero, zero)
                 return BodySymbols(length, Inertia(density * length, moment, second))
-            mass = self._value(f"{prefix}_mass", body.mass, "kg")
-            com = self._vector(f"{prefix}_com", body.com)
-            entries = self._values(f"{prefix}_inertia", AXIS_PAIRS, body.inertia, "kg m^2")
-            xx, yy, zz, xy, xz, yz = entries
+            xx, yy, zz, xy, xz, yz = own["inertia"]
             second = (excess(yy, zz, xx), excess(zz, xx, yy), excess(xx, yy, zz), -xy, -xz, -yz)
-            about_com = Inertia(mass, (zero, zero, zero), second)
-            return BodySymbols(length, about_com.shifted(InlineTape(), com))
+            about_com = Inertia(own["mass"], (zero, zero, zero), second)
+            return BodySymbols(length, about_com.shifted(InlineTape(), own["com"]))
 
     def _half_excess(self, first: sp.Expr, second: sp.Expr, whole: sp.Expr) -> sp.Expr:
         """½(first + second − whole), which is E_xx for the moments of inertia I_yy, I_zz, I_xx.

@@ -16,10 +16,11 @@ import numpy as np
 from gibbs_codegen.errors import SingularRobotError, UsageError
 from gibbs_codegen.program.nodes import Program
 from gibbs_codegen.robot.description import Description
-from gibbs_codegen.robot.model import BASE, Robot, as_rigid_body
+from gibbs_codegen.robot.model import Robot
+from gibbs_codegen.robot.parts.body import as_rigid_body, inertia_matrix
+from gibbs_codegen.robot.parts.numbers import BASE, size_fault
 from gibbs_codegen.robot.placement import Array, joint_frame
 from gibbs_codegen.robot.posture import AT_ORIGIN, base_bodies, frames_on
-from gibbs_codegen.robot.rigid_body import inertia_matrix, size_fault
 
 Motion = tuple[str, ...]
 

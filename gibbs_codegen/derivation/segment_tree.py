@@ -34,7 +34,7 @@ from itertools import groupby
 import sympy as sp
 
 from gibbs_codegen.derivation.inertia import ANGULAR, LINEAR, NO_INERTIA, Inertia
-from gibbs_codegen.robot.model import JointKind
+from gibbs_codegen.robot.parts.link import JointKind
 from gibbs_codegen.symbolic.tape import Scalars, Stage, Vector, times
 from gibbs_codegen.symbolic.vectors import (
     NO_ROTATION,

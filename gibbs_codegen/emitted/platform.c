@@ -25,13 +25,6 @@
 #define VECTORISE
 #endif
 
-/* Entries, and lanes, are independent. gcc vectorises loops over them that it does not unroll. */
-#if defined(__GNUC__) && !defined(__clang__) && __GNUC__ >= 8
-#define ENTRYWISE _Pragma("GCC ivdep") _Pragma("GCC unroll 1")
-#else
-#define ENTRYWISE VECTORISE
-#endif
-
 /*
  * Compilers use half of the widest registers unless told; a block of states fills the whole. With
  * DISPATCH, what works on blocks is compiled for three generations of processors, among which the

@@ -25,8 +25,10 @@ from gibbs_codegen.robot.description import (
     constrained_coordinate,
     constraint_torque,
 )
-from gibbs_codegen.robot.model import AXIS_PAIRS, Robot, Rod
+from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.robot.names import JOINT_LETTERS, default_prefix, link_label, rotor_label
+from gibbs_codegen.robot.parts.body import Rod
+from gibbs_codegen.robot.parts.numbers import AXIS_PAIRS
 from gibbs_codegen.robot.references import NamedKind, parameter_names
 from gibbs_codegen.symbolic.tape import InlineTape, Scalars, Stage, signed
 from gibbs_codegen.symbolic.vectors import Rotation, Wrench

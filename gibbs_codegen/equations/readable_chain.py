@@ -41,8 +41,9 @@ from gibbs_codegen.equations.typeset import Name
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.robot.chains import Chain, decompose
 from gibbs_codegen.robot.description import constrained_coordinate
-from gibbs_codegen.robot.model import AXES, Robot
+from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.robot.names import coordinate_of
+from gibbs_codegen.robot.parts.numbers import AXES
 from gibbs_codegen.symbolic.tape import InlineTape, Scalars, Stage
 from gibbs_codegen.symbolic.vectors import NO_ROTATION, Matrix, Rotation, Wrench, X, Z, axis_vector
 
@@ -234,7 +235,7 @@ def _motor_wrench(symbolic: SymbolicRobot, chain: Chain, k: int) -> tuple[int, W
     if k == 1:
         lever = tape.add(symbolic.centre, symbolic.rod_frame(1).vector(tape, lever))
         direction = symbolic.rod_frame(1).vector(tape, direction)
-    drag = tape.scale(symbolic.parameters.drags[k], direction)
+    drag = tape.scale(symbolic.parameters.rotors[k]["drag"], direction)
     wrench = Wrench(direction, tape.add(tape.cross(lever, direction), drag))
     return 0 if k == 1 else 1, wrench
 

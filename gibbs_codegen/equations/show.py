@@ -29,7 +29,8 @@ from gibbs_codegen.equations.readable_chain import check_chain, item_frames, rea
 from gibbs_codegen.equations.typeset import Kind, Name, accelerated, name
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.robot.chains import coupling_map
-from gibbs_codegen.robot.model import AXIS_PAIRS, Robot
+from gibbs_codegen.robot.model import Robot
+from gibbs_codegen.robot.parts.numbers import AXIS_PAIRS
 
 EQUATIONS = (2, 5, 6, 15, 18)
 # What says everything once: the same coefficients stand in 2 and 5, and 6 is the same for any link.

@@ -21,8 +21,12 @@ from gibbs_codegen.exchange.sources import Finding
 from gibbs_codegen.exchange.welding import composite, quiet_placement
 from gibbs_codegen.robot.file import read_robot, shipped_robots
 from gibbs_codegen.robot.layout import frames_of, has_default_tip
-from gibbs_codegen.robot.model import BASE, Body, Frame, Link, RigidBody, Robot
+from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.robot.names import default_prefix, name_from
+from gibbs_codegen.robot.parts.body import Body, RigidBody
+from gibbs_codegen.robot.parts.frame import Frame
+from gibbs_codegen.robot.parts.link import Link
+from gibbs_codegen.robot.parts.numbers import BASE
 from gibbs_codegen.robot.references import body_numbers
 
 

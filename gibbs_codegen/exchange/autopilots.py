@@ -17,8 +17,10 @@ from gibbs_codegen.errors import UsageError
 from gibbs_codegen.robot import posture
 from gibbs_codegen.robot.autopilot_axes import turned_over
 from gibbs_codegen.robot.balance import carried_rotors, hangs
-from gibbs_codegen.robot.model import BASE, Drive, Robot
+from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.robot.names import coordinate_of, rotor_label
+from gibbs_codegen.robot.parts.numbers import BASE
+from gibbs_codegen.robot.parts.rotor import Drive
 from gibbs_codegen.robot.placement import Array, mounted_rotors
 
 _MOST_ROTORS = 12

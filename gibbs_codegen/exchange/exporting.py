@@ -14,10 +14,13 @@ from gibbs_codegen.exchange.sdf_text import sdf_text
 from gibbs_codegen.exchange.urdf import is_rotor_by_name
 from gibbs_codegen.exchange.xml_text import mjcf_text, urdf_text
 from gibbs_codegen.robot.layout import frames_of
-from gibbs_codegen.robot.model import BASE, Body, Robot, as_rigid_body, drive_of
+from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.robot.names import default_prefix, joint_name, link_label
+from gibbs_codegen.robot.parts.body import Body, as_rigid_body, inertia_matrix
+from gibbs_codegen.robot.parts.numbers import BASE
+from gibbs_codegen.robot.parts.part import taken
+from gibbs_codegen.robot.parts.rotor import Rotor
 from gibbs_codegen.robot.placement import base_centre
-from gibbs_codegen.robot.rigid_body import inertia_matrix
 
 Format = Literal["urdf", "mjcf", "sdf", "px4", "ardupilot"]
 # Of a file by the robot's name. PX4 knows airframes by numbers, of which those from 22000 are free.
@@ -47,7 +50,8 @@ def export_robot(robot: Robot, form: Format) -> tuple[str, list[str]]:
             if (limits.low is None) != (limits.high is None):
                 lost.append("limits, since it has one only")
         if form == "sdf" and servo:
-            lost += [f"{key} of its servo" for key in _NONIDEALITIES if servo.numbers.get(key)]
+            own = servo.parameters()
+            lost += [f"{k} of its servo" for k in _NONIDEALITIES if k in own and getattr(servo, k)]
         elif servo:
             lost.append("servo")
         if joint.friction and joint.friction.static != joint.friction.coulomb:
@@ -58,7 +62,7 @@ def export_robot(robot: Robot, form: Format) -> tuple[str, list[str]]:
         missing.append(f"{link_label(robot, i)}: that a constraint torque holds it; it is welded")
     # What makes thrusts and torques of commands: these are the inputs of what is written, but in
     # SDF, where motors are told for themselves.
-    for what, key in (("what rotors make of commands", "drive"), ("air on rotors", "air")):
+    for what, key in (("what rotors make of commands", "driven"), ("air on rotors", "feels_air")):
         own = [rotor.name for rotor in source.rotors if getattr(rotor, key)]
         if own and form != "sdf":
             missing.append(f"{what}: {', '.join(own)}")
@@ -141,7 +145,7 @@ def with_free_names(source: sources.Source, form: Format) -> tuple[sources.Sourc
                 replace(j, name=moved[j.child], parent=named[j.parent], child=named[j.child])
                 for j in source.joints
             ),
-            rotors=tuple(replace(rotor, on=named[rotor.on]) for rotor in placed),
+            rotors=tuple(replace(rotor, link=named[rotor.link]) for rotor in placed),
             frames=tuple(seats),
             constraints=tuple(
                 replace(each, frame=placed_in(each.frame), to=placed_in(each.to))
@@ -166,7 +170,7 @@ def source_of(robot: Robot) -> sources.Source:
     rods = sources.Names(names)
     links = {ROOT: sources.Link(ROOT, inertial_of(body, centre) if body else sources.Inertial())}
     joints: list[sources.Joint] = []
-    rotors: list[sources.Rotor] = []
+    rotors: list[sources.FoundRotor] = []
     for k in range(1, robot.base.rotors + 1):
         arm, rod = robot.base.arm(k), rods.free(f"arm{k}")
         if seen_from_motor := k == 1 and robot.base.azimuth_deg is None:
@@ -175,23 +179,30 @@ def source_of(robot: Robot) -> sources.Source:
             mount = Placement(rpy_deg=(*HERE.rpy_deg[:2], robot.base.arm_angle_deg(k)))
         seat = (0.0 if seen_from_motor else arm.length, 0.0, 0.0)
         thrust, drag = robot.base.thrust[k - 1], robot.base.drag[k - 1]
-        rotors.append(sources.Rotor(f"rotor{k}", rod, seat, thrust, drag))
+        rotors.append(
+            sources.FoundRotor(
+                name=f"rotor{k}", link=rod, position=seat, direction=thrust, drag=drag
+            )
+        )
         links[rod] = sources.Link(rod, inertial_of(arm, HERE))
         joints.append(sources.Joint(f"{rod}_mount", "fixed", ROOT, rod, centre @ mount))
     for i, link in enumerate(robot.links, start=1):
         links[names[i]] = sources.Link(names[i], inertial_of(link.body, HERE))
         joints.append(_joint(robot, i, names, centre))
     rotors += [
-        sources.Rotor(
-            rotor.name or default_prefix("rotor", k),
-            names[rotor.on],
-            vector(centre.point(rotor.position)) if rotor.on == BASE else rotor.position,
-            rotor.direction,
-            **sources.rotor_numbers(rotor)
-            | {"limits": drive.thrust_limits, "time_constant": drive.up or None},
+        sources.FoundRotor(
+            **vars(taken(Rotor, rotor))
+            | {
+                "name": rotor.name or default_prefix("rotor", k),
+                "position": vector(centre.point(rotor.position))
+                if rotor.on == BASE
+                else rotor.position,
+                "limits": rotor.drive.thrust_limits,
+                "time_constant": rotor.drive.up or None,
+            },
+            link=names[rotor.on],
         )
         for k, rotor in enumerate(robot.thrusters, start=1)
-        for drive in [drive_of(rotor)]
     ]
     frames = {}
     for frame in frames_of(robot):

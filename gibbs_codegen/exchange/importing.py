@@ -28,8 +28,10 @@ from gibbs_codegen.exchange.welding import welded
 from gibbs_codegen.exchange.xml_file import expanded, parse_xml, read_bytes
 from gibbs_codegen.robot.balance import LARGEST_DRAG
 from gibbs_codegen.robot.layout import joint_terms
-from gibbs_codegen.robot.model import Attitude, Command, Robot
+from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.robot.names import link_label, name_from
+from gibbs_codegen.robot.parts.base import Attitude
+from gibbs_codegen.robot.parts.rotor import Command
 from gibbs_codegen.robot.posture import carried_inertia
 
 
@@ -92,17 +94,17 @@ def import_robot(path: Path, options: ImportOptions) -> tuple[Robot, list[Findin
     robot, findings = welded(source, name, options.attitude, options.snap)
     for rotor in source.rotors:
         command, limits, unit = "", rotor.limits, "N"
-        if rotor.drive is not None and rotor.drive.command != "thrust":
+        if rotor.drive.command != "thrust":
             command, limits = rotor.drive.command, rotor.drive.limits
             unit = "rad/s" if command == "speed" else ""
         bounds = "" if limits is None else f"{limits[0]:g} to {limits[1]:g} {unit}"
-        own = [f"on {rotor.on}", f"drag {rotor.drag:g} m", f"{command} {bounds}".strip()]
+        own = [f"on {rotor.link}", f"drag {rotor.drag:g} m", f"{command} {bounds}".strip()]
         detail = f"{', '.join(filter(None, own))} ({rotor.found_by})"
         findings.append(Finding("rotor", rotor.name, detail))
         if abs(rotor.drag) > LARGEST_DRAG:
             detail = f"a drag of {rotor.drag:g} m is large; check its factor"
             findings.append(Finding("note", rotor.name, detail))
-    if options.command == "speed" and not any(rotor.drive for rotor in source.rotors):
+    if options.command == "speed" and not any(rotor.driven for rotor in source.rotors):
         words = "--command speed is for motors of Gazebo, of which none was found"
         findings.append(Finding("note", "rotors", words))
     findings += _rubbing_joints(robot)

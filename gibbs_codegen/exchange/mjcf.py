@@ -17,7 +17,8 @@ from gibbs_codegen.errors import printable, require
 from gibbs_codegen.exchange import sources
 from gibbs_codegen.exchange.mjcf_text import MjcfTexts
 from gibbs_codegen.exchange.placement import Placement, vector
-from gibbs_codegen.robot.model import AXES, JointLimits, Passive
+from gibbs_codegen.robot.parts.link import JointLimits, Passive
+from gibbs_codegen.robot.parts.numbers import AXES
 from gibbs_codegen.robot.placement import Array, turn_of_quaternion
 
 _SITE = 4
@@ -163,7 +164,9 @@ class _Reader:
             raise sources.refusal(self.file, message)
         return found[0]
 
-    def _rotors(self, bodies: Sequence[int], anchors: Container[int]) -> Iterator[sources.Rotor]:
+    def _rotors(
+        self, bodies: Sequence[int], anchors: Container[int]
+    ) -> Iterator[sources.FoundRotor]:
         """Rotors by actuators at sites of such bodies; those at joints say the largest efforts."""
         model = self.model
         for k in range(model.nu):
@@ -199,14 +202,16 @@ class _Reader:
                 self._found(name, "torque across the thrust")
             if limits is not None and limits[1] <= 0.0:  # It pulls: turned, it pushes.
                 direction, limits = -direction, (0.0 - limits[1], 0.0 - limits[0])
-            yield sources.Rotor(
-                name,
-                self.names[body],
-                vector(model.site_pos[target]),
-                vector(_turn(model.site_quat[target]) @ direction),
-                drag,
-                limits,
-                float(model.actuator_dynprm[k, 0]) or None if lag in _FILTERS else None,
+            yield sources.FoundRotor(
+                name=name,
+                link=self.names[body],
+                position=vector(model.site_pos[target]),
+                direction=vector(_turn(model.site_quat[target]) @ direction),
+                drag=drag,
+                limits=limits,
+                time_constant=float(model.actuator_dynprm[k, 0]) or None
+                if lag in _FILTERS
+                else None,
                 found_by="motor at a site",
             )
 
@@ -328,7 +333,9 @@ class _Reader:
         stiffness = float(np.ravel(model.jnt_stiffness[j])[0])
         rest = float(model.qpos_spring[place]) - zero if stiffness else 0.0
         damping = float(np.ravel(model.dof_damping[dof])[0])
-        passive = Passive(damping, float(model.dof_armature[dof]), stiffness, rest)
+        passive = Passive(
+            damping=damping, armature=float(model.dof_armature[dof]), stiffness=stiffness, rest=rest
+        )
         low = high = None
         if model.jnt_limited[j]:
             low, high = (float(bound) - zero for bound in model.jnt_range[j])

@@ -8,8 +8,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from gibbs_codegen.exchange.sources import Rotor, Source
-from gibbs_codegen.robot.model import Drive
+from gibbs_codegen.exchange.sources import FoundRotor, Source
 
 # Of a rotor whose speed nobody says, rad/s: about that of a propeller of ten inches.
 _USUAL_SPEED = 1000.0
@@ -48,9 +47,9 @@ def told_of_motors(motors: Mapping[str, Motor]) -> list[str]:
     return [f"{line} (rotors {', '.join(names)})" for line, names in named.items()]
 
 
-def _motor(rotor: Rotor, share: float) -> Motor:
+def _motor(rotor: FoundRotor, share: float) -> Motor:
     """The motor of a rotor that bears so much of the weight, N, in hovering."""
-    drive, words = rotor.drive or Drive(), []
+    drive, words = rotor.drive, []
     low, most = rotor.limits or (0.0, 0.0)
     if most <= 0.0:
         most = _USUAL_THRUST * share
@@ -64,19 +63,21 @@ def _motor(rotor: Rotor, share: float) -> Motor:
         words.append(f"assumed: {fastest:g} rad/s at the greatest thrust")
     if drive.command != "thrust" and any(drive.curve[:2]):
         words.append("changed: the thrust is by the square of the speed alone")
-    if air := rotor.air:
-        others = {"inflow": air.inflow, "lift": air.lift, "ground effect": air.ground_effect}
-        others["thrust by advance ratio"] = bool(air.advance)
-        if lost := [name for name, value in others.items() if value]:
-            words.append(f"left out: {', '.join(lost)} of the air")
-    lag = rotor.time_constant or 0.0
+    others = {
+        "inflow": rotor.inflow,
+        "lift": rotor.translational_lift,
+        "ground effect": rotor.ground_effect,
+        "thrust by advance ratio": rotor.thrust_by_advance,
+    }
+    if lost := [name for name, value in others.items() if value]:
+        words.append(f"left out: {', '.join(lost)} of the air")
     return Motor(
         most / fastest**2,
         abs(rotor.drag),
         fastest,
         rotor.drag > 0.0,
-        drive.up if rotor.drive else lag,
-        drive.down if rotor.drive else lag,
-        air.drag if air else 0.0,
+        drive.up,
+        drive.down,
+        rotor.hub_drag,
         tuple(words),
     )

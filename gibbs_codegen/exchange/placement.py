@@ -14,7 +14,8 @@ from functools import cached_property
 
 import numpy as np
 
-from gibbs_codegen.robot.model import Angles3, Pose, Vector3
+from gibbs_codegen.robot.parts.numbers import Angles3, Vector3
+from gibbs_codegen.robot.parts.pose import Pose
 from gibbs_codegen.robot.placement import Array, turn_of_rpy
 
 LEVEL: Angles3 = (Fraction(0), Fraction(0), Fraction(0))

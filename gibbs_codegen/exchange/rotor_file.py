@@ -12,13 +12,14 @@ from typing import Annotated
 
 from gibbs_codegen.errors import Fault, UsageError, near, printable
 from gibbs_codegen.exchange.placement import vector
-from gibbs_codegen.exchange.sources import Rotor, Source, SourceFileError, refusal, rotor_numbers
+from gibbs_codegen.exchange.sources import FoundRotor, Source, SourceFileError, refusal
 from gibbs_codegen.exchange.xml_file import read_bytes
 from gibbs_codegen.files.table import Table, Tables, file_table, key
 from gibbs_codegen.files.toml import checked
-from gibbs_codegen.robot.model import BASE, MAX_ROTORS
+from gibbs_codegen.robot.parts.numbers import BASE
+from gibbs_codegen.robot.parts.part import taken
+from gibbs_codegen.robot.parts.rotor import MAX_ROTORS, Rotor
 from gibbs_codegen.robot.placement import turn_of_quaternion
-from gibbs_codegen.robot.tables import RotorTable
 
 _MOST_YAML = 100_000
 
@@ -28,13 +29,13 @@ class RotorFileTable(Table):
     """A file of rotors."""
 
     rotor: Annotated[
-        list[RotorTable],
+        list[Rotor],
         Tables("rotor", MAX_ROTORS, "rotors"),
         key("the rotors, in the order of their thrusts"),
     ]
 
 
-def read_rotors(path: Path, source: Source) -> tuple[Rotor, ...]:
+def read_rotors(path: Path, source: Source) -> tuple[FoundRotor, ...]:
     """Read a file of rotors on the links of a tree: in TOML, or in YAML if its name ends so.
 
     Raises `SourceFileError` if the file is refused, or a link is unknown.
@@ -50,34 +51,30 @@ def read_rotors(path: Path, source: Source) -> tuple[Rotor, ...]:
     else:
         table = checked(text, str(path), RotorFileTable, SourceFileError)
         rotors = tuple(
-            Rotor(
-                rotor.name or f"rotor_{number}",
+            FoundRotor(
+                **vars(taken(Rotor, rotor)) | {"name": rotor.name or f"rotor_{number}"},
                 # "base" is the root, unless there is a link of that name.
-                source.root if on == "base" and on not in source.links else on,
-                rotor.position,
-                rotor.direction,
+                link=source.root if link == "base" and link not in source.links else link,
                 found_by=path.name,
-                **rotor_numbers(rotor),
             )
-            for number, (on, rotor) in enumerate(
-                ((found.on, found.rotor(BASE)) for found in table.rotor), start=1
-            )
+            for number, rotor in enumerate(table.rotor, start=1)
+            for link in ["base" if rotor.on == BASE else str(rotor.on)]
         )
     there_are = f"; there are {printable(', '.join(source.links), 200)}"
     faults = [
         Fault(
             f"rotor[{i}].on",
-            f"there is no link {printable(r.on, 60)}{near(r.on, source.links) or there_are}",
+            f"there is no link {printable(r.link, 60)}{near(r.link, source.links) or there_are}",
         )
         for i, r in enumerate(rotors)
-        if r.on not in source.links
+        if r.link not in source.links
     ]
     if faults:
         raise SourceFileError(str(path), faults)
     return rotors
 
 
-def _of_yaml(text: str, path: Path, source: Source) -> tuple[Rotor, ...]:
+def _of_yaml(text: str, path: Path, source: Source) -> tuple[FoundRotor, ...]:
     """Rotors of a platform of eagle_mpc; thrust is along z of their frames.
 
     Raises `UsageError` if PyYAML is not installed, and `SourceFileError` if the file is refused.
@@ -104,14 +101,14 @@ def _of_yaml(text: str, path: Path, source: Source) -> tuple[Rotor, ...]:
             if not 0.0 < size < math.inf:
                 raise UsageError("orientation must be a quaternion x, y, z, w, which is not zero")
             x, y, z, w = (value / size for value in turn)
-            rotor = Rotor(
-                f"rotor_{number}",
-                str(platform.get("base_link_name") or source.root),
-                vector(entry["translation"]),
-                vector(turn_of_quaternion(x, y, z, w)[:, 2]),
-                float(spin[0] if isinstance(spin, list) else spin)
+            rotor = FoundRotor(
+                name=f"rotor_{number}",
+                link=str(platform.get("base_link_name") or source.root),
+                position=vector(entry["translation"]),
+                direction=vector(turn_of_quaternion(x, y, z, w)[:, 2]),
+                drag=float(spin[0] if isinstance(spin, list) else spin)
                 * (float(platform["cm"]) / float(platform["cf"])),
-                (float(platform["min_thrust"]), float(platform["max_thrust"])),
+                limits=(float(platform["min_thrust"]), float(platform["max_thrust"])),
                 found_by=path.name,
             )
             numbers = (*rotor.position, *rotor.direction, rotor.drag, *(rotor.limits or ()))

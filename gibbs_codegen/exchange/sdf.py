@@ -20,8 +20,10 @@ from gibbs_codegen.exchange.unread import WITHIN, pass_over, unread, without_par
 from gibbs_codegen.exchange.urdf import COUNTED, ENTRIES, KINDS, OF_MOTORS, Values, gazebo_rotors
 from gibbs_codegen.exchange.xml_file import Element, child, children, parse_xml, within
 from gibbs_codegen.exchange.xml_file import child_text as _text
-from gibbs_codegen.robot.model import AXES, Command, Passive
-from gibbs_codegen.robot.rigid_body import inertia_matrix
+from gibbs_codegen.robot.parts.body import inertia_matrix
+from gibbs_codegen.robot.parts.link import Passive
+from gibbs_codegen.robot.parts.numbers import AXES
+from gibbs_codegen.robot.parts.rotor import Command
 
 _KINDS = ("revolute", "continuous", "prismatic", "fixed")
 # What is only counted, under these words, and what has no part in the motion.
@@ -296,7 +298,9 @@ class _Reader:
             self._between(parent, name) if parent in self.elements else self._between(MODEL, name),
             self._axis(name, axis),
             self._between(name, moved),
-            Passive(damping, 0.0, stiffness, rest if stiffness else 0.0),
+            Passive(
+                damping=damping, armature=0.0, stiffness=stiffness, rest=rest if stiffness else 0.0
+            ),
             limits,
             continuous=kind == "revolute" and sources.endless(limits),
             friction=values.friction(name, dynamics),

@@ -20,8 +20,8 @@ from gibbs_codegen.exchange.placement import HERE, Placement, vector
 from gibbs_codegen.exchange.sources import Inertial, Joint, Names, Source
 from gibbs_codegen.exchange.welding import composite
 from gibbs_codegen.exchange.xml_text import along_z, coulomb, numbers
-from gibbs_codegen.robot.model import Servo
-from gibbs_codegen.robot.rigid_body import inertia_fault, inertia_matrix
+from gibbs_codegen.robot.parts.body import inertia_fault, inertia_matrix
+from gibbs_codegen.robot.parts.servo import Servo
 
 _VERSION = "1.9"
 # kg and kg m²: far below the rounding of what robots weigh.
@@ -58,7 +58,7 @@ def sdf_text(source: Source, motors: dict[str, Motor], servos: dict[str, Servo])
     for rotor in source.rotors:
         pose, spin = Placement(rotor.position, along_z(rotor.direction)), spins[rotor.name]
         _link(model, rotor.name, discs[rotor.name], spin)
-        axis = _joint(model, spin, "revolute", rotor.on, rotor.name, pose)
+        axis = _joint(model, spin, "revolute", rotor.link, rotor.name, pose)
         ET.SubElement(axis, "xyz").text = "0 0 1"
     for frame in source.frames:
         element = ET.SubElement(model, "frame", name=frame.name, attached_to=frame.on)
@@ -87,7 +87,7 @@ def _with_propellers(source: Source) -> tuple[dict[str, Inertial], dict[str, Ine
                 f"the inertia of link {printable(name, 60)} {fault}, and Gazebo refuses it; "
                 "export URDF"
             )
-        carried = [rotor for rotor in source.rotors if rotor.on == name]
+        carried = [rotor for rotor in source.rotors if rotor.link == name]
         places = [Placement(r.position, along_z(r.direction)) for r in carried]
         least = _least_moment(own)
         disc, rest = _disc(0.0), own

@@ -21,16 +21,10 @@ import numpy as np
 
 from gibbs_codegen.errors import Fault, RefusedFileError
 from gibbs_codegen.exchange.placement import HERE, Placement, snapped_angle, vector
-from gibbs_codegen.robot import model
-from gibbs_codegen.robot.model import (
-    AXES,
-    Drive,
-    Friction,
-    JointLimits,
-    Passive,
-    RotorAir,
-    Vector3,
-)
+from gibbs_codegen.robot.parts.friction import Friction
+from gibbs_codegen.robot.parts.link import JointLimits, Passive
+from gibbs_codegen.robot.parts.numbers import AXES, Vector3
+from gibbs_codegen.robot.parts.rotor import Rotor
 from gibbs_codegen.robot.placement import Array
 
 JointKind = Literal["revolute", "prismatic", "fixed", "floating", "planar"]
@@ -115,36 +109,15 @@ def dry_friction(coulomb: float) -> Friction | None:
     return Friction(coulomb, coulomb) if coulomb else None
 
 
-@dataclass(frozen=True, eq=False)
-class Rotor:
-    """A rotor on a link: as `Rotor`, with the joint that lets it spin, and by what it was found."""
+@dataclass(frozen=True, eq=False, kw_only=True)
+class FoundRotor(Rotor):
+    """A rotor on a link, with the joint that lets it spin, and by what it was found."""
 
     name: str
-    on: str
-    position: Vector3 = (0.0, 0.0, 0.0)
-    direction: Vector3 = AXES["z"]
-    drag: float = 0.0
-    limits: tuple[float, float] | None = None
-    time_constant: float | None = None
-    spin_inertia: float | None = None
-    speed_per_sqrt_thrust: float | None = None
-    drive: Drive | None = None
-    air: RotorAir | None = None
+    link: str
     joint: str | None = None
     found_by: str = ""
     line: int | None = None
-
-
-# What a rotor of a file and one of a robot have alike.
-_ROTOR_NUMBERS = (
-    *("drag", "limits", "time_constant", "spin_inertia", "speed_per_sqrt_thrust"),
-    *("drive", "air"),
-)
-
-
-def rotor_numbers(rotor: Rotor | model.Rotor) -> dict[str, Any]:
-    """What does not depend on where a rotor is, by the names of both."""
-    return {name: getattr(rotor, name) for name in _ROTOR_NUMBERS}
 
 
 @dataclass(frozen=True, eq=False)
@@ -200,7 +173,7 @@ class Source:
     name: str
     links: dict[str, Link]
     joints: tuple[Joint, ...]
-    rotors: tuple[Rotor, ...] = ()
+    rotors: tuple[FoundRotor, ...] = ()
     spinning: frozenset[str] = frozenset()
     anchors: frozenset[str] = frozenset()
     frames: tuple[Frame, ...] = ()

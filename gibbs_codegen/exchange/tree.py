@@ -9,7 +9,7 @@ import numpy as np
 
 from gibbs_codegen.errors import UsageError, near, printable
 from gibbs_codegen.exchange.placement import HERE, Placement, vector
-from gibbs_codegen.exchange.sources import WORLD, Constraint, Finding, Joint, Rotor, Source
+from gibbs_codegen.exchange.sources import WORLD, Constraint, Finding, FoundRotor, Joint, Source
 from gibbs_codegen.robot.placement import turn_about
 
 # How far a rotor may be from the axis of its joint and still be what spins there: m, and rad. On
@@ -114,14 +114,14 @@ def _seats(source: Source) -> dict[str, tuple[str, Placement]]:
     return seats
 
 
-def _spins(joint: Joint, rotor: Rotor, seats: Mapping[str, tuple[str, Placement]]) -> bool:
+def _spins(joint: Joint, rotor: FoundRotor, seats: Mapping[str, tuple[str, Placement]]) -> bool:
     """Whether a joint without limits turns about the line of thrust of a rotor it carries.
 
     It does, too, if what carries the joint has the rotor where the joint is.
     """
-    if not joint.continuous or rotor.on not in seats:
+    if not joint.continuous or rotor.link not in seats:
         return False
-    (body, seat), (carrier, at) = seats[rotor.on], seats[joint.parent]
+    (body, seat), (carrier, at) = seats[rotor.link], seats[joint.parent]
     carried = body == joint.child
     frame = (joint.offset if carried else (at @ joint.pose).inverse) @ seat
     place = frame.point(rotor.position)
@@ -141,7 +141,7 @@ def without_anchor(source: Source) -> Source:
     for _ in range(_MOST_ANCHORS):
         root = source.root
         below, inertial = source.below[root], source.links[root].inertial
-        carriers = {rotor.on for rotor in source.rotors} | {frame.on for frame in source.frames}
+        carriers = {rotor.link for rotor in source.rotors} | {frame.on for frame in source.frames}
         if len(below) != 1 or inertial.weighs or root in carriers:
             break
         (joint,) = below

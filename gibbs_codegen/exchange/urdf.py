@@ -33,18 +33,12 @@ from gibbs_codegen.exchange.xml_file import (
     parse_xml,
     within,
 )
-from gibbs_codegen.robot.model import (
-    AXES,
-    Command,
-    Drive,
-    Friction,
-    JointLimits,
-    Passive,
-    RotorAir,
-    Vector3,
-)
+from gibbs_codegen.robot.parts.body import inertia_matrix
+from gibbs_codegen.robot.parts.friction import Friction
+from gibbs_codegen.robot.parts.link import JointLimits, Passive
+from gibbs_codegen.robot.parts.numbers import AXES, LEAST, MOST, Vector3
+from gibbs_codegen.robot.parts.rotor import Command
 from gibbs_codegen.robot.placement import turn_of_quaternion
-from gibbs_codegen.robot.rigid_body import LEAST, MOST, inertia_matrix
 
 # What some exporters write for no limit.
 _ENDLESS = 1e15
@@ -226,15 +220,17 @@ _MOTOR = {
 _FOR_THRUST = 4
 
 
-def urdf_rotors(root: Element, values: Values, command: Command = "thrust") -> list[sources.Rotor]:
+def urdf_rotors(
+    root: Element, values: Values, command: Command = "thrust"
+) -> list[sources.FoundRotor]:
     """The rotors under `<robot>`: motors of Gazebo, then what else JSK's convention says."""
     gazebo = gazebo_rotors(root, values, command)
-    claimed = {rotor.joint for rotor in gazebo} | {rotor.on for rotor in gazebo}
+    claimed = {rotor.joint for rotor in gazebo} | {rotor.link for rotor in gazebo}
     jsk = _jsk(root, values)
-    return gazebo + [r for r in jsk if r.joint not in claimed and r.on not in claimed]
+    return gazebo + [r for r in jsk if r.joint not in claimed and r.link not in claimed]
 
 
-def gazebo_rotors(root: Element, values: Values, command: Command) -> list[sources.Rotor]:
+def gazebo_rotors(root: Element, values: Values, command: Command) -> list[sources.FoundRotor]:
     """Motors of Gazebo under an element, in the order of their numbers or of the file.
 
     They are commanded a thrust or, as there, a speed.
@@ -261,9 +257,9 @@ def gazebo_rotors(root: Element, values: Values, command: Command) -> list[sourc
         slowdowns.add(plain(texts.get("rotorVelocitySlowdownSim") or "1"))
         number = values.of_text(plugin, "<motorNumber>", texts["motorNumber"] or "0")
         most = constant * fastest**2
-        rotor = sources.Rotor(
+        rotor = sources.FoundRotor(
             name=texts["linkName"],
-            on=texts["linkName"],
+            link=texts["linkName"],
             drag=-moment if turning == "ccw" else moment,
             limits=(0.0, most) if most > 0.0 else None,
             time_constant=up or None,
@@ -273,10 +269,16 @@ def gazebo_rotors(root: Element, values: Values, command: Command) -> list[sourc
         )
         if command == "speed":
             bounds = (0.0, fastest) if fastest > 0.0 else None
-            lags = up or down, down or up
-            drive = Drive("speed", (0.0, 0.0, constant), bounds, *lags)
-            air = RotorAir(drag=hub_drag) if hub_drag else None
-            rotor = replace(rotor, limits=None, time_constant=None, drive=drive, air=air)
+            rotor = replace(
+                rotor,
+                limits=None,
+                time_constant=None,
+                command=command,
+                thrust_curve=(0.0, 0.0, constant),
+                command_limits=bounds,
+                time_constants=(up or down, down or up) if up or down else None,
+                hub_drag=hub_drag,
+            )
         numbered.append((number, rotor))
     if rolling:
         values.found("left out", "rolling moments of rotors", f"{rolling}")
@@ -307,7 +309,7 @@ def is_motor(plugin: Element) -> bool:
     return bool(known and child_text(plugin, "linkName"))
 
 
-def _jsk(root: Element, values: Values) -> list[sources.Rotor]:
+def _jsk(root: Element, values: Values) -> list[sources.FoundRotor]:
     """Rotors by the convention of JSK: joints rotor1, rotor2 …, whose limits are of the thrust.
 
     A joint may have an `<m_f_rate>` of its own, as `export` writes it: then it is a rotor by any
@@ -330,7 +332,9 @@ def _jsk(root: Element, values: Values) -> list[sources.Rotor]:
         drag = (z > 0.0) * rate - (z < 0.0) * rate
         limits = None if low is None or high is None or low >= high else (low, high)
         number = int(name.removeprefix("rotor")) if own is None else 0
-        rotor = sources.Rotor(name, on, drag=drag, limits=limits, joint=name, found_by="JSK")
+        rotor = sources.FoundRotor(
+            name=name, link=on, drag=drag, limits=limits, joint=name, found_by="JSK"
+        )
         numbered.append((number, rotor))
     return [rotor for _, rotor in sorted(numbered, key=itemgetter(0))]
 

@@ -22,13 +22,25 @@ from gibbs_codegen.exchange.sources import (
     Source,
     quiet,
     quiet_inertia,
-    rotor_numbers,
 )
-from gibbs_codegen.robot import model
-from gibbs_codegen.robot.names import CONSTRAINT_TORQUES, LONGEST_LABEL, identifier
+from gibbs_codegen.robot.model import Robot
+from gibbs_codegen.robot.names import CONSTRAINT_TORQUES, identifier
+from gibbs_codegen.robot.parts.base import Attitude, Base
+from gibbs_codegen.robot.parts.body import RigidBody, inertia_fault
+from gibbs_codegen.robot.parts.constraint import (
+    MAX_CONSTRAINTS,
+    Constraint,
+    ConstraintKind,
+    LoopJoint,
+)
+from gibbs_codegen.robot.parts.frame import MAX_FRAMES, Frame
+from gibbs_codegen.robot.parts.link import MAX_LINKS, Link
+from gibbs_codegen.robot.parts.numbers import BASE, LONGEST_LABEL
+from gibbs_codegen.robot.parts.part import taken
+from gibbs_codegen.robot.parts.pose import Pose
+from gibbs_codegen.robot.parts.rotor import MAX_ROTORS, Rotor
 from gibbs_codegen.robot.placement import Array
 from gibbs_codegen.robot.references import NamedKind, NameRegistry
-from gibbs_codegen.robot.rigid_body import inertia_fault
 
 
 @dataclass(eq=False)
@@ -37,7 +49,7 @@ class _Body:
 
     number: int
     name: str
-    parent: int = model.BASE
+    parent: int = BASE
     joint: Joint | None = None
     pose: Placement = HERE
     parts: list[tuple[Inertial, Placement]] = field(default_factory=list)
@@ -52,18 +64,18 @@ class _Place:
 
 
 def welded(
-    source: Source, name: str, attitude: model.Attitude, snap: bool
-) -> tuple[model.Robot, list[Finding]]:
+    source: Source, name: str, attitude: Attitude, snap: bool
+) -> tuple[Robot, list[Finding]]:
     """The robot of a tree whose joints are revolute, prismatic or fixed, and what was done.
 
     `snap` is whether to set noise to zero. Raises `SourceFileError` if there are more links or
     rotors than a robot may have.
     """
     bodies, places, findings = _bodies(source)
-    if len(bodies) - 1 > model.MAX_LINKS or len(source.rotors) > model.MAX_ROTORS:
+    if len(bodies) - 1 > MAX_LINKS or len(source.rotors) > MAX_ROTORS:
         raise source.refused(
             f"{len(bodies) - 1} moving links and {len(source.rotors)} rotors; at most "
-            f"{model.MAX_LINKS} and {model.MAX_ROTORS} are possible. --lock holds joints fast"
+            f"{MAX_LINKS} and {MAX_ROTORS} are possible. --lock holds joints fast"
         )
     namer = Namer()
     rigid = [composite(body.parts, snap) for body in bodies]
@@ -71,7 +83,7 @@ def welded(
     for body, own in zip(bodies[1:], rigid[1:], strict=True):
         joint = body.joint
         assert joint is not None  # noqa: S101 - only the base has none
-        link = model.Link(
+        link = Link(
             own,
             joint="prismatic" if joint.kind == "prismatic" else "revolute",
             parent=None if body.parent == body.number - 1 else body.parent,
@@ -95,14 +107,14 @@ def welded(
         if (seat := places.get(frame.on)) is not None:
             found.append((frame.name, _Place(seat.body, seat.frame @ frame.pose)))
     frames = tuple(
-        model.Frame(namer.free(name, "frame"), place.body, quiet_placement(place.frame, snap).pose)
-        for name, place in found[: model.MAX_FRAMES]
+        Frame(namer.free(name, "frame"), place.body, quiet_placement(place.frame, snap).pose)
+        for name, place in found[:MAX_FRAMES]
     )
     constraints, frames, lost = _constraints(source, places, frames, snap, namer)
     findings += lost
-    robot = model.Robot(
+    robot = Robot(
         name,
-        model.Base(attitude=attitude, origin="base", body=rigid[0]),
+        Base(attitude=attitude, origin="base", body=rigid[0]),
         tuple(links),
         source.gravity,
         _rotors(source, places, snap, namer),
@@ -115,9 +127,7 @@ def welded(
         for body, own in zip(bodies, rigid, strict=True)
         if snap and own != composite(body.parts, False)
     ]
-    findings += [
-        Finding("left out", name, "one frame too many") for name, _ in found[model.MAX_FRAMES :]
-    ]
+    findings += [Finding("left out", name, "one frame too many") for name, _ in found[MAX_FRAMES:]]
     impossible = [
         body.name
         for body, own in zip(bodies, rigid, strict=True)
@@ -129,10 +139,10 @@ def welded(
 
 def _bodies(source: Source) -> tuple[list[_Body], dict[str, _Place], list[Finding]]:
     """Bodies in the order of the tree, each arm to its end before the next, and where links are."""
-    bodies = [_Body(model.BASE, source.root)]
-    places = {source.root: _Place(model.BASE, HERE)}
+    bodies = [_Body(BASE, source.root)]
+    places = {source.root: _Place(BASE, HERE)}
     findings = [Finding("base", source.root, "the flying base")]
-    bodies[model.BASE].parts.append((source.links[source.root].inertial, HERE))
+    bodies[BASE].parts.append((source.links[source.root].inertial, HERE))
     left = source.below[source.root][::-1]
     while left:
         joint = left.pop()
@@ -150,7 +160,7 @@ def _bodies(source: Source) -> tuple[list[_Body], dict[str, _Place], list[Findin
     return bodies, places, findings
 
 
-def composite(parts: Sequence[tuple[Inertial, Placement]], snap: bool) -> model.RigidBody:
+def composite(parts: Sequence[tuple[Inertial, Placement]], snap: bool) -> RigidBody:
     """The composite of parts, in the axes of their body."""
     placed = [(part, frame @ part.pose) for part, frame in parts if part.weighs]
     mass = float(sum(part.mass for part, _ in placed))
@@ -171,36 +181,36 @@ def composite(parts: Sequence[tuple[Inertial, Placement]], snap: bool) -> model.
     if snap:
         com, inertia = np.array(quiet(vector(com))), quiet_inertia(inertia)
     xx, xy, xz, _, yy, yz, _, _, zz = (float(entry) + 0.0 for entry in inertia.ravel())
-    return model.RigidBody(0.0, mass, vector(com), (xx, yy, zz, xy, xz, yz))
+    return RigidBody(0.0, mass, vector(com), (xx, yy, zz, xy, xz, yz))
 
 
 def _rotors(
     source: Source, places: dict[str, _Place], snap: bool, namer: Namer
-) -> tuple[model.Rotor, ...]:
+) -> tuple[Rotor, ...]:
     """The rotors on bodies, in the order of the source; `places` are those of the tree's links.
 
     Raises `SourceFileError` if a rotor is on no link of the tree.
     """
     rotors = []
     for rotor in source.rotors:
-        if (place := places.get(rotor.on)) is None:
-            words = f"rotor {rotor.name} is on link {rotor.on}, which is missing"
-            raise source.refused(words + near(rotor.on, places), rotor.line)
+        if (place := places.get(rotor.link)) is None:
+            words = f"rotor {rotor.name} is on link {rotor.link}, which is missing"
+            raise source.refused(words + near(rotor.link, places), rotor.line)
         direction = vector(place.frame.matrix @ np.array(rotor.direction))
         position = vector(place.frame.point(rotor.position))
         rotors.append(
-            model.Rotor(
-                quiet(position) if snap else position,
-                quiet(direction) if snap else direction,
+            replace(
+                taken(Rotor, rotor),
+                position=quiet(position) if snap else position,
+                direction=quiet(direction) if snap else direction,
                 on=place.body,
                 name=namer.free(rotor.name, "rotor"),
-                **rotor_numbers(rotor),
             )
         )
     return tuple(rotors)
 
 
-_KINDS: dict[str, tuple[model.ConstraintKind, model.LoopJoint]] = {
+_KINDS: dict[str, tuple[ConstraintKind, LoopJoint]] = {
     "point": ("point", "spherical"),
     "frame": ("frame", "fixed"),
     "hinge": ("loop", "revolute"),
@@ -210,12 +220,12 @@ _KINDS: dict[str, tuple[model.ConstraintKind, model.LoopJoint]] = {
 def _constraints(
     source: Source,
     places: dict[str, _Place],
-    frames: tuple[model.Frame, ...],
+    frames: tuple[Frame, ...],
     snap: bool,
     namer: Namer,
-) -> tuple[tuple[model.Constraint, ...], tuple[model.Frame, ...], list[Finding]]:
+) -> tuple[tuple[Constraint, ...], tuple[Frame, ...], list[Finding]]:
     """The constraints, the frames with those that they need, and what was left out."""
-    found: list[model.Constraint] = []
+    found: list[Constraint] = []
     made, lost = [*frames], []
     for each in source.constraints:
         bodies = [places[frame.on].body for frame in each.frames if frame.on != WORLD]
@@ -224,7 +234,7 @@ def _constraints(
             reason = "a constraint of one body, or the world, with itself"
         elif len(bodies) == 1 and each.holds == "hinge":
             reason = "a hinge to the world; hold two points of its axis instead"
-        elif len(found) == model.MAX_CONSTRAINTS or len(made) + len(bodies) > model.MAX_FRAMES:
+        elif len(found) == MAX_CONSTRAINTS or len(made) + len(bodies) > MAX_FRAMES:
             reason = "one constraint, or frame for it, too many"
         if reason:
             lost.append(Finding("left out", each.name, reason))
@@ -234,21 +244,19 @@ def _constraints(
             seat = places[frame.on]
             pose = quiet_placement(seat.frame @ frame.pose, snap).pose
             same = [old.name for old in made if (old.on, old.pose) == (seat.body, pose)]
-            if (seat.body, pose) == (model.BASE, model.Pose()):
+            if (seat.body, pose) == (BASE, Pose()):
                 same = ["base"]
             if not same:
-                made.append(model.Frame(namer.free(frame.name, "frame"), seat.body, pose))
+                made.append(Frame(namer.free(frame.name, "frame"), seat.body, pose))
             names += same[:1] or [made[-1].name]
         alone, between = _KINDS[each.holds]
         label = namer.free(each.name, "constraint")
         if len(names) == 1:
             anchor = quiet_placement(each.to.pose, snap).pose
-            anchor = anchor if each.holds == "frame" else model.Pose(anchor.xyz)
-            found.append(model.Constraint(label, alone, names[0], None, anchor))
+            anchor = anchor if each.holds == "frame" else Pose(anchor.xyz)
+            found.append(Constraint(label, alone, names[0], None, **vars(anchor)))
         else:
-            loop = model.Constraint(
-                label, "loop", names[0], names[1], joint=between, axis=each.axis
-            )
+            loop = Constraint(label, "loop", names[0], names[1], joint=between, axis=each.axis)
             found.append(loop)
         what = f"{each.holds} of {names[0]} held to {(*names, 'the world')[1]}"
         lost.append(Finding("constraint", label, what))

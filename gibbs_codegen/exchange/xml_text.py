@@ -18,8 +18,8 @@ from scipy.spatial.transform import Rotation
 from gibbs_codegen.errors import UsageError, printable
 from gibbs_codegen.exchange import sources
 from gibbs_codegen.exchange.placement import HERE, Placement, degrees
-from gibbs_codegen.robot.model import Angles3, Vector3
-from gibbs_codegen.robot.rigid_body import inertia_fault
+from gibbs_codegen.robot.parts.body import inertia_fault
+from gibbs_codegen.robot.parts.numbers import Angles3, Vector3
 
 # Readers demand limits; what has none gets some that nothing reaches.
 _ENDLESS = 1e16
@@ -56,7 +56,7 @@ def urdf_text(source: sources.Source) -> str:
         thrust = links.free(f"thrust{number}")
         _urdf_link(root, thrust)
         pose = Placement(rotor.position, along_z(rotor.direction))
-        element = _urdf_mount(root, rotor.name, "fixed", pose, (rotor.on, thrust))
+        element = _urdf_mount(root, rotor.name, "fixed", pose, (rotor.link, thrust))
         ET.SubElement(element, "axis", xyz="0 0 1")
         ET.SubElement(element, "m_f_rate", value=repr(rotor.drag))
         if rotor.limits is not None:
@@ -205,10 +205,10 @@ class _Writer:
         for found in below:
             self.body(element, found.child, [(found, found.pose)])
 
-    def rotor(self, actuator: ET.Element, rotor: sources.Rotor) -> None:
+    def rotor(self, actuator: ET.Element, rotor: sources.FoundRotor) -> None:
         """Write a rotor as a site and a motor, this into the element that holds motors."""
         site = self._sites.free(rotor.name)
-        element = self.place_of(rotor.on, rotor.name)
+        element = self.place_of(rotor.link, rotor.name)
         ET.SubElement(element, "site", name=site, pos=numbers(rotor.position))
         push = np.array(rotor.direction)
         attributes = {

@@ -19,7 +19,8 @@ from gibbs_codegen.figures import marks
 from gibbs_codegen.figures.style import DARK, FULL, GOLD, style
 from gibbs_codegen.robot.chains import Chain, decompose
 from gibbs_codegen.robot.layout import QUATERNION, has_default_tip
-from gibbs_codegen.robot.model import BASE, Robot
+from gibbs_codegen.robot.model import Robot
+from gibbs_codegen.robot.parts.numbers import BASE
 from gibbs_codegen.robot.placement import Array
 
 _QUIET = "0.55"

@@ -20,8 +20,9 @@ from gibbs_codegen.figures.scene import VIEW, Names, fit, project, set_scene
 from gibbs_codegen.figures.style import DARK, FULL, GOLD, lay_out, style
 from gibbs_codegen.robot.chains import decompose
 from gibbs_codegen.robot.layout import layout_of
-from gibbs_codegen.robot.model import BASE, Robot
+from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.robot.names import rotor_label
+from gibbs_codegen.robot.parts.numbers import BASE
 from gibbs_codegen.robot.placement import Array, mounted_rotors, turn
 from gibbs_codegen.robot.posture import RobotFrames, default_posture, link_end, robot_frames
 

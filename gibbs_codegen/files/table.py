@@ -8,19 +8,20 @@ are told from those by the context of the validation, which is the file's docume
 
 from __future__ import annotations
 
+import copy
 import difflib
 import math
 from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import dataclass, field
 from datetime import date, datetime, time
 from fractions import Fraction
+from functools import cache
 from typing import Annotated, Any, ClassVar, Self, TypeVar, cast, dataclass_transform, get_args
 
 import pydantic
 import pydantic_core
 from pydantic import GetCoreSchemaHandler as CoreHandler
 from pydantic import GetJsonSchemaHandler as JsonHandler
-from pydantic.config import JsonDict
 from pydantic.dataclasses import dataclass as validated_dataclass
 from pydantic.fields import FieldInfo
 from pydantic.functional_validators import ModelWrapValidatorHandler
@@ -131,9 +132,14 @@ _CONFIG = pydantic.ConfigDict(
 AnyTable = TypeVar("AnyTable", bound="Table")
 
 
-def key(words: str, name: str | None = None) -> Any:
-    """Metadata of a field: what it is, with its unit, and its key where that is another name."""
-    return pydantic.Field(description=words, validation_alias=name)
+def key(words: str, name: str | None = None, mark: object = None) -> Any:
+    """Metadata of a field: what it is, with its unit, and its key where that is another name.
+
+    A mark is what else is to be known of the field, in its metadata.
+    """
+    made = pydantic.Field(description=words, validation_alias=name)
+    made.metadata += [] if mark is None else [mark]
+    return made
 
 
 def entry(words: str, default: Any = None, **more: Any) -> Any:
@@ -164,8 +170,7 @@ def table(cls: type[AnyTable]) -> type[AnyTable]:
 )
 def file_table(cls: type[AnyTable]) -> type[AnyTable]:
     """As `table`, of what is made from files only: required keys may stand anywhere."""
-    config = _CONFIG | pydantic.ConfigDict(title=cls.title, json_schema_extra=cls.conditions)
-    made: Any = validated_dataclass(cls, frozen=True, kw_only=True, config=config)
+    made: Any = validated_dataclass(cls, frozen=True, kw_only=True, config=_CONFIG)
     return cast(type[AnyTable], made)
 
 
@@ -179,7 +184,7 @@ class Table:
     """
 
     title: ClassVar[str | None] = None
-    conditions: ClassVar[JsonDict | None] = None
+    conditions: ClassVar[dict[str, Any] | None] = None
     # Another kind of file that may be given by mistake, and keys that only it has.
     mistaken: ClassVar[tuple[str, frozenset[str]]] = ("", frozenset())
     # Keys of the table, by those of other tables that may be mistaken for them.
@@ -197,6 +202,10 @@ class Table:
         """Place and words of faults of entries that are right each by itself."""
         return iter(())
 
+    def _completed(self) -> Self:
+        """The table with what its keys leave to others, once it has no faults."""
+        return self
+
     @classmethod
     def _missing(cls, key: str) -> str:
         """Words for a key that is required and missing: what it is."""
@@ -212,6 +221,13 @@ class Table:
     def _names(cls) -> dict[str, str]:
         """Names of the fields by their keys in a file."""
         return {str(info.validation_alias or name): name for name, info in cls._fields().items()}
+
+    @classmethod
+    def __get_pydantic_json_schema__(cls, schema: CoreSchema, handler: JsonHandler) -> Any:
+        found = handler(schema)
+        title = {"title": cls.title} if cls.title else {}
+        handler.resolve_ref_schema(found).update((cls.conditions or {}) | title)
+        return found
 
     @pydantic.model_validator(mode="wrap")
     @classmethod
@@ -274,7 +290,7 @@ class Table:
         if faults:
             messages = (f"{key_path((cls.__name__, *place))}: {words}" for place, words in faults)
             raise UsageError("; ".join(messages))
-        return found
+        return found._completed()
 
     @classmethod
     def _words(cls, found: pydantic_core.ErrorDetails) -> str:
@@ -285,7 +301,8 @@ class Table:
         if kind == "missing":
             return cls._missing(str(found["loc"][-1]))
         if kind == "literal_error":
-            choices = get_args(cls._fields()[str(found["loc"][-1])].annotation)
+            name = str(found["loc"][-1])
+            choices = get_args(cls._fields()[cls._names().get(name, name)].annotation)
             if type(None) in choices:  # The key may be left out.
                 choices = get_args(choices[0])
             return not_one_of(value, choices)
@@ -305,6 +322,10 @@ class Table:
         return f"unknown key; {hint}"
 
 
+# What checks a table, or a list of them.
+reader: Callable[[Any], pydantic.TypeAdapter[Any]] = cache(pydantic.TypeAdapter)
+
+
 def read_table(
     kind: type[AnyTable], values: Mapping[str, Any]
 ) -> tuple[AnyTable | None, list[tuple[Place, str]]]:
@@ -313,7 +334,7 @@ def read_table(
     The document is the context of its tables' validators.
     """
     try:
-        return pydantic.TypeAdapter(kind).validate_python(values, context=values), []
+        return reader(kind).validate_python(values, context=values), []
     except pydantic.ValidationError as error:
         details = error.errors(include_url=False)
         return None, [(found["loc"], found["ctx"]["words"]) for found in details]
@@ -384,6 +405,13 @@ class Bounds:
         else:
             right = f"from {self.least:g} to {self.most:g}"
         raise fault(f"must be {right}{self.unit}, not {shown(value)}{self.remedy}")
+
+
+class InSchema(pydantic.WithJsonSchema):
+    """What a JSON schema says of a value; old versions of pydantic add to what they are given."""
+
+    def __get_pydantic_json_schema__(self, schema: CoreSchema, handler: JsonHandler) -> Any:
+        return copy.deepcopy(super().__get_pydantic_json_schema__(schema, handler))
 
 
 @dataclass(frozen=True)

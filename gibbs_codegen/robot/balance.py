@@ -13,10 +13,12 @@ import numpy as np
 
 from gibbs_codegen.robot import posture
 from gibbs_codegen.robot.layout import joint_terms
-from gibbs_codegen.robot.model import AXIS_PAIRS, BASE, Battery, Robot, as_rigid_body
+from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.robot.names import coordinate_of, link_label, rotor_label
+from gibbs_codegen.robot.parts.battery import Battery
+from gibbs_codegen.robot.parts.body import Body, as_rigid_body, body_fault, inertia_matrix
+from gibbs_codegen.robot.parts.numbers import AXIS_PAIRS, BASE
 from gibbs_codegen.robot.placement import Array, mounted_rotors
-from gibbs_codegen.robot.rigid_body import inertia_matrix, named_bodies
 from gibbs_codegen.robot.wrenches import directions
 
 # Fewer times better is a matter of taste.
@@ -525,7 +527,7 @@ def _implausible_drives(robot: Robot) -> Iterator[str]:
     ):
         most = drive.limits[1] if drive.limits else 0.0
         speed = drive.speed(most)
-        tip = speed * (rotor.air.radius if rotor.air else 0.0)
+        tip = speed * (rotor.disc_radius or 0.0)
         if drive.command == "throttle" and most > _MOST_THROTTLE:
             words = f"throttle of {{}} is {most:.4g}, and 1 is full; is it in percent?"
         elif speed > _FASTEST or abs(rotor.drag) * speed > _THIRSTIEST or tip > _SPEED_OF_SOUND:
@@ -554,3 +556,18 @@ def _implausible_drives(robot: Robot) -> Iterator[str]:
             f"{_listed(idle)}; "
             "give drag, and full_speed of a throttle or speed_per_sqrt_thrust of a thrust"
         )
+
+
+def named_bodies(robot: Robot) -> list[tuple[str, Body]]:
+    """All bodies with what they are called in messages."""
+    bodies: list[tuple[str, Body]] = [("the base", robot.base.body)] if robot.base.body else []
+    bodies += [(f"base arm {k}", arm) for k, arm in enumerate(robot.base.arms, start=1)]
+    return bodies + [
+        (link_label(robot, i), link.body) for i, link in enumerate(robot.links, start=1)
+    ]
+
+
+def impossible_inertias(robot: Robot) -> tuple[str, ...]:
+    """Warnings of inertias that no body has and that the robot file lets pass, with the body."""
+    faults = [(label, body_fault(body)) for label, body in named_bodies(robot)]
+    return tuple(f"{label}: its inertia {fault}" for label, fault in faults if fault)

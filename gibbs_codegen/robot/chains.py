@@ -17,8 +17,9 @@ from typing import Any
 
 from gibbs_codegen.robot.description import Description, constrained_coordinate, constraint_torque
 from gibbs_codegen.robot.layout import Layout, joint_terms
-from gibbs_codegen.robot.model import BASE, Robot
+from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.robot.names import coordinate_of
+from gibbs_codegen.robot.parts.numbers import BASE
 
 _ROOT_ARMS = (-1, 0, 1)
 

@@ -17,20 +17,12 @@ import math
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import chain
 from typing import Any
 
 from gibbs_codegen.interface import FUNCTIONS, LISTS
 from gibbs_codegen.robot.layout import Entries, Layout, frames_of, joint_terms, layout_of
-from gibbs_codegen.robot.model import (
-    AXIS_PAIRS,
-    BASE,
-    ROWS,
-    Link,
-    LinkKind,
-    Robot,
-    Rotor,
-    RotorAir,
-)
+from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.robot.names import (
     coordinate_of,
     default_prefix,
@@ -40,6 +32,10 @@ from gibbs_codegen.robot.names import (
     parameter_prefix,
     rotor_identifier,
 )
+from gibbs_codegen.robot.parts.constraint import ROWS
+from gibbs_codegen.robot.parts.link import Link, LinkKind
+from gibbs_codegen.robot.parts.numbers import AXIS_PAIRS, BASE
+from gibbs_codegen.robot.parts.rotor import AIR_KEYS, Rotor
 from gibbs_codegen.robot.posture import default_posture
 
 # The numbers of a body, ∫dm, ∫r dm and ∫rrᵀ dm, in the order of `derivation.inertia.Inertia`.
@@ -463,16 +459,16 @@ def _effort(link: Link) -> float | None:
 
 def _numbers_of_drive(link: Link) -> list[str]:
     """How names of parameters of a servo and dry friction end, beside the armature's."""
-    found = [f"servo_{name}" for name in link.servo.numbers] if link.servo else []
-    found += [f"friction_{name}" for name in vars(link.friction)] if link.friction else []
+    found = [f"servo_{name}" for name in link.servo.parameters()] if link.servo else []
+    found += [f"friction_{name}" for name in link.friction.parameters()] if link.friction else []
     return ["armature", *found]
 
 
 def _air(rotor: Rotor) -> tuple[float, ...]:
-    """Direction of a rotor, and what `RotorAir` has: 1 for ground effect, pairs at the end."""
-    air = rotor.air or RotorAir()
-    numbers = air.drag, air.inflow, air.lift, air.radius, float(air.ground_effect)
-    return (*rotor.direction, *numbers, *(x for pair in air.advance for x in pair))
+    """Direction of a rotor, and what the air does to it: 1 for ground effect, pairs at the end."""
+    *keys, by_advance = AIR_KEYS
+    numbers = (float(getattr(rotor, key) or 0.0) for key in keys)
+    return (*rotor.direction, *numbers, *chain(*(getattr(rotor, by_advance) or ())))
 
 
 def _either_way(most: float | None) -> Bounds:

@@ -5,20 +5,16 @@ from __future__ import annotations
 from fractions import Fraction
 
 from gibbs_codegen.errors import UsageError
-from gibbs_codegen.robot.model import (
-    MAX_LINKS,
-    MAX_ROTORS,
-    Base,
-    Link,
-    Robot,
-    Rod,
-    Vector3,
-    alternating_thrust,
-)
+from gibbs_codegen.robot.model import Robot
+from gibbs_codegen.robot.parts.base import Base, alternating_thrust
+from gibbs_codegen.robot.parts.body import Rod
+from gibbs_codegen.robot.parts.link import MAX_LINKS, Link
+from gibbs_codegen.robot.parts.numbers import Vector3
+from gibbs_codegen.robot.parts.rotor import MAX_ROTORS
 
 _SECTION_INERTIA: Vector3 = (212e-8, 21.2e-8, 190.8e-8)
-_BASE_ARM = Rod(0.5, 1.0, _SECTION_INERTIA)
-_ARM_LINK = Rod(3.0, 1.0, _SECTION_INERTIA)
+_BASE_ARM = Rod(length=0.5, mass_per_length=1.0, section_inertia=_SECTION_INERTIA)
+_ARM_LINK = Rod(length=3.0, mass_per_length=1.0, section_inertia=_SECTION_INERTIA)
 
 _GREEK = {4: "quadrotor", 6: "hexarotor", 8: "octorotor", 10: "decarotor"}
 
@@ -44,10 +40,12 @@ def paper_family(rotors: int, links: int) -> Robot:
         raise UsageError(f"rotors must be from 2 to {MAX_ROTORS}, not {rotors}")
     if not 0 <= links <= MAX_LINKS:
         raise UsageError(f"links must be from 0 to {MAX_LINKS}, not {links}")
-    base = Base(rotors, (_BASE_ARM,), alternating_thrust(rotors), (0.0,) * rotors)
+    base = Base(
+        rotors=rotors, arms=(_BASE_ARM,), thrust=alternating_thrust(rotors), drag=(0.0,) * rotors
+    )
     # A column without length; a lone link stands upright without it.
     further = (Link(_ARM_LINK),) * max(links - 2, 0)
-    arm = (Link(Rod(0.0)), Link(_ARM_LINK, alpha_deg=Fraction(90)), *further)
+    arm = (Link(Rod(length=0.0)), Link(_ARM_LINK, alpha_deg=Fraction(90)), *further)
     return Robot(
         f"{_GREEK.get(rotors, f'rotor{rotors}')}_{links}link",
         base,

@@ -17,8 +17,11 @@ from dataclasses import dataclass
 from typing import NamedTuple, TypeVar
 
 from gibbs_codegen.errors import UsageError
-from gibbs_codegen.robot.model import Frame, JointKind, Pose, Robot
+from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.robot.names import coordinate_of
+from gibbs_codegen.robot.parts.frame import Frame
+from gibbs_codegen.robot.parts.link import JointKind
+from gibbs_codegen.robot.parts.pose import Pose
 
 Entry = TypeVar("Entry")
 
@@ -230,7 +233,7 @@ def frames_of(robot: Robot) -> tuple[Frame, ...]:
         frames.append(Frame("tip", links, Pose((length, 0.0, 0.0))))
     frames += robot.frames
     for k, rotor in enumerate(robot.thrusters, start=1):
-        if rotor.air is not None:
+        if rotor.feels_air:
             name = "hub_" + (rotor.name or str(k))
             while any(name == other.name for other in frames):
                 name = f"hub_{name}"

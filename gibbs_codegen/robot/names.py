@@ -18,7 +18,8 @@ import re
 
 from gibbs_codegen.errors import printable
 from gibbs_codegen.interface import FUNCTIONS
-from gibbs_codegen.robot.model import LinkKind, Robot
+from gibbs_codegen.robot.model import Robot
+from gibbs_codegen.robot.parts.link import LinkKind
 
 JOINT_LETTERS: dict[LinkKind, str] = {"revolute": "theta", "prismatic": "d", "fixed": "theta"}
 # Parameters of a link that is named like an argument must not be called like its entries, v_x; nor
@@ -27,8 +28,6 @@ _ARGUMENTS = {"q", "v", "a", "u", "w", "q0", "q1", "q_dot", "v_dot", "a_dot", "f
 # Entries of weights of matrices, w_B_x_F_1.
 _ARGUMENTS |= {"w_b", "w_j"}
 NAME_PATTERN = "^[a-z][a-z0-9_]{0,63}$"
-# Most characters that names of links, rotors, frames and coordinates have.
-LONGEST_LABEL = 128
 # How names of constraint torques begin, and no coordinate's.
 CONSTRAINT_TORQUES = "tau_prime_"
 

@@ -8,7 +8,11 @@ from fractions import Fraction
 import numpy as np
 from numpy.typing import NDArray
 
-from gibbs_codegen.robot.model import BASE, Angles3, Base, Pose, Robot, Rotor, Vector3
+from gibbs_codegen.robot.model import Robot
+from gibbs_codegen.robot.parts.base import Base
+from gibbs_codegen.robot.parts.numbers import BASE, Angles3, Vector3, cos_sin
+from gibbs_codegen.robot.parts.pose import Pose
+from gibbs_codegen.robot.parts.rotor import Rotor
 
 Array = NDArray[np.float64]
 
@@ -20,31 +24,7 @@ def turn(axis: int, angle: float) -> Array:
 
 def turn_by_degrees(axis: int, angle: Fraction) -> Array:
     """Rotation matrix (3, 3) about axis 0, 1 or 2 by degrees, exact for multiples of 90°."""
-    return _turn(axis, *_cos_sin(angle)) + 0.0
-
-
-def _cos_sin(angle: Fraction) -> tuple[float, float]:
-    """Cosine and sine of degrees; equal numbers are equal for multiples of 30° and 45°."""
-    turns = round(angle / 90)
-    rest = angle - 90 * turns
-    c, s = math.cos(math.radians(rest)), math.sin(math.radians(rest))
-    if abs(rest) in (30, 45):
-        s = math.copysign(0.5 if abs(rest) == 30 else c, rest)
-    for _ in range(turns % 4):
-        c, s = -s, c
-    return c, s
-
-
-def polar_point(radius: float, azimuth_deg: Fraction, height: float) -> Vector3:
-    """The point at a distance from the z axis, an angle about it from x, and along it, m."""
-    c, s = _cos_sin(azimuth_deg)
-    return (radius * c + 0.0, radius * s + 0.0, height)
-
-
-def leaning_direction(azimuth_deg: Fraction, tilt_deg: Fraction, cant_deg: Fraction) -> Vector3:
-    """R_z(azimuth)·R_x(cant)·R_y(tilt)·z: z leant away from the z axis, then about the radius."""
-    (c, s), (ct, st), (cc, sc) = map(_cos_sin, (azimuth_deg, tilt_deg, cant_deg))
-    return (c * st + s * sc * ct + 0.0, s * st - c * sc * ct + 0.0, cc * ct + 0.0)
+    return _turn(axis, *cos_sin(angle)) + 0.0
 
 
 def _turn(axis: int, c: float, s: float) -> Array:
@@ -121,7 +101,9 @@ def mounted_rotors(robot: Robot) -> tuple[Rotor, ...]:
         if not _starts_at_motor(base, k):
             origin = base.arm(k).length * axes[:, 0]
         direction = axes @ np.array(base.thrust[k - 1])
-        motors.append(Rotor(_vector(origin), _vector(direction), base.drag[k - 1]))
+        motors.append(
+            Rotor(position=_vector(origin), direction=_vector(direction), drag=base.drag[k - 1])
+        )
     return (*motors, *robot.thrusters)
 
 

@@ -16,9 +16,10 @@ from numpy.typing import NDArray
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.robot import placement
 from gibbs_codegen.robot.layout import frames_of, layout_of
-from gibbs_codegen.robot.model import BASE, Body, Robot, as_rigid_body
+from gibbs_codegen.robot.model import Robot
+from gibbs_codegen.robot.parts.body import Body, as_rigid_body, inertia_matrix
+from gibbs_codegen.robot.parts.numbers import BASE
 from gibbs_codegen.robot.placement import turn
-from gibbs_codegen.robot.rigid_body import inertia_matrix
 
 
 @dataclass(frozen=True)

@@ -16,16 +16,6 @@ from typing import Any, Literal
 
 from gibbs_codegen.files.table import Place, shown
 from gibbs_codegen.robot.layout import BASE_ENTRIES
-from gibbs_codegen.robot.model import (
-    AXIS_PAIRS,
-    BASE,
-    MAX_CONSTRAINTS,
-    MAX_FRAMES,
-    MAX_LINKS,
-    MAX_ROTORS,
-    ROWS,
-    Servo,
-)
 from gibbs_codegen.robot.names import (
     CONSTRAINT_TORQUES,
     constraint_prefix,
@@ -35,31 +25,34 @@ from gibbs_codegen.robot.names import (
     joint_name,
     named_prefix,
 )
+from gibbs_codegen.robot.parts.body import RigidBody, Rod
+from gibbs_codegen.robot.parts.constraint import MAX_CONSTRAINTS, QUATERNION, ROWS, Constraint
+from gibbs_codegen.robot.parts.frame import MAX_FRAMES
+from gibbs_codegen.robot.parts.link import MAX_LINKS, JointKeys, Passive
+from gibbs_codegen.robot.parts.numbers import BASE
+from gibbs_codegen.robot.parts.part import parameter_ends
+from gibbs_codegen.robot.parts.pose import Pose
+from gibbs_codegen.robot.parts.rotor import MAX_ROTORS, Rotor
+from gibbs_codegen.robot.parts.servo import Servo
 
 # A link is a rigid one unless it is a rod; a joint stands for its coordinate, and a servo has the
 # name of its link.
 NamedKind = Literal["base", "arm", "link", "rod", "servo", "rotor", "frame", "joint", "constraint"]
 
-_AXES = ("x", "y", "z")
-_ROD = ("length", "mass_per_length", *(f"section_inertia_{axes}" for axes in AXIS_PAIRS[:3]))
-_RIGID = (
-    *("length", "mass", *(f"com_{axis}" for axis in _AXES)),
-    *(f"inertia_{axes}" for axes in AXIS_PAIRS),
-)
-_JOINT = (*_AXES, "a", "d", "damping", "armature", "stiffness", "rest")
 # What marks names of rows of constraints, which may be those of parameters.
 _ROW = "row "
 # How names of parameters end, after the prefix of what they belong to.
+_JOINT = parameter_ends(Pose, JointKeys, Passive)
 _ENDS: dict[NamedKind, tuple[str, ...]] = {
-    "base": _RIGID,
-    "arm": (*_RIGID, *_ROD),
-    "link": (*_JOINT, *_RIGID),
-    "rod": (*_JOINT, *_ROD),
-    "servo": tuple(f"servo_{name}" for name in Servo().numbers),
-    "rotor": (*_AXES, "drag"),
-    "frame": _AXES,
+    "base": parameter_ends(RigidBody),
+    "arm": parameter_ends(RigidBody, Rod),
+    "link": (*_JOINT, *parameter_ends(RigidBody)),
+    "rod": (*_JOINT, *parameter_ends(Rod)),
+    "servo": tuple(f"servo_{end}" for end in parameter_ends(Servo)),
+    "rotor": parameter_ends(Rotor),
+    "frame": parameter_ends(Pose),
     "joint": (),
-    "constraint": (*_AXES, "qx", "qy", "qz", "qw", "distance", "frequency", "damping_ratio"),
+    "constraint": (*parameter_ends(Constraint), *QUATERNION.ends),
 }
 
 

@@ -4,29 +4,21 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping
-from dataclasses import asdict, replace
+from dataclasses import replace
 from fractions import Fraction
 
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.files.templating import render
-from gibbs_codegen.robot.model import (
-    AXES,
-    BASE,
-    MAX_ROTORS,
-    PASSIVE_UNITS,
-    Battery,
-    Body,
-    Constraint,
-    Link,
-    Pose,
-    RigidBody,
-    Robot,
-    Rod,
-    Rotor,
-    Vector3,
-    as_rigid_body,
-)
+from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.robot.names import default_prefix
+from gibbs_codegen.robot.parts.battery import Battery
+from gibbs_codegen.robot.parts.body import Body, RigidBody, Rod, as_rigid_body
+from gibbs_codegen.robot.parts.constraint import Constraint
+from gibbs_codegen.robot.parts.link import Link
+from gibbs_codegen.robot.parts.numbers import AXES, BASE, Vector3
+from gibbs_codegen.robot.parts.part import all_keys, changed_keys, changed_numbers
+from gibbs_codegen.robot.parts.pose import Pose
+from gibbs_codegen.robot.parts.rotor import AIR_KEYS, MAX_ROTORS
 
 
 def quoted(text: str) -> str:
@@ -142,42 +134,16 @@ def rotor_lines(robot: Robot, k: int) -> list[str]:
         f"direction = {direction(rotor.direction)}",
         f"drag = {rotor.drag!r}",
     ]
-    if rotor.limits is not None:
-        lines.append(f"limits = [{numbers(rotor.limits)}]")
-    if rotor.time_constant is not None:
-        lines.append(f"time_constant = {rotor.time_constant!r}")
-    if rotor.spin_inertia is not None:
-        lines.append(f"spin_inertia = {rotor.spin_inertia!r}  # kg m^2")
-    if rotor.speed_per_sqrt_thrust is not None:
-        lines.append(f"speed_per_sqrt_thrust = {rotor.speed_per_sqrt_thrust!r}  # (rad/s)/sqrt(N)")
-    return lines + toml_lines(_drive_keys(rotor) | _air_keys(rotor))
+    keys = changed_keys(rotor, "name", "on", "position", "direction", "drag", *AIR_KEYS)
+    if rotor.feels_air:
+        keys |= {key: getattr(rotor, key) for key in AIR_KEYS}
+    for key, value in keys.items():
+        unit = f"  # {_ROTOR_UNITS[key]}" if key in _ROTOR_UNITS else ""
+        lines += [line + unit for line in toml_lines({key: value})]
+    return lines
 
 
-def _drive_keys(rotor: Rotor) -> dict[str, object]:
-    """What a rotor makes of its command, where that is not its thrust with one lag or none."""
-    if (drive := rotor.drive) is None:
-        return {}
-    keys: dict[str, object] = {}
-    if drive.command != "thrust":
-        keys = {"command": drive.command, "thrust_curve": drive.curve}
-        keys |= {"command_limits": drive.limits, "full_speed": drive.full_speed}
-    if drive.lags and rotor.time_constant is None:
-        keys["time_constants"] = (drive.up, drive.down)
-    return keys
-
-
-def _air_keys(rotor: Rotor) -> dict[str, object]:
-    """What the air does to a rotor beside its thrust."""
-    if (air := rotor.air) is None:
-        return {}
-    return {
-        "hub_drag": air.drag,
-        "inflow": air.inflow,
-        "translational_lift": air.lift,
-        "disc_radius": air.radius or None,
-        "ground_effect": air.ground_effect,
-        "thrust_by_advance": air.advance or None,
-    }
+_ROTOR_UNITS = {"spin_inertia": "kg m^2", "speed_per_sqrt_thrust": "(rad/s)/sqrt(N)"}
 
 
 def frame_lines(robot: Robot, k: int) -> list[str]:
@@ -187,14 +153,9 @@ def frame_lines(robot: Robot, k: int) -> list[str]:
     return ["[[frame]]", *names, *_pose_lines(frame.pose)]
 
 
-_DEFAULTS = vars(Constraint("", "point", ""))
-
-
 def constraint_lines(constraint: Constraint) -> list[str]:
     """The table of a constraint in the file."""
-    keys = {key: value for key, value in vars(constraint).items() if key not in ("kind", "anchor")}
-    keys = {key: value for key, value in keys.items() if value != _DEFAULTS.get(key)}
-    lines = toml_lines({"name": keys.pop("name"), "type": constraint.kind} | keys)
+    lines = toml_lines(changed_keys(constraint, "xyz", "rpy_deg"))
     xyz, *rpy = _pose_lines(constraint.anchor)
     rpy = rpy if constraint.kind in ("frame", "loop") else []
     return ["[[constraint]]", *lines, xyz, *rpy]
@@ -222,10 +183,9 @@ def _joint_lines(link: Link) -> list[str]:
     """Lines of what acts on a joint, and of its limits, where they are not the defaults."""
     turns = link.joint == "revolute"
     rate, unit, effort = ("rad/s", "rad", "N m") if turns else ("m/s", "m", "N")
-    units = PASSIVE_UNITS["revolute" if turns else "prismatic"]
-    limits, own = link.limits, zip(asdict(link.passive).items(), units, strict=True)
-    lines = ["constrained = true"] if link.constrained else []
-    lines += [f"{key} = {value!r}  # {of}" for (key, value), of in own if value != 0.0]
+    limits, lines = link.limits, ["constrained = true"] if link.constrained else []
+    acting = changed_numbers(link.passive, "", lambda number: number, not turns)
+    lines += [f"{n.name} = {n.value!r}  # {n.unit}" for n in acting.values() if n.value != 0.0]
     if (limits.low, limits.high) != (None, None):
         low = -math.inf if limits.low is None else limits.low
         high = math.inf if limits.high is None else limits.high
@@ -234,9 +194,9 @@ def _joint_lines(link: Link) -> list[str]:
         lines.append(f"effort = {limits.effort!r}  # {effort}")
     if limits.velocity is not None:
         lines.append(f"velocity = {limits.velocity!r}  # {rate}")
-    drives = {"friction": asdict(link.friction)} if link.friction else {}
+    drives = {"friction": all_keys(link.friction)} if link.friction else {}
     if servo := link.servo:
-        drives |= {"servo": {"command": servo.command} | servo.numbers | {"rate": servo.rate}}
+        drives["servo"] = {"command": servo.command} | all_keys(servo) | {"rate": servo.rate}
     return lines + toml_lines(drives)
 
 
@@ -288,8 +248,7 @@ def robot_text(robot: Robot, name: str | None = None, to_start_from: bool = Fals
 def _battery_lines(battery: Battery | None) -> list[str]:
     if battery is None:
         return []
-    keys = asdict(battery)
-    return ["[battery]", *toml_lines({"voltage": keys.pop("voltages")} | keys)]
+    return ["[battery]", *toml_lines(all_keys(battery))]
 
 
 _CORNERS = ("front_left", "rear_left", "rear_right", "front_right")

@@ -10,7 +10,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from gibbs_codegen.robot.model import Battery, Drive, Robot
+from gibbs_codegen.robot.model import Robot
+from gibbs_codegen.robot.parts.battery import Battery
+from gibbs_codegen.robot.parts.rotor import Drive
 from gibbs_codegen.verification.vectors import Array, Measured
 
 _HOUR = 3600.0
@@ -168,7 +170,7 @@ class Actuators:
             elif servo := self._joints[k - len(self._drives)].servo:
                 rate = (command - level) / servo.delay
                 size = (np.abs(command) + np.abs(level)) / servo.delay
-                limit = servo.numbers.get("rate") or np.inf
+                limit = (servo.command == "position" and servo.rate) or np.inf
                 found.append(Measured(np.clip(rate, -limit, limit), size))
         if battery:
             left = given.x[:, -1] > 0.0
@@ -263,7 +265,7 @@ class Actuators:
                 slack = 0.5 * servo.backlash * rng.uniform(-0.9, 0.9, count)
                 levels[:, place] = angles[:, j] + np.where(kinds == 0, slack, way)
             reach = 0.5 * units[place]
-            if rate := servo.numbers.get("rate"):
+            if rate := servo.command == "position" and servo.rate:
                 reach = 2.0 * rate * servo.delay
             commands[:, place] = levels[:, place] + rng.uniform(-reach, reach, count)
         charge = rng.uniform(-0.2, 1.2, count)

@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from gibbs_codegen.robot.model import ROWS, Constraint
+from gibbs_codegen.robot.parts.constraint import ROWS, Constraint
 from gibbs_codegen.verification.comparison import UNKNOWN
 from gibbs_codegen.verification.formulation import Quantities
 from gibbs_codegen.verification.states import Sizes, States

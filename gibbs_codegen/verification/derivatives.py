@@ -17,7 +17,8 @@ from typing import NamedTuple
 import numpy as np
 
 from gibbs_codegen.interface import FUNCTIONS
-from gibbs_codegen.robot.model import Body, RigidBody, Robot
+from gibbs_codegen.robot.model import Robot
+from gibbs_codegen.robot.parts.body import Body, RigidBody
 from gibbs_codegen.verification.comparison import (
     UNKNOWN,
     Comparison,

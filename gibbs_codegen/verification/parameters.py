@@ -8,21 +8,28 @@ converted back. The units are powers of two, so that no number loses a digit.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from fractions import Fraction
+from functools import cache
 from types import ModuleType
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from gibbs_codegen.robot import model
+from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.robot.names import (
     constraint_prefix,
     frame_prefix,
     parameter_prefix,
     rotor_prefix,
 )
+from gibbs_codegen.robot.parts.body import Body, RigidBody, Rod, as_rigid_body
+from gibbs_codegen.robot.parts.constraint import Constraint
+from gibbs_codegen.robot.parts.link import Link
+from gibbs_codegen.robot.parts.part import AnyPart, Number, Part, changed_numbers
+from gibbs_codegen.robot.parts.rotor import Rotor
 from gibbs_codegen.verification.formulation import Formulation, Quantities, formulated
 from gibbs_codegen.verification.newton_euler import NewtonEuler
 from gibbs_codegen.verification.states import Sizes, States
@@ -42,49 +49,40 @@ class Dimension(NamedTuple):
     keeps_sign: bool = False
     no_zero: bool = False
 
-    @property
-    def kept(self) -> Dimension:
-        """The same of what keeps its sign."""
-        return self._replace(keeps_sign=True)
-
-    @property
-    def sized(self) -> Dimension:
-        """The same of what keeps its sign and is no zero."""
-        return self._replace(keeps_sign=True, no_zero=True)
-
     def unit(self, length: float, mass: float, time: float) -> float:
         """The unit, in SI, that goes with units of length, mass and time in m, kg and s."""
         return float(length**self.length * mass**self.mass * time**self.time)
 
 
-LENGTH, MASS, INERTIA = Dimension(1), Dimension(mass=1), Dimension(2, 1)
-ACCELERATION, DENSITY = Dimension(1, time=-2), Dimension(-1, 1)
-# Damping, armature, stiffness and rest of joints that turn; of those that slide with the next.
-_PASSIVE = (Dimension(2, 1, -1), Dimension(2, 1).kept, Dimension(2, 1, -2), Dimension())
-_SLIDING = (Dimension(0, 1, -1), Dimension(0, 1).kept, Dimension(0, 1, -2), Dimension(1))
-NUMBER, TIME, PER_TIME = Dimension(), Dimension(time=1), Dimension(time=-1)
-FORCE, POWER = Dimension(1, 1, -2), Dimension(2, 1, -3)
-# Of thrusts by speed, by powers of the speed.
-_BY_SPEED = (FORCE, Dimension(1, 1, -1), Dimension(1, 1))
-_BY_ROOT_OF_THRUST = Dimension(-0.5, -0.5).sized
-_BATTERY = {
-    "nominal": NUMBER.sized,
-    "resistance": Dimension(-2, -1, 3).kept,
-    "capacity": Dimension(2, 1, -2).sized,
-    "efficiency": NUMBER.sized,
-    "auxiliary": POWER.kept,
+# Powers of length, mass and time in units.
+_POWERS = {
+    **dict.fromkeys(("1", "rad", "V"), (0, 0, 0)),
+    **{"m": (1, 0, 0), "kg": (0, 1, 0), "s": (0, 0, 1), "h": (0, 0, 1), "(rad/s)": (0, 0, -1)},
+    **{"N": (1, 1, -2), "W": (2, 1, -3), "A": (2, 1, -3), "ohm": (-2, -1, 3)},
 }
+
+
+@cache
+def _powers(unit: str) -> tuple[float, float, float]:
+    """Powers of length, mass and time in a unit such as "N m s/rad" or "N/(rad/s)^2"."""
+    found = np.zeros(3)
+    for divided, word, power in re.findall(r"(/?) ?(\([^)]+\)|[a-zA-Z1]+)\^?([\d.]*)", unit):
+        found += (-1 if divided else 1) * float(power or 1) * np.array(_POWERS[word])
+    length, mass, time = found.tolist()
+    return length, mass, time
+
+
 # What becomes of a number of a robot, by its name, its value and its dimension; and of a body.
 Change = Callable[[str, float, Dimension], float]
-BodyChange = Callable[[model.Body], model.Body]
+BodyChange = Callable[[Body], Body]
 
 
-def mapped(robot: model.Robot, change: Change, of_body: BodyChange | None = None) -> model.Robot:
+def mapped(robot: Robot, change: Change, of_body: BodyChange | None = None) -> Robot:
     """The robot with every number changed that can be a parameter, zeros included.
 
     `of_body` changes bodies as a whole; None changes their numbers as all others.
     """
-    return _Mapping(change, of_body)(robot)
+    return _Mapping(change, of_body, robot.battery is not None)(robot)
 
 
 @dataclass(frozen=True)
@@ -93,192 +91,96 @@ class _Mapping:
 
     change: Change
     of_body: BodyChange | None
+    has_battery: bool
 
-    def __call__(self, robot: model.Robot) -> model.Robot:
+    def __call__(self, robot: Robot) -> Robot:
         """The robot with the changed numbers."""
-        base, change = robot.base, self.change
-        # Batteries give power either way.
-        of_drag = LENGTH._replace(no_zero=robot.battery is not None)
-        drags = enumerate(base.drag, start=1)
+        base = robot.base
         arms = [f"base_arm{'' if base.shares_one_arm else k}" for k in range(1, len(base.arms) + 1)]
         return replace(
             robot,
-            gravity=change("gravity", robot.gravity, ACCELERATION),
+            **self._numbers(robot, ""),
             base=replace(
                 base,
-                drag=tuple(change(f"base_drag_{k}", drag, of_drag) for k, drag in drags),
+                **self._numbers(base, "base"),
                 arms=tuple(map(self._body, arms, base.arms)),
-                body=model.as_rigid_body(self._body("base", base.body)) if base.body else None,
+                body=as_rigid_body(self._body("base", base.body)) if base.body else None,
             ),
             links=tuple(
                 self._link(parameter_prefix(robot, i), link)
                 for i, link in enumerate(robot.links, start=1)
             ),
             thrusters=tuple(
-                self._rotor(rotor_prefix(robot, k), rotor, of_drag, robot.has_actuators)
+                self._rotor(rotor_prefix(robot, k), rotor, robot.has_actuators)
                 for k, rotor in enumerate(robot.thrusters, start=1)
             ),
             frames=tuple(
-                replace(frame, pose=self._pose(frame_prefix(frame.name), frame.pose))
+                replace(frame, pose=self._part(frame_prefix(frame.name), frame.pose))
                 for frame in robot.frames
             ),
-            battery=self._battery(robot.battery) if robot.battery else None,
+            battery=self._part("battery", robot.battery) if robot.battery else None,
             constraints=tuple(map(self._constraint, robot.constraints)),
         )
 
-    def _constraint(self, own: model.Constraint) -> model.Constraint:
-        prefix, change = constraint_prefix(own.name), self.change
-        anchor = self._pose(prefix, own.anchor)
-        if own.to is None and own.kind == "frame":
-            pairs = zip(("qx", "qy", "qz", "qw"), own.anchor.quaternion, strict=True)
-            parts = [
-                change(f"{prefix}_{part}", x, NUMBER._replace(no_zero=True)) for part, x in pairs
-            ]
-            if parts != [*own.anchor.quaternion]:
-                from scipy.spatial.transform import Rotation  # Late, as SciPy takes long to import.
+    def _numbers(
+        self, part: Part, prefix: str, slides: bool = False, driven: bool = False
+    ) -> dict[str, Any]:
+        """The changed numbers of a part, by its fields."""
 
-                x, y, z = Rotation.from_quat(parts).as_euler("xyz", degrees=True)
-                rpy = Fraction(x), Fraction(y), Fraction(z)
-                anchor = replace(anchor, rpy_deg=rpy)
-        own = replace(own, anchor=anchor)
-        if own.kind == "distance":
-            distance = change(f"{prefix}_distance", own.distance, LENGTH.sized)
-            own = replace(own, distance=distance)
-        if own.frequency == 0.0:
-            return own
-        frequency = change(f"{prefix}_frequency", own.frequency, PER_TIME.sized)
-        ratio = change(f"{prefix}_damping_ratio", own.damping_ratio, NUMBER.kept)
-        return replace(own, frequency=frequency, damping_ratio=ratio)
+        def change(number: Number) -> float:
+            if number.key == "delay" and number.value == 0.0:  # There is nothing to follow.
+                return 0.0
+            # Batteries give power either way.
+            no_zero = number.no_zero or (self.has_battery and number.key == "drag")
+            dimension = Dimension(*_powers(number.unit), number.keeps_sign, no_zero)
+            return self.change(number.name, number.value, dimension)
 
-    def _vector(self, prefix: str, vector: model.Vector3) -> model.Vector3:
-        pairs = zip("xyz", vector, strict=True)
-        x, y, z = (self.change(f"{prefix}_{axis}", value, LENGTH) for axis, value in pairs)
-        return x, y, z
+        return changed_numbers(part, prefix, change, slides, driven)
 
-    def _pose(self, prefix: str, pose: model.Pose) -> model.Pose:
-        return replace(pose, xyz=self._vector(prefix, pose.xyz))
+    def _part(self, prefix: str, part: AnyPart, slides: bool = False) -> AnyPart:
+        """A part with the changed numbers."""
+        return replace(part, **self._numbers(part, prefix, slides))
 
-    def _rotor(
-        self, prefix: str, rotor: model.Rotor, of_drag: Dimension, has_drive: bool
-    ) -> model.Rotor:
+    def _constraint(self, own: Constraint) -> Constraint:
+        numbers = self._numbers(own, constraint_prefix(own.name))
+        quaternion = numbers.pop("quaternion", own.quaternion)
+        if quaternion != own.quaternion:
+            from scipy.spatial.transform import Rotation  # Late, as SciPy takes long to import.
+
+            x, y, z = Rotation.from_quat(quaternion).as_euler("xyz", degrees=True)
+            numbers["rpy_deg"] = Fraction(x), Fraction(y), Fraction(z)
+        return replace(own, **numbers)
+
+    def _rotor(self, prefix: str, rotor: Rotor, driven: bool) -> Rotor:
         """A placed rotor; only robots that have actuators have the numbers of its drive."""
-        position = self._vector(prefix, rotor.position)
-        drag = self.change(f"{prefix}_drag", rotor.drag, of_drag)
-        rotor = replace(rotor, position=position, drag=drag)
-        if not has_drive:
-            return rotor
-        drive = self._drive(prefix, model.drive_of(rotor))
-        if drive.command == "thrust":
-            name, known = f"{prefix}_speed_per_sqrt_thrust", rotor.speed_per_sqrt_thrust
-            other = self.change(name, known or 0.0, _BY_ROOT_OF_THRUST)
-            rotor = replace(rotor, speed_per_sqrt_thrust=other or known)
-        if rotor.drive is not None:
-            return replace(rotor, drive=drive)
-        return replace(rotor, time_constant=drive.up) if drive.lags else rotor
+        numbers = self._numbers(rotor, prefix)
+        if driven:
+            numbers |= self._numbers(rotor, prefix, driven=True)
+        if numbers.get("speed_per_sqrt_thrust") == 0.0:
+            del numbers["speed_per_sqrt_thrust"]
+        return replace(rotor, **numbers)
 
-    def _drive(self, prefix: str, drive: model.Drive) -> model.Drive:
-        change = self.change
-        if drive.command != "thrust":
-            first, second, third = _BY_SPEED if drive.command == "speed" else (FORCE,) * 3
-            constant, slope, square = drive.curve
-            # Commands are found of thrusts on the rising side, and divided by one of the two.
-            second = second.sized if square == 0.0 else second.kept
-            third = third.sized if slope <= 0.0 else third.kept
-            curve = (
-                change(f"{prefix}_thrust_0", constant, first),
-                change(f"{prefix}_thrust_1", slope, second),
-                change(f"{prefix}_thrust_2", square, third),
-            )
-            drive = replace(drive, curve=curve)
-        if drive.full_speed is not None:
-            speed = change(f"{prefix}_full_speed", drive.full_speed, PER_TIME.sized)
-            drive = replace(drive, full_speed=speed)
-        if not drive.lags:
-            return drive
-        if drive.up == drive.down:
-            time = change(f"{prefix}_time_constant", drive.up, TIME.sized)
-            return replace(drive, up=time, down=time)
-        up, down = (
-            change(f"{prefix}_time_{end}", getattr(drive, end), TIME.sized)
-            for end in ("up", "down")
-        )
-        return replace(drive, up=up, down=down)
-
-    def _battery(self, battery: model.Battery) -> model.Battery:
-        voltages = tuple(
-            self.change(f"battery_voltage_{n}", voltage, NUMBER.sized)
-            for n, voltage in enumerate(battery.voltages, start=1)
-        )
-        own = ((name, getattr(battery, name), dimension) for name, dimension in _BATTERY.items())
-        others = {name: self.change(f"battery_{name}", x, dimension) for name, x, dimension in own}
-        return replace(battery, voltages=voltages, **others)
-
-    def _servo(self, prefix: str, servo: model.Servo, length: Dimension) -> model.Servo:
-        """A servo of a joint whose coordinate has such a dimension."""
-        effort = Dimension(2.0 - length.length, 1, -2)
-        viscous = effort._replace(length=effort.length - length.length, time=-1)
-        dimensions = {
-            "stiffness": viscous._replace(time=-2).sized,
-            "damping": viscous.sized if servo.command == "rate" else viscous,
-            "torque": effort.sized,
-            "rate": length._replace(time=-1).sized,
-            "delay": TIME.sized,
-            "backlash": length.sized,
-        }
-        # Where there is no limit there is no number, and nothing to follow without a delay.
-        own = {n: x for n, x in servo.numbers.items() if x is not None}
-        own = {n: x for n, x in own.items() if n != "delay" or x != 0.0}
-        others: dict[str, Any] = {
-            n: self.change(f"{prefix}_servo_{n}", x, dimensions[n]) for n, x in own.items()
-        }
-        return replace(servo, **others)
-
-    def _friction(self, prefix: str, dry: model.Friction, length: Dimension) -> model.Friction:
-        """Dry friction of a joint whose coordinate has such a dimension."""
-        effort, rate = Dimension(2.0 - length.length, 1, -2), length._replace(time=-1)
-        pairs = ("coulomb", effort), ("static", effort), ("velocity", rate.sized)
-        return model.Friction(
-            *(self.change(f"{prefix}_friction_{n}", getattr(dry, n), x) for n, x in pairs)
-        )
-
-    def _link(self, prefix: str, link: model.Link) -> model.Link:
+    def _link(self, prefix: str, link: Link) -> Link:
         link = replace(link, body=self._body(prefix, link.body))
         if link.pose is not None:
-            link = replace(link, pose=self._pose(prefix, link.pose))
+            link = replace(link, pose=self._part(prefix, link.pose))
         else:
-            a = None if link.a is None else self.change(f"{prefix}_a", link.a, LENGTH)
-            link = replace(link, a=a, d=self.change(f"{prefix}_d", link.d, LENGTH))
+            link = self._part(prefix, link)
         if not link.moves:
             return link
-        dimensions = _PASSIVE if link.joint == "revolute" else _SLIDING
-        own = zip(asdict(link.passive).items(), dimensions, strict=True)
-        passive = [self.change(f"{prefix}_{name}", x, dimension) for (name, x), dimension in own]
-        servo, friction = link.servo, link.friction
-        length = NUMBER if link.joint == "revolute" else LENGTH
+        slides, servo, friction = link.slides, link.servo, link.friction
         return replace(
             link,
-            passive=model.Passive(*passive),
-            servo=self._servo(prefix, servo, length) if servo else None,
-            friction=self._friction(prefix, friction, length) if friction else None,
+            passive=self._part(prefix, link.passive, slides),
+            servo=servo and self._part(f"{prefix}_servo", servo, slides),
+            friction=friction and self._part(f"{prefix}_friction", friction, slides),
         )
 
-    def _body(self, prefix: str, body: model.Body) -> model.Body:
-        if self.of_body is not None:
-            return self.of_body(body)
-        change, length = self.change, self.change(f"{prefix}_length", body.length, LENGTH)
-        if isinstance(body, model.Rod):
-            density = change(f"{prefix}_mass_per_length", body.mass_per_length, DENSITY)
-            own = zip(model.AXIS_PAIRS[:3], body.section_inertia, strict=True)
-            x, y, z = (change(f"{prefix}_section_inertia_{ij}", i, INERTIA) for ij, i in own)
-            return model.Rod(length, density, (x, y, z))
-        mass = change(f"{prefix}_mass", body.mass, MASS)
-        com = self._vector(f"{prefix}_com", body.com)
-        own = zip(model.AXIS_PAIRS, body.inertia, strict=True)
-        xx, yy, zz, xy, xz, yz = (change(f"{prefix}_inertia_{ij}", i, INERTIA) for ij, i in own)
-        return model.RigidBody(length, mass, com, (xx, yy, zz, xy, xz, yz))
+    def _body(self, prefix: str, body: Body) -> Body:
+        return self._part(prefix, body) if self.of_body is None else self.of_body(body)
 
 
-def parameter_values(robot: model.Robot) -> dict[str, float]:
+def parameter_values(robot: Robot) -> dict[str, float]:
     """Every number of the robot that can be a parameter, zeros included, in SI units."""
     found: dict[str, float] = {}
 
@@ -290,13 +192,13 @@ def parameter_values(robot: model.Robot) -> dict[str, float]:
     return found
 
 
-def prepared(module: ModuleType, robot: model.Robot) -> Any:
+def prepared(module: ModuleType, robot: Robot) -> Any:
     """What a module's `prepare` returns for the numbers of a robot."""
     numbers = parameter_values(robot)
     return module.prepare({name: numbers[name] for name in module.PARAMETERS})
 
 
-def with_values(robot: model.Robot, values: Mapping[str, float]) -> model.Robot:
+def with_values(robot: Robot, values: Mapping[str, float]) -> Robot:
     """The robot with other numbers, under names of `parameter_values`, where there are any."""
     return mapped(robot, lambda name, value, _: values.get(name, value))
 
@@ -304,7 +206,7 @@ def with_values(robot: model.Robot, values: Mapping[str, float]) -> model.Robot:
 class InOwnUnits:
     """A formulation (see `formulation`) of the robot in its own units."""
 
-    def __init__(self, kind: Callable[[Tree], Formulation], robot: model.Robot) -> None:
+    def __init__(self, kind: Callable[[Tree], Formulation], robot: Robot) -> None:
         self.tree = Tree(robot)
         self._length = _power_of_two(self.tree.reach)
         # The smallest mass, or moment of inertia over the square of the reach, but zero.
@@ -371,7 +273,7 @@ _SMALL, _FLAT = (0.05, 0.2), 1e-9
 _DETERMINED = 1e-10
 
 
-def variation(robot: model.Robot, names: Collection[str], seed: int, number: int) -> model.Robot:
+def variation(robot: Robot, names: Collection[str], seed: int, number: int) -> Robot:
     """The robot with other numbers for some parameters.
 
     Each is larger or smaller by 2.5 to 6.5 times, by turns from one number to the next, and
@@ -387,17 +289,17 @@ def variation(robot: model.Robot, names: Collection[str], seed: int, number: int
         drawn = draw.sized if dimension.keeps_sign else draw.signed
         return drawn(value, dimension.unit(reach, mass, period))
 
-    def of_body(body: model.Body) -> model.Body:
-        if isinstance(body, model.Rod):
+    def of_body(body: Body) -> Body:
+        if isinstance(body, Rod):
             sign = draw.sign()
             length = sign * draw.sized(body.length, reach)
             density = sign * draw.sized(body.mass_per_length, mass / reach)
             natural = max(body.section_inertia) or (body.total_mass or mass) * reach**2
             x, y, z = (draw.sized(i, natural) for i in body.section_inertia)
-            return model.Rod(length, density, (x, y, z))
+            return Rod(length=length, mass_per_length=density, section_inertia=(x, y, z))
         natural = max(body.inertia[:3]) or (body.mass or mass) * reach**2
         cx, cy, cz = (draw.signed(value, reach) for value in body.com)
-        return model.RigidBody(
+        return RigidBody(
             draw.signed(body.length, reach),
             draw.sized(body.mass, mass),
             (cx, cy, cz),
@@ -409,8 +311,8 @@ def variation(robot: model.Robot, names: Collection[str], seed: int, number: int
 
 
 def variations(
-    robot: model.Robot, names: Collection[str], seed: int, count: int, zeros: bool
-) -> Iterator[model.Robot]:
+    robot: Robot, names: Collection[str], seed: int, count: int, zeros: bool
+) -> Iterator[Robot]:
     """`count` variations; with `zeros`, as many again and more, each parameter zero once in them.
 
     What would leave an acceleration undetermined at zero, alone or with others, keeps its value.
@@ -440,7 +342,7 @@ def variations(
         yield _with_zeros(varied, zero)
 
 
-def _no_zeros(robot: model.Robot) -> set[str]:
+def _no_zeros(robot: Robot) -> set[str]:
     """Names of the numbers that are no zeros."""
     found = set()
 
@@ -453,11 +355,11 @@ def _no_zeros(robot: model.Robot) -> set[str]:
     return found
 
 
-def _with_zeros(robot: model.Robot, names: Sequence[str]) -> model.Robot:
+def _with_zeros(robot: Robot, names: Sequence[str]) -> Robot:
     return with_values(robot, dict.fromkeys(names, 0.0))
 
 
-def determined(robot: model.Robot, least: float = _DETERMINED) -> bool:
+def determined(robot: Robot, least: float = _DETERMINED) -> bool:
     """Whether something resists every acceleration by more than rounding would.
 
     `least` is the smallest eigenvalue that the mass matrix may have once its diagonal is 1.

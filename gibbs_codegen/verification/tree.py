@@ -15,7 +15,10 @@ from typing import NamedTuple
 import numpy as np
 
 from gibbs_codegen.robot.layout import frames_of, layout_of
-from gibbs_codegen.robot.model import BASE, Body, Pose, Robot, Rod, Vector3
+from gibbs_codegen.robot.model import Robot
+from gibbs_codegen.robot.parts.body import Body, Rod
+from gibbs_codegen.robot.parts.numbers import BASE, Vector3
+from gibbs_codegen.robot.parts.pose import Pose
 from gibbs_codegen.verification.actuators import Actuators
 from gibbs_codegen.verification.vectors import Array, about, cross
 

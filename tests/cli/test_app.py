@@ -23,7 +23,7 @@ from gibbs_codegen.cli.terminal import plain_table, print_table
 from gibbs_codegen.equations.typeset import text_width
 from gibbs_codegen.robot.balance import implausible
 from gibbs_codegen.robot.file import parse_robot
-from gibbs_codegen.robot.model import RigidBody, as_rigid_body
+from gibbs_codegen.robot.parts.body import RigidBody, as_rigid_body
 from gibbs_codegen.runtime.load import load
 
 pytestmark = pytest.mark.usefixtures("derived_once")

@@ -24,14 +24,10 @@ from gibbs_codegen.errors import SingularRobotError
 from gibbs_codegen.program.lower import Slice, lower
 from gibbs_codegen.program.nodes import Program, count_operations
 from gibbs_codegen.robot.family import paper_family
-from gibbs_codegen.robot.model import (
-    JOINT_KINDS,
-    ROD_ORIGINS,
-    SEQUENCES,
-    Link,
-    Robot,
-    Rod,
-)
+from gibbs_codegen.robot.model import Robot
+from gibbs_codegen.robot.parts.base import ROD_ORIGINS, SEQUENCES
+from gibbs_codegen.robot.parts.body import Rod
+from gibbs_codegen.robot.parts.link import JOINT_KINDS, Link
 from gibbs_codegen.symbolic.ldlt import (
     ZeroPivotError,
     minimum_degree,
@@ -163,15 +159,18 @@ def test_factors_that_cannot_win_are_not_derived() -> None:
     assert sum(value.is_Pow for value in tape.statements.values()) == 1
 
 
-NOTHING, ROD = Rod(0.0), Rod(1.0, 1.0, (1e-3, 1e-3, 1e-3))
+NOTHING, ROD = (
+    Rod(length=0.0),
+    Rod(length=1.0, mass_per_length=1.0, section_inertia=(1e-3, 1e-3, 1e-3)),
+)
 
 
 @pytest.mark.parametrize(
     ("arm", "coordinate"),
     [
-        ((Link(ROD), Link(NOTHING, Fraction(90))), "theta_6"),
-        ((Link(ROD), Link(NOTHING, Fraction(90), joint="prismatic")), "d_6"),
-        ((Link(ROD), Link(NOTHING, Fraction(90)), Link(ROD)), "theta_6"),
+        ((Link(ROD), Link(NOTHING, alpha_deg=Fraction(90))), "theta_6"),
+        ((Link(ROD), Link(NOTHING, alpha_deg=Fraction(90), joint="prismatic")), "d_6"),
+        ((Link(ROD), Link(NOTHING, alpha_deg=Fraction(90)), Link(ROD)), "theta_6"),
     ],
 )
 def test_an_undetermined_joint_is_named(arm: tuple[Link, ...], coordinate: str) -> None:
@@ -187,13 +186,13 @@ def test_an_undetermined_joint_is_named(arm: tuple[Link, ...], coordinate: str) 
 
 @pytest.mark.slow
 def test_a_link_without_mass_is_fine_where_others_resist() -> None:
-    arm = (Link(NOTHING), Link(NOTHING, Fraction(90)), Link(ROD, Fraction(-90)))
+    arm = (Link(NOTHING), Link(NOTHING, alpha_deg=Fraction(90)), Link(ROD, alpha_deg=Fraction(-90)))
     compare(replace(paper_family(4, 2), links=arm))
 
 
 def test_an_undetermined_root_is_named() -> None:
-    base = replace(paper_family(4, 2).base, arms=(Rod(0.5, 0.0),))
-    for arm, coordinate in (((), "theta_1"), ((Link(ROD, Fraction(90)),), "theta_0")):
+    base = replace(paper_family(4, 2).base, arms=(Rod(length=0.5, mass_per_length=0.0),))
+    for arm, coordinate in (((), "theta_1"), ((Link(ROD, alpha_deg=Fraction(90)),), "theta_0")):
         with pytest.raises(SingularRobotError) as refused:
             articulated_dynamics(SymbolicRobot.of(Robot("hollow", base, arm), Tape()))
         assert refused.value.joints == (coordinate,)

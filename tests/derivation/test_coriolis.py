@@ -14,7 +14,8 @@ from support.random_robots import random_robot, random_tree
 from benchmarks.family import benchmark_robot
 from gibbs_codegen.derivation.derive import derive
 from gibbs_codegen.program.nodes import count_operations
-from gibbs_codegen.robot.model import Attitude, Robot
+from gibbs_codegen.robot.model import Robot
+from gibbs_codegen.robot.parts.base import Attitude
 
 ROBOTS = [
     random_tree(9, "tait_bryan"),

@@ -24,7 +24,11 @@ from gibbs_codegen.robot.description import Description
 from gibbs_codegen.robot.family import paper_family
 from gibbs_codegen.robot.file import read_robot
 from gibbs_codegen.robot.layout import layout_of
-from gibbs_codegen.robot.model import Base, Link, RigidBody, Robot, Rotor
+from gibbs_codegen.robot.model import Robot
+from gibbs_codegen.robot.parts.base import Base
+from gibbs_codegen.robot.parts.body import RigidBody
+from gibbs_codegen.robot.parts.link import Link
+from gibbs_codegen.robot.parts.rotor import Rotor
 from gibbs_codegen.symbolic.tape import Tape
 
 

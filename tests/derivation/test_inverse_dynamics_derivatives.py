@@ -18,7 +18,8 @@ from gibbs_codegen.derivation.symbolic_robot import SymbolicRobot
 from gibbs_codegen.program.lower import Slice, lower, operations
 from gibbs_codegen.program.nodes import Number, Program
 from gibbs_codegen.robot.layout import Places, layout_of
-from gibbs_codegen.robot.model import ROD_ORIGINS, SEQUENCES, Attitude, Robot
+from gibbs_codegen.robot.model import Robot
+from gibbs_codegen.robot.parts.base import ROD_ORIGINS, SEQUENCES, Attitude
 from gibbs_codegen.symbolic.tape import Tape
 from gibbs_codegen.symbolic.vectors import Matrix
 

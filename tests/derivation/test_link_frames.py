@@ -12,16 +12,13 @@ from support.random_robots import rigid_body
 from gibbs_codegen.derivation.inertia import NO_INERTIA
 from gibbs_codegen.derivation.jointed_bodies import BodyFrame, PlacedLink, framed
 from gibbs_codegen.derivation.segment_tree import JointedLink
-from gibbs_codegen.robot.model import (
-    AXES,
-    Base,
-    Link,
-    Pose,
-    RigidBody,
-    Robot,
-    Rotor,
-    Vector3,
-)
+from gibbs_codegen.robot.model import Robot
+from gibbs_codegen.robot.parts.base import Base
+from gibbs_codegen.robot.parts.body import RigidBody
+from gibbs_codegen.robot.parts.link import Link
+from gibbs_codegen.robot.parts.numbers import AXES, Vector3
+from gibbs_codegen.robot.parts.pose import Pose
+from gibbs_codegen.robot.parts.rotor import Rotor
 from gibbs_codegen.symbolic.structural import NO_TURN, Turn, turn_about, turned_by_rpy
 from gibbs_codegen.symbolic.tape import InlineTape
 from gibbs_codegen.symbolic.vectors import ZERO, X, Z, cos_sin_deg
@@ -91,7 +88,7 @@ def by_parameters() -> Robot:
     rng = np.random.default_rng(1)
     twists, offsets = (90, 0, -90, 180), (0.0, 0.1, 0.2, 0.0)
     links = tuple(
-        Link(rigid_body(rng), Fraction(alpha), 0.3, d, joint=kind)
+        Link(rigid_body(rng), alpha_deg=Fraction(alpha), a=0.3, d=d, joint=kind)
         for alpha, d, kind in zip(
             twists, offsets, ("revolute", "revolute", "prismatic", "revolute"), strict=True
         )

@@ -21,14 +21,20 @@ from gibbs_codegen.errors import RobotFileError, SingularRobotError, UsageError
 from gibbs_codegen.program.nodes import Function, Name, Output, Program, Reciprocal, Statement, Sum
 from gibbs_codegen.robot.family import paper_family
 from gibbs_codegen.robot.file import parse_robot
-from gibbs_codegen.robot.model import Link, RigidBody, Robot, Rod
+from gibbs_codegen.robot.model import Robot
+from gibbs_codegen.robot.parts.body import RigidBody, Rod
+from gibbs_codegen.robot.parts.link import Link
 from gibbs_codegen.runtime.load import load
 from gibbs_codegen.verification.states import States
 from gibbs_codegen.verification.tree import Tree
 
 BASE = paper_family(4, 0).base
-HOLLOW = replace(BASE, arms=(Rod(0.5),))
-NOTHING, ROD, SLENDER = Rod(0.0), Rod(1.0, 1.0, (1e-3, 1e-3, 1e-3)), Rod(1.0, 1.0)
+HOLLOW = replace(BASE, arms=(Rod(length=0.5),))
+NOTHING, ROD, SLENDER = (
+    Rod(length=0.0),
+    Rod(length=1.0, mass_per_length=1.0, section_inertia=(1e-3, 1e-3, 1e-3)),
+    Rod(length=1.0, mass_per_length=1.0),
+)
 POINT = RigidBody(1.0, 1.0)
 # Along z, which is the axis of the joint that carries it.
 PIN = RigidBody(0.0, 1.0, (0.0, 0.0, 0.3), (0.1, 0.1, 0.0, 0.0, 0.0, 0.0))
@@ -82,20 +88,29 @@ def test_what_nothing_resists_is_the_null_space_of_the_oracle(first: int) -> Non
 @pytest.mark.parametrize(
     ("base", "links", "motions"),
     [
-        (BASE, (Link(ROD), Link(NOTHING, TURNED)), [(LINK(6, 2),)]),
+        (BASE, (Link(ROD), Link(NOTHING, alpha_deg=TURNED)), [(LINK(6, 2),)]),
         (BASE, (Link(ROD), Link(NOTHING, joint="prismatic")), [(SLIDE(6, 2),)]),
-        (BASE, (Link(ROD), Link(PIN, TURNED)), [(LINK(6, 2),)]),
+        (BASE, (Link(ROD), Link(PIN, alpha_deg=TURNED)), [(LINK(6, 2),)]),
         (BASE, (Link(ROD), Link(POINT)), [(LINK(6, 2),)]),
-        (BASE, (Link(ROD), Link(NOTHING), Link(NOTHING, TURNED)), [(LINK(6, 2),), (LINK(7, 3),)]),
-        (BASE, (Link(NOTHING, TURNED), Link(ROD)), [(LINK(6, 2), LINK(5, 1))]),
         (
             BASE,
-            (Link(Rod(0.4), joint="prismatic"), Link(ROD, joint="prismatic")),
+            (Link(ROD), Link(NOTHING), Link(NOTHING, alpha_deg=TURNED)),
+            [(LINK(6, 2),), (LINK(7, 3),)],
+        ),
+        (BASE, (Link(NOTHING, alpha_deg=TURNED), Link(ROD)), [(LINK(6, 2), LINK(5, 1))]),
+        (
+            BASE,
+            (Link(Rod(length=0.4), joint="prismatic"), Link(ROD, joint="prismatic")),
             [(SLIDE(6, 2), SLIDE(5, 1))],
         ),
         (
             BASE,
-            (Link(NOTHING), Link(NOTHING, TURNED), Link(NOTHING, BACK), Link(BODY)),
+            (
+                Link(NOTHING),
+                Link(NOTHING, alpha_deg=TURNED),
+                Link(NOTHING, alpha_deg=BACK),
+                Link(BODY),
+            ),
             [(LINK(8, 4), LINK(7, 3))],
         ),
         (HOLLOW, (Link(ROD, joint="prismatic"),), [(SLIDE(5, 1), "the position (x, y, z)")]),
@@ -115,8 +130,8 @@ def test_every_motion_that_nothing_resists_is_named(base, links, motions) -> Non
 
 
 def test_the_message_says_what_to_do() -> None:
-    one = Robot("one", BASE, (Link(ROD), Link(PIN, TURNED)))
-    two = Robot("two", BASE, (Link(NOTHING, TURNED), Link(ROD)))
+    one = Robot("one", BASE, (Link(ROD), Link(PIN, alpha_deg=TURNED)))
+    two = Robot("two", BASE, (Link(NOTHING, alpha_deg=TURNED), Link(ROD)))
     for robot, text in (
         (
             one,
@@ -138,7 +153,7 @@ def test_the_message_says_what_to_do() -> None:
 
 def test_of_many_motions_the_message_names_some_and_the_error_all() -> None:
     with pytest.raises(SingularRobotError, match=r"theta_8 \(.*; and 2 more") as refused:
-        derive(Robot("limp", BASE, (Link(NOTHING, TURNED),) * 6))
+        derive(Robot("limp", BASE, (Link(NOTHING, alpha_deg=TURNED),) * 6))
     assert len(refused.value.motions) == len(refused.value.joints) == 6
 
 
@@ -146,7 +161,10 @@ def test_of_many_motions_the_message_names_some_and_the_error_all() -> None:
 @pytest.mark.parametrize("ratio", [1e-9])
 def test_very_unequal_masses_are_no_singularity(ratio: float) -> None:
     """A tip lighter or heavier than the rest: every function to rounding of its own terms."""
-    links = (Link(BODY, TURNED), Link(sized(BODY, ratio, 1.0), Fraction(30), a=0.4))
+    links = (
+        Link(BODY, alpha_deg=TURNED),
+        Link(sized(BODY, ratio, 1.0), alpha_deg=Fraction(30), a=0.4),
+    )
     error, name = worst(Robot("unequal", BASE, links), count=5)
     assert error <= 1.0, f"{name}: {error:.2g}"
 
@@ -220,7 +238,7 @@ def test_what_cannot_be_computed_is_not_emitted() -> None:
 @pytest.mark.slow
 def test_the_comparison_sees_a_light_tip() -> None:
     """A millionth more of a billionth of the mass, as the wrong module for a robot."""
-    tip = Link(sized(BODY, 1e-9, 1.0), TURNED)
+    tip = Link(sized(BODY, 1e-9, 1.0), alpha_deg=TURNED)
     other = replace(tip, body=sized(BODY, 1e-9 * (1 + 1e-6), 1.0))
     robot = Robot("light", BASE, (tip,))
     module = emitted_module(Robot("light", BASE, (other,)))
@@ -231,9 +249,9 @@ def test_the_comparison_sees_a_light_tip() -> None:
 
 SINGULAR_AT_ZERO = {
     # A massless upper arm and a point at the tip: stretched, both joints move it one way.
-    "stretched": (Link(Rod(1.0)), Link(RigidBody(1.0, 1.0, (1.0, 0.0, 0.0)))),
+    "stretched": (Link(Rod(length=1.0)), Link(RigidBody(1.0, 1.0, (1.0, 0.0, 0.0)))),
     # A massless wrist whose first and last axes are in line.
-    "wrist": (Link(NOTHING), Link(NOTHING, TURNED), Link(BODY, BACK)),
+    "wrist": (Link(NOTHING), Link(NOTHING, alpha_deg=TURNED), Link(BODY, alpha_deg=BACK)),
 }
 
 

@@ -24,7 +24,8 @@ from gibbs_codegen.derivation.tree_dynamics import generalised_inertia_forces, m
 from gibbs_codegen.program.lower import Slice, lower
 from gibbs_codegen.robot.family import paper_family
 from gibbs_codegen.robot.layout import layout_of
-from gibbs_codegen.robot.model import Link, Passive, Robot
+from gibbs_codegen.robot.model import Robot
+from gibbs_codegen.robot.parts.link import Link, Passive
 from gibbs_codegen.symbolic.tape import Tape
 from gibbs_codegen.symbolic.vectors import NO_ROTATION, Rotation
 
@@ -48,11 +49,11 @@ def made(parents: Parents, twists: Sequence[int], prismatic: Sequence[int] = ())
     links = tuple(
         Link(
             rigid_body(rng),
-            Fraction(twist),
-            float(rng.choice([0.0, 0.3])),
-            float(rng.choice([0.0, 0.2])),
-            Fraction(int(rng.choice([0, 40]))),
-            "prismatic" if i in prismatic else "revolute",
+            alpha_deg=Fraction(twist),
+            a=float(rng.choice([0.0, 0.3])),
+            d=float(rng.choice([0.0, 0.2])),
+            theta_deg=Fraction(int(rng.choice([0, 40]))),
+            joint="prismatic" if i in prismatic else "revolute",
         )
         for i, twist in enumerate(twists, start=1)
     )

@@ -35,8 +35,11 @@ from gibbs_codegen.robot.chains import decompose
 from gibbs_codegen.robot.family import paper_family
 from gibbs_codegen.robot.file import parse_robot, read_robot
 from gibbs_codegen.robot.layout import layout_of
-from gibbs_codegen.robot.model import Base, Link, Origin, Robot, Rod
+from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.robot.names import coordinate_of
+from gibbs_codegen.robot.parts.base import Base, Origin
+from gibbs_codegen.robot.parts.body import Rod
+from gibbs_codegen.robot.parts.link import Link
 from gibbs_codegen.robot.placement import turn
 from gibbs_codegen.robot.posture import AT_ORIGIN, Frame, frames_on
 from gibbs_codegen.symbolic.tape import InlineTape
@@ -138,9 +141,19 @@ def test_chains_add_up_to_the_hybrid_system(robot: Robot, most_terms: int) -> No
 @pytest.mark.slow
 @pytest.mark.parametrize(("attitude", "origin"), [("xyz", "motor1")])
 def test_every_attitude_and_origin(attitude: str, origin: Origin) -> None:
-    arms = (Rod(0.5, 1.0, (0.1, 0.1, 0.1)),)
-    base = Base(2, arms, ((0, 0, 1), (0, 0.6, 0.8)), (0.1, 0.0), attitude, origin)
-    links = (Link(Rod(1, 1), theta_deg=Fraction(20), joint="prismatic"), Link(Rod(1, 2)))
+    arms = (Rod(length=0.5, mass_per_length=1.0, section_inertia=(0.1, 0.1, 0.1)),)
+    base = Base(
+        rotors=2,
+        arms=arms,
+        thrust=((0, 0, 1), (0, 0.6, 0.8)),
+        drag=(0.1, 0.0),
+        attitude=attitude,
+        origin=origin,
+    )
+    links = (
+        Link(Rod(length=1, mass_per_length=1), theta_deg=Fraction(20), joint="prismatic"),
+        Link(Rod(length=1, mass_per_length=2)),
+    )
     assert_chains_add_up(Robot("odd", base, links), MOST_TERMS)
 
 

@@ -16,7 +16,8 @@ from gibbs_codegen.exchange.exporting import export_robot
 from gibbs_codegen.exchange.importing import ImportOptions, import_robot
 from gibbs_codegen.exchange.sources import SourceFileError
 from gibbs_codegen.robot.file import parse_robot
-from gibbs_codegen.robot.model import Pose, Robot
+from gibbs_codegen.robot.model import Robot
+from gibbs_codegen.robot.parts.pose import Pose
 from gibbs_codegen.robot.text import robot_text
 
 Array = np.ndarray

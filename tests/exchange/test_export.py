@@ -22,8 +22,11 @@ from gibbs_codegen.exchange.exporting import FILES, Format, export_robot
 from gibbs_codegen.exchange.importing import ImportOptions, import_robot
 from gibbs_codegen.robot.file import parse_robot, read_robot
 from gibbs_codegen.robot.layout import frames_of
-from gibbs_codegen.robot.model import Constraint, Friction, JointLimits, Robot
+from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.robot.names import coordinate_of, identifier
+from gibbs_codegen.robot.parts.constraint import Constraint
+from gibbs_codegen.robot.parts.friction import Friction
+from gibbs_codegen.robot.parts.link import JointLimits
 
 Array = NDArray[np.float64]
 SOURCES = Path(__file__).parent / "sources"

@@ -18,7 +18,8 @@ from gibbs_codegen.errors import GibbsCodegenError
 from gibbs_codegen.exchange.importing import ImportOptions, import_robot
 from gibbs_codegen.exchange.sources import Finding
 from gibbs_codegen.robot.file import parse_robot, read_robot
-from gibbs_codegen.robot.model import RigidBody, Robot, RotorAir
+from gibbs_codegen.robot.model import Robot
+from gibbs_codegen.robot.parts.body import RigidBody
 
 Array = NDArray[np.float64]
 SOURCES = Path(__file__).parent / "sources"
@@ -553,13 +554,12 @@ def test_motors_of_gazebo_are_commanded_speeds_if_so_asked(tmp_path: Path) -> No
     first, second = robot.thrusters
     assert (first.name, second.name) == ("prop_0", "prop_1")
     for rotor in (first, second):
-        assert rotor.drive is not None
         assert (rotor.drive.command, rotor.drive.limits) == ("speed", (0.0, 838.0))
         assert rotor.drive.thrust(500.0) == pytest.approx(8.54858e-06 * 500.0**2, rel=1e-15)
         assert rotor.limits is None
     # Where the file is silent, it is as in Gazebo.
-    assert first.air == RotorAir(drag=1e-4)
-    assert second.air == RotorAir(drag=8.1e-5)
+    assert first.hub_drag == 1e-4
+    assert second.hub_drag == 8.1e-5
     drives = robot.drives
     assert (drives[0].up, drives[0].down) == (0.0125, 0.025)
     assert (drives[1].up, drives[1].down) == (0.0125, 0.025)

@@ -14,7 +14,7 @@ from support.pinocchio_oracle import free_flyer
 from gibbs_codegen.exchange.importing import ImportOptions, import_robot
 from gibbs_codegen.pipeline import generate_robot
 from gibbs_codegen.robot.layout import layout_of
-from gibbs_codegen.robot.model import Attitude
+from gibbs_codegen.robot.parts.base import Attitude
 from gibbs_codegen.robot.text import robot_text
 from gibbs_codegen.runtime.load import load
 

@@ -20,9 +20,10 @@ from gibbs_codegen.exchange.importing import ImportOptions, import_robot
 from gibbs_codegen.exchange.sources import Finding
 from gibbs_codegen.robot import posture
 from gibbs_codegen.robot.file import parse_robot, read_robot, shipped_robots
-from gibbs_codegen.robot.model import Friction, Robot, RotorAir
+from gibbs_codegen.robot.model import Robot
+from gibbs_codegen.robot.parts.body import inertia_matrix
+from gibbs_codegen.robot.parts.friction import Friction
 from gibbs_codegen.robot.placement import mounted_rotors
-from gibbs_codegen.robot.rigid_body import inertia_matrix
 
 Array = NDArray[np.float64]
 PROGRAM = Path(__file__).parent / "sdf_reader.cpp"
@@ -138,7 +139,7 @@ def test_actuators_are_written_as_motors_and_controllers_of_gazebo(tmp_path: Pat
     assert front is not None
     assert (front.up, front.down, front.limits) == (0.03, 0.05, (0.0, 900.0))
     assert front.thrust(900.0) == pytest.approx(9.0)
-    assert back.thrusters[0].air == RotorAir(drag=1e-4)
+    assert back.thrusters[0].hub_drag == 1e-4
     assert rear is not None
     assert rear.thrust(900.0) == pytest.approx(robot.drives[1].thrust(900.0))
     assert right is not None

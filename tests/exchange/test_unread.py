@@ -11,8 +11,8 @@ import pytest
 
 from gibbs_codegen.errors import GibbsCodegenError
 from gibbs_codegen.exchange.importing import ImportOptions, import_robot
-from gibbs_codegen.robot.model import RigidBody, Robot
-from gibbs_codegen.robot.rigid_body import inertia_matrix
+from gibbs_codegen.robot.model import Robot
+from gibbs_codegen.robot.parts.body import RigidBody, inertia_matrix
 
 HEAVY = '<mass value="1"/><inertia ixx="1" iyy="2" izz="2.5" ixy="0" ixz="0" iyz="0"/>'
 MASS = f"<inertial>{HEAVY}</inertial>"

@@ -35,7 +35,11 @@ from gibbs_codegen.flight.scenario.paths import Circle
 from gibbs_codegen.flight.simulation import simulate
 from gibbs_codegen.pipeline import generate_robot
 from gibbs_codegen.robot.file import read_robot
-from gibbs_codegen.robot.model import Attitude, Base, Link, Pose, RigidBody, Robot
+from gibbs_codegen.robot.model import Robot
+from gibbs_codegen.robot.parts.base import Attitude, Base
+from gibbs_codegen.robot.parts.body import RigidBody
+from gibbs_codegen.robot.parts.link import Link
+from gibbs_codegen.robot.parts.pose import Pose
 from gibbs_codegen.robot.text import robot_text
 from gibbs_codegen.runtime.load import load
 

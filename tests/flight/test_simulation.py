@@ -25,7 +25,8 @@ from gibbs_codegen.flight.scenario.paths import Circle, Fixed
 from gibbs_codegen.flight.scenario.scenario import ArmTask, Scenario
 from gibbs_codegen.flight.simulation import simulate
 from gibbs_codegen.robot.family import paper_family
-from gibbs_codegen.robot.model import Link, RigidBody, Rod
+from gibbs_codegen.robot.parts.body import RigidBody, Rod
+from gibbs_codegen.robot.parts.link import Link
 from gibbs_codegen.runtime.load import load
 
 Load = Callable[[str], ModuleType]
@@ -278,9 +279,13 @@ def test_masses_of_no_body_are_refused(shipped: Load) -> None:
 @pytest.mark.slow
 def test_a_start_where_the_machine_is_singular_is_refused_as_that() -> None:
     """A massless wrist whose first and last axes are in line, and one that is bent."""
-    nothing = Rod(0.0)
+    nothing = Rod(length=0.0)
     hand = RigidBody(0.0, 1.0, (0.3, 0.1, 0.2), (0.1, 0.1, 0.1, 0.0, 0.0, 0.0))
-    arm = (Link(nothing), Link(nothing, Fraction(90)), Link(hand, Fraction(-90)))
+    arm = (
+        Link(nothing),
+        Link(nothing, alpha_deg=Fraction(90)),
+        Link(hand, alpha_deg=Fraction(-90)),
+    )
     wrist = emitted_module(replace(paper_family(4, 0), links=arm))
     flight = {"duration": 0.1, "control": {"law": "off"}}
     straight = read_scenario("hover", flight | {"arm": {"posture_deg": {"theta_6": 0.0}}})

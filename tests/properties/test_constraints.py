@@ -34,7 +34,9 @@ from gibbs_codegen.errors import UsageError
 from gibbs_codegen.interface import FUNCTIONS
 from gibbs_codegen.interface.constraints import CONSTRAINT_DERIVATIVES
 from gibbs_codegen.robot.file import parse_robot
-from gibbs_codegen.robot.model import Constraint, ConstraintKind, Pose, Robot
+from gibbs_codegen.robot.model import Robot
+from gibbs_codegen.robot.parts.constraint import Constraint, ConstraintKind
+from gibbs_codegen.robot.parts.pose import Pose
 
 Array = np.ndarray
 TOLERANCE = 1e-10
@@ -157,7 +159,9 @@ def met_robot(seed: int) -> tuple[Robot, Array]:
         )
         kind: ConstraintKind = "frame" if rng.random() < 0.5 else "point"
         anchor = Pose((x, y, z), (roll, pitch, yaw)) if kind == "frame" else Pose((x, y, z))
-        found.append(Constraint(f"c{k}", kind, name, None if name == other else other, anchor))
+        found.append(
+            Constraint(f"c{k}", kind, name, None if name == other else other, **vars(anchor))
+        )
         dense = Dense(replace(robot, constraints=tuple(found)), q, np.zeros(v.size))
         sizes = np.linalg.eigvalsh(dense.jacobian @ dense.inverse(np.ones(len(found)))[1])
         if sizes[0] < 1e-4 * sizes[-1]:

@@ -11,7 +11,8 @@ from support.derived import derived
 
 from benchmarks.family import benchmark_robot
 from gibbs_codegen.program.nodes import count_operations
-from gibbs_codegen.robot.model import Attitude, Robot
+from gibbs_codegen.robot.model import Robot
+from gibbs_codegen.robot.parts.base import Attitude
 
 REDUCED = (
     "mass_matrix_and_residual",

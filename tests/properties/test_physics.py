@@ -10,7 +10,9 @@ from scipy.spatial.transform import Rotation
 from support.emitted import emitted_module
 from support.random_robots import robots
 
-from gibbs_codegen.robot.model import Base, Robot, Rod, alternating_thrust
+from gibbs_codegen.robot.model import Robot
+from gibbs_codegen.robot.parts.base import Base, alternating_thrust
+from gibbs_codegen.robot.parts.body import Rod
 
 STEP = 1e-6
 
@@ -64,7 +66,13 @@ def test_gradients_of_gibbs_function_and_energies_and_power(robot: Robot) -> Non
 @pytest.mark.parametrize("sequence", ["yzx"])
 def test_attitude_is_the_sequence_of_the_angles(sequence: str) -> None:
     """Without an arm the tip has the axes of base arm 1."""
-    base = Base(4, (Rod(0.5, 1.0),), alternating_thrust(4), (0.0,) * 4, attitude=sequence)
+    base = Base(
+        rotors=4,
+        arms=(Rod(length=0.5, mass_per_length=1.0),),
+        thrust=alternating_thrust(4),
+        drag=(0.0,) * 4,
+        attitude=sequence,
+    )
     module = emitted_module(Robot("armless", base, ()), "tip_pose")
     q = np.array([0.4, -0.7, 1.1, 0.0, 0.0, 0.0])
     expected = Rotation.from_euler(module.ATTITUDE.upper(), q[:3]).as_matrix()

@@ -26,7 +26,8 @@ from gibbs_codegen.interface import module_signatures
 from gibbs_codegen.interface.table import GROUPS
 from gibbs_codegen.program.nodes import names_in
 from gibbs_codegen.robot.file import read_robot
-from gibbs_codegen.robot.model import ROD_ORIGINS, Robot
+from gibbs_codegen.robot.model import Robot
+from gibbs_codegen.robot.parts.base import ROD_ORIGINS
 
 SPECIAL = [0.0, 1e-300, 1e-160, 1e-40, 1e-18, 1e-9, 1e-8, 1e-5, 1e-3, 0.1, 1.0, 3.0]
 NEAR_HALF_TURN = [np.pi - step for step in (1e-3, 1e-7, 1e-9, 1e-13)]

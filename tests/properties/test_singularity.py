@@ -23,7 +23,8 @@ from support.high_precision import DIGITS, accelerations, evaluated, prepared
 from support.random_robots import random_robot
 
 from gibbs_codegen.interface import Signature
-from gibbs_codegen.robot.model import SEQUENCES, Robot
+from gibbs_codegen.robot.model import Robot
+from gibbs_codegen.robot.parts.base import SEQUENCES
 from gibbs_codegen.runtime.load import load
 
 RIGHT = math.pi / 2

@@ -12,7 +12,9 @@ from support.high_precision import DIGITS, evaluated, prepared
 from gibbs_codegen.derivation.derive import derive
 from gibbs_codegen.program.nodes import Program
 from gibbs_codegen.robot.family import paper_family
-from gibbs_codegen.robot.model import Link, RigidBody, Robot, Rod
+from gibbs_codegen.robot.model import Robot
+from gibbs_codegen.robot.parts.body import RigidBody, Rod
+from gibbs_codegen.robot.parts.link import Link
 from gibbs_codegen.verification.tree import WORLD, Tree
 
 Array = np.ndarray
@@ -23,9 +25,9 @@ SPHERE = RigidBody(0.3, 1.0, inertia=(LARGE, LARGE, LARGE, 0.0, 0.0, 0.0))
 def carrying(body: RigidBody, alpha_deg: int, joint: str) -> Robot:
     """A robot whose arm weighs nothing but for `body` at its end."""
     links = (
-        Link(Rod(0.0)),
-        Link(Rod(0.2), Fraction(90)),
-        Link(body, Fraction(alpha_deg), joint=joint),
+        Link(Rod(length=0.0)),
+        Link(Rod(length=0.2), alpha_deg=Fraction(90)),
+        Link(body, alpha_deg=Fraction(alpha_deg), joint=joint),
     )
     return Robot("slender", paper_family(4, 0).base, links)
 

@@ -96,6 +96,11 @@ CURVED = FAST.replace("constant = 1e-5", "curve = [0, 2e-2, -1e-5]")
             "link 2: servo.stiffness: missing: torque or force by distance, N m/rad or N/m",
         ),
         (FAST, "thrust_curve = 'square'", "rotor 3: thrust_curve: must be a list of 3 numbers"),
+        (
+            'command             = "throttle"',
+            "command = ['throttle']",
+            "rotor 1: command: must be one of 'thrust', 'speed', 'throttle', not a list",
+        ),
     ],
 )
 def test_what_does_not_go_together_is_refused(good: str, bad: str, words: str) -> None:
@@ -120,6 +125,12 @@ def test_a_command_that_is_wrong_or_missing_is_one_fault(bad: str, words: str) -
     with pytest.raises(RobotFileError, match=f"rotor 4: {re.escape(words)}") as refused:
         parse_robot(TEXT.replace("limits        = [0, 9]", bad))
     assert len(refused.value.faults) == 1
+
+
+def test_what_is_no_table_of_rotors_is_refused_beside_a_battery() -> None:
+    battery = TEXT[TEXT.index("[battery]") :].partition("[[")[0]
+    with pytest.raises(RobotFileError, match=re.escape("rotor: must be an array of tables")):
+        parse_robot(f"name = 'flat'\nrotor = 0.5\nbase = {{ mass = 1 }}\n{battery}")
 
 
 @pytest.mark.slow

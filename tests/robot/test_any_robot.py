@@ -9,19 +9,15 @@ from pathlib import Path
 import pytest
 
 from gibbs_codegen.errors import RobotFileError
+from gibbs_codegen.robot.balance import impossible_inertias
 from gibbs_codegen.robot.file import parse_robot, read_robot
-from gibbs_codegen.robot.model import (
-    AXES,
-    Frame,
-    JointLimits,
-    Passive,
-    Pose,
-    RigidBody,
-    Robot,
-    Rod,
-    Rotor,
-)
-from gibbs_codegen.robot.rigid_body import impossible_inertias
+from gibbs_codegen.robot.model import Robot
+from gibbs_codegen.robot.parts.body import RigidBody, Rod
+from gibbs_codegen.robot.parts.frame import Frame
+from gibbs_codegen.robot.parts.link import JointLimits, Passive
+from gibbs_codegen.robot.parts.numbers import AXES
+from gibbs_codegen.robot.parts.pose import Pose
+from gibbs_codegen.robot.parts.rotor import Rotor
 from gibbs_codegen.robot.text import robot_text
 
 EVERYTHING = Path(__file__).parents[1] / "robots" / "everything.toml"
@@ -62,7 +58,12 @@ def test_a_robot_with_everything() -> None:
     assert found.moving == tuple(range(1, 11))
     assert [rotor.on for rotor in found.thrusters] == [1, 1, 2, 2, 10]
     assert found.thrusters[4] == Rotor(
-        (0.2, 0.02, 0.03), (-1.0, 0.0, 0.0), 0.03, 10, "rotor_4", (0.0, 15.0)
+        position=(0.2, 0.02, 0.03),
+        direction=(-1.0, 0.0, 0.0),
+        drag=0.03,
+        on=10,
+        name="rotor_4",
+        limits=(0.0, 15.0),
     )
     assert [frame.on for frame in found.frames] == [7, 8, 10]
     a1, a2, a3 = found.links[2:5]
@@ -79,7 +80,7 @@ def test_a_robot_with_everything() -> None:
     assert a1.limits.high == pytest.approx(2.0, abs=1e-11)
     assert (a2.joint, a2.axis) == ("prismatic", (0.0, -1.0, 0.0))
     assert a2.limits == JointLimits(0.0, 0.25)
-    assert a3.body == Rod(0.0)
+    assert a3.body == Rod(length=0.0)
 
 
 def test_defaults() -> None:
@@ -118,7 +119,7 @@ def test_what_joints_do_by_themselves_and_their_limits() -> None:
         "stiffness = 3\nrest = -0.5\nlimits_deg = [-90, inf]\neffort = 4\nvelocity = 5\n"
         '[[link]]\nname = "slide"\njoint = "prismatic"\nmass = 1\nlimits = [0, 0.25]\n'
     ).links
-    assert turned.passive == Passive(0.1, 0.2, 3.0, -0.5)
+    assert turned.passive == Passive(damping=0.1, armature=0.2, stiffness=3.0, rest=-0.5)
     assert turned.limits == JointLimits(-math.pi / 2, None, 4.0, 5.0)
     assert turned.coordinate == "bend"
     assert slid.limits == JointLimits(0.0, 0.25)

@@ -13,7 +13,8 @@ from support.random_robots import random_robot
 from gibbs_codegen.robot.balance import balance_lines, hover, lopsided
 from gibbs_codegen.robot.family import paper_family
 from gibbs_codegen.robot.file import parse_robot, read_robot, shipped_robots
-from gibbs_codegen.robot.model import RigidBody, Robot, Rod, as_rigid_body
+from gibbs_codegen.robot.model import Robot
+from gibbs_codegen.robot.parts.body import RigidBody, Rod, as_rigid_body
 from gibbs_codegen.robot.posture import MassProperties, base_properties
 
 ARM = "length = 0.3, mass = 0.4, com = [{com}], inertia = [1e-4, 1e-3, 1e-3, 1e-5, 2e-5, 3e-5]"
@@ -138,7 +139,7 @@ def test_a_base_without_mass_or_arms_of_no_length_are_not_warned_of() -> None:
 
 
 def test_a_rod_as_a_rigid_body() -> None:
-    body = as_rigid_body(Rod(2.0, 3.0, (0.1, 0.2, 0.3)))
+    body = as_rigid_body(Rod(length=2.0, mass_per_length=3.0, section_inertia=(0.1, 0.2, 0.3)))
     assert (body.length, body.mass, body.com) == (2.0, 6.0, (1.0, 0.0, 0.0))
     assert body.inertia == (0.1, 2.2, 2.3, 0.0, 0.0, 0.0)
     assert as_rigid_body(body) is body

@@ -15,8 +15,9 @@ from gibbs_codegen.files.shipped import MAX_BYTES
 from gibbs_codegen.pipeline import module_files
 from gibbs_codegen.robot.family import paper_family
 from gibbs_codegen.robot.file import parse_robot, read_robot, shipped_robots
-from gibbs_codegen.robot.model import AXES, RigidBody, Robot, Rod
-from gibbs_codegen.robot.rigid_body import inertia_fault
+from gibbs_codegen.robot.model import Robot
+from gibbs_codegen.robot.parts.body import RigidBody, Rod, inertia_fault
+from gibbs_codegen.robot.parts.numbers import AXES
 from gibbs_codegen.robot.text import robot_text
 from gibbs_codegen.verification.modules import refuse_wrong
 
@@ -40,7 +41,9 @@ def faults(text: str) -> list[str]:
 def test_table_1_is_read_as_it_stands() -> None:
     robot = read_robot("hexarotor_3link")[0]
     assert (robot.rotors, len(robot.links), robot.gravity) == (6, 3, 9.81)
-    assert robot.base.arm(4) == Rod(0.5, 1.0, (212e-8, 21.2e-8, 190.8e-8))
+    assert robot.base.arm(4) == Rod(
+        length=0.5, mass_per_length=1.0, section_inertia=(212e-8, 21.2e-8, 190.8e-8)
+    )
     assert [link.body.length for link in robot.links] == [0.0, 3.0, 3.0]
     assert [link.body.total_mass for link in robot.links] == [0.0, 3.0, 3.0]
     assert [link.alpha_deg for link in robot.links] == [0, 90, 0]

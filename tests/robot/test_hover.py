@@ -278,8 +278,7 @@ battery = {{ voltage = [20, 20], resistance = 0, capacity = 3, efficiency = 0.8,
 
 def test_a_throttle_that_has_no_way_up_does_not_hover_for_a_moment() -> None:
     front = ACTUATED.thrusters[0]
-    assert front.drive is not None
-    held = replace(front, drive=replace(front.drive, limits=(0.0, 0.0)))
+    held = replace(front, command_limits=(0.0, 0.0))
     robot = replace(ACTUATED, thrusters=(held, *ACTUATED.thrusters[1:]))
     thrusts = hover(robot).thrusts
     assert thrusts is not None

@@ -10,7 +10,8 @@ from gibbs_codegen.errors import UsageError
 from gibbs_codegen.robot.description import Description
 from gibbs_codegen.robot.file import read_robot
 from gibbs_codegen.robot.layout import Layout, coordinate_places, layout_of, velocity_places
-from gibbs_codegen.robot.model import JointKind, JointLimits, Robot
+from gibbs_codegen.robot.model import Robot
+from gibbs_codegen.robot.parts.link import JointKind, JointLimits
 from gibbs_codegen.robot.posture import default_posture
 
 ROBOTS = ["hexarotor", "quadrotor_2link", "octorotor_7link"]

@@ -23,8 +23,13 @@ from gibbs_codegen.robot.chains import decompose
 from gibbs_codegen.robot.description import Description
 from gibbs_codegen.robot.family import paper_family
 from gibbs_codegen.robot.file import parse_robot, read_robot
-from gibbs_codegen.robot.model import Frame, Link, Pose, RigidBody, Robot, Rod, Rotor
+from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.robot.names import default_prefix
+from gibbs_codegen.robot.parts.body import RigidBody, Rod
+from gibbs_codegen.robot.parts.frame import Frame
+from gibbs_codegen.robot.parts.link import Link
+from gibbs_codegen.robot.parts.pose import Pose
+from gibbs_codegen.robot.parts.rotor import Rotor
 from gibbs_codegen.robot.references import NameRegistry, parameter_names
 from gibbs_codegen.robot.text import robot_text
 from gibbs_codegen.symbolic.tape import Tape

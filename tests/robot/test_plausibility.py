@@ -10,7 +10,8 @@ import pytest
 from gibbs_codegen.robot.balance import implausible
 from gibbs_codegen.robot.family import paper_family
 from gibbs_codegen.robot.file import parse_robot, read_robot, shipped_robots
-from gibbs_codegen.robot.model import MAX_LINKS, Rod
+from gibbs_codegen.robot.parts.body import Rod
+from gibbs_codegen.robot.parts.link import MAX_LINKS
 
 GOOD = """name = "quad"
 [base]
@@ -77,7 +78,7 @@ def test_rods_in_millimetres_are_warned_of_and_the_longest_of_arms_is_not() -> N
     """The inertia of rods grows with their length, so that only the weight tells."""
     robot = paper_family(4, MAX_LINKS)
     assert implausible(robot) == ()
-    base = replace(robot.base, arms=(Rod(500.0, 1.0),))
+    base = replace(robot.base, arms=(Rod(length=500.0, mass_per_length=1.0),))
     (warning,) = implausible(replace(robot, base=base, links=()))
     assert warning.startswith(
         "the robot is 1000 m long and weighs 2000 kg; are lengths in millimetres?"

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from gibbs_codegen.errors import RobotFileError, UsageError
 from gibbs_codegen.exchange.importing import ImportOptions, import_robot
 from gibbs_codegen.robot.file import parse_robot
-from gibbs_codegen.robot.model import Rotor
+from gibbs_codegen.robot.parts.rotor import Rotor
 from gibbs_codegen.robot.text import placed_robot_text
 
 BASE = 'name = "uav"\n[base]\nmass = 1\ninertia = [1, 1, 1, 0, 0, 0]\n'
@@ -45,7 +45,7 @@ def test_common_angles_leave_no_rounding() -> None:
     for azimuth in (45, 135, 225, 315):
         x, y, _ = rotor(f"radius = 0.3\nazimuth_deg = {azimuth}").position
         assert abs(x) == abs(y)
-    assert rotor("azimuth_deg = 60\nheight = 0.1") == Rotor((0.0, 0.0, 0.1))
+    assert rotor("azimuth_deg = 60\nheight = 0.1") == Rotor(position=(0.0, 0.0, 0.1))
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,10 @@ from support.random_robots import random_robot
 
 from gibbs_codegen.robot.balance import TiltHint, arrangement, tilt_hint, wrench_matrix
 from gibbs_codegen.robot.family import paper_family
-from gibbs_codegen.robot.model import AXES, Base, Robot, Rod
+from gibbs_codegen.robot.model import Robot
+from gibbs_codegen.robot.parts.base import Base
+from gibbs_codegen.robot.parts.body import Rod
+from gibbs_codegen.robot.parts.numbers import AXES
 
 
 def test_paper_s_arrangement_commands_every_motion() -> None:
@@ -16,7 +19,12 @@ def test_paper_s_arrangement_commands_every_motion() -> None:
 
 
 def test_all_thrusts_up_give_force_and_two_moments_only() -> None:
-    base = Base(6, (Rod(0.5, 1.0),), (AXES["z"],) * 6, (0.0,) * 6)
+    base = Base(
+        rotors=6,
+        arms=(Rod(length=0.5, mass_per_length=1.0),),
+        thrust=(AXES["z"],) * 6,
+        drag=(0.0,) * 6,
+    )
     found = arrangement(Robot("upright", base))
     assert found.rank == 3
     assert found.condition == np.inf
@@ -37,7 +45,12 @@ def test_motor_1_pushes_up_behind_the_centre(rotors: int) -> None:
 
 def test_motors_of_an_upright_quadrotor_stand_around_it() -> None:
     """Behind the centre, to its right, in front and to its left: moments (y, −x) of the force."""
-    base = Base(4, (Rod(0.5, 1.0),), (AXES["z"],) * 4, (0.0,) * 4)
+    base = Base(
+        rotors=4,
+        arms=(Rod(length=0.5, mass_per_length=1.0),),
+        thrust=(AXES["z"],) * 4,
+        drag=(0.0,) * 4,
+    )
     moments = wrench_matrix(Robot("upright", base))[3:5]
     np.testing.assert_allclose(moments, [[0, -0.5, 0, 0.5], [0.5, 0, -0.5, 0]], atol=1e-15)
 
@@ -51,7 +64,12 @@ def test_condition_is_that_of_the_wrenches() -> None:
 
 
 def test_thrusts_along_their_own_arms_push_in_the_plane_only() -> None:
-    base = Base(4, (Rod(0.5, 1.0),), (AXES["x"],) * 4, (0.0,) * 4)
+    base = Base(
+        rotors=4,
+        arms=(Rod(length=0.5, mass_per_length=1.0),),
+        thrust=(AXES["x"],) * 4,
+        drag=(0.0,) * 4,
+    )
     found = arrangement(Robot("radial", base))
     assert found.rank == 2
     assert found.missing == (
@@ -67,7 +85,12 @@ def tilted(rotors: int, signs: list[int], drag: float = 0.02) -> Robot:
     s, c = np.sin(np.deg2rad(20)), np.cos(np.deg2rad(20))
     thrust = tuple((0.0, float(sign * s), float(c)) for sign in signs)
     drags = tuple((-1) ** k * drag for k in range(rotors))
-    return Robot("tilted", Base(rotors, (Rod(0.3, 1.0),), thrust, drags))
+    return Robot(
+        "tilted",
+        Base(
+            rotors=rotors, arms=(Rod(length=0.3, mass_per_length=1.0),), thrust=thrust, drag=drags
+        ),
+    )
 
 
 def test_alternating_tilts_want_the_other_sign_on_arm_1() -> None:
@@ -94,7 +117,13 @@ def test_tilts_that_do_not_alternate_are_told_to() -> None:
 @pytest.mark.parametrize("rotors", [4, 6])
 def test_no_hint_where_no_signs_would_help(rotors: int) -> None:
     upright = Robot(
-        "upright", Base(rotors, (Rod(0.5, 1.0),), (AXES["z"],) * rotors, (0.0,) * rotors)
+        "upright",
+        Base(
+            rotors=rotors,
+            arms=(Rod(length=0.5, mass_per_length=1.0),),
+            thrust=(AXES["z"],) * rotors,
+            drag=(0.0,) * rotors,
+        ),
     )
     assert tilt_hint(upright) is None
     assert tilt_hint(paper_family(rotors, 0)) is None

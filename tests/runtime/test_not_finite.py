@@ -17,7 +17,8 @@ from support.tools import tool
 from gibbs_codegen.interface import Signature, signatures
 from gibbs_codegen.robot.description import Description
 from gibbs_codegen.robot.file import read_robot
-from gibbs_codegen.robot.model import Link, Rod
+from gibbs_codegen.robot.parts.body import Rod
+from gibbs_codegen.robot.parts.link import Link
 from gibbs_codegen.runtime.load import load
 
 Load = Callable[[str], ModuleType]
@@ -144,9 +145,16 @@ def test_numpy_s_error_state_says_whether_to_warn_or_to_raise(way: str, call) ->
 @pytest.mark.parametrize("backend", ["numpy"])
 def test_an_acceleration_that_nothing_resists_is_said(backend: str, tmp_path: Path) -> None:
     """A link as thin as a thread hangs from a joint on its axis: M is exactly singular there."""
-    nothing, thread = Rod(0.0, 0.0, (0.0, 0.0, 0.0)), Rod(1.0, 1.0, (0.0, 0.0, 0.0))
-    turning = Link(nothing, Fraction(0), None, 0.0, Fraction(0), "revolute")
-    hanging = Link(thread, Fraction(90), None, 0.0, Fraction(90), "revolute")
+    nothing, thread = (
+        Rod(length=0.0, mass_per_length=0.0, section_inertia=(0.0, 0.0, 0.0)),
+        Rod(length=1.0, mass_per_length=1.0, section_inertia=(0.0, 0.0, 0.0)),
+    )
+    turning = Link(
+        nothing, alpha_deg=Fraction(0), a=None, d=0.0, theta_deg=Fraction(0), joint="revolute"
+    )
+    hanging = Link(
+        thread, alpha_deg=Fraction(90), a=None, d=0.0, theta_deg=Fraction(90), joint="revolute"
+    )
     robot = replace(read_robot("quadrotor_2link")[0], links=(turning, hanging))
     module = load(emit(robot, tmp_path / "robot").folder, backend=backend)
     for q in (np.zeros(8), np.zeros((1, 8))):

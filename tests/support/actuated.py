@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import fields, replace
 from types import ModuleType
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +12,7 @@ from numpy.typing import NDArray
 from gibbs_codegen.interface.actuators import ACTUATOR_DERIVATIVES, ACTUATOR_PARAMETERS
 from gibbs_codegen.robot.file import parse_robot
 from gibbs_codegen.robot.model import Robot
+from gibbs_codegen.robot.parts.rotor import AIR_KEYS, Rotor
 
 TEXT = """
 name = "actuated"
@@ -104,6 +106,8 @@ xyz  = [0, 0, -0.06]
 """
 
 # All derivatives of the functions of actuators.
+# Keys of rotors to which the air does nothing but bear their thrust.
+NO_AIR: dict[str, Any] = {x.name: x.default for x in fields(Rotor) if x.name in AIR_KEYS}
 DERIVATIVES = tuple(row.name for row in (*ACTUATOR_DERIVATIVES, *ACTUATOR_PARAMETERS))
 
 
@@ -130,8 +134,7 @@ def at_once() -> Robot:
     """The robot without lag, delays and battery."""
     robot = actuated()
     thrusters = tuple(
-        replace(r, time_constant=None, drive=r.drive and replace(r.drive, up=0.0, down=0.0))
-        for r in robot.thrusters
+        replace(rotor, time_constant=None, time_constants=None) for rotor in robot.thrusters
     )
     links = tuple(
         x if x.servo is None else replace(x, servo=replace(x.servo, delay=0.0, rate=None))

@@ -9,7 +9,10 @@ import pinocchio as pin
 
 from gibbs_codegen.robot.description import Description
 from gibbs_codegen.robot.layout import frames_of
-from gibbs_codegen.robot.model import AXES, Constraint, ConstraintKind, LoopJoint, Pose, Robot
+from gibbs_codegen.robot.model import Robot
+from gibbs_codegen.robot.parts.constraint import Constraint, ConstraintKind, LoopJoint
+from gibbs_codegen.robot.parts.numbers import AXES
+from gibbs_codegen.robot.parts.pose import Pose
 from support.pinocchio_oracle import Oracle, placed
 from support.random_robots import random_pose, random_robot, random_tree, thrust
 
@@ -201,13 +204,13 @@ def random_constraint(rng: np.random.Generator, robot: Robot, name: str) -> Cons
         kind,
         frame,
         to,
-        random_pose(rng) if kind in ("frame", "loop") else Pose(random_pose(rng).xyz),
-        float(rng.uniform(0.3, 1.0)) if kind == "distance" else 0.0,
-        thrust(rng) if kind == "plane" else AXES["z"],
-        JOINTS[rng.integers(len(JOINTS))] if kind == "loop" else "fixed",
-        thrust(rng) if kind == "loop" else AXES["z"],
-        frequency,
-        0.7 if frequency else 1.0,
+        **vars(random_pose(rng) if kind in ("frame", "loop") else Pose(random_pose(rng).xyz)),
+        distance=float(rng.uniform(0.3, 1.0)) if kind == "distance" else 0.0,
+        normal=thrust(rng) if kind == "plane" else AXES["z"],
+        joint=JOINTS[rng.integers(len(JOINTS))] if kind == "loop" else "fixed",
+        axis=thrust(rng) if kind == "loop" else AXES["z"],
+        frequency=frequency,
+        damping_ratio=0.7 if frequency else 1.0,
     )
 
 

@@ -13,7 +13,9 @@ from fractions import Fraction
 import numpy as np
 from hypothesis import strategies as st
 
-from gibbs_codegen.robot.model import Body, Link, RigidBody, Robot, Rod
+from gibbs_codegen.robot.model import Robot
+from gibbs_codegen.robot.parts.body import Body, RigidBody, Rod
+from gibbs_codegen.robot.parts.link import Link
 from support.random_robots import ANGLES, link, random_robot, rigid_body, rod
 
 # Rarely more than one of them in one robot, so that about half of the robots are regular.
@@ -23,7 +25,7 @@ RARE, OFTEN = 0.12, 0.3
 def massless(rng: np.random.Generator) -> Body:
     """Nothing but a length, which may be none."""
     length = (0.0, 0.4)[rng.integers(2)]
-    return Rod(length) if rng.random() < 0.5 else RigidBody(length, 0.0)
+    return Rod(length=length) if rng.random() < 0.5 else RigidBody(length, 0.0)
 
 
 def point_mass(rng: np.random.Generator) -> Body:
@@ -38,7 +40,7 @@ def needle(rng: np.random.Generator) -> Body:
     length, mass = map(float, rng.uniform(0.3, 1.5, 2))
     kind = rng.integers(3)
     if kind == 0:
-        return Rod(length, mass)
+        return Rod(length=length, mass_per_length=mass)
     if kind == 1:
         return RigidBody(length, mass, (0.0, 0.0, 0.3), (0.1, 0.1, 0.0, 0.0, 0.0, 0.0))
     x, y, z = map(float, (d := rng.normal(size=3)) / np.linalg.norm(d))
@@ -59,7 +61,7 @@ def sized(body: Body, weight: float, size: float) -> Body:
     if isinstance(body, Rod):
         density = body.mass_per_length * weight / size
         x, y, z = (entry * weight * size**2 for entry in body.section_inertia)
-        return Rod(body.length * size, density, (x, y, z))
+        return Rod(length=body.length * size, mass_per_length=density, section_inertia=(x, y, z))
     return RigidBody(
         body.length * size,
         body.mass * weight,
@@ -75,7 +77,7 @@ def some_body(rng: np.random.Generator, weights: tuple[float, ...], sizes: tuple
     if rng.random() < RARE:
         body = replace(body, length=0.0)
     if isinstance(body, Rod) and body.total_mass == 0.0:
-        body = Rod(body.length)  # Section inertia without mass is refused.
+        body = Rod(length=body.length)  # Section inertia without mass is refused.
     return sized(body, weights[rng.integers(len(weights))], sizes[rng.integers(len(sizes))])
 
 
@@ -84,7 +86,14 @@ def some_link(rng: np.random.Generator, body: Body) -> Link:
     if rng.random() < OFTEN:
         alpha = Fraction((0, 0, 90, -90, 180)[rng.integers(5)])
         kind = "prismatic" if rng.random() < OFTEN else "revolute"
-        return Link(body, alpha, 0.0, (0.0, 0.3)[rng.integers(2)], Fraction(0), kind)
+        return Link(
+            body,
+            alpha_deg=alpha,
+            a=0.0,
+            d=(0.0, 0.3)[rng.integers(2)],
+            theta_deg=Fraction(0),
+            joint=kind,
+        )
     return replace(link(rng), body=body, theta_deg=Fraction(ANGLES[rng.integers(len(ANGLES))]))
 
 

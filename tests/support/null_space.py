@@ -12,7 +12,8 @@ from dataclasses import replace
 import numpy as np
 
 from gibbs_codegen.robot.description import Description
-from gibbs_codegen.robot.model import Body, Robot
+from gibbs_codegen.robot.model import Robot
+from gibbs_codegen.robot.parts.body import Body
 from gibbs_codegen.verification.newton_euler import NewtonEuler
 from gibbs_codegen.verification.states import Sizes, States
 from gibbs_codegen.verification.tree import Tree

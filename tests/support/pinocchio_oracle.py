@@ -16,8 +16,11 @@ import pinocchio as pin
 
 from gibbs_codegen.robot.description import Description, constrained_arms
 from gibbs_codegen.robot.layout import frames_of, layout_of
-from gibbs_codegen.robot.model import Body, Passive, Pose, Robot, Rod
+from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.robot.names import coordinate_of
+from gibbs_codegen.robot.parts.body import Body, Rod
+from gibbs_codegen.robot.parts.link import Passive
+from gibbs_codegen.robot.parts.pose import Pose
 from gibbs_codegen.verification.formulation import Quantities
 from gibbs_codegen.verification.states import States
 from gibbs_codegen.verification.tree import Tree

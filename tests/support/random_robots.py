@@ -9,25 +9,14 @@ from pathlib import Path
 import numpy as np
 from hypothesis import strategies as st
 
-from gibbs_codegen.robot.model import (
-    AXES,
-    JOINT_KINDS,
-    LINK_KINDS,
-    ROD_ORIGINS,
-    SEQUENCES,
-    Base,
-    Body,
-    Frame,
-    JointLimits,
-    Link,
-    Passive,
-    Pose,
-    RigidBody,
-    Robot,
-    Rod,
-    Rotor,
-    Vector3,
-)
+from gibbs_codegen.robot.model import Robot
+from gibbs_codegen.robot.parts.base import ROD_ORIGINS, SEQUENCES, Base
+from gibbs_codegen.robot.parts.body import Body, RigidBody, Rod
+from gibbs_codegen.robot.parts.frame import Frame
+from gibbs_codegen.robot.parts.link import JOINT_KINDS, LINK_KINDS, JointLimits, Link, Passive
+from gibbs_codegen.robot.parts.numbers import AXES, Vector3
+from gibbs_codegen.robot.parts.pose import Pose
+from gibbs_codegen.robot.parts.rotor import Rotor
 from gibbs_codegen.robot.text import robot_text
 
 ANGLES = ("0", "0", "0", "90", "-90", "180", "30", "45", "37.25", "-120", "60")
@@ -36,7 +25,11 @@ ANGLES = ("0", "0", "0", "90", "-90", "180", "30", "45", "37.25", "-120", "60")
 def rod(rng: np.random.Generator) -> Rod:
     """A rod with a section inertia that a body can have."""
     x, y, z = map(float, rng.uniform(0.01, 0.02, 3))
-    return Rod(float(rng.uniform(0.2, 1.5)), float(rng.uniform(0.3, 2.0)), (x, y, z))
+    return Rod(
+        length=float(rng.uniform(0.2, 1.5)),
+        mass_per_length=float(rng.uniform(0.3, 2.0)),
+        section_inertia=(x, y, z),
+    )
 
 
 def rigid_body(rng: np.random.Generator) -> RigidBody:
@@ -75,11 +68,11 @@ def link(rng: np.random.Generator) -> Link:
     """A link with any joint and any Denavit–Hartenberg numbers."""
     return Link(
         body(rng),
-        Fraction(ANGLES[rng.integers(len(ANGLES))]),
-        (None, 0.0, 0.35)[rng.integers(3)],
-        (0.0, 0.0, 0.2)[rng.integers(3)],
-        Fraction(ANGLES[rng.integers(len(ANGLES))]),
-        (*JOINT_KINDS, "revolute")[rng.integers(3)],
+        alpha_deg=Fraction(ANGLES[rng.integers(len(ANGLES))]),
+        a=(None, 0.0, 0.35)[rng.integers(3)],
+        d=(0.0, 0.0, 0.2)[rng.integers(3)],
+        theta_deg=Fraction(ANGLES[rng.integers(len(ANGLES))]),
+        joint=(*JOINT_KINDS, "revolute")[rng.integers(3)],
     )
 
 
@@ -89,12 +82,12 @@ def random_robot(seed: int, rotors: int, links: int) -> Robot:
     arms = tuple(body(rng) for _ in range(1 if rng.random() < 0.5 else rotors))
     drag = tuple(float(d) for d in rng.normal(size=rotors) * 0.1 * rng.integers(2))
     base = Base(
-        rotors,
-        arms,
-        tuple(thrust(rng) for _ in range(rotors)),
-        drag,
-        SEQUENCES[rng.integers(len(SEQUENCES))],
-        ROD_ORIGINS[rng.integers(len(ROD_ORIGINS))],
+        rotors=rotors,
+        arms=arms,
+        thrust=tuple(thrust(rng) for _ in range(rotors)),
+        drag=drag,
+        attitude=SEQUENCES[rng.integers(len(SEQUENCES))],
+        origin=ROD_ORIGINS[rng.integers(len(ROD_ORIGINS))],
     )
     gravity = (9.81, 9.81, 0.0, 3.7)[rng.integers(4)]
     return Robot("random_robot", base, tuple(link(rng) for _ in range(links)), gravity)
@@ -115,7 +108,9 @@ def passive(rng: np.random.Generator) -> Passive:
     damping, armature, stiffness, rest = (
         float(value) for value in rng.uniform(0.05, 0.5, 4) * rng.integers(0, 2, 4)
     )
-    return Passive(damping, armature, stiffness, rest if stiffness else 0.0)
+    return Passive(
+        damping=damping, armature=armature, stiffness=stiffness, rest=rest if stiffness else 0.0
+    )
 
 
 def tree_link(rng: np.random.Generator) -> Link:
@@ -197,13 +192,13 @@ def _central_body(rng: np.random.Generator) -> RigidBody:
 def _rotor(rng: np.random.Generator, links: int, k: int) -> Rotor:
     x, y, z = (float(value) for value in rng.uniform(-0.4, 0.4, 3))
     return Rotor(
-        (x, y, z),
-        thrust(rng),
-        float(rng.choice((0.0, 0.016, -0.016))),
-        int(rng.integers(links + 1)) if rng.random() < 0.4 else 0,
-        f"rotor {k}" if rng.random() < 0.5 else None,
-        (0.0, 15.0) if rng.random() < 0.5 else None,
-        0.02 if rng.random() < 0.3 else None,
+        position=(x, y, z),
+        direction=thrust(rng),
+        drag=float(rng.choice((0.0, 0.016, -0.016))),
+        on=int(rng.integers(links + 1)) if rng.random() < 0.4 else 0,
+        name=f"rotor {k}" if rng.random() < 0.5 else None,
+        limits=(0.0, 15.0) if rng.random() < 0.5 else None,
+        time_constant=0.02 if rng.random() < 0.3 else None,
     )
 
 

@@ -11,7 +11,7 @@ import pinocchio as pin
 
 from gibbs_codegen.exchange.exporting import export_robot
 from gibbs_codegen.robot.file import read_robot
-from gibbs_codegen.robot.model import Rotor
+from gibbs_codegen.robot.parts.rotor import Rotor
 
 
 def crocoddyls_own(name: str, armature: bool = True) -> Callable[..., Any]:

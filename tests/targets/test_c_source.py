@@ -36,7 +36,9 @@ from gibbs_codegen.program.scratch import stack_bytes
 from gibbs_codegen.program.trigonometry import gather_angles
 from gibbs_codegen.robot.description import Description
 from gibbs_codegen.robot.file import read_robot
-from gibbs_codegen.robot.model import JOINT_KINDS, RigidBody, Robot
+from gibbs_codegen.robot.model import Robot
+from gibbs_codegen.robot.parts.body import RigidBody
+from gibbs_codegen.robot.parts.link import JOINT_KINDS
 from gibbs_codegen.runtime.c_library import RUNTIME
 from gibbs_codegen.targets.registry import find_targets, render_module
 

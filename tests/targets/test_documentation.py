@@ -13,7 +13,8 @@ from gibbs_codegen.interface import FUNCTIONS, Output, Row
 from gibbs_codegen.robot.description import Description
 from gibbs_codegen.robot.family import paper_family
 from gibbs_codegen.robot.file import parse_robot, read_robot
-from gibbs_codegen.robot.model import Constraint, Robot
+from gibbs_codegen.robot.model import Robot
+from gibbs_codegen.robot.parts.constraint import Constraint
 from gibbs_codegen.targets.documentation import attitude_lines, attitude_text, output_text
 from gibbs_codegen.targets.registry import find_targets, render_module
 

@@ -24,7 +24,7 @@ from support.tools import run, tool
 
 from gibbs_codegen.interface import module_signatures
 from gibbs_codegen.robot.family import paper_family
-from gibbs_codegen.robot.model import Attitude
+from gibbs_codegen.robot.parts.base import Attitude
 
 # No multiple of the states in a block, of floats and of doubles.
 STATES = 37

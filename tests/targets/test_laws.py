@@ -15,7 +15,7 @@ import pytest
 from conftest import ROOT
 from numpy.typing import NDArray
 from scipy.optimize import lsq_linear
-from support.actuated import actuated
+from support.actuated import NO_AIR, actuated
 from support.compiled import build, compile_only
 from support.embedded_laws import M4F, M7, called, flown
 
@@ -384,7 +384,7 @@ def test_a_target_that_this_version_lacks_is_no_more_repeated(
 def test_a_flight_on_an_emulated_processor_is_that_of_the_simulator(tmp_path: Path) -> None:
     """By throttle, speeds, servos with backlash and friction, and a battery: all of it in C."""
     robot = actuated()
-    robot = replace(robot, thrusters=tuple(replace(x, air=None) for x in robot.thrusters))
+    robot = replace(robot, thrusters=tuple(replace(x, **NO_AIR) for x in robot.thrusters))
     text, step, steps = robot_text(robot), 2.5e-4, 20
     (tmp_path / "actuated.toml").write_text(text, encoding="utf-8")
     folder = generate(tmp_path / "actuated.toml", tmp_path, laws=["geometric"], verify=False)

@@ -33,7 +33,8 @@ from gibbs_codegen.interface import (
 )
 from gibbs_codegen.robot.description import Description
 from gibbs_codegen.robot.file import read_robot, shipped_robots
-from gibbs_codegen.robot.model import Base, Robot
+from gibbs_codegen.robot.model import Robot
+from gibbs_codegen.robot.parts.base import Base
 from gibbs_codegen.robot.text import robot_text
 from gibbs_codegen.runtime.load import load
 from gibbs_codegen.targets.matlab.statements import TAKEN, check_names, variable

@@ -12,7 +12,8 @@ from support.planted_faults import planted
 
 from gibbs_codegen.errors import WrongModuleError
 from gibbs_codegen.robot.file import read_robot
-from gibbs_codegen.robot.model import Passive, Robot
+from gibbs_codegen.robot.model import Robot
+from gibbs_codegen.robot.parts.link import Passive
 from gibbs_codegen.targets.registry import render_module
 from gibbs_codegen.verification.modules import refuse_wrong
 

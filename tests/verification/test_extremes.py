@@ -9,7 +9,10 @@ from pathlib import Path
 import pytest
 from support.emitted import emitted_module
 
-from gibbs_codegen.robot.model import Base, Link, RigidBody, Robot, alternating_thrust
+from gibbs_codegen.robot.model import Robot
+from gibbs_codegen.robot.parts.base import Base, alternating_thrust
+from gibbs_codegen.robot.parts.body import RigidBody
+from gibbs_codegen.robot.parts.link import Link
 from gibbs_codegen.verification.comparison import failure_text
 from gibbs_codegen.verification.newton_euler import NewtonEuler
 from gibbs_codegen.verification.states import States
@@ -31,11 +34,11 @@ def odd_robot(
         com = (0.4 * length, 0.1 * length, -0.05 * length)
         return RigidBody(length, mass, com, (i, 1.2 * i, 1.1 * i, 0.1 * i, 0.05 * i, -0.1 * i))
 
-    base = Base(3, (body(size),), alternating_thrust(3), (0.0,) * 3)
+    base = Base(rotors=3, arms=(body(size),), thrust=alternating_thrust(3), drag=(0.0,) * 3)
     links = (
-        Link(body(size), Fraction(90), a=offset * size),
-        Link(body(size), Fraction(30), joint="prismatic"),
-        Link(body(size * tip), Fraction(-90), d=0.2 * size * tip),
+        Link(body(size), alpha_deg=Fraction(90), a=offset * size),
+        Link(body(size), alpha_deg=Fraction(30), joint="prismatic"),
+        Link(body(size * tip), alpha_deg=Fraction(-90), d=0.2 * size * tip),
     )
     return Robot("odd", base, links, gravity)
 

@@ -23,7 +23,9 @@ from support.random_robots import random_robot, random_tree, robots, trees
 from gibbs_codegen.derivation.derive import derive
 from gibbs_codegen.robot.family import paper_family
 from gibbs_codegen.robot.file import read_robot
-from gibbs_codegen.robot.model import Base, RigidBody, Robot, Rod, alternating_thrust
+from gibbs_codegen.robot.model import Robot
+from gibbs_codegen.robot.parts.base import Base, alternating_thrust
+from gibbs_codegen.robot.parts.body import RigidBody, Rod
 from gibbs_codegen.targets.registry import render_module
 from gibbs_codegen.verification.comparison import Evaluation
 from gibbs_codegen.verification.equations import Expected, input_matrix
@@ -187,7 +189,13 @@ def _without_mass(joint: Any) -> Any:
 def test_a_rod_worked_by_hand(
     formulation: Callable[[Tree], Formulation], state: str, effort: dict[str, float]
 ) -> None:
-    base = Base(2, (Rod(1.0, 1.0),), alternating_thrust(2), (0.0, 0.0), origin="centre")
+    base = Base(
+        rotors=2,
+        arms=(Rod(length=1.0, mass_per_length=1.0),),
+        thrust=alternating_thrust(2),
+        drag=(0.0, 0.0),
+        origin="centre",
+    )
     tree = Tree(Robot("rod", base, (), gravity=10.0))
     q = np.zeros((1, 6))
     v = np.zeros((1, 6))

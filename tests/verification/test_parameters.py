@@ -12,7 +12,9 @@ from support.random_robots import random_robot, random_tree, robots, trees
 from gibbs_codegen import generate, load
 from gibbs_codegen.derivation.derive import derive
 from gibbs_codegen.robot.file import parse_robot, read_robot
-from gibbs_codegen.robot.model import Base, Body, RigidBody, Robot, Rod
+from gibbs_codegen.robot.model import Robot
+from gibbs_codegen.robot.parts.base import Base
+from gibbs_codegen.robot.parts.body import Body, RigidBody, Rod
 from gibbs_codegen.verification.contents import has_effect
 from gibbs_codegen.verification.parameters import (
     determined,
@@ -100,9 +102,18 @@ def test_what_leaves_an_acceleration_undetermined_is_not_zero() -> None:
 
 def test_two_rods_in_line_need_their_section_inertia() -> None:
     """Their moment about that line is else what rounding leaves of zero."""
-    rod = Rod(0.3215762831449196, 0.32828143855895303, (0.0148, 0.0103, 0.0110))
+    rod = Rod(
+        length=0.3215762831449196,
+        mass_per_length=0.32828143855895303,
+        section_inertia=(0.0148, 0.0103, 0.0110),
+    )
     thrust = ((0.0, 0.0, 1.0), (0.0, 1.0, 0.0))
-    robot = Robot("rods", Base(2, (rod,), thrust, (0.0, 0.0), attitude="yzx"), (), 9.81)
+    robot = Robot(
+        "rods",
+        Base(rotors=2, arms=(rod,), thrust=thrust, drag=(0.0, 0.0), attitude="yzx"),
+        (),
+        9.81,
+    )
     assert determined(robot)
     assert not determined(with_values(robot, {"base_arm_section_inertia_xx": 0.0}))
 

@@ -24,7 +24,11 @@ from support.tools import tool
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.pipeline import generate, generate_robot
 from gibbs_codegen.robot.file import read_robot, shipped_robots
-from gibbs_codegen.robot.model import Attitude, Base, Link, Pose, RigidBody, Robot
+from gibbs_codegen.robot.model import Robot
+from gibbs_codegen.robot.parts.base import Attitude, Base
+from gibbs_codegen.robot.parts.body import RigidBody
+from gibbs_codegen.robot.parts.link import Link
+from gibbs_codegen.robot.parts.pose import Pose
 from gibbs_codegen.robot.text import robot_text
 from gibbs_codegen.runtime.load import load
 from gibbs_codegen.verification.comparison import UNKNOWN, compared

@@ -21,7 +21,7 @@ from gibbs_codegen.files.table import Bounds, Kinds, Table, Whole, entry, key, t
 from gibbs_codegen.flight.scenario.numbers import Angle, Direction, NotNegative, Positive
 from gibbs_codegen.flight.scenario.paths import Path, minimum_jerk
 from gibbs_codegen.flight.vectors import Array, rotation_about
-from gibbs_codegen.robot.model import MAX_ROTORS
+from gibbs_codegen.robot.parts.rotor import MAX_ROTORS
 
 # |cos θ₀| below which angles count as singular: within a quarter of a degree.
 SINGULAR_COSINE = 0.005

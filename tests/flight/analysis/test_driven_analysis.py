@@ -7,7 +7,7 @@ from types import ModuleType
 
 import numpy as np
 import pytest
-from support.actuated import actuated
+from support.actuated import NO_AIR, actuated
 from support.compiled import emit
 
 from gibbs_codegen import Feedback, UsageError, linearise, lqr, rollout, trim
@@ -22,7 +22,7 @@ DERIVATIVES = ["forward_dynamics_derivatives", "inputs_of_derivatives"]
 def module(tmp_path_factory: pytest.TempPathFactory) -> ModuleType:
     """Its rotors are in no air, which trims and linear models leave out."""
     folder, robot = tmp_path_factory.mktemp("driven") / "actuated", actuated()
-    robot = replace(robot, thrusters=tuple(replace(x, air=None) for x in robot.thrusters))
+    robot = replace(robot, thrusters=tuple(replace(x, **NO_AIR) for x in robot.thrusters))
     return emit(robot, folder, derivatives=[*DERIVATIVES, "actuator_rates_derivatives"]).module
 
 

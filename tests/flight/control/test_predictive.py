@@ -30,7 +30,7 @@ from gibbs_codegen.flight.scenario.walls import Plane
 from gibbs_codegen.flight.simulation import simulate
 from gibbs_codegen.pipeline import generate_robot
 from gibbs_codegen.robot.family import paper_family
-from gibbs_codegen.robot.model import Attitude
+from gibbs_codegen.robot.parts.base import Attitude
 from gibbs_codegen.runtime.load import load
 from gibbs_codegen.runtime.predictive import AT_WALLS, DERIVATIVES
 from gibbs_codegen.targets.registry import find_targets, render_module

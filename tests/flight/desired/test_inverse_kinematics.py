@@ -54,7 +54,8 @@ from gibbs_codegen.flight.scenario.paths import (
 )
 from gibbs_codegen.pipeline import generate_robot
 from gibbs_codegen.robot.family import paper_family
-from gibbs_codegen.robot.model import Link, RigidBody
+from gibbs_codegen.robot.parts.body import RigidBody
+from gibbs_codegen.robot.parts.link import Link
 from gibbs_codegen.robot.text import robot_text
 from gibbs_codegen.runtime.load import load
 from gibbs_codegen.verification.vectors import times

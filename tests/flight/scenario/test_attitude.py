@@ -20,7 +20,7 @@ from gibbs_codegen.flight.scenario.orientation import (
 )
 from gibbs_codegen.flight.vectors import Array
 from gibbs_codegen.robot.layout import Layout
-from gibbs_codegen.robot.model import SEQUENCES
+from gibbs_codegen.robot.parts.base import SEQUENCES
 from gibbs_codegen.verification.vectors import times
 
 every_sequence = pytest.mark.parametrize("sequence", SEQUENCES)

@@ -1,0 +1,72 @@
+"""Servos of joints."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from typing import Any, ClassVar, Literal
+
+from gibbs_codegen.robot.parts.numbers import NotNegative, Positive
+from gibbs_codegen.robot.parts.part import Parameter, Part, entry, number, sized
+
+ServoCommand = Literal["position", "rate"]
+# Keys of servos that are commanded positions.
+_OF_POSITIONS = ("stiffness", "backlash")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Servo(Part):
+    """What holds a joint where it is commanded to be: its input is a position, or a rate."""
+
+    # Its torque is stiffness·(reference − coordinate) − damping·rate, at most `torque`; within
+    # `backlash` (the whole play) it pushes neither way. The reference follows the command with the
+    # time constant `delay`, at most at `rate`. Where rates are commanded, its torque is
+    # damping·(reference − rate), without stiffness and backlash, and `rate` is the greatest
+    # command. None is no limit.
+    conditions: ClassVar[dict[str, Any]] = {
+        "if": {"properties": {"command": {"const": "rate"}}, "required": ["command"]},
+        "then": {"required": ["damping"], "properties": dict.fromkeys(_OF_POSITIONS, False)},
+        "else": {"required": ["stiffness"]},
+    }
+
+    command: ServoCommand = entry("what it is commanded, a position or a rate", "position")
+    stiffness: Positive = sized("torque or force by distance, {N m/rad or N/m}", unsaid=0.0)
+    damping: NotNegative = number(
+        "torque or force against its rate, {N m s/rad or N s/m}; by the difference from the rate "
+        "that is commanded, if it is that",
+        0.0,
+    )
+    torque: Positive | None = sized(
+        "greatest torque or force, {N m or N}; default: the joint's effort"
+    )
+    rate: Positive | None = sized(
+        "greatest rate of its reference, or that is commanded, {rad/s or m/s}; default: none, or "
+        "the velocity of the joint"
+    )
+    delay: NotNegative = sized(
+        "time constant with which its reference follows the command, {s}", 0.0
+    )
+    backlash: NotNegative = sized("play within which it does not push, {rad or m}", 0.0)
+
+    def parameters(self) -> dict[str, Parameter]:
+        """What plays a part, of what can be parameters."""
+        marks = super().parameters()
+        if self.command == "position":
+            return marks
+        marks = {key: mark for key, mark in marks.items() if key not in (*_OF_POSITIONS, "rate")}
+        return marks | {"damping": replace(marks["damping"], keeps_sign=True, no_zero=True)}
+
+    @classmethod
+    def _key_faults(cls, values: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+        """Faults of a rate that nothing delays, and of what only one kind of servo has."""
+        if values.get("command") == "rate":
+            for each in _OF_POSITIONS:
+                if each in values:
+                    yield each, "must be left out where rates are commanded, which it does not hold"
+            if values.get("damping", 0.0) == 0.0:
+                yield "damping", "must be given, above 0: by it the servo pushes towards a rate"
+            return
+        if "stiffness" not in values:
+            yield "stiffness", cls._missing("stiffness")
+        if "rate" in values and values.get("delay", 0.0) == 0.0:
+            yield "rate", "needs delay beside it, s: the time in which the reference comes to rest"
