@@ -340,6 +340,7 @@ def no_extension(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     caller.caller_type.cache_clear()
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("no_extension")
 def test_without_extension_calls_are_as_cheap(states: dict[str, np.ndarray]) -> None:
     if not (Path(sysconfig.get_path("include")) / "Python.h").is_file():

@@ -117,6 +117,7 @@ def test_constants_and_names_are_those_of_the_module(
     assert public - {"numpy_module"} <= {*dir(ours)}
 
 
+@pytest.mark.slow
 def test_matrices_have_the_exact_zeros_of_patterns(pair: Callable[[str], Pair]) -> None:
     numpy, ours = pair(DERIVATIVES)
     found = {}

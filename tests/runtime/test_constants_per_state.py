@@ -91,6 +91,7 @@ def assert_as_one_at_a_time(numpy: ModuleType, ours: ModuleType) -> None:
                 )
 
 
+@pytest.mark.slow
 def test_functions_give_what_they_give_for_one_state_at_a_time(
     module: ModuleType, either: ModuleType
 ) -> None:

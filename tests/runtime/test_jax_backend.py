@@ -174,8 +174,9 @@ def test_constants_of_each_state_go_in_blocks(
     assert "generate the module again" in caplog.text
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("label", [TURNING])
-@pytest.mark.parametrize("mode", [pytest.param(jax.jacfwd, marks=pytest.mark.slow), jax.jacrev])
+@pytest.mark.parametrize("mode", [jax.jacfwd, jax.jacrev])
 def test_derivatives_are_those_of_the_module(
     label: str, mode: Any, pair: Callable[[str], Pair]
 ) -> None:

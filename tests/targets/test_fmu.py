@@ -266,7 +266,13 @@ def scattered(unit: Unit, seed: int = 0, drag: bool = False) -> np.random.Genera
 
 
 @pytest.mark.parametrize("version", [3, 2])
-@pytest.mark.parametrize("name", ["hexarotor_3link", "quadrotor", "actuated"])
+@pytest.mark.parametrize(
+    "name",
+    [
+        "quadrotor",
+        *(pytest.param(n, marks=pytest.mark.slow) for n in ("hexarotor_3link", "actuated")),
+    ],
+)
 def test_directional_derivatives(
     made: Make, opened: Callable[..., Unit], name: str, version: int
 ) -> None:

@@ -253,6 +253,7 @@ def test_default_parameters_lists_and_patterns(
         np.testing.assert_array_equal(flat % shape[-1], columns)
 
 
+@pytest.mark.slow
 def test_help_and_errors_are_in_words(packaged: Callable[[str], Packaged], tmp_path: Path) -> None:
     made = packaged(SMALL)
     calls = {

@@ -89,7 +89,10 @@ def test_slices_hold_the_rest_as_it_is_at_hover(reach, name: str) -> None:
                     assert not shape.contains(found.hover[part] + 1.01 * step)
 
 
-@pytest.mark.parametrize("name", POSTURES)
+@pytest.mark.parametrize(
+    "name",
+    [name if name == "hydrus" else pytest.param(name, marks=pytest.mark.slow) for name in POSTURES],
+)
 def test_hovering_needs_no_torque_about_the_centre_of_mass(reach, shipped: Load, name: str) -> None:
     found = reach(name)
     assert found.hover[3:] == pytest.approx(0.0, abs=1e-9)

@@ -51,9 +51,10 @@ def test_east_north_up_are_told_as_north_east_down(fast: Load) -> None:
     assert np.degrees(angles(seen.quaternion)) == pytest.approx([0.0, 0.0, 90.0], abs=1e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("axis", "roll", "pitch", "yaw"),
-    [pytest.param(0, 20, 0, 90, marks=pytest.mark.slow), (1, 0, -20, 90), (2, 0, 0, 70)],
+    [(0, 20, 0, 90), (1, 0, -20, 90), (2, 0, 0, 70)],
 )
 def test_turns_of_the_base(axis: int, roll: float, pitch: float, yaw: float, fast: Load) -> None:
     """By the right-hand rule about forwards, left, up: right side down, nose down, to the left."""
@@ -140,9 +141,8 @@ def test_sensors_of_the_scenario_are_told_as_they_err(fast: Load) -> None:
     assert abs(found.readings().fix[0][:2]).min() > 0.01
 
 
-@pytest.mark.parametrize(
-    "rotor", [pytest.param(1, marks=pytest.mark.slow), 2, pytest.param(3, marks=pytest.mark.slow)]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("rotor", [1, 2, 3])
 def test_every_rotor_turns_the_machine_as_its_place_says(rotor: int, fast: Load) -> None:
     found = machine(fast(ARM))
     shares = np.full(4, 0.4)
