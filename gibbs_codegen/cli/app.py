@@ -8,6 +8,7 @@ from __future__ import annotations
 import atexit
 import gc
 import io
+import itertools
 import os
 import re
 import sys
@@ -56,6 +57,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         if re.fullmatch(r"--[a-z-]+=--", word):
             parser.error(f"{word}: -- is not a value; write ./-- for a path of that name")
     # Names are joined to the option, so that a word after it is no name.
+    for word, names in itertools.pairwise(words):
+        if word == "--derivatives" and ("," in names or names.endswith("_derivatives")):
+            parser.error(f"--derivatives {names}: write --derivatives={names}")
     words = ["--derivatives=" if word == "--derivatives" else word for word in words]
     options = parser.parse_args(words)
     try:

@@ -76,7 +76,11 @@ def law_of(law: Law, vehicle: RobotData, q: Array, scenario: str) -> Law:
             f" where {', '.join(f'{name} = {value:.4g}' for name, value in joints)} (rad or m); "
             "choose another posture (arm.posture_deg or arm.moves), or"
         )
-    remedy = 'tilt some thrusts in the robot file, add rotors, or set control.law to "open_loop"'
+    few = "" if vehicle.rotors >= _ALL else f" (all directions take {_ALL} or more)"
+    remedy = (
+        f'tilt some thrusts in the robot file, add rotors{few}, or set control.law to "open_loop"; '
+        "in Python, lqr and rollout fly what trim balances"
+    )
     if not vehicle.rotors:
         remedy = 'add rotors to the robot file, or set control.law to "off", and it falls'
     raise AllocationError(

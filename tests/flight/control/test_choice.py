@@ -62,6 +62,7 @@ def test_the_rotors_decide(name: str, law: Law, chosen: Law, shipped: Load) -> N
             "axis, but they command all directions; set control.law to",
         ),
         ("quadrotor_2link", "tracking", "cannot command force along y and torque about x (in"),
+        ("quadrotor_2link", "tracking", "add rotors (all directions take 6 or more), or set"),
         ("quadrotor_2link", "computed_torque", "cannot command force along y and torque about x"),
         ("quadrotor_2link", "geometric", "cannot command force along y and torque about x (in"),
     ],
