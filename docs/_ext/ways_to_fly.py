@@ -77,7 +77,7 @@ _CONTACT = Contact(0, 0, _surface, 0, sticks=True)
 _PLAIN, _BY_SPEED = Flown(), Flown(_BODY + _DRIVEN)
 # What acts, with it and without it.
 FEATURES = {
-    "motors by speed or throttle, servos, friction, battery": (_BY_SPEED, _PLAIN),
+    "motors by speed": (_BY_SPEED, _PLAIN),
     "lag of thrusts": (Flown(lags=True), _PLAIN),
     "air on rotors": (Flown(_BODY + _DRIVEN + _AIR), _BY_SPEED),
     "wind, with drag": (Flown(around=Surroundings(wind=True, drag=True)), _PLAIN),

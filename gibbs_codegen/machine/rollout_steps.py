@@ -103,9 +103,9 @@ def rollout_step(
     """A step of h from x: coordinates, velocities and, where motors may lag, thrusts.
 
     Of a robot that is driven, the states of its actuators follow in their place; bristles of
-    contacts come last. `inputs` (nu) are
-    those that are commanded, within limits. Where `ended` is above 0, the step has taken a state
-    out of bounds. With `has_thrusts` it has thrusts without lag too, which are those commanded.
+    contacts come last. `inputs` (nu) are those that are commanded, within limits. Where `ended` is
+    above 0, the step has taken a state out of bounds. With `has_thrusts` it has thrusts without lag
+    too, which are those commanded.
     """
     own, around = given(robot, parts), parts.around
     machines = [Machine(robot, _figures(parts, own, halves), around) for halves in range(3)]

@@ -17,7 +17,6 @@ from gibbs_codegen.arrays.nodes import (
     absolute,
     clip,
     constant,
-    copysign,
     cosine,
     cross,
     dot,
@@ -29,6 +28,8 @@ from gibbs_codegen.arrays.nodes import (
     zeros,
 )
 
+# The least thrust, N, whose root tells the speed of a rotor: the root has no slope at 0.
+_LEAST_THRUST = 1e-6
 # The least speed of blades' tips, m/s, by which an advance ratio is taken.
 _LEAST_TIP_SPEED = 1e-6
 
@@ -57,7 +58,7 @@ def spin_torque(axis: Node, momentum: Node, thrust: Node, pose: Node, velocity: 
     `momentum` is its angular momentum by the square root of the thrust; a thrust the other way is
     that of a rotor that turns the other way.
     """
-    size = momentum * copysign(square_root(absolute(thrust)), thrust)
+    size = momentum * thrust / square_root(maximum(absolute(thrust), _LEAST_THRUST))
     return cross(size * (rotation_of(pose) @ axis), velocity[3:])
 
 

@@ -221,10 +221,14 @@ def _around(
     environment = surrounding(vehicle, surroundings)
     if environment is None:
         return NO_SURROUNDINGS, {}
-    acting = {"walls": environment.wall, "payloads": environment.payload}
+    acting = {"walls": environment.wall, "payloads": environment.carries(0.0).any()}
     for name, why in LEFT_OUT.items():
         if acting[name]:
             raise UsageError(f"surroundings: {name} are in no linear model: {why}")
+    if environment.idles(0.0):
+        raise UsageError(
+            "surroundings: a hold idles the motors at its start, and nothing regulates"
+        )
     around, figures = environment.under(environment.push_acts(0.0), False, environment.holding(0.0))
     return replace(around, gusts=0), figures
 

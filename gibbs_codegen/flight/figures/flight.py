@@ -205,6 +205,7 @@ def write_results(
         OutputError: The results cannot be written; nothing has changed.
     """
     check_results(folder, animation)
+    formats = [formats] if isinstance(formats, str) else formats
     if unknown := set(formats) - set(FORMATS):
         raise UsageError(f"format {min(unknown)!r}: unknown; known: {', '.join(FORMATS)}")
     folder = Path(folder)

@@ -72,7 +72,13 @@ def surrounding(vehicle: Vehicle, scenario: AnyScenario | None) -> Environment |
     """
     if scenario is None:
         return None
-    scene = read_scenario(scenario)
+    try:
+        scene = read_scenario(scenario)
+    except UsageError as error:
+        raise UsageError(f"surroundings: {error}") from None
+    for name in ("parameters", "plant"):
+        if getattr(scene, name):
+            raise UsageError(f"surroundings: {name}: leave it out; numbers of the robot are given")
     check_surroundings(vehicle, scene)
     return Environment.of(vehicle, scene, module_actuators(vehicle).spins)
 

@@ -117,6 +117,8 @@ def rollout_surroundings(
             "that hold in `constraints`"
         )
     environment = given or Environment(vehicle)
+    if any(wall in environment.wall for wall in walls):
+        raise UsageError("walls: act besides those of `surroundings`; leave those out that it has")
     environment = replace(environment, wall=(*walls, *environment.wall))
     _check_steps(environment, q, parameters, dt, method)
     frames = tuple(vehicle.frames.index(each.frame) for each in environment.payload)

@@ -191,6 +191,13 @@ def test_lag_air_wind_spin_pushes_and_constraints_are_those_of_flights(name: str
         aside[k] = 1e-6
         expected = (rates(aside) - rates(-aside)) / 2e-6
         np.testing.assert_allclose(column, expected, rtol=1e-6, atol=1e-5 * np.abs(a).max())
+    if name == "blown":  # The speed of a rotor has no slope by a thrust of nothing.
+        models = linearise(module, q, v, 0.0 * u, surroundings=scene, **lag)
+        assert all(np.isfinite(matrix).all() for matrix in models)
+    if name == "held":
+        idle = read_scenario("hover", {"hold": [{"constraint": "stand", "idle": True}]})
+        with pytest.raises(UsageError, match="surroundings: a hold idles the motors"):
+            linearise(module, q, v, u, surroundings=idle, **lag)
 
 
 def test_walls_and_payloads_are_in_no_linear_model(differentiated: Load) -> None:

@@ -60,14 +60,12 @@ def flown(folder: str) -> list[np.ndarray]:
 @pytest.mark.slow
 @pytest.mark.parametrize("backend", ["numpy", "c", "jax"])
 def test_states_of_two_winds_and_payloads_fly_as_simulated(
-    folder: str, flown: list[np.ndarray], backend: str
+    folder: str, flown: list[np.ndarray], backend: str, request: pytest.FixtureRequest
 ) -> None:
     varied = {"wind": [[3.0, -1.0, 0.5], [-2.0, 0.0, 1.0]], "payloads": [[0.3], [0.1]]}
     module = load(folder, backend=backend)
     if backend == "jax":
-        import jax
-
-        jax.config.update("jax_enable_x64", True)
+        request.getfixturevalue("jax_in_double_precision")
     done = rollout(module, Q, V, U, STEPS, **SETTINGS, **varied)
     for k, expected in enumerate(flown):
         states = np.concatenate([done.q[k], done.v[k]], axis=1)
@@ -106,7 +104,24 @@ def test_episodes_of_two_winds_are_rollouts(folder: str) -> None:
             np.testing.assert_allclose(observed[state], wanted, rtol=1e-5, atol=1e-6)
 
 
+def test_robots_of_three_masses_start_in_one_state_above_a_floor(folder: str) -> None:
+    module, masses = load(folder), [1.0, 1.2, 1.4]
+    floor = {"kind": "plane", "frame": "tip", "point": [0, 0, 0.7], "normal": [0, 0, 1]}
+    scene = read_scenario("hover", {"wall": [{**floor, "stiffness": 2e3, "damping": 10.0}]})
+    varied = [{"base_mass": mass} for mass in (masses, *masses)]
+    together, *alone = (
+        rollout(module, Q, V, U, 20, DT, surroundings=scene, parameters=each).q for each in varied
+    )
+    np.testing.assert_allclose(together, np.concatenate(alone), rtol=0, atol=1e-12)
+    with pytest.raises(UsageError, match="walls: act besides those of `surroundings`; leave"):
+        rollout(module, Q, V, U, 20, DT, walls=scene.walls, surroundings=scene)
+
+
 WRONG = {
+    "surroundings: scenario: must be": {"surroundings": 5},
+    "surroundings: plant: leave it out": {
+        "surroundings": read_scenario("hover", {"plant": {"gravity": 1.6}}),
+    },
     "wind: replaces that of `surroundings`; give these too": {
         "surroundings": None,
         "wind": [1, 0, 0],
