@@ -320,8 +320,10 @@ class Regulator:
     - `a` (2 nv, 2 nv), `b` (2 nv, nu): the model, continuous or by period
 
     Where the robot file describes actuators, u are commands, and x ends with the deviations of
-    their nx states. A battery drains whatever is commanded: its charge counts as constant, so that
-    its entries of gain and cost are 0, and it has no eigenvalue.
+    their nx states; with `time_constants`, with those of thrusts that lag. `Feedback` takes the
+    gain but in that last case, in which a controller of one's own applies it. A battery drains
+    whatever is commanded: its charge counts as constant, so that its entries of gain and cost are
+    0, and it has no eigenvalue.
     """
 
     gain: Array
