@@ -375,9 +375,9 @@ def test_nothing_is_left_behind_when_ended(
     process.send_signal(number)
     process.wait(timeout=300)
     left = visible(tmp_path)
-    endings = (".c", ".h", "_each.c")
+    endings = (".c", ".h", "_batch.c", "_each.c")
     sources = [f"quadrotor_2link{ending}" for ending in endings]
-    module = [MANIFEST, "__init__.py", "numpy_module.py", *sources, "robot.toml"]
+    module = [MANIFEST, "__init__.py", "gibbs_runtime.h", "numpy_module.py", *sources, "robot.toml"]
     whole = {"generated": ["quadrotor_2link"], "generated/quadrotor_2link": module}
     assert left in ({}, whole)
 
