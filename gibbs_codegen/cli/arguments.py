@@ -138,17 +138,20 @@ def _add_changes(parser: Parser, flights: str) -> None:
 
 
 def _add_figures(parser: Parser, without: str) -> None:
-    """Add --format and --no-figures, which leaves no format."""
+    """Add --format, or --no-figures, which leaves no format."""
     meaning = f"formats of the figures: {', '.join(FORMATS)} (default: {FORMATS[0]})"
-    parser.add("--format", "NAME,...", meaning, type=_formats, default=FORMATS[:1])
-    parser.add_argument("--no-figures", action="store_const", const=(), dest="format", help=without)
+    group = parser.add_mutually_exclusive_group()
+    group.add_argument(
+        "--format", metavar="NAME,...", help=meaning, type=_formats, default=FORMATS[:1]
+    )
+    group.add_argument("--no-figures", action="store_const", const=(), dest="format", help=without)
 
 
 def _formats(text: str) -> list[str]:
     names = text.split(",")
     if unknown := [name for name in names if name not in FORMATS]:
         known = ", ".join(FORMATS)
-        raise argparse.ArgumentTypeError(f"{printable(unknown[0])}: unknown format; known: {known}")
+        raise argparse.ArgumentTypeError(f"unknown format {unknown[0]!r}; known: {known}")
     return names
 
 

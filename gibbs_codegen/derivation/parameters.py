@@ -63,7 +63,7 @@ class LinkSymbols:
 
 @dataclass(frozen=True)
 class ServoSymbols:
-    """A servo, as `robot.model.Servo` has it; None is no limit. Of rates it has no stiffness."""
+    """A servo, as `robot.parts.servo` has it; None is no limit. Of rates it has no stiffness."""
 
     damping: sp.Expr
     delay: sp.Expr

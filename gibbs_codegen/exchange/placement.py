@@ -14,11 +14,11 @@ from functools import cached_property
 
 import numpy as np
 
+from gibbs_codegen.robot.parts.numbers import LEVEL as LEVEL
 from gibbs_codegen.robot.parts.numbers import Angles3, Vector3
 from gibbs_codegen.robot.parts.pose import Pose
 from gibbs_codegen.robot.placement import Array, turn_of_rpy
 
-LEVEL: Angles3 = (Fraction(0), Fraction(0), Fraction(0))
 # Of products of rotations: a few units in the last place, in degrees and in entries of a matrix.
 _ROUNDING_DEG = Fraction(1, 10**12)
 _ROUNDING = 1e-15

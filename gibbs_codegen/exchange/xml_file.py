@@ -264,7 +264,7 @@ def expanded(path: Path, arguments: Mapping[str, object]) -> bytes:
     for name in arguments:
         if name not in known:
             words = f"it has no argument {printable(name, 60)}{near(name, known)}{there_are}"
-        elif not re.search(rf"\$[({{][^<\n]*\b{re.escape(name)}\b", "\n".join(texts)):
+        elif not re.search(rf"\$[({{][^<]*\b{re.escape(name)}\b", "\n".join(texts)):
             words = words or f"its argument {printable(name, 60)} is used nowhere; leave it out"
     if words:
         raise refusal(path, f"cannot be expanded: {words}")

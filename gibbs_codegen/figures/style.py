@@ -133,6 +133,7 @@ def save_figures(
                 drawn = io.BytesIO()
                 # `Figure.savefig` would lay it out, and draw it, once more.
                 canvas = get_registered_canvas_class(suffix)(figure)
+                figure.dpi = _STYLE["savefig.dpi"]  # Files of vectors leave another.
                 with style():
                     getattr(canvas, f"print_{suffix}")(drawn, metadata=_METADATA.get(suffix))
                 path.write_bytes(drawn.getbuffer())

@@ -132,14 +132,9 @@ _CONFIG = pydantic.ConfigDict(
 AnyTable = TypeVar("AnyTable", bound="Table")
 
 
-def key(words: str, name: str | None = None, mark: object = None) -> Any:
-    """Metadata of a field: what it is, with its unit, and its key where that is another name.
-
-    A mark is what else is to be known of the field, in its metadata.
-    """
-    made = pydantic.Field(description=words, validation_alias=name)
-    made.metadata += [] if mark is None else [mark]
-    return made
+def key(words: str, name: str | None = None) -> Any:
+    """Metadata of a field: what it is, with its unit, and its key where that is another name."""
+    return pydantic.Field(description=words, validation_alias=name)
 
 
 def entry(words: str, default: Any = None, **more: Any) -> Any:

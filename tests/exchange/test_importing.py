@@ -465,7 +465,8 @@ PART = """
 <!-- an empty line -- and two hyphens -->
 <robot xmlns:xacro="http://www.ros.org/wiki/xacro"><xacro:arg name="factor" default="2"/>
   <xacro:property name="m" value="$(arg mass)"/>
-  <xacro:property name="factor" value="$(arg factor)"/>
+  <xacro:property name="factor" value="${1 *
+    int(xacro.arg('factor'))}"/>
 </robot>"""
 
 

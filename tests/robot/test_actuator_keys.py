@@ -115,6 +115,10 @@ def test_what_does_not_go_together_is_refused(good: str, bad: str, words: str) -
         ('comand = "throttle"\nmax_thrust = 8\ncommand_limits = [0.1, 1]', "comand: unknown key"),
         ('command = "throtle"\nhub_drag = 0.1', "command: must be one of"),
         (
+            "thrust_curve = [0, 0, 1e-6]\nhub_drag = 1e-4",
+            'command: missing: give "speed" or "throttle"',
+        ),
+        (
             "full_speed = 900\nthrust_constant = 1e-5\ncommand_limits = [0, 1]",
             'command: missing: give "throttle"; thrusts are commanded without thrust_constant, '
             "command_limits, full_speed",
@@ -124,6 +128,12 @@ def test_what_does_not_go_together_is_refused(good: str, bad: str, words: str) -
 def test_a_command_that_is_wrong_or_missing_is_one_fault(bad: str, words: str) -> None:
     with pytest.raises(RobotFileError, match=f"rotor 4: {re.escape(words)}") as refused:
         parse_robot(TEXT.replace("limits        = [0, 9]", bad))
+    assert len(refused.value.faults) == 1
+
+
+def test_a_misspelt_command_of_a_servo_is_one_fault() -> None:
+    with pytest.raises(RobotFileError, match="did you mean 'rate'") as refused:
+        parse_robot(TEXT.replace("stiffness = 400, damping = 8", "command = 'rat', damping = 8"))
     assert len(refused.value.faults) == 1
 
 

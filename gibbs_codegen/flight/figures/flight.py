@@ -213,7 +213,7 @@ def write_results(
         progress("time series", 0.0)
         flight.write_npz(staging / "flight.npz")
         flight.write_csv(staging / "flight.csv")
-        if figures:
+        if figures and formats:
             progress("figures", 0.0)
             write_figures(flight, staging, formats)
         if animation:

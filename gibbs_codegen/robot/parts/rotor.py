@@ -105,6 +105,8 @@ POLAR_KEYS = ("radius", "azimuth_deg", "height")
 LEAN_KEYS = ("tilt_deg", "cant_deg")
 # Keys that tell the thrust by the command, of which a rotor that is read has the first.
 _CURVES = ("thrust_curve", "thrust_constant", "max_thrust")
+# Keys that no rotor has which is commanded thrusts.
+_DRIVEN = (*_CURVES, "thrust_model_factor", "command_limits", "full_speed")
 # Keys of rotors that are commanded throttles, and those that need the speed of the rotor.
 _OF_THROTTLES = ("max_thrust", "full_speed")
 _BY_SPEED = ("hub_drag", "inflow", "thrust_by_advance")
@@ -373,7 +375,9 @@ def leaning_direction(azimuth_deg: Fraction, tilt_deg: Fraction, cant_deg: Fract
 
 
 def _speed_known(values: Mapping[str, Any]) -> bool:
-    """Whether the keys of a rotor tell its speed, or may do so if its command is misspelt."""
+    """Whether keys of a rotor tell its speed, or may if its command is misspelt or missing."""
+    if "command" not in values and any(key in values for key in _DRIVEN):
+        return True
     command = values.get("command", "thrust")
     if command == "thrust" or (command == "throttle" and "full_speed" not in values):
         return "speed_per_sqrt_thrust" in values
@@ -386,8 +390,7 @@ def _drive_faults(values: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
     if command not in COMMANDS:
         return
     curves = [key for key in _CURVES if key in values]
-    others = ("thrust_model_factor", "command_limits", "full_speed")
-    if command == "thrust" and (driven := [*curves, *(key for key in others if key in values)]):
+    if command == "thrust" and (driven := [key for key in _DRIVEN if key in values]):
         right = '"speed"' if "thrust_constant" in curves else '"speed" or "throttle"'
         if {*_OF_THROTTLES, "thrust_model_factor"} & {*driven}:
             right = '"throttle"'

@@ -66,6 +66,8 @@ class Servo(Part):
             if values.get("damping", 0.0) == 0.0:
                 yield "damping", "must be given, above 0: by it the servo pushes towards a rate"
             return
+        if values.get("command", "position") != "position":  # That is a fault by itself.
+            return
         if "stiffness" not in values:
             yield "stiffness", cls._missing("stiffness")
         if "rate" in values and values.get("delay", 0.0) == 0.0:

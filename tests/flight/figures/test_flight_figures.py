@@ -522,8 +522,8 @@ def test_files_in_order_and_twice_the_same(
     written = figures.write_figures(paper, tmp_path / "new" / "once", FORMATS)
     names = [f"constraint_torques.{suffix}" for suffix in FORMATS]
     assert [path.name for path in written] == names
-    again = figures.write_figures(paper, tmp_path / "twice", FORMATS)
-    for path, other in zip(written, again, strict=True):
+    again = figures.write_figures(paper, tmp_path / "twice", FORMATS[::-1])
+    for path, other in zip(written, again[::-1], strict=True):
         content = path.read_bytes()
         assert content.startswith(_BEGINNINGS[path.suffix])
         assert b"CreationDate" not in content
