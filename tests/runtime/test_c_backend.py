@@ -493,7 +493,7 @@ def test_numpy_serves_where_nothing_can_be_kept(
 @pytest.mark.slow
 def test_a_module_without_c_is_refused(tmp_path: Path) -> None:
     folder = generate("hexarotor", tmp_path, targets=("numpy",), verify=False)
-    with pytest.raises(UsageError, match=r"no hexarotor\.h"):
+    with pytest.raises(UsageError, match=r"has no gibbs_runtime\.h, hexarotor\.h"):
         load(folder, backend="c")
     with pytest.raises(UsageError, match="threads"):
         load(folder, threads=0)
