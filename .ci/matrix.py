@@ -127,7 +127,7 @@ class Environment:
         for line in WALK.strip().splitlines():
             self.run("gibbs-codegen", *line.split())
         self.run("python", "-c", BOTH_BACK_ENDS)
-        if not (self.folder / "flight" / "snapshots.pdf").stat().st_size:
+        if not (self.folder / "flight" / "snapshots.png").stat().st_size:
             raise FailedError(f"{self.label}: simulate leaves an empty figure")
 
     def check(self) -> None:
