@@ -65,11 +65,11 @@ def test_every_output_has_its_derivation_and_no_other_is_there() -> None:
 
 @pytest.mark.slow
 def test_every_target_has_a_function_that_was_added(folder: Path) -> None:
-    numpy, source, header = (
+    numpy, source, batches, header = (
         (folder / name).read_text(encoding="utf-8")
         for name in (
             "numpy_module.py",
-            *(f"quadrotor_2link{ending}" for ending in (".c", ".h")),
+            *(f"quadrotor_2link{ending}" for ending in (".c", "_batch.c", ".h")),
         )
     )
     assert f"\ndef {NAME}(" in numpy
@@ -77,7 +77,7 @@ def test_every_target_has_a_function_that_was_added(folder: Path) -> None:
     for text in (source, header):
         assert re.search(rf"\bquadrotor_2link_{NAME}\(", text)
     assert re.search(rf"\bquadrotor_2link_{NAME}_batch\(", header)
-    assert f"\nvoid BATCH({NAME})(" in source
+    assert f"\nvoid BATCH({NAME})(" in batches
     for text in (numpy, header):
         assert ADDED.summary in text
         assert "theta_m1 [N m]" in text
