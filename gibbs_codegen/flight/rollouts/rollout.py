@@ -222,8 +222,8 @@ def rollout(
             "jax_enable_x64, or load the module with the back end c"
         )
     inputs, feedback = arguments.control(control)
-    q, v = (arguments.xp.repeat(each, arguments.count() // len(each), 0) for each in (q, v))
-    states, taken = (q, parameters or {}), (float(dt), method)
+    states = arguments.xp.repeat(q, arguments.count() // len(q), 0), parameters or {}
+    taken = float(dt), method
     varied = wind, payloads
     surrounded = rollout_surroundings(arguments, walls, surroundings, varied, states, taken)
     warn_of_long_steps(module, dt, method, parameters or {})
@@ -239,6 +239,8 @@ def rollout(
         wrenches = push if wrenches is None else wrenches + push
     if bounds is not None:
         bounds = arguments.range("bounds", bounds, q.shape[1] + v.shape[1])
+    # Wind and payloads, too, may be of more states.
+    q, v = (arguments.xp.repeat(each, arguments.count() // len(each), 0) for each in (q, v))
     if callable(control):
         inputs = arguments.commands(control(0.0, q.copy(), v.copy()))
     around, figures = surrounded.around, surrounded.figures
