@@ -1,4 +1,4 @@
-"""What motors, servos, friction and the battery make of commands, from the robot's numbers.
+"""The work of motors, servos, friction and the battery on commands, from the robot's numbers.
 
 It is told case by case, as the page of the robot file does, while the derivation makes its choices
 of signs. Sizes are those of the terms that a number is made of: its error is a share of them.
@@ -13,7 +13,7 @@ import numpy as np
 from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.robot.parts.battery import Battery
 from gibbs_codegen.robot.parts.rotor import Drive
-from gibbs_codegen.verification.vectors import Array, Measured
+from gibbs_codegen.verification.vectors import Array, Sized
 
 _HOUR = 3600.0
 # One of so many states takes more than the battery can give: levels grow until it does.
@@ -23,7 +23,7 @@ _SMOOTH = 0.1
 
 
 class Motions(NamedTuple):
-    """What the functions of actuators are given at s states.
+    """Arguments of the functions of actuators at s states.
 
     Coordinates and rates (s, joints) of the joints that move, thrusts and torques u (s, nu), the
     state x (s, nx) of the actuators, and their commands (s, nu).
@@ -43,11 +43,11 @@ class _Discharge(NamedTuple):
     """
 
     margin: Array
-    voltage: Measured
-    rate: Measured
+    voltage: Sized
+    rate: Sized
 
 
-class Actuators:
+class ActuatorOracle:
     """The actuators of a robot.
 
     Commands are those of the rotors and then of the joints. The state has the levels of the rotors
@@ -70,36 +70,36 @@ class Actuators:
         ]
         self.followed = [*rotors, *servos]
 
-    def at(self, given: Motions) -> dict[str, Measured]:
-        """What each function of the module returns."""
-        levels = given.command.copy()
-        levels[:, self.followed] = given.x[:, : len(self.followed)]
+    def at(self, motions: Motions) -> dict[str, Sized]:
+        """Results of every function of the module, by name."""
+        levels = motions.command.copy()
+        levels[:, self.followed] = motions.x[:, : len(self.followed)]
         rotors = range(len(self._drives))
-        commanded = [self._thrust(k, given.command[:, k]) for k in rotors]
+        commanded = [self._thrust(k, motions.command[:, k]) for k in rotors]
         acting = [self._thrust(k, levels[:, k]) for k in rotors]
         speeds = [self._speed(k, levels[:, k]) for k in rotors]
-        torques = [self._torque(j, levels, given) for j in range(len(self._joints))]
-        positions = [self._position(j, given) for j in range(len(self._joints))]
-        wanted = [self._level(k, given.u[:, k]) for k in rotors]
-        kept = [Measured(x, np.abs(x)) for x in given.command[:, self.followed].T]
+        torques = [self._torque(j, levels, motions) for j in range(len(self._joints))]
+        positions = [self._position(j, motions) for j in range(len(self._joints))]
+        wanted = [self._level(k, motions.u[:, k]) for k in rotors]
+        kept = [Sized(x, np.abs(x)) for x in motions.command[:, self.followed].T]
         if self._battery is not None:
             full = np.ones(len(levels))
-            kept.append(Measured(full, full))
-        found = {
+            kept.append(Sized(full, full))
+        columns_of = {
             "thrusts_of": commanded,
             "command_of": [*wanted, *positions],
             "inputs_of": [*acting, *torques],
-            "actuator_rates": self._rates(levels, given),
+            "actuator_rates": self._rates(levels, motions),
             "actuator_state_of": kept,
-            "rotor_speeds": [Measured(speed, np.abs(speed)) for speed in speeds],
+            "rotor_speeds": [Sized(speed, np.abs(speed)) for speed in speeds],
         }
-        # Of no rotors, or no state, there is no function.
-        return {name: _beside(columns) for name, columns in found.items() if columns}
+        # Without rotors, or without states, there is no function.
+        return {name: _beside(columns) for name, columns in columns_of.items() if columns}
 
-    def _thrust(self, k: int, level: Array) -> Measured:
+    def _thrust(self, k: int, level: Array) -> Sized:
         """Thrust of a rotor at a level, N."""
         terms = [factor * level**power for power, factor in enumerate(self._drives[k].curve)]
-        return Measured(np.sum(terms, axis=0), np.sum(np.abs(terms), axis=0))
+        return Sized(np.sum(terms, axis=0), np.sum(np.abs(terms), axis=0))
 
     def _speed(self, k: int, level: Array) -> Array:
         """Speed of a rotor at a level, rad/s; 0 where it is not known."""
@@ -110,27 +110,27 @@ class Actuators:
             return (drive.full_speed or 0.0) * level
         return self._known[k] * np.copysign(np.sqrt(np.abs(level)), level)
 
-    def _level(self, k: int, thrust: Array) -> Measured:
+    def _level(self, k: int, thrust: Array) -> Sized:
         """The level of a thrust where the curve rises, or that at which it turns."""
         constant, slope, square = self._drives[k].curve
         rest, size = thrust - constant, np.abs(thrust) + abs(constant)
         if square == 0.0:
-            return Measured(rest / slope, size / abs(slope))
+            return Sized(rest / slope, size / abs(slope))
         radicand, terms = slope**2 + 4.0 * square * rest, slope**2 + 4.0 * abs(square) * size
         with np.errstate(divide="ignore"):
             lost = terms / np.sqrt(np.abs(radicand))
         root = np.sqrt(np.maximum(radicand, 0.0))
         within = (abs(slope) + root + lost) / (2.0 * abs(square))
-        return Measured((root - slope) / (2.0 * square), within)
+        return Sized((root - slope) / (2.0 * square), within)
 
-    def _torque(self, j: int, levels: Array, given: Motions) -> Measured:
+    def _torque(self, j: int, levels: Array, motions: Motions) -> Sized:
         """Torque or force of a joint, with its friction."""
-        link, rate = self._joints[j], given.rates[:, j]
+        link, rate = self._joints[j], motions.rates[:, j]
         reference = levels[:, len(self._drives) + j]
         value, size = reference, np.abs(reference)
         if servo := link.servo:
-            way = reference - given.angles[:, j]
-            size = np.abs(reference) + np.abs(given.angles[:, j]) + abs(servo.backlash)
+            way = reference - motions.angles[:, j]
+            size = np.abs(reference) + np.abs(motions.angles[:, j]) + abs(servo.backlash)
             way = way - np.clip(way, -0.5 * servo.backlash, 0.5 * servo.backlash)
             value = servo.stiffness * way - servo.damping * rate
             size = servo.stiffness * size + np.abs(servo.damping * rate)
@@ -144,63 +144,63 @@ class Actuators:
             most = dry.coulomb * (1.0 - falling) + dry.static * falling
             value = value - most * rate / np.hypot(rate, _SMOOTH * dry.velocity)
             size = size + abs(dry.coulomb) + abs(dry.static)
-        return Measured(value, size)
+        return Sized(value, size)
 
-    def _position(self, j: int, given: Motions) -> Measured:
+    def _position(self, j: int, motions: Motions) -> Sized:
         """The command of a joint that gives a torque or force at rest."""
-        servo, torque = self._joints[j].servo, given.u[:, len(self._drives) + j]
+        servo, torque = self._joints[j].servo, motions.u[:, len(self._drives) + j]
         if servo is None:
-            return Measured(torque, np.abs(torque))
+            return Sized(torque, np.abs(torque))
         if servo.command == "rate":
-            terms = [given.rates[:, j], torque / servo.damping]
+            terms = [motions.rates[:, j], torque / servo.damping]
         else:
-            pushed = torque, servo.damping * given.rates[:, j]
-            terms = [given.angles[:, j], *(x / servo.stiffness for x in pushed)]
-        return Measured(np.sum(terms, axis=0), np.sum(np.abs(terms), axis=0))
+            pushed = torque, servo.damping * motions.rates[:, j]
+            terms = [motions.angles[:, j], *(x / servo.stiffness for x in pushed)]
+        return Sized(np.sum(terms, axis=0), np.sum(np.abs(terms), axis=0))
 
-    def _rates(self, levels: Array, given: Motions) -> list[Measured]:
+    def _rates(self, levels: Array, motions: Motions) -> list[Sized]:
         """Rates of the state."""
-        battery = self._battery and self._discharge(self._battery, levels, given.x[:, -1])
-        found = []
+        battery = self._battery and self._discharge(self._battery, levels, motions.x[:, -1])
+        rates = []
         for k in self.followed:
-            command, level = given.command[:, k], levels[:, k]
+            command, level = motions.command[:, k], levels[:, k]
             if k < len(self._drives):
                 voltage = battery.voltage if battery else None
-                found.append(self._level_rate(self._drives[k], command, level, voltage))
+                rates.append(self._level_rate(self._drives[k], command, level, voltage))
             elif servo := self._joints[k - len(self._drives)].servo:
                 rate = (command - level) / servo.delay
                 size = (np.abs(command) + np.abs(level)) / servo.delay
                 limit = (servo.command == "position" and servo.rate) or np.inf
-                found.append(Measured(np.clip(rate, -limit, limit), size))
+                rates.append(Sized(np.clip(rate, -limit, limit), size))
         if battery:
-            left = given.x[:, -1] > 0.0
-            found.append(Measured(left * battery.rate.value, battery.rate.size))
-        return found
+            left = motions.x[:, -1] > 0.0
+            rates.append(Sized(left * battery.rate.value, battery.rate.size))
+        return rates
 
     def _level_rate(
-        self, drive: Drive, command: Array, level: Array, voltage: Measured | None
-    ) -> Measured:
+        self, drive: Drive, command: Array, level: Array, voltage: Sized | None
+    ) -> Sized:
         """Rate of a rotor's level."""
         target, size = command, np.abs(command)
         if drive.command == "throttle" and self._battery and voltage:
             target = command * voltage.value / self._battery.nominal
             size = size * voltage.size / self._battery.nominal
         time = np.where(target > level, drive.up, drive.down)
-        return Measured((target - level) / time, (size + np.abs(level)) / time)
+        return Sized((target - level) / time, (size + np.abs(level)) / time)
 
-    def _power(self, battery: Battery, levels: Array) -> Measured:
-        """What the battery is to give, W."""
+    def _power(self, battery: Battery, levels: Array) -> Sized:
+        """Power drawn from the battery, W."""
         auxiliary = np.full(len(levels), battery.auxiliary)
-        powers = [Measured(auxiliary, np.abs(auxiliary))]
+        powers = [Sized(auxiliary, np.abs(auxiliary))]
         for k, drag in enumerate(self._drags):
             thrust, speed = self._thrust(k, levels[:, k]), self._speed(k, levels[:, k])
             by_torque = np.abs(drag * speed) / battery.efficiency
-            powers.append(Measured(by_torque * np.abs(thrust.value), by_torque * thrust.size))
+            powers.append(Sized(by_torque * np.abs(thrust.value), by_torque * thrust.size))
         values, sizes = zip(*powers, strict=True)
-        return Measured(sum(values), sum(sizes))
+        return Sized(sum(values), sum(sizes))
 
     def _discharge(self, battery: Battery, levels: Array, charge: Array) -> _Discharge:
-        """What the battery gives at levels of the rotors and a charge."""
+        """Current, voltage and rate of charge of the battery at levels of rotors and a charge."""
         power, resistance = self._power(battery, levels), battery.resistance
         places = np.linspace(0.0, 1.0, len(battery.voltages))
         unloaded, largest = np.interp(charge, places, battery.voltages), 2 * max(battery.voltages)
@@ -210,11 +210,11 @@ class Actuators:
             lost = (largest**2 + 4.0 * resistance * power.size) / np.sqrt(np.abs(margin))
         size, current = largest + lost, power.value / voltage
         share = 1.0 / (_HOUR * battery.capacity * voltage)
-        taken = Measured(-share * power.value, share * (power.size + np.abs(current) * size))
-        return _Discharge(margin, Measured(voltage, size), taken)
+        taken = Sized(-share * power.value, share * (power.size + np.abs(current) * size))
+        return _Discharge(margin, Sized(voltage, size), taken)
 
     def units(self, efforts: Array, scales: Array) -> tuple[Array, Array]:
-        """What states x and commands of natural size are, (nx,) and (nu,).
+        """Natural sizes of states x and commands, (nx,) and (nu,).
 
         `efforts` (nu,) are such thrusts and torques, `scales` (joints,) such coordinates.
         """
@@ -282,7 +282,7 @@ class Actuators:
         return states, commands
 
 
-def _beside(columns: list[Measured]) -> Measured:
+def _beside(columns: list[Sized]) -> Sized:
     """Numbers side by side, (s, columns)."""
     values, sizes = zip(*columns, strict=True)
-    return Measured(np.stack(values, axis=-1), np.stack(sizes, axis=-1))
+    return Sized(np.stack(values, axis=-1), np.stack(sizes, axis=-1))

@@ -20,7 +20,7 @@ from gibbs_codegen.errors import MissingFunctionError
 from gibbs_codegen.interface import LANES
 from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.runtime import rollouts
-from gibbs_codegen.verification.comparison import Comparison, Evaluation, compared, failed, merged
+from gibbs_codegen.verification.comparison import Comparison, Results, compared, failed, merged
 from gibbs_codegen.verification.equations import Expected
 from gibbs_codegen.verification.formulation import formulated
 from gibbs_codegen.verification.newton_euler import NewtonEuler
@@ -42,11 +42,11 @@ _DETERMINED = 1e-6
 _HIDDEN = "in single precision, rounding hides the inertia of a degree of freedom"
 # As many sets of other parameters are looked at for one that single precision can compute with.
 _VARIATIONS = 16
-# What no function computes.
+# A number that no function computes.
 _GUARD = -1.2345e30
 
 
-class CProgram(Evaluation):
+class CResults(Results):
     """The functions of a library in one precision, called as the module's header says."""
 
     def __init__(
@@ -155,7 +155,7 @@ def in_blocks(rows: Array, unused: Array, lanes: int = LANES) -> Array:
 def compare_c_program(path: str, module: ModuleType, robot: Robot, seed: int) -> list[Comparison]:
     """Compare batches whose last block is not full, and `pack` and `unpack`."""
     tree = Tree(robot)
-    program = CProgram(path, module, _batches_within(tree))
+    program = CResults(path, module, _batches_within(tree))
     states = States.extreme(tree, sum(_batches_within(tree)), (seed, 3))
     rows = Expected(formulated(NewtonEuler(tree)), states).compare_functions(
         program, states, PARTIAL
@@ -198,7 +198,7 @@ def compare_single_precision(
     if not determined(robot, _DETERMINED):
         return [], {SINGLE_PRECISION: _HIDDEN}
     batches = _batches_within(tree, _SINGLE_BATCHES)
-    program = CProgram(path, module, batches, single=True)
+    program = CResults(path, module, batches, single=True)
     others = (variation(robot, module.PARAMETERS, seed, number) for number in range(_VARIATIONS))
     other = next((other for other in others if determined(other, _DETERMINED)), robot)
     not_done = {f"{SINGLE_PRECISION}, other parameters": _HIDDEN} if other is robot else {}
@@ -244,20 +244,20 @@ def compare_rollouts(
         sizes = Sizes(tree, states)
         conditions = np.linalg.cond(numpy.mass_matrix(states.q) / sizes.free_matrix)
         fittest = np.argsort(conditions)[:_STATES]
-        # What accelerations lose of their digits, by the mass matrix or beside a large robot.
+        # Digits that accelerations lose, by the mass matrix or beside a large robot.
         lost = max(float(conditions[fittest[-1]]), sizes.disparity)
         limit = _ROUNDINGS * float(np.finfo(rollouts.REALS[precision]).eps) * lost
         if limit > _LARGEST:
             return [], {f"{ROLLOUTS} in {precision} precision": "rounding leaves too few digits"}
         states, dt = _suited(numpy, States(*(x[fittest] for x in vars(states).values())))
         for problem in _problems(numpy, tree, states, dt):
-            own = replace(problem, precision=precision)
-            ours = rollouts.compiled_rollout(own, flags=flags, generated=generated)
+            rounded = replace(problem, precision=precision)
+            ours = rollouts.compiled_rollout(rounded, flags=flags, generated=generated)
             for name, theirs in vars(rollouts.numpy_rollout(problem)).items():
                 if theirs is not None:
                     size = np.abs(theirs).max(axis=tuple(range(theirs.ndim))[:2])
-                    found = getattr(ours, name)
-                    rows.append(compared(ROLLOUTS, against, found, theirs, size, limit))
+                    values = getattr(ours, name)
+                    rows.append(compared(ROLLOUTS, against, values, theirs, size, limit))
     except MissingFunctionError:
         raise
     except Exception as error:  # Whatever was done to the module.
@@ -328,7 +328,7 @@ def _problems(
     sizes = np.concatenate([tree.scales[tree.free], np.abs(states.v).max(axis=0)])
     gain = rng.uniform(-0.5, 0.5, (len(most), len(sizes))) * most[:, None] / sizes
     q, v = states.q[::-1, None], states.v[::-1, None]
-    # Of a rotor, motors lag in every second state.
+    # The motor of each rotor lags in every second state.
     lags = np.add.outer(np.arange(_STATES), np.arange(rotors)) % 2 * (0.0 if driven else dt)
     lags = lags * rng.uniform(0.5, 5.0, lags.shape)
     motors = rollouts.Motors(-0.4 * most, 0.6 * most, 0.0 * lags, states.u[::-1, :rotors])

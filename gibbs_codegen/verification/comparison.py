@@ -20,7 +20,7 @@ UNKNOWN = 1e200
 
 @dataclass(frozen=True)
 class Comparison:
-    """What was compared with what over so many states, and the largest error relative to its size.
+    """One comparison over a number of states: the largest error of a quantity relative to its size.
 
     `limit` is the largest error that passes; `fault` says what is wrong where there is more to it
     than a number. In `unclear` states besides rounding decides, and nothing was compared.
@@ -36,7 +36,7 @@ class Comparison:
 
     @property
     def passed(self) -> bool:
-        """Whether the error is within its limit; what is not a number is not."""
+        """True if the error is within its limit; NaN is not."""
         return self.error <= self.limit and not self.fault
 
 
@@ -58,7 +58,7 @@ def compared(
     if ours.shape != theirs.shape:
         fault = f"shape {ours.shape} instead of {theirs.shape}"
         return Comparison(what, against, len(theirs), np.inf, limit, fault)
-    # What is zero by nature must be zero.
+    # Entries that are zero by nature must be zero.
     with np.errstate(divide="ignore", invalid="ignore"):
         errors = np.where(ours == theirs, 0.0, np.abs(ours - theirs) / size)
     error = np.inf if np.isnan(errors).any() else float(errors.max(initial=0.0))
@@ -94,7 +94,7 @@ def explained(comparisons: Iterable[Comparison], faults: Mapping[str, str]) -> l
 
 
 def failure_text(comparison: Comparison) -> str:
-    """What failed against what, and why."""
+    """One line of text: the quantity that failed, its counterpart, and the reason."""
     against = f" against {comparison.against}" if comparison.against else ""
     text = f"{comparison.what}{against}: "
     if comparison.fault:
@@ -112,7 +112,7 @@ def shown(comparison: Comparison) -> tuple[str, str]:
     return error, limit
 
 
-class Evaluation:
+class Results:
     """A module with the constants that it is to use, and the results of its functions by name.
 
     For a function that fails, or does not return an array of its shape, the results are NaN: no
@@ -143,7 +143,7 @@ class Evaluation:
         return values
 
     def has(self, *names: str) -> bool:
-        """Whether the module has all of these functions."""
+        """True if the module has all of these functions."""
         return self.signatures.keys() >= {*names}
 
     def results(self, name: str, states: States, singly: bool = False) -> dict[str, Array]:
@@ -153,8 +153,8 @@ class Evaluation:
             states = self.stepping(states)
         arguments = [getattr(states, letter) for letter in letters]
         if singly or not (arguments or self._leading):
-            each = [self._arrays(name, [x[i] for x in arguments]) for i in range(len(states))]
-            arrays = [np.array(array) for array in zip(*each, strict=True)]
+            calls = [self._arrays(name, [x[i] for x in arguments]) for i in range(len(states))]
+            arrays = [np.array(array) for array in zip(*calls, strict=True)]
         else:
             arrays = self._arrays(name, arguments)
         outputs = FUNCTIONS[name].outputs
@@ -199,6 +199,6 @@ class Evaluation:
         return arrays
 
     def _computed(self, name: str, arguments: Sequence[Array]) -> Any:
-        """What a function returns, as a sequence of its outputs."""
+        """Results of a function, as a sequence of its outputs."""
         results = getattr(self.module, name)(*arguments, **self._keywords)
         return (results,) if len(self.signatures[name].shapes) == 1 else results

@@ -154,17 +154,17 @@ class ComplexSteps:
         along = self._moved({name: x[:, 0] for name, x in there.items()}, Dual(0.0, 1.0))
         along = {name: x[:, :, None] for name, x in along.items()}
         slopes = function(**self._moved(along, 1j * _STEP)).slope.imag / _STEP
-        found = np.einsum("sijk,sk->sij", slopes, w)
-        return 0.5 * (found + np.swapaxes(found, 1, 2))
+        second = np.einsum("sijk,sk->sij", slopes, w)
+        return 0.5 * (second + np.swapaxes(second, 1, 2))
 
     def by_parameters(self, function: Function, at: Arguments) -> Array:
         """Derivatives (s, rows …, np) by the module's parameters."""
         values, count = self._values, len(self._values)
         moved = zip(values.items(), 1j * _STEP * np.eye(count), strict=True)
         self._values = {name: value + step for (name, value), step in moved}
-        found = function(**{x: np.repeat(y[:, None], count, axis=1) for x, y in at.items()})
+        derivatives = function(**{x: np.repeat(y[:, None], count, axis=1) for x, y in at.items()})
         self._values = values
-        return np.moveaxis(found.imag, 1, -1) / _STEP
+        return np.moveaxis(derivatives.imag, 1, -1) / _STEP
 
     def displacements(self, q: Array, rates: Array) -> Array:
         """Displacements (s, nv, columns) in the tangent space that change q (s, nq) at `rates`."""

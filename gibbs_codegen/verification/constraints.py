@@ -1,4 +1,4 @@
-"""What constraints of frames do, by dense matrices from the masses and Jacobians of a formulation.
+"""Effects of constraints of frames, by dense matrices from a formulation's masses and Jacobians.
 
 Forces are the least by the pseudo-inverse of J M⁻¹ Jᵀ. An error of theirs is a share of the terms
 that they are made of, times how badly that is conditioned; where it is not clear which rank it has,
@@ -17,7 +17,7 @@ from gibbs_codegen.verification.comparison import UNKNOWN
 from gibbs_codegen.verification.formulation import Quantities
 from gibbs_codegen.verification.states import Sizes, States
 from gibbs_codegen.verification.tree import Tree
-from gibbs_codegen.verification.vectors import Array, Measured, cross, times
+from gibbs_codegen.verification.vectors import Array, Sized, cross, times
 
 # Name of an array that a function returns, its value, and the sizes of its entries.
 Row = tuple[str, Array, Array]
@@ -29,7 +29,7 @@ _ZERO, _CLEAR = 1e-13, 1e3
 _LOST = 100.0
 
 
-class Frames(NamedTuple):
+class FrameMotion(NamedTuple):
     """Placement (s, 3, 3) and (s, 3), Jacobian (s, 6, nv) and bias (s, 6) of a frame; its number.
 
     The bias is zero where the formulation has none.
@@ -45,70 +45,72 @@ class Constraints:
     """The constraints of a robot, whose module computes with some rounding error."""
 
     def __init__(self, tree: Tree, rounding: float) -> None:
-        self._tree, self.each, self._rounding = tree, tree.constraints, rounding
+        self._tree, self._ties, self._rounding = tree, tree.constraints, rounding
 
-    def rows(self, found: Quantities, states: States, sizes: Sizes, driven: Array) -> Iterator[Row]:
+    def rows(
+        self, values: Quantities, states: States, sizes: Sizes, driven: Array
+    ) -> Iterator[Row]:
         """Each array that a function returns, with sizes of its entries.
 
         In place of the accelerations come the generalised forces Jᵀ f. `driven` (s, nv) is R + B u.
         """
         tree = self._tree
-        parts = [self._rows(own, found, states, sizes) for own in self.each]
+        parts = [self._rows(tie, values, states, sizes) for tie in self._ties]
         errors, jacobian, bias, back = (
-            Measured(*(np.concatenate(x, axis=1) for x in zip(*each, strict=True)))
-            for each in zip(*parts, strict=True)
+            Sized(*(np.concatenate(x, axis=1) for x in zip(*terms, strict=True)))
+            for terms in zip(*parts, strict=True)
         )
         yield "constraint_errors", *errors
         yield "constraint_jacobian", *jacobian
-        if found.bias_accelerations is not None:
+        if values.bias_accelerations is not None:
             yield "constraint_bias", *bias
-        owners = np.repeat(range(len(self.each)), [len(ROWS[own.holds]) for own in self.each])
+        owners = np.repeat(range(len(self._ties)), [len(ROWS[tie.holds]) for tie in self._ties])
         held = states.active[:, owners]
-        matrix = found.mass_matrix[:, tree.free][:, :, tree.free]
+        matrix = values.mass_matrix[:, tree.free][:, :, tree.free]
         j = jacobian.value * held[:, :, None]
         moved = np.linalg.solve(matrix, np.swapaxes(j, -1, -2))
         inverse, condition = self._inverse(matrix, j, sizes)
         clear = np.isfinite(condition)
-        known = np.where(clear, 0.0, UNKNOWN)
+        unknown = np.where(clear, 0.0, UNKNOWN)
         condition = np.where(clear, condition, 1.0)
-        size = _largest(inverse) * condition[:, None, None] + known[:, None, None]
+        size = _largest(inverse) * condition[:, None, None] + unknown[:, None, None]
         yield "operational_inertia", inverse, size
 
         units = sizes.free_units
 
-        def taken(right: Measured) -> tuple[Measured, Measured]:
+        def taken(right: Sized) -> tuple[Sized, Sized]:
             """Forces that take accelerations or velocities away, and what they do to v."""
             size = times(np.abs(inverse), held * right.size) * condition[:, None]
             size = held * size.max(axis=-1, keepdims=True)  # Some rows may hold what cannot move.
             forces = -times(inverse, held * right.value)
             moves = units * times(np.abs(moved), size)
-            moves = moves.max(axis=-1, keepdims=True) / units + known[:, None]
-            return Measured(forces, size + known[:, None]), Measured(times(moved, forces), moves)
+            moves = moves.max(axis=-1, keepdims=True) / units + unknown[:, None]
+            return Sized(forces, size + unknown[:, None]), Sized(times(moved, forces), moves)
 
-        moving = Measured(times(j, states.v), times(jacobian.size, np.abs(states.v)))
+        moving = Sized(times(j, states.v), times(jacobian.size, np.abs(states.v)))
         impulses, gain = taken(moving)
         yield "impact.velocities_after", states.v + gain.value, np.abs(states.v) + gain.size
         yield "impact.impulses", *impulses
         _, way = taken(errors)
         yield "constraint_projection", *way
-        if found.bias_accelerations is not None:
+        if values.bias_accelerations is not None:
             free = np.linalg.solve(matrix, driven[..., None])[..., 0]
             value = times(j, free) + bias.value + back.value
             size = times(jacobian.size, np.abs(free)) + bias.size + back.size
-            forces, _ = taken(Measured(value, size))
+            forces, _ = taken(Sized(value, size))
             yield "constrained_forward_dynamics.forces", *forces
             pushed = np.einsum("slj,sl->sj", jacobian.size, forces.size)
             yield ACCELERATION, np.einsum("slj,sl->sj", j, forces.value), pushed
 
-    def conditions(self, found: Quantities, states: States, sizes: Sizes) -> tuple[Array, Array]:
+    def conditions(self, values: Quantities, states: States, sizes: Sizes) -> tuple[Array, Array]:
         """By how much errors of forces are stretched, (s,), and M⁻¹ Jᵀ (s, nv, l) of the active.
 
         The first is infinity where that is not clear.
         """
-        rows = [self._rows(own, found, states, sizes)[1].value for own in self.each]
+        rows = [self._rows(tie, values, states, sizes)[1].value for tie in self._ties]
         owners = np.repeat(range(len(rows)), [row.shape[1] for row in rows])
         jacobian = np.concatenate(rows, axis=1) * states.active[:, owners, None]
-        matrix = found.mass_matrix[:, self._tree.free][:, :, self._tree.free]
+        matrix = values.mass_matrix[:, self._tree.free][:, :, self._tree.free]
         moved = np.linalg.solve(matrix, np.swapaxes(jacobian, -1, -2))
         return self._inverse(matrix, jacobian, sizes)[1], moved
 
@@ -119,21 +121,21 @@ class Constraints:
         shares = np.maximum(shares, np.finfo(float).tiny)
         # Digits that M takes, next to a singular attitude nearly all.
         lost = shares[:, -1] / shares[:, 0]
-        ends = np.cumsum([len(ROWS[own.holds]) for own in self.each])
+        ends = np.cumsum([len(ROWS[tie.holds]) for tie in self._ties])
         vectors = jacobian / units @ axes / np.sqrt(shares)[:, None]
         return _pseudo_inverse(vectors, ends, lost, self._rounding)
 
     def _rows(
-        self, own: Constraint, found: Quantities, states: States, sizes: Sizes
-    ) -> list[Measured]:
+        self, tie: Constraint, values: Quantities, states: States, sizes: Sizes
+    ) -> list[Sized]:
         """Errors, Jacobian, bias, and what brings errors back, of one constraint."""
         from scipy.spatial.transform import Rotation  # Late, as SciPy takes long to import.
 
-        frame, carrier = (self._frame(name, found, states) for name in (own.frame, own.to))
-        turn = Rotation.from_quat(own.anchor.quaternion).as_matrix()
+        frame, carrier = (self._frame(name, values, states) for name in (tie.frame, tie.to))
+        turn = Rotation.from_quat(tie.anchor.quaternion).as_matrix()
         axes = np.swapaxes(carrier.rotation @ turn, -1, -2)
         arm = frame.position - carrier.position
-        way = arm - times(carrier.rotation, np.array(own.anchor.xyz))
+        way = arm - times(carrier.rotation, np.array(tie.anchor.xyz))
         lift = np.broadcast_to(np.eye(6), (len(arm), 6, 6)).copy()
         lift[:, :3, 3:] = np.swapaxes(cross(arm[:, None], np.eye(3)), -1, -2)
         lift[:, :3, 3:] *= -1.0
@@ -150,53 +152,53 @@ class Constraints:
         linear, angular = np.zeros((2, len(arm), 3, 6))
         linear[:, :, :3] = angular[:, :, 3:] = axes
         rows, errors = linear, times(axes, way)
-        reach = (sizes.reach + np.linalg.norm(own.anchor.xyz))[:, None]
+        reach = (sizes.reach + np.linalg.norm(tie.anchor.xyz))[:, None]
         rate, added = sizes.rate[:, None], np.zeros((len(arm), 1))
-        if own.holds == "frame":
+        if tie.holds == "frame":
             rows, errors = _under(linear, angular), np.hstack([errors, 0.5 * sine])
-        if own.holds == "hinge":
-            axis = np.array(own.axis) / np.linalg.norm(own.axis)
+        if tie.holds == "hinge":
+            axis = np.array(tie.axis) / np.linalg.norm(tie.axis)
             across = _across(axis)
             rows = _under(linear, across @ angular)
             errors = np.hstack([errors, cross(axis, apart @ axis) @ across.T])
-        if own.holds == "plane":
-            normal = np.array(own.normal) / np.linalg.norm(own.normal)
+        if tie.holds == "plane":
+            normal = np.array(tie.normal) / np.linalg.norm(tie.normal)
             rows, errors = normal[None] @ linear, errors @ normal[:, None]
         length = sizes.length * np.ones_like(reach)
-        if own.holds == "distance":
-            rows = way[:, None, :] @ np.broadcast_to(np.eye(3, 6), (len(way), 3, 6)) / own.distance
-            errors = (np.sum(way**2, -1, keepdims=True) - own.distance**2) / (2.0 * own.distance)
-            added = np.sum(moving[:, :3] ** 2, axis=-1, keepdims=True) / own.distance
-            stretch = reach / own.distance
-            length, reach = length * stretch, reach * stretch + own.distance
+        if tie.holds == "distance":
+            rows = way[:, None, :] @ np.broadcast_to(np.eye(3, 6), (len(way), 3, 6)) / tie.distance
+            errors = (np.sum(way**2, -1, keepdims=True) - tie.distance**2) / (2.0 * tie.distance)
+            added = np.sum(moving[:, :3] ** 2, axis=-1, keepdims=True) / tie.distance
+            stretch = reach / tie.distance
+            length, reach = length * stretch, reach * stretch + tie.distance
         count = errors.shape[-1]
-        turns = np.arange(count) >= (3 if own.holds in ("frame", "hinge") else count)
+        turns = np.arange(count) >= (3 if tie.holds in ("frame", "hinge") else count)
         unit = np.where(turns, 1.0, length)
         speed = unit * rate
-        w, z = own.frequency, own.damping_ratio
-        error = Measured(errors, np.where(turns, 1.0, reach))
+        w, z = tie.frequency, tie.damping_ratio
+        error = Sized(errors, np.where(turns, 1.0, reach))
         back = 2.0 * z * w * times(rows, moving) + w**2 * errors
         quick = speed * rate * np.where(turns, 1.0, np.maximum(1.0, reach / sizes.length))
         return [
             error,
-            Measured(rows @ jacobian, unit[:, :, None] / sizes.scales),
-            Measured(times(rows, relative) + added, 4.0 * quick + np.abs(added)),
-            Measured(back, 2.0 * z * w * speed + w**2 * error.size),
+            Sized(rows @ jacobian, unit[:, :, None] / sizes.scales),
+            Sized(times(rows, relative) + added, 4.0 * quick + np.abs(added)),
+            Sized(back, 2.0 * z * w * speed + w**2 * error.size),
         ]
 
-    def _frame(self, name: str | None, found: Quantities, states: States) -> Frames:
+    def _frame(self, name: str | None, values: Quantities, states: States) -> FrameMotion:
         """A frame of the robot, or the world."""
         tree = self._tree
         count, width = len(states), len(tree.free)
         if name is None:
             still = np.broadcast_to(np.eye(3), (count, 3, 3)), np.zeros((count, 3))
-            return Frames(*still, np.zeros((count, 6, width)), np.zeros((count, 6)))
+            return FrameMotion(*still, np.zeros((count, 6, width)), np.zeros((count, 6)))
         k = tree.names.index(name)
-        pose = found.poses[:, len(tree.motors) + k]
-        jacobian = found.jacobians[:, len(tree.motors) + k][..., tree.free]
-        bias = found.bias_accelerations
-        own = np.zeros((count, 6)) if bias is None else bias[:, k]
-        return Frames(pose[:, :3, :3], pose[:, :3, 3], jacobian, own)
+        pose = values.poses[:, len(tree.motors) + k]
+        jacobian = values.jacobians[:, len(tree.motors) + k][..., tree.free]
+        bias = values.bias_accelerations
+        frame_bias = np.zeros((count, 6)) if bias is None else bias[:, k]
+        return FrameMotion(pose[:, :3, :3], pose[:, :3, 3], jacobian, frame_bias)
 
 
 def _under(first: Array, second: Array) -> Array:
@@ -228,7 +230,7 @@ def _pseudo_inverse(
     is least clear on the way loses digits of redundant rows that follow.
     """
     shape = *vectors.shape[:2], vectors.shape[1]
-    found, conditions = np.zeros(shape), np.ones(len(vectors))
+    inverses, conditions = np.zeros(shape), np.ones(len(vectors))
     for k, rows in enumerate(vectors):
         lengths, worst = np.linalg.norm(rows, axis=-1), 1.0
         there = np.flatnonzero(lengths > _LOST * rounding * np.linalg.norm(lengths))
@@ -251,5 +253,5 @@ def _pseudo_inverse(
         if np.isfinite(worst):
             axes, values, _ = np.linalg.svd(rows[there], full_matrices=False)
             axes, values = axes[:, : np.sum(kept)], values[: np.sum(kept)]
-            found[k][np.ix_(there, there)] = axes / values**2 @ axes.T
-    return found, conditions
+            inverses[k][np.ix_(there, there)] = axes / values**2 @ axes.T
+    return inverses, conditions

@@ -37,10 +37,10 @@ def compare_contents(module: ModuleType, robot: Robot) -> list[Comparison]:
     }
     rows = []
     for name, value in expected.items():
-        found = getattr(module, name, None)
-        alike = repr(found) == repr(value)
+        actual = getattr(module, name, None)
+        alike = repr(actual) == repr(value)
         rows.append(
-            _verdict(name, _FILE, "" if alike else f"is {_shown(found)}, not {_shown(value)}")
+            _verdict(name, _FILE, "" if alike else f"is {_shown(actual)}, not {_shown(value)}")
         )
     parameters, faults = getattr(module, "PARAMETERS", None), []
     if not isinstance(parameters, dict):
@@ -79,7 +79,7 @@ def compare_c_defaults(module: ModuleType, robot: Robot) -> list[Comparison]:
     rows = []
     for name, numbers in expected.items():
         symbol = (ctypes.c_double * len(numbers)).in_dll(library, f"{robot.name}_{name}")
-        # Of differences of parameters rounding may leave fewer digits than of the rest.
+        # Rounding may leave fewer digits of differences of parameters than of the rest.
         size = np.maximum(np.abs(numbers), 1e-6 * np.abs(numbers).max())
         row = compared(name, _FILE, np.array(symbol)[None], numbers[None], size, _CONSTANTS_LIMIT)
         rows.append(replace(row, states=0))
@@ -91,22 +91,22 @@ def _shown(value: object) -> str:
 
 
 def has_effect(robot: Robot, name: str, functions: Collection[str] | None = None) -> bool:
-    """Whether anything depends on a parameter; if nothing does, a module may leave it out.
+    """True if a result depends on a parameter; a module may leave out a parameter without effect.
 
     Of a module that has some `functions` only, what these return.
     """
     states = States.random(Tree(robot), 1, 0)
     value = parameter_values(robot)[name]
     there, here = (
-        Expected(formulated(NewtonEuler(Tree(each))), states).rows
-        for each in (robot, with_values(robot, {name: 2.0 * value or 1.0}))
+        Expected(formulated(NewtonEuler(Tree(model))), states).rows
+        for model in (robot, with_values(robot, {name: 2.0 * value or 1.0}))
     )
     seen = [what for what in there if functions is None or what.partition(".")[0] in functions]
-    # What is no number any more has changed too. Accelerations have the size of their forces.
+    # Values that have become NaN have changed too. Accelerations have the size of their forces.
     values = [(there[what][0], there[what][1], here[what][0]) for what in seen]
     return not all(
-        np.all(np.abs(own - other) <= _CONSTANTS_LIMIT * (np.abs(own) + np.abs(size)))
-        for own, size, other in values
+        np.all(np.abs(ours - other) <= _CONSTANTS_LIMIT * (np.abs(ours) + np.abs(size)))
+        for ours, size, other in values
     )
 
 

@@ -22,7 +22,7 @@ from gibbs_codegen.robot.parts.body import Body, RigidBody
 from gibbs_codegen.verification.comparison import (
     UNKNOWN,
     Comparison,
-    Evaluation,
+    Results,
     compared,
     explained,
     failed,
@@ -37,7 +37,7 @@ from gibbs_codegen.verification.tree import Tree
 from gibbs_codegen.verification.vectors import Array, times
 
 OTHER_FUNCTIONS, ZEROS = "other functions", "zeros outside PATTERNS"
-# Of what is relative to natural sizes, here much more than rounding takes.
+# The limit of errors relative to natural sizes, here much more than rounding takes.
 LIMIT = 1e-11
 # Digits that accelerations lose for each of the condition of the mass matrix in its units.
 _ROUNDING = 1e-13
@@ -49,7 +49,7 @@ _SETS, _ROWS = 3, 3
 _INPUT_FORCES = {"input_forces_derivatives": "jacobian", "input_forces_hessian": "hessian"}
 
 
-class Row(NamedTuple):
+class DerivativeRow(NamedTuple):
     """An array to compare, with what it should be, and natural sizes."""
 
     what: str
@@ -68,7 +68,7 @@ _NEEDED = (
 
 
 def compare_derivatives(
-    call: Evaluation, steps: ComplexSteps, robot: Robot, states: States, circumstance: str = ""
+    call: Results, steps: ComplexSteps, robot: Robot, states: States, circumstance: str = ""
 ) -> list[Comparison]:
     """Compare the arrays of the functions of a module that are generated on request.
 
@@ -80,8 +80,8 @@ def compare_derivatives(
     point = _Point(call, steps, robot, states)
     comparisons: list[Comparison] = []
     for name, row in FUNCTIONS.items():
-        known = row.derivative_of or name in _OTHERS or name in _INPUT_FORCES
-        if name not in call.signatures or not known:
+        comparable = row.derivative_of or name in _OTHERS or name in _INPUT_FORCES
+        if name not in call.signatures or not comparable:
             continue
         values = call.results(name, states)
         against = OTHER_FUNCTIONS + circumstance
@@ -107,7 +107,7 @@ def compare_derivatives(
 
 
 def _outside_patterns(
-    call: Evaluation, name: str, values: Values, against: str
+    call: Results, name: str, values: Values, against: str
 ) -> Iterator[Comparison]:
     """Compare entries that are said to be zero at every state with zero."""
     patterns = getattr(call.module, "PATTERNS", {})
@@ -131,7 +131,7 @@ class _Point:
     `units` are what one of each argument's entries is of the order of, as random states have them.
     """
 
-    def __init__(self, call: Evaluation, steps: ComplexSteps, robot: Robot, states: States) -> None:
+    def __init__(self, call: Results, steps: ComplexSteps, robot: Robot, states: States) -> None:
         self.call, self.steps, self.robot, self.states = call, steps, robot, states
         self.tree = tree = Tree(robot)
         self.sizes = Sizes(tree, states)
@@ -148,8 +148,8 @@ class _Point:
     @cached_property
     def actuators(self) -> Values:
         """Sizes (s, rows) of what the functions of the actuators return, by their names."""
-        found = formulated(NewtonEuler(self.tree)).at(self.states).actuators or {}
-        return {name: measured.size for name, measured in found.items()}
+        measured_of = formulated(NewtonEuler(self.tree)).at(self.states).actuators or {}
+        return {name: measured.size for name, measured in measured_of.items()}
 
     def function(self, name: str) -> _Function:
         """A function that others are derivatives of."""
@@ -198,7 +198,7 @@ class _Function:
         return largest * units
 
     def as_forces(self, array: Array) -> Array:
-        """What is compared of results and of their derivatives, (s, rows, …)."""
+        """The compared part of results and of their derivatives, (s, rows, …)."""
         return array
 
 
@@ -274,9 +274,9 @@ class _Measure:
     """Sizes (s) of what a function of the constraints of a robot returns at some states."""
 
     def __init__(self, tree: Tree, states: States, name: str) -> None:
-        found = formulated(NewtonEuler(tree)).at(states).with_passive(tree, states)
-        own, sizes = Constraints(tree, float(np.finfo(float).eps)), Sizes(tree, states)
-        self._stretch, self._moved = own.conditions(found, states, sizes)
+        quantities = formulated(NewtonEuler(tree)).at(states).with_passive(tree, states)
+        constraints, sizes = Constraints(tree, float(np.finfo(float).eps)), Sizes(tree, states)
+        self._stretch, self._moved = constraints.conditions(quantities, states, sizes)
         if "active" not in FUNCTIONS[name].arguments:  # Nothing is solved.
             self._stretch = np.ones(len(states))
 
@@ -299,34 +299,34 @@ def constraint_sizes(robots: Sequence[Robot], states: States, name: str, values:
     if not row.derivative_of or "CONSTRAINTS" not in row.needs:
         return {}
     measures = [_Measure(Tree(robot), states, name) for robot in robots]
-    arrays, found = list(values.values()), dict[str, Array]()
+    arrays, size_of = list(values.values()), dict[str, Array]()
     count = len(arrays) // len(FUNCTIONS[row.derivative_of].outputs)
     for what, array in values.items():
         # Rates of accelerations come before those of forces.
         some, forces = arrays[:count], arrays[count:]
-        if len(found) >= count:
+        if len(size_of) >= count:
             some, forces = forces, []
-        each = np.array([measure(some, forces) for measure in measures])
-        size = each[0] if len(robots) == 1 else np.diagonal(each)
-        found[what] = size.reshape(-1, *[1] * (array.ndim - 1))
-    return found
+        measured = np.array([measure(some, forces) for measure in measures])
+        size = measured[0] if len(robots) == 1 else np.diagonal(measured)
+        size_of[what] = size.reshape(-1, *[1] * (array.ndim - 1))
+    return size_of
 
 
-def _constraint_rows(function: _OfConstraints, values: Values) -> Iterator[Row]:
+def _constraint_rows(function: _OfConstraints, values: Values) -> Iterator[DerivativeRow]:
     """Results and their Jacobians by each argument, one result after the other."""
     widths = [len(function.point.units[letter]) for letter in function.at]
     columns = np.split(np.arange(sum(widths)), np.cumsum(widths)[:-1])
     rows = iter(values.items())
     for part, (value, size) in zip(function.parts, function.values, strict=True):
         what, ours = next(rows)
-        yield Row(what, ours, value, size)
+        yield DerivativeRow(what, ours, value, size)
         for some in columns:
             what, ours = next(rows)
             theirs = function.jacobian[..., some]
             # In the units of the columns, and beside the values.
             units = function.units[some]
             scaled = function._largest(theirs * units, part) + size[:, :, None]
-            yield Row(what, ours, theirs[:, part], scaled / units)
+            yield DerivativeRow(what, ours, theirs[:, part], scaled / units)
 
 
 # Weights of an array's entries, and their units, from the scales of coordinates and of inputs.
@@ -368,7 +368,7 @@ def _twist(point: _Point, rates: int) -> Array:
 
 
 class _Motion(_Function):
-    """What leads to other coordinates; its Jacobian is that of displacements there."""
+    """A change to other coordinates; its Jacobian is that of displacements there."""
 
     def __init__(self, point: _Point, name: str) -> None:
         self._method = _MOTIONS[name]
@@ -498,13 +498,13 @@ class _Forces(_Function):
         return units * largest * (1 + self.loss.reshape(-1, *[1] * (slopes.ndim - 1)))
 
 
-def _value_rows(function: _Function, values: Values) -> Iterator[Row]:
+def _value_rows(function: _Function, values: Values) -> Iterator[DerivativeRow]:
     """The results of a function."""
     for (what, ours), (theirs, size) in zip(values.items(), function.values, strict=False):
-        yield Row(what, function.as_forces(ours), theirs, size)
+        yield DerivativeRow(what, function.as_forces(ours), theirs, size)
 
 
-def _jacobian_rows(function: _Function, values: Values) -> Iterator[Row]:
+def _jacobian_rows(function: _Function, values: Values) -> Iterator[DerivativeRow]:
     """The Jacobians, whose columns follow one another, and the results where they come first."""
     axes, shape = function.jacobian.ndim, function.jacobian.shape[:-1]
     yield from _value_rows(function, {n: x for n, x in values.items() if x.ndim < axes})
@@ -520,10 +520,10 @@ def _jacobian_rows(function: _Function, values: Values) -> Iterator[Row]:
     for (what, ours), end in zip(matrices.items(), ends, strict=True):
         columns = (..., slice(end - ours.shape[-1], end))
         theirs, size = function.jacobian[columns], function.size[columns]
-        yield Row(what, function.as_forces(ours), function.as_forces(theirs), size)
+        yield DerivativeRow(what, function.as_forces(ours), function.as_forces(theirs), size)
 
 
-def _jvp_rows(function: _Forces | _Array, values: Values) -> Iterator[Row]:
+def _jvp_rows(function: _Forces | _Array, values: Values) -> Iterator[DerivativeRow]:
     """The product of the Jacobians with a direction."""
     states, count = function.point.states, len(function.value)
     parts = [getattr(states, f"{x}_dot").reshape(count, -1) for x in function.at]
@@ -534,15 +534,15 @@ def _jvp_rows(function: _Forces | _Array, values: Values) -> Iterator[Row]:
             for x, y in ((function.jacobian, direction), (function.size, np.abs(direction)))
         )
         for what, ours in values.items():
-            yield Row(what, ours, theirs, size)
+            yield DerivativeRow(what, ours, theirs, size)
         return
     theirs = times(function.jacobian, direction)
     size = times(function.size_by(function.units), np.abs(direction)) + function.inertial(theirs)
     for what, ours in values.items():
-        yield Row(what, function.as_forces(ours), function.as_forces(theirs), size)
+        yield DerivativeRow(what, function.as_forces(ours), function.as_forces(theirs), size)
 
 
-def _vjp_rows(function: _Forces | _Array, values: Values) -> Iterator[Row]:
+def _vjp_rows(function: _Forces | _Array, values: Values) -> Iterator[DerivativeRow]:
     """The gradients: products of weights with the Jacobians."""
     if isinstance(function, _Array):
         theirs, size = (
@@ -556,10 +556,10 @@ def _vjp_rows(function: _Forces | _Array, values: Values) -> Iterator[Row]:
     parts = (np.split(x, ends, axis=-1) for x in (theirs, size))
     for (what, ours), expected, part in zip(values.items(), *parts, strict=True):
         flat = ours.reshape(expected.shape) if ours.size == expected.size else ours
-        yield Row(what, flat, expected, part)
+        yield DerivativeRow(what, flat, expected, part)
 
 
-def _hessian_rows(function: _Forces, values: Values) -> Iterator[Row]:
+def _hessian_rows(function: _Forces, values: Values) -> Iterator[DerivativeRow]:
     """Second derivatives of weighed results, by blocks that are named by two arguments."""
     theirs = function.point.steps.hessian(function, function.at, function.w)
     weighed = np.sum(function.weights * function.effort, axis=-1)[:, None, None]
@@ -572,10 +572,10 @@ def _hessian_rows(function: _Forces, values: Values) -> Iterator[Row]:
     places = {x: slice(e - w, e) for x, e, w in zip(function.at, ends, widths, strict=True)}
     for what, ours in values.items():
         block = tuple(places.get(letter, slice(None)) for letter in what[-2:])
-        yield Row(what, ours, theirs[:, *block], size[:, *block])
+        yield DerivativeRow(what, ours, theirs[:, *block], size[:, *block])
 
 
-def _parameter_rows(function: _Forces | _OfActuators, values: Values) -> Iterator[Row]:
+def _parameter_rows(function: _Forces | _OfActuators, values: Values) -> Iterator[DerivativeRow]:
     """Derivatives by the parameters, of the results or of their weighed sum."""
     point, units, kinks = function.point, {}, set()
     reach, mass, period = point.tree.reach, point.robot.total_mass, 1.0 / point.tree.tempo
@@ -590,30 +590,30 @@ def _parameter_rows(function: _Forces | _OfActuators, values: Values) -> Iterato
     names = [*point.call.module.PARAMETERS]
     theirs = point.steps.by_parameters(function, function.at)
     size = function.size_by(np.array([units[name] for name in names]))
-    known = [name not in kinks for name in names]
+    smooth = [name not in kinks for name in names]
     for what, ours in values.items():
         if isinstance(function, _Forces) and ours.ndim < theirs.ndim:
             theirs = np.einsum("sij,si->sj", theirs, function.w)
             size = np.einsum("sij,si->sj", size, function.weights)
-        yield Row(what, ours[..., known], theirs[..., known], size[..., known])
+        yield DerivativeRow(what, ours[..., smooth], theirs[..., smooth], size[..., smooth])
 
 
-def _coriolis_rows(point: _Point, values: Values) -> Iterator[Row]:
+def _coriolis_rows(point: _Point, values: Values) -> Iterator[DerivativeRow]:
     """C v is what velocities add to the forces, and Ṁ − 2 C is skew-symmetric."""
     states, sizes, call = point.states, point.sizes, point.call
     ((what, coriolis),) = values.items()
     damped = point.tree.passive.damping[point.tree.free] * states.v
     still = call("residual", states.q, 0.0 * states.v)
     forces = still - call("residual", states.q, states.v) - damped
-    yield Row(f"{what}.product", times(coriolis, states.v), forces, sizes.free_effort)
+    yield DerivativeRow(f"{what}.product", times(coriolis, states.v), forces, sizes.free_effort)
     by_q = point.steps.jacobian(lambda q: point.steps("mass_matrix", q), {"q": states.q})
     rate = times(by_q, states.v[:, None])
     size = sizes.free_matrix * sizes.rate[:, None, None]
     both = coriolis + np.swapaxes(coriolis, -1, -2)
-    yield Row(f"{what}.symmetric_part", both, rate, size)
+    yield DerivativeRow(f"{what}.symmetric_part", both, rate, size)
 
 
-def _regressor_rows(point: _Point, values: Values) -> Iterator[Row]:
+def _regressor_rows(point: _Point, values: Values) -> Iterator[DerivativeRow]:
     """The regressor's columns make up the forces of all bodies that the robot may have."""
     ((what, ours),) = values.items()
     count = -(-_ROWS * ours.shape[-1] // ours.shape[-2])
@@ -629,11 +629,11 @@ def _regressor_rows(point: _Point, values: Values) -> Iterator[Row]:
 
     for _ in range(_SETS):
         other = Tree(mapped(point.robot, lambda _, value, __: value, other_body))
-        found = formulated(NewtonEuler(other)).at(states)
-        forces.append(found.inverse_dynamics[:, other.free])
+        quantities = formulated(NewtonEuler(other)).at(states)
+        forces.append(quantities.inverse_dynamics[:, other.free])
         efforts.append(Sizes(other, states).free_inertial_effort)
     theirs, size = np.stack(forces, axis=-1), np.stack(efforts, axis=-1)
-    # What is nearest to the forces among combinations of the columns.
+    # The combination of the columns that is nearest to the forces.
     units = size.max(axis=-1, keepdims=True)
     columns, wanted = ((x / units).reshape(-1, x.shape[-1]) for x in (matrix, theirs))
     found_forces = np.full_like(theirs, np.nan)
@@ -642,10 +642,10 @@ def _regressor_rows(point: _Point, values: Values) -> Iterator[Row]:
         columns = columns / np.where(lengths > 0.0, lengths, 1.0)
         solution = np.linalg.lstsq(columns, wanted, rcond=None)[0]
         found_forces = (columns @ solution).reshape(theirs.shape) * units
-    yield Row(f"{what}.columns", found_forces, theirs, size)
+    yield DerivativeRow(f"{what}.columns", found_forces, theirs, size)
 
 
-def _base_parameter_rows(point: _Point, values: Values) -> Iterator[Row]:
+def _base_parameter_rows(point: _Point, values: Values) -> Iterator[DerivativeRow]:
     """The regressor times the base parameters is the inertial part of the forces.
 
     `values` has one copy of these for each state; no row where the module has no regressor.
@@ -660,17 +660,17 @@ def _base_parameter_rows(point: _Point, values: Values) -> Iterator[Row]:
     for what, parameters in values.items():
         ours = times(regressor, parameters)
         size = sizes.free_inertial_effort
-        yield Row(f"{what}.product", ours, theirs, size)
+        yield DerivativeRow(f"{what}.product", ours, theirs, size)
 
 
-_KINDS: dict[str, Callable[..., Iterator[Row]]] = {
+_KINDS: dict[str, Callable[..., Iterator[DerivativeRow]]] = {
     "jacobian": _jacobian_rows,
     "jvp": _jvp_rows,
     "vjp": _vjp_rows,
     "hessian": _hessian_rows,
     "parameters": _parameter_rows,
 }
-_OTHERS: dict[str, Callable[[_Point, Values], Iterator[Row]]] = {
+_OTHERS: dict[str, Callable[[_Point, Values], Iterator[DerivativeRow]]] = {
     "step_euler": lambda point, values: _value_rows(point.function("step_euler"), values),
     "step_rk4": lambda point, values: _value_rows(point.function("step_rk4"), values),
     "coriolis_matrix": _coriolis_rows,

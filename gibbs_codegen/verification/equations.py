@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping
 import numpy as np
 
 from gibbs_codegen.robot.layout import Entries
-from gibbs_codegen.verification.comparison import Comparison, Evaluation, compared, explained
+from gibbs_codegen.verification.comparison import Comparison, Results, compared, explained
 from gibbs_codegen.verification.constraints import ACCELERATION, Constraints, Row
 from gibbs_codegen.verification.formulation import Formulation, Quantities
 from gibbs_codegen.verification.newton_euler import wrench_sizes
@@ -17,41 +17,41 @@ from gibbs_codegen.verification.vectors import Array, cross, times
 
 # A few units in the last place.
 _ROUNDING = 1e-15
-# Of single precision: as many may come together for each joint.
+# Roundings of single precision: as many may come together for each joint.
 _ROUNDINGS = 4
 
 Values = Mapping[str, Array]
 
 
 class Expected:
-    """What a formulation gives for all functions at some states, and the natural `sizes` there."""
+    """Values of all functions at some states by a formulation, and the natural `sizes` there."""
 
     def __init__(self, formulation: Formulation, states: States, single: bool = False) -> None:
         """Compute what is expected; `single` is whether the module computes in single precision."""
         tree = formulation.tree
-        found = formulation.at(states).with_passive(tree, states)
+        quantities = formulation.at(states).with_passive(tree, states)
         self.sizes = Sizes(tree, states)
         self._name = formulation.name
         self._limit = max(formulation.limit, _ROUNDING * self.sizes.disparity**formulation.growth)
         self._rounding = float(np.finfo(np.float32 if single else np.float64).eps)
         if single:
             self._limit = _ROUNDINGS * self._rounding * tree.size
-        inputs = input_matrix(tree, found)
-        self._matrix = found.mass_matrix[:, tree.free][:, :, tree.free]
+        inputs = input_matrix(tree, quantities)
+        self._matrix = quantities.mass_matrix[:, tree.free][:, :, tree.free]
         driven = times(inputs, states.u)[:, tree.free]
-        pushed = driven + wrench_forces(tree, found, states)
+        pushed = driven + wrench_forces(tree, quantities, states)
         # With the sizes of what is added to those that `Sizes.balance` knows.
         self._driven = {
             "forward_dynamics": (driven, 0.0 * driven),
             "forward_dynamics_with_wrenches": (pushed, self.sizes.free_pushed),
         }
-        residual = found.residual[:, tree.free]
+        residual = quantities.residual[:, tree.free]
         held: list[Row] = []
         if tree.constraints:
-            own = Constraints(tree, self._rounding).rows(
-                found, states, self.sizes, residual + driven
+            constraint_rows = Constraints(tree, self._rounding).rows(
+                quantities, states, self.sizes, residual + driven
             )
-            for what, value, size in own:
+            for what, value, size in constraint_rows:
                 if what == ACCELERATION:
                     self._driven[what] = driven + value, size
                 else:
@@ -59,18 +59,18 @@ class Expected:
         rows = [
             *held,
             *((what, residual + by, size) for what, (by, size) in self._driven.items()),
-            *_system(tree, found, inputs, states, self.sizes),
-            *frame_rows(tree, found, states, self.sizes),
-            *mass_rows(tree, found, states, self.sizes),
+            *_system(tree, quantities, inputs, states, self.sizes),
+            *frame_rows(tree, quantities, states, self.sizes),
+            *mass_rows(tree, quantities, states, self.sizes),
             *displacement_rows(tree, states),
         ]
         self.rows: dict[str, tuple[Array, Array]] = {
             what: (theirs, size) for what, theirs, size in rows
         }
-        self.rows |= found.actuators or {}
+        self.rows |= quantities.actuators or {}
 
     def compare_functions(
-        self, evaluation: Evaluation, states: States, against: str, singly: bool = False
+        self, evaluation: Results, states: States, against: str, singly: bool = False
     ) -> list[Comparison]:
         """Compare all functions of a module with what is expected, at the same states or the first.
 
@@ -81,7 +81,7 @@ class Expected:
         return explained(rows, evaluation.faults)
 
     def compare(self, values: Values, against: str = "") -> list[Comparison]:
-        """Compare results, under the names of `Evaluation.results`, with what is expected.
+        """Compare results, under the names of `Results.results`, with what is expected.
 
         There may be fewer or more states at the end; errors are relative to the natural sizes.
         """
@@ -102,29 +102,29 @@ class Expected:
         return comparisons
 
 
-def input_matrix(tree: Tree, found: Quantities) -> Array:
+def input_matrix(tree: Tree, quantities: Quantities) -> Array:
     """Generalised forces (s, size, nu) of unit inputs, thrusts and then the arm's own efforts."""
     rotors = len(tree.motors)
     directions = np.array([motor.direction for motor in tree.motors]).reshape(-1, 3)
-    thrusts = times(found.poses[:, :rotors, :3, :3], directions)
+    thrusts = times(quantities.poses[:, :rotors, :3, :3], directions)
     drags = np.array([motor.drag for motor in tree.motors])[:, None] * thrusts
     wrenches = np.concatenate([thrusts, drags], axis=-1)
-    driven = np.einsum("skij,ski->sjk", found.jacobians[:, :rotors], wrenches)
+    driven = np.einsum("skij,ski->sjk", quantities.jacobians[:, :rotors], wrenches)
     arm = np.broadcast_to(np.eye(tree.size)[:, tree.arm], (len(driven), tree.size, len(tree.arm)))
     return np.concatenate([driven, arm], axis=-1)
 
 
 def _system(
-    tree: Tree, found: Quantities, inputs: Array, states: States, sizes: Sizes
+    tree: Tree, quantities: Quantities, inputs: Array, states: States, sizes: Sizes
 ) -> Iterator[Row]:
     """The equations of motion M a = R + B u, torques of the constraints, energies, hybrid system.
 
     Each array that a function returns has its name, its value, and the sizes of its entries.
     """
     free, constrained = tree.free, tree.constrained
-    matrix = found.mass_matrix[:, free][:, :, free]
-    residual = found.residual[:, free]
-    inverse = found.inverse_dynamics
+    matrix = quantities.mass_matrix[:, free][:, :, free]
+    residual = quantities.residual[:, free]
+    inverse = quantities.inverse_dynamics
     driven = times(inputs, states.u)
     yield "mass_matrix", matrix, sizes.free_matrix
     yield "mass_matrix_and_residual.mass_matrix", matrix, sizes.free_matrix
@@ -136,18 +136,18 @@ def _system(
     yield "constraint_torques", (inverse - driven)[:, constrained], effort[:, constrained]
     by_parts = np.sum(states.a * (0.5 * times(matrix, states.a) - residual), axis=-1)
     yield "gibbs", by_parts, sizes.gibbs
-    yield "kinetic_energy", found.kinetic_energy, sizes.kinetic
-    yield "potential_energy", found.potential_energy, sizes.potential
+    yield "kinetic_energy", quantities.kinetic_energy, sizes.kinetic
+    yield "potential_energy", quantities.potential_energy, sizes.potential
     # The hybrid system: all joints, the torques of the constraints, and θ̈ = 0 for those.
     more = (0, len(tree.constrained))
     row, square = ((0, 0), more), ((0, 0), more, more)
     torques = tree.size + np.arange(len(tree.constrained))
-    matrix = np.pad(found.mass_matrix, square)
+    matrix = np.pad(quantities.mass_matrix, square)
     matrix[:, tree.constrained, torques] = -1.0
     matrix[:, torques, tree.constrained] = 1.0
     yield "hybrid_mass_matrix", matrix, np.pad(sizes.matrix, square, constant_values=1.0)
     size = np.pad(sizes.effort, row, constant_values=1.0)
-    yield "hybrid_residual", np.pad(found.residual, row), size
+    yield "hybrid_residual", np.pad(quantities.residual, row), size
     columns = ((0, 0), more, (0, 0))
     size = np.pad(sizes.inputs, columns, constant_values=1.0)
     yield "hybrid_input_matrix", np.pad(inputs, columns), size
@@ -209,7 +209,7 @@ def _largest(entries: Entries, values: Array) -> Array:
 
 
 def _gains(turns: Array) -> Array:
-    """What displacements by turns (s, 3) make of their linear parts, (s, 3, 3).
+    """Matrices (s, 3, 3) by which turns (s, 3) of a displacement change its linear part.
 
     It is the integral of the rotation over the turn, as a block of an exponential.
     """
@@ -222,16 +222,17 @@ def _gains(turns: Array) -> Array:
     return expm(twists)[:, :3, 3:]
 
 
-def frame_rows(tree: Tree, found: Quantities, states: States, sizes: Sizes) -> Iterator[Row]:
+def frame_rows(tree: Tree, quantities: Quantities, states: States, sizes: Sizes) -> Iterator[Row]:
     """Points, the motion of the named frames, and what wrenches on these do.
 
     Each array that a function returns has its name, its value, and the sizes of its entries.
     """
     rotors = len(tree.motors)
-    poses, jacobians = found.poses[:, rotors:], found.jacobians[:, rotors:][..., tree.free]
+    poses, jacobians = quantities.poses[:, rotors:], quantities.jacobians[:, rotors:]
+    jacobians = jacobians[..., tree.free]
     reach = sizes.reach[:, None, None]
-    if found.positions is not None:
-        yield "positions", found.positions, reach
+    if quantities.positions is not None:
+        yield "positions", quantities.positions, reach
     size = np.ones_like(poses)
     size[..., :3, 3:] = reach[..., None]
     yield from _of_frames(tree, "pose", poses, size)
@@ -242,9 +243,9 @@ def frame_rows(tree: Tree, found: Quantities, states: States, sizes: Sizes) -> I
     velocities = times(jacobians, states.v[:, None])
     size = rate * np.broadcast_to(twist, velocities.shape)
     yield "frame_velocities", velocities, size
-    yield "wrench_forces", wrench_forces(tree, found, states), sizes.free_pushed
-    if found.bias_accelerations is not None:
-        yield from _of_frames(tree, "bias_acceleration", found.bias_accelerations, rate * size)
+    yield "wrench_forces", wrench_forces(tree, quantities, states), sizes.free_pushed
+    if quantities.bias_accelerations is not None:
+        yield from _of_frames(tree, "bias_acceleration", quantities.bias_accelerations, rate * size)
 
 
 def _of_frames(tree: Tree, what: str, values: Array, size: Array) -> Iterator[Row]:
@@ -254,36 +255,36 @@ def _of_frames(tree: Tree, what: str, values: Array, size: Array) -> Iterator[Ro
         yield f"tip_{what}", values[:, tree.tip], size[:, tree.tip]
 
 
-def wrench_forces(tree: Tree, found: Quantities, states: States) -> Array:
+def wrench_forces(tree: Tree, quantities: Quantities, states: States) -> Array:
     """Generalised forces (s, nv), N m and N, of the wrenches on the named frames."""
-    jacobians = found.jacobians[:, len(tree.motors) :][..., tree.free]
+    jacobians = quantities.jacobians[:, len(tree.motors) :][..., tree.free]
     return np.einsum("sfij,sfi->sj", jacobians, states.W)
 
 
-def mass_rows(tree: Tree, found: Quantities, states: States, sizes: Sizes) -> Iterator[Row]:
+def mass_rows(tree: Tree, quantities: Quantities, states: States, sizes: Sizes) -> Iterator[Row]:
     """The centre of mass, momentum, gravity, and the wrenches that joints pass on."""
-    if found.centre_of_mass is not None:
+    if quantities.centre_of_mass is not None:
         reach = sizes.reach[:, None] + sizes.length
-        yield "centre_of_mass", found.centre_of_mass, np.repeat(reach, 3, axis=-1)
-    if found.centre_jacobian is not None:
-        jacobian = found.centre_jacobian[..., tree.free]
+        yield "centre_of_mass", quantities.centre_of_mass, np.repeat(reach, 3, axis=-1)
+    if quantities.centre_jacobian is not None:
+        jacobian = quantities.centre_jacobian[..., tree.free]
         size = np.broadcast_to(sizes.length / sizes.scales, jacobian.shape)
         yield "centre_of_mass_jacobian", jacobian, size
-    if found.momentum is not None:
+    if quantities.momentum is not None:
         turning = (sizes.units[:, tree.turns] ** 2).max(axis=-1)
         size = np.stack([np.full_like(turning, tree.mass * sizes.length), turning], axis=-1)
         size = np.repeat(size * sizes.rate[:, None], 3, axis=-1)
-        yield "centroidal_momentum", found.momentum, size
-    if found.gravity_forces is not None:
+        yield "centroidal_momentum", quantities.momentum, size
+    if quantities.gravity_forces is not None:
         weight = abs(tree.gravity) * np.sqrt(tree.mass)
-        yield "gravity_forces", found.gravity_forces[:, tree.free], sizes.free_units * weight
-    if found.joint_wrenches is not None:
+        yield "gravity_forces", quantities.gravity_forces[:, tree.free], sizes.free_units * weight
+    if quantities.joint_wrenches is not None:
         spin = sizes.rate**2 + np.abs(states.a / sizes.scales).sum(axis=-1)
         acceleration = abs(tree.gravity) + sizes.length * spin
         size = wrench_sizes(tree, acceleration, spin, states.u)
-        yield "joint_wrenches", found.joint_wrenches, size
-        if found.loaded_joint_wrenches is not None:
+        yield "joint_wrenches", quantities.joint_wrenches, size
+        if quantities.loaded_joint_wrenches is not None:
             forces, moments = (np.abs(x).sum(axis=1) for x in np.split(states.W, 2, axis=-1))
             moments = moments + tree.reach * forces.sum(axis=-1, keepdims=True)
             size = size + np.concatenate([forces, moments], axis=-1).max(axis=0)[None, None, :]
-            yield "joint_wrenches_with_wrenches", found.loaded_joint_wrenches, size
+            yield "joint_wrenches_with_wrenches", quantities.loaded_joint_wrenches, size

@@ -1,4 +1,4 @@
-"""What a formulation of the equations of motion gives, whichever way it finds it.
+"""Formulations of the equations of motion: the quantities that they compute, and their interface.
 
 Formulations know trees of joints only. For a base with a quaternion the tree is placed, at every
 state, where the base is. There the base's own joints are at zero, and stand for a small motion from
@@ -17,7 +17,7 @@ import numpy as np
 
 from gibbs_codegen.verification.states import States
 from gibbs_codegen.verification.tree import Tree
-from gibbs_codegen.verification.vectors import Array, Measured, times
+from gibbs_codegen.verification.vectors import Array, Sized, times
 
 
 class NotApplicableError(Exception):
@@ -62,7 +62,7 @@ class Quantities(NamedTuple):
     gravity_forces: Array | None = None
     joint_wrenches: Array | None = None
     loaded_joint_wrenches: Array | None = None
-    actuators: Mapping[str, Measured] | None = None
+    actuators: Mapping[str, Sized] | None = None
 
     def with_passive(self, tree: Tree, states: States) -> Quantities:
         """The same with armature, dampers and springs, which formulations leave out."""
@@ -102,7 +102,7 @@ def state_by_state(
     states: States,
     places: Array,
 ) -> Quantities:
-    """What a library gives that computes one state at a time, with joints in an order of its own.
+    """Quantities by a library that takes one state at a time, with joints in an order of its own.
 
     `at` takes coordinates, rates and accelerations of all joints, (size,) each in its order, and
     the rotation (3, 3) and position (3,) at which the first joint begins. `places` has for each
@@ -111,17 +111,17 @@ def state_by_state(
     motions = (tree.spread(x)[:, places] for x in (states.q, states.v, states.a))
     origin = np.tile(np.eye(3), (len(states), 1, 1)), np.zeros((len(states), 3))
     placement = tree.placement or origin
-    each = [at(*motion) for motion in zip(*motions, *placement, strict=True)]
-    arrays = (None if x[0] is None else np.array(x) for x in zip(*each, strict=True))
-    found = Quantities._make(arrays)
+    singles = [at(*motion) for motion in zip(*motions, *placement, strict=True)]
+    arrays = (None if x[0] is None else np.array(x) for x in zip(*singles, strict=True))
+    quantities = Quantities._make(arrays)
     order = np.argsort(places)
-    return found._replace(
-        mass_matrix=found.mass_matrix[:, order][:, :, order],
-        residual=found.residual[:, order],
-        inverse_dynamics=found.inverse_dynamics[:, order],
-        jacobians=found.jacobians[..., order],
-        centre_jacobian=_ordered(found.centre_jacobian, order),
-        gravity_forces=_ordered(found.gravity_forces, order),
+    return quantities._replace(
+        mass_matrix=quantities.mass_matrix[:, order][:, :, order],
+        residual=quantities.residual[:, order],
+        inverse_dynamics=quantities.inverse_dynamics[:, order],
+        jacobians=quantities.jacobians[..., order],
+        centre_jacobian=_ordered(quantities.centre_jacobian, order),
+        gravity_forces=_ordered(quantities.gravity_forces, order),
     )
 
 
@@ -138,17 +138,17 @@ class FreeBase:
         self._inner = inner
 
     def at(self, states: States) -> Quantities:
-        """What the tree gives at the placed states, for velocities of the base in its own frame."""
+        """Quantities at the placed states, for velocities of the base in its own frame."""
         inner = copy.copy(self._inner)
         inner.tree, moved = states.placed(self.tree)
-        found = inner.at(moved)
+        quantities = inner.at(moved)
         dragged = self.tree.spread(states.a - moved.a)
-        bias = found.bias_accelerations
+        bias = quantities.bias_accelerations
         if bias is not None:
-            frames = found.jacobians[:, len(self.tree.motors) :]
+            frames = quantities.jacobians[:, len(self.tree.motors) :]
             bias = bias - times(frames, dragged[:, None])
-        residual = found.residual + times(found.mass_matrix, dragged)
-        return found._replace(residual=residual, bias_accelerations=bias)
+        residual = quantities.residual + times(quantities.mass_matrix, dragged)
+        return quantities._replace(residual=residual, bias_accelerations=bias)
 
 
 def formulated(inner: Formulation) -> Formulation:

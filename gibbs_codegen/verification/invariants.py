@@ -1,4 +1,4 @@
-"""What holds for any robot: a module's functions compared with each other, and with themselves.
+"""Identities of any robot: a module's functions compared with each other, and with themselves.
 
 They are compared by algebra, and by complex steps of the NumPy kernels. What follows within
 rounding from the comparison with Newton and Euler's equations, such as J̇ v of the tip, is not
@@ -23,7 +23,7 @@ from gibbs_codegen.interface import Signature
 from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.verification.comparison import (
     Comparison,
-    Evaluation,
+    Results,
     compared,
     explained,
     failed,
@@ -47,7 +47,7 @@ class Invariants:
     Of the tree only the layout, the places of free and constrained joints, and the damping count.
     """
 
-    evaluation: Evaluation
+    evaluation: Results
     steps: ComplexSteps
     values: Values
     states: States
@@ -149,7 +149,7 @@ _UNCLEAR = (
 )
 # Two ways of computing the same, relative to the largest entry: a few digits more are lost at most.
 _LIMIT = 1e-10
-# What is supposed where there is no mass matrix to tell.
+# The condition where there is no mass matrix to tell it.
 _UNKNOWN_CONDITION = 1e6
 # Solving for accelerations loses the digits of the mass matrix's condition number, and a few more.
 _ROUNDING_OF_SOLUTIONS = 100.0 * float(np.finfo(float).eps)
@@ -159,8 +159,8 @@ def without_formulation(
     functions: Collection[str], comparisons: Sequence[Comparison], formulation: str
 ) -> list[str]:
     """Functions of a module that were not compared with a formulation, the one that gives most."""
-    known = {c.what.split(".")[0] for c in comparisons if c.against == formulation}
-    return [name for name in functions if name not in known]
+    covered = {c.what.split(".")[0] for c in comparisons if c.against == formulation}
+    return [name for name in functions if name not in covered]
 
 
 def compared_with_themselves(comparisons: Sequence[Comparison]) -> dict[str, str]:
@@ -180,8 +180,8 @@ def unclear(comparisons: Sequence[Comparison]) -> dict[str, str]:
 
 
 def compare_with_itself(
-    evaluation: Evaluation,
-    numpy: Evaluation | None,
+    evaluation: Results,
+    numpy: Results | None,
     robot: Robot,
     functions: Sequence[str],
     states: States,
@@ -217,7 +217,7 @@ def compare_constants_of_each(
     numbers = [parameter_values(robot) for robot in robots]
     values = {name: np.array([n[name] for n in numbers]) for name in module.PARAMETERS}
     try:
-        batched = Evaluation(module, module.prepare(values), (len(robots),))
+        batched = Results(module, module.prepare(values), (len(robots),))
         alone = _OneByOne(module, [prepared(module, robot) for robot in robots])
     except (Exception, SystemExit) as error:  # Whatever was done to the module.
         return [failed("prepare", OF_EACH, f"{type(error).__name__}: {error}")]
@@ -233,7 +233,7 @@ def compare_constants_of_each(
     return failing or [replace(worst, what="functions")]
 
 
-class _OneByOne(Evaluation):
+class _OneByOne(Results):
     """A module with constants of each state, of which each is computed by itself."""
 
     def __init__(self, module: ModuleType, constants: Sequence[Any]) -> None:
@@ -254,7 +254,7 @@ def _limit(signature: Signature, solved: float) -> float:
     return solved if "u" in arguments and "a" not in arguments else _LIMIT
 
 
-def _condition(evaluation: Evaluation, states: States) -> float:
+def _condition(evaluation: Results, states: States) -> float:
     """The largest condition number of mass matrices that are scaled to a diagonal of ones."""
     if not evaluation.has("mass_matrix"):
         return _UNKNOWN_CONDITION

@@ -18,8 +18,8 @@ from gibbs_codegen.verification.tree import Point, Tree
 from gibbs_codegen.verification.vectors import Array, times
 
 _COMPLEX_STEP = 1e-40
-# Of differences of eighth order. Where things change by their size in a unit, rounding of 1e-16/h
-# meets a truncation of some h⁸.
+# Step of differences of eighth order. Where values change by their size in a unit, rounding of
+# 1e-16/h meets a truncation of some h⁸.
 _STEP = 1e-2
 _WEIGHTS = ((1, 4 / 5), (2, -1 / 5), (3, 4 / 105), (4, -1 / 280))
 # Point masses that a body is replaced by, at most.
@@ -122,7 +122,7 @@ class Lagrange:
         return np.concatenate([moving[..., 0, :], angular], axis=-1)
 
     def _change(self, function: Callable[[Array, Array], Array], q: Array, v: Array) -> Array:
-        """How fast, (s, …), a function of coordinates and rates changes at constant rates."""
+        """Rate of change (s, …) of a function of coordinates and rates at constant rates."""
         # In that time no frame turns, or moves by its size, by more than the step.
         rate = np.abs(v / self.tree.scales).sum(axis=-1)
         steps = _STEP / np.where(rate > 0.0, rate, self.tree.tempo)

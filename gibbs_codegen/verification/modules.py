@@ -38,9 +38,9 @@ from gibbs_codegen.verification.verify import (
 )
 
 MOST_STATES = 10_000
-# Of a module that was just emitted; all functions at a few states tell a wrong one.
+# For a module that was just emitted; all functions at a few states reveal a wrong one.
 _FEW_STATES = 3
-# What the source says does not depend on how well it is optimised.
+# Results of the source do not depend on optimisation.
 _UNOPTIMISED = ("-O0",)
 
 
@@ -82,7 +82,7 @@ def verify(
     if not robot_file.is_file():
         raise UsageError(f"{printable(folder)}: has no robot.toml, the file that it was made from")
     robot, _ = read_robot(str(robot_file))
-    found, not_done = formulations(robot)
+    available, not_done = formulations(robot)
     verification = Verification(robot.name, seed, not_done=not_done)
     same_file = compare_robot_file(robot_file.read_bytes(), _source(folder))
     for backend in backends:
@@ -101,7 +101,7 @@ def verify(
             comparisons.append(failed("the module", "", error))
         else:
             numpy = load(folder) if backend != "numpy" else None
-            comparisons += compare_module(module, robot, found, states, seed, step, numpy=numpy)
+            comparisons += compare_module(module, robot, available, states, seed, step, numpy=numpy)
             if backend == "c" and all(c.passed for c in compare_contents(module, robot)):
                 step("as a C program calls it")
                 comparisons += _compare_c(module, folder, robot, verification)
@@ -144,7 +144,7 @@ def _compiler() -> c_library.Compiler:
 
 
 def _works(compiler: c_library.Compiler) -> bool:
-    """Whether a compiler makes libraries that can be loaded, whatever it made of the module's C."""
+    """True if the compiler makes libraries that can be loaded, whatever the module's C."""
 
     def make(output: Path) -> None:
         source = output.with_suffix(".c")

@@ -13,7 +13,7 @@ from gibbs_codegen.verification.states import States
 from gibbs_codegen.verification.tree import WORLD, Joint, Tree
 from gibbs_codegen.verification.vectors import Array
 
-# Of moments of inertia, beside the largest.
+# Rounding of moments of inertia, relative to the largest.
 _ROUNDING = 1e-12
 
 
@@ -76,7 +76,7 @@ class MuJoCo:
             return state_by_state(self._at, self.tree, states, self._places)
 
     def _at(self, q: Array, v: Array, a: Array, rotation: Array, position: Array) -> Quantities:
-        """What MuJoCo's functions give for one state, in its order, nothing touching anything."""
+        """Quantities by MuJoCo for one state, in its order, without contacts."""
         model, data, tree = self._model, self._data, self.tree
         turn = np.empty(4)
         mujoco.mju_mat2Quat(turn, rotation.ravel())

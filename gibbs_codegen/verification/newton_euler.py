@@ -13,19 +13,19 @@ from gibbs_codegen.verification.formulation import Quantities
 from gibbs_codegen.verification.states import States
 from gibbs_codegen.verification.tree import (
     WORLD,
+    BodyMotion,
     Frames,
     Joint,
-    Motion,
-    Part,
+    JointPart,
     Point,
     Tree,
     joint_motions,
 )
-from gibbs_codegen.verification.vectors import Array, Measured, cross, times
+from gibbs_codegen.verification.vectors import Array, Sized, cross, times
 
 
 def joint_wrenches(
-    tree: Tree, motions: list[Motion], frames: Frames, u: Array, pushes: Array | None = None
+    tree: Tree, motions: list[BodyMotion], frames: Frames, u: Array, pushes: Array | None = None
 ) -> Array:
     """Wrenches (s, bodies, 6), N and N m, through the joints, held and welded ones included.
 
@@ -61,13 +61,13 @@ def joint_wrenches(
     for body in tree.carriers:
         at = tree.bodies[body]
         back = np.swapaxes(rotations[at.joint] @ at.rotation, -1, -2)
-        own = times(back, forces[body]), times(back, moments[body])
-        rows.append(np.concatenate(own, axis=-1))
+        own_wrench = times(back, forces[body]), times(back, moments[body])
+        rows.append(np.concatenate(own_wrench, axis=-1))
     return np.stack(rows, axis=1) if rows else np.zeros((len(u), 0, 6))
 
 
 def _inertial(
-    body: Joint | Part, motion: Motion, rotation: Array, upwards: Array
+    body: Joint | JointPart, motion: BodyMotion, rotation: Array, upwards: Array
 ) -> tuple[Array, Array]:
     """Force and moment (…, 3) about its centre of mass that a body's inertia and weight take."""
     _, acceleration = motion.at(rotation @ body.com)
@@ -76,16 +76,16 @@ def _inertial(
     return body.mass * (acceleration + upwards), moment
 
 
-def _in_world(body: Joint | Part, rotation: Array) -> Array:
+def _in_world(body: Joint | JointPart, rotation: Array) -> Array:
     """Inertia (…, 3, 3) of a body in world axes."""
     return rotation @ body.inertia @ np.swapaxes(rotation, -1, -2)
 
 
-def _of_actuators(tree: Tree, states: States) -> dict[str, Measured] | None:
-    """What the functions of the actuators return, None where u is commanded."""
+def _of_actuators(tree: Tree, states: States) -> dict[str, Sized] | None:
+    """Results of the functions of the actuators, None where u is commanded."""
     if tree.actuators is None:
         return None
-    joints = tree.layout.v.joints  # Of the placed tree q has the places of v.
+    joints = tree.layout.v.joints  # In the placed tree q has the places of v.
     angles, rates = states.q[:, joints], states.v[:, joints]
     return tree.actuators.at(Motions(angles, rates, states.u, states.x, states.command))
 
@@ -168,8 +168,8 @@ class NewtonEuler:
         efforts = self._efforts(motions, frames, 0.0)
         return np.swapaxes(efforts, -1, -2)
 
-    def _masses(self, motions: list[Motion], frames: Frames) -> dict[str, Array]:
-        """What is summed over the bodies: their energies, centre of mass, Jacobian and momentum.
+    def _masses(self, motions: list[BodyMotion], frames: Frames) -> dict[str, Array]:
+        """Sums over the bodies: energies, centre of mass, Jacobian and momentum.
 
         Momentum is linear, then angular about the centre of mass, kg m/s and kg m²/s.
         """
@@ -183,13 +183,13 @@ class NewtonEuler:
         for number, (joint, motion) in enumerate(zip(tree.joints, motions, strict=True)):
             lever, spin = rotations[number] @ joint.com, motion.angular_velocity
             place, (velocity, _) = positions[number] + lever, motion.at(lever)
-            own, push = times(_in_world(joint, rotations[number]), spin), joint.mass * velocity
-            kinetic = kinetic + 0.5 * np.sum(velocity * push + spin * own, axis=-1)
+            spun, push = (times(_in_world(joint, rotations[number]), spin), joint.mass * velocity)
+            kinetic = kinetic + 0.5 * np.sum(velocity * push + spin * spun, axis=-1)
             potential = potential + joint.mass * tree.gravity * place[:, 2]
             first = first + joint.mass * place
             moved = self._jacobian(frames, Point(number, joint.com))
             jacobian = jacobian + joint.mass * moved[:, :3]
-            linear, angular = linear + push, angular + own + cross(place, push)
+            linear, angular = linear + push, angular + spun + cross(place, push)
         centre = first / tree.mass
         angular = angular - cross(centre, linear)
         return {
@@ -200,7 +200,7 @@ class NewtonEuler:
             "momentum": np.concatenate([linear, angular], axis=-1),
         }
 
-    def _efforts(self, motions: list[Motion], frames: Frames, gravity: float) -> Array:
+    def _efforts(self, motions: list[BodyMotion], frames: Frames, gravity: float) -> Array:
         """Efforts (…, size), N m and N, of the joints against inertia and `gravity`, in m/s²."""
         joints, rotations = self.tree.joints, frames.rotations
         upwards = np.array([0.0, 0.0, gravity])

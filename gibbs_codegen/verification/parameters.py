@@ -65,14 +65,14 @@ _POWERS = {
 @cache
 def _powers(unit: str) -> tuple[float, float, float]:
     """Powers of length, mass and time in a unit such as "N m s/rad" or "N/(rad/s)^2"."""
-    found = np.zeros(3)
+    powers = np.zeros(3)
     for divided, word, power in re.findall(r"(/?) ?(\([^)]+\)|[a-zA-Z1]+)\^?([\d.]*)", unit):
-        found += (-1 if divided else 1) * float(power or 1) * np.array(_POWERS[word])
-    length, mass, time = found.tolist()
+        powers += (-1 if divided else 1) * float(power or 1) * np.array(_POWERS[word])
+    length, mass, time = powers.tolist()
     return length, mass, time
 
 
-# What becomes of a number of a robot, by its name, its value and its dimension; and of a body.
+# Maps of a number of a robot, by its name, its value and its dimension; and of a body.
 Change = Callable[[str, float, Dimension], float]
 BodyChange = Callable[[Body], Body]
 
@@ -87,7 +87,7 @@ def mapped(robot: Robot, change: Change, of_body: BodyChange | None = None) -> R
 
 @dataclass(frozen=True)
 class _Mapping:
-    """What becomes of the numbers of a robot."""
+    """A copy of a robot with a function applied to its numbers."""
 
     change: Change
     of_body: BodyChange | None
@@ -141,15 +141,15 @@ class _Mapping:
         """A part with the changed numbers."""
         return replace(part, **self._numbers(part, prefix, slides))
 
-    def _constraint(self, own: Constraint) -> Constraint:
-        numbers = self._numbers(own, constraint_prefix(own.name))
-        quaternion = numbers.pop("quaternion", own.quaternion)
-        if quaternion != own.quaternion:
+    def _constraint(self, constraint: Constraint) -> Constraint:
+        numbers = self._numbers(constraint, constraint_prefix(constraint.name))
+        quaternion = numbers.pop("quaternion", constraint.quaternion)
+        if quaternion != constraint.quaternion:
             from scipy.spatial.transform import Rotation  # Late, as SciPy takes long to import.
 
             x, y, z = Rotation.from_quat(quaternion).as_euler("xyz", degrees=True)
             numbers["rpy_deg"] = Fraction(x), Fraction(y), Fraction(z)
-        return replace(own, **numbers)
+        return replace(constraint, **numbers)
 
     def _rotor(self, prefix: str, rotor: Rotor, driven: bool) -> Rotor:
         """A placed rotor; only robots that have actuators have the numbers of its drive."""
@@ -182,18 +182,18 @@ class _Mapping:
 
 def parameter_values(robot: Robot) -> dict[str, float]:
     """Every number of the robot that can be a parameter, zeros included, in SI units."""
-    found: dict[str, float] = {}
+    values: dict[str, float] = {}
 
     def note(name: str, value: float, _: Dimension) -> float:
-        found[name] = value
+        values[name] = value
         return value
 
     mapped(robot, note)
-    return found
+    return values
 
 
 def prepared(module: ModuleType, robot: Robot) -> Any:
-    """What a module's `prepare` returns for the numbers of a robot."""
+    """Constants that a module's `prepare` returns for the numbers of a robot."""
     numbers = parameter_values(robot)
     return module.prepare({name: numbers[name] for name in module.PARAMETERS})
 
@@ -216,13 +216,13 @@ class InOwnUnits:
         self._mass = _power_of_two(float(every[every > 0.0].min()))
         self._time = _power_of_two(1.0 / self.tree.tempo)
         units = self._length, self._mass, self._time
-        own = mapped(robot, lambda _, value, dimension: value / dimension.unit(*units))
-        inner = formulated(kind(Tree(own)))
+        scaled = mapped(robot, lambda _, value, dimension: value / dimension.unit(*units))
+        inner = formulated(kind(Tree(scaled)))
         self.name, self.limit, self.growth = inner.name, inner.limit, inner.growth
         self._inner = inner
 
     def at(self, states: States) -> Quantities:
-        """What the formulation computes, from and to SI units."""
+        """Quantities by the formulation, from and to SI units."""
         units = np.where(self.tree.turns, 1.0, self._length)
         free, time = units[self.tree.free], self._time
         lengths = np.array([unit == "m" for unit in self.tree.layout.q.units])
@@ -235,7 +235,7 @@ class InOwnUnits:
         thrusts = np.full(len(self.tree.motors), energy / self._length)
         u = states.u / np.concatenate([thrusts, efforts])
         # Libraries know nothing of actuators.
-        found = self._inner.at(States(q, v, a, u, states.W / wrench))._replace(actuators=None)
+        quantities = self._inner.at(States(q, v, a, u, states.W / wrench))._replace(actuators=None)
         pose = np.ones((4, 4))
         pose[:3, 3] = self._length
         scales = {
@@ -255,8 +255,8 @@ class InOwnUnits:
             "joint_wrenches": wrench,
             "loaded_joint_wrenches": wrench,
         }
-        values = {name: x for name, x in found._asdict().items() if x is not None}
-        return found._replace(**{name: x * scales[name] for name, x in values.items()})
+        values = {name: x for name, x in quantities._asdict().items() if x is not None}
+        return quantities._replace(**{name: x * scales[name] for name, x in values.items()})
 
 
 def _power_of_two(value: float) -> float:
@@ -267,7 +267,7 @@ Inertia = tuple[float, float, float, float, float, float]
 
 # Larger or smaller by 2.5 to 6.5 times, in powers of two.
 _OCTAVES = (1.3, 2.7)
-# What stands for zero beside other numbers, as a share of the smallest of them; and what is zero.
+# Shares of the smallest number that stand for zero beside others; the share that is zero.
 _SMALL, _FLAT = (0.05, 0.2), 1e-9
 # Least eigenvalue of a mass matrix of unit diagonal that rounding surely leaves positive.
 _DETERMINED = 1e-10
@@ -344,15 +344,15 @@ def variations(
 
 def _no_zeros(robot: Robot) -> set[str]:
     """Names of the numbers that are no zeros."""
-    found = set()
+    divisors = set()
 
     def note(name: str, value: float, dimension: Dimension) -> float:
         if dimension.no_zero:
-            found.add(name)
+            divisors.add(name)
         return value
 
     mapped(robot, note)
-    return found
+    return divisors
 
 
 def _with_zeros(robot: Robot, names: Sequence[str]) -> Robot:
@@ -360,7 +360,7 @@ def _with_zeros(robot: Robot, names: Sequence[str]) -> Robot:
 
 
 def determined(robot: Robot, least: float = _DETERMINED) -> bool:
-    """Whether something resists every acceleration by more than rounding would.
+    """True if inertia resists every acceleration by more than rounding would.
 
     `least` is the smallest eigenvalue that the mass matrix may have once its diagonal is 1.
     """
@@ -424,7 +424,7 @@ def _stretched(inertia: Inertia, draw: _Draw, natural: float) -> Inertia:
     spread = [factor * moment for factor, moment in zip(factors, along, strict=True)]
     least = min(filter(None, spread), default=natural)
     x, y, z = (moment or draw.share(*_SMALL) * least for moment in spread)
-    # What is diagonally dominant is positive definite.
+    # Matrices that are diagonally dominant are positive definite.
     least, roots = min(x, y, z), [draw.sign() * factor**0.5 for factor in factors]
     xy, xz, yz = (
         roots[i] * roots[j] * product or draw.sign() * draw.share(*_SMALL) * least

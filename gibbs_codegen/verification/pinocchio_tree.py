@@ -53,7 +53,7 @@ class Pinocchio:
         return state_by_state(self._at, self.tree, states, self._places)
 
     def _at(self, q: Array, v: Array, a: Array, rotation: Array, position: Array) -> Quantities:
-        """What Pinocchio's functions give for one state, in its order."""
+        """Quantities by Pinocchio for one state, in its order."""
         model, data = self._model, self._data
         model.jointPlacements[1] = pin.SE3(rotation, position)
         matrix = pin.crba(model, data, q).copy()

@@ -137,7 +137,7 @@ class States:
         wrenches = rng.normal(size=(count, len(tree.named), 6))
         wrenches *= force * np.repeat([1.0, tree.reach], 3)
         driven = _driven(tree, q, v, rng)
-        # Which constraints are active: all, then all but the first, and so on, as binary numbers.
+        # Active constraints: all, then all but the first, and so on, as binary numbers.
         bits = np.arange(count)[:, None] >> np.arange(len(tree.constraints)) & 1
         active = 1.0 - bits
         return cls(tree.coordinates(q), v, a * tree.tempo**2, u, wrenches, *driven, active)
@@ -207,7 +207,7 @@ def _random_angles(tree: Tree, count: int, rng: np.random.Generator) -> Array:
 
 
 class Sizes:
-    """How large the terms are that entries are summed from: an error is a share of that.
+    """Sizes of the terms that entries are summed from; errors are shares of them.
 
     The unit of a coordinate is the root of its largest inertia: that of all it moves, if it turned
     about the least favourable axis. No entry of the mass matrix exceeds 1 then, whatever the units
@@ -224,7 +224,7 @@ class Sizes:
         resisting = (units > 0.0) & (masses > 0.0) & tree.turns
         radii = units[resisting] / np.sqrt(masses[resisting])
         self.disparity = tree.reach / min(radii.min(initial=np.inf), tree.reach)
-        # What has no inertia at all has zeros, which need no size.
+        # Entries without any inertia are zeros, which need no size.
         self.units = np.where(units > 0.0, units, 1.0)
         self.free_units = self.units[:, tree.free]
         self.matrix = self.units[:, :, None] * self.units[:, None, :]
@@ -250,7 +250,7 @@ class Sizes:
         self.angles = np.abs(states.q[:, tree.turns[tree.free]]).sum(axis=-1)
         # The function has a term in the square of gravity, which its difference loses.
         self.gibbs = tree.mass * tree.gravity**2 + np.sum(power, axis=-1)
-        # Of the forces of inputs and of wrenches, which may cancel, all terms.
+        # Forces of inputs and of wrenches may cancel, so all their terms count.
         rotors, shape = len(tree.motors), (len(states), tree.size, len(tree.arm))
         drags = np.abs([motor.drag for motor in tree.motors])
         thrusts = levers[..., :rotors] + turned[:, :rotors] * drags
@@ -278,7 +278,7 @@ class Sizes:
 
 
 def _stretched(tree: Tree, frames: Frames) -> tuple[Array, Array, Array, Array]:
-    """What each coordinate moves, and how far off, were the arm stretched out.
+    """Inertias, masses and levers that each coordinate would move if the arm were stretched out.
 
     Largest inertias (masses if along) and masses, (s, size), and the levers (s, size, seats) of the
     tree's seats (1 if along): a folded arm has less inertia, and shorter levers, than their terms.
@@ -298,9 +298,9 @@ def _stretched(tree: Tree, frames: Frames) -> tuple[Array, Array, Array, Array]:
 
     for number, body in enumerate(tree.joints):
         # No principal moment exceeds half the trace.
-        own = 0.5 * np.trace(body.inertia)
+        central_inertia = 0.5 * np.trace(body.inertia)
         for joint, length in moving(number, body.com):
-            turning = body.mass * length**2 + own
+            turning = body.mass * length**2 + central_inertia
             inertias[:, joint.place] += turning if joint.revolute else body.mass
             masses[:, joint.place] += body.mass
     for k, seat in enumerate(tree.seats):

@@ -19,13 +19,13 @@ from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.robot.parts.body import Body, Rod
 from gibbs_codegen.robot.parts.numbers import BASE, Vector3
 from gibbs_codegen.robot.parts.pose import Pose
-from gibbs_codegen.verification.actuators import Actuators
+from gibbs_codegen.verification.actuators import ActuatorOracle
 from gibbs_codegen.verification.vectors import Array, about, cross
 
 WORLD = -1
 
 
-class Part(NamedTuple):
+class JointPart(NamedTuple):
     """One of the bodies that a joint carries, in the joint's frame: as `Joint` has all of them.
 
     `body` is its number, as of `Assembly`.
@@ -59,7 +59,7 @@ class Joint:
     com: Array = field(default_factory=lambda: np.zeros(3))
     inertia: Array = field(default_factory=lambda: np.zeros((3, 3)))
 
-    def with_part(self, part: Part) -> Joint:
+    def with_part(self, part: JointPart) -> Joint:
         """The joint with one body more."""
         mass, inertia = self.mass + part.mass, self.inertia + part.inertia
         if self.mass == 0.0 or mass == 0.0:
@@ -82,7 +82,7 @@ class Point(NamedTuple):
         return Point(self.joint, self.local + self.rotation @ offset, self.rotation @ rotation)
 
 
-class Motor(NamedTuple):
+class TreeMotor(NamedTuple):
     """The direction of a motor's thrust in the frame of its seat, and its drag in m.
 
     `body` is the number of the body that it sits on, as of `Assembly`.
@@ -112,7 +112,7 @@ class Assembly:
         layout = layout_of(robot)
         count = len(layout.free) + layout.constrained.stop - layout.constrained.start
         self.joints: list[Joint] = []
-        self.parts: list[Part] = []
+        self.parts: list[JointPart] = []
         self.arm = layout.free[layout.v.joints]
         self._robot = robot
         self._constrained = iter(range(count)[layout.constrained])
@@ -149,13 +149,13 @@ class Assembly:
                 at = self._jointed(at, link.axis, next(self._constrained))
             self.bodies[i], self.carriers[i] = at, parent
             self._carry(i, at, link.body)
-        self.motors: list[tuple[Point, Motor]] = []
+        self.motors: list[tuple[Point, TreeMotor]] = []
         for k, (rod, direction) in enumerate(zip(rods, base.thrust, strict=True), start=1):
             body = -k if k > 1 else BASE
-            self.motors.append((rod, Motor(np.array(direction), base.drag[k - 1], body)))
+            self.motors.append((rod, TreeMotor(np.array(direction), base.drag[k - 1], body)))
         for rotor in robot.thrusters:
             at = self.bodies[rotor.on].within(np.eye(3), np.array(rotor.position))
-            self.motors.append((at, Motor(np.array(rotor.direction), rotor.drag, rotor.on)))
+            self.motors.append((at, TreeMotor(np.array(rotor.direction), rotor.drag, rotor.on)))
         self.frames = {
             frame.name: self.bodies[frame.on].within(*_posed(frame.pose))
             for frame in frames_of(robot)
@@ -182,7 +182,7 @@ class Assembly:
             inertia = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
         turn = at.rotation
         com, inertia = at.local + turn @ np.array(at_com), turn @ inertia @ turn.T
-        part = Part(number, at.joint, mass, com, inertia)
+        part = JointPart(number, at.joint, mass, com, inertia)
         self.joints[at.joint] = self.joints[at.joint].with_part(part)
         self.parts.append(part)
 
@@ -234,7 +234,7 @@ def _turn(axis: str, degrees: float) -> Array:
 
 
 class PassiveJoints(NamedTuple):
-    """What acts on all joints by themselves, (size,) each: as `robot.model.Passive` has it."""
+    """Passive forces of all joints, (size,) per field, as in `robot.model.Passive`."""
 
     damping: Array
     armature: Array
@@ -243,7 +243,7 @@ class PassiveJoints(NamedTuple):
 
     @classmethod
     def of(cls, robot: Robot, size: int, places: Sequence[int]) -> PassiveJoints:
-        """What acts on the joints of a robot: zero for those of the base and those that are held.
+        """Passive forces of a robot's joints: zero for those of the base and those that are held.
 
         `places` are those of the joints that move among all `size`, in the order of their links.
         """
@@ -329,7 +329,7 @@ class Tree:
         self.mounts = [frame.on for frame in frames_of(robot)]
         self.tip = self.names.index("tip") if "tip" in self.names else None
         self.passive = PassiveJoints.of(robot, self.size, self.arm)
-        self.actuators = Actuators(robot) if robot.has_actuators else None
+        self.actuators = ActuatorOracle(robot) if robot.has_actuators else None
         self.constraints = robot.constraints
 
     @property
@@ -415,7 +415,7 @@ class Tree:
 
 
 @dataclass(frozen=True)
-class Motion:
+class BodyMotion:
     """Motion of a joint's frame in world axes, each (…, 3)."""
 
     velocity: Array
@@ -437,14 +437,14 @@ class Motion:
         )
 
 
-def joint_motions(tree: Tree, v: Array, a: Array, frames: Frames) -> list[Motion]:
+def joint_motions(tree: Tree, v: Array, a: Array, frames: Frames) -> list[BodyMotion]:
     """Motions of the joints' frames, from the world outwards.
 
     Rates `v` and accelerations `a` of all joints are (…, size), in rad and m; leading axes of the
     frames broadcast against theirs.
     """
-    still = Motion(*(np.zeros((*v.shape[:-1], 3)) for _ in range(4)))
-    motions: list[Motion] = []
+    still = BodyMotion(*(np.zeros((*v.shape[:-1], 3)) for _ in range(4)))
+    motions: list[BodyMotion] = []
     for number, joint in enumerate(tree.joints):
         parent = still if joint.parent == WORLD else motions[joint.parent]
         axis = frames.rotations[number][..., joint.axis]
@@ -453,14 +453,14 @@ def joint_motions(tree: Tree, v: Array, a: Array, frames: Frames) -> list[Motion
         dragged = cross(parent.angular_velocity, rate)
         velocity, acceleration = parent.at(frames.steps[number])
         if joint.revolute:
-            motion = Motion(
+            motion = BodyMotion(
                 velocity,
                 parent.angular_velocity + rate,
                 acceleration,
                 parent.angular_acceleration + gain + dragged,
             )
         else:
-            motion = Motion(
+            motion = BodyMotion(
                 velocity + rate,
                 parent.angular_velocity,
                 acceleration + gain + 2.0 * dragged,

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 Array = NDArray[Any]
 
 
-class Measured(NamedTuple):
+class Sized(NamedTuple):
     """Numbers (s, …), and the sizes of the terms that they are made of."""
 
     value: Array

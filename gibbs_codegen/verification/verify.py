@@ -22,7 +22,7 @@ from types import ModuleType
 from gibbs_codegen.interface import LANES
 from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.verification import invariants
-from gibbs_codegen.verification.comparison import Comparison, Evaluation, explained, failed, merged
+from gibbs_codegen.verification.comparison import Comparison, Results, explained, failed, merged
 from gibbs_codegen.verification.complex_steps import ComplexSteps
 from gibbs_codegen.verification.contents import compare_contents
 from gibbs_codegen.verification.derivatives import compare_derivatives
@@ -48,7 +48,7 @@ _MOST_ENTRIES = 400_000
 
 @dataclass(frozen=True)
 class Extent:
-    """How far to go beyond the random states.
+    """The states to compare beyond the random ones.
 
     `others` states have other parameters, of `variations` sets, and more with `zeros`, where
     parameters are zero; `singly` of all states are computed one by one as well; derivatives are
@@ -64,7 +64,7 @@ class Extent:
     of_each: int
 
 
-# Of states that have constants each there is a block, and some in a block that is not full.
+# States with constants of their own fill one block, and part of another.
 THOROUGH = Extent(6, 6, variations=4, zeros=True, any_angles=True, derivatives=3, of_each=LANES + 3)
 # For a module that was just emitted. States with other parameters have any angles.
 QUICK = Extent(3, 1, variations=1, zeros=False, any_angles=False, derivatives=1, of_each=0)
@@ -96,24 +96,24 @@ class Verification:
 
     @property
     def passed(self) -> bool:
-        """Whether there were comparisons, and none failed."""
+        """True if there were comparisons, and none failed."""
         return self.count > 0 and not self.failures
 
 
 def formulations(robot: Robot) -> tuple[list[Formulation], dict[str, str]]:
     """Every formulation of a robot, Newton and Euler's first, and why each other cannot be had."""
     tree = Tree(robot)
-    found: list[Formulation] = [formulated(NewtonEuler(tree)), formulated(Lagrange(tree))]
+    available: list[Formulation] = [formulated(NewtonEuler(tree)), formulated(Lagrange(tree))]
     not_done = {}
     for name, library in _LIBRARIES.items():
         try:
             there = importlib.import_module(f"gibbs_codegen.verification.{library}_tree")
-            found.append(InOwnUnits(getattr(there, name), robot))
+            available.append(InOwnUnits(getattr(there, name), robot))
         except ModuleNotFoundError:
             not_done[name] = f"{library} is not installed"
         except (ImportError, NotApplicableError) as error:
             not_done[name] = str(error)
-    return found, not_done
+    return available, not_done
 
 
 def compare_module(
@@ -148,10 +148,10 @@ def compare_module(
             module, steps, against, some, (seed, number), singly, progress
         )
     others = min(most, extent.others)
-    evaluation = Evaluation(module)
+    evaluation = Results(module)
     unknown = invariants.without_formulation(evaluation.signatures, comparisons, against[0].name)
     states = States.random(tree, others, (seed, 5))
-    there = Evaluation(numpy) if numpy else None
+    there = Results(numpy) if numpy else None
     comparisons += invariants.compare_with_itself(evaluation, there, robot, unknown, states)
     comparisons += compare_derivatives(evaluation, steps, robot, states.first(extent.derivatives))
     if extent.any_angles:
@@ -170,7 +170,7 @@ def compare_module(
 
 
 def most_states(tree: Tree) -> int:
-    """How many states at once, at least 1, keep the memory that they take within bounds."""
+    """The largest number of states at once, at least 1, that keeps memory within bounds."""
     return max(1, _MOST_ENTRIES // tree.size**2)
 
 
@@ -190,7 +190,7 @@ def _compare_functions(
     """
     tree = against[0].tree
     states = States.random(tree, count, seed)
-    evaluation = Evaluation(module)
+    evaluation = Results(module)
     values = evaluation.all(states)
     progress(against[0].name)
     first = Expected(against[0], states)
@@ -210,7 +210,7 @@ def _compare_functions(
 
 
 def _compare_again(
-    evaluation: Evaluation, tree: Tree, states: States, few: int, against: str
+    evaluation: Results, tree: Tree, states: States, few: int, against: str
 ) -> list[Comparison]:
     """Compare all functions with Newton and Euler's equations in other circumstances, `against`.
 
@@ -237,8 +237,8 @@ def _with_other_parameters(
     others = variations(robot, module.PARAMETERS, seed, extent.variations, extent.zeros)
     for number, other in enumerate(others):
         try:
-            evaluation = Evaluation(module, prepared(module, other))
-            there = Evaluation(numpy, prepared(numpy, other)) if numpy else None
+            evaluation = Results(module, prepared(module, other))
+            there = Results(numpy, prepared(numpy, other)) if numpy else None
         except (Exception, SystemExit) as error:  # Whatever was done to the module.
             yield failed("prepare", OTHER_PARAMETERS, f"{type(error).__name__}: {error}")
             return

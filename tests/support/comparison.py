@@ -13,7 +13,7 @@ import numpy as np
 from gibbs_codegen.interface.table import DERIVATIVE_GROUPS, FUNCTIONS
 from gibbs_codegen.robot.layout import layout_of
 from gibbs_codegen.robot.model import Robot
-from gibbs_codegen.verification.comparison import Evaluation
+from gibbs_codegen.verification.comparison import Results
 from gibbs_codegen.verification.equations import Expected
 from gibbs_codegen.verification.formulation import Formulation, formulated
 from gibbs_codegen.verification.newton_euler import NewtonEuler
@@ -56,7 +56,7 @@ def errors(
 ) -> dict[str, float]:
     """Largest error of each function over random states, relative to the terms of its entries."""
     at = States.random(formulation.tree, count, seed)
-    compared = Expected(formulation, at).compare(Evaluation(module).all(at))
+    compared = Expected(formulation, at).compare(Results(module).all(at))
     found = {c.what.split(".")[0] for c in compared}
     assert found >= EVERY & {*module.FUNCTIONS}, "not all functions were compared"
     return {c.what: c.error for c in compared}

@@ -15,8 +15,8 @@ from gibbs_codegen.program.nodes import (
     Number,
     Output,
     Product,
-    Program,
     Reciprocal,
+    ScalarProgram,
     Statement,
     Sum,
     node_value,
@@ -104,7 +104,7 @@ def values() -> st.SearchStrategy[Values]:
 
 def evaluated(function: Function, at: Values) -> list[list[float]]:
     """Entries of each output, by the program's own interpreter."""
-    program = Program({"q": INPUTS}, CONSTANTS, CONSTANTS, (), (function,))
+    program = ScalarProgram({"q": INPUTS}, CONSTANTS, CONSTANTS, (), (function,))
     parameters = {name: at[name] for name in CONSTANTS}
     return program.evaluate("f", parameters, {"q": [at[name] for name in INPUTS]})
 

@@ -21,8 +21,8 @@ from gibbs_codegen.program.nodes import (
     Node,
     Number,
     Product,
-    Program,
     Reciprocal,
+    ScalarProgram,
     Sum,
 )
 
@@ -68,7 +68,7 @@ def exact(numbers: Mapping[str, float]) -> dict[str, Bounded]:
 
 
 def prepared(
-    program: Program, parameters: Mapping[str, float], rounded: bool = False
+    program: ScalarProgram, parameters: Mapping[str, float], rounded: bool = False
 ) -> dict[str, Bounded]:
     """Parameters, which single precision has `rounded`, and what `prepare` makes of them."""
     values = exact(parameters)
@@ -80,7 +80,10 @@ def prepared(
 
 
 def evaluated(
-    program: Program, function: Function, constants: Values, state: Mapping[str, Sequence[float]]
+    program: ScalarProgram,
+    function: Function,
+    constants: Values,
+    state: Mapping[str, Sequence[float]],
 ) -> list[list[Bounded]]:
     """Entries of each output of a function at a state, given by argument."""
     values = dict(constants)
@@ -92,7 +95,7 @@ def evaluated(
 
 
 def accelerations(
-    program: Program,
+    program: ScalarProgram,
     constants: Values,
     state: Mapping[str, Sequence[float]],
     wrenches: bool = False,

@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 
 import sympy as sp
 
-from gibbs_codegen.graph.graph import Graph, Kind, Ref
+from gibbs_codegen.graph.graph import Graph, NodeKind, Ref
 
 # Fractions modulo this prime are exact, and stay short.
 PRIME = 2**61 - 1
@@ -35,17 +35,17 @@ def values(graph: Graph, refs: Sequence[Ref], inputs: Sequence[float]) -> list[f
     for kind, operands, label in zip(graph.kinds, graph.operands, graph.labels, strict=True):
         of = [value(ref) for ref in operands]
         match kind:
-            case Kind.INPUT:
+            case NodeKind.INPUT:
                 found.append(next(given))
-            case Kind.NUMBER:
+            case NodeKind.NUMBER:
                 found.append(float(sp.N(label)))
-            case Kind.SUM:
+            case NodeKind.SUM:
                 found.append(math.fsum(of))
-            case Kind.PRODUCT:
+            case NodeKind.PRODUCT:
                 found.append(of[0] * of[1])
-            case Kind.RECIPROCAL:
+            case NodeKind.RECIPROCAL:
                 found.append(1.0 / of[0])
-            case Kind.CALL:
+            case NodeKind.CALL:
                 found.append(_FUNCTIONS[str(label)](of[0]))
     return [value(ref) for ref in refs]
 
@@ -65,20 +65,20 @@ def exact(graph: Graph, refs: Sequence[Ref], rates: Sequence[int] = ()) -> list[
     for node, label in enumerate(graph.labels):
         of = [value(ref) for ref in graph.operands[node]]
         match graph.kinds[node]:
-            case Kind.INPUT:
+            case NodeKind.INPUT:
                 made = 3**node + 11, next(inputs)
-            case Kind.NUMBER:
+            case NodeKind.NUMBER:
                 number = sp.Rational(label)
                 made = number.p * pow(number.q, -1, PRIME), 0
-            case Kind.SUM:
+            case NodeKind.SUM:
                 made = sum(x for x, _ in of), sum(rate for _, rate in of)
-            case Kind.PRODUCT:
+            case NodeKind.PRODUCT:
                 (x, dx), (y, dy) = of
                 made = x * y, x * dy + y * dx
-            case Kind.RECIPROCAL:
+            case NodeKind.RECIPROCAL:
                 inverse = pow(of[0][0], -1, PRIME)
                 made = inverse, -inverse * inverse * of[0][1]
-            case Kind.CALL:
+            case NodeKind.CALL:
                 ((x, dx),) = of
                 sine, cosine, root = 7 * x**3 + x, 5 * x**2 + 2, x**2 + x + 9
                 value_of, by_x = {

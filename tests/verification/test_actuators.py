@@ -22,7 +22,7 @@ from gibbs_codegen.pipeline import generate_robot
 from gibbs_codegen.robot.file import parse_robot
 from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.targets.registry import render_module
-from gibbs_codegen.verification.comparison import Evaluation, failure_text
+from gibbs_codegen.verification.comparison import Results, failure_text
 from gibbs_codegen.verification.equations import Expected
 from gibbs_codegen.verification.formulation import formulated
 from gibbs_codegen.verification.modules import module_of, verify
@@ -81,7 +81,7 @@ def failing(module: ModuleType, expected: Wanted) -> set[str]:
     """Functions of a module that are found wrong."""
     failed = set()
     for robot, rows, states in expected:
-        evaluation = Evaluation(module, prepared(module, robot))
+        evaluation = Results(module, prepared(module, robot))
         found = rows.compare_functions(evaluation, states, "Newton–Euler")
         failed |= {c.what for c in found if not c.passed}
     return failed
@@ -146,7 +146,7 @@ def test_each_number_of_actuators_counts(expected: Wanted) -> None:
     assert len(names) > 30
 
     def wrong(**others: float) -> set[str]:
-        evaluation = Evaluation(module, prepared(module, with_values(robot, others)))
+        evaluation = Results(module, prepared(module, with_values(robot, others)))
         found = rows.compare_functions(evaluation, states, "Newton–Euler")
         return {c.what for c in found if not c.passed}
 

@@ -23,7 +23,7 @@ from gibbs_codegen.runtime.load import load
 from gibbs_codegen.symbolic import ldlt
 from gibbs_codegen.targets.registry import find_targets, render_module
 from gibbs_codegen.verification.c_program import compare_single_precision
-from gibbs_codegen.verification.comparison import Evaluation
+from gibbs_codegen.verification.comparison import Results
 from gibbs_codegen.verification.complex_steps import ComplexSteps
 from gibbs_codegen.verification.derivatives import compare_derivatives
 from gibbs_codegen.verification.equations import Expected
@@ -55,7 +55,7 @@ def failing(expected: Wanted, derive: Callable[..., Model] = derive) -> set[str]
     """Functions of the robot's module that are found wrong."""
     module, failed = module_of(derive(parse_robot(TEXT), functions=FEW)), set[str]()
     for robot, rows, states in expected:
-        evaluation = Evaluation(module, prepared(module, robot))
+        evaluation = Results(module, prepared(module, robot))
         found = rows.compare_functions(evaluation, states, "Newton–Euler")
         failed |= {c.what for c in found if not c.passed}
     return failed
@@ -98,7 +98,7 @@ def test_points_held_next_to_each_other_pass_and_faults_are_found(apart: float) 
         states = States.random(Tree(other), 16, [1, number])
         rows = Expected(formulated(NewtonEuler(Tree(other))), states)
         right, wrong = (
-            rows.compare_functions(Evaluation(module, prepared(module, x)), states, "")
+            rows.compare_functions(Results(module, prepared(module, x)), states, "")
             for x in (other, robot)
         )
         assert {c.what for c in right if not c.passed} == set()
@@ -136,7 +136,7 @@ def test_derivatives_pass_where_a_robot_is_held_still_and_faults_are_found() -> 
     derivatives = (f"{HELD}_derivatives", "impact_derivatives")
     module = module_of(derive(robot, functions=("default", *FEW), derivatives=derivatives))
     states = States.random(Tree(robot), 8, 1)
-    evaluation = Evaluation(module, prepared(module, robot))
+    evaluation = Results(module, prepared(module, robot))
     found = compare_derivatives(evaluation, ComplexSteps(module, robot), robot, states)
     assert {c.what for c in found if not c.passed} == set()
     other = variation(robot, module.PARAMETERS, 0, 0)

@@ -27,7 +27,7 @@ from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.robot.parts.base import Base, alternating_thrust
 from gibbs_codegen.robot.parts.body import RigidBody, Rod
 from gibbs_codegen.targets.registry import render_module
-from gibbs_codegen.verification.comparison import Evaluation
+from gibbs_codegen.verification.comparison import Results
 from gibbs_codegen.verification.equations import Expected, input_matrix
 from gibbs_codegen.verification.formulation import (
     Formulation,
@@ -133,7 +133,7 @@ def test_mujoco_finds_faults_in_modules_of_thin_rods(of_rods: Robot) -> None:
 
     def passes(kernel: str) -> bool:
         module = module_of(text[:start] + kernel + text[end:])
-        return all(c.passed for c in expected.compare(Evaluation(module).all(states)))
+        return all(c.passed for c in expected.compare(Results(module).all(states)))
 
     assert passes(text[start:end])
     missed = [what for kernel, what in planted(text[start:end], 30, seed=3) if passes(kernel)]
