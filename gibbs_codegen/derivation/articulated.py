@@ -83,9 +83,9 @@ class SolvedJoint:
             for i, (ratio, entry) in enumerate(zip(self.ratios, entries, strict=True))
             if i != self.direction
         ]
-        own = tape.let(self.share - sp.Add(*rest))
-        relative = tape.let(own - entries[self.direction])
-        entries[self.direction] = own
+        along = tape.let(self.share - sp.Add(*rest))
+        relative = tape.let(along - entries[self.direction])
+        entries[self.direction] = along
         return relative, Acceleration.of(entries)
 
 
@@ -127,7 +127,7 @@ class JointAcceleration:
 
     relative: sp.Expr
     carried: Acceleration
-    own: Acceleration
+    acceleration: Acceleration
 
 
 def articulated(
@@ -150,8 +150,8 @@ def articulated(
     transforms: list[Transform] = []
     for k, segment in enumerate(tree.segments[1:], start=1):
         turned = segment.parent == 0 and not root_turn(tree).is_identity
-        own = [segment.rotation] if tree.works_in_own_frame(k) and not turned else []
-        transforms.append([*own, *tree.transform_in(tape, k)])
+        rotations = [segment.rotation] if tree.works_in_own_frame(k) and not turned else []
+        transforms.append([*rotations, *tree.transform_in(tape, k)])
     joints: list[SolvedJoint] = []
     felt: list[ArticulatedBody] = []
     received = [ArticulatedBody(NO_ARTICULATED_INERTIA, NO_WRENCH) for _ in tree.segments]
@@ -186,17 +186,17 @@ def accelerations_outward(
     with tape.group("acceleration of the base, by LDL^T"):
         (entries,) = articulation.root_responses(tape, [articulation.root.load.entries])
     moving = [Acceleration.of(entries)]
-    found = []
+    accelerations = []
     segments = articulation.tree.segments[1:]
     for segment, joint, transform in zip(
         segments, articulation.joints, articulation.transforms, strict=True
     ):
         with tape.group(f"acceleration of {segment.joint_name}"):
             carried = moving[segment.parent].passed_out(tape, transform)
-            relative, own = joint.accelerated(tape, carried)
-        found.append(JointAcceleration(relative, carried, own))
-        moving.append(own)
-    return moving[0], found
+            relative, acceleration = joint.accelerated(tape, carried)
+        accelerations.append(JointAcceleration(relative, carried, acceleration))
+        moving.append(acceleration)
+    return moving[0], accelerations
 
 
 def root_in_group_frame(

@@ -77,7 +77,7 @@ _FEW = 6
 
 
 def inertia_is_shorter(tree: SegmentTree) -> bool:
-    """Whether operational-space inertias are likely to take fewer operations.
+    """True if operational-space inertias are likely to take fewer operations.
 
     That is estimated from how many joints are inboard of a joint; neither way is counted.
     """
@@ -111,11 +111,11 @@ def with_joint(tape: Scalars, joint: SolvedJoint, rows: Rows) -> ArticulatedIner
     ]
     other = [sp.S.Zero if i == direction else entry for i, entry in enumerate(along)]
     squares = times(left, along[direction]) - tape.sum_of_products(rest, other)
-    own = tape.let(squares + joint.lightness)
+    diagonal = tape.let(squares + joint.lightness)
 
     def entry(i: int, j: int) -> sp.Expr:
         if i == j == direction:
-            return own
+            return diagonal
         if direction in (i, j):
             return along[j if i == direction else i]
         return rows[i][j]
@@ -137,15 +137,15 @@ def doubled_velocities(
     """
     tree = articulation.tree
     turn = root_turn(tree).inverse
-    found = [Acceleration(ZERO, tape.scale(sp.Integer(2), turn.vector(tape, motions[0].omega)))]
+    twice = [Acceleration(ZERO, tape.scale(sp.Integer(2), turn.vector(tape, motions[0].omega)))]
     for k, segment in enumerate(tree.segments[1:], start=1):
         with tape.group(f"velocity of {segment.joint_name}"):
-            there = found[segment.parent].passed_out(tape, articulation.transforms[k - 1])
+            there = twice[segment.parent].passed_out(tape, articulation.transforms[k - 1])
             linear = there.linear
             if segment.joint == "prismatic":
                 linear = tape.add(linear, axis_vector(Z, tape.let(2 * rates[k - 1])))
-            found.append(Acceleration(linear, tape.scale(sp.Integer(2), motions[k].omega)))
-    return found
+            twice.append(Acceleration(linear, tape.scale(sp.Integer(2), motions[k].omega)))
+    return twice
 
 
 def couplings_inward(
@@ -166,8 +166,8 @@ def couplings_inward(
             if k == 0:
                 inertia = inertia.rotated(tape, root_turn(tree).inverse)
             twice = doubled[k]
-            own = VelocityCoupling.rigid(tape, inertia, twice.angular, twice.linear)
-            whole = own.plus(tape, received[k])
+            rigid = VelocityCoupling.rigid(tape, inertia, twice.angular, twice.linear)
+            whole = rigid.plus(tape, received[k])
             if k == 0:
                 break
             joint, parent = articulation.joints[k - 1], tree.segments[k].parent
@@ -185,8 +185,8 @@ _NO_WRENCH = [sp.S.Zero] * 6
 
 
 Kind = Literal["wrench", "turning", "effort", "coordinate", "rate"]
-# What a column is by: a component 0 … 5 of a wrench on the root, or 0 … 2 of its angular velocity;
-# or a joint, by the index of its segment.
+# The variable of a column: a component 0 … 5 of a wrench on the root, or 0 … 2 of its angular
+# velocity; or a joint, by the index of its segment.
 Key = tuple[Kind, int]
 _KINDS = get_args(Kind)
 
@@ -228,11 +228,11 @@ def convected_perturbations(
     """
     doubled = doubled_velocities(tape, articulation, motions, rates)
     whole, couplings = couplings_inward(tape, articulation, doubled)
-    found = []
+    perturbations = []
     for k, segment in enumerate(articulation.tree.segments[1:], start=1):
         coupling, ratios = couplings[k - 1]
         joint, felt = articulation.joints[k - 1], articulation.felt[k - 1]
-        carried, own = accelerations[k - 1].carried, passive[k - 1]
+        carried, forces = accelerations[k - 1].carried, passive[k - 1]
         is_revolute = segment.joint == "revolute"
         with tape.group(f"changes of {segment.joint_name} and of its rate"):
             angle, rate = _changes(tape, is_revolute, motions[k], doubled[k], carried)
@@ -248,11 +248,11 @@ def convected_perturbations(
                 moving = [zero, zero, zero, -f_y, f_x, zero]
             parts = (joint, felt, coupling)
             changes: dict[Kind, Perturbation] = {
-                "coordinate": _perturbation(tape, *parts, *angle, -own.stiffness, moving),
-                "rate": _perturbation(tape, *parts, *rate, -own.damping, _NO_WRENCH),
+                "coordinate": _perturbation(tape, *parts, *angle, -forces.stiffness, moving),
+                "rate": _perturbation(tape, *parts, *rate, -forces.damping, _NO_WRENCH),
             }
-            found.append(JointPerturbations(changes, ratios))
-    return whole, found
+            perturbations.append(JointPerturbations(changes, ratios))
+    return whole, perturbations
 
 
 def _changes(
@@ -320,7 +320,7 @@ class SeenPoint:
 
 @dataclass(frozen=True)
 class _Carried:
-    """What a column does to a segment, in its working frame: an acceleration and a turning ε."""
+    """Effect of a column on a segment, in its working frame: an acceleration and a turning ε."""
 
     acceleration: Acceleration
     turning: Vector = ZERO
@@ -392,13 +392,13 @@ class ArticulatedDerivatives:
         return column + [entry for point in self._seen for entry in self._at_point(point, key)]
 
     def _at_point(self, point: SeenPoint, key: Key) -> Values:
-        """What a column does to a point, in axes that turn with it."""
+        """Effect of a column on a point, in axes that turn with it."""
         tape, k = self._tape, point.segment
         with tape.group("accelerations of points, column by column"):
-            found = self._reached(k, key).passed_out(tape, [point.place])
+            reached = self._reached(k, key).passed_out(tape, [point.place])
             turning = self._at[k][key].turning if key in self._at[k] else ZERO
-            linear = tape.add(found.linear, tape.cross(turning, point.doubled))
-            angular = tape.add(found.angular, tape.cross(turning, point.omega))
+            linear = tape.add(reached.linear, tape.cross(turning, point.doubled))
+            angular = tape.add(reached.angular, tape.cross(turning, point.omega))
             return Acceleration(linear, angular).rotated(tape, point.turn).entries
 
     def by_wrench(self, k: int, wrench: Values) -> Values:
@@ -428,7 +428,7 @@ class ArticulatedDerivatives:
                 if key[0] in ("wrench", "effort"):
                     self._receive(k, key, arriving)
                 self._push(k, key, arriving, turning[key])
-        # What an effort at the joint and its changes do to the parent, with ψ of the changes.
+        # Effects of an effort at the joint and of its changes on the parent, with ψ of the changes.
         with tape.group(f"responses to {name}, at its parent"):
             joint, changes = self._articulation.joints[k - 1], self._changes[k - 1].changes
             wrenches: dict[Kind, Values] = {"effort": joint.ratios}
@@ -459,7 +459,7 @@ class ArticulatedDerivatives:
         """
         tape, joint = self._tape, self._articulation.joints[k - 1]
         share = tape.let(times(effort, joint.lightness) + self._share(k, turning))
-        # What `SolvedJoint.accelerated` gives, in lines that are the same for all columns.
+        # The results of `SolvedJoint.accelerated`, in lines that are the same for all columns.
         direction, entries = joint.direction, arriving.entries
         factors = [-ratio for ratio in joint.ratios]
         if joint.armature == 0:
@@ -478,11 +478,11 @@ class ArticulatedDerivatives:
             self._root.setdefault(("effort", k), []).append(relative)
 
     def _share(self, k: int, turning: Vector) -> sp.Expr:
-        """What a joint gives way to a turning of what it carries."""
+        """Acceleration by which a joint gives way to a turning of its subtree."""
         return -self._tape.dot(self._changes[k - 1].turning_ratios, turning)
 
     def _receive(self, k: int, key: Key, arriving: Acceleration) -> None:
-        """What the changes at joint k do to what a column is by, by reciprocity.
+        """Effect of changes at joint k on the cause of a column, by reciprocity.
 
         `arriving` is what the column does to the parent, at the joint in the segment's working
         frame.
@@ -495,7 +495,7 @@ class ArticulatedDerivatives:
                 self._joints[(kind, k), key[1]] = entry
 
     def _reached(self, k: int, key: Key) -> Acceleration:
-        """What a column does to a segment that it is not carried to, by what it does to the joints.
+        """Effect of a column on a segment that it is not carried to, by that on the joints.
 
         It is in the segment's working frame, or where the root's system is solved.
         """

@@ -64,11 +64,11 @@ class ConstraintDerivatives:
             rows = [self.systems.refs(row) for row in fixed]
             gains = [self.systems.refs(row) for row in self._unit_columns]
             pushed = self._jacobian(self._pushes, argument, self._of_forces(argument))
-            found = _sum(graph, rows, _product(graph, gains, self._turned(pushed, argument)))
+            derivatives = _sum(graph, rows, _product(graph, gains, self._turned(pushed, argument)))
             if self.alone and argument == "v":
-                units = identity(len(found))
-                found = _sum(graph, found, [self.systems.refs(row) for row in units])
-            return found
+                units = identity(len(derivatives))
+                derivatives = _sum(graph, derivatives, [self.systems.refs(row) for row in units])
+            return derivatives
 
     def of_forces(self, argument: str) -> Matrix:
         """Derivatives of forces or impulses by an argument (columns)."""
@@ -102,31 +102,31 @@ class ConstraintDerivatives:
     @cached_property
     def _rows(self) -> list[sp.Expr]:
         """J a + γ or, after an impact, J v."""
-        own = self._own
-        return own.stopped_at(self._motions) if self.alone else own.rows_at(self._motions)
+        rows = self._own
+        return rows.stopped_at(self._motions) if self.alone else rows.rows_at(self._motions)
 
     @cached_property
     def _pushes(self) -> list[sp.Expr]:
         """Forces μ along the unit loads."""
-        found, rest = list[sp.Expr](), self.forces
+        pushes, rest = list[sp.Expr](), self.forces
         for held in self._own.held:
             forces, rest = rest[: len(held.rows)], rest[len(held.rows) :]
-            found += self._own.symbolic.tape.combination(forces, self._own.shares(held))
-        return found
+            pushes += self._own.symbolic.tape.combination(forces, self._own.shares(held))
+        return pushes
 
     @cached_property
     def _base(self) -> tuple[list[sp.Expr], BaseColumns]:
         """Accelerations, and columns of them and of what the frames feel."""
-        symbolic, own, tape = self._symbolic, self._own, self._symbolic.tape
+        symbolic, constraints, tape = self._symbolic, self._own, self._symbolic.tape
         passive = passive_symbols(symbolic)
         if self.alone:
             passive = [PassiveSymbols(*[sp.S.Zero] * 4)] * len(passive)
         motions = free_motions_of(about_base_centre(symbolic))
         rates = symbolic.joint_state.rates
         doubled, seen = doubled_velocities(tape, self._articulation, motions, rates), []
-        for held in own.held:
+        for held in constraints.held:
             if held.carrier is None:
-                k, (_, place) = held.frame.segment, own.working(held)
+                k, (_, place) = held.frame.segment, constraints.working(held)
                 omega, turn = motions[k].omega, root_turn(self._articulation.tree)
                 if k == 0:
                     place, omega = (turn.inverse.vector(tape, x) for x in (place, omega))
@@ -147,13 +147,13 @@ class ConstraintDerivatives:
         return in_order(self._symbolic.places, columns)
 
     def _columns(self, argument: str) -> tuple[list[list[sp.Expr]], list[Values]]:
-        """What accelerations and t (rows) change by with an argument where μ does not change."""
-        symbolic, own, tape = self._symbolic, self._own, self._symbolic.tape
+        """Changes of accelerations and t (rows) with an argument while μ stays constant."""
+        symbolic, constraints, tape = self._symbolic, self._own, self._symbolic.tape
         (acceleration, base), places = self._base, symbolic.places
         if argument == "u":
             columns = [*base.by_rotors(), *base.by_joints("effort")]
         elif argument == "v" and self.alone:
-            world = sum(held.carrier is None for held in own.held)
+            world = sum(held.carrier is None for held in constraints.held)
             columns = [[sp.S.Zero] * (places.size + 6 * world)] * places.size
         else:
             by_place, by_velocity = base.by_base(places.split(acceleration)[0])
@@ -162,16 +162,16 @@ class ConstraintDerivatives:
             else:
                 columns = places.joined(by_velocity, base.by_joints("rate"))
         rows, motions, first, unit = in_order(places, columns), list[Values](), places.size, 0
-        for held, motion in zip(own.held, self._motions, strict=True):
+        for held, motion in zip(constraints.held, self._motions, strict=True):
             if held.carrier is not None:
-                motions += [rows[places.joint_places[k - 1]] for k in own.between(held)]
-                unit += len(own.between(held))
+                motions += [rows[places.joint_places[k - 1]] for k in constraints.between(held)]
+                unit += len(constraints.between(held))
                 continue
-            count = len(own.units(held))
+            count = len(constraints.units(held))
             if argument == "u":
                 inputs = [*zip(*self.systems.reduced.inputs, strict=True)]
                 for column in [*zip(*self._unit_columns, strict=True)][unit : unit + count]:
-                    motions.append([tape.sum_of_products(column, each) for each in inputs])
+                    motions.append([tape.sum_of_products(column, load) for load in inputs])
             else:
                 seen = [[column[first + i] for column in columns] for i in range(count)]
                 for j, turn in enumerate(self._turns(held) if argument == "q" else []):
@@ -184,19 +184,19 @@ class ConstraintDerivatives:
         return rows, motions
 
     def _turns(self, held: Held) -> list[sp.Expr]:
-        """How fast velocities turn a frame against axes in which its segment works, about z."""
+        """Rates, about z, of a frame against the axes in which its segment works, by velocities."""
         symbolic, tree = self._symbolic, self._articulation.tree
         k, size = held.frame.segment, symbolic.places.size
         if held.carrier is not None or tree.works_in_own_frame(k):
             return [sp.S.Zero] * size
         group = [m for m in tree.path(k) if tree.lead(m) == tree.lead(k)]
-        found = []
+        rates = []
         for unit in identity(size):
             base, joints = symbolic.places.split(unit)
             turning = [joints[m - 1] for m in group if m and tree.segments[m].joint == "revolute"]
             spin = symbolic.root.segment_spin(base) if 0 in group else sp.S.Zero
-            found.append(sp.Add(spin, *turning))
-        return found
+            rates.append(sp.Add(spin, *turning))
+        return rates
 
     def _jacobian(self, outputs: Values, argument: str, of_forces: Matrix) -> Matrix:
         """Derivatives of what the forces and q or v make, by columns of dλ."""
@@ -208,20 +208,20 @@ class ConstraintDerivatives:
     def _turned(self, pushes: Matrix, argument: str) -> Matrix:
         """Changes of μ by an argument (columns) in axes that turn with the frames."""
         graph, first = self.systems.imported.graph, 0
-        refs, found = self.systems.refs(self._pushes), [list(row) for row in pushes]
+        refs, turned = self.systems.refs(self._pushes), [list(row) for row in pushes]
         for held in self._own.held:
             count = len(self._own.units(held))
             for j, turn in enumerate(self._turns(held) if argument == "q" else []):
                 for i in range(first, first + count if turn else first, 3):
-                    found[i][j] = graph.sum([found[i][j], refs[i + 1]])
-                    found[i + 1][j] = graph.sum([found[i + 1][j], graph.minus(refs[i])])
+                    turned[i][j] = graph.sum([turned[i][j], refs[i + 1]])
+                    turned[i + 1][j] = graph.sum([turned[i + 1][j], graph.minus(refs[i])])
             first += count
-        return found
+        return turned
 
     def _of_forces(self, argument: str) -> Matrix:
         """dλ, by columns."""
-        systems, graph, own = self.systems, self.systems.imported.graph, self._own
-        nodes = systems.refs([x for each in self._motions for x in each])
+        systems, graph, constraints = self.systems, self.systems.imported.graph, self._own
+        nodes = systems.refs([x for motion in self._motions for x in motion])
         directions, (_, motions) = systems.directions(argument), self._columns(argument)
         with systems.imported.group(f"derivatives by {argument}, with the forces fixed"):
             still = [[graph.zero] * len(self.forces)] * len(directions)
@@ -230,24 +230,24 @@ class ConstraintDerivatives:
             held = [{**x, **y} for x, y in zip(directions, seen, strict=True)]
             changes = jacobian(graph, systems.refs(self._rows), held)
             pushes = self._turned(self._jacobian(self._pushes, argument, still), argument)
-            pushed = [systems.refs(row) for row in own.pushed]
+            pushed = [systems.refs(row) for row in constraints.pushed]
             changes = _sum(graph, changes, _product(graph, pushed, pushes))
         with systems.imported.group(f"derivatives of the forces by {argument}"):
             return self._solved(changes, directions if argument == "q" else [])
 
     def _solved(self, changes: Matrix, turning: Sequence[Direction]) -> Matrix:
         """dλ from dc, by columns; A changes in the directions `turning`, if in any."""
-        systems, graph, own = self.systems, self.systems.imported.graph, self._own
-        inverse = [systems.refs(row) for row in own.solver_inverse]
-        if not turning or own.is_regular:
+        systems, graph, constraints = self.systems, self.systems.imported.graph, self._own
+        inverse = [systems.refs(row) for row in constraints.solver_inverse]
+        if not turning or constraints.is_regular:
             return _columns_of(_minus(graph, _product(graph, inverse, changes)))
         tape = systems.symbolic.tape
         with tape.group("least forces, seen from the rows, and what rows cannot have"):
-            dual = [tape.sum_of_products(row, self.forces) for row in own.solver_inverse]
-            left = [tape.let(m * c) for m, c in zip(own.masks, self._rows, strict=True)]
-            # Of rows that can have all there is rounding, which A⁺ would enlarge.
-            left = [tape.let(c - x) for c, x in zip(left, own.projected(left), strict=True)]
-            onto = [systems.refs(own.projected(unit)) for unit in identity(len(left))]
+            dual = [tape.sum_of_products(row, self.forces) for row in constraints.solver_inverse]
+            left = [tape.let(m * c) for m, c in zip(constraints.masks, self._rows, strict=True)]
+            # Rows that can have all leave only rounding, which A⁺ would enlarge.
+            left = [tape.let(c - x) for c, x in zip(left, constraints.projected(left), strict=True)]
+            onto = [systems.refs(constraints.projected(unit)) for unit in identity(len(left))]
         by_dual, by_left = (self._under(forces, turning) for forces in (dual, left))
         changes = _sum(graph, changes, _product(graph, inverse, by_left))
         outside = _sum(graph, by_dual, _minus(graph, _product(graph, onto, by_dual)))
@@ -255,9 +255,9 @@ class ConstraintDerivatives:
 
     def _under(self, forces: list[sp.Expr], directions: Sequence[Direction]) -> Matrix:
         """Derivatives of A f of the active rows, with the forces f fixed."""
-        systems, graph, own = self.systems, self.systems.imported.graph, self._own
+        systems, graph, constraints = self.systems, self.systems.imported.graph, self._own
         fixed = _moved(graph, systems.refs(forces), [graph.zero] * len(forces))
-        rows = zip(own.masks, own.rows_under(forces), strict=True)
+        rows = zip(constraints.masks, constraints.rows_under(forces), strict=True)
         masked = [systems.symbolic.tape.let(mask * row) for mask, row in rows]
         held = [{**direction, **fixed} for direction in directions]
         return jacobian(graph, systems.refs(masked), held)
@@ -305,7 +305,7 @@ class ConstrainedSystems(Systems):
         return ConstraintDerivatives(self, self.constraints.solver_impulses, alone=True)
 
 
-# What a derivative by an argument is made of, by the derivation of the output.
+# The parts of a derivative by an argument, by the derivation of the output.
 IMPLICIT: dict[str, Callable[[ConstrainedSystems, str], Matrix]] = {
     "constrained_acceleration": lambda s, by: s.held_derivatives.of_accelerations(by),
     "constraint_forces": lambda s, by: s.held_derivatives.of_forces(by),

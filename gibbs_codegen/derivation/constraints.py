@@ -50,7 +50,7 @@ from gibbs_codegen.derivation.forward_kinematics import (
     mounted_frames,
     segment_frames,
 )
-from gibbs_codegen.derivation.motion import Acceleration, State
+from gibbs_codegen.derivation.motion import Acceleration, TreeState
 from gibbs_codegen.derivation.parameters import ConstraintSymbols
 from gibbs_codegen.derivation.root.quaternion import rotation_columns
 from gibbs_codegen.derivation.symbolic_robot import SymbolicRobot
@@ -77,13 +77,13 @@ _LEAST_ERROR = sp.Rational(1, 10**16)
 
 
 class Direction(NamedTuple):
-    """What a row holds: the origin of a frame along a vector, or turning about it."""
+    """Direction that a row holds: the origin of a frame along a vector, or turning about it."""
 
     turns: bool
     vector: Vector
 
 
-class Push(NamedTuple):
+class UnitLoad(NamedTuple):
     """A load by the index of segments: wrenches on them, or efforts of their joints.
 
     The wrenches are about the joints in the frames in which the segments work, or of the root where
@@ -114,7 +114,7 @@ class Held:
     frame; `way` does so from the anchor, of which `along` are the axes. `axes` are the frame's.
     """
 
-    own: Constraint
+    constraint: Constraint
     symbols: ConstraintSymbols
     frame: MountedFrame
     carrier: MountedFrame | None
@@ -126,8 +126,8 @@ class Held:
 
     @property
     def is_whole(self) -> bool:
-        """Whether it is held against the world in all directions, and maybe about all."""
-        return self.carrier is None and self.own.holds in ("point", "frame")
+        """True if the world holds it in all directions, and maybe about all."""
+        return self.carrier is None and self.constraint.holds in ("point", "frame")
 
 
 @dataclass(frozen=True)
@@ -147,20 +147,20 @@ class ConstraintEquations:
     @cached_property
     def held(self) -> list[Held]:
         """The frames that constraints hold, in the order of CONSTRAINTS."""
-        mounted = {each.name: each for each in mounted_frames(self.symbolic)}
+        mounted = {mounting.name: mounting for mounting in mounted_frames(self.symbolic)}
         return [
             self._held(
-                own,
-                mounted[identifier(own.frame)],
-                mounted[identifier(own.to)] if own.to is not None else None,
+                constraint,
+                mounted[identifier(constraint.frame)],
+                mounted[identifier(constraint.to)] if constraint.to is not None else None,
             )
-            for own in self.symbolic.robot.constraints
+            for constraint in self.symbolic.robot.constraints
         ]
 
-    def _held(self, own: Constraint, frame: MountedFrame, carrier: MountedFrame | None) -> Held:
-        tape, symbols = self._tape, self.symbolic.parameters.constraints[own.name]
+    def _held(self, tie: Constraint, frame: MountedFrame, carrier: MountedFrame | None) -> Held:
+        tape, symbols = self._tape, self.symbolic.parameters.constraints[tie.name]
         point, axes = self._pose(frame)
-        with tape.group(f"anchor of {identifier(own.name)}"):
+        with tape.group(f"anchor of {identifier(tie.name)}"):
             if carrier is None:
                 arm, along = (
                     tape.add(self.symbolic.origin, point),
@@ -169,20 +169,20 @@ class ConstraintEquations:
                 way = tape.add(arm, minus(symbols.xyz))
             else:
                 origin, carried = self._pose(carrier)
-                turn = zip(*turned_by_rpy(own.anchor.rpy_deg), strict=True)
+                turn = zip(*turned_by_rpy(tie.anchor.rpy_deg), strict=True)
                 along = tuple([combined(tape, carried, column) for column in turn])
                 arm = tape.add(point, minus(origin))
                 way = tape.add(arm, minus(combined(tape, carried, symbols.xyz)))
-        with tape.group(f"directions that {identifier(own.name)} holds"):
-            rows = _directions(tape, own, along, way, symbols.distance)
-        return Held(own, symbols, frame, carrier, arm, way, axes, along, rows)
+        with tape.group(f"directions that {identifier(tie.name)} holds"):
+            rows = _directions(tape, tie, along, way, symbols.distance)
+        return Held(tie, symbols, frame, carrier, arm, way, axes, along, rows)
 
     def _pose(self, frame: MountedFrame) -> tuple[Vector, Frame]:
         """Origin of a frame from that of the coordinates, and its axes, in world axes."""
         tape, point = self._tape, frame.from_origin(self._tape, self._frames)
         with tape.group(f"axes of {frame.name}"):
-            own, columns = self._frames[frame.segment].own, zip(*frame.turn, strict=True)
-            return point, tuple([combined(tape, own, column) for column in columns])
+            segment_axes, columns = self._frames[frame.segment].axes, zip(*frame.turn, strict=True)
+            return point, tuple([combined(tape, segment_axes, column) for column in columns])
 
     def errors(self) -> list[sp.Expr]:
         """Errors of all rows, m or rad."""
@@ -191,20 +191,20 @@ class ConstraintEquations:
     def _errors(self, held: Held) -> list[sp.Expr]:
         tape, let = self._tape, self._tape.let
         (a, b, c), (x, y, z) = held.along, held.axes
-        with tape.group(f"errors of {identifier(held.own.name)}"):
-            if held.own.holds == "distance":
+        with tape.group(f"errors of {identifier(held.constraint.name)}"):
+            if held.constraint.holds == "distance":
                 squares = let(tape.dot(held.way, held.way) * let(1 / held.symbols.distance))
                 return [let(_HALF * let(squares - held.symbols.distance))]
-            found = [tape.dot(row.vector, held.way) for row in held.rows if not row.turns]
-            if held.own.holds == "frame":
+            errors = [tape.dot(row.vector, held.way) for row in held.rows if not row.turns]
+            if held.constraint.holds == "frame":
                 pairs = ((c, y, b, z), (a, z, c, x), (b, x, a, y))
                 for p, q, r, s in pairs:
-                    found.append(let(_HALF * let(tape.dot(p, q) - tape.dot(r, s))))
-            if held.own.holds == "hinge":
-                axis = structural(held.own.axis)
+                    errors.append(let(_HALF * let(tape.dot(p, q) - tape.dot(r, s))))
+            if held.constraint.holds == "hinge":
+                axis = structural(held.constraint.axis)
                 sine = tape.cross(combined(tape, (a, b, c), axis), combined(tape, (x, y, z), axis))
-                found += [tape.dot(row.vector, sine) for row in held.rows if row.turns]
-            return found
+                errors += [tape.dot(row.vector, sine) for row in held.rows if row.turns]
+            return errors
 
     def jacobian(self) -> Matrix:
         """J by rows, in the order of v."""
@@ -228,7 +228,7 @@ class ConstraintEquations:
                     arm = tape.add(point, minus(self._frames[k].position))
                     joints[k - 1] = (tape.cross(axis, arm), axis)
         columns = self.symbolic.places.joined(base, joints)
-        with tape.group(f"rows of {identifier(held.own.name)}"):
+        with tape.group(f"rows of {identifier(held.constraint.name)}"):
             return [
                 [tape.dot(row.vector, column[row.turns]) for column in columns] for row in held.rows
             ]
@@ -242,32 +242,32 @@ class ConstraintEquations:
 
     def _velocity(self, held: Held) -> Acceleration:
         """Velocity and angular velocity of a frame against what carries the anchor."""
-        found, carrier = self._motion(held, State.resting)
-        with self._tape.group(f"velocity of {identifier(held.own.name)}"):
-            return self._against(found, carrier, held.arm)
+        motion, carrier = self._motion(held, TreeState.resting)
+        with self._tape.group(f"velocity of {identifier(held.constraint.name)}"):
+            return self._against(motion, carrier, held.arm)
 
-    def _motion(self, held: Held, of: Callable[[Values], State]) -> tuple[Acceleration, ...]:
+    def _motion(self, held: Held, of: Callable[[Values], TreeState]) -> tuple[Acceleration, ...]:
         """Motions of a frame and of what carries the anchor, as joints between them make them."""
         symbolic = self.symbolic
         rates: Values = symbolic.v
-        names = [each.name for each in mounted_frames(symbolic)]
+        names = [mounting.name for mounting in mounted_frames(symbolic)]
         if held.carrier is not None:
             between = self.between(held)
             _, joints = symbolic.places.split(rates)
             joints = [rate if k in between else sp.S.Zero for k, rate in enumerate(joints, start=1)]
             rates = symbolic.places.joined([sp.S.Zero] * 6, joints)
         rows = frame_motions(symbolic, of(rates))
-        own = Acceleration.of(rows[names.index(held.frame.name)])
+        motion = Acceleration.of(rows[names.index(held.frame.name)])
         if held.carrier is None:
-            return own, Acceleration(ZERO, ZERO)
-        return own, Acceleration.of(rows[names.index(held.carrier.name)])
+            return motion, Acceleration(ZERO, ZERO)
+        return motion, Acceleration.of(rows[names.index(held.carrier.name)])
 
-    def _against(self, own: Acceleration, carrier: Acceleration, arm: Vector) -> Acceleration:
+    def _against(self, motion: Acceleration, carrier: Acceleration, arm: Vector) -> Acceleration:
         """One motion less that of the same place on the carrier."""
         tape = self._tape
         there = carrier.passed_out(tape, [arm])
-        linear = tape.add(own.linear, minus(there.linear))
-        return Acceleration(linear, tape.add(own.angular, minus(there.angular)))
+        linear = tape.add(motion.linear, minus(there.linear))
+        return Acceleration(linear, tape.add(motion.angular, minus(there.angular)))
 
     def bias(self) -> list[sp.Expr]:
         """Accelerations of all rows where a is zero, in the axes of what carries the anchor."""
@@ -275,12 +275,14 @@ class ConstraintEquations:
 
     def _bias(self, held: Held) -> list[sp.Expr]:
         tape = self._tape
-        own, carrier = self._motion(held, State.coasting)
-        relative = self._against(own, carrier, held.arm)
+        motion, carrier = self._motion(held, TreeState.coasting)
+        relative = self._against(motion, carrier, held.arm)
         if held.carrier is not None:
-            before, turning = self._motion(held, State.resting)
+            before, turning = self._motion(held, TreeState.resting)
             spin, moving = turning.angular, self._velocity(held)
-            with tape.group(f"acceleration of {identifier(held.own.name)} against its carrier"):
+            with tape.group(
+                f"acceleration of {identifier(held.constraint.name)} against its carrier"
+            ):
                 inner = tape.cross(spin, tape.cross(spin, held.arm))
                 twice = tape.cross(tape.scale(sp.Integer(2), spin), moving.linear)
                 relative = Acceleration(
@@ -292,15 +294,15 @@ class ConstraintEquations:
     def _along(self, held: Held, motion: Acceleration, centripetal: bool = False) -> list[sp.Expr]:
         """Components of a motion along the rows; of a distance with what turning its way adds."""
         tape, parts = self._tape, (motion.linear, motion.angular)
-        with tape.group(f"rows of {identifier(held.own.name)}"):
-            found = [tape.dot(row.vector, parts[row.turns]) for row in held.rows]
+        with tape.group(f"rows of {identifier(held.constraint.name)}"):
+            entries = [tape.dot(row.vector, parts[row.turns]) for row in held.rows]
             if centripetal:
-                found = [tape.let(x + self._centripetal(held)) for x in found]
-            return found
+                entries = [tape.let(x + self._centripetal(held)) for x in entries]
+            return entries
 
     def _centripetal(self, held: Held) -> sp.Expr:
-        """What a distance accelerates by as its way turns, else zero."""
-        if held.own.holds != "distance":
+        """Acceleration of a distance as its direction turns, else zero."""
+        if held.constraint.holds != "distance":
             return sp.S.Zero
         tape, moving = self._tape, self._velocity(held).linear
         return tape.let(tape.dot(moving, moving) * tape.let(1 / held.symbols.distance))
@@ -312,7 +314,7 @@ class ConstraintEquations:
         if frequency == 0:
             return [sp.S.Zero] * len(held.rows)
         errors, rates = self._errors(held), self._along(held, self._velocity(held))
-        with tape.group(f"errors of {identifier(held.own.name)}, back to zero"):
+        with tape.group(f"errors of {identifier(held.constraint.name)}, back to zero"):
             stiffness, damping = let(frequency * frequency), let(let(2 * ratio) * frequency)
             return [
                 let(let(damping * rate) + let(stiffness * error))
@@ -344,9 +346,9 @@ class ConstraintEquations:
         """World axes of the frame in which a segment works, and where there the held frame is."""
         tree, k = self.articulation.tree, held.frame.segment
         (centred,) = mounted_frames(self.centred, held.frame.name)
-        own = tree.works_in_own_frame(k)
-        rotation = NO_ROTATION if own else tree.segments[k].rotation
-        axes = self._frames[k].own if own else self._frames[k].group
+        by_segment = tree.works_in_own_frame(k)
+        rotation = NO_ROTATION if by_segment else tree.segments[k].rotation
+        axes = self._frames[k].axes if by_segment else self._frames[k].group
         with self._tape.group(f"place of {held.frame.name}"):
             return axes, rotation.vector(self._tape, centred.position)
 
@@ -355,36 +357,36 @@ class ConstraintEquations:
         axes, _ = self.working(held)
         if held.is_whole:
             return _units(held)
-        with self._tape.group(f"directions that {identifier(held.own.name)} holds"):
+        with self._tape.group(f"directions that {identifier(held.constraint.name)} holds"):
             return [
                 Direction(turns, tuple(self._tape.dot(axis, vector) for axis in axes))
                 for turns, vector in held.rows
             ]
 
-    def _push(self, held: Held, direction: Direction) -> Push:
+    def _push(self, held: Held, direction: Direction) -> UnitLoad:
         """A unit force or torque on a frame, in the axes in which its segment works."""
         tape, k = self._tape, held.frame.segment
         turns, vector = direction
         _, place = self.working(held)
-        with tape.group(f"unit load of {identifier(held.own.name)}"):
+        with tape.group(f"unit load of {identifier(held.constraint.name)}"):
             wrench = Wrench(ZERO, vector) if turns else Wrench(vector, ZERO)
             wrench = wrench.shifted(tape, place)
             if k == 0:
                 wrench = wrench.rotated(tape, root_turn(self.articulation.tree).inverse)
-        return Push({k: wrench}, {})
+        return UnitLoad({k: wrench}, {})
 
-    def units(self, held: Held) -> list[Push]:
+    def units(self, held: Held) -> list[UnitLoad]:
         """Unit loads that those of the rows are made of, with the `shares` of these.
 
         On what the world holds they are forces, and torques, along the axes in which the segment
         works; else efforts of the joints between the frame and its carrier.
         """
         if held.carrier is not None:
-            return [Push({}, {k: sp.S.One}) for k in self.between(held)]
+            return [UnitLoad({}, {k: sp.S.One}) for k in self.between(held)]
         return [self._push(held, unit) for unit in _units(held)]
 
     def shares(self, held: Held) -> Matrix:
-        """What rows (rows) have of the unit loads."""
+        """Shares of rows (rows) in the unit loads."""
         if held.carrier is not None:
             joints = [self.symbolic.places.split(row)[1] for row in self._jacobian(held)]
             return [[row[k - 1] for k in self.between(held)] for row in joints]
@@ -397,19 +399,19 @@ class ConstraintEquations:
     @cached_property
     def _loads(self) -> list[Load]:
         """Unit loads of all rows, passed inwards."""
-        found = []
+        loads = []
         for held in self.held:
             if held.carrier is None:
                 pushes = [self._push(held, row) for row in self._solver_directions(held)]
             else:
                 between = self.between(held)
                 rows = self.shares(held)
-                pushes = [Push({}, dict(zip(between, row, strict=True))) for row in rows]
-            found += [self._passed_in(push) for push in pushes]
-        return found
+                pushes = [UnitLoad({}, dict(zip(between, row, strict=True))) for row in rows]
+            loads += [self._passed_in(push) for push in pushes]
+        return loads
 
-    def _passed_in(self, push: Push) -> Load:
-        """What joints and root take of a load."""
+    def _passed_in(self, push: UnitLoad) -> Load:
+        """Parts of a load that joints and root take."""
         tape, articulation = self._tape, self.articulation
         shares, felt, loads = {}, {}, dict(push.wrenches)
         for k in range(articulation.tree.joints, 0, -1):
@@ -423,8 +425,8 @@ class ConstraintEquations:
                     tape.let(entry - tape.let(times(ratio, share)))
                     for entry, ratio in zip(load, joint.ratios, strict=True)
                 ]
-                own = times(tape.let(times(joint.armature, joint.lightness)), share)
-                left[joint.direction] = tape.let(own - effort)
+                carried = times(tape.let(times(joint.armature, joint.lightness)), share)
+                left[joint.direction] = tape.let(carried - effort)
                 felt[k] = Wrench.of(left)
                 passed = moved(tape, felt[k], articulation.transforms[k - 1])
                 loads[segment.parent] = loads.get(segment.parent, NO_WRENCH).plus(tape, passed)
@@ -447,11 +449,11 @@ class ConstraintEquations:
     @cached_property
     def _matrix(self) -> Matrix:
         """A = J M⁻¹ Jᵀ of all rows."""
-        found = [[sp.S.Zero] * len(self._loads) for _ in self._loads]
+        entries = [[sp.S.Zero] * len(self._loads) for _ in self._loads]
         for i, load in enumerate(self._loads):
             for j, entry in enumerate(self._pushed(load, self._loads[: i + 1])):
-                found[i][j] = found[j][i] = entry
-        return found
+                entries[i][j] = entries[j][i] = entry
+        return entries
 
     def _pushed(self, load: Load, rows: Sequence[Load]) -> list[sp.Expr]:
         """Accelerations of rows by a load."""
@@ -464,11 +466,11 @@ class ConstraintEquations:
         """Accelerations of all rows (rows) by the unit loads of all frames (columns)."""
         columns, rows = list[list[sp.Expr]](), iter(self._matrix)
         for held in self.held:
-            own = [next(rows) for _ in held.rows]
+            accelerations = [next(rows) for _ in held.rows]
             if not held.is_whole:
                 loads = map(self._passed_in, self.units(held))
-                own = [self._pushed(load, self._loads) for load in loads]
-            columns += own
+                accelerations = [self._pushed(load, self._loads) for load in loads]
+            columns += accelerations
         return [*map(list, zip(*columns, strict=True))]
 
     @cached_property
@@ -490,7 +492,7 @@ class ConstraintEquations:
 
     @cached_property
     def _inverse(self) -> Factors | PseudoInverse:
-        """What solves for forces of the active constraints; of one alone if it were active.
+        """Solver for forces of the active constraints; a single one counts as active.
 
         A frame that the world holds can always be moved, since the base flies: no row is redundant.
         """
@@ -523,51 +525,52 @@ class ConstraintEquations:
 
     @property
     def is_regular(self) -> bool:
-        """Whether no row can be redundant."""
+        """True if no row can be redundant."""
         (first, *others) = self.held
-        return not others and first.carrier is None and first.own.holds != "distance"
+        return not others and first.carrier is None and first.constraint.holds != "distance"
 
     def _solved(self, right: Values) -> list[sp.Expr]:
         """Minus the least λ with A λ = b, of the active constraints."""
         tape = self._tape
         with tape.group("forces of the constraints, by LDL^T"):
-            found = self._inverse.solved(right)
+            forces = self._inverse.solved(right)
             if self.is_regular:
-                found = [
-                    tape.let(times(mask, x)) for mask, x in zip(self.masks, found, strict=True)
+                forces = [
+                    tape.let(times(mask, x)) for mask, x in zip(self.masks, forces, strict=True)
                 ]
-            return [-x for x in found]
+            return [-x for x in forces]
 
     def _to_solver(self, rows: Values) -> list[sp.Expr]:
-        """What rows have, in the axes of the solver."""
+        """Values of rows, in the axes of the solver."""
         return self._turned(rows, lambda held: (held.along, self.working(held)[0]))
 
     def from_solver(self, rows: Values) -> list[sp.Expr]:
-        """What rows have, from the axes of the solver."""
+        """Values of rows, from the axes of the solver."""
         return self._turned(rows, lambda held: (self.working(held)[0], held.along))
 
     def _turned(self, rows: Values, axes: Callable[[Held], tuple[Frame, Frame]]) -> list[sp.Expr]:
         """Rows of frames that the world holds whole, from some axes to others."""
-        tape, rest, found = self._tape, list(rows), []
+        tape, rest, turned = self._tape, list(rows), []
         for held in self.held:
-            own, rest = rest[: len(held.rows)], rest[len(held.rows) :]
+            part, rest = rest[: len(held.rows)], rest[len(held.rows) :]
             if held.is_whole:
                 before, after = axes(held)
-                with tape.group(f"rows of {identifier(held.own.name)} in other axes"):
+                with tape.group(f"rows of {identifier(held.constraint.name)} in other axes"):
                     halves = [
-                        combined(tape, before, tuple(own[i : i + 3])) for i in range(0, len(own), 3)
+                        combined(tape, before, tuple(part[i : i + 3]))
+                        for i in range(0, len(part), 3)
                     ]
-                    own = [tape.dot(axis, half) for half in halves for axis in after]
-            found += own
-        return found
+                    part = [tape.dot(axis, half) for half in halves for axis in after]
+            turned += part
+        return turned
 
     @cached_property
     def _unheld(self) -> list[sp.Expr]:
         """J a + γ of the rows if no constraint held, in the axes of the solver."""
         return self._accelerations(self.articulation, self._known)
 
-    def _accelerations(self, articulation: Articulation, known: Values) -> list[sp.Expr]:
-        """Accelerations of the rows of the solver under some loads, with `known` of them."""
+    def _accelerations(self, articulation: Articulation, unloaded: Values) -> list[sp.Expr]:
+        """Accelerations of the rows of the solver under some loads, with `unloaded` of them."""
         tape, (order, factors) = self._tape, self._root
         load = articulation.root.load.entries
         with tape.group("accelerations of the constraints"):
@@ -575,12 +578,12 @@ class ConstraintEquations:
             shares = {k: joint.share for k, joint in enumerate(articulation.joints, start=1)}
             return [
                 tape.let(x + self._product(row, shares, scaled))
-                for x, row in zip(known, self._loads, strict=True)
+                for x, row in zip(unloaded, self._loads, strict=True)
             ]
 
     @cached_property
     def _known(self) -> list[sp.Expr]:
-        """What velocities and gravity make of the rows, and what brings errors back."""
+        """Parts of the rows by velocities and gravity, and by errors that go back to zero."""
         return self.rows_at(self.unit_motions(None, alone=False))
 
     def unit_motions(self, articulation: Articulation | None, alone: bool) -> list[Values]:
@@ -588,7 +591,7 @@ class ConstraintEquations:
 
         They are what velocities make, unless loads act `alone`, and what solved joints add.
         """
-        tape, found = self._tape, list[Values]()
+        tape, motions = self._tape, list[Values]()
         free = forward_dynamics.free_motions_of(self.centred)
         if articulation is not None:
             root, joints = accelerations_outward(tape, articulation)
@@ -596,22 +599,22 @@ class ConstraintEquations:
             k, (_, place) = held.frame.segment, self.working(held)
             with tape.group(f"motion of {held.frame.name} by velocities and gravity"):
                 motion = free[k].displaced(tape, place)
-                own = Acceleration(motion.acceleration, motion.omega_dot)
+                moving = Acceleration(motion.acceleration, motion.omega_dot)
                 if articulation is not None:
                     turn = root_turn(articulation.tree)
-                    gain = joints[k - 1].own if k else root.rotated(tape, turn)
+                    gain = joints[k - 1].acceleration if k else root.rotated(tape, turn)
                     gain = gain.passed_out(tape, [place])
-                    own = gain if alone else own.plus(tape, gain)
+                    moving = gain if alone else moving.plus(tape, gain)
             if held.carrier is None:
-                found.append(own.entries[: len(_units(held))])
+                motions.append(moving.entries[: len(_units(held))])
             else:
                 between = self.between(held)
                 still = articulation is None
-                found.append([sp.S.Zero if still else joints[k - 1].relative for k in between])
-        return found
+                motions.append([sp.S.Zero if still else joints[k - 1].relative for k in between])
+        return motions
 
     def _of_units(self, motions: Sequence[Values]) -> list[sp.Expr]:
-        """What rows have of accelerations along the unit loads."""
+        """Accelerations of rows from those along the unit loads."""
         return [
             self._tape.dot(tuple(row), tuple(motion))
             for held, motion in zip(self.held, motions, strict=True)
@@ -619,7 +622,7 @@ class ConstraintEquations:
         ]
 
     def rows_at(self, motions: Sequence[Values]) -> list[sp.Expr]:
-        """J a + γ of all rows, from accelerations along the unit loads of each frame."""
+        """J a + γ of all rows, from rates along the unit loads of each frame."""
         tape, against, added = self._tape, list[Values](), list[sp.Expr]()
         for held, motion in zip(self.held, motions, strict=True):
             if held.carrier is not None:
@@ -632,10 +635,10 @@ class ConstraintEquations:
                 added += [self._centripetal(held)] * len(held.rows)
             against.append(motion)
         with tape.group("motions of the constraints by velocities and gravity"):
-            found = [tape.let(x + y) for x, y in zip(self._of_units(against), added, strict=True)]
+            rates = [tape.let(x + y) for x, y in zip(self._of_units(against), added, strict=True)]
         back = self._to_solver([x for held in self.held for x in self._returning(held)])
         with tape.group("errors back to zero"):
-            return [tape.let(x + y) for x, y in zip(found, back, strict=True)]
+            return [tape.let(x + y) for x, y in zip(rates, back, strict=True)]
 
     def under(self, forces: Values, alone: bool) -> Articulation:
         """The solved joints under forces of the constraints, alone or with all else."""
@@ -652,9 +655,9 @@ class ConstraintEquations:
                 ]
                 pushing = [force for _, force in pairs]
                 total = tape.sum_of_products([row.shares[k] for row, _ in pairs], pushing)
-                own = times(joint.lightness, total)
+                pushed = times(joint.lightness, total)
                 share = sp.S.Zero if alone else joint.share
-                joints.append(replace(joint, share=tape.let(share + own)))
+                joints.append(replace(joint, share=tape.let(share + pushed)))
                 left = [row.felt[k].entries for row, _ in pairs] or [NO_WRENCH.entries]
                 load = Wrench.of(tape.combination(pushing or [sp.S.Zero], left))
                 load = before[k - 1].plus(tape, load)
@@ -764,17 +767,17 @@ def _axes_of(tape: Scalars, quaternion: Vector) -> Frame:
 
 
 def _directions(
-    tape: Scalars, own: Constraint, along: Frame, way: Vector, distance: sp.Expr
+    tape: Scalars, constraint: Constraint, along: Frame, way: Vector, distance: sp.Expr
 ) -> list[Direction]:
     """Rows of a constraint in world axes, by those of the anchor."""
-    if own.holds == "distance":
+    if constraint.holds == "distance":
         return [Direction(False, tape.scale(tape.let(1 / distance), way))]
-    if own.holds == "plane":
-        return [Direction(False, combined(tape, along, structural(own.normal)))]
+    if constraint.holds == "plane":
+        return [Direction(False, combined(tape, along, structural(constraint.normal)))]
     rows = [Direction(False, axis) for axis in along]
-    if own.holds == "frame":
+    if constraint.holds == "frame":
         rows += [Direction(True, axis) for axis in along]
-    if own.holds == "hinge":
-        first, second, _ = zip(*z_onto(own.axis), strict=True)
+    if constraint.holds == "hinge":
+        first, second, _ = zip(*z_onto(constraint.axis), strict=True)
         rows += [Direction(True, combined(tape, along, across)) for across in (first, second)]
     return rows

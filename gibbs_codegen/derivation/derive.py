@@ -113,13 +113,13 @@ def _slices(
             lists["PARAMETERS"] = systems.parameters
         for signature in signatures(lists, functions):
             row = FUNCTIONS[signature.name]
-            own = 0 if not row.on_request else 1 if "CONSTRAINTS" in row.needs else 2
-            if own == stage and not row.composed:
+            row_stage = 0 if not row.on_request else 1 if "CONSTRAINTS" in row.needs else 2
+            if row_stage == stage and not row.composed:
                 progress(signature.name.replace("_", " "))
                 systems.functions[signature.name] = _slice(systems, signature)
     (matrix,) = signatures(lists, ["mass_matrix"])
     mass_matrix = systems.functions.get("mass_matrix") or _slice(systems, matrix)
-    # Of the position's three entries it is the last, whatever the attitude.
+    # Whatever the attitude, it is the last of the position's three entries.
     v = symbolic.description.layout.v
     mass = mass_matrix.outputs[0][1][(v.position.stop - 1) * (v.size + 1)]
     return [
@@ -139,11 +139,11 @@ def _slice(systems: ConstrainedSystems, signature: Signature) -> Slice:
     row = FUNCTIONS[signature.name]
     with systems.imported.tape.function() as groups:
         for output, name, shape in zip(row.outputs, row.derivations, signature.shapes, strict=True):
-            found = entries(DERIVATIONS[name](systems))
-            if len(found) != math.prod(shape):
+            values = entries(DERIVATIONS[name](systems))
+            if len(values) != math.prod(shape):
                 raise ValueError(
-                    f"derivation {name!r} gives {len(found)} entries; "
+                    f"derivation {name!r} gives {len(values)} entries; "
                     f"{output.name} of {signature.name} has shape {shape} in the table"
                 )
-            arrays.append((shape, found))
+            arrays.append((shape, values))
     return Slice(signature.name, signature.arguments, tuple(arrays), groups)

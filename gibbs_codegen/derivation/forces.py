@@ -16,7 +16,7 @@ from collections.abc import Mapping
 import sympy as sp
 
 from gibbs_codegen.derivation.jointed_bodies import JointedBodies
-from gibbs_codegen.derivation.motion import State
+from gibbs_codegen.derivation.motion import TreeState
 from gibbs_codegen.derivation.parameters import PassiveSymbols
 from gibbs_codegen.derivation.segment_tree import SegmentTree
 from gibbs_codegen.derivation.symbolic_robot import SymbolicRobot
@@ -181,13 +181,13 @@ def gibbs(symbolic: SymbolicRobot) -> sp.Expr:
     with tape.group("Gibbs function with armature, dampers and springs"):
         a = symbolic.joint_state.accelerations
         pairs = zip(a, passive_forces(symbolic), strict=True)
-        own = [*_squares(symbolic, a), *(tape.let(-force * rate) for rate, force in pairs)]
-        return tape.let(sp.Add(links, *own))
+        terms = [*_squares(symbolic, a), *(tape.let(-force * rate) for rate, force in pairs)]
+        return tape.let(sp.Add(links, *terms))
 
 
 def kinetic_energy(symbolic: SymbolicRobot) -> sp.Expr:
     """The Gibbs function of a robot at rest, weightless, whose accelerations are the rates (J)."""
-    tape, state = symbolic.tape, State.resting(symbolic.v)
+    tape, state = symbolic.tape, TreeState.resting(symbolic.v)
     links = gibbs_function(tape, symbolic.root, symbolic.reduced_tree, state)
     with tape.group("kinetic energy with that of the armature"):
         return tape.let(sp.Add(links, *_squares(symbolic, symbolic.joint_state.rates)))
@@ -211,7 +211,7 @@ def potential_energy(symbolic: SymbolicRobot) -> sp.Expr:
 
 
 def _stretch(tape: Scalars, joint: PassiveSymbols, angle: sp.Expr) -> sp.Expr:
-    """How far a spring is from rest; zero where there is none."""
+    """Displacement of a spring from rest; zero where there is none."""
     return tape.let(angle - joint.rest) if joint.stiffness != 0 else sp.S.Zero
 
 

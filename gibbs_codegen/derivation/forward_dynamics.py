@@ -25,7 +25,7 @@ from gibbs_codegen.derivation.articulated import (
 )
 from gibbs_codegen.derivation.forces import armatures, passive_forces, thrust_wrenches
 from gibbs_codegen.derivation.inertia import ANGULAR, PAIRS, Inertia
-from gibbs_codegen.derivation.motion import Acceleration, Motion, State
+from gibbs_codegen.derivation.motion import Acceleration, Motion, TreeState
 from gibbs_codegen.derivation.symbolic_robot import SymbolicRobot
 from gibbs_codegen.derivation.wrenches import frame_loads
 from gibbs_codegen.errors import SingularRobotError
@@ -128,7 +128,7 @@ def factorised_dynamics(
     loads = acting(centred)
     thrust, motions = loads.pop(0), free_motions_of(centred)
     bias, rows = tree_dynamics.inward(tape, centred.reduced_tree, motions, loads)
-    # What acts less velocity terms, as a wrench about the origin, and likewise for each joint.
+    # The forces less velocity terms, as a wrench about the origin, and likewise for each joint.
     with tape.group("thrusts and joint torques less inertia forces"):
         thrust = thrust.rotated(tape, centred.root.segment_rotation)
         efforts = [tape.let(u - row) for u, row in zip(_efforts(centred), rows, strict=True)]
@@ -221,7 +221,7 @@ def at_origin(symbolic: SymbolicRobot, centre: Acceleration) -> Vector:
     Both are in the root's group frame, that of the base centre relative to free fall.
     """
     tape, root = symbolic.tape, symbolic.root
-    base, _ = State.coasting(symbolic.v).split(symbolic.places)
+    base, _ = TreeState.coasting(symbolic.v).split(symbolic.places)
     still = root.frame_motion(tape, base)
     still = still.spun(tape, root.segment_spin(base.rates), sp.S.Zero)
     omega_dot = tape.add(still.omega_dot, centre.angular)

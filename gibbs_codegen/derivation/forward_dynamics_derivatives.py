@@ -90,7 +90,7 @@ class BaseColumns:
         symbolic, tape = self.symbolic, self.symbolic.tape
         state = replace(symbolic.base_state, accelerations=accelerations)
         with tape.group("columns of attitude and position and of their velocities"):
-            # Of r̈ of the origin, dω/dt and the joints for a change of each component of ω, in the
+            # Changes of r̈ of the origin, dω/dt and the joints with each component of ω, in the
             # root's group frame.
             origin, _ = self._solved
             columns = []
@@ -174,7 +174,7 @@ class BaseColumns:
             k = mounted.segment
             with tape.group(f"columns of the wrench on {mounted.name}"):
                 for c in range(6):
-                    along = [axis[c % 3] for axis in frames[k].own]
+                    along = [axis[c % 3] for axis in frames[k].axes]
                     unit = [*along, *ZERO] if c < 3 else [*ZERO, *along]
                     wrench = Wrench.of(unit).shifted(tape, mounted.position)
                     columns.append(self._by_wrench(k, wrench))
@@ -212,11 +212,11 @@ class BaseColumns:
         tree, tape = self.articulation.tree, self.symbolic.tape
         if tree.works_in_own_frame(0):
             return []
-        own, solved = tree.segments[0].rotation, root_turn(tree).inverse
-        if own.is_identity or solved.is_identity:
-            return [own, solved]
-        cos, sin = own.turned(tape, solved.cos, solved.sin)
-        return [Rotation(own.axis, cos, sin)]
+        rotation, solved = tree.segments[0].rotation, root_turn(tree).inverse
+        if rotation.is_identity or solved.is_identity:
+            return [rotation, solved]
+        cos, sin = rotation.turned(tape, solved.cos, solved.sin)
+        return [Rotation(rotation.axis, cos, sin)]
 
 
 @dataclass(frozen=True)
@@ -247,17 +247,17 @@ def forward_dynamics_derivatives(
     `by_inertia` is as of `ArticulatedDerivatives`; None: as `inertia_is_shorter` estimates. Raises
     `SingularRobotError` where a joint moves nothing that has mass or inertia.
     """
-    found, _ = _differentiated(symbolic, forward_dynamics.thrusts, by_inertia)
-    return found
+    derivatives, _ = _differentiated(symbolic, forward_dynamics.thrusts, by_inertia)
+    return derivatives
 
 
 def loaded_dynamics_derivatives(symbolic: SymbolicRobot) -> LoadedDynamicsDerivatives:
-    """Accelerations a of M a = R + B u + ΣJᵀW and their derivatives, with W in world axes.
+    """Accelerations a of M a = R + B u + ΣJᵀW and their bare, with W in world axes.
 
     Raises what `forward_dynamics_derivatives` does.
     """
     tape, places = symbolic.tape, symbolic.places
-    found, base = _differentiated(symbolic, forward_dynamics.thrusts_and_wrenches, None)
+    bare, base = _differentiated(symbolic, forward_dynamics.thrusts_and_wrenches, None)
     by_wrenches = in_order(places, base.by_frames())
     turned: list[list[sp.Expr]] = []
     for j in range(places.size):
@@ -275,10 +275,10 @@ def loaded_dynamics_derivatives(symbolic: SymbolicRobot) -> LoadedDynamicsDeriva
                 tape.sum_of_products(row, back, entry)
                 for entry, back in zip(entries, turned, strict=True)
             ]
-            for row, entries in zip(by_wrenches, found.acceleration_dq, strict=True)
+            for row, entries in zip(by_wrenches, bare.acceleration_dq, strict=True)
         ]
     return LoadedDynamicsDerivatives(
-        found.acceleration, by_place, found.acceleration_dv, found.acceleration_du, by_wrenches
+        bare.acceleration, by_place, bare.acceleration_dv, bare.acceleration_du, by_wrenches
     )
 
 
@@ -323,13 +323,13 @@ def _differentiated(
             symbolic, articulation, passive_symbols(symbolic), by_inertia
         )
     by_place, by_velocity = base.by_base(places.split(acceleration)[0])
-    found = ForwardDynamicsDerivatives(
+    derivatives = ForwardDynamicsDerivatives(
         acceleration,
         in_order(places, places.joined(by_place, base.by_joints("coordinate"))),
         in_order(places, places.joined(by_velocity, base.by_joints("rate"))),
         in_order(places, [*base.by_rotors(), *base.by_joints("effort")]),
     )
-    return found, base
+    return derivatives, base
 
 
 def in_order(places: Places, columns: Sequence[Values]) -> Matrix:

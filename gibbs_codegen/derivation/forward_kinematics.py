@@ -1,4 +1,4 @@
-"""Where the robot's points, frames and centre of mass are and how they move, in world axes.
+"""Positions and motions of the robot's points, frames and centre of mass, in world axes.
 
 Mass as a whole comes from composite bodies, in one pass inwards over the tree: the centre of mass
 and its Jacobian, gravity, and the momentum about the centre.
@@ -15,7 +15,7 @@ from gibbs_codegen.derivation import tree_dynamics
 from gibbs_codegen.derivation.forces import rotor_position
 from gibbs_codegen.derivation.inertia import Inertia
 from gibbs_codegen.derivation.jointed_bodies import JointedBodies
-from gibbs_codegen.derivation.motion import Acceleration, State
+from gibbs_codegen.derivation.motion import Acceleration, TreeState
 from gibbs_codegen.derivation.symbolic_robot import SymbolicRobot
 from gibbs_codegen.robot.layout import frames_of
 from gibbs_codegen.robot.names import identifier
@@ -29,15 +29,15 @@ Frame = tuple[Vector, ...]
 
 @dataclass(frozen=True)
 class SegmentFrame:
-    """Where a segment is: its joint from the origin of the coordinates, and axes, in world axes.
+    """Pose of a segment: its joint from the origin of the coordinates, and axes, in world axes.
 
-    `group` are the axes of its group frame, the last of them that of its joint; `own` are the
-    link's.
+    `group` are the axes of its group frame, the last of them that of its joint; `axes` are
+    the link's.
     """
 
     position: Vector
     group: Frame
-    own: Frame
+    axes: Frame
 
 
 def segment_frames(symbolic: SymbolicRobot) -> list[SegmentFrame]:
@@ -49,7 +49,7 @@ def segment_frames(symbolic: SymbolicRobot) -> list[SegmentFrame]:
     for segment in tree.segments[1:]:
         parent = frames[segment.parent]
         with tape.group(f"{segment.joint_name} and the axes of {segment.name}"):
-            axes = _turned(tape, parent.own, segment.turn)
+            axes = _turned(tape, parent.axes, segment.turn)
             position = tape.add(parent.position, combined(tape, axes, segment.step))
             starts = segment.starts_group
             group = _turned(tape, axes, segment.twist) if starts else parent.group
@@ -71,7 +71,7 @@ class MountedFrame:
         """Its origin from the origin of the coordinates, in world axes (m)."""
         frame = frames[self.segment]
         with tape.group(f"position of {self.name}"):
-            return tape.add(frame.position, combined(tape, frame.own, self.position))
+            return tape.add(frame.position, combined(tape, frame.axes, self.position))
 
 
 def mounted_frames(
@@ -125,17 +125,17 @@ def positions(symbolic: SymbolicRobot) -> list[Vector]:
         if mounted.name != "base"
     ]
     with tape.group("base centre and rotors"):
-        centre = combined(tape, frames[0].own, symbolic.centre)
+        centre = combined(tape, frames[0].axes, symbolic.centre)
         rotors = []
         for k in range(1, robot.rotors + 1):
             segment, place = rotor_position(symbolic, symbolic.bodies, k)
-            point = combined(tape, frames[segment].own, place)
+            point = combined(tape, frames[segment].axes, place)
             rotors.append(tape.add(frames[segment].position, point) if segment else point)
     joints = []
     for body in map(symbolic.bodies.frames.__getitem__, robot.moving):
         frame, joint = frames[body.segment], symbolic.reduced_tree.segments[body.segment]
         with tape.group(f"position of {joint.joint_name}"):
-            place = combined(tape, frame.own, body.origin)
+            place = combined(tape, frame.axes, body.origin)
             joints.append(tape.add(frame.position, place))
     base = [rotors[0], centre] if robot.base.rotors else [centre]
     with tape.group("positions in the world"):
@@ -150,8 +150,8 @@ def frame_poses(symbolic: SymbolicRobot, name: str | None = None) -> list[Matrix
         with tape.group(f"position of {frame.name}"):
             position = tape.add(symbolic.origin, frame.from_origin(tape, frames))
         with tape.group(f"axes of {frame.name}"):
-            own, columns = frames[frame.segment].own, zip(*frame.turn, strict=True)
-            axes = [combined(tape, own, column) for column in columns]
+            segment_axes, columns = frames[frame.segment].axes, zip(*frame.turn, strict=True)
+            axes = [combined(tape, segment_axes, column) for column in columns]
         rows = [[axis[i] for axis in axes] + [position[i]] for i in range(3)]
         poses.append([*rows, [*ZERO, sp.S.One]])
     return poses
@@ -164,12 +164,12 @@ def frame_jacobians(symbolic: SymbolicRobot, name: str | None = None) -> list[Ma
     """
     tape, tree, mounted = symbolic.tape, symbolic.reduced_tree, mounted_frames(symbolic, name)
     frames, jacobians = segment_frames(symbolic), []
-    for each in mounted:
-        point = each.from_origin(tape, frames)
+    for mounting in mounted:
+        point = mounting.from_origin(tape, frames)
         with tape.group("columns of the base"):
             base = symbolic.root.velocities_at(tape, point)
         joints = [(ZERO, ZERO)] * tree.joints
-        for k in reversed(tree.path(each.segment)[:-1]):
+        for k in reversed(tree.path(mounting.segment)[:-1]):
             segment, frame = tree.segments[k], frames[k]
             axis = frame.group[2]
             if segment.joint == "revolute":
@@ -189,15 +189,15 @@ def frame_velocities(symbolic: SymbolicRobot) -> list[list[sp.Expr]]:
 
     They are the accelerations at rest, with v for a.
     """
-    return frame_motions(symbolic, State.resting(symbolic.v))
+    return frame_motions(symbolic, TreeState.resting(symbolic.v))
 
 
 def frame_bias_accelerations(symbolic: SymbolicRobot) -> list[list[sp.Expr]]:
     """J̇ v of all frames' Jacobians, linear and then angular in world axes: theirs where a = 0."""
-    return frame_motions(symbolic, State.coasting(symbolic.v))
+    return frame_motions(symbolic, TreeState.coasting(symbolic.v))
 
 
-def frame_motions(symbolic: SymbolicRobot, state: State) -> list[list[sp.Expr]]:
+def frame_motions(symbolic: SymbolicRobot, state: TreeState) -> list[list[sp.Expr]]:
     """Linear and then angular accelerations of all frames, in world axes, from one pass outwards.
 
     `state` is without gravity.
@@ -208,11 +208,11 @@ def frame_motions(symbolic: SymbolicRobot, state: State) -> list[list[sp.Expr]]:
     rows = []
     for mounted in mounted_frames(symbolic):
         k, frame = mounted.segment, frames[mounted.segment]
-        own = tree.works_in_own_frame(k)
+        by_segment = tree.works_in_own_frame(k)
         with tape.group(f"motion of {mounted.name} in world axes"):
-            rotation = NO_ROTATION if own else tree.segments[k].rotation
+            rotation = NO_ROTATION if by_segment else tree.segments[k].rotation
             motion = motions[k].displaced(tape, rotation.vector(tape, mounted.position))
-            axes = frame.own if own else frame.group
+            axes = frame.axes if by_segment else frame.group
             linear = tape.add(origin, combined(tape, axes, motion.acceleration))
             rows.append([*linear, *combined(tape, axes, motion.omega_dot)])
     return rows
@@ -227,7 +227,7 @@ def tip_bias_acceleration(symbolic: SymbolicRobot) -> list[sp.Expr]:
     (mounted,) = mounted_frames(symbolic, "tip")
     tape, root, tree = symbolic.tape, symbolic.root, symbolic.reduced_tree
     motions = tree_dynamics.free_motions(tape, root, tree, symbolic.v)
-    base_state, joints = State.coasting(symbolic.v).split(symbolic.places)
+    base_state, joints = TreeState.coasting(symbolic.v).split(symbolic.places)
     reach = mounted.position
     end = Acceleration(ZERO, motions[mounted.segment].omega_dot)
     for k in tree.path(mounted.segment):
@@ -310,7 +310,7 @@ def centroidal_momentum(symbolic: SymbolicRobot) -> list[sp.Expr]:
     momentum alone.
     """
     tape, root, tree = symbolic.tape, symbolic.root, symbolic.reduced_tree
-    state = State.resting(symbolic.v)
+    state = TreeState.resting(symbolic.v)
     momentum, _ = tree_dynamics.inward(
         tape, tree, tree_dynamics.motions_about_origin(tape, root, tree, state)
     )

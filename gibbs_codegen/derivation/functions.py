@@ -1,4 +1,4 @@
-"""What derives each array of the table of emitted functions, under the name that it has there."""
+"""Derivations of every array of the table of emitted functions, by the names in the table."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ _CONSTRAINTS: dict[str, Callable[[ConstrainedSystems], list[Any]]] = {
 
 
 def _of_constraints(row: Row) -> dict[str, Callable[[ConstrainedSystems], systems.Array]]:
-    """What derives the outputs of a derivative of a function of the constraints."""
+    """Derivations of the outputs of a derivative of a function of the constraints."""
     return {
         output.derivation: _of_constraint(output.derivation[: -len("_dq")], output.by)
         for output in row.outputs
@@ -77,12 +77,12 @@ def _of_constraint(name: str, argument: str) -> Callable[[ConstrainedSystems], s
 def _by(
     value: Callable[[ConstrainedSystems], systems.Array], argument: str
 ) -> Callable[[ConstrainedSystems], systems.Array]:
-    """What derives the derivative of a value by an argument."""
+    """Derivation of the derivative of a value by an argument."""
     return lambda s: s.jacobian(value(s), argument)
 
 
 def _of_actuators(row: Row) -> dict[str, Callable[[ConstrainedSystems], systems.Array]]:
-    """What derives the outputs of a derivative of a function of the actuators."""
+    """Derivations of the outputs of a derivative of a function of the actuators."""
     value = _ACTUATORS[row.derivative_of]
     if row.kind == "parameters":
         return {row.derivations[0]: lambda s: systems.parameter_jacobian(s, value(s))}

@@ -23,7 +23,7 @@ from gibbs_codegen.derivation.forces import (
     passive_forces,
     rotor_column,
 )
-from gibbs_codegen.derivation.motion import State
+from gibbs_codegen.derivation.motion import TreeState
 from gibbs_codegen.derivation.segment_tree import SegmentTree
 from gibbs_codegen.derivation.symbolic_robot import SymbolicRobot
 from gibbs_codegen.robot.chains import coupling_map
@@ -70,9 +70,9 @@ def _add_passive(
     `places` has the row of each joint that moves, or None where it is left out.
     """
     tape = symbolic.tape
-    own = zip(places, armatures(symbolic), passive_forces(symbolic), strict=True)
+    passive = zip(places, armatures(symbolic), passive_forces(symbolic), strict=True)
     with tape.group("armature, dampers and springs of the joints"):
-        for row, armature, force in own:
+        for row, armature, force in passive:
             if row is not None:
                 matrix[row][row] = tape.let(matrix[row][row] + armature)
                 residual[row] = tape.let(residual[row] + force)
@@ -111,14 +111,14 @@ def hybrid_system(symbolic: SymbolicRobot, reduced: LinearSystem) -> LinearSyste
     return system
 
 
-def rod_wrench(symbolic: SymbolicRobot, serial: SegmentTree, state: State) -> Wrench:
+def rod_wrench(symbolic: SymbolicRobot, serial: SegmentTree, state: TreeState) -> Wrench:
     """𝒮 and ℛ of a base rod about its constrained joint, in the base's axes (N, N m).
 
     `serial` is the constrained chain: the root and one base arm. The component along the joint is
     ∂S/∂θ̈. In `state`, in the order of v, there is no rate or acceleration of the joint.
     """
-    own = symbolic.state_with(state, [BASE])  # As the base, the rod has no joint that moves.
-    motions = tree_dynamics.tree_motions(symbolic.tape, symbolic.root, serial, own)
+    base_state = symbolic.state_with(state, [BASE])  # As the base, the rod has no joint that moves.
+    motions = tree_dynamics.tree_motions(symbolic.tape, symbolic.root, serial, base_state)
     with symbolic.tape.group(f"inertia forces of {serial.subtree_about_joint(1)}"):
         return tree_dynamics.link_wrench(symbolic.tape, serial, 1, motions[1])
 
@@ -146,7 +146,7 @@ def _fill_links(symbolic: SymbolicRobot, system: LinearSystem) -> None:
 
 
 def _thrust_columns(symbolic: SymbolicRobot) -> list[list[sp.Expr]]:
-    """What each rotor's unit thrust does in the tree that has the constrained joints, too."""
+    """Effect of each rotor's unit thrust in the tree that has the constrained joints, too."""
     tree, bodies = symbolic.hybrid_tree, symbolic.hybrid_bodies
     return [rotor_column(symbolic, tree, bodies, k) for k in range(1, symbolic.robot.rotors + 1)]
 
@@ -201,7 +201,7 @@ def chain_system(symbolic: SymbolicRobot, number: int) -> LinearSystem:
     chain, serial = symbolic.open_chains[number - 1]
     by_name = dict(zip(symbolic.description.layout.v.names, symbolic.v, strict=True))
     rates = [by_name.get(name, sp.S.Zero) for name in chain.coordinates]
-    state = State.coasting(rates, symbolic.parameters.gravity)
+    state = TreeState.coasting(rates, symbolic.parameters.gravity)
     matrix = tree_dynamics.mass_matrix(tape, root, serial)
     residual = [-row for row in tree_dynamics.generalised_inertia_forces(tape, root, serial, state)]
     rows = {
@@ -210,7 +210,7 @@ def chain_system(symbolic: SymbolicRobot, number: int) -> LinearSystem:
         if i in symbolic.robot.moving
     }
     _add_passive(symbolic, [rows.get(i) for i in symbolic.robot.moving], matrix, residual)
-    # What the inputs u (columns) do to the chain's coordinates (rows) (eq. 13).
+    # Effects of the inputs u (columns) on the chain's coordinates (rows) (eq. 13).
     thrust = zeros(len(chain.coordinates), len(symbolic.u))
     bodies = symbolic.chain_bodies(chain)
     for motor in chain.motors:
@@ -286,7 +286,7 @@ def filled_matrix(robot: Robot) -> Filling:
 
 
 def filled_entries(robot: Robot) -> FilledEntries:
-    """Where each chain's own system (eq. 15) has entries other than zero, by the coupling map."""
+    """Places of nonzero entries in the systems of single chains (eq. 15), by the coupling map."""
     symbolic, maps = SymbolicRobot.of(robot, Tape()), coupling_map(robot)
     size, width = len(symbolic.description.hybrid_coordinates), len(symbolic.u)
     systems = [chain_system(symbolic, number) for number in range(1, len(maps) + 1)]

@@ -27,7 +27,7 @@ from gibbs_codegen.derivation.gibbs import MASS, MOMENT, SECOND, evaluated, link
 from gibbs_codegen.symbolic.tape import Scalars, Values, Vector, times
 from gibbs_codegen.symbolic.vectors import ZERO, Rotation, Wrench
 
-# Where r̈ and ω̇ begin among the accelerations of a link.
+# Places at which r̈ and ω̇ begin among the accelerations of a link.
 LINEAR, ANGULAR = 0, 3
 
 # Rows and columns of the entries of a symmetric matrix, in the order of robot files.
@@ -258,7 +258,7 @@ class ArticulatedInertia:
         def entry(i: int, j: int) -> sp.Expr:
             if i == j:
                 gain = sp.Add(*(lever[i, k] * (old[k][i] + new[k][i]) for k in range(3)))
-            else:  # Of J'_ij and J'_ji the shorter, since joints eliminate the last direction, z.
+            else:  # The shorter of J'_ij and J'_ji, since joints eliminate the last direction, z.
                 k = 3 - i - j
                 gain = lever[j, i] * (new[i][i] - old[j][j])
                 gain += lever[j, k] * new[k][i] + lever[i, k] * old[k][j]
@@ -363,15 +363,15 @@ class VelocityCoupling:
     def without(
         self, tape: Scalars, direction: int, ratios: Values, left: Vector
     ) -> VelocityCoupling:
-        """What the parent feels while a joint, of direction 0 … 5, is free.
+        """The inertia that the parent feels while a joint, of direction 0 … 5, is free.
 
         `ratios` are those of its solved equation, row by row. `left` is what is left of the joint's
         own row, zero without armature: written as a difference it would cancel.
         """
-        own = self.rows[direction]
+        joint_row = self.rows[direction]
         return self.of(
             [
-                left if i == direction else tape.add(row, tape.scale(-ratio, own))
+                left if i == direction else tape.add(row, tape.scale(-ratio, joint_row))
                 for i, (row, ratio) in enumerate(zip(self.rows, ratios, strict=True))
             ]
         )

@@ -55,8 +55,8 @@ def inverse_dynamics(symbolic: SymbolicRobot) -> list[sp.Expr]:
     accelerations = symbolic.joint_state.accelerations
     parts = zip(joints, armatures(symbolic), accelerations, passive_forces(symbolic), strict=True)
     with tape.group("forces of the joints with their armature, dampers and springs"):
-        own = [tape.let(force + m * a - passive) for force, m, a, passive in parts]
-    return symbolic.places.joined(base, own)
+        joint_forces = [tape.let(force + m * a - passive) for force, m, a, passive in parts]
+    return symbolic.places.joined(base, joint_forces)
 
 
 @dataclass(frozen=True)
@@ -117,17 +117,18 @@ class JointDerivatives:
     by_rate: tree_dynamics.Entries = field(default_factory=dict)
 
     def pass_in(
-        self, tape: Scalars, tree: SegmentTree, i: int, passage: GroupPassage, own: Column
+        self, tape: Scalars, tree: SegmentTree, i: int, passage: GroupPassage, first: Column
     ) -> None:
         """Pass column i in to the lead of a group, and put its entries where they belong.
 
-        `own` is the column where the way begins; then it is about the lead, in the group frame.
+        `first` is the column where the way begins; then it is about the lead, in the group
+        frame.
         """
         at_lead = []
         for wrench, entries in (
-            (own.mass, self.mass),
-            (own.rate, self.by_rate),
-            (own.angle, self.by_angle),
+            (first.mass, self.mass),
+            (first.rate, self.by_rate),
+            (first.angle, self.by_angle),
         ):
             along, last = passage.passed_in(tape, wrench)
             at_lead.append(last)
@@ -135,7 +136,7 @@ class JointDerivatives:
                 if j > 0:
                     entries[j, i] = tree.segments[j].row(here)
         mass, rate, angle = at_lead
-        self.columns[i] = Column(mass, rate, angle, passage.turned(tape, own.couple))
+        self.columns[i] = Column(mass, rate, angle, passage.turned(tape, first.couple))
 
     def add_row_entries(
         self, tape: Scalars, tree: SegmentTree, i: int, j: int, units: Sequence[UnitMotion]
@@ -144,22 +145,22 @@ class JointDerivatives:
 
         The column of joint i has come to j's group; `units` are about the leads of their groups.
         """
-        own, motion = self.columns[i], units[j]
+        carried, motion = self.columns[i], units[j]
         by_angle = by_rate = sp.S.Zero
         joints = {tree.segments[i].joint, tree.segments[j].joint}
-        planar = own.mass.moment[X] == own.mass.moment[Y] == 0
+        planar = carried.mass.moment[X] == carried.mass.moment[Y] == 0
         if joints == {"revolute"} and tree.lead(i) == tree.lead(j) and not planar:
             # The joint itself has the same turn, and its own entries are on the diagonal. Of a
             # planar body there is less of the turn than of the difference.
             motion = motion.beyond(tape, units[i])
             by_angle, by_rate = self.by_angle[i, i], self.by_rate[i, i]
-        self.by_angle[i, j] = tape.let(by_angle + own.by_angle(tape, motion))
-        self.by_rate[i, j] = tape.let(by_rate + own.by_rate(tape, motion))
+        self.by_angle[i, j] = tape.let(by_angle + carried.by_angle(tape, motion))
+        self.by_rate[i, j] = tape.let(by_rate + carried.by_rate(tape, motion))
 
 
 def joint_derivatives(tape: Scalars, moving: MovingTree) -> JointDerivatives:
     """Derivatives of the forces of all joints by their angles and rates, and M between them."""
-    tree, found = moving.tree, JointDerivatives()
+    tree, forces = moving.tree, JointDerivatives()
     # Each joint from the lead of its group (m), in the group frame.
     offsets: list[Vector] = []
     for k, segment in enumerate(tree.segments):
@@ -172,14 +173,14 @@ def joint_derivatives(tape: Scalars, moving: MovingTree) -> JointDerivatives:
     for lead in reversed(leads):
         joint = tree.segments[lead].joint_name or "the base"
         for i in filter(None, tree.subtree(lead)):
-            with tape.group(f"derivatives, columns of the joints carried in to {joint}"):
+            with tape.group(f"forces, columns of the joints carried in to {joint}"):
                 passage = GroupPassage.of(tape, tree, i, lead)
-                own = found.columns.get(i) or column(tape, moving.units[i], moving.bodies[i])
-                found.pass_in(tape, tree, i, passage, own)
+                first = forces.columns.get(i) or column(tape, moving.units[i], moving.bodies[i])
+                forces.pass_in(tape, tree, i, passage, first)
                 for j in passage.way:
                     if 0 < j < i:
-                        found.add_row_entries(tape, tree, i, j, units)
-    return found
+                        forces.add_row_entries(tape, tree, i, j, units)
+    return forces
 
 
 @dataclass(frozen=True)
@@ -203,15 +204,15 @@ def inverse_dynamics_derivatives(symbolic: SymbolicRobot) -> InverseDynamicsDeri
     tape, places = symbolic.tape, symbolic.places.joint_places
     # On the diagonals of ∂τ/∂q, ∂τ/∂v and M.
     with tape.group("diagonals with the springs, dampers and armature of the joints"):
-        for place, own in zip(places, passive_symbols(symbolic), strict=True):
-            parts = (own.stiffness, own.damping, own.armature)
+        for place, passive in zip(places, passive_symbols(symbolic), strict=True):
+            parts = (passive.stiffness, passive.damping, passive.armature)
             for matrix, part in zip(matrices, parts, strict=True):
                 matrix[place][place] = tape.let(matrix[place][place] + part)
     return InverseDynamicsDerivatives(force, *matrices)
 
 
 def base_derivatives(symbolic: SymbolicRobot) -> BaseDerivatives:
-    """How forces depend on the motion of the base, in the state that the symbols are."""
+    """Derivatives of forces by the motion of the base, in the state of the symbols."""
     with symbolic.tape.group("motion per unit of attitude and position"):
         return symbolic.root.derivatives(symbolic.tape, symbolic.base_state)
 

@@ -51,7 +51,7 @@ _LEAST_SINE = 0.1
 
 @dataclass(frozen=True)
 class BodyFrame:
-    """Where the frame that the robot file gives a body is in a segment's own frame."""
+    """Pose, in a segment's own frame, of the frame that the robot file gives a body."""
 
     segment: int
     turn: Turn = NO_TURN
@@ -210,9 +210,9 @@ def jointed_bodies(
                 mounts[i] = _pose(link, symbols).within(tape, mount)
                 belonging[mount.segment].append(mounts[i].inertia(tape, inertia))
     heavy = [
-        replace(each, link=replace(link, inertia=_inertia_with_welded(tape, link.name, parts)))
-        for each, parts in zip(placed, belonging[1:], strict=True)
-        for link in [each.link]
+        replace(joint, link=replace(link, inertia=_inertia_with_welded(tape, link.name, parts)))
+        for joint, parts in zip(placed, belonging[1:], strict=True)
+        for link in [joint.link]
     ]
     base = BodyFrame(0, origin=centre)
     jointed, frames = framed(tape, heavy, base)
@@ -225,7 +225,7 @@ def jointed_bodies(
 
 
 def label(robot: Robot, i: int) -> str:
-    """What comments call link i, from 1: its name as an identifier, or "link 2"."""
+    """Name of link i, from 1, in comments: its name as an identifier, or "link 2"."""
     name = robot.links[i - 1].name
     return identifier(name) if name else f"link {i}"
 
@@ -270,7 +270,7 @@ def _placed(
 
 
 def _pose(link: Link, symbols: LinkSymbols) -> BodyFrame:
-    """Where a link's frame is in that of the body that carries it, the joint at zero."""
+    """Pose of a link's frame in that of the body that carries it, the joint at zero."""
     if link.pose is not None:
         return BodyFrame(0, turned_by_rpy(link.pose.rpy_deg), symbols.position)
     cos, sin = cos_sin_deg(link.alpha_deg)

@@ -20,7 +20,7 @@ Gradient = tuple[Vector, ...]
 
 
 @dataclass(frozen=True)
-class State:
+class TreeState:
     """Velocities and their rates in the order of the tree's coordinates, and gravity."""
 
     rates: Values
@@ -28,24 +28,24 @@ class State:
     gravity: sp.Expr
 
     @classmethod
-    def coasting(cls, rates: Values, gravity: sp.Expr = sp.S.Zero) -> State:
+    def coasting(cls, rates: Values, gravity: sp.Expr = sp.S.Zero) -> TreeState:
         """The state with θ̈ = 0 at some rates, without gravity unless it is given."""
         return cls(rates, [sp.S.Zero] * len(rates), gravity)
 
     @classmethod
-    def resting(cls, accelerations: Values) -> State:
+    def resting(cls, accelerations: Values) -> TreeState:
         """The state at rest, weightless: with velocities for θ̈, accelerations are velocities."""
         return cls([sp.S.Zero] * len(accelerations), accelerations, sp.S.Zero)
 
     @property
-    def unaccelerated(self) -> State:
+    def unaccelerated(self) -> TreeState:
         """The state with θ̈ = 0, whose generalised inertia forces are −R."""
-        return State.coasting(self.rates, self.gravity)
+        return TreeState.coasting(self.rates, self.gravity)
 
-    def split(self, places: Places) -> tuple[State, State]:
+    def split(self, places: Places) -> tuple[TreeState, TreeState]:
         """The state of the base, attitude first, and that of the joints."""
         pairs = zip(places.split(self.rates), places.split(self.accelerations), strict=True)
-        base, joints = (State(rates, accelerations, self.gravity) for rates, accelerations in pairs)
+        base, joints = (TreeState(*pair, self.gravity) for pair in pairs)
         return base, joints
 
 

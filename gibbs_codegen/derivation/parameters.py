@@ -38,7 +38,7 @@ class BodySymbols:
 
 @dataclass(frozen=True)
 class PassiveSymbols:
-    """What acts on a joint by itself, as `robot.model.Passive` has it."""
+    """Passive forces of a joint, as in `robot.model.Passive`."""
 
     damping: sp.Expr
     armature: sp.Expr
@@ -48,7 +48,7 @@ class PassiveSymbols:
 
 @dataclass(frozen=True)
 class LinkSymbols:
-    """Where a link is, its body, and what acts on its joint.
+    """Place and body of a link, and the forces at its joint.
 
     By Denavit–Hartenberg `a` (by default the length of the link before) and `d` place it, otherwise
     `position`.
@@ -127,7 +127,7 @@ class Parameters:
             frame.name: self._symbols(frame.pose, frame_prefix(frame.name))["xyz"]
             for frame in robot.frames
         }
-        self.constraints = {each.name: self._constraint(each) for each in robot.constraints}
+        self.constraints = {tie.name: self._constraint(tie) for tie in robot.constraints}
         self.servos: dict[int, ServoSymbols] = {}
         self.frictions: dict[int, Vector] = {}
         self.battery: dict[str, sp.Expr] = {}
@@ -190,30 +190,30 @@ class Parameters:
         passive = PassiveSymbols(**self._symbols(link.passive, prefix, link.slides))
         return LinkSymbols(**step, position=position, body=body, passive=passive)
 
-    def _constraint(self, own: Constraint) -> ConstraintSymbols:
+    def _constraint(self, constraint: Constraint) -> ConstraintSymbols:
         """Symbols of a constraint; an anchor in the world may be anywhere at any time."""
-        prefix = constraint_prefix(own.name)
-        if own.to is None:
+        prefix = constraint_prefix(constraint.name)
+        if constraint.to is None:
             self._kept |= {f"{prefix}_{end}" for end in (*XYZ, *QUATERNION.ends)}
-        return ConstraintSymbols(**self._symbols(own, prefix))
+        return ConstraintSymbols(**self._symbols(constraint, prefix))
 
     def _body(self, prefix: str, body: Body) -> BodySymbols:
-        own = self._symbols(body, prefix)
-        length, words = own["length"], f"second moments of {prefix}, corrected for rounding"
+        symbols = self._symbols(body, prefix)
+        length, words = symbols["length"], f"second moments of {prefix}, corrected for rounding"
         with self._tape.group(words, Stage.PARAMETER):
             zero, excess = sp.S.Zero, self._half_excess
             if isinstance(body, Rod):
                 # About its start: B₀ = μl, C = (μl²/2, 0, 0), B₂ = diag(0, μl³/3, μl³/3), and the
                 # section's B₃.
-                density, (x, y, z) = own["mass_per_length"], own["section_inertia"]
+                density, (x, y, z) = symbols["mass_per_length"], symbols["section_inertia"]
                 along = self._tape.let(density * length**3 / 3 + excess(y, z, x))
                 second = (along, excess(z, x, y), excess(x, y, z), zero, zero, zero)
                 moment = (density * length**2 / 2, zero, zero)
                 return BodySymbols(length, Inertia(density * length, moment, second))
-            xx, yy, zz, xy, xz, yz = own["inertia"]
+            xx, yy, zz, xy, xz, yz = symbols["inertia"]
             second = (excess(yy, zz, xx), excess(zz, xx, yy), excess(xx, yy, zz), -xy, -xz, -yz)
-            about_com = Inertia(own["mass"], (zero, zero, zero), second)
-            return BodySymbols(length, about_com.shifted(InlineTape(), own["com"]))
+            about_com = Inertia(symbols["mass"], (zero, zero, zero), second)
+            return BodySymbols(length, about_com.shifted(InlineTape(), symbols["com"]))
 
     def _half_excess(self, first: sp.Expr, second: sp.Expr, whole: sp.Expr) -> sp.Expr:
         """½(first + second − whole), which is E_xx for the moments of inertia I_yy, I_zz, I_xx.

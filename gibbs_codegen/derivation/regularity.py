@@ -14,7 +14,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from gibbs_codegen.errors import SingularRobotError, UsageError
-from gibbs_codegen.program.nodes import Program
+from gibbs_codegen.program.nodes import ScalarProgram
 from gibbs_codegen.robot.description import Description
 from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.robot.parts.body import as_rigid_body, inertia_matrix
@@ -29,7 +29,7 @@ Motion = tuple[str, ...]
 _SMALLEST = 2e-15
 # A regular robot may be singular at one configuration by accident; three are not.
 _CONFIGURATIONS = 3
-# Of a unit motion that moves nothing rounding leaves 1e-14; what is above this is inertia, be it
+# Rounding leaves 1e-14 of a unit motion that moves nothing; values above this are inertia, be it
 # the spin of a rod that is 1e11 times longer than thick.
 _NOTHING = 1e-12
 # Principal moments that are zero but for the rounding of the matrix they were computed from.
@@ -52,12 +52,14 @@ def check_massless_motions(robot: Robot, defaults: Mapping[str, float]) -> None:
         raise SingularRobotError(robot.name, motions)
 
 
-def check_conditioning(robot: Robot, mass_matrix: Program, defaults: Mapping[str, float]) -> None:
+def check_conditioning(
+    robot: Robot, mass_matrix: ScalarProgram, defaults: Mapping[str, float]
+) -> None:
     """Raise `SingularRobotError` if M is singular to the accuracy of double precision.
 
     It names the coordinate that most of the motion of least inertia is made of.
     """
-    found = []
+    weakest = []
     size = len(mass_matrix.inputs["v"])
     for number in range(_CONFIGURATIONS):
         q = _configuration(len(mass_matrix.inputs["q"]), number)
@@ -65,18 +67,18 @@ def check_conditioning(robot: Robot, mass_matrix: Program, defaults: Mapping[str
         matrix = np.array(values[0]).reshape(size, size)
         diagonal = np.diag(matrix)
         if (diagonal <= 0).any():
-            found.append((0.0, int(np.argmin(diagonal))))
+            weakest.append((0.0, int(np.argmin(diagonal))))
             continue
         unit = np.sqrt(diagonal)
         eigenvalues, vectors = np.linalg.eigh(matrix / np.outer(unit, unit))
         if eigenvalues[0] >= _SMALLEST:
             return
-        found.append((float(eigenvalues[0]), int(np.argmax(np.abs(vectors[:, 0])))))
-    largest = Description(robot).coordinate_text(max(found)[1])
+        weakest.append((float(eigenvalues[0]), int(np.argmax(np.abs(vectors[:, 0])))))
+    largest = Description(robot).coordinate_text(max(weakest)[1])
     raise SingularRobotError(robot.name, [(largest,)], ill_conditioned=True)
 
 
-def check_range(robot: Robot, program: Program, defaults: Mapping[str, float]) -> None:
+def check_range(robot: Robot, program: ScalarProgram, defaults: Mapping[str, float]) -> None:
     """Raise `UsageError` where emitted functions would overflow with the robot's own parameters.
 
     It names the parameters that are the furthest from 1.
@@ -169,7 +171,7 @@ def _momenta(robot: Robot, number: int) -> tuple[Array, Array]:
     slides = np.array([robot.links[i - 1].joint == "prismatic" for i in moving], bool)
     positions = shares * np.where(slides, max(lengths, default=0.0) or 1.0, 1.0)
     frames = frames_on(robot, AT_ORIGIN, positions)
-    # Of each body the way to its frame, and of each column the axis, and a point on it or nothing.
+    # The way to the frame of each body; the axis of each column, with a point on it or nothing.
     ways, turns = [0.0], [(*np.zeros((3, 3, size)),)]
     linear, angular, _ = turns[BASE]
     linear[:, :3] = angular[:, 3:_JOINTS] = np.eye(3)
@@ -187,8 +189,8 @@ def _momenta(robot: Robot, number: int) -> tuple[Array, Array]:
     bodies = [(arm, frame, BASE) for arm, frame in base_bodies(robot, frames)]
     bodies += [(link.body, frames.links[i], i + 1) for i, link in enumerate(robot.links)]
     momenta, turning, levers = [], np.zeros(size, bool), np.zeros(size)
-    for each, frame, number in bodies:
-        body, (linear, angular, points) = as_rigid_body(each), turns[number]
+    for carrier, frame, number in bodies:
+        body, (linear, angular, points) = as_rigid_body(carrier), turns[number]
         moments, axes = np.linalg.eigh(inertia_matrix(body.inertia) / (body.mass or 1.0))
         radii = np.sqrt(np.where(moments < _NO_MOMENT * moments[-1], 0.0, moments))
         momenta.append(radii[:, None] * ((frame.axes @ axes).T @ angular))

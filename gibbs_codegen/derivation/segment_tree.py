@@ -51,7 +51,7 @@ from gibbs_codegen.symbolic.vectors import (
     radians,
 )
 
-# Of more links with names of their own the first is named.
+# The first links are named where more of them have names of their own.
 _MOST_NAMED = 4
 # The parent of the root segment.
 NO_PARENT = -1
@@ -84,7 +84,7 @@ class Segment:
 
     @property
     def direction(self) -> int:
-        """Which component of (r̈, ω̇), or of a wrench, is along the joint: a row of 0 … 5."""
+        """Component of (r̈, ω̇), or of a wrench, along the joint: a row of 0 … 5."""
         return ANGULAR + Z if self.joint == "revolute" else LINEAR + Z
 
     def row(self, wrench: Wrench) -> sp.Expr:
@@ -176,11 +176,11 @@ class SegmentTree:
         return f"{', '.join(names[:-1])} and {names[-1]}"
 
     def works_in_own_frame(self, k: int) -> bool:
-        """Whether segment k works in its own, not its group's frame: its children start groups."""
+        """True if segment k works in its own, not its group's frame: its children start groups."""
         return any(self.segments[child].starts_group for child in self.children[k])
 
     def transform_in(self, tape: Scalars, k: int) -> Transform:
-        """What takes a wrench or an inertia about joint k ≥ 1 to the parent's joint.
+        """Transform of a wrench or an inertia about joint k ≥ 1 to the parent's joint.
 
         It is from the segment's group frame to the parent's working frame. Within a group parent
         and child share the group frame, and the parent's x axis is turned in it by the parent's
@@ -363,16 +363,16 @@ class GroupPassage:
         """The way of wrenches about the lead k of a group that this one carries, in its frame."""
         segment = tree.segments[k]
         rotation = tree.segments[segment.parent].rotation
-        own = cls.starting(tape, tree, segment.parent)
-        if len(own.way) == 1:  # The lead itself, to which every moment has to be shifted now.
-            return replace(own, outside=(*tree.transform_in(tape, k), rotation))
+        way = cls.starting(tape, tree, segment.parent)
+        if len(way.way) == 1:  # The lead itself, to which every moment has to be shifted now.
+            return replace(way, outside=(*tree.transform_in(tape, k), rotation))
         with tape.group(f"step from {tree.segments[segment.parent].name} to {segment.name}"):
             offset = segment.twist.vector(tape, axis_vector(Z, segment.d))
             entry = tape.add(segment.step, offset)
             across = rotation.vector(tape, segment.turn.vector(tape, entry))
-            whole = tape.add(own.whole, across)
+            whole = tape.add(way.whole, across)
         return replace(
-            own, whole=whole, outside=(segment.twist,), entry=entry, inside=(segment.turn, rotation)
+            way, whole=whole, outside=(segment.twist,), entry=entry, inside=(segment.turn, rotation)
         )
 
     def turned(self, tape: Scalars, vector: Vector) -> Vector:
@@ -424,19 +424,19 @@ def regrouped(tape: Scalars, tree: SegmentTree) -> SegmentTree:
         words = f"that of {segment.name} which {segment.joint_name} does not move"
         with tape.group(f"inertia of {parent.name}, with {words}", Stage.PARAMETER):
             if segment.joint == "revolute":
-                own, unmoved = split_revolute(segment.inertia)
+                felt, unmoved = split_revolute(segment.inertia)
                 unmoved = unmoved.shifted(tape, axis_vector(2, segment.d))
             else:
-                own, unmoved = split_prismatic(segment.inertia)
+                felt, unmoved = split_prismatic(segment.inertia)
                 unmoved = unmoved.rotated(tape, segment.offset)
             unmoved = moved(tape, unmoved, [segment.twist, segment.step, segment.turn])
-            segments[k] = replace(segment, inertia=own)
+            segments[k] = replace(segment, inertia=felt)
             segments[segment.parent] = replace(parent, inertia=parent.inertia.plus(tape, unmoved))
     return SegmentTree(tuple(segments))
 
 
 def split_revolute(inertia: Inertia) -> tuple[Inertia, Inertia]:
-    """What a revolute joint about z moves of a link, and what goes to its parent.
+    """Inertia of a link that a revolute joint about z moves, and the rest, which its parent gets.
 
     The inertia is about the joint, in the link's own frame. Mass on the joint's axis does not
     notice the joint: the mass itself, the first moment along z and the second moment along z are
@@ -444,15 +444,15 @@ def split_revolute(inertia: Inertia) -> tuple[Inertia, Inertia]:
     """
     (x, y, z), (xx, yy, zz, xy, xz, yz) = inertia.moment, inertia.second
     zero = sp.S.Zero
-    own = Inertia(zero, (x, y, zero), (xx, yy, zero, xy, xz, yz))
+    felt = Inertia(zero, (x, y, zero), (xx, yy, zero, xy, xz, yz))
     unmoved = Inertia(inertia.mass, (zero, zero, z), (zero, zero, zz, zero, zero, zero))
-    return own, unmoved
+    return felt, unmoved
 
 
 def split_prismatic(inertia: Inertia) -> tuple[Inertia, Inertia]:
-    """What a prismatic joint moves of a link, and what goes to its parent.
+    """Inertia of a link that a prismatic joint moves, and the rest, which its parent gets.
 
     The link turns with its parent, so its second moments about the joint are the parent's.
     """
-    own = replace(inertia, second=NO_INERTIA.second)
-    return own, replace(NO_INERTIA, second=inertia.second)
+    felt = replace(inertia, second=NO_INERTIA.second)
+    return felt, replace(NO_INERTIA, second=inertia.second)

@@ -10,7 +10,7 @@ import sympy as sp
 
 from gibbs_codegen.derivation.inertia import NO_INERTIA, Inertia, total
 from gibbs_codegen.derivation.jointed_bodies import JointedBodies, jointed_bodies
-from gibbs_codegen.derivation.motion import State
+from gibbs_codegen.derivation.motion import TreeState
 from gibbs_codegen.derivation.parameters import Parameters
 from gibbs_codegen.derivation.root import Root, root_of
 from gibbs_codegen.derivation.segment_tree import Segment, SegmentTree, regrouped, tree_of_links
@@ -73,14 +73,14 @@ class SymbolicRobot:
         description = Description(robot)
 
         def symbols(*arguments: str) -> dict[str, tuple[sp.Symbol, ...]]:
-            found = {}
+            arrays = {}
             for argument in arguments:
                 stage = Stage.CONFIGURATION if argument in ("q", "q0", "q1") else Stage.MOTION
                 names = description.local_names[argument]
-                found[argument] = tuple(tape.symbol(name, stage) for name in names)
-            return found
+                arrays[argument] = tuple(tape.symbol(name, stage) for name in names)
+            return arrays
 
-        # Of q₀ and q₁ first what differences are taken of.
+        # q₁ comes before q₀: the first has the other subtracted.
         entries = symbols("q", "v", "a", "u", "W", "q1", "q0")
         with tape.group("attitude"):
             root = root_of(description.layout, tape, entries["q"])
@@ -105,30 +105,30 @@ class SymbolicRobot:
         return self.root.places(self.joints)
 
     @property
-    def state(self) -> State:
+    def state(self) -> TreeState:
         """Rates, accelerations and gravity, as the tree of the reduced system takes them."""
-        return State(self.v, self.a, self.parameters.gravity)
+        return TreeState(self.v, self.a, self.parameters.gravity)
 
     @property
-    def base_state(self) -> State:
+    def base_state(self) -> TreeState:
         """The base's share of the state, attitude first."""
         return self.state.split(self.places)[0]
 
     @property
-    def joint_state(self) -> State:
+    def joint_state(self) -> TreeState:
         """The share of the state that the joints have which move."""
         return self.state.split(self.places)[1]
 
-    def state_with(self, state: State, links: Sequence[int]) -> State:
+    def state_with(self, state: TreeState, links: Sequence[int]) -> TreeState:
         """A state as a tree takes it that has the joints of these links, which need not move."""
 
         def spread(values: Values) -> list[sp.Expr]:
             base, joints = self.places.split(values)
             moving = dict(zip(self.robot.moving, joints, strict=True))
-            own = [moving.get(i, sp.S.Zero) for i in links]
-            return self.root.places(len(own)).joined(base, own)
+            rates = [moving.get(i, sp.S.Zero) for i in links]
+            return self.root.places(len(rates)).joined(base, rates)
 
-        return State(spread(state.rates), spread(state.accelerations), state.gravity)
+        return TreeState(spread(state.rates), spread(state.accelerations), state.gravity)
 
     def coordinate_rates(self, velocities: Values) -> list[sp.Expr]:
         """Rates in the order of q, from velocities in that of v."""
@@ -182,7 +182,7 @@ class SymbolicRobot:
         """World position of the origin of the coordinates."""
         return self.q[self.description.layout.q.position]
 
-    def origin_acceleration(self, state: State) -> Vector:
+    def origin_acceleration(self, state: TreeState) -> Vector:
         """Acceleration of the origin of the coordinates in world axes (m/s²)."""
         base, _ = state.split(self.places)
         coordinates, _ = self.description.layout.q.split(self.q)
@@ -211,7 +211,7 @@ class SymbolicRobot:
         return Rotation.degrees(2, base.arm_angle_deg(k))
 
     def rod_reach(self, k: int) -> sp.Expr:
-        """How far along x of rod k's frame its motor is from the base centre (m).
+        """Distance along x of rod k's frame of its motor from the base centre (m).
 
         It is the rod's length; for rod 1 by the paper's rule its opposite.
         """
@@ -300,13 +300,13 @@ class SymbolicRobot:
     @cached_property
     def open_chains(self) -> tuple[tuple[Chain, SegmentTree], ...]:
         """The chains of the decomposition by themselves, each with the mass that it has there."""
-        found = []
+        chains = []
         for chain in decompose(self.robot):
             with self.tape.group("inertia of the base, about the origin", Stage.PARAMETER):
                 core = self.core_inertia() if chain.has_core else NO_INERTIA
                 core = core.mapped(self.tape.let)
             if chain.rod is None:
-                found.append((chain, self._tree(core, self.chain_bodies(chain))))
+                chains.append((chain, self._tree(core, self.chain_bodies(chain))))
                 continue
             name, rod = f"base arm {chain.rod}", self.parameters.arms[chain.rod].inertia
             with self.tape.group(f"inertia of {name}", Stage.PARAMETER):
@@ -319,8 +319,8 @@ class SymbolicRobot:
                 name=name,
                 joint_name=f"joint {chain.rod}",
             )
-            found.append((chain, SegmentTree((self._root_segment(core), segment))))
-        return tuple(found)
+            chains.append((chain, SegmentTree((self._root_segment(core), segment))))
+        return tuple(chains)
 
     def chain_bodies(self, chain: Chain) -> JointedBodies:
         """The links of an open chain with all its joints, each with the mass that it has there."""

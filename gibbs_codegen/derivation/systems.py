@@ -1,4 +1,4 @@
-"""What every emitted function of one robot is derived from, and what several of them share.
+"""Sources of all emitted functions of one robot, and the parts that several of them share.
 
 Any function has derivatives by passes over its graph, in the tangent space of the coordinates, by
 the parameters and by the base parameters. They are exact whatever the robot. They serve where no
@@ -50,7 +50,7 @@ from gibbs_codegen.derivation.symbolic_robot import SymbolicRobot
 from gibbs_codegen.derivation.tree_dynamics import generalised_inertia_forces
 from gibbs_codegen.graph.differentiate import Direction, Matrix, hessian, jacobian, jvp, vjp
 from gibbs_codegen.graph.from_tape import ImportedTape
-from gibbs_codegen.graph.graph import Graph, Kind, Ref
+from gibbs_codegen.graph.graph import Graph, NodeKind, Ref
 from gibbs_codegen.graph.shortening import operations
 from gibbs_codegen.program.lower import Slice
 from gibbs_codegen.robot.description import NUMBERS, PARENTS_NUMBERS
@@ -127,8 +127,8 @@ class Systems:
         every = [ref for refs in inputs.values() for ref in refs]
         with self.imported.group("gradient, backward from the result"):
             weighed = self.refs(getattr(self.symbolic, weights))
-            found = vjp(graph, self.refs(outputs), weighed, every)
-            by_node = {ref >> 1: entry for ref, entry in zip(every, found, strict=True)}
+            by_input = vjp(graph, self.refs(outputs), weighed, every)
+            by_node = {ref >> 1: entry for ref, entry in zip(every, by_input, strict=True)}
             return [
                 [
                     graph.sum(graph.product(rate, by_node[node]) for node, rate in way.items())
@@ -249,10 +249,10 @@ class Systems:
 def parameter_jacobian(systems: Systems, outputs: Values) -> Matrix:
     """Derivatives of outputs by the parameters: a row for each."""
     imported = systems.imported
-    graph, found = imported.graph, systems.refs(outputs)
-    constants = _constants(graph, found)
+    graph, refs = imported.graph, systems.refs(outputs)
+    constants = _constants(graph, refs)
     with imported.group("derivatives by the constants, column by column"):
-        rows = jacobian(graph, found, [{ref >> 1: graph.one} for ref in constants])
+        rows = jacobian(graph, refs, [{ref >> 1: graph.one} for ref in constants])
     return _by_parameters(systems, constants, rows)
 
 
@@ -273,7 +273,7 @@ def _constants(graph: Graph, outputs: Sequence[Ref]) -> list[Ref]:
     return [
         2 * node
         for node in sorted(nodes)
-        if graph.constant[node] and graph.kinds[node] is not Kind.NUMBER
+        if graph.constant[node] and graph.kinds[node] is not NodeKind.NUMBER
     ]
 
 
@@ -295,7 +295,7 @@ def _by_parameters(systems: Systems, constants: Sequence[Ref], rows: Matrix) -> 
             for row in rows
         ]
         backward = [vjp(graph, constants, row, parameters) for row in rows]
-    return min(products, backward, key=lambda found: operations(graph, [*chain(*found)]))
+    return min(products, backward, key=lambda matrix: operations(graph, [*chain(*matrix)]))
 
 
 def base_parameters(systems: Systems) -> list[sp.Expr]:
@@ -327,6 +327,6 @@ def regressor(systems: Systems) -> Matrix:
 
 
 def _places(segment: Segment, k: int) -> list[int]:
-    """Which numbers of the inertia of segment k are base parameters; of the base all are."""
+    """Places of base parameters among the numbers of the inertia of segment k; all for the base."""
     parents = PARENTS_NUMBERS[segment.joint] if k else ()
     return [place for place, name in enumerate(NUMBERS) if name not in parents]

@@ -21,7 +21,7 @@ import sympy as sp
 
 from gibbs_codegen.derivation import gibbs
 from gibbs_codegen.derivation.inertia import Inertia
-from gibbs_codegen.derivation.motion import Motion, State
+from gibbs_codegen.derivation.motion import Motion, TreeState
 from gibbs_codegen.derivation.root import Root
 from gibbs_codegen.derivation.segment_tree import GroupPassage, SegmentTree
 from gibbs_codegen.robot.layout import Places
@@ -229,7 +229,7 @@ def _few_groups(tree: SegmentTree) -> Iterator[list[int]]:
                 leads, joints = [], 0
 
 
-def tree_motions(tape: Scalars, root: Root, tree: SegmentTree, state: State) -> list[Motion]:
+def tree_motions(tape: Scalars, root: Root, tree: SegmentTree, state: TreeState) -> list[Motion]:
     """Motion of every segment, in its working frame."""
     base, joints = state.split(root.places(tree.joints))
     with tape.group(f"motion of {tree.segments[0].name}"):
@@ -244,21 +244,21 @@ def free_motions(tape: Scalars, root: Root, tree: SegmentTree, rates: Values) ->
 
     Rates of the position are left out; motions are in the segments' working frames.
     """
-    return motions_about_origin(tape, root, tree, State.coasting(rates))
+    return motions_about_origin(tape, root, tree, TreeState.coasting(rates))
 
 
 def motions_about_origin(
-    tape: Scalars, root: Root, tree: SegmentTree, state: State
+    tape: Scalars, root: Root, tree: SegmentTree, state: TreeState
 ) -> list[Motion]:
     """Motions about the origin of the coordinates, as if it were at rest, in working frames."""
     rates, accelerations = [*state.rates], [*state.accelerations]
     for values in (rates, accelerations):
         values[root.places(tree.joints).position] = [sp.S.Zero] * 3
-    return tree_motions(tape, root, tree, State(rates, accelerations, state.gravity))
+    return tree_motions(tape, root, tree, TreeState(rates, accelerations, state.gravity))
 
 
 def generalised_inertia_forces(
-    tape: Scalars, root: Root, tree: SegmentTree, state: State
+    tape: Scalars, root: Root, tree: SegmentTree, state: TreeState
 ) -> list[sp.Expr]:
     """∂S/∂θ̈, row by row (eq. 5): M a − R, or −R where the accelerations are zero (N m or N)."""
     motions = tree_motions(tape, root, tree, state)
@@ -272,7 +272,7 @@ def generalised_inertia_forces(
     return places.joined([*angular, *linear], joints)
 
 
-def gibbs_function(tape: Scalars, root: Root, tree: SegmentTree, state: State) -> sp.Expr:
+def gibbs_function(tape: Scalars, root: Root, tree: SegmentTree, state: TreeState) -> sp.Expr:
     """S of the tree up to terms free of accelerations (eqs. 2–3)."""
     terms = []
     for k, motion in enumerate(tree_motions(tape, root, tree, state)):
@@ -319,8 +319,8 @@ def assembled(
     """
     base, joints = places.base, places.joint_places
     matrix = zeros(places.size, places.size)
-    for i, own in zip(base, block, strict=True):
-        for j, entry in zip(base, own, strict=True):
+    for i, values in zip(base, block, strict=True):
+        for j, entry in zip(base, values, strict=True):
             matrix[i][j] = entry
     for joint, outer, inner in zip(joints, columns, rows, strict=True):
         for place, above, beside in zip(base, outer, inner, strict=True):

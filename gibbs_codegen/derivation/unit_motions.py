@@ -1,4 +1,4 @@
-"""What one coordinate does to all that it moves: motions, and the wrenches that they take.
+"""Effects of one coordinate on all that it moves: motions, and the wrenches for them.
 
 Per unit of a coordinate the points that it moves are displaced by ξ = l + e×ρ, with ρ from one of
 them. Along the motion of the robot, with ẋ against the origin and gravity in ẍ,
@@ -77,7 +77,7 @@ class UnitMotion:
         return replace(self, linear=linear, linear_rate=rate, linear_acceleration=acceleration)
 
     def beyond(self, tape: Scalars, other: UnitMotion) -> UnitMotion:
-        """What a turn does beyond a turn about a parallel axis: a motion that turns nothing.
+        """A turn less a turn about a parallel axis: a motion that turns nothing.
 
         `other` is the turn about that axis, about the same point and in the same frame.
         """
@@ -279,8 +279,8 @@ def subtree_moments(
         with tape.group(f"moments of velocity of {tree.subtree_about_joint(k)}"):
             fixed = tree.works_in_own_frame(k)
             inertia = tree.working_inertia(tape, k)
-            own = link_moments(tape, inertia, motions[k].omega, velocities[k].after, fixed)
+            total = link_moments(tape, inertia, motions[k].omega, velocities[k].after, fixed)
             for child in tree.children[k]:
-                own = own.plus(tape, tree.passed_in(tape, child, moments[child]))
-            moments[k] = tree.to_group_frame(tape, k, own)
+                total = total.plus(tape, tree.passed_in(tape, child, moments[child]))
+            moments[k] = tree.to_group_frame(tape, k, total)
     return moments

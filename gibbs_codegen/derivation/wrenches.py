@@ -39,7 +39,7 @@ def frame_loads(symbolic: SymbolicRobot, bodies: JointedBodies | None = None) ->
     for place, (reduced, mounted) in enumerate(zip(*places, strict=True)):
         k, entries = mounted.segment, symbolic.W[place * _SIZE : (place + 1) * _SIZE]
         with tape.group(f"wrench on {mounted.name}, in the frame of its link"):
-            axes, halves = frames[reduced.segment].own, (entries[:3], entries[3:])
+            axes, halves = frames[reduced.segment].axes, (entries[:3], entries[3:])
             vectors = [tuple(tape.dot(axis, half) for axis in axes) for half in halves]
             if mounted.turn != reduced.turn:
                 turn = product(mounted.turn, back(reduced.turn))
@@ -70,8 +70,8 @@ def joint_wrenches(symbolic: SymbolicRobot, *, with_frames: bool = False) -> lis
             with tape.group(f"wrench through {serial.segments[1].joint_name}"):
                 unit, thrust = rod_thrust(symbolic, chain.rod), symbolic.u[chain.rod - 1]
                 active = Wrench.of(tape.let(thrust * entry) for entry in unit.entries)
-                own = serial.to_own_frame(tape, 1, inertial)
-                wrenches.append(own.plus(tape, active.opposite))
+                through = serial.to_own_frame(tape, 1, inertial)
+                wrenches.append(through.plus(tape, active.opposite))
     tree, bodies = symbolic.whole_tree, symbolic.all_bodies
     state = symbolic.state_with(symbolic.state, bodies.numbers)
     motions = tree_motions(tape, symbolic.root, tree, state)
@@ -81,8 +81,8 @@ def joint_wrenches(symbolic: SymbolicRobot, *, with_frames: bool = False) -> lis
     sums = subtree_wrenches(tape, tree, motions, loads)
     for k, i in enumerate(bodies.numbers, start=1):
         with tape.group(f"wrench through {tree.segments[k].joint_name}, in its frame"):
-            own = tree.to_own_frame(tape, k, sums[k])
-            about = own.shifted(tape, minus(bodies.frames[i].origin))
+            through = tree.to_own_frame(tape, k, sums[k])
+            about = through.shifted(tape, minus(bodies.frames[i].origin))
             turn = back(bodies.frames[i].turn)
             parts = (applied(turn, about.force), applied(turn, about.moment))
             wrenches.append(Wrench.of(tape.let(entry) for part in parts for entry in part))

@@ -22,7 +22,7 @@ from gibbs_codegen.derivation.inertia import ArticulatedInertia, Inertia
 from gibbs_codegen.derivation.symbolic_robot import SymbolicRobot
 from gibbs_codegen.errors import SingularRobotError
 from gibbs_codegen.program.lower import Slice, lower
-from gibbs_codegen.program.nodes import Program, count_operations
+from gibbs_codegen.program.nodes import ScalarProgram, count_operations
 from gibbs_codegen.robot.family import paper_family
 from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.robot.parts.base import ROD_ORIGINS, SEQUENCES
@@ -42,7 +42,7 @@ WAYS = ("articulated", "factorised")
 RANDOM_ROBOTS = [random_robot(seed, 2 + seed % 5, seed % 9) for seed in range(18)]
 
 
-def both_ways(robot: Robot, keep_zeros: bool = False) -> tuple[Program, dict[str, float]]:
+def both_ways(robot: Robot, keep_zeros: bool = False) -> tuple[ScalarProgram, dict[str, float]]:
     """A program of two functions, forward dynamics in one way and in the other, and parameters."""
     tape = Tape()
     symbolic = SymbolicRobot.of(robot, tape, keep_zeros)
@@ -58,7 +58,7 @@ def both_ways(robot: Robot, keep_zeros: bool = False) -> tuple[Program, dict[str
     return lower(tape, inputs, tuple(defaults), slices), defaults
 
 
-def operations(program: Program, name: str) -> int:
+def operations(program: ScalarProgram, name: str) -> int:
     return count_operations(program.function(name).nodes()).total
 
 

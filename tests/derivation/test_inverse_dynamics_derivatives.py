@@ -16,7 +16,7 @@ from gibbs_codegen.derivation.derive import derive
 from gibbs_codegen.derivation.inverse_dynamics import inverse_dynamics, inverse_dynamics_derivatives
 from gibbs_codegen.derivation.symbolic_robot import SymbolicRobot
 from gibbs_codegen.program.lower import Slice, lower, operations
-from gibbs_codegen.program.nodes import Number, Program
+from gibbs_codegen.program.nodes import Number, ScalarProgram
 from gibbs_codegen.robot.layout import Places, layout_of
 from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.robot.parts.base import ROD_ORIGINS, SEQUENCES, Attitude
@@ -32,7 +32,7 @@ class Derived:
 
     symbolic: SymbolicRobot
     equations: dict[str, tuple[sp.Expr, ...]]
-    program: Program
+    program: ScalarProgram
     parameters: dict[str, float]
 
     @classmethod

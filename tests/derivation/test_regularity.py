@@ -18,7 +18,15 @@ from support.tools import tool
 from gibbs_codegen.derivation.derive import derive
 from gibbs_codegen.derivation.regularity import check_range, massless_motions
 from gibbs_codegen.errors import RobotFileError, SingularRobotError, UsageError
-from gibbs_codegen.program.nodes import Function, Name, Output, Program, Reciprocal, Statement, Sum
+from gibbs_codegen.program.nodes import (
+    Function,
+    Name,
+    Output,
+    Reciprocal,
+    ScalarProgram,
+    Statement,
+    Sum,
+)
 from gibbs_codegen.robot.family import paper_family
 from gibbs_codegen.robot.file import parse_robot
 from gibbs_codegen.robot.model import Robot
@@ -221,7 +229,7 @@ def test_what_cannot_be_computed_is_not_emitted() -> None:
     a, b = Name("link1_length"), Name("link2_length")
     division = Statement("c0", Reciprocal(Sum(((1, a), (-1, b)))))
     forward = Function("forward_dynamics", (), ("c0",), (), (Output((1,), (Name("c0"),)),))
-    program = Program(
+    program = ScalarProgram(
         {"q": ("x",), "v": (), "u": ()},
         ("link1_length", "link2_length"),
         ("c0",),

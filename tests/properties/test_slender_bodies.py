@@ -10,7 +10,7 @@ import pytest
 from support.high_precision import DIGITS, evaluated, prepared
 
 from gibbs_codegen.derivation.derive import derive
-from gibbs_codegen.program.nodes import Program
+from gibbs_codegen.program.nodes import ScalarProgram
 from gibbs_codegen.robot.family import paper_family
 from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.robot.parts.body import RigidBody, Rod
@@ -70,7 +70,7 @@ def terms(robot: Robot, q: Array) -> Array:
     return found[np.ix_(tree.free, tree.free)]
 
 
-def exact_mass_matrix(program: Program, parameters: dict[str, float], q: Array) -> Array:
+def exact_mass_matrix(program: ScalarProgram, parameters: dict[str, float], q: Array) -> Array:
     """The mass matrix in many digits."""
     with mpmath.workdps(DIGITS):
         function = program.function("mass_matrix")

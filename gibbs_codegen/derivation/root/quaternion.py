@@ -42,7 +42,7 @@ from dataclasses import dataclass, replace
 import sympy as sp
 
 from gibbs_codegen.derivation.inertia import ANGULAR, Inertia
-from gibbs_codegen.derivation.motion import Acceleration, Motion, State
+from gibbs_codegen.derivation.motion import Acceleration, Motion, TreeState
 from gibbs_codegen.derivation.unit_motions import STILL, Column, MovingBody, column
 from gibbs_codegen.robot.layout import QUATERNION, Places, velocity_places
 from gibbs_codegen.symbolic.tape import Scalars, Values, Vector
@@ -66,7 +66,7 @@ _TINY = sp.Rational(1, 2**120)
 _TWO = sp.Integer(2)
 # Terms of the series of c: up to θ = 1 the next is 3e-18 of the first.
 _TERMS = 9
-# Of the series of e, whose terms fall by 1/(2π)² each.
+# Further terms of the series of e; each is smaller than the last by 1/(2π)².
 _MORE_TERMS = 11
 
 
@@ -178,12 +178,12 @@ class QuaternionRoot:
         """Linear velocity first, then angular velocity, then the joints."""
         return velocity_places(QUATERNION, joints)
 
-    def frame_motion(self, tape: Scalars, base: State) -> Motion:
+    def frame_motion(self, tape: Scalars, base: TreeState) -> Motion:
         """Motion of the base in its own frame; rates are ω and the origin's velocity."""
         linear = self.origin_acceleration(tape, base)
         return Motion.of(tape, tuple(base.rates[:3]), tuple(base.accelerations[:3]), linear)
 
-    def origin_acceleration(self, tape: Scalars, base: State) -> Vector:
+    def origin_acceleration(self, tape: Scalars, base: TreeState) -> Vector:
         """v̇ + ω×v with gravity upwards, in the base's frame (m/s²)."""
         turning = tape.cross(tuple(base.rates[:3]), tuple(base.rates[3:]))
         up = upward(tape, self.attitude, base.gravity)
@@ -208,8 +208,8 @@ class QuaternionRoot:
                 block[i][3 + j] = block[3 + j][i] = wrench.force[j]
         return block
 
-    def derivatives(self, tape: Scalars, base: State) -> QuaternionDerivatives:
-        """How forces depend on the base's attitude and velocities; no accelerations are needed."""
+    def derivatives(self, tape: Scalars, base: TreeState) -> QuaternionDerivatives:
+        """Derivatives of forces by the base's attitude and velocities, without accelerations."""
         up = upward(tape, self.attitude, base.gravity)
         return QuaternionDerivatives(tuple(base.rates[:3]), tuple(base.rates[3:]), up)
 
@@ -223,12 +223,12 @@ class QuaternionRoot:
         return [*turning, *((axis, ZERO) for axis in self.axes)]
 
     def accelerations(
-        self, tape: Scalars, linear: Vector, angular: Vector, base: State
+        self, tape: Scalars, linear: Vector, angular: Vector, base: TreeState
     ) -> list[sp.Expr]:
         """ω̇ and v̇."""
         with tape.group("rate of the base's velocity, in its own frame"):
-            known = self.origin_acceleration(tape, base.unaccelerated)
-            return [*angular, *tape.add(linear, minus(known))]
+            free = self.origin_acceleration(tape, base.unaccelerated)
+            return [*angular, *tape.add(linear, minus(free))]
 
     def coordinate_rates(self, tape: Scalars, coordinates: Values, rates: Values) -> Values:
         """q̇ = ½ q ω, and the rate of the position, from ω and the origin's velocity."""
@@ -286,7 +286,7 @@ class QuaternionRoot:
             return [*turn, *tape.add(way, minus(tape.scale(let(side * ratio), across)), again)]
 
     def integrated_by_place(self, tape: Scalars, step: Values) -> Matrix:
-        """How `integrated` moves with the pose before: Ad of the inverse motion.
+        """Derivative of `integrated` by the pose before: Ad of the inverse motion.
 
         These are 6×6 entries [[Rᵀ, 0], [−Rᵀp̃, Rᵀ]], angular before linear, in the frames of the
         poses.
@@ -307,7 +307,7 @@ class QuaternionRoot:
         return block
 
     def integrated_by_step(self, tape: Scalars, step: Values) -> Matrix:
-        """How `integrated` moves with the motion: the right Jacobian of SE(3).
+        """Derivative of `integrated` by the motion: the right Jacobian of SE(3).
 
         It is [[J, 0], [Q, J]], angular before linear, in the frame of the pose after the motion,
         with J = a·1 − b·φ̃ + c·φφᵀ, and with Q the rate of J as φ moves by the linear part.
@@ -325,7 +325,7 @@ class QuaternionRoot:
             return _of_changes(tape, turn, linear, (a, -b, c), (a_rate, -b_rate, c_rate))
 
     def difference_by_start(self, tape: Scalars, start: Values, end: Values) -> Matrix:
-        """How `difference` moves with the first pose: minus the inverse left Jacobian of SE(3).
+        """Derivative of `difference` by the first pose: minus the inverse left Jacobian of SE(3).
 
         Its blocks are those of the second pose transposed.
         """
@@ -339,7 +339,7 @@ class QuaternionRoot:
             return other
 
     def difference_by_end(self, tape: Scalars, start: Values, end: Values) -> Matrix:
-        """How `difference` moves with the second pose: the inverse right Jacobian of SE(3).
+        """Derivative of `difference` by the second pose: the inverse right Jacobian of SE(3).
 
         It is [[K, 0], [P, K]], angular before linear, with K = h·1 + φ̃/2 + e·φφᵀ, and with P the
         rate of K as φ moves by the linear part.
@@ -381,7 +381,7 @@ class QuaternionRoot:
         return converted
 
     def state_columns(
-        self, tape: Scalars, turning: Sequence[Values], linear: Vector, base: State
+        self, tape: Scalars, turning: Sequence[Values], linear: Vector, base: TreeState
     ) -> tuple[list[Values], list[Values]]:
         """Columns for a turn and a displacement of the base in its own frame, and for ω and v."""
         omega, velocity = tuple(base.rates[:3]), tuple(base.rates[3:])
@@ -405,7 +405,7 @@ def _of_changes(
     gains: tuple[sp.Expr, sp.Expr, sp.Expr],
     rates: tuple[sp.Expr, sp.Expr, sp.Expr],
 ) -> Matrix:
-    """What a·1 + b·turn× + c·turn turnᵀ, of `gains` a, b and c, does to twists (6×6).
+    """Matrix of a·1 + b·turn× + c·turn turnᵀ, with `gains` a, b and c, on twists (6×6).
 
     Beside its blocks stands its derivative along `linear`, with `rates` of the gains.
     """

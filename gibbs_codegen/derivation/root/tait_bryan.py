@@ -27,7 +27,7 @@ from dataclasses import dataclass
 import sympy as sp
 
 from gibbs_codegen.derivation.inertia import ANGULAR, Inertia
-from gibbs_codegen.derivation.motion import Acceleration, Motion, State
+from gibbs_codegen.derivation.motion import Acceleration, Motion, TreeState
 from gibbs_codegen.derivation.unit_motions import Column, MovingBody, UnitMotion, column
 from gibbs_codegen.robot.layout import Places, velocity_places
 from gibbs_codegen.symbolic.tape import Scalars, Values, Vector
@@ -79,17 +79,17 @@ class TaitBryanDerivatives:
             body = body.turned(tape, self.inner)
             for j in (2, 1, 0):
                 body = body.turned(tape, self._turns(j))
-                own = column(tape, self.units[j], body)
+                turned = column(tape, self.units[j], body)
                 for i in range(j, -1, -1):
-                    own = own.turned(tape, self._turns(i)) if i < j else own
-                    by_angle[j][i] = own.by_angle(tape, self.units[i])
-                    by_rate[j][i] = own.by_rate(tape, self.units[i])
-                    by_angle[i][j] = own.angle.moment[self.axes[i]]
-                    by_rate[i][j] = own.rate.moment[self.axes[i]]
-                own = own.turned(tape, self.rotations[:1])
+                    turned = turned.turned(tape, self._turns(i)) if i < j else turned
+                    by_angle[j][i] = turned.by_angle(tape, self.units[i])
+                    by_rate[j][i] = turned.by_rate(tape, self.units[i])
+                    by_angle[i][j] = turned.angle.moment[self.axes[i]]
+                    by_rate[i][j] = turned.rate.moment[self.axes[i]]
+                turned = turned.turned(tape, self.rotations[:1])
                 for i in range(3):
-                    by_angle[3 + i][j] = own.angle.force[i]
-                    by_rate[3 + i][j] = own.rate.force[i]
+                    by_angle[3 + i][j] = turned.angle.force[i]
+                    by_rate[3 + i][j] = turned.rate.force[i]
         return by_angle, by_rate
 
     def _turns(self, i: int) -> Sequence[Rotation]:
@@ -166,7 +166,7 @@ class _Changes:
     tape: Scalars
     frame: TaitBryanFrame
     about: list[Values]
-    base: State
+    base: TreeState
 
     def by_rates(self) -> list[Values]:
         """By θ̇₋₁, θ̇₀ and θ̇₁."""
@@ -257,7 +257,7 @@ class TaitBryanRoot:
 
     @property
     def spins_about_normal(self) -> bool:
-        """Whether the last rotation is about z and therefore belongs to the root segment."""
+        """True if the last rotation is about z and therefore belongs to the root segment."""
         return self.axes[2] == 2
 
     @property
@@ -279,11 +279,11 @@ class TaitBryanRoot:
         """Number of rotations between the world and the group frame."""
         return 2 if self.spins_about_normal else 3
 
-    def frame_motion(self, tape: Scalars, base: State) -> Motion:
+    def frame_motion(self, tape: Scalars, base: TreeState) -> Motion:
         """Motion of the group frame in its own axes, by the rates of θ₋₁, θ₀, θ₁, x, y, z."""
         return self._motion_after(tape, self._outer, base)
 
-    def _motion_after(self, tape: Scalars, count: int, base: State) -> Motion:
+    def _motion_after(self, tape: Scalars, count: int, base: TreeState) -> Motion:
         """Motion of a frame turned by the first `count` rotations, in its own axes."""
         x, y, z = self.origin_acceleration(tape, base)
         omega, omega_dot, acceleration = ZERO, ZERO, (x, y, tape.let(z))
@@ -291,13 +291,13 @@ class TaitBryanRoot:
             back, axis = self.rotations[i].inverse, self.axes[i]
             omega = back.vector(tape, omega)
             gain = tape.scale(base.rates[i], tape.cross(omega, axis_vector(axis)))
-            own = axis_vector(axis, base.accelerations[i])
-            omega_dot = tape.add(back.vector(tape, omega_dot), gain, own)
+            turn = axis_vector(axis, base.accelerations[i])
+            omega_dot = tape.add(back.vector(tape, omega_dot), gain, turn)
             omega = tape.add(omega, axis_vector(axis, base.rates[i]))
             acceleration = back.vector(tape, acceleration)
         return Motion.of(tape, omega, omega_dot, acceleration)
 
-    def origin_acceleration(self, tape: Scalars, base: State) -> Vector:
+    def origin_acceleration(self, tape: Scalars, base: TreeState) -> Vector:
         """Acceleration of the origin in world axes with gravity upwards (m/s²)."""
         x, y, z = base.accelerations[3:]
         return (x, y, z + base.gravity)
@@ -315,9 +315,9 @@ class TaitBryanRoot:
                 wrench = wrench.rotated(tape, self.rotations[i])
         return (*rows, *wrench.force)
 
-    def derivatives(self, tape: Scalars, base: State) -> TaitBryanDerivatives:
-        """How forces depend on the angles and their rates."""
-        # Of the first two angles the frame between, and of the third the one between it and them.
+    def derivatives(self, tape: Scalars, base: TreeState) -> TaitBryanDerivatives:
+        """Derivatives of forces by the angles and their rates."""
+        # For the first two angles the frame between them, for the third the one before it.
         frames = [self._motion_after(tape, count, base) for count in (1, 1, 2)]
         units = [
             UnitMotion.turning(tape, axis, motion, ZERO)
@@ -364,7 +364,7 @@ class TaitBryanRoot:
         return block
 
     def accelerations(
-        self, tape: Scalars, linear: Vector, angular: Vector, base: State
+        self, tape: Scalars, linear: Vector, angular: Vector, base: TreeState
     ) -> list[sp.Expr]:
         """Those of θ₋₁, θ₀, θ₁, x, y, z, from a motion of the group frame.
 
@@ -402,7 +402,7 @@ class TaitBryanRoot:
         return self._frame(tape, turns).rows(tape)
 
     def state_columns(
-        self, tape: Scalars, turning: Sequence[Values], linear: Vector, base: State
+        self, tape: Scalars, turning: Sequence[Values], linear: Vector, base: TreeState
     ) -> tuple[list[Values], list[Values]]:
         """Columns for θ₋₁, θ₀, θ₁, x, y, z, and for their rates."""
         frame = self._frame(tape, [])
