@@ -44,20 +44,20 @@ def hybrid_names(robot: Robot) -> dict[str, Name]:
     """
     description = Description(robot)
     free, acting = description.free_unknowns, description.inputs
-    own = description.layout.v
+    coordinates = description.layout.v
     numbers = [f"{_letter(robot, i)}_{robot.rotors + i}" for i in robot.moving]
-    base = [free[place].name for place in own.base]
-    numbered = dict(zip((c.name for c in free), own.joined(base, numbers), strict=True))
-    found = {c.name: hybrid_name(numbered[c.name], c.meaning) for c in free}
+    base = [free[place].name for place in coordinates.base]
+    numbered = dict(zip((c.name for c in free), coordinates.joined(base, numbers), strict=True))
+    names = {c.name: hybrid_name(numbered[c.name], c.meaning) for c in free}
     for arm in constrained_arms(robot):
         angle, torque = constrained_coordinate(robot, arm), constraint_torque(robot, arm)
-        found[angle.name] = hybrid_name(f"theta_{arm}", angle.meaning)
-        found[torque.name] = hybrid_name(f"tau_prime_{arm}", torque.meaning)
+        names[angle.name] = hybrid_name(f"theta_{arm}", angle.meaning)
+        names[torque.name] = hybrid_name(f"tau_prime_{arm}", torque.meaning)
     drives = [f"F_{k}" for k in range(1, robot.rotors + 1)]
     drives += [f"tau_{robot.rotors + i}" for i in robot.moving]
     for entry, drive in zip(acting, drives, strict=True):
-        found[entry.name] = hybrid_name(drive, entry.meaning)
-    return found
+        names[entry.name] = hybrid_name(drive, entry.meaning)
+    return names
 
 
 def _letter(robot: Robot, i: int) -> str:
@@ -73,7 +73,7 @@ def chain_names(symbolic: SymbolicRobot, chain: Chain) -> dict[sp.Symbol, Name]:
     names = dict(base[:first])
     names |= _joint_names(symbolic, chain)
     names |= base[first:]
-    # What acts: thrusts of rods by the item, others by the rotor.
+    # Inputs: thrusts of rods by the item, others by the rotor.
     acting = symbolic.description.inputs
     for k in chain.motors:
         index = str(k)
@@ -108,7 +108,7 @@ def _base_names(symbolic: SymbolicRobot, number: int) -> Iterator[tuple[sp.Symbo
             entry = symbolic.description.free_unknowns[place]
             letter = "omega" if entry.name[0] == "w" else "v"
             index, unit = f"{number},{entry.name[1]}", entry.unit
-            yield symbolic.v[place], name(letter, index, Kind.RATE, f"{entry.meaning} ({unit})")
+            yield (symbolic.v[place], name(letter, index, Kind.RATE, f"{entry.meaning} ({unit})"))
             meaning = f"{entry.meaning}{_RATE} ({unit.removesuffix('/s')}/s²)"
             yield symbolic.a[place], name(letter, index, Kind.ACCELERATION, meaning, "dot")
         return
@@ -185,7 +185,7 @@ def _parameter_names(robot: Robot, parameters: Parameters) -> Iterator[tuple[sp.
         pairs = zip(
             parameter_names(kind, own_name or number), parameter_names(kind, number), strict=True
         )
-        of_bodies |= {own: (numbered, words if own_name else "") for own, numbered in pairs}
+        of_bodies |= {key: (numbered, words if own_name else "") for key, numbered in pairs}
     of_frames = {name for frame in robot.frames for name in parameter_names("frame", frame.name)}
     for internal, default in parameters.defaults.items():
         if internal in of_frames:
@@ -215,9 +215,9 @@ def defined_inertias(symbolic: SymbolicRobot, chain: Chain) -> list[Inertia]:
     return [core, *(link.inertia for link in bodies.links)]
 
 
-# How the symbols of fixed angles begin, in the derivation.
+# The first letters of symbols of fixed angles in the derivation.
 FIXED = "fixed_"
-# What rounding leaves of sines and cosines that cancel.
+# Remainders by rounding of sines and cosines that cancel.
 _ROUNDING = sp.Float("1e-25")
 
 
@@ -242,9 +242,9 @@ class Made:
         e_xx, e_yy, e_zz, e_xy, e_xz, e_yz = inertia.second
         entries = (e_yy + e_zz, e_xx + e_zz, e_xx + e_yy, -e_xy, -e_xz, -e_yz)
         words = f"inertia matrix B_2 + B_3 {of_item} about its joint (kg m²)"
-        known: dict[sp.Expr, sp.Symbol] = {}
+        entries_so_far: dict[sp.Expr, sp.Symbol] = {}
         joint_inertia = [
-            self._inertial("J", item, axes, value, words, known)
+            self._inertial("J", item, axes, value, words, entries_so_far)
             for axes, value in zip(AXIS_PAIRS, entries, strict=True)
         ]
         second = map(self._tape.let, second_moments(*joint_inertia))
@@ -257,18 +257,18 @@ class Made:
         axes: str,
         value: sp.Expr,
         meaning: str,
-        known: dict[sp.Expr, sp.Symbol] | None = None,
+        symbols: dict[sp.Expr, sp.Symbol] | None = None,
     ) -> sp.Expr:
         """Name an entry of an inertia, unless it is zero.
 
-        A symbol in `known` that has the same value is read in place of this.
+        A symbol in `symbols` that has the same value is read in place of this.
         """
         value = _settled(value)
         if value == 0:
             return value
         index = f"{self._chain},{item}" + (f",{axes}" if axes else "")
         symbol = self._symbol(f"{letter}_{item}{axes}", letter, index, Kind.INERTIA, meaning)
-        same = symbol if known is None else known.setdefault(value, symbol)
+        same = symbol if symbols is None else symbols.setdefault(value, symbol)
         self.definitions.append((symbol, value if same is symbol else same))
         return same
 

@@ -58,14 +58,14 @@ class Definitions:
             if statement is None or symbol in self._values:
                 continue
             is_angle = isinstance(statement, (sp.sin, sp.cos))
-            found = self._angle(statement) if is_angle else self.expression(statement)
-            leaves = _count_leaves(found)
+            expanded = self._angle(statement) if is_angle else self.expression(statement)
+            leaves = _count_leaves(expanded)
             if leaves > _LONG or (leaves > _SHORT and self._readers[symbol] > 1):
                 self._numbered += 1
                 numbered = sp.Symbol(f"h_{self._numbered}")
-                self.made.append((numbered, found))
-                found = numbered
-            self._values[symbol] = found
+                self.made.append((numbered, expanded))
+                expanded = numbered
+            self._values[symbol] = expanded
         return value.xreplace({symbol: self._values.get(symbol, symbol) for symbol in symbols})
 
     def _angle(self, expression: sp.Expr) -> sp.Expr:
@@ -81,7 +81,7 @@ def _symbols(expression: sp.Expr) -> Sequence[sp.Symbol]:
 
 
 def _readers(tape: Tape, outputs: Iterable[sp.Expr]) -> Counter[sp.Symbol]:
-    """How often each statement that the outputs need is read."""
+    """The number of readers of each statement that the outputs need."""
     readers: Counter[sp.Symbol] = Counter()
     for output in outputs:
         readers.update(_symbols(output))

@@ -30,14 +30,14 @@ def collected(expression: sp.Expr, keys: Sequence[sp.Symbol], most: int) -> sp.E
     products and positive powers. In each coefficient common factors stand before the sum. Raises
     `TooLongError` if a step has more than `most` terms.
     """
-    found = _leaves(expression)
-    if not found:
+    functions_used = _leaves(expression)
+    if not functions_used:
         return expression
     # And sines and cosines of the angles that occur, and of single ones by which two differ.
-    angles = {leaf.args[0] for leaf in found if isinstance(leaf, (sp.sin, sp.cos))}
+    angles = {leaf.args[0] for leaf in functions_used if isinstance(leaf, (sp.sin, sp.cos))}
     angles |= {a - b for a in angles for b in angles if (a - b).is_Symbol}
     related = {function(angle) for angle in angles for function in (sp.sin, sp.cos)}
-    leaves = sorted(found | related, key=sp.default_sort_key)
+    leaves = sorted(functions_used | related, key=sp.default_sort_key)
     expansion = _Expansion(leaves, most)
     places = [leaves.index(key) for key in keys if key in leaves]
     groups: dict[Monomial, Terms] = defaultdict(dict)
@@ -56,7 +56,7 @@ def collected(expression: sp.Expr, keys: Sequence[sp.Symbol], most: int) -> sp.E
 
 
 def count_terms(expression: sp.Expr) -> int:
-    """How many terms are added anywhere in an expression, one at least."""
+    """The number of terms added anywhere in an expression, at least one."""
     if expression.is_Add or expression.is_Mul:
         counts = [count_terms(argument) for argument in expression.args]
         return sum(counts) if expression.is_Add else max(counts)
@@ -112,13 +112,13 @@ class _Expansion:
         """Numbers by monomials."""
         if expression in self._known:
             return self._known[expression]
-        found, factors = self._ring.one, []
+        polynomial, factors = self._ring.one, []
         if expression in self._gens:
-            found = self._gens[expression]
+            polynomial = self._gens[expression]
         elif expression.is_Rational:
-            found = self._ring(sp.QQ(expression.p, expression.q))
+            polynomial = self._ring(sp.QQ(expression.p, expression.q))
         elif expression.is_Add:
-            found = sum(map(self.polynomial, expression.args), self._ring.zero)
+            polynomial = sum(map(self.polynomial, expression.args), self._ring.zero)
         elif expression.is_Mul:
             factors = [self.polynomial(argument) for argument in expression.args]
         elif expression.is_Pow and expression.exp == sp.Rational(1, 2):
@@ -128,18 +128,18 @@ class _Expansion:
         else:
             raise TypeError(f"no polynomial: {type(expression).__name__}: {expression}")
         for factor in sorted(factors, key=len):
-            if len(found) * len(factor) > 50 * self._most:
+            if len(polynomial) * len(factor) > 50 * self._most:
                 raise TooLongError
-            terms = dict(found * factor)
+            terms = dict(polynomial * factor)
             for place, base in self._roots:
                 terms = _square_replaced(terms, place, [(None, base)])
             for cosine, sine in self._angles:
                 terms = _square_replaced(terms, sine, [(None, 1), (cosine, -1)])
-            found = self._ring.from_dict(terms)
-        if len(found) > self._most:
+            polynomial = self._ring.from_dict(terms)
+        if len(polynomial) > self._most:
             raise TooLongError
-        self._known[expression] = found
-        return found
+        self._known[expression] = polynomial
+        return polynomial
 
     def shortest(self, terms: Terms) -> Terms:
         """The same polynomial in fewer terms.

@@ -66,8 +66,8 @@ class Page:
             if equation.number == 15:
                 form = self._motion(equation)
             else:  # The paper's own.
-                own = FORMS[equation.number]
-                form = [filled_form(own.latex if self.is_latex else own.text, equation)]
+                shape = FORMS[equation.number]
+                form = [filled_form(shape.latex if self.is_latex else shape.text, equation)]
             blocks.append([*self._heading(title), *self._display(form)])
             if not equation.closed:
                 rest = f" {AT_REST}" if equation.number == 15 else ""
@@ -181,7 +181,7 @@ class Page:
             steps = [self.dialect.index(k) for k in "12"]
             meaning = "intermediate results, numbered anew in each equation"
             entries.append(([f"h{k}" for k in steps], meaning))
-        known = {symbol for symbols, _ in entries for symbol in symbols}
+        listed = {symbol for symbols, _ in entries for symbol in symbols}
         forms = []
         for equation in self._equations:
             forms += [
@@ -194,7 +194,7 @@ class Page:
                     forms.append((rf"\zeta_{{{index}}}", f"ζ_{{{index}}}", meaning))
         for latex, text, meaning in dict.fromkeys(forms):
             symbol = latex if self.is_latex else text
-            if symbol not in known:
+            if symbol not in listed:
                 entries.append(([symbol], meaning))
         return [
             (
@@ -221,17 +221,17 @@ def held_indices(equation: ChainEquation) -> list[str]:
 
 def _explained(equations: Sequence[ChainEquation]) -> list[typeset.Name]:
     """Names to be explained, in order, each once: those that occur and mean something."""
-    found: dict[typeset.Name, None] = {}
+    names: dict[typeset.Name, None] = {}
     for equation in equations:
         occurring = {*equation.accelerations, *equation.torques}
         occurring |= {symbol for row in equation.frames for e in row for symbol in e.free_symbols}
         for symbol, value in equation.lines:
             occurring |= {symbol} | value.free_symbols
-        found |= dict.fromkeys(n for s, n in equation.names.items() if s in occurring)
+        names |= dict.fromkeys(n for s, n in equation.names.items() if s in occurring)
         for place in equation.places:
-            found |= {place.unknown: None, place.hybrid: None}
-        found |= dict.fromkeys(n for pair in equation.inputs for n in pair)
-    return [n for n in found if n.meaning]
+            names |= {place.unknown: None, place.hybrid: None}
+        names |= dict.fromkeys(n for pair in equation.inputs for n in pair)
+    return [n for n in names if n.meaning]
 
 
 class LatexPage(Page):

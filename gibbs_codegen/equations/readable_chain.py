@@ -20,7 +20,7 @@ from gibbs_codegen.derivation.forces import (
     rotor_wrench,
 )
 from gibbs_codegen.derivation.inertia import NO_INERTIA
-from gibbs_codegen.derivation.motion import State
+from gibbs_codegen.derivation.motion import TreeState
 from gibbs_codegen.derivation.segment_tree import (
     JointedLink,
     Segment,
@@ -63,7 +63,7 @@ class ReadableChain:
     chain: Chain
     links: tuple[JointedLink, ...]
     serial: SegmentTree
-    state: State
+    state: TreeState
     wrenches: dict[int, tuple[int, Wrench]]
     passive: tuple[tuple[sp.Expr, sp.Expr], ...]
     definitions: tuple[Definition, ...]
@@ -88,7 +88,7 @@ class ReadableChain:
 
     @property
     def quasi(self) -> bool:
-        """Whether the base's accelerations are rates of quasi-velocities."""
+        """True if the base's accelerations are rates of quasi-velocities."""
         return self.symbolic.description.layout.is_quaternion
 
 
@@ -109,7 +109,7 @@ def readable_chain(robot: Robot, number: int, tape: Scalars | None = None) -> Re
     symbolic = SymbolicRobot.of(robot, tape)
     chain, serial = symbolic.open_chains[number - 1]
     names = chain_names(symbolic, chain)
-    # What the symbols of inertia and places stand for is written in the parameters themselves.
+    # The meaning of the symbols of inertia and places is written in the parameters themselves.
     plain = SymbolicRobot.of(robot, InlineTape())
     made = Made(tape, number, names)
     root, *segments = serial.segments
@@ -137,9 +137,9 @@ def readable_chain(robot: Robot, number: int, tape: Scalars | None = None) -> Re
     for k in chain.motors:
         segment, wrench = _motor_wrench(plain, chain, k)
         wrenches[k] = segment, made.wrench(k, segment, wrench)
-    given = zip(symbolic.robot.moving, armatures(symbolic), passive_forces(symbolic), strict=True)
+    terms = zip(symbolic.robot.moving, armatures(symbolic), passive_forces(symbolic), strict=True)
     passive = [(sp.S.Zero, sp.S.Zero)] * len(chain.coordinates)
-    for i, armature, force in given:
+    for i, armature, force in terms:
         if i in chain.own:
             passive[chain.coordinates.index(coordinate_of(robot, i))] = (armature, force)
     return ReadableChain(
@@ -178,7 +178,7 @@ def own_frames(readable: ReadableChain) -> SegmentTree:
 
 
 def item_frames(readable: ReadableChain) -> tuple[tuple[sp.Expr, ...], ...]:
-    """Where the items after the base are in those before them, as `ChainEquation.frames`."""
+    """Poses of the items after the base in those before them, as `ChainEquation.frames`."""
     if readable.chain.rod is not None:
         (joint,) = _chain_joints(readable.symbolic, readable.chain)
         step = readable.serial.segments[1].step
@@ -205,8 +205,8 @@ def generalised_forces(readable: ReadableChain) -> list[sp.Expr]:
     u = symbolic.u
     forces = [sp.S.Zero] * len(chain.coordinates)
     for k in chain.motors:
-        own = forces_of_wrenches(symbolic, serial, dict([readable.wrenches[k]]))
-        forces = [force + row * u[k - 1] for force, row in zip(forces, own, strict=True)]
+        motor_forces = forces_of_wrenches(symbolic, serial, dict([readable.wrenches[k]]))
+        forces = [force + row * u[k - 1] for force, row in zip(forces, motor_forces, strict=True)]
     efforts = dict(zip(symbolic.robot.moving, u[symbolic.robot.rotors :], strict=True))
     for i in chain.own:
         if i in efforts:
@@ -225,13 +225,13 @@ def _motor_wrench(symbolic: SymbolicRobot, chain: Chain, k: int) -> tuple[int, W
     tape = symbolic.tape
     lever = axis_vector(X, symbolic.rod_reach(k))
     # An axis, or its components as symbols, those that are zero left out.
-    given = symbolic.robot.base.thrust[k - 1]
+    thrust_axis = symbolic.robot.base.thrust[k - 1]
     direction = tuple(
         sp.Symbol(f"epsilon_{k}_{axis}") if entry else sp.S.Zero
-        for axis, entry in zip("xyz", given, strict=True)
+        for axis, entry in zip("xyz", thrust_axis, strict=True)
     )
-    if given in AXES.values():
-        direction = axis_vector(given.index(1.0))
+    if thrust_axis in AXES.values():
+        direction = axis_vector(thrust_axis.index(1.0))
     if k == 1:
         lever = tape.add(symbolic.centre, symbolic.rod_frame(1).vector(tape, lever))
         direction = symbolic.rod_frame(1).vector(tape, direction)
@@ -240,7 +240,7 @@ def _motor_wrench(symbolic: SymbolicRobot, chain: Chain, k: int) -> tuple[int, W
     return 0 if k == 1 else 1, wrench
 
 
-def chain_state(symbolic: SymbolicRobot, chain: Chain) -> State:
+def chain_state(symbolic: SymbolicRobot, chain: Chain) -> TreeState:
     """The state of an open chain in symbols.
 
     Rates are zero where a joint is constrained; accelerations are kept there.
@@ -253,7 +253,7 @@ def chain_state(symbolic: SymbolicRobot, chain: Chain) -> State:
         rates.append(free_rates.get(coordinate, sp.S.Zero))
         held = symbolic.tape.symbol(f"a_{coordinate}", Stage.MOTION)
         accelerations.append(free_accelerations.get(coordinate, held))
-    return State(rates, accelerations, symbolic.parameters.gravity)
+    return TreeState(rates, accelerations, symbolic.parameters.gravity)
 
 
 @dataclass(frozen=True)

@@ -33,7 +33,7 @@ from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.robot.parts.numbers import AXIS_PAIRS
 
 EQUATIONS = (2, 5, 6, 15, 18)
-# What says everything once: the same coefficients stand in 2 and 5, and 6 is the same for any link.
+# Equations that say everything once: 2 and 5 have the same coefficients, 6 is alike for any link.
 SHORT = (15, 18)
 
 # Terms of a chain's mass matrix and residual together that are still read: four pages or so.
@@ -59,8 +59,8 @@ def chain_equation(
         UsageError: If there is no such chain or equation.
     """
     if equation not in EQUATIONS:
-        known = ", ".join(map(str, EQUATIONS))
-        raise UsageError(f"equation {equation}: cannot be shown; known: {known}")
+        choices = ", ".join(map(str, EQUATIONS))
+        raise UsageError(f"equation {equation}: cannot be shown; known: {choices}")
     check_chain(robot, chain)
     if equation in _OF_EVERY_CHAIN:
         return _OF_EVERY_CHAIN[equation](robot, chain)
@@ -100,15 +100,15 @@ def _link(robot: Robot, chain: int) -> chain_equations.ChainEquation:
 
 
 def _coupling(robot: Robot, chain: int) -> chain_equations.ChainEquation:
-    """Where the chain's unknowns and inputs stand among those of the hybrid system."""
+    """Places of the chain's unknowns and inputs among those of the hybrid system."""
     readable = readable_chain(robot, chain)
     names, hybrid = readable.names, hybrid_names(robot)
     description = readable.symbolic.description
     unknowns = description.hybrid_coordinates
-    own = [*readable.state.accelerations, *readable.torques]
+    symbols = [*readable.state.accelerations, *readable.torques]
     places = []
     for item, (place, symbol) in enumerate(
-        zip(coupling_map(robot)[chain - 1], own, strict=True), start=1
+        zip(coupling_map(robot)[chain - 1], symbols, strict=True), start=1
     ):
         meaning = names[symbol].meaning
         whole = accelerated(replace(hybrid[unknowns[place].name], meaning=meaning))

@@ -22,7 +22,7 @@ import sympy as sp
 
 
 class Kind(IntEnum):
-    """What a symbol stands for, in the order in which factors of a product are written."""
+    """The kind of a symbol, in the order in which factors of a product are written."""
 
     INERTIA = 0
     LENGTH = 1
@@ -133,11 +133,11 @@ def parameter_name(internal: str, rotors: int, default: float, unit: str, whose:
     arm = int(number or 1) + (rotors if body == "link" else 0)
     by_number = f"arm {arm}" if number else "every base arm"
     whose = whose or {"base": "the base", "rotor": f"rotor {arm}"}.get(body, by_number)
-    # Of rotors and arms with one number, and of the base, which is none.
-    own = {"base": "b", "rotor": f"F{arm}"}.get(body, str(arm))
+    # Rotors and arms share numbers; the base has none.
+    body_index = {"base": "b", "rotor": f"F{arm}"}.get(body, str(arm))
     for pattern, letter, mark, further, meaning in _PARAMETERS:
-        if found := re.fullmatch(pattern, key):
-            index = ",".join(filter(None, [own, found.expand(further)]))
+        if parsed := re.fullmatch(pattern, key):
+            index = ",".join(filter(None, [body_index, parsed.expand(further)]))
             kind = Kind.LENGTH if unit == "m" else Kind.INERTIA
             return name(letter, index, kind, meaning.format(whose) + value, mark)
     raise ValueError(f"no name for the parameter {internal}")
@@ -181,7 +181,7 @@ _SUPERSCRIPTS = str.maketrans("0123456789", "⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 @dataclass(frozen=True)
 class Dialect:
-    """How symbols, numbers and powers are put in writing."""
+    """The notation of symbols, numbers and powers."""
 
     symbol: Callable[[Name], str]
     index: Callable[[str], str]

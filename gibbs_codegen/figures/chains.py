@@ -193,7 +193,7 @@ def _draw_arm(axes: Axes, robot: Robot, chain: Chain, centre: Array) -> None:
         marks.draw_link(axes, place, end, number, i in chain.own and link.body.total_mass > 0.0)
         aside = np.array([0.0, 1.0 if step % 2 == 0 else -1.0])
         _draw_link_joint(axes, robot, chain, i, (place, 0.5 * steps[step], aside))
-        # Where neither this joint's name is nor that of the next.
+        # A place away from the names of this joint and of the next.
         steep = step % 2 == 0
         share, arrow = (0.5, _by(-0.5, 0.0)) if steep else (0.75, _by(0.0, -0.3))
         _draw_placed(axes, robot, chain, i, (place + share * (end - place), arrow))
@@ -235,7 +235,7 @@ def _by(x: float, y: float) -> Array:
 
 
 def _chain_keys(robot: Robot) -> list[Line2D]:
-    """What the parts of a chain mean."""
+    """Legend of the parts of a chain."""
     bar: dict[str, Any] = {"lw": 3.6, "path_effects": [withStroke(linewidth=5.0, foreground=DARK)]}
     circle: dict[str, Any] = {"ls": "", "mfc": "none", "mec": marks.THRUST, "ms": 8, "mew": 1.3}
     normal = Line2D([], [], marker="o", label="thrust normal to the plane", **circle)

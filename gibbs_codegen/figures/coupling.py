@@ -92,9 +92,9 @@ def _draw_hybrid_unknowns(axes: Axes, robot: Robot, height: float) -> float:
     names = hybrid_names(robot)
     # Names that the robot file gives joints, by those of their coordinates.
     joint_names = {
-        coordinate_of(robot, i): short_name(own, _LONGEST_NAME)
+        coordinate_of(robot, i): short_name(label, _LONGEST_NAME)
         for i, link in enumerate(robot.links, start=1)
-        if (own := link.coordinate or link.name)
+        if (label := link.coordinate or link.name)
     }
     lines = _lines(robot, [unknown.name for unknown in unknowns])
     step = height / len(lines)
@@ -160,10 +160,10 @@ def hybrid_pattern_figure(robot: Robot) -> Figure:
         The figure.
     """
     filled = filled_entries(robot)
-    found = hybrid_names(robot)
+    names_by_unknown = hybrid_names(robot)
     description = Description(robot)
-    names = [accelerated(found[c.name]) for c in description.hybrid_coordinates]
-    acting = [found[c.name] for c in description.inputs]
+    names = [accelerated(names_by_unknown[c.name]) for c in description.hybrid_coordinates]
+    acting = [names_by_unknown[c.name] for c in description.inputs]
     size, width = len(names), len(acting)
     joints = range(size)[description.layout.constrained]
     motions = size - len(joints)

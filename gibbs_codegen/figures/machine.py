@@ -16,7 +16,7 @@ from matplotlib.lines import Line2D
 
 from gibbs_codegen.figures import marks
 from gibbs_codegen.figures.robot_artists import RobotArtists, Shapes, disc_corners, disc_radius
-from gibbs_codegen.figures.scene import VIEW, Names, fit, project, set_scene
+from gibbs_codegen.figures.scene import VIEW, PlacedNames, fit, project, set_scene
 from gibbs_codegen.figures.style import DARK, FULL, GOLD, lay_out, style
 from gibbs_codegen.robot.chains import decompose
 from gibbs_codegen.robot.layout import layout_of
@@ -26,18 +26,18 @@ from gibbs_codegen.robot.parts.numbers import BASE
 from gibbs_codegen.robot.placement import Array, mounted_rotors, turn
 from gibbs_codegen.robot.posture import RobotFrames, default_posture, link_end, robot_frames
 
-# Where the robot is drawn in the world unless its posture is given, in its own size.
+# The robot's place in the world unless its posture is given, in its own size.
 _AWAY = np.array([0.6, 0.1, 0.1])
 _LONGEST_NAME = 14
 # Sizes of marks that names must not lie on, points.
 _NUMBER_SIZE = 15.0
-# Of the axes of virtual links.
+# Dashes of the axes of virtual links.
 DASHES = (0, (2, 1.5))
 
 
 @dataclass(frozen=True)
 class Subject:
-    """What is drawn: a robot in a posture q, and where its frames are."""
+    """The subject of a drawing: a robot in a posture q, and its frames there."""
 
     robot: Robot
     q: Array
@@ -45,7 +45,7 @@ class Subject:
 
     @property
     def places(self) -> Array:
-        """Where (k, 3) its joints, rotors and ends are, m."""
+        """Positions (k, 3) of its joints, rotors and ends, m."""
         ends = [link_end(self.robot, self.frames, i + 1) for i in range(len(self.robot.links))]
         return np.array([*self.frames.points, *ends])
 
@@ -61,7 +61,7 @@ class Subject:
 
     @property
     def shows_world(self) -> bool:
-        """Whether the world's axes are near enough to be drawn, and apart from the robot."""
+        """True if the world's axes are near enough to be drawn, and apart from the robot."""
         return 0.0 < float(np.linalg.norm(self.origin)) <= self.size
 
     def attitude_axes(self) -> list[Array]:
@@ -91,7 +91,7 @@ def posture_away(robot: Robot) -> Array:
     return q
 
 
-def draw_world(names: Names, subject: Subject, length: float) -> None:
+def draw_world(names: PlacedNames, subject: Subject, length: float) -> None:
     """Draw the world's axes, and from their origin the place that the coordinates are."""
     start = np.zeros(3)
     for axis, letter in zip(np.eye(3), "XYZ", strict=True):
@@ -101,7 +101,7 @@ def draw_world(names: Names, subject: Subject, length: float) -> None:
     names.add("$(x, y, z)$", 0.5 * subject.origin, np.array([-1.0, 0.0, 0.5]))
 
 
-def draw_virtual_joints(names: Names, ends: list[Array], subject: Subject) -> None:
+def draw_virtual_joints(names: PlacedNames, ends: list[Array], subject: Subject) -> None:
     """Draw the axes about which virtual links turn the base, up to their ends (3), m."""
     for index, end in zip(("-1", "0", "1"), ends, strict=False):
         flat = project(names.axes, np.array([subject.origin, end]))
@@ -110,7 +110,7 @@ def draw_virtual_joints(names: Names, ends: list[Array], subject: Subject) -> No
         names.add(rf"$\theta_{{{index}}}$", end, end - subject.origin, marks.QUIET)
 
 
-def draw_joints(names: Names, subject: Subject, length: float) -> None:
+def draw_joints(names: PlacedNames, subject: Subject, length: float) -> None:
     """Draw the x axis of each link with a joint, and the joint's axis."""
     robot = subject.robot
     for i, (link, frame) in enumerate(zip(robot.links, subject.frames.links, strict=True), start=1):
@@ -128,7 +128,7 @@ def draw_joints(names: Names, subject: Subject, length: float) -> None:
 
 
 def draw_rotor_thrust(
-    names: Names, subject: Subject, k: int, end: Array, width: float = 1.4
+    names: PlacedNames, subject: Subject, k: int, end: Array, width: float = 1.4
 ) -> None:
     """Draw the thrust of rotor `k`, from 1, with its name, up to an end (3), m."""
     motor = subject.frames.motors[k - 1]
@@ -139,7 +139,7 @@ def draw_rotor_thrust(
     )
 
 
-def draw_link_number(names: Names, text: str, place: Array) -> None:
+def draw_link_number(names: PlacedNames, text: str, place: Array) -> None:
     """Write the number of a link on it, at a place (3), m."""
     marks.draw_number(names.axes, text, project(names.axes, place))
     names.mark(place, _NUMBER_SIZE)
@@ -150,21 +150,21 @@ def shortened(name: str) -> str:
     return marks.short_name(name, _LONGEST_NAME)
 
 
-def draw_axis(names: Names, start: Array, end: Array, colour: str, width: float) -> None:
+def draw_axis(names: PlacedNames, start: Array, end: Array, colour: str, width: float) -> None:
     """Draw an arrow between two points (3) of a scene, m, on which names must not lie."""
     ends = project(names.axes, np.array([start, end]))
     marks.draw_arrow(names.axes, ends[0], ends[1], colour, width=width)
     names.line(start, end)
 
 
-# Of the base arms' length, or of the whole robot: thrusts and frames' axes.
+# Thrusts and frames' axes, as shares of the base arms' length or of the whole robot.
 _ARROW, _AXIS, _ACROSS = 0.65, 0.5, 0.45
 _SHORT_ARROW, _SHORT_AXIS = 0.2, 0.16
 # Elevation from which thrusts along and across the base can be told apart, degrees; and from above.
 _ELEVATION, _ABOVE = 35.0, (90.0, -90.0)
 # Thrusts whose part across the line of sight is less are not drawn from above.
 _SEEN = 0.3
-# Of fewer rotors on the base the drawing of the whole robot says all.
+# With fewer rotors on the base the drawing of the whole robot says all.
 _FEW_ROTORS = 3
 # Inches of the height: a row of drawings, heading and legend.
 _ROW, _HEADING, _LEGEND = 3.4, 0.25, 0.5
@@ -195,7 +195,7 @@ def machine_figure(robot: Robot, q: Sequence[float] | Array | None = None) -> Fi
     subject = Subject(robot, q, robot_frames(robot, q))
     rows = 2 if robot.links and _is_enlarged(robot) else 1
     height = rows * _ROW + _HEADING + _LEGEND
-    # What is drawn where: left end, width, and row from below.
+    # The layout of the drawings: left end, width, and row from below.
     panels: list[tuple[Any, float, float, int]] = []
     if robot.links:
         panels.append((_draw_links, 0.0, 1.0, 0))
@@ -215,7 +215,7 @@ def machine_figure(robot: Robot, q: Sequence[float] | Array | None = None) -> Fi
 
 
 def _keys(subject: Subject) -> list[Line2D]:
-    """What the colours mean."""
+    """Legend of the colours."""
     robot = subject.robot
     placed = any(link.pose for link in robot.links) or not robot.base.rotors
     x = "$x$ of a link or the base" if placed else "$x_i$, along the link"
@@ -232,7 +232,7 @@ def _keys(subject: Subject) -> list[Line2D]:
     return keys
 
 
-def _draw_links(axes: Any, subject: Subject, room: _Room) -> Names:
+def _draw_links(axes: Any, subject: Subject, room: _Room) -> PlacedNames:
     """Draw the links with their frames, on the base if that has no drawings of its own."""
     robot, frames = subject.robot, subject.frames
     enlarged = _is_enlarged(robot)
@@ -254,7 +254,7 @@ def _draw_links(axes: Any, subject: Subject, room: _Room) -> Names:
     set_scene(axes, (np.min([low, *world], axis=0), np.max([high, *world], axis=0)), ticks=5)
     RobotArtists(axes, shapes, colour="0.45", scale=1.3)
     fit(axes, *room)
-    names = Names(axes)
+    names = PlacedNames(axes)
     names.add("$O_2$" if robot.base.rotors else "base", frames.centre, np.array([-1.0, -1.0, 0.6]))
     for k, end in zip(shown, thrusts, strict=True):
         draw_rotor_thrust(names, subject, k, end)
@@ -269,12 +269,12 @@ def _draw_links(axes: Any, subject: Subject, room: _Room) -> Names:
 
 
 def _is_enlarged(robot: Robot) -> bool:
-    """Whether the base has drawings of its own."""
+    """True if the base has drawings of its own."""
     few = len(base_rotors(robot)) < _FEW_ROTORS and not robot.base.rotors
     return not few or not robot.links
 
 
-def _name_links(names: Names, subject: Subject, shortest: float) -> None:
+def _name_links(names: PlacedNames, subject: Subject, shortest: float) -> None:
     """Write names or numbers on the links longer than `shortest`, m, and names at frames."""
     robot, frames = subject.robot, subject.frames
     wanted: list[tuple[str, Array]] = []
@@ -294,7 +294,7 @@ def _name_links(names: Names, subject: Subject, shortest: float) -> None:
         names.add(text, place, np.array([0.0, 0.0, -1.0]))
 
 
-def _draw_base(axes: Any, subject: Subject, room: _Room, above: bool) -> Names:
+def _draw_base(axes: Any, subject: Subject, room: _Room, above: bool) -> PlacedNames:
     """Draw the base, from above or from the side.
 
     From above it is with the frames of its arms and the thrusts in its plane, from the side with
@@ -320,7 +320,7 @@ def _draw_base(axes: Any, subject: Subject, room: _Room, above: bool) -> Names:
     shapes = base_shapes(robot, frames)
     RobotArtists(axes, shapes, scale=1.3)
     fit(axes, *room)
-    names = Names(axes)
+    names = PlacedNames(axes)
     for disc in shapes.discs:
         for corner in disc[::3]:
             names.line(disc.mean(axis=0), corner)
@@ -358,7 +358,7 @@ def _box(places: Array, room: float) -> tuple[Array, Array]:
     return (low + high) / 2.0 - half, (low + high) / 2.0 + half
 
 
-# Of the whole robot's size: discs of rotors that are alone.
+# Discs of rotors that are alone, as a share of the whole robot's size.
 _LARGEST_DISC = 0.15
 
 
@@ -421,5 +421,5 @@ def rotor_radius(robot: Robot, frames: RobotFrames) -> float:
         return 0.0
     size = float(np.ptp(frames.points, axis=0).max()) or 1.0
     away = np.linalg.norm(frames.motors - frames.centre, axis=1)
-    found = disc_radius(frames.motors, frames.thrusts, away)
-    return min(found, _LARGEST_DISC * size) if robot.thrusters else found
+    radius = disc_radius(frames.motors, frames.thrusts, away)
+    return min(radius, _LARGEST_DISC * size) if robot.thrusters else radius

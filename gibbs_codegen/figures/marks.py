@@ -21,7 +21,7 @@ from gibbs_codegen.robot.placement import Array
 X_AXIS, CONSTRAINT, Z_AXIS, THRUST = COLOURS[:4]
 Y_AXIS = COLOURS[7]
 TORQUE = X_AXIS
-# Of what is there to help.
+# The grey of marks that are there to help.
 QUIET = "0.5"
 # Larger than the style's, since subscripts must be read on a screen; points.
 _FONT_SIZE = 10

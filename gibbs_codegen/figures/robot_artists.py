@@ -20,13 +20,13 @@ from gibbs_codegen.robot.placement import Array
 _DISC_COLOUR = COLOURS[4]
 _ROBOT_LEVEL = 10
 _DISC_CORNERS = 24
-# Of the distance between motors: discs in one plane would touch at half of it.
+# As a share of the distance between motors: discs in one plane would touch at half of it.
 _DISC_SHARE = 0.35
 
 
 @dataclass(frozen=True)
 class Shapes:
-    """Where the parts of a robot are, in world axes in m.
+    """Shapes of the parts of a robot, in world axes in m.
 
     `spokes` are lines (k, 3) to rotors, `gold` the base arm in gold, without entries where there is
     none, and `arms` lines along the links; `discs` (N, c, 3) are corners of the rotors. `joints`
@@ -130,7 +130,7 @@ def disc_radius(motors: Array, normals: Array, arms: Array) -> float:
     apart = motors[:, np.newaxis] - motors
     distance = np.linalg.norm(apart, axis=2)
     along = np.abs(np.einsum("ijk,ik->ij", apart, normals))
-    # Of coaxial rotors each is on the other's axis.
+    # Each of two coaxial rotors is on the other's axis.
     beside = distance[along < 0.95 * distance]
     sizes = [*beside, *arms[arms > 0.2 * arms.max(initial=0.0)]]
     return _DISC_SHARE * float(min(sizes, default=1.0))

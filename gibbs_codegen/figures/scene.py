@@ -127,14 +127,14 @@ def seen_from(view: tuple[float, float]) -> Array:
 # direction that is wanted, degrees.
 _DISTANCES = (3.0, 8.0, 15.0, 24.0, 36.0)
 _ANGLES = (0, 30, -30, 60, -60, 90, -90, 120, -120, 150, -150, 180)
-# What it costs to lie on another name or on a fortieth of a line, and to be turned and far away.
+# Costs of lying on another name or on a fortieth of a line, and of being turned and far away.
 _ON_NAME, _ON_LINE, _PER_DEGREE, _PER_POINT = 1000.0, 5.0, 0.1, 1.0
 _POINTS_OF_A_LINE = 40
 _ROOM = 1.5
 
 
 @dataclass
-class Names:
+class PlacedNames:
     """Names that are waiting for a place in 3-D axes whose place in the figure is settled."""
 
     axes: Any
@@ -188,7 +188,7 @@ class Names:
             self._boxes.append(np.array([at + best - extent / 2.0, at + best + extent / 2.0]))
 
     def _cost(self, at: Array, step: Array, extent: Array, points: Array) -> float:
-        """What a name would hide, in points that it could be farther away for it.
+        """Cost of what a name would hide, in points of distance that are worth as much.
 
         All is in points: the place on the page that it names, the step (2) to its middle, its width
         and height, and points (k, 2) of lines.
@@ -201,6 +201,6 @@ class Names:
         return float(_ON_NAME * (names + outside) + _ON_LINE * on_lines)
 
     def _on_page(self, places: Array) -> Array:
-        """Where points (k, 3) of the scene are on the page (k, 2), in points."""
+        """Places (k, 2) on the page, in points, of points (k, 3) of the scene."""
         pixels = self.axes.transData.transform(project(self.axes, places))
         return pixels * 72.0 / self.axes.figure.dpi

@@ -1,4 +1,4 @@
-"""What all figures share: widths, colours, style, heading, names kept apart, and saving."""
+"""Widths, colours, style, heading, names kept apart, and saving."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ from gibbs_codegen.figures import FORMATS
 # Widths of a column and of a page of two columns, in.
 COLUMN, FULL = 3.5, 7.2
 
-# Of curves and chains, which colour-blind eyes can tell apart: Okabe and Ito (2008) without yellow
-# and black, then four of Tol's muted colours.
+# Colours of curves and chains that colour-blind eyes tell apart: Okabe and Ito (2008) without
+# yellow and black, then four of Tol's muted colours.
 COLOURS = (
     *("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#e69f00"),
     *("#332288", "#882255", "#999933", "#777777"),
@@ -66,8 +66,8 @@ _STYLE: dict[str, Any] = {
 def style() -> Iterator[None]:
     """The style of all drawings, for as long as one is made or saved."""
     # How fine a picture is remains the user's: a notebook shows it at that size.
-    own = {**_STYLE, "figure.dpi": rcParams["figure.dpi"]}
-    with matplotlib.style.context(["default", own]), warnings.catch_warnings():
+    parameters = {**_STYLE, "figure.dpi": rcParams["figure.dpi"]}
+    with matplotlib.style.context(["default", parameters]), warnings.catch_warnings():
         # A letter of a scenario's name that no font has is drawn as a box; that is told by itself.
         warnings.filterwarnings("ignore", r"Glyph .* missing from")
         yield
@@ -114,7 +114,7 @@ def lay_out(figure: Figure) -> None:
 _METADATA: dict[str, dict[str, None]] = {"pdf": {"CreationDate": None}, "svg": {"Date": None}}
 
 
-# What is drawn on the way is laid out as fine as it is written.
+# Drawings on the way are laid out as fine as they are written.
 @rc_context({"figure.dpi": _STYLE["savefig.dpi"]})
 def save_figures(
     figures: Iterable[tuple[str, Figure]], folder: Path, formats: Sequence[str] = FORMATS[:1]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 import textwrap
 
-# Of lines in every language, and of what continues one.
+# The width of lines in every language, and the indent of continued ones.
 WIDTH, INDENT = 100, 4
 _NO_BREAK = "\N{NO-BREAK SPACE}"
 
@@ -21,7 +21,7 @@ def broken(
         return [text]
     margin = " " * (len(text) - len(text.lstrip()))
     lines = textwrap.wrap(
-        re.sub(whole, lambda found: found[0].replace(" ", _NO_BREAK), text.strip()),
+        re.sub(whole, lambda match: match[0].replace(" ", _NO_BREAK), text.strip()),
         width,
         initial_indent=margin,
         subsequent_indent=margin + hanging,

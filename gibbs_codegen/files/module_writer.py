@@ -44,21 +44,21 @@ def with_manifest(files: Files, options: str = "") -> dict[str, str | bytes]:
 
 def generated_files(folder: Path) -> dict[str, str]:
     """Digests by name of files that a folder's manifest names; empty where there is none."""
-    found = _manifest(folder)
-    if found is None:
+    manifest = _manifest(folder)
+    if manifest is None:
         return {}
-    lines = found[2].removesuffix("\n").split("\n")
-    own = _digest((folder / MANIFEST).read_bytes())
-    return {line[66:]: line[:64] for line in lines} | {MANIFEST: own}
+    lines = manifest[2].removesuffix("\n").split("\n")
+    own_digest = _digest((folder / MANIFEST).read_bytes())
+    return {line[66:]: line[:64] for line in lines} | {MANIFEST: own_digest}
 
 
 def kept_options(folder: Path) -> str:
     """The options with which a folder's module was generated; empty where there were none."""
     try:
-        found = _manifest(folder)
+        manifest = _manifest(folder)
     except OSError:  # What is wrong with the folder is told when the module is written.
         return ""
-    return found[1] or "" if found else ""
+    return manifest[1] or "" if manifest else ""
 
 
 def _manifest(folder: Path) -> re.Match[str] | None:
@@ -75,12 +75,12 @@ def foreign(folder: Path, files: Files) -> list[str]:
     be read raises `OSError`.
     """
     digests = {name: _digest(_encoded(text)) for name, text in files.items()}
-    known = {*generated_files(folder).items(), *digests.items()}
-    names = {name for name, _ in known}
+    digest_of = {*generated_files(folder).items(), *digests.items()}
+    names = {name for name, _ in digest_of}
 
     def is_known(name: str) -> bool:
         path = folder / name
-        return name in names and _is_plain(path) and (name, _digest(path.read_bytes())) in known
+        return name in names and _is_plain(path) and (name, _digest(path.read_bytes())) in digest_of
 
     return [name for name in entries(folder, names) if not is_known(name)]
 
@@ -170,7 +170,7 @@ def _foreign(folder: Path, files: Files) -> list[str]:
 
 
 def _refusal(folder: Path, names: Sequence[str]) -> UsageError:
-    """What says that a folder holds a user's files, and what to do."""
+    """The refusal of a folder that holds a user's files, with what to do."""
     why = "was not generated, or was changed since"
     if not generated_files(folder):
         why = f"is in no {MANIFEST} of generated files"

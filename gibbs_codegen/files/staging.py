@@ -58,7 +58,7 @@ def staging_folder(parent: Path) -> Iterator[Path]:
     `OSError`.
     """
     with made(parent):
-        # What a process that was killed outright could not remove; what it had taken is put back.
+        # Leftovers of a process that was killed outright; files that it had taken are put back.
         for stale in parent.glob(f"{_PREFIX}*"):
             with suppress(OSError):
                 if stale.is_dir() and time.time() - stale.stat().st_mtime > _STALE_SECONDS:
@@ -152,7 +152,7 @@ def _wait_for_lock(number: int, folder: Path, signals: Sequence[int]) -> None:
 
 
 def _holder(number: int) -> str:
-    """What holds the lock of an open folder, as far as the system tells."""
+    """The holder of the lock of an open folder, as far as the system tells."""
     inode = os.fstat(number).st_ino
     with suppress(OSError, ValueError):
         for line in Path("/proc/locks").read_text(encoding="ascii").splitlines():

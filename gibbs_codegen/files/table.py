@@ -41,13 +41,13 @@ _KINDS |= {bool: "a boolean"} | dict.fromkeys((datetime, date, time), "a date or
 
 
 def fault(words: str, kind: str = FAULT) -> pydantic_core.PydanticCustomError:
-    """What a validator of one value raises; `kind` is `IN_NAME` if it is the name of an entry."""
+    """The error of a validator of one value; `kind` is `IN_NAME` for the name of an entry."""
     # In a message template braces would be read as fields.
     return pydantic_core.PydanticCustomError(kind, "{words}", {"words": words})
 
 
 def refusal(faults: Collection[tuple[Place, str]]) -> pydantic.ValidationError:
-    """What a validator raises that finds faults at several places, relative to its value."""
+    """The error of a validator that finds faults at several places, relative to its value."""
     details = [
         pydantic_core.InitErrorDetails(type=fault(words), loc=place, input=None)
         for place, words in faults
@@ -219,10 +219,10 @@ class Table:
 
     @classmethod
     def __get_pydantic_json_schema__(cls, schema: CoreSchema, handler: JsonHandler) -> Any:
-        found = handler(schema)
+        table_schema = handler(schema)
         title = {"title": cls.title} if cls.title else {}
-        handler.resolve_ref_schema(found).update((cls.conditions or {}) | title)
-        return found
+        handler.resolve_ref_schema(table_schema).update((cls.conditions or {}) | title)
+        return table_schema
 
     @pydantic.model_validator(mode="wrap")
     @classmethod
@@ -232,9 +232,9 @@ class Table:
         if isinstance(values, cls):
             return values
         in_file = info.context is not None
-        # What keys of a file, or arguments in Python, are called.
+        # Names of keys of a file, or of arguments in Python.
         names = cls._names()
-        known = list(names if in_file else names.values())
+        key_names = list(names if in_file else names.values())
         if isinstance(values, pydantic_core.ArgsKwargs):
             placed = [names[key] for key in names if not cls._fields()[names[key]].kw_only]
             if len(values.args) > len(placed):
@@ -258,10 +258,10 @@ class Table:
         }
         for key, words in cls._key_faults(present):
             faults.append(((key,) if isinstance(key, str) else key, words))
-        arguments = {key: value for key, value in values.items() if key in known}
+        arguments = {key: value for key, value in values.items() if key in key_names}
         unknown = [key for key in values if key not in arguments]
         try:
-            found = handler(pydantic_core.ArgsKwargs((), arguments))
+            made = handler(pydantic_core.ArgsKwargs((), arguments))
         except pydantic.ValidationError as error:
             for detail in error.errors(include_url=False):
                 place = detail["loc"][:-1] if detail["type"] == IN_NAME else detail["loc"]
@@ -269,11 +269,11 @@ class Table:
                     place = (names.get(str(place[0]), place[0]), *place[1:])
                 faults.append((place, cls._words(detail)))
         else:
-            faults += [] if faults or unknown else found._faults()
+            faults += [] if faults or unknown else made._faults()
         if in_file and hasattr(cls, "kind"):
-            known.insert(0, "kind")
+            key_names.insert(0, "kind")
         few = len(unknown) <= _MOST_SUGGESTIONS
-        faults += [((key,), cls._unknown(key, few, known)) for key in unknown]
+        faults += [((key,), cls._unknown(key, few, key_names)) for key in unknown]
         meant = {words.partition("; did you mean ")[2].rstrip("?") for _, words in faults}
         faults = [
             (place, words)  # A key that is misspelt is not missing as well.
@@ -285,18 +285,18 @@ class Table:
         if faults:
             messages = (f"{key_path((cls.__name__, *place))}: {words}" for place, words in faults)
             raise UsageError("; ".join(messages))
-        return found._completed()
+        return made._completed()
 
     @classmethod
-    def _words(cls, found: pydantic_core.ErrorDetails) -> str:
-        """What pydantic found, in words of this package."""
-        kind, value = found["type"], found["input"]
-        if "words" in found.get("ctx", {}):
-            return str(found["ctx"]["words"])
+    def _words(cls, details: pydantic_core.ErrorDetails) -> str:
+        """A fault that pydantic found, in words of this package."""
+        kind, value = details["type"], details["input"]
+        if "words" in details.get("ctx", {}):
+            return str(details["ctx"]["words"])
         if kind == "missing":
-            return cls._missing(str(found["loc"][-1]))
+            return cls._missing(str(details["loc"][-1]))
         if kind == "literal_error":
-            name = str(found["loc"][-1])
+            name = str(details["loc"][-1])
             choices = get_args(cls._fields()[cls._names().get(name, name)].annotation)
             if type(None) in choices:  # The key may be left out.
                 choices = get_args(choices[0])
@@ -308,16 +308,16 @@ class Table:
         return f"must be {_NOUNS[kind]}, not {what}"
 
     @classmethod
-    def _unknown(cls, key: str, with_suggestion: bool, known: list[str]) -> str:
-        """What is wrong with an unknown key, and which one was perhaps meant."""
+    def _unknown(cls, key: str, with_suggestion: bool, key_names: list[str]) -> str:
+        """The fault of an unknown key, and the key that was perhaps meant."""
         near = [cls.synonyms[key]] if key in cls.synonyms else []
         if not near and with_suggestion and len(key) <= _LONGEST_KEY:
-            near = difflib.get_close_matches(key, known, n=1)
-        hint = f"did you mean {near[0]}?" if near else f"known keys: {', '.join(known)}"
+            near = difflib.get_close_matches(key, key_names, n=1)
+        hint = f"did you mean {near[0]}?" if near else f"known keys: {', '.join(key_names)}"
         return f"unknown key; {hint}"
 
 
-# What checks a table, or a list of them.
+# A check of a table, or of a list of them.
 reader: Callable[[Any], pydantic.TypeAdapter[Any]] = cache(pydantic.TypeAdapter)
 
 
@@ -332,12 +332,12 @@ def read_table(
         return reader(kind).validate_python(values, context=values), []
     except pydantic.ValidationError as error:
         details = error.errors(include_url=False)
-        return None, [(found["loc"], found["ctx"]["words"]) for found in details]
+        return None, [(detail["loc"], detail["ctx"]["words"]) for detail in details]
 
 
-def default_at(found: Table, key: str) -> Any:
-    """What a table has by default at a key of a file, or None; angles are 0, also in degrees."""
-    return getattr(found, found._names().get(key, key), None)
+def default_at(holder: Table, key: str) -> Any:
+    """The default of a table at a key of a file, or None; angles are 0, also in degrees."""
+    return getattr(holder, holder._names().get(key, key), None)
 
 
 def json_schema(kind: type[Table]) -> dict[str, Any]:
@@ -358,19 +358,19 @@ class _Schema(GenerateJsonSchema):
         return self.generate_inner(schema["schema"])
 
     def default_schema(self, schema: core_schema.WithDefaultSchema) -> JsonSchemaValue:
-        found = super().default_schema(schema)
+        inner = super().default_schema(schema)
         default = schema.get("default")
         if isinstance(default, Table) or default in (None, (), math.inf):
-            found.pop("default", None)
+            inner.pop("default", None)
         elif isinstance(default, Fraction):
-            found["default"] = float(default)
-        return found
+            inner["default"] = float(default)
+        return inner
 
     def dict_schema(self, schema: core_schema.DictSchema) -> JsonSchemaValue:
-        found = super().dict_schema(schema)
-        if "patternProperties" in found:
-            found["additionalProperties"] = False
-        return found
+        inner = super().dict_schema(schema)
+        if "patternProperties" in inner:
+            inner["additionalProperties"] = False
+        return inner
 
 
 @dataclass(frozen=True)
@@ -403,7 +403,7 @@ class Bounds:
 
 
 class InSchema(pydantic.WithJsonSchema):
-    """What a JSON schema says of a value; old versions of pydantic add to what they are given."""
+    """The part of a JSON schema for a value; old versions of pydantic add to the one they get."""
 
     def __get_pydantic_json_schema__(self, schema: CoreSchema, handler: JsonHandler) -> Any:
         return copy.deepcopy(super().__get_pydantic_json_schema__(schema, handler))
@@ -454,10 +454,10 @@ def needed(is_right: Callable[[Any], bool], otherwise: str) -> pydantic.AfterVal
 
     `otherwise` says what is wrong else, and what would be right.
     """
-    return told(lambda value: None if is_right(value) else otherwise)
+    return rule(lambda value: None if is_right(value) else otherwise)
 
 
-def told(words_for: Callable[[Any], str | None]) -> pydantic.AfterValidator:
+def rule(words_for: Callable[[Any], str | None]) -> pydantic.AfterValidator:
     """Metadata of a value that is refused with words, if there are any for it."""
 
     def check(value: Any) -> Any:
@@ -523,8 +523,8 @@ class Kinds:
         return core_schema.with_info_wrap_validator_function(self._chosen, any_table)
 
     def __get_pydantic_json_schema__(self, schema: CoreSchema, handler: JsonHandler) -> Any:
-        found = handler(schema)
-        for table, reference in zip(self.tables, found["anyOf"], strict=True):
+        union = handler(schema)
+        for table, reference in zip(self.tables, union["anyOf"], strict=True):
             described, kind = handler.resolve_ref_schema(reference), table.kind  # type: ignore[attr-defined]
             entry = {"const": kind, "description": self.what, "type": "string"}
             if kind == self.default:
@@ -532,7 +532,7 @@ class Kinds:
             elif "kind" not in described.get("required", ()):
                 described["required"] = ["kind", *described.get("required", ())]
             described["properties"] = {"kind": entry} | described["properties"]
-        return found
+        return union
 
     def _chosen(self, value: Any, _: object, info: pydantic.ValidationInfo) -> Any:
         if info.context is None:
@@ -543,12 +543,12 @@ class Kinds:
             raise fault(f"must be {what}{names}, not {kind_of(value)}")
         if not isinstance(value, dict):
             raise fault(f"must be a table, not {kind_of(value)}")
-        known = {table.kind: table for table in self.tables}  # type: ignore[attr-defined]
+        tables = {table.kind: table for table in self.tables}  # type: ignore[attr-defined]
         kind = value.get("kind", self.default)
         if kind is None:
-            raise refusal([(("kind",), f"missing; one of {', '.join(known)}")])
-        if not isinstance(kind, str) or kind not in known:
-            raise refusal([(("kind",), not_one_of(kind, known))])
+            raise refusal([(("kind",), f"missing; one of {', '.join(tables)}")])
+        if not isinstance(kind, str) or kind not in tables:
+            raise refusal([(("kind",), not_one_of(kind, tables))])
         # Dataclasses of pydantic have their validator ready.
-        validator = known[kind].__pydantic_validator__  # type: ignore[attr-defined]
+        validator = tables[kind].__pydantic_validator__  # type: ignore[attr-defined]
         return validator.validate_python(value, context=info.context)

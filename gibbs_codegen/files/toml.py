@@ -58,10 +58,10 @@ def checked(
         words = f"a key of {other}, and not of a {refused.kind}, which must be given here"
         raise refused(source, [Fault(theirs[0], words, line_of(key_lines(text), (theirs[0],)))])
     changes = nested(changes or {})
-    found, refusals = read_table(table, merged(document, changes))
+    checked_table, refusals = read_table(table, merged(document, changes))
     absent = list(nothing_to_remove(document, changes))
-    if found is not None and not absent:
-        return found
+    if checked_table is not None and not absent:
+        return checked_table
     lines = key_lines(text)
     changed = set(changed_paths(changes))
     for path in changed:  # What has been replaced stands in no line.
@@ -79,16 +79,16 @@ def checked(
 
 
 def _syntax_fault(text: str, error: ValueError) -> Fault:
-    """What `tomllib` found wrong, with its line."""
+    """The fault that `tomllib` found, with its line."""
     if text.lstrip().startswith("<"):
         xml = "not valid TOML: it is XML; if it is URDF, xacro, MJCF or SDF, make a robot file of"
         return Fault("", f"{xml} it first, with gibbs-codegen import FILE", 1)
     reason = str(error)
     if place := re.search(r" \(at (?:line (\d+), column \d+|end of document)\)$", reason):
         line = int(place[1] or text.count("\n") + 1)
-    else:  # Of all numbers it is Python that refuses those of very many digits.
+    else:  # Python itself refuses only numbers of very many digits.
         reason = f"a number has more than {_MOST_DIGITS} digits"
-        longest = max(re.finditer(r"[0-9_]+", text), key=lambda found: len(found[0]))
+        longest = max(re.finditer(r"[0-9_]+", text), key=lambda digits: len(digits[0]))
         line = text.count("\n", 0, longest.start()) + 1
     if array := re.search(r"Cannot declare \('(rotor|link|frame)',\)", reason):
         reason += f"; each {array[1]} is [[{array[1]}]], in two brackets"
@@ -128,7 +128,7 @@ def too_deep_line(text: str) -> int | None:
 
 def key_lines(text: str) -> dict[str, int]:
     """Lines, counted from 1, of the keys of a document, by key path like `link[0].mass`."""
-    # Where the headers of tables, and the keys that have values, begin.
+    # Places at which headers of tables, and keys that have values, begin.
     depth = 0
     starts: list[int] = []
     for token in _TOKEN.finditer(text):
@@ -147,10 +147,10 @@ def key_lines(text: str) -> dict[str, int]:
     for start, end in itertools.pairwise([*starts, len(text)]):
         number, before = number + text.count("\n", before, start), start
         # By itself each is a document: of one key, or a table without any.
-        found: Any = tomllib.loads(text[start:end])
+        parsed: Any = tomllib.loads(text[start:end])
         place = "" if text.startswith("[", start) else prefix
-        while isinstance(found, dict) and len(found) == 1:
-            ((key, found),) = found.items()
+        while isinstance(parsed, dict) and len(parsed) == 1:
+            ((key, parsed),) = parsed.items()
             place = f"{place}.{key}" if place else key
             if not text.startswith("[", start):
                 lines.setdefault(place, number)

@@ -15,7 +15,7 @@ from typing import TypeAlias
 
 import sympy as sp
 
-from gibbs_codegen.graph.graph import Graph, Kind, Ref
+from gibbs_codegen.graph.graph import Graph, NodeKind, Ref
 
 # The rate of each input that moves, by its node.
 Direction: TypeAlias = Mapping[int, Ref]
@@ -25,15 +25,15 @@ Matrix: TypeAlias = list[list[Ref]]
 def partials(graph: Graph, node: int) -> list[tuple[int, Ref]]:
     """Operands of a node, each with the derivative by it; twice where it stands twice."""
     kind, operands = graph.kinds[node], graph.operands[node]
-    if kind is Kind.SUM:
+    if kind is NodeKind.SUM:
         return [(ref >> 1, graph.one ^ (ref & 1)) for ref in operands]
-    if kind is Kind.PRODUCT:
+    if kind is NodeKind.PRODUCT:
         x, y = operands
         return [(x >> 1, y), (y >> 1, x)]
     if not operands:
         return []
     (ref,) = operands
-    match "reciprocal" if kind is Kind.RECIPROCAL else graph.labels[node]:
+    match "reciprocal" if kind is NodeKind.RECIPROCAL else graph.labels[node]:
         case "reciprocal":
             outer = graph.minus(graph.product(2 * node, 2 * node))
         case "sin":
@@ -84,8 +84,8 @@ def _pushed(
             terms = [graph.product(part, rates[m]) for m, part in parts if m in rates]
             if terms and not graph.is_zero(rate := graph.sum(terms)):
                 rates[node] = rate
-        found = [rates.get(ref >> 1, graph.zero) for ref in outputs]
-        pairs = zip(found, outputs, strict=True)
+        reached = [rates.get(ref >> 1, graph.zero) for ref in outputs]
+        pairs = zip(reached, outputs, strict=True)
         columns.append([graph.minus(rate) if ref & 1 else rate for rate, ref in pairs])
     return columns
 

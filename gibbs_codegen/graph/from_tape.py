@@ -27,7 +27,7 @@ class ImportedTape:
     def ref(self, expression: sp.Expr) -> Ref:
         """The graph's reference to a number, a symbol of the tape, or an expression of such."""
         stages = self.tape.stages
-        if len(stages) > self._symbols:  # Of what the tape has got since the last time.
+        if len(stages) > self._symbols:  # The tape has more since the last time.
             for symbol in list(stages)[self._symbols :]:
                 statement = self.tape.statements.get(symbol)
                 if statement is None:
@@ -36,17 +36,17 @@ class ImportedTape:
                 else:
                     self._refs[symbol] = self._imported(statement)
             self._symbols = len(stages)
-        found = self._refs.get(expression)
-        if found is None:
-            found = self._refs[expression] = self._imported(expression)
-        return found
+        ref = self._refs.get(expression)
+        if ref is None:
+            ref = self._refs[expression] = self._imported(expression)
+        return ref
 
     def words(self, groups: Mapping[sp.Symbol, str]) -> dict[int, str]:
         """First words of each node that is a statement of the tape, by its symbols' groups."""
-        found: dict[int, str] = {}
+        words_of: dict[int, str] = {}
         for symbol, words in groups.items():
-            found.setdefault(self.ref(symbol) >> 1, words)
-        return found
+            words_of.setdefault(self.ref(symbol) >> 1, words)
+        return words_of
 
     @contextmanager
     def group(self, words: str) -> Iterator[None]:
@@ -78,7 +78,7 @@ class ImportedTape:
         if expression.is_Add:
             return graph.sum([self._imported(term) for term in expression.args])
         if expression.is_Mul:
-            # Of the factors the older come first, as the tape has put them together.
+            # Older factors come first, as the tape has put them together.
             number = sp.Mul(*(factor for factor in expression.args if factor.is_number))
             factors = [self._imported(f) for f in expression.args if not f.is_number]
             return graph.product(self._imported(number), graph.products(sorted(factors)))

@@ -32,8 +32,8 @@ from gibbs_codegen.symbolic import numbers
 Ref: TypeAlias = int
 
 
-class Kind(IntEnum):
-    """What a node is."""
+class NodeKind(IntEnum):
+    """The operation of a node."""
 
     INPUT = 0
     NUMBER = 1
@@ -77,11 +77,11 @@ class Graph:
     """
 
     def __init__(self) -> None:
-        self.kinds: list[Kind] = []
+        self.kinds: list[NodeKind] = []
         self.operands: list[tuple[Ref, ...]] = []
         self.labels: list[str | sp.Expr | None] = []
         self.constant: list[bool] = []
-        self._known: dict[tuple[Kind, tuple[Ref, ...], str | sp.Expr | None], int] = {}
+        self._known: dict[tuple[NodeKind, tuple[Ref, ...], str | sp.Expr | None], int] = {}
         # Each node as a number times what it has in common with like terms, by a key.
         self._scaled: list[tuple[sp.Expr, int]] = []
         self._keys: dict[tuple[int, int], int] = {}
@@ -94,7 +94,7 @@ class Graph:
         return len(self.kinds)
 
     def _node(
-        self, kind: Kind, operands: tuple[Ref, ...], label: str | sp.Expr | None, constant: bool
+        self, kind: NodeKind, operands: tuple[Ref, ...], label: str | sp.Expr | None, constant: bool
     ) -> Ref:
         """A node, made once; the class says what its parts are."""
         key = (kind, operands, label)
@@ -113,7 +113,7 @@ class Graph:
         label = self.labels[node]
         if isinstance(label, sp.Expr):
             return label, 1
-        if self.kinds[node] is not Kind.PRODUCT:
+        if self.kinds[node] is not NodeKind.PRODUCT:
             return sp.S.One, node
         (m, x), (n, y) = sorted(
             (self._scaled[ref >> 1] for ref in self.operands[node]), key=itemgetter(1)
@@ -127,14 +127,14 @@ class Graph:
         """A value without the number that it is a multiple of."""
         if self._scaled[ref >> 1][0] is sp.S.One:
             return ref & ~1
-        if self.kinds[ref >> 1] is not Kind.PRODUCT:
+        if self.kinds[ref >> 1] is not NodeKind.PRODUCT:
             return self.one
         first, second = self.operands[ref >> 1]
         return self.product(self._unscaled(first), self._unscaled(second))
 
     def symbol(self, name: str, constant: bool = False) -> Ref:
         """An entry of an argument, or a parameter if constant, by its name in the program."""
-        return self._node(Kind.INPUT, (), name, constant)
+        return self._node(NodeKind.INPUT, (), name, constant)
 
     def number(self, value: sp.Expr) -> Ref:
         """A literal, exact or to forty digits."""
@@ -143,7 +143,7 @@ class Graph:
             return self.number(-value) ^ 1
         if value.is_Float:  # It may have come in another way before, with other last digits.
             value = self._of_digits.setdefault(sp.Float(value, _SAME_DIGITS), value)
-        return self._node(Kind.NUMBER, (), value, True)
+        return self._node(NodeKind.NUMBER, (), value, True)
 
     def value(self, ref: Ref) -> sp.Expr | None:
         """The value of a number with its sign, or None where the node is no number."""
@@ -153,7 +153,7 @@ class Graph:
         return -label if ref & 1 else label
 
     def is_zero(self, ref: Ref) -> bool:
-        """Whether a value is zero whatever the arguments: the number zero alone."""
+        """True if a value is zero whatever the arguments: the number zero alone."""
         return ref >> 1 == self.zero >> 1
 
     def minus(self, ref: Ref) -> Ref:
@@ -167,7 +167,7 @@ class Graph:
             counts[term >> 1] = counts.get(term >> 1, 0) + (-1 if term & 1 else 1)
         alike: dict[int, list[int]] = {}
         for node, count in counts.items():
-            if count and self.kinds[node] is not Kind.NUMBER:
+            if count and self.kinds[node] is not NodeKind.NUMBER:
                 alike.setdefault(self._scaled[node][1], []).append(node)
         for nodes in alike.values():
             if len(nodes) > 1:
@@ -202,7 +202,7 @@ class Graph:
         sign = terms[0] & 1
         refs = tuple([term ^ sign for term in terms])
         constant = all(self.constant[ref >> 1] for ref in refs)
-        return self._node(Kind.SUM, refs, None, constant) ^ sign
+        return self._node(NodeKind.SUM, refs, None, constant) ^ sign
 
     def product(self, first: Ref, second: Ref) -> Ref:
         """A product of two values; constant factors are put together first."""
@@ -219,14 +219,14 @@ class Graph:
             x, y = y, x
         # A constant is first now, and a number before others.
         constant = self.constant[x >> 1]
-        if constant and self.kinds[y >> 1] is Kind.PRODUCT:
+        if constant and self.kinds[y >> 1] is NodeKind.PRODUCT:
             factor, rest = self.operands[y >> 1]
             # k·(k'·t) is (k·k')·t, and 2·(3·k) is 6·k.
             merges = not self.constant[y >> 1] and self.constant[factor >> 1]
             literals = (self.labels[x >> 1], self.labels[factor >> 1])
             if merges or all(isinstance(label, sp.Expr) for label in literals):
                 return self.product(self.product(x, factor), rest) ^ sign
-        return self._node(Kind.PRODUCT, (x, y), None, constant and self.constant[y >> 1]) ^ sign
+        return self._node(NodeKind.PRODUCT, (x, y), None, constant and self.constant[y >> 1]) ^ sign
 
     def products(self, factors: Sequence[Ref]) -> Ref:
         """A product of any number of values, one where there are none."""
@@ -241,52 +241,52 @@ class Graph:
         if value is not None:
             return self.number(numbers.reciprocal(value))
         node = ref & ~1
-        return self._node(Kind.RECIPROCAL, (node,), None, self.constant[ref >> 1]) ^ (ref & 1)
+        return self._node(NodeKind.RECIPROCAL, (node,), None, self.constant[ref >> 1]) ^ (ref & 1)
 
     def call(self, function: str, ref: Ref) -> Ref:
         """A function of one value, of those that `program.nodes.Call` knows."""
         constant = self.constant[ref >> 1]
         if function in ODD:
-            return self._node(Kind.CALL, (ref & ~1,), function, constant) ^ (ref & 1)
+            return self._node(NodeKind.CALL, (ref & ~1,), function, constant) ^ (ref & 1)
         argument = ref & ~1 if function in EVEN else ref
-        return self._node(Kind.CALL, (argument,), function, constant)
+        return self._node(NodeKind.CALL, (argument,), function, constant)
 
     def remade(self, node: int, operands: Sequence[Ref]) -> Ref:
         """The same operation of a node on as many other operands."""
         kind, label = self.kinds[node], self.labels[node]
-        if kind is Kind.SUM:
+        if kind is NodeKind.SUM:
             return self.sum(operands)
-        if kind is Kind.PRODUCT:
+        if kind is NodeKind.PRODUCT:
             return self.products(operands)
-        if kind is Kind.RECIPROCAL:
+        if kind is NodeKind.RECIPROCAL:
             return self.reciprocal(operands[0])
         return self.call(str(label), operands[0])
 
     def reached(self, refs: Iterable[Ref]) -> list[int]:
         """Nodes that some values are made of, theirs included, in ascending order."""
-        found: set[int] = set()
+        nodes: set[int] = set()
         stack = [ref >> 1 for ref in refs]
         while stack:
             node = stack.pop()
-            if node not in found:
-                found.add(node)
+            if node not in nodes:
+                nodes.add(node)
                 stack.extend([ref >> 1 for ref in self.operands[node]])
-        return sorted(found)
+        return sorted(nodes)
 
     def reached_varying(self, refs: Iterable[Ref]) -> list[int]:
         """Nodes that a function computes, inputs included: those reached that are not constant."""
-        found: set[int] = set()
+        nodes: set[int] = set()
         stack = [ref >> 1 for ref in refs]
         constant, operands = self.constant, self.operands
         while stack:
             node = stack.pop()
-            if node not in found and not constant[node]:
-                found.add(node)
+            if node not in nodes and not constant[node]:
+                nodes.add(node)
                 stack.extend([ref >> 1 for ref in operands[node]])
-        return sorted(found)
+        return sorted(nodes)
 
     def uses(self, nodes: Iterable[int], outputs: Iterable[Ref]) -> Counter[int]:
-        """How often each node is used.
+        """The number of uses of each node.
 
         A node that is returned counts as used twice: it must not be computed twice.
         """
@@ -307,13 +307,13 @@ def in_order(graph: Graph, outputs: Sequence[Ref], origins: Mapping[int, int]) -
     """
     nodes = graph.reached_varying(outputs)
     stack = sorted(nodes, key=lambda node: (origins.get(node, node), node), reverse=True)
-    found: dict[int, None] = {}
+    ordered: dict[int, None] = {}
     while stack:
         node = stack[-1]
         operands = [ref >> 1 for ref in graph.operands[node]]
-        missing = [n for n in operands if n not in found and not graph.constant[n]]
+        missing = [n for n in operands if n not in ordered and not graph.constant[n]]
         if missing:
             stack.extend(reversed(missing))
         else:
-            found.setdefault(stack.pop())
-    return list(found)
+            ordered.setdefault(stack.pop())
+    return list(ordered)

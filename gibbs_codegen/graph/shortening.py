@@ -31,7 +31,7 @@ from dataclasses import dataclass
 from heapq import heapify, heappop, heappush
 from itertools import chain, combinations
 
-from gibbs_codegen.graph.graph import Graph, Kind, Ref
+from gibbs_codegen.graph.graph import Graph, NodeKind, Ref
 from gibbs_codegen.graph.signs import Polarity
 
 
@@ -47,14 +47,14 @@ class Rebuilding(ABC):
 
     @abstractmethod
     def sum(self, node: int) -> Ref:
-        """What is computed in the place of a sum, from what its operands have become."""
+        """The replacement of a sum, from those of its operands."""
 
     def rebuilt(self, origins: MutableMapping[int, int]) -> list[Ref]:
-        """What the outputs have become; `origins` is as of `optimised`."""
+        """The outputs after replacement; `origins` is as of `optimised`."""
         graph, new = self.graph, self._new
         for node in self.nodes:
             size = len(graph)
-            ref = self.sum(node) if graph.kinds[node] is Kind.SUM else self.remade(node)
+            ref = self.sum(node) if graph.kinds[node] is NodeKind.SUM else self.remade(node)
             if ref != 2 * node:
                 new[node] = ref
                 # The younger may be there already, made for another function.
@@ -64,10 +64,10 @@ class Rebuilding(ABC):
 
     def new(self, ref: Ref) -> Ref:
         """The value that stands now for a value of the function as it was."""
-        found = self._new.get(ref >> 1)
-        if found is None:
+        replacement = self._new.get(ref >> 1)
+        if replacement is None:
             return ref
-        return self.graph.minus(found) if ref & 1 else found
+        return self.graph.minus(replacement) if ref & 1 else replacement
 
     def remade(self, node: int) -> Ref:
         """A node on what its operands have become, itself where none has changed."""
@@ -76,8 +76,8 @@ class Rebuilding(ABC):
             return 2 * node
         return self.graph.remade(node, [self.new(operand) for operand in operands])
 
-    def single(self, ref: Ref, kind: Kind) -> bool:
-        """Whether a value is of a kind, varies and is used once: it can be taken apart there."""
+    def single(self, ref: Ref, kind: NodeKind) -> bool:
+        """True if a value is of a kind, varies and is used once: it can be taken apart there."""
         node = ref >> 1
         graph = self.graph
         return self.uses[node] == 1 and graph.kinds[node] is kind and not graph.constant[node]
@@ -97,9 +97,9 @@ class _Factoring(Rebuilding):
         self._inner = {
             ref >> 1
             for node in self.nodes
-            if graph.kinds[node] is Kind.SUM
+            if graph.kinds[node] is NodeKind.SUM
             for ref in graph.operands[node]
-            if self.single(ref, Kind.SUM)
+            if self.single(ref, NodeKind.SUM)
         }
 
     def sum(self, node: int) -> Ref:
@@ -122,14 +122,14 @@ class _Factoring(Rebuilding):
     def _terms(self, refs: Sequence[Ref], sign: int = 0) -> Iterator[Ref]:
         """Terms, those of sums that are used once in their place."""
         for ref in refs:
-            if self.single(ref, Kind.SUM):
+            if self.single(ref, NodeKind.SUM):
                 yield from self._terms(self.graph.operands[ref >> 1], sign ^ ref & 1)
             else:
                 yield ref ^ sign
 
     def _factors(self, ref: Ref) -> Iterator[Ref]:
         """Factors of a term without signs; of products only those that are used once."""
-        if self.single(ref, Kind.PRODUCT):
+        if self.single(ref, NodeKind.PRODUCT):
             for factor in self.graph.operands[ref >> 1]:
                 yield from self._factors(factor)
         else:
@@ -137,12 +137,12 @@ class _Factoring(Rebuilding):
 
     def _best(self, terms: Sequence[Ref]) -> tuple[Ref, list[Ref]]:
         """The factor that saves most, and the terms that it is found in."""
-        found: dict[Ref, list[Ref]] = {}
+        holders: dict[Ref, list[Ref]] = {}
         for term in terms:
             for factor in dict.fromkeys(self._factors(term)):
-                found.setdefault(factor, []).append(term)
+                holders.setdefault(factor, []).append(term)
         best, most = 0, 0
-        for factor, members in found.items():
+        for factor, members in holders.items():
             if len(members) > 1:
                 # Operations that it saves to take the factor out of these terms.
                 constants = 0
@@ -157,7 +157,7 @@ class _Factoring(Rebuilding):
                 saved = products - 1 + max(constants - 1, 0)
                 if saved > most:
                     best, most = factor, saved
-        return best, found[best] if most else []
+        return best, holders[best] if most else []
 
     def _without(self, ref: Ref, factor: Ref) -> Ref:
         """A term without a factor of its, its other factors multiplied as they were."""
@@ -175,7 +175,7 @@ class _Factoring(Rebuilding):
 # Two terms and whether they have opposite signs, in one number, which sorts and hashes fast.
 _Pair = int
 _BITS = 31
-# Of longer sums the other terms are left out: their pairs would be too many.
+# Longer sums go without their other terms, which have too many pairs.
 _MOST_TERMS = 200
 
 
@@ -195,7 +195,7 @@ class _Sharing(Rebuilding):
         self._sums = {
             node: _signs(graph.operands[node])
             for node in self.nodes
-            if graph.kinds[node] is Kind.SUM
+            if graph.kinds[node] is NodeKind.SUM
         }
         self._first = len(graph)
         self._pairs: list[_Pair] = []
@@ -215,9 +215,9 @@ class _Sharing(Rebuilding):
             # Those whose terms have not gone into other pairs since.
             sums = [n for n in users[pair] if first in self._sums[n] and second in self._sums[n]]
             if len(sums) == -count:
-                found = self._replace(pair, sums)
-                users.update(found)
-                for new, new_sums in found.items():
+                pairs = self._replace(pair, sums)
+                users.update(pairs)
+                for new, new_sums in pairs.items():
                     heappush(heap, (-len(new_sums), new))
             elif len(sums) > 1:
                 users[pair] = sums
@@ -246,15 +246,15 @@ class _Sharing(Rebuilding):
         first, second, _ = _parts(pair)
         new = self._first + len(self._pairs)
         self._pairs.append(pair)
-        found: dict[_Pair, list[int]] = {}
+        common: dict[_Pair, list[int]] = {}
         for node in sums:
             terms = self._sums[node]
             sign = terms.pop(first)
             del terms[second]
             for term, other in terms.items():
-                found.setdefault(_pair(term, new, sign ^ other), []).append(node)
+                common.setdefault(_pair(term, new, sign ^ other), []).append(node)
             terms[new] = sign
-        return {pair: sums for pair, sums in found.items() if len(sums) > 1}
+        return {pair: sums for pair, sums in common.items() if len(sums) > 1}
 
 
 def _signs(terms: Sequence[Ref]) -> dict[int, int]:
@@ -309,15 +309,15 @@ def optimised(
     present = list(outputs)
     if repeats and _without_signs(graph, present) > _LONGEST:
         return Shortened(present, Polarity(graph, present))
-    found = [(_without_signs(graph, present), present)]
+    candidates = [(_without_signs(graph, present), present)]
     for _ in range(_MOST_ROUNDS):
-        least = min(count for count, _ in found)
+        least = min(count for count, _ in candidates)
         for apply in (factored, shared):
             present = apply(graph, present, origins)
-            found.append((_without_signs(graph, present), present))
-        if least - min(count for count, _ in found) <= least // _WORTH_ANOTHER:
+            candidates.append((_without_signs(graph, present), present))
+        if least - min(count for count, _ in candidates) <= least // _WORTH_ANOTHER:
             break
-    (count, present), *rest = sorted(found, key=lambda f: f[0])
+    (count, present), *rest = sorted(candidates, key=lambda f: f[0])
     best = Shortened(present, Polarity(graph, present))
     least = count + best.polarity.changes
     for count, present in rest:
@@ -333,8 +333,8 @@ def _without_signs(graph: Graph, outputs: Sequence[Ref]) -> int:
     count = 0
     for node in graph.reached_varying(outputs):
         kind = graph.kinds[node]
-        if kind in (Kind.SUM, Kind.PRODUCT):
+        if kind in (NodeKind.SUM, NodeKind.PRODUCT):
             count += len(graph.operands[node]) - 1
-        elif kind is Kind.RECIPROCAL or graph.labels[node] in ("sqrt", "sign"):
+        elif kind is NodeKind.RECIPROCAL or graph.labels[node] in ("sqrt", "sign"):
             count += 1
     return count

@@ -20,7 +20,7 @@ from __future__ import annotations
 
 from collections.abc import Container, Iterable, Sequence
 
-from gibbs_codegen.graph.graph import EVEN, Graph, Kind, Ref
+from gibbs_codegen.graph.graph import EVEN, Graph, NodeKind, Ref
 
 # How often all that is broken is gone through; how many conditions are visited from one, or choices
 # changed, before that is taken back; and on how many conditions a choice may bear to mend others.
@@ -35,7 +35,7 @@ class Conditions:
         self._signs: list[int] = []
         self._broken: list[int] = []
         self._choices: list[list[int]] = []
-        # Of each choice, the conditions that depend on it, and the bits that it changes there.
+        # For each choice, the conditions that depend on it, and the bits that it changes there.
         self._places: dict[int, list[tuple[int, int]]] = {}
         self.changed: set[int] = set()
 
@@ -45,8 +45,8 @@ class Conditions:
         `choices` are what changes each sign; each choice stands there once.
         """
         bits: dict[int, int] = {}
-        for i, found in enumerate(choices):
-            for choice in found:
+        for i, changing in enumerate(choices):
+            for choice in changing:
                 bits[choice] = bits.get(choice, 0) | 1 << i
         for choice, changed in bits.items():
             self._places.setdefault(choice, []).append((len(self._signs), changed))
@@ -79,7 +79,7 @@ class Conditions:
         return [condition for condition, _ in self._places[choice] if self._is_broken(condition)]
 
     def _gain(self, choice: int) -> int:
-        """How many conditions fewer are broken where a choice is changed."""
+        """The number of broken conditions that changing a choice saves."""
         signs, broken, gain = self._signs, self._broken, 0
         for condition, bits in self._places[choice]:
             missing = signs[condition] ^ broken[condition]
@@ -161,26 +161,26 @@ class Polarity:
 
     def __init__(self, graph: Graph, outputs: Sequence[Ref]) -> None:
         self.conditions = Conditions()
-        # What the sign of a node depends on, where it depends on anything.
+        # The choices that the sign of a node depends on, where it depends on any.
         self.choices: dict[int, tuple[int, ...]] = {}
         for node in graph.reached_varying(outputs):
             if graph.operands[node]:
                 kind, operands, label = graph.kinds[node], graph.operands[node], graph.labels[node]
-                if kind is Kind.PRODUCT:
+                if kind is NodeKind.PRODUCT:
                     first, second = (self.choices.get(ref >> 1, ()) for ref in operands)
-                    # What changes both factors changes nothing.
+                    # A choice that changes both factors changes nothing.
                     both = set(first).intersection(second)
-                    found = tuple([choice for choice in first + second if choice not in both])
-                elif kind is Kind.SUM or label in ("sin", "cos"):
-                    found = (node,)
-                    self._require([graph.one] if label in EVEN else operands, found)
+                    changing = tuple([choice for choice in first + second if choice not in both])
+                elif kind is NodeKind.SUM or label in ("sin", "cos"):
+                    changing = (node,)
+                    self._require([graph.one] if label in EVEN else operands, changing)
                 elif label == "sqrt":
-                    found = ()
+                    changing = ()
                     self._require(operands)
                 else:
-                    found = self.choices.get(operands[0] >> 1, ())
-                if found:
-                    self.choices[node] = found
+                    changing = self.choices.get(operands[0] >> 1, ())
+                if changing:
+                    self.choices[node] = changing
         for output in dict.fromkeys(outputs):
             if graph.value(output) is None:
                 self._require([output])
@@ -201,9 +201,9 @@ class Polarity:
             if sum([choice in changed for choice in choices]) % 2 == 1
         }
 
-    def _require(self, refs: Sequence[Ref], own: tuple[int, ...] = ()) -> None:
+    def _require(self, refs: Sequence[Ref], choice: tuple[int, ...] = ()) -> None:
         """One of some values must come with a plus, all of them changed by a choice of its own."""
         choices = self.choices
         self.conditions.add(
-            [ref & 1 for ref in refs], [own + choices.get(ref >> 1, ()) for ref in refs]
+            [ref & 1 for ref in refs], [choice + choices.get(ref >> 1, ()) for ref in refs]
         )

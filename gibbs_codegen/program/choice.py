@@ -11,12 +11,12 @@ from gibbs_codegen.interface import FUNCTIONS, default_functions, derivatives_am
 from gibbs_codegen.interface.choice import DEFAULT, group
 from gibbs_codegen.interface.table import DERIVATIVE_GROUPS, GROUPS
 
-# Which functions there are: names and groups, in any order; None for those by default.
+# The choice of functions: names and groups, in any order; None for those by default.
 Functions: TypeAlias = str | Sequence[str] | None
-# Which derivatives there are besides: True for all that are not long, or none of them; one name, or
+# The choice of derivatives besides: True for all that are not long, or none of them; one name, or
 # several; "all" stands for the long ones too.
 Derivatives: TypeAlias = bool | str | Sequence[str]
-# Of more unknown names nobody reads what each could be.
+# Nobody reads suggestions for more unknown names.
 _MOST_SUGGESTIONS = 5
 
 
@@ -55,7 +55,7 @@ def chosen_derivatives(derivatives: Derivatives) -> tuple[str, ...]:
     return tuple(name for name in offered if name in names or "all" in names)
 
 
-def _names(what: str, words: str | Sequence[str], known: Sequence[str]) -> Sequence[str]:
+def _names(what: str, words: str | Sequence[str], choices: Sequence[str]) -> Sequence[str]:
     """Words of a choice, all of them known. Raises `UsageError`."""
     listed = [words] if isinstance(words, str) else words
     if not isinstance(listed, Collection) or not all(isinstance(name, str) for name in listed):
@@ -63,14 +63,14 @@ def _names(what: str, words: str | Sequence[str], known: Sequence[str]) -> Seque
         raise UsageError(
             f"{what}: must be {allowed} or a list of names, not {printable(repr(words), 60)}"
         )
-    if unknown := sorted({*listed}.difference(known)):
+    if unknown := sorted({*listed}.difference(choices)):
         few = unknown[:_MOST_SUGGESTIONS]
-        near = [difflib.get_close_matches(name[:80], known, n=1) for name in few]
-        told = [
-            printable(repr(name)) + "".join(f" (did you mean {best}?)" for best in found)
-            for name, found in zip(few, near, strict=True)
+        near = [difflib.get_close_matches(name[:80], choices, n=1) for name in few]
+        complaints = [
+            printable(repr(name)) + "".join(f" (did you mean {best}?)" for best in close)
+            for name, close in zip(few, near, strict=True)
         ]
-        told += [f"and {len(unknown) - len(few)} more"] if len(few) < len(unknown) else []
-        rest = "" if all(near) else f"; known: {', '.join(known)}"
-        raise UsageError(f"--{what}: unknown: {', '.join(told)}{rest}")
+        complaints += [f"and {len(unknown) - len(few)} more"] if len(few) < len(unknown) else []
+        rest = "" if all(near) else f"; known: {', '.join(choices)}"
+        raise UsageError(f"--{what}: unknown: {', '.join(complaints)}{rest}")
     return listed

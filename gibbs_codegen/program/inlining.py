@@ -59,7 +59,7 @@ def inline_single_uses(
             pending[statement.name] = value
             continue
         kept.append(_with_value(statement, value))
-    # What found no room has its definition again, in its place.
+    # Names that found no room have their definitions again, in their places.
     used = {name for statement in kept for name in names_in(statement.value)}
     missing = [name for name in used if name in pending]
     needed: set[str] = set()

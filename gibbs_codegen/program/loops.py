@@ -76,12 +76,12 @@ class RepeatedBlocks:
 
     @property
     def stop(self) -> int:
-        """Where the steps after the blocks begin."""
+        """Index of the first step after the blocks."""
         return self.start + self.length * len(self.blocks)
 
 
 def is_profitable(count: int, length: int) -> bool:
-    """Whether `count` blocks of `length` steps are worth a loop."""
+    """True if `count` blocks of `length` steps are worth a loop."""
     return count >= _FEWEST_BLOCKS and count * length >= _FEWEST_STEPS
 
 
@@ -94,7 +94,7 @@ def find_repeated_blocks(steps: Sequence[Step]) -> list[RepeatedBlocks]:
     queue = list(matcher.candidates())
     heapq.heapify(queue)
     occupied = [False] * len(steps)
-    found = []
+    repeats = []
     while queue:
         covered, length, start = heapq.heappop(queue)
         count = -covered // length
@@ -107,13 +107,13 @@ def find_repeated_blocks(steps: Sequence[Step]) -> list[RepeatedBlocks]:
             runs = [[*run] for _, run in groupby(range(count), free.__getitem__)]
             rest = [(start + run[0] * length, len(run)) for run in runs if free[run[0]]]
         elif match := matcher.match(start, length, count):
-            found.append(match)
+            repeats.append(match)
             occupied[match.start : match.stop] = [True] * (match.stop - match.start)
             rest = [(start, count - len(match.blocks))]
         for new_start, new_count in rest:
             if is_profitable(new_count, length):
                 heapq.heappush(queue, (-new_count * length, length, new_start))
-    return sorted(found, key=lambda match: match.start)
+    return sorted(repeats, key=lambda match: match.start)
 
 
 class _Matcher:
@@ -145,7 +145,7 @@ class _Matcher:
 
         Their stores have one stride. There are none if these are too few for a loop.
         """
-        found: list[int] = []
+        firsts: list[int] = []
         places: list[list[int]] = []
         used_later: set[str] = set()
         for first in range(last, start - 1, -length):
@@ -157,8 +157,8 @@ class _Matcher:
                 break
             used_later.update(*self._names[first : first + length])
             used_later -= defined
-            found.append(first)
-        return found if is_profitable(len(found), length) else []
+            firsts.append(first)
+        return firsts if is_profitable(len(firsts), length) else []
 
     def match(self, start: int, length: int, count: int) -> RepeatedBlocks | None:
         """Match the last blocks of a candidate, as many as do the same independently.
@@ -169,7 +169,7 @@ class _Matcher:
         last = start + (count - 1) * length
         shared = [self._names[i] & self._names[i - length] for i in range(last, last + length)]
         for first in range(last - length, last - _FEWEST_BLOCKS * length, -length):
-            # What blocks read of shared names and of their own: quickly told, and mostly different.
+            # Shared names and own ones that blocks read: quick to compare, and mostly different.
             if not all(
                 names <= self._names[first + i]
                 and [s - first for s in self._sources[first + i] if s >= first]
@@ -211,7 +211,7 @@ def _terms(value: Node) -> Terms | None:
 
 
 def _signature(step: Step, terms: Terms | None) -> object:
-    """What steps have in common that may do the same in two blocks."""
+    """A key that steps share if they may do the same in two blocks."""
     if terms is None:
         return step
     output = step.output if isinstance(step, Store) else None
@@ -224,7 +224,7 @@ def _signature(step: Step, terms: Terms | None) -> object:
 def _canonical(
     parts: Terms, defined: Mapping[str, int], first: int, shared: frozenset[str]
 ) -> tuple[object, Terms]:
-    """What must be equal in all blocks, and terms in an order that isomorphic blocks share.
+    """The part equal in all blocks, and terms in an order that isomorphic blocks share.
 
     Names that are others in each block go by age, which is a guess, and any order is right.
     `defined` has the step that defines a name, `first` is the first of the block.
@@ -254,11 +254,11 @@ def reroll(steps: Sequence[Step]) -> tuple[list[Item], dict[str, int]]:
     for i, step in enumerate(steps):
         last_use.update(dict.fromkeys(names_in(step.value), i))
     system = _Signs([step.name for step in steps if isinstance(step, Statement)])
-    found = [(blocks, _consistent(steps, blocks, system)) for blocks in find_repeated_blocks(steps)]
+    loops = [(blocks, _consistent(steps, blocks, system)) for blocks in find_repeated_blocks(steps)]
     signs = system.solution()
     items: list[Item] = []
     done = 0
-    for blocks, iterations in found:
+    for blocks, iterations in loops:
         if is_profitable(iterations, blocks.length):
             first = blocks.stop - iterations * blocks.length
             items += [*steps[done:first], _loop(steps, blocks, iterations, signs, last_use)]
@@ -312,20 +312,20 @@ class _Signs:
 
 
 def _consistent(steps: Sequence[Step], repeated: RepeatedBlocks, signs: _Signs) -> int:
-    """How many of the last iterations can have the same signs, as loops before have them.
+    """The number of last iterations that can have the same signs, as loops before have them.
 
     `signs` takes the equations of these iterations.
     """
     pattern: list[int] = []
     for done, block in enumerate(reversed(repeated.blocks)):
         first = repeated.stop - (done + 1) * repeated.length
-        found = [
+        block_signs = [
             signs.term(term, step.name if isinstance(step, Statement) else "")
             for step, terms in zip(steps[first : first + repeated.length], block, strict=True)
             for term in terms
         ]
-        pattern = pattern or found
-        if not signs.add_equations(a ^ b for a, b in zip(found, pattern, strict=True)):
+        pattern = pattern or block_signs
+        if not signs.add_equations(a ^ b for a, b in zip(block_signs, pattern, strict=True)):
             return done
     return len(repeated.blocks)
 
@@ -468,8 +468,8 @@ def insert_copies(items: Sequence[Item], tuples: SlotTuples) -> tuple[list[Item]
         here: dict[str, str] = {}
         operands: dict[str, Row] = {}
         for i, (name, row) in enumerate(item.operands.items()):
-            own = {name for name in row if name in defined}
-            operands[name] = _place_row(row, f"{row[-1]}_{len(copies)}_{i}_", own, here, tuples)
+            local = {name for name in row if name in defined}
+            operands[name] = _place_row(row, f"{row[-1]}_{len(copies)}_{i}_", local, here, tuples)
         fits = all(operands.values())
         if not fits or len(here) * _OPERANDS_PER_COPY > item.count * len(operands):
             placed += item.unrolled
@@ -490,17 +490,17 @@ def _place_row(
     `defined` are the names of the row that steps define, which therefore can have slots. Empty if
     the place of a copy is not free.
     """
-    found: list[str] = []
+    placed: list[str] = []
     for i, name in enumerate(reversed(row)):
         copy = f"{prefix}{i}"
-        for candidate in (name, copy) if name in defined and name not in found else (copy,):
+        for candidate in (name, copy) if name in defined and name not in placed else (copy,):
             tuples.add(candidate)
-            anchor = found[0] if found else candidate
+            anchor = placed[0] if placed else candidate
             if tuples.coalesce(anchor, candidate, -i, lambda *_: False):
-                found.append(candidate)
+                placed.append(candidate)
                 break
         else:
             return ()
-        if found[-1] == copy:
+        if placed[-1] == copy:
             copies[copy] = name
-    return tuple(reversed(found))
+    return tuple(reversed(placed))

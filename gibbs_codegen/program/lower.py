@@ -21,7 +21,7 @@ from itertools import islice
 import sympy as sp
 
 from gibbs_codegen.graph.from_tape import ImportedTape
-from gibbs_codegen.graph.graph import Graph, Kind, Ref, in_order
+from gibbs_codegen.graph.graph import Graph, NodeKind, Ref, in_order
 from gibbs_codegen.graph.shortening import operations as graph_operations
 from gibbs_codegen.graph.shortening import optimised
 from gibbs_codegen.program import nodes
@@ -45,7 +45,7 @@ class Slice:
 
     @property
     def repeats(self) -> bool:
-        """Whether lines are the same from link to link, as those of recursions on the tape are."""
+        """True if lines are the same from link to link, as those of recursions on the tape are."""
         return not any(isinstance(e, int) for _, entries in self.outputs for e in entries)
 
 
@@ -54,7 +54,7 @@ def lower(
     inputs: Mapping[str, tuple[str, ...]],
     parameters: Sequence[str],
     slices: Sequence[Slice],
-) -> nodes.Program:
+) -> nodes.ScalarProgram:
     """Lower every slice of the tape, or of its graph, into one program.
 
     `inputs` names the scalars in each argument. Of `parameters` the program has those that a
@@ -72,8 +72,8 @@ def lower(
     read = {lowering.name(node) for node in reached}
 
     def names(numbers: set[int]) -> tuple[str, ...]:
-        own = map(lowering.name, sorted(numbers))
-        return tuple(numbered.get(name, name) for name in own)
+        sorted_names = map(lowering.name, sorted(numbers))
+        return tuple(numbered.get(name, name) for name in sorted_names)
 
     functions = []
     for draft in drafts:  # Temporaries are numbered from 1, so that each reads by itself.
@@ -88,9 +88,9 @@ def lower(
             nodes.Output(output.shape, tuple(substituted(e, values) for e in output.entries))
             for output in draft.outputs
         )
-        own = draft.piece.name, draft.piece.arguments, names(draft.constants)
-        functions.append(nodes.Function(*own, statements, outputs))
-    return nodes.Program(
+        signature = draft.piece.name, draft.piece.arguments, names(draft.constants)
+        functions.append(nodes.Function(*signature, statements, outputs))
+    return nodes.ScalarProgram(
         inputs=dict(inputs),
         parameters=tuple(name for name in parameters if name in read),
         constants=names(needed),
@@ -154,7 +154,7 @@ class _Lowering:
         ]
         read = [ref >> 1 for node in computed for ref in graph.operands[node]]
         read.extend(ref >> 1 for ref in refs)
-        constants = {n for n in read if graph.constant[n] and graph.kinds[n] is not Kind.NUMBER}
+        constants = {n for n in read if graph.constant[n] and graph.kinds[n] is not NodeKind.NUMBER}
         return _Draft(piece, constants, inline_single_uses(statements, outputs), outputs)
 
     def prepare(self, numbers: Sequence[int], needed: set[int]) -> list[nodes.Statement]:
@@ -176,7 +176,7 @@ class _Lowering:
 
     def name(self, node: int) -> str:
         """Name of a node before statements are numbered: that of an input is its own."""
-        is_input = self.graph.kinds[node] is Kind.INPUT
+        is_input = self.graph.kinds[node] is NodeKind.INPUT
         return str(self.graph.labels[node]) if is_input else f"n{node}"
 
     def _words_of(
@@ -191,10 +191,10 @@ class _Lowering:
         inherited: dict[int, str] = {}
         for node in reversed(numbers):
             origin = origins.get(node, node)
-            own = said.get(origin) or self._imported.said(origin) or inherited.get(node, "")
-            inherited[node] = own
+            group_words = said.get(origin) or self._imported.said(origin) or inherited.get(node, "")
+            inherited[node] = group_words
             for ref in self.graph.operands[node]:
-                inherited[ref >> 1] = own
+                inherited[ref >> 1] = group_words
         return {node: inherited[node] for node in numbers}
 
     def value(self, node: int, negated: Collection[int]) -> nodes.Node:
@@ -202,7 +202,7 @@ class _Lowering:
         graph, kind = self.graph, self.graph.kinds[node]
         signed = [self._signed(ref, negated) for ref in graph.operands[node]]
         flip = -1 if (node in negated) else 1
-        if kind is Kind.SUM:
+        if kind is NodeKind.SUM:
             terms = [
                 (flip * sign, ref >> 1, term)
                 for (sign, term), ref in zip(signed, graph.operands[node], strict=True)
@@ -210,11 +210,11 @@ class _Lowering:
             # Positive terms first, numbers and oldest names first: few lines begin with a minus.
             terms.sort(key=lambda t: (-t[0], not isinstance(t[2], nodes.Number), t[1]))
             return nodes.Sum(tuple((sign, term) for sign, _, term in terms))
-        if kind is Kind.PRODUCT:
+        if kind is NodeKind.PRODUCT:
             (first, x), (second, y) = signed
             return _with_sign(flip * first * second, nodes.Product((x, y)))
         ((sign, argument),) = signed
-        if kind is Kind.RECIPROCAL:
+        if kind is NodeKind.RECIPROCAL:
             return _with_sign(flip * sign, nodes.Reciprocal(argument))
         match graph.labels[node]:
             case "cos":

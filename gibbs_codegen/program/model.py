@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from types import SimpleNamespace
 
 from gibbs_codegen.interface import FUNCTIONS, Signature, derivatives_among, signatures
-from gibbs_codegen.program.nodes import Function, Node, Program, names_in
+from gibbs_codegen.program.nodes import Function, Node, ScalarProgram, names_in
 from gibbs_codegen.robot.description import Description
 from gibbs_codegen.robot.model import Robot
 
@@ -25,7 +25,7 @@ class Model:
     """
 
     description: Description
-    program: Program
+    program: ScalarProgram
     defaults: dict[str, float]
     units: dict[str, str]
     folded: tuple[str, ...]
@@ -41,17 +41,17 @@ class Model:
 
     @property
     def lists(self) -> dict[str, Collection[str]]:
-        """What its module lists, by the names of the constants."""
-        own = {
+        """Lists in its module, by the names of the constants."""
+        lists = {
             "PARAMETERS": self.defaults,
             "FUNCTIONS": tuple(signature.name for signature in self.signatures),
             "DERIVATIVES": derivatives_among(signature.name for signature in self.signatures),
         }
-        return {**self.description.lists(self.functions), **own}
+        return {**self.description.lists(self.functions), **lists}
 
     @property
     def listing(self) -> SimpleNamespace:
-        """What array programs read of a module: its name, attitude, lists and rotors in the air."""
+        """The listing for array programs: the module's name, attitude, lists, rotors in the air."""
         return SimpleNamespace(
             **self.lists,
             NAME=self.robot.name,
@@ -69,8 +69,8 @@ class Model:
     @property
     def derived(self) -> list[tuple[Function, Signature]]:
         """The program's functions with their signatures."""
-        own = [s for s in self.signatures if not FUNCTIONS[s.name].composed]
-        return list(zip(self.program.functions, own, strict=True))
+        signatures = [s for s in self.signatures if not FUNCTIONS[s.name].composed]
+        return list(zip(self.program.functions, signatures, strict=True))
 
     @property
     def composed(self) -> list[Signature]:

@@ -5,7 +5,7 @@
 is `Statement("t1", Sum(((1, Name("x")), (-1, Product((Number(2.0), Name("y")))))))`. Right-hand
 sides are built from six kinds of node; a target's printer must know each of them and nothing else:
 names, numbers, sums of signed terms, products, reciprocals, and calls of a function. There are no
-powers, no conditions and no loops. A `Program` holds `prepare`, which turns parameters into
+powers, no conditions and no loops. A `ScalarProgram` holds `prepare`, which turns parameters into
 constants, and the functions.
 
 Operations of nodes are counted exactly:
@@ -38,12 +38,12 @@ class _Once(Generic[Found]):
         self._name = name
 
     def __get__(self, node: object, owner: type) -> Found:
-        found = node.__dict__[self._name] = self._find(node)
-        return found
+        value = node.__dict__[self._name] = self._find(node)
+        return value
 
 
 class _Expression:
-    """What passes over the program ask of a right-hand side again and again, found once."""
+    """A right-hand side with the answers that passes over the program ask for again and again."""
 
     @_Once
     def operands(self) -> tuple[Node, ...]:
@@ -190,7 +190,7 @@ class Function:
 
 
 @dataclass(frozen=True)
-class Program:
+class ScalarProgram:
     """Everything that a target emits for one robot.
 
     `inputs` gives the scalar names in each argument, `parameters` the names that `prepare` takes,

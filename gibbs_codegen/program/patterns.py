@@ -1,4 +1,4 @@
-"""Which entries of a derivative can differ from zero."""
+"""Entries of a derivative that can differ from zero."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class Pattern:
 
 def matrices(model: Model) -> dict[str, list[str]]:
     """Names of the matrices of each function that was derived on request and has any."""
-    found = {
+    names_of = {
         signature.name: [
             output.name
             for output, shape in zip(
@@ -37,7 +37,7 @@ def matrices(model: Model) -> dict[str, list[str]]:
         for _, signature in model.derived
         if signature.name in derivatives_among(model.functions)
     }
-    return {function: names for function, names in found.items() if names}
+    return {function: names for function, names in names_of.items() if names}
 
 
 def patterns(model: Model) -> dict[str, Pattern]:
@@ -59,8 +59,8 @@ def patterns(model: Model) -> dict[str, Pattern]:
             tuple(column for _, column in ordered),
             *(shapes[name][-1], math.prod(shapes[name])),
         )
-        for name, found in places.items()
-        for ordered in [sorted(found, key=lambda place: place[::-1])]
+        for name, nonzero_places in places.items()
+        for ordered in [sorted(nonzero_places, key=lambda place: place[::-1])]
     }
 
 

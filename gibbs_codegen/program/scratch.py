@@ -61,7 +61,7 @@ class LiveRanges:
     def __init__(self, sections: Sequence[Sequence[steps.Item]]) -> None:
         self.first_definition: dict[str, int] = {}
         self.last_use: dict[str, int] = {}
-        # Of each loop, by section: the iterations that use a name, and the one that defines it.
+        # For each loop, by section: the iterations that use a name, and the one that defines it.
         self._using: dict[int, dict[str, set[int]]] = {}
         self._defining: dict[int, dict[str, int]] = {}
         for i, section in enumerate(sections):
@@ -85,11 +85,11 @@ class LiveRanges:
                     }
 
     def is_loop(self, section: int) -> bool:
-        """Whether a section is a loop, not straight-line steps."""
+        """True if a section is a loop, not straight-line steps."""
         return section in self._defining
 
     def can_share(self, first: str, second: str) -> bool:
-        """Whether two names can have one slot: one is no longer used when the other is defined."""
+        """True if two names can have one slot: one is no longer used when the other is defined."""
         if self.first_definition[first] > self.first_definition[second]:
             first, second = second, first
         start, end = self.first_definition[second], self.last_use[first]
@@ -114,7 +114,7 @@ class Section:
 
 
 @dataclass(frozen=True, eq=False)
-class Allocation:
+class SlotAllocation:
     """Sections in order, how many slots they share, and the names whose slots hold minus them."""
 
     sections: tuple[Section, ...]
@@ -128,7 +128,7 @@ class Allocation:
 
 def allocate_scratch(
     items: Sequence[steps.Item], signs: Mapping[str, int], limit: int
-) -> Allocation:
+) -> SlotAllocation:
     """Split a schedule into sections, and give slots to the values that they hand on.
 
     The rows of loops hold the names times their `signs`, +1 or −1; without loops these may be
@@ -153,27 +153,27 @@ def allocate_scratch(
                     for operand in loop.operands.values()
                 )
     slots = _linear_scan(tuples, live)
-    found = []
+    allocated = []
     for number, section in enumerate(sections):
         if section and isinstance(section[0], steps.Loop):
             loop = section[0]
             reloads = {name: slots[name] for name in loop.invariants if name in slots}
             reloads |= {name: slots[row[0]] for name, row in loop.operands.items()}
-            found.append(
+            allocated.append(
                 Section(loop, reloads, {name: slots[row[0]] for name, row in loop.results.items()})
             )
             continue
         straight = tuple(item for item in section if not isinstance(item, steps.Loop))
         used = dict.fromkeys(name for step in straight for name in steps.used_names(step))
         defined = [name for step in straight for name in steps.defined_names(step)]
-        found.append(
+        allocated.append(
             Section(
                 straight,
                 {name: slots[name] for name in used if name in slots and name not in defined},
                 {name: slots[name] for name in defined if live.last_use[name] > number},
             )
         )
-    return Allocation(tuple(found), 1 + max(slots.values(), default=-1), frozenset(negated))
+    return SlotAllocation(tuple(allocated), 1 + max(slots.values(), default=-1), frozenset(negated))
 
 
 def _linear_scan(tuples: SlotTuples, live: LiveRanges) -> dict[str, int]:

@@ -66,9 +66,9 @@ class Loop:
     @property
     def invariants(self) -> list[str]:
         """Names that every iteration reads."""
-        own = {*self.operands, *(s.name for s in self.body if isinstance(s, Statement))}
+        internal = {*self.operands, *(s.name for s in self.body if isinstance(s, Statement))}
         read = [name for step in self.body for name in names_in(step.value)]
-        return [name for name in dict.fromkeys(read) if name not in own]
+        return [name for name in dict.fromkeys(read) if name not in internal]
 
 
 Item = Step | Loop

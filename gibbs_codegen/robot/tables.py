@@ -12,7 +12,7 @@ from typing import Annotated, Any, ClassVar, Self
 
 from pydantic import model_validator
 
-from gibbs_codegen.files.table import Flag, InSchema, Place, Tables, refusal, told
+from gibbs_codegen.files.table import Flag, InSchema, Place, Tables, refusal, rule
 from gibbs_codegen.robot import model
 from gibbs_codegen.robot.layout import frames_of
 from gibbs_codegen.robot.names import NAME_PATTERN, name_fault
@@ -26,7 +26,7 @@ from gibbs_codegen.robot.parts.part import Part, again, entry
 from gibbs_codegen.robot.parts.rotor import MAX_ROTORS, Rotor
 from gibbs_codegen.robot.references import body_numbers, constraint_faults, reference_faults
 
-Name = Annotated[str, told(name_fault), InSchema({"type": "string", "pattern": NAME_PATTERN})]
+Name = Annotated[str, rule(name_fault), InSchema({"type": "string", "pattern": NAME_PATTERN})]
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -55,8 +55,8 @@ def solve_symmetric(
     solution: dict[int, sp.Expr] = {}
     for step in range(len(order) - 1, -1, -1):
         k = order[step]
-        known = [tape.let(factors[i, k] * solution[i]) for i in order[step + 1 :]]
-        solution[k] = tape.let(tape.let(rest[k] * inverse[k]) - sp.Add(*known))
+        solved = [tape.let(factors[i, k] * solution[i]) for i in order[step + 1 :]]
+        solution[k] = tape.let(tape.let(rest[k] * inverse[k]) - sp.Add(*solved))
     return [solution[k] for k in range(len(order))]
 
 
@@ -143,13 +143,14 @@ class Factors:
 
     def solved_back(self, right: Values) -> list[sp.Expr]:
         """L⁻ᵀ b."""
-        found = list(right)
+        solution = list(right)
         for k in range(self._size - 1, -1, -1):
-            known = [
-                self._tape.let(times(self.lower[i, k], found[i])) for i in range(k + 1, self._size)
+            solved = [
+                self._tape.let(times(self.lower[i, k], solution[i]))
+                for i in range(k + 1, self._size)
             ]
-            found[k] = self._tape.let(found[k] - sp.Add(*known))
-        return found
+            solution[k] = self._tape.let(solution[k] - sp.Add(*solved))
+        return solution
 
 
 class _Orthogonal(Factors):
@@ -196,8 +197,8 @@ class PseudoInverse:
 
         def there(k: int, pivot: sp.Expr) -> tuple[sp.Expr, sp.Expr]:
             least = tape.let(tape.let(share * sizes[k]) + whole)
-            found = above(tape, tape.let(pivot - least))
-            return found, chosen(tape, found, pivot, one)
+            large = above(tape, tape.let(pivot - least))
+            return large, chosen(tape, large, pivot, one)
 
         self._factors = factors = _Orthogonal(tape, vectors, weights, there)
         # L₁ = Q R by columns from the last to the first: in this order none that is there gets

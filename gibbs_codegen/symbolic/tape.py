@@ -63,7 +63,7 @@ def signed(atom: sp.Expr) -> tuple[int, sp.Expr]:
 
 
 def is_minus_symbol(term: sp.Expr) -> bool:
-    """Whether an expression is a symbol with a minus sign."""
+    """True if an expression is a symbol with a minus sign."""
     if not term.is_Mul or len(term.args) != 2:
         return False
     sign, rest = term.args
@@ -108,7 +108,7 @@ _PRODUCTS = 3
 
 
 class Scalars(ABC):
-    """What a derivation needs of a tape: names of scalars, and of the components of vectors."""
+    """The part of a tape that derivations need: names of scalars and of components of vectors."""
 
     @abstractmethod
     def symbol(self, name: str, stage: Stage) -> sp.Symbol:

@@ -111,7 +111,7 @@ class Rotation:
 
     @property
     def is_identity(self) -> bool:
-        """Whether nothing turns."""
+        """True if nothing turns."""
         return bool(self.cos == 1)
 
     @property
@@ -188,7 +188,7 @@ NO_WRENCH = Wrench(ZERO, ZERO)
 
 
 class Movable(Protocol):
-    """What is seen from a frame and about its origin, such as a wrench or an inertia."""
+    """A quantity that is seen from a frame and about its origin, such as a wrench or an inertia."""
 
     def rotated(self, tape: Scalars, rotation: Rotation) -> Self:
         """The same in another frame, to which `rotation` takes components."""

@@ -9,7 +9,7 @@ import sympy as sp
 from support.random_graphs import exact, random_function
 
 from gibbs_codegen.graph.differentiate import hessian, jacobian, jvp, vjp
-from gibbs_codegen.graph.graph import Graph, Kind, Ref
+from gibbs_codegen.graph.graph import Graph, NodeKind, Ref
 
 
 def test_the_chain_rule_by_hand() -> None:
@@ -43,12 +43,12 @@ def test_a_sign_does_not_move_and_an_unknown_function_is_an_error() -> None:
 def moving(graph: Graph) -> list[Ref]:
     """Inputs that are no parameters."""
     pairs = enumerate(zip(graph.kinds, graph.constant, strict=True))
-    return [2 * node for node, (kind, fixed) in pairs if kind is Kind.INPUT and not fixed]
+    return [2 * node for node, (kind, fixed) in pairs if kind is NodeKind.INPUT and not fixed]
 
 
 def rates(graph: Graph, outputs: Sequence[Ref]) -> list[list[int]]:
     """Exact derivatives of outputs (rows) by the inputs that are no parameters."""
-    inputs = [node for node, kind in enumerate(graph.kinds) if kind is Kind.INPUT]
+    inputs = [node for node, kind in enumerate(graph.kinds) if kind is NodeKind.INPUT]
     units = [[int(2 * node == x) for node in inputs] for x in moving(graph)]
     columns = [[rate for _, rate in exact(graph, outputs, unit)] for unit in units]
     return [list(row) for row in zip(*columns, strict=True)]

@@ -8,7 +8,7 @@ import pytest
 import sympy as sp
 
 from gibbs_codegen.graph.from_tape import ImportedTape
-from gibbs_codegen.graph.graph import Kind
+from gibbs_codegen.graph.graph import NodeKind
 from gibbs_codegen.symbolic.tape import Stage, Tape
 from gibbs_codegen.symbolic.vectors import cos_sin_deg
 
@@ -22,7 +22,7 @@ def test_statements_become_nodes_in_the_order_of_the_tape() -> None:
     sine = tape.let(sp.sin(x))
     entry = tape.let(sp.Rational(1, 3) * k * tape.let(sine * sine) - tape.let(1 / x))
     ref = imported.ref(entry)
-    assert graph.kinds[ref >> 1] is Kind.SUM
+    assert graph.kinds[ref >> 1] is NodeKind.SUM
     assert [graph.constant[imported.ref(e) >> 1] for e in (k, x, sine)] == [True, False, False]
     assert imported.ref(k) < imported.ref(x) < imported.ref(sine) < ref
     assert imported.ref(-entry) == ref ^ 1

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sympy as sp
 
-from gibbs_codegen.graph.graph import Graph, Kind, node_of, opposite
+from gibbs_codegen.graph.graph import Graph, NodeKind, node_of, opposite
 
 
 def test_the_same_operation_is_the_same_node() -> None:
@@ -56,5 +56,5 @@ def test_what_a_function_reaches() -> None:
     assert node_of(square) not in graph.reached_varying([entry])
     assert node_of(y) not in graph.reached([entry])
     assert graph.uses(graph.reached([entry]), [entry])[node_of(k)] == 3
-    assert graph.kinds[node_of(entry)] is Kind.SUM
+    assert graph.kinds[node_of(entry)] is NodeKind.SUM
     assert graph.remade(node_of(entry), [x, y]) == graph.sum([x, y])

@@ -6,7 +6,7 @@ import pytest
 from support.random_graphs import random_function, values
 
 from gibbs_codegen.graph.from_tape import ImportedTape
-from gibbs_codegen.graph.graph import Graph, Kind, opposite
+from gibbs_codegen.graph.graph import Graph, NodeKind, opposite
 from gibbs_codegen.graph.shortening import operations, optimised
 from gibbs_codegen.program.lower import Slice, lower
 from gibbs_codegen.program.nodes import count_operations
@@ -42,7 +42,7 @@ def test_the_program_has_as_many_operations_and_the_same_values(seed: int) -> No
     names = [
         (str(label), constant)
         for kind, label, constant in zip(graph.kinds, graph.labels, graph.constant, strict=True)
-        if kind is Kind.INPUT
+        if kind is NodeKind.INPUT
     ]
     inputs = {"q": tuple(name for name, constant in names if not constant)}
     given = {name: value for (name, _), value in zip(names, numbers, strict=True)}

@@ -8,7 +8,7 @@ import pytest
 import sympy as sp
 from support.random_graphs import exact, random_function
 
-from gibbs_codegen.graph.graph import Graph, Kind, Ref
+from gibbs_codegen.graph.graph import Graph, NodeKind, Ref
 from gibbs_codegen.graph.shortening import factored, operations, optimised, shared
 
 Pass = Callable[[Graph, Sequence[Ref], MutableMapping[int, int]], list[Ref]]
@@ -37,7 +37,7 @@ def test_like_terms_are_one_term_and_a_sum_that_has_them_is_refused() -> None:
         twice = graph.product(two, like)
         assert graph.sum([like, like, graph.minus(twice), y]) == y
         thrice = graph.sum([twice, like])
-        assert graph.kinds[thrice >> 1] is Kind.PRODUCT
+        assert graph.kinds[thrice >> 1] is NodeKind.PRODUCT
         assert exact(graph, [thrice]) == exact(
             graph, [graph.product(graph.number(sp.Integer(3)), like)]
         )

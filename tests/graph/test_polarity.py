@@ -6,7 +6,7 @@ import pytest
 import sympy as sp
 from support.random_graphs import random_function
 
-from gibbs_codegen.graph.graph import Graph, Kind, Ref, opposite
+from gibbs_codegen.graph.graph import Graph, NodeKind, Ref, opposite
 from gibbs_codegen.graph.signs import Polarity
 
 
@@ -85,7 +85,7 @@ def changes(graph: Graph, outputs: list[Ref], negated: set[int]) -> int:
     count = 0
     for node in graph.reached_varying(outputs):
         operands, kind = graph.operands[node], graph.kinds[node]
-        if kind is Kind.SUM:
+        if kind is NodeKind.SUM:
             count += all(minus(ref) != (node in negated) for ref in operands)
         elif graph.labels[node] == "sqrt":
             count += minus(operands[0])

@@ -11,7 +11,7 @@ from support.derived import derived
 from benchmarks.family import benchmark_robot
 from gibbs_codegen.program.loops import reroll
 from gibbs_codegen.program.nodes import Name, Node, Product, Statement, Sum, names_in, node_value
-from gibbs_codegen.program.scratch import Allocation, allocate_scratch
+from gibbs_codegen.program.scratch import SlotAllocation, allocate_scratch
 from gibbs_codegen.program.steps import Item, Loop, Step, Store, schedule_stores
 from gibbs_codegen.program.trigonometry import gather_angles
 
@@ -41,7 +41,7 @@ def run_straight(steps: Sequence[Step], inputs: Values) -> Stored:
     return stored
 
 
-def run_allocation(allocation: Allocation, inputs: Values) -> Stored:
+def run_allocation(allocation: SlotAllocation, inputs: Values) -> Stored:
     """What sections store that know of each other only what is held."""
     held = [float("nan")] * allocation.slots
     stored: Stored = {}

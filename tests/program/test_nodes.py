@@ -14,8 +14,8 @@ from gibbs_codegen.program.nodes import (
     Number,
     Operations,
     Product,
-    Program,
     Reciprocal,
+    ScalarProgram,
     Sum,
     count_operations,
     names_in,
@@ -25,7 +25,7 @@ from gibbs_codegen.symbolic.tape import Stage, Tape
 X, Y = Name("x"), Name("y")
 
 
-def small_program() -> Program:
+def small_program() -> ScalarProgram:
     """f(q) = p(sin x)² + 1/y and the constant 2p, over a parameter p."""
     tape = Tape()
     p = tape.symbol("p", Stage.PARAMETER)

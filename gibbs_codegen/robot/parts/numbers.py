@@ -22,8 +22,8 @@ from gibbs_codegen.files.table import (
     fault,
     list_of,
     listed,
+    rule,
     shown,
-    told,
 )
 
 Vector3 = tuple[float, float, float]
@@ -94,13 +94,13 @@ def _exact(source: object, handler: GetCoreSchemaHandler) -> CoreSchema:
     return core_schema.no_info_after_validator_function(lambda v: Fraction(repr(v)), degrees)
 
 
-_IN_ORDER = told(_order_fault)
-Size = Annotated[Real, told(size_fault)]
+_IN_ORDER = rule(_order_fault)
+Size = Annotated[Real, rule(size_fault)]
 NotNegative = Annotated[Size, Bounds(0.0)]
 Positive = Annotated[
     Size,
     Bounds(0.0),
-    told(lambda value: None if value > 0.0 else "must be above 0"),
+    rule(lambda value: None if value > 0.0 else "must be above 0"),
 ]
 Angle = Annotated[Fraction, GetPydanticSchema(_exact)]
 Sizes3 = Annotated[tuple[Size, Size, Size], listed(3)]
@@ -108,11 +108,11 @@ _ENTRIES = f"numbers, {', '.join(AXIS_PAIRS)}"
 Sizes6 = Annotated[tuple[Size, Size, Size, Size, Size, Size], listed(6, _ENTRIES)]
 Angles = Annotated[tuple[Angle, Angle, Angle], listed(3)]
 Range = Annotated[tuple[Size, Size], listed(2), _IN_ORDER]
-_End = Annotated[AnyReal, told(_end_fault)]
+_End = Annotated[AnyReal, rule(_end_fault)]
 OpenRange = Annotated[tuple[_End, _End], listed(2), _IN_ORDER]
 Label = Annotated[
     str,
-    told(
+    rule(
         lambda text: (
             None
             if 0 < len(text) <= LONGEST_LABEL

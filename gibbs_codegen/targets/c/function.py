@@ -11,7 +11,7 @@ from gibbs_codegen.interface import FUNCTIONS, Signature
 from gibbs_codegen.program.loops import reroll
 from gibbs_codegen.program.model import Model
 from gibbs_codegen.program.nodes import Function, Number, Output, names_in
-from gibbs_codegen.program.scratch import Allocation, Section, allocate_scratch, stack_bytes
+from gibbs_codegen.program.scratch import Section, SlotAllocation, allocate_scratch, stack_bytes
 from gibbs_codegen.program.steps import Loop, Step, Store, headed, schedule_stores
 from gibbs_codegen.program.trigonometry import (
     GatheredFunction,
@@ -289,7 +289,7 @@ class _StraightOn(_Printed):
 class _InSections(_Printed):
     """A function in sections, each a helper, for one state."""
 
-    allocation: Allocation
+    allocation: SlotAllocation
     ending: ClassVar[str] = "part"
 
     @property

@@ -17,7 +17,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from xml.sax.saxutils import quoteattr
 
-from gibbs_codegen.arrays.c_file import Function, c_files
+from gibbs_codegen.arrays.c_file import CFunction, c_files
 from gibbs_codegen.arrays.functions import Functions
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.files.templating import render
@@ -81,7 +81,7 @@ def archives(model: Model, header: Lines) -> dict[str, bytes]:
     system = System(Functions(model.listing), lags, *_spins(model.robot, model.description))
     module = c_target.module_text(model, CPrinter(), header, blocks=False)
     module |= {"patterns": [], "sparse": []}
-    programs = [Function(program, words) for words, program in system.programs().items()]
+    programs = [CFunction(program, words) for words, program in system.programs().items()]
     sources = {
         RUNTIME: render("c_runtime.h.jinja", module),
         f"{name}.h": render("c_header.h.jinja", module),
