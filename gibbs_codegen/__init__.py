@@ -90,7 +90,7 @@ if TYPE_CHECKING:
     from gibbs_codegen.verification.modules import verify as verify
     from gibbs_codegen.verification.verify import Verification as Verification
 
-# Where they are imported from.
+# The modules that they are imported from.
 _MODULES = {
     "derivation.derive": ("derive",),
     "equations.chain_equations": ("ChainEquation",),

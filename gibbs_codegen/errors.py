@@ -83,7 +83,7 @@ class Fault(NamedTuple):
         place = source if self.line is None else f"{source}:{self.line}"
 
         def number(found: re.Match[str]) -> str:
-            # What stands in quotes is a key of the file as it is.
+            # Text in quotes is a key of the file as it is.
             if found[1] is None:
                 return found[0]
             return f" {int(found[1]) + 1}" + (": " if found[2] else "")

@@ -355,11 +355,11 @@ def prepared(
     if not isinstance(parameters, Mapping):
         words = 'must map names to numbers, such as {"gravity": 3.71}'
         raise TypeError(f"parameters {words}, not {type(parameters).__name__}")
-    given = {**defaults, **parameters}
-    unknown = [name for name in given if name not in defaults]
+    numbers = {**defaults, **parameters}
+    unknown = [name for name in numbers if name not in defaults]
     if unknown:
         raise ValueError("; ".join(_unknown(name, defaults, folded) for name in unknown[:5]))
-    values = {name: _finite(name, value) for name, value in given.items()}
+    values = {name: _finite(name, value) for name, value in numbers.items()}
     shapes = {name: value.shape for name, value in values.items() if value.ndim}
     if not shapes:
         return _constants_of_one(compute, {name: float(value) for name, value in values.items()})
@@ -372,9 +372,9 @@ def prepared(
     if not useful.all():
         # One state by itself says what is wrong with it.
         state, words = first_of("state", ~useful)
-        own = {name: float(np.broadcast_to(v, batch)[state]) for name, v in values.items()}
+        one = {name: float(np.broadcast_to(v, batch)[state]) for name, v in values.items()}
         try:
-            _constants_of_one(compute, own)
+            _constants_of_one(compute, one)
         except ValueError as error:
             raise ValueError(f"{words}: {error}") from None
     rest = [constant if np.ndim(constant) else float(constant) for constant in constants[1:]]
@@ -432,7 +432,7 @@ def first_of(kind: str, wrong: NDArray[np.bool_]) -> tuple[tuple[Any, ...], str]
 
 
 def _unknown(name: str, defaults: Mapping[str, float], folded: Sequence[str]) -> str:
-    """What an error says of a name that is no parameter.
+    """The error's words for a name that is no parameter.
 
     Args:
         name, defaults, folded: As of `prepared`.
@@ -485,7 +485,7 @@ def real_numbers(name: str, values: ArrayLike) -> NDArray[np.float64]:
 
 
 def _place_of_no_number(values: ArrayLike) -> str:
-    """Which of many values is not a real number; "" for a single one, or where all are."""
+    """The place of the first of many values that is no real number; "" for one, or if all are."""
     with contextlib.suppress(ValueError):
         array = np.asarray(values, dtype=object)
         wrong = np.zeros(array.shape, dtype=bool)
@@ -691,13 +691,13 @@ class Evaluator:
         with np.errstate(all="ignore"):
             results = compute()
         first = results[0].ndim - 1
-        finite = [np.isfinite(each).all(axis=(*range(first, each.ndim),)) for each in results]
+        finite = [np.isfinite(result).all(axis=(*range(first, result.ndim),)) for result in results]
         if not np.all(finite):
             self._report(function, arguments, np.logical_and.reduce(finite), 5)
         return results
 
     def _differ(self, k: tuple[Any, ...]) -> bool:
-        """Whether constants differ from state to state. Raises TypeError for another module's."""
+        """True if constants differ from state to state. Raises TypeError for another module's."""
         alike = isinstance(k, tuple) and len(k) == len(self._default)
         kinds = {*map(type, k)} if alike else {type(k)}
         if alike and kinds <= {float}:

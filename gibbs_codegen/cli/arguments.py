@@ -15,7 +15,7 @@ from gibbs_codegen.figures import FORMATS
 from gibbs_codegen.files.shipped import shipped_names
 from gibbs_codegen.version import __version__
 
-# What may stand before brackets in --vary; the functions of these names in `sweeps.cases`.
+# Names that may stand before brackets in --vary; the functions of these names in `sweeps.cases`.
 DISTRIBUTIONS = ("uniform", "normal", "log_uniform", "scaled", "together")
 
 _PLACES = (
@@ -150,8 +150,8 @@ def _add_figures(parser: Parser, without: str) -> None:
 def _formats(text: str) -> list[str]:
     names = text.split(",")
     if unknown := [name for name in names if name not in FORMATS]:
-        known = ", ".join(FORMATS)
-        raise argparse.ArgumentTypeError(f"unknown format {unknown[0]!r}; known: {known}")
+        choices = ", ".join(FORMATS)
+        raise argparse.ArgumentTypeError(f"unknown format {unknown[0]!r}; known: {choices}")
     return names
 
 

@@ -79,18 +79,18 @@ def _repeat(options: argparse.Namespace, kept: str) -> None:
     arguments.add_kept(parser)
     options.repeats = ""
     try:
-        found, unknown = parser.parse_known_args(kept.split())
+        taken, unknown = parser.parse_known_args(kept.split())
     except argparse.ArgumentError:
         return
-    if gone := [name for name in found.target or () if name not in TARGETS]:
+    if gone := [name for name in taken.target or () if name not in TARGETS]:
         print(
             f"The module was generated with --target {' --target '.join(map(printable, gone))}, "
             "which this version does not have; it goes on without.",
             file=sys.stderr,
         )
-        found.target = [name for name in found.target if name in TARGETS]
+        taken.target = [name for name in taken.target if name in TARGETS]
         kept = re.sub(rf"--target[= ](?:{'|'.join(map(re.escape, gone))})(?!\S)", "", kept)
-    for name, value in vars(found).items():
+    for name, value in vars(taken).items():
         if not unknown and value is not None and getattr(options, name) is None:
             setattr(options, name, value)
             written = rf"--{name.replace('_', '-')}(?:[= ][^-]\S*)?(?!\S)"

@@ -60,7 +60,7 @@ def run(options: argparse.Namespace) -> int:
             word = printable(name + sign + value, 80)
             raise UsageError(f"{word}: after FILE come arguments of xacro as NAME:=VALUE")
     wanted = replace(wanted, arguments={name: value for name, _, value in pairs})
-    arms = [_attachment(each) for each in options.attach or ()]
+    arms = [_attachment(attachment) for attachment in options.attach or ()]
     if is_robot_file(path):
         _check_robot_file(path, options)
     robot, findings = joined(path, wanted, arms)
@@ -70,8 +70,8 @@ def run(options: argparse.Namespace) -> int:
     out = Path(options.out or f"{robot.name}.toml")
     write_new_file(out, text, options.force)
     table = plain_table("", "done", "what", "how", show_header=False)
-    for kind, found in itertools.groupby(in_order(findings), key=lambda line: line.kind):
-        lines = [*found]
+    for kind, group in itertools.groupby(in_order(findings), key=lambda line: line.kind):
+        lines = [*group]
         for line, shown in zip(lines[:_SHOWN], (kind, *[""] * _SHOWN), strict=False):
             table.add_row(
                 shown, Text(printable(line.subject, 60)), Text(printable(line.detail, MOST_TOLD))

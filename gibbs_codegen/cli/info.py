@@ -45,7 +45,7 @@ from gibbs_codegen.robot.wrenches import DIRECTIONS
 if TYPE_CHECKING:
     from gibbs_codegen.flight.analysis.reachable_wrenches import ReachableWrenches
 
-# Of more rotors the first are listed; --json has them all.
+# The first rotors are listed where there are more; --json has them all.
 _MOST_LISTED = 16
 
 
@@ -70,16 +70,16 @@ def run(options: argparse.Namespace) -> int:
 
 def _machine_facts(robot: Robot) -> dict[str, Any]:
     """Masses, hover, warnings, links, rotors and frames, in values that JSON can hold."""
-    base, whole, found = base_properties(robot), whole_properties(robot), hover(robot)
-    reach = _reach(robot, found)
-    commands = None if found.thrusts is None else hover_commands(robot, found.thrusts)
+    base, whole, balance = base_properties(robot), whole_properties(robot), hover(robot)
+    reach = _reach(robot, balance)
+    commands = None if balance.thrusts is None else hover_commands(robot, balance.thrusts)
     margins = None if reach is None or reach.margins is None else reach.margins.tolist()
     return {
         "mass": robot.total_mass,
         "base": asdict(base)
-        | {"offset": float(np.hypot(base.com[0], base.com[1])), "hover": found.thrusts},
+        | {"offset": float(np.hypot(base.com[0], base.com[1])), "hover": balance.thrusts},
         "machine": asdict(whole)
-        | {"thrust_margin": found.margin, "hover_commands": commands and asdict(commands)}
+        | {"thrust_margin": balance.margin, "hover_commands": commands and asdict(commands)}
         | {"wrench_margins": margins and dict(zip(DIRECTIONS, margins, strict=True))},
         "warnings": [*filter(None, [lopsided(robot)]), *implausible(robot)],
         "link_list": [
@@ -119,20 +119,20 @@ def _machine_facts(robot: Robot) -> dict[str, Any]:
             for frame in frames_of(robot)
         ],
         "constraints": [
-            {"name": own.name, "type": own.kind, "frame": own.frame, "to": own.to}
-            | {"xyz": list(own.anchor.xyz), "rows": list(ROWS[own.holds])}
-            for own in robot.constraints
+            {"name": held.name, "type": held.kind, "frame": held.frame, "to": held.to}
+            | {"xyz": list(held.anchor.xyz), "rows": list(ROWS[held.holds])}
+            for held in robot.constraints
         ],
     }
 
 
-def _reach(robot: Robot, found: Hover) -> ReachableWrenches | None:
-    """What the rotors can add to hovering with joints at zero; None without thrusts or limits.
+def _reach(robot: Robot, balance: Hover) -> ReachableWrenches | None:
+    """Wrenches that rotors can add to hovering with joints at zero; None without thrusts or limits.
 
     Only rotors that stand in the file by themselves have limits, so the base is not the paper's.
     """
     limits = [bounds for drive in robot.drives if (bounds := drive.thrust_limits)]
-    if not limits or len(limits) < robot.rotors or found.thrusts is None:
+    if not limits or len(limits) < robot.rotors or balance.thrusts is None:
         return None
     # With `flight` and SciPy, which robots without limits do without.
     from gibbs_codegen.flight.analysis.reachable_wrenches import (
@@ -142,7 +142,7 @@ def _reach(robot: Robot, found: Hover) -> ReachableWrenches | None:
     )
 
     columns = about(wrench_matrix(robot), np.array(whole_properties(robot).com))
-    thrusts = np.array(found.thrusts)
+    thrusts = np.array(balance.thrusts)
     return ReachableWrenches(robot.name, CENTRE_OF_MASS, columns, np.transpose(limits), thrusts)
 
 
@@ -159,15 +159,15 @@ def _print_machine(robot: Robot, data: dict[str, Any], console: Console) -> None
     where = "arm 1's axes" if by_rule else "the base's axes"
     properties = columns.values()
     rows = [
-        ["mass", *(number(found.mass) for found in properties)],
-        ["centre of mass", *(_listed(found.com) for found in properties)],
-        ["xx, yy, zz", *(_listed(found.inertia[:3]) for found in properties)],
-        ["xy, xz, yz", *(_listed(found.inertia[3:]) for found in properties)],
+        ["mass", *(number(part.mass) for part in properties)],
+        ["centre of mass", *(_listed(part.com) for part in properties)],
+        ["xx, yy, zz", *(_listed(part.inertia[:3]) for part in properties)],
+        ["xy, xz, yz", *(_listed(part.inertia[3:]) for part in properties)],
     ]
     title = f"\nMasses, in {where} (kg, m, kg m² about the centre of mass)"
     print_table(plain_table(title, "", *columns, rows=rows), console)
-    found = replace(hover(robot, margin=False), margin=data["machine"]["thrust_margin"])
-    lines = hover_lines(robot, found)
+    balance = replace(hover(robot, margin=False), margin=data["machine"]["thrust_margin"])
+    lines = hover_lines(robot, balance)
     if margins := data["machine"]["wrench_margins"]:
         from gibbs_codegen.flight.analysis.reachable_wrenches import CENTRE_OF_MASS, margin_lines
 
@@ -234,17 +234,17 @@ def _part_tables(robot: Robot, data: dict[str, Any]) -> Iterator[Table]:
     yield plain_table("\nFrames", "frame", "on", "position, m", "roll, pitch, yaw, °", rows=rows)
     rows = [
         [
-            *(own["name"], own["type"], own["frame"], own["to"] or "world"),
-            *(_short(own["xyz"]), ", ".join(own["rows"])),
+            *(row["name"], row["type"], row["frame"], row["to"] or "world"),
+            *(_short(row["xyz"]), ", ".join(row["rows"])),
         ]
-        for own in data["constraints"]
+        for row in data["constraints"]
     ]
     names = ("constraint", "type", "frame", "anchor on", "at, m", "rows")
     yield plain_table("\nConstraints", *names, rows=rows)
 
 
 def _command(rotor: dict[str, Any]) -> str:
-    """What a rotor is commanded, with its limits, such as "speed 100 … 900 rad/s"."""
+    """The command of a rotor with its limits, such as "speed 100 … 900 rad/s"."""
     if rotor["command"] == "thrust":
         return "thrust"
     unit = "rad/s" if rotor["command"] == "speed" else ""
@@ -383,8 +383,8 @@ def _chain_table(robot: Robot, data: dict[str, Any]) -> Table:
     for chain in data["chains"]:
         rod = [str(chain["rod"])] if chain["rod"] else []
         bodies = [*virtual, root, *rod, *(_link(robot, i) for i in chain["path"])]
-        own = [*rod, *(_link(robot, i) for i in chain["own"])]
-        massive = [root, *own] if chain["has_core"] else own
+        carried = [*rod, *(_link(robot, i) for i in chain["own"])]
+        massive = [root, *carried] if chain["has_core"] else carried
         table.add_row(
             str(chain["number"]),
             " → ".join(bodies),
@@ -397,7 +397,7 @@ def _chain_table(robot: Robot, data: dict[str, Any]) -> Table:
 
 
 def _link(robot: Robot, i: int) -> str:
-    """What a link is called: by its number as an arm, or by its name."""
+    """The label of a link: its number as an arm, or its name."""
     named = robot.links[i - 1].name or not robot.base.rotors
     return link_label(robot, i) if named else str(robot.rotors + i)
 
@@ -426,7 +426,7 @@ def _print_pattern(robot: Robot, data: dict[str, Any], console: Console) -> None
     """Print I_H as a picture: the chain that fills an entry, Σ for several, · for none."""
     unknowns, width = data["hybrid_rows"], len(str(len(data["chains"])))
     room = max(13, *(len(row["unknown"]) for row in unknowns))
-    # Of each line: row, unknown, and a mark for each column.
+    # Each line has row, unknown, and a mark for each column.
     if 5 + room + len(unknowns) * (width + 1) > console.width:
         console.print(f"\nHybrid matrix: wider than {console.width} columns; --json shows it")
         return

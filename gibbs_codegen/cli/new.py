@@ -23,7 +23,7 @@ def run(options: argparse.Namespace) -> int:
     else:
         text = robot_text(paper_family(rotors, 3), name, to_start_from=True)
     write_new_file(path, text)
-    # What begins with a minus sign would be taken for an option.
+    # An argument with a minus sign first would be taken for an option.
     words = ["gibbs-codegen", "generate", *(["--"] if str(path).startswith("-") else []), str(path)]
     command = printable(shlex.join(words), 4000)
     print(f"{printable(path)}: written, for a robot named {name}; edit it, then run: {command}")

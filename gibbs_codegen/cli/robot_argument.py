@@ -1,4 +1,4 @@
-"""What ROBOT may be in every command: a robot file, a robot that ships, or a generated module."""
+"""ROBOT of every command: a robot file, a robot that ships, or a generated module."""
 
 from __future__ import annotations
 
@@ -74,8 +74,8 @@ def find_robot(word: str) -> tuple[Robot, str]:
     except UsageError as error:
         from gibbs_codegen.runtime.load import modules_made
 
-        known = [*modules_made(), *(name for name in os.listdir() if name.endswith(".toml"))]
-        message = f"{error}; nor is there a module of that name in generated/{near(word, known)}"
+        names = [*modules_made(), *(name for name in os.listdir() if name.endswith(".toml"))]
+        message = f"{error}; nor is there a module of that name in generated/{near(word, names)}"
         raise UsageError(message) from None
 
 

@@ -15,12 +15,7 @@ from gibbs_codegen.files.toml import changes_of
 from gibbs_codegen.flight.figures.flight import check_results, write_results
 from gibbs_codegen.flight.record.flight import Flight
 from gibbs_codegen.flight.scenario.file import read_scenario
-from gibbs_codegen.flight.scenario.parts import (
-    PREDICTIVE,
-    WITH_CONSTRAINTS,
-    Control,
-    Impedance,
-)
+from gibbs_codegen.flight.scenario.parts import PREDICTIVE, WITH_CONSTRAINTS, Control, Impedance
 from gibbs_codegen.flight.scenario.walls import Wall
 from gibbs_codegen.runtime.c_library import seconds_waited
 from gibbs_codegen.runtime.load import load
@@ -28,7 +23,7 @@ from gibbs_codegen.runtime.predictive import AT_WALLS, DERIVATIVES
 
 # Limits that the terminal shows of those that a timing reaches.
 _MOST_LIMITS = 12
-# Of inputs that are named; and the share of a limit that is too little to have left it.
+# The most inputs that are named; the share of a limit that is too little to have left it.
 _MOST_NAMES = 12
 _ROUND_OFF = 1e-9
 # Share of a wanted force from which on it counts as reached.
@@ -94,7 +89,7 @@ def run(options: argparse.Namespace) -> int:
 def print_events(flight: Flight, walls: Sequence[Wall]) -> None:
     """Print what walls felt, what collided, and what reached its limits, of a flight."""
     for k, (wall, forces) in enumerate(zip(walls, flight.wall_forces.T, strict=True), start=1):
-        # What is not a number, after control was lost, is not the greatest.
+        # NaN, after control was lost, is not the greatest.
         most = max(range(len(forces)), key=lambda sample: (forces[sample] >= 0.0, forces[sample]))
         words = f"at most {forces[most]:.3g} N, at t = {flight.time[most]:.4g} s; "
         words += f"{forces[-1]:.3g} N at the end"
@@ -133,9 +128,9 @@ def _errors(flight: Flight, samples: slice) -> str:
 
     Such as "base centre 0.02 m, tip 0.01 m, joint theta_8 0.003 rad".
     """
-    found = [f"base centre {max(flight.centre_error[samples]):.2g} m"]
+    clauses = [f"base centre {max(flight.centre_error[samples]):.2g} m"]
     if flight.has_tip:
-        found.append(f"tip {max(flight.tip_error[samples]):.2g} m")
+        clauses.append(f"tip {max(flight.tip_error[samples]):.2g} m")
     joints, rates = flight.layout.q.joints, flight.layout.v.joints
     errors = abs(flight.errors[samples, rates]).max(axis=0)
     named = zip(errors, flight.coordinates[joints], flight.coordinate_units[joints], strict=True)
@@ -144,8 +139,8 @@ def _errors(flight: Flight, samples: slice) -> str:
     of = [joint for joint, has_effort in zip(named, driven, strict=True) if has_effort]
     for unit in sorted({unit for _, _, unit in of}):
         error, joint = max((error, joint) for error, joint, its_unit in of if its_unit == unit)
-        found.append(f"joint {joint} {error:.2g} {unit}")
-    return ", ".join(found)
+        clauses.append(f"joint {joint} {error:.2g} {unit}")
+    return ", ".join(clauses)
 
 
 def _attitude(flight: Flight) -> str:
@@ -156,7 +151,7 @@ def _attitude(flight: Flight) -> str:
 
 
 def _battery(flight: Flight) -> str:
-    """What the battery gave, and for how long a full one gives as much; "" without one."""
+    """The battery's charge and power in a flight, and a full one's endurance; "" without one."""
     if not flight.battery.shape[1]:
         return ""
     (voltage, current), charge = flight.battery.T, flight.actuators[[0, -1], -1]
@@ -172,8 +167,8 @@ def _battery(flight: Flight) -> str:
 def _outside(flight: Flight) -> str:
     """The greatest force from outside on each frame, of wind, payloads, pushes and walls."""
     sizes = np.linalg.norm(flight.frame_wrenches[:, :, :3], axis=2).max(axis=0, initial=0.0)
-    found = [f"{n} {x:.3g} N" for n, x in zip(flight.frames, sizes, strict=False) if x > 0.0]
-    return f"from outside, at most: {printable(', '.join(found), 400)}" if found else ""
+    forces = [f"{n} {x:.3g} N" for n, x in zip(flight.frames, sizes, strict=False) if x > 0.0]
+    return f"from outside, at most: {printable(', '.join(forces), 400)}" if forces else ""
 
 
 def collisions_of(flight: Flight) -> str:
@@ -182,16 +177,16 @@ def collisions_of(flight: Flight) -> str:
     Such as "a link is 0.02 m behind wall 1 at t = 3 s"; empty if none does.
     """
     rotors = zip(flight.input_names, flight.rotor_distances.T, strict=False)
-    found = [("link", f"inside the rim of {name}", values) for name, values in rotors]
+    distances = [("link", f"inside the rim of {name}", values) for name, values in rotors]
     either = "link or rotor" if np.any(flight.disc_radii) else "link"
     walls = enumerate(flight.wall_distances.T, 1)
-    found += [(either, f"behind wall {k}", values) for k, values in walls]
+    distances += [(either, f"behind wall {k}", values) for k, values in walls]
     clauses = []
-    for what, where, values in found:
-        known = np.where(np.isnan(values), np.inf, values)
-        sample = int(known.argmin())
-        if known[sample] < 0.0:
-            far, time = -known[sample], flight.time[sample]
+    for what, where, values in distances:
+        finite = np.where(np.isnan(values), np.inf, values)
+        sample = int(finite.argmin())
+        if finite[sample] < 0.0:
+            far, time = -finite[sample], flight.time[sample]
             clauses.append(f"a {what} is {far:.3g} m {where} at t = {time:.3g} s")
     return "; ".join(clauses)
 

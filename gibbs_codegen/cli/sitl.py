@@ -19,7 +19,7 @@ from gibbs_codegen.flight.autopilots.betaflight import (
 )
 from gibbs_codegen.flight.autopilots.machine import Machine
 from gibbs_codegen.flight.autopilots.px4 import PX4, PX4_RATE
-from gibbs_codegen.flight.autopilots.session import Link, fly
+from gibbs_codegen.flight.autopilots.session import AutopilotLink, fly
 from gibbs_codegen.flight.figures.flight import check_results, write_results
 from gibbs_codegen.flight.scenario.file import read_scenario
 from gibbs_codegen.flight.scenario.parts import WITH_CONSTRAINTS
@@ -75,7 +75,7 @@ def run(options: argparse.Namespace) -> int:
     return int(session.failed)
 
 
-def _link(machine: Machine, options: argparse.Namespace, rate: float | None) -> Link:
+def _link(machine: Machine, options: argparse.Namespace, rate: float | None) -> AutopilotLink:
     """The link to the autopilot that the options ask for; `rate` is the scenario's, Hz."""
     of = (machine.rotors, machine.joints, options.host, options.instance, options.timeout)
     if options.autopilot == "ardupilot":

@@ -27,11 +27,11 @@ from gibbs_codegen.flight.sweeps.sweep import sweep
 
 _MOST_INNER = 2
 _MOST_SHOWN = 60
-# What stands between commas, but for those in quotation marks and square brackets.
+# Text between commas, except commas in quotation marks and square brackets.
 _PART = re.compile(r"""(?:^|,)((?:"[^"]*"|'[^']*'|\[[^\]]*\]|[^,])*)""")
-# Of a measure, the worst flights and the keys that explain most; reasons that are told.
+# The numbers of worst flights and of keys that explain most, for a measure; of reasons shown.
 _WORST, _MOST_KEYS, _MOST_REASONS = 3, 3, 5
-# The least share that is told.
+# The least share that is shown.
 _LEAST = 0.02
 
 
@@ -80,15 +80,15 @@ def run(options: argparse.Namespace) -> int:
 
 
 def varied(text: str, key: str) -> Any:
-    """What a key takes on, from the words of --vary: values with commas, or a function's call.
+    """The values of a key by the words of --vary: values with commas, or a function's call.
 
     Returns a list, or what the function of `gibbs_codegen.flight.sweeps.cases` returns. Raises
     `UsageError`, which names the key, if the words mean nothing.
     """
-    found = re.fullmatch(r"\s*(\w+)\s*\((.*)\)\s*", text, re.DOTALL)
-    if found is None:
+    call = re.fullmatch(r"\s*(\w+)\s*\((.*)\)\s*", text, re.DOTALL)
+    if call is None:
         return _values(text)
-    name, inner = found.groups()
+    name, inner = call.groups()
     shown = f"--vary {printable(key)}={printable(text, _MOST_SHOWN)}"
     if name not in DISTRIBUTIONS:
         raise UsageError(f"{shown}: {name} is not one of {', '.join(DISTRIBUTIONS)}")
@@ -164,11 +164,11 @@ def print_study(study: Study, seconds: float) -> None:
     for measure in study.measures:
         worst = study.worst(measure, _WORST)
         shown = [
-            f"case {each.case} ({each.value:.4g}{', ended early' if each.stopped else ''})"
-            for each in worst
+            f"case {flight.case} ({flight.value:.4g}{', ended early' if flight.stopped else ''})"
+            for flight in worst
         ]
         print(f"  {printable(measure)}: {', '.join(shown) or 'none'}")
-        commands |= {each.case: each.command for each in worst[:1]}
+        commands |= {flight.case: flight.command for flight in worst[:1]}
     for case, command in commands.items():
         print(f"case {case} again:\n  {command}")
 
@@ -195,18 +195,17 @@ def _print_sensitivities(study: Study, console: Console) -> None:
     """Print what each measure depends on most, where anything can be said of it."""
     table = plain_table("what keys explain", "", "alone", "with others", "correlation")
     for measure in study.measures:
-        found = [  # What explains something, and more than chance might.
-            each
-            for each in study.sensitivity(measure)
-            if each.alone > max(each.alone_error, _LEAST)
-            or each.joint > max(each.joint_error, _LEAST)
+        telling = [  # What explains something, and more than chance might.
+            row
+            for row in study.sensitivity(measure)
+            if row.alone > max(row.alone_error, _LEAST) or row.joint > max(row.joint_error, _LEAST)
         ]
-        for number, each in enumerate(found[:_MOST_KEYS]):
+        for number, row in enumerate(telling[:_MOST_KEYS]):
             if number == 0:
                 table.add_row(Text(printable(measure)))  # Text: brackets in names are no markup.
-            shares = (_share(each.alone, each.alone_error), _share(each.joint, each.joint_error))
-            correlation = "" if isnan(each.correlation) else f"{each.correlation:+.2f}"
-            table.add_row(Text(f"  {printable(each.key)}"), *shares, correlation)
+            shares = (_share(row.alone, row.alone_error), _share(row.joint, row.joint_error))
+            correlation = "" if isnan(row.correlation) else f"{row.correlation:+.2f}"
+            table.add_row(Text(f"  {printable(row.key)}"), *shares, correlation)
     if table.row_count:
         console.print()
         console.print(table)

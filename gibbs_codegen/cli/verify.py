@@ -32,32 +32,32 @@ def run(options: argparse.Namespace) -> int:
     with terminal.ended_by_signals(), module as (folder, is_kept):
         with terminal.progress("checking the functions of the module") as progress:
             backends = options.backend or ["numpy", "c"]
-            found = verify(folder, options.states, options.seed, backends, progress)
-        lacking = [b for b in options.backend or () if b not in found.comparisons]
-        passed = found.passed and not lacking
+            checked = verify(folder, options.states, options.seed, backends, progress)
+        lacking = [b for b in options.backend or () if b not in checked.comparisons]
+        passed = checked.passed and not lacking
         if options.json:
-            print(json.dumps(as_data(found) | {"passed": passed}, indent=2))
+            print(json.dumps(as_data(checked) | {"passed": passed}, indent=2))
         else:
             width = terminal.width()
-            print_verification(found, Console(width=width, highlight=False, soft_wrap=False))
+            print_verification(checked, Console(width=width, highlight=False, soft_wrap=False))
             if passed:
                 name = min(str(folder), os.path.relpath(folder), key=len)
-                verdict = f": all {found.count} comparisons within their limits"
+                verdict = f": all {checked.count} comparisons within their limits"
                 shortened = printable(
-                    name if is_kept else found.robot, max(width - len(verdict), 16)
+                    name if is_kept else checked.robot, max(width - len(verdict), 16)
                 )
                 print(shortened + verdict)
             if passed and not is_kept:
                 print("(the module was generated for this and is not kept)")
     if passed:
         return 0
-    lines = [f"back end {b} was asked for: {found.not_done[f'back end {b}']}" for b in lacking]
-    if found.failures:
-        lines.append(f"{len(found.failures)} of {found.count} comparisons failed:")
-        lines += failure_lines(found)
+    lines = [f"back end {b} was asked for: {checked.not_done[f'back end {b}']}" for b in lacking]
+    if checked.failures:
+        lines.append(f"{len(checked.failures)} of {checked.count} comparisons failed:")
+        lines += failure_lines(checked)
     elif not lacking:
         lines.append("nothing could be compared")
-    print(f"gibbs-codegen: {found.robot}: " + "\n".join(lines), file=sys.stderr)
+    print(f"gibbs-codegen: {checked.robot}: " + "\n".join(lines), file=sys.stderr)
     return 1
 
 

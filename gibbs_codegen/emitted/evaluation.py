@@ -1,4 +1,4 @@
-"""How a generated NumPy module takes states, and calls its kernels.
+"""States of a generated NumPy module, and calls of its kernels.
 
 The text of this file stands in every generated module, so it imports nothing but NumPy and the
 standard library. The C back end imports it, and so refuses and reports in the same words.
@@ -191,13 +191,13 @@ class Evaluator:
         with np.errstate(all="ignore"):
             results = compute()
         first = results[0].ndim - 1
-        finite = [np.isfinite(each).all(axis=(*range(first, each.ndim),)) for each in results]
+        finite = [np.isfinite(result).all(axis=(*range(first, result.ndim),)) for result in results]
         if not np.all(finite):
             self._report(function, arguments, np.logical_and.reduce(finite), 5)
         return results
 
     def _differ(self, k: tuple[Any, ...]) -> bool:
-        """Whether constants differ from state to state. Raises TypeError for another module's."""
+        """True if constants differ from state to state. Raises TypeError for another module's."""
         alike = isinstance(k, tuple) and len(k) == len(self._default)
         kinds = {*map(type, k)} if alike else {type(k)}
         if alike and kinds <= {float}:

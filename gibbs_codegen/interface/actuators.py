@@ -12,7 +12,7 @@ from dataclasses import replace
 from gibbs_codegen.interface.rows import Kind, Output, Row, on_request
 
 _OF = "motors, servos and battery of the robot file"
-# What is in the lists that robots have whose modules have a function.
+# Lists that a robot must have for its module to have a function.
 _SOME, _DRIVEN, _STATED = ("COMMANDS",), ("COMMANDS", "ROTORS"), ("ACTUATOR_STATES",)
 
 
@@ -93,18 +93,18 @@ _BY = {
 def _derived(of: str, ending: str, kind: Kind, outputs: tuple[Output, ...], summary: str) -> Row:
     """A row that gives derivatives of a function."""
     row = _ROWS[of]
-    own = replace(row, name=f"{of}_{ending}", source=f"{row.source}, differentiated", details="")
-    return replace(own, outputs=outputs, summary=summary, derivative_of=of, kind=kind, group="")
+    base = replace(row, name=f"{of}_{ending}", source=f"{row.source}, differentiated", details="")
+    return replace(base, outputs=outputs, summary=summary, derivative_of=of, kind=kind, group="")
 
 
 def _jacobian(of: str, *by: str) -> Row:
     """The derivatives of a function by its arguments, with what it returns."""
-    [own] = _ROWS[of].outputs
-    found = tuple(
+    [output] = _ROWS[of].outputs
+    slopes = tuple(
         Output(
-            f"{own.name}_d{y}",
-            own.shape + _BY[y][1],
-            own.unit,
+            f"{output.name}_d{y}",
+            output.shape + _BY[y][1],
+            output.unit,
             f"[{{unit}}], by {_BY[y][0]}",
             f"{of}_d{y}",
             y,
@@ -112,16 +112,18 @@ def _jacobian(of: str, *by: str) -> Row:
         for y in by
     )
     summary = f"What {of} returns, and its derivatives by {', '.join(by)}."
-    return _derived(of, "derivatives", "jacobian", (replace(own, derivation=of), *found), summary)
+    return _derived(
+        of, "derivatives", "jacobian", (replace(output, derivation=of), *slopes), summary
+    )
 
 
 def _parameters(of: str) -> Row:
     """The derivatives of a function by the parameters."""
-    [own] = _ROWS[of].outputs
+    [output] = _ROWS[of].outputs
     words = "[{unit}], each by each of PARAMETERS"
-    found = Output(f"{own.name}_dp", f"{own.shape}p", own.unit, words, f"{of}_dp")
+    derivative = Output(f"{output.name}_dp", f"{output.shape}p", output.unit, words, f"{of}_dp")
     summary = f"Derivatives of what {of} returns by the parameters."
-    return _derived(of, "parameters", "parameters", (found,), summary)
+    return _derived(of, "parameters", "parameters", (derivative,), summary)
 
 
 ACTUATOR_DERIVATIVES = on_request(

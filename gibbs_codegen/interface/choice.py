@@ -1,4 +1,4 @@
-"""Which functions a module has: by default, and by the options that choose others."""
+"""The functions of a module: by default, and by the options that choose others."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ DEFAULT = "default"
 
 
 def default_functions() -> tuple[str, ...]:
-    """What a module has where nothing else is chosen."""
+    """The functions of a module where nothing else is chosen."""
     return tuple(row.name for row in FUNCTIONS.values() if not row.on_request)
 
 
@@ -40,8 +40,8 @@ def _words(functions: Collection[str]) -> list[str]:
     words = []
     for word in (DEFAULT, *GROUPS):
         # Not every robot has those that need something.
-        own = [name for name in group(word) if not FUNCTIONS[name].needs] or group(word)
-        if rest and {*own} <= {*rest}:
+        members = [name for name in group(word) if not FUNCTIONS[name].needs] or group(word)
+        if rest and {*members} <= {*rest}:
             words.append(word)
             rest = [name for name in rest if name not in group(word)]
     return words + rest

@@ -107,16 +107,16 @@ def _jacobian(of: str) -> Row:
         "v": "each of VELOCITIES",
         "u": "each of INPUTS",
     }
-    by, found = [argument for argument in row.arguments if argument in words], []
+    by, outputs = [argument for argument in row.arguments if argument in words], []
     for output in row.outputs:
-        own = replace(output, derivation=output.derivation or of)
-        found += [own] + [
+        before = replace(output, derivation=output.derivation or of)
+        outputs += [before] + [
             Output(
                 f"{output.name}_d{argument}",
                 output.shape + ("u" if argument == "u" else "v"),
                 output.unit,
                 f"[{{unit}}], by {words[argument]}",
-                f"{own.derivation}_d{argument}",
+                f"{before.derivation}_d{argument}",
                 argument,
             )
             for argument in by
@@ -124,7 +124,7 @@ def _jacobian(of: str) -> Row:
     return Row(
         f"{of}_derivatives",
         row.arguments,
-        tuple(found),
+        tuple(outputs),
         f"What {of} returns, and its derivatives by {', '.join(by)}.",
         f"{row.source}, differentiated",
         derivative_of=of,

@@ -1,4 +1,4 @@
-"""What a row of the table of emitted functions is made of: arguments, and outputs with shapes."""
+"""Parts of a row of the table of emitted functions: arguments, and outputs with shapes."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class Argument:
 
     @property
     def is_coordinates(self) -> bool:
-        """Whether its entries are coordinates, a quaternion among them where there is one."""
+        """True if its entries are coordinates, a quaternion among them where there is one."""
         return self.shape == "q"
 
 
@@ -60,7 +60,7 @@ class Output:
 
     @property
     def is_coordinates(self) -> bool:
-        """Whether it is a configuration, a quaternion of unit length in it where there is one."""
+        """True if it is a configuration, a quaternion of unit length in it where there is one."""
         return self.entries == "{coordinates}"
 
     def sizes(self, lengths: Mapping[str, int]) -> tuple[int, ...]:

@@ -38,21 +38,21 @@ def module_signatures(module: Any) -> list[Signature]:
 
 
 def entry_labels(lists: Mapping[str, Sequence[str]], signature: Signature) -> dict[str, list[str]]:
-    """What reports say of the entries of those arguments of a function that they do not know.
+    """Labels, for reports, of the entries of arguments with shapes that reports do not know.
 
     `lists` is as of `signatures`. Of two axes the names are those that the first has, or else the
     second.
     """
-    found = {}
+    labels = {}
     for argument, sizes_of in zip(signature.arguments, signature.argument_shapes, strict=True):
         shape = ARGUMENTS[argument].shape
         if len(shape) == 2 and shape[0] in LISTS:
-            found[argument] = [name for name in lists[LISTS[shape[0]]] for _ in range(sizes_of[1])]
+            labels[argument] = [name for name in lists[LISTS[shape[0]]] for _ in range(sizes_of[1])]
         elif len(shape) == 2:
-            found[argument] = [*lists[LISTS[shape[1]]]] * sizes_of[0]
+            labels[argument] = [*lists[LISTS[shape[1]]]] * sizes_of[0]
         elif shape in OWN_LISTS:
-            found[argument] = [*lists[LISTS[shape]]]
-    return found
+            labels[argument] = [*lists[LISTS[shape]]]
+    return labels
 
 
 def signatures(

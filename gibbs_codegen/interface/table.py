@@ -13,11 +13,7 @@ and l their rows; digits stand for themselves.
 
 from __future__ import annotations
 
-from gibbs_codegen.interface.actuators import (
-    ACTUATOR_DERIVATIVES,
-    ACTUATOR_PARAMETERS,
-    ACTUATORS,
-)
+from gibbs_codegen.interface.actuators import ACTUATOR_DERIVATIVES, ACTUATOR_PARAMETERS, ACTUATORS
 from gibbs_codegen.interface.constraints import CONSTRAINT_DERIVATIVES, CONSTRAINTS
 from gibbs_codegen.interface.derivatives import DERIVATIVES, PARAMETERS, STEPS
 from gibbs_codegen.interface.kinematics import KINEMATICS
@@ -51,7 +47,7 @@ DATA = (
     "PARAMETERS",
     "DERIVATIVES",
 )
-# What a module says of its robot besides; modules of version 0.2.0 and earlier lack it.
+# Further constants of a module about its robot; modules of version 0.2.0 and earlier lack it.
 DESCRIPTION = (
     "FUNCTIONS",
     "INPUT_UNITS",
@@ -272,14 +268,7 @@ _ROWS = (
     Row(
         "forward_dynamics_with_wrenches",
         "qvuW",
-        (
-            Output(
-                "acceleration",
-                "v",
-                ACCELERATIONS,
-                "{accelerations}",
-            ),
-        ),
+        (Output("acceleration", "v", ACCELERATIONS, "{accelerations}"),),
         "Accelerations a of M a = R + B u + the sum of J^T W.",
         "eq. 19, solved for the free coordinates",
         "As forward_dynamics, with wrenches on the frames.",
