@@ -54,15 +54,15 @@ def _gradient(program: Program, by: tuple[str, ...]) -> Program:
     }
     owners = frozenset(by) - frozenset(inputs)
     moving = _moving(program, {inputs[name] for name in by if name in inputs}, owners)
-    found: dict[Node | str, Node] = {}
+    weights_of: dict[Node | str, Node] = {}
     for name, x in program.outputs.items():
         if x in moving:
-            _add(found, x, weights[name])
-    _collect(program, moving, owners, found)
+            _add(weights_of, x, weights[name])
+    _collect(program, moving, owners, weights_of)
     outputs = {}
     for name in by:
         key = inputs.get(name, name)
-        outputs[f"{name}_bar"] = found.get(key) or nodes.zeros(
+        outputs[f"{name}_bar"] = weights_of.get(key) or nodes.zeros(
             *(inputs[name].tangent if name in inputs else _owners(program)[name])
         )
     name = f"{program.name}_gradient_by_{'_'.join(by)}"
@@ -72,14 +72,14 @@ def _gradient(program: Program, by: tuple[str, ...]) -> Program:
 @lru_cache(maxsize=256)
 def _owners(program: Program) -> dict[str, Shape]:
     """Names of the parameters of all whose functions are called, and their shapes."""
-    found: dict[str, Shape] = {}
+    shapes: dict[str, Shape] = {}
     for x in program.nodes:
         match x.operation:
             case nodes.Call(functions):
-                found[f"{functions.owner}_parameters"] = (functions.parameters,)
+                shapes[f"{functions.owner}_parameters"] = (functions.parameters,)
             case nodes.Invocation(inner):
-                found |= _owners(inner)
-    return found
+                shapes |= _owners(inner)
+    return shapes
 
 
 def _moving(program: Program, by: set[Node], owners: frozenset[str]) -> set[Node]:
@@ -103,13 +103,13 @@ def _owned(x: Node, owners: frozenset[str]) -> list[str]:
     return [name for name in owners if name in there]
 
 
-def _add(found: dict[Node | str, Node], x: Node | str, weight: Node) -> None:
+def _add(weights: dict[Node | str, Node], x: Node | str, weight: Node) -> None:
     """Add to the weights of a node, or of parameters."""
-    found[x] = found[x] + weight if x in found else weight
+    weights[x] = weights[x] + weight if x in weights else weight
 
 
 def _collect(
-    program: Program, moving: set[Node], owners: frozenset[str], found: dict[Node | str, Node]
+    program: Program, moving: set[Node], owners: frozenset[str], weights_of: dict[Node | str, Node]
 ) -> None:
     """The weights of all nodes, from the results to the inputs.
 
@@ -123,11 +123,11 @@ def _collect(
         results = siblings[_origin(x)]
         if x is not results[0] or x not in moving or not x.arguments:
             continue
-        weights = {y: found[y] for y in results if y in found}
+        weights = {y: weights_of[y] for y in results if y in weights_of}
         places = [place for place, argument in enumerate(x.arguments) if argument in moving]
         for place, weight in _passed(x, weights, places, _owned(x, owners)) if weights else ():
             if not nodes.is_all(weight, 0.0):
-                _add(found, place if isinstance(place, str) else x.arguments[place], weight)
+                _add(weights_of, place if isinstance(place, str) else x.arguments[place], weight)
 
 
 def _origin(x: Node) -> Any:
@@ -143,7 +143,7 @@ def _origin(x: Node) -> Any:
 def _passed(
     x: Node, weights: dict[Node, Node], places: list[int], parameters: Sequence[str] = ()
 ) -> Iterator[tuple[int | str, Node]]:
-    """What weights of a node, or of the results of a call, are for arguments and parameters."""
+    """Weights for arguments and parameters from those of a node, or of the results of a call."""
     match x.operation:
         case nodes.Call() as call:
             for name in parameters:
@@ -230,10 +230,10 @@ def _of_product(w: Node, arguments: tuple[Node, ...], place: int) -> Node:
     columns = math.prod(other.shape[1:])
     weight = nodes.reshaped(w, (rows, columns))
     if place == 0:
-        found = weight @ nodes.reshaped(other, (inner, columns)).transposed
-        return nodes.reshaped(found, matrix.shape)
-    found = nodes.reshaped(matrix, (rows, inner)).transposed @ weight
-    return nodes.reshaped(found, other.shape)
+        matrix_weight = weight @ nodes.reshaped(other, (inner, columns)).transposed
+        return nodes.reshaped(matrix_weight, matrix.shape)
+    matrix_weight = nodes.reshaped(matrix, (rows, inner)).transposed @ weight
+    return nodes.reshaped(matrix_weight, other.shape)
 
 
 def _of_call(
@@ -279,6 +279,6 @@ def _of_invocation(
     parameters: Sequence[str],
 ) -> Iterator[tuple[int | str, Node]]:
     """Weights of the arguments of a program that was called, given those of its results."""
-    given = [weights.get(name) or nodes.zeros(*x.tangent) for name, x in program.outputs.items()]
+    bars = [weights.get(name) or nodes.zeros(*x.tangent) for name, x in program.outputs.items()]
     inner = gradient(program, (*(program.names[place] for place in places), *parameters))
-    yield from zip((*places, *parameters), inner(*arguments, *given), strict=True)
+    yield from zip((*places, *parameters), inner(*arguments, *bars), strict=True)

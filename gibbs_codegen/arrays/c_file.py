@@ -32,7 +32,7 @@ from gibbs_codegen.version import __version__
 
 # Endings of the names of files that modules have.
 _OF_MODULES = ("batch", "each", "laws", "rollout")
-# What is written by hand, with the paragraphs that others need before them.
+# Functions written by hand, after the paragraphs that they need.
 _BY_HAND = ("numbers.c", "allocation.c", "smallest_thrusts.c")
 _EXTERNALS = frozenset({"nearest_thrusts", "smallest_thrusts", "force_axis"})
 _NAME = re.compile(r"^(?:static [\w *]*?\b(\w+)\(|(?:enum \{ |\} |#define )(\w+))", re.MULTILINE)
@@ -57,7 +57,7 @@ class Structure:
 
 
 @dataclass(frozen=True)
-class Function:
+class CFunction:
     """A program as a function of C: structures for inputs and outputs, which others follow alone.
 
     `words` say what it does; `explained` what inputs and outputs are that no structure has.
@@ -70,7 +70,7 @@ class Function:
 
 
 def c_files(
-    robot: Functions, stem: str, words: str, functions: Sequence[Function], opening: Iterable[str]
+    robot: Functions, stem: str, words: str, functions: Sequence[CFunction], opening: Iterable[str]
 ) -> dict[str, str]:
     """Header and source `stem`.h and .c of programs, by name; `opening` are lines of a comment.
 
@@ -122,7 +122,7 @@ def write_c(
         )
     stem = f"{robot.name}_{program.name}"
     words = words or f"The array program {program.name}."
-    made = [Function(program, words, explained=explained)]
+    made = [CFunction(program, words, explained=explained)]
     texts = c_files(robot, stem, f"{program.name} of {robot.name}.", made, opening(robot))
     for name, text in texts.items():
         with writing(Path(folder) / name):
@@ -131,7 +131,7 @@ def write_c(
 
 
 def opening(robot: Functions, *others: str) -> list[str]:
-    """How files begin that are compiled with a module's functions for one state, and `others`."""
+    """The head of files that are compiled with a module's functions for one state, and `others`."""
     files = " and ".join([f"{robot.name}.c", *others])
     return [
         f"Printed by gibbs_codegen {__version__}; compile it with {files}.",
@@ -139,7 +139,7 @@ def opening(robot: Functions, *others: str) -> list[str]:
     ]
 
 
-def _header(robot: Functions, stem: str, words: str, functions: Sequence[Function]) -> str:
+def _header(robot: Functions, stem: str, words: str, functions: Sequence[CFunction]) -> str:
     guard = f"{stem.upper()}_H"
     kept: dict[str, tuple[Structure, Mapping[str, Node]]] = {}
     for function in functions:
@@ -170,7 +170,7 @@ def _declared(robot: Functions, structure: Structure, values: Mapping[str, Node]
     return "\n".join([f"{comment(structure.words)}typedef struct {{", *lines, f"}} {name};\n"])
 
 
-def _explained(function: Function) -> str:
+def _explained(function: CFunction) -> str:
     """The comment on a function: what it does, and what is no structure."""
     rows = [f"@brief {function.words}"]
     if function.explained:
@@ -197,22 +197,22 @@ def _values(program: Program) -> dict[str, Node]:
     return dict(zip(program.names, program.inputs, strict=True)) | dict(program.outputs)
 
 
-def _heading(robot: Functions, function: Function) -> list[str]:
+def _heading(robot: Functions, function: CFunction) -> list[str]:
     """The lines of a function's type and parameters."""
-    own = {member.value for each in function.structures for member in each.members}
+    held = {member.value for x in function.structures for member in x.members}
     program = function.program
     # With a structure, an output is given back in it.
-    given = [f"const {robot.name}_constants *{owner}" for owner in _owners(program)]
+    declared = [f"const {robot.name}_constants *{owner}" for owner in _owners(program)]
     for structure in function.structures:
         is_output = any(member.value in program.outputs for member in structure.members)
         const = "" if is_output else "const "
-        given.append(f"{const}{robot.name}_{structure.name} *{structure.name}")
+        declared.append(f"{const}{robot.name}_{structure.name} *{structure.name}")
     for name, x in _values(program).items():
-        if name not in own:
+        if name not in held:
             const = "const " if name not in program.outputs and x.shape else ""
             star = "*" if x.shape or name in program.outputs else ""
-            given.append(f"{const}{robot.name}_real {star}{name}")
-    return [f"void {robot.name}_{program.name}(\n    " + ",\n    ".join(given) + ")"]
+            declared.append(f"{const}{robot.name}_real {star}{name}")
+    return [f"void {robot.name}_{program.name}(\n    " + ",\n    ".join(declared) + ")"]
 
 
 def _owners(program: Program) -> list[str]:
@@ -221,7 +221,7 @@ def _owners(program: Program) -> list[str]:
     return ["constants"] if len(owners) == 1 else owners
 
 
-def _source(robot: Functions, stem: str, functions: Sequence[Function]) -> str:
+def _source(robot: Functions, stem: str, functions: Sequence[CFunction]) -> str:
     programs = [*dict.fromkeys(x for f in functions for x in inner_programs(f.program))]
     check_distinct([*programs, *(f.program for f in functions)])
     texts = [CProgram(x, is_plain=True).function() for x in programs]
@@ -264,7 +264,7 @@ def _source(robot: Functions, stem: str, functions: Sequence[Function]) -> str:
     )
 
 
-def _calling(robot: Functions, function: Function) -> list[str]:
+def _calling(robot: Functions, function: CFunction) -> list[str]:
     """The function that users call, which takes structures apart."""
     places = {
         member.value: (structure.name, member.name)
@@ -272,21 +272,21 @@ def _calling(robot: Functions, function: Function) -> list[str]:
         for member in structure.members
     }
     program = CProgram(function.program, is_plain=True)
-    given = _owners(function.program)
+    passed = _owners(function.program)
     for name, x in _values(function.program).items():
         at = "->".join(places[name]) if name in places else name
         is_output = name in function.program.outputs
-        given.append(f"&{at}" if is_output and not x.shape and name in places else at)
+        passed.append(f"&{at}" if is_output and not x.shape and name in places else at)
     return [
         *"".join(_heading(robot, function)).split("\n"),
         "{",
-        f"    {program.name}({', '.join(given)});",
+        f"    {program.name}({', '.join(passed)});",
         "}",
     ]
 
 
 def _needed(text: str) -> str:
-    """What is written by hand, as far as a text needs it, for one state."""
+    """The text written by hand that another needs, for one state."""
     kept: list[str] = []
     paragraphs = [part for name in _BY_HAND for part in _for_one_state(name).split("\n\n")]
     for part in reversed(paragraphs):

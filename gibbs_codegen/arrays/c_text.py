@@ -20,15 +20,10 @@ from functools import cached_property
 from typing import NamedTuple
 
 from gibbs_codegen.arrays import nodes
-from gibbs_codegen.arrays.contents import (
-    check_distinct,
-    externals_of,
-    inner_programs,
-    owners_of,
-)
+from gibbs_codegen.arrays.contents import check_distinct, externals_of, inner_programs, owners_of
 from gibbs_codegen.arrays.functions import Functions
 from gibbs_codegen.arrays.nodes import Node, Program, Shape, diagonal_of, numbers_of
-from gibbs_codegen.arrays.text import PRODUCT, SUM, WHOLE, Names, Text, call_of, infix
+from gibbs_codegen.arrays.text import PRODUCT, SUM, WHOLE, NodeNames, Text, call_of, infix
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.interface import FUNCTIONS
 
@@ -53,7 +48,7 @@ Index = Sequence[str | int]
 
 
 class View(NamedTuple):
-    """Where entries of a node are: an array in C, the first entry, and how far axes go.
+    """The place of a node's entries: an array in C, the first entry, and how far axes go.
 
     If it `has_lanes`, an entry is `lanes` reals, one for each state.
     """
@@ -92,7 +87,7 @@ def _place(offset: int, strides: Iterable[int], index: Index) -> str:
 
 
 def _strides(shape: Shape) -> tuple[int, ...]:
-    """How far axes go in entries that are stored row by row."""
+    """Strides of axes in entries that are stored row by row."""
     return tuple(math.prod(shape[axis + 1 :]) for axis in range(len(shape)))
 
 
@@ -112,7 +107,7 @@ class CProgram:
     It is text for one state and for blocks, or if it `is_plain` for one state alone.
     """
 
-    # What stands before loops whose rounds do not depend on each other.
+    # The line before loops whose rounds do not depend on each other.
     before_loops: tuple[str, ...] = ()
 
     def __init__(
@@ -130,16 +125,16 @@ class CProgram:
         self.owners = owners_of(program) if owners is None else list(owners)
         self.is_plain = is_plain
         self.has_context = bool(externals_of(program)) and not is_plain
-        own = {*program.names, *program.outputs}
-        self._letters = [letter for letter in _INDICES if letter not in own]
-        self._summed_letter = next((x for x in _SUMMED if x not in own), "summed")
-        self._names = Names(program, {*_RESERVED, *_INDICES, *_SUMMED})
+        taken = {*program.names, *program.outputs}
+        self._letters = [letter for letter in _INDICES if letter not in taken]
+        self._summed_letter = next((x for x in _SUMMED if x not in taken), "summed")
+        self._names = NodeNames(program, {*_RESERVED, *_INDICES, *_SUMMED})
         self._indices: dict[str, int] = {}
         self._uniform: dict[Node, bool] = {}
         self._tables: dict[Node, None] = {}
         self._copies = 0
 
-    # What is computed where it is read, and what has a place of its own.
+    # Nodes that are computed where they are read, and nodes with a place of their own.
 
     @cached_property
     def results(self) -> set[Node]:
@@ -156,7 +151,7 @@ class CProgram:
         return View(array, 0, _strides(x.shape))
 
     def _is_kept(self, x: Node) -> bool:
-        """Whether a node has an array, and not a variable."""
+        """True if a node has an array, and not a variable."""
         return bool(x.shape)
 
     def _is_inlined(self, x: Node) -> bool:
@@ -178,32 +173,32 @@ class CProgram:
         return isinstance(reader.operation, nodes.Elementary) and reader.shape == x.shape
 
     def _is_added(self, x: Node, reader: Node) -> bool:
-        """Whether a node is added to others in a statement of its own."""
+        """True if a node is added to others in a statement of its own."""
         if _name_of(reader) != "add" or reader.shape != x.shape:
             return False
         return not self._is_inlined(reader) or self._is_added(reader, self.readers[reader][0])
 
     def _is_piece(self, x: Node) -> bool:
-        """Whether a node is a number that one vector has as its entry."""
+        """True if a node is a number that one vector has as its entry."""
         readers = self.readers[x]
         joined = len(readers) == 1 and isinstance(readers[0].operation, nodes.Joining)
         return joined and isinstance(x.operation, nodes.Reshaping) and x not in self.results
 
     def uniform(self, x: Node) -> bool:
-        """Whether all states share a value: what functions return differs from state to state."""
+        """True if all states share a value; results of functions differ from state to state."""
         if self.is_plain:
             return True
         if x not in self._uniform:
             match x.operation:
                 case nodes.Input():
-                    found = x.is_uniform
+                    uniform = x.is_uniform
                 case nodes.Call() | nodes.Solution():
-                    found = False
+                    uniform = False
                 case nodes.Invocation(program, name):
-                    found = CProgram(program).uniform(program.outputs[name])
+                    uniform = CProgram(program).uniform(program.outputs[name])
                 case _:
-                    found = all(map(self.uniform, x.arguments))
-            self._uniform[x] = found
+                    uniform = all(map(self.uniform, x.arguments))
+            self._uniform[x] = uniform
         return self._uniform[x]
 
     def base(self, x: Node) -> Node:
@@ -213,14 +208,14 @@ class CProgram:
         return x
 
     def _is_copied(self, x: Node) -> bool:
-        """Whether a reshaping needs entries in another order than they are there."""
+        """True if a reshaping needs entries in another order than they are there."""
         if not isinstance(x.operation, nodes.Reshaping):
             return False
         inner = x.arguments[0]
         return not self._is_in_rows(inner)
 
     def _is_in_rows(self, x: Node) -> bool:
-        """Whether entries are stored row by row."""
+        """True if entries are stored row by row."""
         match x.operation:
             case nodes.Transposition():
                 return False
@@ -229,7 +224,7 @@ class CProgram:
         return True
 
     def is_computed(self, x: Node) -> bool:
-        """Whether a statement computes a node."""
+        """True if a statement computes a node."""
         if x in self.inlined or isinstance(x.operation, nodes.Input | nodes.Constant):
             return False
         return self.base(x) is x
@@ -251,18 +246,18 @@ class CProgram:
             if self.is_computed(x):
                 is_alone = self.is_plain and isinstance(x.operation, nodes.Elementary)
                 groups.setdefault((not is_alone and call_of(x)) or x, []).append(x)
-        waiting, done, found = list(groups.values()), set[Node](), []
+        waiting, done, statements = list(groups.values()), set[Node](), []
         while waiting:
             group = waiting.pop(0)
             if self._is_sum(group[0]):
                 others = [other for other in waiting if self._goes_with(other[0], group, done)]
                 waiting = [other for other in waiting if other not in others]
             done |= set(group)
-            found.append(group)
-        return found
+            statements.append(group)
+        return statements
 
     def _is_sum(self, x: Node) -> bool:
-        """Whether entries of an array are computed one by one."""
+        """True if entries of an array are computed one by one."""
         if _name_of(x) in _ANGLES and not self.is_plain:
             return False
         return isinstance(x.operation, nodes.Elementary | nodes.Product) and self._is_kept(x)
@@ -280,7 +275,7 @@ class CProgram:
         return True
 
     def _are_there(self, x: Node, group: list[Node], done: set[Node]) -> bool:
-        """Whether all that an entry of a node reads is computed, or is where the entry will be."""
+        """True if all that an entry of a node reads is computed, or is where the entry will be."""
         return all(
             self._are_there(y, group, done)
             if y in self.inlined
@@ -290,50 +285,48 @@ class CProgram:
 
     @cached_property
     def when(self) -> dict[Node, int]:
-        """Which statement computes a node."""
+        """The number of the statement that computes a node."""
         return {x: number for number, group in enumerate(self.statements) for x in group}
 
     @cached_property
     def places(self) -> dict[Node, View]:
-        """Where computed arrays are kept."""
-        found: dict[Node, View] = {}
+        """The places of computed arrays."""
+        places: dict[Node, View] = {}
         for name, x in self.program.outputs.items():
-            self._place(x, self._in_rows(name, x), found)
+            self._place(x, self._in_rows(name, x), places)
         for x in reversed(self.program.nodes):
-            if isinstance(x.operation, nodes.Joining) and x not in found and self.is_computed(x):
-                self._place(x, self._in_rows(self._names.of(x), x), found)
+            if isinstance(x.operation, nodes.Joining) and x not in places and self.is_computed(x):
+                self._place(x, self._in_rows(self._names.of(x), x), places)
         for x in self.when:
-            if x not in found and self._is_kept(x):
-                found[x] = self._in_rows(self._names.of(x), x)
-        return found
+            if x not in places and self._is_kept(x):
+                places[x] = self._in_rows(self._names.of(x), x)
+        return places
 
-    def _place(self, x: Node, at: View, found: dict[Node, View]) -> None:
+    def _place(self, x: Node, at: View, places: dict[Node, View]) -> None:
         """Let a node be computed where it is wanted, and what is joined where it is joined."""
         match x.operation:
             case nodes.Entries() | nodes.Coordinates():
-                self._place(x.arguments[0], at, found)
+                self._place(x.arguments[0], at, places)
             case nodes.Transposition(axes):
                 strides = dict(zip(axes, at.strides, strict=True))
                 turned = tuple(strides[axis] for axis in sorted(axes))
-                self._place(x.arguments[0], at._replace(strides=turned), found)
+                self._place(x.arguments[0], at._replace(strides=turned), places)
             case nodes.Reshaping() if at.strides == _strides(x.shape) and not self._is_copied(x):
                 inner = at._replace(strides=_strides(x.arguments[0].shape))
-                self._place(x.arguments[0], inner, found)
-            case _ if self.is_computed(x) and self._is_kept(x) and x not in found:
+                self._place(x.arguments[0], inner, places)
+            case _ if self.is_computed(x) and self._is_kept(x) and x not in places:
                 if at.strides != _strides(x.shape) and not self._can_be_apart(x):
                     return
-                found[x] = at
+                places[x] = at
                 pieces = x.arguments if isinstance(x.operation, nodes.Joining) else ()
                 offset = at.offset
                 for piece in pieces:
                     if self.uniform(piece) == self.uniform(x):
-                        self._place(piece, at._replace(offset=offset), found)
+                        self._place(piece, at._replace(offset=offset), places)
                     offset += piece.shape[0] * at.strides[0]
 
     def _can_be_apart(self, x: Node) -> bool:
-        """Whether rows of a node can be apart: functions and looks at it row by row need them side
-        by side.
-        """
+        """True if rows of a node can be apart: functions and views need them side by side."""
         is_written = isinstance(x.operation, nodes.Total | nodes.Joining) or self._is_sum(x)
         return is_written and not self._is_reshaped(x)
 
@@ -347,7 +340,7 @@ class CProgram:
     @cached_property
     def arrays(self) -> dict[str, Storage]:
         """Arrays of numbers that are kept between statements, with their places in the room."""
-        found: dict[str, Storage] = {}
+        storages: dict[str, Storage] = {}
         outputs = set(self.program.outputs)
         last = dict(self.when)
         for number, group in enumerate(self.statements):
@@ -365,20 +358,20 @@ class CProgram:
             array = self.places[x].array if x in self.places else ""
             if not array or array in outputs or not self._is_in_room(x):
                 continue
-            storage = found.setdefault(array, Storage(sizes[array], number, last[x]))
+            storage = storages.setdefault(array, Storage(sizes[array], number, last[x]))
             storage.first = min(storage.first, number)
             storage.last = max(storage.last, last[x])
-        _settle(list(found.values()))
-        return found
+        _settle(list(storages.values()))
+        return storages
 
     def _is_in_room(self, x: Node) -> bool:
-        """Whether an array between statements is in the room, where others take its place."""
+        """True if an array between statements is in the room, where others take its place."""
         return self.is_plain or not self.uniform(x)
 
     # Text of entries.
 
     def view(self, x: Node) -> View:
-        """Where the entries of a node are that is no expression."""
+        """The place of the entries of a node that is no expression."""
         match x.operation:
             case nodes.Input(name):
                 return self._in_rows(name, x)
@@ -428,8 +421,8 @@ class CProgram:
     def expression(self, x: Node, index: Index) -> Text:
         """An entry of an elementary function."""
         operands = [self._spread(argument, x, index) for argument in x.arguments]
-        if found := infix(x, operands):
-            return found
+        if text := infix(x, operands):
+            return text
         name, terms = _name_of(x), [operand.text for operand in operands]
         if self.is_plain and name in _ANGLES:
             return Text(f"LIBRARY({name})({terms[0]})")
@@ -451,7 +444,7 @@ class CProgram:
     def _assignment(
         self, target: View, x: Node, wanted: bool = False
     ) -> Callable[[Index], list[str]]:
-        """What gives the entry of an index its value; `wanted` is as of `entry`."""
+        """The assignment to the entry of an index; `wanted` is as of `entry`."""
         return lambda index: [f"{target.entry(index)} = {self.entry(x, index, wanted)};"]
 
     def pointer(self, x: Node, lines: list[str], wanted_uniform: bool = False) -> str:
@@ -460,8 +453,8 @@ class CProgram:
             return "0"
         uniform = self.uniform(x)
         base = self.base(x)
-        known = numbers_of(base)
-        spread = known is not None and (known == known.flat[0]).all()
+        numbers = numbers_of(base)
+        spread = numbers is not None and (numbers == numbers.flat[0]).all()
         there = self._is_kept(base) and not spread and x not in self.inlined
         if uniform == wanted_uniform and there:
             at = self.view(x)
@@ -527,9 +520,7 @@ class CProgram:
                     [
                         (output.name, shape, self.is_plain)
                         for output, shape in zip(
-                            FUNCTIONS[name].outputs,
-                            functions.signatures[name].shapes,
-                            strict=True,
+                            FUNCTIONS[name].outputs, functions.signatures[name].shapes, strict=True
                         )
                     ],
                 )
@@ -539,8 +530,8 @@ class CProgram:
                     inner.name,
                     [*(["context"] if inner.has_context else []), *inner.owners],
                     [
-                        (y, own.is_uniform or self.is_plain)
-                        for y, own in zip(x.arguments, program.inputs, strict=True)
+                        (y, taken.is_uniform or self.is_plain)
+                        for y, taken in zip(x.arguments, program.inputs, strict=True)
                     ],
                     {_output_of(y): y for y in group},
                     [(name, y.shape, inner.uniform(y)) for name, y in program.outputs.items()],
@@ -556,7 +547,7 @@ class CProgram:
                 )
 
     def _function(self, functions: Functions, name: str) -> tuple[str, list[str]]:
-        """What calls a function of a module, and what it is given before its arguments."""
+        """The text that calls a function of a module, and its arguments before those of its row."""
         function = f"{functions.name}_{name}"
         return function if self.is_plain else f"EACH({function})", [functions.owner]
 
@@ -564,18 +555,18 @@ class CProgram:
         return "real" if self.uniform(x) else "number"
 
     def _entries(self, group: Sequence[Node]) -> list[str]:
-        """What computes nodes of one shape, entry by entry."""
+        """The text that computes nodes of one shape, entry by entry."""
         bodies = [self._entry_lines(x) for x in group]
         if not self._is_kept(group[0]):
             return bodies[0](())
 
         def body(index: Index) -> list[str]:
-            return [line for each in bodies for line in each(index)]
+            return [line for lines_at in bodies for line in lines_at(index)]
 
         return self._loops(group[0].shape, body, self.uniform(group[0]))
 
     def _entry_lines(self, x: Node) -> Callable[[Index], list[str]]:
-        """What computes an entry of a node."""
+        """The text that computes an entry of a node."""
         is_kept, kind = self._is_kept(x), self._kind(x)
         declared = f"const {kind} {self._names.of(x)}"
         terms, products = self._terms(x)
@@ -599,15 +590,15 @@ class CProgram:
         terms: list[Node] = []
         products: list[Node] = []
         for y in x.arguments if _name_of(x) == "add" else ():
-            own, added = self._terms(y) if y in self.inlined else ([], [])
-            terms += own if added else [y]
+            inner_terms, added = self._terms(y) if y in self.inlined else ([], [])
+            terms += inner_terms if added else [y]
             products += added
         return terms, products
 
     def _summands(self, x: Node, index: Index, terms: Sequence[Node]) -> list[str]:
         """Terms of an entry that is a sum, from left to right."""
-        found = [self._spread(y, x, index) for y in terms]
-        return [text.within(PRODUCT if place else SUM) for place, text in enumerate(found)]
+        summands = [self._spread(y, x, index) for y in terms]
+        return [text.within(PRODUCT if place else SUM) for place, text in enumerate(summands)]
 
     def _summed(
         self, x: Node, index: Index, terms: Sequence[Node], products: Sequence[Node]
@@ -632,10 +623,7 @@ class CProgram:
         """A term of an entry of a product."""
         left, right = x.arguments
         lead = len(left.shape) - 1
-        one, two = (
-            self._entry(left, [*index[:lead], k]),
-            self._entry(right, [k, *index[lead:]]),
-        )
+        one, two = (self._entry(left, [*index[:lead], k]), self._entry(right, [k, *index[lead:]]))
         return f"{one.within(PRODUCT)} * {two.within(WHOLE)}"
 
     def _total(self, x: Node) -> list[str]:
@@ -696,7 +684,7 @@ class CProgram:
         function: str,
         first: Sequence[str],
         arguments: Iterable[tuple[Node, bool]],
-        found: dict[str, Node],
+        results: dict[str, Node],
         outputs: Iterable[tuple[str, Shape, bool]],
         by_hand: bool = False,
     ) -> Iterator[str]:
@@ -705,29 +693,29 @@ class CProgram:
         What is written by hand takes arrays of either.
         """
         lines: list[str] = []
-        given = [*first]
+        passed = [*first]
         for x, is_uniform in arguments:
             if not self._is_kept(x):
-                given.append(self.entry(x, (), wanted=not is_uniform))
+                passed.append(self.entry(x, (), wanted=not is_uniform))
             else:
                 text = self.pointer(x, lines, is_uniform)
                 kind = "shared" if is_uniform else "of_each"
-                given.append(f"{kind}({text})" if by_hand else text)
+                passed.append(f"{kind}({text})" if by_hand else text)
         for name, shape, is_uniform in outputs:
             kind = "real" if is_uniform else "number"
-            if name not in found:
+            if name not in results:
                 self._copies += 1
                 unused = f"unused_{self._copies}"
                 lines.append(self._declaration(unused, math.prod(shape), is_uniform))
-                given.append(unused)
-            elif not self._is_kept(found[name]):
-                variable = self._names.of(found[name])
+                passed.append(unused)
+            elif not self._is_kept(results[name]):
+                variable = self._names.of(results[name])
                 lines.append(f"{kind} {variable};")
-                given.append(f"&{variable}")
+                passed.append(f"&{variable}")
             else:
-                given.append(self.places[found[name]].first)
+                passed.append(self.places[results[name]].first)
         yield from lines
-        yield f"{function}({', '.join(given)});"
+        yield f"{function}({', '.join(passed)});"
 
     def _declaration(self, name: str, size: int, is_uniform: bool) -> str:
         """The declaration of an array of so many entries."""
@@ -737,14 +725,14 @@ class CProgram:
 
     def parameters(self) -> list[str]:
         """Declarations of what the function is given, in their order."""
-        found = ["const void *const *context"] if self.has_context else []
-        found += [f"const Constants *{owner}" for owner in self.owners]
+        declared = ["const void *const *context"] if self.has_context else []
+        declared += [f"const Constants *{owner}" for owner in self.owners]
         for name, x in zip(self.program.names, self.program.inputs, strict=True):
             kind = "real" if x.is_uniform or self.is_plain else "number"
-            found.append(f"{kind} {name}" if x.shape == () else f"const {kind} *{name}")
+            declared.append(f"{kind} {name}" if x.shape == () else f"const {kind} *{name}")
         for name, x in self.program.outputs.items():
-            found.append(f"{'real' if self.uniform(x) else 'number'} *{name}")
-        return found
+            declared.append(f"{'real' if self.uniform(x) else 'number'} *{name}")
+        return declared
 
     def body(self) -> list[str]:
         """Statements of the function."""
@@ -755,14 +743,14 @@ class CProgram:
                 lines.append(f"*{name} = {self.entry(x, ())};")
             elif not self._is_there(x, target):
                 lines += self._loops(x.shape, self._assignment(target, x), self.uniform(x))
-        given = dict(zip(self.program.names, self.program.inputs, strict=True))
-        unread = [name for name, x in given.items() if x.size and x not in self.readers]
-        empty = [name for name, x in (given | dict(self.program.outputs)).items() if not x.size]
+        inputs = dict(zip(self.program.names, self.program.inputs, strict=True))
+        unread = [name for name, x in inputs.items() if x.size and x not in self.readers]
+        empty = [name for name, x in (inputs | dict(self.program.outputs)).items() if not x.size]
         unused = [f"(void){name};" for name in (*unread, *empty)]
         return [*unused, *self._declared(), *lines]
 
     def _is_there(self, x: Node, target: View) -> bool:
-        """Whether entries of a node are computed where they are wanted."""
+        """True if entries of a node are computed where they are wanted."""
         return self.base(x) in self.places and self.view(x) == target
 
     def _declared(self) -> list[str]:
@@ -837,7 +825,7 @@ def c_functions(programs: Sequence[Program], prefix: str = "", storage: str = ""
     return lines
 
 
-# What text of a program has for itself, but for functions that are written by hand.
+# Names that the text of a program defines, except functions that are written by hand.
 _RESERVED = frozenset((*_FUNCTIONS.values(), "sum", "room", "context", "solve", "same"))
 _RESERVED |= {"real", "number", "constants", "Constants"}
 _KEYWORDS = """
@@ -871,7 +859,7 @@ def _diagonal(index: Index, shift: int, value: float) -> str:
 
 
 def _inner(x: Node) -> int:
-    """How many terms an entry of a product has."""
+    """The number of terms in an entry of a product."""
     return x.arguments[0].shape[-1]
 
 

@@ -1,4 +1,4 @@
-"""What a program calls and invokes, with what is in the programs that it invokes."""
+"""Calls and invocations of a program, with those in the programs that it invokes."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ Operation = TypeVar("Operation")
 
 def inner_programs(program: Program) -> list[Program]:
     """The programs that a program invokes, each after those that it invokes itself."""
-    found: dict[Program, None] = {}
+    programs: dict[Program, None] = {}
     for x in program.nodes:
         if isinstance(x.operation, Invocation):
             for inner in (*inner_programs(x.operation.program), x.operation.program):
-                found[inner] = None
-    return list(found)
+                programs[inner] = None
+    return list(programs)
 
 
 def nodes_of(program: Program, kind: type[Operation]) -> Iterator[tuple[Node, Operation]]:

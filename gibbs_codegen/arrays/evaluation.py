@@ -19,13 +19,13 @@ from gibbs_codegen.arrays.nodes import Node, Program, Shape
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.interface import FUNCTIONS
 
-# What computes a function of a name from its arguments.
+# Modules by owner, whose functions compute calls.
 Modules = Mapping[str, Any]
 Externals = Mapping[str, Callable[..., Any]]
 
 
 class Given(NamedTuple):
-    """What differs from call to call beside inputs: constants by owner, and externals by name."""
+    """Values of a call beside inputs: constants by owner, and externals by name."""
 
     constants: Mapping[str, Any]
     externals: Externals
@@ -61,12 +61,12 @@ class Evaluation:
         self.modules = modules
         self._prepared: dict[Program, _Prepared] = {}
 
-    def program(self, program: Program, arguments: Sequence[Any], given: Given) -> dict[str, Any]:
+    def program(self, program: Program, arguments: Sequence[Any], call: Given) -> dict[str, Any]:
         """The outputs for arrays in the order of the inputs."""
         prepared = self._prepared.get(program)
         if prepared is None:
             prepared = self._prepared[program] = self._prepare(program)
-        values = [given, *arguments]
+        values = [call, *arguments]
         for step in prepared.steps:
             values.append(step(values))
         return {name: values[place] for name, place in prepared.outputs.items()}
@@ -99,7 +99,7 @@ class Evaluation:
         return _Prepared(steps, {name: places[x] for name, x in program.outputs.items()})
 
     def step(self, x: Node) -> Step:
-        """How the value of a node is computed."""
+        """The step that computes the value of a node."""
         match x.operation:
             case nodes.Call(functions, name, output):
                 module = _given(self.modules, functions.owner, "module")
@@ -111,7 +111,7 @@ class Evaluation:
             case nodes.External(name):
                 return Step(_external(name), x.arguments, is_given=True)
             case nodes.Entries() | nodes.Coordinates():
-                return Step(lambda given: given, x.arguments, x.arguments[0])
+                return Step(lambda value: value, x.arguments, x.arguments[0])
             case _:
                 shapes = [argument.shape for argument in x.arguments]
                 return Step(self.array(x, shapes), x.arguments)
@@ -121,10 +121,10 @@ class Evaluation:
         inside = set(program.nodes)
         read = [x in inside for x in program.inputs]
 
-        def function(given: Given, *found: Any) -> dict[str, Any]:
-            values = iter(found)
+        def function(call: Given, *values_read: Any) -> dict[str, Any]:
+            values = iter(values_read)
             arguments = [next(values) if is_read else None for is_read in read]
-            return self.program(program, arguments, given)
+            return self.program(program, arguments, call)
 
         reads = tuple(itertools.compress(arguments, read))
         return Step(function, reads, (program, arguments), name, True)
@@ -135,15 +135,15 @@ class Evaluation:
         return function
 
     def array(self, x: Node, shapes: list[Shape]) -> Callable[..., Any]:
-        """What computes a node that is no call, of values of these shapes."""
+        """The function that computes a node that is no call, from values of these shapes."""
         raise NotImplementedError
 
 
 def _with_constants(function: Callable[..., Any], owner: str) -> Callable[..., Any]:
     """A function of a module with the constants of an owner, or those of the robot file."""
 
-    def called(given: Given, *arguments: Any) -> Any:
-        constants = given.constants.get(owner)
+    def called(call: Given, *arguments: Any) -> Any:
+        constants = call.constants.get(owner)
         if constants is None:
             return function(*arguments)
         return function(*arguments, constants=constants)
@@ -152,8 +152,8 @@ def _with_constants(function: Callable[..., Any], owner: str) -> Callable[..., A
 
 
 def _external(name: str) -> Callable[..., Any]:
-    """What is written by hand, as it is given."""
-    return lambda given, *arguments: _given(given.externals, name, "external function")(*arguments)
+    """A function written by hand, as the caller gives it."""
+    return lambda call, *arguments: _given(call.externals, name, "external function")(*arguments)
 
 
 def _reading(function: Callable[..., Any], places: Sequence[int]) -> Callable[[list[Any]], Any]:
@@ -167,7 +167,7 @@ def _reading(function: Callable[..., Any], places: Sequence[int]) -> Callable[[l
 
 
 def _given(things: Mapping[str, Any], name: str, what: str) -> Any:
-    """What the caller gives under a name that the program has."""
+    """The caller's value under a name that the program has."""
     if name not in things:
         raise UsageError(f"no {what} is given for {name!r}")
     return things[name]
@@ -192,7 +192,7 @@ class _Batches(Evaluation):
                 lacking = [len(x.shape) - len(shape) for shape in shapes]
                 if not any(lacking):
                     return function
-                return lambda *given: function(*map(_spread, given, lacking))
+                return lambda *values: function(*map(_spread, values, lacking))
             case nodes.Product():
                 left, right = shapes
                 flat = (math.prod(left[:-1]), left[-1]), (right[0], math.prod(right[1:]))
@@ -203,34 +203,34 @@ class _Batches(Evaluation):
                 )
             case nodes.Solution():
                 wide = (*shapes[1], 1)[:2]
-                return lambda matrix, given: shaped(
-                    xp.linalg.solve(matrix, shaped(given, shapes[1], wide)), wide, x.shape
+                return lambda matrix, other: shaped(
+                    xp.linalg.solve(matrix, shaped(other, shapes[1], wide)), wide, x.shape
                 )
             case nodes.Transposition(order):
 
-                def transposed(given: Any) -> Any:
-                    lead = given.ndim - len(order)
-                    return xp.transpose(given, (*range(lead), *(lead + axis for axis in order)))
+                def transposed(array: Any) -> Any:
+                    lead = array.ndim - len(order)
+                    return xp.transpose(array, (*range(lead), *(lead + axis for axis in order)))
 
                 return transposed
             case nodes.Reshaping():
-                return lambda given: shaped(given, shapes[0], x.shape)
+                return lambda entries: shaped(entries, shapes[0], x.shape)
             case nodes.Part(begin, end):
                 return operator.itemgetter(
                     (..., slice(begin, end), *[slice(None)] * (len(x.shape) - 1))
                 )
             case nodes.Joining():
 
-                def joined(*given: Any) -> Any:
-                    lead = np.broadcast_shapes(*(a.shape[: a.ndim - len(x.shape)] for a in given))
+                def joined(*arrays: Any) -> Any:
+                    lead = np.broadcast_shapes(*(a.shape[: a.ndim - len(x.shape)] for a in arrays))
                     full = [(*lead, *shape) for shape in shapes]
-                    pieces = [xp.broadcast_to(a, f) for a, f in zip(given, full, strict=True)]
+                    pieces = [xp.broadcast_to(a, f) for a, f in zip(arrays, full, strict=True)]
                     return xp.concatenate(pieces, -len(x.shape))
 
                 return joined
             case nodes.Total(axes):
                 summed = tuple(axis - len(x.shape) for axis in axes)
-                return lambda given: xp.sum(given, summed, keepdims=True)
+                return lambda terms: xp.sum(terms, summed, keepdims=True)
         raise UsageError(f"{x} is no node of an array program")
 
 
@@ -267,7 +267,7 @@ class _OneState(_Batches):
     """Arrays of NumPy without leading axes, of which much less is to be asked."""
 
     def step(self, x: Node) -> Step:
-        found = super().step(x)
+        step = super().step(x)
         match x.operation:
             case nodes.Reshaping() if not x.shape:
                 whole, first = x.arguments[0], 0
@@ -278,7 +278,7 @@ class _OneState(_Batches):
                 return Step(operator.itemgetter(place), (whole,))
             case nodes.Joining() if len(x.shape) == 1:
                 return Step(_joined, tuple(map(_number, x.arguments)))
-        return found
+        return step
 
     def function(self, module: Any, name: str, x: Node) -> Callable[..., Any]:
         match x.operation:
@@ -303,9 +303,9 @@ class _OneState(_Batches):
             case nodes.Part(begin, end):
                 return operator.itemgetter(slice(begin, end))
             case nodes.Joining():
-                return lambda *given: np.concatenate(given)
+                return lambda *arrays: np.concatenate(arrays)
             case nodes.Reshaping():
-                return lambda given: given.reshape(x.shape)
+                return lambda array: array.reshape(x.shape)
         return super().array(x, shapes)
 
 
@@ -325,12 +325,12 @@ def _joined(*pieces: Any) -> Any:
 def _of_one_state(function: Callable[..., Any], axes: Sequence[int]) -> Callable[..., Any]:
     """A function whose results have so many axes, or it refuses."""
 
-    def checked(*given: Any, **named: Any) -> Any:
-        found = function(*given, **named)
-        for array, count in zip(found if len(axes) > 1 else (found,), axes, strict=True):
+    def checked(*values: Any, **named: Any) -> Any:
+        results = function(*values, **named)
+        for array, count in zip(results if len(axes) > 1 else (results,), axes, strict=True):
             if array.ndim != count:
                 raise _SeveralStatesError
-        return found
+        return results
 
     return checked
 
@@ -383,14 +383,14 @@ class Evaluator:
         """The outputs for arrays by the names of the inputs."""
         named = _inputs(self._program, inputs)
         arrays = [_array(self._xp, inputs, name, x) for name, x in named]
-        given = Given(constants or {}, externals or {})
+        call = Given(constants or {}, externals or {})
         axes = [len(x.shape) for x in self._program.inputs]
         if self._one is not None and all(x.ndim == n for x, n in zip(arrays, axes, strict=True)):
             try:
-                return self._one.program(self._program, [x[()] for x in arrays], given)
+                return self._one.program(self._program, [x[()] for x in arrays], call)
             except _SeveralStatesError:
                 pass  # Constants have leading axes.
-        return self._batches.program(self._program, arrays, given)
+        return self._batches.program(self._program, arrays, call)
 
 
 def _inputs(program: Program, inputs: Mapping[str, Any]) -> zip[tuple[str, Node]]:
@@ -415,9 +415,9 @@ class _Casadi(Evaluation):
     """Matrices of CasADi's MX. Of more axes the last is in columns, the others are in rows."""
 
     def array(self, x: Node, shapes: list[Shape]) -> Callable[..., Any]:
-        return lambda *given: self.value(x, shapes, given)
+        return lambda *values: self.value(x, shapes, values)
 
-    def value(self, x: Node, shapes: list[Shape], given: Sequence[Any]) -> Any:
+    def value(self, x: Node, shapes: list[Shape], values: Sequence[Any]) -> Any:
         """The value of a node that is no call."""
         import casadi
 
@@ -426,30 +426,30 @@ class _Casadi(Evaluation):
             case nodes.Constant(data):
                 return casadi.DM(np.frombuffer(data).reshape(rows, columns))
             case nodes.Elementary(name):
-                pairs = zip(given, shapes, strict=True)
-                given = [a if a.is_scalar() else _spread_rows(a, s, x.shape) for a, s in pairs]
-                return _CASADI[name](casadi)(*given)
+                pairs = zip(values, shapes, strict=True)
+                values = [a if a.is_scalar() else _spread_rows(a, s, x.shape) for a, s in pairs]
+                return _CASADI[name](casadi)(*values)
             case nodes.Product():
                 left, right = shapes
-                one = _row_major(given[0], math.prod(left[:-1]), left[-1])
-                two = _row_major(given[1], right[0], math.prod(right[1:]))
+                one = _row_major(values[0], math.prod(left[:-1]), left[-1])
+                two = _row_major(values[1], right[0], math.prod(right[1:]))
                 return _row_major(casadi.mtimes(one, two), rows, columns)
             case nodes.Solution():
-                return casadi.solve(*given)
+                return casadi.solve(*values)
             case nodes.Transposition(axes):
                 places = np.arange(x.size).reshape(shapes[0]).transpose(axes)
-                return _gathered(given[0], places, rows, columns)
+                return _gathered(values[0], places, rows, columns)
             case nodes.Reshaping():
-                return _row_major(given[0], rows, columns)
+                return _row_major(values[0], rows, columns)
             case nodes.Part(begin, end):
                 width = math.prod(shapes[0][1:-1])
-                return given[0][begin * width : end * width, :]
+                return values[0][begin * width : end * width, :]
             case nodes.Joining():
-                return casadi.vertcat(*given)
+                return casadi.vertcat(*values)
             case nodes.Total(axes):
-                places = np.arange(given[0].numel()).reshape(shapes[0])
+                places = np.arange(values[0].numel()).reshape(shapes[0])
                 places = np.moveaxis(places, axes, range(-len(axes), 0)).reshape(x.size, -1)
-                summed = casadi.sum2(_gathered(given[0], places, *places.shape))
+                summed = casadi.sum2(_gathered(values[0], places, *places.shape))
                 return _row_major(summed, rows, columns)
         raise UsageError(f"{x} is no node of an array program")
 

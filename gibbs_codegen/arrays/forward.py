@@ -104,8 +104,8 @@ def along(program: Program, by: Iterable[str], name: str) -> Program:
         else nodes.zeros(*x.tangent)
         for output, x in program.outputs.items()
     }
-    given = (*program.inputs, *directions.values())
-    return _from_derivatives(Program(name, given, outputs, dict(program.labels)))
+    inputs_and_directions = (*program.inputs, *directions.values())
+    return _from_derivatives(Program(name, inputs_and_directions, outputs, dict(program.labels)))
 
 
 def _units(x: Node) -> Node:
@@ -114,17 +114,17 @@ def _units(x: Node) -> Node:
     return nodes.reshaped(nodes.constant(np.eye(columns)), (*x.tangent, columns))
 
 
-def _derivatives(program: Program, found: dict[Node, Node]) -> dict[Node, Node]:
-    """Derivatives of all nodes that depend on inputs, along the directions `found` of these."""
-    columns = next(iter(found.values())).shape[-1]
+def _derivatives(program: Program, derivatives: dict[Node, Node]) -> dict[Node, Node]:
+    """Derivatives of all nodes that depend on inputs, from those of the inputs themselves."""
+    columns = next(iter(derivatives.values())).shape[-1]
     for x in program.nodes:
-        inner = {place: found[y] for place, y in enumerate(x.arguments) if y in found}
-        if inner and x not in found:
+        inner = {place: derivatives[y] for place, y in enumerate(x.arguments) if y in derivatives}
+        if inner and x not in derivatives:
             terms = [term for term in _terms(x, inner) if not nodes.is_all(term, 0.0)]
             if terms:
-                found[x] = sum(terms[1:], terms[0])
-                assert found[x].shape == (*x.tangent, columns)  # noqa: S101 - see `_terms`
-    return found
+                derivatives[x] = sum(terms[1:], terms[0])
+                assert derivatives[x].shape == (*x.tangent, columns)  # noqa: S101 - see `_terms`
+    return derivatives
 
 
 def _terms(x: Node, inner: dict[int, Node]) -> list[Node]:
@@ -195,12 +195,12 @@ def _product_with(call: nodes.Call, name: str, x: Node, inner: dict[int, Node]) 
         nodes.reshaped(inner[place], y.tangent) if place in inner else nodes.zeros(*y.tangent)
         for place, y in enumerate(x.arguments)
     ]
-    (found,) = call.functions.outputs(name, *x.arguments, *directions)
-    return nodes.reshaped(found, (*x.tangent, 1))
+    (product,) = call.functions.outputs(name, *x.arguments, *directions)
+    return nodes.reshaped(product, (*x.tangent, 1))
 
 
 def _has_derivative(call: nodes.Call) -> bool:
-    """Whether the module has the derivatives of a function by matrices."""
+    """True if the module has the derivatives of a function by matrices."""
     return derivative(call.name, "jacobian") in call.functions.signatures
 
 
@@ -208,14 +208,14 @@ def _poses_along(call: nodes.Call, x: Node, direction: Node) -> Node:
     """Poses move along a direction as they would at that velocity: twists take few operations."""
     move = nodes.reshaped(direction, (direction.shape[0],))
     (twists,) = call.functions.outputs("frame_velocities", *x.arguments, move)
-    found = []
+    matrices = []
     for k in range(x.shape[0]):
         axes = x[k][:3].transposed
         columns = [nodes.cross(twists[k][3:], axes[j]) for j in range(3)]
         rows = [nodes.reshaped(y, (1, 3)) for y in (*columns, twists[k][:3])]
         matrix = nodes.join(nodes.join(*rows).transposed, nodes.zeros(1, 4))
-        found.append(nodes.reshaped(matrix, (1, 4, 4)))
-    return nodes.reshaped(nodes.join(*found), (*x.shape, 1))
+        matrices.append(nodes.reshaped(matrix, (1, 4, 4)))
+    return nodes.reshaped(nodes.join(*matrices), (*x.shape, 1))
 
 
 def _moved(slopes: dict[int, Node], inner: dict[int, Node]) -> Node:

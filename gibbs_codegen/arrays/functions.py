@@ -6,15 +6,7 @@ from collections.abc import Callable
 from functools import partial
 from typing import Any
 
-from gibbs_codegen.arrays.nodes import (
-    Call,
-    Node,
-    Space,
-    coordinates_of,
-    entries_of,
-    node,
-    variable,
-)
+from gibbs_codegen.arrays.nodes import Call, Node, Space, coordinates_of, entries_of, node, variable
 from gibbs_codegen.errors import MissingFunctionError, UsageError
 from gibbs_codegen.interface import ARGUMENTS, FUNCTIONS, module_signatures
 from gibbs_codegen.interface.choice import options_with
@@ -40,12 +32,12 @@ class Functions:
         self.frames = len(module.FRAMES)
         self.actuator_states = len(getattr(module, "ACTUATOR_STATES", ()))
         self.constraints = len(getattr(module, "CONSTRAINTS", ()))
-        # Of each constraint 1, but 0 where its errors go back to zero.
+        # 1 for each constraint, but 0 where its errors go back to zero.
         self.rigid = [
             float(f"constraint_{name}_frequency" not in module.PARAMETERS)
             for name in getattr(module, "CONSTRAINTS", ())
         ]
-        # Of rotors on which the air acts their numbers, hubs' frames, and what it does to them.
+        # Rotors on which the air acts: their numbers, hubs' frames, and figures of the air.
         inputs, frames = list(module.INPUTS), list(module.FRAMES)
         self.air = [
             (inputs.index(name), frames.index(hub), tuple(numbers))
@@ -161,7 +153,7 @@ class Functions:
         )
 
     def __getattr__(self, name: str) -> Callable[..., Any]:
-        """What calls a function of the table."""
+        """A call of a function of the table."""
         if name not in FUNCTIONS:
             raise AttributeError(name)
         return partial(self._call, name)

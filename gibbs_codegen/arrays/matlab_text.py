@@ -25,7 +25,7 @@ from gibbs_codegen.version import __version__
 _CONTINUED = " ..."
 # Functions that have another name than in NumPy.
 _FUNCTIONS = {"minimum": "min", "maximum": "max", "absolute": "abs", "arctan2": "atan2"}
-# What no variable is called: words, and functions that the text calls.
+# Names that no variable may have: words, and functions that the text calls.
 _TAKEN = """
     break case catch continue do else elseif end for function global if otherwise persistent return
     switch try until while abs atan2 choose constants copysign cos count exp eye max min nargin
@@ -65,22 +65,22 @@ class MatlabText(ArrayText):
 
     def __init__(self, program: Program) -> None:
         self.programs = [*inner_programs(program), program]
-        found = (x.operation for part in self.programs for x in part.nodes)
-        owners = (x.functions for x in found if isinstance(x, nodes.Call))
+        operations = (x.operation for part in self.programs for x in part.nodes)
+        owners = (x.functions for x in operations if isinstance(x, nodes.Call))
         self.packages = {functions.owner: functions.name for functions in owners}
         self.reserved = (*_TAKEN.split(), *self.packages.values(), *(x.name for x in self.programs))
         super().__init__(program)
 
     def lines(self) -> list[str]:
         """Statements, of which the last give the outputs their values."""
-        found = []
+        lines = []
         for words, targets, value in self.statements():
-            found += textwrap.wrap(words, WIDTH - INDENT, initial_indent="% ") if words else []
+            lines += textwrap.wrap(words, WIDTH - INDENT, initial_indent="% ") if words else []
             left = targets[0] if len(targets) == 1 else f"[{', '.join(targets)}]"
-            found += continued(f"{left} = {value};")
+            lines += continued(f"{left} = {value};")
         for name, value in zip(self.program.outputs, self.results(), strict=True):
-            found += continued(f"{name} = {value};") if name != value else []
-        return found
+            lines += continued(f"{name} = {value};") if name != value else []
+        return lines
 
     def function(self, opening: Iterable[str] = ()) -> str:
         """The program as a function of MATLAB, whose body some lines open."""
@@ -89,11 +89,11 @@ class MatlabText(ArrayText):
 
     @property
     def heading(self) -> str:
-        """How the function is called."""
+        """The call of the function."""
         outputs = [*self.program.outputs]
         results = outputs[0] if len(outputs) == 1 else f"[{', '.join(outputs)}]"
-        given = [*self.program.names, *self.constants(self.program)]
-        return f"{results} = {self.program.name}({', '.join(given)})"
+        arguments = [*self.program.names, *self.constants(self.program)]
+        return f"{results} = {self.program.name}({', '.join(arguments)})"
 
     def constants(self, program: Program) -> list[str]:
         """Names of the constants that a program within this one is given."""
@@ -105,7 +105,7 @@ class MatlabText(ArrayText):
         return super()._is_named(x) or (is_other and self._is_indexed(x))
 
     def _is_indexed(self, x: Node) -> bool:
-        """Whether rows or columns are taken of a node, which no expression has in MATLAB."""
+        """True if rows or columns are taken of a node, which no expression has in MATLAB."""
         if isinstance(x.operation, nodes.Part) or self._gives_columns(x):
             return False
         return any(
@@ -116,7 +116,7 @@ class MatlabText(ArrayText):
         )
 
     def _gives_columns(self, x: Node) -> bool:
-        """Whether a node is a transposed matrix whose rows are read as columns alone."""
+        """True if a node is a transposed matrix whose rows are read as columns alone."""
         readers = self.readers.get(x, [])
         is_turned = isinstance(x.operation, nodes.Transposition) and bool(readers)
         return is_turned and all(
@@ -132,36 +132,36 @@ class MatlabText(ArrayText):
 
     def operation(self, x: Node) -> Text:
         """An operation as MATLAB has it."""
-        given = [self.expression(y) for y in x.arguments]
+        texts = [self.expression(y) for y in x.arguments]
         shapes = [y.shape for y in x.arguments]
-        listed = ", ".join(text.text for text in given)
+        listed = ", ".join(text.text for text in texts)
         match x.operation:
             case nodes.Constant():
                 return _literal(x)
             case nodes.Elementary(name):
                 return Text(f"{_FUNCTIONS.get(name, name)}({listed})")
             case nodes.Product():
-                return self.product(x, *given)
+                return self.product(x, *texts)
             case nodes.Solution():
-                return Text(f"{given[0].within(WHOLE)} \\ {given[1].within(WHOLE)}", PRODUCT)
+                return Text(f"{texts[0].within(WHOLE)} \\ {texts[1].within(WHOLE)}", PRODUCT)
             case nodes.Part(begin, end):
-                return Text(f"{given[0].text}({_range(begin, end)}{self.rest(x.shape)})")
+                return Text(f"{texts[0].text}({_range(begin, end)}{self.rest(x.shape)})")
             case nodes.Transposition(axes):
                 return self.turned(x, axes)
             case nodes.Reshaping():
-                return _by_rows(given[0], shapes[0], x.shape)
+                return _by_rows(texts[0], shapes[0], x.shape)
             case nodes.Joining():
-                return Text(f"[{'; '.join(text.text for text in given)}]")
+                return Text(f"[{'; '.join(text.text for text in texts)}]")
             case nodes.Total(axes):
-                text = given[0].text
+                text = texts[0].text
                 for axis in axes:
                     text = f"sum({text}, {axis + 1})"
                 return Text(text)
             case nodes.Call(functions, name):
-                called = [*(text.text for text in given), self._constants_of(functions.owner)]
+                called = [*(text.text for text in texts), self._constants_of(functions.owner)]
                 return Text(f"{functions.name}.{name}({', '.join(called)})")
             case nodes.Invocation(program):
-                called = [*(text.text for text in given), *self.constants(program)]
+                called = [*(text.text for text in texts), *self.constants(program)]
                 return Text(f"{program.name}({', '.join(called)})")
         raise UsageError(f"{self.program.name}: {x} is not written in MATLAB")
 
@@ -169,7 +169,7 @@ class MatlabText(ArrayText):
         return "constants" if len(self.packages) == 1 else f"{owner}_constants"
 
     def rest(self, shape: Shape) -> str:
-        """What an index says of axes behind the first."""
+        """The index for axes behind the first."""
         return ", :" * (len(shape) - 1)
 
     def product(self, x: Node, one: Text, two: Text) -> Text:
@@ -182,10 +182,10 @@ class MatlabText(ArrayText):
             first = f"reshape({one.text}, [], {left[-1]})"
         if len(right) > 2:
             second = f"reshape({two.text}, {right[0]}, [])"
-        found = Text(f"{first} * {second}", PRODUCT)
+        text = Text(f"{first} * {second}", PRODUCT)
         if (len(left), len(right)) in ((1, 1), (2, 1), (2, 2)):
-            return found
-        return Text(f"reshape({found.text}, {_sizes(x.shape)})")
+            return text
+        return Text(f"reshape({text.text}, {_sizes(x.shape)})")
 
     def turned(self, x: Node, axes: tuple[int, ...]) -> Text:
         """A transposed array: columns of a matrix, or matrices side by side."""
@@ -250,7 +250,7 @@ class MatlabPages(MatlabText):
         return Text(f"{self._product}({one.text}, {two.text})")
 
     def rest(self, shape: Shape) -> str:
-        """What an index says of axes behind the first, of which states are one."""
+        """The index for axes behind the first, one of which has the states."""
         return ", :" * len(shape)
 
 
@@ -262,11 +262,11 @@ def _sizes(shape: Shape) -> str:
     return ", ".join(map(str, (*shape, 1, 1)[: max(2, len(shape))]))
 
 
-def _by_rows(given: Text, shape: Shape, wanted: Shape) -> Text:
+def _by_rows(entries: Text, shape: Shape, wanted: Shape) -> Text:
     """The same entries, row by row, in another shape."""
     if (*shape, 1, 1)[:2] == (*wanted, 1, 1)[:2] and max(len(shape), len(wanted)) < 3:
-        return given
-    text = given.text
+        return entries
+    text = entries.text
     if sum(size != 1 for size in shape) > 1:
         text = f"permute({text}, [{' '.join(map(str, range(len(shape), 0, -1)))}])"
     if sum(size != 1 for size in wanted) < 2:

@@ -45,13 +45,13 @@ class Space:
 
     @property
     def has_quaternion(self) -> bool:
-        """Whether entries of coordinates and of displacements differ."""
+        """True if entries of coordinates and of displacements differ."""
         return self.coordinates != self.velocities
 
 
 @dataclass(frozen=True)
 class Input:
-    """What the caller of a program gives, by its name."""
+    """An argument of a program, by its name."""
 
     name: str
 
@@ -82,7 +82,7 @@ class Invocation:
 
 @dataclass(frozen=True)
 class External:
-    """What is written by hand in every language.
+    """A function written by hand in every language.
 
     `formula` gives, for its size, a program of its arguments and its result whose value is the
     result, and whose derivatives by the arguments are its own; None where it has no derivatives.
@@ -201,12 +201,12 @@ class Node:
     def __getitem__(self, rows: slice | int) -> Node:
         if not self.shape:
             raise UsageError("a number has no parts")
-        found = range(self.shape[0])[rows]
-        if isinstance(found, int):
-            return reshaped(part(self, found, found + 1), self.shape[1:])
-        if found.step != 1:
+        selected = range(self.shape[0])[rows]
+        if isinstance(selected, int):
+            return reshaped(part(self, selected, selected + 1), self.shape[1:])
+        if selected.step != 1:
             raise UsageError("a part of an array has its entries side by side")
-        return part(self, found.start, found.start + len(found))
+        return part(self, selected.start, selected.start + len(selected))
 
     def __add__(self, other: Value) -> Node:
         return elementary("add", self, other)
@@ -252,10 +252,10 @@ def node(
     uniform = all(x.is_uniform for x in arguments) if is_uniform is None else is_uniform
     key = (operation, tuple(map(id, arguments)), shape, space, uniform)
     with _LOCK:
-        found = _NODES.get(key)
-        if found is None:
-            found = _NODES[key] = Node(operation, arguments, shape, space, uniform)
-    return found
+        known_node = _NODES.get(key)
+        if known_node is None:
+            known_node = _NODES[key] = Node(operation, arguments, shape, space, uniform)
+    return known_node
 
 
 def variable(name: str, *shape: int, uniform: bool = False, space: Space | None = None) -> Node:
@@ -288,12 +288,12 @@ def numbers_of(x: Node) -> np.ndarray | None:
 
 def _all_numbers(arguments: Sequence[Node]) -> list[np.ndarray] | None:
     """The numbers of all arguments, if all are constants."""
-    found = [numbers for x in arguments if (numbers := numbers_of(x)) is not None]
-    return found if len(found) == len(arguments) else None
+    constants = [numbers for x in arguments if (numbers := numbers_of(x)) is not None]
+    return constants if len(constants) == len(arguments) else None
 
 
 def is_all(x: Node, value: float) -> bool:
-    """Whether a node is a constant of which every entry is a value."""
+    """True if a node is a constant of which every entry is a value."""
     numbers = numbers_of(x)
     return numbers is not None and bool(np.all(numbers == value))
 
@@ -309,7 +309,7 @@ def diagonal_of(x: Node) -> tuple[int, float] | None:
 
 
 def _is_identity(x: Node) -> bool:
-    """Whether a node is a constant that is the identity matrix."""
+    """True if a node is a constant that is the identity matrix."""
     return diagonal_of(x) == (0, 1.0) and x.shape[0] == x.shape[1]
 
 
@@ -342,7 +342,7 @@ def elementary(name: str, *values: Value) -> Node:
 
 
 def _simpler(name: str, arguments: Sequence[Node], shape: Shape) -> Node | None:
-    """What an elementary function is where an argument is zero or one."""
+    """The simpler form of an elementary function where an argument is zero or one, or None."""
     if name not in ("add", "subtract", "multiply", "divide"):
         return None
     one, two = arguments
@@ -363,7 +363,7 @@ def _simpler(name: str, arguments: Sequence[Node], shape: Shape) -> Node | None:
 
 
 def _is_negated(x: Node) -> bool:
-    """Whether a node is minus another of its shape."""
+    """True if a node is minus another of its shape."""
     if x.operation != Elementary("multiply"):
         return False
     factor, other = x.arguments
@@ -566,8 +566,8 @@ def total(x: Node, *axes: int) -> Node:
         raise UsageError(f"total: {x.shape} has not the axes {', '.join(map(str, axes))}")
     kept = tuple(sorted({places[axis] for axis in axes})) if axes else tuple(places)
     shape = tuple(1 if axis in kept else length for axis, length in enumerate(x.shape))
-    found = x if shape == x.shape else node(Total(kept), (x,), shape)
-    return found if axes else reshaped(found, ())
+    summed = x if shape == x.shape else node(Total(kept), (x,), shape)
+    return summed if axes else reshaped(summed, ())
 
 
 def mark(x: Node) -> Node:
@@ -613,12 +613,12 @@ def external(
     *arguments: Node,
     formula: Callable[[int], Program] | None = None,
 ) -> Node:
-    """What is written by hand in every language, as bounded least squares; see `External`."""
+    """A function written by hand in every language, as bounded least squares; see `External`."""
     return node(External(name, formula), arguments, shape)
 
 
 def formula_of(x: Node) -> Node:
-    """What is written by hand, as the result of its formula: with the same derivatives."""
+    """The formula of a function written by hand, with the same result and derivatives."""
     if not isinstance(x.operation, External) or x.operation.formula is None:
         raise UsageError(f"{x} has no derivative")
     return x.operation.formula(x.size)(*x.arguments, x)[0]
@@ -694,11 +694,11 @@ class Program:
     @cached_property
     def readers(self) -> dict[Node, list[Node]]:
         """The nodes that read each node."""
-        found: dict[Node, list[Node]] = {x: [] for x in self.nodes}
+        readers: dict[Node, list[Node]] = {x: [] for x in self.nodes}
         for x in self.nodes:
             for argument in x.arguments:
-                found[argument].append(x)
-        return found
+                readers[argument].append(x)
+        return readers
 
     def __call__(self, *arguments: Node) -> tuple[Node, ...]:
         """The results of other nodes in place of the inputs, in the order of `outputs`."""
@@ -717,9 +717,9 @@ class Program:
             UsageError: If a node has not the shape of its input, or differs from state to state
                 where that does not.
         """
-        for x, own in zip(arguments, self.inputs, strict=True):
-            if (x.shape, x.space) != (own.shape, own.space) or own.is_uniform > x.is_uniform:
-                raise UsageError(f"{self.name}: {x} does not go with its input {own}")
+        for x, inner in zip(arguments, self.inputs, strict=True):
+            if (x.shape, x.space) != (inner.shape, inner.space) or inner.is_uniform > x.is_uniform:
+                raise UsageError(f"{self.name}: {x} does not go with its input {inner}")
         return {
             name: node(Invocation(self, name), arguments, x.shape, x.space, x.is_uniform or None)
             for name, x in self.outputs.items()
@@ -728,15 +728,15 @@ class Program:
 
 def ordered(results: Iterable[Node]) -> list[Node]:
     """All nodes of which results are made, each after its arguments."""
-    found: dict[Node, None] = {}
+    nodes_in_order: dict[Node, None] = {}
     stack = [(x, False) for x in reversed(list(results))]
     while stack:
         x, has_arguments = stack.pop()
-        if x in found:
+        if x in nodes_in_order:
             continue
         if has_arguments:
-            found[x] = None
+            nodes_in_order[x] = None
         else:
             stack.append((x, True))
             stack += [(argument, False) for argument in reversed(x.arguments)]
-    return list(found)
+    return list(nodes_in_order)

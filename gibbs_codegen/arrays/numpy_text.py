@@ -19,11 +19,11 @@ class NumpyText(ArrayText):
 
     def lines(self) -> list[str]:
         """Statements, and one that returns the outputs."""
-        found = []
+        lines = []
         for words, targets, value in self.statements():
-            found += [f"# {words}"] if words else []
-            found.append(f"{', '.join(targets)} = {value}")
-        return [*found, f"return {', '.join(self.results())}"]
+            lines += [f"# {words}"] if words else []
+            lines.append(f"{', '.join(targets)} = {value}")
+        return [*lines, f"return {', '.join(self.results())}"]
 
     def results(self) -> list[str]:
         """Expressions of the outputs; what is zero has the leading axes of another one."""
@@ -48,25 +48,25 @@ class NumpyText(ArrayText):
 
     def operation(self, x: Node) -> Text:
         """An operation as NumPy has it."""
-        given = x.arguments
+        inner = x.arguments
         match x.operation:
             case nodes.Constant():
                 return self._constant(x)
-            case nodes.Product() if len(given[0].shape) == len(given[1].shape) == 2:
-                one, two = map(self.expression, given)
+            case nodes.Product() if len(inner[0].shape) == len(inner[1].shape) == 2:
+                one, two = map(self.expression, inner)
                 return Text(f"{one.within(PRODUCT)} @ {two.within(WHOLE)}", PRODUCT)
-            case nodes.Reshaping() if not given[0].shape:
-                return self._with_axes(given[0], len(x.shape))
+            case nodes.Reshaping() if not inner[0].shape:
+                return self._with_axes(inner[0], len(x.shape))
             case nodes.Part(begin, end):
                 rest = ", :" * (len(x.shape) - 1)
-                return Text(f"{self.expression(given[0]).within(WHOLE)}[..., {begin}:{end}{rest}]")
+                return Text(f"{self.expression(inner[0]).within(WHOLE)}[..., {begin}:{end}{rest}]")
             case nodes.Transposition():
                 return self._transposed(x)
             case nodes.Joining() if len(x.shape) == 2:
-                pieces = [self.expression(piece).text for piece in given]
+                pieces = [self.expression(piece).text for piece in inner]
                 return Text(f"_joined(-2, {', '.join(pieces)})")
             case nodes.Call(_, name):
-                arguments = [self.expression(y).text for y in given]
+                arguments = [self.expression(y).text for y in inner]
                 return Text(f"{name}({', '.join([*arguments, 'constants'])})")
         raise UsageError(f"{self.program.name}: {x} is not written in NumPy")
 

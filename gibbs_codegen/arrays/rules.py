@@ -28,12 +28,12 @@ def by_arguments(robot: Functions, name: str, by: tuple[str, ...]) -> Program:
     Those of its outputs are there that are no derivatives themselves; the derivatives of these are
     of `gradients_by_arguments`.
     """
-    inputs, given = _arguments(robot, name)
-    outputs = dict(zip(_names(name), map(entries_of, robot.outputs(name, *given)), strict=True))
+    inputs, arguments = _arguments(robot, name)
+    outputs = dict(zip(_names(name), map(entries_of, robot.outputs(name, *arguments)), strict=True))
     values = {y.name: outputs[y.name] for y in FUNCTIONS[name].outputs if not y.by}
     program = Program(name, inputs, values or outputs)
-    found = jacobian(program, by)
-    return Program(found.name, inputs, {**outputs, **found.outputs})
+    derivatives = jacobian(program, by)
+    return Program(derivatives.name, inputs, {**outputs, **derivatives.outputs})
 
 
 def gradients_by_arguments(robot: Functions, name: str, by: tuple[str, ...]) -> Program:
@@ -42,20 +42,20 @@ def gradients_by_arguments(robot: Functions, name: str, by: tuple[str, ...]) -> 
     `name` is that of the function that has the derivatives of f.
     """
     function = FUNCTIONS[name].derivative_of
-    inputs, given = _arguments(robot, function)
+    inputs, arguments = _arguments(robot, function)
     w = variable("w", robot.space.velocities)
     call = derivative(function, "vjp")
     if not call:
         raise UsageError(f"no function of a module gives derivatives of {name} by {by[0]}")
     bars = {
-        x: node(Call(robot, call, place), (*given, w), given[place].tangent)
+        x: node(Call(robot, call, place), (*arguments, w), arguments[place].tangent)
         for place, x in enumerate(FUNCTIONS[function].arguments)
     }
-    found = jacobian(Program(call, (*inputs, w), bars), by).outputs
+    derivatives = jacobian(Program(call, (*inputs, w), bars), by).outputs
     return Program(
         f"{call}_by_{'_'.join(by)}",
         (*inputs, w),
-        {x: y for x, y in found.items() if x not in bars},
+        {x: y for x, y in derivatives.items() if x not in bars},
     )
 
 
@@ -64,8 +64,8 @@ def by_parameters(robot: Functions, name: str) -> Program:
 
     Weights are the last input, and the gradient is the output.
     """
-    inputs, given = _arguments(robot, name)
-    outputs = dict(zip(_names(name), robot.outputs(name, *given), strict=True))
+    inputs, arguments = _arguments(robot, name)
+    outputs = dict(zip(_names(name), robot.outputs(name, *arguments), strict=True))
     return gradient(Program(name, inputs, outputs), f"{robot.owner}_parameters")
 
 

@@ -86,7 +86,7 @@ def call_slopes(call: Call, x: Node, places: Sequence[int]) -> dict[int, Node]:
     fault = f"no function of a module gives derivatives of {row.name} by "
     if not names:
         raise UsageError(f"{fault}{row.arguments[places[0]]}")
-    # Of none of them the module says which option brings the first.
+    # Without any of them, the module says which option brings the first.
     name = next((name for name in names if name in call.functions.signatures), names[0])
     if FUNCTIONS[name].kind == "jvp":
         return {place: _by_products(call, x, place, name) for place in places}
@@ -135,25 +135,25 @@ def _second_slopes(call: Call, x: Node, places: Sequence[int]) -> dict[int, Node
     (value,) = call.functions.outputs(function.name, *arguments)
     first = call_slopes(replace(call, name=function.name, output=0), value, [call.output])
     by_weights = first[call.output].transposed
-    found = {place: by_weights for place in places if place == len(arguments)}
-    if found.keys() == {*places}:
-        return found
+    slopes = {place: by_weights for place in places if place == len(arguments)}
+    if slopes.keys() == {*places}:
+        return slopes
     name = derivative(function.name, "hessian")
     outputs = call.functions.outputs(name, *arguments, w)
     blocks = {y.name: block for y, block in zip(FUNCTIONS[name].outputs, outputs, strict=True)}
     if "hessian" in blocks:
         blocks = _split(blocks["hessian"], function.arguments, [y.tangent[0] for y in arguments])
-    for place in {*places} - found.keys():
+    for place in {*places} - slopes.keys():
         row, column = function.arguments[call.output], function.arguments[place]
         if row + column in blocks:
-            found[place] = blocks[row + column]
+            slopes[place] = blocks[row + column]
         elif column + row in blocks:
-            found[place] = blocks[column + row].transposed
+            slopes[place] = blocks[column + row].transposed
         else:
-            found[place] = zeros(*x.tangent, arguments[place].tangent[0])
+            slopes[place] = zeros(*x.tangent, arguments[place].tangent[0])
         if row == column and arguments[place].space and call.functions.space.has_quaternion:
-            found[place] = found[place] + _commutator(by_weights @ w)
-    return found
+            slopes[place] = slopes[place] + _commutator(by_weights @ w)
+    return slopes
 
 
 def _split(whole: Node, names: Sequence[str], sizes: Sequence[int]) -> dict[str, Node]:

@@ -19,7 +19,7 @@ from gibbs_codegen.interface import FUNCTIONS
 _SAME = (nodes.Entries, nodes.Coordinates)
 _LOOKS = (*_SAME, nodes.Part, nodes.Transposition, nodes.Reshaping)
 _CALLS = (nodes.Call, nodes.Invocation, nodes.External, nodes.Solution)
-# How tightly parts of an expression hold together.
+# Precedence of the parts of an expression.
 WHOLE, PRODUCT, SUM = 0, 1, 2
 
 
@@ -51,7 +51,7 @@ def infix(x: Node, operands: Sequence[Text], times: str = "*", over: str = "/") 
 
 
 def call_of(x: Node) -> object:
-    """What nodes have in common that one call computes."""
+    """A key that nodes share if one call computes them."""
     match x.operation:
         case nodes.Elementary("sin" | "cos"):
             return ("sin", "cos"), x.arguments
@@ -62,7 +62,7 @@ def call_of(x: Node) -> object:
     return None
 
 
-class Names:
+class NodeNames:
     """Names of variables, which tell what they are where the program does."""
 
     def __init__(self, program: Program, reserved: Iterable[str]) -> None:
@@ -82,7 +82,7 @@ class Names:
         self._found.setdefault(x, name)
 
     def has(self, x: Node) -> bool:
-        """Whether a node has a name of its own."""
+        """True if a node has a name of its own."""
         return x in self._found or x in self._labels
 
     def _free(self, wanted: str) -> str:
@@ -118,7 +118,7 @@ class ArrayText(ABC):
 
     def __init__(self, program: Program) -> None:
         self.program, self.readers = program, program.readers
-        self.names = Names(program, self.reserved)
+        self.names = NodeNames(program, self.reserved)
         for name, x in program.outputs.items():
             inner = _inner(x)
             if not isinstance(inner.operation, nodes.Input | nodes.Constant):
@@ -142,7 +142,7 @@ class ArrayText(ABC):
 
     def _targets(self, group: Sequence[Node]) -> list[str]:
         """Names of all that a call returns, as far as they are read."""
-        found = {_output_of(x): self.names.of(x) for x in group}
+        names = {_output_of(x): self.names.of(x) for x in group}
         match group[0].operation:
             case nodes.Call(_, name):
                 outputs: Sequence[object] = range(len(FUNCTIONS[name].outputs))
@@ -150,12 +150,12 @@ class ArrayText(ABC):
                 outputs = [*program.outputs]
             case _:
                 return [self.names.of(group[0])]
-        return [found.get(output, self.unread) for output in outputs]
+        return [names.get(output, self.unread) for output in outputs]
 
     @property
     @abstractmethod
     def unread(self) -> str:
-        """What stands for a result that nothing reads."""
+        """The name of a result that nothing reads."""
 
     def _is_named(self, x: Node) -> bool:
         if isinstance(x.operation, (nodes.Input, nodes.Constant, *_SAME)):
@@ -168,7 +168,7 @@ class ArrayText(ABC):
         return not isinstance(x.operation, _LOOKS) and self._times_read(x) > 1
 
     def _times_read(self, x: Node) -> int:
-        """How often a node is read, also by those that look at parts of it."""
+        """The number of times that a node is read, also by those that look at parts of it."""
         return sum(
             self._times_read(y) if isinstance(y.operation, _LOOKS) else 1 for y in self.readers[x]
         ) + (x in self.program.outputs.values())
@@ -203,5 +203,5 @@ def _inner(x: Node) -> Node:
 
 
 def _output_of(x: Node) -> object:
-    """Which output of a call a node is."""
+    """The output of a call that a node is."""
     return x.operation.output if isinstance(x.operation, nodes.Call | nodes.Invocation) else None

@@ -11,7 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from gibbs_codegen.arrays.c_file import Function, Member, Structure
+from gibbs_codegen.arrays.c_file import CFunction, Member, Structure
 from gibbs_codegen.arrays.functions import Functions
 from gibbs_codegen.arrays.labels import labelled
 from gibbs_codegen.arrays.nodes import (
@@ -76,7 +76,7 @@ _OF_GAINS = {
 
 def law_functions(
     robot: Functions, laws: Iterable[str], centre: int, tip: int, moves: bool
-) -> list[Function]:
+) -> list[CFunction]:
     """The functions of some laws, after that of what they know of the rotors.
 
     `centre` is the place of the base centre among the points of `positions`, `tip` that of the
@@ -94,14 +94,14 @@ def law_functions(
     outputs = {member.name: known[member.name]() for member in rotors.members}
     made = Program("init_rotors", (), outputs)
     words = "What laws know of the rotors; call it again when the constants have changed."
-    found = [Function(made, words, (rotors,))]
+    found = [CFunction(made, words, (rotors,))]
     others = tuple(_structures(robot, read))
     explained = {
         "u": "inputs: thrusts, N, then efforts of the joints, N m or N; NaN where the state or "
         "the reference is"
     }
     for law, program in programs.items():
-        found.append(Function(program, LAWS[law].words, (rotors, *others), explained))
+        found.append(CFunction(program, LAWS[law].words, (rotors, *others), explained))
     return found
 
 

@@ -34,7 +34,7 @@ class Blocks:
         return np.dtype(np.float32 if self.single else np.float64)
 
     def count(self, states: int) -> int:
-        """How many blocks states take."""
+        """The number of blocks that states take."""
         return -(-states // self.lanes)
 
     def filled(self, *shape: int) -> Reals:

@@ -50,7 +50,7 @@ Constants = bytes | NDArray[np.float64]
 
 
 class CompiledConstants:
-    """What `prepare` returns in this back end: bytes of the C module's constants.
+    """Result of `prepare` in this back end: bytes of the C module's constants.
 
     Where they differ from state to state they are an array (..., size / 8) of numbers.
     """
@@ -182,10 +182,10 @@ class CompiledFunction:
     @functools.cached_property
     def _one(self) -> Any:
         """The function for one state, which the short way knows from now on."""
-        found = self._library.function(self._signature.name)
+        function = self._library.function(self._signature.name)
         if self._caller is not None:
-            self._caller.bind(ctypes.cast(found, ctypes.c_void_p).value)
-        return found
+            self._caller.bind(ctypes.cast(function, ctypes.c_void_p).value)
+        return function
 
     def evaluate(self, by_name: Mapping[str, Any]) -> Any:
         """The function for any arguments: an array (..., *shape), or a tuple of them.
@@ -213,13 +213,13 @@ class CompiledFunction:
         named = dict(zip(signature.arguments, arrays, strict=True))
         batch = batch_shape(named, *(array.shape[:-1] for array in of_each))
         outputs = [np.empty((*batch, *shape)) for shape in signature.shapes]
-        inputs, own = ([_rows(array, batch) for array in some] for some in (arrays, of_each))
+        inputs, of_states = ([_rows(array, batch) for array in some] for some in (arrays, of_each))
         if not batch:
             self._lost()
             one(of_all, *map(_pointer, (*inputs, *outputs)))
             lost = bool(self._lost())
         else:
-            lost = self._all_rows(of_all, [*inputs, *outputs, *own], batch)
+            lost = self._all_rows(of_all, [*inputs, *outputs, *of_states], batch)
         if lost:  # Reported if arguments are finite, as the NumPy back end does.
             finite = np.ones(batch, dtype=bool)
             for output, shape in zip(outputs, signature.shapes, strict=True):
@@ -235,8 +235,8 @@ class CompiledFunction:
         are filled, and constants of each state, all in C order.
         """
         count = math.prod(batch)
-        found = self._library.function(self._signature.name, EACH if constants is None else BATCH)
-        function = ctypes.cast(found, ctypes.c_void_p)
+        symbol = self._library.function(self._signature.name, EACH if constants is None else BATCH)
+        function = ctypes.cast(symbol, ctypes.c_void_p)
         flat = [a.reshape(-1) for a in arrays]
         parts = min(self._pool.threads, count // _MIN_ROWS)
         if parts < 2:

@@ -83,9 +83,9 @@ class Compiler:
         """Make a shared library; `flags` are all but the user's own. Raises `CompilerError`."""
         # Words before the first flag may be a launcher and its compiler, such as `ccache gcc`.
         programs = list(itertools.takewhile(lambda word: not word.startswith("-"), self.command))
-        own = self.command[len(programs) :]
+        options = self.command[len(programs) :]
         files = [*map(str, sources), "-o", str(output), *_LINKER_FLAGS, "-lm"]
-        code, said = _run([*programs, *flags, *own, *files], _TIMEOUT_SECONDS, output.parent)
+        code, said = _run([*programs, *flags, *options, *files], _TIMEOUT_SECONDS, output.parent)
         name = " ".join(programs)
         if code is None:
             raise CompilerError(f"{name} did not finish in {_TIMEOUT_SECONDS:.0f} s")
@@ -130,7 +130,7 @@ def _run(command: Sequence[str], seconds: float, folder: Path) -> tuple[int | No
 
     The code is None if it hung. Raises `CompilerError` if it cannot be started.
     """
-    # What a compiler that is ended at once leaves goes with a folder of its own.
+    # A folder of its own takes the leftovers of a compiler that is ended at once.
     with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as scratch:
         try:
             process = subprocess.Popen(  # noqa: S603 - a compiler that the user has chosen
@@ -161,7 +161,7 @@ def _run(command: Sequence[str], seconds: float, folder: Path) -> tuple[int | No
 
 @functools.cache
 def _processor() -> str:
-    """What tells this processor's instructions from another's; empty where that is not known."""
+    """A text that tells instructions of processors apart; empty where that is not known."""
     if not sys.platform.startswith("linux") or platform.machine() not in ("x86_64", "aarch64"):
         return ""
     try:
@@ -174,9 +174,9 @@ def _processor() -> str:
 
 
 _log = logging.getLogger("gibbs_codegen")
-# What takes longer is told, s.
+# Work that takes longer is announced, s.
 _PATIENCE = 2.0
-# What was logged; when work that is announced was done, from and to, s.
+# Words that were logged; begin and end of announced work, s.
 _LOGGED: set[str] = set()
 _SPANS: list[tuple[float, float]] = []
 NATIVE = Path(__file__).parent / "native"
@@ -242,7 +242,7 @@ class ModuleLibrary:
 
     @functools.cached_property
     def digest(self) -> str:
-        """What differs where the functions do."""
+        """A digest that differs where the functions do."""
         text = b"".join((self._folder / file).read_bytes() for file in c_files(self._name))
         return hashlib.sha256(self._compiler.identity.encode() + text).hexdigest()[:32]
 
@@ -252,10 +252,10 @@ class ModuleLibrary:
         Raises as `core` does, and `CompilerError` where the library lacks it.
         """
         library = self._library(self._unit(name, each=form == EACH))
-        own = f"{self._name}_{name}{form}"
-        if not hasattr(library, own):
-            raise CompilerError(f"the library has no {own}; do flags in CC hide or rename it?")
-        return library[own]
+        symbol = f"{self._name}_{name}{form}"
+        if not hasattr(library, symbol):
+            raise CompilerError(f"the library has no {symbol}; do flags in CC hide or rename it?")
+        return library[symbol]
 
     def build(self, names: Iterable[str]) -> None:
         """Compile functions that will be asked for, side by side. Raises as `function` does."""
@@ -282,10 +282,12 @@ class ModuleLibrary:
     def _path(self, unit: str, each: bool) -> Path:
         if not unit:
             return self.core
-        own = [name for name in self._functions if self._unit(name, each=each) == (unit, each)]
-        parts = {part for name in own for part in FUNCTIONS[name].composed}
+        functions = [
+            name for name in self._functions if self._unit(name, each=each) == (unit, each)
+        ]
+        parts = {part for name in functions for part in FUNCTIONS[name].composed}
         where = self._folder, self._name, c_files(self._name, each=each), self._compiler
-        return compiled_files(*where, self._of_each if each else (), functions=[*parts, *own])
+        return compiled_files(*where, self._of_each if each else (), functions=[*parts, *functions])
 
 
 def compiled_library(
@@ -325,7 +327,7 @@ def compiled_files(
     texts = {file: (folder / file).read_bytes() for file in files}
     made = _make_of((folder / "numpy_module.py").read_bytes())
     for file, text in texts.items():
-        # What is the same for every robot names none.
+        # Sources that are the same for every robot name none.
         if _make_of(text) != made and not (file == RUNTIME and _make_of(text)[:1] == made[:1]):
             raise UsageError(
                 f"{printable(folder / file)}: was not generated together with numpy_module.py; "
@@ -343,9 +345,9 @@ def compiled_files(
         sources.mkdir()
         for file, text in texts.items():
             (sources / file).write_bytes(text)
-        own = [file for file in texts if file.endswith(".c") and file not in included]
+        compiled = [file for file in texts if file.endswith(".c") and file not in included]
         with announced(f"{name}: compiling C, which is kept for the next time"):
-            compiler.library([sources / file for file in own], output, extra)
+            compiler.library([sources / file for file in compiled], output, extra)
         shutil.rmtree(sources)
 
     return cached_library("\n".join([compiler.identity, name, *extra, *digests]), make)
@@ -362,8 +364,8 @@ def portable_library(name: str, sources: Mapping[str, str]) -> Path:
         with tempfile.TemporaryDirectory() as folder, announced(f"{name}: compiling its FMU"):
             for file, text in sources.items():
                 (Path(folder) / file).write_text(text, encoding="utf-8")
-            own = [Path(folder) / file for file in sources if file.endswith(".c")]
-            compiler.portable(own, output)
+            compiled = [Path(folder) / file for file in sources if file.endswith(".c")]
+            compiler.portable(compiled, output)
 
     return cached_library("\n".join([*_PORTABLE, compiler.identity, *sources.values()]), make)
 
@@ -414,7 +416,7 @@ def announced(what: str) -> Iterator[None]:
 
 
 def seconds_waited(since: float) -> float:
-    """How long, s, anything was at work that is announced, since a time of `perf_counter`."""
+    """The time, s, of announced work since a time of `perf_counter`."""
     waited, end = 0.0, since
     for begin, after in sorted(_SPANS):
         waited += max(after - max(begin, end), 0.0)
@@ -433,5 +435,5 @@ def c_files(name: str, *, each: bool = False) -> list[str]:
     With `each` they are those that take constants of each state.
     """
     sources = ["batch", "each"] if each else ["batch"]
-    own = [] if each else [f"{name}.c"]
-    return [RUNTIME, f"{name}.h", *own, *(f"{name}_{source}.c" for source in sources)]
+    core = [] if each else [f"{name}.c"]
+    return [RUNTIME, f"{name}.h", *core, *(f"{name}_{source}.c" for source in sources)]

@@ -98,7 +98,7 @@ def _cached(
 
 
 def cache_folder() -> Path:
-    """Where they are kept: GIBBS_CODEGEN_CACHE, or a folder of the platform's user cache.
+    """The folder of the cache: GIBBS_CODEGEN_CACHE, or one in the platform's user cache.
 
     Raises `RuntimeError` where there is no home.
     """
@@ -137,7 +137,7 @@ def _private_folder() -> Path:
 
 
 def _is_ours(status: os.stat_result) -> bool:
-    """Whether something is this user's. Raises `CacheError` where files have no such owner."""
+    """True if something is this user's. Raises `CacheError` where files have no such owner."""
     if sys.platform == "win32":
         raise CacheError("on Windows nothing is kept")
     return status.st_uid == os.getuid()

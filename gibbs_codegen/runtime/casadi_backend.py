@@ -114,9 +114,9 @@ class CasadiModule(LoadedModule):
         """
         by_name = {**parameters}
         for name, value in by_name.items():
-            own = isinstance(value, casadi.DM | casadi.SX | casadi.MX)
-            shape = value.shape if own else real_numbers(name, value).shape
-            if shape != ((1, 1) if own else ()):
+            symbolic = isinstance(value, casadi.DM | casadi.SX | casadi.MX)
+            shape = value.shape if symbolic else real_numbers(name, value).shape
+            if shape != ((1, 1) if symbolic else ()):
                 raise TypeError(f"{name} must be one number or symbol, not of shape {shape}")
             by_name[name] = float(value) if isinstance(value, casadi.DM) else value
         kinds = {type(value) for value in by_name.values()} & {casadi.SX, casadi.MX}
@@ -151,14 +151,14 @@ class CasadiModule(LoadedModule):
             step = evaluate_casadi(emitted_step(Functions(self), name), columns, *of_calls)
             outputs = [casadi.sparsify(step[output.name]) for output in FUNCTIONS[name].outputs]
         else:
-            found = self._kernels.outputs(signature, casadi.vertsplit(constants), *values)
-            outputs = [*map(_matrix, found, signature.shapes)]
+            computed = self._kernels.outputs(signature, casadi.vertsplit(constants), *values)
+            outputs = [*map(_matrix, computed, signature.shapes)]
         results = [output.name for output in FUNCTIONS[name].outputs]
         every = casadi.Function(
             name, [*symbols, constants], outputs, [*names, "constants"], results
         )
-        known = every.call([*symbols, self._default])
-        default = casadi.Function(name, symbols, known, names, results)
+        by_default = every.call([*symbols, self._default])
+        default = casadi.Function(name, symbols, by_default, names, results)
         return CasadiFunction(default, every, getattr(self._module, name).__doc__)
 
     def _normalised(self, argument: str, symbol: Any) -> list[Any]:

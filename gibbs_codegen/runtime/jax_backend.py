@@ -86,28 +86,28 @@ class JaxFunctions:
         if name not in self._made:
             if FUNCTIONS[name].composed:
                 function = functools.partial(self._evaluated, emitted_step(self.robot, name))
-                self._made[name] = lambda *given: tuple(function(*given).values())
+                self._made[name] = lambda *operands: tuple(function(*operands).values())
             else:
                 differentiable = jax.custom_jvp(functools.partial(self._evaluate, name))
                 rule = functools.partial(self._differentiate, name)
                 differentiable.defjvp(rule, symbolic_zeros=True)
                 self._made[name] = jax.jit(differentiable)
         shapes = self.robot.signatures[name].argument_shapes
-        given = [jnp.asarray(argument, arguments[0].dtype) for argument in arguments]
-        leads = [x.ndim - len(shape) for x, shape in zip(given, shapes, strict=True)]
+        arrays = [jnp.asarray(argument, arguments[0].dtype) for argument in arguments]
+        leads = [x.ndim - len(shape) for x, shape in zip(arrays, shapes, strict=True)]
         if constants is not None:
-            constants = jnp.asarray(constants, given[0].dtype if given else None)
+            constants = jnp.asarray(constants, arrays[0].dtype if arrays else None)
             leads.append(constants.ndim - 1)
         axes = max(leads, default=0)
         constants = None if constants is None else _with_axes(constants, axes + 1)
-        each = zip(given, shapes, strict=True)
-        return self._made[name](constants, *(_with_axes(x, axes + len(s)) for x, s in each))
+        pairs = zip(arrays, shapes, strict=True)
+        return self._made[name](constants, *(_with_axes(x, axes + len(s)) for x, s in pairs))
 
     def _evaluated(self, program: Program, constants: Any, *inputs: Any) -> dict[str, Any]:
         """The results of a program in the precision of its inputs."""
         by_name = dict(zip(program.names, inputs, strict=True))
-        found = Evaluator(program, {"robot": self}, jnp)(by_name, {"robot": constants})
-        return {name: jnp.asarray(x, inputs[0].dtype) for name, x in found.items()}
+        results = Evaluator(program, {"robot": self}, jnp)(by_name, {"robot": constants})
+        return {name: jnp.asarray(x, inputs[0].dtype) for name, x in results.items()}
 
     @functools.cached_property
     def _compiled(self) -> CompiledCalls | str:
@@ -133,11 +133,11 @@ class JaxFunctions:
     ) -> tuple[Any, ...]:
         """Results (..., *shape) by what takes and returns arrays (..., width)."""
         signature = self.robot.signatures[name]
-        own = None if constants is None else constants[..., : len(self._default)]
+        numbers = None if constants is None else constants[..., : len(self._default)]
         flat = map(_flat, arguments, signature.argument_shapes)
-        found = compute(signature, own, [*flat])
+        results = compute(signature, numbers, [*flat])
         return tuple(
-            shaped(x, x.shape[-1:], s) for x, s in zip(found, signature.shapes, strict=True)
+            shaped(x, x.shape[-1:], s) for x, s in zip(results, signature.shapes, strict=True)
         )
 
     def _by_kernel(
@@ -156,7 +156,7 @@ class JaxFunctions:
         )
 
     def _operations(self, name: str) -> int:
-        """How many operations a function takes, but for signs, sines and cosines."""
+        """The number of operations of a function, but for signs, sines and cosines."""
         code = getattr(self._module.numpy_module, f"_{name}").__code__
         steps = dis.get_instructions(code)
         # From Python 3.14, what takes an entry of an array counts as a binary operation too.
@@ -218,15 +218,15 @@ class JaxFunctions:
         if any(output.by for output in outputs):
             program = gradients_by_arguments(self.robot, name, by)
             second = self._by_entry(program, name, primals)
-        found = self._evaluated(rule, *primals)
+        results = self._evaluated(rule, *primals)
         shapes = dict(zip(signature.arguments, signature.argument_shapes, strict=True))
         flat = {x: _flat(change, shapes[x]) for x, change in moved.items()}
         changes = []
         for output, shape in zip(outputs, signature.shapes, strict=True):
-            slopes, row = (second, output.by) if output.by else (found, output.name)
+            slopes, row = (second, output.by) if output.by else (results, output.name)
             parts = [_product(slopes[f"{row}_by_{x}"], shape, flat[x]) for x in by]
             changes.append(sum(parts))
-        return [found[output.name] for output in outputs], changes
+        return [results[output.name] for output in outputs], changes
 
     def _by_parameters(self, name: str, primals: Sequence[Any], change: Any) -> Any:
         """The change of a result with the parameters, which are the last constants.
@@ -244,16 +244,16 @@ class JaxFunctions:
         """
         constants, *arguments = primals
         signature = self.robot.signatures[name]
-        own = None if constants is None else constants[..., None, :]
+        numbers = None if constants is None else constants[..., None, :]
         places = [-1 - len(shape) for shape in signature.argument_shapes]
         moved = [jnp.expand_dims(x, place) for x, place in zip(arguments, places, strict=True)]
         size = math.prod(signature.shapes[0])
         weights = jnp.eye(size).reshape(size, *signature.shapes[0])
-        found = self._evaluated(program, own, *moved, weights)
-        # What is zero has no states.
+        results = self._evaluated(program, numbers, *moved, weights)
+        # Results that are zero have no states.
         return {
             key: jnp.broadcast_to(x, jnp.broadcast_shapes(x.shape, (size, *x.shape[-axes:])))
-            for key, x in found.items()
+            for key, x in results.items()
             for axes in [len(program.outputs[key].shape)]
         }
 
@@ -302,14 +302,14 @@ def _prepare(module: ModuleType, functions: JaxFunctions) -> Callable[[Mapping[s
     def prepare(parameters: Mapping[str, Any]) -> Any:
         defaults = module.PARAMETERS
         values = {**parameters}
-        # What is traced has no values, of which NumPy would say what is wrong with them.
-        known = not any(isinstance(value, jax.core.Tracer) for value in values.values())
-        module.prepare(values if known else {name: defaults.get(name, 0.0) for name in values})
-        given = _arrays(values, values.values())
-        shapes = {name: value.shape for name, value in zip(values, given, strict=True)}
+        # Traced arguments have no values in which NumPy could find faults.
+        concrete = not any(isinstance(value, jax.core.Tracer) for value in values.values())
+        module.prepare(values if concrete else {name: defaults.get(name, 0.0) for name in values})
+        numbers = _arrays(values, values.values())
+        shapes = {name: value.shape for name, value in zip(values, numbers, strict=True)}
         shape = common_shape("values", shapes)
-        every = {**defaults, **dict(zip(values, given, strict=True))}
-        dtype = given[0].dtype if given else jnp.result_type(float)
+        every = {**defaults, **dict(zip(values, numbers, strict=True))}
+        dtype = numbers[0].dtype if numbers else jnp.result_type(float)
         entries = [*functions.kernels.constants(every), *every.values()]
         return jnp.stack([jnp.broadcast_to(jnp.asarray(e, dtype), shape) for e in entries], -1)
 
@@ -333,12 +333,12 @@ def _function(
     like = getattr(module, signature.name)
     size = len(module.prepare({})) + len(module.PARAMETERS)
 
-    def evaluate(given: Mapping[str, Any]) -> Any:
+    def evaluate(by_argument: Mapping[str, Any]) -> Any:
         operands = {
             argument: _unit(functions.robot, argument, x)
-            for argument, x in _states(signature, given).items()
+            for argument, x in _states(signature, by_argument).items()
         }
-        constants = given.get("constants")
+        constants = by_argument.get("constants")
         if constants is not None:
             if getattr(constants, "shape", ())[-1:] != (size,):
                 raise TypeError("constants must be what this module's prepare() returned")
@@ -372,14 +372,14 @@ def _with_axes(array: Any, axes: int) -> Any:
     return array.reshape((1,) * (axes - array.ndim) + array.shape)
 
 
-def _states(signature: Signature, given: Mapping[str, Any]) -> dict[str, Any]:
+def _states(signature: Signature, values: Mapping[str, Any]) -> dict[str, Any]:
     """Arguments of a function by name, of one precision. Raises what `state_array` does."""
-    arrays = _arrays(signature.arguments, [given[name] for name in signature.arguments])
-    found = dict(zip(signature.arguments, arrays, strict=True))
-    for (name, array), shape in zip(found.items(), signature.argument_shapes, strict=True):
+    arrays = _arrays(signature.arguments, [values[name] for name in signature.arguments])
+    states = dict(zip(signature.arguments, arrays, strict=True))
+    for (name, array), shape in zip(states.items(), signature.argument_shapes, strict=True):
         if array.shape[max(array.ndim - len(shape), 0) :] != shape:
             state_array(name, np.broadcast_to(0.0, array.shape), *shape)
-    return found
+    return states
 
 
 def _arrays(names: Sequence[str] | Mapping[str, Any], values: Any) -> list[Any]:

@@ -106,12 +106,12 @@ class CompiledCalls:
                 return
             self._known.add(name)
             try:
-                found = self._library.function(name, c_library.EACH)
+                function = self._library.function(name, c_library.EACH)
             except (c_library.CompilerError, CacheError, UsageError) as error:
                 if len(self._known) == 1:
                     _log.warning(_ONE_BY_ONE, self._module, printable(error, 400))
                 return
-            address = ctypes.cast(found, ctypes.c_void_p)
+            address = ctypes.cast(function, ctypes.c_void_p)
             self._caller.gibbs_codegen_jax_add_each(f"{self._prefix}{name}".encode(), address)
 
 

@@ -16,7 +16,7 @@ from typing import Any
 
 from gibbs_codegen.interface import Signature
 
-# What replaces the functions of the module, besides sine and cosine.
+# Functions that replace those of the module, besides sine and cosine.
 ELEMENTARY = ("sqrt", "atan", "sign")
 
 

@@ -29,7 +29,7 @@ BACKENDS = ("numpy", "c")
 # Back ends whose functions belong to another library, which the extra of that name installs.
 LIBRARIES = ("casadi", "jax")
 METHODS = ("euler", "rk4")
-# What the package lies in, and endings of what in it a generated module depends on.
+# The folder of the package, and endings of the files in it that a generated module depends on.
 _BESIDE = Path(__file__).parents[2]
 _SOURCES = {".c", ".jinja", ".m", ".py", ".toml"}
 
@@ -59,8 +59,8 @@ def load(
     Raises:
         UsageError: There is no such module, C source or back end, or its library is not installed.
     """
-    if backend not in (known := (*BACKENDS, *LIBRARIES)):
-        raise UsageError(f"back end {backend!r}: unknown; known: {', '.join(known)}")
+    if backend not in (backends := (*BACKENDS, *LIBRARIES)):
+        raise UsageError(f"back end {backend!r}: unknown; known: {', '.join(backends)}")
     if not isinstance(threads, int) or threads < 1:
         raise UsageError(f"threads: a whole number, at least 1, not {threads!r}")
     folder = find_module(Path(name_or_path))
@@ -103,8 +103,8 @@ def _time_step(module: ModuleType, ending: str) -> Callable[..., object]:
         q: object, v: object, u: object, h: object, method: str = "euler", constants: object = None
     ) -> object:
         if method not in METHODS:
-            known = ", ".join(METHODS)
-            raise UsageError(f"method {printable(method)}: unknown; known: {known}")
+            methods = ", ".join(METHODS)
+            raise UsageError(f"method {printable(method)}: unknown; known: {methods}")
         return getattr(module, f"step_{method}{ending}")(q, v, u, h, constants)
 
     step.__name__ = step.__qualname__ = f"step{ending}"
@@ -144,7 +144,7 @@ def _import(folder: Path) -> ModuleType:
             f"{printable(folder)}: has no {', '.join(missing)}, "
             "so it was made by an older version; generate it again"
         )
-    # What help() and repr() show; it is imported under a name that no other folder's module has.
+    # The name for help() and repr(); it is imported under a name that no other folder's module has.
     module.__name__ = spec.name = module.NAME
     module.__doc__ = module.numpy_module.__doc__
     return module
@@ -215,10 +215,10 @@ def _generator_digest() -> str:
     """Digest of all that a generated module depends on, robots that ship among it."""
     # In a checkout templates are beside the package.
     parts = [p for f in ("gibbs_codegen", "templates") for p in (_BESIDE / f).rglob("*.*")]
-    found = hashlib.sha256()
+    digest = hashlib.sha256()
     for path in sorted(path for path in parts if path.suffix in _SOURCES):
-        found.update(hashlib.sha256(path.read_bytes()).digest())
-    return found.hexdigest()
+        digest.update(hashlib.sha256(path.read_bytes()).digest())
+    return digest.hexdigest()
 
 
 def modules_made() -> list[str]:

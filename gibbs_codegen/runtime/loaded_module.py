@@ -1,4 +1,4 @@
-"""What `load` returns, whatever the back end: constants of the robot, and functions to come."""
+"""Modules of `load`, whatever the back end: constants of the robot, and functions to come."""
 
 from __future__ import annotations
 

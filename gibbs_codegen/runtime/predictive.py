@@ -30,7 +30,7 @@ from gibbs_codegen.machine.predictive import Horizon
 from gibbs_codegen.runtime.programs import PREFIX, blocks_of, called, library, support
 
 Array = NDArray[np.float64]
-# What a module must have beside what it has by default, the last ones where it has actuators.
+# Functions that a module needs beside the default ones, the last ones where it has actuators.
 DERIVATIVES = (
     "forward_dynamics_derivatives",
     "frame_poses_derivatives",
@@ -39,7 +39,7 @@ DERIVATIVES = (
     "inputs_of_derivatives",
     "actuator_rates_derivatives",
 )
-# What it must have besides where the prediction knows walls.
+# Functions that it needs besides where the prediction knows walls.
 AT_WALLS = ("forward_dynamics_with_wrenches_derivatives", "frame_velocities_derivatives")
 # Iterations of the interior-point method that are too many.
 _MOST = 40
@@ -60,7 +60,7 @@ class Row(NamedTuple):
     other_place: int = -1
 
 
-class Member(NamedTuple):
+class Entry(NamedTuple):
     """A member of the structure: its shape, what it is, and whether it is a setting."""
 
     shape: tuple[int, ...]
@@ -107,8 +107,8 @@ class Transcription:
     rows: tuple[Row, ...]
 
     @property
-    def members(self) -> dict[str, Member]:
-        """What the controller is told and tells, by name; settings are told once."""
+    def members(self) -> dict[str, Entry]:
+        """Inputs and outputs of the controller, by name; settings are given once."""
         horizon, steps, rows = self.horizon, self.steps, max(len(self.rows), 1)
         robot, motors = horizon.robot, max(horizon.motors, 1)
         sizes = {
@@ -120,42 +120,40 @@ class Transcription:
         }
         row = ", ".join(f"{name}: {size}" for name, size in sizes.items() if size)
         weights = ", ".join(f"{name}: {size}" for name, size in horizon.weight_sizes.items())
-        told = {
-            "h": Member((steps,), "Lengths of the steps, s."),
-            "hover": Member(
-                (horizon.reference_size,), f"The reference of a node in hover ({row})."
-            ),
-            "weights": Member(
+        settings = {
+            "h": Entry((steps,), "Lengths of the steps, s."),
+            "hover": Entry((horizon.reference_size,), f"The reference of a node in hover ({row})."),
+            "weights": Entry(
                 (sum(horizon.weight_sizes.values()),),
                 f"Of squares of what is off ({weights}), of which `diagonal` has some again.",
             ),
-            "lag_times": Member(
+            "lag_times": Entry(
                 (max(horizon.lag_times, 1),), "Time constants of the motors, or actuators, s."
             ),
-            "settled": Member((motors,), "The state of the motors in hover."),
-            "ahead": Member(
+            "settled": Entry((motors,), "The state of the motors in hover."),
+            "ahead": Entry(
                 (horizon.ahead,), "What follows the horizon costs, by a regulator about hover."
             ),
-            "diagonal": Member(
+            "diagonal": Entry(
                 (robot.inputs + horizon.states,),
                 "Of the Hessian by inputs and state, beside that by q.",
             ),
-            "across": Member(
+            "across": Entry(
                 (robot.inputs, horizon.states),
                 "Of the Hessian by an input and by the state: of changes of inputs, and of servos.",
             ),
-            "least": Member(
+            "least": Entry(
                 (rows,), "Limits of inputs, joints and their rates, and rates of inputs."
             ),
-            "most": Member((rows,), "The upper ones."),
-            "penalty": Member((rows,), "Prices of exceeding limits; 1e30 where none may."),
-            "scale": Member((rows,), "How large what is limited is."),
-            "barrier": Member((), "Mean of price times slack at the begin of the solver."),
-            "tolerance": Member((), "The same at its end, as a share of 1 and the cost."),
-            "rounds": Member((), "How often a step linearises and solves."),
-            "delay": Member((), "How much later inputs take effect, s, a step at most."),
+            "most": Entry((rows,), "The upper ones."),
+            "penalty": Entry((rows,), "Prices of exceeding limits; 1e30 where none may."),
+            "scale": Entry((rows,), "How large what is limited is."),
+            "barrier": Entry((), "Mean of price times slack at the begin of the solver."),
+            "tolerance": Entry((), "The same at its end, as a share of 1 and the cost."),
+            "rounds": Entry((), "How often a step linearises and solves."),
+            "delay": Entry((), "How much later inputs take effect, s, a step at most."),
         }
-        found = {
+        results = {
             "x": ((steps + 1, horizon.size), "The plan: states at nodes,"),
             "u": ((steps, robot.inputs), "and inputs from each to the next."),
             "reference": (
@@ -173,7 +171,7 @@ class Transcription:
             "gaps": ((), "What is missing of the plan: 0 where it can be flown."),
             "share": ((), "Of the last step of the plan, of which 1 is all."),
         }
-        return {**told, **{name: Member(*words, False) for name, words in found.items()}}
+        return {**settings, **{name: Entry(*words, False) for name, words in results.items()}}
 
     @property
     def programs(self) -> dict[str, Program]:
@@ -198,8 +196,8 @@ class Transcription:
         # What `horizon.c` and `predictive.c` have of each node, of which there is one more here for
         # the rest; rows of matrices fill vectors. The source checks it.
         padded = f"(({width} + {lanes} - 1) / {lanes} * {lanes})"
-        each = 2 * states + 18 * rows + horizon.size + states + robot.inputs
-        node = f"{2 * width + 4} * {padded} + {each} + {lanes}"
+        step_numbers = 2 * states + 18 * rows + horizon.size + states + robot.inputs
+        node = f"{2 * width + 4} * {padded} + {step_numbers} + {lanes}"
         room = f"{self.steps + 2} * ({node}) + {states**2 + 2 * rows}"
         return "\n".join(
             [
@@ -223,9 +221,9 @@ class Transcription:
                 comment("A controller: its settings, its plan, and room for its solver.")
                 + "typedef struct {",
                 *(
-                    textwrap.indent(comment(each.words, WIDTH - 4), "    ")
-                    + f"    {name}_real {member}{''.join(f'[{axis}]' for axis in each.shape)};"
-                    for member, each in self.members.items()
+                    textwrap.indent(comment(row.words, WIDTH - 4), "    ")
+                    + f"    {name}_real {member}{''.join(f'[{axis}]' for axis in row.shape)};"
+                    for member, row in self.members.items()
                 ),
                 f"    {name}_constants constants; /**< of the robot that is predicted */",
                 f"    {name}_real room[{capitals}_ROOM]; /**< for the solver */",
@@ -235,11 +233,11 @@ class Transcription:
                     + "\n".join(
                         broken(
                             f"{returned} {stem}_{function}"
-                            f"({given.format(own=f'{stem} *controller', real=f'{name}_real')});"
+                            f"({pattern.format(own=f'{stem} *controller', real=f'{name}_real')});"
                         )
                     )
                     + "\n"
-                    for function, (returned, given, words) in _FUNCTIONS.items()
+                    for function, (returned, pattern, words) in _FUNCTIONS.items()
                 ),
                 f"#ifdef __cplusplus\n}}\n#endif\n\n#endif /* {capitals}_H */\n",
             ]
@@ -325,13 +323,13 @@ def _table(name: str, rows: Sequence[tuple[int, int]]) -> str:
 
 
 def _macro(name: str, program: Program) -> str:
-    """What calls a program with all arguments that programs of its kind may take."""
+    """A macro that calls a program with all arguments that programs of its kind may take."""
     arguments = [*program.names, *program.outputs]
     if "weights" in program.names and name != "END" and "lag_times" not in program.names:
         arguments.insert(program.names.index("weights") + 1, "unused")
     text = CProgram(program, PREFIX)
-    own = [*(["constants"] if text.owners else []), *program.names, *program.outputs]
-    call = f"((void)constants, {text.name}({', '.join(own)}))"
+    arguments_read = [*(["constants"] if text.owners else []), *program.names, *program.outputs]
+    call = f"((void)constants, {text.name}({', '.join(arguments_read)}))"
     return f"#define {name}({', '.join(arguments)}) \\\n    {call}"
 
 
@@ -349,7 +347,7 @@ class CompiledPredictive:
         self._library = library(module, called([*transcription.programs.values()]), sources)
         shapes = {name: member.shape for name, member in transcription.members.items()}
         shapes["constants"] = (len(constants) // 8,)
-        # What follows is room for the solver.
+        # The rest is room for the solver.
         size = self._library[f"{self._name}_size"]
         size.restype = ctypes.c_size_t
         memory, first = np.zeros(size() // 8), 0
@@ -371,7 +369,7 @@ class CompiledPredictive:
         self._call("prepare")
 
     def feedback(self, state: Array) -> tuple[bool, Array]:
-        """Whether a plan was found at a state (q, v), and inputs (nu)."""
+        """True if there is a plan at a state (q, v), and inputs (nu)."""
         return bool(self._call("feedback", state, self._u)), self._u.copy()
 
     def shift(self) -> None:
@@ -384,10 +382,10 @@ class CompiledPredictive:
 
     def write_c(self, folder: Path) -> list[Path]:
         """Write header and source; raises `OutputError`."""
-        own = self._transcription
-        told = [name for name, member in own.members.items() if member.is_setting]
-        settings = own.settings({name: self.arrays[name] for name in [*told, "constants"]})
-        texts = {".h": own.header(), ".c": own.source() + settings}
+        plan = self._transcription
+        names = [name for name, member in plan.members.items() if member.is_setting]
+        settings = plan.settings({name: self.arrays[name] for name in [*names, "constants"]})
+        texts = {".h": plan.header(), ".c": plan.source() + settings}
         with writing(folder):
             folder.mkdir(parents=True, exist_ok=True)
         for ending, text in texts.items():

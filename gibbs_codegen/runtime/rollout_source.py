@@ -23,13 +23,13 @@ TEMPLATES = {
     "c_rollout.h.jinja": "{name}_rollout.h",
     "c_rollout.c.jinja": "{name}_rollout.c",
 }
-# Of those that a call chooses among, each has what the ones before it have.
+# A call chooses among these; each has the parts of the ones before it.
 _PARTS = {
     "inputs": Parts(),
     "commands": Parts(feedback=True, limits=True, lag=True, bounds=True),
     "wrenches": ALL,
 }
-# What stands for every entry of an input that is not given, if not 0.
+# The value of every entry of an input that is left out, if not 0.
 _WITHOUT = {
     **{"desired_q": 1.0, "least": -math.inf, "most": math.inf},
     **{"lowest": -math.inf, "highest": math.inf},
@@ -59,7 +59,7 @@ def rollout_files(
 def rollout_context(
     robot: Functions, programs: Sequence[Program], header: Sequence[str]
 ) -> dict[str, Any]:
-    """What the templates are given."""
+    """Values for the templates."""
     return {
         "header": header,
         "name": robot.name,
@@ -113,15 +113,15 @@ def _source(robot: Functions, programs: Sequence[Program]) -> list[str]:
 
 
 def _inputs(robot: Functions, programs: Sequence[Program]) -> dict[str, Node]:
-    """What a rollout may be given, and what else programs are given."""
-    found = given(robot, ALL)
+    """Inputs that a rollout may have, and further ones of programs."""
+    inputs = given(robot, ALL)
     for program in programs:
-        found |= dict(zip(program.names[3:], program.inputs[3:], strict=True))
-    return found
+        inputs |= dict(zip(program.names[3:], program.inputs[3:], strict=True))
+    return inputs
 
 
 def _tables(robot: Functions, programs: Sequence[Program]) -> list[str]:
-    """What programs are given, in the order of the header, and which have what."""
+    """Inputs of programs, in the order of the header, and the programs that have them."""
     inputs, lines, room = _inputs(robot, programs), [], 0
     for name, x in inputs.items():
         size = x.size if any(name in program.names for program in programs) else 0

@@ -68,7 +68,7 @@ class Feedback:
 
 @dataclass(frozen=True)
 class Motors:
-    """What becomes of the inputs that are commanded.
+    """Limits and lag of commanded inputs.
 
     They are brought within `least` and `most` (nu). Thrusts then follow them with the
     `time_constants` (1 or n, rotors), s, of which 0 is no lag: over a step, in which commands are
@@ -121,7 +121,7 @@ class Problem:
 
     @functools.cached_property
     def parts(self) -> Parts:
-        """What it has besides inputs."""
+        """Parts of it besides inputs."""
         motors = self.motors
         return Parts(
             self.feedback is not None,
@@ -134,7 +134,7 @@ class Problem:
 
     @property
     def strains(self) -> int:
-        """How many numbers the bristles of contacts have, which end the state."""
+        """The number of values of contacts' bristles, which end the state."""
         return bristles_of(self.around.contacts)
 
     def begin(self, parts: Parts, xp: Any = np) -> list[Array]:
@@ -147,7 +147,7 @@ class Problem:
         if self.strains:
             unstrained = xp.zeros((1, self.strains), self.q.dtype)
             after.append(unstrained if self.bristles is None else self.bristles)
-        after = [xp.broadcast_to(each, (len(self.q), each.shape[-1])) for each in after]
+        after = [xp.broadcast_to(part, (len(self.q), part.shape[-1])) for part in after]
         return [self.q, self.v, *([xp.concatenate(after, axis=-1)] if after else [])]
 
     def after(self, rest: Array | None) -> tuple[Array | None, Array | None]:
@@ -308,7 +308,7 @@ def program_of(module: ModuleType, method: Method, parts: Parts) -> Program:
 
 
 def _may_lag(time_constants: Any) -> bool:
-    """Whether any is not 0; those that JAX traces may be."""
+    """True if any is not 0; those that JAX traces may be."""
     try:
         return bool(np.any(np.asarray(time_constants)))
     except TypeError:
@@ -316,32 +316,32 @@ def _may_lag(time_constants: Any) -> bool:
 
 
 def _given(problem: Problem, parts: Parts, xp: Any) -> dict[str, Any]:
-    """What programs of such parts are given, by the names of their inputs.
+    """Inputs of programs with such parts, by name.
 
     What differs from state to state has axes (1 or n, 1 or steps) in front.
     """
-    found = {
+    inputs = {
         sent(functions_of(problem.module)): problem.inputs,
         "wrenches": problem.wrenches,
         **problem.loads,
     }
     if problem.bounds is not None:
-        found |= dict(zip(("lowest", "highest"), problem.bounds, strict=True))
+        inputs |= dict(zip(("lowest", "highest"), problem.bounds, strict=True))
     if (feedback := problem.feedback) is not None:
         states = functions_of(problem.module).actuator_states
         others = states + 2 * problem.v.shape[1] - feedback.gain.shape[1]
-        found |= {"gain": xp.pad(feedback.gain, ((0, 0), (0, others)))}
-        found |= {"desired_q": feedback.q, "desired_v": feedback.v}
-        found["desired_x"] = xp.zeros((1, 1, states)) if feedback.x is None else feedback.x
+        inputs |= {"gain": xp.pad(feedback.gain, ((0, 0), (0, others)))}
+        inputs |= {"desired_q": feedback.q, "desired_v": feedback.v}
+        inputs["desired_x"] = xp.zeros((1, 1, states)) if feedback.x is None else feedback.x
     if (motors := problem.motors) is not None:
-        found |= {"least": motors.least, "most": motors.most}
+        inputs |= {"least": motors.least, "most": motors.most}
         lag = motors.time_constants[:, None, None]
         times = -problem.dt * xp.asarray([[0.0], [0.5], [1.0]])
         decay = xp.exp(times / xp.where(lag > 0.0, lag, 1.0))
-        found["lag"] = xp.where(lag > 0.0, decay, 0.0)
+        inputs["lag"] = xp.where(lag > 0.0, decay, 0.0)
     if parts.around.payloads:
-        found["gravity"] = _gravity(problem, xp)
-    return {name: found[name] for name in _inputs(problem.module, parts)}
+        inputs["gravity"] = _gravity(problem, xp)
+    return {name: inputs[name] for name in _inputs(problem.module, parts)}
 
 
 def _gravity(problem: Problem, xp: Any) -> Array:
@@ -355,7 +355,7 @@ def _gravity(problem: Problem, xp: Any) -> Array:
 
 @functools.lru_cache(maxsize=64)
 def _inputs(module: ModuleType, parts: Parts) -> dict[str, bool]:
-    """Whether inputs of programs are the same for all states, by their names."""
+    """True for inputs of programs that are the same for all states, by name."""
     return {name: x.is_uniform for name, x in given(functions_of(module), parts).items()}
 
 
@@ -383,24 +383,24 @@ class Steps:
     def after(self, number: Any, carried: Carried) -> Carried:
         """States after a step that the running ones have taken."""
         xp, (x, taken, ended) = self._xp, carried
-        found = self._evaluated(self._program, number, x)
-        runs, finite = ended == RUNNING, xp.isfinite(found["x_next"]).all(axis=1)
+        results = self._evaluated(self._program, number, x)
+        runs, finite = ended == RUNNING, xp.isfinite(results["x_next"]).all(axis=1)
         going = runs & finite
-        x = xp.where(going[:, None], found["x_next"], x)
+        x = xp.where(going[:, None], results["x_next"], x)
         ended = xp.where(runs & ~finite, xp.int8(DIVERGED), ended)
-        ended = xp.where(going & (found["ended"] > 0.0), xp.int8(OUT_OF_BOUNDS), ended)
+        ended = xp.where(going & (results["ended"] > 0.0), xp.int8(OUT_OF_BOUNDS), ended)
         return x, taken + going, ended
 
     def commanded(self) -> Array:
         """Inputs (1 or n, nu) that are commanded at the start, within their limits."""
         program = self._program
         commands = Program("commands", program.inputs, {"inputs": program.outputs["inputs"]})
-        found: Array = self._evaluated(commands, 0, self.begin()[0])["inputs"]
-        return found
+        commands_now: Array = self._evaluated(commands, 0, self.begin()[0])["inputs"]
+        return commands_now
 
     def rollout(self, x: Any, taken: Any, ended: Any) -> Rollout:
         """The rollout of samples (n, samples, …)."""
-        ends = np.cumsum([each.shape[1] for each in self._problem.begin(self.parts, self._xp)])
+        ends = np.cumsum([part.shape[1] for part in self._problem.begin(self.parts, self._xp)])
         samples = self._xp.split(x, ends[:-1], axis=2)
         return self._problem.rollout(samples, taken, ended, self._xp)
 
@@ -500,7 +500,7 @@ class _Run:
         self.given = np.array(words, np.uintp)
 
     def rollout(self) -> Rollout:
-        """What the calls have left in the arrays."""
+        """The rollout that the calls have left in the arrays."""
         steps, ended = self._steps.astype(np.int64), self._ended.view(np.int8)
         return self._problem.rollout(self._samples, steps, ended)
 
@@ -510,7 +510,7 @@ class _Run:
         return int(array.ctypes.data)
 
     def _rows(self, values: Reals, is_shared: bool) -> list[int]:
-        """Where rows (1 or n, 1 or steps, …) are, and how far those of states and steps are apart.
+        """Addresses of rows (1 or n, 1 or steps, …), and distances of those of states and steps.
 
         What is shared has one row.
         """
@@ -575,9 +575,9 @@ def _loaded(
         text = (Path(module.__path__[0]) / f"{name}.h").read_text(encoding="utf-8")
         header = [line[3:-3] for line in text.partition("\n\n")[0].splitlines()]
         made = rollout_files(robot, programs, header)
-    own = called(programs or rollout_programs(robot))
+    functions = called(programs or rollout_programs(robot))
     files = [] if made else [f"{name}_rollout.h", f"{name}_rollout.c"]
-    opened = library(module, own, made, single=single, each=True, files=files, flags=flags)
+    opened = library(module, functions, made, single=single, each=True, files=files, flags=flags)
     function = opened[f"{name}_rollout{'_float' if single else ''}"]
     address, size = ctypes.c_void_p, ctypes.c_size_t
     function.argtypes = [address, ctypes.c_double, address, *[size] * 4]
