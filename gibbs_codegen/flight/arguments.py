@@ -22,31 +22,31 @@ def numpy_array(name: str, value: Any) -> Array:
         raise UsageError(str(error)) from None
 
 
-def real(name: str, given: ArrayLike, wanted: str, *shapes: tuple[int, ...]) -> Array:
+def real(name: str, argument: ArrayLike, wanted: str, *shapes: tuple[int, ...]) -> Array:
     """A copy of real numbers in one of the shapes, which may be infinite or NaN.
 
     Raises `UsageError` that says what was `wanted`.
     """
     try:
-        found = np.array(real_numbers(name, given))
+        array = np.array(real_numbers(name, argument))
     except (TypeError, ValueError):  # Rows of different lengths, among others.
-        raise UsageError(f"{name}: must be {wanted}, not {written(given)}") from None
-    if found.shape not in shapes:
-        raise UsageError(f"{name}: must be {wanted}, not an array of shape {found.shape}")
-    return found
+        raise UsageError(f"{name}: must be {wanted}, not {written(argument)}") from None
+    if array.shape not in shapes:
+        raise UsageError(f"{name}: must be {wanted}, not an array of shape {array.shape}")
+    return array
 
 
-def numbers(name: str, given: ArrayLike, wanted: str, *shapes: tuple[int, ...]) -> Array:
+def numbers(name: str, argument: ArrayLike, wanted: str, *shapes: tuple[int, ...]) -> Array:
     """A copy of real, finite numbers; else as `real`."""
-    found = real(name, given, wanted, *shapes)
-    if not np.isfinite(found).all():
+    array = real(name, argument, wanted, *shapes)
+    if not np.isfinite(array).all():
         raise UsageError(f"{name}: must be {wanted}; some are NaN or infinite")
-    return found
+    return array
 
 
-def vector(name: str, given: ArrayLike, count: int) -> Array:
+def vector(name: str, argument: ArrayLike, count: int) -> Array:
     """A copy of so many finite numbers. Raises `UsageError` otherwise."""
-    return numbers(name, given, f"{count} finite numbers", (count,))
+    return numbers(name, argument, f"{count} finite numbers", (count,))
 
 
 def whole(name: str, value: Any, least: int = 1) -> int:

@@ -37,13 +37,13 @@ from gibbs_codegen.runtime.load import load
 
 Outcome = Flight | GibbsCodegenError
 
-# What flights begin with is kept of so many groups.
+# The number of groups whose starts of flights are kept.
 _MOST_KNOWN = 4
 _known: dict[tuple[ModuleType, bytes | None], FlightStart] = {}
 
 
 def fits_blocks(scenario: Scenario) -> bool:
-    """Whether flights of a scenario, and of others like it, can be computed side by side."""
+    """True if flights of a scenario, and of others like it, can be computed side by side."""
     return scenario.integration.method == "rk4" and not scenario.is_sampled
 
 
@@ -87,15 +87,15 @@ class FlightGroup:
     """
 
     def __init__(self, start: FlightStart, scenarios: Sequence[Scenario], blocks: bool) -> None:
-        # What holds one of them at rest says nothing of the others.
+        # Bristles that hold one of them at rest say nothing of the others.
         start = replace(start, loop=replace(start.loop, bristles=None))
         self._common, self._scenarios, self._blocks = start, scenarios, blocks
         self._like: Recording | None = None
-        known, lags = start.loop.actuators.lag, [s.motors.time_constant for s in scenarios]
+        shared, lags = start.loop.actuators.lag, [s.motors.time_constant for s in scenarios]
         self._joint = ScenarioLoops(
             start,
             {name: np.array([s.plant[name] for s in scenarios]) for name in start.scenario.plant},
-            np.stack([known if lag is None else np.full(len(known), lag) for lag in lags]),
+            np.stack([shared if lag is None else np.full(len(shared), lag) for lag in lags]),
             "plant",
         )
         self._loops: dict[int, ClosedLoop] = {}
@@ -105,15 +105,15 @@ class FlightGroup:
 
     def flights(self, threads: int, tell: Callable[[float], None]) -> list[Outcome]:
         """Fly them all: for each scenario the flight, or the error that refuses it."""
-        found: list[Outcome] = []
+        outcomes: list[Outcome] = []
         histories = self._block_histories(threads, tell)
         for i, history in enumerate(histories):
             try:
-                found.append(self._flight(i, history))
+                outcomes.append(self._flight(i, history))
             except GibbsCodegenError as error:
-                found.append(error)
+                outcomes.append(error)
             tell((i + 1) / len(histories))
-        return found
+        return outcomes
 
     def _block_histories(
         self, threads: int, tell: Callable[[float], None]
@@ -135,13 +135,13 @@ class FlightGroup:
             scenario.duration,
             threads,
         )
-        found = fly(starts, lambda time: tell(time / scenario.duration))
-        for i, history in zip(places, found, strict=True):
+        done = fly(starts, lambda time: tell(time / scenario.duration))
+        for i, history in zip(places, done, strict=True):
             histories[i] = history
         return histories
 
     def _is_sound(self, i: int) -> bool:
-        """Whether nothing speaks against a flight, of which it would have to be told by itself."""
+        """True if nothing speaks against a flight that it alone would have to report."""
         scenario = self._scenarios[i]
         try:
             loop = self._loop(i)
@@ -196,13 +196,13 @@ class FlightGroup:
         motion = self._common.motion
         scenario = replace(motion.scenario, name=self._scenarios[i].name)
         ranges: Callable[[], InputRanges] | None = None
-        loop, own = self._single(i) if history is None else (self._loop(i), history)
-        if self._like is None and not own.stopped:
-            self._like = Recording(self._common.loop, scenario, own)
-        like = None if own.stopped else self._like
+        loop, flown = self._single(i) if history is None else (self._loop(i), history)
+        if self._like is None and not flown.stopped:
+            self._like = Recording(self._common.loop, scenario, flown)
+        like = None if flown.stopped else self._like
         # Ranges are seldom asked for, and take an integration by itself.
         ranges = None if history is None else lambda: self._single(i)[1].inputs
-        recording = Recording(loop, scenario, own, like, ranges)
+        recording = Recording(loop, scenario, flown, like, ranges)
         return DeferredFlight(recording, timing_fields(motion))
 
 
@@ -232,31 +232,33 @@ def simulate_many(
         error with which `simulate` refuses it.
     """
     read = dict(enumerate(map(read_scenario, scenarios)))
-    module, found = robot if isinstance(robot, ModuleType) else load(robot), dict[int, Outcome]()
+    module, outcomes = robot if isinstance(robot, ModuleType) else load(robot), dict[int, Outcome]()
     if module is not robot:  # What NumPy can tell comes first: to compile takes long.
-        found = _refused(module, read)
-        module = load(robot, "c") if len(found) < len(read) else module
-    for common, places in _groups({k: each for k, each in read.items() if k not in found}):
-        done, size = len(found), len(places)
+        outcomes = _refused(module, read)
+        module = load(robot, "c") if len(outcomes) < len(read) else module
+    for common, places in _groups(
+        {k: scenario for k, scenario in read.items() if k not in outcomes}
+    ):
+        done, size = len(outcomes), len(places)
 
         def tell(share: float, done: int = done, size: int = size) -> None:
             progress("flying", (done + share * size) / len(scenarios))
 
         group = {place: read[place] for place in places}
         whether = size > 1 if blocks is None else blocks
-        found |= _fly_group(module, common, group, threads, tell, whether)
-    return [found[place] for place in range(len(scenarios))]
+        outcomes |= _fly_group(module, common, group, threads, tell, whether)
+    return [outcomes[place] for place in range(len(scenarios))]
 
 
 def _refused(module: ModuleType, scenarios: Mapping[int, Scenario]) -> dict[int, Outcome]:
     """Errors of the scenarios that a module on NumPy's arrays refuses, by their places."""
-    found: dict[int, Outcome] = {}
+    refusals: dict[int, Outcome] = {}
     for place, scenario in scenarios.items():
         try:
             check_flight(module, scenario)
         except GibbsCodegenError as error:
-            found[place] = error
-    return found
+            refusals[place] = error
+    return refusals
 
 
 def _fly_group(
@@ -271,32 +273,34 @@ def _fly_group(
 
     It is found with the first of them that can begin. `common` tells them from others.
     """
-    found: dict[int, Outcome] = {}
+    outcomes: dict[int, Outcome] = {}
     for place, scenario in scenarios.items():
         try:
             start = _start_of(module, common, scenario)
         except GibbsCodegenError as error:
-            found[place] = error
+            outcomes[place] = error
             continue
-        others = {each: s for each, s in scenarios.items() if each not in found}
+        others = {
+            place_left: s for place_left, s in scenarios.items() if place_left not in outcomes
+        }
         flights = FlightGroup(start, [*others.values()], blocks).flights(threads, tell)
-        return {**found, **dict(zip(others, flights, strict=True))}
-    return found
+        return {**outcomes, **dict(zip(others, flights, strict=True))}
+    return outcomes
 
 
 def _start_of(module: ModuleType, common: bytes | None, scenario: Scenario) -> FlightStart:
-    """What flights that share their desired motion begin with, which calls in a row share too.
+    """The start of flights that share their desired motion, which calls in a row share too.
 
     `common` is what tells them from others, None if nothing does.
     """
-    known = _known.pop((module, common), None)
-    if known is None:
-        known = flight_start(module, scenario, lambda what, share: None, own=False)
+    start = _known.pop((module, common), None)
+    if start is None:
+        start = flight_start(module, scenario, lambda what, share: None, own=False)
     if common is not None:
-        _known[module, common] = known
+        _known[module, common] = start
         for oldest in [*_known][:-_MOST_KNOWN]:
             del _known[oldest]
-    return known
+    return start
 
 
 def _groups(scenarios: Mapping[int, Scenario]) -> Iterable[tuple[bytes | None, list[int]]]:
@@ -308,7 +312,7 @@ def _groups(scenarios: Mapping[int, Scenario]) -> Iterable[tuple[bytes | None, l
 
 
 def _common(scenario: Scenario) -> bytes | None:
-    """What tells a scenario from those that it shares its desired motion with; None if that is all.
+    """A key of scenarios that share their desired motion; None if a scenario shares it with none.
 
     Whether motors lag decides what a state consists of, and so how flights are integrated.
     """

@@ -13,7 +13,7 @@ import numpy as np
 
 from gibbs_codegen.flight.vectors import Array
 
-# Of the powers of a quintic (6), in its value and its first and second derivatives (3): what each
+# The powers of a quintic (6) in its value and its first and second derivatives (3): the number each
 # is multiplied by, and the power that is left.
 _SLOPES = np.array([[1, 1, 1, 1, 1, 1], [0, 1, 2, 3, 4, 5], [0, 0, 2, 6, 12, 20]], np.float64)
 _LEFT = np.maximum(np.arange(6) - np.arange(3)[:, np.newaxis], 0)
@@ -42,7 +42,7 @@ class Reference:
         h = self.step
         q0, q1, v0, v1 = motion.q[:-1], motion.q[1:], motion.v[:-1] * h, motion.v[1:] * h
         a0, a1 = motion.a[:-1] * h**2, motion.a[1:] * h**2
-        # What the lower three powers leave to the upper three at the end of a piece.
+        # The part that the lower three powers leave to the upper three at the end of a piece.
         dq, dv, da = q1 - q0 - v0 - a0 / 2, v1 - v0 - a0, a1 - a0
         powers = [
             q0,
@@ -64,10 +64,10 @@ class Reference:
         t = np.minimum(np.maximum(np.asarray(time) - self.begin, 0.0), self.end - self.begin)
         piece = np.minimum((t / self.step).astype(int), len(self.coefficients) - 1)
         since = (t - piece * self.step)[..., np.newaxis, np.newaxis]
-        found: Array = (_SLOPES * since**_LEFT) @ self.coefficients[piece]
-        return found.reshape(*found.shape[:-2], -1)
+        pieces: Array = (_SLOPES * since**_LEFT) @ self.coefficients[piece]
+        return pieces.reshape(*pieces.shape[:-2], -1)
 
     def __call__(self, time: float | Array) -> tuple[Array, Array, Array]:
         """q, v and a (…, nq) at times (…); before the first and after the last knot, theirs."""
-        found, n = self.curves(time), self.coefficients.shape[-1]
-        return found[..., :n], found[..., n : 2 * n], found[..., 2 * n :]
+        curves, n = self.curves(time), self.coefficients.shape[-1]
+        return curves[..., :n], curves[..., n : 2 * n], curves[..., 2 * n :]

@@ -62,7 +62,7 @@ from gibbs_codegen.runtime.load import load
 from gibbs_codegen.runtime.loaded_module import require_functions
 from gibbs_codegen.runtime.predictive import AT_WALLS, DERIVATIVES
 
-# What rounding may make of an eigenvalue that is zero, as a share of the largest.
+# The size that rounding may give an eigenvalue of zero, as a share of the largest.
 _ROUNDING = 1e-13
 
 
@@ -106,7 +106,7 @@ def simulate(
 
 @dataclass(frozen=True)
 class FlightStart:
-    """What a flight begins with: motion, closed loop, and coordinates (nq), velocities (nv)."""
+    """The start of a flight: motion, closed loop, and coordinates (nq), velocities (nv)."""
 
     motion: TimedMotion
     loop: ClosedLoop
@@ -115,7 +115,7 @@ class FlightStart:
 
     @property
     def scenario(self) -> Scenario:
-        """What is flown, at the times at which it is flown."""
+        """The scenario of the flight, on the clock of the flight."""
         return self.motion.scenario
 
 
@@ -133,7 +133,7 @@ def flight_start(
     scenario = read_scenario(scenario)
     if own:
         scenario = uncontrolled(scenario)
-    # What NumPy can tell comes first: to compile takes long.
+    # Checks that NumPy can make come first: to compile takes long.
     check_flight(robot if isinstance(robot, ModuleType) else load(robot), scenario)
     module = robot if isinstance(robot, ModuleType) else load(robot, "c")
     vehicle = Vehicle(module, scenario.parameters)

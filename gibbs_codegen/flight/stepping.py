@@ -113,7 +113,7 @@ class Simulation:
 
     @property
     def sensors(self) -> dict[str, Reading]:
-        """What the robot's sensors read last, by their names: `Observation.sensors` as of now."""
+        """The last readings of the robot's sensors, by name: `Observation.sensors` as of now."""
         return self._sensing.readings.at(self.time - self._sensing.delay)
 
     def reset(
@@ -146,8 +146,8 @@ class Simulation:
         unit, right = unit_quaternions(vehicle.module, vehicle.layout, start_state[0])
         if not right:
             raise UsageError(f"q: must be coordinates {UNIT}")
-        known = self._scenario.start.charge
-        level = known if charge is None else float(numbers("charge", charge, "a number", ()))
+        charged = self._scenario.start.charge
+        level = charged if charge is None else float(numbers("charge", charge, "a number", ()))
         check_charge(vehicle, level)
         self._sensing.reset(seed)
         self._begin, self._charge = (unit, start_state[1]), level
@@ -211,14 +211,14 @@ class Simulation:
         self._sensing.readings.take(self.time, self._measured)
 
     def _measured(self) -> Array:
-        """What the robot's sensors measure (m) now, without errors."""
+        """Readings (m) of the robot's sensors now, without errors."""
         suite = self._loop.sensors
         if suite is None or suite.feels_contacts or self._flight is None:
             return self._loop.measured(self.time, *self._at()).sensors
         return suite.measured(self.q, self.v, self.a)
 
     def _seen(self) -> Observation:
-        """What the sensors tell now, of a while ago if they are late."""
+        """Observations of the sensors now, or of a while ago if they are late."""
         late = max(self.time - self._sensing.delay, 0.0)
         parts, inputs = self._at(late)
         measure = partial(self._loop.measured, late, parts, inputs)
@@ -231,9 +231,9 @@ class Simulation:
     def _integrated(self, state: Array, begin: float) -> Integration:
         """A flight from a state at a time, s, on."""
         settings, duration = self._scenario.integration, self._scenario.duration
-        found = Integration(self._loop, state, settings, duration, begin, self._compiled)
-        self._compiled = found.compiled
-        return found
+        integration = Integration(self._loop, state, settings, duration, begin, self._compiled)
+        self._compiled = integration.compiled
+        return integration
 
     def _fly(self, flight: Integration, end: float) -> None:
         """Fly on while the same inputs act."""

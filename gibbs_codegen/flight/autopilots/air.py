@@ -1,4 +1,4 @@
-"""Where on the earth the world's origin is, and the standard atmosphere above it."""
+"""The place of the world's origin on the earth, and the standard atmosphere above it."""
 
 from __future__ import annotations
 

@@ -14,7 +14,7 @@ import time
 
 import numpy as np
 
-from gibbs_codegen.flight.autopilots.machine import Outputs, Readings
+from gibbs_codegen.flight.autopilots.machine import Outputs, Telemetry
 from gibbs_codegen.flight.autopilots.session import PeerError, opened
 from gibbs_codegen.flight.plant.vehicle import Array
 
@@ -49,7 +49,7 @@ class ArduPilot:
         self._answer = b""
         self._lost = self._garbage = self._strangers = 0
 
-    def open(self, readings: Readings) -> None:
+    def open(self, readings: Telemetry) -> None:
         """Keep the first answer: ArduPilot speaks first."""
         self.send(readings)
 
@@ -57,7 +57,7 @@ class ArduPilot:
         """Outputs of the next packet, and the time of a step, s."""
         end = time.monotonic() + self._timeout
         while True:
-            # What comes from elsewhere does not prolong it.
+            # Packets from elsewhere do not prolong it.
             self._socket.settimeout(max(end - time.monotonic(), 1e-3))
             try:
                 packet, peer = self._socket.recvfrom(_LONGEST)
@@ -107,9 +107,9 @@ class ArduPilot:
             (motors - 1000.0) / 1000.0, np.where(servos, (servos - 1500.0) / 500.0, np.nan)
         )
 
-    def send(self, readings: Readings) -> None:
+    def send(self, readings: Telemetry) -> None:
         """Answer the last packet."""
-        told = {
+        packet = {
             "timestamp": readings.time,
             "imu": {
                 "gyro": readings.gyro.tolist(),
@@ -119,7 +119,7 @@ class ArduPilot:
             "velocity": readings.velocity.tolist(),
             "quaternion": readings.quaternion.tolist(),
         }
-        self._answer = f"\n{json.dumps(told)}\n".encode()
+        self._answer = f"\n{json.dumps(packet)}\n".encode()
         if self._peer is not None:
             self._socket.sendto(self._answer, self._peer)
 

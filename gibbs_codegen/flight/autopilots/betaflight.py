@@ -17,12 +17,12 @@ import numpy as np
 
 from gibbs_codegen.errors import UsageError, printable
 from gibbs_codegen.flight.autopilots.air import place_at, pressure_at
-from gibbs_codegen.flight.autopilots.machine import Machine, Outputs, Readings
+from gibbs_codegen.flight.autopilots.machine import Machine, Outputs, Telemetry
 from gibbs_codegen.flight.autopilots.session import PeerError, opened
 from gibbs_codegen.flight.plant.vehicle import Array
 
 # A pilot: pulse widths of up to 16 channels, µs, at what sensors tell.
-Sticks = Callable[[Readings], Sequence[float]]
+Sticks = Callable[[Telemetry], Sequence[float]]
 
 _MOTORS, _STATE, _RC = 9002, 9003, 9004
 # Steps a second, if nothing else is said, and at least: it takes no time for slower ones.
@@ -83,7 +83,7 @@ class Betaflight:
         self._motors: Array | None = None
         self._answers = self._silent = self._missed = self._garbage = 0
 
-    def open(self, readings: Readings) -> None:
+    def open(self, readings: Telemetry) -> None:
         """Tell the state in the start until motors answer it, and then some time more.
 
         Args:
@@ -127,7 +127,7 @@ class Betaflight:
         return Outputs(motors[self._order], np.zeros(0)), 1.0 / self._rate
 
     def _wait(self) -> bool:
-        """Whether motors come in time; raises `PeerError` once none have for too long."""
+        """True if motors come in time; raises `PeerError` once none have for too long."""
         self._silent = 0 if self._take(_LATE) else self._silent + 1
         if self._silent * _LATE > self._timeout:
             raise PeerError(f"Betaflight has been silent for {self._timeout:g} s")
@@ -135,20 +135,20 @@ class Betaflight:
 
     def _take(self, timeout: float) -> bool:
         """Take the last motors of those that come within a time, s; whether any came."""
-        found = False
+        has_motors = False
         self._socket.settimeout(timeout)
         try:
             while True:
                 packet = self._socket.recv(4096)
                 if len(packet) == _MOTOR_PACKET.size:
-                    found, self._motors = True, np.nan_to_num(_MOTOR_PACKET.unpack(packet))
+                    has_motors, self._motors = True, np.nan_to_num(_MOTOR_PACKET.unpack(packet))
                     self._socket.setblocking(False)
                 else:
                     self._garbage += 1
         except (TimeoutError, BlockingIOError):
-            return found
+            return has_motors
 
-    def send(self, readings: Readings) -> None:
+    def send(self, readings: Telemetry) -> None:
         """Tell the state, and now and then the sticks.
 
         Args:
@@ -158,9 +158,9 @@ class Betaflight:
         # A receiver that is told sticks before it has started never listens to them.
         is_due = self._answers == _ANSWERS and self._step % max(round(rate / _STICKS), 1) == 0
         if self._sticks is not None and is_due:
-            given = np.clip(self._sticks(readings), *_WIDTHS).tolist()
-            given = widths(given, f"sticks at t = {readings.time:.6g} s")
-            channels = (*given, *[1000] * 16)[:16]
+            pulses = np.clip(self._sticks(readings), *_WIDTHS).tolist()
+            pulses = widths(pulses, f"sticks at t = {readings.time:.6g} s")
+            channels = (*pulses, *[1000] * 16)[:16]
             self._socket.sendto(_RC_PACKET.pack(now, *channels), (self._host, _RC))
         latitude, longitude, altitude = place_at(readings.position)
         north, east, down = readings.velocity.tolist()
@@ -195,15 +195,15 @@ class Betaflight:
 def _places(machine: Machine) -> tuple[list[int], list[str]]:
     """For each rotor the place of its motor in Betaflight's packets; what is to be told of them."""
     _, torques = np.split(machine.vehicle.thrust_wrenches(), 2)
-    found = [(bool(-about_y > 0.0), bool(about_x > 0.0)) for about_x, about_y, _ in torques.T]
-    if machine.rotors != 4 or {*found} != {*_PLACES}:
+    corners = [(bool(-about_y > 0.0), bool(about_x > 0.0)) for about_x, about_y, _ in torques.T]
+    if machine.rotors != 4 or {*corners} != {*_PLACES}:
         raise UsageError(
             f"{machine.vehicle.name}: Betaflight's SITL flies four rotors as an X, one at each "
             "corner of the base"
         )
     if machine.joints and machine.servos:
         raise UsageError("--joints: Betaflight's SITL tells no servos; the scenario moves joints")
-    order = [_PLACES.index(place) for place in found]
+    order = [_PLACES.index(place) for place in corners]
     senses = np.sign(torques[2]) * np.take(_SENSES, order)
     notes = []
     if np.all(senses == -1.0):
@@ -222,15 +222,15 @@ def _places(machine: Machine) -> tuple[list[int], list[str]]:
 def widths(channels: Sequence[float], where: str) -> list[int]:
     """Pulse widths, µs, of up to 16 channels; raises `UsageError` where they cannot be that."""
     least, most = _WIDTHS
-    for k, each in enumerate(channels, start=1):
-        if not least <= each <= most:
+    for k, pulse in enumerate(channels, start=1):
+        if not least <= pulse <= most:
             raise UsageError(
                 f"{where}: channel {k}: must be a pulse width from {least:g} to {most:g} µs, not "
-                f"{each:g}"
+                f"{pulse:g}"
             )
     if not 1 <= len(channels) <= 16:
         raise UsageError(f"{where}: must be of 1 to 16 channels, not {len(channels)}")
-    return [round(each) for each in channels]
+    return [round(pulse) for pulse in channels]
 
 
 def sticks_of(text: str, source: str) -> Sticks:
@@ -244,7 +244,7 @@ def sticks_of(text: str, source: str) -> Sticks:
             continue
         where = f"{source}:{number}"
         try:
-            rows.append([float(each) for each in line.split(",")])
+            rows.append([float(entry) for entry in line.split(",")])
         except ValueError:
             raise UsageError(
                 f"{where}: must be numbers with commas between them, a time, s, and pulse widths, "
@@ -260,7 +260,7 @@ def sticks_of(text: str, source: str) -> Sticks:
         raise UsageError(f"{source}: has no line; each is a time, s, and pulse widths, µs")
     times, *columns = np.array(rows).T
 
-    def sticks(readings: Readings) -> list[float]:
-        return [float(np.interp(readings.time, times, each)) for each in columns]
+    def sticks(readings: Telemetry) -> list[float]:
+        return [float(np.interp(readings.time, times, column)) for column in columns]
 
     return sticks

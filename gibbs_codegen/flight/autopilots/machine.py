@@ -32,7 +32,7 @@ from gibbs_codegen.robot.autopilot_axes import north_east_down, turned_attitude,
 
 
 class Outputs(NamedTuple):
-    """What an autopilot commands: shares (N) of motors, 0 to 1, and places (n) of servos, −1 to 1.
+    """Commands of an autopilot: shares (N) of motors, 0 to 1, and places (n) of servos, −1 to 1.
 
     What is beyond is as the nearest of these. Motors that are NaN rest, and servos stay.
     """
@@ -41,8 +41,8 @@ class Outputs(NamedTuple):
     servos: Array
 
 
-class Readings(NamedTuple):
-    """What sensors tell at a time, s; a body's axes are FRD, the world's NED.
+class Telemetry(NamedTuple):
+    """Readings of sensors at a time, s; a body's axes are FRD, the world's NED.
 
     Angular velocity `gyro` (3), rad/s, and specific force `accelerometer` (3), m/s², in the body's
     axes; `altitude` of the pressure above the sea, m; magnetic `field` (3), T, in the body's axes;
@@ -117,12 +117,12 @@ class Machine:
                 f"{self.vehicle.name}: {missing}: a servo needs limits of the joint, from -1 to 1; "
                 "give limits in the robot file, or arm.limits"
             )
-        own = scenario.sensors or Sensors()
-        chosen: dict[str, Any] = {k: getattr(own, k)[:1] or (x,) for k, x in _USUAL.items()}
+        sensors = scenario.sensors or Sensors()
+        chosen: dict[str, Any] = {k: getattr(sensors, k)[:1] or (x,) for k, x in _USUAL.items()}
         suite = SensorSuite(self.vehicle, Sensors(**chosen))
-        # Of sensors of the scenario their places in what is told.
+        # Places of the scenario's sensors in the telemetry.
         pairs = zip(_USUAL, suite.devices, suite.places, strict=True)
-        self._own = {each.name: place for kind, each, place in pairs if getattr(own, kind)}
+        self._own = {device.name: place for kind, device, place in pairs if getattr(sensors, kind)}
         closed, law = loop_program(self.loop, Loads(inputs=())), self.loop.controller
         values = {"least": least, "most": most, "low": travel[0], "high": travel[1]}
         values |= {"stiffness": law.gains.stiffness, "damping": law.gains.damping}
@@ -136,17 +136,17 @@ class Machine:
         )
         measurement = telling_program(closed, suite.program)
         self._telling = state_program(self.vehicle, measurement, values)
-        # Of what is told the places and signs in axes of autopilots.
-        told = np.arange(1, suite.size + 7)
-        turned = [*map(turned_over, told[:6].reshape(2, 3)), told[6:7], turned_over(told[7:10])]
-        numbers = np.concatenate([*turned, *map(north_east_down, told[10:].reshape(4, 3))])
+        # Places and signs of the telemetry in axes of autopilots.
+        read = np.arange(1, suite.size + 7)
+        turned = [*map(turned_over, read[:6].reshape(2, 3)), read[6:7], turned_over(read[7:10])]
+        numbers = np.concatenate([*turned, *map(north_east_down, read[10:].reshape(4, 3))])
         self._places, self._signs = np.abs(numbers).astype(int) - 1, np.sign(numbers)
         # An autopilot is not to wait for what is compiled.
         self.simulation.prepare()
 
     @staticmethod
-    def _without(names: tuple[str, ...], known: Any) -> str:
-        return ", ".join(name for name, k in zip(names, known, strict=False) if not k)
+    def _without(names: tuple[str, ...], has_value: Any) -> str:
+        return ", ".join(name for name, k in zip(names, has_value, strict=False) if not k)
 
     @property
     def time(self) -> float:
@@ -160,32 +160,32 @@ class Machine:
             outputs: What the autopilot commands.
             duration: How long, s.
         """
-        given, found = self._commands.inputs, self._commands.outputs
-        given["time"][...], given["motors"][...] = self.time, outputs.motors
-        given["x"][...], given["a"][...] = self.simulation.state, self.simulation.a
+        inputs, commands = self._commands.inputs, self._commands.outputs
+        inputs["time"][...], inputs["motors"][...] = self.time, outputs.motors
+        inputs["x"][...], inputs["a"][...] = self.simulation.state, self.simulation.a
         if self.servos:
-            given["servos"][...] = outputs.servos
+            inputs["servos"][...] = outputs.servos
         self._commands.run()
-        given["asked"][...] = found["next"]
-        self.simulation.advance(found["u"], duration)
+        inputs["asked"][...] = commands["next"]
+        self.simulation.advance(commands["u"], duration)
 
-    def readings(self) -> Readings:
-        """What sensors tell now: those of the scenario, and without errors those that it lacks."""
-        given = self._telling.inputs
-        given["x"][...], given["a"][...] = self.simulation.state, self.simulation.a
+    def readings(self) -> Telemetry:
+        """Readings of sensors now: the scenario's, and without errors those that it lacks."""
+        inputs = self._telling.inputs
+        inputs["x"][...], inputs["a"][...] = self.simulation.state, self.simulation.a
         self._telling.run()
-        told = self._telling.outputs["told"].copy()
+        telemetry = self._telling.outputs["told"].copy()
         sensed = self.simulation.sensors if self._own else {}
         for name, place in self._own.items():
             if np.isfinite(values := sensed[name].values).all():
-                told[place] = values
-        layout, attitude = self.vehicle.layout, told[len(self._places) :]
+                telemetry[place] = values
+        layout, attitude = self.vehicle.layout, telemetry[len(self._places) :]
         if not layout.is_quaternion:
             attitude = Rotation.from_matrix(attitude.reshape(3, 3)).as_quat()
-        turned = told[self._places] * self._signs + 0.0
+        turned = telemetry[self._places] * self._signs + 0.0
         force, turning, field = turned[:3], turned[3:6], turned[7:10]
         fix, fix_velocity, position, velocity = turned[10:].reshape(4, 3)
-        return Readings(
+        return Telemetry(
             *(self.time, turning, force, float(turned[6]), field, (fix, fix_velocity)),
             *(position, velocity, turned_attitude(attitude)),
         )

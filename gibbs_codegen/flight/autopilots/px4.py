@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from gibbs_codegen.flight.autopilots.air import place_at, pressure_at, temperature_at
-from gibbs_codegen.flight.autopilots.machine import Outputs, Readings
+from gibbs_codegen.flight.autopilots.machine import Outputs, Telemetry
 from gibbs_codegen.flight.autopilots.session import PeerError, opened
 from gibbs_codegen.flight.plant.vehicle import Array
 
@@ -68,7 +68,7 @@ class PX4:
         """Take what MAVLink would send, until a step is told whole."""
         self._sending += packet
 
-    def open(self, readings: Readings) -> None:
+    def open(self, readings: Telemetry) -> None:
         """Wait for PX4, and tell it readings until it answers."""
         self._server.settimeout(self._timeout)
         try:
@@ -130,7 +130,7 @@ class PX4:
                 self._garbage += 1
         return True
 
-    def send(self, readings: Readings) -> None:
+    def send(self, readings: Telemetry) -> None:
         """Tell readings, and now and then a fix, the true state, and that this is here."""
         rate, step = self._rate, self._step
         now = round(1e6 * (step + 1) / rate)
@@ -166,7 +166,7 @@ class PX4:
         stranger.close()
         self._strangers += 1
 
-    def _sensors(self, now: int, readings: Readings) -> None:
+    def _sensors(self, now: int, readings: Telemetry) -> None:
         """Tell HIL_SENSOR: m/s², rad/s, gauss, hPa, m, °C."""
         altitude = readings.altitude
         self._mavlink.hil_sensor_send(
@@ -181,7 +181,7 @@ class PX4:
             _UPDATED,
         )
 
-    def _fix(self, now: int, readings: Readings) -> None:
+    def _fix(self, now: int, readings: Telemetry) -> None:
         """Tell HIL_GPS: degrees · 1e7, mm, cm, cm/s, hundredths of a degree."""
         position, velocity = readings.fix
         north, east, down = _short(100.0 * velocity)
@@ -201,7 +201,7 @@ class PX4:
             12,
         )
 
-    def _state(self, now: int, readings: Readings) -> None:
+    def _state(self, now: int, readings: Telemetry) -> None:
         """Tell HIL_STATE_QUATERNION, the truth: degrees · 1e7, mm, cm/s, thousandths of g."""
         velocity = _short(100.0 * readings.velocity)
         speed = round(math.hypot(*velocity))
@@ -218,9 +218,9 @@ class PX4:
 
     def close(self) -> None:
         """Close the connection, and tell what was odd."""
-        for each in (self._peer, self._server):
-            if each is not None:
-                each.close()
+        for endpoint in (self._peer, self._server):
+            if endpoint is not None:
+                endpoint.close()
         for count, what in (
             (self._garbage, "of the pieces that came were no MAVLink"),
             (self._strangers, "of those that wanted to connect were turned away"),
@@ -231,8 +231,8 @@ class PX4:
 
 def _short(values: Array) -> list[int]:
     """Whole numbers of 16 bits, the nearest ones."""
-    found: list[int] = values.round().clip(-32768, 32767).astype(int).tolist()
-    return found
+    rounded: list[int] = values.round().clip(-32768, 32767).astype(int).tolist()
+    return rounded
 
 
 def _place(position: Array) -> tuple[int, int, int]:

@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 from typing import Protocol
 
 from gibbs_codegen.errors import GibbsCodegenError, UsageError, cause_of
-from gibbs_codegen.flight.autopilots.machine import Machine, Outputs, Readings
+from gibbs_codegen.flight.autopilots.machine import Machine, Outputs, Telemetry
 
 # Times are the same, s.
 _SAME = 1e-9
@@ -28,13 +28,13 @@ class PeerError(GibbsCodegenError):
     exit_code = 1
 
 
-class Link(Protocol):
-    """What an autopilot is told and tells; `name` is its own, `notes` what is to be told of it."""
+class AutopilotLink(Protocol):
+    """The messages to and from an autopilot; `name` is its own, `notes` are for the user."""
 
     name: str
     notes: list[str]
 
-    def open(self, readings: Readings) -> None:
+    def open(self, readings: Telemetry) -> None:
         """Wait until the autopilot is there, with the machine at rest in its start."""
 
     def receive(self) -> tuple[Outputs, float]:
@@ -43,7 +43,7 @@ class Link(Protocol):
         Raises `PeerError` where none come, or none that can be.
         """
 
-    def send(self, readings: Readings) -> None:
+    def send(self, readings: Telemetry) -> None:
         """Tell the autopilot what its sensors would."""
 
     def close(self) -> None:
@@ -52,7 +52,7 @@ class Link(Protocol):
 
 @dataclass
 class Session:
-    """What became of a flight: why it ended before its time, "" if it did not, and how fast it was.
+    """The outcome of a flight: the reason for an early end, "" for none, and the speed of the run.
 
     `failed` tells whether it was meant to go on; `pace` is in seconds of flight for each second.
     """
@@ -65,7 +65,7 @@ class Session:
 
 def fly(
     machine: Machine,
-    link: Link,
+    link: AutopilotLink,
     duration: float,
     speed: float = 1.0,
     progress: Callable[[str, float], None] = lambda what, share: None,

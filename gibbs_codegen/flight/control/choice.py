@@ -1,4 +1,4 @@
-"""Which law of control a robot is flown by: what its rotors command decides."""
+"""The law of control of a flight; it depends on what the rotors command."""
 
 from __future__ import annotations
 
@@ -44,8 +44,8 @@ def law_of(law: Law, vehicle: RobotData, q: Array, scenario: str) -> Law:
     full = bool(np.all(ranks(vehicle.thrust_wrenches(q)) == _ALL))
     one_axis = thrust_axis(vehicle, q) is not None
     task = LAWS[law].task if law in LAWS else law
-    of_task = {name: each for name, each in LAWS.items() if each.task == task}
-    suiting = [name for name, each in of_task.items() if (one_axis if each.leans else full)]
+    of_task = {name: row for name, row in LAWS.items() if row.task == task}
+    suiting = [name for name, row in of_task.items() if (one_axis if row.leans else full)]
     if law == task and suiting:
         return suiting[0]
     if law in suiting:
@@ -111,10 +111,10 @@ def control_law(
     ratios = np.full(places.size, control.damping_ratio)
     check_control(law, control, vehicle)
     held = [k for k in range(vehicle.joints) if holds(vehicle, k) and not turns_servos(law)]
-    for name, own in control.joints.items():
+    for name, row in control.joints.items():
         place = places.joints.start + joint_place(vehicle, name)
-        frequencies[place] = own.frequency or control.frequency
-        ratios[place] = control.damping_ratio if own.damping_ratio is None else own.damping_ratio
+        frequencies[place] = row.frequency or control.frequency
+        ratios[place] = control.damping_ratio if row.damping_ratio is None else row.damping_ratio
     # A servo corrects what is off itself, unless the law wants torques of it.
     frequencies[places.joints][held] = 0.0
     gains = Gains.of(frequencies, ratios, places.size)
@@ -124,11 +124,11 @@ def control_law(
     if law in LAWS and (control.integral or LAWS[law].pushes):
         gains, memory = replace(gains, integral=control.integral), places.size
     kind = LeaningController if leans else Controller
-    found = kind(vehicle, reference, allocation, gains, law, memory, moved)
-    if isinstance(found, LeaningController):
-        found.check_thrust()
-    check_integral(found)
-    return found
+    controller = kind(vehicle, reference, allocation, gains, law, memory, moved)
+    if isinstance(controller, LeaningController):
+        controller.check_thrust()
+    check_integral(controller)
+    return controller
 
 
 def check_control(law: Law | None, control: Control, vehicle: RobotData) -> None:

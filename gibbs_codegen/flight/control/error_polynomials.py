@@ -1,4 +1,4 @@
-"""How tracking errors decay under a law: the characteristic polynomials of their equations.
+"""Decay of tracking errors under a law: the characteristic polynomials of their equations.
 
 Under computed torque the error e of a coordinate obeys ë + d ė + k e = 0. With motors of time
 constant T, errors of the base obey T e⃛ + ë + d ė + k e = 0. Under the geometric law that holds for
@@ -38,17 +38,18 @@ def error_polynomials(controller: ControlLaw, lags: Sequence[float]) -> list[Arr
     every, law = np.stack([gains.damping, gains.stiffness], axis=-1), LAWS[controller.law]
     of_frame = []
     if law.moves_frame:
-        known = [controller.values[f"frame_{x}"] for x in ("damping", "stiffness", "inertia")]
-        pairs = np.stack(known[:2], axis=-1) / known[2][:, np.newaxis]
+        terms = [controller.values[f"frame_{x}"] for x in ("damping", "stiffness", "inertia")]
+        pairs = np.stack(terms[:2], axis=-1) / terms[2][:, np.newaxis]
         # Where the base leans joints move the frame, which do not lag.
         felt = () if law.leans else lags
         of_frame = _decoupled(pairs, gains.integral if law.pushes else 0.0, felt)
     if not law.leans:
         return of_frame + _decoupled(every, gains.integral, lags)
-    found = of_frame + _decoupled(np.delete(every, places.attitude, axis=0), gains.integral, lags)
+    rest = np.delete(every, places.attitude, axis=0)
+    polynomials = of_frame + _decoupled(rest, gains.integral, lags)
     if gains.integral:  # The heading has the gains of the position, and no integral.
-        found += _decoupled(every[places.position], 0.0, lags)
-    return found + _sideways(gains, every[places.position], every[places.attitude], lags)
+        polynomials += _decoupled(every[places.position], 0.0, lags)
+    return polynomials + _sideways(gains, every[places.position], every[places.attitude], lags)
 
 
 def _decoupled(pairs: Array, integral: float, lags: Sequence[float]) -> list[Array]:
@@ -57,13 +58,13 @@ def _decoupled(pairs: Array, integral: float, lags: Sequence[float]) -> list[Arr
     `pairs` (k, 2) are their damping and stiffness. Torques of joints do not lag: without comes
     first.
     """
-    found = []
+    polynomials = []
     # Without stiffness a servo corrects the error.
     for pair in np.unique(pairs[pairs[:, 1] > 0.0], axis=0):
         rest = [*pair, integral * pair[1]] if integral else pair
-        found.append(np.array([1.0, *rest]))
-        found += [np.array([lag, 1.0, *rest]) / lag for lag in lags]
-    return found
+        polynomials.append(np.array([1.0, *rest]))
+        polynomials += [np.array([lag, 1.0, *rest]) / lag for lag in lags]
+    return polynomials
 
 
 def _sideways(gains: Gains, position: Array, attitude: Array, lags: Sequence[float]) -> list[Array]:
@@ -71,7 +72,7 @@ def _sideways(gains: Gains, position: Array, attitude: Array, lags: Sequence[flo
 
     Damping and stiffness of `position` and `attitude` are (3, 2); highest power first.
     """
-    found = []
+    polynomials = []
     pairs = np.concatenate([position, attitude], axis=-1)
     for d, k, damping, stiffness in np.unique(pairs, axis=0):
         wish = [d, k, gains.integral * k] if gains.integral else [d, k]
@@ -80,8 +81,8 @@ def _sideways(gains: Gains, position: Array, attitude: Array, lags: Sequence[flo
         for lag in (0.0, *lags):
             lean = np.trim_zeros(np.array([lag, 1.0, damping, stiffness]), "f")
             whole = np.polyadd(np.polymul(lean, moved), desired)
-            found.append(whole / whole[0])
-    return found
+            polynomials.append(whole / whole[0])
+    return polynomials
 
 
 def check_integral(law: Controller) -> None:
@@ -99,7 +100,7 @@ def check_integral(law: Controller) -> None:
 
 
 def _decays(law: Controller, integral: float) -> bool:
-    """Whether errors decay under a law with integral action of a rate, 1/s."""
+    """True if errors decay under a law with integral action of a rate, 1/s."""
     polynomials = error_polynomials(replace(law, gains=replace(law.gains, integral=integral)), ())
     roots = np.array(list(itertools.chain.from_iterable(map(np.roots, polynomials))))
     return bool(np.all(roots.real < -_ROUNDING * np.max(np.abs(roots))))

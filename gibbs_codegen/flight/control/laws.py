@@ -43,7 +43,7 @@ from gibbs_codegen.flight.reference import Reference
 from gibbs_codegen.flight.scenario.parts import Force, Impedance
 from gibbs_codegen.machine import closed_loop
 
-# What a frame feels that nothing touches.
+# The wrench on a frame that nothing touches.
 _NOTHING: Array = np.zeros(6)
 
 
@@ -55,19 +55,19 @@ def required_inputs(
     Raises `AllocationError` if no thrusts at all produce the wrench.
     """
     evaluator = evaluator_of(law_program(vehicle, allocation, "open_loop"), "required")
-    given = _of_rotors(vehicle, allocation) | {"q": q, "v": v, "a": a}
-    found = evaluator(given, constants_of(vehicle, vehicle), allocation.externals)
-    return _commanded(allocation, q, found)
+    arguments = _of_rotors(vehicle, allocation) | {"q": q, "v": v, "a": a}
+    results = evaluator(arguments, constants_of(vehicle, vehicle), allocation.externals)
+    return _commanded(allocation, q, results)
 
 
-def _commanded(allocation: Allocation, q: Array, found: Mapping[str, Array]) -> Array:
+def _commanded(allocation: Allocation, q: Array, results: Mapping[str, Array]) -> Array:
     """The inputs (…, nu) that a program has found.
 
     Raises `AllocationError` where it refuses a wrench.
     """
-    if np.any(found["refused"] > 0.0):
-        allocation.check(q, found["wrench"])
-    return found["wanted"]
+    if np.any(results["refused"] > 0.0):
+        allocation.check(q, results["wrench"])
+    return results["wanted"]
 
 
 def inputs_and_constraint_torques(
@@ -105,7 +105,7 @@ def law_program(
 
 @lru_cache(maxsize=64)
 def evaluator_of(whole: closed_loop.ClosedLoop, name: str) -> Evaluator:
-    """What evaluates a program of a closed loop by its name; many flights share one."""
+    """The evaluator of a program of a closed loop by its name; many flights share one."""
     program: Program = getattr(whole, name)()
     return Evaluator(program, dict.fromkeys(("plant", "model"), whole.module))
 
@@ -166,14 +166,14 @@ class MovedFrame:
 
         `gains` (2, 3) are stiffness and damping of errors of the position.
         """
-        own, (stiffness, damping) = self.impedance, gains
-        inertia = np.full(3, mass) if own.inertia is None else np.array(own.inertia)
-        stiff = inertia * stiffness if own.stiffness is None else np.array(own.stiffness)
+        frame, (stiffness, damping) = self.impedance, gains
+        inertia = np.full(3, mass) if frame.inertia is None else np.array(frame.inertia)
+        stiff = inertia * stiffness if frame.stiffness is None else np.array(frame.stiffness)
         damped = damping * np.sqrt(inertia * stiff / stiffness)
         values = {
             "frame_inertia": inertia,
             "frame_stiffness": stiff,
-            "frame_damping": damped if own.damping is None else np.array(own.damping),
+            "frame_damping": damped if frame.damping is None else np.array(frame.damping),
         }
         if (push := self.force) is None:
             return values
@@ -224,7 +224,7 @@ class Controller:
 
     @cached_property
     def externals(self) -> dict[str, Callable[..., Any]]:
-        """What its program calls that is written by hand."""
+        """Functions written by hand that its program calls."""
         return {**self.allocation.externals, "desired": self.reference.curves}
 
     def program(self, **others: Any) -> closed_loop.ClosedLoop:
@@ -251,14 +251,14 @@ class Controller:
 
         Raises `AllocationError` if no thrusts at all produce the wrench.
         """
-        given = {"time": time, "q": q, "v": v, "memory": memory, "felt": felt}
+        state = {"time": time, "q": q, "v": v, "memory": memory, "felt": felt}
         evaluator = evaluator_of(self.program(limited=bool(limits)), "command")
         constants = constants_of(self.vehicle, self.vehicle)
-        found = evaluator({**self.values, **limits, **given}, constants, self.externals)
+        results = evaluator({**self.values, **limits, **state}, constants, self.externals)
         at = self.reference(time)[0] if self.law == "open_loop" else q
-        inputs = _commanded(self.allocation, at, found)
+        inputs = _commanded(self.allocation, at, results)
         shape = (*q.shape[:-1], inputs.shape[-1])
-        return np.array(np.broadcast_to(inputs, shape)), found.get("growth", memory)
+        return np.array(np.broadcast_to(inputs, shape)), results.get("growth", memory)
 
     def __call__(
         self, time: float | Array, q: Array, v: Array, memory: Array | None = None

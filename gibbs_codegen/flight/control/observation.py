@@ -1,4 +1,4 @@
-"""What controllers are told."""
+"""Observations for controllers."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def _unknown() -> Measured:
 
 @dataclass(frozen=True)
 class Observation:
-    """What a controller is told; its arrays are read-only.
+    """An observation for a controller; its arrays are read-only.
 
     - `time`: of the sample, s
     - `q` (nq) and `v` (nv): the state as the sensors measure it
@@ -86,12 +86,12 @@ class Observation:
 
     @cached_property
     def _measured(self) -> Measured:
-        found = self.measure()
-        for array in found:
+        measured = self.measure()
+        for array in measured:
             array.setflags(write=False)
-        return found
+        return measured
 
     def __getstate__(self) -> dict[str, Any]:
-        # What measures knows the whole flight, which is not to be carried along.
-        known = {} if self.measure is _unknown else {"_measured": self._measured}
-        return {**self.__dict__, **known, "measure": _unknown}
+        # The measuring function holds the whole flight, which must not be carried along.
+        measured = {} if self.measure is _unknown else {"_measured": self._measured}
+        return {**self.__dict__, **measured, "measure": _unknown}

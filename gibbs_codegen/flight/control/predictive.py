@@ -90,7 +90,7 @@ _SLOW = 2.0
 _ENDLESS = (1e4, 1e4)
 # Tolerances of which there may be one a joint.
 _BY_JOINT = ("joints", "joint_rates", "effort")
-# What a state costs that is out of its limits by its tolerance, per step.
+# The cost per step of a state that is out of its limits by its tolerance.
 _EXCESS = 100.0
 
 
@@ -108,7 +108,7 @@ class Hover(Protocol):
 
 @dataclass(frozen=True)
 class Tolerances:
-    """What is as bad as anything else here: the cost is the sum of squares of what is off.
+    """Deviations that count alike: the cost is the sum of the squares of their shares.
 
     - `point`, m, and `orientation`, rad: of frames that are led
     - `position`, m, of the base, None if it is where points need it; `attitude`, rad; `joints`, rad
@@ -131,20 +131,20 @@ class Tolerances:
     change: float | None = None
 
     def __post_init__(self) -> None:
-        for each in fields(self):
-            if (value := getattr(self, each.name)) is None and each.default is None:
+        for setting in fields(self):
+            if (value := getattr(self, setting.name)) is None and setting.default is None:
                 continue
-            many = each.name in _BY_JOINT
-            tolerance = numpy_array(f"tolerances: {each.name}", value)
+            many = setting.name in _BY_JOINT
+            tolerance = numpy_array(f"tolerances: {setting.name}", value)
             if tolerance.ndim > many or not np.all((tolerance > 0.0) & (tolerance < np.inf)):
                 raise UsageError(
-                    f"tolerances: {each.name} must be a finite number above 0"
+                    f"tolerances: {setting.name} must be a finite number above 0"
                     f"{', or one a joint' * many}, not {printable(str(value), 100)}"
                 )
 
 
 class Instant(NamedTuple):
-    """How one instant went: its time, s, and seconds of preparation and of feedback.
+    """One instant of the controller: its time, s, and seconds of preparation and of feedback.
 
     `solved` tells whether there is a new plan, with `iterations` of the interior-point method and
     the `share` of the step that was taken; `cost` is that of the plan, `gaps` what it is not yet.
@@ -228,20 +228,20 @@ class Predictive:
 
     def __post_init__(self) -> None:
         self._check_kinds()
-        own = self.farthest
-        self._farthest = _FARTHEST * self.tolerances.point if own is None else own
+        farthest = self.farthest
+        self._farthest = _FARTHEST * self.tolerances.point if farthest is None else farthest
         self._check()
         vehicle = Vehicle(self.module, self.parameters or None)
         self.vehicle = vehicle
         pulled = bool(np.any(vehicle.damping)) or self._servos
         self._method = self.method or ("trapezoidal" if pulled else "rk4")
-        known = module_actuators(vehicle)
-        own_limits = self.actuators or known
+        motors = module_actuators(vehicle)
+        own_limits = self.actuators or motors
         if isinstance(own_limits, Scenario):
             own_limits = actuators_of(vehicle, own_limits)
         self._limits = own_limits
-        # Of commands, where motors and servos are sent such.
-        self._bounds = self._limits.inputs if known.commands is None else known.commands
+        # Bounds of commands, where motors and servos are sent such.
+        self._bounds = self._limits.inputs if motors.commands is None else motors.commands
         if self._method == "trapezoidal" and self.growth != 1.0 and pulled:
             raise UsageError(
                 "predictive: growth must be 1 for a machine with dampers or servos, since one "
@@ -272,18 +272,18 @@ class Predictive:
         transcription = Transcription(self.horizon, self.nodes, tuple(rows))
         constants = self._constants(vehicle, float(lengths[-1]))
         self._compiled = CompiledPredictive(self.module, transcription, constants)
-        told = self._compiled.arrays
+        arrays = self._compiled.arrays
         for name, values in limits.items():
-            told[name][:] = values
-        told["h"][:] = lengths
+            arrays[name][:] = values
+        arrays["h"][:] = lengths
         self._settled, times = self._motors()
-        told["settled"][: self.horizon.motors] = self._settled
-        told["lag_times"][: len(times)] = times
+        arrays["settled"][: self.horizon.motors] = self._settled
+        arrays["lag_times"][: len(times)] = times
         weights = self._weights()
-        told["weights"][:] = np.concatenate([weights[name] for name in self.horizon.weight_sizes])
+        arrays["weights"][:] = np.concatenate([weights[name] for name in self.horizon.weight_sizes])
         # Beside those of coordinates: of inputs, velocities, thrusts and inputs before.
         changes, pushing = weights["changes"], self.horizon.pushing
-        across, nv = told["across"], robot.space.velocities
+        across, nv = arrays["across"], robot.space.velocities
         across[:, : 2 * nv] = -weights["inputs"][:, np.newaxis] * pushing
         across[:, across.shape[1] - len(changes) :] = (
             -np.eye(*across[:, : len(changes)].shape) * changes
@@ -291,29 +291,29 @@ class Predictive:
         by_u = weights["inputs"] + (changes if len(changes) else 0.0)
         by_v = weights["velocities"] + weights["inputs"] @ pushing[:, nv:]
         nothing = np.zeros(nv), np.zeros(self.horizon.motors)
-        told["diagonal"][:] = np.r_[by_u, nothing[0], by_v, nothing[1], changes]
-        told["barrier"][()], told["tolerance"][()] = _BARRIER, _TOLERANCE
-        told["rounds"][()], told["delay"][()] = self.iterations, self.delay or 0.0
-        told["hover"][:] = self._hovering()
+        arrays["diagonal"][:] = np.r_[by_u, nothing[0], by_v, nothing[1], changes]
+        arrays["barrier"][()], arrays["tolerance"][()] = _BARRIER, _TOLERANCE
+        arrays["rounds"][()], arrays["delay"][()] = self.iterations, self.delay or 0.0
+        arrays["hover"][:] = self._hovering()
         self._first_point = self._position(self.hover.q)
-        told["ahead"][:] = self._ahead_costs(constants, weights)
+        arrays["ahead"][:] = self._ahead_costs(constants, weights)
         self._check_paths()
-        # What follows the horizon costs by displacements and velocities in the base's frame.
+        # Costs after the horizon, by displacements and velocities in the base's frame.
         to_base = np.linalg.inv(self._in_base(self.hover.q))
-        costs = told["ahead"][: 4 * nv * nv].reshape(2 * nv, 2 * nv)
+        costs = arrays["ahead"][: 4 * nv * nv].reshape(2 * nv, 2 * nv)
         self._costs_in_base = to_base.T @ costs @ to_base
         self.log: list[Instant] = []
         self.reset()
 
     @property
     def rate(self) -> float:
-        """How often it plans, Hz."""
+        """Rate of its plans, Hz."""
         return 1.0 / self.step
 
     def __reduce__(self) -> tuple[Any, ...]:
-        # What is compiled is found again by the module, in other processes too.
-        told = {each.name: getattr(self, each.name) for each in fields(self)}
-        return _again, (os.path.abspath(self.module.__path__[0]), told | {"module": None})
+        # The module finds the compiled library again, in other processes too.
+        options = {setting.name: getattr(self, setting.name) for setting in fields(self)}
+        return _again, (os.path.abspath(self.module.__path__[0]), options | {"module": None})
 
     def reset(self) -> None:
         """Forget the plan and the log, before a flight."""
@@ -349,19 +349,19 @@ class Predictive:
             real(f"predictive.inputs: {name}", x, f"numbers of shape {shape}", shape)
             for name, x, shape in zip(names, (q, v), shapes, strict=True)
         )
-        begin, own = clock.perf_counter(), self._compiled
-        told = own.arrays
-        is_first = told["failures"] < 0.0
-        expected = q if is_first else told["x"][0, : len(q)]
-        told["reference"][:] = self._reference(time + (self.delay or 0.0) + self._ahead, expected)
-        own.prepare()
+        begin, compiled = clock.perf_counter(), self._compiled
+        arrays = compiled.arrays
+        is_first = arrays["failures"] < 0.0
+        expected = q if is_first else arrays["x"][0, : len(q)]
+        arrays["reference"][:] = self._reference(time + (self.delay or 0.0) + self._ahead, expected)
+        compiled.prepare()
         prepared = clock.perf_counter()
-        planned = told["u"][0].copy()
-        solved, u = own.feedback(np.concatenate([q, v]))
+        planned = arrays["u"][0].copy()
+        solved, u = compiled.feedback(np.concatenate([q, v]))
         seconds = clock.perf_counter() - prepared
-        known = {name: float(told[name]) for name in ("share", "cost", "gaps")}
+        plan = {name: float(arrays[name]) for name in ("share", "cost", "gaps")}
         # Before a first plan they are counted downwards from -1.
-        failures = told["failures"] if told["failures"] >= 0.0 else -1.0 - told["failures"]
+        failures = arrays["failures"] if arrays["failures"] >= 0.0 else -1.0 - arrays["failures"]
         if failures >= self.nodes:
             raise NoPlanError(
                 f"{self.vehicle.name}: at t = {time:.6g} s there has been no plan for "
@@ -370,18 +370,18 @@ class Predictive:
                 f"{'' if np.all(np.isfinite([*q, *v])) else '; its state is not finite'}"
             )
         following = clock.perf_counter()
-        own.shift()
+        compiled.shift()
         shifting = clock.perf_counter() - following
         preparation = prepared - begin + shifting
         self.log.append(
-            Instant(time, preparation, seconds, solved, int(told["iterations"]), **known)
+            Instant(time, preparation, seconds, solved, int(arrays["iterations"]), **plan)
         )
         if self.deadline is not None and preparation + seconds > self.deadline and not is_first:
             u = np.clip(planned, *self._bounds)
             if self.rates is not None:
                 change = np.asarray(self.rates) * self.step
-                u = np.clip(u, told["acting"] - change, told["acting"] + change)
-        own.act(u)
+                u = np.clip(u, arrays["acting"] - change, arrays["acting"] + change)
+        compiled.act(u)
         return u
 
     def write_c(self, folder: str | os.PathLike[str]) -> list[pathlib.Path]:
@@ -407,7 +407,7 @@ class Predictive:
         self._turn_costs(self.hover.q)
         return self._compiled.write_c(pathlib.Path(folder))
 
-    # What is known of the machine.
+    # The machine.
 
     def _check_kinds(self) -> None:
         """Raise `UsageError` for arguments of other kinds than they must be."""
@@ -448,16 +448,16 @@ class Predictive:
             ("posture", self.posture, (len(self.hover.q),)),
             ("feedforward", self.feedforward, (len(self.hover.u),)),
         ]
-        for name, path, shape in [each for each in paths if each[1] is not None]:
+        for name, path, shape in [path_entry for path_entry in paths if path_entry[1] is not None]:
             words = ", ".join(map(str, shape))
             words = f"a function that returns finite numbers (n, {words}) at times (n)"
-            found = numbers(f"predictive: {name}", path(self._ahead[:2]), words, (2, *shape))
+            values = numbers(f"predictive: {name}", path(self._ahead[:2]), words, (2, *shape))
             if shape == (3, 3):
-                off = np.abs(found @ found.swapaxes(1, 2) - np.eye(3)).max()
-                if not (off < _ROTATION and np.all(np.linalg.det(found) > 0.0)):
+                off = np.abs(values @ values.swapaxes(1, 2) - np.eye(3)).max()
+                if not (off < _ROTATION and np.all(np.linalg.det(values) > 0.0)):
                     raise UsageError(
                         f"predictive: {name}: must be rotation matrices (n, 3, 3) at times (n); at "
-                        f"two times they are {printable(str(found.tolist()), 100)}"
+                        f"two times they are {printable(str(values.tolist()), 100)}"
                     )
 
     def _check(self) -> None:
@@ -512,45 +512,45 @@ class Predictive:
 
     def _frame(self, name: str) -> int:
         if name not in self.module.FRAMES:
-            known = ", ".join(self.module.FRAMES)
+            frames = ", ".join(self.module.FRAMES)
             raise UsageError(
                 f"predictive: {self.module.NAME} has no frame {printable(name)}; its frames: "
-                f"{known}"
+                f"{frames}"
             )
         return int(self.module.FRAMES.index(name))
 
     @property
     def _carries(self) -> bool:
-        """Whether the base is where the first point needs it."""
+        """True if the base is where the first point needs it."""
         free = self.posture is None and self.tolerances.position is None
         return bool(self.points) and free
 
     def _constants(self, vehicle: Vehicle, h: float) -> Any:
         """The constants of the machine that is predicted: with dampers at the ends of steps."""
-        known, changed = {**self.module.PARAMETERS, **self.parameters}, dict(self.parameters)
-        # What pulls at the end of a step: the armature that stands for it, and its share in that.
-        pulling = {x: (f"{x[:-7]}armature", h) for x in known if x.endswith("_damping")}
+        before, changed = {**self.module.PARAMETERS, **self.parameters}, dict(self.parameters)
+        # The pull at the end of a step: the armature that stands for it, and its share in that.
+        pulling = {x: (f"{x[:-7]}armature", h) for x in before if x.endswith("_damping")}
         drives = getattr(self.module, "DRIVE_PARAMETERS", {}).values()
-        for own in ({x: name for x, name in each.items() if name in known} for each in drives):
+        for role in ({x: name for x, name in drive.items() if name in before} for drive in drives):
             # Play holds nothing. Dry friction is as stiff about rest as no step is short: servos,
             # which are stiff themselves, feel it as if it rose slowly, and other joints none.
-            served = own.keys() & {"servo_damping", "servo_stiffness"}
+            served = role.keys() & {"servo_damping", "servo_stiffness"}
             slow, zero = ["friction_velocity"] if served else [], ["servo_backlash"]
             zero += [] if served else ["friction_coulomb", "friction_static"]
-            changed |= {own[x]: np.maximum(known[own[x]], _SLOW) for x in slow if x in own}
-            changed |= {own[x]: 0.0 for x in zero if x in own}
+            changed |= {role[x]: np.maximum(before[role[x]], _SLOW) for x in slow if x in role}
+            changed |= {role[x]: 0.0 for x in zero if x in role}
             shares = {"servo_damping": h, "servo_stiffness": 0.5 * h * h}
-            pulling |= {own[x]: (own["armature"], shares[x]) for x in served}
+            pulling |= {role[x]: (role["armature"], shares[x]) for x in served}
         for name, (armature, share) in pulling.items():
-            if not np.any(known[name]) or self._method == "rk4":
+            if not np.any(before[name]) or self._method == "rk4":
                 continue
-            if armature not in known:
+            if armature not in before:
                 raise UsageError(
                     f"{vehicle.name}: has no parameter {armature}, by which the prediction makes "
                     "steps with dampers stable; an earlier version made it: generate it again"
                 )
-            pulled = share * np.asarray(known[name])
-            changed[armature] = changed.get(armature, known[armature]) + pulled
+            pulled = share * np.asarray(before[name])
+            changed[armature] = changed.get(armature, before[armature]) + pulled
         return self.module.prepare(changed)
 
     @property
@@ -567,11 +567,11 @@ class Predictive:
 
     @property
     def _servos(self) -> bool:
-        """Whether servos hold joints."""
+        """True if servos hold joints."""
         return bool(self._places)
 
     def _sent(self, q: Array, u: Array) -> Array:
-        """What is sent for inputs (…, nu) that hold coordinates: themselves, or commands."""
+        """Values to send for inputs (…, nu) that hold coordinates: themselves, or commands."""
         if not self.vehicle.is_driven:
             return u
         still = np.zeros((*np.shape(q)[:-1], self.vehicle.layout.v.size))
@@ -588,12 +588,12 @@ class Predictive:
 
     @property
     def _commands_of_states(self) -> list[str]:
-        """What each state of the actuators follows: a command, or of the charge nothing."""
+        """The command that each state of the actuators follows; none for the charge."""
         return [followed(x, self.vehicle.commands) for x in self.vehicle.actuator_states]
 
     @property
     def _followed(self) -> Array:
-        """Which inputs (columns) states of motors (rows) follow, with 1."""
+        """A matrix with 1 where states of motors (rows) follow inputs (columns)."""
         if not self.vehicle.is_driven:
             return np.eye(self.horizon.motors, len(self._inputs))
         commands = np.array(self.vehicle.commands)
@@ -603,24 +603,24 @@ class Predictive:
         """Limited quantities: inputs, joints and their rates, and how fast inputs change."""
         robot, limits = self.horizon.robot, self._limits
         nu, n, nv = robot.inputs, robot.space.coordinates, robot.space.velocities
-        own, rates = robot.layout.q.joints, robot.layout.v.joints
+        joint_places, rates = robot.layout.q.joints, robot.layout.v.joints
         joints = rates.stop - rates.start
-        found = [(Row(i, i), *self._bounds[:, i], _NONE, 0.0) for i in range(nu)]
+        limit_rows = [(Row(i, i), *self._bounds[:, i], _NONE, 0.0) for i in range(nu)]
         for k in range(joints):
-            i, at = rates.start + k, own.start + k
+            i, at = rates.start + k, joint_places.start + k
             excess = _EXCESS / self._by_joint("joints")[k]
-            found.append((Row(nu + i, nu + at), *limits.joints[:, k], excess, 1.0))
+            limit_rows.append((Row(nu + i, nu + at), *limits.joints[:, k], excess, 1.0))
             fastest, excess = limits.velocities[k], _EXCESS / self._by_joint("joint_rates")[k]
             row = Row(nu + nv + i, nu + n + i)
-            found.append((row, -fastest, fastest, excess, 1.0))
+            limit_rows.append((row, -fastest, fastest, excess, 1.0))
         if self.rates is not None:
             before = nu + n + nv + self.horizon.motors, nu + 2 * nv + self.horizon.motors
             fastest = np.broadcast_to(np.asarray(self.rates, dtype=np.float64), (nu,))
             for i in range(nu):
                 row = Row(i, i, before[1] + i, before[0] + i)
-                found.append((row, -fastest[i], fastest[i], _NONE, 0.0))
-        found = [row for row in found if np.isfinite(row[1]) or np.isfinite(row[2])]
-        rows, least, most, penalty, _ = zip(*found, strict=True) if found else ((),) * 5
+                limit_rows.append((row, -fastest[i], fastest[i], _NONE, 0.0))
+        limit_rows = [row for row in limit_rows if np.isfinite(row[1]) or np.isfinite(row[2])]
+        rows, least, most, penalty, _ = zip(*limit_rows, strict=True) if limit_rows else ((),) * 5
         width = np.subtract(most, least) / 2.0
         scale = np.where(np.isfinite(width), width, 1.0)
         values = {
@@ -629,7 +629,7 @@ class Predictive:
             "penalty": np.array(penalty),
             "scale": scale,
         }
-        return list(rows), (values if found else {})
+        return list(rows), (values if limit_rows else {})
 
     def _weights(self) -> dict[str, Array]:
         """Weights of the squares of what is off, by kind."""
@@ -682,16 +682,16 @@ class Predictive:
         places = self.vehicle.frame_poses(self.hover.q)[:, :3, 3]
         return float(np.linalg.norm(places - places[0], axis=-1).max(initial=0.0))
 
-    # What is wanted.
+    # The wishes.
 
     def _position(self, q: Array) -> Array:
         """The first point that is led (3), m, or the base if there is none."""
         frame = self.horizon.points[0] if self.horizon.points else 0
-        found: Array = self.vehicle.frame_poses(q)[frame, :3, 3]
-        return found
+        point: Array = self.vehicle.frame_poses(q)[frame, :3, 3]
+        return point
 
     def _reference(self, times: Array, q_now: Array) -> Array:
-        """What nodes are to be at times (n), s, a row for each, of a machine that is at q_now."""
+        """References of nodes at times (n), s, a row for each, of a machine that is at q_now."""
         count, place = len(times), self.vehicle.layout.q.position
         # Speeds are from node to node: over less, a path that jumps would have any.
         beyond = np.append(times, 2.0 * times[-1] - times[-2])
@@ -786,7 +786,7 @@ class Predictive:
         self._compiled.arrays["ahead"][:] = np.concatenate([costs.ravel(), *self._carrying(q)])
 
     def _carrying(self, q: Array) -> list[Array]:
-        """What `Horizon.end` has beside costs, if the base is carried by the first point at q."""
+        """Arguments of `Horizon.end` beside costs, if the first point at q carries the base."""
         if not self._carries:
             return []
         is_turned = self.vehicle.layout.is_quaternion
@@ -795,34 +795,34 @@ class Predictive:
         return [turn.ravel(), jacobian.ravel()]
 
     def _ahead_costs(self, constants: Any, weights: Mapping[str, Array]) -> Array:
-        """What follows the horizon costs, by the regulator about hover; see `Horizon.end`."""
-        horizon, told = self.horizon, self._compiled.arrays
+        """Costs after the horizon, by the regulator about hover; see `Horizon.end`."""
+        horizon, arrays = self.horizon, self._compiled.arrays
         robot, nv = horizon.robot, horizon.robot.space.velocities
         nu, hover = robot.inputs, self.hover
         x = self._state_of(hover.q, np.zeros(nv), self._settled, self._inputs)
         reference = self._hovering()
         program = horizon.node()
-        given = {
+        arguments = {
             "u": self._inputs,
             "x": x,
             "x_next": x,
             "h": self.step,
             "reference": reference,
-            "weights": told["weights"],
-            "lag_times": told["lag_times"][: horizon.lag_times],
+            "weights": arrays["weights"],
+            "lag_times": arrays["lag_times"][: horizon.lag_times],
         }
-        given = {name: given[name] for name in program.names}
-        found = evaluate(program, given, {"robot": self.module}, {"robot": constants})
-        slope = found["slope"]
+        arguments = {name: arguments[name] for name in program.names}
+        results = evaluate(program, arguments, {"robot": self.module}, {"robot": constants})
+        slope = results["slope"]
         # Without lag and inputs before: these are forgotten soon.
         a, b = slope[: 2 * nv, nu : nu + 2 * nv], slope[: 2 * nv, :nu]
         if horizon.motors:
             by_motors = slope[: 2 * nv, nu + 2 * nv : nu + 2 * nv + horizon.motors]
             b = b + by_motors @ self._followed
         states, inputs = np.zeros((2 * nv, 2 * nv)), np.diag(weights["inputs"])
-        states[:nv, :nv] = found["hessian"]
-        states[range(nv, 2 * nv), range(nv, 2 * nv)] = told["diagonal"][nu + nv : nu + 2 * nv]
-        across = told["across"][:, : 2 * nv]
+        states[:nv, :nv] = results["hessian"]
+        states[range(nv, 2 * nv), range(nv, 2 * nv)] = arrays["diagonal"][nu + nv : nu + 2 * nv]
+        across = arrays["across"][:, : 2 * nv]
         after = np.zeros_like(states)
         for _ in range(_STEPS):
             cost = states + after
@@ -850,17 +850,17 @@ class Predictive:
         return np.concatenate(parts)
 
 
-def _again(folder: str, told: dict[str, Any]) -> Predictive:
+def _again(folder: str, options: dict[str, Any]) -> Predictive:
     """A controller of a module in a folder, without plan and log."""
-    return Predictive(**told | {"module": load(folder, "c")})
+    return Predictive(**options | {"module": load(folder, "c")})
 
 
 def _rates(steps: Array, times: Array) -> Array:
     """Rates at times but the last, of steps from each to the next; at the first of what follows."""
     lengths = np.diff(times)[:, np.newaxis]
-    found = steps / lengths
-    found[1:] = (lengths[:-1] * found[1:] + lengths[1:] * found[:-1]) / (lengths[:-1] + lengths[1:])
-    return found
+    rates = steps / lengths
+    rates[1:] = (lengths[:-1] * rates[1:] + lengths[1:] * rates[:-1]) / (lengths[:-1] + lengths[1:])
+    return rates
 
 
 class _Rest(NamedTuple):
@@ -874,8 +874,8 @@ _RATE, _PUSHING_RATE = 50.0, 100.0
 
 # A posture that goes with the path is to be kept: with looser joints an elbow may turn over.
 _OF_SCENARIOS = Tolerances(joints=0.05, attitude=0.1)
-# What pushes leans. Its force is depth in a wall, which is to be as exact as such a force, N, in a
-# wall of so many N/m or more.
+# A machine that pushes leans. Its force is depth in a wall, as exact as such a force, N, in
+# a wall of so many N/m or more.
 _FORCE, _SOFT = 0.2, 1000.0
 # Least share of a push that a wall meets, and steps to where it pushes back as hard.
 _FACING, _MEETING = 0.1, 4
@@ -907,7 +907,7 @@ def predictive_law(law: Controller, scenario: Scenario, actuators: Actuators) ->
     def table(rows: Array, farthest: float = np.inf) -> Path:
         """Rows at any times; after the last they go on with its rate and bend, if they may."""
 
-        def found(at: Array) -> Array:
+        def motion(at: Array) -> Array:
             place = np.maximum((at - times[0]) / spacing, 0.0)
             first = np.minimum(place.astype(int), len(times) - 2)
             share = np.minimum(place - first, farthest)[:, np.newaxis]
@@ -916,7 +916,7 @@ def predictive_law(law: Controller, scenario: Scenario, actuators: Actuators) ->
             bend = rows[-1] - 2.0 * rows[-2] + rows[-3]
             return between + 0.5 * beyond * (beyond + 1.0) * bend
 
-        return found
+        return motion
 
     if control.delay > step:
         raise UsageError(
@@ -933,7 +933,7 @@ def predictive_law(law: Controller, scenario: Scenario, actuators: Actuators) ->
             if force.axes != WORLD:
                 axes = vehicle.frame_place(force.axes, "control.force.axes")
                 direction = poses[:, axes, :3, :3] @ direction
-            walls = [each for each in scenario.walls if frame in each.frames]
+            walls = [wall for wall in scenario.walls if frame in wall.frames]
             places = places + _into_walls(walls, force, places, direction, times)
             tolerances = Tolerances(point=_FORCE / max(_SOFT, *(x.stiffness for x in walls)))
         points[frame] = table(places)

@@ -38,7 +38,7 @@ DEFAULT_RATE = 1000.0
 # By units, commands that nobody means who commands throttles, or servos; they are also so many
 # times beyond their limits.
 _LEAST_WILD, _BEYOND = {"1": 2.0, "rad": math.pi}, 2.0
-# Of a controller, Hz.
+# The lowest rate of a controller, Hz.
 _LOWEST_RATE = 0.1
 
 _log = logging.getLogger("gibbs_codegen")
@@ -60,7 +60,7 @@ class ZeroOrderHold:
 
     # Nothing that is remembered is integrated with the state, and the law that is held moves none.
     memory, moved = 0, None
-    # What sensors of the robot read while it flies, if someone takes their readings.
+    # Readings of the robot's sensors while it flies, if someone takes them.
     readings: Readings | None = None
 
     def __init__(self, law: ControlLaw, name: str, delay: float = 0.0, rate: float = 0.0) -> None:
@@ -91,17 +91,17 @@ class ZeroOrderHold:
         return {}
 
     def fault(self, command: Any) -> str:
-        """What is wrong with a command that should be inputs u (nu), "" if nothing is."""
-        names, found = self.vehicle.commands, "None" if command is None else ""
+        """The fault of a command that should be inputs u (nu), "" if there is none."""
+        names, wrong_value = self.vehicle.commands, "None" if command is None else ""
         try:
             numbers = np.asarray(command, dtype=np.float64)
         except (TypeError, ValueError):
-            found = written(command)
-        if not found and numbers.shape != (len(names),):
-            found = f"an array of shape {numbers.shape}"
-        if found:
+            wrong_value = written(command)
+        if not wrong_value and numbers.shape != (len(names),):
+            wrong_value = f"an array of shape {numbers.shape}"
+        if wrong_value:
             what = "commands" if self.vehicle.is_driven else "inputs"
-            return f"{found}, and not {len(names)} {what}: {', '.join(names)}"
+            return f"{wrong_value}, and not {len(names)} {what}: {', '.join(names)}"
         if np.isfinite(numbers).all():
             return ""
         wrong = np.flatnonzero(~np.isfinite(numbers))[0]
@@ -119,8 +119,8 @@ class ZeroOrderHold:
                 low, high = module.COMMAND_LIMITS[name]
                 words = f"a position in rad, far beyond its range of {low:.4g} to {high:.4g}; is "
                 words += "it in degrees?"
-            told = self.vehicle.name, time, name, inputs[k], words
-            _log.warning("%s: at t = %.6g s %s is commanded %g, %s", *told)
+            values = self.vehicle.name, time, name, inputs[k], words
+            _log.warning("%s: at t = %.6g s %s is commanded %g, %s", *values)
         self._pending.append((time + self.delay, np.array(inputs, dtype=np.float64)))
         if not self._times:
             self._act(-np.inf, self._pending[0][1])
@@ -196,22 +196,22 @@ class Sensing:
     def __init__(
         self, vehicle: Vehicle, reference: Reference, sensors: Sensors | None = None
     ) -> None:
-        found = sensors or Sensors()
+        noise = sensors or Sensors()
         self._vehicle, self._reference = vehicle, reference
-        self.delay = found.delay
-        self._seed = found.seed
+        self.delay = noise.delay
+        self._seed = noise.seed
         places = vehicle.layout.v
         # Standard deviations of displacements, of velocities and of accelerations (3, nv).
         self._deviations = np.zeros((3, places.size))
         for place, values in (
-            (places.attitude, (found.attitude, found.angular_velocity, found.angular_acceleration)),
-            (places.position, (found.position, found.velocity, found.acceleration)),
-            (places.joints, (found.joints, found.joint_rates, found.joint_accelerations)),
+            (places.attitude, (noise.attitude, noise.angular_velocity, noise.angular_acceleration)),
+            (places.position, (noise.position, noise.velocity, noise.acceleration)),
+            (places.joints, (noise.joints, noise.joint_rates, noise.joint_accelerations)),
         ):
             self._deviations[:, place] = np.array(values)[:, np.newaxis]
         # And of forces and torques on a frame (6).
-        self._of_wrenches = np.repeat([found.force, found.torque], 3)
-        self.readings = Readings(SensorSuite(vehicle, found))
+        self._of_wrenches = np.repeat([noise.force, noise.torque], 3)
+        self.readings = Readings(SensorSuite(vehicle, noise))
         self.reset()
 
     def reset(self, seed: int | None = None) -> None:
@@ -228,7 +228,7 @@ class Sensing:
     def __call__(
         self, time: float, q: Array, v: Array, measure: Measure | None = None
     ) -> Observation:
-        """What a controller is told of a state, and of what else there is to `measure`.
+        """The observation of a state, and of what else there is to `measure`.
 
         The attitude is turned by a random rotation vector; rates of attitude angles are off by
         those of a random angular velocity.
@@ -255,9 +255,9 @@ class Sensing:
             return Observation(time, seen_q, seen_v, *desired, sensors=read)
 
         def measured() -> Measured:
-            found = measure()
-            parts = found.actuators.copy(), found.constraint_forces.copy()
-            return Measured(found.a + accelerations, found.wrenches + wrenches, *parts)
+            now = measure()
+            parts = now.actuators.copy(), now.constraint_forces.copy()
+            return Measured(now.a + accelerations, now.wrenches + wrenches, *parts)
 
         return Observation(time, seen_q, seen_v, *desired, measured, read)
 
@@ -371,7 +371,7 @@ class SampledControl(ZeroOrderHold):
         return super().begin(time, sample)
 
 
-# What commands motors and joints: inputs of a time, a state and what is remembered.
+# Controllers of motors and joints: inputs by a time, a state and their memory.
 ControlLaw = Controller | ZeroOrderHold
 
 
@@ -423,14 +423,14 @@ def _number(
 
     Raises `UsageError` if it is no number, or less than `least`.
     """
-    found = getattr(controller, name, None)
-    if found is None:
+    value = getattr(controller, name, None)
+    if value is None:
         return otherwise
-    number = isinstance(found, int | float | np.number) and not isinstance(found, bool)
-    if not (number and least <= found < np.inf):
+    number = isinstance(value, int | float | np.number) and not isinstance(value, bool)
+    if not (number and least <= value < np.inf):
         unit = {"rate": "Hz", "delay": "s"}[name]
         raise UsageError(
             f"controller: its {name} must be a number of {least:g} {unit} or more, not "
-            f"{written(found)}"
+            f"{written(value)}"
         )
-    return float(found)
+    return float(value)

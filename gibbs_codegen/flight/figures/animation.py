@@ -32,7 +32,7 @@ _REACH, _LARGE = 0.95, 0.7
 # How much wider lines are in the near view.
 _NEAR_SCALE = 1.8
 _FRAME_DPI = 100
-# Of every colour of a gif, from white to full.
+# Shades of every colour of a gif, from white to full.
 _SHADES = 8
 
 
@@ -115,7 +115,7 @@ def _artists(axes: Any, flight: Flight, scale: float = 1.0) -> list[Any]:
 
 
 def _near_radius(flight: Flight, middles: Array, whole: tuple[Array, Array]) -> float:
-    """How far, m, the near view reaches from the rotors' middles (s, 3).
+    """Reach, m, of the near view from the rotors' middles (s, 3).
 
     It is 0 if `whole`, the lowest and highest coordinates of the flight, shows them about as large.
     """
@@ -161,7 +161,7 @@ def write_animation(
 
 
 def _writer(path: Path, fps: int) -> AbstractMovieWriter:
-    """What writes the format that the suffix of `path` tells."""
+    """The writer of the format that the suffix of `path` tells."""
     if fps < 1:
         raise UsageError(f"{fps} frames per second: give 1 or more")
     suffix = path.suffix.lower()

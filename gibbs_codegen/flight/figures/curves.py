@@ -36,30 +36,30 @@ DASHED: dict[str, Any] = {"linewidth": 0.8, "color": DARK, "dashes": (4, 3)}
 # What varies less than this, in the unit of its axis, is drawn as constant; in degrees, less than
 # anybody could see.
 ROUND_OFF, _ROUND_OFF_DEGREES = 1e-3, 0.1
-# What the range of linear axes is at least, as a share of the sum of their ends.
+# The least range of linear axes, as a share of the sum of their ends.
 _LEAST_RANGE = 0.1
-# Of a charge, which falls slowly, and is never more than full.
+# The least range of a charge, which falls slowly and is never more than full.
 _LEAST_RANGE_OF_CHARGE = 1e-3
-# Of names beside curves.
+# The longest name beside curves.
 _LONGEST_NAME = 14
-# Of a figure's width: a legend, beside names at the ends of curves and numbers at the axis.
+# A legend's share of a figure's width; names at the ends of curves and numbers take the rest.
 _KEY_WIDTH = 0.65
 _MOST_COLUMNS = 4
-# Of ranges: curves that differ by more are not in one panel.
+# Curves whose ranges differ by more are not in one panel.
 _RATIO = 5.0
-# What constrained angles change by, rad, where they were integrated and drift.
+# Changes of constrained angles, rad, where they were integrated and drift.
 _DRIFT = 1e-8
 # Points of a base with arms that x, y, z may be of; else they are of the frame of the base.
 _ORIGINS = {"O1": "$O_1$", "O2": "$O_2$"}
 # Shares of a thrust along the base normal: of rotors that are called vertical at least this.
 _VERTICAL = 0.5
 _BAND: dict[str, Any] = {"alpha": 0.3, "linewidth": 0}
-# Of the range of a panel: what leaves the range of the samples by less is not seen.
+# A share of a panel's range: nobody sees what leaves the range of the samples by less.
 _SEEN = 0.005
 _SPAN: dict[str, Any] = {"color": "0.92", "zorder": 0, "linewidth": 0}
 _HELD: dict[str, Any] = {"facecolor": "none", "edgecolor": "0.8", "hatch": "////", "linewidth": 0}
 _SHARE: dict[str, Any] = {"color": "0.45", "linewidth": 0.9, "linestyle": (0, (1, 1.2))}
-# Of the limits of some of the inputs in a panel, pt.
+# Dashes of limits that only some inputs in a panel have, pt.
 _DASH = 5.0
 _LIMIT: dict[str, Any] = {"color": "#b00000", "linewidth": 0.8, "linestyle": "-."}
 _INSIDE, _MARGIN = COLOURS[0], COLOURS[1]
@@ -69,7 +69,7 @@ _ON_FACET, _DEPTH = 1e-6, 0.4
 
 
 class Curves(NamedTuple):
-    """What axes show over time: `values` (s, k), dashed `reference` (s, k), names and colours."""
+    """Curves of axes over time: `values` (s, k), dashed `reference` (s, k), names and colours."""
 
     label: str
     names: list[str]
@@ -182,10 +182,10 @@ def symbol(name: str) -> str:
     Other names lose what says thrust or torque, as the axis does, and the ends of their words where
     they are long.
     """
-    found = re.fullmatch(r"(theta|tau|tau_prime|d|F)_(m?\d+)|(q)([xyzw])|([xyz])", name)
-    if found is None:
+    match = re.fullmatch(r"(theta|tau|tau_prime|d|F)_(m?\d+)|(q)([xyzw])|([xyz])", name)
+    if match is None:
         return _short(re.sub(r"^(F|tau|tau_prime)_", "", name).split("_"))
-    letter, index, *_ = (part for part in (*found.groups(), "") if part is not None)
+    letter, index, *_ = (part for part in (*match.groups(), "") if part is not None)
     letters = {"theta": r"\theta", "tau": r"\tau", "tau_prime": r"\tau\prime"}
     letter = letters.get(letter, letter)
     return f"${letter}_{{{index.replace('m', '-')}}}$" if index else f"${letter}$"
@@ -253,13 +253,13 @@ def coordinates(flight: Flight) -> Figure:
                 for axes, part in zip(group, parts, strict=True):
                     plot(axes, flight, part)
             begin = end
-        # Of the second panel.
+        # The second panel explains both.
         explain(figure.axes[len(panels[0])], "actual", "desired")
         return finished(figure, flight)
 
 
 def _panels(flight: Flight) -> list[_Panel]:
-    """What each panel shows."""
+    """The contents of each panel."""
     layout = flight.layout
     every = range(layout.q.size)
     kinds = [
@@ -301,11 +301,13 @@ def _coordinate_curves(flight: Flight, what: str, places: Sequence[int]) -> Curv
 
 def _roll_pitch_yaw(flight: Flight) -> Curves:
     """Curves of the attitude by angles, deg, which do not jump by turns."""
-    known = np.isfinite(flight.q_desired).all(axis=1)  # A log may not have it.
+    finite = np.isfinite(flight.q_desired).all(axis=1)  # A log may not have it.
     desired = np.full_like(flight.roll_pitch_yaw, np.nan)
-    desired[known] = roll_pitch_yaw(kinematics_of(flight.layout).rotation(flight.q_desired[known]))
+    desired[finite] = roll_pitch_yaw(
+        kinematics_of(flight.layout).rotation(flight.q_desired[finite])
+    )
     actual, desired = (
-        np.degrees(np.unwrap(each, axis=0)) for each in (flight.roll_pitch_yaw, desired)
+        np.degrees(np.unwrap(angles, axis=0)) for angles in (flight.roll_pitch_yaw, desired)
     )
     return Curves("attitude (deg)", ["roll", "pitch", "yaw"], actual, desired)
 
@@ -365,7 +367,7 @@ def inputs(flight: Flight, width: float = COLUMN) -> Figure:
     }
     shown = {label: np.flatnonzero(which) for label, which in groups.items() if which.any()}
     with style():
-        figure = stack(flight, [_curves(flight, *each) for each in shown.items()], width)
+        figure = stack(flight, [_curves(flight, *named) for named in shown.items()], width)
         keys: dict[str, Any] = {}
         for axes, group in zip(figure.axes, shown.values(), strict=True):
             _draw_bands(axes, flight, group)
@@ -383,7 +385,7 @@ def inputs(flight: Flight, width: float = COLUMN) -> Figure:
         return finished(figure, flight)
 
 
-# Of commands that are drawn, by units: labels of axes, and factors.
+# Labels of axes, and factors, of drawn commands by their units.
 _OF_ROTORS = {"1": ("throttle (%)", 100.0), "rad/s": ("rotor speed (rad/s)", 1.0)}
 _OF_JOINTS = {
     "rad": ("servo position (deg)", 180.0 / np.pi),
@@ -407,23 +409,23 @@ def actuators(flight: Flight, width: float = COLUMN) -> Figure:
 
 
 def actuator_panels(flight: Flight) -> list[Curves]:
-    """What motors and servos do, by kind; nothing of a robot without them."""
+    """Curves of motors and servos, by kind; nothing for a robot without them."""
     states = dict(zip(flight.actuator_names, flight.actuators.T, strict=True))
-    known = {f"{x}_position": q for x, q in zip(flight.coordinates, flight.q.T, strict=True)}
-    known |= {f"{x}_rate": v for x, v in zip(flight.layout.v.names, flight.v.T, strict=True)}
-    found: dict[str, list[tuple[str, Array, Array]]] = {}
+    measured = {f"{x}_position": q for x, q in zip(flight.coordinates, flight.q.T, strict=True)}
+    measured |= {f"{x}_rate": v for x, v in zip(flight.layout.v.names, flight.v.T, strict=True)}
+    curves_of: dict[str, list[tuple[str, Array, Array]]] = {}
     for k, (name, unit) in enumerate(zip(flight.command_names, flight.command_units, strict=True)):
         kinds = _OF_ROTORS if k < flight.rotors else _OF_JOINTS
         if unit in kinds:
             label, factor = kinds[unit]
             sent = factor * flight.commands[:, k]
-            actual = states.get(name, known.get(name, flight.commands[:, k]))
+            actual = states.get(name, measured.get(name, flight.commands[:, k]))
             curve = symbol(flight.input_names[k]), factor * actual, sent
-            found.setdefault(label, []).append(curve)
+            curves_of.setdefault(label, []).append(curve)
     panels = []
-    for label, own in found.items():
-        actual, sent = (np.stack([each[k] for each in own], axis=1) for k in (1, 2))
-        panels.append(Curves(label, [name for name, _, _ in own], actual, sent))
+    for label, curves in curves_of.items():
+        actual, sent = (np.stack([line[k] for line in curves], axis=1) for k in (1, 2))
+        panels.append(Curves(label, [name for name, _, _ in curves], actual, sent))
     return panels
 
 
@@ -503,7 +505,7 @@ def draw_spans(
 
 
 def _followed(flight: Flight) -> Any:
-    """Whether inputs (s, nu) act as commanded, as far as a figure can show."""
+    """True if inputs (s, nu) act as commanded, as far as a figure can show."""
     return np.isclose(flight.applied, flight.commanded, rtol=1e-4, atol=1e-6)
 
 

@@ -31,13 +31,13 @@ from gibbs_codegen.flight.scenario.walls import patches
 _CENTRE_COLOUR, _TIP_COLOUR = COLOURS[:2]
 
 _PATH_LEVELS = (3, 4)
-# Of the largest extent: what a scene has at least along each axis, so that it stays a box.
+# The least extent of a scene along an axis, as a share of the largest, so that it stays a box.
 _THINNEST = 0.4
 # In one picture; and in panels, of which more would be too small to show the robot.
 INSTANTS, _PANELS = 12, 6
 # Width and height of the largest box that is drawn, and what labels around it take, in.
 _LARGEST, _AROUND = np.array([FULL - 0.7, 5.0]), np.array([0.7, 1.0])
-# Of panels: possible columns; height of all; heading and legend, a time, a gap; and what numbers at
+# Panels: possible columns; height of all; heading and legend, a time, a gap; and what numbers at
 # one of them take on one side and below, in.
 _COLUMNS, _TALLEST = (2, 3, 6), 6.0
 _HEAD, _TIME, _GAP, _NUMBERS = 0.6, 0.25, 0.08, np.array([0.4, 0.45])
@@ -50,16 +50,16 @@ _SHADES = colormaps["viridis"]
 _LABEL_LEVEL = 1000
 # Instants that differ by less, in m, are one in the picture.
 _SAME_PLACE = 0.02
-# What labels keep clear around them, and how far from a robot they may be; points.
+# The room that labels keep clear around them, and their largest distance from a robot; points.
 _MARGIN = 2.0
-# What a point of distance counts, against a point of the drawing that is covered.
+# The cost of a point of distance, in points of the drawing that are covered.
 _DISTANCE = 0.03
-# Of the base's path, which labels had better not cover.
+# Points of the base's path, which labels had better not cover.
 _PATH_POINTS = 200
 _LABEL_DISTANCES = (24.0, 32.0, 42.0, 54.0, 68.0, 84.0, 102.0, 122.0)
 # Above robots.
 _LEVEL = 50
-# Of all thrusts or efforts, the share that is shown whole: peaks would make the others dots.
+# The share of thrusts or efforts that is shown whole: peaks would make the others dots.
 _USUAL = 0.95
 # The longest arrow, in radii of a rotor; length and half the width of a head, in its length.
 LONGEST, _ARROW_HEAD = 4.0, np.array([0.15, 0.06])
@@ -152,9 +152,9 @@ def arm_lines(flight: Flight) -> list[list[int]]:
 
 
 def usual_size(values: Array) -> float:
-    """What most of the absolute values do not exceed."""
-    known = np.abs(values[np.isfinite(values)])
-    return float(np.quantile(known, _USUAL)) if len(known) else 0.0
+    """The size that most of the absolute values do not exceed."""
+    finite = np.abs(values[np.isfinite(values)])
+    return float(np.quantile(finite, _USUAL)) if len(finite) else 0.0
 
 
 def samples_at(flight: Flight, times: Array) -> list[int]:
@@ -230,7 +230,7 @@ def snapshots_panels(flight: Flight) -> Figure:
     box = bounds(flight, samples)
     view = _clearest_view(flight.point(flight.centre)[samples], box)
     scene = extent(box, view)
-    rooms = {}  # Of each division the size of a panel, in, by how large it draws the scene, in/m.
+    rooms = {}  # Sizes of panels, in, of each division, by the scale of its scene, in/m.
     for columns in _COLUMNS:
         room = np.array([(FULL - _NUMBERS[0]) / columns, _TALLEST / -(-len(samples) // columns)])
         scale = float(np.min((room - (_GAP, _TIME)) / scene))
@@ -325,7 +325,7 @@ def _clearest_view(centres: Array, box: tuple[Array, Array]) -> tuple[float, flo
 
 
 def _scale(box: tuple[Array, Array], view: tuple[float, float]) -> float:
-    """How large a box can be drawn, in/m."""
+    """The scale of a box on the page, in/m."""
     return float(np.min(_LARGEST / extent(box, view)))
 
 
@@ -339,7 +339,7 @@ def _write_times(
     """
 
     def on_paper(points: Array) -> Array:
-        """Where points (…, 3) of the world are on the figure (…, 2), in points."""
+        """Places (…, 2) on the figure, in points, of points (…, 3) of the world."""
         return axes.transData.transform(project(axes, points)) * 72.0 / axes.figure.dpi
 
     # Places the axes where they will be drawn.
@@ -412,7 +412,7 @@ class ThrustArrows:
         # The barbs lie as they are seen best, across the line of sight.
         across = np.cross(along, seen_from(VIEW)[2])
         across /= np.maximum(np.linalg.norm(across, axis=1, keepdims=True), 1e-9)
-        # Of a thrust of nothing no head is left either.
+        # A thrust of zero has no head either.
         sizes = np.clip(
             self._lengths[sample], -_ARROW_HEAD[0] * self.reach, _ARROW_HEAD[0] * self.reach
         )
@@ -424,7 +424,7 @@ class ThrustArrows:
 
 
 def _clipped(polygon: Array, low: Array, high: Array) -> Array:
-    """What of a convex polygon (k, 3) is in a box with these lowest and highest coordinates (3)."""
+    """The part of a convex polygon (k, 3) in a box from lowest to highest coordinates (3)."""
     for axis, side in itertools.product(range(3), (1.0, -1.0)):
         heights = side * (polygon[:, axis] - (low if side > 0.0 else high)[axis])
         kept = []

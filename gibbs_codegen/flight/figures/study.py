@@ -24,7 +24,7 @@ _LONGEST_LINE = 27
 # Bins of a histogram; worst flights that are numbered; flights beyond which points are not drawn
 # one by one in files of vectors.
 _MOST_BINS, _WORST, _MOST_POINTS = 60, 5, 2000
-# What differs by a smaller share differs by rounding.
+# Values that differ by a smaller share differ by rounding.
 _SAME = 1e-12
 # Distance of points that share a number's place, in points of typography.
 _NEAR = 12.0
@@ -124,7 +124,7 @@ def _draw_worst(axes: Axes, study: Study, measure: str) -> None:
     worst, table = study.worst(measure, _WORST), study.table
     # A key that some robot does not have would leave its flights out.
     numbers = [k for k in study.keys if table[k].dtype.kind in "fi" and np.isfinite(table[k]).all()]
-    explaining = [each.key for each in study.sensitivity(measure) if each.key in numbers]
+    explaining = [bar.key for bar in study.sensitivity(measure) if bar.key in numbers]
     across = (explaining or numbers or ["case"])[0]
     axes.set_xlabel(across, parse_math=False)
     axes.set_ylabel(measure, parse_math=False)
@@ -138,14 +138,14 @@ def _draw_worst(axes: Axes, study: Study, measure: str) -> None:
     axes.margins(0.05, 0.1)
     if _is_wide(np.nanmin(table[measure]), worst[0].value):
         axes.set_yscale("log")
-    places = [(table[across][each.case], each.value) for each in worst]
+    places = [(table[across][case.case], case.value) for case in worst]
     for ranks in _neighbours(axes, places):
         number = " ".join(str(rank + 1) for rank in ranks)
         place = places[ranks[0]]
         inwards = "right" if place[0] > sum(axes.get_xlim()) / 2 else "left"
         look = {"textcoords": "offset points", "horizontalalignment": inwards, **_NUMBER}
         axes.annotate(number, place, (0.0, 3.0), **look)
-    named = ", ".join(f"{rank}: {each.case}" for rank, each in enumerate(worst, start=1))
+    named = ", ".join(f"{rank}: {case.case}" for rank, case in enumerate(worst, start=1))
     axes.set_title(f"worst cases {named}", loc="left", weight="normal")
 
 
@@ -154,39 +154,39 @@ def _neighbours(axes: Axes, places: Sequence[tuple[float, float]]) -> list[list[
     axes.autoscale_view()  # Which waits for the drawing otherwise.
     drawn = axes.transData.transform(places) * 72.0 / axes.figure.dpi
     groups: list[list[int]] = []
-    for each, place in enumerate(drawn):
+    for point, place in enumerate(drawn):
         near = [g for g in groups if np.max(abs(drawn[g] - place), axis=-1).min() < _NEAR]
         if near:
-            near[0].append(each)
+            near[0].append(point)
         else:
-            groups.append([each])
+            groups.append([point])
     return groups
 
 
-def _draw_sensitivity(axes: Axes, measure: str, found: Sequence[Sensitivity]) -> None:
+def _draw_sensitivity(axes: Axes, measure: str, bars: Sequence[Sensitivity]) -> None:
     """Bars of what keys explain of a measure."""
     # On the left half: the right one is the heading of the correlations.
     name = textwrap.fill(measure, _LONGEST_LINE)
     axes.set_title(name, loc="left", weight="normal", parse_math=False)
-    if not found or np.isnan(found[0].alone):
+    if not bars or np.isnan(bars[0].alone):
         _say(axes, "too few flights, or all alike")
         return
-    numbers = np.nan_to_num([each[1:5] for each in found])
+    numbers = np.nan_to_num([bar[1:5] for bar in bars])
     for column, (name, colour) in enumerate((("alone", 0), ("with others", 4))):
         shares, errors = numbers[:, 2 * column], numbers[:, 2 * column + 1]
-        rows = np.arange(len(found)) + 0.36 * (column - 0.5)
+        rows = np.arange(len(bars)) + 0.36 * (column - 0.5)
         axes.barh(rows, shares, 0.34, color=COLOURS[colour], label=name)
         ends = [np.minimum(errors, shares), np.minimum(errors, 1.0 - shares)]
         axes.errorbar(shares, rows, xerr=ends, fmt="none", ecolor=DARK, elinewidth=0.7)
-    # Of a long key its end is shown.
-    whole = (each.key for each in found)
+    # Long keys show their end.
+    whole = (bar.key for bar in bars)
     keys = [key if len(key) <= _LONGEST_KEY else f"…{key[1 - _LONGEST_KEY :]}" for key in whole]
-    axes.set_yticks(range(len(found)), keys, parse_math=False)
-    for row, each in enumerate(found):
-        text = "–" if np.isnan(each.correlation) else f"{each.correlation:+.2f}".replace("-", "−")
+    axes.set_yticks(range(len(bars)), keys, parse_math=False)
+    for row, bar in enumerate(bars):
+        text = "–" if np.isnan(bar.correlation) else f"{bar.correlation:+.2f}".replace("-", "−")
         place = axes.get_yaxis_transform()
         axes.text(1.02, row, text, transform=place, verticalalignment="center")
-    axes.set(xlim=(0.0, 1.0), ylim=(len(found) - 0.4, -0.6))
+    axes.set(xlim=(0.0, 1.0), ylim=(len(bars) - 0.4, -0.6))
     axes.set_title("correlation", loc="right", weight="normal", x=1.16)
     axes.set_xlabel("share that the key explains")
     axes.grid(visible=False, axis="y")
@@ -227,7 +227,7 @@ def _say(axes: Axes, text: str) -> None:
 
 
 def _is_wide(least: float, greatest: float) -> bool:
-    """Whether values reach over so much that a linear axis would hide the small ones."""
+    """True if values reach over so much that a linear axis would hide the small ones."""
     return bool(least > 0.0 and greatest > _DECADES * least)
 
 

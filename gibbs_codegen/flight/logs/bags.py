@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 from gibbs_codegen.errors import UsageError, cause_of, printable, require
 
 _log = logging.getLogger("gibbs_codegen")
-# What ROS itself does not define: https://github.com/rudislabs/actuator_msgs.
+# Types that ROS itself does not define: https://github.com/rudislabs/actuator_msgs.
 ACTUATORS = "actuator_msgs/msg/Actuators"
 _ACTUATORS_TEXT = """std_msgs/Header header
 float64[] position
@@ -26,7 +26,7 @@ _COMPRESSED = b"\x28\xb5\x2f\xfd"
 _NO_BAG = "or is no log of ROS (.mcap, .db3, .bag or a folder of these) or PX4 (.ulg or tables)"
 
 
-class Channel(NamedTuple):
+class BagChannel(NamedTuple):
     """A topic, the type and encoding of its messages, and the definition that a bag has of it."""
 
     topic: str
@@ -36,7 +36,7 @@ class Channel(NamedTuple):
 
 
 # Channels and, with the time and the bytes of a message, those of messages.
-Records = Iterator[tuple[Channel, int, bytes | None]]
+Records = Iterator[tuple[BagChannel, int, bytes | None]]
 
 
 @cache
@@ -101,19 +101,19 @@ def _mcap(file: Path, topics: Collection[str]) -> Records:
     from mcap import records, stream_reader
 
     kinds: dict[int, tuple[str, str]] = {}
-    channels: dict[int, Channel] = {}
+    channels: dict[int, BagChannel] = {}
     size = file.stat().st_size
     with file.open("rb") as stream:
         reader = stream_reader.StreamReader(stream, validate_crcs=True, record_size_limit=size)
-        for each in reader.records:
-            if isinstance(each, records.Schema):
-                kinds[each.id] = (each.name, each.data.decode(errors="replace"))
-            elif isinstance(each, records.Channel):
-                kind, text = kinds.get(each.schema_id, ("", ""))
-                channels[each.id] = Channel(each.topic, kind, each.message_encoding, text)
-                yield channels[each.id], 0, None
-            elif isinstance(each, records.Message):
-                yield channels[each.channel_id], each.log_time, each.data
+        for record in reader.records:
+            if isinstance(record, records.Schema):
+                kinds[record.id] = (record.name, record.data.decode(errors="replace"))
+            elif isinstance(record, records.Channel):
+                kind, text = kinds.get(record.schema_id, ("", ""))
+                channels[record.id] = BagChannel(record.topic, kind, record.message_encoding, text)
+                yield channels[record.id], 0, None
+            elif isinstance(record, records.Message):
+                yield channels[record.channel_id], record.log_time, record.data
 
 
 def _sqlite(file: Path, topics: Collection[str]) -> Records:
@@ -121,7 +121,7 @@ def _sqlite(file: Path, topics: Collection[str]) -> Records:
     mode = "mode=ro" if Path(f"{file}-wal").exists() else "immutable=1"
     with closing(sqlite3.connect(f"{file.absolute().as_uri()}?{mode}", uri=True)) as base:
         rows = base.execute("select id, name, type, serialization_format from topics")
-        channels = {number: Channel(*row) for number, *row in rows}
+        channels = {number: BagChannel(*row) for number, *row in rows}
         yield from ((channel, 0, None) for channel in channels.values())
         wanted = [number for number, channel in channels.items() if channel.topic in topics]
         query = "select topic_id, timestamp, data from messages where topic_id in ({}) order by id"
@@ -137,17 +137,17 @@ def _rosbag(file: Path, topics: Collection[str]) -> Records:
     reader: Any = (rosbag1 if encoding == "ros1" else rosbag2).Reader(file)
     with reader:
         channels = {
-            each.id: Channel(each.topic, each.msgtype, encoding, each.msgdef.data)
-            for each in reader.connections
+            link.id: BagChannel(link.topic, link.msgtype, encoding, link.msgdef.data)
+            for link in reader.connections
         }
         yield from ((channel, 0, None) for channel in channels.values())
-        if wanted := [each for each in reader.connections if each.topic in topics]:
+        if wanted := [link for link in reader.connections if link.topic in topics]:
             messages = reader.messages(wanted)
             if encoding == "ros1":  # Sorted by time, a clock that goes back would not be seen.
-                index = sorted(entry for each in wanted for entry in reader.indexes[each.id])
+                index = sorted(entry for link in wanted for entry in reader.indexes[link.id])
                 pairs = zip(index, messages, strict=True)
-                messages = (found for _, found in sorted(pairs, key=lambda pair: pair[0][1:]))
-            yield from ((channels[each.id], time, data) for each, time, data in messages)
+                messages = (message for _, message in sorted(pairs, key=lambda pair: pair[0][1:]))
+            yield from ((channels[link.id], time, data) for link, time, data in messages)
 
 
 # By the ends of files' names what reads them, and what mends one that was cut short.
@@ -159,20 +159,20 @@ _SOURCES: dict[str, tuple[Callable[[Path, Collection[str]], Records], str]] = {
 
 
 @cache
-def _type_of(channel: Channel) -> str:
+def _type_of(channel: BagChannel) -> str:
     """The name of a type. Raises `ValueError` where a bag defines it otherwise than ROS."""
     from rosbags.typesys import get_types_from_msg
 
     kind = channel.kind if "/msg/" in channel.kind else channel.kind.replace("/", "/msg/")
-    known, own = message_types(channel.encoding).fielddefs, {}
+    fields_by_type, definitions = message_types(channel.encoding).fielddefs, {}
     with suppress(Exception):  # Damaged, or in IDL.
-        own = get_types_from_msg(channel.text, kind) if channel.text else {}
-    if any(known[name][1] != fields for name, (_, fields) in own.items()):
+        definitions = get_types_from_msg(channel.text, kind) if channel.text else {}
+    if any(fields_by_type[name][1] != fields for name, (_, fields) in definitions.items()):
         raise ValueError(kind)
     return kind
 
 
-def _decoded(channel: Channel, data: bytes) -> Any:
+def _decoded(channel: BagChannel, data: bytes) -> Any:
     """A message."""
     store, kind = message_types(channel.encoding), _type_of(channel)
     if channel.encoding == "ros1":

@@ -1,4 +1,4 @@
-"""What users call: a flight written as a log of other programs, and a flight of such a log."""
+"""Flights as logs: a flight written as a log of other programs, and a flight of such a log."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from gibbs_codegen.flight.record.flight import Flight
 from gibbs_codegen.flight.record.series import StrPath
 from gibbs_codegen.runtime.load import load
 
-# What `names` may name besides coordinates and inputs.
+# Keys of `names` besides coordinates and inputs.
 _OF_BAGS, _OF_PX4 = ("odometry", "joints", "inputs"), ("position", "attitude", "spin")
 FORMATS: dict[str, Callable[[Flight, Path], None]] = {"mcap": write_bag, "csv": write_tables}
 
@@ -86,17 +86,17 @@ def read_log(
     module = robot if isinstance(robot, ModuleType) else load(robot, "c")
     vehicle, path, names = Vehicle(module), Path(log), names or {}
     roles = _OF_PX4 if is_px4(path) else _OF_BAGS
-    known = {*roles, *vehicle.joint_names, *vehicle.inputs}
-    if unknown := sorted(names.keys() - known):
-        hint = near(unknown[0], known)
-        words = f"is none of {', '.join(sorted(known))}{hint}"
+    roles_known = {*roles, *vehicle.joint_names, *vehicle.inputs}
+    if unknown := sorted(names.keys() - roles_known):
+        hint = near(unknown[0], roles_known)
+        words = f"is none of {', '.join(sorted(roles_known))}{hint}"
         raise UsageError(f"names: {printable(unknown[0])}: {words}")
-    for name, given in names.items():
-        if not isinstance(given, str):
+    for name, alias in names.items():
+        if not isinstance(alias, str):
             called = "the name that the log has for it"
             if name not in vehicle.joint_names:
-                raise UsageError(f"names: {name}: must be {called}, not {written(given)}")
-            numbers(f"names: {name}", given, f"{called}, or the number at which it stands", ())
+                raise UsageError(f"names: {name}: must be {called}, not {written(alias)}")
+            numbers(f"names: {name}", alias, f"{called}, or the number at which it stands", ())
     for name, frequency in (("rate", rate), ("cutoff", cutoff)):
         if frequency is not None and numbers(name, frequency, "a number of Hz", ()) <= 0.0:
             raise UsageError(f"{name}: must be positive, not {frequency:g}")

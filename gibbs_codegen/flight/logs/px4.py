@@ -92,7 +92,7 @@ def topics_of(flight: Flight) -> Topics:
         **_listed("velocity", flight.v[:, rates]),
         **_listed("effort", flight.applied[:, flight.rotors :]),
     }
-    found: Topics = {
+    topics: Topics = {
         "vehicle_local_position": positions,
         "vehicle_attitude": _listed("q", turned_attitude(base.quaternion)),
         "vehicle_angular_velocity": _listed("xyz", turned_over(base.spin)),
@@ -100,8 +100,8 @@ def topics_of(flight: Flight) -> Topics:
         "actuator_motors": _listed("control", motors),
     }
     if joints:
-        found["joint_states"] = joints
-    return {topic: {"timestamp": time, **fields} for topic, fields in found.items()}
+        topics["joint_states"] = joints
+    return {topic: {"timestamp": time, **fields} for topic, fields in topics.items()}
 
 
 def _listed(name: str, values: Array) -> dict[str, NDArray[Any]]:
@@ -110,29 +110,29 @@ def _listed(name: str, values: Array) -> dict[str, NDArray[Any]]:
 
 
 def is_px4(path: Path) -> bool:
-    """Whether a log is a ULog, or a folder with tables of one."""
+    """True if a log is a ULog, or a folder with tables of one."""
     return path.suffix.lower() == ".ulg" or any(path.glob("*.csv"))
 
 
 def read_px4(path: Path, vehicle: Vehicle, names: Mapping[str, str | float]) -> Recorded:
-    """What a ULog, or tables of one, has of a robot, by names that are others than PX4's own."""
+    """Contents of a ULog, or of tables of one, for a robot, by names other than PX4's own."""
     topics = _logged(path)
 
     def series(role: str, *alternatives: tuple[str, ...]) -> Samples | None:
         """Fields of the topic that has a role, those that it has first of some."""
         fields = _topic(topics, str(names.get(role, _READ[role])))
         return next(
-            (_samples(fields, each) for each in alternatives if fields.keys() >= {*each}), None
+            (_samples(fields, keys) for keys in alternatives if fields.keys() >= {*keys}), None
         )
 
     def needed(role: str, *alternatives: tuple[str, ...]) -> Samples:
         """The same of what a flight cannot be without."""
-        if found := series(role, *alternatives):
-            return found
+        if samples := series(role, *alternatives):
+            return samples
         name, others = str(names.get(role, _READ[role])), ", ".join(sorted(topics)) or "none"
         raise UsageError(
             f"{printable(path)}: has no {printable(name)} that gives the {role} of the base "
-            f"by {' or '.join(each[0] for each in alternatives)}; name another topic "
+            f"by {' or '.join(keys[0] for keys in alternatives)}; name another topic "
             f"(--name {role}=TOPIC); there are {printable(others, 800)}"
         )
 
@@ -154,31 +154,31 @@ def read_px4(path: Path, vehicle: Vehicle, names: Mapping[str, str | float]) -> 
         attitude._replace(values=attitude_turned_back(attitude.values)),
         velocity and velocity._replace(values=north_east_down(velocity.values)),
         spin and spin._replace(values=turned_over(spin.values)),
-        {name: found for k, name in joints if (found := of(name, f"position[{k}]"))},
+        {name: series_of for k, name in joints if (series_of := of(name, f"position[{k}]"))},
         {
-            name: found
+            name: series_of
             for k, name in joints
-            if name not in names and (found := of(name, f"velocity[{k}]"))
+            if name not in names and (series_of := of(name, f"velocity[{k}]"))
         },
-        {name: found for name, k in inputs if (found := of(name, f"effort[{k}]"))},
+        {name: series_of for name, k in inputs if (series_of := of(name, f"effort[{k}]"))},
         tuple(topics),
     )
 
 
 def _logged(path: Path) -> dict[str, Callable[[], Fields]]:
-    """What reads topics of a ULog, or of the tables in a folder; of several of a kind the first."""
+    """Readers of topics of a ULog, or of the tables in a folder; of several of a kind the first."""
     if path.suffix.lower() != ".ulg":
         tables = sorted(path.glob("*_0.csv"))
-        return {each.stem.removesuffix("_0"): cache(partial(_table, each)) for each in tables}
+        return {table.stem.removesuffix("_0"): cache(partial(_table, table)) for table in tables}
     require("pyulog", "logs of PX4", "logs")
     from pyulog import ULog
 
-    # What it says is no help: `file_corruption` is.
+    # Its output is no help: `file_corruption` is.
     with path.open("rb") as file, redirect_stdout(StringIO()):
         log = ULog(file)
     if log.file_corruption:
         _log.warning("%s: is damaged, or was cut short; what can be is read", printable(path.name))
-    return {each.name: partial(dict, each.data) for each in log.data_list if each.multi_id == 0}
+    return {data.name: partial(dict, data.data) for data in log.data_list if data.multi_id == 0}
 
 
 def _table(path: Path) -> Fields:
@@ -190,7 +190,7 @@ def _table(path: Path) -> Fields:
         names, *rows = [*csv.reader(file, delimiter=between)] or [[]]
     if rows and "timestamp" not in names:
         raise UsageError(f"{printable(path)}: has no column timestamp, the time in µs")
-    # What a row lacks is not known, and nothing of one with more columns than names.
+    # Values that a row lacks are NaN, and all of a row with more columns than names.
     whole = (row if len(row) <= len(names) else row[:1] for row in rows if row)
     columns = zip_longest(*whole, fillvalue="")
     return dict(zip(names, map(np.array, columns), strict=False))
@@ -198,7 +198,7 @@ def _table(path: Path) -> Fields:
 
 def _topic(topics: Mapping[str, Callable[[], Fields]], name: str) -> Fields:
     """Fields of a topic, none if there is no such one; tables may begin with the name of a log."""
-    named = [each for each in topics if each == name or each.endswith(f"_{name}")]
+    named = [topic for topic in topics if topic == name or topic.endswith(f"_{name}")]
     return topics[min(named, key=len)]() if named else {}
 
 
@@ -220,11 +220,11 @@ def _numbers(column: NDArray[Any]) -> Array:
     """Numbers of a column, NaN where there is another text."""
     with suppress(ValueError):
         return column.astype(np.float64)
-    found = np.full(len(column), np.nan)
+    parsed = np.full(len(column), np.nan)
     for k, text in enumerate(column):
         with suppress(ValueError):
-            found[k] = float(text)
-    return found
+            parsed[k] = float(text)
+    return parsed
 
 
 def _times(fields: Fields) -> NDArray[np.int64]:
@@ -232,5 +232,5 @@ def _times(fields: Fields) -> NDArray[np.int64]:
     logged = _numbers(fields["timestamp"])
     sampled = _numbers(fields.get("timestamp_sample", fields["timestamp"]))
     micro = sampled if np.any(sampled > 0.0) else logged
-    known = np.abs(micro) < -5e-4 * NO_TIME
-    return np.where(known, np.where(known, micro, 0.0).astype(np.int64) * 1000, NO_TIME)
+    has_time = np.abs(micro) < -5e-4 * NO_TIME
+    return np.where(has_time, np.where(has_time, micro, 0.0).astype(np.int64) * 1000, NO_TIME)

@@ -58,7 +58,7 @@ class Samples(NamedTuple):
 
 
 class Recorded(NamedTuple):
-    """What a log has of a robot.
+    """Contents of a log for a robot.
 
     `position` (s, 3), m, of the frame "base" and `attitude` (s, 4), quaternions x y z w from it to
     the world; `velocity` (s, 3), m/s, world axes, and `spin` (s, 3), rad/s, base's axes, None where
@@ -93,28 +93,28 @@ def flight_of_log(
         "attitude": recorded.attitude._replace(values=known_attitudes(recorded.attitude.values)),
         "velocity": recorded.velocity,
         "spin": recorded.spin,
-        **{("q", name): each for name, each in recorded.joints.items()},
-        **{("v", name): each for name, each in recorded.rates.items()},
-        **{("u", name): each for name, each in recorded.inputs.items()},
+        **{("q", name): samples for name, samples in recorded.joints.items()},
+        **{("v", name): samples for name, samples in recorded.rates.items()},
+        **{("u", name): samples for name, samples in recorded.inputs.items()},
     }
-    series = _cleaned({name: each for name, each in logged.items() if each is not None}, source)
+    series = _cleaned({name: log for name, log in logged.items() if log is not None}, source)
     begin, seconds = _time_base(series, source, rate, cutoff)
     attitude = series["attitude"]
     turned = Rotation.from_quat(attitude.values).as_matrix()
     series["attitude"] = attitude._replace(values=quaternions_of(turned))
-    curves = {name: each.curve(begin) for name, each in series.items()}
-    found = {name: curve(seconds) for name, curve in curves.items()}
-    if "velocity" not in found:
-        found["velocity"] = curves["position"](seconds, 1)
-    if "spin" not in found:
-        found["spin"] = _spin(found["attitude"], curves["attitude"](seconds, 1))
+    curves = {name: samples.curve(begin) for name, samples in series.items()}
+    arrays = {name: curve(seconds) for name, curve in curves.items()}
+    if "velocity" not in arrays:
+        arrays["velocity"] = curves["position"](seconds, 1)
+    if "spin" not in arrays:
+        arrays["spin"] = _spin(arrays["attitude"], curves["attitude"](seconds, 1))
     for name in recorded.joints.keys() - recorded.rates.keys():
-        found["v", name] = curves["q", name](seconds, 1)
+        arrays["v", name] = curves["q", name](seconds, 1)
     if cutoff is not None:
         low = butter(_ORDER, cutoff, fs=1.0 / (seconds[1] - seconds[0]), output="sos")
-        found = {name: sosfiltfilt(low, values, axis=0) for name, values in found.items()}
-    q, v, a = _motion(vehicle, found, seconds)
-    fastest, sharpest = (float(np.abs(each).max()) for each in (v, a))
+        arrays = {name: sosfiltfilt(low, values, axis=0) for name, values in arrays.items()}
+    q, v, a = _motion(vehicle, arrays, seconds)
+    fastest, sharpest = (float(np.abs(derivative).max()) for derivative in (v, a))
     if not (fastest <= _GREATEST["v"] and sharpest <= _GREATEST_ACCELERATION):
         raise UsageError(
             f"{source}: by its samples the robot moves at {fastest:.3g} m/s or rad/s and "
@@ -122,7 +122,7 @@ def flight_of_log(
             "wrong: take these out, name other topics, or give a lower rate"
         )
     unknown = np.full(len(seconds), np.nan)
-    u = np.stack([found.get(("u", name), unknown) for name in vehicle.inputs], axis=1)
+    u = np.stack([arrays.get(("u", name), unknown) for name in vehicle.inputs], axis=1)
     limits = module_actuators(vehicle)
     no_place = np.full((len(seconds), 3), np.nan)
     fields = {
@@ -159,14 +159,14 @@ def _time_base(
     series: Mapping[Any, Samples], source: str, rate: float | None, cutoff: float | None
 ) -> tuple[int, Array]:
     """The begin of the time that all series have, ns, and seconds (s) since then."""
-    for name, each in series.items():
-        if len(each.time) < _LEAST:
+    for name, samples in series.items():
+        if len(samples.time) < _LEAST:
             raise UsageError(
-                f"{source}: of {_title(name)} it has {len(each.time)} samples that are numbers; "
+                f"{source}: of {_title(name)} it has {len(samples.time)} samples that are numbers; "
                 f"a flight needs {_LEAST}"
             )
-    begin = int(max(each.time[0] for each in series.values()))
-    end = int(min(each.time[-1] for each in series.values()))
+    begin = int(max(samples.time[0] for samples in series.values()))
+    end = int(min(samples.time[-1] for samples in series.values()))
     base = (series[name].time for name in ("position", "attitude"))
     most = max(((time[(begin <= time) & (time <= end)]) for time in base), key=len)
     if len(most) < _LEAST:
@@ -176,10 +176,10 @@ def _time_base(
         )
     if rate is None and cutoff is None:
         return begin, np.asarray((most - begin) * 1e-9)
-    for name, each in series.items():
-        gaps = np.diff(each.time)
+    for name, samples in series.items():
+        gaps = np.diff(samples.time)
         if np.max(gaps) > _LONG_GAP * np.median(gaps):
-            late = each.time[np.argmax(gaps)]
+            late = samples.time[np.argmax(gaps)]
             _log.warning(
                 "%s: %s is not known for %.3g s after %.4g s; a spline goes across",
                 *(source, _title(name), np.max(gaps) * 1e-9, (late - begin) * 1e-9),
@@ -210,47 +210,49 @@ def known_attitudes(quaternions: Array) -> Array:
 
 def _cleaned(series: Mapping[Any, Samples], source: str) -> dict[Any, Samples]:
     """Samples that can be, of one run of the clock, in the order of time; others are logged."""
-    found, left_out = dict[Any, Samples](), dict[tuple[str, int, int], list[str]]()
+    sound, left_out = dict[Any, Samples](), dict[tuple[str, int, int], list[str]]()
 
-    def kept(name: Any, each: Samples, right: Any, why: str) -> Samples:
+    def kept(name: Any, samples: Samples, right: Any, why: str) -> Samples:
         """The samples that are right; others are counted under the words for why they are not."""
         if count := len(right) - int(np.count_nonzero(right)):
             left_out.setdefault((why, count, len(series[name].time)), []).append(_title(name))
-        return each.rows(right)
+        return samples.rows(right)
 
-    for name, each in series.items():
-        each = kept(name, each, each.time != NO_TIME, "have no time")
-        values = np.abs(each.values.reshape(len(each.time), -1))
+    for name, samples in series.items():
+        samples = kept(name, samples, samples.time != NO_TIME, "have no time")
+        values = np.abs(samples.values.reshape(len(samples.time), -1))
         right = (values <= _GREATEST[name if isinstance(name, str) else name[0]]).all(axis=1)
-        found[name] = kept(name, each, right, "are no numbers or attitudes, or beyond what flies")
-    runs = {name: _runs(each.time) for name, each in found.items()}
-    if odd := [name for name, each in runs.items() if len(each) > 1]:
-        lengths = [each.stop - each.start for each in runs["position"]]
+        sound[name] = kept(
+            name, samples, right, "are no numbers or attitudes, or beyond what flies"
+        )
+    runs = {name: _runs(samples.time) for name, samples in sound.items()}
+    if odd := [name for name, parts in runs.items() if len(parts) > 1]:
+        lengths = [run.stop - run.start for run in runs["position"]]
         number, count = int(np.argmax(lengths)), len(lengths)
-        if other := [name for name, each in runs.items() if len(each) != count]:
+        if other := [name for name, run in runs.items() if len(run) != count]:
             parts = len(runs[other[0]])
             raise UsageError(
                 f"{source}: its clock goes back, or leaps ahead by more than an hour, which cuts "
                 f"position into {count} parts and {_title(other[0])} into {parts}, so that it is "
                 "unknown which belong together; cut the log there, and read its parts"
             )
-        found = {name: each.rows(runs[name][number]) for name, each in found.items()}
+        sound = {name: samples.rows(runs[name][number]) for name, samples in sound.items()}
         _log.warning(
             "%s: the clock of %s goes back, or leaps ahead by more than an hour; of the %d parts "
             "between, only the longest is read, number %d, with %d samples of position",
             *(source, ", ".join(map(_title, odd)), count, number + 1, lengths[number]),
         )
-    for name, each in found.items():
-        latest = np.maximum.accumulate(each.time)
-        later = np.append(True, each.time[1:] > latest[:-1])[: len(latest)]
-        found[name] = kept(name, each, later, "are not later than one before")
+    for name, samples in sound.items():
+        latest = np.maximum.accumulate(samples.time)
+        later = np.append(True, samples.time[1:] > latest[:-1])[: len(latest)]
+        sound[name] = kept(name, samples, later, "are not later than one before")
     if left_out:
         words = (
             f"{count} of {whole} samples of {', '.join(names)}, which {why}"
             for (why, count, whole), names in left_out.items()
         )
         _log.warning("%s: left out: %s", source, "; ".join(words))
-    return found
+    return sound
 
 
 def _runs(time: NDArray[np.int64]) -> list[slice]:
@@ -263,7 +265,7 @@ def _runs(time: NDArray[np.int64]) -> list[slice]:
 
 
 def _title(name: str | tuple[str, str]) -> str:
-    """What a series is called in messages."""
+    """The title of a series in messages."""
     return name if isinstance(name, str) else printable(name[1])
 
 
@@ -278,7 +280,7 @@ def _spin(quaternion: Array, rate: Array) -> Array:
 
 
 def _motion(
-    vehicle: Vehicle, found: Mapping[Any, Array], seconds: Array
+    vehicle: Vehicle, arrays: Mapping[Any, Array], seconds: Array
 ) -> tuple[Array, Array, Array]:
     """Coordinates (s, nq), velocities and accelerations (s, nv) by series at times (s)."""
 
@@ -287,24 +289,24 @@ def _motion(
         return slopes
 
     layout, kinematics = vehicle.layout, vehicle.kinematics
-    rotation = Rotation.from_quat(found["attitude"]).as_matrix()
-    spin = times(rotation, found["spin"])
+    rotation = Rotation.from_quat(arrays["attitude"]).as_matrix()
+    spin = times(rotation, arrays["spin"])
     turning = Turning(rotation, spin, rate(spin))
-    # Where x, y, z are, seen from the frame "base".
+    # The place of x, y, z in the frame "base".
     away = -times(rotation, vehicle.centre_offset(vehicle.neutral))
     carried = np.cross(spin, away)
-    velocity = found["velocity"] + carried
-    acceleration = rate(found["velocity"]) + np.cross(turning.acceleration, away)
+    velocity = arrays["velocity"] + carried
+    acceleration = rate(arrays["velocity"]) + np.cross(turning.acceleration, away)
     acceleration += np.cross(spin, carried)
     q = np.zeros((len(seconds), layout.q.size))
     v, a = np.zeros((2, len(seconds), layout.v.size))
     places = layout.v.attitude
     q[:, layout.q.attitude], v[:, places], a[:, places] = kinematics.turned(turning)
-    q[:, layout.q.position] = found["position"] + away
+    q[:, layout.q.position] = arrays["position"] + away
     places = layout.v.position
     v[:, places], a[:, places] = kinematics.moved(turning, velocity, acceleration)
     for k, name in enumerate(vehicle.joint_names):
-        q[:, layout.q.joint_places[k]] = found["q", name]
-        v[:, layout.v.joint_places[k]] = found["v", name]
-        a[:, layout.v.joint_places[k]] = rate(found["v", name])
+        q[:, layout.q.joint_places[k]] = arrays["q", name]
+        v[:, layout.v.joint_places[k]] = arrays["v", name]
+        a[:, layout.v.joint_places[k]] = rate(arrays["v", name])
     return q, v, a

@@ -82,7 +82,7 @@ def topics_of(flight: Flight) -> dict[str, tuple[str, Mapping[str, Any]]]:
     transform = {"header": header, "child_frame_id": BASE, "transform": moved}
     efforts = {"name": flight.input_names, "effort": flight.applied}
     no_attitude = -1.0 * (np.arange(9) == 0) * np.ones((len(flight.time), 1))
-    found: dict[str, tuple[str, Mapping[str, Any]]] = {
+    topics: dict[str, tuple[str, Mapping[str, Any]]] = {
         "/clock": ("rosgraph_msgs/msg/Clock", {"clock": stamp}),
         "/tf": ("tf2_msgs/msg/TFMessage", {"transforms": [transform]}),
         "/odom": ("nav_msgs/msg/Odometry", odometry),
@@ -97,7 +97,7 @@ def topics_of(flight: Flight) -> dict[str, tuple[str, Mapping[str, Any]]]:
             "velocity": flight.v[:, rates],
             "effort": flight.applied[:, flight.rotors :],
         }
-        found["/joint_states"] = (_JOINTS, {"header": header, **state})
+        topics["/joint_states"] = (_JOINTS, {"header": header, **state})
     if (sensed := imus(flight)) or not np.isnan(flight.gravity):
         exact = np.concatenate([base.specific_force, base.spin], axis=1)
         for name, (frame, values) in (sensed or {"imu": (BASE, exact)}).items():
@@ -111,8 +111,8 @@ def topics_of(flight: Flight) -> dict[str, tuple[str, Mapping[str, Any]]]:
                 ),
             }
             # Below /imu, so that none takes the place of another topic.
-            found["/imu" if name == "imu" else f"/imu/{name}"] = ("sensor_msgs/msg/Imu", measured)
-    return found
+            topics["/imu" if name == "imu" else f"/imu/{name}"] = ("sensor_msgs/msg/Imu", measured)
+    return topics
 
 
 def _named(names: str, values: Array) -> dict[str, Array]:
@@ -121,22 +121,22 @@ def _named(names: str, values: Array) -> dict[str, Array]:
 
 
 def _commands(flight: Flight) -> dict[str, Array]:
-    """What motors and servos are commanded, in the lists of Actuators, in the order of inputs.
+    """Commands of motors and servos, in the lists of Actuators, in the order of inputs.
 
     What is neither a position nor a velocity is a share, of the greatest input where it is one.
     """
-    found: dict[str, list[Array]] = {"position": [], "velocity": [], "normalized": []}
+    lists: dict[str, list[Array]] = {"position": [], "velocity": [], "normalized": []}
     of_inputs = shares(flight).T
     units = flight.command_units or flight.input_units
     commands = flight.commands if flight.command_units else flight.commanded
     for unit, command, share in zip(units, commands.T, of_inputs, strict=True):
         values = share if unit in ("N", "N m") else command
-        found[_LISTS.get(unit, "normalized")].append(values)
-    return {name: np.stack(each, axis=1) for name, each in found.items() if each}
+        lists[_LISTS.get(unit, "normalized")].append(values)
+    return {name: np.stack(columns, axis=1) for name, columns in lists.items() if columns}
 
 
 def read_bag(path: Path, vehicle: Vehicle, names: Mapping[str, str | float]) -> Recorded:
-    """What a bag, or an MCAP file, has of a robot, by names that are others than those written."""
+    """Contents of a bag, or of an MCAP file, for a robot, by names other than those written."""
     topics = {role: str(names.get(role, topic)) for role, (topic, _) in _READ.items()}
     kinds, messages = read_messages(path, set(topics.values()))
     for role, (_, wanted) in _READ.items():
@@ -158,29 +158,29 @@ def read_bag(path: Path, vehicle: Vehicle, names: Mapping[str, str | float]) -> 
             f"{', '.join(_POSES)} (--name odometry=TOPIC); there are {printable(there, 800)}"
         )
     time, placed = _times(poses), [_pose(message) for _, message in poses]
-    attitude = known_attitudes(np.array([_entries("xyzw", each) for _, each in placed]))
+    attitude = known_attitudes(np.array([_entries("xyzw", pose) for _, pose in placed]))
     # Where a message has no attitude yet, nothing else in it is known.
     unknown = 0.0 * attitude[:, :1]
-    position = np.array([_entries("xyz", each) for each, _ in placed]) + unknown
+    position = np.array([_entries("xyz", pose) for pose, _ in placed]) + unknown
     velocity = spin = None
     if hasattr(poses[0][1], "twist"):
         twists = [message.twist.twist for _, message in poses]
-        moving = np.array([_entries("xyz", each.linear) for each in twists])
+        moving = np.array([_entries("xyz", twist.linear) for twist in twists])
         turned = Rotation.from_quat(np.where(np.isnan(attitude), [0, 0, 0, 1], attitude))
         velocity = Samples(time, turned.apply(moving) + unknown)
-        turning = np.array([_entries("xyz", each.angular) for each in twists])
+        turning = np.array([_entries("xyz", twist.angular) for twist in twists])
         spin = Samples(time, turning + unknown)
     states, efforts = (_by_name(messages[topics[role]]) for role in ("joints", "inputs"))
-    joints = [(each, names.get(each, each)) for each in vehicle.joint_names]
-    inputs = [(each, str(names.get(each, each))) for each in vehicle.inputs]
+    joints = [(joint, names.get(joint, joint)) for joint in vehicle.joint_names]
+    inputs = [(drive, str(names.get(drive, drive))) for drive in vehicle.inputs]
     return Recorded(
         Samples(time, position),
         Samples(time, attitude),
         velocity,
         spin,
-        {each: states["position", name] for each, name in joints if ("position", name) in states},
-        {each: states["velocity", name] for each, name in joints if ("velocity", name) in states},
-        {each: efforts["effort", name] for each, name in inputs if ("effort", name) in efforts},
+        {joint: states["position", name] for joint, name in joints if ("position", name) in states},
+        {joint: states["velocity", name] for joint, name in joints if ("velocity", name) in states},
+        {drive: efforts["effort", name] for drive, name in inputs if ("effort", name) in efforts},
         tuple(str(name) for series, name in states if series == "position"),
     )
 
@@ -208,12 +208,12 @@ def _times(messages: Sequence[tuple[int, Any]]) -> NDArray[np.int64]:
 
 def _by_name(messages: Sequence[tuple[int, Any]]) -> dict[tuple[str, str | float], Samples]:
     """Positions, velocities and efforts of JointState by names; not every message has every one."""
-    found: dict[tuple[str, str | float], list[tuple[int, float]]] = defaultdict(list)
+    named: dict[tuple[str, str | float], list[tuple[int, float]]] = defaultdict(list)
     for time, (_, message) in zip(_times(messages).tolist(), messages, strict=True):
         for series in ("position", "velocity", "effort"):
             for name, value in zip(message.name, getattr(message, series), strict=False):
-                found[series, name].append((time, value))
-    return {key: Samples(*map(np.array, zip(*each, strict=True))) for key, each in found.items()}
+                named[series, name].append((time, value))
+    return {key: Samples(*map(np.array, zip(*pairs, strict=True))) for key, pairs in named.items()}
 
 
 def _entries(names: str, message: Any) -> list[float]:

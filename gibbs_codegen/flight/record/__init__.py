@@ -1,1 +1,1 @@
-"""What is kept of a flight: its time series."""
+"""The record of a flight: its time series."""

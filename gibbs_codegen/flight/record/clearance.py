@@ -1,4 +1,4 @@
-"""How near links come to discs of rotors, and both to walls, links being the lines between points.
+"""Distances of links from discs of rotors, and of both from walls; links are lines between points.
 
 Discs and walls are convex, so that the distance along a link has one minimum, which is found by
 cutting off thirds.
@@ -32,17 +32,17 @@ def disc_distances(
     then distances are NaN. Where a link goes through a disc, the distance is less than 0 by how far
     inside the rim it does.
     """
-    found = np.full((len(positions), len(radii)), np.nan)
+    distances = np.full((len(positions), len(radii)), np.nan)
     for k, (point, radius) in enumerate(zip(discs, radii.tolist(), strict=True)):
         links = [m for m in _links(parents, parents[point]) if m not in discs]
         if radius == 0.0 or not links:
             continue
-        for first in range(0, len(found), _SAMPLES):
+        for first in range(0, len(distances), _SAMPLES):
             rows = slice(first, first + _SAMPLES)
             begin, end = positions[rows, parents[links]], positions[rows, links]
             disc = positions[rows, [point]], axes[rows, [k]], radius
-            found[rows, k] = _to_disc(begin, end, disc).min(axis=1)
-    return found
+            distances[rows, k] = _to_disc(begin, end, disc).min(axis=1)
+    return distances
 
 
 def wall_distances(
@@ -55,23 +55,23 @@ def wall_distances(
     """
     links = _links(parents, -1)
     ends = [[x for x in (m, parents[m]) if x not in touching] for m in links]
-    pairs = np.array([(each[0], each[-1]) for each in ends if each], dtype=int).reshape(-1, 2)
+    pairs = np.array([(end[0], end[-1]) for end in ends if end], dtype=int).reshape(-1, 2)
     if not len(pairs):
         return np.full(len(positions), np.nan)
 
     def distance(place: Array) -> Array:
         return -surface_at(kind, figures, place)[0]
 
-    found = np.empty(len(positions))
-    for first in range(0, len(found), _SAMPLES):
+    distances = np.empty(len(positions))
+    for first in range(0, len(distances), _SAMPLES):
         rows = slice(first, first + _SAMPLES)
         begin, end = positions[rows, pairs[:, 0]], positions[rows, pairs[:, 1]]
         if kind in FLAT:  # Ends are nearest, or farthest behind.
             least = np.minimum(distance(begin), distance(end))
         else:
             least = _least(begin, end, distance)
-        found[rows] = least.min(axis=1)
-    return found
+        distances[rows] = least.min(axis=1)
+    return distances
 
 
 def rim_distances(centres: Array, axes: Array, radii: Array, kind: str, figures: Array) -> Array:
@@ -79,24 +79,24 @@ def rim_distances(centres: Array, axes: Array, radii: Array, kind: str, figures:
 
     Centres and unit normals are (s, N, 3), radii (N), m, 0 where unknown.
     """
-    known = radii > 0.0
-    if not known.any():
+    has_radius = radii > 0.0
+    if not has_radius.any():
         return np.full(len(centres), np.nan)
-    found = np.empty((_RIM, len(centres)))
-    normals = axes[:, known]
+    distances = np.empty((_RIM, len(centres)))
+    normals = axes[:, has_radius]
     across = np.cross(normals, np.eye(3)[np.abs(normals).argmin(axis=-1)])
     across /= np.linalg.norm(across, axis=-1, keepdims=True)
     for k, angle in enumerate(2.0 * np.pi / _RIM * np.arange(_RIM)):
         out = np.cos(angle) * across + np.sin(angle) * np.cross(normals, across)
-        rim = centres[:, known] + radii[known, np.newaxis] * out
-        found[k] = -surface_at(kind, figures, rim)[0].max(axis=-1)
-    return found.min(axis=0)
+        rim = centres[:, has_radius] + radii[has_radius, np.newaxis] * out
+        distances[k] = -surface_at(kind, figures, rim)[0].max(axis=-1)
+    return distances.min(axis=0)
 
 
 def _links(parents: Parents, carrier: int) -> list[int]:
     """Numbers of the points at the ends of links, but of those that begin at a point."""
-    found: list[int] = np.flatnonzero((parents >= 0) & (parents != carrier)).tolist()
-    return found
+    ends: list[int] = np.flatnonzero((parents >= 0) & (parents != carrier)).tolist()
+    return ends
 
 
 def _least(begin: Array, end: Array, distance: Callable[[Array], Array]) -> Array:
@@ -110,10 +110,10 @@ def _least(begin: Array, end: Array, distance: Callable[[Array], Array]) -> Arra
         third = (high - low) / 3.0
         falls = at(low + third) > at(high - third)
         low, high = np.where(falls, low + third, low), np.where(falls, high, high - third)
-    found: Array = np.minimum(
+    least: Array = np.minimum(
         np.minimum(at(low), at(high)), np.minimum(distance(begin), distance(end))
     )
-    return found
+    return least
 
 
 def _to_disc(begin: Array, end: Array, disc: tuple[Array, Array, float]) -> Array:

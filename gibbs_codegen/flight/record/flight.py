@@ -24,7 +24,7 @@ _NUMBERS: dict[str, Any] = {"control_rate": float, "tangent_arm": int}
 _NUMBERS |= {"weight": float, "gravity": float}
 _OF_NO_TIME = NO_SERIES | {"parents", "thrust_directions", "wall_forces", "commands", "actuators"}
 _OF_NO_TIME |= {"hold_errors", "hold_forces", "sensors", "battery"}
-_OF_NO_TIME |= {f"contact_{each}" for each in ("forces", "friction", "slip", "depth")}
+_OF_NO_TIME |= {f"contact_{quantity}" for quantity in ("forces", "friction", "slip", "depth")}
 _WANTED = "give the flight.npz that `gibbs-codegen simulate` wrote, or what write_npz wrote"
 
 
@@ -33,19 +33,19 @@ def _lacking(stored: Mapping[str, NDArray[Any]]) -> Arrays:
 
     The ranges of inputs are those of the samples alone.
     """
-    found = {} if "parents" in stored else _before_trees(stored)
+    defaults = {} if "parents" in stored else _before_trees(stored)
     samples = len(stored["time"])
     endless = np.full(len(stored["input_names"]), np.inf)
-    found |= {
+    defaults |= {
         "input_limits": np.stack([-endless, endless]),
         "wall_forces": np.full((samples, len(stored.get("walls", ()))), np.nan),
         "frame_wrenches": np.zeros((samples, 0, 6)),
     }
-    return found | {name: stored[name.partition("_")[0]] for name in RANGES}
+    return defaults | {name: stored[name.partition("_")[0]] for name in RANGES}
 
 
 def _before_trees(stored: Mapping[str, NDArray[Any]]) -> Arrays:
-    """What files lack from when all robots had base arms, angles and one serial arm.
+    """Fields for files from the time when all robots had base arms, angles and one serial arm.
 
     Attitude, units, parents and names. The sequence of the angles is not in such files; it makes no
     difference to what a flight has.
@@ -100,12 +100,12 @@ def _stored(file: BinaryIO) -> Flight:
         empty = file.seek(0, os.SEEK_END) == 0
         raise UsageError(f"the file is {'empty' if empty else 'cut off, or no .npz file'}")
     file.seek(0)
-    known = {each.name: each for each in fields(Flight)}
+    field_of = {field.name: field for field in fields(Flight)}
     with np.load(file, allow_pickle=False) as stored:
-        held = {name: np.asarray(stored[name]) for name in known if name in stored}
+        held = {name: np.asarray(stored[name]) for name in field_of if name in stored}
     values: dict[str, Any] = _lacking(held) | held
     for name, value in values.items():
-        kind = str(known[name].type)
+        kind = str(field_of[name].type)
         is_text = "str" in kind
         if value.dtype.kind not in ("U" if is_text else "iuf"):
             raise UsageError(f"{name} does not hold {'text' if is_text else 'numbers'}")
@@ -123,7 +123,7 @@ def _stored(file: BinaryIO) -> Flight:
 
 
 def is_flight(path: StrPath) -> bool:
-    """Whether a file is one that `write_npz` wrote, by the names of what it holds.
+    """True if a file is one that `write_npz` wrote, by the names of what it holds.
 
     False if it cannot be read.
     """

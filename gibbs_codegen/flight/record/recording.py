@@ -26,7 +26,7 @@ from gibbs_codegen.machine.state import State
 _HOUR = 3600.0
 # The last of a charge.
 _LAST = 1e-12
-_FIELDS = frozenset(each.name for each in fields(Flight))
+_FIELDS = frozenset(field.name for field in fields(Flight))
 
 
 def flight_of(loop: ClosedLoop, scenario: Scenario, history: StateHistory) -> Flight:
@@ -51,7 +51,7 @@ class Recording:
 
     @property
     def series(self) -> dict[str, Callable[[], Any]]:
-        """What computes each field of a flight, by its name."""
+        """Functions that compute the fields of a flight, by name."""
         loop, vehicle, scenario, time = self.loop, self.loop.vehicle, self.scenario, self._time
         gusts = scenario.wind.gusts if scenario.wind else ()
         contacts = [(k, x) for k, wall in enumerate(scenario.walls, 1) for x in wall.frames]
@@ -97,7 +97,7 @@ class Recording:
                 if scenario.holds
                 else np.zeros((len(time), 0))
             ),
-            "held": lambda: tuple(each.constraint for each in scenario.holds),
+            "held": lambda: tuple(hold.constraint for hold in scenario.holds),
             "hold_times": lambda: np.reshape([(x.begin, x.end) for x in scenario.holds], (-1, 2)),
             "impacts": lambda: self.history.impacts,
             "hard_impacts": self._hard_impacts,
@@ -112,7 +112,7 @@ class Recording:
 
     @property
     def _driven(self) -> dict[str, Callable[[], Any]]:
-        """What computes the fields of motors and servos, which are empty of a robot without."""
+        """Functions for the fields of motors and servos, which are empty for a robot without."""
         vehicle = self.loop.vehicle
         if not vehicle.is_driven:
             names = ("command_names", "command_units", "actuator_names")
@@ -137,15 +137,15 @@ class Recording:
         vehicle, scenario = self.loop.vehicle, self.scenario
         if not has_battery(vehicle):
             return np.zeros((len(self._time), 0))
-        known = {**vehicle.module.PARAMETERS, **scenario.parameters, **scenario.plant}
-        steps = [known[name] for name in known if name.startswith("battery_voltage_")]
+        numbers = {**vehicle.module.PARAMETERS, **scenario.parameters, **scenario.plant}
+        steps = [numbers[name] for name in numbers if name.startswith("battery_voltage_")]
         states = self._parts.actuators.copy()
         # An empty battery gives a current, by which the charge of 0 does not fall.
         states[:, -1] = charge = np.maximum(states[:, -1], _LAST)
         rates = vehicle.actuator_rates(states, self._sent[1])[:, -1]
-        current = -_HOUR * known["battery_capacity"] * rates
+        current = -_HOUR * numbers["battery_capacity"] * rates
         free = np.interp(charge, np.linspace(0.0, 1.0, len(steps)), steps)
-        voltage = free - known.get("battery_resistance", 0.0) * current
+        voltage = free - numbers.get("battery_resistance", 0.0) * current
         return np.stack([voltage, current], axis=1)
 
     @property
@@ -181,8 +181,8 @@ class Recording:
     @cached_property
     def _ranges(self) -> Array:
         """Ranges (2, 2, s, nu) of the inputs between samples, in the order of `RANGES`."""
-        known = self.ranges() if self.ranges else self.history.inputs
-        return known.up_to_samples(self._time, *self._inputs)
+        ranges = self.ranges() if self.ranges else self.history.inputs
+        return ranges.up_to_samples(self._time, *self._inputs)
 
     def _range(self, place: int) -> Array:
         return self._ranges[divmod(place, 2)]
@@ -206,8 +206,8 @@ class Recording:
         """Figures (w, k) of the walls, zeros after those of shapes that have fewer."""
         figures = [wall.figures for wall in self.scenario.walls]
         walls = np.zeros((len(figures), max(map(len, figures), default=6)))
-        for row, found in zip(walls, figures, strict=True):
-            row[: len(found)] = found
+        for row, shape in zip(walls, figures, strict=True):
+            row[: len(shape)] = shape
         return walls
 
     def _wall_forces(self) -> Array:
@@ -228,25 +228,25 @@ class Recording:
         return tuple(hard_impacts(vehicle, walls, (q, v), self._time, step))
 
     def _sensors(self) -> Array:
-        """What the robot's sensors tell (s, m), as it was read in flight or would have been."""
+        """Readings of the robot's sensors (s, m), as in flight or as they would have been."""
         loop, motion, time = self.loop, self._motion, self._time
         if loop.sensors is None:
             return np.zeros((len(time), 0))
         moved = (*self._parts[:2], motion["a"], motion["touching"])
         if loop.hold is None or loop.hold.readings is None:
-            found: Array = loop.sensors.readings(time, *moved)
-            return found
-        # Of what is sampled in flight nothing is taken at its end.
-        last = partial(loop.sensors.measurements, *(each[-1] for each in moved))
+            readings: Array = loop.sensors.readings(time, *moved)
+            return readings
+        # Sensors that are sampled in flight take nothing at its end.
+        last = partial(loop.sensors.measurements, *(part[-1] for part in moved))
         loop.hold.readings.take(time[-1], last)
         return loop.hold.readings.series(time)
 
     def _disc_radii(self) -> Array:
         """Radii (N), m, of the discs of rotors, 0 where neither scenario nor robot says them."""
-        vehicle, told = self.loop.vehicle, self.scenario.motors.disc_radius
+        vehicle, radius = self.loop.vehicle, self.scenario.motors.disc_radius
         air = getattr(vehicle.module, "ROTOR_AIR", {})
-        known = [air[name][7] if name in air else 0.0 for name in vehicle.inputs[: vehicle.rotors]]
-        return np.array(known if told is None else [told] * len(known), dtype=np.float64)
+        radii = [air[name][7] if name in air else 0.0 for name in vehicle.inputs[: vehicle.rotors]]
+        return np.array(radii if radius is None else [radius] * len(radii), dtype=np.float64)
 
     @property
     def _tangent_arm(self) -> int:
@@ -271,7 +271,7 @@ class Recording:
 def posture_series(
     vehicle: Vehicle, q: Callable[[], Array], v: Callable[[], Array]
 ) -> dict[str, Callable[[], Any]]:
-    """What computes the fields of a flight that tell of its robot and of where that is.
+    """Functions for the fields of a flight that describe its robot and the robot's place.
 
     By coordinates (s, nq) and velocities (s, nv), which are asked for when they are needed.
     """
@@ -330,11 +330,11 @@ def timing_note(flight: Flight, motion: TimedMotion) -> Flight:
 
 
 def timing_fields(motion: TimedMotion) -> dict[str, Any]:
-    """What is to be said of the timing of a motion, by the names of the fields of a flight."""
-    times = [(each.begin, each.end) for each in motion.binding]
+    """The timing of a motion, by the names of the fields of a flight."""
+    times = [(stretch.begin, stretch.end) for stretch in motion.binding]
     return {
         "timing": motion.said,
-        "binding": tuple(each.what for each in motion.binding),
+        "binding": tuple(stretch.what for stretch in motion.binding),
         "binding_times": np.reshape(times, (-1, 2)),
     }
 
@@ -345,15 +345,15 @@ class DeferredFlight(Flight):
     Those `known` are known already.
     """
 
-    def __init__(self, recording: Recording, known: dict[str, Any]) -> None:
+    def __init__(self, recording: Recording, values: dict[str, Any]) -> None:
         # A flight is frozen; its fields stand where an ordinary one has them.
-        self.__dict__.update(known, _recording=recording)
+        self.__dict__.update(values, _recording=recording)
 
     def __getattribute__(self, name: str) -> Any:
         """A field, which is computed where it is not known yet, whatever it is by default."""
-        known = super().__getattribute__("__dict__")
-        if name not in known and name in _FIELDS:
-            known[name] = known["_recording"].series[name]()
+        values = super().__getattribute__("__dict__")
+        if name not in values and name in _FIELDS:
+            values[name] = values["_recording"].series[name]()
         return super().__getattribute__(name)
 
     def __reduce__(self) -> tuple[Any, ...]:

@@ -38,7 +38,7 @@ NO_SERIES = frozenset(
 _ROWS = 4096
 # A wall carries a robot that rests on it by no more than this share of the weight.
 _RESTS = 1.01
-# What names of rows of constraints end in that hold places, not attitudes.
+# Endings of names of rows of constraints that hold places, not attitudes.
 _LINEAR_ROWS = frozenset({"x", "y", "z", "distance", "normal"})
 # Share of the range of a joint that is far from its posture.
 _TURNED = 0.25
@@ -46,7 +46,7 @@ _TURNED = 0.25
 _JUMP, _CHATTERS = 0.5, 0.05
 Column = tuple[str, str, Array]
 StrPath = str | os.PathLike[str]
-# What the names of columns of inputs end in, and the series.
+# Endings of names of columns of inputs, and their series.
 _INPUTS = {
     "": "applied",
     "_least": "applied_least",
@@ -244,12 +244,12 @@ class Flight:
 
     @property
     def has_tip(self) -> bool:
-        """Whether the robot has a tip: one arm, or a frame of that name."""
+        """True if the robot has a tip: one arm, or a frame of that name."""
         return "tip" in self.points
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What else is to be said of the flight, in sentences.
+        """Remarks on the flight, in sentences.
 
         They are on frames that begin so deep in a wall that it pushes with more than the weight, on
         impacts for which steps are too long, on a battery that ran empty, on commands that chatter,
@@ -294,7 +294,7 @@ class Flight:
 
     @property
     def _turned(self) -> tuple[str, ...]:
-        """Which joints left their posture by much while the machine pushed, if any did."""
+        """Joints that left their posture by much while the machine pushed, in words."""
         joints, places = self.layout.q.joints, self.layout.v.joints
         pushes = self.law in LAWS and LAWS[self.law].pushes
         if not pushes or not self.joint_limits.size:
@@ -325,8 +325,8 @@ class Flight:
         during = np.flatnonzero((self.time >= begin) & (self.time < end))
         if not len(during):
             return f"hold {k + 1}, {name}: never took hold"
-        own = {f"{name}_{row}" for row in _LINEAR_ROWS}
-        rows = [row in own for row in self.hold_names]
+        held_rows = {f"{name}_{row}" for row in _LINEAR_ROWS}
+        rows = [row in held_rows for row in self.hold_names]
         forces = np.linalg.norm(self.hold_forces[during][:, rows], axis=1)
         most = int(np.argmax(forces))
         errors = self.hold_errors[during][:, rows]
@@ -419,7 +419,7 @@ class Flight:
         They are less than 0 where one is behind the wall. Ends of links that are there to touch a
         wall do not count there, nor discs whose radius is not known.
         """
-        found = np.empty((len(self.time), len(self.walls)))
+        distances = np.empty((len(self.time), len(self.walls)))
         discs, axes, radii = self._discs
         kinds = self.wall_kinds or ("plane",) * len(self.walls)
         for k, (kind, figures) in enumerate(zip(kinds, self.walls, strict=True)):
@@ -428,8 +428,8 @@ class Flight:
             places = [self.points.index(name) for name in frames if name in self.points]
             links = wall_distances(self.positions, self.parents, kind, figures, places)
             rims = rim_distances(self.positions[:, discs], axes, radii, kind, figures)
-            found[:, k] = np.fmin(links, rims)
-        return found
+            distances[:, k] = np.fmin(links, rims)
+        return distances
 
     @property
     def energy_error(self) -> Array:
@@ -534,7 +534,7 @@ class Flight:
         Raises:
             OutputError: If it cannot be written.
         """
-        values = {each.name: getattr(self, each.name) for each in fields(self)}
+        values = {series.name: getattr(self, series.name) for series in fields(self)}
         # Without names there is nothing to tell that they are text.
         texts = {k: np.array(v, dtype=str) for k, v in values.items() if isinstance(v, tuple)}
         with writing(path):

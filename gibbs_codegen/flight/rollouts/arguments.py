@@ -1,4 +1,4 @@
-"""What callers of a rollout give, read as arrays, with errors that say what would be right."""
+"""Arguments of rollouts, read as arrays, with errors that say what would be right."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ class RolloutArguments:
         self._counts: dict[str, int] = {}
 
     def count(self) -> int:
-        """How many states there are, by all that has been read.
+        """The number of states, by all that has been read.
 
         Raises `UsageError` if arguments differ.
         """
@@ -68,7 +68,7 @@ class RolloutArguments:
         leading = array.shape[: array.ndim - len(shape)]
         fits = array.shape == (*leading, *shape) and len(leading) <= 2
         if not fits or leading[-1:] not in ((), (1,), (self.steps,)):
-            shapes = [_listed(each) for each in (shape, ("steps", *shape))]
+            shapes = [_listed(sizes) for sizes in (shape, ("steps", *shape))]
             whole = _listed(("states", "steps", *shape))
             raise UsageError(
                 f"{name}: its shape must be {', '.join(shapes)} or {whole} with 1 or {self.steps} "
@@ -127,7 +127,7 @@ class RolloutArguments:
         return inputs, Feedback(gain, self.normalised("control.q", q), v, x=x)
 
     def commands(self, inputs: Any) -> Any:
-        """What a controller gave, (nu) or (n, nu), as (1 or n, 1, nu)."""
+        """Commands of a controller, (nu) or (n, nu), as (1 or n, 1, nu)."""
         name = "what the controller returned"
         rows = self.states(name, inputs, self.inputs)
         del self._counts[name]  # How many states there are is known by now.
@@ -149,9 +149,9 @@ class RolloutArguments:
         """
         values = self.parameters(parameters)
         # One number for all states costs less than one for each.
-        own = {name: each if len(each) > 1 else each[0] for name, each in values.items()}
+        numbers = {name: value if len(value) > 1 else value[0] for name, value in values.items()}
         try:
-            return self.module.prepare(own) if own else None
+            return self.module.prepare(numbers) if numbers else None
         except (TypeError, ValueError) as error:
             raise UsageError(f"{self.module.NAME}: parameters: {error}") from None
 
@@ -174,15 +174,15 @@ class RolloutArguments:
 
     def _of_commands(self, limits: Any, refused: Mapping[str, Any]) -> Motors:
         """Limits of commands, else those of the robot file, whose motors have their own lag."""
-        for name, given in refused.items():
-            self._refuse_with_actuators(name, given)
+        for name, value in refused.items():
+            self._refuse_with_actuators(name, value)
         ends = command_limits(self.module) if limits is None else limits
         least, most = self.range("limits", ends, self.inputs)
         return Motors(least, most, *np.zeros((2, 1, self.rotors)))
 
-    def _refuse_with_actuators(self, name: str, given: Any) -> None:
+    def _refuse_with_actuators(self, name: str, value: Any) -> None:
         """Refuse what the robot file says itself where it describes actuators."""
-        if self.is_driven and given is not None:
+        if self.is_driven and value is not None:
             raise UsageError(
                 f"{name}: the robot file of {self.module.NAME} says how motors and servos "
                 "follow commands; its times are among the parameters, and x0 is where they "
@@ -197,8 +197,8 @@ class RolloutArguments:
                 f"x0: actuators of {self.module.NAME} have no states, since its robot file gives "
                 "no time constants beside commands, no delays and no battery; leave it out"
             )
-        given = self.xp.zeros(len(names)) if x0 is None else x0
-        return self.states("x0", given, len(names)) if names else None
+        charges = self.xp.zeros(len(names)) if x0 is None else x0
+        return self.states("x0", charges, len(names)) if names else None
 
     @property
     def _states_of_actuators(self) -> Sequence[str]:
@@ -223,7 +223,7 @@ class RolloutArguments:
         return self.states(name, self._one_for_all(name, value, self.rotors), self.rotors)
 
     def _one_for_all(self, name: str, value: Any, width: int) -> Any:
-        """What was given, as an array; one number is repeated `width` times."""
+        """The argument as an array; one number is repeated `width` times."""
         array = self._read(name, value)
         return array if array.ndim else self.xp.broadcast_to(array, (width,))
 
@@ -241,7 +241,7 @@ class RolloutArguments:
         return array
 
     def _finite(self, name: str, value: Any) -> Any:
-        """What was given as an array, of which all entries are finite."""
+        """The argument as an array, all entries of which are finite."""
         array = self._read(name, value)
         self._check(self.xp.isfinite(array), name, "finite", array)
         return array

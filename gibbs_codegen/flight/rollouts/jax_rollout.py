@@ -17,7 +17,7 @@ from gibbs_codegen.runtime import rollouts
 
 jnp: Any = jax.numpy
 
-# What arrays are in; all else is fixed when XLA compiles.
+# The fields with arrays; all else is fixed when XLA compiles.
 _ARRAYS = {
     rollouts.Feedback: ["gain", "q", "v", "u", "x"],
     rollouts.Motors: ["least", "most", "time_constants", "thrusts"],
@@ -33,7 +33,7 @@ for _kind, _names in _ARRAYS.items():
 
 
 def jax_arguments(module: ModuleType, steps: int) -> RolloutArguments:
-    """What reads arguments of a rollout as arrays of JAX, in the precision that it is set to."""
+    """The reader of a rollout's arguments as arrays of JAX, in the precision that JAX is set to."""
     return RolloutArguments(module, steps, jnp, _array)
 
 
@@ -52,15 +52,15 @@ def jax_rollout(problem: rollouts.Problem, controller: Controller | None) -> rol
     The module's back end is "jax"; `controller` is as of `callback_rollout`, of what JAX traces,
     None where inputs are known.
     """
-    found: rollouts.Rollout = _rollout(problem, controller, problem.parts)
-    return found
+    rolled: rollouts.Rollout = _rollout(problem, controller, problem.parts)
+    return rolled
 
 
 @functools.partial(jax.jit, static_argnums=(1, 2))
 def _rollout(
     problem: rollouts.Problem, controller: Controller | None, parts: Parts
 ) -> rollouts.Rollout:
-    """What comes out of a problem that has such parts."""
+    """The rollout of a problem with some parts."""
     (count, nq), every = problem.q.shape, problem.every
 
     def sample(carried: rollouts.Carried, first: Any) -> tuple[rollouts.Carried, Any]:

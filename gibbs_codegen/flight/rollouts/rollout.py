@@ -15,11 +15,7 @@ import numpy as np
 
 from gibbs_codegen.errors import UsageError, printable, written
 from gibbs_codegen.flight.arguments import seconds, whole
-from gibbs_codegen.flight.integration.envelope import (
-    hard_impacts,
-    joint_modes,
-    lag_modes,
-)
+from gibbs_codegen.flight.integration.envelope import hard_impacts, joint_modes, lag_modes
 from gibbs_codegen.flight.plant.actuators import commands_beyond
 from gibbs_codegen.flight.plant.vehicle import Vehicle
 from gibbs_codegen.flight.rollouts.arguments import Controller, RolloutArguments
@@ -58,21 +54,21 @@ def callback_rollout(
     count, every = len(problem.q), problem.every
     taken, ended = np.zeros(count, dtype=np.int64), np.full(count, rollouts.RUNNING, dtype=np.int8)
     inputs, real = problem.inputs, rollouts.REALS[problem.precision]
-    samples = [[each.astype(real) for each in problem.begin(problem.parts)]]
+    samples = [[part.astype(real) for part in problem.begin(problem.parts)]]
     for first in range(0, problem.steps, every):
         state = samples[-1]
         if first:
             inputs = read(controller(first * problem.dt, state[0].copy(), state[1].copy()))
-        found = roll(_piece(problem, first, inputs, state))
-        rest = [each for each in (found.thrusts, found.x, found.bristles) if each is not None]
-        after = [found.q[:, -1], found.v[:, -1]]
-        after += [np.concatenate([each[:, -1] for each in rest], axis=-1)] if rest else []
+        piece = roll(_piece(problem, first, inputs, state))
+        rest = [series for series in (piece.thrusts, piece.x, piece.bristles) if series is not None]
+        after = [piece.q[:, -1], piece.v[:, -1]]
+        after += [np.concatenate([series[:, -1] for series in rest], axis=-1)] if rest else []
         runs = ended == rollouts.RUNNING
         samples.append([np.where(runs[:, None], a, b) for a, b in zip(after, state, strict=True)])
-        taken += np.where(runs, found.steps, 0)
-        ended = np.where(runs, found.ended, ended)
+        taken += np.where(runs, piece.steps, 0)
+        ended = np.where(runs, piece.ended, ended)
         progress((first + every) / problem.steps)
-    stacked = [np.stack(each, axis=1) for each in zip(*samples, strict=True)]
+    stacked = [np.stack(sample, axis=1) for sample in zip(*samples, strict=True)]
     return problem.rollout(stacked, taken, ended)
 
 
@@ -184,8 +180,8 @@ def rollout(
         raise UsageError(f"robot: must be a module, or the name or path of one, not {words}")
     module = robot if isinstance(robot, ModuleType) else load(robot, "c")
     count, backend = whole("steps", steps), getattr(module, "backend", None)
-    if backend not in (known := (*BACKENDS, "jax")):
-        raise UsageError(f"robot: rollouts are of modules with the back ends {', '.join(known)}")
+    if backend not in (backends := (*BACKENDS, "jax")):
+        raise UsageError(f"robot: rollouts are of modules with the back ends {', '.join(backends)}")
     if backend == "jax":
         from gibbs_codegen.flight.rollouts import jax_rollout
 
@@ -198,8 +194,8 @@ def rollout(
     workers = (os.cpu_count() or 1) if threads is None else whole("threads", threads)
     tell = functools.partial(progress, "rolling out")
     if isinstance(control, Scenario | str | os.PathLike | Mapping):
-        given = wrenches, limits, thrusts, x0, bounds, surroundings, wind, payloads
-        others = any(each is not None for each in given)
+        others_given = wrenches, limits, thrusts, x0, bounds, surroundings, wind, payloads
+        others = any(option is not None for option in others_given)
         if others or walls or constraints or method != "rk4":
             raise UsageError(
                 "control: a scenario is rolled out by rk4, with limits, wrenches and bounds of its "
@@ -240,7 +236,7 @@ def rollout(
     if bounds is not None:
         bounds = arguments.range("bounds", bounds, q.shape[1] + v.shape[1])
     # Wind and payloads, too, may be of more states.
-    q, v = (arguments.xp.repeat(each, arguments.count() // len(each), 0) for each in (q, v))
+    q, v = (arguments.xp.repeat(part, arguments.count() // len(part), 0) for part in (q, v))
     if callable(control):
         inputs = arguments.commands(control(0.0, q.copy(), v.copy()))
     around, figures = surrounded.around, surrounded.figures
@@ -317,11 +313,11 @@ def array_rollout(
 
 @functools.lru_cache(maxsize=64)
 def _long_steps(
-    module: ModuleType, dt: float, method: rollouts.Method, own: tuple[tuple[str, float], ...]
+    module: ModuleType, dt: float, method: rollouts.Method, fixed: tuple[tuple[str, float], ...]
 ) -> str:
     """Why steps are too long for servos and friction with parameters, "" if they are not."""
     try:
-        vehicle = Vehicle(on_arrays(module), dict(own))
+        vehicle = Vehicle(on_arrays(module), dict(fixed))
         modes = lag_modes(vehicle) + joint_modes(vehicle, vehicle.neutral[np.newaxis])
     except UsageError:  # A module of few functions does not tell.
         return ""
@@ -336,7 +332,7 @@ def _compiles(
     precision: rollouts.Precision,
     chosen: str | None,
 ) -> bool:
-    """Whether a module's rollout compiles, which is tried once; a warning tells that it does not.
+    """True if a module's rollout compiles, which is tried once; else there is a warning.
 
     `chosen` is the value of CC. Raises `UsageError` without C source of the module.
     """
@@ -353,12 +349,12 @@ def check_settings(steps: int, every: int, dt: float, method: str, precision: st
     if steps % whole("every", every):
         raise UsageError(f"every: must divide the {steps} steps, not {every}")
     seconds("dt", dt)
-    for name, value, known in (
+    for name, value, choices in (
         ("method", method, get_args(rollouts.Method)),
         ("precision", precision, get_args(rollouts.Precision)),
     ):
-        if value not in known:
-            words = ", ".join(known)
+        if value not in choices:
+            words = ", ".join(choices)
             raise UsageError(f"{name}: {written(value)} is unknown; known: {words}")
 
 
@@ -369,8 +365,8 @@ def warn_of_long_steps(
     if not getattr(module, "COMMANDS", ()):
         return
     try:
-        own = tuple((name, float(np.ravel(value)[0])) for name, value in parameters.items())
+        fixed = tuple((name, float(np.ravel(value)[0])) for name, value in parameters.items())
     except (TypeError, ValueError):  # What JAX traces has no values.
         return
-    if words := _long_steps(module, float(dt), method, own):
+    if words := _long_steps(module, float(dt), method, fixed):
         warnings.warn(f"{module.NAME}: dt: {words}", RuntimeWarning, stacklevel=3)

@@ -54,27 +54,27 @@ def scenario_rollout(
     q, v = arguments.start(
         *(a if b is None else b for a, b in zip((start.q, start.v), begin, strict=True))
     )
-    own = arguments.parameters(parameters)
+    numbers = arguments.parameters(parameters)
     lags = start.loop.actuators.lag[np.newaxis] if lag is None else arguments.lag(lag)
-    loops = ScenarioLoops(start, own, lags, "parameters")
+    loops = ScenarioLoops(start, numbers, lags, "parameters")
     count = arguments.count()
     loop, settings = loops.loop(), start.scenario.integration
     _check_steps(loops, count, dt)
-    q, v = (np.repeat(each, count // len(each), 0) for each in (q, v))
+    q, v = (np.repeat(part, count // len(part), 0) for part in (q, v))
     starts = loop.start(q, v, start.scenario.start.charge)
     # In single precision thrusts a moment apart do not differ enough to make up for their lag.
     single = precision == "single" and not loop.compensates
     fly = BlockIntegration(loop, loops.loop, settings, duration, threads, single)
-    found = fly(starts, lambda time: progress("rolling out", time / duration))
-    histories = _with_others(loops, found, starts, duration, progress)
+    block_histories = fly(starts, lambda time: progress("rolling out", time / duration))
+    histories = _with_others(loops, block_histories, starts, duration, progress)
     parts = loop.parts(
-        np.stack([_on_grid(each, dt * every, 1 + arguments.steps // every) for each in histories])
+        np.stack([_on_grid(run, dt * every, 1 + arguments.steps // every) for run in histories])
     )
     time = np.arange(parts.q.shape[1], dtype=np.float64) * (dt * every)
-    ends = np.array([each.time[-1] if each.stopped else duration for each in histories])
+    ends = np.array([run.time[-1] if run.stopped else duration for run in histories])
     thrusts = _thrusts(loops, parts, np.minimum(time, ends[:, None])) if loop.lags else None
-    reasons = [DIVERGED if NOT_FINITE in each.stopped else OUT_OF_BOUNDS for each in histories]
-    ended = np.where([each.stopped != "" for each in histories], reasons, RUNNING)
+    reasons = [DIVERGED if NOT_FINITE in run.stopped else OUT_OF_BOUNDS for run in histories]
+    ended = np.where([run.stopped != "" for run in histories], reasons, RUNNING)
     steps, real = np.rint(ends / dt).astype(np.int64), REALS[precision]
     q, v = parts.q.astype(real), parts.v.astype(real)
     thrusts = None if thrusts is None else thrusts.astype(real)
@@ -110,11 +110,11 @@ def _check_steps(loops: ScenarioLoops, count: int, dt: float) -> None:
     # that joints with servos or friction have, the least and the greatest.
     states = [int(np.where(lag > 0.0, lag, np.inf).min(axis=1, initial=np.inf).argmin())]
     if loop.vehicle.is_driven:
-        ends = [f(each) for each in loops.parameters.values() for f in (np.argmin, np.argmax)]
+        ends = [f(x) for x in loops.parameters.values() for f in (np.argmin, np.argmax)]
         states = sorted({*states, *map(int, ends)})
     if loop.environment is not None and (loop.environment.wall or loop.environment.wind):
-        own = [np.broadcast_to(each, count) for each in (0.0, *lag.T, *loops.parameters.values())]
-        states = np.unique(np.stack(own), axis=1, return_index=True)[1].tolist()
+        rows = [np.broadcast_to(x, count) for x in (0.0, *lag.T, *loops.parameters.values())]
+        states = np.unique(np.stack(rows), axis=1, return_index=True)[1].tolist()
     for state in states:
         try:
             check_stability(loops.loop(state), dt)
@@ -125,7 +125,7 @@ def _check_steps(loops: ScenarioLoops, count: int, dt: float) -> None:
 
 def _with_others(
     loops: ScenarioLoops,
-    found: list[StateHistory | None],
+    block_histories: list[StateHistory | None],
     starts: Array,
     duration: float,
     progress: Callable[[str, float], None],
@@ -134,8 +134,8 @@ def _with_others(
 
     `starts` (n, size) are states of the closed loops. Raises `UsageError` if one cannot go on.
     """
-    missing, done, histories = found.count(None), 0, []
-    for i, history in enumerate(found):
+    missing, done, histories = block_histories.count(None), 0, []
+    for i, history in enumerate(block_histories):
         if history is None:
 
             def tell(share: float, before: int = done) -> None:
@@ -158,12 +158,12 @@ def _single(
     places = np.delete(np.arange(size), slice(first, first + size - loop.size))
     settings = loops.start.scenario.integration
     try:
-        own = integrate(loop, start[places], duration, settings, lambda t, end: tell(t / end))
+        history = integrate(loop, start[places], duration, settings, lambda t, end: tell(t / end))
     except GibbsCodegenError as error:
         raise UsageError(f"state {state}: {error}") from None
-    states = np.zeros((len(own.states), size))
-    states[:, places] = own.states
-    return replace(own, states=states)
+    states = np.zeros((len(history.states), size))
+    states[:, places] = history.states
+    return replace(history, states=states)
 
 
 def _thrusts(loops: ScenarioLoops, parts: State[Array], time: Array) -> Array:
@@ -172,8 +172,8 @@ def _thrusts(loops: ScenarioLoops, parts: State[Array], time: Array) -> Array:
     lag = np.broadcast_to(loops.loop().actuators.lag, thrusts[:, 0].shape)
     for i in np.flatnonzero((lag == 0.0).any(axis=1)).tolist():
         # A command acts at once where nothing lags, and then the state has no thrust.
-        loop, own = loops.loop(i), State(*(each[i] for each in parts))
-        applied = loop.inputs(time[i], own, loop.loads(time[i]))[1]
+        loop, state = loops.loop(i), State(*(part[i] for part in parts))
+        applied = loop.inputs(time[i], state, loop.loads(time[i]))[1]
         thrusts[i] = applied[:, : thrusts.shape[-1]]
     return thrusts
 

@@ -1,4 +1,4 @@
-"""What surrounds the states of a rollout: walls, and the wind, payloads and push of a scenario."""
+"""Surroundings of the states of a rollout: walls, and the wind, payloads and push of a scenario."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from gibbs_codegen.runtime.rollouts import Method
 
 @dataclass(frozen=True)
 class RolloutSurroundings:
-    """What acts on the states, and its figures: those that the program of a step has in it.
+    """Forces on the states, and their figures, which are in the program of a step.
 
     Those of an environment of which `at` tells are arrays: `wind` (1 or n, 3), m/s, is steady,
     and `masses` (1 or n, p), kg, are of payloads.
@@ -46,23 +46,23 @@ class RolloutSurroundings:
 
         A push or payload acts in a step if it does in the middle of it.
         """
-        environment, found = self.environment, dict[str, Any]()
+        environment, loads = self.environment, dict[str, Any]()
         if environment is None:
-            return found
+            return loads
         times = begin[:, np.newaxis] + dt * np.arange(steps)
         middle = times + 0.5 * dt
         if environment.wind is not None:
-            found["drag"] = environment.figures["drag"][np.newaxis, np.newaxis]
-            found["wind"] = self.wind[:, np.newaxis, np.newaxis] + _gusts(
+            loads["drag"] = environment.figures["drag"][np.newaxis, np.newaxis]
+            loads["wind"] = self.wind[:, np.newaxis, np.newaxis] + _gusts(
                 environment.figures["gusts"], times[..., np.newaxis] + dt * np.array([0, 0.5, 1])
             )
         if environment.payload:
             carried = _shortest(environment.carries(middle))
-            found["payloads"] = self.masses[:, np.newaxis] * carried
+            loads["payloads"] = self.masses[:, np.newaxis] * carried
         if environment.push is not None:
             acts = _shortest(environment.push_acts(middle)[..., np.newaxis, np.newaxis])
-            found["wrenches"] = acts * environment.pushing
-        return found
+            loads["wrenches"] = acts * environment.pushing
+        return loads
 
 
 def _gusts(gusts: Array, times: Array) -> Array:
@@ -75,14 +75,14 @@ def _gusts(gusts: Array, times: Array) -> Array:
 
 @lru_cache
 def _wind(count: int) -> Evaluator:
-    """What evaluates the velocity of so many gusts."""
+    """The evaluator of the velocity of a number of gusts."""
     time, gusts = variable("time"), variable("gusts", count, 5, uniform=True)
     outputs = {"wind": wind_velocity(time, zeros(3), gusts)}
     return Evaluator(Program("gusts", (time, gusts), outputs), {})
 
 
 def _shortest(x: Flags) -> Flags:
-    """What is the same in all steps, (1 or n, steps, …), of one step."""
+    """Values (1 or n, steps, …) of one step where all steps have the same."""
     return x[:, :1] if np.array_equal(x, np.broadcast_to(x[:, :1], x.shape)) else x
 
 
@@ -94,14 +94,14 @@ def rollout_surroundings(
     states: tuple[Any, Mapping[str, Any]],
     steps: tuple[float, Method],
 ) -> RolloutSurroundings:
-    """What surrounds states of coordinates (n, nq) and parameters, numbers or arrays.
+    """Surroundings of states with coordinates (n, nq) and parameters, numbers or arrays.
 
     `figures` are the wind and payloads' masses in the place of those of the scenario. Raises
     `UsageError` for what are no walls, for what does not fit the robot, and for steps (dt, method)
     that are too long for a wall.
     """
     module, (q, parameters), (dt, method) = arguments.module, states, steps
-    if not (isinstance(walls, list | tuple) and all(isinstance(each, Wall) for each in walls)):
+    if not (isinstance(walls, list | tuple) and all(isinstance(member, Wall) for member in walls)):
         raise UsageError("walls: must be walls as read_scenario(…).walls has them")
     if scenario is None:
         for name, value in zip(("wind", "payloads"), figures, strict=True):
@@ -110,18 +110,18 @@ def rollout_surroundings(
         if not walls:
             return RolloutSurroundings()
     vehicle = with_parameters(module, {})
-    given = surrounding(vehicle, scenario)
-    if given is not None and given.hold:
+    surroundings = surrounding(vehicle, scenario)
+    if surroundings is not None and surroundings.hold:
         raise UsageError(
             "surroundings: holds begin and end at times; leave them out, and name the constraints "
             "that hold in `constraints`"
         )
-    environment = given or Environment(vehicle)
+    environment = surroundings or Environment(vehicle)
     if any(wall in environment.wall for wall in walls):
         raise UsageError("walls: act besides those of `surroundings`; leave those out that it has")
     environment = replace(environment, wall=(*walls, *environment.wall))
     _check_steps(environment, q, parameters, dt, method)
-    frames = tuple(vehicle.frames.index(each.frame) for each in environment.payload)
+    frames = tuple(vehicle.frames.index(payload.frame) for payload in environment.payload)
     fixed = tuple(
         (name, tuple(np.ravel(x).tolist()))
         for name, x in environment.figures.items()
@@ -136,10 +136,10 @@ def rollout_surroundings(
     if masses is not None and not frames:
         raise UsageError("payloads: the surroundings have none; give them [[payload]]")
     if frames:
-        known = [each.mass for each in environment.payload]
-        masses = arguments.masses("payloads", known if masses is None else masses, len(frames))
+        usual = [payload.mass for payload in environment.payload]
+        masses = arguments.masses("payloads", usual if masses is None else masses, len(frames))
     around = replace(environment.around, gusts=0, payloads=frames)
-    return RolloutSurroundings(around, fixed, environment.wall, given, wind, masses)
+    return RolloutSurroundings(around, fixed, environment.wall, surroundings, wind, masses)
 
 
 def _check_steps(
@@ -165,8 +165,8 @@ def _check_steps(
 
 def with_parameters(module: ModuleType, parameters: Mapping[str, Any]) -> Vehicle:
     """The robots, on NumPy's arrays, with parameters, numbers or arrays (n) that are known."""
-    own = {name: np.squeeze(np.asarray(each)) for name, each in parameters.items()}
-    return Vehicle(on_arrays(module), own)
+    values = {name: np.squeeze(np.asarray(value)) for name, value in parameters.items()}
+    return Vehicle(on_arrays(module), values)
 
 
 def on_arrays(module: ModuleType) -> ModuleType:

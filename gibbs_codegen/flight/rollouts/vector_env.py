@@ -19,11 +19,7 @@ from gibbs_codegen.flight.arguments import numbers, seconds, whole
 from gibbs_codegen.flight.plant.actuators import kept_commands, module_actuators
 from gibbs_codegen.flight.plant.vehicle import Flags, Vehicle
 from gibbs_codegen.flight.rollouts.arguments import RolloutArguments
-from gibbs_codegen.flight.rollouts.rollout import (
-    array_rollout,
-    check_settings,
-    warn_of_long_steps,
-)
+from gibbs_codegen.flight.rollouts.rollout import array_rollout, check_settings, warn_of_long_steps
 from gibbs_codegen.flight.rollouts.surroundings import rollout_surroundings
 from gibbs_codegen.flight.scenario.file import AnyScenario
 from gibbs_codegen.flight.scenario.walls import Wall
@@ -45,13 +41,13 @@ _FARTHEST, _STEEPEST = 3.0, 1.4
 _RATES = 0.1
 Observations = NDArray[np.float32]
 Infos = dict[str, Any]
-# What an observation can say.
+# The possible parts of an observation.
 _GREATEST_SINGLE = float(np.finfo(np.float32).max)
 
 
 @dataclass(frozen=True)
 class Moment:
-    """Where n environments are after a decision, or at the start of an episode.
+    """The state of n environments after a decision, or at the start of an episode.
 
     - `time` (n): since the start of the episode, s
     - `q` (n, nq), `v` (n, nv): coordinates and velocities
@@ -86,7 +82,7 @@ def nearness(now: Moment) -> Array:
 
 
 def is_lost(now: Moment) -> Flags:
-    """Whether a base is 3 m away from where it is wanted, or has turned by 1.4 rad (n)."""
+    """True (n) for a base that is 3 m from its desired place, or has turned by 1.4 rad."""
     far = np.linalg.norm(now.away[:, now.base_position], axis=1) > _FARTHEST
     turned = np.linalg.norm(now.away[:, now.base_rotation], axis=1) > _STEEPEST
     return far | turned
@@ -98,7 +94,7 @@ def away_and_rates(now: Moment) -> Array:
 
 
 class EpisodeDistributions:
-    """What the values of some names are: numbers, or distributions that they are drawn from.
+    """Values by name: numbers, or distributions that they are drawn from.
 
     A distribution is whatever has a method `ppf` as those of `scipy.stats` have: the value that a
     share between 0 and 1 of all values is below. If it is `relative`, as `scaled` makes it, values
@@ -106,23 +102,23 @@ class EpisodeDistributions:
     not known, and for what is no number and no distribution.
     """
 
-    def __init__(self, values: Mapping[str, Any], known: Mapping[str, float], what: str) -> None:
+    def __init__(self, values: Mapping[str, Any], usual: Mapping[str, float], what: str) -> None:
         if not isinstance(values, Mapping):
             raise UsageError(f"{what}: values by name, not {printable(values)}")
         self.what, self.values = what, dict(values)
         self.drawn = [name for name, value in values.items() if hasattr(value, "ppf")]
         self.factors = dict.fromkeys(values, 1.0)
         for name, value in values.items():
-            if name not in known:
-                raise UsageError(f"{what}: {printable(name)}: unknown; known: {', '.join(known)}")
+            if name not in usual:
+                raise UsageError(f"{what}: {printable(name)}: unknown; known: {', '.join(usual)}")
             if name not in self.drawn and not (isinstance(value, Real) and math.isfinite(value)):
                 raise UsageError(
                     f"{what}: {name}: a finite number or a distribution, such as "
                     f"uniform(0.8, 1.2), not {printable(value)}"
                 )
             if getattr(value, "relative", False):
-                self.factors[name] = known[name]
-                if not known[name]:
+                self.factors[name] = usual[name]
+                if not usual[name]:
                     raise UsageError(f"{what}: {name}: factors of 0 are 0; give values")
 
     def __call__(self, shares: Array) -> dict[str, Array]:
@@ -130,13 +126,13 @@ class EpisodeDistributions:
 
         Raises `UsageError` if a distribution gives what is not finite.
         """
-        columns, found = dict(zip(self.drawn, shares.T, strict=True)), {}
+        columns, values = dict(zip(self.drawn, shares.T, strict=True)), {}
         for name, value in self.values.items():
             one = value.ppf(columns[name]) if name in columns else np.full(len(shares), value)
-            found[name] = self.factors[name] * np.asarray(one, dtype=np.float64)
-            if not np.all(np.isfinite(found[name])):
+            values[name] = self.factors[name] * np.asarray(one, dtype=np.float64)
+            if not np.all(np.isfinite(values[name])):
                 raise UsageError(f"{self.what}: {name}: its distribution gives no finite number")
-        return found
+        return values
 
 
 class VectorEnv(gymnasium.vector.VectorEnv[Observations, ArrayLike, Any]):
@@ -217,7 +213,7 @@ class VectorEnv(gymnasium.vector.VectorEnv[Observations, ArrayLike, Any]):
         check_settings(steps, steps, dt, method, precision)
         warn_of_long_steps(module, dt, method, {})
         hovers = arguments.states("hover", vehicle.neutral if hover is None else hover, nq)
-        # What is commanded: motors and servos of the robot file, or thrusts and torques.
+        # Commands: to motors and servos of the robot file, or thrusts and torques.
         self._driven = actuators.commands is not None
         if self._driven:
             motors = arguments.motors(limits, time_constants, None)
@@ -240,7 +236,7 @@ class VectorEnv(gymnasium.vector.VectorEnv[Observations, ArrayLike, Any]):
         self._holding, self._resting = np.clip(inputs, *self._limits), x
         thrusts = np.tile(self._holding[: vehicle.rotors], (self.num_envs, 1))
         self._motors = replace(motors, thrusts=thrusts)
-        # Where the machines are, and how a decision is flown.
+        # The surroundings of the machines, and the problem of a decision.
         hovering, varied = self._hover[np.newaxis], (wind, payloads)
         self._surrounded = rollout_surroundings(
             *(arguments, walls, surroundings, varied, (hovering, {}), (float(dt), method))
@@ -414,7 +410,7 @@ class VectorEnv(gymnasium.vector.VectorEnv[Observations, ArrayLike, Any]):
             words = f"a whole number, or {self.num_envs} of them"
             raise UsageError(f"seed: {words}, not {printable(seed)}")
         if not self._generators:
-            made = [seeding.np_random(each) for each in seeds]
+            made = [seeding.np_random(entry) for entry in seeds]
             self._generators, self._seeds = [g for g, _ in made], [s for _, s in made]
             return
         for i in np.flatnonzero(rows):
@@ -424,11 +420,11 @@ class VectorEnv(gymnasium.vector.VectorEnv[Observations, ArrayLike, Any]):
     def _begin(self, rows: Flags) -> None:
         """Begin episodes in some of the environments (n)."""
         chosen = [self._generators[i] for i in np.flatnonzero(rows)]
-        ends = np.cumsum([len(each.drawn) for each in self._distributions])
-        shares = np.array([each.random(ends[-1]) for each in chosen])
+        ends = np.cumsum([len(distributions.drawn) for distributions in self._distributions])
+        shares = np.array([generator.random(ends[-1]) for generator in chosen])
         columns = np.split(shares, ends[:-1], axis=1)
         offsets, rates, parameters = (
-            each(own) for each, own in zip(self._distributions, columns, strict=True)
+            draw(column) for draw, column in zip(self._distributions, columns, strict=True)
         )
         now, zero, names = self._now, np.zeros(len(chosen)), self._vehicle.module.VELOCITIES
         away, v = (
@@ -460,25 +456,25 @@ class VectorEnv(gymnasium.vector.VectorEnv[Observations, ArrayLike, Any]):
         now, begin = replace(self._now, inputs=commanded[:, np.newaxis]), self._time()
         loads = self._surrounded.at(begin, now.steps, now.dt)
         now = replace(now, wrenches=loads.pop("wrenches", None), loads=loads)
-        found = array_rollout(replace(now, motors=self._motors), self._threads)
+        flown = array_rollout(replace(now, motors=self._motors), self._threads)
         last = (
-            commanded[:, : self._vehicle.rotors] if found.thrusts is None else found.thrusts[:, -1]
+            commanded[:, : self._vehicle.rotors] if flown.thrusts is None else flown.thrusts[:, -1]
         )
         self._motors = replace(self._motors, thrusts=last.copy())
         x, bristles = (
-            None if each is None else each[:, -1].copy() for each in (found.x, found.bristles)
+            None if part is None else part[:, -1].copy() for part in (flown.x, flown.bristles)
         )
-        q, v = found.q[:, -1].copy(), found.v[:, -1].copy()
+        q, v = flown.q[:, -1].copy(), flown.v[:, -1].copy()
         self._now = replace(now, q=q, v=v, x=x, bristles=bristles)
         self._decisions += 1
-        return found.ended
+        return flown.ended
 
     def _time(self) -> Array:
-        """How long episodes last (n), s."""
+        """Lengths of episodes (n), s."""
         return self._decisions * np.float64(self._now.steps * self._now.dt)
 
     def _moment(self) -> Moment:
-        """Where the machines are, in arrays of its own."""
+        """The state of the machines, in arrays of its own."""
         now, places, thrusts = self._now, self._vehicle.layout.v, self._motors.thrusts
         if self._driven:
             x = np.zeros((self.num_envs, 0)) if now.x is None else now.x
@@ -507,7 +503,7 @@ class VectorEnv(gymnasium.vector.VectorEnv[Observations, ArrayLike, Any]):
         return least + 0.5 * (np.clip(actions, -1.0, 1.0) + 1.0) * (most - least)
 
     def _values_of(self, name: str, function: Measure | Ending, now: Moment) -> NDArray[Any]:
-        """What a function of the user's, given as argument `name`, says of each environment (n).
+        """Values (n) of a function of the user's, given as argument `name`, for each environment.
 
         Raises `UsageError` if that is not one value for each.
         """
@@ -532,10 +528,10 @@ def _information(ended: NDArray[np.int8], rows: Flags) -> Infos:
 
 def _rows(values: NDArray[Any], rows: Flags) -> NDArray[np.object_]:
     """Some rows, each an object, with None for the others, as Gymnasium hands out the last ones."""
-    found = np.full(len(rows), None, dtype=object)
+    objects = np.full(len(rows), None, dtype=object)
     for i in np.flatnonzero(rows):
-        found[i] = values[i].copy()
-    return found
+        objects[i] = values[i].copy()
+    return objects
 
 
 def _mode(mode: AutoresetMode | str) -> AutoresetMode:
@@ -543,5 +539,5 @@ def _mode(mode: AutoresetMode | str) -> AutoresetMode:
     try:
         return AutoresetMode(mode)
     except ValueError:
-        known = ", ".join(each.value for each in AutoresetMode)
-        raise UsageError(f"autoreset_mode: one of {known}, not {printable(mode)}") from None
+        modes = ", ".join(member.value for member in AutoresetMode)
+        raise UsageError(f"autoreset_mode: one of {modes}, not {printable(mode)}") from None

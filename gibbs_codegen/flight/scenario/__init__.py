@@ -1,1 +1,1 @@
-"""What is flown, as plain data: paths, orientations, and the scenario file."""
+"""Scenarios as plain data: paths, orientations, and the scenario file."""

@@ -62,7 +62,7 @@ class Device(Table):
     delay: Delay = entry("how much later a reading comes than it was measured, s", 0.0)
 
     def channels(self, layout: Layout) -> tuple[Channel, ...]:
-        """What a reading consists of, on a robot with a layout of coordinates."""
+        """The channels of a reading, on a robot with a layout of coordinates."""
         raise NotImplementedError
 
     @property
@@ -206,14 +206,14 @@ class Encoders(Device):
 
     def channels(self, layout: Layout) -> tuple[Channel, ...]:
         """Coordinates of the joints."""
-        places, own = layout.q, layout.q.joints
-        names, units = places.names[own], places.units[own]
+        places, joints = layout.q, layout.q.joints
+        names, units = places.names[joints], places.units[joints]
         return (Channel(names, units, (self.noise,), resolution=self.resolution),)
 
 
 @table
 class WrenchSensor(DeviceAtFrame):
-    """What contacts do to a frame, in its axes."""
+    """Force and torque of contacts on a frame, in its axes."""
 
     measures: ClassVar[str] = "wrench"
 

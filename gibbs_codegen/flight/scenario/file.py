@@ -91,8 +91,8 @@ def parse_scenario(
     Raises `ScenarioFileError` with every fault found; `source` is the file's name in messages.
     """
     try:
-        found = checked(text, source, ScenarioTable, ScenarioFileError, changes, tables)
-        return found.scenario()
+        table = checked(text, source, ScenarioTable, ScenarioFileError, changes, tables)
+        return table.scenario()
     except RecursionError:
         raise ScenarioFileError(source, [Fault("", TOO_DEEP)]) from None
 
@@ -100,8 +100,8 @@ def parse_scenario(
 def _one_after_the_other(moves: list[parts.Move]) -> list[parts.Move]:
     if not moves:
         raise fault("has no moves; give one, or leave the joint out")
-    if found := list(order_faults(moves)):
-        raise refusal(found)
+    if faults := list(order_faults(moves)):
+        raise refusal(faults)
     return moves
 
 
@@ -115,7 +115,7 @@ _Moves = Annotated[
 
 @file_table
 class ArmTable(Table):
-    """What the arm is to do: bring the tip along a path, or keep a posture, or move from it.
+    """The task of the arm: bring the tip along a path, or keep a posture, or move from it.
 
     Names of joints are those of their coordinates, such as theta_7 and d_8.
     """
@@ -161,29 +161,29 @@ class ArmTable(Table):
     @classmethod
     def _key_faults(cls, values: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
         """Faults of keys that say twice what the arm does, and of a guess without a tip path."""
-        tips = [each for each in ("tip", "tip_beside_base") if each in values]
+        tips = [entry for entry in ("tip", "tip_beside_base") if entry in values]
         led = [*tips, *(["frames"] if "frames" in values else [])]
         postures = ("posture", "posture_deg", "moves", "moves_deg")
-        others = [*tips[1:], *(each for each in postures if each in values)]
+        others = [*tips[1:], *(entry for entry in postures if entry in values)]
         if led and others:
             yield others[0], f"{led[0]} already says what the arm does; give one of them"
-        for each in ("guess", "guess_deg"):
-            if each in values and not led:
-                yield each, "is where the search for a tip path begins; give a tip"
+        for entry in ("guess", "guess_deg"):
+            if entry in values and not led:
+                yield entry, "is where the search for a tip path begins; give a tip"
 
     def _faults(self) -> Iterator[tuple[Place, str]]:
         """Faults of a tip with two paths, and of postures and moves beyond the limits."""
         if "tip" in self.frames and (self.tip or self.tip_beside_base):
             yield ("frames", "tip"), "tip already has its path; give one of them"
         for end, limits in (("", self.limits), ("_deg", self.limits_deg)):
-            postures, moves = (getattr(self, f"{each}{end}") for each in ("posture", "moves"))
+            postures, moves = (getattr(self, f"{entry}{end}") for entry in ("posture", "moves"))
             wanted: list[tuple[Place, float]] = [
                 ((f"posture{end}", joint), value) for joint, value in (postures or {}).items()
             ]
             wanted += [
                 ((f"moves{end}", joint, number, "to"), move.to)
-                for joint, each in moves.items()
-                for number, move in enumerate(each)
+                for joint, moves_of_joint in moves.items()
+                for number, move in enumerate(moves_of_joint)
             ]
             for place, value in wanted:
                 low, high = limits.get(str(place[1]), (-math.inf, math.inf))
@@ -234,7 +234,7 @@ def _in_radians(
 
 @file_table
 class BaseTable(Table):
-    """What the base is to do."""
+    """The task of the base."""
 
     path: Annotated[AnyPath, key("desired path of the base centre")]
     attitude: AnyAttitude = optional("desired attitude; default: level", Level())
@@ -314,16 +314,16 @@ class ScenarioTable(Table):
         """Faults of what begins after the end, and of more samples or steps than may be."""
         duration, settings = self.duration, self.integration
         beginning: list[tuple[Place, Sequence[parts.Move | parts.Hold]]] = [(("hold",), self.hold)]
-        for each in ("moves", "moves_deg"):
-            moves = getattr(self.arm, each).items()
-            beginning += [(("arm", each, joint), own) for joint, own in moves]
-        for place, own in beginning:
-            for number, part in enumerate(own):
+        for name in ("moves", "moves_deg"):
+            moves = getattr(self.arm, name).items()
+            beginning += [(("arm", name, joint), joint_moves) for joint, joint_moves in moves]
+        for place, timed_parts in beginning:
+            for number, part in enumerate(timed_parts):
                 for words in parts.late(part, duration):
                     yield (*place, number, "begin"), words
         for kind in parts.DEVICES if self.sensors else ():
-            for number, each in enumerate(getattr(self.sensors, kind)):
-                if each.rate * duration > _MAX_READINGS:
+            for number, name in enumerate(getattr(self.sensors, kind)):
+                if name.rate * duration > _MAX_READINGS:
                     words = f"more than {_MAX_READINGS} readings in {duration:g} s; lower it"
                     yield ("sensors", kind, number, "rate"), words
         if settings.rate * duration > _MAX_SAMPLES:

@@ -156,8 +156,8 @@ class Tangent(Table):
         straight up or down.
         """
         if len(arm_angles) and not 1 <= self.arm <= len(arm_angles):
-            known = f"there are arms 1 to {len(arm_angles)}"
-            raise UsageError(f"base.attitude.arm: {self.arm}: {known}")
+            arms = f"there are arms 1 to {len(arm_angles)}"
+            raise UsageError(f"base.attitude.arm: {self.arm}: {arms}")
         angle = arm_angles[self.arm - 1] if len(arm_angles) else 0.0
         time = np.asarray(time, dtype=np.float64)
         derivatives = path(time)
@@ -174,7 +174,7 @@ class Tangent(Table):
                 f"the path of the base is vertical at t = {time[upright][0]:.6g} s, where no "
                 "attitude along it is nearest to level; bend it, or choose a level attitude"
             )
-        # Of the vertical, what is at right angles to the tangent.
+        # The part of the vertical at right angles to the tangent.
         heights = along[0][..., 2:], along[1][..., 2:], along[2][..., 2:]
         leaning, rate, growth = product_derivatives(np.multiply, heights, along)
         up = unit_derivatives(_VERTICAL - leaning, -rate, -growth)

@@ -80,7 +80,7 @@ WORLD = "world"
 
 @table
 class JointControl(Table):
-    """How the error of one joint is to decay."""
+    """Decay of the error of one joint."""
 
     frequency: _Frequency | None = entry(
         "natural frequency of its error dynamics, rad/s; default: that of control", None
@@ -91,7 +91,7 @@ class JointControl(Table):
 
 
 class _ForATime:
-    """What acts from `begin` to `end`, s."""
+    """Something that acts from `begin` to `end`, s."""
 
     begin: float
     end: float
@@ -102,13 +102,13 @@ class _ForATime:
             yield ("end",), f"must be after begin, {self.begin:g} s"
 
     def acts_at(self, times: Array) -> Flags:
-        """Whether it acts at times (…), s."""
+        """True for times (…), s, at which it acts."""
         return (times >= self.begin) & (times < self.end)
 
 
 @table
 class Impedance(Table):
-    """How a frame moves under the laws "impedance" and "force": as a body on springs and dampers.
+    """A frame under the laws "impedance" and "force": it moves as a body on springs and dampers.
 
     They are those along the axes of the world. Under the law "predictive" a frame that pushes is
     named here, and nothing else is used.
@@ -129,7 +129,7 @@ class Impedance(Table):
 
 @table
 class Force(_ForATime, Table):
-    """How hard the frame of `impedance` pushes under the law "force", for a time.
+    """The push of the frame of `impedance` under the law "force", for a time.
 
     Under the law "predictive" it pushes on walls that the law knows, and nothing is learned.
     """
@@ -196,11 +196,11 @@ class Control(Table):
         if law in _PUSHING and "force" not in values:
             yield "force", "missing: say how hard the frame pushes, { value = …, direction = … }"
         planned = [PREDICTIVE] if "force" in values else []
-        for each, laws in (("impedance", _MOVING + planned), ("force", _PUSHING + planned)):
-            if each in values and law not in laws:
+        for item, laws in (("impedance", _MOVING + planned), ("force", _PUSHING + planned)):
+            if item in values and law not in laws:
                 names = [LAWS[name].task if name in LAWS else name for name in laws]
                 tasks = " or ".join(dict.fromkeys(f'"{name}"' for name in names))
-                yield each, f"must be left out, or the law be {tasks}: no other moves a frame by it"
+                yield item, f"must be left out, or the law be {tasks}: no other moves a frame by it"
 
 
 @table
@@ -287,22 +287,22 @@ class Sensors(Table):
 
     def _faults(self) -> Iterator[tuple[Place, str]]:
         """The faults of names that sensors share."""
-        known: set[str] = set()
+        names: set[str] = set()
         for kind in DEVICES:
-            for place, each in enumerate(getattr(self, kind)):
-                if each.name in known:
-                    words = f"there is a sensor {each.name} already; give each a name of its own"
+            for place, device in enumerate(getattr(self, kind)):
+                if device.name in names:
+                    words = f"there is a sensor {device.name} already; give each a name of its own"
                     yield (kind, place, "name"), words
-                known.add(each.name)
+                names.add(device.name)
 
     @property
     def devices(self) -> tuple[Device, ...]:
         """All sensors of the robot."""
-        return tuple(each for kind in DEVICES for each in getattr(self, kind))
+        return tuple(device for kind in DEVICES for device in getattr(self, kind))
 
     @property
     def observes(self) -> bool:
-        """Whether more is said than which sensors there are, and by which seed they err."""
+        """True if more is set than the sensors and the seed of their errors."""
         bare = Sensors(seed=self.seed, **{kind: getattr(self, kind) for kind in DEVICES})
         return not self.devices or self != bare
 
@@ -338,14 +338,14 @@ class Timing(Table):
     def _key_faults(cls, values: Mapping[str, Any]) -> Iterator[tuple[str | Place, str]]:
         """Faults of limits that nothing would keep."""
         if values.get("law", "uniform") == "uniform":
-            for each in ("limits", "thrust_rate", "effort", "velocity"):
-                if each in values:
-                    yield each, 'is a limit of the law "fastest"; with "uniform" leave it out'
+            for item in ("limits", "thrust_rate", "effort", "velocity"):
+                if item in values:
+                    yield item, 'is a limit of the law "fastest"; with "uniform" leave it out'
 
 
 @table
 class StartOffset(Table):
-    """What is off at the start: deviation from the desired motion, and what is not charged."""
+    """The start: deviation from the desired motion, and the battery's charge."""
 
     position: Annotated[Vector, key("deviation of the base centre, world axes, m", "offset")] = (
         _ZERO
@@ -361,7 +361,7 @@ class StartOffset(Table):
 
 @table
 class Settings(Table):
-    """How the motion is integrated, and how much of it is kept.
+    """The integration of the motion, and the rate of its samples.
 
     Samples are kept at whole multiples of 1 / rate, and at the last instant. Tolerances are 1e-6
     and 1e-7 at least while thrusts are at their limits. A coordinate that is off by the divergence,

@@ -330,9 +330,9 @@ class Waypoints(Table):
 
     def _faults(self) -> Iterator[tuple[Place, str]]:
         """Faults of velocities that the points do not allow, and of times without a curve."""
-        found = list(self._velocity_faults())
-        yield from found
-        if not found:
+        faults = list(self._velocity_faults())
+        yield from faults
+        if not faults:
             try:
                 _ = self._curves
             except (ValueError, ArithmeticError, np.linalg.LinAlgError) as error:
@@ -386,7 +386,7 @@ class Waypoints(Table):
 
 
 def _repeated(places: Array) -> Flags:
-    """Whether points (s, 3) are equal to the one before or the one after: (s)."""
+    """True (s) for points (s, 3) that are equal to the one before or the one after."""
     same = np.all(places[1:] == places[:-1], axis=1)
     return np.append(same, False) | np.insert(same, 0, False)
 

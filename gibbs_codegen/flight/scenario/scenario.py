@@ -40,7 +40,7 @@ def order_faults(moves: Sequence[parts.Move]) -> Iterator[tuple[Place, str]]:
 
 @table
 class ArmTask(Table):
-    """What the arm is to do: bring the tip along a path, or keep a posture, or move from it.
+    """The task of the arm: bring the tip along a path, or keep a posture, or move from it.
 
     With a `tip` path the joints follow from it, from `guess` on (many postures are tried where
     there is none). Without one, `posture` is held; None is the posture in which the arm hangs at
@@ -66,10 +66,10 @@ class ArmTask(Table):
     @classmethod
     def _key_faults(cls, values: Mapping[str, Any]) -> Iterator[tuple[str | Place, str]]:
         """Faults of keys that say twice what the arm does, and of a guess without a tip path."""
-        led = [each for each in ("tip", "frames") if each in values]
-        for each in ("posture", "moves"):
-            if led and each in values:
-                yield each, f"{led[0]} already says what the arm does; give one of them"
+        led = [key for key in ("tip", "frames") if key in values]
+        for key in ("posture", "moves"):
+            if led and key in values:
+                yield key, f"{led[0]} already says what the arm does; give one of them"
         if "guess" in values and not led:
             yield "guess", "is where the search for a tip path begins; give a tip"
 
@@ -120,12 +120,12 @@ class Scenario(Table):
     def _faults(self) -> Iterator[tuple[Place, str]]:
         """Faults of constraints that would hold after the end."""
         for number, hold in enumerate(self.holds):
-            for each in parts.late(hold, self.duration):
-                yield ("holds", number, "begin"), each
+            for words in parts.late(hold, self.duration):
+                yield ("holds", number, "begin"), words
 
     @property
     def is_sampled(self) -> bool:
-        """Whether its law acts at instants, and holds its inputs in between."""
+        """True if its law acts at instants, and holds its inputs in between."""
         control = self.control
         is_slow = control.rate is not None or control.law == parts.PREDICTIVE
         return is_slow or (self.sensors is not None and self.sensors.observes)
@@ -146,7 +146,7 @@ class ScaledPath:
         """Position and derivatives (…, 4, 3) at times (…)."""
         now, rate, growth, jerk = np.moveaxis(self.scaling(np.asarray(time, float)), -1, 0)
         place = self.path(now)
-        rate, growth, jerk = (each[..., np.newaxis] for each in (rate, growth, jerk))
+        rate, growth, jerk = (factor[..., np.newaxis] for factor in (rate, growth, jerk))
         first, second, third = (place[..., order, :] for order in range(1, ORDERS))
         out = np.empty_like(place)
         out[..., 0, :] = place[..., 0, :]
@@ -195,8 +195,8 @@ def slow_motion(scenario: Scenario, factor: float) -> Scenario:
     moves = {
         joint: [
             replace(move, begin=factor * move.begin, duration=factor * move.duration)
-            for move in each
+            for move in joint_moves
         ]
-        for joint, each in scenario.arm.moves.items()
+        for joint, joint_moves in scenario.arm.moves.items()
     }
     return replace(slower, attitude=attitude, arm=replace(slower.arm, moves=moves))

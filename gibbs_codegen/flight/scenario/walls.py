@@ -27,15 +27,7 @@ from gibbs_codegen.arrays.nodes import (
     square_root,
     variable,
 )
-from gibbs_codegen.files.table import (
-    Kinds,
-    Place,
-    Table,
-    key,
-    listed,
-    named,
-    table,
-)
+from gibbs_codegen.files.table import Kinds, Place, Table, key, listed, named, table
 from gibbs_codegen.flight.scenario.numbers import (
     LEAST,
     Angles,
@@ -71,7 +63,7 @@ _Damping = Annotated[NotNegative, key("force for each m/s of speed into the wall
 
 @table
 class _Wall(Table):
-    """What walls of all shapes have."""
+    """The common part of walls of all shapes."""
 
     frame: _Frames
     dissipation: NotNegative = named(
@@ -100,9 +92,9 @@ class _Wall(Table):
     @classmethod
     def _key_faults(cls, values: Mapping[str, Any]) -> Iterator[tuple[str | Place, str]]:
         """Faults of bristles without friction."""
-        for each in ("bristle_stiffness", "bristle_damping"):
-            if each in values and not values.get("friction"):
-                yield each, "needs a friction above 0 beside it"
+        for entry in ("bristle_stiffness", "bristle_damping"):
+            if entry in values and not values.get("friction"):
+                yield entry, "needs a friction above 0 beside it"
 
     @property
     def frames(self) -> tuple[str, ...]:
@@ -262,8 +254,8 @@ class Box(_Wall):
         are as far away as they are.
         """
         rotation, half = reshaped(figures[3:12], (3, 3)), figures[12:15]
-        own = rotation.transposed @ (place - figures[:3])
-        beyond = absolute(own) - half
+        local = rotation.transposed @ (place - figures[:3])
+        beyond = absolute(local) - half
         x, y, z = (beyond[k] for k in range(3))
         farthest = maximum(maximum(x, y), z)
         on_x = choose(farthest, x, 0.0, 1.0)
@@ -271,7 +263,7 @@ class Box(_Wall):
         outside = maximum(beyond, 0.0)
         distance = square_root(maximum(dot(outside, outside), _NOTHING))
         inner = join(on_x, on_y, 1.0 - on_x - on_y)
-        normal = copysign(choose(farthest, 0.0, outside / distance, inner), own)
+        normal = copysign(choose(farthest, 0.0, outside / distance, inner), local)
         return -choose(farthest, 0.0, distance, farthest), rotation @ normal
 
     @staticmethod
@@ -280,8 +272,8 @@ class Box(_Wall):
         corners = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1], [-1, -1]], dtype=np.float64)
         rings = np.stack([0.0 * corners, corners, corners, 0.0 * corners])
         heights = np.broadcast_to([[-1.0], [-1.0], [1.0], [1.0]], rings.shape[:2])
-        own = np.concatenate([rings, heights[..., np.newaxis]], axis=-1) * figures[12:15]
-        return figures[:3] + own @ figures[3:12].reshape(3, 3).T
+        grid = np.concatenate([rings, heights[..., np.newaxis]], axis=-1) * figures[12:15]
+        return figures[:3] + grid @ figures[3:12].reshape(3, 3).T
 
 
 Wall = Plane | Floor | Cylinder | Sphere | Box
@@ -299,8 +291,8 @@ def bristle(wall: Wall) -> tuple[float, float]:
 
 def yielding(wall: Wall) -> tuple[float, ...]:
     """Figures of a wall before those of its shape, as `machine.contact` has them."""
-    own = wall.ball_radius, wall.stiffness, wall.damping, wall.dissipation, wall.friction
-    return (*own, *bristle(wall))
+    yields = wall.ball_radius, wall.stiffness, wall.damping, wall.dissipation, wall.friction
+    return (*yields, *bristle(wall))
 
 
 def contacts_of(walls: Sequence[Wall], frames: Sequence[str]) -> tuple[Contact, ...]:
@@ -317,13 +309,13 @@ def touched_by(
 ) -> tuple[tuple[Contact, tuple[float, ...]], ...]:
     """Contacts of frames with walls, each with the figures of its wall."""
     figures = [(*yielding(wall), *wall.figures) for wall in walls]
-    return tuple((each, figures[each.wall]) for each in contacts_of(walls, frames))
+    return tuple((contact, figures[contact.wall]) for contact in contacts_of(walls, frames))
 
 
 @lru_cache
 def _surface(kind: str, count: int) -> Evaluator:
-    """What evaluates depth and normal of a kind of wall that has so many figures."""
-    (shape,) = (each for each in _SHAPES if each.kind == kind)
+    """The evaluator of depth and normal of a kind of wall with a number of figures."""
+    (shape,) = (kind_of_wall for kind_of_wall in _SHAPES if kind_of_wall.kind == kind)
     figures, place = variable("figures", count, uniform=True), variable("place", 3)
     depth, normal = shape.surface(figures, place)
     program = Program("surface", (figures, place), {"depth": depth, "normal": normal})
@@ -331,10 +323,10 @@ def _surface(kind: str, count: int) -> Evaluator:
 
 
 def surface_at(kind: str, figures: Array, places: Array) -> tuple[Array, Array]:
-    """How deep places (…, 3) are behind a wall's surface, m, and unit normals (…, 3) out of it."""
-    found = _surface(kind, len(figures))({"figures": figures, "place": places})
-    normals = np.broadcast_to(found["normal"], places.shape)
-    return np.broadcast_to(found["depth"], places.shape[:-1]), normals
+    """Depths, m, of places (…, 3) behind a wall's surface, and unit normals (…, 3) out of it."""
+    values = _surface(kind, len(figures))({"figures": figures, "place": places})
+    normals = np.broadcast_to(values["normal"], places.shape)
+    return np.broadcast_to(values["depth"], places.shape[:-1]), normals
 
 
 def patches(kinds: Sequence[str], figures: Array, middle: Array, half: float) -> Iterator[Array]:

@@ -59,7 +59,7 @@ class Draw:
 
 @dataclass(frozen=True)
 class Varied:
-    """What a key takes on.
+    """The values that a key takes on.
 
     These are `levels`, which cross with those of other keys, or what a distribution draws. They are
     factors of what robot or scenario says where they are `relative`. A key with * stands for all
@@ -161,7 +161,7 @@ def together(values: Varied | Sequence[Any]) -> Varied:
 
 
 def varied(values: Any) -> Varied:
-    """What a value of `parameters` of `sweep` means: a distribution, a list, or one value.
+    """The meaning of a value of `parameters` of `sweep`: a distribution, a list, or one value.
 
     Raises `UsageError` if the list is empty.
     """
@@ -220,7 +220,7 @@ class Axis:
     varied: Varied
 
     def shown(self, value: Any) -> Any:
-        """What the column says of a level or a draw: what is set, or the factor of several."""
+        """The column's entry for a level or a draw: the value, or the factor of several."""
         if isinstance(value, list | tuple | Mapping):  # A cell holds a number or a text.
             return json.dumps(value)
         relative = self.varied.relative and len(self.targets) == 1
@@ -236,13 +236,13 @@ class Axis:
 def axes_of(
     parameters: Mapping[str, Varied], robot: sources.RobotSource, scenario: sources.ScenarioSource
 ) -> list[Axis]:
-    """What the keys of a sweep vary of one robot and scenario, by keys and the robot's parameters.
+    """Axes of a sweep for one robot and scenario, from the keys and the robot's parameters.
 
     A bare name, or pattern, of parameters of the module stands for those of the table [parameters].
     Raises `UsageError` if a key names no parameter of the robot, or nothing is known that a factor
     could be one of, or two keys are for one entry.
     """
-    found: list[Axis] = []
+    axes: list[Axis] = []
     of_target: dict[str, str] = {}
     for key, varied in parameters.items():
         columns = _entries_of(key, robot)
@@ -250,7 +250,7 @@ def axes_of(
             columns = {key: [target for targets in columns.values() for target in targets]}
         for column, targets in columns.items():
             bases = [_base(key, robot, scenario) for key in targets if varied.relative]
-            found.append(Axis(column, tuple(targets), tuple(bases), varied))
+            axes.append(Axis(column, tuple(targets), tuple(bases), varied))
             # No entry may be one that another key is for, or be in one, or have one in it.
             for new, (old, other) in itertools.product(targets, of_target.items()):
                 short, long = sorted((new, old), key=len)
@@ -260,7 +260,7 @@ def axes_of(
                         "one of them do so"
                     )
             of_target |= dict.fromkeys(targets, key)
-    return found
+    return axes
 
 
 def _entries_of(key: str, robot: sources.RobotSource) -> dict[str, list[str]]:
@@ -272,26 +272,26 @@ def _entries_of(key: str, robot: sources.RobotSource) -> dict[str, list[str]]:
         sources.steps_of(key)  # Refuses what is no key.
         return {key: [key]}
     head = key.removesuffix(name)
-    return {head + each: [f"{table}.{each}"] for each in _matching(name, robot)}
+    return {head + parameter: [f"{table}.{parameter}"] for parameter in _matching(name, robot)}
 
 
 def _base(key: str, robot: sources.RobotSource, scenario: sources.ScenarioSource) -> float:
-    """What a factor of an entry, by its key in full, is a factor of.
+    """The value that a factor multiplies at an entry, by its key in full.
 
     It is what the scenario says; of a parameter else what the controller has, or the robot. Raises
     `UsageError` if nothing is known.
     """
     table, _, name = key.partition(".")
-    found = scenario.says(key)
-    if found is None and table in NUMBERS:
-        found = scenario.says(f"parameters.{name}")
-        found = robot.parameters[name] if found is None else found
-    if isinstance(found, bool) or not isinstance(found, float | int):
+    entry = scenario.says(key)
+    if entry is None and table in NUMBERS:
+        entry = scenario.says(f"parameters.{name}")
+        entry = robot.parameters[name] if entry is None else entry
+    if isinstance(entry, bool) or not isinstance(entry, float | int):
         raise UsageError(
             f"{printable(key)}: the scenario {scenario.word} has no number there that scaled() "
             "could be a factor of; give the values themselves"
         )
-    return float(found)
+    return float(entry)
 
 
 def _matching(name: str, robot: sources.RobotSource) -> list[str]:
@@ -299,11 +299,11 @@ def _matching(name: str, robot: sources.RobotSource) -> list[str]:
 
     Raises `UsageError` if there is none.
     """
-    known = list(robot.parameters)
-    if found := fnmatch.filter(known, name) if "*" in name else [n for n in known if n == name]:
-        return found
-    near = difflib.get_close_matches(name[:80], known, n=3)
-    hint = f"did you mean {' or '.join(near)}?" if near else f"they are {', '.join(known)}"
+    names = list(robot.parameters)
+    if matches := fnmatch.filter(names, name) if "*" in name else [n for n in names if n == name]:
+        return matches
+    near = difflib.get_close_matches(name[:80], names, n=3)
+    hint = f"did you mean {' or '.join(near)}?" if near else f"they are {', '.join(names)}"
     raise UsageError(
         f"{printable(name)}: no such parameter of {robot.word}; {printable(hint, 600)}"
     )
@@ -342,11 +342,11 @@ class Block:
     seed: int | None
 
     def __len__(self) -> int:
-        """How many cases there are."""
+        """The number of cases."""
         return self.samples * math.prod(len(axis.varied.levels) or 1 for axis in self.axes)
 
     def chosen(self, place: int) -> tuple[dict[str, Any], dict[str, Any]]:
-        """What the case at such a place has of its own: values by column, and entries by key."""
+        """The case at a place: values by column, and entries by key."""
         combination, sample = divmod(place, self.samples)
         columns: dict[str, Any] = {}
         entries: dict[str, Any] = {}
@@ -373,7 +373,7 @@ class Cases(Sequence[Case]):
         self.columns = tuple(dict.fromkeys(axis.column for b in blocks for axis in b.axes))
 
     def __len__(self) -> int:
-        """How many cases there are."""
+        """The number of cases."""
         return self.begins[-1]
 
     @overload
@@ -384,7 +384,7 @@ class Cases(Sequence[Case]):
     def __getitem__(self, index: int | slice) -> Case | list[Case]:
         """The case of a number, or those of a slice."""
         if isinstance(index, slice):
-            return [self[each] for each in range(*index.indices(len(self)))]
+            return [self[number_of_case] for number_of_case in range(*index.indices(len(self)))]
         number = index + len(self) if index < 0 else index
         if not 0 <= number < len(self):
             raise IndexError(f"there are {len(self)} cases")

@@ -40,7 +40,7 @@ _SIDE_BY_SIDE = ("plant.", "start.", "motors.time_constant")
 # After so long a worker hands over what it has flown, to be kept.
 _HANDED_OVER = 4.0
 _LONGEST_REASON = 400
-# Of a study's folder: what is known of each case.
+# The file of a study's folder with the results of each case.
 FILE = "flights.jsonl"
 _BROKEN = "%s: %d lines are broken or were changed; their flights are flown again"
 # Texts of a row: why a flight ended early, why there is none, why a measure could not be taken.
@@ -64,7 +64,7 @@ class Chunk:
     deaths: int = 0
 
     def __len__(self) -> int:
-        """How many cases there are."""
+        """The number of cases."""
         return len(self.places)
 
     @property
@@ -73,7 +73,7 @@ class Chunk:
         return [self.first + place for place in self.places]
 
     def after(self, count: int) -> Chunk:
-        """What is left after the first cases."""
+        """The chunk without its first cases."""
         return replace(self, places=self.places[count:])
 
     def halves(self) -> tuple[Chunk, Chunk]:
@@ -82,7 +82,7 @@ class Chunk:
         return replace(self, places=self.places[:middle]), self.after(middle)
 
     def task(self, measures: bytes) -> Task:
-        """What a worker is told, with the measures, which are packed."""
+        """The task of a worker, with packed measures."""
         robot, block = self.block.robot, self.block
         changes = [block.chosen(place)[1] for place in self.places]
         folder, blocks = str(robot.folder), _forms_blocks(block)
@@ -91,29 +91,29 @@ class Chunk:
 
 def chunks_of(cases: Cases, lacking: Sequence[bool]) -> list[Chunk]:
     """The chunks of those cases that are lacking, in their order, none with cases of two blocks."""
-    found = []
+    chunks = []
     for block, first in zip(cases.blocks, cases.begins, strict=False):
         places, size = [p for p in range(len(block)) if lacking[first + p]], _flights(block)
         for begin in range(0, len(places), size):
-            found.append(Chunk(block, first, places[begin : begin + size]))
-    return found
+            chunks.append(Chunk(block, first, places[begin : begin + size]))
+    return chunks
 
 
 def digests_of(cases: Cases, measures: Mapping[str, Measure]) -> list[str]:
     """For each case the SHA-256, in hexadecimal digits, of all that determines its results."""
-    found = []
+    digests = []
     for block in cases.blocks:
         source, chosen = (block.scenario.text, block.scenario.scenario), list(measures.values())
         common = (__version__, block.robot.digest, *source, chosen, _forms_blocks(block))
-        known = fingerprint(*common)
+        shared = fingerprint(*common)
         for place in range(len(block)):
             changes = json.dumps(block.chosen(place)[1], default=fingerprint)
-            found.append(hashlib.sha256(f"{known}{changes}".encode()).hexdigest())
-    return found
+            digests.append(hashlib.sha256(f"{shared}{changes}".encode()).hexdigest())
+    return digests
 
 
 def only_adaptive(cases: Cases) -> bool:
-    """Whether nothing but the adaptive integration keeps all cases from being side by side."""
+    """True if only the adaptive integration keeps all cases from being side by side."""
     for block in cases.blocks:
         try:
             scenario = block.scenario.changed(block.chosen(0)[1])
@@ -127,7 +127,7 @@ def only_adaptive(cases: Cases) -> bool:
 
 
 def _forms_blocks(block: Block) -> bool:
-    """Whether every flight of a block has others from which nothing keeps it in blocks apart.
+    """True if every flight of a block can share blocks with others.
 
     Axes alone decide, so that the same call flies the same cases alone, however they are cut.
     """
@@ -137,12 +137,12 @@ def _forms_blocks(block: Block) -> bool:
 
 
 def _keeps_blocks(axis: Axis) -> bool:
-    """Whether flights that differ in what an axis varies can be side by side."""
+    """True if flights that differ along an axis can be side by side."""
     return all(key.startswith(_SIDE_BY_SIDE) for key in axis.targets)
 
 
 def _flights(block: Block) -> int:
-    """How many flights of a block make a chunk, by what its first will take on one core, s."""
+    """The number of flights of a block in a chunk, by the time of its first on one core, s."""
     try:
         scenario = block.scenario.changed(block.chosen(0)[1])
     except GibbsCodegenError:
@@ -157,7 +157,7 @@ def _flights(block: Block) -> int:
 
 
 def _samples(scenario: Scenario | Exception) -> float:
-    """How many samples a flight keeps."""
+    """The number of samples that a flight keeps."""
     if isinstance(scenario, Exception):
         return 0.0
     return scenario.duration * scenario.integration.rate
@@ -191,13 +191,13 @@ def fly(task: Task) -> list[Row]:
     while len(rows) < len(task.changes) and (left > 0.0 or not rows):
         begin = time.monotonic()
         some = task.changes[len(rows) : len(rows) + size]
-        scenarios = [_scenario(task.scenario, each) for each in some]
-        fit = np.cumsum([_samples(each) for each in scenarios]) <= _MOST_SAMPLES
+        scenarios = [_scenario(task.scenario, change) for change in some]
+        fit = np.cumsum([_samples(case) for case in scenarios]) <= _MOST_SAMPLES
         scenarios = scenarios[: max(int(np.count_nonzero(fit)), 1)]
-        found = _flights_of_cases(module, scenarios, task.blocks)
-        found.reverse()
-        while found:  # A flight takes a megabyte once it has been measured: they go one by one.
-            rows.append(_measured(measures, found.pop()))
+        flights = _flights_of_cases(module, scenarios, task.blocks)
+        flights.reverse()
+        while flights:  # A flight takes a megabyte once it has been measured: they go one by one.
+            rows.append(_measured(measures, flights.pop()))
         spent = max(time.monotonic() - begin, 1e-3)  # Not every clock is finer.
         left -= spent
         size = max(int(left / spent * len(scenarios)), 1)
@@ -222,20 +222,20 @@ def _flights_of_cases(
     module: ModuleType, scenarios: Sequence[Scenario | Exception], blocks: bool
 ) -> list[Flight | Exception]:
     """For each scenario, or reason why there is none, the flight or why there is none."""
-    sound = [each for each in scenarios if not isinstance(each, Exception)]
-    found: list[Flight | Exception] = []
+    sound = [case for case in scenarios if not isinstance(case, Exception)]
+    flights_of_sound: list[Flight | Exception] = []
     try:
-        found += simulate_many(module, sound, blocks=blocks)
+        flights_of_sound += simulate_many(module, sound, blocks=blocks)
     except Exception as error:  # One of them is to blame, which is told by flying it by itself.
         words = printable(words_of(error))
         _log.warning("%s: not flown side by side, but one by one: %s", module.NAME, words)
         for scenario in sound:
             try:
-                found += simulate_many(module, [scenario], blocks=blocks)
+                flights_of_sound += simulate_many(module, [scenario], blocks=blocks)
             except Exception as error:
-                found.append(error)
-    flights = iter(found)
-    return [each if isinstance(each, Exception) else next(flights) for each in scenarios]
+                flights_of_sound.append(error)
+    flights = iter(flights_of_sound)
+    return [case if isinstance(case, Exception) else next(flights) for case in scenarios]
 
 
 def _measured(measures: Mapping[str, Measure], flight: Flight | Exception) -> Row:
@@ -246,7 +246,7 @@ def _measured(measures: Mapping[str, Measure], flight: Flight | Exception) -> Ro
     return [math.nan] * len(measures), "", printable(words_of(flight), _LONGEST_REASON), ""
 
 
-class Store:
+class Results:
     """The rows of cases, by their digests, in a file of the folder of a study.
 
     A line of it has a digest, the row, and the SHA-256 of both.
@@ -297,5 +297,5 @@ class Store:
 
 
 def _seal(digest: bytes, row: bytes) -> bytes:
-    """What stands at the end of a line, in hexadecimal digits."""
+    """The seal at the end of a line, in hexadecimal digits."""
     return hashlib.sha256(digest + row).hexdigest().encode()

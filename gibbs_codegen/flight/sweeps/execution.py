@@ -28,7 +28,7 @@ from dataclasses import replace
 from typing import Any
 
 from gibbs_codegen.errors import GibbsCodegenError, UsageError, printable
-from gibbs_codegen.flight.sweeps.chunks import Chunk, Row, Store, fly
+from gibbs_codegen.flight.sweeps.chunks import Chunk, Results, Row, fly
 from gibbs_codegen.flight.sweeps.measures import Measure, packed
 
 # How often a worker looks whether the program that it works for is still there, s.
@@ -40,9 +40,9 @@ _DEATHS = 2
 _MOST_IN_A_ROW = 20
 # Chunks that are with an executor at a time, of which it is not known how many workers it has.
 _MANY = 1000
-# What is raised not because a worker died but because nothing can be computed there.
+# Errors raised because nothing can be computed there, not because a worker died.
 _NOT_THERE = (ImportError, AttributeError, NameError, TypeError, pickle.PickleError)
-# What becomes of calls whose process dies.
+# Errors of calls whose process dies.
 _BROKEN = (futures.BrokenExecutor, futures.CancelledError)
 _DEAD = "the process that flew it died, as often as it was tried, of a crash or for lack of memory"
 
@@ -79,7 +79,7 @@ class Workers:
 
 
 def own_count() -> int:
-    """How many processors this program may use."""
+    """The number of processors that this program may use."""
     if sys.platform == "linux":
         return len(os.sched_getaffinity(0))
     return os.cpu_count() or 1
@@ -112,7 +112,7 @@ def _uninterrupted() -> Iterator[None]:
 
 
 def _begin(parent: int) -> None:
-    """What a worker does first: Ctrl-C is the caller's, without whom there is nothing to do.
+    """The start of a worker: Ctrl-C is the caller's, without whom there is nothing to do.
 
     `parent` is the number of the caller's process.
     """
@@ -137,7 +137,7 @@ class Execution:
         self,
         measures: Mapping[str, Measure],
         digests: Sequence[str],
-        store: Store,
+        store: Results,
         executor: futures.Executor | None,
         workers: int,
         tell: Callable[[int], None],
@@ -145,8 +145,8 @@ class Execution:
         self._digests, self._store, self._tell = digests, store, tell
         self._measures, self._count = packed(measures), len(measures)
         self._own, self._executor = Workers(workers), executor
-        known = getattr(executor, "_max_workers", None) if executor else workers
-        self._window = 2 * known if isinstance(known, int) else _MANY
+        count = getattr(executor, "_max_workers", None) if executor else workers
+        self._window = 2 * count if isinstance(count, int) else _MANY
         self._in_a_row = 0
 
     def run(self, chunks: Sequence[Chunk]) -> None:
@@ -190,7 +190,7 @@ class Execution:
             raise UsageError(f"the executor takes no work: {printable(error)}; {_KEPT}") from None
 
     def _left(self, future: futures.Future[list[Row]], chunk: Chunk) -> Chunk:
-        """What is left of a chunk when the flights that were done are kept; all if it died.
+        """The rest of a chunk once the flights that were done are kept; all if it died.
 
         Raises `GibbsCodegenError` if nothing can be computed, or kept.
         """
@@ -218,7 +218,7 @@ class Execution:
 
     def _keep(self, chunk: Chunk, rows: Sequence[Row]) -> Chunk:
         """Keep the first rows of a chunk, and return what is left of it."""
-        self._store.add([self._digests[each] for each in chunk.cases[: len(rows)]], rows)
+        self._store.add([self._digests[place] for place in chunk.cases[: len(rows)]], rows)
         self._tell(len(rows))
         return chunk.after(len(rows))
 
@@ -239,6 +239,6 @@ class Execution:
 
 
 def _cannot_fly(error: Exception) -> UsageError:
-    """What is raised where a worker lives, and cannot compute."""
+    """The error where a worker lives, and cannot compute."""
     words = printable(f"{type(error).__name__}: {error}", 400)
     return UsageError(f"a worker cannot fly: {words}")

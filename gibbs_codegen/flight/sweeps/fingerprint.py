@@ -29,13 +29,13 @@ from gibbs_codegen.errors import GibbsCodegenError, UsageError, printable
 _PROTOCOL = 4  # Later ones tell arrays that may be written from others.
 # Byte code that takes a global.
 _LOOK_UP = ("LOAD_GLOBAL", "LOAD_NAME", "LOAD_FROM_DICT_OR_GLOBALS")
-# Where Python's own modules lie.
+# The folder of Python's own modules.
 _STANDARD = sysconfig.get_path("stdlib")
 # The flag of types that are not of Python itself, some of which have no place by their name.
 _MADE_BY_CLASS = 1 << 9
-# What says nothing of numbers.
+# Types that have no effect on numbers.
 _LOCKS = (type(threading.Lock()), type(threading.RLock()))
-# What Python adds to a class, which says nothing of what it does.
+# Attributes that Python adds to a class, without effect on its work.
 _OF_PYTHON = {
     *("__module__", "__doc__", "__dict__", "__weakref__", "__firstlineno__"),
     *("__static_attributes__", "__annotations__", "__annotations_cache__", "__annotate_func__"),
@@ -70,7 +70,7 @@ class _Pieces(cloudpickle.Pickler):  # type: ignore[misc]  # It has no types.
         self._seen: dict[int, tuple[int, Any]] = {}
 
     def persistent_id(self, value: Any) -> Any:
-        """What stands for a value that is not taken to pieces; None if it is."""
+        """The name of a value that is not taken to pieces; None if it is."""
         if isinstance(value, set | frozenset):
             return (type(value).__name__, *sorted(map(fingerprint, value)))
         if id(value) in self._seen:
@@ -82,17 +82,17 @@ class _Pieces(cloudpickle.Pickler):  # type: ignore[misc]  # It has no types.
             return None  # A method, of an object that counts.
         if not (isinstance(home, str) and isinstance(name, str) and _installed(home)):
             return None
-        found: Any = sys.modules.get(home)
+        original: Any = sys.modules.get(home)
         for part in filter(None, name.split(".")):
-            found = getattr(found, part, None)
+            original = getattr(original, part, None)
         of_c = isinstance(value, type) and not value.__flags__ & _MADE_BY_CLASS
-        if found is not value and not of_c:  # It only bears the name, by `functools.wraps`.
+        if original is not value and not of_c:  # It only bears the name, by `functools.wraps`.
             return None
         package = sys.modules.get(home.partition(".")[0])
         return f"{home}.{name} {getattr(package, '__version__', '')}"
 
     def reducer_override(self, value: Any) -> Any:
-        """What a value is made of, in the form of `__reduce__`."""
+        """The parts of a value, in the form of `__reduce__`."""
         if hasattr(value, "__dict__"):
             self._seen[id(value)] = (len(self._seen), value)
         if isinstance(value, CodeType):
@@ -103,11 +103,11 @@ class _Pieces(cloudpickle.Pickler):  # type: ignore[misc]  # It has no types.
         if isinstance(value, FunctionType):
             return FunctionType, (), _of_function(value)
         if isinstance(value, type):
-            own = {name: each for name, each in vars(value).items() if name not in _OF_PYTHON}
-            return type(value), (value.__qualname__, value.__bases__), own
+            state = {name: part for name, part in vars(value).items() if name not in _OF_PYTHON}
+            return type(value), (value.__qualname__, value.__bases__), state
         if isinstance(value, ModuleType):
-            own = {name: each for name, each in vars(value).items() if name[:2] != "__"}
-            return ModuleType, (value.__name__,), own
+            state = {name: part for name, part in vars(value).items() if name[:2] != "__"}
+            return ModuleType, (value.__name__,), state
         if isinstance(value, _LOCKS):
             return type(value), ()
         if isinstance(value, weakref.ref):
@@ -119,24 +119,24 @@ class _Pieces(cloudpickle.Pickler):  # type: ignore[misc]  # It has no types.
 
 
 def _of_function(function: FunctionType) -> tuple[Any, ...]:
-    """What a function does: its code, and the values that this uses."""
+    """The parts of a function: its code, and the values that this uses."""
     codes = list(_codes(function.__code__))
     names = {name for code in codes for name in code.co_names}
-    found = [(each.opname, each.argval) for code in codes for each in get_instructions(code)]
-    imports = {name for operation, name in found if operation == "IMPORT_NAME"}
-    looked_up = {name for operation, name in found if operation in _LOOK_UP}
+    steps = [(step.opname, step.argval) for code in codes for step in get_instructions(code)]
+    imports = {name for operation, name in steps if operation == "IMPORT_NAME"}
+    looked_up = {name for operation, name in steps if operation in _LOOK_UP}
     globals_used = {
         n: function.__globals__[n] for n in sorted(looked_up & function.__globals__.keys())
     }
     globals_used |= {name: _imported(name) for name in sorted(imports)}
-    used = {name: _reached(each, names, ()) for name, each in globals_used.items()}
+    used = {name: _reached(variable, names, ()) for name, variable in globals_used.items()}
     cells = [_reached(_contents(cell), names, ()) for cell in function.__closure__ or ()]
     defaults = (function.__defaults__, function.__kwdefaults__)
     return function.__code__, *defaults, cells, used, vars(function)
 
 
 def _contents(cell: CellType) -> Any:
-    """What a closure holds of one name."""
+    """The contents of a closure's cell."""
     try:
         return cell.cell_contents
     except ValueError:  # Nothing yet.
@@ -154,9 +154,9 @@ def _reached(value: Any, names: set[str], within: tuple[ModuleType, ...]) -> Any
 def _codes(code: CodeType) -> Iterator[CodeType]:
     """A code, and those that it holds."""
     yield code
-    for each in code.co_consts:
-        if isinstance(each, CodeType):
-            yield from _codes(each)
+    for constant in code.co_consts:
+        if isinstance(constant, CodeType):
+            yield from _codes(constant)
 
 
 def _imported(name: str) -> ModuleType:
@@ -171,11 +171,11 @@ def _imported(name: str) -> ModuleType:
 
 
 def _installed(module: str) -> bool:
-    """Whether a module belongs to this package, to another one that is installed, or to Python."""
+    """True if a module belongs to this package, to another one that is installed, or to Python."""
     top = module.partition(".")[0]
     file = getattr(sys.modules.get(module) or sys.modules.get(top), "__file__", None)
     if file is None:  # Built in.
         return top in sys.stdlib_module_names and top != "__main__"
     places = {"site-packages", "dist-packages"}
-    own = top == __name__.partition(".")[0] or Path(file).is_relative_to(_STANDARD)
-    return own or not places.isdisjoint(Path(file).parts)
+    is_ours = top == __name__.partition(".")[0] or Path(file).is_relative_to(_STANDARD)
+    return is_ours or not places.isdisjoint(Path(file).parts)

@@ -62,10 +62,10 @@ def check(measures: Mapping[str, Measure], columns: Sequence[str]) -> None:
         series, _, statistic = measure.partition(".")
         words = f"measure {printable(name)}: {printable(measure, 60)}"
         if statistic not in STATISTICS:
-            known = ", ".join(STATISTICS)
-            raise UsageError(f"{words}: after a series and a dot must come one of {known}")
-        # What a flight has a row of for each sample.
-        named = {each.name for each in fields(Flight) if each.type == "Array"} - NO_SERIES
+            choices = ", ".join(STATISTICS)
+            raise UsageError(f"{words}: after a series and a dot must come one of {choices}")
+        # The series of a flight with a row for each sample.
+        named = {field.name for field in fields(Flight) if field.type == "Array"} - NO_SERIES
         known_series = sorted({*named, "errors", "centre_error", "tip_error", "energy_error"})
         if series not in known_series:
             hint = near(series, known_series) or "."
@@ -86,9 +86,9 @@ def of_flight(measures: Mapping[str, Measure], flight: Flight) -> tuple[list[flo
 
 
 def words_of(error: BaseException) -> str:
-    """What went wrong with a flight; an error that is not of this package with its type."""
-    own = isinstance(error, GibbsCodegenError)
-    return str(error) if own else f"{type(error).__name__}: {error}"
+    """The error of a flight in words; with its type if it is not of this package."""
+    is_ours = isinstance(error, GibbsCodegenError)
+    return str(error) if is_ours else f"{type(error).__name__}: {error}"
 
 
 def _number(measure: Measure, flight: Flight) -> float:
@@ -99,10 +99,10 @@ def _number(measure: Measure, flight: Flight) -> float:
     values = np.asarray(getattr(flight, series))
     if not values.size:
         raise UsageError(f"this robot has no {series}")
-    found = np.asarray(STATISTICS[statistic](values))
-    if found.size != 1:
-        raise UsageError(f"{series} has {found.size} columns, and so no one last value")
-    return float(found.reshape(()))
+    number = np.asarray(STATISTICS[statistic](values))
+    if number.size != 1:
+        raise UsageError(f"{series} has {number.size} columns, and so no one last value")
+    return float(number.reshape(()))
 
 
 def packed(measures: Mapping[str, Measure]) -> bytes:

@@ -1,4 +1,4 @@
-"""How much of what varies in a measure its keys explain, with how far off that may be.
+"""Shares of a measure's variance that its keys explain, with their errors.
 
 The measure is replaced by its ranks, so that a few flights that went astray do not decide.
 
@@ -34,7 +34,7 @@ _PARTS = 20
 
 
 class Sensitivity(NamedTuple):
-    """How a measure depends on a key; NaN where nothing can be said.
+    """The dependence of a measure on a key; NaN where nothing can be said.
 
     - `alone`: what the key explains alone of the variance of the measure's ranks, 0 to 1.
     - `alone_error`: half the width of the interval around it that holds the true share in 95 of 100
@@ -53,7 +53,7 @@ class Sensitivity(NamedTuple):
 
 
 def sensitivities(keys: Mapping[str, NDArray[Any]], measure: Array) -> list[Sensitivity]:
-    """How a measure (n), which is finite, depends on each of some keys.
+    """The dependence of a measure (n), which is finite, on some keys.
 
     Keys have values (n): numbers, or texts that are no more than names. NaN is a flight that has no
     such key, which what is said of the key leaves out.
@@ -63,8 +63,8 @@ def sensitivities(keys: Mapping[str, NDArray[Any]], measure: Array) -> list[Sens
         return [Sensitivity(key, *[np.nan] * 5) for key in keys]
     # Neighbours in the order of the cases are spread over the parts.
     part = np.arange(len(ranks)) % _PARTS
-    known = [values == values for values in keys.values()]  # NaN is unlike itself.
-    pairs = list(zip(keys.values(), known, strict=True))
+    has_key = [values == values for values in keys.values()]  # NaN is unlike itself.
+    pairs = list(zip(keys.values(), has_key, strict=True))
     alone = [_first_order(_groups(values[has]), measure[has], part[has]) for values, has in pairs]
     joint = _joint([_features(values) for values in keys.values()], ranks, part)
     ways = [_correlation(values[has], measure[has]) for values, has in pairs]
@@ -77,7 +77,7 @@ def sensitivities(keys: Mapping[str, NDArray[Any]], measure: Array) -> list[Sens
 def _correlation(values: NDArray[Any], measure: Array) -> float:
     if values.dtype.kind not in "fiub" or len(np.unique(values)) < 2 or np.ptp(measure) == 0.0:
         return float("nan")
-    ranks = [scipy.stats.rankdata(each) for each in (values, measure)]
+    ranks = [scipy.stats.rankdata(variable) for variable in (values, measure)]
     return float(np.corrcoef(*ranks)[0, 1])
 
 
@@ -129,20 +129,20 @@ def _between(group: NDArray[np.int_], ranks: Array) -> float:
 
 
 def _features(values: NDArray[Any]) -> tuple[Array, int]:
-    """What a surface has of a key (n, f), and how many of these it multiplies with others'.
+    """Features of a surface for a key (n, f), and the number that it multiplies with others'.
 
     These are Legendre's polynomials of the ranks of numbers, of the first and second degree, and
     for each text but one whether it is that; 0 where a flight has no such key.
     """
     if not (has := values == values).all():
-        own, multiplied = _features(values[has])
-        found = np.zeros((len(values), own.shape[1]))
-        found[has] = own
-        return found, multiplied
+        inner, multiplied = _features(values[has])
+        features = np.zeros((len(values), inner.shape[1]))
+        features[has] = inner
+        return features, multiplied
     distinct = np.unique(values)
     if values.dtype.kind not in "fiub":
-        found = (values[:, np.newaxis] == distinct[1:]).astype(float)
-        return found - found.mean(axis=0), found.shape[1]
+        features = (values[:, np.newaxis] == distinct[1:]).astype(float)
+        return features - features.mean(axis=0), features.shape[1]
     place = 2.0 * (scipy.stats.rankdata(values) - 0.5) / len(values) - 1.0
     curves = [place - place.mean(), 1.5 * place**2 - 0.5][: max(len(distinct) - 1, 0)]
     return np.stack(curves, axis=-1) if curves else np.zeros((len(values), 0)), min(len(curves), 1)
@@ -166,7 +166,7 @@ def _joint(
     if len(owners) > min(_MOST_TERMS, len(ranks) // _FLIGHTS_OF_TERM):
         return [(float("nan"), float("nan"))] * len(features)
     whole = np.concatenate([*terms, ranks[:, np.newaxis] - ranks.mean()], axis=1)
-    grams = np.stack([whole[part == each].T @ whole[part == each] for each in range(_PARTS)])
+    grams = np.stack([whole[part == k].T @ whole[part == k] for k in range(_PARTS)])
     kept = [np.array([key not in owner for owner in owners]) for key in range(len(features))]
     every = np.ones(len(owners), dtype=bool)
 
@@ -175,7 +175,7 @@ def _joint(
 
     total = grams.sum(axis=0)
     without = np.stack([lost(total - gram) for gram in grams])
-    return [_with_error(*each) for each in zip(lost(total), without.T, strict=True)]
+    return [_with_error(*gains) for gains in zip(lost(total), without.T, strict=True)]
 
 
 def _explained(gram: Array, kept: NDArray[np.bool_]) -> float:

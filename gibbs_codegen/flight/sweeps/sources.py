@@ -45,27 +45,27 @@ def steps_of(key: str) -> tuple[Step, ...]:
     """
     if not _KEY.fullmatch(key):
         raise UsageError(f"{printable(key)}: not a key, such as motors.time_constant")
-    found = re.findall(r"\[(\d+)\]|([^.\[\]]+)", key)
-    return tuple(int(place) if place else name for place, name in found)
+    matches = re.findall(r"\[(\d+)\]|([^.\[\]]+)", key)
+    return tuple(int(place) if place else name for place, name in matches)
 
 
 def entry(whole: Any, key: str) -> Any:
-    """What stands at a key of tables, lists and numbers, or None.
+    """The entry at a key of tables, lists and numbers, or None.
 
     They may be plain, of pydantic or dataclasses.
     """
-    found = whole
+    value = whole
     for step in steps_of(key):
         if isinstance(step, int):
-            is_list = isinstance(found, Sequence) and not isinstance(found, str)
-            found = found[step] if is_list and step < len(found) else None
-        elif isinstance(found, Mapping):
-            found = found.get(step)
-        elif isinstance(found, Table):
-            found = default_at(found, step)
+            is_list = isinstance(value, Sequence) and not isinstance(value, str)
+            value = value[step] if is_list and step < len(value) else None
+        elif isinstance(value, Mapping):
+            value = value.get(step)
+        elif isinstance(value, Table):
+            value = default_at(value, step)
         else:
-            found = getattr(found, step, None)
-    return found
+            value = getattr(value, step, None)
+    return value
 
 
 def with_places_filled(says: Callable[[str], Any], values: Mapping[str, Any]) -> dict[str, Any]:
@@ -73,16 +73,16 @@ def with_places_filled(says: Callable[[str], Any], values: Mapping[str, Any]) ->
 
     `says` tells what the scenario has at a key. Raises `UsageError` if a list has no such place.
     """
-    found: dict[str, Any] = {}
+    filled: dict[str, Any] = {}
     for key, value in values.items():
         name, bracket, _ = key.partition("[")
         if not bracket:
-            found[key] = value
+            filled[key] = value
             continue
-        if name not in found:
-            found[name] = plain_value(says(name))
+        if name not in filled:
+            filled[name] = plain_value(says(name))
         place, *outer = reversed(steps_of(key)[len(steps_of(name)) :])
-        inner: Any = found[name]
+        inner: Any = filled[name]
         try:
             for step in reversed(outer):
                 inner = inner[step]
@@ -91,7 +91,7 @@ def with_places_filled(says: Callable[[str], Any], values: Mapping[str, Any]) ->
             raise UsageError(
                 f"{printable(key)}: the scenario has no such entry; give it there first"
             ) from None
-    return found
+    return filled
 
 
 def replacement(value: Any, changes: Mapping[str, Any], key: str = "") -> Any:
@@ -101,11 +101,11 @@ def replacement(value: Any, changes: Mapping[str, Any], key: str = "") -> Any:
     """
     if isinstance(value, Mapping):
         return {**value, **changes}
-    known = {each.name for each in fields(value)} if is_dataclass(value) else set()
+    field_names = {field.name for field in fields(value)} if is_dataclass(value) else set()
     new: dict[str, Any] = {}
     for name, change in changes.items():
         place = f"{key}{name}"
-        if name not in known:
+        if name not in field_names:
             raise UsageError(
                 f"{printable(place)}: a Scenario has no such field; give the scenario as a file, "
                 "or by its name, to vary entries of the file"
@@ -150,18 +150,18 @@ class ScenarioSource:
         return checked(self.text, self.word, ScenarioTable, ScenarioFileError)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        # What has been made of the text stays here.
+        # The parsed text stays here.
         return ScenarioSource, (self.word, self.text, self.scenario)
 
     def says(self, key: str) -> Any:
-        """What stands at a key, or what it is by default; None if there is nothing."""
+        """The entry at a key, or its default; None if there is nothing."""
         if self.scenario is not None:
             return entry(self.scenario, key)
-        found = entry(self._document, key)
-        return entry(self._table, key) if found is None else found
+        stated = entry(self._document, key)
+        return entry(self._table, key) if stated is None else stated
 
     def knows(self, key: str) -> bool:
-        """Whether a key is one of the scenario, rather than a parameter of a robot."""
+        """True if a key is one of the scenario, rather than a parameter of a robot."""
         return "." in key or hasattr(self.scenario or self._table, key.partition("[")[0])
 
     def changed(self, changes: Mapping[str, Any]) -> Scenario:
@@ -172,13 +172,13 @@ class ScenarioSource:
         tables = nested(changes)
         if self.scenario is not None:
             return replacement(self.scenario, tables)
-        # What is refused is read again from the text, which has the lines of faults.
+        # A refused scenario is read again from the text, which has the lines of faults.
         table, _ = read_table(ScenarioTable, merged(self._document, tables))
         return table.scenario() if table else parse_scenario(self.text, self.word, tables)
 
 
 def scenario_source(scenario: AnyScenario) -> ScenarioSource:
-    """What is known of a scenario, given as such, by the name of one that ships, or by a file.
+    """The source of a scenario, given as such, by the name of one that ships, or by a file.
 
     Raises `UsageError` if there is no such file, and `ScenarioFileError` with every fault of it.
     """
@@ -192,7 +192,7 @@ def scenario_source(scenario: AnyScenario) -> ScenarioSource:
 
 
 def robot_data(robot: StrPath, read: Callable[[str], tuple[Robot, str]] | None = None) -> RobotData:
-    """What flights know of a robot, as of `robot_source`, before it has a module.
+    """The data of a robot for flights, as of `robot_source`, before it has a module.
 
     `read` reads robot files. Raises as `robot_source` does.
     """
@@ -203,11 +203,11 @@ def robot_data(robot: StrPath, read: Callable[[str], tuple[Robot, str]] | None =
     from gibbs_codegen.robot.description import Description
     from gibbs_codegen.robot.file import read_robot
 
-    found, _ = (read or read_robot)(word)
-    module, described = ModuleType(found.name), Description(found)
-    vars(module).update(NAME=found.name, ATTITUDE=found.base.attitude)
+    source, _ = (read or read_robot)(word)
+    module, described = ModuleType(source.name), Description(source)
+    vars(module).update(NAME=source.name, ATTITUDE=source.base.attitude)
     vars(module).update(**described.lists(), **described.constants)
-    return RobotData(module, None if carried_rotors(found) else wrench_matrix(found))
+    return RobotData(module, None if carried_rotors(source) else wrench_matrix(source))
 
 
 def robot_source(
@@ -217,7 +217,7 @@ def robot_source(
     derivatives: Sequence[str] = (),
     functions: Sequence[str] | None = None,
 ) -> RobotSource:
-    """What is known of a robot of a sweep; its C is compiled.
+    """The source of a robot of a sweep; its C is compiled.
 
     `robot` is a folder of a module or its name in `generated/`, which come first, the name of a
     robot that ships, or a robot file. Of these a module is generated where there is none, with

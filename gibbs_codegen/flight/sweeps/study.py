@@ -27,14 +27,14 @@ from gibbs_codegen.flight.sweeps.sensitivity import Sensitivity, sensitivities
 from gibbs_codegen.flight.sweeps.sources import StrPath
 
 _TABLE, _CSV, _CASES = "table.npy", "table.csv", "cases.json"
-# What `gibbs_codegen.flight.figures.study` leaves beside them.
+# Files that `gibbs_codegen.flight.figures.study` leaves beside them.
 _FIGURES = [f"{n}.{s}" for n in ("distributions", "worst_cases", "sensitivities") for s in FORMATS]
 # Columns that every table has.
 FIXED = ("case", "robot", "scenario", *REASONS)
 
 
 class Spread(NamedTuple):
-    """How a measure is spread over `flights` that went on to their end; NaN if there is none."""
+    """The spread of a measure over `flights` that went on to their end; NaN if there is none."""
 
     measure: str
     flights: int
@@ -56,7 +56,7 @@ class Worst(NamedTuple):
 
 @dataclass(frozen=True)
 class Study:
-    """What a sweep gave: a row for each case.
+    """The result of a sweep: a row for each case.
 
     Attributes:
         folder: where it is kept.
@@ -104,7 +104,7 @@ class Study:
         return self.table[flew]
 
     def summary(self) -> list[Spread]:
-        """How each measure is spread over the flights that went on to their end."""
+        """The spread of each measure over the flights that went on to their end."""
         spreads = []
         for measure in self.measures:
             values = self.whole[measure]
@@ -155,7 +155,7 @@ class Study:
         return shlex.join(words)
 
     def sensitivity(self, measure: str) -> list[Sensitivity]:
-        """How much each key explains of a measure, of flights that went on to their end.
+        """The share of a measure that each key explains, over flights that went on to their end.
 
         Robot and scenario count as keys where there are several.
 
@@ -173,8 +173,8 @@ class Study:
         columns = {key: rows[key] for key in ("robot", "scenario", *self.keys)}
         # NaN, which is unlike itself: a robot that has no such parameter.
         varied = {k: c for k, c in columns.items() if len(np.unique(c[c == c])) > 1}
-        found = sensitivities(varied, rows[measure])
-        return sorted(found, key=lambda each: -np.nansum([each.alone, each.joint]))
+        shares = sensitivities(varied, rows[measure])
+        return sorted(shares, key=lambda share: -np.nansum([share.alone, share.joint]))
 
     def to_parquet(self, path: StrPath) -> None:
         """Write the table as Parquet, which pandas, polars, DuckDB, Julia, R and MATLAB read.
@@ -226,8 +226,8 @@ class Study:
     def _column(self, measure: str) -> NDArray[np.float64]:
         """The values of a measure, which must exist."""
         if measure not in self.measures:
-            known = ", ".join(self.measures)
-            raise UsageError(f"{printable(measure)}: no such measure; there are {known}")
+            measures = ", ".join(self.measures)
+            raise UsageError(f"{printable(measure)}: no such measure; there are {measures}")
         return self.table[measure]
 
 
@@ -284,10 +284,10 @@ def _toml(value: Any) -> str:
 
 def table_of(cases: Cases, measures: Sequence[str], rows: Sequence[Row]) -> NDArray[Any]:
     """The table of a sweep: a structured array with a row for each case."""
-    known = [(case.index, case.robot, case.scenario, *case.values.values()) for case in cases]
+    heads = [(case.index, case.robot, case.scenario, *case.values.values()) for case in cases]
     values, *reasons = zip(*rows, strict=True)
     names = ("case", "robot", "scenario", *cases.columns, *measures, *REASONS)
-    every = (*zip(*known, strict=True), *zip(*values, strict=True), *reasons)
+    every = (*zip(*heads, strict=True), *zip(*values, strict=True), *reasons)
     columns = dict(zip(names, map(_column, every), strict=True))
     table = np.zeros(len(rows), [(name, column.dtype) for name, column in columns.items()])
     for name, column in columns.items():
@@ -297,5 +297,5 @@ def table_of(cases: Cases, measures: Sequence[str], rows: Sequence[Row]) -> NDAr
 
 def _column(values: Sequence[Any]) -> NDArray[Any]:
     """Numbers or switches as an array of these; a mixture, or anything else, as texts."""
-    found = np.asarray(values)
-    return found if found.dtype.kind in "iufb" else np.array([str(value) for value in values])
+    array = np.asarray(values)
+    return array if array.dtype.kind in "iufb" else np.array([str(value) for value in values])

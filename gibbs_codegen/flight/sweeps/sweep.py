@@ -37,8 +37,8 @@ from gibbs_codegen.flight.sweeps import measures as known_measures
 from gibbs_codegen.flight.sweeps.cases import NUMBERS, Cases, Varied, cases_of, varied
 from gibbs_codegen.flight.sweeps.chunks import (
     FILE,
+    Results,
     Row,
-    Store,
     chunks_of,
     digests_of,
     only_adaptive,
@@ -114,24 +114,24 @@ def sweep(
     check_output_folder(out)
     folder = Path(os.path.realpath(out))
     _check_own(folder)
-    scenario_sources = [scenario_source(each) for each in _listed(scenarios)]
+    scenario_sources = [scenario_source(scenario) for scenario in _listed(scenarios)]
     varying = {key: varied(value) for key, value in (parameters or {}).items()}
     _refuse_unfit(_listed(robots), scenario_sources, varying)
-    laws = [each.says("control.law") for each in scenario_sources]
+    laws = [source.says("control.law") for source in scenario_sources]
     laws += varying["control.law"].levels if "control.law" in varying else ()
-    pushes = any(each.says("control.force") for each in scenario_sources)
+    pushes = any(source.says("control.force") for source in scenario_sources)
     derivatives = (*DERIVATIVES, *(AT_WALLS if pushes else ())) if PREDICTIVE in laws else ()
-    holds = [each.says("hold") or each.says("holds") for each in scenario_sources]
+    holds = [source.says("hold") or source.says("holds") for source in scenario_sources]
     functions = WITH_CONSTRAINTS if any(holds) else None
     robot_sources = [
-        robot_source(each, folder / "modules", progress, derivatives, functions)
-        for each in _listed(robots)
+        robot_source(word, folder / "modules", progress, derivatives, functions)
+        for word in _listed(robots)
     ]
     cases = cases_of(robot_sources, scenario_sources, varying, samples, seed)
     chosen = measure or known_measures.default(all(robot.has_tip for robot in robot_sources))
     known_measures.check(chosen, (*FIXED, *cases.columns))
     _refuse_hopeless(cases)
-    if samples > 1 and not any(each.drawn or each.seed is not None for each in cases.blocks):
+    if samples > 1 and not any(block.drawn or block.seed is not None for block in cases.blocks):
         raise UsageError(
             f"samples: {samples} of each case would be the same flight, since nothing is drawn; "
             "give a distribution, such as uniform(0.1, 0.2), or leave samples out"
@@ -145,10 +145,10 @@ def sweep(
 def _listed(values: Any) -> list[Any]:
     """One or several, as a list."""
     one = isinstance(values, str | os.PathLike | Scenario | Mapping)
-    found = [values] if one else list(values)
-    if not found:
+    listed = [values] if one else list(values)
+    if not listed:
         raise UsageError("a sweep needs at least one robot and one scenario")
-    return found
+    return listed
 
 
 def _check_counts(samples: int, seed: int, workers: int | None) -> None:
@@ -191,13 +191,13 @@ def _refuse_unfit(
 
     Nothing is said where more combinations are listed than are quickly looked at.
     """
-    levels = {key: each.levels or [each.ppf(_MIDDLE)[0]] for key, each in varying.items()}
+    levels = {key: axis.levels or [axis.ppf(_MIDDLE)[0]] for key, axis in varying.items()}
     if math.prod(map(len, levels.values())) > _MOST_COMBINATIONS:
         return
-    data = [robot_data(each) for each in robots]
+    data = [robot_data(word) for word in robots]
     errors = []
     for robot, source in itertools.product(data, scenarios):
-        # What is a factor, or a number of the module, has no name in it that could be wrong.
+        # A factor, or a number of the module, has no name in it that could be wrong.
         keys = [k for k in levels if not varying[k].relative and k.partition(".")[0] not in NUMBERS]
         keys = [k for k in keys if source.knows(k)]
         for values in itertools.product(*(levels[key] for key in keys)):
@@ -233,7 +233,7 @@ def _rows(
             _log.info("%d of %d flights are done", done, len(cases))
 
     digests = digests_of(cases, measures)
-    store = Store(folder, set(digests))
+    store = Results(folder, set(digests))
     lacking = [digest not in store.rows for digest in digests]
     missing = chunks_of(cases, lacking)
     tell(lacking.count(False))

@@ -38,7 +38,7 @@ class FlightScene:
         self._world = server.scene.add_frame("/flight", show_axes=False)
         pushed = [name for name in flight.frames if np.any(flight.frame_wrench(name))]
         self._forces = [flight.frame_wrench(name)[:, :3] for name in pushed]
-        known, arms = flight.points, len(flight.base_arm_angles_desired)
+        points, arms = flight.points, len(flight.base_arm_angles_desired)
         self.machine = machine = MachineScene(
             server.scene,
             "/flight/robot",
@@ -48,7 +48,7 @@ class FlightScene:
             arms,
             flight.positions,
             thrust_directions(flight, 0) @ flight.base_rotation[0].T,
-            [known.index(name if name in known else flight.centre) for name in pushed],
+            [points.index(name if name in points else flight.centre) for name in pushed],
             frames,
         )
         machine.thrust = usual_size(flight.applied[:, : flight.rotors])
@@ -140,10 +140,10 @@ def known_samples(flight: Flight) -> NDArray[np.int_]:
 
     Raises `UsageError` if there is none.
     """
-    known: NDArray[np.int_] = np.flatnonzero(np.isfinite(flight.positions).all(axis=(1, 2)))
-    if not len(known):
+    sound: NDArray[np.int_] = np.flatnonzero(np.isfinite(flight.positions).all(axis=(1, 2)))
+    if not len(sound):
         raise UsageError(f"{flight.robot}, {flight.scenario}: has no sample that can be drawn")
-    return known
+    return sound
 
 
 def _segments(path: Array) -> Array:
@@ -217,12 +217,12 @@ def flight_page(flight: Flight) -> page.ViewPage:
 
     Raises `UsageError` if viser is not installed, or the robot is nowhere at any time.
     """
-    known = known_samples(flight)
-    start, end = flight.time[known[[0, -1]]]
+    sound = known_samples(flight)
+    start, end = flight.time[sound[[0, -1]]]
 
     def recorded(frames: int) -> page.ViewPage:
         samples = {*samples_at(flight, np.linspace(start, end, frames))}
-        shown = sorted(samples.intersection(known.tolist()))
+        shown = sorted(samples.intersection(sound.tolist()))
         with page.empty_server() as server:
             scene = FlightScene(server, flight, frames=0)
             scene.show(shown[0])

@@ -19,7 +19,7 @@ from gibbs_codegen.flight.plant.allocation import least_inputs
 from gibbs_codegen.flight.plant.vehicle import Vehicle
 from gibbs_codegen.flight.record.series import Array, Flight, point_parents
 
-# Of how far a robot's points reach: the largest disc.
+# The largest disc, as a share of the reach of a robot's points.
 _LARGEST_DISC = 0.4
 # Accelerations, m/s² and rad/s², and shares of the largest entry, below which there is none.
 _STILL, _ZERO = 1e-6, 1e-12
@@ -31,10 +31,10 @@ _TURN = float(np.pi)
 ROTOR, THRUST, FORCE = COLOURS[4], COLOURS[7], COLOURS[2]
 RELAXED, LOADED = "#8d99a6", "#d00000"
 _JOINT_COLOUR = "#262626"
-# Of the size of a robot: radii of rods, joints and arrows, lengths of arrows and of axes; of the
-# radius of a rotor: its thickness.
+# Shares of the size of a robot: radii of rods, joints and arrows, lengths of arrows and of axes;
+# share of the radius of a rotor: its thickness.
 _ROD, _JOINT, _ARROW, _LENGTH, _AXES, _DISC = 0.008, 0.014, 0.012, 0.3, 0.08, 0.06
-# Of the robot's weight, and for torques times its size: what rounding and control leave is less.
+# Rounding and control leave less than this share of the weight, or for torques of weight × size.
 _NOISE = 1e-6
 # How much longer than others an arrow may be.
 _LONGEST = 1.5
@@ -46,7 +46,7 @@ _FIELD_OF_VIEW, _CLOSE = 0.8, 0.8
 Bytes = NDArray[np.uint8]
 Floats = NDArray[np.float32]
 _SIDES = 16
-# Of an arrow of unit length and width: where its head begins, and how thick its shaft is.
+# The start of the head of an arrow of unit length and width, and the thickness of its shaft.
 _NECK, _SHAFT = 0.7, 0.4
 # What is smaller nobody sees, and without it a file is half as long: steps of components of
 # quaternions, and of lengths in units of the scene's grain.
@@ -55,7 +55,7 @@ _Z = np.array([0.0, 0.0, 1.0])
 
 
 @dataclass(frozen=True)
-class State:
+class Pose:
     """A robot at rest, with all that is computed of it.
 
     - `q` (nq), `u` (nu): coordinates and inputs, `a` (nv): accelerations
@@ -77,11 +77,11 @@ class State:
 
     @property
     def is_still(self) -> bool:
-        """Whether the inputs hold the robot where it is."""
+        """True if the inputs hold the robot where it is."""
         return bool(np.all(np.abs(self.a) < _STILL))
 
 
-class Machine:
+class DrawnMachine:
     """A generated module, with the back end "numpy" or "c", whose parameters can be changed."""
 
     def __init__(self, module: ModuleType) -> None:
@@ -107,7 +107,7 @@ class Machine:
         return max(len(self.vehicle.arm_angles()) - 1, 0)
 
     def start(self) -> Array:
-        """Where controls begin: level, with joints bent so that the arms hang down and away."""
+        """The start of controls: level, with joints bent so that the arms hang down and away."""
         controls = np.zeros(6 + self.vehicle.joints)
         controls[3:-3] = self.vehicle.description("POSTURE")[self.vehicle.arm]
         return controls
@@ -172,7 +172,7 @@ class Machine:
         force = self.vehicle.inverse_dynamics(q, still, still)
         return least_inputs(self.vehicle, q, force, self.vehicle.thrust_wrenches(q))
 
-    def state(self, q: Array, u: Array) -> State:
+    def state(self, q: Array, u: Array) -> Pose:
         """The robot at rest; what is undetermined is no number."""
         vehicle = self.vehicle
         still = np.zeros(vehicle.layout.v.size)
@@ -181,7 +181,7 @@ class Machine:
             matrix = vehicle.mass_matrix(q)
             system = self.hybrid_system(q)
             hybrid = system[:, : len(system)]
-            return State(
+            return Pose(
                 q,
                 u,
                 a,
@@ -201,7 +201,7 @@ class Machine:
         return np.hstack([matrix, residual[:, np.newaxis], inputs])
 
     def pattern(self) -> NDArray[np.bool_]:
-        """Whether each entry of the hybrid system at rest is not zero in every posture."""
+        """True for entries of the hybrid system at rest that are not zero in every posture."""
         generator = np.random.default_rng(1)
         filled = np.zeros((1, 1), dtype=bool)
         for _ in range(_POSTURES):
@@ -216,7 +216,7 @@ class Machine:
 
 
 def changed(new: Array, old: Array) -> NDArray[np.bool_]:
-    """Which entries of an array differ from those of another by more than rounding."""
+    """True for entries of an array that differ from another's by more than rounding."""
     size = np.nanmax(np.abs(new), initial=1.0)
     return np.abs(new - old) > _ZERO * size
 
@@ -265,8 +265,8 @@ class MachineScene:
         reach = float(np.nanmax(np.linalg.norm(around, axis=-1))) or 1.0
         places = positions.reshape(-1, *positions.shape[-2:])[0]
         spokes = places[self._rotors] - places[np.asarray(parents)[self._rotors]]
-        found = disc_radius(places[self._rotors], directions, np.linalg.norm(spokes, axis=1))
-        self.radius = min(found, _LARGEST_DISC * reach)
+        radius = disc_radius(places[self._rotors], directions, np.linalg.norm(spokes, axis=1))
+        self.radius = min(radius, _LARGEST_DISC * reach)
         self.size = reach + self.radius
         self.units = [*robot.layout.effort_units, *["N m"] * arms]
         self.thrust, self.force, self.efforts = 0.0, 0.0, dict.fromkeys(self.units, 0.0)

@@ -18,7 +18,7 @@ from gibbs_codegen.files.staging import staging_folder, writing
 
 # How large a page may be, bytes: less than the 2 MB that are promised.
 _ROOM = 1_900_000
-# What a page in a notebook or on a site is high, px.
+# The height of a page in a notebook or on a site, px.
 _HEIGHT = 520
 # viser tells at length, and until it is clicked away, that a browser draws without a graphics card.
 _QUIET = '<style>.mantine-Notification-root[style*="orange"] { display: none; }</style>'
@@ -29,7 +29,7 @@ _STYLE = """<style>
 @media (max-width: 500px) { #key { font-size: 12px; } }
 </style>
 """
-# Where a free port is looked for from, and the address that no other machine reaches.
+# The first port that is tried, and the address that no other machine reaches.
 PORT, _HOST = 8080, "127.0.0.1"
 _LAST = 65535
 

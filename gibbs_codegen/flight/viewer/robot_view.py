@@ -15,7 +15,7 @@ from gibbs_codegen.flight.record.recording import weight_of
 from gibbs_codegen.flight.record.series import Array
 from gibbs_codegen.flight.vectors import Flags
 from gibbs_codegen.flight.viewer import page
-from gibbs_codegen.flight.viewer.machine import Machine, MachineScene, State, changed, set_stage
+from gibbs_codegen.flight.viewer.machine import DrawnMachine, MachineScene, Pose, changed, set_stage
 
 # In the size of a robot: how far below it the floor is; in half its extent: what is in sight, and
 # by how much more between panels.
@@ -24,7 +24,7 @@ _FLOOR, _AROUND, _BETWEEN_PANELS = 0.2, 1.25, 1.4
 _USUAL = 0.8
 # How long a coordinate moves, s, in frames; and how many frames there are at most, for all.
 _SECONDS, _FRAMES, _MOST = 3.0, 60, 900
-# How far angles go, rad: as far as shows what they do. Lengths, in the robot's size.
+# The swing of angles, rad, and of lengths, in the robot's size, that shows their effect.
 _SWING, _ROOM = 0.6, 0.15
 # How far inputs without limits go, in the largest that holds the robot, and lengths, in its size.
 _INPUT_ROOM, _LENGTH_ROOM = 3.0, 1.0
@@ -59,7 +59,7 @@ class RobotScene:
     frames are drawn when they are asked for, between panels that take room.
     """
 
-    def __init__(self, server: Any, machine: Machine, q: Array, live: bool) -> None:
+    def __init__(self, server: Any, machine: DrawnMachine, q: Array, live: bool) -> None:
         vehicle = machine.vehicle
         self._rotors, self._arms = vehicle.rotors, machine.arms
         self._frames = len(vehicle.frames) if live else 0
@@ -83,24 +83,24 @@ class RobotScene:
         reach *= 0.5 * float(np.linalg.norm(high - low)) + self.machine.radius
         set_stage(server, "/robot", float(low[2]) - _FLOOR * self.machine.size, reach)
 
-    def note(self, states: Sequence[State]) -> None:
+    def note(self, states: Sequence[Pose]) -> None:
         """Draw thrusts and efforts in proportion to those of states, if these are larger.
 
         The most extreme of the states do not count.
         """
         drawn, acting = self.machine, [self._acting(state) for state in states]
-        found = _usual([thrusts for thrusts, _ in acting], drawn.least["N"])
-        drawn.thrust = max(drawn.thrust, found)
+        usual = _usual([thrusts for thrusts, _ in acting], drawn.least["N"])
+        drawn.thrust = max(drawn.thrust, usual)
         for unit, most in drawn.efforts.items():
             of_unit = [efforts[np.array(drawn.units) == unit] for _, efforts in acting]
             drawn.efforts[unit] = max(most, _usual(of_unit, drawn.least[unit]))
 
-    def _acting(self, state: State) -> tuple[Array, Array]:
+    def _acting(self, state: Pose) -> tuple[Array, Array]:
         """Thrusts (N), and sizes of the efforts of joints and of what holds base arms."""
         thrusts, joints = np.split(state.u, [self._rotors])
         return thrusts, np.abs(np.concatenate([joints, state.constraint_torques[: self._arms]]))
 
-    def show(self, state: State) -> None:
+    def show(self, state: Pose) -> None:
         """Put the robot where it is."""
         frames = state.frames[: self._frames]
         where = state.points, state.directions
@@ -114,7 +114,7 @@ def _usual(values: Sequence[Array], least: float) -> float:
     return most if most > least else 0.0
 
 
-def robot_page(machine: Machine) -> page.ViewPage:
+def robot_page(machine: DrawnMachine) -> page.ViewPage:
     """Record a robot as its attitude and its joints move, held still in each posture.
 
     The page is less than 2 MB. Raises `UsageError` if viser is not installed.
@@ -141,12 +141,12 @@ def robot_page(machine: Machine) -> page.ViewPage:
     return page.that_fits(recorded, min(_FRAMES, _MOST // (3 + machine.vehicle.joints)))
 
 
-def swings(machine: Machine, start: Array, room: float, count: int) -> list[tuple[str, State]]:
+def swings(machine: DrawnMachine, start: Array, room: float, count: int) -> list[tuple[str, Pose]]:
     """Frames in which attitude and joints move one after the other.
 
-    `start` is as of `Machine.start`; `room`, m, is how far lengths without limits go; each gets
-    `count` frames, at least 2. Says what moves in each, and the robot, with the inputs that hold
-    it.
+    `start` is as of `DrawnMachine.start`; `room`, m, is how far lengths without limits go; each
+    gets `count` frames, at least 2. Says what moves in each, and the robot, with the inputs that
+    hold it.
     """
     moved = 3 + machine.vehicle.joints
     waves = np.sin(np.linspace(0.0, 2.0 * np.pi, count))
@@ -165,7 +165,7 @@ def swings(machine: Machine, start: Array, room: float, count: int) -> list[tupl
 class RobotPanel:
     """Controls of a robot on a server without any, and the scene that follows them."""
 
-    def __init__(self, server: Any, machine: Machine) -> None:
+    def __init__(self, server: Any, machine: DrawnMachine) -> None:
         gui, self._machine = server.gui, machine
         self._key = gui.add_html("")
         start = machine.start()
@@ -185,7 +185,7 @@ class RobotPanel:
             u = machine.hover(q)
             self._inputs = Sliders(gui, *machine.input_controls(u, _INPUT_ROOM), u)
         with gui.add_folder("Parameters", expand_by_default=False):
-            self._parameters = Parameters(gui, machine.module.PARAMETERS)
+            self._parameters = ParameterFields(gui, machine.module.PARAMETERS)
         with gui.add_folder("Show", expand_by_default=False):
             parts = self._scene.machine
             self._choices = [
@@ -199,7 +199,7 @@ class RobotPanel:
         panel.dock_left()
         panel.set_width(_PANEL_WIDTH)
         self._filled = machine.pattern()
-        self._state: State | None = None
+        self._state: Pose | None = None
         self._seen: tuple[object, ...] = ()
 
     def step(self) -> None:
@@ -240,7 +240,7 @@ class RobotPanel:
         self._back = True
 
 
-def numbers(machine: Machine, state: State, is_held: bool, remarks: Sequence[str]) -> str:
+def numbers(machine: DrawnMachine, state: Pose, is_held: bool, remarks: Sequence[str]) -> str:
     """Tables in HTML of what is computed of a robot at rest, `is_held` by its inputs or not.
 
     `remarks` is what there is to say of its parameters and inputs.
@@ -263,7 +263,7 @@ def numbers(machine: Machine, state: State, is_held: bool, remarks: Sequence[str
         rows.append((f"constraint torque {symbol(name)}", value, "N m"))
     table = page.number_table((name, _digits(value), unit) for name, value, unit in rows)
     words = f"<p><b>{html.escape(head)}</b></p>" + "".join(
-        f"<p>{html.escape(each)}</p>" for each in remarks
+        f"<p>{html.escape(remark)}</p>" for remark in remarks
     )
     return page.panel_text(f"{words}{table}")
 
@@ -320,11 +320,11 @@ def symbol(name: str) -> str:
 
     Such as θ₋₁ for theta_m1, τ′₂ for tau_prime_2; other names are as they are.
     """
-    found = re.fullmatch(r"(theta|tau|tau_prime|F)_(m?\d+)", name)
-    if not found:
+    match = re.fullmatch(r"(theta|tau|tau_prime|F)_(m?\d+)", name)
+    if not match:
         return name
     letters = {"theta": "θ", "tau": "τ", "tau_prime": "τ′", "F": "F"}
-    return letters[found[1]] + found[2].translate(_SUBSCRIPTS)
+    return letters[match[1]] + match[2].translate(_SUBSCRIPTS)
 
 
 def _cells(chosen: Flags, lefts: NDArray[np.float64]) -> str:
@@ -353,7 +353,7 @@ class Sliders:
 
     @property
     def moved(self) -> bool:
-        """Whether somebody has moved one since they were made or put somewhere."""
+        """True if somebody has moved one since they were made or put somewhere."""
         return not np.array_equal(self._read(), self._set)
 
     def put(self, values: Array) -> None:
@@ -367,7 +367,7 @@ class Sliders:
         return np.array([slider.value for slider in self._sliders], dtype=np.float64)
 
 
-class Parameters:
+class ParameterFields:
     """A choice of one of many parameters, with defaults by name, and a slider for it."""
 
     def __init__(self, gui: Any, defaults: Mapping[str, float]) -> None:

@@ -1,4 +1,4 @@
-"""What users call: a robot or a flight in the browser, live or as a page."""
+"""A robot or a flight in the browser, live or as a page."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from types import ModuleType
 
 from gibbs_codegen.flight.record.flight import Flight, flight_file, read_flight
 from gibbs_codegen.flight.viewer.flight_view import FlightPanel, flight_page
-from gibbs_codegen.flight.viewer.machine import Machine
+from gibbs_codegen.flight.viewer.machine import DrawnMachine
 from gibbs_codegen.flight.viewer.page import PORT, ViewPage, address, empty_server
 from gibbs_codegen.flight.viewer.robot_view import RobotPanel, robot_page
 from gibbs_codegen.runtime.load import load
@@ -38,8 +38,8 @@ def view_html(what: Viewed) -> ViewPage:
     Raises:
         UsageError: viser is not installed, or there is neither a flight nor a module.
     """
-    found = _found(what)
-    return flight_page(found) if isinstance(found, Flight) else robot_page(Machine(found))
+    viewed = _found(what)
+    return flight_page(viewed) if isinstance(viewed, Flight) else robot_page(DrawnMachine(viewed))
 
 
 def view(what: Viewed, port: int = PORT, browser: bool = True) -> None:
@@ -71,12 +71,12 @@ def viewing(what: Viewed, port: int = PORT) -> Iterator[tuple[FlightPanel | Robo
 
     The caller lets the scene follow the controls by their `step`.
     """
-    found = _found(what)
+    viewed = _found(what)
     with empty_server(port, announces=True) as server:
-        if isinstance(found, Flight):
-            yield FlightPanel(server, found), address(server)
+        if isinstance(viewed, Flight):
+            yield FlightPanel(server, viewed), address(server)
         else:
-            yield RobotPanel(server, Machine(found)), address(server)
+            yield RobotPanel(server, DrawnMachine(viewed)), address(server)
 
 
 def _found(what: Viewed) -> Flight | ModuleType:

@@ -12,7 +12,7 @@ import pytest
 from support.autopilot import PLACES, TURNING, angles
 
 from gibbs_codegen.errors import UsageError
-from gibbs_codegen.flight.autopilots.machine import Machine, Outputs, Readings
+from gibbs_codegen.flight.autopilots.machine import Machine, Outputs, Telemetry
 from gibbs_codegen.flight.scenario.file import read_scenario
 
 Load = Callable[[str], ModuleType]
@@ -24,7 +24,7 @@ def machine(module: ModuleType, servos: bool = False, **changes: Any) -> Machine
     return Machine(module, read_scenario("hover", {"duration": 5} | changes), servos)
 
 
-def told(module: ModuleType, q: list[float], v: list[float]) -> Readings:
+def told(module: ModuleType, q: list[float], v: list[float]) -> Telemetry:
     """Readings of a quadrotor that falls freely; q and v as in its module."""
     found = machine(module)
     found.simulation.reset(q, v)

@@ -24,7 +24,7 @@ from support.pages import blocks, run_python, write_files
 from gibbs_codegen import load
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.flight.autopilots.betaflight import Betaflight, sticks_of
-from gibbs_codegen.flight.autopilots.machine import Machine, Readings
+from gibbs_codegen.flight.autopilots.machine import Machine, Telemetry
 from gibbs_codegen.flight.autopilots.session import fly
 from gibbs_codegen.flight.scenario.file import read_scenario
 from gibbs_codegen.pipeline import generate_robot
@@ -82,7 +82,7 @@ class Pilot:
         self.seen: list[tuple[float, ...]] = []
         self.lift = 0.0
 
-    def __call__(self, told: Readings) -> list[float]:
+    def __call__(self, told: Telemetry) -> list[float]:
         """Roll, pitch, throttle, yaw, arming and holding of the attitude, µs."""
         time, up, climb = told.time, -told.position[2] - 0.6, -told.velocity[2]
         self.seen.append((time, math.degrees(told.gyro[0]), up))

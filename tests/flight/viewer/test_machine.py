@@ -11,7 +11,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from gibbs_codegen.errors import UsageError
-from gibbs_codegen.flight.viewer.machine import LOADED, RELAXED, Machine, changed, mixed
+from gibbs_codegen.flight.viewer.machine import LOADED, RELAXED, DrawnMachine, changed, mixed
 from gibbs_codegen.flight.viewer.page import empty_server
 from gibbs_codegen.flight.viewer.robot_view import Sliders, _digits, numbers, pattern_svg, symbol
 
@@ -20,7 +20,7 @@ Shipped = Callable[[str], ModuleType]
 
 @pytest.mark.parametrize("name", ["hexarotor_3link", "quadrotor"])
 def test_the_inputs_that_hold_a_robot_hold_it(name: str, shipped: Shipped) -> None:
-    machine = Machine(shipped(name))
+    machine = DrawnMachine(shipped(name))
     q = machine.coordinates(machine.start())
     state = machine.state(q, machine.hover(q))
     assert state.is_still
@@ -33,7 +33,7 @@ def test_the_inputs_that_hold_a_robot_hold_it(name: str, shipped: Shipped) -> No
 
 
 def test_controls_of_a_quaternion_are_roll_pitch_and_yaw(shipped: Shipped) -> None:
-    machine = Machine(shipped("quadrotor"))
+    machine = DrawnMachine(shipped("quadrotor"))
     labels, ends = machine.controls(2.0)
     assert labels == ["roll, rad", "pitch, rad", "yaw, rad", "x, m", "y, m", "z, m"]
     assert ends[:, 3:] == pytest.approx(np.outer([-1, 1], [2, 2, 2]))
@@ -45,7 +45,7 @@ def test_controls_of_a_quaternion_are_roll_pitch_and_yaw(shipped: Shipped) -> No
 
 
 def test_no_posture_fills_an_entry_that_the_pattern_leaves_blank(shipped: Shipped) -> None:
-    machine = Machine(shipped("hexarotor_3link"))
+    machine = DrawnMachine(shipped("hexarotor_3link"))
     filled, generator = machine.pattern(), np.random.default_rng(7)
     for _ in range(5):
         system = machine.hybrid_system(machine.coordinates(generator.uniform(-2.0, 2.0, 9)))
@@ -56,7 +56,7 @@ def test_no_posture_fills_an_entry_that_the_pattern_leaves_blank(shipped: Shippe
 
 
 def test_a_singular_attitude_has_no_finite_condition(shipped: Shipped) -> None:
-    machine = Machine(shipped("hexarotor_3link"))
+    machine = DrawnMachine(shipped("hexarotor_3link"))
     controls = machine.start()
     controls[1] = np.pi / 2
     q = machine.coordinates(controls)
@@ -72,7 +72,7 @@ def test_what_has_no_digits_is_told_apart() -> None:
     ("name", "label"), [("hexarotor_3link", "acceleration of x"), ("quadrotor", "rate of vx")]
 )
 def test_entries_of_a_are_called_what_they_are(name: str, label: str, shipped: Shipped) -> None:
-    machine = Machine(shipped(name))
+    machine = DrawnMachine(shipped(name))
     q = machine.coordinates(machine.start())
     state = machine.state(q, machine.hover(q))
     assert f"<td>{label}</td>" in numbers(machine, state, is_held=True, remarks=[])
@@ -89,7 +89,7 @@ def test_sliders_keep_the_limits_of_the_file_though_they_are_equal_or_exceeded()
 
 
 def test_inputs_beyond_their_limits_are_named(shipped: Shipped) -> None:
-    machine = Machine(shipped("quadrotor"))
+    machine = DrawnMachine(shipped("quadrotor"))
     name, high = machine.vehicle.inputs[1], machine.input_limits[1]
     assert np.isfinite(high).all()
     assert machine.beyond(high) == []
@@ -98,7 +98,7 @@ def test_inputs_beyond_their_limits_are_named(shipped: Shipped) -> None:
 
 
 def test_rejected_parameters_leave_those_before(shipped: Shipped) -> None:
-    machine = Machine(shipped("hexarotor_3link"))
+    machine = DrawnMachine(shipped("hexarotor_3link"))
     machine.set_parameters({"gravity": 5.0})
     q = machine.coordinates(machine.start())
     before = machine.hover(q)

@@ -10,7 +10,7 @@ import pytest
 
 import gibbs_codegen
 from gibbs_codegen.flight.viewer import page as viewer_page
-from gibbs_codegen.flight.viewer.machine import Machine
+from gibbs_codegen.flight.viewer.machine import DrawnMachine
 
 pytestmark = pytest.mark.usefixtures("derived_once")
 
@@ -40,7 +40,7 @@ def test_a_robot_without_rotors_that_slides_is_shown(tmp_path: Path) -> None:
     (tmp_path / "slider.toml").write_text(SLIDER)
     file, out = str(tmp_path / "slider.toml"), str(tmp_path / "made")
     module = gibbs_codegen.load(gibbs_codegen.generate(file, out, verify=False))
-    machine = Machine(module)
+    machine = DrawnMachine(module)
     labels, ends = machine.controls(1.0)
     assert labels[3] == "slide, m"
     assert ends[:, 3].tolist() == [0.0, 0.25]
