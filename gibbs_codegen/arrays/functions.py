@@ -9,6 +9,7 @@ from typing import Any
 from gibbs_codegen.arrays.nodes import Call, Node, Space, coordinates_of, entries_of, node, variable
 from gibbs_codegen.errors import MissingFunctionError, UsageError
 from gibbs_codegen.interface import ARGUMENTS, FUNCTIONS, module_signatures
+from gibbs_codegen.interface.actuators import trivial
 from gibbs_codegen.interface.choice import options_with
 from gibbs_codegen.robot.layout import Layout
 
@@ -31,6 +32,7 @@ class Functions:
         self.inputs, self.parameters = len(module.INPUTS), len(module.PARAMETERS)
         self.frames = len(module.FRAMES)
         self.actuator_states = len(getattr(module, "ACTUATOR_STATES", ()))
+        self._trivial = trivial(module)
         self.constraints = len(getattr(module, "CONSTRAINTS", ()))
         # 1 for each constraint, but 0 where its errors go back to zero.
         self.rigid = [
@@ -51,6 +53,8 @@ class Functions:
             module.COORDINATE_UNITS,
             (len(module.HYBRID_COORDINATES) - len(module.VELOCITIES)) // 2,
         )
+        # Rotors whose thrusts may lag by themselves: none where drives say how.
+        self.lagging = 0 if self.driven else self.rotors
 
     @property
     def rotors(self) -> int:
@@ -159,5 +163,7 @@ class Functions:
         return partial(self._call, name)
 
     def _call(self, name: str, *arguments: Node) -> Node | tuple[Node, ...]:
+        if name in self._trivial:
+            return arguments[-1][self._trivial[name]]
         outputs = self.outputs(name, *arguments)
         return outputs[0] if len(outputs) == 1 else outputs

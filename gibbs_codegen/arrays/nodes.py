@@ -15,7 +15,7 @@ is `Node(Elementary("multiply"), (constant(2.0), Node(Part(0, 2), (x,), (2,))), 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from threading import Lock
@@ -207,6 +207,9 @@ class Node:
         if selected.step != 1:
             raise UsageError("a part of an array has its entries side by side")
         return part(self, selected.start, selected.start + len(selected))
+
+    def __iter__(self) -> Iterator[Node]:
+        return map(self.__getitem__, range(self.shape[0] if self.shape else 1))
 
     def __add__(self, other: Value) -> Node:
         return elementary("add", self, other)

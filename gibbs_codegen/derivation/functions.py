@@ -3,12 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
-
-import sympy as sp
 
 from gibbs_codegen.derivation import (
-    actuators,
     forces,
     forward_kinematics,
     hybrid,
@@ -18,9 +14,12 @@ from gibbs_codegen.derivation import (
 )
 from gibbs_codegen.derivation.constraint_derivatives import IMPLICIT, ConstrainedSystems
 from gibbs_codegen.graph.differentiate import Matrix
-from gibbs_codegen.interface.actuators import ACTUATOR_DERIVATIVES, ACTUATOR_PARAMETERS
+from gibbs_codegen.interface.actuators import (
+    ACTUATOR_DERIVATIVES,
+    ACTUATOR_PARAMETERS,
+    ACTUATORS,
+)
 from gibbs_codegen.interface.constraints import CONSTRAINT_DERIVATIVES
-from gibbs_codegen.interface.rows import Row
 
 
 def _block(s: ConstrainedSystems, rows: str, columns: str) -> Matrix:
@@ -35,58 +34,22 @@ def _by_q(s: ConstrainedSystems) -> Matrix:
     return s.input_hessian[: len(s.symbolic.v)]
 
 
-_ACTUATORS: dict[str, Callable[[ConstrainedSystems], list[sp.Expr]]] = {
-    "thrusts_of": lambda s: actuators.Actuators(s.symbolic).thrusts_of_commands(),
-    "command_of": lambda s: actuators.Actuators(s.symbolic).commands(),
-    "inputs_of": lambda s: actuators.Actuators(s.symbolic).inputs(),
-    "actuator_rates": lambda s: actuators.Actuators(s.symbolic).rates(),
-    "actuator_state_of": lambda s: actuators.Actuators(s.symbolic).kept(),
-    "rotor_speeds": lambda s: actuators.Actuators(s.symbolic).speeds(),
-}
+def _of_drives(name: str) -> Callable[[ConstrainedSystems], systems.Array]:
+    """What derives a function of the drives."""
+    return lambda s: s.of_drives(name)
 
 
-_CONSTRAINTS: dict[str, Callable[[ConstrainedSystems], list[Any]]] = {
-    "constraint_errors": lambda s: s.constraints.errors(),
-    "constraint_jacobian": lambda s: s.constraints.jacobian(),
-    "constraint_bias": lambda s: s.constraints.bias(),
-    "constrained_acceleration": lambda s: s.constraints.acceleration(),
-    "constraint_forces": lambda s: s.constraints.forces(),
-    "impact_velocities": lambda s: s.constraints.velocities_after(),
-    "impact_impulses": lambda s: s.constraints.impulses(),
-    "operational_inertia": lambda s: s.constraints.inertia(),
-    "constraint_projection": lambda s: s.constraints.projection(),
-}
-
-
-def _of_constraints(row: Row) -> dict[str, Callable[[ConstrainedSystems], systems.Array]]:
-    """Derivations of the outputs of a derivative of a function of the constraints."""
-    return {
-        output.derivation: _of_constraint(output.derivation[: -len("_dq")], output.by)
-        for output in row.outputs
-        if output.by
-    }
-
-
-def _of_constraint(name: str, argument: str) -> Callable[[ConstrainedSystems], systems.Array]:
-    value, implicit = _CONSTRAINTS[name], IMPLICIT.get(name)
+def _by(name: str, argument: str) -> Callable[[ConstrainedSystems], systems.Array]:
+    """What derives the derivative of what has a name by an argument."""
+    value, implicit = DERIVATIONS[name], IMPLICIT.get(name)
     if implicit is None:
-        return _by(value, argument)
+        return lambda s: s.jacobian(value(s), argument)
     return lambda s: implicit(s, argument)
 
 
-def _by(
-    value: Callable[[ConstrainedSystems], systems.Array], argument: str
-) -> Callable[[ConstrainedSystems], systems.Array]:
-    """Derivation of the derivative of a value by an argument."""
-    return lambda s: s.jacobian(value(s), argument)
-
-
-def _of_actuators(row: Row) -> dict[str, Callable[[ConstrainedSystems], systems.Array]]:
-    """Derivations of the outputs of a derivative of a function of the actuators."""
-    value = _ACTUATORS[row.derivative_of]
-    if row.kind == "parameters":
-        return {row.derivations[0]: lambda s: systems.parameter_jacobian(s, value(s))}
-    return {output.derivation: _by(value, output.by) for output in row.outputs if output.by}
+def _by_parameters(name: str) -> Callable[[ConstrainedSystems], systems.Array]:
+    """What derives the derivative of what has a name by the parameters."""
+    return lambda s: systems.parameter_jacobian(s, DERIVATIONS[name](s))
 
 
 DERIVATIONS: dict[str, Callable[[ConstrainedSystems], systems.Array]] = {
@@ -194,10 +157,23 @@ DERIVATIONS: dict[str, Callable[[ConstrainedSystems], systems.Array]] = {
     "forward_dynamics_with_wrenches_p_bar": (
         lambda s: systems.parameter_gradient(s, s.loaded_dynamics)
     ),
-    **_CONSTRAINTS,
-    **_ACTUATORS,
+    "constraint_errors": lambda s: s.constraints.errors(),
+    "constraint_jacobian": lambda s: s.constraints.jacobian(),
+    "constraint_bias": lambda s: s.constraints.bias(),
+    "constrained_acceleration": lambda s: s.constraints.acceleration(),
+    "constraint_forces": lambda s: s.constraints.forces(),
+    "impact_velocities": lambda s: s.constraints.velocities_after(),
+    "impact_impulses": lambda s: s.constraints.impulses(),
+    "operational_inertia": lambda s: s.constraints.inertia(),
+    "constraint_projection": lambda s: s.constraints.projection(),
+    **{row.name: _of_drives(row.name) for row in ACTUATORS},
 }
-for row in (*ACTUATOR_DERIVATIVES, *ACTUATOR_PARAMETERS):
-    DERIVATIONS |= _of_actuators(row)
-for row in CONSTRAINT_DERIVATIVES:
-    DERIVATIONS |= _of_constraints(row)
+for row in (*ACTUATOR_DERIVATIVES, *CONSTRAINT_DERIVATIVES):
+    DERIVATIONS |= {
+        output.derivation: _by(output.derivation.removesuffix(f"_d{output.by}"), output.by)
+        for output in row.outputs
+        if output.by
+    }
+DERIVATIONS |= {
+    row.derivations[0]: _by_parameters(row.derivative_of) for row in ACTUATOR_PARAMETERS
+}

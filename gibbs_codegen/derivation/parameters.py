@@ -12,6 +12,7 @@ from typing import Any
 
 import sympy as sp
 
+from gibbs_codegen.arrays.nodes import Node, variable, zeros
 from gibbs_codegen.derivation.inertia import Inertia
 from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.robot.names import (
@@ -62,18 +63,6 @@ class LinkSymbols:
 
 
 @dataclass(frozen=True)
-class ServoSymbols:
-    """A servo, as `robot.parts.servo` has it; None is no limit. Of rates it has no stiffness."""
-
-    damping: sp.Expr
-    delay: sp.Expr
-    torque: sp.Expr | None = None
-    rate: sp.Expr | None = None
-    stiffness: sp.Expr = sp.S.Zero
-    backlash: sp.Expr = sp.S.Zero
-
-
-@dataclass(frozen=True)
 class ConstraintSymbols:
     """A constraint's anchor (m), distance (m) and gains.
 
@@ -99,8 +88,6 @@ class Parameters:
     `central_body` is its inertia about the base centre, None where there is none.
 
     Symbols of a rotor are by the keys of its numbers, of a motor at the end of a rod by "drag".
-    Where a robot has actuators, those of drives are among them, `servos` and `frictions` are by
-    link, `battery` by its keys, and its `voltages` from empty to full.
     """
 
     def __init__(self, robot: Robot, tape: Scalars, keep_zeros: bool = False) -> None:
@@ -128,37 +115,14 @@ class Parameters:
             for frame in robot.frames
         }
         self.constraints = {tie.name: self._constraint(tie) for tie in robot.constraints}
-        self.servos: dict[int, ServoSymbols] = {}
-        self.frictions: dict[int, Vector] = {}
-        self.battery: dict[str, sp.Expr] = {}
-        self.voltages: list[sp.Expr] = []
-        if robot.has_actuators:
-            self._actuators()
 
-    def _actuators(self) -> None:
-        """Symbols of the numbers of rotors' drives, servos, friction and the battery."""
-        robot = self.robot
-        for k, rotor in enumerate(robot.thrusters, start=1):
-            self.rotors[k] |= self._symbols(rotor, rotor_prefix(robot, k), driven=True)
-        for i in robot.moving:
-            link, prefix = robot.links[i - 1], parameter_prefix(robot, i)
-            if link.servo is not None:
-                servo = self._symbols(link.servo, f"{prefix}_servo", link.slides)
-                self.servos[i] = ServoSymbols(**servo)
-            if link.friction is not None:
-                dry = self._symbols(link.friction, f"{prefix}_friction", link.slides)
-                self.frictions[i] = tuple(dry.values())
-        if robot.battery is not None:
-            battery = changed_numbers(robot.battery, "battery", lambda number: number)
-            voltages = battery.pop("voltages")
-            self.battery = {key: self._symbol(number) for key, number in battery.items()}
-            self.voltages = [*map(self._symbol, voltages)]
+    def node(self, number: Number) -> Node:
+        """An input of array programs for a parameter, or zero where it is structural."""
+        return zeros() if self._symbol(number) == 0 else variable(number.name, uniform=True)
 
-    def _symbols(
-        self, part: Part, prefix: str, slides: bool = False, driven: bool = False
-    ) -> dict[str, Any]:
+    def _symbols(self, part: Part, prefix: str, slides: bool = False) -> dict[str, Any]:
         """Symbols of the numbers of a part, by its fields."""
-        return changed_numbers(part, prefix, self._symbol, slides, driven)
+        return changed_numbers(part, prefix, self._symbol, slides)
 
     def _symbol(self, number: Number) -> sp.Expr:
         """The symbol of a parameter, its default and unit noted, or zero where it is structural."""

@@ -14,6 +14,7 @@ from gibbs_codegen.derivation.motion import TreeState
 from gibbs_codegen.derivation.parameters import Parameters
 from gibbs_codegen.derivation.root import Root, root_of
 from gibbs_codegen.derivation.segment_tree import Segment, SegmentTree, regrouped, tree_of_links
+from gibbs_codegen.machine.drives import Drives
 from gibbs_codegen.robot.chains import Chain, decompose
 from gibbs_codegen.robot.description import Description
 from gibbs_codegen.robot.layout import Places
@@ -40,7 +41,8 @@ class SymbolicRobot:
     by row, `q0` and `q1` the coordinates of two configurations, `w` weights of a vector,
     `w_input_matrix` and `w_jacobian` of a matrix, row by row, `q_dot` to `W_dot` directions of q,
     v, a, u and W, `h` the length of a step, `x` the state of the actuators, `command` what they
-    are commanded, and `active` 1 for each constraint that holds, else 0.
+    are commanded, and `active` 1 for each constraint that holds, else 0. `drives` are there if
+    commands are.
     """
 
     description: Description
@@ -66,6 +68,7 @@ class SymbolicRobot:
     x: tuple[sp.Symbol, ...]
     command: tuple[sp.Symbol, ...]
     active: tuple[sp.Symbol, ...]
+    drives: Drives | None
 
     @classmethod
     def of(cls, robot: Robot, tape: Scalars, keep_zeros: bool = False) -> SymbolicRobot:
@@ -85,9 +88,10 @@ class SymbolicRobot:
         with tape.group("attitude"):
             root = root_of(description.layout, tape, entries["q"])
         parameters = Parameters(robot, tape, keep_zeros)
+        drives = Drives(description, parameters.node) if description.commands else None
         entries |= symbols("w", "q_dot", "v_dot", "a_dot", "u_dot", "h", "W_dot")
         entries |= symbols("w_input_matrix", "w_jacobian", "x", "command", "active")
-        return cls(description, tape, parameters, root, **entries)
+        return cls(description, tape, parameters, root, **entries, drives=drives)
 
     @property
     def robot(self) -> Robot:

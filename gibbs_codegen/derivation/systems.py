@@ -49,6 +49,7 @@ from gibbs_codegen.derivation.segment_tree import Segment, SegmentTree
 from gibbs_codegen.derivation.symbolic_robot import SymbolicRobot
 from gibbs_codegen.derivation.tree_dynamics import generalised_inertia_forces
 from gibbs_codegen.graph.differentiate import Direction, Matrix, hessian, jacobian, jvp, vjp
+from gibbs_codegen.graph.from_program import program_refs
 from gibbs_codegen.graph.from_tape import ImportedTape
 from gibbs_codegen.graph.graph import Graph, NodeKind, Ref
 from gibbs_codegen.graph.shortening import operations
@@ -165,6 +166,15 @@ class Systems:
                     matrix[i][j] = matrix[j][i] = mean
         return matrix
 
+    def of_drives(self, name: str) -> list[Ref]:
+        """A function of the drives, by its name in the table."""
+        if self.symbolic.drives is None:
+            raise ValueError(f"{name}: the robot has no drives")
+        program = self.symbolic.drives.program(name)
+        arguments = {x: getattr(self.symbolic, x, (sp.Symbol(x),)) for x in program.names}
+        refs = {x: self.refs(symbols) for x, symbols in arguments.items()}
+        return program_refs(self.imported, program, refs)
+
     @cached_property
     def parameters(self) -> dict[str, Ref]:
         """Parameters that functions depend on, by name; derivatives depend on no others."""
@@ -246,7 +256,7 @@ class Systems:
         return self.hessian(self.inverse_dynamics, "qv")
 
 
-def parameter_jacobian(systems: Systems, outputs: Values) -> Matrix:
+def parameter_jacobian(systems: Systems, outputs: Array) -> Matrix:
     """Derivatives of outputs by the parameters: a row for each."""
     imported = systems.imported
     graph, refs = imported.graph, systems.refs(outputs)

@@ -62,7 +62,8 @@ def export_robot(robot: Robot, form: Format) -> tuple[str, list[str]]:
         missing.append(f"{link_label(robot, i)}: that a constraint torque holds it; it is welded")
     # What makes thrusts and torques of commands: these are the inputs of what is written, but in
     # SDF, where motors are told for themselves.
-    for what, key in (("what rotors make of commands", "driven"), ("air on rotors", "feels_air")):
+    kinds = {"what rotors make of commands": "has_drive", "air on rotors": "feels_air"}
+    for what, key in kinds.items():
         own = [rotor.name for rotor in source.rotors if getattr(rotor, key)]
         if own and form != "sdf":
             missing.append(f"{what}: {', '.join(own)}")

@@ -104,7 +104,7 @@ def import_robot(path: Path, options: ImportOptions) -> tuple[Robot, list[Findin
         if abs(rotor.drag) > LARGEST_DRAG:
             detail = f"a drag of {rotor.drag:g} m is large; check its factor"
             findings.append(Finding("note", rotor.name, detail))
-    if options.command == "speed" and not any(rotor.driven for rotor in source.rotors):
+    if options.command == "speed" and not any(rotor.has_drive for rotor in source.rotors):
         words = "--command speed is for motors of Gazebo, of which none was found"
         findings.append(Finding("note", "rotors", words))
     findings += _rubbing_joints(robot)

@@ -7,9 +7,9 @@ servos, and the charge of the battery.
 
 from __future__ import annotations
 
-from dataclasses import replace
+from typing import Any
 
-from gibbs_codegen.interface.rows import Kind, Output, Row, on_request
+from gibbs_codegen.interface.rows import Output, Row, derivative, jacobian_row, on_request
 
 _OF = "motors, servos and battery of the robot file"
 # Lists that a robot must have for its module to have a function.
@@ -79,61 +79,36 @@ ACTUATORS = (
         "Speeds of the rotors at a state x of the actuators; 0 where they are not known.",
     ),
 )
-_ROWS = {row.name: row for row in ACTUATORS}
-# By arguments: what a derivative is by, and the letter of its columns.
-_BY = {
-    "q": ("a displacement along each of VELOCITIES", "v"),
-    "v": ("each of VELOCITIES", "v"),
-    "u": ("each of INPUTS", "u"),
-    "x": ("each of ACTUATOR_STATES", "z"),
-    "command": ("each of COMMANDS", "m"),
+# What functions give where commands are inputs, and nothing follows them: entries of their last
+# argument, all or none.
+_TRIVIAL = {
+    **dict.fromkeys(("command_of", "inputs_of"), slice(None)),
+    **dict.fromkeys(("actuator_rates", "actuator_state_of"), slice(0)),
 }
 
 
-def _derived(of: str, ending: str, kind: Kind, outputs: tuple[Output, ...], summary: str) -> Row:
-    """A row that gives derivatives of a function."""
-    row = _ROWS[of]
-    base = replace(row, name=f"{of}_{ending}", source=f"{row.source}, differentiated", details="")
-    return replace(base, outputs=outputs, summary=summary, derivative_of=of, kind=kind, group="")
+def trivial(module: Any) -> dict[str, slice]:
+    """Functions that a module has not, as its robot has no such drives, by what stands for them."""
+    return {
+        row.name: _TRIVIAL[row.name]
+        for row in ACTUATORS
+        if row.name in _TRIVIAL and not all(getattr(module, need, ()) for need in row.needs)
+    }
 
 
-def _jacobian(of: str, *by: str) -> Row:
-    """The derivatives of a function by its arguments, with what it returns."""
-    [output] = _ROWS[of].outputs
-    slopes = tuple(
-        Output(
-            f"{output.name}_d{y}",
-            output.shape + _BY[y][1],
-            output.unit,
-            f"[{{unit}}], by {_BY[y][0]}",
-            f"{of}_d{y}",
-            y,
-        )
-        for y in by
-    )
-    summary = f"What {of} returns, and its derivatives by {', '.join(by)}."
-    return _derived(
-        of, "derivatives", "jacobian", (replace(output, derivation=of), *slopes), summary
-    )
-
-
-def _parameters(of: str) -> Row:
+def _parameters(row: Row) -> Row:
     """The derivatives of a function by the parameters."""
-    [output] = _ROWS[of].outputs
+    [output] = row.outputs
     words = "[{unit}], each by each of PARAMETERS"
-    derivative = Output(f"{output.name}_dp", f"{output.shape}p", output.unit, words, f"{of}_dp")
-    summary = f"Derivatives of what {of} returns by the parameters."
-    return _derived(of, "parameters", "parameters", (derivative,), summary)
+    slope = Output(f"{output.name}_dp", f"{output.shape}p", output.unit, words, f"{row.name}_dp")
+    summary = f"Derivatives of what {row.name} returns by the parameters."
+    return derivative(row, "parameters", "parameters", (slope,), summary)
 
 
 ACTUATOR_DERIVATIVES = on_request(
-    "derivatives",
-    _jacobian("thrusts_of", "command"),
-    _jacobian("command_of", "q", "v", "u"),
-    _jacobian("inputs_of", "q", "v", "x", "command"),
-    _jacobian("actuator_rates", "x", "command"),
-    _jacobian("rotor_speeds", "x", "command"),
+    "derivatives", *(jacobian_row(row) for row in ACTUATORS if row.name != "actuator_state_of")
 )
 ACTUATOR_PARAMETERS = on_request(
-    "parameters", _parameters("inputs_of"), _parameters("actuator_rates")
+    "parameters",
+    *(_parameters(row) for row in ACTUATORS if row.name in ("inputs_of", "actuator_rates")),
 )

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from gibbs_codegen.interface.rows import ACCELERATIONS, Output, Row, on_request
+from gibbs_codegen.interface.rows import ACCELERATIONS, Output, Row, jacobian_row, on_request
 
 _ERRORS = Output("errors", "l", "m or rad", "{constraint_errors}")
 _JACOBIAN = Output(
@@ -99,44 +99,10 @@ CONSTRAINTS = _of_constraints(
 )
 
 
-def _jacobian(of: str) -> Row:
-    """The derivatives of a function by its arguments, each after what it returns."""
-    row = next(row for row in CONSTRAINTS if row.name == of)
-    words = {
-        "q": "a displacement along each of VELOCITIES",
-        "v": "each of VELOCITIES",
-        "u": "each of INPUTS",
-    }
-    by, outputs = [argument for argument in row.arguments if argument in words], []
-    for output in row.outputs:
-        before = replace(output, derivation=output.derivation or of)
-        outputs += [before] + [
-            Output(
-                f"{output.name}_d{argument}",
-                output.shape + ("u" if argument == "u" else "v"),
-                output.unit,
-                f"[{{unit}}], by {words[argument]}",
-                f"{before.derivation}_d{argument}",
-                argument,
-            )
-            for argument in by
-        ]
-    return Row(
-        f"{of}_derivatives",
-        row.arguments,
-        tuple(outputs),
-        f"What {of} returns, and its derivatives by {', '.join(by)}.",
-        f"{row.source}, differentiated",
-        derivative_of=of,
-        kind="jacobian",
-        needs=row.needs,
-    )
-
-
+_DIFFERENTIATED = (
+    *("constraint_errors", "constraint_bias"),
+    *("constrained_forward_dynamics", "impact"),
+)
 CONSTRAINT_DERIVATIVES = on_request(
-    "derivatives",
-    _jacobian("constraint_errors"),
-    _jacobian("constraint_bias"),
-    _jacobian("constrained_forward_dynamics"),
-    _jacobian("impact"),
+    "derivatives", *(jacobian_row(row) for row in CONSTRAINTS if row.name in _DIFFERENTIATED)
 )

@@ -110,3 +110,35 @@ class Row:
 def on_request(group: str, *rows: Row) -> tuple[Row, ...]:
     """Rows of a group of functions that are generated on request only."""
     return tuple(replace(row, group=group, on_request=True) for row in rows)
+
+
+# By arguments: what a derivative is by, and the letter of its columns.
+_BY = {
+    "q": ("a displacement along each of VELOCITIES", "v"),
+    "v": ("each of VELOCITIES", "v"),
+    "u": ("each of INPUTS", "u"),
+    "x": ("each of ACTUATOR_STATES", "z"),
+    "command": ("each of COMMANDS", "m"),
+}
+
+
+def derivative(row: Row, ending: str, kind: Kind, outputs: tuple[Output, ...], summary: str) -> Row:
+    """A row that gives derivatives of the function of another."""
+    name, source = f"{row.name}_{ending}", f"{row.source}, differentiated"
+    slope = replace(row, name=name, source=source, outputs=outputs, summary=summary, details="")
+    return replace(slope, derivative_of=row.name, kind=kind)
+
+
+def jacobian_row(row: Row) -> Row:
+    """The derivatives of what a function returns by its arguments, each after what it returns."""
+    by, outputs = [argument for argument in row.arguments if argument in _BY], []
+    for output in row.outputs:
+        derivation = output.derivation or row.name
+        outputs.append(replace(output, derivation=derivation))
+        for x in by:
+            words, column = _BY[x]
+            shape, words = output.shape + column, f"[{{unit}}], by {words}"
+            name = f"{output.name}_d{x}"
+            outputs.append(Output(name, shape, output.unit, words, f"{derivation}_d{x}", x))
+    summary = f"What {row.name} returns, and its derivatives by {', '.join(by)}."
+    return derivative(row, "derivatives", "jacobian", tuple(outputs), summary)

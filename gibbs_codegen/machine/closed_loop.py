@@ -4,9 +4,8 @@ The plant has its own parameters, the law those of the robot that it knows: call
 `plant` and `model`. The state x is that of the machine, with the work of all that acts, and the
 integrals of the errors that a law remembers.
 
-Laws say which thrusts and torques they want. Of a robot that is `driven`, motors and servos are
-sent the commands that give them, of servos where the joint is to be, and the state of its actuators
-is that of the module; of others it is the thrusts of motors that lag, N.
+Laws say which thrusts and torques they want. Motors and servos of the module's drives are sent the
+commands that give them, servos where the joint is to be; without drives inputs are sent.
 """
 
 from __future__ import annotations
@@ -329,12 +328,12 @@ class ClosedLoop:
         q, v, _, _, memory, _ = state
         wanted, refused = self.commanded(at, q, v, memory)
         sent = self._sent(at, q, v, wanted)
-        if self.plant.driven and self.law == "held":  # What is held are commands.
-            wanted = self.plant.inputs_of(q, v, self.machine.settled(sent), sent)
+        if self.law == "held":  # What is held are commands.
+            wanted = self.plant.inputs_of(q, v, self.plant.actuator_state_of(sent), sent)
         if self.compensates:
             lead, later = self._lead(at, state, wanted, sent)
             sent, refused = sent + lead, refused + maximum(later, 0.0)
-            wanted = wanted if self.plant.driven else sent
+            wanted = wanted if self._turns_drives else sent
         aimed = self._within(sent)
         if self.idles:
             count = self.plant.rotors
@@ -342,13 +341,18 @@ class ClosedLoop:
             aimed = join(thrusts, aimed[count:])
         return wanted, aimed, self.machine.inputs(state, aimed), refused
 
+    @property
+    def _turns_drives(self) -> bool:
+        """Whether a law's inputs are made commands of drives."""
+        return self.plant.driven and self.law not in ("off", "held")
+
     def _unless_idle(self, running: Node, idle: Node | float) -> Node:
         """A value while motors run, or else another."""
         return choose(self.given("idle"), 0.5, idle, running)
 
     def _sent(self, at: Instant, q: Node, v: Node, wanted: Node) -> Node:
         """What is sent for inputs (nu) that are wanted: themselves, or commands for them."""
-        if not self.plant.driven or self.law in ("off", "held"):
+        if not self._turns_drives:
             return wanted
         if not turns_servos(self.law):
             q, v = at.motion.q, at.motion.v
@@ -530,7 +534,7 @@ class ClosedLoop:
         free = self._law_results(at, q, v, memory)["free"]
         found = self._law_results(then, later, v + ahead * a, learnt)
         rates, possible = (found["free"] - free) / ahead, self._possible(wanted)
-        if self.plant.driven:
+        if self._turns_drives:
             turning = (
                 self._sent(then, later, v + ahead * a, possible + ahead * rates) - sent
             ) / ahead

@@ -1,8 +1,7 @@
 """A machine x' = f(t, x, command): a robot with its actuators and what is around it, said once.
 
-Closed loops, rollouts, FMUs and linear models are made of it. Of a robot that is `driven` the
-actuators are the module's, and commands are those of motors and servos; of others commands are
-thrusts and torques, which thrusts of motors that lag follow.
+Closed loops, rollouts, FMUs and linear models are made of it. Commands are those of the module's
+drives, and without such thrusts and torques, which thrusts of motors that lag follow.
 """
 
 from __future__ import annotations
@@ -32,6 +31,7 @@ from gibbs_codegen.machine.contact import (
     bristles_of,
     touch,
 )
+from gibbs_codegen.machine.motor import approach
 from gibbs_codegen.machine.state import State, StateLayout
 from gibbs_codegen.machine.steps import constrained_motion
 
@@ -82,9 +82,9 @@ class Rates(NamedTuple):
 class Machine:
     """A robot, its actuators and what is around it; `figure` gives inputs by name and shape.
 
-    Thrusts of a robot that is not driven may follow their commands: with `lags` all, of which some
-    may do so at once, or those of `lagging` rotors, with time constants. Motors that do not run are
-    sent nothing, and the air does nothing to them. `moves`: joints move rotors.
+    Where no drive of the module says how, thrusts may follow their commands: with `lags` all, of
+    which some may do so at once, or those of `lagging` rotors, with time constants. Motors that do
+    not run are sent nothing, and the air does nothing to them. `moves`: joints move rotors.
     """
 
     robot: Functions
@@ -97,11 +97,10 @@ class Machine:
 
     def layout(self, *, work: int = 0, memory: int = 0) -> StateLayout:
         """The layout of its state, with the work, or what a law remembers."""
-        robot, actuators = self.robot, self.robot.actuator_states
-        if not robot.driven:
-            actuators = robot.rotors if self.lags else len(self.lagging)
-        sizes = robot.space.coordinates, robot.space.velocities
-        return StateLayout(*sizes, work, actuators, memory, bristles_of(self.around.contacts))
+        robot, lagging = self.robot, self.robot.rotors if self.lags else len(self.lagging)
+        sizes = robot.space.coordinates, robot.space.velocities, work
+        actuators = robot.actuator_states + lagging
+        return StateLayout(*sizes, actuators, memory, bristles_of(self.around.contacts))
 
     def parts(self, x: Node, layout: StateLayout) -> State[Node]:
         """Parts of a state; a quaternion is made of unit length."""
@@ -122,40 +121,37 @@ class Machine:
 
     def inputs(self, state: State[Node], command: Node) -> Node:
         """Inputs (nu) that act in a state while something is commanded."""
-        if self.robot.driven and self.runs:
-            acting: Node = self.robot.inputs_of(state.q, state.v, state.actuators, command)
-            return acting
+        states, thrusts = self._followers(state.actuators)
+        acting = command
+        if self.runs:
+            acting = self.robot.inputs_of(state.q, state.v, states, command)
         if self.lagging:
-            inputs = [command[k] for k in range(self.robot.inputs)]
+            inputs = [*acting]
             for place, rotor in enumerate(self.lagging):
-                inputs[rotor] = state.actuators[place]
+                inputs[rotor] = thrusts[place]
             return join(*inputs)
         if not self.lags:
-            return command
+            return acting
         count = self.robot.rotors
-        settled = choose(self.figure("lag", count), 0.0, state.actuators, command[:count])
-        return join(settled, command[count:])
+        settled = choose(self.figure("lag", count), 0.0, thrusts, acting[:count])
+        return join(settled, acting[count:])
 
-    def settled(self, command: Node) -> Node:
-        """The state that actuators of a driven robot come to with commands."""
-        if not self.robot.actuator_states:
-            return zeros(0)
-        actuators: Node = self.robot.actuator_state_of(command)
-        return actuators
+    def _followers(self, actuators: Node) -> tuple[Node, Node]:
+        """States of the module's drives, and thrusts that lag."""
+        return actuators[: self.robot.actuator_states], actuators[self.robot.actuator_states :]
 
     def _actuator_rates(self, actuators: Node, command: Node) -> Node:
         """Time derivative of the state of the actuators."""
-        if self.lagging:
-            times = self.figure("time_constants", len(self.lagging))
-            ways = (command[rotor] - actuators[k] for k, rotor in enumerate(self.lagging))
-            return join(*(way / times[k] for k, way in enumerate(ways)))
-        if not self.robot.driven:
+        states, thrusts = self._followers(actuators)
+        rates = self.robot.actuator_rates(states, command) if self.runs else zeros(states.size)
+        if self.lags:
             count = self.robot.rotors
-            return self.figure("pace", count) * (command[:count] - actuators)
-        if not self.runs:
-            return zeros(actuators.size)
-        rates: Node = self.robot.actuator_rates(actuators, command)
-        return rates
+            return join(rates, self.figure("pace", count) * (command[:count] - thrusts))
+        if not self.lagging:
+            return join(rates)
+        times = self.figure("time_constants", len(self.lagging))
+        lagging = zip(thrusts, (command[rotor] for rotor in self.lagging), times, strict=True)
+        return join(rates, *(approach(level, to, time, time) for level, to, time in lagging))
 
     # What is around it.
 

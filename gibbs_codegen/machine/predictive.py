@@ -77,14 +77,12 @@ class Horizon:
     @property
     def motors(self) -> int:
         """How many thrusts of motors that lag a state has, or states of all actuators."""
-        if self.robot.driven:
-            return self.robot.actuator_states
-        return self.robot.rotors if self.lags else 0
+        return self.robot.actuator_states + (self.robot.lagging if self.lags else 0)
 
     @property
     def lag_times(self) -> int:
         """How many time constants: of actuators those of greater and then of lesser commands."""
-        return 2 * self.motors if self.robot.driven else self.motors
+        return self.motors + self.robot.actuator_states
 
     @property
     def before(self) -> int:
@@ -264,14 +262,14 @@ class Horizon:
         """The step of a node, and its errors."""
         robot, (q, v) = self.robot, self.robot.state()
         u, h = variable("u", robot.inputs), variable("h")
-        inputs, acting, outputs = [q, v], u, {}
+        inputs, commanded, outputs = [q, v], u, {}
         lag_times, mean = [], v[:0]
         if self.motors:
             motors = variable("motors", self.motors)
             times = variable("lag_times", self.lag_times, uniform=True)
             inputs, lag_times = [*inputs, motors], [times]
             # What is left of the way to where commands lead, and the mean of the step.
-            if robot.driven:
+            if robot.actuator_states:
                 rates = robot.actuator_rates(motors, u)
                 times = choose(rates, 0.0, times[: self.motors], times[self.motors :])
                 way = -maximum(times, _LEAST_LAG) * rates
@@ -281,14 +279,13 @@ class Horizon:
             settled, left = motors - way, exponential(-pace)
             outputs["motors_next"] = settled + left * way
             mean = settled + (1.0 - left) / pace * way
-            if not robot.driven:
-                acting = join(mean, u[self.motors :])
+            if self.lags and robot.lagging:
+                commanded = join(mean, u[self.motors :])
 
         def accelerate(q: Node, v: Node, _: int) -> Node:
-            ahead = q
-            if robot.driven and self.method != "rk4":  # Servos push by where joints are at the end.
-                ahead = robot.integrate(q, h * v)
-            inputs = robot.inputs_of(ahead, v, mean, u) if robot.driven else acting
+            # Servos push by where joints are at the end.
+            ahead = q if self.method == "rk4" else robot.integrate(q, h * v)
+            inputs = robot.inputs_of(ahead, v, mean, commanded)
             if self.walls:
                 wrenches = self._pressing(q, v, robot.frame_velocities(*desired))
                 pressed: Node = robot.forward_dynamics_with_wrenches(q, v, inputs, wrenches)

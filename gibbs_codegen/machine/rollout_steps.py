@@ -1,8 +1,8 @@
 """Steps of rollouts: inputs or linear feedback, limits, lag of motors, wrenches and bounds.
 
 A program has what is asked for and nothing else. Inputs are commanded at the start of a step and
-held through it; what becomes of them is known in closed form at its start, middle and end. Of a
-robot that is driven, commands of motors and servos are held, and the states of its actuators are
+held through it; what becomes of them is known in closed form at its start, middle and end. Where
+there are drives, commands of motors and servos are held, and the states of actuators are
 integrated as velocities are; so are bristles of contacts.
 """
 
@@ -37,7 +37,7 @@ from gibbs_codegen.machine.steps import METHODS, projected
 
 @dataclass(frozen=True)
 class Parts:
-    """What a rollout has besides inputs; a robot that is driven has its own lag.
+    """What a rollout has besides inputs; drives have a lag of their own.
 
     `around` is what acts on frames: with `pushes` there are wrenches. `figures` are those of what
     surrounds it that are part of the program, entry by entry, by the names of `Machine`.
@@ -62,7 +62,7 @@ def sent(robot: Functions) -> str:
 def given(robot: Functions, parts: Parts) -> dict[str, Node]:
     """What a program with such parts is given of each state or all, by names, in their order.
 
-    - `u` (nu): inputs, or `command` (nu) where the robot is driven
+    - `u` (nu): inputs, or `command` (nu) where there are drives
     - `gain` (nu, 2 nv), `desired_q` (nq) and `desired_v` (nv): feedback, which is added to them;
       with states of actuators a gain (nu, 2 nv + nx) and `desired_x` (nx)
     - `least` and `most` (nu): limits, within which they are then brought
@@ -83,7 +83,7 @@ def given(robot: Functions, parts: Parts) -> dict[str, Node]:
         found += [variable("desired_x", states)] if states else []
     if parts.limits:
         found += [variable(name, inputs, uniform=True) for name in ("least", "most")]
-    if parts.lag and not robot.driven:
+    if parts.lag and sent(robot) == "u":
         found += [variable("lag", 3, robot.rotors)]
     if parts.around.pushes:
         found += [variable("wrenches", robot.frames, 6)]
@@ -102,7 +102,7 @@ def rollout_step(
 ) -> Program:
     """A step of h from x: coordinates, velocities and, where motors may lag, thrusts.
 
-    Of a robot that is driven, the states of its actuators follow in their place; bristles of
+    With drives, the states of actuators follow in their place; bristles of
     contacts come last. `inputs` (nu) are those that are commanded, within limits. Where `ended` is
     above 0, the step has taken a state out of bounds. With `has_thrusts` it has thrusts without lag
     too, which are those commanded.
@@ -110,7 +110,7 @@ def rollout_step(
     own, around = given(robot, parts), parts.around
     machines = [Machine(robot, _figures(parts, own, halves), around) for halves in range(3)]
     machine = machines[0]
-    rotors = robot.rotors if "lag" in own or (has_thrusts and not robot.driven) else 0
+    rotors = robot.lagging if "lag" in own or has_thrusts else 0
     time, h = (variable(each, uniform=True) for each in ("time", "h"))
     layout = replace(machine.layout(), actuators=robot.actuator_states or rotors)
     places, x = layout.places, variable("x", layout.size)
@@ -142,7 +142,7 @@ def rollout_step(
         Where there are walls, also the power of all but contacts, and what these do.
         """
         state = state_of(q, moved)
-        inputs = machine.inputs(state, u) if robot.driven else acting[halves]
+        inputs = machine.inputs(state, acting[halves])
         rates = machines[halves].rates(time, state, inputs, u)
         done = [rates.a, rates.actuators, rates.bristles]
         if around.contacts:

@@ -14,7 +14,7 @@ class State(NamedTuple, Generic[T]):
     """Parts of a state, in their order; what a state does not have is of no length.
 
     Coordinates (nq), velocities (nv), the work done since the start, J, the state of the actuators,
-    which is that of the module of a driven robot, or else thrusts of motors that lag, N, what a law
+    which is that of the module's drives, and then thrusts of motors that lag, N, what a law
     remembers, and the displacements (3 b) of the bristles of b contacts with friction, m, world
     axes.
     """

@@ -73,23 +73,23 @@ def air_on_rotors(
     poses, velocities = moving
     parts = []
     for rotor, frame, air in robot.air:
-        driven, moved = (speeds[rotor], u[rotor]), (poses[frame], velocities[frame][:3] - wind)
-        parts.append((frame, join(_force_on_rotor(air, driven, *moved), zeros(3))))
+        turning, moved = (speeds[rotor], u[rotor]), (poses[frame], velocities[frame][:3] - wind)
+        parts.append((frame, join(_force_on_rotor(air, turning, *moved), zeros(3))))
     return parts
 
 
 def _force_on_rotor(
-    air: Sequence[float], driven: tuple[Node, Node], pose: Node, moved: Node
+    air: Sequence[float], turning: tuple[Node, Node], pose: Node, moved: Node
 ) -> Node:
     """Force (3), N, of the air on the hub of a rotor that moves against it, m/s.
 
     `air` has the direction (3) in the axes of the hub, drag and inflow, kg, lift, kg/m, radius, m,
-    1 for ground effect, and pairs of advance ratio and factor of the thrust; `driven` are speed,
+    1 for ground effect, and pairs of advance ratio and factor of the thrust; `turning` are speed,
     rad/s, and thrust, N. The ground is at a height of 0, and the hub no lower than half a radius
     (Cheeseman and Bennett, 1955).
     """
     drag, inflow, lift, radius, has_ground, *pairs = air[3:]
-    speed, thrust = absolute(driven[0]), driven[1]  # Whichever way it turns, air resists.
+    speed, thrust = absolute(turning[0]), turning[1]  # Whichever way it turns, air resists.
     columns = [(air[k], join(*(pose[i][k] for i in range(3)))) for k in range(3) if air[k]]
     axis = sum((share * each for share, each in columns[1:]), columns[0][0] * columns[0][1])
     along = dot(axis, moved)

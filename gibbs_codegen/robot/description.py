@@ -181,7 +181,7 @@ class Description:
     def actuator_keys(self) -> tuple[ActuatorKey, ...]:
         """What the states of the actuators belong to: rotors, from 1, links, the battery."""
         robot = self.robot
-        if not robot.has_actuators:
+        if not self.commands:
             return ()
         rotors = [("rotor", k) for k, drive in enumerate(robot.drives, start=1) if drive.lags]
         servos = [(i, robot.links[i - 1].servo) for i in robot.moving]
@@ -294,7 +294,7 @@ class Description:
             "FRAMES": self.frames,
             "BODIES": self.bodies,
         }
-        if self.robot.has_actuators:
+        if self.commands:
             lists["ROTORS"] = lists["INPUTS"][: self.robot.rotors]
             lists["COMMANDS"] = tuple(c.name for c in self.commands)
             lists["ACTUATOR_STATES"] = tuple(c.name for c in self.actuator_states)
@@ -383,7 +383,7 @@ class Description:
                 if rotor.spin_inertia and rotor.speed_per_sqrt_thrust
             },
             "POSTURE": tuple(default_posture(robot).tolist()),
-            **(self._of_actuators() if robot.has_actuators else {}),
+            **(self._of_actuators() if self.commands else {}),
             **({"CONSTRAINT_PLACES": self._constraint_places()} if robot.constraints else {}),
         }
 

@@ -52,7 +52,7 @@ class Robot(Part):
         moved = [self.links[i - 1] for i in self.moving]
         return (
             self.battery is not None
-            or any(rotor.driven or rotor.feels_air for rotor in self.thrusters)
+            or any(rotor.has_drive or rotor.feels_air for rotor in self.thrusters)
             or any(link.servo or link.friction for link in moved)
         )
 

@@ -46,6 +46,15 @@ class LoadedModule(ModuleType):
         raise AttributeError(no_attribute(self.__name__, name, [*vars(self), *FUNCTIONS]))
 
 
+def gravity_of(module: Any, layout: Any, constants: Any) -> Any:
+    """The acceleration of gravity along z (…), m/s², world axes; negative where things fall."""
+    import numpy as np  # Late, since it takes long to import.
+
+    neutral, upwards = np.array(layout.neutral), layout.v.position.start + 2
+    pull = module.gravity_forces(neutral, constants=constants)[..., upwards]
+    return pull / module.mass_matrix(neutral, constants=constants)[..., upwards, upwards]
+
+
 class GeneralFunction:
     """A compiled function for any arguments, taken as the function `like` does.
 

@@ -35,6 +35,9 @@ _WITHOUT = {
     **{"lowest": -math.inf, "highest": math.inf},
 }
 
+# By what is sent: the list of its entries, and what follows it, of all states and of one.
+_SENT = {"command": ("COMMANDS", "x", "x"), "u": ("INPUTS", "thrusts", "thrust")}
+
 
 def rollout_programs(robot: Functions) -> list[Program]:
     """Programs for all that a rollout may have, those of a method one after the other."""
@@ -60,14 +63,14 @@ def rollout_context(
     robot: Functions, programs: Sequence[Program], header: Sequence[str]
 ) -> dict[str, Any]:
     """Values for the templates."""
+    inputs, _, actuated = _SENT[sent(robot)]
     return {
         "header": header,
         "name": robot.name,
-        "driven": robot.driven,
-        "has_thrusts": not robot.driven,
-        "inputs": "COMMANDS" if robot.driven else "INPUTS",
+        "has_drives": robot.driven,
+        "inputs": inputs,
         "states": robot.actuator_states,
-        "actuated": "x" if robot.driven else "thrust",
+        "actuated": actuated,
         "others": [name for name in _inputs(robot, programs) if name not in given(robot, ALL)],
         "source": _source(robot, programs),
     }
@@ -76,14 +79,15 @@ def rollout_context(
 def _source(robot: Functions, programs: Sequence[Program]) -> list[str]:
     """Lines of the source that follow the header's."""
     name, capitals = robot.name, robot.name.upper()
+    _, followers, follower = _SENT[sent(robot)]
     macros = {
         "NQ": f"{capitals}_COORDINATES",
         "NV": f"{capitals}_VELOCITIES",
         "CONSTANTS": f"{capitals}_CONSTANTS",
         "ACTUATORS": "(STATE - NQ - NV)",
         "FIRST_ROWS": sent(robot),
-        "ACTUATED": "x" if robot.driven else "thrusts",
-        "ACTUATED_SAMPLES": "x_samples" if robot.driven else "thrust_samples",
+        "ACTUATED": followers,
+        "ACTUATED_SAMPLES": f"{follower}_samples",
         **{word: f"{capitals}_ROLLOUT_{word}" for word in ("RUNNING", "DIVERGED", "OUT_OF_BOUNDS")},
     }
     return [

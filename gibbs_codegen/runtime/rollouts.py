@@ -32,6 +32,7 @@ from gibbs_codegen.machine.rollout_steps import ALL, Parts, given, rollout_step,
 from gibbs_codegen.machine.steps import METHODS
 from gibbs_codegen.runtime.c_backend import Pool
 from gibbs_codegen.runtime.c_library import Compiler, chosen_compiler
+from gibbs_codegen.runtime.loaded_module import gravity_of
 from gibbs_codegen.runtime.programs import called, library
 from gibbs_codegen.runtime.rollout_source import rollout_files, rollout_programs
 
@@ -340,17 +341,10 @@ def _given(problem: Problem, parts: Parts, xp: Any) -> dict[str, Any]:
         decay = xp.exp(times / xp.where(lag > 0.0, lag, 1.0))
         inputs["lag"] = xp.where(lag > 0.0, decay, 0.0)
     if parts.around.payloads:
-        inputs["gravity"] = _gravity(problem, xp)
+        layout = functions_of(problem.module).layout
+        upwards = gravity_of(problem.module, layout, problem.constants).reshape(-1, 1, 1)
+        inputs["gravity"] = upwards * xp.asarray([0.0, 0.0, 1.0])
     return {name: inputs[name] for name in _inputs(problem.module, parts)}
-
-
-def _gravity(problem: Problem, xp: Any) -> Array:
-    """The acceleration of gravity (1 or n, 1, 3), m/s², world axes."""
-    module, layout = problem.module, functions_of(problem.module).layout
-    neutral, upwards = np.array(layout.neutral), layout.v.position.start + 2
-    pull = module.gravity_forces(neutral, constants=problem.constants)[..., upwards]
-    mass = module.mass_matrix(neutral, constants=problem.constants)[..., upwards, upwards]
-    return (pull / mass).reshape(-1, 1, 1) * xp.asarray([0.0, 0.0, 1.0])
 
 
 @functools.lru_cache(maxsize=64)

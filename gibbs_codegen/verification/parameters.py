@@ -111,7 +111,7 @@ class _Mapping:
                 for i, link in enumerate(robot.links, start=1)
             ),
             thrusters=tuple(
-                self._rotor(rotor_prefix(robot, k), rotor, robot.has_actuators)
+                self._rotor(rotor_prefix(robot, k), rotor, robot)
                 for k, rotor in enumerate(robot.thrusters, start=1)
             ),
             frames=tuple(
@@ -122,9 +122,7 @@ class _Mapping:
             constraints=tuple(map(self._constraint, robot.constraints)),
         )
 
-    def _numbers(
-        self, part: Part, prefix: str, slides: bool = False, driven: bool = False
-    ) -> dict[str, Any]:
+    def _numbers(self, part: Part, prefix: str, **more: Any) -> dict[str, Any]:
         """The changed numbers of a part, by its fields."""
 
         def change(number: Number) -> float:
@@ -135,11 +133,11 @@ class _Mapping:
             dimension = Dimension(*_powers(number.unit), number.keeps_sign, no_zero)
             return self.change(number.name, number.value, dimension)
 
-        return changed_numbers(part, prefix, change, slides, driven)
+        return changed_numbers(part, prefix, change, **more)
 
     def _part(self, prefix: str, part: AnyPart, slides: bool = False) -> AnyPart:
         """A part with the changed numbers."""
-        return replace(part, **self._numbers(part, prefix, slides))
+        return replace(part, **self._numbers(part, prefix, slides=slides))
 
     def _constraint(self, constraint: Constraint) -> Constraint:
         numbers = self._numbers(constraint, constraint_prefix(constraint.name))
@@ -151,11 +149,11 @@ class _Mapping:
             numbers["rpy_deg"] = Fraction(x), Fraction(y), Fraction(z)
         return replace(constraint, **numbers)
 
-    def _rotor(self, prefix: str, rotor: Rotor, driven: bool) -> Rotor:
+    def _rotor(self, prefix: str, rotor: Rotor, robot: Robot) -> Rotor:
         """A placed rotor; only robots that have actuators have the numbers of its drive."""
         numbers = self._numbers(rotor, prefix)
-        if driven:
-            numbers |= self._numbers(rotor, prefix, driven=True)
+        if robot.has_actuators:
+            numbers |= self._numbers(rotor, prefix, marks=rotor.drive_parameters())
         if numbers.get("speed_per_sqrt_thrust") == 0.0:
             del numbers["speed_per_sqrt_thrust"]
         return replace(rotor, **numbers)

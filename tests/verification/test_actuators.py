@@ -8,16 +8,17 @@ from typing import Any
 
 import numpy as np
 import pytest
-import sympy as sp
 from support.actuated import DERIVATIVES, TEXT, actuated, by_rates
 from support.derived import derived
 from support.emitted import NUMPY
 from support.planted_faults import planted
 from support.tools import tool
 
-from gibbs_codegen.derivation import actuators
+from gibbs_codegen.arrays.nodes import absolute, square_root
 from gibbs_codegen.derivation.derive import derive
+from gibbs_codegen.graph import from_program
 from gibbs_codegen.interface.actuators import ACTUATORS
+from gibbs_codegen.machine import battery, friction, motor, servo
 from gibbs_codegen.pipeline import generate_robot
 from gibbs_codegen.robot.file import parse_robot
 from gibbs_codegen.robot.model import Robot
@@ -107,32 +108,38 @@ def test_other_curves_and_servos_and_zeros_that_are_parameters_pass(
 
 
 @pytest.mark.parametrize(
-    ("attribute", "fault", "found"),
+    ("modules", "attribute", "fault", "found"),
     [
-        pytest.param("_within", lambda _, x, *__: x, {"inputs_of", "actuator_rates"}, id="limits"),
-        pytest.param("_SMOOTH", sp.Rational(1, 9), {"inputs_of"}, id="smooth friction"),
         pytest.param(
-            "_root",
-            lambda tape, x: (sp.S.One, tape.let(sp.sqrt(tape.let(sp.sign(x) * x)))),
+            [servo], "_within", lambda x, _: x, {"inputs_of", "actuator_rates"}, id="limits"
+        ),
+        pytest.param([friction], "_SMOOTH", 1.0 / 9.0, {"inputs_of"}, id="smooth friction"),
+        pytest.param(
+            [motor, battery],
+            "positive_root",
+            lambda x: square_root(absolute(x)),
             {"command_of", "actuator_rates"},
             id="too little voltage",
         ),
         pytest.param(
-            "above",
-            lambda tape, x: tape.let(sp.Rational(1, 2) - tape.let(sp.sign(tape.let(x))) / 2),
+            [from_program],
+            "_above",
+            lambda graph, a, b, above=from_program._above: above(graph, b, a),
             {"command_of", "inputs_of", "actuator_rates"},
             id="the wrong side",
         ),
     ],
 )
-def test_a_fault_of_the_derivation_is_found(
+def test_a_fault_of_the_programs_is_found(
+    modules: list[ModuleType],
     attribute: str,
     fault: object,
     found: set[str],
     monkeypatch: pytest.MonkeyPatch,
     expected: Wanted,
 ) -> None:
-    monkeypatch.setattr(actuators, attribute, fault)
+    for module in modules:
+        monkeypatch.setattr(module, attribute, fault)
     text = render_module(derive(actuated(), functions=FEW), "", NUMPY)["numpy_module.py"]
     assert failing(module_of(text), expected) == found
 

@@ -33,7 +33,7 @@ from gibbs_codegen.errors import UsageError
 from gibbs_codegen.flight.analysis.arguments import coordinates, vehicle_of
 from gibbs_codegen.flight.analysis.trim import Trim, null_space
 from gibbs_codegen.flight.arguments import numbers, vector
-from gibbs_codegen.flight.plant.actuators import commands_beyond, has_battery
+from gibbs_codegen.flight.plant.actuators import check_lag, commands_beyond, has_battery
 from gibbs_codegen.flight.plant.allocation import listed
 from gibbs_codegen.flight.plant.environment import surrounding
 from gibbs_codegen.flight.plant.vehicle import Array, Vehicle
@@ -101,7 +101,7 @@ def checked_state(
     if not vehicle.is_driven:
         return OperatingPoint(q, v, u, wrenches)
     if x is None:
-        x = vehicle.actuator_state_of(u) if states else np.zeros(0)
+        x = vehicle.actuator_state_of(u)
     return OperatingPoint(q, v, vehicle.inputs_of(q, v, x, u), wrenches, x, u)
 
 
@@ -201,11 +201,8 @@ def _model(
 def _lag_times(vehicle: Vehicle, time_constants: ArrayLike | None) -> Array:
     """Time constants (rotors), s, 0 where there is no lag, of what callers give."""
     count = vehicle.rotors
-    if vehicle.is_driven and time_constants is not None:
-        raise UsageError(
-            f"time_constants: the robot file of {vehicle.name} says how motors follow commands; "
-            "leave them out"
-        )
+    if time_constants is not None:
+        check_lag(vehicle.module, "time_constants")
     wanted = f"a number or {count} numbers, 0 or more, in s"
     given = 0.0 if time_constants is None else time_constants
     times = numbers("time_constants", given, wanted, (), (count,))

@@ -102,9 +102,8 @@ class Machine:
         self.vehicle, self.servos = self.loop.vehicle, servos
         self.rotors, self.joints = self.vehicle.rotors, self.vehicle.joints
         actuators = self.loop.actuators
-        limits = actuators.thrusts if actuators.commands is None else actuators.commands
         # Rotors that could push backwards as well do not.
-        least, most = np.maximum(limits[:, : self.rotors], [[0.0], [-np.inf]])
+        least, most = np.maximum(actuators.sent[:, : self.rotors], [[0.0], [-np.inf]])
         if missing := self._without(self.vehicle.commands, np.isfinite(least + most)):
             raise UsageError(
                 f"{self.vehicle.name}: {missing}: no greatest thrust is known, of which outputs of "

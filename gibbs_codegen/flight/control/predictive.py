@@ -46,6 +46,7 @@ from gibbs_codegen.flight.control.observation import Observation
 from gibbs_codegen.flight.plant.actuators import (
     Actuators,
     actuators_of,
+    commands_for,
     followed,
     holds,
     module_actuators,
@@ -235,13 +236,12 @@ class Predictive:
         self.vehicle = vehicle
         pulled = bool(np.any(vehicle.damping)) or self._servos
         self._method = self.method or ("trapezoidal" if pulled else "rk4")
-        motors = module_actuators(vehicle)
-        own_limits = self.actuators or motors
+        own_limits = self.actuators or module_actuators(vehicle)
         if isinstance(own_limits, Scenario):
             own_limits = actuators_of(vehicle, own_limits)
         self._limits = own_limits
         # Bounds of commands, where motors and servos are sent such.
-        self._bounds = self._limits.inputs if motors.commands is None else motors.commands
+        self._bounds = self._limits.sent
         if self._method == "trapezoidal" and self.growth != 1.0 and pulled:
             raise UsageError(
                 "predictive: growth must be 1 for a machine with dampers or servos, since one "
@@ -580,7 +580,7 @@ class Predictive:
     def _motors(self) -> tuple[Array, Array]:
         """The state of motors in hover, and their time constants, s."""
         vehicle, count = self.vehicle, self.horizon.motors
-        if not vehicle.is_driven or not count:
+        if not vehicle.actuator_states:
             return self._inputs[:count], self._lag[:count]
         times = vehicle.description("ACTUATOR_TIMES")
         pairs = [times.get(name, _ENDLESS) for name in self._commands_of_states]
@@ -594,7 +594,7 @@ class Predictive:
     @property
     def _followed(self) -> Array:
         """A matrix with 1 where states of motors (rows) follow inputs (columns)."""
-        if not self.vehicle.is_driven:
+        if not self.vehicle.actuator_states:
             return np.eye(self.horizon.motors, len(self._inputs))
         commands = np.array(self.vehicle.commands)
         return np.array([commands == name for name in self._commands_of_states], np.float64)
@@ -899,8 +899,7 @@ def predictive_law(law: Controller, scenario: Scenario, actuators: Actuators) ->
     q, v, _ = reference(times)
     q, still = vehicle.kinematics.normalised(q), np.zeros_like(v)
     forward = law.commanded(times, q, still, still[:, :0], {})[0]
-    if vehicle.is_driven:
-        forward = vehicle.command_of(q, v, np.clip(forward, *actuators.inputs))
+    forward = commands_for(vehicle, q, v, forward, actuators.inputs)
     load = vehicle.inverse_dynamics(q[0], still[0], still[0])
     rest = np.linalg.pinv(vehicle.input_matrix(q[0])) @ load
 

@@ -22,7 +22,7 @@ from gibbs_codegen.flight.control.laws import Controller, Gains
 from gibbs_codegen.flight.control.observation import Measured
 from gibbs_codegen.flight.control.observation import Observation as Observation
 from gibbs_codegen.flight.control.predictive import NoPlanError, predictive_law
-from gibbs_codegen.flight.plant.actuators import Actuators, command_limits
+from gibbs_codegen.flight.plant.actuators import Actuators, command_limits, commands_for
 from gibbs_codegen.flight.plant.allocation import Allocation
 from gibbs_codegen.flight.plant.sensors import Readings, SensorSuite
 from gibbs_codegen.flight.plant.vehicle import Array, Vehicle
@@ -100,7 +100,7 @@ class ZeroOrderHold:
         if not wrong_value and numbers.shape != (len(names),):
             wrong_value = f"an array of shape {numbers.shape}"
         if wrong_value:
-            what = "commands" if self.vehicle.is_driven else "inputs"
+            what = "inputs" if names == self.vehicle.inputs else "commands"
             return f"{wrong_value}, and not {len(names)} {what}: {', '.join(names)}"
         if np.isfinite(numbers).all():
             return ""
@@ -281,8 +281,9 @@ class LawController:
     """
 
     def __init__(self, law: ControlLaw, actuators: Actuators, idles: Idles, rate: float) -> None:
-        self._law, self._limits, self._idles, self._rate = law, actuators.values, idles, rate
-        self._is_driven = actuators.commands is not None
+        self._law, self._idles, self._rate = law, idles, rate
+        self._limits = actuators.values
+        self._of_commands = None if actuators.commands is None else actuators.inputs
         self.reset()
 
     def reset(self) -> None:
@@ -299,13 +300,12 @@ class LawController:
         inputs, growth = self._law.commanded(*seen, self._memory, self._limits, felt)
         if not self._idles(observation.time):
             self._memory = self._memory + growth / self._rate
-        if not self._is_driven:
+        if self._of_commands is None:
             return inputs
-        possible = np.clip(inputs, self._limits["least"], self._limits["most"])
         at = observation.q_desired, observation.v_desired
         if turns_servos(self._law.law):
             at = observation.q, observation.v
-        return self._law.vehicle.command_of(*at, possible)
+        return commands_for(self._law.vehicle, *at, inputs, self._of_commands)
 
 
 class SampledControl(ZeroOrderHold):

@@ -23,7 +23,12 @@ from gibbs_codegen.flight.control.laws import constants_of, evaluator_of, law_pr
 from gibbs_codegen.flight.control.observation import Measured
 from gibbs_codegen.flight.control.sampled_control import ControlLaw, Measure, ZeroOrderHold
 from gibbs_codegen.flight.integration.state_history import NOTHING, Loads, SmoothInterval
-from gibbs_codegen.flight.plant.actuators import Actuators, check_charge, has_battery
+from gibbs_codegen.flight.plant.actuators import (
+    Actuators,
+    check_charge,
+    commands_for,
+    has_battery,
+)
 from gibbs_codegen.flight.plant.environment import Environment
 from gibbs_codegen.flight.plant.sensors import SensorSuite
 from gibbs_codegen.flight.plant.vehicle import Array, Flags, Vehicle
@@ -109,9 +114,7 @@ class ClosedLoop:
     def layout(self) -> StateLayout:
         """The layout of the state."""
         contacts = self.environment.around.contacts if self.environment else ()
-        actuators = len(self.vehicle.actuator_states)
-        if self.lags and not self.vehicle.is_driven:
-            actuators = self.vehicle.rotors
+        actuators = len(self.vehicle.actuator_states) + self.lags * self.vehicle.rotors
         sizes = self.vehicle.layout.q.size, self.vehicle.layout.v.size, 1, actuators
         return StateLayout(*sizes, self.controller.memory, bristles_of(contacts))
 
@@ -137,20 +140,12 @@ class ClosedLoop:
 
     def _settled(self, q: Array, v: Array, wanted: Array, charge: float) -> Array:
         """States (…, size) at time 0, with motors and servos settled at wanted inputs (…, nu)."""
-        wanted = wanted.copy()
-        idles = bool(self.idles(0.0))
-        if idles and not self.vehicle.is_driven:
-            wanted[..., : self.vehicle.rotors] = self.actuators.idling
-        settled = np.clip(wanted, *self.actuators.inputs) if self.limited else wanted
-        settled = settled[..., : self.vehicle.rotors if self.lags else 0]
-        if self.vehicle.is_driven:
-            sent = wanted if self.hold is not None else self.sent(0.0, q, v, wanted)
-            if idles:
-                sent[..., : self.vehicle.rotors] = self.actuators.idling
-            settled = np.zeros((*v.shape[:-1], self.layout.actuators))
-            limits = self.actuators.commands
-            if settled.shape[-1] and limits is not None:
-                settled = self.vehicle.actuator_state_of(np.clip(sent, *limits))
+        sent = (wanted if self.hold is not None else self.sent(0.0, q, v, wanted)).copy()
+        if self.idles(0.0):
+            sent[..., : self.vehicle.rotors] = self.actuators.idling
+        sent = np.clip(sent, *self.actuators.sent)
+        thrusts = sent[..., : self.vehicle.rotors if self.lags else 0]
+        settled = np.concatenate([self.vehicle.actuator_state_of(sent), thrusts], axis=-1)
         if has_battery(self.vehicle):
             settled[..., -1] = charge
         memory = np.zeros((*v.shape[:-1], self.controller.memory))
@@ -163,8 +158,7 @@ class ClosedLoop:
         """Commands (…, nu) of motors and servos for inputs that a law wants at times (…), s."""
         if not turns_servos(self.controller.law):
             q, v, _ = self.controller.reference(time)
-        possible = np.clip(wanted, *self.actuators.inputs)
-        return self.controller.vehicle.command_of(q, v, possible)
+        return commands_for(self.controller.vehicle, q, v, wanted, self.actuators.inputs)
 
     def parts(self, states: Array) -> State[Array]:
         """What states (…, size) consist of, the quaternion made of length 1."""

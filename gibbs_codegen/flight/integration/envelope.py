@@ -409,7 +409,7 @@ def joint_modes(vehicle: Vehicle, q: Array) -> list[Mode]:
 
     M v̇ = −D v − K d, of a displacement d, with commands that are held.
     """
-    if not vehicle.is_driven or not vehicle.joints:
+    if not getattr(vehicle.module, "DRIVE_PARAMETERS", {}):
         return []
     size, joints = vehicle.layout.v.size, vehicle.layout.v.joints
     places = vehicle.rotors + np.arange(vehicle.joints)
@@ -420,7 +420,7 @@ def joint_modes(vehicle: Vehicle, q: Array) -> list[Mode]:
     pushing = 1.0 / (vehicle.command_of(q[0], still, units) - rest)[own]
     viscous = pushing * (vehicle.command_of(q[0], moved, none) - rest)[own]
     stiffness = np.where([holds(vehicle, k) for k in range(vehicle.joints)], pushing, 0.0)
-    x = vehicle.actuator_state_of(rest) if vehicle.actuator_states else np.zeros(0)
+    x = vehicle.actuator_state_of(rest)
     damping = -vehicle.inputs_of(q[0], _AT_REST * moved, x, rest)[own] / _AT_REST
     inverse = np.linalg.inv(vehicle.mass_matrix(q))[..., joints]
     by_joints = np.zeros((2, len(q), size, size))
@@ -445,7 +445,7 @@ def lag_modes(vehicle: Vehicle) -> list[Mode]:
 
     Rates are linear on either side of where a state is to be, whatever the parameters.
     """
-    if not vehicle.is_driven or not vehicle.actuator_states:
+    if not vehicle.actuator_states:
         return []
     still, found = np.zeros(vehicle.layout.v.size), []
     rest = vehicle.command_of(vehicle.neutral, still, np.zeros(len(vehicle.inputs)))

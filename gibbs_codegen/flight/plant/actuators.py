@@ -86,10 +86,14 @@ class Actuators:
         return dict(zip(names, (*self.commands, *self.times), strict=True))
 
     @property
+    def sent(self) -> Array:
+        """Least and greatest (2, nu) of what is sent: commands of motors and servos, or inputs."""
+        return self.inputs if self.commands is None else self.commands
+
+    @property
     def idling(self) -> Array:
         """Thrusts (…, N), N, of motors that do not run, or their commands: the nearest to 0."""
-        limits = self.thrusts if self.commands is None else self.commands
-        least, most = (limits[..., k, : self.thrusts.shape[-1]] for k in range(2))
+        least, most = (self.sent[..., k, : self.thrusts.shape[-1]] for k in range(2))
         found: Array = np.clip(0.0, least, most)
         return found
 
@@ -117,11 +121,7 @@ def actuators_of(vehicle: RobotData, scenario: Scenario) -> Actuators:
     if motors.limits is not None:
         found.thrusts[:] = np.transpose([motors.limits])
     if motors.time_constant is not None:
-        if vehicle.is_driven:
-            raise UsageError(
-                f"motors.time_constant: the file of {vehicle.name} says how its rotors follow "
-                "their commands; leave it out, or vary the parameters of its rotors"
-            )
+        check_lag(vehicle.module, "motors.time_constant")
         found.lag[:] = motors.time_constant
     for name, limits in arm.limits.items():
         found.joints[:, joint_place(vehicle, name, "arm.limits")] = limits
@@ -135,6 +135,20 @@ def actuators_of(vehicle: RobotData, scenario: Scenario) -> Actuators:
                 )
             values[place] = most
     return found
+
+
+def check_lag(module: ModuleType, key: str) -> None:
+    """Raise `UsageError` for a lag of thrusts, by its key, beside that of the robot file."""
+    if getattr(module, "COMMANDS", ()):
+        raise UsageError(
+            f"{key}: the robot file of {module.NAME} says how motors and servos follow commands; "
+            "leave it out: their times are among the parameters, and rollouts begin at x0"
+        )
+
+
+def commands_for(vehicle: Vehicle, q: Array, v: Array, u: Array, limits: Array) -> Array:
+    """What is sent for inputs (…, nu): themselves, or commands for what of them is in limits."""
+    return vehicle.command_of(q, v, np.clip(u, *limits)) if vehicle.is_driven else u
 
 
 def has_servo(vehicle: RobotData, place: int) -> bool:
@@ -188,8 +202,7 @@ def module_actuators(vehicle: RobotData) -> Actuators:
         low, high = _ends(vehicle.description("INPUT_LIMITS").get(name))
         if k < vehicle.rotors:
             found.thrusts[:, k] = low, high
-            if not vehicle.is_driven:
-                found.lag[k] = vehicle.description("TIME_CONSTANTS").get(name, 0.0)
+            found.lag[k] = vehicle.description("TIME_CONSTANTS").get(name, 0.0)
             found.spins[k] = vehicle.description("SPINS").get(name, 0.0)
         else:
             found.efforts[k - vehicle.rotors] = high
@@ -201,6 +214,7 @@ def module_actuators(vehicle: RobotData) -> Actuators:
     times = vehicle.description("ACTUATOR_TIMES")
     return replace(
         found,
+        lag=np.zeros(vehicle.rotors),
         commands=command_limits(vehicle.module),
         times=np.transpose([times.get(name, (0.0, 0.0)) for name in vehicle.commands]),
     )
@@ -249,11 +263,10 @@ def kept_commands(vehicle: Vehicle, q: Array, v: Array, u: Array) -> tuple[Array
     As far as actuators can: `inputs_of` gives the inputs again, and what follows commands rests.
     """
     states, names = vehicle.actuator_states, vehicle.commands
-    wanted, x, small = u, np.zeros(0), _SMALL * np.abs(u).max(initial=1.0)
+    wanted, small = u, _SMALL * np.abs(u).max(initial=1.0)
     for _ in range(_TRIES):
         command = vehicle.command_of(q, v, wanted)
-        if states:
-            x = vehicle.actuator_state_of(command)
+        x = vehicle.actuator_state_of(command)
         acting = vehicle.inputs_of(q, v, x, command)
         missing = np.where(np.abs(u - acting) > small, u - acting, 0.0)
         if not missing.any():

@@ -20,9 +20,11 @@ from gibbs_codegen.flight.plant.kinematics import kinematics_of
 from gibbs_codegen.flight.vectors import Array as Array
 from gibbs_codegen.flight.vectors import Flags as Flags
 from gibbs_codegen.interface import DATA, FUNCTIONS
+from gibbs_codegen.interface.actuators import trivial
 from gibbs_codegen.machine.base import base_of
 from gibbs_codegen.robot.layout import Layout
 from gibbs_codegen.runtime.load import BACKENDS
+from gibbs_codegen.runtime.loaded_module import gravity_of
 
 # Angles, rad, that count as the same.
 _SAME_ANGLE = 1e-9
@@ -155,7 +157,9 @@ class Vehicle(RobotData):
         return self.__dict__.setdefault(name, self.function(name))
 
     def function(self, name: str) -> Callable[..., Array]:
-        """A function of the module, by name, with the constants of the parameters."""
+        """A function of the module, or what stands for it, with the constants of the parameters."""
+        if (entries := trivial(self.module).get(name)) is not None:
+            return lambda *arguments: np.asarray(arguments[-1])[..., entries]
         function: Callable[..., Array] = getattr(self.module, name)
         return function if self.constants is None else partial(function, constants=self.constants)
 
@@ -228,10 +232,8 @@ class Vehicle(RobotData):
     @property
     def gravity(self) -> Array:
         """The acceleration of gravity along z (…), m/s², world axes; negative where things fall."""
-        upwards = self.layout.v.position.start + 2
-        pull = self.gravity_forces(self.neutral)[..., upwards]
-        found: Array = pull / self.mass_matrix(self.neutral)[..., upwards, upwards]
-        return found
+        gravity: Array = gravity_of(self.module, self.layout, self.constants)
+        return gravity
 
 
 @lru_cache(maxsize=64)

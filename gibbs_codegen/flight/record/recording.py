@@ -107,26 +107,22 @@ class Recording:
             "sensor_units": lambda: loop.sensors.units if loop.sensors else (),
             "sensor_frames": lambda: loop.sensors.frames if loop.sensors else (),
             "sensors": self._sensors,
-            **self._driven,
+            **self._of_drives,
         }
 
     @property
-    def _driven(self) -> dict[str, Callable[[], Any]]:
+    def _of_drives(self) -> dict[str, Callable[[], Any]]:
         """Functions for the fields of motors and servos, which are empty for a robot without."""
         vehicle = self.loop.vehicle
-        if not vehicle.is_driven:
-            names = ("command_names", "command_units", "actuator_names")
-            none = partial(np.zeros, (len(self._time), 0))
-            of_nothing = dict.fromkeys(("commands", "actuators", "battery"), none)
-            return {**dict.fromkeys(names, tuple), **of_nothing}
+        units: tuple[str, ...] = getattr(vehicle.module, "COMMAND_UNITS", ())
         return {
-            "command_names": lambda: vehicle.commands,
-            "command_units": lambda: vehicle.description("COMMAND_UNITS"),
+            "command_names": lambda: vehicle.commands[: len(units)],
+            "command_units": lambda: units,
             "actuator_names": lambda: vehicle.actuator_states,
-            "commands": lambda: self._sent[1],
+            "commands": lambda: self._sent[1][:, : len(units)],
             # The step in which a battery runs empty may leave it below that.
             "actuators": lambda: np.maximum(
-                self._parts.actuators,
+                self._parts.actuators[:, : len(vehicle.actuator_states)],
                 np.where(np.array(vehicle.actuator_states) == "charge", 0.0, -np.inf),
             ),
             "battery": self._battery,

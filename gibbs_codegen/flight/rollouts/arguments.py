@@ -13,7 +13,7 @@ import numpy as np
 from gibbs_codegen.emitted.preparation import first_of
 from gibbs_codegen.errors import UsageError, printable, written
 from gibbs_codegen.flight.arguments import numpy_array
-from gibbs_codegen.flight.plant.actuators import command_limits
+from gibbs_codegen.flight.plant.actuators import check_lag, command_limits
 from gibbs_codegen.flight.plant.kinematics import UNIT, unit_quaternions
 from gibbs_codegen.robot.layout import Layout
 from gibbs_codegen.runtime.rollouts import Array, Feedback, Motors
@@ -174,20 +174,11 @@ class RolloutArguments:
 
     def _of_commands(self, limits: Any, refused: Mapping[str, Any]) -> Motors:
         """Limits of commands, else those of the robot file, whose motors have their own lag."""
-        for name, value in refused.items():
-            self._refuse_with_actuators(name, value)
+        for name in [name for name, value in refused.items() if value is not None]:
+            check_lag(self.module, name)
         ends = command_limits(self.module) if limits is None else limits
         least, most = self.range("limits", ends, self.inputs)
         return Motors(least, most, *np.zeros((2, 1, self.rotors)))
-
-    def _refuse_with_actuators(self, name: str, value: Any) -> None:
-        """Refuse what the robot file says itself where it describes actuators."""
-        if self.is_driven and value is not None:
-            raise UsageError(
-                f"{name}: the robot file of {self.module.NAME} says how motors and servos "
-                "follow commands; its times are among the parameters, and x0 is where they "
-                "begin"
-            )
 
     def actuators(self, x0: Any) -> Any:
         """States of the actuators (1 or n, nx), zeros if none are given; None if there are none."""
@@ -207,7 +198,7 @@ class RolloutArguments:
 
     def lag(self, time_constants: Any) -> Any:
         """Time constants of motors (1 or n, rotors), s, as of `rollout`."""
-        self._refuse_with_actuators("time_constants", time_constants)
+        check_lag(self.module, "time_constants")
         lag = self._of_rotors("time_constants", time_constants)
         self._check(lag >= 0.0, "time_constants", "0 or more, in s")
         return lag

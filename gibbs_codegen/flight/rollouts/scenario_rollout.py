@@ -78,8 +78,7 @@ def scenario_rollout(
     steps, real = np.rint(ends / dt).astype(np.int64), REALS[precision]
     q, v = parts.q.astype(real), parts.v.astype(real)
     thrusts = None if thrusts is None else thrusts.astype(real)
-    driven = loop.vehicle.is_driven and parts.actuators.shape[-1] > 0
-    x = parts.actuators.astype(real) if driven else None
+    x = parts.actuators.astype(real) if loop.vehicle.actuator_states else None
     bristles = parts.bristles.astype(real) if parts.bristles.shape[-1] else None
     return Rollout(time, q, v, thrusts, steps, ended.astype(np.int8), x, bristles)
 

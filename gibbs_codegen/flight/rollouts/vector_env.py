@@ -289,8 +289,7 @@ class VectorEnv(gymnasium.vector.VectorEnv[Observations, ArrayLike, Any]):
         self.metadata = {"autoreset_mode": self._mode, "render_modes": []}
         unlimited = ~np.isfinite(self._limits).all(axis=0)
         if normalised and unlimited.any():
-            sent = self._vehicle.module.COMMANDS if self._driven else self._vehicle.inputs
-            names = ", ".join(np.array(sent)[unlimited])
+            names = ", ".join(np.array(self._vehicle.commands)[unlimited])
             raise UsageError(
                 f"limits: {names}: without limits, so that actions between -1 and 1 mean nothing; "
                 "give limits=(least, most), or normalised=False"

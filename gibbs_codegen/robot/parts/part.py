@@ -10,10 +10,10 @@ be computed with: those that verification compares, and imported ones before the
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import MISSING, Field, dataclass, field, fields
 from functools import cache, partial
-from typing import Any, NamedTuple, TypeVar, get_type_hints
+from typing import Any, ClassVar, NamedTuple, TypeVar, get_type_hints
 
 from pydantic.fields import FieldInfo
 
@@ -30,8 +30,8 @@ class Parameter:
     `ends` are those of the names of several numbers, which are counted from 1 without it; `name`
     stands for the key in names. `keeps_sign` and `no_zero` are what other robots are bound to in
     which the number varies: others are divided by what is no zero, or have no derivative there.
-    `driven` numbers are those that only robots with actuators have. `missing` is the value of a
-    field that is None, and `each` tells of several numbers that are not alike.
+    `missing` is the value of a field that is None, and `each` tells of several numbers that are not
+    alike.
     """
 
     unit: str
@@ -39,7 +39,6 @@ class Parameter:
     name: str | None = None
     keeps_sign: bool = False
     no_zero: bool = False
-    driven: bool = False
     missing: float | None = None
     each: tuple[Parameter, ...] = ()
 
@@ -99,13 +98,17 @@ def again(kind: type[Part], name: str, **more: Any) -> Any:
 class Part(Table):
     """A part of a robot."""
 
+    # Fields that are parameters only beside drives of a robot.
+    of_drive: ClassVar[tuple[str, ...]] = ()
+
     @classmethod
     def _fields(cls) -> dict[str, FieldInfo]:
         return _declared(cls)
 
     def parameters(self) -> dict[str, Parameter]:
         """What can be parameters, by fields, of those that count for what the part is."""
-        return {**_parameters_of(type(self))}
+        marks = parameters_of(type(self))
+        return {key: mark for key, mark in marks.items() if key not in self.of_drive}
 
 
 def _fields_of_kind(kind: type[Part]) -> dict[str, FieldInfo]:
@@ -121,7 +124,7 @@ def _parameters_of_kind(kind: type[Part]) -> dict[str, Parameter]:
 
 
 _declared: Callable[[Any], dict[str, FieldInfo]] = cache(_fields_of_kind)
-_parameters_of: Callable[[Any], dict[str, Parameter]] = cache(_parameters_of_kind)
+parameters_of: Callable[[Any], dict[str, Parameter]] = cache(_parameters_of_kind)
 
 
 def changed_numbers(
@@ -129,12 +132,12 @@ def changed_numbers(
     prefix: str,
     change: Callable[[Number], Any],
     slides: bool = False,
-    driven: bool = False,
+    marks: Mapping[str, Parameter] | None = None,
 ) -> dict[str, Any]:
     """What a change makes of the numbers of a part that can be parameters, by their fields.
 
-    Names begin with the prefix. `slides` tells which of two units it is, `driven` whether the
-    numbers are asked for that only robots with actuators have, or all others.
+    Names begin with the prefix. `slides` tells which of two units it is, `marks` which numbers, if
+    not those of `Part.parameters`.
     """
     by_name: dict[str, Any] = {}
 
@@ -146,16 +149,15 @@ def changed_numbers(
         return by_name[name]
 
     by_key: dict[str, Any] = {}
-    for key, mark in part.parameters().items():
+    for key, mark in (part.parameters() if marks is None else marks).items():
         value = getattr(part, key)
         value = mark.missing if value is None else value
-        if value is None or mark.driven != driven:
+        if value is None:
             continue
         name = _joined(prefix, key if mark.name is None else mark.name)
         if isinstance(value, tuple):
             ends = mark.ends or map(str, range(1, len(value) + 1))
-            marks = mark.each or (mark,) * len(value)
-            entries = zip(ends, value, marks, strict=True)
+            entries = zip(ends, value, mark.each or (mark,) * len(value), strict=True)
             by_key[key] = tuple(changed(key, _joined(name, end), x, of) for end, x, of in entries)
         else:
             by_key[key] = changed(key, name, value, mark)
@@ -191,11 +193,11 @@ def taken(kind: type[AnyPart], part: Part) -> AnyPart:
 
 
 def parameter_ends(*kinds: type[Part]) -> tuple[str, ...]:
-    """How names of parameters of parts of some kinds may end, but for those that are driven."""
+    """How names of parameters of parts of some kinds may end, but for those of drives."""
     return tuple(
         _joined(key if mark.name is None else mark.name, end)
         for kind in kinds
-        for key, mark in _parameters_of(kind).items()
+        for key, mark in parameters_of(kind).items()
+        if key not in kind.of_drive
         for end in mark.ends or ("",)
-        if not mark.driven
     )

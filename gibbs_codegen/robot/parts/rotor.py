@@ -27,7 +27,7 @@ from gibbs_codegen.robot.parts.numbers import (
     Vector3,
     cos_sin,
 )
-from gibbs_codegen.robot.parts.part import Parameter, Part, entry, number, sized
+from gibbs_codegen.robot.parts.part import Parameter, Part, entry, number, parameters_of, sized
 from gibbs_codegen.robot.parts.pose import CARRIER, BodyNumber
 
 Command = Literal["thrust", "speed", "throttle"]
@@ -110,11 +110,6 @@ _DRIVEN = (*_CURVES, "thrust_model_factor", "command_limits", "full_speed")
 # Keys of rotors that are commanded throttles, and those that need the speed of the rotor.
 _OF_THROTTLES = ("max_thrust", "full_speed")
 _BY_SPEED = ("hub_drag", "inflow", "thrust_by_advance")
-# Parameters that depend on the command.
-_BY_COMMAND = (
-    *("thrust_curve", "full_speed", "speed_per_sqrt_thrust"),
-    *("time_constant", "time_constants"),
-)
 # What the air does to a rotor besides its thrust in still air; by the disc's radius alone nothing.
 AIR_KEYS = (
     *("hub_drag", "inflow", "translational_lift", "disc_radius", "ground_effect"),
@@ -139,6 +134,10 @@ class Rotor(Part):
             "direction": {"properties": dict.fromkeys(LEAN_KEYS, False)},
         },
     }
+    of_drive: ClassVar[tuple[str, ...]] = (
+        *("thrust_curve", "full_speed", "speed_per_sqrt_thrust"),
+        *("time_constant", "time_constants"),
+    )
     synonyms: ClassVar[Mapping[str, str]] = {
         "xyz": "position",
         "motorConstant": "thrust_constant",
@@ -180,7 +179,7 @@ class Rotor(Part):
         "least and greatest thrust, for simulators and controllers, N; default: none"
     )
     time_constant: NotNegative | None = sized(
-        "time constant of its thrust, for simulators, {s}; default: none", driven=True
+        "time constant of its thrust, for simulators, {s}; default: none"
     )
     spin_inertia: NotNegative | None = entry(
         "moment of inertia of what spins with it, about its axis, for gyroscopic torques in "
@@ -189,7 +188,6 @@ class Rotor(Part):
     speed_per_sqrt_thrust: NotNegative | None = sized(
         "its speed by the square root of its thrust, for simulators, (rad/s)/sqrt(N); default: "
         "none",
-        driven=True,
         missing=0.0,
         unit="rad/s/N^0.5",
     )
@@ -200,7 +198,6 @@ class Rotor(Part):
         "thrust by speed or throttle: [k0, k1, k2] of k0 + k1 x + k2 x², {N}",
         name="thrust",
         ends=("0", "1", "2"),
-        driven=True,
     )
     thrust_constant: Positive | None = entry(
         "thrust by the square of the speed, N/(rad/s)²; instead of a thrust_curve"
@@ -213,13 +210,10 @@ class Rotor(Part):
     command_limits: Range | None = entry(
         "least and greatest speed or throttle; default: none for speeds, [0, 1] for throttles"
     )
-    full_speed: Positive | None = sized(
-        "speed at a throttle of 1, {rad/s}; default: unknown", driven=True
-    )
+    full_speed: Positive | None = sized("speed at a throttle of 1, {rad/s}; default: unknown")
     time_constants: Annotated[tuple[Positive, Positive], listed(2)] | None = sized(
         "time constants with which it speeds up and slows down, {s}; instead of time_constant",
         name="time",
-        driven=True,
     )
     hub_drag: NotNegative = entry(
         "drag against the motion of its hub across its direction, by speed and air speed, kg", 0.0
@@ -289,10 +283,9 @@ class Rotor(Part):
                 "command_limits that end there or before",
             )
 
-    def parameters(self) -> dict[str, Parameter]:
-        """What plays a part for its command, of what can be parameters."""
-        marks, drive = super().parameters(), self.drive
-        keys = [key for key in marks if key not in _BY_COMMAND]
+    def drive_parameters(self) -> dict[str, Parameter]:
+        """What can be parameters of what it makes of its command."""
+        marks, drive, keys = parameters_of(type(self)), self.drive, []
         if drive.command != "thrust":
             keys.append("thrust_curve")
             per, power = ("N/(rad/s)", "^2") if drive.command == "speed" else ("N", "")
@@ -315,7 +308,7 @@ class Rotor(Part):
         return {key: marks[key] for key in keys}
 
     @property
-    def driven(self) -> bool:
+    def has_drive(self) -> bool:
         """Whether it makes more of its command than its thrust with one lag or none."""
         return self.command != "thrust" or self.time_constants is not None
 
@@ -352,7 +345,7 @@ class Rotor(Part):
             keys |= {key: _FORMS[key] for key in (*POLAR_KEYS, *LEAN_KEYS)}
         if self.command != "thrust":
             keys |= {"thrust_curve": self.drive.curve, "command_limits": self.drive.limits}
-        if self.driven and self.spin_inertia and not self.speed_per_sqrt_thrust:
+        if self.has_drive and self.spin_inertia and not self.speed_per_sqrt_thrust:
             keys["speed_per_sqrt_thrust"] = self.drive.speed_per_sqrt_thrust
         if not self.feels_air:
             keys["disc_radius"] = None
@@ -390,12 +383,12 @@ def _drive_faults(values: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
     if command not in COMMANDS:
         return
     curves = [key for key in _CURVES if key in values]
-    if command == "thrust" and (driven := [key for key in _DRIVEN if key in values]):
+    if command == "thrust" and (others := [key for key in _DRIVEN if key in values]):
         right = '"speed"' if "thrust_constant" in curves else '"speed" or "throttle"'
-        if {*_OF_THROTTLES, "thrust_model_factor"} & {*driven}:
+        if {*_OF_THROTTLES, "thrust_model_factor"} & {*others}:
             right = '"throttle"'
         words = "must be" if "command" in values else "missing: give"
-        yield "command", f"{words} {right}; thrusts are commanded without {', '.join(driven)}"
+        yield "command", f"{words} {right}; thrusts are commanded without {', '.join(others)}"
     elif command != "thrust" and "limits" in values:
         yield "limits", f"are limits of a thrust: give command_limits, those of the {command}"
     if command != "thrust" and len(curves) != 1:
