@@ -39,7 +39,8 @@ from peers.contender import TASKS, Contender, States, packed  # noqa: E402
 from peers.peers import STATES, check, contenders, random_states  # noqa: E402
 from peers.timing import Timer, timer  # noqa: E402
 
-from gibbs_codegen.figures.style import COLOURS, style  # noqa: E402
+from gibbs_codegen.figures.appearance import COLOURS  # noqa: E402
+from gibbs_codegen.figures.style import style  # noqa: E402
 from gibbs_codegen.robot.model import Robot  # noqa: E402
 
 ROUNDS = 60

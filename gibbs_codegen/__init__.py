@@ -41,9 +41,6 @@ if TYPE_CHECKING:
     from gibbs_codegen.flight.analysis.linear_model import linearise as linearise
     from gibbs_codegen.flight.analysis.linear_model import lqr as lqr
     from gibbs_codegen.flight.analysis.reachable_wrenches import (
-        ReachableWrenches as ReachableWrenches,
-    )
-    from gibbs_codegen.flight.analysis.reachable_wrenches import (
         reachable_wrenches as reachable_wrenches,
     )
     from gibbs_codegen.flight.analysis.trim import Trim as Trim
@@ -83,6 +80,7 @@ if TYPE_CHECKING:
     from gibbs_codegen.robot.family import paper_family as paper_family
     from gibbs_codegen.robot.file import parse_robot as parse_robot
     from gibbs_codegen.robot.file import read_robot as read_robot
+    from gibbs_codegen.robot.reach import ReachableWrenches as ReachableWrenches
     from gibbs_codegen.runtime.load import load as load
     from gibbs_codegen.runtime.program_blocks import compile_program as compile_program
     from gibbs_codegen.runtime.rollouts import Feedback as Feedback
@@ -101,7 +99,7 @@ _MODULES = {
     "figures.coupling": ("coupling_figure", "hybrid_pattern_figure"),
     "figures.machine": ("machine_figure",),
     "flight.analysis.linear_model": ("Regulator", "linearise", "lqr"),
-    "flight.analysis.reachable_wrenches": ("ReachableWrenches", "reachable_wrenches"),
+    "flight.analysis.reachable_wrenches": ("reachable_wrenches",),
     "flight.analysis.trim": ("Trim", "trim"),
     "flight.control.observation": ("Observation",),
     "flight.control.predictive": ("Instant", "NoPlanError", "Predictive", "Tolerances"),
@@ -124,6 +122,7 @@ _MODULES = {
     "robot.builder": ("RobotFile",),
     "robot.family": ("paper_family",),
     "robot.file": ("parse_robot", "read_robot"),
+    "robot.reach": ("ReachableWrenches",),
     "runtime.load": ("load",),
     "runtime.program_blocks": ("compile_program",),
     "runtime.rollouts": ("Feedback", "Rollout"),

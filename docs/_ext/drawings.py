@@ -20,6 +20,7 @@ from sketches import (
     spot,
 )
 
+from gibbs_codegen.figures.appearance import COLOURS, DARK, seen_from
 from gibbs_codegen.figures.marks import (
     CONSTRAINT,
     QUIET,
@@ -32,8 +33,7 @@ from gibbs_codegen.figures.marks import (
     draw_name,
     draw_thrust,
 )
-from gibbs_codegen.figures.scene import seen_from
-from gibbs_codegen.figures.style import COLOURS, DARK, style
+from gibbs_codegen.figures.style import style
 from gibbs_codegen.robot.placement import Array, turn
 
 # As wide as a page on a phone; inches.

@@ -9,6 +9,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from gibbs_codegen.figures.appearance import COLOURS, DARK, seen_from
 from gibbs_codegen.figures.marks import (
     CONSTRAINT,
     QUIET,
@@ -21,8 +22,7 @@ from gibbs_codegen.figures.marks import (
     draw_joint,
     draw_name,
 )
-from gibbs_codegen.figures.scene import seen_from
-from gibbs_codegen.figures.style import COLOURS, DARK, FULL, style
+from gibbs_codegen.figures.style import FULL, style
 from gibbs_codegen.robot.placement import Array, turn
 
 PLACE, _MOTION = COLOURS[1], COLOURS[6]

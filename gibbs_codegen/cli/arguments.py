@@ -212,8 +212,12 @@ def _add_generate_arguments(parser: Parser) -> None:
 def _add_info_arguments(parser: Parser) -> None:
     _add_robot(parser)
     _add_json(parser)
-    also = "of a module, those that it has are counted, too"
-    _add_choice(parser, f"count the operations of {{which}}; {also}")
+    parser.flag(
+        "--operations",
+        "also derive the equations: rows of the hybrid system, which chain fills its entries, and "
+        "the operations of each function, of a module those that it has",
+    )
+    _add_choice(parser, "as --operations, and count those of {which}")
 
 
 def _add_show_arguments(parser: Parser) -> None:

@@ -1,4 +1,4 @@
-"""`info`: a robot's base, chains, coordinates, motors and operation counts."""
+"""`info`: a robot's base, chains, coordinates and motors, and what its functions cost."""
 
 from __future__ import annotations
 
@@ -15,8 +15,6 @@ from rich.text import Text
 
 from gibbs_codegen.cli import robot_argument, terminal
 from gibbs_codegen.cli.terminal import plain_table, print_table
-from gibbs_codegen.program.model import Model
-from gibbs_codegen.program.nodes import Number, count_operations
 from gibbs_codegen.robot.balance import (
     Hover,
     arrangement,
@@ -32,7 +30,7 @@ from gibbs_codegen.robot.balance import (
     wrench_matrix,
 )
 from gibbs_codegen.robot.chains import coupling_map, decompose
-from gibbs_codegen.robot.description import Coordinate
+from gibbs_codegen.robot.description import Coordinate, Description
 from gibbs_codegen.robot.layout import QUATERNION, frames_of, joint_terms
 from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.robot.names import coordinate_of, link_label, rotor_label
@@ -43,7 +41,8 @@ from gibbs_codegen.robot.posture import base_properties, whole_properties
 from gibbs_codegen.robot.wrenches import DIRECTIONS
 
 if TYPE_CHECKING:
-    from gibbs_codegen.flight.analysis.reachable_wrenches import ReachableWrenches
+    from gibbs_codegen.program.model import Model
+    from gibbs_codegen.robot.reach import ReachableWrenches
 
 # The first rotors are listed where there are more; --json has them all.
 _MOST_LISTED = 16
@@ -52,19 +51,16 @@ _MOST_LISTED = 16
 def run(options: argparse.Namespace) -> int:
     """Print what there is to say of the robot."""
     robot, _ = robot_argument.chosen_robot(options)
-    from gibbs_codegen.derivation.derive import derive  # It imports SymPy.
-
-    functions = ["default", *(options.functions or robot_argument.functions_of(options.robot))]
-    with terminal.progress() as progress:
-        model = derive(
-            robot, progress=progress, derivatives=options.derivatives or False, functions=functions
-        )
-
+    description = Description(robot)
+    data = _facts(description)
+    if options.operations or options.functions or options.derivatives:
+        data |= _derived_facts(robot, options)
     if options.json:
-        data = _facts(model) | {"hybrid_pattern": _pattern(robot)}
         print(json.dumps(data, indent=2))
     else:
-        _print_report(model, Console(width=terminal.width(elsewhere=100), highlight=False))
+        _print_report(
+            description, data, Console(width=terminal.width(elsewhere=100), highlight=False)
+        )
     return 0
 
 
@@ -134,12 +130,8 @@ def _reach(robot: Robot, balance: Hover) -> ReachableWrenches | None:
     limits = [bounds for drive in robot.drives if (bounds := drive.thrust_limits)]
     if not limits or len(limits) < robot.rotors or balance.thrusts is None:
         return None
-    # With `flight` and SciPy, which robots without limits do without.
-    from gibbs_codegen.flight.analysis.reachable_wrenches import (
-        CENTRE_OF_MASS,
-        ReachableWrenches,
-        about,
-    )
+    # Late, as robots without limits do without.
+    from gibbs_codegen.robot.reach import CENTRE_OF_MASS, ReachableWrenches, about
 
     columns = about(wrench_matrix(robot), np.array(whole_properties(robot).com))
     thrusts = np.array(balance.thrusts)
@@ -169,7 +161,7 @@ def _print_machine(robot: Robot, data: dict[str, Any], console: Console) -> None
     balance = replace(hover(robot, margin=False), margin=data["machine"]["thrust_margin"])
     lines = hover_lines(robot, balance)
     if margins := data["machine"]["wrench_margins"]:
-        from gibbs_codegen.flight.analysis.reachable_wrenches import CENTRE_OF_MASS, margin_lines
+        from gibbs_codegen.robot.reach import CENTRE_OF_MASS, margin_lines
 
         lines += margin_lines([*margins.values()], CENTRE_OF_MASS)
     for line in lines:
@@ -279,20 +271,10 @@ def _range(bounds: Sequence[float | None], unit: str) -> str:
     return f"±{high:.3g} {unit}" if low == -high else f"{low:.3g} … {high:.3g} {unit}"
 
 
-def _facts(model: Model) -> dict[str, Any]:
-    """All but the pattern of the hybrid system, which takes long for very many rotors."""
-    robot, motors, hint = model.robot, arrangement(model.robot), tilt_hint(model.robot)
-    (output,) = model.program.function("hybrid_input_matrix").outputs
-    width = output.shape[1]
-    names = [c.name for c in model.description.inputs]
-    chains = list(zip(decompose(robot), coupling_map(robot), strict=True))
-    # For each row of the hybrid system: its unknown, the chains that add there, its inputs.
-    rows = []
-    for place, unknown in enumerate(model.description.hybrid_coordinates):
-        adding = [chain.number for chain, places in chains if place in places]
-        entries = output.entries[place * width : (place + 1) * width]
-        acting = [n for n, e in zip(names, entries, strict=True) if e != Number(0.0)]
-        rows.append({"row": place - 1, "unknown": unknown.name, "chains": adding, "inputs": acting})
+def _facts(description: Description) -> dict[str, Any]:
+    """All that needs no derivation."""
+    robot = description.robot
+    motors, hint = arrangement(robot), tilt_hint(robot)
     return {
         "name": robot.name,
         "rotors": robot.rotors,
@@ -304,12 +286,11 @@ def _facts(model: Model) -> dict[str, Any]:
             asdict(chain)
             | {"massive": chain.massive, "constrained": chain.is_constrained}
             | {"places": list(places)}
-            for chain, places in chains
+            for chain, places in zip(decompose(robot), coupling_map(robot), strict=True)
         ],
-        "coordinates": [asdict(c) for c in model.description.coordinates],
-        "velocities": [asdict(c) for c in model.description.velocities],
-        "inputs": [asdict(c) for c in model.description.inputs],
-        "hybrid_rows": rows,
+        "coordinates": [asdict(c) for c in description.coordinates],
+        "velocities": [asdict(c) for c in description.velocities],
+        "inputs": [asdict(c) for c in description.inputs],
         "arrangement": {
             "rank": motors.rank,
             "condition": motors.condition if motors.rank == 6 else None,
@@ -318,24 +299,50 @@ def _facts(model: Model) -> dict[str, Any]:
             "ranks_in_motion": ranks_in_motion(robot),
             "tilt_hint": asdict(hint) | {"text": hint.text()} if hint else None,
         },
+    }
+
+
+def _derived_facts(robot: Robot, options: argparse.Namespace) -> dict[str, Any]:
+    """Rows of the hybrid system, the chains that add to each entry of I_H, operations."""
+    from gibbs_codegen.derivation.derive import derive  # It imports SymPy.
+    from gibbs_codegen.derivation.hybrid import filled_matrix
+    from gibbs_codegen.program.nodes import count_operations
+
+    functions = ["default", *(options.functions or robot_argument.functions_of(options.robot))]
+    with terminal.progress() as progress:
+        model = derive(
+            robot, progress=progress, derivatives=options.derivatives or False, functions=functions
+        )
+    return {
+        "hybrid_rows": _hybrid_rows(model),
         "operations": {
             function.name: {"total": counts.total, **asdict(counts)}
             for function in model.program.functions
             for counts in [count_operations(function.nodes())]
         },
+        "hybrid_pattern": [[list(chains) for chains in row] for row in filled_matrix(robot)],
     }
 
 
-def _pattern(robot: Robot) -> list[list[list[int]]]:
-    """For each entry of I_H, the chains that add to it (Figs. 6–9)."""
-    from gibbs_codegen.derivation.hybrid import filled_matrix  # It imports SymPy.
+def _hybrid_rows(model: Model) -> list[dict[str, Any]]:
+    """For each row of the hybrid system: its unknown, the chains that add there, its inputs."""
+    from gibbs_codegen.program.nodes import Number
 
-    return [[list(chains) for chains in row] for row in filled_matrix(robot)]
+    (output,) = model.program.function("hybrid_input_matrix").outputs
+    width, maps = output.shape[1], coupling_map(model.robot)
+    names = [c.name for c in model.description.inputs]
+    rows = []
+    for place, unknown in enumerate(model.description.hybrid_coordinates):
+        adding = [number for number, places in enumerate(maps, start=1) if place in places]
+        entries = output.entries[place * width : (place + 1) * width]
+        acting = [n for n, e in zip(names, entries, strict=True) if e != Number(0.0)]
+        rows.append({"row": place - 1, "unknown": unknown.name, "chains": adding, "inputs": acting})
+    return rows
 
 
-def _print_report(model: Model, console: Console) -> None:
-    """Print the report of a derived robot in a readable layout."""
-    data, robot = _facts(model), model.robot
+def _print_report(description: Description, data: dict[str, Any], console: Console) -> None:
+    """Print the report of a robot in a readable layout."""
+    robot = description.robot
     console.print(
         f"[bold]{data['name']}[/bold]: {data['rotors']} rotors, {data['links']} links, "
         f"{data['mass']:.6g} kg, attitude {data['attitude']}, origin {data['origin']}"
@@ -346,10 +353,12 @@ def _print_report(model: Model, console: Console) -> None:
     hybrid = bool(robot.links or robot.base.rotors)
     if hybrid:
         print_table(_chain_table(robot, data), console)
-    print_table(_coordinate_table("Coordinates q", model.description.coordinates), console)
+    print_table(_coordinate_table("Coordinates q", description.coordinates), console)
     if robot.base.attitude == QUATERNION:
-        print_table(_coordinate_table("Velocities v", model.description.velocities), console)
-    print_table(_coordinate_table("Inputs u", model.description.inputs), console)
+        print_table(_coordinate_table("Velocities v", description.velocities), console)
+    print_table(_coordinate_table("Inputs u", description.inputs), console)
+    if "operations" not in data:
+        return
     if hybrid:
         title = "\nRows of the hybrid system (eq. 18)"
         table = plain_table(
@@ -364,7 +373,7 @@ def _print_report(model: Model, console: Console) -> None:
             cells = (row["unknown"], _ranges(row["chains"]), ", ".join(acting) or "-")
             table.add_row(str(row["row"]), *cells)
         print_table(table, console)
-        _print_pattern(robot, data, console)
+        _print_pattern(data, console)
     names = ("function", "total", "+", "−", "×", "÷", "√", "sin–cos", "atan2")
     rows = [[name, *map(str, counts.values())] for name, counts in data["operations"].items()]
     table = plain_table("\nOperations per call", *names, rows=rows)
@@ -422,7 +431,7 @@ def _ranges(numbers: Sequence[int]) -> str:
     return ", ".join(map(str, numbers))
 
 
-def _print_pattern(robot: Robot, data: dict[str, Any], console: Console) -> None:
+def _print_pattern(data: dict[str, Any], console: Console) -> None:
     """Print I_H as a picture: the chain that fills an entry, Σ for several, · for none."""
     unknowns, width = data["hybrid_rows"], len(str(len(data["chains"])))
     room = max(13, *(len(row["unknown"]) for row in unknowns))
@@ -431,7 +440,7 @@ def _print_pattern(robot: Robot, data: dict[str, Any], console: Console) -> None
         console.print(f"\nHybrid matrix: wider than {console.width} columns; --json shows it")
         return
     lines = ["\nHybrid matrix: which chain fills an entry (Σ: several, ·: none in any posture)"]
-    for row, entries in zip(unknowns, _pattern(robot), strict=True):
+    for row, entries in zip(unknowns, data["hybrid_pattern"], strict=True):
         marks = []
         for chains in entries:
             mark = "·" if not chains else str(chains[0]) if len(chains) == 1 else "Σ"

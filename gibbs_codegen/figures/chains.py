@@ -16,7 +16,8 @@ from matplotlib.patheffects import withStroke
 
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.figures import marks
-from gibbs_codegen.figures.style import DARK, FULL, GOLD, style
+from gibbs_codegen.figures.appearance import DARK, GOLD
+from gibbs_codegen.figures.style import FULL, style
 from gibbs_codegen.robot.chains import Chain, decompose
 from gibbs_codegen.robot.layout import QUATERNION, has_default_tip
 from gibbs_codegen.robot.model import Robot

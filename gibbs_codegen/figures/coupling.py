@@ -22,8 +22,9 @@ from gibbs_codegen.derivation.hybrid import Filling, filled_entries
 from gibbs_codegen.equations.chain_names import hybrid_names
 from gibbs_codegen.equations.show import chain_equation
 from gibbs_codegen.equations.typeset import Name, accelerated
+from gibbs_codegen.figures.appearance import COLOURS, DARK
 from gibbs_codegen.figures.marks import short_name
-from gibbs_codegen.figures.style import COLOURS, DARK, style
+from gibbs_codegen.figures.style import style
 from gibbs_codegen.robot.chains import Chain, decompose
 from gibbs_codegen.robot.description import Description
 from gibbs_codegen.robot.layout import layout_of

@@ -15,9 +15,10 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from gibbs_codegen.figures import marks
-from gibbs_codegen.figures.robot_artists import RobotArtists, Shapes, disc_corners, disc_radius
-from gibbs_codegen.figures.scene import VIEW, PlacedNames, fit, project, set_scene
-from gibbs_codegen.figures.style import DARK, FULL, GOLD, lay_out, style
+from gibbs_codegen.figures.appearance import DARK, GOLD, VIEW, disc_corners, disc_radius
+from gibbs_codegen.figures.robot_artists import RobotArtists, Shapes
+from gibbs_codegen.figures.scene import PlacedNames, fit, project, set_scene
+from gibbs_codegen.figures.style import FULL, lay_out, style
 from gibbs_codegen.robot.chains import decompose
 from gibbs_codegen.robot.layout import layout_of
 from gibbs_codegen.robot.model import Robot

@@ -15,7 +15,7 @@ from matplotlib.patches import FancyArrowPatch
 from matplotlib.patheffects import withStroke
 from matplotlib.text import Annotation
 
-from gibbs_codegen.figures.style import COLOURS, DARK, GOLD
+from gibbs_codegen.figures.appearance import COLOURS, DARK, GOLD
 from gibbs_codegen.robot.placement import Array
 
 X_AXIS, CONSTRAINT, Z_AXIS, THRUST = COLOURS[:4]

@@ -14,14 +14,11 @@ import numpy as np
 from matplotlib.patheffects import withStroke
 from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
-from gibbs_codegen.figures.style import COLOURS, DARK, GOLD
+from gibbs_codegen.figures.appearance import COLOURS, DARK, GOLD
 from gibbs_codegen.robot.placement import Array
 
 _DISC_COLOUR = COLOURS[4]
 _ROBOT_LEVEL = 10
-_DISC_CORNERS = 24
-# As a share of the distance between motors: discs in one plane would touch at half of it.
-_DISC_SHARE = 0.35
 
 
 @dataclass(frozen=True)
@@ -107,30 +104,3 @@ def _one_line(lines: Sequence[Array]) -> Array:
     for line in lines:
         parts += [line, np.full((1, 3), np.nan)]
     return np.concatenate(parts[:-1] if len(parts) > 1 else parts)
-
-
-def disc_corners(normals: Array, radius: float) -> Array:
-    """Corners (N, c, 3) of discs about the origin, normal to unit vectors (N, 3); radius in m."""
-    # Any direction that is not along the normal gives the first of two that span the disc.
-    axes = np.eye(3)[np.abs(normals).argmin(axis=1)]
-    first = np.cross(normals, axes)
-    first /= np.linalg.norm(first, axis=1, keepdims=True)
-    second = np.cross(normals, first)
-    angle = np.linspace(0.0, 2.0 * np.pi, _DISC_CORNERS, endpoint=False)[:, np.newaxis]
-    circle = np.cos(angle) * first[:, np.newaxis] + np.sin(angle) * second[:, np.newaxis]
-    return radius * circle
-
-
-def disc_radius(motors: Array, normals: Array, arms: Array) -> float:
-    """Radius, m, of discs, so that no two touch unless one is above the other.
-
-    `motors` (N, 3), m, are their centres, `normals` (N, 3) unit vectors, and `arms` the lengths of
-    the spokes to them, m.
-    """
-    apart = motors[:, np.newaxis] - motors
-    distance = np.linalg.norm(apart, axis=2)
-    along = np.abs(np.einsum("ijk,ik->ij", apart, normals))
-    # Each of two coaxial rotors is on the other's axis.
-    beside = distance[along < 0.95 * distance]
-    sizes = [*beside, *arms[arms > 0.2 * arms.max(initial=0.0)]]
-    return _DISC_SHARE * float(min(sizes, default=1.0))

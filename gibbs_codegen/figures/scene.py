@@ -11,12 +11,10 @@ import numpy as np
 from matplotlib.text import Annotation, Text
 from matplotlib.ticker import MaxNLocator, MultipleLocator, NullFormatter
 
+from gibbs_codegen.figures.appearance import DARK, VIEW, seen_from
 from gibbs_codegen.figures.marks import ABOVE_ALL, QUIET, draw_name
-from gibbs_codegen.figures.style import DARK
 from gibbs_codegen.robot.placement import Array
 
-# Elevation above the horizon and azimuth from which a robot looks like one, degrees.
-VIEW = (22.0, -62.0)
 _METRES = ("$x$ (m)", "$y$ (m)", "$z$ (m)")
 
 
@@ -110,17 +108,6 @@ def extent(box: tuple[Array, Array], view: tuple[float, float]) -> Array:
     """Width and height (2) of a box as it is seen at elevation and azimuth, degrees."""
     corners = np.array(list(itertools.product(*np.transpose(box))))
     return np.ptp(corners @ seen_from(view)[:2].T, axis=0)
-
-
-def seen_from(view: tuple[float, float]) -> Array:
-    """Axes of a view at elevation and azimuth, degrees.
-
-    Unit vectors (3, 3), by rows: to the right, upwards, and towards the eye.
-    """
-    (sin_e, sin_a), (cos_e, cos_a) = np.sin(np.radians(view)), np.cos(np.radians(view))
-    right = [-sin_a, cos_a, 0.0]
-    upwards = [-sin_e * cos_a, -sin_e * sin_a, cos_e]
-    return np.array([right, upwards, [cos_e * cos_a, cos_e * sin_a, sin_e]])
 
 
 # How far a name may be from its place beyond touching it, points, and at which angles from the

@@ -23,16 +23,6 @@ from gibbs_codegen.figures import FORMATS
 # Widths of a column and of a page of two columns, in.
 COLUMN, FULL = 3.5, 7.2
 
-# Colours of curves and chains that colour-blind eyes tell apart: Okabe and Ito (2008) without
-# yellow and black, then four of Tol's muted colours.
-COLOURS = (
-    *("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#e69f00"),
-    *("#332288", "#882255", "#999933", "#777777"),
-)
-# Black and yellow of the same palette, the yellow darker for white paper.
-DARK = "0.15"
-GOLD = "#f2c200"
-
 # Points that a name at the end of a curve takes of the height, and that it stands off.
 _NAME_HEIGHT, _NAME_DISTANCE = 10.5, 14.0
 

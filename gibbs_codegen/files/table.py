@@ -127,7 +127,11 @@ _NOUNS = {
     "tuple_type": "a list",
 }
 _CONFIG = pydantic.ConfigDict(
-    extra="forbid", arbitrary_types_allowed=True, hide_input_in_errors=True, populate_by_name=True
+    extra="forbid",
+    arbitrary_types_allowed=True,
+    hide_input_in_errors=True,
+    populate_by_name=True,
+    defer_build=True,  # What checks a table is built when the first one is made.
 )
 AnyTable = TypeVar("AnyTable", bound="Table")
 

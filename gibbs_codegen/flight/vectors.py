@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -34,7 +36,7 @@ def roll_pitch_yaw(rotation: Array) -> Array:
 
 
 def rotation_about(axis: Array, angles: Array) -> Array:
-    """Rotations (…, 3, 3) by angles (…) about a coordinate axis (3): Rodrigues' formula."""
+    """Rotations (…, 3, 3) by angles (…) about a unit vector (3): Rodrigues' formula."""
     cross = np.cross(np.eye(3), axis)
     along = np.outer(axis, axis)
     cosine, sine = (part[..., np.newaxis, np.newaxis] for part in (np.cos(angles), np.sin(angles)))
@@ -43,7 +45,12 @@ def rotation_about(axis: Array, angles: Array) -> Array:
 
 def halton(count: int, dimensions: int) -> Array:
     """The first points (count, dimensions) of Halton's sequence, from 0 to below 1."""
-    from scipy.stats import qmc  # Late, as SciPy's statistics take long to import.
-
-    points: Array = qmc.Halton(dimensions, scramble=False).random(count)
+    primes = (p for p in itertools.count(2) if all(p % factor for factor in range(2, p)))
+    points = np.zeros((count, dimensions))
+    for column, base in zip(points.T, primes, strict=False):
+        rest, share = np.arange(count), 1.0
+        while np.any(rest):
+            rest, digits = np.divmod(rest, base)
+            share /= base
+            column += share * digits
     return points

@@ -19,7 +19,7 @@ from gibbs_codegen.robot.parts.battery import Battery
 from gibbs_codegen.robot.parts.body import Body, as_rigid_body, body_fault, inertia_matrix
 from gibbs_codegen.robot.parts.numbers import AXIS_PAIRS, BASE
 from gibbs_codegen.robot.placement import Array, mounted_rotors
-from gibbs_codegen.robot.wrenches import directions
+from gibbs_codegen.robot.wrenches import directions, farthest, null_space
 
 # Fewer times better is a matter of taste.
 _FAR_BETTER = 3.0
@@ -163,7 +163,7 @@ def hangs(robot: Robot) -> bool:
 
 
 def hover(robot: Robot, margin: bool = True) -> Hover:
-    """Hovering of a robot; for its margin SciPy is imported."""
+    """Hovering of a robot, with its margin."""
     body = posture.base_properties(robot) if hangs(robot) else posture.whole_properties(robot)
     x, y, _ = body.mass * np.array(body.com)
     # The wrench about the base centre that holds the robot, level, in the base's axes.
@@ -194,12 +194,9 @@ def hover(robot: Robot, margin: bool = True) -> Hover:
     known = [bounds for bounds in limits if bounds]
     times = None
     if margin and size and len(known) == robot.rotors:
-        from scipy.optimize import linprog  # It takes longer to import than all else here.
-
-        balanced = np.column_stack([matrix, -needed / size])
-        most = np.append(np.zeros(len(known)), -1.0)
-        limited = linprog(most, A_eq=balanced, b_eq=np.zeros(6), bounds=[*known, (0.0, None)])
-        times = float(limited.x[-1] / size) if limited.success else None
+        ways = np.column_stack([thrusts, null_space(matrix)])
+        most = farthest(ways, np.transpose(known), np.eye(ways.shape[1])[0])
+        times = None if most is None or most[0] < 0.0 else float(most[0])
     return Hover(found, times, tuple(beyond))
 
 

@@ -7,6 +7,10 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from gibbs_codegen.errors import UsageError
+
+Array = NDArray[np.float64]
+
 # Components of a wrench, force rows first.
 DIRECTIONS = (
     "force along x",
@@ -16,9 +20,14 @@ DIRECTIONS = (
     "torque about y",
     "torque about z",
 )
+# Singular values below this share of the largest belong to directions that rotors cannot command.
+RANK = 1e-9
+# What limits may be exceeded by, as a share of the greatest, as of SciPy's solver; and its status
+# where nothing is within them.
+_FEASIBLE, _INFEASIBLE = 1e-7, 2
 
 
-def directions(basis: NDArray[np.float64], names: Sequence[str] = DIRECTIONS) -> tuple[str, ...]:
+def directions(basis: Array, names: Sequence[str] = DIRECTIONS) -> tuple[str, ...]:
     """Directions, such as "force along x", of the columns of `basis` (m, k), or sums of such.
 
     The m components have `names`; wrenches have force first.
@@ -33,7 +42,7 @@ def directions(basis: NDArray[np.float64], names: Sequence[str] = DIRECTIONS) ->
     return tuple(_in_words(direction, names) for direction in reduced.T)
 
 
-def _in_words(direction: NDArray[np.float64], names: Sequence[str]) -> str:
+def _in_words(direction: Array, names: Sequence[str]) -> str:
     parts: list[str] = []
     for component, name in zip(direction, names, strict=True):
         if abs(component) > 1e-6:
@@ -41,3 +50,43 @@ def _in_words(direction: NDArray[np.float64], names: Sequence[str]) -> str:
             sign = ("− " if component < 0 else "+ ") if parts else ("−" if component < 0 else "")
             parts.append(f"{sign}{factor}{name}")
     return " ".join(parts)
+
+
+def null_space(matrix: Array) -> Array:
+    """Orthonormal columns that a matrix maps to zero."""
+    _, values, right = np.linalg.svd(matrix)
+    return right[int(np.sum(values > RANK * values.max(initial=0.0))) :].T
+
+
+def farthest(ways: Array, limits: Array, value: Array) -> Array | None:
+    """The steps z (k) for which ways z is within limits and value · z is greatest; None if none is.
+
+    `ways` are (N, k), `limits` (2, N). Raises `UsageError` if SciPy fails.
+    """
+    low, high = limits
+    # The tolerances of SciPy's solver are absolute.
+    scale = np.abs(ways).max(axis=0, initial=0.0)
+    scale[scale == 0.0] = 1.0
+    size = float(np.abs(limits).max(initial=0.0)) or 1.0
+    ways, low, high, worth = ways / scale, low / size, high / size, value / scale
+    if len(worth) == 1:
+        moves = ways[:, 0] != 0.0
+        ends = np.sort(np.array([low, high])[:, moves] / ways[moves, 0], axis=0)
+        least, most = ends[0].max(initial=-np.inf), ends[1].min(initial=np.inf)
+        beyond = max(least - most, np.maximum(low, -high)[~moves].max(initial=-np.inf))
+        step = most if worth > 0.0 else least if worth < 0.0 else np.clip(0.0, least, most)
+        return None if beyond > _FEASIBLE else np.array([step]) * size / scale
+    from scipy.optimize import linprog  # It takes longer to import than all else here.
+
+    optimum = linprog(
+        -worth / (np.abs(worth).max(initial=0.0) or 1.0),
+        A_ub=np.concatenate([ways, -ways]),
+        b_ub=np.concatenate([high, -low]),
+        bounds=(None, None),
+        method="highs",
+    )
+    if optimum.status == _INFEASIBLE:
+        return None
+    if not optimum.success:
+        raise UsageError(f"SciPy finds no thrusts within limits: {optimum.message}")
+    return np.asarray(optimum.x) * size / scale

@@ -9,6 +9,7 @@ from __future__ import annotations
 import ctypes
 import math
 from collections.abc import Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
 from types import ModuleType
@@ -250,9 +251,15 @@ def compare_rollouts(
         if limit > _LARGEST:
             return [], {f"{ROLLOUTS} in {precision} precision": "rounding leaves too few digits"}
         states, dt = _suited(numpy, States(*(x[fittest] for x in vars(states).values())))
-        for problem in _problems(numpy, tree, states, dt):
+        problems = [*_problems(numpy, tree, states, dt)]
+
+        def compiled(problem: rollouts.Problem) -> rollouts.Rollout:
             rounded = replace(problem, precision=precision)
-            ours = rollouts.compiled_rollout(rounded, flags=flags, generated=generated)
+            return rollouts.compiled_rollout(rounded, flags=flags, generated=generated)
+
+        with ThreadPoolExecutor() as pool:  # Each waits for a compiler.
+            in_c = [*pool.map(compiled, problems)]
+        for problem, ours in zip(problems, in_c, strict=True):
             for name, theirs in vars(rollouts.numpy_rollout(problem)).items():
                 if theirs is not None:
                     size = np.abs(theirs).max(axis=tuple(range(theirs.ndim))[:2])

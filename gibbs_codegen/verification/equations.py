@@ -19,6 +19,8 @@ from gibbs_codegen.verification.vectors import Array, cross, times
 _ROUNDING = 1e-15
 # Roundings of single precision: as many may come together for each joint.
 _ROUNDINGS = 4
+# Nodes at which rotations of up to 100 rad are integrated to rounding.
+_NODES = 48
 
 Values = Mapping[str, Array]
 
@@ -211,15 +213,14 @@ def _largest(entries: Entries, values: Array) -> Array:
 def _gains(turns: Array) -> Array:
     """Matrices (s, 3, 3) by which turns (s, 3) of a displacement change its linear part.
 
-    It is the integral of the rotation over the turn, as a block of an exponential.
+    It is the integral of the rotation over the turn, by Gauss and Legendre's nodes.
     """
-    from scipy.linalg import expm  # Late, as SciPy takes long to import.
+    from scipy.spatial.transform import Rotation  # Late, as SciPy takes long to import.
 
-    twists = np.zeros((len(turns), 6, 6))
-    # Rows of e × ω over the axes e are the matrix of ω×.
-    twists[:, :3, :3] = cross(np.eye(3), turns[:, None])
-    twists[:, :3, 3:] = np.eye(3)
-    return expm(twists)[:, :3, 3:]
+    places, weights = np.polynomial.legendre.leggauss(_NODES)
+    shares = np.multiply.outer(0.5 * (1.0 + places), turns)
+    turned = Rotation.from_rotvec(shares.reshape(-1, 3)).as_matrix()
+    return np.tensordot(0.5 * weights, turned.reshape(*shares.shape, 3), 1)
 
 
 def frame_rows(tree: Tree, quantities: Quantities, states: States, sizes: Sizes) -> Iterator[Row]:

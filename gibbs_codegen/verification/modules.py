@@ -6,6 +6,7 @@ import ctypes
 import importlib.abc
 import os
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from types import ModuleType
 from typing import get_args
@@ -85,6 +86,10 @@ def verify(
     available, not_done = formulations(robot)
     verification = Verification(robot.name, seed, not_done=not_done)
     same_file = compare_robot_file(robot_file.read_bytes(), _source(folder))
+    # C is compiled while the functions in NumPy are compared.
+    pool = ThreadPoolExecutor(len(BACKENDS))
+    modules = {backend: pool.submit(_loaded, folder, robot, backend) for backend in backends}
+    pool.shutdown(wait=False)
     for backend in backends:
 
         def step(what: str, backend: str = backend) -> None:
@@ -93,7 +98,7 @@ def verify(
         step("loading")
         comparisons = [same_file]
         try:
-            module = _loaded(folder, robot, backend)
+            module = modules[backend].result()
         except _UnavailableError as error:
             verification.not_done[f"back end {backend}"] = str(error)
             continue

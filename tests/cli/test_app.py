@@ -222,7 +222,7 @@ def test_new_placed_writes_a_robot_that_flies_as_it_is(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_info_is_readable(tmp_path: Path) -> None:
-    done = run("info", "hexarotor_3link", cwd=tmp_path)
+    done = run("info", "hexarotor_3link", "--operations", cwd=tmp_path)
     assert done.returncode == 0
     assert "-1 → 0 → 1 → 7 → 8 → 9" in done.stdout
     assert "rank 6 of 6" in done.stdout
@@ -231,6 +231,19 @@ def test_info_is_readable(tmp_path: Path) -> None:
     assert "hover thrusts: 29.43, 0, 29.43, 0, 29.43, 0 N" in done.stdout
     assert "warning" not in done.stdout
     assert "Hint" not in done.stdout
+
+
+def test_info_of_a_file_derives_nothing(tmp_path: Path) -> None:
+    """Not even where rotors have limits, and as JSON."""
+    (tmp_path / "sitecustomize.py").write_text("import sys\nsys.modules['sympy'] = None\n")
+    paths = {"PYTHONPATH": str(tmp_path)}
+    for also in ([], ["--json"]):
+        command = [sys.executable, "-m", "gibbs_codegen", "info", "quadrotor", *also]
+        done = subprocess.run(
+            command, env={**ENVIRONMENT, **paths}, cwd=tmp_path, capture_output=True, text=True
+        )
+        assert done.returncode == 0, done.stderr
+        assert "mass_matrix_and_residual" not in done.stdout
 
 
 def test_info_of_a_robot_without_rotors_tells_its_first_link_from_the_base(tmp_path: Path) -> None:
@@ -313,7 +326,7 @@ def test_info_of_actuators_has_commands_stiffnesses_and_how_long_the_battery_las
 
 
 def test_info_of_rotors_alone_has_no_tables_of_chains(tmp_path: Path) -> None:
-    said = run("info", "quadrotor", cwd=tmp_path).stdout
+    said = run("info", "quadrotor", "--operations", cwd=tmp_path).stdout
     assert not any(title in said for title in ("Open chains", "Rows of the hybrid", "Hybrid matr"))
     assert "\nMasses, in the base's axes (kg, m, kg m² about the centre of mass)\n" in said
 
@@ -334,7 +347,7 @@ def test_info_says_where_every_joint_is(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_info_as_json(tmp_path: Path) -> None:
-    done = run("info", "hexarotor_3link", "--json", cwd=tmp_path)
+    done = run("info", "hexarotor_3link", "--json", "--operations", cwd=tmp_path)
     data = json.loads(done.stdout)
     assert [chain["links"] for chain in data["chains"]][4] == [-1, 0, 1, 6]
     assert data["chains"][4]["places"] == [0, 1, 2, 7, 11, 12, 13, 18]
@@ -363,7 +376,7 @@ def test_info_as_json(tmp_path: Path) -> None:
 @pytest.mark.slow
 def test_the_pattern_of_info_is_that_of_the_emitted_matrix(tmp_path: Path) -> None:
     """Its blank entries, such as (theta_-1, x), are zero in every posture, and no others."""
-    data = json.loads(run("info", "hexarotor_3link", "--json", cwd=tmp_path).stdout)
+    data = json.loads(run("info", "hexarotor_3link", "--json", "--operations", cwd=tmp_path).stdout)
     module = load(ROOT / "generated" / "hexarotor_3link")
     states = np.random.default_rng(3).normal(size=(20, 9))
     emitted = (np.abs(module.hybrid_mass_matrix(states)) > 1e-12).any(axis=0)

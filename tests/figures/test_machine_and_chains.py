@@ -17,10 +17,10 @@ from support.names import assert_names_are_apart
 from support.random_robots import robots
 
 from gibbs_codegen.errors import UsageError
+from gibbs_codegen.figures.appearance import DARK, GOLD
 from gibbs_codegen.figures.chains import chains_figure
 from gibbs_codegen.figures.machine import machine_figure
 from gibbs_codegen.figures.marks import CONSTRAINT, THRUST, TORQUE, X_AXIS, Y_AXIS, Z_AXIS
-from gibbs_codegen.figures.style import DARK, GOLD
 from gibbs_codegen.robot.chains import decompose
 from gibbs_codegen.robot.family import paper_family
 from gibbs_codegen.robot.file import read_robot

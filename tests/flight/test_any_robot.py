@@ -16,6 +16,7 @@ from support.emitted import emitted_module
 
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.flight.analysis.trim import trim
+from gibbs_codegen.flight.attitude import SingularAttitudeError
 from gibbs_codegen.flight.control.laws import Controller, Gains, required_inputs
 from gibbs_codegen.flight.desired.trajectory import desired_motion, starting_state
 from gibbs_codegen.flight.figures.flight import write_results
@@ -29,7 +30,7 @@ from gibbs_codegen.flight.plant.vehicle import Vehicle
 from gibbs_codegen.flight.record.series import point_parents
 from gibbs_codegen.flight.rollouts.rollout import rollout
 from gibbs_codegen.flight.scenario.file import read_scenario
-from gibbs_codegen.flight.scenario.orientation import SingularAttitudeError, Tangent
+from gibbs_codegen.flight.scenario.orientation import Tangent
 from gibbs_codegen.flight.scenario.parts import Law, Push, Settings
 from gibbs_codegen.flight.scenario.paths import Circle
 from gibbs_codegen.flight.simulation import simulate

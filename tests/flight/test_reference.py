@@ -17,20 +17,14 @@ from support.differences import rate
 from support.random_vehicles import SEEDS, random_vehicle
 
 from gibbs_codegen.errors import UsageError
+from gibbs_codegen.flight.attitude import SINGULAR_COSINE, SingularAttitudeError, Turning
 from gibbs_codegen.flight.desired.base_trajectory import KNOT_SPACING, desired_base, knots
 from gibbs_codegen.flight.desired.inverse_kinematics import Array, JointBounds
 from gibbs_codegen.flight.desired.posture import joint_motion, rest_posture, with_joints
 from gibbs_codegen.flight.plant.vehicle import Vehicle
 from gibbs_codegen.flight.reference import Motion, Reference
 from gibbs_codegen.flight.scenario.file import read_scenario, shipped_scenarios
-from gibbs_codegen.flight.scenario.orientation import (
-    SINGULAR_COSINE,
-    Level,
-    Orientation,
-    SingularAttitudeError,
-    Tangent,
-    Turning,
-)
+from gibbs_codegen.flight.scenario.orientation import Level, Orientation, Tangent
 from gibbs_codegen.flight.scenario.paths import Circle, Fixed, Harmonic, Line, Path, Term
 from gibbs_codegen.pipeline import generate_robot
 from gibbs_codegen.robot.family import paper_family

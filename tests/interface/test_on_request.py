@@ -187,13 +187,13 @@ def test_the_command_line_takes_them(
     assert main([*generate, "--check"]) == 0
     assert "--all-parameters" not in (tmp_path / ROBOT / "MANIFEST").read_text("utf-8")
     capsys.readouterr()
-    assert main(["info", str(folder)]) == 0
+    assert main(["info", str(folder), "--operations"]) == 0
     assert f"\n{names[0]}  " in capsys.readouterr().out
     assert main(["info", ROBOT, "--derivatives=weight"]) == 0
     said = capsys.readouterr().out
     assert "\nweight  " in said
     assert names[0] not in said
-    assert main(["info", ROBOT]) == 0
+    assert main(["info", ROBOT, "--operations"]) == 0
     assert "\nweight  " not in capsys.readouterr().out
     assert main(["generate", ROBOT, "--derivatives=wieght"]) == 2
     assert "unknown: 'wieght' (did you mean weight?)" in capsys.readouterr().err

@@ -120,7 +120,7 @@ MORE_COMMANDS = [
     [*GENERATE, "--check"],
     [*GENERATE, "--all-parameters", "--target", "numpy", "--target", "c"],
     ["info", "mine.toml"],
-    ["info", "mine.toml", "--json"],
+    ["info", "mine.toml", "--json", "--operations"],
     ["show", "mine.toml", "--chain", "1", "--format", "latex"],
     [*SIMULATE, "--backend", "c", "--animate", "gif"],
     ["verify", "mine.toml", "--states", "1"],
@@ -150,6 +150,6 @@ def test_no_command_makes_code_of_text(commands: list[list[str]], tmp_path: Path
 )
 def test_the_watch_sees(planted: str, tmp_path: Path) -> None:
     (tmp_path / "mine.toml").write_text(ROBOT)
-    done = watched("--plant", planted, "info", "mine.toml", cwd=tmp_path)
+    done = watched("--plant", planted, "info", "mine.toml", "--operations", cwd=tmp_path)
     assert done.returncode == (0 if planted == "nothing" else SEEN), done.stderr
     assert ("AUDIT:" in done.stderr) == (planted != "nothing")

@@ -31,7 +31,7 @@ from gibbs_codegen.arrays.evaluation import Evaluator
 from gibbs_codegen.arrays.nodes import Node, constant, zeros
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.flight.analysis.arguments import coordinates, vehicle_of
-from gibbs_codegen.flight.analysis.trim import Trim, null_space
+from gibbs_codegen.flight.analysis.trim import Trim
 from gibbs_codegen.flight.arguments import numbers, vector
 from gibbs_codegen.flight.plant.actuators import check_lag, commands_beyond, has_battery
 from gibbs_codegen.flight.plant.allocation import listed
@@ -41,7 +41,7 @@ from gibbs_codegen.flight.scenario.file import AnyScenario
 from gibbs_codegen.flight.vectors import skew
 from gibbs_codegen.machine.machine import NO_SURROUNDINGS, Machine, Surroundings
 from gibbs_codegen.machine.state import State
-from gibbs_codegen.robot.wrenches import directions
+from gibbs_codegen.robot.wrenches import directions, null_space
 
 # What is in no linear model, and why.
 LEFT_OUT = {

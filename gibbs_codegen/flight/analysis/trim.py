@@ -30,10 +30,10 @@ from gibbs_codegen.flight.plant.actuators import (
     kept_commands,
     module_actuators,
 )
-from gibbs_codegen.flight.plant.allocation import RANK, least_inputs
+from gibbs_codegen.flight.plant.allocation import least_inputs
 from gibbs_codegen.flight.plant.vehicle import Array, Vehicle
 from gibbs_codegen.flight.vectors import roll_pitch_yaw
-from gibbs_codegen.robot.wrenches import DIRECTIONS, directions
+from gibbs_codegen.robot.wrenches import DIRECTIONS, RANK, directions, null_space
 
 # Share of the wrench that may be missing.
 EXACT = 1e-9
@@ -97,12 +97,6 @@ class SteadyMotion:
         """The largest component of the wrenches on the base, needed and acting, N or N m; or 1."""
         parts = self.force(q), self.vehicle.wrench_forces(q, self.wrenches)
         return max(float(np.abs(self.vehicle.base_wrench(q, x)).max()) for x in parts) or 1.0
-
-
-def null_space(matrix: Array) -> Array:
-    """Orthonormal columns that a matrix maps to zero."""
-    _, values, right = np.linalg.svd(matrix)
-    return right[int(np.sum(values > RANK * values.max(initial=0.0))) :].T
 
 
 def equilibrium(motion: SteadyMotion, q: Array, free: list[int], bounds: Array) -> Array:

@@ -12,9 +12,9 @@ from types import ModuleType
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from gibbs_codegen.errors import UsageError
+from gibbs_codegen.flight.attitude import quaternion_of
 from gibbs_codegen.flight.autopilots.air import ALTITUDE
 from gibbs_codegen.flight.desired.trajectory import Progress
 from gibbs_codegen.flight.integration.closed_loop import loop_program, loop_tables
@@ -180,7 +180,7 @@ class Machine:
                 telemetry[place] = values
         layout, attitude = self.vehicle.layout, telemetry[len(self._places) :]
         if not layout.is_quaternion:
-            attitude = Rotation.from_matrix(attitude.reshape(3, 3)).as_quat()
+            attitude = quaternion_of(attitude.reshape(3, 3))
         turned = telemetry[self._places] * self._signs + 0.0
         force, turning, field = turned[:3], turned[3:6], turned[7:10]
         fix, fix_velocity, position, velocity = turned[10:].reshape(4, 3)

@@ -14,9 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gibbs_codegen.errors import UsageError
+from gibbs_codegen.flight.attitude import SingularAttitudeError, Turning
 from gibbs_codegen.flight.plant.vehicle import Array, Vehicle
 from gibbs_codegen.flight.reference import Motion
-from gibbs_codegen.flight.scenario.orientation import Orientation, SingularAttitudeError, Turning
+from gibbs_codegen.flight.scenario.orientation import Orientation
 from gibbs_codegen.flight.scenario.paths import Path
 
 _TOO_FAST = (

@@ -12,11 +12,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from gibbs_codegen.errors import UsageError
+from gibbs_codegen.flight.attitude import Derivatives
 from gibbs_codegen.flight.desired.base_trajectory import bounded_path
 from gibbs_codegen.flight.desired.inverse_kinematics import JointBounds
 from gibbs_codegen.flight.plant.vehicle import Array, Vehicle
 from gibbs_codegen.flight.reference import Motion
-from gibbs_codegen.flight.scenario.orientation import Derivatives
 from gibbs_codegen.flight.scenario.paths import ORDERS, Path
 from gibbs_codegen.flight.vectors import Indices, halton
 
@@ -52,10 +52,13 @@ class LedFrames:
 
     def misses(self, vehicle: Vehicle, q: Array, targets: Array) -> Array:
         """How far the frames (s, 3 m) are from their targets, m, world axes."""
-        places = vehicle.frame_poses(q)[:, self.places][..., :3, 3]
-        return np.reshape(places - targets[:, 0], (len(q), -1))
+        return np.reshape(self.positions(vehicle, q) - targets[:, 0], (len(q), -1))
 
-    def with_joints(self, vehicle: Vehicle, motion: Motion, numbers: Derivatives) -> Motion:
+    def positions(self, vehicle: Vehicle, q: Array) -> Array:
+        """Where the frames are (s, m, 3), world axes."""
+        return vehicle.frame_poses(q)[:, self.places][..., :3, 3]
+
+    def with_joints(self, vehicle: Vehicle, motion: Motion, numbers: Derivatives | Array) -> Motion:
         """A motion with joints of numbers (s, n), and their first two derivatives."""
         share = (numbers[0] - self.middle) / self.half
         root = 1.0 / np.sqrt(1.0 + share**2)
@@ -68,6 +71,17 @@ class LedFrames:
         v[:, rates] = slope * numbers[1]
         a[:, rates] = slope * numbers[2] + bend * numbers[1] ** 2
         return Motion(motion.time, q, v, a)
+
+    def by_numbers(self, vehicle: Vehicle, jacobian: Array, numbers: Array) -> Array:
+        """Derivatives (s, …, n) by numbers (s, n), of those (s, …, nv) by velocities."""
+        slope = (1.0 + ((numbers - self.middle) / self.half) ** 2) ** -1.5
+        rates = np.array(vehicle.layout.v.joint_places, dtype=int)[self.joints]
+        between = tuple(range(1, jacobian.ndim - 1))
+        return jacobian[..., rates] * np.expand_dims(slope, between)
+
+    def jacobians(self, vehicle: Vehicle, q: Array) -> Array:
+        """Velocities of the frames (s, m, 3, nv) by those of the robot, world axes."""
+        return vehicle.function("frame_jacobians")(q)[:, self.places, :3]
 
     def at_limits(self, vehicle: Vehicle, numbers: Array) -> str:
         """Names of joints that numbers (n) bring next to a limit."""

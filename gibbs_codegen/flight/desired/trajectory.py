@@ -10,9 +10,9 @@ from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from gibbs_codegen.errors import UsageError
+from gibbs_codegen.flight.attitude import SingularAttitudeError, Turning
 from gibbs_codegen.flight.desired import timing
 from gibbs_codegen.flight.desired.base_trajectory import check_times, desired_base, knots
 from gibbs_codegen.flight.desired.inverse_kinematics import JointBounds, check_tip, desired_with_tip
@@ -28,9 +28,9 @@ from gibbs_codegen.flight.plant.actuators import Actuators, actuators_of, joint_
 from gibbs_codegen.flight.plant.allocation import allocation_of, thrust_axis
 from gibbs_codegen.flight.plant.vehicle import Array, RobotData, Vehicle
 from gibbs_codegen.flight.reference import Motion, Reference
-from gibbs_codegen.flight.scenario.orientation import SingularAttitudeError, Turning
 from gibbs_codegen.flight.scenario.parts import MAX_DURATION, StartOffset
 from gibbs_codegen.flight.scenario.scenario import ArmTask, Scenario, on_clock, slow_motion
+from gibbs_codegen.flight.vectors import rotation_about
 
 # Is told what is being done, and the share of it that is done, 0 to 1.
 Progress = Callable[[str, float], None]
@@ -151,7 +151,9 @@ def starting_state(
         return q, v
     attitude, position = vehicle.layout.q.attitude, vehicle.layout.q.position
     centre = q[position] + vehicle.centre_offset(q)
-    turned = Rotation.from_rotvec(offset.rotation).as_matrix() @ vehicle.base_rotation(q)
+    angle = float(np.linalg.norm(offset.rotation))
+    axis = np.array(offset.rotation) / (angle or 1.0)
+    turned = rotation_about(axis, np.array(angle)) @ vehicle.base_rotation(q)
     at_rest = np.zeros((1, 3))
     try:
         turning = Turning(turned[np.newaxis], at_rest, at_rest)

@@ -14,7 +14,7 @@ centre is nearest to its path and whose thrust axis is smoothest.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -23,6 +23,12 @@ from scipy import sparse
 from scipy.sparse.linalg import spsolve
 
 from gibbs_codegen.errors import UsageError
+from gibbs_codegen.flight.attitude import (
+    SingularAttitudeError,
+    Turning,
+    product_derivatives,
+    turning_of,
+)
 from gibbs_codegen.flight.desired.base_trajectory import (
     Deviation,
     base_motion,
@@ -37,23 +43,16 @@ from gibbs_codegen.flight.desired.timing import needed_inputs
 from gibbs_codegen.flight.plant.allocation import LEANS_BY_THRUST, force_axis, thrust_axis
 from gibbs_codegen.flight.plant.vehicle import Vehicle
 from gibbs_codegen.flight.reference import Motion
-from gibbs_codegen.flight.scenario.orientation import (
-    Derivatives,
-    Orientation,
-    SingularAttitudeError,
-    Turning,
-    product_derivatives,
-    turning_of,
-    unit_derivatives,
-)
+from gibbs_codegen.flight.scenario.orientation import Orientation
 from gibbs_codegen.flight.scenario.paths import Path, plane
-from gibbs_codegen.flight.vectors import Array, Flags, Indices, skew, times
+from gibbs_codegen.flight.vectors import Array, Flags, Indices, skew, times, transposed
 
-# Unknowns and their first two derivatives, all (s, c), to what has to vanish (s, r): lateral force
-# as a share of the weight (2), how far the axis is from unit length, how far frames are from their
-# paths, m. Unknowns are the thrust axis (3), the shift of the base centre from its path (3), m, and
-# free numbers of joints that lead frames.
-Conditions = Callable[[Array, Array, Array], Array]
+# Unknowns and their first two derivatives, all (s, c), to what has to vanish (s, r), and its
+# derivatives (3, s, r, c) by these three. What has to vanish is lateral force as a share of the
+# weight (2), how far the axis is from unit length, how far frames are from their paths, m. Unknowns
+# are the thrust axis (3), the shift of the base centre from its path (3), m, and free numbers of
+# joints that lead frames.
+Linear = Callable[[Array, Array, Array], tuple[Array, Array]]
 # Knots that a finite difference takes: of fourth order inside, of the third at least at the ends.
 STENCIL = 5
 # Order of the derivative of the thrust axis that is to be small.
@@ -61,8 +60,6 @@ _ROUGHNESS = 3
 # Frequency above which the path is left rather than the axis made to swing, at most, rad/s; else it
 # is that with which the machine swings about its base centre, so that it does not swing for long.
 _FASTEST = 60.0
-# Steps of differences of the conditions, for unknowns and their derivatives.
-_STEPS = (1e-6, 1e-4, 1e-2)
 # What roughness of joints costs against that of the axis, and posture.
 _JOINTS, _POSTURE = 0.1, 1e-4
 # Newton's method: most steps, and the change of the axis and the lateral force that end it.
@@ -100,28 +97,68 @@ _UNEVEN = 5e-3
 _TOO_FAST = ("the base turns too fast", "choose a gentler motion, or a shorter one")
 
 
-def shortest_rotation(begin: Derivatives, end: Derivatives) -> Derivatives:
-    """The shortest rotation (s, 3, 3) of a unit vector to another, with its first two derivatives.
+class Tilt:
+    """The shortest rotation of a unit vector to the direction of an axis, nowhere opposite to it.
 
-    The vectors and their derivatives are (s, 3), nowhere opposite to each other.
+    Vectors are (3, s, 3): they, and their first two derivatives in time; likewise matrices.
     """
-    about = product_derivatives(np.cross, begin, end)
-    dot = product_derivatives(lambda a, b: np.sum(a * b, axis=-1), begin, end)
-    below = 1.0 + dot[0]
-    share = (1.0 / below, -dot[1] / below**2, 2.0 * dot[1] ** 2 / below**3 - dot[2] / below**2)
-    outer = product_derivatives(
-        lambda a, b: a[..., :, np.newaxis] * b[..., np.newaxis, :], about, about
-    )
-    along = product_derivatives(_product_with, share, outer)
-    # Rodrigues' formula, with the axis times the sine as `about`.
-    first, second, third = (
-        _product_with(d, np.eye(3)) + skew(w) + p for d, w, p in zip(dot, about, along, strict=True)
-    )
-    return first, second, third
+
+    def __init__(self, begin: Array, axis: Array) -> None:
+        length = _power(_product(_dot, axis, axis), -0.5)
+        self.begin, self.end = begin, _product(np.multiply, length, axis)
+        # Derivatives of the unit vector by the axis.
+        self._by_axis = -_product(_outer, self.end, self.end)
+        self._by_axis[0] += np.eye(3)
+        self._by_axis = _product(np.multiply, length[..., np.newaxis], self._by_axis)
+        self._both = begin + self.end
+        below = _product(_dot, begin, self.end)
+        below[0] += 1.0
+        self._middle = _product(np.multiply, _power(below, -1.0), self._both)
+
+    @cached_property
+    def rotation(self) -> Array:
+        """The rotation (3, s, 3, 3)."""
+        # A half turn about the first vector, then one about what is in the middle between both.
+        turned = 2.0 * _product(_outer, self.end, self.begin)
+        turned -= _product(_outer, self._middle, self._both)
+        turned[0] += np.eye(3)
+        return turned
+
+    def turned(self, vector: Array) -> tuple[Array, Array]:
+        """A vector (3, s, 3), turned, and its derivatives (3, s, 3, 3) by the axis."""
+        along = 2.0 * _product(_dot, self.begin, vector)
+        across = _product(_dot, self._middle, vector)
+        turned = vector - _product(np.multiply, across, self._both)
+        turned += _product(np.multiply, along, self.end)
+        rest = _product(np.multiply, across, self.begin) - vector
+        slope = (along - across)[..., np.newaxis] * np.eye(3) + _product(_outer, self._middle, rest)
+        return turned, _product(np.matmul, slope, self._by_axis)
+
+    def back_slope(self, vector: Array) -> Array:
+        """Derivatives (s, 3, 3) by the axis of a vector (s, 3) that is turned back."""
+        begin, middle = self.begin[0], self._middle[0]
+        across = _dot(middle, vector)
+        slope = _outer(middle, across * begin - vector) + 2.0 * _outer(begin, vector)
+        return (slope - across[..., np.newaxis] * np.eye(3)) @ self._by_axis[0]
 
 
-def _product_with(scalar: Array, matrix: Array) -> Array:
-    return scalar[..., np.newaxis, np.newaxis] * matrix
+def _product(product: Callable[[Array, Array], Array], a: Array, b: Array) -> Array:
+    return np.stack(product_derivatives(product, a, b))
+
+
+def _dot(a: Array, b: Array) -> Array:
+    return np.sum(a * b, axis=-1, keepdims=True)
+
+
+def _outer(a: Array, b: Array) -> Array:
+    return a[..., :, np.newaxis] * b[..., np.newaxis, :]
+
+
+def _power(x: Array, exponent: float) -> Array:
+    """A power of numbers (3, s, 1) with their first two derivatives."""
+    slope = exponent * x[0] ** (exponent - 1.0)
+    bend = (exponent - 1.0) * slope / x[0]
+    return np.stack([x[0] ** exponent, slope * x[1], bend * x[1] ** 2 + slope * x[2]])
 
 
 @dataclass(frozen=True)
@@ -160,7 +197,7 @@ def differences(order: int, count: int, step: float) -> sparse.csr_array:
     powers = [
         np.vander(np.arange(width) - float(place), increasing=True).T for place in range(width)
     ]
-    weights = np.array([np.linalg.solve(each, wanted) for each in powers])
+    weights = np.array([np.linalg.solve(power, wanted) for power in powers])
     knots = np.arange(count)
     first = np.clip(knots - width // 2, 0, count - width)
     columns = first[:, np.newaxis] + np.arange(width)
@@ -169,15 +206,15 @@ def differences(order: int, count: int, step: float) -> sparse.csr_array:
 
 
 def nearest_motion(
-    conditions: Conditions, found: Array, near: Array, grid: Grid, gravity: float, fixed: Flags
+    linear: Linear, unknowns: Array, near: Array, grid: Grid, gravity: float, fixed: Flags
 ) -> Array:
     """Thrust axes, shifts of the base centre from its path, m, and free joints, as conditions want.
 
-    `found` (s, c) has them to begin with, axes and shifts in world axes; `near` (s, c) is where
+    `unknowns` (s, c) has them to begin with, axes and shifts in world axes; `near` (s, c) is where
     shifts and joints are to stay near, and `fixed` (s) tells the knots at which they stay as given.
     Raises `UsageError`, with the time where most force is missing, if none is found.
     """
-    count, columns = found.shape
+    count, columns = unknowns.shape
     free = np.flatnonzero(np.repeat(~fixed, columns))
     # Where all of the knots that derivatives take are held, there is nothing to solve.
     unsettled = abs(grid.growth) @ ~fixed > 0.0
@@ -188,7 +225,7 @@ def nearest_motion(
         unsettled[: STENCIL // 2] = unsettled[-(STENCIL // 2) :] = False
     cost = None
     for _ in range(_MOST_STEPS):
-        missing, slopes = _linear(conditions, found, grid.rate @ found, grid.growth @ found)
+        missing, slopes = linear(unknowns, grid.rate @ unknowns, grid.growth @ unknowns)
         if cost is None:
             rough, weights = _cost(slopes, columns, grid, gravity)
             cost = rough + sparse.kron(sparse.eye_array(count), sparse.diags_array(weights))
@@ -198,15 +235,15 @@ def nearest_motion(
             bound = np.flatnonzero(kept)
         jacobian = _jacobian(slopes, grid)[bound][:, free]
         system = sparse.block_array([[cost[:, free], jacobian.T], [jacobian, None]], format="csc")
-        pull = (weights * near).ravel()[free] - cost @ found.ravel()
-        step = np.zeros(found.size)
+        pull = (weights * near).ravel()[free] - cost @ unknowns.ravel()
+        step = np.zeros(unknowns.size)
         step[free] = spsolve(system, np.concatenate([pull, -missing.ravel()[bound]]))[: len(free)]
-        found = found + step.reshape(count, columns)
+        unknowns = unknowns + step.reshape(count, columns)
         if not np.all(np.isfinite(step)):
             break
         if np.abs(step).max(initial=0.0) < _CONVERGED:
-            found[:, :3] /= np.linalg.norm(found[:, :3], axis=-1, keepdims=True)
-            return found
+            unknowns[:, :3] /= np.linalg.norm(unknowns[:, :3], axis=-1, keepdims=True)
+            return unknowns
     worst = grid.time[np.argmax(np.abs(missing[:, :2]).max(axis=-1))]
     # Before a flight begins its path rests: what fails there is how it sets out.
     raise UsageError(
@@ -215,30 +252,10 @@ def nearest_motion(
     )
 
 
-def _linear(conditions: Conditions, *at: Array, orders: int = 3) -> tuple[Array, list[Array]]:
-    """Conditions (s, r), and derivatives (s, r, c) by unknowns, rates and second rates.
-
-    By differences, of the first `orders` of these three.
-    """
-    count, columns = at[0].shape
-    missing, slopes = conditions(*at), []
-    for order, step in enumerate(_STEPS[:orders]):
-        slopes.append(np.zeros((count, missing.shape[1], columns)))
-        for column in range(columns):
-            # What a base feels depends on neither place nor speed; where it is, frames are told.
-            if 3 <= column < 6 and (order == 1 or (order == 0 and columns == 6)):
-                continue
-            ahead, behind = [*at], [*at]
-            unit = step * np.eye(columns)[column]
-            ahead[order], behind[order] = at[order] + unit, at[order] - unit
-            slopes[order][..., column] = (conditions(*ahead) - conditions(*behind)) / (2.0 * step)
-    return missing, slopes
-
-
-def _jacobian(slopes: list[Array], grid: Grid) -> sparse.csr_array:
+def _jacobian(slopes: Array, grid: Grid) -> sparse.csr_array:
     """Derivatives (r s, c s) of conditions by the unknowns."""
     size = sparse.eye_array(slopes[0].shape[-1])
-    rate, growth = (sparse.kron(each, size, format="csr") for each in (grid.rate, grid.growth))
+    rate, growth = (sparse.kron(matrix, size, format="csr") for matrix in (grid.rate, grid.growth))
     by_place, by_rate, by_growth = (_blocks(slope) for slope in slopes)
     return sparse.csr_array(by_place + by_rate @ rate + by_growth @ growth)
 
@@ -250,7 +267,7 @@ def _blocks(blocks: Array) -> sparse.csr_array:
 
 
 def _cost(
-    slopes: list[Array], columns: int, grid: Grid, gravity: float
+    slopes: Array, columns: int, grid: Grid, gravity: float
 ) -> tuple[sparse.csr_array, Array]:
     """What is to be least of the unknowns: a quadratic form (s c, s c), weights (c) of squares.
 
@@ -265,6 +282,11 @@ def _cost(
     shares = np.repeat([1.0, 0.0, _JOINTS], [3, 3, columns - 6])
     weights = np.repeat([0.0, (frequency**2 / gravity) ** 2, _POSTURE], [3, 3, columns - 6])
     return sparse.kron(rough.T @ rough, sparse.diags_array(shares)), weights
+
+
+def _parts(unknowns: Sequence[Array]) -> Sequence[Array]:
+    """Thrust axis, shift of the base and free numbers of the joints (3, s, …), of unknowns."""
+    return [np.stack([order[:, part] for order in unknowns]) for part in _PARTS]
 
 
 class UnderactuatedBase:
@@ -294,47 +316,93 @@ class UnderactuatedBase:
         spin, spin_rate = skew(wanted.velocity), skew(wanted.acceleration)
         turn = wanted.rotation
         self._wanted = turn, spin @ turn, (spin_rate + spin @ spin) @ turn
-        own = axis, self.grid.rate @ axis, self.grid.growth @ axis
+        normal = axis, self.grid.rate @ axis, self.grid.growth @ axis
         # The thrust axis of the scenario's attitude, world axes.
-        self.upright = product_derivatives(times, self._wanted, own)
-        self._sides = np.stack([np.stack(plane(tuple(each))) for each in axis])
-        self.weight = float(np.linalg.norm(self._force(vehicle.neutral, 0.0)))
-        at_rest, lifted = (float(self._force(vehicle.neutral, each)[2]) for each in (0.0, 1.0))
-        self.gravity = at_rest / (lifted - at_rest)
-
-    def _force(self, q: Array, upwards: float) -> Array:
-        """Force (3) on the level base that accelerates upwards, m/s², N."""
-        v, a = np.zeros((2, self.vehicle.layout.v.size))
-        a[self.vehicle.layout.v.position.stop - 1] = upwards
-        return self.vehicle.base_wrench(q, self.vehicle.inverse_dynamics(q, v, a))[:3]
-
-    def motion(self, *found: Array) -> Motion:
-        """The motion with unknowns, as `Conditions` has them, and their first two derivatives."""
-        axes, shift, numbers = (
-            (found[0][:, part], found[1][:, part], found[2][:, part]) for part in _PARTS
+        self.upright = np.stack(product_derivatives(times, self._wanted, normal))
+        # Across the thrust axis of the scenario's attitude, world axes.
+        self._sides = np.stack(plane(axis), axis=-2) @ transposed(turn)
+        self.mass = float(
+            vehicle.mass_matrix(vehicle.neutral)[(vehicle.layout.v.position.start,) * 2]
         )
-        centre = self.centre[:, :3] + np.stack(shift, axis=1)
-        tilt = shortest_rotation(self.upright, unit_derivatives(*axes))
+        self.gravity = -float(vehicle.gravity)
+
+    def motion(self, *unknowns: Array) -> Motion:
+        """The motion with unknowns, as `Linear` has them, and their first two derivatives."""
+        axes, shift, numbers = _parts(unknowns)
+        centre = self.centre[:, :3] + np.moveaxis(shift, 0, 1)
+        tilt = Tilt(self.upright, axes).rotation
         turning = turning_of(*product_derivatives(np.matmul, tilt, self._wanted))
         base = base_motion(self.vehicle, self.joints.time, centre, turning)
         motion = with_joints(self.vehicle, base, self.joints)
         return self.led.with_joints(self.vehicle, motion, numbers)
 
-    def conditions(self, *found: Array) -> Array:
-        """What has to vanish (s, r), as `Conditions` has it."""
-        motion = self.motion(*found)
-        force = self.vehicle.inverse_dynamics(motion.q, motion.v, motion.a)
-        lateral = times(self._sides, self.vehicle.base_wrench(motion.q, force)[:, :3]) / self.weight
-        length = 0.5 * (np.sum(found[0][:, :3] ** 2, axis=-1, keepdims=True) - 1.0)
-        led = self.led.misses(self.vehicle, motion.q, self.targets)
-        return np.concatenate([lateral, length, led], axis=-1)
+    def linear(self, *unknowns: Array) -> tuple[Array, Array]:
+        """What has to vanish (s, r), and its derivatives (3, s, r, c), as `Linear` has them.
 
-    def misses(self, found: Array) -> Array:
-        """How far frames (s, 3 m) are from their paths, m."""
-        return self._misses(found, *np.zeros((2, *found.shape)))
+        By Newton's law the force on the robot is its mass times what its centre of mass
+        accelerates, and weight. Of a function y of x and of time, d²y/dt² has by x, dx/dt and
+        d²x/dt² the derivatives d²Y/dt², 2 dY/dt and Y, where Y is dy/dx.
+        """
+        axes, shift, numbers = _parts(unknowns)
+        tilt = Tilt(self.upright, axes)
+        joints = self.led.with_joints(self.vehicle, self.joints, numbers)
+        lever, by_joints = self._lever(joints, numbers[0]) if self.led.paths else self._unled_lever
+        swung, by_axis = tilt.turned(lever)
+        force = self.centre[:, 2] + shift[2] + swung[2] + np.array([0.0, 0.0, self.gravity])
+        sides = self._sides @ transposed(tilt.rotation[0]) / abs(self.gravity)
+        missed, led_slopes = self.misses(unknowns[0])
+        length = 0.5 * (np.sum(axes[0] ** 2, axis=-1, keepdims=True) - 1.0)
+        missing = np.concatenate([times(sides, force), length, missed], axis=-1)
+        slopes = np.zeros((3, *missing.shape, unknowns[0].shape[1]))
+        by_joints = _product(np.matmul, tilt.rotation, by_joints)
+        for part, slope in ((_PARTS[0], by_axis), (_PARTS[2], by_joints)):
+            for order, factor in enumerate((1.0, 2.0, 1.0)):
+                slopes[order, :, :2, part] = factor * (sides @ slope[2 - order])
+        slopes[0, :, :2, :3] += self._sides @ tilt.back_slope(force) / abs(self.gravity)
+        slopes[2, :, :2, 3:6] = sides
+        slopes[0, :, 2, :3] = axes[0]
+        slopes[0, :, 3:] = led_slopes
+        return missing, slopes
 
-    def _misses(self, *found: Array) -> Array:
-        return self.led.misses(self.vehicle, self.motion(*found).q, self.targets)
+    @cached_property
+    def _unled_lever(self) -> tuple[Array, Array]:
+        return self._lever(self.joints, np.zeros((self.grid.count, 0)))
+
+    def _lever(self, joints: Motion, numbers: Array) -> tuple[Array, Array]:
+        """From the base centre to the centre of mass (3, s, 3), m, with the scenario's attitude.
+
+        And its derivatives (3, s, 3, n) by free numbers (s, n) of the joints.
+        """
+        robot, q = self.vehicle, joints.q
+        place = robot.centre_of_mass(q) - robot.centre_offset(robot.neutral)
+        jacobian = robot.centre_of_mass_jacobian(q)
+        force = robot.inverse_dynamics(q, joints.v, joints.a)[:, robot.layout.v.position]
+        growth = force / self.mass - [0.0, 0.0, self.gravity]
+        lever = product_derivatives(times, self._wanted, (place, times(jacobian, joints.v), growth))
+        slope = self._wanted[0] @ self.led.by_numbers(self.vehicle, jacobian, numbers)
+        rows = slope.reshape(len(q), -1)
+        rates = self.grid.rate @ rows, self.grid.growth @ rows
+        return np.stack(lever), np.stack([slope, *(rate.reshape(slope.shape) for rate in rates)])
+
+    def misses(self, unknowns: Array) -> tuple[Array, Array]:
+        """How far frames (s, 3 m) are from their paths, m, and derivatives (s, 3 m, c)."""
+        robot, count = self.vehicle, len(unknowns)
+        axes, shift, numbers = _parts((unknowns, *np.zeros((2, *unknowns.shape))))
+        tilt = Tilt(self.upright, axes)
+        q = self.led.with_joints(robot, self.joints, numbers).q
+        reach = self.led.positions(robot, q) - robot.centre_offset(robot.neutral)
+        reach = reach @ transposed(self._wanted[0])
+        jacobian = self.led.by_numbers(robot, self.led.jacobians(robot, q), numbers[0])
+        jacobian = (tilt.rotation[0] @ self._wanted[0])[:, np.newaxis] @ jacobian
+        off = (self.centre[:, 0] + shift[0])[:, np.newaxis] - self.targets[:, 0]
+        slopes = np.zeros((*off.shape, unknowns.shape[1]))
+        slopes[..., 3:6], slopes[..., 6:] = np.eye(3), jacobian
+        for frame in range(off.shape[1]):
+            arm = np.stack([reach[:, frame], *np.zeros((2, count, 3))])
+            turned, by_axis = tilt.turned(arm)
+            off[:, frame] += turned[0]
+            slopes[:, frame, :, :3] = by_axis[0]
+        return off.reshape(count, -1), slopes.reshape(count, -1, unknowns.shape[1])
 
     def with_room(self, count: int) -> tuple[UnderactuatedBase, slice]:
         """The same with `count` more knots at ends where the machine rests, and the path's knots.
@@ -378,31 +446,30 @@ class UnderactuatedBase:
         numbers = np.resize(self.led.starts, (count, len(self.led.joints)))
         first = self.at(np.zeros(count, dtype=int), np.arange(count, dtype=float))
         tried, jacobian = first._reached(np.hstack([np.tile(start[0], (count, 1)), numbers]))
-        off = np.linalg.norm(np.hstack([tried[:, 3:6], first.misses(tried)]), axis=-1)
+        off = np.linalg.norm(np.hstack([tried[:, 3:6], first.misses(tried)[0]]), axis=-1)
         # Of the nearest postures that which moves the frames most evenly.
         weakest = np.linalg.svd(jacobian[:, :, 6:], compute_uv=False)[:, -1]
         best = tried[np.argmax(np.where(off < off.min() + _SAME, weakest, -1.0)), 6:]
         return self._reached(np.hstack([start, np.tile(best, (len(axis), 1))]))[0]
 
-    def _reached(self, found: Array) -> tuple[Array, Array]:
+    def _reached(self, unknowns: Array) -> tuple[Array, Array]:
         """Unknowns (s, c) near to others with frames on paths, and the frames' Jacobian (s, m, c).
 
         Thrust axes stay as they are. Rows that do not get there are off their paths.
         """
-        ease = np.repeat([0.0, _SHIFT, 1.0], [3, 3, found.shape[1] - 6])
-        still = np.zeros_like(found)
+        ease = np.repeat([0.0, _SHIFT, 1.0], [3, 3, unknowns.shape[1] - 6])
         for _ in range(_MOST_STEPS):
-            missing, (jacobian,) = _linear(self._misses, found, still, still, orders=1)
+            missing, jacobian = self.misses(unknowns)
             square = (jacobian * ease) @ np.swapaxes(jacobian, 1, 2)
             square += _TINY * np.eye(square.shape[-1])
             pull = np.linalg.solve(square, missing[..., np.newaxis])[..., 0]
             step = -ease * times(np.swapaxes(jacobian, 1, 2), pull)
             # Numbers of joints at their limits have a long way.
-            size = (np.abs(step) / (1.0 + np.abs(found))).max(axis=-1, keepdims=True)
-            found = found + step * np.minimum(1.0, _LONGEST / np.maximum(size, _LONGEST))
+            size = (np.abs(step) / (1.0 + np.abs(unknowns))).max(axis=-1, keepdims=True)
+            unknowns = unknowns + step * np.minimum(1.0, _LONGEST / np.maximum(size, _LONGEST))
             if size.max() < _CONVERGED:
                 break
-        return found, jacobian
+        return unknowns, jacobian
 
     def point_mass(self) -> Array:
         """Thrust axes (s, 3) of a point mass on the path, world axes.
@@ -476,10 +543,10 @@ def underactuated_motion(
         axis = _axes(vehicle, joints)
         targets = led.targets(knots)
         base = UnderactuatedBase(vehicle, joints, axis, centre, turning, led, targets)
-        longer, own = base.with_room(_ROOM * refinement)
+        longer, inner = base.with_room(_ROOM * refinement)
         motion = _solution(longer, progress)
-        motion = Motion(knots, motion.q[own], motion.v[own], motion.a[own])
-        deviation = _deviation(vehicle, motion, base.weight, led)
+        motion = Motion(knots, motion.q[inner], motion.v[inner], motion.a[inner])
+        deviation = _deviation(vehicle, motion, base.mass * abs(base.gravity), led)
         if deviation is None:
             return motion
         refinement = refine(refinement, time, deviation, *_TOO_FAST)
@@ -508,31 +575,31 @@ def _solution(base: UnderactuatedBase, progress: Callable[[float], None]) -> Mot
     What lies ahead matters for a few seconds only, so that the end of each span is found again.
     """
     time, fixed = base.joints.time, base.at_rest()
-    found = base.quasistatic(base.point_mass())
-    near = found.copy()
-    _check_near(base, found)
+    unknowns = base.quasistatic(base.point_mass())
+    near = unknowns.copy()
+    _check_near(base, unknowns)
     for begin in range(0, len(time), _SPAN):
         span = slice(max(begin - STENCIL, 0), begin + _SPAN + _OVERLAP)
         part = base.at(span, time[span])
-        try:
-            found[span] = nearest_motion(
-                part.conditions, found[span], near[span], part.grid, base.gravity, fixed[span]
-            )
-        except SingularAttitudeError as error:
-            instant = time[span][error.place]
-            raise SingularAttitudeError(f"at t = {instant:.6g} s {error}", error.place) from None
+        unknowns[span] = nearest_motion(
+            part.linear, unknowns[span], near[span], part.grid, base.gravity, fixed[span]
+        )
         # The next span goes on from here.
         fixed[max(begin + _SPAN - STENCIL, 0) : begin + _SPAN] = True
         progress(min(1.0, span.stop / len(time)))
         if span.stop >= len(time):
             break
-    _check_near(base, found)
-    return base.motion(found, base.grid.rate @ found, base.grid.growth @ found)
+    _check_near(base, unknowns)
+    try:
+        return base.motion(unknowns, base.grid.rate @ unknowns, base.grid.growth @ unknowns)
+    except SingularAttitudeError as error:
+        instant = time[error.place]
+        raise SingularAttitudeError(f"at t = {instant:.6g} s {error}", error.place) from None
 
 
-def _check_near(base: UnderactuatedBase, found: Array) -> None:
+def _check_near(base: UnderactuatedBase, unknowns: Array) -> None:
     """Raise `UsageError` where the base is too far from its path, or frames are from theirs."""
-    shift, led, remedy = found[:, 3:6], base.led, "choose a gentler motion"
+    shift, led, remedy = unknowns[:, 3:6], base.led, "choose a gentler motion"
     off, most = np.linalg.norm(shift, axis=-1), _FARTHEST
     fault = "the base cannot follow its path: the nearest motion that its thrust allows is {} m off"
     if names := list(led.paths):
@@ -540,14 +607,14 @@ def _check_near(base: UnderactuatedBase, found: Array) -> None:
         reach = base.targets[:, 0] - (base.centre[:, 0] + shift)[:, np.newaxis]
         most = max(most, _LEANING * float(np.linalg.norm(reach, axis=-1).max()))
         fault = f"the base would be {{}} m off its path for {', '.join(names)} to be on theirs"
-        missed = np.linalg.norm(base.misses(found).reshape(len(off), -1, 3), axis=-1)
+        missed = np.linalg.norm(base.misses(unknowns)[0].reshape(len(off), -1, 3), axis=-1)
         if missed.max() > _MISSED:
             name = names[int(np.argmax(missed.max(axis=0)))]
             off, most, fault = missed.max(axis=1), _MISSED, f"{name} stays {{}} m off its path"
     worst = int(np.argmax(off))
     if off[worst] <= most:
         return
-    if at_limits := led.at_limits(base.vehicle, found[worst, 6:]):
+    if at_limits := led.at_limits(base.vehicle, unknowns[worst, 6:]):
         fault += f", with joints at their limits ({at_limits})"
     instant = max(base.joints.time[worst], 0.0)
     raise UsageError(f"at t = {instant:.6g} s {fault.format(f'{off[worst]:.3g}')}; {remedy}")
@@ -566,10 +633,10 @@ def _deviation(vehicle: Vehicle, motion: Motion, weight: float, led: LedFrames) 
     lateral = np.linalg.norm(np.cross(axis, force), axis=-1)[1::2]
     thrusts = needed_inputs(vehicle, q, v, a)[:, : vehicle.rotors]
     between = np.abs(thrusts[1::2] - 0.5 * (thrusts[:-1:2] + thrusts[2::2])).max(axis=-1)
-    found = [(lateral, _LATERAL * weight, "N"), (between, _UNEVEN * weight, "N")]
+    excesses = [(lateral, _LATERAL * weight, "N"), (between, _UNEVEN * weight, "N")]
     missed = np.linalg.norm(led.misses(vehicle, q, led.targets(time)), axis=-1)
-    found.append((missed[1::2], _MISSED, "m"))
-    off, allowed, unit = max(found, key=lambda each: each[0].max() / each[1])
+    excesses.append((missed[1::2], _MISSED, "m"))
+    off, allowed, unit = max(excesses, key=lambda excess: excess[0].max() / excess[1])
     place = int(np.argmax(off))
     if off[place] <= allowed:
         return None

@@ -17,11 +17,13 @@ from matplotlib.patches import Rectangle
 from PIL import Image
 
 from gibbs_codegen.errors import OutputError, UsageError, printable
-from gibbs_codegen.figures.scene import VIEW, extent, fit, hide_numbers, set_scene
-from gibbs_codegen.figures.style import COLOURS, DARK, GOLD, style
+from gibbs_codegen.figures.appearance import COLOURS, DARK, GOLD, VIEW
+from gibbs_codegen.figures.scene import extent, fit, hide_numbers, set_scene
+from gibbs_codegen.figures.style import style
 from gibbs_codegen.files.staging import writing
 from gibbs_codegen.flight.figures import snapshots
 from gibbs_codegen.flight.figures.curves import add_legend
+from gibbs_codegen.flight.record.extent import bounds, rotor_radius, samples_at
 from gibbs_codegen.flight.record.flight import Array, Flight
 
 # Height of frames, what heading and legend take of it, and how wide the whole flight may be, in.
@@ -47,7 +49,7 @@ class Film:
         self._flight = flight
         rotors = [flight.points.index(name) for name in flight.rotor_points]
         self._middles = flight.positions[:, rotors].mean(axis=1)
-        whole = snapshots.bounds(flight)
+        whole = bounds(flight)
         self.near = _near_radius(flight, self._middles, whole)
         height = _HEIGHT - _HEAD
         wide, high = extent(whole, VIEW)
@@ -121,7 +123,7 @@ def _near_radius(flight: Flight, middles: Array, whole: tuple[Array, Array]) -> 
     """
     rotors = [flight.points.index(name) for name in flight.rotor_points]
     distances = np.linalg.norm(flight.positions - middles[:, np.newaxis], axis=2)
-    room = snapshots.rotor_radius(flight) * (1.0 + snapshots.LONGEST)
+    room = rotor_radius(flight) * (1.0 + snapshots.LONGEST)
     farthest = [np.nanmax(which, initial=0.0) for which in (distances, distances[:, rotors])]
     # An arm that is long beside the base is cut off.
     radius = float(min(farthest[0] + 0.5 * room, _REACH * (farthest[1] + room)))
@@ -150,7 +152,7 @@ def write_animation(
             temporary.touch()
             with style():
                 count = int((flight.time[-1] - flight.time[0]) * fps + 1e-9) + 1
-                frames = snapshots.samples_at(flight, flight.time[0] + np.arange(count) / fps)
+                frames = samples_at(flight, flight.time[0] + np.arange(count) / fps)
                 _film(flight, writer, temporary, frames, progress)
             os.replace(temporary, path)
     except subprocess.CalledProcessError as error:

@@ -20,12 +20,14 @@ from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 from numpy.typing import NDArray
 
 from gibbs_codegen.errors import UsageError
+from gibbs_codegen.figures.appearance import COLOURS, DARK
 from gibbs_codegen.figures.scene import fit, set_scene
-from gibbs_codegen.figures.style import COLOURS, COLUMN, DARK, FULL, lay_out, spread, style
-from gibbs_codegen.flight.analysis.reachable_wrenches import Polytope, ReachableWrenches
+from gibbs_codegen.figures.style import COLUMN, FULL, lay_out, spread, style
 from gibbs_codegen.flight.plant.kinematics import kinematics_of
+from gibbs_codegen.flight.record.extent import thrust_directions
 from gibbs_codegen.flight.record.flight import Array, Flight
 from gibbs_codegen.flight.vectors import Flags, roll_pitch_yaw
+from gibbs_codegen.robot.reach import Polytope, ReachableWrenches
 
 # Curves on a logarithmic axis end here, in m, rad or J: what is below is roundoff. Axes reach at
 # least so many times as far.
@@ -427,12 +429,6 @@ def actuator_panels(flight: Flight) -> list[Curves]:
         actual, sent = (np.stack([line[k] for line in curves], axis=1) for k in (1, 2))
         panels.append(Curves(label, [name for name, _, _ in curves], actual, sent))
     return panels
-
-
-def thrust_directions(flight: Flight, sample: int) -> Array:
-    """Unit vectors (N, 3) of the thrusts in the base's frame."""
-    directions = flight.thrust_directions
-    return directions if directions.ndim == 2 else directions[sample]
 
 
 def _curves(flight: Flight, label: str, places: NDArray[np.int_]) -> Curves:

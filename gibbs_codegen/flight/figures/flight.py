@@ -17,7 +17,8 @@ from matplotlib.figure import Figure
 
 from gibbs_codegen.errors import OutputError, UsageError, printable
 from gibbs_codegen.figures import FORMATS
-from gibbs_codegen.figures.style import COLOURS, COLUMN, save_figures, style
+from gibbs_codegen.figures.appearance import COLOURS
+from gibbs_codegen.figures.style import COLUMN, save_figures, style
 from gibbs_codegen.files.staging import check_output_folder, staging_folder, writing
 from gibbs_codegen.flight.figures import curves
 from gibbs_codegen.flight.figures.curves import actuators as actuators

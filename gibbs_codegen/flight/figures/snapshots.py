@@ -12,27 +12,30 @@ from matplotlib.patheffects import withStroke
 from matplotlib.text import Text
 from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
-from gibbs_codegen.figures.robot_artists import RobotArtists, Shapes, disc_corners, disc_radius
-from gibbs_codegen.figures.scene import (
+from gibbs_codegen.figures.appearance import (
+    COLOURS,
+    DARK,
     VIEW,
-    extent,
-    fit,
-    hide_numbers,
-    place_labels,
-    project,
+    disc_corners,
     seen_from,
-    set_scene,
 )
-from gibbs_codegen.figures.style import COLOURS, DARK, FULL, lay_out, style
-from gibbs_codegen.flight.figures.curves import add_legend, thrust_directions
+from gibbs_codegen.figures.robot_artists import RobotArtists, Shapes
+from gibbs_codegen.figures.scene import extent, fit, hide_numbers, place_labels, project, set_scene
+from gibbs_codegen.figures.style import FULL, lay_out, style
+from gibbs_codegen.flight.figures.curves import add_legend
+from gibbs_codegen.flight.record.extent import (
+    bounds,
+    rotor_radius,
+    samples_at,
+    thrust_directions,
+    usual_size,
+)
 from gibbs_codegen.flight.record.flight import Array, Flight
 from gibbs_codegen.flight.scenario.walls import patches
 
 _CENTRE_COLOUR, _TIP_COLOUR = COLOURS[:2]
 
 _PATH_LEVELS = (3, 4)
-# The least extent of a scene along an axis, as a share of the largest, so that it stays a box.
-_THINNEST = 0.4
 # In one picture; and in panels, of which more would be too small to show the robot.
 INSTANTS, _PANELS = 12, 6
 # Width and height of the largest box that is drawn, and what labels around it take, in.
@@ -59,8 +62,6 @@ _PATH_POINTS = 200
 _LABEL_DISTANCES = (24.0, 32.0, 42.0, 54.0, 68.0, 84.0, 102.0, 122.0)
 # Above robots.
 _LEVEL = 50
-# The share of thrusts or efforts that is shown whole: peaks would make the others dots.
-_USUAL = 0.95
 # The longest arrow, in radii of a rotor; length and half the width of a head, in its length.
 LONGEST, _ARROW_HEAD = 4.0, np.array([0.15, 0.06])
 _WALL = "#8a6d3b"
@@ -149,45 +150,6 @@ def arm_lines(flight: Flight) -> list[list[int]]:
         else:
             before.append(point)
     return lines
-
-
-def usual_size(values: Array) -> float:
-    """The size that most of the absolute values do not exceed."""
-    finite = np.abs(values[np.isfinite(values)])
-    return float(np.quantile(finite, _USUAL)) if len(finite) else 0.0
-
-
-def samples_at(flight: Flight, times: Array) -> list[int]:
-    """Numbers (k) of the samples of a flight that are nearest to times (k), s."""
-    between = (flight.time[1:] + flight.time[:-1]) / 2.0
-    return [int(sample) for sample in np.searchsorted(between, times)]
-
-
-def bounds(flight: Flight, samples: list[int] | None = None) -> tuple[Array, Array]:
-    """Lowest and highest coordinates (3), m, of robot and paths, with room for the rotors.
-
-    The robot counts at such samples, or at all if None.
-    """
-    drawn = flight.positions if samples is None else flight.positions[samples]
-    paths = [flight.point(flight.centre), flight.centre_desired]
-    if flight.has_tip:
-        paths += [flight.point("tip"), flight.tip_desired]
-    points = np.concatenate([drawn.reshape(-1, 3), *paths])
-    # A flight that stopped because it diverged may end in what is not a number.
-    points = points[np.isfinite(points).all(axis=1)]
-    low, high = points.min(axis=0), points.max(axis=0)
-    extent = high - low + 2.0 * rotor_radius(flight)
-    half = np.maximum(extent, _THINNEST * extent.max()) / 2.0
-    middle = (low + high) / 2.0
-    return middle - half, middle + half
-
-
-def rotor_radius(flight: Flight) -> float:
-    """Radius of the discs, m, by the distance between motors."""
-    rotors = [flight.points.index(name) for name in flight.rotor_points]
-    motors, carriers = (flight.positions[0][k] for k in (rotors, flight.parents[rotors]))
-    normals = thrust_directions(flight, 0) @ flight.base_rotation[0].T
-    return disc_radius(motors, normals, np.linalg.norm(motors - carriers, axis=1))
 
 
 def snapshots(flight: Flight) -> Figure:

@@ -13,7 +13,8 @@ from matplotlib.figure import Figure
 from matplotlib.patheffects import withStroke
 
 from gibbs_codegen.figures import FORMATS
-from gibbs_codegen.figures.style import COLOURS, COLUMN, DARK, FULL, lay_out, save_figures, style
+from gibbs_codegen.figures.appearance import COLOURS, DARK
+from gibbs_codegen.figures.style import COLUMN, FULL, lay_out, save_figures, style
 from gibbs_codegen.flight.sweeps.sensitivity import Sensitivity
 from gibbs_codegen.flight.sweeps.study import Study
 

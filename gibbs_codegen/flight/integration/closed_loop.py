@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 
 from gibbs_codegen.arrays.evaluation import Evaluator
+from gibbs_codegen.flight.attitude import LARGEST_THETA_0
 from gibbs_codegen.flight.control.geometric import LeaningController
 from gibbs_codegen.flight.control.laws import constants_of, evaluator_of, law_program
 from gibbs_codegen.flight.control.observation import Measured
@@ -32,7 +33,6 @@ from gibbs_codegen.flight.plant.actuators import (
 from gibbs_codegen.flight.plant.environment import Environment
 from gibbs_codegen.flight.plant.sensors import SensorSuite
 from gibbs_codegen.flight.plant.vehicle import Array, Flags, Vehicle
-from gibbs_codegen.flight.scenario.orientation import LARGEST_THETA_0
 from gibbs_codegen.flight.scenario.scenario import Scenario
 from gibbs_codegen.machine import closed_loop
 from gibbs_codegen.machine.contact import bristles_of

@@ -21,12 +21,12 @@ from decimal import ROUND_FLOOR, Context
 
 import numpy as np
 
+from gibbs_codegen.flight.attitude import LARGEST_THETA_0
 from gibbs_codegen.flight.control.error_polynomials import error_polynomials
 from gibbs_codegen.flight.control.laws import Gains
 from gibbs_codegen.flight.integration.closed_loop import ClosedLoop
 from gibbs_codegen.flight.plant.actuators import holds
 from gibbs_codegen.flight.plant.vehicle import Array, Flags, Vehicle
-from gibbs_codegen.flight.scenario.orientation import LARGEST_THETA_0
 from gibbs_codegen.flight.scenario.parts import PREDICTIVE
 from gibbs_codegen.flight.scenario.walls import Wall, bristle, surface_at
 from gibbs_codegen.machine.laws import LAWS

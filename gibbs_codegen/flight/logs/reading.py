@@ -14,13 +14,13 @@ from scipy.signal import butter, sosfiltfilt
 from scipy.spatial.transform import Rotation
 
 from gibbs_codegen.errors import UsageError, printable
+from gibbs_codegen.flight.attitude import Turning
 from gibbs_codegen.flight.plant.actuators import module_actuators
 from gibbs_codegen.flight.plant.kinematics import quaternions_of
 from gibbs_codegen.flight.plant.vehicle import Vehicle
 from gibbs_codegen.flight.record.flight import Flight
 from gibbs_codegen.flight.record.recording import posture_series
 from gibbs_codegen.flight.record.series import RANGES
-from gibbs_codegen.flight.scenario.orientation import Turning
 from gibbs_codegen.flight.vectors import Array, times
 
 # Order of the filter, which is applied forwards and backwards; samples that it needs.

@@ -9,12 +9,15 @@ import math
 from collections.abc import Collection, Iterable
 from dataclasses import dataclass, replace
 from types import ModuleType
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from gibbs_codegen.errors import UsageError, near, printable
 from gibbs_codegen.flight.plant.vehicle import Array, Flags, RobotData, Vehicle
-from gibbs_codegen.flight.scenario.scenario import Scenario
+
+if TYPE_CHECKING:
+    from gibbs_codegen.flight.scenario.scenario import Scenario
 
 _NO_LIMITS = (-math.inf, math.inf)
 # Share of the largest input, or of 1, that may be missing; and how often more is wanted till then.

@@ -13,15 +13,12 @@ from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import lsq_linear
 
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.flight.plant.vehicle import RobotData, Vehicle
 from gibbs_codegen.flight.vectors import Array, times, transposed
-from gibbs_codegen.robot.wrenches import directions
+from gibbs_codegen.robot.wrenches import RANK, directions
 
-# Singular values below this share of the largest belong to directions that rotors cannot command.
-RANK = 1e-9
 # Share of a wrench that thrusts may fail to produce and still count as exact.
 EXACT = 1e-9
 # Weight of small thrusts against the wrench, as a share of the norm of all wrenches. It picks one
@@ -91,6 +88,8 @@ class Allocation:
 
     def _nearest(self, smallest: Array, wrenches: Array, *others: Array) -> Array:
         """Thrusts (…, N) within limits, of the smallest (…, N) of wrenches (…, 6)."""
+        from scipy.optimize import lsq_linear  # Late, as SciPy takes long to import.
+
         found, (least, most) = smallest.copy(), self._limits
         beyond = np.any((found < least) | (found > most), axis=-1)
         beyond &= np.all(np.isfinite(wrenches), axis=-1)

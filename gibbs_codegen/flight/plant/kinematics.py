@@ -17,13 +17,18 @@ from types import ModuleType
 from typing import Any
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from gibbs_codegen.arrays import Node, Program, external, variable
 from gibbs_codegen.arrays.evaluation import Evaluator
 from gibbs_codegen.arrays.nodes import Space, coordinates_of, cross, entries_of, zeros
+from gibbs_codegen.flight.attitude import (
+    Turning,
+    attitude_angles,
+    quaternion_of,
+    rotation_matrix,
+    rotation_of,
+)
 from gibbs_codegen.flight.reference import Motion, Reference
-from gibbs_codegen.flight.scenario.orientation import Turning, attitude_angles, rotation_matrix
 from gibbs_codegen.flight.vectors import Array, times, transposed
 from gibbs_codegen.machine.base import Base, base_of, placed, quaternion_motion, unit_entries
 from gibbs_codegen.machine.base import Motion as DesiredNodes
@@ -46,7 +51,7 @@ def unit_quaternions(module: ModuleType, layout: Layout, q: Any, xp: Any = np) -
 
 def quaternions_of(rotation: Array) -> Array:
     """Unit quaternions (s, 4), x y z w, of rotations (s, 3, 3): each the nearer one to the last."""
-    quaternion = np.asarray(Rotation.from_matrix(rotation).as_quat())
+    quaternion = quaternion_of(rotation)
     turns_back = np.einsum("si,si->s", quaternion[1:], quaternion[:-1]) < 0.0
     quaternion[1:][np.cumsum(turns_back) % 2 == 1] *= -1.0
     return quaternion
@@ -97,6 +102,8 @@ class Kinematics:
 
     def _difference(self, q: Array, other: Array) -> Array:
         """Displacements (…, nv), rotation vectors in the places of the attitude, else 0."""
+        from scipy.spatial.transform import Rotation  # Late, as SciPy takes long to import.
+
         found = np.zeros((*q.shape[:-1], self.layout.v.size))
         here, there = (self.rotation(each).reshape(-1, 3, 3) for each in (q, other))
         turn = (Rotation.from_matrix(here).inv() * Rotation.from_matrix(there)).as_rotvec()
@@ -105,12 +112,10 @@ class Kinematics:
 
     def rotation(self, q: Array) -> Array:
         """R (…, 3, 3), from the base's frame to the world, at q (…, nq) of unit length."""
-        # A copy, since SciPy refuses an empty array that is read-only.
-        attitude = np.array(q[..., self.layout.q.attitude])
+        attitude = q[..., self.layout.q.attitude]
         if not self.layout.is_quaternion:
             return rotation_matrix(self.sequence, attitude)
-        flat = Rotation.from_quat(attitude.reshape(-1, 4)).as_matrix()
-        return flat.reshape(*attitude.shape[:-1], 3, 3)
+        return rotation_of(attitude)
 
     def normalised(self, q: Array) -> Array:
         """Coordinates (…, nq) of which modules may be asked: with quaternions of unit length."""

@@ -230,6 +230,13 @@ class Vehicle(RobotData):
         return 0.5 * (forward - backward)
 
     @property
+    def weight(self) -> float:
+        """Weight, N: what the potential energy grows by for each metre of height."""
+        lifted = self.neutral
+        lifted[self.layout.q.position][2] += 1.0
+        return float(self.potential_energy(lifted) - self.potential_energy(self.neutral))
+
+    @property
     def gravity(self) -> Array:
         """The acceleration of gravity along z (…), m/s², world axes; negative where things fall."""
         gravity: Array = gravity_of(self.module, self.layout, self.constants)

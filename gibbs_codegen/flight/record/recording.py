@@ -280,7 +280,7 @@ def posture_series(
         "points": lambda: vehicle.points,
         "constraint_names": lambda: vehicle.constraint_names,
         "frames": lambda: vehicle.frames,
-        "weight": lambda: weight_of(vehicle),
+        "weight": lambda: vehicle.weight,
         "gravity": lambda: -float(vehicle.gravity),
         "q": q,
         "v": v,
@@ -311,13 +311,6 @@ def _base_arm_angles(vehicle: Vehicle, q: Array) -> Array:
     arms = positions[:, first + 2 : first + 1 + max(len(vehicle.arm_angles()), 1)]
     away = (arms - positions[:, [first]]) @ vehicle.base_rotation(q)
     return np.arctan2(away[..., 1], away[..., 0])
-
-
-def weight_of(vehicle: Vehicle) -> float:
-    """Weight of a robot, N: what its potential energy grows by for each metre of height."""
-    lifted = vehicle.neutral
-    lifted[vehicle.layout.q.position][2] += 1.0
-    return float(vehicle.potential_energy(lifted) - vehicle.potential_energy(vehicle.neutral))
 
 
 def timing_note(flight: Flight, motion: TimedMotion) -> Flight:

@@ -19,7 +19,6 @@ from gibbs_codegen.files.staging import writing
 from gibbs_codegen.flight.plant.actuators import followed
 from gibbs_codegen.flight.plant.kinematics import kinematics_of
 from gibbs_codegen.flight.plant.vehicle import Vehicle
-from gibbs_codegen.flight.record.clearance import disc_distances, rim_distances, wall_distances
 from gibbs_codegen.flight.vectors import Array as Array
 from gibbs_codegen.flight.vectors import roll_pitch_yaw
 from gibbs_codegen.machine.laws import LAWS
@@ -403,6 +402,8 @@ class Flight:
         Links are the lines between joints, and to the tip; where one goes through a disc the
         distance is less than 0, by how far inside the rim. NaN where a radius is not known.
         """
+        from gibbs_codegen.flight.record.clearance import disc_distances  # Late: it reads walls.
+
         return disc_distances(self.positions, self.parents, *self._discs)
 
     @property
@@ -419,6 +420,8 @@ class Flight:
         They are less than 0 where one is behind the wall. Ends of links that are there to touch a
         wall do not count there, nor discs whose radius is not known.
         """
+        from gibbs_codegen.flight.record.clearance import rim_distances, wall_distances
+
         distances = np.empty((len(self.time), len(self.walls)))
         discs, axes, radii = self._discs
         kinds = self.wall_kinds or ("plane",) * len(self.walls)

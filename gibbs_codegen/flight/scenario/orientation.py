@@ -8,83 +8,24 @@ columns of E are the axes that the three angles turn about. All functions take a
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Annotated, ClassVar, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.spatial.transform import Rotation
 
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.files.table import Bounds, Kinds, Table, Whole, entry, key, table
+from gibbs_codegen.flight.attitude import Turning, product_derivatives, turning_of, unit_derivatives
 from gibbs_codegen.flight.scenario.numbers import Angle, Direction, NotNegative, Positive
 from gibbs_codegen.flight.scenario.paths import Path, minimum_jerk
 from gibbs_codegen.flight.vectors import Array, rotation_about
 from gibbs_codegen.robot.parts.rotor import MAX_ROTORS
 
-# |cos θ₀| below which angles count as singular: within a quarter of a degree.
-SINGULAR_COSINE = 0.005
-# The same for angles that began between −90° and 90°, rad; a cosine would not tell of whole turns.
-LARGEST_THETA_0 = math.acos(SINGULAR_COSINE)
 _VERTICAL = np.array([0.0, 0.0, 1.0])
-# A scalar, vector or matrix at s instants, and its first two derivatives in time.
-Derivatives = tuple[Array, Array, Array]
 # Speed under which a path has no direction to follow, m/s.
 _STANDSTILL = 1e-6
 # Sine of the angle to the vertical under which the base normal has no side to lean to.
 _UPRIGHT = 1e-3
-
-
-class SingularAttitudeError(UsageError):
-    """An attitude so near the singularity of the sequence that angles do not describe it.
-
-    `place` is that of the first such attitude among those given.
-    """
-
-    def __init__(self, message: str, place: int) -> None:
-        self.place = place
-        super().__init__(message)
-
-
-@dataclass(frozen=True)
-class Turning:
-    """A rotation in time: R (…, 3, 3), ω and dω/dt (…, 3) in world axes, rad/s and rad/s²."""
-
-    rotation: Array
-    velocity: Array
-    acceleration: Array
-
-
-def rotation_matrix(sequence: str, angles: ArrayLike) -> Array:
-    """R (…, 3, 3), from arm 1's axes to the world's, of angles θ₋₁, θ₀, θ₁ (…, 3), rad.
-
-    They turn about axes in the order of `sequence`, such as "xyz".
-    """
-    angles = np.asarray(angles, dtype=np.float64)
-    flat = Rotation.from_euler(sequence.upper(), angles.reshape(-1, 3)).as_matrix()
-    return flat.reshape(*angles.shape[:-1], 3, 3)
-
-
-def attitude_angles(sequence: str, rotation: Array) -> Array:
-    """Angles (…, 3) of rotations (…, 3, 3), the inverse of `rotation_matrix`.
-
-    They lie in (−π, π], the second in [−π/2, π/2]. Raises `SingularAttitudeError` within a
-    quarter of a degree of θ₀ = ±π/2, where different angles are the same attitude.
-    """
-    first, _, third = ("xyz".index(letter) for letter in sequence)
-    # The entry of R that is ± sin θ₀ in any sequence of three different axes.
-    sine = rotation[..., first, third]
-    singular = np.ravel(1.0 - sine**2 < SINGULAR_COSINE**2)
-    if np.any(singular):
-        raise SingularAttitudeError(
-            f"the attitude reaches the singularity of the sequence {sequence} (its second angle "
-            "to ±90°); choose another sequence in the robot file, or "
-            'attitude = "quaternion" where none serves, or a gentler path',
-            int(np.argmax(singular)),
-        )
-    flat = Rotation.from_matrix(rotation.reshape(-1, 3, 3)).as_euler(sequence.upper())
-    return flat.reshape(*rotation.shape[:-2], 3)
 
 
 class Orientation(Protocol):
@@ -131,10 +72,9 @@ class Turn(Table):
         """Rotation, angular velocity and angular acceleration at times (s)."""
         axis = np.array(self.axis) / math.hypot(*self.axis)
         share = self.angle * minimum_jerk(time, self.duration, self.begin)
-        angle, rate, growth = (share[..., order, np.newaxis] * axis for order in range(3))
-        turned = Rotation.from_rotvec(angle.reshape(-1, 3)).as_matrix()
+        rate, growth = (share[..., order, np.newaxis] * axis for order in (1, 2))
         start = rotation_about(_VERTICAL, np.array(self.heading))
-        return Turning(turned.reshape(*angle.shape, 3) @ start, rate, growth)
+        return Turning(rotation_about(axis, share[..., 0]) @ start, rate, growth)
 
 
 @table
@@ -188,15 +128,6 @@ class Tangent(Table):
         return turning_of(*frames)
 
 
-def turning_of(rotation: Array, rate: Array, second: Array) -> Turning:
-    """The rotation R(t), given with dR/dt and d²R/dt² (…, 3, 3), with ω and dω/dt in world axes."""
-    transposed = np.swapaxes(rotation, -1, -2)
-    spin = rate @ transposed
-    # d(Ṙ Rᵀ)/dt; what is symmetric in it cancels in `_axis`.
-    spin_rate = second @ transposed + rate @ np.swapaxes(rate, -1, -2)
-    return Turning(rotation, _axis(spin), _axis(spin_rate))
-
-
 def heading_error(path: Path, time: ArrayLike, direction: Array) -> Array:
     """Angles (s), rad, between unit vectors (s, 3), world axes, and the tangent of a path."""
     velocity = path(time)[..., 1, :]
@@ -204,38 +135,6 @@ def heading_error(path: Path, time: ArrayLike, direction: Array) -> Array:
     # By the chord: the cosine cannot tell angles below 1e-8.
     half = np.linalg.norm(direction - tangent, axis=-1) / 2.0
     return 2.0 * np.arcsin(np.minimum(half, 1.0))
-
-
-def unit_derivatives(vector: Array, rate: Array, second: Array) -> Derivatives:
-    """The unit vector along a vector (…, 3), and its first two derivatives in time."""
-    with np.errstate(divide="ignore", invalid="ignore"):
-        inverse = 1.0 / np.linalg.norm(vector, axis=-1, keepdims=True)
-        unit = vector * inverse
-        growth = np.sum(unit * rate, axis=-1, keepdims=True) * inverse
-        unit_rate = rate * inverse - unit * growth
-        growth_rate = (
-            np.sum(unit_rate * rate + unit * second, axis=-1, keepdims=True) * inverse - growth**2
-        )
-        unit_second = (
-            second * inverse - rate * inverse * growth - unit_rate * growth - unit * growth_rate
-        )
-    return unit, unit_rate, unit_second
-
-
-def product_derivatives(
-    times: Callable[[Array, Array], Array], a: Derivatives, b: Derivatives
-) -> Derivatives:
-    """A product, linear in both factors, and its first two derivatives in time."""
-    return (
-        times(a[0], b[0]),
-        times(a[1], b[0]) + times(a[0], b[1]),
-        times(a[2], b[0]) + 2.0 * times(a[1], b[1]) + times(a[0], b[2]),
-    )
-
-
-def _axis(matrix: Array) -> Array:
-    """The vector of the skew part of a matrix."""
-    return 0.5 * (matrix - np.swapaxes(matrix, -1, -2))[..., (2, 0, 1), (1, 2, 0)]
 
 
 # An attitude of a file is one of the kinds.

@@ -19,12 +19,11 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from math import comb, perm
-from typing import Annotated, Any, ClassVar, Literal, Protocol
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
 from pydantic import AfterValidator, BeforeValidator, PlainValidator, TypeAdapter, WithJsonSchema
-from scipy.interpolate import BPoly, make_interp_spline
 
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.files.table import (
@@ -53,6 +52,9 @@ from gibbs_codegen.flight.scenario.numbers import (
 )
 from gibbs_codegen.flight.vectors import Array as Array
 from gibbs_codegen.flight.vectors import Flags
+
+if TYPE_CHECKING:
+    from scipy.interpolate import BPoly
 
 ORDERS = 4  # position and three derivatives
 WORDS = ("rest", "free")  # in place of a velocity
@@ -244,12 +246,13 @@ def check_path(path: Path, duration: float, what: str) -> None:
 
 
 def plane(normal: Vector | Array) -> tuple[Array, Array]:
-    """Two unit vectors (3) that with the direction of a vector (3) make a right-handed frame."""
-    n = np.asarray(normal, dtype=np.float64) / np.max(np.abs(normal))
-    n /= np.linalg.norm(n)
-    axis = np.array([1.0, 0.0, 0.0]) if abs(n[0]) < 0.9 else np.array([0.0, 1.0, 0.0])
-    first = axis - (axis @ n) * n
-    first /= np.linalg.norm(first)
+    """Two unit vectors (…, 3) that make right-handed frames with the directions of vectors."""
+    n = np.asarray(normal, dtype=np.float64)
+    n = n / np.max(np.abs(n), axis=-1, keepdims=True)
+    n /= np.linalg.norm(n, axis=-1, keepdims=True)
+    axis = np.eye(3)[np.where(np.abs(n[..., 0]) < 0.9, 0, 1)]
+    first = axis - np.sum(axis * n, axis=-1, keepdims=True) * n
+    first /= np.linalg.norm(first, axis=-1, keepdims=True)
     return first, np.cross(n, first)
 
 
@@ -398,6 +401,8 @@ def _derivatives(
 
     `since` (s) is such a time; `velocities` are in m/s, "rest" or "free", `duration` in s.
     """
+    from scipy.interpolate import make_interp_spline  # Late, as SciPy takes long to import.
+
     nodes = np.zeros((len(places), _END_VALUES, 3))
     nodes[:, 0] = places
     words = [velocity if isinstance(velocity, str) else "" for velocity in velocities]
@@ -445,6 +450,8 @@ def _curve(since: Array, nodes: Array) -> BPoly:
 
     `nodes` (s, 5, 3) are position and derivatives there.
     """
+    from scipy.interpolate import BPoly  # Late, as above.
+
     steps = np.diff(since)[:, np.newaxis] ** np.arange(_END_VALUES)
     ahead = _COEFFICIENTS @ (steps[..., np.newaxis] * nodes[:-1])
     signs = (-1.0) ** np.arange(_END_VALUES)

@@ -28,6 +28,7 @@ from gibbs_codegen.arrays.nodes import (
     variable,
 )
 from gibbs_codegen.files.table import Kinds, Place, Table, key, listed, named, table
+from gibbs_codegen.flight.attitude import rotation_matrix
 from gibbs_codegen.flight.scenario.numbers import (
     LEAST,
     Angles,
@@ -38,7 +39,6 @@ from gibbs_codegen.flight.scenario.numbers import (
     Positive,
     Vector,
 )
-from gibbs_codegen.flight.scenario.orientation import rotation_matrix
 from gibbs_codegen.flight.scenario.parts import FRAME
 from gibbs_codegen.flight.scenario.paths import plane
 from gibbs_codegen.flight.vectors import Array

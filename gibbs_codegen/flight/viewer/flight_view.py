@@ -11,11 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gibbs_codegen.errors import UsageError
-from gibbs_codegen.figures.style import COLOURS
-from gibbs_codegen.flight.figures.curves import thrust_directions
-from gibbs_codegen.flight.figures.snapshots import bounds, samples_at, usual_size
+from gibbs_codegen.figures.appearance import COLOURS
+from gibbs_codegen.flight.record.extent import bounds, samples_at, thrust_directions, usual_size
 from gibbs_codegen.flight.record.flight import Array, Flight
-from gibbs_codegen.flight.scenario.walls import patches
 from gibbs_codegen.flight.viewer import page
 from gibbs_codegen.flight.viewer.machine import MachineScene, rgb, set_stage
 
@@ -118,6 +116,8 @@ class FlightScene:
         return self._scene.add_line_segments(f"/flight/{name}", segments, rgb(colour), **look)
 
     def _draw_walls(self) -> None:
+        from gibbs_codegen.flight.scenario.walls import patches  # Late, as tables take long.
+
         low, high = bounds(self.flight)
         middle, half = 0.5 * (low + high), 0.6 * float(np.linalg.norm(high - low))
         walls = patches(self.flight.wall_kinds, self.flight.walls, middle, half)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from types import ModuleType
@@ -9,15 +10,14 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
-from gibbs_codegen.figures.robot_artists import disc_radius
-from gibbs_codegen.figures.scene import VIEW, seen_from
-from gibbs_codegen.figures.style import COLOURS
+from gibbs_codegen.figures.appearance import COLOURS, VIEW, disc_radius, seen_from
+from gibbs_codegen.flight.attitude import quaternion_of, rotation_matrix
 from gibbs_codegen.flight.plant.actuators import module_actuators
 from gibbs_codegen.flight.plant.allocation import least_inputs
 from gibbs_codegen.flight.plant.vehicle import Vehicle
 from gibbs_codegen.flight.record.series import Array, Flight, point_parents
+from gibbs_codegen.flight.vectors import Indices
 
 # The largest disc, as a share of the reach of a robot's points.
 _LARGEST_DISC = 0.4
@@ -45,7 +45,7 @@ _UP = np.array([[0.0, 0.0, 1.0]])
 _FIELD_OF_VIEW, _CLOSE = 0.8, 0.8
 Bytes = NDArray[np.uint8]
 Floats = NDArray[np.float32]
-_SIDES = 16
+_SIDES, _RINGS = 16, 9
 # The start of the head of an arrow of unit length and width, and the thickness of its shaft.
 _NECK, _SHAFT = 0.7, 0.4
 # What is smaller nobody sees, and without it a file is half as long: steps of components of
@@ -159,7 +159,7 @@ class DrawnMachine:
         q = self.vehicle.neutral
         turns, q[layout.q.joints], q[layout.q.position] = np.split(controls, [3, len(controls) - 3])
         if layout.is_quaternion:
-            turns = Rotation.from_euler("xyz", turns).as_quat()
+            turns = quaternion_of(rotation_matrix("zyx", turns[::-1]))
         q[layout.q.attitude] = turns
         return q
 
@@ -328,7 +328,7 @@ class MachineScene:
         tips = struck + _LENGTH * size * forces / (self.force or 1.0)
         self.forces.span(struck, tips, _ARROW * size)
         if len(frames):
-            turns = Rotation.from_matrix(frames[:, :3, :3]).as_quat()
+            turns = quaternion_of(frames[:, :3, :3])
             self.frames.batched_wxyzs = np.roll(turns, 1, axis=1).astype(np.float32)
             self.frames.batched_positions = frames[:, :3, 3].astype(np.float32)
 
@@ -392,12 +392,10 @@ class Batch:
     def __init__(
         self, scene: Any, name: str, shape: str, count: int, colour: str, grain: float, **look: Any
     ) -> None:
-        mesh = _mesh(shape)
         self._grain = grain
         self.node = scene.add_batched_meshes_simple(
             name,
-            mesh.vertices,
-            mesh.faces,
+            *_mesh(shape),
             np.tile([1.0, 0.0, 0.0, 0.0], (count, 1)),
             np.zeros((count, 3)),
             batched_scales=np.zeros((count, 3)),
@@ -438,19 +436,23 @@ def rgb(colour: str) -> tuple[int, int, int]:
     return red, green, blue
 
 
-def _mesh(shape: str) -> Any:
-    """The shape of that name."""
-    from trimesh import creation, util
-
-    if shape == "ball":
-        return creation.icosphere(subdivisions=2, radius=1.0)
-    length, radius = (1.0, 1.0) if shape == "rod" else (_NECK, _SHAFT)
-    shaft = creation.cylinder(radius, segment=_Z * [[0.0], [length]], sections=_SIDES)
-    if shape == "rod":
-        return shaft
-    head = creation.cone(radius=1.0, height=1.0 - _NECK, sections=_SIDES)
-    head.apply_translation(_NECK * _Z)
-    return util.concatenate([shaft, head])
+def _mesh(shape: str) -> tuple[Array, Indices]:
+    """Corners (c, 3) and triangles (t, 3) of the shape of that name: a profile, turned about z."""
+    profiles = {
+        "rod": [[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]],
+        "arrow": [[0.0, 0.0], [_SHAFT, 0.0], [_SHAFT, _NECK], [1.0, _NECK], [0.0, 1.0]],
+        "ball": [[math.sin(angle), -math.cos(angle)] for angle in np.linspace(0.0, np.pi, _RINGS)],
+    }
+    away, height = np.array(profiles[shape])[:, np.newaxis].T
+    turns = 2.0 * np.pi / _SIDES * np.arange(_SIDES)[:, np.newaxis]
+    level = np.broadcast_to(height, (_SIDES, height.shape[1]))
+    corners = np.stack([away * np.cos(turns), away * np.sin(turns), level], axis=-1)
+    number = np.arange(level.size).reshape(level.shape)
+    beside = np.roll(number, -1, axis=0)
+    here, there = (np.stack([x[:, :-1], x[:, 1:]]) for x in (number, beside))
+    faces = [here[0], there[0], there[1]], [here[0], there[1], here[1]]
+    triangles = np.concatenate([np.stack(each, axis=-1).reshape(-1, 3) for each in faces])
+    return corners.reshape(-1, 3), triangles
 
 
 def turned_to(directions: Array) -> Floats:

@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gibbs_codegen.errors import UsageError
-from gibbs_codegen.flight.record.recording import weight_of
 from gibbs_codegen.flight.record.series import Array
 from gibbs_codegen.flight.vectors import Flags
 from gibbs_codegen.flight.viewer import page
@@ -71,7 +70,7 @@ class RobotScene:
             server.scene,
             "/robot/parts",
             vehicle,
-            weight_of(vehicle),
+            vehicle.weight,
             machine.parents,
             machine.arms,
             points,

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from scipy.spatial import ConvexHull
 from support.differences import Array
 
-from gibbs_codegen.flight.analysis.reachable_wrenches import Polytope, polytope
+from gibbs_codegen.robot.reach import Polytope, polytope
 
 
 def of_points(points: Array) -> Polytope:

@@ -18,6 +18,7 @@ from support.differences import series_rate
 from support.random_vehicles import SEEDS, random_vehicle
 
 from gibbs_codegen.errors import UsageError
+from gibbs_codegen.flight.attitude import Turning, rotation_matrix
 from gibbs_codegen.flight.desired import inverse_kinematics as continuation
 from gibbs_codegen.flight.desired.base_trajectory import base_motion, desired_base, knots
 from gibbs_codegen.flight.desired.inverse_kinematics import (
@@ -35,13 +36,7 @@ from gibbs_codegen.flight.desired.inverse_kinematics import (
 from gibbs_codegen.flight.plant.vehicle import Flags, Vehicle
 from gibbs_codegen.flight.reference import Motion, Reference
 from gibbs_codegen.flight.scenario.file import read_scenario
-from gibbs_codegen.flight.scenario.orientation import (
-    Level,
-    Orientation,
-    Tangent,
-    Turning,
-    rotation_matrix,
-)
+from gibbs_codegen.flight.scenario.orientation import Level, Orientation, Tangent
 from gibbs_codegen.flight.scenario.paths import (
     Circle,
     Fixed,

@@ -8,12 +8,15 @@ from typing import Any
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
+from scipy.stats import qmc
 
 from gibbs_codegen import simulate
 from gibbs_codegen.errors import ScenarioFileError, UsageError
 from gibbs_codegen.flight.desired.trajectory import desired_motion
 from gibbs_codegen.flight.plant.vehicle import Vehicle
 from gibbs_codegen.flight.scenario.file import read_scenario
+from gibbs_codegen.flight.vectors import halton
 
 Load = Callable[[str], ModuleType]
 
@@ -89,3 +92,8 @@ def test_frames_that_cannot_be_led_are_refused(
 def test_a_tip_has_one_path() -> None:
     with pytest.raises(ScenarioFileError, match="already has its path"):
         read_scenario("paper", {"arm": {"frames": {"tip": HELD}}})
+
+
+def test_points_are_those_of_haltons_sequence() -> None:
+    theirs = qmc.Halton(40, scramble=False).random(50)
+    assert_allclose(halton(50, 40), theirs, atol=1e-15)

@@ -11,11 +11,12 @@ import numpy as np
 import pytest
 
 from gibbs_codegen.errors import UsageError
+from gibbs_codegen.flight.attitude import SingularAttitudeError
 from gibbs_codegen.flight.desired.base_trajectory import KNOT_SPACING
 from gibbs_codegen.flight.desired.trajectory import desired_motion, starting_state
 from gibbs_codegen.flight.plant.vehicle import Vehicle
 from gibbs_codegen.flight.scenario.file import read_scenario
-from gibbs_codegen.flight.scenario.orientation import Level, SingularAttitudeError
+from gibbs_codegen.flight.scenario.orientation import Level
 from gibbs_codegen.flight.scenario.paths import Fixed
 from gibbs_codegen.flight.scenario.scenario import ArmTask, Scenario
 

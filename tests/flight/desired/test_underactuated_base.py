@@ -12,17 +12,22 @@ from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
 from gibbs_codegen.errors import UsageError
+from gibbs_codegen.flight.attitude import turning_of
 from gibbs_codegen.flight.desired import underactuated_base
 from gibbs_codegen.flight.desired.led_frames import led_frames
 from gibbs_codegen.flight.desired.posture import authority_posture
 from gibbs_codegen.flight.desired.timing import needed_inputs
 from gibbs_codegen.flight.desired.trajectory import desired_motion
-from gibbs_codegen.flight.desired.underactuated_base import differences, shortest_rotation
+from gibbs_codegen.flight.desired.underactuated_base import (
+    Tilt,
+    UnderactuatedBase,
+    differences,
+)
 from gibbs_codegen.flight.plant.allocation import thrust_axis
 from gibbs_codegen.flight.plant.vehicle import Vehicle
 from gibbs_codegen.flight.reference import Motion, Reference
 from gibbs_codegen.flight.scenario.file import read_scenario
-from gibbs_codegen.flight.scenario.orientation import Level, Turn, turning_of
+from gibbs_codegen.flight.scenario.orientation import Level, Turn
 from gibbs_codegen.flight.scenario.paths import Circle, Line, Path
 from gibbs_codegen.flight.scenario.scenario import Scenario
 from gibbs_codegen.flight.vectors import Array
@@ -226,15 +231,52 @@ def test_the_shortest_rotation_and_its_rates() -> None:
         return tuple(_direction(*each) for each in zip(angles, rates, seconds, strict=True))
 
     begin, end = vectors(time)
-    rotation = shortest_rotation(begin, end)
+    rotation = Tilt(np.stack(begin), np.stack(end)).rotation
     assert_allclose(np.einsum("sij,sj->si", rotation[0], begin[0]), end[0], atol=1e-14)
     about = Rotation.from_matrix(rotation[0]).as_rotvec()
     assert_allclose(np.sum(about * begin[0], axis=-1), 0.0, atol=1e-13)
     step = 1e-4
-    ahead, behind = (shortest_rotation(*vectors(time + by))[0] for by in (step, -step))
+    ahead, behind = (
+        Tilt(*(np.stack(each) for each in vectors(time + by))).rotation[0] for by in (step, -step)
+    )
     assert_allclose((ahead - behind) / (2 * step), rotation[1], atol=1e-6)
     assert_allclose((ahead - 2 * rotation[0] + behind) / step**2, rotation[2], atol=1e-5)
     assert_allclose(turning_of(*rotation).rotation, rotation[0])
+
+
+def test_what_has_to_vanish_is_lateral_force_and_its_slopes_are_those_of_differences(
+    fast: Callable[[str], ModuleType],
+) -> None:
+    """The force by the inverse dynamics of the motion, at axes that are not of unit length."""
+    vehicle = Vehicle(fast("quadrotor_arm_2link"))
+    time = np.linspace(0.0, 1.0, 201)
+    wave = np.sin(np.outer(2.0 * time, np.arange(1.0, 9.0)) + np.arange(8.0))
+    path, level = Circle((0.0, 0.0, 2.0), 1.0, 3.0), Level(rate=0.7)
+    tip = Circle((0.3, 0.0, 1.5), 1.1, 3.0)
+    led = led_frames(vehicle, {"tip": tip}, (np.full(2, -1.0), np.full(2, 2.0)))
+    axis = np.tile([0.0, 0.0, 1.0], (len(time), 1))
+    still = Motion(time, np.tile(vehicle.neutral, (len(time), 1)), *np.zeros((2, len(time), 8)))
+    turning = level(path, time, vehicle.arm_angles())
+    base = UnderactuatedBase(vehicle, still, axis, path(time), turning, led, led.targets(time))
+    unknowns = np.repeat([[0.0, 0.0, 1.1, 0.0, 0.0, 0.0, 0.4, 0.2]], len(time), axis=0)
+    unknowns += np.repeat([0.3, 0.1, 0.5], [3, 3, 2]) * wave
+    given = unknowns, base.grid.rate @ unknowns, base.grid.growth @ unknowns
+    missing, slopes = base.linear(*given)
+    motion = base.motion(*given)
+    force = vehicle.inverse_dynamics(motion.q, motion.v, motion.a)
+    lateral = vehicle.base_wrench(motion.q, force)[:, :2] / (base.mass * base.gravity)
+    assert_allclose(np.linalg.norm(missing[:, :2], axis=-1), np.linalg.norm(lateral, axis=-1))
+    assert_allclose(missing[:, 3:], led.misses(vehicle, motion.q, base.targets), atol=1e-13)
+    # Rates of what joints change are differences of knots.
+    inside = slice(4, -4)
+    for order, step in enumerate((1e-6, 1e-4, 1e-2)):
+        for column in range(8):
+            ahead, behind = [*given], [*given]
+            ahead[order] = given[order] + step * np.eye(8)[column]
+            behind[order] = given[order] - step * np.eye(8)[column]
+            slope = (base.linear(*ahead)[0] - base.linear(*behind)[0]) / (2.0 * step)
+            found = slopes[order, :, :, column]
+            assert_allclose(found[inside], slope[inside], atol=2e-6 * 100.0 ** (column > 5))
 
 
 def _direction(

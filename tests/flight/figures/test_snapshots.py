@@ -18,8 +18,9 @@ from matplotlib.transforms import Bbox
 from numpy.typing import NDArray
 from support.synthetic_flight import names, synthetic_flight
 
+from gibbs_codegen.figures.appearance import GOLD
 from gibbs_codegen.figures.scene import project
-from gibbs_codegen.figures.style import FULL, GOLD
+from gibbs_codegen.figures.style import FULL
 from gibbs_codegen.flight.figures.snapshots import snapshots, snapshots_panels
 from gibbs_codegen.flight.record.flight import Flight
 

@@ -12,6 +12,7 @@ import pytest
 from numpy.typing import NDArray
 from support.tools import missing
 
+from gibbs_codegen.flight.attitude import LARGEST_THETA_0
 from gibbs_codegen.flight.control.laws import Controller, Gains
 from gibbs_codegen.flight.integration.closed_loop import ClosedLoop
 from gibbs_codegen.flight.integration.compiled_loop import CompiledLoop, CompiledLoops
@@ -21,7 +22,6 @@ from gibbs_codegen.flight.plant.allocation import Allocation
 from gibbs_codegen.flight.plant.environment import Environment
 from gibbs_codegen.flight.plant.vehicle import Vehicle
 from gibbs_codegen.flight.reference import Motion, Reference
-from gibbs_codegen.flight.scenario.orientation import LARGEST_THETA_0
 from gibbs_codegen.flight.scenario.parts import Law, Push
 
 pytestmark = pytest.mark.usefixtures("derived_once", "optimized")

@@ -7,17 +7,20 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
+from scipy.spatial.transform import Rotation
 from support.angle_rates import bias_acceleration, rate_matrix
 from support.differences import rate
 
-from gibbs_codegen.flight.plant.kinematics import Kinematics, kinematics_of
-from gibbs_codegen.flight.scenario.orientation import (
+from gibbs_codegen.flight.attitude import (
     SINGULAR_COSINE,
     SingularAttitudeError,
     Turning,
     attitude_angles,
+    quaternion_of,
     rotation_matrix,
+    rotation_of,
 )
+from gibbs_codegen.flight.plant.kinematics import Kinematics, kinematics_of
 from gibbs_codegen.flight.vectors import Array
 from gibbs_codegen.robot.layout import Layout
 from gibbs_codegen.robot.parts.base import SEQUENCES
@@ -165,3 +168,12 @@ def test_any_leading_axes(sequence: str, shape: tuple[int, ...]) -> None:
     found = times(rate_matrix(sequence, angles), accelerations)
     found += bias_acceleration(sequence, angles, rates)
     assert_allclose(found, growth, rtol=1e-12, atol=1e-10)
+
+
+def test_quaternions_are_those_of_scipy_in_any_attitude() -> None:
+    """Half turns among them, about which each entry in turn is the largest."""
+    turns = np.concatenate([np.pi * np.eye(3), np.random.default_rng(1).normal(size=(50, 3)) * 2.0])
+    theirs = Rotation.from_rotvec(turns)
+    ours = quaternion_of(theirs.as_matrix())
+    assert_allclose(np.abs(np.sum(ours * theirs.as_quat(), axis=-1)), 1.0, atol=1e-14)
+    assert_allclose(rotation_of(3.0 * ours), theirs.as_matrix(), atol=1e-14)

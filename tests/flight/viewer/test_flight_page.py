@@ -15,7 +15,7 @@ from support.synthetic_flight import synthetic_flight
 
 import gibbs_codegen
 from gibbs_codegen.errors import OutputError, UsageError
-from gibbs_codegen.figures.style import COLOURS
+from gibbs_codegen.figures.appearance import COLOURS
 from gibbs_codegen.flight.viewer import page as viewer_page
 from gibbs_codegen.flight.viewer.flight_view import FlightScene
 from gibbs_codegen.flight.viewer.machine import RELAXED, rgb
