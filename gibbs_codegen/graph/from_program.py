@@ -1,7 +1,7 @@
 """From array programs to the graph: each entry of a value becomes a reference.
 
 What is chosen is a sum of products with 0 and 1, which are made of signs: it is exact, and has the
-derivatives of what is chosen.
+derivatives of what is chosen. Where numbers that are compared are equal it is either.
 """
 
 from __future__ import annotations
@@ -63,7 +63,7 @@ def _value(graph: Graph, x: Node, operands: list[Any]) -> Any:
 
 
 def _above(graph: Graph, a: Ref, b: Ref) -> Ref:
-    """1 where a is above b or equal, 0 below."""
+    """1 where a is above b, 0 below, either where they are equal."""
     half = graph.number(sp.S.Half)
     sign = graph.call("sign", graph.sum([a, graph.minus(b)]))
     return graph.sum([half, graph.product(half, sign)])
