@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from types import ModuleType
+from types import ModuleType, SimpleNamespace
 
 import numpy as np
 import pytest
 
+from gibbs_codegen.arrays import Functions, variable
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.flight.plant.vehicle import Vehicle
+from gibbs_codegen.interface.actuators import trivial
 
 COUNT = 4
 
@@ -49,3 +51,21 @@ def test_values_that_are_wrong_are_not_listed(shipped: Callable[[str], ModuleTyp
     assert str(raised.value) == (
         "hexarotor_3link: parameters: gravity: value 17 of 1000 must be a finite number, not nan"
     )
+
+
+def test_commands_are_inputs_where_there_are_no_drives(
+    shipped: Callable[[str], ModuleType],
+) -> None:
+    """Nothing follows them; what stands for drives is not called where a robot has some."""
+    module = shipped("hexarotor_3link")
+    vehicle, u = Vehicle(module), np.arange(18.0).reshape(2, 9)
+    robot, nodes = Functions(module), [variable(x, 9) for x in ("x", "command")]
+    for name in ("inputs_of", "command_of"):
+        np.testing.assert_array_equal(vehicle.function(name)(None, None, u), u)
+        assert getattr(robot, name)(*nodes) is nodes[1]
+    for name in ("actuator_rates", "actuator_state_of"):
+        assert vehicle.function(name)(u).shape == (2, 0)
+        assert getattr(robot, name)(*nodes).size == 0
+    without_states = SimpleNamespace(COMMANDS=("F_1",), ROTORS=("F_1",), ACTUATOR_STATES=())
+    assert trivial(without_states).keys() == {"actuator_rates", "actuator_state_of"}
+    assert trivial(SimpleNamespace(COMMANDS=("F_1",), ACTUATOR_STATES=("F_1",))) == {}
