@@ -34,69 +34,68 @@ class Given(NamedTuple):
 class Step(NamedTuple):
     """A function of nodes; what has one `key` is computed once, and one of its results `chosen`.
 
-    What is called `is_given` what differs from call to call first.
+    Text is an expression of Python, with a number in braces for each node. What is called
+    `is_given` what differs from call to call first.
     """
 
-    function: Callable[..., Any]
+    function: Callable[..., Any] | str
     reads: tuple[Node, ...]
     key: Any = None
     chosen: int | str | None = None
     is_given: bool = False
 
 
-class _Prepared(NamedTuple):
-    """Steps, each of which adds a value to those before, and places of the outputs."""
-
-    steps: list[Callable[[list[Any]], Any]]
-    outputs: dict[str, int]
-
-
 class Evaluation:
     """The values of programs in one language; see `evaluate` for what it is given.
 
-    What each node reads, and what is done with it, is looked up once for each program.
+    What each node reads, and what is done with it, is looked up once for each program, and written
+    as a function of Python.
     """
 
     def __init__(self, modules: Modules) -> None:
         self.modules = modules
-        self._prepared: dict[Program, _Prepared] = {}
+        self._prepared: dict[Program, Callable[..., dict[str, Any]]] = {}
 
     def program(self, program: Program, arguments: Sequence[Any], call: Given) -> dict[str, Any]:
         """The outputs for arrays in the order of the inputs."""
         prepared = self._prepared.get(program)
         if prepared is None:
             prepared = self._prepared[program] = self._prepare(program)
-        values = [call, *arguments]
-        for step in prepared.steps:
-            values.append(step(values))
-        return {name: values[place] for name, place in prepared.outputs.items()}
+        return prepared(call, *arguments)
 
-    def _prepare(self, program: Program) -> _Prepared:
-        """The steps that outputs need, in an order in which they can be taken."""
+    def _prepare(self, program: Program) -> Callable[..., dict[str, Any]]:
+        """A function that takes the steps that outputs need, in an order in which they can be."""
         made: dict[Node, Step] = {}
         needed = {*program.outputs.values()}
         for x in reversed(program.nodes):
             if x in needed and x not in program.inputs:
                 made[x] = self.step(x)
                 needed.update(made[x].reads)
-        places: dict[Any, int] = {x: place for place, x in enumerate(program.inputs, start=1)}
-        steps: list[Callable[[list[Any]], Any]] = []
+        names: dict[Any, str] = {x: f"x{place}" for place, x in enumerate(program.inputs)}
+        lines, functions = [f"def evaluated({', '.join(['given', *names.values()])}):"], {}
 
-        def take(function: Callable[..., Any], read: Sequence[int]) -> int:
-            steps.append(_reading(function, read))
-            return len(program.inputs) + len(steps)
+        def take(function: Callable[..., Any] | str, read: Sequence[str]) -> str:
+            name = f"y{len(lines)}"
+            if not isinstance(function, str):
+                functions[f"f{len(lines)}"] = function
+                function = f"f{len(lines)}({', '.join(['{}'] * len(read))})"
+            lines.append(f"    {name} = {function.format(*read)}")
+            return name
 
         for x in program.nodes:
             if x in made:
                 function, reads, key, chosen, is_given = made[x]
-                if key is None or key not in places:
-                    read = [*([0] if is_given else []), *(places[y] for y in reads)]
-                    places[x if key is None else key] = take(function, read)
+                if key is None or key not in names:
+                    read = [*(["given"] if is_given else []), *(names[y] for y in reads)]
+                    names[x if key is None else key] = take(function, read)
                 if chosen is not None:
-                    places[x] = take(operator.itemgetter(chosen), [places[key]])
+                    names[x] = take(f"{{}}[{chosen!r}]", [names[key]])
                 elif key is not None:
-                    places[x] = places[key]
-        return _Prepared(steps, {name: places[x] for name, x in program.outputs.items()})
+                    names[x] = names[key]
+        outputs = ", ".join(f"{name!r}: {names[x]}" for name, x in program.outputs.items())
+        exec("\n".join([*lines, f"    return {{{outputs}}}"]), functions)  # noqa: S102 - this text
+        evaluated: Callable[..., dict[str, Any]] = functions["evaluated"]
+        return evaluated
 
     def step(self, x: Node) -> Step:
         """The step that computes the value of a node."""
@@ -111,7 +110,7 @@ class Evaluation:
             case nodes.External(name):
                 return Step(_external(name), x.arguments, is_given=True)
             case nodes.Entries() | nodes.Coordinates():
-                return Step(lambda value: value, x.arguments, x.arguments[0])
+                return Step("{}", x.arguments, x.arguments[0])
             case _:
                 shapes = [argument.shape for argument in x.arguments]
                 return Step(self.array(x, shapes), x.arguments)
@@ -134,8 +133,8 @@ class Evaluation:
         function: Callable[..., Any] = getattr(module, name)
         return function
 
-    def array(self, x: Node, shapes: list[Shape]) -> Callable[..., Any]:
-        """The function that computes a node that is no call, from values of these shapes."""
+    def array(self, x: Node, shapes: list[Shape]) -> Callable[..., Any] | str:
+        """The function or expression that computes a node that is no call, from values of these shapes."""
         raise NotImplementedError
 
 
@@ -156,21 +155,15 @@ def _external(name: str) -> Callable[..., Any]:
     return lambda call, *arguments: _given(call.externals, name, "external function")(*arguments)
 
 
-def _reading(function: Callable[..., Any], places: Sequence[int]) -> Callable[[list[Any]], Any]:
-    """A function of the values at some places."""
-    match places:
-        case [one]:
-            return lambda values: function(values[one])
-        case [one, two]:
-            return lambda values: function(values[one], values[two])
-    return lambda values: function(*[values[place] for place in places])
-
-
 def _given(things: Mapping[str, Any], name: str, what: str) -> Any:
     """The caller's value under a name that the program has."""
     if name not in things:
         raise UsageError(f"no {what} is given for {name!r}")
     return things[name]
+
+
+# Functions of two arrays that Python has signs for.
+_INFIX = {"add": "{} + {}", "subtract": "{} - {}", "multiply": "{} * {}", "divide": "{} / {}"}
 
 
 class _Batches(Evaluation):
@@ -180,7 +173,7 @@ class _Batches(Evaluation):
         super().__init__(modules)
         self.xp = xp
 
-    def array(self, x: Node, shapes: list[Shape]) -> Callable[..., Any]:
+    def array(self, x: Node, shapes: list[Shape]) -> Callable[..., Any] | str:
         xp = self.xp
         match x.operation:
             case nodes.Constant():
@@ -191,7 +184,7 @@ class _Batches(Evaluation):
                 function = _choice(xp) if name == "choose" else getattr(xp, name)
                 lacking = [len(x.shape) - len(shape) for shape in shapes]
                 if not any(lacking):
-                    return function
+                    return _INFIX.get(name, function)
                 return lambda *values: function(*map(_spread, values, lacking))
             case nodes.Product():
                 left, right = shapes
@@ -216,9 +209,7 @@ class _Batches(Evaluation):
             case nodes.Reshaping():
                 return lambda entries: shaped(entries, shapes[0], x.shape)
             case nodes.Part(begin, end):
-                return operator.itemgetter(
-                    (..., slice(begin, end), *[slice(None)] * (len(x.shape) - 1))
-                )
+                return f"{{}}[..., {begin}:{end}{', :' * (len(x.shape) - 1)}]"
             case nodes.Joining():
 
                 def joined(*arrays: Any) -> Any:
@@ -254,15 +245,6 @@ class _SeveralStatesError(Exception):
     """A function of a module returned more than the values of one state."""
 
 
-# Functions of two numbers, of which Python has a shorter way to NumPy's.
-_OPERATORS = {
-    "add": operator.add,
-    "subtract": operator.sub,
-    "multiply": operator.mul,
-    "divide": operator.truediv,
-}
-
-
 class _OneState(_Batches):
     """Arrays of NumPy without leading axes, of which much less is to be asked."""
 
@@ -274,10 +256,10 @@ class _OneState(_Batches):
                 match whole.operation:
                     case nodes.Part(begin, _):
                         whole, first = whole.arguments[0], begin
-                place = (first, *[0] * (len(whole.shape) - 1))
-                return Step(operator.itemgetter(place), (whole,))
+                return Step(f"{{}}[{first}{', 0' * (len(whole.shape) - 1)}]", (whole,))
             case nodes.Joining() if len(x.shape) == 1:
-                return Step(_joined, tuple(map(_number, x.arguments)))
+                pieces = tuple(map(_number, x.arguments))
+                return Step(_concatenated if any(y.shape for y in pieces) else _array_of, pieces)
         return step
 
     def function(self, module: Any, name: str, x: Node) -> Callable[..., Any]:
@@ -287,25 +269,25 @@ class _OneState(_Batches):
                 return _of_one_state(super().function(module, name, x), axes)
         raise UsageError(f"{x} is no call")
 
-    def array(self, x: Node, shapes: list[Shape]) -> Callable[..., Any]:
+    def array(self, x: Node, shapes: list[Shape]) -> Callable[..., Any] | str:
         match x.operation:
             case nodes.Constant():
                 numbers = np.asarray(nodes.numbers_of(x))[()]
                 return lambda: numbers
-            case nodes.Elementary(name) if name in _OPERATORS:
-                return _OPERATORS[name]
+            case nodes.Elementary(name) if name in _INFIX:
+                return _INFIX[name]
             case nodes.Elementary(name) if name != "choose":
                 return nodes.ELEMENTARY[name]
             case nodes.Product() if max(map(len, shapes)) < 3:
-                return operator.matmul
+                return "{} @ {}"
             case nodes.Solution():
                 return np.linalg.solve
             case nodes.Part(begin, end):
-                return operator.itemgetter(slice(begin, end))
+                return f"{{}}[{begin}:{end}]"
             case nodes.Joining():
                 return lambda *arrays: np.concatenate(arrays)
             case nodes.Reshaping():
-                return lambda array: array.reshape(x.shape)
+                return f"{{}}.reshape({x.shape})"
         return super().array(x, shapes)
 
 
@@ -315,11 +297,13 @@ def _number(x: Node) -> Node:
     return x.arguments[0] if shaped else x
 
 
-def _joined(*pieces: Any) -> Any:
+def _array_of(*numbers: Any) -> Any:
+    return np.array(numbers)
+
+
+def _concatenated(*pieces: Any) -> Any:
     """Numbers and vectors, one after the other."""
-    if any(map(np.ndim, pieces)):
-        return np.concatenate([x.reshape(-1) for x in pieces])
-    return np.array(pieces)
+    return np.concatenate(pieces, axis=None)
 
 
 def _of_one_state(function: Callable[..., Any], axes: Sequence[int]) -> Callable[..., Any]:

@@ -207,6 +207,11 @@ def _add_generate_arguments(parser: Parser) -> None:
         "it under another name instead of refusing",
     )
     parser.flag("--no-verify", "write the module without checking its functions first")
+    parser.flag(
+        "--compile",
+        "compile the functions that flights need, side by side, so that the first does not wait "
+        "for them; left out, it does that when it begins",
+    )
 
 
 def _add_info_arguments(parser: Parser) -> None:

@@ -67,7 +67,24 @@ def run(options: argparse.Namespace) -> int:
         print(textwrap.fill(line, terminal.width(), subsequent_indent="  "))
     if warning := lopsided(robot):
         print(f"gibbs-codegen: warning: {warning}", file=sys.stderr)
-    return 0
+    return _compile(folder) if options.compile else 0
+
+
+def _compile(folder: Path) -> int:
+    """Compile what flights need of a module, and print how long it took."""
+    from gibbs_codegen.runtime.c_library import CompilerError
+    from gibbs_codegen.runtime.cache import CacheError
+    from gibbs_codegen.runtime.load import load
+
+    start = time.perf_counter()
+    try:
+        if compiled := getattr(load(folder, "c"), "compiled", None):
+            compiled.build()
+            print(f"compiled for flights in {time.perf_counter() - start:.1f} s, and kept")
+        return int(not compiled)
+    except (CompilerError, CacheError) as error:
+        print(f"gibbs-codegen: nothing is compiled: {printable(error, 400)}", file=sys.stderr)
+        return 1
 
 
 def _repeat(options: argparse.Namespace, kept: str) -> None:

@@ -26,6 +26,7 @@ from __future__ import annotations
 
 import math
 import os
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from types import ModuleType
 
@@ -58,6 +59,8 @@ from gibbs_codegen.flight.scenario.parts import HOLDING, PREDICTIVE
 from gibbs_codegen.flight.scenario.paths import check_path
 from gibbs_codegen.flight.scenario.scenario import Scenario
 from gibbs_codegen.interface import FUNCTIONS
+from gibbs_codegen.runtime.c_library import CompilerError
+from gibbs_codegen.runtime.cache import CacheError
 from gibbs_codegen.runtime.load import load
 from gibbs_codegen.runtime.loaded_module import require_functions
 from gibbs_codegen.runtime.predictive import AT_WALLS, DERIVATIVES
@@ -136,6 +139,9 @@ def flight_start(
     # Checks that NumPy can make come first: to compile takes long.
     check_flight(robot if isinstance(robot, ModuleType) else load(robot), scenario)
     module = robot if isinstance(robot, ModuleType) else load(robot, "c")
+    if compiled := getattr(module, "compiled", None):
+        with suppress(CompilerError, CacheError):  # Functions say so that are asked for.
+            compiled.build()
     vehicle = Vehicle(module, scenario.parameters)
     loop, motion = _closed_loop(vehicle, scenario, progress, own)
     q, v = starting_state(vehicle, loop.controller.reference, scenario.start)

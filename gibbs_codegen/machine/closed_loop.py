@@ -193,11 +193,22 @@ class ClosedLoop:
         return join(*moved, after[place:])
 
     def slope(self) -> Program:
-        """The time derivative `rate` of x at a time, and `refused` as of a step."""
+        """The time derivative `rate` of x at a time, with `refused` and `inputs` as of a step.
+
+        `inside` is more than 0 where no input that is commanded is at a limit.
+        """
         time, x = variable("time", uniform=True), variable("x", self.size)
         found = self._rates(time, x)
         outputs = {name: found[name] for name in ("rate", "refused")}
+        outputs["inputs"] = join(found["commanded"], found["acting"])
+        outputs["inside"] = self._inside(found["commanded"]) if self.limited else constant(1.0)
         return self._program("slope", (time, x), outputs)
+
+    def end(self) -> Program:
+        """More than 0, or no number, `ended`: where a flight cannot go on from x at a time."""
+        time, x = variable("time", uniform=True), variable("x", self.size)
+        ended = self._ended(self._instant(time, self._curves_at(time)), x)
+        return self._program("end", (time, x), {"ended": ended})
 
     def _rates(self, time: Node, x: Node) -> dict[str, Node]:
         """Results of the program of rates at a time."""
@@ -571,11 +582,13 @@ class ClosedLoop:
             growth = self._unless_idle(growth, 0.0)
         if not self.limited:
             return growth
-        # Allocation within limits comes to them but for rounding.
-        (least, most), margin = self.limits, self.given("margin", self.plant.inputs)
-        inside = _least(minimum(wanted - (least + margin), (most - margin) - wanted))
         wound = choose(0.0, growth * memory, growth, 0.0)
-        return choose(inside, 0.0, growth, wound)
+        return choose(self._inside(wanted), 0.0, growth, wound)
+
+    def _inside(self, wanted: Node) -> Node:
+        """How far inputs (nu) are from their limits, to which allocation comes but for rounding."""
+        (least, most), margin = self.limits, self.given("margin", self.plant.inputs)
+        return _least(minimum(wanted - (least + margin), (most - margin) - wanted))
 
     def _ended(self, at: Instant, x: Node) -> Node:
         """More than 0, or no number, where a flight cannot go on from a state."""

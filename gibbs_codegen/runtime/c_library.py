@@ -19,7 +19,7 @@ import tempfile
 import threading
 import time
 from collections import defaultdict
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
@@ -32,6 +32,8 @@ from gibbs_codegen.files.verbatim import c_source
 from gibbs_codegen.interface import FUNCTIONS, module_signatures
 from gibbs_codegen.runtime.cache import cached_library
 
+# Numbers of the processes of compilers that run.
+_RUNNING: set[int] = set()
 # Sixty-four links take minutes.
 _TIMEOUT_SECONDS = 300.0
 _FLAGS = ("-O3", "-ffp-contract=fast", "-fPIC", "-shared")
@@ -45,6 +47,10 @@ _PORTABLE = ("-Og", "-fipa-cp", "-Dalways_inline=", "-fvisibility=hidden")
 
 class CompilerError(Exception):
     """No library can be made; the message says why in a line."""
+
+
+class _EndedError(CompilerError):
+    """A compiler was ended before it had done its work."""
 
 
 @dataclass(frozen=True)
@@ -67,10 +73,13 @@ class Compiler:
         """
         # Without knowing the processor a library in the cache might meet another one.
         if _processor():
-            with suppress(CompilerError):
-                self._make(sources, output, [*_FLAGS, _NATIVE, *extra])
-                return
-        self._make(sources, output, [*_FLAGS, *extra])
+            try:
+                return self._make(sources, output, [*_FLAGS, _NATIVE, *extra])
+            except _EndedError:
+                raise
+            except CompilerError:
+                pass  # It may not know the processor.
+        return self._make(sources, output, [*_FLAGS, *extra])
 
     def portable(self, sources: Sequence[Path], output: Path) -> None:
         """Make a shared library for any processor of the machine's kind, in a quarter of the time.
@@ -88,7 +97,9 @@ class Compiler:
         code, said = _run([*programs, *flags, *options, *files], _TIMEOUT_SECONDS, output.parent)
         name = " ".join(programs)
         if code is None:
-            raise CompilerError(f"{name} did not finish in {_TIMEOUT_SECONDS:.0f} s")
+            raise _EndedError(f"{name} did not finish in {_TIMEOUT_SECONDS:.0f} s")
+        if code < 0:
+            raise _EndedError(f"{name} was ended by {signal.Signals(-code).name}")
         if code != 0 or not output.is_file():
             lines = [line.strip() for line in said.splitlines() if line.strip()]
             telling = [x for x in lines if "error" in x.lower() and not x.startswith("collect2")]
@@ -146,17 +157,26 @@ def _run(command: Sequence[str], seconds: float, folder: Path) -> tuple[int | No
             )
         except OSError as error:
             raise CompilerError(f"{command[0]}: {cause_of(error)}") from None
+        _RUNNING.add(process.pid)
         try:
             said, _ = process.communicate(timeout=seconds)
         except BaseException as error:
-            if sys.platform != "win32":  # There `find_compiler` finds none.
-                with suppress(OSError):
-                    os.killpg(process.pid, signal.SIGKILL)
+            _end([process.pid])
             process.communicate()
             if isinstance(error, subprocess.TimeoutExpired):
                 return None, ""
             raise
+        finally:
+            _RUNNING.discard(process.pid)
         return process.returncode, said
+
+
+def _end(running: Collection[int]) -> None:
+    """End compilers, by the numbers of their processes, with all that they have started."""
+    for process in running:
+        if sys.platform != "win32":  # There `find_compiler` finds none.
+            with suppress(OSError):
+                os.killpg(process, signal.SIGKILL)
 
 
 @functools.cache
@@ -257,12 +277,20 @@ class ModuleLibrary:
             raise CompilerError(f"the library has no {symbol}; do flags in CC hide or rename it?")
         return library[symbol]
 
-    def build(self, names: Iterable[str]) -> None:
-        """Compile functions that will be asked for, side by side. Raises as `function` does."""
-        units = {self._unit(name, each=False) for name in names}
-        with ThreadPoolExecutor(max(1, len(units))) as pool:
-            for done in [pool.submit(self._library, unit) for unit in units]:
-                done.result()
+    def build(self) -> None:
+        """Compile side by side all functions that are not on request.
+
+        Raises as `function` does.
+        """
+        own = (name for name in self._functions if not FUNCTIONS[name].on_request)
+        units = {self._unit(name, each=False) for name in own}
+        with ThreadPoolExecutor(len(units)) as pool:
+            try:
+                for done in [pool.submit(self._library, unit) for unit in units]:
+                    done.result()
+            except BaseException:
+                _end([*_RUNNING])
+                raise
 
     def _library(self, unit: Unit) -> ctypes.CDLL:
         with self._locks[unit]:
@@ -429,11 +457,12 @@ def _make_of(text: bytes) -> list[bytes]:
     return [line.strip(b"#/* \r") for line in text.split(b"\n", 4)[:4]]
 
 
-def c_files(name: str, *, each: bool = False) -> list[str]:
+def c_files(name: str, *, each: bool = False, blocks: bool = True) -> list[str]:
     """Names of the files that the functions of a module consist of in C.
 
-    With `each` they are those that take constants of each state.
+    With `each` they are those that take constants of each state; they are for one state alone if
+    not for `blocks`.
     """
-    sources = ["batch", "each"] if each else ["batch"]
+    sources = ["batch", "each"] if each else ["batch"] if blocks else []
     core = [] if each else [f"{name}.c"]
     return [RUNTIME, f"{name}.h", *core, *(f"{name}_{source}.c" for source in sources)]

@@ -126,7 +126,7 @@ class BlockProgram:
                 f"{program.name} calls functions of {', '.join(sorted(others))}, not of {name}"
             )
         source = (
-            c_text(program, Functions(self._module), self._blocks.lanes) + self._through_blocks()
+            c_text([program], Functions(self._module), self._blocks.lanes) + self._through_blocks()
         )
         sources = {f"_{program.name}.c": source}
         single = self._blocks.single

@@ -16,9 +16,10 @@ from numpy.typing import NDArray
 
 from gibbs_codegen.arrays.contents import owners_of
 from gibbs_codegen.arrays.functions import Functions
-from gibbs_codegen.arrays.nodes import Program
+from gibbs_codegen.arrays.nodes import Node, Program
+from gibbs_codegen.files.verbatim import c_source
 from gibbs_codegen.runtime.blocks import ONE, Blocks
-from gibbs_codegen.runtime.programs import c_text, called, library
+from gibbs_codegen.runtime.programs import c_text, called, library, take_step
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -38,13 +39,73 @@ class Taken(NamedTuple):
     goes_on: Flags
 
 
+class ProgramArguments:
+    """What programs in C are given of `count` states in `blocks`, by addresses.
+
+    `values` are by the names of `inputs`, with an axis of the states in front where these differ.
+    `constants` are what the module's `prepare` returned, of one robot, or (count, constants), one
+    for each owner. `tables` are arrays for what is written by hand; after them are guesses which of
+    so many thrusts are at limits, of each state. With `each` states have constants of their own.
+    """
+
+    def __init__(
+        self,
+        inputs: Mapping[str, Node],
+        values: Mapping[str, Any],
+        constants: Sequence[Any],
+        tables: Sequence[Array],
+        guesses: int,
+        count: int = 1,
+        blocks: Blocks = ONE,
+        *,
+        each: bool = False,
+    ) -> None:
+        self._blocks, self._count, real = blocks, blocks.count(count), blocks.real
+        # The array of each input by its name, in blocks where states have one each.
+        self.arrays: dict[str, NDArray[Any]] = {}
+        known = [self._constants(x, each) for x in constants]
+        columns = [*map(self._column, known)]
+        context = [np.ascontiguousarray(table, dtype=real) for table in tables]
+        found = blocks.filled(self._count, guesses, blocks.lanes)
+        addresses = np.empty((self._count, len(tables) + 1), dtype=np.uint64)
+        for k, table in enumerate(context):
+            addresses[:, k] = table.ctypes.data
+        addresses[:, -1] = self._column(found)
+        columns.append(self._column(addresses[:, :, np.newaxis]))
+        for name, x in inputs.items():
+            value = np.asarray(values[name], dtype=np.float64)
+            if not x.is_uniform:
+                value = np.broadcast_to(value, (count, *x.shape)).reshape(count, -1)
+                self.arrays[name] = blocks.of_rows(value)
+            else:
+                self.arrays[name] = value.reshape(1, -1).astype(real)
+            columns.append(self._column(self.arrays[name]))
+        self.addresses = np.stack(columns, axis=1)
+        # What is pointed to, so that it lives as long.
+        self._owned = [known, context, found, addresses]
+
+    def _constants(self, constants: Any, each: bool) -> NDArray[Any]:
+        """Constants of one robot, or of each state in blocks."""
+        numbers = np.frombuffer(constants) if isinstance(constants, bytes) else constants
+        numbers = np.asarray(numbers, dtype=self._blocks.real)
+        if each and numbers.ndim == 1:
+            shape = self._blocks.lanes, len(numbers)
+            return self._blocks.of_rows(np.broadcast_to(numbers, shape))
+        return self._blocks.of_rows(numbers) if each else np.atleast_2d(numbers)
+
+    def _column(self, array: NDArray[Any]) -> NDArray[np.uint64]:
+        """Addresses (blocks) of the parts of an array that has one for each block, or one."""
+        stride = array.strides[0] if len(array) > 1 else 0
+        return np.uint64(array.ctypes.data) + np.uint64(stride) * np.arange(
+            self._count, dtype=np.uint64
+        )
+
+
 class ProgramSteps:
     """Steps of a program of `count` states, in `blocks`.
 
-    The program's inputs are time, h and x, and then those of `values` by their names, with an axis
-    of the states in front where these differ. `constants` by owner are what the module's `prepare`
-    returned: of one robot, or (count, constants). `tables` are arrays for what is written by hand;
-    after them are guesses which of so many thrusts are at limits, of each state.
+    The program's inputs are time, h and x, and then those that `ProgramArguments` has: `values`,
+    `constants` by owner, `tables` and `guesses` are as there.
 
     Raises `CompilerError`, or `CacheError` where the cache cannot be used.
     """
@@ -64,37 +125,18 @@ class ProgramSteps:
         self.count, self.blocks, self.real = count, blocks, blocks.real
         self.size = program.inputs[2].size
         self.ranged = program.outputs["inputs"].size
-        owners = {owner: constants[owner] for owner in owners_of(program)}
-        each = blocks.lanes > 1 and any(isinstance(x, np.ndarray) for x in owners.values())
+        own = [constants[owner] for owner in owners_of(program)]
+        each = blocks.lanes > 1 and any(isinstance(x, np.ndarray) for x in own)
         self._run = _compiled(module, program, blocks, each=each)
         self._count = blocks.count(count)
-        # The array of each input by its name, in blocks where states have one each.
-        self.given: dict[str, NDArray[Any]] = {}
-        known = [self._constants(x, each) for x in owners.values()]
-        columns = [*map(self._column, known)]
-        context = [np.ascontiguousarray(table, dtype=self.real) for table in tables]
-        found = blocks.filled(self._count, guesses, blocks.lanes)
-        addresses = np.empty((self._count, len(tables) + 1), dtype=np.uint64)
-        for k, table in enumerate(context):
-            addresses[:, k] = table.ctypes.data
-        addresses[:, -1] = self._column(found)
-        columns.append(self._column(addresses[:, :, np.newaxis]))
-        for x, name in list(zip(program.inputs, program.names, strict=True))[3:]:
-            value = np.asarray(values[name], dtype=np.float64)
-            if not x.is_uniform:
-                value = np.broadcast_to(value, (count, *x.shape)).reshape(count, -1)
-                self.given[name] = self.blocks.of_rows(value)
-            else:
-                self.given[name] = value.reshape(1, -1).astype(self.real)
-            columns.append(self._column(self.given[name]))
-        self._given = np.stack(columns, axis=1)
+        inputs = dict(list(zip(program.names, program.inputs, strict=True))[3:])
+        laid = values, own, tables, guesses, count, blocks
+        self.arguments = ProgramArguments(inputs, *laid, each=each)
         # States, and what becomes of each: whether it goes on, was refused, and its steps.
         self._state = blocks.filled(self._count, self.size, blocks.lanes)
         self._progress = np.zeros((self._count, 3, blocks.lanes), dtype=np.int32)
-        own = self._given, self._state, self._progress
-        self._places = [(x.ctypes.data, x.strides[0]) for x in own]
-        # What is pointed to, so that it lives as long.
-        self._owned = [known, context, found, addresses]
+        arrays = self.arguments.addresses, self._state, self._progress
+        self._places = [(x.ctypes.data, x.strides[0]) for x in arrays]
 
     def __call__(
         self,
@@ -149,27 +191,14 @@ class ProgramSteps:
                 found[k, ends[k] :] = last[k]
         return Taken(taken, found, last, refused.astype(bool), goes_on.astype(bool))
 
-    def _constants(self, constants: Any, each: bool) -> NDArray[Any]:
-        """Constants of one robot, or of each state in blocks."""
-        numbers = np.frombuffer(constants) if isinstance(constants, bytes) else constants
-        numbers = np.asarray(numbers, dtype=self.real)
-        if each and numbers.ndim == 1:
-            return self.blocks.of_rows(np.broadcast_to(numbers, (self.blocks.lanes, len(numbers))))
-        return self.blocks.of_rows(numbers) if each else np.atleast_2d(numbers)
-
-    def _column(self, array: NDArray[Any]) -> NDArray[np.uint64]:
-        """Addresses (blocks) of the parts of an array that has one for each block, or one."""
-        stride = array.strides[0] if len(array) > 1 else 0
-        return np.uint64(array.ctypes.data) + np.uint64(stride) * np.arange(
-            self._count, dtype=np.uint64
-        )
-
 
 def _compiled(module: ModuleType, program: Program, blocks: Blocks, *, each: bool) -> Any:
     """The function that takes many steps; with `each` states have constants of their own."""
-    source = c_text(program, Functions(module), blocks.lanes, each=each, steps=True)
+    engine = [*take_step([program], program.names[3:]), c_source("engine.c")]
+    source = c_text([program], Functions(module), blocks.lanes, each=each, engine=engine)
     sources = {f"_{program.name}.c": source}
-    own = library(module, called([program]), sources, single=blocks.single, each=each)
+    of = {"single": blocks.single, "each": each, "blocks": blocks.lanes > 1}
+    own = library(module, called([program]), sources, **of)
     real, whole, address = ctypes.c_double, ctypes.c_int, ctypes.c_void_p
     own.program_run.argtypes = [address, real, real, whole, whole, whole, *[address] * 4]
     own.program_run.restype = None

@@ -20,6 +20,7 @@ from gibbs_codegen.arrays.contents import (
     elementaries_of,
     externals_of,
     functions_of,
+    owners_of,
     solve_room,
 )
 from gibbs_codegen.arrays.functions import Functions
@@ -32,21 +33,22 @@ from gibbs_codegen.runtime.loaded_module import require_functions
 Array = NDArray[np.float64]
 # Names of the functions, which the module has not.
 PREFIX = "program_"
+# Outputs of a step in the order in which `engine.c` takes them.
+_STEP = "x_next", "ended", "inputs", "refused"
 
 
 def c_text(
-    program: Program,
+    programs: Sequence[Program],
     robot: Functions,
     lanes: int = 1,
     *,
     each: bool = False,
-    steps: bool = False,
+    engine: Sequence[str] = (),
 ) -> str:
-    """The C source of a program that calls functions of a robot's module.
+    """The C source of programs that call functions of a robot's module.
 
-    With `each` every state of a block has constants of its own. With `steps` it ends with
-    `program_run`, which takes many steps of the program: its inputs are time, h and x, then what is
-    given, and its outputs those of `machine.closed_loop`.
+    With `each` every state of a block has constants of its own. With an `engine`, lines of what
+    evaluates them many times a call, nothing else calls them.
     """
     constants = "real" if each else f"{robot.name}_constants"
     lines = [
@@ -55,12 +57,11 @@ def c_text(
         *([f"#define LANES {lanes}"] if lanes > 1 else []),
         f"typedef {robot.name}_real real;",
         f"typedef {constants} Constants;",
-        *support([program], robot),
-        *(blocks_of([program], each=each) if lanes > 1 else []),
-        *c_functions([program], PREFIX, "static " if steps else ""),
+        *support(programs, robot),
+        *(blocks_of(programs, each=each) if lanes > 1 else []),
+        *c_functions(programs, PREFIX, "static " if engine else ""),
+        *engine,
     ]
-    if steps:
-        lines += [*take_step([program], program.names[3:]), c_source("engine.c")]
     return "\n".join(lines) + "\n"
 
 
@@ -93,49 +94,79 @@ def blocks_of(programs: Sequence[Program], *, each: bool) -> list[str]:
 
 
 def take_step(programs: Sequence[Program], names: Sequence[str]) -> list[str]:
-    """A step of one of programs, of what is given by addresses.
+    """A step of one of programs; the state of time and h is x, and `names` are of what is given.
 
-    These are of constants, of the context of what is written by hand, and of inputs with such
-    names; where there are several programs, that of the number of one comes last. A program without
-    the output `refused` refuses what is not finite.
+    Their outputs are those of `machine.closed_loop`. A program without the output `refused` refuses
+    what is not finite.
     """
-    size, outputs = programs[0].inputs[2].size, programs[0].outputs
+    return [*_sizes(programs[0]), *_entry("step", programs, programs, names, _STEP)]
+
+
+def take_slope(slope: Program, end: Program, names: Sequence[str]) -> list[str]:
+    """The slope of a closed loop, and whether a flight can go on, of time and x."""
+    both = slope, end
+    return [
+        *_sizes(slope),
+        *_entry("slope", [slope], both, names, [*slope.outputs]),
+        *_entry("end", [end], both, names, [*end.outputs]),
+    ]
+
+
+def _sizes(program: Program) -> list[str]:
+    """Sizes of the state, and of the inputs that are told."""
+    size = program.inputs[program.names.index("x")].size
+    return [f"#define STATE {size}", f"#define RANGED {program.outputs['inputs'].size}", ""]
+
+
+def _entry(
+    name: str,
+    programs: Sequence[Program],
+    beside: Sequence[Program],
+    names: Sequence[str],
+    outputs: Sequence[str],
+) -> list[str]:
+    """A function of inputs up to x, and of all else by addresses, which evaluates a program.
+
+    Addresses are of constants of all owners of the programs `beside`, of the context of what is
+    written by hand, and of inputs by their names; where there are several programs, that of the
+    number of one comes last.
+    """
+    owners = sorted(set().union(*map(owners_of, beside)))
+    first = programs[0].names.index("x") + 1
+    own = programs[0].names[:first]
+    parameters = [*(f"const real {key}" for key in own[:-1]), "const number *x"]
     lines = [
-        f"#define STATE {size}",
-        f"#define RANGED {outputs['inputs'].size}",
-        "",
-        "static INLINE void take_step(",
-        "    const void *const *given, const real time, const real h, const number *x,",
-        "    number *x_next, number *ended, number *inputs, number *refused)",
+        f"static INLINE void take_{name}(",
+        f"    const void *const *given, {', '.join(parameters)},",
+        f"    {', '.join(f'number *{key}' for key in outputs)})",
         "{",
     ]
     for number, program in enumerate(programs):
         text = CProgram(program, PREFIX)
-        owners = len(text.owners)
-        values = [f"(const void *const *)given[{owners}]"] if text.has_context else []
-        values += [f"(const Constants *)given[{k}]" for k in range(owners)]
-        values += program.names[:3]
-        for name, x in zip(program.names[3:], program.inputs[3:], strict=True):
+        values = [f"(const void *const *)given[{len(owners)}]"] if text.has_context else []
+        values += [f"(const Constants *)given[{owners.index(owner)}]" for owner in text.owners]
+        values += own
+        for key, x in zip(program.names[first:], program.inputs[first:], strict=True):
             kind = "real" if x.is_uniform else "number"
-            at = f"(const {kind} *)given[{owners + 1 + names.index(name)}]"
+            at = f"(const {kind} *)given[{len(owners) + 1 + names.index(key)}]"
             values.append(f"*{at}" if x.shape == () else at)
         # What is the same for all states is told of each.
-        uniform = {name: x for name, x in program.outputs.items() if text.uniform(x)}
-        found = [f"uniform_{name}" if name in uniform else name for name in program.outputs]
-        chosen = f"if (*(const int *)given[{owners + 1 + len(names)}] == {number}) "
+        uniform = {key: x for key, x in program.outputs.items() if text.uniform(x)}
+        found = [f"uniform_{key}" if key in uniform else key for key in program.outputs]
+        chosen = f"if (*(const int *)given[{len(owners) + 1 + len(names)}] == {number}) "
         lines += [
             f"    {chosen if len(programs) > 1 else ''}{{",
-            *(f"        real uniform_{name}[{x.size}];" for name, x in uniform.items()),
+            *(f"        real uniform_{key}[{x.size}];" for key, x in uniform.items()),
             f"        {text.name}({', '.join([*values, *found])});",
             *(
                 f"        for (int i = 0; i < {x.size}; ++i) "
-                f"{{ {name}[i] = same(uniform_{name}[i]); }}"
-                for name, x in uniform.items()
+                f"{{ {key}[i] = same(uniform_{key}[i]); }}"
+                for key, x in uniform.items()
             ),
             "    }",
         ]
-    if "refused" not in outputs:
-        lines.append(f"    refuse_infinite({size}, x_next, refused);")
+    if "refused" in outputs and "refused" not in programs[0].outputs:
+        lines.append(f"    refuse_infinite({programs[0].outputs['x_next'].size}, x_next, refused);")
     return [*lines, "}", ""]
 
 
@@ -167,12 +198,14 @@ def library(
     *,
     single: bool = False,
     each: bool = False,
+    blocks: bool = True,
     files: Sequence[str] = (),
     flags: Sequence[str] = (),
 ) -> ctypes.CDLL:
     """The library of C sources by their names, with the functions of a module that they call.
 
-    With `each` these take constants of each state too. `files` of the module are compiled as well.
+    These take `blocks` of states, or one, with `each` constants of each state too. `files` of the
+    module are compiled as well.
     Raises `CompilerError`, `CacheError` where the cache cannot be used, and `MissingFunctionError`.
     """
     name = module.NAME
@@ -180,7 +213,7 @@ def library(
     path = compiled_files(
         Path(module.__path__[0]),
         name,
-        [*c_files(name, each=each), *files],
+        [*c_files(name, each=each, blocks=blocks), *files],
         chosen_compiler(),
         # Nobody asks what square roots leave in errno; with it they are not taken side by side.
         ["-fno-math-errno", *flags, *([f"-D{name.upper()}_FLOAT"] if single else [])],
@@ -228,8 +261,10 @@ class CompiledProgram:
             *map(_address, self.outputs.values()),
         ]
         self._owned = kept, context
-        source = {f"_{program.name}.c": c_text(program, Functions(module))}
-        self._function = library(module, called([program]), source)[PREFIX + program.name]
+        source = {f"_{program.name}.c": c_text([program], Functions(module))}
+        self._function = library(module, called([program]), source, blocks=False)[
+            PREFIX + program.name
+        ]
 
     def run(self) -> None:
         """Compute the outputs of the inputs."""

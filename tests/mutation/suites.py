@@ -79,6 +79,7 @@ _ROLLING = Suite(
 )
 # C that runs in flights and rollouts, and the back ends' own, with the tests that run it.
 NATIVE = {
+    "adaptive.c": _FLYING,
     "allocation.c": _FLYING,
     "curves.c": _FLYING,
     "engine.c": _FLYING,

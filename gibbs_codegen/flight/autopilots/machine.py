@@ -17,7 +17,7 @@ from gibbs_codegen.errors import UsageError
 from gibbs_codegen.flight.attitude import quaternion_of
 from gibbs_codegen.flight.autopilots.air import ALTITUDE
 from gibbs_codegen.flight.desired.trajectory import Progress
-from gibbs_codegen.flight.integration.closed_loop import loop_program, loop_tables
+from gibbs_codegen.flight.integration.closed_loop import loop_program
 from gibbs_codegen.flight.integration.state_history import Loads
 from gibbs_codegen.flight.plant.environment import Environment
 from gibbs_codegen.flight.plant.sensors import SensorSuite
@@ -130,7 +130,7 @@ class Machine:
             self.vehicle,
             command_program(closed),
             {**values, "servos": np.nan, "asked": np.nan},
-            loop_tables(self.loop),
+            self.loop.controller.tables,
             {"desired": law.reference.curves},
         )
         measurement = telling_program(closed, suite.program)

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from gibbs_codegen.errors import UsageError
-from gibbs_codegen.flight.control.laws import Controller
+from gibbs_codegen.flight.control.laws import Controller, curve_tables
 from gibbs_codegen.flight.plant.allocation import LEANS_BY_THRUST, force_axis
 from gibbs_codegen.flight.reference import Motion, Reference
 from gibbs_codegen.flight.vectors import Array, times
@@ -56,6 +56,11 @@ class LeaningController(Controller):
     def externals(self) -> dict[str, Callable[..., Any]]:
         """Those of any law, and how the centre of mass is to move."""
         return {**super().externals, "centre": self.centre.curves}
+
+    @property
+    def tables(self) -> list[Array]:
+        """Those of any law, and of how the centre of mass is to move."""
+        return curve_tables(self.reference, self.centre)
 
     @cached_property
     def weight(self) -> Array:

@@ -38,6 +38,7 @@ import numpy as np
 from gibbs_codegen.arrays.evaluation import Evaluator
 from gibbs_codegen.arrays.nodes import Program
 from gibbs_codegen.flight.plant.allocation import EXACT, Allocation
+from gibbs_codegen.flight.plant.state_program import StateProgram, state_program
 from gibbs_codegen.flight.plant.vehicle import Array, Vehicle
 from gibbs_codegen.flight.reference import Reference
 from gibbs_codegen.flight.scenario.parts import Force, Impedance
@@ -101,6 +102,15 @@ def law_program(
         axes=frames[1],
         **others,
     )
+
+
+def curve_tables(motion: Reference, centre: Reference) -> list[Array]:
+    """Tables of the curves that a law follows: of its motion, then of its centre of mass.
+
+    The latter are read by the geometric law alone.
+    """
+    pieces = motion.begin, motion.step, len(motion.coefficients)
+    return [np.concatenate([pieces, x.coefficients.ravel()]) for x in (motion, centre)]
 
 
 @lru_cache(maxsize=64)
@@ -226,6 +236,16 @@ class Controller:
     def externals(self) -> dict[str, Callable[..., Any]]:
         """Functions written by hand that its program calls."""
         return {**self.allocation.externals, "desired": self.reference.curves}
+
+    @property
+    def tables(self) -> list[Array]:
+        """What its program in C calls instead."""
+        return curve_tables(self.reference, self.reference)
+
+    def at_a_state(self, limits: Mapping[str, Array]) -> StateProgram:
+        """Its program `command`, as of `commanded`, for one state after the other."""
+        program, values = self.program(limited=bool(limits)).command(), {**self.values, **limits}
+        return state_program(self.vehicle, program, values, self.tables, self.externals)
 
     def program(self, **others: Any) -> closed_loop.ClosedLoop:
         """The array program of the law, as `law_program` has it."""

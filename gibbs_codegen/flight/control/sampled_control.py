@@ -18,7 +18,7 @@ import numpy as np
 
 from gibbs_codegen.errors import UsageError, written
 from gibbs_codegen.flight.arguments import whole
-from gibbs_codegen.flight.control.laws import Controller, Gains
+from gibbs_codegen.flight.control.laws import Controller, Gains, curve_tables
 from gibbs_codegen.flight.control.observation import Measured
 from gibbs_codegen.flight.control.observation import Observation as Observation
 from gibbs_codegen.flight.control.predictive import NoPlanError, predictive_law
@@ -89,6 +89,11 @@ class ZeroOrderHold:
     def externals(self) -> dict[str, Callable[..., Any]]:
         """Nothing that is called."""
         return {}
+
+    @property
+    def tables(self) -> list[Array]:
+        """Tables of the curves by which errors are told."""
+        return curve_tables(self.reference, self.reference)
 
     def fault(self, command: Any) -> str:
         """The fault of a command that should be inputs u (nu), "" if there is none."""
@@ -280,9 +285,10 @@ class LawController:
     idle, which `idles` tells of times, s, nothing changes.
     """
 
-    def __init__(self, law: ControlLaw, actuators: Actuators, idles: Idles, rate: float) -> None:
+    def __init__(self, law: Controller, actuators: Actuators, idles: Idles, rate: float) -> None:
         self._law, self._idles, self._rate = law, idles, rate
         self._limits = actuators.values
+        self._program = law.at_a_state(self._limits)
         self._of_commands = None if actuators.commands is None else actuators.inputs
         self.reset()
 
@@ -297,7 +303,7 @@ class LawController:
         """
         seen, moved = (observation.time, observation.q, observation.v), self._law.moved
         felt = np.zeros(6) if moved is None else observation.wrenches[moved.place]
-        inputs, growth = self._law.commanded(*seen, self._memory, self._limits, felt)
+        inputs, growth = self._commanded(*seen, self._memory, felt)
         if not self._idles(observation.time):
             self._memory = self._memory + growth / self._rate
         if self._of_commands is None:
@@ -306,6 +312,19 @@ class LawController:
         if turns_servos(self._law.law):
             at = observation.q, observation.v
         return commands_for(self._law.vehicle, *at, inputs, self._of_commands)
+
+    def _commanded(
+        self, time: float, q: Array, v: Array, memory: Array, felt: Array
+    ) -> tuple[Array, Array]:
+        """As the law's own, which says what rotors cannot produce."""
+        given, outputs = self._program.inputs, self._program.outputs
+        for name, value in {"time": time, "q": q, "v": v, "memory": memory, "felt": felt}.items():
+            if name in given:
+                given[name][...] = value
+        self._program.run()
+        if outputs["refused"] > 0.0:
+            return self._law.commanded(time, q, v, memory, self._limits, felt)
+        return np.array(outputs["wanted"]), outputs.get("growth", memory)
 
 
 class SampledControl(ZeroOrderHold):

@@ -19,7 +19,6 @@ import numpy as np
 
 from gibbs_codegen.arrays.evaluation import Evaluator
 from gibbs_codegen.flight.attitude import LARGEST_THETA_0
-from gibbs_codegen.flight.control.geometric import LeaningController
 from gibbs_codegen.flight.control.laws import constants_of, evaluator_of, law_program
 from gibbs_codegen.flight.control.observation import Measured
 from gibbs_codegen.flight.control.sampled_control import ControlLaw, Measure, ZeroOrderHold
@@ -384,17 +383,6 @@ def loop_values(
     if loads.inputs is not None:
         values["held"] = np.array(loads.inputs)
     return values | acting(closed.environment, loads)[1]
-
-
-def loop_tables(closed: ClosedLoop) -> list[Array]:
-    """Tables of the curves that a closed loop follows: of its motion, then of its centre of mass.
-
-    The latter is there with the geometric law alone.
-    """
-    law, reference = closed.controller, closed.controller.reference
-    curves = reference, law.centre if isinstance(law, LeaningController) else reference
-    pieces = reference.begin, reference.step, len(reference.coefficients)
-    return [np.concatenate([pieces, each.coefficients.ravel()]) for each in curves]
 
 
 def loop_program(

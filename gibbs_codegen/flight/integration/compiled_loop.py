@@ -14,7 +14,6 @@ from gibbs_codegen.flight.integration.closed_loop import (
     SINGLE,
     ClosedLoop,
     loop_program,
-    loop_tables,
     loop_values,
 )
 from gibbs_codegen.flight.integration.state_history import NOTHING, InputRanges, Loads
@@ -22,8 +21,8 @@ from gibbs_codegen.flight.plant.vehicle import Array
 from gibbs_codegen.runtime.blocks import ONE, Blocks
 from gibbs_codegen.runtime.c_library import CompilerError
 from gibbs_codegen.runtime.cache import CacheError
+from gibbs_codegen.runtime.program_flow import ProgramFlow
 from gibbs_codegen.runtime.program_steps import ProgramSteps
-from gibbs_codegen.runtime.programs import CompiledProgram
 
 _log = logging.getLogger("gibbs_codegen")
 
@@ -59,7 +58,7 @@ def steps_of(
         program,
         values,
         _constants(closed),
-        loop_tables(closed),
+        closed.controller.tables,
         closed.vehicle.rotors,
         count,
         blocks,
@@ -90,7 +89,7 @@ class CompiledLoop:
 
     def hold(self, inputs: Array | tuple[float, ...]) -> None:
         """Hold other inputs (nu) from now on, where inputs are held."""
-        self._steps.given["held"][0] = inputs
+        self._steps.arguments.arrays["held"][0] = inputs
 
     def __call__(
         self,
@@ -124,30 +123,27 @@ class CompiledLoop:
 
 
 class CompiledSlope:
-    """The time derivative of a closed loop in compiled code, while the same acts on the robot.
+    """The time derivative of a closed loop in compiled code, and steps of adaptive size, `flow`.
 
-    Raises as `steps_of` does.
+    All while the same acts on the robot. Raises as `steps_of` does.
     """
 
     def __init__(self, closed: ClosedLoop, bounds: Array | float, loads: Loads = NOTHING) -> None:
-        module, program = closed.vehicle.module, loop_program(closed, loads).slope()
-        self._call = CompiledProgram(module, program, _constants(closed), loop_tables(closed))
-        for name, value in loop_values(closed, bounds, loads).items():
-            if name in self._call.inputs:
-                self._call.inputs[name][...] = value
+        whole, values = loop_program(closed, loads), loop_values(closed, bounds, loads)
+        programs = closed.vehicle.module, whole.slope(), whole.end()
+        others = _constants(closed), closed.controller.tables, closed.vehicle.rotors
+        self.flow = ProgramFlow(*programs, values, *others)
 
     def hold(self, inputs: Array | tuple[float, ...]) -> None:
         """Hold other inputs (nu) from now on, where inputs are held."""
-        self._call.inputs["held"][...] = inputs
+        self.flow.arrays["held"][0] = inputs
 
     def __call__(self, time: float, state: Array) -> Array | None:
         """The derivative (size) of a state; None where the rotors cannot produce a wrench.
 
         `ClosedLoop.derivative` says more of that.
         """
-        self._call.inputs["time"][...], self._call.inputs["x"][...] = time, state
-        self._call.run()
-        return self._call.outputs["rate"].copy() if self._call.outputs["refused"] <= 0.0 else None
+        return self.flow.slope(time, state)
 
 
 _Compiled = TypeVar("_Compiled", CompiledLoop, CompiledSlope)
@@ -167,9 +163,13 @@ class CompiledLoops:
         """The steps while something acts; None where module, law or loop is not compiled."""
         return self._of(CompiledLoop, loads)
 
+    def slope(self, loads: Loads) -> CompiledSlope | None:
+        """The derivative, and adaptive steps, while something acts; None as of `at`."""
+        return self._of(CompiledSlope, loads)
+
     def derivative(self, loads: Loads) -> Callable[[float, Array], Array]:
         """The time derivative of states while something acts: compiled, where it can be."""
-        slope = self._of(CompiledSlope, loads)
+        slope = self.slope(loads)
 
         def derivative(time: float, state: Array) -> Array:
             rate = None if slope is None else slope(time, state)

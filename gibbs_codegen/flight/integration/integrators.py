@@ -1,12 +1,14 @@
 """Integrators of the closed loop, and a flight from interval to interval until it cannot go on.
 
-In fixed steps: the classical method of Runge and Kutta, in C for the C back end. In steps of
-adaptive size: SciPy's method of eighth order by Dormand and Prince (DOP853).
+In fixed steps: the classical method of Runge and Kutta. In steps of adaptive size: the method of
+eighth order by Dormand and Prince (DOP853). Both are in C, or else in Python, where SciPy has the
+latter.
 """
 
 from __future__ import annotations
 
 import math
+from bisect import bisect_right
 from collections.abc import Callable
 from dataclasses import replace
 from typing import NamedTuple
@@ -28,6 +30,14 @@ from gibbs_codegen.flight.integration.state_history import (
 )
 from gibbs_codegen.flight.plant.vehicle import Array
 from gibbs_codegen.flight.scenario.parts import Settings
+from gibbs_codegen.runtime.program_flow import (
+    ENDED,
+    REFUSED,
+    TOO_SHORT,
+    TOO_SLOW,
+    Flow,
+    ProgramFlow,
+)
 
 # What a call of the compiled loop takes on at most, so that progress shows and Ctrl-C is heard.
 STEPS_A_CALL = 20_000
@@ -198,12 +208,17 @@ _NOT_SMOOTH = (1e-6, 1e-7)
 _STIFF = 0.5
 # Shares of a step at which inputs are looked at.
 _SHARES = np.array([0.25, 0.5, 0.75, 1.0])
+# Knots at which steps end before one across a knot is tried again.
+_MOST_STOPS = 64
 # Steps, in s, that a flight can be waited for.
 _SHORTEST = 1e-6
 
 
 class AdaptiveIntegrator:
-    """Steps of adaptive size, sampled by their dense output."""
+    """Steps of adaptive size, sampled by their dense output: in C, or else by SciPy.
+
+    What C refuses, as it does a wrench that rotors cannot produce, Python says.
+    """
 
     def __init__(
         self, loop: ClosedLoop, settings: Settings, envelope: Envelope, compiled: CompiledLoops
@@ -214,41 +229,106 @@ class AdaptiveIntegrator:
         self.budget: float = _EVALUATIONS_AHEAD
         # The step, s, that the interval before would have gone on with.
         self.ahead: float | None = None
+        # Of absolute tolerances (size).
+        self.scale = np.ones(loop.size)
+        self.scale[loop.layout.places.work] *= _WORK_SCALE
+        self.exact = settings.relative_tolerance, settings.absolute_tolerance
+        self.rough = tuple(map(max, self.exact, _NOT_SMOOTH))
+        # Knots of the motion that is followed, s, at which third derivatives jump; and their steps.
+        follows, reference = loop.hold is None, loop.controller.reference
+        self.knots = [*(reference.knots.tolist() if follows else []), math.inf]
+        self.piece = reference.step if follows else 0.0
 
     def __call__(
         self, interval: SmoothInterval, start: Array, progress: Callable[[float], None]
     ) -> IntervalResult:
         """Integrate from a state (size) over an interval; `progress` is told the time, s."""
-        loop, envelope = self.loop, self.envelope
         self.budget = min(self.budget + _EVALUATIONS_AN_INTERVAL, _EVALUATIONS_AHEAD)
+        times = StepGrid(self.settings).sample_times(interval)
+        begun = IntervalResult(times[:0], np.zeros((0, len(start))), [], interval.begin, start, "")
+        slope = self.compiled.slope(interval.loads)
+        if slope is not None:
+            begun = self._in_c(slope.flow, begun, interval, times, progress)
+        if not begun.stopped and begun.end < interval.end:
+            begun = self._in_python(begun, interval, times, progress)
+        return begun
+
+    def _in_c(
+        self,
+        steps: ProgramFlow,
+        begun: IntervalResult,
+        interval: SmoothInterval,
+        times: Array,
+        progress: Callable[[float], None],
+    ) -> IntervalResult:
+        """Integrate an interval from its begin on, as far as nothing is refused."""
+        samples, inputs, state, stopped, taken = [begun.states], begun.inputs, begun.state, "", 0
+        step = self.ahead or self._first_step(interval, state)
+        flow = Flow(interval.begin, interval.end, step, budget=self.budget, patience=1)
+        flow.income, flow.most = _EVALUATIONS_A_SECOND, _EVALUATIONS_AHEAD
+        flow.begin, flow.piece = self.loop.controller.reference.begin, self.piece
+        flow.relative, flow.absolute = zip(self.exact, self.rough, strict=True)
+        flow.smooth = 0 if self.loop.compensates else 1 if self.loop.hold is not None else 2
+        while flow.time < interval.end and flow.reason != REFUSED and not stopped:
+            found = steps(flow, state, self.scale, times[taken:])
+            samples.append(found.samples)
+            taken += len(found.samples)
+            inputs.append(InputRanges(found.instants, np.stack([found.inputs] * 2, axis=2)))
+            state = found.last
+            if flow.reason == TOO_SHORT:
+                stopped = self._no_step(flow.time, state, DOP853.TOO_SMALL_STEP)
+            elif flow.reason == ENDED:
+                stopped = self.envelope.reason(flow.time, state)
+            elif flow.reason == TOO_SLOW:
+                stopped = self._too_slow(flow.time, flow.taken, state)
+            progress(flow.time)
+        self.budget, self.ahead = flow.budget, flow.step
+        states = np.concatenate(samples)
+        return IntervalResult(times[: len(states)], states, inputs, flow.time, state, stopped)
+
+    def _in_python(
+        self,
+        begun: IntervalResult,
+        interval: SmoothInterval,
+        times: Array,
+        progress: Callable[[float], None],
+    ) -> IntervalResult:
+        """Integrate an interval that was integrated to some time from there on."""
+        loop, envelope, end = self.loop, self.envelope, interval.end
         solver = DOP853(
             self.compiled.derivative(interval.loads),
-            interval.begin,
-            start,
-            interval.end,
-            first_step=self.ahead and min(self.ahead, interval.end - interval.begin),
+            begun.end,
+            begun.state,
+            end,
+            first_step=self.ahead and min(self.ahead, end - begun.end),
         )
-        samples, stopped = [np.zeros((0, len(start)))], ""
-        inputs = InputRecord(loop, interval.loads)
-        sample_times = StepGrid(self.settings).sample_times(interval)
-        time, state, spent = interval.begin, start, 0
-        while solver.status == "running" and not stopped:
+        samples, stopped, inputs = [begun.states], "", InputRecord(loop, interval.loads)
+        time, state, spent = begun.end, begun.state, 0
+        # Steps end at so many knots, after one across a knot failed.
+        knots, patience, stops = self.knots, 1, 0
+        while time < end and not stopped:
             self._set_tolerances(solver)
+            knot = knots[bisect_right(knots, time + SAME_TIME * self.piece)]
+            solver.t_bound, solver.status = (knot if stops else end), "running"
+            after = min(time + solver.h_abs, solver.t_bound)
             with np.errstate(all="ignore"):
                 message = solver.step()
             if solver.status == "failed":
-                stopped = f"at t = {time:.6g} s: no step is small enough ({message})"
-                stopped += integration_burdens(loop, time, state)
+                stopped = self._no_step(time, state, message)
                 break
             path = solver.dense_output()
             before, time, state = time, solver.t, solver.y
+            stops -= stops > 0 and time >= knot
+            if after > knot:
+                patience = 1 if time > knot else min(2 * patience, _MOST_STOPS)
+                stops = 0 if time > knot else patience
             if stopped := envelope.reason(time, state):
                 time = _first_violation(envelope, path, before, time)
                 state = path(time)
                 stopped = envelope.reason(time, state)
             for instant in (before + _SHARES * (time - before)).tolist():
                 inputs.state(instant, path(instant))
-            inside = sample_times[(sample_times > before) & (sample_times <= time)]
+            inside = times[(times > before) & (times <= time)]
             if len(inside):
                 samples.append(path(inside).T)
             earned = self.budget + (time - before) * _EVALUATIONS_A_SECOND
@@ -258,19 +338,28 @@ class AdaptiveIntegrator:
                 stopped = self._too_slow(time, time - before, state)
             progress(solver.t)
         self.ahead = solver.h_abs
-        states = np.concatenate(samples)
-        times = sample_times[: len(states)]
-        return IntervalResult(times, states, inputs.found(), time, state, stopped)
+        states, seen = np.concatenate(samples), begun.inputs + inputs.found()
+        return IntervalResult(times[: len(states)], states, seen, time, state, stopped)
+
+    def _first_step(self, interval: SmoothInterval, state: Array) -> float:
+        """The first step, s, from a state (size), by the size of its derivatives."""
+        relative, absolute = self.exact
+        times = interval.begin, state, interval.end
+        derivative = self.compiled.derivative(interval.loads)
+        solver = DOP853(derivative, *times, rtol=relative, atol=absolute * self.scale)
+        return float(solver.h_abs)
+
+    def _no_step(self, time: float, state: Array, message: str) -> str:
+        """Why a flight cannot go on without a step."""
+        burdens = integration_burdens(self.loop, time, state)
+        return f"at t = {time:.6g} s: no step is small enough ({message}){burdens}"
 
     def _set_tolerances(self, solver: DOP853) -> None:
         """Set tolerances for the next step."""
-        settings, loop = self.settings, self.loop
-        relative, absolute = settings.relative_tolerance, settings.absolute_tolerance
-        if loop.compensates or (loop.hold is None and loop.saturated(solver.t, solver.y)):
-            relative, absolute = max(relative, _NOT_SMOOTH[0]), max(absolute, _NOT_SMOOTH[1])
-        solver.rtol = relative
-        solver.atol = np.full(len(solver.y), absolute)
-        solver.atol[loop.layout.places.work] *= _WORK_SCALE
+        loop = self.loop
+        kinked = loop.compensates or (loop.hold is None and loop.saturated(solver.t, solver.y))
+        solver.rtol, absolute = self.rough if kinked else self.exact
+        solver.atol = absolute * self.scale
 
     def _too_slow(self, time: float, step: float, state: Array) -> str:
         """Why a flight takes too many evaluations, and what to do about it."""

@@ -380,9 +380,16 @@ def test_sensors_are_late(late: float, fast: Load) -> None:
 def test_what_a_law_remembers_grows_from_sample_to_sample() -> None:
     class Remembers:
         memory, moved = 2, None
+        inputs = {"time": np.zeros(()), "memory": np.zeros(2)}  # noqa: RUF012 - a program's
+        outputs: dict[str, Array] = {}  # noqa: RUF012
 
-        def commanded(self, time: float, q: Array, v: Array, memory: Array, *_: Any) -> Any:
-            return memory.copy(), np.array([1.0, time]) - memory
+        def at_a_state(self, _: Any) -> Any:
+            return self
+
+        def run(self) -> None:
+            time, memory = self.inputs["time"], self.inputs["memory"]
+            self.outputs |= {"wanted": memory, "growth": np.array([1.0, float(time)]) - memory}
+            self.outputs["refused"] = np.zeros(())
 
     none, sides = np.zeros(0), np.array([[-np.inf] * 2, [np.inf] * 2])
     free = Actuators(sides, np.zeros(2), np.zeros((2, 0)), none, none, np.zeros(2))

@@ -10,12 +10,17 @@ from types import ModuleType
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from scipy.integrate import DOP853
 from support.tools import missing
 
 from gibbs_codegen.flight.attitude import LARGEST_THETA_0
 from gibbs_codegen.flight.control.laws import Controller, Gains
 from gibbs_codegen.flight.integration.closed_loop import ClosedLoop
-from gibbs_codegen.flight.integration.compiled_loop import CompiledLoop, CompiledLoops
+from gibbs_codegen.flight.integration.compiled_loop import (
+    CompiledLoop,
+    CompiledLoops,
+    CompiledSlope,
+)
 from gibbs_codegen.flight.integration.state_history import NOTHING, Loads
 from gibbs_codegen.flight.plant.actuators import Actuators
 from gibbs_codegen.flight.plant.allocation import Allocation
@@ -23,6 +28,7 @@ from gibbs_codegen.flight.plant.environment import Environment
 from gibbs_codegen.flight.plant.vehicle import Vehicle
 from gibbs_codegen.flight.reference import Motion, Reference
 from gibbs_codegen.flight.scenario.parts import Law, Push
+from gibbs_codegen.runtime.program_flow import Flow
 
 pytestmark = pytest.mark.usefixtures("derived_once", "optimized")
 
@@ -98,6 +104,37 @@ def loop_of(
 
 
 # Steps
+
+
+def test_steps_of_adaptive_size_are_those_of_scipy(modules: Load) -> None:
+    """The same method: as many steps, of the same sizes, and the same states on the way."""
+    closed = closed_loop_of(modules("hexarotor"))
+    slope, state, end = CompiledSlope(closed, unbounded(closed)), start_of(closed), 0.5
+    relative, absolute = 1e-8, 1e-9 * np.linspace(1.0, 3.0, len(state))
+    first, times = 0.01, np.linspace(0.0, end, 41)[1:]
+    flow = Flow(0.0, end, first, budget=1e6, most=1e6, smooth=1)
+    flow.relative, flow.absolute = (relative,) * 2, (1.0, 1.0)
+    found = slope.flow(flow, state, absolute, times)
+    solver = DOP853(slope, 0.0, state, end, rtol=relative, atol=absolute, first_step=first)
+    steps, samples = [0.0], [np.empty((0, len(state)))]
+    while solver.status == "running":
+        solver.step()
+        inside = times[(times > steps[-1]) & (times <= solver.t)]
+        samples.append(solver.dense_output()(inside).T)
+        steps.append(solver.t)
+    assert 5 < len(steps) < 100
+    assert found.instants[3::4] == pytest.approx(steps[1:], rel=1e-6)
+    assert np.concatenate(samples) == pytest.approx(found.samples, rel=1e-9, abs=1e-11)
+    assert found.last == pytest.approx(solver.y, rel=1e-9, abs=1e-11)
+    assert 1e6 - flow.budget == solver.nfev
+    assert flow.step == pytest.approx(solver.h_abs, rel=1e-4)
+    # At knots third derivatives jump: steps end there where it matters.
+    knots = closed.controller.reference.knots[1:]
+    assert not np.isin(knots, found.instants)[:-1].any()
+    flow = Flow(0.0, end, first, budget=1e6, most=1e6, smooth=1, patience=8, piece=knots[0])
+    flow.relative, flow.absolute = (1e-12,) * 2, (1e-3, 1e-3)
+    found = slope.flow(flow, state, absolute, times[:0])
+    assert knots == pytest.approx(found.instants[np.isin(found.instants, knots)], abs=1e-9)
 
 
 # Compensation differences thrusts over so short a time that rounding shows.
