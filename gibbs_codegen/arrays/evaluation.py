@@ -134,7 +134,7 @@ class Evaluation:
         return function
 
     def array(self, x: Node, shapes: list[Shape]) -> Callable[..., Any] | str:
-        """The function or expression that computes a node that is no call, from values of these shapes."""
+        """The function, or expression, that computes a node that is no call, from such shapes."""
         raise NotImplementedError
 
 

@@ -282,8 +282,8 @@ class ModuleLibrary:
 
         Raises as `function` does.
         """
-        own = (name for name in self._functions if not FUNCTIONS[name].on_request)
-        units = {self._unit(name, each=False) for name in own}
+        always = (name for name in self._functions if not FUNCTIONS[name].on_request)
+        units = {self._unit(name, each=False) for name in always}
         with ThreadPoolExecutor(len(units)) as pool:
             try:
                 for done in [pool.submit(self._library, unit) for unit in units]:

@@ -72,8 +72,8 @@ class ProgramFlow:
         }
         engine = [*take_slope(slope, end, [*inputs]), c_source("adaptive.c")]
         text = c_text([slope, end], Functions(module), engine=engine)
-        own = library(module, called([slope, end]), {"_flow.c": text}, blocks=False)
-        self._slope, self._flow = own.flow_slope, own.flow_steps
+        compiled = library(module, called([slope, end]), {"_flow.c": text}, blocks=False)
+        self._slope, self._flow = compiled.flow_slope, compiled.flow_steps
         self._slope.argtypes = [ctypes.c_void_p, ctypes.c_double, *[ctypes.c_void_p] * 3]
         self._flow.argtypes = [ctypes.c_void_p] * 8
         self._slope.restype = self._flow.restype = None
@@ -102,7 +102,6 @@ class ProgramFlow:
         last, samples = np.array(state, dtype=np.float64), np.empty((len(times), self.size))
         instants, inputs = np.empty(count), np.empty((count, 2, self.ranged // 2))
         arrays = scale, last, times, samples, instants, inputs
-        given, *others = (x.ctypes.data for x in arrays)
-        self._flow(self._given, ctypes.addressof(flow), given, *others)
+        self._flow(self._given, ctypes.addressof(flow), *(x.ctypes.data for x in arrays))
         seen = flow.instants
         return Flown(samples[: flow.samples], last, instants[:seen].copy(), inputs[:seen].copy())

@@ -66,11 +66,11 @@ class ProgramArguments:
         known = [self._constants(x, each) for x in constants]
         columns = [*map(self._column, known)]
         context = [np.ascontiguousarray(table, dtype=real) for table in tables]
-        found = blocks.filled(self._count, guesses, blocks.lanes)
+        limited = blocks.filled(self._count, guesses, blocks.lanes)
         addresses = np.empty((self._count, len(tables) + 1), dtype=np.uint64)
         for k, table in enumerate(context):
             addresses[:, k] = table.ctypes.data
-        addresses[:, -1] = self._column(found)
+        addresses[:, -1] = self._column(limited)
         columns.append(self._column(addresses[:, :, np.newaxis]))
         for name, x in inputs.items():
             value = np.asarray(values[name], dtype=np.float64)
@@ -82,7 +82,7 @@ class ProgramArguments:
             columns.append(self._column(self.arrays[name]))
         self.addresses = np.stack(columns, axis=1)
         # What is pointed to, so that it lives as long.
-        self._owned = [known, context, found, addresses]
+        self._owned = [known, context, limited, addresses]
 
     def _constants(self, constants: Any, each: bool) -> NDArray[Any]:
         """Constants of one robot, or of each state in blocks."""
@@ -125,12 +125,12 @@ class ProgramSteps:
         self.count, self.blocks, self.real = count, blocks, blocks.real
         self.size = program.inputs[2].size
         self.ranged = program.outputs["inputs"].size
-        own = [constants[owner] for owner in owners_of(program)]
-        each = blocks.lanes > 1 and any(isinstance(x, np.ndarray) for x in own)
+        known = [constants[owner] for owner in owners_of(program)]
+        each = blocks.lanes > 1 and any(isinstance(x, np.ndarray) for x in known)
         self._run = _compiled(module, program, blocks, each=each)
         self._count = blocks.count(count)
         inputs = dict(list(zip(program.names, program.inputs, strict=True))[3:])
-        laid = values, own, tables, guesses, count, blocks
+        laid = values, known, tables, guesses, count, blocks
         self.arguments = ProgramArguments(inputs, *laid, each=each)
         # States, and what becomes of each: whether it goes on, was refused, and its steps.
         self._state = blocks.filled(self._count, self.size, blocks.lanes)
@@ -197,9 +197,9 @@ def _compiled(module: ModuleType, program: Program, blocks: Blocks, *, each: boo
     engine = [*take_step([program], program.names[3:]), c_source("engine.c")]
     source = c_text([program], Functions(module), blocks.lanes, each=each, engine=engine)
     sources = {f"_{program.name}.c": source}
-    of = {"single": blocks.single, "each": each, "blocks": blocks.lanes > 1}
-    own = library(module, called([program]), sources, **of)
+    functions, one = called([program]), blocks.lanes == 1
+    compiled = library(module, functions, sources, single=blocks.single, each=each, blocks=not one)
     real, whole, address = ctypes.c_double, ctypes.c_int, ctypes.c_void_p
-    own.program_run.argtypes = [address, real, real, whole, whole, whole, *[address] * 4]
-    own.program_run.restype = None
-    return own.program_run
+    compiled.program_run.argtypes = [address, real, real, whole, whole, whole, *[address] * 4]
+    compiled.program_run.restype = None
+    return compiled.program_run

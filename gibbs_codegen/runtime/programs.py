@@ -133,8 +133,8 @@ def _entry(
     """
     owners = sorted(set().union(*map(owners_of, beside)))
     first = programs[0].names.index("x") + 1
-    own = programs[0].names[:first]
-    parameters = [*(f"const real {key}" for key in own[:-1]), "const number *x"]
+    leading = programs[0].names[:first]
+    parameters = [*(f"const real {key}" for key in leading[:-1]), "const number *x"]
     lines = [
         f"static INLINE void take_{name}(",
         f"    const void *const *given, {', '.join(parameters)},",
@@ -145,19 +145,19 @@ def _entry(
         text = CProgram(program, PREFIX)
         values = [f"(const void *const *)given[{len(owners)}]"] if text.has_context else []
         values += [f"(const Constants *)given[{owners.index(owner)}]" for owner in text.owners]
-        values += own
+        values += leading
         for key, x in zip(program.names[first:], program.inputs[first:], strict=True):
             kind = "real" if x.is_uniform else "number"
             at = f"(const {kind} *)given[{len(owners) + 1 + names.index(key)}]"
             values.append(f"*{at}" if x.shape == () else at)
         # What is the same for all states is told of each.
         uniform = {key: x for key, x in program.outputs.items() if text.uniform(x)}
-        found = [f"uniform_{key}" if key in uniform else key for key in program.outputs]
+        results = [f"uniform_{key}" if key in uniform else key for key in program.outputs]
         chosen = f"if (*(const int *)given[{len(owners) + 1 + len(names)}] == {number}) "
         lines += [
             f"    {chosen if len(programs) > 1 else ''}{{",
             *(f"        real uniform_{key}[{x.size}];" for key, x in uniform.items()),
-            f"        {text.name}({', '.join([*values, *found])});",
+            f"        {text.name}({', '.join([*values, *results])});",
             *(
                 f"        for (int i = 0; i < {x.size}; ++i) "
                 f"{{ {key}[i] = same(uniform_{key}[i]); }}"

@@ -317,10 +317,10 @@ class LawController:
         self, time: float, q: Array, v: Array, memory: Array, felt: Array
     ) -> tuple[Array, Array]:
         """As the law's own, which says what rotors cannot produce."""
-        given, outputs = self._program.inputs, self._program.outputs
-        for name, value in {"time": time, "q": q, "v": v, "memory": memory, "felt": felt}.items():
-            if name in given:
-                given[name][...] = value
+        inputs, outputs = self._program.inputs, self._program.outputs
+        values = {"time": np.array(time), "q": q, "v": v, "memory": memory, "felt": felt}
+        for name in values.keys() & inputs.keys():
+            inputs[name][...] = values[name]
         self._program.run()
         if outputs["refused"] > 0.0:
             return self._law.commanded(time, q, v, memory, self._limits, felt)
@@ -428,11 +428,11 @@ def law_in_time(
         rate = _number(controller, "rate", rate, least=_LOWEST_RATE)
         delay = _number(controller, "delay", delay, least=0.0) or 0.0
     rate = rate or DEFAULT_RATE
-    if controller is None:
+    if controller is None and isinstance(law, Controller):
         return SampledControl(
             law, rate, delay, sensing, LawController(law, actuators, idles, rate), law.law
         )
-    return SampledControl(law, rate, delay, sensing, controller)
+    return SampledControl(law, rate, delay, sensing, controller) if controller else law
 
 
 def _number(

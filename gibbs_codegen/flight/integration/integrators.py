@@ -270,11 +270,11 @@ class AdaptiveIntegrator:
         flow.relative, flow.absolute = zip(self.exact, self.rough, strict=True)
         flow.smooth = 0 if self.loop.compensates else 1 if self.loop.hold is not None else 2
         while flow.time < interval.end and flow.reason != REFUSED and not stopped:
-            found = steps(flow, state, self.scale, times[taken:])
-            samples.append(found.samples)
-            taken += len(found.samples)
-            inputs.append(InputRanges(found.instants, np.stack([found.inputs] * 2, axis=2)))
-            state = found.last
+            flown = steps(flow, state, self.scale, times[taken:])
+            samples.append(flown.samples)
+            taken += len(flown.samples)
+            inputs.append(InputRanges(flown.instants, np.stack([flown.inputs] * 2, axis=2)))
+            state = flown.last
             if flow.reason == TOO_SHORT:
                 stopped = self._no_step(flow.time, state, DOP853.TOO_SMALL_STEP)
             elif flow.reason == ENDED:
