@@ -9,7 +9,9 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from types import ModuleType
 
+import numpy as np
 import pytest
+from support.tools import missing
 
 from gibbs_codegen.cli import terminal
 from gibbs_codegen.runtime import c_library
@@ -54,6 +56,21 @@ def test_what_takes_long_to_compile_is_told_in_one_line(
     said = [(record.levelno, record.getMessage()) for record in caplog.records]
     assert said == ([(logging.WARNING, told)] if patience < 1.0 else [])
     assert 0.2 <= seconds_waited(begin) <= time.perf_counter() - begin
+
+
+def test_what_flights_need_is_compiled_side_by_side(
+    fast: Callable[[str], ModuleType], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Nothing is compiled, or looked for, when functions are called that were built."""
+    module = fast(NAME)
+    if module.backend != "c" or not hasattr(module, "compiled"):
+        missing("nothing compiles")
+    module.compiled.build()
+    monkeypatch.setattr(c_library, "compiled_files", None)
+    q, v = np.zeros((2, len(module.COORDINATES))), np.zeros((2, len(module.VELOCITIES)))
+    for name, states in {"mass_matrix": [q], "positions": [q], "kinetic_energy": [q, v]}.items():
+        expected = getattr(module.in_numpy, name)(*states)
+        assert getattr(module, name)(*states) == pytest.approx(expected, rel=1e-12, abs=1e-12)
 
 
 def test_a_compiler_that_is_ended_leaves_nothing(
