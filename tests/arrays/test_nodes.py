@@ -482,6 +482,7 @@ def test_numpy_text_has_the_numbers_of_the_program(attitude: str, name: str) -> 
         close(value, right, 1e-13, output)
 
 
+@pytest.mark.slow
 def test_jax_has_the_numbers_of_plain_arrays(jax_in_double_precision: ModuleType) -> None:
     jax, given = jax_in_double_precision, numbers()
     check(jax.jit(lambda x: evaluate(program(), x, {}, xp=jax.numpy))(given), given)

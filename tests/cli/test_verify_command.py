@@ -42,6 +42,7 @@ def test_verify_prints_tables_and_a_verdict(
     assert max(map(len, out.splitlines())) <= 80
 
 
+@pytest.mark.slow
 def test_tables_break_no_name_at_80_columns(small: Path) -> None:
     """Functions, formulations and numbers stay whole, whatever failed."""
     rows = verify(small, states=1, backends=["numpy"])

@@ -502,6 +502,7 @@ def test_a_lock_that_is_never_let_go_is_named_and_given_up(
     assert differing_files(target, FILES) == []
 
 
+@pytest.mark.slow
 def test_a_wait_of_seconds_is_said_where_the_command_runs(tmp_path: Path) -> None:
     (tmp_path / "generated").mkdir()
     with locked(tmp_path / "generated") as number:

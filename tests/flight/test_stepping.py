@@ -53,10 +53,8 @@ def controller(module: ModuleType) -> Callable[[Observation], Array]:
 @pytest.mark.parametrize(
     ("method", "delay", "late"),
     [
-        ("adaptive", 0.027, 0.0),
         ("rk4", 0.013, 0.033),
-        pytest.param("adaptive", 0.013, 0.033, marks=pytest.mark.slow),
-        pytest.param("rk4", 0.027, 0.0, marks=pytest.mark.slow),
+        pytest.param("adaptive", 0.027, 0.0, marks=pytest.mark.slow),
     ],
 )
 def test_a_loop_of_ones_own_flies_what_simulate_flies(

@@ -65,8 +65,5 @@ def test_bytes_do_not_depend_on_seed_encoding_time_zone_place_or_flags(tmp_path:
     plain = Surroundings("0").digests(emitting, ROOT)
     assert len({line.split()[0] for line in plain}) == 2
     far = {"LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0", "TZ": "Asia/Kolkata"}
-    for other in (
-        Surroundings("42", far, flags=("-O",)),
-        Surroundings("random", flags=("-OO",), cores=1),
-    ):
-        assert other.digests(emitting[::-1], elsewhere) == plain
+    other = Surroundings("random", far, flags=("-OO",), cores=1)
+    assert other.digests(emitting[::-1], elsewhere) == plain

@@ -46,7 +46,7 @@ FOREARM = parse_robot(
 @pytest.mark.slow
 def test_whole_machine_is_that_of_the_emitted_functions() -> None:
     """At any configuration of the joints, the base at the origin of the world."""
-    module, layout = emitted_module(DUAL_ARM), layout_of(DUAL_ARM)
+    module, layout = emitted_module(DUAL_ARM, "mass_matrix", "centre_of_mass"), layout_of(DUAL_ARM)
     joints = np.random.default_rng(1).normal(size=len(DUAL_ARM.moving))
     q = np.array(layout.neutral)
     q[layout.q.joints] = joints
@@ -63,7 +63,7 @@ def test_whole_machine_is_that_of_the_emitted_functions() -> None:
 @pytest.mark.slow
 def test_what_a_joint_carries_is_its_entry_of_the_emitted_mass_matrix() -> None:
     layout = layout_of(EVERYTHING)
-    matrix = emitted_module(EVERYTHING).mass_matrix(np.array(layout.neutral))
+    matrix = emitted_module(EVERYTHING, "mass_matrix").mass_matrix(np.array(layout.neutral))
     turning = [
         (i, place)
         for i, place in zip(EVERYTHING.moving, layout.v.joint_places, strict=True)
@@ -79,7 +79,7 @@ def test_what_a_joint_carries_is_its_entry_of_the_emitted_mass_matrix() -> None:
 def test_wrenches_are_those_of_the_emitted_input_matrix() -> None:
     """Rotors on links, joints bent; generalised forces of the base are the wrench itself."""
     robot = replace(HYDRUS, base=replace(HYDRUS.base, attitude="quaternion"))
-    module, layout = emitted_module(robot), layout_of(robot)
+    module, layout = emitted_module(robot, "input_matrix"), layout_of(robot)
     joints = np.array([0.4, -0.9, 1.3])
     q = np.array(layout.neutral)
     q[layout.q.joints] = joints
@@ -89,7 +89,7 @@ def test_wrenches_are_those_of_the_emitted_input_matrix() -> None:
 
 @pytest.mark.slow
 def test_hover_holds_the_machine_with_joints_at_zero() -> None:
-    module, layout = emitted_module(DUAL_ARM), layout_of(DUAL_ARM)
+    module, layout = emitted_module(DUAL_ARM, "mass_matrix", "centre_of_mass"), layout_of(DUAL_ARM)
     q, still = np.array(layout.neutral), np.zeros(layout.v.size)
     thrusts = hover(DUAL_ARM).thrusts
     assert thrusts is not None

@@ -64,6 +64,7 @@ def uses(text: str) -> set[str]:
     return found
 
 
+@pytest.mark.slow
 def test_no_source_makes_code_of_text() -> None:
     found = {
         path.relative_to(PACKAGE).as_posix(): uses(path.read_text(encoding="utf-8"))

@@ -380,6 +380,7 @@ def test_every_function_has_the_short_way(name: str) -> None:
     assert function(*[0.0] * len(row.arguments)) == "the long way"
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("no_extension")
 def test_without_extension_and_python_headers(
     monkeypatch: pytest.MonkeyPatch,

@@ -131,6 +131,7 @@ def test_matrices_have_the_exact_zeros_of_patterns(pair: Callable[[str], Pair]) 
     assert ours.forward_dynamics.sparsity_out(0).is_dense()
 
 
+@pytest.mark.slow
 def test_casadis_derivatives_are_the_modules(pair: Callable[[str], Pair]) -> None:
     numpy, ours = pair(DERIVATIVES)
     q, v, u, w = state(numpy, "forward_dynamics_vjp")
@@ -170,6 +171,7 @@ def test_functions_do_not_depend_on_the_length_of_a_quaternion(pair: Callable[[s
         assert np.abs(along).max() < 1e-13 * np.abs(as_tuple(slope)[0].full()).max()
 
 
+@pytest.mark.slow
 def test_integrate_is_smooth_where_nothing_moves(pair: Callable[[str], Pair]) -> None:
     """A solver begins there: no derivative by a displacement of zero is lost."""
     numpy, ours = pair(TREE)

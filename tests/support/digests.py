@@ -19,20 +19,16 @@ from contextlib import redirect_stdout
 from pathlib import Path
 
 from gibbs_codegen.cli.app import main
-from gibbs_codegen.robot.file import shipped_robots
 
 
 def commands(robot_files: Sequence[Path]) -> list[str]:
-    """What is compared where time allows: robots that ship, of files and of the family, options."""
-    robots = [*shipped_robots(), *(shlex.quote(str(path)) for path in robot_files)]
+    """What is compared: robots of files and of the family, and equations."""
     return [
-        *(f"generate {robot}" for robot in robots),
-        "generate --rotors 8 --links 5",
+        *(f"generate {shlex.quote(str(path))}" for path in robot_files),
+        "generate quadrotor_arm_2link",
         "generate --rotors 3 --links 1 --all-parameters",
-        "generate hexarotor --target numpy",
-        "generate hexarotor --target c",
         "show quadrotor_2link --chain 1 --equation 2 --equation 5 --equation 6 --equation 15",
-        "show octorotor_7link --chain 3 --format latex",
+        "show hexarotor_3link --chain 3 --format latex",
     ]
 
 

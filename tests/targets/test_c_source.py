@@ -123,7 +123,7 @@ def strict(
     """The small robot, compiled to keep to the arithmetic as it is written."""
     small = emitted(SMALL)
     path = tmp_path_factory.mktemp("strict") / "small.so"
-    return small, Library(small, path, "gcc", ["-O1", "-ffp-contract=off"])
+    return small, Library(small, path, "gcc", ["-O0"], each=True)
 
 
 def test_the_random_robots_are_of_every_kind() -> None:
@@ -168,19 +168,6 @@ def test_a_missing_tool_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
 # Warnings
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("compiler", "real", "level"),
-    [("gcc", "double", "-O0")],
-)
-def test_small_robot_compiles_silently(
-    compiler: str, real: str, level: str, emitted: Callable[[str], Emitted], tmp_path: Path
-) -> None:
-    small = emitted(SMALL)
-    options = [level, *([small.single] if real == "float" else [])]
-    compile_only(compiler, options, small.functions, tmp_path)
-
-
 @pytest.mark.parametrize("compiler", ["gcc", "clang"])
 def test_functions_without_sines_compile_silently(compiler: str, tmp_path: Path) -> None:
     robot, text = read_robot(SMALL)
@@ -192,37 +179,23 @@ def test_functions_without_sines_compile_silently(compiler: str, tmp_path: Path)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("compiler", "level", "single"), [("clang++", "-O1", True)])
-def test_random_robots_compile_silently(
-    compiler: str, level: str, single: bool, emitted: Callable[[str], Emitted], tmp_path: Path
-) -> None:
+def test_random_robots_compile_silently(emitted: Callable[[str], Emitted], tmp_path: Path) -> None:
+    """As C++ in single precision; below, the small robot as C in double precision."""
     robot = emitted("random_3_1")
-    options = [level, *([robot.single] if single else [])]
-    compile_only(compiler, options, robot.functions, tmp_path)
+    compile_only("clang++", ["-O0", robot.single], robot.functions, tmp_path)
 
 
 # Numbers
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("label", "compiler", "options"),
-    [("quadrotor_2link", "gcc", ["-O3", "-march=native"])],
-    ids=lambda value: "".join(value),
-)
-def test_functions_equal_numpy(
-    label: str,
-    compiler: str,
-    options: list[str],
-    emitted: Callable[[str], Emitted],
-    tmp_path: Path,
-) -> None:
+def test_functions_equal_numpy(emitted: Callable[[str], Emitted], tmp_path: Path) -> None:
     """Every function for one state and in blocks, to 1e-14 of the norm.
 
     Accelerations solve M a = R + B u, which magnifies rounding of M by its condition number.
     """
-    robot = emitted(label)
-    library = Library(robot, tmp_path / "robot.so", compiler, options)
+    robot = emitted(SMALL)
+    library = Library(robot, tmp_path / "robot.so", "gcc", ["-O3", "-march=native"])
     worst = worst_deviation(robot, library, states(robot.module), lambda condition: condition)
     assert max(worst.values()) <= 1e-14, worst
 
@@ -269,15 +242,9 @@ def test_pack_and_unpack(count: int, strict: tuple[Emitted, Library]) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    "labels",
-    [(SMALL, "random_2_0")],
-)
-def test_two_robots_in_one_program(
-    labels: tuple[str, str], emitted: Callable[[str], Emitted], tmp_path: Path
-) -> None:
+def test_two_robots_in_one_program(emitted: Callable[[str], Emitted], tmp_path: Path) -> None:
     """One compiled as C, the other as C++; each gives the numbers that it gives alone."""
-    robots = [emitted(label) for label in labels]
+    robots = [emitted("random_3_1"), emitted("random_2_0")]
     objects = [
         compile_only(compiler, ["-O0"], robot.sources, tmp_path)[0]
         for compiler, robot in zip(("gcc", "g++"), robots, strict=True)
@@ -428,15 +395,11 @@ def test_a_machine_may_weigh_grams(strict: tuple[Emitted, Library]) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("label", "compiler"),
-    [(SMALL, "gcc")],
-)
 def test_sanitizers_find_nothing_in_random_calls(
-    label: str, compiler: str, emitted: Callable[[str], Emitted], tmp_path: Path
+    emitted: Callable[[str], Emitted], tmp_path: Path
 ) -> None:
     """Nor would they be silent about a buffer that is one number too short."""
-    robot = emitted(label)
+    robot, compiler = emitted(SMALL), "gcc"
     (tmp_path / "driver.c").write_text(random_calls(robot), encoding="utf-8")
     options = ["-O0", *SANITIZERS, f"-I{robot.folder}"]
     source = compile_only(compiler, options, robot.functions, tmp_path)
@@ -501,51 +464,29 @@ def _declared(header: str) -> set[str]:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("label", "compiler", "real"),
-    [(SMALL, "gcc", "double")],
-)
-def test_symbols(
-    label: str,
-    compiler: str,
-    real: str,
-    emitted: Callable[[str], Emitted],
-    tmp_path: Path,
-) -> None:
-    """What is defined is declared and prefixed; nothing is written to, nothing is allocated."""
-    robot = emitted(label)
-    options = ["-O2", *PLAIN, *([robot.single] if real == "float" else [])]
-    objects = compile_only(compiler, options, robot.functions, tmp_path)
+def test_symbols_and_stack(emitted: Callable[[str], Emitted], tmp_path: Path) -> None:
+    """What is defined is declared and prefixed; nothing is written to, nothing is allocated.
+
+    The stack is what the header promises.
+    """
+    robot = emitted(SMALL)
+    options = ["-O1", *PLAIN, "-fstack-usage"]
+    objects = compile_only("gcc", options, robot.functions, tmp_path)
     one, batch, each = map(_symbols, objects)
     for path, symbols in zip(objects, (one, batch, each), strict=True):
         assert {kind for kind, _ in symbols} <= set("TtRrU")
         data, bss = run([tool("size"), path]).splitlines()[1].split()[1:3]
         assert (data, bss) == ("0", "0")
     declared = _declared(robot.text(".h"))
-    if real == "float":
-        names = ("default_constants", "init_constants", "init_constants_batch")
-        marked = {f"{robot.name}_{name}" for name in names}
-        declared = (declared - marked) | {f"{name}_float" for name in marked}
     of_each = {name for name in declared if re.search("_batch_each$|_constants_batch", name)}
     assert {name for kind, name in each if kind in "TR"} == of_each
     of_blocks = {name for name in declared - of_each if re.search("_batch$|_(un)?pack$", name)}
     assert {name for kind, name in batch if kind in "TR"} == of_blocks
     assert {name for kind, name in one if kind in "TR"} == declared - of_each - of_blocks
     assert all(name.startswith(f"{robot.name}_") for name in declared)
-    suffix = "f" if real == "float" else ""
-    library = {f"sin{suffix}", f"cos{suffix}", f"sincos{suffix}"}
+    library = {"sin", "cos", "sincos"}
     moving = {"memcpy", "memset", "memmove"}
     assert {name for kind, name in (*one, *batch, *each) if kind == "U"} <= library | moving
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("level", ["-O1"])
-@pytest.mark.parametrize("compiler", ["gcc"])
-def test_stack_is_what_the_header_promises(
-    compiler: str, level: str, emitted: Callable[[str], Emitted], tmp_path: Path
-) -> None:
-    robot = emitted(SMALL)
-    compile_only(compiler, [level, *PLAIN, "-fstack-usage"], robot.sources[:1], tmp_path)
     rows = [line.split("\t") for line in (tmp_path / f"{SMALL}.su").read_text().splitlines()]
     used = {row[0].rpartition(":")[2]: int(row[1]) for row in rows}
     promised = {
@@ -559,12 +500,8 @@ def test_stack_is_what_the_header_promises(
 # Text
 
 
-@pytest.mark.parametrize(
-    "label",
-    ["quadrotor_2link"],
-)
-def test_text_is_portable_and_narrow(label: str, emitted: Callable[[str], Emitted]) -> None:
-    robot = emitted(label)
+def test_text_is_portable_and_narrow(emitted: Callable[[str], Emitted]) -> None:
+    robot = emitted(SMALL)
     texts = [robot.text(ending) for ending in (".h", ".c", "_batch.c", "_each.c")]
     for text in (*texts, (robot.folder / RUNTIME).read_text(encoding="utf-8")):
         assert "M_PI" not in text
@@ -584,11 +521,10 @@ def test_files_open_with_what_they_are(ending: str, emitted: Callable[[str], Emi
     assert "without conditions" in head[-1]
 
 
-@pytest.mark.parametrize("label", [SMALL])
 def test_header_gives_every_coordinate_and_input_its_unit(
-    label: str, emitted: Callable[[str], Emitted]
+    emitted: Callable[[str], Emitted],
 ) -> None:
-    robot = emitted(label)
+    robot = emitted(SMALL)
     opening = robot.text(".h").partition("#ifndef")[0]
     for coordinate in (*robot.model.description.coordinates, *robot.model.description.inputs):
         line = rf"^ \*     {coordinate.name} +\[{re.escape(coordinate.unit)}\]  \S"
@@ -602,11 +538,8 @@ def _comment(header: str, name: str) -> str:
     return " ".join(re.sub(r"^ \*", "", found[1], flags=re.MULTILINE).split())
 
 
-@pytest.mark.parametrize("label", [SMALL])
-def test_comments_tell_arguments_shapes_units_and_cost(
-    label: str, emitted: Callable[[str], Emitted]
-) -> None:
-    robot = emitted(label)
+def test_comments_tell_arguments_shapes_units_and_cost(emitted: Callable[[str], Emitted]) -> None:
+    robot = emitted(SMALL)
     header = robot.text(".h")
     for signature in robot.signatures():
         function = robot.model.program.function(signature.name)

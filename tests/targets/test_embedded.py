@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from types import ModuleType
@@ -27,13 +27,10 @@ STRICT = (
     *("-std=c99", "-O2", "-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Wshadow"),
     *("-Wdouble-promotion", "-Wstrict-prototypes", "-Wmissing-prototypes", "-Werror"),
 )
-# What the emitted code may call, in either precision.
-LIBRARY = {np.float32: {"sinf", "cosf"}, np.float64: {"sin", "cos"}}
-# What `integrate` and `difference` of a quaternion call, too.
-OF_QUATERNIONS = {np.float32: {"sqrtf", "atanf"}, np.float64: {"sqrt", "atan"}}
+# What the emitted code may call.
+LIBRARY = {"sinf", "cosf"}
 MEMORY = {"memcpy", "memset", "memmove"}
 RUN_SECONDS = 60.0
-QUICK = ("hexarotor_3link", "quadrotor_2link", "quadrotor")
 # Rounding errors of a result, in units of its last place; seven times the most that was seen.
 FEW = 64
 
@@ -57,10 +54,6 @@ ARM = ("-mthumb", "-mfloat-abi=hard")
 M4F = Target(
     "M4F", f"{CROSS}gcc", (*ARM, "-mcpu=cortex-m4", "-mfpu=fpv4-sp-d16"), np.float32, "mps2-an386"
 )
-M7 = Target(
-    "M7", f"{CROSS}gcc", (*ARM, "-mcpu=cortex-m7", "-mfpu=fpv5-d16"), np.float64, "mps2-an500"
-)
-DESKTOP = Target("desktop", "gcc", (), np.float64)
 DESKTOP_FLOAT = Target("desktop_float", "gcc", (), np.float32)
 
 
@@ -108,37 +101,17 @@ def compiled(module: ModuleType, target: Target, folder: Path) -> Build:
     return build
 
 
-def objects(names: Sequence[str], *targets: Target) -> pytest.MarkDecorator:
-    """Parametrise a test by robots and targets, all that it builds being its own.
-
-    All but the smallest take their time.
-    """
-    cases = [
-        pytest.param(
-            name,
-            target,
-            id=f"{name}-{target.name}",
-            marks=[] if name in QUICK else [pytest.mark.slow],
-        )
-        for name in names
-        for target in targets
-    ]
-    return pytest.mark.parametrize(("name", "target"), cases)
+@pytest.fixture(scope="module")
+def build(shipped: Shipped, tmp_path_factory: pytest.TempPathFactory) -> Build:
+    """A small robot's module for a microcontroller."""
+    return compiled(shipped("quadrotor_2link"), M4F, tmp_path_factory.mktemp("embedded"))
 
 
 @pytest.mark.slow
-@objects(("hexarotor_3link",), M4F)
-def test_an_object_has_no_variables_calls_nothing_foreign_and_keeps_to_its_stack(
-    shipped: Shipped, name: str, target: Target, tmp_path: Path
-):
-    module = shipped(name)
-    build = compiled(module, target, tmp_path)
+def test_an_object_has_no_variables_calls_nothing_foreign_and_keeps_to_its_stack(build: Build):
     undefined = run([tool(f"{CROSS}nm"), "--undefined-only", build.object]).splitlines()
     called = {line.split()[-1] for line in undefined}
-    expected = {*LIBRARY[target.real]}
-    if module.ATTITUDE == "quaternion":
-        expected |= OF_QUATERNIONS[target.real]
-    assert expected <= called <= expected | MEMORY
+    assert LIBRARY <= called <= LIBRARY | MEMORY
     header, line = run([tool(f"{CROSS}size"), build.object]).splitlines()
     sizes = dict(zip(header.split()[:3], map(int, line.split()[:3]), strict=True))
     assert sizes.pop("text") > 1000
@@ -273,15 +246,12 @@ def numpy_results(module: ModuleType, real: type[np.floating[Any]]) -> Results:
 
 
 @pytest.mark.slow
-@objects(("quadrotor_2link",), M4F)
 def test_an_emulated_processor_computes_the_desktops_bits_and_numpys_numbers(
-    shipped: Shipped, name: str, target: Target, tmp_path: Path
+    build: Build, tmp_path: Path
 ):
-    module = shipped(name)
-    found = evaluated(compiled(module, target, tmp_path))
-    twin = DESKTOP_FLOAT if target.real is np.float32 else DESKTOP
-    (tmp_path / twin.name).mkdir()
-    desktop = compiled(module, twin, tmp_path / twin.name)
+    module, target = build.module, build.target
+    found = evaluated(build)
+    desktop = compiled(module, DESKTOP_FLOAT, tmp_path)
     assert_stack_as_stated(desktop)
     wanted = evaluated(desktop)
     assert found.keys() == wanted.keys()

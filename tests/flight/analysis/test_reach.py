@@ -102,6 +102,7 @@ def test_hovering_needs_no_torque_about_the_centre_of_mass(reach, shipped: Load,
     )
 
 
+@pytest.mark.slow
 def test_wrenches_about_a_frame_are_those_on_it(shipped: Load) -> None:
     """What thrusts exert about a frame holds what the frame's weightless load would exert."""
     module, posture = shipped("dual_arm"), POSTURES["dual_arm"]

@@ -215,10 +215,9 @@ def told_and_sent(machine: Machine, motors: list[float], steps: int = 3) -> tupl
 @pytest.mark.parametrize(
     ("place", "rotor"),
     [
-        pytest.param(0, "front_right", marks=pytest.mark.slow),
+        (0, "front_right"),
         pytest.param(1, "rear_left", marks=pytest.mark.slow),
-        (2, "front_left"),
-        (3, "rear_right"),
+        pytest.param(2, "front_left", marks=pytest.mark.slow),
     ],
 )
 def test_motors_in_the_order_of_the_firmware(place: int, rotor: str, fast: Load) -> None:

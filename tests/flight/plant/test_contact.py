@@ -174,6 +174,7 @@ def stored(flight_loop: Any, states: Array, stiffness: float) -> Array:
     return found
 
 
+@pytest.mark.slow
 def test_energy_never_grows_by_contact(block: ModuleType) -> None:
     """Of a block that is thrown, tumbles on a floor with friction, and comes to rest."""
     floor = {"kind": "floor", "frame": FEET, "friction": 0.4, "ball_radius": 0.02} | SOFT
@@ -195,7 +196,6 @@ def test_energy_never_grows_by_contact(block: ModuleType) -> None:
     ("stiffness", "dissipation", "speed"),
     [
         (1e6, 10.0, 15.0),
-        pytest.param(3e5, 10.0, 5.0, marks=pytest.mark.slow),
         pytest.param(2e5, 0.0, 5.0, marks=pytest.mark.slow),
     ],
 )
@@ -230,6 +230,7 @@ def test_no_impact_adds_energy_at_the_default_step(
         assert np.all(energy <= (before if k == 0 else before[k - 1]) * (1.0 + 1e-12))
 
 
+@pytest.mark.slow
 def test_steps_that_are_too_long_for_an_impact_are_named_with_those_that_serve(
     block: ModuleType,
 ) -> None:
@@ -450,11 +451,6 @@ def test_a_machine_that_leans_comes_to_stand_on_all_of_its_feet(block: ModuleTyp
     [
         ({"wall": []}, r"start.settled: there is no \[\[wall\]\]"),
         ({"wall": [FLOOR | {"height": -1.0}]}, r"start.settled: within 0.5 m .* no wall carries"),
-        pytest.param(
-            {"wall": [FLOOR | {"frame": FEET[:2]}]},
-            r"start.settled: block does not come to rest there",
-            marks=pytest.mark.slow,
-        ),
     ],
 )
 def test_a_start_where_nothing_rests_is_refused(
@@ -475,12 +471,9 @@ def test_bristles_that_are_too_stiff_for_the_steps_are_refused(block: ModuleType
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    "round_wall",
-    [{"kind": "cylinder", "point": [0, 0, 0], "axis": [0, 0, 1]}],
-)
-def test_nothing_pushes_a_frame_at_a_centre(round_wall: dict[str, Any], block: ModuleType) -> None:
-    wall = {"frame": "base", "radius": 0.1, "stiffness": 100, **round_wall}
+def test_nothing_pushes_a_frame_at_a_centre(block: ModuleType) -> None:
+    wall: dict[str, Any] = {"kind": "cylinder", "point": [0, 0, 0], "axis": [0, 0, 1]}
+    wall |= {"frame": "base", "radius": 0.1, "stiffness": 100}
     flight = thrown(block, [wall], duration=0.01, **fixed(0, 0, 1))
     assert flight.contact_depth[0] == pytest.approx([0.1])
     assert flight.q[-1, :2] == pytest.approx(0.0)

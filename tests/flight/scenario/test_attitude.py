@@ -113,7 +113,7 @@ def test_angles_rates_and_accelerations_come_back(sequence: str) -> None:
 
 
 @pytest.mark.slow
-@settings(max_examples=8)
+@settings(max_examples=4)
 @given(
     sequence=st.sampled_from(SEQUENCES),
     first=st.floats(-np.pi, np.pi),
