@@ -37,7 +37,7 @@ def printed(commands: str, folder: Path) -> str:
             tool(line.split()[0])
     script = "\n".join([f"cd '{folder}'", *lines])
     flags = dict.fromkeys(("CFLAGS", "CXXFLAGS"), "-O0 -Wall -Wextra -Werror")
-    return run(["sh", "-ec", script], CMAKE_BUILD_TYPE="Debug", **flags)
+    return run(["sh", "-ec", script], CMAKE_BUILD_TYPE="Plain", **flags)
 
 
 def with_quaternion(folder: Path, *files: str) -> None:

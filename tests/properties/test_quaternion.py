@@ -204,15 +204,10 @@ def emitted(tmp_path_factory: pytest.TempPathFactory) -> Emitted:
     return emit(quadrotor()[0], tmp_path_factory.mktemp("quaternion") / "module")
 
 
-def compiled(emitted: Emitted, folder: Path, real: type[np.floating]) -> Library:
-    """The C source of either precision."""
-    options = ["-O2", *([emitted.single] if real is np.float32 else [])]
-    return Library(emitted, folder / "library.so", "gcc", options, real)
-
-
 @pytest.mark.slow
 def test_tiny_angles_in_single_precision(emitted: Emitted, tmp_path: Path) -> None:
-    library = compiled(emitted, tmp_path, np.float32)
+    path, options = tmp_path / "library.so", ["-O0", emitted.single]
+    library = Library(emitted, path, "gcc", options, np.float32)
     signature = {s.name: s for s in module_signatures(emitted.module)}
     q = np.array([[0.0] * 6 + [1.0] + [0.0] * 2])
     rng = np.random.default_rng(1)

@@ -142,7 +142,7 @@ def test_single_precision_is_accurate_next_to_the_singularity(tmp_path: Path) ->
 def check_single(emitted: Emitted, angles: Sequence[float]) -> None:
     """The C functions in single precision, whose angles are to be of few turns."""
     path = emitted.folder / "single.so"
-    single = Library(emitted, path, "gcc", ["-O1", emitted.single], np.float32)
+    single = Library(emitted, path, "gcc", ["-O0", emitted.single], np.float32)
     unused = np.array(np.nan, np.float32)
     calls = {
         "single precision, one state": single.one,

@@ -39,8 +39,8 @@ def succeeds(*arguments: str, cwd: Path) -> str:
 
 @pytest.mark.slow
 def test_generate_and_simulate_with_numpy_alone(tmp_path: Path) -> None:
-    generate = ("generate", "quadrotor_2link", "--target", "numpy", "--no-verify")
-    fly = (*FLY, "quadrotor_2link", "--backend", "numpy")
+    generate = ("generate", "quadrotor", "--target", "numpy", "--no-verify")
+    fly = (*FLY, "quadrotor", "--backend", "numpy")
     # Twice, so that the second replaces what the first has left.
     for command in (generate, generate, fly):
         succeeds(*command, cwd=tmp_path)

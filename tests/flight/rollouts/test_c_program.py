@@ -243,7 +243,7 @@ def test_no_warning_and_no_byte_out_of_place(
     text = re.sub(r"ROBOT_(?=[A-Z])", f"{small.name.upper()}_", PROGRAM)
     (tmp_path / "program.c").write_text(text.replace("ROBOT", small.name), encoding="utf-8")
     rotors = sum(name.startswith("F_") for name in small.module.INPUTS)
-    options = [f"-I{small.folder}", f"-DROTORS={rotors}", "-O1", *SANITIZERS]
+    options = [f"-I{small.folder}", f"-DROTORS={rotors}", "-O0", *SANITIZERS]
     options += [small.single] if real == "float" else []
     options += [f"-D{small.name.upper()}_SINGLY"] if compiler.startswith("clang") else []
     sources = [str(tmp_path / "program.c"), str(small.file("_rollout.c"))]
@@ -262,7 +262,7 @@ def test_the_program_of_the_page(real: str, off: float, tmp_path: Path) -> None:
     folder = generate("quadrotor", tmp_path, targets=("numpy", "c", "rollout"), verify=False)
     module = load(folder)
     sources = [folder / f"quadrotor{ending}" for ending in (".c", "_each.c", "_rollout.c")]
-    options = ["-std=c99", "-Wall", "-Wextra", "-Werror", "-O1", f"-I{folder}"]
+    options = ["-std=c99", "-Wall", "-Wextra", "-Werror", "-O0", f"-I{folder}"]
     options += ["-DQUADROTOR_FLOAT"] if real == "float" else []
     program = tmp_path / "program"
     compiled([tool("cc"), *options, tmp_path / "program.c", *sources, "-lm"], program)
