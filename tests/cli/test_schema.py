@@ -147,19 +147,18 @@ def test_what_is_right_is_valid_and_what_is_wrong_is_not(
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("kind", ["robot"])
 def test_the_schema_refuses_nothing_that_is_read(
-    kind: str, schemas: dict[str, Draft202012Validator], tmp_path: Path
+    schemas: dict[str, Draft202012Validator], tmp_path: Path
 ) -> None:
     accepted = 0
     for number in range(300):
         try:
-            text = mutant(TEXTS[kind], number).decode()
-            READERS[kind](text)
+            text = mutant(TEXTS["robot"], number).decode()
+            READERS["robot"](text)
         except (RefusedFileError, UnicodeDecodeError):
             continue
         accepted += 1
-        schemas[kind].validate(tomllib.loads(text))
+        schemas["robot"].validate(tomllib.loads(text))
     assert accepted > 15
 
 

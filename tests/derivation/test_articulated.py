@@ -111,10 +111,9 @@ def test_the_random_robots_have_every_structure() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("links", [0])
-def test_the_family_with_both_origins_and_zeros_kept(links: int) -> None:
+def test_the_family_with_both_origins_and_zeros_kept() -> None:
     """Arms in a plane, and a first link without length or mass."""
-    robot = paper_family(5, links)
+    robot = paper_family(5, 0)
     compare(robot)
     compare(replace(robot, base=replace(robot.base, origin="centre")), keep_zeros=True)
 
@@ -130,18 +129,13 @@ def articulated_operations(links: int) -> int:
     return operations(program, "articulated")
 
 
-@pytest.mark.parametrize(("links", "goal"), [(3, 365)])
-def test_operations(links: int, goal: int) -> None:
-    assert articulated_operations(links) <= goal
+def test_operations() -> None:
+    assert articulated_operations(3) <= 365
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("robot", "shorter"),
-    [(benchmark_robot(2), "articulated")],
-    ids=lambda value: f"{value.name}-{len(value.links)}" if isinstance(value, Robot) else value,
-)
-def test_the_way_with_fewer_operations_is_emitted(robot: Robot, shorter: str) -> None:
+def test_the_way_with_fewer_operations_is_emitted() -> None:
+    robot, shorter = benchmark_robot(2), "articulated"
     program, _ = both_ways(robot)
     found = {way: operations(program, way) for way in WAYS}
     assert min(WAYS, key=found.__getitem__) == shorter, found

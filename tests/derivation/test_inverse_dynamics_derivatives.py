@@ -157,15 +157,14 @@ def compare(robot: Robot) -> Derived:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("attitude", ["xyz"])
-def test_the_benchmark_family(attitude: str) -> None:
-    compare(benchmark_robot(3, attitude=attitude))
+def test_the_benchmark_family() -> None:
+    compare(benchmark_robot(3, attitude="xyz"))
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", [0])
-def test_random_arms(seed: int) -> None:
+def test_random_arms() -> None:
     """All origins of a base of rods, all orders of angles, both joints, twists and offsets."""
+    seed = 0
     robot = random_robot(seed, 3, seed)
     base = replace(robot.base, attitude=SEQUENCES[seed], origin=ROD_ORIGINS[seed % 2])
     compare(replace(robot, base=base))
@@ -182,11 +181,10 @@ def test_no_entry_between_two_arms_is_computed() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("attitude", ["quaternion"])
-def test_central_differences(attitude: str) -> None:
+def test_central_differences() -> None:
     """Displacements of the coordinates are those that the function `integrate` makes."""
     robot = random_robot(4, 3, 2)
-    derived = Derived.of(replace(robot, base=replace(robot.base, attitude=attitude)))
+    derived = Derived.of(replace(robot, base=replace(robot.base, attitude="quaternion")))
     program = derive(derived.robot).program
     state = derived.state(0)
     for name, found in (("q", "force_dq"), ("v", "force_dv")):
@@ -206,9 +204,9 @@ def test_central_differences(attitude: str) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", [0])
-def test_helmholtz(seed: int) -> None:
+def test_helmholtz() -> None:
     """∂τ/∂v and its transpose make 2 dM/dt, where the velocities are rates of coordinates."""
+    seed = 0
     robot = random_tree(10 + seed, "tait_bryan")
     undamped = tuple(
         replace(link, passive=replace(link.passive, damping=0.0)) for link in robot.links
@@ -228,10 +226,6 @@ def derivative_operations(links: int, attitude: Attitude) -> int:
     return operations(tape, [*found.force, *chain.from_iterable(map(flat, matrices))])
 
 
-@pytest.mark.parametrize(
-    ("links", "attitude", "reached"),
-    [(7, "xyz", 3314)],
-)
-def test_operations(links: int, attitude: Attitude, reached: int) -> None:
+def test_operations() -> None:
     """Counted before the passes over the graph, after which 1100, 3400 and 33500 are allowed."""
-    assert derivative_operations(links, attitude) == reached
+    assert derivative_operations(7, "xyz") == 3314

@@ -100,8 +100,7 @@ def test_a_body_that_turns_has_seven_and_one_that_slides_four() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("links", "reached"), [(3, 716)])
-def test_operations_are_as_few_as_they_were(links: int, reached: int) -> None:
+def test_operations_are_as_few_as_they_were() -> None:
     """Signs and shared pairs depend a little on what else has been derived."""
-    program = derive(benchmark_robot(links), derivatives=["regressor"]).program
-    assert count_operations(program.function("regressor").nodes()).total <= reached
+    program = derive(benchmark_robot(3), derivatives=["regressor"]).program
+    assert count_operations(program.function("regressor").nodes()).total <= 716

@@ -166,12 +166,11 @@ def test_of_many_motions_the_message_names_some_and_the_error_all() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("ratio", [1e-9])
-def test_very_unequal_masses_are_no_singularity(ratio: float) -> None:
+def test_very_unequal_masses_are_no_singularity() -> None:
     """A tip lighter or heavier than the rest: every function to rounding of its own terms."""
     links = (
         Link(BODY, alpha_deg=TURNED),
-        Link(sized(BODY, ratio, 1.0), alpha_deg=Fraction(30), a=0.4),
+        Link(sized(BODY, 1e-9, 1.0), alpha_deg=Fraction(30), a=0.4),
     )
     error, name = worst(Robot("unequal", BASE, links), count=5)
     assert error <= 1.0, f"{name}: {error:.2g}"

@@ -71,9 +71,8 @@ def tree(name: str) -> Robot:
     return read_robot(str(path) if path.exists() else name)[0]
 
 
-@pytest.mark.parametrize("name", ["everything"])
-def test_machine_of_a_tree_has_every_rotor_and_joint(name: str) -> None:
-    robot = tree(name)
+def test_machine_of_a_tree_has_every_rotor_and_joint() -> None:
+    robot = tree("everything")
     q = default_posture(robot)
     assert all(
         (low is None or value >= low) and (high is None or value <= high)
@@ -140,9 +139,8 @@ def test_arm_has_the_frame_of_every_link(paper: Figure) -> None:
     assert expected | {"$O_1$", "$O_2$", "tip", "8", "9"} == set(texts(whole))
 
 
-@pytest.mark.parametrize("name", ["hydrus"])
-def test_names_at_the_machine_can_be_read(name: str) -> None:
-    assert_names_are_apart(machine_figure(read_robot(name)[0]), smallest=9.0)
+def test_names_at_the_machine_can_be_read() -> None:
+    assert_names_are_apart(machine_figure(read_robot("hydrus")[0]), smallest=9.0)
 
 
 @pytest.mark.parametrize("name", ["quadrotor_2link", "octorotor_7link", "hexarotor"])
@@ -178,9 +176,8 @@ def bars(axes: Axes) -> list[str]:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["quadrotor_2link"])
-def test_names_in_chains_can_be_read(name: str) -> None:
-    assert_names_are_apart(chains_figure(read_robot(name)[0]), smallest=9.0)
+def test_names_in_chains_can_be_read() -> None:
+    assert_names_are_apart(chains_figure(read_robot("quadrotor_2link")[0]), smallest=9.0)
 
 
 def test_arm_in_gold_is_explained() -> None:
@@ -206,8 +203,8 @@ def test_many_rotors_and_links_are_left_out() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("numbers", [[5]], ids=len)
-def test_legend_fits_every_width(numbers: list[int]) -> None:
+def test_legend_fits_every_width() -> None:
+    numbers = [5]
     figure = chains_figure(PAPER, numbers)
     figure.draw_without_rendering()
     (legend,) = figure.legends

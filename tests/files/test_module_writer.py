@@ -359,10 +359,7 @@ def test_a_full_disk_under_standard_output_is_no_traceback(tmp_path: Path) -> No
 @pytest.mark.parametrize(
     "number", [signal.SIGTERM, pytest.param(signal.SIGINT, marks=pytest.mark.slow)]
 )
-@pytest.mark.parametrize("delay", [0.5])
-def test_nothing_is_left_behind_when_ended(
-    number: signal.Signals, delay: float, tmp_path: Path
-) -> None:
+def test_nothing_is_left_behind_when_ended(number: signal.Signals, tmp_path: Path) -> None:
     """A signal at any moment leaves a whole module or nothing."""
     process = subprocess.Popen(
         [sys.executable, "-m", "gibbs_codegen", "generate", "quadrotor_2link"],
@@ -371,7 +368,7 @@ def test_nothing_is_left_behind_when_ended(
         stdout=subprocess.DEVNULL,
         stderr=subprocess.DEVNULL,
     )
-    time.sleep(delay)
+    time.sleep(0.5)
     process.send_signal(number)
     process.wait(timeout=300)
     left = visible(tmp_path)

@@ -31,13 +31,13 @@ from gibbs_codegen.flight.record.series import point_parents
 from gibbs_codegen.flight.rollouts.rollout import rollout
 from gibbs_codegen.flight.scenario.file import read_scenario
 from gibbs_codegen.flight.scenario.orientation import Tangent
-from gibbs_codegen.flight.scenario.parts import Law, Push, Settings
+from gibbs_codegen.flight.scenario.parts import Push, Settings
 from gibbs_codegen.flight.scenario.paths import Circle
 from gibbs_codegen.flight.simulation import simulate
 from gibbs_codegen.pipeline import generate_robot
 from gibbs_codegen.robot.file import read_robot
 from gibbs_codegen.robot.model import Robot
-from gibbs_codegen.robot.parts.base import Attitude, Base
+from gibbs_codegen.robot.parts.base import Base
 from gibbs_codegen.robot.parts.body import RigidBody
 from gibbs_codegen.robot.parts.link import Link
 from gibbs_codegen.robot.parts.pose import Pose
@@ -114,12 +114,9 @@ def test_errors_under_control_decay_as_the_gains_say(compiled: Load) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("law", ["computed_torque"])
-@pytest.mark.parametrize(("name", "lag"), [("quaternion", 0.1)])
-def test_every_step_with_a_quaternion_is_that_of_python(
-    name: str, lag: float, law: Law, compiled: Load
-) -> None:
-    vehicle = Vehicle(compiled(name))
+def test_every_step_with_a_quaternion_is_that_of_python(compiled: Load) -> None:
+    lag = 0.1
+    vehicle = Vehicle(compiled("quaternion"))
     scenario = replace(
         read_scenario("hover", {"start": {"turn_deg": [60, 80, 30], "offset": [0.1, 0.2, 0.3]}}),
         base=Circle((0.0, 0.0, 2.0), 1.5, 3.0, normal=(0.3, 0.2, 1.0)),
@@ -128,7 +125,7 @@ def test_every_step_with_a_quaternion_is_that_of_python(
     reference = desired_motion(vehicle, scenario)
     count = vehicle.layout.v.size
     gains = Gains.of(np.linspace(4.0, 9.0, count), np.linspace(0.5, 1.1, count), count)
-    controller = Controller(vehicle, reference, allocation_of(vehicle), gains, law)
+    controller = Controller(vehicle, reference, allocation_of(vehicle), gains, "computed_torque")
     push = Push((0.7, -0.4, 0.5), 0.0, 1.0, (0.2, 0.3, -0.1), "base")
     actuators = Actuators.unlimited(vehicle)
     actuators.lag[1:] = lag  # The first motor does not lag.
@@ -202,9 +199,9 @@ def test_several_arms_have_no_tip_to_lead(everything: ModuleType) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("arm", [4])
-def test_an_arm_at_any_azimuth_follows_the_path(arm: int) -> None:
+def test_an_arm_at_any_azimuth_follows_the_path() -> None:
     """What points along the velocity of the base is the arm, from the centre to its motor."""
+    arm = 4
     robot, _ = read_robot("hexarotor")
     azimuths = tuple(map(Fraction, (10, 60, 130, 175, 250, 300)))
     base = replace(robot.base, azimuth_deg=azimuths)
@@ -256,10 +253,9 @@ def test_points_hang_together_as_the_links_do(everything: ModuleType, compiled: 
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("attitude", ["quaternion"])
-def test_without_rotors_only_a_free_fall_is_flown(attitude: Attitude, tmp_path: Path) -> None:
+def test_without_rotors_only_a_free_fall_is_flown(tmp_path: Path) -> None:
     body = RigidBody(0.0, 2.0, inertia=(0.1, 0.1, 0.1, 0.0, 0.0, 0.0))
-    robot = Robot("stone", Base(attitude=attitude, origin="base", body=body), ())
+    robot = Robot("stone", Base(attitude="quaternion", origin="base", body=body), ())
     module = emitted_module(robot)
     with pytest.raises(AllocationError, match=r'cannot command force along x, .* to "off"'):
         simulate(module, read_scenario("hover", {"duration": 0.2}))

@@ -43,19 +43,17 @@ def _compare_outputs(name: str, ours: tuple[Array, ...] | Array, theirs: tuple, 
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("number", "attitude"), [(6, "quaternion")])
-def test_random_trees(number: int, attitude: str) -> None:
-    compare_derivatives(random_tree(number, attitude))
+def test_random_trees() -> None:
+    compare_derivatives(random_tree(6, "quaternion"))
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("number", "attitude"), [(9, "tait_bryan")])
-def test_derivatives_of_integrate(number: int, attitude: str) -> None:
+def test_derivatives_of_integrate() -> None:
     """For displacements small and large; Pinocchio's own are less exact from 1e-6 to 1e-2 rad.
 
     Those sizes are held against series of sixty digits in `test_time_steps`.
     """
-    robot = random_tree(number, attitude)
+    robot = random_tree(9, "tait_bryan")
     module, oracle = (
         module_with_derivatives(robot, "integrate_derivatives"),
         DerivativeOracle(robot),

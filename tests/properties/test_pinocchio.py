@@ -52,9 +52,8 @@ def test_quick_trees_have_every_structure() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("number", "attitude"), [(6, "quaternion")])
-def test_random_trees(number: int, attitude: str) -> None:
-    robot = random_tree(number, attitude)
+def test_random_trees() -> None:
+    robot = random_tree(6, "quaternion")
     compare(robot, emitted_module(robot))
 
 
@@ -67,12 +66,8 @@ def test_shipped_robots(name: str, shipped) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("rotors", "links"),
-    [(2, 0)],
-)
-def test_family(rotors: int, links: int) -> None:
-    robot = paper_family(rotors, links)
+def test_family() -> None:
+    robot = paper_family(2, 0)
     compare(robot, emitted_module(robot))
 
 

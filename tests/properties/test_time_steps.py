@@ -77,8 +77,8 @@ def test_a_step_that_is_lost_warns_once_by_its_own_name(name: str, module: Modul
     assert np.isfinite(step(q, v, u, 0.01)[1][0]).all()
 
 
-@pytest.mark.parametrize(("method", "order"), [("euler", 1.0)])
-def test_methods_have_their_order(module: ModuleType, method: str, order: float) -> None:
+def test_methods_have_their_order(module: ModuleType) -> None:
+    method = "euler"
     start = random_states(module, 4)
     q, v = flown(module.step_rk4, start, 200)
     errors = []
@@ -86,7 +86,7 @@ def test_methods_have_their_order(module: ModuleType, method: str, order: float)
         ended = flown(getattr(module, f"step_{method}"), start, parts)
         gap = np.concatenate([module.difference(q, ended[0]), ended[1] - v], axis=-1)
         errors.append(np.linalg.norm(gap))
-    assert np.log2(errors[0] / errors[1]) == pytest.approx(order, abs=0.15)
+    assert np.log2(errors[0] / errors[1]) == pytest.approx(1.0, abs=0.15)
 
 
 @pytest.mark.parametrize("emitted", ["xyz"], indirect=True)

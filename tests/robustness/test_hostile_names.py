@@ -121,14 +121,8 @@ COMMANDS = [
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    "command",
-    [["simulate", "hexarotor", "--scenario", "hover", "--set", "TEXT"]],
-    ids=" ".join,
-)
-def test_hostile_arguments_are_refused(
-    command: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_hostile_arguments_are_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    command = ["simulate", "hexarotor", "--scenario", "hover", "--set", "TEXT"]
     for text in TEXTS:
         words = [word.replace("TEXT", text) for word in command]
         try:
@@ -265,12 +259,9 @@ def renamed(model: Model, name: str) -> Model:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("names", [ODD_NAMES])
-def test_what_is_accepted_compiles_and_imports(
-    names: list[str], small: Model, tmp_path: Path
-) -> None:
+def test_what_is_accepted_compiles_and_imports(small: Model, tmp_path: Path) -> None:
     sources = []
-    for name in names:
+    for name in ODD_NAMES:
         assert name_fault(name) is None
         model = renamed(small, name)
         folder = tmp_path / "modules" / name
@@ -284,11 +275,11 @@ def test_what_is_accepted_compiles_and_imports(
         run([tool("gcc"), "-std=gnu99", *warnings, source])
         run([tool("g++"), "-x", "c++", "-std=gnu++17", *warnings, source])
     # Behind everything else on the path, as the README has it; others stand there before.
-    others = [name for name in names if name in {"casadi", *sys.stdlib_module_names}]
+    others = [name for name in ODD_NAMES if name in {"casadi", *sys.stdlib_module_names}]
     code = (
         f"import importlib, sys; sys.path.append('modules')\n"
         "from gibbs_codegen import load\n"
-        f"for name in {names}:\n"
+        f"for name in {ODD_NAMES}:\n"
         f"    modules = [] if name in {others} else [importlib.import_module(name)]\n"
         "    for module in (load(f'modules/{name}'), *modules):\n"
         "        assert module.NAME == name, module\n"

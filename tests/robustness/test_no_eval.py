@@ -135,10 +135,9 @@ arm = { length = 1, mass_per_length = 1 }
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("commands", [COMMANDS])
-def test_no_command_makes_code_of_text(commands: list[list[str]], tmp_path: Path) -> None:
+def test_no_command_makes_code_of_text(tmp_path: Path) -> None:
     (tmp_path / "mine.toml").write_text(ROBOT)
-    for command in commands:
+    for command in COMMANDS:
         done = watched(*command, cwd=tmp_path)
         assert done.returncode == 0, done.stderr
     assert not (tmp_path / "canary").exists()

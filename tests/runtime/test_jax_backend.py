@@ -104,12 +104,11 @@ def jacobian(function: Callable[[Array], Any], at: Array, step: float = 2e-3) ->
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("label", [ACTUATED])
 def test_every_function_is_that_of_the_numpy_module(
-    label: str, pair: Callable[[str], Pair], caplog: pytest.LogCaptureFixture
+    pair: Callable[[str], Pair], caplog: pytest.LogCaptureFixture
 ) -> None:
     """XLA calls the compiled ones, however many arrays they have."""
-    numpy, ours = pair(label)
+    numpy, ours = pair(ACTUATED)
     for signature in module_signatures(numpy):
         name = signature.name
         given = random_arguments(numpy, signature, 3, 2)
@@ -223,12 +222,9 @@ def test_matrices_are_computed_once_for_all_columns(pair: Callable[[str], Pair])
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("label", [TURNING])
-def test_gradient_of_a_rollout_is_that_of_differences(
-    label: str, pair: Callable[[str], Pair]
-) -> None:
+def test_gradient_of_a_rollout_is_that_of_differences(pair: Callable[[str], Pair]) -> None:
     """100 steps, from rest with a level base: where the angle of a displacement is zero."""
-    numpy, ours = pair(label)
+    numpy, ours = pair(TURNING)
     q, v, u = state(numpy, "forward_dynamics")
     v = np.zeros_like(v)
 

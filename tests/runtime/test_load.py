@@ -124,15 +124,14 @@ def test_no_other_library_is_imported_until_its_back_end_is_loaded(folder: Path)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("backend", ["numpy"])
 def test_a_module_that_is_only_c_is_refused_with_what_it_lacks(
-    backend: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     folder = generate("hexarotor", tmp_path / "generated", targets=("c",), verify=False)
     monkeypatch.chdir(tmp_path)
     for name in ("hexarotor", folder):
         with pytest.raises(UsageError, match="hexarotor: has the C target only; generate the mod"):
-            load(name, backend=backend)
+            load(name, backend="numpy")
 
 
 @pytest.mark.slow

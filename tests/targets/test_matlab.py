@@ -129,12 +129,9 @@ def one_axis_of_states(result: np.ndarray, shape: tuple[int, ...]) -> np.ndarray
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("robot", ["actuated"])
-def test_numbers_are_those_of_numpy(
-    packaged: Callable[[str], Packaged], robot: str, tmp_path: Path
-) -> None:
+def test_numbers_are_those_of_numpy(packaged: Callable[[str], Packaged], tmp_path: Path) -> None:
     """Of every function: for many states, for one, and for many of which one argument has one."""
-    made = packaged(robot)
+    made = packaged("actuated")
     module = made.module
     # Also of less than a kilogram in all.
     share = {name: 0.02 if "mass" in name else 1.1 for name in module.PARAMETERS}

@@ -162,17 +162,16 @@ def test_each_number_of_actuators_counts(expected: Wanted) -> None:
     assert wrong(front_left_time_up=0.05, front_left_time_down=0.03) == {"actuator_rates"}
 
 
-@pytest.mark.parametrize(("faults", "least"), [(20, 20)])
-def test_planted_faults_are_found(faults: int, least: int, expected: Wanted) -> None:
+def test_planted_faults_are_found(expected: Wanted) -> None:
     """One sign, index or name altered."""
     text = source(actuated())
     begin, functions = text.index("\ndef _thrusts_of("), text.index("\ndef actuator_state_of(")
     assert failing(module_of(text), expected) == set()
     missed = []
-    for altered, what in planted(text[begin:functions], faults, seed=3):
+    for altered, what in planted(text[begin:functions], 20, seed=3):
         if not failing(module_of(text[:begin] + altered + text[functions:]), expected):
             missed.append(what)
-    assert len(missed) <= faults - least, missed
+    assert not missed
 
 
 def test_states_reach_both_sides_of_every_limit() -> None:

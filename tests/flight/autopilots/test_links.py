@@ -85,12 +85,11 @@ def flown(
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("kind", ["px4"])
-def test_a_stand_in_flies_to_a_place_and_two_flights_are_the_same(kind: str, fast: Load) -> None:
+def test_a_stand_in_flies_to_a_place_and_two_flights_are_the_same(fast: Load) -> None:
     # Flights of PX4 are compared that began after as many readings.
     flights: dict[int, bytes] = {}
     for _ in range(6):
-        found, told, session = flown(fast, kind, arm=SWING)
+        found, told, session = flown(fast, "px4", arm=SWING)
         assert (session.ended, session.failed, session.notes) == ("", False, [])
         q = found.simulation.q
         # East and north of the world are to be 0.3 m less and 0.4 m more, while the arm swings.

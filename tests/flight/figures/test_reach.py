@@ -16,9 +16,8 @@ Load = Callable[[str], ModuleType]
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["dual_arm"])
-def test_polygons_join_the_vertices_and_lines_are_the_margins(shipped: Load, name: str) -> None:
-    found = reachable_wrenches(shipped(name))
+def test_polygons_join_the_vertices_and_lines_are_the_margins(shipped: Load) -> None:
+    found = reachable_wrenches(shipped("dual_arm"))
     figure = reachable_wrenches_figure(found)
     shapes = (found.forces, found.torques)
     for axes, shape, part in zip(figure.axes, shapes, (slice(0, 3), slice(3, 6)), strict=True):

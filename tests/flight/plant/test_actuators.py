@@ -85,12 +85,9 @@ def hover(**changes: Any) -> Scenario:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("backend", ["numpy"])
-def test_the_robot_file_tells_what_the_scenario_does_not(
-    backend: str, folders: dict[str, Path]
-) -> None:
+def test_the_robot_file_tells_what_the_scenario_does_not(folders: dict[str, Path]) -> None:
     """Fixed links have no entry, and what is not given is not limited."""
-    vehicle, inf = Vehicle(load(folders["mixed"], backend)), np.inf
+    vehicle, inf = Vehicle(load(folders["mixed"], "numpy")), np.inf
     found = actuators_of(vehicle, hover())
     assert found.thrusts.tolist() == [[-1, -inf], [12, inf]]
     assert found.lag.tolist() == [0, 0.05]
@@ -133,9 +130,9 @@ def test_a_module_that_does_not_say_its_limits_is_to_be_generated_again(
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("method", ["rk4"])
-def test_joints_give_no_more_than_their_effort(method: str, folders: dict[str, Path]) -> None:
+def test_joints_give_no_more_than_their_effort(folders: dict[str, Path]) -> None:
     """A start that is off asks for more than the limits of the robot file."""
+    method = "rk4"
     module = load(folders["hextilt"], "c")
     start = {"offset": [0.15, 0.1, -0.1]}
     scenario = hover(start=start, integration={"method": method, "step": 0.002})

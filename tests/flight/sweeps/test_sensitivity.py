@@ -83,13 +83,12 @@ def test_a_flight_that_went_astray_changes_little() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("slope", [0.0])
-def test_nineteen_of_twenty_intervals_hold_the_true_shares(slope: float) -> None:
+def test_nineteen_of_twenty_intervals_hold_the_true_shares() -> None:
     random = np.random.default_rng(4)
 
     def draw(flights: int) -> Sensitivity:
         first, second = random.uniform(-0.5, 0.5, (2, flights))
-        measure = slope * (first + second) ** 2 + 0.1 * random.standard_normal(flights)
+        measure = random.standard_normal(flights)
         return sensitivities({"first": first, "second": second}, measure)[0]
 
     true, studies = draw(100_000), [draw(300) for _ in range(100)]
