@@ -8,8 +8,8 @@ Where the extension cannot be built, there is no such wheel, and that is said.
 
 What is built is the commit's tree as git exports it, so that nothing else that lies in a checkout
 gets in, and everything has the date of the commit. The sdist is packed again, since setuptools puts
-the time and the user into it. Other versions of setuptools, which the wheels name, of zlib, and of
-the compiler and NumPy, may make other bytes.
+the time and the user into it. A wheel of the tree must be that of the sdist. Other versions of
+setuptools, which the wheels name, of zlib, and of the compiler and NumPy, may make other bytes.
 """
 
 from __future__ import annotations
@@ -89,6 +89,9 @@ def main(out: Path) -> None:
         raw = build(python, backend, "sdist", work / "tree", work)
         sdist = out / raw.name
         repack(raw, sdist, date)
+        os.environ["GIBBS_CODEGEN_PURE"] = "1"
+        (work / "own").mkdir()
+        of_tree = build(python, backend, "wheel", work / "tree", work / "own")
         for pure in ("1", "0"):
             os.environ["GIBBS_CODEGEN_PURE"] = pure
             unpack(io.BytesIO(sdist.read_bytes()), work / pure)
@@ -96,6 +99,8 @@ def main(out: Path) -> None:
             wheel = build(python, backend, "wheel", unpacked, work)
             with zipfile.ZipFile(wheel) as files:
                 has_extension = any("/_caller." in name for name in files.namelist())
+            if pure == "1" and wheel.read_bytes() != of_tree.read_bytes():
+                sys.exit("the wheel of the tree is not that of the sdist")
             if pure == "1" or has_extension:
                 shutil.copyfile(wheel, out / wheel.name)
             else:
