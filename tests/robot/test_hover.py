@@ -43,10 +43,13 @@ FOREARM = parse_robot(
 )
 
 
+OF_DUAL_ARM = ("mass_matrix", "centre_of_mass", "inverse_dynamics", "forward_dynamics")
+
+
 @pytest.mark.slow
 def test_whole_machine_is_that_of_the_emitted_functions() -> None:
     """At any configuration of the joints, the base at the origin of the world."""
-    module, layout = emitted_module(DUAL_ARM, "mass_matrix", "centre_of_mass"), layout_of(DUAL_ARM)
+    module, layout = emitted_module(DUAL_ARM, *OF_DUAL_ARM), layout_of(DUAL_ARM)
     joints = np.random.default_rng(1).normal(size=len(DUAL_ARM.moving))
     q = np.array(layout.neutral)
     q[layout.q.joints] = joints
@@ -89,7 +92,7 @@ def test_wrenches_are_those_of_the_emitted_input_matrix() -> None:
 
 @pytest.mark.slow
 def test_hover_holds_the_machine_with_joints_at_zero() -> None:
-    module, layout = emitted_module(DUAL_ARM, "mass_matrix", "centre_of_mass"), layout_of(DUAL_ARM)
+    module, layout = emitted_module(DUAL_ARM, *OF_DUAL_ARM), layout_of(DUAL_ARM)
     q, still = np.array(layout.neutral), np.zeros(layout.v.size)
     thrusts = hover(DUAL_ARM).thrusts
     assert thrusts is not None
