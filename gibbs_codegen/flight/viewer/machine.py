@@ -51,7 +51,6 @@ _NECK, _SHAFT = 0.7, 0.4
 # What is smaller nobody sees, and without it a file is half as long: steps of components of
 # quaternions, and of lengths in units of the scene's grain.
 _TURN_GRAIN = 2.0**-12
-_Z = np.array([0.0, 0.0, 1.0])
 
 
 @dataclass(frozen=True)
