@@ -22,7 +22,7 @@ from gibbs_codegen.arrays.nodes import (
     variable,
     zeros,
 )
-from gibbs_codegen.flight.analysis.linear_model import LEFT_OUT, motion_program
+from gibbs_codegen.flight.analysis.linear_model import motion_program
 from gibbs_codegen.interface import FUNCTIONS
 from gibbs_codegen.machine.closed_loop import ClosedLoop
 from gibbs_codegen.machine.contact import FIGURES, Contact
@@ -119,11 +119,9 @@ def _fmu(flown: Flown) -> list[Node]:
 
 
 def _linear(flown: Flown) -> list[Node]:
-    left_out = {"walls": flown.around.contacts, "payloads": flown.around.payloads}
-    around = NO_SURROUNDINGS if any(left_out[x] for x in LEFT_OUT) else flown.around
     lagging = (0,) if flown.lags else ()
-    program = motion_program(Functions(flown.listing), around, lagging)
-    by = [name for name in ("q", "v", "actuators", "u") if name in program.names]
+    program = motion_program(Functions(flown.listing), flown.around, lagging)
+    by = [name for name in ("q", "v", "x", "u") if name in program.names]
     return [*jacobian(program, by).outputs.values()]
 
 
@@ -151,7 +149,6 @@ REASONS = {
         "constraints",
     ): f"taking hold is an impact, at which solvers must stop; {_FORCE}",
     ("FMU", "payloads"): "their mass is that of the link which carries them, a tunable parameter",
-    **{("`linearise`, `lqr`", name): why for name, why in LEFT_OUT.items()},
     ("predictive control", "air on rotors"): _CHEAP,
     ("predictive control", "wind, with drag"): f"what blows is not known ahead, and {_CHEAP}",
     ("predictive control", "pushes"): "what pushes is not known ahead",

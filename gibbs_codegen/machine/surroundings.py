@@ -6,6 +6,7 @@ given by their numbers. `flight.plant.environment` says more on each.
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Sequence
 
@@ -130,17 +131,28 @@ def payload_forces(
 
     `wrenches` (f, 6) are all others, `masses` (p), kg, of which 0 is no payload, and `gravity` (3),
     m/s². The forces f of all solve (1 + m J M⁻¹ Jᵀ) f = m (g - c - J a), where a is the
-    acceleration without them, J the Jacobian of the frames and c their bias acceleration.
+    acceleration without them, J the Jacobian of the frames and c their bias acceleration. Columns
+    of M⁻¹ Jᵀ are accelerations by unit forces, of functions that have derivatives.
     """
     q, v, u = motion
-    free = robot.forward_dynamics_with_wrenches(q, v, u, wrenches)
-    jacobians, bias = robot.frame_jacobians(q), robot.frame_bias_accelerations(q, v)
-    jacobian = join(*(jacobians[frame][:3] for frame in frames))
-    drift = join(*(bias[frame][:3] for frame in frames)) + jacobian @ free
+    size, units = 3 * len(frames), list[Node]()
+
+    def along(a: Node) -> Node:
+        velocities = robot.frame_velocities(q, a)
+        return join(*(velocities[frame][:3] for frame in frames))
+
+    still = q, zeros(robot.space.velocities), zeros(robot.inputs)
+    resting = robot.forward_dynamics(*still)
+    for frame, axis in itertools.product(frames, np.eye(3)):
+        pushes = np.zeros((robot.frames, 6))
+        pushes[frame, :3] = axis
+        yielding = along(robot.forward_dynamics_with_wrenches(*still, constant(pushes)) - resting)
+        units.append(reshaped(yielding, (1, size)))
+    bias = robot.frame_bias_accelerations(q, v)
+    drift = along(robot.forward_dynamics_with_wrenches(q, v, u, wrenches))
+    drift = drift + join(*(bias[frame][:3] for frame in frames))
     weights = join(*(masses[k] * constant(np.ones(3)) for k in range(len(frames))))
-    column = reshaped(weights, (weights.size, 1))
-    yielding = jacobian @ solve(robot.mass_matrix(q), jacobian.transposed)
-    matrix = constant(np.eye(weights.size)) + column * yielding
+    matrix = constant(np.eye(size)) + reshaped(weights, (size, 1)) * join(*units).transposed
     forces = solve(matrix, weights * (join(*[gravity] * len(frames)) - drift))
     return [forces[3 * k : 3 * k + 3] for k in range(len(frames))]
 

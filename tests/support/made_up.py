@@ -244,6 +244,11 @@ class MadeUp:
         columns = [self._frame_velocities(q, unit) for unit in np.eye(len(self.VELOCITIES))]
         return np.stack(columns, -1)
 
+    def _forward_dynamics_with_wrenches(self, q: Array, v: Array, u: Array, wrenches: Array) -> Any:
+        forces = np.einsum("...fiv,...fi->...v", self._frame_jacobians(q), wrenches)
+        yielding = np.linalg.solve(self._mass_matrix(q), forces[..., None])[..., 0]
+        return self._called("forward_dynamics", q, v, u) + yielding
+
     def _centre_of_mass_jacobian(self, q: Array) -> Array:
         slope = self._sines("centre_of_mass", 0, (3,), (q,))[1][..., : q.shape[-1]]
         return slope @ self._moves(q)
@@ -273,6 +278,7 @@ class MadeUp:
         row = FUNCTIONS[name]
         is_q = ARGUMENTS[row.arguments[place]].is_coordinates
         steps = self._moves(given[place]).T if is_q else np.eye(given[place].size)
+        steps = steps.reshape(-1, *given[place].shape)
         columns = []
         for step in steps:
             moved = given[place] + 1j * STEP * step

@@ -7,7 +7,8 @@ is the Lie bracket of ξ₀ and δ.
 
 Where the robot file describes actuators, inputs are made of commands, and the states x of the
 actuators are part of a deviation, after the others; or the thrusts of motors that lag. The model is
-that of the machine that flies, differentiated.
+that of the machine that flies, differentiated. Frames that are in a wall with friction stick to it
+by bristles, which have no load there, and whose displacements come last.
 
 Of such a model `lqr` finds the linear regulator of least quadratic cost about a state.
 """
@@ -28,26 +29,23 @@ from scipy import linalg
 
 from gibbs_codegen.arrays import Functions, Program, jacobian, variable
 from gibbs_codegen.arrays.evaluation import Evaluator
-from gibbs_codegen.arrays.nodes import Node, constant, zeros
+from gibbs_codegen.arrays.nodes import Node, constant, join, zeros
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.flight.analysis.arguments import coordinates, vehicle_of
 from gibbs_codegen.flight.analysis.trim import Trim
 from gibbs_codegen.flight.arguments import numbers, vector
 from gibbs_codegen.flight.plant.actuators import check_lag, commands_beyond, has_battery
 from gibbs_codegen.flight.plant.allocation import listed
-from gibbs_codegen.flight.plant.environment import surrounding
+from gibbs_codegen.flight.plant.environment import Environment, surrounding
 from gibbs_codegen.flight.plant.vehicle import Array, Vehicle
 from gibbs_codegen.flight.scenario.file import AnyScenario
+from gibbs_codegen.flight.scenario.walls import surface_at
 from gibbs_codegen.flight.vectors import skew
+from gibbs_codegen.machine.contact import Contact, bristles_of
 from gibbs_codegen.machine.machine import NO_SURROUNDINGS, Machine, Surroundings
 from gibbs_codegen.machine.state import State
 from gibbs_codegen.robot.wrenches import directions, null_space
 
-# What is in no linear model, and why.
-LEFT_OUT = {
-    "walls": "contact has none where it begins; leave them out, or hold the frame by a constraint",
-    "payloads": "their mass is that of the link which carries them; give it by `parameters`",
-}
 # Share of a command to both sides of which its derivatives are looked at.
 _NEAR = 1e-9
 # Share of the largest influence below which one is rounding.
@@ -137,10 +135,12 @@ def linearise(
         time_constants: Those of the motors' lag, s, a number or (rotors), 0 for none; no motor lags
             if None.
         surroundings: A scenario, or the name or path of one, whose steady wind acts, and spinning
-            rotors, and the push and constraints that act at its start.
+            rotors, walls that frames are in, and the push, payloads and constraints that act at its
+            start.
 
     Returns:
-        A (2 nv, 2 nv) and B (2 nv, nu), or with nx more rows, and columns of A.
+        A (2 nv, 2 nv) and B (2 nv, nu), or with nx more rows, and columns of A. The last are of
+        bristles, three for each frame that is in a wall with friction.
 
     Raises:
         MissingFunctionError: The module was generated without the derivatives.
@@ -148,32 +148,38 @@ def linearise(
     """
     vehicle = vehicle_of(robot, parameters)
     state = checked_state(vehicle, q, v, u, x)
-    a, b, _ = _model(vehicle, state, dt, time_constants, surroundings)
-    return a, b
+    dt = _period(dt)
+    a, b, _ = _model(vehicle, state, time_constants, surroundings)
+    return (a, b) if dt is None else held(a, b, dt)
 
 
-def _model(
-    vehicle: Vehicle,
-    state: OperatingPoint,
-    dt: float | None,
-    time_constants: ArrayLike | None,
-    surroundings: AnyScenario | None,
-) -> tuple[Array, Array, Array]:
-    """A and B as of `linearise`, and accelerations (nv) in the state."""
+def _period(dt: float | None) -> float | None:
+    """A period that a caller gives, if it does."""
     if dt is not None:
         wanted = "a period above zero, s"
         dt = float(numbers("dt", dt, wanted, ()))
         if dt <= 0.0:
             raise UsageError(f"dt: must be {wanted}, not {dt:g}")
+    return dt
+
+
+def _model(
+    vehicle: Vehicle,
+    state: OperatingPoint,
+    time_constants: ArrayLike | None,
+    surroundings: AnyScenario | None,
+) -> tuple[Array, Array, Array]:
+    """A and B of a continuous model as of `linearise`, and accelerations (nv) in the state."""
     u = state.u if state.command is None else state.command
     if state.command is not None and (words := commands_beyond(vehicle.module, u)):
         words = f"{vehicle.name}: u: {words}, beyond which nothing follows the command"
         warnings.warn(words, RuntimeWarning, stacklevel=3)
     times = _lag_times(vehicle, time_constants)
     lagging = tuple(np.flatnonzero(times).tolist())
-    around, figures = _around(vehicle, surroundings)
+    around, figures = _around(vehicle, state.q, surroundings)
     actuators = u[: len(times)][list(lagging)] if state.x is None else state.x
-    values = {"q": state.q, "v": state.v, "actuators": actuators, "u": u, **figures}
+    x = np.concatenate([actuators, np.zeros(bristles_of(around.contacts))])
+    values = {"q": state.q, "v": state.v, "x": x, "u": u, **figures}
     values["time_constants"] = times[list(lagging)]
     evaluate = _differentiated(vehicle.module, around, lagging)
     # Levels at rest would speed up and slow down in different times: the mean of both sides.
@@ -190,12 +196,12 @@ def _model(
         carried[places.position, places.position] = -turning
         carried[places.position, places.attitude] = -moving
         carried[places.attitude, places.attitude] = -turning
-    still = np.zeros((places.size, len(actuators) + len(u)))
-    names = ["q", "v", *(["actuators"] if len(actuators) else []), "u"]
+    still = np.zeros((places.size, len(x) + len(u)))
+    names = ["q", "v", *(["x"] if len(x) else []), "u"]
     rows = [[found[f"{y}_by_{x}"] for x in names] for y in ("a", "rates") if y in found]
     both = np.block([[carried, np.eye(places.size), still], *rows])
     a, b = np.split(both, [len(both)], axis=1)
-    return (*((a, b) if dt is None else held(a, b, dt)), found["a"])
+    return a, b, found["a"]
 
 
 def _lag_times(vehicle: Vehicle, time_constants: ArrayLike | None) -> Array:
@@ -212,22 +218,31 @@ def _lag_times(vehicle: Vehicle, time_constants: ArrayLike | None) -> Array:
 
 
 def _around(
-    vehicle: Vehicle, surroundings: AnyScenario | None
+    vehicle: Vehicle, q: Array, surroundings: AnyScenario | None
 ) -> tuple[Surroundings, dict[str, Array]]:
-    """What acts at the start of a scenario, in steady wind, and its figures."""
+    """What acts at the start of a scenario, in steady wind, at coordinates, and its figures."""
     environment = surrounding(vehicle, surroundings)
     if environment is None:
         return NO_SURROUNDINGS, {}
-    acting = {"walls": environment.wall, "payloads": environment.carries(0.0).any()}
-    for name, why in LEFT_OUT.items():
-        if acting[name]:
-            raise UsageError(f"surroundings: {name} are in no linear model: {why}")
     if environment.idles(0.0):
         raise UsageError(
             "surroundings: a hold idles the motors at its start, and nothing regulates"
         )
-    around, figures = environment.under(environment.push_acts(0.0), False, environment.holding(0.0))
-    return replace(around, gusts=0), figures
+    starts = environment.push_acts(0.0), environment.carries(0.0), environment.holding(0.0)
+    around, figures = environment.under(*starts)
+    return replace(around, gusts=0, contacts=_pressing(environment, q)), figures
+
+
+def _pressing(environment: Environment, q: Array) -> tuple[Contact, ...]:
+    """Contacts of frames that are in a wall at coordinates; others do nothing nearby."""
+    origins = environment.vehicle.frame_poses(q[np.newaxis])[0, :, :3, 3]
+    return tuple(
+        contact
+        for contact in environment.around.contacts
+        if (wall := environment.wall[contact.wall])
+        and surface_at(wall.kind, np.array(wall.figures), origins[contact.frame])[0]
+        > -wall.ball_radius
+    )
 
 
 @lru_cache(maxsize=64)
@@ -236,25 +251,30 @@ def _differentiated(
 ) -> Evaluator:
     """What evaluates `motion_program` with the derivatives by state and inputs."""
     program = motion_program(Functions(module), around, lagging)
-    by = [name for name in ("q", "v", "actuators", "u") if name in program.names]
+    by = [name for name in ("q", "v", "x", "u") if name in program.names]
     return Evaluator(jacobian(program, by), {"robot": module})
 
 
 def motion_program(robot: Functions, around: Surroundings, lagging: tuple[int, ...]) -> Program:
-    """Accelerations `a` and `rates` of actuators, of state, inputs and figures of what acts."""
+    """Accelerations `a` and `rates` of x, of state, inputs and figures of what acts.
+
+    x are states of actuators, then of bristles.
+    """
     figures = dict[str, Node]()
 
     def figure(name: str, *shape: int) -> Node:
         return figures.setdefault(name, variable(name, *shape, uniform=True))
 
     machine = Machine(robot, figure, around, lagging=lagging)
-    size = machine.layout().actuators
-    actuators = variable("actuators", size) if size else zeros(0)
+    layout = machine.layout()
+    count, size = layout.actuators, layout.actuators + layout.bristles
+    x = variable("x", size) if size else zeros(0)
     (q, v), u = robot.state(), variable("u", robot.inputs)
-    state = State(q, v, zeros(0), actuators, zeros(0), zeros(0))
+    state = State(q, v, zeros(0), x[:count], zeros(0), x[count:])
     rates = machine.rates(constant(0.0), state, machine.inputs(state, u), u)
-    outputs = {"a": rates.a} | ({"rates": rates.actuators} if size else {})
-    given = (q, v, *([actuators] if size else []), u, *figures.values())
+    outputs = {"a": rates.a}
+    outputs |= {"rates": join(rates.actuators, rates.bristles)} if size else {}
+    given = (q, v, *([x] if size else []), u, *figures.values())
     return Program("motion", given, outputs)
 
 
@@ -320,7 +340,7 @@ class Regulator:
     their nx states; with `time_constants`, with those of thrusts that lag. `Feedback` takes the
     gain but in that last case, in which a controller of one's own applies it. A battery drains
     whatever is commanded: its charge counts as constant, so that its entries of gain and cost are
-    0, and it has no eigenvalue.
+    0, and it has no eigenvalue. Nor have bristles, which go along with the frames that stick.
     """
 
     gain: Array
@@ -355,7 +375,7 @@ def lqr(
         v, u: Velocities (nv) and inputs or, where the file describes actuators, commands (nu),
             without a trim, after which Q and R may come at once.
         Q: Weights of the deviations x of `linearise`, (2 nv, 2 nv), or their diagonal (2 nv), with
-            the states of actuators (2 nv + nx); that of a battery's charge counts for nothing.
+            the states of actuators and bristles; that of a battery's charge counts for nothing.
         R: Weights of deviations w of the inputs, (nu, nu), or their diagonal (nu).
         dt: None, or a period, s, for which inputs are held; the cost is then a sum over periods.
         x: States of the actuators (nx), without a trim; those that commands keep, if None.
@@ -377,19 +397,25 @@ def lqr(
     if Q is None or R is None:
         raise UsageError("Q, R: give the weights of deviations and those of inputs")
     state = checked_state(vehicle, q, v, u, x)
-    *whole, a = _model(vehicle, state, dt, time_constants, surroundings)
+    dt = _period(dt)
+    all_a, all_b, acceleration = _model(vehicle, state, time_constants, surroundings)
     if not vehicle.inputs:
         raise UsageError(f"{vehicle.name}: has no inputs, so there is no regulator")
     moved = state.q, state.v, state.u
     by_wrenches = vehicle.forward_dynamics_with_wrenches(*moved, state.wrenches)
-    _warn_if_unbalanced(vehicle, a + by_wrenches - vehicle.forward_dynamics(*moved))
-    size = len(whole[0])
-    kept = size - has_battery(vehicle)  # No command brings its charge back.
-    a, b = whole[0][:kept, :kept], whole[1][:kept]
-    states = _weights("Q", Q, size, False)[:kept, :kept]
+    balance = by_wrenches - vehicle.forward_dynamics(*moved)
+    _warn_if_unbalanced(vehicle, acceleration + balance)
+    names = deviation_names(vehicle, np.flatnonzero(_lag_times(vehicle, time_constants)).tolist())
+    # No command brings the charge of a battery back, and bristles go along with what sticks.
+    size, kept, nv = len(all_a), len(names) - has_battery(vehicle), vehicle.layout.v.size
+    along = np.eye(size, kept)
+    along[len(names) :, :nv] = all_a[len(names) :, nv : 2 * nv]
+    a, b = all_a[:kept] @ along, all_b[:kept]
+    if dt is not None:
+        (a, b), (all_a, all_b) = held(a, b, dt), held(all_a, all_b, dt)
+    states = along.T @ _weights("Q", Q, size, False) @ along
     inputs = _weights("R", R, b.shape[1], True)
-    lagging = np.flatnonzero(_lag_times(vehicle, time_constants)).tolist()
-    _check_solvable(vehicle, a, b, states, dt, lagging)
+    _check_solvable(vehicle, a, b, states, dt, names[:kept])
     solve = linalg.solve_continuous_are if dt is None else linalg.solve_discrete_are
     try:
         cost = solve(a, b, states, inputs)
@@ -406,7 +432,7 @@ def lqr(
     slowest = np.argsort(-(values.real if dt is None else np.abs(values)))
     rest = (0, size - kept)
     gain, cost = np.pad(gain, ((0, 0), rest)), np.pad(cost, (rest, rest))
-    return Regulator(gain, cost, values[slowest], *whole)
+    return Regulator(gain, cost, values[slowest], all_a, all_b)
 
 
 def _warn_if_unbalanced(vehicle: Vehicle, acceleration: Array) -> None:
@@ -450,20 +476,19 @@ def _check_solvable(
     b: Array,
     weights: Array,
     dt: float | None,
-    lagging: Sequence[int],
+    names: Sequence[str],
 ) -> None:
     """Raise `UsageError` that names the motions for which there is no regulator.
 
     Inputs do not reach a motion that does not decay, or Q one that neither grows nor decays.
-    `weights` are of the states, as many as A has; `dt` is None for a continuous model. `lagging`
-    are rotors whose thrusts are states.
+    `weights` are of the states, as many as A has, with `names`; `dt` is None for a continuous
+    model.
     """
     tolerance = _MARGINAL * max(1.0, float(np.linalg.norm(a, 2)))
 
     def growth(value: complex) -> float:
         return value.real if dt is None else abs(value) - 1.0
 
-    names = deviation_names(vehicle, lagging)[: len(a)]
     stuck = unreached(a, b, lambda value: growth(value) > -tolerance)
     if stuck.shape[1]:
         raise UsageError(

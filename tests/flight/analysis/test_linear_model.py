@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 from types import ModuleType
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,7 +15,7 @@ from support.blown import TEXT
 from support.differences import Array
 from support.emitted import module_with_derivatives
 
-from gibbs_codegen import Simulation, UsageError, linearise, read_scenario, trim
+from gibbs_codegen import Simulation, UsageError, linearise, lqr, read_scenario, trim
 from gibbs_codegen.flight.analysis.linear_model import held
 from gibbs_codegen.robot.file import parse_robot
 
@@ -125,6 +126,7 @@ DERIVATIVES = [
     *("forward_dynamics_derivatives", "forward_dynamics_with_wrenches_derivatives"),
     *("frame_poses_derivatives", "frame_velocities_derivatives", "inputs_of_derivatives"),
     *("actuator_rates_derivatives", "rotor_speeds_derivatives"),
+    "frame_bias_accelerations_derivatives",
 ]
 STAND = '[[constraint]]\nname = "stand"\ntype = "point"\nframe = "tip"\nfrequency = 3\n'
 HOLDING = ["constrained_forward_dynamics_derivatives", "impact_derivatives"]
@@ -144,27 +146,35 @@ SCENE = {
 }
 
 
+def touching(module: ModuleType, q: Array) -> dict[str, list[dict[str, Any]]]:
+    """Payloads, and walls: one that the tip is in, and sticks to, and one that is far away."""
+    place = module.frame_poses(q)[module.FRAMES.index("tip"), :3, 3]
+    near = {"frame": ["base", "tip"], "normal": [0.3, -0.2, 1.0], "friction": 0.6}
+    near |= {"point": place.tolist(), "ball_radius": 0.01, "stiffness": 500.0, "damping": 20.0}
+    far = {"kind": "sphere", "frame": "base", "centre": [9, 9, 9], "radius": 1, "stiffness": 500}
+    payloads = [{"frame": "tip", "mass": 0.3}, {"frame": "base", "mass": 0.1, "begin": 1.0}]
+    return {"wall": [near, far], "payload": payloads}
+
+
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["blown", "actuated", "held"])
-def test_lag_air_wind_spin_pushes_and_constraints_are_those_of_flights(name: str) -> None:
+@pytest.mark.parametrize("name", ["blown", "actuated", "held", "touching"])
+def test_whatever_acts_is_as_in_flights(name: str) -> None:
     """Against differences of the rates of the flight that `Simulation` flies with held inputs."""
     text = TEXT.replace("quaternion", "zyx") + (STAND if name == "held" else "")
     robot = actuated() if name == "actuated" else parse_robot(text)
-    names = {
-        "actuated": DERIVATIVES,
-        "blown": DERIVATIVES[:4],
-        "held": [*DERIVATIVES[:4], *HOLDING],
-    }
-    module = module_with_derivatives(robot, *names[name])
+    plain = [each for each in DERIVATIVES if each.startswith(("forward", "frame"))]
+    names = {"actuated": DERIVATIVES, "held": [*plain, *HOLDING]}
+    module = module_with_derivatives(robot, *names.get(name, plain))
+    nv, nu, rng = len(module.VELOCITIES), len(module.INPUTS), np.random.default_rng(1)
+    q = np.array([float(each == "qw") for each in module.COORDINATES])
+    q, v = module.integrate(q, 0.3 * rng.normal(size=nv)), rng.normal(size=nv)
     lag = {} if name == "actuated" else {"time_constants": [0.05, 0.04, 0.0, 0.03]}
-    holds = {"hold": [{"constraint": "stand"}]} if name == "held" else {}
-    scene = read_scenario("hover", SCENE | holds)
+    more = {"held": {"hold": [{"constraint": "stand"}]}, "touching": touching(module, q)}
+    scene = read_scenario("hover", SCENE | more.get(name, {}))
     loop = Simulation(module, scene).loop
     if lag:
         actuators = replace(loop.actuators, lag=np.array(lag["time_constants"]))
         loop = replace(loop, actuators=actuators)
-    nv, nu, rng = len(module.VELOCITIES), len(module.INPUTS), np.random.default_rng(1)
-    q, v = module.integrate(loop.vehicle.neutral, 0.3 * rng.normal(size=nv)), rng.normal(size=nv)
     u = np.full(nu, 0.4 if name == "actuated" else 3.0) + 0.1 * rng.normal(size=nu)
     if name == "actuated":
         u[1:3] = 500.0, 550.0
@@ -173,18 +183,21 @@ def test_lag_air_wind_spin_pushes_and_constraints_are_those_of_flights(name: str
     if name == "actuated":
         x[-1] = 0.9  # Off the end of the battery's table.
     a, b = linearise(module, q, v, u, x=None if lag else x, surroundings=scene, **lag)
-    lagging = np.flatnonzero(loop.actuators.lag) if lag else np.arange(count)
-    assert a.shape == (2 * nv + len(lagging),) * 2
+    others = np.arange(places.actuators.start, places.actuators.start + count)
+    others = others[loop.actuators.lag > 0.0] if lag else others
+    if name == "touching":  # The base is in no wall, and its bristle does nothing.
+        others = np.concatenate([others, np.arange(places.bristles.stop)[places.bristles][3:]])
+    assert a.shape == (2 * nv + len(others),) * 2
 
     def rates(deviation: Array) -> Array:
-        delta, dv, dx, w = np.split(deviation, [nv, 2 * nv, 2 * nv + len(lagging)])
+        delta, dv, dx, w = np.split(deviation, [nv, 2 * nv, 2 * nv + len(others)])
         state = np.zeros(loop.size)
         state[places.q], state[places.v] = module.integrate(q, delta), v + dv
         state[places.actuators] = x
-        state[places.actuators][lagging] += dx
+        state[others] += dx
         loads = loop.loads(0.0)._replace(inputs=tuple(u + w))
         rate = loop.derivative(0.0, state, loads)
-        return np.concatenate([rate[places.v], rate[places.actuators][lagging]])
+        return np.concatenate([rate[places.v], rate[others]])
 
     for k, column in enumerate(np.hstack([a, b])[nv:].T):
         aside = np.zeros(len(a) + nu)
@@ -200,14 +213,27 @@ def test_lag_air_wind_spin_pushes_and_constraints_are_those_of_flights(name: str
             linearise(module, q, v, u, surroundings=idle, **lag)
 
 
-def test_walls_and_payloads_are_in_no_linear_model(differentiated: Load) -> None:
-    module, still = differentiated("quadrotor"), (np.zeros(6), np.ones(4))
-    q = trim(module).q
-    payload = read_scenario("hover", {"payload": [{"frame": "base", "mass": 0.1}]})
-    with pytest.raises(UsageError, match="surroundings: payloads are in no linear model"):
-        linearise(module, q, *still, surroundings=payload)
+@pytest.mark.slow
+def test_a_regulator_stands_on_a_floor() -> None:
+    """It holds a robot that a floor with friction carries, and by it the bristles decay."""
+    module = module_with_derivatives(parse_robot(TEXT), *DERIVATIVES[:4])
+    floor = {"kind": "floor", "frame": "base", "stiffness": 400.0, "damping": 40.0, "friction": 0.5}
+    weight = 9.81 * sum(module.PARAMETERS[f"{body}_mass"] for body in ("base", "arm"))
+    q = np.array([0, 0, -weight / 400.0, 0, 0, 0, 1, 0])
+    still, u = np.zeros(7), np.zeros(5)
+    floors = read_scenario("hover", {"wall": [floor]})
+    regulator = lqr(module, q, still, u, np.ones(17), np.ones(5), surroundings=floors)
+    assert regulator.gain.shape == (5, 17)
+    assert regulator.eigenvalues.real.max() < -0.1
+    high = [0, 0, 1, 0, 0, 0, 1, 0]
+    free = linearise(module, high, still, u)
+    assert all(map(np.array_equal, linearise(module, high, still, u, surroundings=floors), free))
+
+
+def test_time_constants_are_not_negative(differentiated: Load) -> None:
+    module = differentiated("quadrotor")
     with pytest.raises(UsageError, match="time_constants: must be a number or 4 numbers, 0 or mor"):
-        linearise(module, q, *still, time_constants=-1.0)
+        linearise(module, trim(module).q, np.zeros(6), np.ones(4), time_constants=-1.0)
 
 
 def test_a_module_without_derivatives_is_told_the_option(shipped: Load) -> None:
