@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from gibbs_codegen import generate, load, read_scenario, simulate
-from gibbs_codegen.runtime.predictive import AT_WALLS, DERIVATIVES
+from gibbs_codegen.runtime.predictive import DERIVATIVES, UNDER_WRENCHES
 
 JOINTS = ["base_link_link_1", *(f"link_{k}_link_{k + 1}" for k in range(1, 5))]
 HEXTILT = [f"flying_arm_5__j_{joint}" for joint in JOINTS]
@@ -112,7 +112,7 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as folder:
         flights = [*((name, "force") for name in GAINS), ("quadrotor_arm_2link", "predictive")]
         for name, law in flights:
-            derivatives = (*DERIVATIVES, *AT_WALLS)
+            derivatives = (*DERIVATIVES, *UNDER_WRENCHES)
             module = load(
                 generate(name, folder, derivatives=derivatives, verify=False), backend="c"
             )

@@ -19,7 +19,7 @@ from gibbs_codegen.flight.scenario.parts import PREDICTIVE, WITH_CONSTRAINTS, Co
 from gibbs_codegen.flight.scenario.walls import Wall
 from gibbs_codegen.runtime.c_library import seconds_waited
 from gibbs_codegen.runtime.load import load
-from gibbs_codegen.runtime.predictive import AT_WALLS, DERIVATIVES
+from gibbs_codegen.runtime.predictive import DERIVATIVES, UNDER_WRENCHES
 
 # Limits that the terminal shows of those that a timing reaches.
 _MOST_LIMITS = 12
@@ -44,7 +44,7 @@ def run(options: argparse.Namespace) -> int:
 
     control = scenario.control
     plans = control.law == PREDICTIVE
-    derivatives = (*DERIVATIVES, *(AT_WALLS if control.force else ())) if plans else ()
+    derivatives = (*DERIVATIVES, *UNDER_WRENCHES) if plans else ()
     functions = WITH_CONSTRAINTS if scenario.holds else None
     with (
         robot_argument.found_module(

@@ -64,8 +64,8 @@ WIDE static void linearise(const Constants *constants, Controller *own, Room *ro
         gather(own->x[1], first, NODES, SIZE, x_next);
         gather(own->h, first, NODES, 1, &h);
         gather(own->reference[0], first, NODES, REFERENCE, reference);
-        NODE(u, x, x_next, h, reference, own->weights, own->lag_times, gap, slope, hessian,
-            gradient, &cost);
+        NODE(u, x, x_next, h, reference, own->weights, own->lag_times, own->around, gap,
+            slope, hessian, gradient, &cost);
         for (int lane = 0; lane < LANES && first + lane < NODES; ++lane) {
             Node *node = &plan->node[first + lane];
             for (int i = 0; i < STATES; ++i) {
@@ -177,7 +177,7 @@ WIDE static real value_of_plan(
         gather(states + SIZE, first, NODES, SIZE, x_next);
         gather(own->h, first, NODES, 1, &h);
         gather(own->reference[0], first, NODES, REFERENCE, reference);
-        VALUES(u, x, x_next, h, reference, own->weights, own->lag_times, gap, &cost);
+        VALUES(u, x, x_next, h, reference, own->weights, own->lag_times, own->around, gap, &cost);
         for (int lane = 0; lane < LANES && first + lane < NODES; ++lane) {
             sum += reals(&cost)[lane];
             for (int i = 0; i < STATES; ++i) {
@@ -282,7 +282,9 @@ static void predict(
     gather(u, 0, 1, INPUTS, inputs);
     gather(x, 0, 1, SIZE, state);
     gather(own->reference[0], 0, 1, REFERENCE, reference);
-    VALUES(inputs, state, state, step, reference, own->weights, own->lag_times, gap, &cost);
+    VALUES(
+        inputs, state, state, step, reference, own->weights, own->lag_times, own->around, gap,
+        &cost);
     scatter(gap, 0, 1, STATES, room->away[0]);
     move(constants, x, room->away[0], 1, x);
 }

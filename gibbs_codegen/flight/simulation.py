@@ -63,7 +63,7 @@ from gibbs_codegen.runtime.c_library import CompilerError
 from gibbs_codegen.runtime.cache import CacheError
 from gibbs_codegen.runtime.load import load
 from gibbs_codegen.runtime.loaded_module import require_functions
-from gibbs_codegen.runtime.predictive import AT_WALLS, DERIVATIVES
+from gibbs_codegen.runtime.predictive import DERIVATIVES, UNDER_WRENCHES
 
 # The size that rounding may give an eigenvalue of zero, as a share of the largest.
 _ROUNDING = 1e-13
@@ -193,7 +193,8 @@ def _check_functions(module: ModuleType, scenario: Scenario) -> None:
     """Raise `MissingFunctionError` with all functions on request that a module lacks."""
     names = [*HOLDING] if scenario.holds else []
     if scenario.control.law == PREDICTIVE:
-        names += [*DERIVATIVES, *(AT_WALLS if scenario.control.force else ())]
+        pressed = scenario.control.force or getattr(module, "ROTOR_AIR", ())
+        names += [*DERIVATIVES, *(UNDER_WRENCHES if pressed else ())]
     has = {name: all(getattr(module, x, ()) for x in FUNCTIONS[name].needs) for name in names}
     require_functions(module, [name for name in names if has[name]])
 

@@ -10,12 +10,16 @@ and the Hessian is that of Gauss and Newton: of the squares of the linearised er
 those of points on their paths, of frames' orientations, of the posture (coordinates), of
 velocities, inputs and changes of inputs. Programs give the part of the Hessian that is of
 coordinates; the other is the diagonal of the weights.
+
+What moves is the machine that flies, but that friction at walls is against the way that frames are
+to go, drives that follow commands do so exactly through a step, and what acts stays as it is now.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -41,9 +45,10 @@ from gibbs_codegen.arrays.nodes import (
     variable,
     zeros,
 )
-from gibbs_codegen.machine.contact import Contact, touch
+from gibbs_codegen.machine.contact import FIGURES, Touch
+from gibbs_codegen.machine.machine import NO_SURROUNDINGS, Machine, Surroundings
+from gibbs_codegen.machine.state import State
 from gibbs_codegen.machine.steps import runge_kutta_4
-from gibbs_codegen.machine.surroundings import on_frames
 
 # Least time constant, s, of a motor that lags: faster ones follow at once.
 _LEAST_LAG = 1e-6
@@ -54,14 +59,38 @@ _SLOW = 0.02
 
 
 @dataclass(frozen=True)
+class PredictedMachine(Machine):
+    """A machine whose frames are to have the velocities `desired` (f, 6), m/s and rad/s.
+
+    Friction is against the way that a frame is to go: a bristle, or friction against the way that
+    it goes, would be too stiff for the steps.
+    """
+
+    desired: Node = field(kw_only=True)
+
+    def touches(self, state: State[Node]) -> list[Touch]:
+        """What each contact does."""
+        contacts, found = self.around.contacts, []
+        for contact, its in zip(contacts, super().touches(state), strict=True):
+            wall = self.figure(f"wall_{contact.wall}", FIGURES + contact.figures)
+            way = self.desired[contact.frame][:3]
+            way = way - dot(its.direction, way) * its.direction
+            drag = -wall[4] * its.normal / square_root(dot(way, way) + _SLOW**2) * way
+            lever = -wall[0] * its.direction
+            found.append(its._replace(wrench=its.wrench + join(drag, cross(lever, drag))))
+        return found
+
+
+@dataclass(frozen=True)
 class Horizon:
     """What the programs of a predictive controller depend on.
 
     `points` and `orientations` are frames that are led. `method` takes the steps. `lags`: motors
     lag; `changes`: changes of inputs cost, or are limited. `carries`: the position of the base is
-    free, and at the end of the horizon is where the first point would be on its path. `walls` are
-    contacts with them, each with the figures of its wall. `served`: inputs that servos are sent,
-    each with the entry of (q, v), as displacements, off which it costs, since it pushes by these.
+    free, and at the end of the horizon is where the first point would be on its path. `served`:
+    inputs that servos are sent, each with the entry of (q, v), as displacements, off which it
+    costs, since it pushes by these. `around` acts, without bristles, and has `figures` of names and
+    shapes, of which "time" may be one.
     """
 
     robot: Functions
@@ -71,8 +100,9 @@ class Horizon:
     lags: bool = False
     changes: bool = False
     carries: bool = False
-    walls: tuple[tuple[Contact, tuple[float, ...]], ...] = ()
     served: tuple[tuple[int, int], ...] = ()
+    around: Surroundings = NO_SURROUNDINGS
+    figures: tuple[tuple[str, tuple[int, ...]], ...] = ()
 
     @property
     def motors(self) -> int:
@@ -224,17 +254,35 @@ class Horizon:
         after, h = variable("x_next", self.size), variable("h")
         references = variable("reference", self.reference_size)
         weights = variable("weights", sum(self.weight_sizes.values()), uniform=True)
-        lag_times = [variable("lag_times", self.lag_times, uniform=True)] if self.motors else []
         n, nv = robot.space.coordinates, robot.space.velocities
         sizes = {"q": n, "v": nv, "motors": self.motors, "before": self.before}
         led = {"points": 3 * len(self.points), "rotations": 9 * len(self.orientations)}
         return Given(
-            [u, x, after, h, references, weights, *lag_times],
+            [u, x, after, h, references, weights, *self._told],
             self._split(x, sizes),
             self._split(after, sizes),
             self._split(references, led | {"q": n, "v": nv, "u": robot.inputs}),
             self._split(weights, self.weight_sizes),
         )
+
+    @property
+    def _told(self) -> list[Node]:
+        """Inputs that all steps share, of those that there are."""
+        acting = sum(math.prod(shape) for _, shape in self.figures)
+        sizes = {"lag_times": self.lag_times, "around": acting}
+        return [variable(name, size, uniform=True) for name, size in sizes.items() if size]
+
+    def _figure(self, name: str, *_: int) -> Node:
+        """A figure of the machine, or of what is around it."""
+        if name == "time_constants":
+            return maximum(self._told[0], _LEAST_LAG)
+        place = 0
+        for each, shape in self.figures:
+            end = place + math.prod(shape)
+            if each == name:
+                return reshaped(self._told[-1][place:end], shape)
+            place = end
+        raise KeyError(name)
 
     def _split(self, x: Node, sizes: dict[str, int]) -> dict[str, Node]:
         """Parts of a vector by name; coordinates are such."""
@@ -249,9 +297,9 @@ class Horizon:
     def _arguments(self, given: Given) -> list[Node]:
         """Arguments of the step of a node."""
         motors = [given.state["motors"]] if self.motors else []
-        u, _, _, h, _, _, *lag_times = given.inputs
-        ways = [given.reference["v"]] if self.walls else []
-        return [given.q, given.v, *motors, u, h, *lag_times, *self._led(given), *ways]
+        u, _, _, h, _, _, *told = given.inputs
+        ways = [given.reference["v"]] if self.around.contacts else []
+        return [given.q, given.v, *motors, u, h, *told, *self._led(given), *ways]
 
     def _led(self, given: Given) -> list[Node]:
         """Points, rotations and coordinates that are desired, as far as there are such."""
@@ -261,41 +309,36 @@ class Horizon:
     def _predicted(self) -> Program:
         """The step of a node, and its errors."""
         robot, (q, v) = self.robot, self.robot.state()
-        u, h = variable("u", robot.inputs), variable("h")
-        inputs, commanded, outputs = [q, v], u, {}
-        lag_times, mean = [], v[:0]
+        u, h, outputs = variable("u", robot.inputs), variable("h"), dict[str, Node]()
+        errors, motors, time = self._errors, v[:0], constant(0.0)
+        led, contacts = list(errors.inputs[1:]), self.around.contacts
+        ways = [robot.velocities("v_desired")] if contacts else []
+        desired = robot.frame_velocities(led[-1], ways[0]) if contacts else zeros(robot.frames, 6)
+        if "time" in dict(self.figures):
+            time = self._figure("time")
+        lagging = tuple(range(robot.lagging)) if self.lags else ()
+        around = replace(self.around, contacts=tuple(replace(x, sticks=False) for x in contacts))
+        machine = PredictedMachine(robot, self._figure, around, lagging=lagging, desired=desired)
+        mean = motors
         if self.motors:
             motors = variable("motors", self.motors)
-            times = variable("lag_times", self.lag_times, uniform=True)
-            inputs, lag_times = [*inputs, motors], [times]
             # What is left of the way to where commands lead, and the mean of the step.
+            times, way = self._figure("time_constants"), motors - u[: self.motors]
             if robot.actuator_states:
                 rates = robot.actuator_rates(motors, u)
                 times = choose(rates, 0.0, times[: self.motors], times[self.motors :])
-                way = -maximum(times, _LEAST_LAG) * rates
-            else:
-                way = motors - u[: self.motors]
-            pace = h / maximum(times, _LEAST_LAG)
+                way = -times * rates
+            pace = h / times
             settled, left = motors - way, exponential(-pace)
             outputs["motors_next"] = settled + left * way
             mean = settled + (1.0 - left) / pace * way
-            if self.lags and robot.lagging:
-                commanded = join(mean, u[self.motors :])
 
         def accelerate(q: Node, v: Node, _: int) -> Node:
             # Servos push by where joints are at the end.
-            ahead = q if self.method == "rk4" else robot.integrate(q, h * v)
-            inputs = robot.inputs_of(ahead, v, mean, commanded)
-            if self.walls:
-                wrenches = self._pressing(q, v, robot.frame_velocities(*desired))
-                pressed: Node = robot.forward_dynamics_with_wrenches(q, v, inputs, wrenches)
-                return pressed
-            found: Node = robot.forward_dynamics(q, v, inputs)
-            return found
-
-        errors = self._errors
-        led, ways = list(errors.inputs[1:]), [robot.velocities("v_desired")] if self.walls else []
-        desired = led[-1], *ways
+            ahead, none = q if self.method == "rk4" else robot.integrate(q, h * v), v[:0]
+            state = State(q, v, none, mean, none, none)
+            inputs = machine.inputs(state._replace(q=ahead), u)
+            return machine.rates(time, state, inputs, u).a
 
         if self.method == "rk4":
             q_next, v_next = runge_kutta_4(robot.integrate, accelerate, q, v, h)
@@ -307,26 +350,8 @@ class Horizon:
         if self.changes:
             outputs["before_next"] = u
         outputs["errors"] = errors(q, *led)[0]
-        return Program("horizon_step", (*inputs, u, h, *lag_times, *led, *ways), outputs)
-
-    def _pressing(self, q: Node, v: Node, desired: Node) -> Node:
-        """Wrenches (f, 6) of walls on the frames, which are to have the velocities `desired`.
-
-        Friction is against the way that a frame is to go: a bristle, or friction against the way
-        that it goes, would be too stiff for the steps.
-        """
-        poses, velocities, parts = self.robot.frame_poses(q), self.robot.frame_velocities(q, v), []
-        for contact, figures in self.walls:
-            wall, frame = constant(np.array(figures)), contact.frame
-            moving = poses[frame], velocities[frame]
-            found = touch(replace(contact, sticks=False), wall, moving, zeros(3))
-            way = desired[frame][:3]
-            way = way - dot(found.direction, way) * found.direction
-            share = wall[4] * found.normal / square_root(dot(way, way) + _SLOW**2)
-            lever = -wall[0] * found.direction
-            drag = -share * way
-            parts.append((frame, found.wrench + join(drag, cross(lever, drag))))
-        return on_frames(parts, self.robot.frames)
+        inputs = (q, v, *([motors] if self.motors else []), u, h, *self._told, *led, *ways)
+        return Program("horizon_step", inputs, outputs)
 
     @cached_property
     def _errors(self) -> Program:

@@ -39,8 +39,14 @@ DERIVATIVES = (
     "inputs_of_derivatives",
     "actuator_rates_derivatives",
 )
-# Functions that it needs besides where the prediction knows walls.
-AT_WALLS = ("forward_dynamics_with_wrenches_derivatives", "frame_velocities_derivatives")
+# Functions that it needs besides where something acts on frames, the last one where it has
+# actuators; and where payloads do.
+UNDER_WRENCHES = (
+    "forward_dynamics_with_wrenches_derivatives",
+    "frame_velocities_derivatives",
+    "rotor_speeds_derivatives",
+)
+WITH_PAYLOADS = (*UNDER_WRENCHES, "frame_bias_accelerations_derivatives")
 # Iterations of the interior-point method that are too many.
 _MOST = 40
 # Shares of a step that are tried: all, half, and so on. Rounds of a first plan.
@@ -120,6 +126,7 @@ class Transcription:
         }
         row = ", ".join(f"{name}: {size}" for name, size in sizes.items() if size)
         weights = ", ".join(f"{name}: {size}" for name, size in horizon.weight_sizes.items())
+        acting = ", ".join(f"{name}: {math.prod(shape)}" for name, shape in horizon.figures)
         settings = {
             "h": Entry((steps,), "Lengths of the steps, s."),
             "hover": Entry((horizon.reference_size,), f"The reference of a node in hover ({row})."),
@@ -129,6 +136,10 @@ class Transcription:
             ),
             "lag_times": Entry(
                 (max(horizon.lag_times, 1),), "Time constants of the motors, or actuators, s."
+            ),
+            "around": Entry(
+                (max(sum(math.prod(shape) for _, shape in horizon.figures), 1),),
+                f"What acts now, and through the horizon ({acting or 'nothing'}).",
             ),
             "settled": Entry((motors,), "The state of the motors in hover."),
             "ahead": Entry(
@@ -324,9 +335,9 @@ def _table(name: str, rows: Sequence[tuple[int, int]]) -> str:
 
 def _macro(name: str, program: Program) -> str:
     """A macro that calls a program with all arguments that programs of its kind may take."""
-    arguments = [*program.names, *program.outputs]
-    if "weights" in program.names and name != "END" and "lag_times" not in program.names:
-        arguments.insert(program.names.index("weights") + 1, "unused")
+    shared = ["lag_times", "around"] if "h" in program.names else []
+    inputs = [name for name in program.names if name not in shared]
+    arguments = [*inputs, *shared, *program.outputs]
     text = CProgram(program, PREFIX)
     arguments_read = [*(["constants"] if text.owners else []), *program.names, *program.outputs]
     call = f"((void)constants, {text.name}({', '.join(arguments_read)}))"

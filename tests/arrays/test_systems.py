@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -312,12 +314,29 @@ HORIZONS: dict[str, tuple[str, dict[str, Any], dict[str, Any]]] = {
         {"points": (1,), "orientations": (1,), "lags": True, "changes": True, "carries": True},
     ),
     "rk4": ("quaternion", {}, {"points": (0, 1), "method": "rk4", "carries": True}),
-    "walls": ("zyx", {}, {"walls": WALLS[:1], "orientations": (0,), "served": ((4, 3), (5, 12))}),
-    "driven": (
-        "quaternion",
-        {name: x for name, x in DRIVEN.items() if name != "ROTOR_AIR"},
-        {"changes": True, "served": ((4, 6),)},
+    "around": (
+        "zyx",
+        {},
+        {
+            "orientations": (0,),
+            "served": ((4, 3), (5, 12)),
+            "around": Surroundings(
+                pushes=True,
+                wind=True,
+                drag=True,
+                gusts=1,
+                contacts=(replace(CONTACTS[0], sticks=False),),
+                spins=((2, 1),),
+                payloads=(1,),
+            ),
+            "figures": (
+                *(("time", ()), ("push", (2, 6)), ("wind", (3,)), ("gusts", (1, 5))),
+                *(("drag", (2, 6)), (f"wall_{CONTACTS[0].wall}", (11,)), ("spins", (1, 4))),
+                *(("payloads", (1,)), ("gravity", (3,))),
+            ),
+        },
     ),
+    "driven": ("quaternion", DRIVEN, {"changes": True, "served": ((4, 6),)}),
 }
 
 
@@ -361,12 +380,30 @@ class Ahead:
             inputs = acting
             if self.driven:
                 inputs = module.inputs_of(module.integrate(q, h * v), v, mean, u)
-            if not self.spec.walls:
-                return module.forward_dynamics(q, v, inputs)
             wrenches = np.zeros((2, 6), np.result_type(q, v))
-            *_, q_d, v_d, _ = self.reference(g)
-            for contact, figures in self.spec.walls:
-                f, wall = contact.frame, np.array(figures)
+            if self.driven:
+                speeds = module.rotor_speeds(mean, u)
+                wrenches = wrenches + air(module, q, v, speeds, np.zeros(3))
+            elif not self.spec.figures:
+                return module.forward_dynamics(q, v, inputs)
+            if self.spec.figures:
+                parts = [math.prod(shape) for _, shape in self.spec.figures]
+                time, push, wind, gust, drag, wall, spin, mass, gravity = np.split(
+                    g["around"], np.cumsum(parts)[:-1]
+                )
+                *_, q_d, v_d, _ = self.reference(g)
+                share = np.clip((time - gust[0]) / gust[1], 0.0, 1.0)
+                blown = wind + (1.0 - np.cos(2.0 * np.pi * share)) * gust[2:]
+                velocities, poses = module.frame_velocities(q, v), module.frame_poses(q)
+                wrenches = wrenches + push.reshape(2, 6)
+                blown = np.concatenate([blown, np.zeros(3)])
+                wrenches = wrenches + drag.reshape(2, 6) * (blown - velocities)
+                thrust = inputs[2]
+                size = (
+                    spin[3] * np.sign(np.real(thrust)) * np.sqrt(thrust * np.sign(np.real(thrust)))
+                )
+                wrenches[1, 3:] += np.cross(size * (poses[1, :3, :3] @ spin[:3]), velocities[1, 3:])
+                f = CONTACTS[0].frame
                 away = module.frame_poses(q)[f, :3, 3] - wall[7:10]
                 size = np.sqrt(away @ away)
                 normal, deep = away / size, wall[10] - size + wall[0]
@@ -379,6 +416,12 @@ class Ahead:
                 drag = -wall[4] * force * way / np.sqrt(way @ way + 0.02**2)
                 wrenches[f, :3] += force * normal + drag
                 wrenches[f, 3:] += np.cross(-wall[0] * normal, drag)
+                free = module.forward_dynamics_with_wrenches(q, v, inputs, wrenches)
+                jacobian = module.frame_jacobians(q)[1, :3]
+                bias = module.frame_bias_accelerations(q, v)[1, :3]
+                yielding = jacobian @ np.linalg.solve(module.mass_matrix(q), jacobian.T)
+                pulled = mass * (gravity - bias - jacobian @ free)
+                wrenches[1, :3] += np.linalg.solve(np.eye(3) + mass * yielding, pulled)
             return module.forward_dynamics_with_wrenches(q, v, inputs, wrenches)
 
         if self.spec.method == "rk4":

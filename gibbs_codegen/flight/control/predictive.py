@@ -23,7 +23,7 @@ import pathlib
 import time as clock
 import warnings
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from numbers import Real
 from types import ModuleType
 from typing import Any, NamedTuple, Protocol
@@ -51,18 +51,22 @@ from gibbs_codegen.flight.plant.actuators import (
     holds,
     module_actuators,
 )
+from gibbs_codegen.flight.plant.environment import Environment, surrounding
 from gibbs_codegen.flight.plant.vehicle import Array, Vehicle
+from gibbs_codegen.flight.scenario.file import AnyScenario
 from gibbs_codegen.flight.scenario.parts import WORLD, Force, Impedance
 from gibbs_codegen.flight.scenario.scenario import Scenario
-from gibbs_codegen.flight.scenario.walls import Wall, surface_at, touched_by
+from gibbs_codegen.flight.scenario.walls import Wall, surface_at
 from gibbs_codegen.interface import FUNCTIONS
 from gibbs_codegen.interface.choice import options_with
 from gibbs_codegen.machine.laws import push_shares
+from gibbs_codegen.machine.machine import Surroundings
 from gibbs_codegen.machine.predictive import Horizon
 from gibbs_codegen.runtime.load import load
 from gibbs_codegen.runtime.predictive import (
-    AT_WALLS,
     DERIVATIVES,
+    UNDER_WRENCHES,
+    WITH_PAYLOADS,
     CompiledPredictive,
     Row,
     Transcription,
@@ -200,6 +204,8 @@ class Predictive:
         method: How the prediction takes its steps: "rk4", or "trapezoidal", which dampers do not
             make unstable; if None the one where no joint has a damper, and else the other.
         walls: Walls that frames may touch, of a `Scenario`: a frame that is led into one presses.
+        surroundings: A scenario, or the name or path of one, whose wind, payloads, push and walls
+            are foreseen, and spinning rotors: at every instant as they are then.
 
     Raises:
         UsageError: If an argument is not what it must be.
@@ -226,14 +232,16 @@ class Predictive:
     deadline: float | None = None
     method: str | None = None
     walls: Sequence[Wall] = ()
+    surroundings: AnyScenario | None = None
 
     def __post_init__(self) -> None:
         self._check_kinds()
         farthest = self.farthest
         self._farthest = _FARTHEST * self.tolerances.point if farthest is None else farthest
-        self._check()
         vehicle = Vehicle(self.module, self.parameters or None)
         self.vehicle = vehicle
+        around, self._acting = self._around()
+        self._check(around)
         pulled = bool(np.any(vehicle.damping)) or self._servos
         self._method = self.method or ("trapezoidal" if pulled else "rk4")
         own_limits = self.actuators or module_actuators(vehicle)
@@ -248,9 +256,6 @@ class Predictive:
                 "armature takes their torques to the ends of steps of one length; not "
                 f"{self.growth:g}"
             )
-        for wall in self.walls:
-            for frame in wall.frames:
-                self._frame(frame)
         robot = Functions(self.module)
         lengths = self.step * self.growth ** np.arange(self.nodes)
         # Times of nodes after the state at which a plan begins, s.
@@ -265,8 +270,9 @@ class Predictive:
             bool(np.any(self._lag)),
             self.rates is not None or self.tolerances.change is not None,
             self._carries,
-            touched_by(vehicle.frames, self.walls),
             self._served,
+            around,
+            tuple((name, np.shape(x)) for name, x in self._figures(0.0).items()),
         )
         rows, limits = self._rows()
         transcription = Transcription(self.horizon, self.nodes, tuple(rows))
@@ -276,6 +282,7 @@ class Predictive:
         for name, values in limits.items():
             arrays[name][:] = values
         arrays["h"][:] = lengths
+        self._surround(0.0)
         self._settled, times = self._motors()
         arrays["settled"][: self.horizon.motors] = self._settled
         arrays["lag_times"][: len(times)] = times
@@ -353,6 +360,7 @@ class Predictive:
         arrays = compiled.arrays
         is_first = arrays["failures"] < 0.0
         expected = q if is_first else arrays["x"][0, : len(q)]
+        self._surround(time)
         arrays["reference"][:] = self._reference(time + (self.delay or 0.0) + self._ahead, expected)
         compiled.prepare()
         prepared = clock.perf_counter()
@@ -460,22 +468,54 @@ class Predictive:
                         f"two times they are {printable(str(values.tolist()), 100)}"
                     )
 
-    def _check(self) -> None:
+    def _around(self) -> tuple[Surroundings, dict[str, Array]]:
+        """What may act on which frames, and the figures of all of it."""
+        given = surrounding(self.vehicle, self.surroundings)
+        if given is not None and given.hold:
+            raise UsageError("surroundings: no prediction knows holds; leave them out")
+        own = given or Environment(self.vehicle)
+        self._environment = own = replace(own, wall=(*self.walls, *own.wall))
+        for wall in self.walls:
+            for frame in wall.frames:
+                self._frame(frame)
+        around, figures = own.under(own.push is not None, True, False)
+        contacts = tuple(replace(each, sticks=False) for each in around.contacts)
+        return replace(around, contacts=contacts), figures
+
+    def _figures(self, time: float) -> dict[str, Array]:
+        """Figures of what acts at a time, s."""
+        own, found = self._environment, dict(self._acting)
+        if not found:
+            return found
+        if "push" in found:
+            found["push"] = found["push"] * own.push_acts(time)
+        if "payloads" in found:
+            found["payloads"] = found["payloads"] * own.carries(time)
+        return {"time": np.array(time), **found}
+
+    def _surround(self, time: float) -> None:
+        """Let what acts be as it is at a time, s."""
+        figures = [np.ravel(each) for each in self._figures(time).values()]
+        self._compiled.arrays["around"][:] = np.concatenate([*figures, [] if figures else [0.0]])
+
+    def _check(self, around: Surroundings) -> None:
         """Raise `UsageError` for what is not what it must be."""
         if getattr(self.module, "backend", "numpy") != "c":
             raise UsageError(
                 f"{self.module.NAME}: a predictive controller calls C; load the module with "
                 'backend="c", where there is a C compiler'
             )
-        has = [*Functions(self.module).signatures]
+        robot = Functions(self.module)
+        under = UNDER_WRENCHES if around.acts or robot.air else ()
+        has, under = [*robot.signatures], WITH_PAYLOADS if around.payloads else under
         needed = [
             name
-            for name in (*DERIVATIVES, *(AT_WALLS if self.walls else ()))
+            for name in (*DERIVATIVES, *under)
             if all(getattr(self.module, need, ()) for need in FUNCTIONS[name].needs)
         ]
         if lacks := [name for name in needed if name not in has]:
             raise MissingFunctionError(self.module.NAME, lacks, options_with(lacks, has))
-        joints = len(self.module.INPUTS) - Functions(self.module).rotors
+        joints = len(self.module.INPUTS) - robot.rotors
         for name in _BY_JOINT:
             if np.shape(getattr(self.tolerances, name)) not in ((), (joints,)):
                 raise UsageError(
@@ -811,6 +851,7 @@ class Predictive:
             "weights": arrays["weights"],
             "lag_times": arrays["lag_times"][: horizon.lag_times],
         }
+        arguments["around"] = arrays["around"]
         arguments = {name: arguments[name] for name in program.names}
         results = evaluate(program, arguments, {"robot": self.module}, {"robot": constants})
         slope = results["slope"]

@@ -304,14 +304,6 @@ def contacts_of(walls: Sequence[Wall], frames: Sequence[str]) -> tuple[Contact, 
     )
 
 
-def touched_by(
-    frames: Sequence[str], walls: Sequence[Wall]
-) -> tuple[tuple[Contact, tuple[float, ...]], ...]:
-    """Contacts of frames with walls, each with the figures of its wall."""
-    figures = [(*yielding(wall), *wall.figures) for wall in walls]
-    return tuple((contact, figures[contact.wall]) for contact in contacts_of(walls, frames))
-
-
 @lru_cache
 def _surface(kind: str, count: int) -> Evaluator:
     """The evaluator of depth and normal of a kind of wall with a number of figures."""

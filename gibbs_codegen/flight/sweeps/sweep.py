@@ -54,7 +54,7 @@ from gibbs_codegen.flight.sweeps.sources import (
     with_places_filled,
 )
 from gibbs_codegen.flight.sweeps.study import FIXED, Study, table_of
-from gibbs_codegen.runtime.predictive import AT_WALLS, DERIVATIVES
+from gibbs_codegen.runtime.predictive import DERIVATIVES, UNDER_WRENCHES
 
 _MOST_SAMPLES = 2**24
 # Combinations of listed values that are looked at beforehand, and the middle of a distribution.
@@ -119,8 +119,7 @@ def sweep(
     _refuse_unfit(_listed(robots), scenario_sources, varying)
     laws = [source.says("control.law") for source in scenario_sources]
     laws += varying["control.law"].levels if "control.law" in varying else ()
-    pushes = any(source.says("control.force") for source in scenario_sources)
-    derivatives = (*DERIVATIVES, *(AT_WALLS if pushes else ())) if PREDICTIVE in laws else ()
+    derivatives = (*DERIVATIVES, *UNDER_WRENCHES) if PREDICTIVE in laws else ()
     holds = [source.says("hold") or source.says("holds") for source in scenario_sources]
     functions = WITH_CONSTRAINTS if any(holds) else None
     robot_sources = [

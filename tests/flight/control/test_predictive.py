@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 from scipy.optimize import lsq_linear
+from support import blown
 from support.actuated import TEXT, actuated
 from support.compiled import build
 from support.kept import kept_folder, made_once
@@ -28,11 +29,11 @@ from gibbs_codegen.flight.plant.vehicle import Vehicle
 from gibbs_codegen.flight.scenario.file import read_scenario
 from gibbs_codegen.flight.scenario.walls import Plane
 from gibbs_codegen.flight.simulation import simulate
-from gibbs_codegen.pipeline import generate_robot
+from gibbs_codegen.pipeline import generate, generate_robot
 from gibbs_codegen.robot.family import paper_family
 from gibbs_codegen.robot.parts.base import Attitude
 from gibbs_codegen.runtime.load import load
-from gibbs_codegen.runtime.predictive import AT_WALLS, DERIVATIVES
+from gibbs_codegen.runtime.predictive import DERIVATIVES, UNDER_WRENCHES, WITH_PAYLOADS
 from gibbs_codegen.targets.registry import find_targets, render_module
 
 NODES, STEP = 6, 0.02
@@ -56,7 +57,7 @@ def made(attitude: Attitude) -> ModuleType:
 
     def make() -> None:
         folder.mkdir(parents=True)
-        model = derive(robot, derivatives=(*DERIVATIVES, *AT_WALLS, "step_rk4"))
+        model = derive(robot, derivatives=(*DERIVATIVES, *UNDER_WRENCHES, "step_rk4"))
         for name, text in render_module(model, "", find_targets(("numpy", "c"))).items():
             (folder / name).write_text(text, encoding="utf-8")
 
@@ -122,6 +123,7 @@ def inputs_of(controller: Predictive, k: int) -> dict[str, Any]:
     told = controller._compiled.arrays
     given = {"u": told["u"][k], "x": told["x"][k], "x_next": told["x"][k + 1], "h": told["h"][k]}
     given |= {"reference": told["reference"][k], "weights": told["weights"]}
+    given |= {"around": told["around"].copy()}
     return given | {"lag_times": told["lag_times"][: controller.horizon.lag_times]}
 
 
@@ -673,3 +675,47 @@ def test_motors_and_servos_are_commanded_within_their_limits(driven: ModuleType)
         [driven.COMMAND_LIMITS.get(name, (-np.inf, np.inf)) for name in driven.COMMANDS]
     )
     assert np.all((sent >= low - 1e-9) & (sent <= high + 1e-9))
+
+
+@pytest.mark.slow
+def test_what_acts_is_foreseen_as_it_is_flown(kept: Path) -> None:
+    """A step of the prediction is one of `Simulation`: wind, push, payload, wall and spin."""
+    text, folder = (
+        blown.TEXT.replace("time_constant         = 0.05", ""),
+        kept / "foreseen" / "blown",
+    )
+    source = kept / "foreseen.toml"
+    source.write_text(text, encoding="utf-8")
+    derivatives = (*DERIVATIVES, *WITH_PAYLOADS)
+    made_once(
+        folder, lambda: generate(source, folder.parent, derivatives=derivatives, verify=False)
+    )
+    module, h = load(folder, "c"), 0.002
+    q, v = np.array([0, 0, 1, 0, 0, 0, 1, 0.3]), np.array([0.5, 0, -0.2, 1, -2, 3, 0.5])
+    tip = module.frame_poses(q)[module.FRAMES.index("tip"), :3, 3]
+    keys = {
+        "wind": {"velocity": [3.0, -1.0, 0.5], "drag": {"base": 0.4, "tip": 0.1}},
+        "push": {"frame": "tip", "force": [1.0, 0.5, 0.2], "begin": 0, "end": 1},
+        "payload": [
+            {"frame": "tip", "mass": 0.3, "end": 1},
+            {"frame": "base", "mass": 0.2, "begin": 1},
+        ],
+        "wall": [{"kind": "floor", "frame": "tip", "height": tip[2] + 0.01, "stiffness": 300}],
+        "integration": {"method": "rk4", "step": h, "rate": 1 / h},
+    }
+    scene, u = read_scenario("hover", keys), np.array([3.0, 3.2, 3.4, 3.1, 0.1])
+    simulation = Simulation(module, scene)
+    simulation.reset(q, v)
+    simulation.advance(u, h)
+    controller = Predictive(module, Rest(q, u), step=h, nodes=2, surroundings=scene)
+    given = inputs_of(controller, 0) | {"u": u, "x": np.r_[q, v], "x_next": np.r_[q, v], "h": h}
+    gap = value(controller, controller.horizon.values(), given)["gap"]
+    np.testing.assert_allclose(module.integrate(q, gap[:7]), simulation.q, rtol=0.0, atol=1e-10)
+    np.testing.assert_allclose(v + gap[7:], simulation.v, rtol=0.0, atol=1e-8)
+    free = Predictive(module, Rest(q, u), step=h, nodes=2)
+    alone = value(free, free.horizon.values(), given)["gap"]
+    assert np.abs(alone - gap)[7:].max() > 1e-3
+    controller.inputs(1.5, q, v)  # Now the push and a payload are gone, and another is there.
+    given["around"] = inputs_of(controller, 0)["around"]
+    later = value(controller, controller.horizon.values(), given)
+    assert np.abs(later["gap"] - gap)[7:].max() > 1e-4
