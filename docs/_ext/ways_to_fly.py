@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import SimpleNamespace
 
 from gibbs_codegen.arrays import Functions, Node, constant, jacobian
@@ -108,14 +108,16 @@ def _rollout(flown: Flown) -> list[Node]:
 def _fmu(flown: Flown) -> list[Node]:
     robot, around = Functions(flown.listing), flown.around
     spins = around.spins, ((0.0, 0.0, 1.0, 1.0),) * len(around.spins)
-    system = System(robot, {0: 0.1} if flown.lags else {}, *spins)
-    acting = {"wind": around.wind, "drag": around.drag, "forces": around.pushes}
+    chosen = {"drag": around.drag, "walls": around.contacts, "payloads": around.payloads}
+    acting = [name for name, acts in (chosen | {"constraints": around.holds}).items() if acts]
+    system = System(robot, {0: 0.1} if flown.lags else {}, *spins, tuple(acting))
+    still = {"torque", *(() if around.pushes else ("force",))}
     given = [
-        variable(name, *shape) if acting.get(name, name == "commands") else zeros(*shape)
+        zeros(*shape) if name in still else variable(name, *shape)
         for name, shape in system.given.items()
     ]
     flat = join(*(reshaped(x, (math.prod(x.shape),)) for x in given))
-    return [system.rate(variable("x", system.size), flat)]
+    return [system.rate(variable("x", system.size), flat, constant(1.0))["slope"]]
 
 
 def _linear(flown: Flown) -> list[Node]:
@@ -126,8 +128,11 @@ def _linear(flown: Flown) -> list[Node]:
 
 
 def _prediction(flown: Flown) -> list[Node]:
-    walls = tuple((each, (1.0,) * FIGURES) for each in flown.around.contacts)
-    horizon = Horizon(Functions(flown.listing), lags=flown.lags, walls=walls)
+    around, robot = replace(flown.around, holds=False), Functions(flown.listing)
+    figures = {"push": (robot.frames, 6), "wind": (3,), "drag": (robot.frames, 6)}
+    figures |= {"wall_0": (FIGURES,), "spins": (1, 4), "payloads": (1,), "gravity": (3,)}
+    known = tuple(figures.items()) if around.acts else ()
+    horizon = Horizon(robot, lags=flown.lags, around=around, figures=known)
     return [*horizon.values().outputs.values()]
 
 
@@ -138,26 +143,10 @@ WAYS: dict[str, Callable[[Flown], list[Node]]] = {
     "`linearise`, `lqr`": _linear,
     "predictive control": _prediction,
 }
-_FORCE = "the simulator has what there is to touch, and pushes by `force`"
-_CHEAP = "derivatives of poses and frames' velocities at every node take longer than the rest, and"
-_CHEAP += " feedback at the next instant makes up for it"
 # Why a part does not act.
 REASONS = {
-    ("FMU", "walls"): f"bristles would be states of every FMU; {_FORCE}",
-    (
-        "FMU",
-        "constraints",
-    ): f"taking hold is an impact, at which solvers must stop; {_FORCE}",
-    ("FMU", "payloads"): "their mass is that of the link which carries them, a tunable parameter",
-    ("predictive control", "air on rotors"): _CHEAP,
-    ("predictive control", "wind, with drag"): f"what blows is not known ahead, and {_CHEAP}",
-    ("predictive control", "pushes"): "what pushes is not known ahead",
-    ("predictive control", "spinning rotors"): _CHEAP,
-    ("predictive control", "payloads"): "give their mass to the controller's own `parameters`",
-    (
-        "predictive control",
-        "constraints",
-    ): "impacts and least forces have no slope to follow",
+    ("predictive control", "constraints"): "what takes hold within a plan is an impact, and steps "
+    "of plans have none; hold still by `control.law`, or plan to where the hold begins",
 }
 
 

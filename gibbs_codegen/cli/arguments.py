@@ -100,7 +100,9 @@ def _add_choice(parser: Parser, meaning: str) -> None:
 
 def add_kept(parser: Parser) -> None:
     """Add the options that choose what is generated, which a module keeps."""
-    targets = "numpy, c, rollout, which needs c, matlab, or fmu"
+    targets = (
+        "numpy, c, rollout, which needs c, matlab, or fmu, also with what acts: fmu:walls,drag"
+    )
     meaning = f"a target to emit: {targets}; may be repeated (default: numpy and c)"
     parser.add("--target", "TARGET", meaning, action="append")
     parser.add_argument(

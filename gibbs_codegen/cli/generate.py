@@ -99,16 +99,21 @@ def _repeat(options: argparse.Namespace, kept: str) -> None:
         taken, unknown = parser.parse_known_args(kept.split())
     except argparse.ArgumentError:
         return
-    if gone := [name for name in taken.target or () if name not in TARGETS]:
+    if gone := [name for name in taken.target or () if not _is_known(name)]:
         print(
             f"The module was generated with --target {' --target '.join(map(printable, gone))}, "
             "which this version does not have; it goes on without.",
             file=sys.stderr,
         )
-        taken.target = [name for name in taken.target if name in TARGETS]
+        taken.target = [name for name in taken.target if _is_known(name)]
         kept = re.sub(rf"--target[= ](?:{'|'.join(map(re.escape, gone))})(?!\S)", "", kept)
     for name, value in vars(taken).items():
         if not unknown and value is not None and getattr(options, name) is None:
             setattr(options, name, value)
             written = rf"--{name.replace('_', '-')}(?:[= ][^-]\S*)?(?!\S)"
             options.repeats = " ".join([options.repeats, *re.findall(written, kept)]).lstrip()
+
+
+def _is_known(target: str) -> bool:
+    """Whether this version has a target, whatever acts in it."""
+    return target.partition(":")[0] in TARGETS

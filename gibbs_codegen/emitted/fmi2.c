@@ -115,6 +115,7 @@ FUNCTION(
 FUNCTION(NewDiscreteStates, Events2 *events)
 {
     memset(events, 0, sizeof *events);
+    events->values_changed = take_hold(instance);
     return OK;
 }
 

@@ -163,7 +163,8 @@ FUNCTION(
     UpdateDiscreteStates, bool *again, bool *terminate, bool *nominals_changed, bool *values_changed,
     bool *has_next, double *next)
 {
-    *again = *terminate = *nominals_changed = *values_changed = *has_next = false;
+    *again = *terminate = *nominals_changed = *has_next = false;
+    *values_changed = take_hold(instance);
     return OK;
 }
 

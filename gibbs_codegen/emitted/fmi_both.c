@@ -25,7 +25,9 @@ FUNCTION(SetDebugLogging, FLAG on, size_t count, const char *const *categories)
 DEFINE(Status, FMI(ExitInitializationMode), Instance *instance)
 {
     instance->values[INITIALISED] = 1.0;
-    return refresh(instance, 0);
+    const Status status = refresh(instance, 0);
+    take_hold(instance);
+    return status;
 }
 
 DEFINE(Status, FMI(Reset), Instance *instance)

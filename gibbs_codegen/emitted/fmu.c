@@ -16,8 +16,9 @@ enum {
     PARAMETER,
     RESULTS = PARAMETER + PARAMETERS,
     COUNT = RESULTS + OUTPUTS,
-    /* Whether initialisation has ended, which has no value reference. */
+    /* These have no value reference: whether initialisation has ended, and what holds was changed. */
     INITIALISED = COUNT,
+    HOLDS_CHANGED,
     SIZE
 };
 
@@ -50,6 +51,7 @@ static void start(Instance *instance)
 {
     memcpy(instance->values, START, sizeof START);
     instance->values[INITIALISED] = 0.0;
+    instance->values[HOLDS_CHANGED] = 1.0;
     instance->stale = ALL_STALE;
 }
 
@@ -74,7 +76,8 @@ static Status refresh(Instance *instance, const int wanted)
         return fail(instance, "parameters: the robot has no mass, or a value is not finite");
     }
     if (stale & RATES_STALE) {
-        MODULE(rates)(&instance->constants, values + X, values + GIVEN, values + RATES);
+        MODULE(rates)(
+            &instance->constants, values + X, values + GIVEN, GRAVITY, values + RATES);
     }
     if (stale & OUTPUTS_STALE) {
         MODULE(outputs)(
@@ -82,6 +85,23 @@ static Status refresh(Instance *instance, const int wanted)
     }
     instance->stale &= ~stale;
     return OK;
+}
+
+/* Let constraints take hold, if it was changed which do; returns whether it was. */
+static int take_hold(Instance *instance)
+{
+#ifdef HOLDS
+    double *values = instance->values, next[STATES];
+    if (values[HOLDS_CHANGED] > 0.0 && refresh(instance, 0) == OK) {
+        MODULE(take_hold)(&instance->constants, values + X, values + GIVEN, next);
+        memcpy(values + X, next, sizeof next);
+        instance->stale |= RATES_STALE | OUTPUTS_STALE;
+        values[HOLDS_CHANGED] = 0.0;
+        return 1;
+    }
+#endif
+    (void)instance;
+    return 0;
 }
 
 /* Read some entries, which are computed where need be. */
@@ -105,6 +125,11 @@ static Status set(Instance *instance, const size_t place, const size_t count, co
     }
     memcpy(instance->values + place, from, count * sizeof *from);
     instance->stale |= place >= PARAMETER ? ALL_STALE : RATES_STALE | OUTPUTS_STALE;
+#ifdef HOLDS
+    if (place < STEP && place + count > HOLDS) {
+        instance->values[HOLDS_CHANGED] = 1.0;
+    }
+#endif
     return OK;
 }
 
@@ -123,10 +148,12 @@ static Status advance(Instance *instance, const double time, const double h)
     if (refresh(instance, 0) != OK) {
         return ERROR;
     }
+    take_hold(instance);
     /* So that rounding of a multiple makes no step more. */
     const long steps = least > 1.0 ? (long)ceil(least * (1.0 - 1e-9)) : 1;
     for (long k = 0; k < steps; ++k) {
-        MODULE(step)(&instance->constants, values + X, values + GIVEN, h / (double)steps, next);
+        MODULE(step)(
+            &instance->constants, values + X, values + GIVEN, GRAVITY, h / (double)steps, next);
         for (int i = 0; i < STATES; ++i) {
             if (!isfinite(next[i])) {
                 return fail(instance, "a state is no finite number after a step");

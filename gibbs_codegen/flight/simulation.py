@@ -193,7 +193,7 @@ def _check_functions(module: ModuleType, scenario: Scenario) -> None:
     """Raise `MissingFunctionError` with all functions on request that a module lacks."""
     names = [*HOLDING] if scenario.holds else []
     if scenario.control.law == PREDICTIVE:
-        pressed = scenario.control.force or getattr(module, "ROTOR_AIR", ())
+        pressed = scenario.control.force is not None or hasattr(module, "ROTOR_AIR")
         names += [*DERIVATIVES, *(UNDER_WRENCHES if pressed else ())]
     has = {name: all(getattr(module, x, ()) for x in FUNCTIONS[name].needs) for name in names}
     require_functions(module, [name for name in names if has[name]])

@@ -49,6 +49,12 @@ FIGURES = 7
 _NOTHING = 1e-18
 
 
+def plane(figures: Node, place: Node) -> tuple[Node, Node]:
+    """The surface of a plane, whose figures are a point (3), m, and the unit normal (3)."""
+    normal = figures[3:6]
+    return dot(normal, figures[:3] - place), normal
+
+
 @dataclass(frozen=True)
 class Contact:
     """A frame that may touch a wall, by their numbers; `sticks` tells that there is friction.

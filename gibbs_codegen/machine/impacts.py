@@ -21,12 +21,14 @@ from gibbs_codegen.arrays.nodes import (
     zeros,
 )
 from gibbs_codegen.machine.contact import Touch
-from gibbs_codegen.machine.machine import Machine
+from gibbs_codegen.machine.machine import Machine, Rates
 from gibbs_codegen.machine.state import State
 from gibbs_codegen.machine.surroundings import on_frames
 
 # What is no divisor.
 _NONE = 1e-30
+# Energy, J, or square of an impulse, N² s², below which nothing touches: bristles round.
+_TOUCHING = 1e-20
 
 
 def effects(machine: Machine, state: State[Node], touches: Sequence[Touch]) -> Node:
@@ -41,6 +43,13 @@ def effects(machine: Machine, state: State[Node], touches: Sequence[Touch]) -> N
         sum((getattr(x, name) for x in touches), constant(0.0)) for name in ("eased", "normal")
     )
     return nodes.join(power, eased, normal, *(x.wrench for x in touches))
+
+
+def gains(machine: Machine, state: State[Node], rates: Rates, mean: Node) -> Node:
+    """Power, W, of all but contacts, and what these do now (1 + 3 + 6 c), at `mean` velocities."""
+    done = effects(machine, state._replace(v=mean), rates.touches)
+    force = machine.robot.inverse_dynamics(state.q, state.v, rates.a)
+    return nodes.join(dot(mean, force) - done[0], done)
 
 
 def passive(
@@ -68,7 +77,7 @@ def passive(
     change = pushed - robot.forward_dynamics(q, still, none)
     flat = nodes.reshaped(impulses, (6 * robot.frames,))
     # A step in which nothing touched has errors of its own.
-    gained = nodes.choose(sum(strained) + dot(flat, flat), 0.0, gained, 0.0)
+    gained = nodes.choose(sum(strained) + dot(flat, flat), _TOUCHING, gained, 0.0)
     if active is not None:
         change, _ = robot.impact(q, change, active)
     speed, yielding = (

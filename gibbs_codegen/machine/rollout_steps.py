@@ -22,7 +22,6 @@ from gibbs_codegen.arrays.nodes import (
     clip,
     constant,
     coordinates_of,
-    dot,
     join,
     maximum,
     total,
@@ -148,9 +147,7 @@ def rollout_step(
         if around.contacts:
             # By "euler" forces of the begin act through the step: on the mean of its velocities.
             mean = state.v + 0.5 * h * rates.a if method == "euler" else state.v
-            effects = impacts.effects(machine, state._replace(v=mean), rates.touches)
-            force = robot.inverse_dynamics(q, state.v, rates.a)
-            done += [dot(mean, force) - effects[0], effects]
+            done.append(impacts.gains(machine, state, rates, mean))
         return join(*done)
 
     def move(q: Node, displacement: Node) -> Node:

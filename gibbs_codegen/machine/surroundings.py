@@ -142,11 +142,14 @@ def payload_forces(
         return join(*(velocities[frame][:3] for frame in frames))
 
     still = q, zeros(robot.space.velocities), zeros(robot.inputs)
-    resting = robot.forward_dynamics(*still)
-    for frame, axis in itertools.product(frames, np.eye(3)):
-        pushes = np.zeros((robot.frames, 6))
-        pushes[frame, :3] = axis
-        yielding = along(robot.forward_dynamics_with_wrenches(*still, constant(pushes)) - resting)
+    pushes = np.zeros((1 + size, robot.frames, 6))
+    for k, (frame, axis) in enumerate(itertools.product(frames, range(3))):
+        pushes[1 + k, frame, axis] = 1.0
+    resting, *pushed = (
+        robot.forward_dynamics_with_wrenches(*still, constant(each)) for each in pushes
+    )
+    for each in pushed:
+        yielding = along(each - resting)
         units.append(reshaped(yielding, (1, size)))
     bias = robot.frame_bias_accelerations(q, v)
     drift = along(robot.forward_dynamics_with_wrenches(q, v, u, wrenches))

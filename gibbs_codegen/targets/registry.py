@@ -10,11 +10,13 @@ import hashlib
 import textwrap
 from collections import defaultdict
 from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
 
 from gibbs_codegen.errors import UsageError, printable
 from gibbs_codegen.files.templating import render
 from gibbs_codegen.interface import options_for
+from gibbs_codegen.machine.first_order import ACTING
 from gibbs_codegen.program.choice import Functions, chosen_functions
 from gibbs_codegen.program.model import Model
 from gibbs_codegen.runtime.c_library import RUNTIME
@@ -105,7 +107,7 @@ TARGETS: dict[str, Target] = {
         {},
         by_default=False,
         archives=fmu_target.archives,
-        calls=fmu_target.CALLED,
+        calls=fmu_target.called(),
     ),
 }
 # What needs no files of its own, and how it comes.
@@ -122,13 +124,15 @@ def find_targets(names: Sequence[str] = DEFAULT_TARGETS) -> dict[str, Target]:
 
     Raises `UsageError` where a name is unknown, or a target is missing that another needs.
     """
-    for name in names:
+    found = {}
+    for each in names:
+        name, _, acting = each.partition(":")
         if name not in TARGETS:
             known = f"--target {printable(name)}: unknown; known targets: {', '.join(TARGETS)}"
             if name in _LOADED:
                 known += f". No target is needed for it: {_LOADED[name]}"
             raise UsageError(known)
-    found = {name: TARGETS[name] for name in names}
+        found[each] = _with_acting(each, tuple(acting.split(","))) if acting else TARGETS[name]
     for name, target in found.items():
         if missing := [needed for needed in target.needs if needed not in found]:
             raise UsageError(
@@ -136,6 +140,20 @@ def find_targets(names: Sequence[str] = DEFAULT_TARGETS) -> dict[str, Target]:
                 f"--target {missing[0]}"
             )
     return found
+
+
+def _with_acting(name: str, acting: tuple[str, ...]) -> Target:
+    """The target of FMUs in which more acts. Raises `UsageError` for what cannot."""
+    kind = name.partition(":")[0]
+    if kind != "fmu":
+        raise UsageError(f"--target {printable(name)}: nothing follows {kind}; give it alone")
+    if unknown := [each for each in acting if each not in ACTING]:
+        raise UsageError(
+            f"--target {printable(name)}: {printable(unknown[0])} cannot act in an FMU; what can, "
+            f"after the colon and with commas between: {', '.join(ACTING)}"
+        )
+    archives = partial(fmu_target.archives, acting=acting)
+    return replace(TARGETS["fmu"], archives=archives, calls=fmu_target.called(acting))
 
 
 def called(targets: Mapping[str, Target], functions: Functions) -> tuple[str, ...]:

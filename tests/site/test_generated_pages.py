@@ -64,12 +64,14 @@ def test_every_part_acts_in_every_way_to_fly_or_there_is_a_reason() -> None:
     """A reason for what acts, and none for what does not, ends the table of the programs."""
     told = ways_to_fly()
     (wind,) = (line for line in told.splitlines() if line.startswith("| wind"))
-    assert wind == "| wind, with drag | yes | yes | yes | yes | no |"
+    assert wind == "| wind, with drag | yes | yes | yes | yes | yes |"
     with pytest.MonkeyPatch.context() as patch:
-        patch.delitem(REASONS, ("FMU", "walls"))
-        with pytest.raises(ValueError, match="walls in FMU: there is no reason"):
+        patch.delitem(REASONS, ("predictive control", "constraints"))
+        with pytest.raises(
+            ValueError, match="constraints in predictive control: there is no reason"
+        ):
             ways_to_fly()
-        patch.setitem(REASONS, ("FMU", "walls"), "")
+        patch.setitem(REASONS, ("predictive control", "constraints"), "")
         patch.setitem(REASONS, ("FMU", "pushes"), "none")
         with pytest.raises(ValueError, match="pushes in FMU: none"):
             ways_to_fly()

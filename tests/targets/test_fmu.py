@@ -27,7 +27,16 @@ from gibbs_codegen.machine.first_order import System
 
 Array = NDArray[np.float64]
 Make = Callable[[str], tuple[ModuleType, Path]]
-TEXTS = {"actuated": actuated.TEXT, "blown": blown.TEXT}
+STAND = '[[constraint]]\nname = "stand"\ntype = "point"\nframe = "tip"\n'
+PERCHED = f"{blown.TEXT.replace('blown', 'perched')}{STAND}"
+TEXTS = {"actuated": actuated.TEXT, "blown": blown.TEXT, "perched": PERCHED}
+# What acts in FMUs besides forces and torques.
+ACTING = {
+    "quadrotor": ":drag",
+    "actuated": ":drag",
+    "blown": ":drag,walls,payloads",
+    "perched": ":walls,constraints",
+}
 # Step of the flights, s.
 STEP = 0.002
 WARNINGS = [
@@ -125,10 +134,11 @@ def made(kept: Path) -> Make:
         if name in TEXTS:
             source = str(kept / f"{name}.toml")
             Path(source).write_text(TEXTS[name], encoding="utf-8")
-        targets = ["numpy", "c", "fmu"]
-        made_once(
-            folder, lambda: generate(source, folder.parent, targets, force=True, verify=False)
-        )
+        targets = ["numpy", "c", f"fmu{ACTING.get(name, '')}"]
+        options: dict[str, Any] = {"force": True, "verify": False}
+        if name == "perched":
+            options["functions"] = ["default", "constraints"]
+        made_once(folder, lambda: generate(source, folder.parent, targets, **options))
         return load(folder, backend="c"), folder
 
     return make
@@ -223,45 +233,89 @@ def test_circle_is_that_of_simulate(
     assert worst < 1e-9
 
 
+FLOOR = {"stiffness": 400.0, "damping": 8.0, "friction": 0.4, "ball_radius": 0.02}
+SCENES: dict[str, dict[str, Any]] = {
+    "blown": {
+        "wind": {
+            "velocity": [3.0, -1.0, 0.5],
+            "drag": {"base": 0.4, "tip": 0.1},
+            "rotational_drag": {"base": 0.03},
+        },
+        "payload": [{"frame": "tip", "mass": 0.3}],
+        "wall": [{"kind": "floor", "frame": ["base", "tip"], "height": 0.75, **FLOOR}],
+    },
+    "perched": {"hold": [{"constraint": "stand"}]},
+}
+PARAMETERS: dict[str, dict[str, Any]] = {
+    "blown": {
+        "wind": [3.0, -1.0, 0.5],
+        "drag": [0.4, 0.1],
+        "rotational_drag": [0.03, 0.0],
+        "payload": [0.0, 0.3],
+        "wall.point": [0, 0, 0.75] * 2,
+        "wall.normal": [0, 0, 2.0] * 2,
+        "wall.bristle_stiffness": [400.0] * 2,
+        "wall.bristle_damping": [4.0] * 2,
+        **{f"wall.{name}": [value] * 2 for name, value in FLOOR.items()},
+    },
+    "perched": {"active": [1.0]},
+}
+
+
 @pytest.mark.slow
-def test_wind_drag_and_spinning_rotors_are_those_of_simulate(
-    made: Make, opened: Callable[..., Unit]
+@pytest.mark.parametrize("version", [3, 2])
+@pytest.mark.parametrize("name", ["blown", "perched"])
+def test_what_acts_is_as_in_simulate(
+    made: Make, opened: Callable[..., Unit], name: str, version: int
 ) -> None:
-    robot, folder = made("blown")
-    wind = {"velocity": [3.0, -1.0, 0.5], "drag": {"base": 0.4, "tip": 0.1}}
-    keys = {"wind": {**wind, "rotational_drag": {"base": 0.03}}}
-    keys["integration"] = {"method": "rk4", "step": STEP, "rate": 1.0 / STEP}
+    """Wind, drag, spin, a payload, a floor with friction, and a constraint that takes hold."""
+    robot, folder = made(name)
+    keys = SCENES[name] | {"integration": {"method": "rk4", "step": STEP, "rate": 1.0 / STEP}}
     simulation, u = Simulation(robot, read_scenario("hover", keys)), np.full(5, 3.2)
-    q, v = np.array([0, 0, 1, 0, 0, 0, 1, 0.3]), np.array([0.5, 0, 0, 1, -2, 3, 0.5])
+    q, v = np.array([0, 0, 1, 0, 0, 0, 1, 0.3]), np.array([0.5, 0, -1.0, 1, -2, 3, 0.5])
     simulation.reset(q, v)
-    unit = opened(folder, 3, "coSimulation")
+    unit = opened(folder, version, "coSimulation")
     for start, values in (("q.", q), ("v.", v), ("actuators", u[:4]), ("command.", u)):
         unit.set(start, values)
-    unit.set("wind", wind["velocity"])
-    unit.set("drag", [0.4, 0.1])
-    unit.set("rotational_drag", [0.03, 0.0])
+    for start, value in PARAMETERS[name].items():
+        unit.set(start, value)
     unit.set("step_size", STEP)
     unit.begin()
+    if name == "perched":  # The impact is at the beginning.
+        assert np.abs(robot.constraint_jacobian(q) @ unit.get("v.")).max() < 1e-12
+        assert np.abs(robot.constraint_jacobian(q) @ v).max() > 0.1
+    stretched = 0.0
     for k in range(50):
         simulation.advance(u, STEP)
         unit.advance(k * STEP, STEP)
         found = unit.get("q.", "v.")
         found[3:7] /= np.linalg.norm(found[3:7])  # Its length drifts, and means nothing.
         np.testing.assert_allclose(found, [*simulation.q, *simulation.v], rtol=0.0, atol=1e-10)
+        stretched = max(stretched, np.abs(unit.get("bristles")).max())
     assert np.abs(found - [*q, *v]).max() > 0.1
+    assert name == "perched" or stretched > 1e-3
+
+
+STATES, INPUTS = ["q.", "v.", "actuators", "bristles"], ["command.", "force", "torque", "wind"]
+FIGURES = ["drag", "rotational_drag", "wall.", "payload"]
 
 
 def scattered(unit: Unit, seed: int = 0, drag: bool = False) -> np.random.Generator:
-    """Set states and inputs, or also drag, to random values, with a quaternion of unit length."""
+    """Set states and inputs, or also figures, to random values, with a quaternion of unit length.
+
+    Constraints hold.
+    """
     rng = np.random.default_rng(seed)
-    drags = ("drag", "rotational_drag") if drag else ()
-    for start in ("q.", "v.", "actuators", "command.", "force", "torque", "wind", *drags):
+    names = [*STATES, *INPUTS, *(FIGURES if drag else ())]
+    for start in names:
         size = sum(unit.sizes[name] for name in unit.parts(start))
         if size:
             unit.set(start, rng.uniform(0.2, 0.8, size))
     attitude = unit.get("q.attitude")
     if len(attitude) == 4:
         unit.set("q.attitude", attitude / np.linalg.norm(attitude))
+    if unit.parts("active"):
+        unit.set("active", [1.0])
     return rng
 
 
@@ -270,7 +324,10 @@ def scattered(unit: Unit, seed: int = 0, drag: bool = False) -> np.random.Genera
     "name",
     [
         "quadrotor",
-        *(pytest.param(n, marks=pytest.mark.slow) for n in ("hexarotor_3link", "actuated")),
+        *(
+            pytest.param(n, marks=pytest.mark.slow)
+            for n in ("hexarotor_3link", "actuated", "blown", "perched")
+        ),
     ],
 )
 def test_directional_derivatives(
@@ -280,8 +337,7 @@ def test_directional_derivatives(
     _, folder = made(name)
     unit = opened(folder, version)
     rng = scattered(unit, drag=True)
-    unknowns, knowns = ["der(", "frames.", "imu.", "loads."], ["q.", "v.", "actuators", "command."]
-    knowns += ["force", "torque", "wind", "drag", "rotational_drag"]
+    unknowns, knowns = ["der(", "frames.", "imu.", "loads."], [*STATES, *INPUTS, *FIGURES]
     present = [k for k in knowns if unit.parts(k)]
     x = np.concatenate([unit.get(k) for k in present])
     seed = rng.uniform(-1.0, 1.0, len(x))
@@ -302,7 +358,8 @@ def test_directional_derivatives(
     size = np.abs(found).max()
     np.testing.assert_allclose(found, (4 * near - far) / 3, rtol=0.0, atol=1e-7 * size)
     values(0.0)
-    unit.begin()
+    if not unit.parts("active"):  # What takes hold then changes velocities.
+        unit.begin()
     assert np.array_equal(unit.along(unknowns, present, seed), found)
 
 
@@ -321,10 +378,13 @@ def test_derivatives_are_those_of_the_program(
     unit.begin()
     times = getattr(module, "TIME_CONSTANTS", {})
     system = System(
-        Functions(module), {module.INPUTS.index(rotor): time for rotor, time in times.items()}
+        Functions(module),
+        {module.INPUTS.index(rotor): time for rotor, time in times.items()},
+        acting=("drag",),
     )
-    x, given = system.programs()["Rates of the state."].inputs
-    outputs = {"rate": system.rate(x, given), "y": system.output(x, given, 9.81)}
+    x, given, gravity = system.programs()["Rates of the state."].inputs
+    outputs = {"rate": system.rate(x, given, gravity)["slope"]}
+    outputs["y"] = system.output(x, given, 9.81)
     program = jacobian(Program("both", (x, given), outputs), ("x", "given"))
     states = ["q.", "v.", "actuators"]
     inputs = ["command.", "force", "torque", "wind", "drag", "rotational_drag"]

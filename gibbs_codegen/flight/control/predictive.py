@@ -478,9 +478,7 @@ class Predictive:
         for wall in self.walls:
             for frame in wall.frames:
                 self._frame(frame)
-        around, figures = own.under(own.push is not None, True, False)
-        contacts = tuple(replace(each, sticks=False) for each in around.contacts)
-        return replace(around, contacts=contacts), figures
+        return own.under(own.push is not None, True, False)
 
     def _figures(self, time: float) -> dict[str, Array]:
         """Figures of what acts at a time, s."""
@@ -506,11 +504,10 @@ class Predictive:
                 'backend="c", where there is a C compiler'
             )
         robot = Functions(self.module)
-        under = UNDER_WRENCHES if around.acts or robot.air else ()
-        has, under = [*robot.signatures], WITH_PAYLOADS if around.payloads else under
+        has, under = [*robot.signatures], UNDER_WRENCHES if around.acts or robot.air else ()
         needed = [
             name
-            for name in (*DERIVATIVES, *under)
+            for name in (*DERIVATIVES, *(WITH_PAYLOADS if around.payloads else under))
             if all(getattr(self.module, need, ()) for need in FUNCTIONS[name].needs)
         ]
         if lacks := [name for name in needed if name not in has]:

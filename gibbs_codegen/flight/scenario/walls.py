@@ -42,6 +42,7 @@ from gibbs_codegen.flight.scenario.numbers import (
 from gibbs_codegen.flight.scenario.parts import FRAME
 from gibbs_codegen.flight.scenario.paths import plane
 from gibbs_codegen.flight.vectors import Array
+from gibbs_codegen.machine import contact
 from gibbs_codegen.machine.base import length
 from gibbs_codegen.machine.contact import Contact
 
@@ -120,11 +121,7 @@ class Plane(_Wall):
         """A point (3), m, and the unit normal (3)."""
         return (*self.point, *_unit(self.normal))
 
-    @staticmethod
-    def surface(figures: Node, place: Node) -> tuple[Node, Node]:
-        """Depth, m, of a place (3) behind the plane, and the unit normal (3) out of it there."""
-        normal = figures[3:6]
-        return dot(normal, figures[:3] - place), normal
+    surface = staticmethod(contact.plane)
 
     @staticmethod
     def patch(figures: Array, middle: Array, half: float) -> Array:

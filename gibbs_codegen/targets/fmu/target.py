@@ -38,8 +38,8 @@ from gibbs_codegen.targets.fmu.variables import STEP, Variable, base_units, vari
 from gibbs_codegen.targets.printers import Context, CPrinter, Lines
 from gibbs_codegen.version import __version__
 
-# What its programs call, where the robot has it.
-CALLED = (
+# What its programs call, where the robot has it, and what else they do by what is to act.
+_CALLED = (
     "forward_dynamics_with_wrenches",
     "forward_dynamics_with_wrenches_jvp",
     "frame_poses",
@@ -49,6 +49,14 @@ CALLED = (
     *(f"{x}{y}" for x in ("inputs_of", "actuator_rates") for y in ("", "_derivatives")),
     *(f"rotor_speeds{y}" for y in ("", "_derivatives")),
 )
+_ACTING = {
+    "walls": ("kinetic_energy", "potential_energy", "inverse_dynamics", "forward_dynamics"),
+    "constraints": (
+        *(f"constrained_forward_dynamics{y}" for y in ("", "_derivatives")),
+        *(f"impact{y}" for y in ("", "_derivatives")),
+        *("forward_dynamics", "forward_dynamics_jvp"),
+    ),
+}
 # Folders of libraries by system and processor: those of FMI 3.0, and those of 2.0 that there are.
 _FOLDERS = {
     ("linux", "x86_64"): ("x86_64-linux", "linux64"),
@@ -71,14 +79,26 @@ _TIME = (1980, 1, 1, 0, 0, 0)
 _log = logging.getLogger("gibbs_codegen")
 
 
-def archives(model: Model, header: Lines) -> dict[str, bytes]:
-    """The FMUs of a model by the names of their files: of FMI 3.0, and of FMI 2.0."""
+def called(acting: Iterable[str] = ()) -> tuple[str, ...]:
+    """Names of the functions that an FMU calls in which some of `ACTING` acts."""
+    return (*_CALLED, *(name for each in acting for name in _ACTING.get(each, ())))
+
+
+def archives(model: Model, header: Lines, acting: tuple[str, ...] = ()) -> dict[str, bytes]:
+    """The FMUs of a model by the names of their files: of FMI 3.0, and of FMI 2.0.
+
+    `acting` are some of `ACTING`. Raises `UsageError` for constraints that there are not.
+    """
     name = model.robot.name
-    model = _reduced(model)
+    if "constraints" in acting and not model.lists.get("CONSTRAINTS"):
+        raise UsageError(
+            f"--target fmu:constraints: {name} has no [[constraint]]; leave constraints out"
+        )
+    model = _reduced(model, acting)
     times = {} if model.robot.has_actuators else model.description.constants["TIME_CONSTANTS"]
     places = {entry.name: place for place, entry in enumerate(model.description.inputs)}
     lags = {places[k]: time for k, time in times.items()}
-    system = System(Functions(model.listing), lags, *_spins(model.robot, model.description))
+    system = System(Functions(model.listing), lags, *_spins(model.robot, model.description), acting)
     module = c_target.module_text(model, CPrinter(), header, blocks=False)
     module |= {"patterns": [], "sparse": []}
     programs = [CFunction(program, words) for words, program in system.programs().items()]
@@ -141,10 +161,10 @@ def _spins(
     return tuple(spins), tuple(momenta)
 
 
-def _reduced(model: Model) -> Model:
+def _reduced(model: Model, acting: tuple[str, ...]) -> Model:
     """A model with the functions that an FMU calls."""
-    called = {*chosen_functions(CALLED)}
-    own = [(function, each.name) for function, each in model.derived if each.name in called]
+    chosen = {*chosen_functions(called(acting))}
+    own = [(function, each.name) for function, each in model.derived if each.name in chosen]
     functions, names = zip(*own, strict=True)
     program = replace(model.program, functions=functions)
     return replace(model, functions=names, program=program, laws=())
@@ -159,7 +179,7 @@ def _token(texts: Iterable[str]) -> str:
 def _numbers(model: Model, variables: Sequence[Variable]) -> Context:
     """What the source is given of the values: how many there are, starts, lengths."""
     sizes, start, lengths = Counter[str](), ["0.0"], ["1"]
-    gravity = "0.0"
+    gravity, holds = "0.0", 0
     for each in variables:
         sizes[each.kind] += each.size
         lengths += [str(each.size), *["0"] * (each.size - 1)]
@@ -167,12 +187,15 @@ def _numbers(model: Model, variables: Sequence[Variable]) -> Context:
             start += map(repr, each.start or (0.0,) * each.size)
         if each.name == "parameters.gravity":
             gravity = f"values[{each.place}]"
+        if each.name == "active":
+            holds = each.place
     return {
         "states": sizes["state"],
         "inputs": sizes["input"] + sizes["figure"],
         "parameters": sizes["parameter"],
         "outputs": sizes["output"],
         "gravity": gravity,
+        "holds": holds,
         "start": in_braces(start),
         "lengths": in_braces(lengths),
         "source": "\n".join(map(c_source, ("fmu.c", "fmi3.c", "fmi2.c"))),

@@ -11,6 +11,8 @@ import re
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from gibbs_codegen.machine.first_order import System
 from gibbs_codegen.program.model import Model
 from gibbs_codegen.robot.description import Coordinate
@@ -29,12 +31,27 @@ _OUTPUTS = {
     "loads.force": ("N", "forces through the joints of the bodies, at them, the bodies' axes"),
     "loads.torque": ("N m", "torques through the joints of the bodies, likewise"),
 }
-_GIVEN = {
-    "force": ("N", "forces on the frames at their origins, world axes"),
-    "torque": ("N m", "torques on the frames, world axes"),
-    "wind": ("m/s", "velocity of the air, world axes"),
-    "drag": ("N s/m", "coefficients of the drag of frames: force by velocity against the air"),
-    "rotational_drag": ("N m s/rad", "coefficients of the drag of frames against turning"),
+# Inputs and tunable parameters of what acts, with what their entries are at the start.
+_Acting = dict[str, tuple[str, float | tuple[float, ...], str]]
+_INPUTS: _Acting = {
+    "force": ("N", 0.0, "forces on the frames at their origins, world axes"),
+    "torque": ("N m", 0.0, "torques on the frames, world axes"),
+    "wind": ("m/s", 0.0, "velocity of the air, world axes"),
+}
+_FIGURES: _Acting = {
+    "drag": ("N s/m", 0.0, "coefficients of the drag of frames: force by velocity against the air"),
+    "rotational_drag": ("N m s/rad", 0.0, "coefficients of the drag of frames against turning"),
+    "wall.ball_radius": ("m", 0.0, "radii of balls about the frames, which meet their walls"),
+    "wall.stiffness": ("N/m", 0.0, "force by depth in the wall of each frame; 0 is no wall"),
+    "wall.damping": ("N s/m", 0.0, "force by speed into the wall"),
+    "wall.dissipation": ("s/m", 0.0, "share by which the force grows with that speed"),
+    "wall.friction": ("1", 0.0, "coefficients of friction"),
+    "wall.bristle_stiffness": ("N/m", 1e4, "force by the way along the wall of what sticks"),
+    "wall.bristle_damping": ("N s/m", 1e2, "force by speed along the wall of what sticks"),
+    "wall.point": ("m", (0.0, 0.0, 0.0), "a point of the wall of each frame, world axes"),
+    "wall.normal": ("1", (0.0, 0.0, 1.0), "directions in which walls push, world axes"),
+    "payload": ("kg", 0.0, "masses at the origins of the frames"),
+    "active": ("1", 0.0, "1 where a constraint of the robot holds, else 0"),
 }
 # Exponents of SI units in what units are made of; an hour is greater than a second by a factor.
 _SI: dict[str, dict[str, int]] = {
@@ -122,12 +139,13 @@ def _inputs(model: Model, system: System) -> Iterator[Variable]:
     for name, part in (("rotors", commands[:rotors]), ("joints", commands[rotors:])):
         values = [start.get(each.name, 0.0) for each in part]
         yield from _parted(f"command.{name}", "input", part, values)
-    for (name, (unit, words)), shape in zip(
-        _GIVEN.items(), [*system.given.values()][1:], strict=True
-    ):
-        axes = (AXES,) if name == "wind" else (description.frames, AXES)[: len(shape)]
-        kind = "figure" if "drag" in name else "input"
-        yield Variable(name, kind, 0, unit, words, axes, (0.0,) * math.prod(shape))
+    rows = {"wind": AXES, "active": model.lists.get("CONSTRAINTS", ())}
+    for name, shape in [*system.given.items()][1:]:
+        axes = (tuple(rows.get(name, description.frames)), AXES)[: len(shape)]
+        kind = "input" if name in _INPUTS else "figure"
+        unit, first, words = (_INPUTS | _FIGURES)[name]
+        values = np.broadcast_to(first, shape).ravel().tolist()
+        yield Variable(name, kind, 0, unit, words, axes, tuple(values))
 
 
 def _others(model: Model) -> Iterator[Variable]:
@@ -160,6 +178,10 @@ def _states(model: Model, system: System) -> Iterator[Variable]:
     rest = _actuators_at_rest(model)
     values = [rest.get(each.name, 0.0) for each in actuators]
     yield from _parted("actuators", "state", actuators, values)
+    if "walls" in system.acting:
+        words = "what holds frames that stick to their walls: how far it is stretched, world axes"
+        start = (0.0,) * (3 * len(description.frames))
+        yield Variable("bristles", "state", 0, "m", words, (description.frames, AXES), start)
 
 
 def _actuators_at_rest(model: Model) -> dict[str, float]:
