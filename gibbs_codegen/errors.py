@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from difflib import get_close_matches
 from importlib import import_module
 from typing import NamedTuple
@@ -175,6 +175,20 @@ class SingularRobotError(GibbsCodegenError):
 
 class UsageError(GibbsCodegenError):
     """A request that cannot be met as it was put: an unknown name, target or folder."""
+
+
+def check_all(checks: Iterable[Callable[[], object]]) -> None:
+    """Run checks, and raise what the only one raises that fails, or all of their messages."""
+    faults = list[UsageError]()
+    for check in checks:
+        try:
+            check()
+        except UsageError as fault:
+            faults.append(fault)
+    if len(lines := [*dict.fromkeys(map(str, faults))]) > 1:
+        raise UsageError("\n".join(lines))
+    for fault in faults:
+        raise fault
 
 
 def require(library: str, for_what: str, extra: str = "") -> None:

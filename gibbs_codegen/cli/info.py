@@ -67,8 +67,8 @@ def run(options: argparse.Namespace) -> int:
 def _machine_facts(robot: Robot) -> dict[str, Any]:
     """Masses, hover, warnings, links, rotors and frames, in values that JSON can hold."""
     base, whole, balance = base_properties(robot), whole_properties(robot), hover(robot)
-    reach = _reach(robot, balance)
-    commands = None if balance.thrusts is None else hover_commands(robot, balance.thrusts)
+    reach, thrusts = _reach(robot, balance), balance.thrusts or balance.lifting
+    commands = hover_commands(robot, thrusts) if thrusts else None
     margins = None if reach is None or reach.margins is None else reach.margins.tolist()
     return {
         "mass": robot.total_mass,

@@ -28,11 +28,12 @@ import math
 import os
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import partial
 from types import ModuleType
 
 import numpy as np
 
-from gibbs_codegen.errors import UsageError
+from gibbs_codegen.errors import UsageError, check_all
 from gibbs_codegen.flight.control.choice import check_control, control_law, law_of
 from gibbs_codegen.flight.control.sampled_control import OwnController, law_in_time
 from gibbs_codegen.flight.desired.timing import limits_of
@@ -171,16 +172,25 @@ def uncontrolled(scenario: Scenario) -> Scenario:
 
 
 def check_scenario(robot: RobotData, scenario: Scenario) -> None:
-    """Raise `UsageError` for what a robot cannot fly, as far as its constants show."""
-    check_path(scenario.base, scenario.duration, "the path of the base")
+    """Raise `UsageError` with all that a robot cannot fly, as far as its constants show."""
+    paths = {"the path of the base": scenario.base}
     for name, path in scenario.arm.paths.items():
-        check_path(path, scenario.duration, f"the path of {'the tip' if name == 'tip' else name}")
-    check_arm(robot, scenario)
-    limits_of(robot, scenario)
-    check_charge(robot, scenario.start.charge)
-    check_surroundings(robot, scenario)
-    if scenario.sensors:
-        frames_of_sensors(robot, scenario.sensors)
+        paths[f"the path of {'the tip' if name == 'tip' else name}"] = path
+    check_all(
+        [
+            *(partial(check_path, x, scenario.duration, name) for name, x in paths.items()),
+            partial(check_arm, robot, scenario),
+            partial(limits_of, robot, scenario),
+            partial(check_charge, robot, scenario.start.charge),
+            partial(check_surroundings, robot, scenario),
+            *([partial(frames_of_sensors, robot, scenario.sensors)] if scenario.sensors else []),
+            partial(_check_law, robot, scenario),
+        ]
+    )
+
+
+def _check_law(robot: RobotData, scenario: Scenario) -> None:
+    """Raise `UsageError` for a law that the robot does not serve."""
     law = None
     if not robot.rotors_move:  # What they command is known before there is a motion.
         law = scenario.control.law  # A plan is about hover: rotors must serve one of the others.
@@ -193,7 +203,7 @@ def _check_functions(module: ModuleType, scenario: Scenario) -> None:
     """Raise `MissingFunctionError` with all functions on request that a module lacks."""
     names = [*HOLDING] if scenario.holds else []
     if scenario.control.law == PREDICTIVE:
-        pressed = scenario.control.force is not None or hasattr(module, "ROTOR_AIR")
+        pressed = scenario.control.force is not None or bool(getattr(module, "ROTOR_AIR", ()))
         names += [*DERIVATIVES, *(UNDER_WRENCHES if pressed else ())]
     has = {name: all(getattr(module, x, ()) for x in FUNCTIONS[name].needs) for name in names}
     require_functions(module, [name for name in names if has[name]])

@@ -69,8 +69,8 @@ def given(robot: Functions, parts: Parts) -> dict[str, Node]:
       step, after half of it, and at its end
     - `wrenches` (frames, 6): on the frames, as of `forward_dynamics_with_wrenches`
     - `lowest` and `highest` (nq + nv): the least and the greatest q and v
-    - `wind` (3, 3): velocities of the air at the start of a step, after half of it and at its end;
-      `drag` (frames, 6) coefficients of the frames
+    - `wind` (3): steady velocity of the air; `drag` (frames, 6) coefficients of the frames; `gusts`
+      (3, 3): what gusts add to it at the start of a step, after half of it and at its end
     - `payloads` (p): masses, kg, and `gravity` (3), m/s²
     """
     n, m, inputs = robot.space.coordinates, robot.space.velocities, robot.inputs
@@ -89,7 +89,8 @@ def given(robot: Functions, parts: Parts) -> dict[str, Node]:
     if parts.bounds:
         found += [variable(name, n + m, uniform=True) for name in ("lowest", "highest")]
     if parts.around.wind:
-        found += [variable("wind", 3, 3), variable("drag", robot.frames, 6)]
+        found += [variable("wind", 3), variable("drag", robot.frames, 6)]
+        found += [variable("gusts", 3, 3)] if parts.around.gusts else []
     if parts.around.payloads:
         found += [variable("payloads", len(parts.around.payloads)), variable("gravity", 3)]
     return {x.operation.name: x for x in found if isinstance(x.operation, Input)}
@@ -106,7 +107,7 @@ def rollout_step(
     above 0, the step has taken a state out of bounds. With `has_thrusts` it has thrusts without lag
     too, which are those commanded.
     """
-    own, around = given(robot, parts), parts.around
+    own, around = given(robot, parts), replace(parts.around, gusts=0)
     machines = [Machine(robot, _figures(parts, own, halves), around) for halves in range(3)]
     machine = machines[0]
     rotors = robot.lagging if "lag" in own or has_thrusts else 0
@@ -186,8 +187,8 @@ def _figures(parts: Parts, own: dict[str, Node], halves: int) -> Callable[..., N
     def figure(name: str, *shape: int) -> Node:
         if name == "push":
             return own["wrenches"]
-        if name == "wind":
-            return own["wind"][halves]
+        if name == "wind" and "gusts" in own:
+            return own["wind"] + own["gusts"][halves]
         if name in own:
             return own[name]
         return constant(np.reshape(known[name], shape))

@@ -141,16 +141,17 @@ class Hover:
     """Thrusts in N of least norm that carry the robot, level and at rest; None where none do.
 
     Where none do although some carry the weight, `moment` (N m, about the base centre, in the
-    base's axes) is what these leave at least. `margin` is how many times its weight the robot may
-    have before a rotor meets its limits, None where they are not all given or do not let it hover
-    at any weight, or where it was not asked for. `beyond` are the numbers of the rotors whose
-    limits the thrusts of least norm break.
+    base's axes) is what these leave at least, and `lifting` are those that leave it. `margin` is
+    how many times its weight the robot may have before a rotor meets its limits, None where they
+    are not all given or do not let it hover at any weight, or where it was not asked for. `beyond`
+    are the numbers of the rotors whose limits the thrusts of least norm break.
     """
 
     thrusts: tuple[float, ...] | None
     margin: float | None
     beyond: tuple[int, ...]
     moment: tuple[float, ...] | None = None
+    lifting: tuple[float, ...] | None = None
 
 
 def hangs(robot: Robot) -> bool:
@@ -182,8 +183,10 @@ def hover(robot: Robot, margin: bool = True) -> Hover:
         if np.abs(forces @ thrusts - needed[:3]).max() > 1e-9 * size:
             return Hover(None, None, ())
         left = needed[3:] - moments @ thrusts
-        left -= moments @ idle @ np.linalg.lstsq(moments @ idle, left, rcond=1e-9)[0]
-        return Hover(None, None, (), tuple(map(float, posture.rounded(left, size))))
+        turning = idle @ np.linalg.lstsq(moments @ idle, left, rcond=1e-9)[0]
+        pair = left - moments @ turning, thrusts + turning
+        rounded = (tuple(map(float, posture.rounded(x, size))) for x in pair)
+        return Hover(None, None, (), *rounded)
     found = tuple(map(float, posture.rounded(thrusts, size)))
     limits = [drive.thrust_limits for drive in robot.drives]
     beyond = [
@@ -349,9 +352,11 @@ def hover_lines(robot: Robot, found: Hover) -> list[str]:
     elif robot.moving:
         where += ", joints at zero"
     how = f"of least norm, {where}"
-    if found.moment is not None:
+    if found.moment is not None and (lifting := found.lifting) is not None:
         left = ", ".join(map(number, found.moment))
-        return [f"hover thrusts: none hold it level: a moment of {left} N m is left ({where})"]
+        lines = [f"hover thrusts: none hold it level: a moment of {left} N m is left ({where})"]
+        lines.append(f"thrusts that carry the weight: {_values(lifting)} N")
+        return lines + _command_lines(robot, hover_commands(robot, lifting))
     if found.thrusts is None:
         return [f"hover thrusts: none carry the weight ({how})"]
     lines = [f"hover thrusts: {_values(found.thrusts)} N, {how}"]

@@ -156,7 +156,12 @@ def test_what_thrusts_leave_that_carry_the_weight_is_told() -> None:
     assert found.thrusts is None
     assert found.moment == pytest.approx((0.0, 2.0, 0.0))
     line = "hover thrusts: none hold it level: a moment of 0, 2, 0 N m is left (level)"
-    assert balance_lines(one)[2:] == [line]
+    assert found.lifting == pytest.approx((20.0,))
+    lifts = "thrusts that carry the weight: 20 N"
+    assert balance_lines(one)[2:] == [line, lifts]
+    keys = 'command = "throttle"\nfull_speed = 900\nmax_thrust = 80\n'
+    throttled = parse_robot(f"gravity = 10\n{text.replace('limits = [0, 9]', keys)}")
+    assert balance_lines(throttled)[2:] == [line, lifts, "hover throttle: 50 %; 50 % are left"]
     two = parse_robot(f"{text}[[rotor]]\nposition = [0.05, 0, 0]\nlimits = [0, 9]\n")
     assert hover(two).moment is None
     assert (

@@ -11,7 +11,7 @@ from functools import partial
 
 import numpy as np
 
-from gibbs_codegen.errors import UsageError
+from gibbs_codegen.errors import UsageError, check_all
 from gibbs_codegen.flight.attitude import SingularAttitudeError, Turning
 from gibbs_codegen.flight.desired import timing
 from gibbs_codegen.flight.desired.base_trajectory import check_times, desired_base, knots
@@ -176,7 +176,7 @@ def check_arm(vehicle: RobotData, scenario: Scenario) -> Actuators:
     Raises `UsageError` for joints and frames that are not there, and beyond limits.
     """
     task = scenario.arm
-    _check_units(vehicle, task)
+    check_all(partial(_check_unit, vehicle, *named) for named in sorted(task.named))
     actuators = actuators_of(vehicle, scenario)
     limits = actuators.joints[0], actuators.joints[1]
     if task.posture is not None:
@@ -196,17 +196,14 @@ def check_arm(vehicle: RobotData, scenario: Scenario) -> Actuators:
     return actuators
 
 
-def _check_units(vehicle: RobotData, task: ArmTask) -> None:
+def _check_unit(vehicle: RobotData, name: str, table: str) -> None:
     """Raise `UsageError` if an angle was given as a travel, or a travel as an angle."""
-    for name, table in sorted(task.named):
-        unit = vehicle.layout.q.units[vehicle.arm][joint_place(vehicle, name, f"arm.{table}")]
-        if (unit == "rad") == table.endswith("_deg"):
-            continue
-        revolute, prismatic = ("revolute", "end in _deg"), ("prismatic", "do not end in _deg")
+    unit = vehicle.layout.q.units[vehicle.arm][joint_place(vehicle, name, f"arm.{table}")]
+    if (unit == "rad") != table.endswith("_deg"):
+        revolute = "revolute", f"{table}_deg.{name}, in degrees"
+        prismatic = "prismatic", f"{table.removesuffix('_deg')}.{name}, in m"
         kind, place = revolute if unit == "rad" else prismatic
-        raise UsageError(
-            f"arm.{table}.{name}: the joint is {kind}, and belongs in the tables that {place}"
-        )
+        raise UsageError(f"arm.{table}.{name}: the joint is {kind}; give it as arm.{place}")
 
 
 def _check_rates(vehicle: Vehicle, motion: Motion, most: Array | float) -> None:
@@ -234,28 +231,31 @@ def _joint_values(vehicle: RobotData, values: Mapping[str, float], table: str) -
 def _check_limits(
     vehicle: RobotData,
     task: ArmTask,
-    key: str,
+    table: str,
     values: Array,
     limits: JointBounds,
     joints: Iterable[str],
 ) -> None:
-    """Raise `UsageError` for the first of some joints whose value (n) is outside its limits.
+    """Raise `UsageError` for those of some joints whose value (n) is outside its limits.
 
-    `key` of the scenario file's arm table gives the values; angles of a file are told in degrees.
+    `table` of the scenario file's arm table gives the values; angles of a file are told in degrees.
     """
+    faults = []
     for name in joints:
         joint = joint_place(vehicle, name)
         value, lower, upper = values[joint], limits[0][joint], limits[1][joint]
         if not lower <= value <= upper:
-            unit = f" {vehicle.layout.q.units[vehicle.arm][joint]}"
+            key, unit = table, f" {vehicle.layout.q.units[vehicle.arm][joint]}"
             if task.named and unit == " rad":
                 key, unit = f"{key}_deg", "°"
                 value, lower, upper = np.degrees([value, lower, upper])
             hint = "" if value else "; a joint left out of a posture is at 0"
-            raise UsageError(
+            faults.append(
                 f"arm.{key}.{name}: {value:.6g}{unit} is outside its limits, "
                 f"{lower:.6g} to {upper:.6g}{unit}{hint}"
             )
+    if faults:
+        raise UsageError("\n".join(faults))
 
 
 # Factor between durations that are tried, how many of them, and halvings of the last interval.

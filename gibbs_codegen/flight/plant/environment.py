@@ -18,13 +18,13 @@ from __future__ import annotations
 import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from gibbs_codegen.errors import UsageError, near, printable
+from gibbs_codegen.errors import UsageError, check_all, near, printable
 from gibbs_codegen.flight.plant.actuators import module_actuators
 from gibbs_codegen.flight.plant.vehicle import Array, Flags, RobotData, Vehicle
 from gibbs_codegen.flight.scenario.file import AnyScenario, read_scenario
@@ -90,23 +90,29 @@ def check_surroundings(vehicle: RobotData, scenario: Scenario) -> None:
     on += [(f"wall {k}: frame", x) for k, wall in enumerate(scenario.walls, 1) for x in wall.frames]
     for key in ("drag", "rotational_drag") if scenario.wind else ():
         on += [(f"wind.{key}", frame) for frame in getattr(scenario.wind, key)]
-    for key, frame in on:
-        vehicle.frame_place(frame, key)
+    holds = enumerate(scenario.holds, start=1)
+    check_all(
+        [
+            *(partial(vehicle.frame_place, frame, key) for key, frame in on),
+            *(partial(_check_hold, vehicle, scenario, f"hold {k}", hold) for k, hold in holds),
+        ]
+    )
+
+
+def _check_hold(vehicle: RobotData, scenario: Scenario, where: str, hold: Hold) -> None:
     known = getattr(vehicle.module, "CONSTRAINTS", ())
-    for place, hold in enumerate(scenario.holds, start=1):
-        where = f"hold {place}"
-        if hold.constraint not in known:
-            names = f"its constraints: {', '.join(known)}" if known else "it has no [[constraint]]"
-            hint = near(hold.constraint, known) or ";"
-            words = f"{vehicle.name} has no {printable(hold.constraint)}{hint} {names}"
-            raise UsageError(f"{where}: constraint: {words}")
-        for number, each in enumerate(scenario.payloads, start=1):
-            if (first := max(each.begin, hold.begin)) < min(each.end, hold.end):
-                raise UsageError(
-                    f"{where}: at t = {first:g} s {hold.constraint} holds, and payload {number} is "
-                    "there too, which no flight can have together: end one before the other "
-                    "begins, or leave the payload out and add its mass to a link's in [plant]"
-                )
+    if hold.constraint not in known:
+        names = f"its constraints: {', '.join(known)}" if known else "it has no [[constraint]]"
+        hint = near(hold.constraint, known) or ";"
+        words = f"{vehicle.name} has no {printable(hold.constraint)}{hint} {names}"
+        raise UsageError(f"{where}: constraint: {words}")
+    for number, each in enumerate(scenario.payloads, start=1):
+        if (first := max(each.begin, hold.begin)) < min(each.end, hold.end):
+            raise UsageError(
+                f"{where}: at t = {first:g} s {hold.constraint} holds, and payload {number} is "
+                "there too, which no flight can have together: end one before the other "
+                "begins, or leave the payload out and add its mass to a link's in [plant]"
+            )
 
 
 @dataclass(frozen=True)

@@ -53,9 +53,10 @@ class RolloutSurroundings:
         middle = times + 0.5 * dt
         if environment.wind is not None:
             loads["drag"] = environment.figures["drag"][np.newaxis, np.newaxis]
-            loads["wind"] = self.wind[:, np.newaxis, np.newaxis] + _gusts(
-                environment.figures["gusts"], times[..., np.newaxis] + dt * np.array([0, 0.5, 1])
-            )
+            loads["wind"] = self.wind[:, np.newaxis]
+        if self.around.gusts:
+            stages = times[..., np.newaxis] + dt * np.array([0, 0.5, 1])
+            loads["gusts"] = _gusts(environment.figures["gusts"], stages)
         if environment.payload:
             carried = _shortest(environment.carries(middle))
             loads["payloads"] = self.masses[:, np.newaxis] * carried
@@ -67,8 +68,6 @@ class RolloutSurroundings:
 
 def _gusts(gusts: Array, times: Array) -> Array:
     """Velocities (…, 3) of gusts (g, 5) at times (1 or n, steps, 3), s."""
-    if not len(gusts):
-        return np.zeros((1, 1, 3, 3))
     blown: Array = _wind(len(gusts))({"time": times, "gusts": gusts})["wind"]
     return blown
 
@@ -138,7 +137,7 @@ def rollout_surroundings(
     if frames:
         usual = [payload.mass for payload in environment.payload]
         masses = arguments.masses("payloads", usual if masses is None else masses, len(frames))
-    around = replace(environment.around, gusts=0, payloads=frames)
+    around = replace(environment.around, payloads=frames)
     return RolloutSurroundings(around, fixed, environment.wall, surroundings, wind, masses)
 
 

@@ -100,6 +100,13 @@ def test_the_paper_s_motion_takes_no_more_knots_and_little_time(hexa: Vehicle) -
             ),
             "arm.posture_deg.theta_8: 170° is outside its limits, -57.2958 to 150°",
         ),
+        (
+            ArmTask(
+                posture={"theta_7": 9.0, "theta_8": 8.0},
+                limits={"theta_7": (-1.0, 1.0), "theta_8": (-1.0, 1.0)},
+            ),
+            "(?s)arm.posture.theta_7: 9 rad is outside .*\narm.posture.theta_8: 8 rad is outside",
+        ),
         (ArmTask(posture={"theta_3": 0.0}), "arm.posture.theta_3: .* has no joint theta_3"),
         (
             ArmTask(posture={"theta_3": 0.0}, named=frozenset({("theta_3", "posture_deg")})),
@@ -107,7 +114,7 @@ def test_the_paper_s_motion_takes_no_more_knots_and_little_time(hexa: Vehicle) -
         ),
         (
             ArmTask(posture={"theta_7": 0.0}, named=frozenset({("theta_7", "posture")})),
-            "arm.posture.theta_7: the joint is revolute, and belongs in the tables that end",
+            "arm.posture.theta_7: the joint is revolute; give it as arm.posture_deg.theta_7",
         ),
     ],
 )

@@ -527,6 +527,14 @@ def test_every_compiled_step_is_that_of_python(fast: Load) -> None:
             {"wall": [{"frame": "x", "point": [0] * 3, "normal": [1, 0, 0], "stiffness": 1}]},
             r"wall 1: frame: hexarotor_3link has no frame x; its frames: base, tip",
         ),
+        (
+            {
+                "payload": [{"frame": "tipp", "mass": 1}],
+                "hold": [{"constraint": "stand"}],
+                "arm.posture_deg": {"elbow": 1},
+            },
+            "(?s)arm.posture_deg.elbow: .*\npayload 1: frame: .*\nhold 1: constraint: ",
+        ),
         ({"wind": {"drag": {"arm": 1}}}, r"wind.drag: hexarotor_3link has no frame arm"),
         (
             {"wind": {"drag": {"base": 1}, "rotational_drag": {"arm": 1}}},
