@@ -187,8 +187,8 @@ def check_all(checks: Iterable[Callable[[], object]]) -> None:
             faults.append(fault)
     if len(lines := [*dict.fromkeys(map(str, faults))]) > 1:
         raise UsageError("\n".join(lines))
-    for fault in faults:
-        raise fault
+    if faults:
+        raise faults[0]
 
 
 def require(library: str, for_what: str, extra: str = "") -> None:
