@@ -117,7 +117,7 @@ def _fmu(flown: Flown) -> list[Node]:
         for name, shape in system.given.items()
     ]
     flat = join(*(reshaped(x, (math.prod(x.shape),)) for x in given))
-    return [system.rate(variable("x", system.size), flat, constant(1.0))["slope"]]
+    return [system.rate(variable("x", system.size), flat)["slope"]]
 
 
 def _linear(flown: Flown) -> list[Node]:

@@ -158,7 +158,8 @@ class ClosedLoop:
 
         first_effects = zeros(3 + 6 * len(self.around.contacts))
         whole = classical_step(rate, join(x, first_effects), h)
-        x_next = self._held(self._passive(x, whole[: self.size], whole[self.size :]))
+        after_step = self._passive(x, whole[: self.size], whole[self.size :])
+        x_next = impacts.held(self.machine, self.layout, after_step)
         first, *others = stages
         ended = self._ended(self._instant(after, self._curves_at(after)), x_next)
         outputs = {"x_next": x_next, "ended": ended}
@@ -174,23 +175,13 @@ class ClosedLoop:
         outputs = {name: step.outputs[name] for name in ("x_next", "refused")}
         return self._program("after", step.inputs[:3], outputs)
 
-    def _held(self, x: Node) -> Node:
-        """A state with velocities that active constraints allow, so that places do not drift."""
-        rigid, active = constant(self.plant.rigid), self.machine.active
-        if active is None or not any(self.plant.rigid):
-            return x
-        (q, v, *_), places = self.parts(x), self.layout.places
-        after, _ = self.plant.impact(q, v, active * rigid)
-        return join(x[places.q], after, x[places.v.stop :])
-
     def _passive(self, x: Node, after: Node, done: Node) -> Node:
         """The state after a step, without the energy that contacts gained by what they did."""
         if not self.around.contacts:
             return after
         place = self.layout.places.work.start
         others = after[place] - x[place] - done[0]
-        moved = impacts.passive(self.machine, [*map(self.parts, (x, after))], others, done)
-        return join(*moved, after[place:])
+        return impacts.without_gains(self.machine, self.layout, (x, after), others, done)
 
     def slope(self) -> Program:
         """The time derivative `rate` of x at a time, with `refused` and `inputs` as of a step.

@@ -39,13 +39,11 @@ from gibbs_codegen.machine.surroundings import origin_of, rotation_of
 Shapes = Mapping[str, tuple[int, ...]]
 # What may act besides forces and torques.
 ACTING = ("drag", "walls", "payloads", "constraints")
-# Figures of walls before point and normal, one of each for a frame, in the order of contacts.
+# Figures of the wall of a frame before its point and normal.
 _WALL = (
     *("ball_radius", "stiffness", "damping", "dissipation", "friction"),
     *("bristle_stiffness", "bristle_damping"),
 )
-# Figures of the machine that are as they are given.
-_FIGURES = {"wind": "wind", "payloads": "payload"}
 # The square of a length that is none.
 _NO_DIRECTION = 1e-30
 # Acceleration of gravity, m/s².
@@ -80,16 +78,19 @@ class System:
     @property
     def given(self) -> Shapes:
         """Shapes of what is given, in its order."""
-        frames, drags = self.robot.frames, "drag" in self.acting
-        found: dict[str, tuple[int, ...]] = {"command": (self.robot.inputs,)}
-        found |= {"force": (frames, 3), "torque": (frames, 3)}
-        found |= {"wind": (3,)} if drags or self.robot.air else {}
-        found |= {"drag": (frames,), "rotational_drag": (frames,)} if drags else {}
-        if "walls" in self.acting:
-            found |= {f"wall.{name}": (frames,) for name in _WALL}
-            found |= {"wall.point": (frames, 3), "wall.normal": (frames, 3)}
-        found |= {"payload": (frames,)} if "payloads" in self.acting else {}
-        return found | ({"active": (self.robot.constraints,)} if self._holds else {})
+        frames, acting = self.robot.frames, self.acting
+        shapes: dict[str, tuple[int, ...]] = {"command": (self.robot.inputs,)}
+        shapes |= dict.fromkeys(("force", "torque"), (frames, 3))
+        if "drag" in acting or self.robot.air:
+            shapes["wind"] = (3,)
+        if "drag" in acting:
+            shapes |= dict.fromkeys(("drag", "rotational_drag"), (frames,))
+        if "walls" in acting:
+            shapes |= dict.fromkeys((f"wall.{name}" for name in _WALL), (frames,))
+            shapes |= dict.fromkeys(("wall.point", "wall.normal"), (frames, 3))
+        if "payloads" in acting:
+            shapes["payloads"] = (frames,)
+        return shapes | ({"active": (self.robot.constraints,)} if self._holds else {})
 
     @property
     def _holds(self) -> bool:
@@ -113,23 +114,22 @@ class System:
 
     def programs(self) -> dict[str, Program]:
         """The programs by what they do, of x, `given`, the gravity, m/s², and the step h, s."""
-        x, given, gravity = variable("x", self.size), variable("given", self.length), GRAVITY
-        told = x, given, gravity
-        h, rate = variable("h"), self._rate_program(*told)
+        x, given = variable("x", self.size), variable("given", self.length)
+        inputs, h, rate = (x, given, GRAVITY), variable("h"), self._rate_program(x, given)
 
         def growth(x: Node, halves: int = 0) -> Node:
-            return join(*rate.results(x[: self.size], given, gravity).values())
+            return join(*rate.results(x[: self.size], given, GRAVITY).values())
 
-        y = self.output(*told)
-        whole = Program("system", told, {"slope": self.rate(*told)["slope"], "y": y})
-        begin = join(x, zeros(rate.outputs["done"].size)) if "done" in rate.outputs else x
+        y = self.output(x, given)
+        whole = Program("system", inputs, {"slope": self.rate(x, given)["slope"], "y": y})
+        begin = join(x, zeros(growth(x).size - self.size))
         after = self._kept(x, classical_step(growth, begin, h), given)
-        slope = rate.results(*told)["slope"]
-        found = {
-            "Rates of the state.": Program("rates", told, {"slope": slope}),
-            "Outputs.": Program("outputs", told, {"y": y}),
+        slope = rate.results(*inputs)["slope"]
+        programs = {
+            "Rates of the state.": Program("rates", inputs, {"slope": slope}),
+            "Outputs.": Program("outputs", inputs, {"y": y}),
             "The state after h by the classical method of Runge and Kutta.": Program(
-                "step", (*told, h), {"x_next": after}
+                "step", (*inputs, h), {"x_next": after}
             ),
             "Derivatives of rates and outputs along directions.": along(
                 whole, ("x", "given"), "derivatives"
@@ -137,93 +137,76 @@ class System:
         }
         if self._holds:
             machine = self._machine(given)
-            held = self._held(machine, x, machine.active)
-            found["The state once active constraints have taken hold."] = Program(
-                "take_hold", (x, given), {"x_next": held}
+            after = impacts.after_impact(machine, machine.layout(), x, machine.active)
+            programs["The state once active constraints have taken hold."] = Program(
+                "take_hold", (x, given), {"x_next": after}
             )
-        return found
+        return programs
 
     @labelled
-    def _rate_program(self, x: Node, given: Node, gravity: Node) -> Program:
-        return Program("rate", (x, given, gravity), self.rate(x, given, gravity))
+    def _rate_program(self, x: Node, given: Node) -> Program:
+        return Program("rate", (x, given, GRAVITY), self.rate(x, given))
 
-    def rate(self, x: Node, given: Node, gravity: Node = GRAVITY) -> dict[str, Node]:
-        """Time derivative of a state, `slope`, and with walls what is `done`, as of `impacts`."""
-        state, _, rates = self._moving(x, given, gravity)
+    def rate(self, x: Node, given: Node) -> dict[str, Node]:
+        """Time derivative of a state, `slope`, and with walls what they have `done`."""
+        state, _, rates = self._moving(x, given)
         moved = base_of(self.robot, state.q).rates(state.v, x)
-        found = {"slope": join(moved, rates.a, rates.actuators, rates.bristles)}
+        results = {"slope": join(moved, rates.a, rates.actuators, rates.bristles)}
         if rates.touches:
-            machine = self._machine(given, gravity)
-            found["done"] = impacts.gains(machine, state, rates, state.v)
-        return found
+            results["done"] = impacts.gains(self._machine(given), state, rates, state.v)
+        return results
 
     def _kept(self, x: Node, after: Node, given: Node) -> Node:
         """The state after a step without what contacts gained, and as rigid constraints allow."""
-        machine, size = self._machine(given), self.size
-        done, after = after[size:], after[:size]
+        machine, done, after = self._machine(given), after[self.size :], after[: self.size]
         layout = machine.layout()
         if done.size:
-            states = [machine.parts(each, layout) for each in (x, after)]
-            moved = impacts.passive(machine, states, done[0], done[1:])
-            after = join(*moved, after[layout.places.v.stop :])
-        if machine.active is not None and any(self.robot.rigid):
-            after = self._held(machine, after, machine.active * constant(self.robot.rigid))
-        return after
+            after = impacts.without_gains(machine, layout, (x, after), done[0], done[1:])
+        return impacts.held(machine, layout, after)
 
-    def _held(self, machine: Machine, x: Node, active: Node | None) -> Node:
-        """A state after an impact on active constraints (g)."""
-        layout = machine.layout()
-        (q, v, *_), places = machine.parts(x, layout), layout.places
-        return join(x[places.q], self.robot.impact(q, v, active)[0], x[places.v.stop :])
-
-    def _machine(self, given: Node, gravity: Node = GRAVITY) -> Machine:
+    def _machine(self, given: Node) -> Machine:
         """The machine, on whose frames acts what is given."""
-        place, told, frames = 0, dict[str, Node](), self.robot.frames
+        place, figures, frames = 0, dict[str, Node](), self.robot.frames
         for name, shape in self.given.items():
             end = place + math.prod(shape)
-            told[name], place = reshaped(given[place:end], shape), end
-        figures = {
-            "push": beside(told["force"], told["torque"]),
-            "spins": constant(self.momenta),
-            "time_constants": constant([*self.lags.values()]),
-            "gravity": join(0.0, 0.0, -gravity),
-            **{name: told[x] for name, x in _FIGURES.items() if x in told},
-        }
-        if "active" in told:  # Nothing is differentiated by what holds.
-            figures["active"] = choose(told["active"], 0.5, 1.0, 0.0)
-        if drags := "drag" in told:
-            both = (reshaped(told[x], (frames, 1)) for x in ("drag", "rotational_drag"))
-            figures["drag"] = beside(*(drag + zeros(frames, 3) for drag in both))
-        contacts = tuple(
-            Contact(k, k, plane, 6, sticks=True) for k in range(frames) if "wall.point" in told
-        )
-        for k in range(len(contacts)):
-            normal = told["wall.normal"][k]
+            figures[name], place = reshaped(given[place:end], shape), end
+        figures["push"] = beside(figures["force"], figures["torque"])
+        figures["spins"] = constant(self.momenta)
+        figures["time_constants"] = constant([*self.lags.values()])
+        figures["gravity"] = join(0.0, 0.0, -GRAVITY)
+        if self._holds:  # Nothing is differentiated by what holds.
+            figures["active"] = choose(figures["active"], 0.5, 1.0, 0.0)
+        if "drag" in self.acting:
+            drags = (reshaped(figures[x], (frames, 1)) for x in ("drag", "rotational_drag"))
+            figures["drag"] = beside(*(drag + zeros(frames, 3) for drag in drags))
+        walls = range(frames) if "walls" in self.acting else range(0)
+        for k in walls:
+            normal = figures["wall.normal"][k]
             size = square_root(maximum(dot(normal, normal), _NO_DIRECTION))
-            own = (told[f"wall.{name}"][k] for name in _WALL)
-            figures[f"wall_{k}"] = join(*own, told["wall.point"][k], normal / size)
+            numbers = (figures[f"wall.{name}"][k] for name in _WALL)
+            figures[f"wall_{k}"] = join(*numbers, figures["wall.point"][k], normal / size)
         around = Surroundings(
             pushes=True,
-            wind="wind" in told,
-            drag=drags,
-            contacts=contacts,
+            wind="wind" in figures,
+            drag="drag" in self.acting,
+            contacts=tuple(Contact(k, k, plane, 6, sticks=True) for k in walls),
             spins=self.spins,
-            payloads=tuple(range(frames)) if "payload" in told else (),
+            payloads=tuple(range(frames)) if "payloads" in self.acting else (),
             holds=self._holds,
         )
         lagging = tuple(self.lags)
         return Machine(self.robot, lambda name, *_: figures[name], around, lagging=lagging)
 
-    def _moving(self, x: Node, given: Node, gravity: Node) -> tuple[State[Node], Node, Rates]:
+    def _moving(self, x: Node, given: Node) -> tuple[State[Node], Node, Rates]:
         """The state of the machine, inputs u (nu) that act, and how it moves."""
-        machine, commands = self._machine(given, gravity), given[: self.robot.inputs]
+        machine, commands = self._machine(given), given[: self.robot.inputs]
         state = machine.parts(x, machine.layout())
         u = machine.inputs(state, commands)
         return state, u, machine.rates(constant(0.0), state, u, commands)
 
-    def output(self, x: Node, given: Node, gravity: Node) -> Node:
+    def output(self, x: Node, given: Node) -> Node:
         """The outputs one after the other."""
-        robot, ((q, v, *_), u, rates) = self.robot, self._moving(x, given, gravity)
+        robot, ((q, v, *_), u, rates) = self.robot, self._moving(x, given)
         a = rates.a
         poses, velocities = robot.frame_poses(q), robot.frame_velocities(q, v)
         # A product with Jacobians is what velocities are of accelerations.
@@ -231,7 +214,7 @@ class System:
         found: dict[str, list[Node]] = {name: [] for name in self.outputs}
         for k in range(robot.frames):
             rotation, spin = rotation_of(poses[k]), velocities[k][3:]
-            felt = accelerations[k][:3] + join(0.0, 0.0, gravity)
+            felt = accelerations[k][:3] + join(0.0, 0.0, GRAVITY)
             own = (velocities[k][:3], spin, rotation.transposed @ felt, rotation.transposed @ spin)
             values = (origin_of(poses[k]), reshaped(rotation, (9,)), *own)
             for name, value in zip(found, values, strict=False):

@@ -22,7 +22,7 @@ from gibbs_codegen.arrays.nodes import (
 )
 from gibbs_codegen.machine.contact import Touch
 from gibbs_codegen.machine.machine import Machine, Rates
-from gibbs_codegen.machine.state import State
+from gibbs_codegen.machine.state import State, StateLayout
 from gibbs_codegen.machine.surroundings import on_frames
 
 # What is no divisor.
@@ -50,6 +50,28 @@ def gains(machine: Machine, state: State[Node], rates: Rates, mean: Node) -> Nod
     done = effects(machine, state._replace(v=mean), rates.touches)
     force = machine.robot.inverse_dynamics(state.q, state.v, rates.a)
     return nodes.join(dot(mean, force) - done[0], done)
+
+
+def without_gains(
+    machine: Machine, layout: StateLayout, ends: tuple[Node, Node], work: Node, done: Node
+) -> Node:
+    """The state after a step as of `passive`; `ends` are those before and after it."""
+    moved = passive(machine, [machine.parts(x, layout) for x in ends], work, done)
+    return nodes.join(*moved, ends[1][layout.places.v.stop :])
+
+
+def held(machine: Machine, layout: StateLayout, x: Node) -> Node:
+    """A state with velocities that active constraints allow, so that places do not drift."""
+    rigid, active = machine.robot.rigid, machine.active
+    if active is None or not any(rigid):
+        return x
+    return after_impact(machine, layout, x, active * constant(rigid))
+
+
+def after_impact(machine: Machine, layout: StateLayout, x: Node, active: Node | None) -> Node:
+    """A state after an impact on active constraints (g)."""
+    (q, v, *_), places = machine.parts(x, layout), layout.places
+    return nodes.join(x[places.q], machine.robot.impact(q, v, active)[0], x[places.v.stop :])
 
 
 def passive(

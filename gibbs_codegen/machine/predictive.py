@@ -70,15 +70,15 @@ class PredictedMachine(Machine):
 
     def touches(self, state: State[Node]) -> list[Touch]:
         """What each contact does."""
-        contacts, found = self.around.contacts, []
+        contacts, touches = self.around.contacts, list[Touch]()
         for contact, its in zip(contacts, super().touches(state), strict=True):
             wall = self.figure(f"wall_{contact.wall}", FIGURES + contact.figures)
             way = self.desired[contact.frame][:3]
             way = way - dot(its.direction, way) * its.direction
             drag = -wall[4] * its.normal / square_root(dot(way, way) + _SLOW**2) * way
             lever = -wall[0] * its.direction
-            found.append(its._replace(wrench=its.wrench + join(drag, cross(lever, drag))))
-        return found
+            touches.append(its._replace(wrench=its.wrench + join(drag, cross(lever, drag))))
+        return touches
 
 
 @dataclass(frozen=True)
@@ -258,7 +258,7 @@ class Horizon:
         sizes = {"q": n, "v": nv, "motors": self.motors, "before": self.before}
         led = {"points": 3 * len(self.points), "rotations": 9 * len(self.orientations)}
         return Given(
-            [u, x, after, h, references, weights, *self._told],
+            [u, x, after, h, references, weights, *self._shared],
             self._split(x, sizes),
             self._split(after, sizes),
             self._split(references, led | {"q": n, "v": nv, "u": robot.inputs}),
@@ -266,7 +266,7 @@ class Horizon:
         )
 
     @property
-    def _told(self) -> list[Node]:
+    def _shared(self) -> list[Node]:
         """Inputs that all steps share, of those that there are."""
         acting = sum(math.prod(shape) for _, shape in self.figures)
         sizes = {"lag_times": self.lag_times, "around": acting}
@@ -275,12 +275,12 @@ class Horizon:
     def _figure(self, name: str, *_: int) -> Node:
         """A figure of the machine, or of what is around it."""
         if name == "time_constants":
-            return maximum(self._told[0], _LEAST_LAG)
+            return maximum(self._shared[0], _LEAST_LAG)
         place = 0
-        for each, shape in self.figures:
+        for figure, shape in self.figures:
             end = place + math.prod(shape)
-            if each == name:
-                return reshaped(self._told[-1][place:end], shape)
+            if figure == name:
+                return reshaped(self._shared[-1][place:end], shape)
             place = end
         raise KeyError(name)
 
@@ -297,9 +297,9 @@ class Horizon:
     def _arguments(self, given: Given) -> list[Node]:
         """Arguments of the step of a node."""
         motors = [given.state["motors"]] if self.motors else []
-        u, _, _, h, _, _, *told = given.inputs
+        u, _, _, h, _, _, *shared = given.inputs
         ways = [given.reference["v"]] if self.around.contacts else []
-        return [given.q, given.v, *motors, u, h, *told, *self._led(given), *ways]
+        return [given.q, given.v, *motors, u, h, *shared, *self._led(given), *ways]
 
     def _led(self, given: Given) -> list[Node]:
         """Points, rotations and coordinates that are desired, as far as there are such."""
@@ -350,7 +350,7 @@ class Horizon:
         if self.changes:
             outputs["before_next"] = u
         outputs["errors"] = errors(q, *led)[0]
-        inputs = (q, v, *([motors] if self.motors else []), u, h, *self._told, *led, *ways)
+        inputs = (q, v, *([motors] if self.motors else []), u, h, *self._shared, *led, *ways)
         return Program("horizon_step", inputs, outputs)
 
     @cached_property

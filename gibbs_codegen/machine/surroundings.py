@@ -146,10 +146,10 @@ def payload_forces(
     for k, (frame, axis) in enumerate(itertools.product(frames, range(3))):
         pushes[1 + k, frame, axis] = 1.0
     resting, *pushed = (
-        robot.forward_dynamics_with_wrenches(*still, constant(each)) for each in pushes
+        robot.forward_dynamics_with_wrenches(*still, constant(push)) for push in pushes
     )
-    for each in pushed:
-        yielding = along(each - resting)
+    for a in pushed:
+        yielding = along(a - resting)
         units.append(reshaped(yielding, (1, size)))
     bias = robot.frame_bias_accelerations(q, v)
     drift = along(robot.forward_dynamics_with_wrenches(q, v, u, wrenches))

@@ -124,22 +124,22 @@ def find_targets(names: Sequence[str] = DEFAULT_TARGETS) -> dict[str, Target]:
 
     Raises `UsageError` where a name is unknown, or a target is missing that another needs.
     """
-    found = {}
-    for each in names:
-        name, _, acting = each.partition(":")
+    rows = {}
+    for word in names:
+        name, _, acting = word.partition(":")
         if name not in TARGETS:
             known = f"--target {printable(name)}: unknown; known targets: {', '.join(TARGETS)}"
             if name in _LOADED:
                 known += f". No target is needed for it: {_LOADED[name]}"
             raise UsageError(known)
-        found[each] = _with_acting(each, tuple(acting.split(","))) if acting else TARGETS[name]
-    for name, target in found.items():
-        if missing := [needed for needed in target.needs if needed not in found]:
+        rows[word] = _with_acting(word, tuple(acting.split(","))) if acting else TARGETS[name]
+    for name, target in rows.items():
+        if missing := [needed for needed in target.needs if needed not in rows]:
             raise UsageError(
                 f"--target {name}: its files use those of the target {missing[0]}; add "
                 f"--target {missing[0]}"
             )
-    return found
+    return rows
 
 
 def _with_acting(name: str, acting: tuple[str, ...]) -> Target:
@@ -147,7 +147,7 @@ def _with_acting(name: str, acting: tuple[str, ...]) -> Target:
     kind = name.partition(":")[0]
     if kind != "fmu":
         raise UsageError(f"--target {printable(name)}: nothing follows {kind}; give it alone")
-    if unknown := [each for each in acting if each not in ACTING]:
+    if unknown := [part for part in acting if part not in ACTING]:
         raise UsageError(
             f"--target {printable(name)}: {printable(unknown[0])} cannot act in an FMU; what can, "
             f"after the colon and with commas between: {', '.join(ACTING)}"

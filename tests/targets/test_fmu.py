@@ -251,7 +251,7 @@ PARAMETERS: dict[str, dict[str, Any]] = {
         "wind": [3.0, -1.0, 0.5],
         "drag": [0.4, 0.1],
         "rotational_drag": [0.03, 0.0],
-        "payload": [0.0, 0.3],
+        "payloads": [0.0, 0.3],
         "wall.point": [0, 0, 0.75] * 2,
         "wall.normal": [0, 0, 2.0] * 2,
         "wall.bristle_stiffness": [400.0] * 2,
@@ -297,7 +297,7 @@ def test_what_acts_is_as_in_simulate(
 
 
 STATES, INPUTS = ["q.", "v.", "actuators", "bristles"], ["command.", "force", "torque", "wind"]
-FIGURES = ["drag", "rotational_drag", "wall.", "payload"]
+FIGURES = ["drag", "rotational_drag", "wall.", "payloads"]
 
 
 def scattered(unit: Unit, seed: int = 0, drag: bool = False) -> np.random.Generator:
@@ -383,13 +383,13 @@ def test_derivatives_are_those_of_the_program(
         acting=("drag",),
     )
     x, given, gravity = system.programs()["Rates of the state."].inputs
-    outputs = {"rate": system.rate(x, given, gravity)["slope"]}
-    outputs["y"] = system.output(x, given, 9.81)
-    program = jacobian(Program("both", (x, given), outputs), ("x", "given"))
+    outputs = {"rate": system.rate(x, given)["slope"], "y": system.output(x, given)}
+    program = jacobian(Program("both", (x, given, gravity), outputs), ("x", "given"))
     states = ["q.", "v.", "actuators"]
     inputs = ["command.", "force", "torque", "wind", "drag", "rotational_drag"]
     values = [np.concatenate([unit.get(s) for s in starts]) for starts in (states, inputs)]
-    matrices = evaluate(program, dict(zip(("x", "given"), values, strict=True)), {"robot": module})
+    at = {"x": values[0], "given": values[1], "gravity": 9.81}
+    matrices = evaluate(program, at, {"robot": module})
     for by, starts in (("x", states), ("given", inputs)):
         wanted = np.vstack([matrices[f"rate_by_{by}"], matrices[f"y_by_{by}"]])
         starts = [start for start in starts if unit.parts(start)]

@@ -470,31 +470,28 @@ class Predictive:
 
     def _around(self) -> tuple[Surroundings, dict[str, Array]]:
         """What may act on which frames, and the figures of all of it."""
-        given = surrounding(self.vehicle, self.surroundings)
-        if given is not None and given.hold:
+        around = surrounding(self.vehicle, self.surroundings) or Environment(self.vehicle)
+        if around.hold:
             raise UsageError("surroundings: no prediction knows holds; leave them out")
-        own = given or Environment(self.vehicle)
-        self._environment = own = replace(own, wall=(*self.walls, *own.wall))
         for wall in self.walls:
             for frame in wall.frames:
                 self._frame(frame)
-        return own.under(own.push is not None, True, False)
+        self._environment = replace(around, wall=(*self.walls, *around.wall))
+        return self._environment.under(around.push is not None, True, False)
 
     def _figures(self, time: float) -> dict[str, Array]:
         """Figures of what acts at a time, s."""
-        own, found = self._environment, dict(self._acting)
-        if not found:
-            return found
-        if "push" in found:
-            found["push"] = found["push"] * own.push_acts(time)
-        if "payloads" in found:
-            found["payloads"] = found["payloads"] * own.carries(time)
-        return {"time": np.array(time), **found}
+        figures, environment = dict(self._acting), self._environment
+        if "push" in figures:
+            figures["push"] = figures["push"] * environment.push_acts(time)
+        if "payloads" in figures:
+            figures["payloads"] = figures["payloads"] * environment.carries(time)
+        return {"time": np.array(time), **figures} if figures else figures
 
     def _surround(self, time: float) -> None:
         """Let what acts be as it is at a time, s."""
-        figures = [np.ravel(each) for each in self._figures(time).values()]
-        self._compiled.arrays["around"][:] = np.concatenate([*figures, [] if figures else [0.0]])
+        figures = [np.ravel(figure) for figure in self._figures(time).values()]
+        self._compiled.arrays["around"][:] = np.concatenate(figures) if figures else 0.0
 
     def _check(self, around: Surroundings) -> None:
         """Raise `UsageError` for what is not what it must be."""

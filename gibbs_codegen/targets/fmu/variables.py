@@ -50,7 +50,7 @@ _FIGURES: _Acting = {
     "wall.bristle_damping": ("N s/m", 1e2, "force by speed along the wall of what sticks"),
     "wall.point": ("m", (0.0, 0.0, 0.0), "a point of the wall of each frame, world axes"),
     "wall.normal": ("1", (0.0, 0.0, 1.0), "directions in which walls push, world axes"),
-    "payload": ("kg", 0.0, "masses at the origins of the frames"),
+    "payloads": ("kg", 0.0, "masses at the origins of the frames"),
     "active": ("1", 0.0, "1 where a constraint of the robot holds, else 0"),
 }
 # Exponents of SI units in what units are made of; an hour is greater than a second by a factor.
