@@ -179,16 +179,16 @@ class UsageError(GibbsCodegenError):
 
 def check_all(checks: Iterable[Callable[[], object]]) -> None:
     """Run checks, and raise what the only one raises that fails, or all of their messages."""
-    faults = list[UsageError]()
+    faults = dict[str, UsageError]()
     for check in checks:
         try:
             check()
         except UsageError as fault:
-            faults.append(fault)
-    if len(lines := [*dict.fromkeys(map(str, faults))]) > 1:
-        raise UsageError("\n".join(lines))
+            faults[str(fault)] = fault
+    if len(faults) > 1:
+        raise UsageError("\n".join(faults))
     if faults:
-        raise faults[0]
+        raise next(iter(faults.values()))
 
 
 def require(library: str, for_what: str, extra: str = "") -> None:

@@ -128,6 +128,12 @@ def test_unknown_target_is_refused_with_the_known_ones() -> None:
     for name, how in (("jax", "backend='jax'"), ("casadi", "casadi.md"), ("acados", "acados.md")):
         with pytest.raises(UsageError, match=rf"No target is needed for it: .*{how}"):
             find_targets([name])
+    for target, words in (
+        ("fmu:wall", "wall cannot act in an FMU; .*: drag, walls"),
+        ("c:walls", "c"),
+    ):
+        with pytest.raises(UsageError, match=f"--target {target}: .*{words}"):
+            find_targets([target])
 
 
 @pytest.mark.slow

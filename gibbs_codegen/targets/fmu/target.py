@@ -81,7 +81,7 @@ _log = logging.getLogger("gibbs_codegen")
 
 def called(acting: Iterable[str] = ()) -> tuple[str, ...]:
     """Names of the functions that an FMU calls in which some of `ACTING` acts."""
-    return (*_CALLED, *(name for each in acting for name in _ACTING.get(each, ())))
+    return (*_CALLED, *(name for part in acting for name in _ACTING.get(part, ())))
 
 
 def archives(model: Model, header: Lines, acting: tuple[str, ...] = ()) -> dict[str, bytes]:

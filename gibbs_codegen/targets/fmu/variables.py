@@ -31,14 +31,12 @@ _OUTPUTS = {
     "loads.force": ("N", "forces through the joints of the bodies, at them, the bodies' axes"),
     "loads.torque": ("N m", "torques through the joints of the bodies, likewise"),
 }
-# Inputs and tunable parameters of what acts, with what their entries are at the start.
-_Acting = dict[str, tuple[str, float | tuple[float, ...], str]]
-_INPUTS: _Acting = {
+# What is given besides commands: inputs, then tunable parameters, with entries at the start.
+_INPUTS = ("force", "torque", "wind")
+_GIVEN: dict[str, tuple[str, float | tuple[float, ...], str]] = {
     "force": ("N", 0.0, "forces on the frames at their origins, world axes"),
     "torque": ("N m", 0.0, "torques on the frames, world axes"),
     "wind": ("m/s", 0.0, "velocity of the air, world axes"),
-}
-_FIGURES: _Acting = {
     "drag": ("N s/m", 0.0, "coefficients of the drag of frames: force by velocity against the air"),
     "rotational_drag": ("N m s/rad", 0.0, "coefficients of the drag of frames against turning"),
     "wall.ball_radius": ("m", 0.0, "radii of balls about the frames, which meet their walls"),
@@ -143,7 +141,7 @@ def _inputs(model: Model, system: System) -> Iterator[Variable]:
     for name, shape in [*system.given.items()][1:]:
         axes = (tuple(rows.get(name, description.frames)), AXES)[: len(shape)]
         kind = "input" if name in _INPUTS else "figure"
-        unit, first, words = (_INPUTS | _FIGURES)[name]
+        unit, first, words = _GIVEN[name]
         values = np.broadcast_to(first, shape).ravel().tolist()
         yield Variable(name, kind, 0, unit, words, axes, tuple(values))
 
