@@ -194,8 +194,7 @@ class System:
             payloads=tuple(range(frames)) if "payloads" in self.acting else (),
             holds=self._holds,
         )
-        lagging = tuple(self.lags)
-        return Machine(self.robot, lambda name, *_: figures[name], around, lagging=lagging)
+        return Machine(self.robot, lambda x, *_: figures[x], around, lagging=tuple(self.lags))
 
     def _moving(self, x: Node, given: Node) -> tuple[State[Node], Node, Rates]:
         """The state of the machine, inputs u (nu) that act, and how it moves."""

@@ -310,12 +310,11 @@ class Horizon:
         """The step of a node, and its errors."""
         robot, (q, v) = self.robot, self.robot.state()
         u, h, outputs = variable("u", robot.inputs), variable("h"), dict[str, Node]()
-        errors, motors, time = self._errors, v[:0], constant(0.0)
-        led, contacts = list(errors.inputs[1:]), self.around.contacts
+        time = self._figure("time") if "time" in dict(self.figures) else constant(0.0)
+        errors, motors, contacts = self._errors, v[:0], self.around.contacts
+        led = list(errors.inputs[1:])
         ways = [robot.velocities("v_desired")] if contacts else []
         desired = robot.frame_velocities(led[-1], ways[0]) if contacts else zeros(robot.frames, 6)
-        if "time" in dict(self.figures):
-            time = self._figure("time")
         lagging = tuple(range(robot.lagging)) if self.lags else ()
         around = replace(self.around, contacts=tuple(replace(x, sticks=False) for x in contacts))
         machine = PredictedMachine(robot, self._figure, around, lagging=lagging, desired=desired)

@@ -144,9 +144,10 @@ def find_targets(names: Sequence[str] = DEFAULT_TARGETS) -> dict[str, Target]:
 
 def _with_acting(name: str, acting: tuple[str, ...]) -> Target:
     """The target of FMUs in which more acts. Raises `UsageError` for what cannot."""
-    kind = name.partition(":")[0]
-    if kind != "fmu":
-        raise UsageError(f"--target {printable(name)}: nothing follows {kind}; give it alone")
+    if not name.startswith("fmu:"):
+        raise UsageError(
+            f"--target {printable(name)}: only fmu has a colon, and what acts after it"
+        )
     if unknown := [part for part in acting if part not in ACTING]:
         raise UsageError(
             f"--target {printable(name)}: {printable(unknown[0])} cannot act in an FMU; what can, "
