@@ -16,7 +16,7 @@ from rich.text import Text
 from gibbs_codegen.cli import robot_argument, terminal
 from gibbs_codegen.cli.terminal import plain_table, print_table
 from gibbs_codegen.robot.balance import (
-    Hover,
+    HoverThrusts,
     arrangement,
     carried_rotors,
     hover,
@@ -122,7 +122,7 @@ def _machine_facts(robot: Robot) -> dict[str, Any]:
     }
 
 
-def _reach(robot: Robot, balance: Hover) -> ReachableWrenches | None:
+def _reach(robot: Robot, balance: HoverThrusts) -> ReachableWrenches | None:
     """Wrenches that rotors can add to hovering with joints at zero; None without thrusts or limits.
 
     Only rotors that stand in the file by themselves have limits, so the base is not the paper's.

@@ -19,8 +19,9 @@ from gibbs_codegen.robot.description import Description
 from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.robot.parts.body import as_rigid_body, inertia_matrix
 from gibbs_codegen.robot.parts.numbers import BASE, size_fault
-from gibbs_codegen.robot.placement import Array, joint_frame
+from gibbs_codegen.robot.placement import joint_frame
 from gibbs_codegen.robot.posture import AT_ORIGIN, base_bodies, frames_on
+from gibbs_codegen.robot.rotations import Array
 
 Motion = tuple[str, ...]
 

@@ -22,7 +22,7 @@ from gibbs_codegen.robot.chains import Chain, decompose
 from gibbs_codegen.robot.layout import QUATERNION, has_default_tip
 from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.robot.parts.numbers import BASE
-from gibbs_codegen.robot.placement import Array
+from gibbs_codegen.robot.rotations import Array
 
 _QUIET = "0.55"
 # Chains that are drawn unless they are chosen, and links of an arm that are drawn one by one.
@@ -191,7 +191,9 @@ def _draw_arm(axes: Axes, robot: Robot, chain: Chain, centre: Array) -> None:
         i, end = path[position], place + steps[step]
         link = robot.links[i - 1]
         number = marks.short_name(link.name, _LONGEST_NAME) if link.name else str(robot.rotors + i)
-        marks.draw_link(axes, place, end, number, i in chain.own and link.body.total_mass > 0.0)
+        marks.draw_link(
+            axes, place, end, number, i in chain.massive_links and link.body.total_mass > 0.0
+        )
         aside = np.array([0.0, 1.0 if step % 2 == 0 else -1.0])
         _draw_link_joint(axes, robot, chain, i, (place, 0.5 * steps[step], aside))
         # A place away from the names of this joint and of the next.

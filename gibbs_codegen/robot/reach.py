@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from gibbs_codegen.errors import UsageError
-from gibbs_codegen.robot.placement import Array
+from gibbs_codegen.robot.rotations import Array
 from gibbs_codegen.robot.wrenches import RANK, farthest, null_space
 
 Support = Callable[[Array], Array]
