@@ -14,7 +14,6 @@ from pathlib import Path
 import numpy as np
 
 from gibbs_codegen.errors import UsageError, near, printable
-from gibbs_codegen.exchange.exporting import joint_placement
 from gibbs_codegen.exchange.importing import ImportOptions, import_robot
 from gibbs_codegen.exchange.sources import Finding, quiet_pose
 from gibbs_codegen.exchange.welding import composite
@@ -27,6 +26,7 @@ from gibbs_codegen.robot.parts.frame import Frame
 from gibbs_codegen.robot.parts.link import Link
 from gibbs_codegen.robot.parts.numbers import BASE
 from gibbs_codegen.robot.parts.pose import HERE, Pose, vector
+from gibbs_codegen.robot.placement import joint_pose
 from gibbs_codegen.robot.references import body_numbers
 
 
@@ -123,7 +123,7 @@ def _with_arm(
             parent=on(parent),
             name=prefix + label or None,
             coordinate=link.coordinate and prefix + link.coordinate,
-            pose=link.pose if parent != BASE else seated(joint_placement(arm, i), BASE),
+            pose=link.pose if parent != BASE else seated(joint_pose(arm, i), BASE),
         )
 
     frames = [*drone.frames, Frame(prefix + root, carrier, seated(HERE, BASE))]

@@ -19,9 +19,9 @@ from gibbs_codegen.robot.parts.body import as_rigid_body
 from gibbs_codegen.robot.parts.constraint import LoopJoint
 from gibbs_codegen.robot.parts.numbers import BASE
 from gibbs_codegen.robot.parts.part import taken
-from gibbs_codegen.robot.parts.pose import HERE, Pose, vector
+from gibbs_codegen.robot.parts.pose import Pose, vector
 from gibbs_codegen.robot.parts.rotor import Rotor
-from gibbs_codegen.robot.placement import base_centre
+from gibbs_codegen.robot.placement import arm_pose, base_centre, joint_pose, motor_seat
 
 Format = Literal["urdf", "mjcf", "sdf", "px4", "ardupilot"]
 # Of a file by the robot's name. PX4 knows airframes by numbers, of which those from 22000 are free.
@@ -177,23 +177,21 @@ def source_of(robot: Robot) -> sources.Source:
     joints: list[sources.SourceJoint] = []
     rotors: list[sources.SourceRotor] = []
     for k in range(1, base.rotors + 1):
-        arm, rod = base.arm(k), rods.free(f"arm{k}")
-        if seen_from_motor := k == 1 and base.azimuth_deg is None:
-            mount = Pose((-arm.length, 0.0, 0.0))
-        else:
-            mount = Pose(rpy_deg=(*HERE.rpy_deg[:2], base.arm_angle_deg(k)))
-        seat = (0.0 if seen_from_motor else arm.length, 0.0, 0.0)
-        thrust, drag = base.thrust[k - 1], base.drag[k - 1]
+        rod, mount = rods.free(f"arm{k}"), centre @ arm_pose(base, k)
         rotors.append(
             sources.SourceRotor(
-                name=f"rotor{k}", link=rod, position=seat, direction=thrust, drag=drag
+                name=f"rotor{k}",
+                link=rod,
+                position=motor_seat(base, k),
+                direction=base.thrust[k - 1],
+                drag=base.drag[k - 1],
             )
         )
-        links[rod] = sources.SourceBody(rod, as_rigid_body(arm))
-        joints.append(sources.SourceJoint(f"{rod}_mount", "fixed", ROOT, rod, centre @ mount))
+        links[rod] = sources.SourceBody(rod, as_rigid_body(base.arm(k)))
+        joints.append(sources.SourceJoint(f"{rod}_mount", "fixed", ROOT, rod, mount))
     for i, link in enumerate(robot.links, start=1):
         links[names[i]] = sources.SourceBody(names[i], as_rigid_body(link.body))
-        pose, parent = joint_placement(robot, i), robot.parents[i - 1]
+        pose, parent = joint_pose(robot, i), robot.parents[i - 1]
         joints.append(
             sources.SourceJoint(
                 link.coordinate or link.name or joint_name(link.joint, robot.rotors + i),
@@ -244,14 +242,3 @@ def source_of(robot: Robot) -> sources.Source:
         constraints=tuple(loops),
         gravity=robot.gravity,
     )
-
-
-def joint_placement(robot: Robot, i: int) -> Pose:
-    """The pose of the joint of link `i`, from 1, at zero, in the frame of what carries it."""
-    link, parent = robot.links[i - 1], robot.parents[i - 1]
-    if link.pose is not None:
-        return link.pose
-    before = robot.links[parent - 1].body.length if parent != BASE else 0.0
-    start = (before if link.a is None else link.a, 0.0, 0.0)
-    step = Pose(start, (link.alpha_deg, *HERE.rpy_deg[1:]))
-    return step @ Pose((0.0, 0.0, link.d), (*HERE.rpy_deg[:2], link.theta_deg))

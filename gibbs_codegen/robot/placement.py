@@ -1,4 +1,4 @@
-"""Frames of a robot's bodies, in plain numbers."""
+"""Poses of a robot's rods and joints, and its rotors, in what carries them, in plain numbers."""
 
 from __future__ import annotations
 
@@ -6,35 +6,33 @@ import numpy as np
 
 from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.robot.parts.base import Base
-from gibbs_codegen.robot.parts.numbers import BASE
-from gibbs_codegen.robot.parts.pose import vector
+from gibbs_codegen.robot.parts.numbers import BASE, NO_ANGLE, Vector3
+from gibbs_codegen.robot.parts.pose import Pose, vector
 from gibbs_codegen.robot.parts.rotor import Rotor
-from gibbs_codegen.robot.rotations import Array, turn_by_degrees
+from gibbs_codegen.robot.rotations import Array
 
 
-def arm_frame(base: Base, k: int) -> tuple[Array, Array]:
-    """Axes (3, 3), a column each, and origin (3), m, of rod k, 1 to N, in the base's axes.
-
-    They are from the base centre.
-    """
+def arm_pose(base: Base, k: int) -> Pose:
+    """The frame of rod k, 1 to N, in the base's axes and from the base centre."""
     if _starts_at_motor(base, k):
-        return np.eye(3), np.array([-base.arm(1).length, 0.0, 0.0])
-    return turn_by_degrees(2, base.arm_angle_deg(k)), np.zeros(3)
+        return Pose((-base.arm(1).length, 0.0, 0.0))
+    return Pose(rpy_deg=(NO_ANGLE, NO_ANGLE, base.arm_angle_deg(k)))
 
 
-def joint_frame(robot: Robot, i: int) -> tuple[Array, Array]:
-    """Axes (3, 3), a column each, and origin (3), m, of link i, from 1, its joint at zero.
+def motor_seat(base: Base, k: int) -> Vector3:
+    """The place (3), m, of motor k, 1 to N, in the frame of its rod."""
+    return (0.0 if _starts_at_motor(base, k) else base.arm(k).length, 0.0, 0.0)
 
-    They are in the frame of the body which carries it.
-    """
+
+def joint_pose(robot: Robot, i: int) -> Pose:
+    """The frame of link i, from 1, its joint at zero, in that of the body which carries it."""
     link, parent = robot.links[i - 1], robot.parents[i - 1]
     if link.pose is not None:
-        return link.pose.matrix, np.array(link.pose.xyz)
+        return link.pose
     before = robot.links[parent - 1].body.length if parent != BASE else 0.0
-    twist = turn_by_degrees(0, link.alpha_deg)
-    step = np.array([before if link.a is None else link.a, 0.0, 0.0])
-    axes: Array = twist @ turn_by_degrees(2, link.theta_deg)
-    return axes, step + link.d * twist[:, 2]
+    start = (before if link.a is None else link.a, 0.0, 0.0)
+    step = Pose(start, (link.alpha_deg, NO_ANGLE, NO_ANGLE))
+    return step @ Pose((0.0, 0.0, link.d), (NO_ANGLE, NO_ANGLE, link.theta_deg))
 
 
 def mounted_rotors(robot: Robot) -> tuple[Rotor, ...]:
@@ -42,16 +40,12 @@ def mounted_rotors(robot: Robot) -> tuple[Rotor, ...]:
 
     Those of rods are in the base's axes from the base centre.
     """
-    base = robot.base
-    motors = []
+    base, motors = robot.base, []
     for k in range(1, base.rotors + 1):
-        axes, origin = arm_frame(base, k)
-        if not _starts_at_motor(base, k):
-            origin = base.arm(k).length * axes[:, 0]
-        direction = axes @ np.array(base.thrust[k - 1])
-        motors.append(
-            Rotor(position=vector(origin), direction=vector(direction), drag=base.drag[k - 1])
-        )
+        rod = arm_pose(base, k)
+        position = vector(rod.point(motor_seat(base, k)))
+        direction = vector(rod.matrix @ np.array(base.thrust[k - 1]))
+        motors.append(Rotor(position=position, direction=direction, drag=base.drag[k - 1]))
     return (*motors, *robot.thrusters)
 
 
@@ -59,9 +53,7 @@ def base_centre(base: Base) -> Array:
     """The base centre (3), m, from the origin of the coordinates, in the base's axes."""
     if base.origin != "motor1":
         return np.zeros(3)
-    axes, origin = arm_frame(base, 1)
-    seat: Array = origin if _starts_at_motor(base, 1) else base.arm(1).length * axes[:, 0]
-    return -seat
+    return -arm_pose(base, 1).point(motor_seat(base, 1))
 
 
 def _starts_at_motor(base: Base, k: int) -> bool:

@@ -18,7 +18,8 @@ from gibbs_codegen.robot import placement
 from gibbs_codegen.robot.layout import frames_of, layout_of
 from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.robot.parts.body import Body, as_rigid_body, inertia_matrix
-from gibbs_codegen.robot.parts.numbers import BASE
+from gibbs_codegen.robot.parts.numbers import BASE, ORIGIN
+from gibbs_codegen.robot.parts.pose import Pose
 from gibbs_codegen.robot.rotations import Array, turn, turn_about, turn_of_quaternion
 
 
@@ -37,9 +38,13 @@ class PlacedFrame:
         """A point (3) of the frame seen from outside, m."""
         return self.origin + self.axes @ np.asarray(point)
 
-    def within(self, axes: Array, origin: Array) -> PlacedFrame:
-        """A frame that is given in this one, in the outer axes."""
+    def within(self, axes: Array, origin: Sequence[float] | Array = ORIGIN) -> PlacedFrame:
+        """A frame by its axes (3, 3) and origin (3), m, in this one, in the outer axes."""
         return PlacedFrame(self.place(origin), self.axes @ axes)
+
+    def carried(self, pose: Pose) -> PlacedFrame:
+        """A frame by its pose in this one, in the outer axes."""
+        return self.within(pose.matrix, pose.xyz)
 
 
 AT_ORIGIN = PlacedFrame(np.zeros(3), np.eye(3))
@@ -100,23 +105,20 @@ def frames_on(robot: Robot, base: PlacedFrame, joints: Sequence[float] | Array) 
     values = dict(zip(robot.moving, joints, strict=True))
     bodies = [base]  # By their numbers, also welded or held ones.
     for i, link in enumerate(robot.links, start=1):
-        frame = bodies[robot.parents[i - 1]].within(*placement.joint_frame(robot, i))
+        frame = bodies[robot.parents[i - 1]].carried(placement.joint_pose(robot, i))
         axis, value = np.array(link.axis), values.get(i, 0.0)
         if link.joint == "prismatic":
             frame = frame.within(np.eye(3), value * axis)
         elif value:
-            frame = frame.within(turn_about(axis, value), np.zeros(3))
+            frame = frame.within(turn_about(axis, value))
         bodies.append(frame)
     rods = tuple(
-        base.within(*placement.arm_frame(robot.base, k)) for k in range(1, robot.base.rotors + 1)
+        base.carried(placement.arm_pose(robot.base, k)) for k in range(1, robot.base.rotors + 1)
     )
     rotors = placement.mounted_rotors(robot)
     seats = [bodies[rotor.on].place(rotor.position) for rotor in rotors]
     thrusts = [bodies[rotor.on].axes @ np.array(rotor.direction) for rotor in rotors]
-    named = {
-        frame.name: bodies[frame.on].within(frame.pose.matrix, np.array(frame.pose.xyz))
-        for frame in frames_of(robot)
-    }
+    named = {frame.name: bodies[frame.on].carried(frame.pose) for frame in frames_of(robot)}
     return RobotFrames(
         base,
         rods,
