@@ -116,7 +116,7 @@ class Parameters:
         }
         self.constraints = {tie.name: self._constraint(tie) for tie in robot.constraints}
 
-    def node(self, number: Number) -> Node:
+    def node(self, number: RobotNumber) -> Node:
         """An input of array programs for a parameter, or zero where it is structural."""
         return zeros() if self._symbol(number) == 0 else variable(number.name, uniform=True)
 
