@@ -23,20 +23,20 @@ from gibbs_codegen.derivation.symbolic_robot import SymbolicRobot
 from gibbs_codegen.derivation.tree_dynamics import gibbs_function, whole_inertia
 from gibbs_codegen.robot.names import rotor_identifier
 from gibbs_codegen.robot.parts.numbers import Vector3
+from gibbs_codegen.symbolic.numbers import exact
 from gibbs_codegen.symbolic.tape import Scalars, Values, Vector
 from gibbs_codegen.symbolic.vectors import (
     NO_WRENCH,
     Matrix,
     Wrench,
     axis_vector,
-    structural_number,
     zeros,
 )
 
 
 def structural(direction: Vector3) -> Vector:
     """A direction that the robot file fixes."""
-    return tuple(structural_number(sp.Float(entry)) for entry in direction)
+    return tuple(map(exact, direction))
 
 
 def rod_thrust_direction(symbolic: SymbolicRobot, k: int) -> Vector:

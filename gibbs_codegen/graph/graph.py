@@ -43,8 +43,6 @@ class NodeKind(IntEnum):
     CALL = 5
 
 
-# Digits in which numbers agree that are the same; they carry ten more.
-_SAME_DIGITS = numbers.DIGITS - 10
 # Functions f with f(−x) = −f(x), and with f(−x) = f(x).
 ODD = ("sin", "atan", "sign")
 EVEN = ("cos",)
@@ -85,8 +83,8 @@ class Graph:
         # Each node as a number times what it has in common with like terms, by a key.
         self._scaled: list[tuple[sp.Expr, int]] = []
         self._keys: dict[tuple[int, int], int] = {}
-        # Numbers that are not exact, by their first digits.
-        self._of_digits: dict[sp.Expr, sp.Expr] = {}
+        # Numbers by the double that is printed of them: exact ones, where there are such.
+        self._printed: dict[float, sp.Expr] = {}
         self.zero = self.number(sp.S.Zero)
         self.one = self.number(sp.S.One)
 
@@ -142,7 +140,9 @@ class Graph:
         if value.is_negative:
             return self.number(-value) ^ 1
         if value.is_Float:  # It may have come in another way before, with other last digits.
-            value = self._of_digits.setdefault(sp.Float(value, _SAME_DIGITS), value)
+            value = self._printed.setdefault(numbers.rounded(value), value)
+        else:
+            self._printed[numbers.rounded(value)] = value
         return self._node(NodeKind.NUMBER, (), value, True)
 
     def value(self, ref: Ref) -> sp.Expr | None:

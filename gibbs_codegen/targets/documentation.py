@@ -42,10 +42,17 @@ def docstring(description: Description, signature: Signature, work: str) -> list
     return lines
 
 
-def doxygen(description: Description, signature: Signature, work: str, stack: int) -> list[str]:
+def doxygen(
+    description: Description,
+    signature: Signature,
+    work: str,
+    stack: int,
+    may_be_null: bool = False,
+) -> list[str]:
     """Documentation of a C function as it stands in a comment, without what that begins with.
 
-    `work` is as of `docstring`; `stack` is what it takes for one state of doubles (bytes).
+    `work` is as of `docstring`; `stack` is what it takes for one state of doubles (bytes). An
+    output `may_be_null` where the function has parts.
     """
     row = FUNCTIONS[signature.name]
     items = [
@@ -58,6 +65,8 @@ def doxygen(description: Description, signature: Signature, work: str, stack: in
     for output, sizes in zip(row.outputs, signature.shapes, strict=True):
         shape = " x ".join(map(str, sizes)) or "1"
         items.append(f"@param[out] {output.name} {shape}: {output_text(description, output)}")
+    if may_be_null:
+        items.append("@note One output may be NULL: what only that needs is then not computed.")
     items += [f"@note {work}; about {stack} bytes of stack for one state of doubles, optimised."]
     lines = [f"@brief {row.summary}", ""]
     if row.details:

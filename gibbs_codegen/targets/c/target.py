@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import textwrap
 from collections.abc import Iterable
 
@@ -26,6 +27,7 @@ from gibbs_codegen.targets.c.programs import program_texts
 from gibbs_codegen.targets.c.sparse import pattern_texts, sparse_texts
 from gibbs_codegen.targets.c.statements import CStatements, side_by_side
 from gibbs_codegen.targets.printers import Context, InfixPrinter, Lines
+from gibbs_codegen.version import __version__
 
 # Rounding is part of what `prepare` computes.
 _KIND = "STEPWISE real"
@@ -88,12 +90,19 @@ def module_text(
             f"good &= {' & '.join(f'is_finite({name})' for name in program.constants)};", WIDTH - 4
         ),
         "runtime_file": RUNTIME,
+        "runtime_version": _version_number(__version__),
         "runtime": c_source("runtime.c").rstrip(),
         "functions": functions,
         "patterns": pattern_texts(model),
         "sparse": sparse_texts(model),
         "gather": c_source("gather.c"),
     }
+
+
+def _version_number(version: str) -> int:
+    """A version as a number that the preprocessor compares, as 10203 for 1.2.3."""
+    first, second, third = map(int, re.findall(r"\d+", version)[:3])
+    return (first * 100 + second) * 100 + third
 
 
 def _prepare_lines(model: Model, statements: CStatements) -> Lines:
