@@ -196,7 +196,6 @@ def write_module(folder: Path, files: Files, force: bool = False, options: str =
     written, or a signal came.
     """
     staging.check_output_folder(folder.parent)
-    _check_beside(folder, files)
     files = with_manifest(files, options)
     # A path through the module itself, or relative to it, would lead astray while it is replaced.
     place = Path(os.path.realpath(folder.parent)) / folder.name
@@ -204,6 +203,7 @@ def write_module(folder: Path, files: Files, force: bool = False, options: str =
     with _signals_held() as signals:
         try:
             with staging.made(place.parent), staging.alone_in(folder.parent, signals):
+                _check_beside(folder, files)
                 names = _foreign(place, files)
                 if names and not force:
                     raise _refusal(folder, names)
@@ -239,16 +239,15 @@ def _check_beside(folder: Path, files: Files) -> None:
 
     Whoever puts the sources of both into one folder would lose some. Raises `UsageError`.
     """
-    name = folder.name
-    for other in folder.parent.glob("*/"):
-        if other.name != name and (other.name.startswith(name) or name.startswith(other.name)):
-            names = generated_files(other).keys() & files.keys()
-            if both := sorted(x for x in names if x.startswith(name) and x.startswith(other.name)):
-                raise UsageError(
-                    f"{printable(folder)}: {_listed(both)} would have the name of a file of "
-                    f"{printable(other)}, and be lost where the sources of both are put together; "
-                    "choose another name of the robot"
-                )
+    for other in {*folder.parent.glob(f"{folder.name[0]}*/")} - {folder}:
+        names = generated_files(other).keys() & files.keys()
+        both = [x for x in sorted(names) if x.startswith(folder.name) and x.startswith(other.name)]
+        if both:
+            raise UsageError(
+                f"{printable(folder)}: {_listed(both)} would have the name of a file of "
+                f"{printable(other)}, and be lost where the sources of both are put together; "
+                "choose another name of the robot"
+            )
 
 
 def write_new_file(path: Path, text: str, force: bool | None = None) -> None:

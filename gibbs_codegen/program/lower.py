@@ -16,7 +16,7 @@ from __future__ import annotations
 from collections import ChainMap
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
-from itertools import islice
+from itertools import chain, islice
 
 import sympy as sp
 
@@ -144,18 +144,13 @@ class _Lowering:
         """Lower one slice, with what is used once written where it is used."""
         graph = self.graph
         origins: dict[int, int] = {}
-        entries = [entry for _, entries in piece.outputs for entry in entries]
-        wanted = [e if isinstance(e, int) else self._imported.ref(e) for e in entries]
+        arrays = [
+            [e if isinstance(e, int) else self._imported.ref(e) for e in entries]
+            for _, entries in piece.outputs
+        ]
         if piece.parts:  # Each output by itself first, so that what it takes alone is short too.
-            of_outputs = iter(wanted)
-            wanted = [
-                ref
-                for _, own in piece.outputs
-                for ref in optimised(
-                    graph, [*islice(of_outputs, len(own))], origins, piece.repeats
-                ).outputs
-            ]
-        shortened = optimised(graph, wanted, origins, piece.repeats)
+            arrays = [optimised(graph, x, origins, piece.repeats).outputs for x in arrays]
+        shortened = optimised(graph, [*chain(*arrays)], origins, piece.repeats)
         refs, negated = shortened.outputs, shortened.polarity.negated
         computed = [node for node in in_order(graph, refs, origins) if graph.operands[node]]
         words = self._words_of(computed, piece.groups, origins)

@@ -42,17 +42,10 @@ def docstring(description: Description, signature: Signature, work: str) -> list
     return lines
 
 
-def doxygen(
-    description: Description,
-    signature: Signature,
-    work: str,
-    stack: int,
-    may_be_null: bool = False,
-) -> list[str]:
+def doxygen(description: Description, signature: Signature, work: str, stack: int) -> list[str]:
     """Documentation of a C function as it stands in a comment, without what that begins with.
 
-    `work` is as of `docstring`; `stack` is what it takes for one state of doubles (bytes). An
-    output `may_be_null` where the function has parts.
+    `work` is as of `docstring`; `stack` is what it takes for one state of doubles (bytes).
     """
     row = FUNCTIONS[signature.name]
     items = [
@@ -65,8 +58,8 @@ def doxygen(
     for output, sizes in zip(row.outputs, signature.shapes, strict=True):
         shape = " x ".join(map(str, sizes)) or "1"
         items.append(f"@param[out] {output.name} {shape}: {output_text(description, output)}")
-    if may_be_null:
-        items.append("@note One output may be NULL: what only that needs is then not computed.")
+    if row.parts:
+        items.append("@note One output may be NULL, where the function of the other is there.")
     items += [f"@note {work}; about {stack} bytes of stack for one state of doubles, optimised."]
     lines = [f"@brief {row.summary}", ""]
     if row.details:

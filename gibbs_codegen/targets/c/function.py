@@ -152,20 +152,10 @@ def c_function(
                 one = _PartOfText(parts, one.statements, of_whole)
             if len(_of_block(of_whole, printer).allocation.sections) == 1:
                 block = _PartOfBlock(parts, block.statements, block.allocation, of_whole)
-    return function_text(
-        model.robot.name,
-        signature,
-        doxygen(
-            model.description,
-            signature,
-            operations(function),
-            stack_bytes(parts.gathered),
-            may_be_null=bool(parts.called_by),
-        ),
-        one.body(),
-        block.body(),
-        parts.called_by,
-    )
+    work, stack = operations(function), stack_bytes(parts.gathered)
+    documentation = doxygen(model.description, signature, work, stack)
+    bodies = one.body(), block.body()
+    return function_text(model.robot.name, signature, documentation, *bodies, parts.called_by)
 
 
 def _parts(model: Model, function: Function, signature: Signature) -> _Parts:
@@ -193,11 +183,6 @@ class _Parts:
     called_by: Sequence[str]
 
     @property
-    def text(self) -> str:
-        """Name of the helper with the whole text for one state, where others call it."""
-        return f"{self.function.name}_text"
-
-    @property
     def outputs(self) -> list[str]:
         """Names of the arrays that are returned."""
         return [output.name for output in FUNCTIONS[self.function.name].outputs]
@@ -223,7 +208,7 @@ def _of_block(parts: _Parts, printer: InfixPrinter) -> _OfBlock:
     return _OfBlock(parts, c.CStatements(printer, of_several=True), allocation)
 
 
-def _of_one_state(parts: _Parts, printer: InfixPrinter) -> _Printed:
+def _of_one_state(parts: _Parts, printer: InfixPrinter) -> _StraightOn | _InSections:
     """A function for one state: straight on, or in sections if loops stand for much of it."""
     items, signs = reroll(parts.steps)
     if any(isinstance(item, Loop) for item in items):
@@ -241,10 +226,6 @@ class _Printed:
 
     parts: _Parts
     statements: c.CStatements
-
-    def body(self) -> FunctionBody:
-        """Its body, with the helpers that it needs."""
-        raise NotImplementedError
 
     def _array_size(self, entries: int | str) -> str:
         return c.array_size(entries, self.statements.of_several)
@@ -350,14 +331,19 @@ class _StraightOn(_Printed):
         lines += c.side_by_side(computed)
         if not self.parts.called_by:
             return FunctionBody([], lines)
-        arrays = [*self.parts.inputs, *self.parts.outputs]
-        parameters = c.read_arrays(self.parts.inputs) + c.written_arrays(self.parts.outputs)
-        helper = statements.helper(self.parts.text, parameters, lines)
-        return FunctionBody([helper], statements.call_helper(self.parts.text, arrays))
+        name, inputs, outputs = self.text(self.parts), self.parts.inputs, self.parts.outputs
+        parameters = c.read_arrays(inputs) + c.written_arrays(outputs)
+        helper = statements.helper(name, parameters, lines)
+        return FunctionBody([helper], statements.call_helper(name, [*inputs, *outputs]))
+
+    @staticmethod
+    def text(parts: _Parts) -> str:
+        """Name of the helper with the text of a function that others call."""
+        return f"{parts.function.name}_text"
 
 
 @dataclass(frozen=True)
-class _PartOfText(_Printed):
+class _PartOfText(_StraightOn):
     """A function for one state that is a call of the text of another, which computes more."""
 
     whole: _Parts
@@ -366,7 +352,8 @@ class _PartOfText(_Printed):
         """Its body."""
         unwanted, arrays = _in_place_of(self.parts, self.whole)
         lines = [*self.statements.comment(_LEFT_OUT)[1:], *c.local_arrays(unwanted)]
-        return FunctionBody([], [*lines, *self.statements.call_helper(self.whole.text, arrays)])
+        call = self.statements.call_helper(self.text(self.whole), arrays)
+        return FunctionBody([], [*lines, *call])
 
 
 @dataclass(frozen=True)
@@ -520,10 +507,10 @@ class _PartOfBlock(_OfBlock):
         # What is not wanted stays within a lane, or compilers would not see that nobody reads it.
         sizes = {name: self._array_size(size) for name, size in unwanted.items()}
         of_lane = [name if name in unwanted else f"{name} + lane" for name in arrays]
-        lane = [*c.local_arrays(sizes)]
-        lane += c.call(helper, ["OF_LANE(constants, lane)", *of_lane, "LANES"])
+        call = c.call(helper, ["OF_LANE(constants, lane)", *of_lane, "LANES"])
         lines += self.statements.comment(_LEFT_OUT)[1:]
-        return FunctionBody([], [*lines, *c.vector_loop("lane", "LANES", lane)])
+        lines += c.vector_loop("lane", "LANES", [*c.local_arrays(sizes), *call])
+        return FunctionBody([], lines)
 
 
 _LEFT_OUT = "Compilers leave out what is computed only for what nobody reads."
@@ -534,16 +521,13 @@ def _in_place_of(part: _Parts, whole: _Parts) -> tuple[dict[str, int], list[str]
 
     The first argument of the part stands for those that it lacks, since none of it is read.
     """
-    every = zip(whole.outputs, whole.function.outputs, strict=True)
-    unwanted = {
-        f"unwanted_{name}": math.prod(output.shape)
-        for name, output in every
-        if name not in part.outputs
-    }
     first = next(iter(part.inputs))
-    inputs = [name if name in part.inputs else first for name in whole.inputs]
-    outputs = [name if name in part.outputs else f"unwanted_{name}" for name in whole.outputs]
-    return unwanted, [*inputs, *outputs]
+    arguments, unwanted = [name if name in part.inputs else first for name in whole.inputs], {}
+    for name, output in zip(whole.outputs, whole.function.outputs, strict=True):
+        arguments.append(name if name in part.outputs else f"unwanted_{name}")
+        if name not in part.outputs:
+            unwanted[arguments[-1]] = math.prod(output.shape)
+    return unwanted, arguments
 
 
 def _is_sparse(output: Output) -> bool:

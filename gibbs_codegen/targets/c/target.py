@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 import textwrap
 from collections.abc import Iterable
 
@@ -90,19 +89,14 @@ def module_text(
             f"good &= {' & '.join(f'is_finite({name})' for name in program.constants)};", WIDTH - 4
         ),
         "runtime_file": RUNTIME,
-        "runtime_version": _version_number(__version__),
+        # As a number, which the preprocessor compares: 10203 of 1.2.3.
+        "runtime_version": int("".join(f"{int(x):02}" for x in __version__.split("."))),
         "runtime": c_source("runtime.c").rstrip(),
         "functions": functions,
         "patterns": pattern_texts(model),
         "sparse": sparse_texts(model),
         "gather": c_source("gather.c"),
     }
-
-
-def _version_number(version: str) -> int:
-    """A version as a number that the preprocessor compares, as 10203 for 1.2.3."""
-    first, second, third = map(int, re.findall(r"\d+", version)[:3])
-    return (first * 100 + second) * 100 + third
 
 
 def _prepare_lines(model: Model, statements: CStatements) -> Lines:
