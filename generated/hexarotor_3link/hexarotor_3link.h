@@ -275,7 +275,7 @@ size_t hexarotor_3link_init_constants_batch(size_t count,
  * @param[out] mass_matrix 9 x 9: [kg m^2] between angles, [kg] between lengths, [kg m] between both
  * @param[out] residual 9: theta_m1 [N m], theta_0 [N m], theta_1 [N m], theta_7 [N m], theta_8 [N
  *     m], theta_9 [N m], x [N], y [N], z [N]
- * @note One output may be NULL: what only that needs is then not computed.
+ * @note One output may be NULL, where the function of the other is there.
  * @note 433 operations, 6 sine-cosine pairs; about 1552 bytes of stack for one state of doubles,
  *     optimised.
  * @par Source
