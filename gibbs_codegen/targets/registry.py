@@ -204,7 +204,7 @@ def generating_options(targets: Collection[str], model: Model) -> list[str]:
     if set(targets) != set(DEFAULT_TARGETS):
         options += [f"--target {name}" for name in targets]
     options += [f"--laws={','.join(model.laws)}"] if model.laws else []
-    found = find_targets(targets)
+    found = {name: target for name, target in TARGETS.items() if name in targets}
     if model.functions == chosen_functions(called(found, None)):
         return options
     brought = chosen_functions(called(found, ()))

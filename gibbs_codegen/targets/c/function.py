@@ -236,6 +236,10 @@ class _Printed:
         sizes = dict.fromkeys(names, self._array_size(self.parts.angles))
         return c.local_arrays(sizes | ({SCRATCH: self._array_size(slots)} if slots else {}))
 
+    def _unwanted(self, entries: Mapping[str, int]) -> Lines:
+        """Declarations of arrays for outputs that are not wanted, by their entries."""
+        return c.local_arrays({name: self._array_size(size) for name, size in entries.items()})
+
     def _cleared(self) -> Lines:
         """Loops that make outputs zero."""
         sizes = self.parts.cleared.items()
@@ -351,7 +355,7 @@ class _PartOfText(_StraightOn):
     def body(self) -> FunctionBody:
         """Its body."""
         unwanted, arrays = _in_place_of(self.parts, self.whole)
-        lines = [*self.statements.comment(_LEFT_OUT)[1:], *c.local_arrays(unwanted)]
+        lines = [*self.statements.comment(_LEFT_OUT)[1:], *self._unwanted(unwanted)]
         call = self.statements.call_helper(self.text(self.whole), arrays)
         return FunctionBody([], [*lines, *call])
 
@@ -505,11 +509,10 @@ class _PartOfBlock(_OfBlock):
             lines += self._sines()
             arrays = [SINE, COSINE, *arrays]
         # What is not wanted stays within a lane, or compilers would not see that nobody reads it.
-        sizes = {name: self._array_size(size) for name, size in unwanted.items()}
         of_lane = [name if name in unwanted else f"{name} + lane" for name in arrays]
         call = c.call(helper, ["OF_LANE(constants, lane)", *of_lane, "LANES"])
         lines += self.statements.comment(_LEFT_OUT)[1:]
-        lines += c.vector_loop("lane", "LANES", [*c.local_arrays(sizes), *call])
+        lines += c.vector_loop("lane", "LANES", [*self._unwanted(unwanted), *call])
         return FunctionBody([], lines)
 
 
