@@ -145,8 +145,7 @@ def c_function(
     parts, whole = _parts(model, function, signature), WHOLES.get(function.name, "")
     one, block = _of_one_state(parts, printer), _of_block(parts, printer)
     if whole in model.functions:
-        by_name = {own.name: (own, its) for own, its in model.derived}
-        of_whole = _parts(model, *by_name[whole])
+        of_whole = _parts(model, *next(x for x in model.derived if x[0].name == whole))
         if of_whole.angles == parts.angles:
             if isinstance(_of_one_state(of_whole, printer), _StraightOn):
                 one = _PartOfText(parts, one.statements, of_whole)
@@ -335,15 +334,11 @@ class _StraightOn(_Printed):
         lines += c.side_by_side(computed)
         if not self.parts.called_by:
             return FunctionBody([], lines)
-        name, inputs, outputs = self.text(self.parts), self.parts.inputs, self.parts.outputs
+        inputs, outputs = self.parts.inputs, self.parts.outputs
+        name = f"{self.parts.function.name}_text"
         parameters = c.read_arrays(inputs) + c.written_arrays(outputs)
         helper = statements.helper(name, parameters, lines)
         return FunctionBody([helper], statements.call_helper(name, [*inputs, *outputs]))
-
-    @staticmethod
-    def text(parts: _Parts) -> str:
-        """Name of the helper with the text of a function that others call."""
-        return f"{parts.function.name}_text"
 
 
 @dataclass(frozen=True)
@@ -356,8 +351,8 @@ class _PartOfText(_StraightOn):
         """Its body."""
         unwanted, arrays = _in_place_of(self.parts, self.whole)
         lines = [*self.statements.comment(_LEFT_OUT)[1:], *self._unwanted(unwanted)]
-        call = self.statements.call_helper(self.text(self.whole), arrays)
-        return FunctionBody([], [*lines, *call])
+        lines += self.statements.call_helper(f"{self.whole.function.name}_text", arrays)
+        return FunctionBody([], lines)
 
 
 @dataclass(frozen=True)
