@@ -1,4 +1,4 @@
-"""What the C templates are given: text only, every decision already taken."""
+"""Values for the C templates: text only, every decision already taken."""
 
 from __future__ import annotations
 
@@ -123,7 +123,7 @@ def rollout_text(model: Model, _: InfixPrinter, header: Lines) -> Context:
 
 
 def in_braces(texts: Iterable[str]) -> Lines:
-    """What stands in braces, as many in a line as there is room for."""
+    """Lines between braces, with as many entries in a line as there is room for."""
     return textwrap.wrap(" ".join(f"{text}," for text in texts), WIDTH - 4)
 
 
@@ -162,7 +162,7 @@ def _macros(prefix: str, names: Iterable[str]) -> Lines:
 
 
 def _tables(model: Model) -> dict[str, Lines]:
-    """What explains the entries of arguments and results, by headings."""
+    """Tables of the entries of arguments and results, by headings."""
     description, used = model.description, _used(model)
     hybrid = documentation.unknown_table(description) if "HYBRID_COORDINATES" in used else []
     return {
