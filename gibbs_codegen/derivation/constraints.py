@@ -567,7 +567,7 @@ class ConstraintEquations:
     @cached_property
     def _unheld(self) -> list[sp.Expr]:
         """J a + γ of the rows if no constraint held, in the axes of the solver."""
-        return self._accelerations(self.articulation, self._known)
+        return self._accelerations(self.articulation, self._unloaded)
 
     def _accelerations(self, articulation: Articulation, unloaded: Values) -> list[sp.Expr]:
         """Accelerations of the rows of the solver under some loads, with `unloaded` of them."""
@@ -582,7 +582,7 @@ class ConstraintEquations:
             ]
 
     @cached_property
-    def _known(self) -> list[sp.Expr]:
+    def _unloaded(self) -> list[sp.Expr]:
         """Parts of the rows by velocities and gravity, and by errors that go back to zero."""
         return self.rows_at(self.unit_motions(None, alone=False))
 

@@ -106,12 +106,12 @@ class _Expansion:
             if a - b in by_angle
         ]
         self._roots = [(place[leaf], int(leaf.base)) for leaf in leaves if leaf.is_Pow]
-        self._known: dict[sp.Expr, Any] = {}
+        self._polynomials: dict[sp.Expr, Any] = {}
 
     def polynomial(self, expression: sp.Expr) -> Any:
         """Numbers by monomials."""
-        if expression in self._known:
-            return self._known[expression]
+        if expression in self._polynomials:
+            return self._polynomials[expression]
         polynomial, factors = self._ring.one, []
         if expression in self._gens:
             polynomial = self._gens[expression]
@@ -138,7 +138,7 @@ class _Expansion:
             polynomial = self._ring.from_dict(terms)
         if len(polynomial) > self._most:
             raise TooLongError
-        self._known[expression] = polynomial
+        self._polynomials[expression] = polynomial
         return polynomial
 
     def shortest(self, terms: Terms) -> Terms:

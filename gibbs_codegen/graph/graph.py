@@ -79,7 +79,7 @@ class Graph:
         self.operands: list[tuple[Ref, ...]] = []
         self.labels: list[str | sp.Expr | None] = []
         self.constant: list[bool] = []
-        self._known: dict[tuple[NodeKind, tuple[Ref, ...], str | sp.Expr | None], int] = {}
+        self._numbers: dict[tuple[NodeKind, tuple[Ref, ...], str | sp.Expr | None], int] = {}
         # Each node as a number times what it has in common with like terms, by a key.
         self._scaled: list[tuple[sp.Expr, int]] = []
         self._keys: dict[tuple[int, int], int] = {}
@@ -96,9 +96,9 @@ class Graph:
     ) -> Ref:
         """A node, made once; the class says what its parts are."""
         key = (kind, operands, label)
-        node = self._known.get(key)
+        node = self._numbers.get(key)
         if node is None:
-            node = self._known[key] = len(self.kinds)
+            node = self._numbers[key] = len(self.kinds)
             self.kinds.append(kind)
             self.operands.append(operands)
             self.labels.append(label)
