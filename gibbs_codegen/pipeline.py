@@ -93,7 +93,7 @@ def generate(
 
 
 def _silent(step: str) -> None:
-    """Tell nobody what is at work."""
+    """Report no progress."""
 
 
 def generate_robot(

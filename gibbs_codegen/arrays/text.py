@@ -198,7 +198,7 @@ class ArrayText(ABC):
 
 
 def _inner(x: Node) -> Node:
-    """A node without what only says whether it is coordinates."""
+    """A node without the mark of coordinates."""
     return _inner(x.arguments[0]) if isinstance(x.operation, _SAME) else x
 
 

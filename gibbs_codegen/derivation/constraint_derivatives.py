@@ -1,4 +1,4 @@
-"""Derivatives of what constraints do, without those of what is solved for their forces.
+"""Derivatives of the effects of constraints, without those of the solution for their forces.
 
 Rows c = J a + γ are zero under the forces λ, as J v is under impulses, or what redundant rows ask
 for and cannot have. With dc, their derivatives where λ is fixed,
@@ -116,7 +116,7 @@ class ConstraintDerivatives:
 
     @cached_property
     def _base(self) -> tuple[list[sp.Expr], BaseColumns]:
-        """Accelerations, and columns of them and of what the frames feel."""
+        """Accelerations, and columns of them and of motions of the frames."""
         symbolic, constraints, tape = self._symbolic, self._system, self._symbolic.tape
         passive = passive_symbols(symbolic)
         if self.alone:
@@ -199,7 +199,7 @@ class ConstraintDerivatives:
         return rates
 
     def _jacobian(self, outputs: Values, argument: str, of_forces: Matrix) -> Matrix:
-        """Derivatives of what the forces and q or v make, by columns of dλ."""
+        """Derivatives of results of the forces and q or v, by columns of dλ."""
         systems, graph = self.systems, self.systems.imported.graph
         moved = [_moved(graph, systems.refs(self.forces), column) for column in of_forces]
         pairs = zip(systems.directions(argument), moved, strict=True)
@@ -292,7 +292,7 @@ def _moved(graph: Graph, refs: Sequence[Ref], rates: Sequence[Ref]) -> Direction
 
 
 class ConstrainedSystems(Systems):
-    """Systems with the derivatives of what constraints do, which outputs share."""
+    """Systems with the derivatives of the effects of constraints, which outputs share."""
 
     @cached_property
     def held_derivatives(self) -> ConstraintDerivatives:

@@ -152,12 +152,12 @@ def input_matrix(symbolic: SymbolicRobot) -> Matrix:
 
 
 def passive_symbols(symbolic: SymbolicRobot) -> list[PassiveSymbols]:
-    """Symbols of what acts by itself on each joint that moves."""
+    """Symbols of passive forces of each joint that moves."""
     return [symbolic.parameters.links[i].passive for i in symbolic.robot.moving]
 
 
 def armatures(symbolic: SymbolicRobot) -> list[sp.Expr]:
-    """Inertia of what turns or slides with each joint alone, of those that move (kg m² or kg)."""
+    """Inertia of rotors that turn or slide with each moving joint alone (kg m² or kg)."""
     return [joint.armature for joint in passive_symbols(symbolic)]
 
 

@@ -1,4 +1,4 @@
-"""Expanded, collected forms of what the derivation nests: polynomials with sines and cosines.
+"""Expanded, collected forms of nested expressions: polynomials with sines and cosines.
 
 The recursions leave sums of products of sums. Multiplied out over the rationals, with
 sin² + cos² = 1 and like terms added, the same expressions are many times shorter than what
@@ -155,7 +155,7 @@ class _Expansion:
         return terms
 
     def factored(self, terms: Terms) -> list[sp.Expr]:
-        """The polynomial as factors: what its terms share, and the sum of the rest."""
+        """The polynomial as factors: the common part of its terms, and the sum of the rest."""
         shared = tuple(map(min, zip(*terms, strict=True)))
         content = sp.S.Zero
         for number in terms.values():

@@ -1,4 +1,4 @@
-"""The graph: operations as integers, each made once, for what is done to thousands of them.
+"""The graph: operations as integers, each made once, for passes over thousands of them.
 
 SymPy derives on the tape; differentiating and shortening what it derived is done here. A node is
 an operation on earlier nodes. A *reference* to it is an integer, twice the node's number, and one
@@ -65,7 +65,7 @@ def _sum(terms: Iterable[tuple[int, sp.Expr]]) -> sp.Expr:
 
 
 class Graph:
-    """Nodes by number; operands have smaller numbers than what is made of them.
+    """Nodes by number; operands have smaller numbers than their results.
 
     Of node i, `kinds[i]` is what it is, `operands[i]` has the references that it is made of,
     `labels[i]` the name of an input, the value of a number or the function of a call, and
@@ -193,7 +193,7 @@ class Graph:
         return self._ordered_sum(constants + varying)
 
     def _ordered_sum(self, terms: list[Ref]) -> Ref:
-        """The sum of terms of which no two are alike."""
+        """The sum of terms that all differ."""
         if not terms:
             return self.zero
         if len(terms) == 1:

@@ -1,4 +1,4 @@
-"""Rollouts on plain arrays: what one computes, and how, by NumPy, by JAX or in C.
+"""Rollouts on plain arrays: their problems, and their computation by NumPy, by JAX or in C.
 
 A step is the array program of `machine.rollout_steps`. `Steps` evaluates it on arrays of NumPy or
 of JAX, all states at once. In C it is compiled together with the robot's functions that it calls,
@@ -50,7 +50,7 @@ RUNNING, DIVERGED, OUT_OF_BOUNDS = 0, 1, 2
 
 @dataclass(frozen=True)
 class Feedback:
-    """Linear feedback: what is added to the inputs at the start of every step.
+    """Linear feedback, which is added to the inputs at the start of every step.
 
     It is `gain` (nu, 2 nv) times the displacement of q and v from the state to the desired one:
     difference(q, q_desired), then v_desired - v. Desired states are (1 or n, 1 or steps, nq) and

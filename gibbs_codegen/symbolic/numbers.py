@@ -1,4 +1,4 @@
-"""Numbers that the robot file fixes, as sines and cosines of its angles, and what is made of them.
+"""Numbers that the robot file fixes, as sines and cosines of its angles, and results of them.
 
 They decide which terms exist. Rationals and square roots stay exact; others carry forty digits,
 and are rounded to doubles only where they are printed:

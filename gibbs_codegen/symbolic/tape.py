@@ -54,7 +54,7 @@ def sum_of_signed(terms: Sequence[tuple[int, sp.Expr]]) -> sp.Expr:
 
 
 def signed(atom: sp.Expr) -> tuple[int, sp.Expr]:
-    """Sign, 1 or −1, and magnitude of what `let` returns."""
+    """Sign, 1 or −1, and magnitude of a result of `let`."""
     if atom.is_Symbol:
         return 1, atom
     if is_minus_symbol(atom):
@@ -116,7 +116,7 @@ class Scalars(ABC):
 
     @abstractmethod
     def let(self, expression: sp.Expr) -> sp.Expr:
-        """Name a sum of products of what earlier calls returned; the result stands for it."""
+        """Name a sum of products of earlier results; the result stands for it."""
 
     @abstractmethod
     def group(

@@ -217,7 +217,7 @@ class Execution:
         return self._keep(chunk, rows)
 
     def _keep(self, chunk: Chunk, rows: Sequence[Row]) -> Chunk:
-        """Keep the first rows of a chunk, and return what is left of it."""
+        """Keep the first rows of a chunk, and return the rest of it."""
         self._store.add([self._digests[place] for place in chunk.cases[: len(rows)]], rows)
         self._tell(len(rows))
         return chunk.after(len(rows))
