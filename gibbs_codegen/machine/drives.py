@@ -81,7 +81,7 @@ class Drives:
         return Program(name, tuple(inputs), outputs)
 
     def _each(self, kinds: tuple[str, ...], what: str, *values: Values) -> list[Node]:
-        """What drives of some kinds make of values of theirs."""
+        """Results of drives of some kinds from values of theirs."""
         return [
             named(getattr(part, what)(*(x[key] for x in values)), what, part.words[what])
             for key, part in self._parts.items()

@@ -452,7 +452,7 @@ def compiled_rollout(
     run = _Run(problem)
     asked = problem.module, problem.method, problem.parts, problem.precision
     function = rollout_function(*asked, flags, generated=generated)
-    read, written = (x.ctypes.data for x in (run.given, run.states))
+    read, written = (x.ctypes.data for x in (run.addresses, run.states))
 
     def call(piece: Piece) -> None:
         places = piece.first, piece.count, piece.begin, piece.end
@@ -491,7 +491,7 @@ class _Run:
         inputs = _inputs(problem.module, ALL) | _inputs(problem.module, parts)
         for name, is_shared in inputs.items():
             words += self._rows(values[name], is_shared) if name in values else [0, 0, 0]
-        self.given = np.array(words, np.uintp)
+        self.addresses = np.array(words, np.uintp)
 
     def rollout(self) -> Rollout:
         """The rollout that the calls have left in the arrays."""
