@@ -68,7 +68,7 @@ class Feedback:
 
 
 @dataclass(frozen=True)
-class Motors:
+class MotorModel:
     """Limits and lag of commanded inputs.
 
     They are brought within `least` and `most` (nu). Thrusts then follow them with the
@@ -110,7 +110,7 @@ class Problem:
     method: Method = "rk4"
     every: int = 1
     feedback: Feedback | None = None
-    motors: Motors | None = None
+    motors: MotorModel | None = None
     wrenches: Array | None = None
     bounds: Array | None = None
     precision: Precision = "double"

@@ -28,7 +28,7 @@ from dataclasses import replace
 from typing import Any
 
 from gibbs_codegen.errors import GibbsCodegenError, UsageError, printable
-from gibbs_codegen.flight.sweeps.chunks import Chunk, Results, Row, fly
+from gibbs_codegen.flight.sweeps.chunks import Chunk, ResultFile, Row, fly
 from gibbs_codegen.flight.sweeps.measures import Measure, packed
 
 # How often a worker looks whether the program that it works for is still there, s.
@@ -137,7 +137,7 @@ class Execution:
         self,
         measures: Mapping[str, Measure],
         digests: Sequence[str],
-        store: Results,
+        store: ResultFile,
         executor: futures.Executor | None,
         workers: int,
         tell: Callable[[int], None],
