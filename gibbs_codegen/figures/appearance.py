@@ -1,4 +1,4 @@
-"""How a robot looks in any picture: colours, the view, and the discs of its rotors."""
+"""The looks of a robot in any picture: colours, the view, and the discs of its rotors."""
 
 from __future__ import annotations
 
