@@ -38,16 +38,16 @@ def written(value: object, most: int = 60) -> str:
     return printable(repr(value), most)
 
 
-def near(name: str, known: Iterable[str]) -> str:
+def near(name: str, names: Iterable[str]) -> str:
     """A hint at the known name that may have been meant, empty if none is near."""
-    found = get_close_matches(name[:80], list(known)[:2000], n=1)
-    return f"; did you mean {printable(found[0], 60)}?" if found else ""
+    close = get_close_matches(name[:80], list(names)[:2000], n=1)
+    return f"; did you mean {printable(close[0], 60)}?" if close else ""
 
 
-def no_attribute(module: str, name: str, known: Iterable[str]) -> str:
+def no_attribute(module: str, name: str, names: Iterable[str]) -> str:
     """The words for an attribute that a module lacks, with that which may be meant."""
     # Names of constants are asked for to learn whether they are there.
-    hint = near(name, known) if name.islower() and name[0] != "_" else ""
+    hint = near(name, names) if name.islower() and name[0] != "_" else ""
     return f"module {module!r} has no attribute {name!r}{hint}"
 
 
@@ -82,11 +82,11 @@ class Fault(NamedTuple):
         """The fault in one line, `source:line: key: message`, of a file."""
         place = source if self.line is None else f"{source}:{self.line}"
 
-        def number(found: re.Match[str]) -> str:
+        def number(match: re.Match[str]) -> str:
             # Text in quotes is a key of the file as it is.
-            if found[1] is None:
-                return found[0]
-            return f" {int(found[1]) + 1}" + (": " if found[2] else "")
+            if match[1] is None:
+                return match[0]
+            return f" {int(match[1]) + 1}" + (": " if match[2] else "")
 
         path = re.sub(r"""\[(\d+)\](\.)?|['"].*""", number, self.path)
         where = f"{place}: {path}" if self.path else place
@@ -208,7 +208,7 @@ def require(library: str, for_what: str, extra: str = "") -> None:
 
 
 class MissingFunctionError(UsageError, AttributeError):
-    """What a module lacks, since it was generated without it.
+    """A module lacks a function, since it was generated without it.
 
     Args:
         module: Name of the module.

@@ -93,7 +93,7 @@ def generate(
 
 
 def _silent(step: str) -> None:
-    """Tell nobody what is at work."""
+    """Report no progress."""
 
 
 def generate_robot(
@@ -154,7 +154,7 @@ def check_robot(
 
 
 def _options(model: Model, targets: Sequence[str]) -> str:
-    """What the manifest keeps of how a module was generated."""
+    """Options of a module's generation, for the manifest."""
     return " ".join(registry.generating_options(targets, model))
 
 
@@ -174,9 +174,9 @@ def module_files(
     `SingularRobotError` if the robot has a massless degree of freedom, and `UsageError` if there is
     no such target, function or law, or the rotors do not serve a law.
     """
-    found = registry.find_targets(targets)
+    emitted = registry.find_targets(targets)
     chosen = check_laws(laws, targets)
-    names = [*registry.called(found, functions), *chosen_derivatives(derivatives)]
+    names = [*registry.called(emitted, functions), *chosen_derivatives(derivatives)]
     model = replace(derive(robot, keep_zeros, progress, functions=names), laws=chosen)
     progress("rendering")
-    return model, registry.render_module(model, text, found)
+    return model, registry.render_module(model, text, emitted)

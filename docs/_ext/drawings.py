@@ -34,7 +34,7 @@ from gibbs_codegen.figures.marks import (
     draw_thrust,
 )
 from gibbs_codegen.figures.style import style
-from gibbs_codegen.robot.placement import Array, turn
+from gibbs_codegen.robot.rotations import Array, turn
 
 # As wide as a page on a phone; inches.
 _WIDTH = 3.75

@@ -23,7 +23,7 @@ from gibbs_codegen.figures.marks import (
     draw_name,
 )
 from gibbs_codegen.figures.style import FULL, style
-from gibbs_codegen.robot.placement import Array, turn
+from gibbs_codegen.robot.rotations import Array, turn
 
 PLACE, _MOTION = COLOURS[1], COLOURS[6]
 # Of lines without a body.

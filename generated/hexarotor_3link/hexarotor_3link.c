@@ -18,6 +18,9 @@ typedef hexarotor_3link_constants Constants;
 #define SINGLE
 #endif
 #include "gibbs_runtime.h"
+#if GIBBS_RUNTIME_VERSION != 200
+#error "gibbs_runtime.h is of another version: generate it and this file with the same version"
+#endif
 
 const real
     hexarotor_3link_default_parameters[16] = {
@@ -197,7 +200,7 @@ int hexarotor_3link_init_constants(const real *RESTRICT parameters,
 
 /* ---- mass_matrix_and_residual ---- */
 
-void hexarotor_3link_mass_matrix_and_residual(const Constants *RESTRICT constants,
+static INLINE void mass_matrix_and_residual_text(const Constants *RESTRICT constants,
     const real *RESTRICT q, const real *RESTRICT v, real *RESTRICT mass_matrix,
     real *RESTRICT residual)
 {
@@ -434,156 +437,29 @@ void hexarotor_3link_mass_matrix_and_residual(const Constants *RESTRICT constant
     mass_matrix[5 * 9 + 8] = t200; mass_matrix[8 * 9 + 5] = t200;
 }
 
+void hexarotor_3link_mass_matrix_and_residual(const Constants *RESTRICT constants,
+    const real *RESTRICT q, const real *RESTRICT v, real *RESTRICT mass_matrix,
+    real *RESTRICT residual)
+{
+    if (residual == NULL) {
+        hexarotor_3link_mass_matrix(constants, q, mass_matrix);
+        return;
+    }
+    if (mass_matrix == NULL) {
+        hexarotor_3link_residual(constants, q, v, residual);
+        return;
+    }
+    mass_matrix_and_residual_text(constants, q, v, mass_matrix, residual);
+}
+
 /* ---- mass_matrix ---- */
 
 void hexarotor_3link_mass_matrix(const Constants *RESTRICT constants, const real *RESTRICT q,
     real *RESTRICT mass_matrix)
 {
-    real angle[6], sine[6], cosine[6];
-    {
-        const real theta_m1 = q[0], theta_0 = q[1], theta_1 = q[2], theta_7 = q[3], theta_8 = q[4];
-        const real theta_9 = q[5];
-
-        /* angles and places of the joints */
-        const real t7 = -theta_1 - theta_7, t12 = theta_8 + theta_9;
-        angle[0] = theta_m1; angle[1] = theta_0; angle[2] = theta_1; angle[3] = t7;
-        angle[4] = theta_8; angle[5] = t12;
-    }
-    sine_cosine_few(4, angle + 0, sine + 0, cosine + 0);
-    sine_cosine_few(2, angle + 4, sine + 4, cosine + 4);
-    const real base_arm_length = constants->base_arm_length, link2_length = constants->link2_length;
-    const real k32 = constants->k32, k44 = constants->k44, k50 = constants->k50;
-    const real k60 = constants->k60, k61 = constants->k61, k62 = constants->k62;
-    const real k65 = constants->k65, k67 = constants->k67, k68 = constants->k68;
-    const real k69 = constants->k69, k71 = constants->k71, k72 = constants->k72;
-    const real k73 = constants->k73, k74 = constants->k74, k75 = constants->k75;
-    const real k76 = constants->k76, k77 = constants->k77;
-    const real s1 = sine[0], c1 = cosine[0], s2 = sine[1], c2 = cosine[1], s3 = sine[2];
-    const real c3 = cosine[2], s4 = sine[3], c4 = cosine[3], s5 = sine[4], c5 = cosine[4];
-    const real s6 = sine[5], c6 = cosine[5];
-    mass_matrix[0 * 9 + 6] = R(0.0); mass_matrix[3 * 9 + 4] = R(0.0);
-    mass_matrix[3 * 9 + 5] = R(0.0); mass_matrix[4 * 9 + 3] = R(0.0);
-    mass_matrix[5 * 9 + 3] = R(0.0); mass_matrix[6 * 9 + 0] = R(0.0); mass_matrix[6 * 9 + 6] = k72;
-    mass_matrix[6 * 9 + 7] = R(0.0); mass_matrix[6 * 9 + 8] = R(0.0);
-    mass_matrix[7 * 9 + 6] = R(0.0); mass_matrix[7 * 9 + 7] = k72; mass_matrix[7 * 9 + 8] = R(0.0);
-    mass_matrix[8 * 9 + 6] = R(0.0); mass_matrix[8 * 9 + 7] = R(0.0); mass_matrix[8 * 9 + 8] = k72;
-
-    /* attitude */
-    const real t1 = -c1;
-
-    /* inertia of link 3, turned by the joints */
-    const real t15 = k62 * c6, t16 = k62 * s6;
-    const real t17 = k75 * s6, t18 = s6 * t17;
-    const real t19 = k44 - t18, t20 = k50 + t18;
-
-    /* step from link 2 to link 3 */
-    const real t21 = link2_length * c5, t22 = link2_length * s5;
-
-    /* inertia of link 2, turned by the joints */
-    const real t23 = k76 * s5, t24 = s5 * t23;
-
-    /* step from the base to link 1 */
-    const real t25 = base_arm_length * c3, t26 = base_arm_length * s3;
-
-    /* inertia of the base, turned by the joints */
-    const real t27 = k77 * s3, t28 = s3 * t27;
-
-    /* composite inertia of links 2 and 3, about joint 8 */
-    const real t29 = c6 * t17 + t15 * t22 + t16 * t21, t30 = t15 + k67 * c5;
-    const real t31 = t16 + k67 * s5, t32 = k68 + t24 + t19 + t15 * k65 * c5;
-    const real t33 = k32 + t20 + t16 * k65 * s5 - t24, t34 = t29 - c5 * t23;
-
-    /* composite inertia of links 1 to 3, about joint 7 */
-    const real t35 = c4 * t30, t36 = s4 * t30;
-    const real t37 = c4 * t34, t38 = s4 * t34;
-    mass_matrix[1 * 9 + 3] = t38; mass_matrix[3 * 9 + 1] = t38;
-    const real t39 = s4 * (k69 - t32), t40 = s4 * t39;
-    const real t41 = t32 + t40, t42 = k69 - t40;
-
-    /* composite inertia of the base and links 1 to 3 */
-    const real t43 = t25 * t36 - c4 * t39 - t26 * t35, t44 = t37 + t25 * t31;
-    const real t45 = t38 - t26 * t31;
-    mass_matrix[1 * 9 + 2] = t45; mass_matrix[2 * 9 + 1] = t45;
-    const real t46 = k73 * c3 + t35, t47 = t36 - k73 * s3;
-    const real t48 = k74 + t28 + t41 + t35 * k71 * c3, t49 = k60 + t42 - t28 - t36 * k71 * s3;
-    const real t50 = k61 + t33;
-
-    /* mass matrix, columns of the joints carried in to the base */
-    const real t51 = t41 + t42;
-    mass_matrix[3 * 9 + 3] = t51;
-    const real t52 = t51 + t25 * t35 - t26 * t36;
-    mass_matrix[2 * 9 + 3] = t52; mass_matrix[3 * 9 + 2] = t52;
-    const real t53 = t32 + t33;
-    mass_matrix[4 * 9 + 4] = t53;
-    const real t54 = c4 * t31, t55 = s4 * t31;
-    const real t56 = t26 * t54 + t25 * t55;
-    mass_matrix[2 * 9 + 4] = t56; mass_matrix[4 * 9 + 2] = t56;
-    const real t57 = c4 * t53 + t25 * t30;
-    mass_matrix[1 * 9 + 4] = -t57; mass_matrix[4 * 9 + 1] = -t57;
-    const real t58 = t19 + t20;
-    mass_matrix[5 * 9 + 5] = t58;
-    const real t59 = t58 + t15 * t21 + t16 * t22;
-    mass_matrix[4 * 9 + 5] = t59; mass_matrix[5 * 9 + 4] = t59;
-    const real t60 = c4 * t16, t61 = s4 * t16;
-    const real t62 = t26 * t60 + t25 * t61;
-    mass_matrix[2 * 9 + 5] = t62; mass_matrix[5 * 9 + 2] = t62;
-    const real t63 = c4 * t59 + t15 * t25;
-    mass_matrix[1 * 9 + 5] = -t63; mass_matrix[5 * 9 + 1] = -t63;
-
-    /* mass matrix of attitude and position */
-    const real t64 = t48 + t49;
-    mass_matrix[2 * 9 + 2] = t64;
-    const real t65 = s2 * t47, t66 = c2 * t47;
-    mass_matrix[2 * 9 + 6] = t66; mass_matrix[6 * 9 + 2] = t66;
-    const real t67 = s2 * t64 - c2 * t44;
-    mass_matrix[0 * 9 + 2] = t67; mass_matrix[2 * 9 + 0] = t67;
-    const real t68 = s1 * t65 - t1 * t46;
-    mass_matrix[2 * 9 + 7] = t68; mass_matrix[7 * 9 + 2] = t68;
-    const real t69 = t1 * t65 + s1 * t46;
-    mass_matrix[2 * 9 + 8] = t69; mass_matrix[8 * 9 + 2] = t69;
-    const real t70 = t48 + t50;
-    mass_matrix[1 * 9 + 1] = t70;
-    const real t71 = c2 * (c3 * t27 + t43) + s2 * t45;
-    mass_matrix[0 * 9 + 1] = t71; mass_matrix[1 * 9 + 0] = t71;
-    const real t72 = c2 * t31 - s2 * t46;
-    mass_matrix[1 * 9 + 6] = t72; mass_matrix[6 * 9 + 1] = t72;
-    const real t73 = c2 * t46 + s2 * t31, t74 = s2 * (s2 * (t48 - t50) - R(2.0) * c2 * t44);
-    const real t75 = s1 * t73;
-    mass_matrix[1 * 9 + 7] = t75; mass_matrix[7 * 9 + 1] = t75;
-    const real t76 = t1 * t73;
-    mass_matrix[1 * 9 + 8] = t76; mass_matrix[8 * 9 + 1] = t76;
-    const real t77 = t49 + t50 + t74;
-    mass_matrix[0 * 9 + 0] = t77;
-    const real t78 = t1 * t47 - s1 * t72;
-    mass_matrix[0 * 9 + 8] = t78; mass_matrix[8 * 9 + 0] = t78;
-    const real t79 = t1 * t72 + s1 * t47;
-    mass_matrix[0 * 9 + 7] = t79; mass_matrix[7 * 9 + 0] = t79;
-
-    /* mass matrix between the joints and attitude and position */
-    const real t80 = s2 * t36, t81 = c2 * t36;
-    mass_matrix[3 * 9 + 6] = t81; mass_matrix[6 * 9 + 3] = t81;
-    const real t82 = s2 * t52 - c2 * t37;
-    mass_matrix[0 * 9 + 3] = t82; mass_matrix[3 * 9 + 0] = t82;
-    const real t83 = s1 * t80 - t1 * t35;
-    mass_matrix[3 * 9 + 7] = t83; mass_matrix[7 * 9 + 3] = t83;
-    const real t84 = t1 * t80 + s1 * t35;
-    mass_matrix[3 * 9 + 8] = t84; mass_matrix[8 * 9 + 3] = t84;
-    const real t85 = c2 * t30 + s2 * t54, t86 = s2 * t30 - c2 * t54;
-    mass_matrix[4 * 9 + 6] = t86; mass_matrix[6 * 9 + 4] = t86;
-    const real t87 = c2 * (t26 * t30 - s4 * t53) + s2 * t56;
-    mass_matrix[0 * 9 + 4] = t87; mass_matrix[4 * 9 + 0] = t87;
-    const real t88 = t1 * t55 + s1 * t85;
-    mass_matrix[4 * 9 + 7] = -t88; mass_matrix[7 * 9 + 4] = -t88;
-    const real t89 = s1 * t55 - t1 * t85;
-    mass_matrix[4 * 9 + 8] = t89; mass_matrix[8 * 9 + 4] = t89;
-    const real t90 = c2 * t15 + s2 * t60, t91 = s2 * t15 - c2 * t60;
-    mass_matrix[5 * 9 + 6] = t91; mass_matrix[6 * 9 + 5] = t91;
-    const real t92 = c2 * (t15 * t26 - s4 * t59) + s2 * t62;
-    mass_matrix[0 * 9 + 5] = t92; mass_matrix[5 * 9 + 0] = t92;
-    const real t93 = t1 * t61 + s1 * t90;
-    mass_matrix[5 * 9 + 7] = -t93; mass_matrix[7 * 9 + 5] = -t93;
-    const real t94 = s1 * t61 - t1 * t90;
-    mass_matrix[5 * 9 + 8] = t94; mass_matrix[8 * 9 + 5] = t94;
+    /* Compilers leave out what is computed only for what nobody reads. */
+    real unwanted_residual[9];
+    mass_matrix_and_residual_text(constants, q, q, mass_matrix, unwanted_residual);
 }
 
 /* ---- residual ---- */
@@ -591,133 +467,9 @@ void hexarotor_3link_mass_matrix(const Constants *RESTRICT constants, const real
 void hexarotor_3link_residual(const Constants *RESTRICT constants, const real *RESTRICT q,
     const real *RESTRICT v, real *RESTRICT residual)
 {
-    real angle[6], sine[6], cosine[6];
-    {
-        const real theta_m1 = q[0], theta_0 = q[1], theta_1 = q[2], theta_7 = q[3], theta_8 = q[4];
-        const real theta_9 = q[5];
-
-        /* angles and places of the joints */
-        const real t7 = theta_1 + theta_7, t12 = theta_8 + theta_9;
-        angle[0] = theta_m1; angle[1] = theta_0; angle[2] = theta_1; angle[3] = t7;
-        angle[4] = theta_8; angle[5] = t12;
-    }
-    sine_cosine_few(4, angle + 0, sine + 0, cosine + 0);
-    sine_cosine_few(2, angle + 4, sine + 4, cosine + 4);
-    const real gravity = constants->gravity, base_arm_length = constants->base_arm_length;
-    const real link2_length = constants->link2_length, k32 = constants->k32, k44 = constants->k44;
-    const real k50 = constants->k50, k60 = constants->k60, k61 = constants->k61;
-    const real k62 = constants->k62, k67 = constants->k67, k68 = constants->k68;
-    const real k69 = constants->k69, k73 = constants->k73, k74 = constants->k74;
-    const real k75 = constants->k75, k76 = constants->k76, k77 = constants->k77;
-    const real k78 = constants->k78, k79 = constants->k79;
-    const real v_theta_m1 = v[0], v_theta_0 = v[1], v_theta_1 = v[2], v_theta_7 = v[3];
-    const real v_theta_8 = v[4], v_theta_9 = v[5];
-    const real s1 = sine[0], c1 = cosine[0], s2 = sine[1], c2 = cosine[1], s3 = sine[2];
-    const real c3 = cosine[2], s4 = sine[3], c4 = cosine[3], s5 = sine[4], c5 = cosine[4];
-    const real s6 = sine[5], c6 = cosine[5];
-
-    /* motion of the base */
-    const real t15 = gravity * s1, t16 = gravity * c1;
-    const real t17 = v_theta_m1 * s2, t18 = v_theta_m1 * c2;
-    const real t19 = v_theta_0 * t17, t20 = v_theta_0 * t18;
-    const real t21 = c2 * t16, t22 = s2 * t16;
-    const real t23 = t17 * t18, t24 = R(2.0) * t20;
-    const real t25 = R(2.0) * t19, t26 = v_theta_1 + t17;
-    const real t27 = t26 * t26, t28 = v_theta_0 * v_theta_0 + t27;
-    const real t29 = t23 - R(2.0) * t26 * t18, t30 = t18 * t18 + t27;
-    const real t31 = t25 - R(2.0) * t26 * v_theta_0;
-
-    /* motion of link 1 */
-    const real t32 = c3 * t28, t33 = c3 * t24 - s3 * t30;
-    const real t34 = c3 * t29 + s3 * t31, t35 = t22 + base_arm_length * t32;
-    const real t36 = t15 + base_arm_length * t33, t37 = t21 - base_arm_length * t34;
-    const real t38 = v_theta_7 + t26, t39 = t25 - v_theta_0 * t38;
-    const real t40 = t23 - t18 * t38, t41 = t38 * t38;
-    const real t42 = c4 * t18 + v_theta_0 * s4, t43 = v_theta_0 * c4 - s4 * t18;
-    const real t44 = s4 * t39 + c4 * t40, t45 = s4 * t36 - c4 * t35;
-    const real t46 = s4 * t35 + c4 * t36, t47 = t42 * t42;
-    const real t48 = t38 * t42, t49 = t44 - t48;
-    const real t50 = t20 - t42 * t43, t51 = s4 * t40 + t38 * t43 - c4 * t39;
-    const real t52 = t44 + t48;
-
-    /* motion of link 2 */
-    const real t53 = v_theta_8 - t43, t54 = t53 * t53;
-    const real t55 = t41 + t54, t56 = R(2.0) * t42;
-    const real t57 = t50 - t53 * t56, t58 = t47 + t54;
-    const real t59 = R(2.0) * t38, t60 = t51 + t53 * t59;
-
-    /* motion of link 3 */
-    const real t61 = s5 * t52 - c5 * t55, t62 = c5 * t49 + s5 * t58;
-    const real t63 = s5 * t60 - c5 * t57, t64 = t46 - link2_length * t63;
-    const real t65 = v_theta_9 + t53, t66 = t65 * t65;
-    const real t67 = t41 + t66, t68 = t50 - t56 * t65;
-    const real t69 = t47 + t66, t70 = t51 + t59 * t65;
-
-    /* inertia of link 3, turned by the joints */
-    const real t71 = k62 * c6, t72 = k62 * s6;
-    const real t73 = k75 * s6, t74 = s6 * t73;
-    const real t75 = k44 - t74, t76 = k50 + t74;
-    const real t77 = c6 * t73;
-
-    /* inertia forces of link 3, about joint 9 */
-    const real t78 = t70 * t76 - t64 * t72 - t68 * t77, t79 = t64 * t71 + t68 * t75 - t70 * t77;
-    const real t80 = (t37 - link2_length * t62) * t71, t81 = t77 * (t67 - t69);
-    const real t82 = (t45 + link2_length * t61) * t72;
-    const real t83 = t49 * t75 + t52 * t76 + t82 - t80 - t81;
-    residual[5] = t83;
-    const real t84 = k62 * (s6 * t52 - c6 * t67), t85 = k62 * (c6 * t49 + s6 * t69);
-    const real t86 = k62 * (s6 * t70 - c6 * t68);
-
-    /* step from link 2 to link 3 */
-    const real t87 = link2_length * c5, t88 = link2_length * s5;
-
-    /* inertia of link 2, turned by the joints */
-    const real t89 = k67 * c5, t90 = k67 * s5;
-    const real t91 = k76 * s5, t92 = s5 * t91;
-    const real t93 = k68 + t92, t94 = k32 - t92;
-    const real t95 = c5 * t91;
-
-    /* inertia forces of links 2 and 3, about joint 8 */
-    const real t96 = t57 * t95 + t60 * t94 - t46 * t90, t97 = t46 * t89 + t57 * t93 + t60 * t95;
-    const real t98 = t49 * t93, t99 = t52 * t94;
-    const real t100 = t95 * (t55 - t58), t101 = t37 * t89 - t45 * t90 - t98 - t99 - t100;
-    const real t102 = t84 + k67 * t61, t103 = t85 + k67 * t62;
-    const real t104 = t86 + k67 * t63, t105 = t83 + t84 * t88 + t85 * t87 - t101;
-    residual[4] = t105;
-
-    /* inertia forces of links 1 to 3, about joint 7 */
-    const real t106 = t78 + t86 * t88 + t96 + k69 * t51, t107 = t86 * t87 - t79 - t97 - k69 * t50;
-    residual[3] = t107;
-    const real t108 = c4 * t102 + s4 * t104, t109 = c4 * t104 - s4 * t102;
-
-    /* step from the base to link 1 */
-    const real t110 = base_arm_length * c3, t111 = base_arm_length * s3;
-
-    /* inertia of the base, turned by the joints */
-    const real t112 = k73 * c3, t113 = k73 * s3;
-    const real t114 = k77 * s3, t115 = s3 * t114;
-    const real t116 = k74 + t115, t117 = c3 * t114;
-
-    /* inertia forces of the base and links 1 to 3 */
-    const real t118 = t31 * (k60 - t115), t119 = t21 * t113 + t29 * t117 - k78 * t19 - t118;
-    const real t120 = t29 * t116, t121 = t21 * t112 + t31 * t117 - k61 * t23 - t120;
-    const real t122 = t117 * (t28 - t30), t123 = t22 * t113 + t24 * t116 + t15 * t112 - t122;
-    const real t124 = k73 * t32 - t108, t125 = t109 - k73 * t33;
-    const real t126 = t103 + k73 * t34, t127 = c4 * t106 + t119 - s4 * t105 - t103 * t111;
-    const real t128 = t121 - c4 * t105 - s4 * t106 - t103 * t110;
-    residual[1] = t128;
-    const real t129 = t107 + t109 * t110 + t108 * t111 - t123;
-    residual[2] = t129;
-
-    /* inertia forces on attitude and position */
-    const real t130 = s2 * t124 - c2 * t126, t131 = c2 * t124 + s2 * t126;
-    residual[6] = t131;
-    const real t132 = s2 * t129 - c2 * t127;
-    residual[0] = t132;
-    const real t133 = c1 * t125 + s1 * t130;
-    residual[7] = t133;
-    const real t134 = s1 * t125 - c1 * t130 - k79;
-    residual[8] = t134;
+    /* Compilers leave out what is computed only for what nobody reads. */
+    real unwanted_mass_matrix[81];
+    mass_matrix_and_residual_text(constants, q, v, unwanted_mass_matrix, residual);
 }
 
 /* ---- input_matrix ---- */

@@ -275,6 +275,7 @@ size_t hexarotor_3link_init_constants_batch(size_t count,
  * @param[out] mass_matrix 9 x 9: [kg m^2] between angles, [kg] between lengths, [kg m] between both
  * @param[out] residual 9: theta_m1 [N m], theta_0 [N m], theta_1 [N m], theta_7 [N m], theta_8 [N
  *     m], theta_9 [N m], x [N], y [N], z [N]
+ * @note One output may be NULL, where the function of the other is there.
  * @note 433 operations, 6 sine-cosine pairs; about 1552 bytes of stack for one state of doubles,
  *     optimised.
  * @par Source
@@ -301,7 +302,7 @@ void hexarotor_3link_mass_matrix_and_residual_batch_each(const hexarotor_3link_r
  *     &hexarotor_3link_default_constants
  * @param[in] q coordinates, 9 entries, as above
  * @param[out] mass_matrix 9 x 9: [kg m^2] between angles, [kg] between lengths, [kg m] between both
- * @note 190 operations, 6 sine-cosine pairs; about 1104 bytes of stack for one state of doubles,
+ * @note 192 operations, 6 sine-cosine pairs; about 1104 bytes of stack for one state of doubles,
  *     optimised.
  * @par Source
  * eqs. 5, 11 and 18, reduced to the free coordinates.

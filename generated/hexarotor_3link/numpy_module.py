@@ -1134,7 +1134,7 @@ def mass_matrix(q: ArrayLike, constants: tuple[Any, ...] | None = None) -> NDArr
     Returns:
     mass_matrix: array (..., 9, 9); [kg m^2] between angles, [kg] between lengths, [kg m] between
         both
-    Source: eqs. 5, 11 and 18, reduced to the free coordinates. 190 operations, 6 sine-cosine pairs.
+    Source: eqs. 5, 11 and 18, reduced to the free coordinates. 192 operations, 6 sine-cosine pairs.
     """
     entries, batch = _evaluate(_mass_matrix, constants, state_array("q", q, 9))
     return shaped(entries, (9, 9), batch)
@@ -1151,7 +1151,7 @@ def _mass_matrix(k, sin, cos, q):
     theta_m1, theta_0, theta_1, theta_7, theta_8, theta_9 = q[0], q[1], q[2], q[3], q[4], q[5]
 
     # attitude
-    t1 = -cos(theta_m1)
+    t1 = cos(theta_m1)
     t2 = sin(theta_m1)
     t3 = cos(theta_0)
     t4 = sin(theta_0)
@@ -1159,7 +1159,7 @@ def _mass_matrix(k, sin, cos, q):
     t6 = sin(theta_1)
 
     # angles and places of the joints
-    t7 = -theta_1 - theta_7
+    t7 = theta_1 + theta_7
     t8 = cos(t7)
     t9 = sin(t7)
     t10 = cos(theta_8)
@@ -1175,106 +1175,116 @@ def _mass_matrix(k, sin, cos, q):
     t18 = t14 * t17
     t19 = k44 - t18
     t20 = k50 + t18
+    t21 = t13 * t17
 
     # step from link 2 to link 3
-    t21 = link2_length * t10
-    t22 = link2_length * t11
+    t22 = link2_length * t10
+    t23 = link2_length * t11
 
     # inertia of link 2, turned by the joints
-    t23 = k76 * t11
-    t24 = t11 * t23
+    t24 = k67 * t10
+    t25 = k67 * t11
+    t26 = k76 * t11
+    t27 = t11 * t26
+    t28 = k68 + t27
+    t29 = k32 - t27
+    t30 = t10 * t26
 
     # step from the base to link 1
-    t25 = base_arm_length * t5
-    t26 = base_arm_length * t6
+    t31 = base_arm_length * t5
+    t32 = base_arm_length * t6
 
     # inertia of the base, turned by the joints
-    t27 = k77 * t6
-    t28 = t6 * t27
+    t33 = k73 * t5
+    t34 = k73 * t6
+    t35 = k77 * t6
+    t36 = t6 * t35
+    t37 = k74 + t36
+    t38 = k60 - t36
+    t39 = t5 * t35
 
     # composite inertia of links 2 and 3, about joint 8
-    t29 = t13 * t17 + t15 * t22 + t16 * t21
-    t30 = t15 + k67 * t10
-    t31 = t16 + k67 * t11
-    t32 = k68 + t24 + t19 + t15 * k65 * t10
-    t33 = k32 + t20 + t16 * k65 * t11 - t24
-    t34 = t29 - t10 * t23
+    t40 = t15 + t24
+    t41 = t16 + t25
+    t42 = t28 + t19 + t15 * k65 * t10
+    t43 = t29 + t20 + t16 * k65 * t11
+    t44 = t30 - t21 - t15 * t23 - t16 * t22
 
     # composite inertia of links 1 to 3, about joint 7
-    t35 = t8 * t30
-    t36 = t9 * t30
-    t37 = t8 * t34
-    t38 = t9 * t34
-    t39 = t9 * (k69 - t32)
-    t40 = t9 * t39
-    t41 = t32 + t40
-    t42 = k69 - t40
+    t45 = t8 * t40
+    t46 = t9 * t40
+    t47 = t8 * t44
+    t48 = t9 * t44
+    t49 = t9 * (k69 - t42)
+    t50 = t9 * t49
+    t51 = t42 + t50
+    t52 = k69 - t50
 
     # composite inertia of the base and links 1 to 3
-    t43 = t25 * t36 - t8 * t39 - t26 * t35
-    t44 = t37 + t25 * t31
-    t45 = t38 - t26 * t31
-    t46 = k73 * t5 + t35
-    t47 = t36 - k73 * t6
-    t48 = k74 + t28 + t41 + t35 * k71 * t5
-    t49 = k60 + t42 - t28 - t36 * k71 * t6
-    t50 = k61 + t33
+    t53 = t47 - t31 * t41
+    t54 = t48 - t32 * t41
+    t55 = t33 + t45
+    t56 = t34 + t46
+    t57 = t37 + t51 + t45 * k71 * t5
+    t58 = t38 + t52 + t46 * k71 * t6
+    t59 = k61 + t43
+    t60 = t39 + t8 * t49 - t31 * t46 - t32 * t45
 
     # mass matrix, columns of the joints carried in to the base
-    t51 = t41 + t42
-    t52 = t51 + t25 * t35 - t26 * t36
-    t53 = t32 + t33
-    t54 = t8 * t31
-    t55 = t9 * t31
-    t56 = t26 * t54 + t25 * t55
-    t57 = t8 * t53 + t25 * t30
-    t58 = t19 + t20
-    t59 = t58 + t15 * t21 + t16 * t22
-    t60 = t8 * t16
-    t61 = t9 * t16
-    t62 = t26 * t60 + t25 * t61
-    t63 = t8 * t59 + t15 * t25
+    t61 = t51 + t52
+    t62 = t61 + t31 * t45 + t32 * t46
+    t63 = t42 + t43
+    t64 = t8 * t41
+    t65 = t9 * t41
+    t66 = t32 * t64 - t31 * t65
+    t67 = t8 * t63 + t31 * t40
+    t68 = t19 + t20
+    t69 = t68 + t15 * t22 + t16 * t23
+    t70 = t8 * t16
+    t71 = t9 * t16
+    t72 = t32 * t70 - t31 * t71
+    t73 = t8 * t69 + t15 * t31
 
     # mass matrix of attitude and position
-    t64 = t48 + t49
-    t65 = t4 * t47
-    t66 = t3 * t47
-    t67 = t4 * t64 - t3 * t44
-    t68 = t2 * t65 - t1 * t46
-    t69 = t1 * t65 + t2 * t46
-    t70 = t48 + t50
-    t71 = t3 * (t5 * t27 + t43) + t4 * t45
-    t72 = t3 * t31 - t4 * t46
-    t73 = t3 * t46 + t4 * t31
-    t74 = t4 * (t4 * (t48 - t50) - 2.0 * t3 * t44)
-    t75 = t2 * t73
-    t76 = t1 * t73
-    t77 = t49 + t50 + t74
-    t78 = t1 * t47 - t2 * t72
-    t79 = t1 * t72 + t2 * t47
+    t74 = t57 + t58
+    t75 = t4 * t56
+    t76 = t3 * t56
+    t77 = t3 * t53 + t4 * t74
+    t78 = t1 * t55 - t2 * t75
+    t79 = t1 * t75 + t2 * t55
+    t80 = t57 + t59
+    t81 = t3 * t60 + t4 * t54
+    t82 = t3 * t41 - t4 * t55
+    t83 = t3 * t55 + t4 * t41
+    t84 = t4 * (2.0 * t3 * t53 + t4 * (t57 - t59))
+    t85 = t2 * t83
+    t86 = t1 * t83
+    t87 = t58 + t59 + t84
+    t88 = t1 * t56 - t2 * t82
+    t89 = t1 * t82 + t2 * t56
 
     # mass matrix between the joints and attitude and position
-    t80 = t4 * t36
-    t81 = t3 * t36
-    t82 = t4 * t52 - t3 * t37
-    t83 = t2 * t80 - t1 * t35
-    t84 = t1 * t80 + t2 * t35
-    t85 = t3 * t30 + t4 * t54
-    t86 = t4 * t30 - t3 * t54
-    t87 = t3 * (t26 * t30 - t9 * t53) + t4 * t56
-    t88 = t1 * t55 + t2 * t85
-    t89 = t2 * t55 - t1 * t85
-    t90 = t3 * t15 + t4 * t60
-    t91 = t4 * t15 - t3 * t60
-    t92 = t3 * (t15 * t26 - t9 * t59) + t4 * t62
-    t93 = t1 * t61 + t2 * t90
-    t94 = t2 * t61 - t1 * t90
+    t90 = t4 * t46
+    t91 = t3 * t46
+    t92 = t3 * t47 + t4 * t62
+    t93 = t1 * t45 - t2 * t90
+    t94 = t1 * t90 + t2 * t45
+    t95 = t3 * t40 + t4 * t64
+    t96 = t4 * t40 - t3 * t64
+    t97 = t3 * (t9 * t63 + t32 * t40) + t4 * t66
+    t98 = t1 * t65 + t2 * t95
+    t99 = t1 * t95 - t2 * t65
+    t100 = t3 * t15 + t4 * t70
+    t101 = t4 * t15 - t3 * t70
+    t102 = t3 * (t9 * t69 + t15 * t32) + t4 * t72
+    t103 = t1 * t71 + t2 * t100
+    t104 = t1 * t100 - t2 * t71
     return (
-        t77, t71, t67, t82, t87, t92, 0.0, t79, t78, t71, t70, t45, t38, -t57, -t63, t72, t75, t76,
-        t67, t45, t64, t52, t56, t62, t66, t68, t69, t82, t38, t52, t51, 0.0, 0.0, t81, t83, t84,
-        t87, -t57, t56, 0.0, t53, t59, t86, -t88, t89, t92, -t63, t62, 0.0, t59, t58, t91, -t93,
-        t94, 0.0, t72, t66, t81, t86, t91, k72, 0.0, 0.0, t79, t75, t68, t83, -t88, -t93, 0.0, k72,
-        0.0, t78, t76, t69, t84, t89, t94, 0.0, 0.0, k72,
+        t87, t81, t77, t92, t97, t102, 0.0, -t89, t88, t81, t80, t54, t48, -t67, -t73, t82, t85,
+        -t86, t77, t54, t74, t62, t66, t72, -t76, t78, t79, t92, t48, t62, t61, 0.0, 0.0, -t91, t93,
+        t94, t97, -t67, t66, 0.0, t63, t69, t96, -t98, t99, t102, -t73, t72, 0.0, t69, t68, t101,
+        -t103, t104, 0.0, t82, -t76, -t91, t96, t101, k72, 0.0, 0.0, -t89, t85, t78, t93, -t98,
+        -t103, 0.0, k72, 0.0, t88, -t86, t79, t94, t99, t104, 0.0, 0.0, k72,
     )
 
 
@@ -1459,30 +1469,31 @@ def _residual(k, sin, cos, q, v):
     t114 = k77 * t6
     t115 = t6 * t114
     t116 = k74 + t115
-    t117 = t5 * t114
+    t117 = k60 - t115
+    t118 = t5 * t114
 
     # inertia forces of the base and links 1 to 3
-    t118 = t31 * (k60 - t115)
-    t119 = t21 * t113 + t29 * t117 - k78 * t19 - t118
-    t120 = t29 * t116
-    t121 = t21 * t112 + t31 * t117 - k61 * t23 - t120
-    t122 = t117 * (t28 - t30)
-    t123 = t22 * t113 + t24 * t116 + t15 * t112 - t122
-    t124 = k73 * t32 - t108
-    t125 = t109 - k73 * t33
-    t126 = t103 + k73 * t34
-    t127 = t8 * t106 + t119 - t9 * t105 - t103 * t111
-    t128 = t121 - t8 * t105 - t9 * t106 - t103 * t110
-    t129 = t107 + t109 * t110 + t108 * t111 - t123
+    t119 = t31 * t117
+    t120 = t21 * t113 + t29 * t118 - k78 * t19 - t119
+    t121 = t29 * t116
+    t122 = t21 * t112 + t31 * t118 - k61 * t23 - t121
+    t123 = t118 * (t28 - t30)
+    t124 = t22 * t113 + t24 * t116 + t15 * t112 - t123
+    t125 = k73 * t32 - t108
+    t126 = t109 - k73 * t33
+    t127 = t103 + k73 * t34
+    t128 = t8 * t106 + t120 - t9 * t105 - t103 * t111
+    t129 = t122 - t8 * t105 - t9 * t106 - t103 * t110
+    t130 = t107 + t109 * t110 + t108 * t111 - t124
 
     # inertia forces on attitude and position
-    t130 = t4 * t124 - t3 * t126
-    t131 = t3 * t124 + t4 * t126
-    t132 = t4 * t129 - t3 * t127
-    t133 = t1 * t125 + t2 * t130
-    t134 = t2 * t125 - t1 * t130 - k79
+    t131 = t4 * t125 - t3 * t127
+    t132 = t3 * t125 + t4 * t127
+    t133 = t4 * t130 - t3 * t128
+    t134 = t1 * t126 + t2 * t131
+    t135 = t2 * t126 - t1 * t131 - k79
     return (
-        t132, t128, t129, t107, t105, t83, t131, t133, t134,
+        t133, t129, t130, t107, t105, t83, t132, t134, t135,
     )
 
 

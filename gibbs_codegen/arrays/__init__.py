@@ -1,4 +1,4 @@
-"""Array programs: what is made of calls of emitted functions, vectors and matrices, said once.
+"""Array programs: calls of emitted functions, vectors and matrices, written once.
 
 A program is a few nodes: inputs, constants, calls of a module's functions, sums, products, parts.
 NumPy, JAX and CasADi evaluate it as it stands, and its derivatives are programs again. The machine

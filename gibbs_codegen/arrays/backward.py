@@ -191,7 +191,7 @@ def _passed(
 
 
 def _of_rearranged(x: Node, w: Node) -> Node:
-    """Weights of the one argument of what rearranges it."""
+    """Weights of the one argument of an operation that rearranges it."""
     argument = x.arguments[0]
     match x.operation:
         case nodes.Part(begin, end):

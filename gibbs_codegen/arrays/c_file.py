@@ -171,7 +171,7 @@ def _declared(robot: Functions, structure: Structure, values: Mapping[str, Node]
 
 
 def _explained(function: CFunction) -> str:
-    """The comment on a function: what it does, and what is no structure."""
+    """The comment on a function: its work, and its arguments without structures."""
     rows = [f"@brief {function.words}"]
     if function.explained:
         rows.append("")
@@ -299,6 +299,6 @@ def _needed(text: str) -> str:
 
 
 def _for_one_state(name: str) -> str:
-    """A file of what is written by hand, with numbers of one state."""
+    """A file of functions written by hand, with numbers of one state."""
     text = c_source(name).replace("static INLINE void solve(", "static INLINE void solve_real(")
     return re.sub(r"\bINLINE\b", "inline", re.sub(r"\bnumber\b", "real", text))

@@ -303,7 +303,7 @@ class CProgram:
         return places
 
     def _place(self, x: Node, at: View, places: dict[Node, View]) -> None:
-        """Let a node be computed where it is wanted, and what is joined where it is joined."""
+        """Let a node be computed where it is wanted, and joined pieces where they are joined."""
         match x.operation:
             case nodes.Entries() | nodes.Coordinates():
                 self._place(x.arguments[0], at, places)
@@ -724,7 +724,7 @@ class CProgram:
     # Functions.
 
     def parameters(self) -> list[str]:
-        """Declarations of what the function is given, in their order."""
+        """Declarations of the function's arguments, in their order."""
         declared = ["const void *const *context"] if self.has_context else []
         declared += [f"const Constants *{owner}" for owner in self.owners]
         for name, x in zip(self.program.names, self.program.inputs, strict=True):

@@ -43,7 +43,7 @@ def owners_of(program: Program) -> list[str]:
 
 
 def externals_of(program: Program) -> set[str]:
-    """Names of what is written by hand that a program calls."""
+    """Names of functions written by hand that a program calls."""
     return {external.name for _, external in nodes_of(program, External)}
 
 
@@ -64,7 +64,7 @@ def functions_of(program: Program) -> list[tuple[str, str]]:
 
 
 def check_distinct(programs: Iterable[Program]) -> None:
-    """Raise `UsageError` for different programs of one name, of which text has no two functions."""
+    """Raise `UsageError` for different programs of one name: text has one function per name."""
     names = [program.name for program in dict.fromkeys(programs)]
     if twice := sorted({name for name in names if names.count(name) > 1}):
         raise UsageError(

@@ -169,7 +169,7 @@ def _terms(x: Node, inner: dict[int, Node]) -> list[Node]:
 
 
 def _alone(x: Node, d: Node) -> Node:
-    """The derivative of what rearranges its one argument, given that of the argument."""
+    """The derivative of a node that rearranges its one argument, from that of the argument."""
     argument = x.arguments[0]
     match x.operation:
         case nodes.Part(begin, end):

@@ -70,7 +70,7 @@ def by_parameters(robot: Functions, name: str) -> Program:
 
 
 def _arguments(robot: Functions, name: str) -> tuple[tuple[Node, ...], list[Node]]:
-    """Entries of the arguments of a function as inputs, and what the function is given of them."""
+    """Entries of the arguments of a function as inputs, and the arguments made of them."""
     signature = robot.signatures[name]
     inputs = [
         variable(argument, *shape)

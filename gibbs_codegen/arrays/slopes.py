@@ -1,4 +1,4 @@
-"""Slopes: what derivatives of nodes are made of, forward and backward.
+"""Slopes: the parts of derivatives of nodes, forward and backward.
 
 The derivative of a node of shape S by a vector of n entries has the shape (*S, n); by coordinates
 it is that by a displacement in the tangent space, and of coordinates it is a displacement.
@@ -213,7 +213,7 @@ def _rows(rows: Sequence[Sequence[Node]]) -> Node:
 
 
 def _diagonal(position: Node, attitude: Node, joints: int) -> Node:
-    """A matrix of blocks on the diagonal, the last of which is the identity."""
+    """A matrix of blocks on the diagonal; the last block is the identity."""
     blocks = (position, attitude, constant(np.eye(joints)))
     width = sum(block.shape[1] for block in blocks)
     rows, first = [], 0

@@ -69,21 +69,21 @@ class NodeNames:
         self._taken = {*program.names, *program.outputs, *reserved}
         self._taken |= {*owners_of(program), *externals_of(program)}
         self._labels = program.labels
-        self._found: dict[Node, str] = {}
+        self._chosen: dict[Node, str] = {}
 
     def of(self, x: Node) -> str:
         """The name of a node's variable."""
-        if x not in self._found:
-            self._found[x] = self._free(self._wanted(x))
-        return self._found[x]
+        if x not in self._chosen:
+            self._chosen[x] = self._free(self._wanted(x))
+        return self._chosen[x]
 
     def give(self, x: Node, name: str) -> None:
         """Give a node the name of an output, if it has none."""
-        self._found.setdefault(x, name)
+        self._chosen.setdefault(x, name)
 
     def has(self, x: Node) -> bool:
         """True if a node has a name of its own."""
-        return x in self._found or x in self._labels
+        return x in self._chosen or x in self._labels
 
     def _free(self, wanted: str) -> str:
         name = wanted
@@ -198,7 +198,7 @@ class ArrayText(ABC):
 
 
 def _inner(x: Node) -> Node:
-    """A node without what only says whether it is coordinates."""
+    """A node without the mark of coordinates."""
     return _inner(x.arguments[0]) if isinstance(x.operation, _SAME) else x
 
 

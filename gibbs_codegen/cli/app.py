@@ -1,4 +1,4 @@
-"""The command line: its exit codes, and what becomes of errors and output.
+"""The command line: its exit codes, errors and output.
 
 A command is a module with a function `run`, imported when its words have been understood.
 """
@@ -20,7 +20,7 @@ from gibbs_codegen.errors import GibbsCodegenError, RefusedFileError, cause_of
 
 
 def console() -> int:
-    """Entry point of the `gibbs-codegen` command: `main`, and what becomes of its output."""
+    """Entry point of the `gibbs-codegen` command: `main`, with care for its output."""
     # A stream that was closed before the start is None: what is written there goes nowhere.
     # It lives as long as the process.
     nowhere = open(os.devnull, "w", encoding="utf-8")  # noqa: SIM115

@@ -12,7 +12,7 @@ from gibbs_codegen.files.module_writer import write_new_file
 
 
 def run(options: argparse.Namespace) -> int:
-    """Write the file, and print what it has no place for."""
+    """Write the file, and print the properties that it has no place for."""
     robot, _ = robot_argument.find_robot(options.robot)
     robot_argument.warn_of_inertias(robot)
     text, notes = export_robot(robot, options.format)

@@ -18,13 +18,13 @@ from gibbs_codegen.cli.terminal import plain_table, width
 from gibbs_codegen.errors import Fault, RobotFileError, UsageError, printable
 from gibbs_codegen.exchange.attaching import Attachment, is_robot_file, joined
 from gibbs_codegen.exchange.importing import MOST_TOLD, ImportOptions, in_order, opening_comment
-from gibbs_codegen.exchange.placement import Placement, vector
 from gibbs_codegen.exchange.sources import Finding, SourceFileError
 from gibbs_codegen.files.module_writer import write_new_file
 from gibbs_codegen.robot.file import parse_robot
 from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.robot.names import link_label
 from gibbs_codegen.robot.parts.base import ATTITUDES
+from gibbs_codegen.robot.parts.pose import Pose, vector
 from gibbs_codegen.robot.text import robot_text
 
 # Lines of one kind, more than a person will read at a time.
@@ -89,7 +89,7 @@ def run(options: argparse.Namespace) -> int:
 def _attachment(options: dict[str, Any]) -> Attachment:
     """The arm that --attach and the options after it describe."""
     turns = [Fraction(repr(angle)) for angle in options.get("rpy_deg", (0.0, 0.0, 0.0))]
-    pose = Placement(vector(options.get("xyz", (0.0, 0.0, 0.0))), (turns[0], turns[1], turns[2]))
+    pose = Pose(vector(options.get("xyz", (0.0, 0.0, 0.0))), (turns[0], turns[1], turns[2]))
     seat = options.get("on", "base")
     return Attachment(Path(options["attach"]), seat, pose, options.get("prefix", ""))
 

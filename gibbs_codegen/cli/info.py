@@ -16,7 +16,7 @@ from rich.text import Text
 from gibbs_codegen.cli import robot_argument, terminal
 from gibbs_codegen.cli.terminal import plain_table, print_table
 from gibbs_codegen.robot.balance import (
-    Hover,
+    HoverThrusts,
     arrangement,
     carried_rotors,
     hover,
@@ -36,7 +36,7 @@ from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.robot.names import coordinate_of, link_label, rotor_label
 from gibbs_codegen.robot.parts.constraint import ROWS
 from gibbs_codegen.robot.parts.numbers import AXES, BASE
-from gibbs_codegen.robot.placement import joint_frame, mounted_rotors
+from gibbs_codegen.robot.placement import joint_pose, mounted_rotors
 from gibbs_codegen.robot.posture import base_properties, whole_properties
 from gibbs_codegen.robot.wrenches import DIRECTIONS
 
@@ -122,7 +122,7 @@ def _machine_facts(robot: Robot) -> dict[str, Any]:
     }
 
 
-def _reach(robot: Robot, balance: Hover) -> ReachableWrenches | None:
+def _reach(robot: Robot, balance: HoverThrusts) -> ReachableWrenches | None:
     """Wrenches that rotors can add to hovering with joints at zero; None without thrusts or limits.
 
     Only rotors that stand in the file by themselves have limits, so the base is not the paper's.
@@ -201,7 +201,7 @@ def _part_tables(robot: Robot, data: dict[str, Any]) -> Iterator[Table]:
             angles = _listed([float(angle) for angle in link.pose.rpy_deg])
             poses.add_row(*carried, _listed(link.pose.xyz), angles, _direction(link.axis))
         else:
-            step = joint_frame(robot, i)[1][0], link.d
+            step = joint_pose(robot, i).xyz[0], link.d
             numbers = (float(link.alpha_deg), *step, float(link.theta_deg))
             parameters.add_row(*carried, *map(number, numbers))
     yield from (poses, parameters)

@@ -14,7 +14,7 @@ from gibbs_codegen.runtime.load import load
 
 @terminal.ended_by_signals()
 def run(options: argparse.Namespace) -> int:
-    """Write the results, and print what the log told."""
+    """Write the results, and print the contents of the log."""
     names = changes_of(options.name)
     check_results(options.out)
     with (

@@ -29,7 +29,7 @@ from gibbs_codegen.runtime.load import load
 
 @terminal.ended_by_signals()
 def run(options: argparse.Namespace) -> int:
-    """Fly until the scenario ends or somebody ends it, write the results, and tell what was."""
+    """Fly until the scenario ends or somebody ends it, write the results, and report the flight."""
     if options.autopilot == "px4":  # Before a module is generated.
         require("pymavlink", "the link to PX4", "sitl")
     if not 0 <= options.instance < 1000:

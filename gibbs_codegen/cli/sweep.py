@@ -105,7 +105,7 @@ def varied(text: str, key: str) -> Any:
 
 
 def _values(text: str) -> list[Any]:
-    """Values of TOML with commas between them; what is not TOML is text."""
+    """Values of TOML with commas between them; anything else is text."""
     try:
         return tomllib.loads(f"values = [{text}]")["values"]
     except (ValueError, RecursionError):

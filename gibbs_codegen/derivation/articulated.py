@@ -91,7 +91,7 @@ class SolvedJoint:
 
 @dataclass(frozen=True)
 class Articulation:
-    """A tree with every joint's equation solved, and what is left for the root.
+    """A tree with every joint's equation solved, and the rest for the root.
 
     Entry k − 1 of a list is that of joint k: `transforms` take what is in the segment's working
     frame to its parent's, or to the frame in which the root's system is solved; `joints` are the
@@ -249,7 +249,7 @@ def _freed(
 def _link(
     tape: Scalars, tree: SegmentTree, k: int, motion: Motion, applied: Wrench = NO_WRENCH
 ) -> ArticulatedBody:
-    """Segment k by itself: what is applied to it less its 𝒮 and ℛ (eq. 6), in its working frame."""
+    """Segment k by itself: its applied wrench less its 𝒮 and ℛ (eq. 6), in its working frame."""
     inertia = ArticulatedInertia.rigid(tape, tree.working_inertia(tape, k))
     inertial = link_wrench(tape, tree, k, motion)
     return ArticulatedBody(inertia, applied.plus(tape, inertial.opposite))

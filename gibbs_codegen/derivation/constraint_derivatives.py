@@ -1,4 +1,4 @@
-"""Derivatives of what constraints do, without those of what is solved for their forces.
+"""Derivatives of the effects of constraints, without those of the solution for their forces.
 
 Rows c = J a + γ are zero under the forces λ, as J v is under impulses, or what redundant rows ask
 for and cannot have. With dc, their derivatives where λ is fixed,
@@ -73,11 +73,11 @@ class ConstraintDerivatives:
     def of_forces(self, argument: str) -> Matrix:
         """Derivatives of forces or impulses by an argument (columns)."""
         with self.systems.imported.group(f"derivatives by {argument}, with those of the forces"):
-            outputs = self._own.from_solver(self.forces)
+            outputs = self._system.from_solver(self.forces)
             return self._jacobian(outputs, argument, self._of_forces(argument))
 
     @property
-    def _own(self) -> ConstraintEquations:
+    def _system(self) -> ConstraintEquations:
         return self.systems.constraints
 
     @cached_property
@@ -92,32 +92,32 @@ class ConstraintDerivatives:
 
     @cached_property
     def _articulation(self) -> Articulation:
-        return self._own.under(self.forces, self.alone)
+        return self._system.under(self.forces, self.alone)
 
     @cached_property
     def _motions(self) -> list[Values]:
         """Accelerations t of each frame."""
-        return self._own.unit_motions(self._articulation, self.alone)
+        return self._system.unit_motions(self._articulation, self.alone)
 
     @cached_property
     def _rows(self) -> list[sp.Expr]:
         """J a + γ or, after an impact, J v."""
-        rows = self._own
+        rows = self._system
         return rows.stopped_at(self._motions) if self.alone else rows.rows_at(self._motions)
 
     @cached_property
     def _pushes(self) -> list[sp.Expr]:
         """Forces μ along the unit loads."""
         pushes, rest = list[sp.Expr](), self.forces
-        for held in self._own.held:
+        for held in self._system.held:
             forces, rest = rest[: len(held.rows)], rest[len(held.rows) :]
-            pushes += self._own.symbolic.tape.combination(forces, self._own.shares(held))
+            pushes += self._system.symbolic.tape.combination(forces, self._system.shares(held))
         return pushes
 
     @cached_property
     def _base(self) -> tuple[list[sp.Expr], BaseColumns]:
-        """Accelerations, and columns of them and of what the frames feel."""
-        symbolic, constraints, tape = self._symbolic, self._own, self._symbolic.tape
+        """Accelerations, and columns of them and of motions of the frames."""
+        symbolic, constraints, tape = self._symbolic, self._system, self._symbolic.tape
         passive = passive_symbols(symbolic)
         if self.alone:
             passive = [PassiveSymbols(*[sp.S.Zero] * 4)] * len(passive)
@@ -140,15 +140,15 @@ class ConstraintDerivatives:
         _, base = self._base
         efforts = base.by_joints("effort")
         columns: list[Values] = []
-        for held in self._own.held:
-            for wrenches, joints in self._own.units(held):
+        for held in self._system.held:
+            for wrenches, joints in self._system.units(held):
                 columns += [base.by_load(k, wrench) for k, wrench in wrenches.items()]
                 columns += [efforts[k - 1] for k in joints]
         return in_order(self._symbolic.places, columns)
 
     def _columns(self, argument: str) -> tuple[list[list[sp.Expr]], list[Values]]:
         """Changes of accelerations and t (rows) with an argument while μ stays constant."""
-        symbolic, constraints, tape = self._symbolic, self._own, self._symbolic.tape
+        symbolic, constraints, tape = self._symbolic, self._system, self._symbolic.tape
         (acceleration, base), places = self._base, symbolic.places
         if argument == "u":
             columns = [*base.by_rotors(), *base.by_joints("effort")]
@@ -199,7 +199,7 @@ class ConstraintDerivatives:
         return rates
 
     def _jacobian(self, outputs: Values, argument: str, of_forces: Matrix) -> Matrix:
-        """Derivatives of what the forces and q or v make, by columns of dλ."""
+        """Derivatives of results of the forces and q or v, by columns of dλ."""
         systems, graph = self.systems, self.systems.imported.graph
         moved = [_moved(graph, systems.refs(self.forces), column) for column in of_forces]
         pairs = zip(systems.directions(argument), moved, strict=True)
@@ -209,8 +209,8 @@ class ConstraintDerivatives:
         """Changes of μ by an argument (columns) in axes that turn with the frames."""
         graph, first = self.systems.imported.graph, 0
         refs, turned = self.systems.refs(self._pushes), [list(row) for row in pushes]
-        for held in self._own.held:
-            count = len(self._own.units(held))
+        for held in self._system.held:
+            count = len(self._system.units(held))
             for j, turn in enumerate(self._turns(held) if argument == "q" else []):
                 for i in range(first, first + count if turn else first, 3):
                     turned[i][j] = graph.sum([turned[i][j], refs[i + 1]])
@@ -220,7 +220,7 @@ class ConstraintDerivatives:
 
     def _of_forces(self, argument: str) -> Matrix:
         """dλ, by columns."""
-        systems, graph, constraints = self.systems, self.systems.imported.graph, self._own
+        systems, graph, constraints = self.systems, self.systems.imported.graph, self._system
         nodes = systems.refs([x for motion in self._motions for x in motion])
         directions, (_, motions) = systems.directions(argument), self._columns(argument)
         with systems.imported.group(f"derivatives by {argument}, with the forces fixed"):
@@ -237,7 +237,7 @@ class ConstraintDerivatives:
 
     def _solved(self, changes: Matrix, turning: Sequence[Direction]) -> Matrix:
         """dλ from dc, by columns; A changes in the directions `turning`, if in any."""
-        systems, graph, constraints = self.systems, self.systems.imported.graph, self._own
+        systems, graph, constraints = self.systems, self.systems.imported.graph, self._system
         inverse = [systems.refs(row) for row in constraints.solver_inverse]
         if not turning or constraints.is_regular:
             return _columns_of(_minus(graph, _product(graph, inverse, changes)))
@@ -255,7 +255,7 @@ class ConstraintDerivatives:
 
     def _under(self, forces: list[sp.Expr], directions: Sequence[Direction]) -> Matrix:
         """Derivatives of A f of the active rows, with the forces f fixed."""
-        systems, graph, constraints = self.systems, self.systems.imported.graph, self._own
+        systems, graph, constraints = self.systems, self.systems.imported.graph, self._system
         fixed = _moved(graph, systems.refs(forces), [graph.zero] * len(forces))
         rows = zip(constraints.masks, constraints.rows_under(forces), strict=True)
         masked = [systems.symbolic.tape.let(mask * row) for mask, row in rows]
@@ -292,7 +292,7 @@ def _moved(graph: Graph, refs: Sequence[Ref], rates: Sequence[Ref]) -> Direction
 
 
 class ConstrainedSystems(Systems):
-    """Systems with the derivatives of what constraints do, which outputs share."""
+    """Systems with the derivatives of the effects of constraints, which outputs share."""
 
     @cached_property
     def held_derivatives(self) -> ConstraintDerivatives:

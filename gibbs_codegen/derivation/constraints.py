@@ -234,20 +234,20 @@ class ConstraintEquations:
             ]
 
     def between(self, held: Held) -> list[int]:
-        """Segments whose joints move a frame against what carries the anchor."""
+        """Segments whose joints move a frame against the anchor's carrier."""
         tree = self.symbolic.reduced_tree
         carrier = tree.path(held.carrier.segment) if held.carrier else []
         between = {*tree.path(held.frame.segment)} ^ {*carrier}
         return sorted(between - {0})
 
     def _velocity(self, held: Held) -> Acceleration:
-        """Velocity and angular velocity of a frame against what carries the anchor."""
+        """Velocity and angular velocity of a frame against the anchor's carrier."""
         motion, carrier = self._motion(held, TreeState.resting)
         with self._tape.group(f"velocity of {identifier(held.constraint.name)}"):
             return self._against(motion, carrier, held.arm)
 
     def _motion(self, held: Held, of: Callable[[Values], TreeState]) -> tuple[Acceleration, ...]:
-        """Motions of a frame and of what carries the anchor, as joints between them make them."""
+        """Motions of a frame and of the anchor's carrier by the joints between them."""
         symbolic = self.symbolic
         rates: Values = symbolic.v
         names = [mounting.name for mounting in mounted_frames(symbolic)]
@@ -270,7 +270,7 @@ class ConstraintEquations:
         return Acceleration(linear, tape.add(motion.angular, minus(there.angular)))
 
     def bias(self) -> list[sp.Expr]:
-        """Accelerations of all rows where a is zero, in the axes of what carries the anchor."""
+        """Accelerations of all rows where a is zero, in the axes of the anchor's carrier."""
         return [entry for held in self.held for entry in self._bias(held)]
 
     def _bias(self, held: Held) -> list[sp.Expr]:
@@ -292,7 +292,7 @@ class ConstraintEquations:
         return self._along(held, relative, centripetal=True)
 
     def _along(self, held: Held, motion: Acceleration, centripetal: bool = False) -> list[sp.Expr]:
-        """Components of a motion along the rows; of a distance with what turning its way adds."""
+        """Components of a motion along the rows; for a distance with the part of its turning."""
         tape, parts = self._tape, (motion.linear, motion.angular)
         with tape.group(f"rows of {identifier(held.constraint.name)}"):
             entries = [tape.dot(row.vector, parts[row.turns]) for row in held.rows]
@@ -567,7 +567,7 @@ class ConstraintEquations:
     @cached_property
     def _unheld(self) -> list[sp.Expr]:
         """J a + γ of the rows if no constraint held, in the axes of the solver."""
-        return self._accelerations(self.articulation, self._known)
+        return self._accelerations(self.articulation, self._unloaded)
 
     def _accelerations(self, articulation: Articulation, unloaded: Values) -> list[sp.Expr]:
         """Accelerations of the rows of the solver under some loads, with `unloaded` of them."""
@@ -582,7 +582,7 @@ class ConstraintEquations:
             ]
 
     @cached_property
-    def _known(self) -> list[sp.Expr]:
+    def _unloaded(self) -> list[sp.Expr]:
         """Parts of the rows by velocities and gravity, and by errors that go back to zero."""
         return self.rows_at(self.unit_motions(None, alone=False))
 
@@ -736,7 +736,7 @@ class ConstraintEquations:
         return [[-columns[min(i, j)][max(i, j)] for j in size] for i in size]
 
     def projected(self, rows: Values) -> list[sp.Expr]:
-        """A A⁺ times rows, in the axes of the solver: what forces can have of them."""
+        """A A⁺ times rows, in the axes of the solver: the part of them that forces can have."""
         inverse = self._inverse
         return inverse.projected(rows) if isinstance(inverse, PseudoInverse) else [*rows]
 

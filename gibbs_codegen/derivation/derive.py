@@ -146,4 +146,4 @@ def _slice(systems: ConstrainedSystems, signature: Signature) -> Slice:
                     f"{output.name} of {signature.name} has shape {shape} in the table"
                 )
             arrays.append((shape, values))
-    return Slice(signature.name, signature.arguments, tuple(arrays), groups)
+    return Slice(signature.name, signature.arguments, tuple(arrays), groups, row.parts)

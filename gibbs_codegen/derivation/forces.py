@@ -23,20 +23,20 @@ from gibbs_codegen.derivation.symbolic_robot import SymbolicRobot
 from gibbs_codegen.derivation.tree_dynamics import gibbs_function, whole_inertia
 from gibbs_codegen.robot.names import rotor_identifier
 from gibbs_codegen.robot.parts.numbers import Vector3
+from gibbs_codegen.symbolic.numbers import exact
 from gibbs_codegen.symbolic.tape import Scalars, Values, Vector
 from gibbs_codegen.symbolic.vectors import (
     NO_WRENCH,
     Matrix,
     Wrench,
     axis_vector,
-    structural_number,
     zeros,
 )
 
 
 def structural(direction: Vector3) -> Vector:
     """A direction that the robot file fixes."""
-    return tuple(structural_number(sp.Float(entry)) for entry in direction)
+    return tuple(map(exact, direction))
 
 
 def rod_thrust_direction(symbolic: SymbolicRobot, k: int) -> Vector:
@@ -152,12 +152,12 @@ def input_matrix(symbolic: SymbolicRobot) -> Matrix:
 
 
 def passive_symbols(symbolic: SymbolicRobot) -> list[PassiveSymbols]:
-    """Symbols of what acts by itself on each joint that moves."""
+    """Symbols of passive forces of each joint that moves."""
     return [symbolic.parameters.links[i].passive for i in symbolic.robot.moving]
 
 
 def armatures(symbolic: SymbolicRobot) -> list[sp.Expr]:
-    """Inertia of what turns or slides with each joint alone, of those that move (kg m² or kg)."""
+    """Inertia of rotors that turn or slide with each moving joint alone (kg m² or kg)."""
     return [joint.armature for joint in passive_symbols(symbolic)]
 
 

@@ -84,7 +84,7 @@ def articulated_dynamics(symbolic: SymbolicRobot, acting: Acting = thrusts) -> l
 
 
 def articulation_of(centred: SymbolicRobot, acting: Acting = thrusts) -> Articulation:
-    """The solved joints of a robot about its base centre, under what acts besides gravity.
+    """The solved joints of a robot about its base centre, under forces besides gravity.
 
     Raises `ZeroPivotError` where a joint moves nothing that has mass or inertia.
     """

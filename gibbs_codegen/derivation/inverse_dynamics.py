@@ -61,7 +61,7 @@ def inverse_dynamics(symbolic: SymbolicRobot) -> list[sp.Expr]:
 
 @dataclass(frozen=True)
 class MovingTree:
-    """A tree in motion: what each joint does, and what it carries.
+    """A tree in motion: the motion of each joint, and the bodies that it carries.
 
     `composite` is the inertia of the whole tree about the root, in its group frame. `units` and
     `bodies` are those of each segment about its joint, in its group frame. The root does

@@ -163,7 +163,7 @@ def _turns(links: Sequence[PlacedLink]) -> list[Turn | None]:
 
 @dataclass(frozen=True)
 class JointedBodies:
-    """Links with joints, and what is welded to them.
+    """Links with joints, and the links welded to them.
 
     Link `numbers[k − 1]` is segment k. `frames` says for the base, number 0, and every link where
     the frame is that the robot file gives it. `on_base` is what is welded to the base, about the
@@ -231,7 +231,7 @@ def label(robot: Robot, i: int) -> str:
 
 
 def _inertia_with_welded(tape: Scalars, name: str, parts: list[Inertia]) -> Inertia:
-    """Inertia about its joint, in its frame, of a link and of what is welded to it."""
+    """Inertia about its joint, in its frame, of a link and of links welded to it."""
     if len(parts) == 1:
         return parts[0]
     with tape.group(f"inertia of {name}, with what is welded to it", Stage.PARAMETER):

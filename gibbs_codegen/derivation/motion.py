@@ -113,7 +113,7 @@ class Motion:
         return self.displaced(tape, rotation.vector(tape, step))
 
     def along_x(self, tape: Scalars, rotation: Rotation) -> Vector:
-        """A applied to an x axis that is turned about z: what r̈ gains per length (1/s²)."""
+        """A applied to an x axis that is turned about z: the gain of r̈ per length (1/s²)."""
         first, second, _ = self.gradient
         x, y, z = (
             tape.let(rotation.cos * p + rotation.sin * q)
@@ -172,7 +172,7 @@ class Acceleration:
         return Acceleration(rotation.vector(tape, self.linear), rotation.vector(tape, self.angular))
 
     def passed_out(self, tape: Scalars, transform: Transform) -> Acceleration:
-        """Acceleration of a frame fixed to this one; `transform` takes what is there to here."""
+        """Acceleration of a frame fixed to this one; `transform` leads from there to here."""
         here = self
         for step in reversed(transform):
             if isinstance(step, Rotation):

@@ -24,7 +24,7 @@ from gibbs_codegen.robot.names import (
 from gibbs_codegen.robot.parts.body import Body, Rod
 from gibbs_codegen.robot.parts.constraint import QUATERNION, Constraint
 from gibbs_codegen.robot.parts.numbers import BASE, XYZ
-from gibbs_codegen.robot.parts.part import Number, Part, changed_numbers
+from gibbs_codegen.robot.parts.part import Part, RobotNumber, changed_numbers
 from gibbs_codegen.symbolic.tape import InlineTape, Scalars, Stage, Vector
 from gibbs_codegen.symbolic.vectors import ZERO
 
@@ -116,7 +116,7 @@ class Parameters:
         }
         self.constraints = {tie.name: self._constraint(tie) for tie in robot.constraints}
 
-    def node(self, number: Number) -> Node:
+    def node(self, number: RobotNumber) -> Node:
         """An input of array programs for a parameter, or zero where it is structural."""
         return zeros() if self._symbol(number) == 0 else variable(number.name, uniform=True)
 
@@ -124,7 +124,7 @@ class Parameters:
         """Symbols of the numbers of a part, by its fields."""
         return changed_numbers(part, prefix, self._symbol, slides)
 
-    def _symbol(self, number: Number) -> sp.Expr:
+    def _symbol(self, number: RobotNumber) -> sp.Expr:
         """The symbol of a parameter, its default and unit noted, or zero where it is structural."""
         name = number.name
         if number.value == 0.0 and not (self._keep_zeros or name in self._kept):

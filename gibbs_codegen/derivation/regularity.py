@@ -19,8 +19,9 @@ from gibbs_codegen.robot.description import Description
 from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.robot.parts.body import as_rigid_body, inertia_matrix
 from gibbs_codegen.robot.parts.numbers import BASE, size_fault
-from gibbs_codegen.robot.placement import Array, joint_frame
+from gibbs_codegen.robot.placement import joint_pose
 from gibbs_codegen.robot.posture import AT_ORIGIN, base_bodies, frames_on
+from gibbs_codegen.robot.rotations import Array
 
 Motion = tuple[str, ...]
 
@@ -166,7 +167,7 @@ def _momenta(robot: Robot, number: int) -> tuple[Array, Array]:
     size = _JOINTS + len(moving)
     lengths = [base.arm(k).length for k in range(1, base.rotors + 1)]
     for i, link in enumerate(robot.links, start=1):
-        lengths += [float(np.linalg.norm(joint_frame(robot, i)[1])), link.body.length]
+        lengths += [float(np.linalg.norm(joint_pose(robot, i).xyz)), link.body.length]
     shares = np.array(_configuration(len(moving), number))
     slides = np.array([robot.links[i - 1].joint == "prismatic" for i in moving], bool)
     positions = shares * np.where(slides, max(lengths, default=0.0) or 1.0, 1.0)

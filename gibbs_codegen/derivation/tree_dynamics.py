@@ -127,7 +127,7 @@ def subtree_wrenches(
     motions: Sequence[Motion],
     loads: Mapping[int, Wrench] = MappingProxyType({}),
 ) -> list[Wrench]:
-    """𝒮 and ℛ of each segment with all that it supports: what its joint has to supply.
+    """𝒮 and ℛ of each segment with all that it supports: the wrench that its joint supplies.
 
     They are about the joint in the working frame, as `motions` are; the root's are without its
     B₀r̈. `loads` act on segments after the root, by their index, about the joint in the segment's

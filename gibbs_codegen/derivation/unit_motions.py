@@ -113,7 +113,7 @@ class MovingBody:
 
 @dataclass(frozen=True)
 class Column:
-    """The wrenches that a coordinate takes, and what its row of the derivatives needs.
+    """The wrenches for a coordinate, and the couple for its row of the derivatives.
 
     `mass` is ∫ξ, `rate` ∫2ξ̇ and `angle` ∫ξ̈, with the moment of ẍ on the displaced points: columns
     of M and of the derivatives by v and by q. `couple` is 2∫ẋ×ξ.

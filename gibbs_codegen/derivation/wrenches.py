@@ -1,4 +1,4 @@
-"""Wrenches: what those on the frames do to the robot, and those that pass through its joints.
+"""Wrenches: the effect of those on the frames, and those that pass through the joints.
 
 A wrench on a frame is a load on its segment, or the generalised forces JᵀW.
 

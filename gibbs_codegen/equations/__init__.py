@@ -1,1 +1,1 @@
-"""The paper's equations in print: what `show` and the closed forms need."""
+"""The paper's equations in print, for `show` and the closed forms."""

@@ -1,4 +1,4 @@
-"""The equations of the paper for one chain, as plain values: what notebooks and `show` lay out."""
+"""The equations of the paper for one chain, as plain values, for notebooks and `show`."""
 
 from __future__ import annotations
 

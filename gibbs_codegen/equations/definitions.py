@@ -1,4 +1,4 @@
-"""A tape read as a list of definitions: what a reader can follow, instead of one long expression.
+"""A tape read as a list of definitions, which a reader can follow, not as one long expression.
 
 Closed forms grow about threefold with every link, a tape grows in proportion to the links and to
 the entries wanted. Statements that are short, or read only once, are put in place of their names;

@@ -1,4 +1,4 @@
-"""Expanded, collected forms of what the derivation nests: polynomials with sines and cosines.
+"""Expanded, collected forms of nested expressions: polynomials with sines and cosines.
 
 The recursions leave sums of products of sums. Multiplied out over the rationals, with
 sin² + cos² = 1 and like terms added, the same expressions are many times shorter than what
@@ -106,12 +106,12 @@ class _Expansion:
             if a - b in by_angle
         ]
         self._roots = [(place[leaf], int(leaf.base)) for leaf in leaves if leaf.is_Pow]
-        self._known: dict[sp.Expr, Any] = {}
+        self._polynomials: dict[sp.Expr, Any] = {}
 
     def polynomial(self, expression: sp.Expr) -> Any:
         """Numbers by monomials."""
-        if expression in self._known:
-            return self._known[expression]
+        if expression in self._polynomials:
+            return self._polynomials[expression]
         polynomial, factors = self._ring.one, []
         if expression in self._gens:
             polynomial = self._gens[expression]
@@ -138,7 +138,7 @@ class _Expansion:
             polynomial = self._ring.from_dict(terms)
         if len(polynomial) > self._most:
             raise TooLongError
-        self._known[expression] = polynomial
+        self._polynomials[expression] = polynomial
         return polynomial
 
     def shortest(self, terms: Terms) -> Terms:
@@ -155,7 +155,7 @@ class _Expansion:
         return terms
 
     def factored(self, terms: Terms) -> list[sp.Expr]:
-        """The polynomial as factors: what its terms share, and the sum of the rest."""
+        """The polynomial as factors: the common part of its terms, and the sum of the rest."""
         shared = tuple(map(min, zip(*terms, strict=True)))
         content = sp.S.Zero
         for number in terms.values():

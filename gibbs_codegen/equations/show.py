@@ -1,4 +1,4 @@
-"""The paper's equations of one chain, in its symbols: what `show` prints and notebooks display.
+"""The paper's equations of one chain, in its symbols, for `show` and notebooks.
 
 Equation 2 is the Gibbs function S_j, 5 its partials ∂S_j/∂θ̈_{j,i}, 6 the vectors 𝒮 and ℛ of any
 link, 15 the chain's equations of motion, bordered where it is constrained, and 18 the places of its

@@ -40,7 +40,7 @@ class Kind(IntEnum):
 
 @dataclass(frozen=True)
 class Name:
-    """A symbol as it is written, and what it means, with its unit.
+    """A symbol as it is written, and its meaning with the unit.
 
     `index` is the subscript, by which sines and cosines of the symbol are written.
     """

@@ -14,19 +14,19 @@ from pathlib import Path
 import numpy as np
 
 from gibbs_codegen.errors import UsageError, near, printable
-from gibbs_codegen.exchange.exporting import inertial_of, joint_placement
 from gibbs_codegen.exchange.importing import ImportOptions, import_robot
-from gibbs_codegen.exchange.placement import HERE, Placement, vector
-from gibbs_codegen.exchange.sources import Finding
-from gibbs_codegen.exchange.welding import composite, quiet_placement
+from gibbs_codegen.exchange.sources import Finding, quiet_pose
+from gibbs_codegen.exchange.welding import composite
 from gibbs_codegen.robot.file import read_robot, shipped_robots
 from gibbs_codegen.robot.layout import frames_of, has_default_tip
 from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.robot.names import default_prefix, name_from
-from gibbs_codegen.robot.parts.body import Body, RigidBody
+from gibbs_codegen.robot.parts.body import Body, RigidBody, as_rigid_body
 from gibbs_codegen.robot.parts.frame import Frame
 from gibbs_codegen.robot.parts.link import Link
 from gibbs_codegen.robot.parts.numbers import BASE
+from gibbs_codegen.robot.parts.pose import HERE, Pose, vector
+from gibbs_codegen.robot.placement import joint_pose
 from gibbs_codegen.robot.references import body_numbers
 
 
@@ -39,12 +39,12 @@ class Attachment:
 
     file: Path
     on: str = "base"
-    pose: Placement = HERE
+    pose: Pose = HERE
     prefix: str = ""
 
 
 def is_robot_file(path: Path) -> bool:
-    """Whether a path is that of a robot file, or the name of a robot that ships."""
+    """True if a path is that of a robot file, or the name of a robot that ships."""
     return path.suffix.lower() == ".toml" or (not path.exists() and str(path) in shipped_robots())
 
 
@@ -60,17 +60,17 @@ def joined(
     robot, findings = _read(path, options)
     if attachments and robot.links:  # With another arm the end of its own may be no tip any more.
         robot = replace(robot, frames=frames_of(robot)[1:])
-    for each in attachments:
-        arm, found = _read(each.file, ImportOptions(options.attitude, snap=options.snap))
-        root = next(line.subject for line in found if line.kind == "base")
+    for new in attachments:
+        arm, lines = _read(new.file, ImportOptions(options.attitude, snap=options.snap))
+        root = next(line.subject for line in lines if line.kind == "base")
         base = next(line.subject for line in findings if line.kind == "base")
-        carrier, seat = _seat(robot, base, each.on)
-        robot = _with_arm(robot, arm, carrier, seat @ each.pose, each.prefix, root, options.snap)
-        words = f"root {root} of {each.file.name} on {each.on}"
+        carrier, seat = _seat(robot, base, new.on)
+        robot = _with_arm(robot, arm, carrier, seat @ new.pose, new.prefix, root, options.snap)
+        words = f"root {root} of {new.file.name} on {new.on}"
         findings.append(Finding("attached", arm.name, words))
         # The arm does not fly, and needs no rotors.
-        own = ("base", root), ("note", "rotors")
-        findings += [line for line in found if (line.kind, line.subject) not in own]
+        of_drones = ("base", root), ("note", "rotors")
+        findings += [line for line in lines if (line.kind, line.subject) not in of_drones]
     return robot, findings
 
 
@@ -81,7 +81,7 @@ def _read(path: Path, options: ImportOptions) -> tuple[Robot, list[Finding]]:
     return robot, [Finding("base", robot.name, "the base of a robot file")]
 
 
-def _seat(drone: Robot, root: str, on: str) -> tuple[int, Placement]:
+def _seat(drone: Robot, root: str, on: str) -> tuple[int, Pose]:
     """The number of the body, and the frame in its own, that a name of a link or frame stands for.
 
     Of a link and a frame of one name it is the frame, as which imported robots keep frames of links
@@ -89,16 +89,16 @@ def _seat(drone: Robot, root: str, on: str) -> tuple[int, Placement]:
     """
     for frame in drone.frames:
         if frame.name == on:
-            return frame.on, Placement(frame.pose.xyz, frame.pose.rpy_deg)
+            return frame.on, frame.pose
     numbers = {root: BASE} | body_numbers([link.name for link in drone.links])
     if on not in numbers:
-        known = [*numbers, *(frame.name for frame in drone.frames)]
-        raise UsageError(f"--on {printable(on, 60)}: no such link or frame{near(on, known)}")
+        names = [*numbers, *(frame.name for frame in drone.frames)]
+        raise UsageError(f"--on {printable(on, 60)}: no such link or frame{near(on, names)}")
     return numbers[on], HERE
 
 
 def _with_arm(
-    drone: Robot, arm: Robot, carrier: int, pose: Placement, prefix: str, root: str, snap: bool
+    drone: Robot, arm: Robot, carrier: int, pose: Pose, prefix: str, root: str, snap: bool
 ) -> Robot:
     """The drone with an arm whose base is at a pose in the frame of body `carrier`."""
     if arm.base.rotors:
@@ -111,46 +111,36 @@ def _with_arm(
     def on(body: int) -> int:
         return carrier if body == BASE else count + body
 
-    def seated(inner: Placement, body: int) -> Placement:
+    def seated(inner: Pose, body: int) -> Pose:
         """In the frame of what carries it now, where it was in that of a body of the arm."""
-        found = pose @ inner if body == BASE else inner
-        return quiet_placement(found, snap)
+        return quiet_pose(pose @ inner if body == BASE else inner, snap)
 
     def link(i: int) -> Link:
-        own, parent = arm.links[i - 1], arm.parents[i - 1]
-        label = own.name or (default_prefix("link", i) if prefix else "")
-        own = replace(
-            own,
+        link, parent = arm.links[i - 1], arm.parents[i - 1]
+        label = link.name or (default_prefix("link", i) if prefix else "")
+        return replace(
+            link,
             parent=on(parent),
             name=prefix + label or None,
-            coordinate=own.coordinate and prefix + own.coordinate,
+            coordinate=link.coordinate and prefix + link.coordinate,
+            pose=link.pose if parent != BASE else seated(joint_pose(arm, i), BASE),
         )
-        if parent != BASE:
-            return own
-        return replace(own, pose=seated(joint_placement(arm, i), BASE).pose)
 
-    frames = [*drone.frames, Frame(prefix + root, carrier, seated(HERE, BASE).pose)]
+    frames = [*drone.frames, Frame(prefix + root, carrier, seated(HERE, BASE))]
     brought = _frames(arm)
-    for f in brought:
-        place = seated(Placement(f.pose.xyz, f.pose.rpy_deg), f.on)
-        frames.append(Frame(prefix + f.name, on(f.on), place.pose))
+    frames += [Frame(prefix + f.name, on(f.on), seated(f.pose, f.on)) for f in brought]
     # The base's own frame is that of the root.
     named = {"base": prefix + root} | {f.name: prefix + f.name for f in brought}
     constraints = [
-        replace(
-            each,
-            name=prefix + each.name,
-            frame=named[each.frame],
-            to=each.to and named[each.to],
-        )
-        for each in arm.constraints
+        replace(c, name=prefix + c.name, frame=named[c.frame], to=c.to and named[c.to])
+        for c in arm.constraints
     ]
     rotors = [
         replace(
             rotor,
             on=on(rotor.on),
             name=rotor.name and prefix + rotor.name,
-            position=seated(Placement(rotor.position), rotor.on).xyz,
+            position=seated(Pose(rotor.position), rotor.on).xyz,
             direction=vector(pose.matrix @ np.array(rotor.direction))
             if rotor.on == BASE
             else rotor.direction,
@@ -187,8 +177,8 @@ def _frames(arm: Robot) -> list[Frame]:
     return frames
 
 
-def _welded(body: Body | None, added: RigidBody, pose: Placement, snap: bool) -> RigidBody:
+def _welded(body: Body | None, added: RigidBody, pose: Pose, snap: bool) -> RigidBody:
     """A body with another welded to it at a pose in its frame."""
-    own = [] if body is None else [(inertial_of(body, HERE), HERE)]
-    whole = composite([*own, (inertial_of(added, HERE), pose)], snap)
+    carrier = [] if body is None else [(as_rigid_body(body), HERE)]
+    whole = composite([*carrier, (added, pose)], snap)
     return whole if body is None else replace(whole, length=body.length)

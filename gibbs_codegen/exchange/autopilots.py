@@ -21,7 +21,8 @@ from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.robot.names import coordinate_of, rotor_label
 from gibbs_codegen.robot.parts.numbers import BASE
 from gibbs_codegen.robot.parts.rotor import Drive
-from gibbs_codegen.robot.placement import Array, mounted_rotors
+from gibbs_codegen.robot.placement import mounted_rotors
+from gibbs_codegen.robot.rotations import Array
 
 _MOST_ROTORS = 12
 _MOST_TILTS = 4
@@ -81,8 +82,8 @@ class _Vehicle:
                 "multicopter modes of autopilots push along the base's normal only; thrusts to the "
                 "side need setpoints from outside"
             )
-        known = [most * z for most, z in zip(self.thrusts, up, strict=True) if most]
-        full = sum(known) if len(known) == robot.rotors else 0.0
+        lifts = [most * z for most, z in zip(self.thrusts, up, strict=True) if most]
+        full = sum(lifts) if len(lifts) == robot.rotors else 0.0
         self.hover = robot.gravity * robot.total_mass / full if full > 0.0 else None
         # Share of the thrust by the square of the output, None where that is not known.
         factors = [_square_share(drive) for drive in robot.drives]
@@ -173,7 +174,7 @@ def px4_text(robot: Robot) -> tuple[str, list[str]]:
     head = ["#!/bin/sh", "#", f"# @name {robot.name}", "#", "# @type Multirotor"]
     head += ["# @class Copter", "#", *_comment(seen, places), ""]
     head += [". ${R}etc/init.d/rc.mc_defaults", ""]
-    return "\n".join([*head, *lines, ""]), _told(seen)
+    return "\n".join([*head, *lines, ""]), _report(seen)
 
 
 def _letters(name: str, vector: Array) -> dict[str, float]:
@@ -190,7 +191,7 @@ def _comment(seen: _Vehicle, words: str) -> list[str]:
     return [part for line in lines for part in _wrapped(line)]
 
 
-def _told(seen: _Vehicle) -> list[str]:
+def _report(seen: _Vehicle) -> list[str]:
     battery = ["left out: the battery"] if seen.robot.battery else []
     return [*battery, *(f"mind: {words}" for words in seen.words)]
 
@@ -230,13 +231,13 @@ def ardupilot_text(robot: Robot) -> tuple[str, list[str]]:
     """Parameters of ArduPilot, and lines on what it cannot be told; raises as for PX4."""
     seen = _Vehicle(robot)
     values: dict[str, float] = {}
-    found = _frame(seen)
-    if found is None:
+    frame = _frame(seen)
+    if frame is None:
         seen.words.append(
             "ArduPilot has no frame with such rotors; a script may give one (FRAME_CLASS 15 or 16)"
         )
     else:
-        (values["FRAME_CLASS"], values["FRAME_TYPE"]), motors = found
+        (values["FRAME_CLASS"], values["FRAME_TYPE"]), motors = frame
         values |= {f"SERVO{k}_FUNCTION": 32 + motor for k, motor in enumerate(motors, start=1)}
         seen.words.append("ArduPilot takes all rotors to be alike and equally far from the centre")
     channels = {i: robot.rotors + n for n, i in enumerate(robot.moving, start=1)}
@@ -258,8 +259,8 @@ def ardupilot_text(robot: Robot) -> tuple[str, list[str]]:
         for i, channel in channels.items()
         for line in _wrapped(f"SERVO{channel}, by MAV_CMD_DO_SET_SERVO: {coordinate_of(robot, i)}")
     ]
-    told = [f"mind: {words}" for words in seen.words]
-    return "\n".join([*_comment(seen, ""), *joints, *lines, ""]), told
+    report = [f"mind: {words}" for words in seen.words]
+    return "\n".join([*_comment(seen, ""), *joints, *lines, ""]), report
 
 
 def _frame(seen: _Vehicle) -> tuple[tuple[int, int], list[int]] | None:

@@ -37,7 +37,7 @@ from gibbs_codegen.robot.posture import carried_inertia
 
 @dataclass(frozen=True)
 class ImportOptions:
-    """What a user may ask for.
+    """The wishes of a user.
 
     `lock` has where joints are locked, rad or m, by their names; `base` is the link that is the
     base, None for the root; `rotors` a file of rotors that replace those found; `snap` whether
@@ -98,8 +98,8 @@ def import_robot(path: Path, options: ImportOptions) -> tuple[Robot, list[Findin
             command, limits = rotor.drive.command, rotor.drive.limits
             unit = "rad/s" if command == "speed" else ""
         bounds = "" if limits is None else f"{limits[0]:g} to {limits[1]:g} {unit}"
-        own = [f"on {rotor.link}", f"drag {rotor.drag:g} m", f"{command} {bounds}".strip()]
-        detail = f"{', '.join(filter(None, own))} ({rotor.found_by})"
+        properties = [f"on {rotor.link}", f"drag {rotor.drag:g} m", f"{command} {bounds}".strip()]
+        detail = f"{', '.join(filter(None, properties))} ({rotor.evidence})"
         findings.append(Finding("rotor", rotor.name, detail))
         if abs(rotor.drag) > LARGEST_DRAG:
             detail = f"a drag of {rotor.drag:g} m is large; check its factor"
@@ -186,16 +186,16 @@ def opening_comment(source: str, findings: Sequence[Finding]) -> str:
     """The comment with which an imported robot file begins, with an empty line after it."""
     lines = [f"Imported from {printable(source, 80)} by gibbs-codegen import."]
     for kind in KINDS:
-        found = [line for line in findings if line.kind == kind]
-        if kind in ("welded", "locked", "snapped") and found:
-            names = ", ".join(dict.fromkeys(printable(line.subject, 60) for line in found))
+        lines_of_kind = [line for line in findings if line.kind == kind]
+        if kind in ("welded", "locked", "snapped") and lines_of_kind:
+            names = ", ".join(dict.fromkeys(printable(line.subject, 60) for line in lines_of_kind))
             lines.append(f"{kind.capitalize()}: {names}.")
-        elif kind not in ("rotor", "constraint") and found:
-            each = [
+        elif kind not in ("rotor", "constraint") and lines_of_kind:
+            subjects = [
                 f"{printable(line.subject, 60)} ({printable(line.detail, MOST_TOLD)})"
-                for line in found
+                for line in lines_of_kind
             ]
-            lines.append(f"{kind.capitalize()}: {', '.join(each)}.")
+            lines.append(f"{kind.capitalize()}: {', '.join(subjects)}.")
     wrapped = [
         part for line in lines for part in textwrap.wrap(line, _WIDTH - 2, subsequent_indent="  ")
     ]

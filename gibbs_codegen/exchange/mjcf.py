@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Container, Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -16,10 +17,12 @@ import numpy as np
 from gibbs_codegen.errors import printable, require
 from gibbs_codegen.exchange import sources
 from gibbs_codegen.exchange.mjcf_text import MjcfTexts
-from gibbs_codegen.exchange.placement import Placement, vector
-from gibbs_codegen.robot.parts.link import JointLimits, Passive
+from gibbs_codegen.robot.parts.body import RigidBody, entries_of
+from gibbs_codegen.robot.parts.constraint import LoopJoint
+from gibbs_codegen.robot.parts.link import JointLimits, Link, Passive
 from gibbs_codegen.robot.parts.numbers import AXES
-from gibbs_codegen.robot.placement import Array, turn_of_quaternion
+from gibbs_codegen.robot.parts.pose import Pose, vector
+from gibbs_codegen.robot.rotations import Array, turn_of_quaternion
 
 _SITE = 4
 # Of equalities: the kind, and that they are between sites rather than bodies.
@@ -82,12 +85,12 @@ def read_mjcf(path: Path, data: bytes, base: str | None, friction: bool = False)
     x, y, z = model.opt.gravity
     if math.hypot(x, y) > -1e-9 * z:
         words = f"gravity {x:g} {y:g} {z:g} must point along -z, as 0 0 -9.81 does; turn the model"
-        options = [each for each in texts.elements if "gravity" in each.attrib]
+        options = [e for e in texts.elements if "gravity" in e.attrib]
         raise texts.refused(options[-1], words)
-    return _Reader(model, str(path), texts.findings, friction).source(base)
+    return _CompiledModel(model, str(path), texts.findings, friction).source(base)
 
 
-class _Reader:
+class _CompiledModel:
     """Takes a compiled model apart."""
 
     def __init__(
@@ -96,7 +99,7 @@ class _Reader:
         self.model, self.file, self.findings, self._with_friction = model, file, findings, friction
         self.names = _names([model.body(b).name for b in range(model.nbody)], "body")
         self.joint_names = _names([model.joint(j).name for j in range(model.njnt)], "joint")
-        self._links = sources.Names(self.names)
+        self._links = sources.FreeNames(self.names)
         self.efforts = {
             j: float(np.abs(model.jnt_actfrcrange[j]).max())
             for j in range(model.njnt)
@@ -104,33 +107,32 @@ class _Reader:
         }
 
     def source(self, base: str | None) -> sources.Source:
-        """What the file says of the robot with link `base` (None: the only one), by the tree."""
+        """The robot with link `base` (None: the only one), by the tree."""
         model = self.model
         root = self._root(base)
         bodies = [b for b in range(1, model.nbody) if model.body_rootid[b] == root]
-        links: dict[str, sources.Link] = {}
-        joints: list[sources.Joint] = []
+        links: dict[str, sources.SourceBody] = {}
+        joints: list[sources.SourceJoint] = []
         first, count = model.body_jntadr[root], model.body_jntnum[root]
         for j in range(first, first + count):
             if model.jnt_type[j] != _FREE:
                 why = "a joint between the world and the root: the robot flies"
-                self._found(self.joint_names[j], why)
+                self._report(self.joint_names[j], why)
             elif lost := self._lost(j):
-                self._found(self.joint_names[j], f"{lost} of the joint of the base")
+                self._report(self.joint_names[j], f"{lost} of the joint of the base")
         rotors = tuple(self._rotors(bodies, range(first, first + count)))
         for body in bodies:
             if model.body_gravcomp[body]:
-                self._found(self.names[body], "compensation of its weight")
+                self._report(self.names[body], "compensation of its weight")
             for link, joint in self._joints(body) if body != root else ():
-                links[link] = sources.Link(link)
+                links[link] = sources.SourceBody(link)
                 joints.append(joint)
             axes = _turn(model.body_iquat[body])
             inertia = axes @ np.diag(model.body_inertia[body]) @ axes.T
-            place = Placement(vector(model.body_ipos[body]))
-            inertial = sources.Inertial(
-                float(model.body_mass[body]), place, (inertia + inertia.T) / 2
-            )
-            links[self.names[body]] = sources.Link(self.names[body], inertial)
+            place = vector(model.body_ipos[body])
+            entries = entries_of((inertia + inertia.T) / 2)
+            whole = RigidBody(0.0, float(model.body_mass[body]), place, entries)
+            links[self.names[body]] = sources.SourceBody(self.names[body], whole)
         seats, frames = model.actuator_trnid[model.actuator_trntype == _SITE, 0], []
         for s in range(model.nsite):
             name, body = model.site(s).name, model.site_bodyid[s]
@@ -157,16 +159,16 @@ class _Reader:
             return int(model.body_rootid[self.names.index(str(base), 1)])
         moved = [b for b in roots if model.body_jntnum[b]]
         flying = [b for b in moved if model.jnt_type[model.body_jntadr[b]] == _FREE]
-        found = flying or roots
-        if len(found) != 1:
-            names = ", ".join(printable(self.names[b], 60) for b in found[:5]) or "none"
-            message = f"holds {len(found)} robots ({names}); --base LINK tells which is meant"
+        robots = flying or roots
+        if len(robots) != 1:
+            names = ", ".join(printable(self.names[b], 60) for b in robots[:5]) or "none"
+            message = f"holds {len(robots)} robots ({names}); --base LINK tells which is meant"
             raise sources.refusal(self.file, message)
-        return found[0]
+        return robots[0]
 
     def _rotors(
         self, bodies: Sequence[int], anchors: Container[int]
-    ) -> Iterator[sources.FoundRotor]:
+    ) -> Iterator[sources.SourceRotor]:
         """Rotors by actuators at sites of such bodies; those at joints say the largest efforts."""
         model = self.model
         for k in range(model.nu):
@@ -184,25 +186,25 @@ class _Reader:
                 "dynamics": lag and not (at_site and lag in _FILTERS),
             }
             if lost := [words for words, there in more.items() if there]:
-                self._found(name, f"{', '.join(lost)} of an actuator")
+                self._report(name, f"{', '.join(lost)} of an actuator")
             limits = _range(model, k, size)
             if not at_site:
                 if target in anchors or model.jnt_type[target] == _BALL:
                     words = f"an actuator on joint {self.joint_names[target]}, which has no input"
-                    self._found(name, words)
+                    self._report(name, words)
                 if limits is not None and (most := max(map(abs, limits))) > 0.0:
                     self.efforts[target] = min(most, self.efforts.get(target, most))
                 continue
             if size == 0.0:
-                self._found(name, "an actuator of torque without a force, no rotor")
+                self._report(name, "an actuator of torque without a force, no rotor")
                 continue
             direction = gear[:3] / size
             drag = float(direction @ gear[3:]) / size
             if np.abs(gear[3:] - drag * gear[:3]).max() > 1e-9 * np.abs(gear).max():
-                self._found(name, "torque across the thrust")
+                self._report(name, "torque across the thrust")
             if limits is not None and limits[1] <= 0.0:  # It pulls: turned, it pushes.
                 direction, limits = -direction, (0.0 - limits[1], 0.0 - limits[0])
-            yield sources.FoundRotor(
+            yield sources.SourceRotor(
                 name=name,
                 link=self.names[body],
                 position=vector(model.site_pos[target]),
@@ -212,15 +214,15 @@ class _Reader:
                 time_constant=float(model.actuator_dynprm[k, 0]) or None
                 if lag in _FILTERS
                 else None,
-                found_by="motor at a site",
+                evidence="motor at a site",
             )
 
-    def _found(self, what: str, why: str, kind: sources.Kind = "left out") -> None:
+    def _report(self, what: str, why: str, kind: sources.Kind = "left out") -> None:
         self.findings.append(sources.Finding(kind, what, why))
 
-    def _constraints(self, bodies: Sequence[int]) -> Iterator[sources.Constraint]:
+    def _constraints(self, bodies: Sequence[int]) -> Iterator[sources.SourceConstraint]:
         """Constraints between such bodies, or of one of them and the world."""
-        model, names = self.model, sources.Names()
+        model, names = self.model, sources.FreeNames()
         for k in range(model.neq):
             name = names.free(model.equality(k).name or f"equality_{k + 1}")
             welds, data = model.eq_type[k] == _WELD, model.eq_data[k]
@@ -232,74 +234,76 @@ class _Reader:
                 # A weld has the place of its anchor in the second body first.
                 places = (data[3:6], data[:3]) if welds else (data[:3], data[3:6])
                 turns = (_turn(data[6:10]) if welds else np.eye(3), np.eye(3))
-                poses = map(Placement.of_matrix, places, turns)
+                poses = map(Pose.of_matrix, places, turns)
                 frames = [
-                    sources.Frame(f"{name}_{number}", self._carrier(body), pose)
+                    sources.SourceFrame(f"{name}_{number}", pose=pose, link=self._carrier(body))
                     for number, (body, pose) in enumerate(zip(ends, poses, strict=True), start=1)
                 ]
-            own = {sources.WORLD, *(self.names[b] for b in bodies)}
-            if not {frame.on for frame in frames} <= own or frames[0].on == frames[1].on:
-                self._found(name, "a constraint of what is not the robot's")
+            carriers = {sources.WORLD, *(self.names[b] for b in bodies)}
+            first, second = frames
+            if not {first.link, second.link} <= carriers or first.link == second.link:
+                self._report(name, "a constraint of what is not the robot's")
                 continue
             if not model.eq_active0[k]:
-                self._found(name, "a constraint that is off at first", "note")
-            first, second = frames if frames[0].on != sources.WORLD else frames[::-1]
-            yield sources.Constraint(name, "frame" if welds else "point", first, second)
+                self._report(name, "a constraint that is off at first", "note")
+            held, anchor = (second, first) if first.link == sources.WORLD else (first, second)
+            joint: LoopJoint = "fixed" if welds else "spherical"
+            yield sources.SourceConstraint.between(name, joint, (held, anchor))
 
     def _carrier(self, body: int) -> str:
         return sources.WORLD if body == WORLD else self.names[body]
 
-    def _site(self, s: int) -> sources.Frame:
+    def _site(self, s: int) -> sources.SourceFrame:
         model = self.model
-        pose = Placement.of_matrix(model.site_pos[s], _turn(model.site_quat[s]))
-        return sources.Frame(model.site(s).name, self._carrier(model.site_bodyid[s]), pose)
+        pose = Pose.of_matrix(model.site_pos[s], _turn(model.site_quat[s]))
+        link = self._carrier(model.site_bodyid[s])
+        return sources.SourceFrame(model.site(s).name, pose=pose, link=link)
 
-    def _joints(self, body: int) -> Iterator[tuple[str, sources.Joint]]:
+    def _joints(self, body: int) -> Iterator[tuple[str, sources.SourceJoint]]:
         """Joints of a body, each with the name of the link that it moves."""
         model = self.model
         parent = self.names[model.body_parentid[body]]
-        pose = Placement.of_matrix(model.body_pos[body], _turn(model.body_quat[body]))
+        pose = Pose.of_matrix(model.body_pos[body], _turn(model.body_quat[body]))
         first, count = model.body_jntadr[body], model.body_jntnum[body]
         parts = [part for j in range(first, first + count) for part in self._parts(j)]
         if not parts:
             yield (
                 self.names[body],
-                sources.Joint(f"{self.names[body]}_mount", "fixed", parent, self.names[body], pose),
+                sources.SourceJoint(
+                    f"{self.names[body]}_mount", "fixed", parent, self.names[body], pose
+                ),
             )
         for number, (name, j, axis) in enumerate(parts, start=1):
             link = self.names[body]
             if number < len(parts):
                 link = self._links.free(f"{link}_{name}")
             anchor = np.array(model.jnt_pos[j])
-            passive, limits = self._properties(j)
-            joint = sources.Joint(
+            part = replace(self._part(j), axis=axis)
+            joint = sources.SourceJoint(
                 name,
                 "prismatic" if model.jnt_type[j] == _SLIDE else "revolute",
                 parent,
                 link,
-                pose @ Placement(vector(anchor)),
-                axis,
-                Placement(vector(-anchor)),
-                passive,
-                limits,
-                continuous=model.jnt_type[j] == _HINGE and sources.endless(limits),
-                friction=sources.dry_friction(self._friction(j)),
+                pose @ Pose(vector(anchor)),
+                part,
+                Pose(vector(-anchor)),
+                model.jnt_type[j] == _HINGE and sources.endless(part.limits),
             )
             yield link, joint
-            parent, pose = link, Placement()
+            parent, pose = link, Pose()
 
     def _parts(self, j: int) -> list[tuple[str, int, Any]]:
         """Name, number and axis of each joint of one degree of freedom that a joint consists of."""
         name, model = self.joint_names[j], self.model
         if lost := self._lost(j):
-            self._found(name, lost)
+            self._report(name, lost)
         if model.jnt_type[j] != _BALL:
             return [(name, j, vector(model.jnt_axis[j]))]
-        self._found(name, "a ball joint, as three hinges about x, y and z", "note")
+        self._report(name, "a ball joint, as three hinges about x, y and z", "note")
         return [(f"{name}_{letter}", j, axis) for letter, axis in AXES.items()]
 
     def _lost(self, j: int) -> str:
-        """What acts on a joint and is not taken, in words; empty if nothing is."""
+        """Forces on a joint that are not taken, in words; empty if there are none."""
         model, kind, dof = self.model, self.model.jnt_type[j], self.model.jnt_dofadr[j]
         dofs = slice(dof, dof + {_FREE: 6, _BALL: 3}.get(kind, 1))
         friction = model.dof_frictionloss[dof] if self._friction(j) == 0.0 else 0.0
@@ -322,14 +326,15 @@ class _Reader:
         taken = self._with_friction and self.model.jnt_type[j] in (_SLIDE, _HINGE)
         return float(self.model.dof_frictionloss[self.model.jnt_dofadr[j]]) if taken else 0.0
 
-    def _properties(self, j: int) -> tuple[Passive, JointLimits]:
+    def _part(self, j: int) -> Link:
+        """The part of a joint, without its axis and the body that it moves."""
         model = self.model
         if model.jnt_type[j] == _BALL:
-            return Passive(), JointLimits()
+            return sources.NO_LINK
         dof, place = model.jnt_dofadr[j], model.jnt_qposadr[j]
         zero = float(model.qpos0[place])
         if zero:
-            self._found(self.joint_names[j], f"counts from its ref, {zero:g}", "note")
+            self._report(self.joint_names[j], f"counts from its ref, {zero:g}", "note")
         stiffness = float(np.ravel(model.jnt_stiffness[j])[0])
         rest = float(model.qpos_spring[place]) - zero if stiffness else 0.0
         damping = float(np.ravel(model.dof_damping[dof])[0])
@@ -339,10 +344,12 @@ class _Reader:
         low = high = None
         if model.jnt_limited[j]:
             low, high = (float(bound) - zero for bound in model.jnt_range[j])
-        return passive, JointLimits(low, high, self.efforts.get(j))
+        limits = JointLimits(low, high, self.efforts.get(j))
+        friction = sources.dry_friction(self._friction(j))
+        return Link(sources.NO_BODY, passive=passive, limits=limits, friction=friction)
 
 
-def _names(own: list[str], what: str) -> list[str]:
+def _names(given_names: list[str], what: str) -> list[str]:
     """Names of bodies or joints; of those without one what they are, a word, with the number."""
-    names = sources.Names(own)
-    return [name or names.free(f"{what}_{number}") for number, name in enumerate(own)]
+    names = sources.FreeNames(given_names)
+    return [name or names.free(f"{what}_{number}") for number, name in enumerate(given_names)]

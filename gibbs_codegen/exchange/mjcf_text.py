@@ -155,8 +155,8 @@ class MjcfTexts:
     def _include(self, root: Element, path: Path) -> None:
         """Put the contents of included files in place of `<include>`."""
         taken = {path.resolve()}
-        while found := [(p, e) for p in within(root) for e in children(p, "include")]:
-            parent, element = found[0]
+        while includes := [(p, e) for p in within(root) for e in children(p, "include")]:
+            parent, element = includes[0]
             file = self._file(element, path)
             if file.resolve() in taken:
                 words = f"{printable(file.name)} is included already; MuJoCo takes a file once"
@@ -219,23 +219,25 @@ def _purge(element: Element) -> None:
 def _strip(root: Element, attached: bool) -> int:
     """Remove shapes that give no mass, and count them; those of the world do if it is attached."""
     above = {inner: outer for outer in within(root) for inner in children(outer)}
-    computed = any(each.get("inertiafromgeom") == "true" for each in within(root, "compiler"))
+    computed = any(element.get("inertiafromgeom") == "true" for element in within(root, "compiler"))
     masses: dict[str, str | None] = {}
     for default in within(root, "default"):
         geom, outer = child(default, "geom"), above[default].attrib.get("class", "main")
-        own = None if geom is None else geom.attrib.get("mass")
-        masses[default.attrib.get("class", "main")] = own or masses.get(outer)
+        weight = None if geom is None else geom.attrib.get("mass")
+        masses[default.attrib.get("class", "main")] = weight or masses.get(outer)
     count = 0
     for geom in within(root, "geom"):
         holders = [above[geom]]
-        while "childclass" not in holders[-1].attrib and holders[-1] in above:
+        while holders[-1] in above:
             holders.append(above[holders[-1]])
-        if any(found.tag == "default" for found in holders):
+        bodies = [holder for holder in holders if holder.tag in ("body", "worldbody")]
+        if not bodies:  # It is a default, or MuJoCo refuses it.
             continue
-        body = next(found for found in holders if found.tag in ("body", "worldbody"))
+        body = bodies[0]
         heavy = child(body, "inertial") is not None and not computed
         weighed = heavy if body.tag == "body" else not attached
-        kind = geom.attrib.get("class", holders[-1].attrib.get("childclass", "main"))
+        classes = [text for holder in holders if (text := holder.attrib.get("childclass"))]
+        kind = geom.attrib.get("class", [*classes, "main"][0])
         mass = geom.attrib.get("mass", masses.get(kind)) or "1"
         with suppress(ValueError):  # MuJoCo refuses what is no number.
             if weighed or geom.get("type") in ("plane", "hfield") or float(mass) == 0.0:

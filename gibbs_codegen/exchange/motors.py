@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from gibbs_codegen.exchange.sources import FoundRotor, Source
+from gibbs_codegen.exchange.sources import Source, SourceRotor
 
 # Of a rotor whose speed nobody says, rad/s: about that of a propeller of ten inches.
 _USUAL_SPEED = 1000.0
@@ -17,7 +17,7 @@ _USUAL_THRUST = 2.0
 
 
 @dataclass(frozen=True)
-class Motor:
+class GazeboMotor:
     """A rotor as a motor: `constant` in N/(rad/s)², `moment` in m, `fastest` in rad/s.
 
     `up` and `down` are time constants of its speed, s, `hub_drag` is in kg. `words` says what was
@@ -34,20 +34,20 @@ class Motor:
     words: tuple[str, ...] = ()
 
 
-def motors_of(source: Source, weight: float) -> dict[str, Motor]:
+def motors_of(source: Source, weight: float) -> dict[str, GazeboMotor]:
     """The motors of a robot's rotors, by their names; `weight` is the robot's, N."""
     share = weight / max(len(source.rotors), 1)
     return {rotor.name: _motor(rotor, share) for rotor in source.rotors}
 
 
-def told_of_motors(motors: Mapping[str, Motor]) -> list[str]:
-    """What was assumed, or is otherwise in the robot, with the rotors that it holds for."""
+def motor_notes(motors: Mapping[str, GazeboMotor]) -> list[str]:
+    """Assumptions and changes in words, with the rotors that they hold for."""
     words = dict.fromkeys(line for motor in motors.values() for line in motor.words)
     named = {line: [n for n, motor in motors.items() if line in motor.words] for line in words}
     return [f"{line} (rotors {', '.join(names)})" for line, names in named.items()]
 
 
-def _motor(rotor: FoundRotor, share: float) -> Motor:
+def _motor(rotor: SourceRotor, share: float) -> GazeboMotor:
     """The motor of a rotor that bears so much of the weight, N, in hovering."""
     drive, words = rotor.drive, []
     low, most = rotor.limits or (0.0, 0.0)
@@ -71,7 +71,7 @@ def _motor(rotor: FoundRotor, share: float) -> Motor:
     }
     if lost := [name for name, value in others.items() if value]:
         words.append(f"left out: {', '.join(lost)} of the air")
-    return Motor(
+    return GazeboMotor(
         most / fastest**2,
         abs(rotor.drag),
         fastest,

@@ -11,15 +11,15 @@ from pathlib import Path
 from typing import Annotated
 
 from gibbs_codegen.errors import Fault, UsageError, near, printable
-from gibbs_codegen.exchange.placement import vector
-from gibbs_codegen.exchange.sources import FoundRotor, Source, SourceFileError, refusal
+from gibbs_codegen.exchange.sources import Source, SourceFileError, SourceRotor, refusal
 from gibbs_codegen.exchange.xml_file import read_bytes
 from gibbs_codegen.files.table import Table, Tables, file_table, key
 from gibbs_codegen.files.toml import checked
 from gibbs_codegen.robot.parts.numbers import BASE
 from gibbs_codegen.robot.parts.part import taken
+from gibbs_codegen.robot.parts.pose import vector
 from gibbs_codegen.robot.parts.rotor import MAX_ROTORS, Rotor
-from gibbs_codegen.robot.placement import turn_of_quaternion
+from gibbs_codegen.robot.rotations import turn_of_quaternion
 
 _MOST_YAML = 100_000
 
@@ -35,7 +35,7 @@ class RotorFileTable(Table):
     ]
 
 
-def read_rotors(path: Path, source: Source) -> tuple[FoundRotor, ...]:
+def read_rotors(path: Path, source: Source) -> tuple[SourceRotor, ...]:
     """Read a file of rotors on the links of a tree: in TOML, or in YAML if its name ends so.
 
     Raises `SourceFileError` if the file is refused, or a link is unknown.
@@ -51,11 +51,11 @@ def read_rotors(path: Path, source: Source) -> tuple[FoundRotor, ...]:
     else:
         table = checked(text, str(path), RotorFileTable, SourceFileError)
         rotors = tuple(
-            FoundRotor(
+            SourceRotor(
                 **vars(taken(Rotor, rotor)) | {"name": rotor.name or f"rotor_{number}"},
                 # "base" is the root, unless there is a link of that name.
                 link=source.root if link == "base" and link not in source.links else link,
-                found_by=path.name,
+                evidence=path.name,
             )
             for number, rotor in enumerate(table.rotor, start=1)
             for link in ["base" if rotor.on == BASE else str(rotor.on)]
@@ -74,7 +74,7 @@ def read_rotors(path: Path, source: Source) -> tuple[FoundRotor, ...]:
     return rotors
 
 
-def _of_yaml(text: str, path: Path, source: Source) -> tuple[FoundRotor, ...]:
+def _of_yaml(text: str, path: Path, source: Source) -> tuple[SourceRotor, ...]:
     """Rotors of a platform of eagle_mpc; thrust is along z of their frames.
 
     Raises `UsageError` if PyYAML is not installed, and `SourceFileError` if the file is refused.
@@ -101,7 +101,7 @@ def _of_yaml(text: str, path: Path, source: Source) -> tuple[FoundRotor, ...]:
             if not 0.0 < size < math.inf:
                 raise UsageError("orientation must be a quaternion x, y, z, w, which is not zero")
             x, y, z, w = (value / size for value in turn)
-            rotor = FoundRotor(
+            rotor = SourceRotor(
                 name=f"rotor_{number}",
                 link=str(platform.get("base_link_name") or source.root),
                 position=vector(entry["translation"]),
@@ -109,7 +109,7 @@ def _of_yaml(text: str, path: Path, source: Source) -> tuple[FoundRotor, ...]:
                 drag=float(spin[0] if isinstance(spin, list) else spin)
                 * (float(platform["cm"]) / float(platform["cf"])),
                 limits=(float(platform["min_thrust"]), float(platform["max_thrust"])),
-                found_by=path.name,
+                evidence=path.name,
             )
             numbers = (*rotor.position, *rotor.direction, rotor.drag, *(rotor.limits or ()))
             if not all(map(math.isfinite, numbers)):

@@ -14,16 +14,17 @@ import numpy as np
 
 from gibbs_codegen.errors import near, printable
 from gibbs_codegen.exchange import sources
-from gibbs_codegen.exchange.placement import HERE, LEVEL, Placement, degrees, vector
 from gibbs_codegen.exchange.sdf_models import MERGED, MODEL, PLACED, WORLD, whole_model
 from gibbs_codegen.exchange.unread import WITHIN, pass_over, unread, without_part
-from gibbs_codegen.exchange.urdf import COUNTED, ENTRIES, KINDS, OF_MOTORS, Values, gazebo_rotors
+from gibbs_codegen.exchange.urdf import COUNTED, KINDS, OF_MOTORS, Values, gazebo_rotors
 from gibbs_codegen.exchange.xml_file import Element, child, children, parse_xml, within
 from gibbs_codegen.exchange.xml_file import child_text as _text
-from gibbs_codegen.robot.parts.body import inertia_matrix
-from gibbs_codegen.robot.parts.link import Passive
-from gibbs_codegen.robot.parts.numbers import AXES
+from gibbs_codegen.robot.parts.body import RigidBody
+from gibbs_codegen.robot.parts.link import Link, Passive
+from gibbs_codegen.robot.parts.numbers import AXES, AXIS_PAIRS, LEVEL
+from gibbs_codegen.robot.parts.pose import HERE, Pose, vector
 from gibbs_codegen.robot.parts.rotor import Command
+from gibbs_codegen.robot.rotations import degrees
 
 _KINDS = ("revolute", "continuous", "prismatic", "fixed")
 # What is only counted, under these words, and what has no part in the motion.
@@ -60,15 +61,15 @@ def read_sdf(
         values.fault(model, f"has more than {_MOST_PLACED} links, joints and frames")
     if values.faults:
         raise sources.SourceFileError(file, values.faults)
-    reader = _Reader(model, values)
+    reader = _ModelReader(model, values)
     links, joints = reader.links(), reader.joints()
     frames = reader.frames()
     gravity = 9.81
     holders = [root, *children(root, "world")]
-    for each in (each for holder in holders for each in children(holder, "gravity")):
-        x, y, z = _numbers(values, each, 3)
+    for element in (element for holder in holders for element in children(holder, "gravity")):
+        x, y, z = _numbers(values, element, 3)
         if x or y or z > 0.0:
-            values.fault(each, "must point along -z, as 0 0 -9.81 does")
+            values.fault(element, "must point along -z, as 0 0 -9.81 does")
         gravity = -z
     rotors = gazebo_rotors(model, values, command)
     if child(model, "link") is None:
@@ -112,13 +113,13 @@ def _numbers(values: Values, element: Element, count: int) -> list[float]:
     return values.numbers(element, element.text or "", count)
 
 
-class _Reader:
+class _ModelReader:
     """Takes a model apart; names of links, joints and frames share one space."""
 
     def __init__(self, model: Element, values: Values) -> None:
         self._values, self._canonical = values, model.get("canonical_link", "")
         self.elements: dict[str, Element] = {}
-        self._poses: dict[str, tuple[str, Placement]] = {}
+        self._poses: dict[str, tuple[str, Pose]] = {}
         for element in children(model, *PLACED):
             other = self.elements.setdefault(values.name(element), element)
             if other is not element:
@@ -127,66 +128,64 @@ class _Reader:
             self._poses[name] = self._pose(element, self._stands_in(element))
         for name, element in self.elements.items():
             placed = element.get("placement_frame")
-            if placed and self._known(placed, element):
+            if placed and self._is_placed(placed, element):
                 place, pose = self._poses[name]
                 self._poses[name] = place, pose @ self._between(name, placed).inverse
 
-    def links(self) -> dict[str, sources.Link]:
+    def links(self) -> dict[str, sources.SourceBody]:
         """The links, with the world where a joint hangs on it."""
-        links = {
-            name: sources.Link(name, self._inertial(name, element), element.line)
-            for name, element in self._of_kind("link")
-        }
+        links = {name: self._body(name, element) for name, element in self._of_kind("link")}
         for name, element in self._of_kind("link"):
             self._values.weightless(name, _text(element, "gravity"))
         parents = {_text(joint, "parent") for _, joint in self._of_kind("joint")}
-        return ({WORLD: sources.Link(WORLD)} if WORLD in parents else {}) | links
+        return ({WORLD: sources.SourceBody(WORLD)} if WORLD in parents else {}) | links
 
-    def joints(self) -> tuple[sources.Joint, ...]:
+    def joints(self) -> tuple[sources.SourceJoint, ...]:
         """The joints, each of a parent before its pose and a child after its offset."""
         return tuple(self._joint(name, element) for name, element in self._of_kind("joint"))
 
-    def frames(self) -> tuple[sources.Frame, ...]:
+    def frames(self) -> tuple[sources.SourceFrame, ...]:
         """Frames on links."""
-        found = []
+        frames = []
         for name, _ in self._of_kind("frame"):
             link = self._carrier(name)
             if link == WORLD:
                 words = "on the world: a robot has frames of its own"
-                self._values.found("left out", name, words)
+                self._values.report("left out", name, words)
             elif link and not name.rpartition("::")[2].startswith(MERGED):
-                found.append(sources.Frame(name, link, self._between(link, name)))
-        return tuple(found)
+                pose = self._between(link, name)
+                frames.append(sources.SourceFrame(name, pose=pose, link=link))
+        return tuple(frames)
 
     def _of_kind(self, tag: str) -> Iterator[tuple[str, Element]]:
         return ((name, e) for name, e in self.elements.items() if e.tag == tag)
 
     def _stands_in(self, element: Element) -> str:
-        """What an element is placed in, where its pose does not say."""
+        """The frame that an element is placed in, where its pose does not say."""
         if element.tag == "joint":
             return _text(element, "child") or MODEL
         return element.get("attached_to") or MODEL
 
-    def _pose(self, element: Element, default: str) -> tuple[str, Placement]:
-        """What an element is placed in, and its pose there."""
-        found = child(element, "pose")
-        own = None if found is None else found.get("relative_to") or found.get("frame")
+    def _pose(self, element: Element, default: str) -> tuple[str, Pose]:
+        """The frame that an element is placed in, and its pose there."""
+        pose = child(element, "pose")
+        outer = None if pose is None else pose.get("relative_to") or pose.get("frame")
         names = {default: element}
-        if found is not None and own:
-            names[own] = found
+        if pose is not None and outer:
+            names[outer] = pose
         for name, by in names.items():
-            if name not in (MODEL, WORLD) and not self._known(name, by):
+            if name not in (MODEL, WORLD) and not self._is_placed(name, by):
                 return MODEL, HERE
-        return own or default, HERE if found is None else self._placement(found)
+        return outer or default, HERE if pose is None else self._placement(pose)
 
-    def _known(self, name: str, by: Element) -> bool:
-        """Whether a link, joint or frame that an element names is there; else it is a fault."""
+    def _is_placed(self, name: str, by: Element) -> bool:
+        """True if a link, joint or frame that an element names is there; else it is a fault."""
         if name not in self.elements:
             words = f"there is no link, joint or frame {printable(name, 60)}"
             self._values.fault(by, words + near(name, self.elements))
         return name in self.elements
 
-    def _placement(self, element: Element) -> Placement:
+    def _placement(self, element: Element) -> Pose:
         """The numbers of a pose: a place, then roll, pitch and yaw or a quaternion."""
         if not (element.text or "").strip():
             return HERE
@@ -197,10 +196,10 @@ class _Reader:
         if element.get("degrees") in ("true", "1"):
             angles = [math.radians(angle) for angle in angles]
         roll, pitch, yaw = map(degrees, angles)
-        return Placement((x + 0.0, y + 0.0, z + 0.0), (roll, pitch, yaw))
+        return Pose((x + 0.0, y + 0.0, z + 0.0), (roll, pitch, yaw))
 
     def _way(self, name: str) -> list[str]:
-        """What an element is placed in, from itself to the model."""
+        """The frames that an element is placed in, from itself to the model."""
         way, passed = [name], {name}
         while way[-1] in self._poses:
             stands_in = self._poses[way[-1]][0]
@@ -215,7 +214,7 @@ class _Reader:
             passed.add(stands_in)
         return [*way[:-1], MODEL]  # The world's frame is where the model's is.
 
-    def _between(self, outer: str, inner: str) -> Placement:
+    def _between(self, outer: str, inner: str) -> Pose:
         """The pose of an element in another."""
         back, there = self._way(outer), self._way(inner)
         while len(back) > 1 and len(there) > 1 and back[-2] == there[-2]:
@@ -223,7 +222,7 @@ class _Reader:
             there.pop()
         return self._along(back).inverse @ self._along(there)
 
-    def _along(self, way: list[str]) -> Placement:
+    def _along(self, way: list[str]) -> Pose:
         """The pose of the first of a way in the last."""
         poses = [self._poses[name][1] for name in way[:-1]]
         turned = [pose for pose in poses if pose.rpy_deg != LEVEL]
@@ -233,8 +232,8 @@ class _Reader:
             turn = pose.matrix @ turn
         # The angles of one that is turned stay digit by digit.
         if len(turned) > 1:
-            return Placement.of_matrix(place, turn)
-        return Placement(vector(place), turned[0].rpy_deg if turned else LEVEL)
+            return Pose.of_matrix(place, turn)
+        return Pose(vector(place), turned[0].rpy_deg if turned else LEVEL)
 
     def _carrier(self, name: str) -> str:
         """The link that an element is on, by what frames are attached to; else an empty text."""
@@ -249,25 +248,25 @@ class _Reader:
         self._values.fault(self.elements[name], "is attached to itself, in a circle")
         return ""
 
-    def _inertial(self, name: str, element: Element) -> sources.Inertial:
-        """Mass and inertia of a link, by default 1 kg and 1 kg m² about each axis, as SDF says."""
-        values, found = self._values, child(element, "inertial")
-        if found is not None and found.get("auto") in ("true", "1"):
-            values.fault(found, "has its inertia from shapes, which import does not read")
-        entries = None if found is None else child(found, "inertia")
-        mass = values.positive(found, "mass", 1.0)
-        moments = [values.number(entries, key, float(key[1] == key[2])) for key in ENTRIES]
-        lacking = [] if _text(found, "mass") else ["mass"]
-        alone = [entry for entry in ENTRIES[:3] if not _text(entries, entry)]
+    def _body(self, name: str, element: Element) -> sources.SourceBody:
+        """A link, by default of 1 kg, and 1 kg m² about each axis, as SDF says."""
+        values, inertial = self._values, child(element, "inertial")
+        if inertial is not None and inertial.get("auto") in ("true", "1"):
+            values.fault(inertial, "has its inertia from shapes, which import does not read")
+        entries = None if inertial is None else child(inertial, "inertia")
+        mass = values.positive(inertial, "mass", 1.0)
+        inertia = values.inertia(entries, 1.0)
+        lacking = [] if _text(inertial, "mass") else ["mass"]
+        alone = [f"i{pair}" for pair in AXIS_PAIRS[:3] if not _text(entries, f"i{pair}")]
         lacking += alone if entries is not None else ["inertia"]
         if lacking:
             words = f"no {', '.join(lacking)} in the file, for which SDF has 1 kg and 1 kg m²"
-            values.found("note", name, words)
-        pose = None if found is None else child(found, "pose")
+            values.report("note", name, words)
+        pose = None if inertial is None else child(inertial, "pose")
         place = HERE if pose is None else self._placement(pose)
-        return sources.Inertial(mass, place, inertia_matrix(moments))
+        return sources.SourceBody(name, RigidBody(mass=mass, inertia=inertia), place, element.line)
 
-    def _joint(self, name: str, element: Element) -> sources.Joint:
+    def _joint(self, name: str, element: Element) -> sources.SourceJoint:
         values, word = self._values, self._values.kind(element, _KINDS)
         kind = KINDS[word] if word in _KINDS else "fixed"
         ends = [_text(element, tag) for tag in ("parent", "child")]
@@ -289,30 +288,23 @@ class _Reader:
         stiffness = values.number(dynamics, "spring_stiffness", 0.0)
         rest = values.number(dynamics, "spring_reference", 0.0)
         if axis is not None and child(axis, "mimic") is not None:
-            values.found("left out", name, "that it follows another joint")
-        return sources.Joint(
-            name,
-            kind,
-            parent,
-            moved,
-            self._between(parent, name) if parent in self.elements else self._between(MODEL, name),
-            self._axis(name, axis),
-            self._between(name, moved),
-            Passive(
-                damping=damping, armature=0.0, stiffness=stiffness, rest=rest if stiffness else 0.0
-            ),
-            limits,
-            continuous=kind == "revolute" and sources.endless(limits),
-            friction=values.friction(name, dynamics),
-            line=element.line,
+            values.report("left out", name, "that it follows another joint")
+        pose = self._between(parent if parent in self.elements else MODEL, name)
+        axis_of_joint, offset = self._axis(name, axis), self._between(name, moved)
+        passive = Passive(damping=damping, stiffness=stiffness, rest=rest if stiffness else 0.0)
+        friction = values.friction(name, dynamics)
+        link = Link(
+            sources.NO_BODY, axis=axis_of_joint, passive=passive, limits=limits, friction=friction
         )
+        continuous, line = kind == "revolute" and sources.endless(limits), element.line
+        return sources.SourceJoint(name, kind, parent, moved, pose, link, offset, continuous, line)
 
     def _axis(self, name: str, axis: Element | None) -> tuple[float, float, float]:
         """The unit vector of a joint's axis in the joint's frame."""
-        found = None if axis is None else child(axis, "xyz")
-        if axis is None or found is None:
+        components = None if axis is None else child(axis, "xyz")
+        if axis is None or components is None:
             return AXES["z"]
-        direction = np.array(_numbers(self._values, found, 3))
-        if seen_from := found.get("expressed_in"):
+        direction = np.array(_numbers(self._values, components, 3))
+        if seen_from := components.get("expressed_in"):
             direction = self._between(name, seen_from).matrix @ direction
-        return self._values.unit(found, vector(direction))
+        return self._values.unit(components, vector(direction))

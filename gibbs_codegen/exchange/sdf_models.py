@@ -52,14 +52,16 @@ def whole_model(root: Element, file: Path, values: Values) -> tuple[Element, lis
     Models that a world includes count where it has none of its own. It has a `canonical_link`, on
     which its frames are.
     """
-    own = _Part(root, _version(root, values), (Path(os.path.abspath(file)),))
+    file_part = _Part(root, _version(root, values), (Path(os.path.abspath(file)),))
     holders = [root, *children(root, "world")]
-    models = [replace(own, model=each) for top in holders for each in children(top, "model")]
-    left = [each for top in holders for each in children(top, "include")]
+    models = [
+        replace(file_part, model=model) for top in holders for model in children(top, "model")
+    ]
+    left = [include for top in holders for include in children(top, "include")]
     assembly, lost = _Assembly(values), list[str]()
     moving = [part for part in models if not _rests(part.model)]
     for include in [] if moving else left[:]:
-        brought = assembly.included(include, own)
+        brought = assembly.included(include, file_part)
         if isinstance(brought, str):
             lost.append(brought)
         elif not _rests(brought.model):
@@ -79,7 +81,7 @@ def whole_model(root: Element, file: Path, values: Values) -> tuple[Element, lis
 
 
 def is_true(text: str | None) -> bool:
-    """Whether a text is what SDF has for true."""
+    """True if SDF takes a text for true."""
     return (text or "").strip().lower() in ("true", "1")
 
 
@@ -90,10 +92,10 @@ def _rests(model: Element) -> bool:
 def _version(root: Element, values: Values) -> tuple[int, int]:
     """The version of SDF, such as 1.10, which is later than 1.9."""
     text = root.get("version", "1.0")
-    if not (found := re.fullmatch(r"(\d{1,4})\.(\d{1,4})", text)):
+    if not (numbers := re.fullmatch(r"(\d{1,4})\.(\d{1,4})", text)):
         values.fault(root, f"version must be like 1.9, not {printable(text, 40)}")
         return _OWN_AXES
-    return int(found[1]), int(found[2])
+    return int(numbers[1]), int(numbers[2])
 
 
 class _Assembly:
@@ -110,32 +112,32 @@ class _Assembly:
         parts, links, nested = list[Element](), list[str](), list[str]()
 
         def named(name: str) -> str:
-            """What something of the model is called outside."""
+            """The name outside of something of the model."""
             name = name.strip().removesuffix(f"::{MODEL}")
             return name if name == WORLD else frame if name == MODEL else scope + name
 
-        for each in children(part.model):
-            if each.tag not in ("include", "model"):
-                _rename(each, named, part.version)
-                parts.append(each)
-                links += [each.get("name", "")] if each.tag == "link" else []
+        for entry in children(part.model):
+            if entry.tag not in ("include", "model"):
+                _rename(entry, named, part.version)
+                parts.append(entry)
+                links += [entry.get("name", "")] if entry.tag == "link" else []
                 continue
             brought = (
-                self.included(each, part) if each.tag == "include" else replace(part, model=each)
+                self.included(entry, part) if entry.tag == "include" else replace(part, model=entry)
             )
             if isinstance(brought, str):
-                self._values.fault(each, brought)
+                self._values.fault(entry, brought)
                 continue
-            model, merged = brought.model, is_true(each.get("merge"))
+            model, merged = brought.model, is_true(entry.get("merge"))
             name = self._values.name(model)
-            own = scope + (f"{MERGED}{name}{MODEL}" if merged else name)
-            inner = scope if merged else f"{own}::"
-            below, canonical = self.flat(brought, inner, own)
+            seat_name = scope + (f"{MERGED}{name}{MODEL}" if merged else name)
+            inner = scope if merged else f"{seat_name}::"
+            below, canonical = self.flat(brought, inner, seat_name)
             (links if merged else nested).append(canonical)
-            seat = Element("frame", {"name": own, "attached_to": canonical})
-            seat.line, seat.elsewhere = each.line, each.elsewhere
+            seat = Element("frame", {"name": seat_name, "attached_to": canonical})
+            seat.line, seat.elsewhere = entry.line, entry.elsewhere
             if placed := model.get("placement_frame"):
-                seat.set("placement_frame", own if placed == MODEL else inner + placed)
+                seat.set("placement_frame", seat_name if placed == MODEL else inner + placed)
             pose = child(model, "pose")
             pose = Element("pose") if pose is None else pose
             pose.set("relative_to", named(pose.get("relative_to") or MODEL))
@@ -147,13 +149,13 @@ class _Assembly:
     def included(self, include: Element, by: _Part) -> _Part | str:
         """The model that an include brings in, as it says, or why there is none."""
         uri = child_text(include, "uri")
-        file = _found(uri, by.files[-1].parent)
+        file = _model_file(uri, by.files[-1].parent)
         if isinstance(file, str):
             return file
         self._count += 1
         if file in by.files or self._count > _MOST_INCLUDED:
             return f"includes itself, or is one of more than {_MOST_INCLUDED}"
-        if any(each.tag.startswith("experimental:") for each in children(include)):
+        if any(entry.tag.startswith("experimental:") for entry in children(include)):
             return "has <experimental:params>, which import does not apply; write the model out"
         root = parse_xml(read_bytes(file), str(file))
         if root.tag != "sdf" or (model := child(root, "model")) is None:
@@ -181,17 +183,17 @@ def _rename(element: Element, named: Callable[[str], str], version: tuple[int, i
         if element.tag == "frame":
             element.set("attached_to", named(element.get("attached_to") or MODEL))
     for owner in within(element, "joint", "plugin"):
-        for found in children(owner):
-            if found.tag in ("parent", "child", "linkName", "jointName") and found.text:
-                found.text = named(found.text)
-            in_model = version < _OWN_AXES or is_true(child_text(found, "use_parent_model_frame"))
-            axis = child(found, "xyz") if found.tag == "axis" else None
+        for entry in children(owner):
+            if entry.tag in ("parent", "child", "linkName", "jointName") and entry.text:
+                entry.text = named(entry.text)
+            in_model = version < _OWN_AXES or is_true(child_text(entry, "use_parent_model_frame"))
+            axis = child(entry, "xyz") if entry.tag == "axis" else None
             seen_from = "" if axis is None else axis.get("expressed_in") or MODEL * in_model
             if axis is not None and seen_from:
                 axis.set("expressed_in", named(seen_from))
 
 
-def _found(uri: str, folder: Path) -> Path | str:
+def _model_file(uri: str, folder: Path) -> Path | str:
     """The file of a model that is included by a file in a folder, or why there is none.
 
     It is looked for in that folder and above, and where the environment says that models are.
@@ -203,7 +205,11 @@ def _found(uri: str, folder: Path) -> Path | str:
     above = [folder, *folder.parents]
     named = [Path(path) for key in _PATHS for path in os.environ.get(key, "").split(os.pathsep)]
     words = ""
-    for place in [*above, *(each / "models" for each in above), *filter(Path.is_absolute, named)]:
+    for place in [
+        *above,
+        *(parent / "models" for parent in above),
+        *filter(Path.is_absolute, named),
+    ]:
         file = place / rest
         if os.path.isdir(file):
             config = file / "model.config"
@@ -221,7 +227,7 @@ def _found(uri: str, folder: Path) -> Path | str:
 def _configured(config: Path) -> str:
     """The file of the latest version that a model.config names."""
     root, texts = parse_xml(read_bytes(config), str(config)), dict[tuple[int, ...], str]()
-    for each in root.iter("sdf"):
-        version = tuple(map(int, re.findall(r"\d{1,4}", each.get("version", ""))))
-        texts[version] = (each.text or "").strip()
+    for entry in root.iter("sdf"):
+        version = tuple(map(int, re.findall(r"\d{1,4}", entry.get("version", ""))))
+        texts[version] = (entry.text or "").strip()
     return texts[max(texts)] if texts else "model.sdf"

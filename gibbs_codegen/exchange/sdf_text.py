@@ -15,12 +15,12 @@ from dataclasses import replace
 import numpy as np
 
 from gibbs_codegen.errors import UsageError, printable
-from gibbs_codegen.exchange.motors import Motor
-from gibbs_codegen.exchange.placement import HERE, Placement, vector
-from gibbs_codegen.exchange.sources import Inertial, Joint, Names, Source
+from gibbs_codegen.exchange.motors import GazeboMotor
+from gibbs_codegen.exchange.sources import NO_BODY, FreeNames, Source, SourceBody, SourceJoint
 from gibbs_codegen.exchange.welding import composite
-from gibbs_codegen.exchange.xml_text import along_z, coulomb, numbers
-from gibbs_codegen.robot.parts.body import inertia_fault, inertia_matrix
+from gibbs_codegen.exchange.xml_text import along_z, coulomb, inertia_entries, numbers
+from gibbs_codegen.robot.parts.body import RigidBody, entries_of, inertia_fault, inertia_matrix
+from gibbs_codegen.robot.parts.pose import HERE, Pose
 from gibbs_codegen.robot.parts.servo import Servo
 
 _VERSION = "1.9"
@@ -33,14 +33,14 @@ _RADIUS = 0.1
 _RATE = 250
 
 
-def sdf_text(source: Source, motors: dict[str, Motor], servos: dict[str, Servo]) -> str:
+def sdf_text(source: Source, motors: dict[str, GazeboMotor]) -> str:
     """The text of an SDF file of a robot with names that a file can hold, its root the first link.
 
-    `motors` are those of rotors, by their names, and `servos` those of joints that have one.
+    `motors` are those of rotors, by their names.
     """
     used = [*source.links, *(joint.name for joint in source.joints)]
     used += [rotor.name for rotor in source.rotors]
-    names = Names([*used, *(frame.name for frame in source.frames)])
+    names = FreeNames([*used, *(frame.name for frame in source.frames)])
     spins = {rotor.name: names.free(f"{rotor.name}_joint") for rotor in source.rotors}
     top = ET.Element("sdf", version=_VERSION)
     model = ET.SubElement(top, "model", name=source.name)
@@ -56,77 +56,70 @@ def sdf_text(source: Source, motors: dict[str, Motor], servos: dict[str, Servo])
         if joint.kind != "fixed":
             _properties(axis, joint)
     for rotor in source.rotors:
-        pose, spin = Placement(rotor.position, along_z(rotor.direction)), spins[rotor.name]
+        pose, spin = Pose(rotor.position, along_z(rotor.direction)), spins[rotor.name]
         _link(model, rotor.name, discs[rotor.name], spin)
         axis = _joint(model, spin, "revolute", rotor.link, rotor.name, pose)
         ET.SubElement(axis, "xyz").text = "0 0 1"
     for frame in source.frames:
-        element = ET.SubElement(model, "frame", name=frame.name, attached_to=frame.on)
+        element = ET.SubElement(model, "frame", name=frame.name, attached_to=frame.link)
         _pose(element, frame.pose)
     for number, rotor in enumerate(source.rotors):
         _motor(model, number, rotor.name, spins[rotor.name], motors[rotor.name])
-    moving = [joint.name for joint in source.joints if joint.kind != "fixed"]
-    for number, name in enumerate(moving):
-        _drive(model, number, name, servos.get(name))
+    moving = [joint for joint in source.joints if joint.kind != "fixed"]
+    for number, joint in enumerate(moving):
+        _drive(model, number, joint.name, joint.link.servo)
     _plugin(model, "joint-state-publisher", "JointStatePublisher", {})
     ET.indent(top)
     return f'<?xml version="1.0"?>\n{ET.tostring(top, encoding="unicode")}\n'
 
 
-def _with_propellers(source: Source) -> tuple[dict[str, Inertial], dict[str, Inertial]]:
-    """Inertias of links without their propellers, and of propellers, by their names.
+def _with_propellers(source: Source) -> tuple[dict[str, SourceBody], dict[str, SourceBody]]:
+    """Links without the mass of their propellers, and propellers, by their names.
 
     Raises `UsageError` if a link has an inertia that no body has.
     """
-    links: dict[str, Inertial] = {}
-    discs: dict[str, Inertial] = {}
+    links: dict[str, SourceBody] = {}
+    discs: dict[str, SourceBody] = {}
     for name, link in source.links.items():
-        own = link.inertial
-        if fault := _fault(own):
+        if fault := inertia_fault(link.body.mass, link.body.inertia):
             raise UsageError(
                 f"the inertia of link {printable(name, 60)} {fault}, and Gazebo refuses it; "
                 "export URDF"
             )
         carried = [rotor for rotor in source.rotors if rotor.link == name]
-        places = [Placement(r.position, along_z(r.direction)) for r in carried]
-        least = _least_moment(own)
-        disc, rest = _disc(0.0), own
+        places = [Pose(r.position, along_z(r.direction)) for r in carried]
+        least = _least_moment(link.body)
+        disc, rest = NO_BODY, link
         for share in _SHARES if carried else ():
-            disc = _disc(share * own.mass / len(carried))
-            taken = replace(disc, mass=-disc.mass, inertia=-disc.inertia)
-            parts = [(own, HERE), *((taken, place) for place in places)]
-            body = composite(parts, False)
-            place = Placement(vector(body.com))
-            rest = Inertial(body.mass, place, inertia_matrix(body.inertia))
-            if not _fault(rest) and _least_moment(rest) > 0.5 * least:
+            disc = _disc(share * link.body.mass / len(carried))
+            lost = _disc(-disc.mass)
+            parts = [(link.body, link.pose), *((lost, place) for place in places)]
+            rest = SourceBody(name, composite(parts, False))
+            left = rest.body
+            if not inertia_fault(left.mass, left.inertia) and _least_moment(left) > 0.5 * least:
                 break
-            disc, rest = _disc(0.0), own
-        links[name] = _with_some(rest)
-        discs |= dict.fromkeys((rotor.name for rotor in carried), _with_some(disc))
+            disc, rest = NO_BODY, link
+        links[name] = replace(rest, body=_with_some(rest.body))
+        discs |= {rotor.name: SourceBody(rotor.name, _with_some(disc)) for rotor in carried}
     return links, discs
 
 
-def _disc(mass: float) -> Inertial:
+def _disc(mass: float) -> RigidBody:
     """A thin disc across z."""
-    return Inertial(mass, HERE, mass * _RADIUS**2 / 4.0 * np.diag([1.0, 1.0, 2.0]))
+    moment = mass * _RADIUS**2 / 4.0
+    return RigidBody(mass=mass, inertia=(moment, moment, 2.0 * moment, 0.0, 0.0, 0.0))
 
 
-def _fault(inertial: Inertial) -> str | None:
-    i = inertial.inertia
-    entries = (i[0, 0], i[1, 1], i[2, 2], i[0, 1], i[0, 2], i[1, 2])
-    return inertia_fault(inertial.mass, entries)
+def _least_moment(body: RigidBody) -> float:
+    return float(np.linalg.eigvalsh(inertia_matrix(body.inertia))[0])
 
 
-def _least_moment(inertial: Inertial) -> float:
-    return float(np.linalg.eigvalsh(inertial.inertia)[0])
-
-
-def _with_some(inertial: Inertial) -> Inertial:
-    """The inertial, or with so little more mass and inertia that a reader takes it."""
-    mass, inertia = max(inertial.mass, _NOTHING), inertial.inertia
-    if _least_moment(inertial) <= 0.0:
-        inertia = inertia + _NOTHING * np.eye(3)
-    return replace(inertial, mass=mass, inertia=inertia)
+def _with_some(body: RigidBody) -> RigidBody:
+    """The body, or with so little more mass and inertia that a reader takes it."""
+    mass, inertia = max(body.mass, _NOTHING), body.inertia
+    if _least_moment(body) <= 0.0:
+        inertia = entries_of(inertia_matrix(inertia) + _NOTHING * np.eye(3))
+    return replace(body, mass=mass, inertia=inertia)
 
 
 def _children(element: ET.Element, values: Mapping[str, object]) -> None:
@@ -138,29 +131,26 @@ def _children(element: ET.Element, values: Mapping[str, object]) -> None:
             )
 
 
-def _pose(element: ET.Element, pose: Placement, relative_to: str = "") -> None:
+def _pose(element: ET.Element, pose: Pose, relative_to: str = "") -> None:
     place = {"relative_to": relative_to} if relative_to else {}
     angles: Iterable[float] = (math.radians(float(angle)) for angle in pose.rpy_deg)
     ET.SubElement(element, "pose", place).text = numbers([*pose.xyz, *angles])
 
 
-def _link(model: ET.Element, name: str, inertial: Inertial, joint: str) -> ET.Element:
+def _link(model: ET.Element, name: str, link: SourceBody, joint: str) -> ET.Element:
     """Write a link, whose frame is that of the joint that carries it where there is one."""
     element = ET.SubElement(model, "link", name=name)
     if joint:
         _pose(element, HERE, joint)
-    found = ET.SubElement(element, "inertial")
-    _pose(found, inertial.pose)
-    _children(found, {"mass": float(inertial.mass)})
-    i, entries = inertial.inertia, ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
-    values = (i[0, 0], i[0, 1], i[0, 2], i[1, 1], i[1, 2], i[2, 2])
-    pairs = zip(entries, map(float, values), strict=True)
-    _children(ET.SubElement(found, "inertia"), dict(pairs))
+    inertial = ET.SubElement(element, "inertial")
+    _pose(inertial, link.seat)
+    _children(inertial, {"mass": float(link.body.mass)})
+    _children(ET.SubElement(inertial, "inertia"), inertia_entries(link.body))
     return element
 
 
 def _joint(
-    model: ET.Element, name: str, kind: str, parent: str, child: str, pose: Placement
+    model: ET.Element, name: str, kind: str, parent: str, child: str, pose: Pose
 ) -> ET.Element:
     """Write a joint with its place in its parent; return its axis or, fixed, itself."""
     element = ET.SubElement(model, "joint", name=name, type=kind)
@@ -169,16 +159,16 @@ def _joint(
     return element if kind == "fixed" else ET.SubElement(element, "axis")
 
 
-def _properties(axis: ET.Element, joint: Joint) -> None:
+def _properties(axis: ET.Element, joint: SourceJoint) -> None:
     """Write the axis of a joint, its limits, and what acts on it by itself."""
-    limits, passive = joint.limits, joint.passive
+    link, limits, passive = joint.link, joint.link.limits, joint.link.passive
     bounds = {"lower": limits.low, "upper": limits.high}
     if joint.continuous:
         bounds = {}
     bounds |= {"effort": limits.effort, "velocity": limits.velocity}
-    resisting = {"damping": passive.damping, "friction": coulomb(joint)}
+    resisting = {"damping": passive.damping, "friction": coulomb(link)}
     resisting |= {"spring_stiffness": passive.stiffness, "spring_reference": passive.rest}
-    ET.SubElement(axis, "xyz").text = numbers(joint.axis)
+    ET.SubElement(axis, "xyz").text = numbers(link.axis)
     _children(ET.SubElement(axis, "limit"), bounds)
     _children(ET.SubElement(axis, "dynamics"), {k: v for k, v in resisting.items() if v})
 
@@ -189,7 +179,7 @@ def _plugin(model: ET.Element, file: str, name: str, values: dict[str, object]) 
     _children(ET.SubElement(model, "plugin", names), values)
 
 
-def _motor(model: ET.Element, number: int, link: str, joint: str, motor: Motor) -> None:
+def _motor(model: ET.Element, number: int, link: str, joint: str, motor: GazeboMotor) -> None:
     """Write the motor of a propeller, by its link and joint."""
     values: dict[str, object] = {
         "jointName": joint,

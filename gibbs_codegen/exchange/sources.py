@@ -1,4 +1,4 @@
-"""What a file of another format says, as plain data, before any welding.
+"""Robots of files of other formats as trees of parts, before any welding.
 
 Links and joints are named as in the file. Placements are in m and degrees, axes are unit vectors.
 
@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import cached_property
 from pathlib import Path
@@ -20,25 +20,29 @@ from typing import Any, Literal, TypeVar
 import numpy as np
 
 from gibbs_codegen.errors import Fault, RefusedFileError
-from gibbs_codegen.exchange.placement import HERE, Placement, snapped_angle, vector
+from gibbs_codegen.robot.parts.body import RigidBody
+from gibbs_codegen.robot.parts.constraint import Constraint, LoopJoint
+from gibbs_codegen.robot.parts.frame import Frame
 from gibbs_codegen.robot.parts.friction import Friction
-from gibbs_codegen.robot.parts.link import JointLimits, Passive
+from gibbs_codegen.robot.parts.link import JointLimits, Link
 from gibbs_codegen.robot.parts.numbers import AXES, Vector3
+from gibbs_codegen.robot.parts.pose import HERE, Pose, vector
 from gibbs_codegen.robot.parts.rotor import Rotor
-from gibbs_codegen.robot.placement import Array
+from gibbs_codegen.robot.rotations import Array, snapped_angle
 
 JointKind = Literal["revolute", "prismatic", "fixed", "floating", "planar"]
 # A joint that may turn ten times either way, rad, turns a rotor or a wheel. Files that come from
 # Gazebo give ±1e16 where URDF has the type continuous.
 _MANY_TURNS = 20.0 * math.pi
-NO_PASSIVE, NO_LIMITS = Passive(), JointLimits()
+NO_BODY = RigidBody()
+NO_LINK = Link(NO_BODY)
 Kind = Literal[
     "base", "attached", "locked", "welded", "snapped", "rotor", "constraint", "left out", "note"
 ]
 
 
 def endless(limits: JointLimits) -> bool:
-    """Whether the limits of a revolute joint let it turn without end."""
+    """True if the limits of a revolute joint let it turn without end."""
     low, high = limits.low, limits.high
     return (low is None or low <= -_MANY_TURNS) and (high is None or high >= _MANY_TURNS)
 
@@ -57,50 +61,37 @@ def refusal(
 
 
 @dataclass(frozen=True, eq=False)
-class Inertial:
-    """Mass in kg, its frame in the link's, and the inertia (3, 3) about that frame in kg m²."""
-
-    mass: float = 0.0
-    pose: Placement = HERE
-    inertia: Array = field(default_factory=lambda: np.zeros((3, 3)))
-
-    @property
-    def weighs(self) -> bool:
-        """Whether there is any mass or inertia."""
-        return self.mass != 0.0 or bool(self.inertia.any())
-
-
-NO_MASS = Inertial()
-
-
-@dataclass(frozen=True, eq=False)
-class Link:
-    """A link; `line` is where the file has it, if that is known."""
+class SourceBody:
+    """A link: a body in a frame at `pose` in the link's; `line` is where the file has it."""
 
     name: str
-    inertial: Inertial = NO_MASS
+    body: RigidBody = NO_BODY
+    pose: Pose = HERE
     line: int | None = None
+
+    @property
+    def seat(self) -> Pose:
+        """The centre of mass in the link's frame, with the axes of the inertia."""
+        return self.pose @ Pose(self.body.com)
 
 
 @dataclass(frozen=True, eq=False)
-class Joint:
-    """A joint between two links.
+class SourceJoint:
+    """A joint between two links, which any of both may carry as long as the tree has no root.
 
-    The child's frame is that of the parent after `pose`, the motion about or along `axis`, and
-    `offset`. `continuous` tells a revolute joint that turns without end.
+    The child's frame is that of the parent after `pose`, the motion about or along the axis, and
+    `offset`. `link` has all else that the child as a part has of the joint that carries it, and no
+    body. `continuous` tells a revolute joint that turns without end.
     """
 
     name: str
     kind: JointKind
     parent: str
     child: str
-    pose: Placement = HERE
-    axis: Vector3 = AXES["z"]
-    offset: Placement = HERE
-    passive: Passive = NO_PASSIVE
-    limits: JointLimits = NO_LIMITS
+    pose: Pose = HERE
+    link: Link = NO_LINK
+    offset: Pose = HERE
     continuous: bool = False
-    friction: Friction | None = None
     line: int | None = None
 
 
@@ -110,45 +101,42 @@ def dry_friction(coulomb: float) -> Friction | None:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class FoundRotor(Rotor):
-    """A rotor on a link, with the joint that lets it spin, and by what it was found."""
+class SourceRotor(Rotor):
+    """A rotor on a link, with the joint that lets it spin, and by what it was taken for one."""
 
     name: str
     link: str
     joint: str | None = None
-    found_by: str = ""
+    evidence: str = ""
     line: int | None = None
-
-
-@dataclass(frozen=True, eq=False)
-class Frame:
-    """A named frame on a link, such as a site."""
-
-    name: str
-    on: str
-    pose: Placement = HERE
 
 
 WORLD = ""  # What carries a frame that no link does.
 
 
-@dataclass(frozen=True, eq=False)
-class Constraint:
-    """What holds a frame against another: its origin, its axes too, or its turning about one axis.
+@dataclass(frozen=True, eq=False, kw_only=True)
+class SourceFrame(Frame):
+    """A frame on a link, such as a site, or on `WORLD`."""
 
-    The frames are on links or on `WORLD`, at most one of them; `axis` is in both.
-    """
+    link: str = WORLD
 
-    name: str
-    holds: Literal["point", "frame", "hinge"]
-    frame: Frame
-    to: Frame
-    axis: Vector3 = AXES["z"]
 
-    @property
-    def frames(self) -> tuple[Frame, Frame]:
-        """Both frames."""
-        return self.frame, self.to
+@dataclass(frozen=True, eq=False, kw_only=True)
+class SourceConstraint(Constraint):
+    """A loop between two frames, by the names of their links, at most one of them on `WORLD`."""
+
+    ends: tuple[SourceFrame, SourceFrame]
+
+    @staticmethod
+    def between(
+        name: str,
+        joint: LoopJoint,
+        ends: tuple[SourceFrame, SourceFrame],
+        axis: Vector3 = AXES["z"],
+    ) -> SourceConstraint:
+        """The loop that a joint closes between two frames."""
+        held, anchor = (frame.name for frame in ends)
+        return SourceConstraint(name, "loop", held, anchor, joint=joint, axis=axis, ends=ends)
 
 
 @dataclass(frozen=True)
@@ -171,26 +159,26 @@ class Source:
 
     file: str
     name: str
-    links: dict[str, Link]
-    joints: tuple[Joint, ...]
-    rotors: tuple[FoundRotor, ...] = ()
+    links: dict[str, SourceBody]
+    joints: tuple[SourceJoint, ...]
+    rotors: tuple[SourceRotor, ...] = ()
     spinning: frozenset[str] = frozenset()
     anchors: frozenset[str] = frozenset()
-    frames: tuple[Frame, ...] = ()
-    constraints: tuple[Constraint, ...] = ()
+    frames: tuple[SourceFrame, ...] = ()
+    constraints: tuple[SourceConstraint, ...] = ()
     gravity: float = 9.81
     findings: tuple[Finding, ...] = ()
     root: str = ""
 
     @cached_property
-    def below(self) -> dict[str, list[Joint]]:
+    def below(self) -> dict[str, list[SourceJoint]]:
         """The joints that each link carries, in the order of the file."""
-        joints: dict[str, list[Joint]] = {name: [] for name in self.links}
+        joints: dict[str, list[SourceJoint]] = {name: [] for name in self.links}
         for joint in self.joints:
             joints.setdefault(joint.parent, []).append(joint)
         return joints
 
-    def found(self, *findings: Finding, **changes: Any) -> Source:
+    def reported(self, *findings: Finding, **changes: Any) -> Source:
         """The file with changes, and with findings added to those of its report."""
         return replace(self, findings=(*self.findings, *findings), **changes)
 
@@ -199,7 +187,7 @@ class Source:
         return refusal(self.file, message, line, where)
 
 
-AnyPlace = TypeVar("AnyPlace", Placement, Vector3)
+AnyPlace = TypeVar("AnyPlace", Pose, Vector3)
 SNAP = 2e-5
 _SNAP_DEG = Fraction(math.degrees(SNAP))
 # Lengths in m, and products of inertia in parts of the trace, that nobody has measured.
@@ -211,37 +199,33 @@ def snapped_source(source: Source) -> Source:
     findings: list[Finding] = []
 
     def exact(name: str, value: AnyPlace) -> AnyPlace:
-        snap: Any = snapped if isinstance(value, Placement) else _snapped_axis
+        snap: Any = snapped if isinstance(value, Pose) else _snapped_axis
         made: AnyPlace = snap(value)
         if (old := _shown(value)) != (new := _shown(made)):
             findings.append(Finding("snapped", name, f"{old} to {new}"))
         return made
 
-    joints = [
-        replace(
-            joint,
-            pose=exact(joint.name, joint.pose),
-            axis=joint.axis if joint.kind == "fixed" else exact(joint.name, joint.axis),
-            offset=snapped(joint.offset),
-        )
-        for joint in source.joints
-    ]
-    links = {}
-    for name, link in source.links.items():
-        pose = exact(f"inertia of {name}", link.inertial.pose)
-        links[name] = replace(link, inertial=replace(link.inertial, pose=pose))
-    frames = [replace(frame, pose=exact(frame.name, frame.pose)) for frame in source.frames]
+    def placed(frame: SourceFrame, name: str) -> SourceFrame:
+        return replace(frame, pose=exact(name, frame.pose))
+
+    joints = []
+    for joint in source.joints:
+        pose, link = exact(joint.name, joint.pose), joint.link
+        if joint.kind != "fixed":
+            link = replace(link, axis=exact(joint.name, link.axis))
+        joints.append(replace(joint, pose=pose, link=link, offset=snapped(joint.offset)))
+    links = {
+        name: replace(link, pose=exact(f"inertia of {name}", link.pose))
+        for name, link in source.links.items()
+    }
+    frames = [placed(frame, frame.name) for frame in source.frames]
     rotors = [replace(r, direction=exact(r.name, r.direction)) for r in source.rotors]
-    constraints = [
-        replace(
-            each,
-            frame=replace(each.frame, pose=exact(each.name, each.frame.pose)),
-            to=replace(each.to, pose=exact(each.name, each.to.pose)),
-            axis=exact(each.name, each.axis),
-        )
-        for each in source.constraints
-    ]
-    return source.found(
+    constraints = []
+    for loop in source.constraints:
+        held, anchor = (placed(end, loop.name) for end in loop.ends)
+        axis = exact(loop.name, loop.axis)
+        constraints.append(replace(loop, ends=(held, anchor), axis=axis))
+    return source.reported(
         *findings,
         joints=tuple(joints),
         links=links,
@@ -251,7 +235,7 @@ def snapped_source(source: Source) -> Source:
     )
 
 
-def snapped(pose: Placement) -> Placement:
+def snapped(pose: Pose) -> Pose:
     """The pose, its angles that are all but multiples of 15° made exact; itself if none is."""
     roll, pitch, yaw = (snapped_angle(angle, _SNAP_DEG) for angle in pose.rpy_deg)
     exact = (roll, pitch, yaw)
@@ -259,7 +243,7 @@ def snapped(pose: Placement) -> Placement:
         # Here roll and yaw turn about one axis: what counts is their sum or difference.
         roll = snapped_angle(roll - yaw if pitch == 90 else roll + yaw, _SNAP_DEG)
         exact = (roll, pitch, Fraction(0))
-    return pose if exact == pose.rpy_deg else Placement(pose.xyz, exact)
+    return pose if exact == pose.rpy_deg else Pose(pose.xyz, exact)
 
 
 def _snapped_axis(axis: Vector3) -> Vector3:
@@ -277,15 +261,20 @@ def quiet(values: Vector3) -> Vector3:
     return vector([0.0 if abs(value) < _NOISE else value for value in values])
 
 
+def quiet_pose(pose: Pose, snap: bool) -> Pose:
+    """The pose, with noise in its origin set to zero if so asked."""
+    return Pose(quiet(pose.xyz), pose.rpy_deg) if snap else pose
+
+
 def quiet_inertia(matrix: Array) -> Array:
     """An inertia (3, 3) whose products below 1e-12 of its trace are set to 0."""
     noise = np.abs(matrix) < _NOISE * abs(np.trace(matrix))
     return np.where(noise & ~np.eye(3, dtype=bool), 0.0, matrix)
 
 
-def _shown(value: Placement | Vector3) -> str:
+def _shown(value: Pose | Vector3) -> str:
     """The angles of a pose in degrees, or an axis."""
-    if isinstance(value, Placement):
+    if isinstance(value, Pose):
         return "rpy_deg " + " ".join(f"{float(angle):.9g}" for angle in value.rpy_deg)
     return "axis " + " ".join(f"{number:.9g}" for number in value)
 
@@ -294,14 +283,14 @@ def _shown(value: Placement | Vector3) -> str:
 _LONGEST = 120
 
 
-class Names:
-    """Names of one kind of thing in a file."""
+class FreeNames:
+    """Names of one kind of thing in a file, and others that are free."""
 
     def __init__(self, used: Iterable[str] = ()) -> None:
         self._taken = set(used)
 
     def __contains__(self, name: str) -> bool:
-        """Whether something has the name."""
+        """True if something has the name."""
         return name in self._taken
 
     def free(self, name: str) -> str:

@@ -8,9 +8,16 @@ from dataclasses import replace
 import numpy as np
 
 from gibbs_codegen.errors import UsageError, near, printable
-from gibbs_codegen.exchange.placement import HERE, Placement, vector
-from gibbs_codegen.exchange.sources import WORLD, Constraint, Finding, FoundRotor, Joint, Source
-from gibbs_codegen.robot.placement import turn_about
+from gibbs_codegen.exchange.sources import (
+    WORLD,
+    Finding,
+    Source,
+    SourceConstraint,
+    SourceJoint,
+    SourceRotor,
+)
+from gibbs_codegen.robot.parts.pose import HERE, Pose, vector
+from gibbs_codegen.robot.rotations import turn_about
 
 # How far a rotor may be from the axis of its joint and still be what spins there: m, and rad. On
 # what carries the joint it must be at the joint, too, within so many metres.
@@ -26,7 +33,7 @@ def with_root(source: Source) -> Source:
     Raises `SourceFileError` if a link is unknown, has two parents or is its own ancestor, or there
     is more than one root.
     """
-    carried: dict[str, Joint] = {}
+    carried: dict[str, SourceJoint] = {}
     for joint in source.joints:
         where = f'<joint "{printable(joint.name, 60)}">'
         for end in (joint.parent, joint.child):
@@ -40,13 +47,11 @@ def with_root(source: Source) -> Source:
             )
             raise source.refused(message, joint.line, where)
         carried[joint.child] = joint
-    for each in source.constraints:
-        for frame in each.frames:
-            if frame.on not in source.links and frame.on != WORLD:
-                message = (
-                    f"there is no link {printable(frame.on, 60)}{near(frame.on, source.links)}"
-                )
-                raise source.refused(message, where=f'<constraint "{printable(each.name, 60)}">')
+    for loop in source.constraints:
+        for link in (end.link for end in loop.ends):
+            if link not in source.links and link != WORLD:
+                message = f"there is no link {printable(link, 60)}{near(link, source.links)}"
+                raise source.refused(message, where=f'<constraint "{printable(loop.name, 60)}">')
     roots = [name for name in source.links if name not in carried]
     if not roots:
         message = "every link is carried by a joint, so that the joints form a closed loop"
@@ -70,14 +75,14 @@ def locked(source: Source, values: Mapping[str, float]) -> Source:
     `values` has where the joints asked for are locked, rad or m, by name; raises `UsageError` if
     there is no joint of a name. Fixed joints are in their place.
     """
-    known = {joint.name for joint in source.joints} | source.anchors
+    names = {joint.name for joint in source.joints} | source.anchors
     for name in values:
-        if name not in known:
-            raise UsageError(f"--lock {printable(name, 60)}: no such joint{near(name, known)}")
+        if name not in names:
+            raise UsageError(f"--lock {printable(name, 60)}: no such joint{near(name, names)}")
     joints, findings, seats = [], [], _seats(source)
     for joint in source.joints:
         value, why = 0.0, ""
-        low, high = joint.limits.low, joint.limits.high
+        low, high = joint.link.limits.low, joint.link.limits.high
         if joint.kind == "fixed":
             pass
         elif joint.name in values:
@@ -92,17 +97,17 @@ def locked(source: Source, values: Mapping[str, float]) -> Source:
             findings.append(Finding("locked", joint.name, f"at {value:g}; {why}"))
             moved = HERE
             if value and joint.kind == "prismatic":
-                moved = Placement(vector(value * np.array(joint.axis)))
+                moved = Pose(vector(value * np.array(joint.link.axis)))
             elif value and joint.kind == "revolute":
-                turn = turn_about(np.array(joint.axis), value)
-                moved = Placement.of_matrix((0.0, 0.0, 0.0), turn)
+                turn = turn_about(np.array(joint.link.axis), value)
+                moved = Pose.of_matrix((0.0, 0.0, 0.0), turn)
             pose = joint.pose @ moved @ joint.offset
             joint = replace(joint, kind="fixed", pose=pose, offset=HERE)
         joints.append(joint)
-    return source.found(*findings, joints=tuple(joints))
+    return source.reported(*findings, joints=tuple(joints))
 
 
-def _seats(source: Source) -> dict[str, tuple[str, Placement]]:
+def _seats(source: Source) -> dict[str, tuple[str, Pose]]:
     """The first of the links that fixed joints hold together, and where each link is in it."""
     seats, way = {source.root: (source.root, HERE)}, [source.root]
     for link in way:  # It grows meanwhile.
@@ -114,8 +119,8 @@ def _seats(source: Source) -> dict[str, tuple[str, Placement]]:
     return seats
 
 
-def _spins(joint: Joint, rotor: FoundRotor, seats: Mapping[str, tuple[str, Placement]]) -> bool:
-    """Whether a joint without limits turns about the line of thrust of a rotor it carries.
+def _spins(joint: SourceJoint, rotor: SourceRotor, seats: Mapping[str, tuple[str, Pose]]) -> bool:
+    """True if a joint without limits turns about the line of thrust of a rotor it carries.
 
     It does, too, if what carries the joint has the rotor where the joint is.
     """
@@ -126,8 +131,8 @@ def _spins(joint: Joint, rotor: FoundRotor, seats: Mapping[str, tuple[str, Place
     frame = (joint.offset if carried else (at @ joint.pose).inverse) @ seat
     place = frame.point(rotor.position)
     direction = frame.matrix @ np.array(rotor.direction)
-    beside = np.linalg.norm(np.cross(joint.axis, place))
-    tilted = np.linalg.norm(np.cross(joint.axis, direction))
+    beside = np.linalg.norm(np.cross(joint.link.axis, place))
+    tilted = np.linalg.norm(np.cross(joint.link.axis, direction))
     near_by = carried or (body == carrier and np.linalg.norm(place) <= _AT_JOINT)
     return bool(near_by and beside <= _ON_AXIS and tilted <= _ON_AXIS)
 
@@ -140,32 +145,29 @@ def without_anchor(source: Source) -> Source:
     """
     for _ in range(_MOST_ANCHORS):
         root = source.root
-        below, inertial = source.below[root], source.links[root].inertial
-        carriers = {rotor.link for rotor in source.rotors} | {frame.on for frame in source.frames}
-        if len(below) != 1 or inertial.weighs or root in carriers:
+        below, body = source.below[root], source.links[root].body
+        carriers = {rotor.link for rotor in source.rotors} | {frame.link for frame in source.frames}
+        if len(below) != 1 or body.weighs or root in carriers:
             break
         (joint,) = below
         is_anchor = joint.kind == "fixed" and root.lower() in _ANCHORS
         if not is_anchor and joint.kind not in ("floating", "planar"):
             break
-        source = source.found(
+        source = source.reported(
             Finding("left out", root, f"the link above {joint.child}: the robot flies"),
             root=joint.child,
             links={name: link for name, link in source.links.items() if name != root},
-            joints=tuple(found for found in source.joints if found is not joint),
-            constraints=tuple(_to_world(each, root) for each in source.constraints),
+            joints=tuple(other for other in source.joints if other is not joint),
+            constraints=tuple(_to_world(loop, root) for loop in source.constraints),
             anchors=source.anchors | {joint.name},
         )
     return source
 
 
-def _to_world(constraint: Constraint, link: str) -> Constraint:
-    """A constraint in which a link that is left out is the world."""
-    first, second = (
-        replace(frame, on=WORLD) if frame.on == link else frame for frame in constraint.frames
-    )
-    first, second = (second, first) if first.on == WORLD else (first, second)
-    return replace(constraint, frame=first, to=second)
+def _to_world(loop: SourceConstraint, link: str) -> SourceConstraint:
+    """A loop in which a link that is left out is the world."""
+    first, second = (replace(e, link=WORLD) if e.link == link else e for e in loop.ends)
+    return replace(loop, ends=(second, first) if first.link == WORLD else (first, second))
 
 
 def check_kinds(source: Source) -> None:
@@ -207,11 +209,11 @@ def rerooted(source: Source, link: str) -> Source:
             parent=joint.child,
             child=joint.parent,
             pose=joint.offset.inverse,
-            axis=vector([-entry for entry in joint.axis]),
+            link=replace(joint.link, axis=vector([-entry for entry in joint.link.axis])),
             offset=joint.pose.inverse,
         )
         for joint in reverse
     ]
     joints = (*backwards, *others)
     finding = Finding("base", link, f"in place of {source.root}")
-    return source.found(finding, joints=joints, root=link)
+    return source.reported(finding, joints=joints, root=link)

@@ -1,4 +1,4 @@
-"""What a file says and no reader took, listed like with like, so that nothing is lost in silence.
+"""The rest of a file that no reader took, like with like, so that nothing is lost in silence.
 
 Readers mark what they read in `Element.read`. A format names what has no part in the motion, and
 what is only counted; all else that has no mark is reported with its lines.
@@ -20,8 +20,8 @@ WITHIN = "/"
 _OF_XML = ("xmlns", "xml:", "xsi:")
 
 
-def unread(roots: Iterable[Element], known: Mapping[str, str]) -> list[Finding]:
-    """What is neither read nor known in elements and those within.
+def unread(roots: Iterable[Element], words_of: Mapping[str, str]) -> list[Finding]:
+    """Lines on all in some elements that is neither read nor has words.
 
     `known` has names as `tag`, `parent/tag`, `parent/`, `prefix:`, `tag@attribute`, `@attribute`,
     `tag@` and `tag@prefix_`, also with a value at the end, as in `link/gravity=1`; its texts are
@@ -33,7 +33,7 @@ def unread(roots: Iterable[Element], known: Mapping[str, str]) -> list[Finding]:
     def sort(element: Element, text: str, subject: str, *names: str) -> None:
         value = plain(text)
         names = (*(f"{name}={value}" for name in names), *names)
-        words = next((known[name] for name in names if name in known), None)
+        words = next((words_of[name] for name in names if name in words_of), None)
         if words is None:
             groups.setdefault(subject, {})[element] = text
         elif words:
@@ -47,7 +47,7 @@ def unread(roots: Iterable[Element], known: Mapping[str, str]) -> list[Finding]:
                 begin = f"{tag}@{key.partition('_')[0]}_"
                 sort(element, text, subject, f"{tag}@{key}", f"@{key}", f"{tag}@", begin)
         for inner in children(element):
-            if inner.read or known.get(f"{tag}/{inner.tag}") == WITHIN:
+            if inner.read or words_of.get(f"{tag}/{inner.tag}") == WITHIN:
                 walk(inner)
             else:
                 space, colon, _ = inner.tag.partition(":")
@@ -67,13 +67,13 @@ def unread(roots: Iterable[Element], known: Mapping[str, str]) -> list[Finding]:
 
 def table(text: str) -> dict[str, list[str]]:
     """Words by that before them which ends with `/` or `@`."""
-    found: dict[str, list[str]] = {}
+    columns: dict[str, list[str]] = {}
     for word in text.split():
         if word[-1] in "/@":
-            found[word] = words = []
+            columns[word] = words = []
         else:
             words.append(word)
-    return found
+    return columns
 
 
 def without_part(text: str) -> dict[str, str]:
@@ -98,7 +98,7 @@ def plain(text: str) -> str:
 
 
 def _detail(same: list[tuple[Element, str]]) -> str:
-    """How many there are, their value or names, and where the first are."""
+    """The number of elements, their value or names, and the lines of the first."""
     values = {text.strip() for _, text in same}
     names = [name for element, _ in same if (name := element.attrib.get("name"))]
     words = [f"{len(same)} of them"] if len(same) > 1 else []

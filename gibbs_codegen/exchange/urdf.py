@@ -15,14 +15,13 @@ from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from operator import itemgetter
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from gibbs_codegen.errors import Fault, printable
+from gibbs_codegen.errors import Fault, near, printable
 from gibbs_codegen.exchange import sources
-from gibbs_codegen.exchange.placement import Placement, degrees, vector
 from gibbs_codegen.exchange.unread import WITHIN, pass_over, plain, unread, without_part
 from gibbs_codegen.exchange.xml_file import (
     Element,
@@ -33,12 +32,14 @@ from gibbs_codegen.exchange.xml_file import (
     parse_xml,
     within,
 )
-from gibbs_codegen.robot.parts.body import inertia_matrix
+from gibbs_codegen.robot.parts.body import Inertia, RigidBody
+from gibbs_codegen.robot.parts.constraint import LoopJoint
 from gibbs_codegen.robot.parts.friction import Friction
-from gibbs_codegen.robot.parts.link import JointLimits, Passive
-from gibbs_codegen.robot.parts.numbers import AXES, LEAST, MOST, Vector3
+from gibbs_codegen.robot.parts.link import JointLimits, Link, Passive
+from gibbs_codegen.robot.parts.numbers import AXES, AXIS_PAIRS, LEAST, MOST, ORIGIN, Vector3
+from gibbs_codegen.robot.parts.pose import HERE, Pose, vector
 from gibbs_codegen.robot.parts.rotor import Command
-from gibbs_codegen.robot.placement import turn_of_quaternion
+from gibbs_codegen.robot.rotations import degrees, turn_of_quaternion
 
 # What some exporters write for no limit.
 _ENDLESS = 1e15
@@ -68,14 +69,19 @@ class Values:
         """A key as messages have it."""
         return key
 
-    def found(self, kind: sources.Kind, subject: str, detail: str) -> None:
+    def report(self, kind: sources.Kind, subject: str, detail: str) -> None:
         """Add a line to the report."""
         self.findings.append(sources.Finding(kind, subject, detail))
 
     def weightless(self, name: str, gravity: str, off: str = "") -> None:
         """Note a link on which no gravity acts in Gazebo, by texts of its flags."""
+        here = "; here it has its weight"
         if plain(gravity or "1") == "0" or plain(off) == "1":
-            self.found("note", name, "no gravity acts on it in Gazebo; here it has its weight")
+            self.report("note", name, f"no gravity acts on it in Gazebo{here}")
+        for text in (gravity, off):
+            if plain(text or "1") not in ("0", "1"):
+                words = f"whether gravity acts on it is said by {printable(text, 40)}"
+                self.report("note", name, f"{words}, not by true or false{here}")
 
     def fault(self, element: Element, message: str) -> None:
         """Note a fault of an element: what is wrong, and what would be right."""
@@ -133,7 +139,7 @@ class Values:
     def limits(self, element: Element | None, endless: bool) -> JointLimits:
         """Limits of a joint, of which one that turns without end has those of effort and rate."""
         if element is None:
-            return sources.NO_LIMITS
+            return JointLimits()
         low, high = (
             None if endless else self.bound(element, key, self.unbounded)
             for key in ("lower", "upper")
@@ -155,8 +161,16 @@ class Values:
         if self._friction:
             return sources.dry_friction(self.positive(dynamics, "friction"))
         if (text := plain(self.text(dynamics, "friction") or "0")) != "0":
-            self.found("left out", joint, f"dry friction {printable(text, 20)}")
+            self.report("left out", joint, f"dry friction {printable(text, 20)}")
         return None
+
+    def inertia(self, element: Element | None, default: float | None) -> Inertia:
+        """An inertia, of which only the moments may be required or have a default but 0."""
+        xx, yy, zz, xy, xz, yz = (
+            self.number(element, f"i{pair}", default if pair[0] == pair[1] else 0.0)
+            for pair in AXIS_PAIRS
+        )
+        return xx, yy, zz, xy, xz, yz
 
     def kind(self, element: Element, kinds: Iterable[str]) -> str:
         """The type of an element, which must be one of some."""
@@ -189,15 +203,15 @@ class Values:
             return default
         return vector(self.numbers(element, text, 3, attribute))
 
-    def turned(self, element: Element, xyz: Vector3, turn: Sequence[float]) -> Placement:
+    def turned(self, element: Element, xyz: Vector3, turn: Sequence[float]) -> Pose:
         """The pose at a place whose quaternion x, y, z, w has any length but zero."""
         if not (size := math.hypot(*turn)) > 0.0:
             self.fault(element, "has a quaternion that is zero")
-            return Placement(xyz)
+            return Pose(xyz)
         x, y, z, w = (entry / size for entry in turn)
-        return Placement.of_matrix(xyz, turn_of_quaternion(x, y, z, w))
+        return Pose.of_matrix(xyz, turn_of_quaternion(x, y, z, w))
 
-    def placement(self, element: Element | None) -> Placement:
+    def placement(self, element: Element | None) -> Pose:
         """The pose that an `<origin>` gives, or that of one left out."""
         xyz = self.vector(element, "xyz", (0.0, 0.0, 0.0))
         if element is not None and self._quaternions and "quat_xyzw" in element.attrib:
@@ -206,7 +220,7 @@ class Values:
             turn = self.numbers(element, element.get("quat_xyzw"), 4, "quat_xyzw")
             return self.turned(element, xyz, turn)
         roll, pitch, yaw = map(degrees, self.vector(element, "rpy", (0.0, 0.0, 0.0)))
-        return Placement(xyz, (roll, pitch, yaw))
+        return Pose(xyz, (roll, pitch, yaw))
 
 
 _THRUST = "thrust"
@@ -222,7 +236,7 @@ _FOR_THRUST = 4
 
 def urdf_rotors(
     root: Element, values: Values, command: Command = "thrust"
-) -> list[sources.FoundRotor]:
+) -> list[sources.SourceRotor]:
     """The rotors under `<robot>`: motors of Gazebo, then what else JSK's convention says."""
     gazebo = gazebo_rotors(root, values, command)
     claimed = {rotor.joint for rotor in gazebo} | {rotor.link for rotor in gazebo}
@@ -230,14 +244,14 @@ def urdf_rotors(
     return gazebo + [r for r in jsk if r.joint not in claimed and r.link not in claimed]
 
 
-def gazebo_rotors(root: Element, values: Values, command: Command) -> list[sources.FoundRotor]:
+def gazebo_rotors(root: Element, values: Values, command: Command) -> list[sources.SourceRotor]:
     """Motors of Gazebo under an element, in the order of their numbers or of the file.
 
     They are commanded a thrust or, as there, a speed.
     """
     numbered, missing, rolling, slowdowns = [], dict[str, float](), 0, set[str]()
     for plugin in filter(is_motor, within(root, "plugin")):
-        texts = {found.tag: (found.text or "").strip() for found in children(plugin)}
+        texts = {inner.tag: (inner.text or "").strip() for inner in children(plugin)}
         plugin.read.add("")
         for tag in (*_MOTOR, "linkName", "jointName", "turningDirection"):
             child(plugin, tag)
@@ -247,9 +261,9 @@ def gazebo_rotors(root: Element, values: Values, command: Command) -> list[sourc
             words = f"<turningDirection> must be cw or ccw, not {turning or 'left out'}"
             values.fault(plugin, words)
         needed = [*_MOTOR][: None if command == "speed" else _FOR_THRUST]
-        given = {tag: text for tag in needed if (text := texts.get(tag))}
+        in_file = {tag: text for tag in needed if (text := texts.get(tag))}
         moment, constant, fastest, up, down, hub_drag, _ = (
-            values.of_text(plugin, f"<{tag}>", given[tag]) if tag in given else usual
+            values.of_text(plugin, f"<{tag}>", in_file[tag]) if tag in in_file else usual
             for tag, usual in _MOTOR.items()
         )
         missing |= {tag: usual for tag, usual in _MOTOR.items() if not texts.get(tag)}
@@ -257,14 +271,14 @@ def gazebo_rotors(root: Element, values: Values, command: Command) -> list[sourc
         slowdowns.add(plain(texts.get("rotorVelocitySlowdownSim") or "1"))
         number = values.of_text(plugin, "<motorNumber>", texts["motorNumber"] or "0")
         most = constant * fastest**2
-        rotor = sources.FoundRotor(
+        rotor = sources.SourceRotor(
             name=texts["linkName"],
             link=texts["linkName"],
             drag=-moment if turning == "ccw" else moment,
             limits=(0.0, most) if most > 0.0 else None,
             time_constant=up or None,
             joint=texts.get("jointName"),
-            found_by="Gazebo",
+            evidence="Gazebo",
             line=plugin.line,
         )
         if command == "speed":
@@ -281,18 +295,18 @@ def gazebo_rotors(root: Element, values: Values, command: Command) -> list[sourc
             )
         numbered.append((number, rotor))
     if rolling:
-        values.found("left out", "rolling moments of rotors", f"{rolling}")
+        values.report("left out", "rolling moments of rotors", f"{rolling}")
     if missing:
         usual = ", ".join(f"{tag} {missing[tag]:g}" for tag in _MOTOR if tag in missing)
-        values.found("note", "rotors", f"not in the file, as in Gazebo: {usual}")
+        values.report("note", "rotors", f"not in the file, as in Gazebo: {usual}")
     for factor in sorted(slowdowns - {"1"}):
         words = f"made for rotorVelocitySlowdownSim {printable(factor, 20)}: their links' inertia"
-        values.found("note", "rotors", f"{words} may be that many times too large")
+        values.report("note", "rotors", f"{words} may be that many times too large")
     return [rotor for _, rotor in sorted(numbered, key=itemgetter(0))]
 
 
 def is_rotor_by_name(joint: str, link: str, prefix: str = _THRUST) -> bool:
-    """Whether a joint is a rotor by the convention of JSK, in a file without a common rate.
+    """True if a joint is a rotor by the convention of JSK, in a file without a common rate.
 
     `link` is what it carries, and `prefix` how the links of rotors begin.
     """
@@ -300,16 +314,16 @@ def is_rotor_by_name(joint: str, link: str, prefix: str = _THRUST) -> bool:
 
 
 def is_motor(plugin: Element) -> bool:
-    """Whether a plugin is a motor with a propeller, and not a servo, which is a motor too."""
+    """True if a plugin is a motor with a propeller, and not a servo, which is a motor too."""
     kind = child(plugin, "motorType")
     if kind is not None and (kind.text or "").strip() != "velocity":
         return False
     name = plugin.attrib.get("filename", "") + plugin.attrib.get("name", "")  # Not read by that.
-    known = re.search("motor.?model", name.lower()) or child_text(plugin, "motorConstant")
-    return bool(known and child_text(plugin, "linkName"))
+    models_motor = re.search("motor.?model", name.lower()) or child_text(plugin, "motorConstant")
+    return bool(models_motor and child_text(plugin, "linkName"))
 
 
-def _jsk(root: Element, values: Values) -> list[sources.FoundRotor]:
+def _jsk(root: Element, values: Values) -> list[sources.SourceRotor]:
     """Rotors by the convention of JSK: joints rotor1, rotor2 …, whose limits are of the thrust.
 
     A joint may have an `<m_f_rate>` of its own, as `export` writes it: then it is a rotor by any
@@ -320,20 +334,20 @@ def _jsk(root: Element, values: Values) -> list[sources.FoundRotor]:
     prefix = _THRUST if thrust is None else thrust.get("name", _THRUST)
     numbered = []
     for joint in children(root, "joint"):
-        own, link = child(joint, "m_f_rate"), child(joint, "child")
+        rate_of_joint, link = child(joint, "m_f_rate"), child(joint, "child")
         name, on = joint.get("name", ""), "" if link is None else link.get("link", "")
         by_name = is_rotor_by_name(name, on if common is None else f"{prefix}0", prefix)
-        if own is None and not by_name:
+        if rate_of_joint is None and not by_name:
             continue
-        rate = values.number(own if own is not None else common, "value", 0.0)
+        rate = values.number(rate_of_joint if rate_of_joint is not None else common, "value", 0.0)
         z = values.vector(child(joint, "axis"), "xyz", AXES["z"])[2]
         limit = child(joint, "limit")
         low, high = values.bound(limit, "lower"), values.bound(limit, "upper")
         drag = (z > 0.0) * rate - (z < 0.0) * rate
         limits = None if low is None or high is None or low >= high else (low, high)
-        number = int(name.removeprefix("rotor")) if own is None else 0
-        rotor = sources.FoundRotor(
-            name=name, link=on, drag=drag, limits=limits, joint=name, found_by="JSK"
+        number = int(name.removeprefix("rotor")) if rate_of_joint is None else 0
+        rotor = sources.SourceRotor(
+            name=name, link=on, drag=drag, limits=limits, joint=name, evidence="JSK"
         )
         numbered.append((number, rotor))
     return [rotor for _, rotor in sorted(numbered, key=itemgetter(0))]
@@ -341,7 +355,6 @@ def _jsk(root: Element, values: Values) -> list[sources.FoundRotor]:
 
 KINDS: dict[str, sources.JointKind] = {"revolute": "revolute", "continuous": "revolute"}
 KINDS |= {"prismatic": "prismatic", "fixed": "fixed", "floating": "floating", "planar": "planar"}
-ENTRIES = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
 # What is only counted in URDF and SDF, under these words, and what has no part in the motion.
 COUNTED = {
     "visual": "visual shapes",
@@ -387,9 +400,9 @@ def read_urdf(
         values.fault(root, "is no URDF: its root element is <robot>")
         raise sources.SourceFileError(file, values.faults)
     elements = within(root)
-    spaces = {key for each in elements for key, uri in each.attrib.items() if "/xacro" in uri}
+    spaces = {key for other in elements for key, uri in other.attrib.items() if "/xacro" in uri}
     xacro = {f"{key.removeprefix('xmlns:')}:" for key in spaces} | {"xacro:"}
-    for element in [each for each in elements if each.tag.startswith((*xacro,))][:1]:
+    for element in [other for other in elements if other.tag.startswith((*xacro,))][:1]:
         values.fault(element, "is xacro, not URDF; name the file .xacro to have it expanded")
     readers: dict[str, Callable[[Element, Values], Any]]
     readers = {"link": _link, "joint": _joint, "constraint": _constraint}
@@ -399,9 +412,14 @@ def read_urdf(
         if part.name in parts[tag]:
             values.fault(element, f"there is another {tag} of that name")
         parts[tag][part.name] = part
-    for each in children(root, "gazebo"):
-        flags = (child_text(each, tag) for tag in ("gravity", "turnGravityOff"))
-        values.weightless(each.get("reference", root.tag), *flags)
+    placed = [*parts["link"], *parts["joint"]]
+    for element in children(root, "gazebo"):
+        flags = (child_text(element, tag) for tag in ("gravity", "turnGravityOff"))
+        if (name := element.get("reference")) is None or name in placed:
+            values.weightless(name or root.tag, *flags)
+        else:
+            words = f"<gazebo> refers to it in line {element.line}; there is no such link or joint"
+            values.report("note", name, words + near(name, placed))
     rotors = urdf_rotors(root, values, command)
     if not parts["link"]:
         values.fault(root, "has no <link>")
@@ -419,23 +437,21 @@ def read_urdf(
     )
 
 
-def _link(element: Element, values: Values) -> sources.Link:
+def _link(element: Element, values: Values) -> sources.SourceBody:
     name, inertial = values.name(element), child(element, "inertial")
     if inertial is None:
-        return sources.Link(name, line=element.line)
+        return sources.SourceBody(name, line=element.line)
     heavy, entries = child(inertial, "mass"), child(inertial, "inertia")
     parts = {"mass": heavy is not None and heavy.get("value"), "inertia": entries is not None}
     for what in [what for what, there in parts.items() if not there]:
-        values.found("note", name, f"no {what} in the file, which is taken for 0")
+        values.report("note", name, f"no {what} in the file, which is taken for 0")
     mass = values.positive(heavy, "value")
-    moments = [
-        values.number(entries, entry, None if entry[1] == entry[2] else 0.0) for entry in ENTRIES
-    ]
+    inertia = values.inertia(entries, None)
     pose = values.placement(child(inertial, "origin"))
-    return sources.Link(name, sources.Inertial(mass, pose, inertia_matrix(moments)), element.line)
+    return sources.SourceBody(name, RigidBody(mass=mass, inertia=inertia), pose, element.line)
 
 
-def _joint(element: Element, values: Values) -> sources.Joint:
+def _joint(element: Element, values: Values) -> sources.SourceJoint:
     word = values.kind(element, KINDS)
     kind = KINDS.get(word, "fixed")
     ends = []
@@ -453,28 +469,18 @@ def _joint(element: Element, values: Values) -> sources.Joint:
         limit = dynamics = None
     limits = values.limits(limit, word == "continuous")
     if (mimic := child(element, "mimic")) is not None:
-        values.found("left out", name, f"that it follows joint {mimic.get('joint', '?')}")
-    return sources.Joint(
-        name,
-        kind,
-        ends[0],
-        ends[1],
-        pose=values.placement(child(element, "origin")),
-        axis=axis,
-        passive=Passive(damping=values.positive(dynamics, "damping")),
-        limits=limits,
-        friction=values.friction(name, dynamics),
-        continuous=kind == "revolute" and sources.endless(limits),
-        line=element.line,
-    )
+        values.report("left out", name, f"that it follows joint {mimic.get('joint', '?')}")
+    pose = values.placement(child(element, "origin"))
+    passive = Passive(damping=values.positive(dynamics, "damping"))
+    friction = values.friction(name, dynamics)
+    link = Link(sources.NO_BODY, axis=axis, passive=passive, limits=limits, friction=friction)
+    continuous, line = kind == "revolute" and sources.endless(limits), element.line
+    parent, moved = ends
+    return sources.SourceJoint(name, kind, parent, moved, pose, link, HERE, continuous, line)
 
 
-_HOLDS: dict[str, Literal["point", "frame", "hinge"]] = {
-    "fixed": "frame",
-    "revolute": "hinge",
-    "continuous": "hinge",
-    "spherical": "point",
-}
+_LOOPS: dict[str, LoopJoint] = {"fixed": "fixed", "revolute": "revolute"}
+_LOOPS |= {"continuous": "revolute", "spherical": "spherical"}
 _IN_CONSTRAINTS = {
     tag: keys
     for end in ("parent", "child")
@@ -486,27 +492,28 @@ _IN_CONSTRAINTS = {
 }
 
 
-def _constraint(element: Element, values: Values) -> sources.Constraint:
+def _constraint(element: Element, values: Values) -> sources.SourceConstraint:
     """A closed loop as urdfdom's pull request 264 proposes it: a joint between two frames."""
-    name, word = values.name(element), values.kind(element, _HOLDS)
-    for found in children(element):
-        known = _IN_CONSTRAINTS.get(found.tag)
-        if known is None or {*found.attrib} - known:
-            values.fault(found, f"is not known here; a constraint has {', '.join(_IN_CONSTRAINTS)}")
+    name, word = values.name(element), values.kind(element, _LOOPS)
+    for inner in children(element):
+        keys = _IN_CONSTRAINTS.get(inner.tag)
+        if keys is None or {*inner.attrib} - keys:
+            values.fault(inner, f"is not known here; a constraint has {', '.join(_IN_CONSTRAINTS)}")
     frames, axes = [], []
     for end in ("parent", "child"):
         if (link := child(element, end)) is None:
             values.fault(element, f"has no <{end}>")
         on = "" if link is None else values.name(link, "link")
         pose = values.placement(child(element, f"{end}_origin"))
-        frames.append(sources.Frame(f"{name}_{end}", on, pose))
+        frames.append(sources.SourceFrame(f"{name}_{end}", pose=pose, link=on))
         axis = values.vector(child(element, f"{end}_axis"), "xyz", AXES["x"])
         axes.append(values.unit(element, axis))
-    parent, own = frames
-    holds = _HOLDS.get(word, "frame")
-    if holds == "hinge" and axes[0] != axes[1]:
+    anchor, held = frames
+    joint = _LOOPS.get(word, "fixed")
+    if joint == "revolute" and axes[0] != axes[1]:
         # The frame is turned, so that the axis has the same numbers in both.
         turn, _ = Rotation.align_vectors([axes[1]], [axes[0]])
-        turned = own.pose @ Placement.of_matrix((0.0, 0.0, 0.0), turn.as_matrix())
-        own = replace(own, pose=turned)
-    return sources.Constraint(name, holds, own, parent, axes[0] if holds == "hinge" else AXES["z"])
+        turned = held.pose @ Pose.of_matrix(ORIGIN, turn.as_matrix())
+        held = replace(held, pose=turned)
+    axis = axes[0] if joint == "revolute" else AXES["z"]
+    return sources.SourceConstraint.between(name, joint, (held, anchor), axis)

@@ -7,40 +7,35 @@ up to 3.3.7 welds rotated bodies wrongly.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from gibbs_codegen.errors import near
-from gibbs_codegen.exchange.placement import HERE, Placement, vector
 from gibbs_codegen.exchange.sources import (
     WORLD,
     Finding,
-    Inertial,
-    Joint,
     Source,
+    SourceFrame,
+    SourceJoint,
     quiet,
     quiet_inertia,
+    quiet_pose,
 )
 from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.robot.names import CONSTRAINT_TORQUES, identifier
 from gibbs_codegen.robot.parts.base import Attitude, Base
-from gibbs_codegen.robot.parts.body import RigidBody, inertia_fault
-from gibbs_codegen.robot.parts.constraint import (
-    MAX_CONSTRAINTS,
-    Constraint,
-    ConstraintKind,
-    LoopJoint,
-)
+from gibbs_codegen.robot.parts.body import RigidBody, entries_of, inertia_fault, inertia_matrix
+from gibbs_codegen.robot.parts.constraint import MAX_CONSTRAINTS, Constraint, ConstraintKind
 from gibbs_codegen.robot.parts.frame import MAX_FRAMES, Frame
-from gibbs_codegen.robot.parts.link import MAX_LINKS, Link
-from gibbs_codegen.robot.parts.numbers import BASE, LONGEST_LABEL
+from gibbs_codegen.robot.parts.link import MAX_LINKS
+from gibbs_codegen.robot.parts.numbers import BASE, LEVEL, LONGEST_LABEL
 from gibbs_codegen.robot.parts.part import taken
-from gibbs_codegen.robot.parts.pose import Pose
+from gibbs_codegen.robot.parts.pose import HERE, Pose, vector
 from gibbs_codegen.robot.parts.rotor import MAX_ROTORS, Rotor
-from gibbs_codegen.robot.placement import Array
 from gibbs_codegen.robot.references import NamedKind, NameRegistry
+from gibbs_codegen.robot.rotations import Array
 
 
 @dataclass(eq=False)
@@ -50,17 +45,9 @@ class _Body:
     number: int
     name: str
     parent: int = BASE
-    joint: Joint | None = None
-    pose: Placement = HERE
-    parts: list[tuple[Inertial, Placement]] = field(default_factory=list)
-
-
-@dataclass(frozen=True, eq=False)
-class _Place:
-    """Where a link of the source is: the number of its body, and its frame in the body's."""
-
-    body: int
-    frame: Placement
+    joint: SourceJoint | None = None
+    pose: Pose = HERE
+    parts: list[tuple[RigidBody, Pose]] = field(default_factory=list)
 
 
 def welded(
@@ -80,35 +67,28 @@ def welded(
     namer = Namer()
     rigid = [composite(body.parts, snap) for body in bodies]
     links = []
-    for body, own in zip(bodies[1:], rigid[1:], strict=True):
+    for body, whole in zip(bodies[1:], rigid[1:], strict=True):
         joint = body.joint
         assert joint is not None  # noqa: S101 - only the base has none
-        link = Link(
-            own,
+        link = replace(
+            joint.link,
+            body=whole,
             joint="prismatic" if joint.kind == "prismatic" else "revolute",
             parent=None if body.parent == body.number - 1 else body.parent,
-            pose=quiet_placement(body.pose, snap).pose,
-            axis=joint.axis,
+            pose=quiet_pose(body.pose, snap),
             name=namer.free(body.name, "link"),
             coordinate=namer.free(joint.name, "joint"),
-            passive=joint.passive,
-            limits=joint.limits,
-            friction=joint.friction,
         )
         links.append(link)
     # Frames of links that were welded or are not where their joint is, and those of the source.
     names = {body.name for body in bodies}
-    found = [
-        (name, place)
-        for name, place in places.items()
-        if name not in names or not place.frame.is_identity
+    seats = [
+        place for name, place in places.items() if name not in names or not place.pose.is_identity
     ]
-    for frame in source.frames:
-        if (seat := places.get(frame.on)) is not None:
-            found.append((frame.name, _Place(seat.body, seat.frame @ frame.pose)))
+    seats += [_on_body(frame, places) for frame in source.frames if frame.link in places]
     frames = tuple(
-        Frame(namer.free(name, "frame"), place.body, quiet_placement(place.frame, snap).pose)
-        for name, place in found[:MAX_FRAMES]
+        Frame(namer.free(seat.name, "frame"), seat.on, quiet_pose(seat.pose, snap))
+        for seat in seats[:MAX_FRAMES]
     )
     constraints, frames, lost = _constraints(source, places, frames, snap, namer)
     findings += lost
@@ -124,47 +104,57 @@ def welded(
     findings += namer.findings
     findings += [
         Finding("snapped", body.name, "rounding in its centre of mass or inertia set to 0")
-        for body, own in zip(bodies, rigid, strict=True)
-        if snap and own != composite(body.parts, False)
+        for body, whole in zip(bodies, rigid, strict=True)
+        if snap and whole != composite(body.parts, False)
     ]
-    findings += [Finding("left out", name, "one frame too many") for name, _ in found[MAX_FRAMES:]]
+    findings += [
+        Finding("left out", seat.name, "one frame too many") for seat in seats[MAX_FRAMES:]
+    ]
     impossible = [
         body.name
-        for body, own in zip(bodies, rigid, strict=True)
-        if inertia_fault(own.mass, own.inertia)
+        for body, whole in zip(bodies, rigid, strict=True)
+        if inertia_fault(whole.mass, whole.inertia)
     ]
-    findings += [Finding("note", found, "has an inertia that no body has") for found in impossible]
+    findings += [Finding("note", name, "has an inertia that no body has") for name in impossible]
     return replace(robot, allow_impossible_inertia=bool(impossible)), findings
 
 
-def _bodies(source: Source) -> tuple[list[_Body], dict[str, _Place], list[Finding]]:
-    """Bodies in the order of the tree, each arm to its end before the next, and where links are."""
+def _bodies(source: Source) -> tuple[list[_Body], dict[str, Frame], list[Finding]]:
+    """Bodies in the order of the tree, each arm to its end before the next, and frames of links."""
     bodies = [_Body(BASE, source.root)]
-    places = {source.root: _Place(BASE, HERE)}
+    places = {source.root: Frame(source.root)}
     findings = [Finding("base", source.root, "the flying base")]
-    bodies[BASE].parts.append((source.links[source.root].inertial, HERE))
+    root = source.links[source.root]
+    bodies[BASE].parts.append((root.body, root.pose))
     left = source.below[source.root][::-1]
     while left:
         joint = left.pop()
         carrier = places[joint.parent]
-        frame = carrier.frame @ joint.pose
+        frame = carrier.pose @ joint.pose
         if joint.kind == "fixed":
-            place = _Place(carrier.body, frame @ joint.offset)
-            findings.append(Finding("welded", joint.child, f"to {bodies[carrier.body].name}"))
+            place = Frame(joint.child, carrier.on, frame @ joint.offset)
+            findings.append(Finding("welded", joint.child, f"to {bodies[carrier.on].name}"))
         else:
-            place = _Place(len(bodies), joint.offset)
-            bodies.append(_Body(place.body, joint.child, carrier.body, joint, frame))
+            place = Frame(joint.child, len(bodies), joint.offset)
+            bodies.append(_Body(place.on, joint.child, carrier.on, joint, frame))
         places[joint.child] = place
-        bodies[place.body].parts.append((source.links[joint.child].inertial, place.frame))
+        link = source.links[joint.child]
+        bodies[place.on].parts.append((link.body, place.pose @ link.pose))
         left += source.below[joint.child][::-1]
     return bodies, places, findings
 
 
-def composite(parts: Sequence[tuple[Inertial, Placement]], snap: bool) -> RigidBody:
-    """The composite of parts, in the axes of their body."""
-    placed = [(part, frame @ part.pose) for part, frame in parts if part.weighs]
+def _on_body(frame: SourceFrame, places: Mapping[str, Frame]) -> Frame:
+    """A frame on the body of its link; `places` are those of links."""
+    seat = places[frame.link]
+    return Frame(frame.name, seat.on, seat.pose @ frame.pose)
+
+
+def composite(parts: Sequence[tuple[RigidBody, Pose]], snap: bool) -> RigidBody:
+    """The composite of bodies at poses in its frame."""
+    placed = [(part, frame) for part, frame in parts if part.weighs]
     mass = float(sum(part.mass for part, _ in placed))
-    coms = [np.array(frame.xyz) for _, frame in placed]
+    coms = [frame.point(part.com) for part, frame in placed]
     com: Array = np.zeros(3)
     if len(placed) == 1:
         (com,) = coms
@@ -172,20 +162,20 @@ def composite(parts: Sequence[tuple[Inertial, Placement]], snap: bool) -> RigidB
         com = np.array([part.mass for part, _ in placed]) @ np.array(coms) / mass
     inertia = np.zeros((3, 3))
     for (part, frame), place in zip(placed, coms, strict=True):
-        level = not any(frame.rpy_deg)
-        own = part.inertia if level else frame.matrix @ part.inertia @ frame.matrix.T
+        turned = inertia_matrix(part.inertia)
+        if any(frame.rpy_deg):
+            turned = frame.matrix @ turned @ frame.matrix.T
         arm = place - com
-        inertia = inertia + own + part.mass * (arm @ arm * np.eye(3) - np.outer(arm, arm))
+        inertia = inertia + turned + part.mass * (arm @ arm * np.eye(3) - np.outer(arm, arm))
     if mass == 0.0:
         com = np.zeros(3)
     if snap:
         com, inertia = np.array(quiet(vector(com))), quiet_inertia(inertia)
-    xx, xy, xz, _, yy, yz, _, _, zz = (float(entry) + 0.0 for entry in inertia.ravel())
-    return RigidBody(0.0, mass, vector(com), (xx, yy, zz, xy, xz, yz))
+    return RigidBody(0.0, mass, vector(com), entries_of(inertia))
 
 
 def _rotors(
-    source: Source, places: dict[str, _Place], snap: bool, namer: Namer
+    source: Source, places: Mapping[str, Frame], snap: bool, namer: Namer
 ) -> tuple[Rotor, ...]:
     """The rotors on bodies, in the order of the source; `places` are those of the tree's links.
 
@@ -196,76 +186,63 @@ def _rotors(
         if (place := places.get(rotor.link)) is None:
             words = f"rotor {rotor.name} is on link {rotor.link}, which is missing"
             raise source.refused(words + near(rotor.link, places), rotor.line)
-        direction = vector(place.frame.matrix @ np.array(rotor.direction))
-        position = vector(place.frame.point(rotor.position))
+        direction = vector(place.pose.matrix @ np.array(rotor.direction))
+        position = vector(place.pose.point(rotor.position))
         rotors.append(
             replace(
                 taken(Rotor, rotor),
                 position=quiet(position) if snap else position,
                 direction=quiet(direction) if snap else direction,
-                on=place.body,
+                on=place.on,
                 name=namer.free(rotor.name, "rotor"),
             )
         )
     return tuple(rotors)
 
 
-_KINDS: dict[str, tuple[ConstraintKind, LoopJoint]] = {
-    "point": ("point", "spherical"),
-    "frame": ("frame", "fixed"),
-    "hinge": ("loop", "revolute"),
-}
-
-
 def _constraints(
     source: Source,
-    places: dict[str, _Place],
+    places: Mapping[str, Frame],
     frames: tuple[Frame, ...],
     snap: bool,
     namer: Namer,
 ) -> tuple[tuple[Constraint, ...], tuple[Frame, ...], list[Finding]]:
     """The constraints, the frames with those that they need, and what was left out."""
-    found: list[Constraint] = []
-    made, lost = [*frames], []
-    for each in source.constraints:
-        bodies = [places[frame.on].body for frame in each.frames if frame.on != WORLD]
+    constraints: list[Constraint] = []
+    whole, findings = [*frames], []
+    for loop in source.constraints:
+        ends = [_on_body(end, places) for end in loop.ends if end.link != WORLD]
         reason = ""
-        if not bodies or (len(bodies) == 2 and bodies[0] == bodies[1]):
+        if not ends or (len(ends) == 2 and ends[0].on == ends[1].on):
             reason = "a constraint of one body, or the world, with itself"
-        elif len(bodies) == 1 and each.holds == "hinge":
+        elif len(ends) == 1 and loop.holds == "hinge":
             reason = "a hinge to the world; hold two points of its axis instead"
-        elif len(found) == MAX_CONSTRAINTS or len(made) + len(bodies) > MAX_FRAMES:
+        elif len(constraints) == MAX_CONSTRAINTS or len(whole) + len(ends) > MAX_FRAMES:
             reason = "one constraint, or frame for it, too many"
         if reason:
-            lost.append(Finding("left out", each.name, reason))
+            findings.append(Finding("left out", loop.name, reason))
             continue
         names: list[str] = []
-        for frame in each.frames[: len(bodies)]:
-            seat = places[frame.on]
-            pose = quiet_placement(seat.frame @ frame.pose, snap).pose
-            same = [old.name for old in made if (old.on, old.pose) == (seat.body, pose)]
-            if (seat.body, pose) == (BASE, Pose()):
-                same = ["base"]
-            if not same:
-                made.append(Frame(namer.free(frame.name, "frame"), seat.body, pose))
-            names += same[:1] or [made[-1].name]
-        alone, between = _KINDS[each.holds]
-        label = namer.free(each.name, "constraint")
-        if len(names) == 1:
-            anchor = quiet_placement(each.to.pose, snap).pose
-            anchor = anchor if each.holds == "frame" else Pose(anchor.xyz)
-            found.append(Constraint(label, alone, names[0], None, **vars(anchor)))
+        for end in ends:
+            pose = quiet_pose(end.pose, snap)
+            at_pose = [frame.name for frame in whole if (frame.on, frame.pose) == (end.on, pose)]
+            if (end.on, pose) == (BASE, HERE):
+                at_pose = ["base"]
+            if not at_pose:
+                whole.append(Frame(namer.free(end.name, "frame"), end.on, pose))
+            names += at_pose[:1] or [whole[-1].name]
+        label, (held, *anchors) = namer.free(loop.name, "constraint"), names
+        if anchors:
+            part = replace(taken(Constraint, loop), name=label, frame=held, to=anchors[0])
         else:
-            loop = Constraint(label, "loop", names[0], names[1], joint=between, axis=each.axis)
-            found.append(loop)
-        what = f"{each.holds} of {names[0]} held to {(*names, 'the world')[1]}"
-        lost.append(Finding("constraint", label, what))
-    return tuple(found), tuple(made), lost
-
-
-def quiet_placement(pose: Placement, snap: bool) -> Placement:
-    """The placement, with noise in its origin set to zero if so asked."""
-    return Placement(quiet(pose.xyz), pose.rpy_deg) if snap else pose
+            kind: ConstraintKind = "frame" if loop.holds == "frame" else "point"
+            anchor = quiet_pose(loop.ends[1].pose, snap)
+            turn = anchor.rpy_deg if kind == "frame" else LEVEL
+            part = Constraint(label, kind, held, None, anchor.xyz, turn)
+        constraints.append(part)
+        what = f"{loop.holds} of {held} held to {[*anchors, 'the world'][0]}"
+        findings.append(Finding("constraint", label, what))
+    return tuple(constraints), tuple(whole), findings
 
 
 class Namer:

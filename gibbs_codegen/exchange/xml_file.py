@@ -77,8 +77,8 @@ def child(element: Element, tag: str) -> Element | None:
 
 def child_text(element: Element | None, tag: str) -> str:
     """The text of the first child of a tag, empty if there is none."""
-    found = None if element is None else child(element, tag)
-    return "" if found is None else (found.text or "").strip()
+    inner = None if element is None else child(element, tag)
+    return "" if inner is None else (inner.text or "").strip()
 
 
 def children(element: Element, *tags: str) -> list[Element]:
@@ -126,7 +126,7 @@ def read_bytes(path: Path, wanted: str = "a URDF, xacro, MJCF or SDF file") -> b
 
 
 def _single_bytes(error: Any) -> tuple[str, int]:
-    """What is not in an encoding, byte by byte."""
+    """Bytes that are not in an encoding, one by one."""
     return error.object[error.start : error.end].decode("latin-1"), error.end
 
 
@@ -153,10 +153,10 @@ def xml_text(data: bytes, file: str | Path) -> str:
     raise refusal(file, f"not well-formed XML: {words}", 1)
 
 
-def _mended(found: re.Match[str]) -> str:
-    """What a declaration or comment becomes; all else stays as it is."""
-    lines = "\n" * found[0].count("\n")
-    return f"<!--{lines}-->" if found[1] else lines if found[2] else found[0]
+def _mended(match: re.Match[str]) -> str:
+    """The lines of a declaration or comment without its words; all else as it is."""
+    lines = "\n" * match[0].count("\n")
+    return f"<!--{lines}-->" if match[1] else lines if match[2] else match[0]
 
 
 def parse_xml(data: bytes, file: str) -> Element:
@@ -215,23 +215,23 @@ def expanded(path: Path, arguments: Mapping[str, object]) -> bytes:
     require("xacrodoc", printable(path), "xacro")
     from xacrodoc import packages, xacrodoc
 
-    known, texts, xacro = list[str](), list[str](), xacrodoc.xacro
-    own_parse = xacro.parse
+    declared, texts, xacro = list[str](), list[str](), xacrodoc.xacro
+    parse = xacro.parse
 
     def document(text: str | None, file: str = "") -> Any:
         """A file or what it includes, whose arguments become known."""
         if text is None:
             if not Path(file).is_file():
-                return own_parse(None, file)  # It is no fault where that is optional.
+                return parse(None, file)  # It is no fault where that is optional.
             data = read_bytes(Path(file))
             parse_xml(data, file)
             text = xml_text(data, file)
-        made = own_parse(text)
+        made = parse(text)
         for element in made.getElementsByTagName("xacro:arg"):
-            known.append(element.getAttribute("name"))
+            declared.append(element.getAttribute("name"))
             if not element.hasAttribute("default"):  # xacro insists on one.
                 element.parentNode.removeChild(element)
-        known.extend(re.findall(r"\$\(\s*arg\s+([\w.-]+)", text))
+        declared.extend(re.findall(r"\$\(\s*arg\s+([\w.-]+)", text))
         texts.append(text)
         return made
 
@@ -259,11 +259,11 @@ def expanded(path: Path, arguments: Mapping[str, object]) -> bytes:
             words += " of ROS expand it, and import the URDF"
         made = ""
     finally:
-        xacro.parse = own_parse
-    there_are = f"; there are {printable(', '.join(dict.fromkeys(known)) or 'none', 200)}"
+        xacro.parse = parse
+    there_are = f"; there are {printable(', '.join(dict.fromkeys(declared)) or 'none', 200)}"
     for name in arguments:
-        if name not in known:
-            words = f"it has no argument {printable(name, 60)}{near(name, known)}{there_are}"
+        if name not in declared:
+            words = f"it has no argument {printable(name, 60)}{near(name, declared)}{there_are}"
         elif not re.search(rf"\$[({{][^<]*\b{re.escape(name)}\b", "\n".join(texts)):
             words = words or f"its argument {printable(name, 60)} is used nowhere; leave it out"
     if words:

@@ -17,9 +17,11 @@ from scipy.spatial.transform import Rotation
 
 from gibbs_codegen.errors import UsageError, printable
 from gibbs_codegen.exchange import sources
-from gibbs_codegen.exchange.placement import HERE, Placement, degrees
-from gibbs_codegen.robot.parts.body import inertia_fault
-from gibbs_codegen.robot.parts.numbers import Angles3, Vector3
+from gibbs_codegen.robot.parts.body import RigidBody, inertia_fault, inertia_matrix
+from gibbs_codegen.robot.parts.link import Link
+from gibbs_codegen.robot.parts.numbers import AXIS_PAIRS, Angles3, Vector3
+from gibbs_codegen.robot.parts.pose import HERE, Pose
+from gibbs_codegen.robot.rotations import degrees
 
 # Readers demand limits; what has none gets some that nothing reaches.
 _ENDLESS = 1e16
@@ -32,30 +34,30 @@ def urdf_text(source: sources.Source) -> str:
     are those of the thrust. A frame is a massless link on a fixed joint.
     """
     root = ET.Element("robot", name=source.name)
-    links = sources.Names([*source.links, *(frame.name for frame in source.frames)])
-    joints = sources.Names([*(j.name for j in source.joints), *(r.name for r in source.rotors)])
+    links = sources.FreeNames([*source.links, *(frame.name for frame in source.frames)])
+    joints = sources.FreeNames([*(j.name for j in source.joints), *(r.name for r in source.rotors)])
     for link in source.links.values():
-        _urdf_link(root, link.name, link.inertial)
+        _urdf_link(root, link.name, link)
     for joint in source.joints:
-        limits, ends = joint.limits, (joint.parent, joint.child)
+        limits, ends = joint.link.limits, (joint.parent, joint.child)
         kind = "continuous" if joint.continuous else joint.kind
         element = _urdf_mount(root, joint.name, kind, joint.pose, ends)
         if joint.kind == "fixed":
             continue
-        ET.SubElement(element, "axis", xyz=numbers(joint.axis))
+        ET.SubElement(element, "axis", xyz=numbers(joint.link.axis))
         bounds = {} if joint.continuous else {"lower": limits.low, "upper": limits.high}
         bounds |= {"effort": limits.effort, "velocity": limits.velocity}
         endless = dict.fromkeys(bounds, _ENDLESS) | {"lower": -_ENDLESS}
         texts = {key: repr(endless[key] if b is None else b) for key, b in bounds.items()}
         ET.SubElement(element, "limit", texts)
-        resisting = {"damping": joint.passive.damping, "friction": coulomb(joint)}
+        resisting = {"damping": joint.link.passive.damping, "friction": coulomb(joint.link)}
         if any(resisting.values()):
             texts = {key: repr(value) for key, value in resisting.items() if value}
             ET.SubElement(element, "dynamics", texts)
     for number, rotor in enumerate(source.rotors, start=1):
         thrust = links.free(f"thrust{number}")
         _urdf_link(root, thrust)
-        pose = Placement(rotor.position, along_z(rotor.direction))
+        pose = Pose(rotor.position, along_z(rotor.direction))
         element = _urdf_mount(root, rotor.name, "fixed", pose, (rotor.link, thrust))
         ET.SubElement(element, "axis", xyz="0 0 1")
         ET.SubElement(element, "m_f_rate", value=repr(rotor.drag))
@@ -65,7 +67,7 @@ def urdf_text(source: sources.Source) -> str:
     for frame in source.frames:
         _urdf_link(root, frame.name)
         mount = joints.free(f"{frame.name}_mount")
-        _urdf_mount(root, mount, "fixed", frame.pose, (frame.on, frame.name))
+        _urdf_mount(root, mount, "fixed", frame.pose, (frame.link, frame.name))
     ET.indent(root)
     return f'<?xml version="1.0"?>\n{ET.tostring(root, encoding="unicode")}\n'
 
@@ -76,32 +78,35 @@ def along_z(direction: Vector3) -> Angles3:
     return degrees(math.atan2(-y, math.hypot(x, z))), degrees(math.atan2(x, z)), degrees(0.0)
 
 
-def coulomb(joint: sources.Joint) -> float:
-    """Dry friction of a joint at speed, N m or N."""
-    return joint.friction.coulomb if joint.friction else 0.0
+def coulomb(link: Link) -> float:
+    """Dry friction of the joint of a link at speed, N m or N."""
+    return link.friction.coulomb if link.friction else 0.0
 
 
-def _urdf_link(root: ET.Element, name: str, inertial: sources.Inertial = sources.NO_MASS) -> None:
+def inertia_entries(body: RigidBody) -> dict[str, float]:
+    """Inertia of a body by the names of its entries, row by row."""
+    entries = zip(AXIS_PAIRS, body.inertia, strict=True)
+    return {f"i{pair}": float(value) for pair, value in sorted(entries)}
+
+
+def _urdf_link(root: ET.Element, name: str, link: sources.SourceBody | None = None) -> None:
     element = ET.SubElement(root, "link", name=name)
-    if not inertial.weighs:
+    if link is None or not link.body.weighs:
         return
-    found = ET.SubElement(element, "inertial")
-    _origin(found, inertial.pose)
-    ET.SubElement(found, "mass", value=repr(inertial.mass))
-    i = inertial.inertia
-    names = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
-    values = (i[0, 0], i[0, 1], i[0, 2], i[1, 1], i[1, 2], i[2, 2])
-    pairs = {name: repr(float(value)) for name, value in zip(names, values, strict=True)}
-    ET.SubElement(found, "inertia", pairs)
+    inertial = ET.SubElement(element, "inertial")
+    _origin(inertial, link.seat)
+    ET.SubElement(inertial, "mass", value=repr(link.body.mass))
+    entries = {key: repr(value) for key, value in inertia_entries(link.body).items()}
+    ET.SubElement(inertial, "inertia", entries)
 
 
-def _origin(element: ET.Element, pose: Placement) -> None:
+def _origin(element: ET.Element, pose: Pose) -> None:
     angles = [math.radians(float(angle)) for angle in pose.rpy_deg]
     ET.SubElement(element, "origin", xyz=numbers(pose.xyz), rpy=numbers(angles))
 
 
 def _urdf_mount(
-    root: ET.Element, name: str, kind: str, pose: Placement, ends: tuple[str, str]
+    root: ET.Element, name: str, kind: str, pose: Pose, ends: tuple[str, str]
 ) -> ET.Element:
     """Write a joint between two links, parent and child, with its place."""
     element = ET.SubElement(root, "joint", name=name, type=kind)
@@ -130,24 +135,25 @@ def mjcf_text(source: sources.Source, root: str) -> str:
     for joint in source.joints:
         if joint.kind != "fixed":
             writer.motor(actuator, joint)
-    for frame in (*source.frames, *(f for each in source.constraints for f in each.frames)):
+    for frame in (*source.frames, *(end for loop in source.constraints for end in loop.ends)):
         place = {"pos": numbers(frame.pose.xyz), "quat": _quaternion(frame.pose)}
         site = {"name": frame.name, **place}
-        on = world if frame.on == sources.WORLD else writer.place_of(frame.on, frame.name)
-        ET.SubElement(on, "site", site)
+        is_on_world = frame.link == sources.WORLD
+        body = world if is_on_world else writer.place_of(frame.link, frame.name)
+        ET.SubElement(body, "site", site)
     equality = ET.Element("equality")
-    for each in source.constraints:
-        kind = "weld" if each.holds == "frame" else "connect"
-        sites = {"site1": each.frame.name, "site2": each.to.name}
+    for loop in source.constraints:
+        kind = "weld" if loop.holds == "frame" else "connect"
+        sites = {f"site{number}": end.name for number, end in enumerate(loop.ends, start=1)}
         # It may be held: who simulates switches it on.
-        ET.SubElement(equality, kind, {"name": each.name, "active": "false", **sites})
+        ET.SubElement(equality, kind, {"name": loop.name, "active": "false", **sites})
     top.extend([equality] if source.constraints else [])
     ET.indent(top)
     return ET.tostring(top, encoding="unicode") + "\n"
 
 
 # A joint with the placement of its frame in that of the carrying body; None for the root's.
-_Group = list[tuple[sources.Joint | None, Placement]]
+_Group = list[tuple[sources.SourceJoint | None, Pose]]
 
 
 class _Writer:
@@ -156,9 +162,9 @@ class _Writer:
     def __init__(self, source: sources.Source) -> None:
         self._source = source
         self._bodies: dict[str, ET.Element] = {}
-        self._joints = sources.Names(joint.name for joint in source.joints)
-        self._sites = sources.Names(frame.name for frame in source.frames)
-        self._actuators = sources.Names(rotor.name for rotor in source.rotors)
+        self._joints = sources.FreeNames(joint.name for joint in source.joints)
+        self._sites = sources.FreeNames(frame.name for frame in source.frames)
+        self._actuators = sources.FreeNames(rotor.name for rotor in source.rotors)
 
     def body(self, parent: ET.Element, name: str, group: _Group) -> None:
         """Write a body and what hangs on it.
@@ -166,9 +172,9 @@ class _Writer:
         `group` are the joints that move it, its own last, each with its frame in the carrying
         body's. Raises `UsageError` if the body moves and has no mass, and not one link follows it.
         """
-        inertial, below = self._source.links[name].inertial, self._source.below[name]
+        link, below = self._source.links[name], self._source.below[name]
         (joint, frame) = group[-1]
-        if joint is not None and joint.kind != "fixed" and not inertial.weighs:
+        if joint is not None and joint.kind != "fixed" and not link.body.weighs:
             if len(below) == 1:
                 further = [*group, (below[0], frame @ below[0].pose)]
                 self.body(parent, below[0].child, further)
@@ -182,30 +188,30 @@ class _Writer:
         self._bodies[name] = element
         if joint is None:
             ET.SubElement(element, "freejoint", name=self._joints.free("root"))
-        _mjcf_inertial(element, name, inertial)
+        _mjcf_inertial(element, name, link)
         for moved, its_frame in group:
             if moved is None or moved.kind == "fixed":
                 continue
             # Its frame in the body's, its coordinate and those after it at zero.
             seat = frame.inverse @ its_frame
-            limits = moved.limits
+            limits = moved.link.limits
             attributes = {
                 "name": moved.name,
                 "type": "slide" if moved.kind == "prismatic" else "hinge",
-                "axis": numbers(seat.matrix @ np.array(moved.axis)),
+                "axis": numbers(seat.matrix @ np.array(moved.link.axis)),
                 "pos": numbers(seat.xyz),
             }
-            own = asdict(moved.passive)
-            own["springref"] = own.pop("rest")
-            own["frictionloss"] = coulomb(moved)
-            attributes |= {key: repr(value) for key, value in own.items() if value}
+            acting = asdict(moved.link.passive)
+            acting["springref"] = acting.pop("rest")
+            acting["frictionloss"] = coulomb(moved.link)
+            attributes |= {key: repr(value) for key, value in acting.items() if value}
             if limits.low is not None and limits.high is not None:
                 attributes["range"] = numbers((limits.low, limits.high))
             ET.SubElement(element, "joint", attributes)
-        for found in below:
-            self.body(element, found.child, [(found, found.pose)])
+        for carried in below:
+            self.body(element, carried.child, [(carried, carried.pose)])
 
-    def rotor(self, actuator: ET.Element, rotor: sources.FoundRotor) -> None:
+    def rotor(self, actuator: ET.Element, rotor: sources.SourceRotor) -> None:
         """Write a rotor as a site and a motor, this into the element that holds motors."""
         site = self._sites.free(rotor.name)
         element = self.place_of(rotor.link, rotor.name)
@@ -222,10 +228,10 @@ class _Writer:
             attributes |= {"dyntype": "filterexact", "dynprm": repr(rotor.time_constant)}
         ET.SubElement(actuator, "general" if rotor.time_constant else "motor", attributes)
 
-    def motor(self, actuator: ET.Element, joint: sources.Joint) -> None:
+    def motor(self, actuator: ET.Element, joint: sources.SourceJoint) -> None:
         """Write the motor of a joint into the element that holds motors."""
         attributes = {"name": self._actuators.free(f"tau_{joint.name}"), "joint": joint.name}
-        if (effort := joint.limits.effort) is not None:
+        if (effort := joint.link.limits.effort) is not None:
             attributes["ctrlrange"] = numbers((-effort, effort))
         ET.SubElement(actuator, "motor", attributes)
 
@@ -242,28 +248,27 @@ class _Writer:
         return self._bodies[link]
 
 
-def _mjcf_inertial(element: ET.Element, name: str, inertial: sources.Inertial) -> None:
+def _mjcf_inertial(element: ET.Element, name: str, link: sources.SourceBody) -> None:
     """Write the inertia of a link into its body; raises `UsageError` if MuJoCo would refuse it."""
-    if not inertial.weighs:
+    body, seat = link.body, link.seat
+    if not body.weighs:
         return
-    i = inertial.inertia
-    entries = (i[0, 0], i[1, 1], i[2, 2], i[0, 1], i[0, 2], i[1, 2])
-    if fault := inertia_fault(inertial.mass, entries):
+    if fault := inertia_fault(body.mass, body.inertia):
         raise UsageError(
             f"the inertia of link {printable(name, 60)} {fault}, and MuJoCo refuses it; export URDF"
         )
-    moments, axes = np.linalg.eigh(i)
-    place = inertial.pose.matrix @ axes * np.linalg.det(axes)
+    moments, axes = np.linalg.eigh(inertia_matrix(body.inertia))
+    place = seat.matrix @ axes * np.linalg.det(axes)
     attributes = {
-        "pos": numbers(inertial.pose.xyz),
-        "mass": repr(inertial.mass),
+        "pos": numbers(seat.xyz),
+        "mass": repr(body.mass),
         "diaginertia": numbers(np.maximum(moments, 0.0)),
         "xyaxes": numbers(place.T[:2].ravel()),
     }
     ET.SubElement(element, "inertial", attributes)
 
 
-def _quaternion(pose: Placement) -> str:
+def _quaternion(pose: Pose) -> str:
     """The rotation as w x y z."""
     angles = [float(angle) for angle in pose.rpy_deg]
     x, y, z, w = Rotation.from_euler("xyz", angles, degrees=True).as_quat()

@@ -1,10 +1,10 @@
-"""How a robot looks in any picture: colours, the view, and the discs of its rotors."""
+"""The looks of a robot in any picture: colours, the view, and the discs of its rotors."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from gibbs_codegen.robot.placement import Array
+from gibbs_codegen.robot.rotations import Array
 
 # Colours of curves and chains that colour-blind eyes tell apart: Okabe and Ito (2008) without
 # yellow and black, then four of Tol's muted colours.

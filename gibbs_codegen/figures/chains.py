@@ -22,7 +22,7 @@ from gibbs_codegen.robot.chains import Chain, decompose
 from gibbs_codegen.robot.layout import QUATERNION, has_default_tip
 from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.robot.parts.numbers import BASE
-from gibbs_codegen.robot.placement import Array
+from gibbs_codegen.robot.rotations import Array
 
 _QUIET = "0.55"
 # Chains that are drawn unless they are chosen, and links of an arm that are drawn one by one.

@@ -24,8 +24,9 @@ from gibbs_codegen.robot.layout import layout_of
 from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.robot.names import rotor_label
 from gibbs_codegen.robot.parts.numbers import BASE
-from gibbs_codegen.robot.placement import Array, mounted_rotors, turn
+from gibbs_codegen.robot.placement import mounted_rotors
 from gibbs_codegen.robot.posture import RobotFrames, default_posture, link_end, robot_frames
+from gibbs_codegen.robot.rotations import Array, turn
 
 # The robot's place in the world unless its posture is given, in its own size.
 _AWAY = np.array([0.6, 0.1, 0.1])

@@ -16,7 +16,7 @@ from matplotlib.patheffects import withStroke
 from matplotlib.text import Annotation
 
 from gibbs_codegen.figures.appearance import COLOURS, DARK, GOLD
-from gibbs_codegen.robot.placement import Array
+from gibbs_codegen.robot.rotations import Array
 
 X_AXIS, CONSTRAINT, Z_AXIS, THRUST = COLOURS[:4]
 Y_AXIS = COLOURS[7]

@@ -15,7 +15,7 @@ from matplotlib.patheffects import withStroke
 from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
 from gibbs_codegen.figures.appearance import COLOURS, DARK, GOLD
-from gibbs_codegen.robot.placement import Array
+from gibbs_codegen.robot.rotations import Array
 
 _DISC_COLOUR = COLOURS[4]
 _ROBOT_LEVEL = 10

@@ -13,7 +13,7 @@ from matplotlib.ticker import MaxNLocator, MultipleLocator, NullFormatter
 
 from gibbs_codegen.figures.appearance import DARK, VIEW, seen_from
 from gibbs_codegen.figures.marks import ABOVE_ALL, QUIET, draw_name
-from gibbs_codegen.robot.placement import Array
+from gibbs_codegen.robot.rotations import Array
 
 _METRES = ("$x$ (m)", "$y$ (m)", "$z$ (m)")
 

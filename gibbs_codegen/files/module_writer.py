@@ -203,6 +203,7 @@ def write_module(folder: Path, files: Files, force: bool = False, options: str =
     with _signals_held() as signals:
         try:
             with staging.made(place.parent), staging.alone_in(folder.parent, signals):
+                _check_beside(folder, files)
                 names = _foreign(place, files)
                 if names and not force:
                     raise _refusal(folder, names)
@@ -231,6 +232,22 @@ def write_module(folder: Path, files: Files, force: bool = False, options: str =
         _log.warning(
             "%s: held %s; the folder is kept as %s", printable(folder), _listed(names), kept
         )
+
+
+def _check_beside(folder: Path, files: Files) -> None:
+    """Refuse a robot's files that have the names of another's beside it, as C files of both may.
+
+    Whoever puts the sources of both into one folder would lose some. Raises `UsageError`.
+    """
+    for other in {*folder.parent.glob(f"{folder.name[0]}*/")} - {folder}:
+        names = generated_files(other).keys() & files.keys()
+        both = [x for x in sorted(names) if x.startswith(folder.name) and x.startswith(other.name)]
+        if both:
+            raise UsageError(
+                f"{printable(folder)}: {_listed(both)} would have the name of a file of "
+                f"{printable(other)}, and be lost where the sources of both are put together; "
+                "choose another name of the robot"
+            )
 
 
 def write_new_file(path: Path, text: str, force: bool | None = None) -> None:

@@ -116,7 +116,7 @@ Flag = Annotated[bool, pydantic.GetPydanticSchema(lambda *_: _FLAG), _PLAIN]
 
 # To look for what a key may have been meant to be takes time, and a flood of keys is no slip.
 _MOST_SUGGESTIONS = 20
-_LONGEST_KEY = 64
+_MEANT = "did you mean "
 _NOUNS = {
     "bool_type": "true or false",
     "dict_type": "a table",
@@ -260,10 +260,17 @@ class Table:
             for key, value in values.items()
             if in_file or not (value is None or (key in empty and not value))
         }
-        for key, words in cls._key_faults(present):
-            faults.append(((key,) if isinstance(key, str) else key, words))
         arguments = {key: value for key, value in values.items() if key in key_names}
         unknown = [key for key in values if key not in arguments]
+        if in_file and hasattr(cls, "kind"):
+            key_names.insert(0, "kind")
+        meant = cls._meant(unknown, key_names)
+        # What a misspelt key may mend is no fault.
+        mended = {meant[key]: values[key] for key in meant} | present
+        lasting = {*cls._key_faults(mended)} if meant else ()
+        for key, words in cls._key_faults(present):
+            if not meant or (key, words) in lasting:
+                faults.append(((key,) if isinstance(key, str) else key, words))
         try:
             made = handler(pydantic_core.ArgsKwargs((), arguments))
         except pydantic.ValidationError as error:
@@ -274,15 +281,19 @@ class Table:
                 faults.append((place, cls._words(detail)))
         else:
             faults += [] if faults or unknown else made._faults()
-        if in_file and hasattr(cls, "kind"):
-            key_names.insert(0, "kind")
-        few = len(unknown) <= _MOST_SUGGESTIONS
-        faults += [((key,), cls._unknown(key, few, key_names)) for key in unknown]
-        meant = {words.partition("; did you mean ")[2].rstrip("?") for _, words in faults}
-        faults = [
-            (place, words)  # A key that is misspelt is not missing as well.
+        known_keys = ", ".join(key_names)
+        for key in unknown:
+            hint = f"{_MEANT}{meant[key]}?" if key in meant else f"known keys: {known_keys}"
+            faults.append(((key,), f"unknown key; {hint}"))
+        misspelt = {
+            (*place[:-1], words.partition(_MEANT)[2].rstrip("?"))
             for place, words in faults
-            if not (words.startswith("missing: ") and place[-1] in meant)
+            if words.startswith("unknown key; ")
+        }
+        faults = [
+            (place, words)
+            for place, words in faults
+            if place not in misspelt or (len(place) == 1 and place[0] in values)
         ]
         if faults and in_file:
             raise refusal(faults)
@@ -312,13 +323,13 @@ class Table:
         return f"must be {_NOUNS[kind]}, not {what}"
 
     @classmethod
-    def _unknown(cls, key: str, with_suggestion: bool, key_names: list[str]) -> str:
-        """The fault of an unknown key, and the key that was perhaps meant."""
-        near = [cls.synonyms[key]] if key in cls.synonyms else []
-        if not near and with_suggestion and len(key) <= _LONGEST_KEY:
-            near = difflib.get_close_matches(key, key_names, n=1)
-        hint = f"did you mean {near[0]}?" if near else f"known keys: {', '.join(key_names)}"
-        return f"unknown key; {hint}"
+    def _meant(cls, unknown: Collection[str], key_names: list[str]) -> dict[str, str]:
+        """The known keys that unknown ones were perhaps meant to be."""
+        near = {key: [cls.synonyms[key]] for key in unknown if key in cls.synonyms}
+        for key in unknown if len(unknown) <= _MOST_SUGGESTIONS else ():
+            if key not in near and len(key) <= _LONGEST_KEY:
+                near[key] = difflib.get_close_matches(key, key_names, n=1)
+        return {key: names[0] for key, names in near.items() if names}
 
 
 # A check of a table, or of a list of them.

@@ -39,7 +39,7 @@ Outcome = Flight | GibbsCodegenError
 
 # The number of groups whose starts of flights are kept.
 _MOST_KNOWN = 4
-_known: dict[tuple[ModuleType, bytes | None], FlightStart] = {}
+_kept_starts: dict[tuple[ModuleType, bytes | None], FlightStart] = {}
 
 
 def fits_blocks(scenario: Scenario) -> bool:
@@ -293,13 +293,13 @@ def _start_of(module: ModuleType, common: bytes | None, scenario: Scenario) -> F
 
     `common` is what tells them from others, None if nothing does.
     """
-    start = _known.pop((module, common), None)
+    start = _kept_starts.pop((module, common), None)
     if start is None:
         start = flight_start(module, scenario, lambda what, share: None, own=False)
     if common is not None:
-        _known[module, common] = start
-        for oldest in [*_known][:-_MOST_KNOWN]:
-            del _known[oldest]
+        _kept_starts[module, common] = start
+        for oldest in [*_kept_starts][:-_MOST_KNOWN]:
+            del _kept_starts[oldest]
     return start
 
 

@@ -138,8 +138,12 @@ def flight_start(
     if own:
         scenario = uncontrolled(scenario)
     # Checks that NumPy can make come first: to compile takes long.
-    check_flight(robot if isinstance(robot, ModuleType) else load(robot), scenario)
-    module = robot if isinstance(robot, ModuleType) else load(robot, "c")
+    module = robot if isinstance(robot, ModuleType) else load(robot)
+    check_flight(module, scenario)
+    if module is not robot:
+        if scenario.control.law == "open_loop" and not own:
+            _closed_loop(Vehicle(module, scenario.parameters), scenario, progress, own)
+        module = load(robot, "c")
     if compiled := getattr(module, "compiled", None):
         with suppress(CompilerError, CacheError):  # Functions say so that are asked for.
             compiled.build()

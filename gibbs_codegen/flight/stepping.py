@@ -154,7 +154,7 @@ class Simulation:
         self._loop = replace(self._loop, bristles=self._bristles if q is None else None)
         self._hold.forget()
         self._flight: Integration | None = None
-        self._known: tuple[float, State[Array]] | None = None
+        self._latest: tuple[float, State[Array]] | None = None
         self._growth = None
         # Times, states and inputs from which the flight of a while ago can be flown again.
         self._marks: list[tuple[float, Array, Array]] = []
@@ -249,9 +249,9 @@ class Simulation:
     @property
     def _now(self) -> State[Array]:
         """The state now; taken apart once."""
-        if self._known is None or self._known[0] != self.time:
-            self._known = self.time, self._at()[0]
-        return self._known[1]
+        if self._latest is None or self._latest[0] != self.time:
+            self._latest = self.time, self._at()[0]
+        return self._latest[1]
 
     def _at(self, time: float = math.inf) -> tuple[State[Array], Array]:
         """The state at a time, s, of those flown, the last if later, and the inputs held there."""

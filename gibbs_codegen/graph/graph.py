@@ -1,4 +1,4 @@
-"""The graph: operations as integers, each made once, for what is done to thousands of them.
+"""The graph: operations as integers, each made once, for passes over thousands of them.
 
 SymPy derives on the tape; differentiating and shortening what it derived is done here. A node is
 an operation on earlier nodes. A *reference* to it is an integer, twice the node's number, and one
@@ -43,8 +43,6 @@ class NodeKind(IntEnum):
     CALL = 5
 
 
-# Digits in which numbers agree that are the same; they carry ten more.
-_SAME_DIGITS = numbers.DIGITS - 10
 # Functions f with f(−x) = −f(x), and with f(−x) = f(x).
 ODD = ("sin", "atan", "sign")
 EVEN = ("cos",)
@@ -67,7 +65,7 @@ def _sum(terms: Iterable[tuple[int, sp.Expr]]) -> sp.Expr:
 
 
 class Graph:
-    """Nodes by number; operands have smaller numbers than what is made of them.
+    """Nodes by number; operands have smaller numbers than their results.
 
     Of node i, `kinds[i]` is what it is, `operands[i]` has the references that it is made of,
     `labels[i]` the name of an input, the value of a number or the function of a call, and
@@ -81,12 +79,12 @@ class Graph:
         self.operands: list[tuple[Ref, ...]] = []
         self.labels: list[str | sp.Expr | None] = []
         self.constant: list[bool] = []
-        self._known: dict[tuple[NodeKind, tuple[Ref, ...], str | sp.Expr | None], int] = {}
+        self._numbers: dict[tuple[NodeKind, tuple[Ref, ...], str | sp.Expr | None], int] = {}
         # Each node as a number times what it has in common with like terms, by a key.
         self._scaled: list[tuple[sp.Expr, int]] = []
         self._keys: dict[tuple[int, int], int] = {}
-        # Numbers that are not exact, by their first digits.
-        self._of_digits: dict[sp.Expr, sp.Expr] = {}
+        # Numbers by the double that is printed of them: exact ones, where there are such.
+        self._printed: dict[float, sp.Expr] = {}
         self.zero = self.number(sp.S.Zero)
         self.one = self.number(sp.S.One)
 
@@ -98,9 +96,9 @@ class Graph:
     ) -> Ref:
         """A node, made once; the class says what its parts are."""
         key = (kind, operands, label)
-        node = self._known.get(key)
+        node = self._numbers.get(key)
         if node is None:
-            node = self._known[key] = len(self.kinds)
+            node = self._numbers[key] = len(self.kinds)
             self.kinds.append(kind)
             self.operands.append(operands)
             self.labels.append(label)
@@ -142,7 +140,9 @@ class Graph:
         if value.is_negative:
             return self.number(-value) ^ 1
         if value.is_Float:  # It may have come in another way before, with other last digits.
-            value = self._of_digits.setdefault(sp.Float(value, _SAME_DIGITS), value)
+            value = self._printed.setdefault(numbers.rounded(value), value)
+        else:
+            self._printed[numbers.rounded(value)] = value
         return self._node(NodeKind.NUMBER, (), value, True)
 
     def value(self, ref: Ref) -> sp.Expr | None:
@@ -193,7 +193,7 @@ class Graph:
         return self._ordered_sum(constants + varying)
 
     def _ordered_sum(self, terms: list[Ref]) -> Ref:
-        """The sum of terms of which no two are alike."""
+        """The sum of terms that all differ."""
         if not terms:
             return self.zero
         if len(terms) == 1:

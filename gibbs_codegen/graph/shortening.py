@@ -70,7 +70,7 @@ class Rebuilding(ABC):
         return self.graph.minus(replacement) if ref & 1 else replacement
 
     def remade(self, node: int) -> Ref:
-        """A node on what its operands have become, itself where none has changed."""
+        """A node on its replaced operands, itself where none has changed."""
         operands = self.graph.operands[node]
         if self._new.keys().isdisjoint([operand >> 1 for operand in operands]):
             return 2 * node

@@ -55,7 +55,7 @@ class Conditions:
         self._broken.append((1 << len(signs)) - 1)
 
     def broken(self) -> list[int]:
-        """Numbers of the conditions of which every sign is minus."""
+        """Numbers of the conditions with minus as every sign."""
         return [i for i, signs in enumerate(self._signs) if signs == self._broken[i]]
 
     def search(self) -> None:
@@ -193,7 +193,7 @@ class Polarity:
 
     @property
     def negated(self) -> set[int]:
-        """Nodes computed with the opposite sign, what has its sign from others included."""
+        """Nodes computed with the opposite sign, those with signs from others included."""
         changed = self.conditions.changed
         return {
             node

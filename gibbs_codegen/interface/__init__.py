@@ -17,6 +17,7 @@ from gibbs_codegen.interface.table import (
     LANES,
     LISTS,
     OWN_LISTS,
+    WHOLES,
     derivative,
 )
 
@@ -29,6 +30,7 @@ __all__ = [
     "LANES",
     "LISTS",
     "OWN_LISTS",
+    "WHOLES",
     "Argument",
     "Output",
     "Row",

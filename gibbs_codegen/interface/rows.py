@@ -83,8 +83,9 @@ class Row:
     `is_long`, whose text grows with the cube of the number of joints, only where it was asked for
     by name. One that is `composed` has no derivation: it calls the functions named there so many
     times. `derivative_of` is the function of which it gives
-    derivatives, of some `kind`. Functions of a `group` can be asked for by its name; those that are
-    not on request are compiled together.
+    derivatives, of some `kind`. `parts` are functions that return one of its outputs each, by its
+    own text. Functions of a `group` can be asked for by its name; those that are not on request are
+    compiled together.
     """
 
     name: str
@@ -99,6 +100,7 @@ class Row:
     composed: Mapping[str, int] = field(default_factory=dict)
     derivative_of: str = ""
     kind: Kind = ""
+    parts: tuple[str, ...] = ()
     group: str = ""
 
     @property

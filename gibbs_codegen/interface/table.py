@@ -134,6 +134,7 @@ _ROWS = (
         "Mass matrix M and residual R of M a = R + B u, in one pass.",
         "eqs. 5, 11 and 18, reduced to the free coordinates",
         "R holds velocity terms, gravity, dampers and springs, with the sign of a force.",
+        parts=("mass_matrix", "residual"),
         group="dynamics",
     ),
     Row(
@@ -324,6 +325,8 @@ _EVERY = (
     *STEPS,
 )
 FUNCTIONS: dict[str, Row] = {row.name: row for row in _EVERY}
+# By the name of a part, the function whose text computes it.
+WHOLES = {part: row.name for row in _EVERY for part in row.parts}
 _DERIVATIVES = {(row.derivative_of, row.kind): row.name for row in _EVERY if row.derivative_of}
 
 

@@ -1,1 +1,1 @@
-"""What moves, as array programs: machines of parts, laws over them, and the steps they take."""
+"""Moving machines as array programs: their parts, laws over them, and the steps they take."""

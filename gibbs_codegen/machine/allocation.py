@@ -1,4 +1,4 @@
-"""What control allocation computes by hand, as formulas that can be differentiated.
+"""Formulas, which can be differentiated, of control allocation that is computed by hand.
 
 Bounded least squares searches which thrusts are at a limit. Once that is known, as it is from what
 was found, the others solve linear equations: the formula has the same value and its derivatives.
@@ -41,8 +41,8 @@ def nearest_thrusts(thrusts: Node, wrench: Node, columns: Node, least: Node, mos
 
     `columns` (N, 6) are the wrenches of unit thrusts. It returns no numbers where it finds none.
     """
-    given = (thrusts, wrench, columns, least, most)
-    return external("nearest_thrusts", thrusts.shape, *given, formula=_nearest)
+    arguments = (thrusts, wrench, columns, least, most)
+    return external("nearest_thrusts", thrusts.shape, *arguments, formula=_nearest)
 
 
 @cache
@@ -51,19 +51,19 @@ def _smallest(count: int) -> Program:
 
     These are six directions or, with fewer rotors, as many directions as there are rotors.
     """
-    columns, wrench, found = variable("columns", count, 6), variable("wrench", 6), _found(count)
+    columns, wrench, bound = variable("columns", count, 6), variable("wrench", 6), _bound(count)
     if count < 6:
         thrusts = solve(columns @ columns.transposed, columns @ wrench)
     else:
         thrusts = columns @ solve(columns.transposed @ columns, wrench)
-    return Program("smallest", (columns, wrench, found), {"thrusts": thrusts})
+    return Program("smallest", (columns, wrench, bound), {"thrusts": thrusts})
 
 
 @cache
 def _nearest(count: int) -> Program:
     """The formula of `nearest_thrusts`: least squares for thrusts that are at no limit."""
     thrusts, least, most = (variable(name, count) for name in ("thrusts", "least", "most"))
-    columns, wrench, found = variable("columns", count, 6), variable("wrench", 6), _found(count)
+    columns, wrench, bound = variable("columns", count, 6), variable("wrench", 6), _bound(count)
     # Torque is divided by the mean lever arm, so that it compares with force.
     force, torque = (total(x * x) for x in (columns.transposed[:3], columns.transposed[3:]))
     both = choose(force * torque, 0.0, force, 0.0)
@@ -71,7 +71,7 @@ def _nearest(count: int) -> Program:
     weights = join(np.ones(3), weight * np.ones(3))
     weighed = columns * reshaped(weights, (1, 6))
     preference = PREFERENCE**2 * total(weighed * weighed)
-    above, below = choose(found, least, 1.0, 0.0), choose(most, found, 1.0, 0.0)
+    above, below = choose(bound, least, 1.0, 0.0), choose(most, bound, 1.0, 0.0)
     free = above * below
     held = choose(above, 0.5, most, least) * (1.0 - free)
     left = weights * wrench - weighed.transposed @ held
@@ -81,17 +81,17 @@ def _nearest(count: int) -> Program:
     nearest = solve(matrix, free * (weighed @ left)) + held
     return Program(
         "nearest",
-        (thrusts, wrench, columns, least, most, found),
+        (thrusts, wrench, columns, least, most, bound),
         {"thrusts": choose(_excess(thrusts, least, most), 0.0, nearest, thrusts)},
     )
 
 
-def _found(count: int) -> Node:
-    """What was found by hand, which tells what is at a limit."""
+def _bound(count: int) -> Node:
+    """The thrusts that were computed by hand; they tell which are at a limit."""
     return variable("found", count)
 
 
 def _excess(thrusts: Node, least: Node, most: Node) -> Node:
-    """How far thrusts are beyond their limits, all of them together, N; 0 if none is."""
+    """The excess of thrusts beyond their limits, all of them together, N; 0 if none is."""
     over = maximum(thrusts - most, 0.0) + maximum(least - thrusts, 0.0)
     return total(over)

@@ -69,8 +69,8 @@ def command_program(loop: ClosedLoop) -> Program:
     def others(rows: Node) -> Node:
         return join(rows[: places.start], rows[places.stop :])
 
-    def beside(base: Node, own: Node) -> Node:
-        return join(base[: places.start], own, base[places.start :])
+    def beside(base: Node, moved: Node) -> Node:
+        return join(base[: places.start], moved, base[places.start :])
 
     # What acts on the base stays, and joints that move otherwise move it otherwise.
     by_base = others(robot.mass_matrix(q)).transposed
@@ -91,7 +91,7 @@ def command_program(loop: ClosedLoop) -> Program:
 
 
 def telling_program(loop: ClosedLoop, measurement: Program) -> Program:
-    """What is `told` of a motion: what sensors measure, and of the base the truth.
+    """The output `told` of a motion: measurements of sensors, and the true motion of the base.
 
     The latter is its position (3), m, and velocity (3), m/s, world axes, and its attitude: the
     quaternion (4), real part last, or else the rotation (9) to the world. Of the state x and
@@ -105,5 +105,5 @@ def telling_program(loop: ClosedLoop, measurement: Program) -> Program:
     if not robot.space.has_quaternion:
         attitude = reshaped(rotation_of(pose), (9,))
     velocity = robot.frame_velocities(q, v)[0][:3]
-    told = join(measured, origin_of(pose), velocity, attitude)
-    return Program("telling", (x, a, gravity), {"told": told})
+    telemetry = join(measured, origin_of(pose), velocity, attitude)
+    return Program("telling", (x, a, gravity), {"told": telemetry})

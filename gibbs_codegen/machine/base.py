@@ -36,7 +36,7 @@ class Motion:
 
 
 class Placed(Protocol):
-    """What has coordinates and velocities by the places of a layout."""
+    """A robot with coordinates and velocities in the places of a layout."""
 
     @property
     def layout(self) -> Layout:
@@ -44,7 +44,7 @@ class Placed(Protocol):
 
     @property
     def space(self) -> Space:
-        """How many entries coordinates and displacements have."""
+        """The numbers of entries of coordinates and displacements."""
 
     @property
     def difference(self) -> Callable[[Node, Node], Node]:
@@ -103,7 +103,7 @@ class QuaternionBase:
     def errors(self, v: Node, desired: Motion) -> tuple[Node, Node]:
         """Errors and their rates (nv), those of the position in world axes."""
         robot = self.robot
-        places, own = robot.layout.v, robot.layout.q
+        places, places_q = robot.layout.v, robot.layout.q
         wanted = QuaternionBase(robot, desired.q)
         between = entries_of(desired.q)
         here = entries_of(self.q)
@@ -111,8 +111,8 @@ class QuaternionBase:
         drift = wanted.to_world(desired.v[places.position]) - self.to_world(v[places.position])
         # `difference` has a derivative where there is no error, as an arc tangent has not.
         turn = robot.difference(self.q, desired.q)[places.attitude]
-        position = between[own.position] - here[own.position]
-        joints = between[own.joints] - here[own.joints]
+        position = between[places_q.position] - here[places_q.position]
+        joints = between[places_q.joints] - here[places_q.joints]
         rates = desired.v[places.joints] - v[places.joints]
         return join(position, turn, joints), join(drift, spin, rates)
 
@@ -148,25 +148,25 @@ class AngleBase:
 
     def to_world(self, x: Node) -> Node:
         """A vector (3) of the base's frame, in world axes."""
-        found = [x[i] for i in range(3)]
+        vector = [x[i] for i in range(3)]
         for i in (2, 1, 0):
-            found = self._turned(i, found, self.sines[i])
-        return join(*found)
+            vector = self._turned(i, vector, self.sines[i])
+        return join(*vector)
 
     def to_base(self, x: Node) -> Node:
         """A vector (3) of world axes, in the base's frame."""
-        found = [x[i] for i in range(3)]
+        vector = [x[i] for i in range(3)]
         for i in range(3):
-            found = self._turned(i, found, -self.sines[i])
-        return join(*found)
+            vector = self._turned(i, vector, -self.sines[i])
+        return join(*vector)
 
     def _turned(self, i: int, x: Sequence[Node], sine_of: Node) -> list[Node]:
         """Entries of a vector, turned about the axis of the angle i."""
         one, two = (self.axes[i] + 1) % 3, (self.axes[i] + 2) % 3
-        found = list(x)
-        found[one] = self.cosines[i] * x[one] - sine_of * x[two]
-        found[two] = self.cosines[i] * x[two] + sine_of * x[one]
-        return found
+        turned = list(x)
+        turned[one] = self.cosines[i] * x[one] - sine_of * x[two]
+        turned[two] = self.cosines[i] * x[two] + sine_of * x[one]
+        return turned
 
     def angular(self, v: Node, a: Node) -> tuple[Node, Node]:
         """Angular velocity and acceleration (3) in the base's frame."""
@@ -176,25 +176,25 @@ class AngleBase:
 
     def _of_rates(self, rates: Node) -> Node:
         """Angular velocity (3), base's frame, of rates (3) of the angles."""
-        found = [constant(0.0)] * 3
+        spin = [constant(0.0)] * 3
         for i in range(3):
-            found = self._turned(i, found, -self.sines[i])
-            found[self.axes[i]] = found[self.axes[i]] + rates[i]
-        return join(*found)
+            spin = self._turned(i, spin, -self.sines[i])
+            spin[self.axes[i]] = spin[self.axes[i]] + rates[i]
+        return join(*spin)
 
     def _bias(self, rates: Node) -> Node:
         """Angular acceleration (3), base's frame, without accelerations of the angles."""
         spin = [constant(0.0)] * 3
-        found = [constant(0.0)] * 3
+        bias = [constant(0.0)] * 3
         for i in range(3):
             spin = self._turned(i, spin, -self.sines[i])
-            found = self._turned(i, found, -self.sines[i])
+            bias = self._turned(i, bias, -self.sines[i])
             axis = [constant(float(k == self.axes[i])) for k in range(3)]
             # The axis is carried by the rates before: it turns in the frame after this rotation.
             turning = cross(join(*spin), join(*axis))
-            found = [found[k] + rates[i] * turning[k] for k in range(3)]
+            bias = [bias[k] + rates[i] * turning[k] for k in range(3)]
             spin[self.axes[i]] = spin[self.axes[i]] + rates[i]
-        return join(*found)
+        return join(*bias)
 
     def attitude_entries(self, v: Node, turning: Node) -> Node:
         """Accelerations (3) of the angles by the angular acceleration (3), base's frame.
@@ -285,18 +285,18 @@ def quaternion_motion(robot: Placed, c: Node, rates: Node, growth: Node) -> tupl
     `rates` and `growth` are the first and second derivatives of the entries. With c = r p, where p
     is of unit length, the conjugate of c times its derivative is r times that of r, and r² ω / 2.
     """
-    own = robot.layout.q
-    turned = c[own.attitude]
+    layout = robot.layout.q
+    turned = c[layout.attitude]
     square = dot(turned, turned)
-    stretching = dot(turned, rates[own.attitude]) / square
+    stretching = dot(turned, rates[layout.attitude]) / square
     entries = unit_entries(robot, c)
-    quaternion = entries[own.attitude]
-    spin = 2.0 / square * _between(turned, rates[own.attitude])
-    bend = 2.0 / square * _between(turned, growth[own.attitude])
-    linear = _turned(quaternion, -quaternion[3], rates[own.position])
-    v = placed(robot, spin, linear, rates[own.joints])
-    carried = _turned(quaternion, -quaternion[3], growth[own.position]) - cross(spin, linear)
-    return entries, v, placed(robot, bend - 2.0 * stretching * spin, carried, growth[own.joints])
+    quaternion = entries[layout.attitude]
+    spin = 2.0 / square * _between(turned, rates[layout.attitude])
+    bend = 2.0 / square * _between(turned, growth[layout.attitude])
+    linear = _turned(quaternion, -quaternion[3], rates[layout.position])
+    v = placed(robot, spin, linear, rates[layout.joints])
+    carried = _turned(quaternion, -quaternion[3], growth[layout.position]) - cross(spin, linear)
+    return entries, v, placed(robot, bend - 2.0 * stretching * spin, carried, growth[layout.joints])
 
 
 def _between(p: Node, r: Node) -> Node:

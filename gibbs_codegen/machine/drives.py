@@ -28,7 +28,7 @@ from gibbs_codegen.machine.motor import Motor
 from gibbs_codegen.machine.servo import Joint
 from gibbs_codegen.robot.description import ActuatorKey, Description
 from gibbs_codegen.robot.names import parameter_prefix, rotor_prefix
-from gibbs_codegen.robot.parts.part import Number, changed_numbers
+from gibbs_codegen.robot.parts.part import RobotNumber, changed_numbers
 
 # Values by what they belong to.
 Values = Mapping[ActuatorKey, Node]
@@ -37,7 +37,7 @@ Values = Mapping[ActuatorKey, Node]
 class Drives:
     """The programs of a robot's drives; `number` gives a node for each of their numbers."""
 
-    def __init__(self, description: Description, number: Callable[[Number], Node]) -> None:
+    def __init__(self, description: Description, number: Callable[[RobotNumber], Node]) -> None:
         robot, layout = description.robot, description.layout
         rods: Any = changed_numbers(robot.base, "base", number)["drag"]
         numbers: list[dict[str, Any]] = [{"drag": drag} for drag in rods]
@@ -81,7 +81,7 @@ class Drives:
         return Program(name, tuple(inputs), outputs)
 
     def _each(self, kinds: tuple[str, ...], what: str, *values: Values) -> list[Node]:
-        """What drives of some kinds make of values of theirs."""
+        """Results of drives of some kinds from values of theirs."""
         return [
             named(getattr(part, what)(*(x[key] for x in values)), what, part.words[what])
             for key, part in self._parts.items()

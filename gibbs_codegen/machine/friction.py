@@ -11,7 +11,7 @@ _SMOOTH = 0.1
 
 
 def friction(numbers: Mapping[str, Node], v: Node) -> Node:
-    """What acts against a rate, N m or N, of numbers by the keys of the robot file."""
+    """The friction against a rate, N m or N, from numbers by the keys of the robot file."""
     coulomb, velocity = numbers["coulomb"], numbers["velocity"]
     square, smooth = v * v, _SMOOTH * velocity
     direction = v / square_root(square + smooth * smooth)

@@ -90,23 +90,23 @@ def law_functions(
         "What laws know of the rotors, as init_rotors makes it of the constants.",
         tuple(Member(name, name, words) for name, words in _OF_ROTORS.items() if name in read),
     )
-    known = _known(robot, centre)
-    outputs = {member.name: known[member.name]() for member in rotors.members}
+    values_of = _known(robot, centre)
+    outputs = {member.name: values_of[member.name]() for member in rotors.members}
     made = Program("init_rotors", (), outputs)
     words = "What laws know of the rotors; call it again when the constants have changed."
-    found = [CFunction(made, words, (rotors,))]
+    functions = [CFunction(made, words, (rotors,))]
     others = tuple(_structures(robot, read))
     explained = {
         "u": "inputs: thrusts, N, then efforts of the joints, N m or N; NaN where the state or "
         "the reference is"
     }
     for law, program in programs.items():
-        found.append(CFunction(program, LAWS[law].words, (rotors, *others), explained))
-    return found
+        functions.append(CFunction(program, LAWS[law].words, (rotors, *others), explained))
+    return functions
 
 
 def _structures(robot: Functions, read: Iterable[str]) -> Iterator[Structure]:
-    """What the caller fills: gains, state, reference."""
+    """Structures that the caller fills: gains, state, reference."""
     by_velocity = "in the places of the velocities"
     position = "the position"
     if "axis" in read:
@@ -129,7 +129,7 @@ def _structures(robot: Functions, read: Iterable[str]) -> Iterator[Structure]:
         "Where the robot is.",
         tuple(Member(name, name, words) for name, words in state.items() if name in read),
     )
-    members = [Member(own, name, words) for name, (own, words) in _OF_REFERENCE.items()]
+    members = [Member(field, name, words) for name, (field, words) in _OF_REFERENCE.items()]
     yield Structure(
         "reference",
         "Where it must be.",
@@ -142,19 +142,19 @@ def _law(robot: Functions, law: str, tip: int, moves: bool) -> Program:
     """Inputs u (nu) of a law; the frame of the number `tip` is moved."""
     size, count, inputs = robot.space.velocities, robot.rotors, robot.inputs
 
-    def given(name: str, *shape: int) -> Node:
+    def argument(name: str, *shape: int) -> Node:
         return variable(name, *shape, uniform=True)
 
     q, v = robot.state()
     motion = Motion(
         robot.coordinates("desired_q"), *map(robot.velocities, ("desired_v", "desired_a"))
     )
-    gains = Gains(given("stiffness", size), given("damping", size))
-    limits = Limits(given("least", inputs), given("most", inputs))
+    gains = Gains(argument("stiffness", size), argument("damping", size))
+    limits = Limits(argument("least", inputs), argument("most", inputs))
     rotors = Rotors(
-        given("centre", 3),
-        given("distribution", count, 6),
-        given("wrenches", count, 6),
+        argument("centre", 3),
+        argument("distribution", count, 6),
+        argument("wrenches", count, 6),
         limits.least[:count],
         limits.most[:count],
         move=moves,
@@ -164,10 +164,10 @@ def _law(robot: Functions, law: str, tip: int, moves: bool) -> Program:
         path = CentrePath(
             *(variable(f"centre_{x}", 3) for x in ("position", "velocity", "acceleration"))
         )
-        aim = replace(aim, path=path, weight=weight_of(robot, q, given, rotors))
+        aim = replace(aim, path=path, weight=weight_of(robot, q, argument, rotors))
     if LAWS[law].moves_frame:
         stiffness, damping, inertia = (
-            given(f"frame_{x}", 3) for x in ("stiffness", "damping", "inertia")
+            argument(f"frame_{x}", 3) for x in ("stiffness", "damping", "inertia")
         )
         wrench = variable("wrench", 6)
         aim = replace(aim, frame=FrameAim(tip, stiffness, damping, inertia, wrench))
@@ -183,7 +183,7 @@ def _law(robot: Functions, law: str, tip: int, moves: bool) -> Program:
 
 
 def _known(robot: Functions, centre: int) -> dict[str, Callable[[], Node]]:
-    """What laws know of the rotors, by name: each calls functions that the others do not."""
+    """Figures of the rotors for laws, by name: each calls functions that the others do not."""
     neutral = constant(robot.layout.neutral)
     q, count = coordinates_of(neutral, robot.space), robot.rotors
     place, base = robot.layout.v.position, base_of(robot, q)

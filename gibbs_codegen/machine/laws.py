@@ -85,7 +85,7 @@ class Limits(NamedTuple):
 
 
 class Weight(NamedTuple):
-    """What the geometric law knows of a robot: mass, kg, weight (3), N, and thrust axis (3).
+    """Figures of a robot for the geometric law: mass, kg, weight (3), N, and thrust axis (3).
 
     The weight is the force that holds it, in world axes; the axis is a unit vector of the base's
     frame along which rotors push.
@@ -128,7 +128,7 @@ class CentrePath:
 
 @dataclass(frozen=True)
 class Push:
-    """How a frame is to push: along a unit vector (3), world axes, with a force, N.
+    """The push of a frame: along a unit vector (3), world axes, with a force, N.
 
     `share`, 0 to 1, is how far that is in force; `integral`, 1/s, the rate at which the error of
     the measured force is learned. `axes` (3, 3) is the rotation to the world's axes from those
@@ -152,8 +152,8 @@ class Push:
 
 
 def push_shares(time: Node, begin: Node, end: Node, rise: Node) -> tuple[Node, Node]:
-    """How much of a push, 0 to 1, has come at times, s, and how much has gone again."""
-    come, gone = (clip((time - each) / rise, 0.0, 1.0) for each in (begin, end))
+    """The shares of a push, 0 to 1, that have come and that have gone again at times, s."""
+    come, gone = (clip((time - instant) / rise, 0.0, 1.0) for instant in (begin, end))
     return come * come * (3.0 - 2.0 * come), gone * gone * (3.0 - 2.0 * gone)
 
 
@@ -181,7 +181,7 @@ class FrameAim:
 
 @dataclass(frozen=True)
 class Aim:
-    """What a law follows, and its gains.
+    """The aim of a law, and its gains.
 
     `memory` (nv) are the integrals of the errors, if the law remembers them: where the base leans,
     of joints and of the centre of mass, in the places of the position. `path` and `weight` are
@@ -203,7 +203,7 @@ class Aim:
 
     @property
     def learnt(self) -> Node:
-        """What integral action adds to the errors (nv)."""
+        """The part of integral action in the errors (nv)."""
         if self.memory is None or self.gains.integral is None:
             return self.remembered
         return self.gains.integral * self.memory
@@ -289,7 +289,7 @@ def _frame_learning(robot: Functions, q: Node, frame: FrameAim, aim: Aim) -> Nod
 
 
 def _off(robot: Functions, q: Node, aim: Aim) -> Node:
-    """How far (3), m, the frame that is moved is off its path."""
+    """The distance (3), m, of the moved frame from its path."""
     assert aim.frame is not None  # noqa: S101 - the law moves a frame
     here, there = (robot.frame_poses(x)[aim.frame.number] for x in (q, aim.desired.q))
     return join(*(there[i][3] - here[i][3] for i in range(3)))
@@ -337,21 +337,21 @@ def _reaching(robot: Functions, q: Node, v: Node, aim: Aim, a: Node, pushed: Nod
     which the arm cannot help: it moves the frame relative to that.
     """
     places, frame, weight = robot.layout.v, aim.frame, aim.weight
-    own = places.joints
+    joints = places.joints
     assert frame is not None and weight is not None  # noqa: S101, PT018 - it leans, moves a frame
-    if own.start == own.stop:
-        return a[own]
+    if joints.start == joints.stop:
+        return a[joints]
     base, rest = base_of(robot, q), zeros(a.size)
     held = base.to_world(base.wrench(zeros(3), robot.inverse_dynamics(q, v, rest))[:3])
     drift = (held - weight.weight) / weight.mass
     relative = robot.frame_jacobians(q)[frame.number][:3] - robot.centre_of_mass_jacobian(q)
     lacking = _wanted(robot, q, v, aim, places.attitude) - (pushed - drift) - relative @ a
-    levers = relative.transposed[own]
-    stiffness = aim.gains.stiffness[own]
+    levers = relative.transposed[joints]
+    stiffness = aim.gains.stiffness[joints]
     holding = choose(stiffness, 0.0, _POSTURE * stiffness, _HELD)
     square = levers @ levers.transposed
     square = square + constant(np.eye(holding.size)) * reshaped(holding, (holding.size, 1))
-    return a[own] + solve(square, levers @ lacking)
+    return a[joints] + solve(square, levers @ lacking)
 
 
 def learning(robot: Functions, q: Node, v: Node, aim: Aim) -> Node:
@@ -390,12 +390,12 @@ class Law:
 
     @property
     def moves_frame(self) -> bool:
-        """Whether it moves a frame, and measures what that feels."""
+        """True if it moves a frame, and measures the wrench on it."""
         return self.task != "tracking"
 
     @property
     def pushes(self) -> bool:
-        """Whether it controls the force of that."""
+        """True if it controls the force of that frame."""
         return self.task == "force"
 
     def hindrance(self, joints: int, frame: str) -> str | None:
@@ -453,7 +453,7 @@ LAWS = {
 
 
 def turns_servos(law: str) -> bool:
-    """Whether a law sends servos where they exert the torques that it wants, not to the posture."""
+    """True if a law sends servos where they exert the torques that it wants, not to the posture."""
     return law in LAWS and LAWS[law].leans and LAWS[law].moves_frame
 
 
@@ -529,7 +529,7 @@ def _turned(swing: Node, scalar: Node, x: Node) -> Node:
 
 
 def _attitude_error(axis: Node, there: Node, columns: Sequence[Node]) -> Node:
-    """How the base must turn: its thrust axis by the shortest way, then about that axis.
+    """The turn that the base needs: its thrust axis by the shortest way, then about that axis.
 
     The two rotation vectors added (3), in the base's frame. The more the axis is off, the less the
     heading counts, and where it is opposite, not at all. `there` (3) is where the axis must be, and
@@ -594,12 +594,12 @@ def moved_wrenches(robot: Functions, q: Node, rotors: Rotors) -> Node:
     return join(*(reshaped(column, (1, 6)) for column in moved))
 
 
-def weight_of(robot: Functions, q: Node, given: Callable[..., Node], rotors: Rotors) -> Weight:
-    """What a law under which the base leans knows of a robot; inputs are `given` by name."""
-    axis = given("axis", 3)
+def weight_of(robot: Functions, q: Node, argument: Callable[..., Node], rotors: Rotors) -> Weight:
+    """Figures of a robot for a law under which the base leans; `argument` makes inputs by name."""
+    axis = argument("axis", 3)
     if rotors.move:
         axis = external("force_axis", (3,), moved_wrenches(robot, q, rotors))
-    return Weight(given("mass"), given("weight", 3), axis)
+    return Weight(argument("mass"), argument("weight", 3), axis)
 
 
 def within_limits(inputs: Node, limits: Limits) -> Node:

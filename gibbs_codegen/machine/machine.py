@@ -38,7 +38,7 @@ from gibbs_codegen.machine.steps import constrained_motion
 
 @dataclass(frozen=True)
 class Surroundings:
-    """Which kinds of things act on which frames; their figures are inputs by name.
+    """Kinds of forces and their frames; their figures are inputs by name.
 
     `pushes`: wrenches `push` (f, 6). `wind`: the air moves, with `gusts`; `drag`: it drags frames.
     `contacts` are of frames with walls, `payloads` have the frame of each, `spins` rotor and frame
@@ -56,7 +56,7 @@ class Surroundings:
 
     @property
     def acts(self) -> bool:
-        """Whether anything does a wrench to a frame; constraints have forces of their own."""
+        """True if anything exerts a wrench on a frame; constraints have forces of their own."""
         return bool(self.pushes or self.drag or self.contacts or self.spins or self.payloads)
 
 
@@ -64,7 +64,7 @@ NO_SURROUNDINGS = Surroundings()
 
 
 class Rates(NamedTuple):
-    """What a machine does in a state: accelerations `a` (nv), rates of actuators and bristles.
+    """The motion of a machine in a state: accelerations `a` (nv), rates of actuators and bristles.
 
     `wrenches` (f, 6) of what acts, if anything does, `holding` (l) forces of constraints, and what
     each contact does.
@@ -109,12 +109,12 @@ class Machine:
 
     @cached_property
     def has_air(self) -> bool:
-        """Whether the air acts on rotors."""
+        """True if the air acts on rotors."""
         return bool(self.robot.air) and self.runs
 
     @property
     def active(self) -> Node | None:
-        """Which constraints hold (g), 1 or 0, if any does."""
+        """1 for constraints that hold (g), else 0, if any does."""
         return self.figure("active", self.robot.constraints) if self.around.holds else None
 
     # Actuators.
@@ -156,7 +156,7 @@ class Machine:
     # What is around it.
 
     def touches(self, state: State[Node]) -> list[Touch]:
-        """What each contact does."""
+        """Effects of each contact."""
         contacts = self.around.contacts
         if not contacts:
             return []
@@ -242,7 +242,7 @@ class Machine:
     # How it moves.
 
     def rates(self, time: Node, state: State[Node], u: Node, command: Node) -> Rates:
-        """What the machine does under inputs u (nu) that act while something is commanded."""
+        """Rates of the machine under inputs u (nu) that act while something is commanded."""
         robot, touches, (q, v, *_) = self.robot, self.touches(state), state
         wrenches, pushed = self._wrenches(time, state, u, command, touches), None
         if wrenches is not None:

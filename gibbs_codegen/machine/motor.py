@@ -42,7 +42,7 @@ def approach(level: Node, target: Node, up: Node, down: Node) -> Node:
 
 @dataclass(frozen=True)
 class Motor:
-    """What a rotor makes of its command, with its numbers by the keys of the robot file."""
+    """A rotor under its command, with its numbers by the keys of the robot file."""
 
     words: ClassVar[Mapping[str, str]] = {
         "acting": "thrusts by their curves",
@@ -95,5 +95,5 @@ class Motor:
         return approach(level, target, *self.numbers.get("time_constants", (lag, lag)))
 
     def power(self, level: Node) -> Node:
-        """What turns the rotor, W."""
+        """The power that turns the rotor, W."""
         return absolute(self.numbers["drag"] * self.acting(level) * self.speed(level))

@@ -1,4 +1,4 @@
-"""What sensors read, as array programs: of a motion without error, and with errors.
+"""Readings of sensors as array programs: of a motion without error, and with errors.
 
 Errors come in as numbers of the standard normal distribution, so that the same numbers give the
 same readings in every language. Frames are given by their numbers; what a sensor feels is in the
@@ -58,18 +58,18 @@ class Motion(NamedTuple):
 
     def pose(self, device: Device) -> Node:
         """The pose (4, 4) of a sensor's frame."""
-        found: Node = self.robot.frame_poses(self.q)[device.frame]
-        return found
+        pose: Node = self.robot.frame_poses(self.q)[device.frame]
+        return pose
 
     def velocity(self, device: Device) -> Node:
         """Velocity (3) of the origin, m/s, and angular velocity (3), rad/s, world axes."""
-        found: Node = self.robot.frame_velocities(self.q, self.v)[device.frame]
-        return found
+        velocity: Node = self.robot.frame_velocities(self.q, self.v)[device.frame]
+        return velocity
 
     def felt(self, device: Device, *vectors: Node) -> Node:
         """Vectors (3 each) of the world in the axes of a sensor's frame."""
         turn = rotation_of(self.pose(device)).transposed
-        return join(*(turn @ each for each in vectors))
+        return join(*(turn @ vector for vector in vectors))
 
 
 def imu(motion: Motion, device: Device) -> Node:
@@ -108,16 +108,16 @@ def wrench(motion: Motion, device: Device) -> Node:
 
 
 MEASUREMENTS: dict[str, Callable[[Motion, Device], Node]] = {
-    each.__name__: each for each in (imu, barometer, magnetometer, gps, encoders, wrench)
+    measure.__name__: measure for measure in (imu, barometer, magnetometer, gps, encoders, wrench)
 }
 
 
 def measurement_program(robot: Functions, devices: Sequence[Device]) -> Program:
     """Measurements (m) without error, one sensor's after the other's, of a motion and gravity."""
     q, v = robot.state()
-    given = q, v, robot.velocities("a"), variable("wrenches", robot.frames, 6)
-    motion = Motion(robot, *given, variable("gravity", 3))
-    measured = join(*(MEASUREMENTS[each.kind](motion, each) for each in devices))
+    motion_inputs = q, v, robot.velocities("a"), variable("wrenches", robot.frames, 6)
+    motion = Motion(robot, *motion_inputs, variable("gravity", 3))
+    measured = join(*(MEASUREMENTS[device.kind](motion, device) for device in devices))
     return Program("measurement", motion[1:], {"measured": measured})
 
 
@@ -126,14 +126,14 @@ def reading_program(channels: Sequence[Channel]) -> Program:
 
     `white` (m) are numbers of the normal distribution, `walk` (m) sums of such up to the reading.
     """
-    size = sum(len(each.names) for each in channels)
+    size = sum(len(c.names) for c in channels)
     measured, white, walk = (variable(name, size) for name in ("measured", "white", "walk"))
-    found, first = [], 0
-    for each in channels:
-        count = len(each.names)
-        noise, bias = (np.broadcast_to(x, count) for x in (each.noise, each.bias))
-        own = slice(first, first + count)
-        value = measured[own] + bias + each.walk * walk[own] + noise * white[own]
-        found.append(clip(value, -each.span, each.span) if math.isfinite(each.span) else value)
+    readings, first = [], 0
+    for c in channels:
+        count = len(c.names)
+        noise, bias = (np.broadcast_to(x, count) for x in (c.noise, c.bias))
+        rows = slice(first, first + count)
+        value = measured[rows] + bias + c.walk * walk[rows] + noise * white[rows]
+        readings.append(clip(value, -c.span, c.span) if math.isfinite(c.span) else value)
         first += count
-    return Program("reading", (measured, white, walk), {"reading": join(*found)})
+    return Program("reading", (measured, white, walk), {"reading": join(*readings)})

@@ -29,7 +29,7 @@ class State(NamedTuple, Generic[T]):
 
 @dataclass(frozen=True)
 class StateLayout:
-    """How many entries each part of a state has."""
+    """The number of entries of each part of a state."""
 
     q: int
     v: int
@@ -40,12 +40,12 @@ class StateLayout:
 
     @property
     def size(self) -> int:
-        """How many entries a state has."""
+        """The number of entries of a state."""
         return sum(astuple(self))
 
     @cached_property
     def places(self) -> State[slice]:
-        """Where each part stands."""
+        """The places of the parts."""
         sizes = astuple(self)
         ends = itertools.accumulate(sizes)
         return State(*(slice(end - size, end) for end, size in zip(ends, sizes, strict=True)))

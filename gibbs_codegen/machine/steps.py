@@ -94,8 +94,8 @@ def step_program(robot: Functions, method: str, *, one_length: bool = True) -> P
     u, h = variable("u", robot.inputs), variable("h", uniform=one_length)
 
     def accelerate(q: Node, v: Node, _: int) -> Node:
-        found: Node = robot.forward_dynamics(q, v, u)
-        return found
+        acceleration: Node = robot.forward_dynamics(q, v, u)
+        return acceleration
 
     q_next, v_next = METHODS[method](robot.integrate, accelerate, q, v, h)
     return Program(f"step_{method}", (q, v, u, h), {"q_next": q_next, "v_next": v_next})
@@ -111,10 +111,10 @@ def emitted_step(robot: Functions, name: str) -> Program:
     if not name.endswith("_derivatives"):
         return step
     derived = jacobian(step, ("q", "v", "u"))
-    found = derived.outputs
+    derivatives = derived.outputs
     of_state, of_inputs = (
-        join(*(beside(*(found[f"{x}_next_by_{y}"] for y in by)) for x in "qv"))
+        join(*(beside(*(derivatives[f"{x}_next_by_{y}"] for y in by)) for x in "qv"))
         for by in ("qv", "u")
     )
-    results = {x: found[x] for x in step.outputs}
+    results = {x: derivatives[x] for x in step.outputs}
     return Program(name, step.inputs, {**results, "A": of_state, "B": of_inputs}, derived.labels)

@@ -1,4 +1,4 @@
-"""Inlining of what is used once (forward substitution), as long as lines stay short enough to read.
+"""Inlining of values used once (forward substitution) while lines stay short enough to read.
 
     t1 = a*b
     t2 = c + t1
@@ -38,7 +38,7 @@ _LEAVES = 7
 def inline_single_uses(
     statements: Sequence[Statement], outputs: Sequence[Output], products_only: bool = False
 ) -> list[Statement]:
-    """Write what is used once where it is used, as long as the line stays short.
+    """Write a value that is used once where it is used, as long as the line stays short.
 
     The outputs stay as they are, and with `products_only` sums do too, where their rounding is
     arranged with care.

@@ -16,7 +16,7 @@ from __future__ import annotations
 from collections import ChainMap
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
-from itertools import islice
+from itertools import chain, islice
 
 import sympy as sp
 
@@ -36,12 +36,14 @@ class Slice:
 
     Entries are expressions on the tape, or references to nodes of its graph. `groups` has the words
     of the groups as this function's derivation says them; other statements have those of the tape.
+    `parts` are functions that return one of the outputs each: they take their statements of it.
     """
 
     name: str
     arguments: tuple[str, ...]
     outputs: tuple[tuple[tuple[int, ...], tuple[sp.Expr | Ref, ...]], ...]
     groups: Mapping[sp.Symbol, str] = field(default_factory=dict)
+    parts: tuple[str, ...] = ()
 
     @property
     def repeats(self) -> bool:
@@ -62,7 +64,12 @@ def lower(
     """
     lowering = _Lowering(_graph_of(tape))
     graph = lowering.graph
-    drafts = [lowering.draft(piece) for piece in slices]
+    wholes = {part: piece.name for piece in slices for part in piece.parts}
+    drafted = {piece.name: lowering.draft(piece) for piece in slices if piece.name not in wholes}
+    drafts = [
+        drafted.get(piece.name) or lowering.part(drafted[wholes[piece.name]], piece)
+        for piece in slices
+    ]
     needed = set().union(*(draft.constants for draft in drafts))
     reached = graph.reached(2 * node for node in needed)
     prepare = lowering.prepare([node for node in reached if graph.operands[node]], needed)
@@ -137,9 +144,13 @@ class _Lowering:
         """Lower one slice, with what is used once written where it is used."""
         graph = self.graph
         origins: dict[int, int] = {}
-        entries = [entry for _, entries in piece.outputs for entry in entries]
-        wanted = [e if isinstance(e, int) else self._imported.ref(e) for e in entries]
-        shortened = optimised(graph, wanted, origins, piece.repeats)
+        arrays = [
+            [e if isinstance(e, int) else self._imported.ref(e) for e in entries]
+            for _, entries in piece.outputs
+        ]
+        if piece.parts:  # Each output by itself first, so that what it takes alone is short too.
+            arrays = [optimised(graph, x, origins, piece.repeats).outputs for x in arrays]
+        shortened = optimised(graph, [*chain(*arrays)], origins, piece.repeats)
         refs, negated = shortened.outputs, shortened.polarity.negated
         computed = [node for node in in_order(graph, refs, origins) if graph.operands[node]]
         words = self._words_of(computed, piece.groups, origins)
@@ -156,6 +167,16 @@ class _Lowering:
         read.extend(ref >> 1 for ref in refs)
         constants = {n for n in read if graph.constant[n] and graph.kinds[n] is not NodeKind.NUMBER}
         return _Draft(piece, constants, inline_single_uses(statements, outputs), outputs)
+
+    def part(self, whole: _Draft, piece: Slice) -> _Draft:
+        """A function that returns some outputs of another, with those of its statements."""
+        outputs = [whole.outputs[whole.piece.outputs.index(output)] for output in piece.outputs]
+        entries = [entry for output in outputs for entry in output.entries]
+        statements = nodes.needed(whole.statements, entries)
+        read = {name for s in statements for name in nodes.names_in(s.value)}
+        read.update(name for entry in entries for name in nodes.names_in(entry))
+        constants = {number for number in whole.constants if self.name(number) in read}
+        return _Draft(piece, constants, statements, outputs)
 
     def prepare(self, numbers: Sequence[int], needed: set[int]) -> list[nodes.Statement]:
         """Lower what parameters determine; what is used once is written where it is used.

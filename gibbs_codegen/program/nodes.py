@@ -256,6 +256,17 @@ def names_in(node: Node) -> tuple[str, ...]:
     return node.names
 
 
+def needed(statements: Sequence[Statement], roots: Iterable[Node]) -> list[Statement]:
+    """Those of some statements, in order, that `roots` need."""
+    wanted = {name for root in roots for name in names_in(root)}
+    kept = []
+    for statement in reversed(statements):
+        if statement.name in wanted:
+            kept.append(statement)
+            wanted.update(names_in(statement.value))
+    return kept[::-1]
+
+
 def node_value(node: Node, values: Mapping[str, float]) -> float:
     """The value of a node, given those of the names in it."""
     match node:

@@ -73,19 +73,6 @@ def gather_angles(function: nodes.Function) -> GatheredFunction:
         nodes.Output(output.shape, tuple(map(gathered, output.entries)))
         for output in function.outputs
     )
-    before = _needed(function.statements, angles)
-    after = _needed(tuple(statements), [entry for o in outputs for entry in o.entries])
-    return GatheredFunction(before, tuple(angles), after, outputs)
-
-
-def _needed(
-    statements: tuple[nodes.Statement, ...], roots: list[nodes.Node]
-) -> tuple[nodes.Statement, ...]:
-    """Those of `statements`, in order, that `roots` need."""
-    wanted = {name for root in roots for name in nodes.names_in(root)}
-    kept = []
-    for statement in reversed(statements):
-        if statement.name in wanted:
-            kept.append(statement)
-            wanted.update(nodes.names_in(statement.value))
-    return tuple(reversed(kept))
+    before = nodes.needed(function.statements, angles)
+    after = nodes.needed(statements, [entry for o in outputs for entry in o.entries])
+    return GatheredFunction(tuple(before), tuple(angles), tuple(after), outputs)

@@ -1,1 +1,1 @@
-"""What a robot is, in plain data and numbers: its file, coordinates, chains and rotors."""
+"""Robots as plain data and numbers: their files, coordinates, chains and rotors."""

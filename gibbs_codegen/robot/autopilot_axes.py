@@ -20,14 +20,14 @@ _SIGNS = np.array([1.0, 1.0, -1.0, -1.0])
 
 def turned_over(vectors: ArrayLike) -> NDArray[np.float64]:
     """Vectors (…, 3) of the base's axes in FRD, or the other way."""
-    found: NDArray[np.float64] = np.asarray(vectors, float) * _OVER + 0.0
-    return found
+    turned: NDArray[np.float64] = np.asarray(vectors, float) * _OVER + 0.0
+    return turned
 
 
 def north_east_down(vectors: ArrayLike) -> NDArray[np.float64]:
     """Vectors (…, 3) of the world's axes in NED, or the other way."""
-    found: NDArray[np.float64] = np.asarray(vectors, float)[..., [1, 0, 2]] * _UNDER + 0.0
-    return found
+    turned: NDArray[np.float64] = np.asarray(vectors, float)[..., [1, 0, 2]] * _UNDER + 0.0
+    return turned
 
 
 def turned_attitude(quaternion: ArrayLike) -> NDArray[np.float64]:
@@ -36,8 +36,8 @@ def turned_attitude(quaternion: ArrayLike) -> NDArray[np.float64]:
     Of those, real part last, from the base's axes to the world's; they are the products with both
     half turns.
     """
-    found = np.asarray(quaternion, float)
-    return _HALF * (found[..., _FIRST] + _SIGNS * found[..., _SECOND])
+    parts = np.asarray(quaternion, float)
+    return _HALF * (parts[..., _FIRST] + _SIGNS * parts[..., _SECOND])
 
 
 def attitude_turned_back(quaternion: ArrayLike) -> NDArray[np.float64]:

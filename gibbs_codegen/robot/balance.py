@@ -1,4 +1,4 @@
-"""How a robot is balanced, and which of its numbers are probably in another unit.
+"""The balance of a robot, and numbers of it that are probably in another unit.
 
 Wrenches of its rotors, its base and the thrusts of hovering, with what is told of them in words.
 """
@@ -18,7 +18,8 @@ from gibbs_codegen.robot.names import coordinate_of, link_label, rotor_label
 from gibbs_codegen.robot.parts.battery import Battery
 from gibbs_codegen.robot.parts.body import Body, as_rigid_body, body_fault, inertia_matrix
 from gibbs_codegen.robot.parts.numbers import AXIS_PAIRS, BASE
-from gibbs_codegen.robot.placement import Array, mounted_rotors
+from gibbs_codegen.robot.placement import mounted_rotors
+from gibbs_codegen.robot.rotations import Array
 from gibbs_codegen.robot.wrenches import directions, farthest, null_space
 
 # Fewer times better is a matter of taste.
@@ -123,7 +124,7 @@ def tilt_hint(robot: Robot) -> TiltHint | None:
         return None
     now = arrangement(robot)
     every_second = set(range(2, robot.rotors + 1, 2))
-    found = []
+    hints = []
     for motors in ({1}, every_second, every_second ^ {1}):
         thrust = tuple(
             (-x, -y, z) if k in motors else (x, y, z)
@@ -131,13 +132,13 @@ def tilt_hint(robot: Robot) -> TiltHint | None:
         )
         mirrored = replace(robot, base=replace(robot.base, thrust=thrust))
         condition = arrangement(mirrored).condition
-        found.append(TiltHint(tuple(sorted(motors)), condition))
-    best = min(found, key=lambda hint: hint.condition)
+        hints.append(TiltHint(tuple(sorted(motors)), condition))
+    best = min(hints, key=lambda hint: hint.condition)
     return best if best.condition * _FAR_BETTER < now.condition else None
 
 
 @dataclass(frozen=True)
-class Hover:
+class HoverThrusts:
     """Thrusts in N of least norm that carry the robot, level and at rest; None where none do.
 
     Where none do although some carry the weight, `moment` (N m, about the base centre, in the
@@ -155,7 +156,7 @@ class Hover:
 
 
 def hangs(robot: Robot) -> bool:
-    """Whether hovering is taken with the arm's centre of mass beneath the base centre.
+    """True if hovering is taken with the arm's centre of mass beneath the base centre.
 
     So it is for the paper's form of file, whose joints at zero stretch the arm out sideways.
     Otherwise all joints are at zero.
@@ -163,7 +164,7 @@ def hangs(robot: Robot) -> bool:
     return bool(robot.base.rotors)
 
 
-def hover(robot: Robot, margin: bool = True) -> Hover:
+def hover(robot: Robot, margin: bool = True) -> HoverThrusts:
     """Hovering of a robot, with its margin."""
     body = posture.base_properties(robot) if hangs(robot) else posture.whole_properties(robot)
     x, y, _ = body.mass * np.array(body.com)
@@ -172,7 +173,7 @@ def hover(robot: Robot, margin: bool = True) -> Hover:
     matrix = wrench_matrix(robot)
     size = float(np.abs(needed).max())
     if not robot.rotors:
-        return Hover(None, None, ())
+        return HoverThrusts(None, None, ())
     thrusts = np.linalg.lstsq(matrix, needed, rcond=1e-9)[0]
     if np.abs(matrix @ thrusts - needed).max() > 1e-9 * size:
         # The least moment that thrusts leave which carry the weight.
@@ -181,26 +182,26 @@ def hover(robot: Robot, margin: bool = True) -> Hover:
         idle = right[int(np.sum(values > 1e-9 * values[0])) :].T
         thrusts = np.linalg.lstsq(forces, needed[:3], rcond=1e-9)[0]
         if np.abs(forces @ thrusts - needed[:3]).max() > 1e-9 * size:
-            return Hover(None, None, ())
+            return HoverThrusts(None, None, ())
         left = needed[3:] - moments @ thrusts
         turning = idle @ np.linalg.lstsq(moments @ idle, left, rcond=1e-9)[0]
         pair = left - moments @ turning, thrusts + turning
         rounded = (tuple(map(float, posture.rounded(x, size))) for x in pair)
-        return Hover(None, None, (), *rounded)
-    found = tuple(map(float, posture.rounded(thrusts, size)))
+        return HoverThrusts(None, None, (), *rounded)
+    hovering = tuple(map(float, posture.rounded(thrusts, size)))
     limits = [drive.thrust_limits for drive in robot.drives]
     beyond = [
         k
-        for k, (thrust, bounds) in enumerate(zip(found, limits, strict=True), start=1)
+        for k, (thrust, bounds) in enumerate(zip(hovering, limits, strict=True), start=1)
         if bounds and not bounds[0] <= thrust <= bounds[1]
     ]
-    known = [bounds for bounds in limits if bounds]
+    bounded = [bounds for bounds in limits if bounds]
     times = None
-    if margin and size and len(known) == robot.rotors:
+    if margin and size and len(bounded) == robot.rotors:
         ways = np.column_stack([thrusts, null_space(matrix)])
-        most = farthest(ways, np.transpose(known), np.eye(ways.shape[1])[0])
+        most = farthest(ways, np.transpose(bounded), np.eye(ways.shape[1])[0])
         times = None if most is None or most[0] < 0.0 else float(most[0])
-    return Hover(found, times, tuple(beyond))
+    return HoverThrusts(hovering, times, tuple(beyond))
 
 
 @dataclass(frozen=True)
@@ -237,11 +238,11 @@ def hover_commands(robot: Robot, thrusts: Sequence[float]) -> HoverCommands:
     most = {k: (d.limits or (0.0, 1.0))[1] for k, d in enumerate(drives) if d.command == "throttle"}
     # A throttle gives what the battery's voltage allows, of what it gives at the nominal one.
     power = _power(robot, thrusts, levels)
-    found = _endurance(battery, power, levels, most) if battery and power else None
-    raised = battery.nominal / found.voltage if battery and found else 1.0
+    endurance = _endurance(battery, power, levels, most) if battery and power else None
+    raised = battery.nominal / endurance.voltage if battery and endurance else 1.0
     commands = [level * raised if k in most else level for k, level in enumerate(levels)]
     left = min((end - commands[k] for k, end in most.items()), default=None)
-    return HoverCommands(tuple(commands), left, found)
+    return HoverCommands(tuple(commands), left, endurance)
 
 
 def _power(robot: Robot, thrusts: Sequence[float], levels: Sequence[float]) -> float:
@@ -270,7 +271,7 @@ _STEPS = 4096
 def _endurance(
     battery: Battery, power: float, levels: Sequence[float], most: Mapping[int, float]
 ) -> Endurance:
-    """How long a battery gives a power, W; `most` has the greatest throttles, by places."""
+    """Hovering on a battery at a power, W; `most` has the greatest throttles, by places."""
     lost = battery.resistance * power
     loads = (levels[k] * battery.nominal / end if end else math.inf for k, end in most.items())
     loaded = max(loads, default=0.0)
@@ -328,21 +329,21 @@ _MOST_LISTED = 12
 
 def balance_lines(robot: Robot) -> list[str]:
     """Mass, centre of mass and inertia of the base, and hover thrusts, in words."""
-    found = posture.base_properties(robot)
+    base = posture.base_properties(robot)
     where = "the origin of the base's frame"
     if robot.base.rotors:
         by_rule = robot.base.azimuth_deg is None
         where = f"the base centre in {'arm 1' if by_rule else 'the base'}'s axes"
-    x, y, z = map(number, found.com)
-    pairs = zip(AXIS_PAIRS, found.inertia, strict=True)
+    x, y, z = map(number, base.com)
+    pairs = zip(AXIS_PAIRS, base.inertia, strict=True)
     return [
-        f"base: {number(found.mass)} kg, centre of mass {x}, {y}, {z} m from {where}",
+        f"base: {number(base.mass)} kg, centre of mass {x}, {y}, {z} m from {where}",
         f"inertia about it: {', '.join(f'{a} {number(v)}' for a, v in pairs)} kg m²",
         *hover_lines(robot, hover(robot, margin=False)),
     ]
 
 
-def hover_lines(robot: Robot, found: Hover) -> list[str]:
+def hover_lines(robot: Robot, hovering: HoverThrusts) -> list[str]:
     """Thrusts of hovering in words, what they leave, and limits where there are any."""
     if not robot.rotors:
         return ["hover thrusts: the robot has no rotors"]
@@ -352,27 +353,29 @@ def hover_lines(robot: Robot, found: Hover) -> list[str]:
     elif robot.moving:
         where += ", joints at zero"
     how = f"of least norm, {where}"
-    if found.moment is not None and (lifting := found.lifting) is not None:
-        left = ", ".join(map(number, found.moment))
+    if hovering.moment is not None and (lifting := hovering.lifting) is not None:
+        left = ", ".join(map(number, hovering.moment))
         lines = [f"hover thrusts: none hold it level: a moment of {left} N m is left ({where})"]
         lines.append(f"thrusts that carry the weight: {_values(lifting)} N")
         return lines + _command_lines(robot, hover_commands(robot, lifting))
-    if found.thrusts is None:
+    if hovering.thrusts is None:
         return [f"hover thrusts: none carry the weight ({how})"]
-    lines = [f"hover thrusts: {_values(found.thrusts)} N, {how}"]
-    lines += _command_lines(robot, hover_commands(robot, found.thrusts))
+    lines = [f"hover thrusts: {_values(hovering.thrusts)} N, {how}"]
+    lines += _command_lines(robot, hover_commands(robot, hovering.thrusts))
     if robot.moving and not hangs(robot):
-        told = [
+        efforts = [
             f"{coordinate_of(robot, i)} {number(effort)} {joint_terms(robot, i).effort_unit}"
-            for i, effort in zip(robot.moving, holding_efforts(robot, found.thrusts), strict=True)
+            for i, effort in zip(
+                robot.moving, holding_efforts(robot, hovering.thrusts), strict=True
+            )
         ]
-        lines.append(f"joint torques that hold it there: {', '.join(told)}")
-    if found.margin is not None and found.margin < 1e-9:  # 0 but for rounding.
+        lines.append(f"joint torques that hold it there: {', '.join(efforts)}")
+    if hovering.margin is not None and hovering.margin < 1e-9:  # 0 but for rounding.
         lines.append("thrust margin: no thrusts within the limits hover here")
-    elif found.margin is not None:
-        lines.append(f"thrust margin: the limits carry {found.margin:.3g} times the weight")
-    if found.beyond:
-        which = ", ".join(rotor_label(robot, k) for k in found.beyond)
+    elif hovering.margin is not None:
+        lines.append(f"thrust margin: the limits carry {hovering.margin:.3g} times the weight")
+    if hovering.beyond:
+        which = ", ".join(rotor_label(robot, k) for k in hovering.beyond)
         lines.append(f"beyond their limits at these thrusts: {which}")
     return lines
 
@@ -384,19 +387,19 @@ def _values(values: Sequence[float]) -> str:
     return ", ".join(map(number, values))
 
 
-def _command_lines(robot: Robot, found: HoverCommands) -> list[str]:
+def _command_lines(robot: Robot, hovering: HoverCommands) -> list[str]:
     """Throttles and speeds of hovering in words, and what the battery makes of it."""
-    lines, battery = [], found.battery
+    lines, battery = [], hovering.battery
     for kind, unit, scale in (("throttle", "%", 100.0), ("speed", "rad/s", 1.0)):
-        own = [k for k, drive in enumerate(robot.drives) if drive.command == kind]
-        line = f"hover {kind}: {_values([scale * found.commands[k] for k in own])} {unit}"
-        if len(own) < min(robot.rotors, _MOST_LISTED):
-            names = ", ".join(rotor_label(robot, k + 1) for k in own)
-            line += f" (rotor{'s' * (len(own) > 1)} {names})"
-        if kind == "throttle" and found.left is not None:
+        commanded = [k for k, drive in enumerate(robot.drives) if drive.command == kind]
+        line = f"hover {kind}: {_values([scale * hovering.commands[k] for k in commanded])} {unit}"
+        if len(commanded) < min(robot.rotors, _MOST_LISTED):
+            names = ", ".join(rotor_label(robot, k + 1) for k in commanded)
+            line += f" (rotor{'s' * (len(commanded) > 1)} {names})"
+        if kind == "throttle" and hovering.left is not None:
             line += ", with a full battery" * (battery is not None)
-            line += f"; {number(scale * found.left)} % are left"
-        lines += [line] * bool(own)
+            line += f"; {number(scale * hovering.left)} % are left"
+        lines += [line] * bool(commanded)
     if battery is not None:
         until = battery.until
         until += f", with {number(100.0 * battery.charge)} % of its charge" * (battery.charge > 0.0)
@@ -464,6 +467,8 @@ _MOST_THROTTLE = 2.0
 # Of the smallest propellers, rad/s; power that racers need for a newton is half as much, W/N; no
 # tip outruns its sound, m/s.
 _FASTEST, _THIRSTIEST, _SPEED_OF_SOUND = 6000.0, 75.0, 340.0
+# Of thrusts: the slowest that carry robots, those of turbines, take a second, s.
+_SLOWEST = 3.0
 # Of a battery by the mass of the whole robot, W h/kg: the best cells alone have half as much.
 _FULLEST = 600.0
 
@@ -477,43 +482,43 @@ def implausible(robot: Robot) -> tuple[str, ...]:
         ends += [frame.origin, frame.place(body.com), frame.point(body.length)]
     # The longest side of a box around the joints, rotors, ends and centres of mass.
     extent = float(np.ptp(np.array(ends), axis=0).max())
-    found = []
+    warnings = []
     if extent and robot.total_mass > _WATER * extent**3:
-        found.append(
+        warnings.append(
             f"the robot weighs {robot.total_mass:.4g} kg at a size of {extent:.3g} m, more than "
             "water in a cube of that size; masses are in kg and lengths in m"
         )
     if robot.total_mass < _FILM * extent**2:
-        found.append(
+        warnings.append(
             f"the robot is {extent:.4g} m long and weighs {robot.total_mass:.4g} kg; are lengths "
             "in millimetres? (they are in m)"
         )
-    for name, each in named_bodies(robot):
-        body = as_rigid_body(each)
+    for name, solid in named_bodies(robot):
+        body = as_rigid_body(solid)
         largest = max(float(np.linalg.eigvalsh(inertia_matrix(body.inertia))[-1]), 0.0)
         gyration = float(np.sqrt(largest / body.mass)) if body.mass else 0.0
         if extent and gyration > _LARGEST_GYRATION * extent:
-            found.append(
+            warnings.append(
                 f"the inertia of {name} is that of its mass at {gyration:.3g} m, and the whole "
                 f"robot is {extent:.3g} m long; inertias are in kg m²"
             )
     drags = [*robot.base.drag, *(rotor.drag for rotor in robot.thrusters)]
     for k, drag in enumerate(drags, start=1):
         if abs(drag) > LARGEST_DRAG:
-            found.append(
+            warnings.append(
                 f"the drag of rotor {rotor_label(robot, k)} is {drag:.4g} m; it is the reaction "
                 "torque per unit of thrust, and about 0.02 m for propellers"
             )
-    found += _implausible_drives(robot)
+    warnings += _implausible_drives(robot)
     for i in robot.moving:
         link = robot.links[i - 1]
         far = [v for v in (link.limits.low, link.limits.high) if v and abs(v) > 2.0 * np.pi]
         if link.joint == "revolute" and far:
-            found.append(
+            warnings.append(
                 f"a limit of {link_label(robot, i)} is {far[0]:.4g} rad, more than a turn; "
                 "limits are in rad, limits_deg in degrees"
             )
-    return tuple(found)
+    return tuple(warnings)
 
 
 def _listed(labels: Sequence[str]) -> str:
@@ -522,7 +527,7 @@ def _listed(labels: Sequence[str]) -> str:
 
 
 def _implausible_drives(robot: Robot) -> Iterator[str]:
-    """Warnings of percent, of turns a minute, and of what a battery does not give."""
+    """Warnings of percent, milliseconds, turns a minute, and of what a battery does not give."""
     wild: dict[str, list[str]] = {}
     for k, (rotor, drive) in enumerate(
         zip(mounted_rotors(robot), robot.drives, strict=True), start=1
@@ -530,7 +535,13 @@ def _implausible_drives(robot: Robot) -> Iterator[str]:
         most = drive.limits[1] if drive.limits else 0.0
         speed = drive.speed(most)
         tip = speed * (rotor.disc_radius or 0.0)
-        if drive.command == "throttle" and most > _MOST_THROTTLE:
+        lag = max(drive.up, drive.down)
+        if lag > _SLOWEST:
+            words = (
+                f"time constant of {{}} is {lag:.4g} s; is it in milliseconds? (these would be "
+                f"{lag / 1e3:.4g} s)"
+            )
+        elif drive.command == "throttle" and most > _MOST_THROTTLE:
             words = f"throttle of {{}} is {most:.4g}, and 1 is full; is it in percent?"
         elif speed > _FASTEST or abs(rotor.drag) * speed > _THIRSTIEST or tip > _SPEED_OF_SOUND:
             words = (

@@ -27,7 +27,7 @@ class RobotFile:
     """
 
     def __init__(self, name: str, **keys: Any) -> None:
-        self._document: dict[str, Any] = {"name": name} | _given(keys)
+        self._document: dict[str, Any] = {"name": name} | _present(keys)
 
     def base(self, **keys: Any) -> RobotFile:
         """Give keys of `[base]`; those of an earlier call that are not given again stay.
@@ -38,7 +38,7 @@ class RobotFile:
         Returns:
             The file with it.
         """
-        return self._with("base", self._document.get("base", {}) | _given(keys))
+        return self._with("base", self._document.get("base", {}) | _present(keys))
 
     def battery(self, **keys: Any) -> RobotFile:
         """Give keys of `[battery]`; those of an earlier call that are not given again stay.
@@ -49,7 +49,7 @@ class RobotFile:
         Returns:
             The file with it.
         """
-        return self._with("battery", self._document.get("battery", {}) | _given(keys))
+        return self._with("battery", self._document.get("battery", {}) | _present(keys))
 
     def rotor(self, **keys: Any) -> RobotFile:
         """Add a `[[rotor]]`.
@@ -96,7 +96,7 @@ class RobotFile:
         return self._with_one_more("constraint", keys)
 
     def _with_one_more(self, kind: str, keys: Mapping[str, Any]) -> RobotFile:
-        return self._with(kind, [*self._document.get(kind, ()), _given(keys)])
+        return self._with(kind, [*self._document.get(kind, ()), _present(keys)])
 
     def _with(self, key: str, value: Any) -> RobotFile:
         changed = RobotFile("")
@@ -115,11 +115,11 @@ class RobotFile:
         from gibbs_codegen.files.table import key_path, read_table  # Late: it imports pydantic.
         from gibbs_codegen.robot.tables import RobotTable
 
-        found, faults = read_table(RobotTable, self._document)
-        if found is None:
+        table, faults = read_table(RobotTable, self._document)
+        if table is None:
             source = str(self._document["name"])
             raise RobotFileError(source, [Fault(key_path(at), words) for at, words in faults])
-        return found.robot()
+        return table.robot()
 
     def text(self) -> str:
         """Write the file as text, checked.
@@ -163,5 +163,5 @@ class RobotFile:
 _SINGLE, _TABLES = ("base", "battery"), ("rotor", "link", "frame", "constraint")
 
 
-def _given(keys: Mapping[str, Any]) -> dict[str, Any]:
+def _present(keys: Mapping[str, Any]) -> dict[str, Any]:
     return {key: plain_value(value) for key, value in keys.items() if value is not None}

@@ -29,7 +29,7 @@ class Chain:
     """One open chain: its arms by number, its unknowns in order, and what acts in it.
 
     `rod` is the number of the base rod at its end, or None; `path` are the numbers of its links,
-    from the base outwards, and `own` those of the links that have their mass in this chain;
+    from the base outwards, and `own` those of links that have their mass in this chain;
     `has_core` says whether arm 1 has its own here too. `motors` are the rotors that push in it.
     `constrained` are numbers of the arms that constraint torques hold. `unknowns` are the
     accelerations of the chain's coordinates and those torques: the seven coordinates and eight
@@ -59,7 +59,7 @@ class Chain:
 
     @property
     def is_constrained(self) -> bool:
-        """Whether a torque holds a joint of the chain."""
+        """True if a torque holds a joint of the chain."""
         return bool(self.constrained)
 
 
@@ -107,7 +107,7 @@ def decompose(robot: Robot) -> tuple[Chain, ...]:
 
 
 def coupling_map(robot: Robot) -> tuple[tuple[int, ...], ...]:
-    """Where the unknowns of each chain stand among the hybrid ones (eq. 18, Figs. 6–9).
+    """The places of the unknowns of each chain among the hybrid ones (eq. 18, Figs. 6–9).
 
     Places count from 0; the method counts its rows from −1.
     """

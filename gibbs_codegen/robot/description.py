@@ -1,4 +1,4 @@
-"""What a module says of itself: names, units and meanings of entries, places, topology, limits.
+"""The description in a module: names, units, meanings, places, topology, limits.
 
 Everything is computed once, when it is first read, and handed on with the robot's symbols and its
 program. The constants of a generated module are `Description.constants`.
@@ -21,7 +21,7 @@ from itertools import chain
 from typing import Any
 
 from gibbs_codegen.interface import FUNCTIONS, LISTS
-from gibbs_codegen.robot.layout import Entries, Layout, frames_of, joint_terms, layout_of
+from gibbs_codegen.robot.layout import Layout, StateEntries, frames_of, joint_terms, layout_of
 from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.robot.names import (
     coordinate_of,
@@ -109,20 +109,20 @@ class Description:
         return self._entries(layout.v, base, ["rate"] * len(self.robot.moving))
 
     def _entries(
-        self, entries: Entries, base: list[str], joints: list[str]
+        self, entries: StateEntries, base: list[str], joints: list[str]
     ) -> tuple[Coordinate, ...]:
         """Entries of q or of v with meanings: the base's own, attitude first, and of the joints.
 
         `joints` say what the entry of each is of it.
         """
         labels = (joint_label(self.robot, i) for i in self.robot.moving)
-        own = [f"{what} of {label}" for what, label in zip(joints, labels, strict=True)]
-        meanings = entries.joined(base, own)
+        of_joints = [f"{what} of {label}" for what, label in zip(joints, labels, strict=True)]
+        meanings = entries.joined(base, of_joints)
         return tuple(map(Coordinate, entries.names, entries.units, meanings))
 
     @property
     def free_unknowns(self) -> tuple[Coordinate, ...]:
-        """What the free unknowns of the hybrid system are the accelerations of.
+        """Velocities of which the free unknowns of the hybrid system are the rates.
 
         The coordinates, or the velocities where the base has a quaternion.
         """
@@ -132,8 +132,8 @@ class Description:
     def hybrid_coordinates(self) -> tuple[Coordinate, ...]:
         """The 6 + n + 2c hybrid unknowns, of n joints that move and c constrained ones."""
         free, first = self.free_unknowns, self.layout.constrained.start
-        own = (constrained_coordinate(self.robot, arm) for arm in constrained_arms(self.robot))
-        return (*free[:first], *own, *free[first:], *self.constraint_torques)
+        held = (constrained_coordinate(self.robot, arm) for arm in constrained_arms(self.robot))
+        return (*free[:first], *held, *free[first:], *self.constraint_torques)
 
     @cached_property
     def constraint_torques(self) -> tuple[Coordinate, ...]:
@@ -143,22 +143,22 @@ class Description:
     @cached_property
     def inputs(self) -> tuple[Coordinate, ...]:
         """Entries of u: N thrusts, then n torques of joints that move (forces where prismatic)."""
-        robot, found = self.robot, []
+        robot, inputs = self.robot, []
         for k in range(1, robot.rotors + 1):
             label = rotor_identifier(robot, k)
-            found.append(Coordinate(f"F_{label}", "N", f"thrust of motor {label}"))
+            inputs.append(Coordinate(f"F_{label}", "N", f"thrust of motor {label}"))
         for i in robot.moving:
             link, name = robot.links[i - 1], coordinate_of(robot, i)
             unit = joint_terms(robot, i).effort_unit
             kind = "force" if unit == "N" else "torque"
             suffix = name if link.name or link.coordinate else name.partition("_")[2]
-            found.append(Coordinate(f"tau_{suffix}", unit, f"{kind} of {joint_label(robot, i)}"))
-        return tuple(found)
+            inputs.append(Coordinate(f"tau_{suffix}", unit, f"{kind} of {joint_label(robot, i)}"))
+        return tuple(inputs)
 
     @cached_property
     def commands(self) -> tuple[Coordinate, ...]:
-        """What motors and servos are commanded, in the order of u; none without actuators."""
-        robot, found = self.robot, []
+        """Commands of motors and servos, in the order of u; none without actuators."""
+        robot, commands = self.robot, []
         if not robot.has_actuators:
             return ()
         for entry, drive in zip(self.inputs, robot.drives, strict=False):
@@ -167,19 +167,19 @@ class Description:
                 drive.command, ("N", "thrust")
             )
             name = entry.name if unit == "N" else f"{what}_{label}"
-            found.append(Coordinate(name, unit, f"{what} of motor {label}"))
+            commands.append(Coordinate(name, unit, f"{what} of motor {label}"))
         for entry, i in zip(self.inputs[robot.rotors :], robot.moving, strict=True):
             if (servo := robot.links[i - 1].servo) is None:
-                found.append(entry)
+                commands.append(entry)
                 continue
             unit = joint_terms(robot, i).unit + "/s" * (servo.command == "rate")
             name = f"{coordinate_of(robot, i)}_{servo.command}"
-            found.append(Coordinate(name, unit, f"{servo.command} of {joint_label(robot, i)}"))
-        return tuple(found)
+            commands.append(Coordinate(name, unit, f"{servo.command} of {joint_label(robot, i)}"))
+        return tuple(commands)
 
     @cached_property
     def actuator_keys(self) -> tuple[ActuatorKey, ...]:
-        """What the states of the actuators belong to: rotors, from 1, links, the battery."""
+        """Owners of the states of the actuators: rotors, from 1, links, the battery."""
         robot = self.robot
         if not self.commands:
             return ()
@@ -191,38 +191,38 @@ class Description:
     @cached_property
     def actuator_states(self) -> tuple[Coordinate, ...]:
         """The state of the actuators: levels of rotors, references of servos, charge."""
-        found = []
+        states = []
         for kind, i in self.actuator_keys:
             if kind == "charge":
-                found.append(Coordinate("charge", "1", "charge of the battery, 1 when full"))
+                states.append(Coordinate("charge", "1", "charge of the battery, 1 when full"))
             elif kind == "rotor":
-                found.append(self.commands[i - 1])
+                states.append(self.commands[i - 1])
             else:
                 place = self.robot.rotors + self.robot.moving.index(i)
-                own, label = self.commands[place], joint_label(self.robot, i)
+                command, label = self.commands[place], joint_label(self.robot, i)
                 name = f"{coordinate_of(self.robot, i)}_reference"
-                found.append(Coordinate(name, own.unit, f"reference of {label}"))
-        return tuple(found)
+                states.append(Coordinate(name, command.unit, f"reference of {label}"))
+        return tuple(states)
 
     @cached_property
     def constraint_rows(self) -> tuple[Coordinate, ...]:
         """Rows of the constraints one after the other: their errors, m or rad."""
-        found = []
-        for own in self.robot.constraints:
-            for row in ROWS[own.holds]:
+        rows = []
+        for constraint in self.robot.constraints:
+            label = identifier(constraint.name)
+            for row in ROWS[constraint.holds]:
                 turns = row.startswith("turn")
-                what = f"{row.replace('_', ' about ') if turns else row} of {identifier(own.name)}"
-                name = f"{identifier(own.name)}_{row}"
-                found.append(Coordinate(name, "rad" if turns else "m", what))
-        return tuple(found)
+                what = f"{row.replace('_', ' about ') if turns else row} of {label}"
+                rows.append(Coordinate(f"{label}_{row}", "rad" if turns else "m", what))
+        return tuple(rows)
 
     def _constraint_places(self) -> dict[str, slice]:
-        """Where the rows of each constraint stand."""
-        found, start = {}, 0
-        for own in self.robot.constraints:
-            found[identifier(own.name)] = slice(start, start + len(ROWS[own.holds]))
-            start += len(ROWS[own.holds])
-        return found
+        """The places of the rows of each constraint."""
+        places, start = {}, 0
+        for constraint in self.robot.constraints:
+            places[identifier(constraint.name)] = slice(start, start + len(ROWS[constraint.holds]))
+            start += len(ROWS[constraint.holds])
+        return places
 
     @cached_property
     def points(self) -> tuple[str, ...]:
@@ -243,9 +243,9 @@ class Description:
             placed.append(("joint", joint))
         placed += [("frame", name) for name in self.frames[1:]]
         # No rotor may pass for the tip, nor a frame for the base centre.
-        own = {"O1", "O2", "base"}
+        taken = {"O1", "O2", "base"}
         for kind, name in placed:
-            reserved = own if kind == "frame" else own | {"tip"}
+            reserved = taken if kind == "frame" else taken | {"tip"}
             while name in reserved or name in names:
                 name = f"{kind}_{name}"
             names.append(name)
@@ -273,12 +273,12 @@ class Description:
     def base_parameters(self) -> tuple[Coordinate, ...]:
         """The base parameters: of the base, then of each link whose joint moves."""
         robot = self.robot
-        found = [Coordinate(f"base_{name}", unit, "") for name, unit in NUMBERS.items()]
+        parameters = [Coordinate(f"base_{name}", unit, "") for name, unit in NUMBERS.items()]
         for i in robot.moving:
             prefix, parents = parameter_prefix(robot, i), PARENTS_NUMBERS[robot.links[i - 1].joint]
-            own = {name: unit for name, unit in NUMBERS.items() if name not in parents}
-            found += [Coordinate(f"{prefix}_{name}", unit, "") for name, unit in own.items()]
-        return tuple(found)
+            units = {name: unit for name, unit in NUMBERS.items() if name not in parents}
+            parameters += [Coordinate(f"{prefix}_{name}", unit, "") for name, unit in units.items()]
+        return tuple(parameters)
 
     def lists(self, functions: Collection[str] = ()) -> dict[str, tuple[str, ...]]:
         """Names of what arguments and results have entries or rows for, by the module's constants.
@@ -311,19 +311,19 @@ class Description:
         """Names of the entries of all arguments, by the names of `interface.ARGUMENTS`."""
         robot, layout = self.robot, self.layout
         links = {coordinate_of(robot, i): robot.links[i - 1] for i in robot.moving}
-        own = {name for name, link in links.items() if link.coordinate or link.name}
+        labelled = {name for name, link in links.items() if link.coordinate or link.name}
         names = {}
         for argument in ("q", "q0", "q1", "v", "a", "w", "q_dot", "v_dot", "a_dot"):
             entries = layout.q if argument in ("q", "q0", "q1") else layout.v
             ending = {"a": "rate"}.get(argument, argument)
             beginning = "" if argument == "q" else f"{argument}_"
             names[argument] = tuple(
-                f"{entry}_{ending}" if entry in own else f"{beginning}{entry}"
+                f"{entry}_{ending}" if entry in labelled else f"{beginning}{entry}"
                 for entry in entries.names
             )
         # F_1, or rotor_F where it has a name, and likewise of the joints.
         named = [rotor.name is not None for rotor in robot.thrusters] or [False] * robot.rotors
-        named += [name in own for name in links]
+        named += [name in labelled for name in links]
         parts = [entry.name.partition("_")[::2] for entry in self.inputs]
         names["u"] = tuple(
             f"{rest}_{letter}" if has_name else f"{letter}_{rest}"
@@ -344,7 +344,7 @@ class Description:
 
     @cached_property
     def constants(self) -> dict[str, Any]:
-        """What a module says of its robot besides names of entries, by the names of its constants.
+        """Constants of a module on its robot besides names of entries, by their names.
 
         Tuples have a value for each of what they follow; dicts have the entries that the robot
         file says something of, by their names, and None is no limit.
@@ -370,9 +370,11 @@ class Description:
             "VELOCITY_PLACES": _places(layout.v),
             "CARRIERS": self._carriers(),
             "PARENTS": ("base",) * rods + tuple(names[parent] for parent in robot.parents),
-            "COORDINATE_LIMITS": _bounded({n: (each.low, each.high) for n, each in limits.items()}),
+            "COORDINATE_LIMITS": _bounded(
+                {n: (joint.low, joint.high) for n, joint in limits.items()}
+            ),
             "VELOCITY_LIMITS": _bounded(
-                {name: _either_way(each.velocity) for name, each in limits.items()}
+                {name: _either_way(joint.velocity) for name, joint in limits.items()}
             ),
             "INPUT_LIMITS": _bounded(bounds),
             "TIME_CONSTANTS": {n: r.time_constant for n, r in rotors.items() if r.time_constant},
@@ -410,7 +412,8 @@ class Description:
             "ACTUATOR_TIMES": times,
             "DRIVE_PARAMETERS": {
                 coordinate_of(robot, i): {
-                    own: f"{parameter_prefix(robot, i)}_{own}" for own in _numbers_of_drive(link)
+                    ending: f"{parameter_prefix(robot, i)}_{ending}"
+                    for ending in _numbers_of_drive(link)
                 }
                 for i, link in zip(robot.moving, joints, strict=True)
                 if link.servo or link.friction
@@ -423,7 +426,7 @@ class Description:
         }
 
     def _carriers(self) -> tuple[str, ...]:
-        """What carries each of the points: the point of the joint that moves it, or the centre."""
+        """Carriers of the points: the point of the joint that moves one, or the centre."""
         robot, rods = self.robot, self.robot.base.rotors
         centre = "O2" if rods else "base"
         joints = self.points[self.points.index(centre) + 1 + robot.rotors :]
@@ -444,8 +447,8 @@ class Description:
         return f"{name} (the joint of {link_label(self.robot, link)})"
 
 
-def _places(entries: Entries) -> dict[str, slice]:
-    """Where attitude, joints and position stand."""
+def _places(entries: StateEntries) -> dict[str, slice]:
+    """The places of attitude, joints and position."""
     return {"attitude": entries.attitude, "joints": entries.joints, "position": entries.position}
 
 
@@ -458,10 +461,10 @@ def _effort(link: Link) -> float | None:
 
 
 def _numbers_of_drive(link: Link) -> list[str]:
-    """How names of parameters of a servo and dry friction end, beside the armature's."""
-    found = [f"servo_{name}" for name in link.servo.parameters()] if link.servo else []
-    found += [f"friction_{name}" for name in link.friction.parameters()] if link.friction else []
-    return ["armature", *found]
+    """Ends of names of parameters of a servo and dry friction, beside the armature's."""
+    numbers = [f"servo_{name}" for name in link.servo.parameters()] if link.servo else []
+    numbers += [f"friction_{name}" for name in link.friction.parameters()] if link.friction else []
+    return ["armature", *numbers]
 
 
 def _air(rotor: Rotor) -> tuple[float, ...]:
@@ -477,12 +480,12 @@ def _either_way(most: float | None) -> Bounds:
 
 def _bounded(limits: Mapping[str, Bounds]) -> dict[str, Bounds]:
     """Those of some limits that are any, None where there is none."""
-    found: dict[str, Bounds] = {}
+    bounded: dict[str, Bounds] = {}
     for name, ends in limits.items():
         low, high = (None if end is None or math.isinf(end) else end for end in ends)
         if low is not None or high is not None:
-            found[name] = (low, high)
-    return found
+            bounded[name] = (low, high)
+    return bounded
 
 
 def constrained_coordinate(robot: Robot, arm: int) -> Coordinate:
@@ -512,6 +515,6 @@ def constraint_torque(robot: Robot, arm: int) -> Coordinate:
 
 
 def constrained_arms(robot: Robot) -> tuple[int, ...]:
-    """What constraint torques hold: base rods 2 to N, then N + i for links i."""
+    """Arms that constraint torques hold: base rods 2 to N, then N + i for links i."""
     rods = range(2, robot.base.rotors + 1)
     return (*rods, *(robot.rotors + i for i in robot.constrained))

@@ -49,7 +49,7 @@ def joint_terms(robot: Robot, i: int) -> JointTerms:
 
 @dataclass(frozen=True)
 class Places:
-    """Where attitude and position of the base and the joints stand in q, or in v and a.
+    """The places of the base's attitude and position and of the joints in q, or in v and a.
 
     The base's own entries, taken by themselves, are those of attitude and then of position; in v
     the angular and then the linear velocity.
@@ -87,7 +87,7 @@ class Places:
 
 
 @dataclass(frozen=True)
-class Entries(Places):
+class StateEntries(Places):
     """Places, names and units of the entries of q, or of those of v."""
 
     names: tuple[str, ...]
@@ -96,18 +96,18 @@ class Entries(Places):
     @classmethod
     def of(
         cls, places: Places, base: Sequence[str], names: Sequence[str], units: Sequence[str]
-    ) -> Entries:
+    ) -> StateEntries:
         """The entries of a base with joints.
 
         `base` are the base's own, attitude first, each by name and unit with a blank between.
         """
-        own_names, own_units = zip(*(entry.split() for entry in base), strict=True)
+        base_names, base_units = zip(*(entry.split() for entry in base), strict=True)
         return cls(
             places.attitude,
             places.joints,
             places.position,
-            tuple(places.joined(own_names, names)),
-            tuple(places.joined(own_units, units)),
+            tuple(places.joined(base_names, names)),
+            tuple(places.joined(base_units, units)),
         )
 
 
@@ -121,8 +121,8 @@ class Layout:
     """
 
     attitude: str
-    q: Entries
-    v: Entries
+    q: StateEntries
+    v: StateEntries
     constrained: slice
 
     @classmethod
@@ -135,8 +135,8 @@ class Layout:
         if attitude == QUATERNION:
             pose, twist = _POSE, _TWIST
         joints, rates = len(names), [f"{unit}/s" for unit in units]
-        q = Entries.of(coordinate_places(attitude, joints), pose, names, units)
-        v = Entries.of(velocity_places(attitude, joints), twist, names, rates)
+        q = StateEntries.of(coordinate_places(attitude, joints), pose, names, units)
+        v = StateEntries.of(velocity_places(attitude, joints), twist, names, rates)
         first = v.joints.start
         return cls(attitude, q, v, slice(first, first + constrained))
 
@@ -149,8 +149,8 @@ class Layout:
         That is its ATTITUDE, COORDINATES and COORDINATE_UNITS. Raises `UsageError` if the names are
         not those of a base with joints.
         """
-        own = coordinate_places(attitude, 0)
-        joints = coordinate_places(attitude, max(len(names) - own.size, 0)).joints
+        of_base = coordinate_places(attitude, 0)
+        joints = coordinate_places(attitude, max(len(names) - of_base.size, 0)).joints
         layout = cls.of(attitude, names[joints], units[joints], constrained)
         if layout.q.names != tuple(names):
             base = ", ".join(cls.of(attitude, (), (), 0).q.names)
@@ -167,7 +167,7 @@ class Layout:
 
     @property
     def is_quaternion(self) -> bool:
-        """Whether the attitude is a quaternion, not three angles."""
+        """True if the attitude is a quaternion, not three angles."""
         return self.attitude == QUATERNION
 
     @property
@@ -242,7 +242,7 @@ def frames_of(robot: Robot) -> tuple[Frame, ...]:
 
 
 def has_default_tip(robot: Robot) -> bool:
-    """Whether the end of the arm is a frame of its own accord.
+    """True if the end of the arm is a frame of its own accord.
 
     So it is of one arm, or a base of rods without any, if no frame is named "tip".
     """

@@ -42,13 +42,13 @@ class Robot(Part):
 
     @cached_property
     def drives(self) -> tuple[Drive, ...]:
-        """What each rotor makes of its command; without a word for it that is its thrust."""
+        """The drive of each rotor, by default one that is commanded its thrust."""
         plain = [Drive() for _ in range(self.base.rotors)]
         return (*plain, *(rotor.drive for rotor in self.thrusters))
 
     @property
     def has_actuators(self) -> bool:
-        """Whether any command is not the thrust, torque or force itself, with one lag or none."""
+        """True if any command is not the thrust, torque or force itself, with one lag or none."""
         moved = [self.links[i - 1] for i in self.moving]
         return (
             self.battery is not None
@@ -76,10 +76,10 @@ class Robot(Part):
     @cached_property
     def rigid(self) -> tuple[int, ...]:
         """For each body the number of the base or moving link that it is, or is welded to."""
-        found = [BASE]
+        bodies = [BASE]
         for i, (link, parent) in enumerate(zip(self.links, self.parents, strict=True), start=1):
-            found.append(i if link.moves else found[parent])
-        return tuple(found)
+            bodies.append(i if link.moves else bodies[parent])
+        return tuple(bodies)
 
     @cached_property
     def constrained(self) -> tuple[int, ...]:
@@ -88,7 +88,7 @@ class Robot(Part):
 
     @property
     def is_serial(self) -> bool:
-        """Whether its links are one arm, each on the link before."""
+        """True if its links are one arm, each on the link before."""
         return self.parents == tuple(range(len(self.links)))
 
     @property

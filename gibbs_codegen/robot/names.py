@@ -102,29 +102,29 @@ def coordinate_of(robot: Robot, i: int) -> str:
 
 
 def link_label(robot: Robot, i: int) -> str:
-    """What link i, from 1, is called in messages: its name in a safe form, or such as "link 2"."""
+    """The name of link i, from 1, in messages: its own in a safe form, or such as "link 2"."""
     return printable(robot.links[i - 1].name or f"link {i}")
 
 
 def rotor_label(robot: Robot, k: int) -> str:
-    """What rotor k, from 1, is called in messages: its name in a safe form, or its number."""
+    """The name of rotor k, from 1, in messages: its own in a safe form, or its number."""
     name = robot.thrusters[k - 1].name if robot.thrusters else None
     return printable(name or k)
 
 
 def default_prefix(kind: str, number: int) -> str:
-    """What a "link" or "rotor" without a name is called in code and files, such as link2."""
+    """The name of a "link" or "rotor" that has none, in code and files, such as link2."""
     return f"{kind}{number}"
 
 
 def parameter_prefix(robot: Robot, i: int) -> str:
-    """How parameters of link i, from 1, begin: its name as identifier, or such as link2."""
+    """The begin of parameters of link i, from 1: its name as identifier, or such as link2."""
     name = robot.links[i - 1].name
     return named_prefix(name) if name else default_prefix("link", i)
 
 
 def named_prefix(name: str) -> str:
-    """How the parameters of a link or rotor with a name begin.
+    """The begin of the parameters of a link or rotor with a name.
 
     That is its identifier form, which ends in _ where it would be the name of an argument.
     """
@@ -133,28 +133,28 @@ def named_prefix(name: str) -> str:
 
 
 def rotor_prefix(robot: Robot, k: int) -> str:
-    """How parameters of placed rotor k, from 1, begin: its name as identifier, or rotor2."""
+    """The begin of parameters of placed rotor k, from 1: its name as identifier, or rotor2."""
     name = robot.thrusters[k - 1].name
     return named_prefix(name) if name else default_prefix("rotor", k)
 
 
 def frame_prefix(name: str) -> str:
-    """How the parameters of a frame begin, such as frame_gripper."""
+    """The begin of the parameters of a frame, such as frame_gripper."""
     return f"frame_{identifier(name)}"
 
 
 def constraint_prefix(name: str) -> str:
-    """How the parameters of a constraint begin, such as constraint_grip."""
+    """The begin of the parameters of a constraint, such as constraint_grip."""
     return f"constraint_{identifier(name)}"
 
 
 def joint_label(robot: Robot, i: int) -> str:
-    """What link i's joint is called in messages: "joint 8", or "the joint of forearm"."""
+    """The name of link i's joint in messages: "joint 8", or "the joint of forearm"."""
     name = robot.links[i - 1].name
     return f"the joint of {identifier(name)}" if name else f"joint {robot.rotors + i}"
 
 
 def rotor_identifier(robot: Robot, k: int) -> str:
-    """What the input of rotor k, from 1, is called after F_: its name, or its number."""
+    """The name of the input of rotor k, from 1, after F_: the rotor's, or its number."""
     name = robot.thrusters[k - 1].name if robot.thrusters else None
     return identifier(name) if name else str(k)

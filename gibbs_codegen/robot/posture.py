@@ -1,4 +1,4 @@
-"""Where a robot, its frames and its masses are at one configuration: what drawings start from.
+"""Frames and masses of a robot at one configuration, from which drawings start.
 
 Plain composition of the frames that a robot file fixes, with no part in the derivation, which the
 emitted `positions` come from; a test compares the two.
@@ -18,31 +18,36 @@ from gibbs_codegen.robot import placement
 from gibbs_codegen.robot.layout import frames_of, layout_of
 from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.robot.parts.body import Body, as_rigid_body, inertia_matrix
-from gibbs_codegen.robot.parts.numbers import BASE
-from gibbs_codegen.robot.placement import turn
+from gibbs_codegen.robot.parts.numbers import BASE, ORIGIN
+from gibbs_codegen.robot.parts.pose import Pose
+from gibbs_codegen.robot.rotations import Array, turn, turn_about, turn_of_quaternion
 
 
 @dataclass(frozen=True)
-class Frame:
+class PlacedFrame:
     """Origin (3) in m and axes (3, 3), a column each, of a frame in another or in the world."""
 
-    origin: placement.Array
-    axes: placement.Array
+    origin: Array
+    axes: Array
 
-    def point(self, x: float) -> placement.Array:
+    def point(self, x: float) -> Array:
         """A point (3), m, at a distance along the x axis, in the outer axes."""
         return self.origin + x * self.axes[:, 0]
 
-    def place(self, point: Sequence[float] | placement.Array) -> placement.Array:
+    def place(self, point: Sequence[float] | Array) -> Array:
         """A point (3) of the frame seen from outside, m."""
         return self.origin + self.axes @ np.asarray(point)
 
-    def within(self, axes: placement.Array, origin: placement.Array) -> Frame:
-        """A frame that is given in this one, in the outer axes."""
-        return Frame(self.place(origin), self.axes @ axes)
+    def within(self, axes: Array, origin: Sequence[float] | Array = ORIGIN) -> PlacedFrame:
+        """A frame by its axes (3, 3) and origin (3), m, in this one, in the outer axes."""
+        return PlacedFrame(self.place(origin), self.axes @ axes)
+
+    def carried(self, pose: Pose) -> PlacedFrame:
+        """A frame by its pose in this one, in the outer axes."""
+        return self.within(pose.matrix, pose.xyz)
 
 
-AT_ORIGIN = Frame(np.zeros(3), np.eye(3))
+AT_ORIGIN = PlacedFrame(np.zeros(3), np.eye(3))
 
 
 @dataclass(frozen=True)
@@ -54,21 +59,21 @@ class RobotFrames:
     their thrusts. `named` are those of `frames_of`, the base's among them.
     """
 
-    base: Frame
-    rods: tuple[Frame, ...]
-    links: tuple[Frame, ...]
-    motors: placement.Array
-    thrusts: placement.Array
-    named: dict[str, Frame]
+    base: PlacedFrame
+    rods: tuple[PlacedFrame, ...]
+    links: tuple[PlacedFrame, ...]
+    motors: Array
+    thrusts: Array
+    named: dict[str, PlacedFrame]
     moving: tuple[int, ...]
 
     @property
-    def centre(self) -> placement.Array:
+    def centre(self) -> Array:
         """The base centre (3), m."""
         return self.base.origin
 
     @property
-    def points(self) -> placement.Array:
+    def points(self) -> Array:
         """Positions in the order of the emitted POINTS: base, rotors, joints, frames."""
         core = [self.motors[0], self.centre] if self.rods else [self.centre]
         joints = [self.links[i - 1].origin for i in self.moving]
@@ -76,7 +81,7 @@ class RobotFrames:
         return np.array([*core, *self.motors, *joints, *frames])
 
 
-def robot_frames(robot: Robot, q: Sequence[float] | placement.Array) -> RobotFrames:
+def robot_frames(robot: Robot, q: Sequence[float] | Array) -> RobotFrames:
     """Frames of a robot at q, in world axes. Raises `UsageError` if q has another length."""
     layout = layout_of(robot)
     if np.shape(q) != (layout.q.size,):
@@ -84,15 +89,15 @@ def robot_frames(robot: Robot, q: Sequence[float] | placement.Array) -> RobotFra
     values = np.asarray(q, dtype=float)
     attitude, parts = np.eye(3), values[layout.q.attitude]
     if layout.is_quaternion:
-        attitude = placement.turn_of_quaternion(*parts)
+        attitude = turn_of_quaternion(*parts)
     else:
         for letter, angle in zip(layout.attitude, parts, strict=True):
             attitude = attitude @ turn("xyz".index(letter), angle)
     origin = values[layout.q.position] + attitude @ placement.base_centre(robot.base)
-    return frames_on(robot, Frame(origin, attitude), values[layout.q.joints])
+    return frames_on(robot, PlacedFrame(origin, attitude), values[layout.q.joints])
 
 
-def frames_on(robot: Robot, base: Frame, joints: Sequence[float] | placement.Array) -> RobotFrames:
+def frames_on(robot: Robot, base: PlacedFrame, joints: Sequence[float] | Array) -> RobotFrames:
     """Frames of a robot with a base's frame at the base centre, in the axes that it is given in.
 
     `joints` are those that move, rad or m.
@@ -100,23 +105,20 @@ def frames_on(robot: Robot, base: Frame, joints: Sequence[float] | placement.Arr
     values = dict(zip(robot.moving, joints, strict=True))
     bodies = [base]  # By their numbers, also welded or held ones.
     for i, link in enumerate(robot.links, start=1):
-        frame = bodies[robot.parents[i - 1]].within(*placement.joint_frame(robot, i))
+        frame = bodies[robot.parents[i - 1]].carried(placement.joint_pose(robot, i))
         axis, value = np.array(link.axis), values.get(i, 0.0)
         if link.joint == "prismatic":
             frame = frame.within(np.eye(3), value * axis)
         elif value:
-            frame = frame.within(placement.turn_about(axis, value), np.zeros(3))
+            frame = frame.within(turn_about(axis, value))
         bodies.append(frame)
     rods = tuple(
-        base.within(*placement.arm_frame(robot.base, k)) for k in range(1, robot.base.rotors + 1)
+        base.carried(placement.arm_pose(robot.base, k)) for k in range(1, robot.base.rotors + 1)
     )
     rotors = placement.mounted_rotors(robot)
     seats = [bodies[rotor.on].place(rotor.position) for rotor in rotors]
     thrusts = [bodies[rotor.on].axes @ np.array(rotor.direction) for rotor in rotors]
-    named = {
-        frame.name: bodies[frame.on].within(*placement.pose_frame(frame.pose))
-        for frame in frames_of(robot)
-    }
+    named = {frame.name: bodies[frame.on].carried(frame.pose) for frame in frames_of(robot)}
     return RobotFrames(
         base,
         rods,
@@ -128,7 +130,7 @@ def frames_on(robot: Robot, base: Frame, joints: Sequence[float] | placement.Arr
     )
 
 
-def default_posture(robot: Robot) -> placement.Array:
+def default_posture(robot: Robot) -> Array:
     """Coordinates q (nq) in which a robot shows its parts.
 
     The base is level, with the origin of the coordinates at the world's. Revolute joints are bent
@@ -155,9 +157,9 @@ def default_posture(robot: Robot) -> placement.Array:
         after = np.array([i in way for way in carried.values()])
         moved = np.array([i in carried[leaf] for leaf in leaves])
         origin, axis = joints[i - 1].copy(), axes[i - 1].copy()
-        turns = [placement.turn_about(axis, value - q[places[i]]) for value in bends[i]]
+        turns = [turn_about(axis, value - q[places[i]]) for value in bends[i]]
         far = [origin + (ends[moved] - origin) @ turn.T for turn in turns]
-        away = [np.linalg.norm(each - frames.centre, axis=1) for each in far]
+        away = [np.linalg.norm(seats - frames.centre, axis=1) for seats in far]
         scores = [np.sum(e[:, 2] - length) for e, length in zip(far, away, strict=True)]
         best = int(np.argmin(np.round(scores, 9)))
         q[places[i]], ends[moved] = bends[i][best], far[best]
@@ -186,15 +188,15 @@ def _bends(robot: Robot, i: int) -> list[float]:
     return [float(np.clip(value, low + margin, high - margin)) for value in values]
 
 
-def link_end(robot: Robot, frames: RobotFrames, i: int) -> placement.Array:
-    """Where (3) the drawing of link `i`, from 1, ends in the world, m."""
+def link_end(robot: Robot, frames: RobotFrames, i: int) -> Array:
+    """The end (3) of the drawing of link `i`, from 1, in the world, m."""
     link, frame = robot.links[i - 1], frames.links[i - 1]
     children = [k for k in range(1, len(robot.links) + 1) if robot.parents[k - 1] == i]
     if children:
         return frames.links[children[0] - 1].origin
     if link.body.length:
         return frame.point(link.body.length)
-    placed = [frames.named[found.name].origin for found in frames_of(robot) if found.on == i]
+    placed = [frames.named[f.name].origin for f in frames_of(robot) if f.on == i]
     rotors = zip(placement.mounted_rotors(robot), frames.motors, strict=True)
     placed += [seat for rotor, seat in rotors if rotor.on == i]
     placed.append(frame.place(as_rigid_body(link.body).com))
@@ -221,9 +223,7 @@ def base_properties(robot: Robot) -> MassProperties:
     return _sum_of_bodies(base_bodies(robot, frames_on(robot, AT_ORIGIN, _at_zero(robot))))
 
 
-def whole_properties(
-    robot: Robot, joints: Sequence[float] | placement.Array | None = None
-) -> MassProperties:
+def whole_properties(robot: Robot, joints: Sequence[float] | Array | None = None) -> MassProperties:
     """Mass properties of the whole robot, with moving joints at rad or m, at zero if None."""
     frames = frames_on(robot, AT_ORIGIN, _at_zero(robot) if joints is None else joints)
     links = zip((link.body for link in robot.links), frames.links, strict=True)
@@ -236,46 +236,46 @@ def carried_inertia(robot: Robot, i: int) -> float:
     for k, parent in enumerate(robot.parents, start=1):
         if parent in carried:
             carried.add(k)
-    found = _sum_of_bodies([(robot.links[k - 1].body, frames[k - 1]) for k in sorted(carried)])
+    whole = _sum_of_bodies([(robot.links[k - 1].body, frames[k - 1]) for k in sorted(carried)])
     axis = frames[i - 1].axes @ np.array(robot.links[i - 1].axis)
-    arm = np.cross(axis, np.array(found.com) - frames[i - 1].origin)
-    return float(axis @ inertia_matrix(found.inertia) @ axis + found.mass * (arm @ arm))
+    arm = np.cross(axis, np.array(whole.com) - frames[i - 1].origin)
+    return float(axis @ inertia_matrix(whole.inertia) @ axis + whole.mass * (arm @ arm))
 
 
-def _at_zero(robot: Robot) -> placement.Array:
+def _at_zero(robot: Robot) -> Array:
     return np.zeros(len(robot.moving))
 
 
-def base_bodies(robot: Robot, frames: RobotFrames) -> list[tuple[Body, Frame]]:
+def base_bodies(robot: Robot, frames: RobotFrames) -> list[tuple[Body, PlacedFrame]]:
     """The rods of the base and its central body, each with its frame."""
     base = robot.base
     rods = [(base.arm(k), frame) for k, frame in enumerate(frames.rods, start=1)]
     return [*rods, *([(base.body, frames.base)] if base.body else [])]
 
 
-def _sum_of_bodies(bodies: Iterable[tuple[Body, Frame]]) -> MassProperties:
+def _sum_of_bodies(bodies: Iterable[tuple[Body, PlacedFrame]]) -> MassProperties:
     """Mass properties of bodies, each in its frame."""
     mass, moment, second, size = 0.0, np.zeros(3), np.zeros((3, 3)), 0.0
-    for each, frame in bodies:
-        body = as_rigid_body(each)
+    for solid, frame in bodies:
+        body = as_rigid_body(solid)
         place = frame.place(body.com)
         mass += body.mass
         moment += body.mass * place
         turned = frame.axes @ inertia_matrix(body.inertia) @ frame.axes.T
         second += turned + body.mass * _about_origin(place)
         size = max(size, body.length, float(np.abs(place).max()))
-    com: placement.Array = moment / mass if mass else moment
+    com: Array = moment / mass if mass else moment
     inertia = second - mass * _about_origin(com)
     entries = rounded(inertia, float(np.abs(second).max()))[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
     com = rounded(com, size)
     return MassProperties(mass, tuple(map(float, com)), tuple(map(float, entries)))
 
 
-def _about_origin(place: placement.Array) -> placement.Array:
+def _about_origin(place: Array) -> Array:
     """Inertia of a unit of mass at a place about the origin."""
     return place @ place * np.eye(3) - np.outer(place, place)
 
 
-def rounded(values: NDArray[np.floating[Any]], size: float) -> placement.Array:
+def rounded(values: NDArray[np.floating[Any]], size: float) -> Array:
     """Values with zeros for what is rounding, of sums of what is about as large as `size`."""
     return np.where(np.abs(values) <= _ROUNDING * size, 0.0, values)

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from gibbs_codegen.errors import UsageError
-from gibbs_codegen.robot.placement import Array
+from gibbs_codegen.robot.rotations import Array
 from gibbs_codegen.robot.wrenches import RANK, farthest, null_space
 
 Support = Callable[[Array], Array]
@@ -41,7 +41,7 @@ class Polytope:
     offsets: Array
 
     def contains(self, point: Array, tolerance: float = 1e-9) -> bool:
-        """Whether a point (n) is inside, or outside by no more than a tolerance."""
+        """True if a point (n) is inside, or outside by no more than a tolerance."""
         away = point - self.vertices[0]
         off = away - self.basis @ (self.basis.T @ away)
         beyond = self.normals @ point - self.offsets
@@ -132,7 +132,7 @@ class ReachableWrenches:
 
     @cached_property
     def margins(self) -> Array | None:
-        """How much can be taken from and added to each component of hovering, (6, 2).
+        """The margins, down and up, of each component of hovering, (6, 2).
 
         The other components keep their values. None where no thrusts within the limits hover.
         """
@@ -168,7 +168,7 @@ class ReachableWrenches:
         return "\n".join([f"{self.robot}:", *margin_lines(self.margins, self.about)])
 
     def _margin(self, direction: Array) -> float:
-        """How far wrenches reach from hovering along a direction (6)."""
+        """The reach of wrenches from hovering along a direction (6)."""
         step = np.linalg.pinv(self.columns, rcond=RANK) @ direction
         produced = float(np.abs(self.columns @ step - direction).max() <= RANK)
         ways = np.column_stack([produced * step, null_space(self.columns)])
@@ -198,7 +198,7 @@ class ReachableWrenches:
 
 
 def margin_lines(margins: ArrayLike, point: str) -> list[str]:
-    """What can be taken from hovering and added to it, margins (6, 2) about a point, in words.
+    """Margins (6, 2) of hovering, down and up, about a point, in words.
 
     A heading, and a line each for forces and torques.
     """

@@ -72,8 +72,8 @@ class NameRegistry:
 
     def add(self, kind: NamedKind, name: str, whose: str) -> None:
         """Add a name of a kind, and whose it is, in words."""
-        for each in (_form(kind, name), *parameter_names(kind, name)):
-            self._owners.setdefault(each, whose)
+        for entry in (_form(kind, name), *parameter_names(kind, name)):
+            self._owners.setdefault(entry, whose)
 
     def owner(self, kind: NamedKind, name: str) -> str | None:
         """Whose a name is, in words, or None where it is free among the names of its kind."""
@@ -99,8 +99,8 @@ class NameRegistry:
 
 def _form(kind: NamedKind, name: str) -> str:
     """The identifier form with the kind, of which the base, arms, links and rotors are one."""
-    own = kind in ("frame", "joint", "servo", "constraint")
-    return f"{kind if own else 'body'} {identifier(name)}"
+    apart = kind in ("frame", "joint", "servo", "constraint")
+    return f"{kind if apart else 'body'} {identifier(name)}"
 
 
 def parameter_names(kind: NamedKind, name: str) -> list[str]:
@@ -111,8 +111,8 @@ def parameter_names(kind: NamedKind, name: str) -> list[str]:
     prefixes = {"frame": frame_prefix, "constraint": constraint_prefix}
     prefix = prefixes.get(kind, named_prefix)(name)
     rows = sorted({*chain(*ROWS.values())}) if kind == "constraint" else []
-    own = [f"{_ROW}{identifier(name)}_{row}" for row in rows]
-    return own + [f"{prefix}_{end}" for end in _ENDS[kind]]
+    row_names = [f"{_ROW}{identifier(name)}_{row}" for row in rows]
+    return row_names + [f"{prefix}_{end}" for end in _ENDS[kind]]
 
 
 Entry = Mapping[str, Any]
@@ -211,15 +211,15 @@ def reference_faults(document: Mapping[str, Any]) -> Iterator[PlacedFault]:
 
 def _tables(document: Mapping[str, Any], key: str, most: int) -> list[Entry]:
     """The tables of an array, none where it is faulty as a whole or has more than `most`."""
-    found = document.get(key)
-    if not isinstance(found, list) or len(found) > most:
+    tables = document.get(key)
+    if not isinstance(tables, list) or len(tables) > most:
         return []
-    return [entry if isinstance(entry, dict) else {} for entry in found]
+    return [entry if isinstance(entry, dict) else {} for entry in tables]
 
 
 def _text(entry: Entry, key: str) -> str | None:
-    found = entry.get(key)
-    return found if isinstance(found, str) else None
+    text = entry.get(key)
+    return text if isinstance(text, str) else None
 
 
 def _unknown(

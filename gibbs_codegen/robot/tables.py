@@ -98,7 +98,7 @@ class RobotTable(Part):
     @model_validator(mode="after")
     def _constraints_hold_frames(self) -> Self:
         if self.constraint:
-            references = [(each.frame, each.to) for each in self.constraint]
+            references = [(constraint.frame, constraint.to) for constraint in self.constraint]
             robot = self.robot()
             bodies = {frame.name: robot.rigid[frame.on] for frame in frames_of(robot)}
             if faults := list(constraint_faults(references, bodies)):
@@ -122,7 +122,7 @@ class RobotTable(Part):
             ),
             self.gravity,
             tuple(replace(rotor, on=number(rotor.on)) for rotor in self.rotor),
-            tuple(Frame(each.name, number(each.on), each.whole_pose) for each in self.frame),
+            tuple(Frame(frame.name, number(frame.on), frame.whole_pose) for frame in self.frame),
             self.allow_impossible_inertia,
             self.battery,
             self.constraint,

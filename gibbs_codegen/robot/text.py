@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from fractions import Fraction
 
@@ -11,14 +11,16 @@ from gibbs_codegen.errors import UsageError
 from gibbs_codegen.files.templating import render
 from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.robot.names import default_prefix
-from gibbs_codegen.robot.parts.battery import Battery
-from gibbs_codegen.robot.parts.body import Body, RigidBody, Rod, as_rigid_body
+from gibbs_codegen.robot.parts.body import Body, RigidBody, as_rigid_body
 from gibbs_codegen.robot.parts.constraint import Constraint
+from gibbs_codegen.robot.parts.frame import Frame
 from gibbs_codegen.robot.parts.link import Link
 from gibbs_codegen.robot.parts.numbers import AXES, BASE, Vector3
 from gibbs_codegen.robot.parts.part import all_keys, changed_keys, changed_numbers
 from gibbs_codegen.robot.parts.pose import Pose
 from gibbs_codegen.robot.parts.rotor import AIR_KEYS, MAX_ROTORS
+
+_NONE: Mapping[str, str] = {}
 
 
 def quoted(text: str) -> str:
@@ -32,49 +34,40 @@ def quoted(text: str) -> str:
 
 
 def toml_value(value: object) -> str:
-    """A word, number, list or table as TOML, on one line."""
+    """A word, number, angle in degrees, list or table as TOML, on one line."""
     if isinstance(value, Mapping):
         return "{ " + ", ".join(toml_lines(value)) + " }"
     if isinstance(value, list | tuple):
         return "[" + ", ".join(map(toml_value, value)) + "]"
     if isinstance(value, str):
         return quoted(value)
+    if isinstance(value, Fraction):
+        return str(value.numerator) if value.denominator == 1 else repr(float(value))
+    if isinstance(value, float):  # It may be one of NumPy's.
+        return repr(float(value))
     return str(value).lower() if isinstance(value, bool) else repr(value)
 
 
-def toml_lines(table: Mapping[str, object]) -> list[str]:
-    """The keys of a table, a line each; those that are None are left out."""
-    return [f"{key} = {toml_value(value)}" for key, value in table.items() if value is not None]
+def toml_lines(table: Mapping[str, object], comments: Mapping[str, str] = _NONE) -> list[str]:
+    """The keys of a table, a line each with its comment; those that are None are left out."""
+    ends = {key: f"  # {words}" for key, words in comments.items()}
+    lines = {key: f"{key} = {toml_value(x)}" for key, x in table.items() if x is not None}
+    return [line + ends.get(key, "") for key, line in lines.items()]
 
 
-def numbers(values: Iterable[float]) -> str:
-    """Numbers of a list with commas between them."""
-    return ", ".join(repr(float(value)) for value in values)
-
-
-def degrees(angle: Fraction) -> str:
-    """An angle in degrees, which is that of a decimal number."""
-    return str(angle.numerator) if angle.denominator == 1 else repr(float(angle))
-
-
-def direction(vector: Vector3) -> str:
-    """A unit vector as the letter of its axis, with a minus sign if against it, or a list."""
+def direction(vector: Vector3) -> str | Vector3:
+    """A unit vector as the letter of its axis, with a minus sign if against it, or itself."""
     for letter, unit in AXES.items():
         if vector == unit:
-            return f'"{letter}"'
+            return letter
         if all(entry == -other for entry, other in zip(vector, unit, strict=True)):
-            return f'"-{letter}"'
-    return f"[{numbers(vector)}]"
+            return f"-{letter}"
+    return vector
 
 
 def body_lines(body: Body) -> list[str]:
     """The keys of a rod or rigid body, a line each."""
-    lines = [f"length = {body.length!r}"]
-    if isinstance(body, Rod):
-        lines.append(f"mass_per_length = {body.mass_per_length!r}")
-        return [*lines, f"section_inertia = [{numbers(body.section_inertia)}]"]
-    lines.append(f"mass = {body.mass!r}")
-    return [*lines, f"com = [{numbers(body.com)}]", f"inertia = [{numbers(body.inertia)}]"]
+    return toml_lines(vars(body))
 
 
 def inline_table(body: Body) -> str:
@@ -89,17 +82,18 @@ def link_lines(robot: Robot, i: int, in_both_forms: bool) -> list[str]:
         how = f"{'turned' if link.joint == 'revolute' else 'moved'} by joint {robot.rotors + i}"
     else:
         how = "held by a constraint torque" if link.constrained else "welded to what carries it"
-    lines = [f"[[link]]  # link {i}, {how}"]
-    lines += [] if link.name is None else [f"name = {quoted(link.name)}"]
-    lines += [] if parent == i - 1 else [f"parent = {_reference(robot, parent)}"]
-    lines += [] if link.coordinate is None else [f"coordinate = {quoted(link.coordinate)}"]
+    table: dict[str, object] = {
+        "name": link.name,
+        "parent": None if parent == i - 1 else _carrier(robot, parent),
+        "coordinate": link.coordinate,
+    }
+    lines = [f"[[link]]  # link {i}, {how}", *toml_lines(table)]
     if link.pose:
+        table = _pose(link.pose) | {"axis": direction(link.axis), "joint": link.joint}
         lines += [
             "# Pose of the joint in the frame of what carries the link (m, R = Rz Ry Rx), axis in "
             "the link's frame.",
-            *_pose_lines(link.pose),
-            f"axis = {direction(link.axis)}",
-            f'joint = "{link.joint}"  # "revolute", "prismatic" or "fixed"',
+            *toml_lines(table, {"joint": '"revolute", "prismatic" or "fixed"'}),
         ]
     else:
         default = "0" if parent == BASE else "the length of the link before"
@@ -108,10 +102,10 @@ def link_lines(robot: Robot, i: int, in_both_forms: bool) -> list[str]:
             a = f"a         = {link.a!r}  # distance along x of the frame before"
         twist = "modified Denavit-Hartenberg: twist about x of the frame before"
         lines += [
-            f"alpha_deg = {degrees(link.alpha_deg)}  # {twist}",
+            f"alpha_deg = {toml_value(link.alpha_deg)}  # {twist}",
             a,
             f"d         = {link.d!r}",
-            f"theta_deg = {degrees(link.theta_deg)}  # offset of the joint angle",
+            f"theta_deg = {toml_value(link.theta_deg)}  # offset of the joint angle",
             f'joint     = "{link.joint}"  # or "prismatic", along z',
         ]
     lines += _joint_lines(link)
@@ -126,39 +120,32 @@ def link_lines(robot: Robot, i: int, in_both_forms: bool) -> list[str]:
 def rotor_lines(robot: Robot, k: int) -> list[str]:
     """The table of placed rotor k, from 1."""
     rotor = robot.thrusters[k - 1]
-    lines = [f"[[rotor]]  # rotor {k}"]
-    lines += [] if rotor.name is None else [f"name = {quoted(rotor.name)}"]
-    lines += [
-        f"on = {_reference(robot, rotor.on)}",
-        f"position = [{numbers(rotor.position)}]",
-        f"direction = {direction(rotor.direction)}",
-        f"drag = {rotor.drag!r}",
-    ]
-    keys = changed_keys(rotor, "name", "on", "position", "direction", "drag", *AIR_KEYS)
+    table = {
+        "name": rotor.name,
+        "on": _carrier(robot, rotor.on),
+        "position": rotor.position,
+        "direction": direction(rotor.direction),
+        "drag": rotor.drag,
+    }
+    table |= changed_keys(rotor, *table, *AIR_KEYS)
     if rotor.feels_air:
-        keys |= {key: getattr(rotor, key) for key in AIR_KEYS}
-    for key, value in keys.items():
-        unit = f"  # {_ROTOR_UNITS[key]}" if key in _ROTOR_UNITS else ""
-        lines += [line + unit for line in toml_lines({key: value})]
-    return lines
+        table |= {key: getattr(rotor, key) for key in AIR_KEYS}
+    units = {"spin_inertia": "kg m^2", "speed_per_sqrt_thrust": "(rad/s)/sqrt(N)"}
+    return [f"[[rotor]]  # rotor {k}", *toml_lines(table, units)]
 
 
-_ROTOR_UNITS = {"spin_inertia": "kg m^2", "speed_per_sqrt_thrust": "(rad/s)/sqrt(N)"}
-
-
-def frame_lines(robot: Robot, k: int) -> list[str]:
-    """The table of frame k in the file, from 1."""
-    frame = robot.frames[k - 1]
-    names = [f"name = {quoted(frame.name)}", f"on = {_reference(robot, frame.on)}"]
-    return ["[[frame]]", *names, *_pose_lines(frame.pose)]
+def frame_lines(robot: Robot, frame: Frame) -> list[str]:
+    """The table of a frame in the file."""
+    names = {"name": frame.name, "on": _carrier(robot, frame.on)}
+    return ["[[frame]]", *toml_lines(names | _pose(frame.pose))]
 
 
 def constraint_lines(constraint: Constraint) -> list[str]:
     """The table of a constraint in the file."""
-    lines = toml_lines(changed_keys(constraint, "xyz", "rpy_deg"))
-    xyz, *rpy = _pose_lines(constraint.anchor)
-    rpy = rpy if constraint.kind in ("frame", "loop") else []
-    return ["[[constraint]]", *lines, xyz, *rpy]
+    table = changed_keys(constraint, "xyz", "rpy_deg") | _pose(constraint.anchor)
+    if constraint.kind not in ("frame", "loop"):
+        del table["rpy_deg"]
+    return ["[[constraint]]", *toml_lines(table)]
 
 
 def rigid_form(body: Body) -> RigidBody:
@@ -168,40 +155,37 @@ def rigid_form(body: Body) -> RigidBody:
     return replace(rigid, inertia=(xx, yy, zz, xy, xz, yz))
 
 
-def _reference(robot: Robot, number: int) -> str:
+def _carrier(robot: Robot, number: int) -> str:
+    """The name of a body in the file."""
     if number == BASE:
-        return '"base"'
-    return quoted(robot.links[number - 1].name or default_prefix("link", number))
+        return "base"
+    return robot.links[number - 1].name or default_prefix("link", number)
 
 
-def _pose_lines(pose: Pose) -> list[str]:
-    angles = ", ".join(map(degrees, pose.rpy_deg))
-    return [f"xyz = [{numbers(pose.xyz)}]", f"rpy_deg = [{angles}]"]
+def _pose(pose: Pose) -> dict[str, object]:
+    return {"xyz": pose.xyz, "rpy_deg": pose.rpy_deg}
 
 
 def _joint_lines(link: Link) -> list[str]:
     """Lines of what acts on a joint, and of its limits, where they are not the defaults."""
-    turns = link.joint == "revolute"
-    rate, unit, effort = ("rad/s", "rad", "N m") if turns else ("m/s", "m", "N")
-    limits, lines = link.limits, ["constrained = true"] if link.constrained else []
-    acting = changed_numbers(link.passive, "", lambda number: number, not turns)
-    lines += [f"{n.name} = {n.value!r}  # {n.unit}" for n in acting.values() if n.value != 0.0]
+    slides, limits, servo = link.joint != "revolute", link.limits, link.servo
+    rate, unit, effort = ("m/s", "m", "N") if slides else ("rad/s", "rad", "N m")
+    acting = changed_numbers(link.passive, "", lambda number: number, slides)
+    table: dict[str, object] = {"constrained": link.constrained or None}
+    table |= {n.name: n.value for n in acting.values() if n.value != 0.0}
     if (limits.low, limits.high) != (None, None):
         low = -math.inf if limits.low is None else limits.low
-        high = math.inf if limits.high is None else limits.high
-        lines.append(f"limits = [{numbers((low, high))}]  # {unit}")
-    if limits.effort is not None:
-        lines.append(f"effort = {limits.effort!r}  # {effort}")
-    if limits.velocity is not None:
-        lines.append(f"velocity = {limits.velocity!r}  # {rate}")
-    drives = {"friction": all_keys(link.friction)} if link.friction else {}
-    if servo := link.servo:
-        drives["servo"] = {"command": servo.command} | all_keys(servo) | {"rate": servo.rate}
-    return lines + toml_lines(drives)
+        table["limits"] = low, math.inf if limits.high is None else limits.high
+    table |= {"effort": limits.effort, "velocity": limits.velocity}
+    table["friction"] = link.friction and all_keys(link.friction)
+    if servo:
+        table["servo"] = {"command": servo.command} | all_keys(servo) | {"rate": servo.rate}
+    units = {"limits": unit, "effort": effort, "velocity": rate}
+    return toml_lines(table, units | {n.name: n.unit for n in acting.values()})
 
 
 def robot_text(robot: Robot, name: str | None = None, to_start_from: bool = False) -> str:
-    """Commented TOML that `parse_robot` reads back as the same robot, under `name` if given.
+    """Commented TOML that `parse_robot` reads back as the same robot, under `name` if there is one.
 
     `to_start_from`: whether to name the schema for editors in the first line, and to add, as
     comments, the arm and the last link in the other form of a body, and further tables. What is of
@@ -221,6 +205,7 @@ def robot_text(robot: Robot, name: str | None = None, to_start_from: bool = Fals
     ]
     if base.arms:
         rigid_arm.append(f"arm = {inline_table(rigid_form(base.arm(1)))}")
+    battery = ["[battery]", *toml_lines(all_keys(robot.battery))] if robot.battery else []
     context = {
         "to_start_from": to_start_from,
         "name": name or robot.name,
@@ -231,24 +216,18 @@ def robot_text(robot: Robot, name: str | None = None, to_start_from: bool = Fals
         "origin": base.origin,
         "rods": base.rotors,
         "thrust": _list_text([direction(vector) for vector in base.thrust]),
-        "drag": _list_text([repr(float(value)) for value in base.drag]),
-        "azimuth": _list_text([degrees(angle) for angle in base.azimuth_deg or ()]),
+        "drag": _list_text(base.drag),
+        "azimuth": _list_text(base.azimuth_deg or ()),
         "arm": arm,
         "rigid_arm": rigid_arm if to_start_from else [],
         "central_body": body_lines(base.body)[1:] if base.body else [],
-        "battery": _battery_lines(robot.battery),
+        "battery": battery,
         "rotors": [rotor_lines(robot, k) for k in range(1, len(robot.thrusters) + 1)],
         "links": [link_lines(robot, i, to_start_from and i == links) for i in range(1, links + 1)],
-        "frames": [frame_lines(robot, k) for k in range(1, len(robot.frames) + 1)],
-        "constraints": [constraint_lines(each) for each in robot.constraints],
+        "frames": [frame_lines(robot, frame) for frame in robot.frames],
+        "constraints": [constraint_lines(constraint) for constraint in robot.constraints],
     }
     return render("robot.toml.jinja", context)
-
-
-def _battery_lines(battery: Battery | None) -> list[str]:
-    if battery is None:
-        return []
-    return ["[battery]", *toml_lines(all_keys(battery))]
 
 
 _CORNERS = ("front_left", "rear_left", "rear_right", "front_right")
@@ -267,7 +246,7 @@ def placed_robot_text(name: str, rotors: int = 4) -> str:
     around = [
         {
             "name": quoted(_CORNERS[k] if rotors == len(_CORNERS) else f"rotor_{k + 1}"),
-            "azimuth": degrees(Fraction(180 + 360 * k, rotors)),
+            "azimuth": toml_value(Fraction(180 + 360 * k, rotors)),
             "drag": -0.016 if k % 2 else 0.016,
         }
         for k in range(rotors)
@@ -275,7 +254,8 @@ def placed_robot_text(name: str, rotors: int = 4) -> str:
     return render("placed_robot.toml.jinja", {"name": name, "rotors": around})
 
 
-def _list_text(entries: list[str]) -> str:
+def _list_text(values: Sequence[object]) -> str:
     """Entries of a list, over several lines where one would be too long."""
+    entries = [*map(toml_value, values)]
     lines = (", ".join(entries[i : i + 10]) for i in range(0, len(entries), 10))
     return ("," + "\n" + " " * 12).join(lines)

@@ -29,7 +29,7 @@ from typing import Any
 
 from gibbs_codegen.errors import UsageError, cause_of, printable
 from gibbs_codegen.files.verbatim import c_source
-from gibbs_codegen.interface import FUNCTIONS, module_signatures
+from gibbs_codegen.interface import FUNCTIONS, WHOLES, module_signatures
 from gibbs_codegen.runtime.cache import cached_library
 
 # Numbers of the processes of compilers that run.
@@ -399,9 +399,14 @@ def portable_library(name: str, sources: Mapping[str, str]) -> Path:
 
 
 def some_functions(source: bytes, functions: Collection[str]) -> bytes:
-    """The C source of a module with some of its functions, and without patterns."""
+    """The C source of a module with some of its functions, and without patterns.
+
+    Those that are parts of one text come together.
+    """
     begin, *parts = re.split(rb"(?m)^(?=/\* ---- )", source)
-    words = [f"/* ---- {name} ---- */".encode() for name in functions]
+    texts = {WHOLES.get(name, name) for name in functions}
+    names = [*texts, *(part for text in texts for part in FUNCTIONS[text].parts)]
+    words = [f"/* ---- {name} ---- */".encode() for name in names]
     return begin + b"".join(part for part in parts if part.startswith(tuple(words)))
 
 

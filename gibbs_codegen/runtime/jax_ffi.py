@@ -36,7 +36,7 @@ class CompiledCalls:
     def __init__(
         self, module: ModuleType, library: c_library.ModuleLibrary, caller: ctypes.CDLL
     ) -> None:
-        """Take the compiled functions of a module, which XLA is told of when they are called.
+        """Take the compiled functions of a module, which XLA learns of when they are called.
 
         `caller` is the library of `native/jax_call.c`. Raises `CompilerError` if the constants are
         lacking.
@@ -51,7 +51,7 @@ class CompiledCalls:
         self._known: set[str] = set()
 
     def why_not(self, signature: Signature) -> str:
-        """Why XLA cannot call a function, which it is told of now; empty where it can."""
+        """The reason why XLA cannot call a function, which it learns of now; empty where it can."""
         with _adding:
             if signature.name not in self._reasons:
                 try:

@@ -222,5 +222,5 @@ def _generator_digest() -> str:
 
 
 def modules_made() -> list[str]:
-    """Names of the modules in `generated/`, where modules are generated unless told otherwise."""
+    """Names of the modules in `generated/`, the default folder of modules."""
     return sorted(path.parent.name for path in Path("generated").glob("*/robot.toml"))

@@ -1,4 +1,4 @@
-"""Rollouts on plain arrays: what one computes, and how, by NumPy, by JAX or in C.
+"""Rollouts on plain arrays: their problems, and their computation by NumPy, by JAX or in C.
 
 A step is the array program of `machine.rollout_steps`. `Steps` evaluates it on arrays of NumPy or
 of JAX, all states at once. In C it is compiled together with the robot's functions that it calls,
@@ -50,7 +50,7 @@ RUNNING, DIVERGED, OUT_OF_BOUNDS = 0, 1, 2
 
 @dataclass(frozen=True)
 class Feedback:
-    """Linear feedback: what is added to the inputs at the start of every step.
+    """Linear feedback, which is added to the inputs at the start of every step.
 
     It is `gain` (nu, 2 nv) times the displacement of q and v from the state to the desired one:
     difference(q, q_desired), then v_desired - v. Desired states are (1 or n, 1 or steps, nq) and
@@ -68,7 +68,7 @@ class Feedback:
 
 
 @dataclass(frozen=True)
-class Motors:
+class MotorModel:
     """Limits and lag of commanded inputs.
 
     They are brought within `least` and `most` (nu). Thrusts then follow them with the
@@ -110,7 +110,7 @@ class Problem:
     method: Method = "rk4"
     every: int = 1
     feedback: Feedback | None = None
-    motors: Motors | None = None
+    motors: MotorModel | None = None
     wrenches: Array | None = None
     bounds: Array | None = None
     precision: Precision = "double"
@@ -452,7 +452,7 @@ def compiled_rollout(
     run = _Run(problem)
     asked = problem.module, problem.method, problem.parts, problem.precision
     function = rollout_function(*asked, flags, generated=generated)
-    read, written = (x.ctypes.data for x in (run.given, run.states))
+    read, written = (x.ctypes.data for x in (run.addresses, run.states))
 
     def call(piece: Piece) -> None:
         places = piece.first, piece.count, piece.begin, piece.end
@@ -491,7 +491,7 @@ class _Run:
         inputs = _inputs(problem.module, ALL) | _inputs(problem.module, parts)
         for name, is_shared in inputs.items():
             words += self._rows(values[name], is_shared) if name in values else [0, 0, 0]
-        self.given = np.array(words, np.uintp)
+        self.addresses = np.array(words, np.uintp)
 
     def rollout(self) -> Rollout:
         """The rollout that the calls have left in the arrays."""

@@ -179,7 +179,7 @@ class _Orthogonal(Factors):
 
 
 class PseudoInverse:
-    """The pseudo-inverse of the matrix w_i·W w_j: of all solutions that which is least.
+    """The pseudo-inverse of the matrix w_i·W w_j: it gives the least of all solutions.
 
     Pivots are absent that are about ε of the entry of the matrix that they are left of, with the
     rounding error ε: of vectors that is √ε, so that no error of what is left is taken for a pivot,

@@ -1,4 +1,4 @@
-"""Numbers that the robot file fixes, as sines and cosines of its angles, and what is made of them.
+"""Numbers that the robot file fixes, as sines and cosines of its angles, and results of them.
 
 They decide which terms exist. Rationals and square roots stay exact; others carry forty digits,
 and are rounded to doubles only where they are printed:
@@ -20,6 +20,8 @@ import sympy as sp
 DIGITS = 40
 _VANISHING = sp.Float("1e-25", DIGITS)
 _FRACTION = sp.Integer(24)
+_SQUARES = 192
+_NEXT = 1e-15
 
 
 @cache
@@ -33,6 +35,17 @@ def settled(number: sp.Expr) -> sp.Expr:
     if abs(multiple - nearest) < _VANISHING:
         return nearest / _FRACTION
     return sp.N(number, DIGITS) if number.has(sp.Float, sp.NumberSymbol) else number
+
+
+@cache
+def exact(number: float) -> sp.Expr:
+    """The number that a double between −1 and 1 is next to: a root of a multiple of 1/192, or it.
+
+    Products of cosines and sines of multiples of 30° and 45° are such roots.
+    """
+    root = sp.sqrt(sp.Rational(round(_SQUARES * number**2), _SQUARES))
+    root = -root if number < 0 else root
+    return settled(root if abs(number - rounded(root)) < _NEXT else sp.Float(number, DIGITS))
 
 
 @cache

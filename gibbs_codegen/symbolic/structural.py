@@ -97,7 +97,7 @@ def euler_zxz(turn: Turn) -> tuple[Fraction, Fraction, Fraction]:
 
 
 def elementary(turn: Turn) -> list[Rotation]:
-    """Rotations about axes, the innermost first, that one after the other do what `turn` does.
+    """Rotations about axes, the innermost first, that make up `turn`.
 
     There are at most three.
     """

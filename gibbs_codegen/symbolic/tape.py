@@ -54,7 +54,7 @@ def sum_of_signed(terms: Sequence[tuple[int, sp.Expr]]) -> sp.Expr:
 
 
 def signed(atom: sp.Expr) -> tuple[int, sp.Expr]:
-    """Sign, 1 or −1, and magnitude of what `let` returns."""
+    """Sign, 1 or −1, and magnitude of a result of `let`."""
     if atom.is_Symbol:
         return 1, atom
     if is_minus_symbol(atom):
@@ -116,7 +116,7 @@ class Scalars(ABC):
 
     @abstractmethod
     def let(self, expression: sp.Expr) -> sp.Expr:
-        """Name a sum of products of what earlier calls returned; the result stands for it."""
+        """Name a sum of products of earlier results; the result stands for it."""
 
     @abstractmethod
     def group(
@@ -184,7 +184,7 @@ class Tape(Scalars):
         # What `let` has returned for an expression in this function, and in any function with what
         # it named and let for that; the name of each definition.
         self._results: dict[sp.Expr, sp.Expr] = {}
-        self._known: dict[sp.Expr, tuple[sp.Expr, list[sp.Expr]]] = {}
+        self._returned: dict[sp.Expr, tuple[sp.Expr, list[sp.Expr]]] = {}
         self._parts: list[sp.Expr] = []
         self._names: dict[sp.Expr, sp.Symbol] = {}
 
@@ -236,8 +236,8 @@ class Tape(Scalars):
         if (result := self._results.get(expression)) is not None:
             return result
         # Where another function has named it, only its words are new.
-        if expression in self._known:
-            result, parts = self._known[expression]
+        if expression in self._returned:
+            result, parts = self._returned[expression]
             for part in parts:
                 if part.is_Symbol:
                     self._say(part)
@@ -248,7 +248,7 @@ class Tape(Scalars):
         outer, self._parts = self._parts, []
         result = self._name(expression)
         self._results[expression] = result
-        self._known[expression] = (result, self._parts)
+        self._returned[expression] = (result, self._parts)
         self._parts = outer
         return result
 

@@ -1,4 +1,4 @@
-"""What a robot's functions take and return, in words, and their documentation in each language."""
+"""Arguments and results of a robot's functions in words, and documentation in each language."""
 
 from __future__ import annotations
 
@@ -58,6 +58,8 @@ def doxygen(description: Description, signature: Signature, work: str, stack: in
     for output, sizes in zip(row.outputs, signature.shapes, strict=True):
         shape = " x ".join(map(str, sizes)) or "1"
         items.append(f"@param[out] {output.name} {shape}: {output_text(description, output)}")
+    if row.parts:
+        items.append("@note One output may be NULL, where the function of the other is there.")
     items += [f"@note {work}; about {stack} bytes of stack for one state of doubles, optimised."]
     lines = [f"@brief {row.summary}", ""]
     if row.details:
@@ -95,7 +97,7 @@ def meaning(description: Description, argument: str) -> str:
 
 
 def details(description: Description, row: Row) -> str:
-    """What is to be said of a function beyond its summary, or ""."""
+    """Details of a function beyond its summary, or ""."""
     return row.details.format(singularity="" if description.layout.is_quaternion else _SINGULARITY)
 
 
@@ -106,14 +108,14 @@ _SINGULARITY = (
 
 
 def operations(function: Function) -> str:
-    """How many operations a function takes, in words."""
+    """The number of operations of a function, in words."""
     counts = count_operations(function.nodes())
     arctangents = f", {counts.arctangents} arctangents" if counts.arctangents else ""
     return f"{counts.total} operations, {counts.sine_cosine_pairs} sine-cosine pairs{arctangents}"
 
 
 def calls(description: Description, name: str) -> str:
-    """Which functions one that is composed calls, and how often, in words."""
+    """The functions that a composed one calls, and how often, in words."""
     counts = {**FUNCTIONS[name].composed}
     if not description.layout.is_quaternion:  # Sums need no matrices.
         counts.pop("integrate_derivatives", None)
@@ -155,7 +157,7 @@ def argument_text(description: Description, argument: str) -> str:
 
 
 def output_text(description: Description, output: Output) -> str:
-    """What the entries of an output are: names with units, or the units alone."""
+    """The entries of an output: names with units, or the units alone."""
     return output.entries.format(unit=output.unit, **_entry_lists(description))
 
 
@@ -216,7 +218,7 @@ def attitude_text(description: Description) -> str:
 
 
 def base_frame(description: Description) -> str:
-    """What the frame of the base is called.
+    """The name of the frame of the base.
 
     It is that of arm 1 where the base is made of rods by the paper's rule.
     """
@@ -225,7 +227,7 @@ def base_frame(description: Description) -> str:
 
 
 def attitude_lines(description: Description) -> list[str]:
-    """What the attitude of a module is, as a comment says it, without the comment's sign."""
+    """The attitude of a module for a comment, without the comment's sign."""
     says = f"From {base_frame(description)} to the world the attitude is"
     if not description.layout.is_quaternion:
         says = f"Intrinsic sequence of the attitude angles. {says}"
@@ -254,7 +256,7 @@ _DERIVATIVES = {
 
 
 def unknown_table(description: Description) -> list[str]:
-    """What explains the unknowns of the hybrid system: accelerations, then constraint torques."""
+    """A table of the unknowns of the hybrid system: accelerations, then constraint torques."""
     unknowns = []
     for entry in description.hybrid_coordinates:
         unit, what = _DERIVATIVES[entry.unit]

@@ -15,7 +15,7 @@ from functools import partial
 
 from gibbs_codegen.errors import UsageError, printable
 from gibbs_codegen.files.templating import render
-from gibbs_codegen.interface import options_for
+from gibbs_codegen.interface import FUNCTIONS, options_for
 from gibbs_codegen.machine.first_order import ACTING
 from gibbs_codegen.program.choice import Functions, chosen_functions
 from gibbs_codegen.program.model import Model
@@ -215,9 +215,17 @@ def header(model: Model, robot_text: str, targets: Mapping[str, Target]) -> list
 
 
 def generating_options(targets: Collection[str], model: Model) -> list[str]:
-    """Options of `generate` that choose these targets, and a model's parameters and functions."""
+    """Options of `generate` that choose these targets, and a model's parameters and functions.
+
+    Functions that the targets bring are not chosen.
+    """
     options = ["--all-parameters"] if model.keeps_zeros else []
     if set(targets) != set(DEFAULT_TARGETS):
         options += [f"--target {name}" for name in targets]
     options += [f"--laws={','.join(model.laws)}"] if model.laws else []
-    return [*options, *options_for(model.functions)]
+    found = {name: target for name, target in TARGETS.items() if name in targets}
+    if model.functions == chosen_functions(called(found, None)):
+        return options
+    brought = chosen_functions(called(found, ()))
+    chosen = [x for x in model.functions if x not in brought or not FUNCTIONS[x].on_request]
+    return [*options, *options_for(chosen)]

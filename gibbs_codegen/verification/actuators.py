@@ -60,8 +60,8 @@ class ActuatorOracle:
         self._joints = [robot.links[i - 1] for i in robot.moving]
         placed = robot.thrusters
         self._drags = (*robot.base.drag, *(rotor.drag for rotor in placed))
-        self._known = [rotor.speed_per_sqrt_thrust or 0.0 for rotor in placed]
-        self._known += [0.0] * robot.base.rotors
+        self._factors = [rotor.speed_per_sqrt_thrust or 0.0 for rotor in placed]
+        self._factors += [0.0] * robot.base.rotors
         rotors = [k for k, drive in enumerate(self._drives) if drive.up != 0.0]
         servos = [
             k
@@ -108,7 +108,7 @@ class ActuatorOracle:
             return level
         if drive.command == "throttle":
             return (drive.full_speed or 0.0) * level
-        return self._known[k] * np.copysign(np.sqrt(np.abs(level)), level)
+        return self._factors[k] * np.copysign(np.sqrt(np.abs(level)), level)
 
     def _level(self, k: int, thrust: Array) -> Sized:
         """The level of a thrust where the curve rises, or that at which it turns."""

@@ -338,7 +338,7 @@ def _problems(
     # The motor of each rotor lags in every second state.
     lags = np.add.outer(np.arange(_STATES), np.arange(rotors)) % 2 * (0.0 if driven else dt)
     lags = lags * rng.uniform(0.5, 5.0, lags.shape)
-    motors = rollouts.Motors(-0.4 * most, 0.6 * most, 0.0 * lags, states.u[::-1, :rotors])
+    motors = rollouts.MotorModel(-0.4 * most, 0.6 * most, 0.0 * lags, states.u[::-1, :rotors])
     some = replace(inputs_alone, inputs=inputs[:, :1], motors=motors, wrenches=wrenches[:, :1])
     # It ends between two samples.
     some = replace(some, feedback=rollouts.Feedback(gain, q, v[:1]), every=4)

@@ -99,7 +99,7 @@ Arguments = Mapping[str, Array]
 
 
 class ComplexSteps:
-    """The kernels of a module with a robot's parameters, and derivatives of what they compute.
+    """The kernels of a module with a robot's parameters, and derivatives of their results.
 
     What a kernel that fails would give is not a number: no comparison passes then.
     """

@@ -79,7 +79,7 @@ class Constraints:
         units = sizes.free_units
 
         def taken(right: Sized) -> tuple[Sized, Sized]:
-            """Forces that take accelerations or velocities away, and what they do to v."""
+            """Forces that take accelerations or velocities away, and their effect on v."""
             size = times(np.abs(inverse), held * right.size) * condition[:, None]
             size = held * size.max(axis=-1, keepdims=True)  # Some rows may hold what cannot move.
             forces = -times(inverse, held * right.value)
@@ -128,7 +128,7 @@ class Constraints:
     def _rows(
         self, tie: Constraint, values: Quantities, states: States, sizes: Sizes
     ) -> list[Sized]:
-        """Errors, Jacobian, bias, and what brings errors back, of one constraint."""
+        """Errors, Jacobian, bias, and return of errors to zero, of one constraint."""
         from scipy.spatial.transform import Rotation  # Late, as SciPy takes long to import.
 
         frame, carrier = (self._frame(name, values, states) for name in (tie.frame, tie.to))

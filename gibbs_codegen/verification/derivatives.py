@@ -50,7 +50,7 @@ _INPUT_FORCES = {"input_forces_derivatives": "jacobian", "input_forces_hessian":
 
 
 class DerivativeRow(NamedTuple):
-    """An array to compare, with what it should be, and natural sizes."""
+    """An array to compare, with its expected value and natural sizes."""
 
     what: str
     ours: Array
@@ -147,7 +147,7 @@ class _Point:
 
     @cached_property
     def actuators(self) -> Values:
-        """Sizes (s, rows) of what the functions of the actuators return, by their names."""
+        """Sizes (s, rows) of results of the functions of the actuators, by their names."""
         measured_of = formulated(NewtonEuler(self.tree)).at(self.states).actuators or {}
         return {name: measured.size for name, measured in measured_of.items()}
 
@@ -271,7 +271,7 @@ class _OfConstraints(_Function):
 
 
 class _Measure:
-    """Sizes (s) of what a function of the constraints of a robot returns at some states."""
+    """Sizes (s) of results of a function of a robot's constraints at some states."""
 
     def __init__(self, tree: Tree, states: States, name: str) -> None:
         quantities = formulated(NewtonEuler(tree)).at(states).with_passive(tree, states)
@@ -291,7 +291,7 @@ class _Measure:
 
 
 def constraint_sizes(robots: Sequence[Robot], states: States, name: str, values: Values) -> Values:
-    """Sizes (s, 1 …) of what a derivative of what constraints do returns; else nothing.
+    """Sizes (s, 1 …) of results of a derivative of the effects of constraints; else nothing.
 
     Of one robot, or of one for each state.
     """
@@ -599,7 +599,7 @@ def _parameter_rows(function: _Forces | _OfActuators, values: Values) -> Iterato
 
 
 def _coriolis_rows(point: _Point, values: Values) -> Iterator[DerivativeRow]:
-    """C v is what velocities add to the forces, and Ṁ − 2 C is skew-symmetric."""
+    """C v is the part of velocities in the forces, and Ṁ − 2 C is skew-symmetric."""
     states, sizes, call = point.states, point.sizes, point.call
     ((what, coriolis),) = values.items()
     damped = point.tree.passive.damping[point.tree.free] * states.v

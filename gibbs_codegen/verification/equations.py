@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping
 
 import numpy as np
 
-from gibbs_codegen.robot.layout import Entries
+from gibbs_codegen.robot.layout import StateEntries
 from gibbs_codegen.verification.comparison import Comparison, Results, compared, explained
 from gibbs_codegen.verification.constraints import ACCELERATION, Constraints, Row
 from gibbs_codegen.verification.formulation import Formulation, Quantities
@@ -198,12 +198,12 @@ def displacement_rows(tree: Tree, states: States) -> Iterator[tuple[str, Array, 
     yield "difference", apart, (places + places[:1])[:, _kinds(layout.v)]
 
 
-def _kinds(entries: Entries) -> Array:
+def _kinds(entries: StateEntries) -> Array:
     """For each entry 0 if it is a length, else 1."""
     return np.array([int(unit[0] != "m") for unit in entries.units])
 
 
-def _largest(entries: Entries, values: Array) -> Array:
+def _largest(entries: StateEntries, values: Array) -> Array:
     """The largest length of each state, and the largest of the other entries and 1, (s, 2)."""
     kinds = _kinds(entries)
     along, about = (np.abs(values[:, kinds == kind]).max(axis=-1) for kind in (0, 1))

@@ -234,7 +234,7 @@ def compare_constants_of_each(
 
 
 class _OneByOne(Results):
-    """A module with constants of each state, of which each is computed by itself."""
+    """A module with constants of each state, which computes each state by itself."""
 
     def __init__(self, module: ModuleType, constants: Sequence[Any]) -> None:
         super().__init__(module, None, (len(constants),))

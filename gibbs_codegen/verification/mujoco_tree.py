@@ -159,7 +159,7 @@ def _body_text(tree: Tree, children: dict[int, list[int]], number: int, more: fl
 
 
 def _principal(joint: Joint) -> tuple[Array, Array]:
-    """Principal moments, and the axes in columns, of which MuJoCo would get fewer digits.
+    """Principal moments, and the axes in columns; MuJoCo's own would have fewer digits.
 
     Raises `NotApplicableError` if a moment is negative.
     """

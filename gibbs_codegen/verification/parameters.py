@@ -28,7 +28,7 @@ from gibbs_codegen.robot.names import (
 from gibbs_codegen.robot.parts.body import Body, RigidBody, Rod, as_rigid_body
 from gibbs_codegen.robot.parts.constraint import Constraint
 from gibbs_codegen.robot.parts.link import Link
-from gibbs_codegen.robot.parts.part import AnyPart, Number, Part, changed_numbers
+from gibbs_codegen.robot.parts.part import AnyPart, Part, RobotNumber, changed_numbers
 from gibbs_codegen.robot.parts.rotor import Rotor
 from gibbs_codegen.verification.formulation import Formulation, Quantities, formulated
 from gibbs_codegen.verification.newton_euler import NewtonEuler
@@ -125,7 +125,7 @@ class _Mapping:
     def _numbers(self, part: Part, prefix: str, **more: Any) -> dict[str, Any]:
         """The changed numbers of a part, by its fields."""
 
-        def change(number: Number) -> float:
+        def change(number: RobotNumber) -> float:
             if number.key == "delay" and number.value == 0.0:  # There is nothing to follow.
                 return 0.0
             # Batteries give power either way.

@@ -36,7 +36,7 @@ class Pinocchio:
             self._places[self._model.joints[self._ids[number]].idx_v] = joint.place
 
     def _add_carried(self, carrier: int) -> None:
-        """Add what hangs on a joint, all of one branch before the next, as Pinocchio wants it."""
+        """Add the bodies on a joint, all of one branch before the next, as Pinocchio wants it."""
         for number, joint in enumerate(self.tree.joints):
             if joint.parent != carrier:
                 continue

@@ -103,7 +103,7 @@ class States:
         return _SHORT * fastest[0] / fastest[1]
 
     def placed(self, tree: Tree) -> tuple[Tree, States]:
-        """The tree of a base with a quaternion, placed where the base is, and what its joints do.
+        """The tree of a base with a quaternion, placed at the base, and the states of its joints.
 
         The base's joints are at zero then; without a quaternion, what is given.
         """

@@ -263,7 +263,7 @@ class PassiveJoints(NamedTuple):
         return np.abs(self.damping * v) + pulling, np.sum(pulling * stretch, axis=-1)
 
     def energies(self, q: Array, v: Array) -> tuple[Array, Array]:
-        """Kinetic energy of what turns with joints alone, and the springs' potential, (…), J."""
+        """Kinetic energy of drives that turn with joints, and the springs' potential, (…), J."""
         kinetic = 0.5 * np.sum(self.armature * v**2, axis=-1)
         return kinetic, 0.5 * np.sum(self.stiffness * (q - self.rest) ** 2, axis=-1)
 

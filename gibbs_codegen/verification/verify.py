@@ -1,4 +1,4 @@
-"""Verification of a generated module: what is compared with what, in which order.
+"""Verification of a generated module: its comparisons and their order.
 
 compare_contents    names and parameters       with the robot file            (contents)
 Expected            every function at states   with formulations that share   (equations)

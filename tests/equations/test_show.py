@@ -40,8 +40,8 @@ from gibbs_codegen.robot.names import coordinate_of
 from gibbs_codegen.robot.parts.base import Base
 from gibbs_codegen.robot.parts.body import Rod
 from gibbs_codegen.robot.parts.link import Link
-from gibbs_codegen.robot.placement import turn
-from gibbs_codegen.robot.posture import AT_ORIGIN, Frame, frames_on
+from gibbs_codegen.robot.posture import AT_ORIGIN, PlacedFrame, frames_on
+from gibbs_codegen.robot.rotations import turn
 from gibbs_codegen.symbolic.tape import InlineTape
 
 PAPER = read_robot("hexarotor_3link")[0]
@@ -436,7 +436,7 @@ def test_the_table_of_frames_says_where_every_axis_is(robot: Robot) -> None:
             values[symbol] = value(meant, values)
         frame = AT_ORIGIN
         if robot.base.rotors:
-            frame = Frame(drawn.rods[0].origin, drawn.rods[0].axes)
+            frame = PlacedFrame(drawn.rods[0].origin, drawn.rods[0].axes)
         for i, row in zip(chain.path, item_frames(readable), strict=True):
             gamma, x, y, z, alpha, d, theta = (float(e.xreplace(values)) for e in row[1:])
             frame = frame.within(turn(2, np.deg2rad(gamma)), np.zeros(3))

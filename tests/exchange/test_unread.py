@@ -65,6 +65,14 @@ REPORTED: list[tuple[str, dict[str, str], str, str]] = [
         for flag in ("<gravity>0</gravity>", "<turnGravityOff>true</turnGravityOff>")
     ),
     (SDF, {"link": "<gravity>false</gravity>"}, "b", "no gravity acts on it in Gazebo; here it"),
+    (SDF, {"link": "<gravity>0.5</gravity>"}, "b", "said by 0.5, not by true or false; here it"),
+    *(
+        (URDF, {"robot": f'<gazebo reference="{name}"><gravity>no</gravity></gazebo>'}, name, words)
+        for name, words in {
+            "a": "said by no, not by true or false; here it has its weight",
+            "aa": "<gazebo> refers to it in line 3; there is no such link or joint; did you mean a",
+        }.items()
+    ),
     (URDF, {"joint": '<dynamics damping="1" coulomb="2"/>'}, "coulomb of <dynamics>", "2, line 3"),
     (URDF, {"robot": '<loop_joint name="l"/>'}, "<loop_joint> in <robot>", "l, line 3"),
     (URDF, {"inertial": '<mass value="1"/>'}, "b", "no inertia in the file"),
@@ -163,6 +171,15 @@ def test_what_cannot_be_imported_is_refused_with_its_place(
 ) -> None:
     with pytest.raises(GibbsCodegenError, match=re.escape(message)):
         imported(form, tmp_path, **parts)
+
+
+def test_shapes_in_frames_with_a_class_have_the_mass_of_their_body(tmp_path: Path) -> None:
+    shape = '<frame childclass="c"><geom size="0.1" mass="3"/></frame>'
+    text = f"""<mujoco><default><default class="c"/></default><worldbody><body name="b"><freejoint/>
+        {shape}</body></worldbody></mujoco>"""
+    (tmp_path / "source.xml").write_text(text)
+    robot, _ = import_robot(tmp_path / "source.xml", ImportOptions("quaternion"))
+    assert robot.total_mass == 3.0
 
 
 def test_gravity_that_is_switched_off_is_none(tmp_path: Path) -> None:

@@ -63,6 +63,22 @@ def test_writes_and_replaces(tmp_path: Path) -> None:
     assert os.listdir(target.parent) == ["robot"]
 
 
+@pytest.mark.parametrize(("first", "second"), [("x", "x_batch"), ("x_each", "x")])
+def test_robots_whose_sources_have_one_name_are_not_put_side_by_side(
+    first: str, second: str, tmp_path: Path
+) -> None:
+    def files(name: str) -> dict[str, str]:
+        return {**FILES, **{f"{name}{end}.c": HEADER for end in ("", "_batch", "_each")}}
+
+    write_module(tmp_path / first, files(first))
+    before = tree(tmp_path)
+    with pytest.raises(UsageError, match=r"x_\w+\.c would have the name of a file of .*choose"):
+        write_module(tmp_path / second, files(second))
+    assert tree(tmp_path) == before
+    write_module(tmp_path / first, {**files(first), "numpy_module.py": HEADER})
+    write_module(tmp_path / f"{first}2", files(f"{first}2"))
+
+
 def test_a_failure_leaves_what_was_there(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     target = tmp_path / "robot"
     write_module(target, FILES)

@@ -7,7 +7,7 @@ from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
 from types import ModuleType
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import pytest
@@ -263,11 +263,22 @@ def test_names_will_do_for_robot_and_scenario(shipped: Load) -> None:
     assert by_name.q == pytest.approx(simulate(module, read_scenario("hover")).q)
 
 
-def test_open_loop_that_becomes_impossible_is_refused_with_its_time(shipped: Load) -> None:
-    """The line begins to move at 1 s, sideways of what four rotors command."""
+def test_open_loop_that_becomes_impossible_is_refused_with_its_time(
+    shipped: Load, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The line begins to move at 1 s, sideways of what four rotors command; nothing is compiled."""
+    backends = []
+
+    def load_noted(robot: Path, backend: Literal["numpy", "c"] = "numpy") -> ModuleType:
+        backends.append(backend)
+        return load(robot, backend)
+
+    monkeypatch.setattr("gibbs_codegen.flight.simulation.load", load_noted)
     scenario = read_scenario("line", {"control": {"law": "open_loop"}})
+    folder = Path(shipped("quadrotor_2link").__file__ or "").parent
     with pytest.raises(AllocationError, match=r"from t = 1\.005 s on the motion needs force"):
-        simulate(shipped("quadrotor_2link"), scenario)
+        simulate(folder, scenario)
+    assert backends == ["numpy"]
 
 
 def test_masses_of_no_body_are_refused(shipped: Load) -> None:

@@ -123,6 +123,14 @@ def test_what_does_not_go_together_is_refused(good: str, bad: str, words: str) -
             'command: missing: give "throttle"; thrusts are commanded without thrust_constant, '
             "command_limits, full_speed",
         ),
+        (
+            "command = 'throttle'\nfull_sped = 900\nmax_thrust = 9",
+            "full_sped: unknown key; did you mean full_speed?",
+        ),
+        (
+            "command = 'throttle'\nfull_speed = 900\nmax_trust = 9",
+            "max_trust: unknown key; did you mean max_thrust?",
+        ),
     ],
 )
 def test_a_command_that_is_wrong_or_missing_is_one_fault(bad: str, words: str) -> None:

@@ -65,6 +65,12 @@ def test_robots_that_ship_are_plausible(name: str) -> None:
         ("0.01, 0.01, 0.02", "1e4, 1e4, 2e4", "the inertia of the base is that of its mass at"),
         ("1e-4, 1e-4, 1e-4", "1e2, 1e2, 1e2", "the inertia of link 1 is"),
         ("drag = -0.02", "drag = -20", "the drag of rotor 2 is -20 m"),
+        (
+            "drag = -0.02",
+            "drag = -0.02\ntime_constant = 40",
+            "the greatest time constant of rotor 2 is 40 s; is it in milliseconds? (these would be "
+            "0.04 s)",
+        ),
         ("limits_deg", "limits", "a limit of link 1 is -180 rad, more than a turn"),
     ],
 )

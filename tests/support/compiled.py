@@ -185,10 +185,12 @@ class Library:
             number = ctypes.c_float if self.real is np.float32 else ctypes.c_double
         return np.array((number * size).in_dll(self._library, f"{self._name}_{name}"))
 
-    def call(self, name: str, *arguments: Array | int) -> int:
-        """Call a function whose arguments are arrays of reals and counts."""
+    def call(self, name: str, *arguments: Array | int | None) -> int:
+        """Call a function whose arguments are arrays of reals, NULL, and counts."""
         c_arguments = [
-            ctypes.c_size_t(a) if isinstance(a, int) else ctypes.c_void_p(a.ctypes.data)
+            ctypes.c_size_t(a)
+            if isinstance(a, int)
+            else ctypes.c_void_p(None if a is None else a.ctypes.data)
             for a in arguments
         ]
         return int(self._library[f"{self._name}_{name}"](*c_arguments))

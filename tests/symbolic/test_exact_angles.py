@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Iterator
 from fractions import Fraction
 
@@ -12,6 +13,7 @@ from support.derived import derived
 
 from gibbs_codegen.program.nodes import Node, Number, Product
 from gibbs_codegen.robot.file import read_robot
+from gibbs_codegen.symbolic.numbers import exact
 from gibbs_codegen.symbolic.vectors import cos_sin_deg, gather, structural_number
 
 
@@ -51,6 +53,20 @@ def test_sums_over_a_regular_polygon_vanish_exactly(count: int) -> None:
 def test_what_does_not_vanish_stays() -> None:
     x, y = sp.symbols("x y")
     assert gather(sp.sqrt(3) * x / 2 + sp.sqrt(3) * x / 2 - y + y) == sp.sqrt(3) * x
+
+
+@pytest.mark.parametrize(
+    ("number", "expected"),
+    [
+        (math.cos(math.pi / 6), sp.sqrt(3) / 2),
+        (-0.6250000000000001, sp.Rational(-5, 8)),
+        (3 * math.sqrt(3) / 8, 3 * sp.sqrt(3) / 8),
+        (1e-17, 0),
+        (math.cos(0.3), sp.Float(math.cos(0.3), 40)),
+    ],
+)
+def test_entries_of_directions_are_roots_of_fractions(number: float, expected: sp.Expr) -> None:
+    assert exact(number) == expected
 
 
 @pytest.mark.parametrize("number", [1.0, -1.0, 0.0])

@@ -217,6 +217,27 @@ def test_unused_lanes_do_not_matter(count: int, strict: tuple[Emitted, Library])
         assert found[0] == found[1] == found[2]
 
 
+@pytest.mark.parametrize("wanted", [0, 1])
+def test_an_output_that_is_null_is_not_computed(
+    wanted: int, strict: tuple[Emitted, Library]
+) -> None:
+    """For one state and for a block of states; the other output is NumPy's."""
+    emitted, library = strict
+    q, v = (states(emitted.module)[name][:LANES] for name in "qv")
+    expected = emitted.module.mass_matrix_and_residual(q, v)[wanted]
+    found = np.full((2, *expected.shape), np.nan)
+    name = "mass_matrix_and_residual"
+    for one_q, one_v, one in zip(q, v, found[0], strict=True):
+        outputs = [one if place == wanted else None for place in (0, 1)]
+        library.call(name, library.constants, one_q, one_v, *outputs)
+    block = np.full(expected.size, np.nan)
+    outputs = [block if place == wanted else None for place in (0, 1)]
+    rows = [library.blocks(x, np.array(np.nan)) for x in (q, v)]
+    library.call(f"{name}_batch", library.constants, LANES, *rows, *outputs)
+    found[1] = block.reshape(-1, LANES).T.reshape(expected.shape)
+    assert max(deviation(x, expected) for x in found) <= 1e-14
+
+
 def test_no_states_are_none(strict: tuple[Emitted, Library]) -> None:
     emitted, library = strict
     for signature in emitted.signatures():
@@ -425,6 +446,19 @@ def test_constants_of_less_precision_than_the_rest_do_not_compile(
     compile_only("gcc", [*options, robot.single], robot.sources[:1], tmp_path)
     with pytest.raises(pytest.fail.Exception, match="constants_are_double"):
         compile_only("gcc", options, robot.sources[:1], tmp_path)
+
+
+def test_a_runtime_of_another_version_does_not_compile(
+    emitted: Callable[[str], Emitted], tmp_path: Path
+) -> None:
+    robot = emitted(SMALL)
+    text = (robot.folder / RUNTIME).read_text(encoding="utf-8")
+    older = re.sub(r"(#define GIBBS_RUNTIME_VERSION) \d+", r"\1 1", text)
+    for ending in (".h", ".c"):
+        (tmp_path / f"{SMALL}{ending}").write_text(robot.text(ending), encoding="utf-8")
+    (tmp_path / RUNTIME).write_text(older, encoding="utf-8")
+    with pytest.raises(pytest.fail.Exception, match="is of another version: generate it and this"):
+        compile_only("gcc", ["-fsyntax-only"], [str(tmp_path / f"{SMALL}.c")], tmp_path)
 
 
 @pytest.mark.slow

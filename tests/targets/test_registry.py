@@ -6,6 +6,8 @@ import ast
 import re
 import subprocess
 import sys
+from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from types import ModuleType
 
@@ -18,6 +20,7 @@ from gibbs_codegen.cli.app import main
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.files.templating import render
 from gibbs_codegen.interface import FUNCTIONS
+from gibbs_codegen.program.choice import chosen_functions
 from gibbs_codegen.robot.family import paper_family
 from gibbs_codegen.robot.file import read_robot, shipped_robots
 from gibbs_codegen.targets.printers import InfixPrinter
@@ -25,7 +28,9 @@ from gibbs_codegen.targets.registry import (
     DEFAULT_TARGETS,
     TARGETS,
     Target,
+    called,
     find_targets,
+    generating_options,
     header,
     render_module,
 )
@@ -153,6 +158,28 @@ def test_a_target_that_is_not_by_default_is_emitted_and_named_only_where_asked_f
     with pytest.raises(SystemExit):
         main(["generate", "--help"])
     assert f"default: {' and '.join(DEFAULT_TARGETS)}" in " ".join(capsys.readouterr().out.split())
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("targets", "functions", "expected"),
+    [
+        (("numpy", "c"), None, []),
+        (("numpy", "fmu"), None, ["--target numpy", "--target fmu"]),
+        (
+            ("numpy", "fmu"),
+            ["default", "gibbs"],
+            ["--target numpy", "--target fmu", "--functions=default,gibbs"],
+        ),
+    ],
+)
+def test_options_are_those_that_were_given(
+    targets: Sequence[str], functions: list[str] | None, expected: list[str]
+) -> None:
+    """An FMU brings functions of its own, which nobody has asked for by an option."""
+    found = chosen_functions(called(find_targets(targets), functions))
+    model = replace(derived(paper_family(4, 1)), functions=found)
+    assert generating_options(targets, model) == expected
 
 
 @pytest.mark.slow

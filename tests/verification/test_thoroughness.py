@@ -20,7 +20,7 @@ from gibbs_codegen.errors import WrongModuleError
 from gibbs_codegen.robot.file import parse_robot, read_robot
 from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.runtime.load import load
-from gibbs_codegen.runtime.rollouts import Motors, Problem, Rollout, numpy_rollout
+from gibbs_codegen.runtime.rollouts import MotorModel, Problem, Rollout, numpy_rollout
 from gibbs_codegen.targets.registry import render_module
 from gibbs_codegen.verification import c_program
 from gibbs_codegen.verification.c_program import compare_rollouts, compare_single_precision
@@ -236,7 +236,7 @@ def test_rollouts_that_ignore_wrenches_are_found_beside_light_links(
 
 
 def test_a_lag_of_one_rotor_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
-    def instant(problem: Problem) -> Motors | None:
+    def instant(problem: Problem) -> MotorModel | None:
         motors = problem.motors
         return motors and replace(motors, time_constants=0.0 * motors.time_constants)
 

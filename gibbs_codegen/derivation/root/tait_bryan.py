@@ -46,7 +46,7 @@ from gibbs_codegen.symbolic.vectors import (
 
 @dataclass(frozen=True)
 class TaitBryanDerivatives:
-    """Axes and rotations of the angles, and what each does in its frame.
+    """Axes and rotations of the angles, and the motion of each in its frame.
 
     `inner` are the rotations from the root's group frame to the frame between the second and the
     third angle.
@@ -230,7 +230,7 @@ class _Changes:
         return self._with(column, angles, linear)
 
     def _less(self, column: Values, bias: Vector) -> Values:
-        """A column less what a change of b takes from the angles' accelerations."""
+        """A column less the effect of a change of b on the angles' accelerations."""
         angles = self.frame.angles(self.tape, bias)
         return self._with(column, [-angle for angle in angles], ZERO)
 

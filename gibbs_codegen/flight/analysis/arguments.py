@@ -18,12 +18,12 @@ from gibbs_codegen.runtime.load import load
 _LENGTH = 1e-3
 
 
-def coordinates(vehicle: Vehicle, given: ArrayLike) -> Array:
+def coordinates(vehicle: Vehicle, values: ArrayLike) -> Array:
     """Coordinates (nq) of a robot, of which a quaternion is normalised.
 
     Raises `UsageError`, also if its length is not 1.
     """
-    q = vector(f"q ({', '.join(vehicle.coordinates)})", given, len(vehicle.coordinates))
+    q = vector(f"q ({', '.join(vehicle.coordinates)})", values, len(vehicle.coordinates))
     length = float(np.linalg.norm(q[vehicle.layout.q.attitude]))
     if vehicle.layout.is_quaternion and abs(length - 1.0) > _LENGTH:
         raise UsageError(

@@ -42,7 +42,7 @@ def reachable_wrenches(
     """
     vehicle = vehicle_of(robot, parameters)
     place = None if frame is None else vehicle.frame_place(frame, "frame")
-    found = trim(
+    hovering_trim = trim(
         vehicle.module,
         posture,
         posture_deg=posture_deg,
@@ -50,18 +50,18 @@ def reachable_wrenches(
         limits=limits,
         parameters=parameters,
     )
-    thrusts = found.limits[:, : vehicle.rotors]
+    thrusts = hovering_trim.limits[:, : vehicle.rotors]
     if not np.isfinite(thrusts).all():
         raise UsageError(
             f"{vehicle.name}: reachable wrenches need the limits of every rotor; give limits= as "
             "(least, most), N"
         )
     if place is None:
-        point = vehicle.centre_of_mass(found.q)
+        point = vehicle.centre_of_mass(hovering_trim.q)
     else:
-        point = vehicle.frame_poses(found.q)[place, :3, 3]
-    centre = found.q[vehicle.layout.q.position] + vehicle.centre_offset(found.q)
-    away = vehicle.base_rotation(found.q).T @ (point - centre)
-    columns = about(vehicle.thrust_wrenches(found.q), away)
-    hovering = found.u[: vehicle.rotors]
+        point = vehicle.frame_poses(hovering_trim.q)[place, :3, 3]
+    centre = hovering_trim.q[vehicle.layout.q.position] + vehicle.centre_offset(hovering_trim.q)
+    away = vehicle.base_rotation(hovering_trim.q).T @ (point - centre)
+    columns = about(vehicle.thrust_wrenches(hovering_trim.q), away)
+    hovering = hovering_trim.u[: vehicle.rotors]
     return ReachableWrenches(vehicle.name, frame or CENTRE_OF_MASS, columns, thrusts, hovering)

@@ -208,19 +208,19 @@ def _safest(inputs: Balancing, limits: Array, counts: Array) -> Array | None:
     without bound.
     """
     rows, bounds, places = _rows(inputs, limits)
-    found = linprog(
+    solution = linprog(
         np.append(np.zeros(rows.shape[1]), -1.0),
         A_ub=np.column_stack([-rows, counts[places]]),
         b_ub=-bounds,
         bounds=(None, None),
         method="highs",
     )
-    if found.status == 3:
+    if solution.status == 3:
         raise UsageError(
             "widest_margin: margins need limits on either side of the thrusts; give limits= as "
             "(least, most), N"
         )
-    return inputs.least + inputs.idle @ found.x[:-1] if found.success else None
+    return inputs.least + inputs.idle @ solution.x[:-1] if solution.success else None
 
 
 def _least(inputs: Balancing, limits: Array, safe: Array) -> Array:
@@ -419,24 +419,24 @@ def trim(
         actuators.thrusts[:] = ends.reshape(2, -1)
     start = _start(vehicle, q, posture=posture, posture_deg=posture_deg)
     places, bounds = _freedom(vehicle, actuators, start, free)
-    found = equilibrium(motion, start, places, bounds)
-    _require_balance(motion, found, bool(places))
-    force = motion.force(found)
-    inputs = Balancing.of(vehicle, found, force)
+    balanced = equilibrium(motion, start, places, bounds)
+    _require_balance(motion, balanced, bool(places))
+    force = motion.force(balanced)
+    inputs = Balancing.of(vehicle, balanced, force)
     u = chosen_inputs(vehicle, inputs, actuators.inputs, aim)
-    v, a = motion.rates(found)
-    rotation, layout = vehicle.base_rotation(found), vehicle.layout
+    v, a = motion.rates(balanced)
+    rotation, layout = vehicle.base_rotation(balanced), vehicle.layout
     turn = vehicle.base_rotation(start).T @ rotation
-    own = layout.q.attitude
-    attitude = dict(zip(layout.q.names[own], found[own].tolist(), strict=True))
+    places_q = layout.q.attitude
+    attitude = dict(zip(layout.q.names[places_q], balanced[places_q].tolist(), strict=True))
     if layout.is_quaternion:
         angles = roll_pitch_yaw(rotation).tolist()
         attitude = dict(zip(("roll", "pitch", "yaw"), angles, strict=True))
-    idle = null_space(vehicle.thrust_wrenches(found).T)
-    beyond, command, x, units = _beyond(vehicle, actuators.joints, found), None, None, {}
+    idle = null_space(vehicle.thrust_wrenches(balanced).T)
+    beyond, command, x, units = _beyond(vehicle, actuators.joints, balanced), None, None, {}
     room = None
     if names := getattr(vehicle.module, "COMMANDS", ()):
-        command, x = kept_commands(vehicle, found, v, u)
+        command, x = kept_commands(vehicle, balanced, v, u)
         units = dict(zip(names, vehicle.module.COMMAND_UNITS, strict=True))
         ends = command_limits(vehicle.module)
         beyond += beyond_limits(names, units.values(), command, ends)
@@ -446,14 +446,14 @@ def trim(
         input_names=vehicle.inputs,
         joint_units=layout.q.units[vehicle.arm],
         input_units=vehicle.input_units,
-        q=found,
+        q=balanced,
         v=v,
         a=a,
         u=u,
         attitude=attitude,
-        posture=dict(zip(vehicle.joint_names, found[vehicle.arm].tolist(), strict=True)),
+        posture=dict(zip(vehicle.joint_names, balanced[vehicle.arm].tolist(), strict=True)),
         wrenches=acting,
-        residual=float(np.abs(force - vehicle.input_matrix(found) @ u).max()),
+        residual=float(np.abs(force - vehicle.input_matrix(balanced) @ u).max()),
         limits=actuators.inputs,
         margins=margins(u, actuators.inputs),
         null_space=idle,
@@ -488,8 +488,8 @@ def _start(vehicle: Vehicle, q: ArrayLike | None, **tables: Mapping[str, float] 
         unit = "degrees" if table.endswith("_deg") else "rad or m"
         if not isinstance(posture, Mapping | None):
             raise UsageError(f"{table}: a dictionary of joints and their coordinates in {unit}")
-        for name, given in (posture or {}).items():
-            value = numbers(f"{table}: {name}", given, f"a finite number, {unit}", ())
+        for name, value_of in (posture or {}).items():
+            value = numbers(f"{table}: {name}", value_of, f"a finite number, {unit}", ())
             place = vehicle.layout.q.joint_places[joint_place(vehicle, name)]
             turns, most = vehicle.layout.q.units[place] == "rad", ends[joint_place(vehicle, name)]
             if unit != "degrees" and turns and abs(value) > most:
@@ -524,9 +524,9 @@ def _freedom(
             bounds += [(-np.inf, np.inf)] * 3
             continue
         if name not in vehicle.joint_names:
-            known = ", ".join([f'"{ATTITUDE}"', *vehicle.joint_names])
+            choices = ", ".join([f'"{ATTITUDE}"', *vehicle.joint_names])
             hint = near(name, [ATTITUDE, *vehicle.joint_names]) or ";"
-            words = f"has no joint {printable(name, 60)}{hint} what may differ: {known}"
+            words = f"has no joint {printable(name, 60)}{hint} what may differ: {choices}"
             raise UsageError(f"free: {vehicle.name} {words}")
         joint = joint_place(vehicle, name)
         low, high = actuators.joints[:, joint] - start[layout.q.joint_places[joint]]

@@ -121,7 +121,7 @@ class Machine:
         suite = SensorSuite(self.vehicle, Sensors(**chosen))
         # Places of the scenario's sensors in the telemetry.
         pairs = zip(_USUAL, suite.devices, suite.places, strict=True)
-        self._own = {device.name: place for kind, device, place in pairs if getattr(sensors, kind)}
+        self._rows = {device.name: place for kind, device, place in pairs if getattr(sensors, kind)}
         closed, law = loop_program(self.loop, Loads(inputs=())), self.loop.controller
         values = {"least": least, "most": most, "low": travel[0], "high": travel[1]}
         values |= {"stiffness": law.gains.stiffness, "damping": law.gains.damping}
@@ -174,8 +174,8 @@ class Machine:
         inputs["x"][...], inputs["a"][...] = self.simulation.state, self.simulation.a
         self._telling.run()
         telemetry = self._telling.outputs["told"].copy()
-        sensed = self.simulation.sensors if self._own else {}
-        for name, place in self._own.items():
+        sensed = self.simulation.sensors if self._rows else {}
+        for name, place in self._rows.items():
             if np.isfinite(values := sensed[name].values).all():
                 telemetry[place] = values
         layout, attitude = self.vehicle.layout, telemetry[len(self._places) :]

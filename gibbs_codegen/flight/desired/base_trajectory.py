@@ -138,7 +138,7 @@ BOUND = 1e12
 
 @dataclass(frozen=True)
 class Deviation:
-    """Where pieces leave the motion: in which piece, at what time (s), and how far, in a unit."""
+    """A deviation of pieces from the motion: its piece, time (s), and size in a unit."""
 
     piece: int
     time: float
@@ -169,7 +169,7 @@ def check_times(time: Array) -> Array:
 
 
 def tolerance(size: float | Array) -> float | Array:
-    """How far pieces may be from a motion of such a largest coordinate or position, rad or m."""
+    """The tolerance of pieces for a largest coordinate or position of a motion, rad or m."""
     return _TOLERANCE + _ROUNDING * size
 
 

@@ -119,8 +119,8 @@ def _damped_step(jacobian: Array, error: Array, damping: float, room: JointBound
     bounds = (np.minimum(room[0], 0.0) - slack, np.maximum(room[1], 0.0) + slack)
     stacked = np.vstack([jacobian, np.sqrt(weight) * np.eye(len(step))])
     desired = np.concatenate([error, np.zeros(len(step))])
-    found: Array = lsq_linear(stacked, desired, bounds=bounds, method="bvls").x
-    return np.clip(found, *room)
+    step_within: Array = lsq_linear(stacked, desired, bounds=bounds, method="bvls").x
+    return np.clip(step_within, *room)
 
 
 def first_posture(
@@ -142,15 +142,15 @@ def first_posture(
     for share in halton(_GUESSES, vehicle.joints):
         start = q.copy()
         start[vehicle.arm] = low + share * (high - low)
-        found, distance = reach(vehicle, start, target, limits)
-        joints = found[vehicle.arm]  # Those that turn without limits get angles within [−π, π).
-        found[vehicle.arm] = np.where(endless, (joints + np.pi) % (2.0 * np.pi) - np.pi, joints)
-        postures.append((found, distance))
-    found, distance = min(postures, key=lambda posture: posture[1])
+        there, distance = reach(vehicle, start, target, limits)
+        joints = there[vehicle.arm]  # Those that turn without limits get angles within [−π, π).
+        there[vehicle.arm] = np.where(endless, (joints + np.pi) % (2.0 * np.pi) - np.pi, joints)
+        postures.append((there, distance))
+    there, distance = min(postures, key=lambda posture: posture[1])
     if distance > REACHED:
-        return found, distance
+        return there, distance
     reached = [posture for posture in postures if posture[1] <= REACHED]
-    measures = [_least_singular_value(vehicle, found) for found, _ in reached]
+    measures = [_least_singular_value(vehicle, there) for there, _ in reached]
     # Elbow up or down, say, are as good as each other: then the joints nearest to 0.
     best = [p for p, m in zip(reached, measures, strict=True) if m >= 0.999 * max(measures)]
 
@@ -169,7 +169,7 @@ def arm_length(vehicle: Vehicle, q: Array) -> float:
 
 
 def is_singular(vehicle: Vehicle, q: Array) -> bool:
-    """Whether there is a direction in which the joints all but cannot move the tip."""
+    """True if there is a direction in which the joints all but cannot move the tip."""
     return _least_singular_value(vehicle, q) < _NEARLY_SINGULAR * arm_length(vehicle, q)
 
 
@@ -207,16 +207,16 @@ def arm_rates(
     q, v, a = state[0], state[1].copy(), state[2].copy()
     v[arm] = a[arm] = 0.0
     jacobian = vehicle.tip_jacobian(q)[:3]
-    own = jacobian[:, arm]
-    found = _braking(q[vehicle.arm], own, target[1] - jacobian @ v, limits)
-    v[arm], free = found.rates, found.share > 0.0
+    matrix = jacobian[:, arm]
+    braking = _braking(q[vehicle.arm], matrix, target[1] - jacobian @ v, limits)
+    v[arm], free = braking.rates, braking.share > 0.0
     bias = vehicle.tip_bias_acceleration(q, v)[:3]
-    a[arm] = found.growth
-    a[arm] += found.share * (found.inverse @ (target[2] - jacobian @ a - bias))
+    a[arm] = braking.growth
+    a[arm] += braking.share * (braking.inverse @ (target[2] - jacobian @ a - bias))
     missing = _missing(jacobian @ v - target[1], "speed, m/s") or _missing(
         jacobian @ a + bias - target[2], "acceleration, m/s²"
     )
-    rank = np.linalg.matrix_rank(own * free, _RANK * np.linalg.norm(own))
+    rank = np.linalg.matrix_rank(matrix * free, _RANK * np.linalg.norm(matrix))
     redundant = not missing and bool(rank < np.sum(free))
     if redundant:
         # The derivative of J⁺ẋ in the null space of J: (1 − J⁺J) J̇ᵀ J⁺ᵀ v.
@@ -224,10 +224,10 @@ def arm_rates(
             vehicle.tip_jacobian(vehicle.integrate(q, sign * _DIFFERENCE * v))[:3, arm]
             for sign in (1.0, -1.0)
         )
-        jacobian_rate = found.share * (ahead - behind) / (2.0 * _DIFFERENCE)
-        jacobian_rate += own * found.share_rate
-        growth = jacobian_rate.T @ found.multipliers
-        a[arm] += found.share * (growth - found.inverse @ (own @ (found.share * growth)))
+        jacobian_rate = braking.share * (ahead - behind) / (2.0 * _DIFFERENCE)
+        jacobian_rate += matrix * braking.share_rate
+        growth = jacobian_rate.T @ braking.multipliers
+        a[arm] += braking.share * (growth - braking.inverse @ (matrix @ (braking.share * growth)))
     return ArmRates(v[arm], a[arm], ~free, redundant, missing)
 
 
@@ -344,7 +344,7 @@ class _Continuation:
         self.vehicle, self.limits, self.targets, self.time = vehicle, limits, targets, base.time
         self.q, self.v, self.a = base.q.copy(), base.v.copy(), base.a.copy()
         # Of the joints (s, n).
-        self.rates, self.accelerations = (each[:, vehicle.arm_rates] for each in (self.v, self.a))
+        self.rates, self.accelerations = (x[:, vehicle.arm_rates] for x in (self.v, self.a))
         self.distances = np.zeros(len(base.time))
         self.at_limit: Flags = np.zeros(vehicle.joints, dtype=bool)
         self.singular = ""
@@ -352,7 +352,7 @@ class _Continuation:
 
     @property
     def out_of_reach(self) -> bool:
-        """Whether there is a knot that the tip does not reach."""
+        """True if there is a knot that the tip does not reach."""
         return bool(np.any(self.distances > REACHED))
 
     def start(self, guess: Array | None) -> None:
@@ -375,11 +375,11 @@ class _Continuation:
         self.tried.append(k)
         if self.distances[k] > REACHED:
             return
-        found = self._set_rates(k)
-        if found.redundant and self.distances[last] <= REACHED:
-            found = self._correct(k, last)
-        if not found.missing:
-            self.at_limit = found.at_limit
+        rates_of_arm = self._set_rates(k)
+        if rates_of_arm.redundant and self.distances[last] <= REACHED:
+            rates_of_arm = self._correct(k, last)
+        if not rates_of_arm.missing:
+            self.at_limit = rates_of_arm.at_limit
 
     def _beyond(self, joints: Array) -> Flags:
         return (joints < self.limits[0]) | (joints > self.limits[1])
@@ -391,27 +391,27 @@ class _Continuation:
         to be driven into it again.
         """
         vehicle, (low, high), target = self.vehicle, self.limits, self.targets[k, 0]
-        found, distance = self.q[k], np.inf
+        posture, distance = self.q[k], np.inf
         if np.any(at_limit):
-            joints = np.clip(found[vehicle.arm], low, high)
+            joints = np.clip(posture[vehicle.arm], low, high)
             narrow = np.where(at_limit, joints, low), np.where(at_limit, joints, high)
-            found, distance = reach(vehicle, found, target, narrow)
+            posture, distance = reach(vehicle, posture, target, narrow)
         if distance > REACHED:
-            found, distance = reach(vehicle, self.q[k], target, self.limits)
-        self.q[k], self.distances[k] = found, distance
+            posture, distance = reach(vehicle, self.q[k], target, self.limits)
+        self.q[k], self.distances[k] = posture, distance
 
     def _set_rates(self, k: int) -> ArmRates:
         """Find rates and accelerations of the arm at knot k."""
         vehicle = self.vehicle
-        found = arm_rates(vehicle, (self.q[k], self.v[k], self.a[k]), self.targets[k], self.limits)
-        self.rates[k], self.accelerations[k] = found.rates, found.accelerations
-        if found.missing:
+        rates = arm_rates(vehicle, (self.q[k], self.v[k], self.a[k]), self.targets[k], self.limits)
+        self.rates[k], self.accelerations[k] = rates.rates, rates.accelerations
+        if rates.missing:
             self.singular = self.singular or (
                 f"the arm is singular or at its limits at t = {self.time[k]:.6g} s: its joints "
                 f"({', '.join(vehicle.joint_names)}) cannot move the tip as its path wants; "
-                f"{found.missing}"
+                f"{rates.missing}"
             )
-        return found
+        return rates
 
     def _correct(self, k: int, last: int) -> ArmRates:
         """Make the joints of a redundant arm at knot k the integral of their rates since `last`.
@@ -428,10 +428,10 @@ class _Continuation:
             q[k, arm] = np.where(at_limit, q[k, arm], integral)
             at_limit = at_limit | self._beyond(integral)
             self._reach(k, at_limit)
-            found = self._set_rates(k)
-            if found.missing:
+            rates = self._set_rates(k)
+            if rates.missing:
                 break
-        return found
+        return rates
 
     def _posture_for_path(self, singular: Array) -> Array:
         """Coordinates (nq) at the first knot that suit the way the path goes on.
@@ -446,13 +446,13 @@ class _Continuation:
         if not np.any(away):
             return singular
         ahead = int(np.argmax(away))
-        found, distance = first_posture(vehicle, self.q[ahead], places[ahead], limits, None)
+        posture, distance = first_posture(vehicle, self.q[ahead], places[ahead], limits, None)
         for k in reversed(range(ahead)):
-            joints = found[vehicle.arm]
-            found = self.q[k].copy()
-            found[vehicle.arm] = joints
-            found, distance = reach(vehicle, found, places[k], limits)
-        return found if distance <= REACHED else singular
+            joints = posture[vehicle.arm]
+            posture = self.q[k].copy()
+            posture[vehicle.arm] = joints
+            posture, distance = reach(vehicle, posture, places[k], limits)
+        return posture if distance <= REACHED else singular
 
 
 def _check_reached(vehicle: Vehicle, time: Array, q: Array, distances: Array) -> None:
@@ -541,9 +541,9 @@ def desired_with_tip(
 
 
 def _deviation(vehicle: Vehicle, motion: Motion, tip: Path) -> Deviation | None:
-    """Where the tip is farthest from its path between knots, m; None within the tolerance."""
+    """The largest distance of the tip from its path between knots, m; None within the tolerance."""
     reference = vehicle.kinematics.reference(motion)
-    worst, found = 1.0, None
+    worst, worst_place = 1.0, None
     for begin in range(0, len(motion.time) - 1, BATCH):
         every = check_times(motion.time[begin : begin + BATCH + 1])
         places = bounded_path(every, tip, "path of the tip")[:, 0]
@@ -553,5 +553,5 @@ def _deviation(vehicle: Vehicle, motion: Motion, tip: Path) -> Deviation | None:
         instant = int(np.argmax(excess))
         if not excess[instant] <= worst:
             worst = excess[instant]
-            found = Deviation(begin + instant // CHECKS, every[instant], off[instant], "m")
-    return found
+            worst_place = Deviation(begin + instant // CHECKS, every[instant], off[instant], "m")
+    return worst_place

@@ -44,18 +44,18 @@ class LedFrames:
     starts: Array
 
     def targets(self, time: Array) -> Array:
-        """Where the frames are to be (s, 4, m, 3), with three derivatives, world axes."""
+        """Desired places of the frames (s, 4, m, 3), with three derivatives, world axes."""
         out = np.zeros((len(time), ORDERS, len(self.paths), 3))
         for place, (name, path) in enumerate(self.paths.items()):
             out[:, :, place] = bounded_path(time, path, f"path of {name}")
         return out
 
     def misses(self, vehicle: Vehicle, q: Array, targets: Array) -> Array:
-        """How far the frames (s, 3 m) are from their targets, m, world axes."""
+        """Distances of the frames (s, 3 m) from their targets, m, world axes."""
         return np.reshape(self.positions(vehicle, q) - targets[:, 0], (len(q), -1))
 
     def positions(self, vehicle: Vehicle, q: Array) -> Array:
-        """Where the frames are (s, m, 3), world axes."""
+        """Positions of the frames (s, m, 3), world axes."""
         return vehicle.frame_poses(q)[:, self.places][..., :3, 3]
 
     def with_joints(self, vehicle: Vehicle, motion: Motion, numbers: Derivatives | Array) -> Motion:
@@ -99,7 +99,7 @@ def led_frames(
     keys = {name: "arm.tip" if name == "tip" else f"arm.frames.{name}" for name in paths}
     places = np.array([vehicle.frame_place(name, keys[name]) for name in paths], dtype=int)
     bounded = np.isfinite(limits[0]) & np.isfinite(limits[1])
-    low, high = (np.where(bounded, each, 0.0) for each in limits)
+    low, high = (np.where(bounded, limit, 0.0) for limit in limits)
     middle, half = 0.5 * (low + high), np.where(bounded, 0.5 * (high - low), _ENDLESS)
     reach = np.minimum(half, np.pi)
     # Some posture in which nothing is in line.

@@ -97,10 +97,10 @@ def rest_posture(vehicle: Vehicle, limits: JointBounds) -> Array:
     shares = halton(_STARTS, len(places))
     ends = np.clip(-np.pi, low, high), np.clip(np.pi, low, high)
     starts = [-0.3 - 0.1 * np.arange(len(places)), *(ends[0] + shares * (ends[1] - ends[0]))]
-    found = _energy_minima(energy, gradient, np.clip(starts, low, high), low, high)
-    energies = energy(found)
+    minima = _energy_minima(energy, gradient, np.clip(starts, low, high), low, high)
+    energies = energy(minima)
     least = energies.min() + _SAME_ENERGY * np.abs(energies).max()
-    best = found[np.argmax(energies <= least)]
+    best = minima[np.argmax(energies <= least)]
     for place, nearest in enumerate(rest[places]):
         trial = best.copy()
         trial[place] = nearest
@@ -126,16 +126,16 @@ def authority_posture(vehicle: Vehicle, limits: JointBounds, posture: Array) -> 
             for angle in low + shares * (high - low):
                 trial = best.copy()
                 trial[joint] = angle
-                found, value = _command(vehicle, trial)
-                if (found, value) > (directions, strength * _BETTER):
-                    best, directions, strength = trial, found, value
+                count, value = _command(vehicle, trial)
+                if (count, value) > (directions, strength * _BETTER):
+                    best, directions, strength = trial, count, value
         if best is before:
             break
     return best if directions > begin else posture
 
 
 def _command(vehicle: Vehicle, posture: Array) -> tuple[int, float]:
-    """How many directions rotors command in a posture (n), and how strongly the weakest one."""
+    """The number of directions that rotors command in a posture (n), and the least strength."""
     q = vehicle.neutral
     q[vehicle.arm] = posture
     wrenches = vehicle.thrust_wrenches(q)

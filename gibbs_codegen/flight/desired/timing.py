@@ -143,7 +143,7 @@ class ArcLength:
         The latter two are zero where the motion rests. `time` (s) is of the scenario.
         """
         q, v, a = self.reference(time)
-        speed, growth = (each(time)[:, np.newaxis] for each in (self._speed, self._growth))
+        speed, growth = (curve(time)[:, np.newaxis] for curve in (self._speed, self._growth))
         moving = speed > 0.0
         safe = np.where(moving, speed, 1.0)
         direction = np.where(moving, v / safe, 0.0)
@@ -171,16 +171,16 @@ def nodes(arc: ArcLength, stretch: Stretch, spacing: float) -> Array:
     duration, way = stretch.end - stretch.begin, stretch.last - stretch.first
     place = (time - stretch.begin) / duration + (length - stretch.first) / way
     count = max(int(np.ceil(duration / spacing)), 2 * CHECKS)
-    found = np.interp(np.linspace(0.0, 2.0, 2 * count + 1), place, time)
+    times = np.interp(np.linspace(0.0, 2.0, 2 * count + 1), place, time)
     # None so near to an end that rounding would make something of what lies between.
-    way_done = np.interp(found, time, length) - stretch.first
+    way_done = np.interp(times, time, length) - stretch.first
     apart = (way_done > _APART * way) & (way_done < (1.0 - _APART) * way)
-    return np.concatenate([[stretch.begin], found[apart], [stretch.end]])
+    return np.concatenate([[stretch.begin], times[apart], [stretch.end]])
 
 
 @dataclass(frozen=True)
 class TimingLimits:
-    """What the timing of a motion keeps to; infinite where there is no limit.
+    """Limits of the timing of a motion; infinite where there is none.
 
     - `inputs` (2, nu): least and greatest thrusts, N, and torques or forces, N m or N
     - `thrust_rate`: greatest rate of thrusts, N/s
@@ -193,7 +193,7 @@ class TimingLimits:
 
     @property
     def any(self) -> bool:
-        """Whether there is a limit at all."""
+        """True if there is a limit at all."""
         return bool(np.any(np.isfinite(self.inputs)) or np.any(np.isfinite(self.velocities)))
 
 
@@ -223,7 +223,7 @@ def needed_inputs(vehicle: Vehicle, q: Array, v: Array, a: Array) -> Array:
 
 @dataclass(frozen=True)
 class Demand:
-    """What a motion demands at times (s), s.
+    """The demand of a motion at times (s), s.
 
     - `inputs` (s, nu), and `still` (s, nu): those for standing still there
     - `rates` (s, N): of the thrusts, N/s; `velocities` (s, n): of the joints, rad/s or m/s
@@ -237,7 +237,7 @@ class Demand:
 
 
 def demand_of(vehicle: Vehicle, motion: tuple[Array, Array, Array], time: Array) -> Demand:
-    """What a motion (s, nq), (s, nv), (s, nv) demands at times (s), s."""
+    """The demand of a motion (s, nq), (s, nv), (s, nv) at times (s), s."""
     q, v, a = motion
     inputs = needed_inputs(vehicle, q, v, a)
     rates = np.gradient(inputs[:, : vehicle.rotors], time, axis=0)
@@ -265,7 +265,7 @@ def worst_violation(vehicle: Vehicle, demand: Demand, limits: TimingLimits) -> s
     joints, thrusts = vehicle.joint_names, vehicle.inputs[: vehicle.rotors]
     rates = vehicle.layout.v.units[vehicle.arm_rates]
     worst, clause = 0.0, ""
-    for verb, names, series, limit, each in (
+    for verb, names, series, limit, units in (
         ("exceed", vehicle.inputs, demand.inputs, most, vehicle.input_units),
         ("fall below", vehicle.inputs, -demand.inputs, -least, vehicle.input_units),
         ("change faster than", thrusts, np.abs(demand.rates), limits.thrust_rate, ["N/s"]),
@@ -278,7 +278,7 @@ def worst_violation(vehicle: Vehicle, demand: Demand, limits: TimingLimits) -> s
         instant, place = np.unravel_index(np.argmax(over), over.shape)
         worst = over[instant, place]
         value = -limit[place] if verb == "fall below" else limit[place]
-        unit = each[place % len(each)]
+        unit = units[place % len(units)]
         at = f"at t = {demand.time[instant]:.4g} s"
         clause = f"{names[place]} would {verb} {value:g} {unit} {at}"
     return clause
@@ -313,7 +313,7 @@ class Binding:
 
 
 def binding(vehicle: Vehicle, demand: Demand, limits: TimingLimits) -> tuple[Binding, ...]:
-    """Which limits a motion reaches, and when, the earliest first."""
+    """The limits that a motion reaches, with their times, the earliest first."""
     least, most = limits.inputs
     names, thrusts = vehicle.inputs, vehicle.inputs[: vehicle.rotors]
     with np.errstate(invalid="ignore"):
@@ -331,13 +331,13 @@ def binding(vehicle: Vehicle, demand: Demand, limits: TimingLimits) -> tuple[Bin
                 np.abs(demand.velocities) >= _NEAR * limits.velocities,
             ),
         )
-    found = [
+    bindings = [
         Binding(begin, end, f"{what} {name}")
         for what, inputs, flags in reached
         for name, series in zip(inputs, flags.T, strict=True)
         for begin, end in _runs(demand.time, series)
     ]
-    return tuple(sorted(found, key=lambda each: (each.begin, each.end, each.what)))
+    return tuple(sorted(bindings, key=lambda b: (b.begin, b.end, b.what)))
 
 
 def _runs(time: Array, flags: Flags) -> list[tuple[float, float]]:
@@ -464,7 +464,7 @@ class Clock:
     def __call__(self, time: Array) -> Array:
         """Length and three derivatives (s, 4) at times (s), s, from 0 to the duration."""
         inside = np.clip(time, 0.0, self.duration)
-        return np.stack([each(inside) for each in self._derivatives], axis=-1)
+        return np.stack([curve(inside) for curve in self._derivatives], axis=-1)
 
     def scenario_time(self, time: Array) -> Array:
         """Time of the scenario and its three derivatives (…, 4); these are zero where it rests."""
@@ -569,7 +569,7 @@ def time_optimal_motion(
 
 
 def demand_at(vehicle: Vehicle, clock: Clock) -> Demand:
-    """What a timed motion demands, at its knots and between."""
+    """The demand of a timed motion, at its knots and between."""
     time = check_times(clock.knots)
     return demand_of(vehicle, clock.motion(time), time)
 

@@ -169,7 +169,7 @@ class Grid:
 
     @property
     def count(self) -> int:
-        """How many knots there are."""
+        """The number of knots."""
         return len(self.time)
 
     @property
@@ -269,7 +269,7 @@ def _blocks(blocks: Array) -> sparse.csr_array:
 def _cost(
     slopes: Array, columns: int, grid: Grid, gravity: float
 ) -> tuple[sparse.csr_array, Array]:
-    """What is to be least of the unknowns: a quadratic form (s c, s c), weights (c) of squares.
+    """The cost of the unknowns: a quadratic form (s c, s c), weights (c) of squares.
 
     All is without dimension: the roughness of axes and joints, and the shift against the
     acceleration of gravity, at the frequency where the one begins to outweigh the other.
@@ -337,7 +337,7 @@ class UnderactuatedBase:
         return self.led.with_joints(self.vehicle, motion, numbers)
 
     def linear(self, *unknowns: Array) -> tuple[Array, Array]:
-        """What has to vanish (s, r), and its derivatives (3, s, r, c), as `Linear` has them.
+        """Residuals (s, r), and their derivatives (3, s, r, c), as `Linear` has them.
 
         By Newton's law the force on the robot is its mass times what its centre of mass
         accelerates, and weight. Of a function y of x and of time, d²y/dt² has by x, dx/dt and
@@ -385,7 +385,7 @@ class UnderactuatedBase:
         return np.stack(lever), np.stack([slope, *(rate.reshape(slope.shape) for rate in rates)])
 
     def misses(self, unknowns: Array) -> tuple[Array, Array]:
-        """How far frames (s, 3 m) are from their paths, m, and derivatives (s, 3 m, c)."""
+        """Distances of frames (s, 3 m) from their paths, m, and derivatives (s, 3 m, c)."""
         robot, count = self.vehicle, len(unknowns)
         axes, shift, numbers = _parts((unknowns, *np.zeros((2, *unknowns.shape))))
         tilt = Tilt(self.upright, axes)
@@ -506,7 +506,7 @@ class UnderactuatedBase:
         return axis
 
     def at_rest(self) -> Flags:
-        """Which knots (s) are held: the first and the last ones, where the machine rests there."""
+        """True for knots (s) that are held: the first and last ones, if the machine rests there."""
         rates = [self._wanted[1].reshape(self.grid.count, -1), self.centre[:, 1], self.centre[:, 2]]
         rates += [self.joints.v, self.joints.a]
         rates.append(self.targets[:, 1:3].reshape(self.grid.count, -1))
@@ -621,7 +621,7 @@ def _check_near(base: UnderactuatedBase, unknowns: Array) -> None:
 
 
 def _deviation(vehicle: Vehicle, motion: Motion, weight: float, led: LedFrames) -> Deviation | None:
-    """Where pieces between knots need lateral force, or other thrusts than at the knots beside.
+    """Pieces between knots that need lateral force, or other thrusts than at the knots beside.
 
     Or where frames leave their paths. The farthest from what is allowed; None if all are next to
     nothing. `weight` in N.

@@ -86,16 +86,16 @@ class BlockIntegration:
                     impacts[i].append((time, float(lost[i])))
             times.append(grid.sample_times(interval))
             parts = [
-                (each, done)
-                for each in grid.stretches(interval)
-                for done in range(0, each.steps, _STEPS_A_CALL)
+                (part, done)
+                for part in grid.stretches(interval)
+                for done in range(0, part.steps, _STEPS_A_CALL)
             ]
             for stretch, done in parts:
                 if not flies.any():
                     break
                 steps, number = min(_STEPS_A_CALL, stretch.steps - done), stretch.first + done
                 every, going = stretch.every, flies.copy()
-                found = block(
+                taken = block(
                     time,
                     last,
                     stretch.step,
@@ -105,23 +105,23 @@ class BlockIntegration:
                     going=going,
                     threads=self.threads,
                 )
-                kept += (number + found.taken) // every - number // every
-                samples.append(found.samples)
+                kept += (number + taken.taken) // every - number // every
+                samples.append(taken.samples)
                 time = min((number + steps) * grid.size, interval.end)
-                reached = np.where(found.taken < steps, (number + found.taken) * grid.size, time)
-                last[going] = found.last[going]
+                reached = np.where(taken.taken < steps, (number + taken.taken) * grid.size, time)
+                last[going] = taken.last[going]
                 ends[going] = np.minimum(reached, interval.end)[going]
-                alone |= going & found.refused
-                flies &= ~found.refused
-                end(flies & ~((found.taken == steps) & envelope.goes_on(ends, last)))
+                alone |= going & taken.refused
+                flies &= ~taken.refused
+                end(flies & ~((taken.taken == steps) & envelope.goes_on(ends, last)))
                 progress(time)
         every_time, states = np.concatenate(times), np.concatenate(samples, axis=1)
         ranges = InputRanges.none(len(self.loop.vehicle.inputs))
         histories: list[StateHistory | None] = [None] * count
         for i in np.flatnonzero(~alone).tolist():
-            own, reason, until = slice(kept[i]), reasons[i], float(ends[i])
+            rows, reason, until = slice(kept[i]), reasons[i], float(ends[i])
             losses = np.reshape(impacts[i], (-1, 2))
-            history = StateHistory(every_time[own], states[i, own], reason, ranges, losses)
+            history = StateHistory(every_time[rows], states[i, rows], reason, ranges, losses)
             # Of a flight that went on to the end, all samples have been looked at.
             if reason or until > history.time[-1]:
                 history = whole_history(history, until, last[i], envelope)
@@ -138,5 +138,5 @@ class BlockIntegration:
         return None
 
     def _envelope(self, loop: ClosedLoop) -> Envelope:
-        """Where control counts as lost, of all flights or of one."""
+        """The envelope beyond which control counts as lost, of all flights or of one."""
         return Envelope(loop, self.settings.divergence, self.duration)

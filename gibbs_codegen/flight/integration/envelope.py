@@ -78,13 +78,13 @@ class Envelope:
         self._bounded = bool(np.any(np.isfinite(self.bounds)))
 
     def holds(self, time: Array, states: Array) -> Flags:
-        """Which states (s, size) at times (s) are finite and within the bounds (s)."""
+        """True (s) for states (s, size) at times (s) that are finite and within the bounds."""
         inside = self._finite(states)
         inside[inside] = np.all(self._errors(time[inside], states[inside]) <= self.bounds, axis=-1)
         return inside
 
     def _finite(self, states: Array) -> Flags:
-        """Whether states (…, size) are finite, with attitudes: 0 is left of what overflows."""
+        """True if states (…, size) are finite, with attitudes: 0 is left of what overflows."""
         finite: Flags = np.logical_and.reduce(np.isfinite(states), axis=-1)
         layout = self.loop.vehicle.layout
         if layout.is_quaternion:
@@ -96,7 +96,7 @@ class Envelope:
         return self.holds(time, states) & ~self._singular(states)
 
     def _singular(self, states: Array) -> Flags:
-        """Whether states (…, size) have come to the singularity of attitude angles."""
+        """True if states (…, size) have come to the singularity of attitude angles."""
         layout = self.loop.vehicle.layout
         if layout.is_quaternion:
             return np.zeros(states.shape[:-1], dtype=bool)
@@ -129,8 +129,8 @@ class Envelope:
             return np.zeros((*states.shape[:-1], len(self.bounds)))
         q, v = self.loop.parts(states)[:2]
         q_desired, v_desired, _ = self.loop.controller.reference(time)
-        found = self.loop.vehicle.kinematics.errors(q, v, q_desired, v_desired)
-        return np.abs(np.concatenate(found, axis=-1))
+        off = self.loop.vehicle.kinematics.errors(q, v, q_desired, v_desired)
+        return np.abs(np.concatenate(off, axis=-1))
 
     def _in_words(self, place: int, excess: float) -> str:
         vehicle = self.loop.vehicle
@@ -147,7 +147,7 @@ class Envelope:
         return f"{name} is {off} off, more than {divergence}"
 
     def _advice(self, saturated: Sequence[str]) -> str:
-        """What to try, given the inputs that are at their limits."""
+        """Advice, by the inputs that are at their limits."""
         loop = self.loop
         if too_weak := self._too_weak():
             return too_weak
@@ -258,16 +258,16 @@ def stable_modes(loop: ClosedLoop) -> list[Mode]:
     They are of lagging thrusts, of errors that a law corrects at all times, of walls, drag and
     joints.
     """
-    found = []
+    modes = []
     # A lag that is nothing, next to any step, is not nothing to divide by.
     lags = [max(lag, 1e-30) for lag in np.unique(loop.actuators.lag).tolist() if lag]
     for lag in lags:
         remedy = f"a longer time constant of the motors than {lag:g} s, or none"
-        found.append(Mode(1.0 / lag, "the motors' lag", remedy, complex(-1.0 / lag)))
+        modes.append(Mode(1.0 / lag, "the motors' lag", remedy, complex(-1.0 / lag)))
     # Held inputs do not follow the errors within a step.
     felt = [] if loop.compensates else lags
     polynomials = [] if loop.hold is not None else error_polynomials(loop.controller, felt)
-    found += [
+    modes += [
         Mode(abs(root), "the gains of control", "lower gains", complex(root))
         for root in itertools.chain.from_iterable(map(np.roots, polynomials))
         if root.real < 0.0
@@ -279,7 +279,7 @@ def stable_modes(loop: ClosedLoop) -> list[Mode]:
         others += drag_modes(loop.vehicle, drag, _configurations(loop))
     if loop.controller.law != "off":
         others += lag_modes(loop.vehicle) + joint_modes(loop.vehicle, _configurations(loop))
-    return sorted([*found, *others], reverse=True)
+    return sorted([*modes, *others], reverse=True)
 
 
 def wall_modes(
@@ -308,7 +308,7 @@ def wall_modes(
         # On an axis or a centre nothing pushes.
         return np.divide(1.0, most, out=np.full(len(q), math.inf), where=most > 0.0)
 
-    found: list[Mode] = []
+    modes: list[Mode] = []
     for wall in walls:
         frames = [vehicle.frames.index(frame) for frame in wall.frames]
         places = poses[:, frames][..., :3, 3]
@@ -323,7 +323,7 @@ def wall_modes(
             np.sqrt(2.0 * hardness * speed * bounded),
         )
         damping = wall.damping + np.maximum(wall.dissipation * weight, stopping)
-        found += _oscillation(f"{where}, which feels", wall.stiffness, damping, mass)
+        modes += _oscillation(f"{where}, which feels", wall.stiffness, damping, mass)
         if wall.friction:
             # Of the lowest point of each ball, which turns about its centre.
             moved = linear + wall.ball_radius * np.cross(
@@ -332,10 +332,10 @@ def wall_modes(
             along = moved - np.swapaxes(normals, 2, 3) * (normals @ moved)
             stiffness, eases = bristle(wall)
             where = f"the bristles of {where}"
-            found += _oscillation(f"{where}, which feel", stiffness, eases, felt(along), True)
+            modes += _oscillation(f"{where}, which feel", stiffness, eases, felt(along), True)
             rate = stiffness / eases
-            found.append(Mode(rate, where, "more of their damping", complex(-rate), explicit=True))
-    return found
+            modes.append(Mode(rate, where, "more of their damping", complex(-rate), explicit=True))
+    return modes
 
 
 def hard_impacts(
@@ -381,14 +381,14 @@ def _oscillation(
     where: str, stiffness: float, damping: float | Array, mass: Array, explicit: bool = False
 ) -> list[Mode]:
     """The fastest modes of masses (s), kg, on springs, N/m, and dampers, N s/m."""
-    remedy, found = "a softer wall, or less of its damping", []
+    remedy, modes = "a softer wall, or less of its damping", []
     slowing = damping / mass
     for k in sorted({int(np.argmin(mass)), int(np.argmax(slowing))}):
         cause = f"{where} a mass of {mass[k]:.3g} kg"
         first, second = map(complex, np.roots([1.0, slowing[k], stiffness / mass[k]]))
         for root, other in ((first, second), (second, first)):
-            found.append(Mode(abs(root), cause, remedy, root, other, explicit))
-    return found
+            modes.append(Mode(abs(root), cause, remedy, root, other, explicit))
+    return modes
 
 
 def drag_modes(vehicle: Vehicle, drag: Array, q: Array) -> list[Mode]:
@@ -413,15 +413,15 @@ def joint_modes(vehicle: Vehicle, q: Array) -> list[Mode]:
         return []
     size, joints = vehicle.layout.v.size, vehicle.layout.v.joints
     places = vehicle.rotors + np.arange(vehicle.joints)
-    own = np.arange(vehicle.joints), places
+    places_of = np.arange(vehicle.joints), places
     still, none = np.zeros(size), np.zeros(len(vehicle.inputs))
     units, moved = np.eye(len(none))[places], np.eye(size)[joints]
     rest = vehicle.command_of(q[0], still, none)
-    pushing = 1.0 / (vehicle.command_of(q[0], still, units) - rest)[own]
-    viscous = pushing * (vehicle.command_of(q[0], moved, none) - rest)[own]
+    pushing = 1.0 / (vehicle.command_of(q[0], still, units) - rest)[places_of]
+    viscous = pushing * (vehicle.command_of(q[0], moved, none) - rest)[places_of]
     stiffness = np.where([holds(vehicle, k) for k in range(vehicle.joints)], pushing, 0.0)
     x = vehicle.actuator_state_of(rest)
-    damping = -vehicle.inputs_of(q[0], _AT_REST * moved, x, rest)[own] / _AT_REST
+    damping = -vehicle.inputs_of(q[0], _AT_REST * moved, x, rest)[places_of] / _AT_REST
     inverse = np.linalg.inv(vehicle.mass_matrix(q))[..., joints]
     by_joints = np.zeros((2, len(q), size, size))
     by_joints[..., joints] = -inverse * np.stack([stiffness, damping])[:, np.newaxis, np.newaxis]
@@ -447,7 +447,7 @@ def lag_modes(vehicle: Vehicle) -> list[Mode]:
     """
     if not vehicle.actuator_states:
         return []
-    still, found = np.zeros(vehicle.layout.v.size), []
+    still, modes = np.zeros(vehicle.layout.v.size), []
     rest = vehicle.command_of(vehicle.neutral, still, np.zeros(len(vehicle.inputs)))
     x = vehicle.actuator_state_of(rest)
     for k, name in enumerate(vehicle.actuator_states):
@@ -455,12 +455,12 @@ def lag_modes(vehicle: Vehicle) -> list[Mode]:
         # Far from rest both time constants of levels are met, and near it references, whose rates
         # have limits.
         for aside, step in ((0.0, _AT_REST), (0.0, -_AT_REST), (_FAR, 1.0), (-_FAR, -1.0)):
-            ends = (x + each * unit for each in (aside, aside + step))
+            ends = (x + move * unit for move in (aside, aside + step))
             near, further = (vehicle.actuator_rates(end, rest)[k] for end in ends)
             if (rate := float(near - further) / step) > 0.0:
                 remedy = f"a longer time constant or delay of it than {1.0 / rate:.3g} s, or none"
-                found.append(Mode(rate, f"the lag of {name}", remedy, complex(-rate)))
-    return found
+                modes.append(Mode(rate, f"the lag of {name}", remedy, complex(-rate)))
+    return modes
 
 
 def _configurations(loop: ClosedLoop) -> Array:
@@ -470,14 +470,14 @@ def _configurations(loop: ClosedLoop) -> Array:
 
 
 def integration_burdens(loop: ClosedLoop, time: float, state: np.ndarray, lag: bool = True) -> str:
-    """What makes integration hard besides the vehicle itself: saturated inputs, and lag if asked.
+    """Burdens of integration besides the vehicle itself: saturated inputs, and lag if asked.
 
     Clauses that begin with "; ", "" if there are none.
     """
-    found = ""
+    burdens = ""
     if inputs := loop.saturated(time, state):
-        found += f"; saturated inputs: {', '.join(inputs)} (rk4 does not shorten its steps there)"
+        burdens += f"; saturated inputs: {', '.join(inputs)} (rk4 does not shorten its steps there)"
     if lag and loop.lags:
         shortest = np.min(loop.actuators.lag[loop.actuators.lag > 0.0])
-        found += f"; the motors' time constant is {shortest:g} s"
-    return found
+        burdens += f"; the motors' time constant is {shortest:g} s"
+    return burdens

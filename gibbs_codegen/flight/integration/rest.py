@@ -1,4 +1,4 @@
-"""Where a robot rests on walls: the state in which a flight from the ground begins.
+"""Rest of a robot on walls: the state in which a flight from the ground begins.
 
 From above the robot is lowered until walls carry its weight. From there on a displacement is sought
 under which nothing accelerates at time 0, with the inputs that act then. Bristles of contacts are
@@ -53,8 +53,8 @@ def resting(loop: ClosedLoop, q: Array, charge: float = 1.0) -> tuple[Array, Arr
     if left > _NONE and share < 1.0:
         place = _lowered(_softer(loop, share), q)
         # Each time stiffer by the same factor, of ten or less.
-        for each in np.geomspace(share, 1.0, 1 + math.ceil(-math.log10(share))).tolist():
-            place, bristles, left = _balanced(_softer(loop, each), place, charge)
+        for softness in np.geomspace(share, 1.0, 1 + math.ceil(-math.log10(share))).tolist():
+            place, bristles, left = _balanced(_softer(loop, softness), place, charge)
     if left > _NONE:
         raise UsageError(
             f"start.settled: {loop.vehicle.name} does not come to rest there; {_REMEDY}"
@@ -71,11 +71,11 @@ def _held(loop: ClosedLoop, q: Array, bristles: Array, charge: float) -> Array:
     loads, still = loop.loads(0.0), np.zeros(loop.vehicle.layout.v.size)
     parts = loop.parts(loop.start(q, still, charge))
     _, aimed, acting = loop.commands(0.0, parts, loads)
-    found = loop.motion(0.0, parts, aimed, acting, loads)["contacts"]
+    motions = loop.motion(0.0, parts, aimed, acting, loads)["contacts"]
     strained = [
-        -(1.0 - _WITHIN * found[k, 4:7].any()) * found[k, 1:4] / bristle(walls[each.wall])[0]
-        for k, each in enumerate(contacts)
-        if each.sticks
+        -(1.0 - _WITHIN * motions[k, 4:7].any()) * motions[k, 1:4] / bristle(walls[contact.wall])[0]
+        for k, contact in enumerate(contacts)
+        if contact.sticks
     ]
     return np.ravel(strained)
 
@@ -104,24 +104,24 @@ def _balanced(loop: ClosedLoop, begin: Array, charge: float) -> tuple[Array, Arr
     vehicle = loop.vehicle
     still = np.zeros(vehicle.layout.v.size)
     contacts = loop.environment.around.contacts if loop.environment else ()
-    frames = [each.frame for each in contacts if each.sticks]
+    frames = [contact.frame for contact in contacts if contact.sticks]
     before = vehicle.frame_poses(begin)[frames, :3, 3]
     loads, size = loop.loads(0.0), vehicle.layout.q.size
 
     def state(moved: Array) -> Array:
         there = vehicle.integrate(begin, moved)
-        found = loop.start(there, still, charge)
+        start = loop.start(there, still, charge)
         deflections = vehicle.frame_poses(there)[frames, :3, 3] - before
-        found[loop.layout.places.bristles] = deflections.ravel()
-        return found
+        start[loop.layout.places.bristles] = deflections.ravel()
+        return start
 
     def accelerations(moved: Array) -> Array:
         return loop.derivative(0.0, state(moved), loads)[loop.layout.places.v]
 
     tight = dict.fromkeys(("xtol", "ftol", "gtol"), 1e-15)
-    found = least_squares(accelerations, still, x_scale="jac", max_nfev=_TRIES, **tight)
-    end, left = state(found.x), float(np.abs(found.fun).max())
-    if np.linalg.eigvals(found.jac).real.max() > _TOPPLES:
+    solution = least_squares(accelerations, still, x_scale="jac", max_nfev=_TRIES, **tight)
+    end, left = state(solution.x), float(np.abs(solution.fun).max())
+    if np.linalg.eigvals(solution.jac).real.max() > _TOPPLES:
         left = np.inf
     return end[:size], end[loop.layout.places.bristles], left
 

@@ -32,7 +32,7 @@ class InputRanges(NamedTuple):
     @classmethod
     def joined(cls, parts: Sequence[InputRanges]) -> InputRanges:
         """Ranges of parts of a flight, at least one and in the order of time, as one."""
-        times, values = [each.time for each in parts], [each.values for each in parts]
+        times, values = [part.time for part in parts], [part.values for part in parts]
         return cls(np.concatenate(times), np.concatenate(values))
 
     def up_to_samples(self, time: Array, commanded: Array, applied: Array) -> Array:
@@ -44,15 +44,15 @@ class InputRanges(NamedTuple):
         before = np.concatenate([here[:1], here[:-1]])
         ranges = np.stack([np.fmin(here, before), np.fmax(here, before)], axis=2)
         sample = np.searchsorted(time, self.time)
-        known = sample < len(time)
-        place, values = sample[known], self.values[known]
+        is_inside = sample < len(time)
+        place, values = sample[is_inside], self.values[is_inside]
         np.fmin.at(ranges[:, :, 0], place, values[:, :, 0])
         np.fmax.at(ranges[:, :, 1], place, values[:, :, 1])
         return np.moveaxis(ranges, 0, 2)
 
 
 class Loads(NamedTuple):
-    """What acts: pushes, payloads, and inputs u (nu) that are held, if any.
+    """Loads: pushes, payloads, and inputs u (nu) that are held, if any.
 
     `push` says whether the push does (…), `payloads` which of them do (…, p), or one flag for all;
     `holds` which constraints do (…, c), and `idle` that motors do not run (…). Without `inputs` the

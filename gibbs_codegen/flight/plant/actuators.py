@@ -97,16 +97,16 @@ class Actuators:
     def idling(self) -> Array:
         """Thrusts (…, N), N, of motors that do not run, or their commands: the nearest to 0."""
         least, most = (self.sent[..., k, : self.thrusts.shape[-1]] for k in range(2))
-        found: Array = np.clip(0.0, least, most)
-        return found
+        thrusts: Array = np.clip(0.0, least, most)
+        return thrusts
 
     def idles(self, time: float | Array) -> Flags:
-        """Whether motors do not run at times (…), s."""
+        """True if motors do not run at times (…), s."""
         times, (begin, end) = np.asarray(time), self.span
         return (times < begin) | (times >= end)
 
     def reached(self, commanded: Array) -> Flags:
-        """Which commanded inputs (nu) are at a limit, or beyond."""
+        """True for commanded inputs (nu) that are at a limit, or beyond."""
         least, most, margin = self.values.values()
         return (commanded <= least + margin) | (commanded >= most - margin)
 
@@ -118,17 +118,17 @@ def actuators_of(vehicle: RobotData, scenario: Scenario) -> Actuators:
     version.
     """
     motors, arm = scenario.motors, scenario.arm
-    found = replace(module_actuators(vehicle), span=(motors.begin, motors.end))
+    actuators = replace(module_actuators(vehicle), span=(motors.begin, motors.end))
     if scenario.control.law == "off":  # Motors that are off have no thrust, not their least.
-        found.thrusts[:] = np.transpose([_NO_LIMITS])
+        actuators.thrusts[:] = np.transpose([_NO_LIMITS])
     if motors.limits is not None:
-        found.thrusts[:] = np.transpose([motors.limits])
+        actuators.thrusts[:] = np.transpose([motors.limits])
     if motors.time_constant is not None:
         check_lag(vehicle.module, "motors.time_constant")
-        found.lag[:] = motors.time_constant
+        actuators.lag[:] = motors.time_constant
     for name, limits in arm.limits.items():
-        found.joints[:, joint_place(vehicle, name, "arm.limits")] = limits
-    for key, values in (("effort", found.efforts), ("velocity", found.velocities)):
+        actuators.joints[:, joint_place(vehicle, name, "arm.limits")] = limits
+    for key, values in (("effort", actuators.efforts), ("velocity", actuators.velocities)):
         for name, most in getattr(arm, key).items():
             place = joint_place(vehicle, name, f"arm.{key}")
             if key == "effort" and has_servo(vehicle, place):
@@ -137,7 +137,7 @@ def actuators_of(vehicle: RobotData, scenario: Scenario) -> Actuators:
                     "file; leave it out, or vary the parameters of the servo"
                 )
             values[place] = most
-    return found
+    return actuators
 
 
 def check_lag(module: ModuleType, key: str) -> None:
@@ -150,24 +150,24 @@ def check_lag(module: ModuleType, key: str) -> None:
 
 
 def commands_for(vehicle: Vehicle, q: Array, v: Array, u: Array, limits: Array) -> Array:
-    """What is sent for inputs (…, nu): themselves, or commands for what of them is in limits."""
+    """Values to send for inputs (…, nu): themselves, or commands for them within limits."""
     return vehicle.command_of(q, v, np.clip(u, *limits)) if vehicle.is_driven else u
 
 
 def has_servo(vehicle: RobotData, place: int) -> bool:
-    """Whether a servo pushes a joint, by its place among the joints, from 0."""
+    """True if a servo pushes a joint, by its place among the joints, from 0."""
     k = vehicle.rotors + place
     return vehicle.commands[k] != vehicle.inputs[k]
 
 
 def holds(vehicle: RobotData, place: int) -> bool:
-    """Whether a servo holds a joint where it is commanded to be, by its place among the joints."""
+    """True if a servo holds a joint where it is commanded to be, by its place among the joints."""
     name = f"{vehicle.joint_names[place]}_position"
     return has_servo(vehicle, place) and vehicle.commands[vehicle.rotors + place] == name
 
 
 def has_battery(vehicle: RobotData) -> bool:
-    """Whether the last state of the actuators is the charge of a battery."""
+    """True if the last state of the actuators is the charge of a battery."""
     return vehicle.actuator_states[-1:] == ("charge",)
 
 
@@ -188,10 +188,10 @@ def joint_place(vehicle: RobotData, name: str, table: str = "") -> int:
     Raises `UsageError`, with the scenario's `table` that names it, if there is no such joint.
     """
     if name not in vehicle.joint_names:
-        known = ", ".join(vehicle.joint_names) or "none"
+        joints = ", ".join(vehicle.joint_names) or "none"
         where = f"{table}.{name}: {vehicle.name}" if table else f"{vehicle.name}:"
         hint = near(name, vehicle.joint_names) or ";"
-        raise UsageError(f"{where} has no joint {printable(name, 60)}{hint} its joints: {known}")
+        raise UsageError(f"{where} has no joint {printable(name, 60)}{hint} its joints: {joints}")
     return vehicle.joint_names.index(name)
 
 
@@ -200,23 +200,23 @@ def module_actuators(vehicle: RobotData) -> Actuators:
 
     Raises `UsageError` for a module of an earlier version, which does not say.
     """
-    found, joints = Actuators.unlimited(vehicle), vehicle.joint_names
+    actuators, joints = Actuators.unlimited(vehicle), vehicle.joint_names
     for k, name in enumerate(vehicle.inputs):
         low, high = _ends(vehicle.description("INPUT_LIMITS").get(name))
         if k < vehicle.rotors:
-            found.thrusts[:, k] = low, high
-            found.lag[k] = vehicle.description("TIME_CONSTANTS").get(name, 0.0)
-            found.spins[k] = vehicle.description("SPINS").get(name, 0.0)
+            actuators.thrusts[:, k] = low, high
+            actuators.lag[k] = vehicle.description("TIME_CONSTANTS").get(name, 0.0)
+            actuators.spins[k] = vehicle.description("SPINS").get(name, 0.0)
         else:
-            found.efforts[k - vehicle.rotors] = high
+            actuators.efforts[k - vehicle.rotors] = high
     for k, name in enumerate(joints):
-        found.joints[:, k] = _ends(vehicle.description("COORDINATE_LIMITS").get(name))
-        found.velocities[k] = _ends(vehicle.description("VELOCITY_LIMITS").get(name))[1]
+        actuators.joints[:, k] = _ends(vehicle.description("COORDINATE_LIMITS").get(name))
+        actuators.velocities[k] = _ends(vehicle.description("VELOCITY_LIMITS").get(name))[1]
     if not vehicle.is_driven:
-        return found
+        return actuators
     times = vehicle.description("ACTUATOR_TIMES")
     return replace(
-        found,
+        actuators,
         lag=np.zeros(vehicle.rotors),
         commands=command_limits(vehicle.module),
         times=np.transpose([times.get(name, (0.0, 0.0)) for name in vehicle.commands]),
@@ -226,8 +226,8 @@ def module_actuators(vehicle: RobotData) -> Actuators:
 def followed(state: str, commands: Collection[str]) -> str:
     """The command that a state of an actuator follows, by their names; the charge follows none."""
     joint = state.removesuffix("_reference")
-    known = (state, f"{joint}_position", f"{joint}_rate")
-    return next((name for name in known if name in commands), state)
+    choices = (state, f"{joint}_position", f"{joint}_rate")
+    return next((name for name in choices if name in commands), state)
 
 
 def command_limits(module: ModuleType) -> Array:
@@ -238,22 +238,22 @@ def command_limits(module: ModuleType) -> Array:
 def beyond_limits(
     names: Iterable[str], units: Iterable[str], values: Array, limits: Array
 ) -> tuple[str, ...]:
-    """Which values (n) are beyond their limits (2, n), in words."""
-    found = []
+    """Values (n) that are beyond their limits (2, n), in words."""
+    clauses = []
     for name, unit, value, low, high in zip(names, units, values, *limits, strict=True):
         if not low - _EXACT <= value <= high + _EXACT:
             side, limit = ("below", low) if value < low else ("above", high)
-            told, end = (
+            size, end = (
                 f"{number:.4g} {unit}".removesuffix(" 1")
                 + (f" ({math.degrees(number):.4g}°)" * (unit == "rad"))
                 for number in (value, limit)
             )
-            found.append(f"{name} is {told}, {side} its limit of {end}")
-    return tuple(found)
+            clauses.append(f"{name} is {size}, {side} its limit of {end}")
+    return tuple(clauses)
 
 
 def commands_beyond(module: ModuleType, commands: Array) -> str:
-    """Which commands (…, nu) are beyond their limits most, in words; "" if none is."""
+    """Commands (…, nu) that are beyond their limits most, in words; "" if none is."""
     limits, rows = command_limits(module), commands.reshape(-1, len(module.COMMANDS))
     worst = np.argmax(np.maximum(limits[0] - rows, rows - limits[1]), axis=0)
     values = np.take_along_axis(rows, worst[np.newaxis], axis=0)[0]

@@ -72,9 +72,9 @@ class Allocation:
         What rotors lack is looked at before a flight. In flight, what thrusts do not produce is
         rounding, next to which the wrenches of a machine that tumbles are great.
         """
-        found = copy.copy(self)
-        found.refuses = False
-        return found
+        allocation = copy.copy(self)
+        allocation.refuses = False
+        return allocation
 
     def thrusts(self, wrenches: Array) -> Array:
         """Thrusts (…, N), N, that produce wrenches (…, 6), or within limits come nearest to them.
@@ -90,21 +90,21 @@ class Allocation:
         """Thrusts (…, N) within limits, of the smallest (…, N) of wrenches (…, 6)."""
         from scipy.optimize import lsq_linear  # Late, as SciPy takes long to import.
 
-        found, (least, most) = smallest.copy(), self._limits
-        beyond = np.any((found < least) | (found > most), axis=-1)
+        thrusts, (least, most) = smallest.copy(), self._limits
+        beyond = np.any((thrusts < least) | (thrusts > most), axis=-1)
         beyond &= np.all(np.isfinite(wrenches), axis=-1)
         for index in np.argwhere(beyond):
             place = tuple(index)
-            desired = np.concatenate([self._weights * wrenches[place], np.zeros(found.shape[-1])])
+            desired = np.concatenate([self._weights * wrenches[place], np.zeros(thrusts.shape[-1])])
             nearest = lsq_linear(
                 self._weighted,
                 desired,
                 bounds=self._limits,
                 method="bvls",
-                max_iter=_ITERATIONS * found.shape[-1],
+                max_iter=_ITERATIONS * thrusts.shape[-1],
             )
-            found[place] = np.clip(nearest.x, least, most)
-        return found
+            thrusts[place] = np.clip(nearest.x, least, most)
+        return thrusts
 
     @property
     def _limits(self) -> Array | tuple[float, float]:
@@ -112,7 +112,7 @@ class Allocation:
 
     @property
     def externals(self) -> dict[str, Callable[..., Array]]:
-        """What programs of laws call: see `machine.laws.inputs_of`."""
+        """Functions that programs of laws call: see `machine.laws.inputs_of`."""
         return {"nearest_thrusts": self._nearest}
 
     def check(self, q: Array, wrenches: Array) -> None:
@@ -141,7 +141,7 @@ class Allocation:
 
 
 def ranks(matrices: Array) -> NDArray[np.int64]:
-    """How many directions rotors command (…), by wrenches of unit thrusts (…, m, N).
+    """The number of directions that rotors command (…), by wrenches of unit thrusts (…, m, N).
 
     These may be some components only.
     """
@@ -180,7 +180,7 @@ class MovingAllocation(Allocation):
 
     @property
     def externals(self) -> dict[str, Callable[..., Array]]:
-        """What programs of laws call, with the wrenches of unit thrusts as they are somewhere."""
+        """Functions that programs of laws call, with the wrenches of unit thrusts somewhere."""
         return {
             "nearest_thrusts": self._nearest_there,
             "smallest_thrusts": _smallest,
@@ -191,12 +191,12 @@ class MovingAllocation(Allocation):
         self, smallest: Array, wrenches: Array, columns: Array, *limits: Array
     ) -> Array:
         """Thrusts (…, N) within limits, where unit thrusts make the columns (…, N, 6)."""
-        found, (least, most) = smallest.copy(), self._limits
-        for index in np.argwhere(np.any((found < least) | (found > most), axis=-1)):
+        thrusts, (least, most) = smallest.copy(), self._limits
+        for index in np.argwhere(np.any((thrusts < least) | (thrusts > most), axis=-1)):
             place = tuple(index)
             here = Allocation(columns[place].T, self.limits)
-            found[place] = here._nearest(smallest[place], wrenches[place])
-        return found
+            thrusts[place] = here._nearest(smallest[place], wrenches[place])
+        return thrusts
 
     def check(self, q: Array, wrenches: Array) -> None:
         """Raise `AllocationError` if no thrusts at `q` (…, nq) produce a wrench (…, 6)."""

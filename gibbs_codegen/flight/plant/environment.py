@@ -66,7 +66,7 @@ class RotorSpin:
 
 
 def surrounding(vehicle: Vehicle, scenario: AnyScenario | None) -> Environment | None:
-    """What surrounds a robot in a scenario; None if nothing acts in it at any time.
+    """The surroundings of a robot in a scenario; None if nothing acts in it at any time.
 
     Raises `UsageError` for what does not fit the robot.
     """
@@ -86,7 +86,7 @@ def surrounding(vehicle: Vehicle, scenario: AnyScenario | None) -> Environment |
 def check_surroundings(vehicle: RobotData, scenario: Scenario) -> None:
     """Raise `UsageError` for frames and constraints that the robot does not have."""
     on = [("push.frame", scenario.push.frame)] if scenario.push else []
-    on += [(f"payload {k}: frame", each.frame) for k, each in enumerate(scenario.payloads, start=1)]
+    on += [(f"payload {k}: frame", load.frame) for k, load in enumerate(scenario.payloads, start=1)]
     on += [(f"wall {k}: frame", x) for k, wall in enumerate(scenario.walls, 1) for x in wall.frames]
     for key in ("drag", "rotational_drag") if scenario.wind else ():
         on += [(f"wind.{key}", frame) for frame in getattr(scenario.wind, key)]
@@ -100,14 +100,18 @@ def check_surroundings(vehicle: RobotData, scenario: Scenario) -> None:
 
 
 def _check_hold(vehicle: RobotData, scenario: Scenario, where: str, hold: Hold) -> None:
-    known = getattr(vehicle.module, "CONSTRAINTS", ())
-    if hold.constraint not in known:
-        names = f"its constraints: {', '.join(known)}" if known else "it has no [[constraint]]"
-        hint = near(hold.constraint, known) or ";"
+    constraints = getattr(vehicle.module, "CONSTRAINTS", ())
+    if hold.constraint not in constraints:
+        names = (
+            f"its constraints: {', '.join(constraints)}"
+            if constraints
+            else "it has no [[constraint]]"
+        )
+        hint = near(hold.constraint, constraints) or ";"
         words = f"{vehicle.name} has no {printable(hold.constraint)}{hint} {names}"
         raise UsageError(f"{where}: constraint: {words}")
-    for number, each in enumerate(scenario.payloads, start=1):
-        if (first := max(each.begin, hold.begin)) < min(each.end, hold.end):
+    for number, load in enumerate(scenario.payloads, start=1):
+        if (first := max(load.begin, hold.begin)) < min(load.end, hold.end):
             raise UsageError(
                 f"{where}: at t = {first:g} s {hold.constraint} holds, and payload {number} is "
                 "there too, which no flight can have together: end one before the other "
@@ -117,7 +121,7 @@ def _check_hold(vehicle: RobotData, scenario: Scenario, where: str, hold: Hold) 
 
 @dataclass(frozen=True)
 class Environment:
-    """What acts on the robot that flies; `spins` (N) are those of `Actuators`."""
+    """Forces on the robot that flies; `spins` (N) are those of `Actuators`."""
 
     vehicle: Vehicle
     push: Push | None = None
@@ -133,21 +137,21 @@ class Environment:
 
     @classmethod
     def of(cls, vehicle: Vehicle, scenario: Scenario, spins: Array) -> Environment | None:
-        """What acts in a flight; None if nothing does at any time.
+        """The environment of a flight; None if nothing acts at any time.
 
         Raises `UsageError` for a spinning rotor on a link without a frame.
         """
         spinning = spins if np.any(spins) else None
-        found = cls(
+        world = cls(
             *(vehicle, scenario.push, scenario.payloads, scenario.wind, scenario.walls, spinning),
             scenario.holds,
         )
-        acts = found.push or found.payload or found.wind or found.wall or found.spin or found.hold
-        return found if acts else None
+        acts = world.push or world.payload or world.wind or world.wall or world.spin or world.hold
+        return world if acts else None
 
     @cached_property
     def around(self) -> Surroundings:
-        """What acts at all times, and on which frames."""
+        """The surroundings that act at all times, and their frames."""
         gusts, spin = self.wind.gusts if self.wind else (), self.spin
         spins = zip(spin.rotors.tolist(), spin.places.tolist(), strict=True) if spin else ()
         return Surroundings(
@@ -161,7 +165,7 @@ class Environment:
     @cached_property
     def figures(self) -> dict[str, Array]:
         """Figures of what acts at all times, as array programs of a closed loop take them."""
-        found: dict[str, Array] = {}
+        figures: dict[str, Array] = {}
         if (wind := self.wind) is not None:
             # Of forces, N s/m, and of torques, N m s/rad; gusts with half of the amplitude, m/s.
             drag = np.zeros((len(self.vehicle.frames), 6))
@@ -169,13 +173,13 @@ class Environment:
                 for name, coefficient in table.items():
                     drag[self.vehicle.frames.index(name), entries] = coefficient
             gusts = [[g.begin, g.duration, *np.multiply(0.5, g.amplitude)] for g in wind.gusts]
-            found = {"drag": drag, "wind": np.array(wind.velocity, dtype=np.float64)}
-            found["gusts"] = np.array(gusts, dtype=np.float64).reshape(-1, 5)
+            figures = {"drag": drag, "wind": np.array(wind.velocity, dtype=np.float64)}
+            figures["gusts"] = np.array(gusts, dtype=np.float64).reshape(-1, 5)
         for k, wall in enumerate(self.wall):
-            found[f"wall_{k}"] = np.array([*yielding(wall), *wall.figures])
+            figures[f"wall_{k}"] = np.array([*yielding(wall), *wall.figures])
         if self.spin is not None:
-            found["spins"] = np.column_stack((self.spin.axes, self.spin.spins))
-        return found
+            figures["spins"] = np.column_stack((self.spin.axes, self.spin.spins))
+        return figures
 
     @cached_property
     def gravity(self) -> Array:
@@ -185,7 +189,7 @@ class Environment:
     def under(
         self, push: bool | Flags, payloads: bool | Sequence[bool] | Flags, holds: Any
     ) -> tuple[Surroundings, dict[str, Any]]:
-        """What acts on which frames, and its figures, while the push acts (…) if it does.
+        """The surroundings and their figures, while the push acts (…) if it does.
 
         `payloads` (…, p) and constraints, `holds` (…, c), tell which do; one flag is for all.
         """
@@ -193,7 +197,7 @@ class Environment:
         if np.any(holds):
             around = replace(around, holds=True)
             values["active"] = np.asarray(holds, dtype=np.float64)
-        masses = np.where(payloads, [each.mass for each in self.payload], 0.0)
+        masses = np.where(payloads, [payload.mass for payload in self.payload], 0.0)
         there = np.flatnonzero(np.any(masses > 0.0, axis=tuple(range(masses.ndim - 1))))
         if np.any(push):
             around = replace(around, pushes=True)
@@ -205,33 +209,33 @@ class Environment:
         return around, values
 
     def carries(self, time: float | Array) -> Flags:
-        """Which payloads are there (…, p) at times (…), s."""
+        """True (…, p) for payloads that are there at times (…), s."""
         times = np.asarray(time)
-        found = np.zeros((*times.shape, len(self.payload)), dtype=bool)
-        for place, each in enumerate(self.payload):
-            found[..., place] = each.acts_at(times)
-        return found
+        carried = np.zeros((*times.shape, len(self.payload)), dtype=bool)
+        for place, payload in enumerate(self.payload):
+            carried[..., place] = payload.acts_at(times)
+        return carried
 
     def holding(self, time: float | Array) -> Flags:
-        """Which constraints of the robot hold (…, c) at times (…), s."""
+        """True (…, c) for constraints of the robot that hold at times (…), s."""
         times, names = np.asarray(time), self._constraints
-        found = np.zeros((*times.shape, len(names)), dtype=bool)
-        for each in self.hold:
-            found[..., names.index(each.constraint)] |= each.acts_at(times)
-        return found
+        holding = np.zeros((*times.shape, len(names)), dtype=bool)
+        for hold in self.hold:
+            holding[..., names.index(hold.constraint)] |= hold.acts_at(times)
+        return holding
 
     def takes_hold(self, time: float) -> bool:
-        """Whether a constraint that did not hold just before begins to hold at a time, s."""
-        before = {each.constraint for each in self.hold if each.begin < time <= each.end}
-        return any(each.begin == time and each.constraint not in before for each in self.hold)
+        """True if a constraint that did not hold just before begins to hold at a time, s."""
+        before = {hold.constraint for hold in self.hold if hold.begin < time <= hold.end}
+        return any(hold.begin == time and hold.constraint not in before for hold in self.hold)
 
     def idles(self, time: float | Array) -> Flags:
-        """Whether motors idle at times (…), s, since a constraint holds the robot."""
+        """True (…) for times, s, at which motors idle since a constraint holds the robot."""
         times = np.asarray(time)
-        found = np.zeros(times.shape, dtype=bool)
-        for each in self.hold:
-            found |= each.acts_at(times) & each.idle
-        return found
+        idle = np.zeros(times.shape, dtype=bool)
+        for hold in self.hold:
+            idle |= hold.acts_at(times) & hold.idle
+        return idle
 
     @cached_property
     def spin(self) -> RotorSpin | None:
@@ -248,7 +252,7 @@ class Environment:
         return wrenches
 
     def push_acts(self, time: float | Array) -> Flags:
-        """Whether the push acts at times (…), s."""
+        """True (…) for times, s, at which the push acts."""
         times = np.asarray(time)
         if self.push is None:
             return np.zeros(times.shape, dtype=bool)
@@ -258,14 +262,14 @@ class Environment:
     def jumps(self) -> set[float]:
         """Times, s, at which what acts, or how it changes, jumps."""
         every = (self.push, *self.payload, *self.hold)
-        lasting = [each for each in every if each is not None]
+        lasting = [acting for acting in every if acting is not None]
         gusts = self.wind.gusts if self.wind else ()
         ends = ((gust.begin, gust.begin + gust.duration) for gust in gusts)
-        return {*itertools.chain(*ends, *((each.begin, each.end) for each in lasting))}
+        return {*itertools.chain(*ends, *((acting.begin, acting.end) for acting in lasting))}
 
     @property
     def remedies(self) -> list[str]:
-        """What may keep a flight under control."""
+        """Advice that may keep a flight under control."""
         return [
             *(["a weaker push"] if self.push else []),
             *(["a lighter payload"] if self.payload else []),

@@ -77,7 +77,7 @@ class Kinematics:
 
     @property
     def space(self) -> Space:
-        """How many entries coordinates and displacements have."""
+        """The numbers of entries of coordinates and displacements."""
         return Space(self.layout.q.size, self.layout.v.size)
 
     def difference(self, q: Node, other: Node) -> Node:
@@ -85,7 +85,7 @@ class Kinematics:
         return external("difference", (self.layout.v.size,), entries_of(q), entries_of(other))
 
     def _found(
-        self, name: str, outputs: Callable[..., Sequence[Node]], c: Array, **given: Array
+        self, name: str, outputs: Callable[..., Sequence[Node]], c: Array, **arguments: Array
     ) -> Any:
         """Results of a program of entries c (…, nq) and of others, by their names.
 
@@ -93,22 +93,22 @@ class Kinematics:
         """
         if name not in self._evaluators:
             inputs = [variable("c", self.layout.q.size)]
-            inputs += [variable(each, x.shape[-1]) for each, x in given.items()]
+            inputs += [variable(argument, x.shape[-1]) for argument, x in arguments.items()]
             base = base_of(self, coordinates_of(inputs[0], self.space))
-            found = {str(k): node for k, node in enumerate(outputs(base, *inputs))}
-            self._evaluators[name] = Evaluator(Program(name, tuple(inputs), found), {})
+            results = {str(k): node for k, node in enumerate(outputs(base, *inputs))}
+            self._evaluators[name] = Evaluator(Program(name, tuple(inputs), results), {})
         externals = {"difference": self._difference}
-        return [*self._evaluators[name]({"c": c, **given}, None, externals).values()]
+        return [*self._evaluators[name]({"c": c, **arguments}, None, externals).values()]
 
     def _difference(self, q: Array, other: Array) -> Array:
         """Displacements (…, nv), rotation vectors in the places of the attitude, else 0."""
         from scipy.spatial.transform import Rotation  # Late, as SciPy takes long to import.
 
-        found = np.zeros((*q.shape[:-1], self.layout.v.size))
-        here, there = (self.rotation(each).reshape(-1, 3, 3) for each in (q, other))
+        displacements = np.zeros((*q.shape[:-1], self.layout.v.size))
+        here, there = (self.rotation(coordinates).reshape(-1, 3, 3) for coordinates in (q, other))
         turn = (Rotation.from_matrix(here).inv() * Rotation.from_matrix(there)).as_rotvec()
-        found[..., self.layout.v.attitude] = turn.reshape(*q.shape[:-1], 3)
-        return found
+        displacements[..., self.layout.v.attitude] = turn.reshape(*q.shape[:-1], 3)
+        return displacements
 
     def rotation(self, q: Array) -> Array:
         """R (…, 3, 3), from the base's frame to the world, at q (…, nq) of unit length."""
@@ -121,13 +121,13 @@ class Kinematics:
         """Coordinates (…, nq) of which modules may be asked: with quaternions of unit length."""
         if not self.space.has_quaternion:
             return q
-        found: Array = self._found("normalised", lambda _, c: [unit_entries(self, c)], c=q)[0]
-        return found
+        unit: Array = self._found("normalised", lambda _, c: [unit_entries(self, c)], c=q)[0]
+        return unit
 
     def rates(self, q: Array, v: Array) -> Array:
         """Rates (…, nq) of coordinates by v (…, nv), which keep the length of a quaternion."""
-        found: Array = self._found("rates", lambda base, c, v: [base.rates(v, c)], c=q, v=v)[0]
-        return found
+        rates: Array = self._found("rates", lambda base, c, v: [base.rates(v, c)], c=q, v=v)[0]
+        return rates
 
     def errors(self, q: Array, v: Array, q_desired: Array, v_desired: Array) -> tuple[Array, Array]:
         """Errors and their rates (…, nv), those of the position in world axes."""
@@ -136,8 +136,8 @@ class Kinematics:
             desired = DesiredNodes(coordinates_of(wanted, self.space), v_wanted, v_wanted)
             return base.errors(v, desired)
 
-        given = {"c": q, "v": v, "c_desired": q_desired, "v_desired": v_desired}
-        off, off_rate = self._found("errors", outputs, **given)
+        arguments = {"c": q, "v": v, "c_desired": q_desired, "v_desired": v_desired}
+        off, off_rate = self._found("errors", outputs, **arguments)
         return off, off_rate
 
     def turned(self, turning: Turning) -> tuple[Array, Array, Array]:
@@ -191,7 +191,7 @@ class Kinematics:
         return linear, times(inverse, acceleration) - carried
 
     def base_motion(self, q: Array, v: Array, a: Array) -> tuple[Array, Array, Array, Array]:
-        """How the base moves by q (…, nq), v and a (…, nv).
+        """The motion of the base by q (…, nq), v and a (…, nv).
 
         Velocity and acceleration (…, 3) of the point at x, y, z, in world axes, then the angular
         ones, in the base's.
@@ -222,8 +222,8 @@ class Kinematics:
     def motion(self, c: Array, rates: Array, growth: Array) -> tuple[Array, Array, Array]:
         """q, v and a of entries c (…, nq) with a quaternion of any length, and their rates."""
 
-        def outputs(base: Base, *given: Node) -> Sequence[Node]:
-            return quaternion_motion(self, *given)
+        def outputs(base: Base, *nodes: Node) -> Sequence[Node]:
+            return quaternion_motion(self, *nodes)
 
         q, v, a = self._found("motion", outputs, c, rates=rates, growth=growth)
         return q, v, a

@@ -35,29 +35,29 @@ _SAME = 1e-9
 
 
 class Reading(NamedTuple):
-    """What a sensor read last, and when that was measured, s; NaN before the first reading."""
+    """The last values of a sensor, and the time of their measurement, s; NaN before the first."""
 
     time: float
     values: Array
 
 
 class Errors:
-    """How the readings (…, k) of one sensor err, by its name and the channels that they have."""
+    """Errors of the readings (…, k) of one sensor, by its name and its channels."""
 
     def __init__(self, name: str, channels: Sequence[Channel], xp: Any) -> None:
         self._name, self._xp = name, xp
         self._evaluator = Evaluator(reading_program(channels), {}, xp)
-        self._steps = np.array([each.resolution for each in channels for _ in each.names])
+        self._steps = np.array([channel.resolution for channel in channels for _ in channel.names])
 
     def drawn(self, seed: int) -> np.random.Generator:
-        """What noise is drawn from, reading by reading: white noise (k), then steps of biases."""
+        """The generator of noise, reading by reading: white noise (k), then steps of biases."""
         return np.random.default_rng([whole("seed", seed, 0), 2, *self._name.encode()])
 
     def __call__(self, measured: Any, white: Array, walk: Array) -> Any:
         """Readings (…, k) of measurements, by noise and sums of steps of the biases."""
-        given = {"measured": measured, "white": white, "walk": walk}
-        found, steps = self._evaluator(given)["reading"], self._steps
-        return self._xp.round(found / steps) * steps if steps.all() else found
+        arguments = {"measured": measured, "white": white, "walk": walk}
+        values, steps = self._evaluator(arguments)["reading"], self._steps
+        return self._xp.round(values / steps) * steps if steps.all() else values
 
 
 def frames_of_sensors(robot: RobotData, sensors: Sensors) -> list[int]:
@@ -65,13 +65,13 @@ def frames_of_sensors(robot: RobotData, sensors: Sensors) -> list[int]:
 
     Sensors at no frame have the first.
     """
-    found = []
-    for each in sensors.devices:
-        key = f"sensors.{each.measures}: {each.name}"
-        found.append(robot.frame_place(getattr(each, "frame", robot.frames[0]), key))
-        if each.measures == "encoders" and not robot.joints:
+    frames = []
+    for device in sensors.devices:
+        key = f"sensors.{device.measures}: {device.name}"
+        frames.append(robot.frame_place(getattr(device, "frame", robot.frames[0]), key))
+        if device.measures == "encoders" and not robot.joints:
             raise UsageError(f"{key}: {robot.name} has no joints; leave the encoders out")
-    return found
+    return frames
 
 
 class SensorSuite:
@@ -107,11 +107,11 @@ class SensorSuite:
             of_arrays = load(self._module.__path__[0]) if is_jax else self._module
             robot = Vehicle(of_arrays, parameters)
         self._vehicle, self._module = robot, self._module or robot.module
-        own = sensors or Sensors()
-        self._parameters, self.seed, self.devices = parameters, own.seed, own.devices
-        self._frames = frames_of_sensors(robot, own)
-        self._channels = [each.channels(robot.layout) for each in self.devices]
-        sizes = [sum(len(one.names) for one in each) for each in self._channels]
+        settings = sensors or Sensors()
+        self._parameters, self.seed, self.devices = parameters, settings.seed, settings.devices
+        self._frames = frames_of_sensors(robot, settings)
+        self._channels = [device.channels(robot.layout) for device in self.devices]
+        sizes = [sum(len(one.names) for one in channels) for channels in self._channels]
         ends = np.cumsum([0, *sizes]).tolist()
         # The place of each sensor's values in readings.
         self.places = [slice(a, b) for a, b in itertools.pairwise(ends)]
@@ -119,31 +119,31 @@ class SensorSuite:
 
     @property
     def feels_contacts(self) -> bool:
-        """Whether a sensor measures what contacts do, which takes time to find."""
-        return any(each.measures == "wrench" for each in self.devices)
+        """True if a sensor measures wrenches of contacts, which take time to find."""
+        return any(device.measures == "wrench" for device in self.devices)
 
     @property
     def names(self) -> tuple[str, ...]:
         """Names (m) of the entries of readings, each with its sensor's."""
         pairs = zip(self.devices, self._channels, strict=True)
-        return tuple(f"{x.name}_{name}" for x, own in pairs for each in own for name in each.names)
+        return tuple(f"{x.name}_{name}" for x, group in pairs for c in group for name in c.names)
 
     @property
     def units(self) -> tuple[str, ...]:
         """Units (m) of the entries of readings."""
-        return tuple(unit for own in self._channels for each in own for unit in each.units)
+        return tuple(unit for channels in self._channels for c in channels for unit in c.units)
 
     @property
     def frames(self) -> tuple[str, ...]:
         """Names (m) of the frames at which the entries are read, "" of what is at none."""
         pairs = zip(self.devices, self._channels, strict=True)
         return tuple(
-            getattr(x, "frame", "") for x, own in pairs for each in own for _ in each.names
+            getattr(x, "frame", "") for x, channels in pairs for c in channels for _ in c.names
         )
 
     @cached_property
     def program(self) -> Program:
-        """What is measured (m), as an array program of q, v, a, wrenches and gravity.
+        """Measurements (m) as an array program of q, v, a, wrenches and gravity.
 
         Raises:
             UsageError: If there are no sensors.
@@ -153,8 +153,8 @@ class SensorSuite:
                 "sensors: there are none; declare some, such as [[sensors.imu]] in the scenario"
             )
         pairs = zip(self.devices, self._frames, strict=True)
-        found = [Device(each.measures, frame, each.figures) for each, frame in pairs]
-        return measurement_program(Functions(self._module), found)
+        devices = [Device(device.measures, frame, device.figures) for device, frame in pairs]
+        return measurement_program(Functions(self._module), devices)
 
     @cached_property
     def _xp(self) -> Any:
@@ -175,14 +175,14 @@ class SensorSuite:
 
     @cached_property
     def errors(self) -> list[Errors]:
-        """How the readings of each sensor err."""
+        """Errors of the readings of each sensor."""
         pairs = zip(self.devices, self._channels, strict=True)
-        return [Errors(each.name, own, self._xp) for each, own in pairs]
+        return [Errors(device.name, channels, self._xp) for device, channels in pairs]
 
     def measurements(
         self, q: ArrayLike, v: ArrayLike, a: ArrayLike, wrenches: ArrayLike | None = None
     ) -> Any:
-        """What sensors without errors measure of motions.
+        """Measurements of motions by sensors without errors.
 
         Args:
             q: Coordinates (…, nq).
@@ -195,8 +195,8 @@ class SensorSuite:
         """
         none = np.zeros((len(self._vehicle.frames), 6))
         evaluator, constants, gravity = self._measure
-        given = {"q": q, "v": v, "a": a, "wrenches": none if wrenches is None else wrenches}
-        return evaluator({**given, "gravity": gravity}, constants)["measured"]
+        arguments = {"q": q, "v": v, "a": a, "wrenches": none if wrenches is None else wrenches}
+        return evaluator({**arguments, "gravity": gravity}, constants)["measured"]
 
     def measured(self, q: Array, v: Array, a: Array) -> Array:
         """Measurements (m) of one state that nothing touches, in C where the module is.
@@ -216,7 +216,7 @@ class SensorSuite:
         return program.outputs["measured"].copy()
 
     def prepare(self) -> StateProgram:
-        """What `measured` runs, which is compiled now."""
+        """Compile now what `measured` runs."""
         return self._of_one_state
 
     @cached_property
@@ -233,7 +233,7 @@ class SensorSuite:
         wrenches: ArrayLike | None = None,
         seed: int | None = None,
     ) -> Any:
-        """What the sensors tell at the samples of motions, each as late and as off as it is.
+        """Readings of the sensors at the samples of motions, with delays and errors.
 
         A reading that is due between two samples is taken at the second.
 
@@ -253,25 +253,25 @@ class SensorSuite:
         """
         times = np.asarray(time, dtype=np.float64)
         measured = self.measurements(q, v, a, wrenches)
-        lead, found = measured.shape[:-2], []
-        for each, own, errors in zip(self.devices, self.places, self.errors, strict=True):
-            count = int((times[-1] + _SAME) * each.rate) + 1
-            taken = np.arange(count) / each.rate
+        lead, columns = measured.shape[:-2], []
+        for device, rows, errors in zip(self.devices, self.places, self.errors, strict=True):
+            count = int((times[-1] + _SAME) * device.rate) + 1
+            taken = np.arange(count) / device.rate
             samples = np.searchsorted(times[:-1], taken - _SAME)
-            size, drawn = own.stop - own.start, errors.drawn(self.seed if seed is None else seed)
+            size, drawn = rows.stop - rows.start, errors.drawn(self.seed if seed is None else seed)
             noise = drawn.standard_normal((*lead, count, 2, size))
             walk = np.cumsum(noise[..., 1, :], -2)
-            values = errors(measured[..., samples, own], noise[..., 0, :], walk)
-            places = arrived(taken, times, each.delay)
-            told = values[..., np.maximum(places, 0), :]
-            found.append(self._xp.where((places < 0)[:, np.newaxis], np.nan, told))
-        return self._xp.concatenate(found, -1)
+            values = errors(measured[..., samples, rows], noise[..., 0, :], walk)
+            places = arrived(taken, times, device.delay)
+            latest = values[..., np.maximum(places, 0), :]
+            columns.append(self._xp.where((places < 0)[:, np.newaxis], np.nan, latest))
+        return self._xp.concatenate(columns, -1)
 
 
 def arrived(taken: Array, times: Array, delay: float) -> NDArray[np.intp]:
     """Places (s) of the last readings, taken at times (k), that have come by times (s); or -1."""
-    found = np.searchsorted(taken + delay, times + _SAME, side="right") - 1
-    return found.astype(np.intp)
+    places = np.searchsorted(taken + delay, times + _SAME, side="right") - 1
+    return places.astype(np.intp)
 
 
 class Readings:
@@ -287,25 +287,25 @@ class Readings:
         self._noise = [errors.drawn(seed) for errors in suite.errors]
         self._times: list[list[float]] = [[] for _ in suite.devices]
         self._values: list[list[Array]] = [[] for _ in suite.devices]
-        self._walks = [np.zeros(own.stop - own.start) for own in suite.places]
+        self._walks = [np.zeros(rows.stop - rows.start) for rows in suite.places]
 
     def instants(self, begin: float, end: float) -> Array:
         """Times from `begin` to `end`, s, at which there is something to measure."""
-        found: set[float] = set()
-        for each in self.suite.devices:
-            first, last = math.floor(begin * each.rate), math.ceil(end * each.rate)
-            found.update(k / each.rate for k in range(first, last + 1))
-        return np.array(sorted(time for time in found if begin <= time <= end))
+        times: set[float] = set()
+        for device in self.suite.devices:
+            first, last = math.floor(begin * device.rate), math.ceil(end * device.rate)
+            times.update(k / device.rate for k in range(first, last + 1))
+        return np.array(sorted(time for time in times if begin <= time <= end))
 
     def take(self, time: float, measure: Callable[[], Array]) -> None:
         """Take the readings that are due at a time, s; `measure` finds measurements (m)."""
         suite, measured = self.suite, None
-        for k, (each, own) in enumerate(zip(suite.devices, suite.places, strict=True)):
-            while (now := len(self._times[k]) / each.rate) <= time + _SAME:
+        for k, (device, rows) in enumerate(zip(suite.devices, suite.places, strict=True)):
+            while (now := len(self._times[k]) / device.rate) <= time + _SAME:
                 measured = measure() if measured is None else measured
-                white, step = self._noise[k].standard_normal((2, own.stop - own.start))
+                white, step = self._noise[k].standard_normal((2, rows.stop - rows.start))
                 self._walks[k] = self._walks[k] + step
-                values = suite.errors[k](measured[own], white, self._walks[k])
+                values = suite.errors[k](measured[rows], white, self._walks[k])
                 values.setflags(write=False)
                 self._times[k].append(now)
                 self._values[k].append(values)
@@ -316,21 +316,21 @@ class Readings:
 
     def _last(self, time: float) -> Iterator[tuple[str, Reading]]:
         suite = self.suite
-        for each, own, times, values in zip(
+        for device, rows, times, values in zip(
             suite.devices, suite.places, self._times, self._values, strict=True
         ):
             place = len(times) - 1
-            while place >= 0 and times[place] + each.delay > time + _SAME:
+            while place >= 0 and times[place] + device.delay > time + _SAME:
                 place -= 1
-            unknown = Reading(np.nan, np.full(own.stop - own.start, np.nan))
-            yield each.name, Reading(times[place], values[place]) if place >= 0 else unknown
+            unknown = Reading(np.nan, np.full(rows.stop - rows.start, np.nan))
+            yield device.name, Reading(times[place], values[place]) if place >= 0 else unknown
 
     def series(self, times: Array) -> Array:
-        """What the sensors had told (s, m) by times (s), s."""
-        found = [np.zeros((len(times), 0))]
+        """The last readings (s, m) of the sensors by times (s), s."""
+        tables = [np.zeros((len(times), 0))]
         pairs = zip(self.suite.devices, self.suite.places, self._times, self._values, strict=True)
-        for each, own, taken, values in pairs:
-            places = arrived(np.array(taken), times, each.delay)
-            table = np.array([*values, np.full(own.stop - own.start, np.nan)])  # -1 is the last.
-            found.append(table[places])
-        return np.concatenate(found, axis=-1)
+        for device, rows, taken, values in pairs:
+            places = arrived(np.array(taken), times, device.delay)
+            table = np.array([*values, np.full(rows.stop - rows.start, np.nan)])  # -1 is the last.
+            tables.append(table[places])
+        return np.concatenate(tables, axis=-1)

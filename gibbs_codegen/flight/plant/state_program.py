@@ -55,14 +55,14 @@ def state_program(
     `tables` and `externals` are for what is written by hand, in C and in NumPy.
     """
     constants = dict.fromkeys(owners_of(program), vehicle.constants)
-    found: StateProgram | None = None
+    compiled: StateProgram | None = None
     if Path(vehicle.module.__file__ or "").suffix == ".so":
         try:
-            found = CompiledProgram(vehicle.module, program, constants, tables or [])
+            compiled = CompiledProgram(vehicle.module, program, constants, tables or [])
         except (CompilerError, CacheError) as error:
             _log.warning("program %s is computed in Python, not in C: %s", program.name, error)
-    found = found or EvaluatedProgram(vehicle, program, constants, externals or {})
+    compiled = compiled or EvaluatedProgram(vehicle, program, constants, externals or {})
     for name, value in values.items():
-        if name in found.inputs:
-            found.inputs[name][...] = value
-    return found
+        if name in compiled.inputs:
+            compiled.inputs[name][...] = value
+    return compiled

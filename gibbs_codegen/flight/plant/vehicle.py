@@ -31,7 +31,7 @@ _SAME_ANGLE = 1e-9
 
 
 class RobotData:
-    """What a module says of its robot by its constants, of which a robot file alone has these too.
+    """Constants of a module about its robot, which a robot file alone has too.
 
     `wrenches` (6, N) are those of unit thrusts, as of `Vehicle.thrust_wrenches`, where no joint
     moves a rotor.
@@ -100,7 +100,7 @@ class RobotData:
         return self.frames.index(frame)
 
     def description(self, constant: str) -> Any:
-        """What the module says of its robot in a constant, one of `interface.DESCRIPTION`.
+        """A constant of the module about its robot, one of `interface.DESCRIPTION`.
 
         Raises `UsageError` for a module of an earlier version, which has none.
         """
@@ -118,7 +118,7 @@ class RobotData:
 
     @cached_property
     def rotors_move(self) -> bool:
-        """Whether joints move rotors."""
+        """True if joints move rotors."""
         centre = self.points.index(self.centre)
         return bool(np.any(self.carriers[centre + 1 : centre + 1 + self.rotors] != centre))
 
@@ -206,9 +206,9 @@ class Vehicle(RobotData):
 
         Force, N, and torque about the base centre, N m, in the base's frame.
         """
-        given = {"q": q, "force": generalised_force, "centre": self.centre_offset(self.neutral)}
-        found: Array = _wrench(self.module)(given)["wrench"]
-        return found
+        arguments = {"q": q, "force": generalised_force, "centre": self.centre_offset(self.neutral)}
+        wrench: Array = _wrench(self.module)(arguments)["wrench"]
+        return wrench
 
     def thrust_wrenches(self, q: Array | None = None) -> Array:
         """Wrenches (…, 6, N) of unit thrusts: force, torque about the base centre, its frame.
@@ -245,7 +245,7 @@ class Vehicle(RobotData):
 
 @lru_cache(maxsize=64)
 def _wrench(module: ModuleType) -> Evaluator:
-    """What turns a generalised force into a wrench on the base."""
+    """The evaluator that turns a generalised force into a wrench on the base."""
     robot = Functions(module)
     q, force, centre = robot.coordinates(), robot.velocities("force"), variable("centre", 3)
     outputs = {"wrench": base_of(robot, q).wrench(centre, force)}
@@ -256,10 +256,10 @@ def _check(module: ModuleType) -> None:
     """Raise `UsageError` for a module of another back end or of an older version."""
     # A module that was imported rather than loaded is NumPy's.
     if (backend := getattr(module, "backend", "numpy")) not in BACKENDS:
-        known = " or ".join(f'"{name}"' for name in BACKENDS)
+        backends = " or ".join(f'"{name}"' for name in BACKENDS)
         raise UsageError(
             f"{module.NAME}: its back end is {backend}, but this works on NumPy's arrays; load "
-            f"the module with backend={known}"
+            f"the module with backend={backends}"
         )
     # A robot with several arms has no tip.
     always = (r.name for r in FUNCTIONS.values() if not r.needs and not r.on_request)
@@ -270,19 +270,19 @@ def _check(module: ModuleType) -> None:
         )
 
 
-def _about_parameters(module: ModuleType, given: Mapping[str, Any], words: str) -> str:
-    """What to add to the `words` in which `prepare` rejects parameters.
+def _about_parameters(module: ModuleType, numbers: Mapping[str, Any], words: str) -> str:
+    """An addition to the `words` in which `prepare` rejects parameters.
 
     A clause that begins with "; ", or "": names that may be meant, or all that were given.
     """
     names = list(module.PARAMETERS)
-    unknown = [name for name in given if name not in names]
+    unknown = [name for name in numbers if name not in names]
     if not unknown:
         listed = ", ".join(
             f"{name} = {value:g}" if np.ndim(value) == 0 else f"{name} of shape {np.shape(value)}"
-            for name, value in given.items()
+            for name, value in numbers.items()
         )
-        return "" if any(name in words for name in given) else f"; given: {listed}"
+        return "" if any(name in words for name in numbers) else f"; given: {listed}"
     ends = {f"_{name.rpartition('_')[2]}" for name in unknown if "_" in name}
     alike = [name for name in names if name.endswith(tuple(ends)) and name not in words]
     if not alike and "did you mean" not in words:

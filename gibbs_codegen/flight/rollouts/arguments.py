@@ -16,7 +16,7 @@ from gibbs_codegen.flight.arguments import numpy_array
 from gibbs_codegen.flight.plant.actuators import check_lag, command_limits
 from gibbs_codegen.flight.plant.kinematics import UNIT, unit_quaternions
 from gibbs_codegen.robot.layout import Layout
-from gibbs_codegen.runtime.rollouts import Array, Feedback, Motors
+from gibbs_codegen.runtime.rollouts import Array, Feedback, MotorModel
 
 Controller = Callable[[float, Any, Any], Any]
 
@@ -155,7 +155,7 @@ class RolloutArguments:
         except (TypeError, ValueError) as error:
             raise UsageError(f"{self.module.NAME}: parameters: {error}") from None
 
-    def motors(self, limits: Any, time_constants: Any, thrusts: Any) -> Motors | None:
+    def motors(self, limits: Any, time_constants: Any, thrusts: Any) -> MotorModel | None:
         """Motors with thrusts (1 or n, rotors), zeros if none are given, as of `rollout`.
 
         None where inputs are what is commanded.
@@ -170,15 +170,15 @@ class RolloutArguments:
         least, most = self.range("limits", unlimited if limits is None else limits, self.inputs)
         lag = self.lag(0.0 if time_constants is None else time_constants)
         begin = self._of_rotors("thrusts", 0.0 if thrusts is None else thrusts)
-        return Motors(least, most, lag, begin)
+        return MotorModel(least, most, lag, begin)
 
-    def _of_commands(self, limits: Any, refused: Mapping[str, Any]) -> Motors:
+    def _of_commands(self, limits: Any, refused: Mapping[str, Any]) -> MotorModel:
         """Limits of commands, else those of the robot file, whose motors have their own lag."""
         for name in [name for name, value in refused.items() if value is not None]:
             check_lag(self.module, name)
         ends = command_limits(self.module) if limits is None else limits
         least, most = self.range("limits", ends, self.inputs)
-        return Motors(least, most, *np.zeros((2, 1, self.rotors)))
+        return MotorModel(least, most, *np.zeros((2, 1, self.rotors)))
 
     def actuators(self, x0: Any) -> Any:
         """States of the actuators (1 or n, nx), zeros if none are given; None if there are none."""

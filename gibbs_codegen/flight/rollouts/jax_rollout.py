@@ -20,7 +20,7 @@ jnp: Any = jax.numpy
 # The fields with arrays; all else is fixed when XLA compiles.
 _ARRAYS = {
     rollouts.Feedback: ["gain", "q", "v", "u", "x"],
-    rollouts.Motors: ["least", "most", "time_constants", "thrusts"],
+    rollouts.MotorModel: ["least", "most", "time_constants", "thrusts"],
     rollouts.Problem: [
         *("constants", "q", "v", "inputs", "dt", "feedback", "motors", "wrenches", "bounds"),
         *("x", "bristles", "loads"),

@@ -24,7 +24,7 @@ from gibbs_codegen.flight.rollouts.surroundings import rollout_surroundings
 from gibbs_codegen.flight.scenario.file import AnyScenario
 from gibbs_codegen.flight.scenario.walls import Wall
 from gibbs_codegen.runtime.load import load
-from gibbs_codegen.runtime.rollouts import RUNNING, Array, Method, Motors, Precision, Problem
+from gibbs_codegen.runtime.rollouts import RUNNING, Array, Method, MotorModel, Precision, Problem
 
 require("gymnasium", "VectorEnv")
 
@@ -221,7 +221,7 @@ class VectorEnv(gymnasium.vector.VectorEnv[Observations, ArrayLike, Any]):
             ends = actuators.inputs if limits is None else limits
             lag = actuators.lag if time_constants is None else time_constants
             motors = arguments.motors(ends, lag, None)
-        self._motors = motors = cast(Motors, motors)
+        self._motors = motors = cast(MotorModel, motors)
         self._limits = np.stack([motors.least, motors.most])
         if arguments.count() != 1:
             raise UsageError("hover, time_constants: they are the same for all environments")

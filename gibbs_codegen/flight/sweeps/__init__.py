@@ -1,1 +1,1 @@
-"""Studies of many flights: cases, their chunks on any executor, and tables of what they gave."""
+"""Studies of many flights: cases, their chunks on any executor, and tables of results."""

@@ -1,4 +1,4 @@
-"""The cases of a sweep: what its keys take on, and each case, made when it is asked for.
+"""The cases of a sweep: the values of its keys, and each case, made when it is asked for.
 
 Cases are numbered through robots, then scenarios, then combinations of listed values, then samples.
 A sample has the same numbers in all combinations, scenarios and robots: what differs between them
@@ -131,7 +131,7 @@ def normal(mean: float, deviation: float) -> Varied:
 
 
 def scaled(low: float | Varied | Sequence[float], high: float | None = None) -> Varied:
-    """Factors of what robot or scenario says: `scaled(0.8, 1.2)` is within 20 % of it.
+    """Factors of the value in robot or scenario: `scaled(0.8, 1.2)` is within 20 % of it.
 
     Args:
         low: The least factor; or without `high` a distribution of factors, or a list of them.
@@ -402,7 +402,7 @@ def cases_of(
     samples: int,
     seed: int,
 ) -> Cases:
-    """The cases of a sweep: robots and scenarios cross with what each key takes on.
+    """The cases of a sweep: robots and scenarios cross with the values of each key.
 
     Numbers are drawn `samples` times. Raises `UsageError` if a key means nothing.
     """

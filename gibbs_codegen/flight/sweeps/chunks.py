@@ -246,7 +246,7 @@ def _measured(measures: Mapping[str, Measure], flight: Flight | Exception) -> Ro
     return [math.nan] * len(measures), "", printable(words_of(flight), _LONGEST_REASON), ""
 
 
-class Results:
+class ResultFile:
     """The rows of cases, by their digests, in a file of the folder of a study.
 
     A line of it has a digest, the row, and the SHA-256 of both.

@@ -28,7 +28,7 @@ from dataclasses import replace
 from typing import Any
 
 from gibbs_codegen.errors import GibbsCodegenError, UsageError, printable
-from gibbs_codegen.flight.sweeps.chunks import Chunk, Results, Row, fly
+from gibbs_codegen.flight.sweeps.chunks import Chunk, ResultFile, Row, fly
 from gibbs_codegen.flight.sweeps.measures import Measure, packed
 
 # How often a worker looks whether the program that it works for is still there, s.
@@ -137,14 +137,14 @@ class Execution:
         self,
         measures: Mapping[str, Measure],
         digests: Sequence[str],
-        store: Results,
+        store: ResultFile,
         executor: futures.Executor | None,
         workers: int,
         tell: Callable[[int], None],
     ) -> None:
         self._digests, self._store, self._tell = digests, store, tell
         self._measures, self._count = packed(measures), len(measures)
-        self._own, self._executor = Workers(workers), executor
+        self._workers, self._executor = Workers(workers), executor
         count = getattr(executor, "_max_workers", None) if executor else workers
         self._window = 2 * count if isinstance(count, int) else _MANY
         self._in_a_row = 0
@@ -153,12 +153,12 @@ class Execution:
         """Fly chunks, and keep them; `GibbsCodegenError` if nothing can be computed, or kept."""
         try:
             suspects = self._on_all_workers(deque(chunks))
-            self._own.end()
+            self._workers.end()
             self._executor = None  # It may not blame others for what one case does.
             for chunk in suspects:
                 self._isolate(chunk)
         finally:
-            self._own.end()
+            self._workers.end()
 
     def _on_all_workers(self, waiting: deque[Chunk]) -> list[Chunk]:
         """Fly chunks on all workers; return those that died too often."""
@@ -181,7 +181,7 @@ class Execution:
     def _submit(self, chunk: Chunk) -> futures.Future[list[Row]]:
         """Have a chunk flown; a pool that is broken answers like one that breaks."""
         try:
-            return (self._executor or self._own).submit(fly, chunk.task(self._measures))
+            return (self._executor or self._workers).submit(fly, chunk.task(self._measures))
         except futures.BrokenExecutor as error:
             broken: futures.Future[list[Row]] = futures.Future()
             broken.set_exception(error)
@@ -206,7 +206,7 @@ class Execution:
             self._in_a_row += 1
             _log.info("a worker died: %s", printable(f"{type(error).__name__}: {error}"))
             if self._executor is None:
-                self._own.end()
+                self._workers.end()
             elif self._in_a_row > _MOST_IN_A_ROW:
                 raise UsageError(
                     f"the executor has failed {self._in_a_row} times in a row, the last time with "
@@ -217,7 +217,7 @@ class Execution:
         return self._keep(chunk, rows)
 
     def _keep(self, chunk: Chunk, rows: Sequence[Row]) -> Chunk:
-        """Keep the first rows of a chunk, and return what is left of it."""
+        """Keep the first rows of a chunk, and return the rest of it."""
         self._store.add([self._digests[place] for place in chunk.cases[: len(rows)]], rows)
         self._tell(len(rows))
         return chunk.after(len(rows))

@@ -1,4 +1,4 @@
-"""A digest of values and functions that is the same in every process: of what they are, not where.
+"""A digest of values and functions that is the same in every process.
 
 cloudpickle takes them to pieces, but for four kinds: functions go without the place of their
 source, classes without the random number that cloudpickle gives them, sets in an order that is the
@@ -144,7 +144,7 @@ def _contents(cell: CellType) -> Any:
 
 
 def _reached(value: Any, names: set[str], within: tuple[ModuleType, ...]) -> Any:
-    """A value; of a module of the user's what is used of it, reached through modules `within`."""
+    """A value; of a user's module the parts in use, reached through modules `within`."""
     if not isinstance(value, ModuleType) or value in within or _installed(value.__name__):
         return value
     has = sorted(names & vars(value).keys())

@@ -115,7 +115,7 @@ def _groups(values: NDArray[Any]) -> NDArray[np.int_]:
 
 
 def _between(group: NDArray[np.int_], ranks: Array) -> float:
-    """The share of the variance that lies between groups, less what chance puts there."""
+    """The share of the variance that lies between groups, less that by chance."""
     count = np.bincount(group)
     groups, flights = int(np.count_nonzero(count)), len(ranks)
     if flights <= groups:

@@ -1,4 +1,4 @@
-"""Robots, scenarios and entries of a sweep: what the words for them mean, read once."""
+"""Robots, scenarios and entries of a sweep, read once from the words for them."""
 
 from __future__ import annotations
 

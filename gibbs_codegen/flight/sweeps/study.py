@@ -1,4 +1,4 @@
-"""A study: the table of what a sweep gave, and what can be asked of it."""
+"""A study: the table of a sweep's results, with its evaluations."""
 
 from __future__ import annotations
 

@@ -37,7 +37,7 @@ from gibbs_codegen.flight.sweeps import measures as known_measures
 from gibbs_codegen.flight.sweeps.cases import NUMBERS, Cases, Varied, cases_of, varied
 from gibbs_codegen.flight.sweeps.chunks import (
     FILE,
-    Results,
+    ResultFile,
     Row,
     chunks_of,
     digests_of,
@@ -232,7 +232,7 @@ def _rows(
             _log.info("%d of %d flights are done", done, len(cases))
 
     digests = digests_of(cases, measures)
-    store = Results(folder, set(digests))
+    store = ResultFile(folder, set(digests))
     lacking = [digest not in store.rows for digest in digests]
     missing = chunks_of(cases, lacking)
     tell(lacking.count(False))

@@ -163,8 +163,8 @@ class FlightPanel:
 
     def __init__(self, server: Any, flight: Flight) -> None:
         gui, self._flight = server.gui, flight
-        self._known = known_samples(flight)
-        self._times = flight.time[self._known]
+        self._sound = known_samples(flight)
+        self._times = flight.time[self._sound]
         self._scene = FlightScene(server, flight, frames=1)
         title = html.escape(f"{flight.robot}, {flight.scenario}")
         gui.add_html(page.panel_text(f"<b>{title}</b>{page.key_list(self._scene.key())}"))
@@ -193,7 +193,7 @@ class FlightPanel:
         self._clock, self._put = now, self._time.value
         page.follow_choices(self._choices)
         place = max(int(np.searchsorted(self._times, self._put, side="right")) - 1, 0)
-        shown = int(self._known[place]), self._follow.value
+        shown = int(self._sound[place]), self._follow.value
         if shown != self._shown:
             self._scene.follows = shown[1]
             self._scene.show(shown[0])

@@ -54,7 +54,7 @@ _TURN_GRAIN = 2.0**-12
 
 
 @dataclass(frozen=True)
-class Pose:
+class Rest:
     """A robot at rest, with all that is computed of it.
 
     - `q` (nq), `u` (nu): coordinates and inputs, `a` (nv): accelerations
@@ -171,7 +171,7 @@ class DrawnMachine:
         force = self.vehicle.inverse_dynamics(q, still, still)
         return least_inputs(self.vehicle, q, force, self.vehicle.thrust_wrenches(q))
 
-    def state(self, q: Array, u: Array) -> Pose:
+    def state(self, q: Array, u: Array) -> Rest:
         """The robot at rest; what is undetermined is no number."""
         vehicle = self.vehicle
         still = np.zeros(vehicle.layout.v.size)
@@ -180,7 +180,7 @@ class DrawnMachine:
             matrix = vehicle.mass_matrix(q)
             system = self.hybrid_system(q)
             hybrid = system[:, : len(system)]
-            return Pose(
+            return Rest(
                 q,
                 u,
                 a,

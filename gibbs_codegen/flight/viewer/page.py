@@ -45,7 +45,7 @@ class ViewPage:
     text: str = field(repr=False)
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Write the page to a file, whole or not at all, in place of what was there.
+        """Write the page to a file, whole or not at all; it replaces an older one.
 
         Raises `OutputError` if it cannot be written.
         """

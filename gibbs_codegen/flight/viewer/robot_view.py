@@ -14,7 +14,7 @@ from gibbs_codegen.errors import UsageError
 from gibbs_codegen.flight.record.series import Array
 from gibbs_codegen.flight.vectors import Flags
 from gibbs_codegen.flight.viewer import page
-from gibbs_codegen.flight.viewer.machine import DrawnMachine, MachineScene, Pose, changed, set_stage
+from gibbs_codegen.flight.viewer.machine import DrawnMachine, MachineScene, Rest, changed, set_stage
 
 # In the size of a robot: how far below it the floor is; in half its extent: what is in sight, and
 # by how much more between panels.
@@ -82,7 +82,7 @@ class RobotScene:
         reach *= 0.5 * float(np.linalg.norm(high - low)) + self.machine.radius
         set_stage(server, "/robot", float(low[2]) - _FLOOR * self.machine.size, reach)
 
-    def note(self, states: Sequence[Pose]) -> None:
+    def note(self, states: Sequence[Rest]) -> None:
         """Draw thrusts and efforts in proportion to those of states, if these are larger.
 
         The most extreme of the states do not count.
@@ -94,12 +94,12 @@ class RobotScene:
             of_unit = [efforts[np.array(drawn.units) == unit] for _, efforts in acting]
             drawn.efforts[unit] = max(most, _usual(of_unit, drawn.least[unit]))
 
-    def _acting(self, state: Pose) -> tuple[Array, Array]:
+    def _acting(self, state: Rest) -> tuple[Array, Array]:
         """Thrusts (N), and sizes of the efforts of joints and of what holds base arms."""
         thrusts, joints = np.split(state.u, [self._rotors])
         return thrusts, np.abs(np.concatenate([joints, state.constraint_torques[: self._arms]]))
 
-    def show(self, state: Pose) -> None:
+    def show(self, state: Rest) -> None:
         """Put the robot where it is."""
         frames = state.frames[: self._frames]
         where = state.points, state.directions
@@ -140,7 +140,7 @@ def robot_page(machine: DrawnMachine) -> page.ViewPage:
     return page.that_fits(recorded, min(_FRAMES, _MOST // (3 + machine.vehicle.joints)))
 
 
-def swings(machine: DrawnMachine, start: Array, room: float, count: int) -> list[tuple[str, Pose]]:
+def swings(machine: DrawnMachine, start: Array, room: float, count: int) -> list[tuple[str, Rest]]:
     """Frames in which attitude and joints move one after the other.
 
     `start` is as of `DrawnMachine.start`; `room`, m, is how far lengths without limits go; each
@@ -198,7 +198,7 @@ class RobotPanel:
         panel.dock_left()
         panel.set_width(_PANEL_WIDTH)
         self._filled = machine.pattern()
-        self._state: Pose | None = None
+        self._state: Rest | None = None
         self._seen: tuple[object, ...] = ()
 
     def step(self) -> None:
@@ -239,7 +239,7 @@ class RobotPanel:
         self._back = True
 
 
-def numbers(machine: DrawnMachine, state: Pose, is_held: bool, remarks: Sequence[str]) -> str:
+def numbers(machine: DrawnMachine, state: Rest, is_held: bool, remarks: Sequence[str]) -> str:
     """Tables in HTML of what is computed of a robot at rest, `is_held` by its inputs or not.
 
     `remarks` is what there is to say of its parameters and inputs.

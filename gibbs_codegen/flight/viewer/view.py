@@ -38,7 +38,7 @@ def view_html(what: Viewed) -> ViewPage:
     Raises:
         UsageError: viser is not installed, or there is neither a flight nor a module.
     """
-    viewed = _found(what)
+    viewed = _viewed(what)
     return flight_page(viewed) if isinstance(viewed, Flight) else robot_page(DrawnMachine(viewed))
 
 
@@ -71,7 +71,7 @@ def viewing(what: Viewed, port: int = PORT) -> Iterator[tuple[FlightPanel | Robo
 
     The caller lets the scene follow the controls by their `step`.
     """
-    viewed = _found(what)
+    viewed = _viewed(what)
     with empty_server(port, announces=True) as server:
         if isinstance(viewed, Flight):
             yield FlightPanel(server, viewed), address(server)
@@ -79,7 +79,7 @@ def viewing(what: Viewed, port: int = PORT) -> Iterator[tuple[FlightPanel | Robo
             yield RobotPanel(server, DrawnMachine(viewed)), address(server)
 
 
-def _found(what: Viewed) -> Flight | ModuleType:
+def _viewed(what: Viewed) -> Flight | ModuleType:
     """The flight or the module that is meant."""
     if not isinstance(what, str | os.PathLike):
         return what

@@ -1,1 +1,1 @@
-"""What a robot is made of: a part is one class, whose fields are the keys of its table."""
+"""Parts of robots: a part is one class, whose fields are the keys of its table."""

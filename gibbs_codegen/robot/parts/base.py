@@ -28,7 +28,7 @@ ROD_KEYS = ("rotors", "arm", "thrust", "drag", "azimuth_deg")
 
 @dataclass(frozen=True, kw_only=True)
 class BaseKeys(Part):
-    """What a base and its table have alike: its rods, with a motor at the end of each."""
+    """Keys of a base and its table: its rods, with a motor at the end of each."""
 
     rotors: Annotated[Whole, Bounds(2, MAX_ROTORS)] = entry(
         "the number of rotors and arms, N", unsaid=0
@@ -68,7 +68,7 @@ class Base(BaseKeys):
 
     @property
     def shares_one_arm(self) -> bool:
-        """Whether one table serves all arms."""
+        """True if one table serves all arms."""
         return len(self.arms) == 1
 
     def arm(self, k: int) -> Body:
@@ -119,10 +119,10 @@ class BaseTable(BaseKeys, RigidKeys):
     def _key_faults(cls, values: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
         """Faults of arms that are not whole, or not as many as there are rotors."""
         yield from super()._key_faults(values)
-        if any(each in values for each in ROD_KEYS):
-            for each in ROD_KEYS[:2]:
-                if each not in values:
-                    yield each, cls._missing(each)
+        if any(key in values for key in ROD_KEYS):
+            for key in ROD_KEYS[:2]:
+                if key not in values:
+                    yield key, cls._missing(key)
         elif values.get("origin") in ROD_ORIGINS:
             yield "origin", 'must be "base" where the base has no arms (base.rotors and base.arm)'
         arms, rotors = values.get("arm"), values.get("rotors")
@@ -146,7 +146,7 @@ class BaseTable(BaseKeys, RigidKeys):
 
     @field_validator("arm", mode="wrap")
     @classmethod
-    def _one_or_each(
+    def _one_or_all(
         cls, value: object, _: object, info: ValidationInfo
     ) -> ArmTable | list[ArmTable]:
         """One checked table for all arms, or a list of them.

@@ -39,7 +39,7 @@ class Battery(Part):
     auxiliary: NotNegative = number("power of all else, {W}", 0.0, keeps_sign=True)
 
     def parameters(self) -> dict[str, Parameter]:
-        """What can be parameters, voltages first."""
+        """Numbers that can be parameters, voltages first."""
         marks = super().parameters()
         return {key: marks[key] for key in ("voltages", "nominal")} | marks
 

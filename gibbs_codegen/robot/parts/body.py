@@ -22,6 +22,8 @@ from gibbs_codegen.robot.parts.numbers import (
 )
 from gibbs_codegen.robot.parts.part import Part, again, number, taken
 
+# Entries xx, yy, zz, xy, xz, yz, kg m², with xy = −∫ xy dm.
+Inertia = tuple[float, float, float, float, float, float]
 # Key of the robot file that lets inertias pass that no body has.
 ALLOWED = "allow_impossible_inertia"
 RIGID_NEEDS_MASS: dict[str, Any] = {"com": ["mass"], "inertia": ["mass"]}
@@ -100,12 +102,17 @@ class RigidBody(Part):
     length: float = again(Rod, "length")
     mass: float = again(RigidKeys, "mass", default=0.0)
     com: Vector3 = again(RigidKeys, "com")
-    inertia: tuple[float, float, float, float, float, float] = again(RigidKeys, "inertia")
+    inertia: Inertia = again(RigidKeys, "inertia")
 
     @property
     def total_mass(self) -> float:
         """Mass in kg."""
         return self.mass
+
+    @property
+    def weighs(self) -> bool:
+        """True if there is any mass or inertia."""
+        return self.mass != 0.0 or any(self.inertia)
 
 
 Body = Rod | RigidBody
@@ -129,6 +136,12 @@ def inertia_matrix(inertia: Sequence[float]) -> NDArray[np.float64]:
     """The matrix (3, 3) of inertia xx, yy, zz, xy, xz, yz, with xy = −∫ xy dm."""
     xx, yy, zz, xy, xz, yz = inertia
     return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+
+
+def entries_of(matrix: NDArray[np.float64]) -> Inertia:
+    """Inertia xx, yy, zz, xy, xz, yz of a matrix (3, 3), without negative zeros."""
+    xx, xy, xz, _, yy, yz, _, _, zz = (float(entry) + 0.0 for entry in matrix.ravel())
+    return xx, yy, zz, xy, xz, yz
 
 
 def inertia_fault(mass: float, inertia: Sequence[float]) -> str | None:
@@ -160,14 +173,14 @@ def body_fault(body: Body) -> str | None:
     """Why no body has the inertia that a rod or rigid body is given; None if one has."""
     if isinstance(body, Rod):
         return inertia_fault(body.total_mass, (*body.section_inertia, 0.0, 0.0, 0.0))
-    found = inertia_fault(body.mass, body.inertia)
+    words = inertia_fault(body.mass, body.inertia)
     xx, xy, xz, yy, yz, zz = body.inertia
-    if found and not inertia_fault(body.mass, (xx, yy, zz, xy, xz, yz)):
+    if words and not inertia_fault(body.mass, (xx, yy, zz, xy, xz, yz)):
         return (
             "must be in the order xx, yy, zz, xy, xz, yz, and seems to be in that of URDF, xx, xy, "
-            f"xz, yy, yz, zz; as it stands it {found}"
+            f"xz, yy, yz, zz; as it stands it {words}"
         )
-    return found
+    return words
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -1,4 +1,4 @@
-"""What may hold frames, while it is active."""
+"""Constraints of frames, which hold while they are active."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ _OF_TYPE: dict[ConstraintKind, tuple[str, ...]] = {
 
 @dataclass(frozen=True)
 class Constraint(Part):
-    """What holds a frame against another frame of the robot, or against the world."""
+    """A hold of a frame against another frame of the robot, or against the world."""
 
     # An error e gives way as ë + 2ζω ė + ω² e = 0, with the frequency ω and the damping ratio ζ.
     name: Label = entry("name of the constraint, any text", ...)
@@ -95,7 +95,7 @@ class Constraint(Part):
     )
 
     def parameters(self) -> dict[str, Parameter]:
-        """What plays a part for its kind, of what can be parameters."""
+        """Numbers that can be parameters and count for its kind."""
         left_out = set() if self.kind == "distance" else {"distance"}
         left_out |= set() if self.frequency else {"frequency", "damping_ratio"}
         marks = super().parameters()
@@ -105,7 +105,7 @@ class Constraint(Part):
 
     @property
     def holds(self) -> Holding:
-        """What it holds, of a loop by its joint."""
+        """The motions that it holds, of a loop by its joint."""
         if self.kind == "loop":
             by_joint: dict[LoopJoint, Holding] = {"fixed": "frame", "spherical": "point"}
             return by_joint.get(self.joint, "hinge")
@@ -130,10 +130,10 @@ class Constraint(Part):
         kind = values.get("type")
         if not isinstance(kind, str) or kind not in _OF_TYPE:
             return
-        for each in dict.fromkeys(chain.from_iterable(_OF_TYPE.values())):
-            if each in values and each not in _OF_TYPE[kind]:
-                owners = [f'"{other}"' for other, keys in _OF_TYPE.items() if each in keys]
-                yield each, f"belongs to a constraint of type {' or '.join(owners)}"
+        for key in dict.fromkeys(chain.from_iterable(_OF_TYPE.values())):
+            if key in values and key not in _OF_TYPE[kind]:
+                owners = [f'"{other}"' for other, keys in _OF_TYPE.items() if key in keys]
+                yield key, f"belongs to a constraint of type {' or '.join(owners)}"
         if kind == "distance" and "distance" not in values:
             yield "distance", "missing: the distance from the anchor, m"
         if kind == "loop" and "to" not in values:

@@ -43,7 +43,7 @@ def _not_continuous(kind: object) -> object:
 
 @dataclass(frozen=True, kw_only=True)
 class JointKeys(Part):
-    """What a joint does, and its place by modified Denavit–Hartenberg parameters (Craig)."""
+    """The motion of a joint, and its place by modified Denavit–Hartenberg parameters (Craig)."""
 
     name: Label | None = entry("name of the link, any text; without it link 2 is called link2")
     # A file names what carries the link; once the robot is whole, None is the link before.
@@ -82,7 +82,7 @@ class JointKeys(Part):
 
 @dataclass(frozen=True, kw_only=True)
 class Passive(Part):
-    """What acts on a joint by itself: τ − damping·rate − stiffness·(coordinate − rest)."""
+    """Forces on a joint by itself: τ − damping·rate − stiffness·(coordinate − rest)."""
 
     damping: NotNegative = number(
         "torque or force against the joint's rate, {N m s/rad or N s/m}", 0.0
@@ -126,7 +126,7 @@ class LimitKeys(Part):
 
 @dataclass(frozen=True, kw_only=True)
 class DriveKeys(Part):
-    """What drives a joint, and rubs in it."""
+    """The drive of a joint, and the friction in it."""
 
     servo: Servo | None = entry(
         "a servo that drives the joint; default: none, and it is commanded torques or forces"
@@ -135,7 +135,7 @@ class DriveKeys(Part):
 
 
 @dataclass(frozen=True)
-class Link(JointKeys):
+class Link(JointKeys, DriveKeys):
     """A link with the joint that carries it.
 
     Where `pose` is None, modified Denavit–Hartenberg parameters (Craig) place it: the link's frame
@@ -153,17 +153,15 @@ class Link(JointKeys):
     pose: Pose | None = None
     passive: Passive = Passive()
     limits: JointLimits = JointLimits()
-    servo: Servo | None = None
-    friction: Friction | None = None
 
     @property
     def slides(self) -> bool:
-        """Whether its joint slides."""
+        """True if its joint slides."""
         return self.joint == "prismatic"
 
     @property
     def moves(self) -> bool:
-        """Whether its joint has a coordinate."""
+        """True if its joint has a coordinate."""
         return self.joint != "fixed"
 
 
@@ -235,7 +233,7 @@ class LinkTable(BodyKeys, DriveKeys, LimitKeys, Passive, JointKeys, Posed):
                 self.effort,
                 self.velocity,
             ),
-            servo,
-            self.friction,
+            servo=servo,
+            friction=self.friction,
             **vars(taken(JointKeys, self)),
         )

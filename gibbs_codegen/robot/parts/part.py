@@ -24,14 +24,14 @@ AnyPart = TypeVar("AnyPart", bound="Part")
 
 @dataclass(frozen=True)
 class Parameter:
-    """What is to be known of a number, or of several, that can be parameters.
+    """Marks of a number, or of several, that can be parameters.
 
     `unit` is one of joints that turn "or" another of those that slide, where they differ.
     `ends` are those of the names of several numbers, which are counted from 1 without it; `name`
     stands for the key in names. `keeps_sign` and `no_zero` are what other robots are bound to in
     which the number varies: others are divided by what is no zero, or have no derivative there.
-    `missing` is the value of a field that is None, and `each` tells of several numbers that are not
-    alike.
+    `missing` is the value of a field that is None, and `of_entries` tells of several numbers that
+    are not alike.
     """
 
     unit: str
@@ -40,10 +40,10 @@ class Parameter:
     keeps_sign: bool = False
     no_zero: bool = False
     missing: float | None = None
-    each: tuple[Parameter, ...] = ()
+    of_entries: tuple[Parameter, ...] = ()
 
 
-class Number(NamedTuple):
+class RobotNumber(NamedTuple):
     """A number of a robot that can be a parameter, and the field of its part."""
 
     key: str
@@ -106,7 +106,7 @@ class Part(Table):
         return _declared(cls)
 
     def parameters(self) -> dict[str, Parameter]:
-        """What can be parameters, by fields, of those that count for what the part is."""
+        """Numbers that can be parameters and count for this part, by fields."""
         marks = parameters_of(type(self))
         return {key: mark for key, mark in marks.items() if key not in self.of_drive}
 
@@ -130,11 +130,11 @@ parameters_of: Callable[[Any], dict[str, Parameter]] = cache(_parameters_of_kind
 def changed_numbers(
     part: Part,
     prefix: str,
-    change: Callable[[Number], Any],
+    change: Callable[[RobotNumber], Any],
     slides: bool = False,
     marks: Mapping[str, Parameter] | None = None,
 ) -> dict[str, Any]:
-    """What a change makes of the numbers of a part that can be parameters, by their fields.
+    """Changed numbers of a part, of those that can be parameters, by their fields.
 
     Names begin with the prefix. `slides` tells which of two units it is, `marks` which numbers, if
     not those of `Part.parameters`.
@@ -144,7 +144,7 @@ def changed_numbers(
     def changed(key: str, name: str, value: float, mark: Parameter) -> Any:
         unit = mark.unit.split(" or ")[-1 if slides else 0]
         if name not in by_name:
-            number = Number(key, name, value, unit, mark.keeps_sign, mark.no_zero)
+            number = RobotNumber(key, name, value, unit, mark.keeps_sign, mark.no_zero)
             by_name[name] = change(number)
         return by_name[name]
 
@@ -157,7 +157,7 @@ def changed_numbers(
         name = _joined(prefix, key if mark.name is None else mark.name)
         if isinstance(value, tuple):
             ends = mark.ends or map(str, range(1, len(value) + 1))
-            entries = zip(ends, value, mark.each or (mark,) * len(value), strict=True)
+            entries = zip(ends, value, mark.of_entries or (mark,) * len(value), strict=True)
             by_key[key] = tuple(changed(key, _joined(name, end), x, of) for end, x, of in entries)
         else:
             by_key[key] = changed(key, name, value, mark)
@@ -193,7 +193,7 @@ def taken(kind: type[AnyPart], part: Part) -> AnyPart:
 
 
 def parameter_ends(*kinds: type[Part]) -> tuple[str, ...]:
-    """How names of parameters of parts of some kinds may end, but for those of drives."""
+    """Ends of names of parameters of parts of some kinds, but for those of drives."""
     return tuple(
         _joined(key if mark.name is None else mark.name, end)
         for kind in kinds

@@ -37,7 +37,7 @@ MAX_ROTORS = 256
 
 @dataclass(frozen=True)
 class Drive:
-    """What a rotor makes of its command.
+    """The way from a rotor's command to its thrust.
 
     The command is a thrust, N, a speed, rad/s, or a throttle, 1, and so is its level, which follows
     the command with the time constants `up` and `down`, s; 0 is at once. The thrust is `curve`, a
@@ -81,7 +81,7 @@ class Drive:
 
     @property
     def lags(self) -> bool:
-        """Whether its level follows the command with a lag."""
+        """True if its level follows the command with a lag."""
         return self.up > 0.0
 
     def thrust(self, level: float) -> float:
@@ -238,32 +238,32 @@ class Rotor(Part):
     def _key_faults(cls, values: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
         """Faults of two forms of a placement, and of a rotor of which too little is known."""
         for whole, parts in (("position", POLAR_KEYS), ("direction", LEAN_KEYS)):
-            given = [each for each in parts if each in values]
-            if given and whole in values:
-                yield given[0], f"excludes {whole}: give {whole}, or {', '.join(parts)}"
-            elif given and "azimuth_deg" not in values:
-                yield given[0], "needs azimuth_deg beside it, the angle of the radius about z"
+            present = [key for key in parts if key in values]
+            if present and whole in values:
+                yield present[0], f"excludes {whole}: give {whole}, or {', '.join(parts)}"
+            elif present and "azimuth_deg" not in values:
+                yield present[0], "needs azimuth_deg beside it, the angle of the radius about z"
         yield from _drive_faults(values)
-        if "spin_inertia" in values and not _speed_known(values):
+        if "spin_inertia" in values and not _tells_speed(values):
             yield "spin_inertia", "needs speed_per_sqrt_thrust beside it: give both or none"
         uses = ("spin_inertia", *_BY_SPEED)
         if "speed_per_sqrt_thrust" in values and not any(key in values for key in uses):
             yield "speed_per_sqrt_thrust", "needs spin_inertia beside it: give both or none"
         if "spin_inertia" in values and values.get("drag", 0.0) == 0.0:
             yield "spin_inertia", "needs a drag that is not 0: its sign tells which way it spins"
-        for each in _BY_SPEED:
-            if each in values and not _speed_known(values):
-                yield each, "needs the rotor's speed: give full_speed, or speed_per_sqrt_thrust"
-        for each in ("ground_effect", "thrust_by_advance"):
-            if values.get(each) and "disc_radius" not in values:
-                yield each, "needs disc_radius beside it, in m"
+        for key in _BY_SPEED:
+            if key in values and not _tells_speed(values):
+                yield key, "needs the rotor's speed: give full_speed, or speed_per_sqrt_thrust"
+        for key in ("ground_effect", "thrust_by_advance"):
+            if values.get(key) and "disc_radius" not in values:
+                yield key, "needs disc_radius beside it, in m"
 
     def _faults(self) -> Iterator[tuple[Place, str]]:
         """Faults of ratios that do not rise, and of thrusts that do not rise with the command."""
         ratios = [ratio for ratio, _ in self.thrust_by_advance or ()]
         if ratios and (len(ratios) < 2 or ratios != sorted({*ratios})):
             yield ("thrust_by_advance",), "must have two pairs or more, with rising ratios"
-        drive, given = self.drive, "command_limits" if self.command_limits else "thrust_curve"
+        drive, cause = self.drive, "command_limits" if self.command_limits else "thrust_curve"
         if drive.command == "thrust":
             return
         (_, slope, square), (begin, end), what = drive.curve, drive.rising, drive.command
@@ -272,19 +272,19 @@ class Rotor(Part):
             yield ("thrust_curve",), f"must rise with the {what}: give a k1 or a k2 above 0"
         elif most <= begin:
             yield (
-                ("thrust_curve" if self.thrust_curve else given,),
+                ("thrust_curve" if self.thrust_curve else cause,),
                 f"must let the thrust rise below the greatest {what}, {most:g}, but it rises from "
                 f"{begin:g} on",
             )
         elif most > end:
             yield (
-                (given,),
+                (cause,),
                 f"must not let the thrust fall, as it does beyond a {what} of {end:g}: give "
                 "command_limits that end there or before",
             )
 
     def drive_parameters(self) -> dict[str, Parameter]:
-        """What can be parameters of what it makes of its command."""
+        """Numbers that can be parameters of what it makes of its command."""
         marks, drive, keys = parameters_of(type(self)), self.drive, []
         if drive.command != "thrust":
             keys.append("thrust_curve")
@@ -296,7 +296,7 @@ class Rotor(Part):
                 Parameter(per, keeps_sign=True, no_zero=square == 0.0),
                 Parameter(per + power, keeps_sign=True, no_zero=slope <= 0.0),
             )
-            marks["thrust_curve"] = replace(marks["thrust_curve"], each=of_curve)
+            marks["thrust_curve"] = replace(marks["thrust_curve"], of_entries=of_curve)
         if drive.full_speed is not None:
             keys.append("full_speed")
         elif drive.command == "thrust":
@@ -309,17 +309,17 @@ class Rotor(Part):
 
     @property
     def has_drive(self) -> bool:
-        """Whether it makes more of its command than its thrust with one lag or none."""
+        """True if it makes more of its command than its thrust with one lag or none."""
         return self.command != "thrust" or self.time_constants is not None
 
     @property
     def feels_air(self) -> bool:
-        """Whether the air does anything to it besides its thrust in still air."""
+        """True if the air does anything to it besides its thrust in still air."""
         return any(getattr(self, key) for key in AIR_KEYS if key != "disc_radius")
 
     @cached_property
     def drive(self) -> Drive:
-        """What it makes of its command."""
+        """The way from its command to its thrust."""
         lag = self.time_constant or 0.0
         up, down = self.time_constants or (lag, lag)
         if self.command == "thrust":
@@ -367,8 +367,8 @@ def leaning_direction(azimuth_deg: Fraction, tilt_deg: Fraction, cant_deg: Fract
     return (c * st + s * sc * ct + 0.0, s * st - c * sc * ct + 0.0, cc * ct + 0.0)
 
 
-def _speed_known(values: Mapping[str, Any]) -> bool:
-    """Whether keys of a rotor tell its speed, or may if its command is misspelt or missing."""
+def _tells_speed(values: Mapping[str, Any]) -> bool:
+    """True if keys of a rotor tell its speed, or may if its command is misspelt or missing."""
     if "command" not in values and any(key in values for key in _DRIVEN):
         return True
     command = values.get("command", "thrust")
@@ -392,13 +392,13 @@ def _drive_faults(values: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
     elif command != "thrust" and "limits" in values:
         yield "limits", f"are limits of a thrust: give command_limits, those of the {command}"
     if command != "thrust" and len(curves) != 1:
-        known = "thrust_curve or thrust_constant"
+        right_keys = "thrust_curve or thrust_constant"
         if command == "throttle":
-            known = "max_thrust, thrust_curve, or thrust_constant with full_speed"
+            right_keys = "max_thrust, thrust_curve, or thrust_constant with full_speed"
         if curves:
-            yield curves[-1], f"must not stand beside {curves[0]}: give {known}"
+            yield curves[-1], f"must not stand beside {curves[0]}: give {right_keys}"
         else:
-            yield "command", f"needs the thrust of the {command} beside it: give {known}"
+            yield "command", f"needs the thrust of the {command} beside it: give {right_keys}"
     if command == "throttle" and "thrust_constant" in values and "full_speed" not in values:
         yield "thrust_constant", "needs full_speed beside it, the speed at a throttle of 1, rad/s"
     if command == "speed":

@@ -16,7 +16,7 @@ _OF_POSITIONS = ("stiffness", "backlash")
 
 @dataclass(frozen=True, kw_only=True)
 class Servo(Part):
-    """What holds a joint where it is commanded to be: its input is a position, or a rate."""
+    """A servo, which holds a joint where it is commanded to be, by a position or a rate."""
 
     # Its torque is stiffness·(reference − coordinate) − damping·rate, at most `torque`; within
     # `backlash` (the whole play) it pushes neither way. The reference follows the command with the
@@ -49,7 +49,7 @@ class Servo(Part):
     backlash: NotNegative = sized("play within which it does not push, {rad or m}", 0.0)
 
     def parameters(self) -> dict[str, Parameter]:
-        """What plays a part, of what can be parameters."""
+        """Numbers that can be parameters and count for its command."""
         marks = super().parameters()
         if self.command == "position":
             return marks
@@ -60,9 +60,9 @@ class Servo(Part):
     def _key_faults(cls, values: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
         """Faults of a rate that nothing delays, and of what only one kind of servo has."""
         if values.get("command") == "rate":
-            for each in _OF_POSITIONS:
-                if each in values:
-                    yield each, "must be left out where rates are commanded, which it does not hold"
+            for key in _OF_POSITIONS:
+                if key in values:
+                    yield key, "must be left out where rates are commanded, which it does not hold"
             if values.get("damping", 0.0) == 0.0:
                 yield "damping", "must be given, above 0: by it the servo pushes towards a rate"
             return

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
-from gibbs_codegen.interface import FUNCTIONS, Signature
+from gibbs_codegen.interface import FUNCTIONS, WHOLES, Signature
 from gibbs_codegen.program.loops import reroll
 from gibbs_codegen.program.model import Model
 from gibbs_codegen.program.nodes import Function, Number, Output, names_in
@@ -38,13 +38,15 @@ def function_text(
     documentation: Lines,
     one: FunctionBody,
     block: FunctionBody,
+    parts: Sequence[str] = (),
 ) -> Context:
     """What the templates need of a function, by its bodies for one state and for a block of states.
 
     Of the functions for one state, for a block of states and for a batch there are the heads;
     `declarations` are those in the header, for a batch also with constants of each state.
     `whole_block` and `last_block` are calls of the second in a batch, `last_inputs` what makes the
-    inputs of the last block whole.
+    inputs of the last block whole. `one_parts` and `batch_parts` call the `parts`, which return one
+    output each, where the others are NULL.
     """
     names = [output.name for output in FUNCTIONS[signature.name].outputs]
     inputs = dict(zip(signature.arguments, signature.widths, strict=True))
@@ -60,6 +62,8 @@ def function_text(
         "documentation": documentation,
         "declarations": declarations(robot, public, signature.arguments, names),
         "one_head": c.head(f"void {public}", [constants, *parameters]),
+        "one_parts": _calls_of_parts(signature, parts, f"{robot}_{{}}", ["constants"]),
+        "batch_parts": _calls_of_parts(signature, parts, "BATCH({})", ["constants", "count"]),
         "one": one,
         "block_head": c.head(f"static WIDE void {block_name}", [constants, *parameters]),
         "block": block,
@@ -68,6 +72,24 @@ def function_text(
         "last_inputs": _last_block(inputs, last),
         "last_block": c.call(block_name, ["last_constants", *last.values(), *rest]),
     }
+
+
+def _calls_of_parts(
+    signature: Signature, parts: Sequence[str], called: str, first: Sequence[str]
+) -> Lines:
+    """Lines that call the part of a function that is wanted, where it is one alone.
+
+    `called` has braces in place of the name; `first` are the first arguments.
+    """
+    lines: Lines = []
+    for part in parts:
+        row = FUNCTIONS[part]
+        own = [output.name for output in row.outputs]
+        every = [output.name for output in FUNCTIONS[signature.name].outputs]
+        unwanted = " && ".join(f"{name} == NULL" for name in every if name not in own)
+        call = c.call(called.format(part), [*first, *row.arguments, *own])
+        lines += [f"if ({unwanted}) {{", *c.indented([*call, "return;"]), "}"]
+    return lines
 
 
 def declarations(
@@ -115,32 +137,49 @@ _AT_ONCE = 4
 def c_function(
     model: Model, function: Function, signature: Signature, printer: InfixPrinter
 ) -> Context:
-    """What the templates need of one function."""
+    """What the templates need of one function.
+
+    One that returns a part of what another does is a call of the text of that, if compilers leave
+    out of it what is for the other outputs only: where it is one text, with the same angles.
+    """
+    parts, whole = _parts(model, function, signature), WHOLES.get(function.name, "")
+    one, block = _of_one_state(parts, printer), _of_block(parts, printer)
+    if whole in model.functions:
+        of_whole = _parts(model, *next(x for x in model.derived if x[0].name == whole))
+        if of_whole.angles == parts.angles:
+            if isinstance(_of_one_state(of_whole, printer), _StraightOn):
+                one = _PartOfText(parts, one.statements, of_whole)
+            if len(_of_block(of_whole, printer).allocation.sections) == 1:
+                block = _PartOfBlock(parts, block.statements, block.allocation, of_whole)
+    work, stack = operations(function), stack_bytes(parts.gathered)
+    documentation = doxygen(model.description, signature, work, stack)
+    bodies = one.body(), block.body()
+    return function_text(model.robot.name, signature, documentation, *bodies, parts.called_by)
+
+
+def _parts(model: Model, function: Function, signature: Signature) -> _Parts:
+    """What is printed of a function."""
     gathered = gather_angles(function)
     stored = [not _is_sparse(output) for output in function.outputs]
     steps = schedule_stores(gathered.statements, gathered.outputs, stored)
     inputs = {name: model.program.inputs[name] for name in function.arguments}
-    parts = _Parts(function, signature, inputs, gathered, steps)
-    robot = model.description.robot.name
-    work, stack = operations(function), stack_bytes(gathered)
-    return function_text(
-        robot,
-        signature,
-        doxygen(model.description, signature, work, stack),
-        _of_one_state(parts, printer),
-        _OfBlock(parts, c.CStatements(printer, of_several=True)).body(),
-    )
+    called_by = [name for name in FUNCTIONS[function.name].parts if name in model.functions]
+    return _Parts(function, signature, inputs, gathered, steps, called_by)
 
 
 @dataclass(frozen=True)
 class _Parts:
-    """A function, the names of its inputs by argument, its angles, and its schedule."""
+    """A function, the names of its inputs by argument, its angles, and its schedule.
+
+    `called_by` are the functions that return a part of what it does by its text.
+    """
 
     function: Function
     signature: Signature
     inputs: Mapping[str, Sequence[str]]
     gathered: GatheredFunction
     steps: Sequence[Step]
+    called_by: Sequence[str]
 
     @property
     def outputs(self) -> list[str]:
@@ -162,7 +201,13 @@ class _Parts:
         }
 
 
-def _of_one_state(parts: _Parts, printer: InfixPrinter) -> FunctionBody:
+def _of_block(parts: _Parts, printer: InfixPrinter) -> _OfBlock:
+    """A function for a block of states."""
+    allocation = allocate_scratch(parts.steps, {}, _MAX_REFERENCES)
+    return _OfBlock(parts, c.CStatements(printer, of_several=True), allocation)
+
+
+def _of_one_state(parts: _Parts, printer: InfixPrinter) -> _StraightOn | _InSections:
     """A function for one state: straight on, or in sections if loops stand for much of it."""
     items, signs = reroll(parts.steps)
     if any(isinstance(item, Loop) for item in items):
@@ -170,8 +215,8 @@ def _of_one_state(parts: _Parts, printer: InfixPrinter) -> FunctionBody:
         codes = [section.code for section in allocation.sections]
         rolled = sum(len(code.unrolled) for code in codes if isinstance(code, Loop))
         if rolled >= _FEWEST_ROLLED:
-            return _InSections(parts, c.CStatements(printer), allocation).body()
-    return _StraightOn(parts, c.CStatements(printer)).body()
+            return _InSections(parts, c.CStatements(printer), allocation)
+    return _StraightOn(parts, c.CStatements(printer))
 
 
 @dataclass(frozen=True)
@@ -189,6 +234,10 @@ class _Printed:
         names = [ANGLE, SINE, COSINE] if self.parts.angles else []
         sizes = dict.fromkeys(names, self._array_size(self.parts.angles))
         return c.local_arrays(sizes | ({SCRATCH: self._array_size(slots)} if slots else {}))
+
+    def _unwanted(self, entries: Mapping[str, int]) -> Lines:
+        """Declarations of arrays for outputs that are not wanted, by their entries."""
+        return c.local_arrays({name: self._array_size(size) for name, size in entries.items()})
 
     def _cleared(self) -> Lines:
         """Loops that make outputs zero."""
@@ -282,7 +331,28 @@ class _StraightOn(_Printed):
                 computed += self._stored(step, statements)
             else:
                 computed += statements.assign(step.name, step.value)
-        return FunctionBody([], [*lines, *c.side_by_side(computed)])
+        lines += c.side_by_side(computed)
+        if not self.parts.called_by:
+            return FunctionBody([], lines)
+        inputs, outputs = self.parts.inputs, self.parts.outputs
+        name = f"{self.parts.function.name}_text"
+        parameters = c.read_arrays(inputs) + c.written_arrays(outputs)
+        helper = statements.helper(name, parameters, lines)
+        return FunctionBody([helper], statements.call_helper(name, [*inputs, *outputs]))
+
+
+@dataclass(frozen=True)
+class _PartOfText(_StraightOn):
+    """A function for one state that is a call of the text of another, which computes more."""
+
+    whole: _Parts
+
+    def body(self) -> FunctionBody:
+        """Its body."""
+        unwanted, arrays = _in_place_of(self.parts, self.whole)
+        lines = [*self.statements.comment(_LEFT_OUT)[1:], *self._unwanted(unwanted)]
+        lines += self.statements.call_helper(f"{self.whole.function.name}_text", arrays)
+        return FunctionBody([], lines)
 
 
 @dataclass(frozen=True)
@@ -412,12 +482,50 @@ class _OfBlock(_InSections):
 
     ending: ClassVar[str] = "lane"
 
-    def __init__(self, parts: _Parts, statements: c.CStatements) -> None:
-        super().__init__(parts, statements, allocate_scratch(parts.steps, {}, _MAX_REFERENCES))
-
     def _sines(self) -> Lines:
         size = self._array_size(self.parts.angles)
         return c.call("sine_cosine_many", [size, ANGLE, SINE, COSINE])
+
+
+@dataclass(frozen=True)
+class _PartOfBlock(_OfBlock):
+    """A function for a block of states that calls the one helper of another, as `_PartOfText`."""
+
+    whole: _Parts
+
+    def body(self) -> FunctionBody:
+        """Its body."""
+        helper = f"{self.whole.function.name}_{self.ending}"
+        unwanted, arrays = _in_place_of(self.parts, self.whole)
+        lines = [*self._local_arrays(), *self._cleared()]
+        if self.parts.angles:
+            inputs = arrays[: len(self.whole.inputs)]
+            lines += self.statements.call_helper(f"{helper}_angles", [*inputs, ANGLE])
+            lines += self._sines()
+            arrays = [SINE, COSINE, *arrays]
+        # What is not wanted stays within a lane, or compilers would not see that nobody reads it.
+        of_lane = [name if name in unwanted else f"{name} + lane" for name in arrays]
+        call = c.call(helper, ["OF_LANE(constants, lane)", *of_lane, "LANES"])
+        lines += self.statements.comment(_LEFT_OUT)[1:]
+        lines += c.vector_loop("lane", "LANES", [*self._unwanted(unwanted), *call])
+        return FunctionBody([], lines)
+
+
+_LEFT_OUT = "Compilers leave out what is computed only for what nobody reads."
+
+
+def _in_place_of(part: _Parts, whole: _Parts) -> tuple[dict[str, int], list[str]]:
+    """Sizes of the arrays that a part does not want by name, and the arguments of the whole.
+
+    The first argument of the part stands for those that it lacks, since none of it is read.
+    """
+    first = next(iter(part.inputs))
+    arguments, unwanted = [name if name in part.inputs else first for name in whole.inputs], {}
+    for name, output in zip(whole.outputs, whole.function.outputs, strict=True):
+        arguments.append(name if name in part.outputs else f"unwanted_{name}")
+        if name not in part.outputs:
+            unwanted[arguments[-1]] = math.prod(output.shape)
+    return unwanted, arguments
 
 
 def _is_sparse(output: Output) -> bool:

@@ -13,7 +13,7 @@ from gibbs_codegen.machine.laws import LAWS
 from gibbs_codegen.program.model import Model
 from gibbs_codegen.robot.balance import carried_rotors, tried_postures, wrench_matrix
 from gibbs_codegen.robot.model import Robot
-from gibbs_codegen.robot.placement import Array
+from gibbs_codegen.robot.rotations import Array
 from gibbs_codegen.robot.wrenches import directions
 from gibbs_codegen.targets.c.calls import check_calls, model_functions
 from gibbs_codegen.targets.printers import Lines

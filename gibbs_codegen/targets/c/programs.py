@@ -120,7 +120,7 @@ class LaneProgram(StepProgram):
 
 
 def program_texts(model: Model) -> list[Context]:
-    """What the templates are given of the functions that are array programs."""
+    """Values for the templates of functions that are array programs."""
     robot = Functions(model.listing)
     texts = []
     for signature in model.composed:

@@ -41,13 +41,13 @@ def pattern_texts(model: Model) -> list[Context]:
 
 
 def sparse_texts(model: Model) -> list[Context]:
-    """What the templates are given of each function that writes the entries of patterns."""
-    found, with_matrices = patterns(model), matrices(model)
+    """Values for the templates of each function that writes the entries of patterns."""
+    pattern_of, with_matrices = patterns(model), matrices(model)
     return [
         _sparse_text(
             model.robot.name,
             signature,
-            {name: found[name] for name in names},
+            {name: pattern_of[name] for name in names},
             stack_bytes(gather_angles(function)),
         )
         for function, signature in model.derived

@@ -118,7 +118,7 @@ class CStatements(StatementPrinter):
 
 
 def unused(name: str) -> str:
-    """What tells compilers that a parameter is not used on purpose."""
+    """A line that tells compilers that a parameter is unused on purpose."""
     return f"(void){name};"
 
 
@@ -158,7 +158,7 @@ def side_by_side(lines: Iterable[str], depth: int = 1) -> list[str]:
 
     Of constants that are computed a line has two, so that a reader finds them.
     """
-    found: list[str] = []
+    merged: list[str] = []
     before: re.Match[str] | None = None
     count = 0
     for line in lines:
@@ -168,13 +168,13 @@ def side_by_side(lines: Iterable[str], depth: int = 1) -> list[str]:
             rest = f", {line.removeprefix(declared)}" if declared else f"; {line}"
             same = bool(short["copied"]) == bool(before["copied"]) or not declared
             room = count < 2 or short["copied"] or not declared
-            if same and room and len(found[-1]) + len(rest) <= WIDTH - depth * INDENT + 1:
-                found[-1] = f"{found[-1][:-1]}{rest}"
+            if same and room and len(merged[-1]) + len(rest) <= WIDTH - depth * INDENT + 1:
+                merged[-1] = f"{merged[-1][:-1]}{rest}"
                 count += 1
                 continue
-        found.append(line)
+        merged.append(line)
         before, count = short, 1
-    return found
+    return merged
 
 
 def indented(lines: Iterable[str]) -> list[str]:

@@ -1,4 +1,4 @@
-"""What the C templates are given: text only, every decision already taken."""
+"""Values for the C templates: text only, every decision already taken."""
 
 from __future__ import annotations
 
@@ -26,6 +26,7 @@ from gibbs_codegen.targets.c.programs import program_texts
 from gibbs_codegen.targets.c.sparse import pattern_texts, sparse_texts
 from gibbs_codegen.targets.c.statements import CStatements, side_by_side
 from gibbs_codegen.targets.printers import Context, InfixPrinter, Lines
+from gibbs_codegen.version import __version__
 
 # Rounding is part of what `prepare` computes.
 _KIND = "STEPWISE real"
@@ -88,6 +89,8 @@ def module_text(
             f"good &= {' & '.join(f'is_finite({name})' for name in program.constants)};", WIDTH - 4
         ),
         "runtime_file": RUNTIME,
+        # As a number, which the preprocessor compares: 10203 of 1.2.3.
+        "runtime_version": int("".join(f"{int(x):02}" for x in __version__.split("."))),
         "runtime": c_source("runtime.c").rstrip(),
         "functions": functions,
         "patterns": pattern_texts(model),
@@ -120,7 +123,7 @@ def rollout_text(model: Model, _: InfixPrinter, header: Lines) -> Context:
 
 
 def in_braces(texts: Iterable[str]) -> Lines:
-    """What stands in braces, as many in a line as there is room for."""
+    """Lines between braces, with as many entries in a line as there is room for."""
     return textwrap.wrap(" ".join(f"{text}," for text in texts), WIDTH - 4)
 
 
@@ -159,7 +162,7 @@ def _macros(prefix: str, names: Iterable[str]) -> Lines:
 
 
 def _tables(model: Model) -> dict[str, Lines]:
-    """What explains the entries of arguments and results, by headings."""
+    """Tables of the entries of arguments and results, by headings."""
     description, used = model.description, _used(model)
     hybrid = documentation.unknown_table(description) if "HYBRID_COORDINATES" in used else []
     return {

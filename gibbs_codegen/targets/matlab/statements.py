@@ -70,7 +70,7 @@ def load(name: str, array: str, place: int) -> str:
 
 
 def column(texts: Sequence[str]) -> list[str]:
-    """What stands in the brackets of a column, or in the braces of a cell column.
+    """Lines between the brackets of a column, or between the braces of a cell column.
 
     Each expression stays whole, as a line break within a quoted text is an error.
     """

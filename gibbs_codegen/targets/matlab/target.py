@@ -1,4 +1,4 @@
-"""What the MATLAB templates are given: functions with their help, lists, and what is there once."""
+"""Values for the MATLAB templates: functions with their help, lists, and files that come once."""
 
 from __future__ import annotations
 
@@ -87,8 +87,8 @@ def package_text(
         signature.name: _function_text(model, signature, statements, header)
         for signature in model.signatures
     }
-    own = ["states", "changed_parameters", "check_constants"]
-    own += ["product"] if any(map(_has_derivatives, model.composed)) else []
+    files = ["states", "changed_parameters", "check_constants"]
+    files += ["product"] if any(map(_has_derivatives, model.composed)) else []
     return {
         "matlab_function.m.jinja": functions,
         "matlab_list.m.jinja": list_texts(model.description, model.functions, header),
@@ -97,7 +97,7 @@ def package_text(
         "matlab_patterns.m.jinja": {"patterns": once} if once["patterns"] else {},
         "matlab_constants.m.jinja": {"+internal/default_constants": once},
         "matlab_source.m.jinja": {
-            f"+internal/{name}": {"header": header, "lines": matlab_source(name)} for name in own
+            f"+internal/{name}": {"header": header, "lines": matlab_source(name)} for name in files
         },
     }
 
@@ -160,7 +160,7 @@ def _has_derivatives(step: Signature) -> bool:
 def _model_text(
     model: Model, printer: InfixPrinter, statements: MatlabStatements, header: Lines
 ) -> Context:
-    """What files that are there once in a package depend on: parameters, constants, patterns.
+    """Values for files that come once in a package: parameters, constants, patterns.
 
     `folded` are fields that are no parameters, as what stands in braces, and entries of `patterns`
     what stands in brackets.
@@ -172,12 +172,12 @@ def _model_text(
         for signature in model.signatures
         for output, shape in zip(FUNCTIONS[signature.name].outputs, signature.shapes, strict=True)
     }
-    found = []
+    pattern_texts = []
     for matrix, pattern in patterns(model).items():
         places = column_major(shapes[matrix])
         entries = zip(pattern.rows, pattern.columns, strict=True)
         texts = [str(places[i * pattern.width + j]) for i, j in entries]
-        found.append({"name": matrix, "entries": column(texts)})
+        pattern_texts.append({"name": matrix, "entries": column(texts)})
     return {
         "header": header,
         "package": model.robot.name,
@@ -190,7 +190,7 @@ def _model_text(
         "total_mass": printer.expression(model.total_mass),
         "constants": column([variable(name) for name in program.constants]),
         "default_constants": column([printer.number(values[name]) for name in program.constants]),
-        "patterns": found,
+        "patterns": pattern_texts,
     }
 
 
@@ -247,7 +247,7 @@ def help_text(
 
     def named(text: str) -> str:
         # Functions of the package stand in place of constants.
-        return re.sub(r"\b[A-Z_]+\b", lambda found: _NAMED.get(found[0], found[0]), text)
+        return re.sub(r"\b[A-Z_]+\b", lambda match: _NAMED.get(match[0], match[0]), text)
 
     row = FUNCTIONS[signature.name]
     outputs = tuple(replace(output, entries=named(output.entries)) for output in row.outputs)

@@ -20,7 +20,7 @@ class PythonStatements(StatementPrinter):
         return [f"{start}(", *(f"{' ' * INDENT}{line}" for line in _wrapped(text)), ")"]
 
     def entries(self, outputs: Sequence[Output]) -> list[str]:
-        """What stands in the parentheses of a tuple of all entries of outputs."""
+        """Lines between the parentheses of a tuple of all entries of outputs."""
         nodes = (entry for output in outputs for entry in output.entries)
         return elements([self._expressions.expression(node) for node in nodes])
 
@@ -69,7 +69,7 @@ def _indented(lines: Iterable[str]) -> list[str]:
 
 
 def elements(texts: Sequence[str]) -> list[str]:
-    """What stands in the parentheses of a tuple."""
+    """Lines between the parentheses of a tuple."""
     return _wrapped(f"{', '.join(texts)},") if texts else []
 
 
@@ -85,19 +85,19 @@ def literal(value: object) -> str:
 
 
 def literals(values: Iterable[object]) -> list[str]:
-    """What stands in the parentheses of a tuple of constants, with no line that ends in a text."""
+    """Lines between the parentheses of a tuple of constants, none of which ends in a text."""
     text = " ".join(f"{literal(v)}," for v in values)
     return broken(text, WIDTH - INDENT, whole='"[^"]*"', hanging="") if text else []
 
 
 def integers(numbers: Iterable[int]) -> list[str]:
-    """What stands in the parentheses of a tuple of integers in a tuple; nothing without any."""
+    """Text between the parentheses of a tuple of integers in a tuple; nothing without any."""
     text = " ".join(f"{number}," for number in numbers)
     return broken(text, WIDTH - 3 * INDENT, hanging="") if text else []
 
 
 def result(outputs: Sequence[Output]) -> str:
-    """What a function returns, given `entries` of all its outputs and `batch`."""
+    """The return value of a function, from `entries` of all its outputs and `batch`."""
     calls, start = [], 0
     for output in outputs:
         stop = start + len(output.entries)

@@ -1,4 +1,4 @@
-"""What the NumPy templates are given: text only, every decision already taken."""
+"""Values for the NumPy templates: text only, every decision already taken."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def module_text(model: Model, printer: InfixPrinter, header: Lines) -> Context:
     tables["Inputs u, in order"] = documentation.coordinate_table(description.inputs)
     constants: dict[str, Any] = {**model.lists}
     constants |= description.constants
-    found = [
+    pattern_texts = [
         {
             "name": name,
             "rows": python.integers(pattern.rows),
@@ -38,7 +38,7 @@ def module_text(model: Model, printer: InfixPrinter, header: Lines) -> Context:
         for name, pattern in patterns(model).items()
     ]
     on_request = [name for name in DATA_ON_REQUEST if name in constants]
-    data = [*DATA, *on_request, *(["PATTERNS"] if found else [])]
+    data = [*DATA, *on_request, *(["PATTERNS"] if pattern_texts else [])]
     robot = Functions(model.listing)
     steps = [
         {
@@ -91,7 +91,7 @@ def module_text(model: Model, printer: InfixPrinter, header: Lines) -> Context:
             for name, kind in _TABLES.items()
             if name in constants
         ],
-        "patterns": found,
+        "patterns": pattern_texts,
         "parameters": documentation.parameter_texts(model, printer),
         "folded": python.literals(model.folded),
         "parameter_loads": [python.load(name, "values", name) for name in model.parameters_read],
@@ -109,7 +109,7 @@ def module_text(model: Model, printer: InfixPrinter, header: Lines) -> Context:
 def _labels(model: Model) -> dict[str, str]:
     """Expressions for the names of entries as of `entry_labels`, by arguments of the functions."""
     used = {argument for signature in model.signatures for argument in signature.arguments}
-    found = {}
+    labels = {}
     for argument in (name for name in ARGUMENTS if name in used):
         shape = ARGUMENTS[argument].shape
         # What every module says of W by itself.
@@ -117,10 +117,10 @@ def _labels(model: Model) -> dict[str, str]:
             first, second = (LISTS.get(letter, letter) for letter in shape)
             times = f"range({second})" if second.isdigit() else second
             named = f"[name for name in {first} for _ in {times}]"
-            found[argument] = f"[*{second}] * {first}" if first.isdigit() else named
+            labels[argument] = f"[*{second}] * {first}" if first.isdigit() else named
         elif shape in OWN_LISTS:
-            found[argument] = LISTS[shape]
-    return found
+            labels[argument] = LISTS[shape]
+    return labels
 
 
 # Constants that are dicts, and the types of their values.
@@ -148,7 +148,7 @@ def _function_text(
     That returns all if the function is composed of others, and has no kernel. `work` is what a call
     takes, in words.
     """
-    name, own = signature.name, [f"{argument}: ArrayLike" for argument in signature.arguments]
+    name, heads = (signature.name, [f"{argument}: ArrayLike" for argument in signature.arguments])
     arrays = [
         f'state_array("{argument}", {", ".join([argument, *map(str, shape)])})'
         for argument, shape in zip(signature.arguments, signature.argument_shapes, strict=True)
@@ -160,7 +160,7 @@ def _function_text(
         "name": name,
         "head": python.listed(
             f"def {name}",
-            [*own, "constants: tuple[Any, ...] | None = None"],
+            [*heads, "constants: tuple[Any, ...] | None = None"],
             f" -> {python.result_type(len(signature.shapes))}:",
         ),
         "evaluated": python.listed(called, [*first, "constants", *arrays]),
@@ -177,9 +177,9 @@ def _kernel_text(model: Model, function: Function, statements: python.PythonStat
     loads = python.load_all(function.constants, "k", places, whole=False)
     for argument in function.arguments:
         names = program.inputs[argument]
-        own = [i for i, name in enumerate(names) if name in used]
+        read = [i for i, name in enumerate(names) if name in used]
         loads += python.load_all(
-            [names[i] for i in own], argument, own, whole=len(own) == len(names)
+            [names[i] for i in read], argument, read, whole=len(read) == len(names)
         )
     return {
         "arguments": ["k", "sin", "cos", *function.arguments],

@@ -20,7 +20,7 @@ from gibbs_codegen.runtime.rollouts import (
     RUNNING,
     Feedback,
     Method,
-    Motors,
+    MotorModel,
     Piece,
     Precision,
     Problem,
@@ -60,12 +60,12 @@ def problem_of(module: ModuleType, **changes: Any) -> Problem:
     return replace(Problem(module, None, q, v, inputs, STEPS, DT), **changes)
 
 
-def motors_of(problem: Problem) -> Motors:
+def motors_of(problem: Problem) -> MotorModel:
     """Motors that limit inputs, of which every second one lags."""
     rng = np.random.default_rng(6)
     lags = np.arange(ROTORS) % 2 * rng.uniform(0.01, 0.05, (STATES, ROTORS))
     limits = np.ones(problem.inputs.shape[-1])
-    return Motors(0.5 * limits, 3.5 * limits, lags, rng.uniform(1.0, 2.0, (STATES, ROTORS)))
+    return MotorModel(0.5 * limits, 3.5 * limits, lags, rng.uniform(1.0, 2.0, (STATES, ROTORS)))
 
 
 def feedback_of(problem: Problem) -> Feedback:

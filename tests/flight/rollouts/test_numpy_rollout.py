@@ -13,7 +13,7 @@ from gibbs_codegen.runtime.rollouts import (
     OUT_OF_BOUNDS,
     RUNNING,
     Method,
-    Motors,
+    MotorModel,
     Problem,
     numpy_rollout,
 )
@@ -32,10 +32,10 @@ def problem_of(module: ModuleType, method: Method = "rk4") -> Problem:
     return Problem(module, None, q, v, inputs, STEPS, DT, method)
 
 
-def motors_of(problem: Problem, *time_constants: float) -> Motors:
+def motors_of(problem: Problem, *time_constants: float) -> MotorModel:
     """Motors that limit nothing."""
     some = np.linspace(1.0, 2.0, STATES * ROTORS).reshape(STATES, ROTORS)
-    return Motors(
+    return MotorModel(
         np.full(problem.inputs.shape[-1], -np.inf),
         np.full(problem.inputs.shape[-1], np.inf),
         np.array([time_constants]),

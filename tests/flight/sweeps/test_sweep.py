@@ -314,7 +314,7 @@ def test_rows_that_cannot_be_read_are_left_alone(robot, tmp_path, here, monkeypa
     with monkeypatch.context() as patched:
         patched.setattr(type(path), "open", broken)
         with pytest.raises(OutputError, match=rf"{path}: cannot be read: Input/output error"):
-            chunks.Results(tmp_path, ())
+            chunks.ResultFile(tmp_path, ())
     assert path.is_file()
 
 
