@@ -20,7 +20,7 @@ import threading
 import time
 from collections import defaultdict
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor, wait
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -34,6 +34,8 @@ from gibbs_codegen.runtime.cache import cached_library
 
 # Numbers of the processes of compilers that run.
 _RUNNING: set[int] = set()
+# After so long, s, compilers are ended again that have started since.
+_MOMENT = 0.02
 # Sixty-four links take minutes.
 _TIMEOUT_SECONDS = 300.0
 _FLAGS = ("-O3", "-ffp-contract=fast", "-fPIC", "-shared")
@@ -284,12 +286,17 @@ class ModuleLibrary:
         """
         always = (name for name in self._functions if not FUNCTIONS[name].on_request)
         units = {self._unit(name, each=False) for name in always}
+        tasks: list[Future[ctypes.CDLL]] = []
         with ThreadPoolExecutor(len(units)) as pool:
             try:
-                for done in [pool.submit(self._library, unit) for unit in units]:
-                    done.result()
-            except BaseException:
-                _end([*_RUNNING])
+                for unit in units:
+                    tasks.append(pool.submit(self._library, unit))
+                for task in tasks:
+                    task.result()
+            except (KeyboardInterrupt, SystemExit):
+                # Some may be about to start.
+                while wait(tasks, _MOMENT).not_done:
+                    _end([*_RUNNING])
                 raise
 
     def _library(self, unit: Unit) -> ctypes.CDLL:

@@ -124,7 +124,7 @@ def find_targets(names: Sequence[str] = DEFAULT_TARGETS) -> dict[str, Target]:
 
     Raises `UsageError` where a name is unknown, or a target is missing that another needs.
     """
-    rows = {}
+    rows: dict[str, Target] = {}
     for word in names:
         name, _, acting = word.partition(":")
         if name not in TARGETS:
@@ -132,6 +132,11 @@ def find_targets(names: Sequence[str] = DEFAULT_TARGETS) -> dict[str, Target]:
             if name in _LOADED:
                 known += f". No target is needed for it: {_LOADED[name]}"
             raise UsageError(known)
+        if others := [x for x in rows if x != word and x.partition(":")[0] == name]:
+            raise UsageError(
+                f"--target {printable(word)}: {others[0]} is asked for, too, and both have the "
+                "same files; leave one of them out"
+            )
         rows[word] = _with_acting(word, tuple(acting.split(","))) if acting else TARGETS[name]
     for name, target in rows.items():
         if missing := [needed for needed in target.needs if needed not in rows]:

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import itertools
 import logging
+import os
+import signal
 import tempfile
 import time
 from collections.abc import Callable, Sequence
@@ -18,6 +21,7 @@ from gibbs_codegen.runtime import c_library
 from gibbs_codegen.runtime.c_library import (
     Compiler,
     CompilerError,
+    ModuleLibrary,
     compiled_library,
     seconds_waited,
 )
@@ -71,6 +75,28 @@ def test_what_flights_need_is_compiled_side_by_side(
     for name, states in {"mass_matrix": [q], "positions": [q], "kinetic_energy": [q, v]}.items():
         expected = getattr(module.in_numpy, name)(*states)
         assert getattr(module, name)(*states) == pytest.approx(expected, rel=1e-12, abs=1e-12)
+
+
+def test_ctrl_c_ends_compilers_that_start_after_it(
+    shipped: Callable[[str], ModuleType], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    codes, calls = list[int | None](), itertools.count()
+
+    def compile_late(*_: object, **__: object) -> Path:
+        time.sleep(0.2)
+        if next(calls) == 0:
+            os.kill(os.getpid(), signal.SIGINT)
+        time.sleep(0.2)
+        codes.append(c_library._run(["sleep", "3"], 60.0, tmp_path)[0])
+        raise CompilerError("ended")
+
+    monkeypatch.setattr(c_library, "compiled_files", compile_late)
+    module = shipped(NAME)
+    library = ModuleLibrary(Path(module.__path__[0]), module, Compiler(("cc",), ""))
+    with pytest.raises(KeyboardInterrupt):
+        library.build()
+    assert len(codes) > 1
+    assert set(codes) == {-signal.SIGKILL}
 
 
 def test_a_compiler_that_is_ended_leaves_nothing(

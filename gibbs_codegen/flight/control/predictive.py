@@ -476,7 +476,9 @@ class Predictive:
         for wall in self.walls:
             for frame in wall.frames:
                 self._frame(frame)
-        self._environment = replace(around, wall=(*self.walls, *around.wall))
+        # A payload without a mass has no figure.
+        carried = tuple(load for load in around.payload if load.mass > 0.0)
+        self._environment = replace(around.with_walls(self.walls), payload=carried)
         return self._environment.under(around.push is not None, True, False)
 
     def _figures(self, time: float) -> dict[str, Array]:

@@ -149,6 +149,14 @@ class Environment:
         acts = world.push or world.payload or world.wind or world.wall or world.spin or world.hold
         return world if acts else None
 
+    def with_walls(self, walls: Sequence[Wall]) -> Environment:
+        """The same with further walls. Raises `UsageError` for one that it has."""
+        if any(wall in self.wall for wall in walls):
+            raise UsageError(
+                "walls: act besides those of `surroundings`; leave those out that it has"
+            )
+        return replace(self, wall=(*walls, *self.wall))
+
     @cached_property
     def around(self) -> Surroundings:
         """The surroundings that act at all times, and their frames."""

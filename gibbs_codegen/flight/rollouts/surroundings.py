@@ -115,10 +115,7 @@ def rollout_surroundings(
             "surroundings: holds begin and end at times; leave them out, and name the constraints "
             "that hold in `constraints`"
         )
-    environment = surroundings or Environment(vehicle)
-    if any(wall in environment.wall for wall in walls):
-        raise UsageError("walls: act besides those of `surroundings`; leave those out that it has")
-    environment = replace(environment, wall=(*walls, *environment.wall))
+    environment = (surroundings or Environment(vehicle)).with_walls(walls)
     _check_steps(environment, q, parameters, dt, method)
     frames = tuple(vehicle.frames.index(payload.frame) for payload in environment.payload)
     fixed = tuple(

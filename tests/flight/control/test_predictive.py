@@ -699,6 +699,7 @@ def test_what_acts_is_foreseen_as_it_is_flown(kept: Path) -> None:
         "wind": {"velocity": [3.0, -1.0, 0.5], "drag": {"base": 0.4, "tip": 0.1}},
         "push": {"frame": "tip", "force": [1.0, 0.5, 0.2], "begin": 0, "end": 1},
         "payload": [
+            {"frame": "base", "mass": 0.0},
             {"frame": "tip", "mass": 0.3, "end": 1},
             {"frame": "base", "mass": 0.2, "begin": 1},
         ],
@@ -709,6 +710,8 @@ def test_what_acts_is_foreseen_as_it_is_flown(kept: Path) -> None:
     simulation = Simulation(module, scene)
     simulation.reset(q, v)
     simulation.advance(u, h)
+    with pytest.raises(UsageError, match="walls: act besides those"):
+        Predictive(module, Rest(q, u), step=h, nodes=2, surroundings=scene, walls=scene.walls)
     controller = Predictive(module, Rest(q, u), step=h, nodes=2, surroundings=scene)
     given = inputs_of(controller, 0) | {"u": u, "x": np.r_[q, v], "x_next": np.r_[q, v], "h": h}
     gap = value(controller, controller.horizon.values(), given)["gap"]
