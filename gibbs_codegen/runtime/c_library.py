@@ -289,8 +289,7 @@ class ModuleLibrary:
         tasks: list[Future[ctypes.CDLL]] = []
         with ThreadPoolExecutor(len(units)) as pool:
             try:
-                for unit in units:
-                    tasks.append(pool.submit(self._library, unit))
+                tasks.extend(pool.submit(self._library, unit) for unit in units)
                 for task in tasks:
                     task.result()
             except (KeyboardInterrupt, SystemExit):
