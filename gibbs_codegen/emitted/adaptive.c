@@ -111,6 +111,9 @@ static int slope_at(const void *const *given, const double time, const double *x
 }
 
 void flow_slope(const void *const *given, const double time, const double *x, double *rate,
+    int *refused);
+
+void flow_slope(const void *const *given, const double time, const double *x, double *rate,
     int *refused)
 {
     double inputs[RANGED + 1], inside;
@@ -277,6 +280,9 @@ static double first_end(const Solver *s, const double h)
  * `times`, and inputs are looked at four times a step, at `instants`. There is room for as many
  * as come.
  */
+void flow_steps(const void *const *given, Flow *flow, const double *scale, double *x,
+    const double *times, double *samples, double *instants, double *inputs);
+
 void flow_steps(const void *const *given, Flow *flow, const double *scale, double *x,
     const double *times, double *samples, double *instants, double *inputs)
 {

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+import itertools
 from collections.abc import Mapping, Sequence
 from types import ModuleType
 from typing import Any, NamedTuple
@@ -12,7 +13,7 @@ from numpy.typing import NDArray
 
 from gibbs_codegen.arrays.contents import owners_of
 from gibbs_codegen.arrays.functions import Functions
-from gibbs_codegen.arrays.nodes import Program
+from gibbs_codegen.arrays.nodes import Node, Program
 from gibbs_codegen.files.verbatim import c_source
 from gibbs_codegen.runtime.program_steps import ProgramArguments
 from gibbs_codegen.runtime.programs import c_text, called, library, take_slope
@@ -45,6 +46,18 @@ class Flown(NamedTuple):
     inputs: Array
 
 
+def flow_source(slope: Program, end: Program, robot: Functions) -> str:
+    """C that takes steps of adaptive size of a closed loop by its programs."""
+    engine = [*take_slope(slope, end, [*_inputs(slope, end)]), c_source("adaptive.c")]
+    return c_text([slope, end], robot, engine=engine)
+
+
+def _inputs(slope: Program, end: Program) -> dict[str, Node]:
+    """The inputs of both programs by name, but for time and state."""
+    pairs = (zip(program.names[2:], program.inputs[2:], strict=True) for program in (slope, end))
+    return dict(itertools.chain(*pairs))
+
+
 class ProgramFlow:
     """A closed loop by its programs `slope` and `end`, whose inputs are time, x, and what is given.
 
@@ -65,13 +78,8 @@ class ProgramFlow:
         guesses: int,
     ) -> None:
         """Compile the programs, and lay out what they are given."""
-        inputs = {
-            name: x
-            for program in (slope, end)
-            for name, x in list(zip(program.names, program.inputs, strict=True))[2:]
-        }
-        engine = [*take_slope(slope, end, [*inputs]), c_source("adaptive.c")]
-        text = c_text([slope, end], Functions(module), engine=engine)
+        inputs = _inputs(slope, end)
+        text = flow_source(slope, end, Functions(module))
         compiled = library(module, called([slope, end]), {"_flow.c": text}, blocks=False)
         self._slope, self._flow = compiled.flow_slope, compiled.flow_steps
         self._slope.argtypes = [ctypes.c_void_p, ctypes.c_double, *[ctypes.c_void_p] * 3]

@@ -192,10 +192,15 @@ class ProgramSteps:
         return Taken(taken, found, last, refused.astype(bool), goes_on.astype(bool))
 
 
+def steps_source(program: Program, robot: Functions, lanes: int = 1, *, each: bool = False) -> str:
+    """C that takes many steps of a program, of which `each` state may have constants of its own."""
+    engine = [*take_step([program], program.names[3:]), c_source("engine.c")]
+    return c_text([program], robot, lanes, each=each, engine=engine)
+
+
 def _compiled(module: ModuleType, program: Program, blocks: Blocks, *, each: bool) -> Any:
     """The function that takes many steps; with `each` states have constants of their own."""
-    engine = [*take_step([program], program.names[3:]), c_source("engine.c")]
-    source = c_text([program], Functions(module), blocks.lanes, each=each, engine=engine)
+    source = steps_source(program, Functions(module), blocks.lanes, each=each)
     sources = {f"_{program.name}.c": source}
     functions, one = called([program]), blocks.lanes == 1
     compiled = library(module, functions, sources, single=blocks.single, each=each, blocks=not one)

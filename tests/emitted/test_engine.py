@@ -12,12 +12,13 @@ from support.compiled import SANITIZERS, build, compile_only
 from support.tools import run
 
 from gibbs_codegen.arrays.contents import externals_of, owners_of
-from gibbs_codegen.arrays.nodes import Program
 from gibbs_codegen.flight.integration.closed_loop import loop_program
 from gibbs_codegen.flight.integration.state_history import Loads
 from gibbs_codegen.flight.scenario.file import read_scenario
 from gibbs_codegen.flight.simulation import flight_start
-from gibbs_codegen.runtime.programs import c_text
+from gibbs_codegen.machine.closed_loop import ClosedLoop
+from gibbs_codegen.runtime.program_flow import flow_source
+from gibbs_codegen.runtime.program_steps import steps_source
 
 # What a program has no use for.
 UNUSED = ["-Wno-unused-macros", "-Wno-unused-function"]
@@ -95,28 +96,34 @@ int main(void)
 """
 
 
-def step_of(fast: Callable[[str], ModuleType]) -> tuple[Any, Program, Path]:
-    """The plant and a step of a closed loop, and the folder of the module."""
+def loop_of(fast: Callable[[str], ModuleType]) -> tuple[ClosedLoop, Path]:
+    """A closed loop, and the folder of the module."""
     module = fast("hexarotor_3link")
     loop = flight_start(module, read_scenario("paper", CHANGES), lambda *_: None, own=False).loop
-    found = loop_program(loop, Loads(False, True))
-    return found.plant, found.step(), Path(module.__path__[0])
+    return loop_program(loop, Loads(False, True)), Path(module.__path__[0])
 
 
 @pytest.mark.slow
-def test_the_source_compiles_silently(fast: Callable[[str], ModuleType], tmp_path: Path) -> None:
+@pytest.mark.parametrize("method", ["fixed", "adaptive"])
+def test_the_source_compiles_silently(
+    method: str, fast: Callable[[str], ModuleType], tmp_path: Path
+) -> None:
     """And neither allocates, nor has data that can be written."""
-    plant, step, folder = step_of(fast)
+    loop, folder = loop_of(fast)
+    if method == "fixed":
+        text = steps_source(loop.step(), loop.plant, 8)
+    else:
+        text = flow_source(loop.slope(), loop.end(), loop.plant)
     source = tmp_path / "step.c"
-    source.write_text(c_text(step, plant, 8, steps=True), encoding="utf-8")
+    source.write_text(text, encoding="utf-8")
     options = ["-O1", "-fno-math-errno", *UNUSED, f"-I{folder}"]
     (compiled,) = compile_only("gcc", options, [str(source)], tmp_path)
     symbols = [line.split() for line in run(["nm", compiled]).splitlines()]
     called = {words[-1] for words in symbols if words[-2] == "U"}
-    own = {name for name in called if name.startswith(plant.name)}
-    assert called - own <= {
+    of_module = {name for name in called if name.startswith(loop.plant.name)}
+    assert called - of_module <= {
         *("atan2", "cos", "sin", "sincos", "sqrt", "floor", "memcpy", "memmove", "memset"),
-        *("_GLOBAL_OFFSET_TABLE_", "__stack_chk_fail"),
+        *("pow", "nextafter", "_GLOBAL_OFFSET_TABLE_", "__stack_chk_fail"),
     }
     assert not [words for words in symbols if words[-2] in "bBdDC"]
 
@@ -125,9 +132,10 @@ def test_the_source_compiles_silently(fast: Callable[[str], ModuleType], tmp_pat
 def test_sanitizers_find_nothing_in_random_flights(
     fast: Callable[[str], ModuleType], tmp_path: Path
 ) -> None:
-    plant, step, folder = step_of(fast)
+    loop, folder = loop_of(fast)
+    plant, step = loop.plant, loop.step()
     assert externals_of(step) >= {"desired"}
-    (tmp_path / "step.c").write_text(c_text(step, plant, steps=True), encoding="utf-8")
+    (tmp_path / "step.c").write_text(steps_source(step, plant), encoding="utf-8")
     owners = len(owners_of(step))
     sizes = [*[1] * (owners + 1), *(x.size for x in step.inputs[3:])]
     # Bounds that few states reach.

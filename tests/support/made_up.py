@@ -326,9 +326,20 @@ class MadeUp:
     def _parameters_of(self, row: Any, *given: Array) -> Array:
         name = row.derivative_of
         own = given[: len(FUNCTIONS[name].arguments)]
-        shape = self.signatures[name].shapes[0]
-        slope = self._sines(name, 0, shape, own)[1][:, -3:]
+        if hasattr(type(self), f"_{name}"):
+            slope = self._parameter_slope(name, own)
+        else:
+            slope = self._sines(name, 0, self.signatures[name].shapes[0], own)[1][:, -3:]
         return slope if len(own) == len(given) else given[-1] @ slope
+
+    def _parameter_slope(self, name: str, arguments: Sequence[Array]) -> Array:
+        """The slope of an output by the parameters, by complex steps."""
+        before, columns = self.parameters, []
+        for step in 1j * STEP * np.eye(len(before)):
+            self.parameters = before + step
+            columns.append(np.imag(self._called(name, *arguments)) / STEP)
+        self.parameters = before
+        return np.stack(columns, -1)
 
     def _hessian_of(self, row: Any, *given: Array) -> Any:
         *own, w = given
