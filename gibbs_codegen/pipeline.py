@@ -155,7 +155,7 @@ def check_robot(
 
 def _options(model: Model, targets: Sequence[str]) -> str:
     """Options of a module's generation, for the manifest."""
-    return " ".join(registry.generating_options(targets, model))
+    return " ".join(registry.generating_options(registry.find_targets(targets), model))
 
 
 def module_files(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import pkgutil
 import subprocess
 import sys
@@ -11,6 +12,7 @@ import pytest
 from conftest import ROOT
 
 import gibbs_codegen
+from gibbs_codegen.errors import UsageError
 
 SUBMODULES = [
     found.name for found in pkgutil.iter_modules(gibbs_codegen.__path__) if found.name != "__main__"
@@ -44,3 +46,13 @@ def test_no_submodule_hides_an_export_by_its_import() -> None:
 def test_figures_are_functions_at_the_package_itself(name: str) -> None:
     draw = getattr(gibbs_codegen, name)
     assert draw(gibbs_codegen.paper_family(3, 1)).axes
+
+
+def test_scenario_names_its_arguments() -> None:
+    """Before and after its checks are built."""
+    for _ in range(2):
+        arguments = inspect.signature(gibbs_codegen.Scenario).parameters
+        assert [*arguments][:4] == ["name", "duration", "base", "attitude"]
+        assert arguments["base"].default is inspect.Parameter.empty
+        with pytest.raises(UsageError, match=r"Scenario\.base: missing$"):
+            gibbs_codegen.Scenario(name="a", duration=1.0)  # type: ignore[call-arg]

@@ -101,7 +101,7 @@ def _add_choice(parser: Parser, meaning: str) -> None:
 def add_kept(parser: Parser) -> None:
     """Add the options that choose what is generated, which a module keeps."""
     targets = (
-        "numpy, c, rollout, which needs c, matlab, or fmu, also with what acts: fmu:walls,drag"
+        "numpy, c, rollout, which needs c, matlab, or fmu; fmu:walls,drag names what acts in it"
     )
     meaning = f"a target to emit: {targets}; may be repeated (default: numpy and c)"
     parser.add("--target", "TARGET", meaning, action="append")
@@ -454,7 +454,7 @@ _COMMANDS: tuple[tuple[str, str, Callable[[Parser], None]], ...] = (
     ),
     (
         "info",
-        "show a robot's base, chains, coordinates, motors and operation counts",
+        "show a robot's base, chains, coordinates and motors; on request operation counts",
         _add_info_arguments,
     ),
     ("show", "print the paper's equations of one chain as text or LaTeX", _add_show_arguments),

@@ -241,7 +241,8 @@ def _check_beside(folder: Path, files: Files) -> None:
     """
     for other in {*folder.parent.glob(f"{folder.name[0]}*/")} - {folder}:
         names = generated_files(other).keys() & files.keys()
-        both = [x for x in sorted(names) if x.startswith(folder.name) and x.startswith(other.name)]
+        starts = [(f"{name}.", f"{name}_") for name in (folder.name, other.name)]
+        both = [x for x in sorted(names) if all(x.startswith(start) for start in starts)]
         if both:
             raise UsageError(
                 f"{printable(folder)}: {_listed(both)} would have the name of a file of "

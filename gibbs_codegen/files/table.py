@@ -12,10 +12,11 @@ import copy
 import difflib
 import math
 from collections.abc import Callable, Collection, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from datetime import date, datetime, time
 from fractions import Fraction
 from functools import cache
+from inspect import Parameter, Signature
 from typing import Annotated, Any, ClassVar, Self, TypeVar, cast, dataclass_transform, get_args
 
 import pydantic
@@ -161,7 +162,19 @@ def optional(words: str, default: Any = None) -> Any:
 def table(cls: type[AnyTable]) -> type[AnyTable]:
     """A frozen dataclass whose fields are the keys of a table; see `Table`."""
     made: Any = validated_dataclass(cls, frozen=True, config=_CONFIG)
+    made.__init__.__signature__ = _signature(made)
     return cast(type[AnyTable], made)
+
+
+def _signature(made: Any) -> Signature:
+    """Arguments of a table, of which Python tells nothing before its checks are built."""
+    arguments = [Parameter("self", Parameter.POSITIONAL_OR_KEYWORD)]
+    for each in sorted(fields(made), key=lambda argument: bool(argument.kw_only)):
+        kind = Parameter.KEYWORD_ONLY if each.kw_only else Parameter.POSITIONAL_OR_KEYWORD
+        info = made.__pydantic_fields__[each.name]
+        default = Parameter.empty if info.is_required() else info.default_factory or info.default
+        arguments.append(Parameter(each.name, kind, default=default, annotation=each.type))
+    return Signature(arguments)
 
 
 @dataclass_transform(
@@ -208,8 +221,8 @@ class Table:
     @classmethod
     def _missing(cls, key: str) -> str:
         """Words for a key that is required and missing: what it is."""
-        name = cls._names().get(key, key)
-        return f"missing: {cls._fields()[name].description}"
+        words = cls._fields()[cls._names().get(key, key)].description
+        return f"missing: {words}" if words else "missing"
 
     @classmethod
     def _fields(cls) -> dict[str, FieldInfo]:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import hashlib
 import textwrap
 from collections import defaultdict
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -126,7 +126,7 @@ def find_targets(names: Sequence[str] = DEFAULT_TARGETS) -> dict[str, Target]:
     """
     rows: dict[str, Target] = {}
     for word in names:
-        name, _, acting = word.partition(":")
+        name, colon, acting = word.partition(":")
         if name not in TARGETS:
             known = f"--target {printable(name)}: unknown; known targets: {', '.join(TARGETS)}"
             if name in _LOADED:
@@ -137,7 +137,7 @@ def find_targets(names: Sequence[str] = DEFAULT_TARGETS) -> dict[str, Target]:
                 f"--target {printable(word)}: {others[0]} is asked for, too, and both have the "
                 "same files; leave one of them out"
             )
-        rows[word] = _with_acting(word, tuple(acting.split(","))) if acting else TARGETS[name]
+        rows[word] = _with_acting(word, tuple(acting.split(","))) if colon else TARGETS[name]
     for name, target in rows.items():
         if missing := [needed for needed in target.needs if needed not in rows]:
             raise UsageError(
@@ -155,8 +155,8 @@ def _with_acting(name: str, acting: tuple[str, ...]) -> Target:
         )
     if unknown := [part for part in acting if part not in ACTING]:
         raise UsageError(
-            f"--target {printable(name)}: {printable(unknown[0])} cannot act in an FMU; what can, "
-            f"after the colon and with commas between: {', '.join(ACTING)}"
+            f"--target {printable(name)}: {printable(unknown[0]) or 'nothing'} cannot act in an "
+            f"FMU; what can, after the colon and with commas between: {', '.join(ACTING)}"
         )
     archives = partial(fmu_target.archives, acting=acting)
     return replace(TARGETS["fmu"], archives=archives, calls=fmu_target.called(acting))
@@ -219,7 +219,7 @@ def header(model: Model, robot_text: str, targets: Mapping[str, Target]) -> list
     ]
 
 
-def generating_options(targets: Collection[str], model: Model) -> list[str]:
+def generating_options(targets: Mapping[str, Target], model: Model) -> list[str]:
     """Options of `generate` that choose these targets, and a model's parameters and functions.
 
     Functions that the targets bring are not chosen.
@@ -228,9 +228,8 @@ def generating_options(targets: Collection[str], model: Model) -> list[str]:
     if set(targets) != set(DEFAULT_TARGETS):
         options += [f"--target {name}" for name in targets]
     options += [f"--laws={','.join(model.laws)}"] if model.laws else []
-    found = {name: target for name, target in TARGETS.items() if name in targets}
-    if model.functions == chosen_functions(called(found, None)):
+    if model.functions == chosen_functions(called(targets, None)):
         return options
-    brought = chosen_functions(called(found, ()))
+    brought = chosen_functions(called(targets, ()))
     chosen = [x for x in model.functions if x not in brought or not FUNCTIONS[x].on_request]
     return [*options, *options_for(chosen)]

@@ -76,7 +76,8 @@ def test_robots_whose_sources_have_one_name_are_not_put_side_by_side(
         write_module(tmp_path / second, files(second))
     assert tree(tmp_path) == before
     write_module(tmp_path / first, {**files(first), "numpy_module.py": HEADER})
-    write_module(tmp_path / f"{first}2", files(f"{first}2"))
+    for name in (f"{first}2", "robot", "r"):  # All have a robot.toml.
+        write_module(tmp_path / name, files(name))
 
 
 def test_a_failure_leaves_what_was_there(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

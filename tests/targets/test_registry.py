@@ -135,7 +135,9 @@ def test_unknown_target_is_refused_with_the_known_ones() -> None:
             find_targets([name])
     for target, words in (
         ("fmu:wall", "wall cannot act in an FMU; .*: drag, walls"),
+        ("fmu:", "nothing cannot act in an FMU; .*: drag, walls"),
         ("c:walls", "c"),
+        ("c:", "only fmu has a colon"),
     ):
         with pytest.raises(UsageError, match=f"--target {target}: .*{words}"):
             find_targets([target])
@@ -169,6 +171,7 @@ def test_a_target_that_is_not_by_default_is_emitted_and_named_only_where_asked_f
     [
         (("numpy", "c"), None, []),
         (("numpy", "fmu"), None, ["--target numpy", "--target fmu"]),
+        (("numpy", "fmu:walls"), None, ["--target numpy", "--target fmu:walls"]),
         (
             ("numpy", "fmu"),
             ["default", "gibbs"],
@@ -182,7 +185,7 @@ def test_options_are_those_that_were_given(
     """An FMU brings functions of its own, which nobody has asked for by an option."""
     found = chosen_functions(called(find_targets(targets), functions))
     model = replace(derived(paper_family(4, 1)), functions=found)
-    assert generating_options(targets, model) == expected
+    assert generating_options(find_targets(targets), model) == expected
 
 
 @pytest.mark.slow
