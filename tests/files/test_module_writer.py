@@ -77,7 +77,7 @@ def test_robots_whose_sources_have_one_name_are_not_put_side_by_side(
     assert tree(tmp_path) == before
     write_module(tmp_path / first, {**files(first), "numpy_module.py": HEADER})
     for name in (f"{first}2", "robot", "r"):  # All have a robot.toml.
-        write_module(tmp_path / name, files(name))
+        write_module(tmp_path / name, {**files(name), "robot.toml": HEADER})
 
 
 def test_a_failure_leaves_what_was_there(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
