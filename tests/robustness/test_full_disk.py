@@ -73,11 +73,11 @@ def test_numpy_serves_until_there_is_room(tmp_path: Path) -> None:
 @pytest.mark.slow
 def test_a_sweep_says_what_a_full_disk_says(tmp_path: Path) -> None:
     script = """cat > fill.py << 'END'
-from gibbs_codegen.flight.sweeps.chunks import Store
+from gibbs_codegen.flight.sweeps.chunks import ResultFile
 from pathlib import Path
 digests = [str(number) for number in range(5000)]
 try:
-    Store(Path("disk"), ()).add(digests, [([0.0, 0.0], *["a" * 9] * 3)] * 5000)
+    ResultFile(Path("disk"), ()).add(digests, [([0.0, 0.0], *["a" * 9] * 3)] * 5000)
 except Exception as error:
     print(error)
 END
