@@ -34,11 +34,10 @@ class Given(NamedTuple):
 class Step(NamedTuple):
     """A function of nodes; what has one `key` is computed once, and one of its results `chosen`.
 
-    Text is an expression of Python, with a number in braces for each node. What is called
-    `is_given` what differs from call to call first.
+    What is called `is_given` what differs from call to call first.
     """
 
-    function: Callable[..., Any] | str
+    function: Callable[..., Any]
     reads: tuple[Node, ...]
     key: Any = None
     chosen: int | str | None = None
@@ -48,8 +47,8 @@ class Step(NamedTuple):
 class Evaluation:
     """The values of programs in one language; see `evaluate` for what it is given.
 
-    What each node reads, and what is done with it, is looked up once for each program, and written
-    as a function of Python.
+    What each node reads, and what is done with it, is looked up once for each program. No text is
+    made of it: text is never run here.
     """
 
     def __init__(self, modules: Modules) -> None:
@@ -71,30 +70,32 @@ class Evaluation:
             if x in needed and x not in program.inputs:
                 made[x] = self.step(x)
                 needed.update(made[x].reads)
-        names: dict[Any, str] = {x: f"x{place}" for place, x in enumerate(program.inputs)}
-        lines, functions = [f"def evaluated({', '.join(['given', *names.values()])}):"], {}
+        # Values of a call stand in a row: what is given, inputs, and one for each step.
+        places: dict[Any, int] = {x: place for place, x in enumerate(program.inputs, start=1)}
+        steps: list[tuple[Callable[..., Any], list[int]]] = []
 
-        def take(function: Callable[..., Any] | str, read: Sequence[str]) -> str:
-            name = f"y{len(lines)}"
-            if not isinstance(function, str):
-                functions[f"f{len(lines)}"] = function
-                function = f"f{len(lines)}({', '.join(['{}'] * len(read))})"
-            lines.append(f"    {name} = {function.format(*read)}")
-            return name
+        def take(function: Callable[..., Any], read: list[int]) -> int:
+            steps.append((function, read))
+            return len(program.inputs) + len(steps)
 
         for x in program.nodes:
             if x in made:
                 function, reads, key, chosen, is_given = made[x]
-                if key is None or key not in names:
-                    read = [*(["given"] if is_given else []), *(names[y] for y in reads)]
-                    names[x if key is None else key] = take(function, read)
+                if key is None or key not in places:
+                    read = [*([0] if is_given else []), *(places[y] for y in reads)]
+                    places[x if key is None else key] = take(function, read)
                 if chosen is not None:
-                    names[x] = take(f"{{}}[{chosen!r}]", [names[key]])
+                    places[x] = take(operator.itemgetter(chosen), [places[key]])
                 elif key is not None:
-                    names[x] = names[key]
-        outputs = ", ".join(f"{name!r}: {names[x]}" for name, x in program.outputs.items())
-        exec("\n".join([*lines, f"    return {{{outputs}}}"]), functions)  # noqa: S102 - this text
-        evaluated: Callable[..., dict[str, Any]] = functions["evaluated"]
+                    places[x] = places[key]
+        outputs = {name: places[x] for name, x in program.outputs.items()}
+
+        def evaluated(call: Given, *arguments: Any) -> dict[str, Any]:
+            values: list[Any] = [call, *arguments]
+            for function, read in steps:
+                values.append(function(*[values[place] for place in read]))
+            return {name: values[place] for name, place in outputs.items()}
+
         return evaluated
 
     def step(self, x: Node) -> Step:
@@ -110,7 +111,7 @@ class Evaluation:
             case nodes.External(name):
                 return Step(_external(name), x.arguments, is_given=True)
             case nodes.Entries() | nodes.Coordinates():
-                return Step("{}", x.arguments, x.arguments[0])
+                return Step(_same, x.arguments, x.arguments[0])
             case _:
                 shapes = [argument.shape for argument in x.arguments]
                 return Step(self.array(x, shapes), x.arguments)
@@ -133,8 +134,8 @@ class Evaluation:
         function: Callable[..., Any] = getattr(module, name)
         return function
 
-    def array(self, x: Node, shapes: list[Shape]) -> Callable[..., Any] | str:
-        """The function, or expression, that computes a node that is no call, from such shapes."""
+    def array(self, x: Node, shapes: list[Shape]) -> Callable[..., Any]:
+        """The function that computes a node that is no call, from such shapes."""
         raise NotImplementedError
 
 
@@ -162,8 +163,20 @@ def _given(things: Mapping[str, Any], name: str, what: str) -> Any:
     return things[name]
 
 
+def _same(x: Any) -> Any:
+    return x
+
+
 # Functions of two arrays that Python has signs for.
-_INFIX = {"add": "{} + {}", "subtract": "{} - {}", "multiply": "{} * {}", "divide": "{} / {}"}
+_INFIX: dict[str, Callable[..., Any]] = {
+    name: getattr(operator, of)
+    for name, of in (
+        ("add", "add"),
+        ("subtract", "sub"),
+        ("multiply", "mul"),
+        ("divide", "truediv"),
+    )
+}
 
 
 class _Batches(Evaluation):
@@ -173,7 +186,7 @@ class _Batches(Evaluation):
         super().__init__(modules)
         self.xp = xp
 
-    def array(self, x: Node, shapes: list[Shape]) -> Callable[..., Any] | str:
+    def array(self, x: Node, shapes: list[Shape]) -> Callable[..., Any]:
         xp = self.xp
         match x.operation:
             case nodes.Constant():
@@ -209,7 +222,8 @@ class _Batches(Evaluation):
             case nodes.Reshaping():
                 return lambda entries: shaped(entries, shapes[0], x.shape)
             case nodes.Part(begin, end):
-                return f"{{}}[..., {begin}:{end}{', :' * (len(x.shape) - 1)}]"
+                rest = [slice(None)] * (len(x.shape) - 1)
+                return operator.itemgetter((..., slice(begin, end), *rest))
             case nodes.Joining():
 
                 def joined(*arrays: Any) -> Any:
@@ -256,7 +270,8 @@ class _OneState(_Batches):
                 match whole.operation:
                     case nodes.Part(begin, _):
                         whole, first = whole.arguments[0], begin
-                return Step(f"{{}}[{first}{', 0' * (len(whole.shape) - 1)}]", (whole,))
+                index = (first, *[0] * (len(whole.shape) - 1))
+                return Step(operator.itemgetter(index), (whole,))
             case nodes.Joining() if len(x.shape) == 1:
                 pieces = tuple(map(_number, x.arguments))
                 return Step(_concatenated if any(y.shape for y in pieces) else _array_of, pieces)
@@ -269,7 +284,7 @@ class _OneState(_Batches):
                 return _of_one_state(super().function(module, name, x), axes)
         raise UsageError(f"{x} is no call")
 
-    def array(self, x: Node, shapes: list[Shape]) -> Callable[..., Any] | str:
+    def array(self, x: Node, shapes: list[Shape]) -> Callable[..., Any]:
         match x.operation:
             case nodes.Constant():
                 numbers = np.asarray(nodes.numbers_of(x))[()]
@@ -279,15 +294,15 @@ class _OneState(_Batches):
             case nodes.Elementary(name) if name != "choose":
                 return nodes.ELEMENTARY[name]
             case nodes.Product() if max(map(len, shapes)) < 3:
-                return "{} @ {}"
+                return operator.matmul
             case nodes.Solution():
                 return np.linalg.solve
             case nodes.Part(begin, end):
-                return f"{{}}[{begin}:{end}]"
+                return operator.itemgetter(slice(begin, end))
             case nodes.Joining():
                 return lambda *arrays: np.concatenate(arrays)
             case nodes.Reshaping():
-                return f"{{}}.reshape({x.shape})"
+                return operator.methodcaller("reshape", x.shape)
         return super().array(x, shapes)
 
 
