@@ -129,7 +129,7 @@ def closed_loop(ours: Machine, compensation: bool, touching: bool = False) -> Me
         scenario.motors, limits=(-1e3, 1e3), time_constant=LAG, compensation=compensation
     )
     begin = flight_start(
-        ours.module, replace(scenario, motors=motors), lambda what, share: None, own=False
+        ours.module, replace(scenario, motors=motors), lambda what, share: None, custom_law=False
     )
     if touching:
         tip = ours.module.frame_poses(begin.q)[ours.module.FRAMES.index("tip"), :3, 3]
@@ -138,7 +138,10 @@ def closed_loop(ours: Machine, compensation: bool, touching: bool = False) -> Me
         wall = Plane("tip", place, (0, 0, 1), 1.0, dissipation=0.5, friction=0.5)
         scenario = replace(scenario, walls=(wall,))
         begin = flight_start(
-            ours.module, replace(scenario, motors=motors), lambda what, share: None, own=False
+            ours.module,
+            replace(scenario, motors=motors),
+            lambda what, share: None,
+            custom_law=False,
         )
     loop = steps_of(begin.loop, np.inf, NOTHING, STATES, Blocks.widest())
     states = np.tile(begin.loop.start(begin.q, begin.v), (STATES, 1))

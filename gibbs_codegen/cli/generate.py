@@ -115,5 +115,5 @@ def _repeat(options: argparse.Namespace, kept: str) -> None:
 
 
 def _is_known(target: str) -> bool:
-    """Whether this version has a target, whatever acts in it."""
+    """True if this version has a target, whatever acts in it."""
     return target.partition(":")[0] in TARGETS

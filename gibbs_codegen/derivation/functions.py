@@ -35,12 +35,12 @@ def _by_q(s: ConstrainedSystems) -> Matrix:
 
 
 def _of_drives(name: str) -> Callable[[ConstrainedSystems], systems.Array]:
-    """What derives a function of the drives."""
+    """The derivation of a function of the drives."""
     return lambda s: s.of_drives(name)
 
 
 def _by(name: str, argument: str) -> Callable[[ConstrainedSystems], systems.Array]:
-    """What derives the derivative of what has a name by an argument."""
+    """The derivation of the derivative of what has a name by an argument."""
     value, implicit = DERIVATIONS[name], IMPLICIT.get(name)
     if implicit is None:
         return lambda s: s.jacobian(value(s), argument)
@@ -48,7 +48,7 @@ def _by(name: str, argument: str) -> Callable[[ConstrainedSystems], systems.Arra
 
 
 def _by_parameters(name: str) -> Callable[[ConstrainedSystems], systems.Array]:
-    """What derives the derivative of what has a name by the parameters."""
+    """The derivation of the derivative of what has a name by the parameters."""
     return lambda s: systems.parameter_jacobian(s, DERIVATIONS[name](s))
 
 

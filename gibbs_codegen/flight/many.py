@@ -295,7 +295,7 @@ def _start_of(module: ModuleType, common: bytes | None, scenario: Scenario) -> F
     """
     start = _kept_starts.pop((module, common), None)
     if start is None:
-        start = flight_start(module, scenario, lambda what, share: None, own=False)
+        start = flight_start(module, scenario, lambda what, share: None, custom_law=False)
     if common is not None:
         _kept_starts[module, common] = start
         for oldest in [*_kept_starts][:-_MOST_KNOWN]:

@@ -94,7 +94,7 @@ def simulate(
         UsageError: Or one of its kinds (`UnreachableError`, `SingularAttitudeError`,
             `AllocationError`), for a flight that cannot begin.
     """
-    start = flight_start(robot, scenario, progress, own=controller is not None)
+    start = flight_start(robot, scenario, progress, custom_law=controller is not None)
     loop, scenario = start.loop, start.scenario
     law = law_in_time(loop.controller, scenario, loop.actuators, loop.idles, controller)
     loop = replace(loop, controller=law)
@@ -127,32 +127,32 @@ def flight_start(
     robot: ModuleType | str | os.PathLike[str],
     scenario: AnyScenario,
     progress: Progress,
-    own: bool,
+    custom_law: bool,
 ) -> FlightStart:
     """Everything up to the start of a flight, with a law that is evaluated at all times.
 
-    `own`: whether the inputs come from elsewhere than the scenario's law. Raises `UsageError` for a
-    flight that cannot begin.
+    `custom_law`: whether the inputs come from elsewhere than the scenario's law. Raises
+    `UsageError` for a flight that cannot begin.
     """
     scenario = read_scenario(scenario)
-    if own:
+    if custom_law:
         scenario = uncontrolled(scenario)
     # Checks that NumPy can make come first: to compile takes long.
     module = robot if isinstance(robot, ModuleType) else load(robot)
     check_flight(module, scenario)
     if module is not robot:
-        if scenario.control.law == "open_loop" and not own:
-            _closed_loop(Vehicle(module, scenario.parameters), scenario, progress, own)
+        if scenario.control.law == "open_loop" and not custom_law:
+            _closed_loop(Vehicle(module, scenario.parameters), scenario, progress, custom_law)
         module = load(robot, "c")
     if compiled := getattr(module, "compiled", None):
         with suppress(CompilerError, CacheError):  # Functions say so that are asked for.
             compiled.build()
     vehicle = Vehicle(module, scenario.parameters)
-    loop, motion = _closed_loop(vehicle, scenario, progress, own)
+    loop, motion = _closed_loop(vehicle, scenario, progress, custom_law)
     q, v = starting_state(vehicle, loop.controller.reference, scenario.start)
     if scenario.start.settled:
         # Controllers of one's own are not asked yet: as if motors did not run.
-        own_span = (math.inf, math.inf) if own else loop.actuators.span
+        own_span = (math.inf, math.inf) if custom_law else loop.actuators.span
         settling = replace(loop, actuators=replace(loop.actuators, span=own_span))
         (q, bristles), v = resting(settling, q, scenario.start.charge), np.zeros(len(v))
         loop = replace(loop, bristles=bristles)
@@ -214,7 +214,7 @@ def _check_functions(module: ModuleType, scenario: Scenario) -> None:
 
 
 def _closed_loop(
-    vehicle: Vehicle, scenario: Scenario, progress: Progress, own: bool
+    vehicle: Vehicle, scenario: Scenario, progress: Progress, custom_law: bool
 ) -> tuple[ClosedLoop, TimedMotion]:
     """Plant, controller, motors and environment of a scenario, and the motion to follow.
 
@@ -229,7 +229,7 @@ def _closed_loop(
     if control.law == PREDICTIVE:  # It plans about hover: rotors must serve one of the others.
         law_of("tracking", vehicle, knots, scenario.name)
     law = law_of(control.law, vehicle, knots, scenario.name)
-    if law == "open_loop" and not own:
+    if law == "open_loop" and not custom_law:
         _check_open_loop(vehicle, allocation, reference)
     controller = control_law(law, control, vehicle, reference, allocation)
     loop = ClosedLoop(vehicle, controller, actuators, None, scenario.motors.compensation)

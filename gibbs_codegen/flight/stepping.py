@@ -56,7 +56,7 @@ class Simulation:
         scenario: AnyScenario,
         progress: Progress = lambda what, share: None,
     ) -> None:
-        start = flight_start(robot, scenario, progress, own=True)
+        start = flight_start(robot, scenario, progress, custom_law=True)
         self._scenario, control = start.scenario, start.scenario.control
         law = start.loop.controller
         self._hold = ZeroOrderHold(law, "own", control.delay)

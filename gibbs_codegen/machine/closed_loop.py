@@ -78,16 +78,16 @@ class Instant:
 
 @dataclass(frozen=True)
 class ClosedLoop:
-    """What a closed loop consists of, as far as its program depends on it.
+    """The parts of a closed loop on which its program depends.
 
     `law` is one of `LAWS`, "open_loop", "off" or "held"; `integral` tells that it remembers errors,
     `limited` that inputs have limits, `shared` that thrusts have in the allocation, `lags` and
     `compensates` whether motors lag, and commands make up for it, `idles` that motors do not run
     where the input `idle` is 1, `moves` that joints move rotors, `refuses` that wrenches that
-    rotors do not produce end a flight. `each` are names of inputs that differ from state to state;
-    `frames` is the number of the plant's. A law that moves a frame moves that of the number
-    `moved`, and pushes along a direction in the axes of the one of the number `axes`, or of the
-    world.
+    rotors do not produce end a flight. `varying_inputs` are names of inputs that differ from state
+    to state; `frames` is the number of the plant's. A law that moves a frame moves that of the
+    number `moved`, and pushes along a direction in the axes of the one of the number `axes`, or of
+    the world.
     """
 
     module: object
@@ -104,7 +104,7 @@ class ClosedLoop:
     moved: int | None = None
     axes: int | None = None
     around: Surroundings = NO_SURROUNDINGS
-    each: Collection[str] = ()
+    varying_inputs: Collection[str] = ()
     inputs: dict[str, Node] = field(default_factory=dict, compare=False)
 
     @cached_property
@@ -121,7 +121,7 @@ class ClosedLoop:
     def machine(self) -> Machine:
         """The robot that flies, with its actuators and what is around it."""
         runs = self.law != "off"
-        loads = self.plant, self.given, self.around
+        loads = self.plant, self.input, self.around
         return Machine(*loads, lags=self.lags, runs=runs, moves=self.moves)
 
     @cached_property
@@ -135,10 +135,10 @@ class ClosedLoop:
         """Length of the state."""
         return self.layout.size
 
-    def given(self, name: str, *shape: int) -> Node:
+    def input(self, name: str, *shape: int) -> Node:
         """An input by its name, which is made when it is first asked for."""
         if name not in self.inputs:
-            self.inputs[name] = variable(name, *shape, uniform=name not in self.each)
+            self.inputs[name] = variable(name, *shape, uniform=name not in self.varying_inputs)
         return self.inputs[name]
 
     def step(self) -> Program:
@@ -189,10 +189,10 @@ class ClosedLoop:
         `inside` is more than 0 where no input that is commanded is at a limit.
         """
         time, x = variable("time", uniform=True), variable("x", self.size)
-        found = self._rates(time, x)
-        outputs = {name: found[name] for name in ("rate", "refused")}
-        outputs["inputs"] = join(found["commanded"], found["acting"])
-        outputs["inside"] = self._inside(found["commanded"]) if self.limited else constant(1.0)
+        rates = self._rates(time, x)
+        outputs = {name: rates[name] for name in ("rate", "refused")}
+        outputs["inputs"] = join(rates["commanded"], rates["acting"])
+        outputs["inside"] = self._inside(rates["commanded"]) if self.limited else constant(1.0)
         return self._program("slope", (time, x), outputs)
 
     def end(self) -> Program:
@@ -232,8 +232,8 @@ class ClosedLoop:
             learnt = self._remembered(at, state.q, state.v, state.memory, wanted)
         moved = base_of(self.plant, state.q).rates(state.v, x)
         rate = join(moved, rates.a, power, rates.actuators, learnt, rates.bristles)
-        found = {"rate": rate, "commanded": wanted, "acting": u, "refused": refused}
-        return found | {"effects": impacts.effects(machine, state, rates.touches)}
+        outputs = {"rate": rate, "commanded": wanted, "acting": u, "refused": refused}
+        return outputs | {"effects": impacts.effects(machine, state, rates.touches)}
 
     @labelled
     def commands(self) -> Program:
@@ -302,8 +302,8 @@ class ClosedLoop:
             outputs["growth"] = self._remembered(at, q, v, memory, wanted)
         if self.law not in ("off", "held"):
             outputs["wrench"] = self._wrench(*self._force(at, q, v, memory))
-        own = self._known(at, memory)
-        return self._program("command", (time, q, v, *own), outputs)
+        knowledge = self._knowledge(at, memory)
+        return self._program("command", (time, q, v, *knowledge), outputs)
 
     def required(self) -> Program:
         """Inputs `wanted` (nu) that accelerations need, as of `command`, of q, v and a."""
@@ -322,8 +322,8 @@ class ClosedLoop:
         layout = self.layout
         sizes = {"actuators": layout.actuators, "memory": layout.memory}
         sizes["bristles"] = layout.bristles
-        own = {name: variable(name, size) if size else zeros(0) for name, size in sizes.items()}
-        return State(*self.plant.state(), zeros(0), **own)
+        parts = {name: variable(name, size) if size else zeros(0) for name, size in sizes.items()}
+        return State(*self.plant.state(), zeros(0), **parts)
 
     def _inputs(self, at: Instant, state: State[Node]) -> tuple[Node, Node, Node, Node]:
         """Inputs (nu) that are commanded, what is aimed for, inputs that act; refusal."""
@@ -339,36 +339,36 @@ class ClosedLoop:
         aimed = self._within(sent)
         if self.idles:
             count = self.plant.rotors
-            thrusts = self._unless_idle(aimed[:count], self.given("idling", count))
+            thrusts = self._unless_idle(aimed[:count], self.input("idling", count))
             aimed = join(thrusts, aimed[count:])
         return wanted, aimed, self.machine.inputs(state, aimed), refused
 
     @property
     def _turns_drives(self) -> bool:
-        """Whether a law's inputs are made commands of drives."""
+        """True if a law's inputs are made commands of drives."""
         return self.plant.driven and self.law not in ("off", "held")
 
     def _unless_idle(self, running: Node, idle: Node | float) -> Node:
         """A value while motors run, or else another."""
-        return choose(self.given("idle"), 0.5, idle, running)
+        return choose(self.input("idle"), 0.5, idle, running)
 
     def _sent(self, at: Instant, q: Node, v: Node, wanted: Node) -> Node:
-        """What is sent for inputs (nu) that are wanted: themselves, or commands for them."""
+        """Inputs (nu) that are wanted, or the commands for them where drives take such."""
         if not self._turns_drives:
             return wanted
         if not turns_servos(self.law):
             q, v = at.motion.q, at.motion.v
-        found: Node = self.model.command_of(q, v, self._possible(wanted))
-        return found
+        command: Node = self.model.command_of(q, v, self._possible(wanted))
+        return command
 
     def _possible(self, inputs: Node) -> Node:
         """Inputs (nu) within the limits of those that act, if there are any."""
         return within_limits(inputs, self.limits) if self.limited else inputs
 
     def _within(self, sent: Node) -> Node:
-        """What is sent, within limits; what is off is sent nothing, whatever its least command."""
+        """Inputs that are sent, within limits; to what is off 0 is sent, whatever its limits."""
         if self.plant.driven and self.law != "off":
-            least, most = (self.given(f"{x}_command", sent.size) for x in ("least", "most"))
+            least, most = (self.input(f"{x}_command", sent.size) for x in ("least", "most"))
             return within_limits(sent, Limits(least, most))
         return self._possible(sent)
 
@@ -407,54 +407,54 @@ class ClosedLoop:
 
     @property
     def leans(self) -> bool:
-        """Whether the base leans under the law."""
+        """True if the base leans under the law."""
         return self.law in LAWS and LAWS[self.law].leans
 
     @cached_property
     def gains(self) -> Gains:
         """Gains of the law."""
         size = self.plant.space.velocities
-        integral = self.given("integral") if self.integral else None
-        return Gains(self.given("stiffness", size), self.given("damping", size), integral)
+        integral = self.input("integral") if self.integral else None
+        return Gains(self.input("stiffness", size), self.input("damping", size), integral)
 
     @cached_property
     def rotors(self) -> Rotors:
         """Rotors as the law knows them, with the limits that allocation keeps."""
         count = self.plant.rotors
         return Rotors(
-            self.given("known_centre", 3),
-            self.given("distribution", count, 6),
-            self.given("known_wrenches", count, 6),
-            self.given("least_shared", count),
-            self.given("most_shared", count),
+            self.input("known_centre", 3),
+            self.input("distribution", count, 6),
+            self.input("known_wrenches", count, 6),
+            self.input("least_shared", count),
+            self.input("most_shared", count),
             self.shared,
             self.moves,
             self.refuses,
-            self.given("exact"),
+            self.input("exact"),
         )
 
     @cached_property
     def limits(self) -> Limits:
         """Limits of the inputs that act."""
-        return Limits(*(self.given(name, self.plant.inputs) for name in ("least", "most")))
+        return Limits(*(self.input(name, self.plant.inputs) for name in ("least", "most")))
 
     def commanded(self, at: Instant, q: Node, v: Node, memory: Node) -> tuple[Node, Node]:
         """Inputs (nu) that the law wants, and more than 0 where rotors cannot produce them."""
         if self.law == "off":
             return zeros(self.model.inputs), constant(0.0)
         if self.law == "held":
-            return self.given("held", self.model.inputs), constant(0.0)
-        found = self._law_results(at, q, v, memory)
-        return found["wanted"], found["refused"]
+            return self.input("held", self.model.inputs), constant(0.0)
+        response = self._law_results(at, q, v, memory)
+        return response["wanted"], response["refused"]
 
     def _law_results(self, at: Instant, q: Node, v: Node, memory: Node) -> dict[str, Node]:
         """Inputs `wanted` (nu), and `free` of limits, of the law, and `refused` as of a step."""
         if not self.compensates:
             return self._law(at, q, v, memory)
         law = self._law_program
-        known = self._known(at, memory)
-        own = 4 + len(known)
-        return law.results(at.time, at.curves, q, v, *known, *law.inputs[own:])
+        knowledge = self._knowledge(at, memory)
+        first = 4 + len(knowledge)
+        return law.results(at.time, at.curves, q, v, *knowledge, *law.inputs[first:])
 
     @cached_property
     @labelled
@@ -465,15 +465,15 @@ class ClosedLoop:
         memory = variable("memory", v.size)
         at = self._instant(time, curves, self._felt)
         outputs = self._law(at, q, v, memory)
-        return self._program("law", (time, curves, q, v, *self._known(at, memory)), outputs)
+        return self._program("law", (time, curves, q, v, *self._knowledge(at, memory)), outputs)
 
     @property
     def _felt(self) -> Node | None:
-        """What the frame that the law moves feels (6), as an input, if it moves one."""
+        """The wrench (6) that the frame feels which the law moves, as an input, if it moves one."""
         return None if self.moved is None else variable("felt", 6)
 
-    def _known(self, at: Instant, memory: Node) -> list[Node]:
-        """What the law knows beside time and state: what it remembers and feels, if it does."""
+    def _knowledge(self, at: Instant, memory: Node) -> list[Node]:
+        """Knowledge of the law beside time and state: what it remembers and feels, if it does."""
         return [*([memory] if self.integral else []), *([] if at.felt is None else [at.felt])]
 
     def _law(self, at: Instant, q: Node, v: Node, memory: Node) -> dict[str, Node]:
@@ -491,32 +491,32 @@ class ClosedLoop:
         return q, LAWS[self.law].force(model, q, v, self._aim(at, q, memory))
 
     def _aim(self, at: Instant, q: Node, memory: Node) -> Aim:
-        """What the law follows at an instant, with what it knows of the robot there."""
-        weight = weight_of(self.model, q, self.given, self.rotors) if self.leans else None
+        """The aim of the law at an instant, with what it knows of the robot there."""
+        weight = weight_of(self.model, q, self.input, self.rotors) if self.leans else None
         learnt = memory if self.integral else None
         return Aim(at.motion, self.gains, learnt, at.centre, weight, self._frame_aim(at, q))
 
     def _frame_aim(self, at: Instant, q: Node) -> FrameAim | None:
-        """How the law moves a frame, if it does."""
+        """The aim for the frame that the law moves, if it moves one."""
         if self.moved is None or at.felt is None:
             return None
         stiffness, damping, inertia = (
-            self.given(f"frame_{x}", 3) for x in ("stiffness", "damping", "inertia")
+            self.input(f"frame_{x}", 3) for x in ("stiffness", "damping", "inertia")
         )
-        found = FrameAim(self.moved, stiffness, damping, inertia, at.felt)
+        aim = FrameAim(self.moved, stiffness, damping, inertia, at.felt)
         if not LAWS[self.law].pushes:
-            return found
-        direction, axes = self.given("push_direction", 3), None
+            return aim
+        direction, axes = self.input("push_direction", 3), None
         if self.axes is not None:
             axes = surroundings.rotation_of(self.model.frame_poses(q)[self.axes])
             direction = axes @ direction
-        force, rise, integral = (self.given(f"push_{x}") for x in ("force", "rise", "integral"))
-        ends = self.given("push_begin"), self.given("push_end")
+        force, rise, integral = (self.input(f"push_{x}") for x in ("force", "rise", "integral"))
+        ends = self.input("push_begin"), self.input("push_end")
         rising, falling = push_shares(at.time, *ends, rise)
-        return replace(found, push=Push(direction, force, rising - falling, integral, axes))
+        return replace(aim, push=Push(direction, force, rising - falling, integral, axes))
 
     def _lead(self, at: Instant, state: State[Node], wanted: Node, sent: Node) -> tuple[Node, Node]:
-        """What makes up for the lag (nu): time constants times rates of what is sent.
+        """The lead (nu) that makes up for the lag: time constants times rates of what is sent.
 
         It is differenced along the motion of the plant from its state, back at the end of the
         desired one, after which it stands still.
@@ -524,7 +524,7 @@ class ClosedLoop:
         """
         q, v, _, _, memory, _ = state
         model, count, aimed = self.model, self.plant.rotors, self._within(sent)
-        ahead = choose(at.time, self.given("end") - AHEAD, -AHEAD, AHEAD)
+        ahead = choose(at.time, self.input("end") - AHEAD, -AHEAD, AHEAD)
         a = self.machine.rates(at.time, state, self.machine.inputs(state, aimed), aimed).a
         entries = entries_of(q)
         moved = entries + ahead * base_of(model, q).rates(v, entries)
@@ -534,21 +534,21 @@ class ClosedLoop:
         # What will be felt nobody knows.
         then = self._instant(time, self._curves_at(time), at.felt)
         free = self._law_results(at, q, v, memory)["free"]
-        found = self._law_results(then, later, v + ahead * a, learnt)
-        rates, possible = (found["free"] - free) / ahead, self._possible(wanted)
+        response = self._law_results(then, later, v + ahead * a, learnt)
+        rates, possible = (response["free"] - free) / ahead, self._possible(wanted)
         if self._turns_drives:
             turning = (
                 self._sent(then, later, v + ahead * a, possible + ahead * rates) - sent
             ) / ahead
-            up, down = (self.given(f"time_{x}", model.inputs) for x in ("up", "down"))
+            up, down = (self.input(f"time_{x}", model.inputs) for x in ("up", "down"))
             lag = choose(turning, 0.0, up, down)
         else:
-            turning, lag = rates, join(self.given("lag", count), zeros(model.inputs - count))
+            turning, lag = rates, join(self.input("lag", count), zeros(model.inputs - count))
         kept = self._kept(absolute(lag * rates), absolute(free - possible))
-        return kept * lag * turning, found["refused"]
+        return kept * lag * turning, response["refused"]
 
     def _kept(self, lead: Node, beyond: Node) -> Node:
-        """Which share (nu) is kept of what makes up for the lag, by its size in units of inputs.
+        """Share (nu) of the lead that is kept, by its size in units of inputs.
 
         The less the further inputs are `beyond` limits, so that nothing jumps there, and none
         where the lead would not bring them back; of rotors, which have one wrench, the same.
@@ -577,18 +577,18 @@ class ClosedLoop:
         return choose(self._inside(wanted), 0.0, growth, wound)
 
     def _inside(self, wanted: Node) -> Node:
-        """How far inputs (nu) are from their limits, to which allocation comes but for rounding."""
-        (least, most), margin = self.limits, self.given("margin", self.plant.inputs)
+        """Distance of inputs (nu) from their limits, to which allocation comes but for rounding."""
+        (least, most), margin = self.limits, self.input("margin", self.plant.inputs)
         return _least(minimum(wanted - (least + margin), (most - margin) - wanted))
 
     def _ended(self, at: Instant, x: Node) -> Node:
         """More than 0, or no number, where a flight cannot go on from a state."""
         q, v, *_ = self.parts(x)
         errors = join(*base_of(self.plant, q).errors(v, at.motion))
-        within = self.given("bounds", errors.size) - absolute(errors)
+        within = self.input("bounds", errors.size) - absolute(errors)
         if not self.plant.space.has_quaternion:
             angle = absolute(x[self.plant.layout.middle_angle])
-            within = join(within, self.given("largest_lean") - angle)
+            within = join(within, self.input("largest_lean") - angle)
         return -_least(within) + mark(x)
 
 

@@ -70,7 +70,7 @@ class Contact:
 
 
 class Touch(NamedTuple):
-    """What a contact does, in world axes.
+    """The effect of a contact, in world axes.
 
     The force `normal` along the unit `direction` (3), N, the `friction` (3), N, at which velocity
     the point of the surface slides, `slip` (3), m/s, 0 where nothing presses, and how deep the ball
@@ -90,7 +90,7 @@ class Touch(NamedTuple):
 
     @property
     def series(self) -> Node:
-        """What flights record (8): normal force, friction, slip and depth."""
+        """Series that flights record (8): normal force, friction, slip and depth."""
         return join(self.normal, self.friction, self.slip, self.depth)
 
 
@@ -131,14 +131,14 @@ def touch(contact: Contact, wall: Node, moving: tuple[Node, Node], bristle: Node
 
 
 def bristles_of(contacts: tuple[Contact, ...]) -> int:
-    """How many numbers the bristles of contacts have."""
-    return 3 * sum(each.sticks for each in contacts)
+    """Number of entries of the bristles of contacts."""
+    return 3 * sum(contact.sticks for contact in contacts)
 
 
 def bristle_parts(contacts: tuple[Contact, ...], bristles: Node) -> list[Node]:
     """For each contact its bristle (3) of those of all, zero where there is none."""
-    found, place = [], 0
-    for each in contacts:
-        found.append(bristles[place : place + 3] if each.sticks else constant([0.0] * 3))
-        place += 3 * each.sticks
-    return found
+    parts, place = [], 0
+    for contact in contacts:
+        parts.append(bristles[place : place + 3] if contact.sticks else constant([0.0] * 3))
+        place += 3 * contact.sticks
+    return parts

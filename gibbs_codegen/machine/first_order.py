@@ -72,12 +72,12 @@ class System:
 
     @property
     def length(self) -> int:
-        """Length of what is given."""
-        return sum(map(math.prod, self.given.values()))
+        """Length of the influences."""
+        return sum(map(math.prod, self.influences.values()))
 
     @property
-    def given(self) -> Shapes:
-        """Shapes of what is given, in its order."""
+    def influences(self) -> Shapes:
+        """Shapes of the influences, in their order."""
         frames, acting = self.robot.frames, self.acting
         shapes: dict[str, tuple[int, ...]] = {"command": (self.robot.inputs,)}
         shapes |= dict.fromkeys(("force", "torque"), (frames, 3))
@@ -105,8 +105,8 @@ class System:
         joint carries, in the body's axes.
         """
         vectors = ("velocities", "angular_velocities", "specific_forces", "rates_of_turn")
-        own = {"positions": (3,), "rotations": (3, 3), **dict.fromkeys(vectors, (3,))}
-        of_frames = {name: (self.robot.frames, *shape) for name, shape in own.items()}
+        shapes = {"positions": (3,), "rotations": (3, 3), **dict.fromkeys(vectors, (3,))}
+        of_frames = {name: (self.robot.frames, *shape) for name, shape in shapes.items()}
         signature = self.robot.signatures.get("joint_wrenches_with_wrenches")
         # Those with constraints would need their forces as wrenches on frames.
         bodies = signature.shapes[0][0] if signature and not self._holds else 0
@@ -114,16 +114,16 @@ class System:
 
     def programs(self) -> dict[str, Program]:
         """The programs by what they do, of x, `given`, the gravity, m/s², and the step h, s."""
-        x, given = variable("x", self.size), variable("given", self.length)
-        inputs, h, rate = (x, given, GRAVITY), variable("h"), self._rate_program(x, given)
+        x, influences = variable("x", self.size), variable("given", self.length)
+        inputs, h, rate = (x, influences, GRAVITY), variable("h"), self._rate_program(x, influences)
 
         def growth(x: Node, halves: int = 0) -> Node:
-            return join(*rate.results(x[: self.size], given, GRAVITY).values())
+            return join(*rate.results(x[: self.size], influences, GRAVITY).values())
 
-        y = self.output(x, given)
-        whole = Program("system", inputs, {"slope": self.rate(x, given)["slope"], "y": y})
+        y = self.output(x, influences)
+        whole = Program("system", inputs, {"slope": self.rate(x, influences)["slope"], "y": y})
         begin = join(x, zeros(growth(x).size - self.size))
-        after = self._kept(x, classical_step(growth, begin, h), given)
+        after = self._kept(x, classical_step(growth, begin, h), influences)
         slope = rate.results(*inputs)["slope"]
         programs = {
             "Rates of the state.": Program("rates", inputs, {"slope": slope}),
@@ -136,40 +136,40 @@ class System:
             ),
         }
         if self._holds:
-            machine = self._machine(given)
+            machine = self._machine(influences)
             after = impacts.after_impact(machine, machine.layout(), x, machine.active)
             programs["The state once active constraints have taken hold."] = Program(
-                "take_hold", (x, given), {"x_next": after}
+                "take_hold", (x, influences), {"x_next": after}
             )
         return programs
 
     @labelled
-    def _rate_program(self, x: Node, given: Node) -> Program:
-        return Program("rate", (x, given, GRAVITY), self.rate(x, given))
+    def _rate_program(self, x: Node, influences: Node) -> Program:
+        return Program("rate", (x, influences, GRAVITY), self.rate(x, influences))
 
-    def rate(self, x: Node, given: Node) -> dict[str, Node]:
+    def rate(self, x: Node, influences: Node) -> dict[str, Node]:
         """Time derivative of a state, `slope`, and with walls what they have `done`."""
-        state, _, rates = self._moving(x, given)
+        state, _, rates = self._moving(x, influences)
         moved = base_of(self.robot, state.q).rates(state.v, x)
         results = {"slope": join(moved, rates.a, rates.actuators, rates.bristles)}
         if rates.touches:
-            results["done"] = impacts.gains(self._machine(given), state, rates, state.v)
+            results["done"] = impacts.gains(self._machine(influences), state, rates, state.v)
         return results
 
-    def _kept(self, x: Node, after: Node, given: Node) -> Node:
+    def _kept(self, x: Node, after: Node, influences: Node) -> Node:
         """The state after a step without what contacts gained, and as rigid constraints allow."""
-        machine, done, after = self._machine(given), after[self.size :], after[: self.size]
+        machine, done, after = self._machine(influences), after[self.size :], after[: self.size]
         layout = machine.layout()
         if done.size:
             after = impacts.without_gains(machine, layout, (x, after), done[0], done[1:])
         return impacts.held(machine, layout, after)
 
-    def _machine(self, given: Node) -> Machine:
-        """The machine, on whose frames acts what is given."""
+    def _machine(self, influences: Node) -> Machine:
+        """The machine, on whose frames the influences act."""
         place, figures, frames = 0, dict[str, Node](), self.robot.frames
-        for name, shape in self.given.items():
+        for name, shape in self.influences.items():
             end = place + math.prod(shape)
-            figures[name], place = reshaped(given[place:end], shape), end
+            figures[name], place = reshaped(influences[place:end], shape), end
         figures["push"] = beside(figures["force"], figures["torque"])
         figures["spins"] = constant(self.momenta)
         figures["time_constants"] = constant([*self.lags.values()])
@@ -196,31 +196,31 @@ class System:
         )
         return Machine(self.robot, lambda x, *_: figures[x], around, lagging=tuple(self.lags))
 
-    def _moving(self, x: Node, given: Node) -> tuple[State[Node], Node, Rates]:
+    def _moving(self, x: Node, influences: Node) -> tuple[State[Node], Node, Rates]:
         """The state of the machine, inputs u (nu) that act, and how it moves."""
-        machine, commands = self._machine(given), given[: self.robot.inputs]
+        machine, commands = self._machine(influences), influences[: self.robot.inputs]
         state = machine.parts(x, machine.layout())
         u = machine.inputs(state, commands)
         return state, u, machine.rates(constant(0.0), state, u, commands)
 
-    def output(self, x: Node, given: Node) -> Node:
+    def output(self, x: Node, influences: Node) -> Node:
         """The outputs one after the other."""
-        robot, ((q, v, *_), u, rates) = self.robot, self._moving(x, given)
+        robot, ((q, v, *_), u, rates) = self.robot, self._moving(x, influences)
         a = rates.a
         poses, velocities = robot.frame_poses(q), robot.frame_velocities(q, v)
         # A product with Jacobians is what velocities are of accelerations.
         accelerations = robot.frame_velocities(q, a) + robot.frame_bias_accelerations(q, v)
-        found: dict[str, list[Node]] = {name: [] for name in self.outputs}
+        outputs: dict[str, list[Node]] = {name: [] for name in self.outputs}
         for k in range(robot.frames):
             rotation, spin = rotation_of(poses[k]), velocities[k][3:]
             felt = accelerations[k][:3] + join(0.0, 0.0, GRAVITY)
-            own = (velocities[k][:3], spin, rotation.transposed @ felt, rotation.transposed @ spin)
-            values = (origin_of(poses[k]), reshaped(rotation, (9,)), *own)
-            for name, value in zip(found, values, strict=False):
-                found[name].append(value)
+            motion = velocities[k][:3], spin, rotation.transposed @ felt, rotation.transposed @ spin
+            values = (origin_of(poses[k]), reshaped(rotation, (9,)), *motion)
+            for name, value in zip(outputs, values, strict=False):
+                outputs[name].append(value)
         if bodies := self.outputs["loads"][0]:
             loads = robot.joint_wrenches_with_wrenches(q, v, a, u, rates.wrenches)
             for k in range(bodies):
-                found["loads"].append(loads[k][:3])
-                found["load_torques"].append(loads[k][3:])
-        return join(*(value for values in found.values() for value in values))
+                outputs["loads"].append(loads[k][:3])
+                outputs["load_torques"].append(loads[k][3:])
+        return join(*(value for values in outputs.values() for value in values))

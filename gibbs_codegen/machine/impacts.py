@@ -32,13 +32,13 @@ _TOUCHING = 1e-20
 
 
 def effects(machine: Machine, state: State[Node], touches: Sequence[Touch]) -> Node:
-    """What contacts do now (3 + 6 c), of which a step makes what they have done.
+    """Effects of contacts now (3 + 6 c), of which a step makes what they have done.
 
     Power, W, parts of normal forces by damping, N, normal forces, N, and the wrench (6) of each.
     """
     pairs = list(zip(machine.around.contacts, touches, strict=True))
     velocities = machine.robot.frame_velocities(state.q, state.v) if touches else zeros(0)
-    power = sum((dot(x.wrench, velocities[each.frame]) for each, x in pairs), constant(0.0))
+    power = sum((dot(x.wrench, velocities[contact.frame]) for contact, x in pairs), constant(0.0))
     eased, normal = (
         sum((getattr(x, name) for x in touches), constant(0.0)) for name in ("eased", "normal")
     )

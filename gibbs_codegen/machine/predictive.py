@@ -69,7 +69,7 @@ class PredictedMachine(Machine):
     desired: Node = field(kw_only=True)
 
     def touches(self, state: State[Node]) -> list[Touch]:
-        """What each contact does."""
+        """The effect of each contact."""
         contacts, touches = self.around.contacts, list[Touch]()
         for contact, its in zip(contacts, super().touches(state), strict=True):
             wall = self.figure(f"wall_{contact.wall}", FIGURES + contact.figures)
@@ -83,7 +83,7 @@ class PredictedMachine(Machine):
 
 @dataclass(frozen=True)
 class Horizon:
-    """What the programs of a predictive controller depend on.
+    """All that the programs of a predictive controller depend on.
 
     `points` and `orientations` are frames that are led. `method` takes the steps. `lags`: motors
     lag; `changes`: changes of inputs cost, or are limited. `carries`: the position of the base is
@@ -106,17 +106,17 @@ class Horizon:
 
     @property
     def motors(self) -> int:
-        """How many thrusts of motors that lag a state has, or states of all actuators."""
+        """Number of thrusts of motors that lag in a state, or of states of all actuators."""
         return self.robot.actuator_states + (self.robot.lagging if self.lags else 0)
 
     @property
     def lag_times(self) -> int:
-        """How many time constants: of actuators those of greater and then of lesser commands."""
+        """Number of time constants: of actuators those of greater and then of lesser commands."""
         return self.motors + self.robot.actuator_states
 
     @property
     def before(self) -> int:
-        """How many inputs of the node before a state has."""
+        """Number of inputs of the node before that a state has."""
         return self.robot.inputs if self.changes else 0
 
     @property
@@ -131,7 +131,7 @@ class Horizon:
 
     @property
     def pushing(self) -> NDArray[np.float64]:
-        """What each input (rows) costs off, of displacements of q and v (columns)."""
+        """Change of each input (rows) that displacements of q and v (columns) call for."""
         pushing = np.zeros((self.robot.inputs, 2 * self.robot.space.velocities))
         for row, entry in self.served:
             pushing[row, entry] = 1.0
@@ -146,7 +146,7 @@ class Horizon:
 
     @cached_property
     def weight_sizes(self) -> dict[str, int]:
-        """How many weights there are of each kind of error."""
+        """Number of weights of each kind of error."""
         nv, nu = self.robot.space.velocities, self.robot.inputs
         return {
             "points": 3 * len(self.points),
@@ -159,21 +159,21 @@ class Horizon:
 
     def node(self) -> Program:
         """A node and how it goes on: `gap`, `slope`, `hessian` of q, `gradient` and `cost`."""
-        given = self._given()
+        node = self._node_inputs()
         predicted = self._predicted
         names = ["q", "v", *(["motors"] if self.motors else []), "u"]
-        found = jacobian(predicted, names).results(*self._arguments(given))
-        rows = [self._slope(found, x) for x in ("q", *self._rest)]
-        outputs = {"gap": self._gap(given, found), "slope": join(*rows)}
-        outputs |= self._costs(given, found)
-        return Program("horizon_node", tuple(given.inputs), outputs)
+        step = jacobian(predicted, names).results(*self._arguments(node))
+        rows = [self._slope(step, x) for x in ("q", *self._rest)]
+        outputs = {"gap": self._gap(node, step), "slope": join(*rows)}
+        outputs |= self._costs(node, step)
+        return Program("horizon_node", tuple(node.inputs), outputs)
 
     def values(self) -> Program:
         """`gap` and `cost` of a node alone."""
-        given = self._given()
-        found = self._predicted.results(*self._arguments(given))
-        outputs = {"gap": self._gap(given, found), "cost": self._cost(given, found["errors"])[0]}
-        return Program("horizon_values", tuple(given.inputs), outputs)
+        node = self._node_inputs()
+        step = self._predicted.results(*self._arguments(node))
+        outputs = {"gap": self._gap(node, step), "cost": self._cost(node, step["errors"])[0]}
+        return Program("horizon_values", tuple(node.inputs), outputs)
 
     def end(self) -> Program:
         """The end of the horizon: `hessian` (2 nv, 2 nv) and `gradient` of (q, v), and `cost`.
@@ -182,46 +182,46 @@ class Horizon:
         cost `ahead`: its matrix (2 nv, 2 nv), and if the base is carried a turn (3, 3) from world
         axes to those of the base's position, and the first point's slope (3, nv) in hover.
         """
-        nv, given = self.robot.space.velocities, self._given()
-        errors = jacobian(self._errors, ("q",)).results(given.q, *self._led(given))
+        nv, node = self.robot.space.velocities, self._node_inputs()
+        errors = jacobian(self._errors, ("q",)).results(node.q, *self._led(node))
         away, slope = errors["away"], errors["away_by_q"]
-        known = variable("ahead", self.ahead, uniform=True)
-        matrix = reshaped(known[: 4 * nv * nv], (2 * nv, 2 * nv))
+        ahead = variable("ahead", self.ahead, uniform=True)
+        matrix = reshaped(ahead[: 4 * nv * nv], (2 * nv, 2 * nv))
         if self.carries:
-            turn = reshaped(known[4 * nv * nv : 4 * nv * nv + 9], (3, 3))
-            tip = reshaped(known[4 * nv * nv + 9 :], (3, nv))
+            turn = reshaped(ahead[4 * nv * nv : 4 * nv * nv + 9], (3, 3))
+            tip = reshaped(ahead[4 * nv * nv + 9 :], (3, nv))
             place = self.robot.layout.v.position
             missed, by_q = errors["errors"][:3], errors["errors_by_q"][:3]
             away, slope = (
                 _added(x, place, turn @ (point - tip @ x))
                 for x, point in ((away, missed), (slope, by_q))
             )
-        rates = given.v - given.reference["v"]
+        rates = node.v - node.reference["v"]
         off = join(away, rates)
         pulled = matrix @ off
         # Velocities are their own displacements.
-        weights = given.weights
-        own, pull = self._pulled(given, errors["errors_by_q"], errors["errors"])
+        weights = node.weights
+        curvature, pull = self._pulled(node, errors["errors_by_q"], errors["errors"])
         upper = slope.transposed @ matrix[:nv]
-        by_q, across = upper.transposed[:nv].transposed @ slope + own, upper.transposed[nv:]
+        by_q, across = upper.transposed[:nv].transposed @ slope + curvature, upper.transposed[nv:]
         lower = matrix[nv:].transposed[nv:] + _identity(nv) * reshaped(
             weights["velocities"], (nv, 1)
         )
         hessian = join(beside(by_q, across.transposed), beside(across, lower))
         damped = weights["velocities"] * rates
         gradient = join(slope.transposed @ pulled[:nv] + pull, pulled[nv:] + damped)
-        squares = self._squares(given, errors["errors"]) + dot(damped, rates)
+        squares = self._squares(node, errors["errors"]) + dot(damped, rates)
         outputs = {
-            "hessian": _of_each(hessian, given.x),
+            "hessian": _of_each(hessian, node.x),
             "gradient": gradient,
             "cost": 0.5 * (dot(off, pulled) + squares),
         }
-        inputs = (given.x, given.references, given.all_weights, known)
+        inputs = (node.x, node.references, node.all_weights, ahead)
         return Program("horizon_end", inputs, outputs)
 
     @property
     def ahead(self) -> int:
-        """How many numbers say what follows the end."""
+        """Number of entries that describe what follows the end."""
         nv = self.robot.space.velocities
         return 4 * nv * nv + (9 + 3 * nv if self.carries else 0)
 
@@ -247,8 +247,8 @@ class Horizon:
         """Names of what a state has beside coordinates."""
         return ["v", *(["motors"] if self.motors else []), *(["before"] if self.changes else [])]
 
-    def _given(self) -> Given:
-        """What a node is given."""
+    def _node_inputs(self) -> NodeInputs:
+        """Inputs of a node."""
         robot = self.robot
         u, x = variable("u", robot.inputs), variable("x", self.size)
         after, h = variable("x_next", self.size), variable("h")
@@ -257,7 +257,7 @@ class Horizon:
         n, nv = robot.space.coordinates, robot.space.velocities
         sizes = {"q": n, "v": nv, "motors": self.motors, "before": self.before}
         led = {"points": 3 * len(self.points), "rotations": 9 * len(self.orientations)}
-        return Given(
+        return NodeInputs(
             [u, x, after, h, references, weights, *self._shared],
             self._split(x, sizes),
             self._split(after, sizes),
@@ -286,24 +286,24 @@ class Horizon:
 
     def _split(self, x: Node, sizes: dict[str, int]) -> dict[str, Node]:
         """Parts of a vector by name; coordinates are such."""
-        found, first = {}, 0
+        parts, first = {}, 0
         for name, size in sizes.items():
             if size:
                 entries = x[first : first + size]
-                found[name] = coordinates_of(entries, self.robot.space) if name == "q" else entries
+                parts[name] = coordinates_of(entries, self.robot.space) if name == "q" else entries
             first += size
-        return found
+        return parts
 
-    def _arguments(self, given: Given) -> list[Node]:
+    def _arguments(self, node: NodeInputs) -> list[Node]:
         """Arguments of the step of a node."""
-        motors = [given.state["motors"]] if self.motors else []
-        u, _, _, h, _, _, *shared = given.inputs
-        ways = [given.reference["v"]] if self.around.contacts else []
-        return [given.q, given.v, *motors, u, h, *shared, *self._led(given), *ways]
+        motors = [node.state["motors"]] if self.motors else []
+        u, _, _, h, _, _, *shared = node.inputs
+        ways = [node.reference["v"]] if self.around.contacts else []
+        return [node.q, node.v, *motors, u, h, *shared, *self._led(node), *ways]
 
-    def _led(self, given: Given) -> list[Node]:
+    def _led(self, node: NodeInputs) -> list[Node]:
         """Points, rotations and coordinates that are desired, as far as there are such."""
-        return [given.reference[x] for x in ("points", "rotations", "q") if x in given.reference]
+        return [node.reference[x] for x in ("points", "rotations", "q") if x in node.reference]
 
     @cached_property
     def _predicted(self) -> Program:
@@ -357,7 +357,7 @@ class Horizon:
         """Errors of points, orientations and posture, which depend on coordinates alone."""
         robot, q = self.robot, self.robot.coordinates()
         q_desired = robot.coordinates("q_desired")
-        found: list[Node] = []
+        errors: list[Node] = []
         led: list[Node] = []
         if self.points or self.orientations:
             poses = robot.frame_poses(q)
@@ -365,83 +365,81 @@ class Horizon:
             led.append(variable("points", 3 * len(self.points)))
             for place, frame in enumerate(self.points):
                 position = join(*(poses[frame][row][3] for row in range(3)))
-                found.append(position - led[-1][3 * place : 3 * place + 3])
+                errors.append(position - led[-1][3 * place : 3 * place + 3])
         if self.orientations:
             led.append(variable("rotations", 9 * len(self.orientations)))
             for place, frame in enumerate(self.orientations):
                 actual = [poses[frame][row][:3] for row in range(3)]
                 entries = led[-1][9 * place : 9 * place + 9]
                 wanted = [entries[3 * row : 3 * row + 3] for row in range(3)]
-                found.append(rotation_error(actual, wanted))
+                errors.append(rotation_error(actual, wanted))
         away = self.robot.away(q_desired, q)
-        outputs = {"errors": join(*found, away), "away": away}
+        outputs = {"errors": join(*errors, away), "away": away}
         return Program("horizon_errors", (q, *led, q_desired), outputs)
 
-    def _gap(self, given: Given, found: dict[str, Node]) -> Node:
+    def _gap(self, node: NodeInputs, step: dict[str, Node]) -> Node:
         """Displacement (states) from the next node to where the step of a node ends."""
-        base = self.robot.away(given.after["q"], found["q_next"])
-        return join(base, *(found[f"{x}_next"] - given.after[x] for x in self._rest))
+        base = self.robot.away(node.after["q"], step["q_next"])
+        return join(base, *(step[f"{x}_next"] - node.after[x] for x in self._rest))
 
-    def _slope(self, found: dict[str, Node], name: str) -> Node:
+    def _slope(self, step: dict[str, Node], name: str) -> Node:
         """Rows of the slope: of the next coordinates, velocities, motors or inputs before."""
         by = ["u", "q", "v", *(["motors"] if self.motors else [])]
-        blocks = [found[f"{name}_next_by_{x}"] for x in by]
+        blocks = [step[f"{name}_next_by_{x}"] for x in by]
         return beside(*blocks, *([zeros(blocks[0].shape[0], self.before)] if self.changes else []))
 
-    def _costs(self, given: Given, found: dict[str, Node]) -> dict[str, Node]:
+    def _costs(self, node: NodeInputs, step: dict[str, Node]) -> dict[str, Node]:
         """Hessian of q, gradient of (u, x) and cost."""
-        errors = found["errors"]
-        hessian, pull = self._pulled(given, found["errors_by_q"], errors)
-        cost, efforts, rates, changed = self._cost(given, errors)
+        errors = step["errors"]
+        hessian, pull = self._pulled(node, step["errors_by_q"], errors)
+        cost, efforts, rates, changed = self._cost(node, errors)
         if self.served:
             by_q, by_v = np.split(self.pushing, 2, axis=1)
-            stiff = reshaped(given.weights["inputs"], (len(by_q), 1)) * constant(by_q)
+            stiff = reshaped(node.weights["inputs"], (len(by_q), 1)) * constant(by_q)
             hessian = hessian + constant(by_q.T) @ stiff
             pull, rates = pull - constant(by_q.T) @ efforts, rates - constant(by_v.T) @ efforts
         parts = [efforts if changed is None else efforts + changed, pull, rates]
         parts += [zeros(self.motors)] if self.motors else []
         parts += [] if changed is None else [-changed]
         return {
-            "hessian": _of_each(hessian, given.x),
+            "hessian": _of_each(hessian, node.x),
             "gradient": join(*parts),
             "cost": cost,
         }
 
-    def _pulled(self, given: Given, by_q: Node, errors: Node) -> tuple[Node, Node]:
+    def _pulled(self, node: NodeInputs, by_q: Node, errors: Node) -> tuple[Node, Node]:
         """Hessian and gradient (nv) of the squares of errors of coordinates."""
-        weights = self._error_weights(given)
+        weights = self._error_weights(node)
         weighted = reshaped(weights, (weights.size, 1)) * by_q
         return by_q.transposed @ weighted, weighted.transposed @ errors
 
-    def _error_weights(self, given: Given) -> Node:
+    def _error_weights(self, node: NodeInputs) -> Node:
         """Weights of errors that depend on coordinates alone."""
         names = ("points", "orientations", "posture")
-        return join(*(given.weights[x] for x in names if x in given.weights))
+        return join(*(node.weights[x] for x in names if x in node.weights))
 
-    def _squares(self, given: Given, errors: Node) -> Node:
-        return dot(self._error_weights(given) * errors, errors)
+    def _squares(self, node: NodeInputs, errors: Node) -> Node:
+        return dot(self._error_weights(node) * errors, errors)
 
-    def _cost(self, given: Given, errors: Node) -> tuple[Node, Node, Node, Node | None]:
+    def _cost(self, node: NodeInputs, errors: Node) -> tuple[Node, Node, Node, Node | None]:
         """Cost of a node, its slopes by u and v, and by the change of u."""
-        u, weights = given.inputs[0], given.weights
-        off, drift = u - given.reference["u"], given.v - given.reference["v"]
+        u, weights = node.inputs[0], node.weights
+        off, drift = u - node.reference["u"], node.v - node.reference["v"]
         if self.served:
             away = errors[errors.size - self.robot.space.velocities :]
             off = off - constant(self.pushing) @ join(away, drift)
         efforts, rates = weights["inputs"] * off, weights["velocities"] * drift
-        cost, changed = self._squares(given, errors) + dot(efforts, off) + dot(rates, drift), None
+        cost, changed = self._squares(node, errors) + dot(efforts, off) + dot(rates, drift), None
         if self.changes:
-            change = u - given.state["before"]
+            change = u - node.state["before"]
             changed = weights["changes"] * change
             cost = cost + dot(changed, change)
         return 0.5 * cost, efforts, rates, changed
 
 
 @dataclass(frozen=True)
-class Given:
-    """What a node is given: inputs of the program, and by name state, next state, reference and
-    weights.
-    """
+class NodeInputs:
+    """Inputs of a node's program, and by name state, next state, reference and weights."""
 
     inputs: list[Node]
     state: dict[str, Node]

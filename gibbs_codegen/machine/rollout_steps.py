@@ -36,7 +36,7 @@ from gibbs_codegen.machine.steps import METHODS, projected
 
 @dataclass(frozen=True)
 class Parts:
-    """What a rollout has besides inputs; drives have a lag of their own.
+    """Parts of a rollout besides inputs; drives have a lag of their own.
 
     `around` is what acts on frames: with `pushes` there are wrenches. `figures` are those of what
     surrounds it that are part of the program, entry by entry, by the names of `Machine`.
@@ -54,12 +54,12 @@ ALL = Parts(feedback=True, limits=True, lag=True, bounds=True, around=Surroundin
 
 
 def sent(robot: Functions) -> str:
-    """What the input of programs is called that says what is commanded."""
+    """Name of the input of programs that says what is commanded."""
     return "command" if robot.driven else "u"
 
 
-def given(robot: Functions, parts: Parts) -> dict[str, Node]:
-    """What a program with such parts is given of each state or all, by names, in their order.
+def rollout_inputs(robot: Functions, parts: Parts) -> dict[str, Node]:
+    """Inputs of a program with such parts, of each state or of all, by names, in their order.
 
     - `u` (nu): inputs, or `command` (nu) where there are drives
     - `gain` (nu, 2 nv), `desired_q` (nq) and `desired_v` (nv): feedback, which is added to them;
@@ -74,26 +74,26 @@ def given(robot: Functions, parts: Parts) -> dict[str, Node]:
     - `payloads` (p): masses, kg, and `gravity` (3), m/s²
     """
     n, m, inputs = robot.space.coordinates, robot.space.velocities, robot.inputs
-    found = [variable(sent(robot), inputs)]
+    variables = [variable(sent(robot), inputs)]
     if parts.feedback:
         states = robot.actuator_states
-        found += [variable("gain", inputs, 2 * m + states, uniform=True)]
-        found += [robot.coordinates("desired_q"), robot.velocities("desired_v")]
-        found += [variable("desired_x", states)] if states else []
+        variables += [variable("gain", inputs, 2 * m + states, uniform=True)]
+        variables += [robot.coordinates("desired_q"), robot.velocities("desired_v")]
+        variables += [variable("desired_x", states)] if states else []
     if parts.limits:
-        found += [variable(name, inputs, uniform=True) for name in ("least", "most")]
+        variables += [variable(name, inputs, uniform=True) for name in ("least", "most")]
     if parts.lag and sent(robot) == "u":
-        found += [variable("lag", 3, robot.rotors)]
+        variables += [variable("lag", 3, robot.rotors)]
     if parts.around.pushes:
-        found += [variable("wrenches", robot.frames, 6)]
+        variables += [variable("wrenches", robot.frames, 6)]
     if parts.bounds:
-        found += [variable(name, n + m, uniform=True) for name in ("lowest", "highest")]
+        variables += [variable(name, n + m, uniform=True) for name in ("lowest", "highest")]
     if parts.around.wind:
-        found += [variable("wind", 3), variable("drag", robot.frames, 6)]
-        found += [variable("gusts", 3, 3)] if parts.around.gusts else []
+        variables += [variable("wind", 3), variable("drag", robot.frames, 6)]
+        variables += [variable("gusts", 3, 3)] if parts.around.gusts else []
     if parts.around.payloads:
-        found += [variable("payloads", len(parts.around.payloads)), variable("gravity", 3)]
-    return {x.operation.name: x for x in found if isinstance(x.operation, Input)}
+        variables += [variable("payloads", len(parts.around.payloads)), variable("gravity", 3)]
+    return {x.operation.name: x for x in variables if isinstance(x.operation, Input)}
 
 
 @labelled
@@ -107,27 +107,27 @@ def rollout_step(
     above 0, the step has taken a state out of bounds. With `has_thrusts` it has thrusts without lag
     too, which are those commanded.
     """
-    own, around = given(robot, parts), replace(parts.around, gusts=0)
-    machines = [Machine(robot, _figures(parts, own, halves), around) for halves in range(3)]
+    nodes, around = rollout_inputs(robot, parts), replace(parts.around, gusts=0)
+    machines = [Machine(robot, _figures(parts, nodes, halves), around) for halves in range(3)]
     machine = machines[0]
-    rotors = robot.lagging if "lag" in own or has_thrusts else 0
-    time, h = (variable(each, uniform=True) for each in ("time", "h"))
+    rotors = robot.lagging if "lag" in nodes or has_thrusts else 0
+    time, h = (variable(quantity, uniform=True) for quantity in ("time", "h"))
     layout = replace(machine.layout(), actuators=robot.actuator_states or rotors)
     places, x = layout.places, variable("x", layout.size)
     q, v, actuators = coordinates_of(x[places.q], robot.space), x[places.v], x[places.actuators]
-    u = own[sent(robot)]
+    u = nodes[sent(robot)]
     if parts.feedback:
-        parts_away = [robot.away(q, own["desired_q"]), own["desired_v"] - v]
-        parts_away += [own["desired_x"] - actuators] if "desired_x" in own else []
+        parts_away = [robot.away(q, nodes["desired_q"]), nodes["desired_v"] - v]
+        parts_away += [nodes["desired_x"] - actuators] if "desired_x" in nodes else []
         error = named(join(*parts_away), "error", "way to the desired state")
-        u = named(u + own["gain"] @ error, "wanted", "inputs with linear feedback")
+        u = named(u + nodes["gain"] @ error, "wanted", "inputs with linear feedback")
     if parts.limits:
-        u = named(clip(u, own["least"], own["most"]), "commanded", "inputs within their limits")
+        u = named(clip(u, nodes["least"], nodes["most"]), "commanded", "inputs within their limits")
     acting = [u] * 3
-    if "lag" in own:
+    if "lag" in nodes:
         settled, efforts = u[:rotors], u[rotors:]
         way = actuators - settled
-        acting = [join(settled + own["lag"][k] * way, efforts) for k in range(3)]
+        acting = [join(settled + nodes["lag"][k] * way, efforts) for k in range(3)]
 
     # What is integrated together: velocities, states of actuators, bristles, and what is done.
     moving = StateLayout(0, layout.v, 0, robot.actuator_states, 0, layout.bristles)
@@ -174,23 +174,23 @@ def rollout_step(
     ended = constant(0.0)
     if parts.bounds:
         held = x_next[: layout.q + layout.v]
-        beyond = maximum(own["lowest"] - held, 0.0) + maximum(held - own["highest"], 0.0)
+        beyond = maximum(nodes["lowest"] - held, 0.0) + maximum(held - nodes["highest"], 0.0)
         ended = named(total(beyond), "beyond", "how far q and v are out of bounds")
     outputs = {"x_next": x_next, "ended": ended, "inputs": u}
-    return Program(name, (time, h, x, *own.values()), outputs)
+    return Program(name, (time, h, x, *nodes.values()), outputs)
 
 
-def _figures(parts: Parts, own: dict[str, Node], halves: int) -> Callable[..., Node]:
+def _figures(parts: Parts, nodes: dict[str, Node], halves: int) -> Callable[..., Node]:
     """Figures of what is around a robot, so many halves of a step after its start."""
-    known = dict(parts.figures)
+    constants = dict(parts.figures)
 
     def figure(name: str, *shape: int) -> Node:
         if name == "push":
-            return own["wrenches"]
-        if name == "wind" and "gusts" in own:
-            return own["wind"] + own["gusts"][halves]
-        if name in own:
-            return own[name]
-        return constant(np.reshape(known[name], shape))
+            return nodes["wrenches"]
+        if name == "wind" and "gusts" in nodes:
+            return nodes["wind"] + nodes["gusts"][halves]
+        if name in nodes:
+            return nodes[name]
+        return constant(np.reshape(constants[name], shape))
 
     return figure

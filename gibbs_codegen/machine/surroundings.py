@@ -1,4 +1,4 @@
-"""What acts on a robot besides its inputs, as array programs: wrenches (f, 6) on its frames.
+"""Wrenches (f, 6) on a robot's frames by what acts besides its inputs, as array programs.
 
 A wrench is the force, N, and the torque about the frame's origin, N m, in world axes. Frames are
 given by their numbers. `flight.plant.environment` says more on each.
@@ -40,12 +40,12 @@ def wind_velocity(time: Node, steady: Node, gusts: Node) -> Node:
 
     Of each: begin and duration, s, and half of the greatest velocity (3).
     """
-    found = steady
+    velocity = steady
     for k in range(gusts.shape[0]):
         gust = gusts[k]
         share = clip((time - gust[0]) / gust[1], 0.0, 1.0)
-        found = found + (1.0 - cosine(2.0 * math.pi * share)) * gust[2:]
-    return found
+        velocity = velocity + (1.0 - cosine(2.0 * math.pi * share)) * gust[2:]
+    return velocity
 
 
 def drag(coefficients: Node, wind: Node, velocities: Node) -> Node:
@@ -92,7 +92,7 @@ def _force_on_rotor(
     drag, inflow, lift, radius, has_ground, *pairs = air[3:]
     speed, thrust = absolute(turning[0]), turning[1]  # Whichever way it turns, air resists.
     columns = [(air[k], join(*(pose[i][k] for i in range(3)))) for k in range(3) if air[k]]
-    axis = sum((share * each for share, each in columns[1:]), columns[0][0] * columns[0][1])
+    axis = sum((share * column for share, column in columns[1:]), columns[0][0] * columns[0][1])
     along = dot(axis, moved)
     # Drag across the axis is that along all of the motion, less what is along the axis.
     pushed = (drag - inflow) * speed * along
@@ -111,12 +111,12 @@ def _force_on_rotor(
 
 
 def _between(x: Node, places: Sequence[float], values: Sequence[float]) -> Node:
-    """What lies linearly between values at rising places, that at an end beyond it."""
-    found = constant(values[0])
+    """Linear interpolation between values at rising places, and beyond them the end value."""
+    value = constant(values[0])
     for k in range(len(places) - 1):
         slope = (values[k + 1] - values[k]) / (places[k + 1] - places[k])
-        found = found + slope * (clip(x, places[k], places[k + 1]) - places[k])
-    return found
+        value = value + slope * (clip(x, places[k], places[k + 1]) - places[k])
+    return value
 
 
 def payload_forces(

@@ -273,7 +273,7 @@ class ModuleLibrary:
 
         Raises as `core` does, and `CompilerError` where the library lacks it.
         """
-        library = self._library(self._unit(name, each=form == EACH))
+        library = self._library(self._unit(name, per_state=form == EACH))
         symbol = f"{self._name}_{name}{form}"
         if not hasattr(library, symbol):
             raise CompilerError(f"the library has no {symbol}; do flags in CC hide or rename it?")
@@ -285,7 +285,7 @@ class ModuleLibrary:
         Raises as `function` does.
         """
         always = (name for name in self._functions if not FUNCTIONS[name].on_request)
-        units = {self._unit(name, each=False) for name in always}
+        units = {self._unit(name, per_state=False) for name in always}
         tasks: list[Future[ctypes.CDLL]] = []
         with ThreadPoolExecutor(len(units)) as pool:
             try:
@@ -305,23 +305,27 @@ class ModuleLibrary:
                 library = self._units[unit] = opened(self._path(*unit))
             return library
 
-    def _unit(self, name: str, *, each: bool) -> Unit:
+    def _unit(self, name: str, *, per_state: bool) -> Unit:
         row = FUNCTIONS[name]
-        if self._is_whole and not each:
-            return "", each
+        if self._is_whole and not per_state:
+            return "", per_state
         if row.composed:
-            return "steps", each
-        return name if row.on_request else row.group, each
+            return "steps", per_state
+        return name if row.on_request else row.group, per_state
 
-    def _path(self, unit: str, each: bool) -> Path:
+    def _path(self, unit: str, per_state: bool) -> Path:
         if not unit:
             return self.core
         functions = [
-            name for name in self._functions if self._unit(name, each=each) == (unit, each)
+            name
+            for name in self._functions
+            if self._unit(name, per_state=per_state) == (unit, per_state)
         ]
         parts = {part for name in functions for part in FUNCTIONS[name].composed}
-        where = self._folder, self._name, c_files(self._name, each=each), self._compiler
-        return compiled_files(*where, self._of_each if each else (), functions=[*parts, *functions])
+        where = self._folder, self._name, c_files(self._name, per_state=per_state), self._compiler
+        return compiled_files(
+            *where, self._of_each if per_state else (), functions=[*parts, *functions]
+        )
 
 
 def compiled_library(
@@ -468,12 +472,12 @@ def _make_of(text: bytes) -> list[bytes]:
     return [line.strip(b"#/* \r") for line in text.split(b"\n", 4)[:4]]
 
 
-def c_files(name: str, *, each: bool = False, blocks: bool = True) -> list[str]:
+def c_files(name: str, *, per_state: bool = False, blocks: bool = True) -> list[str]:
     """Names of the files that the functions of a module consist of in C.
 
-    With `each` they are those that take constants of each state; they are for one state alone if
-    not for `blocks`.
+    With `per_state` they are those that take constants of each state; they are for one state alone
+    if not for `blocks`.
     """
-    sources = ["batch", "each"] if each else ["batch"] if blocks else []
-    core = [] if each else [f"{name}.c"]
+    sources = ["batch", "each"] if per_state else ["batch"] if blocks else []
+    core = [] if per_state else [f"{name}.c"]
     return [RUNTIME, f"{name}.h", *core, *(f"{name}_{source}.c" for source in sources)]

@@ -77,11 +77,11 @@ class Entry(NamedTuple):
 # Of the functions for users of C: what each returns, is given and does.
 _FUNCTIONS = {
     "size": ("size_t", "void", "Bytes of a controller."),
-    "init": ("void", "{own}", "Fill in all settings, and reset. Once, before anything else."),
-    "reset": ("void", "{own}", "Forget the plan, before a flight. Settings stay."),
+    "init": ("void", "{self}", "Fill in all settings, and reset. Once, before anything else."),
+    "reset": ("void", "{self}", "Forget the plan, before a flight. Settings stay."),
     "step": (
         "int",
-        "{own}, const {real} *state, const {real} *reference, {real} *u",
+        "{self}, const {real} *state, const {real} *reference, {real} *u",
         "Inputs of the step that begins now: prepare, feedback, shift and act in one call.\n\n"
         "@param controller the controller\n"
         "@param state q, then v, as they were measured\n"
@@ -89,16 +89,16 @@ _FUNCTIONS = {
         "@param u inputs within their limits\n"
         "@return whether a plan was found; if not, u follows the last one: see `failures`",
     ),
-    "prepare": ("void", "{own}", "Linearise the plan about the member `reference`, beforehand."),
+    "prepare": ("void", "{self}", "Linearise the plan about the member `reference`, beforehand."),
     "feedback": (
         "int",
-        "{own}, const {real} *state, {real} *u",
+        "{self}, const {real} *state, {real} *u",
         "Inputs at a state (q, v), once all is prepared; returns whether a plan was found.",
     ),
-    "shift": ("void", "{own}", "Move the plan on by its first step, after `feedback`."),
+    "shift": ("void", "{self}", "Move the plan on by its first step, after `feedback`."),
     "act": (
         "void",
-        "{own}, const {real} *u",
+        "{self}, const {real} *u",
         "Tell which inputs act for a step from now on: those of `feedback`, or other ones.",
     ),
 }
@@ -244,7 +244,7 @@ class Transcription:
                     + "\n".join(
                         broken(
                             f"{returned} {stem}_{function}"
-                            f"({pattern.format(own=f'{stem} *controller', real=f'{name}_real')});"
+                            f"({pattern.format(self=f'{stem} *controller', real=f'{name}_real')});"
                         )
                     )
                     + "\n"
@@ -289,7 +289,7 @@ class Transcription:
                 f"#define MODULE(name) {robot.name}_##name",
                 *support(every, robot),
                 "#if LANES > 1",
-                *blocks_of(every, each=False),
+                *blocks_of(every, per_state=False),
                 "#endif",
                 *c_functions(every, PREFIX, "static "),
                 f"enum {{ {', '.join(f'{name} = {size}' for name, size in sizes.items())} }};",

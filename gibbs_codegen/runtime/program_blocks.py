@@ -62,23 +62,23 @@ class BlockProgram:
         count = math.prod(batch)
         # One block at least, for what all states share.
         lanes, blocks = self._blocks.lanes, max(self._blocks.count(count), 1)
-        given = [self._laid(arrays[name], x, batch) for name, x in pairs]
+        laid = [self._laid(arrays[name], x, batch) for name, x in pairs]
         shapes = {
             name: (x.size,) if self._text.uniform(x) else (blocks, x.size, lanes)
             for name, x in program.outputs.items()
         }
-        found = {name: self._blocks.filled(*shape) for name, shape in shapes.items()}
+        cells = {name: self._blocks.filled(*shape) for name, shape in shapes.items()}
         owned = self._owned(constants or {})
-        arrays_given = (*given, *found.values())
-        pointers = (ctypes.c_void_p * len(arrays_given))(*(x.ctypes.data for x in arrays_given))
-        own = (ctypes.c_void_p(x.ctypes.data) for x in owned)
-        self._function(ctypes.c_size_t(blocks), pointers, *own)
+        arrays_laid = (*laid, *cells.values())
+        pointers = (ctypes.c_void_p * len(arrays_laid))(*(x.ctypes.data for x in arrays_laid))
+        pointers_of_owners = (ctypes.c_void_p(x.ctypes.data) for x in owned)
+        self._function(ctypes.c_size_t(blocks), pointers, *pointers_of_owners)
         results = {}
         for name, x in program.outputs.items():
             if self._text.uniform(x):
-                results[name] = found[name].reshape(x.shape)
+                results[name] = cells[name].reshape(x.shape)
             else:
-                results[name] = self._blocks.to_rows(found[name], count).reshape((*batch, *x.shape))
+                results[name] = self._blocks.to_rows(cells[name], count).reshape((*batch, *x.shape))
         return results
 
     def _owned(self, constants: Mapping[str, Any]) -> list[Array]:
@@ -96,8 +96,8 @@ class BlockProgram:
                     f"{self._module.NAME}, loaded for C, returns for numbers, the same for all "
                     "states"
                 )
-        given = (constants.get(owner, default) for owner in self._text.owners)
-        return [np.frombuffer(values).astype(self._blocks.real) for values in given]
+        owned = (constants.get(owner, default) for owner in self._text.owners)
+        return [np.frombuffer(values).astype(self._blocks.real) for values in owned]
 
     def _checked(self, name: str, x: Node, value: Any) -> Array:
         array = np.asarray(value, dtype=self._blocks.real)
@@ -108,7 +108,7 @@ class BlockProgram:
         return array
 
     def _laid(self, array: Array, x: Node, batch: tuple[int, ...]) -> Array:
-        """An input as C takes it: in blocks, the last filled up with its last state."""
+        """An input as C takes it: in blocks, the last cells up with its last state."""
         if x.is_uniform:
             return np.ascontiguousarray(array.ravel())
         rows = np.broadcast_to(array, (*batch, *x.shape)).reshape(math.prod(batch), x.size)
@@ -136,19 +136,19 @@ class BlockProgram:
 
     def _through_blocks(self) -> str:
         """The function that takes the program through blocks of states, one after the other."""
-        text, given = self._text, []
+        text, operands = self._text, []
         for place, x in enumerate(self.program.inputs):
             kind = "real" if x.is_uniform else "number"
             at = f"(const {kind} *)arrays[{place}]"
             at = at if x.is_uniform else f"({at} + block * {x.size})"
-            given.append(f"*{at}" if x.shape == () else at)
-        first = len(given)
+            operands.append(f"*{at}" if x.shape == () else at)
+        first = len(operands)
         for place, x in enumerate(self.program.outputs.values()):
             is_uniform = text.uniform(x)
             at = f"({'real' if is_uniform else 'number'} *)arrays[{first + place}]"
-            given.append(at if is_uniform else f"{at} + block * {x.size}")
+            operands.append(at if is_uniform else f"{at} + block * {x.size}")
         constants = "".join(f", const Constants *{owner}" for owner in text.owners)
-        arguments = ", ".join([*text.owners, *given])
+        arguments = ", ".join([*text.owners, *operands])
         return (
             f"\nvoid program_blocks(const size_t blocks, void *const *arrays{constants})\n"
             "{\n"

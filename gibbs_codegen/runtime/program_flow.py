@@ -26,7 +26,7 @@ _STEPS_A_CALL, _INSTANTS_A_STEP = 100, 4
 
 
 class Flow(ctypes.Structure):
-    """How a state is integrated, and how far it came: the members that `emitted/adaptive.c` has."""
+    """State of an integration, and how far it came: the members that `emitted/adaptive.c` has."""
 
     _fields_ = [
         *((name, ctypes.c_double) for name in ("time", "end", "step", "taken")),
@@ -87,17 +87,17 @@ class ProgramFlow:
         self._slope.restype = self._flow.restype = None
         self.size, self.ranged = slope.inputs[1].size, slope.outputs["inputs"].size
         owners = sorted({*owners_of(slope), *owners_of(end)})
-        known = [constants[owner] for owner in owners]
-        arguments = ProgramArguments(inputs, values, known, tables, guesses)
+        robots = [constants[owner] for owner in owners]
+        arguments = ProgramArguments(inputs, values, robots, tables, guesses)
         self.arrays, self._owned = arguments.arrays, arguments
-        self._given = arguments.addresses.ctypes.data
+        self._arguments = arguments.addresses.ctypes.data
         self._refused = ctypes.c_int()
 
     def slope(self, time: float, state: Array) -> Array | None:
         """The time derivative (size) of a state; None where it is refused."""
         x, rate = np.ascontiguousarray(state, dtype=np.float64), np.empty(self.size)
         refused = ctypes.addressof(self._refused)
-        self._slope(self._given, time, x.ctypes.data, rate.ctypes.data, refused)
+        self._slope(self._arguments, time, x.ctypes.data, rate.ctypes.data, refused)
         return None if self._refused.value else rate
 
     def __call__(self, flow: Flow, state: Array, scale: Array, times: Array) -> Flown:
@@ -110,6 +110,6 @@ class ProgramFlow:
         last, samples = np.array(state, dtype=np.float64), np.empty((len(times), self.size))
         instants, inputs = np.empty(count), np.empty((count, 2, self.ranged // 2))
         arrays = scale, last, times, samples, instants, inputs
-        self._flow(self._given, ctypes.addressof(flow), *(x.ctypes.data for x in arrays))
+        self._flow(self._arguments, ctypes.addressof(flow), *(x.ctypes.data for x in arrays))
         seen = flow.instants
         return Flown(samples[: flow.samples], last, instants[:seen].copy(), inputs[:seen].copy())

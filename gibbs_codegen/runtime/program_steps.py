@@ -26,7 +26,7 @@ Flags = NDArray[np.bool_]
 
 
 class Taken(NamedTuple):
-    """What became of states: steps `taken` (count), samples (count, s, size), `last` states.
+    """Outcome of steps: `taken` (count) of them, samples (count, s, size), `last` states.
 
     `refused` (count) tells which ended before a step, `goes_on` (count) which have not ended.
     Samples after the end of a state repeat its last one.
@@ -40,12 +40,13 @@ class Taken(NamedTuple):
 
 
 class ProgramArguments:
-    """What programs in C are given of `count` states in `blocks`, by addresses.
+    """Arguments of programs in C for `count` states in `blocks`, by addresses.
 
     `values` are by the names of `inputs`, with an axis of the states in front where these differ.
     `constants` are what the module's `prepare` returned, of one robot, or (count, constants), one
     for each owner. `tables` are arrays for what is written by hand; after them are guesses which of
-    so many thrusts are at limits, of each state. With `each` states have constants of their own.
+    so many thrusts are at limits, of each state. With `per_state` states have constants of their
+    own.
     """
 
     def __init__(
@@ -58,13 +59,13 @@ class ProgramArguments:
         count: int = 1,
         blocks: Blocks = ONE,
         *,
-        each: bool = False,
+        per_state: bool = False,
     ) -> None:
         self._blocks, self._count, real = blocks, blocks.count(count), blocks.real
         # The array of each input by its name, in blocks where states have one each.
         self.arrays: dict[str, NDArray[Any]] = {}
-        known = [self._constants(x, each) for x in constants]
-        columns = [*map(self._column, known)]
+        robots = [self._constants(x, per_state) for x in constants]
+        columns = [*map(self._column, robots)]
         context = [np.ascontiguousarray(table, dtype=real) for table in tables]
         limited = blocks.filled(self._count, guesses, blocks.lanes)
         addresses = np.empty((self._count, len(tables) + 1), dtype=np.uint64)
@@ -82,16 +83,16 @@ class ProgramArguments:
             columns.append(self._column(self.arrays[name]))
         self.addresses = np.stack(columns, axis=1)
         # What is pointed to, so that it lives as long.
-        self._owned = [known, context, limited, addresses]
+        self._owned = [robots, context, limited, addresses]
 
-    def _constants(self, constants: Any, each: bool) -> NDArray[Any]:
+    def _constants(self, constants: Any, per_state: bool) -> NDArray[Any]:
         """Constants of one robot, or of each state in blocks."""
         numbers = np.frombuffer(constants) if isinstance(constants, bytes) else constants
         numbers = np.asarray(numbers, dtype=self._blocks.real)
-        if each and numbers.ndim == 1:
+        if per_state and numbers.ndim == 1:
             shape = self._blocks.lanes, len(numbers)
             return self._blocks.of_rows(np.broadcast_to(numbers, shape))
-        return self._blocks.of_rows(numbers) if each else np.atleast_2d(numbers)
+        return self._blocks.of_rows(numbers) if per_state else np.atleast_2d(numbers)
 
     def _column(self, array: NDArray[Any]) -> NDArray[np.uint64]:
         """Addresses (blocks) of the parts of an array that has one for each block, or one."""
@@ -125,13 +126,13 @@ class ProgramSteps:
         self.count, self.blocks, self.real = count, blocks, blocks.real
         self.size = program.inputs[2].size
         self.ranged = program.outputs["inputs"].size
-        known = [constants[owner] for owner in owners_of(program)]
-        each = blocks.lanes > 1 and any(isinstance(x, np.ndarray) for x in known)
-        self._run = _compiled(module, program, blocks, each=each)
+        robots = [constants[owner] for owner in owners_of(program)]
+        per_state = blocks.lanes > 1 and any(isinstance(x, np.ndarray) for x in robots)
+        self._run = _compiled(module, program, blocks, per_state=per_state)
         self._count = blocks.count(count)
         inputs = dict(list(zip(program.names, program.inputs, strict=True))[3:])
-        laid = values, known, tables, guesses, count, blocks
-        self.arguments = ProgramArguments(inputs, *laid, each=each)
+        laid = values, robots, tables, guesses, count, blocks
+        self.arguments = ProgramArguments(inputs, *laid, per_state=per_state)
         # States, and what becomes of each: whether it goes on, was refused, and its steps.
         self._state = blocks.filled(self._count, self.size, blocks.lanes)
         self._progress = np.zeros((self._count, 3, blocks.lanes), dtype=np.int32)
@@ -171,8 +172,8 @@ class ProgramSteps:
         places = [*self._places, (samples.ctypes.data, samples.strides[0])]
 
         def fly(k: int) -> None:
-            given, x, ends, kept_at = (first + k * stride for first, stride in places)
-            self._run(given, time, step, steps, every, number, x, kept_at, inputs, ends)
+            arguments, x, ends, kept_at = (first + k * stride for first, stride in places)
+            self._run(arguments, time, step, steps, every, number, x, kept_at, inputs, ends)
 
         if min(threads, blocks) == 1:
             for block in range(blocks):
@@ -180,7 +181,7 @@ class ProgramSteps:
         else:  # Block by block, so that Ctrl-C waits for no more than those under way.
             with ThreadPoolExecutor(threads) as pool:
                 list(pool.map(fly, range(blocks)))
-        last, found, ended = (
+        last, records, ended = (
             self.blocks.to_rows(x, self.count)
             for x in (self._state.copy(), samples[:, :kept], self._progress.copy())
         )
@@ -188,22 +189,26 @@ class ProgramSteps:
         if taken.min() < steps:
             ends = (number + taken) // every - number // every
             for k in np.flatnonzero(ends < kept):
-                found[k, ends[k] :] = last[k]
-        return Taken(taken, found, last, refused.astype(bool), goes_on.astype(bool))
+                records[k, ends[k] :] = last[k]
+        return Taken(taken, records, last, refused.astype(bool), goes_on.astype(bool))
 
 
-def steps_source(program: Program, robot: Functions, lanes: int = 1, *, each: bool = False) -> str:
-    """C that takes many steps of a program, of which `each` state may have constants of its own."""
+def steps_source(
+    program: Program, robot: Functions, lanes: int = 1, *, per_state: bool = False
+) -> str:
+    """C that takes many steps of a program; with `per_state` states have constants of their own."""
     engine = [*take_step([program], program.names[3:]), c_source("engine.c")]
-    return c_text([program], robot, lanes, each=each, engine=engine)
+    return c_text([program], robot, lanes, per_state=per_state, engine=engine)
 
 
-def _compiled(module: ModuleType, program: Program, blocks: Blocks, *, each: bool) -> Any:
-    """The function that takes many steps; with `each` states have constants of their own."""
-    source = steps_source(program, Functions(module), blocks.lanes, each=each)
+def _compiled(module: ModuleType, program: Program, blocks: Blocks, *, per_state: bool) -> Any:
+    """The function that takes many steps; with `per_state` states have constants of their own."""
+    source = steps_source(program, Functions(module), blocks.lanes, per_state=per_state)
     sources = {f"_{program.name}.c": source}
     functions, one = called([program]), blocks.lanes == 1
-    compiled = library(module, functions, sources, single=blocks.single, each=each, blocks=not one)
+    compiled = library(
+        module, functions, sources, single=blocks.single, per_state=per_state, blocks=not one
+    )
     real, whole, address = ctypes.c_double, ctypes.c_int, ctypes.c_void_p
     compiled.program_run.argtypes = [address, real, real, whole, whole, whole, *[address] * 4]
     compiled.program_run.restype = None

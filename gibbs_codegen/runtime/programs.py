@@ -42,15 +42,15 @@ def c_text(
     robot: Functions,
     lanes: int = 1,
     *,
-    each: bool = False,
+    per_state: bool = False,
     engine: Sequence[str] = (),
 ) -> str:
     """The C source of programs that call functions of a robot's module.
 
-    With `each` every state of a block has constants of its own. With an `engine`, lines of what
-    evaluates them many times a call, nothing else calls them.
+    With `per_state` every state of a block has constants of its own. With an `engine`, lines of
+    what evaluates them many times a call, nothing else calls them.
     """
-    constants = "real" if each else f"{robot.name}_constants"
+    constants = "real" if per_state else f"{robot.name}_constants"
     lines = [
         f'#include "{robot.name}.h"',
         "",
@@ -58,7 +58,7 @@ def c_text(
         f"typedef {robot.name}_real real;",
         f"typedef {constants} Constants;",
         *support(programs, robot),
-        *(blocks_of(programs, each=each) if lanes > 1 else []),
+        *(blocks_of(programs, per_state=per_state) if lanes > 1 else []),
         *c_functions(programs, PREFIX, "static " if engine else ""),
         *engine,
     ]
@@ -66,7 +66,7 @@ def c_text(
 
 
 def support(programs: Sequence[Program], robot: Functions) -> list[str]:
-    """What programs need that is the same for every robot; before it are `real` and `Constants`."""
+    """Lines that programs need for any robot; before them are `real` and `Constants`."""
     by_hand = set().union(*map(externals_of, programs))
     files = ["platform.c", "numbers.c"]
     if set().union(*map(elementaries_of, programs)) & {"sin", "cos"}:
@@ -86,9 +86,9 @@ def support(programs: Sequence[Program], robot: Functions) -> list[str]:
     ]
 
 
-def blocks_of(programs: Sequence[Program], *, each: bool) -> list[str]:
+def blocks_of(programs: Sequence[Program], *, per_state: bool) -> list[str]:
     """The module's functions that programs call, for the states of a block."""
-    ending = "batch_each" if each else "batch"
+    ending = "batch_each" if per_state else "batch"
     calls = dict.fromkeys(call for program in programs for call in functions_of(program))
     return [line for call in calls for line in _block(*call, ending)]
 
@@ -173,13 +173,13 @@ def _entry(
 def _block(module: str, function: str, ending: str) -> list[str]:
     """A function of the module for the states of a block."""
     row = FUNCTIONS[function]
-    given = [*row.arguments, *(output.name for output in row.outputs)]
+    names = [*row.arguments, *(output.name for output in row.outputs)]
     kinds = ["const number"] * len(row.arguments) + ["number"] * len(row.outputs)
     parameters = ["const Constants *constants"]
-    parameters += [f"{kind} *{name}" for kind, name in zip(kinds, given, strict=True)]
+    parameters += [f"{kind} *{name}" for kind, name in zip(kinds, names, strict=True)]
     cast = [
         f"({kind.replace('number', 'real')} *){name}"
-        for kind, name in zip(kinds, given, strict=True)
+        for kind, name in zip(kinds, names, strict=True)
     ]
     return [
         f"static INLINE void {module}_{function}_block(",
@@ -197,15 +197,15 @@ def library(
     sources: Mapping[str, str],
     *,
     single: bool = False,
-    each: bool = False,
+    per_state: bool = False,
     blocks: bool = True,
     files: Sequence[str] = (),
     flags: Sequence[str] = (),
 ) -> ctypes.CDLL:
     """The library of C sources by their names, with the functions of a module that they call.
 
-    These take `blocks` of states, or one, with `each` constants of each state too. `files` of the
-    module are compiled as well.
+    These take `blocks` of states, or one, with `per_state` constants of each state too. `files` of
+    the module are compiled as well.
     Raises `CompilerError`, `CacheError` where the cache cannot be used, and `MissingFunctionError`.
     """
     name = module.NAME
@@ -213,7 +213,7 @@ def library(
     path = compiled_files(
         Path(module.__path__[0]),
         name,
-        [*c_files(name, each=each, blocks=blocks), *files],
+        [*c_files(name, per_state=per_state, blocks=blocks), *files],
         chosen_compiler(),
         # Nobody asks what square roots leave in errno; with it they are not taken side by side.
         ["-fno-math-errno", *flags, *([f"-D{name.upper()}_FLOAT"] if single else [])],
@@ -247,7 +247,7 @@ class CompiledProgram:
         }
         self.outputs = {name: np.zeros(x.shape) for name, x in program.outputs.items()}
         text, default = CProgram(program), module.prepare({})
-        own = [(constants or {}).get(owner) or default for owner in text.owners]
+        robots = [(constants or {}).get(owner) or default for owner in text.owners]
         kept = [np.ascontiguousarray(table, dtype=np.float64) for table in tables]
         # Nothing is guessed.
         context = np.array([*(x.ctypes.data for x in kept), 0], dtype=np.uint64)
@@ -256,7 +256,7 @@ class CompiledProgram:
         numbers = (number for number, _ in self._numbers)
         self._arguments: list[Any] = [
             *([ctypes.c_void_p(context.ctypes.data)] if text.has_context else []),
-            *own,
+            *robots,
             *(next(numbers) if x.ndim == 0 else _address(x) for x in self.inputs.values()),
             *map(_address, self.outputs.values()),
         ]

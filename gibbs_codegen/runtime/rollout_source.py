@@ -15,7 +15,7 @@ from gibbs_codegen.arrays.functions import Functions
 from gibbs_codegen.arrays.nodes import Node, Program
 from gibbs_codegen.files.templating import render
 from gibbs_codegen.files.verbatim import c_source
-from gibbs_codegen.machine.rollout_steps import ALL, Parts, given, rollout_step, sent
+from gibbs_codegen.machine.rollout_steps import ALL, Parts, rollout_inputs, rollout_step, sent
 from gibbs_codegen.machine.steps import METHODS
 from gibbs_codegen.runtime.programs import PREFIX, blocks_of, support, take_step
 
@@ -72,7 +72,9 @@ def rollout_context(
         "inputs": inputs,
         "states": robot.actuator_states,
         "actuated": actuated,
-        "others": [name for name in _inputs(robot, programs) if name not in given(robot, ALL)],
+        "others": [
+            name for name in _inputs(robot, programs) if name not in rollout_inputs(robot, ALL)
+        ],
         "source": _source(robot, programs),
     }
 
@@ -105,7 +107,7 @@ def _source(robot: Functions, programs: Sequence[Program]) -> list[str]:
         *(f"#define {macro} {text}" for macro, text in macros.items()),
         *support(programs, robot),
         "#if LANES > 1",
-        *blocks_of(programs, each=True),
+        *blocks_of(programs, per_state=True),
         "#endif",
         "",
         *c_functions(programs, PREFIX, "static "),
@@ -119,7 +121,7 @@ def _source(robot: Functions, programs: Sequence[Program]) -> list[str]:
 
 def _inputs(robot: Functions, programs: Sequence[Program]) -> dict[str, Node]:
     """Inputs that a rollout may have, and further ones of programs."""
-    inputs = given(robot, ALL)
+    inputs = rollout_inputs(robot, ALL)
     for program in programs:
         inputs |= dict(zip(program.names[3:], program.inputs[3:], strict=True))
     return inputs

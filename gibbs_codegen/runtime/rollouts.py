@@ -28,7 +28,7 @@ from gibbs_codegen.arrays.functions import Functions
 from gibbs_codegen.arrays.nodes import Program
 from gibbs_codegen.machine.contact import bristles_of
 from gibbs_codegen.machine.machine import NO_SURROUNDINGS, Surroundings
-from gibbs_codegen.machine.rollout_steps import ALL, Parts, given, rollout_step, sent
+from gibbs_codegen.machine.rollout_steps import ALL, Parts, rollout_inputs, rollout_step, sent
 from gibbs_codegen.machine.steps import METHODS
 from gibbs_codegen.runtime.c_backend import Pool
 from gibbs_codegen.runtime.c_library import Compiler, chosen_compiler
@@ -96,7 +96,7 @@ class Problem:
     step that takes an entry of q and v beyond `bounds` (2, nq + nv), or makes it not finite; from
     then on it stays as it is, and changes no other. `around` and `figures` are as of `Parts`,
     `bristles` (1 or n, 3 b) those of b contacts with friction at the start, not strained if None,
-    and `loads` (1 or n, 1 or steps, …) wind, drag and payloads, as `given` names them. A
+    and `loads` (1 or n, 1 or steps, …) wind, drag and payloads, as `rollout_inputs` names them. A
     sample is kept after every `every`-th step. The step is the module's step_euler or step_rk4.
     """
 
@@ -350,7 +350,7 @@ def _given(problem: Problem, parts: Parts, xp: Any) -> dict[str, Any]:
 @functools.lru_cache(maxsize=64)
 def _inputs(module: ModuleType, parts: Parts) -> dict[str, bool]:
     """True for inputs of programs that are the same for all states, by name."""
-    return {name: x.is_uniform for name, x in given(functions_of(module), parts).items()}
+    return {name: x.is_uniform for name, x in rollout_inputs(functions_of(module), parts).items()}
 
 
 # States (n, nq + nv), or longer by what else they have, steps that each has taken, and why each has
@@ -571,7 +571,9 @@ def _loaded(
         made = rollout_files(robot, programs, header)
     functions = called(programs or rollout_programs(robot))
     files = [] if made else [f"{name}_rollout.h", f"{name}_rollout.c"]
-    opened = library(module, functions, made, single=single, each=True, files=files, flags=flags)
+    opened = library(
+        module, functions, made, single=single, per_state=True, files=files, flags=flags
+    )
     function = opened[f"{name}_rollout{'_float' if single else ''}"]
     address, size = ctypes.c_void_p, ctypes.c_size_t
     function.argtypes = [address, ctypes.c_double, address, *[size] * 4]

@@ -128,10 +128,10 @@ def find_targets(names: Sequence[str] = DEFAULT_TARGETS) -> dict[str, Target]:
     for word in names:
         name, colon, acting = word.partition(":")
         if name not in TARGETS:
-            known = f"--target {printable(name)}: unknown; known targets: {', '.join(TARGETS)}"
+            message = f"--target {printable(name)}: unknown; known targets: {', '.join(TARGETS)}"
             if name in _LOADED:
-                known += f". No target is needed for it: {_LOADED[name]}"
-            raise UsageError(known)
+                message += f". No target is needed for it: {_LOADED[name]}"
+            raise UsageError(message)
         if others := [x for x in rows if x != word and x.partition(":")[0] == name]:
             raise UsageError(
                 f"--target {printable(word)}: {others[0]} is asked for, too, and both have the "

@@ -99,7 +99,9 @@ int main(void)
 def loop_of(fast: Callable[[str], ModuleType]) -> tuple[ClosedLoop, Path]:
     """A closed loop, and the folder of the module."""
     module = fast("hexarotor_3link")
-    loop = flight_start(module, read_scenario("paper", CHANGES), lambda *_: None, own=False).loop
+    loop = flight_start(
+        module, read_scenario("paper", CHANGES), lambda *_: None, custom_law=False
+    ).loop
     return loop_program(loop, Loads(False, True)), Path(module.__path__[0])
 
 

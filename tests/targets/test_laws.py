@@ -399,7 +399,7 @@ def test_a_flight_on_an_emulated_processor_is_that_of_the_simulator(tmp_path: Pa
         },
     )
     flight = simulate(module, scenario)
-    loop = flight_start(module, scenario, lambda *_: None, own=False).loop
+    loop = flight_start(module, scenario, lambda *_: None, custom_law=False).loop
     law, samples = loop.controller, len(flight.time) - 1
     assert isinstance(law, LeaningController)
     limits = loop.actuators.commands

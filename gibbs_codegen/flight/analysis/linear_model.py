@@ -53,7 +53,7 @@ _RANK = 1e-9
 
 
 class OperatingPoint(NamedTuple):
-    """Where a robot is to be linearised; `wrenches` (f, 6) are as of `SteadyMotion`.
+    """A state in which a robot is to be linearised; `wrenches` (f, 6) are as of `SteadyMotion`.
 
     `x` (nx) and `command` (nu) are of actuators that the robot file describes.
     """
@@ -85,9 +85,9 @@ def checked_state(
             )
         if q.robot != vehicle.name:
             raise UsageError(f"q: the trim is of {q.robot}, not of {vehicle.name}")
-        found = q
-        q, v, x, wrenches = found.q, found.v, found.x, found.wrenches
-        u = found.u if found.command is None else found.command
+        trim = q
+        q, v, x, wrenches = trim.q, trim.v, trim.x, trim.wrenches
+        u = trim.u if trim.command is None else trim.command
     elif v is None or u is None:
         raise UsageError("q, v, u: give all three, or a trim in the place of q")
     q, places = coordinates(vehicle, q), vehicle.layout.v
@@ -188,7 +188,7 @@ def _model(
         evaluate({**values, "u": u + side}, {"robot": vehicle.constants})
         for side in ((-near, near) if np.any(near) else (0.0,))
     ]
-    found = {name: sum(side[name] for side in sides) / len(sides) for name in sides[0]}
+    derivatives = {name: sum(side[name] for side in sides) / len(sides) for name in sides[0]}
     places = vehicle.layout.v
     carried = np.zeros((places.size, places.size))  # −ad(ξ₀): the rate of δ by δ itself.
     if vehicle.layout.is_quaternion:
@@ -198,10 +198,10 @@ def _model(
         carried[places.attitude, places.attitude] = -turning
     still = np.zeros((places.size, len(x) + len(u)))
     names = ["q", "v", *(["x"] if len(x) else []), "u"]
-    rows = [[found[f"{y}_by_{x}"] for x in names] for y in ("a", "rates") if y in found]
+    rows = [[derivatives[f"{y}_by_{x}"] for x in names] for y in ("a", "rates") if y in derivatives]
     both = np.block([[carried, np.eye(places.size), still], *rows])
     a, b = np.split(both, [len(both)], axis=1)
-    return a, b, found["a"]
+    return a, b, derivatives["a"]
 
 
 def _lag_times(vehicle: Vehicle, time_constants: ArrayLike | None) -> Array:
@@ -210,8 +210,8 @@ def _lag_times(vehicle: Vehicle, time_constants: ArrayLike | None) -> Array:
     if time_constants is not None:
         check_lag(vehicle.module, "time_constants")
     wanted = f"a number or {count} numbers, 0 or more, in s"
-    given = 0.0 if time_constants is None else time_constants
-    times = numbers("time_constants", given, wanted, (), (count,))
+    lag = 0.0 if time_constants is None else time_constants
+    times = numbers("time_constants", lag, wanted, (), (count,))
     if np.any(times < 0.0):
         raise UsageError(f"time_constants: must be {wanted}")
     return np.broadcast_to(times, count)
@@ -220,7 +220,7 @@ def _lag_times(vehicle: Vehicle, time_constants: ArrayLike | None) -> Array:
 def _around(
     vehicle: Vehicle, q: Array, surroundings: AnyScenario | None
 ) -> tuple[Surroundings, dict[str, Array]]:
-    """What acts at the start of a scenario, in steady wind, at coordinates, and its figures."""
+    """Surroundings at the start of a scenario, in steady wind, at coordinates; their figures."""
     environment = surrounding(vehicle, surroundings)
     if environment is None:
         return NO_SURROUNDINGS, {}
@@ -249,7 +249,7 @@ def _pressing(environment: Environment, q: Array) -> tuple[Contact, ...]:
 def _differentiated(
     module: ModuleType, around: Surroundings, lagging: tuple[int, ...]
 ) -> Evaluator:
-    """What evaluates `motion_program` with the derivatives by state and inputs."""
+    """Evaluation of `motion_program` with the derivatives by state and inputs."""
     program = motion_program(Functions(module), around, lagging)
     by = [name for name in ("q", "v", "x", "u") if name in program.names]
     return Evaluator(jacobian(program, by), {"robot": module})
@@ -274,8 +274,8 @@ def motion_program(robot: Functions, around: Surroundings, lagging: tuple[int, .
     rates = machine.rates(constant(0.0), state, machine.inputs(state, u), u)
     outputs = {"a": rates.a}
     outputs |= {"rates": join(rates.actuators, rates.bristles)} if size else {}
-    given = (q, v, *([x] if size else []), u, *figures.values())
-    return Program("motion", given, outputs)
+    inputs = (q, v, *([x] if size else []), u, *figures.values())
+    return Program("motion", inputs, outputs)
 
 
 def held(a: Array, b: Array, dt: float) -> tuple[Array, Array]:
@@ -438,27 +438,27 @@ def lqr(
 def _warn_if_unbalanced(vehicle: Vehicle, acceleration: Array) -> None:
     """Warn, with the accelerations by name, where a robot does not keep its velocities."""
     rates = vehicle.layout.v
-    told = [
+    changes = [
         f"{name} by {value:.3g} {unit}²"
         for name, value, unit in zip(rates.names, acceleration, rates.units, strict=True)
         if abs(value) > _STEADY
     ]
-    if told:
+    if changes:
         warnings.warn(
             f"{vehicle.name}: the state is not balanced, so the regulator cannot hold it: "
-            f"velocities change, {listed(told)}. Give a trim without acceleration",
+            f"velocities change, {listed(changes)}. Give a trim without acceleration",
             RuntimeWarning,
             stacklevel=3,
         )
 
 
-def _weights(name: str, given: ArrayLike, size: int, definite: bool) -> Array:
+def _weights(name: str, entries: ArrayLike, size: int, definite: bool) -> Array:
     """A matrix (size, size) of weights, given whole or by its diagonal.
 
     Raises `UsageError` for a wrong shape or sign; if `definite`, every deviation must cost.
     """
     wanted = f"a symmetric matrix ({size}, {size}) or its diagonal ({size})"
-    matrix = numbers(name, given, wanted, (size, size), (size,))
+    matrix = numbers(name, entries, wanted, (size, size), (size,))
     matrix = np.diag(matrix) if matrix.ndim == 1 else matrix
     if not np.allclose(matrix, matrix.T):
         raise UsageError(f"{name}: must be {wanted}")

@@ -239,7 +239,7 @@ class Controller:
 
     @property
     def tables(self) -> list[Array]:
-        """What its program in C calls instead."""
+        """Curves that its program in C reads in their place."""
         return curve_tables(self.reference, self.reference)
 
     def at_a_state(self, limits: Mapping[str, Array]) -> StateProgram:

@@ -469,7 +469,7 @@ class Predictive:
                     )
 
     def _around(self) -> tuple[Surroundings, dict[str, Array]]:
-        """What may act on which frames, and the figures of all of it."""
+        """Surroundings, with the frames on which they may act, and the figures of all of it."""
         around = surrounding(self.vehicle, self.surroundings) or Environment(self.vehicle)
         if around.hold:
             raise UsageError("surroundings: no prediction knows holds; leave them out")

@@ -222,10 +222,10 @@ def _check_rates(vehicle: Vehicle, motion: Motion, most: Array | float) -> None:
 
 def _joint_values(vehicle: RobotData, values: Mapping[str, float], table: str) -> Array:
     """Coordinates (n) of all joints, 0 for those that `table`, as messages call it, leaves out."""
-    found = np.zeros(vehicle.joints)
+    coordinates = np.zeros(vehicle.joints)
     for name, value in values.items():
-        found[joint_place(vehicle, name, table)] = value
-    return found
+        coordinates[joint_place(vehicle, name, table)] = value
+    return coordinates
 
 
 def _check_limits(
@@ -312,7 +312,7 @@ def timed_motion(
 
 
 def _rests(reference: Reference) -> bool:
-    """Whether nothing ever moves."""
+    """True if nothing ever moves."""
     return not np.any(reference(check_times(reference.knots))[1])
 
 
@@ -324,13 +324,13 @@ def _stretched_motion(
     Raises `UsageError` if none of the factors that are tried keeps the limits, or the robot cannot
     stand still with its joints as they are on the way.
     """
-    found: dict[float, tuple[Reference, timing.Demand]] = {}
+    motions: dict[float, tuple[Reference, timing.Demand]] = {}
     # Why there is no motion by a factor, or which limit it exceeds: a clause.
     failed: dict[float, str] = {}
 
     def keeps(factor: float) -> bool:
-        """Whether there is a motion by a factor of time, and it keeps the limits."""
-        attempts = len(found) + len(failed)
+        """True if there is a motion by a factor of time, and it keeps the limits."""
+        attempts = len(motions) + len(failed)
         progress("fastest timing", min(attempts / (_MOST + _HALVINGS), 1.0))
         try:
             reference = desired_motion(vehicle, slow_motion(scenario, factor))
@@ -347,17 +347,17 @@ def _stretched_motion(
         if why := timing.worst_violation(vehicle, demand, limits):
             failed[factor] = why
             return False
-        found[factor] = reference, demand
+        motions[factor] = reference, demand
         return True
 
-    if keeps(1.0) and _rests(found[1.0][0]):
-        return TimedMotion(scenario, found[1.0][0], _NOTHING)
-    ratio = 1.0 / _RATIO if found else _RATIO
+    if keeps(1.0) and _rests(motions[1.0][0]):
+        return TimedMotion(scenario, motions[1.0][0], _NOTHING)
+    ratio = 1.0 / _RATIO if motions else _RATIO
     factors = ratio ** np.arange(1, _MOST)
     factors = np.append(1.0, factors[factors * scenario.duration <= MAX_DURATION])
     # Faster until limits are exceeded, or slower until they are kept.
     last = next((f for f in factors[1:] if keeps(f) == (ratio > 1.0)), factors[-1])
-    if not found:
+    if not motions:
         raise UsageError(
             f"timing: {vehicle.name} does not keep its limits, even if all of {scenario.name!r} "
             f"takes {last:.3g} times as long: {failed[max(failed)]}; widen the limits, or give a "
@@ -367,8 +367,8 @@ def _stretched_motion(
     for _ in range(_HALVINGS):
         middle = float(np.sqrt(fast * slow))
         fast, slow = (fast, middle) if keeps(middle) else (middle, slow)
-    factor = min(found)
-    reference, demand = found[factor]
+    factor = min(motions)
+    reference, demand = motions[factor]
     # What stops the slowest of the motions that fail.
     bound = f"; any faster, {failed[max(failed)]}" if failed else ""
     return TimedMotion(

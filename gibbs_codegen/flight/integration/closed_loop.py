@@ -88,7 +88,7 @@ class ClosedLoop:
 
     @cached_property
     def limited(self) -> bool:
-        """Whether a thrust, torque or force has a limit."""
+        """True if a thrust, torque or force has a limit."""
         return bool(np.any(np.isfinite(self.actuators.inputs)))
 
     @property
@@ -98,12 +98,12 @@ class ClosedLoop:
 
     @cached_property
     def lags(self) -> bool:
-        """Whether a motor lags."""
+        """True if a motor lags."""
         return bool(np.any(self.actuators.lag))
 
     @property
     def compensates(self) -> bool:
-        """Whether motors lag, and that is compensated: by a law that commands at all times."""
+        """True if motors lag, and a law that commands at all times makes up for it."""
         commands = self.hold is None and self.controller.law != "off"
         times = self.actuators.times
         lags = self.lags or (times is not None and bool(np.any(times)))
@@ -160,7 +160,7 @@ class ClosedLoop:
         return commands_for(self.controller.vehicle, q, v, wanted, self.actuators.inputs)
 
     def parts(self, states: Array) -> State[Array]:
-        """What states (…, size) consist of, the quaternion made of length 1."""
+        """Parts of states (…, size), the quaternion made of length 1."""
         q, v, work, *others = (states[..., place] for place in self.layout.places)
         return State(self.vehicle.kinematics.normalised(q), v, work[..., 0], *others)
 
@@ -179,13 +179,13 @@ class ClosedLoop:
         self, time: float | Array, parts: State[Array], loads: Loads = NOTHING
     ) -> tuple[Array, Array, Array]:
         """As `inputs`, and between both what is aimed for: commands of motors and servos."""
-        given = {"time": time, **parts._asdict()}
+        instant = {"time": time, **parts._asdict()}
         if self.hold is not None and loads.inputs is None:
-            given["held"], _ = self.hold.commanded(time, parts.q, parts.v, parts.memory, {})
-        found = self._found("commands", loads, given)
+            instant["held"], _ = self.hold.commanded(time, parts.q, parts.v, parts.memory, {})
+        inputs = self._outputs_of("commands", loads, instant)
         shape = (*parts.q.shape[:-1], len(self.vehicle.inputs))
         names = ("commanded", "aimed", "acting")
-        commanded, aimed, acting = (np.broadcast_to(found[x], shape) for x in names)
+        commanded, aimed, acting = (np.broadcast_to(inputs[x], shape) for x in names)
         return commanded, aimed, acting
 
     def saturated(self, time: float, state: Array) -> list[str]:
@@ -206,39 +206,39 @@ class ClosedLoop:
         of contacts and of the push alone. `contacts` (…, c, 8) are as of `Touch.series`, `holding`
         (…, l) of constraints, 0 where none holds.
         """
-        own = {name: getattr(parts, name) for name in ("q", "v", "actuators", "bristles")}
-        given = {"time": time, "u": inputs, "aimed": aimed, **own}
-        found = self._found("motion", loads, given)
-        if not found["holding"].size:
+        state = {name: getattr(parts, name) for name in ("q", "v", "actuators", "bristles")}
+        instant = {"time": time, "u": inputs, "aimed": aimed, **state}
+        motion = self._outputs_of("motion", loads, instant)
+        if not motion["holding"].size:
             rows = len(getattr(self.vehicle.module, "CONSTRAINT_ROWS", ()))
-            found["holding"] = np.zeros(rows)
+            motion["holding"] = np.zeros(rows)
         return {
             name: np.broadcast_to(x, (*parts.q.shape[:-1], *x.shape[-_AXES.get(name, 2) :]))
-            for name, x in found.items()
+            for name, x in motion.items()
         }
 
     def contact_wrenches(self, parts: State[Array]) -> Array:
         """Wrenches (…, f, 6) of contacts alone on the frames: N and N m, world axes."""
-        own = {name: getattr(parts, name) for name in ("q", "v", "bristles")}
-        found = self._found("contact_wrenches", NOTHING, own)["wrenches"]
-        return np.broadcast_to(found, (*parts.q.shape[:-1], *found.shape[-2:]))
+        state = {name: getattr(parts, name) for name in ("q", "v", "bristles")}
+        wrenches = self._outputs_of("contact_wrenches", NOTHING, state)["wrenches"]
+        return np.broadcast_to(wrenches, (*parts.q.shape[:-1], *wrenches.shape[-2:]))
 
-    def _found(self, name: str, loads: Loads, given: dict[str, Any]) -> dict[str, Array]:
+    def _outputs_of(self, name: str, loads: Loads, instant: dict[str, Any]) -> dict[str, Array]:
         """Results of a program of the loop by its name, while something acts."""
-        known = given.get("held", loads.inputs)
+        held = instant.get("held", loads.inputs)
         around, figures = acting(self.environment, loads)
-        key = name, around, known is not None, bool(np.any(loads.idle))
+        key = name, around, held is not None, bool(np.any(loads.idle))
         if key not in self._evaluators:
-            whole = loop_program(self, loads._replace(inputs=known))
+            whole = loop_program(self, loads._replace(inputs=held))
             self._evaluators[key] = evaluator_of(whole, name)
         constants = constants_of(self.vehicle, self.controller.vehicle)
-        values = {"held": known, **self._values, "idle": loads.idle, **figures, **given}
-        found = self._evaluators[key](values, constants, self.controller.externals)
-        if np.any(found.get("refused", 0.0) > 0.0):
-            parts = given if "q" in given else self.parts(given["x"])._asdict()
-            time, q, v = given["time"], parts["q"], parts["v"]
+        values = {"held": held, **self._values, "idle": loads.idle, **figures, **instant}
+        outputs = self._evaluators[key](values, constants, self.controller.externals)
+        if np.any(outputs.get("refused", 0.0) > 0.0):
+            parts = instant if "q" in instant else self.parts(instant["x"])._asdict()
+            time, q, v = instant["time"], parts["q"], parts["v"]
             self.controller.commanded(time, q, v, parts["memory"], {})  # It says which wrench.
-        return found
+        return outputs
 
     @cached_property
     def _evaluators(self) -> dict[Any, Evaluator]:
@@ -250,12 +250,12 @@ class ClosedLoop:
         return loop_values(self, np.inf, NOTHING)
 
     def idles(self, time: float | Array) -> Flags:
-        """Whether motors idle at times (…), s: by themselves, or while a constraint holds."""
+        """True at times (…), s, when motors idle: by themselves, or while a constraint holds."""
         alone = self.actuators.idles(time)
         return alone if self.environment is None else alone | self.environment.idles(time)
 
     def loads(self, time: float | Array) -> Loads:
-        """What acts at times (…), s."""
+        """Loads at times (…), s."""
         idle, around = self.idles(time), self.environment
         if around is None:
             return Loads(idle=idle)
@@ -263,7 +263,7 @@ class ClosedLoop:
         return Loads(push, payloads, idle=idle, holds=around.holding(time))
 
     def takes_hold(self, time: float) -> bool:
-        """Whether a constraint that did not hold begins to at a time, s."""
+        """True if a constraint that did not hold begins to at a time, s."""
         return self.environment is not None and self.environment.takes_hold(time)
 
     def held(self, time: float, states: Array) -> tuple[Array, Array]:
@@ -277,10 +277,10 @@ class ClosedLoop:
         after, _ = vehicle.function("impact")(q, v, active)
         # An impact never adds energy, and of one that takes none rounding may say so.
         lost = np.maximum(vehicle.kinetic_energy(q, v) - vehicle.kinetic_energy(q, after), 0.0)
-        found = states.copy()
-        found[..., self.layout.places.v] = after
-        found[..., self.layout.places.work] = (work - lost)[..., np.newaxis]
-        return found, lost
+        successors = states.copy()
+        successors[..., self.layout.places.v] = after
+        successors[..., self.layout.places.work] = (work - lost)[..., np.newaxis]
+        return successors, lost
 
     def derivative(self, time: float, state: Array, loads: Loads = NOTHING) -> Array:
         """Time derivative (size) of a state, NaN for a state that is not finite.
@@ -290,13 +290,13 @@ class ClosedLoop:
         """
         if not np.all(np.isfinite(state)):
             return np.full_like(state, np.nan)
-        return self._found("slope", loads, {"time": time, "x": state})["rate"]
+        return self._outputs_of("slope", loads, {"time": time, "x": state})["rate"]
 
     def step(self, time: float, state: Array, size: float, loads: Loads = NOTHING) -> Array:
         """The state (size) after one step of the classical method of Runge and Kutta, of s."""
         if not np.all(np.isfinite(state)):
             return np.full_like(state, np.nan)
-        return self._found("after", loads, {"time": time, "x": state, "h": size})["x_next"]
+        return self._outputs_of("after", loads, {"time": time, "x": state, "h": size})["x_next"]
 
     def begun(self, interval: SmoothInterval, state: Array) -> tuple[SmoothInterval, str]:
         """An interval with the inputs held through it, after samples that are due, and a reason.
@@ -316,13 +316,13 @@ class ClosedLoop:
         return interval._replace(loads=loads), stopped
 
     def measured(self, time: float, parts: State[Array], inputs: Array) -> Measured:
-        """What sensors without noise measure of a state while inputs (nu) are held."""
+        """Measurements of sensors without noise in a state while inputs (nu) are held."""
         loads = self.loads(time)._replace(inputs=inputs)
         _, aimed, acting = self.commands(time, parts, loads)
-        found = self.motion(time, parts, aimed, acting, loads)
-        moved, touching = (parts.q, parts.v, found["a"]), found["touching"]
-        told = self.sensors.measurements(*moved, touching) if self.sensors else np.zeros(0)
-        return Measured(found["a"], touching, parts.actuators, found["holding"], told)
+        motion = self.motion(time, parts, aimed, acting, loads)
+        moved, touching = (parts.q, parts.v, motion["a"]), motion["touching"]
+        readings = self.sensors.measurements(*moved, touching) if self.sensors else np.zeros(0)
+        return Measured(motion["a"], touching, parts.actuators, motion["holding"], readings)
 
     def smooth_intervals(self, begin: float, end: float) -> Iterator[SmoothInterval]:
         """The intervals of a flight between which the push, held inputs and motors may change.
@@ -346,15 +346,15 @@ class ClosedLoop:
 
     @cached_property
     def acting(self) -> list[Loads]:
-        """What acts before the first jump, and from each on, without the inputs that are held."""
-        found = []
+        """Loads before the first jump, and from each on, without the inputs that are held."""
+        stages = []
         for time in [-np.inf, *self._jumps]:
             loads = self.loads(time)
             payloads, holds = (
-                tuple(np.atleast_1d(each).tolist()) for each in (loads.payloads, loads.holds)
+                tuple(np.atleast_1d(values).tolist()) for values in (loads.payloads, loads.holds)
             )
-            found.append(Loads(bool(loads.push), payloads, idle=bool(loads.idle), holds=holds))
-        return found
+            stages.append(Loads(bool(loads.push), payloads, idle=bool(loads.idle), holds=holds))
+        return stages
 
 
 def loop_values(
@@ -386,11 +386,11 @@ def loop_values(
 
 
 def loop_program(
-    closed: ClosedLoop, loads: Loads, each: Collection[str] = ()
+    closed: ClosedLoop, loads: Loads, varying_inputs: Collection[str] = ()
 ) -> closed_loop.ClosedLoop:
     """The closed loop as an array program, while something acts.
 
-    `each` are names of inputs that differ from flight to flight.
+    `varying_inputs` are names of inputs that differ from flight to flight.
     """
     law, held = closed.controller, loads.inputs is not None
     return law_program(
@@ -404,12 +404,12 @@ def loop_program(
         compensates=closed.compensates and not held,
         idles=bool(np.any(loads.idle)),
         around=acting(closed.environment, loads)[0],
-        each=each,
+        varying_inputs=varying_inputs,
     )
 
 
 def acting(environment: Environment | None, loads: Loads) -> tuple[Surroundings, dict[str, Any]]:
-    """What acts on which frames, and the figures of that."""
+    """Surroundings, with the frames on which they act, and their figures."""
     if environment is None:
         return NO_SURROUNDINGS, {}
     return environment.under(loads.push, loads.payloads, loads.holds)

@@ -28,7 +28,7 @@ _log = logging.getLogger("gibbs_codegen")
 
 
 def is_compiled(closed: ClosedLoop, loads: Loads) -> bool:
-    """Whether there is C of a module and a law: of any, and of inputs while they are held."""
+    """True if there is C of a module and a law: of any, and of inputs while they are held."""
     compiled = Path(closed.vehicle.module.__file__ or "").suffix == ".so"
     return compiled and (closed.controller.law != "own" or loads.inputs is not None)
 
@@ -50,9 +50,9 @@ def steps_of(
     values = loop_values(closed, bounds, loads, SINGLE if blocks.single else DOUBLE)
     program = loop_program(closed, loads).step()
     shapes = {name: x.shape for name, x in zip(program.names, program.inputs, strict=True)}
-    each = [name for name in shapes if np.ndim(values.get(name, 0.0)) > len(shapes[name])]
-    if each:
-        program = loop_program(closed, loads, each).step()
+    varying_inputs = [name for name in shapes if np.ndim(values.get(name, 0.0)) > len(shapes[name])]
+    if varying_inputs:
+        program = loop_program(closed, loads, varying_inputs).step()
     return ProgramSteps(
         closed.vehicle.module,
         program,
@@ -109,9 +109,9 @@ class CompiledLoop:
         """
         ranges = np.empty((count // every + 2, 2, 2, self._inputs))
         ranges[:, 0], ranges[:, 1] = np.inf, -np.inf
-        found = self._steps(time, state[np.newaxis], step, count, every, number, ranges=ranges)
-        taken, first = int(found.taken[0]), number // every
-        self.goes_on = bool(found.goes_on[0])
+        outcome = self._steps(time, state[np.newaxis], step, count, every, number, ranges=ranges)
+        taken, first = int(outcome.taken[0]), number // every
+        self.goes_on = bool(outcome.goes_on[0])
         if seen:
             # The first stretch may begin after its sample, and the last one end before it.
             stretches = -(-(number + taken) // every) - first
@@ -119,7 +119,7 @@ class CompiledLoop:
             inside = np.maximum(middle, time + 0.25 * step)
             inside = np.minimum(inside, time + (taken - 0.25) * step)
             seen(InputRanges(inside, np.swapaxes(ranges[:stretches], 1, 2)))
-        return taken, found.samples[0, : (number + taken) // every - first], found.last[0]
+        return taken, outcome.samples[0, : (number + taken) // every - first], outcome.last[0]
 
 
 class CompiledSlope:
@@ -186,7 +186,7 @@ class CompiledLoops:
                     self._made[key] = kind(self.closed, self.bounds, loads)
                 except (CompilerError, CacheError) as error:
                     _log.warning("steps are taken in Python instead of C: %s", error)
-        found: _Compiled | None = self._made[key]
-        if found is not None and loads.inputs is not None:
-            found.hold(loads.inputs)
-        return found
+        compiled: _Compiled | None = self._made[key]
+        if compiled is not None and loads.inputs is not None:
+            compiled.hold(loads.inputs)
+        return compiled

@@ -122,7 +122,9 @@ class FixedStepIntegrator:
                 progress(time)
         states, times = np.concatenate(samples), self.grid.sample_times(interval)
         end = time if stopped else interval.end
-        return IntervalResult(times[: len(states)], states, inputs.found(), end, state, stopped)
+        return IntervalResult(
+            times[: len(states)], states, inputs.all_ranges(), end, state, stopped
+        )
 
     def _advance(
         self, stretch: Stretch, done: int, time: float, state: Array, inputs: InputRecord
@@ -162,7 +164,7 @@ class InputRecord:
 
     def __init__(self, loop: ClosedLoop, loads: Loads) -> None:
         self.loop, self.loads = loop, loads
-        self._found: list[InputRanges] = []
+        self._ranges: list[InputRanges] = []
         self._times: list[float] = []
         self._states: list[Array] = []
 
@@ -176,19 +178,19 @@ class InputRecord:
 
     def ranges(self, ranges: InputRanges) -> None:
         """Take ranges that are known already."""
-        self._found.append(ranges)
+        self._ranges.append(ranges)
 
-    def found(self) -> list[InputRanges]:
+    def all_ranges(self) -> list[InputRanges]:
         """The ranges of all that was taken; a state is a stretch of its own."""
         if self._times:
             self._compute()
-        return self._found
+        return self._ranges
 
     def _compute(self) -> None:
         time, states = np.array(self._times), np.stack(self._states)
-        found = self.loop.inputs(time, self.loop.parts(states), self.loads)
-        inputs = np.stack(found, axis=1)
-        self._found.append(InputRanges(time, np.stack([inputs, inputs], axis=2)))
+        both = self.loop.inputs(time, self.loop.parts(states), self.loads)
+        inputs = np.stack(both, axis=1)
+        self._ranges.append(InputRanges(time, np.stack([inputs, inputs], axis=2)))
         self._times.clear()
         self._states.clear()
 
@@ -338,7 +340,7 @@ class AdaptiveIntegrator:
                 stopped = self._too_slow(time, time - before, state)
             progress(solver.t)
         self.ahead = solver.h_abs
-        states, seen = np.concatenate(samples), begun.inputs + inputs.found()
+        states, seen = np.concatenate(samples), begun.inputs + inputs.all_ranges()
         return IntervalResult(times[: len(states)], states, seen, time, state, stopped)
 
     def _first_step(self, interval: SmoothInterval, state: Array) -> float:
@@ -449,7 +451,7 @@ class Integration:
     def prepare(self, end: float) -> None:
         """Compile what steps up to a time need, s."""
         inputs = self._loop.hold.inputs if self._loop.hold else None
-        for loads in {each.loads for each in self._loop.smooth_intervals(self.time, end)}:
+        for loads in {interval.loads for interval in self._loop.smooth_intervals(self.time, end)}:
             for make in (self.compiled.at, self.compiled.derivative):
                 make(loads._replace(inputs=inputs))
 

@@ -145,7 +145,7 @@ def check_lag(module: ModuleType, key: str) -> None:
     if getattr(module, "COMMANDS", ()):
         raise UsageError(
             f"{key}: the robot file of {module.NAME} says how motors and servos follow commands; "
-            "leave it out: their times are among the parameters, and rollouts begin at x0"
+            "leave it out: their time constants are parameters of the module"
         )
 
 

@@ -1,4 +1,4 @@
-"""How large a flight and its robot are in a picture, and what of it a picture shows."""
+"""The size of a flight and its robot in a picture, and the part that a picture shows."""
 
 from __future__ import annotations
 

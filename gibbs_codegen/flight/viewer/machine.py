@@ -450,7 +450,7 @@ def _mesh(shape: str) -> tuple[Array, Indices]:
     beside = np.roll(number, -1, axis=0)
     here, there = (np.stack([x[:, :-1], x[:, 1:]]) for x in (number, beside))
     faces = [here[0], there[0], there[1]], [here[0], there[1], here[1]]
-    triangles = np.concatenate([np.stack(each, axis=-1).reshape(-1, 3) for each in faces])
+    triangles = np.concatenate([np.stack(face, axis=-1).reshape(-1, 3) for face in faces])
     return corners.reshape(-1, 3), triangles
 
 

@@ -40,7 +40,7 @@ def function_text(
     block: FunctionBody,
     parts: Sequence[str] = (),
 ) -> Context:
-    """What the templates need of a function, by its bodies for one state and for a block of states.
+    """Context of a function for templates, by its bodies for one state and for a block of states.
 
     Of the functions for one state, for a block of states and for a batch there are the heads;
     `declarations` are those in the header, for a batch also with constants of each state.
@@ -51,14 +51,14 @@ def function_text(
     names = [output.name for output in FUNCTIONS[signature.name].outputs]
     inputs = dict(zip(signature.arguments, signature.widths, strict=True))
     outputs = dict(zip(names, map(math.prod, signature.shapes), strict=True))
-    own, public, block_name = signature.name, f"{robot}_{signature.name}", f"{signature.name}_block"
+    key, public, block_name = signature.name, f"{robot}_{signature.name}", f"{signature.name}_block"
     constants, count = "const Constants *RESTRICT constants", "const size_t count"
     parameters = c.read_arrays(signature.arguments) + c.written_arrays(names)
     of_block = [c.from_block(name, width, "block") for name, width in (inputs | outputs).items()]
     last = {name: f"last_{name}" for name in inputs}
     rest = [c.from_block(name, width, "whole") for name, width in outputs.items()]
     return {
-        "name": own,
+        "name": key,
         "documentation": documentation,
         "declarations": declarations(robot, public, signature.arguments, names),
         "one_head": c.head(f"void {public}", [constants, *parameters]),
@@ -67,7 +67,7 @@ def function_text(
         "one": one,
         "block_head": c.head(f"static WIDE void {block_name}", [constants, *parameters]),
         "block": block,
-        "batch_head": c.head(f"void BATCH({own})", [constants, count, *parameters]),
+        "batch_head": c.head(f"void BATCH({key})", [constants, count, *parameters]),
         "whole_block": c.call(block_name, ["OF_BLOCK(constants, block)", *of_block]),
         "last_inputs": _last_block(inputs, last),
         "last_block": c.call(block_name, ["last_constants", *last.values(), *rest]),
@@ -84,10 +84,10 @@ def _calls_of_parts(
     lines: Lines = []
     for part in parts:
         row = FUNCTIONS[part]
-        own = [output.name for output in row.outputs]
+        outputs = [output.name for output in row.outputs]
         every = [output.name for output in FUNCTIONS[signature.name].outputs]
-        unwanted = " && ".join(f"{name} == NULL" for name in every if name not in own)
-        call = c.call(called.format(part), [*first, *row.arguments, *own])
+        unwanted = " && ".join(f"{name} == NULL" for name in every if name not in outputs)
+        call = c.call(called.format(part), [*first, *row.arguments, *outputs])
         lines += [f"if ({unwanted}) {{", *c.indented([*call, "return;"]), "}"]
     return lines
 
@@ -137,7 +137,7 @@ _AT_ONCE = 4
 def c_function(
     model: Model, function: Function, signature: Signature, printer: InfixPrinter
 ) -> Context:
-    """What the templates need of one function.
+    """Context of one function for the templates.
 
     One that returns a part of what another does is a call of the text of that, if compilers leave
     out of it what is for the other outputs only: where it is one text, with the same angles.
@@ -158,7 +158,7 @@ def c_function(
 
 
 def _parts(model: Model, function: Function, signature: Signature) -> _Parts:
-    """What is printed of a function."""
+    """Parts of a function that are printed."""
     gathered = gather_angles(function)
     stored = [not _is_sparse(output) for output in function.outputs]
     steps = schedule_stores(gathered.statements, gathered.outputs, stored)
@@ -188,7 +188,7 @@ class _Parts:
 
     @property
     def angles(self) -> int:
-        """How many angles there are."""
+        """Number of angles."""
         return len(self.gathered.angles)
 
     @property
@@ -529,6 +529,6 @@ def _in_place_of(part: _Parts, whole: _Parts) -> tuple[dict[str, int], list[str]
 
 
 def _is_sparse(output: Output) -> bool:
-    """Whether it pays to clear the whole output first and then store what is not zero."""
+    """True if it pays to clear the whole output first and then store what is not zero."""
     zeros = sum(entry == Number(0.0) for entry in output.entries)
     return zeros >= 32 and 3 * zeros >= len(output.entries)

@@ -40,7 +40,7 @@ def law_files(model: Model, header: Lines) -> dict[str, str]:
     # Without a tip no law moves it.
     tip = frames.index("tip") if "tip" in frames else 0
     made = law_functions(functions, model.laws, centre, tip, bool(carried_rotors(robot)))
-    programs = (each.program for each in made)
+    programs = (function.program for function in made)
     check_calls(model, programs, f"--laws: {' and '.join(model.laws)} needs")
     words = f"Laws of control of {robot.name}, which call its functions; compile them together."
     return c_files(functions, f"{robot.name}_laws", words, made, header)
@@ -53,8 +53,8 @@ def check_laws(laws: str | Sequence[str], targets: Sequence[str]) -> tuple[str, 
     laws = (laws,) if isinstance(laws, str) else laws
     for law in laws:
         if law not in LAWS:
-            known = ", ".join(LAWS)
-            raise UsageError(f"--laws {printable(law)}: unknown; known laws: {known}")
+            choices = ", ".join(LAWS)
+            raise UsageError(f"--laws {printable(law)}: unknown; known laws: {choices}")
     if laws and "c" not in targets:
         raise UsageError("--laws: laws are written in C, beside the target c; add --target c")
     return tuple(law for law in LAWS if law in laws)
@@ -77,12 +77,12 @@ def _check(robot: Robot, law: str, frames: Sequence[str]) -> None:
     rank, axes = _rank(matrix), _rank(matrix[:3])
     left = np.linalg.svd(matrix)[0]
     full, one_axis = rank == len(left), (rank, axes) == _ALONG_ONE_AXIS
-    of_rotors = {name: each for name, each in LAWS.items() if (one_axis if each.leans else full)}
+    of_rotors = {name: row for name, row in LAWS.items() if (one_axis if row.leans else full)}
     joints = len(robot.moving)
     suiting = [
         name
-        for name, each in of_rotors.items()
-        if each.hindrance(joints, "the tip") is None and ("tip" in frames or not each.moves_frame)
+        for name, row in of_rotors.items()
+        if row.hindrance(joints, "the tip") is None and ("tip" in frames or not row.moves_frame)
     ]
     if law in suiting:
         return

@@ -164,31 +164,31 @@ def _spins(
 def _reduced(model: Model, acting: tuple[str, ...]) -> Model:
     """A model with the functions that an FMU calls."""
     chosen = {*chosen_functions(called(acting))}
-    own = [(function, each.name) for function, each in model.derived if each.name in chosen]
-    functions, names = zip(*own, strict=True)
+    pairs = [(function, s.name) for function, s in model.derived if s.name in chosen]
+    functions, names = zip(*pairs, strict=True)
     program = replace(model.program, functions=functions)
     return replace(model, functions=names, program=program, laws=())
 
 
 def _token(texts: Iterable[str]) -> str:
-    """What tells one model from another."""
+    """A mark that tells one model from another."""
     digest = hashlib.sha256("\n".join(texts).encode()).digest()
     return f"{{{uuid.UUID(bytes=digest[:16])}}}"
 
 
 def _numbers(model: Model, variables: Sequence[Variable]) -> Context:
-    """What the source is given of the values: how many there are, starts, lengths."""
+    """Context of the source: how many values there are, starts, lengths."""
     sizes, start, lengths = Counter[str](), ["0.0"], ["1"]
     gravity, holds = "0.0", 0
-    for each in variables:
-        sizes[each.kind] += each.size
-        lengths += [str(each.size), *["0"] * (each.size - 1)]
-        if each.kind != "output":
-            start += map(repr, each.start or (0.0,) * each.size)
-        if each.name == "parameters.gravity":
-            gravity = f"values[{each.place}]"
-        if each.name == "active":
-            holds = each.place
+    for variable in variables:
+        sizes[variable.kind] += variable.size
+        lengths += [str(variable.size), *["0"] * (variable.size - 1)]
+        if variable.kind != "output":
+            start += map(repr, variable.start or (0.0,) * variable.size)
+        if variable.name == "parameters.gravity":
+            gravity = f"values[{variable.place}]"
+        if variable.name == "active":
+            holds = variable.place
     return {
         "states": sizes["state"],
         "inputs": sizes["input"] + sizes["figure"],
@@ -203,9 +203,9 @@ def _numbers(model: Model, variables: Sequence[Variable]) -> Context:
 
 
 def _described(model: Model, variables: Sequence[Variable]) -> Context:
-    """What the descriptions are given."""
-    numbers = [entry for each in variables for entry in each.entries]
-    units = base_units(["s", *(each.unit for each in variables)])
+    """Context of the descriptions."""
+    numbers = [entry for variable in variables for entry in variable.entries]
+    units = base_units(["s", *(variable.unit for variable in variables)])
     return {
         "version": __version__,
         "words": quoteattr(f"Dynamics of {model.robot.name}: SI units, world axes with z up"),
@@ -213,36 +213,36 @@ def _described(model: Model, variables: Sequence[Variable]) -> Context:
         "units": [{"name": unit, "base": _base_unit(base)} for unit, base in units.items()],
         "arrays": [
             {
-                "attributes": f"{_attributes(each)} {_real(each, each.of)}",
-                "lengths": [len(axis) for axis in each.axes],
+                "attributes": f"{_attributes(variable)} {_real(variable, variable.of)}",
+                "lengths": [len(axis) for axis in variable.axes],
             }
-            for each in variables
+            for variable in variables
         ],
         "numbers": [
-            {"attributes": _attributes(each), "real": _real(each, each.of)} for each in numbers
+            {"attributes": _attributes(entry), "real": _real(entry, entry.of)} for entry in numbers
         ],
         **{
-            f"{form}_{kind}s": [each.place for each in listed if each.kind == kind]
+            f"{form}_{kind}s": [variable.place for variable in listed if variable.kind == kind]
             for form, listed in (("array", variables), ("number", numbers))
             for kind in ("rate", "output")
         },
     }
 
 
-def _attributes(each: Variable) -> str:
+def _attributes(variable: Variable) -> str:
     """Attributes that both versions have alike."""
     return (
-        f'name={quoteattr(each.name)} valueReference="{each.place}" {_CAUSALITY[each.kind]} '
-        f"description={quoteattr(each.words)}"
+        f'name={quoteattr(variable.name)} valueReference="{variable.place}" '
+        f"{_CAUSALITY[variable.kind]} description={quoteattr(variable.words)}"
     )
 
 
-def _real(each: Variable, of: int) -> str:
+def _real(variable: Variable, of: int) -> str:
     """Attributes that belong to numbers: unit, values at the start, and of a rate its state."""
-    found = f'unit="{each.unit}"'
-    if each.start:
-        found += f' start="{" ".join(map(repr, each.start))}"'
-    return f'{found} derivative="{of}"' if each.kind == "rate" else found
+    attributes = f'unit="{variable.unit}"'
+    if variable.start:
+        attributes += f' start="{" ".join(map(repr, variable.start))}"'
+    return f'{attributes} derivative="{of}"' if variable.kind == "rate" else attributes
 
 
 def _base_unit(exponents: Mapping[str, int] | None) -> str:

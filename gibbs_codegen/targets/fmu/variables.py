@@ -103,20 +103,20 @@ class Variable:
 
 def variables_of(model: Model, system: System) -> list[Variable]:
     """All variables, in the order of their places, which begin at 1."""
-    found, place = [], 1
-    states = [each for each in _states(model, system) if each.size]
-    for each in itertools.chain(states, _rates(states), _inputs(model, system), _others(model)):
-        if each.size:
-            found.append(replace(each, place=place, of=each.of + 1))
-            place += each.size
+    variables, place = [], 1
+    states = [variable for variable in _states(model, system) if variable.size]
+    for variable in itertools.chain(states, _rates(states), _inputs(model, system), _others(model)):
+        if variable.size:
+            variables.append(replace(variable, place=place, of=variable.of + 1))
+            place += variable.size
     shapes = system.outputs.values()
     for (name, (unit, words)), shape in zip(_OUTPUTS.items(), shapes, strict=True):
         rows = model.description.bodies if name.startswith("loads") else model.description.frames
         axes = (rows, *[AXES] * (len(shape) - 1))
         if shape[0]:
-            found.append(Variable(name, "output", place, unit, words, axes))
-            place += found[-1].size
-    return found
+            variables.append(Variable(name, "output", place, unit, words, axes))
+            place += variables[-1].size
+    return variables
 
 
 def _rates(states: Iterable[Variable]) -> Iterator[Variable]:
@@ -135,10 +135,10 @@ def _inputs(model: Model, system: System) -> Iterator[Variable]:
     commands, rotors = description.commands or description.inputs, model.robot.rotors
     start = _actuators_at_rest(model)
     for name, part in (("rotors", commands[:rotors]), ("joints", commands[rotors:])):
-        values = [start.get(each.name, 0.0) for each in part]
+        values = [start.get(coordinate.name, 0.0) for coordinate in part]
         yield from _parted(f"command.{name}", "input", part, values)
     rows = {"wind": AXES, "active": model.lists.get("CONSTRAINTS", ())}
-    for name, shape in [*system.given.items()][1:]:
+    for name, shape in [*system.influences.items()][1:]:
         axes = (tuple(rows.get(name, description.frames)), AXES)[: len(shape)]
         kind = "input" if name in _INPUTS else "figure"
         unit, first, words = _GIVEN[name]
@@ -174,7 +174,7 @@ def _states(model: Model, system: System) -> Iterator[Variable]:
     )
     actuators = description.actuator_states or lagging
     rest = _actuators_at_rest(model)
-    values = [rest.get(each.name, 0.0) for each in actuators]
+    values = [rest.get(coordinate.name, 0.0) for coordinate in actuators]
     yield from _parted("actuators", "state", actuators, values)
     if "walls" in system.acting:
         words = "what holds frames that stick to their walls: how far it is stretched, world axes"
@@ -183,29 +183,29 @@ def _states(model: Model, system: System) -> Iterator[Variable]:
 
 
 def _actuators_at_rest(model: Model) -> dict[str, float]:
-    """What is not zero at the start, by its name: the charge, and where servos hold joints."""
+    """Values at the start that are not zero, by name: the charge, and where servos hold joints."""
     robot, layout = model.robot, model.description.layout
-    found = {"charge": 1.0}
+    values = {"charge": 1.0}
     for i, place in zip(
         robot.moving, model.description.constants["POSTURE"][layout.q.joints], strict=True
     ):
         servo, name = robot.links[i - 1].servo, coordinate_of(robot, i)
         if servo and servo.command == "position":
-            found |= {f"{name}_position": place, f"{name}_reference": place}
-    return found
+            values |= {f"{name}_position": place, f"{name}_reference": place}
+    return values
 
 
 def _parted(
     name: str, kind: str, listed: Sequence[Coordinate], start: Sequence[float]
 ) -> Iterator[Variable]:
     """One array, or where units differ a number for each entry."""
-    if len({each.unit for each in listed}) < 2:
-        words = "; ".join(f"{each.name}: {each.meaning}" for each in listed)
-        axes = (tuple(each.name for each in listed),)
+    if len({entry.unit for entry in listed}) < 2:
+        words = "; ".join(f"{entry.name}: {entry.meaning}" for entry in listed)
+        axes = (tuple(entry.name for entry in listed),)
         yield Variable(name, kind, 0, listed[0].unit if listed else "1", words, axes, tuple(start))
         return
-    for each, value in zip(listed, start, strict=True):
-        yield Variable(f"{name}.{each.name}", kind, 0, each.unit, each.meaning, (), (value,))
+    for entry, value in zip(listed, start, strict=True):
+        yield Variable(f"{name}.{entry.name}", kind, 0, entry.unit, entry.meaning, (), (value,))
 
 
 def base_units(units: Iterable[str]) -> dict[str, dict[str, int] | None]:
@@ -214,11 +214,11 @@ def base_units(units: Iterable[str]) -> dict[str, dict[str, int] | None]:
 
 
 def _exponents(unit: str) -> dict[str, int] | None:
-    found: dict[str, int] = {}
+    powers: dict[str, int] = {}
     factors = r"(/?) *(?:\(([^)]*)\)|([A-Za-z]+|1))(?:\^([\d.]+))?"
     for per, inner, name, power in re.findall(factors, unit):
         if "." in power:
             return None
         for base, exponent in ((_exponents(inner) or {}) if inner else _SI[name]).items():
-            found[base] = found.get(base, 0) + exponent * int(power or 1) * (-1 if per else 1)
-    return {name: exponent for name, exponent in found.items() if exponent}
+            powers[base] = powers.get(base, 0) + exponent * int(power or 1) * (-1 if per else 1)
+    return {name: exponent for name, exponent in powers.items() if exponent}

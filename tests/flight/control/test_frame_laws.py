@@ -379,7 +379,7 @@ def test_a_push_that_no_joint_can_exert_is_refused(
     words = "control.force.direction: quadrotor_arm_2link leans.* at . s, none moves tip along"
     expected = pytest.raises(UsageError, match=words) if refused else nullcontext()
     with expected:
-        flight_start(module, read_scenario("hover", given), lambda *_: None, own=False)
+        flight_start(module, read_scenario("hover", given), lambda *_: None, custom_law=False)
 
 
 def test_a_base_that_leans_needs_joints_to_move_a_frame(fast: Load) -> None:

@@ -122,7 +122,7 @@ def test_a_sampled_law_sends_the_commands_of_its_samples(module: ModuleType) -> 
 @pytest.mark.slow
 def test_joints_have_gains_of_their_own_but_where_servos_hold_them(module: ModuleType) -> None:
     own = hover(control={"joints": {"wrist": {"frequency": 20.0, "damping_ratio": 0.5}}})
-    gains = flight_start(module, own, lambda *_: None, own=False).loop.controller.gains
+    gains = flight_start(module, own, lambda *_: None, custom_law=False).loop.controller.gains
     places = [module.VELOCITIES.index(name) for name in ("upper", "slider", "wrist")]
     np.testing.assert_array_equal(gains.stiffness[places], [0.0, 0.0, 400.0])
     np.testing.assert_array_equal(gains.damping[places], [0.0, 0.0, 20.0])
@@ -130,7 +130,7 @@ def test_joints_have_gains_of_their_own_but_where_servos_hold_them(module: Modul
         simulate(module, hover(control={"joints": {"upper": {"frequency": 20.0}}}))
     with pytest.raises(UsageError, match="elbow: actuated has no joint elbow"):
         simulate(module, hover(control={"joints": {"elbow": {"frequency": 20.0}}}))
-    with pytest.raises(UsageError, match=r"motors\.time_constant: the file of actuated says"):
+    with pytest.raises(UsageError, match=r"motors\.time_constant: the robot file of actuated says"):
         simulate(module, hover(motors={"time_constant": 0.05}))
     with pytest.raises(UsageError, match=r"arm\.effort\.slider: a servo pushes the joint"):
         simulate(module, hover(arm={"effort": {"slider": 1.0}}))

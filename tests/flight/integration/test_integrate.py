@@ -182,7 +182,7 @@ LOST: list[tuple[str, str, dict[str, object]]] = [
 def test_control_of_what_nothing_drives_is_not_lost(fast: Load) -> None:
     """A joint without effort turns as far and as fast as it likes, as a wheel does."""
     scenario = read_scenario("hover")
-    start = flight_start(fast("quadrotor_arm_2link"), scenario, lambda *_: None, own=False)
+    start = flight_start(fast("quadrotor_arm_2link"), scenario, lambda *_: None, custom_law=False)
     actuators = replace(start.loop.actuators, efforts=np.array([4.0, 0.0]))
     loop, layout = replace(start.loop, actuators=actuators), start.loop.vehicle.layout
     for place, reason in enumerate(("upper_arm is 20 rad off", "")):

@@ -182,7 +182,10 @@ def test_energy_never_grows_by_contact(block: ModuleType) -> None:
     given |= {"start": {"turn_deg": [10, -20, 5]}}
     settings = RK4 | {"step": 2e-4, "rate": 5000}
     start = flight_start(
-        block, read_scenario("hover", given | {"integration": settings}), lambda *_: None, own=False
+        block,
+        read_scenario("hover", given | {"integration": settings}),
+        lambda *_: None,
+        custom_law=False,
     )
     v = np.array([1.0, 0.5, 0.0, 0.5, -1.0, 2.0])
     history = integrate(start.loop, start.loop.start(start.q, v), 3.0, start.scenario.integration)
@@ -211,7 +214,7 @@ def test_no_impact_adds_energy_at_the_default_step(
     ]
     given = {"control": {"law": "off"}, "wall": walls, "integration": {"method": "rk4"}}
     scenario = read_scenario("hover", given | fixed(0, 0, 0))
-    start = flight_start(module, scenario, lambda *_: None, own=False)
+    start = flight_start(module, scenario, lambda *_: None, custom_law=False)
     thrown_at = speed * np.array([[1.0, 0.4, 0.0, 0.0, 0.0, 0.0], [0.5, 0.9, 0, 0, 0, 0.3]])
     q = np.tile(start.q, (2, 1))
     long = pytest.warns(RuntimeWarning, match=r"foot_1 meets wall . at .* use steps of at most")
@@ -278,7 +281,7 @@ def test_a_ball_bounces_as_hunt_and_crossley_say(speed: float, block: ModuleType
     floor = {"kind": "floor", "frame": "base", "ball_radius": radius, "stiffness": stiffness}
     given = {"control": {"law": "off"}, "wall": [floor | {"dissipation": dissipation}]}
     given |= fixed(0, 0, radius) | {"duration": 0.1, "integration": RK4 | {"rate": 1000}}
-    start = flight_start(block, read_scenario("hover", given), lambda *_: None, own=False)
+    start = flight_start(block, read_scenario("hover", given), lambda *_: None, custom_law=False)
     v = np.array([0.0, 0.0, -speed, 0.0, 0.0, 0.0])
     history = integrate(start.loop, start.loop.start(start.q, v), 0.1, start.scenario.integration)
 
@@ -397,7 +400,7 @@ def test_a_start_at_rest_is_that_of_rollouts_many_flights_and_loops(block: Modul
     np.testing.assert_allclose(simulation.q, flight.q[0], rtol=0.0, atol=1e-12)
     simulation.step(np.full(4, 6.0), 0.3)
     assert simulation.q[2] > flight.q[0, 2] + 0.01
-    loop = flight_start(block, scenario, lambda *_: None, own=False).loop
+    loop = flight_start(block, scenario, lambda *_: None, custom_law=False).loop
     state = loop.start(flight.q[0], flight.v[0] + 0.1)
     for idle in (True, False):
         loads = Loads(idle=idle)

@@ -120,7 +120,7 @@ def test_forces_and_accelerations_are_those_of_the_bordered_matrix(percher: Modu
     """With push and wind; in NumPy, and compiled."""
     push, wind = Push((1.0, -2.0, 3.0), torque=(0.1, 0.2, -0.1), frame="claw"), Wind({"base": 0.4})
     scene = perching(push=push, wind=replace(wind, velocity=(2.0, 1.0, 0.0)))
-    loop = flight_start(percher, scene, lambda *_: None, own=False).loop
+    loop = flight_start(percher, scene, lambda *_: None, custom_law=False).loop
     rng = np.random.default_rng(2)
     q, v, u = rng.normal(size=8), rng.normal(size=7), rng.normal(size=5)
     q[3:7] /= np.linalg.norm(q[3:7])
@@ -172,7 +172,7 @@ def test_other_ways_to_fly_give_the_same(percher: ModuleType) -> None:
     for each, alone in ((scene, flown), (lost, ended)):
         rolled = rollout(percher, None, None, each, 80, 0.001, every=10)
         np.testing.assert_allclose(rolled.v[0, -1], alone.v[-1], rtol=0, atol=1e-9)
-    loop = flight_start(percher, scene, lambda *_: None, own=False).loop
+    loop = flight_start(percher, scene, lambda *_: None, custom_law=False).loop
     python = Integration(loop, loop.start(flown.q[0], flown.v[0]), scene.integration, 0.08)
     python.advance(0.08)
     np.testing.assert_allclose(loop.parts(python.state).q, flown.q[-1], rtol=0, atol=1e-9)
@@ -181,7 +181,7 @@ def test_other_ways_to_fly_give_the_same(percher: ModuleType) -> None:
 @pytest.mark.slow
 def test_at_rest_there_is_an_impact_that_loses_nothing(percher: ModuleType) -> None:
     scene = hovering(duration=0.1, holds=(Hold("grip", 0.0, 0.02),), push=PUSH)
-    start = flight_start(percher, scene, lambda *_: None, own=False)
+    start = flight_start(percher, scene, lambda *_: None, custom_law=False)
     rest = start.loop.start(start.q, np.zeros(7))
     integration = Integration(start.loop, rest, scene.integration, 0.1)
     integration.advance(0.01)
@@ -245,7 +245,7 @@ def test_a_distance_does_not_drift_while_a_rod_tumbles() -> None:
     given = {"control": {"law": "off"}, "duration": 1.0, "hold": [{"constraint": "grip"}]}
     given |= {"integration": RK4 | {"divergence": float("inf")}}
     start = flight_start(
-        load(place, "c"), read_scenario("hover", given), lambda *_: None, own=False
+        load(place, "c"), read_scenario("hover", given), lambda *_: None, custom_law=False
     )
     v = np.array([4.0, 2.0, 1.0, 20.0, -25.0, 30.0, 0.0])
     state = start.loop.start(start.q, v)
