@@ -206,7 +206,7 @@ def chain_system(symbolic: SymbolicRobot, number: int) -> LinearSystem:
     residual = [-row for row in tree_dynamics.generalised_inertia_forces(tape, root, serial, state)]
     rows = {
         i: chain.coordinates.index(coordinate_of(symbolic.robot, i))
-        for i in chain.massive_links
+        for i in chain.own
         if i in symbolic.robot.moving
     }
     _add_passive(symbolic, [rows.get(i) for i in symbolic.robot.moving], matrix, residual)

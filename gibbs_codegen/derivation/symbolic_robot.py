@@ -334,7 +334,7 @@ class SymbolicRobot:
             self.centre,
             {i: c for i, c in self.hybrid_coordinates.items() if i in chain.path},
             chain.path,
-            chain.massive_links,
+            chain.own,
         )
 
     def _tree(self, root: Inertia, bodies: JointedBodies) -> SegmentTree:

@@ -82,7 +82,7 @@ def chain_names(symbolic: SymbolicRobot, chain: Chain) -> dict[sp.Symbol, Name]:
         meaning = f"{acting[k - 1].meaning} (N)"
         names[symbolic.u[k - 1]] = name("F", index, Kind.INPUT, meaning)
     for item, i in enumerate(jointed_links(robot, chain), start=4):
-        if i in robot.moving and i in chain.massive_links:
+        if i in robot.moving and i in chain.own:
             place = robot.rotors + robot.moving.index(i)
             meaning = f"{acting[place].meaning} ({acting[place].unit})"
             names[symbolic.u[place]] = name("tau", f"{chain.number},{item}", Kind.INPUT, meaning)

@@ -140,7 +140,7 @@ def readable_chain(robot: Robot, number: int, tape: Scalars | None = None) -> Re
     terms = zip(symbolic.robot.moving, armatures(symbolic), passive_forces(symbolic), strict=True)
     passive = [(sp.S.Zero, sp.S.Zero)] * len(chain.coordinates)
     for i, armature, force in terms:
-        if i in chain.massive_links:
+        if i in chain.own:
             passive[chain.coordinates.index(coordinate_of(robot, i))] = (armature, force)
     return ReadableChain(
         symbolic,
@@ -208,7 +208,7 @@ def generalised_forces(readable: ReadableChain) -> list[sp.Expr]:
         motor_forces = forces_of_wrenches(symbolic, serial, dict([readable.wrenches[k]]))
         forces = [force + row * u[k - 1] for force, row in zip(forces, motor_forces, strict=True)]
     efforts = dict(zip(symbolic.robot.moving, u[symbolic.robot.rotors :], strict=True))
-    for i in chain.massive_links:
+    for i in chain.own:
         if i in efforts:
             forces[chain.coordinates.index(coordinate_of(symbolic.robot, i))] += efforts[i]
     return forces

@@ -191,9 +191,7 @@ def _draw_arm(axes: Axes, robot: Robot, chain: Chain, centre: Array) -> None:
         i, end = path[position], place + steps[step]
         link = robot.links[i - 1]
         number = marks.short_name(link.name, _LONGEST_NAME) if link.name else str(robot.rotors + i)
-        marks.draw_link(
-            axes, place, end, number, i in chain.massive_links and link.body.total_mass > 0.0
-        )
+        marks.draw_link(axes, place, end, number, i in chain.own and link.body.total_mass > 0.0)
         aside = np.array([0.0, 1.0 if step % 2 == 0 else -1.0])
         _draw_link_joint(axes, robot, chain, i, (place, 0.5 * steps[step], aside))
         # A place away from the names of this joint and of the next.

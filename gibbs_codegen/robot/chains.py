@@ -29,7 +29,7 @@ class Chain:
     """One open chain: its arms by number, its unknowns in order, and what acts in it.
 
     `rod` is the number of the base rod at its end, or None; `path` are the numbers of its links,
-    from the base outwards, and `massive_links` those of links that have their mass in this chain;
+    from the base outwards, and `own` those of links that have their mass in this chain;
     `has_core` says whether arm 1 has its own here too. `motors` are the rotors that push in it.
     `constrained` are numbers of the arms that constraint torques hold. `unknowns` are the
     accelerations of the chain's coordinates and those torques: the seven coordinates and eight
@@ -40,7 +40,7 @@ class Chain:
     links: tuple[int, ...]
     rod: int | None = None
     path: tuple[int, ...] = ()
-    massive_links: tuple[int, ...] = ()
+    own: tuple[int, ...] = ()
     has_core: bool
     motors: tuple[int, ...]
     constrained: tuple[int, ...]
@@ -55,7 +55,7 @@ class Chain:
         if self.rod is not None:
             return (*core, self.rod)
         first = last - self.path[-1] if self.path else 0
-        return (*core, *(first + i for i in self.massive_links))
+        return (*core, *(first + i for i in self.own))
 
     @property
     def is_constrained(self) -> bool:
@@ -99,7 +99,7 @@ def decompose(robot: Robot) -> tuple[Chain, ...]:
             [robot.rotors + i for i in path if i in robot.constrained],
             links=(*_ROOT_ARMS, *(robot.rotors + i for i in path)),
             path=path,
-            massive_links=tuple(i for i in path if i in new),
+            own=tuple(i for i in path if i in new),
             has_core=BASE in new,
             motors=(*on_rods, *(k for k, r in enumerate(robot.thrusters, 1) if r.on in new)),
         )

@@ -106,8 +106,8 @@ def test_what_holds_a_hand_is_shared_by_its_fingers() -> None:
     base = Base(origin="base", body=body)
     robot = Robot("hand", base, links, thrusters=(Rotor(on=2), Rotor(on=4)))
     thumb, finger = decompose(robot)
-    assert (thumb.path, thumb.massive_links, thumb.motors) == ((1, 2, 3), (1, 2, 3), (1,))
-    assert (finger.path, finger.massive_links, finger.motors) == ((1, 2, 4), (4,), (2,))
+    assert (thumb.path, thumb.own, thumb.motors) == ((1, 2, 3), (1, 2, 3), (1,))
+    assert (finger.path, finger.own, finger.motors) == ((1, 2, 4), (4,), (2,))
     assert thumb.constrained == finger.constrained == (4,)
     check_chains(robot)
 

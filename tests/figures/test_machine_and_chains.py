@@ -106,7 +106,7 @@ def test_chains_of_a_tree_show_what_the_decomposition_says(name: str) -> None:
         if len(chain.path) <= 4:
             moving = [i for i in chain.path if i in robot.moving]
             assert arrows(axes, TORQUE) == len(moving)
-            assert bars(axes).count(DARK) == len(chain.massive_links) + chain.has_core
+            assert bars(axes).count(DARK) == len(chain.own) + chain.has_core
         acting = {robot.thrusters[k - 1].on for k in chain.motors}
         assert arrows(axes, THRUST) == len(acting)
 
