@@ -121,7 +121,7 @@ class ClosedLoop:
     def machine(self) -> Machine:
         """The robot that flies, with its actuators and what is around it."""
         runs = self.law != "off"
-        loads = self.plant, self.input, self.around
+        loads = self.plant, self.input_node, self.around
         return Machine(*loads, lags=self.lags, runs=runs, moves=self.moves)
 
     @cached_property
@@ -135,7 +135,7 @@ class ClosedLoop:
         """Length of the state."""
         return self.layout.size
 
-    def input(self, name: str, *shape: int) -> Node:
+    def input_node(self, name: str, *shape: int) -> Node:
         """An input by its name, which is made when it is first asked for."""
         if name not in self.inputs:
             self.inputs[name] = variable(name, *shape, uniform=name not in self.varying_inputs)
@@ -339,7 +339,7 @@ class ClosedLoop:
         aimed = self._within(sent)
         if self.idles:
             count = self.plant.rotors
-            thrusts = self._unless_idle(aimed[:count], self.input("idling", count))
+            thrusts = self._unless_idle(aimed[:count], self.input_node("idling", count))
             aimed = join(thrusts, aimed[count:])
         return wanted, aimed, self.machine.inputs(state, aimed), refused
 
@@ -350,7 +350,7 @@ class ClosedLoop:
 
     def _unless_idle(self, running: Node, idle: Node | float) -> Node:
         """A value while motors run, or else another."""
-        return choose(self.input("idle"), 0.5, idle, running)
+        return choose(self.input_node("idle"), 0.5, idle, running)
 
     def _sent(self, at: Instant, q: Node, v: Node, wanted: Node) -> Node:
         """Inputs (nu) that are wanted, or the commands for them where drives take such."""
@@ -368,7 +368,7 @@ class ClosedLoop:
     def _within(self, sent: Node) -> Node:
         """Inputs that are sent, within limits; to what is off 0 is sent, whatever its limits."""
         if self.plant.driven and self.law != "off":
-            least, most = (self.input(f"{x}_command", sent.size) for x in ("least", "most"))
+            least, most = (self.input_node(f"{x}_command", sent.size) for x in ("least", "most"))
             return within_limits(sent, Limits(least, most))
         return self._possible(sent)
 
@@ -414,36 +414,36 @@ class ClosedLoop:
     def gains(self) -> Gains:
         """Gains of the law."""
         size = self.plant.space.velocities
-        integral = self.input("integral") if self.integral else None
-        return Gains(self.input("stiffness", size), self.input("damping", size), integral)
+        integral = self.input_node("integral") if self.integral else None
+        return Gains(self.input_node("stiffness", size), self.input_node("damping", size), integral)
 
     @cached_property
     def rotors(self) -> Rotors:
         """Rotors as the law knows them, with the limits that allocation keeps."""
         count = self.plant.rotors
         return Rotors(
-            self.input("known_centre", 3),
-            self.input("distribution", count, 6),
-            self.input("known_wrenches", count, 6),
-            self.input("least_shared", count),
-            self.input("most_shared", count),
+            self.input_node("known_centre", 3),
+            self.input_node("distribution", count, 6),
+            self.input_node("known_wrenches", count, 6),
+            self.input_node("least_shared", count),
+            self.input_node("most_shared", count),
             self.shared,
             self.moves,
             self.refuses,
-            self.input("exact"),
+            self.input_node("exact"),
         )
 
     @cached_property
     def limits(self) -> Limits:
         """Limits of the inputs that act."""
-        return Limits(*(self.input(name, self.plant.inputs) for name in ("least", "most")))
+        return Limits(*(self.input_node(name, self.plant.inputs) for name in ("least", "most")))
 
     def commanded(self, at: Instant, q: Node, v: Node, memory: Node) -> tuple[Node, Node]:
         """Inputs (nu) that the law wants, and more than 0 where rotors cannot produce them."""
         if self.law == "off":
             return zeros(self.model.inputs), constant(0.0)
         if self.law == "held":
-            return self.input("held", self.model.inputs), constant(0.0)
+            return self.input_node("held", self.model.inputs), constant(0.0)
         response = self._law_results(at, q, v, memory)
         return response["wanted"], response["refused"]
 
@@ -492,7 +492,7 @@ class ClosedLoop:
 
     def _aim(self, at: Instant, q: Node, memory: Node) -> Aim:
         """The aim of the law at an instant, with what it knows of the robot there."""
-        weight = weight_of(self.model, q, self.input, self.rotors) if self.leans else None
+        weight = weight_of(self.model, q, self.input_node, self.rotors) if self.leans else None
         learnt = memory if self.integral else None
         return Aim(at.motion, self.gains, learnt, at.centre, weight, self._frame_aim(at, q))
 
@@ -501,17 +501,19 @@ class ClosedLoop:
         if self.moved is None or at.felt is None:
             return None
         stiffness, damping, inertia = (
-            self.input(f"frame_{x}", 3) for x in ("stiffness", "damping", "inertia")
+            self.input_node(f"frame_{x}", 3) for x in ("stiffness", "damping", "inertia")
         )
         aim = FrameAim(self.moved, stiffness, damping, inertia, at.felt)
         if not LAWS[self.law].pushes:
             return aim
-        direction, axes = self.input("push_direction", 3), None
+        direction, axes = self.input_node("push_direction", 3), None
         if self.axes is not None:
             axes = surroundings.rotation_of(self.model.frame_poses(q)[self.axes])
             direction = axes @ direction
-        force, rise, integral = (self.input(f"push_{x}") for x in ("force", "rise", "integral"))
-        ends = self.input("push_begin"), self.input("push_end")
+        force, rise, integral = (
+            self.input_node(f"push_{x}") for x in ("force", "rise", "integral")
+        )
+        ends = self.input_node("push_begin"), self.input_node("push_end")
         rising, falling = push_shares(at.time, *ends, rise)
         return replace(aim, push=Push(direction, force, rising - falling, integral, axes))
 
@@ -524,7 +526,7 @@ class ClosedLoop:
         """
         q, v, _, _, memory, _ = state
         model, count, aimed = self.model, self.plant.rotors, self._within(sent)
-        ahead = choose(at.time, self.input("end") - AHEAD, -AHEAD, AHEAD)
+        ahead = choose(at.time, self.input_node("end") - AHEAD, -AHEAD, AHEAD)
         a = self.machine.rates(at.time, state, self.machine.inputs(state, aimed), aimed).a
         entries = entries_of(q)
         moved = entries + ahead * base_of(model, q).rates(v, entries)
@@ -540,10 +542,10 @@ class ClosedLoop:
             turning = (
                 self._sent(then, later, v + ahead * a, possible + ahead * rates) - sent
             ) / ahead
-            up, down = (self.input(f"time_{x}", model.inputs) for x in ("up", "down"))
+            up, down = (self.input_node(f"time_{x}", model.inputs) for x in ("up", "down"))
             lag = choose(turning, 0.0, up, down)
         else:
-            turning, lag = rates, join(self.input("lag", count), zeros(model.inputs - count))
+            turning, lag = rates, join(self.input_node("lag", count), zeros(model.inputs - count))
         kept = self._kept(absolute(lag * rates), absolute(free - possible))
         return kept * lag * turning, response["refused"]
 
@@ -578,17 +580,17 @@ class ClosedLoop:
 
     def _inside(self, wanted: Node) -> Node:
         """Distance of inputs (nu) from their limits, to which allocation comes but for rounding."""
-        (least, most), margin = self.limits, self.input("margin", self.plant.inputs)
+        (least, most), margin = self.limits, self.input_node("margin", self.plant.inputs)
         return _least(minimum(wanted - (least + margin), (most - margin) - wanted))
 
     def _ended(self, at: Instant, x: Node) -> Node:
         """More than 0, or no number, where a flight cannot go on from a state."""
         q, v, *_ = self.parts(x)
         errors = join(*base_of(self.plant, q).errors(v, at.motion))
-        within = self.input("bounds", errors.size) - absolute(errors)
+        within = self.input_node("bounds", errors.size) - absolute(errors)
         if not self.plant.space.has_quaternion:
             angle = absolute(x[self.plant.layout.middle_angle])
-            within = join(within, self.input("largest_lean") - angle)
+            within = join(within, self.input_node("largest_lean") - angle)
         return -_least(within) + mark(x)
 
 
