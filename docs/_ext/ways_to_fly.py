@@ -114,7 +114,7 @@ def _fmu(flown: Flown) -> list[Node]:
     still = {"torque", *(() if around.pushes else ("force",))}
     given = [
         zeros(*shape) if name in still else variable(name, *shape)
-        for name, shape in system.given.items()
+        for name, shape in system.influences.items()
     ]
     flat = join(*(reshaped(x, (math.prod(x.shape),)) for x in given))
     return [system.rate(variable("x", system.size), flat)["slope"]]
