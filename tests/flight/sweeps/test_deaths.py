@@ -27,11 +27,11 @@ KILLED = """
 import os, signal, sys
 from gibbs_codegen import sweep, uniform
 from gibbs_codegen.flight.sweeps import chunks
-chunks._MOST_FLIGHTS, add = 2, chunks.Store.add
+chunks._MOST_FLIGHTS, add = 2, chunks.ResultFile.add
 def last(*rows):
     add(*rows)
     os.kill(os.getpid(), signal.SIGKILL)
-chunks.Store.add = last
+chunks.ResultFile.add = last
 parameters = {"duration": 0.05, "start.offset[0]": uniform(-0.1, 0.1)}
 sweep(sys.argv[1], "hover", parameters, 6, 3, {"x": "tip_error.max"}, out=sys.argv[2], workers=2)
 """
