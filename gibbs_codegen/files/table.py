@@ -301,7 +301,7 @@ class Table:
         misspelt = {
             (*place[:-1], words.partition(_MEANT)[2].rstrip("?"))
             for place, words in faults
-            if words.startswith("unknown key; ")
+            if words.startswith(f"unknown key; {_MEANT}")
         }
         faults = [
             (place, words)

@@ -880,6 +880,7 @@ def test_a_turn_about_an_axis_that_is_next_to_nothing() -> None:
         (lambda: Settings(divergence=math.nan), "divergence: must be a number, not nan"),
         (lambda: Settings(divergence=-math.inf), "divergence: must be at least 1e-09, not -inf"),
         (lambda: Fixed((1, 2, 3), kind="fixed"), "kind: unknown key; known keys: position"),
+        (lambda: Fixed((1, 2, 3), **{"": 0}), "unknown key; known keys: position"),
         (
             lambda: replace(read_scenario("hover"), control="off"),
             "control: must be Control(…), not a string",
