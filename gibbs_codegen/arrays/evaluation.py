@@ -72,10 +72,12 @@ class Evaluation:
                 needed.update(made[x].reads)
         # Values of a call stand in a row: what is given, inputs, and one for each step.
         places: dict[Any, int] = {x: place for place, x in enumerate(program.inputs, start=1)}
-        steps: list[tuple[Callable[..., Any], list[int]]] = []
+        steps: list[tuple[Callable[..., Any], Callable[..., Any], bool]] = []
 
         def take(function: Callable[..., Any], read: list[int]) -> int:
-            steps.append((function, read))
+            # A getter takes one value as it is, several as a tuple.
+            reads = operator.itemgetter(*read) if read else _nothing
+            steps.append((function, reads, len(read) == 1))
             return len(program.inputs) + len(steps)
 
         for x in program.nodes:
@@ -92,8 +94,8 @@ class Evaluation:
 
         def evaluated(call: Given, *arguments: Any) -> dict[str, Any]:
             values: list[Any] = [call, *arguments]
-            for function, read in steps:
-                values.append(function(*[values[place] for place in read]))
+            for function, read, is_one in steps:
+                values.append(function(read(values)) if is_one else function(*read(values)))
             return {name: values[place] for name, place in outputs.items()}
 
         return evaluated
@@ -165,6 +167,11 @@ def _given(things: Mapping[str, Any], name: str, what: str) -> Any:
 
 def _same(x: Any) -> Any:
     return x
+
+
+def _nothing(values: Sequence[Any]) -> tuple[()]:
+    """The values that a constant reads."""
+    return ()
 
 
 # Functions of two arrays that Python has signs for.
