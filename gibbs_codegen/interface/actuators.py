@@ -102,7 +102,7 @@ def _parameters(row: Row) -> Row:
     words = "[{unit}], each by each of PARAMETERS"
     slope = Output(f"{output.name}_dp", f"{output.shape}p", output.unit, words, f"{row.name}_dp")
     summary = f"Derivatives of what {row.name} returns by the parameters."
-    return derivative(row, "parameters", "parameters", (slope,), summary)
+    return derivative(row, "parameters", (slope,), summary)
 
 
 ACTUATOR_DERIVATIVES = on_request(

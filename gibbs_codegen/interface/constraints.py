@@ -31,12 +31,8 @@ _REDUNDANT = (
 )
 
 
-def _of_constraints(*rows: Row) -> tuple[Row, ...]:
-    """Rows of the group, which robots have whose module lists constraints."""
-    return on_request("constraints", *(replace(row, needs=("CONSTRAINTS",)) for row in rows))
-
-
-CONSTRAINTS = _of_constraints(
+CONSTRAINTS = on_request(
+    "constraints",
     Row(
         "constraint_errors",
         "q",
@@ -96,6 +92,7 @@ CONSTRAINTS = _of_constraints(
         _BORDERED,
         "Of all that do, the least by the mass matrix. Small errors become their squares.",
     ),
+    needs=("CONSTRAINTS",),
 )
 
 

@@ -10,30 +10,24 @@ parameters of the robot file they are not. Time steps are `composed` of other fu
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
-from gibbs_codegen.interface.kinematics import (
-    BIAS_ACCELERATIONS,
-    CENTRE_JACOBIAN,
-    DISPLACEMENT,
-    POSES,
-    VELOCITIES,
-)
+from gibbs_codegen.interface.dynamics import DYNAMICS
+from gibbs_codegen.interface.kinematics import KINEMATICS
 from gibbs_codegen.interface.rows import (
     ACCELERATIONS,
+    COLUMNS,
     INERTIAS,
-    LEVERS,
-    LOADS,
     MOTIONS,
     Output,
     Row,
+    derivative,
     on_request,
 )
 
-_FORCE = Output("force", "v", "N m or N", "{forces}", "inverse_dynamics")
-_ACCELERATION = Output(
-    "acceleration", "v", ACCELERATIONS, "{accelerations}", "differentiated_dynamics"
-)
+_OF = {row.name: row for row in (*DYNAMICS, *KINEMATICS)}
 _DISPLACED = ", by a displacement in rad or m along each of VELOCITIES"
 _BY = {
     "q": _DISPLACED,
@@ -44,42 +38,78 @@ _BY = {
     "a": ", by the rate of each of VELOCITIES",
     "W": ", by each component of the wrenches on {frames}",
 }
-# Shapes of what a derivative by an argument has for each entry, where that is not "v".
-_COLUMNS = {"u": "u", "W": "f6"}
 _WEIGHTED = "[{unit}], with w without units"
 _BY_Q_AND_U = (
     f"{_WEIGHTED}; rows by a displacement along each of VELOCITIES, columns by each of INPUTS"
 )
 _BETWEEN = "[kg m^2/s] between angles, [kg/s] between lengths, [kg m/s] between both"
+_SPACES = "1, rad/m or m/rad"
 TANGENT = (
     "Derivatives by q are those by a displacement in the tangent space, which integrate applies."
 )
 _MOTION = "eqs. 4-6, differentiated"
-_LOADED = Output("acceleration", "v", ACCELERATIONS, "{accelerations}", "differentiated_loaded")
-_LOADED_DYNAMICS = "forward_dynamics_with_wrenches"
-# Names of their own, since W fills entries that are zero without it, and PATTERNS are by name.
-_UNDER_LOAD = replace(_LOADED, name="loaded")
-_SOLVED = "eq. 19, solved for the free coordinates and differentiated"
 _INPUTS = "eqs. 7-13, differentiated"
-_FIRST_MOMENT = "the first moment of mass, differentiated"
 _BOTH_TRIANGLES = "symmetric, with both triangles filled."
 
 
-def _jacobian(of: str, output: Output, by: str, unit: str, entries: str = "[{unit}]") -> Output:
-    """The derivative of an output of the function `of` by its argument `by`."""
-    shape = output.shape + _COLUMNS.get(by, "v")
-    return Output(f"{output.name}_d{by}", shape, unit, entries + _BY[by], f"{of}_d{by}", by)
+def _details(row: Row) -> str:
+    """What is to be said of derivatives by the arguments of a function."""
+    held = " While q changes, wrenches stay as they are in world axes." * ("W" in row.arguments)
+    return f"{TANGENT}{held}"
 
 
-def _gradients(of: str, unit: str, by: str) -> tuple[Output, ...]:
-    """Gradients of the weighted results of the function `of` by each of its arguments."""
-    return tuple(
-        Output(f"{x}_bar", _COLUMNS.get(x, "v"), unit, _WEIGHTED + _BY[x], f"{of}_{x}_bar")
+def _jacobian(
+    of: str,
+    summary: str,
+    entries: str = "[{unit}]",
+    value: str = "",
+    slopes: str = "",
+    by: Sequence[str] = "",
+    units: Sequence[str] = (),
+    more: tuple[Output, ...] = (),
+    **others: Any,
+) -> Row:
+    """What a function gives, derived by `value`, and its derivatives, called by `slopes`."""
+    row, columns = _OF[of], by or _OF[of].arguments
+    (output,) = row.outputs
+    outputs = [replace(output, derivation=value or of)]
+    for x, unit in zip(columns, units or [output.unit] * len(columns), strict=True):
+        name, shape = f"{slopes or output.name}_d{x}", output.shape + COLUMNS.get(x, "v")
+        outputs.append(Output(name, shape, unit, entries + _BY[x], f"{of}_d{x}", x))
+    others = {"details": _details(row)} | others
+    return derivative(row, "jacobian", (*outputs, *more), summary, **others)
+
+
+def _along(of: str, summary: str, details: str = TANGENT, **others: Any) -> Row:
+    """The derivative of what a function gives along a direction of its arguments."""
+    row = _OF[of]
+    outputs = tuple(replace(output, name=f"{output.name}_dot") for output in row.outputs)
+    others["arguments"] = (*row.arguments, *(f"{x}_dot" for x in row.arguments))
+    return derivative(row, "jvp", outputs, summary, details=details, **others)
+
+
+def _gradient(of: str, weighed: str = "") -> Row:
+    """The gradient of the weighed results of a function by each of its arguments."""
+    row, (output,) = _OF[of], _OF[of].outputs
+    *first, last = by = row.arguments
+    outputs = tuple(
+        Output(f"{x}_bar", COLUMNS.get(x, "v"), output.unit, _WEIGHTED + _BY[x], f"{of}_{x}_bar")
         for x in by
     )
+    listed = f"{', '.join(first)} and {last}" if first else last
+    weighed = weighed or f"w^T {of}({', '.join(by)})"
+    arguments = (*by, "w" if output.shape == "v" else f"w_{output.name}")
+    others = {"arguments": arguments, "details": _details(row)}
+    return derivative(row, "vjp", outputs, f"Gradient of {weighed} by {listed}.", **others)
 
 
-def _hessian(rows: str, columns: str) -> Output:
+def _hessian(of: str, outputs: tuple[Output, ...], summary: str, details: str) -> Row:
+    """The second derivatives of the weighed results of a function."""
+    row = derivative(_OF[of], "hessian", outputs, summary, details=details, is_long=True)
+    return replace(row, arguments=(*row.arguments, "w"), source=f"{row.source} twice")
+
+
+def _block(rows: str, columns: str) -> Output:
     """A block of second derivatives of inverse dynamics by `rows` and `columns`."""
     name, entries = rows + columns, f"{_WEIGHTED}, by {rows} and {columns}; rows by {rows}"
     return Output(name, "vv", "N m or N", entries, f"inverse_dynamics_{name}")
@@ -87,173 +117,76 @@ def _hessian(rows: str, columns: str) -> Output:
 
 DERIVATIVES = on_request(
     "derivatives",
-    Row(
-        "inverse_dynamics_derivatives",
-        "qva",
-        (
-            _FORCE,
-            *(_jacobian("inverse_dynamics", _FORCE, by, "N m or N", "{forces}") for by in "qv"),
-            Output("mass_matrix", "vv", "kg m^2, kg or kg m", INERTIAS, "mass_matrix", "a"),
-        ),
+    _jacobian(
+        "inverse_dynamics",
         "Generalised forces M a - R, and their derivatives by q, v and a, the last being M.",
-        _MOTION,
-        TANGENT,
-        derivative_of="inverse_dynamics",
-        kind="jacobian",
+        "{forces}",
+        by="qv",
+        more=(Output("mass_matrix", "vv", "kg m^2, kg or kg m", INERTIAS, "mass_matrix", "a"),),
     ),
-    Row(
-        "forward_dynamics_derivatives",
-        "qvu",
-        (
-            _ACCELERATION,
-            *(
-                _jacobian("forward_dynamics", _ACCELERATION, by, ACCELERATIONS, "{accelerations}")
-                for by in "qvu"
-            ),
-        ),
+    _jacobian(
+        "forward_dynamics",
         "Accelerations a of M a = R + B u, and their derivatives by q, v and u.",
-        _SOLVED,
-        TANGENT,
-        derivative_of="forward_dynamics",
-        kind="jacobian",
+        "{accelerations}",
+        value="differentiated_dynamics",
     ),
-    Row(
-        "forward_dynamics_with_wrenches_derivatives",
-        "qvuW",
-        (
-            _LOADED,
-            *(
-                _jacobian(_LOADED_DYNAMICS, _UNDER_LOAD, by, ACCELERATIONS, "{accelerations}")
-                for by in "qvuW"
-            ),
-        ),
+    _jacobian(
+        "forward_dynamics_with_wrenches",
         "Accelerations a of M a = R + B u + the sum of J^T W, with derivatives by q, v, u and W.",
-        _SOLVED,
-        f"{TANGENT} While q changes, wrenches stay as they are in world axes.",
-        derivative_of=_LOADED_DYNAMICS,
-        kind="jacobian",
+        "{accelerations}",
+        value="differentiated_loaded",
+        # A name of their own, since W fills entries that are zero without it, and PATTERNS are by
+        # name.
+        slopes="loaded",
     ),
-    Row(
-        "inverse_dynamics_jvp",
-        ("q", "v", "a", "q_dot", "v_dot", "a_dot"),
-        (Output("force_dot", "v", "N m or N", "{forces}"),),
+    _along(
+        "inverse_dynamics",
         "Derivative of the generalised forces M a - R along a direction of q, v and a.",
-        _MOTION,
         "It is force_dq q_dot + force_dv v_dot + M a_dot, without these matrices. With the rates "
         "of q, v and a for the direction it is the rate of the forces.",
-        derivative_of="inverse_dynamics",
-        kind="jvp",
     ),
-    Row(
-        "forward_dynamics_jvp",
-        ("q", "v", "u", "q_dot", "v_dot", "u_dot"),
-        (Output("acceleration_dot", "v", ACCELERATIONS, "{accelerations}"),),
+    _along(
+        "forward_dynamics",
         "Derivative of the accelerations a of M a = R + B u along a direction of q, v and u.",
-        _SOLVED,
         "It is acceleration_dq q_dot + acceleration_dv v_dot + acceleration_du u_dot, without "
         "these matrices.",
-        derivative_of="forward_dynamics",
-        kind="jvp",
     ),
-    Row(
-        "forward_dynamics_with_wrenches_jvp",
-        ("q", "v", "u", "W", "q_dot", "v_dot", "u_dot", "W_dot"),
-        (Output("acceleration_dot", "v", ACCELERATIONS, "{accelerations}"),),
+    _along(
+        "forward_dynamics_with_wrenches",
         "Derivative of forward_dynamics_with_wrenches along a direction of q, v, u and W.",
-        _SOLVED,
         "It is loaded_dq q_dot + loaded_dv v_dot + loaded_du u_dot + loaded_dW W_dot, without "
         "these matrices.",
-        derivative_of=_LOADED_DYNAMICS,
-        kind="jvp",
     ),
-    Row(
-        "joint_wrenches_with_wrenches_jvp",
-        ("q", "v", "a", "u", "W", "q_dot", "v_dot", "a_dot", "u_dot", "W_dot"),
-        (Output("wrenches_dot", "b6", "N or N m", LOADS),),
+    _along(
+        "joint_wrenches_with_wrenches",
         "Derivative of joint_wrenches_with_wrenches along a direction of q, v, a, u and W.",
-        _MOTION,
-        TANGENT,
-        derivative_of="joint_wrenches_with_wrenches",
-        kind="jvp",
+        source=_MOTION,
         is_long=True,
     ),
-    Row(
-        "inverse_dynamics_vjp",
-        "qvaw",
-        _gradients("inverse_dynamics", "N m or N", "qva"),
-        "Gradient of w^T inverse_dynamics(q, v, a) by q, v and a.",
-        _MOTION,
-        TANGENT,
-        derivative_of="inverse_dynamics",
-        kind="vjp",
-    ),
-    Row(
-        "forward_dynamics_vjp",
-        "qvuw",
-        _gradients("forward_dynamics", ACCELERATIONS, "qvu"),
-        "Gradient of w^T forward_dynamics(q, v, u) by q, v and u.",
-        _SOLVED,
-        TANGENT,
-        derivative_of="forward_dynamics",
-        kind="vjp",
-    ),
-    Row(
-        "forward_dynamics_with_wrenches_vjp",
-        "qvuWw",
-        _gradients(_LOADED_DYNAMICS, ACCELERATIONS, "qvuW"),
-        "Gradient of w^T forward_dynamics_with_wrenches(q, v, u, W) by q, v, u and W.",
-        _SOLVED,
-        f"{TANGENT} While q changes, wrenches stay as they are in world axes.",
-        derivative_of=_LOADED_DYNAMICS,
-        kind="vjp",
-    ),
-    Row(
-        "inverse_dynamics_hessian",
-        "qvaw",
-        (_hessian("q", "q"), _hessian("q", "v"), _hessian("v", "v"), _hessian("q", "a")),
+    *map(_gradient, ("inverse_dynamics", "forward_dynamics", "forward_dynamics_with_wrenches")),
+    _hessian(
+        "inverse_dynamics",
+        (_block("q", "q"), _block("q", "v"), _block("v", "v"), _block("q", "a")),
         "Second derivatives of w^T inverse_dynamics(q, v, a).",
-        f"{_MOTION} twice",
         "Those that are left out, by v and a and by a twice, are zero. "
         f"{TANGENT} qq and vv are {_BOTH_TRIANGLES}",
-        derivative_of="inverse_dynamics",
-        kind="hessian",
-        is_long=True,
     ),
-    Row(
-        "forward_dynamics_hessian",
-        "qvuw",
+    _hessian(
+        "forward_dynamics",
         (
             Output(
                 "hessian", "xx", ACCELERATIONS, f"{_WEIGHTED}, by q, v and u in rows and in columns"
             ),
         ),
         "Second derivatives of w^T forward_dynamics(q, v, u) by (q, v, u).",
-        f"{_SOLVED} twice",
         f"{TANGENT} The matrix is {_BOTH_TRIANGLES}",
-        derivative_of="forward_dynamics",
-        kind="hessian",
-        is_long=True,
     ),
-    Row(
-        "input_matrix_jvp",
-        ("q", "q_dot"),
-        (Output("input_matrix_dot", "vu", "N/N, N m/N or N m/(N m)", LEVERS),),
+    _along(
+        "input_matrix",
         "Derivative of the input matrix B along a direction of q.",
-        _INPUTS,
         "With the rate of q for the direction it is the rate of B.",
-        derivative_of="input_matrix",
-        kind="jvp",
     ),
-    Row(
-        "input_matrix_vjp",
-        ("q", "w_input_matrix"),
-        _gradients("input_matrix", "N/N, N m/N or N m/(N m)", "q"),
-        "Gradient of the sum of the entries of B, each times its weight, by q.",
-        _INPUTS,
-        TANGENT,
-        derivative_of="input_matrix",
-        kind="vjp",
-    ),
+    _gradient("input_matrix", "the sum of the entries of B, each times its weight,"),
     Row(
         "input_forces_derivatives",
         "qu",
@@ -273,7 +206,7 @@ DERIVATIVES = on_request(
             Output("input_forces_qu", "vu", "1 or m", _BY_Q_AND_U, "input_forces_qu"),
         ),
         "Second derivatives of w^T B u by q, and by q and u.",
-        "eqs. 7-13, differentiated twice",
+        f"{_INPUTS} twice",
         f"{TANGENT} The first matrix is {_BOTH_TRIANGLES}",
         is_long=True,
     ),
@@ -286,110 +219,65 @@ DERIVATIVES = on_request(
         "C v = residual(q, 0) - residual(q, v), without dampers, and the rate of M less 2 C is "
         "skew-symmetric. The same matrix as Pinocchio's computeCoriolisMatrix gives.",
     ),
-    Row(
-        "frame_poses_derivatives",
-        "q",
-        (
-            replace(POSES, derivation="frame_poses"),
-            _jacobian("frame_poses", POSES, "q", "1 or m"),
-        ),
+    _jacobian(
+        "frame_poses",
         "Homogeneous transforms from the frames to the world, and their derivatives by q.",
-        "forward kinematics, differentiated",
-        TANGENT,
-        derivative_of="frame_poses",
-        kind="jacobian",
     ),
-    Row(
-        "frame_velocities_derivatives",
-        "qv",
-        (
-            replace(VELOCITIES, derivation="frame_velocities"),
-            _jacobian("frame_velocities", VELOCITIES, "q", "m/s or rad/s"),
-            _jacobian("frame_velocities", VELOCITIES, "v", "m/rad, rad/m or 1"),
-        ),
+    _jacobian(
+        "frame_velocities",
         "Velocities of the frames, linear entries first, and their derivatives by q and v.",
-        "forward kinematics, differentiated",
-        TANGENT + " Those by v are frame_jacobians.",
-        derivative_of="frame_velocities",
-        kind="jacobian",
+        units=("m/s or rad/s", "m/rad, rad/m or 1"),
+        details=f"{TANGENT} Those by v are frame_jacobians.",
     ),
-    Row(
-        "frame_bias_accelerations_derivatives",
-        "qv",
-        (
-            replace(BIAS_ACCELERATIONS, derivation="frame_bias_accelerations"),
-            *(
-                _jacobian(
-                    "frame_bias_accelerations", BIAS_ACCELERATIONS, by, "m/s^2 or rad/s^2", MOTIONS
-                )
-                for by in "qv"
-            ),
-        ),
+    _jacobian(
+        "frame_bias_accelerations",
         "Accelerations of the frames where a is zero, and their derivatives by q and v.",
-        "forward kinematics, differentiated",
-        TANGENT,
-        derivative_of="frame_bias_accelerations",
-        kind="jacobian",
+        MOTIONS,
     ),
-    Row(
-        "centre_of_mass_jacobian_jvp",
-        ("q", "q_dot"),
-        (replace(CENTRE_JACOBIAN, name="jacobian_dot"),),
+    _along(
+        "centre_of_mass_jacobian",
         "Derivative of the Jacobian of the centre of mass along a direction of q.",
-        _FIRST_MOMENT,
         "With the rate of q for the direction it is the Jacobian's rate.",
-        derivative_of="centre_of_mass_jacobian",
-        kind="jvp",
     ),
-    Row(
-        "centre_of_mass_jacobian_vjp",
-        ("q", "w_jacobian"),
-        _gradients("centre_of_mass_jacobian", "m/rad or 1", "q"),
-        "Gradient of the sum of the Jacobian's entries, each times its weight, by q.",
-        _FIRST_MOMENT,
-        TANGENT,
-        derivative_of="centre_of_mass_jacobian",
-        kind="vjp",
+    _gradient(
+        "centre_of_mass_jacobian", "the sum of the Jacobian's entries, each times its weight,"
     ),
-    Row(
-        "integrate_derivatives",
-        "qv",
-        (
-            Output("coordinates_dq", "vv", "1, rad/m or m/rad", derivation="integrated_dq", by="q"),
-            Output("coordinates_dv", "vv", "1, rad/m or m/rad", derivation="integrated_dv", by="v"),
+    derivative(
+        _OF["integrate"],
+        "jacobian",
+        tuple(
+            Output(f"coordinates_d{x}", "vv", _SPACES, derivation=f"integrated_d{x}", by=x)
+            for x in "qv"
         ),
         "Derivatives of integrate(q, v) by q and v, in the tangent spaces at q and at the result.",
-        "sums, or the exponential map of SE(3) for a quaternion with its position",
-        "The same as Pinocchio's dIntegrate. A displacement d of q moves the result by "
+        source=_OF["integrate"].source,
+        details="The same as Pinocchio's dIntegrate. A displacement d of q moves the result by "
         "coordinates_dq d, one of v by coordinates_dv d.",
-        derivative_of="integrate",
-        kind="jacobian",
     ),
-    Row(
-        "difference_derivatives",
-        ("q0", "q1"),
-        (
-            replace(DISPLACEMENT, derivation="difference"),
-            *(
-                _jacobian("difference", DISPLACEMENT, by, "1, rad/m or m/rad")
-                for by in ("q0", "q1")
-            ),
-        ),
+    _jacobian(
+        "difference",
         "Displacement from q0 to q1, and its derivatives by both.",
-        "differences, or the logarithm of SE(3) for a quaternion with its position",
-        "The same as Pinocchio's dDifference. Displacements d of q0 and e of q1, in the tangent "
-        "spaces there, change it by displacement_dq0 d + displacement_dq1 e.",
-        derivative_of="difference",
-        kind="jacobian",
+        units=(_SPACES, _SPACES),
+        source=_OF["difference"].source,
+        details="The same as Pinocchio's dDifference. Displacements d of q0 and e of q1, in the "
+        "tangent spaces there, change it by displacement_dq0 d + displacement_dq1 e.",
     ),
 )
 
 
-_BY_PARAMETERS = Output(
-    *("p_bar", "p", f"{ACCELERATIONS}, by the unit of the parameter"),
-    f"{_WEIGHTED}, by each of PARAMETERS",
-    "forward_dynamics_p_bar",
-)
+def _by_parameters(of: str) -> Row:
+    """The gradient of the weighed accelerations of a function by the parameters."""
+    row = _OF[of]
+    p_bar = Output(
+        *("p_bar", "p", f"{ACCELERATIONS}, by the unit of the parameter"),
+        f"{_WEIGHTED}, by each of PARAMETERS",
+        f"{of}_p_bar",
+    )
+    summary = f"Gradient of w^T {of}({', '.join(row.arguments)}) by the parameters."
+    name, arguments = f"{of}_parameters_vjp", (*row.arguments, "w")
+    return derivative(row, "parameters", (p_bar,), summary, name=name, arguments=arguments)
+
+
 PARAMETERS = on_request(
     "parameters",
     Row(
@@ -412,9 +300,9 @@ PARAMETERS = on_request(
         "the parent: of a body that turns, its mass and what is along the joint; of a body that "
         "slides, its second moments.",
     ),
-    Row(
-        "inverse_dynamics_parameters",
-        "qva",
+    derivative(
+        _OF["inverse_dynamics"],
+        "parameters",
         (
             Output(
                 *("force_dp", "vp", "N m or N"),
@@ -423,28 +311,8 @@ PARAMETERS = on_request(
             ),
         ),
         "Derivatives of the generalised forces M a - R by the parameters.",
-        _MOTION,
-        derivative_of="inverse_dynamics",
-        kind="parameters",
     ),
-    Row(
-        "forward_dynamics_parameters_vjp",
-        "qvuw",
-        (_BY_PARAMETERS,),
-        "Gradient of w^T forward_dynamics(q, v, u) by the parameters.",
-        _SOLVED,
-        derivative_of="forward_dynamics",
-        kind="parameters",
-    ),
-    Row(
-        "forward_dynamics_with_wrenches_parameters_vjp",
-        "qvuWw",
-        (replace(_BY_PARAMETERS, derivation=f"{_LOADED_DYNAMICS}_p_bar"),),
-        "Gradient of w^T forward_dynamics_with_wrenches(q, v, u, W) by the parameters.",
-        _SOLVED,
-        derivative_of=_LOADED_DYNAMICS,
-        kind="parameters",
-    ),
+    *map(_by_parameters, ("forward_dynamics", "forward_dynamics_with_wrenches")),
 )
 
 

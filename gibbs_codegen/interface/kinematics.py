@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from gibbs_codegen.interface.rows import MOTIONS, Output, Row
+from gibbs_codegen.interface.rows import MOTIONS, Output, Row, of_group, on_request
 
 _TWISTS = "[m/rad] or [1] in the first rows, [1] or [rad/m] in the others"
 _BY_FRAME = ", a block for each of {frames}"
@@ -19,15 +19,8 @@ BIAS_ACCELERATIONS = Output("bias_accelerations", "f6", "m/s^2 or rad/s^2", MOTI
 CENTRE_JACOBIAN = Output("jacobian", "3v", "m/rad or 1")
 DISPLACEMENT = Output("displacement", "v", "rad or m", "{displacement}")
 
-KINEMATICS = (
-    Row(
-        "positions",
-        "q",
-        (Output("position", "k3", "m", "{points} [{unit}]"),),
-        "World positions of POINTS in m, one row each.",
-        "forward kinematics",
-        group="kinematics",
-    ),
+_TIP = on_request(
+    "tip",
     Row(
         "tip_pose",
         "q",
@@ -36,9 +29,6 @@ KINEMATICS = (
         "forward kinematics",
         "It is the frame of that name of the robot file. If the file has none, it is at the end of "
         "the last link with that link's axes; without links, at the base centre with the base's.",
-        needs=("tip",),
-        group="tip",
-        on_request=True,
     ),
     Row(
         "tip_jacobian",
@@ -47,9 +37,6 @@ KINEMATICS = (
         "Jacobian of the tip: linear rows, then angular rows, in world axes.",
         "forward kinematics",
         "It takes v to the velocity of the tip in m/s and rad/s.",
-        needs=("tip",),
-        group="tip",
-        on_request=True,
     ),
     Row(
         "tip_bias_acceleration",
@@ -59,17 +46,25 @@ KINEMATICS = (
         "forward kinematics",
         "It is the Jacobian's rate times v: the tip accelerates at tip_jacobian(q) a plus this, "
         "linear entries first, then angular.",
-        needs=("tip",),
-        group="tip",
-        on_request=True,
     ),
+    needs=("tip",),
+)
+KINEMATICS = of_group(
+    "kinematics",
+    Row(
+        "positions",
+        "q",
+        (Output("position", "k3", "m", "{points} [{unit}]"),),
+        "World positions of POINTS in m, one row each.",
+        "forward kinematics",
+    ),
+    *_TIP,
     Row(
         "frame_poses",
         "q",
         (POSES,),
         "Homogeneous transforms from the frames to the world.",
         "forward kinematics",
-        group="kinematics",
     ),
     Row(
         "frame_jacobians",
@@ -78,7 +73,6 @@ KINEMATICS = (
         "Jacobians of the frames: linear rows, then angular rows, in world axes.",
         "forward kinematics",
         "They take v to the velocities of the frames in m/s and rad/s.",
-        group="kinematics",
     ),
     Row(
         "frame_velocities",
@@ -86,7 +80,6 @@ KINEMATICS = (
         (VELOCITIES,),
         "Velocities of the frames' origins, then angular velocities, in world axes.",
         "forward kinematics",
-        group="kinematics",
     ),
     Row(
         "frame_bias_accelerations",
@@ -96,7 +89,6 @@ KINEMATICS = (
         "forward kinematics",
         "They are the Jacobians' rates times v: a frame accelerates at its Jacobian times a plus "
         "this, linear entries first, then angular.",
-        group="kinematics",
     ),
     Row(
         "centre_of_mass",
@@ -104,7 +96,6 @@ KINEMATICS = (
         (Output("position", "3", "m"),),
         "World position of the centre of mass.",
         "the first moment of mass",
-        group="kinematics",
     ),
     Row(
         "centre_of_mass_jacobian",
@@ -113,7 +104,6 @@ KINEMATICS = (
         "Jacobian of the centre of mass, in world axes.",
         "the first moment of mass",
         "Times the robot's mass it takes v to the linear momentum.",
-        group="kinematics",
     ),
     Row(
         "centroidal_momentum",
@@ -139,7 +129,6 @@ KINEMATICS = (
         "Rates of the coordinates q.",
         "kinematics of the base",
         "With attitude angles v itself; a quaternion turns with the angular velocity of the base.",
-        group="kinematics",
     ),
     Row(
         "integrate",
@@ -148,7 +137,6 @@ KINEMATICS = (
         "Coordinates after a displacement v, which is a velocity times the time that it lasts.",
         "sums, or the exponential map of SE(3) for a quaternion with its position",
         "The same as Pinocchio's integrate. The only function that normalises a quaternion.",
-        group="kinematics",
     ),
     Row(
         "difference",
@@ -157,6 +145,5 @@ KINEMATICS = (
         "Displacement from q0 to q1: integrate(q0, difference(q0, q1)) is at q1.",
         "differences, or the logarithm of SE(3) for a quaternion with its position",
         "The same as Pinocchio's difference. A quaternion and its opposite are one attitude.",
-        group="kinematics",
     ),
 )

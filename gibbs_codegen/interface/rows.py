@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Literal
+from typing import Any, Literal
 
 # What a row may give of the function whose derivative it is: a matrix by each argument, a product
 # with a direction, a gradient of the results times weights, second derivatives of these, or what
@@ -109,26 +109,44 @@ class Row:
         return () if self.composed else tuple(o.derivation or self.name for o in self.outputs)
 
 
-def on_request(group: str, *rows: Row) -> tuple[Row, ...]:
+def of_group(group: str, *rows: Row) -> tuple[Row, ...]:
+    """Rows of functions of a group, but for those that have one."""
+    return tuple(replace(row, group=row.group or group) for row in rows)
+
+
+def on_request(group: str, *rows: Row, needs: tuple[str, ...] = ()) -> tuple[Row, ...]:
     """Rows of a group of functions that are generated on request only."""
-    return tuple(replace(row, group=group, on_request=True) for row in rows)
+    changes: dict[str, Any] = {"needs": needs} if needs else {}
+    return tuple(replace(row, group=group, on_request=True, **changes) for row in rows)
 
 
-# By arguments: what a derivative is by, and the letter of its columns.
+# Shapes of what a derivative by an argument has for each entry, where that is not "v", and words.
+COLUMNS = {"u": "u", "x": "z", "command": "m", "W": "f6"}
 _BY = {
-    "q": ("a displacement along each of VELOCITIES", "v"),
-    "v": ("each of VELOCITIES", "v"),
-    "u": ("each of INPUTS", "u"),
-    "x": ("each of ACTUATOR_STATES", "z"),
-    "command": ("each of COMMANDS", "m"),
+    "q": "a displacement along each of VELOCITIES",
+    "v": "each of VELOCITIES",
+    "u": "each of INPUTS",
+    "x": "each of ACTUATOR_STATES",
+    "command": "each of COMMANDS",
 }
+# Names of the functions that give derivatives, after those of the functions that these are of.
+_ENDINGS = {"jacobian": "derivatives"}
 
 
-def derivative(row: Row, ending: str, kind: Kind, outputs: tuple[Output, ...], summary: str) -> Row:
-    """A row that gives derivatives of the function of another."""
-    name, source = f"{row.name}_{ending}", f"{row.source}, differentiated"
-    slope = replace(row, name=name, source=source, outputs=outputs, summary=summary, details="")
-    return replace(slope, derivative_of=row.name, kind=kind)
+def derivative(
+    row: Row, kind: Kind, outputs: tuple[Output, ...], summary: str, **others: Any
+) -> Row:
+    """A row that gives derivatives of the function of another, with `others` of its entries."""
+    # What is solved first is differentiated then.
+    then = " and" if "solved" in row.source else ","
+    slope = Row(
+        f"{row.name}_{_ENDINGS.get(kind, kind)}",
+        *(row.arguments, outputs, summary, f"{row.source}{then} differentiated"),
+        needs=row.needs,
+        derivative_of=row.name,
+        kind=kind,
+    )
+    return replace(slope, **others)
 
 
 def jacobian_row(row: Row) -> Row:
@@ -138,9 +156,8 @@ def jacobian_row(row: Row) -> Row:
         derivation = output.derivation or row.name
         outputs.append(replace(output, derivation=derivation))
         for x in by:
-            words, column = _BY[x]
-            shape, words = output.shape + column, f"[{{unit}}], by {words}"
+            shape, words = output.shape + COLUMNS.get(x, "v"), f"[{{unit}}], by {_BY[x]}"
             name = f"{output.name}_d{x}"
             outputs.append(Output(name, shape, output.unit, words, f"{derivation}_d{x}", x))
     summary = f"What {row.name} returns, and its derivatives by {', '.join(by)}."
-    return derivative(row, "derivatives", "jacobian", tuple(outputs), summary)
+    return derivative(row, "jacobian", tuple(outputs), summary)

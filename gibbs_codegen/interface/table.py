@@ -1,8 +1,9 @@
 """The table of emitted functions: what every generated module offers, one row per function.
 
 A row says what a function takes and returns, what that means, and what derives each output. The
-derivation, the targets, the loader, the verification and `flight` read it. To add a function,
-add a row here and, for an array that nothing derives yet, an entry to `derivation.functions`.
+derivation, the targets, the loader, the verification and `flight` read it. To add a function, add
+a row to `dynamics` or its like and, for an array that nothing derives yet, an entry to
+`derivation.functions`.
 
 Shapes are given by letters: q the coordinates, v the velocities, h the hybrid unknowns, u the
 inputs, k the points, f the frames, b the bodies, p the parameters, n the base parameters; c the
@@ -16,17 +17,9 @@ from __future__ import annotations
 from gibbs_codegen.interface.actuators import ACTUATOR_DERIVATIVES, ACTUATOR_PARAMETERS, ACTUATORS
 from gibbs_codegen.interface.constraints import CONSTRAINT_DERIVATIVES, CONSTRAINTS
 from gibbs_codegen.interface.derivatives import DERIVATIVES, PARAMETERS, STEPS
+from gibbs_codegen.interface.dynamics import DYNAMICS
 from gibbs_codegen.interface.kinematics import KINEMATICS
-from gibbs_codegen.interface.rows import (
-    ACCELERATIONS,
-    INERTIAS,
-    LEVERS,
-    LOADS,
-    Argument,
-    Kind,
-    Output,
-    Row,
-)
+from gibbs_codegen.interface.rows import Argument, Kind, Row
 
 # States in a block of the C functions for batches: as many doubles as the widest registers hold, of
 # which floats are half as long, so that their blocks have twice as many.
@@ -124,181 +117,6 @@ ARGUMENTS = {
     ),
 }
 
-_MASS_MATRIX = Output("mass_matrix", "vv", "kg m^2, kg or kg m", INERTIAS, "mass_matrix")
-_RESIDUAL = Output("residual", "v", "N m or N", "{forces}", "residual")
-_ROWS = (
-    Row(
-        "mass_matrix_and_residual",
-        "qv",
-        (_MASS_MATRIX, _RESIDUAL),
-        "Mass matrix M and residual R of M a = R + B u, in one pass.",
-        "eqs. 5, 11 and 18, reduced to the free coordinates",
-        "R holds velocity terms, gravity, dampers and springs, with the sign of a force.",
-        parts=("mass_matrix", "residual"),
-        group="dynamics",
-    ),
-    Row(
-        "mass_matrix",
-        "q",
-        (_MASS_MATRIX,),
-        "Mass matrix M of M a = R + B u, symmetric, both triangles filled.",
-        "eqs. 5, 11 and 18, reduced to the free coordinates",
-        "The same matrix as Pinocchio's crba gives for these coordinates.",
-        group="dynamics",
-    ),
-    Row(
-        "residual",
-        "qv",
-        (_RESIDUAL,),
-        "Residual R of M a = R + B u, with the sign of a force.",
-        "eqs. 5, 11 and 18, reduced to the free coordinates",
-        "Velocity terms, gravity, dampers and springs. Without the last two it is minus what "
-        "Pinocchio calls nonLinearEffects.",
-        group="dynamics",
-    ),
-    Row(
-        "input_matrix",
-        "q",
-        (Output("input_matrix", "vu", "N/N, N m/N or N m/(N m)", LEVERS),),
-        "Input matrix B of M a = R + B u.",
-        "eqs. 7-13",
-        "Column k holds the generalised forces of a unit of input k.",
-        group="dynamics",
-    ),
-    Row(
-        "forward_dynamics",
-        "qvu",
-        (Output("acceleration", "v", ACCELERATIONS, "{accelerations}"),),
-        "Accelerations a of M a = R + B u.",
-        "eq. 19, solved for the free coordinates",
-        "Accurate at every attitude{singularity}. Where links without mass or thickness let joints "
-        "move nothing, as a massless wrist with two axes in line, results are huge, infinite or "
-        "not a number.",
-        group="dynamics",
-    ),
-    Row(
-        "inverse_dynamics",
-        "qva",
-        (Output("force", "v", "N m or N", "{forces}"),),
-        "Generalised forces M a - R that the motion needs; B u supplies them.",
-        "eqs. 4-6",
-        "The partial derivatives of the Gibbs function by the accelerations.",
-        group="dynamics",
-    ),
-    Row(
-        "hybrid_mass_matrix",
-        "q",
-        (Output("mass_matrix", "hh", "kg m^2, kg, kg m or 1", INERTIAS),),
-        "Matrix I_H of the hybrid system I_H a_H = R_H + B_H u.",
-        "eqs. 15, 18 and 19",
-        "Rows and columns are in the order of HYBRID_COORDINATES; the last rows hold the "
-        "constrained joints, the last columns their torques.",
-        group="hybrid",
-    ),
-    Row(
-        "hybrid_residual",
-        "qv",
-        (Output("residual", "h", "N m, N or rad/s^2", "{hybrid_forces}"),),
-        "Residual R_H of the hybrid system I_H a_H = R_H + B_H u.",
-        "eqs. 15, 18 and 19",
-        "Entries are in the order of HYBRID_COORDINATES.",
-        group="hybrid",
-    ),
-    Row(
-        "hybrid_input_matrix",
-        "q",
-        (Output("input_matrix", "hu", "N/N, N m/N or N m/(N m)", LEVERS),),
-        "Input matrix B_H of the hybrid system I_H a_H = R_H + B_H u.",
-        "eqs. 12, 13 and 18",
-        "Rows are in the order of HYBRID_COORDINATES, columns in that of INPUTS.",
-        group="hybrid",
-    ),
-    Row(
-        "constraint_torques",
-        "qvau",
-        (Output("torque", "c", "N m", "{constraint_torques}"),),
-        "Torques that hold the constrained joints: base arms 2 ... N, and constrained links.",
-        "eqs. 14 and 15",
-        "Linear in the accelerations and inputs, which need not fit each other.",
-        group="hybrid",
-    ),
-    Row(
-        "gibbs",
-        "qva",
-        (Output("value", "", "W/s"),),
-        "Gibbs function S up to terms free of accelerations, in W/s.",
-        "eqs. 2 and 3",
-        "Gravity enters as the upward acceleration of the base, so that dS/da = M a - R.",
-        group="energies",
-        on_request=True,
-    ),
-    Row(
-        "kinetic_energy",
-        "qv",
-        (Output("energy", "", "J"),),
-        "Kinetic energy in J.",
-        "eq. 2 with rates for accelerations",
-        group="energies",
-    ),
-    Row(
-        "potential_energy",
-        "q",
-        (Output("energy", "", "J"),),
-        "Potential energy in J: of the weight, zero at world Z = 0, and of the springs.",
-        "gravity times the first moment of mass",
-        group="energies",
-    ),
-    Row(
-        "gravity_forces",
-        "q",
-        (Output("force", "v", "N m or N", "{forces}"),),
-        "Generalised forces of gravity: gravity's part of R.",
-        "eqs. 5 and 6 at rest",
-        "They are minus what Pinocchio calls the generalised gravity.",
-        group="dynamics",
-    ),
-    Row(
-        "wrench_forces",
-        "qW",
-        (Output("force", "v", "N m or N", "{forces}"),),
-        "Generalised forces of wrenches on the frames: the sum of J^T W.",
-        "eq. 7",
-        "They add to B u. The wrenches are carried in from body to body, without a Jacobian.",
-        group="dynamics",
-    ),
-    Row(
-        "forward_dynamics_with_wrenches",
-        "qvuW",
-        (Output("acceleration", "v", ACCELERATIONS, "{accelerations}"),),
-        "Accelerations a of M a = R + B u + the sum of J^T W.",
-        "eq. 19, solved for the free coordinates",
-        "As forward_dynamics, with wrenches on the frames.",
-        group="dynamics",
-    ),
-    Row(
-        "joint_wrenches",
-        "qvau",
-        (Output("wrenches", "b6", "N or N m", LOADS),),
-        "The whole wrench through every joint: what the parent does to the body, at the joint.",
-        "eqs. 6 and 14, all six components",
-        "It is in the axes of the joint's frame, which the robot file gives the body. Gravity, "
-        "inertia and thrusts of all that the joint carries balance it, at the given accelerations, "
-        "which need not fit the inputs. Where they do, its component along a joint that moves is "
-        "the joint's input less armature, damper and spring.",
-        group="loads",
-        on_request=True,
-    ),
-    Row(
-        "joint_wrenches_with_wrenches",
-        "qvauW",
-        (Output("wrenches", "b6", "N or N m", LOADS),),
-        "The whole wrench through every joint, where wrenches act on the frames too.",
-        "eqs. 6, 7 and 14, all six components",
-        "As joint_wrenches, less what the wrenches on the frames of all that a joint carries do.",
-        group="loads",
-        on_request=True,
-    ),
-)
 # Groups of functions, those on request after the others.
 GROUPS = (
     "dynamics",
@@ -313,7 +131,7 @@ GROUPS = (
 # Groups whose functions are derivatives of others, or compose or fit them.
 DERIVATIVE_GROUPS = ("derivatives", "parameters", "steps")
 _EVERY = (
-    *_ROWS,
+    *DYNAMICS,
     *KINEMATICS,
     *ACTUATORS,
     *CONSTRAINTS,
