@@ -123,6 +123,13 @@ static Status set(Instance *instance, const size_t place, const size_t count, co
     if (!is_state && !(place >= GIVEN && place + count <= RESULTS)) {
         return fail(instance, "only states, inputs and parameters can be set");
     }
+#ifdef EASES
+    for (size_t i = EASES; i < EASES + LENGTH[EASES]; ++i) {
+        if (i >= place && i < place + count && !(from[i - place] > 0.0)) {
+            return fail(instance, "wall.bristle_damping: must be above 0, N s/m");
+        }
+    }
+#endif
     memcpy(instance->values + place, from, count * sizeof *from);
     instance->stale |= place >= PARAMETER ? ALL_STALE : RATES_STALE | OUTPUTS_STALE;
 #ifdef HOLDS

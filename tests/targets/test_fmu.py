@@ -266,7 +266,11 @@ PARAMETERS: dict[str, dict[str, Any]] = {
 @pytest.mark.parametrize("version", [3, 2])
 @pytest.mark.parametrize("name", ["blown", "perched"])
 def test_what_acts_is_as_in_simulate(
-    made: Make, opened: Callable[..., Unit], name: str, version: int
+    made: Make,
+    opened: Callable[..., Unit],
+    name: str,
+    version: int,
+    capfd: pytest.CaptureFixture[str],
 ) -> None:
     """Wind, drag, spin, a payload, a floor with friction, and a constraint that takes hold."""
     robot, folder = made(name)
@@ -280,6 +284,10 @@ def test_what_acts_is_as_in_simulate(
     for start, value in PARAMETERS[name].items():
         unit.set(start, value)
     unit.set("step_size", STEP)
+    if name == "blown":
+        with pytest.raises(fmpy.fmi1.FMICallException):
+            unit.set("wall.bristle_damping", [4.0, 0.0])
+        assert "wall.bristle_damping: must be above 0, N s/m" in capfd.readouterr().out
     unit.begin()
     if name == "perched":  # The impact is at the beginning.
         assert np.abs(robot.constraint_jacobian(q) @ unit.get("v.")).max() < 1e-12

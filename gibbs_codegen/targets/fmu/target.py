@@ -179,23 +179,20 @@ def _token(texts: Iterable[str]) -> str:
 def _numbers(model: Model, variables: Sequence[Variable]) -> Context:
     """Context of the source: how many values there are, starts, lengths."""
     sizes, start, lengths = Counter[str](), ["0.0"], ["1"]
-    gravity, holds = "0.0", 0
+    places, gravity = {x.name: x.place for x in variables}, "parameters.gravity"
     for variable in variables:
         sizes[variable.kind] += variable.size
         lengths += [str(variable.size), *["0"] * (variable.size - 1)]
         if variable.kind != "output":
             start += map(repr, variable.start or (0.0,) * variable.size)
-        if variable.name == "parameters.gravity":
-            gravity = f"values[{variable.place}]"
-        if variable.name == "active":
-            holds = variable.place
     return {
         "states": sizes["state"],
         "inputs": sizes["input"] + sizes["figure"],
         "parameters": sizes["parameter"],
         "outputs": sizes["output"],
-        "gravity": gravity,
-        "holds": holds,
+        "gravity": f"values[{places[gravity]}]" if gravity in places else "0.0",
+        "holds": places.get("active", 0),
+        "eases": places.get("wall.bristle_damping", 0),
         "start": in_braces(start),
         "lengths": in_braces(lengths),
         "source": "\n".join(map(c_source, ("fmu.c", "fmi3.c", "fmi2.c"))),
