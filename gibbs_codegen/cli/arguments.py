@@ -178,6 +178,21 @@ def _not_negative(text: str) -> float:
     raise argparse.ArgumentTypeError(f"must be 0 or more, not {printable(text, 40)}")
 
 
+# Of each command, in the order of the help, its meaning and what adds its arguments.
+_Adds = Callable[[Parser], None]
+_COMMANDS: dict[str, tuple[str, _Adds]] = {}
+
+
+def _command(meaning: str) -> Callable[[_Adds], _Adds]:
+    """Make a command by the name of the function that adds its arguments."""
+
+    def listed(adds: _Adds) -> _Adds:
+        _COMMANDS[adds.__name__.removeprefix("_")] = meaning, adds
+        return adds
+
+    return listed
+
+
 class _OfAttachment(argparse.Action):
     """Gathers --attach, and each option that follows, in a dictionary of that arm."""
 
@@ -195,7 +210,8 @@ class _OfAttachment(argparse.Action):
         namespace.attach[-1][self.dest] = values
 
 
-def _add_generate_arguments(parser: Parser) -> None:
+@_command("derive a robot's equations of motion and write its module")
+def _generate(parser: Parser) -> None:
     _add_robot(parser)
     add_kept(parser)
     parser.add("--out", "DIR", "folder in which modules are written", default="generated")
@@ -216,7 +232,8 @@ def _add_generate_arguments(parser: Parser) -> None:
     )
 
 
-def _add_info_arguments(parser: Parser) -> None:
+@_command("show a robot's base, chains, coordinates and motors; on request operation counts")
+def _info(parser: Parser) -> None:
     _add_robot(parser)
     _add_json(parser)
     parser.flag(
@@ -227,7 +244,8 @@ def _add_info_arguments(parser: Parser) -> None:
     _add_choice(parser, "as --operations, and count those of {which}")
 
 
-def _add_show_arguments(parser: Parser) -> None:
+@_command("print the paper's equations of one chain as text or LaTeX")
+def _show(parser: Parser) -> None:
     _add_robot(parser)
     meaning = "number of the chain, as `info` lists them"
     parser.add("--chain", "J", meaning, type=int, required=True)
@@ -243,7 +261,8 @@ def _add_show_arguments(parser: Parser) -> None:
     parser.add("--format", None, "how to print the equations", choices=formats, default="text")
 
 
-def _add_verify_arguments(parser: Parser) -> None:
+@_command("compare a module with formulations that share no code with the derivation")
+def _verify(parser: Parser) -> None:
     _add_module(parser)
     parser.add("--states", "K", "number of random states to compare at", type=int, default=20)
     parser.add("--seed", None, "seed of the states", type=int, default=0)
@@ -252,7 +271,8 @@ def _add_verify_arguments(parser: Parser) -> None:
     _add_json(parser)
 
 
-def _add_simulate_arguments(parser: Parser) -> None:
+@_command("fly a scenario with a module, and write time series and figures")
+def _simulate(parser: Parser) -> None:
     _add_module(parser)
     parser.add("--scenario", "NAME|FILE", f"the scenario to fly: {_SCENARIOS}", default="paper")
     parser.add("--out", "DIR", "folder in which the results are written", default="flight")
@@ -263,7 +283,8 @@ def _add_simulate_arguments(parser: Parser) -> None:
     parser.add("--animate", None, meaning, choices=("gif", "mp4"))
 
 
-def _add_sitl_arguments(parser: Parser) -> None:
+@_command("fly a scenario under an autopilot, in step with it")
+def _sitl(parser: Parser) -> None:
     _add_module(parser)
     autopilots = parser.add_mutually_exclusive_group(required=True)
     for word, meaning in (
@@ -299,7 +320,8 @@ def _add_sitl_arguments(parser: Parser) -> None:
     _add_figures(parser, "write the time series only")
 
 
-def _add_sweep_arguments(parser: Parser) -> None:
+@_command("fly scenarios in many variants, and measure every flight")
+def _sweep(parser: Parser) -> None:
     meaning = f"{_PLACES}, which comes first; of others a module is generated"
     parser.add("robots", "ROBOT", meaning, nargs="+")
     meaning = f"a scenario to fly: {_SCENARIOS}; may be repeated (default: paper)"
@@ -330,7 +352,8 @@ def _add_sweep_arguments(parser: Parser) -> None:
     _add_figures(parser, "draw no figures")
 
 
-def _add_log_arguments(parser: Parser) -> None:
+@_command("write a flight as a log of ROS 2 or PX4")
+def _log(parser: Parser) -> None:
     parser.add("flight", "FLIGHT", _FLIGHT)
     meaning = "mcap for a bag of ROS 2, csv for tables of the topics of PX4"
     parser.add("--format", None, meaning, choices=("mcap", "csv"), default="mcap")
@@ -338,7 +361,8 @@ def _add_log_arguments(parser: Parser) -> None:
     parser.add("--out", "DIR", meaning, default="log")
 
 
-def _add_replay_arguments(parser: Parser) -> None:
+@_command("make a flight of a log of ROS or PX4, with time series and figures")
+def _replay(parser: Parser) -> None:
     _add_module(parser)
     meaning = "a bag of ROS 1 or 2, an MCAP file, a ULog, or a folder with tables of one"
     parser.add("log", "LOG", meaning)
@@ -358,7 +382,8 @@ def _add_replay_arguments(parser: Parser) -> None:
     _add_figures(parser, "write the time series only")
 
 
-def _add_view_arguments(parser: Parser) -> None:
+@_command("show a robot or a flight in the browser, live or as one file")
+def _view(parser: Parser) -> None:
     parser.add("what", "ROBOT|FLIGHT", f"a robot, as for `simulate`; or {_FLIGHT}")
     meaning = "write one file that any browser opens without a request, instead of serving"
     parser.add("--html", "FILE", meaning)
@@ -366,7 +391,8 @@ def _add_view_arguments(parser: Parser) -> None:
     parser.flag("--no-browser", "do not open the browser")
 
 
-def _add_new_arguments(parser: Parser) -> None:
+@_command("write a commented robot file to start from")
+def _new(parser: Parser) -> None:
     parser.add("file", "ROBOT.toml", "robot file to write, which must not exist yet")
     parser.flag(
         "--placed",
@@ -378,7 +404,8 @@ def _add_new_arguments(parser: Parser) -> None:
     parser.add("--rotors", "N", meaning, type=int)
 
 
-def _add_import_arguments(parser: Parser) -> None:
+@_command("write a robot file from a robot in URDF, xacro, MJCF or SDF, or join arms to a drone")
+def _import(parser: Parser) -> None:
     extras = "xacro needs the extra xacro, and MJCF the extra mujoco"
     also = "with --attach also a robot file, or the name of a robot that ships"
     parser.add("file", "FILE", f"a .urdf, .xacro, .xml or .sdf file; {extras}; {also}")
@@ -430,7 +457,8 @@ def _add_import_arguments(parser: Parser) -> None:
     parser.flag("--force", "replace ROBOT.toml if it exists")
 
 
-def _add_export_arguments(parser: Parser) -> None:
+@_command("write a robot in URDF, MJCF or SDF, or parameters for an autopilot")
+def _export(parser: Parser) -> None:
     parser.add("robot", "ROBOT", _DERIVES)
     kinds = ("urdf", "mjcf", "sdf", "px4", "ardupilot")
     parser.add("--format", None, "format of the file", choices=kinds, required=True)
@@ -441,59 +469,9 @@ def _add_export_arguments(parser: Parser) -> None:
     parser.flag("--force", "replace FILE if it exists")
 
 
-def _add_schema_arguments(parser: Parser) -> None:
+@_command("print the JSON schema of robot or scenario files, with which editors complete keys")
+def _schema(parser: Parser) -> None:
     parser.add("file", None, "kind of file that the schema is for", choices=("robot", "scenario"))
-
-
-# Each command with its meaning and what adds its arguments, in the order of the help.
-_COMMANDS: tuple[tuple[str, str, Callable[[Parser], None]], ...] = (
-    (
-        "generate",
-        "derive a robot's equations of motion and write its module",
-        _add_generate_arguments,
-    ),
-    (
-        "info",
-        "show a robot's base, chains, coordinates and motors; on request operation counts",
-        _add_info_arguments,
-    ),
-    ("show", "print the paper's equations of one chain as text or LaTeX", _add_show_arguments),
-    (
-        "verify",
-        "compare a module with formulations that share no code with the derivation",
-        _add_verify_arguments,
-    ),
-    (
-        "simulate",
-        "fly a scenario with a module, and write time series and figures",
-        _add_simulate_arguments,
-    ),
-    ("sitl", "fly a scenario under an autopilot, in step with it", _add_sitl_arguments),
-    ("sweep", "fly scenarios in many variants, and measure every flight", _add_sweep_arguments),
-    ("log", "write a flight as a log of ROS 2 or PX4", _add_log_arguments),
-    (
-        "replay",
-        "make a flight of a log of ROS or PX4, with time series and figures",
-        _add_replay_arguments,
-    ),
-    ("view", "show a robot or a flight in the browser, live or as one file", _add_view_arguments),
-    ("new", "write a commented robot file to start from", _add_new_arguments),
-    (
-        "import",
-        "write a robot file from a robot in URDF, xacro, MJCF or SDF, or join arms to a drone",
-        _add_import_arguments,
-    ),
-    (
-        "export",
-        "write a robot in URDF, MJCF or SDF, or parameters for an autopilot",
-        _add_export_arguments,
-    ),
-    (
-        "schema",
-        "print the JSON schema of robot or scenario files, with which editors complete keys",
-        _add_schema_arguments,
-    ),
-)
 
 
 def argument_parser() -> Parser:
@@ -505,7 +483,7 @@ def argument_parser() -> Parser:
     )
     whole.add_argument("--version", action="version", version=f"gibbs_codegen {__version__}")
     commands = whole.add_subparsers(title="commands", required=True, metavar="COMMAND")
-    for name, meaning, add_arguments in _COMMANDS:
+    for name, (meaning, add_arguments) in _COMMANDS.items():
         parser = commands.add_parser(name, help=meaning)
         parser.set_defaults(module="import_robot" if name == "import" else name)
         add_arguments(parser)
