@@ -200,7 +200,6 @@ def source_of(robot: Robot) -> sources.Source:
                 names[i],
                 centre @ pose if parent == BASE else pose,
                 link,
-                continuous=link.joint == "revolute" and sources.endless(link.limits),
             )
         )
     for k, rotor in enumerate(robot.thrusters, start=1):

@@ -287,7 +287,6 @@ class _CompiledModel:
                 pose @ Pose(vector(anchor)),
                 part,
                 Pose(vector(-anchor)),
-                model.jnt_type[j] == _HINGE and sources.endless(part.limits),
             )
             yield link, joint
             parent, pose = link, Pose()

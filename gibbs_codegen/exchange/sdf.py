@@ -20,7 +20,6 @@ from gibbs_codegen.exchange.urdf import COUNTED, KINDS, OF_MOTORS, Values, gazeb
 from gibbs_codegen.exchange.xml_file import Element, child, children, parse_xml, within
 from gibbs_codegen.exchange.xml_file import child_text as _text
 from gibbs_codegen.robot.parts.body import RigidBody
-from gibbs_codegen.robot.parts.link import Link, Passive
 from gibbs_codegen.robot.parts.numbers import AXES, AXIS_PAIRS, LEVEL
 from gibbs_codegen.robot.parts.pose import HERE, Pose, vector
 from gibbs_codegen.robot.parts.rotor import Command
@@ -281,23 +280,16 @@ class _ModelReader:
         limit, dynamics = (
             None if axis is None else child(axis, tag) for tag in ("limit", "dynamics")
         )
-        limits, damping = (
-            values.limits(limit, word == "continuous"),
-            values.positive(dynamics, "damping"),
-        )
+        limits = values.limits(limit, word == "continuous")
         stiffness = values.number(dynamics, "spring_stiffness", 0.0)
         rest = values.number(dynamics, "spring_reference", 0.0)
         if axis is not None and child(axis, "mimic") is not None:
             values.report("left out", name, "that it follows another joint")
         pose = self._between(parent if parent in self.elements else MODEL, name)
         axis_of_joint, offset = self._axis(name, axis), self._between(name, moved)
-        passive = Passive(damping=damping, stiffness=stiffness, rest=rest if stiffness else 0.0)
-        friction = values.friction(name, dynamics)
-        link = Link(
-            sources.NO_BODY, axis=axis_of_joint, passive=passive, limits=limits, friction=friction
-        )
-        continuous, line = kind == "revolute" and sources.endless(limits), element.line
-        return sources.SourceJoint(name, kind, parent, moved, pose, link, offset, continuous, line)
+        spring = {"stiffness": stiffness, "rest": rest if stiffness else 0.0}
+        link = values.link(name, dynamics, axis_of_joint, limits, **spring)
+        return sources.SourceJoint(name, kind, parent, moved, pose, link, offset, element.line)
 
     def _axis(self, name: str, axis: Element | None) -> tuple[float, float, float]:
         """The unit vector of a joint's axis in the joint's frame."""

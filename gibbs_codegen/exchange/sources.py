@@ -24,7 +24,7 @@ from gibbs_codegen.robot.parts.body import RigidBody
 from gibbs_codegen.robot.parts.constraint import Constraint, LoopJoint
 from gibbs_codegen.robot.parts.frame import Frame
 from gibbs_codegen.robot.parts.friction import Friction
-from gibbs_codegen.robot.parts.link import JointLimits, Link
+from gibbs_codegen.robot.parts.link import Link
 from gibbs_codegen.robot.parts.numbers import AXES, Vector3
 from gibbs_codegen.robot.parts.pose import HERE, Pose, vector
 from gibbs_codegen.robot.parts.rotor import Rotor
@@ -39,12 +39,6 @@ NO_LINK = Link(NO_BODY)
 Kind = Literal[
     "base", "attached", "locked", "welded", "snapped", "rotor", "constraint", "left out", "note"
 ]
-
-
-def endless(limits: JointLimits) -> bool:
-    """True if the limits of a revolute joint let it turn without end."""
-    low, high = limits.low, limits.high
-    return (low is None or low <= -_MANY_TURNS) and (high is None or high >= _MANY_TURNS)
 
 
 class SourceFileError(RefusedFileError):
@@ -81,7 +75,7 @@ class SourceJoint:
 
     The child's frame is that of the parent after `pose`, the motion about or along the axis, and
     `offset`. `link` has all else that the child as a part has of the joint that carries it, and no
-    body. `continuous` tells a revolute joint that turns without end.
+    body.
     """
 
     name: str
@@ -91,8 +85,14 @@ class SourceJoint:
     pose: Pose = HERE
     link: Link = NO_LINK
     offset: Pose = HERE
-    continuous: bool = False
     line: int | None = None
+
+    @property
+    def continuous(self) -> bool:
+        """True if it turns without end: ten times either way, as no joint does that is one."""
+        low, high = self.link.limits.low, self.link.limits.high
+        endless = (low is None or low <= -_MANY_TURNS) and (high is None or high >= _MANY_TURNS)
+        return self.kind == "revolute" and endless
 
 
 def dry_friction(coulomb: float) -> Friction | None:

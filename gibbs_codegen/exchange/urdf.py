@@ -37,7 +37,7 @@ from gibbs_codegen.robot.parts.constraint import LoopJoint
 from gibbs_codegen.robot.parts.friction import Friction
 from gibbs_codegen.robot.parts.link import JointLimits, Link, Passive
 from gibbs_codegen.robot.parts.numbers import AXES, AXIS_PAIRS, LEAST, MOST, ORIGIN, Vector3
-from gibbs_codegen.robot.parts.pose import HERE, Pose, vector
+from gibbs_codegen.robot.parts.pose import Pose, vector
 from gibbs_codegen.robot.parts.rotor import Command
 from gibbs_codegen.robot.rotations import degrees, turn_of_quaternion
 
@@ -163,6 +163,19 @@ class Values:
         if (text := plain(self.text(dynamics, "friction") or "0")) != "0":
             self.report("left out", joint, f"dry friction {printable(text, 20)}")
         return None
+
+    def link(
+        self,
+        joint: str,
+        dynamics: Element | None,
+        axis: Vector3,
+        limits: JointLimits,
+        **spring: Any,
+    ) -> Link:
+        """What the link that a joint carries has of it."""
+        passive = Passive(damping=self.positive(dynamics, "damping"), **spring)
+        friction = self.friction(joint, dynamics)
+        return Link(sources.NO_BODY, axis=axis, passive=passive, limits=limits, friction=friction)
 
     def inertia(self, element: Element | None, default: float | None) -> Inertia:
         """An inertia, of which only the moments may be required or have a default but 0."""
@@ -471,12 +484,8 @@ def _joint(element: Element, values: Values) -> sources.SourceJoint:
     if (mimic := child(element, "mimic")) is not None:
         values.report("left out", name, f"that it follows joint {mimic.get('joint', '?')}")
     pose = values.placement(child(element, "origin"))
-    passive = Passive(damping=values.positive(dynamics, "damping"))
-    friction = values.friction(name, dynamics)
-    link = Link(sources.NO_BODY, axis=axis, passive=passive, limits=limits, friction=friction)
-    continuous, line = kind == "revolute" and sources.endless(limits), element.line
-    parent, moved = ends
-    return sources.SourceJoint(name, kind, parent, moved, pose, link, HERE, continuous, line)
+    link, (parent, moved) = values.link(name, dynamics, axis, limits), ends
+    return sources.SourceJoint(name, kind, parent, moved, pose, link, line=element.line)
 
 
 _LOOPS: dict[str, LoopJoint] = {"fixed": "fixed", "revolute": "revolute"}
