@@ -136,9 +136,9 @@ class _Point:
         self.tree = tree = Tree(robot)
         self.sizes = Sizes(tree, states)
         scales = tree.scales[tree.free]
-        force = tree.mass * tree.reach * tree.tempo**2
         rates = scales * tree.tempo
-        wrenches = np.tile(force * np.repeat([1.0, tree.reach], 3), states.W.shape[1])
+        self.wrench = tree.mass * tree.reach * tree.tempo**2 * np.repeat([1.0, tree.reach], 3)
+        wrenches = np.tile(self.wrench, states.W.shape[1])
         self.units = {"q": scales, "v": rates, "a": rates * tree.tempo, "u": tree.efforts}
         self.units |= {"q0": scales, "q1": scales, "W": wrenches}
         if tree.actuators is not None:
@@ -210,10 +210,9 @@ class _Array(_Function):
 
     def __init__(self, point: _Point, name: str) -> None:
         super().__init__(point, name)
-        scales, inputs = point.units["q"], point.units["u"]
         weights, rows = _ARRAYS[name]
         self.w = getattr(point.states, weights) if weights else np.zeros(0)
-        self.rows = rows(point, scales, inputs)
+        self.rows = rows(point)
         size = np.abs(self.value / self.rows).reshape(len(self.value), -1).max(axis=-1, initial=0.0)
         if name == "difference":  # A short one is the difference of coordinates, and as exact.
             size = np.maximum(size, 1.0)
@@ -329,36 +328,26 @@ def _constraint_rows(function: _OfConstraints, values: Values) -> Iterator[Deriv
             yield DerivativeRow(what, ours, theirs[:, part], scaled / units)
 
 
-# Weights of an array's entries, and their units, from the scales of coordinates and of inputs.
-_ARRAYS: dict[str, tuple[str, Callable[[_Point, Array, Array], Array]]] = {
-    "difference": ("", lambda point, scales, inputs: scales),
+# Weights of an array's entries, and their units.
+_ARRAYS: dict[str, tuple[str, Callable[[_Point], Array]]] = {
+    "difference": ("", lambda point: point.units["q"]),
     "input_matrix": (
         "w_input_matrix",
-        lambda point, scales, inputs: (
-            point.tree.mass * point.tree.reach**2 * point.tree.tempo**2 / np.outer(scales, inputs)
-        ),
+        lambda point: point.wrench[-1] / np.outer(point.units["q"], point.units["u"]),
     ),
     "centre_of_mass_jacobian": (
         "w_jacobian",
-        lambda point, scales, inputs: np.tile(point.tree.reach / scales, (3, 1)),
+        lambda point: np.tile(point.tree.reach / point.units["q"], (3, 1)),
     ),
     "frame_poses": (
         "",
-        lambda point, scales, inputs: np.pad(
+        lambda point: np.pad(
             np.full((3, 1), point.tree.reach), ((0, 1), (3, 0)), constant_values=1.0
         ),
     ),
-    "frame_velocities": ("", lambda point, scales, inputs: _twist(point, 1)),
-    "joint_wrenches_with_wrenches": (
-        "",
-        lambda point, scales, inputs: (
-            np.repeat([1.0, point.tree.reach], 3)
-            * point.tree.mass
-            * point.tree.reach
-            * point.tree.tempo**2
-        ),
-    ),
-    "frame_bias_accelerations": ("", lambda point, scales, inputs: _twist(point, 2)),
+    "frame_velocities": ("", lambda point: _twist(point, 1)),
+    "frame_bias_accelerations": ("", lambda point: _twist(point, 2)),
+    "joint_wrenches_with_wrenches": ("", lambda point: point.wrench),
 }
 
 

@@ -165,11 +165,8 @@ def displacement_rows(tree: Tree, states: States) -> Iterator[tuple[str, Array, 
         from scipy.spatial.transform import Rotation  # Late, as SciPy takes long to import.
 
         q, v = layout.q, layout.v
-        attitude, turn, step = (
-            states.q[:, q.attitude],
-            states.v[:, v.attitude],
-            states.v[:, v.position],
-        )
+        attitude = states.q[:, q.attitude]
+        turn, step = states.v[:, v.attitude], states.v[:, v.position]
         rotation = Rotation.from_quat(attitude)
         rates, moved = np.zeros_like(states.q), np.zeros_like(states.q)
         vector, scalar = attitude[:, :3], attitude[:, 3:]

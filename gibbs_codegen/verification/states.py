@@ -23,6 +23,11 @@ _SHORT = 0.01
 FAR, FAR_SINGLE = 2.0**17, 2.0**9
 
 
+def _varied(name: str, seed: int) -> property:
+    """An argument of states, each entry of a row times another factor."""
+    return property(lambda states: (x := getattr(states, name)) * _factors(x, seed))
+
+
 @dataclass(frozen=True)
 class States:
     """States, accelerations and inputs, which need not fit each other.
@@ -55,35 +60,13 @@ class States:
         """Coordinates to end with: those of the first state, (s, nv)."""
         return np.broadcast_to(self.q[:1], self.q.shape)
 
-    @property
-    def w(self) -> Array:
-        """Weights of the entries of a result, (s, nv)."""
-        return self.v * _factors(self.v, 0)
-
-    @property
-    def q_dot(self) -> Array:
-        """A direction of q in the tangent space, (s, nv)."""
-        return self.v * _factors(self.v, 1)
-
-    @property
-    def v_dot(self) -> Array:
-        """A direction of v, (s, nv)."""
-        return self.a * _factors(self.a, 2)
-
-    @property
-    def a_dot(self) -> Array:
-        """A direction of a, (s, nv)."""
-        return self.a * _factors(self.a, 3)
-
-    @property
-    def u_dot(self) -> Array:
-        """A direction of u, (s, nu)."""
-        return self.u * _factors(self.u, 4)
-
-    @property
-    def W_dot(self) -> Array:  # noqa: N802
-        """A direction of W, (s, frames, 6)."""
-        return self.W * _factors(self.W, 5)
+    # Weights of the entries of a result, (s, nv), and directions of arguments, as large as these.
+    w = _varied("v", 0)
+    q_dot = _varied("v", 1)
+    v_dot = _varied("a", 2)
+    a_dot = _varied("a", 3)
+    u_dot = _varied("u", 4)
+    W_dot = _varied("W", 5)
 
     @property
     def w_input_matrix(self) -> Array:
