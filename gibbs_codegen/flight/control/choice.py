@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import warnings
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
-from gibbs_codegen.errors import UsageError
+from gibbs_codegen.errors import UsageError, check_all
 from gibbs_codegen.flight.control.error_polynomials import check_integral
 from gibbs_codegen.flight.control.geometric import LeaningController
 from gibbs_codegen.flight.control.laws import Controller, Gains, MovedFrame
@@ -136,9 +137,15 @@ def check_control(law: Law | None, control: Control, vehicle: RobotData) -> None
 
     `law` is None where the desired motion decides it.
     """
-    for name in control.joints:
-        held = holds(vehicle, joint_place(vehicle, name, "control.joints"))
-        if held and law is not None and not turns_servos(law):
+    checks = [partial(joint_place, vehicle, name, "control.joints") for name in control.joints]
+    if control.impedance or control.force:
+        frame = (control.impedance or Impedance()).frame
+        checks.append(partial(vehicle.frame_place, frame, "control.impedance.frame"))
+    if control.force and control.force.axes != WORLD:
+        checks.append(partial(vehicle.frame_place, control.force.axes, "control.force.axes"))
+    check_all(checks)
+    for name in control.joints if law is not None and not turns_servos(law) else ():
+        if holds(vehicle, joint_place(vehicle, name)):
             raise UsageError(
                 f"control.joints.{name}: a servo holds the joint, by the stiffness and damping of "
                 "the robot file; leave it out"
@@ -151,11 +158,6 @@ def check_control(law: Law | None, control: Control, vehicle: RobotData) -> None
             f"{', '.join(served)}: leave them out, or, if the base commands all directions, set "
             'control.law to "force"'
         )
-    if control.impedance or control.force:
-        frame = (control.impedance or Impedance()).frame
-        vehicle.frame_place(frame, "control.impedance.frame")
-    if control.force and control.force.axes != WORLD:
-        vehicle.frame_place(control.force.axes, "control.force.axes")
 
 
 def _moved_frame(law: Law, control: Control, vehicle: Vehicle) -> MovedFrame | None:

@@ -8,12 +8,13 @@ from __future__ import annotations
 import math
 from collections.abc import Collection, Iterable
 from dataclasses import dataclass, replace
+from functools import partial
 from types import ModuleType
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from gibbs_codegen.errors import UsageError, near, printable
+from gibbs_codegen.errors import UsageError, check_all, near, printable
 from gibbs_codegen.flight.plant.vehicle import Array, Flags, RobotData, Vehicle
 
 if TYPE_CHECKING:
@@ -97,8 +98,7 @@ class Actuators:
     def idling(self) -> Array:
         """Thrusts (…, N), N, of motors that do not run, or their commands: the nearest to 0."""
         least, most = (self.sent[..., k, : self.thrusts.shape[-1]] for k in range(2))
-        thrusts: Array = np.clip(0.0, least, most)
-        return thrusts
+        return np.clip(0.0, least, most)
 
     def idles(self, time: float | Array) -> Flags:
         """True if motors do not run at times (…), s."""
@@ -118,6 +118,11 @@ def actuators_of(vehicle: RobotData, scenario: Scenario) -> Actuators:
     version.
     """
     motors, arm = scenario.motors, scenario.arm
+    check_all(
+        partial(joint_place, vehicle, name, f"arm.{key}")
+        for key in ("limits", "effort", "velocity")
+        for name in getattr(arm, key)
+    )
     actuators = replace(module_actuators(vehicle), span=(motors.begin, motors.end))
     if scenario.control.law == "off":  # Motors that are off have no thrust, not their least.
         actuators.thrusts[:] = np.transpose([_NO_LIMITS])
@@ -127,10 +132,10 @@ def actuators_of(vehicle: RobotData, scenario: Scenario) -> Actuators:
         check_lag(vehicle.module, "motors.time_constant")
         actuators.lag[:] = motors.time_constant
     for name, limits in arm.limits.items():
-        actuators.joints[:, joint_place(vehicle, name, "arm.limits")] = limits
+        actuators.joints[:, joint_place(vehicle, name)] = limits
     for key, values in (("effort", actuators.efforts), ("velocity", actuators.velocities)):
         for name, most in getattr(arm, key).items():
-            place = joint_place(vehicle, name, f"arm.{key}")
+            place = joint_place(vehicle, name)
             if key == "effort" and has_servo(vehicle, place):
                 raise UsageError(
                     f"arm.effort.{name}: a servo pushes the joint, within the torque of the robot "

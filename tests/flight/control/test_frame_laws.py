@@ -336,9 +336,10 @@ def test_what_is_said_of_a_contact_needs_its_law(control: dict[str, Any], words:
         read_scenario("hover", {"control": control})
 
 
-def test_a_frame_that_is_none_is_refused(fast: Load) -> None:
-    control = {"law": "impedance", "impedance": {"frame": "tup"}}
-    with pytest.raises(UsageError, match=r"control\.impedance\.frame: .* did you mean tip\?"):
+def test_a_frame_and_a_joint_that_are_none_are_refused_together(fast: Load) -> None:
+    control = {"law": "impedance", "impedance": {"frame": "tup"}, "joints": {"elbow": {}}}
+    words = r"control\.joints\.elbow: .*\ncontrol\.impedance\.frame: .* did you mean tip\?"
+    with pytest.raises(UsageError, match=words):
         flown(fast("hexarotor_3link"), 0.1, control=control)
 
 

@@ -116,8 +116,12 @@ def test_the_scenario_overrides_the_robot_file(folders: dict[str, Path]) -> None
     assert found.joints[:, 1].tolist() == [0, np.inf]
     assert found.efforts.tolist() == [4, 3]
     assert found.velocities.tolist() == [2.5, 0.1]
-    with pytest.raises(UsageError, match=r"arm\.effort\.elbow: mixed has no joint elbow; its "):
-        actuators_of(vehicle, hover(arm={"effort": {"elbow": 1}}))
+    arm = {"effort": {"elbow": 1}, "velocity": {"wrist": 1}}
+    words = (
+        r"arm\.effort\.elbow: mixed has no joint elbow; its .*\narm\.velocity\.wrist: mixed has "
+    )
+    with pytest.raises(UsageError, match=words):
+        actuators_of(vehicle, hover(arm=arm))
 
 
 def test_a_module_that_does_not_say_its_limits_is_to_be_generated_again(
