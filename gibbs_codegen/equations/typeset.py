@@ -66,10 +66,8 @@ def name(
     like part of the digit. The meaning is for the legend, with the unit.
     """
     greek = _GREEK.get(letter, letter)
-    text, latex = (
-        greek.replace("_", "") + _MARKS.get(mark, ""),
-        f"\\{letter}" if letter in _GREEK else letter,
-    )
+    text = greek.replace("_", "") + _MARKS.get(mark, "")
+    latex = f"\\{letter}" if letter in _GREEK else letter
     if mark:
         latex = f"\\{mark}{{{latex}}}"
     if "_" in letter:

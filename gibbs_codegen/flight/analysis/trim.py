@@ -87,10 +87,8 @@ class SteadyMotion:
 
         Force, N, and torque about the base centre, N m, in the base's axes.
         """
-        needed, columns = (
-            self.vehicle.base_wrench(q, self.force(q)),
-            self.vehicle.thrust_wrenches(q),
-        )
+        needed = self.vehicle.base_wrench(q, self.force(q))
+        columns = self.vehicle.thrust_wrenches(q)
         return needed - columns @ (np.linalg.pinv(columns, rcond=RANK) @ needed)
 
     def size(self, q: Array) -> float:
@@ -433,8 +431,9 @@ def trim(
         angles = roll_pitch_yaw(rotation).tolist()
         attitude = dict(zip(("roll", "pitch", "yaw"), angles, strict=True))
     idle = null_space(vehicle.thrust_wrenches(balanced).T)
-    beyond, command, x, units = _beyond(vehicle, actuators.joints, balanced), None, None, {}
-    room = None
+    joint_units, angles = layout.q.units[vehicle.arm], balanced[vehicle.arm]
+    beyond = beyond_limits(vehicle.joint_names, joint_units, angles, actuators.joints)
+    command, x, units, room = None, None, {}, None
     if names := getattr(vehicle.module, "COMMANDS", ()):
         command, x = kept_commands(vehicle, balanced, v, u)
         units = dict(zip(names, vehicle.module.COMMAND_UNITS, strict=True))
@@ -444,14 +443,14 @@ def trim(
     return Trim(
         robot=vehicle.name,
         input_names=vehicle.inputs,
-        joint_units=layout.q.units[vehicle.arm],
+        joint_units=joint_units,
         input_units=vehicle.input_units,
         q=balanced,
         v=v,
         a=a,
         u=u,
         attitude=attitude,
-        posture=dict(zip(vehicle.joint_names, balanced[vehicle.arm].tolist(), strict=True)),
+        posture=dict(zip(vehicle.joint_names, angles.tolist(), strict=True)),
         wrenches=acting,
         residual=float(np.abs(force - vehicle.input_matrix(balanced) @ u).max()),
         limits=actuators.inputs,
@@ -468,13 +467,6 @@ def trim(
     )
 
 
-def _beyond(vehicle: Vehicle, limits: Array, q: Array) -> tuple[str, ...]:
-    """The joints that are beyond their limits (2, n), each with its value and limit, in words."""
-    places = vehicle.layout.q.joint_places
-    units = [vehicle.layout.q.units[place] for place in places]
-    return beyond_limits(vehicle.joint_names, units, q[places], limits)
-
-
 def _start(vehicle: Vehicle, q: ArrayLike | None, **tables: Mapping[str, float] | None) -> Array:
     """The coordinates (nq) asked for, zero if None, with postures of joints by name.
 
@@ -488,8 +480,8 @@ def _start(vehicle: Vehicle, q: ArrayLike | None, **tables: Mapping[str, float] 
         unit = "degrees" if table.endswith("_deg") else "rad or m"
         if not isinstance(posture, Mapping | None):
             raise UsageError(f"{table}: a dictionary of joints and their coordinates in {unit}")
-        for name, value_of in (posture or {}).items():
-            value = numbers(f"{table}: {name}", value_of, f"a finite number, {unit}", ())
+        for name, angle in (posture or {}).items():
+            value = numbers(f"{table}: {name}", angle, f"a finite number, {unit}", ())
             place = vehicle.layout.q.joint_places[joint_place(vehicle, name)]
             turns, most = vehicle.layout.q.units[place] == "rad", ends[joint_place(vehicle, name)]
             if unit != "degrees" and turns and abs(value) > most:

@@ -11,11 +11,12 @@ import json
 import socket
 import struct
 import time
+from collections import Counter
 
 import numpy as np
 
 from gibbs_codegen.flight.autopilots.machine import Outputs, Telemetry
-from gibbs_codegen.flight.autopilots.session import PeerError, opened
+from gibbs_codegen.flight.autopilots.session import PeerError, counted, opened
 from gibbs_codegen.flight.plant.vehicle import Array
 
 _PORT = 9002
@@ -25,6 +26,11 @@ _CHANNELS = {18458: 16, 29569: 32}
 _LONGEST = 4096
 # The longest pulse that any servo takes, µs.
 _WIDEST = 3000.0
+# What is counted.
+_LOST = "of the packets of ArduPilot were lost"
+_GARBAGE = "of the packets were not ArduPilot's"
+_STRANGERS = "of the packets came from elsewhere, from another program or one that had begun anew"
+_STRANGERS += ", and were left aside"
 
 
 class ArduPilot:
@@ -47,7 +53,7 @@ class ArduPilot:
         # Numbers of packets that were answered, by who sent them, before one is known as ArduPilot.
         self._answered: dict[tuple[str, int], list[int]] = {}
         self._answer = b""
-        self._lost = self._garbage = self._strangers = 0
+        self._odd = Counter(dict.fromkeys((_LOST, _GARBAGE, _STRANGERS), 0))
 
     def open(self, readings: Telemetry) -> None:
         """Keep the first answer: ArduPilot speaks first."""
@@ -68,7 +74,7 @@ class ArduPilot:
                     "--model JSON:127.0.0.1, or wait longer with --timeout"
                 ) from None
             if self._peer not in (None, peer):
-                self._strangers += 1
+                self._odd[_STRANGERS] += 1
                 continue
             head = _HEAD.unpack_from(packet) if len(packet) >= _HEAD.size else (0, 0, 0)
             kind, rate, number = head
@@ -76,7 +82,7 @@ class ArduPilot:
             whole = count and rate and len(packet) == _HEAD.size + 2 * count
             widths = np.frombuffer(packet, "<u2", count, _HEAD.size) if whole else np.inf
             if np.max(widths) > _WIDEST:
-                self._garbage += 1
+                self._odd[_GARBAGE] += 1
                 continue
             # Other programs send packets as well: only ArduPilot counts on when it is answered.
             if self._peer is None:
@@ -86,7 +92,7 @@ class ArduPilot:
                     self._socket.sendto(self._answer, peer)
                     continue
                 self._peer = peer
-                self._strangers += sum(map(len, self._answered.values())) - len(before)
+                self._odd[_STRANGERS] += sum(map(len, self._answered.values())) - len(before)
             if number == self._number:  # The answer was lost, or came late.
                 self._socket.sendto(self._answer, peer)
                 continue
@@ -96,7 +102,7 @@ class ArduPilot:
                         "ArduPilot began anew, with packet "
                         f"{number} after {self._number}; start this again as well"
                     )
-                self._lost += number - self._number - 1
+                self._odd[_LOST] += number - self._number - 1
             self._number = number
             return self._outputs(np.asarray(widths, np.float64)), 1.0 / rate
 
@@ -126,14 +132,4 @@ class ArduPilot:
     def close(self) -> None:
         """Close the port, and tell what was odd."""
         self._socket.close()
-        for count, what in (
-            (self._lost, "of the packets of ArduPilot were lost"),
-            (self._garbage, "of the packets were not ArduPilot's"),
-            (
-                self._strangers,
-                "of the packets came from elsewhere, from another program or one that had begun "
-                "anew, and were left aside",
-            ),
-        ):
-            if count:
-                self.notes.append(f"{count} {what}")
+        self.notes += counted(self._odd)

@@ -11,6 +11,7 @@ import math
 import socket
 import struct
 import time
+from collections import Counter
 from collections.abc import Callable, Sequence
 
 import numpy as np
@@ -18,7 +19,7 @@ import numpy as np
 from gibbs_codegen.errors import UsageError, printable
 from gibbs_codegen.flight.autopilots.air import place_at, pressure_at
 from gibbs_codegen.flight.autopilots.machine import Machine, Outputs, Telemetry
-from gibbs_codegen.flight.autopilots.session import PeerError, opened
+from gibbs_codegen.flight.autopilots.session import PeerError, counted, opened
 from gibbs_codegen.flight.plant.vehicle import Array
 
 # A pilot: pulse widths of up to 16 channels, µs, at what sensors tell.
@@ -45,6 +46,9 @@ _WIDTHS = (500.0, 2500.0)
 # alike, the first two counter-clockwise.
 _PLACES = ((True, False), (False, True), (True, True), (False, False))
 _SENSES = (-1.0, -1.0, 1.0, 1.0)
+# What is counted.
+_MISSED = "of the steps were flown with the motors of the step before, which were late"
+_GARBAGE = "of the packets were not Betaflight's"
 
 
 class Betaflight:
@@ -81,7 +85,8 @@ class Betaflight:
         self._host, self._step = host, 0
         self._socket = opened(socket.SOCK_DGRAM, host, _MOTORS)
         self._motors: Array | None = None
-        self._answers = self._silent = self._missed = self._garbage = 0
+        self._answers = self._silent = 0
+        self._odd = Counter(dict.fromkeys((_MISSED, _GARBAGE), 0))
 
     def open(self, readings: Telemetry) -> None:
         """Tell the state in the start until motors answer it, and then some time more.
@@ -122,7 +127,7 @@ class Betaflight:
     def receive(self) -> tuple[Outputs, float]:
         """Motors that answer the last state, or the last ones if they are late; time of a step."""
         if not self._wait():
-            self._missed += 1
+            self._odd[_MISSED] += 1
         motors = np.zeros(4) if self._motors is None else self._motors
         return Outputs(motors[self._order], np.zeros(0)), 1.0 / self._rate
 
@@ -144,7 +149,7 @@ class Betaflight:
                     has_motors, self._motors = True, np.nan_to_num(_MOTOR_PACKET.unpack(packet))
                     self._socket.setblocking(False)
                 else:
-                    self._garbage += 1
+                    self._odd[_GARBAGE] += 1
         except (TimeoutError, BlockingIOError):
             return has_motors
 
@@ -181,15 +186,7 @@ class Betaflight:
     def close(self) -> None:
         """Close the port, and tell what was odd."""
         self._socket.close()
-        for count, what in (
-            (
-                self._missed,
-                "of the steps were flown with the motors of the step before, which were late",
-            ),
-            (self._garbage, "of the packets were not Betaflight's"),
-        ):
-            if count:
-                self.notes.append(f"{count} {what}")
+        self.notes += counted(self._odd)
 
 
 def _places(machine: Machine) -> tuple[list[int], list[str]]:

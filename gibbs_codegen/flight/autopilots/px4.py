@@ -10,13 +10,14 @@ import importlib
 import math
 import socket
 import time
+from collections import Counter
 from typing import Any
 
 import numpy as np
 
 from gibbs_codegen.flight.autopilots.air import place_at, pressure_at, temperature_at
 from gibbs_codegen.flight.autopilots.machine import Outputs, Telemetry
-from gibbs_codegen.flight.autopilots.session import PeerError, opened
+from gibbs_codegen.flight.autopilots.session import PeerError, counted, opened
 from gibbs_codegen.flight.plant.vehicle import Array
 
 _PORT = 4560
@@ -29,6 +30,9 @@ _QUIET = 0.1
 # Bits of `fields_updated`: all but the pressure of the airspeed.
 _UPDATED = 0x1BFF
 _GRAVITY = 9.80665
+# What is counted.
+_GARBAGE = "of the pieces that came were no MAVLink"
+_STRANGERS = "of those that wanted to connect were turned away"
 
 
 class PX4:
@@ -62,7 +66,7 @@ class PX4:
         self._controls: Any = None
         # Readings that were told, which the clock goes by.
         self._step = 0
-        self._garbage = self._strangers = 0
+        self._odd = Counter(dict.fromkeys((_GARBAGE, _STRANGERS), 0))
 
     def write(self, packet: bytes) -> None:
         """Take what MAVLink would send, until a step is told whole."""
@@ -127,7 +131,7 @@ class PX4:
                 # Nothing is commanded before: motors rest, and servos are where they are.
                 self._controls = message.controls if is_armed else [np.nan] * 16
             elif kind == "BAD_DATA":
-                self._garbage += 1
+                self._odd[_GARBAGE] += 1
         return True
 
     def send(self, readings: Telemetry) -> None:
@@ -164,7 +168,7 @@ class PX4:
         except OSError:
             return
         stranger.close()
-        self._strangers += 1
+        self._odd[_STRANGERS] += 1
 
     def _sensors(self, now: int, readings: Telemetry) -> None:
         """Tell HIL_SENSOR: m/s², rad/s, gauss, hPa, m, °C."""
@@ -221,18 +225,12 @@ class PX4:
         for endpoint in (self._peer, self._server):
             if endpoint is not None:
                 endpoint.close()
-        for count, what in (
-            (self._garbage, "of the pieces that came were no MAVLink"),
-            (self._strangers, "of those that wanted to connect were turned away"),
-        ):
-            if count:
-                self.notes.append(f"{count} {what}")
+        self.notes += counted(self._odd)
 
 
 def _short(values: Array) -> list[int]:
     """Whole numbers of 16 bits, the nearest ones."""
-    rounded: list[int] = values.round().clip(-32768, 32767).astype(int).tolist()
-    return rounded
+    return values.round().clip(-32768, 32767).astype(int).tolist()
 
 
 def _place(position: Array) -> tuple[int, int, int]:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import errno
 import socket
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Protocol
 
@@ -115,6 +115,11 @@ def fly(
             f"autopilot is slower"
         )
     return session
+
+
+def counted(odd: Mapping[str, int]) -> list[str]:
+    """Notes of what was counted, in words, if there was any."""
+    return [f"{count} {what}" for what, count in odd.items() if count]
 
 
 def opened(kind: socket.SocketKind, host: str, port: int) -> socket.socket:

@@ -48,6 +48,7 @@ from gibbs_codegen.flight.plant.actuators import (
     actuators_of,
     commands_for,
     followed,
+    has_servo,
     holds,
     module_actuators,
 )
@@ -242,7 +243,8 @@ class Predictive:
         self.vehicle = vehicle
         around, self._acting = self._around()
         self._check(around)
-        pulled = bool(np.any(vehicle.damping)) or self._servos
+        served = _served(vehicle)
+        pulled = bool(np.any(vehicle.damping)) or bool(served)
         self._method = self.method or ("trapezoidal" if pulled else "rk4")
         own_limits = self.actuators or module_actuators(vehicle)
         if isinstance(own_limits, Scenario):
@@ -270,7 +272,7 @@ class Predictive:
             bool(np.any(self._lag)),
             self.rates is not None or self.tolerances.change is not None,
             self._carries,
-            self._served,
+            served,
             around,
             tuple((name, np.shape(x)) for name, x in self._figures(0.0).items()),
         )
@@ -456,7 +458,9 @@ class Predictive:
             ("posture", self.posture, (len(self.hover.q),)),
             ("feedforward", self.feedforward, (len(self.hover.u),)),
         ]
-        for name, path, shape in [path_entry for path_entry in paths if path_entry[1] is not None]:
+        for name, path, shape in paths:
+            if path is None:
+                continue
             words = ", ".join(map(str, shape))
             words = f"a function that returns finite numbers (n, {words}) at times (n)"
             values = numbers(f"predictive: {name}", path(self._ahead[:2]), words, (2, *shape))
@@ -589,23 +593,6 @@ class Predictive:
             changed[armature] = changed.get(armature, before[armature]) + pulled
         return self.module.prepare(changed)
 
-    @property
-    def _places(self) -> list[int]:
-        """Places of the inputs of joints that servos hold."""
-        return _served(self.vehicle)
-
-    @property
-    def _served(self) -> tuple[tuple[int, int], ...]:
-        """Inputs that servos are sent, with the entry of (q, v) off which they push."""
-        first, nv = self.vehicle.layout.v.joints.start, self.vehicle.layout.v.size
-        joints = [(k, k - self.vehicle.rotors) for k in self._places]
-        return tuple((k, first + x + nv * (not holds(self.vehicle, x))) for k, x in joints)
-
-    @property
-    def _servos(self) -> bool:
-        """True if servos hold joints."""
-        return bool(self._places)
-
     def _sent(self, q: Array, u: Array) -> Array:
         """Values to send for inputs (…, nu) that hold coordinates: themselves, or commands."""
         if not self.vehicle.is_driven:
@@ -723,8 +710,7 @@ class Predictive:
     def _position(self, q: Array) -> Array:
         """The first point that is led (3), m, or the base if there is none."""
         frame = self.horizon.points[0] if self.horizon.points else 0
-        point: Array = self.vehicle.frame_poses(q)[frame, :3, 3]
-        return point
+        return self.vehicle.frame_poses(q)[frame, :3, 3]
 
     def _reference(self, times: Array, q_now: Array) -> Array:
         """References of nodes at times (n), s, a row for each, of a machine that is at q_now."""
@@ -835,19 +821,19 @@ class Predictive:
         horizon, arrays = self.horizon, self._compiled.arrays
         robot, nv = horizon.robot, horizon.robot.space.velocities
         nu, hover = robot.inputs, self.hover
-        x = self._state_of(hover.q, np.zeros(nv), self._settled, self._inputs)
-        reference = self._hovering()
+        before = self._inputs if horizon.changes else np.zeros(0)
+        x = np.concatenate([hover.q, np.zeros(nv), self._settled, before])
         program = horizon.node()
         arguments = {
             "u": self._inputs,
             "x": x,
             "x_next": x,
             "h": self.step,
-            "reference": reference,
+            "reference": self._hovering(),
             "weights": arrays["weights"],
             "lag_times": arrays["lag_times"][: horizon.lag_times],
+            "around": arrays["around"],
         }
-        arguments["around"] = arrays["around"]
         arguments = {name: arguments[name] for name in program.names}
         results = evaluate(program, arguments, {"robot": self.module}, {"robot": constants})
         slope = results["slope"]
@@ -876,15 +862,6 @@ class Predictive:
         parts += [poses[frame, :3, :3].ravel() for frame in self.horizon.orientations]
         still = np.zeros(self.horizon.robot.space.velocities)
         return np.concatenate([*parts, hover.q, still, self._inputs])
-
-    # States.
-
-    def _state_of(self, q: Array, v: Array, motors: Array, before: Array) -> Array:
-        """A state of the plan."""
-        parts = [q, v]
-        parts += [motors] if self.horizon.motors else []
-        parts += [before] if self.horizon.changes else []
-        return np.concatenate(parts)
 
 
 def _again(folder: str, options: dict[str, Any]) -> Predictive:
@@ -988,11 +965,14 @@ def predictive_law(law: Controller, scenario: Scenario, actuators: Actuators) ->
     )
 
 
-def _served(vehicle: Vehicle) -> list[int]:
-    """Places of the inputs of joints that servos hold."""
-    pairs = zip(vehicle.inputs, vehicle.commands, strict=True)
-    differ = [k for k, (name, command) in enumerate(pairs) if name != command]
-    return [k for k in differ if k >= vehicle.rotors]
+def _served(vehicle: Vehicle) -> tuple[tuple[int, int], ...]:
+    """Inputs that servos are sent, with the entry of (q, v) off which they push."""
+    first, nv = vehicle.layout.v.joints.start, vehicle.layout.v.size
+    return tuple(
+        (vehicle.rotors + x, first + x + nv * (not holds(vehicle, x)))
+        for x in range(vehicle.joints)
+        if has_servo(vehicle, x)
+    )
 
 
 def _into_walls(

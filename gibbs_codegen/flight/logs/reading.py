@@ -285,8 +285,7 @@ def _motion(
     """Coordinates (s, nq), velocities and accelerations (s, nv) by series at times (s)."""
 
     def rate(values: Array) -> Array:
-        slopes: Array = CubicSpline(seconds, values)(seconds, 1)
-        return slopes
+        return CubicSpline(seconds, values)(seconds, 1)
 
     layout, kinematics = vehicle.layout, vehicle.kinematics
     rotation = Rotation.from_quat(arrays["attitude"]).as_matrix()

@@ -120,18 +120,19 @@ class Allocation:
         self._check_produced(wrenches)
 
     def residual_at(self, q: Array, wrenches: Array) -> Array:
-        """`residual` (…) of wrenches (…, 6); the configurations (…, nq) make no difference."""
-        return self.residual(wrenches)
-
-    def residual(self, wrenches: Array) -> Array:
-        """Norm (…), N and N m, of the part of wrenches (…, 6) that no thrusts produce.
+        """Norm (…), N and N m, of the part of wrenches (…, 6) that no thrusts produce at q (…, nq).
 
         Limits make no difference; 0 where thrusts are exact but for rounding.
         """
-        return unproduced(self.wrenches, self.inverse, wrenches)
+        return _unproduced(*self._at(q), wrenches)
+
+    def _at(self, q: Array) -> tuple[Array, Array]:
+        """Wrenches of unit thrusts (…, 6, N) at configurations, and their pseudo-inverses."""
+        return self.wrenches, self.inverse
 
     def _check_produced(self, wrenches: Array) -> None:
-        if self.missing and np.any(missed := self.residual(wrenches)):
+        missed = _unproduced(self.wrenches, self.inverse, wrenches)
+        if self.missing and np.any(missed):
             raise AllocationError(
                 f"the motion needs {listed(self.missing)} (in the base's frame, about the base "
                 f"centre), up to {np.max(missed):.3g} N or N m, which the rotors cannot command; "
@@ -150,12 +151,8 @@ def ranks(matrices: Array) -> NDArray[np.int64]:
     return np.sum(values > RANK * largest, axis=-1)
 
 
-def unproduced(wrenches_of_thrusts: Array, inverse: Array, wrenches: Array) -> Array:
-    """Norm (…), N and N m, of the part of wrenches (…, 6) that no thrusts produce.
-
-    Limits make no difference; 0 where thrusts are exact but for rounding. `inverse` (…, N, 6) is
-    the pseudo-inverse of `wrenches_of_thrusts` (…, 6, N), of unit thrusts.
-    """
+def _unproduced(wrenches_of_thrusts: Array, inverse: Array, wrenches: Array) -> Array:
+    """As `residual_at`, with the pseudo-inverse (…, N, 6) of wrenches (…, 6, N) of unit thrusts."""
     left = np.eye(6) - wrenches_of_thrusts @ inverse
     norm = np.linalg.norm((left @ wrenches[..., np.newaxis])[..., 0], axis=-1)
     exact = EXACT * (1.0 + np.linalg.norm(wrenches, axis=-1))
@@ -205,12 +202,8 @@ class MovingAllocation(Allocation):
             place = tuple(index)
             Allocation(matrices[place])._check_produced(wrenches[place])
 
-    def residual_at(self, q: Array, wrenches: Array) -> Array:
-        """Norm (…), N and N m, of the part of wrenches (…, 6) that no thrusts produce at `q`."""
-        return unproduced(*self._at(q), wrenches)
-
     def _at(self, q: Array) -> tuple[Array, Array]:
-        """Wrenches of unit thrusts (…, 6, N) at configurations, and their pseudo-inverses."""
+        """The same, which differ from one configuration to the next."""
         matrices = self.vehicle.thrust_wrenches(q)
         return matrices, np.asarray(np.linalg.pinv(matrices, rcond=RANK), dtype=np.float64)
 

@@ -98,7 +98,7 @@ class Kinematics:
             results = {str(k): node for k, node in enumerate(outputs(base, *inputs))}
             self._evaluators[name] = Evaluator(Program(name, tuple(inputs), results), {})
         externals = {"difference": self._difference}
-        return [*self._evaluators[name]({"c": c, **arguments}, None, externals).values()]
+        return tuple(self._evaluators[name]({"c": c, **arguments}, None, externals).values())
 
     def _difference(self, q: Array, other: Array) -> Array:
         """Displacements (…, nv), rotation vectors in the places of the attitude, else 0."""
@@ -121,13 +121,11 @@ class Kinematics:
         """Coordinates (…, nq) of which modules may be asked: with quaternions of unit length."""
         if not self.space.has_quaternion:
             return q
-        unit: Array = self._found("normalised", lambda _, c: [unit_entries(self, c)], c=q)[0]
-        return unit
+        return self._found("normalised", lambda _, c: [unit_entries(self, c)], c=q)[0]
 
     def rates(self, q: Array, v: Array) -> Array:
         """Rates (…, nq) of coordinates by v (…, nv), which keep the length of a quaternion."""
-        rates: Array = self._found("rates", lambda base, c, v: [base.rates(v, c)], c=q, v=v)[0]
-        return rates
+        return self._found("rates", lambda base, c, v: [base.rates(v, c)], c=q, v=v)[0]
 
     def errors(self, q: Array, v: Array, q_desired: Array, v_desired: Array) -> tuple[Array, Array]:
         """Errors and their rates (…, nv), those of the position in world axes."""
@@ -137,8 +135,7 @@ class Kinematics:
             return base.errors(v, desired)
 
         arguments = {"c": q, "v": v, "c_desired": q_desired, "v_desired": v_desired}
-        off, off_rate = self._found("errors", outputs, **arguments)
-        return off, off_rate
+        return self._found("errors", outputs, **arguments)
 
     def turned(self, turning: Turning) -> tuple[Array, Array, Array]:
         """Entries (s, …) of the attitude in q, v and a of a rotation with s instants.
@@ -162,8 +159,7 @@ class Kinematics:
             turning = base.to_base(growth)
             return rates, base.attitude_entries(placed(self, rates, *rest), turning)
 
-        velocity, acceleration = self._found("turned", outputs, q, spin=spin, growth=growth)
-        return velocity, acceleration
+        return self._found("turned", outputs, q, spin=spin, growth=growth)
 
     def _entries(self, rotation: Array) -> Array:
         """Entries (s, …) of the attitude in q, without jumps, of rotations (s, 3, 3)."""
@@ -178,8 +174,7 @@ class Kinematics:
         """
         if self.layout.is_quaternion:
             return np.copysign(1.0, attitude[0] @ last) * attitude
-        whole: Array = 2.0 * np.pi * np.round((last - attitude[0]) / (2.0 * np.pi))
-        return attitude + whole
+        return attitude + 2.0 * np.pi * np.round((last - attitude[0]) / (2.0 * np.pi))
 
     def moved(self, turning: Turning, velocity: Array, acceleration: Array) -> tuple[Array, Array]:
         """Entries (…, 3) of the position in v and a, by its rates (…, 3) in world axes."""
@@ -206,8 +201,7 @@ class Kinematics:
                 linear = base.to_world(linear)
             return linear, carried, spin, growth
 
-        velocity, acceleration, spin, growth = self._found("moving", outputs, q, v=v, a=a)
-        return velocity, acceleration, spin, growth
+        return self._found("moving", outputs, q, v=v, a=a)
 
     def kept(self, v: Array, turn: Array) -> Array:
         """Velocities (nv) of a base that is turned but moves on, or whose angles go on.
@@ -225,8 +219,7 @@ class Kinematics:
         def outputs(base: Base, *nodes: Node) -> Sequence[Node]:
             return quaternion_motion(self, *nodes)
 
-        q, v, a = self._found("motion", outputs, c, rates=rates, growth=growth)
-        return q, v, a
+        return self._found("motion", outputs, c, rates=rates, growth=growth)
 
     def reference(self, motion: Motion) -> Reference:
         """Quintics of all coordinates, as `PoseReference` has those with a quaternion."""

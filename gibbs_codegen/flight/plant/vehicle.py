@@ -207,8 +207,7 @@ class Vehicle(RobotData):
         Force, N, and torque about the base centre, N m, in the base's frame.
         """
         arguments = {"q": q, "force": generalised_force, "centre": self.centre_offset(self.neutral)}
-        wrench: Array = _wrench(self.module)(arguments)["wrench"]
-        return wrench
+        return _wrench(self.module)(arguments)["wrench"]
 
     def thrust_wrenches(self, q: Array | None = None) -> Array:
         """Wrenches (…, 6, N) of unit thrusts: force, torque about the base centre, its frame.
@@ -239,8 +238,7 @@ class Vehicle(RobotData):
     @property
     def gravity(self) -> Array:
         """The acceleration of gravity along z (…), m/s², world axes; negative where things fall."""
-        gravity: Array = gravity_of(self.module, self.layout, self.constants)
-        return gravity
+        return gravity_of(self.module, self.layout, self.constants)
 
 
 @lru_cache(maxsize=64)

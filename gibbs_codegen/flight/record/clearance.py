@@ -95,8 +95,7 @@ def rim_distances(centres: Array, axes: Array, radii: Array, kind: str, figures:
 
 def _links(parents: Parents, carrier: int) -> list[int]:
     """Numbers of the points at the ends of links, but of those that begin at a point."""
-    ends: list[int] = np.flatnonzero((parents >= 0) & (parents != carrier)).tolist()
-    return ends
+    return np.flatnonzero((parents >= 0) & (parents != carrier)).tolist()
 
 
 def _least(begin: Array, end: Array, distance: Callable[[Array], Array]) -> Array:
@@ -110,10 +109,7 @@ def _least(begin: Array, end: Array, distance: Callable[[Array], Array]) -> Arra
         third = (high - low) / 3.0
         falls = at(low + third) > at(high - third)
         low, high = np.where(falls, low + third, low), np.where(falls, high, high - third)
-    least: Array = np.minimum(
-        np.minimum(at(low), at(high)), np.minimum(distance(begin), distance(end))
-    )
-    return least
+    return np.min([at(low), at(high), distance(begin), distance(end)], axis=0)
 
 
 def _to_disc(begin: Array, end: Array, disc: tuple[Array, Array, float]) -> Array:

@@ -230,8 +230,7 @@ class Recording:
             return np.zeros((len(time), 0))
         moved = (*self._parts[:2], motion["a"], motion["touching"])
         if loop.hold is None or loop.hold.readings is None:
-            readings: Array = loop.sensors.readings(time, *moved)
-            return readings
+            return loop.sensors.readings(time, *moved)
         # Sensors that are sampled in flight take nothing at its end.
         last = partial(loop.sensors.measurements, *(part[-1] for part in moved))
         loop.hold.readings.take(time[-1], last)

@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from typing import Annotated, Any, ClassVar
 
 from pydantic import AfterValidator
@@ -197,24 +198,18 @@ class ArmTable(Table):
             tip = Sum((base, self.tip_beside_base))
         tables = [f"{key}{end}" for key in _BOTH_UNITS for end in ("", "_deg")]
         named = [(joint, table) for table in tables for joint in getattr(self, table) or {}]
-        angles = {
-            joint: [parts.Move(math.radians(move.to), move.duration, move.begin) for move in moves]
-            for joint, moves in self.moves_deg.items()
-        }
-        limits = {
-            joint: (math.radians(low), math.radians(high))
-            for joint, (low, high) in self.limits_deg.items()
-        }
+        values: dict[str, Any] = {}
+        for entry in _BOTH_UNITS:
+            travels, angles = getattr(self, entry), getattr(self, f"{entry}_deg")
+            if travels is not None or angles is not None:
+                values[entry] = {**(travels or {}), **_in_radians(angles or {})}
         return ArmTask(
             tip=tip,
             frames=self.frames,
-            posture=_in_radians(self.posture, self.posture_deg),
-            guess=_in_radians(self.guess, self.guess_deg),
-            limits=self.limits | limits,
             effort=self.effort,
             velocity=self.velocity,
             named=frozenset(named),
-            moves=self.moves | angles,
+            **values,
         )
 
 
@@ -222,14 +217,15 @@ class ArmTable(Table):
 _BOTH_UNITS = ("posture", "guess", "limits", "moves")
 
 
-def _in_radians(
-    travels: Mapping[str, float] | None, angles_deg: Mapping[str, float] | None
-) -> dict[str, float] | None:
-    """Values of joints in m and rad; None where there is neither table."""
-    if travels is None and angles_deg is None:
-        return None
-    angles = {joint: math.radians(angle) for joint, angle in (angles_deg or {}).items()}
-    return {**(travels or {}), **angles}
+def _in_radians(angles: Any) -> Any:
+    """Angles, tables and tuples of them, and moves by them, with rad for degrees."""
+    if isinstance(angles, Mapping):
+        return {joint: _in_radians(angle) for joint, angle in angles.items()}
+    if isinstance(angles, list | tuple):
+        return type(angles)(map(_in_radians, angles))
+    if isinstance(angles, parts.Move):
+        return replace(angles, to=math.radians(angles.to))
+    return math.radians(angles)
 
 
 @file_table

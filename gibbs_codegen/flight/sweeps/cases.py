@@ -52,8 +52,7 @@ class Draw:
 
             return self.first + self.second * ndtri(shares)
         if self.kind == "log_uniform":
-            drawn = np.exp(math.log(self.first) + shares * math.log(self.second / self.first))
-            return drawn
+            return np.exp(math.log(self.first) + shares * math.log(self.second / self.first))
         return self.first + shares * (self.second - self.first)
 
 
