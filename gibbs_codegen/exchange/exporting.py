@@ -8,7 +8,7 @@ from typing import Literal
 from gibbs_codegen.errors import printable
 from gibbs_codegen.exchange import sources
 from gibbs_codegen.exchange.autopilots import ardupilot_text, px4_text
-from gibbs_codegen.exchange.motors import motor_notes, motors_of
+from gibbs_codegen.exchange.motors import motors_of
 from gibbs_codegen.exchange.sdf_text import sdf_text
 from gibbs_codegen.exchange.urdf import is_rotor_by_name
 from gibbs_codegen.exchange.xml_text import mjcf_text, urdf_text
@@ -83,8 +83,8 @@ def export_robot(robot: Robot, form: Format) -> tuple[str, list[str]]:
     source, renamed = with_free_names(source, form)
     lines = [*(f"left out: {line}" for line in missing), *renamed]
     if form == "sdf":
-        motors = motors_of(source, robot.gravity * robot.total_mass)
-        return sdf_text(source, motors), [*lines, *motor_notes(motors)]
+        motors, notes = motors_of(source, robot.gravity * robot.total_mass)
+        return sdf_text(source, motors), [*lines, *notes]
     return (urdf_text(source) if form == "urdf" else mjcf_text(source, ROOT)), lines
 
 

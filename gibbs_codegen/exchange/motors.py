@@ -5,9 +5,6 @@ What a robot does not say of its rotors is taken for something, and told.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
-
 from gibbs_codegen.exchange.sources import Source, SourceRotor
 
 # Of a rotor whose speed nobody says, rad/s: about that of a propeller of ten inches.
@@ -16,39 +13,22 @@ _USUAL_SPEED = 1000.0
 _USUAL_THRUST = 2.0
 
 
-@dataclass(frozen=True)
-class GazeboMotor:
-    """A rotor as a motor: `constant` in N/(rad/s)², `moment` in m, `fastest` in rad/s.
+def motors_of(source: Source, weight: float) -> tuple[dict[str, dict[str, object]], list[str]]:
+    """The motors of a robot's rotors by their names, as tags of SDF, and notes on them.
 
-    `up` and `down` are time constants of its speed, s, `hub_drag` is in kg. `words` says what was
-    assumed, or is otherwise in the robot.
+    `weight` is the robot's, N. Notes say what was assumed, or is otherwise in the robot.
     """
-
-    constant: float
-    moment: float
-    fastest: float
-    clockwise: bool
-    up: float
-    down: float
-    hub_drag: float
-    words: tuple[str, ...] = ()
+    share, named = weight / max(len(source.rotors), 1), dict[str, list[str]]()
+    motors = {}
+    for number, rotor in enumerate(source.rotors):
+        motors[rotor.name], words = _motor(rotor, number, share)
+        for line in words:
+            named.setdefault(line, []).append(rotor.name)
+    return motors, [f"{line} (rotors {', '.join(names)})" for line, names in named.items()]
 
 
-def motors_of(source: Source, weight: float) -> dict[str, GazeboMotor]:
-    """The motors of a robot's rotors, by their names; `weight` is the robot's, N."""
-    share = weight / max(len(source.rotors), 1)
-    return {rotor.name: _motor(rotor, share) for rotor in source.rotors}
-
-
-def motor_notes(motors: Mapping[str, GazeboMotor]) -> list[str]:
-    """Assumptions and changes in words, with the rotors that they hold for."""
-    words = dict.fromkeys(line for motor in motors.values() for line in motor.words)
-    named = {line: [n for n, motor in motors.items() if line in motor.words] for line in words}
-    return [f"{line} (rotors {', '.join(names)})" for line, names in named.items()]
-
-
-def _motor(rotor: SourceRotor, share: float) -> GazeboMotor:
-    """The motor of a rotor that bears so much of the weight, N, in hovering."""
+def _motor(rotor: SourceRotor, number: int, share: float) -> tuple[dict[str, object], list[str]]:
+    """The motor of a rotor that bears so much of the weight, N, in hovering, and words on it."""
     drive, words = rotor.drive, []
     low, most = rotor.limits or (0.0, 0.0)
     if most <= 0.0:
@@ -71,13 +51,19 @@ def _motor(rotor: SourceRotor, share: float) -> GazeboMotor:
     }
     if lost := [name for name, value in others.items() if value]:
         words.append(f"left out: {', '.join(lost)} of the air")
-    return GazeboMotor(
-        most / fastest**2,
-        abs(rotor.drag),
-        fastest,
-        rotor.drag > 0.0,
-        drive.up,
-        drive.down,
-        rotor.hub_drag,
-        tuple(words),
-    )
+    motor = {
+        "linkName": rotor.name,
+        "turningDirection": "cw" if rotor.drag > 0.0 else "ccw",
+        "motorNumber": number,
+        "motorType": "velocity",
+        "commandSubTopic": "command/motor_speed",
+        "maxRotVelocity": fastest,
+        "motorConstant": most / fastest**2,
+        "momentConstant": abs(rotor.drag),
+        "timeConstantUp": drive.up,
+        "timeConstantDown": drive.down,
+        "rotorDragCoefficient": rotor.hub_drag,
+        "rollingMomentCoefficient": 0.0,
+        "rotorVelocitySlowdownSim": 10,
+    }
+    return motor, words

@@ -15,7 +15,6 @@ from dataclasses import replace
 import numpy as np
 
 from gibbs_codegen.errors import UsageError, printable
-from gibbs_codegen.exchange.motors import GazeboMotor
 from gibbs_codegen.exchange.sources import NO_BODY, FreeNames, Source, SourceBody, SourceJoint
 from gibbs_codegen.exchange.welding import composite
 from gibbs_codegen.exchange.xml_text import along_z, coulomb, inertia_entries, numbers
@@ -33,10 +32,10 @@ _RADIUS = 0.1
 _RATE = 250
 
 
-def sdf_text(source: Source, motors: dict[str, GazeboMotor]) -> str:
+def sdf_text(source: Source, motors: Mapping[str, Mapping[str, object]]) -> str:
     """The text of an SDF file of a robot with names that a file can hold, its root the first link.
 
-    `motors` are those of rotors, by their names.
+    `motors` are the tags of those of rotors, by their names.
     """
     used = [*source.links, *(joint.name for joint in source.joints)]
     used += [rotor.name for rotor in source.rotors]
@@ -63,8 +62,9 @@ def sdf_text(source: Source, motors: dict[str, GazeboMotor]) -> str:
     for frame in source.frames:
         element = ET.SubElement(model, "frame", name=frame.name, attached_to=frame.link)
         _pose(element, frame.pose)
-    for number, rotor in enumerate(source.rotors):
-        _motor(model, number, rotor.name, spins[rotor.name], motors[rotor.name])
+    for rotor in source.rotors:
+        tags = {"jointName": spins[rotor.name], **motors[rotor.name]}
+        _plugin(model, "multicopter-motor-model", "MulticopterMotorModel", tags)
     moving = [joint for joint in source.joints if joint.kind != "fixed"]
     for number, joint in enumerate(moving):
         _drive(model, number, joint.name, joint.link.servo)
@@ -177,27 +177,6 @@ def _plugin(model: ET.Element, file: str, name: str, values: dict[str, object]) 
     """Write a plugin of Gazebo Sim."""
     names = {"filename": f"gz-sim-{file}-system", "name": f"gz::sim::systems::{name}"}
     _children(ET.SubElement(model, "plugin", names), values)
-
-
-def _motor(model: ET.Element, number: int, link: str, joint: str, motor: GazeboMotor) -> None:
-    """Write the motor of a propeller, by its link and joint."""
-    values: dict[str, object] = {
-        "jointName": joint,
-        "linkName": link,
-        "turningDirection": "cw" if motor.clockwise else "ccw",
-        "motorNumber": number,
-        "motorType": "velocity",
-        "commandSubTopic": "command/motor_speed",
-        "maxRotVelocity": motor.fastest,
-        "motorConstant": motor.constant,
-        "momentConstant": motor.moment,
-        "timeConstantUp": motor.up,
-        "timeConstantDown": motor.down,
-        "rotorDragCoefficient": motor.hub_drag,
-        "rollingMomentCoefficient": 0.0,
-        "rotorVelocitySlowdownSim": 10,
-    }
-    _plugin(model, "multicopter-motor-model", "MulticopterMotorModel", values)
 
 
 def _drive(model: ET.Element, number: int, joint: str, servo: Servo | None) -> None:
