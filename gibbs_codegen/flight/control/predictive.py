@@ -266,8 +266,8 @@ class Predictive:
         self._inputs = self._sent(self.hover.q, self.hover.u)
         self.horizon = Horizon(
             robot,
-            tuple(self._frame(name) for name in self.points),
-            tuple(self._frame(name) for name in self.orientations),
+            tuple(vehicle.frame_place(name, "predictive") for name in self.points),
+            tuple(vehicle.frame_place(name, "predictive") for name in self.orientations),
             self._method,
             bool(np.any(self._lag)),
             self.rates is not None or self.tolerances.change is not None,
@@ -479,7 +479,7 @@ class Predictive:
             raise UsageError("surroundings: no prediction knows holds; leave them out")
         for wall in self.walls:
             for frame in wall.frames:
-                self._frame(frame)
+                self.vehicle.frame_place(frame, "predictive")
         # A payload without a mass has no figure.
         carried = tuple(load for load in around.payload if load.mass > 0.0)
         self._environment = replace(around.with_walls(self.walls), payload=carried)
@@ -549,15 +549,6 @@ class Predictive:
                 'predictive: method must be "trapezoidal" or "rk4", not '
                 f"{printable(str(self.method))}"
             )
-
-    def _frame(self, name: str) -> int:
-        if name not in self.module.FRAMES:
-            frames = ", ".join(self.module.FRAMES)
-            raise UsageError(
-                f"predictive: {self.module.NAME} has no frame {printable(name)}; its frames: "
-                f"{frames}"
-            )
-        return int(self.module.FRAMES.index(name))
 
     @property
     def _carries(self) -> bool:

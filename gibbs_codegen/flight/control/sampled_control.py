@@ -12,7 +12,7 @@ import math
 from collections import deque
 from collections.abc import Callable, Mapping
 from functools import cache
-from typing import Any, Protocol
+from typing import Any, ClassVar, Protocol
 
 import numpy as np
 
@@ -60,6 +60,9 @@ class ZeroOrderHold:
 
     # Nothing that is remembered is integrated with the state, and the law that is held moves none.
     memory, moved = 0, None
+    # What is held is no law's: it has no values, and calls nothing.
+    values: ClassVar[dict[str, Any]] = {}
+    externals: ClassVar[dict[str, Callable[..., Any]]] = {}
     # Readings of the robot's sensors while it flies, if someone takes them.
     readings: Readings | None = None
 
@@ -79,16 +82,6 @@ class ZeroOrderHold:
         self._pending: deque[tuple[float, Array]] = deque()
         self._times: list[float] = []
         self._commands: list[Array] = []
-
-    @property
-    def values(self) -> dict[str, Any]:
-        """No values: what is held is no law's."""
-        return {}
-
-    @property
-    def externals(self) -> dict[str, Callable[..., Any]]:
-        """Nothing that is called."""
-        return {}
 
     @property
     def tables(self) -> list[Array]:

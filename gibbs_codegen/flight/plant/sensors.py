@@ -123,23 +123,26 @@ class SensorSuite:
         return any(device.measures == "wrench" for device in self.devices)
 
     @property
+    def _entries(self) -> Iterator[tuple[Any, str, str]]:
+        """Device, name and unit of each entry of readings."""
+        for device, channels in zip(self.devices, self._channels, strict=True):
+            for c in channels:
+                yield from zip(itertools.repeat(device), c.names, c.units, strict=False)
+
+    @property
     def names(self) -> tuple[str, ...]:
         """Names (m) of the entries of readings, each with its sensor's."""
-        pairs = zip(self.devices, self._channels, strict=True)
-        return tuple(f"{x.name}_{name}" for x, group in pairs for c in group for name in c.names)
+        return tuple(f"{device.name}_{name}" for device, name, _ in self._entries)
 
     @property
     def units(self) -> tuple[str, ...]:
         """Units (m) of the entries of readings."""
-        return tuple(unit for channels in self._channels for c in channels for unit in c.units)
+        return tuple(unit for _, _, unit in self._entries)
 
     @property
     def frames(self) -> tuple[str, ...]:
         """Names (m) of the frames at which the entries are read, "" of what is at none."""
-        pairs = zip(self.devices, self._channels, strict=True)
-        return tuple(
-            getattr(x, "frame", "") for x, channels in pairs for c in channels for _ in c.names
-        )
+        return tuple(getattr(device, "frame", "") for device, _, _ in self._entries)
 
     @cached_property
     def program(self) -> Program:
@@ -312,10 +315,7 @@ class Readings:
 
     def at(self, time: float) -> dict[str, Reading]:
         """The last readings that had come by a time, s, by the names of the sensors."""
-        return dict(self._last(time))
-
-    def _last(self, time: float) -> Iterator[tuple[str, Reading]]:
-        suite = self.suite
+        suite, last = self.suite, dict[str, Reading]()
         for device, rows, times, values in zip(
             suite.devices, suite.places, self._times, self._values, strict=True
         ):
@@ -323,7 +323,8 @@ class Readings:
             while place >= 0 and times[place] + device.delay > time + _SAME:
                 place -= 1
             unknown = Reading(np.nan, np.full(rows.stop - rows.start, np.nan))
-            yield device.name, Reading(times[place], values[place]) if place >= 0 else unknown
+            last[device.name] = Reading(times[place], values[place]) if place >= 0 else unknown
+        return last
 
     def series(self, times: Array) -> Array:
         """The last readings (s, m) of the sensors by times (s), s."""
