@@ -154,9 +154,10 @@ class ClosedLoop:
 
         def rate(x: Node, halves: int) -> Node:
             stages.append(self._rates(times[halves], x[: self.size]))
-            return join(stages[-1]["rate"], stages[-1]["effects"])
+            return join(stages[-1]["rate"], stages[-1].get("effects", zeros(0)))
 
-        first_effects = zeros(3 + 6 * len(self.around.contacts))
+        contacts = len(self.around.contacts)
+        first_effects = zeros(3 + 6 * contacts if contacts else 0)
         whole = classical_step(rate, join(x, first_effects), h)
         after_step = self._passive(x, whole[: self.size], whole[self.size :])
         x_next = impacts.held(self.machine, self.layout, after_step)
@@ -233,7 +234,9 @@ class ClosedLoop:
         moved = base_of(self.plant, state.q).rates(state.v, x)
         rate = join(moved, rates.a, power, rates.actuators, learnt, rates.bristles)
         outputs = {"rate": rate, "commanded": wanted, "acting": u, "refused": refused}
-        return outputs | {"effects": impacts.effects(machine, state, rates.touches)}
+        if self.around.contacts:
+            outputs["effects"] = impacts.effects(machine, state, rates.touches)
+        return outputs
 
     @labelled
     def commands(self) -> Program:

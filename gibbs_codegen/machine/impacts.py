@@ -37,7 +37,7 @@ def effects(machine: Machine, state: State[Node], touches: Sequence[Touch]) -> N
     Power, W, parts of normal forces by damping, N, normal forces, N, and the wrench (6) of each.
     """
     pairs = list(zip(machine.around.contacts, touches, strict=True))
-    velocities = machine.robot.frame_velocities(state.q, state.v) if touches else zeros(0)
+    velocities = machine.robot.frame_velocities(state.q, state.v)
     power = sum((dot(x.wrench, velocities[contact.frame]) for contact, x in pairs), constant(0.0))
     eased, normal = (
         sum((getattr(x, name) for x in touches), constant(0.0)) for name in ("eased", "normal")
