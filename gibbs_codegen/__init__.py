@@ -53,7 +53,7 @@ if TYPE_CHECKING:
     from gibbs_codegen.flight.figures.curves import (
         reachable_wrenches_figure as reachable_wrenches_figure,
     )
-    from gibbs_codegen.flight.figures.flight import write_results as write_results
+    from gibbs_codegen.flight.figures.results import write_results as write_results
     from gibbs_codegen.flight.logs.log import read_log as read_log
     from gibbs_codegen.flight.logs.log import write_log as write_log
     from gibbs_codegen.flight.many import simulate_many as simulate_many
@@ -104,7 +104,7 @@ _MODULES = {
     "flight.control.observation": ("Observation",),
     "flight.control.predictive": ("Instant", "NoPlanError", "Predictive", "Tolerances"),
     "flight.figures.curves": ("reachable_wrenches_figure",),
-    "flight.figures.flight": ("write_results",),
+    "flight.figures.results": ("write_results",),
     "flight.logs.log": ("read_log", "write_log"),
     "flight.many": ("simulate_many",),
     "flight.plant.sensors": ("SensorSuite",),

@@ -7,7 +7,7 @@ import argparse
 from gibbs_codegen.cli import robot_argument, terminal
 from gibbs_codegen.errors import printable
 from gibbs_codegen.files.toml import changes_of
-from gibbs_codegen.flight.figures.flight import check_results, write_results
+from gibbs_codegen.flight.figures.results import check_results, write_results
 from gibbs_codegen.flight.logs.log import read_log
 from gibbs_codegen.runtime.load import load
 

@@ -12,7 +12,7 @@ import numpy as np
 from gibbs_codegen.cli import robot_argument, terminal
 from gibbs_codegen.errors import printable
 from gibbs_codegen.files.toml import changes_of
-from gibbs_codegen.flight.figures.flight import check_results, write_results
+from gibbs_codegen.flight.figures.results import check_results, write_results
 from gibbs_codegen.flight.record.flight import Flight
 from gibbs_codegen.flight.scenario.file import read_scenario
 from gibbs_codegen.flight.scenario.parts import PREDICTIVE, WITH_CONSTRAINTS, Control, Impedance

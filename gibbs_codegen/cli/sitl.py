@@ -20,7 +20,7 @@ from gibbs_codegen.flight.autopilots.betaflight import (
 from gibbs_codegen.flight.autopilots.machine import Machine
 from gibbs_codegen.flight.autopilots.px4 import PX4, PX4_RATE
 from gibbs_codegen.flight.autopilots.session import AutopilotLink, fly
-from gibbs_codegen.flight.figures.flight import check_results, write_results
+from gibbs_codegen.flight.figures.results import check_results, write_results
 from gibbs_codegen.flight.scenario.file import read_scenario
 from gibbs_codegen.flight.scenario.parts import WITH_CONSTRAINTS
 from gibbs_codegen.flight.simulation import check_scenario, uncontrolled

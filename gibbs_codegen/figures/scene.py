@@ -89,13 +89,15 @@ def _edges(axes: Any, origin: Sequence[float] | Array, size: Array) -> Array:
 
 
 def place_labels(axes: Any) -> None:
-    """Put the labels of a scene where they will be drawn."""
-    others = [other for other in axes.figure.axes if other is not axes]
-    for other in others:
-        other.set_visible(False)
-    axes.figure.draw_without_rendering()
-    for other in others:
-        other.set_visible(True)
+    """Put the labels of a scene where they will be drawn, without drawing anything else."""
+    figure, own = axes.figure, (axes.xaxis, axes.yaxis, axes.zaxis)
+    children = [*figure.get_children(), *axes.get_children()]
+    hidden = [x for x in children if x.get_visible() and x not in (axes, figure.patch, *own)]
+    for artist in hidden:
+        artist.set_visible(False)
+    figure.draw_without_rendering()
+    for artist in hidden:
+        artist.set_visible(True)
 
 
 def project(axes: Any, points: Array) -> Array:

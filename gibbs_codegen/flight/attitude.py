@@ -99,6 +99,16 @@ def quaternion_of(rotation: Array) -> Array:
     return quaternion / np.linalg.norm(quaternion, axis=-1, keepdims=True)
 
 
+def rotation_vector(rotation: Array) -> Array:
+    """Vectors (…, 3), rad, along the axes and as long as the angles, 0 to π, of rotations."""
+    quaternion = quaternion_of(rotation)
+    quaternion = np.where(quaternion[..., 3:] < 0.0, -quaternion, quaternion)
+    vector, scalar = quaternion[..., :3], quaternion[..., 3:]
+    sine = np.linalg.norm(vector, axis=-1, keepdims=True)
+    angle = 2.0 * np.arctan2(sine, scalar)
+    return vector * np.divide(angle, sine, out=np.full_like(sine, 2.0), where=sine > 0.0)
+
+
 def rotation_of(quaternion: Array) -> Array:
     """Rotations (…, 3, 3) of quaternions (…, 4), x y z w, of any length."""
     vector, scalar = quaternion[..., :3], quaternion[..., 3, np.newaxis, np.newaxis]

@@ -36,7 +36,7 @@ import numpy as np
 from gibbs_codegen.errors import UsageError, check_all
 from gibbs_codegen.flight.control.choice import check_control, control_law, law_of
 from gibbs_codegen.flight.control.sampled_control import OwnController, law_in_time
-from gibbs_codegen.flight.desired.timing import limits_of
+from gibbs_codegen.flight.desired.demands import limits_of
 from gibbs_codegen.flight.desired.trajectory import (
     Progress,
     TimedMotion,

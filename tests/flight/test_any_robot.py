@@ -19,7 +19,7 @@ from gibbs_codegen.flight.analysis.trim import trim
 from gibbs_codegen.flight.attitude import SingularAttitudeError
 from gibbs_codegen.flight.control.laws import Controller, Gains, required_inputs
 from gibbs_codegen.flight.desired.trajectory import desired_motion, starting_state
-from gibbs_codegen.flight.figures.flight import write_results
+from gibbs_codegen.flight.figures.results import write_results
 from gibbs_codegen.flight.integration.closed_loop import ClosedLoop
 from gibbs_codegen.flight.integration.compiled_loop import CompiledLoop
 from gibbs_codegen.flight.integration.state_history import Loads

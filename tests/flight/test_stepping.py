@@ -13,7 +13,7 @@ import pytest
 from gibbs_codegen import view_html
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.flight.control.sampled_control import Observation
-from gibbs_codegen.flight.figures.flight import write_results
+from gibbs_codegen.flight.figures.results import write_results
 from gibbs_codegen.flight.plant.vehicle import Array
 from gibbs_codegen.flight.record.flight import read_flight
 from gibbs_codegen.flight.scenario.file import read_scenario

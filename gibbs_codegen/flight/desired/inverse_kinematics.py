@@ -22,7 +22,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import lsq_linear
 
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.flight.desired.base_trajectory import (
@@ -114,6 +113,8 @@ def _damped_step(jacobian: Array, error: Array, damping: float, room: JointBound
     step: Array = jacobian.T @ np.linalg.solve(square + weight * np.eye(3), error)
     if np.all((step >= room[0]) & (step <= room[1])):
         return step
+    from scipy.optimize import lsq_linear  # Late, as SciPy takes long to import.
+
     # `lsq_linear` wants bounds that differ.
     slack = 1e-15
     bounds = (np.minimum(room[0], 0.0) - slack, np.maximum(room[1], 0.0) + slack)

@@ -13,7 +13,7 @@ import numpy as np
 
 from gibbs_codegen.errors import UsageError, check_all
 from gibbs_codegen.flight.attitude import SingularAttitudeError, Turning
-from gibbs_codegen.flight.desired import timing
+from gibbs_codegen.flight.desired import demands
 from gibbs_codegen.flight.desired.base_trajectory import check_times, desired_base, knots
 from gibbs_codegen.flight.desired.inverse_kinematics import JointBounds, check_tip, desired_with_tip
 from gibbs_codegen.flight.desired.led_frames import led_frames
@@ -23,7 +23,6 @@ from gibbs_codegen.flight.desired.posture import (
     rest_posture,
     with_joints,
 )
-from gibbs_codegen.flight.desired.underactuated_base import underactuated_motion
 from gibbs_codegen.flight.plant.actuators import Actuators, actuators_of, joint_place
 from gibbs_codegen.flight.plant.allocation import allocation_of, thrust_axis
 from gibbs_codegen.flight.plant.vehicle import Array, RobotData, Vehicle
@@ -77,6 +76,9 @@ def _with_posture(
     # What the base does then depends on the joints.
     _check_rates(vehicle, joints_at(time), fastest)
     if thrust_axis(vehicle, joints_at(time[:1]).q) is not None:
+        # Late, as SciPy takes long to import.
+        from gibbs_codegen.flight.desired.underactuated_base import underactuated_motion
+
         led = led_frames(vehicle, {}, limits)
         return underactuated_motion(vehicle, time, joints_at, *wanted, led, shown)
     base = desired_base(vehicle, time, *wanted, shown)
@@ -107,6 +109,8 @@ def _with_frames(
     joints_at = partial(joint_motion, vehicle, posture, {})
     leans = thrust_axis(vehicle, joints_at(time[:1]).q) is not None
     if leans and scenario.control.law != "off":
+        from gibbs_codegen.flight.desired.underactuated_base import underactuated_motion
+
         return underactuated_motion(
             vehicle,
             time,
@@ -275,7 +279,7 @@ class TimedMotion:
     scenario: Scenario
     reference: Reference
     said: str = ""
-    binding: tuple[timing.Binding, ...] = ()
+    binding: tuple[demands.Binding, ...] = ()
 
 
 def timed_motion(
@@ -289,7 +293,7 @@ def timed_motion(
     """
     if scenario.timing.law == "uniform":
         return TimedMotion(scenario, desired_motion(vehicle, scenario, progress))
-    limits = timing.limits_of(vehicle, scenario)
+    limits = demands.limits_of(vehicle, scenario)
     if not limits.any:
         raise UsageError(
             f'{vehicle.name}: timing.law "fastest" needs limits, and neither the robot file nor '
@@ -300,6 +304,9 @@ def timed_motion(
     reference = desired_motion(vehicle, scenario, progress)
     if _rests(reference):
         return TimedMotion(scenario, reference, _NOTHING)
+    # Late, as SciPy takes long to import.
+    from gibbs_codegen.flight.desired import timing
+
     clock = timing.time_optimal_motion(
         vehicle, reference, limits, lambda share: progress("fastest timing", share)
     )
@@ -307,7 +314,7 @@ def timed_motion(
         on_clock(scenario, clock.duration, clock.scenario_time),
         timing.timed_reference(vehicle, clock),
         f"fastest within limits, {clock.duration:.4g} s instead of {scenario.duration:.4g} s",
-        timing.binding(vehicle, timing.demand_at(vehicle, clock), limits),
+        demands.binding(vehicle, timing.demand_at(vehicle, clock), limits),
     )
 
 
@@ -317,14 +324,14 @@ def _rests(reference: Reference) -> bool:
 
 
 def _stretched_motion(
-    vehicle: Vehicle, scenario: Scenario, limits: timing.TimingLimits, progress: Progress
+    vehicle: Vehicle, scenario: Scenario, limits: demands.TimingLimits, progress: Progress
 ) -> TimedMotion:
     """The fastest motion that differs from that of a scenario by one factor of time.
 
     Raises `UsageError` if none of the factors that are tried keeps the limits, or the robot cannot
     stand still with its joints as they are on the way.
     """
-    motions: dict[float, tuple[Reference, timing.Demand]] = {}
+    motions: dict[float, tuple[Reference, demands.Demand]] = {}
     # Why there is no motion by a factor, or which limit it exceeds: a clause.
     failed: dict[float, str] = {}
 
@@ -338,13 +345,13 @@ def _stretched_motion(
             failed[factor] = str(error)
             return False
         time = check_times(reference.knots)
-        demand = timing.demand_of(vehicle, reference(time), time)
+        demand = demands.demand_of(vehicle, reference(time), time)
         # Standing still as the base is at the start, with the joints as they are on the way.
         q = reference(time)[0]
         still = np.tile(q[0], (len(q), 1))
         still[:, vehicle.arm] = q[:, vehicle.arm]
-        timing.check_still(vehicle, still, time / factor, limits)
-        if why := timing.worst_violation(vehicle, demand, limits):
+        demands.check_still(vehicle, still, time / factor, limits)
+        if why := demands.worst_violation(vehicle, demand, limits):
             failed[factor] = why
             return False
         motions[factor] = reference, demand
@@ -377,5 +384,5 @@ def _stretched_motion(
         f"{reference.end:.4g} s instead of {scenario.duration:.4g} s: all of the motion is "
         f"stretched by one factor, {factor:.3g}, since the attitude of {vehicle.name} follows from "
         f"the timing{bound}",
-        timing.binding(vehicle, demand, limits),
+        demands.binding(vehicle, demand, limits),
     )

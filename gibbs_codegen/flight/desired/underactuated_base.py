@@ -37,9 +37,9 @@ from gibbs_codegen.flight.desired.base_trajectory import (
     refine,
     refined,
 )
+from gibbs_codegen.flight.desired.demands import needed_inputs
 from gibbs_codegen.flight.desired.led_frames import LedFrames
 from gibbs_codegen.flight.desired.posture import with_joints
-from gibbs_codegen.flight.desired.timing import needed_inputs
 from gibbs_codegen.flight.plant.allocation import LEANS_BY_THRUST, force_axis, thrust_axis
 from gibbs_codegen.flight.plant.vehicle import Vehicle
 from gibbs_codegen.flight.reference import Motion

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.figures.appearance import COLOURS, DARK
 from gibbs_codegen.figures.scene import fit, set_scene
-from gibbs_codegen.figures.style import COLUMN, FULL, lay_out, spread, style
+from gibbs_codegen.figures.style import COLUMN, FULL, lay_out, new_figure, place_panels, style
 from gibbs_codegen.flight.plant.kinematics import kinematics_of
 from gibbs_codegen.flight.record.extent import thrust_directions
 from gibbs_codegen.flight.record.flight import Array, Flight
@@ -99,15 +99,6 @@ def plot(axes: Axes, flight: Flight, curves: Curves) -> None:
             color=colour,
             verticalalignment="center",
             annotation_clip=False,
-            # From the middle of the left edge of the name, wherever `spread` moves it.
-            arrowprops={
-                "arrowstyle": "-",
-                "color": colour,
-                "lw": 0.5,
-                "shrinkA": 1,
-                "shrinkB": 0,
-                "relpos": (0.0, 0.5),
-            },
         )
     label_axes(axes, curves.label)
 
@@ -204,7 +195,7 @@ def _short(words: Sequence[str]) -> str:
 
 def stack(flight: Flight, panels: Sequence[Curves], width: float) -> Figure:
     """Draw panels one above the other in a figure, not yet finished, whose width is in inches."""
-    figure = Figure(figsize=(width, 0.4 + 1.7 * len(panels)), layout="constrained")
+    figure = new_figure(width, 0.4 + 1.7 * len(panels))
     column = figure.subplots(len(panels), 1, sharex=True, squeeze=False)[:, 0]
     for axes, curves in zip(column, panels, strict=True):
         plot(axes, flight, curves)
@@ -212,12 +203,9 @@ def stack(flight: Flight, panels: Sequence[Curves], width: float) -> Figure:
 
 
 def finished(figure: Figure, flight: Flight) -> Figure:
-    """The figure with its heading, and names moved beside curves so that none covers another."""
-    add_heading(figure, flight)
-    figure.align_ylabels()
-    lay_out(figure)  # So that heights are known.
-    for axes in figure.axes:
-        spread(axes)
+    """The figure with its heading, its axes in their places, and names beside curves."""
+    place_panels(figure, add_heading(figure, flight))
+    lay_out(figure)
     return figure
 
 
@@ -241,7 +229,7 @@ def coordinates(flight: Flight) -> Figure:
     rows = [_heights(pair) for pair in pairs]
     heights = list(itertools.chain.from_iterable(rows))
     with style():
-        figure = Figure(figsize=(FULL, 0.3 + sum(heights)), layout="constrained")
+        figure = new_figure(FULL, 0.3 + sum(heights))
         grid = figure.add_gridspec(len(heights), 2, height_ratios=heights)
         begin, letters = 0, iter(string.ascii_uppercase)
         for pair, row in zip(pairs, rows, strict=True):
@@ -527,7 +515,7 @@ def reachable_wrenches_figure(found: ReachableWrenches) -> Figure:
         ("torques, with the force of hovering", "$M_{0}$ (N m)", found.torques, slice(3, 6)),
     )
     with style():
-        figure = Figure(figsize=(FULL, 3.7))
+        figure = new_figure(FULL, 3.7)
         figure.suptitle(
             f"{found.robot}, about {found.about}, in the base's axes",
             color="0.35",

@@ -6,29 +6,23 @@ saves it, shows it in a notebook or changes it. They look the same whatever the 
 
 from __future__ import annotations
 
-import os
-import shutil
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
 from matplotlib.figure import Figure
 
-from gibbs_codegen.errors import OutputError, UsageError, printable
 from gibbs_codegen.figures import FORMATS
 from gibbs_codegen.figures.appearance import COLOURS
-from gibbs_codegen.figures.style import COLUMN, save_figures, style
-from gibbs_codegen.files.staging import check_output_folder, staging_folder, writing
+from gibbs_codegen.figures.style import COLUMN, new_figure, save_figures, style
 from gibbs_codegen.flight.figures import curves
 from gibbs_codegen.flight.figures.curves import actuators as actuators
 from gibbs_codegen.flight.figures.curves import coordinates as coordinates
 from gibbs_codegen.flight.figures.curves import inputs as inputs
+from gibbs_codegen.flight.figures.results import FIGURES as NAMES
 from gibbs_codegen.flight.figures.snapshots import snapshots as snapshots
 from gibbs_codegen.flight.figures.snapshots import snapshots_panels as snapshots_panels
-from gibbs_codegen.flight.record.flight import Flight, is_flight
-
-ANIMATIONS = ("gif", "mp4")
+from gibbs_codegen.flight.record.flight import Flight
 
 
 def constraint_torques(flight: Flight, width: float = COLUMN) -> Figure:
@@ -58,7 +52,7 @@ def tracking_error(flight: Flight, width: float = COLUMN) -> Figure:
     if flight.tangent_arm:
         angles[f"arm {flight.tangent_arm} to tangent"] = flight.heading_error
     with style():
-        figure = Figure(figsize=(width, 6.0), layout="constrained")
+        figure = new_figure(width, 6.0)
         rows = iter(figure.subplots(4, 1, sharex=True))
         for label, series in (("error (m)", distances), ("error (rad)", angles)):
             curves.plot_lines(above := next(rows), flight, label, series)
@@ -102,7 +96,7 @@ def energy(flight: Flight, width: float = COLUMN) -> Figure:
     kinetic, potential = (e - e[0] for e in (flight.kinetic_energy, flight.potential_energy))
     changes = {"kinetic": kinetic, "potential": potential, r"total $\Delta E$": kinetic + potential}
     with style():
-        figure = Figure(figsize=(width, 3.6), layout="constrained")
+        figure = new_figure(width, 3.6)
         above, below = figure.subplots(2, 1, sharex=True, height_ratios=(3, 2))
         for (name, change), colour in zip(changes.items(), COLOURS, strict=False):
             curves.plot_line(above, flight, change, label=name, color=colour, **curves.SOLID)
@@ -139,19 +133,7 @@ def contacts(flight: Flight, width: float = COLUMN) -> Figure:
         return curves.finished(figure, flight)
 
 
-FIGURES: tuple[Callable[[Flight], Figure], ...] = (
-    coordinates,
-    snapshots,
-    snapshots_panels,
-    inputs,
-    actuators,
-    battery,
-    outside,
-    constraint_torques,
-    tracking_error,
-    energy,
-    contacts,
-)
+FIGURES: tuple[Callable[[Flight], Figure], ...] = tuple(globals()[name] for name in NAMES)
 
 
 def write_figures(flight: Flight, folder: Path, formats: Sequence[str] = FORMATS[:1]) -> list[Path]:
@@ -170,100 +152,3 @@ def write_figures(flight: Flight, folder: Path, formats: Sequence[str] = FORMATS
     }
     drawn = ((draw.__name__, draw(flight)) for draw in FIGURES if counts.get(draw, 1))
     return save_figures(drawn, folder, formats)
-
-
-# Names of all files of results.
-_NAMES = {f"flight.{suffix}" for suffix in ("npz", "csv", *ANIMATIONS)}
-_NAMES |= {f"{draw.__name__}.{suffix}" for draw in FIGURES for suffix in FORMATS}
-
-
-def write_results(
-    flight: Flight,
-    folder: str | os.PathLike[str],
-    figures: bool = True,
-    animation: str = "",
-    progress: Callable[[str, float], None] = lambda what, share: None,
-    formats: Sequence[str] = FORMATS[:1],
-) -> list[Path]:
-    """Write `flight.npz`, `flight.csv`, figures, and `flight.gif` or `flight.mp4`.
-
-    Results of an earlier flight in the folder are replaced once all new ones are complete; other
-    files are left alone.
-
-    Args:
-        flight: The flight.
-        folder: Where the files go; made if need be.
-        figures: Whether to draw figures.
-        animation: "gif", "mp4", or empty for none.
-        progress: Is called with what is being written and the share (0 to 1) that is done.
-        formats: Those of the figures: "png", "pdf" or "svg".
-
-    Returns:
-        Paths of the files written.
-
-    Raises:
-        UsageError: The folder cannot be used, or a format is unknown; nothing has changed.
-        OutputError: The results cannot be written; nothing has changed.
-    """
-    check_results(folder, animation)
-    formats = [formats] if isinstance(formats, str) else formats
-    if unknown := set(formats) - set(FORMATS):
-        raise UsageError(f"format {min(unknown)!r}: unknown; known: {', '.join(FORMATS)}")
-    folder = Path(folder)
-    with _staged(folder) as staging:
-        progress("time series", 0.0)
-        flight.write_npz(staging / "flight.npz")
-        flight.write_csv(staging / "flight.csv")
-        if figures and formats:
-            progress("figures", 0.0)
-            write_figures(flight, staging, formats)
-        if animation:
-            from gibbs_codegen.flight.figures.animation import write_animation
-
-            write_animation(
-                flight,
-                staging / f"flight.{animation}",
-                progress=lambda done, total: progress("animation", done / total),
-            )
-        names = sorted(path.name for path in staging.iterdir())
-    for name in _NAMES - set(names):
-        (folder / name).unlink(missing_ok=True)
-    return [folder / name for name in names]
-
-
-def check_results(folder: str | os.PathLike[str], animation: str = "") -> None:
-    """Check that results can be written, before the work of a flight.
-
-    `animation` is "gif", "mp4", or empty for none. Raises `UsageError` if the path cannot become a
-    folder of results, or the animation is unknown, and `OutputError` if nothing can be written
-    there, or the animation's program is missing.
-    """
-    check_output_folder(folder)
-    if animation and animation not in ANIMATIONS:
-        raise UsageError(f"animation {animation!r}: unknown; known: {', '.join(ANIMATIONS)}")
-    if animation == "mp4" and shutil.which("ffmpeg") is None:
-        raise OutputError(".mp4 needs ffmpeg, which is not on the path; .gif needs nothing more")
-    place = Path(folder)
-    present = [place / name for name in sorted(_NAMES) if os.path.lexists(place / name)]
-    odd = [path for path in present if path.is_symlink() or not path.is_file()]
-    if odd or (present and not is_flight(place / "flight.npz")):
-        names = ", ".join(path.name for path in (odd or present)[:5])
-        raise UsageError(
-            f"{printable(place)}: holds files that no simulation has written: {names}; "
-            "move them elsewhere, or choose another --out"
-        )
-    with _staged(place):
-        pass
-
-
-@contextmanager
-def _staged(folder: Path) -> Iterator[Path]:
-    """A hidden folder whose files go to `folder` if all goes well, and nowhere if not."""
-    with writing(folder), staging_folder(folder) as new:
-        try:
-            yield new
-        except OutputError as error:
-            raise OutputError(str(error).replace(printable(new), printable(folder))) from None
-        # The series first: by them the folder is known for one of results from then on.
-        for path in sorted(new.iterdir(), key=lambda path: (path.name != "flight.npz", path)):
-            os.replace(path, folder / path.name)

@@ -21,7 +21,7 @@ from gibbs_codegen.figures.appearance import (
 )
 from gibbs_codegen.figures.robot_artists import RobotArtists, Shapes
 from gibbs_codegen.figures.scene import extent, fit, hide_numbers, place_labels, project, set_scene
-from gibbs_codegen.figures.style import FULL, lay_out, style
+from gibbs_codegen.figures.style import FULL, lay_out, new_figure, style
 from gibbs_codegen.flight.figures.curves import add_legend
 from gibbs_codegen.flight.record.extent import (
     bounds,
@@ -165,7 +165,7 @@ def snapshots(flight: Flight) -> Figure:
     box = bounds(flight, samples)
     view = _clearest_view(centres, box)
     with style():
-        figure = Figure(figsize=_scale(box, view) * extent(box, view) + _AROUND)
+        figure = new_figure(*_scale(box, view) * extent(box, view) + _AROUND)
         axes: Any = figure.add_subplot(projection="3d")
         set_scene(axes, box, view)
         _draw_walls(axes, flight, box)
@@ -200,7 +200,7 @@ def snapshots_panels(flight: Flight) -> Figure:
     columns, cell = rooms[max(rooms)]
     rows = -(-len(samples) // columns)
     with style():
-        figure = Figure(figsize=(FULL, _HEAD + rows * cell[1] + _NUMBERS[1]))
+        figure = new_figure(FULL, _HEAD + rows * cell[1] + _NUMBERS[1])
         size = figure.get_size_inches()
         panels: list[Any] = []
         for sample in samples:

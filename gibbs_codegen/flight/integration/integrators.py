@@ -11,10 +11,9 @@ import math
 from bisect import bisect_right
 from collections.abc import Callable
 from dataclasses import replace
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from scipy.integrate import DOP853
 
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.flight.integration.closed_loop import ClosedLoop
@@ -38,6 +37,9 @@ from gibbs_codegen.runtime.program_flow import (
     Flow,
     ProgramFlow,
 )
+
+if TYPE_CHECKING:
+    from scipy.integrate import DOP853
 
 # What a call of the compiled loop takes on at most, so that progress shows and Ctrl-C is heard.
 STEPS_A_CALL = 20_000
@@ -278,7 +280,7 @@ class AdaptiveIntegrator:
             inputs.append(InputRanges(flown.instants, np.stack([flown.inputs] * 2, axis=2)))
             state = flown.last
             if flow.reason == TOO_SHORT:
-                stopped = self._no_step(flow.time, state, DOP853.TOO_SMALL_STEP)
+                stopped = self._no_step(flow.time, state)
             elif flow.reason == ENDED:
                 stopped = self.envelope.reason(flow.time, state)
             elif flow.reason == TOO_SLOW:
@@ -296,6 +298,8 @@ class AdaptiveIntegrator:
         progress: Callable[[float], None],
     ) -> IntervalResult:
         """Integrate an interval that was integrated to some time from there on."""
+        from scipy.integrate import DOP853  # Late, as SciPy takes long to import.
+
         loop, envelope, end = self.loop, self.envelope, interval.end
         solver = DOP853(
             self.compiled.derivative(interval.loads),
@@ -314,9 +318,9 @@ class AdaptiveIntegrator:
             solver.t_bound, solver.status = (knot if stops else end), "running"
             after = min(time + solver.h_abs, solver.t_bound)
             with np.errstate(all="ignore"):
-                message = solver.step()
+                solver.step()
             if solver.status == "failed":
-                stopped = self._no_step(time, state, message)
+                stopped = self._no_step(time, state)
                 break
             path = solver.dense_output()
             before, time, state = time, solver.t, solver.y
@@ -344,17 +348,25 @@ class AdaptiveIntegrator:
         return IntervalResult(times[: len(states)], states, seen, time, state, stopped)
 
     def _first_step(self, interval: SmoothInterval, state: Array) -> float:
-        """The first step, s, from a state (size), by the size of its derivatives."""
+        """The first step, s, from a state (size): Hairer, Nørsett and Wanner (1993), II.4."""
+        derivative, duration = (
+            self.compiled.derivative(interval.loads),
+            interval.end - interval.begin,
+        )
         relative, absolute = self.exact
-        times = interval.begin, state, interval.end
-        derivative = self.compiled.derivative(interval.loads)
-        solver = DOP853(derivative, *times, rtol=relative, atol=absolute * self.scale)
-        return float(solver.h_abs)
+        scale = np.sqrt(len(state)) * (absolute * self.scale + relative * np.abs(state))
+        slope = derivative(interval.begin, state)
+        size, speed = (float(np.linalg.norm(x / scale)) for x in (state, slope))
+        short = min(0.01 * size / speed if min(size, speed) >= 1e-5 else 1e-6, duration)
+        ahead = derivative(interval.begin + short, state + short * slope) - slope
+        most = max(speed, float(np.linalg.norm(ahead / scale)) / short)
+        step = (0.01 / most) ** 0.125 if most > 1e-15 else max(1e-6, 1e-3 * short)
+        return min(100.0 * short, step, duration)
 
-    def _no_step(self, time: float, state: Array, message: str) -> str:
+    def _no_step(self, time: float, state: Array) -> str:
         """Why a flight cannot go on without a step."""
         burdens = integration_burdens(self.loop, time, state)
-        return f"at t = {time:.6g} s: no step is small enough ({message}){burdens}"
+        return f"at t = {time:.6g} s: no step is small enough{burdens}"
 
     def _set_tolerances(self, solver: DOP853) -> None:
         """Set tolerances for the next step."""

@@ -12,7 +12,6 @@ import math
 from dataclasses import replace
 
 import numpy as np
-from scipy.optimize import least_squares
 
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.flight.integration.closed_loop import ClosedLoop
@@ -117,6 +116,8 @@ def _balanced(loop: ClosedLoop, begin: Array, charge: float) -> tuple[Array, Arr
 
     def accelerations(moved: Array) -> Array:
         return loop.derivative(0.0, state(moved), loads)[loop.layout.places.v]
+
+    from scipy.optimize import least_squares  # Late, as SciPy takes long to import.
 
     tight = dict.fromkeys(("xtol", "ftol", "gtol"), 1e-15)
     solution = least_squares(accelerations, still, x_scale="jac", max_nfev=_TRIES, **tight)

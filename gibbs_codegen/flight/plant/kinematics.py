@@ -27,6 +27,7 @@ from gibbs_codegen.flight.attitude import (
     quaternion_of,
     rotation_matrix,
     rotation_of,
+    rotation_vector,
 )
 from gibbs_codegen.flight.reference import Motion, Reference
 from gibbs_codegen.flight.vectors import Array, times, transposed
@@ -102,12 +103,9 @@ class Kinematics:
 
     def _difference(self, q: Array, other: Array) -> Array:
         """Displacements (…, nv), rotation vectors in the places of the attitude, else 0."""
-        from scipy.spatial.transform import Rotation  # Late, as SciPy takes long to import.
-
         displacements = np.zeros((*q.shape[:-1], self.layout.v.size))
-        here, there = (self.rotation(coordinates).reshape(-1, 3, 3) for coordinates in (q, other))
-        turn = (Rotation.from_matrix(here).inv() * Rotation.from_matrix(there)).as_rotvec()
-        displacements[..., self.layout.v.attitude] = turn.reshape(*q.shape[:-1], 3)
+        here, there = self.rotation(q), self.rotation(other)
+        displacements[..., self.layout.v.attitude] = rotation_vector(transposed(here) @ there)
         return displacements
 
     def rotation(self, q: Array) -> Array:

@@ -14,9 +14,9 @@ from scipy.spatial.transform import Rotation
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.flight.attitude import turning_of
 from gibbs_codegen.flight.desired import underactuated_base
+from gibbs_codegen.flight.desired.demands import needed_inputs
 from gibbs_codegen.flight.desired.led_frames import led_frames
 from gibbs_codegen.flight.desired.posture import authority_posture
-from gibbs_codegen.flight.desired.timing import needed_inputs
 from gibbs_codegen.flight.desired.trajectory import desired_motion
 from gibbs_codegen.flight.desired.underactuated_base import (
     Tilt,

@@ -10,7 +10,7 @@ from types import ModuleType
 import pytest
 
 from gibbs_codegen.errors import OutputError, UsageError
-from gibbs_codegen.flight.figures.flight import check_results, write_results
+from gibbs_codegen.flight.figures.results import check_results, write_results
 from gibbs_codegen.flight.record.flight import Flight
 from gibbs_codegen.flight.scenario.file import read_scenario
 from gibbs_codegen.flight.simulation import simulate

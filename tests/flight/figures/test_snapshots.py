@@ -93,6 +93,7 @@ def test_axes_in_space_are_equal(drawn: Drawn, kind: str, draw: Callable[[Flight
 
 def test_panels_stay_on_the_page_and_off_each_other(drawn: Drawn) -> None:
     figure: Any = drawn(snapshots_panels, "paper")
+    figure.draw_without_rendering()
     boxes = []
     for axes in figure.axes:
         texts = [axis.get_tightbbox() for axis in (axes.xaxis, axes.yaxis, axes.zaxis)]

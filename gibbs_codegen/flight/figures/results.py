@@ -1,0 +1,119 @@
+"""The results of a flight in a folder: time series, figures and an animation."""
+
+from __future__ import annotations
+
+import os
+import shutil
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+
+from gibbs_codegen.errors import OutputError, UsageError, printable
+from gibbs_codegen.figures import FORMATS
+from gibbs_codegen.files.staging import check_output_folder, staging_folder, writing
+from gibbs_codegen.flight.record.flight import Flight, is_flight
+
+ANIMATIONS = ("gif", "mp4")
+# Names of figures, which are functions of `flight.figures.flight`.
+FIGURES = (
+    *("coordinates", "snapshots", "snapshots_panels", "inputs", "actuators", "battery"),
+    *("outside", "constraint_torques", "tracking_error", "energy", "contacts"),
+)
+# Names of all files of results.
+_NAMES = {f"flight.{suffix}" for suffix in ("npz", "csv", *ANIMATIONS)}
+_NAMES |= {f"{name}.{suffix}" for name in FIGURES for suffix in FORMATS}
+
+
+def write_results(
+    flight: Flight,
+    folder: str | os.PathLike[str],
+    figures: bool = True,
+    animation: str = "",
+    progress: Callable[[str, float], None] = lambda what, share: None,
+    formats: Sequence[str] = FORMATS[:1],
+) -> list[Path]:
+    """Write `flight.npz`, `flight.csv`, figures, and `flight.gif` or `flight.mp4`.
+
+    Results of an earlier flight in the folder are replaced once all new ones are complete; other
+    files are left alone.
+
+    Args:
+        flight: The flight.
+        folder: Where the files go; made if need be.
+        figures: Whether to draw figures.
+        animation: "gif", "mp4", or empty for none.
+        progress: Is called with what is being written and the share (0 to 1) that is done.
+        formats: Those of the figures: "png", "pdf" or "svg".
+
+    Returns:
+        Paths of the files written.
+
+    Raises:
+        UsageError: The folder cannot be used, or a format is unknown; nothing has changed.
+        OutputError: The results cannot be written; nothing has changed.
+    """
+    check_results(folder, animation)
+    formats = [formats] if isinstance(formats, str) else formats
+    if unknown := set(formats) - set(FORMATS):
+        raise UsageError(f"format {min(unknown)!r}: unknown; known: {', '.join(FORMATS)}")
+    folder = Path(folder)
+    with _staged(folder) as staging:
+        progress("time series", 0.0)
+        flight.write_npz(staging / "flight.npz")
+        flight.write_csv(staging / "flight.csv")
+        if figures and formats:
+            # Late, as Matplotlib takes long to import.
+            from gibbs_codegen.flight.figures.flight import write_figures
+
+            progress("figures", 0.0)
+            write_figures(flight, staging, formats)
+        if animation:
+            from gibbs_codegen.flight.figures.animation import write_animation
+
+            write_animation(
+                flight,
+                staging / f"flight.{animation}",
+                progress=lambda done, total: progress("animation", done / total),
+            )
+        names = sorted(path.name for path in staging.iterdir())
+    for name in _NAMES - set(names):
+        (folder / name).unlink(missing_ok=True)
+    return [folder / name for name in names]
+
+
+def check_results(folder: str | os.PathLike[str], animation: str = "") -> None:
+    """Check that results can be written, before the work of a flight.
+
+    `animation` is "gif", "mp4", or empty for none. Raises `UsageError` if the path cannot become a
+    folder of results, or the animation is unknown, and `OutputError` if nothing can be written
+    there, or the animation's program is missing.
+    """
+    check_output_folder(folder)
+    if animation and animation not in ANIMATIONS:
+        raise UsageError(f"animation {animation!r}: unknown; known: {', '.join(ANIMATIONS)}")
+    if animation == "mp4" and shutil.which("ffmpeg") is None:
+        raise OutputError(".mp4 needs ffmpeg, which is not on the path; .gif needs nothing more")
+    place = Path(folder)
+    present = [place / name for name in sorted(_NAMES) if os.path.lexists(place / name)]
+    odd = [path for path in present if path.is_symlink() or not path.is_file()]
+    if odd or (present and not is_flight(place / "flight.npz")):
+        names = ", ".join(path.name for path in (odd or present)[:5])
+        raise UsageError(
+            f"{printable(place)}: holds files that no simulation has written: {names}; "
+            "move them elsewhere, or choose another --out"
+        )
+    with _staged(place):
+        pass
+
+
+@contextmanager
+def _staged(folder: Path) -> Iterator[Path]:
+    """A hidden folder whose files go to `folder` if all goes well, and nowhere if not."""
+    with writing(folder), staging_folder(folder) as new:
+        try:
+            yield new
+        except OutputError as error:
+            raise OutputError(str(error).replace(printable(new), printable(folder))) from None
+        # The series first: by them the folder is known for one of results from then on.
+        for path in sorted(new.iterdir(), key=lambda path: (path.name != "flight.npz", path)):
+            os.replace(path, folder / path.name)
