@@ -88,12 +88,12 @@ class Allocation:
 
     def _nearest(self, smallest: Array, wrenches: Array, *others: Array) -> Array:
         """Thrusts (…, N) within limits, of the smallest (…, N) of wrenches (…, 6)."""
-        from scipy.optimize import lsq_linear  # Late, as SciPy takes long to import.
-
         thrusts, (least, most) = smallest.copy(), self._limits
         beyond = np.any((thrusts < least) | (thrusts > most), axis=-1)
         beyond &= np.all(np.isfinite(wrenches), axis=-1)
         for index in np.argwhere(beyond):
+            from scipy.optimize import lsq_linear  # Late, as SciPy takes long to import.
+
             place = tuple(index)
             desired = np.concatenate([self._weights * wrenches[place], np.zeros(thrusts.shape[-1])])
             nearest = lsq_linear(
