@@ -3,15 +3,11 @@
  * errors are estimated by orders 5 and 3, with dense output of order 7 (DOP853: Hairer, Norsett and
  * Wanner, Solving Ordinary Differential Equations I, section II.5 and table II.5.2).
  *
- * Before it stand `take_slope` and `take_end`, STATE, the length of a state, and RANGED, how many
- * inputs a slope tells; `runtime/program_flow.py` calls `flow_steps` and `flow_slope`.
+ * Before it stand `take_end`, `ranges.c` and `flow.c`.
  */
 enum { STAGES = 12, ALL_STAGES = 16, POWERS_OF_PATH = 7 };
 /* Knots at which steps end before one across a knot is tried again. */
 enum { MOST_STOPS = 64 };
-/* Why a call returns. */
-enum { GOES_ON, REFUSED, ENDED, TOO_SHORT, TOO_SLOW };
-
 /* Times of stages as shares of a step: it ends at the thirteenth, others are for the path. */
 static const double NODES[ALL_STAGES] = {
     0, 0.05260015195876773, 0.0789002279381516, 0.1183503419072274, 0.2816496580927726,
@@ -65,60 +61,13 @@ static const double PATHS[4][ALL_STAGES] = {
     96.32455395918828, -39.17726167561544, -149.72683625798564}};
 
 typedef struct {
-    double time, end;   /* where the state is, and where it is to come to, s */
-    double step;        /* the size of the next step, s */
-    double taken;       /* that of the last one */
-    double budget;      /* evaluations that may still be spent, */
-    double income;      /* for each second flown, */
-    double most;        /* and how many can be saved up */
-    double begin;       /* of the desired motion, s, */
-    double piece;       /* and its pieces, s; 0 if none is followed */
-    double relative[2]; /* tolerances where all is smooth, and where it is not */
-    double absolute[2];
-    int patience; /* knots at which steps are to end, after one across a knot failed */
-    int stops;    /* how many of them are to come */
-    int smooth;   /* whether rates have no kinks: 0 never, 1 always, 2 while inputs are inside */
-    int steps;    /* how many a call takes at most */
-    int samples;  /* how many there are to come; afterwards how many came */
-    int instants; /* afterwards, at how many inputs were looked at */
-    int reason;
-} Flow;
-
-typedef struct {
     const void *const *given;
     Flow *flow;
+    const Leg *leg;
     const double *scale; /* of absolute tolerances [STATE] */
     double before[STATE], after[STATE], stages[ALL_STAGES][STATE], path[POWERS_OF_PATH][STATE];
     double inside; /* more than 0 where no input is at a limit, at the last evaluation */
 } Solver;
-
-/* The time derivative of a state, no numbers where it has none. Returns whether it is refused. */
-static int slope_at(const void *const *given, const double time, const double *x, double *rate,
-    double *inputs, double *inside)
-{
-    double refused = 0.0, sum = 0.0;
-    for (int i = 0; i < STATE; ++i) {
-        sum += x[i] - x[i];
-    }
-    if (!(sum <= 0.0)) {
-        for (int i = 0; i < STATE; ++i) {
-            rate[i] = sum;
-        }
-        return 0;
-    }
-    take_slope(given, time, x, rate, &refused, inputs, inside);
-    return refused > 0.0;
-}
-
-void flow_slope(const void *const *given, const double time, const double *x, double *rate,
-    int *refused);
-
-void flow_slope(const void *const *given, const double time, const double *x, double *rate,
-    int *refused)
-{
-    double inputs[RANGED + 1], inside;
-    *refused = slope_at(given, time, x, rate, inputs, &inside);
-}
 
 /* A stage of a step of `h` s. Returns whether it is refused. */
 static int take_stage(Solver *s, const int stage, const double time, const double h)
@@ -181,7 +130,7 @@ static int find_step(Solver *s, const int rough, double *h)
             return TOO_SHORT;
         }
         double after = flow->time + flow->step;
-        after = after < flow->end ? after : flow->end;
+        after = after < s->leg->end ? after : s->leg->end;
         after = flow->stops > 0 && after > knot ? knot : after;
         *h = after - flow->time;
         for (int stage = 1; stage <= STAGES; ++stage) {
@@ -275,75 +224,89 @@ static double first_end(const Solver *s, const double h)
     return bad;
 }
 
-/*
- * Take steps from `x`, which is then the last state, until `flow` says why not. Samples are at
- * `times`, and inputs are looked at four times a step, at `instants`. There is room for as many
- * as come.
- */
-void flow_steps(const void *const *given, Flow *flow, const double *scale, double *x,
-    const double *times, double *samples, double *instants, double *inputs);
+/* Keep samples of a step of `h` s up to a share of it, and the inputs at each quarter of that. */
+static int keep(Solver *s, const double h, const double until, const double time, const int wanted,
+    const Kept *kept)
+{
+    Flow *const flow = s->flow;
+    double inputs[4][RANGED + 1], instants[4], point[STATE], unread;
+    for (int k = 0; k < 4; ++k) {
+        const double share = 0.25 * (k + 1) * until;
+        state_on_path(s, share, point);
+        instants[k] = flow->time + share * h;
+        if (slope_at(s->given, instants[k], point, s->stages[1], inputs[k], &unread)) {
+            return 1;
+        }
+        if (!(s->stages[1][0] - s->stages[1][0] <= 0.0)) {
+            instants[k] = INFINITY;
+        }
+    }
+    for (int k = 0; k < 4; ++k) {
+        int next = flow->samples;
+        while (next < wanted && kept->times[next] < instants[k]) {
+            ++next;
+        }
+        if (instants[k] < (double)INFINITY) {
+            widen(inputs[k], kept->ranges + 2 * next * RANGED);
+        }
+    }
+    for (; flow->samples < wanted && kept->times[flow->samples] <= time; ++flow->samples) {
+        const double share = (kept->times[flow->samples] - flow->time) / h;
+        state_on_path(s, share, kept->samples + flow->samples * STATE);
+    }
+    return 0;
+}
 
-void flow_steps(const void *const *given, Flow *flow, const double *scale, double *x,
-    const double *times, double *samples, double *instants, double *inputs)
+/* Fly a leg in steps of adaptive size, until `flow` says why not. */
+static void fly_leg(
+    const void *const *given, Flow *flow, const Leg *leg, double *x, const Kept *kept)
 {
     Solver solver, *const s = &solver;
-    const int wanted = flow->samples;
-    double unread[RANGED + 1], point[STATE];
+    double unread[RANGED + 1];
     s->given = given;
     s->flow = flow;
-    s->scale = scale;
+    s->leg = leg;
+    s->scale = kept->scale;
     s->inside = 1.0;
+    if (flow->done == 0) {
+        flow->patience = 1;
+        flow->stops = 0;
+        flow->budget += flow->extra;
+        flow->budget = flow->budget < flow->most ? flow->budget : flow->most;
+    }
     memcpy(s->before, x, sizeof s->before);
-    flow->samples = flow->instants = 0;
     flow->reason = slope_at(given, flow->time, x, s->stages[0], unread, &s->inside);
     flow->budget -= 1.0;
-    for (int step = 0; step < flow->steps && flow->time < flow->end && !flow->reason; ++step) {
+    for (; flow->steps > 0 && flow->time < leg->end && !flow->reason; --flow->steps) {
         const int rough = flow->smooth == 0 || (flow->smooth == 2 && !(s->inside > 0.0));
-        const int instants_before = flow->instants;
         double h;
         if ((flow->reason = find_step(s, rough, &h)) != 0) {
             break;
         }
-        const double inside = s->inside;
+        const double inside = s->inside, after = flow->time + h;
         double until = 1.0;
         if (find_path(s, h)) {
             flow->reason = REFUSED;
             break;
         }
-        const double after = flow->time + h;
-        if (ends_at(s, after, s->after)) {
-            flow->reason = ENDED;
+        const int ended = ends_at(s, after, s->after);
+        if (ended) {
             until = first_end(s, h);
         }
-        for (int quarter = 1; quarter <= 4; ++quarter) {
-            const double share = 0.25 * quarter * until;
-            state_on_path(s, share, point);
-            instants[flow->instants] = flow->time + share * h;
-            double *const seen = inputs + flow->instants * RANGED;
-            if (slope_at(given, instants[flow->instants], point, s->stages[1], seen, unread)) {
-                flow->reason = REFUSED;
-            }
-            flow->instants += s->stages[1][0] - s->stages[1][0] <= 0.0;
-        }
-        if (flow->reason == REFUSED) {
-            flow->instants = instants_before;
-            break;
-        }
         const double time = until < 1.0 ? flow->time + until * h : after;
-        for (; flow->samples < wanted && times[flow->samples] <= time; ++flow->samples) {
-            state_on_path(s, (times[flow->samples] - flow->time) / h,
-                samples + flow->samples * STATE);
+        if (keep(s, h, until, time, flow->wanted, kept)) {
+            flow->reason = REFUSED;
+            break;
         }
         if (until < 1.0) {
             state_on_path(s, until, s->after);
         }
         flow->taken = time - flow->time;
         flow->time = time;
+        ++flow->done;
         flow->budget += flow->taken * flow->income;
         flow->budget = flow->budget < flow->most ? flow->budget : flow->most;
-        if (!flow->reason && flow->budget < 0.0) {
-            flow->reason = TOO_SLOW;
-        }
+        flow->reason = ended ? ENDED : flow->budget < 0.0 ? TOO_SLOW : GOES_ON;
         memcpy(s->before, s->after, sizeof s->before);
         memcpy(s->stages[0], s->stages[STAGES], sizeof s->stages[0]);
         s->inside = inside;

@@ -1,8 +1,8 @@
 /*
  * Steps of a program, many a call, for one state or a block of states side by side.
  *
- * Before it stand `take_step`, which takes one, STATE, the length of a state, and RANGED, how many
- * inputs a step tells; `runtime/program_steps.py` calls `program_run`. `given` are addresses: of
+ * Before it stand `take_step`, which takes one, and `ranges.c`; `runtime/program_steps.py` calls
+ * `program_run`, and so do `fixed.c` and `rollout.c`. `given` are addresses: of
  * constants, of the context of what is written by hand, and of the program's other inputs, a
  * `number` or `real` for each entry. A state ends before a step that is refused, and after one from
  * which it cannot go on; it then stays as it is, while others go on.
@@ -28,16 +28,6 @@ static INLINE int stand_in(const Progress *progress, const number *x, number *no
         }
     }
     return one < LANES;
-}
-
-/* The least and the greatest of inputs so far. */
-static INLINE void widen(const number *inputs, real *range)
-{
-    for (int i = 0; range && i < RANGED; ++i) {
-        const real value = ((const real *)inputs)[i * LANES];
-        range[i] = minimum_real(range[i], value);
-        range[RANGED + i] = maximum_real(range[RANGED + i], value);
-    }
 }
 
 /* Whether a step is not refused, and none of the states ends after it; no number is not so. */

@@ -24,18 +24,24 @@ All stages know a generated module and nothing of how it was derived.
 
 from __future__ import annotations
 
+import logging
 import math
 import os
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
+from time import perf_counter
 from types import ModuleType
 
 import numpy as np
 
 from gibbs_codegen.errors import UsageError, check_all
 from gibbs_codegen.flight.control.choice import check_control, control_law, law_of
-from gibbs_codegen.flight.control.sampled_control import OwnController, law_in_time
+from gibbs_codegen.flight.control.sampled_control import (
+    OwnController,
+    SampledControl,
+    law_in_time,
+)
 from gibbs_codegen.flight.desired.demands import limits_of
 from gibbs_codegen.flight.desired.trajectory import (
     Progress,
@@ -66,6 +72,9 @@ from gibbs_codegen.runtime.load import load
 from gibbs_codegen.runtime.loaded_module import require_functions
 from gibbs_codegen.runtime.predictive import DERIVATIVES, UNDER_WRENCHES
 
+_log = logging.getLogger("gibbs_codegen")
+# Time of a controller, s, from which on it is worth a word.
+_LONG = 2.0
 # The size that rounding may give an eigenvalue of zero, as a share of the largest.
 _ROUNDING = 1e-13
 
@@ -97,7 +106,7 @@ def simulate(
     start = flight_start(robot, scenario, progress, custom_law=controller is not None)
     loop, scenario = start.loop, start.scenario
     law = law_in_time(loop.controller, scenario, loop.actuators, loop.idles, controller)
-    loop = replace(loop, controller=law)
+    loop, begin = replace(loop, controller=law), perf_counter()
     history = integrate(
         loop,
         loop.start(start.q, start.v, scenario.start.charge),
@@ -105,7 +114,18 @@ def simulate(
         scenario.integration,
         lambda time, duration: progress("flying", time / duration),
     )
+    if isinstance(law, SampledControl) and controller is not None:
+        _tell_share(loop.vehicle.name, law.spent, perf_counter() - begin)
     return timing_note(flight_of(loop, scenario, history), start.motion)
+
+
+def _tell_share(robot: str, spent: float, flown: float) -> None:
+    """Log the time of a controller, s, where it is most of that of a flight, and long."""
+    if spent > max(_LONG, 0.5 * flown):
+        words = (
+            "%s: the controller took %.1f s of the %.1f s that its flight was computed (%.0f %%)"
+        )
+        _log.warning(words, robot, spent, flown, 100.0 * spent / flown)
 
 
 @dataclass(frozen=True)

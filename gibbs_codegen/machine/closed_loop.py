@@ -35,7 +35,13 @@ from gibbs_codegen.arrays.nodes import (
     zeros,
 )
 from gibbs_codegen.machine import impacts, surroundings
-from gibbs_codegen.machine.base import Motion, base_of, quaternion_motion, unit_entries
+from gibbs_codegen.machine.base import (
+    Motion,
+    base_of,
+    placed,
+    quaternion_motion,
+    unit_entries,
+)
 from gibbs_codegen.machine.laws import (
     LAWS,
     Aim,
@@ -307,6 +313,37 @@ class ClosedLoop:
             outputs["wrench"] = self._wrench(*self._force(at, q, v, memory))
         knowledge = self._knowledge(at, memory)
         return self._program("command", (time, q, v, *knowledge), outputs)
+
+    @labelled
+    def sample(self) -> Program:
+        """What is commanded by the law when it is sampled: `commands` (nu), and `refused`.
+
+        Of the time that it is told, and of a state x that has nothing of what it remembers, which
+        is `memory` (nv) and then `learnt` (nv), where errors act for as long as it `learns`, s.
+        Sensors are off by `errors`: displacements (nv), velocities (nv), the wrench on the frame.
+        """
+        time, n = variable("time", uniform=True), self.plant.space.velocities
+        layout = self.machine.layout(work=1)
+        x, learns = variable("x", layout.size), variable("learns")
+        errors, memory = variable("errors", 2 * n + 6), variable("memory", n)
+        state = self.machine.parts(x, layout)
+        base, places, felt = base_of(self.model, state.q), self.model.layout.v, None
+
+        def off(error: Node) -> Node:
+            turn = error[places.attitude]
+            if not self.model.space.has_quaternion:  # That is about axes of the world.
+                turn = base.attitude_entries(zeros(n), base.to_base(turn))
+            return placed(self.model, turn, error[places.position], error[places.joints])
+
+        q, v = self.model.integrate(state.q, off(errors[:n])), state.v + off(errors[n : 2 * n])
+        if self.moved is not None:
+            felt = self.machine.touching(state)[self.moved] + errors[2 * n :]
+        at = self._instant(time, self._curves_at(time), felt)
+        wanted, refused = self.commanded(at, q, v, memory)
+        outputs = {"commands": self._sent(at, q, v, wanted), "learnt": memory, "refused": refused}
+        if self.integral:
+            outputs["learnt"] = memory + learns * self._remembered(at, q, v, memory, wanted)
+        return self._program("sample", (time, x, errors, memory, learns), outputs)
 
     def required(self) -> Program:
         """Inputs `wanted` (nu) that accelerations need, as of `command`, of q, v and a."""

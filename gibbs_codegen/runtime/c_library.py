@@ -7,6 +7,7 @@ import functools
 import hashlib
 import itertools
 import logging
+import math
 import os
 import platform
 import re
@@ -19,7 +20,7 @@ import tempfile
 import threading
 import time
 from collections import defaultdict
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor, wait
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
@@ -196,6 +197,11 @@ def _processor() -> str:
 
 
 _log = logging.getLogger("gibbs_codegen")
+# What is compiled, where nothing else is said.
+_FUNCTIONS = "its functions"
+# Time to compile a library, s, and each operation in it, on the machine of the waiting times.
+_SECONDS_A_LIBRARY, _SECONDS_AN_OPERATION = 0.3, 4e-4
+_OPERATIONS = re.compile(rb" [-+*/] ")
 # Work that takes longer is announced, s.
 _PATIENCE = 2.0
 # Words that were logged; begin and end of announced work, s.
@@ -287,7 +293,14 @@ class ModuleLibrary:
         always = (name for name in self._functions if not FUNCTIONS[name].on_request)
         units = {self._unit(name, per_state=False) for name in always}
         tasks: list[Future[ctypes.CDLL]] = []
-        with ThreadPoolExecutor(len(units)) as pool:
+
+        def seconds() -> float:
+            """About how long all take, s."""
+            each = [_seconds(self._texts(*unit)) for unit in units]
+            return max(*each, sum(each) / (os.cpu_count() or 1))
+
+        told = announced(_compiling(self._name, _FUNCTIONS), seconds)
+        with told, ThreadPoolExecutor(len(units)) as pool:
             try:
                 tasks.extend(pool.submit(self._library, unit) for unit in units)
                 for task in tasks:
@@ -313,19 +326,26 @@ class ModuleLibrary:
             return "steps", per_state
         return name if row.on_request else row.group, per_state
 
-    def _path(self, unit: str, per_state: bool) -> Path:
-        if not unit:
-            return self.core
+    def _parts(self, unit: str, per_state: bool) -> list[str]:
+        """The functions of a unit, with those that they call."""
         functions = [
             name
             for name in self._functions
             if self._unit(name, per_state=per_state) == (unit, per_state)
         ]
-        parts = {part for name in functions for part in FUNCTIONS[name].composed}
+        return [*{part for name in functions for part in FUNCTIONS[name].composed}, *functions]
+
+    def _texts(self, unit: str, per_state: bool) -> list[bytes]:
+        """The sources of a unit."""
+        files = (self._folder / file for file in c_files(self._name, per_state=per_state)[2:])
+        return [some_functions(file.read_bytes(), self._parts(unit, per_state)) for file in files]
+
+    def _path(self, unit: str, per_state: bool) -> Path:
+        if not unit:
+            return self.core
         where = self._folder, self._name, c_files(self._name, per_state=per_state), self._compiler
-        return compiled_files(
-            *where, self._of_each if per_state else (), functions=[*parts, *functions]
-        )
+        functions = self._parts(unit, per_state)
+        return compiled_files(*where, self._of_each if per_state else (), functions=functions)
 
 
 def compiled_library(
@@ -347,8 +367,11 @@ def compiled_files(
     extra: Sequence[str] = (),
     others: Mapping[str, bytes] = MappingProxyType({}),
     functions: Collection[str] | None = None,
+    what: str = _FUNCTIONS,
 ) -> Path:
     """Path of a shared library of C files of a generated module, from the cache or compiled now.
+
+    A message says `what` is compiled.
 
     `files` are those that it is made of, and what they include, as of `c_files`. `others` are texts
     of further sources, by names that no file of the module has. Of the module's C sources there are
@@ -384,11 +407,21 @@ def compiled_files(
         for file, text in texts.items():
             (sources / file).write_bytes(text)
         compiled = [file for file in texts if file.endswith(".c") and file not in included]
-        with announced(f"{name}: compiling C, which is kept for the next time"):
+        with announced(_compiling(name, what), lambda: _seconds(texts.values())):
             compiler.library([sources / file for file in compiled], output, extra)
         shutil.rmtree(sources)
 
     return cached_library("\n".join([compiler.identity, name, *extra, *digests]), make)
+
+
+def _compiling(name: str, what: str) -> str:
+    return f"{name}: compiling {what} in C, to be kept for the next time"
+
+
+def _seconds(sources: Iterable[bytes]) -> float:
+    """About how long C sources take to compile, s."""
+    operations = sum(len(_OPERATIONS.findall(source)) for source in sources)
+    return _SECONDS_A_LIBRARY + operations * _SECONDS_AN_OPERATION
 
 
 def portable_library(name: str, sources: Mapping[str, str]) -> Path:
@@ -441,13 +474,17 @@ def opened_core(path: Path, prefix: str) -> ctypes.CDLL:
 
 
 @contextmanager
-def announced(what: str) -> Iterator[None]:
-    """Log, as a warning, what takes longer than two seconds, once; and keep when it was done."""
+def announced(what: str, seconds: Callable[[], float] | None = None) -> Iterator[None]:
+    """Log, as a warning, what takes longer than two seconds, once; and keep when it was done.
+
+    `seconds` tells about how long it takes.
+    """
 
     def log_once() -> None:
         if what not in _LOGGED:
             _LOGGED.add(what)
-            _log.warning("%s", what)
+            about = f" (about {math.ceil(seconds())} s)" if seconds else ""
+            _log.warning("%s%s", what, about)
 
     timer, begin = threading.Timer(_PATIENCE, log_once), time.perf_counter()
     timer.start()

@@ -355,7 +355,8 @@ class CompiledPredictive:
         self._transcription, self._name = transcription, f"{module.NAME}_predictive"
         texts = {".h": transcription.header(), ".c": transcription.source()}
         sources = {f"{self._name}{ending}": text for ending, text in texts.items()}
-        self._library = library(module, called([*transcription.programs.values()]), sources)
+        functions = called([*transcription.programs.values()])
+        self._library = library(module, functions, sources, "its predictive controller")
         shapes = {name: member.shape for name, member in transcription.members.items()}
         shapes["constants"] = (len(constants) // 8,)
         # The rest is room for the solver.

@@ -130,7 +130,8 @@ class BlockProgram:
         )
         sources = {f"_{program.name}.c": source}
         single = self._blocks.single
-        blocks = library(self._module, called([program]), sources, single=single).program_blocks
+        functions, what = called([program]), f"the program {program.name}"
+        blocks = library(self._module, functions, sources, what, single=single).program_blocks
         blocks.restype = None
         return blocks
 

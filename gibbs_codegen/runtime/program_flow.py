@@ -1,9 +1,8 @@
-"""Steps of adaptive size of a closed loop in C, of one state: `emitted/adaptive.c` takes them."""
+"""Flights of one state in C: `emitted/flight.c` flies them, in equal steps or by `adaptive.c`."""
 
 from __future__ import annotations
 
 import ctypes
-import itertools
 from collections.abc import Mapping, Sequence
 from types import ModuleType
 from typing import Any, NamedTuple
@@ -11,58 +10,123 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from gibbs_codegen.arrays.c_text import c_functions
 from gibbs_codegen.arrays.contents import owners_of
 from gibbs_codegen.arrays.functions import Functions
 from gibbs_codegen.arrays.nodes import Node, Program
 from gibbs_codegen.files.verbatim import c_source
 from gibbs_codegen.runtime.program_steps import ProgramArguments
-from gibbs_codegen.runtime.programs import c_text, called, library, take_slope
+from gibbs_codegen.runtime.programs import STEP, c_text, called, entry, library, sizes
 
 Array = NDArray[np.float64]
 # Why a call returns, as C numbers it.
 GOES_ON, REFUSED, ENDED, TOO_SHORT, TOO_SLOW = range(5)
-# What a call takes on at most, so that progress shows and Ctrl-C is heard; inputs that it looks at.
-_STEPS_A_CALL, _INSTANTS_A_STEP = 100, 4
+# Inputs that differ from sample to sample of a law, as `flight.c` names their places in capitals.
+_OF_SAMPLES = "held", "errors", "learns", "memory"
+# In C functions of what is sampled have names of their own.
+_SAMPLED = "sampled_"
+
+# A leg, through which the same acts on the robot: the members that `emitted/flow.c` has.
+LEG = np.dtype(
+    [
+        *((name, np.float64) for name in ("begin", "end", "step")),
+        *((name, np.int32) for name in ("count", "every", "number", "samples", "command")),
+    ],
+    align=True,
+)
 
 
 class Flow(ctypes.Structure):
-    """State of an integration, and how far it came: the members that `emitted/adaptive.c` has."""
+    """State of a flight, and how far it came: the members that `emitted/flow.c` has."""
 
     _fields_ = [
-        *((name, ctypes.c_double) for name in ("time", "end", "step", "taken")),
-        *((name, ctypes.c_double) for name in ("budget", "income", "most", "begin", "piece")),
+        *((name, ctypes.c_double) for name in ("time", "step", "taken", "budget", "income")),
+        *((name, ctypes.c_double) for name in ("extra", "most", "begin", "piece")),
         *((name, 2 * ctypes.c_double) for name in ("relative", "absolute")),
-        *((name, ctypes.c_int) for name in ("patience", "stops", "smooth", "steps")),
-        *((name, ctypes.c_int) for name in ("samples", "instants", "reason")),
+        *((name, ctypes.c_int) for name in ("patience", "stops", "smooth", "steps", "wanted")),
+        *((name, ctypes.c_int) for name in ("samples", "leg", "legs", "done", "begun")),
+        *((name, ctypes.c_int) for name in ("sampled", "reason")),
     ]
 
 
 class Flown(NamedTuple):
-    """Samples (s, size), the last state, and inputs (k, 2, nu) at `instants` (k), s."""
+    """Samples (s, size), the last state, and ranges (s + 1, 2, 2, nu) of inputs up to each sample.
+
+    The last one is of the time since then. They are the least and the greatest of inputs that are
+    commanded and of those that act.
+    """
 
     samples: Array
     last: Array
-    instants: Array
-    inputs: Array
+    ranges: Array
 
 
-def flow_source(slope: Program, end: Program, robot: Functions) -> str:
-    """C that takes steps of adaptive size of a closed loop by its programs."""
-    engine = [*take_slope(slope, end, [*_inputs(slope, end)]), c_source("adaptive.c")]
-    return c_text([slope, end], robot, engine=engine)
+class Samples(NamedTuple):
+    """Samples of a law: what each is told, and where C leaves its commands.
+
+    `times` (n) and `learns` (n), s, `errors` (n, …), what the law remembers, and `commands`
+    (before + n, nu), of which those of `before` the first are there.
+    """
+
+    times: Array
+    learns: Array
+    errors: Array
+    memory: Array
+    commands: Array
 
 
-def _inputs(slope: Program, end: Program) -> dict[str, Node]:
-    """The inputs of both programs by name, but for time and state."""
-    pairs = (zip(program.names[2:], program.inputs[2:], strict=True) for program in (slope, end))
-    return dict(itertools.chain(*pairs))
+def flow_source(programs: Mapping[str, Program], robot: Functions) -> str:
+    """C that flies a closed loop by its programs.
+
+    They are its `slope`, its `step` or else its `end`, and `sample`, if its law is sampled.
+    """
+    names, owners = [*_inputs(programs)], _owners(programs)
+    flown = [programs[name] for name in ("step", "slope", "end") if name in programs]
+    engine, by_hand = sizes(programs["slope"]), ["flow.c", "adaptive.c", "flight.c"]
+    for program in flown:
+        outputs = STEP if program.name == "step" else [*program.outputs]
+        engine += entry(program.name, [program], owners, names, outputs)
+    if "step" in programs:
+        by_hand = ["flow.c", "engine.c", "fixed.c", "flight.c"]
+    if "sample" in programs:
+        sample = programs["sample"]
+        first = len(owners) + 1
+        numbers = [f"{x.upper()}_AT = {first + names.index(x)}" for x in _OF_SAMPLES]
+        engine += [
+            "#define SAMPLED",
+            f"enum {{ {', '.join(numbers)} }};",
+            f"enum {{ OBSERVED = {_inputs(programs)['errors'].size} }};",
+            f"enum {{ LEARNT = {sample.outputs['learnt'].size} }};",
+            f"enum {{ HELD_INPUTS = {sample.outputs['commands'].size} }};",
+            *c_functions([sample], _SAMPLED, "static "),
+            *entry("sample", [sample], owners, names, [*sample.outputs], _SAMPLED),
+        ]
+    return c_text(flown, robot, engine=[*engine, *map(c_source, by_hand)], beside=_beside(programs))
+
+
+def _beside(programs: Mapping[str, Program]) -> list[Program]:
+    """Programs that need what is written by hand, besides those of the loop."""
+    return [programs["sample"]] if "sample" in programs else []
+
+
+def _owners(programs: Mapping[str, Program]) -> list[str]:
+    return sorted(set().union(*map(owners_of, programs.values())))
+
+
+def _inputs(programs: Mapping[str, Program]) -> dict[str, Node]:
+    """The inputs of programs by name, but for those up to the state."""
+    inputs: dict[str, Node] = {}
+    for program in programs.values():
+        first = program.names.index("x") + 1
+        inputs |= dict(zip(program.names[first:], program.inputs[first:], strict=True))
+    return inputs
 
 
 class ProgramFlow:
-    """A closed loop by its programs `slope` and `end`, whose inputs are time, x, and what is given.
+    """A closed loop by its programs, as of `flow_source`.
 
-    `values`, `constants` by owner, `tables` and `guesses` are as of `ProgramSteps`. `arrays` has
-    the inputs by name.
+    `values`, `constants` by owner, `tables` and `guesses` are as of `ProgramArguments`. `arrays`
+    has the inputs by name.
 
     Raises `CompilerError`, or `CacheError` where the cache cannot be used.
     """
@@ -70,28 +134,34 @@ class ProgramFlow:
     def __init__(
         self,
         module: ModuleType,
-        slope: Program,
-        end: Program,
+        programs: Mapping[str, Program],
         values: Mapping[str, Any],
         constants: Mapping[str, Any],
         tables: Sequence[Array],
         guesses: int,
     ) -> None:
         """Compile the programs, and lay out what they are given."""
-        inputs = _inputs(slope, end)
-        text = flow_source(slope, end, Functions(module))
-        compiled = library(module, called([slope, end]), {"_flow.c": text}, blocks=False)
-        self._slope, self._flow = compiled.flow_slope, compiled.flow_steps
+        inputs, text = _inputs(programs), flow_source(programs, Functions(module))
+        functions = called([*programs.values()])
+        compiled = library(module, functions, {"_flow.c": text}, "a flight", blocks=False)
+        self._slope, self._legs = compiled.flow_slope, compiled.flow_legs
         self._slope.argtypes = [ctypes.c_void_p, ctypes.c_double, *[ctypes.c_void_p] * 3]
-        self._flow.argtypes = [ctypes.c_void_p] * 8
-        self._slope.restype = self._flow.restype = None
+        self._legs.argtypes = [ctypes.c_void_p] * 6
+        self._slope.restype = self._legs.restype = None
+        slope = programs["slope"]
         self.size, self.ranged = slope.inputs[1].size, slope.outputs["inputs"].size
-        owners = sorted({*owners_of(slope), *owners_of(end)})
-        robots = [constants[owner] for owner in owners]
+        robots = [constants[owner] for owner in _owners(programs)]
         arguments = ProgramArguments(inputs, values, robots, tables, guesses)
         self.arrays, self._owned = arguments.arrays, arguments
         self._arguments = arguments.addresses.ctypes.data
+        self._held = len(robots) + 1 + [*inputs].index("held") if "held" in inputs else None
         self._refused = ctypes.c_int()
+
+    def hold(self, inputs: Array | tuple[float, ...]) -> None:
+        """Hold other inputs (nu) from now on, where inputs are held."""
+        self.arrays["held"][0] = inputs
+        if self._held is not None:  # Where a sampled law was flown, its commands are held.
+            self._owned.addresses[0, self._held] = self.arrays["held"].ctypes.data
 
     def slope(self, time: float, state: Array) -> Array | None:
         """The time derivative (size) of a state; None where it is refused."""
@@ -100,16 +170,44 @@ class ProgramFlow:
         self._slope(self._arguments, time, x.ctypes.data, rate.ctypes.data, refused)
         return None if self._refused.value else rate
 
-    def __call__(self, flow: Flow, state: Array, scale: Array, times: Array) -> Flown:
-        """Take steps from a state (size), as many as a call takes, or until `flow` says why not.
+    def __call__(
+        self,
+        flow: Flow,
+        legs: NDArray[np.void],
+        state: Array,
+        scale: Array,
+        times: Array,
+        law: Samples | None = None,
+        begins: Array | None = None,
+    ) -> Flown:
+        """Fly legs from a state (size), as many steps as a call takes, or until `flow` says why.
 
         `scale` (size) is that of absolute tolerances, `times` are those of the samples to come, s.
+        `law` has the samples of a law; `begins` (legs, size), if given, takes the states at the
+        begin of legs.
         """
-        flow.steps, flow.samples = _STEPS_A_CALL, len(times)
-        count = _INSTANTS_A_STEP * _STEPS_A_CALL
+        flow.legs, flow.wanted = len(legs), len(times)
         last, samples = np.array(state, dtype=np.float64), np.empty((len(times), self.size))
-        instants, inputs = np.empty(count), np.empty((count, 2, self.ranged // 2))
-        arrays = scale, last, times, samples, instants, inputs
-        self._flow(self._arguments, ctypes.addressof(flow), *(x.ctypes.data for x in arrays))
-        seen = flow.instants
-        return Flown(samples[: flow.samples], last, instants[:seen].copy(), inputs[:seen].copy())
+        ranges = np.empty((len(times) + 1, 2, 2, self.ranged // 2))
+        ranges[:, 0], ranges[:, 1] = np.inf, -np.inf
+        kept = _addresses(times, samples, ranges, scale, begins)
+        sampling = None
+        if law is not None:
+            sampling = np.append(
+                _addresses(law.times, law.errors, law.learns, law.memory, law.commands),
+                np.uint64(len(law.commands) - len(law.times)),
+            )
+        self._legs(
+            self._arguments,
+            ctypes.addressof(flow),
+            legs.ctypes.data,
+            last.ctypes.data,
+            kept.ctypes.data,
+            None if sampling is None else sampling.ctypes.data,
+        )
+        count = flow.samples
+        return Flown(samples[:count], last, np.swapaxes(ranges[: count + 1], 1, 2))
+
+
+def _addresses(*arrays: Array | None) -> NDArray[np.uint64]:
+    return np.array([0 if x is None else x.ctypes.data for x in arrays], dtype=np.uint64)

@@ -119,15 +119,14 @@ class ProgramSteps:
         constants: Mapping[str, Any],
         tables: Sequence[Array],
         guesses: int,
-        count: int = 1,
-        blocks: Blocks = ONE,
+        count: int,
+        blocks: Blocks,
     ) -> None:
         """Compile the program, and lay out what it is given."""
-        self.count, self.blocks, self.real = count, blocks, blocks.real
+        self.count, self.blocks = count, blocks
         self.size = program.inputs[2].size
-        self.ranged = program.outputs["inputs"].size
         robots = [constants[owner] for owner in owners_of(program)]
-        per_state = blocks.lanes > 1 and any(isinstance(x, np.ndarray) for x in robots)
+        per_state = any(isinstance(x, np.ndarray) for x in robots)
         self._run = _compiled(module, program, blocks, per_state=per_state)
         self._count = blocks.count(count)
         inputs = dict(list(zip(program.names, program.inputs, strict=True))[3:])
@@ -150,30 +149,24 @@ class ProgramSteps:
         *,
         going: Flags | None = None,
         threads: int = 1,
-        ranges: NDArray[Any] | None = None,
     ) -> Taken:
         """Take steps with all states, fewer with those that are refused or cannot go on.
 
         `states` are (count, size). Each `every`-th step is a sample, where `number` steps came
-        before. `going` (count): those that are flown. `ranges` (s + 1, 2, inputs) take the least
-        and the greatest inputs of the first state from sample to sample.
+        before. `going` (count): those that are flown.
         """
         blocks, kept = self._count, (number + steps) // every - number // every
         self._state[...] = self.blocks.of_rows(states)
         samples = self.blocks.filled(blocks, kept + 1, self.size, self.blocks.lanes)
         self._progress[...] = 0
-        if self.count == 1:
-            self._progress[0, 0, 0] = 1 if going is None else going[0]
-        else:
-            flown = np.zeros(blocks * self.blocks.lanes, dtype=np.int32)
-            flown[: self.count] = 1 if going is None else going
-            self._progress[:, 0] = flown.reshape(blocks, -1)
-        inputs = None if ranges is None else ranges.ctypes.data
+        flown = np.zeros(blocks * self.blocks.lanes, dtype=np.int32)
+        flown[: self.count] = 1 if going is None else going
+        self._progress[:, 0] = flown.reshape(blocks, -1)
         places = [*self._places, (samples.ctypes.data, samples.strides[0])]
 
         def fly(k: int) -> None:
             arguments, x, ends, kept_at = (first + k * stride for first, stride in places)
-            self._run(arguments, time, step, steps, every, number, x, kept_at, inputs, ends)
+            self._run(arguments, time, step, steps, every, number, x, kept_at, None, ends)
 
         if min(threads, blocks) == 1:
             for block in range(blocks):
@@ -205,9 +198,9 @@ def _compiled(module: ModuleType, program: Program, blocks: Blocks, *, per_state
     """The function that takes many steps; with `per_state` states have constants of their own."""
     source = steps_source(program, Functions(module), blocks.lanes, per_state=per_state)
     sources = {f"_{program.name}.c": source}
-    functions, one = called([program]), blocks.lanes == 1
+    functions, single = called([program]), blocks.single
     compiled = library(
-        module, functions, sources, single=blocks.single, per_state=per_state, blocks=not one
+        module, functions, sources, "flights side by side", single=single, per_state=per_state
     )
     real, whole, address = ctypes.c_double, ctypes.c_int, ctypes.c_void_p
     compiled.program_run.argtypes = [address, real, real, whole, whole, whole, *[address] * 4]

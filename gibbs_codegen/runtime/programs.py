@@ -34,7 +34,7 @@ Array = NDArray[np.float64]
 # Names of the functions, which the module has not.
 PREFIX = "program_"
 # Outputs of a step in the order in which `engine.c` takes them.
-_STEP = "x_next", "ended", "inputs", "refused"
+STEP = "x_next", "ended", "inputs", "refused"
 
 
 def c_text(
@@ -44,11 +44,12 @@ def c_text(
     *,
     per_state: bool = False,
     engine: Sequence[str] = (),
+    beside: Sequence[Program] = (),
 ) -> str:
     """The C source of programs that call functions of a robot's module.
 
     With `per_state` every state of a block has constants of its own. With an `engine`, lines of
-    what evaluates them many times a call, nothing else calls them.
+    what evaluates them many times a call, nothing else calls them; it may have programs `beside`.
     """
     constants = "real" if per_state else f"{robot.name}_constants"
     lines = [
@@ -57,7 +58,7 @@ def c_text(
         *([f"#define LANES {lanes}"] if lanes > 1 else []),
         f"typedef {robot.name}_real real;",
         f"typedef {constants} Constants;",
-        *support(programs, robot),
+        *support([*programs, *beside], robot),
         *(blocks_of(programs, per_state=per_state) if lanes > 1 else []),
         *c_functions(programs, PREFIX, "static " if engine else ""),
         *engine,
@@ -99,39 +100,29 @@ def take_step(programs: Sequence[Program], names: Sequence[str]) -> list[str]:
     Their outputs are those of `machine.closed_loop`. A program without the output `refused` refuses
     what is not finite.
     """
-    return [*_sizes(programs[0]), *_entry("step", programs, programs, names, _STEP)]
+    owners = sorted(set().union(*map(owners_of, programs)))
+    return [*sizes(programs[0]), *entry("step", programs, owners, names, STEP)]
 
 
-def take_slope(slope: Program, end: Program, names: Sequence[str]) -> list[str]:
-    """The slope of a closed loop, and whether a flight can go on, of time and x."""
-    both = slope, end
-    return [
-        *_sizes(slope),
-        *_entry("slope", [slope], both, names, [*slope.outputs]),
-        *_entry("end", [end], both, names, [*end.outputs]),
-    ]
+def sizes(program: Program) -> list[str]:
+    """Sizes of the state, and of the inputs that are told, whose ranges are widened."""
+    size, ranged = program.inputs[program.names.index("x")].size, program.outputs["inputs"].size
+    return [f"#define STATE {size}", f"#define RANGED {ranged}", c_source("ranges.c")]
 
 
-def _sizes(program: Program) -> list[str]:
-    """Sizes of the state, and of the inputs that are told."""
-    size = program.inputs[program.names.index("x")].size
-    return [f"#define STATE {size}", f"#define RANGED {program.outputs['inputs'].size}", ""]
-
-
-def _entry(
+def entry(
     name: str,
     programs: Sequence[Program],
-    beside: Sequence[Program],
+    owners: Sequence[str],
     names: Sequence[str],
     outputs: Sequence[str],
+    prefix: str = PREFIX,
 ) -> list[str]:
     """A function of inputs up to x, and of all else by addresses, which evaluates a program.
 
-    Addresses are of constants of all owners of the programs `beside`, of the context of what is
-    written by hand, and of inputs by their names; where there are several programs, that of the
-    number of one comes last.
+    Addresses are of constants of `owners`, of the context of what is written by hand, and of inputs
+    by their names; where there are several programs, that of the number of one comes last.
     """
-    owners = sorted(set().union(*map(owners_of, beside)))
     first = programs[0].names.index("x") + 1
     leading = programs[0].names[:first]
     parameters = [*(f"const real {key}" for key in leading[:-1]), "const number *x"]
@@ -142,7 +133,7 @@ def _entry(
         "{",
     ]
     for number, program in enumerate(programs):
-        text = CProgram(program, PREFIX)
+        text = CProgram(program, prefix)
         values = [f"(const void *const *)given[{len(owners)}]"] if text.has_context else []
         values += [f"(const Constants *)given[{owners.index(owner)}]" for owner in text.owners]
         values += leading
@@ -195,6 +186,7 @@ def library(
     module: ModuleType,
     functions: Sequence[str],
     sources: Mapping[str, str],
+    what: str,
     *,
     single: bool = False,
     per_state: bool = False,
@@ -205,7 +197,7 @@ def library(
     """The library of C sources by their names, with the functions of a module that they call.
 
     These take `blocks` of states, or one, with `per_state` constants of each state too. `files` of
-    the module are compiled as well.
+    the module are compiled as well. A message says `what` is compiled.
     Raises `CompilerError`, `CacheError` where the cache cannot be used, and `MissingFunctionError`.
     """
     name = module.NAME
@@ -219,6 +211,7 @@ def library(
         ["-fno-math-errno", *flags, *([f"-D{name.upper()}_FLOAT"] if single else [])],
         {file: text.encode() for file, text in sources.items()},
         functions=functions,
+        what=what,
     )
     return opened(path)
 
@@ -262,9 +255,9 @@ class CompiledProgram:
         ]
         self._owned = kept, context
         source = {f"_{program.name}.c": c_text([program], Functions(module))}
-        self._function = library(module, called([program]), source, blocks=False)[
-            PREFIX + program.name
-        ]
+        what = f"the program {program.name}"
+        compiled = library(module, called([program]), source, what, blocks=False)
+        self._function = compiled[PREFIX + program.name]
 
     def run(self) -> None:
         """Compute the outputs of the inputs."""

@@ -572,7 +572,14 @@ def _loaded(
     functions = called(programs or rollout_programs(robot))
     files = [] if made else [f"{name}_rollout.h", f"{name}_rollout.c"]
     opened = library(
-        module, functions, made, single=single, per_state=True, files=files, flags=flags
+        module,
+        functions,
+        made,
+        "a rollout",
+        single=single,
+        per_state=True,
+        files=files,
+        flags=flags,
     )
     function = opened[f"{name}_rollout{'_float' if single else ''}"]
     address, size = ctypes.c_void_p, ctypes.c_size_t

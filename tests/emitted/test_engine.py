@@ -115,7 +115,7 @@ def test_the_source_compiles_silently(
     if method == "fixed":
         text = steps_source(loop.step(), loop.plant, 8)
     else:
-        text = flow_source(loop.slope(), loop.end(), loop.plant)
+        text = flow_source({"slope": loop.slope(), "end": loop.end()}, loop.plant)
     source = tmp_path / "step.c"
     source.write_text(text, encoding="utf-8")
     options = ["-O1", "-fno-math-errno", *UNUSED, f"-I{folder}"]

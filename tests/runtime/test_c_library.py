@@ -55,7 +55,7 @@ def test_what_takes_long_to_compile_is_told_in_one_line(
     with caplog.at_level(logging.INFO, "gibbs_codegen"):
         for _ in range(2):
             compiled_library(folder, NAME, Slow(("cc",), "slow"))
-    told = f"{NAME}: compiling C, which is kept for the next time"
+    told = f"{NAME}: compiling its functions in C, to be kept for the next time (about 5 s)"
     # Python shows warnings by default, in scripts and pipes too.
     said = [(record.levelno, record.getMessage()) for record in caplog.records]
     assert said == ([(logging.WARNING, told)] if patience < 1.0 else [])

@@ -38,7 +38,6 @@ import numpy as np
 from gibbs_codegen.arrays.evaluation import Evaluator
 from gibbs_codegen.arrays.nodes import Program
 from gibbs_codegen.flight.plant.allocation import EXACT, Allocation
-from gibbs_codegen.flight.plant.state_program import StateProgram, state_program
 from gibbs_codegen.flight.plant.vehicle import Array, Vehicle
 from gibbs_codegen.flight.reference import Reference
 from gibbs_codegen.flight.scenario.parts import Force, Impedance
@@ -241,11 +240,6 @@ class Controller:
     def tables(self) -> list[Array]:
         """Curves that its program in C reads in their place."""
         return curve_tables(self.reference, self.reference)
-
-    def at_a_state(self, limits: Mapping[str, Array]) -> StateProgram:
-        """Its program `command`, as of `commanded`, for one state after the other."""
-        program, values = self.program(limited=bool(limits)).command(), {**self.values, **limits}
-        return state_program(self.vehicle, program, values, self.tables, self.externals)
 
     def program(self, **others: Any) -> closed_loop.ClosedLoop:
         """The array program of the law, as `law_program` has it."""

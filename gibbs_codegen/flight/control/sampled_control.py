@@ -12,9 +12,11 @@ import math
 from collections import deque
 from collections.abc import Callable, Mapping
 from functools import cache
-from typing import Any, ClassVar, Protocol
+from time import perf_counter
+from typing import Any, ClassVar, NamedTuple, Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
 from gibbs_codegen.errors import UsageError, written
 from gibbs_codegen.flight.arguments import whole
@@ -30,6 +32,7 @@ from gibbs_codegen.flight.reference import Reference
 from gibbs_codegen.flight.scenario.parts import PREDICTIVE, Sensors
 from gibbs_codegen.flight.scenario.scenario import Scenario
 from gibbs_codegen.machine.laws import turns_servos
+from gibbs_codegen.runtime.program_flow import Samples
 
 # Instants are the same, to this share of a millisecond, and of the time between two samples.
 _SAME = 1e-6
@@ -47,8 +50,8 @@ _log = logging.getLogger("gibbs_codegen")
 Measure = Callable[[], Measured]
 # Finds q (nq), v (nv) and that of the state at a time.
 Sample = Callable[[], tuple[Array, Array, Measure]]
-# Whether motors idle at a time, s.
-Idles = Callable[[float], Any]
+# Whether motors idle at times, s.
+Idles = Callable[[Any], Any]
 
 
 class ZeroOrderHold:
@@ -154,9 +157,13 @@ class ZeroOrderHold:
 
         Times must not decrease from call to call.
         """
+        self.act(time)
+        return ""
+
+    def act(self, time: float) -> None:
+        """Let the commands that are due take effect."""
         while self._pending and self._pending[0][0] <= time + self.same:
             self._act(*self._pending.popleft())
-        return ""
 
     def _act(self, time: float, command: Array) -> None:
         self.inputs = command
@@ -209,6 +216,9 @@ class Sensing:
             self._deviations[:, place] = np.array(values)[:, np.newaxis]
         # And of forces and torques on a frame (6).
         self._of_wrenches = np.repeat([noise.force, noise.torque], 3)
+        # Whether there are any of the state, and of what is measured besides.
+        self._errs = bool(np.any(self._deviations[:2]))
+        self._errs_besides = bool(np.any(self._deviations[2]) or np.any(self._of_wrenches))
         self.readings = Readings(SensorSuite(vehicle, noise))
         self.reset()
 
@@ -223,6 +233,23 @@ class Sensing:
         self._other_noise = np.random.default_rng([self._seed, 1])
         self.readings.reset(self._seed)
 
+    def errors(self, count: int, frame: int | None) -> Array:
+        """Errors (count, 2 nv + 6) of samples to come, of the wrench on a frame, if on any.
+
+        They are of displacements and velocities before they are turned, as `__call__` does.
+        """
+        n, frames = self._deviations.shape[1], len(self._vehicle.frames)
+        errors = np.zeros((count, 2 * n + 6))
+        if self._errs:
+            drawn = self._noise.standard_normal((count, 2 * n))
+            errors[:, : 2 * n] = drawn * self._deviations[:2].ravel()
+        if self._errs_besides:
+            drawn = self._other_noise.standard_normal((count, n + 6 * frames))[:, n:]
+            if frame is not None:
+                of_frame = drawn[:, 6 * frame : 6 * frame + 6]
+                errors[:, 2 * n :] = of_frame * self._of_wrenches
+        return errors
+
     def __call__(
         self, time: float, q: Array, v: Array, measure: Measure | None = None
     ) -> Observation:
@@ -233,9 +260,9 @@ class Sensing:
         """
         vehicle, layout, deviations = self._vehicle, self._vehicle.layout, self._deviations
         noise, wrenches = np.zeros(deviations.shape), np.zeros((len(vehicle.frames), 6))
-        if np.any(deviations[:2]):
+        if self._errs:
             noise[:2] = self._noise.standard_normal(noise[:2].shape)
-        if np.any(deviations[2]) or np.any(self._of_wrenches):
+        if self._errs_besides:
             noise[2] = self._other_noise.standard_normal(len(v))
             wrenches = self._of_wrenches * self._other_noise.standard_normal(wrenches.shape)
         noise, place = deviations * noise, layout.v.attitude
@@ -279,45 +306,43 @@ class LawController:
     """
 
     def __init__(self, law: Controller, actuators: Actuators, idles: Idles, rate: float) -> None:
-        self._law, self._idles, self._rate = law, idles, rate
+        self.law, self.idles, self._rate = law, idles, rate
         self._limits = actuators.values
-        self._program = law.at_a_state(self._limits)
         self._of_commands = None if actuators.commands is None else actuators.inputs
         self.reset()
 
     def reset(self) -> None:
         """Forget what was remembered."""
-        self._memory = np.zeros(self._law.memory)
+        self.memory = np.zeros(self.law.memory)
 
     def __call__(self, observation: Observation) -> Array:
         """Inputs u (nu) for an observation; what is remembered grows as in the period after it.
 
         Of a robot with motors and servos they are commands for these.
         """
-        seen, moved = (observation.time, observation.q, observation.v), self._law.moved
-        felt = np.zeros(6) if moved is None else observation.wrenches[moved.place]
-        inputs, growth = self._commanded(*seen, self._memory, felt)
-        if not self._idles(observation.time):
-            self._memory = self._memory + growth / self._rate
+        law, seen = self.law, (observation.time, observation.q, observation.v)
+        felt = np.zeros(6) if law.moved is None else observation.wrenches[law.moved.place]
+        inputs, growth = law.commanded(*seen, self.memory, self._limits, felt)
+        if not self.idles(observation.time):
+            self.memory = self.memory + growth / self._rate
         if self._of_commands is None:
             return inputs
         at = observation.q_desired, observation.v_desired
-        if turns_servos(self._law.law):
+        if turns_servos(law.law):
             at = observation.q, observation.v
-        return commands_for(self._law.vehicle, *at, inputs, self._of_commands)
+        return commands_for(law.vehicle, *at, inputs, self._of_commands)
 
-    def _commanded(
-        self, time: float, q: Array, v: Array, memory: Array, felt: Array
-    ) -> tuple[Array, Array]:
-        """As the law's own, which says what rotors cannot produce."""
-        inputs, outputs = self._program.inputs, self._program.outputs
-        values = {"time": np.array(time), "q": q, "v": v, "memory": memory, "felt": felt}
-        for name in values.keys() & inputs.keys():
-            inputs[name][...] = values[name]
-        self._program.run()
-        if outputs["refused"] > 0.0:
-            return self._law.commanded(time, q, v, memory, self._limits, felt)
-        return np.array(outputs["wanted"]), outputs.get("growth", memory)
+
+class Ahead(NamedTuple):
+    """Samples of a law ahead: how many are `due` (n) at times (n), s, and which command then acts.
+
+    `acting` (n) are places among the commands of `samples`.
+    """
+
+    begins: Array
+    due: NDArray[np.intp]
+    acting: NDArray[np.intp]
+    samples: Samples
 
 
 class SampledControl(ZeroOrderHold):
@@ -340,6 +365,13 @@ class SampledControl(ZeroOrderHold):
         self._sensing, self._controller = sensing, controller
         self.readings = sensing.readings
         self._taken = 0
+        # Time that a controller of the user's took, s.
+        self.spent = 0.0
+
+    @property
+    def sampled(self) -> Controller | None:
+        """The law of the package that is sampled, if one is."""
+        return self._controller.law if isinstance(self._controller, LawController) else None
 
     def start(self, q: Array, v: Array, measure: Measure) -> None:
         """Begin a flight: forget what was, and take the first sample.
@@ -363,6 +395,41 @@ class SampledControl(ZeroOrderHold):
         samples = np.arange(first, last) / self.rate
         return self._inside(np.concatenate([samples - late, samples + self.delay]), begin, end)
 
+    def ahead(self, begins: Array) -> Ahead:
+        """What a law of the package is told in samples at times (n), s, with room for commands.
+
+        Times are the begins of intervals at which samples are taken and commands take effect, as of
+        `begin`; `took` tells of how many that was so.
+        """
+        until, late, law = begins + self.same, self._sensing.delay, self._controller
+        most = int((until[-1] + late) * self.rate) + 2
+        times = np.arange(self._taken, max(most, self._taken)) / self.rate
+        taken = np.searchsorted(times - late, until, side="right")
+        times = times[: taken[-1]]
+        effects = [*(time for time, _ in self._pending), *(times + self.delay).tolist()]
+        known = [self.inputs, *(command for _, command in self._pending)]
+        commands = np.concatenate([known, np.zeros((len(times), len(self.inputs)))])
+        assert isinstance(law, LawController)  # noqa: S101 - see `sampled`
+        memory = np.zeros(law.law.vehicle.layout.v.size)
+        memory[: len(law.memory)] = law.memory
+        place = None if law.law.moved is None else law.law.moved.place
+        errors = self._sensing.errors(len(times), place)
+        learns = np.where(law.idles(times), 0.0, 1.0 / self.rate)
+        acting = np.searchsorted(effects, until, side="right")
+        samples = Samples(times, learns, errors, memory, commands)
+        return Ahead(begins, np.diff(taken, prepend=0), acting, samples)
+
+    def took(self, ahead: Ahead, begun: int) -> None:
+        """Keep what a law commanded in the samples at so many times of those that were ahead."""
+        law, samples, number = self._controller, ahead.samples, int(ahead.due[:begun].sum())
+        commands = samples.commands[len(samples.commands) - len(samples.times) :]
+        for time, command in zip(samples.times[:number].tolist(), commands, strict=False):
+            self.command(time, command)
+        self._taken += number
+        self.act(ahead.begins[begun - 1])
+        if isinstance(law, LawController):
+            law.memory = samples.memory[: len(law.memory)]
+
     def begin(self, time: float, sample: Sample) -> str:
         """Take due samples, and let due commands take effect; the fault of a command, "" if none.
 
@@ -373,14 +440,17 @@ class SampledControl(ZeroOrderHold):
         self._sensing.readings.take(time, lambda: sample()[2]().sensors)
         while (sampled := self._taken / self.rate) - self._sensing.delay <= time + self.same:
             self._taken += 1
+            begin = perf_counter()
             try:
                 inputs = self._controller(self._sensing(sampled, *sample()))
             except NoPlanError as error:
                 return str(error)
+            self.spent += perf_counter() - begin
             if fault := self.fault(inputs):
                 return f"at t = {sampled:.6g} s the controller returned {fault}"
             self.command(sampled, inputs)
-        return super().begin(time, sample)
+        self.act(time)
+        return ""
 
 
 # Controllers of motors and joints: inputs by a time, a state and their memory.

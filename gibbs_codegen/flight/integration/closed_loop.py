@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import itertools
 from bisect import bisect_right
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from typing import Any
@@ -18,11 +18,22 @@ from typing import Any
 import numpy as np
 
 from gibbs_codegen.arrays.evaluation import Evaluator
+from gibbs_codegen.arrays.nodes import Program
 from gibbs_codegen.flight.attitude import LARGEST_THETA_0
-from gibbs_codegen.flight.control.laws import constants_of, evaluator_of, law_program
+from gibbs_codegen.flight.control.laws import Controller, constants_of, evaluator_of, law_program
 from gibbs_codegen.flight.control.observation import Measured
-from gibbs_codegen.flight.control.sampled_control import ControlLaw, Measure, ZeroOrderHold
-from gibbs_codegen.flight.integration.state_history import NOTHING, Loads, SmoothInterval
+from gibbs_codegen.flight.control.sampled_control import (
+    Ahead,
+    ControlLaw,
+    Measure,
+    SampledControl,
+    ZeroOrderHold,
+)
+from gibbs_codegen.flight.integration.state_history import (
+    NOTHING,
+    Loads,
+    SmoothInterval,
+)
 from gibbs_codegen.flight.plant.actuators import (
     Actuators,
     check_charge,
@@ -95,6 +106,11 @@ class ClosedLoop:
     def hold(self) -> ZeroOrderHold | None:
         """The law that holds its inputs from one command to the next, if it is one."""
         return self.controller if isinstance(self.controller, ZeroOrderHold) else None
+
+    @property
+    def sampled_law(self) -> Controller | None:
+        """The law of the package that is sampled, if one is."""
+        return self.controller.sampled if isinstance(self.controller, SampledControl) else None
 
     @cached_property
     def lags(self) -> bool:
@@ -315,7 +331,26 @@ class ClosedLoop:
         loads = interval.loads._replace(inputs=self.hold.inputs)
         return interval._replace(loads=loads), stopped
 
-    def measured(self, time: float, parts: State[Array], inputs: Array) -> Measured:
+    def ahead(self, intervals: Sequence[SmoothInterval]) -> Ahead:
+        """Samples at the begins of intervals, of a law that is sampled."""
+        assert isinstance(self.controller, SampledControl)  # noqa: S101 - see `sampled_law`
+        return self.controller.ahead(np.array([interval.begin for interval in intervals]))
+
+    def took(self, ahead: Ahead, begun: int, states: Array | None) -> None:
+        """Keep what was commanded, and read by sensors, at the begins of intervals ahead.
+
+        So many were `begun`, in `states` (begun, size), which sensors read.
+        """
+        law, times = self.controller, ahead.begins[:begun]
+        assert isinstance(law, SampledControl)  # noqa: S101 - see `sampled_law`
+        if states is not None and law.readings is not None:
+            held = ahead.samples.commands[np.append(0, ahead.acting[: begun - 1])]
+            measured = self.measured(times, self.parts(states), held).sensors
+            for time, row in zip(times.tolist(), measured, strict=True):
+                law.readings.take(time, partial(np.asarray, row))
+        law.took(ahead, begun)
+
+    def measured(self, time: float | Array, parts: State[Array], inputs: Array) -> Measured:
         """Measurements of sensors without noise in a state while inputs (nu) are held."""
         loads = self.loads(time)._replace(inputs=inputs)
         _, aimed, acting = self.commands(time, parts, loads)
@@ -406,6 +441,12 @@ def loop_program(
         around=acting(closed.environment, loads)[0],
         varying_inputs=varying_inputs,
     )
+
+
+def sample_program(closed: ClosedLoop, law: Controller, loads: Loads) -> Program:
+    """The program by which a law that is sampled commands the robot, while something acts."""
+    around = acting(closed.environment, loads)[0]
+    return law.program(limited=True, lags=closed.lags, around=around).sample()
 
 
 def acting(environment: Environment | None, loads: Loads) -> tuple[Surroundings, dict[str, Any]]:

@@ -90,18 +90,3 @@ class SmoothInterval(NamedTuple):
     begin: float
     end: float
     loads: Loads
-
-
-class IntervalResult(NamedTuple):
-    """An interval that was integrated: samples of the state (s, size) at times (s) after its begin.
-
-    `inputs` are their ranges, part by part; `end` (s) and `state` (size) are where integration came
-    to, and `stopped` is why the flight cannot go on, "" if it can.
-    """
-
-    time: Array
-    states: Array
-    inputs: list[InputRanges]
-    end: float
-    state: Array
-    stopped: str

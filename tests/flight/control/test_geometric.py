@@ -20,7 +20,6 @@ from gibbs_codegen.flight.control.geometric import LeaningController
 from gibbs_codegen.flight.integration.closed_loop import ClosedLoop
 from gibbs_codegen.flight.integration.compiled_loop import (
     CompiledLoop,
-    CompiledSlope,
     is_compiled,
 )
 from gibbs_codegen.flight.integration.state_history import NOTHING
@@ -287,7 +286,7 @@ def test_a_heading_exactly_opposite_turns(machines: Load) -> None:
     spin = rate[len(vehicle.neutral) + vehicle.layout.v.attitude.stop - 1]
     assert np.abs(spin) == pytest.approx(np.pi * CONTROL.frequency**2)
     if is_compiled(loop, NOTHING):
-        found = CompiledSlope(loop, np.inf)(0.0, state)
+        found = CompiledLoop(loop, np.inf).slope(0.0, state)
         assert found is not None
         assert np.abs(found) == pytest.approx(np.abs(rate), abs=1e-9)  # Either way round.
 

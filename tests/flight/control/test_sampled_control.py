@@ -12,12 +12,15 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from gibbs_codegen.errors import UsageError
+from gibbs_codegen.flight import simulation
+from gibbs_codegen.flight.control import sampled_control
 from gibbs_codegen.flight.control.sampled_control import (
     LawController,
     Observation,
     Sensing,
     ZeroOrderHold,
 )
+from gibbs_codegen.flight.integration import compiled_loop
 from gibbs_codegen.flight.plant.actuators import Actuators
 from gibbs_codegen.flight.plant.vehicle import Array, Vehicle
 from gibbs_codegen.flight.record.flight import read_flight
@@ -361,6 +364,50 @@ def test_sensors_sample_our_laws_too(fast: Load) -> None:
     assert np.abs(flight.commanded - still.commanded).max() > 1e-3
 
 
+ERRORS = {"position": 0.01, "attitude_deg": 0.5, "velocity": 0.02, "angular_velocity": 0.01}
+PUSHED = {"force": [1, 0, 2], "begin": 0.02, "end": 0.0404, "frame": "base"}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("robot", "method", "control"),
+    [
+        ("hexarotor_3link", "adaptive", {"rate": 250, "delay": 0.007, "integral": 2.0}),
+        ("hexarotor_3link", "rk4", {"rate": 250, "delay": 0.007, "integral": 2.0}),
+        ("quadrotor_arm_2link", "rk4", {"rate": 333}),
+        (
+            "hextilt_flying_arm_5",
+            "adaptive",
+            {"rate": 250, "law": "impedance", "impedance": {"frame": "tip"}},
+        ),
+    ],
+)
+def test_samples_in_c_are_those_of_python(
+    robot: str,
+    method: str,
+    control: dict[str, Any],
+    fast: Load,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """With errors, delays, readings, memory, and intervals that end between samples.
+
+    Steps of adaptive size are exact to 1e-9, those of SciPy and of C each in its own way.
+    """
+    sensors = {**ERRORS, "force": 0.1, "delay": 0.003, "imu": [{"rate": 150}]}
+    changes = {"sensors": sensors, "push": PUSHED, "control": control}
+    scenario = hover(0.06, integration={"method": method, "rate": 500}, **changes)
+    module = fast(robot)
+    quick = simulate(module, scenario)
+    monkeypatch.setattr(compiled_loop, "is_compiled", lambda *_: False)
+    slow = simulate(module, scenario)
+    for name in ("q", "v", "commanded", "commanded_least", "applied_greatest", "sensors"):
+        found, expected = getattr(quick, name), getattr(slow, name)
+        size = np.nanmax(np.abs(expected), initial=1.0)
+        np.testing.assert_allclose(found, expected, rtol=0, atol=1e-8 * size, err_msg=name)
+    assert not quick.stopped
+    assert np.ptp(quick.commanded, axis=0).max() > 1e-2
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("late", [0.1])
 def test_sensors_are_late(late: float, fast: Load) -> None:
@@ -380,16 +427,10 @@ def test_sensors_are_late(late: float, fast: Load) -> None:
 def test_what_a_law_remembers_grows_from_sample_to_sample() -> None:
     class Remembers:
         memory, moved = 2, None
-        inputs = {"time": np.zeros(()), "memory": np.zeros(2)}  # noqa: RUF012 - a program's
-        outputs: dict[str, Array] = {}  # noqa: RUF012
 
-        def at_a_state(self, _: Any) -> Any:
-            return self
-
-        def run(self) -> None:
-            time, memory = self.inputs["time"], self.inputs["memory"]
-            self.outputs |= {"wanted": memory, "growth": np.array([1.0, float(time)]) - memory}
-            self.outputs["refused"] = np.zeros(())
+        def commanded(self, time: float, *seen: Any) -> tuple[Array, Array]:
+            memory = seen[2]
+            return memory, np.array([1.0, time]) - memory
 
     none, sides = np.zeros(0), np.array([[-np.inf] * 2, [np.inf] * 2])
     free = Actuators(sides, np.zeros(2), np.zeros((2, 0)), none, none, np.zeros(2))
@@ -405,3 +446,27 @@ def test_what_a_law_remembers_grows_from_sample_to_sample() -> None:
             times = 0.1 * np.arange(len(expected))
             told = [own(Observation(t, none, none, none, none, none)) for t in times.tolist()]
             assert np.allclose(told, expected, rtol=0, atol=1e-15)
+
+
+@pytest.mark.parametrize(("seconds", "said"), [(0.3, True), (0.1, False)])
+def test_a_controller_that_takes_most_of_the_time_is_told(
+    seconds: float,
+    said: bool,
+    fast: Load,
+    monkeypatch: pytest.MonkeyPatch,
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    """By a clock that only the controller moves, in eleven samples."""
+    clock = [0.0]
+    for module in (sampled_control, simulation):
+        monkeypatch.setattr(module, "perf_counter", lambda: clock[0])
+
+    def slow(observation: Observation) -> Array:
+        clock[0] += seconds
+        return np.full(4, 3.0)
+
+    flight = simulate(fast("quadrotor"), hover(0.01), slow)
+    assert not flight.stopped
+    told = [line for line in caplog.messages if "the controller took" in line]
+    words = "quadrotor: the controller took 3.0 s of the 3.0 s that its flight was computed (100 %)"
+    assert told == ([words] if said else [])

@@ -15,7 +15,6 @@ from gibbs_codegen.flight.integration.closed_loop import ClosedLoop
 from gibbs_codegen.flight.integration.compiled_loop import (
     CompiledLoop,
     CompiledLoops,
-    CompiledSlope,
 )
 from gibbs_codegen.flight.integration.state_history import NOTHING, Loads
 from gibbs_codegen.flight.plant.actuators import Actuators
@@ -131,7 +130,7 @@ def test_commands_are_those_of_python(name: str, limited: bool, modules: Load) -
     """Python allocates by singular values, and within limits by SciPy's bounded least squares."""
     closed = closed_loop_of(modules(name), limited=limited)
     assert closed.vehicle.rotors_move == (name == MOVING)
-    slope, at_limits = CompiledSlope(closed, np.inf), 0
+    slope, at_limits = CompiledLoop(closed, np.inf).slope, 0
     for time, state in states_near(closed, 30):
         expected = closed.derivative(time, state)
         thrusts = expected[-closed.vehicle.rotors :]
@@ -167,7 +166,7 @@ def test_a_wrench_that_rotors_cannot_produce_is_left_to_python(modules: Load) ->
     assert closed.controller.allocation.missing
     time, state = states_near(closed, 1)[0]
     loop = CompiledLoop(closed, np.inf)
-    assert CompiledSlope(closed, np.inf)(time, state) is None
+    assert CompiledLoop(closed, np.inf).slope(time, state) is None
     taken, samples, last = loop(time, state, 2.0**-8, 20)
     assert taken == len(samples) == 0
     assert np.array_equal(last, state)

@@ -17,7 +17,7 @@ from gibbs_codegen.flight.control.laws import Controller, Gains
 from gibbs_codegen.flight.desired.trajectory import desired_motion
 from gibbs_codegen.flight.integration import compiled_loop
 from gibbs_codegen.flight.integration.closed_loop import ClosedLoop
-from gibbs_codegen.flight.integration.compiled_loop import CompiledSlope
+from gibbs_codegen.flight.integration.compiled_loop import CompiledLoop
 from gibbs_codegen.flight.integration.envelope import Envelope, Mode
 from gibbs_codegen.flight.integration.integrators import integrate
 from gibbs_codegen.flight.integration.state_history import Loads
@@ -452,18 +452,18 @@ def test_a_push_begins_and_ends_when_it_should(fast: Load) -> None:
 def counted_derivatives(monkeypatch: pytest.MonkeyPatch) -> list[float]:
     """Times at which derivatives are evaluated, in Python or in C, as they are."""
     times: list[float] = []
-    evaluate, compiled = ClosedLoop.derivative, CompiledSlope.__call__
+    evaluate, compiled = ClosedLoop.derivative, CompiledLoop.slope
 
     def derivative(loop: ClosedLoop, time: float, state: np.ndarray, loads: Loads) -> np.ndarray:
         times.append(time)
         return evaluate(loop, time, state, loads)
 
-    def rate(loop: CompiledSlope, time: float, state: np.ndarray) -> np.ndarray | None:
+    def rate(loop: CompiledLoop, time: float, state: np.ndarray) -> np.ndarray | None:
         times.append(time)
         return compiled(loop, time, state)
 
     monkeypatch.setattr(ClosedLoop, "derivative", derivative)
-    monkeypatch.setattr(CompiledSlope, "__call__", rate)
+    monkeypatch.setattr(CompiledLoop, "slope", rate)
     return times
 
 

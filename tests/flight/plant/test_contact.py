@@ -17,7 +17,7 @@ from support.kept import kept_folder, made_once
 from gibbs_codegen.arrays import evaluate, variable
 from gibbs_codegen.arrays.nodes import Program
 from gibbs_codegen.errors import ScenarioFileError, UsageError
-from gibbs_codegen.flight.integration.compiled_loop import CompiledSlope
+from gibbs_codegen.flight.integration.compiled_loop import CompiledLoop
 from gibbs_codegen.flight.integration.integrators import integrate
 from gibbs_codegen.flight.integration.state_history import Loads
 from gibbs_codegen.flight.many import simulate_many
@@ -404,7 +404,7 @@ def test_a_start_at_rest_is_that_of_rollouts_many_flights_and_loops(block: Modul
     state = loop.start(flight.q[0], flight.v[0] + 0.1)
     for idle in (True, False):
         loads = Loads(idle=idle)
-        compiled = CompiledSlope(loop, np.inf, loads)(0.0, state)
+        compiled = CompiledLoop(loop, np.inf, loads).slope(0.0, state)
         np.testing.assert_allclose(compiled, loop.derivative(0.0, state, loads), atol=1e-11)
 
 

@@ -18,7 +18,7 @@ from support.pages import files_of
 from gibbs_codegen.cli.app import main
 from gibbs_codegen.errors import MissingFunctionError, UsageError
 from gibbs_codegen.flight.control.observation import Observation
-from gibbs_codegen.flight.integration.compiled_loop import CompiledSlope
+from gibbs_codegen.flight.integration.compiled_loop import CompiledLoop
 from gibbs_codegen.flight.integration.integrators import Integration, integrate
 from gibbs_codegen.flight.many import simulate_many
 from gibbs_codegen.flight.record.flight import Flight, read_flight
@@ -138,7 +138,7 @@ def test_forces_and_accelerations_are_those_of_the_bordered_matrix(percher: Modu
     np.testing.assert_allclose(found["a"], expected[:7], rtol=0, atol=1e-11 * size)
     np.testing.assert_allclose(found["holding"], -expected[7:], rtol=0, atol=1e-11 * size)
     state = np.concatenate([q, v, np.zeros(loop.size - 15)])
-    compiled = CompiledSlope(loop, np.inf, loads)(3.0, state)
+    compiled = CompiledLoop(loop, np.inf, loads).slope(3.0, state)
     np.testing.assert_allclose(compiled, loop.derivative(3.0, state, loads), rtol=1e-10, atol=1e-9)
 
 

@@ -1,0 +1,76 @@
+/*
+ * A flight of one state from leg to leg. Before it stand `fly_leg` and, where a law is SAMPLED,
+ * `take_sample`: at the begin of a leg it may be asked for commands, which are held. `given` are
+ * addresses as of `engine.c`; what differs from sample to sample is put there: errors of sensors
+ * [OBSERVED] and what the law learns (see `Sampling`).
+ */
+#ifdef SAMPLED
+/* Samples of a law: each has the time that it tells, errors, and by how much the law learns. */
+typedef struct {
+    const double *times;  /* s, */
+    const double *errors; /* [OBSERVED] */
+    const double *learns; /* s */
+    double *memory;       /* what the law remembers [LEARNT] */
+    double *commands;     /* of before the first sample, so many, then of each [HELD] */
+    int before;
+} Sampling;
+
+/* Take the samples that are due. Returns whether one is refused. */
+static int take_samples(const void **given, Flow *flow, const int due, const double *x,
+    const Sampling *law)
+{
+    double learnt[LEARNT + 1], refused = 0.0;
+    given[MEMORY_AT] = law->memory;
+    for (int k = 0; k < due; ++k, ++flow->sampled) {
+        const int n = flow->sampled;
+        given[ERRORS_AT] = law->errors + n * OBSERVED;
+        given[LEARNS_AT] = law->learns + n;
+        take_sample(given, law->times[n], x, law->commands + (law->before + n) * HELD_INPUTS,
+            learnt, &refused);
+        if (refused > 0.0) {
+            return 1;
+        }
+        memcpy(law->memory, learnt, LEARNT * sizeof *learnt);
+    }
+    return 0;
+}
+#else
+typedef struct Sampling Sampling;
+#endif
+
+/* Fly from leg to leg from `x`, which is then the last state, until `flow` says why not. */
+void flow_legs(const void **given, Flow *flow, const Leg *legs, double *x, const Kept *kept,
+    const Sampling *law);
+
+void flow_legs(const void **given, Flow *flow, const Leg *legs, double *x, const Kept *kept,
+    const Sampling *law)
+{
+    (void)law;
+    flow->samples = 0;
+    flow->reason = GOES_ON;
+    while (flow->leg < flow->legs && flow->steps > 0) {
+        const Leg *const leg = legs + flow->leg;
+        if (!flow->begun) {
+            if (kept->begins) {
+                memcpy(kept->begins + flow->leg * STATE, x, STATE * sizeof *x);
+            }
+#ifdef SAMPLED
+            if (take_samples(given, flow, leg->samples, x, law)) {
+                flow->reason = REFUSED;
+                return;
+            }
+            given[HELD_AT] = law->commands + leg->command * HELD_INPUTS;
+#endif
+            flow->begun = 1;
+            flow->done = 0;
+        }
+        fly_leg(given, flow, leg, x, kept);
+        if (flow->reason) {
+            return;
+        }
+        if (flow->time >= leg->end) {
+            flow->begun = 0;
+            ++flow->leg;
+        }
+    }
+}
