@@ -20,12 +20,11 @@ from gibbs_codegen.flight.integration.block_loop import BlockIntegration
 from gibbs_codegen.flight.integration.closed_loop import ClosedLoop
 from gibbs_codegen.flight.integration.integrators import StepGrid, check_stability, integrate
 from gibbs_codegen.flight.integration.rest import resting
-from gibbs_codegen.flight.integration.state_history import InputRanges, StateHistory
+from gibbs_codegen.flight.integration.state_history import StateHistory
 from gibbs_codegen.flight.plant.vehicle import Array
 from gibbs_codegen.flight.record.flight import Flight
 from gibbs_codegen.flight.record.recording import DeferredFlight, Recording, timing_fields
 from gibbs_codegen.flight.scenario.file import AnyScenario, read_scenario
-from gibbs_codegen.flight.scenario.parts import StartOffset
 from gibbs_codegen.flight.scenario.scenario import Scenario
 from gibbs_codegen.flight.simulation import (
     FlightStart,
@@ -123,7 +122,8 @@ class FlightGroup:
         scenario = self._common.scenario
         if not (self._blocks and fits_blocks(scenario)):
             return histories
-        places = [i for i in range(len(histories)) if self._is_sound(i)]
+        have_mass = self._have_mass()
+        places = [i for i in range(len(histories)) if self._is_sound(i, have_mass)]
         if not places:
             return histories
         loop = self._joint.loop(places)
@@ -140,17 +140,27 @@ class FlightGroup:
             histories[i] = history
         return histories
 
-    def _is_sound(self, i: int) -> bool:
-        """True if nothing speaks against a flight that it alone would have to report."""
-        scenario = self._scenarios[i]
+    def _have_mass(self) -> bool:
+        """True if the mass matrices of all plants are positive definite where flights begin."""
         try:
-            loop = self._loop(i)
-            check_mass_matrix(loop.vehicle, self._common.q)
+            np.linalg.cholesky(self._joint.loop().vehicle.mass_matrix(self._common.q))
+        except (UsageError, np.linalg.LinAlgError):
+            return False
+        return True
+
+    def _is_sound(self, i: int, has_mass: bool) -> bool:
+        """True if nothing speaks against a flight that it alone would have to report."""
+        common, lag = self._common.loop, self._joint.lag[i].tobytes()
+        environment = common.environment
+        depends = common.vehicle.is_driven or bool(
+            environment and (environment.wall or environment.wind)
+        )
+        try:
+            if not has_mass:
+                check_mass_matrix(self._loop(i).vehicle, self._common.q)
             self._state(i)
-            lag = loop.actuators.lag.tobytes()
-            touched = loop.environment and (loop.environment.wall or loop.environment.wind)
-            if touched or loop.vehicle.is_driven or lag not in self._stable:
-                check_stability(loop, StepGrid(scenario.integration).size)
+            if depends or lag not in self._stable:
+                check_stability(self._loop(i), StepGrid(self._scenarios[i].integration).size)
                 self._stable.add(lag)
         except UsageError:
             return False
@@ -193,17 +203,23 @@ class FlightGroup:
 
         Its history is without ranges of inputs; None if it is yet to be integrated.
         """
-        motion = self._common.motion
-        scenario = replace(motion.scenario, name=self._scenarios[i].name)
-        ranges: Callable[[], InputRanges] | None = None
-        loop, flown = self._single(i) if history is None else (self._loop(i), history)
+        common, ranges = self._common, None
+        if history is None:
+            loop, flown = self._single(i)
+        else:
+            # Ranges are seldom asked for, and take an integration by itself.
+            loop, flown, ranges = None, history, lambda: self._single(i)[1].inputs
         if self._like is None and not flown.stopped:
-            self._like = Recording(self._common.loop, scenario, flown)
+            self._like = Recording(common.loop, common.motion.scenario, flown)
         like = None if flown.stopped else self._like
-        # Ranges are seldom asked for, and take an integration by itself.
-        ranges = None if history is None else lambda: self._single(i)[1].inputs
-        recording = Recording(loop, scenario, flown, like, ranges)
-        return DeferredFlight(recording, timing_fields(motion))
+
+        def recording() -> Recording:
+            scenario = replace(common.motion.scenario, name=self._scenarios[i].name)
+            return Recording(loop or self._loop(i), scenario, flown, like, ranges)
+
+        q, v, *_ = common.loop.parts(flown.states)
+        values = {"stopped": flown.stopped, "time": flown.time, "q": q, "v": v}
+        return DeferredFlight(recording, values | timing_fields(common.motion))
 
 
 def simulate_many(
@@ -318,14 +334,9 @@ def _common(scenario: Scenario) -> bytes | None:
     """
     motors = scenario.motors
     lags = None if motors.time_constant is None else motors.time_constant > 0.0
-    common = replace(
-        scenario,
-        name="",
-        description="",
-        plant=dict.fromkeys(sorted(scenario.plant), 0.0),
-        start=StartOffset(),
-        motors=replace(motors, time_constant=None),
-    )
+    others = ("name", "description", "plant", "start", "motors")
+    common = {name: value for name, value in vars(scenario).items() if name not in others}
+    common |= {"plant": sorted(scenario.plant), "motors": vars(motors) | {"time_constant": None}}
     written = io.BytesIO()
     pickler = pickle.Pickler(written)
     pickler.fast = True  # What is equal is written alike, whether or not it is one object.

@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
-from functools import cached_property, partial
+from functools import cache, cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -328,20 +328,17 @@ def timing_fields(motion: TimedMotion) -> dict[str, Any]:
 
 
 class DeferredFlight(Flight):
-    """A flight that computes each of its fields when it is first asked for.
+    """A flight that computes each of its fields when it is first asked for, but for `values`."""
 
-    Those `known` are known already.
-    """
-
-    def __init__(self, recording: Recording, values: dict[str, Any]) -> None:
+    def __init__(self, recording: Callable[[], Recording], values: dict[str, Any]) -> None:
         # A flight is frozen; its fields stand where an ordinary one has them.
-        self.__dict__.update(values, _recording=recording)
+        self.__dict__.update(values, _recording=cache(recording))
 
     def __getattribute__(self, name: str) -> Any:
         """A field, which is computed where it is not known yet, whatever it is by default."""
         values = super().__getattribute__("__dict__")
         if name not in values and name in _FIELDS:
-            values[name] = values["_recording"].series[name]()
+            values[name] = values["_recording"]().series[name]()
         return super().__getattribute__(name)
 
     def __reduce__(self) -> tuple[Any, ...]:
