@@ -28,7 +28,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import sympy as sp
 
@@ -51,10 +51,9 @@ from gibbs_codegen.derivation.forward_kinematics import (
     segment_frames,
 )
 from gibbs_codegen.derivation.motion import Acceleration, TreeState
-from gibbs_codegen.derivation.parameters import ConstraintSymbols
 from gibbs_codegen.derivation.root.quaternion import rotation_columns
 from gibbs_codegen.derivation.symbolic_robot import SymbolicRobot
-from gibbs_codegen.robot.names import identifier
+from gibbs_codegen.robot.names import identifier, tie_prefix
 from gibbs_codegen.robot.parts.constraint import Constraint
 from gibbs_codegen.symbolic.ldlt import Factors, PseudoInverse, minimum_degree
 from gibbs_codegen.symbolic.structural import turned_by_rpy, z_onto
@@ -115,7 +114,7 @@ class Held:
     """
 
     constraint: Constraint
-    symbols: ConstraintSymbols
+    symbols: Mapping[str, Any]
     frame: MountedFrame
     carrier: MountedFrame | None
     arm: Vector
@@ -158,23 +157,23 @@ class ConstraintEquations:
         ]
 
     def _held(self, tie: Constraint, frame: MountedFrame, carrier: MountedFrame | None) -> Held:
-        tape, symbols = self._tape, self.symbolic.parameters.constraints[tie.name]
+        tape, symbols = self._tape, self.symbolic.parameters.ties[tie_prefix(tie)]
         point, axes = self._pose(frame)
         with tape.group(f"anchor of {identifier(tie.name)}"):
             if carrier is None:
                 arm, along = (
                     tape.add(self.symbolic.origin, point),
-                    _axes_of(tape, symbols.quaternion),
+                    _axes_of(tape, symbols.get("quaternion", ())),
                 )
-                way = tape.add(arm, minus(symbols.xyz))
+                way = tape.add(arm, minus(symbols["xyz"]))
             else:
                 origin, carried = self._pose(carrier)
                 turn = zip(*turned_by_rpy(tie.anchor.rpy_deg), strict=True)
                 along = tuple([combined(tape, carried, column) for column in turn])
                 arm = tape.add(point, minus(origin))
-                way = tape.add(arm, minus(combined(tape, carried, symbols.xyz)))
+                way = tape.add(arm, minus(combined(tape, carried, symbols["xyz"])))
         with tape.group(f"directions that {identifier(tie.name)} holds"):
-            rows = _directions(tape, tie, along, way, symbols.distance)
+            rows = _directions(tape, tie, along, way, symbols.get("distance", sp.S.Zero))
         return Held(tie, symbols, frame, carrier, arm, way, axes, along, rows)
 
     def _pose(self, frame: MountedFrame) -> tuple[Vector, Frame]:
@@ -193,8 +192,8 @@ class ConstraintEquations:
         (a, b, c), (x, y, z) = held.along, held.axes
         with tape.group(f"errors of {identifier(held.constraint.name)}"):
             if held.constraint.holds == "distance":
-                squares = let(tape.dot(held.way, held.way) * let(1 / held.symbols.distance))
-                return [let(_HALF * let(squares - held.symbols.distance))]
+                squares = let(tape.dot(held.way, held.way) * let(1 / held.symbols["distance"]))
+                return [let(_HALF * let(squares - held.symbols["distance"]))]
             errors = [tape.dot(row.vector, held.way) for row in held.rows if not row.turns]
             if held.constraint.holds == "frame":
                 pairs = ((c, y, b, z), (a, z, c, x), (b, x, a, y))
@@ -305,14 +304,14 @@ class ConstraintEquations:
         if held.constraint.holds != "distance":
             return sp.S.Zero
         tape, moving = self._tape, self._velocity(held).linear
-        return tape.let(tape.dot(moving, moving) * tape.let(1 / held.symbols.distance))
+        return tape.let(tape.dot(moving, moving) * tape.let(1 / held.symbols["distance"]))
 
     def _returning(self, held: Held) -> list[sp.Expr]:
         """2ζω ė + ω² e of the rows, with J v for ė; zeros where there is no frequency."""
         tape, let = self._tape, self._tape.let
-        frequency, ratio = held.symbols.frequency, held.symbols.damping_ratio
-        if frequency == 0:
+        if held.symbols.get("frequency", 0) == 0:
             return [sp.S.Zero] * len(held.rows)
+        frequency, ratio = held.symbols["frequency"], held.symbols["damping_ratio"]
         errors, rates = self._errors(held), self._along(held, self._velocity(held))
         with tape.group(f"errors of {identifier(held.constraint.name)}, back to zero"):
             stiffness, damping = let(frequency * frequency), let(let(2 * ratio) * frequency)

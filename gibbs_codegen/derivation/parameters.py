@@ -15,16 +15,12 @@ import sympy as sp
 from gibbs_codegen.arrays.nodes import Node, variable, zeros
 from gibbs_codegen.derivation.inertia import Inertia
 from gibbs_codegen.robot.model import Robot
-from gibbs_codegen.robot.names import (
-    constraint_prefix,
-    frame_prefix,
-    parameter_prefix,
-    rotor_prefix,
-)
+from gibbs_codegen.robot.names import frame_prefix, parameter_prefix, rotor_prefix, tie_prefix
 from gibbs_codegen.robot.parts.body import Body, Rod
-from gibbs_codegen.robot.parts.constraint import QUATERNION, Constraint
+from gibbs_codegen.robot.parts.constraint import QUATERNION
 from gibbs_codegen.robot.parts.numbers import BASE, XYZ
 from gibbs_codegen.robot.parts.part import Part, RobotNumber, changed_numbers
+from gibbs_codegen.robot.parts.ties import Tie
 from gibbs_codegen.symbolic.tape import InlineTape, Scalars, Stage, Vector
 from gibbs_codegen.symbolic.vectors import ZERO
 
@@ -62,20 +58,6 @@ class LinkSymbols:
     passive: PassiveSymbols
 
 
-@dataclass(frozen=True)
-class ConstraintSymbols:
-    """A constraint's anchor (m), distance (m) and gains.
-
-    The quaternion is that of a whole frame's anchor in the world; others are structural.
-    """
-
-    xyz: Vector
-    quaternion: Vector = ()
-    distance: sp.Expr = sp.S.Zero
-    frequency: sp.Expr = sp.S.Zero
-    damping_ratio: sp.Expr = sp.S.Zero
-
-
 NOT_PASSIVE = PassiveSymbols(*(sp.S.Zero,) * 4)
 
 
@@ -84,7 +66,7 @@ class Parameters:
 
     `folded` names those that are zero in the file and therefore structural.
     `arms`, `links` and `rotors` are by number, from 1, `frames` by name: positions in the frame of
-    the body that they are on (m), and `constraints`.
+    the body that they are on (m). Symbols of `ties` are by their prefix, then by their fields.
     `central_body` is its inertia about the base centre, None where there is none.
 
     Symbols of a rotor are by the keys of its numbers, of a motor at the end of a rod by "drag".
@@ -114,7 +96,7 @@ class Parameters:
             frame.name: self._symbols(frame.pose, frame_prefix(frame.name))["xyz"]
             for frame in robot.frames
         }
-        self.constraints = {tie.name: self._constraint(tie) for tie in robot.constraints}
+        self.ties = {tie_prefix(tie): self._tie(tie) for tie in robot.ties}
 
     def node(self, number: RobotNumber) -> Node:
         """An input of array programs for a parameter, or zero where it is structural."""
@@ -154,12 +136,12 @@ class Parameters:
         passive = PassiveSymbols(**self._symbols(link.passive, prefix, link.slides))
         return LinkSymbols(**step, position=position, body=body, passive=passive)
 
-    def _constraint(self, constraint: Constraint) -> ConstraintSymbols:
-        """Symbols of a constraint; an anchor in the world may be anywhere at any time."""
-        prefix = constraint_prefix(constraint.name)
-        if constraint.to is None:
+    def _tie(self, tie: Tie) -> dict[str, Any]:
+        """Symbols of a tie; an anchor in the world may be anywhere at any time."""
+        prefix = tie_prefix(tie)
+        if tie.to is None:
             self._kept |= {f"{prefix}_{end}" for end in (*XYZ, *QUATERNION.ends)}
-        return ConstraintSymbols(**self._symbols(constraint, prefix))
+        return self._symbols(tie, prefix)
 
     def _body(self, prefix: str, body: Body) -> BodySymbols:
         symbols = self._symbols(body, prefix)

@@ -26,6 +26,7 @@ from gibbs_codegen.robot.parts.frame import Frame
 from gibbs_codegen.robot.parts.link import Link
 from gibbs_codegen.robot.parts.numbers import BASE
 from gibbs_codegen.robot.parts.pose import HERE, Pose, vector
+from gibbs_codegen.robot.parts.ties import Tie
 from gibbs_codegen.robot.placement import joint_pose
 from gibbs_codegen.robot.references import body_numbers
 
@@ -131,10 +132,11 @@ def _with_arm(
     frames += [Frame(prefix + f.name, on(f.on), seated(f.pose, f.on)) for f in brought]
     # The base's own frame is that of the root.
     named = {"base": prefix + root} | {f.name: prefix + f.name for f in brought}
-    constraints = [
-        replace(c, name=prefix + c.name, frame=named[c.frame], to=c.to and named[c.to])
-        for c in arm.constraints
-    ]
+
+    def tied(tie: Tie) -> Tie:
+        to = tie.to and named[tie.to]
+        return replace(tie, name=prefix + tie.name, frame=named[tie.frame], to=to)
+
     rotors = [
         replace(
             rotor,
@@ -162,7 +164,7 @@ def _with_arm(
         links=tuple(links),
         thrusters=(*drone.thrusters, *rotors),
         frames=tuple(frames),
-        constraints=(*drone.constraints, *constraints),
+        **{kind: drone.by_kind[kind] + ties for kind, ties in arm.mapped(tied).items()},
         allow_impossible_inertia=drone.allow_impossible_inertia or arm.allow_impossible_inertia,
     )
 

@@ -69,8 +69,9 @@ def export_robot(robot: Robot, form: Format) -> tuple[str, list[str]]:
         if rotors and form != "sdf":
             missing.append(f"{what}: {', '.join(rotors)}")
     written = [loop.name for loop in source.constraints if form == "mjcf"]
-    if lost := [c.name for c in robot.constraints if c.name not in written]:
-        missing.append(f"constraints: {', '.join(lost)}")
+    for kind, ties in robot.by_kind.items():
+        if lost := [tie.name for tie in ties if tie.name not in written]:
+            missing.append(f"{kind}: {', '.join(lost)}")
     if robot.battery:
         missing.append("the battery")
     if any(rotor.spin_inertia for rotor in robot.thrusters):

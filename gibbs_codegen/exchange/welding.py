@@ -27,7 +27,7 @@ from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.robot.names import CONSTRAINT_TORQUES, identifier
 from gibbs_codegen.robot.parts.base import Attitude, Base
 from gibbs_codegen.robot.parts.body import RigidBody, entries_of, inertia_fault, inertia_matrix
-from gibbs_codegen.robot.parts.constraint import MAX_CONSTRAINTS, Constraint, ConstraintKind
+from gibbs_codegen.robot.parts.constraint import Constraint, ConstraintKind
 from gibbs_codegen.robot.parts.frame import MAX_FRAMES, Frame
 from gibbs_codegen.robot.parts.link import MAX_LINKS
 from gibbs_codegen.robot.parts.numbers import BASE, LEVEL, LONGEST_LABEL
@@ -217,7 +217,7 @@ def _constraints(
             reason = "a constraint of one body, or the world, with itself"
         elif len(ends) == 1 and loop.holds == "hinge":
             reason = "a hinge to the world; hold two points of its axis instead"
-        elif len(constraints) == MAX_CONSTRAINTS or len(whole) + len(ends) > MAX_FRAMES:
+        elif len(constraints) == Constraint.most or len(whole) + len(ends) > MAX_FRAMES:
             reason = "one constraint, or frame for it, too many"
         if reason:
             findings.append(Finding("left out", loop.name, reason))

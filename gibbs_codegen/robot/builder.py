@@ -12,6 +12,7 @@ from gibbs_codegen.files.module_writer import write_new_file
 from gibbs_codegen.files.staging import made, writing
 from gibbs_codegen.files.toml import plain_value
 from gibbs_codegen.robot.model import Robot
+from gibbs_codegen.robot.parts.ties import TIES
 from gibbs_codegen.robot.text import toml_lines
 
 
@@ -160,7 +161,7 @@ class RobotFile:
         return file
 
 
-_SINGLE, _TABLES = ("base", "battery"), ("rotor", "link", "frame", "constraint")
+_SINGLE, _TABLES = ("base", "battery"), ("rotor", "link", "frame", *(kind.array for kind in TIES))
 
 
 def _present(keys: Mapping[str, Any]) -> dict[str, Any]:

@@ -15,16 +15,16 @@ from functools import cached_property
 
 from gibbs_codegen.robot.parts.base import Base
 from gibbs_codegen.robot.parts.battery import Battery
-from gibbs_codegen.robot.parts.constraint import Constraint
 from gibbs_codegen.robot.parts.frame import Frame
 from gibbs_codegen.robot.parts.link import Link
 from gibbs_codegen.robot.parts.numbers import BASE
-from gibbs_codegen.robot.parts.part import Part, number
+from gibbs_codegen.robot.parts.part import number
 from gibbs_codegen.robot.parts.rotor import Drive, Rotor
+from gibbs_codegen.robot.parts.ties import Ties
 
 
 @dataclass(frozen=True)
-class Robot(Part):
+class Robot(Ties):
     """An aerial robot: a flying base, and links that branch from it as a tree.
 
     Its rotors are those at the ends of the base's rods, or the placed ones, `thrusters`.
@@ -38,7 +38,6 @@ class Robot(Part):
     frames: tuple[Frame, ...] = ()
     allow_impossible_inertia: bool = False
     battery: Battery | None = None
-    constraints: tuple[Constraint, ...] = ()
 
     @cached_property
     def drives(self) -> tuple[Drive, ...]:

@@ -20,6 +20,7 @@ from gibbs_codegen.errors import printable
 from gibbs_codegen.interface import FUNCTIONS
 from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.robot.parts.link import LinkKind
+from gibbs_codegen.robot.parts.ties import Tie
 
 JOINT_LETTERS: dict[LinkKind, str] = {"revolute": "theta", "prismatic": "d", "fixed": "theta"}
 # Parameters of a link that is named like an argument must not be called like its entries, v_x; nor
@@ -143,9 +144,9 @@ def frame_prefix(name: str) -> str:
     return f"frame_{identifier(name)}"
 
 
-def constraint_prefix(name: str) -> str:
-    """The begin of the parameters of a constraint, such as constraint_grip."""
-    return f"constraint_{identifier(name)}"
+def tie_prefix(tie: Tie) -> str:
+    """The begin of the parameters of a tie, such as constraint_grip."""
+    return f"{tie.array}_{identifier(tie.name)}"
 
 
 def joint_label(robot: Robot, i: int) -> str:

@@ -12,21 +12,19 @@ from __future__ import annotations
 import difflib
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from itertools import chain
-from typing import Any, Literal
+from typing import Any
 
 from gibbs_codegen.files.table import Place, shown
 from gibbs_codegen.robot.layout import BASE_ENTRIES
 from gibbs_codegen.robot.names import (
     CONSTRAINT_TORQUES,
-    constraint_prefix,
     default_prefix,
-    frame_prefix,
     identifier,
     joint_name,
     named_prefix,
 )
 from gibbs_codegen.robot.parts.body import RigidBody, Rod
-from gibbs_codegen.robot.parts.constraint import MAX_CONSTRAINTS, QUATERNION, ROWS, Constraint
+from gibbs_codegen.robot.parts.constraint import ROWS, Constraint
 from gibbs_codegen.robot.parts.frame import MAX_FRAMES
 from gibbs_codegen.robot.parts.link import MAX_LINKS, JointKeys, Passive
 from gibbs_codegen.robot.parts.numbers import BASE
@@ -34,10 +32,13 @@ from gibbs_codegen.robot.parts.part import parameter_ends
 from gibbs_codegen.robot.parts.pose import Pose
 from gibbs_codegen.robot.parts.rotor import MAX_ROTORS, Rotor
 from gibbs_codegen.robot.parts.servo import Servo
+from gibbs_codegen.robot.parts.ties import TIES, Tie
 
 # A link is a rigid one unless it is a rod; a joint stands for its coordinate, and a servo has the
 # name of its link.
-NamedKind = Literal["base", "arm", "link", "rod", "servo", "rotor", "frame", "joint", "constraint"]
+NamedKind = str
+# What has the name of its kind before its own in names of parameters.
+_PREFIXED = ("frame", *(kind.array for kind in TIES))
 
 # What marks names of rows of constraints, which may be those of parameters.
 _ROW = "row "
@@ -52,7 +53,7 @@ _ENDS: dict[NamedKind, tuple[str, ...]] = {
     "rotor": parameter_ends(Rotor),
     "frame": parameter_ends(Pose),
     "joint": (),
-    "constraint": (*parameter_ends(Constraint), *QUATERNION.ends),
+    **{kind.array: parameter_ends(kind) for kind in TIES},
 }
 
 
@@ -99,8 +100,7 @@ class NameRegistry:
 
 def _form(kind: NamedKind, name: str) -> str:
     """The identifier form with the kind, of which the base, arms, links and rotors are one."""
-    apart = kind in ("frame", "joint", "servo", "constraint")
-    return f"{kind if apart else 'body'} {identifier(name)}"
+    return f"{kind if kind in (*_PREFIXED, 'joint', 'servo') else 'body'} {identifier(name)}"
 
 
 def parameter_names(kind: NamedKind, name: str) -> list[str]:
@@ -108,9 +108,8 @@ def parameter_names(kind: NamedKind, name: str) -> list[str]:
 
     Its name is the prefix, such as link2, of a link or rotor without one.
     """
-    prefixes = {"frame": frame_prefix, "constraint": constraint_prefix}
-    prefix = prefixes.get(kind, named_prefix)(name)
-    rows = sorted({*chain(*ROWS.values())}) if kind == "constraint" else []
+    prefix = f"{kind}_{identifier(name)}" if kind in _PREFIXED else named_prefix(name)
+    rows = sorted({*chain(*ROWS.values())}) if kind == Constraint.array else []
     row_names = [f"{_ROW}{identifier(name)}_{row}" for row in rows]
     return row_names + [f"{prefix}_{end}" for end in _ENDS[kind]]
 
@@ -134,10 +133,8 @@ def body_numbers(names: Sequence[str | None]) -> dict[str, int]:
     return numbers
 
 
-def constraint_faults(
-    references: Sequence[tuple[str, str | None]], bodies: Mapping[str, int]
-) -> Iterator[PlacedFault]:
-    """Faults of constraints, of which `references` are frame and what carries the anchor.
+def tie_faults(ties: Sequence[Tie], bodies: Mapping[str, int]) -> Iterator[PlacedFault]:
+    """Faults of the frames that ties refer to.
 
     `bodies` has for each frame the number of its body, of welded ones the same.
     """
@@ -145,20 +142,16 @@ def constraint_faults(
     right, example = " or ".join(map(shown, frames[:2])), ""
     if len(frames) > 2:
         right, example = "the name of a frame", f"; {shown(frames[-1])} is one"
-    for place, pair in enumerate(references):
-        at: dict[Place, str | None] = {
-            ("constraint", place, key): name
-            for key, name in zip(("frame", "to"), pair, strict=True)
-        }
-        for key, name in at.items():
+    places = {kind: iter(range(kind.most)) for kind in TIES}
+    for tie in ties:
+        at, frame, to = (tie.array, next(places[type(tie)])), tie.frame, tie.to
+        for key, name in (("frame", frame), ("to", to)):
             free = ", or be left out for the world" if name == "world" else ""
-            yield from _unknown({key: name}, bodies, f"must be {right}{free}", example)
-        frame, to = pair
+            yield from _unknown({(*at, key): name}, bodies, f"must be {right}{free}", example)
         if frame == to:
-            yield ("constraint", place, "to"), f"{shown(frame)} is the frame that is held itself"
+            yield (*at, "to"), f"{shown(frame)} is the frame {tie.other_end}"
         elif to and frame in bodies and bodies[frame] == bodies.get(to):
-            words = "both frames are on the same body, so that nothing can move"
-            yield ("constraint", place, "to"), words
+            yield (*at, "to"), "both frames are on the same body, so that nothing can move"
 
 
 def reference_faults(document: Mapping[str, Any]) -> Iterator[PlacedFault]:
@@ -166,7 +159,6 @@ def reference_faults(document: Mapping[str, Any]) -> Iterator[PlacedFault]:
     links = _tables(document, "link", MAX_LINKS)
     rotors = _tables(document, "rotor", MAX_ROTORS)
     frames = _tables(document, "frame", MAX_FRAMES)
-    constraints = _tables(document, "constraint", MAX_CONSTRAINTS)
     numbers = body_numbers([_text(link, "name") for link in links])
     yield from _parent_faults(links, numbers)
     carried: dict[Place, str | None] = {
@@ -183,12 +175,11 @@ def reference_faults(document: Mapping[str, Any]) -> Iterator[PlacedFault]:
     # What the file names, or has a default for.
     named: list[_Named] = []
     servos: list[_Named] = []
-    arrays: dict[NamedKind, list[Entry]] = {"link": links, "rotor": rotors, "frame": frames}
-    for array, tables in {**arrays, "constraint": constraints}.items():
+    arrays = {"link": links, "rotor": rotors, "frame": frames}
+    arrays |= {kind.array: _tables(document, kind.array, kind.most) for kind in TIES}
+    for array, tables in arrays.items():
         for number, table in enumerate(tables, start=1):
-            kind: NamedKind = array
-            if array == "link":
-                kind = "link" if "mass" in table else "rod"
+            kind = "rod" if array == "link" and "mass" not in table else array
             whose = f"{array} {number}"
             if name := _text(table, "name"):
                 named.append(((array, number - 1, "name"), kind, name, whose))

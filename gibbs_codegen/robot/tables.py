@@ -18,25 +18,20 @@ from gibbs_codegen.robot.layout import frames_of
 from gibbs_codegen.robot.names import NAME_PATTERN, name_fault
 from gibbs_codegen.robot.parts.base import ROD_KEYS, BaseTable
 from gibbs_codegen.robot.parts.battery import Battery
-from gibbs_codegen.robot.parts.constraint import MAX_CONSTRAINTS, Constraint
 from gibbs_codegen.robot.parts.frame import MAX_FRAMES, Frame, FrameTable
 from gibbs_codegen.robot.parts.link import MAX_LINKS, LinkTable
 from gibbs_codegen.robot.parts.numbers import BASE, NotNegative
 from gibbs_codegen.robot.parts.part import Part, again, entry
 from gibbs_codegen.robot.parts.rotor import MAX_ROTORS, Rotor
-from gibbs_codegen.robot.references import body_numbers, constraint_faults, reference_faults
+from gibbs_codegen.robot.parts.ties import Ties
+from gibbs_codegen.robot.references import body_numbers, reference_faults, tie_faults
 
 Name = Annotated[str, rule(name_fault), InSchema({"type": "string", "pattern": NAME_PATTERN})]
 
 
 @dataclass(frozen=True, kw_only=True)
-class RobotTable(Part):
-    """An aerial robot: a base, rotors, links that branch from the base as a tree, and frames.
-
-    SI units: kg, m, s. Angles are in degrees, in keys that end in `_deg`.
-    """
-
-    title: ClassVar[str] = "Robot file of gibbs_codegen"
+class _Bodies(Part):
+    """The keys of a robot file but for ties, which come last."""
 
     name: Name = entry(
         "the robot's name, which becomes that of the module and the prefix in C", ...
@@ -58,10 +53,16 @@ class RobotTable(Part):
     frame: Annotated[tuple[FrameTable, ...], Tables("frame", MAX_FRAMES, "frames")] = entry(
         "named frames on the base or on links", ()
     )
-    constraint: Annotated[
-        tuple[Constraint, ...], Tables("constraint", MAX_CONSTRAINTS, "constraints")
-    ] = entry("what may hold frames, while it is active", ())
 
+
+@dataclass(frozen=True, kw_only=True)
+class RobotTable(Ties, _Bodies):
+    """An aerial robot: a base, rotors, links that branch from the base as a tree, and frames.
+
+    SI units: kg, m, s. Angles are in degrees, in keys that end in `_deg`.
+    """
+
+    title: ClassVar[str] = "Robot file of gibbs_codegen"
     mistaken: ClassVar[tuple[str, frozenset[str]]] = (
         "a scenario",
         frozenset({"duration", "control", "motors", "integration"}),
@@ -96,12 +97,11 @@ class RobotTable(Part):
         return self
 
     @model_validator(mode="after")
-    def _constraints_hold_frames(self) -> Self:
-        if self.constraint:
-            references = [(constraint.frame, constraint.to) for constraint in self.constraint]
+    def _ties_refer_to_frames(self) -> Self:
+        if self.ties:
             robot = self.robot()
             bodies = {frame.name: robot.rigid[frame.on] for frame in frames_of(robot)}
-            if faults := list(constraint_faults(references, bodies)):
+            if faults := list(tie_faults(self.ties, bodies)):
                 raise refusal(faults)
         return self
 
@@ -125,5 +125,5 @@ class RobotTable(Part):
             tuple(Frame(frame.name, number(frame.on), frame.whole_pose) for frame in self.frame),
             self.allow_impossible_inertia,
             self.battery,
-            self.constraint,
+            **self.by_kind,
         )

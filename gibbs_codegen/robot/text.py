@@ -12,13 +12,13 @@ from gibbs_codegen.files.templating import render
 from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.robot.names import default_prefix
 from gibbs_codegen.robot.parts.body import Body, RigidBody, as_rigid_body
-from gibbs_codegen.robot.parts.constraint import Constraint
 from gibbs_codegen.robot.parts.frame import Frame
 from gibbs_codegen.robot.parts.link import Link
 from gibbs_codegen.robot.parts.numbers import AXES, BASE, Vector3
 from gibbs_codegen.robot.parts.part import all_keys, changed_keys, changed_numbers
 from gibbs_codegen.robot.parts.pose import Pose
 from gibbs_codegen.robot.parts.rotor import AIR_KEYS, MAX_ROTORS
+from gibbs_codegen.robot.parts.ties import Tie
 
 _NONE: Mapping[str, str] = {}
 
@@ -140,12 +140,12 @@ def frame_lines(robot: Robot, frame: Frame) -> list[str]:
     return ["[[frame]]", *toml_lines(names | _pose(frame.pose))]
 
 
-def constraint_lines(constraint: Constraint) -> list[str]:
-    """The table of a constraint in the file."""
-    table = changed_keys(constraint, "xyz", "rpy_deg") | _pose(constraint.anchor)
-    if constraint.kind not in ("frame", "loop"):
+def tie_lines(tie: Tie) -> list[str]:
+    """The table of a tie in the file, and where its anchor is."""
+    table = changed_keys(tie, "xyz", "rpy_deg") | _pose(tie.anchor)
+    if tie.kind not in ("frame", "loop"):
         del table["rpy_deg"]
-    return ["[[constraint]]", *toml_lines(table)]
+    return [f"[[{tie.array}]]", *toml_lines(table)]
 
 
 def rigid_form(body: Body) -> RigidBody:
@@ -225,7 +225,7 @@ def robot_text(robot: Robot, name: str | None = None, to_start_from: bool = Fals
         "rotors": [rotor_lines(robot, k) for k in range(1, len(robot.thrusters) + 1)],
         "links": [link_lines(robot, i, to_start_from and i == links) for i in range(1, links + 1)],
         "frames": [frame_lines(robot, frame) for frame in robot.frames],
-        "constraints": [constraint_lines(constraint) for constraint in robot.constraints],
+        "ties": [tie_lines(tie) for tie in robot.ties],
     }
     return render("robot.toml.jinja", context)
 

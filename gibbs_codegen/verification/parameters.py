@@ -19,17 +19,12 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from gibbs_codegen.robot.model import Robot
-from gibbs_codegen.robot.names import (
-    constraint_prefix,
-    frame_prefix,
-    parameter_prefix,
-    rotor_prefix,
-)
+from gibbs_codegen.robot.names import frame_prefix, parameter_prefix, rotor_prefix, tie_prefix
 from gibbs_codegen.robot.parts.body import Body, RigidBody, Rod, as_rigid_body
-from gibbs_codegen.robot.parts.constraint import Constraint
 from gibbs_codegen.robot.parts.link import Link
 from gibbs_codegen.robot.parts.part import AnyPart, Part, RobotNumber, changed_numbers
 from gibbs_codegen.robot.parts.rotor import Rotor
+from gibbs_codegen.robot.parts.ties import Tie
 from gibbs_codegen.verification.formulation import Formulation, Quantities, formulated
 from gibbs_codegen.verification.newton_euler import NewtonEuler
 from gibbs_codegen.verification.states import Sizes, States
@@ -119,7 +114,7 @@ class _Mapping:
                 for frame in robot.frames
             ),
             battery=self._part("battery", robot.battery) if robot.battery else None,
-            constraints=tuple(map(self._constraint, robot.constraints)),
+            **robot.mapped(self._tie),
         )
 
     def _numbers(self, part: Part, prefix: str, **more: Any) -> dict[str, Any]:
@@ -139,15 +134,15 @@ class _Mapping:
         """A part with the changed numbers."""
         return replace(part, **self._numbers(part, prefix, slides=slides))
 
-    def _constraint(self, constraint: Constraint) -> Constraint:
-        numbers = self._numbers(constraint, constraint_prefix(constraint.name))
-        quaternion = numbers.pop("quaternion", constraint.quaternion)
-        if quaternion != constraint.quaternion:
+    def _tie(self, tie: Tie) -> Tie:
+        numbers = self._numbers(tie, tie_prefix(tie))
+        quaternion = numbers.pop("quaternion", None)
+        if quaternion not in (None, tie.quaternion):
             from scipy.spatial.transform import Rotation  # Late, as SciPy takes long to import.
 
             x, y, z = Rotation.from_quat(quaternion).as_euler("xyz", degrees=True)
             numbers["rpy_deg"] = Fraction(x), Fraction(y), Fraction(z)
-        return replace(constraint, **numbers)
+        return replace(tie, **numbers)
 
     def _rotor(self, prefix: str, rotor: Rotor, robot: Robot) -> Rotor:
         """A placed rotor; only robots that have actuators have the numbers of its drive."""

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import chain
-from typing import Any, Literal
+from typing import Any, ClassVar, Literal
 
 from gibbs_codegen.robot.parts.numbers import (
     AXES,
@@ -27,7 +27,6 @@ ConstraintKind = Literal["point", "frame", "distance", "loop", "plane"]
 LoopJoint = Literal["fixed", "revolute", "spherical"]
 # What a constraint holds, whether a frame or a loop does it.
 Holding = Literal["point", "frame", "hinge", "distance", "plane"]
-MAX_CONSTRAINTS = 16
 _TURNS = ("turn_x", "turn_y", "turn_z")
 # Rows of a constraint: errors along axes of the anchor, then turns about them.
 ROWS: dict[Holding, tuple[str, ...]] = {
@@ -52,6 +51,12 @@ _OF_TYPE: dict[ConstraintKind, tuple[str, ...]] = {
 @dataclass(frozen=True)
 class Constraint(Part):
     """A hold of a frame against another frame of the robot, or against the world."""
+
+    array: ClassVar[str] = "constraint"
+    most: ClassVar[int] = 16
+    # What its frame is to the other end, in messages.
+    other_end: ClassVar[str] = "that is held itself"
+    derived: ClassVar[Mapping[str, Parameter]] = {"quaternion": QUATERNION}
 
     # An error e gives way as ë + 2ζω ė + ω² e = 0, with the frequency ω and the damping ratio ζ.
     name: Label = entry("name of the constraint, any text", ...)

@@ -100,6 +100,8 @@ class Part(Table):
 
     # Fields that are parameters only beside drives of a robot.
     of_drive: ClassVar[tuple[str, ...]] = ()
+    # Numbers that can be parameters without being keys.
+    derived: ClassVar[Mapping[str, Parameter]] = {}
 
     @classmethod
     def _fields(cls) -> dict[str, FieldInfo]:
@@ -197,7 +199,7 @@ def parameter_ends(*kinds: type[Part]) -> tuple[str, ...]:
     return tuple(
         _joined(key if mark.name is None else mark.name, end)
         for kind in kinds
-        for key, mark in parameters_of(kind).items()
+        for key, mark in (*parameters_of(kind).items(), *kind.derived.items())
         if key not in kind.of_drive
         for end in mark.ends or ("",)
     )
