@@ -68,8 +68,12 @@ import subprocess, sys
 stand_in = ["{ROOT}/tests/support/autopilot.py", "ardupilot", "9002", "2500"]
 flight = ["-m", "gibbs_codegen", "sitl", "quadrotor_arm_2link", "--ardupilot", "--speed", "0"]
 flight += ["--set", "duration=10", "--no-figures", "--out", "sitl"]
-with subprocess.Popen([sys.executable, *stand_in]):
-    sys.exit(subprocess.run([sys.executable, *flight]).returncode)
+with subprocess.Popen([sys.executable, *flight], stdout=subprocess.PIPE, text=True) as flown:
+    while (line := flown.stdout.readline()) and not line.startswith("waiting"):
+        pass
+    subprocess.run([sys.executable, *stand_in], check=True)
+    print(flown.stdout.read())
+sys.exit(flown.returncode)
 """
 
 

@@ -13,7 +13,9 @@ to 0. An arm without motion to choose moves as its path wants until it meets a l
 
 Along a path each knot is solved from the one before: a predictor of second order takes the joints
 from knot to knot, damped least squares put the tip on its path, and the null-space motion of
-redundant arms is integrated from its rates.
+redundant arms is integrated from its rates. An arm without motion to choose has one solution at
+each knot: there every eighth knot is solved so, and then all at once, by Newton's method from
+quintics between these.
 """
 
 from __future__ import annotations
@@ -35,9 +37,9 @@ from gibbs_codegen.flight.desired.base_trajectory import (
     tolerance,
 )
 from gibbs_codegen.flight.plant.vehicle import Array, Flags, RobotData, Vehicle
-from gibbs_codegen.flight.reference import Motion
+from gibbs_codegen.flight.reference import Motion, Reference
 from gibbs_codegen.flight.scenario.paths import Path
-from gibbs_codegen.flight.vectors import halton
+from gibbs_codegen.flight.vectors import halton, times
 
 # Lower and upper limits of the joints (n), rad or m; infinite where there are none.
 JointBounds = tuple[Array, Array]
@@ -69,6 +71,9 @@ _NEAR = 1e-6
 _FAR = 1e-3
 # Knots that are tried, of all that there are, once the path is known to leave the arm's reach.
 _TRIED_OUT_OF_REACH = 200
+# Knots from one that is solved from the one before to the next, where all others are solved at
+# once, and how far quintics between these may be from their solutions, rad or m.
+_STRIDE, _CLOSE = 8, 1e-3
 # What to do where a scenario asks too much of the arm.
 OTHER_SCENARIO = "choose a scenario without a path of the tip, such as --scenario hover"
 
@@ -322,7 +327,7 @@ def arm_motion(
     count = len(base.time)
     progress(1, count)
     stride = max(1, count // _TRIED_OUT_OF_REACH)
-    for k in range(1, count):
+    for k in range(arm.solved_at_once(), count):
         if not arm.out_of_reach or k % stride == 0 or k == count - 1:
             arm.advance(k)
             progress(k + 1, count)
@@ -381,6 +386,51 @@ class _Continuation:
             rates_of_arm = self._correct(k, last)
         if not rates_of_arm.missing:
             self.at_limit = rates_of_arm.at_limit
+
+    def solved_at_once(self) -> int:
+        """Solve as many knots as can be all at once, and return the number of the next; 1 for none.
+
+        So none may be singular, out of reach or so near to a limit that a joint brakes, and the arm
+        must have no motion to choose.
+        """
+        vehicle, arm, some = self.vehicle, self.vehicle.arm, slice(None, None, _STRIDE)
+        knots = Motion(self.time[some], self.q[some], self.v[some], self.a[some])
+        count = _STRIDE * (len(knots.time) - 1) + 1
+        if vehicle.joints > 3 or count < 3 * _STRIDE or self.out_of_reach or self.singular:
+            return 1
+        path = _Continuation(vehicle, knots, self.targets[some], self.limits)
+        for k in range(1, len(knots.time)):
+            path.advance(k)
+            if path.out_of_reach or path.singular:
+                return 1
+        quintics = Reference(Motion(knots.time, path.q[:, arm], path.rates, path.accelerations))
+        q, v, a = (x[:count].copy() for x in (self.q, self.v, self.a))
+        guess, target = quintics(self.time[:count])[0], self.targets[:count]
+        q[:, arm], v[:, vehicle.arm_rates], a[:, vehicle.arm_rates] = guess, 0.0, 0.0
+        for last in (False, False, True):
+            jacobian = vehicle.tip_jacobian(q)[:, :3]
+            matrix = jacobian[..., vehicle.arm_rates]
+            inverse = np.linalg.pinv(matrix, rcond=_RANK)
+            off = target[:, 0] - vehicle.tip_pose(q)[:, :3, 3]
+            q[:, arm] += 0.0 if last else times(inverse, off)
+        rates = times(inverse, target[:, 1] - times(jacobian, v))
+        v[:, vehicle.arm_rates] = rates
+        growth = target[:, 2] - times(jacobian, a) - vehicle.tip_bias_acceleration(q, v)[:, :3]
+        a[:, vehicle.arm_rates] = times(inverse, growth)
+        missing = times(jacobian, v) - target[:, 1], times(matrix @ inverse, growth) - growth
+        ways = _BRAKING * np.stack([q[:, arm] - self.limits[0], self.limits[1] - q[:, arm]])
+        singular = np.linalg.svd(matrix, compute_uv=False)
+        if not (
+            np.linalg.norm(off, axis=-1).max() <= REACHED
+            and np.linalg.norm(missing, axis=-1).max() <= _TOLERANCE
+            and np.abs(q[:, arm] - guess).max() <= _CLOSE
+            and np.all(np.stack([-rates, rates]) < ways)
+            and np.all(singular[:, -1] > _NEARLY_SINGULAR * singular[:, 0])
+        ):
+            return 1
+        self.q[:count], self.v[:count], self.a[:count] = q, v, a
+        self.tried = [*range(count)]
+        return count
 
     def _beyond(self, joints: Array) -> Flags:
         return (joints < self.limits[0]) | (joints > self.limits[1])
