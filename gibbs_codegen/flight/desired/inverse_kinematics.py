@@ -24,6 +24,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.flight.desired.base_trajectory import (
@@ -118,14 +119,12 @@ def _damped_step(jacobian: Array, error: Array, damping: float, room: JointBound
     step: Array = jacobian.T @ np.linalg.solve(square + weight * np.eye(3), error)
     if np.all((step >= room[0]) & (step <= room[1])):
         return step
-    from scipy.optimize import lsq_linear  # Late, as SciPy takes long to import.
-
     # `lsq_linear` wants bounds that differ.
     slack = 1e-15
     bounds = (np.minimum(room[0], 0.0) - slack, np.maximum(room[1], 0.0) + slack)
     stacked = np.vstack([jacobian, np.sqrt(weight) * np.eye(len(step))])
     desired = np.concatenate([error, np.zeros(len(step))])
-    step_within: Array = lsq_linear(stacked, desired, bounds=bounds, method="bvls").x
+    step_within: Array = scipy.optimize.lsq_linear(stacked, desired, bounds=bounds, method="bvls").x
     return np.clip(step_within, *room)
 
 

@@ -32,8 +32,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.interpolate import BSpline, PchipInterpolator, PPoly
-from scipy.ndimage import maximum_filter1d
+import scipy
 
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.flight.desired.base_trajectory import (
@@ -110,9 +109,9 @@ class ArcLength:
         v = reference(self.time)[1]
         speed = np.linalg.norm(v, axis=-1)
         speed[speed <= _REST * speed.max()] = 0.0
-        self._speed = PchipInterpolator(self.time, speed)
+        self._speed = scipy.interpolate.PchipInterpolator(self.time, speed)
         self._growth = self._speed.derivative()
-        self.length: PPoly = self._speed.antiderivative()
+        self.length: scipy.interpolate.PPoly = self._speed.antiderivative()
         self.lengths = self.length(self.time)
         time, lengths = self.time.tolist(), self.lengths.tolist()
         # At rest is where a stretch meets another or standstill: all but the ends of the motion.
@@ -281,7 +280,7 @@ class Clock:
         else:
             points = whole(time)
         knots = self.step * np.arange(-3, pieces + 4)
-        spline = BSpline(knots, points, 3)
+        spline = scipy.interpolate.BSpline(knots, points, 3)
         self._derivatives = [spline, *(spline.derivative(order) for order in (1, 2, 3))]
 
     def __call__(self, time: Array) -> Array:
@@ -311,7 +310,7 @@ class Clock:
         return q, direction * speed, direction * growth + bend * speed**2
 
 
-def _exact(arc: ArcLength, profiles: Sequence[Profile], pad: float) -> PPoly:
+def _exact(arc: ArcLength, profiles: Sequence[Profile], pad: float) -> scipy.interpolate.PPoly:
     """Length along the path in time, from 0, with constant accelerations between nodes.
 
     `pad`, s, is added to every rest where a stretch begins or ends there.
@@ -338,10 +337,10 @@ def _exact(arc: ArcLength, profiles: Sequence[Profile], pad: float) -> PPoly:
         last, length = stretch.end, float(profile.lengths[-1])
     rest(before + reference.end - last)
     ends = np.concatenate([[0.0], np.cumsum(np.concatenate(steps))])
-    return PPoly(np.concatenate(coefficients, axis=1), ends)
+    return scipy.interpolate.PPoly(np.concatenate(coefficients, axis=1), ends)
 
 
-def _mirrored(exact: PPoly) -> PPoly:
+def _mirrored(exact: scipy.interpolate.PPoly) -> scipy.interpolate.PPoly:
     """The length also before the first time and after the last, as if seen in mirrors there.
 
     So averages over times on both sides of an end are the length there.
@@ -353,7 +352,7 @@ def _mirrored(exact: PPoly) -> PPoly:
     before[2] += 2.0 * ends[0]
     after[2] += 2.0 * ends[-1]
     times = np.concatenate([-time[:0:-1], time, 2.0 * time[-1] - time[-2::-1]])
-    return PPoly(np.concatenate([before, exact.c, after], axis=1), times)
+    return scipy.interpolate.PPoly(np.concatenate([before, exact.c, after], axis=1), times)
 
 
 def time_optimal_motion(
@@ -467,7 +466,7 @@ class _SegmentLimits:
 
         `over` (s) tells by how much at lengths (s) along the path; below 1 if they are not.
         """
-        over = maximum_filter1d(np.maximum(over, 1.0), 2 * _AROUND + 1)
+        over = scipy.ndimage.maximum_filter1d(np.maximum(over, 1.0), 2 * _AROUND + 1)
         here = np.interp(self.lengths, lengths, over)
         if everywhere:
             here = np.full_like(here, np.max(here))

@@ -13,7 +13,7 @@ import numpy as np
 
 from gibbs_codegen.errors import UsageError, check_all
 from gibbs_codegen.flight.attitude import SingularAttitudeError, Turning
-from gibbs_codegen.flight.desired import demands
+from gibbs_codegen.flight.desired import demands, timing
 from gibbs_codegen.flight.desired.base_trajectory import check_times, desired_base, knots
 from gibbs_codegen.flight.desired.inverse_kinematics import JointBounds, check_tip, desired_with_tip
 from gibbs_codegen.flight.desired.led_frames import led_frames
@@ -23,6 +23,7 @@ from gibbs_codegen.flight.desired.posture import (
     rest_posture,
     with_joints,
 )
+from gibbs_codegen.flight.desired.underactuated_base import underactuated_motion
 from gibbs_codegen.flight.plant.actuators import Actuators, actuators_of, joint_place
 from gibbs_codegen.flight.plant.allocation import allocation_of, thrust_axis
 from gibbs_codegen.flight.plant.vehicle import Array, RobotData, Vehicle
@@ -76,9 +77,6 @@ def _with_posture(
     # What the base does then depends on the joints.
     _check_rates(vehicle, joints_at(time), fastest)
     if thrust_axis(vehicle, joints_at(time[:1]).q) is not None:
-        # Late, as SciPy takes long to import.
-        from gibbs_codegen.flight.desired.underactuated_base import underactuated_motion
-
         led = led_frames(vehicle, {}, limits)
         return underactuated_motion(vehicle, time, joints_at, *wanted, led, shown)
     base = desired_base(vehicle, time, *wanted, shown)
@@ -109,8 +107,6 @@ def _with_frames(
     joints_at = partial(joint_motion, vehicle, posture, {})
     leans = thrust_axis(vehicle, joints_at(time[:1]).q) is not None
     if leans and scenario.control.law != "off":
-        from gibbs_codegen.flight.desired.underactuated_base import underactuated_motion
-
         return underactuated_motion(
             vehicle,
             time,
@@ -304,9 +300,6 @@ def timed_motion(
     reference = desired_motion(vehicle, scenario, progress)
     if _rests(reference):
         return TimedMotion(scenario, reference, _NOTHING)
-    # Late, as SciPy takes long to import.
-    from gibbs_codegen.flight.desired import timing
-
     clock = timing.time_optimal_motion(
         vehicle, reference, limits, lambda share: progress("fastest timing", share)
     )

@@ -19,8 +19,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy import sparse
-from scipy.sparse.linalg import spsolve
+import scipy
 
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.flight.attitude import (
@@ -178,17 +177,17 @@ class Grid:
         return float(self.time[-1] - self.time[0]) / (len(self.time) - 1)
 
     @cached_property
-    def rate(self) -> sparse.csr_array:
+    def rate(self) -> scipy.sparse.csr_array:
         """Matrix (count, count) of the first derivative."""
         return differences(1, self.count, self.step)
 
     @cached_property
-    def growth(self) -> sparse.csr_array:
+    def growth(self) -> scipy.sparse.csr_array:
         """Matrix (count, count) of the second derivative."""
         return differences(2, self.count, self.step)
 
 
-def differences(order: int, count: int, step: float) -> sparse.csr_array:
+def differences(order: int, count: int, step: float) -> scipy.sparse.csr_array:
     """Matrix (count, count) of finite differences at knots `step` apart, of 4th order inside."""
     width = min(count, STENCIL + (order > 2))
     wanted = np.zeros(width)
@@ -202,7 +201,7 @@ def differences(order: int, count: int, step: float) -> sparse.csr_array:
     first = np.clip(knots - width // 2, 0, count - width)
     columns = first[:, np.newaxis] + np.arange(width)
     places = np.repeat(knots, width), columns.ravel()
-    return sparse.csr_array((weights[knots - first].ravel(), places), shape=(count, count))
+    return scipy.sparse.csr_array((weights[knots - first].ravel(), places), shape=(count, count))
 
 
 def nearest_motion(
@@ -228,16 +227,22 @@ def nearest_motion(
         missing, slopes = linear(unknowns, grid.rate @ unknowns, grid.growth @ unknowns)
         if cost is None:
             rough, weights = _cost(slopes, columns, grid, gravity)
-            cost = rough + sparse.kron(sparse.eye_array(count), sparse.diags_array(weights))
-            cost = sparse.csr_array(cost)[free]
+            cost = rough + scipy.sparse.kron(
+                scipy.sparse.eye_array(count), scipy.sparse.diags_array(weights)
+            )
+            cost = scipy.sparse.csr_array(cost)[free]
             kept = np.tile(~fixed[:, np.newaxis], missing.shape[1])
             kept[:, :2] = unsettled[:, np.newaxis]
             bound = np.flatnonzero(kept)
         jacobian = _jacobian(slopes, grid)[bound][:, free]
-        system = sparse.block_array([[cost[:, free], jacobian.T], [jacobian, None]], format="csc")
+        system = scipy.sparse.block_array(
+            [[cost[:, free], jacobian.T], [jacobian, None]], format="csc"
+        )
         pull = (weights * near).ravel()[free] - cost @ unknowns.ravel()
         step = np.zeros(unknowns.size)
-        step[free] = spsolve(system, np.concatenate([pull, -missing.ravel()[bound]]))[: len(free)]
+        step[free] = scipy.sparse.linalg.spsolve(
+            system, np.concatenate([pull, -missing.ravel()[bound]])
+        )[: len(free)]
         unknowns = unknowns + step.reshape(count, columns)
         if not np.all(np.isfinite(step)):
             break
@@ -252,23 +257,27 @@ def nearest_motion(
     )
 
 
-def _jacobian(slopes: Array, grid: Grid) -> sparse.csr_array:
+def _jacobian(slopes: Array, grid: Grid) -> scipy.sparse.csr_array:
     """Derivatives (r s, c s) of conditions by the unknowns."""
-    size = sparse.eye_array(slopes[0].shape[-1])
-    rate, growth = (sparse.kron(matrix, size, format="csr") for matrix in (grid.rate, grid.growth))
+    size = scipy.sparse.eye_array(slopes[0].shape[-1])
+    rate, growth = (
+        scipy.sparse.kron(matrix, size, format="csr") for matrix in (grid.rate, grid.growth)
+    )
     by_place, by_rate, by_growth = (_blocks(slope) for slope in slopes)
-    return sparse.csr_array(by_place + by_rate @ rate + by_growth @ growth)
+    return scipy.sparse.csr_array(by_place + by_rate @ rate + by_growth @ growth)
 
 
-def _blocks(blocks: Array) -> sparse.csr_array:
+def _blocks(blocks: Array) -> scipy.sparse.csr_array:
     """The matrix with blocks (s, r, c) along its diagonal."""
     places = np.arange(len(blocks))
-    return sparse.csr_array(sparse.bsr_array((blocks, places, np.arange(len(blocks) + 1))))
+    return scipy.sparse.csr_array(
+        scipy.sparse.bsr_array((blocks, places, np.arange(len(blocks) + 1)))
+    )
 
 
 def _cost(
     slopes: Array, columns: int, grid: Grid, gravity: float
-) -> tuple[sparse.csr_array, Array]:
+) -> tuple[scipy.sparse.csr_array, Array]:
     """The cost of the unknowns: a quadratic form (s c, s c), weights (c) of squares.
 
     All is without dimension: the roughness of axes and joints, and the shift against the
@@ -281,7 +290,7 @@ def _cost(
     rough = differences(_ROUGHNESS, grid.count, grid.step) / frequency**_ROUGHNESS
     shares = np.repeat([1.0, 0.0, _JOINTS], [3, 3, columns - 6])
     weights = np.repeat([0.0, (frequency**2 / gravity) ** 2, _POSTURE], [3, 3, columns - 6])
-    return sparse.kron(rough.T @ rough, sparse.diags_array(shares)), weights
+    return scipy.sparse.kron(rough.T @ rough, scipy.sparse.diags_array(shares)), weights
 
 
 def _parts(unknowns: Sequence[Array]) -> Sequence[Array]:

@@ -12,6 +12,7 @@ import math
 from dataclasses import replace
 
 import numpy as np
+import scipy
 
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.flight.integration.closed_loop import ClosedLoop
@@ -117,10 +118,9 @@ def _balanced(loop: ClosedLoop, begin: Array, charge: float) -> tuple[Array, Arr
     def accelerations(moved: Array) -> Array:
         return loop.derivative(0.0, state(moved), loads)[loop.layout.places.v]
 
-    from scipy.optimize import least_squares  # Late, as SciPy takes long to import.
-
     tight = dict.fromkeys(("xtol", "ftol", "gtol"), 1e-15)
-    solution = least_squares(accelerations, still, x_scale="jac", max_nfev=_TRIES, **tight)
+    search = scipy.optimize.least_squares
+    solution = search(accelerations, still, x_scale="jac", max_nfev=_TRIES, **tight)
     end, left = state(solution.x), float(np.abs(solution.fun).max())
     if np.linalg.eigvals(solution.jac).real.max() > _TOPPLES:
         left = np.inf

@@ -12,6 +12,7 @@ from collections.abc import Callable, Sequence
 from typing import Self
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 from gibbs_codegen.errors import UsageError
@@ -92,11 +93,9 @@ class Allocation:
         beyond = np.any((thrusts < least) | (thrusts > most), axis=-1)
         beyond &= np.all(np.isfinite(wrenches), axis=-1)
         for index in np.argwhere(beyond):
-            from scipy.optimize import lsq_linear  # Late, as SciPy takes long to import.
-
             place = tuple(index)
             desired = np.concatenate([self._weights * wrenches[place], np.zeros(thrusts.shape[-1])])
-            nearest = lsq_linear(
+            nearest = scipy.optimize.lsq_linear(
                 self._weighted,
                 desired,
                 bounds=self._limits,

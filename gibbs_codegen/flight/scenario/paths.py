@@ -19,9 +19,10 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from math import comb, perm
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Protocol
+from typing import Annotated, Any, ClassVar, Literal, Protocol
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike
 from pydantic import AfterValidator, BeforeValidator, PlainValidator, TypeAdapter, WithJsonSchema
 
@@ -52,9 +53,6 @@ from gibbs_codegen.flight.scenario.numbers import (
 )
 from gibbs_codegen.flight.vectors import Array as Array
 from gibbs_codegen.flight.vectors import Flags
-
-if TYPE_CHECKING:
-    from scipy.interpolate import BPoly
 
 ORDERS = 4  # position and three derivatives
 WORDS = ("rest", "free")  # in place of a velocity
@@ -358,7 +356,7 @@ class Waypoints(Table):
                 yield place, 'the path ends here: give a velocity, or "rest"'
 
     @cached_property
-    def _curves(self) -> list[BPoly]:
+    def _curves(self) -> list[scipy.interpolate.BPoly]:
         """Position and three derivatives, m, by the time from 0 at the first point to 1."""
         places = np.asarray(self.points)
         free: list[Velocity] = ["free"] * (len(places) - 2)
@@ -401,8 +399,6 @@ def _derivatives(
 
     `since` (s) is such a time; `velocities` are in m/s, "rest" or "free", `duration` in s.
     """
-    from scipy.interpolate import make_interp_spline  # Late, as SciPy takes long to import.
-
     nodes = np.zeros((len(places), _END_VALUES, 3))
     nodes[:, 0] = places
     words = [velocity if isinstance(velocity, str) else "" for velocity in velocities]
@@ -415,7 +411,7 @@ def _derivatives(
             continue
         run, inner = slice(first, last + 1), slice(first + 1, last)
         ends = tuple([(1, nodes[k, 1]), (2, np.zeros(3))] for k in (first, last))
-        spline = make_interp_spline(since[run], places[run], k=5, bc_type=ends)
+        spline = scipy.interpolate.make_interp_spline(since[run], places[run], k=5, bc_type=ends)
         for order in range(1, _END_VALUES):
             nodes[inner, order] = spline.derivative(order)(since[inner])
     _calm(since, nodes, free)
@@ -445,19 +441,17 @@ def _calm(since: Array, nodes: Array, free: Flags) -> None:
     nodes[:, 1:] *= share[:, np.newaxis]
 
 
-def _curve(since: Array, nodes: Array) -> BPoly:
+def _curve(since: Array, nodes: Array) -> scipy.interpolate.BPoly:
     """The pieces of degree 9 between points, of the time `since` (s) from 0 to 1.
 
     `nodes` (s, 5, 3) are position and derivatives there.
     """
-    from scipy.interpolate import BPoly  # Late, as above.
-
     steps = np.diff(since)[:, np.newaxis] ** np.arange(_END_VALUES)
     ahead = _COEFFICIENTS @ (steps[..., np.newaxis] * nodes[:-1])
     signs = (-1.0) ** np.arange(_END_VALUES)
     behind = _COEFFICIENTS @ ((signs * steps)[..., np.newaxis] * nodes[1:])
     coefficients = np.concatenate([ahead, behind[:, ::-1]], axis=1)
-    return BPoly(np.moveaxis(coefficients, 1, 0), since)
+    return scipy.interpolate.BPoly(np.moveaxis(coefficients, 1, 0), since)
 
 
 PathKinds = Kinds((Fixed, Harmonic, Line, Circle, Waypoints), "the kind of path")
