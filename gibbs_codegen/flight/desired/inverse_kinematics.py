@@ -409,7 +409,7 @@ class _Continuation:
         for last in (False, False, True):
             jacobian = vehicle.tip_jacobian(q)[:, :3]
             matrix = jacobian[..., vehicle.arm_rates]
-            inverse = np.linalg.pinv(matrix, rcond=_RANK)
+            inverse = np.asarray(np.linalg.pinv(matrix, rcond=_RANK), np.float64)
             off = target[:, 0] - vehicle.tip_pose(q)[:, :3, 3]
             q[:, arm] += 0.0 if last else times(inverse, off)
         rates = times(inverse, target[:, 1] - times(jacobian, v))
