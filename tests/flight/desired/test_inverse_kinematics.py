@@ -303,6 +303,25 @@ def test_tip_moves_as_its_path_wants(hexa: Vehicle, octo: Vehicle) -> None:
         assert_allclose(acceleration, wanted[:, 2], rtol=0, atol=1e-9)
 
 
+def test_knots_at_once_are_those_from_one_to_the_next(
+    hexa: Vehicle, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    tip, taken = Circle((0.0, 0.0, 2.0), 1.5, 4.0), []
+    advance = continuation._Continuation.advance
+
+    def counted(arm: Any, k: int) -> None:
+        taken.append(k)
+        advance(arm, k)
+
+    monkeypatch.setattr(continuation._Continuation, "advance", counted)
+    at_once = fly(hexa, tip)
+    assert len(taken) < len(at_once.time) / 4
+    monkeypatch.setattr(continuation._Continuation, "solved_at_once", lambda arm: 1)
+    one_by_one = fly(hexa, tip)
+    for name, room in (("q", 1e-9), ("v", 1e-8), ("a", 1e-7)):
+        assert_allclose(getattr(at_once, name), getattr(one_by_one, name), atol=room)
+
+
 def test_of_all_postures_one_far_from_singular_and_near_zero_is_chosen(hexa: Vehicle) -> None:
     target = (2.0, -1.0, 2.0)
     chosen = fly(hexa, Fixed(target), 0.01, attitude=Level()).q[0]
