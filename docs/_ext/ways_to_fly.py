@@ -24,7 +24,7 @@ from gibbs_codegen.arrays.nodes import (
 )
 from gibbs_codegen.flight.analysis.linear_model import motion_program
 from gibbs_codegen.interface import FUNCTIONS
-from gibbs_codegen.machine.closed_loop import ClosedLoop
+from gibbs_codegen.machine.closed_loop import LoopStructure
 from gibbs_codegen.machine.contact import FIGURES, Contact
 from gibbs_codegen.machine.first_order import System
 from gibbs_codegen.machine.machine import NO_SURROUNDINGS, Surroundings
@@ -93,7 +93,7 @@ FEATURES = {
 
 
 def _closed_loop(flown: Flown) -> list[Node]:
-    loop = ClosedLoop(flown.listing, "held", 1, lags=flown.lags, around=flown.around)
+    loop = LoopStructure(flown.listing, "held", 1, lags=flown.lags, around=flown.around)
     return [*loop.slope().outputs.values()]
 
 

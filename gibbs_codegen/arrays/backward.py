@@ -170,7 +170,7 @@ def _passed(
             slopes = elementary_slopes(name, x)
             for place in places:
                 yield place, _folded(slopes[place] * w, arguments[place].shape)
-        case nodes.Product():
+        case nodes.Contraction():
             for place in places:
                 yield place, _of_product(w, arguments, place)
         case nodes.Solution():
@@ -194,7 +194,7 @@ def _of_rearranged(x: Node, w: Node) -> Node:
     """Weights of the one argument of an operation that rearranges it."""
     argument = x.arguments[0]
     match x.operation:
-        case nodes.Part(begin, end):
+        case nodes.RowRange(begin, end):
             rest = argument.shape[1:]
             after = argument.shape[0] - end
             return nodes.join(nodes.zeros(begin, *rest), w, nodes.zeros(after, *rest))

@@ -29,7 +29,7 @@ from gibbs_codegen.interface import FUNCTIONS
 
 # Vectors of as many entries are computed entry by entry, without a loop.
 FEW = 4
-_VIEWS = (nodes.Part, nodes.Transposition, nodes.Entries, nodes.Coordinates, nodes.Reshaping)
+_VIEWS = (nodes.RowRange, nodes.Transposition, nodes.Entries, nodes.Coordinates, nodes.Reshaping)
 _FUNCTIONS = {
     "minimum": "minimum",
     "maximum": "maximum",
@@ -156,7 +156,7 @@ class CProgram:
 
     def _is_inlined(self, x: Node) -> bool:
         readers = self.readers[x]
-        kinds = nodes.Elementary | nodes.Product
+        kinds = nodes.Elementary | nodes.Contraction
         if not isinstance(x.operation, kinds) or x in self.results or x in self.program.labels:
             return False
         if _name_of(x) in _ANGLES and not self.is_plain:
@@ -166,7 +166,7 @@ class CProgram:
         if len(readers) != 1 or self.uniform(x) != self.uniform(readers[0]):
             return False
         reader = readers[0]
-        if isinstance(x.operation, nodes.Product):
+        if isinstance(x.operation, nodes.Contraction):
             return self._is_added(x, reader)
         if isinstance(reader.operation, nodes.Total):
             return True
@@ -219,7 +219,7 @@ class CProgram:
         match x.operation:
             case nodes.Transposition():
                 return False
-            case nodes.Part() | nodes.Entries() | nodes.Coordinates():
+            case nodes.RowRange() | nodes.Entries() | nodes.Coordinates():
                 return self._is_in_rows(x.arguments[0])
         return True
 
@@ -260,7 +260,7 @@ class CProgram:
         """True if entries of an array are computed one by one."""
         if _name_of(x) in _ANGLES and not self.is_plain:
             return False
-        return isinstance(x.operation, nodes.Elementary | nodes.Product) and self._is_kept(x)
+        return isinstance(x.operation, nodes.Elementary | nodes.Contraction) and self._is_kept(x)
 
     def _goes_with(self, x: Node, group: list[Node], done: set[Node]) -> bool:
         """Add a node to the loop of others, if all that it reads is there by then."""
@@ -378,7 +378,7 @@ class CProgram:
             case nodes.Constant():
                 self._tables[x] = None
                 return View(self._names.of(x), 0, _strides(x.shape))
-            case nodes.Part(begin):
+            case nodes.RowRange(begin):
                 inner = self.view(x.arguments[0])
                 return inner._replace(offset=inner.offset + begin * inner.strides[0])
             case nodes.Transposition(axes):
@@ -502,7 +502,7 @@ class CProgram:
         match x.operation:
             case nodes.Elementary("sin" | "cos") if not self.is_plain:
                 yield from self._sines_and_cosines(group)
-            case nodes.Elementary() | nodes.Product():
+            case nodes.Elementary() | nodes.Contraction():
                 yield from self._entries(group)
             case nodes.Total():
                 yield from self._total(x)
@@ -585,7 +585,7 @@ class CProgram:
 
     def _terms(self, x: Node) -> tuple[list[Node], list[Node]]:
         """The terms of a sum, and the products that are added up in it."""
-        if isinstance(x.operation, nodes.Product):
+        if isinstance(x.operation, nodes.Contraction):
             return [], [x]
         terms: list[Node] = []
         products: list[Node] = []

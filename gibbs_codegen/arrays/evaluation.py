@@ -206,7 +206,7 @@ class _Batches(Evaluation):
                 if not any(lacking):
                     return _INFIX.get(name, function)
                 return lambda *values: function(*map(_spread, values, lacking))
-            case nodes.Product():
+            case nodes.Contraction():
                 left, right = shapes
                 flat = (math.prod(left[:-1]), left[-1]), (right[0], math.prod(right[1:]))
                 return lambda one, two: shaped(
@@ -228,7 +228,7 @@ class _Batches(Evaluation):
                 return transposed
             case nodes.Reshaping():
                 return lambda entries: shaped(entries, shapes[0], x.shape)
-            case nodes.Part(begin, end):
+            case nodes.RowRange(begin, end):
                 rest = [slice(None)] * (len(x.shape) - 1)
                 return operator.itemgetter((..., slice(begin, end), *rest))
             case nodes.Joining():
@@ -275,7 +275,7 @@ class _OneState(_Batches):
             case nodes.Reshaping() if not x.shape:
                 whole, first = x.arguments[0], 0
                 match whole.operation:
-                    case nodes.Part(begin, _):
+                    case nodes.RowRange(begin, _):
                         whole, first = whole.arguments[0], begin
                 index = (first, *[0] * (len(whole.shape) - 1))
                 return Step(operator.itemgetter(index), (whole,))
@@ -300,11 +300,11 @@ class _OneState(_Batches):
                 return _INFIX[name]
             case nodes.Elementary(name) if name != "choose":
                 return nodes.ELEMENTARY[name]
-            case nodes.Product() if max(map(len, shapes)) < 3:
+            case nodes.Contraction() if max(map(len, shapes)) < 3:
                 return operator.matmul
             case nodes.Solution():
                 return np.linalg.solve
-            case nodes.Part(begin, end):
+            case nodes.RowRange(begin, end):
                 return operator.itemgetter(slice(begin, end))
             case nodes.Joining():
                 return lambda *arrays: np.concatenate(arrays)
@@ -435,7 +435,7 @@ class _Casadi(Evaluation):
                 pairs = zip(values, shapes, strict=True)
                 values = [a if a.is_scalar() else _spread_rows(a, s, x.shape) for a, s in pairs]
                 return _CASADI[name](casadi)(*values)
-            case nodes.Product():
+            case nodes.Contraction():
                 left, right = shapes
                 one = _row_major(values[0], math.prod(left[:-1]), left[-1])
                 two = _row_major(values[1], right[0], math.prod(right[1:]))
@@ -447,7 +447,7 @@ class _Casadi(Evaluation):
                 return _gathered(values[0], places, rows, columns)
             case nodes.Reshaping():
                 return _row_major(values[0], rows, columns)
-            case nodes.Part(begin, end):
+            case nodes.RowRange(begin, end):
                 width = math.prod(shapes[0][1:-1])
                 return values[0][begin * width : end * width, :]
             case nodes.Joining():

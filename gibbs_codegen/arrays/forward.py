@@ -154,7 +154,7 @@ def _terms(x: Node, inner: dict[int, Node]) -> list[Node]:
             return [_through(slopes_by[place], d) for place, d in inner.items()]
         case nodes.External():
             return _terms(nodes.formula_of(x), inner)
-        case nodes.Product():
+        case nodes.Contraction():
             return [_product_term(x, place, d) for place, d in inner.items()]
         case nodes.Solution():
             return [_solution_term(x, place, d) for place, d in inner.items()]
@@ -172,7 +172,7 @@ def _alone(x: Node, d: Node) -> Node:
     """The derivative of a node that rearranges its one argument, from that of the argument."""
     argument = x.arguments[0]
     match x.operation:
-        case nodes.Part(begin, end):
+        case nodes.RowRange(begin, end):
             return nodes.part(d, begin, end)
         case nodes.Reshaping():
             return nodes.reshaped(d, (*x.shape, d.shape[-1]))
@@ -224,7 +224,7 @@ def _moved(slopes: dict[int, Node], inner: dict[int, Node]) -> Node:
     for place, d in inner.items():
         rows = slopes[place][:6]
         turned = rows @ d
-        if isinstance(turned.operation, nodes.Product):
+        if isinstance(turned.operation, nodes.Contraction):
             turned = rows.transposed[:6].transposed @ d[:6]
         base.append(turned)
         joints.append(d[6:])

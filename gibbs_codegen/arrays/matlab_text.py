@@ -106,10 +106,10 @@ class MatlabText(ArrayText):
 
     def _is_indexed(self, x: Node) -> bool:
         """True if rows or columns are taken of a node, which no expression has in MATLAB."""
-        if isinstance(x.operation, nodes.Part) or self._gives_columns(x):
+        if isinstance(x.operation, nodes.RowRange) or self._gives_columns(x):
             return False
         return any(
-            isinstance(y.operation, nodes.Part)
+            isinstance(y.operation, nodes.RowRange)
             or (isinstance(y.operation, nodes.Entries | nodes.Coordinates) and self._is_indexed(y))
             or self._gives_columns(y)
             for y in self.readers.get(x, ())  # Pieces that are turned have none.
@@ -120,7 +120,7 @@ class MatlabText(ArrayText):
         readers = self.readers.get(x, [])
         is_turned = isinstance(x.operation, nodes.Transposition) and bool(readers)
         return is_turned and all(
-            isinstance(part.operation, nodes.Part)
+            isinstance(part.operation, nodes.RowRange)
             and not self.names.has(part)
             and all(isinstance(y.operation, nodes.Transposition) for y in self.readers[part])
             for part in readers
@@ -140,11 +140,11 @@ class MatlabText(ArrayText):
                 return _literal(x)
             case nodes.Elementary(name):
                 return Text(f"{_FUNCTIONS.get(name, name)}({listed})")
-            case nodes.Product():
+            case nodes.Contraction():
                 return self.product(x, *texts)
             case nodes.Solution():
                 return Text(f"{texts[0].within(WHOLE)} \\ {texts[1].within(WHOLE)}", PRODUCT)
-            case nodes.Part(begin, end):
+            case nodes.RowRange(begin, end):
                 return Text(f"{texts[0].text}({_range(begin, end)}{self.rest(x.shape)})")
             case nodes.Transposition(axes):
                 return self.turned(x, axes)
@@ -198,14 +198,14 @@ class MatlabText(ArrayText):
                 case nodes.Joining():
                     pieces = [nodes.transposed(y, (1, 0)) for y in inner.arguments]
                     return Text(f"[{', '.join(self.expression(y).text for y in pieces)}]")
-                case nodes.Part(begin, end) if self._gives_columns(inner.arguments[0]):
+                case nodes.RowRange(begin, end) if self._gives_columns(inner.arguments[0]):
                     return self.columns(inner.arguments[0].arguments[0], begin, end)
         return Text(f"{self.expression(inner).within(WHOLE)}.'")
 
     def columns(self, matrix: Node, begin: int, end: int) -> Text:
         """Columns of a matrix, or of rows of it."""
         rows, rest = ":", self.rest(matrix.shape).removeprefix(", :")
-        if isinstance(matrix.operation, nodes.Part) and not self._is_named(matrix):
+        if isinstance(matrix.operation, nodes.RowRange) and not self._is_named(matrix):
             rows = _range(matrix.operation.begin, matrix.operation.end)
             (matrix,) = matrix.arguments
         return Text(f"{self.expression(matrix).text}({rows}, {_range(begin, end)}{rest})")
@@ -237,9 +237,9 @@ class MatlabPages(MatlabText):
                 if text.startswith("zeros("):
                     return Text(f"{text.removesuffix(')')}, count)")
                 return Text(f"repmat({text}, 1, 1, count)")
-            case nodes.Constant() | nodes.Elementary() | nodes.Call() | nodes.Part():
+            case nodes.Constant() | nodes.Elementary() | nodes.Call() | nodes.RowRange():
                 return super().operation(x)
-            case nodes.Product() | nodes.Joining() | nodes.Transposition() if len(x.shape) == 2:
+            case nodes.Contraction() | nodes.Joining() | nodes.Transposition() if len(x.shape) == 2:
                 return super().operation(x)
             case nodes.Reshaping() if not x.arguments[0].shape and len(x.shape) == 2:
                 return self._in_pages(x.arguments[0])

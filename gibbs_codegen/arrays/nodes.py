@@ -100,7 +100,7 @@ class Elementary:
 
 
 @dataclass(frozen=True)
-class Product:
+class Contraction:
     """The sum over the last axis of the first and the first axis of the second argument."""
 
 
@@ -122,7 +122,7 @@ class Reshaping:
 
 
 @dataclass(frozen=True)
-class Part:
+class RowRange:
     """Entries or rows from one to another, along the first axis."""
 
     begin: int
@@ -156,8 +156,8 @@ class Coordinates:
 
 
 Operation = (
-    Input | Constant | Call | Invocation | External | Elementary | Product | Solution
-    | Transposition | Reshaping | Part | Joining | Total | Entries | Coordinates
+    Input | Constant | Call | Invocation | External | Elementary | Contraction | Solution
+    | Transposition | Reshaping | RowRange | Joining | Total | Entries | Coordinates
 )  # fmt: skip
 _NODES: WeakValueDictionary[Any, Node] = WeakValueDictionary()
 _LOCK = Lock()
@@ -470,7 +470,7 @@ def product(matrix: Value, other: Value) -> Node:
         scale = _scale_of(scaled)
         if scale is not None:
             return scale * kept
-    return node(Product(), (matrix, other), shape)
+    return node(Contraction(), (matrix, other), shape)
 
 
 def _scale_of(x: Node) -> Node | None:
@@ -530,7 +530,7 @@ def part(x: Node, begin: int, end: int) -> Node:
     numbers = numbers_of(x)
     if numbers is not None:
         return constant(numbers[begin:end])
-    if isinstance(x.operation, Part):
+    if isinstance(x.operation, RowRange):
         return part(x.arguments[0], x.operation.begin + begin, x.operation.begin + end)
     if isinstance(x.operation, Joining):
         first = 0
@@ -538,7 +538,7 @@ def part(x: Node, begin: int, end: int) -> Node:
             if first <= begin and end <= first + piece.shape[0]:
                 return part(piece, begin - first, end - first)
             first += piece.shape[0]
-    return node(Part(begin, end), (x,), (end - begin, *x.shape[1:]))
+    return node(RowRange(begin, end), (x,), (end - begin, *x.shape[1:]))
 
 
 def join(*pieces: Value) -> Node:

@@ -52,12 +52,12 @@ class NumpyText(ArrayText):
         match x.operation:
             case nodes.Constant():
                 return self._constant(x)
-            case nodes.Product() if len(inner[0].shape) == len(inner[1].shape) == 2:
+            case nodes.Contraction() if len(inner[0].shape) == len(inner[1].shape) == 2:
                 one, two = map(self.expression, inner)
                 return Text(f"{one.within(PRODUCT)} @ {two.within(WHOLE)}", PRODUCT)
             case nodes.Reshaping() if not inner[0].shape:
                 return self._with_axes(inner[0], len(x.shape))
-            case nodes.Part(begin, end):
+            case nodes.RowRange(begin, end):
                 rest = ", :" * (len(x.shape) - 1)
                 return Text(f"{self.expression(inner[0]).within(WHOLE)}[..., {begin}:{end}{rest}]")
             case nodes.Transposition():
@@ -92,11 +92,11 @@ class NumpyText(ArrayText):
         if isinstance(inner.operation, nodes.Joining):
             pieces = [self.expression(nodes.transposed(y, (1, 0))).text for y in inner.arguments]
             return Text(f"_joined(-1, {', '.join(pieces)})")
-        if isinstance(inner.operation, nodes.Part):
+        if isinstance(inner.operation, nodes.RowRange):
             columns = f"{inner.operation.begin}:{inner.operation.end}"
             matrix = nodes.transposed(inner.arguments[0], (1, 0))
             text = self.expression(matrix).within(WHOLE)
-            if isinstance(matrix.operation, nodes.Part):
+            if isinstance(matrix.operation, nodes.RowRange):
                 return Text(f"{text.removesuffix(':]')}{columns}]")
             return Text(f"{text}[..., {columns}]")
         raise UsageError(f"{self.program.name}: {x} is not written in NumPy")

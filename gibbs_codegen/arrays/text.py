@@ -17,7 +17,7 @@ from gibbs_codegen.arrays.nodes import Node, Program, is_all
 from gibbs_codegen.interface import FUNCTIONS
 
 _SAME = (nodes.Entries, nodes.Coordinates)
-_LOOKS = (*_SAME, nodes.Part, nodes.Transposition, nodes.Reshaping)
+_LOOKS = (*_SAME, nodes.RowRange, nodes.Transposition, nodes.Reshaping)
 _CALLS = (nodes.Call, nodes.Invocation, nodes.External, nodes.Solution)
 # Precedence of the parts of an expression.
 WHOLE, PRODUCT, SUM = 0, 1, 2

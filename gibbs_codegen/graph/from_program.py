@@ -51,7 +51,7 @@ def _value(graph: Graph, x: Node, operands: list[Any]) -> Any:
             return [graph.number(sp.Rational(str(number))) for number in np.frombuffer(data)]
         case nodes.Elementary(name) if name in _ELEMENTARY:
             return np.frompyfunc(partial(_ELEMENTARY[name], graph), len(operands), 1)(*operands)
-        case nodes.Part(begin, end):
+        case nodes.RowRange(begin, end):
             return operands[0][begin:end]
         case nodes.Joining():
             return np.concatenate(operands)

@@ -24,7 +24,7 @@ from gibbs_codegen.arrays.nodes import (
     variable,
     zeros,
 )
-from gibbs_codegen.machine.closed_loop import ClosedLoop
+from gibbs_codegen.machine.closed_loop import LoopStructure
 from gibbs_codegen.machine.surroundings import origin_of, rotation_of
 
 # Least damping, 1/s, by which stiffness is divided: a servo of positions has none.
@@ -36,7 +36,7 @@ def _or(x: Node, otherwise: Node | float) -> Node:
     return choose(x, -math.inf, x, otherwise)
 
 
-def command_program(loop: ClosedLoop) -> Program:
+def command_program(loop: LoopStructure) -> Program:
     """Inputs `u` (nu) that outputs command, and where joints are `next` (n) asked to be.
 
     Of a time, the state x, accelerations `a` (nv), shares of `motors` (N), from 0 to 1 between
@@ -90,7 +90,7 @@ def command_program(loop: ClosedLoop) -> Program:
     return Program("outputs", inputs, {"u": join(thrusts, sent[count:]), "next": asked})
 
 
-def telling_program(loop: ClosedLoop, measurement: Program) -> Program:
+def telling_program(loop: LoopStructure, measurement: Program) -> Program:
     """The output `told` of a motion: measurements of sensors, and the true motion of the base.
 
     The latter is its position (3), m, and velocity (3), m/s, world axes, and its attitude: the

@@ -49,7 +49,7 @@ from gibbs_codegen.machine.laws import (
     FrameAim,
     Gains,
     Limits,
-    Push,
+    PushAim,
     Rotors,
     inputs_of,
     learning,
@@ -69,7 +69,7 @@ _NO_LEAD = 1e-12
 
 
 @dataclass(frozen=True)
-class Instant:
+class AtTime:
     """A time, and the desired motion there; that of the centre of mass where the base leans.
 
     `felt` (6) is the wrench that the surroundings do to the frame that the law moves, if it does.
@@ -83,7 +83,7 @@ class Instant:
 
 
 @dataclass(frozen=True)
-class ClosedLoop:
+class LoopStructure:
     """The parts of a closed loop on which its program depends.
 
     `law` is one of `LAWS`, "open_loop", "off" or "held"; `integral` tells that it remembers errors,
@@ -227,7 +227,7 @@ class ClosedLoop:
         outputs = self.rate(self._instant(time, curves), x)
         return self._program("rate", (time, curves, x), outputs)
 
-    def rate(self, at: Instant, x: Node) -> dict[str, Node]:
+    def rate(self, at: AtTime, x: Node) -> dict[str, Node]:
         """Time derivative of a state x, inputs that are commanded and that act (nu), refusal."""
         state, machine = self.parts(x), self.machine
         if self.moved is not None:
@@ -365,7 +365,7 @@ class ClosedLoop:
         parts = {name: variable(name, size) if size else zeros(0) for name, size in sizes.items()}
         return State(*self.plant.state(), zeros(0), **parts)
 
-    def _inputs(self, at: Instant, state: State[Node]) -> tuple[Node, Node, Node, Node]:
+    def _inputs(self, at: AtTime, state: State[Node]) -> tuple[Node, Node, Node, Node]:
         """Inputs (nu) that are commanded, what is aimed for, inputs that act; refusal."""
         q, v, _, _, memory, _ = state
         wanted, refused = self.commanded(at, q, v, memory)
@@ -392,7 +392,7 @@ class ClosedLoop:
         """A value while motors run, or else another."""
         return choose(self.input_node("idle"), 0.5, idle, running)
 
-    def _sent(self, at: Instant, q: Node, v: Node, wanted: Node) -> Node:
+    def _sent(self, at: AtTime, q: Node, v: Node, wanted: Node) -> Node:
         """Inputs (nu) that are wanted, or the commands for them where drives take such."""
         if not self._turns_drives:
             return wanted
@@ -418,7 +418,7 @@ class ClosedLoop:
 
     # The desired motion.
 
-    def _instant(self, time: Node, curves: Node, felt: Node | None = None) -> Instant:
+    def _instant(self, time: Node, curves: Node, felt: Node | None = None) -> AtTime:
         """A time with what the law follows there, and feels."""
         n, m = self.plant.space.coordinates, self.plant.space.velocities
         ends = n, n + m, n + 2 * m
@@ -426,7 +426,7 @@ class ClosedLoop:
         motion = Motion(q, curves[ends[0] : ends[1]], curves[ends[1] : ends[2]])
         path = curves[ends[2] :]
         centre = CentrePath(path[:3], path[3:6], path[6:]) if self.leans else None
-        return Instant(time, motion, centre, curves, felt)
+        return AtTime(time, motion, centre, curves, felt)
 
     def _curves_at(self, time: Node) -> Node:
         """Desired q, v and a, and where the base leans the centre of mass, at a time."""
@@ -478,7 +478,7 @@ class ClosedLoop:
         """Limits of the inputs that act."""
         return Limits(*(self.input_node(name, self.plant.inputs) for name in ("least", "most")))
 
-    def commanded(self, at: Instant, q: Node, v: Node, memory: Node) -> tuple[Node, Node]:
+    def commanded(self, at: AtTime, q: Node, v: Node, memory: Node) -> tuple[Node, Node]:
         """Inputs (nu) that the law wants, and more than 0 where rotors cannot produce them."""
         if self.law == "off":
             return zeros(self.model.inputs), constant(0.0)
@@ -487,7 +487,7 @@ class ClosedLoop:
         response = self._law_results(at, q, v, memory)
         return response["wanted"], response["refused"]
 
-    def _law_results(self, at: Instant, q: Node, v: Node, memory: Node) -> dict[str, Node]:
+    def _law_results(self, at: AtTime, q: Node, v: Node, memory: Node) -> dict[str, Node]:
         """Inputs `wanted` (nu), and `free` of limits, of the law, and `refused` as of a step."""
         if not self.compensates:
             return self._law(at, q, v, memory)
@@ -512,31 +512,31 @@ class ClosedLoop:
         """The wrench (6) that the frame feels which the law moves, as an input, if it moves one."""
         return None if self.moved is None else variable("felt", 6)
 
-    def _knowledge(self, at: Instant, memory: Node) -> list[Node]:
+    def _knowledge(self, at: AtTime, memory: Node) -> list[Node]:
         """Knowledge of the law beside time and state: what it remembers and feels, if it does."""
         return [*([memory] if self.integral else []), *([] if at.felt is None else [at.felt])]
 
-    def _law(self, at: Instant, q: Node, v: Node, memory: Node) -> dict[str, Node]:
+    def _law(self, at: AtTime, q: Node, v: Node, memory: Node) -> dict[str, Node]:
         q, force = self._force(at, q, v, memory)
         wanted, refused = inputs_of(self.model, q, force, self.rotors)
         unlimited = replace(self.rotors, limited=False, refuse=False)
         free, _ = inputs_of(self.model, q, force, unlimited)
         return {"wanted": wanted, "free": free, "refused": refused}
 
-    def _force(self, at: Instant, q: Node, v: Node, memory: Node) -> tuple[Node, Node]:
+    def _force(self, at: AtTime, q: Node, v: Node, memory: Node) -> tuple[Node, Node]:
         """Coordinates (nq) and the generalised force (nv) that the law wants there."""
         model, desired = self.model, at.motion
         if self.law == "open_loop":
             return desired.q, model.inverse_dynamics(desired.q, desired.v, desired.a)
         return q, LAWS[self.law].force(model, q, v, self._aim(at, q, memory))
 
-    def _aim(self, at: Instant, q: Node, memory: Node) -> Aim:
+    def _aim(self, at: AtTime, q: Node, memory: Node) -> Aim:
         """The aim of the law at an instant, with what it knows of the robot there."""
         weight = weight_of(self.model, q, self.input_node, self.rotors) if self.leans else None
         learnt = memory if self.integral else None
         return Aim(at.motion, self.gains, learnt, at.centre, weight, self._frame_aim(at, q))
 
-    def _frame_aim(self, at: Instant, q: Node) -> FrameAim | None:
+    def _frame_aim(self, at: AtTime, q: Node) -> FrameAim | None:
         """The aim for the frame that the law moves, if it moves one."""
         if self.moved is None or at.felt is None:
             return None
@@ -555,9 +555,9 @@ class ClosedLoop:
         )
         ends = self.input_node("push_begin"), self.input_node("push_end")
         rising, falling = push_shares(at.time, *ends, rise)
-        return replace(aim, push=Push(direction, force, rising - falling, integral, axes))
+        return replace(aim, push=PushAim(direction, force, rising - falling, integral, axes))
 
-    def _lead(self, at: Instant, state: State[Node], wanted: Node, sent: Node) -> tuple[Node, Node]:
+    def _lead(self, at: AtTime, state: State[Node], wanted: Node, sent: Node) -> tuple[Node, Node]:
         """The lead (nu) that makes up for the lag: time constants times rates of what is sent.
 
         It is differenced along the motion of the plant from its state, back at the end of the
@@ -604,11 +604,11 @@ class ClosedLoop:
         share = maximum(1.0 - beyond / maximum(lead, _NO_LEAD), 0.0)
         return choose(beyond, 0.0, share, 1.0)
 
-    def _errors(self, at: Instant, q: Node, v: Node) -> Node:
+    def _errors(self, at: AtTime, q: Node, v: Node) -> Node:
         """Errors (nv) that are integrated."""
         return learning(self.model, q, v, self._aim(at, q, zeros(v.size)))
 
-    def _remembered(self, at: Instant, q: Node, v: Node, memory: Node, wanted: Node) -> Node:
+    def _remembered(self, at: AtTime, q: Node, v: Node, memory: Node, wanted: Node) -> Node:
         """Rates (nv) of what is remembered, none away from 0 while an input is at a limit."""
         growth = self._errors(at, q, v)
         if self.idles:
@@ -623,7 +623,7 @@ class ClosedLoop:
         (least, most), margin = self.limits, self.input_node("margin", self.plant.inputs)
         return _least(minimum(wanted - (least + margin), (most - margin) - wanted))
 
-    def _ended(self, at: Instant, x: Node) -> Node:
+    def _ended(self, at: AtTime, x: Node) -> Node:
         """More than 0, or no number, where a flight cannot go on from a state."""
         q, v, *_ = self.parts(x)
         errors = join(*base_of(self.plant, q).errors(v, at.motion))

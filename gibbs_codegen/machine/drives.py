@@ -25,7 +25,7 @@ from gibbs_codegen.arrays.nodes import (
 )
 from gibbs_codegen.machine.battery import discharge
 from gibbs_codegen.machine.motor import Motor
-from gibbs_codegen.machine.servo import Joint
+from gibbs_codegen.machine.servo import DrivenJoint
 from gibbs_codegen.robot.description import ActuatorKey, Description
 from gibbs_codegen.robot.names import parameter_prefix, rotor_prefix
 from gibbs_codegen.robot.parts.part import RobotNumber, changed_numbers
@@ -59,7 +59,7 @@ class Drives:
                 changed_numbers(part, f"{prefix}_{name}", number, link.slides) if part else {}
                 for name, part in (("servo", link.servo), ("friction", link.friction))
             )
-            self._parts["link", i] = Joint(motion[0], motion[1], servo, friction)
+            self._parts["link", i] = DrivenJoint(motion[0], motion[1], servo, friction)
         self._battery: dict[str, Any] = {}
         if robot.battery is not None:  # Its voltages are the last of the parameters.
             entries = changed_numbers(robot.battery, "battery", lambda entry: entry)

@@ -36,7 +36,7 @@ from gibbs_codegen.machine.laws import (
     FrameAim,
     Gains,
     Limits,
-    Push,
+    PushAim,
     Rotors,
     inputs_of,
     moved_wrenches,
@@ -173,7 +173,7 @@ def _law(robot: Functions, law: str, tip: int, moves: bool) -> Program:
         aim = replace(aim, frame=FrameAim(tip, stiffness, damping, inertia, wrench))
     if aim.frame is not None and LAWS[law].pushes:
         # Who calls learns the error of the force.
-        push = Push(variable("direction", 3), variable("push"), variable("share"), constant(0.0))
+        push = PushAim(variable("direction", 3), variable("push"), variable("share"), constant(0.0))
         aim = replace(aim, frame=replace(aim.frame, push=push))
     force = LAWS[law].force(robot, q, v, aim)
     u = within_limits(inputs_of(robot, q, force, rotors)[0], limits)

@@ -127,7 +127,7 @@ class CentrePath:
 
 
 @dataclass(frozen=True)
-class Push:
+class PushAim:
     """The push of a frame: along a unit vector (3), world axes, with a force, N.
 
     `share`, 0 to 1, is how far that is in force; `integral`, 1/s, the rate at which the error of
@@ -171,7 +171,7 @@ class FrameAim:
     damping: Node
     inertia: Node
     wrench: Node
-    push: Push | None = None
+    push: PushAim | None = None
 
     @property
     def force(self) -> Node:

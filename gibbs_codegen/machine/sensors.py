@@ -35,7 +35,7 @@ class Channel(NamedTuple):
     resolution: float = 0.0
 
 
-class Device(NamedTuple):
+class SensorAt(NamedTuple):
     """A sensor: what kind it is, by `MEASUREMENTS`, its frame, and figures of where on earth."""
 
     kind: str
@@ -43,7 +43,7 @@ class Device(NamedTuple):
     figures: tuple[float, ...]
 
 
-class Motion(NamedTuple):
+class SensedMotion(NamedTuple):
     """A robot's coordinates q, velocities v, accelerations a, and wrenches (f, 6) of contacts.
 
     With the acceleration of gravity (3), m/s², world axes.
@@ -56,23 +56,23 @@ class Motion(NamedTuple):
     wrenches: Node
     gravity: Node
 
-    def pose(self, device: Device) -> Node:
+    def pose(self, device: SensorAt) -> Node:
         """The pose (4, 4) of a sensor's frame."""
         pose: Node = self.robot.frame_poses(self.q)[device.frame]
         return pose
 
-    def velocity(self, device: Device) -> Node:
+    def velocity(self, device: SensorAt) -> Node:
         """Velocity (3) of the origin, m/s, and angular velocity (3), rad/s, world axes."""
         velocity: Node = self.robot.frame_velocities(self.q, self.v)[device.frame]
         return velocity
 
-    def felt(self, device: Device, *vectors: Node) -> Node:
+    def felt(self, device: SensorAt, *vectors: Node) -> Node:
         """Vectors (3 each) of the world in the axes of a sensor's frame."""
         turn = rotation_of(self.pose(device)).transposed
         return join(*(turn @ vector for vector in vectors))
 
 
-def imu(motion: Motion, device: Device) -> Node:
+def imu(motion: SensedMotion, device: SensorAt) -> Node:
     """Specific force (3), m/s², and angular velocity (3), rad/s, in the axes of the frame."""
     robot, frame = motion.robot, device.frame
     drift = robot.frame_bias_accelerations(motion.q, motion.v)[frame][:3]
@@ -80,43 +80,43 @@ def imu(motion: Motion, device: Device) -> Node:
     return motion.felt(device, acceleration - motion.gravity, motion.velocity(device)[3:])
 
 
-def barometer(motion: Motion, device: Device) -> Node:
+def barometer(motion: SensedMotion, device: SensorAt) -> Node:
     """Height (1) of the frame above sea level, m, of which the figure is that of the origin."""
     return join(origin_of(motion.pose(device))[2] + device.figures[0])
 
 
-def magnetometer(motion: Motion, device: Device) -> Node:
+def magnetometer(motion: SensedMotion, device: SensorAt) -> Node:
     """The magnetic field (3), T, in the axes of the frame; figures are that in the world's."""
     return motion.felt(device, constant(device.figures))
 
 
-def gps(motion: Motion, device: Device) -> Node:
+def gps(motion: SensedMotion, device: SensorAt) -> Node:
     """Position (3), m, and velocity (3), m/s, of the frame's origin."""
     return join(origin_of(motion.pose(device)), motion.velocity(device)[:3])
 
 
-def encoders(motion: Motion, device: Device) -> Node:
+def encoders(motion: SensedMotion, device: SensorAt) -> Node:
     """Coordinates of the joints, rad or m."""
     places = motion.robot.layout.q.joints
     return entries_of(motion.q)[places.start : places.stop]
 
 
-def wrench(motion: Motion, device: Device) -> Node:
+def wrench(motion: SensedMotion, device: SensorAt) -> Node:
     """Force (3), N, and torque (3), N m, of contacts on the frame, in its axes."""
     acting = motion.wrenches[device.frame]
     return motion.felt(device, acting[:3], acting[3:])
 
 
-MEASUREMENTS: dict[str, Callable[[Motion, Device], Node]] = {
+MEASUREMENTS: dict[str, Callable[[SensedMotion, SensorAt], Node]] = {
     measure.__name__: measure for measure in (imu, barometer, magnetometer, gps, encoders, wrench)
 }
 
 
-def measurement_program(robot: Functions, devices: Sequence[Device]) -> Program:
+def measurement_program(robot: Functions, devices: Sequence[SensorAt]) -> Program:
     """Measurements (m) without error, one sensor's after the other's, of a motion and gravity."""
     q, v = robot.state()
     motion_inputs = q, v, robot.velocities("a"), variable("wrenches", robot.frames, 6)
-    motion = Motion(robot, *motion_inputs, variable("gravity", 3))
+    motion = SensedMotion(robot, *motion_inputs, variable("gravity", 3))
     measured = join(*(MEASUREMENTS[device.kind](motion, device) for device in devices))
     return Program("measurement", motion[1:], {"measured": measured})
 

@@ -22,7 +22,7 @@ def _within(x: Node, most: Node | None) -> Node:
 
 
 @dataclass(frozen=True)
-class Joint:
+class DrivenJoint:
     """A joint at a coordinate and a rate, with numbers by the keys of the robot file, if any."""
 
     words: ClassVar[Mapping[str, str]] = {

@@ -53,7 +53,7 @@ _MOST = 40
 _SHARES, _FIRST = 5, 30
 
 
-class Row(NamedTuple):
+class LimitRow(NamedTuple):
     """A limited quantity: an entry of (u, x), or the difference of two of them.
 
     `entry` and `other` (-1 if none) are places in changes (du, dx) of inputs and state, `place` and
@@ -110,7 +110,7 @@ class Transcription:
 
     horizon: Horizon
     steps: int
-    rows: tuple[Row, ...]
+    rows: tuple[LimitRow, ...]
 
     @property
     def members(self) -> dict[str, Entry]:

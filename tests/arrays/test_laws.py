@@ -36,7 +36,7 @@ from gibbs_codegen.machine.laws import (
     FrameAim,
     Gains,
     Limits,
-    Push,
+    PushAim,
     Rotors,
     Weight,
     inputs_of,
@@ -86,7 +86,7 @@ class Case(State):
         if LAWS[law].moves_frame:
             figures = (g[f"frame_{x}"] for x in ("stiffness", "damping", "inertia"))
             axes = constant(Rotation.from_rotvec([0.3, -0.4, 0.9]).as_matrix()) if turned else None
-            push = Push(g["direction"], g["force"], g["share"], g["growth"], axes)
+            push = PushAim(g["direction"], g["force"], g["share"], g["growth"], axes)
             frame = FrameAim(1, *figures, g["wrench"], push if LAWS[law].pushes else None)
             aim = replace(aim, frame=frame)
         force = LAWS[law].force(robot, g["q"], g["v"], aim)

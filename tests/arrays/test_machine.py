@@ -14,7 +14,7 @@ from support.made_up import STEP, Array, MadeUp, close
 from gibbs_codegen.arrays import Functions, Program, evaluate, variable
 from gibbs_codegen.arrays.evaluation import Evaluator
 from gibbs_codegen.machine.base import Motion, base_of
-from gibbs_codegen.machine.closed_loop import AHEAD, ClosedLoop
+from gibbs_codegen.machine.closed_loop import AHEAD, LoopStructure
 from gibbs_codegen.machine.contact import Contact
 from gibbs_codegen.machine.laws import (
     LAWS,
@@ -22,7 +22,7 @@ from gibbs_codegen.machine.laws import (
     CentrePath,
     FrameAim,
     Gains,
-    Push,
+    PushAim,
     Rotors,
     Weight,
     inputs_of,
@@ -87,7 +87,7 @@ class Loop:
         self.known = MadeUp(attitude, **lists)
         self.known.parameters = self.known.parameters * 1.1
         self.owners = {"plant": self.module, "model": self.known}
-        self.spec = ClosedLoop(self.module, law, 2, **options)
+        self.spec = LoopStructure(self.module, law, 2, **options)
         self.random, self.law = np.random.default_rng(seed), law
         self.laws: dict[bool, Evaluator] = {}
         self.is_quaternion = attitude == "quaternion"
@@ -222,7 +222,7 @@ class Loop:
             figures = (n[f"frame_{x}"] for x in ("stiffness", "damping", "inertia"))
             push, axes = None, None if s.axes is None else n["turn"]
             if LAWS[self.law].pushes:
-                push = Push(n["n"], n["push_force"], n["share"], n["push_integral"], axes)
+                push = PushAim(n["n"], n["push_force"], n["share"], n["push_integral"], axes)
             aim = replace(aim, frame=FrameAim(s.moved, *figures, n["felt"], push))
         at, v = (n["q_d"], n["v_d"]) if self.law == "open_loop" else (n["q"], n["v"])
         if self.law == "open_loop":

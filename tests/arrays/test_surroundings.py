@@ -12,7 +12,7 @@ from support.made_up import Array, MadeUp, close
 from gibbs_codegen.arrays import Functions, Node, Program, evaluate, join, nodes, variable
 from gibbs_codegen.machine.contact import Contact, bristle_parts, bristles_of, touch
 from gibbs_codegen.machine.impacts import effects, passive
-from gibbs_codegen.machine.sensors import Channel, Device, measurement_program, reading_program
+from gibbs_codegen.machine.sensors import Channel, SensorAt, measurement_program, reading_program
 from gibbs_codegen.machine.state import State
 from gibbs_codegen.machine.surroundings import (
     air_on_rotors,
@@ -349,8 +349,8 @@ def test_sensors(attitude: str) -> None:
         "encoders": (),
         "wrench": (),
     }
-    devices = [Device(kind, 1, figures) for kind, figures in kinds.items()]
-    program = measurement_program(robot, [*devices, Device("imu", 0, ())])
+    devices = [SensorAt(kind, 1, figures) for kind, figures in kinds.items()]
+    program = measurement_program(robot, [*devices, SensorAt("imu", 0, ())])
     found = evaluate(program, state | values, {"robot": module})["measured"]
     for k, x in enumerate(each(state | values)):
         pose, velocity = module.frame_poses(x["q"])[1], module.frame_velocities(x["q"], x["v"])

@@ -19,7 +19,7 @@ from gibbs_codegen.machine.first_order import System
 from gibbs_codegen.machine.machine import Surroundings
 from gibbs_codegen.machine.predictive import Horizon, rotation_error
 from gibbs_codegen.machine.rollout_steps import Parts, rollout_step
-from gibbs_codegen.machine.sensors import Device, measurement_program
+from gibbs_codegen.machine.sensors import SensorAt, measurement_program
 from gibbs_codegen.machine.steps import emitted_step
 
 WALLS = tuple(
@@ -616,7 +616,7 @@ def test_autopilots(attitude: str, lists: dict[str, Any], moves: bool) -> None:
         sent = module.command_of(at, speed, np.concatenate([np.zeros(4), force]))
         close(found["u"], np.concatenate([thrusts, sent[4:]]), 1e-11)
     robot = Functions(module, "plant")
-    measured = measurement_program(robot, [Device("imu", 1, ()), Device("encoders", 0, ())])
+    measured = measurement_program(robot, [SensorAt("imu", 1, ()), SensorAt("encoders", 0, ())])
     telling = telling_program(loop.spec, measured)
     g = loop.values(telling)
     q, v, *_ = loop.parts(g["x"])

@@ -16,7 +16,7 @@ from gibbs_codegen.flight.integration.closed_loop import loop_program
 from gibbs_codegen.flight.integration.state_history import Loads
 from gibbs_codegen.flight.scenario.file import read_scenario
 from gibbs_codegen.flight.simulation import flight_start
-from gibbs_codegen.machine.closed_loop import ClosedLoop
+from gibbs_codegen.machine.closed_loop import LoopStructure
 from gibbs_codegen.runtime.program_flow import flow_source
 from gibbs_codegen.runtime.program_steps import steps_source
 
@@ -96,7 +96,7 @@ int main(void)
 """
 
 
-def loop_of(fast: Callable[[str], ModuleType]) -> tuple[ClosedLoop, Path]:
+def loop_of(fast: Callable[[str], ModuleType]) -> tuple[LoopStructure, Path]:
     """A closed loop, and the folder of the module."""
     module = fast("hexarotor_3link")
     loop = flight_start(

@@ -87,10 +87,10 @@ def law_program(
     law: str,
     moved: MovedFrame | None = None,
     **others: Any,
-) -> closed_loop.ClosedLoop:
+) -> closed_loop.LoopStructure:
     """The array program of a law of a robot, and `others` of what a closed loop consists of."""
     frames = (None, None) if moved is None else (moved.place, moved.axes)
-    return closed_loop.ClosedLoop(
+    return closed_loop.LoopStructure(
         vehicle.module,
         law,
         len(vehicle.frames),
@@ -113,7 +113,7 @@ def curve_tables(motion: Reference, centre: Reference) -> list[Array]:
 
 
 @lru_cache(maxsize=64)
-def evaluator_of(whole: closed_loop.ClosedLoop, name: str) -> Evaluator:
+def evaluator_of(whole: closed_loop.LoopStructure, name: str) -> Evaluator:
     """The evaluator of a program of a closed loop by its name; many flights share one."""
     program: Program = getattr(whole, name)()
     return Evaluator(program, dict.fromkeys(("plant", "model"), whole.module))
@@ -241,7 +241,7 @@ class Controller:
         """Curves that its program in C reads in their place."""
         return curve_tables(self.reference, self.reference)
 
-    def program(self, **others: Any) -> closed_loop.ClosedLoop:
+    def program(self, **others: Any) -> closed_loop.LoopStructure:
         """The array program of the law, as `law_program` has it."""
         integral = self.memory > 0
         return law_program(

@@ -69,7 +69,7 @@ from gibbs_codegen.runtime.predictive import (
     UNDER_WRENCHES,
     WITH_PAYLOADS,
     CompiledPredictive,
-    Row,
+    LimitRow,
     Transcription,
 )
 
@@ -613,25 +613,25 @@ class Predictive:
         commands = np.array(self.vehicle.commands)
         return np.array([commands == name for name in self._commands_of_states], np.float64)
 
-    def _rows(self) -> tuple[list[Row], dict[str, Array]]:
+    def _rows(self) -> tuple[list[LimitRow], dict[str, Array]]:
         """Limited quantities: inputs, joints and their rates, and how fast inputs change."""
         robot, limits = self.horizon.robot, self._limits
         nu, n, nv = robot.inputs, robot.space.coordinates, robot.space.velocities
         joint_places, rates = robot.layout.q.joints, robot.layout.v.joints
         joints = rates.stop - rates.start
-        limit_rows = [(Row(i, i), *self._bounds[:, i], _NONE, 0.0) for i in range(nu)]
+        limit_rows = [(LimitRow(i, i), *self._bounds[:, i], _NONE, 0.0) for i in range(nu)]
         for k in range(joints):
             i, at = rates.start + k, joint_places.start + k
             excess = _EXCESS / self._by_joint("joints")[k]
-            limit_rows.append((Row(nu + i, nu + at), *limits.joints[:, k], excess, 1.0))
+            limit_rows.append((LimitRow(nu + i, nu + at), *limits.joints[:, k], excess, 1.0))
             fastest, excess = limits.velocities[k], _EXCESS / self._by_joint("joint_rates")[k]
-            row = Row(nu + nv + i, nu + n + i)
+            row = LimitRow(nu + nv + i, nu + n + i)
             limit_rows.append((row, -fastest, fastest, excess, 1.0))
         if self.rates is not None:
             before = nu + n + nv + self.horizon.motors, nu + 2 * nv + self.horizon.motors
             fastest = np.broadcast_to(np.asarray(self.rates, dtype=np.float64), (nu,))
             for i in range(nu):
-                row = Row(i, i, before[1] + i, before[0] + i)
+                row = LimitRow(i, i, before[1] + i, before[0] + i)
                 limit_rows.append((row, -fastest[i], fastest[i], _NONE, 0.0))
         limit_rows = [row for row in limit_rows if np.isfinite(row[1]) or np.isfinite(row[2])]
         rows, least, most, penalty, _ = zip(*limit_rows, strict=True) if limit_rows else ((),) * 5

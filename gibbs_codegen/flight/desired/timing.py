@@ -86,7 +86,7 @@ _FINEST = 8
 
 
 @dataclass(frozen=True)
-class Stretch:
+class PathStretch:
     """A part of a path on which something moves, from `begin` to `end`, s, of the scenario.
 
     `first`, `last` are lengths of the path there, `speeds` those at both ends, in length per s; 0
@@ -126,7 +126,7 @@ class ArcLength:
         change = np.flatnonzero(np.diff(moves, prepend=False, append=False))
         cuts = sorted({*change.tolist(), *slower.tolist()})
         self.stretches = [
-            Stretch(time[a], time[b], lengths[a], lengths[b], (ends[a], ends[b]))
+            PathStretch(time[a], time[b], lengths[a], lengths[b], (ends[a], ends[b]))
             for a, b in itertools.pairwise(cuts)
             if moves[a]
         ]
@@ -160,7 +160,7 @@ class ArcLength:
         return high
 
 
-def nodes(arc: ArcLength, stretch: Stretch, spacing: float) -> Array:
+def nodes(arc: ArcLength, stretch: PathStretch, spacing: float) -> Array:
     """Scenario times (s) at which a stretch is looked at, close in time and along the path.
 
     They are at most `spacing` apart, s, and include both ends.
@@ -418,7 +418,7 @@ class _SegmentLimits:
     """
 
     def __init__(
-        self, vehicle: Vehicle, arc: ArcLength, stretch: Stretch, limits: TimingLimits
+        self, vehicle: Vehicle, arc: ArcLength, stretch: PathStretch, limits: TimingLimits
     ) -> None:
         time = nodes(arc, stretch, _NODE_SPACING)
         self.lengths = arc.length(time)

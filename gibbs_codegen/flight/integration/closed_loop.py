@@ -422,7 +422,7 @@ def loop_values(
 
 def loop_program(
     closed: ClosedLoop, loads: Loads, varying_inputs: Collection[str] = ()
-) -> closed_loop.ClosedLoop:
+) -> closed_loop.LoopStructure:
     """The closed loop as an array program, while something acts.
 
     `varying_inputs` are names of inputs that differ from flight to flight.

@@ -27,7 +27,7 @@ from gibbs_codegen.flight.plant.environment import Environment
 from gibbs_codegen.flight.plant.state_program import StateProgram, state_program
 from gibbs_codegen.flight.plant.vehicle import Array, RobotData, Vehicle
 from gibbs_codegen.flight.scenario.parts import Sensors
-from gibbs_codegen.machine.sensors import Channel, Device, measurement_program, reading_program
+from gibbs_codegen.machine.sensors import Channel, SensorAt, measurement_program, reading_program
 from gibbs_codegen.runtime.load import load
 
 # Time, s, by which instants may differ that count as the same.
@@ -156,7 +156,7 @@ class SensorSuite:
                 "sensors: there are none; declare some, such as [[sensors.imu]] in the scenario"
             )
         pairs = zip(self.devices, self._frames, strict=True)
-        devices = [Device(device.measures, frame, device.figures) for device, frame in pairs]
+        devices = [SensorAt(device.measures, frame, device.figures) for device, frame in pairs]
         return measurement_program(Functions(self._module), devices)
 
     @cached_property

@@ -47,7 +47,7 @@ def fingerprint(*values: Any) -> str:
     """The SHA-256 of values, in hexadecimal digits."""
     written = io.BytesIO()
     try:
-        _Pieces(written).dump(values)
+        _ValueWriter(written).dump(values)
     except GibbsCodegenError:
         raise
     except Exception as error:  # Whatever pickling meets.
@@ -59,7 +59,7 @@ def fingerprint(*values: Any) -> str:
     return hashlib.sha256(written.getbuffer()).hexdigest()
 
 
-class _Pieces(cloudpickle.Pickler):  # type: ignore[misc]  # It has no types.
+class _ValueWriter(cloudpickle.Pickler):  # type: ignore[misc]  # It has no types.
     """Writes what values are."""
 
     def __init__(self, file: io.BytesIO) -> None:
