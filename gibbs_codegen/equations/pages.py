@@ -17,6 +17,7 @@ from gibbs_codegen.equations.chain_equations import ChainEquation
 from gibbs_codegen.equations.definitions import Definition
 from gibbs_codegen.equations.show import AT_REST, COLUMNS, FORMS, FRAMES, WHY_DEFINITIONS
 from gibbs_codegen.errors import UsageError
+from gibbs_codegen.files.line_breaks import broken
 
 # A wider matrix does not fit a page; its entries are listed in any case.
 WIDEST_MATRIX = 12
@@ -137,13 +138,7 @@ class Page:
         lines = []
         for symbols, meaning in entries:
             text = re.sub(r"B_(\d)", r"B\1", f"{', '.join(symbols)}: {meaning}")
-            lines += textwrap.wrap(
-                text,
-                self.width,
-                subsequent_indent="    ",
-                break_long_words=False,
-                break_on_hyphens=False,
-            )
+            lines += broken(text, self.width)
         return lines
 
     def _entry(self, entry: sp.Expr) -> str:

@@ -7,13 +7,13 @@ row of `TARGETS`.
 from __future__ import annotations
 
 import hashlib
-import textwrap
 from collections import defaultdict
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
 from gibbs_codegen.errors import UsageError, printable
+from gibbs_codegen.files.line_breaks import broken
 from gibbs_codegen.files.templating import render
 from gibbs_codegen.interface import FUNCTIONS, options_for
 from gibbs_codegen.machine.first_order import ACTING
@@ -67,10 +67,6 @@ class Target:
     calls: tuple[str, ...] = ()
 
 
-def _nothing(model: Model, printer: InfixPrinter, opening: Lines) -> Contexts:
-    return {}
-
-
 TARGETS: dict[str, Target] = {
     "numpy": Target(
         InfixPrinter(),
@@ -103,7 +99,7 @@ TARGETS: dict[str, Target] = {
     ),
     "fmu": Target(
         CPrinter(),
-        _nothing,
+        lambda *_: {},
         {},
         by_default=False,
         archives=fmu_target.archives,
@@ -203,18 +199,11 @@ def header(model: Model, robot_text: str, targets: Mapping[str, Target]) -> list
     """
     options = generating_options(targets, model)
     command = " ".join(["gibbs-codegen generate THIS_FOLDER/robot.toml --out .", *options])
-    commanded = textwrap.wrap(
-        f"From the folder above: {command}",
-        _WIDTH,
-        subsequent_indent="    ",
-        break_long_words=False,
-        break_on_hyphens=False,
-    )
     return [
         f"{HEADER_START} {__version__}; do not edit.",
         f"Robot: {model.robot.name}",
         f"Robot file SHA-256: {hashlib.sha256(robot_text.encode()).hexdigest()}",
-        *commanded,
+        *broken(f"From the folder above: {command}", _WIDTH),
         "SPDX-License-Identifier: MIT-0 (yours to use, change and pass on without conditions)",
     ]
 
