@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from functools import cache
 from pathlib import Path
 
 import jinja2
+from jinja2 import nodes
+from jinja2.ext import Extension
+from jinja2.parser import Parser
 
 
 def render(template: str, context: Mapping[str, object]) -> str:
@@ -18,6 +21,7 @@ def render(template: str, context: Mapping[str, object]) -> str:
 def _environment(folder: Path) -> jinja2.Environment:
     """The environment of a folder, which keeps the templates that it has compiled."""
     return jinja2.Environment(
+        extensions=[_Lines],
         loader=jinja2.FileSystemLoader(folder),
         undefined=jinja2.StrictUndefined,
         trim_blocks=True,
@@ -25,6 +29,22 @@ def _environment(folder: Path) -> jinja2.Environment:
         keep_trailing_newline=True,
         autoescape=False,  # noqa: S701 - what is rendered is source code, not HTML
     )
+
+
+class _Lines(Extension):
+    """The tag {% lines LIST, BEFORE, AFTER %}: each on a line, between two texts or none."""
+
+    tags = {"lines"}  # noqa: RUF012 - as Jinja declares it
+
+    def parse(self, parser: Parser) -> nodes.Node:
+        """What stands for the tag: the text of the lines, if any."""
+        number = next(parser.stream).lineno
+        values = parser.parse_tuple()
+        arguments = values.items if isinstance(values, nodes.Tuple) else [values]
+        return nodes.Output([self.call_method("_text", arguments)]).set_lineno(number)
+
+    def _text(self, lines: Iterable[str], before: str = "", after: str = "") -> str:
+        return "".join(f"{before}{line}{after}".rstrip(" ") + "\n" for line in lines)
 
 
 def template_folder() -> Path:
