@@ -58,7 +58,7 @@ WALK = """
 info quadrotor_2link
 show quadrotor_2link --chain 1
 new mine.toml
-generate mine.toml
+generate mine.toml --no-verify
 verify mine --states 2
 simulate mine --set duration=0.5 --set integration.method=rk4
 """

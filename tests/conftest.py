@@ -47,8 +47,8 @@ ROOT = Path(__file__).parent.parent
 gc.set_threshold(50_000, 20, 20)
 
 # C is compiled in a third of the time: what the source says does not depend on how well it is
-# optimised. Where that is what is tested, `optimized` stands.
-_SOON = " -O0"
+# optimised, nor on what is inlined. Where that is what is tested, `optimized` stands.
+_SOON = " -O0 -Dalways_inline="
 if _compiler := shutil.which("cc"):
     os.environ.setdefault("CC", _compiler + _SOON)
 

@@ -89,7 +89,7 @@ def built(tmp_path_factory: pytest.TempPathFactory) -> Path:
     if not (ROOT / ".git").exists():
         missing("not a checkout")
     out = tmp_path_factory.mktemp("dist")
-    run([python_with_pip(), ROOT / ".ci" / "distributions.py", out], timeout=3600.0)
+    run([python_with_pip(), ROOT / ".ci" / "distributions.py", out])
     return out
 
 

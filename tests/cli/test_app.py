@@ -18,6 +18,7 @@ import pytest
 from conftest import ROOT
 from rich.console import Console
 from support.command import ENVIRONMENT, run
+from support.tools import HANGING
 
 from gibbs_codegen.cli.terminal import plain_table, print_table
 from gibbs_codegen.equations.typeset import text_width
@@ -491,7 +492,7 @@ def test_a_terminal_is_filled_and_not_overrun(tmp_path: Path) -> None:
             seen += part
     except OSError:  # The other end has closed.
         pass
-    assert process.wait(timeout=60) == 0
+    assert process.wait(timeout=HANGING) == 0
     os.close(ours)
     widest = max(map(text_width, seen.decode().replace("\r", "").splitlines()))
     assert 80 < widest <= 100

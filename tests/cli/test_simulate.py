@@ -16,6 +16,7 @@ from types import ModuleType
 
 import pytest
 from support.command import ENVIRONMENT, run
+from support.tools import HANGING
 
 from gibbs_codegen import pipeline
 from gibbs_codegen.cli.terminal import ended_by_signals
@@ -199,7 +200,7 @@ def test_a_signal_ends_a_flight_and_leaves_nothing(number: int, workplace: Path)
     )
     time.sleep(2.0)
     process.send_signal(number)
-    out, err = process.communicate(timeout=300)
+    out, err = process.communicate(timeout=HANGING)
     # On a slow machine it comes before the program has begun to listen.
     assert process.returncode in (128 + number, -number)
     assert "Traceback" not in err
@@ -225,7 +226,7 @@ def test_a_terminal_sees_progress(workplace: Path) -> None:
             seen += part
     except OSError:  # The other end has closed.
         pass
-    assert process.wait(timeout=60) == 0
+    assert process.wait(timeout=HANGING) == 0
     os.close(ours)
     assert b"inverse kinematics" in seen
     assert b"flying" in seen

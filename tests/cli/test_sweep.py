@@ -15,6 +15,7 @@ from types import ModuleType
 import pytest
 from support.command import ENVIRONMENT, run
 from support.synthetic_study import LAG, MASS, synthetic_study
+from support.tools import HANGING
 
 from gibbs_codegen.cli.sweep import print_study, varied
 from gibbs_codegen.errors import UsageError
@@ -200,12 +201,12 @@ def test_ctrl_c_leaves_what_is_done(workplace: Path) -> None:
         # What runs in the background of a shell ignores Ctrl-C, and so do its children.
         preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
     )
-    end = time.monotonic() + 300.0
+    end = time.monotonic() + HANGING
     kept = workplace / "c" / FILE
     while not kept.exists() and time.monotonic() < end and process.poll() is None:
         time.sleep(0.02)
     process.send_signal(signal.SIGINT)
-    _, told = process.communicate(timeout=300)
+    _, told = process.communicate(timeout=HANGING)
     assert process.returncode == 130
     assert "interrupted when " in told
     assert "keeps; the same command goes on from there" in told

@@ -14,6 +14,7 @@ from types import ModuleType
 import pytest
 from support.command import ENVIRONMENT, run
 from support.synthetic_flight import synthetic_flight
+from support.tools import HANGING
 
 Shipped = Callable[[str], ModuleType]
 
@@ -86,6 +87,6 @@ def test_the_server_ends_with_ctrl_c(workplace: Path) -> None:
                 if "http://127.0.0.1:" in line:
                     break
             server.send_signal(signal.SIGINT)
-            assert server.wait(60) == 0
+            assert server.wait(HANGING) == 0
         finally:
             server.kill()

@@ -21,6 +21,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from support.emitted import emitted_module
 from support.random_robots import random_robot, robots
+from support.tools import HANGING
 
 from gibbs_codegen.derivation.gibbs import skew
 from gibbs_codegen.derivation.symbolic_robot import SymbolicRobot
@@ -402,7 +403,7 @@ def test_latex_compiles(tmp_path: Path) -> None:
     text += f"\\begin{{document}}\n{body}\\end{{document}}\n"
     (tmp_path / "shown.tex").write_text(text, encoding="ascii")
     command = [compiler, "-interaction=nonstopmode", "-halt-on-error", "shown.tex"]
-    subprocess.run(command, cwd=tmp_path, check=True, capture_output=True, timeout=120)
+    subprocess.run(command, cwd=tmp_path, check=True, capture_output=True, timeout=HANGING)
 
 
 @pytest.mark.parametrize("chain", [0, 7, -1])

@@ -17,7 +17,7 @@ from typing import Any
 import pytest
 from conftest import ROOT
 from support.folders import tree
-from support.tools import tool
+from support.tools import HANGING, tool
 
 from gibbs_codegen.errors import OutputError, UsageError
 from gibbs_codegen.files import module_writer as write
@@ -387,7 +387,7 @@ def test_nothing_is_left_behind_when_ended(number: signal.Signals, tmp_path: Pat
     )
     time.sleep(0.5)
     process.send_signal(number)
-    process.wait(timeout=300)
+    process.wait(timeout=HANGING)
     left = visible(tmp_path)
     endings = (".c", ".h", "_batch.c", "_each.c")
     sources = [f"quadrotor_2link{ending}" for ending in endings]
@@ -399,10 +399,10 @@ def test_nothing_is_left_behind_when_ended(number: signal.Signals, tmp_path: Pat
 def test_a_write_in_progress_is_cleaned_up_when_ended(tmp_path: Path) -> None:
     """The signal comes while the files are half written."""
     code = (
-        "import sys, time; from pathlib import Path\n"
+        "import time; from pathlib import Path\n"
         "from gibbs_codegen.files import module_writer as write\n"
         "def slow(path, text):\n"
-        "    path.write_text('half'); print('writing', flush=True); time.sleep(1)\n"
+        "    path.write_text('half'); print('writing', flush=True); time.sleep(600)\n"
         "write._write_flushed = slow\n"
         "write.write_module(Path('out') / 'robot', {'__init__.py': ''})"
     )
@@ -415,7 +415,7 @@ def test_a_write_in_progress_is_cleaned_up_when_ended(tmp_path: Path) -> None:
     assert process.stdout is not None
     process.stdout.readline()
     process.send_signal(signal.SIGTERM)
-    process.wait(timeout=300)
+    process.wait(timeout=HANGING)
     process.stdout.close()
     assert visible(tmp_path) == {}
 
@@ -470,7 +470,7 @@ def test_many_processes_write_at_once(tmp_path: Path) -> None:
         env={**os.environ, "PYTHONPATH": str(ROOT)},
         capture_output=True,
         text=True,
-        timeout=120,
+        timeout=HANGING,
     )
     assert done.returncode == 0, done.stderr
     assert os.listdir(tmp_path / "out") == ["robot"]
@@ -532,7 +532,7 @@ def test_a_wait_of_seconds_is_said_where_the_command_runs(tmp_path: Path) -> Non
         assert f"generated: waiting for process {number} to let go\n" in iter(
             process.stderr.readline, ""
         )
-    assert "is not there yet" in process.communicate(timeout=300)[1]
+    assert "is not there yet" in process.communicate(timeout=HANGING)[1]
     assert process.returncode == 1
 
 
@@ -557,7 +557,7 @@ def test_waiting_for_another_process_can_be_ended(tmp_path: Path) -> None:
         process.stdout.readline()
         time.sleep(0.2)
         process.send_signal(signal.SIGTERM)
-        assert process.wait(timeout=300) == -signal.SIGTERM
+        assert process.wait(timeout=HANGING) == -signal.SIGTERM
         process.stdout.close()
     finally:
         os.close(held)

@@ -38,10 +38,13 @@ EMISSION = (
     "emitted.evaluation",
     "emitted.preparation",
 )
-ARRAYS = tuple(
-    f"arrays.{path.stem}"
-    for path in sorted((PACKAGE / "arrays").glob("*.py"))
-    if path.stem != "__init__"
+ARRAYS, MACHINE = (
+    tuple(
+        f"{folder}.{path.stem}"
+        for path in sorted((PACKAGE / folder).glob("*.py"))
+        if path.stem != "__init__"
+    )
+    for folder in ("arrays", "machine")
 )
 # The other templates are declarations and text, and so are the other files of `emitted`.
 TEMPLATES = (
@@ -106,6 +109,7 @@ NAMED = {
     "combine": COMBINE,
     "emission": EMISSION,
     "arrays": ARRAYS,
+    "machine": MACHINE,
     "templates": TEMPLATES,
     "matlab": MATLAB,
     "native": tuple(NATIVE),
@@ -220,7 +224,11 @@ _QUICK_ARRAYS = (
     | _of_arrays("base", "base.py", "laws.py")
     | _of_arrays("laws law_functions allocation", "laws.py")
     | _of_arrays("contact impacts sensors surroundings", "surroundings.py", "machine.py")
-    | _of_arrays("closed_loop", "machine.py")
+    | _of_arrays("closed_loop machine state", "machine.py", "systems.py")
+    | dict.fromkeys(
+        ("battery", "drives", "friction", "motor", "servo"),
+        ("tests/properties/test_actuators.py", "tests/verification/test_actuators.py"),
+    )
     | _of_arrays("autopilot first_order predictive rollout_steps steps", "systems.py")
 )
 _QUICK_SYMBOLS = ("tests/runtime/test_casadi_backend.py",)
@@ -337,8 +345,8 @@ def suite_of(module: str, line: int, recorded: Mapping[str, Record]) -> Suite:
         return NATIVE[module]
     if module in MATLAB:
         return Suite(("tests/targets/test_matlab.py",), ("tests/runtime/test_matlab_programs.py",))
-    if module in ARRAYS:
-        quick = _QUICK_ARRAYS.get(module.removeprefix("arrays."), ("tests/arrays",))
+    if module in ARRAYS + MACHINE:
+        quick = _QUICK_ARRAYS.get(module.partition(".")[2], ("tests/arrays",))
         return Suite(quick, ("tests/arrays", *_REST_OF_ARRAYS))
     if module in _ALL_NAMED:
         usual = _QUICK_DERIVATION if module in DERIVATION + COMBINE else _QUICK_EMISSION

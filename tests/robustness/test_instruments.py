@@ -92,5 +92,5 @@ def test_nothing_is_divided_by_zero_and_no_conversion_loses_what_it_converts(
 @pytest.mark.skipif(shutil.which("valgrind") is None, reason="valgrind is not installed")
 def test_valgrind_finds_nothing(emitted: Callable[[str], Emitted], tmp_path: Path) -> None:
     """In code optimised as it is used, which no sanitizer has changed."""
-    program = calls_program(emitted(SMALL), "gcc", ["-O2", "-g"], ["-O2", "-DCALLS=100"], tmp_path)
+    program = calls_program(emitted(SMALL), "gcc", ["-O2"], ["-O2", "-DCALLS=100"], tmp_path)
     run(["valgrind", "--quiet", "--error-exitcode=9", "--leak-check=full", program])

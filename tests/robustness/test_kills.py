@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 from conftest import ROOT
+from support.tools import HANGING
 
 SEED = 17
 MODULE = ROOT / "generated" / "hexarotor_3link"
@@ -23,7 +24,7 @@ def program(code: str, folder: Path) -> list[str]:
         env={**os.environ, "PYTHONPATH": paths},
         capture_output=True,
         text=True,
-        timeout=120,
+        timeout=HANGING,
     )
     assert done.returncode == 0, done.stderr
     return done.stdout.splitlines()

@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 from conftest import ROOT
 from support.audited import PACKAGE, SEEN, TEMPLATES
+from support.tools import HANGING
 
 SOURCES = sorted(PACKAGE.rglob("*.py"))
 
@@ -105,7 +106,7 @@ def watched(*arguments: str, cwd: Path) -> subprocess.CompletedProcess[str]:
     """A command under the audit hook."""
     command = [sys.executable, str(ROOT / "tests" / "support" / "audited.py"), *arguments]
     return subprocess.run(
-        command, cwd=cwd, capture_output=True, text=True, timeout=300, env=dict(os.environ)
+        command, cwd=cwd, capture_output=True, text=True, timeout=HANGING, env=dict(os.environ)
     )
 
 

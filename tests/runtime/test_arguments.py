@@ -12,7 +12,7 @@ from types import ModuleType
 import numpy as np
 import pytest
 from conftest import ROOT
-from support.tools import tool
+from support.tools import HANGING, tool
 
 from gibbs_codegen import load
 from gibbs_codegen.interface import module_signatures
@@ -31,7 +31,7 @@ def fuzz(examples: int) -> None:
         cwd=ROOT,
         capture_output=True,
         text=True,
-        timeout=500,
+        timeout=HANGING,
     )
     what = f"argument_fuzz.py with seed {seed} and {examples} examples exits {done.returncode}"
     assert done.returncode == 0, f"{what}:\n{done.stderr[-6000:]}"

@@ -87,7 +87,7 @@ def test_ctrl_c_ends_compilers_that_start_after_it(
         if next(calls) == 0:
             os.kill(os.getpid(), signal.SIGINT)
         time.sleep(0.2)
-        codes.append(c_library._run(["sleep", "3"], 60.0, tmp_path)[0])
+        codes.append(c_library._run(["sleep", "600"], 600.0, tmp_path)[0])
         raise CompilerError("ended")
 
     monkeypatch.setattr(c_library, "compiled_files", compile_late)

@@ -22,6 +22,8 @@ from typing import Any
 PLACES = ((0.191, -0.191), (-0.191, -0.191), (-0.191, 0.191), (0.191, 0.191))
 TURNING = (-1, 1, -1, 1)
 HOVER = 2.48 * 9.81 / 56.0
+# How often a packet is sent before there is no simulator: for ten minutes.
+_TRIES = 1200
 
 
 @dataclass
@@ -88,26 +90,26 @@ def fly_as_ardupilot(
     rate: int = 250,
     channels: int = 16,
     servos: Sequence[float] = (),
-    patience: int = 20,
 ) -> list[Sensed]:
     """Send outputs, and take what comes back, so many times; `servos` are in µs.
 
-    A packet is sent again after half a second, `patience` times. That of number 0 is answered with
-    the start.
+    A packet is sent again after half a second. That of number 0 is answered with the start. It ends
+    early where the simulator has ended.
     """
     seen: list[Sensed] = []
     shares: Sequence[float] = (0.0,) * 4
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as port:
         port.settimeout(0.5)
+        port.connect(address)
         for number in range(steps + 1):
             widths = [round(1000.0 + 1000.0 * share) for share in shares]
             widths = [*widths, *(int(width) for width in servos)]
             widths += [0] * (channels - len(widths))
             magic = {16: 18458, 32: 29569}[channels]
             packet = struct.pack(f"<HHI{channels}H", magic, rate, number, *widths)
-            for _ in range(patience):
-                port.sendto(packet, address)
+            for _ in range(_TRIES):
                 try:
+                    port.send(packet)
                     told: dict[str, Any] = json.loads(port.recv(4096))
                     # Packets that were sent again are answered again.
                     while seen and told["timestamp"] <= seen[-1].time:
@@ -116,6 +118,8 @@ def fly_as_ardupilot(
                 except TimeoutError:
                     continue
                 except ConnectionRefusedError:
+                    if seen:
+                        return seen
                     time.sleep(0.5)
             else:
                 raise TimeoutError("no answer")
@@ -145,7 +149,7 @@ def fly_as_px4(
     found: list[Any] = []
     with (
         suppress(ConnectionError),  # The simulator goes first.
-        socket.create_connection(address, 10.0) as wire,
+        socket.create_connection(address) as wire,
         wire.makefile("wb", buffering=0) as out,
     ):
         wire.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)

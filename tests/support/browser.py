@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 from urllib.parse import urlsplit
 
-from support.tools import tool
+from support.tools import HANGING, tool
 
 if TYPE_CHECKING:
     from playwright.sync_api import Page, Route
@@ -32,13 +32,14 @@ class Visit:
 def visit(address: str, width: int = 1280, height: int = 800) -> Iterator[Visit]:
     """Open an address, of a file or a server on this machine, in a window of a size in pixels."""
     # Late, as the default run has no Playwright.
-    from playwright.sync_api import sync_playwright
+    from playwright.sync_api import expect, sync_playwright
 
     with sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=tool("chromium"), args=OPTIONS)
         try:
             page = browser.new_page(viewport={"width": width, "height": height})
-            page.set_default_timeout(120_000)  # The machine may be busy.
+            page.set_default_timeout(1e3 * HANGING)
+            expect.set_options(timeout=1e3 * HANGING)
             seen = Visit(page)
 
             def pass_or_block(route: Route) -> None:

@@ -22,7 +22,7 @@ _START = """\
 #define SHORT 0
 #endif
 #ifndef CALLS
-#define CALLS 100000
+#define CALLS 20000
 #endif
 #define COUNT_OF(array) (sizeof(array) / sizeof(array)[0])
 

@@ -15,6 +15,7 @@ from conftest import ROOT
 
 from gibbs_codegen.cli.app import main
 from gibbs_codegen.runtime import c_library
+from support.tools import HANGING
 
 ENVIRONMENT = {**os.environ, "PYTHONPATH": str(ROOT), "COLUMNS": "120"}
 
@@ -49,5 +50,5 @@ def run_alone(*arguments: str, cwd: Path) -> subprocess.CompletedProcess[str]:
     """Run `gibbs-codegen` in a folder, in a process of its own."""
     command = [sys.executable, "-m", "gibbs_codegen", *arguments]
     return subprocess.run(
-        command, cwd=cwd, env=ENVIRONMENT, capture_output=True, text=True, timeout=120
+        command, cwd=cwd, env=ENVIRONMENT, capture_output=True, text=True, timeout=HANGING
     )

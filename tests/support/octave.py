@@ -11,7 +11,7 @@ import pytest
 from numpy.typing import NDArray
 from scipy.io import loadmat, savemat
 
-from support.tools import tool
+from support.tools import HANGING, tool
 
 Array = NDArray[np.float64]
 
@@ -25,7 +25,7 @@ def octave(folder: Path, lines: Sequence[str]) -> str:
         cwd=folder,
         capture_output=True,
         text=True,
-        timeout=300,
+        timeout=HANGING,
         stdin=subprocess.DEVNULL,
         check=False,
     )

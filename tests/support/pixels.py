@@ -19,8 +19,7 @@ _TRIES, _PAUSE = 60, 300
 
 def pixels(page: Page) -> Pixels:
     """Red, green and blue (h, w, 3) of the 3-D scene on a page, which should stand still."""
-    # Without a graphics card, a picture takes long on a machine that is busy.
-    shot = page.screenshot(timeout=120_000, clip=page.locator("canvas").first.bounding_box())
+    shot = page.screenshot(clip=page.locator("canvas").first.bounding_box())
     picture = Image.open(io.BytesIO(shot)).convert("RGB")
     return np.array(picture).astype(int)
 

@@ -12,6 +12,8 @@ from pathlib import Path
 import pytest
 from conftest import ROOT
 
+from support.tools import HANGING
+
 _MOUNT = 'mount -t tmpfs -o size="$1"k none disk && shift && '
 
 
@@ -44,7 +46,7 @@ def on_small_disk(folder: Path, kibibytes: int, script: str, **environment: str)
         env={**os.environ, "PYTHONPATH": str(ROOT), "PYTHON": sys.executable, **environment},
         capture_output=True,
         text=True,
-        timeout=300,
+        timeout=HANGING,
         check=False,
     )
     left = (folder / "left").read_text().splitlines()

@@ -15,6 +15,9 @@ from typing import Any
 
 import pytest
 
+# A process that takes longer than this hangs, however busy the machine is, s.
+HANGING = 1800.0
+
 
 def tool(name: str) -> str:
     """Path of a tool; without it the test is skipped or, where tools are required, fails."""
@@ -29,7 +32,7 @@ def missing(what: str) -> Any:
     pytest.skip(what, allow_module_level=True)
 
 
-def run(command: Sequence[str | Path], timeout: float = 300.0, **environment: str) -> str:
+def run(command: Sequence[str | Path], timeout: float = HANGING, **environment: str) -> str:
     """What a command prints; a test that runs one that fails or hangs says so in its words."""
     try:
         done = subprocess.run(

@@ -35,8 +35,11 @@ from gibbs_codegen.verification.verify import compare_module
 
 # Of motors, servos and battery, with one function of all bodies.
 FEW = ("actuators", "residual")
-# With what derivatives are made of.
-MORE = ("dynamics", "actuators", "kinematics")
+# With what derivatives are measured by.
+MORE = (
+    *(*FEW, "mass_matrix", "input_matrix", "forward_dynamics", "inverse_dynamics"),
+    *("integrate", "coordinate_rates"),
+)
 OWN = tuple(row.name for row in ACTUATORS)
 
 

@@ -11,6 +11,7 @@ from multiprocessing import get_context
 
 import numpy as np
 import pytest
+from support.tools import HANGING
 
 from gibbs_codegen import UsageError, sweep, uniform
 from gibbs_codegen.flight.sweeps import chunks
@@ -166,7 +167,7 @@ def test_a_sweep_that_is_killed_ends_its_workers_and_goes_on(robot, tmp_path):
     """They hold its output, which is read to its end."""
     file = tmp_path / "killed" / chunks.FILE
     command = [sys.executable, "-c", KILLED, robot, tmp_path / "killed"]
-    done = subprocess.run(command, stdout=subprocess.PIPE, timeout=300.0)
+    done = subprocess.run(command, stdout=subprocess.PIPE, timeout=HANGING)
     assert done.returncode == -signal.SIGKILL
     kept = [line for line in file.read_text().split("\n") if line]
     assert 0 < len(kept) < 6

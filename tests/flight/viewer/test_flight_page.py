@@ -34,7 +34,7 @@ def test_a_page_plays_a_flight_and_asks_for_nothing(shipped: Shipped, tmp_path: 
         pictures = []
         for seconds in (0.5, 2.5):
             reached = f"parseFloat(document.querySelector('input')?.value) > {seconds}"
-            seen.page.wait_for_function(reached, timeout=120_000)
+            seen.page.wait_for_function(reached)
             seen.page.keyboard.press("Space")
             pictures.append(pixels(seen.page))
             seen.page.keyboard.press("Space")

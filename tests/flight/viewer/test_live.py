@@ -63,20 +63,20 @@ def test_a_slider_moves_the_robot_and_lights_what_changed(shipped: Shipped) -> N
 
     with shown(shipped("hexarotor_3link")) as seen:
         page = seen.page
-        expect(page.get_by_text("The inputs hold the robot still.")).to_be_visible(timeout=60_000)
+        expect(page.get_by_text("The inputs hold the robot still.")).to_be_visible()
         before = still(page)
         lit = page.locator("svg path.lit")
-        expect(lit).to_have_attribute("d", "", timeout=60_000)
+        expect(lit).to_have_attribute("d", "")
         box(seen, "theta_9, rad").fill("1.5")
         page.keyboard.press("Enter")
-        expect(lit).to_have_attribute("d", re.compile("M.*M"), timeout=60_000)
+        expect(lit).to_have_attribute("d", re.compile("M.*M"))
         moved_from(page, before, 0.0005)
         page.get_by_text("Back to the first posture").click()
-        expect(box(seen, "theta_9, rad")).not_to_have_value("1.5", timeout=60_000)
+        expect(box(seen, "theta_9, rad")).not_to_have_value("1.5")
         box(seen, "F_1, N").fill("0")
         page.keyboard.press("Enter")
         told = "With these inputs the robot accelerates."
-        expect(page.get_by_text(told)).to_be_visible(timeout=60_000)
+        expect(page.get_by_text(told)).to_be_visible()
 
 
 @pytest.mark.slow
@@ -85,7 +85,7 @@ def test_a_flight_goes_to_the_time_that_is_asked_for(shipped: Shipped, tmp_path:
     flight.write_npz(tmp_path / "flight.npz")
     with shown(tmp_path) as seen:
         page = seen.page
-        page.get_by_text("hexarotor_3link, synthetic").wait_for(timeout=60_000)
+        page.get_by_text("hexarotor_3link, synthetic").wait_for()
         page.get_by_role("checkbox").first.uncheck()
         picture = still(page)
         for moment in ("3", "5"):
