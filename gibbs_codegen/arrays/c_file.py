@@ -18,7 +18,6 @@ from gibbs_codegen.arrays.c_text import CProgram
 from gibbs_codegen.arrays.contents import (
     check_distinct,
     externals_of,
-    inner_programs,
     owners_of,
     solve_room,
 )
@@ -222,7 +221,7 @@ def _owners(program: Program) -> list[str]:
 
 
 def _source(robot: Functions, stem: str, functions: Sequence[CFunction]) -> str:
-    programs = [*dict.fromkeys(x for f in functions for x in inner_programs(f.program))]
+    programs = [*dict.fromkeys(x for f in functions for x in f.program.inner)]
     check_distinct([*programs, *(f.program for f in functions)])
     texts = [CProgram(x, is_plain=True).function() for x in programs]
     for function in functions:

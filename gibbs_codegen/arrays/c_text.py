@@ -20,7 +20,7 @@ from functools import cached_property
 from typing import NamedTuple
 
 from gibbs_codegen.arrays import nodes
-from gibbs_codegen.arrays.contents import check_distinct, externals_of, inner_programs, owners_of
+from gibbs_codegen.arrays.contents import check_distinct, externals_of, owners_of
 from gibbs_codegen.arrays.functions import Functions
 from gibbs_codegen.arrays.nodes import Node, Program, Shape, diagonal_of, numbers_of
 from gibbs_codegen.arrays.text import PRODUCT, SUM, WHOLE, NodeNames, Text, call_of, infix
@@ -815,7 +815,7 @@ def _settle(arrays: list[Storage]) -> None:
 
 def c_functions(programs: Sequence[Program], prefix: str = "", storage: str = "") -> list[str]:
     """Lines of C of programs and those that they invoke, each once, with names that begin so."""
-    inner = dict.fromkeys(one for program in programs for one in inner_programs(program))
+    inner = dict.fromkeys(one for program in programs for one in program.inner)
     check_distinct([*inner, *programs])
     lines: list[str] = []
     for program in inner:

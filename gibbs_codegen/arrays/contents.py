@@ -9,7 +9,6 @@ from gibbs_codegen.arrays.nodes import (
     Call,
     Elementary,
     External,
-    Invocation,
     Node,
     Program,
     Solution,
@@ -19,19 +18,9 @@ from gibbs_codegen.errors import UsageError
 Operation = TypeVar("Operation")
 
 
-def inner_programs(program: Program) -> list[Program]:
-    """The programs that a program invokes, each after those that it invokes itself."""
-    programs: dict[Program, None] = {}
-    for x in program.nodes:
-        if isinstance(x.operation, Invocation):
-            for inner in (*inner_programs(x.operation.program), x.operation.program):
-                programs[inner] = None
-    return list(programs)
-
-
 def nodes_of(program: Program, kind: type[Operation]) -> Iterator[tuple[Node, Operation]]:
     """Nodes with operations of a kind, and these."""
-    for part in (*inner_programs(program), program):
+    for part in (*program.inner, program):
         for x in part.nodes:
             if isinstance(x.operation, kind):
                 yield x, x.operation

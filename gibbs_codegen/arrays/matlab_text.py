@@ -13,7 +13,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from gibbs_codegen.arrays import nodes
-from gibbs_codegen.arrays.contents import check_distinct, externals_of, inner_programs, owners_of
+from gibbs_codegen.arrays.contents import check_distinct, externals_of, owners_of
 from gibbs_codegen.arrays.functions import Functions
 from gibbs_codegen.arrays.nodes import Node, Program, Shape, numbers_of
 from gibbs_codegen.arrays.text import PRODUCT, WHOLE, ArrayText, Text
@@ -64,7 +64,7 @@ class MatlabText(ArrayText):
     times, over, unread = ".*", "./", "~"
 
     def __init__(self, program: Program) -> None:
-        self.programs = [*inner_programs(program), program]
+        self.programs = [*program.inner, program]
         operations = (x.operation for part in self.programs for x in part.nodes)
         owners = (x.functions for x in operations if isinstance(x, nodes.Call))
         self.packages = {functions.owner: functions.name for functions in owners}

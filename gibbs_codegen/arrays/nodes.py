@@ -695,6 +695,12 @@ class Program:
         return ordered(self.outputs.values())
 
     @cached_property
+    def inner(self) -> list[Program]:
+        """The programs that it invokes, each after those that it invokes itself."""
+        invoked = [x.operation.program for x in self.nodes if isinstance(x.operation, Invocation)]
+        return list(dict.fromkeys(y for x in invoked for y in (*x.inner, x)))
+
+    @cached_property
     def readers(self) -> dict[Node, list[Node]]:
         """The nodes that read each node."""
         readers: dict[Node, list[Node]] = {x: [] for x in self.nodes}

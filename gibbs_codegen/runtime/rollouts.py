@@ -23,7 +23,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from gibbs_codegen.arrays.evaluation import evaluate
+from gibbs_codegen.arrays.evaluation import Evaluator
 from gibbs_codegen.arrays.functions import Functions
 from gibbs_codegen.arrays.nodes import Program
 from gibbs_codegen.machine.contact import bristles_of
@@ -366,6 +366,7 @@ class Steps:
         self._problem, self._xp = problem, xp
         self.parts = problem.parts if parts is None else parts
         self._program = program_of(problem.module, problem.method, self.parts)
+        self._step = Evaluator(self._program, {"robot": problem.module}, xp)
         self._values = _given(problem, self.parts, xp)
 
     def begin(self) -> Carried:
@@ -377,7 +378,7 @@ class Steps:
     def after(self, number: Any, carried: Carried) -> Carried:
         """States after a step that the running ones have taken."""
         xp, (x, taken, ended) = self._xp, carried
-        results = self._evaluated(self._program, number, x)
+        results = self._evaluated(self._step, number, x)
         runs, finite = ended == RUNNING, xp.isfinite(results["x_next"]).all(axis=1)
         going = runs & finite
         x = xp.where(going[:, None], results["x_next"], x)
@@ -389,7 +390,8 @@ class Steps:
         """Inputs (1 or n, nu) that are commanded at the start, within their limits."""
         program = self._program
         commands = Program("commands", program.inputs, {"inputs": program.outputs["inputs"]})
-        commands_now: Array = self._evaluated(commands, 0, self.begin()[0])["inputs"]
+        evaluator = Evaluator(commands, {"robot": self._problem.module}, self._xp)
+        commands_now: Array = self._evaluated(evaluator, 0, self.begin()[0])["inputs"]
         return commands_now
 
     def rollout(self, x: Any, taken: Any, ended: Any) -> Rollout:
@@ -398,13 +400,12 @@ class Steps:
         samples = self._xp.split(x, ends[:-1], axis=2)
         return self._problem.rollout(samples, taken, ended, self._xp)
 
-    def _evaluated(self, program: Program, number: Any, x: Array) -> dict[str, Any]:
+    def _evaluated(self, evaluator: Evaluator, number: Any, x: Array) -> dict[str, Any]:
         problem, values = self._problem, {"time": 0.0, "h": self._problem.dt, "x": x}
         for name, is_shared in _inputs(problem.module, self.parts).items():
             value = self._values[name]
             values[name] = value if is_shared else _of_step(value, number)
-        owners = {"robot": problem.module}, {"robot": problem.constants}
-        return evaluate(program, values, *owners, xp=self._xp)
+        return evaluator(values, {"robot": problem.constants})
 
 
 def _of_step(values: Array, number: Any) -> Array:

@@ -399,10 +399,10 @@ def test_nothing_is_left_behind_when_ended(number: signal.Signals, tmp_path: Pat
 def test_a_write_in_progress_is_cleaned_up_when_ended(tmp_path: Path) -> None:
     """The signal comes while the files are half written."""
     code = (
-        "import time; from pathlib import Path\n"
+        "from pathlib import Path\n"
         "from gibbs_codegen.files import module_writer as write\n"
         "def slow(path, text):\n"
-        "    path.write_text('half'); print('writing', flush=True); time.sleep(600)\n"
+        "    path.write_text('half'); print('writing', flush=True); input()\n"
         "write._write_flushed = slow\n"
         "write.write_module(Path('out') / 'robot', {'__init__.py': ''})"
     )
@@ -410,13 +410,13 @@ def test_a_write_in_progress_is_cleaned_up_when_ended(tmp_path: Path) -> None:
         [sys.executable, "-c", code],
         cwd=tmp_path,
         env={**os.environ, "PYTHONPATH": str(ROOT)},
+        stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
     )
     assert process.stdout is not None
     process.stdout.readline()
     process.send_signal(signal.SIGTERM)
-    process.wait(timeout=HANGING)
-    process.stdout.close()
+    process.communicate(b"\n", timeout=HANGING)
     assert visible(tmp_path) == {}
 
 

@@ -17,10 +17,9 @@ _START = """\
 #include <stdlib.h>
 #include <string.h>
 
-/* How much too short outputs are: to see that the instruments would tell. */
-#ifndef SHORT
-#define SHORT 0
-#endif
+/* How much too short outputs are, by arguments: to see that the instruments would tell. */
+static size_t lacking = 0;
+
 #ifndef CALLS
 #define CALLS 20000
 #endif
@@ -50,7 +49,7 @@ static double value(void)
 
 static double *room(const size_t size)
 {
-    double *array = malloc((size - SHORT) * sizeof(double));
+    double *array = malloc((size - lacking) * sizeof(double));
     if (!array) {
         exit(2);
     }
@@ -59,7 +58,7 @@ static double *room(const size_t size)
 
 static double *filled(const size_t size)
 {
-    double *array = room(size + SHORT);
+    double *array = room(size + lacking);
     for (size_t i = 0; i < size; ++i) {
         array[i] = value();
     }
@@ -119,8 +118,8 @@ static void try_pack_and_unpack(const Constants *constants)
 {
     const size_t count = draw(21), width = 1 + draw(9);
     double *rows = filled(count * width);
-    double *blocks = room(whole_blocks(count) * width + SHORT);
-    double *back = room(count * width + SHORT);
+    double *blocks = room(whole_blocks(count) * width + lacking);
+    double *back = room(count * width + lacking);
     (void)constants;
     ROBOT_pack(count, width, rows, blocks);
     ROBOT_unpack(count, width, blocks, back);
@@ -135,7 +134,7 @@ static void try_pack_and_unpack(const Constants *constants)
 
 _END = """\
 
-int main(void)
+int main(int count, char **words)
 {
     static void (*const tries[])(const Constants *) = {
         try_init_constants,
@@ -144,6 +143,8 @@ int main(void)
         TRIES
     };
     Constants *constants = malloc(sizeof(Constants));
+    lacking = (size_t)(count - 1);
+    (void)words;
     if (!constants || ROBOT_init_constants(ROBOT_default_parameters, constants) != 0) {
         return 2;
     }
@@ -158,6 +159,8 @@ int main(void)
 
 def random_calls(emitted: Emitted) -> str:
     """A program of CALLS random calls, each array in a piece of the heap of just its size.
+
+    Outputs are too short by as many numbers as it has arguments.
 
     With SOUND defined, parameters are those of the robot file; else they are random, too.
     """
