@@ -11,7 +11,7 @@ from support.made_up import Array, MadeUp, close
 
 from gibbs_codegen.arrays import Functions, Node, Program, evaluate, join, nodes, variable
 from gibbs_codegen.machine.contact import Contact, bristle_parts, bristles_of, touch
-from gibbs_codegen.machine.impacts import effects, passive
+from gibbs_codegen.machine.impacts import effects, gains, passive
 from gibbs_codegen.machine.sensors import Channel, SensorAt, measurement_program, reading_program
 from gibbs_codegen.machine.state import State
 from gibbs_codegen.machine.surroundings import (
@@ -321,20 +321,27 @@ def test_steps_give_back_what_contacts_gained(scale: float, holds: bool) -> None
 
 
 def test_effects_are_power_and_forces_of_contacts() -> None:
-    own, values = given(twists=(2, 6), wrenches=(2, 6), eased=(2,), normal=(2,))
+    parts = {"twists": (2, 6), "wrenches": (2, 6), "eased": (2,), "normal": (2,)}
+    own, values = given(**parts, mean=(4,), force=(4,))
     touches: list[Any] = [
         SimpleNamespace(wrench=own["wrenches"][k], eased=own["eased"][k], normal=own["normal"][k])
         for k in range(2)
     ]
     contacts = (Contact(1, 0, ball, 4, True), Contact(0, 1, ball, 4))
-    robot = SimpleNamespace(frame_velocities=lambda q, v: own["twists"])
+    robot = SimpleNamespace(
+        frame_velocities=lambda q, v: own["twists"], inverse_dynamics=lambda q, v, a: own["force"]
+    )
     machine: Any = SimpleNamespace(robot=robot, around=SimpleNamespace(contacts=contacts))
-    state: Any = SimpleNamespace(q=None, v=None)
-    program = Program("p", tuple(own.values()), {"e": effects(machine, state, touches)})
-    found = evaluate(program, values, {})["e"]
+    state: Any = State(*[None] * 6)
+    rates: Any = SimpleNamespace(a=None, touches=touches)
+    outputs = {"e": effects(machine, state, touches)}
+    outputs["g"] = gains(machine, state, rates, own["mean"])
+    found = evaluate(Program("p", tuple(own.values()), outputs), values, {})
     for k, x in enumerate(each(values)):
         sums = [np.sum(x["wrenches"] * x["twists"][::-1]), x["eased"].sum(), x["normal"].sum()]
-        close(found[k], np.concatenate([sums, x["wrenches"].ravel()]))
+        done = np.concatenate([sums, x["wrenches"].ravel()])
+        close(found["e"][k], done)
+        close(found["g"][k], np.concatenate([[x["mean"] @ x["force"] - sums[0]], done]))
 
 
 @pytest.mark.parametrize("attitude", ["zyx", "quaternion"])

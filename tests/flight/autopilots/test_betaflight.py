@@ -285,17 +285,17 @@ def test_a_firmware_that_dies_before_the_flight(fast: Load) -> None:
     link = Patient(machine, "127.0.0.1", 0.5)
 
     def answer() -> None:
-        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as wire:
-            wire.bind(("127.0.0.1", 9003))
-            wire.settimeout(HANGING)
-            for _ in range(5):
-                wire.recv(4096)
-                wire.sendto(struct.pack("<4f", 0.0, 0.0, 0.0, 0.0), ("127.0.0.1", 9002))
+        for _ in range(5):
+            wire.recv(4096)
+            wire.sendto(struct.pack("<4f", 0.0, 0.0, 0.0, 0.0), ("127.0.0.1", 9002))
 
-    thread = threading.Thread(target=answer)
-    thread.start()
-    session = fly(machine, link, 1.0)
-    thread.join()
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as wire:
+        wire.bind(("127.0.0.1", 9003))
+        wire.settimeout(HANGING)
+        thread = threading.Thread(target=answer)
+        thread.start()
+        session = fly(machine, link, 1.0)
+        thread.join()
     assert "silent for 0.5 s" in session.ended
     assert machine.time == 0.0
     assert link._step < 20  # Of 200 states before a flight.
