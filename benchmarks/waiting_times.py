@@ -228,7 +228,7 @@ def table(names: Sequence[str], times: Sequence[Measured]) -> str:
 
 
 def table_of_flights(times: Sequence[Measured]) -> str:
-    """The table of robots and scenarios: seconds of processors of the first flight and the next."""
+    """Seconds of processors of the first flight and the next; in brackets those of before."""
     lines = [["robot", *shipped_scenarios()], ["---", *["---:"] * len(shipped_scenarios())]]
     for robot in shipped_robots():
         cells = [f"`{robot}`"]
@@ -237,8 +237,9 @@ def table_of_flights(times: Sequence[Measured]) -> str:
             pairs = [[median(t.used for t in of[n]) for n in names if n in of] for of in times]
             words = [" / ".join(f"{value:.1f}" for value in pair) for pair in pairs]
             before = f" ({words[1]})" if words[1:] and words[1] else ""
-            cells.append(f"{words[0] or '–'}{before}")
-        lines.append(cells)
+            cells.append(f"{words[0]}{before}" or "–")
+        if {*cells[1:]} != {"–"}:  # Rows that were asked for.
+            lines.append(cells)
     return "".join(f"| {' | '.join(line)} |\n" for line in lines)
 
 
