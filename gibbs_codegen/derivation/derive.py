@@ -73,12 +73,13 @@ def model_of(
         for argument in ARGUMENTS
     }
     names = tuple(parameters.defaults)
-    # The mass matrix by itself: the whole program's `prepare` divides by pivots, hidden or not.
     *others, mass_matrix, total_mass = slices
-    regularity.check_conditioning(
-        robot, lower(imported, inputs, names, [mass_matrix]), parameters.defaults
-    )
     program = lower(imported, inputs, names, [*others, total_mass])
+    whole = program
+    if mass_matrix.name not in chosen:
+        whole = lower(imported, inputs, names, [mass_matrix])
+    # The mass matrix by itself: the whole program's `prepare` divides by pivots, hidden or not.
+    regularity.check_conditioning(robot, whole.only(mass_matrix.name), parameters.defaults)
     (mass,) = program.function(total_mass.name).outputs[0].entries
     program = replace(program, functions=program.functions[:-1])
     regularity.check_range(robot, program, parameters.defaults)

@@ -69,9 +69,9 @@ class Graph:
 
     Of node i, `kinds[i]` is what it is, `operands[i]` has the references that it is made of,
     `labels[i]` the name of an input, the value of a number or the function of a call, and
-    `constant[i]` says whether parameters and numbers alone determine it. A sum has two terms or
-    more, the oldest first and without a sign; a product has two factors without signs, a constant
-    one first.
+    `constant[i]` says whether parameters and numbers alone determine it, `varying[i]` has the nodes
+    among its operands that are not constant. A sum has two terms or more, the oldest first and
+    without a sign; a product has two factors without signs, a constant one first.
     """
 
     def __init__(self) -> None:
@@ -79,12 +79,15 @@ class Graph:
         self.operands: list[tuple[Ref, ...]] = []
         self.labels: list[str | sp.Expr | None] = []
         self.constant: list[bool] = []
+        self.varying: list[tuple[int, ...]] = []
         self._numbers: dict[tuple[NodeKind, tuple[Ref, ...], str | sp.Expr | None], int] = {}
         # Each node as a number times what it has in common with like terms, by a key.
         self._scaled: list[tuple[sp.Expr, int]] = []
         self._keys: dict[tuple[int, int], int] = {}
         # Numbers by the double that is printed of them: exact ones, where there are such.
         self._printed: dict[float, sp.Expr] = {}
+        # What functions compute, by what they return: passes ask for the same again.
+        self._reached: dict[tuple[Ref, ...], list[int]] = {}
         self.zero = self.number(sp.S.Zero)
         self.one = self.number(sp.S.One)
 
@@ -103,6 +106,8 @@ class Graph:
             self.operands.append(operands)
             self.labels.append(label)
             self.constant.append(constant)
+            inner = [ref >> 1 for ref in operands]
+            self.varying.append(tuple([n for n in inner if not self.constant[n]]))
             self._scaled.append(self._number_times(node))
         return 2 * node
 
@@ -275,25 +280,26 @@ class Graph:
 
     def reached_varying(self, refs: Iterable[Ref]) -> list[int]:
         """Nodes that a function computes, inputs included: those reached that are not constant."""
-        nodes: set[int] = set()
-        stack = [ref >> 1 for ref in refs]
-        constant, operands = self.constant, self.operands
-        while stack:
-            node = stack.pop()
-            if node not in nodes and not constant[node]:
-                nodes.add(node)
-                stack.extend([ref >> 1 for ref in operands[node]])
-        return sorted(nodes)
+        key = tuple(refs)
+        if key not in self._reached:
+            nodes: set[int] = set()
+            stack = [ref >> 1 for ref in key if not self.constant[ref >> 1]]
+            varying = self.varying
+            while stack:
+                node = stack.pop()
+                if node not in nodes:
+                    nodes.add(node)
+                    stack.extend(varying[node])
+            self._reached[key] = sorted(nodes)
+        return self._reached[key]
 
     def uses(self, nodes: Iterable[int], outputs: Iterable[Ref]) -> Counter[int]:
         """The number of uses of each node.
 
         A node that is returned counts as used twice: it must not be computed twice.
         """
-        counts: Counter[int] = Counter()
-        for node in nodes:
-            for ref in self.operands[node]:
-                counts[ref >> 1] += 1
+        operands = self.operands
+        counts = Counter([ref >> 1 for node in nodes for ref in operands[node]])
         for node in {ref >> 1 for ref in outputs}:
             counts[node] += 2
         return counts
@@ -310,8 +316,7 @@ def in_order(graph: Graph, outputs: Sequence[Ref], origins: Mapping[int, int]) -
     ordered: dict[int, None] = {}
     while stack:
         node = stack[-1]
-        operands = [ref >> 1 for ref in graph.operands[node]]
-        missing = [n for n in operands if n not in ordered and not graph.constant[n]]
+        missing = [n for n in graph.varying[node] if n not in ordered]
         if missing:
             stack.extend(reversed(missing))
         else:

@@ -30,6 +30,7 @@ from collections.abc import Iterator, MutableMapping, Sequence
 from dataclasses import dataclass
 from heapq import heapify, heappop, heappush
 from itertools import chain, combinations
+from operator import itemgetter
 
 from gibbs_codegen.graph.graph import Graph, NodeKind, Ref
 from gibbs_codegen.graph.signs import Polarity
@@ -53,8 +54,11 @@ class Rebuilding(ABC):
         """The outputs after replacement; `origins` is as of `optimised`."""
         graph, new = self.graph, self._new
         for node in self.nodes:
+            is_sum = graph.kinds[node] is NodeKind.SUM
+            if not is_sum and new.keys().isdisjoint(graph.varying[node]):
+                continue
             size = len(graph)
-            ref = self.sum(node) if graph.kinds[node] is NodeKind.SUM else self.remade(node)
+            ref = self.sum(node) if is_sum else self.remade(node)
             if ref != 2 * node:
                 new[node] = ref
                 # The younger may be there already, made for another function.
@@ -71,10 +75,9 @@ class Rebuilding(ABC):
 
     def remade(self, node: int) -> Ref:
         """A node on its replaced operands, itself where none has changed."""
-        operands = self.graph.operands[node]
-        if self._new.keys().isdisjoint([operand >> 1 for operand in operands]):
+        if self._new.keys().isdisjoint(self.graph.varying[node]):
             return 2 * node
-        return self.graph.remade(node, [self.new(operand) for operand in operands])
+        return self.graph.remade(node, [self.new(ref) for ref in self.graph.operands[node]])
 
     def single(self, ref: Ref, kind: NodeKind) -> bool:
         """True if a value is of a kind, varies and is used once: it can be taken apart there."""
@@ -309,31 +312,32 @@ def optimised(
     present = list(outputs)
     if repeats and _without_signs(graph, present) > _LONGEST:
         return Shortened(present, Polarity(graph, present))
-    candidates = [(_without_signs(graph, present), present)]
+    counts = {tuple(present): _without_signs(graph, present)}
     for _ in range(_MOST_ROUNDS):
-        least = min(count for count, _ in candidates)
+        least = min(counts.values())
         for apply in (factored, shared):
             present = apply(graph, present, origins)
-            candidates.append((_without_signs(graph, present), present))
-        if least - min(count for count, _ in candidates) <= least // _WORTH_ANOTHER:
+            if (key := tuple(present)) not in counts:
+                counts[key] = _without_signs(graph, present)
+        if least - min(counts.values()) <= least // _WORTH_ANOTHER:
             break
-    (count, present), *rest = sorted(candidates, key=lambda f: f[0])
-    best = Shortened(present, Polarity(graph, present))
+    (first, count), *rest = sorted(counts.items(), key=itemgetter(1))
+    best = Shortened([*first], Polarity(graph, first))
     least = count + best.polarity.changes
-    for count, present in rest:
+    for outputs, count in rest:
         if count >= least:  # Signs, which take long to choose, can only add to this.
             break
-        other = Shortened(present, Polarity(graph, present))
+        other = Shortened([*outputs], Polarity(graph, outputs))
         if count + other.polarity.changes < least:
             best, least = other, count + other.polarity.changes
     return best
 
 
 def _without_signs(graph: Graph, outputs: Sequence[Ref]) -> int:
-    count = 0
+    count, kinds = 0, graph.kinds
     for node in graph.reached_varying(outputs):
-        kind = graph.kinds[node]
-        if kind in (NodeKind.SUM, NodeKind.PRODUCT):
+        kind = kinds[node]
+        if kind is NodeKind.SUM or kind is NodeKind.PRODUCT:
             count += len(graph.operands[node]) - 1
         elif kind is NodeKind.RECIPROCAL or graph.labels[node] in ("sqrt", "sign"):
             count += 1

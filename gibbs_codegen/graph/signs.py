@@ -45,14 +45,17 @@ class Conditions:
         `choices` are what changes each sign; each choice stands there once.
         """
         bits: dict[int, int] = {}
-        for i, changing in enumerate(choices):
+        number, minus, bit = len(self._signs), 0, 1
+        for sign, changing in zip(signs, choices, strict=True):
+            minus += sign * bit
             for choice in changing:
-                bits[choice] = bits.get(choice, 0) | 1 << i
+                bits[choice] = bits.get(choice, 0) | bit
+            bit *= 2
         for choice, changed in bits.items():
-            self._places.setdefault(choice, []).append((len(self._signs), changed))
+            self._places.setdefault(choice, []).append((number, changed))
         self._choices.append(list(bits))
-        self._signs.append(sum(sign << i for i, sign in enumerate(signs)))
-        self._broken.append((1 << len(signs)) - 1)
+        self._signs.append(minus)
+        self._broken.append(bit - 1)
 
     def broken(self) -> list[int]:
         """Numbers of the conditions with minus as every sign."""
@@ -76,7 +79,8 @@ class Conditions:
         return self._signs[condition] == self._broken[condition]
 
     def _broken_near(self, choice: int) -> list[int]:
-        return [condition for condition, _ in self._places[choice] if self._is_broken(condition)]
+        signs, broken = self._signs, self._broken
+        return [i for i, _ in self._places[choice] if signs[i] == broken[i]]
 
     def _gain(self, choice: int) -> int:
         """The number of broken conditions that changing a choice saves."""
@@ -164,13 +168,14 @@ class Polarity:
         # The choices that the sign of a node depends on, where it depends on any.
         self.choices: dict[int, tuple[int, ...]] = {}
         for node in graph.reached_varying(outputs):
-            if graph.operands[node]:
-                kind, operands, label = graph.kinds[node], graph.operands[node], graph.labels[node]
+            if operands := graph.operands[node]:
+                kind, label = graph.kinds[node], graph.labels[node]
                 if kind is NodeKind.PRODUCT:
-                    first, second = (self.choices.get(ref >> 1, ()) for ref in operands)
-                    # A choice that changes both factors changes nothing.
-                    both = set(first).intersection(second)
-                    changing = tuple([choice for choice in first + second if choice not in both])
+                    first, second = [self.choices.get(ref >> 1, ()) for ref in operands]
+                    changing = first or second
+                    if first and second:  # A choice that changes both factors changes nothing.
+                        both = set(first).intersection(second)
+                        changing = tuple([i for i in first + second if i not in both])
                 elif kind is NodeKind.SUM or label in ("sin", "cos"):
                     changing = (node,)
                     self._require([graph.one] if label in EVEN else operands, changing)

@@ -15,6 +15,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from itertools import chain
 from operator import itemgetter
 
 from gibbs_codegen.program.nodes import (
@@ -43,13 +44,12 @@ def inline_single_uses(
     The outputs stay as they are, and with `products_only` sums do too, where their rounding is
     arranged with care.
     """
-    uses: Counter[str] = Counter()
-    for statement in statements:
-        uses.update(names_in(statement.value))
+    uses = Counter(chain.from_iterable([names_in(s.value) for s in statements]))
     for output in outputs:
         for entry in output.entries:
             # An output entry keeps its name: what is returned twice must not be computed twice.
-            uses.update(dict.fromkeys(names_in(entry), 2))
+            for name in {*names_in(entry)}:
+                uses[name] += 2
     kinds = (Product,) if products_only else (Product, Sum, Name, Number)
     pending: dict[str, Node] = {}
     kept = []
@@ -75,7 +75,7 @@ def inline_single_uses(
 
 def _inlined(node: Node, pending: Mapping[str, Node]) -> Node:
     """`node` with pending definitions written in, the shortest first, while the line is short."""
-    names = [name for name in dict.fromkeys(names_in(node)) if name in pending]
+    names = [name for name in names_in(node) if name in pending]
     if not names:
         return node
     room = _LEAVES - node.leaves
@@ -97,30 +97,33 @@ def substituted(node: Node, values: Mapping[str, Node]) -> Node:
 
     It takes the same operations as both together, or fewer.
     """
-    if isinstance(node, Name):  # By far the most frequent.
+    if isinstance(node, Name):
         return values.get(node.name, node)
+    if isinstance(node, Number):
+        return node
+    # Names are the most frequent by far.
+    parts = [
+        values.get(part.name, part) if isinstance(part, Name) else substituted(part, values)
+        for part in node.operands
+    ]
     match node:
-        case Number():
-            return node
         case Sum(terms):
             # A sum among them is opened up: a + (b − c) is a + b − c, and no more work.
             opened: list[tuple[int, Node]] = []
-            for sign, term in terms:
-                value = substituted(term, values)
+            for (sign, _), value in zip(terms, parts, strict=True):
                 if isinstance(value, Sum):
                     opened.extend([(sign * inner, node) for inner, node in value.terms])
                 else:
                     opened.append((sign, value))
             opened.sort(key=_SIGN, reverse=True)
             return Sum(tuple(opened))
-        case Product(factors):
+        case Product():
             merged: list[Node] = []
-            for factor in factors:
-                inner = substituted(factor, values)
-                merged.extend(inner.factors if isinstance(inner, Product) else (inner,))
+            for part in parts:
+                merged.extend(part.factors if isinstance(part, Product) else (part,))
             merged.sort(key=lambda factor: not isinstance(factor, Number))  # Numbers come first.
             return Product(tuple(merged))
-        case Reciprocal(argument):
-            return Reciprocal(substituted(argument, values))
-        case Call(function, argument):
-            return Call(function, substituted(argument, values))
+        case Reciprocal():
+            return Reciprocal(parts[0])
+        case Call(function):
+            return Call(function, parts[0])

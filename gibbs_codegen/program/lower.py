@@ -13,7 +13,6 @@ function takes from the graph of the tape the nodes that its outputs need, in th
 
 from __future__ import annotations
 
-from collections import ChainMap
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import chain, islice
@@ -139,6 +138,8 @@ class _Lowering:
         self._imported = imported
         self.graph: Graph = imported.graph
         self.words = imported.words(imported.tape.groups)
+        # By node: one object for all functions, which keeps what passes ask of it.
+        self._names: dict[int, nodes.Name] = {}
 
     def draft(self, piece: Slice) -> _Draft:
         """Lower one slice, with what is used once written where it is used."""
@@ -208,7 +209,7 @@ class _Lowering:
         `groups` are by symbol of the tape, as the function's derivation says them; `origins` are,
         of nodes that passes have made, those in whose place they stand.
         """
-        said = ChainMap(self._imported.words(groups), self.words)
+        said = {**self.words, **self._imported.words(groups)}
         inherited: dict[int, str] = {}
         for node in reversed(numbers):
             origin = origins.get(node, node)
@@ -255,7 +256,9 @@ class _Lowering:
             number = rounded(value)
             return (-1, nodes.Number(-number)) if number < 0 else (1, nodes.Number(number))
         flipped = (ref & 1) ^ (node in negated)
-        return (-1 if flipped else 1), nodes.Name(self.name(node))
+        if node not in self._names:
+            self._names[node] = nodes.Name(self.name(node))
+        return (-1 if flipped else 1), self._names[node]
 
 
 def _with_sign(sign: int, node: nodes.Node) -> nodes.Node:

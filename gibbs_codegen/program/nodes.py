@@ -20,7 +20,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import astuple, dataclass
+from dataclasses import astuple, dataclass, replace
 from itertools import chain
 from typing import Any, Generic, Literal, TypeVar
 
@@ -206,6 +206,12 @@ class ScalarProgram:
     def function(self, name: str) -> Function:
         """The function of a name."""
         return next(function for function in self.functions if function.name == name)
+
+    def only(self, name: str) -> ScalarProgram:
+        """The program of one function, with what it reads of `prepare`."""
+        function = self.function(name)
+        prepare = needed(self.prepare, map(Name, function.constants))
+        return replace(self, prepare=tuple(prepare), functions=(function,))
 
     def prepared(self, parameters: Mapping[str, float]) -> dict[str, float]:
         """Values by name of the parameters and of all that `prepare` computes from them."""

@@ -1,9 +1,8 @@
-"""Verification of a module in a folder, back end by back end, and of one that is still text."""
+"""Verification of a module in a folder, back end by back end."""
 
 from __future__ import annotations
 
 import ctypes
-import importlib.abc
 import os
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -11,7 +10,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import get_args
 
-from gibbs_codegen.errors import MissingFunctionError, UsageError, WrongModuleError, printable
+from gibbs_codegen.errors import MissingFunctionError, UsageError, printable
 from gibbs_codegen.robot.file import read_robot
 from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.runtime import c_library
@@ -20,18 +19,15 @@ from gibbs_codegen.runtime.cache import CacheError, cached_library
 from gibbs_codegen.runtime.load import BACKENDS, find_module, load
 from gibbs_codegen.runtime.rollouts import Precision
 from gibbs_codegen.verification import c_program
-from gibbs_codegen.verification.comparison import Comparison, failed, failure_text
+from gibbs_codegen.verification.comparison import Comparison, failed
 from gibbs_codegen.verification.contents import (
     compare_c_defaults,
     compare_contents,
     compare_robot_file,
 )
-from gibbs_codegen.verification.formulation import formulated
 from gibbs_codegen.verification.invariants import compared_with_themselves, unclear
-from gibbs_codegen.verification.newton_euler import NewtonEuler
 from gibbs_codegen.verification.tree import Tree
 from gibbs_codegen.verification.verify import (
-    QUICK,
     Progress,
     Verification,
     compare_module,
@@ -39,8 +35,6 @@ from gibbs_codegen.verification.verify import (
 )
 
 MOST_STATES = 10_000
-# For a module that was just emitted; all functions at a few states reveal a wrong one.
-_FEW_STATES = 3
 # Results of the source do not depend on optimisation.
 _UNOPTIMISED = ("-O0",)
 
@@ -198,39 +192,3 @@ def _compare_c(
 
 def _source(folder: Path) -> str:
     return (folder / "numpy_module.py").read_text(encoding="utf-8", errors="replace")
-
-
-def refuse_wrong(robot: Robot, numpy_source: str, progress: Progress = lambda _: None) -> None:
-    """Verify emitted NumPy functions quickly, before they are written.
-
-    Raises `WrongModuleError` if a comparison fails.
-    """
-    progress("verifying")
-    try:
-        module = module_of(numpy_source)
-        comparisons = compare_module(
-            module, robot, [formulated(NewtonEuler(Tree(robot)))], _FEW_STATES, 0, extent=QUICK
-        )
-    except (Exception, SystemExit) as error:  # Whatever was emitted.
-        comparisons = [failed("the module", "", error)]
-    failures = [failure_text(c) for c in comparisons if not c.passed]
-    if failures:
-        raise WrongModuleError(robot.name, failures, len(comparisons))
-
-
-class _Text(importlib.abc.InspectLoader):
-    """A loader of a module whose source is at hand."""
-
-    def __init__(self, source: str) -> None:
-        self._source = source
-
-    def get_source(self, fullname: str) -> str:
-        """The source, whatever the name."""
-        return self._source
-
-
-def module_of(source: str) -> ModuleType:
-    """The module of emitted NumPy source."""
-    module = ModuleType("emitted")
-    _Text(source).exec_module(module)
-    return module

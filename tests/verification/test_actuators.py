@@ -24,9 +24,10 @@ from gibbs_codegen.robot.file import parse_robot
 from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.targets.registry import render_module
 from gibbs_codegen.verification.comparison import Results, failure_text
+from gibbs_codegen.verification.emitted import module_of
 from gibbs_codegen.verification.equations import Expected
 from gibbs_codegen.verification.formulation import formulated
-from gibbs_codegen.verification.modules import module_of, verify
+from gibbs_codegen.verification.modules import verify
 from gibbs_codegen.verification.newton_euler import NewtonEuler
 from gibbs_codegen.verification.parameters import prepared, variation, with_values
 from gibbs_codegen.verification.states import States

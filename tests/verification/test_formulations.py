@@ -28,6 +28,7 @@ from gibbs_codegen.robot.parts.base import Base, alternating_thrust
 from gibbs_codegen.robot.parts.body import RigidBody, Rod
 from gibbs_codegen.targets.registry import render_module
 from gibbs_codegen.verification.comparison import Results
+from gibbs_codegen.verification.emitted import module_of
 from gibbs_codegen.verification.equations import Expected, input_matrix
 from gibbs_codegen.verification.formulation import (
     Formulation,
@@ -35,7 +36,6 @@ from gibbs_codegen.verification.formulation import (
     formulated,
 )
 from gibbs_codegen.verification.lagrange import Lagrange
-from gibbs_codegen.verification.modules import module_of
 from gibbs_codegen.verification.newton_euler import NewtonEuler
 from gibbs_codegen.verification.parameters import InOwnUnits, parameter_values, with_values
 from gibbs_codegen.verification.pinocchio_tree import Pinocchio

@@ -25,7 +25,8 @@ from gibbs_codegen.targets.registry import render_module
 from gibbs_codegen.verification import c_program
 from gibbs_codegen.verification.c_program import compare_rollouts, compare_single_precision
 from gibbs_codegen.verification.comparison import Comparison
-from gibbs_codegen.verification.modules import refuse_wrong, verify
+from gibbs_codegen.verification.emitted import refuse_wrong
+from gibbs_codegen.verification.modules import verify
 from gibbs_codegen.verification.parameters import parameter_values, with_values
 from gibbs_codegen.verification.states import Sizes, States
 from gibbs_codegen.verification.tree import Tree
