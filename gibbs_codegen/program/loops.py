@@ -44,11 +44,11 @@ rows cannot lie side by side at all, is left unrolled.
 from __future__ import annotations
 
 import heapq
-import re
 from collections.abc import Callable, Container, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import chain, count, groupby
 from math import prod
+from operator import eq
 
 from gibbs_codegen.program.nodes import Name, Node, Number, Product, Statement, Sum, names_in
 from gibbs_codegen.program.steps import Item, Loop, Step, Store, defined_names
@@ -57,8 +57,6 @@ from gibbs_codegen.program.steps import Item, Loop, Step, Store, defined_names
 _FEWEST_BLOCKS = 4
 _FEWEST_STEPS = 40
 _LONGEST_BLOCK = 48
-# Stretches in which steps are the same as those one block further: there, a byte is 1.
-_RUNS = re.compile(b"\x01+")
 
 Factor = str | float
 Term = tuple[int, tuple[Factor, ...]]
@@ -132,13 +130,17 @@ class _Matcher:
         signatures = map(_signature, self._steps, self._terms)
         ids = [numbers.setdefault(signature, len(numbers)) for signature in signatures]
         for length in range(1, _LONGEST_BLOCK + 1):
-            same = bytes(map(int.__eq__, ids, ids[length:]))
-            for run in _RUNS.finditer(same):
-                for first in range(run.start(), min(run.start() + length, run.end())):
-                    count = (run.end() - first) // length + 1
-                    if not is_profitable(count, length):
-                        break
+            # Stretches in which steps are the same as those one block further: a byte is 1 there.
+            same = bytes(map(eq, ids, ids[length:])) + b"\0"
+            fewest = max(_FEWEST_BLOCKS, -(-_FEWEST_STEPS // length))
+            worth = b"\1" * (length * (fewest - 1))
+            start = same.find(worth)
+            while start >= 0:
+                end = same.index(0, start)
+                for first in range(start, min(start + length, end - len(worth) + 1)):
+                    count = (end - first) // length + 1
                     yield -count * length, length, first
+                start = same.find(worth, end)
 
     def _independent(self, start: int, length: int, last: int) -> list[int]:
         """First steps of the last blocks, the last one first, whose order is of no account.

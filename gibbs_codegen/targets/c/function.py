@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import ClassVar
 
 from gibbs_codegen.interface import FUNCTIONS, WHOLES, Signature
@@ -134,37 +136,44 @@ _FEWEST_ROLLED = 200
 _AT_ONCE = 4
 
 
-def c_function(
-    model: Model, function: Function, signature: Signature, printer: InfixPrinter
-) -> Context:
-    """Context of one function for the templates.
+def c_functions(model: Model, printer: InfixPrinter) -> list[Context]:
+    """Contexts of the program's functions for the templates.
 
     One that returns a part of what another does is a call of the text of that, if compilers leave
     out of it what is for the other outputs only: where it is one text, with the same angles.
     """
-    parts, whole = _parts(model, function, signature), WHOLES.get(function.name, "")
-    one, block = _of_one_state(parts, printer), _of_block(parts, printer)
-    if whole in model.functions:
-        of_whole = _parts(model, *next(x for x in model.derived if x[0].name == whole))
-        if of_whole.angles == parts.angles:
-            if isinstance(_of_one_state(of_whole, printer), _StraightOn):
-                one = _PartOfText(parts, one.statements, of_whole)
-            if len(_of_block(of_whole, printer).allocation.sections) == 1:
-                block = _PartOfBlock(parts, block.statements, block.allocation, of_whole)
-    work, stack = operations(function), stack_bytes(parts.gathered)
-    documentation = doxygen(model.description, signature, work, stack)
-    bodies = one.body(), block.body()
-    return function_text(model.robot.name, signature, documentation, *bodies, parts.called_by)
+    every = {f.name: _parts(model, f, signature, printer) for f, signature in model.derived}
+    contexts = []
+    for name, parts in every.items():
+        whole = every.get(WHOLES.get(name, ""))
+        if whole and whole.angles != parts.angles:
+            whole = None
+        one: _Printed = (
+            _PartOfText(parts, c.CStatements(printer), whole)
+            if whole and isinstance(whole.one, _StraightOn)
+            else parts.one
+        )
+        block = parts.block
+        if whole and len(whole.block.allocation.sections) == 1:
+            block = _PartOfBlock(parts, block.statements, block.allocation, whole)
+        work, stack = operations(parts.function), stack_bytes(parts.gathered)
+        documentation = doxygen(model.description, parts.signature, work, stack)
+        bodies = one.body(), block.body()
+        head = model.robot.name, parts.signature, documentation
+        contexts.append(function_text(*head, *bodies, parts.called_by))
+    return contexts
 
 
-def _parts(model: Model, function: Function, signature: Signature) -> _Parts:
+def _parts(
+    model: Model, function: Function, signature: Signature, printer: InfixPrinter
+) -> _Parts:
     """Parts of a function that are printed."""
     gathered = gather_angles(function)
     stored = [not _is_sparse(output) for output in function.outputs]
     steps = schedule_stores(gathered.statements, gathered.outputs, stored)
     inputs = {name: model.program.inputs[name] for name in function.arguments}
     called_by = [name for name in FUNCTIONS[function.name].parts if name in model.functions]
-    return _Parts(function, signature, inputs, gathered, steps, called_by)
+    return _Parts(function, signature, inputs, gathered, steps, called_by, printer)
 
 
 @dataclass(frozen=True)
@@ -180,6 +189,25 @@ class _Parts:
     gathered: GatheredFunction
     steps: Sequence[Step]
     called_by: Sequence[str]
+    printer: InfixPrinter
+
+    @cached_property
+    def one(self) -> _StraightOn | _InSections:
+        """It for one state: straight on, or in sections if loops stand for much of it."""
+        items, signs = reroll(self.steps) if len(self.steps) >= _FEWEST_ROLLED else ([], {})
+        if any(isinstance(item, Loop) for item in items):
+            allocation = allocate_scratch(items, signs, _MAX_REFERENCES)
+            codes = [section.code for section in allocation.sections]
+            rolled = sum(len(code.unrolled) for code in codes if isinstance(code, Loop))
+            if rolled >= _FEWEST_ROLLED:
+                return _InSections(self, c.CStatements(self.printer), allocation)
+        return _StraightOn(self, c.CStatements(self.printer))
+
+    @cached_property
+    def block(self) -> _OfBlock:
+        """It for a block of states."""
+        allocation = allocate_scratch(self.steps, {}, _MAX_REFERENCES)
+        return _OfBlock(self, c.CStatements(self.printer, of_several=True), allocation)
 
     @property
     def outputs(self) -> list[str]:
@@ -201,30 +229,16 @@ class _Parts:
         }
 
 
-def _of_block(parts: _Parts, printer: InfixPrinter) -> _OfBlock:
-    """A function for a block of states."""
-    allocation = allocate_scratch(parts.steps, {}, _MAX_REFERENCES)
-    return _OfBlock(parts, c.CStatements(printer, of_several=True), allocation)
-
-
-def _of_one_state(parts: _Parts, printer: InfixPrinter) -> _StraightOn | _InSections:
-    """A function for one state: straight on, or in sections if loops stand for much of it."""
-    items, signs = reroll(parts.steps)
-    if any(isinstance(item, Loop) for item in items):
-        allocation = allocate_scratch(items, signs, _MAX_REFERENCES)
-        codes = [section.code for section in allocation.sections]
-        rolled = sum(len(code.unrolled) for code in codes if isinstance(code, Loop))
-        if rolled >= _FEWEST_ROLLED:
-            return _InSections(parts, c.CStatements(printer), allocation)
-    return _StraightOn(parts, c.CStatements(printer))
-
-
 @dataclass(frozen=True)
-class _Printed:
+class _Printed(ABC):
     """A function in one of its forms, with the printer of that form's statements."""
 
     parts: _Parts
     statements: c.CStatements
+
+    @abstractmethod
+    def body(self) -> FunctionBody:
+        """Its helpers and its body."""
 
     def _array_size(self, entries: int | str) -> str:
         return c.array_size(entries, self.statements.of_several)

@@ -21,7 +21,7 @@ from gibbs_codegen.runtime.c_library import RUNTIME
 from gibbs_codegen.runtime.rollout_source import rollout_context, rollout_programs
 from gibbs_codegen.targets import documentation
 from gibbs_codegen.targets.c.calls import check_calls, model_functions
-from gibbs_codegen.targets.c.function import c_function
+from gibbs_codegen.targets.c.function import c_functions
 from gibbs_codegen.targets.c.programs import program_texts
 from gibbs_codegen.targets.c.sparse import pattern_texts, sparse_texts
 from gibbs_codegen.targets.c.statements import CStatements, side_by_side
@@ -46,10 +46,7 @@ def module_text(
     """
     robot, program = model.robot, model.program
     values = program.prepared(model.defaults)
-    functions = [
-        c_function(model, function, signature, printer) for function, signature in model.derived
-    ]
-    functions += program_texts(model)
+    functions = [*c_functions(model, printer), *program_texts(model)]
     macros = _macros(robot.name, model.defaults)
     listed, folded = model.description.lists(model.functions), ", ".join(model.folded) or "nothing"
     return {
