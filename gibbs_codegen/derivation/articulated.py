@@ -231,14 +231,14 @@ def _freed(
     load = body.load.entries
     share = tape.let(tape.let(effort + load[direction]) * inverse)
     ratios = tuple(
-        sp.S.One if i == direction and armature == 0 else tape.let(entry * inverse)
+        sp.S.One if i == direction and armature == 0 else tape.let(times(entry, inverse))
         for i, entry in enumerate(column)
     )
     left = Wrench.of(
         # Without armature nothing but the effort, which is what is left of entry − D·share.
         tape.let(times(armature, share) - effort)
         if i == direction
-        else tape.let(entry - tape.let(column[i] * share))
+        else tape.less_product(entry, column[i], share)
         for i, entry in enumerate(load)
     )
     felt = body.inertia.without(tape, direction, ratios, armature)

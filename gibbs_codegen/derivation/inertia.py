@@ -24,7 +24,7 @@ from dataclasses import dataclass
 import sympy as sp
 
 from gibbs_codegen.derivation.gibbs import MASS, MOMENT, SECOND, evaluated, link_mass_block, skew
-from gibbs_codegen.symbolic.tape import Scalars, Values, Vector, times
+from gibbs_codegen.symbolic.tape import Scalars, Values, Vector, negated, plus, times
 from gibbs_codegen.symbolic.vectors import ZERO, Rotation, Wrench
 
 # Places at which r̈ and ω̇ begin among the accelerations of a link.
@@ -95,10 +95,11 @@ class Inertia:
             turned[_index(p, q)] = pq if s == 0 else -pq
         else:
             # With w = s(E_pp − E_qq) + 2cE_pq the block takes four products instead of eight.
-            w = tape.let(s * tape.let(pp - qq) + c * tape.let(2 * pq))
-            turned[_index(p, p)] = tape.let(pp - s * w)
-            turned[_index(q, q)] = tape.let(qq + s * w)
-            turned[_index(p, q)] = tape.let(c * w - pq)
+            difference, twice = tape.let(plus(pp, negated(qq))), tape.let(times(sp.Integer(2), pq))
+            w = tape.let(plus(times(s, difference), times(c, twice)))
+            turned[_index(p, p)] = tape.let(plus(pp, negated(times(s, w))))
+            turned[_index(q, q)] = tape.let(plus(qq, times(s, w)))
+            turned[_index(p, q)] = tape.let(plus(times(c, w), negated(pq)))
         return Inertia(self.mass, moment, tuple(turned[i] for i in range(6)))
 
     def shifted(self, tape: Scalars, arm: Vector) -> Inertia:
@@ -108,16 +109,18 @@ class Inertia:
         """
         if arm == ZERO:
             return self
-        weight = tuple(tape.let(self.mass * r) for r in arm)
-        moment = [tape.let(c + w) for c, w in zip(self.moment, weight, strict=True)]
+        weight = tuple(tape.let(times(self.mass, r)) for r in arm)
+        moment = [tape.let(plus(c, w)) for c, w in zip(self.moment, weight, strict=True)]
         second = []
         for i, j in PAIRS:
             # On the diagonal r_i·(2C_i + w_i): doubled arms are parameters more often than not.
             if i == j:
-                term = tape.let(2 * arm[i]) * self.moment[i] + arm[i] * weight[i]
+                twice = tape.let(times(sp.Integer(2), arm[i]))
+                terms = [times(twice, self.moment[i])]
             else:
-                term = arm[i] * self.moment[j] + arm[j] * self.moment[i] + arm[i] * weight[j]
-            second.append(tape.let(self.entry(i, j) + term))
+                terms = [times(arm[i], self.moment[j]), times(arm[j], self.moment[i])]
+            terms += [self.entry(i, j), times(arm[i], weight[j])]
+            second.append(tape.let(plus(*terms)))
         return Inertia.of([self.mass, *moment, *second])
 
     def response(self, tape: Scalars, direction: int) -> Wrench:
@@ -135,7 +138,7 @@ NO_INERTIA = Inertia(sp.S.Zero, ZERO, (sp.S.Zero,) * 6)
 def total(tape: Scalars, inertias: list[Inertia]) -> Inertia:
     """Inertia of several bodies about their common point, in one frame."""
     alike = zip(*(inertia.entries for inertia in inertias), strict=True)
-    return Inertia.of(tape.let(sp.Add(*entries)) for entries in alike)
+    return Inertia.of(tape.let(plus(*entries)) for entries in alike)
 
 
 def _index(i: int, j: int) -> int:
@@ -205,7 +208,7 @@ class ArticulatedInertia:
     def plus(self, tape: Scalars, other: ArticulatedInertia) -> ArticulatedInertia:
         """The sum of two Â about one point, in one frame."""
         mine, theirs = self.rows, other.rows
-        return self.of_entries(lambda i, j: tape.let(mine[i][j] + theirs[i][j]))
+        return self.of_entries(lambda i, j: tape.let(plus(mine[i][j], theirs[i][j])))
 
     def without(
         self,
@@ -226,7 +229,7 @@ class ArticulatedInertia:
         def entry(i: int, j: int) -> sp.Expr:
             if direction in (i, j):
                 return tape.let(times(armature, ratios[j if i == direction else i]))
-            return tape.let(rows[i][j] - tape.let(ratios[i] * column[j]))
+            return tape.less_product(rows[i][j], ratios[i], column[j])
 
         return self.of_entries(entry)
 

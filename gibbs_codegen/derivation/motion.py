@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import sympy as sp
 
 from gibbs_codegen.robot.layout import Places
-from gibbs_codegen.symbolic.tape import Scalars, Values, Vector
+from gibbs_codegen.symbolic.tape import Scalars, Values, Vector, negated, plus, times
 from gibbs_codegen.symbolic.vectors import Rotation, Transform
 
 Gradient = tuple[Vector, ...]
@@ -61,14 +61,15 @@ class Motion:
     @classmethod
     def of(cls, tape: Scalars, omega: Vector, omega_dot: Vector, acceleration: Vector) -> Motion:
         """Motion with the gradient A that belongs to ω and dω/dt, and r̈ (m/s²) of the joint."""
-        products = [[tape.let(p * q) for q in omega] for p in omega]
+        products = [[tape.let(times(p, q)) for q in omega] for p in omega]
 
         def entry(i: int, j: int) -> sp.Expr:
             if i == j:
                 k, m = (j + 1) % 3, (j + 2) % 3
-                return tape.let(-products[k][k] - products[m][m])
-            sign = 1 if (i - j) % 3 == 1 else -1
-            return tape.let(products[i][j] + sign * omega_dot[3 - i - j])
+                return tape.let(plus(negated(products[k][k]), negated(products[m][m])))
+            turning = omega_dot[3 - i - j]
+            along = turning if (i - j) % 3 == 1 else negated(turning)
+            return tape.let(plus(products[i][j], along))
 
         columns = [tuple([entry(i, j) for i in range(3)]) for j in range(3)]
         return cls(omega, omega_dot, acceleration, tuple(columns))
@@ -87,10 +88,12 @@ class Motion:
     def displaced(self, tape: Scalars, step: Vector) -> Motion:
         """Motion of another point of the same link, by the step to it (m)."""
         columns = [
-            tuple(step[j] * entry for entry in self.gradient[j]) for j in range(3) if step[j] != 0
+            tuple(times(length, entry) for entry in column)
+            for length, column in zip(step, self.gradient, strict=True)
+            if length != 0
         ]
         x, y, z = (
-            tape.let(sp.Add(r, *(tape.let(column[i]) for column in columns)))
+            tape.let(plus(r, *(tape.let(column[i]) for column in columns)))
             for i, r in enumerate(self.acceleration)
         )
         return Motion(self.omega, self.omega_dot, (x, y, z), self.gradient)
@@ -116,7 +119,7 @@ class Motion:
         """A applied to an x axis that is turned about z: the gain of r̈ per length (1/s²)."""
         first, second, _ = self.gradient
         x, y, z = (
-            tape.let(rotation.cos * p + rotation.sin * q)
+            tape.let(plus(times(rotation.cos, p), times(rotation.sin, q)))
             for p, q in zip(first, second, strict=True)
         )
         return (x, y, z)

@@ -35,7 +35,7 @@ import sympy as sp
 
 from gibbs_codegen.derivation.inertia import ANGULAR, LINEAR, NO_INERTIA, Inertia
 from gibbs_codegen.robot.parts.link import JointKind
-from gibbs_codegen.symbolic.tape import Scalars, Stage, Vector, times
+from gibbs_codegen.symbolic.tape import Scalars, Stage, Vector, negated, plus, times
 from gibbs_codegen.symbolic.vectors import (
     NO_ROTATION,
     ZERO,
@@ -406,8 +406,8 @@ def _with_z(wrench: Wrench, moment: sp.Expr) -> Wrench:
 def _moment(tape: Scalars, wrench: Wrench, axis: int, arm: Vector) -> sp.Expr:
     """One component of the moment about another point (N m); `arm`: the old from the new (m)."""
     p, q = (axis + 1) % 3, (axis + 2) % 3
-    lever = times(arm[p], wrench.force[q]) - times(arm[q], wrench.force[p])
-    return tape.let(wrench.moment[axis] + lever)
+    lever = times(arm[p], wrench.force[q]), negated(times(arm[q], wrench.force[p]))
+    return tape.let(plus(wrench.moment[axis], *lever))
 
 
 def regrouped(tape: Scalars, tree: SegmentTree) -> SegmentTree:

@@ -9,7 +9,7 @@ from contextlib import contextmanager
 import sympy as sp
 
 from gibbs_codegen.graph.graph import Graph, Ref
-from gibbs_codegen.symbolic.tape import Stage, Tape, whole_power
+from gibbs_codegen.symbolic.tape import Stage, Tape, is_minus_symbol, whole_power
 
 
 class ImportedTape:
@@ -73,6 +73,12 @@ class ImportedTape:
         graph = self.graph
         if expression.is_Symbol:
             return self._refs[expression]
+        if expression.is_Mul and len(expression.args) == 2:
+            first, second = expression.args
+            if first.is_Symbol and second.is_Symbol:  # The most frequent, and −x.
+                return graph.product(self._refs[first], self._refs[second])
+            if is_minus_symbol(expression):
+                return graph.minus(self._refs[second])
         if expression.is_number:
             return graph.number(expression)
         if expression.is_Add:

@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 import sympy as sp
 
 from gibbs_codegen.symbolic.choices import above, chosen
-from gibbs_codegen.symbolic.tape import Scalars, Values, times
+from gibbs_codegen.symbolic.tape import Scalars, Values, negated, plus, times
 
 Rows = Sequence[Values]
 Safe = Callable[[int, sp.Expr], tuple[sp.Expr, sp.Expr]]
@@ -44,19 +44,20 @@ def solve_symmetric(
         inverse[k] = tape.let(1 / lower[k][k])
         remaining = order[step + 1 :]
         for i in remaining:
-            factors[i, k] = tape.let(lower[i][k] * inverse[k])
+            factors[i, k] = tape.let(times(lower[i][k], inverse[k]))
         for place, i in enumerate(remaining):
             if factors[i, k] == 0:
                 continue
             for j in remaining[place:]:
-                entry = tape.let(lower[i][j] - tape.let(factors[i, k] * lower[j][k]))
+                entry = tape.less_product(lower[i][j], factors[i, k], lower[j][k])
                 lower[i][j] = lower[j][i] = entry
-            rest[i] = tape.let(rest[i] - tape.let(factors[i, k] * rest[k]))
+            rest[i] = tape.less_product(rest[i], factors[i, k], rest[k])
     solution: dict[int, sp.Expr] = {}
     for step in range(len(order) - 1, -1, -1):
         k = order[step]
-        solved = [tape.let(factors[i, k] * solution[i]) for i in order[step + 1 :]]
-        solution[k] = tape.let(tape.let(rest[k] * inverse[k]) - sp.Add(*solved))
+        solved = [tape.let(times(factors[i, k], solution[i])) for i in order[step + 1 :]]
+        others = [negated(term) for term in solved]
+        solution[k] = tape.let(plus(tape.let(times(rest[k], inverse[k])), *others))
     return [solution[k] for k in range(len(order))]
 
 

@@ -24,33 +24,73 @@ from abc import ABC, abstractmethod
 from collections.abc import Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from enum import IntEnum
+from operator import itemgetter
 
 import sympy as sp
+
+_MINUS_ONE = sp.S.NegativeOne
 
 
 def times(a: sp.Expr, b: sp.Expr) -> sp.Expr:
     """SymPy's a·b."""
     if a is sp.S.Zero or b is sp.S.Zero:
         return sp.S.Zero
-    if a.is_Symbol and b.is_Symbol and a is not b:
-        factors = (a, b) if a.name < b.name else (b, a)
-        return sp.Mul._from_args(factors, is_commutative=True)
+    if b.is_Symbol:
+        if a.is_Symbol and a is not b:
+            factors = (a, b) if a.name < b.name else (b, a)
+            return sp.Mul._from_args(factors, is_commutative=True)
+        if a is sp.S.One:
+            return b
+        if a.is_Rational:
+            return sp.Mul._from_args((a, b), is_commutative=True)
+    elif a.is_Symbol and b.is_Rational:
+        return times(b, a)
     if is_minus_symbol(a):
-        return -times(a.args[1], b)
+        return negated(times(a.args[1], b))
     if is_minus_symbol(b):
-        return -times(a, b.args[1])
+        return negated(times(a, b.args[1]))
     return a * b
 
 
-def sum_of_signed(terms: Sequence[tuple[int, sp.Expr]]) -> sp.Expr:
-    """SymPy's sum of two or more symbols, each once, and numbers, with their signs 1 or −1."""
-    numbers = [sign * term for sign, term in terms if not term.is_Symbol]
-    if len(numbers) > 1 or not all(number.is_Number for number in numbers):  # As √2 is not.
-        return sp.Add(*(sign * term for sign, term in terms))
-    named = [(sign, term) for sign, term in terms if term.is_Symbol]
-    named.sort(key=lambda term: (-term[0], term[1].name))
-    parts = (*numbers, *(term if sign > 0 else -term for sign, term in named))
-    return sp.Add._from_args(parts, is_commutative=True)
+def negated(a: sp.Expr) -> sp.Expr:
+    """SymPy's −a."""
+    if a.is_Symbol:
+        return sp.Mul._from_args((_MINUS_ONE, a), is_commutative=True)
+    if a.is_Mul:
+        first, *rest = a.args
+        if first is _MINUS_ONE:
+            return sp.Mul._from_args(tuple(rest), is_commutative=True)
+        if first.is_Symbol:
+            return sp.Mul._from_args((_MINUS_ONE, *a.args), is_commutative=True)
+    return -a
+
+
+def plus(*terms: sp.Expr) -> sp.Expr:
+    """SymPy's sum of terms."""
+    # Each term by what SymPy sorts by; its factors without signs are those of no other term.
+    sorted_by: dict[tuple[str, ...], tuple[tuple[int, tuple[str, ...]], sp.Expr]] = {}
+    numbers = []
+    for term in terms:
+        if term.is_Symbol:
+            names, rank = (term.name,), 0
+        elif term.is_Number:
+            if term is not sp.S.Zero:
+                numbers.append(term)
+            continue
+        else:
+            factors = term.args
+            minus = term.is_Mul and factors[0] is _MINUS_ONE
+            names = tuple([f.name for f in factors[minus:] if f.is_Symbol])
+            if not term.is_Mul or len(names) != len(factors) - minus or len(names) > 2:
+                return sp.Add(*terms)
+            rank = 2 * len(factors) - minus
+        if names in sorted_by:
+            return sp.Add(*terms)
+        sorted_by[names] = (rank, names), term
+    if len(numbers) > 1:
+        return sp.Add(*terms)
+    ordered = sorted(sorted_by.values(), key=itemgetter(0))
+    return sp.Add._from_args((*numbers, *[term for _, term in ordered]), is_commutative=True)
 
 
 def signed(atom: sp.Expr) -> tuple[int, sp.Expr]:
@@ -85,10 +125,12 @@ def whole_power(factor: sp.Expr) -> tuple[sp.Expr, int]:
 
 # A sign, 1 or −1, with a symbol or a number.
 SignedTerm = tuple[int, sp.Expr]
-
-_MINUS_ONE = sp.S.NegativeOne
 # The group of what a recursion over the state makes of parameters alone.
 WORDS_OF_CONSTANTS = "constant terms and factors of the functions"
+
+
+def _added(terms: Sequence[SignedTerm]) -> sp.Expr:
+    return plus(*[term if sign > 0 else negated(term) for sign, term in terms])
 
 
 class Stage(IntEnum):
@@ -130,7 +172,7 @@ class Scalars(ABC):
 
     def add(self, *vectors: Vector) -> Vector:
         """Sum of vectors in one frame."""
-        return tuple([self.let(sp.Add(*entries)) for entries in zip(*vectors, strict=True)])
+        return tuple([self.let(plus(*entries)) for entries in zip(*vectors, strict=True)])
 
     def scale(self, factor: sp.Expr, vector: Vector) -> Vector:
         """Vector times scalar."""
@@ -139,12 +181,17 @@ class Scalars(ABC):
     def cross(self, a: Vector, b: Vector) -> Vector:
         """Vector product a × b, in one frame."""
         return tuple(
-            self.let(times(a[i - 2], b[i - 1]) - times(a[i - 1], b[i - 2])) for i in range(3)
+            self.let(plus(times(a[i - 2], b[i - 1]), negated(times(a[i - 1], b[i - 2]))))
+            for i in range(3)
         )
 
     def dot(self, a: Vector, b: Vector) -> sp.Expr:
         """Scalar product a·b, in one frame."""
-        return self.let(sp.Add(*map(times, a, b)))
+        return self.let(plus(*map(times, a, b)))
+
+    def less_product(self, a: sp.Expr, b: sp.Expr, c: sp.Expr) -> sp.Expr:
+        """A − b·c, where the product has a name of its own."""
+        return self.let(plus(a, negated(self.let(times(b, c)))))
 
     def sum_of_products(self, a: Values, b: Values, *others: sp.Expr) -> sp.Expr:
         """Σ a_i·b_i, and `others` added.
@@ -154,12 +201,12 @@ class Scalars(ABC):
         """
         pairs = [(p, q) for p, q in zip(a, b, strict=True) if p != 0 and q != 0]
         products = [self.let(times(p, q)) for p, q in pairs]
-        total: sp.Expr = sp.S.Zero
+        whole: sp.Expr = sp.S.Zero
         for first in range(0, len(products), _PRODUCTS):
             last = first + _PRODUCTS >= len(products)
             part = products[first : first + _PRODUCTS]
-            total = self.let(sp.Add(total, *part, *(others if last else ())))
-        return total if products else self.let(sp.Add(*others))
+            whole = self.let(plus(whole, *part, *(others if last else ())))
+        return whole if products else self.let(plus(*others))
 
     def combination(self, factors: Values, lists: Sequence[Values]) -> list[sp.Expr]:
         """Lists of one length, each times its factor, added up entry by entry."""
@@ -279,7 +326,7 @@ class Tape(Scalars):
             sign, first, second = expression.args
             if sign is _MINUS_ONE and first.is_Symbol and second.is_Symbol:
                 stage = max(self.stages[first], self.stages[second])
-                return -self._define(times(first, second), stage)
+                return negated(self._define(times(first, second), stage))
         number: sp.Expr = sp.S.One
         factors: list[sp.Symbol] = []
         for factor in sp.Mul.make_args(expression):
@@ -346,8 +393,8 @@ class Tape(Scalars):
         negative = sum(sign < 0 for sign, _ in terms)
         first, _ = min(terms, key=lambda term: self._ranks.get(term[1], -1))
         if 2 * negative > len(terms) or (2 * negative == len(terms) and first < 0):
-            return -self._define(sum_of_signed([(-sign, term) for sign, term in terms]), stage)
-        return self._define(sum_of_signed(terms), stage)
+            return negated(self._define(_added([(-sign, term) for sign, term in terms]), stage))
+        return self._define(_added(terms), stage)
 
     def _define(self, expression: sp.Expr, stage: Stage) -> sp.Expr:
         name = self._names.get(expression)

@@ -15,7 +15,7 @@ from typing import Protocol, Self, TypeVar
 import sympy as sp
 
 from gibbs_codegen.symbolic.numbers import DIGITS, settled
-from gibbs_codegen.symbolic.tape import Scalars, Vector, times
+from gibbs_codegen.symbolic.tape import Scalars, Vector, negated, plus, times
 
 
 @cache
@@ -122,7 +122,8 @@ class Rotation:
     def turned(self, tape: Scalars, p: sp.Expr, q: sp.Expr) -> tuple[sp.Expr, sp.Expr]:
         """Two components along the plane's axes, from the turned frame to the one turned from."""
         c, s = self.cos, self.sin
-        return tape.let(times(c, p) - times(s, q)), tape.let(times(s, p) + times(c, q))
+        first = tape.let(plus(times(c, p), negated(times(s, q))))
+        return first, tape.let(plus(times(s, p), times(c, q)))
 
     def vector(self, tape: Scalars, v: Vector) -> Vector:
         """A vector of the turned frame in the frame turned from."""
@@ -173,10 +174,10 @@ class Wrench:
     def shifted(self, tape: Scalars, arm: Vector) -> Wrench:
         """The same wrench about another point; `arm` is the old point from the new one (m)."""
         lever = tuple(
-            times(arm[i - 2], self.force[i - 1]) - times(arm[i - 1], self.force[i - 2])
+            (times(arm[i - 2], self.force[i - 1]), negated(times(arm[i - 1], self.force[i - 2])))
             for i in range(3)
         )
-        x, y, z = (tape.let(n + m) for n, m in zip(self.moment, lever, strict=True))
+        x, y, z = (tape.let(plus(n, *m)) for n, m in zip(self.moment, lever, strict=True))
         return Wrench(self.force, (x, y, z))
 
     def plus(self, tape: Scalars, other: Wrench) -> Wrench:

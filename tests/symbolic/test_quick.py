@@ -7,7 +7,7 @@ import random
 
 import sympy as sp
 
-from gibbs_codegen.symbolic.tape import sum_of_signed, times
+from gibbs_codegen.symbolic.tape import negated, plus, times
 
 SYMBOLS = sp.symbols("t2 t10 k1 k20 theta_m1 a Z")
 FACTORS = (
@@ -27,12 +27,17 @@ def test_products_are_those_of_sympy() -> None:
         assert times(a, b).args == (a * b).args
 
 
+def test_opposites_are_those_of_sympy() -> None:
+    for a in FACTORS:
+        assert negated(a) == -a, a
+        assert negated(a).args == (-a).args
+
+
 def test_sums_are_those_of_sympy() -> None:
     rng = random.Random(0)  # noqa: S311 - nothing secret
-    numbers = (sp.Integer(2), sp.Rational(1, 3), sp.Float("0.5", 40), sp.sqrt(2))
-    for _ in range(200):
-        atoms = rng.sample(SYMBOLS, rng.randint(2, 5)) + rng.sample(numbers, rng.randint(0, 2))
-        terms = [(rng.choice((-1, 1)), atom) for atom in rng.sample(atoms, len(atoms))]
-        expected = sp.Add(*(sign * atom for sign, atom in terms))
-        assert sum_of_signed(terms) == expected, terms
-        assert sum_of_signed(terms).args == expected.args
+    products = [a * b for a, b in itertools.combinations(SYMBOLS, 2)]
+    atoms = (*SYMBOLS, *products, *FACTORS, *map(sp.sympify, ("2", "1/3", "sqrt(2)")))
+    for _ in range(2000):
+        terms = [rng.choice((-1, 1)) * atom for atom in rng.choices(atoms, k=rng.randint(0, 5))]
+        assert plus(*terms) == sp.Add(*terms), terms
+        assert plus(*terms).args == sp.Add(*terms).args

@@ -164,9 +164,7 @@ def c_functions(model: Model, printer: InfixPrinter) -> list[Context]:
     return contexts
 
 
-def _parts(
-    model: Model, function: Function, signature: Signature, printer: InfixPrinter
-) -> _Parts:
+def _parts(model: Model, function: Function, signature: Signature, printer: InfixPrinter) -> _Parts:
     """Parts of a function that are printed."""
     gathered = gather_angles(function)
     stored = [not _is_sparse(output) for output in function.outputs]
