@@ -133,7 +133,9 @@ class Checkout:
         """The times of a row in a round; None of a flight that is refused."""
         own = row.name if row.first else ""
         cache = f"cache_{number}_{row.robot}_{row.scenario or own}" if row.robot or own else "cache"
-        environment = {**os.environ, "XDG_CACHE_HOME": str(self.folder / cache)}
+        # Python keeps what it compiles, as it does for users.
+        environment = {**os.environ, "PYTHONDONTWRITEBYTECODE": ""}
+        environment["XDG_CACHE_HOME"] = str(self.folder / cache)
         command = [self.python if word == PYTHON else word for word in row.command]
         before, begin = resource.getrusage(resource.RUSAGE_CHILDREN), time.perf_counter()
         done = subprocess.run(

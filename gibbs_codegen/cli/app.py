@@ -30,12 +30,13 @@ def console() -> int:
             stream.reconfigure(errors="backslashreplace")
     # A derivation makes millions of small objects and hardly any cycles, and the process ends soon.
     gc.disable()
+    codes: list[int] = []
+    # Last of all: to take the interpreter down as well takes half a second and more.
+    atexit.register(lambda: os._exit(codes[0]) if codes else None)
     try:
         code = main()
         sys.stdout.flush()
-        if code == 130:
-            # All work has been unwound; to take the interpreter down as well takes up to a second.
-            atexit.register(os._exit, code)
+        codes.append(code)
     except OSError as error:
         if not isinstance(error, BrokenPipeError):
             print(f"gibbs-codegen: output: {cause_of(error)}", file=sys.stderr)

@@ -15,7 +15,6 @@ import zipfile
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
-from xml.sax.saxutils import quoteattr
 
 from gibbs_codegen.arrays.c_file import CFunction, c_files
 from gibbs_codegen.arrays.functions import Functions
@@ -205,7 +204,7 @@ def _described(model: Model, variables: Sequence[Variable]) -> Context:
     units = base_units(["s", *(variable.unit for variable in variables)])
     return {
         "version": __version__,
-        "words": quoteattr(f"Dynamics of {model.robot.name}: SI units, world axes with z up"),
+        "words": _quoted(f"Dynamics of {model.robot.name}: SI units, world axes with z up"),
         "step": STEP,
         "units": [{"name": unit, "base": _base_unit(base)} for unit, base in units.items()],
         "arrays": [
@@ -226,11 +225,18 @@ def _described(model: Model, variables: Sequence[Variable]) -> Context:
     }
 
 
+def _quoted(text: str) -> str:
+    """The value of an attribute."""
+    from xml.sax.saxutils import quoteattr  # Late: it imports what reads from networks.
+
+    return quoteattr(text)
+
+
 def _attributes(variable: Variable) -> str:
     """Attributes that both versions have alike."""
     return (
-        f'name={quoteattr(variable.name)} valueReference="{variable.place}" '
-        f"{_CAUSALITY[variable.kind]} description={quoteattr(variable.words)}"
+        f'name={_quoted(variable.name)} valueReference="{variable.place}" '
+        f"{_CAUSALITY[variable.kind]} description={_quoted(variable.words)}"
     )
 
 
