@@ -79,11 +79,11 @@ class SolvedJoint:
             entries[self.direction] = tape.let(entries[self.direction] + relative)
             return relative, Acceleration.of(entries)
         rest = [
-            tape.let(ratio * entry)
+            tape.let(times(ratio, entry))
             for i, (ratio, entry) in enumerate(zip(self.ratios, entries, strict=True))
             if i != self.direction
         ]
-        along = tape.let(self.share - sp.Add(*rest))
+        along = tape.less(self.share, *rest)
         relative = tape.let(along - entries[self.direction])
         entries[self.direction] = along
         return relative, Acceleration.of(entries)
@@ -238,7 +238,7 @@ def _freed(
         # Without armature nothing but the effort, which is what is left of entry − D·share.
         tape.let(times(armature, share) - effort)
         if i == direction
-        else tape.less_product(entry, column[i], share)
+        else tape.less(entry, tape.let(times(column[i], share)))
         for i, entry in enumerate(load)
     )
     felt = body.inertia.without(tape, direction, ratios, armature)

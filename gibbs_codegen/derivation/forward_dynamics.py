@@ -33,7 +33,7 @@ from gibbs_codegen.graph.from_tape import ImportedTape
 from gibbs_codegen.program.lower import operations
 from gibbs_codegen.robot.description import Description
 from gibbs_codegen.symbolic.ldlt import ZeroPivotError, operations_to_solve, solve_symmetric
-from gibbs_codegen.symbolic.tape import Scalars, Vector, negated, plus
+from gibbs_codegen.symbolic.tape import Scalars, Vector
 from gibbs_codegen.symbolic.vectors import NO_WRENCH, ZERO, Matrix, Wrench, minus, zeros
 
 # Wrenches that act on segments of the reduced tree, by their index: about the joint, or the origin,
@@ -162,9 +162,7 @@ def _without_translation(
     for i, wrench in enumerate(inertia.wrenches):
         for j in range(i, -1, -1):
             entry = inertia.entries.get((j, i), sp.S.Zero)
-            matrix[i][j] = matrix[j][i] = tape.let(
-                plus(entry, negated(tape.dot(wrench.force, light[j])))
-            )
+            matrix[i][j] = matrix[j][i] = tape.less(entry, tape.dot(wrench.force, light[j]))
     for i, wrench in enumerate(inertia.wrenches):
         for k, entry in enumerate(_about(tape, wrench, centre)):
             matrix[i][n + k] = matrix[n + k][i] = entry

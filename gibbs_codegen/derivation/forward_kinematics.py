@@ -21,7 +21,7 @@ from gibbs_codegen.robot.layout import frames_of
 from gibbs_codegen.robot.names import identifier
 from gibbs_codegen.robot.parts.numbers import BASE
 from gibbs_codegen.symbolic.structural import Turn, product, turned_by_rpy
-from gibbs_codegen.symbolic.tape import Scalars, Stage, Vector, negated, plus, times
+from gibbs_codegen.symbolic.tape import Scalars, Stage, Vector, plus, times
 from gibbs_codegen.symbolic.vectors import NO_ROTATION, ZERO, Matrix, Rotation, axis_vector, minus
 
 Frame = tuple[Vector, ...]
@@ -111,7 +111,7 @@ def _turned(tape: Scalars, frame: Frame, rotation: Rotation) -> Frame:
     axes = list(frame)
     cos, sin, pairs = rotation.cos, rotation.sin, list(zip(frame[p], frame[q], strict=True))
     axes[p] = tuple([tape.let(plus(times(cos, a), times(sin, b))) for a, b in pairs])
-    axes[q] = tuple([tape.let(plus(times(cos, b), negated(times(sin, a)))) for a, b in pairs])
+    axes[q] = tuple([tape.less(times(cos, b), times(sin, a)) for a, b in pairs])
     return tuple(axes)
 
 

@@ -95,11 +95,11 @@ class Inertia:
             turned[_index(p, q)] = pq if s == 0 else -pq
         else:
             # With w = s(E_pp − E_qq) + 2cE_pq the block takes four products instead of eight.
-            difference, twice = tape.let(plus(pp, negated(qq))), tape.let(times(sp.Integer(2), pq))
-            w = tape.let(plus(times(s, difference), times(c, twice)))
-            turned[_index(p, p)] = tape.let(plus(pp, negated(times(s, w))))
+            along, across = tape.less(pp, qq), tape.let(times(sp.Integer(2), pq))
+            w = tape.let(plus(times(s, along), times(c, across)))
+            turned[_index(p, p)] = tape.less(pp, times(s, w))
             turned[_index(q, q)] = tape.let(plus(qq, times(s, w)))
-            turned[_index(p, q)] = tape.let(plus(times(c, w), negated(pq)))
+            turned[_index(p, q)] = tape.less(times(c, w), pq)
         return Inertia(self.mass, moment, tuple(turned[i] for i in range(6)))
 
     def shifted(self, tape: Scalars, arm: Vector) -> Inertia:
@@ -168,10 +168,11 @@ def rotated_block(tape: Scalars, rotation: Rotation, block: Block) -> Block:
         turned |= {(p, p): pp, (q, q): qq, (p, q): pq, (q, p): qp}
     else:
         # With w = s(M_pp − M_qq) + c(M_pq + M_qp) it takes four products instead of sixteen.
-        w = tape.let(s * tape.let(pp - qq) + c * tape.let(pq + qp))
-        sine, cosine = tape.let(s * w), tape.let(c * w)
-        turned[p, p], turned[q, q] = tape.let(pp - sine), tape.let(qq + sine)
-        turned[p, q], turned[q, p] = tape.let(cosine - qp), tape.let(cosine - pq)
+        along, across = tape.less(pp, qq), tape.let(plus(pq, qp))
+        w = tape.let(plus(times(s, along), times(c, across)))
+        sine, cosine = tape.let(times(s, w)), tape.let(times(c, w))
+        turned[p, p], turned[q, q] = tape.less(pp, sine), tape.let(plus(qq, sine))
+        turned[p, q], turned[q, p] = tape.less(cosine, qp), tape.less(cosine, pq)
     return _block(lambda i, j: turned[i, j])
 
 
@@ -229,7 +230,7 @@ class ArticulatedInertia:
         def entry(i: int, j: int) -> sp.Expr:
             if direction in (i, j):
                 return tape.let(times(armature, ratios[j if i == direction else i]))
-            return tape.less_product(rows[i][j], ratios[i], column[j])
+            return tape.less(rows[i][j], tape.let(times(ratios[i], column[j])))
 
         return self.of_entries(entry)
 
@@ -250,22 +251,22 @@ class ArticulatedInertia:
         """
         if arm == ZERO:
             return self
-        lever = skew(arm)
-        old = self.coupling
-        new = _block(
-            lambda i, j: tape.let(
-                old[i][j] - sp.Add(*(tape.let(self.linear[i][k] * lever[k, j]) for k in range(3)))
-            )
-        )
+        lever, old = skew(arm).tolist(), self.coupling
+
+        def moved(i: int, j: int) -> sp.Expr:
+            shares = [tape.let(times(self.linear[i][k], lever[k][j])) for k in range(3)]
+            return tape.less(old[i][j], *shares)
+
+        new = _block(moved)
 
         def entry(i: int, j: int) -> sp.Expr:
             if i == j:
-                gain = sp.Add(*(lever[i, k] * (old[k][i] + new[k][i]) for k in range(3)))
+                gain = [times(lever[i][k], plus(old[k][i], new[k][i])) for k in range(3)]
             else:  # The shorter of J'_ij and J'_ji, since joints eliminate the last direction, z.
                 k = 3 - i - j
-                gain = lever[j, i] * (new[i][i] - old[j][j])
-                gain += lever[j, k] * new[k][i] + lever[i, k] * old[k][j]
-            return tape.let(self.angular[i][j] + gain)
+                gain = [times(lever[j][i], plus(new[i][i], negated(old[j][j])))]
+                gain += [times(lever[j][k], new[k][i]), times(lever[i][k], old[k][j])]
+            return tape.let(plus(self.angular[i][j], *gain))
 
         return ArticulatedInertia(self.linear, new, _symmetric(entry))
 

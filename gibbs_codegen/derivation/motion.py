@@ -66,7 +66,7 @@ class Motion:
         def entry(i: int, j: int) -> sp.Expr:
             if i == j:
                 k, m = (j + 1) % 3, (j + 2) % 3
-                return tape.let(plus(negated(products[k][k]), negated(products[m][m])))
+                return tape.less(negated(products[k][k]), products[m][m])
             turning = omega_dot[3 - i - j]
             along = turning if (i - j) % 3 == 1 else negated(turning)
             return tape.let(plus(products[i][j], along))
@@ -131,12 +131,13 @@ class Motion:
         let = tape.let
         (x, y, z), (_, _, z_dot) = self.omega, self.omega_dot
         xz, yz, zz = self.gradient[2]
-        spin = let(z + rate)
-        spin_dot = let(z_dot + acceleration)
-        omega_dot = (let(let(y * spin) - yz), let(xz - let(x * spin)), spin_dot)
-        product, square = let(x * y), let(spin * spin)
-        first = (let(-let(y * y) - square), let(product + spin_dot), let(let(2 * x) * spin - xz))
-        second = (let(product - spin_dot), let(-let(x * x) - square), let(let(2 * y) * spin - yz))
+        spin, spin_dot, less = let(plus(z, rate)), let(plus(z_dot, acceleration)), tape.less
+        omega_dot = (less(let(times(y, spin)), yz), less(xz, let(times(x, spin))), spin_dot)
+        product, square = let(times(x, y)), let(spin * spin)
+        x_turns = less(negated(let(y * y)), square), let(plus(product, spin_dot))
+        first = (*x_turns, less(times(let(2 * x), spin), xz))
+        y_turns = less(product, spin_dot), less(negated(let(x * x)), square)
+        second = (*y_turns, less(times(let(2 * y), spin), yz))
         return Motion((x, y, spin), omega_dot, self.acceleration, (first, second, (xz, yz, zz)))
 
     def slid(self, tape: Scalars, rate: sp.Expr, acceleration: sp.Expr) -> Motion:

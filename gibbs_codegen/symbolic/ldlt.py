@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 import sympy as sp
 
 from gibbs_codegen.symbolic.choices import above, chosen
-from gibbs_codegen.symbolic.tape import Scalars, Values, negated, plus, times
+from gibbs_codegen.symbolic.tape import Scalars, Values, times
 
 Rows = Sequence[Values]
 Safe = Callable[[int, sp.Expr], tuple[sp.Expr, sp.Expr]]
@@ -49,15 +49,14 @@ def solve_symmetric(
             if factors[i, k] == 0:
                 continue
             for j in remaining[place:]:
-                entry = tape.less_product(lower[i][j], factors[i, k], lower[j][k])
+                entry = tape.less(lower[i][j], tape.let(times(factors[i, k], lower[j][k])))
                 lower[i][j] = lower[j][i] = entry
-            rest[i] = tape.less_product(rest[i], factors[i, k], rest[k])
+            rest[i] = tape.less(rest[i], tape.let(times(factors[i, k], rest[k])))
     solution: dict[int, sp.Expr] = {}
     for step in range(len(order) - 1, -1, -1):
         k = order[step]
         solved = [tape.let(times(factors[i, k], solution[i])) for i in order[step + 1 :]]
-        others = [negated(term) for term in solved]
-        solution[k] = tape.let(plus(tape.let(times(rest[k], inverse[k])), *others))
+        solution[k] = tape.less(tape.let(times(rest[k], inverse[k])), *solved)
     return [solution[k] for k in range(len(order))]
 
 

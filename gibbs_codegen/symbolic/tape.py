@@ -35,16 +35,12 @@ def times(a: sp.Expr, b: sp.Expr) -> sp.Expr:
     """SymPy's a·b."""
     if a is sp.S.Zero or b is sp.S.Zero:
         return sp.S.Zero
-    if b.is_Symbol:
-        if a.is_Symbol and a is not b:
-            factors = (a, b) if a.name < b.name else (b, a)
-            return sp.Mul._from_args(factors, is_commutative=True)
-        if a is sp.S.One:
-            return b
-        if a.is_Rational:
-            return sp.Mul._from_args((a, b), is_commutative=True)
-    elif a.is_Symbol and b.is_Rational:
-        return times(b, a)
+    if a.is_Symbol and b.is_Symbol and a is not b:
+        factors = (a, b) if a.name < b.name else (b, a)
+        return sp.Mul._from_args(factors, is_commutative=True)
+    is_number = a.is_Rational and a is not sp.S.One
+    if (is_number and b.is_Symbol) or (a.is_Symbol and b.is_Add):
+        return sp.Mul._from_args((a, b), is_commutative=True)
     if is_minus_symbol(a):
         return negated(times(a.args[1], b))
     if is_minus_symbol(b):
@@ -54,42 +50,31 @@ def times(a: sp.Expr, b: sp.Expr) -> sp.Expr:
 
 def negated(a: sp.Expr) -> sp.Expr:
     """SymPy's −a."""
-    if a.is_Symbol:
-        return sp.Mul._from_args((_MINUS_ONE, a), is_commutative=True)
-    if a.is_Mul:
-        first, *rest = a.args
-        if first is _MINUS_ONE:
-            return sp.Mul._from_args(tuple(rest), is_commutative=True)
-        if first.is_Symbol:
-            return sp.Mul._from_args((_MINUS_ONE, *a.args), is_commutative=True)
+    factors = a.args if a.is_Mul else (a,)
+    if factors[0] is _MINUS_ONE:
+        return sp.Mul._from_args(factors[1:], is_commutative=True)
+    if factors[0].is_Symbol:
+        return sp.Mul._from_args((_MINUS_ONE, *factors), is_commutative=True)
     return -a
 
 
 def plus(*terms: sp.Expr) -> sp.Expr:
     """SymPy's sum of terms."""
-    # Each term by what SymPy sorts by; its factors without signs are those of no other term.
-    sorted_by: dict[tuple[str, ...], tuple[tuple[int, tuple[str, ...]], sp.Expr]] = {}
-    numbers = []
+    numbers = [term for term in terms if term.is_Number and term is not sp.S.Zero]
+    # By the names of its factors, which no other term may have: what SymPy sorts by, and the term.
+    named: dict[tuple[str, ...], tuple[tuple[int, tuple[str, ...]], sp.Expr]] = {}
     for term in terms:
-        if term.is_Symbol:
-            names, rank = (term.name,), 0
-        elif term.is_Number:
-            if term is not sp.S.Zero:
-                numbers.append(term)
+        if term.is_Number:
             continue
-        else:
-            factors = term.args
-            minus = term.is_Mul and factors[0] is _MINUS_ONE
-            names = tuple([f.name for f in factors[minus:] if f.is_Symbol])
-            if not term.is_Mul or len(names) != len(factors) - minus or len(names) > 2:
-                return sp.Add(*terms)
-            rank = 2 * len(factors) - minus
-        if names in sorted_by:
+        factors = term.args if term.is_Mul else (term,)
+        minus = factors[0] is _MINUS_ONE
+        names = tuple([factor.name for factor in factors[minus:] if factor.is_Symbol])
+        if len(names) != len(factors) - minus or len(names) > 2 or names in named:
             return sp.Add(*terms)
-        sorted_by[names] = (rank, names), term
+        named[names] = (2 * len(factors) - minus, names), term
     if len(numbers) > 1:
         return sp.Add(*terms)
-    ordered = sorted(sorted_by.values(), key=itemgetter(0))
+    ordered = sorted(named.values(), key=itemgetter(0))
     return sp.Add._from_args((*numbers, *[term for _, term in ordered]), is_commutative=True)
 
 
@@ -127,10 +112,6 @@ def whole_power(factor: sp.Expr) -> tuple[sp.Expr, int]:
 SignedTerm = tuple[int, sp.Expr]
 # The group of what a recursion over the state makes of parameters alone.
 WORDS_OF_CONSTANTS = "constant terms and factors of the functions"
-
-
-def _added(terms: Sequence[SignedTerm]) -> sp.Expr:
-    return plus(*[term if sign > 0 else negated(term) for sign, term in terms])
 
 
 class Stage(IntEnum):
@@ -181,17 +162,16 @@ class Scalars(ABC):
     def cross(self, a: Vector, b: Vector) -> Vector:
         """Vector product a × b, in one frame."""
         return tuple(
-            self.let(plus(times(a[i - 2], b[i - 1]), negated(times(a[i - 1], b[i - 2]))))
-            for i in range(3)
+            self.less(times(a[i - 2], b[i - 1]), times(a[i - 1], b[i - 2])) for i in range(3)
         )
 
     def dot(self, a: Vector, b: Vector) -> sp.Expr:
         """Scalar product a·b, in one frame."""
         return self.let(plus(*map(times, a, b)))
 
-    def less_product(self, a: sp.Expr, b: sp.Expr, c: sp.Expr) -> sp.Expr:
-        """A − b·c, where the product has a name of its own."""
-        return self.let(plus(a, negated(self.let(times(b, c)))))
+    def less(self, first: sp.Expr, *others: sp.Expr) -> sp.Expr:
+        """The first value less the others."""
+        return self.let(plus(first, *map(negated, others)))
 
     def sum_of_products(self, a: Values, b: Values, *others: sp.Expr) -> sp.Expr:
         """Σ a_i·b_i, and `others` added.
@@ -318,15 +298,12 @@ class Tape(Scalars):
         raise TypeError(f"the tape has no rule for {type(expression).__name__}: {expression}")
 
     def _name_product(self, expression: sp.Expr) -> sp.Expr:
-        if expression.is_Mul and len(expression.args) == 2:
-            first, second = expression.args
-            if first.is_Symbol and second.is_Symbol:  # Nothing to sort: by far the most frequent.
+        if expression.is_Mul:
+            first, second, *rest = expression.args
+            if first is _MINUS_ONE:
+                return negated(self._name_product(negated(expression)))
+            if not rest and first.is_Symbol and second.is_Symbol:  # By far the most frequent.
                 return self._define(expression, max(self.stages[first], self.stages[second]))
-        if expression.is_Mul and len(expression.args) == 3:
-            sign, first, second = expression.args
-            if sign is _MINUS_ONE and first.is_Symbol and second.is_Symbol:
-                stage = max(self.stages[first], self.stages[second])
-                return negated(self._define(times(first, second), stage))
         number: sp.Expr = sp.S.One
         factors: list[sp.Symbol] = []
         for factor in sp.Mul.make_args(expression):
@@ -393,8 +370,8 @@ class Tape(Scalars):
         negative = sum(sign < 0 for sign, _ in terms)
         first, _ = min(terms, key=lambda term: self._ranks.get(term[1], -1))
         if 2 * negative > len(terms) or (2 * negative == len(terms) and first < 0):
-            return negated(self._define(_added([(-sign, term) for sign, term in terms]), stage))
-        return self._define(_added(terms), stage)
+            return negated(self._signed_sum([(-sign, term) for sign, term in terms], stage))
+        return self._define(plus(*[t if sign > 0 else negated(t) for sign, t in terms]), stage)
 
     def _define(self, expression: sp.Expr, stage: Stage) -> sp.Expr:
         name = self._names.get(expression)

@@ -122,8 +122,7 @@ class Rotation:
     def turned(self, tape: Scalars, p: sp.Expr, q: sp.Expr) -> tuple[sp.Expr, sp.Expr]:
         """Two components along the plane's axes, from the turned frame to the one turned from."""
         c, s = self.cos, self.sin
-        first = tape.let(plus(times(c, p), negated(times(s, q))))
-        return first, tape.let(plus(times(s, p), times(c, q)))
+        return tape.less(times(c, p), times(s, q)), tape.let(plus(times(s, p), times(c, q)))
 
     def vector(self, tape: Scalars, v: Vector) -> Vector:
         """A vector of the turned frame in the frame turned from."""

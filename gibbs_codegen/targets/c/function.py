@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -148,7 +147,7 @@ def c_functions(model: Model, printer: InfixPrinter) -> list[Context]:
         whole = every.get(WHOLES.get(name, ""))
         if whole and whole.angles != parts.angles:
             whole = None
-        one: _Printed = (
+        one = (
             _PartOfText(parts, c.CStatements(printer), whole)
             if whole and isinstance(whole.one, _StraightOn)
             else parts.one
@@ -178,7 +177,8 @@ def _parts(model: Model, function: Function, signature: Signature, printer: Infi
 class _Parts:
     """A function, the names of its inputs by argument, its angles, and its schedule.
 
-    `called_by` are the functions that return a part of what it does by its text.
+    `called_by` are the functions that return a part of what it does by its text; `printer` writes
+    it in its forms, `one` and `block`.
     """
 
     function: Function
@@ -228,15 +228,11 @@ class _Parts:
 
 
 @dataclass(frozen=True)
-class _Printed(ABC):
+class _Printed:
     """A function in one of its forms, with the printer of that form's statements."""
 
     parts: _Parts
     statements: c.CStatements
-
-    @abstractmethod
-    def body(self) -> FunctionBody:
-        """Its helpers and its body."""
 
     def _array_size(self, entries: int | str) -> str:
         return c.array_size(entries, self.statements.of_several)
