@@ -9,7 +9,7 @@
       lower            graph, outputs  → Program: statements by stage    (program/lower)
     render_module      Model           → text of each file               (targets/registry)
     render_archives    Model           → FMUs, of sources compiled       (targets/fmu)
-    refuse_wrong       text, Robot     → checks passed, or an error      (verification/emitted)
+    refuse_wrong       text, Robot     → checks passed, or an error      (verification/verify)
     write_module       text            → generated/<name>/, or nothing   (files/module_writer)
 
 Robot files are made from URDF, MJCF and SDF by exchange/importing, and exported by
@@ -39,7 +39,7 @@ from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.runtime.c_library import announced
 from gibbs_codegen.targets import registry
 from gibbs_codegen.targets.c.laws import check_laws
-from gibbs_codegen.verification.emitted import refuse_wrong
+from gibbs_codegen.verification.verify import refuse_wrong
 
 StrPath = str | os.PathLike[str]
 

@@ -79,8 +79,7 @@ class Conditions:
         return self._signs[condition] == self._broken[condition]
 
     def _broken_near(self, choice: int) -> list[int]:
-        signs, broken = self._signs, self._broken
-        return [i for i, _ in self._places[choice] if signs[i] == broken[i]]
+        return [condition for condition, _ in self._places[choice] if self._is_broken(condition)]
 
     def _gain(self, choice: int) -> int:
         """The number of broken conditions that changing a choice saves."""
@@ -172,10 +171,9 @@ class Polarity:
                 kind, label = graph.kinds[node], graph.labels[node]
                 if kind is NodeKind.PRODUCT:
                     first, second = [self.choices.get(ref >> 1, ()) for ref in operands]
-                    changing = first or second
-                    if first and second:  # A choice that changes both factors changes nothing.
-                        both = set(first).intersection(second)
-                        changing = tuple([i for i in first + second if i not in both])
+                    # A choice that changes both factors changes nothing.
+                    both = set(first).intersection(second) if first and second else ()
+                    changing = tuple([i for i in first + second if i not in both])
                 elif kind is NodeKind.SUM or label in ("sin", "cos"):
                     changing = (node,)
                     self._require([graph.one] if label in EVEN else operands, changing)

@@ -19,10 +19,18 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from types import ModuleType
 
+from gibbs_codegen.errors import WrongModuleError
 from gibbs_codegen.interface import LANES
 from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.verification import invariants
-from gibbs_codegen.verification.comparison import Comparison, Results, explained, failed, merged
+from gibbs_codegen.verification.comparison import (
+    Comparison,
+    Results,
+    explained,
+    failed,
+    failure_text,
+    merged,
+)
 from gibbs_codegen.verification.complex_steps import ComplexSteps
 from gibbs_codegen.verification.contents import compare_contents
 from gibbs_codegen.verification.derivatives import compare_derivatives
@@ -40,6 +48,8 @@ ONE_STATE, ANY_ANGLES = "one state by itself", "any angles"
 OTHER_PARAMETERS = "other parameters"
 # Formulations by libraries, whose names their modules in this package begin with.
 _LIBRARIES = {"Pinocchio": "pinocchio", "MuJoCo": "mujoco"}
+# A module that was just emitted is compared at so many: a few reveal a wrong one.
+_FEW_STATES = 3
 # How many numbers Lagrange's equations may keep at once: states times coordinates times points.
 _MOST_NUMBERS = 3_000_000
 # How many entries the mass matrices of all states that are computed at once may have.
@@ -252,3 +262,28 @@ def _with_other_parameters(
         yield from compare_derivatives(
             evaluation, ComplexSteps(numpy or module, other), other, few, also
         )
+
+
+def refuse_wrong(robot: Robot, numpy_source: str, progress: Progress = lambda _: None) -> None:
+    """Verify emitted NumPy functions quickly, before they are written.
+
+    Raises `WrongModuleError` if a comparison fails.
+    """
+    progress("verifying")
+    try:
+        module = module_of(numpy_source)
+        comparisons = compare_module(
+            module, robot, [formulated(NewtonEuler(Tree(robot)))], _FEW_STATES, 0, extent=QUICK
+        )
+    except (Exception, SystemExit) as error:  # Whatever was emitted.
+        comparisons = [failed("the module", "", error)]
+    failures = [failure_text(c) for c in comparisons if not c.passed]
+    if failures:
+        raise WrongModuleError(robot.name, failures, len(comparisons))
+
+
+def module_of(source: str) -> ModuleType:
+    """The module of emitted NumPy source."""
+    module = ModuleType("emitted")
+    exec(source, module.__dict__)  # noqa: S102 - what this package has just written
+    return module

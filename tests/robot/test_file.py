@@ -19,7 +19,7 @@ from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.robot.parts.body import RigidBody, Rod, inertia_fault
 from gibbs_codegen.robot.parts.numbers import AXES
 from gibbs_codegen.robot.text import robot_text
-from gibbs_codegen.verification.emitted import refuse_wrong
+from gibbs_codegen.verification.verify import refuse_wrong
 
 pytestmark = pytest.mark.usefixtures("derived_once")
 

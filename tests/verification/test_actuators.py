@@ -24,7 +24,6 @@ from gibbs_codegen.robot.file import parse_robot
 from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.targets.registry import render_module
 from gibbs_codegen.verification.comparison import Results, failure_text
-from gibbs_codegen.verification.emitted import module_of
 from gibbs_codegen.verification.equations import Expected
 from gibbs_codegen.verification.formulation import formulated
 from gibbs_codegen.verification.modules import verify
@@ -32,7 +31,7 @@ from gibbs_codegen.verification.newton_euler import NewtonEuler
 from gibbs_codegen.verification.parameters import prepared, variation, with_values
 from gibbs_codegen.verification.states import States
 from gibbs_codegen.verification.tree import Tree
-from gibbs_codegen.verification.verify import compare_module
+from gibbs_codegen.verification.verify import compare_module, module_of
 
 # Of motors, servos and battery, with one function of all bodies.
 FEW = ("actuators", "residual")

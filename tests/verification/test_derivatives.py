@@ -15,7 +15,7 @@ from gibbs_codegen.robot.file import read_robot
 from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.robot.parts.link import Passive
 from gibbs_codegen.targets.registry import render_module
-from gibbs_codegen.verification.emitted import refuse_wrong
+from gibbs_codegen.verification.verify import refuse_wrong
 
 QUICKLY = ("inverse_dynamics_derivatives", "forward_dynamics_vjp", "coriolis_matrix")
 

@@ -28,7 +28,6 @@ from gibbs_codegen.robot.parts.base import Base, alternating_thrust
 from gibbs_codegen.robot.parts.body import RigidBody, Rod
 from gibbs_codegen.targets.registry import render_module
 from gibbs_codegen.verification.comparison import Results
-from gibbs_codegen.verification.emitted import module_of
 from gibbs_codegen.verification.equations import Expected, input_matrix
 from gibbs_codegen.verification.formulation import (
     Formulation,
@@ -41,7 +40,7 @@ from gibbs_codegen.verification.parameters import InOwnUnits, parameter_values, 
 from gibbs_codegen.verification.pinocchio_tree import Pinocchio
 from gibbs_codegen.verification.states import States
 from gibbs_codegen.verification.tree import Tree
-from gibbs_codegen.verification.verify import formulations
+from gibbs_codegen.verification.verify import formulations, module_of
 
 # Exact formulations to rounding; Lagrange's differences of fourth order to their truncation.
 EXACT, BY_DIFFERENCES = 1e-12, 1e-8

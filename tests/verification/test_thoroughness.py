@@ -25,11 +25,11 @@ from gibbs_codegen.targets.registry import render_module
 from gibbs_codegen.verification import c_program
 from gibbs_codegen.verification.c_program import compare_rollouts, compare_single_precision
 from gibbs_codegen.verification.comparison import Comparison
-from gibbs_codegen.verification.emitted import refuse_wrong
 from gibbs_codegen.verification.modules import verify
 from gibbs_codegen.verification.parameters import parameter_values, with_values
 from gibbs_codegen.verification.states import Sizes, States
 from gibbs_codegen.verification.tree import Tree
+from gibbs_codegen.verification.verify import refuse_wrong
 
 # What looks at parameters that are others than the robot file's, for all states or for each.
 OF_PARAMETERS = {"constants of each state", "other parameters"}
