@@ -195,7 +195,7 @@ _QUICK_LOOPS = (
 _REST_OF_ARRAYS = (
     *("tests/targets/test_laws.py", "tests/targets/test_fmu.py", "tests/emitted/test_engine.py"),
     *("tests/flight/integration", "tests/flight/rollouts", "tests/flight/plant"),
-    "tests/flight/control/test_predictive.py",
+    *("tests/flight/control/test_predictive.py", "tests/runtime/test_own_law.py"),
 )
 
 
