@@ -6,8 +6,10 @@
 from __future__ import annotations
 
 import ctypes
+import threading
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from functools import lru_cache
 from types import ModuleType
 from typing import Any, NamedTuple
 
@@ -149,24 +151,32 @@ class ProgramSteps:
         *,
         going: Flags | None = None,
         threads: int = 1,
+        samples: Array | None = None,
     ) -> Taken:
         """Take steps with all states, fewer with those that are refused or cannot go on.
 
         `states` are (count, size). Each `every`-th step is a sample, where `number` steps came
-        before. `going` (count): those that are flown.
+        before; `samples` (count, s, size), if given, takes them. `going` (count): those that are
+        flown.
         """
         blocks, kept = self._count, (number + steps) // every - number // every
         self._state[...] = self.blocks.of_rows(states)
-        samples = self.blocks.filled(blocks, kept + 1, self.size, self.blocks.lanes)
+        records = np.empty((self.count, kept, self.size)) if samples is None else samples
         self._progress[...] = 0
         flown = np.zeros(blocks * self.blocks.lanes, dtype=np.int32)
         flown[: self.count] = 1 if going is None else going
         self._progress[:, 0] = flown.reshape(blocks, -1)
-        places = [*self._places, (samples.ctypes.data, samples.strides[0])]
+        lanes, room = self.blocks.lanes, threading.local()
 
         def fly(k: int) -> None:
-            arguments, x, ends, kept_at = (first + k * stride for first, stride in places)
-            self._run(arguments, time, step, steps, every, number, x, kept_at, None, ends)
+            # Each thread has room for the samples of one block, which stay in the cache.
+            if not hasattr(room, "block"):
+                room.block = self.blocks.filled(kept + 1, self.size, lanes)
+            arguments, x, ends = (first + k * stride for first, stride in self._places)
+            at = room.block.ctypes.data
+            self._run(arguments, time, step, steps, every, number, x, at, None, ends)
+            rows = records[k * lanes : (k + 1) * lanes]
+            rows[...] = np.moveaxis(room.block[:kept], -1, 0)[: len(rows)]
 
         if min(threads, blocks) == 1:
             for block in range(blocks):
@@ -174,9 +184,8 @@ class ProgramSteps:
         else:  # Block by block, so that Ctrl-C waits for no more than those under way.
             with ThreadPoolExecutor(threads) as pool:
                 list(pool.map(fly, range(blocks)))
-        last, records, ended = (
-            self.blocks.to_rows(x, self.count)
-            for x in (self._state.copy(), samples[:, :kept], self._progress.copy())
+        last, ended = (
+            self.blocks.to_rows(x.copy(), self.count) for x in (self._state, self._progress)
         )
         goes_on, refused, taken = ended.T
         if taken.min() < steps:
@@ -194,6 +203,7 @@ def steps_source(
     return c_text([program], robot, lanes, per_state=per_state, engine=engine)
 
 
+@lru_cache(maxsize=16)
 def _compiled(module: ModuleType, program: Program, blocks: Blocks, *, per_state: bool) -> Any:
     """The function that takes many steps; with `per_state` states have constants of their own."""
     source = steps_source(program, Functions(module), blocks.lanes, per_state=per_state)

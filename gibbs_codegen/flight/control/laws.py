@@ -113,10 +113,16 @@ def curve_tables(motion: Reference, centre: Reference) -> list[Array]:
 
 
 @lru_cache(maxsize=64)
+def program_of(whole: closed_loop.LoopStructure, name: str) -> Program:
+    """A program of a closed loop by its name; many flights share one."""
+    program: Program = getattr(whole, name)()
+    return program
+
+
+@lru_cache(maxsize=64)
 def evaluator_of(whole: closed_loop.LoopStructure, name: str) -> Evaluator:
     """The evaluator of a program of a closed loop by its name; many flights share one."""
-    program: Program = getattr(whole, name)()
-    return Evaluator(program, dict.fromkeys(("plant", "model"), whole.module))
+    return Evaluator(program_of(whole, name), dict.fromkeys(("plant", "model"), whole.module))
 
 
 def constants_of(plant: Vehicle, model: Vehicle) -> dict[str, Any]:

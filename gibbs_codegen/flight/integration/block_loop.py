@@ -55,7 +55,10 @@ class BlockIntegration:
         compiled blocks. `progress` is told the time reached, s.
         """
         envelope, grid, count = self._envelope(self.loop), StepGrid(self.settings), len(starts)
-        times, samples = [np.zeros(1)], [starts[:, np.newaxis].copy()]
+        intervals = [*self.loop.smooth_intervals(0.0, self.duration)]
+        times = np.concatenate([np.zeros(1), *map(grid.sample_times, intervals)])
+        states = np.empty((count, len(times), starts.shape[1]))
+        states[:, 0], filled = starts, 1
         kept, last, ends = np.ones(count, dtype=np.int64), starts.copy(), np.zeros(count)
         # Flights that are still under way, and those that must be integrated by themselves.
         flies, alone = np.ones(count, dtype=bool), np.zeros(count, dtype=bool)
@@ -69,7 +72,7 @@ class BlockIntegration:
                 alone[i], flies[i] = not reasons[i], False
 
         end(~envelope.goes_on(ends, last))
-        for interval in self.loop.smooth_intervals(0.0, self.duration):
+        for interval in intervals:
             block = self._block(envelope.bounds, interval.loads, count)
             if block is None:
                 return [None] * count
@@ -80,11 +83,10 @@ class BlockIntegration:
                     held, lost = self.loop.held(time, last)
                 last[flies] = held[flies]
                 # A sample of now is after the impact.
-                if flies.any() and times[-1][-1:].tolist() == [time]:
-                    samples[-1][flies, -1] = last[flies]
+                if flies.any() and times[filled - 1] == time:
+                    states[flies, filled - 1] = last[flies]
                 for i in np.flatnonzero(flies).tolist():
                     impacts[i].append((time, float(lost[i])))
-            times.append(grid.sample_times(interval))
             parts = [
                 (part, done)
                 for part in grid.stretches(interval)
@@ -95,6 +97,7 @@ class BlockIntegration:
                     break
                 steps, number = min(_STEPS_A_CALL, stretch.steps - done), stretch.first + done
                 every, going = stretch.every, flies.copy()
+                before, filled = filled, filled + (number + steps) // every - number // every
                 taken = block(
                     time,
                     last,
@@ -104,9 +107,9 @@ class BlockIntegration:
                     number,
                     going=going,
                     threads=self.threads,
+                    samples=states[:, before:filled],
                 )
                 kept += (number + taken.taken) // every - number // every
-                samples.append(taken.samples)
                 time = min((number + steps) * grid.size, interval.end)
                 reached = np.where(taken.taken < steps, (number + taken.taken) * grid.size, time)
                 last[going] = taken.last[going]
@@ -115,13 +118,12 @@ class BlockIntegration:
                 flies &= ~taken.refused
                 end(flies & ~((taken.taken == steps) & envelope.goes_on(ends, last)))
                 progress(time)
-        every_time, states = np.concatenate(times), np.concatenate(samples, axis=1)
         ranges = InputRanges.none(len(self.loop.vehicle.inputs))
         histories: list[StateHistory | None] = [None] * count
         for i in np.flatnonzero(~alone).tolist():
             rows, reason, until = slice(kept[i]), reasons[i], float(ends[i])
             losses = np.reshape(impacts[i], (-1, 2))
-            history = StateHistory(every_time[rows], states[i, rows], reason, ranges, losses)
+            history = StateHistory(times[rows], states[i, rows], reason, ranges, losses)
             # Of a flight that went on to the end, all samples have been looked at.
             if reason or until > history.time[-1]:
                 history = whole_history(history, until, last[i], envelope)

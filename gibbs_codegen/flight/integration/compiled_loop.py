@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from gibbs_codegen.flight.control.laws import program_of
 from gibbs_codegen.flight.integration.closed_loop import (
     DOUBLE,
     SINGLE,
@@ -49,11 +50,13 @@ def steps_of(
     `CompilerError`, or `CacheError` where the cache of libraries cannot be used.
     """
     values = loop_values(closed, bounds, loads, SINGLE if blocks.single else DOUBLE)
-    program = loop_program(closed, loads).step()
+    program = program_of(loop_program(closed, loads), "step")
     shapes = {name: x.shape for name, x in zip(program.names, program.inputs, strict=True)}
-    varying_inputs = [name for name in shapes if np.ndim(values.get(name, 0.0)) > len(shapes[name])]
+    varying_inputs = tuple(
+        name for name in shapes if np.ndim(values.get(name, 0.0)) > len(shapes[name])
+    )
     if varying_inputs:
-        program = loop_program(closed, loads, varying_inputs).step()
+        program = program_of(loop_program(closed, loads, varying_inputs), "step")
     return ProgramSteps(
         closed.vehicle.module,
         program,
