@@ -62,12 +62,16 @@ class Flown(NamedTuple):
 
 
 class Samples(NamedTuple):
-    """Samples of a law: what each is told, and where C leaves its commands.
+    """Samples of a law at the begins of intervals: what each is told, and where C leaves commands.
 
-    `times` (n) and `learns` (n), s, `errors` (n, …), what the law remembers, and `commands`
-    (before + n, nu), of which those of `before` the first are there.
+    So many samples are `due` (k) at times `begins` (k), s, and the command at a place of `acting`
+    (k) then acts. `times` (n) and `learns` (n), s, `errors` (n, …), what the law remembers, and
+    `commands` (before + n, nu), of which those of `before` the first sample are there.
     """
 
+    begins: Array
+    due: NDArray[np.intp]
+    acting: NDArray[np.intp]
     times: Array
     learns: Array
     errors: Array

@@ -13,10 +13,9 @@ from collections import deque
 from collections.abc import Callable, Mapping
 from functools import cache
 from time import perf_counter
-from typing import Any, ClassVar, NamedTuple, Protocol
+from typing import Any, ClassVar, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from gibbs_codegen.errors import UsageError, written
 from gibbs_codegen.flight.arguments import whole
@@ -333,18 +332,6 @@ class LawController:
         return commands_for(law.vehicle, *at, inputs, self._of_commands)
 
 
-class Ahead(NamedTuple):
-    """Samples of a law ahead: how many are `due` (n) at times (n), s, and which command then acts.
-
-    `acting` (n) are places among the commands of `samples`.
-    """
-
-    begins: Array
-    due: NDArray[np.intp]
-    acting: NDArray[np.intp]
-    samples: Samples
-
-
 class SampledControl(ZeroOrderHold):
     """A law of control that samples another, or a controller of a user.
 
@@ -395,7 +382,7 @@ class SampledControl(ZeroOrderHold):
         samples = np.arange(first, last) / self.rate
         return self._inside(np.concatenate([samples - late, samples + self.delay]), begin, end)
 
-    def ahead(self, begins: Array) -> Ahead:
+    def ahead(self, begins: Array) -> Samples:
         """What a law of the package is told in samples at times (n), s, with room for commands.
 
         Times are the begins of intervals at which samples are taken and commands take effect, as of
@@ -416,17 +403,17 @@ class SampledControl(ZeroOrderHold):
         errors = self._sensing.errors(len(times), place)
         learns = np.where(law.idles(times), 0.0, 1.0 / self.rate)
         acting = np.searchsorted(effects, until, side="right")
-        samples = Samples(times, learns, errors, memory, commands)
-        return Ahead(begins, np.diff(taken, prepend=0), acting, samples)
+        due = np.diff(taken, prepend=0)
+        return Samples(begins, due, acting, times, learns, errors, memory, commands)
 
-    def took(self, ahead: Ahead, begun: int) -> None:
+    def took(self, samples: Samples, begun: int) -> None:
         """Keep what a law commanded in the samples at so many times of those that were ahead."""
-        law, samples, number = self._controller, ahead.samples, int(ahead.due[:begun].sum())
+        law, number = self._controller, int(samples.due[:begun].sum())
         commands = samples.commands[len(samples.commands) - len(samples.times) :]
         for time, command in zip(samples.times[:number].tolist(), commands, strict=False):
             self.command(time, command)
         self._taken += number
-        self.act(ahead.begins[begun - 1])
+        self.act(samples.begins[begun - 1])
         if isinstance(law, LawController):
             law.memory = samples.memory[: len(law.memory)]
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import itertools
 from bisect import bisect_right
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from typing import Any
@@ -23,7 +23,6 @@ from gibbs_codegen.flight.attitude import LARGEST_THETA_0
 from gibbs_codegen.flight.control.laws import Controller, constants_of, evaluator_of, law_program
 from gibbs_codegen.flight.control.observation import Measured
 from gibbs_codegen.flight.control.sampled_control import (
-    Ahead,
     ControlLaw,
     Measure,
     SampledControl,
@@ -49,6 +48,7 @@ from gibbs_codegen.machine.contact import bristles_of
 from gibbs_codegen.machine.laws import turns_servos
 from gibbs_codegen.machine.machine import NO_SURROUNDINGS, Surroundings
 from gibbs_codegen.machine.state import State, StateLayout
+from gibbs_codegen.runtime.program_flow import Samples
 
 # Axes of what `motion` finds, if it is not two.
 _AXES = {"a": 1, "holding": 1}
@@ -108,9 +108,10 @@ class ClosedLoop:
         return self.controller if isinstance(self.controller, ZeroOrderHold) else None
 
     @property
-    def sampled_law(self) -> Controller | None:
-        """The law of the package that is sampled, if one is."""
-        return self.controller.sampled if isinstance(self.controller, SampledControl) else None
+    def sampled(self) -> SampledControl | None:
+        """What samples a law of the package, if one is sampled."""
+        hold = self.controller
+        return hold if isinstance(hold, SampledControl) and hold.sampled else None
 
     @cached_property
     def lags(self) -> bool:
@@ -331,22 +332,15 @@ class ClosedLoop:
         loads = interval.loads._replace(inputs=self.hold.inputs)
         return interval._replace(loads=loads), stopped
 
-    def ahead(self, intervals: Sequence[SmoothInterval]) -> Ahead:
-        """Samples at the begins of intervals, of a law that is sampled."""
-        assert isinstance(self.controller, SampledControl)  # noqa: S101 - see `sampled_law`
-        return self.controller.ahead(np.array([interval.begin for interval in intervals]))
-
-    def took(self, ahead: Ahead, begun: int, states: Array | None) -> None:
-        """Keep what was commanded, and read by sensors, at the begins of intervals ahead.
+    def took(self, law: SampledControl, ahead: Samples, begun: int, states: Array | None) -> None:
+        """Keep what a law commanded, and sensors read, at the begins of intervals ahead.
 
         So many were `begun`, in `states` (begun, size), which sensors read.
         """
-        law, times = self.controller, ahead.begins[:begun]
-        assert isinstance(law, SampledControl)  # noqa: S101 - see `sampled_law`
         if states is not None and law.readings is not None:
-            held = ahead.samples.commands[np.append(0, ahead.acting[: begun - 1])]
-            measured = self.measured(times, self.parts(states), held).sensors
-            for time, row in zip(times.tolist(), measured, strict=True):
+            held = ahead.commands[np.append(0, ahead.acting[: begun - 1])]
+            measured = self.measured(ahead.begins[:begun], self.parts(states), held).sensors
+            for time, row in zip(ahead.begins.tolist(), measured, strict=False):
                 law.readings.take(time, partial(np.asarray, row))
         law.took(ahead, begun)
 

@@ -96,7 +96,7 @@ class CompiledLoop:
         whole, values = loop_program(closed, loads), loop_values(closed, bounds, loads)
         last = whole.end() if method == "adaptive" else whole.step()
         programs = {program.name: program for program in (whole.slope(), last)}
-        law, model = closed.controller, closed.sampled_law
+        law, model = closed.controller, closed.sampled.sampled if closed.sampled else None
         if model is not None:
             law, sample = model, sample_program(closed, model, loads)
             programs["sample"] = sample

@@ -17,7 +17,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gibbs_codegen.errors import UsageError
-from gibbs_codegen.flight.control.sampled_control import Ahead
 from gibbs_codegen.flight.integration.closed_loop import ClosedLoop
 from gibbs_codegen.flight.integration.compiled_loop import CompiledLoops
 from gibbs_codegen.flight.integration.envelope import Envelope, integration_burdens, stable_modes
@@ -38,6 +37,7 @@ from gibbs_codegen.runtime.program_flow import (
     TOO_SHORT,
     TOO_SLOW,
     Flow,
+    Samples,
 )
 
 # What a call of the compiled loop takes on at most, of equal steps and of adaptive size, so that
@@ -178,14 +178,14 @@ class Integration:
 
     def _fly(self, intervals: list[SmoothInterval], progress: Callable[[float], None]) -> int:
         """Fly through intervals in which the same acts; how many were begun."""
-        loop, hold = self._loop, self._loop.hold
-        if hold is not None and loop.sampled_law is not None:
-            loads = intervals[0].loads._replace(inputs=hold.inputs)
+        loop, law = self._loop, self._loop.sampled
+        if law is not None:
+            loads = intervals[0].loads._replace(inputs=law.inputs)
             if self.compiled.at(loads) is not None:
-                begun = self._integrate(intervals, loads, progress, loop.ahead(intervals))
-                if begun:
+                ahead = law.ahead(np.array([interval.begin for interval in intervals]))
+                if begun := self._integrate(intervals, loads, progress, ahead):
                     return begun
-        if hold is not None:
+        if loop.hold is not None:
             first, self.stopped = loop.begun(intervals[0], self.state)
             intervals = [first]
         if not self.stopped:
@@ -197,7 +197,7 @@ class Integration:
         intervals: Sequence[SmoothInterval],
         loads: Loads,
         progress: Callable[[float], None],
-        ahead: Ahead | None = None,
+        ahead: Samples | None = None,
     ) -> int:
         """Integrate over intervals in which the same acts; how many were begun.
 
@@ -206,7 +206,7 @@ class Integration:
         """
         flow, loop, state = self._flow, self._loop, self.state
         whole = intervals[0]._replace(end=intervals[-1].end)
-        times, law = self._grid.sample_times(whole), None if ahead is None else ahead.samples
+        times, law = self._grid.sample_times(whole), loop.sampled if ahead else None
         legs, firsts = self._legs(intervals, ahead)
         compiled, samples = self.compiled.at(loads), [np.zeros((0, len(state)))]
         taken, python = 0, PythonFlow(loop, self._envelope, loads)
@@ -218,13 +218,13 @@ class Integration:
             flow.steps, flow.reason = STEPS_A_CALL[self._adaptive], REFUSED
             if compiled is not None:
                 left = times[taken:]
-                flown = compiled.flow(flow, legs, state, self._scale, left, law, begins)
+                flown = compiled.flow(flow, legs, state, self._scale, left, ahead, begins)
                 samples.append(flown.samples)
                 state, taken = flown.last, taken + len(flown.samples)
                 seen = np.append(left[: len(flown.samples)], flow.time)
                 self._inputs.append(InputRanges(seen, flown.ranges))
             if flow.reason == REFUSED:
-                if law is not None and not flow.begun:
+                if law and not flow.begun:
                     break
                 leg, left = legs[flow.leg], times[taken:]
                 kept, state = self._in_python(python, leg, state, left, progress)
@@ -233,11 +233,11 @@ class Integration:
             self.stopped = self._stopped(state)
             progress(flow.time)
         begun = int(np.searchsorted(firsts, flow.leg + flow.begun))
-        if ahead is not None:
+        if ahead and law:
             if not begun:
                 return 0
-            loop.took(ahead, begun, None if begins is None else begins[firsts[:begun]])
-            loads = loads._replace(inputs=ahead.samples.commands[ahead.acting[begun - 1]])
+            loop.took(law, ahead, begun, None if begins is None else begins[firsts[:begun]])
+            loads = loads._replace(inputs=law.inputs)
         self._times.append(times[:taken])
         self._states.append(np.concatenate(samples))
         self._inputs += python.ranges()
@@ -246,7 +246,7 @@ class Integration:
         return begun
 
     def _legs(
-        self, intervals: Sequence[SmoothInterval], ahead: Ahead | None
+        self, intervals: Sequence[SmoothInterval], ahead: Samples | None
     ) -> tuple[NDArray[np.void], NDArray[np.intp]]:
         """Legs of intervals, and the place of the first leg of each."""
         rows: list[tuple[Any, ...]] = []
