@@ -9,6 +9,7 @@ import math
 from collections.abc import Callable
 
 import numpy as np
+import scipy
 
 from gibbs_codegen.flight.integration.closed_loop import ClosedLoop
 from gibbs_codegen.flight.integration.envelope import Envelope
@@ -62,11 +63,9 @@ class PythonFlow:
 
         `scale` (size) is that of absolute tolerances, `times` are those of samples to come, s.
         """
-        from scipy.integrate import DOP853  # Late, as SciPy takes long to import.
-
         end, envelope = float(leg["end"]), self.envelope
         first = min(flow.step, end - flow.time)
-        solver = DOP853(derivative, flow.time, state, end, first_step=first)
+        solver = scipy.integrate.DOP853(derivative, flow.time, state, end, first_step=first)
         samples, spent, stops, patience = [np.zeros((0, len(state)))], 0, 0, 1
         flow.reason = GOES_ON
         while flow.time < end and not flow.reason:
