@@ -25,7 +25,8 @@ STARTUP = ROOT / "site" / ".cache" / "ipython" / "profile_default" / "startup"
 STARTUP.mkdir(parents=True, exist_ok=True)
 (STARTUP / "quiet.py").write_text(
     "import logging\n"
-    "logging.getLogger('gibbs_codegen').addFilter(lambda record: record.funcName != 'log_once')\n",
+    "TIMES = {'log_once', '_log_controller_time'}\n"
+    "logging.getLogger('gibbs_codegen').addFilter(lambda record: record.funcName not in TIMES)\n",
     encoding="utf-8",
 )
 os.environ["IPYTHONDIR"] = str(STARTUP.parents[1])

@@ -115,11 +115,11 @@ def simulate(
         lambda time, duration: progress("flying", time / duration),
     )
     if isinstance(law, SampledControl) and controller is not None:
-        _tell_share(loop.vehicle.name, law.spent, perf_counter() - begin)
+        _log_controller_time(loop.vehicle.name, law.spent, perf_counter() - begin)
     return timing_note(flight_of(loop, scenario, history), start.motion)
 
 
-def _tell_share(robot: str, spent: float, flown: float) -> None:
+def _log_controller_time(robot: str, spent: float, flown: float) -> None:
     """Log the time of a controller, s, where it is most of that of a flight, and long."""
     if spent > max(_LONG, 0.5 * flown):
         words = (
