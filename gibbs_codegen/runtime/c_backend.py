@@ -297,7 +297,7 @@ def c_module(
     folder: Path,
     compiler: Compiler,
     threads: int,
-    of_each: Sequence[str] = (),
+    flags: Sequence[str] = (),
     *,
     whole: bool = False,
 ) -> ModuleType:
@@ -305,10 +305,10 @@ def c_module(
 
     Functions are compiled when they are first called, with those of their group. `__file__` is the
     shared library of the constants, or of everything if that is to be `whole`; `compiled` has the
-    others. `of_each` are flags for the functions that take constants of each state. Raises
-    `CompilerError`, and `CacheError` if the library cannot be kept.
+    others. `flags` come after the compiler's. Raises `CompilerError`, and `CacheError` if the
+    library cannot be kept.
     """
-    library = ModuleLibrary(folder, module, compiler, of_each, whole=whole)
+    library = ModuleLibrary(folder, module, compiler, flags, whole=whole)
     core = opened_core(library.core, module.NAME)
     made = LoadedModule(module, "c")
     made.__file__ = str(library.core)

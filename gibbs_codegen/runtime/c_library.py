@@ -233,8 +233,8 @@ class ModuleLibrary:
     """The compiled functions of a generated module, each compiled when it is first asked for.
 
     With it are compiled those of its group; a function on request stands alone, and time steps are
-    together. There is one library of everything where that is asked for by `whole`. Functions that
-    take constants of each state are in libraries of their own.
+    together. There is one library of everything where that is asked for by `whole`, and a second of
+    functions that take constants of each state, which are always in libraries of their own.
     """
 
     def __init__(
@@ -242,14 +242,14 @@ class ModuleLibrary:
         folder: Path,
         module: ModuleType,
         compiler: Compiler,
-        of_each: Sequence[str] = (),
+        flags: Sequence[str] = (),
         *,
         whole: bool = False,
     ) -> None:
-        """Take what is compiled later; `of_each` are flags for constants of each state."""
+        """Take what is compiled later; `flags` come after the compiler's."""
         self._folder, self._name, self._compiler = folder, module.NAME, compiler
         self._functions = [signature.name for signature in module_signatures(module)]
-        self._of_each = tuple(of_each)
+        self._flags = tuple(flags)
         self._locks: defaultdict[Unit, threading.Lock] = defaultdict(threading.Lock)
         self._units: dict[Unit, ctypes.CDLL] = {}
         self._is_whole = whole
@@ -261,11 +261,11 @@ class ModuleLibrary:
         Raises `CompilerError`, `CacheError` and `UsageError` as `compiled_files` does.
         """
         if self._is_whole:
-            return compiled_library(self._folder, self._name, self._compiler)
+            return compiled_library(self._folder, self._name, self._compiler, self._flags)
         rows = {_ROWS: native_source("rows.c").encode()}
         files = c_files(self._name)
         return compiled_files(
-            self._folder, self._name, files, self._compiler, (), rows, functions=()
+            self._folder, self._name, files, self._compiler, self._flags, rows, functions=()
         )
 
     @functools.cached_property
@@ -320,7 +320,7 @@ class ModuleLibrary:
 
     def _unit(self, name: str, *, per_state: bool) -> Unit:
         row = FUNCTIONS[name]
-        if self._is_whole and not per_state:
+        if self._is_whole:
             return "", per_state
         if row.composed:
             return "steps", per_state
@@ -341,11 +341,11 @@ class ModuleLibrary:
         return [some_functions(file.read_bytes(), self._parts(unit, per_state)) for file in files]
 
     def _path(self, unit: str, per_state: bool) -> Path:
-        if not unit:
+        if not unit and not per_state:
             return self.core
         where = self._folder, self._name, c_files(self._name, per_state=per_state), self._compiler
         functions = self._parts(unit, per_state)
-        return compiled_files(*where, self._of_each if per_state else (), functions=functions)
+        return compiled_files(*where, self._flags, functions=functions)
 
 
 def compiled_library(

@@ -440,19 +440,19 @@ def compiled_rollout(
     threads: int = 1,
     progress: Callable[[float], None] = lambda share: None,
     flags: tuple[str, ...] = (),
-    *,
-    generated: bool = False,
+    programs: tuple[Program, ...] | None = None,
 ) -> Rollout:
     """Roll states out in C, in the precision of the problem, to which its numbers are rounded.
 
     `progress` is told the share done between calls, which take some tenths of a second at most;
-    what it raises ends the rollout. `flags` follow the compiler's own. It is the source that was
-    `generated` with the module, or else made for the problem. Raises `UsageError` without C source
-    of the module, `CompilerError`, and `CacheError` if the library cannot be kept.
+    what it raises ends the rollout. `flags` follow the compiler's own. The source is made of
+    `programs`, which have all that the problem has, or for the problem if they are None; it was
+    generated with the module if there are none. Raises `UsageError` without C source of the module,
+    `CompilerError`, and `CacheError` if the library cannot be kept.
     """
     run = _Run(problem)
     asked = problem.module, problem.method, problem.parts, problem.precision
-    function = rollout_function(*asked, flags, generated=generated)
+    function = rollout_function(*asked, flags, programs)
     read, written = (x.ctypes.data for x in (run.addresses, run.states))
 
     def call(piece: Piece) -> None:
@@ -544,14 +544,13 @@ def rollout_function(
     parts: Parts,
     precision: Precision,
     flags: tuple[str, ...] = (),
-    *,
-    generated: bool = False,
+    programs: tuple[Program, ...] | None = None,
 ) -> Callable[..., None]:
     """The compiled function of problems with such parts; it is called as the header says.
 
     Raises what `compiled_rollout` does.
     """
-    programs = () if generated else (program_of(module, method, parts),)
+    programs = (program_of(module, method, parts),) if programs is None else programs
     return _loaded(module, programs, precision == "single", chosen_compiler(), flags)
 
 

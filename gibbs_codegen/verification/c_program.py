@@ -9,7 +9,6 @@ from __future__ import annotations
 import ctypes
 import math
 from collections.abc import Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
 from types import ModuleType
@@ -21,6 +20,7 @@ from gibbs_codegen.errors import MissingFunctionError
 from gibbs_codegen.interface import LANES
 from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.runtime import rollouts
+from gibbs_codegen.runtime.rollout_source import rollout_programs
 from gibbs_codegen.verification.comparison import Comparison, Results, compared, failed, merged
 from gibbs_codegen.verification.equations import Expected
 from gibbs_codegen.verification.formulation import formulated
@@ -234,13 +234,14 @@ def compare_rollouts(
     """Compare short rollouts in C with the same in NumPy: the worst of all, or a failure.
 
     The other result says what is not compared, and why. The C is what was generated with the
-    module, or else what rollouts are made of. `flags` are the compiler's, after its own. Raises
+    module, or else would be. `flags` are the compiler's, after its own. Raises
     `MissingFunctionError` if the module has too few functions for rollouts.
     """
     against = f"NumPy, in {precision} precision"
     rows = []
     generated = (Path(numpy.__path__[0]) / f"{numpy.NAME}_rollout.c").is_file()
     try:
+        programs = () if generated else tuple(rollout_programs(rollouts.functions_of(numpy)))
         states = States.random(tree, _DRAWN * _STATES, (seed, 7))
         sizes = Sizes(tree, states)
         conditions = np.linalg.cond(numpy.mass_matrix(states.q) / sizes.free_matrix)
@@ -251,15 +252,9 @@ def compare_rollouts(
         if limit > _LARGEST:
             return [], {f"{ROLLOUTS} in {precision} precision": "rounding leaves too few digits"}
         states, dt = _suited(numpy, States(*(x[fittest] for x in vars(states).values())))
-        problems = [*_problems(numpy, tree, states, dt)]
-
-        def compiled(problem: rollouts.Problem) -> rollouts.Rollout:
+        for problem in _problems(numpy, tree, states, dt):
             rounded = replace(problem, precision=precision)
-            return rollouts.compiled_rollout(rounded, flags=flags, generated=generated)
-
-        with ThreadPoolExecutor() as pool:  # Each waits for a compiler.
-            in_c = [*pool.map(compiled, problems)]
-        for problem, ours in zip(problems, in_c, strict=True):
+            ours = rollouts.compiled_rollout(rounded, flags=flags, programs=programs)
             for name, theirs in vars(rollouts.numpy_rollout(problem)).items():
                 if theirs is not None:
                     size = np.abs(theirs).max(axis=tuple(range(theirs.ndim))[:2])

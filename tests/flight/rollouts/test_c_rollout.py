@@ -136,8 +136,8 @@ def test_all_parts_are_as_in_numpy(
     if "bounds" in parts and precision == "single":
         problem = replace(problem, bounds=100.0 * bounds_of(problem))
     expected = numpy_rollout(problem)
-    for generated in (False, True):
-        found = compiled_rollout(problem, generated=generated)
+    for programs in (None, ()):
+        found = compiled_rollout(problem, programs=programs)
         assert_same(found, expected, ROOM[precision])
     if parts == ("bounds",) and precision == "double":
         assert {RUNNING, OUT_OF_BOUNDS} == set(found.ended)

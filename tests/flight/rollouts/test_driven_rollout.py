@@ -166,7 +166,7 @@ def test_the_generated_source_does_the_same(emitted: Emitted, module: ModuleType
     x = module.actuator_state_of(given["control"][:, 0]) if module.ACTUATOR_STATES else None
     state = given["q0"], given["v0"], given["control"]
     problem = Problem(module, None, *state, STEPS, DT, motors=motors, x=x)
-    found = compiled_rollout(problem, generated=True)
+    found = compiled_rollout(problem, programs=())
     assert_same(found, numpy_rollout(problem), 1e-11)
 
 
