@@ -439,20 +439,19 @@ def compiled_rollout(
     problem: Problem,
     threads: int = 1,
     progress: Callable[[float], None] = lambda share: None,
-    flags: tuple[str, ...] = (),
-    programs: tuple[Program, ...] | None = None,
+    function: Callable[..., None] | None = None,
 ) -> Rollout:
     """Roll states out in C, in the precision of the problem, to which its numbers are rounded.
 
     `progress` is told the share done between calls, which take some tenths of a second at most;
-    what it raises ends the rollout. `flags` follow the compiler's own. The source is made of
-    `programs`, which have all that the problem has, or for the problem if they are None; it was
-    generated with the module if there are none. Raises `UsageError` without C source of the module,
-    `CompilerError`, and `CacheError` if the library cannot be kept.
+    what it raises ends the rollout. `function` is as of `rollout_function`, of programs that have
+    all that the problem has, or is made for the problem. Raises `UsageError` without C source of
+    the module, `CompilerError`, and `CacheError` if the library cannot be kept.
     """
     run = _Run(problem)
-    asked = problem.module, problem.method, problem.parts, problem.precision
-    function = rollout_function(*asked, flags, programs)
+    if function is None:
+        programs = (program_of(problem.module, problem.method, problem.parts),)
+        function = rollout_function(problem.module, problem.precision, programs)
     read, written = (x.ctypes.data for x in (run.addresses, run.states))
 
     def call(piece: Piece) -> None:
@@ -540,17 +539,15 @@ def _default_constants(module: ModuleType) -> Reals:
 
 def rollout_function(
     module: ModuleType,
-    method: Method,
-    parts: Parts,
     precision: Precision,
+    programs: tuple[Program, ...] = (),
     flags: tuple[str, ...] = (),
-    programs: tuple[Program, ...] | None = None,
 ) -> Callable[..., None]:
-    """The compiled function of problems with such parts; it is called as the header says.
+    """The compiled function of programs, or of the source that was generated with a module.
 
-    Raises what `compiled_rollout` does.
+    It is called as the header says. `flags` follow the compiler's own. Raises what
+    `compiled_rollout` does.
     """
-    programs = (program_of(module, method, parts),) if programs is None else programs
     return _loaded(module, programs, precision == "single", chosen_compiler(), flags)
 
 
@@ -562,7 +559,7 @@ def _loaded(
     compiler: Compiler,
     flags: tuple[str, ...],
 ) -> Callable[..., None]:
-    """The compiled function of programs, or of the source that was generated with a module."""
+    """The result of `rollout_function`."""
     name, robot = module.NAME, functions_of(module)
     made: dict[str, str] = {}
     if programs:

@@ -8,8 +8,9 @@ from __future__ import annotations
 
 import ctypes
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from types import ModuleType
 from typing import Any, get_args
@@ -239,9 +240,7 @@ def compare_rollouts(
     """
     against = f"NumPy, in {precision} precision"
     rows = []
-    generated = (Path(numpy.__path__[0]) / f"{numpy.NAME}_rollout.c").is_file()
     try:
-        programs = () if generated else tuple(rollout_programs(rollouts.functions_of(numpy)))
         states = States.random(tree, _DRAWN * _STATES, (seed, 7))
         sizes = Sizes(tree, states)
         conditions = np.linalg.cond(numpy.mass_matrix(states.q) / sizes.free_matrix)
@@ -252,9 +251,9 @@ def compare_rollouts(
         if limit > _LARGEST:
             return [], {f"{ROLLOUTS} in {precision} precision": "rounding leaves too few digits"}
         states, dt = _suited(numpy, States(*(x[fittest] for x in vars(states).values())))
+        compiled = rollouts_in_c(numpy, precision, flags)
         for problem in _problems(numpy, tree, states, dt):
-            rounded = replace(problem, precision=precision)
-            ours = rollouts.compiled_rollout(rounded, flags=flags, programs=programs)
+            ours = compiled(replace(problem, precision=precision))
             for name, theirs in vars(rollouts.numpy_rollout(problem)).items():
                 if theirs is not None:
                     size = np.abs(theirs).max(axis=tuple(range(theirs.ndim))[:2])
@@ -265,6 +264,16 @@ def compare_rollouts(
     except Exception as error:  # Whatever was done to the module.
         rows = [failed(ROLLOUTS, against, error)]
     return [replace(row, states=_STATES) for row in merged(rows)], {}
+
+
+def rollouts_in_c(
+    numpy: ModuleType, precision: rollouts.Precision, flags: tuple[str, ...]
+) -> Callable[[rollouts.Problem], rollouts.Rollout]:
+    """Rollouts of a precision by the C that was generated with a module, or else would be."""
+    generated = (Path(numpy.__path__[0]) / f"{numpy.NAME}_rollout.c").is_file()
+    programs = () if generated else tuple(rollout_programs(rollouts.functions_of(numpy)))
+    function = rollouts.rollout_function(numpy, precision, programs, flags)
+    return partial(rollouts.compiled_rollout, function=function)
 
 
 def _suited(numpy: ModuleType, states: States) -> tuple[States, float]:

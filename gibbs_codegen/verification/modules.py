@@ -83,6 +83,11 @@ def verify(
     # C is compiled while the functions in NumPy are compared.
     pool = ThreadPoolExecutor(len(BACKENDS))
     modules = {backend: pool.submit(_loaded, folder, robot, backend) for backend in backends}
+    if "c" in backends:  # So is what is needed later; where that fails, those say so who need it.
+        pool.submit(_single_precision, folder, robot.name)
+        pool.submit(lambda: modules["c"].result().compiled.function("positions", c_library.EACH))
+        for precision in get_args(Precision):
+            pool.submit(lambda x: c_program.rollouts_in_c(load(folder), x, _UNOPTIMISED), precision)
     pool.shutdown(wait=False)
     for backend in backends:
 
@@ -169,9 +174,8 @@ def _compare_c(
     seed = verification.seed
     comparisons = compare_c_defaults(module, robot)
     comparisons += c_program.compare_c_program(str(module.__file__), module, robot, seed)
-    flags = (f"-D{robot.name.upper()}_FLOAT", *_UNOPTIMISED)
     try:
-        path = c_library.compiled_library(folder, robot.name, _compiler(), flags)
+        path = _single_precision(folder, robot.name)
         single, not_done = c_program.compare_single_precision(str(path), module, robot, seed)
     except (c_library.CompilerError, CacheError) as error:
         single, not_done = [failed(c_program.SINGLE_PRECISION, "", error)], {}
@@ -188,6 +192,12 @@ def _compare_c(
         not_done[c_program.ROLLOUTS] = str(error)
     verification.not_done |= not_done
     return comparisons
+
+
+def _single_precision(folder: Path, name: str) -> Path:
+    """Path of the library of all functions in single precision."""
+    flags = (f"-D{name.upper()}_FLOAT", *_UNOPTIMISED)
+    return c_library.compiled_library(folder, name, _compiler(), flags)
 
 
 def _source(folder: Path) -> str:

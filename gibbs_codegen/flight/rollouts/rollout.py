@@ -337,7 +337,8 @@ def _compiles(
     `chosen` is the value of CC. Raises `UsageError` without C source of the module.
     """
     try:
-        rollouts.rollout_function(module, method, parts, precision)
+        program = rollouts.program_of(module, method, parts)
+        rollouts.rollout_function(module, precision, (program,))
     except (CompilerError, CacheError) as error:
         _log.warning("%s: NumPy rolls out instead of C: %s", module.NAME, printable(error, 400))
         return False

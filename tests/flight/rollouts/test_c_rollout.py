@@ -27,6 +27,7 @@ from gibbs_codegen.runtime.rollouts import (
     Rollout,
     compiled_rollout,
     numpy_rollout,
+    rollout_function,
     take_pieces,
 )
 from gibbs_codegen.targets.registry import find_targets, render_module
@@ -136,8 +137,8 @@ def test_all_parts_are_as_in_numpy(
     if "bounds" in parts and precision == "single":
         problem = replace(problem, bounds=100.0 * bounds_of(problem))
     expected = numpy_rollout(problem)
-    for programs in (None, ()):
-        found = compiled_rollout(problem, programs=programs)
+    for function in (None, rollout_function(module, precision)):
+        found = compiled_rollout(problem, function=function)
         assert_same(found, expected, ROOM[precision])
     if parts == ("bounds",) and precision == "double":
         assert {RUNNING, OUT_OF_BOUNDS} == set(found.ended)

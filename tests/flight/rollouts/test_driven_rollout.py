@@ -13,7 +13,13 @@ from support.actuated import actuated, air, at_once
 from support.compiled import Emitted, compile_only, emit
 
 from gibbs_codegen import Rollout, UsageError, rollout, trim, uniform
-from gibbs_codegen.runtime.rollouts import MotorModel, Problem, compiled_rollout, numpy_rollout
+from gibbs_codegen.runtime.rollouts import (
+    MotorModel,
+    Problem,
+    compiled_rollout,
+    numpy_rollout,
+    rollout_function,
+)
 
 # In such steps dry friction throws the wrist about, in every back end alike.
 STATES, STEPS, DT = 18, 6, 0.01
@@ -166,7 +172,7 @@ def test_the_generated_source_does_the_same(emitted: Emitted, module: ModuleType
     x = module.actuator_state_of(given["control"][:, 0]) if module.ACTUATOR_STATES else None
     state = given["q0"], given["v0"], given["control"]
     problem = Problem(module, None, *state, STEPS, DT, motors=motors, x=x)
-    found = compiled_rollout(problem, programs=())
+    found = compiled_rollout(problem, function=rollout_function(module, "double"))
     assert_same(found, numpy_rollout(problem), 1e-11)
 
 
