@@ -9,7 +9,6 @@ functions take.
 from __future__ import annotations
 
 import ctypes
-import functools
 import logging
 import math
 import os
@@ -179,11 +178,10 @@ class CompiledFunction:
         self._caller = caller(*shapes, self._constants.default, general)
         return self._caller
 
-    @functools.cached_property
-    def _one(self) -> Any:
-        """The function for one state, which the short way knows from now on."""
-        function = self._library.function(self._signature.name)
-        if self._caller is not None:
+    def _compiled(self, form: str) -> Any:
+        """The function in a form; that for one state is known to the short way from now on."""
+        function = self._library.function(self._signature.name, form)
+        if self._caller is not None and not form:
             self._caller.bind(ctypes.cast(function, ctypes.c_void_p).value)
         return function
 
@@ -195,15 +193,6 @@ class CompiledFunction:
         """
         signature = self._signature
         constants = self._constants.chosen(by_name.get("constants"))
-        try:
-            one = None if self._is_lost else self._one
-        except (CompilerError, CacheError) as error:
-            one, self._is_lost = None, True
-            words = printable(error, 400)
-            _log.warning("%s: NumPy serves instead of C: %s", signature.name, words)
-        if one is None:
-            entries = np.moveaxis(numbers(constants), -1, 0)
-            return self._in_numpy(**{**by_name, "constants": tuple(entries)})
         of_all = constants if isinstance(constants, bytes) else None
         of_each = [] if isinstance(constants, bytes) else [constants]
         arrays = [
@@ -212,14 +201,25 @@ class CompiledFunction:
         ]
         named = dict(zip(signature.arguments, arrays, strict=True))
         batch = batch_shape(named, *(array.shape[:-1] for array in of_each))
+        form = "" if not batch else EACH if of_each else BATCH
+        try:
+            function = None if self._is_lost else self._compiled(form)
+        except (CompilerError, CacheError) as error:
+            function, self._is_lost = None, True
+            words = printable(error, 400)
+            _log.warning("%s: NumPy serves instead of C: %s", signature.name, words)
+        if function is None:
+            entries = np.moveaxis(numbers(constants), -1, 0)
+            return self._in_numpy(**{**by_name, "constants": tuple(entries)})
         outputs = [np.empty((*batch, *shape)) for shape in signature.shapes]
         inputs, of_states = ([_rows(array, batch) for array in some] for some in (arrays, of_each))
         if not batch:
             self._lost()
-            one(of_all, *map(_pointer, (*inputs, *outputs)))
+            function(of_all, *map(_pointer, (*inputs, *outputs)))
             lost = bool(self._lost())
         else:
-            lost = self._all_rows(of_all, [*inputs, *outputs, *of_states], batch)
+            rows = ctypes.cast(function, ctypes.c_void_p)
+            lost = self._all_rows(rows, of_all, [*inputs, *outputs, *of_states], batch)
         if lost:  # Reported if arguments are finite, as the NumPy back end does.
             finite = np.ones(batch, dtype=bool)
             for output, shape in zip(outputs, signature.shapes, strict=True):
@@ -227,7 +227,13 @@ class CompiledFunction:
             self._report(signature.name, named, finite, 4)
         return outputs[0] if len(outputs) == 1 else tuple(outputs)
 
-    def _all_rows(self, constants: bytes | None, arrays: Arrays, batch: tuple[int, ...]) -> bool:
+    def _all_rows(
+        self,
+        function: ctypes.c_void_p,
+        constants: bytes | None,
+        arrays: Arrays,
+        batch: tuple[int, ...],
+    ) -> bool:
         """Compute all rows, on several threads where they are many.
 
         Returns whether finite inputs may have given what is not finite. `constants` are None for
@@ -235,8 +241,6 @@ class CompiledFunction:
         are filled, and constants of each state, all in C order.
         """
         count = math.prod(batch)
-        symbol = self._library.function(self._signature.name, EACH if constants is None else BATCH)
-        function = ctypes.cast(symbol, ctypes.c_void_p)
         flat = [a.reshape(-1) for a in arrays]
         parts = min(self._pool.threads, count // _MIN_ROWS)
         if parts < 2:

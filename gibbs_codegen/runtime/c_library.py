@@ -223,18 +223,31 @@ def native_source(name: str) -> str:
     return text
 
 
-# The name that a unit of compilation has, and whether it takes constants of each state.
-Unit = tuple[str, bool]
 # The end of the names in C of functions for blocks of states, and for such as have constants each.
 BATCH, EACH = "_batch", "_batch_each"
+# The name that a unit of compilation has, and the form of its functions: one of these ends, or "".
+Unit = tuple[str, str]
+# What most flights call, by the end of the name.
+_FLOWN = {
+    "": (
+        *("mass_matrix", "input_matrix", "inverse_dynamics", "gravity_forces", "positions"),
+        *("potential_energy", "centre_of_mass", "centre_of_mass_jacobian", "frame_jacobians"),
+    ),
+    BATCH: (
+        *("input_matrix", "forward_dynamics", "inverse_dynamics", "constraint_torques"),
+        *("positions", "frame_poses", "frame_jacobians", "centre_of_mass"),
+        *("centre_of_mass_jacobian", "kinetic_energy", "potential_energy"),
+    ),
+}
 
 
 class ModuleLibrary:
     """The compiled functions of a generated module, each compiled when it is first asked for.
 
-    With it are compiled those of its group; a function on request stands alone, and time steps are
-    together. There is one library of everything where that is asked for by `whole`, and a second of
-    functions that take constants of each state, which are always in libraries of their own.
+    Those that most flights call are compiled together. With others are compiled the rest of their
+    group; a function on request stands alone, and time steps are together. Functions for one state,
+    for blocks, and with constants of each state are in libraries of their own. Where `whole` is
+    asked for there are two libraries, of these and of all others.
     """
 
     def __init__(
@@ -279,19 +292,18 @@ class ModuleLibrary:
 
         Raises as `core` does, and `CompilerError` where the library lacks it.
         """
-        library = self._library(self._unit(name, per_state=form == EACH))
+        library = self._library(self._unit(name, form))
         symbol = f"{self._name}_{name}{form}"
         if not hasattr(library, symbol):
             raise CompilerError(f"the library has no {symbol}; do flags in CC hide or rename it?")
         return library[symbol]
 
     def build(self) -> None:
-        """Compile side by side all functions that are not on request.
+        """Compile side by side what most flights call.
 
         Raises as `function` does.
         """
-        always = (name for name in self._functions if not FUNCTIONS[name].on_request)
-        units = {self._unit(name, per_state=False) for name in always}
+        units = {self._unit(names[0], form) for form, names in _FLOWN.items()}
         tasks: list[Future[ctypes.CDLL]] = []
 
         def seconds() -> float:
@@ -318,34 +330,36 @@ class ModuleLibrary:
                 library = self._units[unit] = opened(self._path(*unit))
             return library
 
-    def _unit(self, name: str, *, per_state: bool) -> Unit:
+    def _unit(self, name: str, form: str) -> Unit:
         row = FUNCTIONS[name]
         if self._is_whole:
-            return "", per_state
+            return "", form if form == EACH else ""
+        if name in _FLOWN.get(form, ()):
+            return "flights", form
         if row.composed:
-            return "steps", per_state
-        return name if row.on_request else row.group, per_state
+            return "steps", form
+        return name if row.on_request else row.group, form
 
-    def _parts(self, unit: str, per_state: bool) -> list[str]:
+    def _parts(self, unit: str, form: str) -> list[str]:
         """The functions of a unit, with those that they call."""
-        functions = [
-            name
-            for name in self._functions
-            if self._unit(name, per_state=per_state) == (unit, per_state)
-        ]
+        functions = [name for name in self._functions if self._unit(name, form) == (unit, form)]
         return [*{part for name in functions for part in FUNCTIONS[name].composed}, *functions]
 
-    def _texts(self, unit: str, per_state: bool) -> list[bytes]:
-        """The sources of a unit."""
-        files = (self._folder / file for file in c_files(self._name, per_state=per_state)[2:])
-        return [some_functions(file.read_bytes(), self._parts(unit, per_state)) for file in files]
+    def _files(self, form: str) -> list[str]:
+        """Names of the files with functions of a form."""
+        files = c_files(self._name, per_state=form == EACH, blocks=form != "")
+        return [file for file in files if form != BATCH or file != f"{self._name}.c"]
 
-    def _path(self, unit: str, per_state: bool) -> Path:
-        if not unit and not per_state:
+    def _texts(self, unit: str, form: str) -> list[bytes]:
+        """The sources of a unit."""
+        files = (self._folder / file for file in self._files(form)[2:])
+        return [some_functions(file.read_bytes(), self._parts(unit, form)) for file in files]
+
+    def _path(self, unit: str, form: str) -> Path:
+        if not unit and not form:
             return self.core
-        where = self._folder, self._name, c_files(self._name, per_state=per_state), self._compiler
-        functions = self._parts(unit, per_state)
-        return compiled_files(*where, self._flags, functions=functions)
+        where = self._folder, self._name, self._files(form), self._compiler
+        return compiled_files(*where, self._flags, functions=self._parts(unit, form))
 
 
 def compiled_library(
@@ -397,7 +411,9 @@ def compiled_files(
     if functions is not None:
         for file in texts.keys() & {f"{name}.c", f"{name}_batch.c"}:
             texts[file] = some_functions(texts[file], functions)
-    included = {f"{name}_batch.c"} if f"{name}_each.c" in texts else set()
+    # Without functions there is nothing in blocks.
+    of_blocks = {f"{name}_batch.c"}
+    passed_over = of_blocks if f"{name}_each.c" in texts or functions == () else set()
     texts |= others
     digests = [hashlib.sha256(text).hexdigest() for text in texts.values()]
 
@@ -406,7 +422,7 @@ def compiled_files(
         sources.mkdir()
         for file, text in texts.items():
             (sources / file).write_bytes(text)
-        compiled = [file for file in texts if file.endswith(".c") and file not in included]
+        compiled = [file for file in texts if file.endswith(".c") and file not in passed_over]
         with announced(_compiling(name, what), lambda: _seconds(texts.values())):
             compiler.library([sources / file for file in compiled], output, extra)
         shutil.rmtree(sources)

@@ -220,10 +220,10 @@ def rollout_rows(
 ) -> tuple[list[Comparison], dict[str, str]]:
     """Rollouts by NumPy in place of those in C, without some of what a problem has."""
 
-    def wrong(problem: Problem, flags: tuple[str, ...]) -> Rollout:
+    def wrong(problem: Problem) -> Rollout:
         return numpy_rollout(replace(problem, **{k: f(problem) for k, f in fault.items()}))
 
-    monkeypatch.setattr(c_program.rollouts, "compiled_rollout", wrong)
+    monkeypatch.setattr(c_program, "rollouts_in_c", lambda *_: wrong)
     return compare_rollouts(emitted_module(robot), Tree(robot), 0, "single", ())
 
 
