@@ -88,29 +88,33 @@ def verify(
         pool.submit(lambda: modules["c"].result().compiled.function("positions", c_library.EACH))
         for precision in get_args(Precision):
             pool.submit(lambda x: c_program.rollouts_in_c(load(folder), x, _UNOPTIMISED), precision)
-    pool.shutdown(wait=False)
-    for backend in backends:
+    try:
+        for backend in backends:
 
-        def step(what: str, backend: str = backend) -> None:
-            progress(f"{backend}: {what}")
+            def step(what: str, backend: str = backend) -> None:
+                progress(f"{backend}: {what}")
 
-        step("loading")
-        comparisons = [same_file]
-        try:
-            module = modules[backend].result()
-        except _UnavailableError as error:
-            verification.not_done[f"back end {backend}"] = str(error)
-            continue
-        except (UsageError, c_library.CompilerError, SystemExit) as error:
-            comparisons.append(failed("the module", "", error))
-        else:
-            numpy = load(folder) if backend != "numpy" else None
-            comparisons += compare_module(module, robot, available, states, seed, step, numpy=numpy)
-            if backend == "c" and all(c.passed for c in compare_contents(module, robot)):
-                step("as a C program calls it")
-                comparisons += _compare_c(module, folder, robot, verification)
-        verification.comparisons[backend] = comparisons
-        verification.not_done |= compared_with_themselves(comparisons) | unclear(comparisons)
+            step("loading")
+            comparisons = [same_file]
+            try:
+                module = modules[backend].result()
+            except _UnavailableError as error:
+                verification.not_done[f"back end {backend}"] = str(error)
+                continue
+            except (UsageError, c_library.CompilerError, SystemExit) as error:
+                comparisons.append(failed("the module", "", error))
+            else:
+                numpy = load(folder) if backend != "numpy" else None
+                comparisons += compare_module(
+                    module, robot, available, states, seed, step, numpy=numpy
+                )
+                if backend == "c" and all(c.passed for c in compare_contents(module, robot)):
+                    step("as a C program calls it")
+                    comparisons += _compare_c(module, folder, robot, verification)
+            verification.comparisons[backend] = comparisons
+            verification.not_done |= compared_with_themselves(comparisons) | unclear(comparisons)
+    finally:  # What has not begun by now is not needed.
+        pool.shutdown(wait=False, cancel_futures=True)
     return verification
 
 
