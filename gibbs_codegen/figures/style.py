@@ -13,6 +13,7 @@ import matplotlib.style
 import numpy as np
 from matplotlib import rc_context, rcParams
 from matplotlib.axes import Axes
+from matplotlib.axis import Axis
 from matplotlib.backend_bases import get_registered_canvas_class
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import LineCollection
@@ -30,6 +31,8 @@ _NAME_HEIGHT, _NAME_DISTANCE = 10.5, 14.0
 # Room around panels, points: of the numbers of an axis, with its ticks, of the name of an axis, of
 # a title, between lines, and at edges.
 _NUMBERS, _NAME, _TITLE, _APART, _EDGE = 15.0, 13.0, 14.0, 4.0, 3.0
+# Points that a panel has of the height at least: a long heading makes the figure higher.
+_LEAST_HEIGHT = 50.0
 
 _STYLE: dict[str, Any] = {
     # The second family has what the first lacks, such as subscripts in a message.
@@ -96,10 +99,14 @@ def place_panels(figure: Any, heading: Text) -> None:
         lines = [_NUMBERS * axes.xaxis.get_tick_params()["labelbottom"]]
         lines += [_NAME * bool(axes.get_xlabel())]
         below[under] = max(below[under], _APART + sum(lines))
+    ratios = np.array(grid.get_height_ratios() or [1.0] * grid.nrows)
+    shares = ratios / ratios.sum()
+    outside = heading.get_window_extent().height / point + 2.0 * _EDGE + above.sum() + below.sum()
+    size[1] = max(size[1], outside + _LEAST_HEIGHT / shares.min())
+    figure.set_size_inches(size / 72.0)
     heading.set_y(1.0 - _EDGE / size[1])
-    top = size[1] - heading.get_window_extent().height / point - 2.0 * _EDGE
-    shares = np.array(grid.get_height_ratios() or [1.0] * grid.nrows)
-    heights = shares / shares.sum() * (top - above.sum() - below.sum())
+    heights = shares * (size[1] - outside)
+    top = size[1] - outside + above.sum() + below.sum()
     high = top - np.cumsum(above + np.append(0.0, (heights + below)[:-1]))
     low = high - heights
     numbers = {}
@@ -108,9 +115,11 @@ def place_panels(figure: Any, heading: Text) -> None:
         axes.set_position((0.1, span.start / size[1], 0.8, (span.stop - span.start) / size[1]))
         names = [text.get_window_extent().width / point + _NAME_DISTANCE for text in axes.texts]
         before, after = place.colspan.start, place.colspan.stop - 1
-        numbers[axes] = _widest_number(axes) / point + 3.0 * _APART
+        numbers[axes] = _widest_number(axes.yaxis, axes.get_ylim()) / point + 3.0 * _APART
         left[before] = max(left[before], numbers[axes] + _NAME + _EDGE)
-        right[after] = max(right[after], *names, 0.0)
+        # The last number of the horizontal axis may be in the middle of its end.
+        beyond = _widest_number(axes.xaxis, axes.get_xlim()) / point / 2.0
+        right[after] = max(right[after], *names, beyond)
     right += _EDGE + _APART
     width = (size[0] - left.sum() - right.sum()) / grid.ncols
     first = np.cumsum(left + np.append(0.0, width + right[:-1]))
@@ -125,15 +134,19 @@ def place_panels(figure: Any, heading: Text) -> None:
         spread(axes)
 
 
-def _widest_number(axes: Axes) -> float:
-    """The width, in pixels, of the widest number of the vertical axis."""
-    low, high = sorted(axes.get_ylim())
-    axis = axes.yaxis
-    places = [place for place in axis.get_majorticklocs() if low <= place <= high]
-    texts = axis.get_major_formatter().format_ticks(places)
-    longest = max(texts, key=len, default="")
-    text = Text(text=longest, size=rcParams["ytick.labelsize"], figure=axes.figure)
-    return float(text.get_window_extent().width)
+def _widest_number(axis: Axis, limits: tuple[float, float]) -> float:
+    """The width, in pixels, of the widest number of an axis, those between powers of ten too."""
+    low, high = sorted(limits)
+    widths = [0.0]
+    for places, formatter in (
+        (axis.get_majorticklocs(), axis.get_major_formatter()),
+        (axis.get_minorticklocs(), axis.get_minor_formatter()),
+    ):
+        texts = formatter.format_ticks([place for place in places if low <= place <= high])
+        longest = Text(text=max(texts, key=len, default=""), size=rcParams["ytick.labelsize"])
+        longest.set_figure(axis.get_figure())
+        widths.append(longest.get_window_extent().width)
+    return max(widths)
 
 
 def spread(axes: Axes) -> None:
@@ -146,7 +159,7 @@ def spread(axes: Axes) -> None:
         return
     point = axes.figure.dpi / 72.0
     low, high = (edge / point / _NAME_HEIGHT for edge in axes.bbox.intervaly)
-    kept = names[:: -(-len(names) // int(high - low))]
+    kept = names[:: -(-len(names) // max(int(high - low), 1))]
     for name in set(names) - set(kept):
         name.remove()
     places = axes.transData.transform([name.xy for name in kept]) / point

@@ -453,6 +453,33 @@ def test_long_names_and_every_key_leave_room_for_the_axes(paper: Flight) -> None
     assert all(each.get_position().width >= 0.6 for each in figure.axes)
 
 
+@pytest.mark.parametrize("draw", [figures.tracking_error, figures.inputs, figures.energy])
+def test_texts_stay_in_the_figure_and_panels_below_its_heading(
+    paper: Flight, draw: Callable[[Flight], Figure]
+) -> None:
+    away = (1.0 + np.linspace(0.0, 1.0, len(paper.time)))[:, np.newaxis]
+    reason = "at t = 1 s the rotors cannot produce what is wanted of them. " * 9
+    # Errors within a power of ten, numbers of four digits at the ends, and many lines above.
+    flight = replace(paper, time=1e3 * paper.time, q_desired=paper.q + 2e-2 * away, stopped=reason)
+    figure = draw(flight)
+    figure.draw_without_rendering()
+    assert figure._suptitle is not None
+    lowest = figure._suptitle.get_window_extent().y0
+    for axes in figure.axes:
+        assert axes.bbox.height > 60.0
+        assert axes.bbox.y1 < lowest
+        name = axes.yaxis.label.get_window_extent()
+        for axis in (axes.xaxis, axes.yaxis):
+            for label in axis.get_ticklabels(which="both"):
+                place = label.get_position()[axis is axes.yaxis]
+                low, high = sorted(axis.get_view_interval())
+                box = label.get_window_extent()
+                if label.get_text() and low <= place <= high and label.get_visible():
+                    assert box.x0 >= 0.0
+                    assert box.x1 <= figure.bbox.x1
+                    assert axis is axes.xaxis or box.x0 >= name.x1 - 1.0
+
+
 def test_angles_that_hardly_vary_look_constant(paper: Flight) -> None:
     q = paper.q.copy()
     q[:, 3:6] = 1e-5 * np.sin(paper.time)[:, np.newaxis]
