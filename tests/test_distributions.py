@@ -37,10 +37,11 @@ print(sys.modules[type(function).__module__].__file__)
 DATA = """
     py.typed
     emitted/adaptive.c emitted/allocation.c emitted/blocks.c emitted/constants.c
-    emitted/curves.c emitted/engine.c emitted/exactness.c emitted/fmi_both.c emitted/fmi2.c
+    emitted/curves.c emitted/engine.c emitted/exactness.c emitted/fixed.c emitted/flight.c
+    emitted/flow.c emitted/fmi_both.c emitted/fmi2.c
     emitted/fmi3.c emitted/fmu.c emitted/gather.c emitted/horizon.c
     emitted/lanes.c emitted/numbers.c emitted/platform.c emitted/predictive.c emitted/rollout.c
-    emitted/rows.c emitted/runtime.c
+    emitted/ranges.c emitted/rows.c emitted/runtime.c
     emitted/smallest_thrusts.c
     emitted/sine_cosine.c emitted/sine_cosine_kernel.c emitted/sine_cosine_numbers.c
     emitted/matlab/changed_parameters.m emitted/matlab/check_constants.m

@@ -20,7 +20,10 @@ from gibbs_codegen.errors import GibbsCodegenError, RefusedFileError, cause_of
 
 
 def console() -> int:
-    """Entry point of the `gibbs-codegen` command: `main`, with care for its output."""
+    """Entry point of the `gibbs-codegen` command: `main`, with care for its output.
+
+    The process then ends with its exit code.
+    """
     # A stream that was closed before the start is None: what is written there goes nowhere.
     # It lives as long as the process.
     nowhere = open(os.devnull, "w", encoding="utf-8")  # noqa: SIM115

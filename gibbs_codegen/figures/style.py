@@ -143,8 +143,8 @@ def _widest_number(axis: Axis, limits: tuple[float, float]) -> float:
         (axis.get_minorticklocs(), axis.get_minor_formatter()),
     ):
         texts = formatter.format_ticks([place for place in places if low <= place <= high])
-        longest = Text(text=max(texts, key=len, default=""), size=rcParams["ytick.labelsize"])
-        longest.set_figure(axis.get_figure())
+        text, size = max(texts, key=len, default=""), rcParams["ytick.labelsize"]
+        longest = Text(text=text, size=size, figure=axis.axes.figure)
         widths.append(longest.get_window_extent().width)
     return max(widths)
 

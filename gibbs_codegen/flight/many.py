@@ -31,6 +31,7 @@ from gibbs_codegen.flight.simulation import (
     check_flight,
     check_mass_matrix,
     flight_start,
+    is_positive_definite,
 )
 from gibbs_codegen.runtime.load import load
 
@@ -143,10 +144,10 @@ class FlightGroup:
     def _have_mass(self) -> bool:
         """True if the mass matrices of all plants are positive definite where flights begin."""
         try:
-            np.linalg.cholesky(self._joint.loop().vehicle.mass_matrix(self._common.q))
-        except (UsageError, np.linalg.LinAlgError):
+            vehicle = self._joint.loop().vehicle
+        except UsageError:
             return False
-        return True
+        return is_positive_definite(vehicle.mass_matrix(self._common.q))
 
     def _is_sound(self, i: int, has_mass: bool) -> bool:
         """True if nothing speaks against a flight that it alone would have to report."""

@@ -260,20 +260,28 @@ def _closed_loop(
 def check_mass_matrix(vehicle: Vehicle, q: Array) -> None:
     """Raise `UsageError` for a robot whose mass matrix is not positive definite at `q` (nq)."""
     matrix = vehicle.mass_matrix(q)
-    try:
-        np.linalg.cholesky(matrix)
-    except np.linalg.LinAlgError:
-        eigenvalues = np.linalg.eigvalsh(matrix)
-        if eigenvalues[0] > -_ROUNDING * eigenvalues[-1]:
-            raise UsageError(
-                f"{vehicle.name}: its mass matrix is singular where the flight begins: some motion "
-                "of its joints moves no mass there; begin with another posture, or give its links "
-                "mass and thickness"
-            ) from None
+    if is_positive_definite(matrix):
+        return
+    eigenvalues = np.linalg.eigvalsh(matrix) if np.isfinite(matrix).all() else [-1.0, 1.0]
+    if eigenvalues[0] > -_ROUNDING * eigenvalues[-1]:
         raise UsageError(
-            f"{vehicle.name}: with these parameters its mass matrix is not positive definite; "
-            "masses and inertias must be physically possible"
-        ) from None
+            f"{vehicle.name}: its mass matrix is singular where the flight begins: some motion "
+            "of its joints moves no mass there; begin with another posture, or give its links "
+            "mass and thickness"
+        )
+    raise UsageError(
+        f"{vehicle.name}: with these parameters its mass matrix is not positive definite; "
+        "masses and inertias must be physically possible"
+    )
+
+
+def is_positive_definite(matrices: Array) -> bool:
+    """True if all of some matrices (…, n, n) are positive definite, none with what is no number."""
+    try:
+        np.linalg.cholesky(matrices)
+    except np.linalg.LinAlgError:
+        return False
+    return bool(np.isfinite(matrices).all())
 
 
 def _check_open_loop(vehicle: Vehicle, allocation: Allocation, reference: Reference) -> None:

@@ -499,7 +499,9 @@ def announced(what: str, seconds: Callable[[], float] | None = None) -> Iterator
     def log_once() -> None:
         if what not in _LOGGED:
             _LOGGED.add(what)
-            about = f" (about {math.ceil(seconds())} s)" if seconds else ""
+            whole = math.ceil(seconds()) if seconds else 0
+            # An estimate that has passed already says nothing.
+            about = f" (about {whole} s)" if whole > _PATIENCE else ""
             _log.warning("%s%s", what, about)
 
     timer, begin = threading.Timer(_PATIENCE, log_once), time.perf_counter()

@@ -15,6 +15,7 @@ compare_with_itself what no formulation gives  with itself                    (i
 from __future__ import annotations
 
 import importlib
+import importlib.abc
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from types import ModuleType
@@ -282,8 +283,19 @@ def refuse_wrong(robot: Robot, numpy_source: str, progress: Progress = lambda _:
         raise WrongModuleError(robot.name, failures, len(comparisons))
 
 
+class _Text(importlib.abc.InspectLoader):
+    """A loader of a module whose source is at hand."""
+
+    def __init__(self, source: str) -> None:
+        self._source = source
+
+    def get_source(self, fullname: str) -> str:
+        """The source, whatever the name."""
+        return self._source
+
+
 def module_of(source: str) -> ModuleType:
     """The module of emitted NumPy source."""
     module = ModuleType("emitted")
-    exec(source, module.__dict__)  # noqa: S102 - what this package has just written
+    _Text(source).exec_module(module)
     return module

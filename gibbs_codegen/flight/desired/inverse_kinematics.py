@@ -324,9 +324,10 @@ def arm_motion(
     arm = _Continuation(vehicle, base, tip(base.time), limits)
     arm.start(guess)
     count = len(base.time)
-    progress(1, count)
+    solved = arm.solved_at_once()
+    progress(solved, count)
     stride = max(1, count // _TRIED_OUT_OF_REACH)
-    for k in range(arm.solved_at_once(), count):
+    for k in range(solved, count):
         if not arm.out_of_reach or k % stride == 0 or k == count - 1:
             arm.advance(k)
             progress(k + 1, count)

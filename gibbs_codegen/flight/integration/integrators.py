@@ -224,9 +224,12 @@ class Integration:
                 seen = np.append(left[: len(flown.samples)], flow.time)
                 self._inputs.append(InputRanges(seen, flown.ranges))
             if flow.reason == REFUSED:
-                if law and not flow.begun:
-                    break
                 leg, left = legs[flow.leg], times[taken:]
+                if ahead:
+                    if not flow.begun:
+                        break
+                    # What C refuses goes on in Python under the command of this leg.
+                    python.loads = loads._replace(inputs=ahead.commands[leg["command"]])
                 kept, state = self._in_python(python, leg, state, left, progress)
                 samples.append(kept)
                 taken += len(kept)
@@ -262,6 +265,8 @@ class Integration:
                 end = min((first + steps) * self._grid.size, interval.end)
                 rows.append((begin, end, step, steps, every, first, due, acting))
                 begin, due = end, 0
+            if len(rows) == firsts[-1]:  # As short as rounding: nothing moves, and no sample ends.
+                rows.append((begin, interval.end, 0.0, 0, 2, 0, due, acting))
             rows[-1] = (rows[-1][0], interval.end, *rows[-1][2:])
         return np.array(rows, LEG), np.array(firsts)
 

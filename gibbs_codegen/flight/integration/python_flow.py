@@ -45,7 +45,7 @@ class PythonFlow:
             state = self.loop.step(flow.time, state, float(leg["step"]), self.loads)
         flow.done += 1
         end, reached = float(leg["end"]), (before + 1) * float(leg["step"])
-        flow.time = end if flow.done == leg["count"] else min(reached, end)
+        flow.time = end if flow.done >= leg["count"] else min(reached, end)
         flow.reason = ENDED if self.envelope.reason(flow.time, state) else GOES_ON
         return state[np.newaxis][: (before + 1) % int(leg["every"]) == 0], state
 

@@ -114,7 +114,8 @@ def stay(controller: Predictive) -> None:
     told, hover = controller._compiled.arrays, controller.hover
     still = np.zeros(controller.horizon.robot.space.velocities)
     motors = told["settled"][: controller.horizon.motors]
-    told["x"][:] = controller._state_of(hover.q, still, motors, controller._inputs)
+    before = controller._inputs if controller.horizon.changes else np.zeros(0)
+    told["x"][:] = np.concatenate([hover.q, still, motors, before])
     told["u"][:], told["failures"][()] = controller._inputs, 0.0
 
 
