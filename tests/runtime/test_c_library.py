@@ -67,17 +67,21 @@ def test_what_takes_long_to_compile_is_told_in_one_line(
     assert 0.2 <= seconds_waited(begin) <= time.perf_counter() - begin
 
 
+@pytest.mark.parametrize(
+    "flies", [False, pytest.param(True, marks=pytest.mark.slow)], ids=["calls", "flight"]
+)
 def test_what_flights_need_is_compiled_side_by_side(
-    fast: Callable[[str], ModuleType], monkeypatch: pytest.MonkeyPatch
+    flies: bool, fast: Callable[[str], ModuleType], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Nothing is compiled, or looked for, when a flight calls functions that were built."""
+    """Nothing is compiled, or looked for, when functions are called that were built."""
     module = fast("quadrotor_arm_2link")
     if module.backend != "c" or not hasattr(module, "compiled"):
         missing("nothing compiles")
     module.compiled.build()
     monkeypatch.setattr(c_library, "compiled_files", None)
+    if flies:  # What flies is compiled elsewhere.
+        simulate(module, {"name": "still", "duration": 0.1, "base": HOLD})
     q, v = np.zeros((2, len(module.COORDINATES))), np.zeros((2, len(module.VELOCITIES)))
-    simulate(module, {"name": "still", "duration": 0.1, "base": HOLD})
     for name, states in {"mass_matrix": [q[0]], "positions": [q], "kinetic_energy": [q, v]}.items():
         expected = getattr(module.in_numpy, name)(*states)
         assert getattr(module, name)(*states) == pytest.approx(expected, rel=1e-12, abs=1e-12)
