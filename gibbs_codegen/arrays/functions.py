@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from functools import partial
 from typing import Any
@@ -38,6 +39,13 @@ class Functions:
         self.rigid = [
             float(f"constraint_{name}_frequency" not in module.PARAMETERS)
             for name in getattr(module, "CONSTRAINTS", ())
+        ]
+        # Parameters of dampers between frames; a joint's has an armature beside it.
+        self.spring_dampers = [
+            name
+            for name in module.PARAMETERS
+            if re.fullmatch("spring_.*_damping", name)
+            and f"{name.removesuffix('damping')}armature" not in module.PARAMETERS
         ]
         # Rotors on which the air acts: their numbers, hubs' frames, and figures of the air.
         inputs, frames = list(module.INPUTS), list(module.FRAMES)

@@ -33,14 +33,14 @@ import sympy as sp
 from gibbs_codegen.derivation.articulated import Articulation, root_turn
 from gibbs_codegen.derivation.articulated_derivatives import SeenPoint, doubled_velocities
 from gibbs_codegen.derivation.constraints import ConstraintEquations, Held
-from gibbs_codegen.derivation.forces import passive_symbols
 from gibbs_codegen.derivation.forward_dynamics import about_base_centre, free_motions_of
 from gibbs_codegen.derivation.forward_dynamics_derivatives import (
     BaseColumns,
     base_columns,
     in_order,
 )
-from gibbs_codegen.derivation.parameters import PassiveSymbols
+from gibbs_codegen.derivation.parameters import NOT_PASSIVE
+from gibbs_codegen.derivation.passive import passive_symbols, springs
 from gibbs_codegen.derivation.symbolic_robot import SymbolicRobot
 from gibbs_codegen.derivation.systems import Systems
 from gibbs_codegen.graph.differentiate import Direction, Matrix, jacobian
@@ -118,9 +118,9 @@ class ConstraintDerivatives:
     def _base(self) -> tuple[list[sp.Expr], BaseColumns]:
         """Accelerations, and columns of them and of motions of the frames."""
         symbolic, constraints, tape = self._symbolic, self._system, self._symbolic.tape
-        passive = passive_symbols(symbolic)
+        passive, between = passive_symbols(symbolic), springs(about_base_centre(symbolic))
         if self.alone:
-            passive = [PassiveSymbols(*[sp.S.Zero] * 4)] * len(passive)
+            passive, between = [NOT_PASSIVE] * len(passive), []
         motions = free_motions_of(about_base_centre(symbolic))
         rates = symbolic.joint_state.rates
         doubled, seen = doubled_velocities(tape, self._articulation, motions, rates), []
@@ -132,7 +132,7 @@ class ConstraintDerivatives:
                     place, omega = (turn.inverse.vector(tape, x) for x in (place, omega))
                 moving = doubled[k].passed_out(tape, [place]).linear
                 seen.append(SeenPoint(k, place, moving, omega, *([turn] if k == 0 else [])))
-        return base_columns(symbolic, self._articulation, passive, seen=seen)
+        return base_columns(symbolic, self._articulation, passive, between, seen=seen)
 
     @cached_property
     def _unit_columns(self) -> list[list[sp.Expr]]:

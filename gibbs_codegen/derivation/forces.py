@@ -1,12 +1,9 @@
-"""Generalised forces: of thrusts, joint torques, dampers and springs (Fig. 3, eqs. 7–13).
+"""Generalised forces of thrusts, joint torques and other wrenches (Fig. 3, eqs. 7–13).
 
 A thrust F at o_{j,i} along a direction ε gives Ψ·F with Ψ = Jᵀ·R·ε. The transposed Jacobian is
 applied by moving the thrust, as a wrench, to the root and to the joints it passes. The wrench of a
 rotor about the joint of the link that it is on is constant in the link's own frame, that of a rotor
 on the base in the base's.
-
-Damping, springs and armature act by themselves. Armature adds to the diagonal of the mass matrix,
-the rest to the residual: τ − damping·v − stiffness·(q − rest) drives a joint.
 """
 
 from __future__ import annotations
@@ -16,11 +13,8 @@ from collections.abc import Mapping
 import sympy as sp
 
 from gibbs_codegen.derivation.jointed_bodies import JointedBodies
-from gibbs_codegen.derivation.motion import TreeState
-from gibbs_codegen.derivation.parameters import PassiveSymbols
 from gibbs_codegen.derivation.segment_tree import SegmentTree
 from gibbs_codegen.derivation.symbolic_robot import SymbolicRobot
-from gibbs_codegen.derivation.tree_dynamics import gibbs_function, whole_inertia
 from gibbs_codegen.robot.names import rotor_identifier
 from gibbs_codegen.robot.parts.numbers import Vector3
 from gibbs_codegen.symbolic.numbers import exact
@@ -149,77 +143,3 @@ def input_matrix(symbolic: SymbolicRobot) -> Matrix:
     for i, row in enumerate(places.joint_places):
         matrix[row][rotors + i] = sp.S.One
     return matrix
-
-
-def passive_symbols(symbolic: SymbolicRobot) -> list[PassiveSymbols]:
-    """Symbols of passive forces of each joint that moves."""
-    return [symbolic.parameters.links[i].passive for i in symbolic.robot.moving]
-
-
-def armatures(symbolic: SymbolicRobot) -> list[sp.Expr]:
-    """Inertia of rotors that turn or slide with each moving joint alone (kg m² or kg)."""
-    return [joint.armature for joint in passive_symbols(symbolic)]
-
-
-def passive_forces(symbolic: SymbolicRobot) -> list[sp.Expr]:
-    """Forces (N m or N) of the joints' dampers and springs: −damping·v − stiffness·(q − rest)."""
-    tape = symbolic.tape
-    q = symbolic.coordinates.values()
-    v = symbolic.joint_state.rates
-    forces = []
-    with tape.group("forces of dampers and springs"):
-        for joint, angle, rate in zip(passive_symbols(symbolic), q, v, strict=True):
-            spring = tape.let(joint.stiffness * _stretch(tape, joint, angle))
-            forces.append(tape.let(-tape.let(joint.damping * rate) - spring))
-    return forces
-
-
-def gibbs(symbolic: SymbolicRobot) -> sp.Expr:
-    """S of the robot (W/s): of the links (eqs. 2–3), and ½ armature·a² − force·a of the joints."""
-    tape = symbolic.tape
-    links = gibbs_function(tape, symbolic.root, symbolic.reduced_tree, symbolic.state)
-    with tape.group("Gibbs function with armature, dampers and springs"):
-        a = symbolic.joint_state.accelerations
-        pairs = zip(a, passive_forces(symbolic), strict=True)
-        terms = [*_squares(symbolic, a), *(tape.let(-force * rate) for rate, force in pairs)]
-        return tape.let(sp.Add(links, *terms))
-
-
-def kinetic_energy(symbolic: SymbolicRobot) -> sp.Expr:
-    """The Gibbs function of a robot at rest, weightless, whose accelerations are the rates (J)."""
-    tape, state = symbolic.tape, TreeState.resting(symbolic.v)
-    links = gibbs_function(tape, symbolic.root, symbolic.reduced_tree, state)
-    with tape.group("kinetic energy with that of the armature"):
-        return tape.let(sp.Add(links, *_squares(symbolic, symbolic.joint_state.rates)))
-
-
-def potential_energy(symbolic: SymbolicRobot) -> sp.Expr:
-    """Gravity times the first moment of mass above the world's Z = 0, and ½ stiffness·stretch²."""
-    tape = symbolic.tape
-    composite = whole_inertia(tape, symbolic.reduced_tree)
-    with tape.group("first moment of mass above Z = 0, and its weight"):
-        height = symbolic.root.world(tape, composite.moment)[2]
-        moment = tape.let(composite.mass * symbolic.origin[2] + height)
-        weight = tape.let(symbolic.parameters.gravity * moment)
-    with tape.group("potential energy with that of the springs"):
-        springs = []
-        joints = zip(passive_symbols(symbolic), symbolic.coordinates.values(), strict=True)
-        for joint, angle in joints:
-            stretch = _stretch(tape, joint, angle)
-            springs.append(tape.let(joint.stiffness * tape.let(stretch * stretch) / 2))
-        return tape.let(sp.Add(weight, *springs))
-
-
-def _stretch(tape: Scalars, joint: PassiveSymbols, angle: sp.Expr) -> sp.Expr:
-    """Displacement of a spring from rest; zero where there is none."""
-    return tape.let(angle - joint.rest) if joint.stiffness != 0 else sp.S.Zero
-
-
-def _squares(symbolic: SymbolicRobot, rates: Values) -> list[sp.Expr]:
-    """½ armature times the square of a rate, for each joint."""
-    tape = symbolic.tape
-    return [
-        tape.let(joint.armature * tape.let(rate * rate) / 2)
-        for joint, rate in zip(passive_symbols(symbolic), rates, strict=True)
-        if joint.armature != 0
-    ]

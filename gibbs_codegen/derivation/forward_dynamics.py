@@ -23,11 +23,12 @@ from gibbs_codegen.derivation.articulated import (
     articulated,
     root_in_group_frame,
 )
-from gibbs_codegen.derivation.forces import armatures, passive_forces, thrust_wrenches
+from gibbs_codegen.derivation.forces import thrust_wrenches
+from gibbs_codegen.derivation.forward_kinematics import frame_loads
 from gibbs_codegen.derivation.inertia import ANGULAR, PAIRS, Inertia
 from gibbs_codegen.derivation.motion import Acceleration, Motion, TreeState
+from gibbs_codegen.derivation.passive import armatures, passive_forces
 from gibbs_codegen.derivation.symbolic_robot import SymbolicRobot
-from gibbs_codegen.derivation.wrenches import frame_loads
 from gibbs_codegen.errors import SingularRobotError
 from gibbs_codegen.graph.from_tape import ImportedTape
 from gibbs_codegen.program.lower import operations

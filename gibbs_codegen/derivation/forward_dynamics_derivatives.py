@@ -35,7 +35,7 @@ from gibbs_codegen.derivation.articulated_derivatives import (
     convected_perturbations,
     inertia_is_shorter,
 )
-from gibbs_codegen.derivation.forces import passive_symbols, rotor_wrench
+from gibbs_codegen.derivation.forces import rotor_wrench
 from gibbs_codegen.derivation.forward_kinematics import (
     frame_jacobians,
     mounted_frames,
@@ -44,6 +44,12 @@ from gibbs_codegen.derivation.forward_kinematics import (
 from gibbs_codegen.derivation.inertia import ArticulatedInertia, rotated_block
 from gibbs_codegen.derivation.motion import Acceleration
 from gibbs_codegen.derivation.parameters import PassiveSymbols
+from gibbs_codegen.derivation.passive import (
+    StretchedSpring,
+    passive_symbols,
+    spring_slopes,
+    springs,
+)
 from gibbs_codegen.derivation.symbolic_robot import SymbolicRobot
 from gibbs_codegen.robot.layout import Places
 from gibbs_codegen.robot.names import rotor_identifier
@@ -77,13 +83,24 @@ class BaseColumns:
     omega: Vector
     acceleration: Acceleration
     columns: ArticulatedDerivatives
+    between: Sequence[StretchedSpring]
 
     def by_joints(self, kind: Literal["effort", "coordinate", "rate"]) -> list[Values]:
         """Columns by the joints' efforts, coordinates or rates."""
-        joints = range(1, len(self.articulation.tree.segments))
-        with self.symbolic.tape.group("rows of attitude and position"):
+        joints, tape = range(1, len(self.articulation.tree.segments)), self.symbolic.tape
+        slopes = {} if kind == "effort" else spring_slopes(self.between, kind)
+
+        def column(k: int) -> Values:
+            column = self.columns.column(kind, k)
+            if not slopes:
+                return column
+            pushed = [self.columns.column("effort", i) for i in joints]
+            shares = [slopes.get((i, k), sp.S.Zero) for i in joints]
+            return tape.combination([sp.S.One, *shares], [column, *pushed])
+
+        with tape.group("rows of attitude and position"):
             _, converted = self._solved
-            return [converted(self.columns.column(kind, k)) for k in joints]
+            return [converted(column(k)) for k in joints]
 
     def by_base(self, accelerations: Values) -> tuple[list[Values], list[Values]]:
         """Columns in the tangent space of the base's coordinates, and those by its velocities."""
@@ -286,6 +303,7 @@ def base_columns(
     symbolic: SymbolicRobot,
     articulation: Articulation,
     passive: Sequence[PassiveSymbols],
+    between: Sequence[StretchedSpring],
     by_inertia: bool | None = None,
     seen: Sequence[SeenPoint] = (),
 ) -> tuple[list[sp.Expr], BaseColumns]:
@@ -307,7 +325,7 @@ def base_columns(
         by_inertia = inertia_is_shorter(tree)
     columns = ArticulatedDerivatives(tape, articulation, coupling, changes, by_inertia, seen)
     omega = root_turn(tree).inverse.vector(tape, motions[0].omega)
-    base = BaseColumns(symbolic, centred, articulation, omega, in_group_frame, columns)
+    base = BaseColumns(symbolic, centred, articulation, omega, in_group_frame, columns, between)
     return acceleration, base
 
 
@@ -320,7 +338,7 @@ def _differentiated(
     with forward_dynamics.refused_as_singular(symbolic):
         articulation = forward_dynamics.articulation_of(centred, acting)
         acceleration, base = base_columns(
-            symbolic, articulation, passive_symbols(symbolic), by_inertia
+            symbolic, articulation, passive_symbols(symbolic), springs(centred), by_inertia
         )
     by_place, by_velocity = base.by_base(places.split(acceleration)[0])
     derivatives = ForwardDynamicsDerivatives(

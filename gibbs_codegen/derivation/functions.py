@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from gibbs_codegen.derivation import (
-    forces,
     forward_kinematics,
     hybrid,
     inverse_dynamics,
+    passive,
     systems,
     wrenches,
 )
@@ -62,9 +62,9 @@ DERIVATIONS: dict[str, Callable[[ConstrainedSystems], systems.Array]] = {
     "hybrid_residual": lambda s: s.hybrid.residual,
     "hybrid_input_matrix": lambda s: s.hybrid.inputs,
     "constraint_torques": lambda s: hybrid.constraint_torques(s.symbolic),
-    "gibbs": lambda s: forces.gibbs(s.symbolic),
-    "kinetic_energy": lambda s: forces.kinetic_energy(s.symbolic),
-    "potential_energy": lambda s: forces.potential_energy(s.symbolic),
+    "gibbs": lambda s: passive.gibbs(s.symbolic),
+    "kinetic_energy": lambda s: passive.kinetic_energy(s.symbolic),
+    "potential_energy": lambda s: passive.potential_energy(s.symbolic),
     "positions": lambda s: forward_kinematics.positions(s.symbolic),
     "tip_pose": lambda s: forward_kinematics.frame_poses(s.symbolic, "tip"),
     "tip_jacobian": lambda s: forward_kinematics.frame_jacobians(s.symbolic, "tip"),

@@ -17,13 +17,13 @@ import sympy as sp
 
 from gibbs_codegen.derivation import tree_dynamics
 from gibbs_codegen.derivation.forces import (
-    armatures,
+    forces_of_wrenches,
     input_matrix,
     motor_torque_about_rod,
-    passive_forces,
     rotor_column,
 )
 from gibbs_codegen.derivation.motion import TreeState
+from gibbs_codegen.derivation.passive import armatures, passive_forces, spring_loads
 from gibbs_codegen.derivation.segment_tree import SegmentTree
 from gibbs_codegen.derivation.symbolic_robot import SymbolicRobot
 from gibbs_codegen.robot.chains import coupling_map
@@ -137,11 +137,11 @@ def _fill_links(symbolic: SymbolicRobot, system: LinearSystem) -> None:
     matrix = tree_dynamics.mass_matrix(tape, root, tree)
     minus_r = tree_dynamics.generalised_inertia_forces(tape, root, tree, state)
     columns = _thrust_columns(symbolic)
-    for i in _constrained_places(symbolic):
+    for i, pull in zip(_constrained_places(symbolic), _held_pulls(symbolic), strict=True):
         here = places[i]
         for place, entry in zip(places, matrix[i], strict=True):
             system.matrix[here][place] = system.matrix[place][here] = entry
-        system.residual[here] = -minus_r[i]
+        system.residual[here] = tape.let(pull - minus_r[i])
         system.inputs[here][: len(columns)] = [column[i] for column in columns]
 
 
@@ -149,6 +149,13 @@ def _thrust_columns(symbolic: SymbolicRobot) -> list[list[sp.Expr]]:
     """Effect of each rotor's unit thrust in the tree that has the constrained joints, too."""
     tree, bodies = symbolic.hybrid_tree, symbolic.hybrid_bodies
     return [rotor_column(symbolic, tree, bodies, k) for k in range(1, symbolic.robot.rotors + 1)]
+
+
+def _held_pulls(symbolic: SymbolicRobot) -> list[sp.Expr]:
+    """Effects of springs between frames on the constrained joints of links, in order."""
+    loads = spring_loads(symbolic, symbolic.hybrid_bodies)
+    forces = forces_of_wrenches(symbolic, symbolic.hybrid_tree, loads)
+    return [forces[i] for i in _constrained_places(symbolic)]
 
 
 def _constrained_places(symbolic: SymbolicRobot) -> list[int]:
@@ -175,11 +182,11 @@ def constraint_torques(symbolic: SymbolicRobot) -> list[sp.Expr]:
         tape, symbolic.root, symbolic.hybrid_tree, state
     )
     columns = _thrust_columns(symbolic)
-    for i in _constrained_places(symbolic):
+    for i, pull in zip(_constrained_places(symbolic), _held_pulls(symbolic), strict=True):
         with tape.group("constraint torques of links"):
             pairs = zip(columns, symbolic.u[: len(columns)], strict=True)
             thrusts = [tape.let(column[i] * thrust) for column, thrust in pairs]
-            torques.append(tape.let(forces[i] - sp.Add(*thrusts)))
+            torques.append(tape.let(forces[i] - sp.Add(*thrusts, pull)))
     return torques
 
 
@@ -210,6 +217,11 @@ def chain_system(symbolic: SymbolicRobot, number: int) -> LinearSystem:
         if i in symbolic.robot.moving
     }
     _add_passive(symbolic, [rows.get(i) for i in symbolic.robot.moving], matrix, residual)
+    pulls = dict(zip(symbolic.robot.constrained, _held_pulls(symbolic), strict=True))
+    for i in chain.own:
+        if i in pulls:
+            row = chain.coordinates.index(coordinate_of(symbolic.robot, i))
+            residual[row] = tape.let(residual[row] + pulls[i])
     # Effects of the inputs u (columns) on the chain's coordinates (rows) (eq. 13).
     thrust = zeros(len(chain.coordinates), len(symbolic.u))
     bodies = symbolic.chain_bodies(chain)

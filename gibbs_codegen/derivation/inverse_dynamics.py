@@ -27,8 +27,14 @@ from dataclasses import dataclass, field, replace
 import sympy as sp
 
 from gibbs_codegen.derivation import tree_dynamics
-from gibbs_codegen.derivation.forces import armatures, passive_forces, passive_symbols
 from gibbs_codegen.derivation.inertia import Inertia
+from gibbs_codegen.derivation.passive import (
+    armatures,
+    passive_forces,
+    passive_symbols,
+    spring_slopes,
+    springs,
+)
 from gibbs_codegen.derivation.root import BaseDerivatives
 from gibbs_codegen.derivation.segment_tree import GroupPassage, SegmentTree
 from gibbs_codegen.derivation.symbolic_robot import SymbolicRobot
@@ -208,6 +214,10 @@ def inverse_dynamics_derivatives(symbolic: SymbolicRobot) -> InverseDynamicsDeri
             parts = (passive.stiffness, passive.damping, passive.armature)
             for matrix, part in zip(matrices, parts, strict=True):
                 matrix[place][place] = tape.let(matrix[place][place] + part)
+    for matrix, by in zip(matrices, ("coordinate", "rate"), strict=False):
+        for (i, j), slope in spring_slopes(springs(symbolic), by).items():
+            row, column = matrix[places[i - 1]], places[j - 1]
+            row[column] = tape.let(row[column] - slope)
     return InverseDynamicsDerivatives(force, *matrices)
 
 

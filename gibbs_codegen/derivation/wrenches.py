@@ -5,8 +5,8 @@ A wrench on a frame is a load on its segment, or the generalised forces JᵀW.
 What a joint, held and welded ones included, passes on to the body that it carries (eqs. 6 and 14)
 is what inertia, gravity and thrusts of all beyond it leave to be supplied: all six components of
 the sum of which the equations of motion have the one along the joint. So inertias must not be
-regrouped, and every link has a joint of its own. Torques of motors, dampers and springs are part of
-what a joint passes on, and need not be known.
+regrouped, and every link has a joint of its own. Torques of motors, dampers and springs of joints
+are part of what a joint passes on, and need not be known; springs between frames pull at bodies.
 """
 
 from __future__ import annotations
@@ -14,39 +14,13 @@ from __future__ import annotations
 import sympy as sp
 
 from gibbs_codegen.derivation.forces import forces_of_wrenches, rod_thrust, thrust_wrenches
-from gibbs_codegen.derivation.forward_kinematics import mounted_frames, segment_frames
+from gibbs_codegen.derivation.forward_kinematics import frame_loads
 from gibbs_codegen.derivation.hybrid import rod_wrench
-from gibbs_codegen.derivation.jointed_bodies import JointedBodies
+from gibbs_codegen.derivation.passive import spring_loads
 from gibbs_codegen.derivation.symbolic_robot import SymbolicRobot
 from gibbs_codegen.derivation.tree_dynamics import subtree_wrenches, tree_motions
-from gibbs_codegen.symbolic.structural import applied, back, product
+from gibbs_codegen.symbolic.structural import applied, back
 from gibbs_codegen.symbolic.vectors import NO_WRENCH, Wrench, minus
-
-# Components of a wrench.
-_SIZE = 6
-
-
-def frame_loads(symbolic: SymbolicRobot, bodies: JointedBodies | None = None) -> dict[int, Wrench]:
-    """The wrenches W on the frames, taken to the joints of the segments that they are on.
-
-    They are by index of the segment, about its joint or about the origin, in its own frame (N, N
-    m): of the reduced tree, or of other `bodies`.
-    """
-    tape = symbolic.tape
-    frames = segment_frames(symbolic)
-    loads: dict[int, Wrench] = {}
-    places = mounted_frames(symbolic), mounted_frames(symbolic, bodies=bodies)
-    for place, (reduced, mounted) in enumerate(zip(*places, strict=True)):
-        k, entries = mounted.segment, symbolic.W[place * _SIZE : (place + 1) * _SIZE]
-        with tape.group(f"wrench on {mounted.name}, in the frame of its link"):
-            axes, halves = frames[reduced.segment].axes, (entries[:3], entries[3:])
-            vectors = [tuple(tape.dot(axis, half) for axis in axes) for half in halves]
-            if mounted.turn != reduced.turn:
-                turn = product(mounted.turn, back(reduced.turn))
-                vectors = [applied(turn, vector) for vector in vectors]
-            load = Wrench(*vectors).shifted(tape, mounted.position)
-            loads[k] = loads.get(k, NO_WRENCH).plus(tape, load)
-    return loads
 
 
 def wrench_forces(symbolic: SymbolicRobot) -> list[sp.Expr]:
@@ -76,8 +50,10 @@ def joint_wrenches(symbolic: SymbolicRobot, *, with_frames: bool = False) -> lis
     state = symbolic.state_with(symbolic.state, bodies.numbers)
     motions = tree_motions(tape, symbolic.root, tree, state)
     loads = thrust_wrenches(symbolic, bodies)
-    for k, load in (frame_loads(symbolic, bodies) if with_frames else {}).items():
-        loads[k] = loads.get(k, NO_WRENCH).plus(tape, load)
+    of_frames = [frame_loads(symbolic, bodies)] if with_frames else []
+    for acting in (*of_frames, spring_loads(symbolic, bodies)):
+        for k, load in acting.items():
+            loads[k] = loads.get(k, NO_WRENCH).plus(tape, load)
     sums = subtree_wrenches(tape, tree, motions, loads)
     for k, i in enumerate(bodies.numbers, start=1):
         with tape.group(f"wrench through {tree.segments[k].joint_name}, in its frame"):

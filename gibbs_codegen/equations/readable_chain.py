@@ -13,14 +13,10 @@ from functools import lru_cache, partial
 
 import sympy as sp
 
-from gibbs_codegen.derivation.forces import (
-    armatures,
-    forces_of_wrenches,
-    passive_forces,
-    rotor_wrench,
-)
+from gibbs_codegen.derivation.forces import forces_of_wrenches, rotor_wrench
 from gibbs_codegen.derivation.inertia import NO_INERTIA
 from gibbs_codegen.derivation.motion import TreeState
+from gibbs_codegen.derivation.passive import armatures, passive_forces
 from gibbs_codegen.derivation.segment_tree import (
     JointedLink,
     Segment,

@@ -10,6 +10,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -134,8 +135,8 @@ def _with_arm(
     named = {"base": prefix + root} | {f.name: prefix + f.name for f in brought}
 
     def tied(tie: Tie) -> Tie:
-        to = tie.to and named[tie.to]
-        return replace(tie, name=prefix + tie.name, frame=named[tie.frame], to=to)
+        ends: dict[str, Any] = {"frame": named[tie.frame], "to": tie.to and named[tie.to]}
+        return replace(tie, name=prefix + tie.name, **ends)
 
     rotors = [
         replace(

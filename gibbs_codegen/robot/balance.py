@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from gibbs_codegen.robot import posture
-from gibbs_codegen.robot.layout import joint_terms
+from gibbs_codegen.robot.layout import frames_of, joint_terms
 from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.robot.names import coordinate_of, link_label, rotor_label
 from gibbs_codegen.robot.parts.battery import Battery
@@ -300,12 +300,19 @@ def _endurance(
 
 def holding_efforts(robot: Robot, thrusts: Sequence[float]) -> list[float]:
     """Torques (N m), forces (N) that hold joints at zero, the base level, under thrusts (N)."""
-    links = posture.frames_on(robot, posture.AT_ORIGIN, np.zeros(len(robot.moving))).links
+    frames = posture.frames_on(robot, posture.AT_ORIGIN, np.zeros(len(robot.moving)))
+    links, carriers = frames.links, {frame.name: frame.on for frame in frames_of(robot)}
     loads = np.zeros((len(robot.links) + 1, 6))  # On each body, about the base centre.
     for rotor, unit, thrust in zip(
         mounted_rotors(robot), wrench_matrix(robot).T, thrusts, strict=True
     ):
         loads[rotor.on] += thrust * unit
+    for spring in robot.springs:
+        ends = [frames.named[name].origin for name in (spring.frame, spring.to)]
+        pull = spring.pull(ends[0] - ends[1])
+        wrench = np.concatenate([pull, np.cross(ends[0], pull)])
+        loads[carriers[spring.frame]] += wrench
+        loads[carriers[spring.to]] -= wrench
     for i in range(len(robot.links), 0, -1):
         body = as_rigid_body(robot.links[i - 1].body)
         weight = np.array([0.0, 0.0, -robot.gravity * body.mass])

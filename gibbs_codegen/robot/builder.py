@@ -96,6 +96,17 @@ class RobotFile:
         """
         return self._with_one_more("constraint", keys)
 
+    def spring(self, **keys: Any) -> RobotFile:
+        """Add a `[[spring]]`.
+
+        Args:
+            keys: Keys of the table.
+
+        Returns:
+            The file with it.
+        """
+        return self._with_one_more("spring", keys)
+
     def _with_one_more(self, kind: str, keys: Mapping[str, Any]) -> RobotFile:
         return self._with(kind, [*self._document.get(kind, ()), _present(keys)])
 

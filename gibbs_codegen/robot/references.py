@@ -146,7 +146,8 @@ def tie_faults(ties: Sequence[Tie], bodies: Mapping[str, int]) -> Iterator[Place
     for tie in ties:
         at, frame, to = (tie.array, next(places[type(tie)])), tie.frame, tie.to
         for key, name in (("frame", frame), ("to", to)):
-            free = ", or be left out for the world" if name == "world" else ""
+            world = name == "world" and isinstance(tie, Constraint)
+            free = ", or be left out for the world" if world else ""
             yield from _unknown({(*at, key): name}, bodies, f"must be {right}{free}", example)
         if frame == to:
             yield (*at, "to"), f"{shown(frame)} is the frame {tie.other_end}"

@@ -12,6 +12,7 @@ from gibbs_codegen.files.templating import render
 from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.robot.names import default_prefix
 from gibbs_codegen.robot.parts.body import Body, RigidBody, as_rigid_body
+from gibbs_codegen.robot.parts.constraint import Constraint
 from gibbs_codegen.robot.parts.frame import Frame
 from gibbs_codegen.robot.parts.link import Link
 from gibbs_codegen.robot.parts.numbers import AXES, BASE, Vector3
@@ -142,9 +143,11 @@ def frame_lines(robot: Robot, frame: Frame) -> list[str]:
 
 def tie_lines(tie: Tie) -> list[str]:
     """The table of a tie in the file, and where its anchor is."""
-    table = changed_keys(tie, "xyz", "rpy_deg") | _pose(tie.anchor)
-    if tie.kind not in ("frame", "loop"):
-        del table["rpy_deg"]
+    table = changed_keys(tie, "xyz", "rpy_deg")
+    if isinstance(tie, Constraint):
+        table |= _pose(tie.anchor)
+        if tie.kind not in ("frame", "loop"):
+            del table["rpy_deg"]
     return [f"[[{tie.array}]]", *toml_lines(table)]
 
 

@@ -591,7 +591,8 @@ def _coriolis_rows(point: _Point, values: Values) -> Iterator[DerivativeRow]:
     """C v is the part of velocities in the forces, and Ṁ − 2 C is skew-symmetric."""
     states, sizes, call = point.states, point.sizes, point.call
     ((what, coriolis),) = values.items()
-    damped = point.tree.passive.damping[point.tree.free] * states.v
+    tree = point.tree
+    damped = tree.passive.damped(tree.at_joints(states.q), tree.spread(states.v))[:, tree.free]
     still = call("residual", states.q, 0.0 * states.v)
     forces = still - call("residual", states.q, states.v) - damped
     yield DerivativeRow(f"{what}.product", times(coriolis, states.v), forces, sizes.free_effort)

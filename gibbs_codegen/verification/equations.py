@@ -280,6 +280,8 @@ def mass_rows(tree: Tree, quantities: Quantities, states: States, sizes: Sizes) 
         spin = sizes.rate**2 + np.abs(states.a / sizes.scales).sum(axis=-1)
         acceleration = abs(tree.gravity) + sizes.length * spin
         size = wrench_sizes(tree, acceleration, spin, states.u)
+        pulled = tree.passive.pull_sizes(tree.at_joints(states.q), tree.spread(states.v))
+        size = size + (1.0 + tree.reach) * pulled[:, None, None]
         yield "joint_wrenches", quantities.joint_wrenches, size
         if quantities.loaded_joint_wrenches is not None:
             forces, moments = (np.abs(x).sum(axis=1) for x in np.split(states.W, 2, axis=-1))

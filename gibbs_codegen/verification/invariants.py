@@ -127,7 +127,7 @@ class Invariants:
 
             slopes = self.steps.jacobian(energy, {"q": q, "v": v})
             rate = np.sum(slopes * np.concatenate([v, a], axis=-1), axis=-1)
-            damped = tree.passive.damping[tree.free] * v
+            damped = tree.passive.damped(tree.at_joints(q), tree.spread(v))[..., tree.free]
             power = np.sum(v * (times(values["input_matrix"], states.u) - damped), axis=-1)
             # Rates or coordinates change by their own size in the inverse of this.
             gain = np.abs(a / sizes.scales).sum(axis=-1)

@@ -15,9 +15,8 @@ import numpy as np
 from gibbs_codegen.verification.formulation import Quantities
 from gibbs_codegen.verification.states import States
 from gibbs_codegen.verification.tree import Point, Tree
-from gibbs_codegen.verification.vectors import Array, times
+from gibbs_codegen.verification.vectors import COMPLEX_STEP, Array, times
 
-_COMPLEX_STEP = 1e-40
 # Step of differences of eighth order. Where values change by their size in a unit, rounding of
 # 1e-16/h meets a truncation of some h⁸.
 _STEP = 1e-2
@@ -135,4 +134,4 @@ class Lagrange:
 
 def _along(function: Callable[[Array], Array], q: Array, direction: Array) -> Array:
     """Derivative of a function along rates (…, size) of its coordinates, which may be complex."""
-    return np.imag(function(q + 1j * _COMPLEX_STEP * direction)) / _COMPLEX_STEP
+    return np.imag(function(q + 1j * COMPLEX_STEP * direction)) / COMPLEX_STEP

@@ -25,7 +25,7 @@ from gibbs_codegen.verification.vectors import Array, Sized, cross, times
 
 
 def joint_wrenches(
-    tree: Tree, motions: list[BodyMotion], frames: Frames, u: Array, pushes: Array | None = None
+    tree: Tree, motions: list[BodyMotion], frames: Frames, u: Array, pushes: Array
 ) -> Array:
     """Wrenches (s, bodies, 6), N and N m, through the joints, held and welded ones included.
 
@@ -52,9 +52,8 @@ def joint_wrenches(
     for k, (motor, seat) in enumerate(zip(tree.motors, tree.seats, strict=False)):
         thrust = u[:, k, None] * (rotations[seat.joint] @ seat.rotation @ motor.direction)
         add(motor.body, seat, -thrust, -motor.drag * thrust)
-    if pushes is not None:
-        for place, (body, point) in enumerate(zip(tree.mounts, tree.named, strict=True)):
-            add(body, point, -pushes[:, place, :3], -pushes[:, place, 3:])
+    for place, (body, point) in enumerate(zip(tree.mounts, tree.named, strict=True)):
+        add(body, point, -pushes[:, place, :3], -pushes[:, place, 3:])
     for body, carrier in reversed([*tree.carriers.items()]):
         add(carrier, tree.bodies[body], forces[body], moments[body])
     rows = []
@@ -136,6 +135,7 @@ class NewtonEuler:
         steady = joint_motions(tree, v, np.zeros_like(a), frames)
         still = joint_motions(tree, np.zeros_like(v), np.zeros_like(a), frames)
         moved = joint_motions(tree, v, a, frames)
+        pulls = tree.passive.pulls(q, v, frames)
         bias = []
         for point in tree.named:
             _, linear = steady[point.joint].at(frames.rotations[point.joint] @ point.local)
@@ -150,8 +150,8 @@ class NewtonEuler:
             positions=tree.positions(frames, tree.points),
             bias_accelerations=np.stack(bias, axis=1),
             gravity_forces=-self._efforts(still, frames, tree.gravity),
-            joint_wrenches=joint_wrenches(tree, moved, frames, states.u),
-            loaded_joint_wrenches=joint_wrenches(tree, moved, frames, states.u, states.W),
+            joint_wrenches=joint_wrenches(tree, moved, frames, states.u, pulls),
+            loaded_joint_wrenches=joint_wrenches(tree, moved, frames, states.u, pulls + states.W),
             actuators=_of_actuators(tree, states),
             **self._masses(steady, frames),
         )

@@ -21,6 +21,7 @@ import numpy as np
 from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.robot.names import frame_prefix, parameter_prefix, rotor_prefix, tie_prefix
 from gibbs_codegen.robot.parts.body import Body, RigidBody, Rod, as_rigid_body
+from gibbs_codegen.robot.parts.constraint import Constraint
 from gibbs_codegen.robot.parts.link import Link
 from gibbs_codegen.robot.parts.part import AnyPart, Part, RobotNumber, changed_numbers
 from gibbs_codegen.robot.parts.rotor import Rotor
@@ -137,7 +138,7 @@ class _Mapping:
     def _tie(self, tie: Tie) -> Tie:
         numbers = self._numbers(tie, tie_prefix(tie))
         quaternion = numbers.pop("quaternion", None)
-        if quaternion not in (None, tie.quaternion):
+        if isinstance(tie, Constraint) and quaternion not in (None, tie.quaternion):
             from scipy.spatial.transform import Rotation  # Late, as SciPy takes long to import.
 
             x, y, z = Rotation.from_quat(quaternion).as_euler("xyz", degrees=True)

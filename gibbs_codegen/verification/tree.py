@@ -20,7 +20,7 @@ from gibbs_codegen.robot.parts.body import Body, Rod
 from gibbs_codegen.robot.parts.numbers import BASE, Vector3
 from gibbs_codegen.robot.parts.pose import Pose
 from gibbs_codegen.verification.actuators import ActuatorOracle
-from gibbs_codegen.verification.vectors import Array, about, cross
+from gibbs_codegen.verification.vectors import COMPLEX_STEP, Array, about, cross, times
 
 WORLD = -1
 
@@ -233,39 +233,84 @@ def _turn(axis: str, degrees: float) -> Array:
     return about("xyz".index(axis), np.array(np.deg2rad(degrees)))
 
 
-class PassiveJoints(NamedTuple):
-    """Passive forces of all joints, (size,) per field, as in `robot.model.Passive`."""
+class PassiveForces:
+    """What acts on all joints by itself: of each alone, and of springs between named frames.
 
-    damping: Array
-    armature: Array
-    stiffness: Array
-    rest: Array
+    Arrays of joints are (size,), zero for those of the base and those that are held. Forces of
+    springs are what complex steps of their lengths make of the tensions (Squire and Trapp, 1998).
+    """
 
-    @classmethod
-    def of(cls, robot: Robot, size: int, places: Sequence[int]) -> PassiveJoints:
-        """Passive forces of a robot's joints: zero for those of the base and those that are held.
-
-        `places` are those of the joints that move among all `size`, in the order of their links.
-        """
-        every = np.zeros((size, len(cls._fields)))
-        for place, i in zip(places, robot.moving, strict=True):
+    def __init__(self, tree: Tree, robot: Robot) -> None:
+        self._tree, every = tree, np.zeros((tree.size, 4))
+        for place, i in zip(tree.arm, robot.moving, strict=True):
             every[place] = astuple(robot.links[i - 1].passive)
-        return cls._make(every.T)
+        self._damping, self.armature, self._stiffness, self._rest = every.T
+        names = [frame.name for frame in frames_of(robot)]
+        self.ends = [(names.index(tie.frame), names.index(tie.to)) for tie in robot.springs]
+        springs = [(tie.stiffness, tie.length, tie.damping) for tie in robot.springs]
+        self._springs = np.reshape(springs, (-1, 3)).T
+
+    def _ways(self, frames: Frames) -> Array:
+        """Vectors (…, springs, 3) from their ends to their frames, m, world axes."""
+        places = self._tree.positions(frames, self._tree.named)
+        first, second = np.reshape(self.ends, (-1, 2)).astype(int).T
+        return places[..., first, :] - places[..., second, :]
+
+    def _lengths(self, q: Array) -> Array:
+        if not self.ends:
+            return np.zeros((*q.shape[:-1], 0))
+        return np.sqrt(np.sum(self._ways(self._tree.frames(q)) ** 2, axis=-1))
+
+    def _tensions(self, q: Array, v: Array) -> Array:
+        """Forces (…, springs), N, that draw ends together, at q and v of all joints."""
+        stiffness, rest, damping = self._springs
+        rates = np.imag(self._lengths(q + 1j * COMPLEX_STEP * v)) / COMPLEX_STEP
+        return stiffness * (self._lengths(q) - rest) + damping * rates
 
     def forces(self, q: Array, v: Array) -> Array:
         """Forces (…, size), N m and N, of dampers and springs, at q and v of all joints."""
-        return -self.damping * v - self.stiffness * (q - self.rest)
+        moved = q[..., None, :] + 1j * COMPLEX_STEP * np.eye(self._tree.size)
+        slopes = np.imag(self._lengths(moved)) / COMPLEX_STEP
+        own = self._damping * v + self._stiffness * (q - self._rest)
+        return -own - times(slopes, self._tensions(q, v))
+
+    def damped(self, q: Array, v: Array) -> Array:
+        """The part of these (…, size) that velocities make, against them."""
+        return self.forces(q, 0.0 * v) - self.forces(q, v)
 
     def sizes(self, q: Array, v: Array) -> tuple[Array, Array]:
         """Sizes of the terms of these forces (…, size), and of the springs' energy (…), J."""
-        stretch = np.abs(q) + np.abs(self.rest)
-        pulling = np.abs(self.stiffness) * stretch
-        return np.abs(self.damping * v) + pulling, np.sum(pulling * stretch, axis=-1)
+        stretch = np.abs(q) + np.abs(self._rest)
+        pulling = np.abs(self._stiffness) * stretch
+        between, reach = self.pull_sizes(q, v), self._tree.reach
+        levers = np.where(self._tree.turns, reach, 1.0)
+        forces = np.abs(self._damping * v) + pulling + between[..., None] * levers
+        longest = reach + np.sum(self._springs[1])
+        return forces, np.sum(pulling * stretch, axis=-1) + between * longest
+
+    def pull_sizes(self, q: Array, v: Array) -> Array:
+        """Sizes (…) of all tensions, N; the direction of a short spring is known less exactly."""
+        (stiffness, rest, damping), tree = np.abs(self._springs), self._tree
+        lengths, speed = self._lengths(q), np.sum(np.abs(v) * tree.scales, axis=-1, keepdims=True)
+        pulling = stiffness * (tree.reach + lengths + rest) + damping * speed
+        return np.sum(pulling * (1.0 + tree.reach / lengths), axis=-1)
 
     def energies(self, q: Array, v: Array) -> tuple[Array, Array]:
         """Kinetic energy of drives that turn with joints, and the springs' potential, (…), J."""
-        kinetic = 0.5 * np.sum(self.armature * v**2, axis=-1)
-        return kinetic, 0.5 * np.sum(self.stiffness * (q - self.rest) ** 2, axis=-1)
+        stiffness, rest, _ = self._springs
+        stored = np.sum(self._stiffness * (q - self._rest) ** 2, axis=-1)
+        stored += np.sum(stiffness * (self._lengths(q) - rest) ** 2, axis=-1)
+        return 0.5 * np.sum(self.armature * v**2, axis=-1), 0.5 * stored
+
+    def pulls(self, q: Array, v: Array, frames: Frames) -> Array:
+        """Wrenches (s, frames, 6) of springs on all named frames, N and N m, world axes."""
+        ways, wrenches = self._ways(frames), np.zeros((len(q), len(self._tree.named), 6))
+        units = ways / np.linalg.norm(ways, axis=-1, keepdims=True)
+        pulls = self._tensions(q, v)[..., None] * units
+        for k, (first, second) in enumerate(self.ends):
+            wrenches[:, first, :3] -= pulls[:, k]
+            wrenches[:, second, :3] += pulls[:, k]
+        return wrenches
 
 
 class Frames(NamedTuple):
@@ -328,7 +373,7 @@ class Tree:
         self.names = [*built.frames]
         self.mounts = [frame.on for frame in frames_of(robot)]
         self.tip = self.names.index("tip") if "tip" in self.names else None
-        self.passive = PassiveJoints.of(robot, self.size, self.arm)
+        self.passive = PassiveForces(self, robot)
         self.actuators = ActuatorOracle(robot) if robot.has_actuators else None
         self.constraints = robot.constraints
 

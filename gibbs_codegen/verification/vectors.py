@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 # Real or complex: the Lagrangian formulation differentiates by complex steps.
 Array = NDArray[Any]
+COMPLEX_STEP = 1e-40
 
 
 class Sized(NamedTuple):

@@ -14,9 +14,10 @@ from gibbs_codegen.robot.parts.base import ROD_ORIGINS, SEQUENCES, Base
 from gibbs_codegen.robot.parts.body import Body, RigidBody, Rod
 from gibbs_codegen.robot.parts.frame import Frame
 from gibbs_codegen.robot.parts.link import JOINT_KINDS, LINK_KINDS, JointLimits, Link, Passive
-from gibbs_codegen.robot.parts.numbers import AXES, Vector3
+from gibbs_codegen.robot.parts.numbers import AXES, BASE, Vector3
 from gibbs_codegen.robot.parts.pose import Pose
 from gibbs_codegen.robot.parts.rotor import Rotor
+from gibbs_codegen.robot.parts.spring import Spring
 from gibbs_codegen.robot.text import robot_text
 
 ANGLES = ("0", "0", "0", "90", "-90", "180", "30", "45", "37.25", "-120", "60")
@@ -200,6 +201,30 @@ def _rotor(rng: np.random.Generator, links: int, k: int) -> Rotor:
         limits=(0.0, 15.0) if rng.random() < 0.5 else None,
         time_constant=0.02 if rng.random() < 0.3 else None,
     )
+
+
+def sprung_robot(seed: int, attitude: str = "") -> Robot:
+    """The tree of a seed with one or two springs from its base and between its links."""
+    rng, robot = np.random.default_rng([seed, 3]), random_tree(seed, attitude)
+    bodies = [BASE, *robot.moving, *robot.constrained]
+    frames = tuple(Frame(f"end {body}", body, random_pose(rng)) for body in bodies)
+    robot = replace(robot, name=f"sprung_{seed}", frames=(*robot.frames, *frames))
+    springs = []
+    for k in range(int(rng.integers(1, 3))):
+        on = rng.permutation(robot.moving)[0]
+        others = [body for body in bodies if robot.rigid[body] != robot.rigid[on]]
+        stiffness, length, damping = map(float, rng.uniform(0.2, 1.0, 3) * rng.integers(0, 2, 3))
+        springs.append(
+            Spring(
+                f"spring {k}",
+                f"end {on}",
+                f"end {others[rng.integers(len(others))]}",
+                stiffness=stiffness or 0.5,
+                length=length,
+                damping=damping,
+            )
+        )
+    return replace(robot, springs=tuple(springs))
 
 
 def random_parents(seed: int, links: int) -> tuple[int, ...]:

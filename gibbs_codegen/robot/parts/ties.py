@@ -14,9 +14,10 @@ from typing import Annotated, Any, TypeAlias
 from gibbs_codegen.files.table import Tables
 from gibbs_codegen.robot.parts.constraint import Constraint
 from gibbs_codegen.robot.parts.part import Part, entry, taken
+from gibbs_codegen.robot.parts.spring import Spring
 
-Tie: TypeAlias = Constraint
-TIES: tuple[type[Tie], ...] = (Constraint,)
+Tie: TypeAlias = Constraint | Spring
+TIES: tuple[type[Tie], ...] = (Constraint, Spring)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -26,6 +27,9 @@ class Ties(Part):
     constraints: Annotated[
         tuple[Constraint, ...], Tables(Constraint.array, Constraint.most, "constraints")
     ] = entry("what may hold frames, while it is active", (), key=Constraint.array)
+    springs: Annotated[tuple[Spring, ...], Tables(Spring.array, Spring.most, "springs")] = entry(
+        "springs and tendons between frames", (), key=Spring.array
+    )
 
     @property
     def by_kind(self) -> dict[str, Any]:

@@ -1,0 +1,210 @@
+"""What acts by itself: dampers, springs and armature, and the energies of a robot that has them.
+
+Armature adds to the diagonal of the mass matrix, the rest to the residual. A joint of its own has
+τ − damping·v − stiffness·(q − rest); springs between frames act on all joints between these.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import sympy as sp
+
+from gibbs_codegen.derivation.forward_kinematics import (
+    SegmentFrame,
+    loads_on_frames,
+    mounted_frames,
+    segment_frames,
+)
+from gibbs_codegen.derivation.jointed_bodies import JointedBodies
+from gibbs_codegen.derivation.motion import TreeState
+from gibbs_codegen.derivation.parameters import PassiveSymbols
+from gibbs_codegen.derivation.symbolic_robot import SymbolicRobot
+from gibbs_codegen.derivation.tree_dynamics import Entries, gibbs_function, whole_inertia
+from gibbs_codegen.robot.names import identifier, tie_prefix
+from gibbs_codegen.robot.parts.spring import Spring
+from gibbs_codegen.symbolic.tape import Scalars, Values, Vector
+from gibbs_codegen.symbolic.vectors import NO_WRENCH, ZERO, Wrench, minus
+
+
+def passive_symbols(symbolic: SymbolicRobot) -> list[PassiveSymbols]:
+    """Symbols of passive forces of each joint that moves."""
+    return [symbolic.parameters.links[i].passive for i in symbolic.robot.moving]
+
+
+def armatures(symbolic: SymbolicRobot) -> list[sp.Expr]:
+    """Inertia of rotors that turn or slide with each moving joint alone (kg m² or kg)."""
+    return [joint.armature for joint in passive_symbols(symbolic)]
+
+
+class StretchedSpring:
+    """A spring between frames in a state of its robot, with a damper beside it.
+
+    With d from the frame `to` to the other, ℓ = |d|, g = ½ ∂ℓ²/∂q and w = g·v, it pulls the frame
+    with −ρ d and its other end with ρ d, ρ = k (1 − ℓ₀/ℓ) + c w/ℓ². So joints between the two feel
+    −ρ g. Nothing else moves one against the other: all is computed in the axes of the base.
+    """
+
+    def __init__(
+        self, symbolic: SymbolicRobot, spring: Spring, frames: Sequence[SegmentFrame]
+    ) -> None:
+        """Compute d, g and ρ; joints are counted as segments of the reduced tree."""
+        self.tape, self.frames = symbolic.tape, frames
+        self._tree, self._rates = symbolic.reduced_tree, symbolic.joint_state.rates
+        symbols = symbolic.parameters.ties[tie_prefix(spring)]
+        self._stiffness, self._damping = symbols["stiffness"], symbols["damping"]
+        self._rest = symbols["length"]
+        names = [identifier(name) for name in (spring.frame, spring.to)]
+        self.ends = [mounted_frames(symbolic, name)[0] for name in names]
+        tape, tree, let = self.tape, self._tree, self.tape.let
+        first, second = (tree.path(end.segment) for end in self.ends)
+        self._moves: dict[int, Vector] = {}
+        with tape.group(f"pull of spring {identifier(spring.name)}"):
+            places = [end.from_origin(tape, frames) for end in self.ends]
+            self.way = tape.add(places[0], minus(places[1]))
+            for k in sorted({*first} ^ {*second}):
+                move = frames[k].group[2]
+                if tree.segments[k].joint == "revolute":
+                    arm = tape.add(places[k in second], minus(frames[k].position))
+                    move = tape.cross(move, arm)
+                self._moves[k] = minus(move) if k in second else move
+            self._gradient = {k: tape.dot(self.way, move) for k, move in self._moves.items()}
+            self._square = tape.dot(self.way, self.way)
+            self._light = let(1 / self._square)
+            self._slack = let(let(self._stiffness * self._rest) * let(sp.sqrt(self._light)))
+            self._resisted = let(self._damping * self._along(self._gradient))
+            pull = let(self._resisted * self._light)
+            self.ratio = let(self._stiffness - self._slack + pull)
+            self.forces = {k: -let(self.ratio * g) for k, g in self._gradient.items()}
+
+    def _along(self, slopes: Mapping[int, sp.Expr]) -> sp.Expr:
+        rates = [self._rates[k - 1] for k in slopes]
+        return self.tape.sum_of_products([*slopes.values()], rates)
+
+    def energy(self) -> sp.Expr:
+        """½ k (ℓ − ℓ₀)² (J)."""
+        stretch = self.tape.let(self.tape.let(sp.sqrt(self._square)) - self._rest)
+        return self.tape.let(self._stiffness * self.tape.let(stretch * stretch) / 2)
+
+    def slopes(self, by: str) -> Entries:
+        """Derivatives of the forces on joints (first) by a "coordinate" or "rate" (second)."""
+        let, entries, zero = self.tape.let, Entries(), sp.S.Zero
+        for j, g in self._gradient.items():
+            curved, change = dict.fromkeys(self._gradient, zero), let(self._damping * g)
+            if by == "coordinate":
+                curved = {i: self._curvature(i, j) for i in self._gradient}
+                twice = let(let(2 * self._resisted) * self._light)
+                change = let(let(self._damping * self._along(curved)) - let(twice * g))
+                change = let(change + let(self._slack * g))
+            change = let(change * self._light)
+            for i, h in self._gradient.items():
+                entries[i, j] = -let(let(self.ratio * curved[i]) + let(change * h))
+        return entries
+
+    def _curvature(self, i: int, j: int) -> sp.Expr:
+        """∂²/∂q_i∂q_j of ½ ℓ²."""
+        tape, tree, (inner, outer) = self.tape, self._tree, sorted((i, j))
+        curved = tape.dot(self._moves[inner], self._moves[outer])
+        if inner not in tree.path(outer) or tree.segments[inner].joint != "revolute":
+            return curved
+        turned = tape.cross(self.frames[inner].group[2], self._moves[outer])
+        return tape.let(curved + tape.dot(self.way, turned))
+
+
+def springs(symbolic: SymbolicRobot) -> list[StretchedSpring]:
+    """The springs between frames, in the state of the symbols."""
+    robot = symbolic.robot
+    frames = segment_frames(symbolic, in_base=True) if robot.springs else []
+    return [StretchedSpring(symbolic, spring, frames) for spring in robot.springs]
+
+
+def spring_slopes(between: Sequence[StretchedSpring], by: str) -> Entries:
+    """Derivatives of forces of springs on joints, as of their `slopes`."""
+    entries = Entries()
+    for spring in between:
+        with spring.tape.group("changes of the pulls of springs"):
+            for place, slope in spring.slopes(by).items():
+                entries[place] = spring.tape.let(entries.get(place, sp.S.Zero) + slope)
+    return entries
+
+
+def spring_loads(symbolic: SymbolicRobot, bodies: JointedBodies) -> dict[int, Wrench]:
+    """Wrenches of springs on segments of some bodies, as of `loads_on_frames`."""
+    tape, loads = symbolic.tape, dict[int, Wrench]()
+    for spring in springs(symbolic):
+        pull = tape.scale(spring.ratio, spring.way)
+        for end, force in zip(spring.ends, (minus(pull), pull), strict=True):
+            wrenches = {end.name: (force, ZERO)}
+            for k, load in loads_on_frames(symbolic, wrenches, spring.frames, bodies).items():
+                loads[k] = loads.get(k, NO_WRENCH).plus(tape, load)
+    return loads
+
+
+def passive_forces(symbolic: SymbolicRobot) -> list[sp.Expr]:
+    """Forces (N m or N) of dampers and springs of joints, and of those between frames, on joints.
+
+    The former are −damping·v − stiffness·(q − rest).
+    """
+    tape = symbolic.tape
+    q = symbolic.coordinates.values()
+    v = symbolic.joint_state.rates
+    forces = []
+    with tape.group("forces of dampers and springs"):
+        for joint, angle, rate in zip(passive_symbols(symbolic), q, v, strict=True):
+            spring = tape.let(joint.stiffness * _stretch(tape, joint, angle))
+            forces.append(tape.let(-tape.let(joint.damping * rate) - spring))
+    for stretched in springs(symbolic):
+        for k, force in stretched.forces.items():
+            forces[k - 1] = tape.let(forces[k - 1] + force)
+    return forces
+
+
+def gibbs(symbolic: SymbolicRobot) -> sp.Expr:
+    """S of the robot (W/s): of the links (eqs. 2–3), and ½ armature·a² − force·a of the joints."""
+    tape = symbolic.tape
+    links = gibbs_function(tape, symbolic.root, symbolic.reduced_tree, symbolic.state)
+    with tape.group("Gibbs function with armature, dampers and springs"):
+        a = symbolic.joint_state.accelerations
+        pairs = zip(a, passive_forces(symbolic), strict=True)
+        terms = [*_squares(symbolic, a), *(tape.let(-force * rate) for rate, force in pairs)]
+        return tape.let(sp.Add(links, *terms))
+
+
+def kinetic_energy(symbolic: SymbolicRobot) -> sp.Expr:
+    """The Gibbs function of a robot at rest, weightless, whose accelerations are the rates (J)."""
+    tape, state = symbolic.tape, TreeState.resting(symbolic.v)
+    links = gibbs_function(tape, symbolic.root, symbolic.reduced_tree, state)
+    with tape.group("kinetic energy with that of the armature"):
+        return tape.let(sp.Add(links, *_squares(symbolic, symbolic.joint_state.rates)))
+
+
+def potential_energy(symbolic: SymbolicRobot) -> sp.Expr:
+    """Gravity times the first moment of mass above the world's Z = 0, and ½ stiffness·stretch²."""
+    tape = symbolic.tape
+    composite = whole_inertia(tape, symbolic.reduced_tree)
+    with tape.group("first moment of mass above Z = 0, and its weight"):
+        height = symbolic.root.world(tape, composite.moment)[2]
+        moment = tape.let(composite.mass * symbolic.origin[2] + height)
+        weight = tape.let(symbolic.parameters.gravity * moment)
+    with tape.group("potential energy with that of the springs"):
+        stored = [spring.energy() for spring in springs(symbolic)]
+        joints = zip(passive_symbols(symbolic), symbolic.coordinates.values(), strict=True)
+        for joint, angle in joints:
+            stretch = _stretch(tape, joint, angle)
+            stored.append(tape.let(joint.stiffness * tape.let(stretch * stretch) / 2))
+        return tape.let(sp.Add(weight, *stored))
+
+
+def _stretch(tape: Scalars, joint: PassiveSymbols, angle: sp.Expr) -> sp.Expr:
+    """Displacement of a spring from rest; zero where there is none."""
+    return tape.let(angle - joint.rest) if joint.stiffness != 0 else sp.S.Zero
+
+
+def _squares(symbolic: SymbolicRobot, rates: Values) -> list[sp.Expr]:
+    """½ armature times the square of a rate, for each joint."""
+    tape = symbolic.tape
+    return [
+        tape.let(joint.armature * tape.let(rate * rate) / 2)
+        for joint, rate in zip(passive_symbols(symbolic), rates, strict=True)
+        if joint.armature != 0
+    ]

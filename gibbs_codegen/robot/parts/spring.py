@@ -1,0 +1,40 @@
+"""Springs between frames."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+
+from gibbs_codegen.robot.parts.numbers import Label, NotNegative
+from gibbs_codegen.robot.parts.part import Part, entry, number
+from gibbs_codegen.robot.rotations import Array
+
+
+@dataclass(frozen=True)
+class Spring(Part):
+    """A spring with a damper beside it, or a tendon, between two frames of the robot."""
+
+    array: ClassVar[str] = "spring"
+    most: ClassVar[int] = 64
+    other_end: ClassVar[str] = "at the other end"
+
+    # It pulls with stiffness·(distance − length) + damping·rate of the distance.
+    name: Label = entry("name of the spring, any text", ...)
+    frame: Label = entry('the frame at one end: "base", "tip" or a name of a [[frame]]', ...)
+    to: Label = entry("the frame at the other end, which joints move against the first", ...)
+    stiffness: NotNegative = number("force by the distance between the frames, {N/m}", 0.0)
+    length: NotNegative = number("distance at which the spring is at rest, {m}", 0.0)
+    damping: NotNegative = number("force by the rate of that distance, {N s/m}", 0.0)
+
+    def pull(self, way: Array) -> Array:
+        """Force (3), N, on its frame at rest, to which a way (3), m, leads from its other end."""
+        return -self.stiffness * (1.0 - self.length / (np.linalg.norm(way) or 1.0)) * way
+
+    @classmethod
+    def _key_faults(cls, values: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+        """Faults of a spring that does nothing."""
+        if not values.get("stiffness") and not values.get("damping"):
+            yield "stiffness", "missing: give a stiffness, N/m, or a damping, N s/m"

@@ -1,0 +1,130 @@
+"""Springs between frames, against the distances of these, and by all that verification knows."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from derivation.test_hybrid import check_chains
+from support.emitted import emitted_module, module_with_derivatives
+from support.random_robots import sprung_robot
+
+from gibbs_codegen.errors import RobotFileError
+from gibbs_codegen.robot.file import parse_robot
+from gibbs_codegen.robot.text import robot_text
+from gibbs_codegen.verification.verify import QUICK, compare_module, formulations
+
+TEXT = """
+name = "sprung"
+
+[base]
+attitude = "quaternion"
+mass     = 1.2
+inertia  = [0.01, 0.01, 0.02, 0, 0, 0]
+
+[[link]]
+name    = "upper"
+xyz     = [0, 0, -0.05]
+axis    = "y"
+mass    = 0.2
+com     = [0, 0.01, -0.1]
+inertia = [3e-4, 3e-4, 2e-5, 0, 0, 0]
+
+[[link]]
+name    = "slider"
+joint   = "prismatic"
+xyz     = [0.05, 0, -0.1]
+mass    = 0.1
+com     = [0.01, 0, -0.08]
+inertia = [3e-4, 3e-4, 2e-5, 0, 0, 0]
+
+[[frame]]
+name = "anchor"
+xyz  = [0.1, 0.02, 0.03]
+
+[[frame]]
+name = "hand"
+on   = "slider"
+xyz  = [0, 0.02, -0.13]
+
+[[spring]]
+name      = "tendon"
+frame     = "hand"
+to        = "anchor"
+stiffness = 30
+length    = 0.1
+damping   = 0.4
+"""
+ROBOT = parse_robot(TEXT)
+TENDON = ROBOT.springs[0]
+FUNCTIONS = ("residual", "potential_energy", "frame_poses", "frame_velocities", "inverse_dynamics")
+
+
+def test_forces_are_what_the_distance_of_the_frames_makes() -> None:
+    """Power is that of a pull along the line between the frames, for any motion."""
+    module, free = (
+        emitted_module(replace(robot, name=name), *FUNCTIONS)
+        for name, robot in (("sprung", ROBOT), ("free", replace(ROBOT, springs=())))
+    )
+    rng = np.random.default_rng(1)
+    hand, anchor = (module.FRAMES.index(name) for name in ("hand", "anchor"))
+    for _ in range(4):
+        q, v = rng.normal(size=9), rng.normal(size=8)
+        q[3:7] /= np.linalg.norm(q[3:7])
+        poses, twists = module.frame_poses(q), module.frame_velocities(q, v)
+        way = poses[hand, :3, 3] - poses[anchor, :3, 3]
+        length = np.linalg.norm(way)
+        rate = way @ (twists[hand, :3] - twists[anchor, :3]) / length
+        tension = TENDON.stiffness * (length - TENDON.length) + TENDON.damping * rate
+        forces = module.residual(q, v) - free.residual(q, v)
+        assert forces @ v == pytest.approx(-tension * rate, abs=1e-12)
+        assert np.abs(forces[:6]).max() <= 1e-14  # It moves no base.
+        stored = module.potential_energy(q) - free.potential_energy(q)
+        assert stored == pytest.approx(0.5 * TENDON.stiffness * (length - TENDON.length) ** 2)
+
+
+def test_springs_are_read_as_they_are_written() -> None:
+    assert parse_robot(robot_text(ROBOT)) == ROBOT
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ('to        = "anchor"', 'to = "anchr"', "to: must be the name of a frame, not 'anchr'"),
+        ('to        = "anchor"', 'to = "hand"', "to: 'hand' is the frame at the other end"),
+        ('to        = "anchor"', 'to = "world"', "to: must be the name of a frame, not 'world'"),
+        ('to        = "anchor"', "", "to: missing: the frame at the other end"),
+        ('"hand"\nto ', '"base"\nto ', "to: both frames are on the same body"),
+        ("stiffness = 30", "", ""),
+        ("stiffness = 30\nlength    = 0.1\ndamping   = 0.4", "", "stiffness: missing: give a"),
+    ],
+)
+def test_springs_that_do_nothing_are_refused(old: str, new: str, words: str) -> None:
+    assert old in TEXT
+    if not words:
+        assert parse_robot(TEXT.replace(old, new)).springs[0].stiffness == 0.0
+        return
+    with pytest.raises(RobotFileError, match=words):
+        parse_robot(TEXT.replace(old, new))
+
+
+# With attitude angles and quaternions, links that are held and welded, joints that slide, springs
+# of no length, and dampers.
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [16, 31, 36, 37])
+def test_sprung_robots_pass_with_derivatives(seed: int) -> None:
+    """They take seconds to derive."""
+    robot = sprung_robot(seed)
+    module, (known, _) = module_with_derivatives(robot), formulations(robot)
+    comparisons = compare_module(module, robot, known, 1, 0, extent=QUICK)
+    assert [c.what for c in comparisons if not c.passed] == []
+    names = {c.what for c in comparisons}
+    assert {"forward_dynamics_derivatives.acceleration_dq", "constraint_torques"} <= names
+
+
+def test_springs_over_links_that_are_held_belong_to_their_chains() -> None:
+    robot = sprung_robot(37)
+    assert robot.constrained
+    assert robot.springs
+    check_chains(robot)
