@@ -40,13 +40,8 @@ class Functions:
             float(f"constraint_{name}_frequency" not in module.PARAMETERS)
             for name in getattr(module, "CONSTRAINTS", ())
         ]
-        # Parameters of dampers between frames; a joint's has an armature beside it.
-        self.spring_dampers = [
-            name
-            for name in module.PARAMETERS
-            if re.fullmatch("spring_.*_damping", name)
-            and f"{name.removesuffix('damping')}armature" not in module.PARAMETERS
-        ]
+        # Whether dampers may lie between frames, and not at joints alone.
+        self.damps_frames = any(re.fullmatch("spring_.*_damping", x) for x in module.PARAMETERS)
         # Rotors on which the air acts: their numbers, hubs' frames, and figures of the air.
         inputs, frames = list(module.INPUTS), list(module.FRAMES)
         self.air = [

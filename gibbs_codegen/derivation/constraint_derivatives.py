@@ -40,7 +40,6 @@ from gibbs_codegen.derivation.forward_dynamics_derivatives import (
     in_order,
 )
 from gibbs_codegen.derivation.parameters import NOT_PASSIVE
-from gibbs_codegen.derivation.passive import passive_symbols, springs
 from gibbs_codegen.derivation.symbolic_robot import SymbolicRobot
 from gibbs_codegen.derivation.systems import Systems
 from gibbs_codegen.graph.differentiate import Direction, Matrix, jacobian
@@ -86,7 +85,9 @@ class ConstraintDerivatives:
         if not self.alone:
             return self.systems.symbolic
         parameters = copy(self.systems.symbolic.parameters)
-        parameters.gravity = sp.S.Zero
+        parameters.gravity, parameters.ties = sp.S.Zero, {}
+        links = parameters.links.items()
+        parameters.links = {i: replace(link, passive=NOT_PASSIVE) for i, link in links}
         still = (sp.S.Zero,) * len(self.systems.symbolic.v)
         return replace(self.systems.symbolic, v=still, parameters=parameters)
 
@@ -118,9 +119,6 @@ class ConstraintDerivatives:
     def _base(self) -> tuple[list[sp.Expr], BaseColumns]:
         """Accelerations, and columns of them and of motions of the frames."""
         symbolic, constraints, tape = self._symbolic, self._system, self._symbolic.tape
-        passive, between = passive_symbols(symbolic), springs(about_base_centre(symbolic))
-        if self.alone:
-            passive, between = [NOT_PASSIVE] * len(passive), []
         motions = free_motions_of(about_base_centre(symbolic))
         rates = symbolic.joint_state.rates
         doubled, seen = doubled_velocities(tape, self._articulation, motions, rates), []
@@ -132,7 +130,7 @@ class ConstraintDerivatives:
                     place, omega = (turn.inverse.vector(tape, x) for x in (place, omega))
                 moving = doubled[k].passed_out(tape, [place]).linear
                 seen.append(SeenPoint(k, place, moving, omega, *([turn] if k == 0 else [])))
-        return base_columns(symbolic, self._articulation, passive, between, seen=seen)
+        return base_columns(symbolic, self._articulation, seen=seen)
 
     @cached_property
     def _unit_columns(self) -> list[list[sp.Expr]]:

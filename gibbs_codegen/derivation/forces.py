@@ -12,12 +12,14 @@ from collections.abc import Mapping
 
 import sympy as sp
 
+from gibbs_codegen.derivation.forward_kinematics import mounted_frames, segment_frames
 from gibbs_codegen.derivation.jointed_bodies import JointedBodies
 from gibbs_codegen.derivation.segment_tree import SegmentTree
 from gibbs_codegen.derivation.symbolic_robot import SymbolicRobot
 from gibbs_codegen.robot.names import rotor_identifier
 from gibbs_codegen.robot.parts.numbers import Vector3
 from gibbs_codegen.symbolic.numbers import exact
+from gibbs_codegen.symbolic.structural import applied, back, product
 from gibbs_codegen.symbolic.tape import Scalars, Values, Vector
 from gibbs_codegen.symbolic.vectors import (
     NO_WRENCH,
@@ -26,6 +28,9 @@ from gibbs_codegen.symbolic.vectors import (
     axis_vector,
     zeros,
 )
+
+# Components of a wrench.
+_SIZE = 6
 
 
 def structural(direction: Vector3) -> Vector:
@@ -105,6 +110,37 @@ def forces_of_wrenches(
             carried[parent] = carried.get(parent, NO_WRENCH).plus(tape, wrench)
     wrench = tree.to_group_frame(tape, 0, carried.get(0, NO_WRENCH))
     return places.joined(root.rows(tape, wrench), joints)
+
+
+def frame_loads(
+    symbolic: SymbolicRobot,
+    bodies: JointedBodies | None = None,
+    pulls: Mapping[str, Vector] | None = None,
+) -> dict[int, Wrench]:
+    """Wrenches on the frames, taken to the joints of the segments that they are on.
+
+    They are W, in world axes, or `pulls` by names of frames, in axes of the root's group frame. The
+    result is by index of the segment, about its joint or about the origin, in its own frame (N, N
+    m): of the reduced tree, or of other `bodies`.
+    """
+    tape, loads = symbolic.tape, dict[int, Wrench]()
+    frames = segment_frames(symbolic, in_base=pulls is not None)
+    places = mounted_frames(symbolic), mounted_frames(symbolic, bodies=bodies)
+    for place, (reduced, mounted) in enumerate(zip(*places, strict=True)):
+        k, entries = mounted.segment, symbolic.W[place * _SIZE : (place + 1) * _SIZE]
+        if pulls is not None:
+            if mounted.name not in pulls:
+                continue
+            entries = pulls[mounted.name]
+        with tape.group(f"wrench on {mounted.name}, in the frame of its link"):
+            axes, halves = frames[reduced.segment].axes, (entries[:3], entries[3:])
+            vectors = [tuple(tape.dot(axis, half) for axis in axes) for half in halves]
+            if mounted.turn != reduced.turn:
+                turn = product(mounted.turn, back(reduced.turn))
+                vectors = [applied(turn, vector) for vector in vectors]
+            load = Wrench(*vectors).shifted(tape, mounted.position)
+            loads[k] = loads.get(k, NO_WRENCH).plus(tape, load)
+    return loads
 
 
 def rotor_column(

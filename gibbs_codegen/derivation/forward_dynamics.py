@@ -23,8 +23,7 @@ from gibbs_codegen.derivation.articulated import (
     articulated,
     root_in_group_frame,
 )
-from gibbs_codegen.derivation.forces import thrust_wrenches
-from gibbs_codegen.derivation.forward_kinematics import frame_loads
+from gibbs_codegen.derivation.forces import frame_loads, thrust_wrenches
 from gibbs_codegen.derivation.inertia import ANGULAR, PAIRS, Inertia
 from gibbs_codegen.derivation.motion import Acceleration, Motion, TreeState
 from gibbs_codegen.derivation.passive import armatures, passive_forces

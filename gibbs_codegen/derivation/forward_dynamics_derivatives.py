@@ -43,13 +43,7 @@ from gibbs_codegen.derivation.forward_kinematics import (
 )
 from gibbs_codegen.derivation.inertia import ArticulatedInertia, rotated_block
 from gibbs_codegen.derivation.motion import Acceleration
-from gibbs_codegen.derivation.parameters import PassiveSymbols
-from gibbs_codegen.derivation.passive import (
-    StretchedSpring,
-    passive_symbols,
-    spring_slopes,
-    springs,
-)
+from gibbs_codegen.derivation.passive import passive_symbols, spring_slopes
 from gibbs_codegen.derivation.symbolic_robot import SymbolicRobot
 from gibbs_codegen.robot.layout import Places
 from gibbs_codegen.robot.names import rotor_identifier
@@ -83,20 +77,17 @@ class BaseColumns:
     omega: Vector
     acceleration: Acceleration
     columns: ArticulatedDerivatives
-    between: Sequence[StretchedSpring]
 
     def by_joints(self, kind: Literal["effort", "coordinate", "rate"]) -> list[Values]:
         """Columns by the joints' efforts, coordinates or rates."""
         joints, tape = range(1, len(self.articulation.tree.segments)), self.symbolic.tape
-        slopes = {} if kind == "effort" else spring_slopes(self.between, kind)
+        slopes = {} if kind == "effort" else spring_slopes(self.centred, kind)
 
         def column(k: int) -> Values:
-            column = self.columns.column(kind, k)
-            if not slopes:
-                return column
-            pushed = [self.columns.column("effort", i) for i in joints]
-            shares = [slopes.get((i, k), sp.S.Zero) for i in joints]
-            return tape.combination([sp.S.One, *shares], [column, *pushed])
+            pushed = {i: slope for (i, j), slope in slopes.items() if j == k}
+            columns = [self.columns.column("effort", i) for i in pushed]
+            first = self.columns.column(kind, k)
+            return tape.combination([sp.S.One, *pushed.values()], [first, *columns])
 
         with tape.group("rows of attitude and position"):
             _, converted = self._solved
@@ -302,8 +293,6 @@ def loaded_dynamics_derivatives(symbolic: SymbolicRobot) -> LoadedDynamicsDeriva
 def base_columns(
     symbolic: SymbolicRobot,
     articulation: Articulation,
-    passive: Sequence[PassiveSymbols],
-    between: Sequence[StretchedSpring],
     by_inertia: bool | None = None,
     seen: Sequence[SeenPoint] = (),
 ) -> tuple[list[sp.Expr], BaseColumns]:
@@ -319,13 +308,13 @@ def base_columns(
     in_group_frame = root_in_group_frame(tape, articulation, root)
     relative = [joint.relative for joint in joints]
     acceleration = forward_dynamics.in_coordinates(symbolic, relative, in_group_frame)
-    rates = symbolic.joint_state.rates
+    rates, passive = symbolic.joint_state.rates, passive_symbols(symbolic)
     coupling, changes = convected_perturbations(tape, articulation, motions, rates, joints, passive)
     if by_inertia is None:
         by_inertia = inertia_is_shorter(tree)
     columns = ArticulatedDerivatives(tape, articulation, coupling, changes, by_inertia, seen)
     omega = root_turn(tree).inverse.vector(tape, motions[0].omega)
-    base = BaseColumns(symbolic, centred, articulation, omega, in_group_frame, columns, between)
+    base = BaseColumns(symbolic, centred, articulation, omega, in_group_frame, columns)
     return acceleration, base
 
 
@@ -337,9 +326,7 @@ def _differentiated(
     centred = forward_dynamics.about_base_centre(symbolic)
     with forward_dynamics.refused_as_singular(symbolic):
         articulation = forward_dynamics.articulation_of(centred, acting)
-        acceleration, base = base_columns(
-            symbolic, articulation, passive_symbols(symbolic), springs(centred), by_inertia
-        )
+        acceleration, base = base_columns(symbolic, articulation, by_inertia)
     by_place, by_velocity = base.by_base(places.split(acceleration)[0])
     derivatives = ForwardDynamicsDerivatives(
         acceleration,

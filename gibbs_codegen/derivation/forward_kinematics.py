@@ -6,7 +6,7 @@ and its Jacobian, gravity, and the momentum about the centre.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import sympy as sp
@@ -20,18 +20,9 @@ from gibbs_codegen.derivation.symbolic_robot import SymbolicRobot
 from gibbs_codegen.robot.layout import frames_of
 from gibbs_codegen.robot.names import identifier
 from gibbs_codegen.robot.parts.numbers import BASE
-from gibbs_codegen.symbolic.structural import Turn, applied, back, product, turned_by_rpy
+from gibbs_codegen.symbolic.structural import Turn, product, turned_by_rpy
 from gibbs_codegen.symbolic.tape import Scalars, Stage, Vector, plus, times
-from gibbs_codegen.symbolic.vectors import (
-    NO_ROTATION,
-    NO_WRENCH,
-    ZERO,
-    Matrix,
-    Rotation,
-    Wrench,
-    axis_vector,
-    minus,
-)
+from gibbs_codegen.symbolic.vectors import NO_ROTATION, ZERO, Matrix, Rotation, axis_vector, minus
 
 Frame = tuple[Vector, ...]
 
@@ -112,45 +103,6 @@ def mounted_frames(
         turn = product(body.turn, turned_by_rpy(frame.pose.rpy_deg))
         mounted.append(MountedFrame(identifier(frame.name), body.segment, position, turn))
     return [frame for frame in mounted if name in (None, frame.name)]
-
-
-def frame_loads(symbolic: SymbolicRobot, bodies: JointedBodies | None = None) -> dict[int, Wrench]:
-    """The wrenches W on the frames, as of `loads_on_frames`."""
-    names = [mounted.name for mounted in mounted_frames(symbolic)]
-    entries = [symbolic.W[i : i + 3] for i in range(0, 6 * len(names), 3)]
-    wrenches = dict(zip(names, zip(entries[::2], entries[1::2], strict=True), strict=True))
-    return loads_on_frames(symbolic, wrenches, segment_frames(symbolic), bodies)
-
-
-def loads_on_frames(
-    symbolic: SymbolicRobot,
-    wrenches: Mapping[str, tuple[Vector, Vector]],
-    frames: Sequence[SegmentFrame],
-    bodies: JointedBodies | None = None,
-) -> dict[int, Wrench]:
-    """Wrenches on frames, by name, taken to the joints of the segments that they are on.
-
-    Forces and moments (N, N m) are in the axes in which `frames` has those of the segments. The
-    result is by index of the segment, about its joint or about the origin, in its own frame: of the
-    reduced tree, or of other `bodies`.
-    """
-    tape, loads = symbolic.tape, dict[int, Wrench]()
-    places = mounted_frames(symbolic), mounted_frames(symbolic, bodies=bodies)
-    for reduced, mounted in zip(*places, strict=True):
-        if mounted.name not in wrenches:
-            continue
-        k = mounted.segment
-        with tape.group(f"wrench on {mounted.name}, in the frame of its link"):
-            axes = frames[reduced.segment].axes
-            vectors = [
-                tuple(tape.dot(axis, half) for axis in axes) for half in wrenches[mounted.name]
-            ]
-            if mounted.turn != reduced.turn:
-                turn = product(mounted.turn, back(reduced.turn))
-                vectors = [applied(turn, vector) for vector in vectors]
-            load = Wrench(*vectors).shifted(tape, mounted.position)
-            loads[k] = loads.get(k, NO_WRENCH).plus(tape, load)
-    return loads
 
 
 def combined(tape: Scalars, frame: Frame, vector: Vector) -> Vector:

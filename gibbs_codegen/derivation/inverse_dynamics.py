@@ -33,7 +33,6 @@ from gibbs_codegen.derivation.passive import (
     passive_forces,
     passive_symbols,
     spring_slopes,
-    springs,
 )
 from gibbs_codegen.derivation.root import BaseDerivatives
 from gibbs_codegen.derivation.segment_tree import GroupPassage, SegmentTree
@@ -215,7 +214,7 @@ def inverse_dynamics_derivatives(symbolic: SymbolicRobot) -> InverseDynamicsDeri
             for matrix, part in zip(matrices, parts, strict=True):
                 matrix[place][place] = tape.let(matrix[place][place] + part)
     for matrix, by in zip(matrices, ("coordinate", "rate"), strict=False):
-        for (i, j), slope in spring_slopes(springs(symbolic), by).items():
+        for (i, j), slope in spring_slopes(symbolic, by).items():
             row, column = matrix[places[i - 1]], places[j - 1]
             row[column] = tape.let(row[column] - slope)
     return InverseDynamicsDerivatives(force, *matrices)

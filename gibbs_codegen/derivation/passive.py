@@ -6,25 +6,24 @@ Armature adds to the diagonal of the mass matrix, the rest to the residual. A jo
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 
 import sympy as sp
 
-from gibbs_codegen.derivation.forward_kinematics import (
-    SegmentFrame,
-    loads_on_frames,
-    mounted_frames,
-    segment_frames,
-)
+from gibbs_codegen.derivation.forces import frame_loads
+from gibbs_codegen.derivation.forward_kinematics import mounted_frames, segment_frames
 from gibbs_codegen.derivation.jointed_bodies import JointedBodies
 from gibbs_codegen.derivation.motion import TreeState
 from gibbs_codegen.derivation.parameters import PassiveSymbols
 from gibbs_codegen.derivation.symbolic_robot import SymbolicRobot
 from gibbs_codegen.derivation.tree_dynamics import Entries, gibbs_function, whole_inertia
 from gibbs_codegen.robot.names import identifier, tie_prefix
-from gibbs_codegen.robot.parts.spring import Spring
+from gibbs_codegen.robot.parts.spring import SHORTEST, Spring
 from gibbs_codegen.symbolic.tape import Scalars, Values, Vector
-from gibbs_codegen.symbolic.vectors import NO_WRENCH, ZERO, Wrench, minus
+from gibbs_codegen.symbolic.vectors import ZERO, Wrench, minus
+
+# The square of the distance of a spring's frames, and half the rate of that.
+_SQUARE, _GROWTH = sp.Dummy("square"), sp.Dummy("growth")
 
 
 def passive_symbols(symbolic: SymbolicRobot) -> list[PassiveSymbols]:
@@ -37,107 +36,112 @@ def armatures(symbolic: SymbolicRobot) -> list[sp.Expr]:
     return [joint.armature for joint in passive_symbols(symbolic)]
 
 
+def _energy(symbols: Mapping[str, sp.Expr]) -> sp.Expr:
+    """½ k (ℓ − ℓ₀)² (J), of the symbols of a spring's parameters and ℓ²."""
+    stretch = sp.sqrt(_SQUARE) - symbols["length"]
+    return sp.expand(symbols["stiffness"] * stretch**2 / 2)
+
+
 class StretchedSpring:
     """A spring between frames in a state of its robot, with a damper beside it.
 
-    With d from the frame `to` to the other, ℓ = |d|, g = ½ ∂ℓ²/∂q and w = g·v, it pulls the frame
-    with −ρ d and its other end with ρ d, ρ = k (1 − ℓ₀/ℓ) + c w/ℓ². So joints between the two feel
-    −ρ g. Nothing else moves one against the other: all is computed in the axes of the base.
+    With d from the frame `to` to the other, ℓ² = d² + ε², g = ½ ∂ℓ²/∂q and w = g·v, it pulls the
+    frame with −ρ d and its other end with ρ d, ρ = 2 ∂E/∂ℓ² + c w/ℓ², where E is its energy. So
+    joints between the two feel −ρ g. Nothing else moves one against the other: all is computed in
+    the axes of the base. The length ε gives a direction to frames that meet, and is no more than
+    the rounding of any other distance.
     """
 
-    def __init__(
-        self, symbolic: SymbolicRobot, spring: Spring, frames: Sequence[SegmentFrame]
-    ) -> None:
+    def __init__(self, symbolic: SymbolicRobot, spring: Spring) -> None:
         """Compute d, g and ρ; joints are counted as segments of the reduced tree."""
-        self.tape, self.frames = symbolic.tape, frames
-        self._tree, self._rates = symbolic.reduced_tree, symbolic.joint_state.rates
+        self._tape, self._tree = symbolic.tape, symbolic.reduced_tree
+        self._rates = symbolic.joint_state.rates
         symbols = symbolic.parameters.ties[tie_prefix(spring)]
-        self._stiffness, self._damping = symbols["stiffness"], symbols["damping"]
-        self._rest = symbols["length"]
+        self._energy = _energy(symbols)
+        self._law = sp.expand(2 * sp.diff(self._energy, _SQUARE))
+        self._law += symbols["damping"] * _GROWTH / _SQUARE
         names = [identifier(name) for name in (spring.frame, spring.to)]
         self.ends = [mounted_frames(symbolic, name)[0] for name in names]
-        tape, tree, let = self.tape, self._tree, self.tape.let
+        tape, tree = self._tape, self._tree
         first, second = (tree.path(end.segment) for end in self.ends)
         self._moves: dict[int, Vector] = {}
+        self._frames = segment_frames(symbolic, in_base=True)
         with tape.group(f"pull of spring {identifier(spring.name)}"):
-            places = [end.from_origin(tape, frames) for end in self.ends]
+            places = [end.from_origin(tape, self._frames) for end in self.ends]
             self.way = tape.add(places[0], minus(places[1]))
             for k in sorted({*first} ^ {*second}):
-                move = frames[k].group[2]
+                move = self._frames[k].group[2]
                 if tree.segments[k].joint == "revolute":
-                    arm = tape.add(places[k in second], minus(frames[k].position))
+                    arm = tape.add(places[k in second], minus(self._frames[k].position))
                     move = tape.cross(move, arm)
                 self._moves[k] = minus(move) if k in second else move
-            self._gradient = {k: tape.dot(self.way, move) for k, move in self._moves.items()}
-            self._square = tape.dot(self.way, self.way)
-            self._light = let(1 / self._square)
-            self._slack = let(let(self._stiffness * self._rest) * let(sp.sqrt(self._light)))
-            self._resisted = let(self._damping * self._along(self._gradient))
-            pull = let(self._resisted * self._light)
-            self.ratio = let(self._stiffness - self._slack + pull)
-            self.forces = {k: -let(self.ratio * g) for k, g in self._gradient.items()}
+            gradient = {k: tape.dot(self.way, move) for k, move in self._moves.items()}
+            square = tape.let(tape.dot(self.way, self.way) + sp.Float(SHORTEST) ** 2)
+            self._state = {_SQUARE: square, _GROWTH: self._along(gradient)}
+            self.ratio, self._gradient = self._now(self._law), gradient
+            self.forces = {k: -tape.let(self.ratio * g) for k, g in gradient.items()}
+
+    def _now(self, quantity: sp.Expr) -> sp.Expr:
+        return self._tape.let(quantity.subs(self._state))
 
     def _along(self, slopes: Mapping[int, sp.Expr]) -> sp.Expr:
         rates = [self._rates[k - 1] for k in slopes]
-        return self.tape.sum_of_products([*slopes.values()], rates)
+        return self._tape.sum_of_products([*slopes.values()], rates)
 
+    @property
     def energy(self) -> sp.Expr:
-        """½ k (ℓ − ℓ₀)² (J)."""
-        stretch = self.tape.let(self.tape.let(sp.sqrt(self._square)) - self._rest)
-        return self.tape.let(self._stiffness * self.tape.let(stretch * stretch) / 2)
+        """Its energy (J)."""
+        return self._now(self._energy)
 
     def slopes(self, by: str) -> Entries:
         """Derivatives of the forces on joints (first) by a "coordinate" or "rate" (second)."""
-        let, entries, zero = self.tape.let, Entries(), sp.S.Zero
+        tape, entries, curved = self._tape, Entries(), dict.fromkeys(self._gradient, sp.S.Zero)
+        by_square, by_growth = (self._now(self._law.diff(x)) for x in (_SQUARE, _GROWTH))
         for j, g in self._gradient.items():
-            curved, change = dict.fromkeys(self._gradient, zero), let(self._damping * g)
+            change = tape.let(by_growth * g)
             if by == "coordinate":
                 curved = {i: self._curvature(i, j) for i in self._gradient}
-                twice = let(let(2 * self._resisted) * self._light)
-                change = let(let(self._damping * self._along(curved)) - let(twice * g))
-                change = let(change + let(self._slack * g))
-            change = let(change * self._light)
+                growth = tape.let(by_growth * self._along(curved))
+                change = tape.let(2 * tape.let(by_square * g) + growth)
             for i, h in self._gradient.items():
-                entries[i, j] = -let(let(self.ratio * curved[i]) + let(change * h))
+                entries[i, j] = -tape.sum_of_products([self.ratio, change], [curved[i], h])
         return entries
 
     def _curvature(self, i: int, j: int) -> sp.Expr:
         """∂²/∂q_i∂q_j of ½ ℓ²."""
-        tape, tree, (inner, outer) = self.tape, self._tree, sorted((i, j))
+        tape, tree, (inner, outer) = self._tape, self._tree, sorted((i, j))
         curved = tape.dot(self._moves[inner], self._moves[outer])
         if inner not in tree.path(outer) or tree.segments[inner].joint != "revolute":
             return curved
-        turned = tape.cross(self.frames[inner].group[2], self._moves[outer])
+        turned = tape.cross(self._frames[inner].group[2], self._moves[outer])
         return tape.let(curved + tape.dot(self.way, turned))
 
 
 def springs(symbolic: SymbolicRobot) -> list[StretchedSpring]:
-    """The springs between frames, in the state of the symbols."""
-    robot = symbolic.robot
-    frames = segment_frames(symbolic, in_base=True) if robot.springs else []
-    return [StretchedSpring(symbolic, spring, frames) for spring in robot.springs]
+    """The springs between frames that have symbols, in the state of these."""
+    ties = symbolic.parameters.ties
+    acting = [spring for spring in symbolic.robot.springs if tie_prefix(spring) in ties]
+    return [StretchedSpring(symbolic, spring) for spring in acting]
 
 
-def spring_slopes(between: Sequence[StretchedSpring], by: str) -> Entries:
+def spring_slopes(symbolic: SymbolicRobot, by: str) -> Entries:
     """Derivatives of forces of springs on joints, as of their `slopes`."""
-    entries = Entries()
-    for spring in between:
-        with spring.tape.group("changes of the pulls of springs"):
+    tape, entries = symbolic.tape, Entries()
+    for spring in springs(symbolic):
+        with tape.group("changes of the pulls of springs"):
             for place, slope in spring.slopes(by).items():
-                entries[place] = spring.tape.let(entries.get(place, sp.S.Zero) + slope)
+                entries[place] = tape.let(entries.get(place, sp.S.Zero) + slope)
     return entries
 
 
 def spring_loads(symbolic: SymbolicRobot, bodies: JointedBodies) -> dict[int, Wrench]:
-    """Wrenches of springs on segments of some bodies, as of `loads_on_frames`."""
-    tape, loads = symbolic.tape, dict[int, Wrench]()
+    """Wrenches of springs on segments of some bodies, as of `frame_loads`."""
+    tape, pulls = symbolic.tape, dict[str, Vector]()
     for spring in springs(symbolic):
-        pull = tape.scale(spring.ratio, spring.way)
-        for end, force in zip(spring.ends, (minus(pull), pull), strict=True):
-            wrenches = {end.name: (force, ZERO)}
-            for k, load in loads_on_frames(symbolic, wrenches, spring.frames, bodies).items():
-                loads[k] = loads.get(k, NO_WRENCH).plus(tape, load)
-    return loads
+        pull = (*tape.scale(spring.ratio, spring.way), *ZERO)
+        for end, load in zip(spring.ends, (minus(pull), pull), strict=True):
+            pulls[end.name] = tape.add(pulls.get(end.name, (*ZERO, *ZERO)), load)
+    return frame_loads(symbolic, bodies, pulls) if pulls else {}
 
 
 def passive_forces(symbolic: SymbolicRobot) -> list[sp.Expr]:
@@ -187,7 +191,7 @@ def potential_energy(symbolic: SymbolicRobot) -> sp.Expr:
         moment = tape.let(composite.mass * symbolic.origin[2] + height)
         weight = tape.let(symbolic.parameters.gravity * moment)
     with tape.group("potential energy with that of the springs"):
-        stored = [spring.energy() for spring in springs(symbolic)]
+        stored = [spring.energy for spring in springs(symbolic)]
         joints = zip(passive_symbols(symbolic), symbolic.coordinates.values(), strict=True)
         for joint, angle in joints:
             stretch = _stretch(tape, joint, angle)

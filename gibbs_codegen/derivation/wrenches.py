@@ -13,8 +13,12 @@ from __future__ import annotations
 
 import sympy as sp
 
-from gibbs_codegen.derivation.forces import forces_of_wrenches, rod_thrust, thrust_wrenches
-from gibbs_codegen.derivation.forward_kinematics import frame_loads
+from gibbs_codegen.derivation.forces import (
+    forces_of_wrenches,
+    frame_loads,
+    rod_thrust,
+    thrust_wrenches,
+)
 from gibbs_codegen.derivation.hybrid import rod_wrench
 from gibbs_codegen.derivation.passive import spring_loads
 from gibbs_codegen.derivation.symbolic_robot import SymbolicRobot

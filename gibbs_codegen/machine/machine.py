@@ -269,10 +269,8 @@ class Machine:
             twist = base_of(robot, q).twist(self.figure("centre", 3), v)
             power = dot(u[:count], self.figure("wrenches", count, 6) @ twist)
             power = power + dot(u[count:], v[robot.layout.v.joints])
-        if robot.spring_dampers:
-            # What dampers of all kinds take: the part of the forces that is odd in the velocities.
-            still = zeros(v.size)
-            with_v, against = (robot.inverse_dynamics(q, x, still) for x in (v, -v))
+        if robot.damps_frames:  # All dampers take the part of the forces that is odd in velocities.
+            with_v, against = (robot.inverse_dynamics(q, x, zeros(v.size)) for x in (v, -v))
             power = power - 0.5 * dot(with_v - against, v)
         else:
             power = power - dot(self.figure("losses", v.size) * v, v)

@@ -18,6 +18,7 @@ from gibbs_codegen.robot.names import coordinate_of, link_label, rotor_label
 from gibbs_codegen.robot.parts.battery import Battery
 from gibbs_codegen.robot.parts.body import Body, as_rigid_body, body_fault, inertia_matrix
 from gibbs_codegen.robot.parts.numbers import AXIS_PAIRS, BASE
+from gibbs_codegen.robot.parts.spring import SHORTEST
 from gibbs_codegen.robot.placement import mounted_rotors
 from gibbs_codegen.robot.rotations import Array
 from gibbs_codegen.robot.wrenches import directions, farthest, null_space
@@ -308,9 +309,10 @@ def holding_efforts(robot: Robot, thrusts: Sequence[float]) -> list[float]:
     ):
         loads[rotor.on] += thrust * unit
     for spring in robot.springs:
-        ends = [frames.named[name].origin for name in (spring.frame, spring.to)]
-        pull = spring.pull(ends[0] - ends[1])
-        wrench = np.concatenate([pull, np.cross(ends[0], pull)])
+        end, other = (frames.named[name].origin for name in (spring.frame, spring.to))
+        distance = np.hypot(np.linalg.norm(end - other), SHORTEST)
+        pull = spring.tension(distance) / distance * (other - end)
+        wrench = np.concatenate([pull, np.cross(end, pull)])
         loads[carriers[spring.frame]] += wrench
         loads[carriers[spring.to]] -= wrench
     for i in range(len(robot.links), 0, -1):

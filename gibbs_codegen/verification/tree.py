@@ -19,6 +19,7 @@ from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.robot.parts.body import Body, Rod
 from gibbs_codegen.robot.parts.numbers import BASE, Vector3
 from gibbs_codegen.robot.parts.pose import Pose
+from gibbs_codegen.robot.parts.spring import SHORTEST
 from gibbs_codegen.verification.actuators import ActuatorOracle
 from gibbs_codegen.verification.vectors import COMPLEX_STEP, Array, about, cross, times
 
@@ -245,21 +246,19 @@ class PassiveForces:
         for place, i in zip(tree.arm, robot.moving, strict=True):
             every[place] = astuple(robot.links[i - 1].passive)
         self._damping, self.armature, self._stiffness, self._rest = every.T
-        names = [frame.name for frame in frames_of(robot)]
-        self.ends = [(names.index(tie.frame), names.index(tie.to)) for tie in robot.springs]
-        springs = [(tie.stiffness, tie.length, tie.damping) for tie in robot.springs]
-        self._springs = np.reshape(springs, (-1, 3)).T
+        names, ties = [frame.name for frame in frames_of(robot)], robot.springs
+        self._ends = [[names.index(end) for end in (tie.frame, tie.to)] for tie in ties]
+        self._springs = np.array([(x.stiffness, x.length, x.damping) for x in ties] or [[]] * 3).T
 
     def _ways(self, frames: Frames) -> Array:
         """Vectors (…, springs, 3) from their ends to their frames, m, world axes."""
         places = self._tree.positions(frames, self._tree.named)
-        first, second = np.reshape(self.ends, (-1, 2)).astype(int).T
-        return places[..., first, :] - places[..., second, :]
+        return np.stack([places[..., i, :] - places[..., j, :] for i, j in self._ends], axis=-2)
 
     def _lengths(self, q: Array) -> Array:
-        if not self.ends:
+        if not self._ends:
             return np.zeros((*q.shape[:-1], 0))
-        return np.sqrt(np.sum(self._ways(self._tree.frames(q)) ** 2, axis=-1))
+        return np.sqrt(np.sum(self._ways(self._tree.frames(q)) ** 2, axis=-1) + SHORTEST**2)
 
     def _tensions(self, q: Array, v: Array) -> Array:
         """Forces (…, springs), N, that draw ends together, at q and v of all joints."""
@@ -304,12 +303,11 @@ class PassiveForces:
 
     def pulls(self, q: Array, v: Array, frames: Frames) -> Array:
         """Wrenches (s, frames, 6) of springs on all named frames, N and N m, world axes."""
-        ways, wrenches = self._ways(frames), np.zeros((len(q), len(self._tree.named), 6))
-        units = ways / np.linalg.norm(ways, axis=-1, keepdims=True)
-        pulls = self._tensions(q, v)[..., None] * units
-        for k, (first, second) in enumerate(self.ends):
-            wrenches[:, first, :3] -= pulls[:, k]
-            wrenches[:, second, :3] += pulls[:, k]
+        wrenches, pulls = np.zeros((len(q), len(self._tree.named), 6)), self._tensions(q, v)
+        for k, (first, second) in enumerate(self._ends):
+            pull = (pulls / self._lengths(q))[:, k, None] * self._ways(frames)[:, k]
+            wrenches[:, first, :3] -= pull
+            wrenches[:, second, :3] += pull
         return wrenches
 
 

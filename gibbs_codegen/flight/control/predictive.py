@@ -560,8 +560,8 @@ class Predictive:
         """The constants of the machine that is predicted: with dampers at the ends of steps."""
         before, changed = {**self.module.PARAMETERS, **self.parameters}, dict(self.parameters)
         # The pull at the end of a step: the armature that stands for it, and its share in that.
-        joints = [x for x in before if x not in Functions(self.module).spring_dampers]
-        pulling = {x: (f"{x[:-7]}armature", h) for x in joints if x.endswith("_damping")}
+        dampers = {x: f"{x[:-7]}armature" for x in before if x.endswith("_damping")}
+        pulling = {x: (name, h) for x, name in dampers.items() if name in before}
         drives = getattr(self.module, "DRIVE_PARAMETERS", {}).values()
         for role in ({x: name for x, name in drive.items() if name in before} for drive in drives):
             # Play holds nothing. Dry friction is as stiff about rest as no step is short: servos,

@@ -6,11 +6,12 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-import numpy as np
-
 from gibbs_codegen.robot.parts.numbers import Label, NotNegative
 from gibbs_codegen.robot.parts.part import Part, entry, number
 from gibbs_codegen.robot.rotations import Array
+
+# In a distance ℓ with ℓ² = d² + ε² this ε, m, lets springs have a direction where frames meet.
+SHORTEST = 1e-15
 
 
 @dataclass(frozen=True)
@@ -29,9 +30,9 @@ class Spring(Part):
     length: NotNegative = number("distance at which the spring is at rest, {m}", 0.0)
     damping: NotNegative = number("force by the rate of that distance, {N s/m}", 0.0)
 
-    def pull(self, way: Array) -> Array:
-        """Force (3), N, on its frame at rest, to which a way (3), m, leads from its other end."""
-        return -self.stiffness * (1.0 - self.length / (np.linalg.norm(way) or 1.0)) * way
+    def tension(self, distance: Array) -> Array:
+        """Force (…), N, that draws its ends together at rest, at distances (…), m."""
+        return self.stiffness * (distance - self.length)
 
     @classmethod
     def _key_faults(cls, values: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
