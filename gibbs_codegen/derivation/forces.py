@@ -12,7 +12,11 @@ from collections.abc import Mapping
 
 import sympy as sp
 
-from gibbs_codegen.derivation.forward_kinematics import mounted_frames, segment_frames
+from gibbs_codegen.derivation.forward_kinematics import (
+    mounted_frames,
+    rotor_position,
+    segment_frames,
+)
 from gibbs_codegen.derivation.jointed_bodies import JointedBodies
 from gibbs_codegen.derivation.segment_tree import SegmentTree
 from gibbs_codegen.derivation.symbolic_robot import SymbolicRobot
@@ -21,13 +25,7 @@ from gibbs_codegen.robot.parts.numbers import Vector3
 from gibbs_codegen.symbolic.numbers import exact
 from gibbs_codegen.symbolic.structural import applied, back, product
 from gibbs_codegen.symbolic.tape import Scalars, Values, Vector
-from gibbs_codegen.symbolic.vectors import (
-    NO_WRENCH,
-    Matrix,
-    Wrench,
-    axis_vector,
-    zeros,
-)
+from gibbs_codegen.symbolic.vectors import NO_WRENCH, Matrix, Wrench, axis_vector, zeros
 
 # Components of a wrench.
 _SIZE = 6
@@ -41,16 +39,6 @@ def structural(direction: Vector3) -> Vector:
 def rod_thrust_direction(symbolic: SymbolicRobot, k: int) -> Vector:
     """Unit direction ε of the thrust of motor k = 1 … N on a base rod, in the frame of the rod."""
     return structural(symbolic.robot.base.thrust[k - 1])
-
-
-def rotor_position(symbolic: SymbolicRobot, bodies: JointedBodies, k: int) -> tuple[int, Vector]:
-    """Segment of rotor k = 1 … N, and its position from the joint in the segment's frame (m)."""
-    tape = symbolic.tape
-    if symbolic.robot.thrusters:
-        frame = bodies.frames[symbolic.robot.thrusters[k - 1].on]
-        return frame.segment, frame.point(tape, symbolic.parameters.rotors[k]["position"])
-    reach = axis_vector(0, symbolic.rod_reach(k))
-    return 0, tape.add(symbolic.centre, symbolic.rod_frame(k).vector(tape, reach))
 
 
 def rotor_wrench(symbolic: SymbolicRobot, bodies: JointedBodies, k: int) -> tuple[int, Wrench]:
@@ -113,25 +101,19 @@ def forces_of_wrenches(
 
 
 def frame_loads(
-    symbolic: SymbolicRobot,
-    bodies: JointedBodies | None = None,
-    pulls: Mapping[str, Vector] | None = None,
+    symbolic: SymbolicRobot, bodies: JointedBodies | None = None, in_base: bool = False
 ) -> dict[int, Wrench]:
-    """Wrenches on the frames, taken to the joints of the segments that they are on.
+    """The wrenches W on the frames, taken to the joints of the segments that they are on.
 
-    They are W, in world axes, or `pulls` by names of frames, in axes of the root's group frame. The
-    result is by index of the segment, about its joint or about the origin, in its own frame (N, N
-    m): of the reduced tree, or of other `bodies`.
+    W is in world axes, or those of the root's group frame. The result is by index of the segment,
+    about its joint or about the origin, in its own frame (N, N m): of the reduced tree, or of other
+    `bodies`.
     """
     tape, loads = symbolic.tape, dict[int, Wrench]()
-    frames = segment_frames(symbolic, in_base=pulls is not None)
+    frames = segment_frames(symbolic, in_base)
     places = mounted_frames(symbolic), mounted_frames(symbolic, bodies=bodies)
     for place, (reduced, mounted) in enumerate(zip(*places, strict=True)):
         k, entries = mounted.segment, symbolic.W[place * _SIZE : (place + 1) * _SIZE]
-        if pulls is not None:
-            if mounted.name not in pulls:
-                continue
-            entries = pulls[mounted.name]
         with tape.group(f"wrench on {mounted.name}, in the frame of its link"):
             axes, halves = frames[reduced.segment].axes, (entries[:3], entries[3:])
             vectors = [tuple(tape.dot(axis, half) for axis in axes) for half in halves]

@@ -12,7 +12,6 @@ from dataclasses import dataclass, replace
 import sympy as sp
 
 from gibbs_codegen.derivation import tree_dynamics
-from gibbs_codegen.derivation.forces import rotor_position
 from gibbs_codegen.derivation.inertia import Inertia
 from gibbs_codegen.derivation.jointed_bodies import JointedBodies
 from gibbs_codegen.derivation.motion import Acceleration, TreeState
@@ -103,6 +102,16 @@ def mounted_frames(
         turn = product(body.turn, turned_by_rpy(frame.pose.rpy_deg))
         mounted.append(MountedFrame(identifier(frame.name), body.segment, position, turn))
     return [frame for frame in mounted if name in (None, frame.name)]
+
+
+def rotor_position(symbolic: SymbolicRobot, bodies: JointedBodies, k: int) -> tuple[int, Vector]:
+    """Segment of rotor k = 1 … N, and its position from the joint in the segment's frame (m)."""
+    tape = symbolic.tape
+    if symbolic.robot.thrusters:
+        frame = bodies.frames[symbolic.robot.thrusters[k - 1].on]
+        return frame.segment, frame.point(tape, symbolic.parameters.rotors[k]["position"])
+    reach = axis_vector(0, symbolic.rod_reach(k))
+    return 0, tape.add(symbolic.centre, symbolic.rod_frame(k).vector(tape, reach))
 
 
 def combined(tape: Scalars, frame: Frame, vector: Vector) -> Vector:

@@ -28,12 +28,7 @@ import sympy as sp
 
 from gibbs_codegen.derivation import tree_dynamics
 from gibbs_codegen.derivation.inertia import Inertia
-from gibbs_codegen.derivation.passive import (
-    armatures,
-    passive_forces,
-    passive_symbols,
-    spring_slopes,
-)
+from gibbs_codegen.derivation.passive import passive_forces, passive_symbols, spring_slopes
 from gibbs_codegen.derivation.root import BaseDerivatives
 from gibbs_codegen.derivation.segment_tree import GroupPassage, SegmentTree
 from gibbs_codegen.derivation.symbolic_robot import SymbolicRobot
@@ -58,9 +53,10 @@ def inverse_dynamics(symbolic: SymbolicRobot) -> list[sp.Expr]:
     )
     base, joints = symbolic.places.split(forces)
     accelerations = symbolic.joint_state.accelerations
-    parts = zip(joints, armatures(symbolic), accelerations, passive_forces(symbolic), strict=True)
+    acting = passive_symbols(symbolic), passive_forces(symbolic)
+    parts = zip(joints, accelerations, *acting, strict=True)
     with tape.group("forces of the joints with their armature, dampers and springs"):
-        joint_forces = [tape.let(force + m * a - passive) for force, m, a, passive in parts]
+        joint_forces = [tape.let(f + joint.armature * a - push) for f, a, joint, push in parts]
     return symbolic.places.joined(base, joint_forces)
 
 
@@ -216,7 +212,7 @@ def inverse_dynamics_derivatives(symbolic: SymbolicRobot) -> InverseDynamicsDeri
     for matrix, by in zip(matrices, ("coordinate", "rate"), strict=False):
         for (i, j), slope in spring_slopes(symbolic, by).items():
             row, column = matrix[places[i - 1]], places[j - 1]
-            row[column] = tape.let(row[column] - slope)
+            row[column] = tape.less(row[column], slope)
     return InverseDynamicsDerivatives(force, *matrices)
 
 

@@ -7,6 +7,7 @@ Armature adds to the diagonal of the mass matrix, the rest to the residual. A jo
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 import sympy as sp
 
@@ -36,12 +37,6 @@ def armatures(symbolic: SymbolicRobot) -> list[sp.Expr]:
     return [joint.armature for joint in passive_symbols(symbolic)]
 
 
-def _energy(symbols: Mapping[str, sp.Expr]) -> sp.Expr:
-    """½ k (ℓ − ℓ₀)² (J), of the symbols of a spring's parameters and ℓ²."""
-    stretch = sp.sqrt(_SQUARE) - symbols["length"]
-    return sp.expand(symbols["stiffness"] * stretch**2 / 2)
-
-
 class StretchedSpring:
     """A spring between frames in a state of its robot, with a damper beside it.
 
@@ -57,9 +52,9 @@ class StretchedSpring:
         self._tape, self._tree = symbolic.tape, symbolic.reduced_tree
         self._rates = symbolic.joint_state.rates
         symbols = symbolic.parameters.ties[tie_prefix(spring)]
-        self._energy = _energy(symbols)
-        self._law = sp.expand(2 * sp.diff(self._energy, _SQUARE))
-        self._law += symbols["damping"] * _GROWTH / _SQUARE
+        stretch = sp.sqrt(_SQUARE) - symbols["length"]
+        stored = sp.expand(symbols["stiffness"] * stretch**2 / 2)
+        self._law = sp.expand(2 * stored.diff(_SQUARE)) + symbols["damping"] * _GROWTH / _SQUARE
         names = [identifier(name) for name in (spring.frame, spring.to)]
         self.ends = [mounted_frames(symbolic, name)[0] for name in names]
         tape, tree = self._tape, self._tree
@@ -78,25 +73,19 @@ class StretchedSpring:
             gradient = {k: tape.dot(self.way, move) for k, move in self._moves.items()}
             square = tape.let(tape.dot(self.way, self.way) + sp.Float(SHORTEST) ** 2)
             self._state = {_SQUARE: square, _GROWTH: self._along(gradient)}
-            self.ratio, self._gradient = self._now(self._law), gradient
+            self.energy, self._gradient = stored.subs(self._state), gradient
+            self.ratio = tape.let(self._law.subs(self._state))
             self.forces = {k: -tape.let(self.ratio * g) for k, g in gradient.items()}
-
-    def _now(self, quantity: sp.Expr) -> sp.Expr:
-        return self._tape.let(quantity.subs(self._state))
 
     def _along(self, slopes: Mapping[int, sp.Expr]) -> sp.Expr:
         rates = [self._rates[k - 1] for k in slopes]
         return self._tape.sum_of_products([*slopes.values()], rates)
 
-    @property
-    def energy(self) -> sp.Expr:
-        """Its energy (J)."""
-        return self._now(self._energy)
-
     def slopes(self, by: str) -> Entries:
         """Derivatives of the forces on joints (first) by a "coordinate" or "rate" (second)."""
         tape, entries, curved = self._tape, Entries(), dict.fromkeys(self._gradient, sp.S.Zero)
-        by_square, by_growth = (self._now(self._law.diff(x)) for x in (_SQUARE, _GROWTH))
+        partial = (self._law.diff(x).subs(self._state) for x in (_SQUARE, _GROWTH))
+        by_square, by_growth = map(tape.let, partial)
         for j, g in self._gradient.items():
             change = tape.let(by_growth * g)
             if by == "coordinate":
@@ -136,12 +125,14 @@ def spring_slopes(symbolic: SymbolicRobot, by: str) -> Entries:
 
 def spring_loads(symbolic: SymbolicRobot, bodies: JointedBodies) -> dict[int, Wrench]:
     """Wrenches of springs on segments of some bodies, as of `frame_loads`."""
-    tape, pulls = symbolic.tape, dict[str, Vector]()
-    for spring in springs(symbolic):
-        pull = (*tape.scale(spring.ratio, spring.way), *ZERO)
-        for end, load in zip(spring.ends, (minus(pull), pull), strict=True):
-            pulls[end.name] = tape.add(pulls.get(end.name, (*ZERO, *ZERO)), load)
-    return frame_loads(symbolic, bodies, pulls) if pulls else {}
+    tape, acting = symbolic.tape, springs(symbolic)
+    pulls = {mounted.name: ZERO for mounted in mounted_frames(symbolic)} if acting else {}
+    for spring in acting:
+        pull = tape.scale(spring.ratio, spring.way)
+        for end, force in zip(spring.ends, (minus(pull), pull), strict=True):
+            pulls[end.name] = tape.add(pulls[end.name], force)
+    pulled = replace(symbolic, W=tuple(x for pull in pulls.values() for x in (*pull, *ZERO)))
+    return frame_loads(pulled, bodies, in_base=True) if acting else {}
 
 
 def passive_forces(symbolic: SymbolicRobot) -> list[sp.Expr]:
@@ -191,7 +182,7 @@ def potential_energy(symbolic: SymbolicRobot) -> sp.Expr:
         moment = tape.let(composite.mass * symbolic.origin[2] + height)
         weight = tape.let(symbolic.parameters.gravity * moment)
     with tape.group("potential energy with that of the springs"):
-        stored = [spring.energy for spring in springs(symbolic)]
+        stored = [tape.let(spring.energy) for spring in springs(symbolic)]
         joints = zip(passive_symbols(symbolic), symbolic.coordinates.values(), strict=True)
         for joint, angle in joints:
             stretch = _stretch(tape, joint, angle)

@@ -145,9 +145,8 @@ def tie_lines(tie: Tie) -> list[str]:
     """The table of a tie in the file, and where its anchor is."""
     table = changed_keys(tie, "xyz", "rpy_deg")
     if isinstance(tie, Constraint):
-        table |= _pose(tie.anchor)
-        if tie.kind not in ("frame", "loop"):
-            del table["rpy_deg"]
+        pose = _pose(tie.anchor)
+        table |= pose if tie.kind in ("frame", "loop") else {"xyz": pose["xyz"]}
     return [f"[[{tie.array}]]", *toml_lines(table)]
 
 

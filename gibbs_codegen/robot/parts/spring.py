@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import ClassVar
 
 from gibbs_codegen.robot.parts.numbers import Label, NotNegative
 from gibbs_codegen.robot.parts.part import Part, entry, number
@@ -26,16 +25,10 @@ class Spring(Part):
     name: Label = entry("name of the spring, any text", ...)
     frame: Label = entry('the frame at one end: "base", "tip" or a name of a [[frame]]', ...)
     to: Label = entry("the frame at the other end, which joints move against the first", ...)
-    stiffness: NotNegative = number("force by the distance between the frames, {N/m}", 0.0)
+    stiffness: NotNegative = number("force by the distance, {N/m}; 0: a damper", ...)
     length: NotNegative = number("distance at which the spring is at rest, {m}", 0.0)
     damping: NotNegative = number("force by the rate of that distance, {N s/m}", 0.0)
 
     def tension(self, distance: Array) -> Array:
         """Force (…), N, that draws its ends together at rest, at distances (…), m."""
         return self.stiffness * (distance - self.length)
-
-    @classmethod
-    def _key_faults(cls, values: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
-        """Faults of a spring that does nothing."""
-        if not values.get("stiffness") and not values.get("damping"):
-            yield "stiffness", "missing: give a stiffness, N/m, or a damping, N s/m"
