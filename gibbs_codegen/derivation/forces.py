@@ -27,9 +27,6 @@ from gibbs_codegen.symbolic.structural import applied, back, product
 from gibbs_codegen.symbolic.tape import Scalars, Values, Vector
 from gibbs_codegen.symbolic.vectors import NO_WRENCH, Matrix, Wrench, axis_vector, zeros
 
-# Components of a wrench.
-_SIZE = 6
-
 
 def structural(direction: Vector3) -> Vector:
     """A direction that the robot file fixes."""
@@ -113,7 +110,7 @@ def frame_loads(
     frames = segment_frames(symbolic, in_base)
     places = mounted_frames(symbolic), mounted_frames(symbolic, bodies=bodies)
     for place, (reduced, mounted) in enumerate(zip(*places, strict=True)):
-        k, entries = mounted.segment, symbolic.W[place * _SIZE : (place + 1) * _SIZE]
+        k, entries = mounted.segment, symbolic.W[6 * place : 6 * place + 6]
         with tape.group(f"wrench on {mounted.name}, in the frame of its link"):
             axes, halves = frames[reduced.segment].axes, (entries[:3], entries[3:])
             vectors = [tuple(tape.dot(axis, half) for axis in axes) for half in halves]

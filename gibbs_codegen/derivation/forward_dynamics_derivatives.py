@@ -83,15 +83,13 @@ class BaseColumns:
         joints, tape = range(1, len(self.articulation.tree.segments)), self.symbolic.tape
         slopes = {} if kind == "effort" else spring_slopes(self.centred, kind)
 
-        def column(k: int) -> Values:
-            pushed = {i: slope for (i, j), slope in slopes.items() if j == k}
-            columns = [self.columns.column("effort", i) for i in pushed]
-            first = self.columns.column(kind, k)
-            return tape.combination([sp.S.One, *pushed.values()], [first, *columns])
-
+        columns: dict[int, Values] = {k: self.columns.column(kind, k) for k in joints}
+        for (i, j), slope in slopes.items():
+            pushed = self.columns.column("effort", i)
+            columns[j] = tape.combination([sp.S.One, slope], [columns[j], pushed])
         with tape.group("rows of attitude and position"):
             _, converted = self._solved
-            return [converted(column(k)) for k in joints]
+            return [converted(columns[k]) for k in joints]
 
     def by_base(self, accelerations: Values) -> tuple[list[Values], list[Values]]:
         """Columns in the tangent space of the base's coordinates, and those by its velocities."""

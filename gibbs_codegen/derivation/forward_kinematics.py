@@ -44,11 +44,10 @@ def segment_frames(symbolic: SymbolicRobot, in_base: bool = False) -> list[Segme
 
     With `in_base` they are in the axes of the root's group frame.
     """
-    tape, tree = symbolic.tape, symbolic.reduced_tree
+    tape, root, tree = symbolic.tape, symbolic.root, symbolic.reduced_tree
     with tape.group("axes of the base"):
-        group: Frame = tuple([axis_vector(axis) for axis in range(3)])
-        if not in_base:
-            group = tuple([symbolic.root.world(tape, axis) for axis in group])
+        axes = map(axis_vector, range(3))
+        group = tuple([x if in_base else root.world(tape, x) for x in axes])
         frames = [SegmentFrame(ZERO, group, _turned(tape, group, tree.segments[0].rotation))]
     for segment in tree.segments[1:]:
         parent = frames[segment.parent]

@@ -217,11 +217,10 @@ def chain_system(symbolic: SymbolicRobot, number: int) -> LinearSystem:
         if i in symbolic.robot.moving
     }
     _add_passive(symbolic, [rows.get(i) for i in symbolic.robot.moving], matrix, residual)
-    pulls = dict(zip(symbolic.robot.constrained, _held_pulls(symbolic), strict=True))
-    for i in chain.own:
-        if i in pulls:
+    for i, pull in zip(symbolic.robot.constrained, _held_pulls(symbolic), strict=True):
+        if i in chain.own:
             row = chain.coordinates.index(coordinate_of(symbolic.robot, i))
-            residual[row] = tape.let(residual[row] + pulls[i])
+            residual[row] = tape.let(residual[row] + pull)
     # Effects of the inputs u (columns) on the chain's coordinates (rows) (eq. 13).
     thrust = zeros(len(chain.coordinates), len(symbolic.u))
     bodies = symbolic.chain_bodies(chain)

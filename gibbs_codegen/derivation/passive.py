@@ -6,7 +6,6 @@ Armature adds to the diagonal of the mass matrix, the rest to the residual. A jo
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import replace
 
 import sympy as sp
@@ -49,15 +48,12 @@ class StretchedSpring:
 
     def __init__(self, symbolic: SymbolicRobot, spring: Spring) -> None:
         """Compute d, g and ρ; joints are counted as segments of the reduced tree."""
-        self._tape, self._tree = symbolic.tape, symbolic.reduced_tree
-        self._rates = symbolic.joint_state.rates
+        tape, tree = self._tape, self._tree = symbolic.tape, symbolic.reduced_tree
         symbols = symbolic.parameters.ties[tie_prefix(spring)]
         stretch = sp.sqrt(_SQUARE) - symbols["length"]
         stored = sp.expand(symbols["stiffness"] * stretch**2 / 2)
         self._law = sp.expand(2 * stored.diff(_SQUARE)) + symbols["damping"] * _GROWTH / _SQUARE
-        names = [identifier(name) for name in (spring.frame, spring.to)]
-        self.ends = [mounted_frames(symbolic, name)[0] for name in names]
-        tape, tree = self._tape, self._tree
+        self.ends = [mounted_frames(symbolic, identifier(x))[0] for x in (spring.frame, spring.to)]
         first, second = (tree.path(end.segment) for end in self.ends)
         self._moves: dict[int, Vector] = {}
         self._frames = segment_frames(symbolic, in_base=True)
@@ -72,26 +68,24 @@ class StretchedSpring:
                 self._moves[k] = minus(move) if k in second else move
             gradient = {k: tape.dot(self.way, move) for k, move in self._moves.items()}
             square = tape.let(tape.dot(self.way, self.way) + sp.Float(SHORTEST) ** 2)
-            self._state = {_SQUARE: square, _GROWTH: self._along(gradient)}
+            self._rates = [symbolic.joint_state.rates[k - 1] for k in gradient]
+            growth = tape.sum_of_products([*gradient.values()], self._rates)
+            self._state = {_SQUARE: square, _GROWTH: growth}
             self.energy, self._gradient = stored.subs(self._state), gradient
             self.ratio = tape.let(self._law.subs(self._state))
             self.forces = {k: -tape.let(self.ratio * g) for k, g in gradient.items()}
 
-    def _along(self, slopes: Mapping[int, sp.Expr]) -> sp.Expr:
-        rates = [self._rates[k - 1] for k in slopes]
-        return self._tape.sum_of_products([*slopes.values()], rates)
-
     def slopes(self, by: str) -> Entries:
         """Derivatives of the forces on joints (first) by a "coordinate" or "rate" (second)."""
         tape, entries, curved = self._tape, Entries(), dict.fromkeys(self._gradient, sp.S.Zero)
-        partial = (self._law.diff(x).subs(self._state) for x in (_SQUARE, _GROWTH))
-        by_square, by_growth = map(tape.let, partial)
+        changes = (self._law.diff(x).subs(self._state) for x in (_SQUARE, _GROWTH))
+        by_square, by_growth = map(tape.let, changes)
         for j, g in self._gradient.items():
             change = tape.let(by_growth * g)
             if by == "coordinate":
                 curved = {i: self._curvature(i, j) for i in self._gradient}
-                growth = tape.let(by_growth * self._along(curved))
-                change = tape.let(2 * tape.let(by_square * g) + growth)
+                growth = tape.sum_of_products([*curved.values()], self._rates)
+                change = tape.let(2 * by_square * g + by_growth * growth)
             for i, h in self._gradient.items():
                 entries[i, j] = -tape.sum_of_products([self.ratio, change], [curved[i], h])
         return entries

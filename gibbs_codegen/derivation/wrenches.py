@@ -54,10 +54,9 @@ def joint_wrenches(symbolic: SymbolicRobot, *, with_frames: bool = False) -> lis
     state = symbolic.state_with(symbolic.state, bodies.numbers)
     motions = tree_motions(tape, symbolic.root, tree, state)
     loads = thrust_wrenches(symbolic, bodies)
-    of_frames = [frame_loads(symbolic, bodies)] if with_frames else []
-    for acting in (*of_frames, spring_loads(symbolic, bodies)):
-        for k, load in acting.items():
-            loads[k] = loads.get(k, NO_WRENCH).plus(tape, load)
+    pushed = frame_loads(symbolic, bodies) if with_frames else {}
+    for k, load in (*pushed.items(), *spring_loads(symbolic, bodies).items()):
+        loads[k] = loads.get(k, NO_WRENCH).plus(tape, load)
     sums = subtree_wrenches(tape, tree, motions, loads)
     for k, i in enumerate(bodies.numbers, start=1):
         with tape.group(f"wrench through {tree.segments[k].joint_name}, in its frame"):

@@ -269,11 +269,11 @@ class Machine:
             twist = base_of(robot, q).twist(self.figure("centre", 3), v)
             power = dot(u[:count], self.figure("wrenches", count, 6) @ twist)
             power = power + dot(u[count:], v[robot.layout.v.joints])
+        lost = self.figure("losses", v.size) * v
         if robot.damps_frames:  # All dampers take the part of the forces that is odd in velocities.
-            with_v, against = (robot.inverse_dynamics(q, x, zeros(v.size)) for x in (v, -v))
-            power = power - 0.5 * dot(with_v - against, v)
-        else:
-            power = power - dot(self.figure("losses", v.size) * v, v)
+            ahead, back = (robot.inverse_dynamics(q, x, zeros(v.size)) for x in (v, -v))
+            lost = 0.5 * (ahead - back)
+        power = power - dot(lost, v)
         if rates.wrenches is not None:
             velocities = robot.frame_velocities(q, v)
             power = power + dot(*(reshaped(x, (x.size,)) for x in (rates.wrenches, velocities)))

@@ -311,7 +311,7 @@ def holding_efforts(robot: Robot, thrusts: Sequence[float]) -> list[float]:
     for spring in robot.springs:
         end, other = (frames.named[name].origin for name in (spring.frame, spring.to))
         distance = np.hypot(np.linalg.norm(end - other), SHORTEST)
-        pull = spring.tension(distance) / distance * (other - end)
+        pull = spring.stiffness * (1.0 - spring.length / distance) * (other - end)
         wrench = np.concatenate([pull, np.cross(end, pull)])
         loads[carriers[spring.frame]] += wrench
         loads[carriers[spring.to]] -= wrench

@@ -7,7 +7,6 @@ from typing import ClassVar
 
 from gibbs_codegen.robot.parts.numbers import Label, NotNegative
 from gibbs_codegen.robot.parts.part import Part, entry, number
-from gibbs_codegen.robot.rotations import Array
 
 # In a distance ℓ with ℓ² = d² + ε² this ε, m, lets springs have a direction where frames meet.
 SHORTEST = 1e-15
@@ -28,7 +27,3 @@ class Spring(Part):
     stiffness: NotNegative = number("force by the distance, {N/m}; 0: a damper", ...)
     length: NotNegative = number("distance at which the spring is at rest, {m}", 0.0)
     damping: NotNegative = number("force by the rate of that distance, {N s/m}", 0.0)
-
-    def tension(self, distance: Array) -> Array:
-        """Force (…), N, that draws its ends together at rest, at distances (…), m."""
-        return self.stiffness * (distance - self.length)
