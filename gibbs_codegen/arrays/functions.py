@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable
 from functools import partial
 from typing import Any
@@ -41,7 +40,7 @@ class Functions:
             for name in getattr(module, "CONSTRAINTS", ())
         ]
         # Whether dampers may lie between frames, and not at joints alone.
-        self.damps_frames = any(re.fullmatch("spring_.*_damping", x) for x in module.PARAMETERS)
+        self.damps_frames = any(name.startswith("spring_") for name in module.PARAMETERS)
         # Rotors on which the air acts: their numbers, hubs' frames, and figures of the air.
         inputs, frames = list(module.INPUTS), list(module.FRAMES)
         self.air = [

@@ -12,11 +12,7 @@ from collections.abc import Mapping
 
 import sympy as sp
 
-from gibbs_codegen.derivation.forward_kinematics import (
-    mounted_frames,
-    rotor_position,
-    segment_frames,
-)
+from gibbs_codegen.derivation.forward_kinematics import mounted_frames, rotor_place, segment_frames
 from gibbs_codegen.derivation.jointed_bodies import JointedBodies
 from gibbs_codegen.derivation.segment_tree import SegmentTree
 from gibbs_codegen.derivation.symbolic_robot import SymbolicRobot
@@ -50,7 +46,7 @@ def rotor_wrench(symbolic: SymbolicRobot, bodies: JointedBodies, k: int) -> tupl
     else:
         direction = symbolic.rod_frame(k).vector(tape, rod_thrust_direction(symbolic, k))
     ratio = symbolic.parameters.rotors[k]["drag"]
-    segment, position = rotor_position(symbolic, bodies, k)
+    segment, position = rotor_place(symbolic, bodies, k)
     return segment, _thrust_wrench(tape, position, direction, ratio)
 
 

@@ -103,7 +103,7 @@ def mounted_frames(
     return [frame for frame in mounted if name in (None, frame.name)]
 
 
-def rotor_position(symbolic: SymbolicRobot, bodies: JointedBodies, k: int) -> tuple[int, Vector]:
+def rotor_place(symbolic: SymbolicRobot, bodies: JointedBodies, k: int) -> tuple[int, Vector]:
     """Segment of rotor k = 1 … N, and its position from the joint in the segment's frame (m)."""
     tape = symbolic.tape
     if symbolic.robot.thrusters:
@@ -141,7 +141,7 @@ def positions(symbolic: SymbolicRobot) -> list[Vector]:
         centre = combined(tape, frames[0].axes, symbolic.centre)
         rotors = []
         for k in range(1, robot.rotors + 1):
-            segment, place = rotor_position(symbolic, symbolic.bodies, k)
+            segment, place = rotor_place(symbolic, symbolic.bodies, k)
             point = combined(tape, frames[segment].axes, place)
             rotors.append(tape.add(frames[segment].position, point) if segment else point)
     joints = []

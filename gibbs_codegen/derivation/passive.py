@@ -50,8 +50,7 @@ class StretchedSpring:
         """Compute d, g and ρ; joints are counted as segments of the reduced tree."""
         tape, tree = self._tape, self._tree = symbolic.tape, symbolic.reduced_tree
         symbols = symbolic.parameters.ties[tie_prefix(spring)]
-        stretch = sp.sqrt(_SQUARE) - symbols["length"]
-        stored = sp.expand(symbols["stiffness"] * stretch**2 / 2)
+        stored = sp.expand(symbols["stiffness"] * (sp.sqrt(_SQUARE) - symbols["length"]) ** 2 / 2)
         self._law = sp.expand(2 * stored.diff(_SQUARE)) + symbols["damping"] * _GROWTH / _SQUARE
         self.ends = [mounted_frames(symbolic, identifier(x))[0] for x in (spring.frame, spring.to)]
         first, second = (tree.path(end.segment) for end in self.ends)
@@ -102,9 +101,8 @@ class StretchedSpring:
 
 def springs(symbolic: SymbolicRobot) -> list[StretchedSpring]:
     """The springs between frames that have symbols, in the state of these."""
-    ties = symbolic.parameters.ties
-    acting = [spring for spring in symbolic.robot.springs if tie_prefix(spring) in ties]
-    return [StretchedSpring(symbolic, spring) for spring in acting]
+    ties, every = symbolic.parameters.ties, symbolic.robot.springs
+    return [StretchedSpring(symbolic, spring) for spring in every if tie_prefix(spring) in ties]
 
 
 def spring_slopes(symbolic: SymbolicRobot, by: str) -> Entries:
