@@ -66,7 +66,7 @@ class StretchedSpring:
                     move = tape.cross(move, arm)
                 self._moves[k] = minus(move) if k in second else move
             gradient = {k: tape.dot(self.way, move) for k, move in self._moves.items()}
-            square = tape.let(tape.dot(self.way, self.way) + sp.Float(SHORTEST) ** 2)
+            square = tape.let(tape.dot(self.way, self.way) + sp.Rational(SHORTEST) ** 2)
             self._rates = [symbolic.joint_state.rates[k - 1] for k in gradient]
             growth = tape.sum_of_products([*gradient.values()], self._rates)
             self._state = {_SQUARE: square, _GROWTH: growth}

@@ -11,7 +11,13 @@ from support.emitted import emitted_module, module_with_derivatives
 from support.random_robots import sprung_robot
 
 from gibbs_codegen.errors import RobotFileError
+from gibbs_codegen.flight.scenario.parts import Control, Settings
+from gibbs_codegen.flight.scenario.paths import Fixed
+from gibbs_codegen.flight.scenario.scenario import Scenario
+from gibbs_codegen.flight.simulation import simulate
 from gibbs_codegen.robot.file import parse_robot
+from gibbs_codegen.robot.parts.frame import Frame
+from gibbs_codegen.robot.parts.pose import Pose
 from gibbs_codegen.robot.text import robot_text
 from gibbs_codegen.verification.verify import QUICK, compare_module, formulations
 
@@ -124,3 +130,47 @@ def test_springs_over_links_that_are_held_belong_to_their_chains() -> None:
     assert robot.constrained
     assert robot.springs
     check_chains(robot)
+
+
+def test_frames_that_meet_leave_all_results_finite() -> None:
+    """A spring has no direction there, and does not pull."""
+    robot = replace(
+        ROBOT,
+        frames=(*ROBOT.frames, Frame("pin", 1), Frame("hinge", 0, Pose((0.0, 0.0, -0.05)))),
+        springs=(replace(TENDON, frame="pin", to="hinge"),),
+    )
+    module, free = (
+        emitted_module(replace(x, name=name)) for name, x in (("met", robot), ("unmet", ROBOT))
+    )
+    q, v = np.array([0.1, 0.2, 0.3, 0.0, 0.6, 0.0, 0.8, 0.4, 0.1]), np.linspace(-1.0, 1.0, 8)
+    slack = {f"spring_tendon_{number}": 0.0 for number in ("stiffness", "damping")}
+    apart = free.residual(q, v, constants=free.prepare(slack))
+    assert module.residual(q, v) == pytest.approx(apart, abs=1e-12)
+    for function in ("mass_matrix", "potential_energy", "gibbs", "joint_wrenches"):
+        arguments = {"mass_matrix": (q,), "potential_energy": (q,), "gibbs": (q, v, v)}
+        values = getattr(module, function)(*arguments.get(function, (q, v, v, np.ones(2))))
+        assert np.all(np.isfinite(values)), function
+
+
+@pytest.mark.parametrize("damping", [0.0, 0.4])
+def test_energy_balances_over_a_flight(damping: float) -> None:
+    """A spring that is let go moves joints by a joule; only a damper takes energy."""
+    robot = replace(ROBOT, name="let_go", springs=(replace(TENDON, stiffness=90.0),))
+    module = emitted_module(robot)
+    steady = Settings(relative_tolerance=1e-10, absolute_tolerance=1e-11)
+    flight = simulate(
+        module,
+        Scenario(
+            "let_go",
+            0.5,
+            Fixed((0.0, 0.0, 2.0)),
+            control=Control(law="off"),
+            integration=steady,
+            parameters={"spring_tendon_damping": damping},
+        ),
+    )
+    swing = np.ptp(flight.kinetic_energy)
+    total = flight.kinetic_energy + flight.potential_energy
+    assert swing > 0.5
+    assert np.abs(flight.energy_error).max() <= 1e-7 * swing
+    assert (total[0] - total[-1] > 0.05) == (damping > 0.0)
