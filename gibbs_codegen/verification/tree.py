@@ -248,8 +248,7 @@ class PassiveForces:
         self._damping, self.armature, self._stiffness, self._rest = every.T
         names, ties = [frame.name for frame in frames_of(robot)], robot.springs
         self._ends = [(names.index(tie.frame), names.index(tie.to)) for tie in ties]
-        springs = [(tie.stiffness, tie.length, tie.damping) for tie in ties]
-        self._springs = np.reshape(springs, (-1, 3)).T
+        self._springs = np.reshape([(x.stiffness, x.length, x.damping) for x in ties], (-1, 3)).T
 
     def _ways(self, frames: Frames) -> Array:
         """Vectors (…, springs, 3) from their ends to their frames, m, world axes."""
