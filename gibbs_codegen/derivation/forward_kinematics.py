@@ -46,8 +46,8 @@ def segment_frames(symbolic: SymbolicRobot, in_base: bool = False) -> list[Segme
     """
     tape, root, tree = symbolic.tape, symbolic.root, symbolic.reduced_tree
     with tape.group("axes of the base"):
-        axes = map(axis_vector, range(3))
-        group = tuple([x if in_base else root.world(tape, x) for x in axes])
+        units = map(axis_vector, range(3))
+        group = tuple([unit if in_base else root.world(tape, unit) for unit in units])
         frames = [SegmentFrame(ZERO, group, _turned(tape, group, tree.segments[0].rotation))]
     for segment in tree.segments[1:]:
         parent = frames[segment.parent]
