@@ -86,8 +86,7 @@ class ConstraintDerivatives:
             return self.systems.symbolic
         parameters = copy(self.systems.symbolic.parameters)
         parameters.gravity, parameters.ties = sp.S.Zero, {}
-        links = parameters.links.items()
-        parameters.links = {i: replace(link, passive=NOT_PASSIVE) for i, link in links}
+        parameters.links = {i: replace(x, passive=NOT_PASSIVE) for i, x in parameters.links.items()}
         still = (sp.S.Zero,) * len(self.systems.symbolic.v)
         return replace(self.systems.symbolic, v=still, parameters=parameters)
 

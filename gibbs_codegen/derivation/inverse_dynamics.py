@@ -52,11 +52,10 @@ def inverse_dynamics(symbolic: SymbolicRobot) -> list[sp.Expr]:
         tape, symbolic.root, symbolic.reduced_tree, symbolic.state
     )
     base, joints = symbolic.places.split(forces)
-    accelerations = symbolic.joint_state.accelerations
-    acting = passive_symbols(symbolic), passive_forces(symbolic)
-    parts = zip(joints, accelerations, *acting, strict=True)
+    a = symbolic.joint_state.accelerations
+    parts = zip(joints, a, passive_symbols(symbolic), passive_forces(symbolic), strict=True)
     with tape.group("forces of the joints with their armature, dampers and springs"):
-        joint_forces = [tape.let(f + joint.armature * a - push) for f, a, joint, push in parts]
+        joint_forces = [tape.let(f + joint.armature * x - push) for f, x, joint, push in parts]
     return symbolic.places.joined(base, joint_forces)
 
 

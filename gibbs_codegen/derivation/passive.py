@@ -62,8 +62,8 @@ class StretchedSpring:
             for k in sorted({*first} ^ {*second}):
                 move = self._frames[k].group[2]
                 if tree.segments[k].joint == "revolute":
-                    arm = tape.add(places[k in second], minus(self._frames[k].position))
-                    move = tape.cross(move, arm)
+                    joint = minus(self._frames[k].position)
+                    move = tape.cross(move, tape.add(places[k in second], joint))
                 self._moves[k] = minus(move) if k in second else move
             gradient = {k: tape.dot(self.way, move) for k, move in self._moves.items()}
             square = tape.let(tape.dot(self.way, self.way) + sp.Rational(SHORTEST) ** 2)
