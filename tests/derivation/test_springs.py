@@ -10,7 +10,8 @@ from derivation.test_hybrid import check_chains
 from support.emitted import emitted_module, module_with_derivatives
 from support.random_robots import sprung_robot
 
-from gibbs_codegen.errors import RobotFileError
+from gibbs_codegen.equations.show import chain_equation
+from gibbs_codegen.errors import RobotFileError, UsageError
 from gibbs_codegen.flight.scenario.parts import Control, Settings
 from gibbs_codegen.flight.scenario.paths import Fixed
 from gibbs_codegen.flight.scenario.scenario import Scenario
@@ -132,6 +133,7 @@ def test_springs_over_links_that_are_held_belong_to_their_chains() -> None:
     check_chains(robot)
 
 
+@pytest.mark.slow  # Robots are derived with all functions.
 def test_frames_that_meet_leave_all_results_finite() -> None:
     """A spring has no direction there, and does not pull."""
     robot = replace(
@@ -152,6 +154,7 @@ def test_frames_that_meet_leave_all_results_finite() -> None:
         assert np.all(np.isfinite(values)), function
 
 
+@pytest.mark.slow  # Robots are derived with all functions.
 @pytest.mark.parametrize("damping", [0.0, 0.4])
 def test_energy_balances_over_a_flight(damping: float) -> None:
     """A spring that is let go moves joints by a joule; only a damper takes energy."""
@@ -174,3 +177,8 @@ def test_energy_balances_over_a_flight(damping: float) -> None:
     assert swing > 0.5
     assert np.abs(flight.energy_error).max() <= 1e-7 * swing
     assert (total[0] - total[-1] > 0.05) == (damping > 0.0)
+
+
+def test_chains_that_springs_leave_are_not_shown() -> None:
+    with pytest.raises(UsageError, match="sprung: no chain can be shown with springs"):
+        chain_equation(ROBOT, 1, 2)
