@@ -90,9 +90,9 @@ def _edges(axes: Any, origin: Sequence[float] | Array, size: Array) -> Array:
 
 def place_labels(axes: Any) -> None:
     """Put the labels of a scene where they will be drawn, without drawing anything else."""
-    figure, own = axes.figure, (axes.xaxis, axes.yaxis, axes.zaxis)
+    figure, axis_lines = axes.figure, (axes.xaxis, axes.yaxis, axes.zaxis)
     children = [*figure.get_children(), *axes.get_children()]
-    hidden = [x for x in children if x.get_visible() and x not in (axes, figure.patch, *own)]
+    hidden = [x for x in children if x.get_visible() and x not in (axes, figure.patch, *axis_lines)]
     for artist in hidden:
         artist.set_visible(False)
     figure.draw_without_rendering()

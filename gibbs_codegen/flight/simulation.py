@@ -106,7 +106,8 @@ def simulate(
     start = flight_start(robot, scenario, progress, custom_law=controller is not None)
     loop, scenario = start.loop, start.scenario
     law = law_in_time(loop.controller, scenario, loop.actuators, loop.idles, controller)
-    loop, begin = replace(loop, controller=law), perf_counter()
+    loop = replace(loop, controller=law)
+    begin = perf_counter()
     history = integrate(
         loop,
         loop.start(start.q, start.v, scenario.start.charge),

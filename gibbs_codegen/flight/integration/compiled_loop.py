@@ -140,7 +140,7 @@ class CompiledLoops:
         self._made: dict[Any, CompiledLoop | None] = {}
 
     def at(self, loads: Loads) -> CompiledLoop | None:
-        """The loop while something acts; None where module, law or loop is not compiled."""
+        """The loop while something acts, which holds its inputs; None where it is not compiled."""
         key = loads._replace(inputs=None), loads.inputs is None
         if key not in self._made:
             self._made[key] = None

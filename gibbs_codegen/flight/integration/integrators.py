@@ -208,8 +208,9 @@ class Integration:
         whole = intervals[0]._replace(end=intervals[-1].end)
         times, law = self._grid.sample_times(whole), loop.sampled if ahead else None
         legs, firsts = self._legs(intervals, ahead)
-        compiled, samples = self.compiled.at(loads), [np.zeros((0, len(state)))]
-        taken, python = 0, PythonFlow(loop, self._envelope, loads)
+        compiled = self.compiled.at(loads)
+        python = PythonFlow(loop, self._envelope, loads)
+        samples, taken = [np.zeros((0, len(state)))], 0
         begins = np.empty((len(legs), len(state))) if law and loop.sensors else None
         flow.time, flow.leg, flow.done, flow.begun, flow.sampled = whole.begin, 0, 0, 0, 0
         if self._adaptive and not flow.step:

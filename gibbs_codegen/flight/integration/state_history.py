@@ -31,7 +31,7 @@ class InputRanges(NamedTuple):
 
     @classmethod
     def joined(cls, parts: Sequence[InputRanges]) -> InputRanges:
-        """Ranges of parts of a flight, at least one and in the order of time, as one."""
+        """Ranges of parts of a flight, at least one, as one."""
         times, values = [part.time for part in parts], [part.values for part in parts]
         return cls(np.concatenate(times), np.concatenate(values))
 
