@@ -399,6 +399,11 @@ def _values(values: Sequence[float]) -> str:
 def _command_lines(robot: Robot, hovering: HoverCommands) -> list[str]:
     """Throttles and speeds of hovering in words, and what the battery makes of it."""
     lines, battery = [], hovering.battery
+    throttles = {k: drive for k, drive in enumerate(robot.drives) if drive.command == "throttle"}
+    suffices = all(
+        low <= hovering.commands[k] <= high
+        for k, (low, high) in ((k, drive.limits or (0.0, 1.0)) for k, drive in throttles.items())
+    )
     for kind, unit, scale in (("throttle", "%", 100.0), ("speed", "rad/s", 1.0)):
         commanded = [k for k, drive in enumerate(robot.drives) if drive.command == kind]
         line = f"hover {kind}: {_values([scale * hovering.commands[k] for k in commanded])} {unit}"
@@ -407,9 +412,10 @@ def _command_lines(robot: Robot, hovering: HoverCommands) -> list[str]:
             line += f" (rotor{'s' * (len(commanded) > 1)} {names})"
         if kind == "throttle" and hovering.left is not None:
             line += ", with a full battery" * (battery is not None)
-            line += f"; {number(scale * hovering.left)} % are left"
+            left = f"; {number(scale * hovering.left)} % are left"
+            line += left if suffices else ", which is beyond the limits"
         lines += [line] * bool(commanded)
-    if battery is not None:
+    if battery is not None and suffices:
         until = battery.until
         until += f", with {number(100.0 * battery.charge)} % of its charge" * (battery.charge > 0.0)
         lines.append(

@@ -423,7 +423,9 @@ def compiled_files(
         for file, text in texts.items():
             (sources / file).write_bytes(text)
         compiled = [file for file in texts if file.endswith(".c") and file not in passed_over]
-        with announced(_compiling(name, what), lambda: _seconds(texts.values())):
+        # Other flags take another time.
+        seconds = None if extra else lambda: _seconds(texts.values())
+        with announced(_compiling(name, what), seconds):
             compiler.library([sources / file for file in compiled], output, extra)
         shutil.rmtree(sources)
 

@@ -305,6 +305,13 @@ def test_commands_of_other_units_are_told_with_the_names_of_their_rotors() -> No
     assert lines[2] == "hover speed: 622.6, 673.6 rad/s (rotors rear_left, rear_right)"
 
 
+def test_throttles_beyond_their_limits_leave_nothing_and_have_no_time() -> None:
+    weak = replace(ACTUATED, gravity=2.5 * ACTUATED.gravity)
+    lines = hover_lines(weak, hover(weak))
+    assert lines[1].endswith("(rotor front_left), with a full battery, which is beyond the limits")
+    assert not any("battery in hover" in line or "are left" in line for line in lines)
+
+
 def test_limits_of_thrusts_are_where_the_curve_rises() -> None:
     """A rotor that may turn both ways pushes the same way: least where it stands still."""
     given = "command_limits  = [0, 950]"
