@@ -151,6 +151,7 @@ class CompiledFunction:
         self._library, self._in_numpy = library, in_numpy
         self._caller: Any = None
         self._is_lost = False
+        self._forms: dict[str, Any] = {}
         self._constants = constants
         self._pool = pool
         self._report = NotFiniteReport(
@@ -180,10 +181,12 @@ class CompiledFunction:
 
     def _compiled(self, form: str) -> Any:
         """The function in a form; that for one state is known to the short way from now on."""
-        function = self._library.function(self._signature.name, form)
-        if self._caller is not None and not form:
-            self._caller.bind(ctypes.cast(function, ctypes.c_void_p).value)
-        return function
+        if form not in self._forms:
+            function = self._library.function(self._signature.name, form)
+            if self._caller is not None and not form:
+                self._caller.bind(ctypes.cast(function, ctypes.c_void_p).value)
+            self._forms[form] = ctypes.cast(function, ctypes.c_void_p) if form else function
+        return self._forms[form]
 
     def evaluate(self, by_name: Mapping[str, Any]) -> Any:
         """The function for any arguments: an array (..., *shape), or a tuple of them.
@@ -218,8 +221,7 @@ class CompiledFunction:
             function(of_all, *map(_pointer, (*inputs, *outputs)))
             lost = bool(self._lost())
         else:
-            rows = ctypes.cast(function, ctypes.c_void_p)
-            lost = self._all_rows(rows, of_all, [*inputs, *outputs, *of_states], batch)
+            lost = self._all_rows(function, of_all, [*inputs, *outputs, *of_states], batch)
         if lost:  # Reported if arguments are finite, as the NumPy back end does.
             finite = np.ones(batch, dtype=bool)
             for output, shape in zip(outputs, signature.shapes, strict=True):
@@ -270,11 +272,11 @@ class CompiledFunction:
         those of each state.
         """
         sizes = self._sizes[: len(flat)]
-        starts = [a[start * size :] for a, size in zip(flat, sizes, strict=True)]
-        pointers = (ctypes.c_void_p * len(starts))(*(a.ctypes.data for a in starts))
+        starts = [_address(a) + 8 * start * size for a, size in zip(flat, sizes, strict=True)]
+        pointers = (ctypes.c_void_p * len(starts))(*starts)
         scratch = np.empty(LANES * (sum(sizes) + 1))
         # Blocks that begin where a cache line does are faster.
-        aligned = scratch.ctypes.data + -scratch.ctypes.data % 64
+        aligned = -(-_address(scratch) // 64) * 64
         lost = self._rows(
             function,
             constants,
@@ -290,8 +292,15 @@ class CompiledFunction:
         return bool(lost)
 
 
+def _address(array: NDArray[np.float64]) -> int:
+    """Address of the first entry; `array.ctypes.data` takes three times as long."""
+    return int(array.__array_interface__["data"][0])
+
+
 def _rows(array: NDArray[np.float64], batch: tuple[int, ...]) -> NDArray[np.float64]:
     """An array (..., width) as rows that follow each other, (*batch, width)."""
+    if array.shape[:-1] == batch and array.flags.carray:
+        return array
     whole = np.broadcast_to(array, (*batch, array.shape[-1]))
     return np.require(whole, requirements=["C", "A"])
 

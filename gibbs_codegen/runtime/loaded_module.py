@@ -67,10 +67,16 @@ class GeneralFunction:
         functools.update_wrapper(self, like)
         self._name = like.__name__
         self._evaluate = evaluate
-        self._bind = inspect.signature(like).bind
+        signature = inspect.signature(like)
+        self._bind = signature.bind
+        self._required = [
+            name for name, entry in signature.parameters.items() if entry.default is entry.empty
+        ]
 
     def __call__(self, *arguments: Any, **named: Any) -> Any:
         """Call it as `like` is called."""
+        if len(arguments) == len(self._required) and not named:
+            return self._evaluate(dict(zip(self._required, arguments, strict=True)))
         try:
             by_name = self._bind(*arguments, **named).arguments
         except TypeError as error:

@@ -18,6 +18,7 @@ along with the path.
 
 from __future__ import annotations
 
+import math
 import os
 import pathlib
 import time as clock
@@ -496,8 +497,8 @@ class Predictive:
 
     def _surround(self, time: float) -> None:
         """Let what acts be as it is at a time, s."""
-        figures = [np.ravel(figure) for figure in self._figures(time).values()]
-        self._compiled.arrays["around"][:] = np.concatenate(figures) if figures else 0.0
+        if figures := [np.ravel(figure) for figure in self._figures(time).values()]:
+            self._compiled.arrays["around"][:] = np.concatenate(figures)
 
     def _check(self, around: Surroundings) -> None:
         """Raise `UsageError` for what is not what it must be."""
@@ -726,12 +727,14 @@ class Predictive:
             q[:, place] = self._led(q[:, place], q_now[place], beyond)
         if self.posture is not None or len(led) > self._carries:
             self._turn_costs(q[-2])
-        v = _rates(self.vehicle.function("difference")(q[:-1], q[1:]), beyond)
-        # The same torques: what servos are sent goes along.
-        moved = np.concatenate([self.vehicle.function("difference")(self.hover.q, q[:-1]), v], 1)
-        u = self._inputs + moved @ self.horizon.pushing.T
+        v = _rates(self.vehicle.difference(q[:-1], q[1:]), beyond)
         if self.feedforward is not None:
             u = np.asarray(self.feedforward(times))
+        elif self.horizon.pushing.any():  # The same torques: what servos are sent goes along.
+            moved = np.concatenate([self.vehicle.difference(self.hover.q, q[:-1]), v], 1)
+            u = self._inputs + moved @ self.horizon.pushing.T
+        else:
+            u = np.tile(self._inputs, (count, 1))
         return np.concatenate([*(x[:-1] for x in (*led, q)), v, u], axis=1)
 
     def _led(self, path: Array, place: Array, times: Array) -> Array:
@@ -740,13 +743,21 @@ class Predictive:
         What is missing of it, now or after a jump, fades as what is led so far ahead comes nearer.
         """
         lengths = np.diff(times)[:, np.newaxis]
-        speeds = np.diff(path, axis=0) / lengths
-        around = np.pad(speeds, ((_AROUND, _AROUND), (0, 0)), "reflect")
-        usual = np.median(sliding_window_view(around, 2 * _AROUND + 1, axis=0), axis=-1)
-        jumps = (speeds - usual) * lengths
-        is_jump = np.linalg.norm(jumps, axis=1) > np.maximum(self._farthest, _JUMP * lengths[:, 0])
-        missing = np.concatenate([[place - path[0]], np.where(is_jump[:, np.newaxis], -jumps, 0.0)])
-        since = times - times[:, np.newaxis]
+        steps = path[1:] - path[:-1]
+        speeds = steps / lengths
+        begins, missing = times[:1], (place - path[0])[np.newaxis]
+        # Most paths vary too little in speed for a jump, whatever is usual.
+        range_of_steps = (speeds.max(axis=0) - speeds.min(axis=0)) * lengths.max()
+        if math.hypot(*range_of_steps) > self._farthest:
+            around = np.pad(speeds, ((_AROUND, _AROUND), (0, 0)), "reflect")
+            usual = np.median(sliding_window_view(around, 2 * _AROUND + 1, axis=0), axis=-1)
+            jumps = usual * lengths - steps
+            is_jump = np.linalg.norm(jumps, axis=1) > np.maximum(
+                self._farthest, _JUMP * lengths[:, 0]
+            )
+            begins = np.append(begins, times[1:][is_jump])
+            missing = np.concatenate([missing, jumps[is_jump]])
+        since = times - begins[:, np.newaxis]
         ahead = np.where(since < 0.0, np.inf, self._farthest + self.tolerances.velocity * since)
         shares = 1.0 - ahead / np.maximum(np.linalg.norm(missing, axis=1), 1e-12)[:, np.newaxis]
         return np.asarray(path + np.maximum(0.0, shares).T @ missing)
@@ -766,7 +777,7 @@ class Predictive:
         tolerance = np.where(is_turn, tolerances.orientation, tolerances.point)[:, np.newaxis]
         for _ in range(_FITS):
             poses = self.vehicle.frame_poses(q)[:, frames]
-            slope = self.vehicle.function("frame_jacobians")(q)[:, frames]
+            slope = self.vehicle.frame_jacobians(q)[:, frames]
             slope = np.where(
                 is_turn[:, np.newaxis, np.newaxis], slope[..., 3:, :], slope[..., :3, :]
             )
@@ -780,14 +791,14 @@ class Predictive:
             slope = (slope / tolerance[..., np.newaxis] * scale).reshape(len(q), -1, len(scale))
             square = slope @ slope.swapaxes(1, 2) + np.eye(slope.shape[1])
             step = slope.swapaxes(1, 2) @ np.linalg.solve(square, errors)
-            q = self.vehicle.function("integrate")(q, -scale * step[:, :, 0])
+            q = self.vehicle.integrate(q, -scale * step[:, :, 0])
             q[:, joints] = np.clip(q[:, joints], *self._limits.joints)
         return q
 
     def _in_base(self, q: Array) -> Array:
         """From displacements and velocities to those in the base's frame (2 nv, 2 nv)."""
         base, nv = self.vehicle.layout.v.base, self.vehicle.layout.v.size
-        jacobian = self.vehicle.function("frame_jacobians")(q)[self.vehicle.frames.index("base")]
+        jacobian = self.vehicle.frame_jacobians(q)[self.vehicle.frames.index("base")]
         rotation = self.vehicle.base_rotation(q)
         turned = np.eye(nv)
         turned[np.ix_(base, base)] = np.kron(np.eye(2), rotation.T) @ jacobian[:, base]
@@ -805,7 +816,7 @@ class Predictive:
             return []
         is_turned = self.vehicle.layout.is_quaternion
         turn = self.vehicle.base_rotation(q).T if is_turned else np.eye(3)
-        jacobian = self.vehicle.function("frame_jacobians")(q)[self.horizon.points[0], :3]
+        jacobian = self.vehicle.frame_jacobians(q)[self.horizon.points[0], :3]
         return [turn.ravel(), jacobian.ravel()]
 
     def _ahead_costs(self, constants: Any, weights: Mapping[str, Array]) -> Array:
