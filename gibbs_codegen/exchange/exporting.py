@@ -54,7 +54,7 @@ def export_robot(robot: Robot, form: Format) -> tuple[str, list[str]]:
             keys = [key for key in _NONIDEALITIES if key in servo.parameters()]
             lost += [f"{key} of its servo" for key in keys if getattr(servo, key)]
         elif servo:
-            lost.append("servo")
+            lost.append("servo but for its torque" + " and rate" * (form == "urdf"))
         if link.friction and link.friction.static != link.friction.coulomb:
             lost.append("static friction")
         if joint.kind != "fixed" and lost:
@@ -200,7 +200,7 @@ def source_of(robot: Robot) -> sources.Source:
                 names[parent],
                 names[i],
                 centre @ pose if parent == BASE else pose,
-                link,
+                replace(link, limits=link.drive_limits),
             )
         )
     for k, rotor in enumerate(robot.thrusters, start=1):

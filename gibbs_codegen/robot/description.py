@@ -359,7 +359,7 @@ class Description:
         bounds: dict[str, Bounds] = {
             name: drive.thrust_limits or (None, None) for name, drive in drives.items()
         }
-        bounds |= {name: _either_way(_effort(robot.links[i - 1])) for name, i in most}
+        bounds |= {name: _either_way(robot.links[i - 1].drive_limits.effort) for name, i in most}
         rods = len(self.bodies) - len(robot.links)
         names = ("base", *self.bodies[rods:])
         return {
@@ -403,7 +403,7 @@ class Description:
                 continue
             limits[name] = link.limits.low, link.limits.high
             if link.servo.command == "rate":
-                limits[name] = _either_way(link.servo.rate or link.limits.velocity)
+                limits[name] = _either_way(link.drive_limits.velocity)
             if link.servo.delay > 0.0:
                 times[name] = link.servo.delay, link.servo.delay
         return {
@@ -453,11 +453,6 @@ def _places(entries: StateEntries) -> dict[str, slice]:
 
 
 Bounds = tuple[float | None, float | None]
-
-
-def _effort(link: Link) -> float | None:
-    """The greatest torque or force of a joint."""
-    return link.servo.torque if link.servo else link.limits.effort
 
 
 def _numbers_of_drive(link: Link) -> list[str]:

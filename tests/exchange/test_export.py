@@ -342,10 +342,18 @@ def test_of_actuators_what_a_file_cannot_hold_is_told(form: Format, tmp_path: Pa
     assert f"left out: what rotors make of commands: {labels}" in lines
     assert "left out: air on rotors: front_left" in lines
     assert "left out: the battery" in lines
-    assert "left out: joint upper: servo and static friction" in lines
+    is_urdf = form == "urdf"
+    lost = (
+        "servo but for its torque and rate" if is_urdf else "velocity and servo but for its torque"
+    )
+    assert f"left out: joint upper: {lost} and static friction" in lines
     assert not any(line.startswith("left out: joint wrist") for line in lines)
     back = again(robot, form, tmp_path)
     assert not back.has_actuators
+    # The torque of a servo is its joint's effort where it says none.
+    assert [link.limits.effort for link in back.links] == [4.0, 20.0, 1.0]
+    rates = [link.limits.velocity for link in back.links]
+    assert rates == ([6.0, None, None] if is_urdf else [None] * 3)
     rubbing = [link.friction for link in again(robot, form, tmp_path, friction=True).links]
     assert rubbing == [Friction(0.02, 0.02), None, Friction(0.005, 0.005)]
     for rotor, drive in zip(back.thrusters, robot.drives, strict=True):

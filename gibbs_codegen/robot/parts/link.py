@@ -164,6 +164,14 @@ class Link(JointKeys, DriveKeys):
         """True if its joint has a coordinate."""
         return self.joint != "fixed"
 
+    @property
+    def drive_limits(self) -> JointLimits:
+        """Limits of its joint, where it has a servo with the torque and the rate of that."""
+        if (servo := self.servo) is None:
+            return self.limits
+        rate = servo.rate or self.limits.velocity
+        return replace(self.limits, effort=servo.torque, velocity=rate)
+
 
 # Keys of joints that move.
 _OF_MOVING = tuple(key.name for kind in (Passive, LimitKeys, DriveKeys) for key in fields(kind))
