@@ -68,7 +68,8 @@ class BlockIntegration:
         def end(which: Flags) -> None:
             """End flights, with the reason; one without any is integrated by itself."""
             for i in np.flatnonzero(which).tolist():
-                reasons[i] = self._envelope(self.one(i)).reason(float(ends[i]), last[i])
+                one = self._envelope(self.one(i), starts[i])
+                reasons[i] = one.reason(float(ends[i]), last[i])
                 alone[i], flies[i] = not reasons[i], False
 
         end(~envelope.goes_on(ends, last))
@@ -139,6 +140,6 @@ class BlockIntegration:
             _log.warning("flights are taken one by one: %s", error)
         return None
 
-    def _envelope(self, loop: ClosedLoop) -> Envelope:
+    def _envelope(self, loop: ClosedLoop, start: Array | None = None) -> Envelope:
         """The envelope beyond which control counts as lost, of all flights or of one."""
-        return Envelope(loop, self.settings.divergence, self.duration)
+        return Envelope(loop, self.settings.divergence, self.duration, start)

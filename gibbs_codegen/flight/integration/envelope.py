@@ -44,6 +44,7 @@ _OTHER_CONTROL = {
     PREDICTIVE: "another control.law",
 }
 
+_NEARER = "nearer to the desired motion (start.offset, start.turn_deg)"
 # What the reason says of a state in which an entry is infinite, or no number.
 NOT_FINITE = "the state is no longer finite"
 # Steps that are proposed keep what was asked for once they are rounded.
@@ -59,11 +60,19 @@ class Envelope:
 
     `bounds` (2 nv) are those of errors (rad or m) and then of their rates (rad/s or m/s). All are
     infinite where nothing is controlled, and those of rates in open loop, whose inputs do not grow
-    with the error. `divergence` is the bound of the coordinates.
+    with the error. `divergence` is the bound of the coordinates, `start` (size) the state at
+    `begin`, s, with which advice tells starts that are far off; None of many flights.
     """
 
-    def __init__(self, loop: ClosedLoop, divergence: float, duration: float) -> None:
-        self.loop = loop
+    def __init__(
+        self,
+        loop: ClosedLoop,
+        divergence: float,
+        duration: float,
+        start: Array | None = None,
+        begin: float = 0.0,
+    ) -> None:
+        self.loop, self._start, self._begin = loop, start, begin
         controller = loop.controller
         count = loop.vehicle.layout.v.size
         self.bounds: Array = np.full(2 * count, np.inf)
@@ -112,7 +121,9 @@ class Envelope:
             excess = self._errors(time, state) / self.bounds
             worst = int(np.argmax(excess))
             if excess[worst] > 1.0:
-                advice = self._advice(self.loop.saturated(time, state))
+                advice = f"begin {_NEARER}, or with a greater integration.divergence"
+                if self._start is None or time > self._begin:
+                    advice = self._advice(self.loop.saturated(time, state))
                 return f"{lost}{self._in_words(worst, excess[worst])}; {advice}"
         if self._singular(state):
             vehicle = self.loop.vehicle
@@ -156,8 +167,12 @@ class Envelope:
         thrusts = loop.vehicle.inputs[: loop.vehicle.rotors]
         at_limits = {name in thrusts for name in saturated}
         gains = ["a lower control.attitude_frequency", "a lower control.frequency"]
+        wider = "motors.limits"
+        if loop.vehicle.is_driven:  # Those of a scenario are within what commands make.
+            wider = "limits of rotors in the robot file"
         remedies = [
-            *(["wider motors.limits"] if True in at_limits else []),
+            *([f"a start {_NEARER}"] if self._begins_far() else []),
+            *([f"wider {wider}"] if True in at_limits else []),
             *(["a greater arm.effort"] if False in at_limits else []),
             *(gains if sampled and lagging and law in LAWS else []),
             *(["motors.compensation"] if lagging and not sampled and not loop.compensated else []),
@@ -168,6 +183,12 @@ class Envelope:
         ]
         limits = f"inputs at their limits: {', '.join(saturated)}; " if saturated else ""
         return f"{limits}try {', '.join(dict.fromkeys(remedies))} or a gentler motion"
+
+    def _begins_far(self) -> bool:
+        """True if a flight begins off the desired motion with inputs at their limits."""
+        if self._start is None or not self._errors(self._begin, self._start).any():
+            return False
+        return bool(self.loop.saturated(self._begin, self._start))
 
     def _too_weak(self) -> str:
         """That the thrusts cannot carry the weight, whatever their directions; "" if they may."""

@@ -127,6 +127,8 @@ def actuators_of(vehicle: RobotData, scenario: Scenario) -> Actuators:
     if scenario.control.law == "off":  # Motors that are off have no thrust, not their least.
         actuators.thrusts[:] = np.transpose([_NO_LIMITS])
     if motors.limits is not None:
+        if vehicle.is_driven:
+            _check_commanded(vehicle, motors.limits, actuators.thrusts)
         actuators.thrusts[:] = np.transpose([motors.limits])
     if motors.time_constant is not None:
         check_lag(vehicle.module, "motors.time_constant")
@@ -143,6 +145,19 @@ def actuators_of(vehicle: RobotData, scenario: Scenario) -> Actuators:
                 )
             values[place] = most
     return actuators
+
+
+def _check_commanded(vehicle: RobotData, limits: tuple[float, float], thrusts: Array) -> None:
+    """Raise `UsageError` for limits beyond thrusts (2, N), N, that commands of rotors make."""
+    low, high = thrusts[0].max(), thrusts[1].min()
+    if limits[0] < low - _EXACT or limits[1] > high + _EXACT:
+        place = int(thrusts[0].argmax() if limits[0] < low - _EXACT else thrusts[1].argmin())
+        least, most = thrusts[:, place]
+        raise UsageError(
+            f"motors.limits: in the robot file of {vehicle.name} {vehicle.commands[place]} makes "
+            f"thrusts of {least:.4g} to {most:.4g} N, and no others; give limits from {low:.4g} to "
+            f"{high:.4g} N, or change the rotors there"
+        )
 
 
 def check_lag(module: ModuleType, key: str) -> None:

@@ -473,7 +473,11 @@ def counted_derivatives(monkeypatch: pytest.MonkeyPatch) -> list[float]:
         ({"motors": {"limits": [0, 5]}}, "together reach 30 N, less than the weight of 88.29 N: w"),
         (
             {"motors": {"limits": [-45, 45]}, "start": {"offset": [2, 0, 0]}},
-            r"inputs at their limits: F_1.*; try wider motors.limits, a lower control.frequency or",
+            r"^at t = 0 s .*integration.divergence\); begin nearer .* \(start.offset, .* greater",
+        ),
+        (
+            {"motors": {"limits": [-45, 45]}, "start": {"offset": [0.9, 0, 0]}},
+            r"limits: F_1.*; try a start nearer .* \(start.offset, start.turn_deg\), wider motors",
         ),
         (
             {

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from support.actuated import TEXT
 
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.flight.plant.actuators import actuators_of
@@ -18,6 +19,7 @@ from gibbs_codegen.flight.scenario.file import read_scenario
 from gibbs_codegen.flight.scenario.parts import Settings
 from gibbs_codegen.flight.scenario.scenario import Scenario
 from gibbs_codegen.flight.simulation import simulate
+from gibbs_codegen.flight.sweeps.sources import robot_data
 from gibbs_codegen.pipeline import generate
 from gibbs_codegen.runtime.load import load
 
@@ -122,6 +124,20 @@ def test_the_scenario_overrides_the_robot_file(folders: dict[str, Path]) -> None
     )
     with pytest.raises(UsageError, match=words):
         actuators_of(vehicle, hover(arm=arm))
+
+
+def test_thrusts_that_no_command_makes_are_no_limits(tmp_path: Path) -> None:
+    """Of throttles and speeds: the least of one rotor is 0.11 N, the greatest of others 9 N."""
+    (tmp_path / "actuated.toml").write_text(TEXT, encoding="utf-8")
+    robot = robot_data(tmp_path / "actuated.toml")
+    found = actuators_of(robot, hover(motors={"limits": [0.11, 9]}))
+    assert found.thrusts.tolist() == [[0.11] * 4, [9] * 4]
+    for limits, words in {
+        (0.11, 30): "throttle_front_left makes thrusts of 0 to 9 N, .* limits from 0.11 to 9 N",
+        (0, 9): "speed_rear_left makes thrusts of 0.11 to 9.55 N, .* limits from 0.11 to 9 N",
+    }.items():
+        with pytest.raises(UsageError, match=f"motors.limits: .* {words}"):
+            actuators_of(robot, hover(motors={"limits": limits}))
 
 
 def test_a_module_that_does_not_say_its_limits_is_to_be_generated_again(
