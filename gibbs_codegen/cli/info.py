@@ -36,6 +36,7 @@ from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.robot.names import coordinate_of, link_label, rotor_label
 from gibbs_codegen.robot.parts.constraint import ROWS
 from gibbs_codegen.robot.parts.numbers import AXES, BASE
+from gibbs_codegen.robot.parts.part import Part, changed_keys
 from gibbs_codegen.robot.placement import joint_pose, mounted_rotors
 from gibbs_codegen.robot.posture import base_properties, whole_properties
 from gibbs_codegen.robot.wrenches import DIRECTIONS
@@ -44,6 +45,8 @@ if TYPE_CHECKING:
     from gibbs_codegen.program.model import Model
     from gibbs_codegen.robot.reach import ReachableWrenches
 
+# Keys of rotors that their table has.
+_IN_TABLE = ("name", "on", "position", "direction", "drag", "limits", "command", "command_limits")
 # The first rotors are listed where there are more; --json has them all.
 _MOST_LISTED = 16
 
@@ -104,11 +107,15 @@ def _machine_facts(robot: Robot) -> dict[str, Any]:
                 "limits": drive.thrust_limits,
                 "command": drive.command,
                 "command_limits": drive.limits,
+                "thrust_curve": drive.curve,
+                "full_speed": drive.full_speed,
+                "time_constants": [drive.up, drive.down],
             }
             for k, (rotor, drive) in enumerate(
                 zip(mounted_rotors(robot), robot.drives, strict=True), start=1
             )
         ],
+        "battery": robot.battery and asdict(robot.battery),
         "frames": [
             {"name": frame.name, "on": _body(robot, frame.on), "xyz": list(frame.pose.xyz)}
             | {"rpy_deg": [float(angle) for angle in frame.pose.rpy_deg]}
@@ -179,14 +186,12 @@ def _part_tables(robot: Robot, data: dict[str, Any]) -> Iterator[Table]:
     # A column of its own for coordinates only where they are not called like their links.
     own_names = any(link["coordinate"] not in (None, link["name"]) for link in links)
     coordinate = ("coordinate",) if own_names else ()
-    servo = ("stiffness of servo",) if any(link["servo"] for link in links) else ()
-    names = ("link", "joint", *coordinate, "mass, kg", "limits", "damping", *servo)
+    names = ("link", "joint", *coordinate, "mass, kg", "limits", "damping")
     rows = [
         [
             *(link["name"], link["joint"], *(link[key] or "-" for key in coordinate)),
             *(number(link["mass"]), _range(link["limits"], link["unit"])),
             number(link["damping"]) if link["damping"] else "-",
-            *(number(link["servo"]["stiffness"] or 0.0) if link["servo"] else "-" for _ in servo),
         ]
         for link in links
     ]
@@ -233,6 +238,36 @@ def _part_tables(robot: Robot, data: dict[str, Any]) -> Iterator[Table]:
     ]
     names = ("constraint", "type", "frame", "anchor on", "at, m", "rows")
     yield plain_table("\nConstraints", *names, rows=rows)
+
+
+def _print_actuators(robot: Robot, console: Console) -> None:
+    """Print the numbers of rotors, servos, friction and battery that the robot file gives."""
+
+    def told(part: Part) -> str:
+        keys = changed_keys(part, *_IN_TABLE)
+        return ", ".join(f"{key} = {_numbers(value)}" for key, value in keys.items())
+
+    alike: dict[str, list[str]] = {}
+    for k, rotor in enumerate(robot.thrusters, start=1):
+        alike.setdefault(told(rotor), []).append(rotor_label(robot, k))
+    lines = {_each("rotor", rotors, robot.rotors, "all rotors"): x for x, rotors in alike.items()}
+    for i in robot.moving:
+        link, name = robot.links[i - 1], link_label(robot, i)
+        drives = {"servo": link.servo, "friction": link.friction}
+        lines |= {f"{kind} of {name}": told(part) for kind, part in drives.items() if part}
+    lines |= {"battery": told(robot.battery)} if robot.battery else {}
+    if any(lines.values()):
+        console.print("\nActuators, by the keys of the robot file (SI units)")
+    for name, text in lines.items():
+        if text:
+            console.print(f"{name}: {text}", markup=False)
+
+
+def _numbers(value: object) -> str:
+    """A value of a robot file, with its numbers in four digits."""
+    if isinstance(value, tuple):
+        return f"[{', '.join(map(_numbers, value))}]"
+    return number(value) if isinstance(value, float) else str(value).lower()
 
 
 def _command(rotor: dict[str, Any]) -> str:
@@ -297,6 +332,7 @@ def _facts(description: Description) -> dict[str, Any]:
             "missing": list(motors.missing),
             "moved_by_joints": [rotor_label(robot, k) for k in carried_rotors(robot)],
             "ranks_in_motion": ranks_in_motion(robot),
+            "free": ["attitude", *(coordinate_of(robot, i) for i in robot.moving)],
             "tilt_hint": asdict(hint) | {"text": hint.text()} if hint else None,
         },
     }
@@ -348,6 +384,7 @@ def _print_report(description: Description, data: dict[str, Any], console: Conso
         f"{data['mass']:.6g} kg, attitude {data['attitude']}, origin {data['origin']}"
     )
     _print_machine(robot, data, console)
+    _print_actuators(robot, console)
     _print_arrangement(data["arrangement"], console)
     # A rigid base by itself is one chain, of which there is nothing to tell.
     hybrid = bool(robot.links or robot.base.rotors)
@@ -469,5 +506,7 @@ def _print_arrangement(motors: dict[str, Any], console: Console) -> None:
             f"This is with the joints at zero. They move rotors {', '.join(moved)}; elsewhere the "
             f"rank is {ranks}."
         )
+    by_default, names = "nothing" if motors["rank"] == 6 else "attitude", ", ".join(motors["free"])
+    console.print(f"free of trim: {by_default} by default; it may name {names}", markup=False)
     if motors["tilt_hint"]:
         console.print(f"Hint: {motors['tilt_hint']['text']}")

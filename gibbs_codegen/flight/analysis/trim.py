@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from types import ModuleType
 from typing import Literal
@@ -278,6 +278,7 @@ class Trim:
     - `null_space` (6, k): wrenches on the base that no thrusts produce here, orthonormal columns:
       force, N, and torque about the base centre, N m, in the base's axes
     - `missing`: these wrenches in words
+    - `free`: what could differ from what was asked for: "attitude", joints by name, or nothing
     - `turned`: by how much the attitude was turned to find balance, rad
     - `beyond_limits`: the joints that were asked for beyond their limits, and commands beyond
       theirs, in words
@@ -304,6 +305,7 @@ class Trim:
     margins: Array
     null_space: Array
     missing: tuple[str, ...]
+    free: tuple[str, ...]
     turned: float
     beyond_limits: tuple[str, ...]
     command: Array | None = None
@@ -326,6 +328,7 @@ class Trim:
         lines = [f"{self.robot}: balanced"]
         if self.turned > EXACT:
             lines[0] += f", with its attitude turned by {np.degrees(self.turned):.4g}°"
+        lines[0] += f"; free to differ: {', '.join(self.free) or 'nothing'}"
         names = [*self.attitude, *self.posture, *self.input_names]
         values = [*self.attitude.values(), *self.posture.values(), *self.u]
         units = ["rad"] * len(self.attitude) + [*self.joint_units, *self.input_units]
@@ -416,9 +419,10 @@ def trim(
             )
         actuators.thrusts[:] = ends.reshape(2, -1)
     start = _start(vehicle, q, posture=posture, posture_deg=posture_deg)
-    places, bounds = _freedom(vehicle, actuators, start, free)
+    varied = _free_names(vehicle, start, free)
+    places, bounds = _freedom(vehicle, actuators, start, varied)
     balanced = equilibrium(motion, start, places, bounds)
-    _require_balance(motion, balanced, bool(places))
+    _require_balance(motion, balanced, varied)
     force = motion.force(balanced)
     inputs = Balancing.of(vehicle, balanced, force)
     u = chosen_inputs(vehicle, inputs, actuators.inputs, aim)
@@ -457,6 +461,7 @@ def trim(
         margins=margins(u, actuators.inputs),
         null_space=idle,
         missing=directions(idle),
+        free=varied,
         # |R − 1| is 2√2 sin(φ/2), which keeps its digits near none.
         turned=float(2.0 * np.arcsin(min(1.0, np.linalg.norm(turn - np.eye(3)) / np.sqrt(8.0)))),
         beyond_limits=beyond,
@@ -497,28 +502,32 @@ def _start(vehicle: Vehicle, q: ArrayLike | None, **tables: Mapping[str, float] 
     return start
 
 
+def _free_names(vehicle: Vehicle, start: Array, free: Iterable[str] | None) -> tuple[str, ...]:
+    """The names of what may differ from `start` (nq), as of `trim`."""
+    if free is None:
+        full = np.linalg.matrix_rank(vehicle.thrust_wrenches(start), rtol=RANK) == 6
+        return () if full else (ATTITUDE,)
+    return (free,) if isinstance(free, str) else tuple(free)
+
+
 def _freedom(
-    vehicle: Vehicle, actuators: Actuators, start: Array, free: Iterable[str] | None
+    vehicle: Vehicle, actuators: Actuators, start: Array, free: Iterable[str]
 ) -> tuple[list[int], Array]:
     """Places in v of what may differ from `start` (nq), and displacements (2, k), rad or m.
 
     These are the least and the greatest. Raises `UsageError` for an unknown joint, or one beyond
     its limits.
     """
-    if free is None:
-        full = np.linalg.matrix_rank(vehicle.thrust_wrenches(start), rtol=RANK) == 6
-        free = () if full else (ATTITUDE,)
     places, bounds = [], []
     layout = vehicle.layout
-    for name in (free,) if isinstance(free, str) else free:
+    for name in free:
         if name == ATTITUDE:
             places += [*range(layout.v.size)[layout.v.attitude]]
             bounds += [(-np.inf, np.inf)] * 3
             continue
         if name not in vehicle.joint_names:
-            choices = ", ".join([f'"{ATTITUDE}"', *vehicle.joint_names])
             hint = near(name, [ATTITUDE, *vehicle.joint_names]) or ";"
-            words = f"has no joint {printable(name, 60)}{hint} what may differ: {choices}"
+            words = f"has no joint {printable(name, 60)}{hint} what may differ: {_choices(vehicle)}"
             raise UsageError(f"free: {vehicle.name} {words}")
         joint = joint_place(vehicle, name)
         low, high = actuators.joints[:, joint] - start[layout.q.joint_places[joint]]
@@ -530,10 +539,15 @@ def _freedom(
     return places, np.transpose(bounds)
 
 
-def _require_balance(motion: SteadyMotion, q: Array, varied: bool) -> None:
+def _choices(vehicle: Vehicle) -> str:
+    """All that `free` may name."""
+    return ", ".join([f'"{ATTITUDE}"', *vehicle.joint_names])
+
+
+def _require_balance(motion: SteadyMotion, q: Array, free: Sequence[str]) -> None:
     """Raise `UsageError` that names what thrusts cannot balance, if anything is missing.
 
-    `varied`: whether other coordinates were tried.
+    `free` names what else was tried.
     """
     missing, size = motion.missing(q), motion.size(q)
     if np.abs(missing).max() <= EXACT * size:
@@ -543,11 +557,9 @@ def _require_balance(motion: SteadyMotion, q: Array, varied: bool) -> None:
         for name, value, unit in zip(DIRECTIONS, missing, ["N"] * 3 + ["N m"] * 3, strict=True)
         if abs(value) > EXACT * size
     ]
-    remedy = (
-        "no attitude or posture near what was asked for has one"
-        if varied
-        else 'let the attitude or joints differ, with free=("attitude", …)'
-    )
+    remedy = f"let something differ, with free=(…) of {_choices(motion.vehicle)}"
+    if free:
+        remedy = f"nothing near what was asked for has one, with {', '.join(free)} free to differ"
     raise UsageError(
         f"{motion.vehicle.name}: no trim: whatever the thrusts, they leave {', '.join(parts)} (in "
         f"the base's axes, about the base centre); {remedy}"

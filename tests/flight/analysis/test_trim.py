@@ -117,6 +117,7 @@ def test_joints_that_are_free_find_the_balance(shipped: Load) -> None:
     assert is_balanced(module, found)
     assert found.q[module.COORDINATES.index("theta_6")] == 0.3
     assert found.q[module.COORDINATES.index("theta_5")] != 0.4
+    assert str(found).startswith("quadrotor_2link: balanced; free to differ: theta_5\n")
 
 
 @pytest.mark.parametrize("name", ["quadrotor_2link", "dual_arm", "hydrus"])
@@ -285,7 +286,7 @@ def test_a_body_without_weight_or_inputs_is_balanced(tmp_path: Path) -> None:
     assert found.u.shape == (0,)
     assert len(found.missing) == 6
     lines = str(found).splitlines()
-    assert lines[0] == "lone: balanced"
+    assert lines[0] == "lone: balanced; free to differ: attitude"
     assert [line.split() for line in lines[1:6]] == [
         ["theta_m1", "0", "rad", "0°"],
         ["theta_0", "0", "rad", "0°"],
@@ -373,7 +374,7 @@ def test_a_module_may_be_given_by_its_path(shipped: Load) -> None:
         (
             "quadrotor",
             {"acceleration": (1.0, 0, 0), "free": ()},
-            r"force along x 1\.5 N .*let the attitude or joints differ",
+            r'force along x 1\.5 N .*let something differ, with free=\(…\) of "attitude"$',
         ),
     ],
 )
