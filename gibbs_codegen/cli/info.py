@@ -107,9 +107,7 @@ def _machine_facts(robot: Robot) -> dict[str, Any]:
                 "limits": drive.thrust_limits,
                 "command": drive.command,
                 "command_limits": drive.limits,
-                "thrust_curve": drive.curve,
-                "full_speed": drive.full_speed,
-                "time_constants": [drive.up, drive.down],
+                "drive": asdict(drive),
             }
             for k, (rotor, drive) in enumerate(
                 zip(mounted_rotors(robot), robot.drives, strict=True), start=1
@@ -241,26 +239,21 @@ def _part_tables(robot: Robot, data: dict[str, Any]) -> Iterator[Table]:
 
 
 def _print_actuators(robot: Robot, console: Console) -> None:
-    """Print the numbers of rotors, servos, friction and battery that the robot file gives."""
-
-    def told(part: Part) -> str:
-        keys = changed_keys(part, *_IN_TABLE)
-        return ", ".join(f"{key} = {_numbers(value)}" for key, value in keys.items())
-
-    alike: dict[str, list[str]] = {}
-    for k, rotor in enumerate(robot.thrusters, start=1):
-        alike.setdefault(told(rotor), []).append(rotor_label(robot, k))
-    lines = {_each("rotor", rotors, robot.rotors, "all rotors"): x for x, rotors in alike.items()}
+    """Print numbers of rotors, servos, friction and battery, a line for all that have the same."""
+    rotors = enumerate(robot.thrusters, start=1)
+    parts: list[tuple[str, Part | None]] = [(rotor_label(robot, k), rotor) for k, rotor in rotors]
     for i in robot.moving:
         link, name = robot.links[i - 1], link_label(robot, i)
-        drives = {"servo": link.servo, "friction": link.friction}
-        lines |= {f"{kind} of {name}": told(part) for kind, part in drives.items() if part}
-    lines |= {"battery": told(robot.battery)} if robot.battery else {}
-    if any(lines.values()):
+        parts += [(f"servo of {name}", link.servo), (f"friction of {name}", link.friction)]
+    alike: dict[str, list[str]] = {}
+    for name, part in (*parts, ("battery", robot.battery)):
+        if part and (keys := changed_keys(part, *_IN_TABLE)):
+            text = ", ".join(f"{key} = {_numbers(value)}" for key, value in keys.items())
+            alike.setdefault(text, []).append(name)
+    if alike:
         console.print("\nActuators, by the keys of the robot file (SI units)")
-    for name, text in lines.items():
-        if text:
-            console.print(f"{name}: {text}", markup=False)
+    for text, names in alike.items():
+        console.print(f"{_each('rotor', names, 0, '')}: {text}", markup=False)
 
 
 def _numbers(value: object) -> str:

@@ -337,8 +337,8 @@ def test_info_of_actuators_has_commands_stiffnesses_and_how_long_the_battery_las
     assert (found["battery"]["time"], found["battery"]["charge"]) == (pytest.approx(21600), 0.0)
     assert data["rotor_list"][1]["command_limits"] == [0, 900]
     assert data["rotor_list"][1]["limits"] == pytest.approx([0, 16.2])
-    assert data["rotor_list"][0]["thrust_curve"] == [0, 0, 30]
-    assert data["rotor_list"][0]["time_constants"] == [0.02, 0.02]
+    drive = data["rotor_list"][0]["drive"]
+    assert (drive["curve"], drive["up"], drive["down"]) == ([0, 0, 30], 0.02, 0.02)
     assert data["battery"]["capacity"] == 3
     assert data["link_list"][0]["servo"]["stiffness"] == 30
     assert data["link_list"][0]["friction"]["static"] == 0.1

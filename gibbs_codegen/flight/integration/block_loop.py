@@ -10,7 +10,7 @@ import numpy as np
 
 from gibbs_codegen.flight.integration.closed_loop import ClosedLoop
 from gibbs_codegen.flight.integration.compiled_loop import is_compiled, steps_of
-from gibbs_codegen.flight.integration.envelope import Envelope
+from gibbs_codegen.flight.integration.envelope import Envelope, Instant
 from gibbs_codegen.flight.integration.integrators import StepGrid, whole_history
 from gibbs_codegen.flight.integration.state_history import (
     InputRanges,
@@ -68,7 +68,7 @@ class BlockIntegration:
         def end(which: Flags) -> None:
             """End flights, with the reason; one without any is integrated by itself."""
             for i in np.flatnonzero(which).tolist():
-                one = self._envelope(self.one(i), starts[i])
+                one = self._envelope(self.one(i), (0.0, starts[i]))
                 reasons[i] = one.reason(float(ends[i]), last[i])
                 alone[i], flies[i] = not reasons[i], False
 
@@ -140,6 +140,6 @@ class BlockIntegration:
             _log.warning("flights are taken one by one: %s", error)
         return None
 
-    def _envelope(self, loop: ClosedLoop, start: Array | None = None) -> Envelope:
+    def _envelope(self, loop: ClosedLoop, start: Instant | None = None) -> Envelope:
         """The envelope beyond which control counts as lost, of all flights or of one."""
         return Envelope(loop, self.settings.divergence, self.duration, start)

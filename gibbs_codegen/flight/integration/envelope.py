@@ -31,6 +31,8 @@ from gibbs_codegen.flight.scenario.parts import PREDICTIVE
 from gibbs_codegen.flight.scenario.walls import Wall, bristle, surface_at
 from gibbs_codegen.machine.laws import LAWS
 
+# A time, s, and the state then.
+Instant = tuple[float, Array]
 # A rate, rad/s or m/s, next to which dry friction is as it is about rest.
 _AT_REST = 1e-9
 # Of levels, next to what any command makes them at rest.
@@ -60,19 +62,14 @@ class Envelope:
 
     `bounds` (2 nv) are those of errors (rad or m) and then of their rates (rad/s or m/s). All are
     infinite where nothing is controlled, and those of rates in open loop, whose inputs do not grow
-    with the error. `divergence` is the bound of the coordinates, `start` (size) the state at
-    `begin`, s, with which advice tells starts that are far off; None of many flights.
+    with the error. `divergence` is the bound of the coordinates. By `start`, the time, s, and the
+    state (size) of the begin, advice tells what begins far off; None of many flights.
     """
 
     def __init__(
-        self,
-        loop: ClosedLoop,
-        divergence: float,
-        duration: float,
-        start: Array | None = None,
-        begin: float = 0.0,
+        self, loop: ClosedLoop, divergence: float, duration: float, start: Instant | None = None
     ) -> None:
-        self.loop, self._start, self._begin = loop, start, begin
+        self.loop, self._start = loop, start
         controller = loop.controller
         count = loop.vehicle.layout.v.size
         self.bounds: Array = np.full(2 * count, np.inf)
@@ -122,7 +119,7 @@ class Envelope:
             worst = int(np.argmax(excess))
             if excess[worst] > 1.0:
                 advice = f"begin {_NEARER}, or with a greater integration.divergence"
-                if self._start is None or time > self._begin:
+                if self._start is None or time > self._start[0]:
                     advice = self._advice(self.loop.saturated(time, state))
                 return f"{lost}{self._in_words(worst, excess[worst])}; {advice}"
         if self._singular(state):
@@ -167,11 +164,12 @@ class Envelope:
         thrusts = loop.vehicle.inputs[: loop.vehicle.rotors]
         at_limits = {name in thrusts for name in saturated}
         gains = ["a lower control.attitude_frequency", "a lower control.frequency"]
-        wider = "motors.limits"
-        if loop.vehicle.is_driven:  # Those of a scenario are within what commands make.
-            wider = "limits of rotors in the robot file"
+        # With commands those of a scenario are within what these make.
+        wider = "rotors' limits in the robot file" if loop.vehicle.is_driven else "motors.limits"
+        start = self._start
+        far = start and self._errors(*start).any() and loop.saturated(*start)
         remedies = [
-            *([f"a start {_NEARER}"] if self._begins_far() else []),
+            *([f"a start {_NEARER}"] if far else []),
             *([f"wider {wider}"] if True in at_limits else []),
             *(["a greater arm.effort"] if False in at_limits else []),
             *(gains if sampled and lagging and law in LAWS else []),
@@ -183,12 +181,6 @@ class Envelope:
         ]
         limits = f"inputs at their limits: {', '.join(saturated)}; " if saturated else ""
         return f"{limits}try {', '.join(dict.fromkeys(remedies))} or a gentler motion"
-
-    def _begins_far(self) -> bool:
-        """True if a flight begins off the desired motion with inputs at their limits."""
-        if self._start is None or not self._errors(self._begin, self._start).any():
-            return False
-        return bool(self.loop.saturated(self._begin, self._start))
 
     def _too_weak(self) -> str:
         """That the thrusts cannot carry the weight, whatever their directions; "" if they may."""

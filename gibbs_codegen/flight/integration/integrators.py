@@ -143,7 +143,7 @@ class Integration:
         compiled: CompiledLoops | None = None,
     ) -> None:
         self._loop = loop
-        self._envelope = Envelope(loop, settings.divergence, duration, start, begin)
+        self._envelope = Envelope(loop, settings.divergence, duration, (begin, start))
         self.compiled = compiled or CompiledLoops(loop, self._envelope.bounds, settings.method)
         self._grid, self._adaptive = StepGrid(settings), settings.method == "adaptive"
         if not self._adaptive:

@@ -151,12 +151,9 @@ def _check_commanded(vehicle: RobotData, limits: tuple[float, float], thrusts: A
     """Raise `UsageError` for limits beyond thrusts (2, N), N, that commands of rotors make."""
     low, high = thrusts[0].max(), thrusts[1].min()
     if limits[0] < low - _EXACT or limits[1] > high + _EXACT:
-        place = int(thrusts[0].argmax() if limits[0] < low - _EXACT else thrusts[1].argmin())
-        least, most = thrusts[:, place]
         raise UsageError(
-            f"motors.limits: in the robot file of {vehicle.name} {vehicle.commands[place]} makes "
-            f"thrusts of {least:.4g} to {most:.4g} N, and no others; give limits from {low:.4g} to "
-            f"{high:.4g} N, or change the rotors there"
+            f"motors.limits: all commands of rotors of {vehicle.name} make thrusts of {low:.4g} to "
+            f"{high:.4g} N; give limits within these, or change the rotors in its robot file"
         )
 
 

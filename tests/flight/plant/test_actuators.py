@@ -132,11 +132,8 @@ def test_thrusts_that_no_command_makes_are_no_limits(tmp_path: Path) -> None:
     robot = robot_data(tmp_path / "actuated.toml")
     found = actuators_of(robot, hover(motors={"limits": [0.11, 9]}))
     assert found.thrusts.tolist() == [[0.11] * 4, [9] * 4]
-    for limits, words in {
-        (0.11, 30): "throttle_front_left makes thrusts of 0 to 9 N, .* limits from 0.11 to 9 N",
-        (0, 9): "speed_rear_left makes thrusts of 0.11 to 9.55 N, .* limits from 0.11 to 9 N",
-    }.items():
-        with pytest.raises(UsageError, match=f"motors.limits: .* {words}"):
+    for limits in ((0.11, 30), (0, 9)):
+        with pytest.raises(UsageError, match=r"motors\.limits: .* make thrusts of 0\.11 to 9 N;"):
             actuators_of(robot, hover(motors={"limits": limits}))
 
 
