@@ -207,9 +207,7 @@ class Control(Table):
 class Motors(_ForATime, Table):
     """Limits and lag of every motor, and when they run."""
 
-    limits: Thrusts | None = entry(
-        "least and greatest thrust, N, within what commands make; default: those of the robot file"
-    )
+    limits: Thrusts | None = entry("least and greatest thrust, N; default: those of the robot file")
     time_constant: NotNegative | None = entry(
         "time constant of the lag, s; 0: no lag; default: that of the robot file"
     )
