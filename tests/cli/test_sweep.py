@@ -115,14 +115,15 @@ def test_the_worst_flight_flown_again_gives_the_same(workplace: Path) -> None:
 
 @pytest.mark.slow
 def test_flights_that_end_early_and_fail_are_told(workplace: Path) -> None:
-    options = ["--scenario", "hover", *SHORT, "--vary", "motors.time_constant=0,-1", "--vary"]
+    options = ["--scenario", "hover", *SHORT, "--vary"]
+    options += ["plant.link3_mass_per_length=1,-1000", "--vary"]
     options += ["start.offset=[0,0,0],[0,0,30]", "--no-figures", "--workers", "1", "--out", "t"]
     done = run("sweep", "hexarotor_3link", *options, cwd=workplace)
     assert done.returncode == 0, done.stderr
     assert "1 flights to the end, 1 ended early, 2 failed" in done.stdout
     assert "ended early, 1, as case 1: at t = " in done.stdout
     assert "failed, 2, as case 2: " in done.stdout
-    assert "motors.time_constant=-1" in done.stdout
+    assert "plant.link3_mass_per_length=-1000" in done.stdout
 
 
 def test_reasons_are_told_by_kind_the_most_frequent_first(

@@ -344,8 +344,18 @@ class Block:
         """The number of cases."""
         return self.samples * math.prod(len(axis.varied.levels) or 1 for axis in self.axes)
 
-    def chosen(self, place: int) -> tuple[dict[str, Any], dict[str, Any]]:
-        """The case at a place: values by column, and entries by key."""
+    def ends(self, axis: Axis) -> Sequence[Any]:
+        """The values of a list, or the ends of a distribution, if it has none of what is drawn."""
+        draw = axis.varied.draw
+        if draw is None:
+            return axis.varied.levels
+        drawn = self.drawn[axis.column]
+        return (drawn.min(), drawn.max()) if draw.kind == "normal" else (draw.first, draw.second)
+
+    def chosen(
+        self, place: int, other: Mapping[str, Any] | None = None
+    ) -> tuple[dict[str, Any], dict[str, Any]]:
+        """The case at a place: values by column, and entries by key, with some other ones."""
         combination, sample = divmod(place, self.samples)
         columns: dict[str, Any] = {}
         entries: dict[str, Any] = {}
@@ -357,6 +367,7 @@ class Block:
                 value = float(self.drawn[axis.column][sample])
             columns[axis.column] = axis.shown(value)
             entries = {**axis.entries(value), **entries}
+        entries |= other or {}
         if self.seed is not None and _NOISE not in entries:
             entries[_NOISE] = noise_seed(self.seed, sample)
         return columns, sources.with_places_filled(self.scenario.says, entries)

@@ -26,7 +26,13 @@ from typing import Any
 
 import numpy as np
 
-from gibbs_codegen.errors import GibbsCodegenError, ScenarioFileError, UsageError, printable
+from gibbs_codegen.errors import (
+    Fault,
+    GibbsCodegenError,
+    ScenarioFileError,
+    UsageError,
+    printable,
+)
 from gibbs_codegen.files.staging import check_output_folder
 from gibbs_codegen.flight.arguments import whole
 from gibbs_codegen.flight.desired.trajectory import Progress
@@ -129,7 +135,7 @@ def sweep(
     cases = cases_of(robot_sources, scenario_sources, varying, samples, seed)
     chosen = measure or known_measures.default(all(robot.has_tip for robot in robot_sources))
     known_measures.check(chosen, (*FIXED, *cases.columns))
-    _refuse_hopeless(cases)
+    _refuse_out_of_bounds(cases)
     if samples > 1 and not any(block.drawn or block.seed is not None for block in cases.blocks):
         raise UsageError(
             f"samples: {samples} of each case would be the same flight, since nothing is drawn; "
@@ -170,16 +176,25 @@ def _check_own(folder: Path) -> None:
         )
 
 
-def _refuse_hopeless(cases: Cases) -> None:
-    """Raise the error of scenarios none of which can be read: a key is misspelt, mostly."""
+def _refuse_out_of_bounds(cases: Cases) -> None:
+    """Raise the error of values that keys cannot take, each beside those of the first case.
+
+    Or of scenarios none of which can be read: a key is misspelt, mostly.
+    """
     for block in cases.blocks:
-        errors = []
-        for place in (places := {0, len(block) // 2, len(block) - 1}):
+        tries = [(axis, value) for axis in block.axes for value in block.ends(axis)]
+        errors: list[GibbsCodegenError] = []
+        faults: list[Fault] = []
+        for axis, value in tries:
             try:
-                block.scenario.changed(block.chosen(place)[1])
+                block.scenario.changed(block.chosen(0, axis.entries(value))[1])
             except GibbsCodegenError as error:
                 errors.append(error)
-        if len(errors) == len(places):
+                theirs = error.faults if isinstance(error, ScenarioFileError) else ()
+                faults += [fault for fault in theirs if fault.path.startswith(axis.targets)]
+        if faults:
+            raise ScenarioFileError(block.scenario.word, [*dict.fromkeys(faults)])
+        if errors and len(errors) == len(tries):
             raise errors[0]
 
 

@@ -157,7 +157,7 @@ def test_a_folder_of_the_users_is_left_alone(robot, tmp_path, here):
 
 
 def test_a_flight_that_is_refused_is_a_row_with_its_reason(robot, tmp_path, here):
-    parameters = {**SHORT, "motors.time_constant": [0.01, -1.0]}
+    parameters = {**SHORT, "plant.link3_mass_per_length": [1.0, -1e3]}
     measure = {**WORST, "fails": lambda flight: 1 / 0, "ends": lambda flight: sys.exit(3)}
     study = sweep(robot, "hover", parameters, measure=measure, executor=here, out=tmp_path)
     table = study.table
@@ -167,7 +167,7 @@ def test_a_flight_that_is_refused_is_a_row_with_its_reason(robot, tmp_path, here
     ]
     assert (study.whole["case"], study.failures["case"], study.unmeasured["case"]) == (0, 1, 0)
     assert [each.flights for each in study.summary()] == [1, 0, 0]
-    assert "time_constant: must be at least 0" in table["failed"][1]
+    assert "masses and inertias that are zero or negative" in table["failed"][1]
     assert np.isnan(table["worst [m]"][1])
     assert np.isfinite(table["worst [m]"][0])
 
@@ -260,6 +260,19 @@ def test_robots_cross_and_what_is_no_module_is_generated_once(robot, tmp_path, h
         ),
         ({"parameters": {"motors.time_constant": scaled(0.5, 2.0)}}, "has no number there"),
         ({"parameters": {"start.offset[3]": [1.0]}}, "has no such entry"),
+        (
+            {"parameters": {"motors.time_constant": uniform(-0.1, 1), "control.frequency": [5, 0]}},
+            r"hover: motors\.time_constant: must be at least 0, not -0\.1 \(given by a change\)\n"
+            "hover: control.frequency: must be from 1e-09 to 10000, not 0 ",
+        ),
+        (
+            {"parameters": {"start.offset[2]": [0.1, "up"]}},
+            r"hover: start\.offset 3: must be a number, not a string",
+        ),
+        (
+            {"parameters": {"motors.time_constant": normal(0.01, 0.01)}, "samples": 64},
+            r"hover: motors\.time_constant: must be at least 0, not -0\.01",
+        ),
         ({"samples": 4}, "nothing is drawn"),
         ({"samples": 0}, "samples: must be a whole number of 1 or more, not 0"),
         ({"seed": -1}, "seed: must be a whole number of 0 or more"),
