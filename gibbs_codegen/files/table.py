@@ -199,6 +199,8 @@ class Table:
     conditions: ClassVar[dict[str, Any] | None] = None
     # Another kind of file that may be given by mistake, and keys that only it has.
     mistaken: ClassVar[tuple[str, frozenset[str]]] = ("", frozenset())
+    # Where else a key may belong, in words.
+    elsewhere: ClassVar[str] = ""
     # Keys of the table, by those of other tables that may be mistaken for them.
     synonyms: ClassVar[Mapping[str, str]] = {}
 
@@ -296,7 +298,8 @@ class Table:
             faults += [] if faults or unknown else made._faults()
         known_keys = ", ".join(key_names)
         for key in unknown:
-            hint = f"{_MEANT}{meant[key]}?" if key in meant else f"known keys: {known_keys}"
+            known = f"known keys: {known_keys}{cls.elsewhere}"
+            hint = f"{_MEANT}{meant[key]}?" if key in meant else known
             faults.append(((key,), f"unknown key; {hint}"))
         misspelt = {
             (*place[:-1], words.partition(_MEANT)[2].rstrip("?"))

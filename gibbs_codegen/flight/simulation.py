@@ -186,7 +186,10 @@ def check_flight(module: ModuleType, scenario: Scenario) -> None:
     """Raise `UsageError` for what the constants of a module, or its functions, cannot fly."""
     if getattr(module, "backend", "") == "c":
         module = module.in_numpy
-    check_scenario(Vehicle(module, scenario.parameters), scenario)
+    vehicle = Vehicle(module)
+    with suppress(UsageError):  # It is told with all else.
+        vehicle = Vehicle(module, scenario.parameters)
+    check_scenario(vehicle, scenario)
     _check_functions(module, scenario)
 
 
@@ -201,8 +204,14 @@ def check_scenario(robot: RobotData, scenario: Scenario) -> None:
     paths = {"the path of the base": scenario.base}
     for name, path in scenario.arm.paths.items():
         paths[f"the path of {'the tip' if name == 'tip' else name}"] = path
+    tables: dict[str, dict[str, float]] = {}
+    if isinstance(robot, Vehicle):  # Not every number of a robot file becomes a parameter.
+        known = {k: x for k, x in scenario.parameters.items() if k in robot.module.PARAMETERS}
+        tables["parameters"] = {**scenario.parameters}
+        tables["plant"] = {**known, **scenario.plant} if scenario.plant else {}
     check_all(
         [
+            *(partial(Vehicle, robot.module, values, key) for key, values in tables.items()),
             *(partial(check_path, x, scenario.duration, name) for name, x in paths.items()),
             partial(check_arm, robot, scenario),
             partial(limits_of, robot, scenario),

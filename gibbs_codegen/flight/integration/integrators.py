@@ -63,6 +63,11 @@ class StepGrid:
         # Steps to a sample, and their size, s.
         self.every = max(int(np.ceil(1.0 / (settings.rate * settings.step) - SAME_TIME)), 1)
         self.size = 1.0 / (settings.rate * self.every)
+        # Why steps are not as long as they may be, in words.
+        self.cut = ""
+        if self.size < settings.step * (1.0 - SAME_TIME):
+            cut = f"steps of {settings.step:g} s are cut to {self.size:.4g} s"
+            self.cut = f"{cut} for {settings.rate:g} samples a second (integration.rate), and "
 
     def stretches(self, interval: SmoothInterval) -> list[Stretch]:
         """Whole steps on the grid, after a step up to it and before one from it where need be."""
@@ -95,11 +100,11 @@ def _on_grid(steps: float) -> float:
     return float(round(steps)) if abs(steps - round(steps)) <= SAME_TIME else steps
 
 
-def check_stability(loop: ClosedLoop, size: float) -> None:
-    """Raise `UsageError` for steps in which what should decay grows."""
+def check_stability(loop: ClosedLoop, size: float, cut: str = "") -> None:
+    """Raise `UsageError` for steps, s, in which what should decay grows, and are cut to that."""
     for mode in stable_modes(loop):
         if words := mode.fault(size):
-            raise UsageError(f"integration.step: {words}")
+            raise UsageError(f"integration.step: {cut}{words}")
 
 
 # Work, in J, next to angles and lengths: a vehicle of some kg at some m/s.
@@ -147,7 +152,7 @@ class Integration:
         self.compiled = compiled or CompiledLoops(loop, self._envelope.bounds, settings.method)
         self._grid, self._adaptive = StepGrid(settings), settings.method == "adaptive"
         if not self._adaptive:
-            check_stability(loop, self._grid.size)
+            check_stability(loop, self._grid.size, self._grid.cut)
         # Of absolute tolerances (size).
         self._scale = np.ones(loop.size)
         self._scale[loop.layout.places.work] *= _WORK_SCALE

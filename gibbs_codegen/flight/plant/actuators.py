@@ -6,7 +6,7 @@ They enter no function of a module, which has them as constants.
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Iterable
+from collections.abc import Callable, Collection, Iterable
 from dataclasses import dataclass, replace
 from functools import partial
 from types import ModuleType
@@ -118,20 +118,22 @@ def actuators_of(vehicle: RobotData, scenario: Scenario) -> Actuators:
     version.
     """
     motors, arm = scenario.motors, scenario.arm
-    check_all(
+    actuators = replace(module_actuators(vehicle), span=(motors.begin, motors.end))
+    checks: list[Callable[[], object]] = [
         partial(joint_place, vehicle, name, f"arm.{key}")
         for key in ("limits", "effort", "velocity")
         for name in getattr(arm, key)
-    )
-    actuators = replace(module_actuators(vehicle), span=(motors.begin, motors.end))
+    ]
+    if motors.limits is not None and vehicle.is_driven:
+        checks.append(partial(_check_commanded, vehicle, motors.limits, actuators.thrusts))
+    if motors.time_constant is not None:
+        checks.append(partial(check_lag, vehicle.module, "motors.time_constant"))
+    check_all(checks)
     if scenario.control.law == "off":  # Motors that are off have no thrust, not their least.
         actuators.thrusts[:] = np.transpose([_NO_LIMITS])
     if motors.limits is not None:
-        if vehicle.is_driven:
-            _check_commanded(vehicle, motors.limits, actuators.thrusts)
         actuators.thrusts[:] = np.transpose([motors.limits])
     if motors.time_constant is not None:
-        check_lag(vehicle.module, "motors.time_constant")
         actuators.lag[:] = motors.time_constant
     for name, limits in arm.limits.items():
         actuators.joints[:, joint_place(vehicle, name)] = limits

@@ -292,6 +292,7 @@ class ScenarioTable(Table):
         dict,
     )
 
+    elsewhere: ClassVar[str] = "; a parameter of the robot is a key of parameters, or of plant"
     mistaken: ClassVar[tuple[str, frozenset[str]]] = (
         "a robot file",
         frozenset({"gravity", "link", "rotor", "frame"}),
