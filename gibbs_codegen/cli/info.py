@@ -46,7 +46,7 @@ if TYPE_CHECKING:
     from gibbs_codegen.robot.reach import ReachableWrenches
 
 # Keys of rotors that their table has.
-_IN_TABLE = ("name", "on", "position", "direction", "drag", "limits", "command", "command_limits")
+_IN_TABLE = ("name", "on", "position", "direction", "drag", "limits")
 # The first rotors are listed where there are more; --json has them all.
 _MOST_LISTED = 16
 
@@ -208,14 +208,12 @@ def _part_tables(robot: Robot, data: dict[str, Any]) -> Iterator[Table]:
             numbers = (float(link.alpha_deg), *step, float(link.theta_deg))
             parameters.add_row(*carried, *map(number, numbers))
     yield from (poses, parameters)
-    command = ("command",) if any(drive.command != "thrust" for drive in robot.drives) else ()
-    names = ("rotor", "on", "position, m", "direction", "drag, m", "limits", *command)
+    names = ("rotor", "on", "position, m", "direction", "drag, m", "limits")
     rows = [
         [
             *(rotor["name"], rotor["on"], _short(rotor["position"])),
             *(_direction(rotor["direction"]), number(rotor["drag"])),
             _range(rotor["limits"] or (None, None), "N"),
-            *(_command(rotor) for _ in command),
         ]
         for rotor in rotors[:_MOST_LISTED]
     ]
@@ -248,7 +246,8 @@ def _print_actuators(robot: Robot, console: Console) -> None:
     alike: dict[str, list[str]] = {}
     for name, part in (*parts, ("battery", robot.battery)):
         if part and (keys := changed_keys(part, *_IN_TABLE)):
-            text = ", ".join(f"{key} = {_numbers(value)}" for key, value in keys.items())
+            values = (_listed(x if isinstance(x, tuple) else (x,)) for x in keys.values())
+            text = "; ".join(map(" ".join, zip(keys, values, strict=True)))
             alike.setdefault(text, []).append(name)
     if alike:
         console.print("\nActuators, by the keys of the robot file (SI units)")
@@ -256,24 +255,8 @@ def _print_actuators(robot: Robot, console: Console) -> None:
         console.print(f"{_each('rotor', names, 0, '')}: {text}", markup=False)
 
 
-def _numbers(value: object) -> str:
-    """A value of a robot file, with its numbers in four digits."""
-    if isinstance(value, tuple):
-        return f"[{', '.join(map(_numbers, value))}]"
-    return number(value) if isinstance(value, float) else str(value).lower()
-
-
-def _command(rotor: dict[str, Any]) -> str:
-    """The command of a rotor with its limits, such as "speed 100 … 900 rad/s"."""
-    if rotor["command"] == "thrust":
-        return "thrust"
-    unit = "rad/s" if rotor["command"] == "speed" else ""
-    limits = rotor["command_limits"]
-    return f"{rotor['command']} {_range(limits, unit) if limits else ''}".strip()
-
-
-def _listed(values: Sequence[float]) -> str:
-    return ", ".join(map(number, values))
+def _listed(values: Sequence[float | str]) -> str:
+    return ", ".join(number(x) if isinstance(x, float) else str(x).lower() for x in values)
 
 
 def _short(values: Sequence[float]) -> str:

@@ -204,14 +204,11 @@ def check_scenario(robot: RobotData, scenario: Scenario) -> None:
     paths = {"the path of the base": scenario.base}
     for name, path in scenario.arm.paths.items():
         paths[f"the path of {'the tip' if name == 'tip' else name}"] = path
-    tables: dict[str, dict[str, float]] = {}
-    if isinstance(robot, Vehicle):  # Not every number of a robot file becomes a parameter.
-        known = {k: x for k, x in scenario.parameters.items() if k in robot.module.PARAMETERS}
-        tables["parameters"] = {**scenario.parameters}
-        tables["plant"] = {**known, **scenario.plant} if scenario.plant else {}
+    # Which numbers of a robot file become parameters only its module knows.
+    tables = ("parameters", "plant") if isinstance(robot, Vehicle) else ()
     check_all(
         [
-            *(partial(Vehicle, robot.module, values, key) for key, values in tables.items()),
+            *(partial(Vehicle, robot.module, getattr(scenario, x), x) for x in tables),
             *(partial(check_path, x, scenario.duration, name) for name, x in paths.items()),
             partial(check_arm, robot, scenario),
             partial(limits_of, robot, scenario),

@@ -352,10 +352,8 @@ class Block:
         drawn = self.drawn[axis.column]
         return (drawn.min(), drawn.max()) if draw.kind == "normal" else (draw.first, draw.second)
 
-    def chosen(
-        self, place: int, other: Mapping[str, Any] | None = None
-    ) -> tuple[dict[str, Any], dict[str, Any]]:
-        """The case at a place: values by column, and entries by key, with some other ones."""
+    def chosen(self, place: int) -> tuple[dict[str, Any], dict[str, Any]]:
+        """The case at a place: values by column, and entries by key."""
         combination, sample = divmod(place, self.samples)
         columns: dict[str, Any] = {}
         entries: dict[str, Any] = {}
@@ -367,7 +365,6 @@ class Block:
                 value = float(self.drawn[axis.column][sample])
             columns[axis.column] = axis.shown(value)
             entries = {**axis.entries(value), **entries}
-        entries |= other or {}
         if self.seed is not None and _NOISE not in entries:
             entries[_NOISE] = noise_seed(self.seed, sample)
         return columns, sources.with_places_filled(self.scenario.says, entries)

@@ -26,13 +26,7 @@ from typing import Any
 
 import numpy as np
 
-from gibbs_codegen.errors import (
-    Fault,
-    GibbsCodegenError,
-    ScenarioFileError,
-    UsageError,
-    printable,
-)
+from gibbs_codegen.errors import GibbsCodegenError, ScenarioFileError, UsageError, printable
 from gibbs_codegen.files.staging import check_output_folder
 from gibbs_codegen.flight.arguments import whole
 from gibbs_codegen.flight.desired.trajectory import Progress
@@ -40,7 +34,7 @@ from gibbs_codegen.flight.scenario.parts import PREDICTIVE, WITH_CONSTRAINTS
 from gibbs_codegen.flight.scenario.scenario import Scenario
 from gibbs_codegen.flight.simulation import check_scenario
 from gibbs_codegen.flight.sweeps import measures as known_measures
-from gibbs_codegen.flight.sweeps.cases import NUMBERS, Cases, Varied, cases_of, varied
+from gibbs_codegen.flight.sweeps.cases import NUMBERS, Axis, Cases, Varied, cases_of, varied
 from gibbs_codegen.flight.sweeps.chunks import (
     FILE,
     ResultFile,
@@ -183,19 +177,23 @@ def _refuse_out_of_bounds(cases: Cases) -> None:
     """
     for block in cases.blocks:
         tries = [(axis, value) for axis in block.axes for value in block.ends(axis)]
-        errors: list[GibbsCodegenError] = []
-        faults: list[Fault] = []
+        errors: list[tuple[Axis, GibbsCodegenError]] = []
         for axis, value in tries:
             try:
-                block.scenario.changed(block.chosen(0, axis.entries(value))[1])
+                entries = block.chosen(0)[1] | axis.entries(value)
+                block.scenario.changed(with_places_filled(block.scenario.says, entries))
             except GibbsCodegenError as error:
-                errors.append(error)
-                theirs = error.faults if isinstance(error, ScenarioFileError) else ()
-                faults += [fault for fault in theirs if fault.path.startswith(axis.targets)]
+                errors.append((axis, error))
+        faults = dict.fromkeys(
+            fault
+            for axis, error in errors
+            for fault in (error.faults if isinstance(error, ScenarioFileError) else ())
+            if fault.path.startswith(axis.targets)
+        )
         if faults:
-            raise ScenarioFileError(block.scenario.word, [*dict.fromkeys(faults)])
+            raise ScenarioFileError(block.scenario.word, [*faults])
         if errors and len(errors) == len(tries):
-            raise errors[0]
+            raise errors[0][1]
 
 
 def _refuse_unfit(
