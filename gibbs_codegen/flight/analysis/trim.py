@@ -419,7 +419,10 @@ def trim(
             )
         actuators.thrusts[:] = ends.reshape(2, -1)
     start = _start(vehicle, q, posture=posture, posture_deg=posture_deg)
-    varied = _free_names(vehicle, start, free)
+    if free is None:
+        full = np.linalg.matrix_rank(vehicle.thrust_wrenches(start), rtol=RANK) == 6
+        free = () if full else (ATTITUDE,)
+    varied = (free,) if isinstance(free, str) else tuple(free)
     places, bounds = _freedom(vehicle, actuators, start, varied)
     balanced = equilibrium(motion, start, places, bounds)
     _require_balance(motion, balanced, varied)
@@ -500,14 +503,6 @@ def _start(vehicle: Vehicle, q: ArrayLike | None, **tables: Mapping[str, float] 
                 raise UsageError(f"{table}: {name} is in posture too; give it once")
             start[place] = np.radians(value) if unit == "degrees" else value
     return start
-
-
-def _free_names(vehicle: Vehicle, start: Array, free: Iterable[str] | None) -> tuple[str, ...]:
-    """The names of what may differ from `start` (nq), as of `trim`."""
-    if free is None:
-        full = np.linalg.matrix_rank(vehicle.thrust_wrenches(start), rtol=RANK) == 6
-        return () if full else (ATTITUDE,)
-    return (free,) if isinstance(free, str) else tuple(free)
 
 
 def _freedom(

@@ -166,8 +166,7 @@ class Envelope:
         gains = ["a lower control.attitude_frequency", "a lower control.frequency"]
         # With commands those of a scenario are within what these make.
         wider = "rotors' limits in the robot file" if loop.vehicle.is_driven else "motors.limits"
-        start = self._start
-        far = start and self._errors(*start).any() and loop.saturated(*start)
+        far = (start := self._start) and self._errors(*start).any() and loop.saturated(*start)
         remedies = [
             *([f"a start {_NEARER}"] if far else []),
             *([f"wider {wider}"] if True in at_limits else []),

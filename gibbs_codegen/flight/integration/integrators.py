@@ -64,8 +64,7 @@ class StepGrid:
         self.every = max(int(np.ceil(1.0 / (settings.rate * settings.step) - SAME_TIME)), 1)
         self.size = 1.0 / (settings.rate * self.every)
         # Why steps are not as long as they may be, in words.
-        cut = f"steps of {settings.step:g} s are cut to {self.size:.4g} s for {settings.rate:g} "
-        cut += "samples a second (integration.rate), and "
+        cut = f"cut to {self.size:.4g} s by integration.rate, {settings.rate:g} Hz; "
         self.cut = cut if self.size < settings.step * (1.0 - SAME_TIME) else ""
 
     def stretches(self, interval: SmoothInterval) -> list[Stretch]:

@@ -6,7 +6,7 @@ They enter no function of a module, which has them as constants.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Iterable
+from collections.abc import Collection, Iterable
 from dataclasses import dataclass, replace
 from functools import partial
 from types import ModuleType
@@ -119,16 +119,11 @@ def actuators_of(vehicle: RobotData, scenario: Scenario) -> Actuators:
     """
     motors, arm = scenario.motors, scenario.arm
     actuators = replace(module_actuators(vehicle), span=(motors.begin, motors.end))
-    checks: list[Callable[[], object]] = [
-        partial(joint_place, vehicle, name, f"arm.{key}")
-        for key in ("limits", "effort", "velocity")
-        for name in getattr(arm, key)
-    ]
-    if motors.limits is not None and vehicle.is_driven:
-        checks.append(partial(_check_commanded, vehicle, motors.limits, actuators.thrusts))
-    if motors.time_constant is not None:
-        checks.append(partial(check_lag, vehicle.module, "motors.time_constant"))
-    check_all(checks)
+    named = [(key, name) for key in ("limits", "effort", "velocity") for name in getattr(arm, key)]
+    checks = [partial(joint_place, vehicle, name, f"arm.{key}") for key, name in named]
+    lag = [] if motors.time_constant is None else ["motors.time_constant"]
+    range_check = partial(_check_limits, vehicle, motors.limits, actuators.thrusts)
+    check_all([*checks, range_check, *(partial(check_lag, vehicle.module, key) for key in lag)])
     if scenario.control.law == "off":  # Motors that are off have no thrust, not their least.
         actuators.thrusts[:] = np.transpose([_NO_LIMITS])
     if motors.limits is not None:
@@ -149,10 +144,11 @@ def actuators_of(vehicle: RobotData, scenario: Scenario) -> Actuators:
     return actuators
 
 
-def _check_commanded(vehicle: RobotData, limits: tuple[float, float], thrusts: Array) -> None:
+def _check_limits(vehicle: RobotData, limits: tuple[float, float] | None, thrusts: Array) -> None:
     """Raise `UsageError` for limits beyond thrusts (2, N), N, that commands of rotors make."""
-    low, high = thrusts[0].max(), thrusts[1].min()
-    if limits[0] < low - _EXACT or limits[1] > high + _EXACT:
+    low, high = thrusts[0].max(initial=-math.inf), thrusts[1].min(initial=math.inf)
+    beyond = limits is not None and (limits[0] < low - _EXACT or limits[1] > high + _EXACT)
+    if vehicle.is_driven and beyond:
         raise UsageError(
             f"motors.limits: all commands of rotors of {vehicle.name} make thrusts of {low:.4g} to "
             f"{high:.4g} N; give limits within these, or change the rotors in its robot file"

@@ -346,8 +346,7 @@ class Block:
 
     def ends(self, axis: Axis) -> Sequence[Any]:
         """The values of a list, or the ends of a distribution, if it has none of what is drawn."""
-        draw = axis.varied.draw
-        if draw is None:
+        if (draw := axis.varied.draw) is None:
             return axis.varied.levels
         drawn = self.drawn[axis.column]
         return (drawn.min(), drawn.max()) if draw.kind == "normal" else (draw.first, draw.second)

@@ -34,7 +34,7 @@ from gibbs_codegen.flight.scenario.parts import PREDICTIVE, WITH_CONSTRAINTS
 from gibbs_codegen.flight.scenario.scenario import Scenario
 from gibbs_codegen.flight.simulation import check_scenario
 from gibbs_codegen.flight.sweeps import measures as known_measures
-from gibbs_codegen.flight.sweeps.cases import NUMBERS, Axis, Cases, Varied, cases_of, varied
+from gibbs_codegen.flight.sweeps.cases import NUMBERS, Cases, Varied, cases_of, varied
 from gibbs_codegen.flight.sweeps.chunks import (
     FILE,
     ResultFile,
@@ -177,23 +177,20 @@ def _refuse_out_of_bounds(cases: Cases) -> None:
     """
     for block in cases.blocks:
         tries = [(axis, value) for axis in block.axes for value in block.ends(axis)]
-        errors: list[tuple[Axis, GibbsCodegenError]] = []
+        errors: list[GibbsCodegenError] = []
+        faults: dict[Any, None] = {}
         for axis, value in tries:
             try:
                 entries = block.chosen(0)[1] | axis.entries(value)
                 block.scenario.changed(with_places_filled(block.scenario.says, entries))
             except GibbsCodegenError as error:
-                errors.append((axis, error))
-        faults = dict.fromkeys(
-            fault
-            for axis, error in errors
-            for fault in (error.faults if isinstance(error, ScenarioFileError) else ())
-            if fault.path.startswith(axis.targets)
-        )
+                errors.append(error)
+                told = getattr(error, "faults", ())
+                faults |= dict.fromkeys(x for x in told if x.path.startswith(axis.targets))
         if faults:
             raise ScenarioFileError(block.scenario.word, [*faults])
         if errors and len(errors) == len(tries):
-            raise errors[0][1]
+            raise errors[0]
 
 
 def _refuse_unfit(

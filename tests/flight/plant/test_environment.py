@@ -532,8 +532,12 @@ def test_every_compiled_step_is_that_of_python(fast: Load) -> None:
                 "payload": [{"frame": "tipp", "mass": 1}],
                 "hold": [{"constraint": "stand"}],
                 "arm.posture_deg": {"elbow": 1},
+                "parameters": {"gravty": 9, "full_speed": 900},
+                "plant": {"gravty": 8},
             },
-            "(?s)arm.posture_deg.elbow: .*\npayload 1: frame: .*\nhold 1: constraint: ",
+            "(?s)parameters: unknown parameter 'gravty': .* unknown parameter 'full_speed': .*\n"
+            "hexarotor_3link: plant: unknown parameter 'gravty': .*\n"
+            "arm.posture_deg.elbow: .*\npayload 1: frame: .*\nhold 1: constraint: ",
         ),
         ({"wind": {"drag": {"arm": 1}}}, r"wind.drag: hexarotor_3link has no frame arm"),
         (
