@@ -6,13 +6,14 @@ import argparse
 import sys
 import time
 from collections.abc import Sequence
+from contextlib import nullcontext
 
 import numpy as np
 
 from gibbs_codegen.cli import robot_argument, terminal
 from gibbs_codegen.errors import printable
 from gibbs_codegen.files.toml import changes_of
-from gibbs_codegen.flight.figures.results import check_results, write_results
+from gibbs_codegen.flight.figures.results import check_results, drawing_beside, write_results
 from gibbs_codegen.flight.record.flight import Flight
 from gibbs_codegen.flight.scenario.file import read_scenario
 from gibbs_codegen.flight.scenario.parts import PREDICTIVE, WITH_CONSTRAINTS, Control, Impedance
@@ -52,13 +53,21 @@ def run(options: argparse.Namespace) -> int:
             check=lambda robot: check_scenario(robot, scenario),
         ) as (folder, _),
         terminal.progress_bar() as progress,
+        drawing_beside() if options.format else nullcontext() as workers,
     ):
         start = time.perf_counter()
         module = load(folder, options.backend)
         flight = simulate(module, scenario, progress=progress)
         compiled = seconds_waited(start)
         flown = time.perf_counter() - start - compiled
-        write_results(*(flight, options.out, True, options.animate or "", progress, options.format))
+        write_results(
+            flight,
+            options.out,
+            animation=options.animate or "",
+            progress=progress,
+            formats=options.format,
+            workers=workers,
+        )
     print(
         f"{printable(options.out)}: {flight.robot} flew {flight.scenario!r} for "
         f"{flight.time[-1]:.4g} s, computed in {flown:.1f} s"

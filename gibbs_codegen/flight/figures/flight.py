@@ -136,10 +136,13 @@ def contacts(flight: Flight, width: float = COLUMN) -> Figure:
 FIGURES: tuple[Callable[[Flight], Figure], ...] = tuple(globals()[name] for name in NAMES)
 
 
-def write_figures(flight: Flight, folder: Path, formats: Sequence[str] = FORMATS[:1]) -> list[Path]:
+def write_figures(
+    flight: Flight, folder: Path, formats: Sequence[str] = FORMATS[:1], share: int = 0, of: int = 1
+) -> list[Path]:
     """Write every figure in every format, and return the files; two calls write the same bytes.
 
-    What is not known of a flight, or of its robot, is left out.
+    What is not known of a flight, or of its robot, is left out. Figures are dealt out to `of`
+    shares, of which one is written.
     """
     counts: dict[Callable[..., Figure], int] = {
         inputs: int(np.isfinite(flight.applied).sum()),
@@ -150,5 +153,5 @@ def write_figures(flight: Flight, folder: Path, formats: Sequence[str] = FORMATS
         tracking_error: int(np.isfinite(flight.q_desired).sum()),
         contacts: flight.contact_forces.shape[1],
     }
-    drawn = ((draw.__name__, draw(flight)) for draw in FIGURES if counts.get(draw, 1))
-    return save_figures(drawn, folder, formats)
+    drawn = [draw for draw in FIGURES if counts.get(draw, 1)][share::of]
+    return save_figures(((draw.__name__, draw(flight)) for draw in drawn), folder, formats)

@@ -4,14 +4,18 @@ from __future__ import annotations
 
 import os
 import shutil
+import sys
 from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import BrokenExecutor
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 from gibbs_codegen.errors import OutputError, UsageError, printable
 from gibbs_codegen.figures import FORMATS
 from gibbs_codegen.files.staging import check_output_folder, staging_folder, writing
 from gibbs_codegen.flight.record.flight import Flight, is_flight
+from gibbs_codegen.flight.sweeps.workers import Workers, own_count
 
 ANIMATIONS = ("gif", "mp4")
 # Names of figures, which are functions of `flight.figures.flight`.
@@ -22,6 +26,10 @@ FIGURES = (
 # Names of all files of results.
 _NAMES = {f"flight.{suffix}" for suffix in ("npz", "csv", *ANIMATIONS)}
 _NAMES |= {f"{name}.{suffix}" for name in FIGURES for suffix in FORMATS}
+# Processes that draw: with more, each would have its own longest figure only.
+_MOST_WORKERS = 2
+# Longer flights are not copied.
+_MOST_SAMPLES = 100_000
 
 
 def write_results(
@@ -31,6 +39,7 @@ def write_results(
     animation: str = "",
     progress: Callable[[str, float], None] = lambda what, share: None,
     formats: Sequence[str] = FORMATS[:1],
+    workers: Workers | None = None,
 ) -> list[Path]:
     """Write `flight.npz`, `flight.csv`, figures, and `flight.gif` or `flight.mp4`.
 
@@ -44,6 +53,7 @@ def write_results(
         animation: "gif", "mp4", or empty for none.
         progress: Is called with what is being written and the share (0 to 1) that is done.
         formats: Those of the figures: "png", "pdf" or "svg".
+        workers: Processes that draw figures, as of `drawing_beside`; by default this one does.
 
     Returns:
         Paths of the files written.
@@ -58,15 +68,22 @@ def write_results(
         raise UsageError(f"format {min(unknown)!r}: unknown; known: {', '.join(FORMATS)}")
     folder = Path(folder)
     with _staged(folder) as staging:
+        tasks, drawn = [], (flight, staging, formats)
+        if workers and figures and len(flight.time) <= _MOST_SAMPLES:
+            of = workers.count
+            tasks = [workers.submit(_drawn, *drawn, share, of) for share in range(of)]
         progress("time series", 0.0)
         flight.write_npz(staging / "flight.npz")
         flight.write_csv(staging / "flight.csv")
         if figures and formats:
-            # Late, as Matplotlib takes long to import.
-            from gibbs_codegen.flight.figures.flight import write_figures
-
             progress("figures", 0.0)
-            write_figures(flight, staging, formats)
+            try:
+                for task in tasks:
+                    task.result()
+            except BrokenExecutor:
+                tasks = []
+            if not tasks:
+                _drawn(*drawn)
         if animation:
             from gibbs_codegen.flight.figures.animation import write_animation
 
@@ -79,6 +96,28 @@ def write_results(
     for name in _NAMES - set(names):
         (folder / name).unlink(missing_ok=True)
     return [folder / name for name in names]
+
+
+def _drawn(flight: Flight, *arguments: Any) -> None:
+    """Draw figures, as of `write_figures`."""
+    # Late, as Matplotlib takes long to import.
+    from gibbs_codegen.flight.figures.flight import write_figures
+
+    write_figures(flight, *arguments)
+
+
+@contextmanager
+def drawing_beside() -> Iterator[Workers | None]:
+    """Processes that draw figures, and import what that takes from now on; None if they cannot."""
+    # Copies of a process in which libraries run threads are tested on Linux only.
+    if sys.platform != "linux" or own_count() < _MOST_WORKERS:
+        yield None
+        return
+    workers = Workers(_MOST_WORKERS, ["gibbs_codegen.flight.figures.flight"])
+    try:
+        yield workers
+    finally:
+        workers.end()
 
 
 def check_results(folder: str | os.PathLike[str], animation: str = "") -> None:

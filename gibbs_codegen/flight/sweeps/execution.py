@@ -4,35 +4,24 @@ A chunk whose worker dies is tried again. If it dies again it is flown by itself
 this machine, and halved until the one case is found that no process survives, which is recorded. So
 no case is blamed for what another did.
 
-Without an executor processes of this machine fly chunks: those of the standard library, made anew
-if one dies. They start as new programs, without what the caller's program is made of: it may be a
-notebook, or a script that would call `sweep` again if it were imported.
+Without an executor processes of this machine fly chunks, as of `workers`, made anew if one dies.
 """
 
 from __future__ import annotations
 
 import logging
 import math
-import multiprocessing
-import os
 import pickle
-import signal
-import sys
-import threading
-import time
 from collections import deque
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent import futures
-from contextlib import contextmanager
 from dataclasses import replace
-from typing import Any
 
 from gibbs_codegen.errors import GibbsCodegenError, UsageError, printable
 from gibbs_codegen.flight.sweeps.chunks import Chunk, ResultFile, Row, fly
 from gibbs_codegen.flight.sweeps.measures import Measure, packed
+from gibbs_codegen.flight.sweeps.workers import Workers
 
-# How often a worker looks whether the program that it works for is still there, s.
-_LOOK_SECONDS = 1.0
 # How often the process of a chunk may die before the chunk is flown by itself, and of one case by
 # itself before it is given up.
 _DEATHS = 2
@@ -49,81 +38,6 @@ _DEAD = "the process that flew it died, as often as it was tried, of a crash or 
 _KEPT = "what was done is kept: the same call goes on from there, with an executor that works"
 
 _log = logging.getLogger("gibbs_codegen")
-
-
-class Workers:
-    """At most so many processes that compute calls."""
-
-    def __init__(self, count: int) -> None:
-        self.count = count
-        self._pool: futures.ProcessPoolExecutor | None = None
-
-    def submit(self, function: Callable[..., Any], *arguments: Any) -> futures.Future[Any]:
-        """Have a call of a module's function computed."""
-        if self._pool is None:
-            context = multiprocessing.get_context("spawn")
-            self._pool = futures.ProcessPoolExecutor(self.count, context, _begin, (os.getpid(),))
-        with _without_main(), _uninterrupted():
-            return self._pool.submit(function, *arguments)
-
-    def end(self) -> None:
-        """End the processes, whatever they are at; the next call starts new ones."""
-        pool, self._pool = self._pool, None
-        if pool is not None:
-            processes = list((pool._processes or {}).values())
-            pool.shutdown(wait=False, cancel_futures=True)
-            for process in processes:
-                process.kill()
-            for process in processes:
-                process.join()
-
-
-def own_count() -> int:
-    """The number of processors that this program may use."""
-    if sys.platform == "linux":
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1
-
-
-@contextmanager
-def _without_main() -> Iterator[None]:
-    """Keep a process that starts meanwhile from importing the caller's main program."""
-    main: dict[str, Any] = vars(sys.modules["__main__"])
-    names: list[str] = [name for name in ("__spec__", "__file__") if name in main]
-    removed = {name: main.pop(name) for name in names}
-    main["__spec__"] = None
-    try:
-        yield
-    finally:
-        main.update(removed)
-
-
-@contextmanager
-def _uninterrupted() -> Iterator[None]:
-    """Put Ctrl-C off, also for a process that starts meanwhile, until that has begun."""
-    if sys.platform == "win32":  # It has no masks of signals.
-        yield
-    else:
-        before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-        try:
-            yield
-        finally:
-            signal.pthread_sigmask(signal.SIG_SETMASK, before)
-
-
-def _begin(parent: int) -> None:
-    """The start of a worker: Ctrl-C is the caller's, without whom there is nothing to do.
-
-    `parent` is the number of the caller's process.
-    """
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-
-    def watch() -> None:
-        while os.getppid() == parent:
-            time.sleep(_LOOK_SECONDS)
-        os._exit(1)
-
-    threading.Thread(target=watch, daemon=True).start()
 
 
 class Execution:

@@ -43,7 +43,7 @@ from gibbs_codegen.flight.sweeps.chunks import (
     digests_of,
     only_adaptive,
 )
-from gibbs_codegen.flight.sweeps.execution import Execution, own_count
+from gibbs_codegen.flight.sweeps.execution import Execution
 from gibbs_codegen.flight.sweeps.measures import Measure
 from gibbs_codegen.flight.sweeps.sources import (
     ScenarioSource,
@@ -54,6 +54,7 @@ from gibbs_codegen.flight.sweeps.sources import (
     with_places_filled,
 )
 from gibbs_codegen.flight.sweeps.study import FIXED, Study, table_of
+from gibbs_codegen.flight.sweeps.workers import own_count
 from gibbs_codegen.runtime.predictive import DERIVATIVES, UNDER_WRENCHES
 
 _MOST_SAMPLES = 2**24

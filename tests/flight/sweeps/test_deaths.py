@@ -15,7 +15,7 @@ from support.tools import HANGING
 
 from gibbs_codegen import UsageError, sweep, uniform
 from gibbs_codegen.flight.sweeps import chunks
-from gibbs_codegen.flight.sweeps.execution import Workers
+from gibbs_codegen.flight.sweeps.workers import Workers
 
 DEADLY = 0.063
 PARAMETERS = {
