@@ -56,8 +56,8 @@ def run(options: argparse.Namespace) -> int:
         drawing_beside() if options.format else nullcontext() as workers,
     ):
         start = time.perf_counter()
-        module = load(folder, options.backend)
-        flight = simulate(module, scenario, progress=progress)
+        robot = folder if options.backend == "c" else load(folder, options.backend)
+        flight = simulate(robot, scenario, progress=progress)
         compiled = seconds_waited(start)
         flown = time.perf_counter() - start - compiled
         write_results(

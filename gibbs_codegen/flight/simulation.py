@@ -27,9 +27,12 @@ from __future__ import annotations
 import logging
 import math
 import os
-from contextlib import suppress
+import warnings
+from collections.abc import Callable
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass, replace
 from functools import partial
+from pathlib import Path
 from time import perf_counter
 from types import ModuleType
 
@@ -51,6 +54,7 @@ from gibbs_codegen.flight.desired.trajectory import (
     timed_motion,
 )
 from gibbs_codegen.flight.integration.closed_loop import ClosedLoop
+from gibbs_codegen.flight.integration.compiled_loop import compiled_ahead
 from gibbs_codegen.flight.integration.integrators import integrate
 from gibbs_codegen.flight.integration.rest import resting
 from gibbs_codegen.flight.plant.actuators import actuators_of, check_charge
@@ -60,13 +64,13 @@ from gibbs_codegen.flight.plant.sensors import frames_of_sensors
 from gibbs_codegen.flight.plant.vehicle import Array, RobotData, Vehicle
 from gibbs_codegen.flight.record.flight import Flight
 from gibbs_codegen.flight.record.recording import flight_of, timing_note
-from gibbs_codegen.flight.reference import Reference
+from gibbs_codegen.flight.reference import Motion, Reference
 from gibbs_codegen.flight.scenario.file import AnyScenario, read_scenario
 from gibbs_codegen.flight.scenario.parts import HOLDING, PREDICTIVE
 from gibbs_codegen.flight.scenario.paths import check_path
 from gibbs_codegen.flight.scenario.scenario import Scenario
 from gibbs_codegen.interface import FUNCTIONS
-from gibbs_codegen.runtime.c_library import CompilerError
+from gibbs_codegen.runtime.c_library import CompilerError, ModuleLibrary, chosen_compiler
 from gibbs_codegen.runtime.cache import CacheError
 from gibbs_codegen.runtime.load import load
 from gibbs_codegen.runtime.loaded_module import require_functions
@@ -103,10 +107,21 @@ def simulate(
         UsageError: Or one of its kinds (`UnreachableError`, `SingularAttitudeError`,
             `AllocationError`), for a flight that cannot begin.
     """
-    start = flight_start(robot, scenario, progress, custom_law=controller is not None)
-    loop, scenario = start.loop, start.scenario
-    law = law_in_time(loop.controller, scenario, loop.actuators, loop.idles, controller)
-    loop = replace(loop, controller=law)
+
+    def in_time(loop: ClosedLoop, scenario: Scenario) -> ClosedLoop:
+        """A closed loop whose law is evaluated as the scenario has it, or the controller's."""
+        law = law_in_time(loop.controller, scenario, loop.actuators, loop.idles, controller)
+        return replace(loop, controller=law)
+
+    def ahead(loop: ClosedLoop, scenario: Scenario) -> Callable[[], object]:
+        """What compiles a closed loop, once it is known how it is built."""
+        return compiled_ahead(
+            in_time(loop, scenario), scenario.duration, scenario.integration.method
+        )
+
+    start = flight_start(robot, scenario, progress, controller is not None, ahead)
+    scenario, loop = start.scenario, in_time(start.loop, start.scenario)
+    law = loop.controller
     begin = perf_counter()
     history = integrate(
         loop,
@@ -149,10 +164,12 @@ def flight_start(
     scenario: AnyScenario,
     progress: Progress,
     custom_law: bool,
+    ahead: Callable[[ClosedLoop, Scenario], Callable[[], object]] | None = None,
 ) -> FlightStart:
     """Everything up to the start of a flight, with a law that is evaluated at all times.
 
-    `custom_law`: whether the inputs come from elsewhere than the scenario's law. Raises
+    `custom_law`: whether the inputs come from elsewhere than the scenario's law. `ahead` says what
+    compiles a closed loop of the same form, which is done while the motion is planned. Raises
     `UsageError` for a flight that cannot begin.
     """
     scenario = read_scenario(scenario)
@@ -161,25 +178,54 @@ def flight_start(
     # Checks that NumPy can make come first: to compile takes long.
     module = robot if isinstance(robot, ModuleType) else load(robot)
     check_flight(module, scenario)
+    compiled = getattr(module, "compiled", None)
     if module is not robot:
         if scenario.control.law == "open_loop" and not custom_law:
             _closed_loop(Vehicle(module, scenario.parameters), scenario, progress, custom_law)
-        module = load(robot, "c")
-    if compiled := getattr(module, "compiled", None):
+        with suppress(CompilerError):
+            compiled = ModuleLibrary(Path(module.__path__[0]), module, chosen_compiler())
+    with ExitStack() as compiling:
         with suppress(CompilerError, CacheError):  # Functions say so that are asked for.
-            compiled.build()
-    vehicle = Vehicle(module, scenario.parameters)
-    loop, motion = _closed_loop(vehicle, scenario, progress, custom_law)
-    q, v = starting_state(vehicle, loop.controller.reference, scenario.start)
-    if scenario.start.settled:
-        # Controllers of one's own are not asked yet: as if motors did not run.
-        own_span = (math.inf, math.inf) if custom_law else loop.actuators.span
-        settling = replace(loop, actuators=replace(loop.actuators, span=own_span))
-        (q, bristles), v = resting(settling, q, scenario.start.charge), np.zeros(len(v))
-        loop = replace(loop, bristles=bristles)
-    for machine in {vehicle, loop.vehicle}:
-        check_mass_matrix(machine, q)
+            if compiled:
+                at_rest = partial(_at_rest, module, scenario, custom_law, ahead) if ahead else None
+                compiling.enter_context(compiled.built(at_rest))
+        if module is not robot:
+            module = load(robot, "c")
+        vehicle = Vehicle(module, scenario.parameters)
+        loop, motion = _closed_loop(vehicle, scenario, progress, custom_law)
+        q, v = starting_state(vehicle, loop.controller.reference, scenario.start)
+        if scenario.start.settled:
+            # Controllers of one's own are not asked yet: as if motors did not run.
+            own_span = (math.inf, math.inf) if custom_law else loop.actuators.span
+            settling = replace(loop, actuators=replace(loop.actuators, span=own_span))
+            (q, bristles), v = resting(settling, q, scenario.start.charge), np.zeros(len(v))
+            loop = replace(loop, bristles=bristles)
+        for machine in {vehicle, loop.vehicle}:
+            check_mass_matrix(machine, q)
     return FlightStart(motion, loop, q, v)
+
+
+def _at_rest(
+    module: ModuleType,
+    scenario: Scenario,
+    custom_law: bool,
+    ahead: Callable[[ClosedLoop, Scenario], Callable[[], object]],
+) -> Callable[[], object]:
+    """What compiles a closed loop that follows no motion: its form is that of the flight's own.
+
+    Nothing where there is none. Numbers of the flight are none of what is compiled.
+    """
+    vehicle = Vehicle(getattr(module, "in_numpy", module), scenario.parameters)
+    rates = np.zeros((2, vehicle.layout.v.size))
+    motion = Motion(
+        np.array([0.0, scenario.duration]), np.tile(vehicle.neutral, (2, 1)), rates, rates
+    )
+    with suppress(UsageError), warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # The flight's own loop says so.
+        if scenario.control.law != PREDICTIVE:  # Its plans are compiled when they are made.
+            reference = vehicle.kinematics.reference(motion)
+            return ahead(_loop(vehicle, scenario, reference, custom_law), scenario)
+    return lambda: None
 
 
 def check_flight(module: ModuleType, scenario: Scenario) -> None:
@@ -247,11 +293,17 @@ def _closed_loop(
 
     `vehicle` is the robot as the controller knows it.
     """
+    motion = timed_motion(vehicle, scenario, progress)
+    return _loop(vehicle, scenario, motion.reference, custom_law), motion
+
+
+def _loop(
+    vehicle: Vehicle, scenario: Scenario, reference: Reference, custom_law: bool
+) -> ClosedLoop:
+    """The closed loop of a scenario that follows a motion."""
     control = scenario.control
     actuators = actuators_of(vehicle, scenario)
     allocation = allocation_of(vehicle, limits=actuators.thrusts)
-    motion = timed_motion(vehicle, scenario, progress)
-    reference = motion.reference
     knots = reference(reference.knots)[0]
     if control.law == PREDICTIVE:  # It plans about hover: rotors must serve one of the others.
         law_of("tracking", vehicle, knots, scenario.name)
@@ -261,7 +313,7 @@ def _closed_loop(
     controller = control_law(law, control, vehicle, reference, allocation)
     loop = ClosedLoop(vehicle, controller, actuators, None, scenario.motors.compensation)
     # The robot that flies is the one that the controller knows but for some parameters.
-    return loop.with_plant(scenario.plant, actuators.lag, scenario), motion
+    return loop.with_plant(scenario.plant, actuators.lag, scenario)
 
 
 def check_mass_matrix(vehicle: Vehicle, q: Array) -> None:

@@ -31,12 +31,14 @@ from typing import Any
 from gibbs_codegen.errors import UsageError, cause_of, printable
 from gibbs_codegen.files.verbatim import c_source
 from gibbs_codegen.interface import FUNCTIONS, WHOLES, module_signatures
-from gibbs_codegen.runtime.cache import cached_library
+from gibbs_codegen.runtime.cache import cached_library, given_up
 
 # Numbers of the processes of compilers that run.
 _RUNNING: set[int] = set()
 # After so long, s, compilers are ended again that have started since.
 _MOMENT = 0.02
+# What is kept is there within so long, s.
+_AT_ONCE = 0.1
 # Sixty-four links take minutes.
 _TIMEOUT_SECONDS = 300.0
 _FLAGS = ("-O3", "-ffp-contract=fast", "-fPIC", "-shared")
@@ -303,24 +305,40 @@ class ModuleLibrary:
 
         Raises as `function` does.
         """
-        units = {self._unit(names[0], form) for form, names in _FLOWN.items()}
-        tasks: list[Future[ctypes.CDLL]] = []
+        with self.built():
+            pass
+
+    @contextmanager
+    def built(self, ahead: Callable[[], Callable[[], object]] | None = None) -> Iterator[None]:
+        """Compile side by side what most flights call, which is then there.
+
+        Where that takes a while, `ahead` is asked for a call, which compiles something else beside
+        it and what is done here. Raises as `function` does.
+        """
+        # Those for blocks take longest, and come first.
+        flown = [self._unit(names[0], form) for form, names in reversed(_FLOWN.items())]
+        units = [*dict.fromkeys([*flown, ("", "")])]
+        tasks: list[Future[object]] = []
+        count = os.cpu_count() or 1
 
         def seconds() -> float:
             """About how long all take, s."""
             each = [_seconds(self._texts(*unit)) for unit in units]
-            return max(*each, sum(each) / (os.cpu_count() or 1))
+            return max(*each, sum(each) / count)
 
-        told = announced(_compiling(self._name, _FUNCTIONS), seconds)
-        with told, ThreadPoolExecutor(len(units)) as pool:
+        with ThreadPoolExecutor(count) as pool:
             try:
-                tasks.extend(pool.submit(self._library, unit) for unit in units)
-                for task in tasks:
-                    task.result()
+                with announced(_compiling(self._name, _FUNCTIONS), seconds):
+                    tasks.extend(pool.submit(self._library, unit) for unit in units)
+                    if ahead and wait(tasks, _AT_ONCE).not_done:
+                        tasks.append(pool.submit(ahead()))
+                    for task in tasks[: len(units)]:
+                        task.result()
+                yield
             except (KeyboardInterrupt, SystemExit):
-                # Some may be about to start.
-                while wait(tasks, _MOMENT).not_done:
-                    _end([*_RUNNING])
+                with given_up():  # Some may be about to start.
+                    while wait(tasks, _MOMENT).not_done:
+                        _end([*_RUNNING])
                 raise
 
     def _library(self, unit: Unit) -> ctypes.CDLL:

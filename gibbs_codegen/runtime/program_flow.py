@@ -126,6 +126,12 @@ def _inputs(programs: Mapping[str, Program]) -> dict[str, Node]:
     return inputs
 
 
+def flow_library(module: ModuleType, programs: Mapping[str, Program]) -> ctypes.CDLL:
+    """The library of `flow_source`. Raises as `library` does."""
+    text, functions = flow_source(programs, Functions(module)), called([*programs.values()])
+    return library(module, functions, {"_flow.c": text}, "a flight", blocks=False)
+
+
 class ProgramFlow:
     """A closed loop by its programs, as of `flow_source`.
 
@@ -145,9 +151,7 @@ class ProgramFlow:
         guesses: int,
     ) -> None:
         """Compile the programs, and lay out what they are given."""
-        inputs, text = _inputs(programs), flow_source(programs, Functions(module))
-        functions = called([*programs.values()])
-        compiled = library(module, functions, {"_flow.c": text}, "a flight", blocks=False)
+        inputs, compiled = _inputs(programs), flow_library(module, programs)
         self._slope, self._legs = compiled.flow_slope, compiled.flow_legs
         self._slope.argtypes = [ctypes.c_void_p, ctypes.c_double, *[ctypes.c_void_p] * 3]
         self._legs.argtypes = [ctypes.c_void_p] * 6

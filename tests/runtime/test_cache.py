@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import multiprocessing
 import os
+import threading
 import time
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
 
-from gibbs_codegen.runtime.cache import CacheError, cache_folder, cached_library
+from gibbs_codegen.runtime import cache
+from gibbs_codegen.runtime.cache import CacheError, cache_folder, cached_library, given_up
 
 
 @pytest.fixture(autouse=True)
@@ -88,6 +91,28 @@ def test_a_failure_leaves_nothing(folder: Path) -> None:
     make = Maker()
     cached_library("key", make)
     assert make.calls == 1
+
+
+def test_who_waits_for_another_can_give_up(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(cache, "_LOOK_SECONDS", 0.01)
+    begun, go_on = threading.Event(), threading.Event()
+
+    def make(output: Path) -> None:
+        output.write_bytes(b"library")
+        begun.set()
+        go_on.wait()
+
+    with ThreadPoolExecutor(2) as pool:
+        try:
+            makes = pool.submit(cached_library, "key", make)
+            begun.wait()
+            waits = pool.submit(cached_library, "key", Maker())
+            with given_up(), pytest.raises(CacheError, match="another process"):
+                waits.result()
+        finally:
+            go_on.set()
+        path = makes.result()
+    assert path.read_bytes() == b"library"
 
 
 @pytest.mark.parametrize(

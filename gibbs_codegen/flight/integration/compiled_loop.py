@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable
+from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from gibbs_codegen.arrays.nodes import Program
 from gibbs_codegen.flight.control.laws import program_of
 from gibbs_codegen.flight.integration.closed_loop import (
     DOUBLE,
@@ -20,10 +22,11 @@ from gibbs_codegen.flight.integration.closed_loop import (
 )
 from gibbs_codegen.flight.integration.state_history import NOTHING, Loads
 from gibbs_codegen.flight.plant.vehicle import Array
+from gibbs_codegen.machine.closed_loop import LoopStructure
 from gibbs_codegen.runtime.blocks import Blocks
 from gibbs_codegen.runtime.c_library import CompilerError
 from gibbs_codegen.runtime.cache import CacheError
-from gibbs_codegen.runtime.program_flow import LEG, Flow, ProgramFlow
+from gibbs_codegen.runtime.program_flow import LEG, Flow, ProgramFlow, flow_library
 from gibbs_codegen.runtime.program_steps import ProgramSteps
 
 _log = logging.getLogger("gibbs_codegen")
@@ -79,6 +82,29 @@ def _constants(closed: ClosedLoop) -> dict[str, object]:
     }
 
 
+def _programs(closed: ClosedLoop, loads: Loads, method: str) -> dict[str, Program]:
+    """The programs of a closed loop by their names, while something acts."""
+    programs = _of_structure(loop_program(closed, loads), method)
+    if closed.sampled and closed.sampled.sampled:
+        return programs | {"sample": sample_program(closed, closed.sampled.sampled, loads)}
+    return programs
+
+
+@lru_cache(maxsize=64)
+def _of_structure(whole: LoopStructure, method: str) -> dict[str, Program]:
+    """Those of a loop itself, by one structure: they share what is in both."""
+    last = whole.end() if method == "adaptive" else whole.step()
+    return {program.name: program for program in (whole.slope(), last)}
+
+
+def compiled_ahead(closed: ClosedLoop, duration: float, method: str) -> Callable[[], object]:
+    """What compiles the loop with which a flight of a duration, s, begins."""
+    loads = next(closed.smooth_intervals(0.0, duration)).loads
+    if closed.hold is not None:
+        loads = loads._replace(inputs=closed.hold.inputs)
+    return partial(flow_library, closed.vehicle.module, _programs(closed, loads, method))
+
+
 class CompiledLoop:
     """One closed loop in compiled code, while the same acts on the robot, by one method.
 
@@ -93,13 +119,9 @@ class CompiledLoop:
         loads: Loads = NOTHING,
         method: str = "rk4",
     ) -> None:
-        whole, values = loop_program(closed, loads), loop_values(closed, bounds, loads)
-        last = whole.end() if method == "adaptive" else whole.step()
-        programs = {program.name: program for program in (whole.slope(), last)}
-        law, model = closed.controller, closed.sampled.sampled if closed.sampled else None
-        if model is not None:
-            law, sample = model, sample_program(closed, model, loads)
-            programs["sample"] = sample
+        programs, values = _programs(closed, loads, method), loop_values(closed, bounds, loads)
+        law = (closed.sampled and closed.sampled.sampled) or closed.controller
+        if sample := programs.get("sample"):
             told = zip(sample.names, sample.inputs, strict=True)
             values = {**{name: np.zeros(x.shape) for name, x in told}, **law.values, **values}
         others = _constants(closed), law.tables, closed.vehicle.rotors

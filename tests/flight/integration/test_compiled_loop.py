@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from types import ModuleType
+from typing import Any
 
 import numpy as np
 import pytest
@@ -27,6 +29,9 @@ from gibbs_codegen.flight.plant.environment import Environment
 from gibbs_codegen.flight.plant.vehicle import Vehicle
 from gibbs_codegen.flight.reference import Motion, Reference
 from gibbs_codegen.flight.scenario.parts import Law, Push
+from gibbs_codegen.flight.simulation import simulate
+from gibbs_codegen.runtime import program_flow
+from gibbs_codegen.runtime.c_library import ModuleLibrary
 from gibbs_codegen.runtime.program_flow import LEG, Flow
 
 pytestmark = pytest.mark.usefixtures("derived_once", "optimized")
@@ -298,3 +303,45 @@ def test_without_a_compiler_python_takes_the_steps(
     monkeypatch.setenv("CC", "no_such_compiler")
     assert CompiledLoops(closed, np.inf).at(NOTHING) is None
     assert "steps are taken in Python instead of C" in caplog.text
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {},
+        {"control": {"rate": 100.0}, "integration": {"method": "rk4"}},
+        {
+            "wind": {"velocity": [1.0, 0.0, 0.0], "drag": {"base": 0.3}},
+            "control": {"integral": 0.5},
+        },
+    ],
+    ids=["at all times", "sampled", "in wind"],
+)
+def test_a_flight_by_what_was_compiled_while_it_was_planned(
+    changes: dict[str, Any], modules: Load, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The text that is compiled ahead, for a machine at rest, is that of the flight."""
+    texts = list[str]()
+
+    class KnownError(Exception):
+        pass
+
+    def source(*given: Any) -> str:
+        texts.append(flow_source(*given))
+        raise KnownError
+
+    @contextmanager
+    def built(_: object, ahead: Callable[[], Callable[[], object]]) -> Iterator[None]:
+        with pytest.raises(KnownError):
+            ahead()()
+        yield
+
+    flow_source = program_flow.flow_source
+    monkeypatch.setattr(program_flow, "flow_source", source)
+    monkeypatch.setattr(ModuleLibrary, "built", built)
+    path = {"kind": "line", "start": [0, 0, 2], "end": [0.01, 0, 2], "duration": 1}
+    scenario = {"name": "line", "duration": 1, "base": {"path": path}, **changes}
+    with pytest.raises(KnownError):
+        simulate(modules("quadrotor_arm_2link"), scenario)
+    assert len(texts) == 2
+    assert texts[0] == texts[1]
