@@ -11,6 +11,7 @@ and that they can fly. `--page` writes the table to docs/explanation/waiting-tim
 from __future__ import annotations
 
 import argparse
+import ctypes
 import importlib.util
 import os
 import re
@@ -20,6 +21,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from statistics import median
@@ -38,6 +40,8 @@ PAGE = ROOT / "docs" / "explanation" / "waiting-times.md"
 # What stands for the interpreter of a checkout in commands.
 PYTHON = "python"
 COMMAND = [PYTHON, "-m", "gibbs_codegen"]
+# PR_SET_CHILD_SUBREAPER of Linux.
+_SUBREAPER = 36
 IMPORTS = "imports of NumPy, SciPy and Matplotlib"
 # The flight's duration in steps of 1 ms, with the series that a flight is looked at by.
 MUJOCO = """
@@ -141,7 +145,11 @@ class Checkout:
         done = subprocess.run(
             command, cwd=self.folder, env=environment, capture_output=True, text=True
         )
-        wall, after = time.perf_counter() - begin, resource.getrusage(resource.RUSAGE_CHILDREN)
+        wall = time.perf_counter() - begin
+        with suppress(ChildProcessError):  # Processes that it has started end after it.
+            while os.wait():
+                pass
+        after = resource.getrusage(resource.RUSAGE_CHILDREN)
         if done.returncode and row.robot:
             return None
         if done.returncode:
@@ -262,6 +270,8 @@ def main() -> None:
     parser.add_argument("--beside", type=Path, help="another checkout, with a .venv")
     parser.add_argument("--page", action="store_true", help=f"write {PAGE.relative_to(ROOT)}")
     options = parser.parse_args()
+    # Processes whose parents have ended are children of this one, so that their times count.
+    ctypes.CDLL(None).prctl(_SUBREAPER, 1, 0, 0, 0)
     pythons = [sys.executable]
     if options.beside:
         pythons.append(str(options.beside.absolute() / ".venv" / "bin" / "python"))

@@ -79,7 +79,8 @@ def _compile(folder: Path) -> int:
     start = time.perf_counter()
     try:
         if compiled := getattr(load(folder, "c"), "compiled", None):
-            compiled.build()
+            with compiled.built():
+                pass
             print(f"compiled for flights in {time.perf_counter() - start:.1f} s, and kept")
         return int(not compiled)
     except (CompilerError, CacheError) as error:

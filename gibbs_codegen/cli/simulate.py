@@ -6,7 +6,6 @@ import argparse
 import sys
 import time
 from collections.abc import Sequence
-from contextlib import nullcontext
 
 import numpy as np
 
@@ -52,22 +51,16 @@ def run(options: argparse.Namespace) -> int:
             *(options.robot, terminal.progress(), derivatives, functions),
             check=lambda robot: check_scenario(robot, scenario),
         ) as (folder, _),
+        drawing_beside(options.format) as workers,
         terminal.progress_bar() as progress,
-        drawing_beside() if options.format else nullcontext() as workers,
     ):
         start = time.perf_counter()
         robot = folder if options.backend == "c" else load(folder, options.backend)
         flight = simulate(robot, scenario, progress=progress)
         compiled = seconds_waited(start)
         flown = time.perf_counter() - start - compiled
-        write_results(
-            flight,
-            options.out,
-            animation=options.animate or "",
-            progress=progress,
-            formats=options.format,
-            workers=workers,
-        )
+        written = options.out, True, options.animate or "", progress, options.format, workers
+        write_results(flight, *written)
     print(
         f"{printable(options.out)}: {flight.robot} flew {flight.scenario!r} for "
         f"{flight.time[-1]:.4g} s, computed in {flown:.1f} s"

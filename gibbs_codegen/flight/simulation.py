@@ -41,8 +41,10 @@ import numpy as np
 from gibbs_codegen.errors import UsageError, check_all
 from gibbs_codegen.flight.control.choice import check_control, control_law, law_of
 from gibbs_codegen.flight.control.sampled_control import (
+    ControlLaw,
     OwnController,
     SampledControl,
+    ZeroOrderHold,
     law_in_time,
 )
 from gibbs_codegen.flight.desired.demands import limits_of
@@ -107,21 +109,10 @@ def simulate(
         UsageError: Or one of its kinds (`UnreachableError`, `SingularAttitudeError`,
             `AllocationError`), for a flight that cannot begin.
     """
-
-    def in_time(loop: ClosedLoop, scenario: Scenario) -> ClosedLoop:
-        """A closed loop whose law is evaluated as the scenario has it, or the controller's."""
-        law = law_in_time(loop.controller, scenario, loop.actuators, loop.idles, controller)
-        return replace(loop, controller=law)
-
-    def ahead(loop: ClosedLoop, scenario: Scenario) -> Callable[[], object]:
-        """What compiles a closed loop, once it is known how it is built."""
-        return compiled_ahead(
-            in_time(loop, scenario), scenario.duration, scenario.integration.method
-        )
-
-    start = flight_start(robot, scenario, progress, controller is not None, ahead)
-    scenario, loop = start.scenario, in_time(start.loop, start.scenario)
-    law = loop.controller
+    start = flight_start(robot, scenario, progress, controller is not None, integrates=True)
+    loop, scenario = start.loop, start.scenario
+    law = law_in_time(loop.controller, scenario, loop.actuators, loop.idles, controller)
+    loop = replace(loop, controller=law)
     begin = perf_counter()
     history = integrate(
         loop,
@@ -164,13 +155,13 @@ def flight_start(
     scenario: AnyScenario,
     progress: Progress,
     custom_law: bool,
-    ahead: Callable[[ClosedLoop, Scenario], Callable[[], object]] | None = None,
+    integrates: bool = False,
 ) -> FlightStart:
     """Everything up to the start of a flight, with a law that is evaluated at all times.
 
-    `custom_law`: whether the inputs come from elsewhere than the scenario's law. `ahead` says what
-    compiles a closed loop of the same form, which is done while the motion is planned. Raises
-    `UsageError` for a flight that cannot begin.
+    `custom_law`: whether the inputs come from elsewhere than the scenario's law. What `integrates`
+    the flight is compiled meanwhile, if it is to be. Raises `UsageError` for a flight that cannot
+    begin.
     """
     scenario = read_scenario(scenario)
     if custom_law:
@@ -187,8 +178,8 @@ def flight_start(
     with ExitStack() as compiling:
         with suppress(CompilerError, CacheError):  # Functions say so that are asked for.
             if compiled:
-                at_rest = partial(_at_rest, module, scenario, custom_law, ahead) if ahead else None
-                compiling.enter_context(compiled.built(at_rest))
+                ahead = partial(_ahead, module, scenario, custom_law) if integrates else None
+                compiling.enter_context(compiled.built(ahead))
         if module is not robot:
             module = load(robot, "c")
         vehicle = Vehicle(module, scenario.parameters)
@@ -205,26 +196,21 @@ def flight_start(
     return FlightStart(motion, loop, q, v)
 
 
-def _at_rest(
-    module: ModuleType,
-    scenario: Scenario,
-    custom_law: bool,
-    ahead: Callable[[ClosedLoop, Scenario], Callable[[], object]],
-) -> Callable[[], object]:
-    """What compiles a closed loop that follows no motion: its form is that of the flight's own.
+def _ahead(module: ModuleType, scenario: Scenario, custom_law: bool) -> Callable[[], object]:
+    """What compiles the closed loop of a flight before its motion is known.
 
-    Nothing where there is none. Numbers of the flight are none of what is compiled.
+    That is a loop at rest, since what is compiled depends on no number of the motion.
     """
     vehicle = Vehicle(getattr(module, "in_numpy", module), scenario.parameters)
-    rates = np.zeros((2, vehicle.layout.v.size))
-    motion = Motion(
-        np.array([0.0, scenario.duration]), np.tile(vehicle.neutral, (2, 1)), rates, rates
-    )
+    q, rates = np.tile(vehicle.neutral, (2, 1)), np.zeros((2, vehicle.layout.v.size))
+    motion = Motion(np.array([0.0, scenario.duration]), q, rates, rates)
     with suppress(UsageError), warnings.catch_warnings():
         warnings.simplefilter("ignore")  # The flight's own loop says so.
-        if scenario.control.law != PREDICTIVE:  # Its plans are compiled when they are made.
-            reference = vehicle.kinematics.reference(motion)
-            return ahead(_loop(vehicle, scenario, reference, custom_law), scenario)
+        loop = _loop(vehicle, scenario, vehicle.kinematics.reference(motion), custom_law)
+        law: ControlLaw = ZeroOrderHold(loop.controller, "own")
+        if not custom_law and scenario.control.law != PREDICTIVE:
+            law = law_in_time(loop.controller, scenario, loop.actuators, loop.idles)
+        return compiled_ahead(replace(loop, controller=law), scenario)
     return lambda: None
 
 

@@ -31,7 +31,7 @@ from typing import Any
 from gibbs_codegen.errors import UsageError, cause_of, printable
 from gibbs_codegen.files.verbatim import c_source
 from gibbs_codegen.interface import FUNCTIONS, WHOLES, module_signatures
-from gibbs_codegen.runtime.cache import cached_library, given_up
+from gibbs_codegen.runtime.cache import GIVEN_UP, cached_library
 
 # Numbers of the processes of compilers that run.
 _RUNNING: set[int] = set()
@@ -300,14 +300,6 @@ class ModuleLibrary:
             raise CompilerError(f"the library has no {symbol}; do flags in CC hide or rename it?")
         return library[symbol]
 
-    def build(self) -> None:
-        """Compile side by side what most flights call.
-
-        Raises as `function` does.
-        """
-        with self.built():
-            pass
-
     @contextmanager
     def built(self, ahead: Callable[[], Callable[[], object]] | None = None) -> Iterator[None]:
         """Compile side by side what most flights call, which is then there.
@@ -336,9 +328,11 @@ class ModuleLibrary:
                         task.result()
                 yield
             except (KeyboardInterrupt, SystemExit):
-                with given_up():  # Some may be about to start.
-                    while wait(tasks, _MOMENT).not_done:
-                        _end([*_RUNNING])
+                GIVEN_UP.set()
+                # Some may be about to start.
+                while wait(tasks, _MOMENT).not_done:
+                    _end([*_RUNNING])
+                GIVEN_UP.clear()
                 raise
 
     def _library(self, unit: Unit) -> ctypes.CDLL:

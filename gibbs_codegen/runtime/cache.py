@@ -13,8 +13,7 @@ import os
 import stat
 import sys
 import threading
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import AbstractContextManager, contextmanager
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from gibbs_codegen.errors import cause_of
@@ -23,9 +22,8 @@ from gibbs_codegen.files.staging import put_in_place, staging_folder
 
 _LIBRARY = "library.so"
 _DIGEST = "sha256"
-# How often who waits for another process looks whether to go on waiting, s.
-_LOOK_SECONDS = 0.5
-_GIVEN_UP = threading.Event()
+# Set while those on any thread are to give up who wait for another process.
+GIVEN_UP = threading.Event()
 
 
 class CacheError(Exception):
@@ -87,7 +85,10 @@ def _cached(
         root = _private_folder()
         entry = root / hashlib.sha256(key.encode()).hexdigest()
         if not is_there(entry):
-            with _locked(root / f"{entry.name}.lock"):
+            from filelock import FileLock  # Late, as most calls find the entry there.
+
+            lock = FileLock(root / f"{entry.name}.lock", mode=0o600)
+            with lock.acquire(cancel_check=GIVEN_UP.is_set):
                 if not is_there(entry):
                     # What was there is renamed: a library that another process has loaded must not
                     # change under it.
@@ -98,29 +99,6 @@ def _cached(
         where = error.filename or cache_folder()
         raise CacheError(f"{where}: {cause_of(error)}") from None
     return entry
-
-
-def _locked(path: Path) -> AbstractContextManager[object]:
-    """The lock of an entry, once nobody else has it; `CacheError` if that is `given_up`."""
-    from filelock import FileLock, Timeout  # Late, as most calls find the entry there.
-
-    lock = FileLock(path, mode=0o600)
-    while True:
-        try:
-            return lock.acquire(timeout=_LOOK_SECONDS)
-        except Timeout:
-            if _GIVEN_UP.is_set():
-                raise CacheError("another process was making it") from None
-
-
-@contextmanager
-def given_up() -> Iterator[None]:
-    """Have calls on all threads give up, meanwhile, that wait for another process."""
-    _GIVEN_UP.set()
-    try:
-        yield
-    finally:
-        _GIVEN_UP.clear()
 
 
 def cache_folder() -> Path:

@@ -21,6 +21,7 @@ from gibbs_codegen.arrays.functions import Functions
 from gibbs_codegen.arrays.nodes import Node, Program
 from gibbs_codegen.files.verbatim import c_source
 from gibbs_codegen.runtime.blocks import ONE, Blocks
+from gibbs_codegen.runtime.c_library import Compiler, chosen_compiler
 from gibbs_codegen.runtime.programs import c_text, called, library, take_step
 
 Array = NDArray[np.float64]
@@ -129,7 +130,8 @@ class ProgramSteps:
         self.size = program.inputs[2].size
         robots = [constants[owner] for owner in owners_of(program)]
         per_state = any(isinstance(x, np.ndarray) for x in robots)
-        self._run = _compiled(module, program, blocks, per_state=per_state)
+        compiler = chosen_compiler()
+        self._run = _compiled(module, program, blocks, compiler, per_state=per_state)
         self._count = blocks.count(count)
         inputs = dict(list(zip(program.names, program.inputs, strict=True))[3:])
         laid = values, robots, tables, guesses, count, blocks
@@ -204,7 +206,9 @@ def steps_source(
 
 
 @lru_cache(maxsize=16)
-def _compiled(module: ModuleType, program: Program, blocks: Blocks, *, per_state: bool) -> Any:
+def _compiled(
+    module: ModuleType, program: Program, blocks: Blocks, compiler: Compiler, *, per_state: bool
+) -> Any:
     """The function that takes many steps; with `per_state` states have constants of their own."""
     source = steps_source(program, Functions(module), blocks.lanes, per_state=per_state)
     sources = {f"_{program.name}.c": source}

@@ -7,7 +7,8 @@ import shutil
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import BrokenExecutor
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -71,7 +72,8 @@ def write_results(
         tasks, drawn = [], (flight, staging, formats)
         if workers and figures and len(flight.time) <= _MOST_SAMPLES:
             of = workers.count
-            tasks = [workers.submit(_drawn, *drawn, share, of) for share in range(of)]
+            with suppress(BrokenExecutor):
+                tasks = [workers.submit(_drawn, *drawn, share, of) for share in range(of)]
         progress("time series", 0.0)
         flight.write_npz(staging / "flight.npz")
         flight.write_csv(staging / "flight.csv")
@@ -107,14 +109,18 @@ def _drawn(flight: Flight, *arguments: Any) -> None:
 
 
 @contextmanager
-def drawing_beside() -> Iterator[Workers | None]:
-    """Processes that draw figures, and import what that takes from now on; None if they cannot."""
-    # Copies of a process in which libraries run threads are tested on Linux only.
-    if sys.platform != "linux" or own_count() < _MOST_WORKERS:
+def drawing_beside(formats: Sequence[str]) -> Iterator[Workers | None]:
+    """Processes that draw figures, and import what that takes from now on; None if they cannot.
+
+    They are copies of this one, in which no other thread of Python may run yet.
+    """
+    if not formats or sys.platform != "linux" or own_count() < _MOST_WORKERS:
         yield None
         return
-    workers = Workers(_MOST_WORKERS, ["gibbs_codegen.flight.figures.flight"])
+    workers = Workers(_MOST_WORKERS, "fork")
     try:
+        for _ in range(workers.count):
+            workers.submit(import_module, "gibbs_codegen.flight.figures.flight")
         yield workers
     finally:
         workers.end()

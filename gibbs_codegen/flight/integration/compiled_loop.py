@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable
-from functools import lru_cache, partial
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +22,7 @@ from gibbs_codegen.flight.integration.closed_loop import (
 )
 from gibbs_codegen.flight.integration.state_history import NOTHING, Loads
 from gibbs_codegen.flight.plant.vehicle import Array
-from gibbs_codegen.machine.closed_loop import LoopStructure
+from gibbs_codegen.flight.scenario.scenario import Scenario
 from gibbs_codegen.runtime.blocks import Blocks
 from gibbs_codegen.runtime.c_library import CompilerError
 from gibbs_codegen.runtime.cache import CacheError
@@ -84,25 +84,21 @@ def _constants(closed: ClosedLoop) -> dict[str, object]:
 
 def _programs(closed: ClosedLoop, loads: Loads, method: str) -> dict[str, Program]:
     """The programs of a closed loop by their names, while something acts."""
-    programs = _of_structure(loop_program(closed, loads), method)
+    whole = loop_program(closed, loads)
+    last = whole.end() if method == "adaptive" else whole.step()
+    programs = {program.name: program for program in (whole.slope(), last)}
     if closed.sampled and closed.sampled.sampled:
-        return programs | {"sample": sample_program(closed, closed.sampled.sampled, loads)}
+        programs["sample"] = sample_program(closed, closed.sampled.sampled, loads)
     return programs
 
 
-@lru_cache(maxsize=64)
-def _of_structure(whole: LoopStructure, method: str) -> dict[str, Program]:
-    """Those of a loop itself, by one structure: they share what is in both."""
-    last = whole.end() if method == "adaptive" else whole.step()
-    return {program.name: program for program in (whole.slope(), last)}
-
-
-def compiled_ahead(closed: ClosedLoop, duration: float, method: str) -> Callable[[], object]:
-    """What compiles the loop with which a flight of a duration, s, begins."""
-    loads = next(closed.smooth_intervals(0.0, duration)).loads
+def compiled_ahead(closed: ClosedLoop, scenario: Scenario) -> Callable[[], object]:
+    """What compiles the loop with which the flight of a scenario begins."""
+    loads = next(closed.smooth_intervals(0.0, scenario.duration)).loads
     if closed.hold is not None:
         loads = loads._replace(inputs=closed.hold.inputs)
-    return partial(flow_library, closed.vehicle.module, _programs(closed, loads, method))
+    programs = _programs(closed, loads, scenario.integration.method)
+    return partial(flow_library, closed.vehicle.module, programs)
 
 
 class CompiledLoop:

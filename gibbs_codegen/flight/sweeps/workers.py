@@ -1,7 +1,7 @@
 """Processes of this machine that compute calls.
 
-They start as new programs, without what the caller's program is made of: it may be a notebook, or a
-script that would do again what it does if it were imported.
+As a rule they start as new programs, without what the caller's program is made of: it may be a
+notebook, or a script that would do again what it does if it were imported.
 """
 
 from __future__ import annotations
@@ -11,7 +11,8 @@ import os
 import signal
 import sys
 import threading
-from collections.abc import Callable, Iterator, Sequence
+import warnings
+from collections.abc import Callable, Iterator
 from concurrent import futures
 from contextlib import contextmanager
 from typing import Any
@@ -20,26 +21,22 @@ from typing import Any
 class Workers:
     """At most so many processes that compute calls.
 
-    If modules are to be imported `ahead`, one process does so from now on, of which the workers are
-    copies: POSIX alone has that.
+    By the method "fork" they are copies of this process, which take no time to begin. No other
+    thread of Python may run then, and POSIX alone has them.
     """
 
-    def __init__(self, count: int, ahead: Sequence[str] = ()) -> None:
-        self.count = count
-        self._context = multiprocessing.get_context("forkserver" if ahead else "spawn")
+    def __init__(self, count: int, method: str = "spawn") -> None:
+        self.count, self._method = count, method
         self._pool: futures.ProcessPoolExecutor | None = None
-        if ahead:
-            from multiprocessing.forkserver import ensure_running  # Late: Windows has none.
-
-            self._context.set_forkserver_preload([*ahead])
-            with _without_main(), _uninterrupted():
-                ensure_running()
 
     def submit(self, function: Callable[..., Any], *arguments: Any) -> futures.Future[Any]:
         """Have a call of a module's function computed."""
         if self._pool is None:
-            self._pool = futures.ProcessPoolExecutor(self.count, self._context, _begin)
-        with _without_main(), _uninterrupted():
+            context = multiprocessing.get_context(self._method)
+            self._pool = futures.ProcessPoolExecutor(self.count, context, _begin)
+        with _without_main(), _uninterrupted(), warnings.catch_warnings():
+            # Of threads that libraries run when a process is copied.
+            warnings.simplefilter("ignore")
             return self._pool.submit(function, *arguments)
 
     def end(self) -> None:
