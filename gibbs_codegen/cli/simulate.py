@@ -29,7 +29,7 @@ _ROUND_OFF = 1e-9
 # Share of a wanted force from which on it counts as reached.
 _REACHED = 0.9
 # Compiling that is not worth a word, s.
-_SHORT = 0.05
+_SHORT = 0.2
 # How far joints may be beyond their limits, rad or m, by errors of integration.
 _INTEGRATION = 1e-5
 
