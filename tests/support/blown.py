@@ -1,4 +1,4 @@
-"""A robot with an arm, whose rotors spin and lag, as everything may act on it."""
+"""A robot with an arm on a spring, whose rotors spin and lag, as everything may act on it."""
 
 TEXT = """
 name = "blown"
@@ -20,6 +20,14 @@ inertia = [1e-3, 1e-3, 2e-5, 0, 0, 0]
 name = "tip"
 on   = "arm"
 xyz  = [0, 0, -0.2]
+
+[[spring]]
+name      = "stay"
+frame     = "tip"
+to        = "base"
+stiffness = 3
+length    = 0.1
+damping   = 0.02
 """ + "".join(
     f"""
 [[rotor]]

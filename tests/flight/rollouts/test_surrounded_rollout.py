@@ -71,6 +71,9 @@ def test_states_of_two_winds_and_payloads_fly_as_simulated(
         states = np.concatenate([done.q[k], done.v[k]], axis=1)
         # Thrusts that lag are exact in rollouts, and integrated in flights; so is the quaternion.
         np.testing.assert_allclose(states, expected, rtol=0, atol=2e-7)
+    if backend == "c":
+        single = rollout(module, Q, V, U, STEPS, **SETTINGS, **varied, precision="single")
+        np.testing.assert_allclose(single.q, done.q, rtol=0, atol=1e-4)
     assert np.abs(flown[0] - flown[1]).max() > 0.05
 
 
