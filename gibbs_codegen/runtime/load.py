@@ -84,7 +84,8 @@ def load(
         try:
             loaded = c_module(module, folder, chosen_compiler(), threads)
         except (CompilerError, CacheError) as error:
-            _log.warning("%s: NumPy serves instead of C: %s", module.NAME, printable(error, 400))
+            words = "%s: NumPy serves instead of C: %s; flights take many times as long"
+            _log.warning(words, module.NAME, printable(error, 400))
     if not isinstance(loaded, LoadedModule):
         loaded.__class__ = LoadedModule
     for ending in ("", "_derivatives"):

@@ -123,6 +123,7 @@ def test_what_does_not_go_together_is_refused(good: str, bad: str, words: str) -
             'command: missing: give "throttle"; thrusts are commanded without thrust_constant, '
             "command_limits, full_speed",
         ),
+        ("hub_drag = 1e-4", "hub_drag: needs the rotor's speed: give speed_per_sqrt_thrust"),
         (
             "command = 'throttle'\nfull_sped = 900\nmax_thrust = 9",
             "full_sped: unknown key; did you mean full_speed?",

@@ -251,9 +251,10 @@ class Rotor(Part):
             yield "speed_per_sqrt_thrust", "needs spin_inertia beside it: give both or none"
         if "spin_inertia" in values and values.get("drag", 0.0) == 0.0:
             yield "spin_inertia", "needs a drag that is not 0: its sign tells which way it spins"
+        either = "full_speed, or " if values.get("command") == "throttle" else ""
         for key in _BY_SPEED:
             if key in values and not _tells_speed(values):
-                yield key, "needs the rotor's speed: give full_speed, or speed_per_sqrt_thrust"
+                yield key, f"needs the rotor's speed: give {either}speed_per_sqrt_thrust"
         for key in ("ground_effect", "thrust_by_advance"):
             if values.get(key) and "disc_radius" not in values:
                 yield key, "needs disc_radius beside it, in m"
