@@ -21,6 +21,8 @@ from gibbs_codegen.interface import ARGUMENTS, FUNCTIONS, module_signatures
 Array = np.ndarray[Any, Any]
 _AXES, _TERMS, STEP = "xyz", 20, 1e-40
 _SINES = 5
+# The matrix of the cross product with each axis.
+_CROSS = np.cross(np.eye(3)[:, None], np.eye(3)).swapaxes(1, 2)
 
 
 def close(found: Any, wanted: Any, tolerance: float = 1e-12, name: str = "") -> None:
@@ -33,10 +35,7 @@ def close(found: Any, wanted: Any, tolerance: float = 1e-12, name: str = "") -> 
 
 def skew(x: Array) -> Array:
     """The matrix (..., 3, 3) of the cross product with a vector."""
-    none = np.zeros_like(x[..., 0])
-    rows = [[none, -x[..., 2], x[..., 1]], [x[..., 2], none, -x[..., 0]]]
-    rows.append([-x[..., 1], x[..., 0], none])
-    return np.stack([np.stack(row, -1) for row in rows], -2)
+    return np.tensordot(x, _CROSS, 1)
 
 
 def times(matrix: Array, x: Array) -> Array:
@@ -59,7 +58,7 @@ def rotation(quaternion: Array) -> Array:
 
 def turn(axis: str, angle: Array) -> Array:
     """The rotation by an angle about one axis."""
-    own = skew(np.eye(3)[_AXES.index(axis)])
+    own = _CROSS[_AXES.index(axis)]
     angle = np.asarray(angle)[..., None, None]
     return np.eye(3) + np.sin(angle) * own + (1.0 - np.cos(angle)) * own @ own
 
@@ -151,9 +150,10 @@ class MadeUp:
         value = ((share * sine) @ outer.T).reshape((*lead, *shape))
         slope = (outer * (share * cosine)[..., None, :]) @ inner
         slope = slope + (outer * sine[..., None, :]) @ size
-        both = np.einsum("...k,rk,ki,kj->...rij", cosine, outer, inner, size)
-        bend = both + np.swapaxes(both, -1, -2)
-        bend = bend - np.einsum("...k,rk,ki,kj->...rij", share * sine, outer, inner, inner)
+        both = inner[:, :, None] * size[:, None, :]
+        squares = inner[:, :, None] * inner[:, None, :]
+        bend = np.tensordot(outer * cosine[..., None, :], both + both.swapaxes(1, 2), 1)
+        bend = bend - np.tensordot(outer * (share * sine)[..., None, :], squares, 1)
         return value, slope, bend
 
     # What programs rely on.
@@ -241,8 +241,8 @@ class MadeUp:
         return np.stack([np.concatenate(pair, -1) for pair in pairs], -2)
 
     def _frame_jacobians(self, q: Array) -> Array:
-        columns = [self._frame_velocities(q, unit) for unit in np.eye(len(self.VELOCITIES))]
-        return np.stack(columns, -1)
+        units = np.eye(len(self.VELOCITIES))
+        return np.moveaxis(self._frame_velocities(q[..., None, :], units), -3, -1)
 
     def _forward_dynamics_with_wrenches(self, q: Array, v: Array, u: Array, wrenches: Array) -> Any:
         forces = np.einsum("...fiv,...fi->...v", self._frame_jacobians(q), wrenches)
@@ -271,7 +271,7 @@ class MadeUp:
     def _moves(self, q: Array) -> Array:
         """Rates of coordinates (q, v) by velocities."""
         units = np.eye(len(self.VELOCITIES))
-        return np.stack([self._coordinate_rates(q, unit) for unit in units], -1)
+        return np.swapaxes(self._coordinate_rates(q[..., None, :], units), -1, -2)
 
     def _complex_slope(self, name: str, place: int, given: Sequence[Array]) -> Array:
         """The same by complex steps, of coordinates as displacements."""
@@ -279,12 +279,9 @@ class MadeUp:
         is_q = ARGUMENTS[row.arguments[place]].is_coordinates
         steps = self._moves(given[place]).T if is_q else np.eye(given[place].size)
         steps = steps.reshape(-1, *given[place].shape)
-        columns = []
-        for step in steps:
-            moved = given[place] + 1j * STEP * step
-            found = self._called(name, *given[:place], moved, *given[place + 1 :])
-            columns.append(np.imag(found) / STEP)
-        slope = np.stack(columns, -1)
+        moved = given[place] + 1j * STEP * steps
+        found = self._called(name, *given[:place], moved, *given[place + 1 :])
+        slope = np.moveaxis(np.imag(found) / STEP, 0, -1)
         if row.outputs[0].is_coordinates:
             after = self._called(name, *given)
             slope = np.linalg.lstsq(self._moves(after), slope, rcond=None)[0]
