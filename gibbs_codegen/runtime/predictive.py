@@ -75,6 +75,9 @@ class Entry(NamedTuple):
 
 
 # Of the functions for users of C: what each returns, is given and does.
+# Macros of a line, and lines that define what they name.
+_MACRO = re.compile(r"#define (\w+)(?!.*\\$)")
+_DEFINITION = re.compile(r"(?:#define |static INLINE \w+ |IN_LANES\()(\w+)")
 _FUNCTIONS = {
     "size": ("size_t", "void", "Bytes of a controller."),
     "init": ("void", "{self}", "Fill in all settings, and reset. Once, before anything else."),
@@ -321,11 +324,16 @@ class Transcription:
 def _without_unused(lines: Sequence[str]) -> str:
     """C without macros of a line that only definitions name."""
     kept = "\n".join(lines).split("\n")
-    for name in {name for line in kept for name in re.findall(r"^#define (\w+)(?!.*\\$)", line)}:
-        defined = re.compile(rf"(#define |static INLINE \w+ |IN_LANES\(){name}\b")
-        if not any(re.search(rf"\b{name}\b", x) and not defined.match(x) for x in kept):
-            kept = [line for line in kept if not re.match(rf"#define {name}\b", line)]
-    return "\n".join(kept)
+    while True:
+        named = set[str]()
+        for line in kept:
+            defined = _DEFINITION.match(line)
+            named |= {*re.findall(r"\w+", line)} - {defined[1] if defined else ""}
+        left = [x for x in kept if not (macro := _MACRO.match(x)) or macro[1] in named]
+        if len(left) == len(kept):
+            return "\n".join(kept)
+        kept = left
+
 
 
 def _table(name: str, rows: Sequence[tuple[int, int]]) -> str:
