@@ -43,7 +43,8 @@ def build_environment(folder: Path, requirements: Sequence[str]) -> Path:
     """A virtual environment with what the build needs; its interpreter."""
     python = folder / "bin" / "python"
     run(sys.executable, "-m", "venv", "--without-pip", folder)
-    run(sys.executable, "-m", "pip", "--python", python, "install", "--quiet", *requirements)
+    pip = (sys.executable, "-m", "pip", "--python", python, "install", "--quiet", "--no-compile")
+    run(*pip, *requirements)
     return python
 
 

@@ -335,7 +335,6 @@ def _without_unused(lines: Sequence[str]) -> str:
         kept = left
 
 
-
 def _table(name: str, rows: Sequence[tuple[int, int]]) -> str:
     entries = ", ".join(f"{{{first}, {second}}}" for first, second in rows or [(0, -1)])
     return f"static const int {name}[][2] = {{{entries}}};"

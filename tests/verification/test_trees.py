@@ -6,7 +6,6 @@ from pathlib import Path
 
 import pytest
 from support.random_robots import random_tree
-from support.tools import tool
 
 from gibbs_codegen.pipeline import generate_robot
 from gibbs_codegen.robot.text import robot_text
@@ -17,25 +16,14 @@ from gibbs_codegen.verification.modules import verify
 SEED = 45
 
 
-def failures(folder: Path, backends: list[str]) -> list[str]:
-    """What `gibbs-codegen verify` finds wrong with a module."""
-    found = verify(folder, states=2, backends=backends)
-    assert list(found.comparisons) == backends, found.not_done
-    assert not any(what.endswith("with a formulation") for what in found.not_done)
-    return [failure_text(comparison) for _, comparison in found.failures]
-
-
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", [4])
-def test_random_trees_pass(seed: int, tmp_path: Path) -> None:
-    """Of every third, the C back end too."""
-    backends = ["numpy"]
-    if seed % 3 == 0:
-        tool("cc")
-        backends.append("c")
-    robot = random_tree(seed)
-    _, folder = generate_robot(robot, robot_text(robot), tmp_path, backends, verify=False)
-    assert failures(folder, backends) == []
+def test_a_random_tree_passes(tmp_path: Path) -> None:
+    robot = random_tree(4)
+    _, folder = generate_robot(robot, robot_text(robot), tmp_path, ["numpy"], verify=False)
+    found = verify(folder, states=2, backends=["numpy"])
+    assert [*found.comparisons] == ["numpy"], found.not_done
+    assert not any(what.endswith("with a formulation") for what in found.not_done)
+    assert [failure_text(comparison) for _, comparison in found.failures] == []
 
 
 def test_the_robot_of_planted_faults_has_what_trees_have() -> None:
