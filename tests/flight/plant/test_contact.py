@@ -491,9 +491,9 @@ def test_rollouts_of_inputs_touch_walls_in_numpy_and_c(folder: Path, block: Modu
     q0 = np.tile([0.0, 0.0, 0.11, 0.03, 0.02, 0.0, 1.0], (5, 1))
     v0 = 0.3 * random.normal(size=(5, 6))
     u = random.uniform(2.0, 5.0, (5, 1, 4))
-    options: dict[str, Any] = {"every": 50, "walls": scenario.walls, "time_constants": 0.03}
+    options: dict[str, Any] = {"every": 20, "walls": scenario.walls, "time_constants": 0.03}
     found = {
-        backend: rollout(load(folder, backend), q0, v0, u, 300, 1e-3, **options)
+        backend: rollout(load(folder, backend), q0, v0, u, 120, 1e-3, **options)
         for backend in ("numpy", "c")
     }
     exact = found["numpy"]
@@ -503,14 +503,14 @@ def test_rollouts_of_inputs_touch_walls_in_numpy_and_c(folder: Path, block: Modu
     for name in ("q", "v", "thrusts", "bristles"):
         expected = getattr(exact, name)
         np.testing.assert_allclose(getattr(found["c"], name), expected, rtol=0.0, atol=1e-10)
-    led = rollout(block, q0, v0, lambda t, q, v: u[:, 0], 300, 1e-3, **options)
+    led = rollout(block, q0, v0, lambda t, q, v: u[:, 0], 120, 1e-3, **options)
     np.testing.assert_allclose(led.q, exact.q, rtol=0.0, atol=1e-10)
-    single = rollout(block, q0, v0, u, 300, 1e-3, precision="single", **options)
+    single = rollout(block, q0, v0, u, 120, 1e-3, precision="single", **options)
     np.testing.assert_allclose(single.q, exact.q, rtol=0.0, atol=1e-3)
     # A loop of one's own integrates thrusts and entries of quaternions instead.
     simulation = Simulation(block, replace(scenario, integration=Settings(method="rk4")))
     simulation.reset(q0[0], v0[0])
-    simulation.step(u[0, 0], 0.3)
+    simulation.step(u[0, 0], 0.12)
     np.testing.assert_allclose(simulation.q, exact.q[0, -1], rtol=0.0, atol=1e-6)
     with pytest.raises(UsageError, match=r"walls: wall 1: frame: block has no frame tip"):
         rollout(block, q0, v0, u, 2, 1e-3, walls=[replace(scenario.walls[0], frame="tip")])
