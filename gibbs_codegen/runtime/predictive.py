@@ -75,8 +75,7 @@ class Entry(NamedTuple):
 
 
 # Of the functions for users of C: what each returns, is given and does.
-# Macros of a line, and lines that define what they name.
-_MACRO = re.compile(r"#define (\w+)(?!.*\\$)")
+# What begins a line, which defines what it names.
 _DEFINITION = re.compile(r"(?:#define |static INLINE \w+ |IN_LANES\()(\w+)")
 _FUNCTIONS = {
     "size": ("size_t", "void", "Bytes of a controller."),
@@ -324,15 +323,11 @@ class Transcription:
 def _without_unused(lines: Sequence[str]) -> str:
     """C without macros of a line that only definitions name."""
     kept = "\n".join(lines).split("\n")
-    while True:
-        named = set[str]()
-        for line in kept:
-            defined = _DEFINITION.match(line)
-            named |= {*re.findall(r"\w+", line)} - {defined[1] if defined else ""}
-        left = [x for x in kept if not (macro := _MACRO.match(x)) or macro[1] in named]
-        if len(left) == len(kept):
-            return "\n".join(kept)
-        kept = left
+    defined = [found[1] if (found := _DEFINITION.match(line)) else "" for line in kept]
+    pairs = [*zip(kept, defined, strict=True)]
+    named = {word for line, own in pairs for word in re.findall(r"\w+", line) if word != own}
+    macro = re.compile(r"#define (?!.*\\$)")
+    return "\n".join(line for line, own in pairs if own in named or not macro.match(line))
 
 
 def _table(name: str, rows: Sequence[tuple[int, int]]) -> str:

@@ -164,8 +164,7 @@ def _type_of(channel: BagChannel) -> str:
     from rosbags.typesys import get_types_from_msg
 
     kind = channel.kind if "/msg/" in channel.kind else channel.kind.replace("/", "/msg/")
-    fields_by_type = message_types(channel.encoding).fielddefs
-    definitions: dict[str, tuple[Any, Any]] = {}
+    fields_by_type, definitions = message_types(channel.encoding).fielddefs, dict[str, Any]()
     with suppress(Exception):  # Damaged, or in IDL.
         definitions = get_types_from_msg(channel.text, kind) if channel.text else {}
     if any(fields_by_type[name][1] != fields for name, (_, fields) in definitions.items()):
