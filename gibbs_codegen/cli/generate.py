@@ -13,7 +13,6 @@ from pathlib import Path
 from gibbs_codegen.cli import arguments, robot_argument, terminal
 from gibbs_codegen.errors import printable
 from gibbs_codegen.files.module_writer import kept_options
-from gibbs_codegen.program.nodes import count_operations
 from gibbs_codegen.robot.balance import balance_lines, lopsided
 from gibbs_codegen.targets.registry import DEFAULT_TARGETS, TARGETS
 
@@ -55,7 +54,7 @@ def run(options: argparse.Namespace) -> int:
         f"in {time.perf_counter() - start:.1f} s"
     )
     if "mass_matrix_and_residual" in model.functions:
-        counts = count_operations(model.program.function("mass_matrix_and_residual").nodes())
+        counts = model.program.function("mass_matrix_and_residual").operations
         words += (
             f"; mass matrix and residual take {counts.total} operations and "
             f"{counts.sine_cosine_pairs} sine-cosine pairs"

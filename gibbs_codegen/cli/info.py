@@ -318,7 +318,6 @@ def _derived_facts(robot: Robot, options: argparse.Namespace) -> dict[str, Any]:
     """Rows of the hybrid system, the chains that add to each entry of I_H, operations."""
     from gibbs_codegen.derivation.derive import derive  # It imports SymPy.
     from gibbs_codegen.derivation.hybrid import filled_matrix
-    from gibbs_codegen.program.nodes import count_operations
 
     functions = ["default", *(options.functions or robot_argument.functions_of(options.robot))]
     with terminal.progress() as progress:
@@ -328,9 +327,8 @@ def _derived_facts(robot: Robot, options: argparse.Namespace) -> dict[str, Any]:
     return {
         "hybrid_rows": _hybrid_rows(model),
         "operations": {
-            function.name: {"total": counts.total, **asdict(counts)}
+            function.name: {"total": function.operations.total, **asdict(function.operations)}
             for function in model.program.functions
-            for counts in [count_operations(function.nodes())]
         },
         "hybrid_pattern": [[list(chains) for chains in row] for row in filled_matrix(robot)],
     }

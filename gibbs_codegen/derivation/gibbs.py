@@ -21,6 +21,8 @@ from typing import NamedTuple
 import sympy as sp
 from sympy.polys.rings import PolyElement, PolyRing
 
+from gibbs_codegen.symbolic.tape import plus, times
+
 ACCELERATION = sp.symbols("r_ddot_x:z")
 OMEGA = sp.symbols("omega_x:z")
 OMEGA_DOT = sp.symbols("omega_dot_x:z")
@@ -127,7 +129,9 @@ def evaluated(expression: sp.Expr, values: Mapping[sp.Expr, sp.Expr]) -> sp.Expr
         if value is sp.S.Zero and expression.is_Mul:
             return value
         parts.append(value)
-    return expression.func(*parts)
+    if expression.is_Add:
+        return plus(*parts)
+    return times(*parts) if len(parts) == 2 and expression.is_Mul else expression.func(*parts)
 
 
 def _polynomials(symbols: Sequence[sp.Symbol]) -> list[PolyElement]:

@@ -21,7 +21,7 @@ from gibbs_codegen.robot.parts.constraint import QUATERNION
 from gibbs_codegen.robot.parts.numbers import BASE, XYZ
 from gibbs_codegen.robot.parts.part import Part, RobotNumber, changed_numbers
 from gibbs_codegen.robot.parts.ties import Tie
-from gibbs_codegen.symbolic.tape import InlineTape, Scalars, Stage, Vector
+from gibbs_codegen.symbolic.tape import InlineTape, Scalars, Stage, Vector, plus, times
 from gibbs_codegen.symbolic.vectors import ZERO
 
 
@@ -170,7 +170,8 @@ class Parameters:
         is too large for that, `first` is less than half of `whole`, and the rounding can be
         computed exactly and added (Dekker's sum of two numbers).
         """
-        let = self._tape.let
-        difference = let(first - whole)
-        rounding = let(first - let(difference + whole))
-        return let(let(let(difference + second) + rounding) / 2)
+        tape = self._tape
+        difference = tape.less(first, whole)
+        rounding = tape.less(first, tape.let(plus(difference, whole)))
+        excess = tape.let(plus(tape.let(plus(difference, second)), rounding))
+        return tape.let(times(sp.S.Half, excess))

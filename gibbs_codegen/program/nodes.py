@@ -188,6 +188,11 @@ class Function:
         for output in self.outputs:
             yield from dict.fromkeys(output.entries)
 
+    @_Once
+    def operations(self) -> Operations:
+        """The operations that it takes."""
+        return count_operations(self.nodes())
+
 
 @dataclass(frozen=True)
 class ScalarProgram:
@@ -233,23 +238,6 @@ class ScalarProgram:
         return [
             [node_value(entry, values) for entry in output.entries] for output in function.outputs
         ]
-
-
-def replaced(node: Node, values: Mapping[Node, Node]) -> Node:
-    """The node with every node that `values` maps replaced, outermost first."""
-    if node in values:
-        return values[node]
-    match node:
-        case Sum(terms):
-            return Sum(tuple((sign, replaced(term, values)) for sign, term in terms))
-        case Product(factors):
-            return Product(tuple(replaced(factor, values) for factor in factors))
-        case Reciprocal(argument):
-            return Reciprocal(replaced(argument, values))
-        case Call(function, argument):
-            return Call(function, replaced(argument, values))
-        case Name() | Number():
-            return node
 
 
 def calls_in(node: Node) -> tuple[Call, ...]:

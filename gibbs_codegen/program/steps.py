@@ -97,9 +97,10 @@ def schedule_stores(
     """
     places = {statement.name: i for i, statement in enumerate(statements)}
     ready: dict[int, list[Store]] = {}
+    zero = Number(0.0)
     for number, output in enumerate(outputs):
         for entry, value in enumerate(output.entries):
-            if zeros_stored[number] or value != Number(0.0):
+            if zeros_stored[number] or value != zero:
                 last = max((places.get(name, -1) for name in names_in(value)), default=-1)
                 ready.setdefault(last, []).append(Store(number, entry, value))
     steps: list[Step] = list(ready.get(-1, []))

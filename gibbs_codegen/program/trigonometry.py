@@ -14,6 +14,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 from gibbs_codegen.program import nodes
+from gibbs_codegen.program.nodes import Call, Product, Reciprocal, Sum
 
 
 @dataclass(frozen=True)
@@ -57,8 +58,19 @@ def gather_angles(function: nodes.Function) -> GatheredFunction:
     renamed: set[str] = set()
 
     def gathered(node: nodes.Node) -> nodes.Node:
-        changes = nodes.calls_in(node) or not renamed.isdisjoint(nodes.names_in(node))
-        return nodes.replaced(node, names) if changes else node
+        if not node.calls and renamed.isdisjoint(node.names):
+            return node
+        match node:
+            case Sum(terms):
+                return Sum(tuple([(sign, gathered(term)) for sign, term in terms]))
+            case Product(factors):
+                return Product(tuple([gathered(factor) for factor in factors]))
+            case Reciprocal(argument):
+                return Reciprocal(gathered(argument))
+            case Call(function, argument) if function not in ("sin", "cos"):
+                return Call(function, gathered(argument))
+            case _:
+                return names[node]
 
     statements = []
     for statement in function.statements:

@@ -23,6 +23,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext
+from dataclasses import dataclass
 from enum import IntEnum
 from operator import itemgetter
 
@@ -38,9 +39,11 @@ def times(a: sp.Expr, b: sp.Expr) -> sp.Expr:
     if a.is_Symbol and b.is_Symbol and a is not b:
         factors = (a, b) if a.name < b.name else (b, a)
         return sp.Mul._from_args(factors, is_commutative=True)
-    is_number = a.is_Rational and a is not sp.S.One
+    is_number = a.is_Number and a is not sp.S.One and bool(a)
     if (is_number and b.is_Symbol) or (a.is_Symbol and b.is_Add):
         return sp.Mul._from_args((a, b), is_commutative=True)
+    if is_number and b.is_Mul and b.args[0].is_Symbol:
+        return sp.Mul._from_args((a, *b.args), is_commutative=True)
     if is_minus_symbol(a):
         return negated(times(a.args[1], b))
     if is_minus_symbol(b):
@@ -55,6 +58,8 @@ def negated(a: sp.Expr) -> sp.Expr:
         return sp.Mul._from_args(factors[1:], is_commutative=True)
     if factors[0].is_Symbol:
         return sp.Mul._from_args((_MINUS_ONE, *factors), is_commutative=True)
+    if a.is_Mul and factors[0].is_Number:
+        return sp.Mul._from_args((-factors[0], *factors[1:]), is_commutative=True)
     return -a
 
 
@@ -193,6 +198,15 @@ class Scalars(ABC):
         return [self.sum_of_products(factors, entries) for entries in zip(*lists, strict=True)]
 
 
+@dataclass
+class _Returned:
+    """A result of `let`, what it was made of, and the words of the last function that let it."""
+
+    result: sp.Expr
+    parts: list[sp.Expr]
+    said: dict[sp.Symbol, str]
+
+
 class Tape(Scalars):
     """A tape that names every non-trivial result.
 
@@ -208,10 +222,9 @@ class Tape(Scalars):
         self._group = ("", Stage.PARAMETER)
         self.stages: dict[sp.Symbol, Stage] = {}
         self._ranks: dict[sp.Symbol, int] = {}
-        # What `let` has returned for an expression in this function, and in any function with what
-        # it named and let for that; the name of each definition.
-        self._results: dict[sp.Expr, sp.Expr] = {}
-        self._returned: dict[sp.Expr, tuple[sp.Expr, list[sp.Expr]]] = {}
+        # What `let` has returned for an expression; what it has named and let for the present one;
+        # the name of each definition.
+        self._returned: dict[sp.Expr, _Returned] = {}
         self._parts: list[sp.Expr] = []
         self._names: dict[sp.Expr, sp.Symbol] = {}
 
@@ -245,12 +258,11 @@ class Tape(Scalars):
 
         Yields the words of the groups as they are said in the `with` block.
         """
-        outer = self._said, self._results
-        self._said, self._results = {}, {}
+        outer, self._said = self._said, {}
         try:
             yield self._said
         finally:
-            self._said, self._results = outer
+            self._said = outer
 
     def let(self, expression: sp.Expr) -> sp.Expr:
         """Name a result, once for the same expression: a number, or a symbol, maybe with a minus.
@@ -260,24 +272,22 @@ class Tape(Scalars):
         if expression.is_Symbol or expression.is_Number:
             return expression
         self._parts.append(expression)
-        if (result := self._results.get(expression)) is not None:
+        returned = self._returned.get(expression)
+        if returned is None:
+            outer, self._parts = self._parts, []
+            result = self._name(expression)
+            self._returned[expression] = _Returned(result, self._parts, self._said)
+            self._parts = outer
             return result
         # Where another function has named it, only its words are new.
-        if expression in self._returned:
-            result, parts = self._returned[expression]
-            for part in parts:
+        if returned.said is not self._said:
+            returned.said = self._said
+            for part in returned.parts:
                 if part.is_Symbol:
                     self._say(part)
                 else:
                     self.let(part)
-            self._results[expression] = result
-            return result
-        outer, self._parts = self._parts, []
-        result = self._name(expression)
-        self._results[expression] = result
-        self._returned[expression] = (result, self._parts)
-        self._parts = outer
-        return result
+        return returned.result
 
     def _name(self, expression: sp.Expr) -> sp.Expr:
         if expression.is_number:

@@ -7,7 +7,7 @@ from functools import lru_cache
 
 from gibbs_codegen.interface import ARGUMENTS, FUNCTIONS, Output, Row, Signature
 from gibbs_codegen.program.model import Model
-from gibbs_codegen.program.nodes import Function, count_operations
+from gibbs_codegen.program.nodes import Function
 from gibbs_codegen.robot.description import Coordinate, Description
 from gibbs_codegen.targets.printers import Context, InfixPrinter
 
@@ -109,7 +109,7 @@ _SINGULARITY = (
 
 def operations(function: Function) -> str:
     """The number of operations of a function, in words."""
-    counts = count_operations(function.nodes())
+    counts = function.operations
     arctangents = f", {counts.arctangents} arctangents" if counts.arctangents else ""
     return f"{counts.total} operations, {counts.sine_cosine_pairs} sine-cosine pairs{arctangents}"
 

@@ -64,7 +64,7 @@ class InfixPrinter:
 
     def _factor(self, node: Node) -> str:
         text = self.expression(node)
-        compound = isinstance(node, Sum | Reciprocal) or text.startswith("-")
+        compound = text[0] == "-" or isinstance(node, (Sum, Reciprocal))
         return f"({text})" if compound else text
 
 

@@ -538,5 +538,5 @@ def _in_place_of(part: _Parts, whole: _Parts) -> tuple[dict[str, int], list[str]
 
 def _is_sparse(output: Output) -> bool:
     """True if it pays to clear the whole output first and then store what is not zero."""
-    zeros = sum(entry == Number(0.0) for entry in output.entries)
+    zeros = output.entries.count(Number(0.0))
     return zeros >= 32 and 3 * zeros >= len(output.entries)
