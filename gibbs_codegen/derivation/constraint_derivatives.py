@@ -33,7 +33,7 @@ import sympy as sp
 from gibbs_codegen.derivation.articulated import Articulation, root_turn
 from gibbs_codegen.derivation.articulated_derivatives import SeenPoint, doubled_velocities
 from gibbs_codegen.derivation.constraints import ConstraintEquations, Held
-from gibbs_codegen.derivation.forward_dynamics import about_base_centre, free_motions_of
+from gibbs_codegen.derivation.forward_dynamics import free_motions_of
 from gibbs_codegen.derivation.forward_dynamics_derivatives import (
     BaseColumns,
     base_columns,
@@ -118,7 +118,7 @@ class ConstraintDerivatives:
     def _base(self) -> tuple[list[sp.Expr], BaseColumns]:
         """Accelerations, and columns of them and of motions of the frames."""
         symbolic, constraints, tape = self._symbolic, self._system, self._symbolic.tape
-        motions = free_motions_of(about_base_centre(symbolic))
+        motions = free_motions_of(symbolic.centred)
         rates = symbolic.joint_state.rates
         doubled, seen = doubled_velocities(tape, self._articulation, motions, rates), []
         for held in constraints.held:

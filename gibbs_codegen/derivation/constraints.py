@@ -323,15 +323,10 @@ class ConstraintEquations:
     # What follows solves for the forces, in the axes in which segments work.
 
     @cached_property
-    def centred(self) -> SymbolicRobot:
-        """The robot about its base centre."""
-        return forward_dynamics.about_base_centre(self.symbolic)
-
-    @cached_property
     def articulation(self) -> Articulation:
         """The solved joints under thrusts."""
         with forward_dynamics.refused_as_singular(self.symbolic):
-            return forward_dynamics.articulation_of(self.centred, forward_dynamics.thrusts)
+            return forward_dynamics.articulation_of(self.symbolic.centred, forward_dynamics.thrusts)
 
     @cached_property
     def _root(self) -> tuple[list[int], Factors]:
@@ -344,7 +339,7 @@ class ConstraintEquations:
     def working(self, held: Held) -> tuple[Frame, Vector]:
         """World axes of the frame in which a segment works, and where there the held frame is."""
         tree, k = self.articulation.tree, held.frame.segment
-        (centred,) = mounted_frames(self.centred, held.frame.name)
+        (centred,) = mounted_frames(self.symbolic.centred, held.frame.name)
         by_segment = tree.works_in_own_frame(k)
         rotation = NO_ROTATION if by_segment else tree.segments[k].rotation
         axes = self._frames[k].axes if by_segment else self._frames[k].group
@@ -591,7 +586,7 @@ class ConstraintEquations:
         They are what velocities make, unless loads act `alone`, and what solved joints add.
         """
         tape, motions = self._tape, list[Values]()
-        free = forward_dynamics.free_motions_of(self.centred)
+        free = forward_dynamics.free_motions_of(self.symbolic.centred)
         if articulation is not None:
             root, joints = accelerations_outward(tape, articulation)
         for held in self.held:

@@ -12,7 +12,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import replace
 
 import sympy as sp
 
@@ -31,7 +30,6 @@ from gibbs_codegen.derivation.symbolic_robot import SymbolicRobot
 from gibbs_codegen.errors import SingularRobotError
 from gibbs_codegen.graph.from_tape import ImportedTape
 from gibbs_codegen.program.lower import operations
-from gibbs_codegen.robot.description import Description
 from gibbs_codegen.symbolic.ldlt import ZeroPivotError, operations_to_solve, solve_symmetric
 from gibbs_codegen.symbolic.tape import Scalars, Vector
 from gibbs_codegen.symbolic.vectors import NO_WRENCH, ZERO, Matrix, Wrench, minus, zeros
@@ -77,7 +75,7 @@ def articulated_dynamics(symbolic: SymbolicRobot, acting: Acting = thrusts) -> l
     Raises `SingularRobotError` where a joint moves nothing that has mass or inertia.
     """
     with refused_as_singular(symbolic):
-        articulation = articulation_of(about_base_centre(symbolic), acting)
+        articulation = articulation_of(symbolic.centred, acting)
         root, joints = accelerations_outward(symbolic.tape, articulation)
     root = root_in_group_frame(symbolic.tape, articulation, root)
     return in_coordinates(symbolic, [joint.relative for joint in joints], root)
@@ -110,7 +108,7 @@ def factorised_dynamics(
     that has mass or inertia.
     """
     tape, n = symbolic.tape, symbolic.joints
-    centred = about_base_centre(symbolic)
+    centred = symbolic.centred
     inertia = tree_dynamics.joint_space_inertia(tape, centred.reduced_tree)
     with tape.group("mass matrix with the armature of the joints"):
         for j, armature in enumerate(armatures(symbolic)):
@@ -188,18 +186,6 @@ def refused_as_singular(symbolic: SymbolicRobot) -> Iterator[None]:
     except ZeroPivotError as error:
         unresisted = symbolic.description.coordinate_text(places[error.unknown])
         raise SingularRobotError(symbolic.robot.name, [(unresisted,)]) from None
-
-
-def about_base_centre(symbolic: SymbolicRobot) -> SymbolicRobot:
-    """A robot with the origin of its coordinates at the base centre.
-
-    Unless a motor is the origin, it is the same object.
-    """
-    base = symbolic.robot.base
-    if base.origin != "motor1":
-        return symbolic
-    robot = replace(symbolic.robot, base=replace(base, origin="centre"))
-    return replace(symbolic, description=Description(robot))
 
 
 def in_coordinates(

@@ -300,7 +300,7 @@ def base_columns(
     joints they do not notice how the whole robot is turned.
     """
     tape, tree = symbolic.tape, articulation.tree
-    centred = forward_dynamics.about_base_centre(symbolic)
+    centred = symbolic.centred
     motions = forward_dynamics.free_motions_of(centred)
     root, joints = accelerations_outward(tape, articulation)
     in_group_frame = root_in_group_frame(tape, articulation, root)
@@ -321,7 +321,7 @@ def _differentiated(
 ) -> tuple[ForwardDynamicsDerivatives, BaseColumns]:
     """Derivatives under what acts besides gravity and turns with the bodies; and more columns."""
     places = symbolic.places
-    centred = forward_dynamics.about_base_centre(symbolic)
+    centred = symbolic.centred
     with forward_dynamics.refused_as_singular(symbolic):
         articulation = forward_dynamics.articulation_of(centred, acting)
         acceleration, base = base_columns(symbolic, articulation, by_inertia)

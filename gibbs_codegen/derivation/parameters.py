@@ -84,8 +84,10 @@ class Parameters:
         arms, base = range(1, robot.base.rotors + 1), robot.base
         drags = self._symbols(base, "base")["drag"]
         self.rotors = {k: {"drag": drag} for k, drag in zip(arms, drags, strict=True)}
-        number = "" if base.shares_one_arm else "{}"
-        self.arms = {k: self._body(f"base_arm{number.format(k)}", base.arm(k)) for k in arms}
+        if base.shares_one_arm:
+            self.arms = dict.fromkeys(arms, self._body("base_arm", base.arm(1)))
+        else:
+            self.arms = {k: self._body(f"base_arm{k}", base.arm(k)) for k in arms}
         self.central_body = self._body("base", base.body).inertia if base.body else None
         self.links: dict[int, LinkSymbols] = {}
         for i in range(1, len(robot.links) + 1):

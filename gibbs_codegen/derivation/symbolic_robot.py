@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import sympy as sp
@@ -195,6 +195,18 @@ class SymbolicRobot:
             # Linear velocities may count along the base's axes; then its components do as well.
             along = [*base.accelerations[:3], *linear]
             return tuple(self.root.coordinate_rates(self.tape, coordinates, along)[-3:])
+
+    @cached_property
+    def centred(self) -> SymbolicRobot:
+        """The robot with the origin of its coordinates at the base centre.
+
+        Unless a motor is the origin, it is the same object.
+        """
+        base = self.robot.base
+        if base.origin != "motor1":
+            return self
+        robot = replace(self.robot, base=replace(base, origin="centre"))
+        return replace(self, description=Description(robot))
 
     @cached_property
     def centre(self) -> Vector:
