@@ -25,13 +25,14 @@ from weakref import WeakValueDictionary
 import numpy as np
 
 from gibbs_codegen.errors import UsageError
+from gibbs_codegen.frozen import frozen
 
 Shape = tuple[int, ...]
 # A node, or numbers.
 Value: TypeAlias = "Node | float | np.ndarray"
 
 
-@dataclass(frozen=True)
+@frozen
 class Space:
     """The space of a robot's coordinates: how many entries they have, and displacements of them.
 
@@ -49,21 +50,21 @@ class Space:
         return self.coordinates != self.velocities
 
 
-@dataclass(frozen=True)
+@frozen
 class Input:
     """An argument of a program, by its name."""
 
     name: str
 
 
-@dataclass(frozen=True)
+@frozen
 class Constant:
     """Numbers, as the bytes of doubles."""
 
     data: bytes
 
 
-@dataclass(frozen=True)
+@frozen
 class Call:
     """An output of a function of a module, `owner` being whose parameters it is called with."""
 
@@ -72,7 +73,7 @@ class Call:
     output: int
 
 
-@dataclass(frozen=True)
+@frozen
 class Invocation:
     """An output of another program, which stays a program: it is derived and printed once."""
 
@@ -80,7 +81,7 @@ class Invocation:
     output: str
 
 
-@dataclass(frozen=True)
+@frozen
 class External:
     """A function written by hand in every language.
 
@@ -92,36 +93,36 @@ class External:
     formula: Callable[[int], Program] | None = None
 
 
-@dataclass(frozen=True)
+@frozen
 class Elementary:
     """A function of numbers, entry by entry; axes of one entry and numbers go with any others."""
 
     name: str
 
 
-@dataclass(frozen=True)
+@frozen
 class Contraction:
     """The sum over the last axis of the first and the first axis of the second argument."""
 
 
-@dataclass(frozen=True)
+@frozen
 class Solution:
     """The inverse of a matrix times a vector or matrix."""
 
 
-@dataclass(frozen=True)
+@frozen
 class Transposition:
     """The same entries with axes in another order."""
 
     axes: tuple[int, ...]
 
 
-@dataclass(frozen=True)
+@frozen
 class Reshaping:
     """The same entries, row by row, in another shape."""
 
 
-@dataclass(frozen=True)
+@frozen
 class RowRange:
     """Entries or rows from one to another, along the first axis."""
 
@@ -129,26 +130,26 @@ class RowRange:
     end: int
 
 
-@dataclass(frozen=True)
+@frozen
 class Joining:
     """Vectors, or arrays along their first axis, one after the other."""
 
 
-@dataclass(frozen=True)
+@frozen
 class Total:
     """The sum over some axes, which are kept with one entry."""
 
     axes: tuple[int, ...]
 
 
-@dataclass(frozen=True)
+@frozen
 class Entries:
     """The entries of coordinates, as a plain vector."""
 
     space: Space
 
 
-@dataclass(frozen=True)
+@frozen
 class Coordinates:
     """Coordinates with these entries, of which a quaternion has unit length."""
 

@@ -7,7 +7,7 @@ and its Jacobian, gravity, and the momentum about the centre.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import sympy as sp
 
@@ -16,6 +16,7 @@ from gibbs_codegen.derivation.inertia import Inertia
 from gibbs_codegen.derivation.jointed_bodies import JointedBodies
 from gibbs_codegen.derivation.motion import Acceleration, TreeState
 from gibbs_codegen.derivation.symbolic_robot import SymbolicRobot
+from gibbs_codegen.frozen import frozen
 from gibbs_codegen.robot.layout import frames_of
 from gibbs_codegen.robot.names import identifier
 from gibbs_codegen.robot.parts.numbers import BASE
@@ -26,7 +27,7 @@ from gibbs_codegen.symbolic.vectors import NO_ROTATION, ZERO, Matrix, Rotation, 
 Frame = tuple[Vector, ...]
 
 
-@dataclass(frozen=True)
+@frozen
 class SegmentFrame:
     """Pose of a segment: its joint from the origin of the coordinates, and axes, in world axes.
 
@@ -61,7 +62,7 @@ def segment_frames(symbolic: SymbolicRobot, in_base: bool = False) -> list[Segme
     return frames
 
 
-@dataclass(frozen=True)
+@frozen
 class MountedFrame:
     """A named frame on a segment: `position` from its joint (m) and `turn`, in its own frame."""
 

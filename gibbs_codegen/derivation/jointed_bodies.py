@@ -18,7 +18,7 @@ costs by Denavit–Hartenberg parameters.
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from fractions import Fraction
 
 import sympy as sp
@@ -26,6 +26,7 @@ import sympy as sp
 from gibbs_codegen.derivation.inertia import NO_INERTIA, Inertia, total
 from gibbs_codegen.derivation.parameters import LinkSymbols, Parameters
 from gibbs_codegen.derivation.segment_tree import JointedLink
+from gibbs_codegen.frozen import frozen
 from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.robot.names import identifier
 from gibbs_codegen.robot.parts.link import Link
@@ -49,7 +50,7 @@ from gibbs_codegen.symbolic.vectors import ZERO, X, Z, axis_vector, cos_sin_deg
 _LEAST_SINE = 0.1
 
 
-@dataclass(frozen=True)
+@frozen
 class BodyFrame:
     """Pose, in a segment's own frame, of the frame that the robot file gives a body."""
 
@@ -79,7 +80,7 @@ class BodyFrame:
         return BodyFrame(outer.segment, turn, outer.point(tape, self.origin))
 
 
-@dataclass(frozen=True)
+@frozen
 class PlacedLink:
     """A link in symbols, where the robot file places it.
 
@@ -161,7 +162,7 @@ def _turns(links: Sequence[PlacedLink]) -> list[Turn | None]:
     return turns
 
 
-@dataclass(frozen=True)
+@frozen
 class JointedBodies:
     """Links with joints, and the links welded to them.
 

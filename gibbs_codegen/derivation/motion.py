@@ -8,10 +8,9 @@ on parallel axes, whose motions are kept in one frame, share most of it.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import sympy as sp
 
+from gibbs_codegen.frozen import frozen
 from gibbs_codegen.robot.layout import Places
 from gibbs_codegen.symbolic.tape import Scalars, Values, Vector, negated, plus, times
 from gibbs_codegen.symbolic.vectors import Rotation, Transform
@@ -19,7 +18,7 @@ from gibbs_codegen.symbolic.vectors import Rotation, Transform
 Gradient = tuple[Vector, ...]
 
 
-@dataclass(frozen=True)
+@frozen
 class TreeState:
     """Velocities and their rates in the order of the tree's coordinates, and gravity."""
 
@@ -49,7 +48,7 @@ class TreeState:
         return base, joints
 
 
-@dataclass(frozen=True)
+@frozen
 class Motion:
     """ω, dω/dt, the acceleration r̈ of the joint, and A by columns, in one frame."""
 
@@ -148,7 +147,7 @@ class Motion:
         return Motion(self.omega, self.omega_dot, tape.add(self.acceleration, gain), self.gradient)
 
 
-@dataclass(frozen=True)
+@frozen
 class Acceleration:
     """r̈ and ω̇ of a frame."""
 

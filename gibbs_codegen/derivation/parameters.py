@@ -7,13 +7,13 @@ so that sums over arms that vanish by symmetry can be seen to vanish.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any
 
 import sympy as sp
 
 from gibbs_codegen.arrays.nodes import Node, variable, zeros
 from gibbs_codegen.derivation.inertia import Inertia
+from gibbs_codegen.frozen import frozen
 from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.robot.names import frame_prefix, parameter_prefix, rotor_prefix, tie_prefix
 from gibbs_codegen.robot.parts.body import Body, Rod
@@ -25,7 +25,7 @@ from gibbs_codegen.symbolic.tape import InlineTape, Scalars, Stage, Vector, plus
 from gibbs_codegen.symbolic.vectors import ZERO
 
 
-@dataclass(frozen=True)
+@frozen
 class BodySymbols:
     """Length of a body, and its inertia about its joint in its own frame."""
 
@@ -33,7 +33,7 @@ class BodySymbols:
     inertia: Inertia
 
 
-@dataclass(frozen=True)
+@frozen
 class PassiveSymbols:
     """Passive forces of a joint, as in `robot.model.Passive`."""
 
@@ -43,7 +43,7 @@ class PassiveSymbols:
     rest: sp.Expr
 
 
-@dataclass(frozen=True)
+@frozen
 class LinkSymbols:
     """Place and body of a link, and the forces at its joint.
 

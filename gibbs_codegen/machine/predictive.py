@@ -19,7 +19,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from functools import cached_property
 
 import numpy as np
@@ -45,6 +45,7 @@ from gibbs_codegen.arrays.nodes import (
     variable,
     zeros,
 )
+from gibbs_codegen.frozen import frozen
 from gibbs_codegen.machine.contact import FIGURES, Touch
 from gibbs_codegen.machine.machine import NO_SURROUNDINGS, Machine, Surroundings
 from gibbs_codegen.machine.state import State
@@ -58,7 +59,7 @@ _LEAST_TRACE = 1e-9
 _SLOW = 0.02
 
 
-@dataclass(frozen=True)
+@frozen
 class PredictedMachine(Machine):
     """A machine whose frames are to have the velocities `desired` (f, 6), m/s and rad/s.
 
@@ -81,7 +82,7 @@ class PredictedMachine(Machine):
         return touches
 
 
-@dataclass(frozen=True)
+@frozen
 class Horizon:
     """All that the programs of a predictive controller depend on.
 
@@ -437,7 +438,7 @@ class Horizon:
         return 0.5 * cost, efforts, rates, changed
 
 
-@dataclass(frozen=True)
+@frozen
 class NodeInputs:
     """Inputs of a node's program, and by name state, next state, reference and weights."""
 

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import itertools
-from dataclasses import astuple, dataclass
+from dataclasses import astuple
 from functools import cached_property
 from typing import Generic, NamedTuple, TypeVar
+
+from gibbs_codegen.frozen import frozen
 
 T = TypeVar("T")
 
@@ -27,7 +29,7 @@ class State(NamedTuple, Generic[T]):
     bristles: T
 
 
-@dataclass(frozen=True)
+@frozen
 class StateLayout:
     """The number of entries of each part of a state."""
 

@@ -20,9 +20,11 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import astuple, dataclass, replace
+from dataclasses import astuple, replace
 from itertools import chain
 from typing import Any, Generic, Literal, TypeVar
+
+from gibbs_codegen.frozen import frozen
 
 Found = TypeVar("Found")
 
@@ -66,7 +68,7 @@ class _Expression:
         return tuple(chain.from_iterable([part.calls for part in self.operands]))
 
 
-@dataclass(frozen=True)
+@frozen
 class Name(_Expression):
     """An input, a constant or a temporary."""
 
@@ -78,14 +80,14 @@ class Name(_Expression):
         return (self.name,)
 
 
-@dataclass(frozen=True)
+@frozen
 class Number(_Expression):
     """A literal."""
 
     value: float
 
 
-@dataclass(frozen=True)
+@frozen
 class Sum(_Expression):
     """Sum of terms, each with its sign, +1 or −1."""
 
@@ -97,7 +99,7 @@ class Sum(_Expression):
         return tuple([term for _, term in self.terms])
 
 
-@dataclass(frozen=True)
+@frozen
 class Product(_Expression):
     """Product of factors."""
 
@@ -109,7 +111,7 @@ class Product(_Expression):
         return self.factors
 
 
-@dataclass(frozen=True)
+@frozen
 class Reciprocal(_Expression):
     """1/x."""
 
@@ -121,7 +123,7 @@ class Reciprocal(_Expression):
         return (self.argument,)
 
 
-@dataclass(frozen=True)
+@frozen
 class Call(_Expression):
     """A function of one number; `sign` is 1 or −1, and of zero either."""
 
@@ -150,7 +152,7 @@ _FUNCTIONS: dict[str, Callable[[float], float]] = {
 Node = Name | Number | Sum | Product | Reciprocal | Call
 
 
-@dataclass(frozen=True)
+@frozen
 class Statement:
     """`name` = `value`; `group` says what it is a part of, as "motion of link 3"."""
 
@@ -159,7 +161,7 @@ class Statement:
     group: str = ""
 
 
-@dataclass(frozen=True)
+@frozen
 class Output:
     """An array that a function returns: its shape and its entries in C order."""
 
@@ -167,7 +169,7 @@ class Output:
     entries: tuple[Node, ...]
 
 
-@dataclass(frozen=True)
+@frozen
 class Function:
     """A straight-line function.
 
@@ -194,7 +196,7 @@ class Function:
         return count_operations(self.nodes())
 
 
-@dataclass(frozen=True)
+@frozen
 class ScalarProgram:
     """Everything that a target emits for one robot.
 
@@ -281,7 +283,7 @@ def node_value(node: Node, values: Mapping[str, float]) -> float:
             return _FUNCTIONS[function](node_value(argument, values))
 
 
-@dataclass(frozen=True)
+@frozen
 class Operations:
     """Exact operation counts; signs and their changes count as subtractions.
 

@@ -11,13 +11,14 @@ once are several times cheaper than one by one, if the target has a way to do th
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
+from gibbs_codegen.frozen import frozen
 from gibbs_codegen.program import nodes
 from gibbs_codegen.program.nodes import Call, Product, Reciprocal, Sum
 
 
-@dataclass(frozen=True)
+@frozen
 class GatheredFunction:
     """A function in which the sines and cosines of `angles` are names.
 

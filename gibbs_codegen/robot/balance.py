@@ -7,10 +7,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
+from gibbs_codegen.frozen import frozen
 from gibbs_codegen.robot import posture
 from gibbs_codegen.robot.layout import frames_of, joint_terms
 from gibbs_codegen.robot.model import Robot
@@ -30,7 +31,7 @@ _FAR_BETTER = 3.0
 _TRIED, _TRAVEL = 20, 1.0
 
 
-@dataclass(frozen=True)
+@frozen
 class Arrangement:
     """Rank, condition number (infinite where the rank is below 6) and what cannot be commanded.
 
@@ -96,7 +97,7 @@ def tried_postures(robot: Robot) -> Array:
     return low + shares * (np.array(high) - np.array(low))
 
 
-@dataclass(frozen=True)
+@frozen
 class TiltHint:
     """Motors 1 … N whose tilts had better have the other sign, and the condition number then."""
 
@@ -138,7 +139,7 @@ def tilt_hint(robot: Robot) -> TiltHint | None:
     return best if best.condition * _FAR_BETTER < now.condition else None
 
 
-@dataclass(frozen=True)
+@frozen
 class HoverThrusts:
     """Thrusts in N of least norm that carry the robot, level and at rest; None where none do.
 
@@ -205,7 +206,7 @@ def hover(robot: Robot, margin: bool = True) -> HoverThrusts:
     return HoverThrusts(hovering, times, tuple(beyond))
 
 
-@dataclass(frozen=True)
+@frozen
 class Endurance:
     """Hovering on a battery: `voltage`, V, and `current`, A, when it is full.
 
@@ -219,7 +220,7 @@ class Endurance:
     until: str
 
 
-@dataclass(frozen=True)
+@frozen
 class HoverCommands:
     """Commands of rotors that hover, with a full battery where there is one.
 
