@@ -7,12 +7,13 @@ so that sums over arms that vanish by symmetry can be seen to vanish.
 
 from __future__ import annotations
 
+from functools import cached_property
 from typing import Any
 
 import sympy as sp
 
 from gibbs_codegen.arrays.nodes import Node, variable, zeros
-from gibbs_codegen.derivation.inertia import Inertia
+from gibbs_codegen.derivation.inertia import NO_INERTIA, Inertia, total
 from gibbs_codegen.frozen import frozen
 from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.robot.names import frame_prefix, parameter_prefix, rotor_prefix, tie_prefix
@@ -22,7 +23,7 @@ from gibbs_codegen.robot.parts.numbers import BASE, XYZ
 from gibbs_codegen.robot.parts.part import Part, RobotNumber, changed_numbers
 from gibbs_codegen.robot.parts.ties import Tie
 from gibbs_codegen.symbolic.tape import InlineTape, Scalars, Stage, Vector, plus, times
-from gibbs_codegen.symbolic.vectors import ZERO
+from gibbs_codegen.symbolic.vectors import ZERO, Rotation
 
 
 @frozen
@@ -99,6 +100,14 @@ class Parameters:
             for frame in robot.frames
         }
         self.ties = {tie_prefix(tie): self._tie(tie) for tie in robot.ties}
+
+    @cached_property
+    def rods(self) -> Inertia:
+        """Inertia of the base's rods from the second on, about the base centre, in its axes."""
+        inline, base = InlineTape(), self.robot.base
+        turns = {k: Rotation.degrees(2, base.arm_angle_deg(k)) for k in range(2, base.rotors + 1)}
+        rods = [self.arms[k].inertia.rotated(inline, turn) for k, turn in turns.items()]
+        return total(inline, rods) if rods else NO_INERTIA
 
     def node(self, number: RobotNumber) -> Node:
         """An input of array programs for a parameter, or zero where it is structural."""

@@ -257,13 +257,8 @@ class SymbolicRobot:
         Rods of one table share their parameters; what vanishes by symmetry vanishes here.
         """
         inline = InlineTape()
-        rods = [
-            self.parameters.arms[k].inertia.rotated(inline, self.rod_frame(k))
-            for k in range(2, self.robot.base.rotors + 1)
-        ]
-        parts = [self.core_inertia()]
-        if rods:
-            parts.insert(0, total(inline, rods).shifted(inline, self.centre))
+        rods = self.parameters.rods.shifted(inline, self.centre)
+        parts = [rods, self.core_inertia()]
         with self.tape.group("inertia of the base, about the origin", Stage.PARAMETER):
             return total(inline, parts).mapped(gather).mapped(self.tape.let)
 

@@ -170,14 +170,15 @@ class _Matcher:
         loop.
         """
         last = start + (count - 1) * length
-        shared = [self._names[i] & self._names[i - length] for i in range(last, last + length)]
+        end = last + length
+        shared = [self._names[i] & self._names[i - length] for i in range(last, end)]
+        inner = [[s - last for s in sources if s >= last] for sources in self._sources[last:end]]
         for first in range(last - length, last - _FEWEST_BLOCKS * length, -length):
             # Shared names and own ones that blocks read: quick to compare, and mostly different.
             if not all(
-                names <= self._names[first + i]
-                and [s - first for s in self._sources[first + i] if s >= first]
-                == [s - last for s in self._sources[last + i] if s >= last]
-                for i, names in enumerate(shared)
+                names <= self._names[i]
+                and [s - first for s in self._sources[i] if s >= first] == own
+                for i, (names, own) in enumerate(zip(shared, inner, strict=True), first)
             ):
                 return None
         pattern: list[object] = []

@@ -166,7 +166,7 @@ def allocate_scratch(
             continue
         straight = tuple(item for item in section if not isinstance(item, steps.Loop))
         used = dict.fromkeys(name for step in straight for name in steps.used_names(step))
-        defined = [name for step in straight for name in steps.defined_names(step)]
+        defined = dict.fromkeys(name for step in straight for name in steps.defined_names(step))
         allocated.append(
             Section(
                 straight,

@@ -31,7 +31,7 @@ def settled(number: sp.Expr) -> sp.Expr:
     if number.is_Rational:
         return number
     multiple = _FRACTION * sp.N(number, DIGITS)
-    nearest = sp.Integer(round(multiple))
+    nearest = sp.Integer(int(multiple + (sp.S.Half if multiple > 0 else -sp.S.Half)))
     if abs(multiple - nearest) < _VANISHING:
         return nearest / _FRACTION
     return sp.N(number, DIGITS) if number.has(sp.Float, sp.NumberSymbol) else number
