@@ -1,53 +1,52 @@
-"""Frozen dataclasses that are made in a quarter of the time of `dataclass(frozen=True)`.
+"""Frozen dataclasses that are made in a third of the time of `dataclass(frozen=True)`.
 
-Before Python 3.13 `dataclasses` compiles six functions for each class: for all classes that
-`generate` imports that was a tenth of its time. Here one is compiled, and the others are shared.
-`dataclasses.replace`, `fields` and `asdict` know these classes, too.
+Before Python 3.13 `dataclasses` compiles six functions for each class, one by one: for all classes
+that `generate` imports that was a tenth of its time. Here three are compiled at once, and the
+others are shared. `dataclasses.replace`, `fields` and `asdict` know these classes, too.
 """
 
 from __future__ import annotations
 
 from dataclasses import MISSING, FrozenInstanceError, dataclass, field, fields
-from operator import attrgetter
 from typing import Any, NoReturn, TypeVar, dataclass_transform
 
 _Class = TypeVar("_Class", bound=type)
+_TEXT = """
+def __eq__(self, other):
+    return {0} == {1} if other.__class__ is self.__class__ else NotImplemented
+def __hash__(self):
+    return hash({0})
+def __init__({2}):
+    {3}
+"""
 
 
 @dataclass_transform(frozen_default=True, field_specifiers=(field,))
 def frozen(made: _Class) -> _Class:
     """Make a class a dataclass whose fields are not assigned to; it compares and hashes by them."""
     every = fields(dataclass(init=False, repr=False, eq=False)(made))
-    values = attrgetter(*[entry.name for entry in every] or ["__class__"])
-
-    def equal(self: Any, other: Any) -> bool:
-        same_class = other.__class__ is self.__class__
-        return values(self) == values(other) if same_class else NotImplemented
-
-    def hashed(self: Any) -> int:
-        return hash(values(self))
-
-    arguments, lines, defaults = ["self"], ["_of_self = self.__dict__"], dict[str, Any]()
+    arguments, lines = ["self"], ["pass"]
+    names: dict[str, Any] = {"_assign": object.__setattr__}
     for entry in every:
-        name, default = entry.name, f"default_{entry.name}"
-        value = name
+        name, default, value = entry.name, f"_default_{entry.name}", entry.name
         if entry.default_factory is not MISSING:
-            defaults[default] = entry.default_factory
+            names[default] = entry.default_factory
             value = f"{default}() if {name} is {default} else {name}"
         elif entry.default is not MISSING:
-            defaults[default] = entry.default
-        arguments.append(f"{name}={default}" if default in defaults else name)
-        lines.append(f"_of_self['{name}'] = {value}")
-    lines += ["self.__post_init__()"] if hasattr(made, "__post_init__") else []
-    # Of names of fields alone.
-    exec("\n ".join([f"def __init__({', '.join(arguments)}):", *lines]), defaults)  # noqa: S102
-    init = defaults["__init__"]
-    init.__qualname__ = f"{made.__qualname__}.__init__"
-    init.__annotations__ = {entry.name: entry.type for entry in every}
-    functions = {"__init__": init, "__eq__": equal, "__hash__": hashed, "__repr__": _text}
-    for name, function in {**functions, "__setattr__": _refuse, "__delattr__": _refuse}.items():
+            names[default] = entry.default
+        arguments.append(f"{name}={default}" if default in names else name)
+        lines.append(f"_assign(self, '{name}', {value})")
+    if hasattr(made, "__post_init__"):
+        lines.append("self.__post_init__()")
+    own, others = ("".join(f"{x}.{e.name}, " for e in every) for x in ("self", "other"))
+    text = _TEXT.format(f"({own})", f"({others})", ", ".join(arguments), "\n    ".join(lines))
+    exec(text, names)  # noqa: S102 - of names of fields alone
+    names["__init__"].__qualname__ = f"{made.__qualname__}.__init__"
+    names["__init__"].__annotations__ = {entry.name: entry.type for entry in every}
+    names |= {"__repr__": _text, "__setattr__": _refuse, "__delattr__": _refuse}
+    for name in ("__init__", "__eq__", "__hash__", "__repr__", "__setattr__", "__delattr__"):
         if name not in vars(made):
-            setattr(made, name, function)
+            setattr(made, name, names[name])
     return made
 
 
