@@ -52,7 +52,7 @@ from gibbs_codegen.frozen import frozen
 from gibbs_codegen.graph.differentiate import Direction, Matrix, hessian, jacobian, jvp, vjp
 from gibbs_codegen.graph.from_program import program_refs
 from gibbs_codegen.graph.from_tape import ImportedTape
-from gibbs_codegen.graph.graph import Graph, NodeKind, Ref
+from gibbs_codegen.graph.graph import NUMBER, Graph, Ref
 from gibbs_codegen.graph.shortening import operations
 from gibbs_codegen.program.lower import Slice
 from gibbs_codegen.robot.description import NUMBERS, PARENTS_NUMBERS
@@ -284,7 +284,7 @@ def _constants(graph: Graph, outputs: Sequence[Ref]) -> list[Ref]:
     return [
         2 * node
         for node in sorted(nodes)
-        if graph.constant[node] and graph.kinds[node] is not NodeKind.NUMBER
+        if graph.constant[node] and graph.kinds[node] is not NUMBER
     ]
 
 

@@ -15,7 +15,7 @@ from typing import TypeAlias
 
 import sympy as sp
 
-from gibbs_codegen.graph.graph import Graph, NodeKind, Ref
+from gibbs_codegen.graph.graph import PRODUCT, RECIPROCAL, SUM, Graph, Ref
 
 # The rate of each input that moves, by its node.
 Direction: TypeAlias = Mapping[int, Ref]
@@ -25,15 +25,15 @@ Matrix: TypeAlias = list[list[Ref]]
 def partials(graph: Graph, node: int) -> list[tuple[int, Ref]]:
     """Operands of a node, each with the derivative by it; twice where it stands twice."""
     kind, operands = graph.kinds[node], graph.operands[node]
-    if kind is NodeKind.SUM:
+    if kind is SUM:
         return [(ref >> 1, graph.one ^ (ref & 1)) for ref in operands]
-    if kind is NodeKind.PRODUCT:
+    if kind is PRODUCT:
         x, y = operands
         return [(x >> 1, y), (y >> 1, x)]
     if not operands:
         return []
     (ref,) = operands
-    match "reciprocal" if kind is NodeKind.RECIPROCAL else graph.labels[node]:
+    match "reciprocal" if kind is RECIPROCAL else graph.labels[node]:
         case "reciprocal":
             outer = graph.minus(graph.product(2 * node, 2 * node))
         case "sin":

@@ -43,6 +43,9 @@ class NodeKind(IntEnum):
     CALL = 5
 
 
+# Before Python 3.12 members take long to be looked up in their class.
+INPUT, NUMBER, SUM, PRODUCT, RECIPROCAL, CALL = NodeKind
+
 # Functions f with f(−x) = −f(x), and with f(−x) = f(x).
 ODD = ("sin", "atan", "sign")
 EVEN = ("cos",)
@@ -116,7 +119,7 @@ class Graph:
         label = self.labels[node]
         if isinstance(label, sp.Expr):
             return label, 1
-        if self.kinds[node] is not NodeKind.PRODUCT:
+        if self.kinds[node] is not PRODUCT:
             return sp.S.One, node
         (m, x), (n, y) = sorted(
             (self._scaled[ref >> 1] for ref in self.operands[node]), key=itemgetter(1)
@@ -130,14 +133,14 @@ class Graph:
         """A value without the number that it is a multiple of."""
         if self._scaled[ref >> 1][0] is sp.S.One:
             return ref & ~1
-        if self.kinds[ref >> 1] is not NodeKind.PRODUCT:
+        if self.kinds[ref >> 1] is not PRODUCT:
             return self.one
         first, second = self.operands[ref >> 1]
         return self.product(self._unscaled(first), self._unscaled(second))
 
     def symbol(self, name: str, constant: bool = False) -> Ref:
         """An entry of an argument, or a parameter if constant, by its name in the program."""
-        return self._node(NodeKind.INPUT, (), name, constant)
+        return self._node(INPUT, (), name, constant)
 
     def number(self, value: sp.Expr) -> Ref:
         """A literal, exact or to forty digits."""
@@ -148,7 +151,7 @@ class Graph:
             value = self._printed.setdefault(numbers.rounded(value), value)
         else:
             self._printed[numbers.rounded(value)] = value
-        return self._node(NodeKind.NUMBER, (), value, True)
+        return self._node(NUMBER, (), value, True)
 
     def value(self, ref: Ref) -> sp.Expr | None:
         """The value of a number with its sign, or None where the node is no number."""
@@ -172,7 +175,7 @@ class Graph:
             counts[term >> 1] = counts.get(term >> 1, 0) + (-1 if term & 1 else 1)
         alike: dict[int, list[int]] = {}
         for node, count in counts.items():
-            if count and self.kinds[node] is not NodeKind.NUMBER:
+            if count and self.kinds[node] is not NUMBER:
                 alike.setdefault(self._scaled[node][1], []).append(node)
         for nodes in alike.values():
             if len(nodes) > 1:
@@ -207,7 +210,7 @@ class Graph:
         sign = terms[0] & 1
         refs = tuple([term ^ sign for term in terms])
         constant = all(self.constant[ref >> 1] for ref in refs)
-        return self._node(NodeKind.SUM, refs, None, constant) ^ sign
+        return self._node(SUM, refs, None, constant) ^ sign
 
     def product(self, first: Ref, second: Ref) -> Ref:
         """A product of two values; constant factors are put together first."""
@@ -224,14 +227,14 @@ class Graph:
             x, y = y, x
         # A constant is first now, and a number before others.
         constant = self.constant[x >> 1]
-        if constant and self.kinds[y >> 1] is NodeKind.PRODUCT:
+        if constant and self.kinds[y >> 1] is PRODUCT:
             factor, rest = self.operands[y >> 1]
             # k·(k'·t) is (k·k')·t, and 2·(3·k) is 6·k.
             merges = not self.constant[y >> 1] and self.constant[factor >> 1]
             literals = (self.labels[x >> 1], self.labels[factor >> 1])
             if merges or all(isinstance(label, sp.Expr) for label in literals):
                 return self.product(self.product(x, factor), rest) ^ sign
-        return self._node(NodeKind.PRODUCT, (x, y), None, constant and self.constant[y >> 1]) ^ sign
+        return self._node(PRODUCT, (x, y), None, constant and self.constant[y >> 1]) ^ sign
 
     def products(self, factors: Sequence[Ref]) -> Ref:
         """A product of any number of values, one where there are none."""
@@ -246,24 +249,24 @@ class Graph:
         if value is not None:
             return self.number(numbers.reciprocal(value))
         node = ref & ~1
-        return self._node(NodeKind.RECIPROCAL, (node,), None, self.constant[ref >> 1]) ^ (ref & 1)
+        return self._node(RECIPROCAL, (node,), None, self.constant[ref >> 1]) ^ (ref & 1)
 
     def call(self, function: str, ref: Ref) -> Ref:
         """A function of one value, of those that `program.nodes.Call` knows."""
         constant = self.constant[ref >> 1]
         if function in ODD:
-            return self._node(NodeKind.CALL, (ref & ~1,), function, constant) ^ (ref & 1)
+            return self._node(CALL, (ref & ~1,), function, constant) ^ (ref & 1)
         argument = ref & ~1 if function in EVEN else ref
-        return self._node(NodeKind.CALL, (argument,), function, constant)
+        return self._node(CALL, (argument,), function, constant)
 
     def remade(self, node: int, operands: Sequence[Ref]) -> Ref:
         """The same operation of a node on as many other operands."""
         kind, label = self.kinds[node], self.labels[node]
-        if kind is NodeKind.SUM:
+        if kind is SUM:
             return self.sum(operands)
-        if kind is NodeKind.PRODUCT:
+        if kind is PRODUCT:
             return self.products(operands)
-        if kind is NodeKind.RECIPROCAL:
+        if kind is RECIPROCAL:
             return self.reciprocal(operands[0])
         return self.call(str(label), operands[0])
 

@@ -32,7 +32,7 @@ from itertools import chain, combinations
 from operator import itemgetter
 
 from gibbs_codegen.frozen import frozen
-from gibbs_codegen.graph.graph import Graph, NodeKind, Ref
+from gibbs_codegen.graph.graph import PRODUCT, RECIPROCAL, SUM, Graph, Ref
 from gibbs_codegen.graph.signs import Polarity
 
 
@@ -44,6 +44,10 @@ class Rebuilding(ABC):
         self.outputs = outputs
         self.nodes = graph.reached_varying(outputs)
         self.uses = graph.uses(self.nodes, outputs)
+        # Those that are used once: they can be taken apart where they are used.
+        once = [node for node in self.nodes if self.uses[node] == 1]
+        self.single_sums = {node for node in once if graph.kinds[node] is SUM}
+        self.single_products = {node for node in once if graph.kinds[node] is PRODUCT}
         self._new: dict[int, Ref] = {}
 
     @abstractmethod
@@ -54,7 +58,7 @@ class Rebuilding(ABC):
         """The outputs after replacement; `origins` is as of `optimised`."""
         graph, new = self.graph, self._new
         for node in self.nodes:
-            is_sum = graph.kinds[node] is NodeKind.SUM
+            is_sum = graph.kinds[node] is SUM
             if not is_sum and new.keys().isdisjoint(graph.varying[node]):
                 continue
             size = len(graph)
@@ -79,12 +83,6 @@ class Rebuilding(ABC):
             return 2 * node
         return self.graph.remade(node, [self.new(ref) for ref in self.graph.operands[node]])
 
-    def single(self, ref: Ref, kind: NodeKind) -> bool:
-        """True if a value is of a kind, varies and is used once: it can be taken apart there."""
-        node = ref >> 1
-        graph = self.graph
-        return self.uses[node] == 1 and graph.kinds[node] is kind and not graph.constant[node]
-
 
 def factored(graph: Graph, outputs: Sequence[Ref], origins: MutableMapping[int, int]) -> list[Ref]:
     """Factor the sums of a function; `origins` is as of `optimised`."""
@@ -100,9 +98,9 @@ class _Factoring(Rebuilding):
         self._inner = {
             ref >> 1
             for node in self.nodes
-            if graph.kinds[node] is NodeKind.SUM
+            if graph.kinds[node] is SUM
             for ref in graph.operands[node]
-            if self.single(ref, NodeKind.SUM)
+            if ref >> 1 in self.single_sums
         }
 
     def sum(self, node: int) -> Ref:
@@ -125,14 +123,14 @@ class _Factoring(Rebuilding):
     def _terms(self, refs: Sequence[Ref], sign: int = 0) -> Iterator[Ref]:
         """Terms, those of sums that are used once in their place."""
         for ref in refs:
-            if self.single(ref, NodeKind.SUM):
+            if ref >> 1 in self.single_sums:
                 yield from self._terms(self.graph.operands[ref >> 1], sign ^ ref & 1)
             else:
                 yield ref ^ sign
 
     def _factors(self, ref: Ref) -> Iterator[Ref]:
         """Factors of a term without signs; of products only those that are used once."""
-        if self.single(ref, NodeKind.PRODUCT):
+        if ref >> 1 in self.single_products:
             for factor in self.graph.operands[ref >> 1]:
                 yield from self._factors(factor)
         else:
@@ -196,9 +194,7 @@ class _Sharing(Rebuilding):
     def __init__(self, graph: Graph, outputs: Sequence[Ref]) -> None:
         super().__init__(graph, outputs)
         self._sums = {
-            node: _signs(graph.operands[node])
-            for node in self.nodes
-            if graph.kinds[node] is NodeKind.SUM
+            node: _signs(graph.operands[node]) for node in self.nodes if graph.kinds[node] is SUM
         }
         self._first = len(graph)
         self._pairs: list[_Pair] = []
@@ -337,8 +333,8 @@ def _without_signs(graph: Graph, outputs: Sequence[Ref]) -> int:
     count, kinds = 0, graph.kinds
     for node in graph.reached_varying(outputs):
         kind = kinds[node]
-        if kind is NodeKind.SUM or kind is NodeKind.PRODUCT:
+        if kind is SUM or kind is PRODUCT:
             count += len(graph.operands[node]) - 1
-        elif kind is NodeKind.RECIPROCAL or graph.labels[node] in ("sqrt", "sign"):
+        elif kind is RECIPROCAL or graph.labels[node] in ("sqrt", "sign"):
             count += 1
     return count

@@ -20,7 +20,7 @@ from __future__ import annotations
 
 from collections.abc import Container, Iterable, Sequence
 
-from gibbs_codegen.graph.graph import EVEN, Graph, NodeKind, Ref
+from gibbs_codegen.graph.graph import EVEN, PRODUCT, SUM, Graph, Ref
 
 # How often all that is broken is gone through; how many conditions are visited from one, or choices
 # changed, before that is taken back; and on how many conditions a choice may bear to mend others.
@@ -169,12 +169,12 @@ class Polarity:
         for node in graph.reached_varying(outputs):
             if operands := graph.operands[node]:
                 kind, label = graph.kinds[node], graph.labels[node]
-                if kind is NodeKind.PRODUCT:
+                if kind is PRODUCT:
                     first, second = [self.choices.get(ref >> 1, ()) for ref in operands]
                     # A choice that changes both factors changes nothing.
                     both = set(first).intersection(second) if first and second else ()
                     changing = tuple([i for i in first + second if i not in both])
-                elif kind is NodeKind.SUM or label in ("sin", "cos"):
+                elif kind is SUM or label in ("sin", "cos"):
                     changing = (node,)
                     self._require([graph.one] if label in EVEN else operands, changing)
                 elif label == "sqrt":

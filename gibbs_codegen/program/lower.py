@@ -21,7 +21,7 @@ import sympy as sp
 
 from gibbs_codegen.frozen import frozen
 from gibbs_codegen.graph.from_tape import ImportedTape
-from gibbs_codegen.graph.graph import Graph, NodeKind, Ref, in_order
+from gibbs_codegen.graph.graph import INPUT, NUMBER, PRODUCT, RECIPROCAL, SUM, Graph, Ref, in_order
 from gibbs_codegen.graph.shortening import operations as graph_operations
 from gibbs_codegen.graph.shortening import optimised
 from gibbs_codegen.program import nodes
@@ -167,7 +167,7 @@ class _Lowering:
         ]
         read = [ref >> 1 for node in computed for ref in graph.operands[node]]
         read.extend(ref >> 1 for ref in refs)
-        constants = {n for n in read if graph.constant[n] and graph.kinds[n] is not NodeKind.NUMBER}
+        constants = {n for n in read if graph.constant[n] and graph.kinds[n] is not NUMBER}
         return _Draft(piece, constants, inline_single_uses(statements, outputs), outputs)
 
     def part(self, whole: _Draft, piece: Slice) -> _Draft:
@@ -199,7 +199,7 @@ class _Lowering:
 
     def name(self, node: int) -> str:
         """Name of a node before statements are numbered: that of an input is its own."""
-        is_input = self.graph.kinds[node] is NodeKind.INPUT
+        is_input = self.graph.kinds[node] is INPUT
         return str(self.graph.labels[node]) if is_input else f"n{node}"
 
     def _words_of(
@@ -225,7 +225,7 @@ class _Lowering:
         graph, kind = self.graph, self.graph.kinds[node]
         signed = [self._signed(ref, negated) for ref in graph.operands[node]]
         flip = -1 if (node in negated) else 1
-        if kind is NodeKind.SUM:
+        if kind is SUM:
             terms = [
                 (flip * sign, ref >> 1, term)
                 for (sign, term), ref in zip(signed, graph.operands[node], strict=True)
@@ -233,11 +233,11 @@ class _Lowering:
             # Positive terms first, numbers and oldest names first: few lines begin with a minus.
             terms.sort(key=lambda t: (-t[0], not isinstance(t[2], nodes.Number), t[1]))
             return nodes.Sum(tuple((sign, term) for sign, _, term in terms))
-        if kind is NodeKind.PRODUCT:
+        if kind is PRODUCT:
             (first, x), (second, y) = signed
             return _with_sign(flip * first * second, nodes.Product((x, y)))
         ((sign, argument),) = signed
-        if kind is NodeKind.RECIPROCAL:
+        if kind is RECIPROCAL:
             return _with_sign(flip * sign, nodes.Reciprocal(argument))
         match graph.labels[node]:
             case "cos":
