@@ -170,17 +170,17 @@ class _Matcher:
         loop.
         """
         last = start + (count - 1) * length
-        end = last + length
-        shared = [self._names[i] & self._names[i - length] for i in range(last, end)]
-        inner = [[s - last for s in sources if s >= last] for sources in self._sources[last:end]]
-        for first in range(last - length, last - _FEWEST_BLOCKS * length, -length):
+        shared: list[frozenset[str]] = []
+        for i in range(last, last + length):
+            names = self._names[i] & self._names[i - length]
+            inner = [source - last for source in self._sources[i] if source >= last]
             # Shared names and own ones that blocks read: quick to compare, and mostly different.
-            if not all(
-                names <= self._names[i]
-                and [s - first for s in self._sources[i] if s >= first] == own
-                for i, (names, own) in enumerate(zip(shared, inner, strict=True), first)
-            ):
-                return None
+            for back in range(length, _FEWEST_BLOCKS * length, length):
+                first = last - back
+                own = [source - first for source in self._sources[i - back] if source >= first]
+                if own != inner or not names <= self._names[i - back]:
+                    return None
+            shared.append(names)
         pattern: list[object] = []
         blocks: list[tuple[Terms, ...]] = []
         for first in self._independent(start, length, last):

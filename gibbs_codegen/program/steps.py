@@ -129,18 +129,18 @@ def split_into_sections(items: Sequence[Item], limit: int) -> list[tuple[Item, .
     constants too; names that a later section reads; entries stored. A step that exceeds it is a
     section of its own, and so is every loop. Without items there is a single empty section.
     """
-    defined = {name: i for i, item in enumerate(items) for name in defined_names(item)}
-    last_use: dict[str, int] = {}
-    for i, item in enumerate(items):
-        last_use.update(dict.fromkeys(used_names(item), i))
+    definitions = [defined_names(item) for item in items]
+    uses = [set(used_names(item)) for item in items]
+    defined = {name: i for i, names in enumerate(definitions) for name in names}
+    last_use = {name: i for i, names in enumerate(uses) for name in names}
     starts = [0]
     read: set[str] = set()
     live = stores = 0
     for i, item in enumerate(items):
-        names = set(used_names(item))
+        names = uses[i]
         outside = {name for name in names if defined.get(name, -1) < starts[-1]}
         ended = sum(last_use[name] == i for name in names - outside)
-        begun = sum(last_use.get(name, -1) > i for name in defined_names(item))
+        begun = sum(last_use.get(name, -1) > i for name in definitions[i])
         stored = int(isinstance(item, Store))
         full = len(read | outside) + live - ended + begun + stores + stored > limit
         if i > starts[-1] and (full or isinstance(item, Loop) or isinstance(items[i - 1], Loop)):

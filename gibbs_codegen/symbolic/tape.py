@@ -127,6 +127,9 @@ class Stage(IntEnum):
     MOTION = 2
 
 
+# Before Python 3.12 members take long to be looked up in their class.
+_PARAMETER = Stage.PARAMETER
+
 # Three components in one frame.
 Vector = tuple[sp.Expr, ...]
 # Entries of a row, a column or an argument.
@@ -332,18 +335,18 @@ class Tape(Scalars):
 
     def _product(self, number: sp.Expr, factors: list[sp.Symbol]) -> sp.Expr:
         factors.sort(key=lambda symbol: (self.stages[symbol], self._ranks[symbol]))
-        hoisted = [f for f in factors if self.stages[f] is Stage.PARAMETER]
+        hoisted = [f for f in factors if self.stages[f] is _PARAMETER]
         varying = factors[len(hoisted) :]
         constant = sp.Mul(number, *hoisted)
         if not varying:
-            return constant if constant.is_Symbol else self._define(constant, Stage.PARAMETER)
+            return constant if constant.is_Symbol else self._define(constant, _PARAMETER)
         product = varying[0]
         for factor in varying[1:]:
             product = self._define(times(product, factor), self.stages[factor])
         if constant == 1:
             return product
         if hoisted and not constant.is_Symbol:
-            constant = self._define(constant, Stage.PARAMETER)
+            constant = self._define(constant, _PARAMETER)
         return self._define(times(constant, product), self.stages[product])
 
     def _name_sum(self, expression: sp.Expr) -> sp.Expr:
@@ -363,12 +366,12 @@ class Tape(Scalars):
         hoisted: list[SignedTerm] = []
         varying: list[SignedTerm] = []
         for sign, term in terms:
-            constant = term.is_number or self.stages[term] is Stage.PARAMETER
+            constant = term.is_number or self.stages[term] is _PARAMETER
             (hoisted if constant else varying).append((sign, term))
         if not varying:
-            return self._signed_sum(hoisted, Stage.PARAMETER)
+            return self._signed_sum(hoisted, _PARAMETER)
         if len(hoisted) > 1:
-            hoisted = [signed(self._signed_sum(hoisted, Stage.PARAMETER))]
+            hoisted = [signed(self._signed_sum(hoisted, _PARAMETER))]
         stage = max(self.stages[term] for _, term in varying)
         return self._signed_sum(hoisted + varying, stage)
 
@@ -386,7 +389,7 @@ class Tape(Scalars):
     def _define(self, expression: sp.Expr, stage: Stage) -> sp.Expr:
         name = self._names.get(expression)
         if name is None:
-            prefix = "k" if stage is Stage.PARAMETER else "t"
+            prefix = "k" if stage is _PARAMETER else "t"
             name = self._names[expression] = sp.Symbol(f"{prefix}{len(self.statements)}")
             self._register(name, stage)
             self.statements[name] = expression
