@@ -8,6 +8,7 @@ others are shared. `dataclasses.replace`, `fields` and `asdict` know these class
 from __future__ import annotations
 
 from dataclasses import MISSING, FrozenInstanceError, dataclass, field, fields
+from operator import attrgetter
 from typing import Any, NoReturn, TypeVar, dataclass_transform
 
 _Class = TypeVar("_Class", bound=type)
@@ -27,7 +28,9 @@ def frozen(made: _Class) -> _Class:
     every = fields(dataclass(init=False, repr=False, eq=False)(made))
     arguments, lines = ["self"], ["pass"]
     names: dict[str, Any] = {"_assign": object.__setattr__}
-    for entry in every:
+    for entry in sorted(every, key=attrgetter("kw_only")):
+        if entry.kw_only and "*" not in arguments:
+            arguments.append("*")
         name, default, value = entry.name, f"_default_{entry.name}", entry.name
         if entry.default_factory is not MISSING:
             names[default] = entry.default_factory
@@ -41,7 +44,6 @@ def frozen(made: _Class) -> _Class:
     own, others = ("".join(f"{x}.{e.name}, " for e in every) for x in ("self", "other"))
     text = _TEXT.format(f"({own})", f"({others})", ", ".join(arguments), "\n    ".join(lines))
     exec(text, names)  # noqa: S102 - of names of fields alone
-    names["__init__"].__qualname__ = f"{made.__qualname__}.__init__"
     names["__init__"].__annotations__ = {entry.name: entry.type for entry in every}
     names |= {"__repr__": _text, "__setattr__": _refuse, "__delattr__": _refuse}
     for name in ("__init__", "__eq__", "__hash__", "__repr__", "__setattr__", "__delattr__"):

@@ -25,7 +25,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from copy import copy
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import sympy as sp
@@ -42,14 +42,13 @@ from gibbs_codegen.derivation.forward_dynamics_derivatives import (
 from gibbs_codegen.derivation.parameters import NOT_PASSIVE
 from gibbs_codegen.derivation.symbolic_robot import SymbolicRobot
 from gibbs_codegen.derivation.systems import Systems
-from gibbs_codegen.frozen import frozen
 from gibbs_codegen.graph.differentiate import Direction, Matrix, jacobian
 from gibbs_codegen.graph.graph import Graph, Ref
 from gibbs_codegen.symbolic.tape import Values
 from gibbs_codegen.symbolic.vectors import identity
 
 
-@frozen
+@dataclass(frozen=True)
 class ConstraintDerivatives:
     """Derivatives by arguments under forces, or under impulses `alone`, that make rows zero."""
 

@@ -19,7 +19,7 @@ derivatives are computed anew at every state. They hold no such symbol themselve
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import field, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import chain
 from typing import TypeAlias
@@ -48,7 +48,6 @@ from gibbs_codegen.derivation.inverse_dynamics import (
 from gibbs_codegen.derivation.segment_tree import Segment, SegmentTree
 from gibbs_codegen.derivation.symbolic_robot import SymbolicRobot
 from gibbs_codegen.derivation.tree_dynamics import generalised_inertia_forces
-from gibbs_codegen.frozen import frozen
 from gibbs_codegen.graph.differentiate import Direction, Matrix, hessian, jacobian, jvp, vjp
 from gibbs_codegen.graph.from_program import program_refs
 from gibbs_codegen.graph.from_tape import ImportedTape
@@ -69,7 +68,7 @@ def entries(array: Array) -> tuple[sp.Expr | Ref, ...]:
     return (array,)
 
 
-@frozen
+@dataclass(frozen=True)
 class Systems:
     """A robot on its tape, with M a = R + B u and the hybrid system, which others build on.
 

@@ -9,7 +9,7 @@ integrated as velocities are; so are bristles of contacts.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -28,14 +28,13 @@ from gibbs_codegen.arrays.nodes import (
     variable,
     zeros,
 )
-from gibbs_codegen.frozen import frozen
 from gibbs_codegen.machine import impacts
 from gibbs_codegen.machine.machine import NO_SURROUNDINGS, Machine, Surroundings
 from gibbs_codegen.machine.state import State, StateLayout
 from gibbs_codegen.machine.steps import METHODS, projected
 
 
-@frozen
+@dataclass(frozen=True)
 class Parts:
     """Parts of a rollout besides inputs; drives have a lag of their own.
 

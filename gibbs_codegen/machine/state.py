@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import itertools
-from dataclasses import astuple
+from dataclasses import astuple, dataclass
 from functools import cached_property
 from typing import Generic, NamedTuple, TypeVar
-
-from gibbs_codegen.frozen import frozen
 
 T = TypeVar("T")
 
@@ -29,7 +27,7 @@ class State(NamedTuple, Generic[T]):
     bristles: T
 
 
-@frozen
+@dataclass(frozen=True)
 class StateLayout:
     """The number of entries of each part of a state."""
 

@@ -45,12 +45,11 @@ from __future__ import annotations
 
 import heapq
 from collections.abc import Callable, Container, Iterable, Iterator, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from itertools import chain, count, groupby
 from math import prod
 from operator import eq
 
-from gibbs_codegen.frozen import frozen
 from gibbs_codegen.program.nodes import Name, Node, Number, Product, Statement, Sum, names_in
 from gibbs_codegen.program.steps import Item, Loop, Step, Store, defined_names
 
@@ -65,7 +64,7 @@ Terms = tuple[Term, ...]
 Row = tuple[str, ...]
 
 
-@frozen
+@dataclass(frozen=True)
 class RepeatedBlocks:
     """Blocks of `length` steps from `start`, with the terms of each step in matching order."""
 

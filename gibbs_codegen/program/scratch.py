@@ -42,7 +42,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import chain
 
-from gibbs_codegen.frozen import frozen
 from gibbs_codegen.program import steps
 from gibbs_codegen.program.loops import SlotTuples, insert_copies
 from gibbs_codegen.program.nodes import names_in
@@ -102,7 +101,7 @@ class LiveRanges:
         )
 
 
-@frozen
+@dataclass(frozen=True)
 class Section:
     """Consecutive steps, or a loop, with the slots that it reloads at its start, and spills to.
 

@@ -11,14 +11,13 @@ once are several times cheaper than one by one, if the target has a way to do th
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
-from gibbs_codegen.frozen import frozen
 from gibbs_codegen.program import nodes
 from gibbs_codegen.program.nodes import Call, Product, Reciprocal, Sum
 
 
-@frozen
+@dataclass(frozen=True)
 class GatheredFunction:
     """A function in which the sines and cosines of `angles` are names.
 

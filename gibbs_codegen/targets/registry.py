@@ -9,13 +9,12 @@ from __future__ import annotations
 import hashlib
 from collections import defaultdict
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 
 from gibbs_codegen.errors import UsageError, printable
 from gibbs_codegen.files.line_breaks import broken
 from gibbs_codegen.files.templating import render
-from gibbs_codegen.frozen import frozen
 from gibbs_codegen.interface import FUNCTIONS, options_for
 from gibbs_codegen.machine.first_order import ACTING
 from gibbs_codegen.program.choice import Functions, chosen_functions
@@ -49,7 +48,7 @@ def _shared(
     return context
 
 
-@frozen
+@dataclass(frozen=True)
 class Target:
     """A language to emit: its printer, its templates' context, and a file name per template.
 

@@ -9,11 +9,10 @@ import itertools
 import math
 import re
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from gibbs_codegen.frozen import frozen
 from gibbs_codegen.machine.first_order import System
 from gibbs_codegen.program.model import Model
 from gibbs_codegen.robot.description import Coordinate
@@ -64,7 +63,7 @@ _SI: dict[str, dict[str, int]] = {
 }
 
 
-@frozen
+@dataclass(frozen=True)
 class Variable:
     """An array of the values, or a number: its place, and labels of the entries along each axis.
 
