@@ -39,16 +39,15 @@ def frozen(made: _Class) -> _Class:
             names[default] = entry.default
         arguments.append(f"{name}={default}" if default in names else name)
         lines.append(f"_assign(self, '{name}', {value})")
-    if hasattr(made, "__post_init__"):
-        lines.append("self.__post_init__()")
+    lines += ["self.__post_init__()"] * hasattr(made, "__post_init__")
     own, others = ("".join(f"{x}.{e.name}, " for e in every) for x in ("self", "other"))
     text = _TEXT.format(f"({own})", f"({others})", ", ".join(arguments), "\n    ".join(lines))
     exec(text, names)  # noqa: S102 - of names of fields alone
     names["__init__"].__annotations__ = {entry.name: entry.type for entry in every}
-    names |= {"__repr__": _text, "__setattr__": _refuse, "__delattr__": _refuse}
-    for name in ("__init__", "__eq__", "__hash__", "__repr__", "__setattr__", "__delattr__"):
+    compiled = {name: names[name] for name in ("__init__", "__eq__", "__hash__")}
+    for name, function in {**_SHARED, **compiled}.items():
         if name not in vars(made):
-            setattr(made, name, names[name])
+            setattr(made, name, function)
     return made
 
 
@@ -59,3 +58,6 @@ def _text(self: Any) -> str:
 
 def _refuse(self: object, name: str, *_: object) -> NoReturn:
     raise FrozenInstanceError(f"{name} of {type(self).__name__} is not assigned to, nor deleted")
+
+
+_SHARED = {"__repr__": _text, "__setattr__": _refuse, "__delattr__": _refuse}

@@ -7,7 +7,7 @@ and its Jacobian, gravity, and the momentum about the centre.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import sympy as sp
 
@@ -16,7 +16,6 @@ from gibbs_codegen.derivation.inertia import Inertia
 from gibbs_codegen.derivation.jointed_bodies import JointedBodies
 from gibbs_codegen.derivation.motion import Acceleration, TreeState
 from gibbs_codegen.derivation.symbolic_robot import SymbolicRobot
-from gibbs_codegen.frozen import frozen
 from gibbs_codegen.robot.layout import frames_of
 from gibbs_codegen.robot.names import identifier
 from gibbs_codegen.robot.parts.numbers import BASE
@@ -27,7 +26,7 @@ from gibbs_codegen.symbolic.vectors import NO_ROTATION, ZERO, Matrix, Rotation, 
 Frame = tuple[Vector, ...]
 
 
-@frozen
+@dataclass(frozen=True)
 class SegmentFrame:
     """Pose of a segment: its joint from the origin of the coordinates, and axes, in world axes.
 
@@ -62,7 +61,7 @@ def segment_frames(symbolic: SymbolicRobot, in_base: bool = False) -> list[Segme
     return frames
 
 
-@frozen
+@dataclass(frozen=True)
 class MountedFrame:
     """A named frame on a segment: `position` from its joint (m) and `turn`, in its own frame."""
 

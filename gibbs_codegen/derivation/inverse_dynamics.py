@@ -41,7 +41,6 @@ from gibbs_codegen.derivation.unit_motions import (
     joint_velocities,
     subtree_moments,
 )
-from gibbs_codegen.frozen import frozen
 from gibbs_codegen.symbolic.tape import Scalars, Stage, Vector
 from gibbs_codegen.symbolic.vectors import ZERO, Matrix, X, Y, Z
 
@@ -60,7 +59,7 @@ def inverse_dynamics(symbolic: SymbolicRobot) -> list[sp.Expr]:
     return symbolic.places.joined(base, joint_forces)
 
 
-@frozen
+@dataclass(frozen=True)
 class MovingTree:
     """A tree in motion: the motion of each joint, and the bodies that it carries.
 
@@ -184,7 +183,7 @@ def joint_derivatives(tape: Scalars, moving: MovingTree) -> JointDerivatives:
     return forces
 
 
-@frozen
+@dataclass(frozen=True)
 class InverseDynamicsDerivatives:
     """τ (N m or N), ∂τ/∂q, ∂τ/∂v and M; rows and columns in the order of v."""
 

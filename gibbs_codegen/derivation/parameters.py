@@ -85,10 +85,8 @@ class Parameters:
         arms, base = range(1, robot.base.rotors + 1), robot.base
         drags = self._symbols(base, "base")["drag"]
         self.rotors = {k: {"drag": drag} for k, drag in zip(arms, drags, strict=True)}
-        if base.shares_one_arm:
-            self.arms = dict.fromkeys(arms, self._body("base_arm", base.arm(1)))
-        else:
-            self.arms = {k: self._body(f"base_arm{k}", base.arm(k)) for k in arms}
+        shared = self._body("base_arm", base.arm(1)) if base.shares_one_arm else None
+        self.arms = {k: shared or self._body(f"base_arm{k}", base.arm(k)) for k in arms}
         self.central_body = self._body("base", base.body).inertia if base.body else None
         self.links: dict[int, LinkSymbols] = {}
         for i in range(1, len(robot.links) + 1):

@@ -11,7 +11,7 @@ commands that give them, servos where the joint is to be; without drives inputs 
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
-from dataclasses import field, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 from gibbs_codegen.arrays.functions import Functions
@@ -34,7 +34,6 @@ from gibbs_codegen.arrays.nodes import (
     variable,
     zeros,
 )
-from gibbs_codegen.frozen import frozen
 from gibbs_codegen.machine import impacts, surroundings
 from gibbs_codegen.machine.base import (
     Motion,
@@ -69,7 +68,7 @@ AHEAD = 1e-7
 _NO_LEAD = 1e-12
 
 
-@frozen
+@dataclass(frozen=True)
 class AtTime:
     """A time, and the desired motion there; that of the centre of mass where the base leans.
 
@@ -83,7 +82,7 @@ class AtTime:
     felt: Node | None = None
 
 
-@frozen
+@dataclass(frozen=True)
 class LoopStructure:
     """The parts of a closed loop on which its program depends.
 

@@ -14,12 +14,11 @@ function takes from the graph of the tape the nodes that its outputs need, in th
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import field
+from dataclasses import dataclass, field
 from itertools import chain, islice
 
 import sympy as sp
 
-from gibbs_codegen.frozen import frozen
 from gibbs_codegen.graph.from_tape import ImportedTape
 from gibbs_codegen.graph.graph import INPUT, NUMBER, PRODUCT, RECIPROCAL, SUM, Graph, Ref, in_order
 from gibbs_codegen.graph.shortening import operations as graph_operations
@@ -30,7 +29,7 @@ from gibbs_codegen.symbolic.numbers import rounded
 from gibbs_codegen.symbolic.tape import WORDS_OF_CONSTANTS, Tape
 
 
-@frozen
+@dataclass(frozen=True)
 class Slice:
     """A function before it is lowered: its name, its arguments, and its output arrays.
 
@@ -122,7 +121,7 @@ def _graph_of(tape: Tape | ImportedTape) -> ImportedTape:
     return tape if isinstance(tape, ImportedTape) else ImportedTape(tape)
 
 
-@frozen
+@dataclass(frozen=True)
 class _Draft:
     """A function with the graph's own names, and the constant nodes that it reads."""
 
