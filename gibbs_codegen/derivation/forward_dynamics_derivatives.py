@@ -16,7 +16,7 @@ displacement turns the frame. So what they add to the columns by q follows from 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Literal
 
@@ -45,7 +45,6 @@ from gibbs_codegen.derivation.inertia import ArticulatedInertia, rotated_block
 from gibbs_codegen.derivation.motion import Acceleration
 from gibbs_codegen.derivation.passive import passive_symbols, spring_slopes
 from gibbs_codegen.derivation.symbolic_robot import SymbolicRobot
-from gibbs_codegen.frozen import frozen
 from gibbs_codegen.robot.layout import Places
 from gibbs_codegen.robot.names import rotor_identifier
 from gibbs_codegen.symbolic.tape import Values, Vector
@@ -63,7 +62,7 @@ from gibbs_codegen.symbolic.vectors import (
 Conversion = Callable[[Values], Values]
 
 
-@frozen
+@dataclass(frozen=True)
 class BaseColumns:
     """Columns of a robot, of which `centred` is about its base centre.
 
@@ -226,7 +225,7 @@ class BaseColumns:
         return [Rotation(rotation.axis, cos, sin)]
 
 
-@frozen
+@dataclass(frozen=True)
 class ForwardDynamicsDerivatives:
     """Accelerations, and their derivatives by rows, in the order of v; inputs in that of u.
 
@@ -239,7 +238,7 @@ class ForwardDynamicsDerivatives:
     acceleration_du: Matrix
 
 
-@frozen
+@dataclass(frozen=True)
 class LoadedDynamicsDerivatives(ForwardDynamicsDerivatives):
     """The same under wrenches on the frames; `acceleration_dW` has six columns for each of them."""
 

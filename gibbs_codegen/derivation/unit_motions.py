@@ -14,7 +14,7 @@ products with what j's motion consists of, since ∂ξ_i/∂q_j = e_j×ξ_i canc
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import sympy as sp
@@ -22,12 +22,11 @@ import sympy as sp
 from gibbs_codegen.derivation.inertia import NO_MOMENTS, Inertia, Moments
 from gibbs_codegen.derivation.motion import Motion
 from gibbs_codegen.derivation.segment_tree import SegmentTree
-from gibbs_codegen.frozen import frozen
 from gibbs_codegen.symbolic.tape import Scalars, Values, Vector, times
 from gibbs_codegen.symbolic.vectors import ZERO, Rotation, Wrench, Z, axis_vector, minus, moved
 
 
-@frozen
+@dataclass(frozen=True)
 class UnitMotion:
     """e, 2ė and ë, and l, l₁ and l₂ about a point; all in one frame."""
 
@@ -95,7 +94,7 @@ class UnitMotion:
 STILL = UnitMotion(*[ZERO] * 7)
 
 
-@frozen
+@dataclass(frozen=True)
 class MovingBody:
     """A body, or several as one, about a point: inertia, moments of velocity, inertia forces."""
 
@@ -112,7 +111,7 @@ class MovingBody:
         )
 
 
-@frozen
+@dataclass(frozen=True)
 class Column:
     """The wrenches for a coordinate, and the couple for its row of the derivatives.
 
