@@ -252,7 +252,7 @@ int main(void)
 }
 """)
     options = [emitted.single, f"-I{emitted.folder}", str(source), *emitted.sources]
-    program = build("gcc", ["-O1"], options, tmp_path / "program")
+    program = build("gcc", ["-O0"], options, tmp_path / "program")
     found = np.array(run([program]).split(), float).reshape(2, 9)
     q, v = np.array([0, 0, 0, 0, 0, 0, 1, 0.3]), np.array([0.3, -0.2, 0.1, 0, 0, 0, 0])
     dense = Dense(emitted.model.robot, q, v)

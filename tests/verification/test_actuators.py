@@ -44,10 +44,8 @@ OWN = tuple(row.name for row in ACTUATORS)
 
 
 @pytest.mark.slow
-def test_a_robot_with_every_kind_passes_in_both_back_ends(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setenv("CC", f"{tool('cc')} -O0")
+def test_a_robot_with_every_kind_passes_in_both_back_ends(tmp_path: Path) -> None:
+    tool("cc")
     derivatives = ("inputs_of_derivatives", "actuator_rates_parameters")
     robot, options = actuated(), {"derivatives": derivatives, "functions": MORE, "verify": False}
     _, folder = generate_robot(robot, TEXT, tmp_path, ["numpy", "c"], **options)
