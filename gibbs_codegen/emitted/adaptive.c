@@ -266,7 +266,7 @@ static void fly_leg(
     s->given = given;
     s->flow = flow;
     s->leg = leg;
-    s->scale = kept->scale;
+    s->scale = flow->scale;
     s->inside = 1.0;
     if (flow->done == 0) {
         flow->patience = 1;

@@ -249,7 +249,7 @@ static INLINE void nearest_thrusts(
     flags beyond = {0};
     for (int k = 0; k < ROTORS; ++k) {
         found[k] = of_all(thrusts, k);
-        beyond |= (flags)(found[k] < of_all(least, k)) | (flags)(found[k] > of_all(most, k));
+        beyond |= greater(of_all(least, k), found[k]) | greater(found[k], of_all(most, k));
     }
     if (any(beyond)) {
         search_nearest(context, wrench, columns, least, most, found);

@@ -27,6 +27,7 @@ typedef struct {
     double piece;       /* and its pieces, s; 0 if none is followed */
     double relative[2]; /* tolerances where all is smooth, and where it is not */
     double absolute[2];
+    const double *scale; /* that of absolute ones [STATE] */
     int patience; /* knots at which steps are to end, after one across a knot failed */
     int stops;    /* how many of them are to come */
     int smooth;   /* whether rates have no kinks: 0 never, 1 always, 2 while inputs are inside */
@@ -46,7 +47,6 @@ typedef struct {
     const double *times; /* of the samples to come, s */
     double *samples;     /* of the state [samples][STATE] */
     double *ranges;      /* of the inputs from sample to sample [samples + 1][2][RANGED] */
-    const double *scale; /* of absolute tolerances [STATE] */
     double *begins;      /* states at the begin of legs [legs][STATE], NULL if nobody asks */
 } Kept;
 

@@ -83,6 +83,7 @@ static INLINE real arctan2_real(const real a, const real b)
 }
 
 #if LANES == 1
+#define greater(a, b) ((a) > (b))
 #define minimum minimum_real
 #define maximum maximum_real
 #define choose choose_real
@@ -92,26 +93,41 @@ static INLINE real arctan2_real(const real a, const real b)
 #define exponential exponential_real
 #define arctan2 arctan2_real
 #else
-/* One of two numbers in each lane. */
-static INLINE number chosen(const flags which, const number yes, const number no)
-{
-    return (number)(((flags)yes & which) | ((flags)no & ~which));
-}
+/* Vectors that are wider than registers compilers compare entry by entry, but not their parts. */
+#if defined(__AVX512F__)
+enum { REGISTER = 64 };
+#elif defined(__AVX__)
+enum { REGISTER = 32 };
+#else
+enum { REGISTER = 16 };
+#endif
+typedef real part __attribute__((vector_size(REGISTER), may_alias));
 
-static INLINE number minimum(const number a, const number b)
+/* Whether a is greater than b. */
+static INLINE flags greater(const number a, const number b)
 {
-    return chosen((flags)(b < a), b, a);
-}
-
-static INLINE number maximum(const number a, const number b)
-{
-    return chosen((flags)(b > a), b, a);
+    number found;
+    for (int k = 0; k < (int)sizeof(number) / REGISTER; ++k) {
+        ((part *)&found)[k] = (part)(((const part *)&a)[k] > ((const part *)&b)[k]);
+    }
+    return (flags)found;
 }
 
 static INLINE number choose(
     const number a, const number b, const number above, const number otherwise)
 {
-    return chosen((flags)(a > b), above, otherwise);
+    const flags which = greater(a, b);
+    return (number)(((flags)above & which) | ((flags)otherwise & ~which));
+}
+
+static INLINE number minimum(const number a, const number b)
+{
+    return choose(a, b, b, a);
+}
+
+static INLINE number maximum(const number a, const number b)
+{
+    return choose(b, a, b, a);
 }
 
 static INLINE number absolute(const number a)

@@ -37,7 +37,7 @@ def turned_attitude(quaternion: ArrayLike) -> NDArray[np.float64]:
     half turns.
     """
     parts = np.asarray(quaternion, float)
-    return _HALF * (parts[..., _FIRST] + _SIGNS * parts[..., _SECOND])
+    return _HALF * (parts.take(_FIRST, axis=-1) + _SIGNS * parts.take(_SECOND, axis=-1))
 
 
 def attitude_turned_back(quaternion: ArrayLike) -> NDArray[np.float64]:

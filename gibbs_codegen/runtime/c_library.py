@@ -44,7 +44,9 @@ _TIMEOUT_SECONDS = 300.0
 _FLAGS = ("-O3", "-ffp-contract=fast", "-fPIC", "-shared")
 # A program that has a function of the same name must not get the calls within a library.
 _LINKER_FLAGS = ("-Wl,-Bsymbolic",) if sys.platform.startswith("linux") else ()
-_NATIVE = "-march=native"
+# Numbers of blocks are wider than registers: gcc moves them in halves of these unless it is told.
+_NATIVE = ("-march=native",)
+_WHOLE = (*_NATIVE, "-mmove-max=256", "-mstore-max=256")
 # Not inlined, the parts of a long function compile in half the time, and run as fast once gcc knows
 # that their stride is 1.
 _PORTABLE = ("-Og", "-fipa-cp", "-Dalways_inline=", "-fvisibility=hidden")
@@ -77,13 +79,13 @@ class Compiler:
         Raises `CompilerError` if it fails or hangs.
         """
         # Without knowing the processor a library in the cache might meet another one.
-        if _processor():
+        for native in (_WHOLE, _NATIVE) if _processor() else ():
             try:
-                return self._make(sources, output, [*_FLAGS, _NATIVE, *extra])
+                return self._make(sources, output, [*_FLAGS, *native, *extra])
             except _EndedError:
                 raise
             except CompilerError:
-                pass  # It may not know the processor.
+                pass  # It may not know the processor, or how it is to move numbers.
         return self._make(sources, output, [*_FLAGS, *extra])
 
     def portable(self, sources: Sequence[Path], output: Path) -> None:

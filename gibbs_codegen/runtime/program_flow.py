@@ -26,14 +26,14 @@ _OF_SAMPLES = "held", "errors", "learns", "memory"
 # In C functions of what is sampled have names of their own.
 _SAMPLED = "sampled_"
 
-# A leg, through which the same acts on the robot: the members that `emitted/flow.c` has.
-LEG = np.dtype(
-    [
-        *((name, np.float64) for name in ("begin", "end", "step")),
-        *((name, np.int32) for name in ("count", "every", "number", "samples", "command")),
-    ],
-    align=True,
-)
+
+class Leg(ctypes.Structure):
+    """A leg, through which the same acts on the robot: the members that `emitted/flow.c` has."""
+
+    _fields_ = [
+        *((name, ctypes.c_double) for name in ("begin", "end", "step")),
+        *((name, ctypes.c_int) for name in ("count", "every", "number", "samples", "command")),
+    ]
 
 
 class Flow(ctypes.Structure):
@@ -43,10 +43,17 @@ class Flow(ctypes.Structure):
         *((name, ctypes.c_double) for name in ("time", "step", "taken", "budget", "income")),
         *((name, ctypes.c_double) for name in ("extra", "most", "begin", "piece")),
         *((name, 2 * ctypes.c_double) for name in ("relative", "absolute")),
+        ("scale", ctypes.c_void_p),
         *((name, ctypes.c_int) for name in ("patience", "stops", "smooth", "steps", "wanted")),
         *((name, ctypes.c_int) for name in ("samples", "leg", "legs", "done", "begun")),
         *((name, ctypes.c_int) for name in ("sampled", "reason")),
     ]
+
+
+class Kept(ctypes.Structure):
+    """Addresses of what a call reads and leaves: the members that `emitted/flow.c` has."""
+
+    _fields_ = [(name, ctypes.c_void_p) for name in ("times", "samples", "ranges", "begins")]
 
 
 class Flown(NamedTuple):
@@ -162,14 +169,16 @@ class ProgramFlow:
         arguments = ProgramArguments(inputs, values, robots, tables, guesses)
         self.arrays, self._owned = arguments.arrays, arguments
         self._arguments = arguments.addresses.ctypes.data
+        # The place of the address of held inputs, which is elsewhere while a law is sampled.
         self._held = len(robots) + 1 + [*inputs].index("held") if "held" in inputs else None
-        self._refused = ctypes.c_int()
+        self._held_at = self.arrays["held"].ctypes.data if "held" in inputs else 0
+        self._kept, self._refused = Kept(), ctypes.c_int()
 
     def hold(self, inputs: Array | tuple[float, ...]) -> None:
         """Hold other inputs (nu) from now on, where inputs are held."""
         self.arrays["held"][0] = inputs
-        if self._held is not None:  # Where a sampled law was flown, its commands are held.
-            self._owned.addresses[0, self._held] = self.arrays["held"].ctypes.data
+        if self._held is not None:
+            self._owned.addresses[0, self._held] = self._held_at
 
     def slope(self, time: float, state: Array) -> Array | None:
         """The time derivative (size) of a state; None where it is refused."""
@@ -181,41 +190,42 @@ class ProgramFlow:
     def __call__(
         self,
         flow: Flow,
-        legs: NDArray[np.void],
+        legs: ctypes.Array[Leg],
         state: Array,
-        scale: Array,
         times: Array,
         law: Samples | None = None,
         begins: Array | None = None,
     ) -> Flown:
         """Fly legs from a state (size), as many steps as a call takes, or until `flow` says why.
 
-        `scale` (size) is that of absolute tolerances, `times` are those of the samples to come, s.
-        `law` has the samples of a law; `begins` (legs, size), if given, takes the states at the
-        begin of legs.
+        `times` are those of the samples to come, s. `law` has the samples of a law; `begins` (legs,
+        size), if given, takes the states at the begin of legs.
         """
-        flow.legs, flow.wanted = len(legs), len(times)
-        last, samples = np.array(state, dtype=np.float64), np.empty((len(times), self.size))
-        ranges = np.empty((len(times) + 1, 2, 2, self.ranged // 2))
-        ranges[:, 0], ranges[:, 1] = np.inf, -np.inf
-        kept = _addresses(times, samples, ranges, scale, begins)
+        count, size = len(times), self.size
+        flow.legs, flow.wanted = len(legs), count
+        # In one array, since to make arrays, and to ask where they are, takes long: the samples,
+        # the last state, and the ranges.
+        room = np.empty((count + 1) * (size + 2 * self.ranged))
+        states = room[: (count + 1) * size].reshape(count + 1, size)
+        ranges = room[(count + 1) * size :].reshape(count + 1, 2, 2, self.ranged // 2)
+        states[count] = state
+        at, kept = room.ctypes.data, self._kept
+        last = at + count * size * room.itemsize
+        kept.samples, kept.ranges = at, last + size * room.itemsize
+        kept.times = times.ctypes.data if count else None
+        kept.begins = None if begins is None else begins.ctypes.data
         sampling = None
         if law is not None:
-            sampling = np.append(
-                _addresses(law.times, law.errors, law.learns, law.memory, law.commands),
-                np.uint64(len(law.commands) - len(law.times)),
-            )
+            arrays = law.times, law.errors, law.learns, law.memory, law.commands
+            before = len(law.commands) - len(law.times)
+            sampling = np.array([*(x.ctypes.data for x in arrays), before], dtype=np.uint64)
         self._legs(
             self._arguments,
             ctypes.addressof(flow),
-            legs.ctypes.data,
-            last.ctypes.data,
-            kept.ctypes.data,
+            ctypes.addressof(legs),
+            last,
+            ctypes.addressof(kept),
             None if sampling is None else sampling.ctypes.data,
         )
-        count = flow.samples
-        return Flown(samples[:count], last, np.swapaxes(ranges[: count + 1], 1, 2))
-
-
-def _addresses(*arrays: Array | None) -> NDArray[np.uint64]:
-    return np.array([0 if x is None else x.ctypes.data for x in arrays], dtype=np.uint64)
+        taken = flow.samples
+        return Flown(states[:taken], states[count], ranges[: taken + 1].swapaxes(1, 2))

@@ -7,7 +7,6 @@ start, and not flown: the second shows that ArduPilot has heard.
 
 from __future__ import annotations
 
-import json
 import socket
 import struct
 import time
@@ -17,12 +16,11 @@ import numpy as np
 
 from gibbs_codegen.flight.autopilots.machine import Outputs, Telemetry
 from gibbs_codegen.flight.autopilots.session import PeerError, counted, opened
-from gibbs_codegen.flight.plant.vehicle import Array
 
 _PORT = 9002
-# Head of a packet: what kind it is, steps a second, and its number; then as many pulse widths, µs.
-_HEAD = struct.Struct("<HHI")
-_CHANNELS = {18458: 16, 29569: 32}
+# Packets by their length: what kind it is, steps a second, its number, and pulse widths, µs.
+_KINDS = {18458: struct.Struct("<HHI16H"), 29569: struct.Struct("<HHI32H")}
+_PACKETS = {packet.size: (kind, packet) for kind, packet in _KINDS.items()}
 _LONGEST = 4096
 # The longest pulse that any servo takes, µs.
 _WIDEST = 3000.0
@@ -76,12 +74,9 @@ class ArduPilot:
             if self._peer not in (None, peer):
                 self._odd[_STRANGERS] += 1
                 continue
-            head = _HEAD.unpack_from(packet) if len(packet) >= _HEAD.size else (0, 0, 0)
-            kind, rate, number = head
-            count = _CHANNELS.get(kind, 0)
-            whole = count and rate and len(packet) == _HEAD.size + 2 * count
-            widths = np.frombuffer(packet, "<u2", count, _HEAD.size) if whole else np.inf
-            if np.max(widths) > _WIDEST:
+            head, form = _PACKETS.get(len(packet), (0, None))
+            code, rate, number, *widths = form.unpack(packet) if form else (1, 0, 0, 0)
+            if code != head or not rate or max(widths) > _WIDEST:
                 self._odd[_GARBAGE] += 1
                 continue
             # Other programs send packets as well: only ArduPilot counts on when it is answered.
@@ -104,28 +99,26 @@ class ArduPilot:
                     )
                 self._odd[_LOST] += number - self._number - 1
             self._number = number
-            return self._outputs(np.asarray(widths, np.float64)), 1.0 / rate
+            return self._outputs(widths), 1.0 / rate
 
-    def _outputs(self, widths: Array) -> Outputs:
-        """Outputs of pulse widths (c), µs, rotors first; channels without a function are 0."""
+    def _outputs(self, widths: list[int]) -> Outputs:
+        """Outputs of pulse widths, µs, rotors first; channels without a function are 0."""
         motors, servos = widths[: self._rotors], widths[self._rotors :][: self._joints]
         return Outputs(
-            (motors - 1000.0) / 1000.0, np.where(servos, (servos - 1500.0) / 500.0, np.nan)
+            np.array([(width - 1000.0) / 1000.0 for width in motors]),
+            np.array([(width - 1500.0) / 500.0 if width else np.nan for width in servos]),
         )
 
     def send(self, readings: Telemetry) -> None:
         """Answer the last packet."""
-        packet = {
-            "timestamp": readings.time,
-            "imu": {
-                "gyro": readings.gyro.tolist(),
-                "accel_body": readings.accelerometer.tolist(),
-            },
-            "position": readings.position.tolist(),
-            "velocity": readings.velocity.tolist(),
-            "quaternion": readings.quaternion.tolist(),
-        }
-        self._answer = f"\n{json.dumps(packet)}\n".encode()
+        # Python writes lists of numbers as JSON does.
+        answer = (
+            f'\n{{"timestamp": {readings.time}, "imu": {{"gyro": {readings.gyro.tolist()}, '
+            f'"accel_body": {readings.accelerometer.tolist()}}}, '
+            f'"position": {readings.position.tolist()}, "velocity": {readings.velocity.tolist()}, '
+            f'"quaternion": {readings.quaternion.tolist()}}}\n'
+        )
+        self._answer = answer.encode()
         if self._peer is not None:
             self._socket.sendto(self._answer, self._peer)
 

@@ -178,10 +178,10 @@ class Machine:
         for name, place in self._rows.items():
             if np.isfinite(values := sensed[name].values).all():
                 telemetry[place] = values
-        layout, attitude = self.vehicle.layout, telemetry[len(self._places) :]
-        if not layout.is_quaternion:
+        attitude = telemetry[len(self._places) :]
+        if not self.vehicle.layout.is_quaternion:
             attitude = quaternion_of(attitude.reshape(3, 3))
-        turned = telemetry[self._places] * self._signs + 0.0
+        turned = telemetry.take(self._places) * self._signs + 0.0
         force, turning, field = turned[:3], turned[3:6], turned[7:10]
         fix, fix_velocity, position, velocity = turned[10:].reshape(4, 3)
         return Telemetry(

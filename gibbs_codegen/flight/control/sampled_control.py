@@ -42,6 +42,7 @@ DEFAULT_RATE = 1000.0
 _LEAST_WILD, _BEYOND = {"1": 2.0, "rad": math.pi}, 2.0
 # The lowest rate of a controller, Hz.
 _LOWEST_RATE = 0.1
+_NO_INSTANTS = np.zeros(0)
 
 _log = logging.getLogger("gibbs_codegen")
 
@@ -109,7 +110,7 @@ class ZeroOrderHold:
 
     def command(self, time: float, inputs: Array) -> None:
         """Give a command u (nu), which takes effect later by the delay; log a wrong unit of it."""
-        if np.any(wild := np.abs(inputs) > self._wild):
+        if (wild := np.abs(inputs) > self._wild).any():
             k, module = int(np.argmax(wild)), self.vehicle.module
             self._wild = np.full(len(inputs), np.inf)
             name = self.vehicle.commands[k]
@@ -136,10 +137,10 @@ class ZeroOrderHold:
 
     def instants(self, begin: float, end: float) -> Array:
         """Times after `begin` and before `end`, s, of effects of commands and of readings."""
-        times = np.array([time for time, _ in self._pending if begin < time < end])
-        if not len(times) and (self.readings is None or not self.readings.suite.devices):
-            return times
-        return self._inside(times, begin, end)
+        times = [time for time, _ in self._pending if begin < time < end]
+        if not times and (self.readings is None or not self.readings.suite.devices):
+            return _NO_INSTANTS
+        return self._inside(np.array(times), begin, end)
 
     def _inside(self, times: Array, begin: float, end: float) -> Array:
         """Times between two others, and of readings, in order, and of such as are the same one."""

@@ -26,7 +26,7 @@ from gibbs_codegen.flight.scenario.scenario import Scenario
 from gibbs_codegen.runtime.blocks import Blocks
 from gibbs_codegen.runtime.c_library import CompilerError
 from gibbs_codegen.runtime.cache import CacheError
-from gibbs_codegen.runtime.program_flow import LEG, Flow, ProgramFlow, flow_library
+from gibbs_codegen.runtime.program_flow import Flow, Leg, ProgramFlow, flow_library
 from gibbs_codegen.runtime.program_steps import ProgramSteps
 
 _log = logging.getLogger("gibbs_codegen")
@@ -131,12 +131,12 @@ class CompiledLoop:
         Returns how many were taken, samples (s, size), the last state. Each `every`-th step is a
         sample, where `number` steps came before.
         """
-        leg = np.array([(time, time + count * step, step, count, every, number, 0, 0)], LEG)
+        leg = (Leg * 1)(Leg(time, time + count * step, step, count, every, number))
         flow, times = (
             Flow(time, steps=count + 1),
             np.zeros((number + count) // every - number // every),
         )
-        flown = self.flow(flow, leg, state, state, times)
+        flown = self.flow(flow, leg, state, times)
         return flow.done, flown.samples, flown.last
 
     def slope(self, time: float, state: Array) -> Array | None:
@@ -159,7 +159,7 @@ class CompiledLoops:
 
     def at(self, loads: Loads) -> CompiledLoop | None:
         """The loop while something acts, which holds its inputs; None where it is not compiled."""
-        key = loads._replace(inputs=None), loads.inputs is None
+        key = loads.push, loads.payloads, loads.idle, loads.holds, loads.inputs is None
         if key not in self._made:
             self._made[key] = None
             if is_compiled(self.closed, loads):

@@ -6,15 +6,16 @@ eighth order by Dormand and Prince (DOP853). Both are in C, or else in Python.
 
 from __future__ import annotations
 
+import ctypes
 import itertools
 import math
+from bisect import bisect_left
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from operator import itemgetter
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.flight.integration.closed_loop import ClosedLoop
@@ -32,11 +33,12 @@ from gibbs_codegen.flight.plant.vehicle import Array
 from gibbs_codegen.flight.scenario.parts import Settings
 from gibbs_codegen.runtime.program_flow import (
     ENDED,
-    LEG,
+    GOES_ON,
     REFUSED,
     TOO_SHORT,
     TOO_SLOW,
     Flow,
+    Leg,
     Samples,
 )
 
@@ -70,7 +72,7 @@ class StepGrid:
     def stretches(self, interval: SmoothInterval) -> list[Stretch]:
         """Whole steps on the grid, after a step up to it and before one from it where need be."""
         begin, end, size, every = interval.begin, interval.end, self.size, self.every
-        first, last = (_on_grid(time / size) for time in (begin, end))
+        first, last = _on_grid(begin / size), _on_grid(end / size)
         whole, cut = math.ceil(first), math.floor(last)
         never = cut + 2  # What ends off the grid is no sample.
         if whole > cut:
@@ -84,18 +86,18 @@ class StepGrid:
 
     def sample_times(self, interval: SmoothInterval) -> Array:
         """Times of samples after an interval's begin, s; its end too if it is on the grid."""
-        first, last = (_on_grid(t / self.size) for t in (interval.begin, interval.end))
-        count = self.every
-        times = np.arange(math.floor(first) // count + 1, math.floor(last) // count + 1)
-        sampled: Array = times / self.rate
-        if len(times) and times[-1] * count == last:
+        first, last = _on_grid(interval.begin / self.size), _on_grid(interval.end / self.size)
+        after, until = math.floor(first) // self.every + 1, math.floor(last) // self.every + 1
+        sampled: Array = np.arange(after, until) / self.rate
+        if after < until and (until - 1) * self.every == last:
             sampled[-1] = interval.end
         return sampled
 
 
 def _on_grid(steps: float) -> float:
     """A number of steps, whole if it is so but for rounding."""
-    return float(round(steps)) if abs(steps - round(steps)) <= SAME_TIME else steps
+    whole = round(steps)
+    return float(whole) if abs(steps - whole) <= SAME_TIME else steps
 
 
 def check_stability(loop: ClosedLoop, size: float, cut: str = "") -> None:
@@ -162,6 +164,7 @@ class Integration:
         exact = settings.relative_tolerance, settings.absolute_tolerance
         rough = tuple(map(max, exact, _NOT_SMOOTH))
         flow.relative, flow.absolute = zip(exact, rough, strict=True)
+        flow.scale = self._scale.ctypes.data
         flow.smooth = 0 if loop.compensates else 2 if follows else 1
         self._times, self._states = [np.array([begin])], [start[np.newaxis].copy()]
         self._inputs = [InputRanges.none(len(loop.vehicle.inputs))]
@@ -208,12 +211,12 @@ class Integration:
         intervals; what C refuses of them is left.
         """
         flow, loop, state = self._flow, self._loop, self.state
-        whole = intervals[0]._replace(end=intervals[-1].end)
+        whole = SmoothInterval(intervals[0].begin, intervals[-1].end, loads)
         times, law = self._grid.sample_times(whole), loop.sampled if ahead else None
         legs, firsts = self._legs(intervals, ahead)
         compiled = self.compiled.at(loads)
         python = PythonFlow(loop, self._envelope, loads)
-        samples, taken = [np.zeros((0, len(state)))], 0
+        samples, taken = list[Array](), 0
         begins = np.empty((len(legs), len(state))) if law and loop.sensors else None
         flow.time, flow.leg, flow.done, flow.begun, flow.sampled = whole.begin, 0, 0, 0, 0
         if self._adaptive and not flow.step:
@@ -222,10 +225,10 @@ class Integration:
             flow.steps, flow.reason = STEPS_A_CALL[self._adaptive], REFUSED
             if compiled is not None:
                 left = times[taken:]
-                flown = compiled.flow(flow, legs, state, self._scale, left, ahead, begins)
+                flown = compiled.flow(flow, legs, state, left, ahead, begins)
                 samples.append(flown.samples)
                 state, taken = flown.last, taken + len(flown.samples)
-                seen = np.append(left[: len(flown.samples)], flow.time)
+                seen = np.concatenate((left[: len(flown.samples)], [flow.time]))
                 self._inputs.append(InputRanges(seen, flown.ranges))
             if flow.reason == REFUSED:
                 leg, left = legs[flow.leg], times[taken:]
@@ -233,20 +236,21 @@ class Integration:
                     if not flow.begun:
                         break
                     # What C refuses goes on in Python under the command of this leg.
-                    python.loads = loads._replace(inputs=ahead.commands[leg["command"]])
+                    python.loads = loads._replace(inputs=ahead.commands[leg.command])
                 kept, state = self._in_python(python, leg, state, left, progress)
                 samples.append(kept)
                 taken += len(kept)
-            self.stopped = self._stopped(state)
+            if flow.reason != GOES_ON:
+                self.stopped = self._stopped(state)
             progress(flow.time)
-        begun = int(np.searchsorted(firsts, flow.leg + flow.begun))
+        begun = bisect_left(firsts, flow.leg + flow.begun)
         if ahead and law:
             if not begun:
                 return 0
             loop.took(law, ahead, begun, None if begins is None else begins[firsts[:begun]])
             loads = loads._replace(inputs=law.inputs)
         self._times.append(times[:taken])
-        self._states.append(np.concatenate(samples))
+        self._states.append(samples[0] if len(samples) == 1 else np.concatenate(samples))
         self._inputs += python.ranges()
         self.time, self.state, self._loads = flow.time, state, loads
         self._take_hold()
@@ -254,30 +258,30 @@ class Integration:
 
     def _legs(
         self, intervals: Sequence[SmoothInterval], ahead: Samples | None
-    ) -> tuple[NDArray[np.void], NDArray[np.intp]]:
+    ) -> tuple[ctypes.Array[Leg], list[int]]:
         """Legs of intervals, and the place of the first leg of each."""
-        rows: list[tuple[Any, ...]] = []
+        rows: list[Leg] = []
         firsts: list[int] = []
         for k, interval in enumerate(intervals):
             firsts.append(len(rows))
             begin, due = interval.begin, 0 if ahead is None else ahead.due[k]
             acting = 0 if ahead is None else ahead.acting[k]
             if self._adaptive:
-                rows.append((begin, interval.end, 0.0, 0, 1, 0, due, acting))
+                rows.append(Leg(begin, interval.end, 0.0, 0, 1, 0, due, acting))
                 continue
             for first, steps, step, every in filter(itemgetter(1), self._grid.stretches(interval)):
                 end = min((first + steps) * self._grid.size, interval.end)
-                rows.append((begin, end, step, steps, every, first, due, acting))
+                rows.append(Leg(begin, end, step, steps, every, first, due, acting))
                 begin, due = end, 0
             if len(rows) == firsts[-1]:  # As short as rounding: nothing moves, and no sample ends.
-                rows.append((begin, interval.end, 0.0, 0, 2, 0, due, acting))
-            rows[-1] = (rows[-1][0], interval.end, *rows[-1][2:])
-        return np.array(rows, LEG), np.array(firsts)
+                rows.append(Leg(begin, interval.end, 0.0, 0, 2, 0, due, acting))
+            rows[-1].end = interval.end
+        return (Leg * len(rows))(*rows), firsts
 
     def _in_python(
         self,
         python: PythonFlow,
-        leg: np.void,
+        leg: Leg,
         state: Array,
         times: Array,
         progress: Callable[[float], None],
@@ -292,7 +296,7 @@ class Integration:
             flown = python.steps(flow, leg, state, self._scale, times, derivative, progress)
         else:
             flown = python.step(flow, leg, state)
-        if flow.time >= leg["end"]:
+        if flow.time >= leg.end:
             flow.leg, flow.begun = flow.leg + 1, 0
         return flown
 

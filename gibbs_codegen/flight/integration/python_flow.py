@@ -15,7 +15,7 @@ from gibbs_codegen.flight.integration.closed_loop import ClosedLoop
 from gibbs_codegen.flight.integration.envelope import Envelope
 from gibbs_codegen.flight.integration.state_history import SAME_TIME, InputRanges, Loads
 from gibbs_codegen.flight.plant.vehicle import Array
-from gibbs_codegen.runtime.program_flow import ENDED, GOES_ON, TOO_SHORT, TOO_SLOW, Flow
+from gibbs_codegen.runtime.program_flow import ENDED, GOES_ON, TOO_SHORT, TOO_SLOW, Flow, Leg
 
 # States whose inputs are computed at once: bounds the memory.
 _BATCH = 4096
@@ -37,22 +37,22 @@ class PythonFlow:
         self._times: list[float] = []
         self._states: list[Array] = []
 
-    def step(self, flow: Flow, leg: np.void, state: Array) -> tuple[Array, Array]:
+    def step(self, flow: Flow, leg: Leg, state: Array) -> tuple[Array, Array]:
         """One equal step."""
-        before = int(leg["number"]) + flow.done
+        before = leg.number + flow.done
         self._see(flow.time, state)
         with np.errstate(all="ignore"):
-            state = self.loop.step(flow.time, state, float(leg["step"]), self.loads)
+            state = self.loop.step(flow.time, state, leg.step, self.loads)
         flow.done += 1
-        end, reached = float(leg["end"]), (before + 1) * float(leg["step"])
-        flow.time = end if flow.done >= leg["count"] else min(reached, end)
+        end, reached = leg.end, (before + 1) * leg.step
+        flow.time = end if flow.done >= leg.count else min(reached, end)
         flow.reason = ENDED if self.envelope.reason(flow.time, state) else GOES_ON
-        return state[np.newaxis][: (before + 1) % int(leg["every"]) == 0], state
+        return state[np.newaxis][: (before + 1) % leg.every == 0], state
 
     def steps(
         self,
         flow: Flow,
-        leg: np.void,
+        leg: Leg,
         state: Array,
         scale: Array,
         times: Array,
@@ -63,7 +63,7 @@ class PythonFlow:
 
         `scale` (size) is that of absolute tolerances, `times` are those of samples to come, s.
         """
-        end, envelope = float(leg["end"]), self.envelope
+        end, envelope = leg.end, self.envelope
         first = min(flow.step, end - flow.time)
         solver = scipy.integrate.DOP853(derivative, flow.time, state, end, first_step=first)
         samples, spent, stops, patience = [np.zeros((0, len(state)))], 0, 0, 1

@@ -32,7 +32,7 @@ from gibbs_codegen.flight.scenario.parts import Law, Push
 from gibbs_codegen.flight.simulation import simulate
 from gibbs_codegen.runtime import program_flow
 from gibbs_codegen.runtime.c_library import ModuleLibrary
-from gibbs_codegen.runtime.program_flow import LEG, Flow
+from gibbs_codegen.runtime.program_flow import Flow, Leg
 
 pytestmark = pytest.mark.usefixtures("derived_once", "optimized")
 
@@ -118,7 +118,7 @@ def test_steps_of_adaptive_size_are_those_of_scipy(modules: Load) -> None:
         start_of(closed),
         0.5,
     )
-    slope, leg = compiled.slope, np.array([(0.0, end, 0.0, 0, 1, 0, 0, 0)], LEG)
+    slope, leg = compiled.slope, (Leg * 1)(Leg(0.0, end, 0.0, 0, 1))
     relative, absolute = 1e-8, 1e-9 * np.linspace(1.0, 3.0, len(state))
     first, times = 0.01, np.linspace(0.0, end, 41)[1:]
 
@@ -127,7 +127,8 @@ def test_steps_of_adaptive_size_are_those_of_scipy(modules: Load) -> None:
         ends, samples, x = [0.0], [np.empty((0, len(state)))], state
         while flow.leg < 1:
             flow.steps = 1
-            found = compiled.flow(flow, leg, x, scale, times[sum(map(len, samples)) :])
+            flow.scale = scale.ctypes.data
+            found = compiled.flow(flow, leg, x, times[sum(map(len, samples)) :])
             samples.append(found.samples)
             x = found.last
             ends.append(flow.time)
