@@ -15,11 +15,12 @@ typedef struct {
     int before;
 } Sampling;
 
-/* Take the samples that are due. Returns whether one is refused. */
+/* Take the samples that are due. Returns whether one is refused; none of them is then taken. */
 static int take_samples(const void **given, Flow *flow, const int due, const double *x,
     const Sampling *law)
 {
-    double learnt[LEARNT + 1], refused = 0.0;
+    double learnt[LEARNT + 1], before[LEARNT + 1], refused = 0.0;
+    memcpy(before, law->memory, LEARNT * sizeof *before);
     given[MEMORY_AT] = law->memory;
     for (int k = 0; k < due; ++k, ++flow->sampled) {
         const int n = flow->sampled;
@@ -28,6 +29,7 @@ static int take_samples(const void **given, Flow *flow, const int due, const dou
         take_sample(given, law->times[n], x, law->commands + (law->before + n) * HELD_INPUTS,
             learnt, &refused);
         if (refused > 0.0) {
+            memcpy(law->memory, before, LEARNT * sizeof *before);
             return 1;
         }
         memcpy(law->memory, learnt, LEARNT * sizeof *learnt);

@@ -250,6 +250,15 @@ class Sensing:
                 errors[:, 2 * n :] = of_frame * self._of_wrenches
         return errors
 
+    def errors_ahead(self, count: int, frame: int | None) -> Array:
+        """Errors as of `errors`, which are drawn again: C may refuse samples that are ahead."""
+        generators = self._noise.bit_generator, self._other_noise.bit_generator
+        states = [generator.state for generator in generators]
+        errors = self.errors(count, frame)
+        for generator, state in zip(generators, states, strict=True):
+            generator.state = state
+        return errors
+
     def __call__(
         self, time: float, q: Array, v: Array, measure: Measure | None = None
     ) -> Observation:
@@ -401,7 +410,7 @@ class SampledControl(ZeroOrderHold):
         memory = np.zeros(law.law.vehicle.layout.v.size)
         memory[: len(law.memory)] = law.memory
         place = None if law.law.moved is None else law.law.moved.place
-        errors = self._sensing.errors(len(times), place)
+        errors = self._sensing.errors_ahead(len(times), place)
         learns = np.where(law.idles(times), 0.0, 1.0 / self.rate)
         acting = np.searchsorted(effects, until, side="right")
         due = np.diff(taken, prepend=0)
@@ -414,6 +423,7 @@ class SampledControl(ZeroOrderHold):
         for time, command in zip(samples.times[:number].tolist(), commands, strict=False):
             self.command(time, command)
         self._taken += number
+        self._sensing.errors(number, None)
         self.act(samples.begins[begun - 1])
         if isinstance(law, LawController):
             law.memory = samples.memory[: len(law.memory)]

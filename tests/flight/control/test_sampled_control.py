@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from types import ModuleType, SimpleNamespace
 from typing import Any
@@ -29,6 +29,7 @@ from gibbs_codegen.flight.scenario.file import read_scenario
 from gibbs_codegen.flight.scenario.parts import Sensors
 from gibbs_codegen.flight.scenario.scenario import Scenario
 from gibbs_codegen.flight.simulation import simulate
+from gibbs_codegen.runtime.program_flow import REFUSED, Flow, Flown, Leg, ProgramFlow
 
 Load = Callable[[str], ModuleType]
 
@@ -370,15 +371,16 @@ PUSHED = {"force": [1, 0, 2], "begin": 0.02, "end": 0.0404, "frame": "base"}
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("robot", "method", "control"),
+    ("robot", "method", "control", "refuses"),
     [
-        ("hexarotor_3link", "adaptive", {"rate": 250, "delay": 0.007, "integral": 2.0}),
-        ("hexarotor_3link", "rk4", {"rate": 250, "delay": 0.007, "integral": 2.0}),
-        ("quadrotor_arm_2link", "rk4", {"rate": 333}),
+        ("hexarotor_3link", "adaptive", {"rate": 250, "delay": 0.007, "integral": 2.0}, False),
+        ("hexarotor_3link", "rk4", {"rate": 250, "delay": 0.007, "integral": 2.0}, True),
+        ("quadrotor_arm_2link", "rk4", {"rate": 333}, False),
         (
             "hextilt_flying_arm_5",
             "adaptive",
             {"rate": 250, "law": "impedance", "impedance": {"frame": "tip"}},
+            False,
         ),
     ],
 )
@@ -386,18 +388,32 @@ def test_samples_in_c_are_those_of_python(
     robot: str,
     method: str,
     control: dict[str, Any],
+    refuses: bool,
     fast: Load,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """With errors, delays, readings, memory, and intervals that end between samples.
+    """With errors, delays, readings, memory, intervals that end between samples, and refusals.
 
     Steps of adaptive size are exact to 1e-9, those of SciPy and of C each in its own way.
     """
     sensors = {**ERRORS, "force": 0.1, "delay": 0.003, "imu": [{"rate": 150}]}
     changes = {"sensors": sensors, "push": PUSHED, "control": control}
     scenario = hover(0.06, integration={"method": method, "rate": 500}, **changes)
-    module = fast(robot)
-    quick = simulate(module, scenario)
+    module, fly = fast(robot), ProgramFlow.__call__
+
+    def refused(self: ProgramFlow, flow: Flow, legs: Sequence[Leg], *others: Any) -> Flown:
+        """Steps up to a sample that is not the first; it is then Python's."""
+        sampled = [k for k, leg in enumerate(legs) if leg.samples and k > 2]
+        flow.steps = sum(leg.count for leg in legs[: min(sampled, default=len(legs))])
+        flown = fly(self, flow, legs, *others)  # type: ignore[arg-type]
+        if flow.leg < len(legs):
+            flow.reason = REFUSED
+        return flown
+
+    with monkeypatch.context() as patched:
+        if refuses:
+            patched.setattr(ProgramFlow, "__call__", refused)
+        quick = simulate(module, scenario)
     monkeypatch.setattr(compiled_loop, "is_compiled", lambda *_: False)
     slow = simulate(module, scenario)
     for name in ("q", "v", "commanded", "commanded_least", "applied_greatest", "sensors"):
