@@ -19,6 +19,7 @@ from gibbs_codegen.files.staging import writing
 from gibbs_codegen.flight.plant.actuators import followed
 from gibbs_codegen.flight.plant.kinematics import kinematics_of
 from gibbs_codegen.flight.plant.vehicle import Vehicle
+from gibbs_codegen.flight.scenario.parts import PREDICTIVE
 from gibbs_codegen.flight.vectors import Array as Array
 from gibbs_codegen.flight.vectors import roll_pitch_yaw
 from gibbs_codegen.machine.laws import LAWS
@@ -43,6 +44,8 @@ _LINEAR_ROWS = frozenset({"x", "y", "z", "distance", "normal"})
 _TURNED = 0.25
 # Commands that jump by more than this share of the greatest, in more than this share of samples.
 _JUMP, _CHATTERS = 0.5, 0.05
+# Distance, m, and angle, degrees, from which on a base that follows a path is lost.
+_ASTRAY, _OVERTURNED = 1.0, 90.0
 Column = tuple[str, str, Array]
 StrPath = str | os.PathLike[str]
 # Endings of names of columns of inputs, and their series.
@@ -252,7 +255,7 @@ class Flight:
 
         They are on frames that begin so deep in a wall that it pushes with more than the weight, on
         impacts for which steps are too long, on a battery that ran empty, on commands that chatter,
-        and on joints that a push turns far.
+        on joints that a push turns far, and on a base that ends far from its path or overturned.
         """
         deep = np.flatnonzero(np.any(self.contact_forces[:1] > _RESTS * self.weight, axis=0))
         inside = tuple(
@@ -268,7 +271,7 @@ class Flight:
             "gives then, which no battery does."
             for k in empty[:1]
         )
-        return inside + self.hard_impacts + drained + self._chatter + self._turned
+        return inside + self.hard_impacts + drained + self._chatter + self._turned + self._astray
 
     @property
     def _chatter(self) -> tuple[str, ...]:
@@ -309,6 +312,23 @@ class Flight:
             f"its range of {span[k]:.3g}; bend the arm more (arm.posture_deg), put the base nearer "
             "to what it pushes, push with less force, or hold the joint (control.joints)."
             for k in np.flatnonzero(off > _TURNED * span)
+        )
+
+    @property
+    def _astray(self) -> tuple[str, ...]:
+        """That the base ends far from its path, farther than it began, or overturned, in words."""
+        follows = self.law == PREDICTIVE or (self.law in LAWS and not LAWS[self.law].moves_frame)
+        if not follows or self.stopped or self.hold_times.size:
+            return ()
+        begin, end = self.centre_error[[0, -1]]
+        turned = kinematics_of(self.layout).rotation(self.q_desired[-1])
+        off = np.degrees(np.arccos(np.clip(turned[:, 2] @ self.base_rotation[-1, :, 2], -1.0, 1.0)))
+        if end <= max(begin, _ASTRAY) and off <= _OVERTURNED:
+            return ()
+        return (
+            f"The flight ends {end:.3g} m from where the base was to be, its z axis {off:.3g}° "
+            "from where it was to point: control is lost, though not by integration.divergence; "
+            "see which inputs were at their limits, or give a smaller divergence, which ends it.",
         )
 
     @property

@@ -49,6 +49,22 @@ def test_a_flight_says_that_commands_of_motors_chatter(flight: Flight) -> None:
     assert re.match(r"Commands of motors chatter: in 9\d% of the samples .* F_2 most often", note)
 
 
+def test_a_flight_says_that_it_ends_far_from_its_path_or_overturned(flight: Flight) -> None:
+    """One that begins as far away does not, nor one that ended there, nor one of a user's law."""
+    far, turned = flight.centre_desired.copy(), flight.base_rotation.copy()
+    far[-1] = flight.point(flight.centre)[-1] + [2.0, 0.0, 0.0]
+    turned[-1] = turned[-1] @ np.diag([1.0, -1.0, -1.0])
+    lost = dataclasses.replace(flight, centre_desired=far)
+    assert re.match("The flight ends 2 m from where the base was to be, its z axis 0", *lost.notes)
+    (note,) = dataclasses.replace(flight, base_rotation=turned).notes
+    assert "its z axis 180° from where it was to point: control is lost" in note
+    away = far.copy()
+    away[0, 0] -= 3.0
+    begun = dataclasses.replace(lost, centre_desired=away)
+    ended, users = (dataclasses.replace(lost, **{k: "own"}) for k in ("stopped", "law"))
+    assert (begun.notes, ended.notes, users.notes) == ((), (), ())
+
+
 def test_a_flight_saved_before_robots_were_trees_is_read(flight: Flight, tmp_path: Path) -> None:
     """Such files say nothing of attitude, units and parents: those were the same for all."""
     flight.write_npz(tmp_path / "now.npz")
