@@ -48,13 +48,6 @@ void flow_legs(const void **given, Flow *flow, const Leg *legs, double *x, const
     const Sampling *law)
 {
     (void)law;
-    for (int k = 0; k <= flow->wanted; ++k) {
-        double *const least = kept->ranges + 2 * k * RANGED, *const greatest = least + RANGED;
-        for (int i = 0; i < RANGED; ++i) {
-            least[i] = INFINITY;
-            greatest[i] = -INFINITY;
-        }
-    }
     flow->samples = 0;
     flow->reason = GOES_ON;
     while (flow->leg < flow->legs && flow->steps > 0) {

@@ -94,13 +94,7 @@ static INLINE real arctan2_real(const real a, const real b)
 #define arctan2 arctan2_real
 #else
 /* Vectors that are wider than registers compilers compare entry by entry, but not their parts. */
-#if defined(__AVX512F__)
-enum { REGISTER = 64 };
-#elif defined(__AVX__)
-enum { REGISTER = 32 };
-#else
-enum { REGISTER = 16 };
-#endif
+enum { REGISTER = __BIGGEST_ALIGNMENT__ };
 typedef real part __attribute__((vector_size(REGISTER), may_alias));
 
 /* Whether a is greater than b. */

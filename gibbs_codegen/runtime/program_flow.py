@@ -208,7 +208,7 @@ class ProgramFlow:
         room = np.empty((count + 1) * (size + 2 * self.ranged))
         states = room[: (count + 1) * size].reshape(count + 1, size)
         ranges = room[(count + 1) * size :].reshape(count + 1, 2, 2, self.ranged // 2)
-        states[count] = state
+        states[count], ranges[:, 0], ranges[:, 1] = state, np.inf, -np.inf
         at, kept = room.ctypes.data, self._kept
         last = at + count * size * room.itemsize
         kept.samples, kept.ranges = at, last + size * room.itemsize
