@@ -93,8 +93,12 @@ static INLINE real arctan2_real(const real a, const real b)
 #define exponential exponential_real
 #define arctan2 arctan2_real
 #else
-/* Vectors that are wider than registers compilers compare entry by entry, but not their parts. */
+/* Vectors that are wider than registers gcc compares entry by entry, but not their parts. */
+#ifdef __clang__
+enum { REGISTER = sizeof(number) };
+#else
 enum { REGISTER = __BIGGEST_ALIGNMENT__ };
+#endif
 typedef real part __attribute__((vector_size(REGISTER), may_alias));
 
 /* Whether a is greater than b. */

@@ -112,13 +112,12 @@ class ArduPilot:
     def send(self, readings: Telemetry) -> None:
         """Answer the last packet."""
         # Python writes lists of numbers as JSON does.
-        answer = (
+        self._answer = (
             f'\n{{"timestamp": {readings.time}, "imu": {{"gyro": {readings.gyro.tolist()}, '
             f'"accel_body": {readings.accelerometer.tolist()}}}, '
             f'"position": {readings.position.tolist()}, "velocity": {readings.velocity.tolist()}, '
             f'"quaternion": {readings.quaternion.tolist()}}}\n'
-        )
-        self._answer = answer.encode()
+        ).encode()
         if self._peer is not None:
             self._socket.sendto(self._answer, self._peer)
 
