@@ -11,7 +11,7 @@ import os
 import re
 import textwrap
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import field
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from gibbs_codegen.arrays.c_text import CProgram
@@ -27,7 +27,6 @@ from gibbs_codegen.errors import UsageError
 from gibbs_codegen.files.line_breaks import WIDTH, broken
 from gibbs_codegen.files.staging import writing
 from gibbs_codegen.files.verbatim import c_source
-from gibbs_codegen.frozen import frozen
 from gibbs_codegen.version import __version__
 
 # Endings of the names of files that modules have.
@@ -38,7 +37,7 @@ _EXTERNALS = frozenset({"nearest_thrusts", "smallest_thrusts", "force_axis"})
 _NAME = re.compile(r"^(?:static [\w *]*?\b(\w+)\(|(?:enum \{ |\} |#define )(\w+))", re.MULTILINE)
 
 
-@frozen
+@dataclass(frozen=True)
 class Member:
     """A member of a structure: the input or output of a program that it holds, and what it is."""
 
@@ -47,7 +46,7 @@ class Member:
     words: str
 
 
-@frozen
+@dataclass(frozen=True)
 class Structure:
     """A structure that functions are given as the argument `name`, of the type `<robot>_<name>`."""
 
@@ -56,7 +55,7 @@ class Structure:
     members: tuple[Member, ...]
 
 
-@frozen
+@dataclass(frozen=True)
 class CFunction:
     """A program as a function of C: structures for inputs and outputs, which others follow alone.
 

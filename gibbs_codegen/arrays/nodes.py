@@ -25,14 +25,13 @@ from weakref import WeakValueDictionary
 import numpy as np
 
 from gibbs_codegen.errors import UsageError
-from gibbs_codegen.frozen import frozen
 
 Shape = tuple[int, ...]
 # A node, or numbers.
 Value: TypeAlias = "Node | float | np.ndarray"
 
 
-@frozen
+@dataclass(frozen=True)
 class Space:
     """The space of a robot's coordinates: how many entries they have, and displacements of them.
 
@@ -50,21 +49,21 @@ class Space:
         return self.coordinates != self.velocities
 
 
-@frozen
+@dataclass(frozen=True)
 class Input:
     """An argument of a program, by its name."""
 
     name: str
 
 
-@frozen
+@dataclass(frozen=True)
 class Constant:
     """Numbers, as the bytes of doubles."""
 
     data: bytes
 
 
-@frozen
+@dataclass(frozen=True)
 class Call:
     """An output of a function of a module, `owner` being whose parameters it is called with."""
 
@@ -73,7 +72,7 @@ class Call:
     output: int
 
 
-@frozen
+@dataclass(frozen=True)
 class Invocation:
     """An output of another program, which stays a program: it is derived and printed once."""
 
@@ -81,7 +80,7 @@ class Invocation:
     output: str
 
 
-@frozen
+@dataclass(frozen=True)
 class External:
     """A function written by hand in every language.
 
@@ -93,36 +92,36 @@ class External:
     formula: Callable[[int], Program] | None = None
 
 
-@frozen
+@dataclass(frozen=True)
 class Elementary:
     """A function of numbers, entry by entry; axes of one entry and numbers go with any others."""
 
     name: str
 
 
-@frozen
+@dataclass(frozen=True)
 class Contraction:
     """The sum over the last axis of the first and the first axis of the second argument."""
 
 
-@frozen
+@dataclass(frozen=True)
 class Solution:
     """The inverse of a matrix times a vector or matrix."""
 
 
-@frozen
+@dataclass(frozen=True)
 class Transposition:
     """The same entries with axes in another order."""
 
     axes: tuple[int, ...]
 
 
-@frozen
+@dataclass(frozen=True)
 class Reshaping:
     """The same entries, row by row, in another shape."""
 
 
-@frozen
+@dataclass(frozen=True)
 class RowRange:
     """Entries or rows from one to another, along the first axis."""
 
@@ -130,26 +129,26 @@ class RowRange:
     end: int
 
 
-@frozen
+@dataclass(frozen=True)
 class Joining:
     """Vectors, or arrays along their first axis, one after the other."""
 
 
-@frozen
+@dataclass(frozen=True)
 class Total:
     """The sum over some axes, which are kept with one entry."""
 
     axes: tuple[int, ...]
 
 
-@frozen
+@dataclass(frozen=True)
 class Entries:
     """The entries of coordinates, as a plain vector."""
 
     space: Space
 
 
-@frozen
+@dataclass(frozen=True)
 class Coordinates:
     """Coordinates with these entries, of which a quaternion has unit length."""
 

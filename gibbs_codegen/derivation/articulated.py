@@ -10,6 +10,7 @@ outwards each joint's. It is the recursion of Featherstone, Rigid Body Dynamics 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from types import MappingProxyType
 
 import sympy as sp
@@ -18,7 +19,6 @@ from gibbs_codegen.derivation.inertia import NO_ARTICULATED_INERTIA, Articulated
 from gibbs_codegen.derivation.motion import Acceleration, Motion
 from gibbs_codegen.derivation.segment_tree import SegmentTree
 from gibbs_codegen.derivation.tree_dynamics import link_wrench
-from gibbs_codegen.frozen import frozen
 from gibbs_codegen.symbolic.ldlt import ZeroPivotError, minimum_degree, solve_symmetric
 from gibbs_codegen.symbolic.tape import Scalars, Values, Vector, times
 from gibbs_codegen.symbolic.vectors import (
@@ -32,7 +32,7 @@ from gibbs_codegen.symbolic.vectors import (
 )
 
 
-@frozen
+@dataclass(frozen=True)
 class ArticulatedBody:
     """Â and p of ½aᵀÂa − aᵀp: a link, or the subtree of a segment."""
 
@@ -54,7 +54,7 @@ class ArticulatedBody:
         return ArticulatedBody(self.inertia.shifted(tape, arm), self.load.shifted(tape, arm))
 
 
-@frozen
+@dataclass(frozen=True)
 class SolvedJoint:
     """A joint's equation, solved for its own component of a: a_d = share − Σ ratios·(the rest).
 
@@ -89,7 +89,7 @@ class SolvedJoint:
         return relative, Acceleration.of(entries)
 
 
-@frozen
+@dataclass(frozen=True)
 class Articulation:
     """A tree with every joint's equation solved, and the rest for the root.
 
@@ -121,7 +121,7 @@ class Articulation:
         return [root_turn(self.tree), *([root.rotation] if self.tree.works_in_own_frame(0) else [])]
 
 
-@frozen
+@dataclass(frozen=True)
 class JointAcceleration:
     """θ̈ of a joint, with the accelerations of its segment without θ̈ and with it."""
 

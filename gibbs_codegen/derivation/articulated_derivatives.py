@@ -42,6 +42,7 @@ of the column, and dω/dt by ω×ε less.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Literal, get_args
 
 import sympy as sp
@@ -57,7 +58,6 @@ from gibbs_codegen.derivation.inertia import NO_COUPLING, ArticulatedInertia, Ve
 from gibbs_codegen.derivation.motion import Acceleration, Motion
 from gibbs_codegen.derivation.parameters import PassiveSymbols
 from gibbs_codegen.derivation.segment_tree import SegmentTree
-from gibbs_codegen.frozen import frozen
 from gibbs_codegen.symbolic.tape import Scalars, Values, Vector, times
 from gibbs_codegen.symbolic.vectors import (
     NO_ROTATION,
@@ -191,7 +191,7 @@ Key = tuple[Kind, int]
 _KINDS = get_args(Kind)
 
 
-@frozen
+@dataclass(frozen=True)
 class Perturbation:
     """A change at a joint, per unit, in the working frame of the joint's segment.
 
@@ -205,7 +205,7 @@ class Perturbation:
     wrench: list[sp.Expr]
 
 
-@frozen
+@dataclass(frozen=True)
 class JointPerturbations:
     """The changes of a joint's "coordinate" and of its "rate"; and ratios of its equation to ε."""
 
@@ -303,7 +303,7 @@ def _perturbation(
     return Perturbation(acceleration, turning, effort, wrench)
 
 
-@frozen
+@dataclass(frozen=True)
 class SeenPoint:
     """A place on a segment, in its working frame, or of the root where its system is solved.
 
@@ -318,7 +318,7 @@ class SeenPoint:
     turn: Rotation = NO_ROTATION
 
 
-@frozen
+@dataclass(frozen=True)
 class _Carried:
     """Effect of a column on a segment, in its working frame: an acceleration and a turning ε."""
 

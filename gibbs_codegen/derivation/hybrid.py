@@ -11,6 +11,7 @@ constrained joints, too, at rest.
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 
 import sympy as sp
 
@@ -25,7 +26,6 @@ from gibbs_codegen.derivation.motion import TreeState
 from gibbs_codegen.derivation.passive import armatures, passive_forces, spring_loads
 from gibbs_codegen.derivation.segment_tree import SegmentTree
 from gibbs_codegen.derivation.symbolic_robot import SymbolicRobot
-from gibbs_codegen.frozen import frozen
 from gibbs_codegen.robot.chains import coupling_map
 from gibbs_codegen.robot.description import constrained_coordinate
 from gibbs_codegen.robot.model import Robot
@@ -35,7 +35,7 @@ from gibbs_codegen.symbolic.tape import Tape
 from gibbs_codegen.symbolic.vectors import Matrix, Wrench, zeros
 
 
-@frozen
+@dataclass(frozen=True)
 class LinearSystem:
     """matrix · unknowns = residual + inputs · u."""
 
@@ -276,7 +276,7 @@ def hybrid_from_chains(symbolic: SymbolicRobot) -> LinearSystem:
 Filling = tuple[tuple[tuple[int, ...], ...], ...]
 
 
-@frozen
+@dataclass(frozen=True)
 class FilledEntries:
     """For each entry of I_H, R_H and B_H, the chains that add something to it (Figs. 7–9).
 

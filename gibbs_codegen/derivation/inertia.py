@@ -19,11 +19,11 @@ Coriolis force of a body that turns at an additional rate ε: the force ε×2P a
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
 
 import sympy as sp
 
 from gibbs_codegen.derivation.gibbs import MASS, MOMENT, SECOND, evaluated, link_mass_block, skew
-from gibbs_codegen.frozen import frozen
 from gibbs_codegen.symbolic.tape import Scalars, Values, Vector, negated, plus, times
 from gibbs_codegen.symbolic.vectors import ZERO, Rotation, Wrench
 
@@ -37,7 +37,7 @@ SecondMoments = tuple[sp.Expr, ...]
 Block = tuple[Vector, ...]
 
 
-@frozen
+@dataclass(frozen=True)
 class Inertia:
     """Mass B₀, first moment C and second moments E (xx, yy, zz, xy, xz, yz) about a point."""
 
@@ -176,7 +176,7 @@ def rotated_block(tape: Scalars, rotation: Rotation, block: Block) -> Block:
     return _block(lambda i, j: turned[i, j])
 
 
-@frozen
+@dataclass(frozen=True)
 class ArticulatedInertia:
     """The blocks of Â by rows: r̈ with r̈, r̈ with ω̇, ω̇ with ω̇."""
 
@@ -274,7 +274,7 @@ class ArticulatedInertia:
 NO_ARTICULATED_INERTIA = ArticulatedInertia((ZERO,) * 3, (ZERO,) * 3, (ZERO,) * 3)
 
 
-@frozen
+@dataclass(frozen=True)
 class Moments:
     """2P, and the rows of 2D about a point."""
 
@@ -305,7 +305,7 @@ class Moments:
 NO_MOMENTS = Moments(ZERO, (ZERO, ZERO, ZERO))
 
 
-@frozen
+@dataclass(frozen=True)
 class VelocityCoupling:
     """The matrices by rows: force and moment for a rate ε."""
 

@@ -18,7 +18,7 @@ costs by Denavit–Hartenberg parameters.
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from fractions import Fraction
 
 import sympy as sp
@@ -26,7 +26,6 @@ import sympy as sp
 from gibbs_codegen.derivation.inertia import NO_INERTIA, Inertia, total
 from gibbs_codegen.derivation.parameters import LinkSymbols, Parameters
 from gibbs_codegen.derivation.segment_tree import JointedLink
-from gibbs_codegen.frozen import frozen
 from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.robot.names import identifier
 from gibbs_codegen.robot.parts.link import Link
@@ -50,7 +49,7 @@ from gibbs_codegen.symbolic.vectors import ZERO, X, Z, axis_vector, cos_sin_deg
 _LEAST_SINE = 0.1
 
 
-@frozen
+@dataclass(frozen=True)
 class BodyFrame:
     """Pose, in a segment's own frame, of the frame that the robot file gives a body."""
 
@@ -80,7 +79,7 @@ class BodyFrame:
         return BodyFrame(outer.segment, turn, outer.point(tape, self.origin))
 
 
-@frozen
+@dataclass(frozen=True)
 class PlacedLink:
     """A link in symbols, where the robot file places it.
 
@@ -162,7 +161,7 @@ def _turns(links: Sequence[PlacedLink]) -> list[Turn | None]:
     return turns
 
 
-@frozen
+@dataclass(frozen=True)
 class JointedBodies:
     """Links with joints, and the links welded to them.
 

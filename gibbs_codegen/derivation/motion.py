@@ -8,9 +8,10 @@ on parallel axes, whose motions are kept in one frame, share most of it.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import sympy as sp
 
-from gibbs_codegen.frozen import frozen
 from gibbs_codegen.robot.layout import Places
 from gibbs_codegen.symbolic.tape import Scalars, Values, Vector, negated, plus, times
 from gibbs_codegen.symbolic.vectors import Rotation, Transform
@@ -18,7 +19,7 @@ from gibbs_codegen.symbolic.vectors import Rotation, Transform
 Gradient = tuple[Vector, ...]
 
 
-@frozen
+@dataclass(frozen=True)
 class TreeState:
     """Velocities and their rates in the order of the tree's coordinates, and gravity."""
 
@@ -48,7 +49,7 @@ class TreeState:
         return base, joints
 
 
-@frozen
+@dataclass(frozen=True)
 class Motion:
     """ω, dω/dt, the acceleration r̈ of the joint, and A by columns, in one frame."""
 
@@ -147,7 +148,7 @@ class Motion:
         return Motion(self.omega, self.omega_dot, tape.add(self.acceleration, gain), self.gradient)
 
 
-@frozen
+@dataclass(frozen=True)
 class Acceleration:
     """r̈ and ω̇ of a frame."""
 

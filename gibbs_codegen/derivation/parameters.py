@@ -7,6 +7,7 @@ so that sums over arms that vanish by symmetry can be seen to vanish.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
@@ -14,7 +15,6 @@ import sympy as sp
 
 from gibbs_codegen.arrays.nodes import Node, variable, zeros
 from gibbs_codegen.derivation.inertia import NO_INERTIA, Inertia, total
-from gibbs_codegen.frozen import frozen
 from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.robot.names import frame_prefix, parameter_prefix, rotor_prefix, tie_prefix
 from gibbs_codegen.robot.parts.body import Body, Rod
@@ -26,7 +26,7 @@ from gibbs_codegen.symbolic.tape import InlineTape, Scalars, Stage, Vector, plus
 from gibbs_codegen.symbolic.vectors import ZERO, Rotation
 
 
-@frozen
+@dataclass(frozen=True)
 class BodySymbols:
     """Length of a body, and its inertia about its joint in its own frame."""
 
@@ -34,7 +34,7 @@ class BodySymbols:
     inertia: Inertia
 
 
-@frozen
+@dataclass(frozen=True)
 class PassiveSymbols:
     """Passive forces of a joint, as in `robot.model.Passive`."""
 
@@ -44,7 +44,7 @@ class PassiveSymbols:
     rest: sp.Expr
 
 
-@frozen
+@dataclass(frozen=True)
 class LinkSymbols:
     """Place and body of a link, and the forces at its joint.
 

@@ -26,7 +26,7 @@ shorten every recursion.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import cached_property
 from itertools import groupby
@@ -34,7 +34,6 @@ from itertools import groupby
 import sympy as sp
 
 from gibbs_codegen.derivation.inertia import ANGULAR, LINEAR, NO_INERTIA, Inertia
-from gibbs_codegen.frozen import frozen
 from gibbs_codegen.robot.parts.link import JointKind
 from gibbs_codegen.symbolic.tape import Scalars, Stage, Vector, negated, plus, times
 from gibbs_codegen.symbolic.vectors import (
@@ -58,7 +57,7 @@ _MOST_NAMED = 4
 NO_PARENT = -1
 
 
-@frozen
+@dataclass(frozen=True)
 class Segment:
     """A link and its joint, placed much as modified Denavit–Hartenberg does it.
 
@@ -93,7 +92,7 @@ class Segment:
         return wrench.entries[self.direction]
 
 
-@frozen
+@dataclass(frozen=True)
 class SegmentTree:
     """Segments, every parent before its children, the root first.
 
@@ -235,7 +234,7 @@ class SegmentTree:
             return self.to_working_frame(tape, k, segment.inertia)
 
 
-@frozen
+@dataclass(frozen=True)
 class JointedLink:
     """A link in symbols, with its frame's z along its joint, placed on its parent.
 
@@ -317,7 +316,7 @@ def joint_rotation(
     return Rotation.angle(tape, Z, angle + radians(fixed % 360))
 
 
-@frozen
+@dataclass(frozen=True)
 class GroupPassage:
     """The way of wrenches through a group to its lead, and into it where they come from another.
 

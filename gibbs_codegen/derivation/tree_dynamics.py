@@ -14,6 +14,7 @@ column of the mass matrix. All other joints have a zero there.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from types import MappingProxyType
 
 import sympy as sp
@@ -23,7 +24,6 @@ from gibbs_codegen.derivation.inertia import Inertia
 from gibbs_codegen.derivation.motion import Motion, TreeState
 from gibbs_codegen.derivation.root import Root
 from gibbs_codegen.derivation.segment_tree import GroupPassage, SegmentTree
-from gibbs_codegen.frozen import frozen
 from gibbs_codegen.robot.layout import Places
 from gibbs_codegen.symbolic.tape import Scalars, Values
 from gibbs_codegen.symbolic.vectors import (
@@ -174,7 +174,7 @@ def composites_inward(tape: Scalars, tree: SegmentTree) -> Iterator[tuple[int, I
         yield k, composites[k]
 
 
-@frozen
+@dataclass(frozen=True)
 class JointSpaceInertia:
     """The mass matrix before the root's coordinates are put in.
 

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import re
+from dataclasses import dataclass
 from pathlib import Path
-
-from gibbs_codegen.frozen import frozen
 
 _FOLDER = Path(__file__).parent.parent / "emitted"
 _IMPORT = re.compile(r"^(?:import|from) .*$", re.MULTILINE)
@@ -14,7 +13,7 @@ _OWN = "from gibbs_codegen.emitted."
 _INCLUDE = re.compile(r'^#include "([\w/]+\.\w)"\n', re.MULTILINE)
 
 
-@frozen
+@dataclass(frozen=True)
 class PythonSource:
     """Python files without their docstrings: their imports, and what follows them."""
 

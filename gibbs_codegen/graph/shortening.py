@@ -27,11 +27,11 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections import Counter
 from collections.abc import Iterator, MutableMapping, Sequence
+from dataclasses import dataclass
 from heapq import heapify, heappop, heappush
 from itertools import chain, combinations
 from operator import itemgetter
 
-from gibbs_codegen.frozen import frozen
 from gibbs_codegen.graph.graph import PRODUCT, RECIPROCAL, SUM, Graph, Ref
 from gibbs_codegen.graph.signs import Polarity
 
@@ -289,7 +289,7 @@ def operations(graph: Graph, outputs: Sequence[Ref]) -> int:
     return _without_signs(graph, outputs) + Polarity(graph, outputs).changes
 
 
-@frozen
+@dataclass(frozen=True)
 class Shortened:
     """A function's outputs, and the signs with which what they are made of is computed."""
 

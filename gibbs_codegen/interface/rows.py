@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import field, replace
+from dataclasses import dataclass, field, replace
 from typing import Any, Literal
-
-from gibbs_codegen.frozen import frozen
 
 # What a row may give of the function whose derivative it is: a matrix by each argument, a product
 # with a direction, a gradient of the results times weights, second derivatives of these, or what
@@ -21,7 +19,7 @@ LOADS = "[N] in the first three, [N m] in the others, a row for each of {bodies}
 MOTIONS = "[m/s^2] in the first three, [rad/s^2] in the others"
 
 
-@frozen
+@dataclass(frozen=True)
 class Argument:
     """An argument and its shape, in the letters of the table.
 
@@ -43,7 +41,7 @@ class Argument:
         return self.shape == "q"
 
 
-@frozen
+@dataclass(frozen=True)
 class Output:
     """An array that a function returns: its name, its shape, and the unit of its entries.
 
@@ -75,7 +73,7 @@ def sizes(shape: str, lengths: Mapping[str, int]) -> tuple[int, ...]:
     return tuple(int(x) if x.isdigit() else lengths[x] for x in shape)
 
 
-@frozen
+@dataclass(frozen=True)
 class Row:
     """A row of the table; `source` is the equation that the function implements.
 

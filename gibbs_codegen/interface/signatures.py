@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
-from gibbs_codegen.frozen import frozen
 from gibbs_codegen.interface.choice import default_functions
 from gibbs_codegen.interface.rows import sizes
 from gibbs_codegen.interface.table import ARGUMENTS, FUNCTIONS, LISTS, OWN_LISTS
 
 
-@frozen
+@dataclass(frozen=True)
 class Signature:
     """A function of one module: its arguments with their shapes, and the shapes of its outputs."""
 

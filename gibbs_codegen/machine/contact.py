@@ -22,6 +22,7 @@ spring and damper, so that equal steps can follow.
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import NamedTuple
 
 from gibbs_codegen.arrays.nodes import (
@@ -36,7 +37,6 @@ from gibbs_codegen.arrays.nodes import (
     square_root,
     zeros,
 )
-from gibbs_codegen.frozen import frozen
 from gibbs_codegen.machine.surroundings import origin_of
 
 # Of figures of a shape and a place (3), how deep that is behind its surface, m, and the unit normal
@@ -55,7 +55,7 @@ def plane(figures: Node, place: Node) -> tuple[Node, Node]:
     return dot(normal, figures[:3] - place), normal
 
 
-@frozen
+@dataclass(frozen=True)
 class Contact:
     """A frame that may touch a wall, by their numbers; `sticks` tells that there is friction.
 

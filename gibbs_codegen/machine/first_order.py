@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from dataclasses import dataclass
 
 from gibbs_codegen.arrays.forward import along
 from gibbs_codegen.arrays.functions import Functions
@@ -27,7 +28,6 @@ from gibbs_codegen.arrays.nodes import (
     variable,
     zeros,
 )
-from gibbs_codegen.frozen import frozen
 from gibbs_codegen.machine import impacts
 from gibbs_codegen.machine.base import base_of
 from gibbs_codegen.machine.contact import Contact, plane
@@ -50,7 +50,7 @@ _NO_DIRECTION = 1e-30
 GRAVITY = variable("gravity")
 
 
-@frozen
+@dataclass(frozen=True)
 class System:
     """The system of a robot, of whose rotors some lag: time constants, s, by their numbers.
 

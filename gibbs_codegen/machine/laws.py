@@ -25,6 +25,7 @@ To add a law, add a row to `LAWS`: flights, scenario files and `generate --laws`
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -48,7 +49,6 @@ from gibbs_codegen.arrays.nodes import (
     square_root,
     zeros,
 )
-from gibbs_codegen.frozen import frozen
 from gibbs_codegen.machine.allocation import nearest_thrusts, smallest_thrusts
 from gibbs_codegen.machine.base import Motion, base_of, length, placed
 
@@ -65,7 +65,7 @@ _HELD = 1e6
 _NO_ANGLE = 1e-16
 
 
-@frozen
+@dataclass(frozen=True)
 class Gains:
     """Stiffness k (nv), 1/s², and damping d (nv), 1/s, of the tracking errors.
 
@@ -96,7 +96,7 @@ class Weight(NamedTuple):
     axis: Node
 
 
-@frozen
+@dataclass(frozen=True)
 class Rotors:
     """The rotors as a law knows them: what shares a wrench among them, and their limits.
 
@@ -117,7 +117,7 @@ class Rotors:
     exact: Node | float = 1e-9
 
 
-@frozen
+@dataclass(frozen=True)
 class CentrePath:
     """Desired position, velocity and acceleration (3 each) of the centre of mass."""
 
@@ -126,7 +126,7 @@ class CentrePath:
     acceleration: Node
 
 
-@frozen
+@dataclass(frozen=True)
 class PushAim:
     """The push of a frame: along a unit vector (3), world axes, with a force, N.
 
@@ -157,7 +157,7 @@ def push_shares(time: Node, begin: Node, end: Node, rise: Node) -> tuple[Node, N
     return come * come * (3.0 - 2.0 * come), gone * gone * (3.0 - 2.0 * gone)
 
 
-@frozen
+@dataclass(frozen=True)
 class FrameAim:
     """The frame that a law moves, by its number, and how.
 
@@ -179,7 +179,7 @@ class FrameAim:
         return self.wrench[:3]
 
 
-@frozen
+@dataclass(frozen=True)
 class Aim:
     """The aim of a law, and its gains.
 
@@ -372,7 +372,7 @@ def learning(robot: Functions, q: Node, v: Node, aim: Aim) -> Node:
     return placed(robot, zeros(3), off, joints)
 
 
-@frozen
+@dataclass(frozen=True)
 class Law:
     """A law: the generalised force (nv) at a state, its name in messages, and what it does.
 

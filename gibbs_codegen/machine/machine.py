@@ -7,6 +7,7 @@ drives, and without such thrusts and torques, which thrusts of motors that lag f
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
 
@@ -20,7 +21,6 @@ from gibbs_codegen.arrays.nodes import (
     reshaped,
     zeros,
 )
-from gibbs_codegen.frozen import frozen
 from gibbs_codegen.machine import surroundings
 from gibbs_codegen.machine.base import base_of, unit_entries
 from gibbs_codegen.machine.contact import (
@@ -36,7 +36,7 @@ from gibbs_codegen.machine.state import State, StateLayout
 from gibbs_codegen.machine.steps import constrained_motion
 
 
-@frozen
+@dataclass(frozen=True)
 class Surroundings:
     """Kinds of forces and their frames; their figures are inputs by name.
 
@@ -78,7 +78,7 @@ class Rates(NamedTuple):
     touches: list[Touch]
 
 
-@frozen
+@dataclass(frozen=True)
 class Machine:
     """A robot, its actuators and what is around it; `figure` gives inputs by name and shape.
 

@@ -8,6 +8,7 @@ A level is a thrust, N, a speed, rad/s, or a throttle:
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any, ClassVar
 
 from gibbs_codegen.arrays.nodes import (
@@ -20,7 +21,6 @@ from gibbs_codegen.arrays.nodes import (
     square_root,
     zeros,
 )
-from gibbs_codegen.frozen import frozen
 from gibbs_codegen.robot.parts.rotor import Drive
 
 # The curve of thrusts that are commanded.
@@ -40,7 +40,7 @@ def approach(level: Node, target: Node, up: Node, down: Node) -> Node:
     return way / up if up is down else choose(0.0, way, 1.0 / down, 1.0 / up) * way
 
 
-@frozen
+@dataclass(frozen=True)
 class Motor:
     """A rotor under its command, with its numbers by the keys of the robot file."""
 

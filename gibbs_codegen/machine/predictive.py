@@ -19,7 +19,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import field, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -45,7 +45,6 @@ from gibbs_codegen.arrays.nodes import (
     variable,
     zeros,
 )
-from gibbs_codegen.frozen import frozen
 from gibbs_codegen.machine.contact import FIGURES, Touch
 from gibbs_codegen.machine.machine import NO_SURROUNDINGS, Machine, Surroundings
 from gibbs_codegen.machine.state import State
@@ -59,7 +58,7 @@ _LEAST_TRACE = 1e-9
 _SLOW = 0.02
 
 
-@frozen
+@dataclass(frozen=True)
 class PredictedMachine(Machine):
     """A machine whose frames are to have the velocities `desired` (f, 6), m/s and rad/s.
 
@@ -82,7 +81,7 @@ class PredictedMachine(Machine):
         return touches
 
 
-@frozen
+@dataclass(frozen=True)
 class Horizon:
     """All that the programs of a predictive controller depend on.
 
@@ -438,7 +437,7 @@ class Horizon:
         return 0.5 * cost, efforts, rates, changed
 
 
-@frozen
+@dataclass(frozen=True)
 class NodeInputs:
     """Inputs of a node's program, and by name state, next state, reference and weights."""
 

@@ -8,10 +8,10 @@ servo of rates pushes with damping·(r − rate), and without a servo the comman
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import ClassVar
 
 from gibbs_codegen.arrays.nodes import Node, clip, is_all
-from gibbs_codegen.frozen import frozen
 from gibbs_codegen.machine.friction import friction
 from gibbs_codegen.machine.motor import approach
 
@@ -21,7 +21,7 @@ def _within(x: Node, most: Node | None) -> Node:
     return x if most is None else clip(x, -most, most)
 
 
-@frozen
+@dataclass(frozen=True)
 class DrivenJoint:
     """A joint at a coordinate and a rate, with numbers by the keys of the robot file, if any."""
 

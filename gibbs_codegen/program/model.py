@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection
+from dataclasses import dataclass
 from types import SimpleNamespace
 
-from gibbs_codegen.frozen import frozen
 from gibbs_codegen.interface import FUNCTIONS, Signature, derivatives_among, signatures
 from gibbs_codegen.program.nodes import Function, Node, ScalarProgram, names_in
 from gibbs_codegen.robot.description import Description
@@ -14,7 +14,7 @@ from gibbs_codegen.robot.model import Robot
 Progress = Callable[[str], None]
 
 
-@frozen
+@dataclass(frozen=True)
 class Model:
     """A derived robot: its program, and the defaults and units of its parameters.
 

@@ -20,11 +20,9 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import astuple, replace
+from dataclasses import astuple, dataclass, replace
 from itertools import chain
 from typing import Any, Generic, Literal, TypeVar
-
-from gibbs_codegen.frozen import frozen
 
 Found = TypeVar("Found")
 
@@ -68,7 +66,7 @@ class _Expression:
         return tuple(chain.from_iterable([part.calls for part in self.operands]))
 
 
-@frozen
+@dataclass(frozen=True)
 class Name(_Expression):
     """An input, a constant or a temporary."""
 
@@ -80,14 +78,14 @@ class Name(_Expression):
         return (self.name,)
 
 
-@frozen
+@dataclass(frozen=True)
 class Number(_Expression):
     """A literal."""
 
     value: float
 
 
-@frozen
+@dataclass(frozen=True)
 class Sum(_Expression):
     """Sum of terms, each with its sign, +1 or −1."""
 
@@ -99,7 +97,7 @@ class Sum(_Expression):
         return tuple([term for _, term in self.terms])
 
 
-@frozen
+@dataclass(frozen=True)
 class Product(_Expression):
     """Product of factors."""
 
@@ -111,7 +109,7 @@ class Product(_Expression):
         return self.factors
 
 
-@frozen
+@dataclass(frozen=True)
 class Reciprocal(_Expression):
     """1/x."""
 
@@ -123,7 +121,7 @@ class Reciprocal(_Expression):
         return (self.argument,)
 
 
-@frozen
+@dataclass(frozen=True)
 class Call(_Expression):
     """A function of one number; `sign` is 1 or −1, and of zero either."""
 
@@ -152,7 +150,7 @@ _FUNCTIONS: dict[str, Callable[[float], float]] = {
 Node = Name | Number | Sum | Product | Reciprocal | Call
 
 
-@frozen
+@dataclass(frozen=True)
 class Statement:
     """`name` = `value`; `group` says what it is a part of, as "motion of link 3"."""
 
@@ -161,7 +159,7 @@ class Statement:
     group: str = ""
 
 
-@frozen
+@dataclass(frozen=True)
 class Output:
     """An array that a function returns: its shape and its entries in C order."""
 
@@ -169,7 +167,7 @@ class Output:
     entries: tuple[Node, ...]
 
 
-@frozen
+@dataclass(frozen=True)
 class Function:
     """A straight-line function.
 
@@ -196,7 +194,7 @@ class Function:
         return count_operations(self.nodes())
 
 
-@frozen
+@dataclass(frozen=True)
 class ScalarProgram:
     """Everything that a target emits for one robot.
 
@@ -283,7 +281,7 @@ def node_value(node: Node, values: Mapping[str, float]) -> float:
             return _FUNCTIONS[function](node_value(argument, values))
 
 
-@frozen
+@dataclass(frozen=True)
 class Operations:
     """Exact operation counts; signs and their changes count as subtractions.
 

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
-from gibbs_codegen.frozen import frozen
 from gibbs_codegen.interface import FUNCTIONS, derivatives_among
 from gibbs_codegen.program.model import Model
 from gibbs_codegen.program.nodes import Number, Output
 
 
-@frozen
+@dataclass(frozen=True)
 class Pattern:
     """The entries of a matrix that are not zero at every state, column by column.
 

@@ -20,13 +20,13 @@ entry, and hands on `t1`. Among the steps may be loops, each a section of its ow
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from typing import TypeVar
 
-from gibbs_codegen.frozen import frozen
 from gibbs_codegen.program.nodes import Node, Number, Output, Statement, names_in
 
 
-@frozen
+@dataclass(frozen=True)
 class Store:
     """Entry `place` of output `output` becomes `value`."""
 
@@ -39,7 +39,7 @@ Step = Statement | Store
 AnyStep = TypeVar("AnyStep", bound=Step)
 
 
-@frozen
+@dataclass(frozen=True)
 class Loop:
     """A loop of `count` iterations of `body` that does the same as the steps `unrolled`.
 

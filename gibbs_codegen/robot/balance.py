@@ -7,11 +7,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from gibbs_codegen.frozen import frozen
 from gibbs_codegen.robot import posture
 from gibbs_codegen.robot.layout import frames_of, joint_terms
 from gibbs_codegen.robot.model import Robot
@@ -31,7 +30,7 @@ _FAR_BETTER = 3.0
 _TRIED, _TRAVEL = 20, 1.0
 
 
-@frozen
+@dataclass(frozen=True)
 class Arrangement:
     """Rank, condition number (infinite where the rank is below 6) and what cannot be commanded.
 
@@ -97,7 +96,7 @@ def tried_postures(robot: Robot) -> Array:
     return low + shares * (np.array(high) - np.array(low))
 
 
-@frozen
+@dataclass(frozen=True)
 class TiltHint:
     """Motors 1 … N whose tilts had better have the other sign, and the condition number then."""
 
@@ -139,7 +138,7 @@ def tilt_hint(robot: Robot) -> TiltHint | None:
     return best if best.condition * _FAR_BETTER < now.condition else None
 
 
-@frozen
+@dataclass(frozen=True)
 class HoverThrusts:
     """Thrusts in N of least norm that carry the robot, level and at rest; None where none do.
 
@@ -206,7 +205,7 @@ def hover(robot: Robot, margin: bool = True) -> HoverThrusts:
     return HoverThrusts(hovering, times, tuple(beyond))
 
 
-@frozen
+@dataclass(frozen=True)
 class Endurance:
     """Hovering on a battery: `voltage`, V, and `current`, A, when it is full.
 
@@ -220,7 +219,7 @@ class Endurance:
     until: str
 
 
-@frozen
+@dataclass(frozen=True)
 class HoverCommands:
     """Commands of rotors that hover, with a full battery where there is one.
 

@@ -15,11 +15,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Mapping
+from dataclasses import dataclass
 from functools import cached_property
 from itertools import chain
 from typing import Any
 
-from gibbs_codegen.frozen import frozen
 from gibbs_codegen.interface import FUNCTIONS, LISTS
 from gibbs_codegen.robot.layout import Layout, StateEntries, frames_of, joint_terms, layout_of
 from gibbs_codegen.robot.model import Robot
@@ -56,7 +56,7 @@ WRENCH_PARTS = ("fx", "fy", "fz", "tx", "ty", "tz")
 _ORIGINS = {"motor1": "motor 1 (O1)", "centre": "the base centre (O2)", "base": "the base's frame"}
 
 
-@frozen
+@dataclass(frozen=True)
 class Coordinate:
     """One entry of q, v, a, u or of the hybrid unknowns: its name, unit and meaning."""
 
@@ -65,7 +65,7 @@ class Coordinate:
     meaning: str
 
 
-@frozen
+@dataclass(frozen=True)
 class Description:
     """Entries of the arguments and results of a robot's functions, and what its module says.
 

@@ -7,13 +7,13 @@ emitted `positions` come from; a test compares the two.
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gibbs_codegen.errors import UsageError
-from gibbs_codegen.frozen import frozen
 from gibbs_codegen.robot import placement
 from gibbs_codegen.robot.layout import frames_of, layout_of
 from gibbs_codegen.robot.model import Robot
@@ -23,7 +23,7 @@ from gibbs_codegen.robot.parts.pose import Pose
 from gibbs_codegen.robot.rotations import Array, turn, turn_about, turn_of_quaternion
 
 
-@frozen
+@dataclass(frozen=True)
 class PlacedFrame:
     """Origin (3) in m and axes (3, 3), a column each, of a frame in another or in the world."""
 
@@ -50,7 +50,7 @@ class PlacedFrame:
 AT_ORIGIN = PlacedFrame(np.zeros(3), np.eye(3))
 
 
-@frozen
+@dataclass(frozen=True)
 class RobotFrames:
     """Frames of the base, of its rods, of all links and those that have names, in world axes.
 
@@ -206,7 +206,7 @@ def link_end(robot: Robot, frames: RobotFrames, i: int) -> Array:
 _ROUNDING = 1e-12
 
 
-@frozen
+@dataclass(frozen=True)
 class MassProperties:
     """Mass (kg), centre of mass (m) and inertia about it (kg m²), from the base centre.
 

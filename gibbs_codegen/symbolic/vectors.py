@@ -7,13 +7,13 @@ coefficients that are made of them, and vanish by symmetry, are recognised as ze
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 from fractions import Fraction
 from functools import cache
 from typing import Protocol, Self, TypeVar
 
 import sympy as sp
 
-from gibbs_codegen.frozen import frozen
 from gibbs_codegen.symbolic.numbers import DIGITS, settled
 from gibbs_codegen.symbolic.tape import Scalars, Vector, negated, plus, times
 
@@ -82,7 +82,7 @@ def minus(vector: Vector) -> Vector:
     return (-x, -y, -z)
 
 
-@frozen
+@dataclass(frozen=True)
 class Rotation:
     """Rotation by an angle about a coordinate axis, given by its cosine and sine.
 
@@ -143,7 +143,7 @@ def turned_axes(tape: Scalars, rotations: Sequence[Rotation]) -> tuple[Vector, .
     return (axes[0], axes[1], axes[2])
 
 
-@frozen
+@dataclass(frozen=True)
 class Wrench:
     """A force and a moment about a point, or any pair of vectors that moves like one."""
 

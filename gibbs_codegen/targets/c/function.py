@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from functools import cached_property
 from typing import ClassVar
 
-from gibbs_codegen.frozen import frozen
 from gibbs_codegen.interface import FUNCTIONS, WHOLES, Signature
 from gibbs_codegen.program.loops import reroll
 from gibbs_codegen.program.model import Model
@@ -25,7 +25,7 @@ from gibbs_codegen.targets.documentation import doxygen, operations
 from gibbs_codegen.targets.printers import Context, InfixPrinter, Lines
 
 
-@frozen
+@dataclass(frozen=True)
 class FunctionBody:
     """A function's body, and definitions of the helpers that it calls, in the order of calls."""
 
@@ -173,7 +173,7 @@ def _parts(model: Model, function: Function, signature: Signature, printer: Infi
     return _Parts(function, signature, inputs, gathered, steps, called_by, printer)
 
 
-@frozen
+@dataclass(frozen=True)
 class _Parts:
     """A function, the names of its inputs by argument, its angles, and its schedule.
 
@@ -227,7 +227,7 @@ class _Parts:
         }
 
 
-@frozen
+@dataclass(frozen=True)
 class _Printed:
     """A function in one of its forms, with the printer of that form's statements."""
 
@@ -349,7 +349,7 @@ class _StraightOn(_Printed):
         return FunctionBody([helper], statements.call_helper(name, [*inputs, *outputs]))
 
 
-@frozen
+@dataclass(frozen=True)
 class _PartOfText(_StraightOn):
     """A function for one state that is a call of the text of another, which computes more."""
 
@@ -363,7 +363,7 @@ class _PartOfText(_StraightOn):
         return FunctionBody([], lines)
 
 
-@frozen
+@dataclass(frozen=True)
 class _InSections(_Printed):
     """A function in sections, each a helper, for one state."""
 
@@ -495,7 +495,7 @@ class _OfBlock(_InSections):
         return c.call("sine_cosine_many", [size, ANGLE, SINE, COSINE])
 
 
-@frozen
+@dataclass(frozen=True)
 class _PartOfBlock(_OfBlock):
     """A function for a block of states that calls the one helper of another, as `_PartOfText`."""
 
