@@ -43,7 +43,7 @@ inertia  = [0.01, 0.01, 0.02, 0, 0, 0]
 _ROTOR = "[[rotor]]\nposition = [0, 0, 0.1]\ndrag = 0.01\n"
 _DRIVEN = f'{_ROTOR}command = "speed"\nthrust_constant = 1e-5\ncommand_limits = [0, 900]\n'
 _AIR = "hub_drag = 1e-4\ndisc_radius = 0.1\n"
-_CONSTRAINT = '[[constraint]]\nname = "stand"\ntype = "point"\nframe = "base"\n'
+_CONSTRAINT = '[[constraint]]\nname = "stand"\ntype = "plane"\nframe = "base"\n'
 
 
 @dataclass(frozen=True)
@@ -75,6 +75,7 @@ def _surface(figures: Node, place: Node) -> tuple[Node, Node]:
 
 _CONTACT = Contact(0, 0, _surface, 0, sticks=True)
 _PLAIN, _BY_SPEED = Flown(), Flown(_BODY + _DRIVEN)
+_HELD = Flown(_BODY + _ROTOR + _CONSTRAINT, Surroundings(holds=True))
 # What acts, with it and without it.
 FEATURES = {
     "motors by speed": (_BY_SPEED, _PLAIN),
@@ -85,16 +86,15 @@ FEATURES = {
     "spinning rotors": (Flown(around=Surroundings(spins=((0, 0),))), _PLAIN),
     "payloads": (Flown(around=Surroundings(payloads=(0,))), _PLAIN),
     "walls": (Flown(around=Surroundings(contacts=(_CONTACT,))), _PLAIN),
-    "constraints": (
-        Flown(_BODY + _ROTOR + _CONSTRAINT, Surroundings(holds=True)),
-        Flown(_BODY + _ROTOR + _CONSTRAINT),
-    ),
+    "constraints": (_HELD, Flown(_BODY + _ROTOR + _CONSTRAINT)),
+    "stops, with rebounds": (replace(_HELD, around=Surroundings(holds=True, stops=True)), _HELD),
 }
 
 
 def _closed_loop(flown: Flown) -> list[Node]:
     loop = LoopStructure(flown.listing, "held", 1, lags=flown.lags, around=flown.around)
-    return [*loop.slope().outputs.values()]
+    # Where a flight ends, or meets a stop, another program tells.
+    return [*loop.slope().outputs.values(), *loop.end().outputs.values()]
 
 
 def _rollout(flown: Flown) -> list[Node]:
@@ -147,6 +147,18 @@ WAYS: dict[str, Callable[[Flown], list[Node]]] = {
 REASONS = {
     ("predictive control", "constraints"): "what takes hold within a plan is an impact, and steps "
     "of plans have none; hold still by `control.law`, or plan to where the hold begins",
+    (
+        "`rollout`, `VectorEnv`, JAX",
+        "stops, with rebounds",
+    ): "a rebound is between two of their equal "
+    "steps; a rollout under a scenario has them, as `simulate` has",
+    ("FMU", "stops, with rebounds"): "the importer says by `active` what holds, and when",
+    (
+        "`linearise`, `lqr`",
+        "stops, with rebounds",
+    ): "a rebound has no linear model; take what a frame rests on for a constraint that holds",
+    ("predictive control", "stops, with rebounds"): "steps of plans have no impacts, as for "
+    "constraints",
 }
 
 

@@ -23,6 +23,8 @@ from gibbs_codegen.runtime.predictive import DERIVATIVES, UNDER_WRENCHES
 
 # Limits that the terminal shows of those that a timing reaches.
 _MOST_LIMITS = 12
+# Impacts that it shows.
+_MOST_IMPACTS = 3
 # The most inputs that are named; the share of a limit that is too little to have left it.
 _MOST_NAMES = 12
 _ROUND_OFF = 1e-9
@@ -97,8 +99,11 @@ def print_events(flight: Flight, walls: Sequence[Wall]) -> None:
         words += f"{forces[-1]:.3g} N at the end"
         on = printable(", ".join(wall.frames))
         print(f"wall {k}, on {on}: {words if forces.any() else 'not touched'}")
-    for words in flight.hold_summaries:
+    impacts = flight.impact_summaries
+    for words in (*flight.hold_summaries, *impacts[:_MOST_IMPACTS]):
         print(printable(words, 400))
+    if more := len(impacts[_MOST_IMPACTS:]):
+        print(f"and {more} more impacts: `impacts` of the flight has all")
     if collisions := collisions_of(flight):
         print(f"collisions: {printable(collisions, 400)}")
     if limits := reached_limits(flight):

@@ -1,7 +1,7 @@
 """Derivatives of the effects of constraints, without those of the solution for their forces.
 
-Rows c = J a + γ are zero under the forces λ, as J v is under impulses, or what redundant rows ask
-for and cannot have. With dc, their derivatives where λ is fixed,
+Rows c = J a + γ are zero under the forces λ, as (1 + e) J v + A λ is under impulses, or what
+redundant rows ask for and cannot have. With dc, their derivatives where λ is fixed,
 
     dλ = −A⁺ (dc + A⁺ d(A c)) + (1 − A A⁺) d(A y)    with c and y = A⁺ λ fixed in d(A c), d(A y),
 
@@ -101,7 +101,7 @@ class ConstraintDerivatives:
 
     @cached_property
     def _rows(self) -> list[sp.Expr]:
-        """J a + γ or, after an impact, J v."""
+        """J a + γ or, of an impact, (1 + e) J v + A λ."""
         rows = self._system
         return rows.stopped_at(self._motions) if self.alone else rows.rows_at(self._motions)
 

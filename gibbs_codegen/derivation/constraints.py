@@ -689,17 +689,23 @@ class ConstraintEquations:
         return forward_dynamics.in_coordinates(self.symbolic, relative, root)
 
     @cached_property
-    def _moving(self) -> list[sp.Expr]:
-        moving = [x for held in self.held for x in self._along(held, self._velocity(held))]
-        return self._to_solver(moving)
+    def _taken(self) -> list[sp.Expr]:
+        """Velocities that an impact takes from all rows, (1 + e) J v, in the axes of the solver."""
+        tape, taken = self._tape, list[sp.Expr]()
+        for held, restitution in zip(self.held, self.symbolic.restitution, strict=True):
+            rates = self._along(held, self._velocity(held))
+            with tape.group(f"velocities that {identifier(held.constraint.name)} takes"):
+                share = tape.let(1 + restitution)
+                taken += [tape.let(share * rate) for rate in rates]
+        return self._to_solver(taken)
 
     @cached_property
     def solver_impulses(self) -> list[sp.Expr]:
         """Impulses of all rows in the axes of the solver."""
-        return self._solved(self._moving)
+        return self._solved(self._taken)
 
     def impulses(self) -> list[sp.Expr]:
-        """Impulses that take the velocities of all active rows away, N s or N m s."""
+        """Impulses of an impact on all active rows, N s or N m s."""
         return self.from_solver(self.solver_impulses)
 
     def velocities_after(self) -> list[sp.Expr]:
@@ -740,9 +746,9 @@ class ConstraintEquations:
         return self._accelerations(self.under(forces, alone=True), nothing)
 
     def stopped_at(self, motions: Sequence[Values]) -> list[sp.Expr]:
-        """J v of all rows after impulses, from the velocities that these make along unit loads."""
+        """(1 + e) J v of all rows and what impulses make of it, by velocities along unit loads."""
         with self._tape.group("velocities of the constraints after the impact"):
-            pairs = zip(self._moving, self._of_units(motions), strict=True)
+            pairs = zip(self._taken, self._of_units(motions), strict=True)
             return [self._tape.let(x + y) for x, y in pairs]
 
 

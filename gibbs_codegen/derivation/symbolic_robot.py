@@ -41,8 +41,8 @@ class SymbolicRobot:
     by row, `q0` and `q1` the coordinates of two configurations, `w` weights of a vector,
     `w_input_matrix` and `w_jacobian` of a matrix, row by row, `q_dot` to `W_dot` directions of q,
     v, a, u and W, `h` the length of a step, `x` the state of the actuators, `command` what they
-    are commanded, and `active` 1 for each constraint that holds, else 0. `drives` are there if
-    commands are.
+    are commanded, `active` 1 for each constraint that holds, else 0, and `restitution` the share of
+    its velocity with which each rebounds. `drives` are there if commands are.
     """
 
     description: Description
@@ -68,6 +68,7 @@ class SymbolicRobot:
     x: tuple[sp.Symbol, ...]
     command: tuple[sp.Symbol, ...]
     active: tuple[sp.Symbol, ...]
+    restitution: tuple[sp.Symbol, ...]
     drives: Drives | None
 
     @classmethod
@@ -90,7 +91,7 @@ class SymbolicRobot:
         parameters = Parameters(robot, tape, keep_zeros)
         drives = Drives(description, parameters.node) if description.commands else None
         entries |= symbols("w", "q_dot", "v_dot", "a_dot", "u_dot", "h", "W_dot")
-        entries |= symbols("w_input_matrix", "w_jacobian", "x", "command", "active")
+        entries |= symbols("w_input_matrix", "w_jacobian", "x", "command", "active", "restitution")
         return cls(description, tape, parameters, root, **entries, drives=drives)
 
     @property

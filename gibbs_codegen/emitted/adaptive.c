@@ -207,12 +207,12 @@ static int ends_at(const Solver *s, const double time, const double *x)
     return !(ended <= 0.0);
 }
 
-/* The share of a step, to a millionth the first one, at which a flight cannot go on. */
+/* The share of a step, but for rounding the first one, at which a flight cannot go on. */
 static double first_end(const Solver *s, const double h)
 {
     double x[STATE];
     double good = 0.0, bad = 1.0;
-    for (int halved = 0; halved < 20; ++halved) {
+    for (int halved = 0; halved < 40; ++halved) {
         const double middle = 0.5 * (good + bad);
         state_on_path(s, middle, x);
         if (ends_at(s, s->flow->time + middle * h, x)) {

@@ -40,6 +40,7 @@ typedef struct {
     int begun;    /* whether its begin is over */
     int sampled;  /* samples of the law that were taken */
     int reason;
+    int halvings; /* of an equal step that is its last, down to where it ends */
 } Flow;
 
 /* Where a call leaves what it finds, with room for as much as comes. */

@@ -73,7 +73,7 @@ class Simulation:
     @property
     def loop(self) -> ClosedLoop:
         """Robot, actuators, surroundings and desired motion, for rooms of flight above."""
-        return self._loop
+        return self._loop if self._flight is None else self._flight.loop
 
     @property
     def time(self) -> float:
@@ -214,14 +214,14 @@ class Simulation:
         """Readings (m) of the robot's sensors now, without errors."""
         suite = self._loop.sensors
         if suite is None or suite.feels_contacts or self._flight is None:
-            return self._loop.measured(self.time, *self._at()).sensors
+            return self.loop.measured(self.time, *self._at()).sensors
         return suite.measured(self.q, self.v, self.a)
 
     def _seen(self) -> Observation:
         """Observations of the sensors now, or of a while ago if they are late."""
         late = max(self.time - self._sensing.delay, 0.0)
         parts, inputs = self._at(late)
-        measure = partial(self._loop.measured, late, parts, inputs)
+        measure = partial(self.loop.measured, late, parts, inputs)
         return self._sensing(self.time, parts.q, parts.v, measure)
 
     def _integration(self) -> Integration:

@@ -70,11 +70,13 @@ CONSTRAINTS = on_request(
     ),
     Row(
         "impact",
-        ("q", "v", "active"),
+        ("q", "v", "active", "restitution"),
         (_VELOCITY, replace(_IMPULSES, derivation="impact_impulses")),
-        "Velocities after the active constraints have taken hold at once, and their impulses.",
+        "Velocities after an impact on the active constraints, and their impulses.",
         _BORDERED,
-        f"Afterwards J v is zero: nothing bounces. {_REDUNDANT}",
+        "By Newton's law J v is then -e times what it was, by the restitution e of each: 0 takes "
+        "hold, and 1 of all keeps the kinetic energy. Where constraints of different e feel each "
+        f"other, some may be gained. Signs of J v make no difference. {_REDUNDANT}",
     ),
     Row(
         "operational_inertia",

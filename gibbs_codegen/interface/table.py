@@ -90,7 +90,7 @@ LISTS = {
     "l": "CONSTRAINT_ROWS",
 }
 # Shapes of arguments whose entries are named by the module's lists alone: commands, states of
-# actuators, and which constraints are active.
+# actuators, which constraints are active, and how these rebound.
 OWN_LISTS = ("m", "z", "g")
 
 ARGUMENTS = {
@@ -115,6 +115,7 @@ ARGUMENTS = {
     "active": Argument(
         "g", "1 for each constraint that holds, 0 for the others, and nothing else", unit="1"
     ),
+    "restitution": Argument("g", "share of its velocity with which each rebounds", unit="1"),
 }
 
 # Groups of functions, those on request after the others.

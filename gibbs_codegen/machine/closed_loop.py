@@ -66,6 +66,8 @@ from gibbs_codegen.machine.steps import classical_step
 AHEAD = 1e-7
 # Inputs, N or N m, next to which what makes up for the lag is nothing.
 _NO_LEAD = 1e-12
+# A velocity, m/s, and a force, N, next to which a frame neither comes to a stop nor leaves it.
+STILL = 1e-9
 
 
 @dataclass(frozen=True)
@@ -242,6 +244,8 @@ class LoopStructure:
         outputs = {"rate": rate, "commanded": wanted, "acting": u, "refused": refused}
         if self.around.contacts:
             outputs["effects"] = impacts.effects(machine, state, rates.touches)
+        if self.around.stops:
+            outputs["holding"] = rates.holding
         return outputs
 
     @labelled
@@ -631,6 +635,13 @@ class LoopStructure:
         if not self.plant.space.has_quaternion:
             angle = absolute(x[self.plant.layout.middle_angle])
             within = join(within, self.input_node("largest_lean") - angle)
+        if self.around.stops:
+            errors, moving = self.plant.constraint_errors(q), self.plant.constraint_jacobian(q) @ v
+            away, pressing = self.input_node("stops", 2, errors.size)
+            # What comes to a stop is beyond it and on its way; what rests there may not pull.
+            outside = maximum(away * errors, away * moving + STILL)
+            pushed = pressing * self._rates(at.time, x)["holding"] + STILL
+            within = join(within, outside, pushed)
         return -_least(within) + mark(x)
 
 

@@ -71,7 +71,8 @@ def held(machine: Machine, layout: StateLayout, x: Node) -> Node:
 def after_impact(machine: Machine, layout: StateLayout, x: Node, active: Node | None) -> Node:
     """A state after an impact on active constraints (g)."""
     (q, v, *_), places = machine.parts(x, layout), layout.places
-    return nodes.join(x[places.q], machine.robot.impact(q, v, active)[0], x[places.v.stop :])
+    after, _ = machine.robot.impact(q, v, active, zeros(machine.robot.constraints))
+    return nodes.join(x[places.q], after, x[places.v.stop :])
 
 
 def passive(
@@ -101,7 +102,7 @@ def passive(
     # A step in which nothing touched has errors of its own.
     gained = nodes.choose(sum(strained) + dot(flat, flat), _TOUCHING, gained, 0.0)
     if active is not None:
-        change, _ = robot.impact(q, change, active)
+        change, _ = robot.impact(q, change, active, zeros(robot.constraints))
     speed, yielding = (
         dot(flat, nodes.reshaped(robot.frame_velocities(q, way), flat.shape)) for way in (v, change)
     )

@@ -42,7 +42,9 @@ class Surroundings:
 
     `pushes`: wrenches `push` (f, 6). `wind`: the air moves, with `gusts`; `drag`: it drags frames.
     `contacts` are of frames with walls, `payloads` have the frame of each, `spins` rotor and frame
-    of each. `holds`: constraints of the robot hold frames; the input `active` says which.
+    of each. `holds`: constraints of the robot hold frames; the input `active` says which. `stops`:
+    some of them act from one side alone; the input `stops` (2, l) has 1 or -1, the side, for each
+    row of those that are away, and of those that press.
     """
 
     pushes: bool = False
@@ -53,6 +55,7 @@ class Surroundings:
     spins: tuple[tuple[int, int], ...] = ()
     payloads: tuple[int, ...] = ()
     holds: bool = False
+    stops: bool = False
 
     @property
     def acts(self) -> bool:

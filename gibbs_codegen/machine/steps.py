@@ -7,7 +7,7 @@ from collections.abc import Callable
 from gibbs_codegen.arrays.forward import jacobian
 from gibbs_codegen.arrays.functions import Functions
 from gibbs_codegen.arrays.labels import labelled, named
-from gibbs_codegen.arrays.nodes import Node, Program, beside, join, variable
+from gibbs_codegen.arrays.nodes import Node, Program, beside, join, variable, zeros
 
 State = tuple[Node, Node]
 # Coordinates after a displacement (nv).
@@ -70,7 +70,7 @@ def constrained_motion(
     if pushed is not None:
         # Constraints take of accelerations by wrenches what an impact takes of velocities.
         free = robot.forward_dynamics(*motion, u)
-        left, more = robot.impact(motion[0], pushed - free, active)
+        left, more = robot.impact(motion[0], pushed - free, active, zeros(robot.constraints))
         a, forces = a + left, forces + more
     return a, forces
 
@@ -78,7 +78,7 @@ def constrained_motion(
 def projected(robot: Functions, move: Move, q: Node, v: Node, active: Node) -> State:
     """A state brought to where active constraints (g) are met: by a Newton step, and an impact."""
     q = move(q, robot.constraint_projection(q, active))
-    return q, robot.impact(q, v, active)[0]
+    return q, robot.impact(q, v, active, zeros(robot.constraints))[0]
 
 
 METHODS = {"euler": semi_implicit_euler, "rk4": runge_kutta_4}

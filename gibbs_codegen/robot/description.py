@@ -334,7 +334,8 @@ class Description:
         # Endings that no parameter has, and no coordinate.
         names["x"] = tuple(f"{entry.name}_state" for entry in self.actuator_states)
         names["command"] = tuple(f"{entry.name}_command" for entry in self.commands)
-        names["active"] = tuple(f"{identifier(c.name)}_active" for c in robot.constraints)
+        for argument in ("active", "restitution"):
+            names[argument] = tuple(f"{identifier(c.name)}_{argument}" for c in robot.constraints)
         names["W"] = tuple(f"W_{frame}_{part}" for frame in self.frames for part in WRENCH_PARTS)
         names["W_dot"] = tuple(f"{name}_dot" for name in names["W"])
         velocities, inputs = layout.v.names, [entry.name for entry in self.inputs]

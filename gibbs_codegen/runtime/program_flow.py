@@ -46,7 +46,7 @@ class Flow(ctypes.Structure):
         ("scale", ctypes.c_void_p),
         *((name, ctypes.c_int) for name in ("patience", "stops", "smooth", "steps", "wanted")),
         *((name, ctypes.c_int) for name in ("samples", "leg", "legs", "done", "begun")),
-        *((name, ctypes.c_int) for name in ("sampled", "reason")),
+        *((name, ctypes.c_int) for name in ("sampled", "reason", "halvings")),
     ]
 
 

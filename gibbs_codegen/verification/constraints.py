@@ -88,7 +88,8 @@ class Constraints:
             return Sized(forces, size + unknown[:, None]), Sized(times(moved, forces), moves)
 
         moving = Sized(times(j, states.v), times(jacobian.size, np.abs(states.v)))
-        impulses, gain = taken(moving)
+        left = 1.0 + states.restitution[:, owners]
+        impulses, gain = taken(Sized(left * moving.value, left * moving.size))
         yield "impact.velocities_after", states.v + gain.value, np.abs(states.v) + gain.size
         yield "impact.impulses", *impulses
         _, way = taken(errors)

@@ -256,11 +256,11 @@ class _OfConstraints(_Function):
 
     def __call__(self, **arguments: Array) -> Array:
         """The results (…, rows), one after the other."""
-        if "active" not in FUNCTIONS[self.name].arguments:
-            return super().__call__(**arguments)
-        first, active = next(iter(arguments.values())), self.point.states.active
-        active = active.reshape(len(active), *[1] * (first.ndim - 2), active.shape[-1])
-        return self.point.steps(self.name, *arguments.values(), active)
+        first = next(iter(arguments.values()))
+        fixed = [x for x in FUNCTIONS[self.name].arguments if x not in arguments]
+        others = [getattr(self.point.states, name) for name in fixed]
+        others = [x.reshape(len(x), *[1] * (first.ndim - 2), x.shape[-1]) for x in others]
+        return self.point.steps(self.name, *arguments.values(), *others)
 
     def _largest(self, array: Array, part: Array) -> Array:
         """Sizes of some rows of an array (s, rows …): the largest, stretched."""

@@ -37,8 +37,7 @@ class States:
     number. `q` is (s, nq), `v` and its rates `a` (s, nv), `u` (s, nu), and `W`, wrenches on the
     frames, (s, frames, 6). The state `x` (s, nx) of the actuators and the `command` (s, nu) are on
     either side of every limit; neither has entries where u is commanded. `active` (s,
-    constraints) has a 1 for each constraint that holds. Other arguments follow from these, state by
-    state.
+    constraints) has a 1 for each constraint that holds. Other arguments follow from these.
     """
 
     q: Array
@@ -84,6 +83,11 @@ class States:
         """Lengths of steps, (s,): short beside the time in which velocities change."""
         fastest = np.abs(self.v).max(axis=-1), np.abs(self.a).max(axis=-1)
         return _SHORT * fastest[0] / fastest[1]
+
+    @property
+    def restitution(self) -> Array:
+        """Restitution of each constraint, (s, constraints): a third to 1."""
+        return np.abs(np.ones_like(self.active) * _factors(self.active, 7)) / 1.5
 
     def placed(self, tree: Tree) -> tuple[Tree, States]:
         """The tree of a base with a quaternion, placed at the base, and the states of its joints.

@@ -283,7 +283,7 @@ class Loop:
             pushed = a - free
             a, forces = plant.constrained_forward_dynamics(q, v, u, g["active"])
             if acts:
-                after, impulses = plant.impact(q, pushed, g["active"])
+                after, impulses = plant.impact(q, pushed, g["active"], 0.0 * g["active"])
                 a, forces = a + after, forces + impulses
             more = forces @ plant.constraint_jacobian(q) @ v
         turn, linear = plant.turns(q)[-1], velocities[0, :3]
@@ -478,7 +478,7 @@ def test_steps_of_a_closed_loop_are_those_of_runge_and_kutta(name: str) -> None:
     after = x + h / 6 * (k1 + 2 * k2 + 2 * k3 + loop.rate(given, t + h, x + h * k3))
     q, v, *_ = loop.parts(after)
     if name == "free":  # Rigid constraints keep velocities; of an elastic one errors go back.
-        v = loop.module.impact(q, v, given["active"] * [0.0, 1.0])[0]
+        v = loop.module.impact(q, v, given["active"] * [0.0, 1.0], np.zeros(2))[0]
         after[q.size : q.size + 8] = v
     close(found["x_next"], after, 1e-10)
     begin = loop.commands(given, t, loop.parts(x))

@@ -271,7 +271,7 @@ def given_back(
     change = module.forward_dynamics_with_wrenches(q, still, none, impulses)
     change = change - module.forward_dynamics(q, still, none)
     if active is not None:
-        change = module.impact(q, change, active)[0]
+        change = module.impact(q, change, active, 0.0 * active)[0]
     speed, yielding = (np.sum(impulses * module.frame_velocities(q, x)) for x in (v, change))
     most, taken = 0.5 * speed**2 / max(yielding, 1e-30), 0.0
     if gained > 0.0:

@@ -139,7 +139,7 @@ def test_steps_of_rollouts(method: str, attitude: str, lists: dict[str, Any], pa
         if parts.active:
             active, pushed = np.array(parts.active), a - free
             a = module.constrained_forward_dynamics(q, v, inputs, active)[0]
-            a = a + module.impact(q, pushed, active)[0] if acts else a
+            a = a + module.impact(q, pushed, active, 0.0 * active)[0] if acts else a
         if parts.walls:
             # By euler what acts at the begin acts through the step.
             mean = v + h / 2 * a if method == "euler" else v
@@ -164,7 +164,7 @@ def test_steps_of_rollouts(method: str, attitude: str, lists: dict[str, Any], pa
         q_next = module.integrate(
             q_next, module.constraint_projection(q_next, np.array(parts.active))
         )
-        y[:8] = module.impact(q_next, y[:8], np.array(parts.active))[0]
+        y[:8] = module.impact(q_next, y[:8], np.array(parts.active), np.zeros(len(parts.active)))[0]
     end = 8 + driven + z.size
     if parts.walls:
         states = (q, v, z), (q_next, y[:8], y[8:end])

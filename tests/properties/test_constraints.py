@@ -44,7 +44,7 @@ DERIVATIVES = tuple(row.name for row in CONSTRAINT_DERIVATIVES)
 # Of constraints, and what tests of them need besides.
 FEW = (
     *("constraints", "integrate", "residual", "input_matrix"),
-    *("kinetic_energy", "potential_energy", "centroidal_momentum"),
+    *("kinetic_energy", "potential_energy", "centroidal_momentum", "mass_matrix"),
 )
 
 
@@ -64,10 +64,11 @@ def test_all_functions_are_those_of_dense_formulas(seed: int, redundant: bool) -
     states = [random_state(robot, rng) for _ in range(3)]
     choices = np.array([np.ones(count), rng.integers(0, 2, count), np.zeros(count)], float)
     q, v, u = map(np.array, zip(*states, strict=True))
+    rebounds = rng.uniform(0.0, 1.0, (3, count))
     # All states at once, each with its own choice.
     found = {
         "dynamics": module.constrained_forward_dynamics(q, v, u, choices),
-        "impact": module.impact(q, v, choices),
+        "impact": module.impact(q, v, choices, rebounds),
         "inertia": module.operational_inertia(q, choices),
         "projection": module.constraint_projection(q, choices),
     }
@@ -78,7 +79,8 @@ def test_all_functions_are_those_of_dense_formulas(seed: int, redundant: bool) -
         assert_alike(module.constraint_bias(q[k], v[k]), dense.bias, float(v[k] @ v[k]))
         for ours, theirs in zip(found["dynamics"], dense.dynamics(u[k], active), strict=True):
             assert_alike(ours[k], theirs)
-        impulses, gain = dense.solved(dense.jacobian @ v[k], active)
+        taken = (1.0 + rebounds[k, dense.owner]) * (dense.jacobian @ v[k])
+        impulses, gain = dense.solved(taken, active)
         assert_alike(found["impact"][0][k], v[k] + gain, float(np.abs(v[k]).max()))
         assert_alike(found["impact"][1][k], impulses)
         rows = dense.active_rows(active)
@@ -102,13 +104,14 @@ def test_derivatives_are_those_of_complex_steps(monkeypatch: pytest.MonkeyPatch)
     pushed = np.abs(np.linalg.solve(module.mass_matrix(q), module.constraint_jacobian(q).T))
     for _ in range(2):
         arguments = {"q": q, "v": v, "u": u, "active": active}
+        arguments["restitution"] = rng.uniform(0.0, 1.0, len(active))
         for name in DERIVATIVES:
             of, found = name.removesuffix("_derivatives"), []
             own = {x: arguments[x] for x in FUNCTIONS[of].arguments}
             for k in range(len(FUNCTIONS[of].outputs)):
                 values = getattr(module, of)(*own.values())
                 found.append(values[k] if isinstance(values, tuple) else values)
-                found += [derivative(module, of, own, x)[k] for x in own if x != "active"]
+                found += [derivative(module, of, own, x)[k] for x in own if x in "quv"]
             ours = getattr(module, name)(*own.values())
             half = len(found) // len(FUNCTIONS[of].outputs)
             for k, (mine, theirs) in enumerate(zip(ours, found, strict=True)):
@@ -129,8 +132,9 @@ def test_derivatives_keep_their_digits_next_to_redundancy(monkeypatch: pytest.Mo
     monkeypatch.setattr(source, "sign", lambda x: np.copysign(1.0, np.real(x)))
     q = np.array([0, 0, 0, 0, 0, 0, 1, 0.3, 1.3, 2.9])
     state = {"q": q, "v": np.array([0.1, 0, 0.2, 0.3, 1.0, -0.2, 3.0, 1.0, -2.0])}
-    found = module.impact_derivatives(*state.values(), np.ones(1))
-    velocities, impulses = derivative(module, "impact", {**state, "active": np.ones(1)}, "q")
+    state |= {"active": np.ones(1), "restitution": np.array([0.3])}
+    found = module.impact_derivatives(*state.values())
+    velocities, impulses = derivative(module, "impact", state, "q")
     for ours, theirs, limit in ((found[1], velocities, 1e-8), (found[4], impulses, 1e-11)):
         np.testing.assert_allclose(ours, theirs, rtol=0, atol=limit * np.abs(theirs).max())
 
@@ -175,7 +179,7 @@ def test_accelerations_and_forces_are_those_of_constraint_dynamics() -> None:
     assert np.abs(module.constraint_errors(q)).max() < 1e-13
     every = np.ones(len(robot.constraints))
     _, v, u = random_state(robot, np.random.default_rng(seed))
-    v, _ = module.impact(q, v, every)
+    v, _ = module.impact(q, v, every, 0.0 * every)
     models = pin.StdVec_RigidConstraintModel()
     for own in robot.constraints:
         joint, at = oracle.frames[own.frame]
@@ -219,14 +223,23 @@ def test_impacts_take_energy_away_and_keep_momentum_within_the_robot() -> None:
         module, rng = emitted_module(robot, *FEW), np.random.default_rng(seed)
         q, v, _ = random_state(robot, rng)
         active = np.ones(len(robot.constraints))
-        after, impulses = module.impact(q, v, active)
-        moving = module.constraint_jacobian(q) @ after
-        assert_alike(moving, 0.0 * moving, float(np.abs(v).max()))
-        lost = module.kinetic_energy(q, v) - module.kinetic_energy(q, after)
-        assert lost > -1e-13 * module.kinetic_energy(q, v)
-        assert lost == pytest.approx(-0.5 * impulses @ module.constraint_jacobian(q) @ v, abs=1e-10)
+        moving, energy = module.constraint_jacobian(q) @ v, module.kinetic_energy(q, v)
+        caught = module.impact(q, v, active, 0.0 * active)[0]
+        all_of_it = 0.5 * moving @ module.operational_inertia(q, active) @ moving
+        # What redundant rows cannot have is not in J v.
+        moving = moving - module.constraint_jacobian(q) @ caught
+        for e in (0.0, 0.3, 1.0):
+            after, impulses = module.impact(q, v, active, e * active)
+            left = module.constraint_jacobian(q) @ after
+            assert_alike(left, -e * moving, float(np.abs(v).max()))
+            lost = energy - module.kinetic_energy(q, after)
+            # Carnot: (1 - e²)/2 of J v by the inertia that it meets.
+            assert lost == pytest.approx((1.0 - e**2) * all_of_it, rel=1e-9, abs=1e-12 * energy)
+            assert_alike(
+                module.mass_matrix(q) @ (after - v), module.constraint_jacobian(q).T @ impulses
+            )
         within = np.array([each.to is not None for each in robot.constraints], float)
-        kept, _ = module.impact(q, v, within)
+        kept, _ = module.impact(q, v, within, 0.5 * within)
         before = module.centroidal_momentum(q, v)
         assert_alike(module.centroidal_momentum(q, kept), before)
 
@@ -242,10 +255,10 @@ def test_light_constraints_hide_no_heavy_ones_in_single_precision(tmp_path: Path
 int main(void)
 {
     const float q[8] = {0, 0, 0, 0, 0, 0, 1, 0.3f}, v[7] = {0.3f, -0.2f, 0.1f};
-    const float on[2][2] = {{1, 0}, {1, 1}};
+    const float on[2][2] = {{1, 0}, {1, 1}}, rebounds[2] = {0, 0.5f};
     float after[7], impulses[9];
     for (int i = 0; i < 2; i++) {
-        light_impact(&light_default_constants, q, v, on[i], after, impulses);
+        light_impact(&light_default_constants, q, v, on[i], rebounds, after, impulses);
         for (int k = 0; k < 9; k++) { printf("%.9g ", (double)impulses[k]); }
     }
     return 0;
@@ -257,7 +270,8 @@ int main(void)
     q, v = np.array([0, 0, 0, 0, 0, 0, 1, 0.3]), np.array([0.3, -0.2, 0.1, 0, 0, 0, 0])
     dense = Dense(emitted.model.robot, q, v)
     for impulses, active in zip(found, np.array([[1.0, 0.0], [1.0, 1.0]]), strict=True):
-        right = dense.solved(dense.jacobian @ v, active)[0]
+        taken = np.array([1.0, 1.5])[dense.owner] * (dense.jacobian @ v)
+        right = dense.solved(taken, active)[0]
         limit = 1e-5 if active[1] == 0.0 else 1e-4
         np.testing.assert_allclose(impulses, right, rtol=0, atol=limit * np.abs(right).max())
 
@@ -270,7 +284,8 @@ def closed_four_bar() -> tuple[ModuleType, Array, Array, Array]:
     for _ in range(8):
         q = module.integrate(q, module.constraint_projection(q, active))
     assert np.abs(module.constraint_errors(q)).max() < 1e-15
-    v, _ = module.impact(q, np.array([0.1, 0, 0.2, 0.3, 1.0, -0.2, 3.0, 1.0, -2.0]), active)
+    moving = np.array([0.1, 0, 0.2, 0.3, 1.0, -0.2, 3.0, 1.0, -2.0])
+    v, _ = module.impact(q, moving, active, np.zeros(1))
     return module, q, v, active
 
 

@@ -13,6 +13,7 @@ from gibbs_codegen.flight.integration.compiled_loop import is_compiled, steps_of
 from gibbs_codegen.flight.integration.envelope import Envelope, Instant
 from gibbs_codegen.flight.integration.integrators import StepGrid, whole_history
 from gibbs_codegen.flight.integration.state_history import (
+    Impact,
     InputRanges,
     Loads,
     StateHistory,
@@ -55,6 +56,7 @@ class BlockIntegration:
         compiled blocks. `progress` is told the time reached, s.
         """
         envelope, grid, count = self._envelope(self.loop), StepGrid(self.settings), len(starts)
+        around = self.loop.environment
         intervals = [*self.loop.smooth_intervals(0.0, self.duration)]
         times = np.concatenate([np.zeros(1), *map(grid.sample_times, intervals)])
         states = np.empty((count, len(times), starts.shape[1]))
@@ -63,7 +65,7 @@ class BlockIntegration:
         # Flights that are still under way, and those that must be integrated by themselves.
         flies, alone = np.ones(count, dtype=bool), np.zeros(count, dtype=bool)
         reasons = dict.fromkeys(range(count), "")
-        impacts: list[list[tuple[float, float]]] = [[] for _ in range(count)]
+        impacts: list[list[Impact]] = [[] for _ in range(count)]
 
         def end(which: Flags) -> None:
             """End flights, with the reason; one without any is integrated by itself."""
@@ -78,16 +80,17 @@ class BlockIntegration:
             if block is None:
                 return [None] * count
             time = interval.begin
-            if self.loop.takes_hold(time):
+            if around and around.takes_hold(time):
                 # Flights that have ended stay as they were, and may have no numbers.
                 with np.errstate(invalid="ignore"):
-                    held, lost = self.loop.held(time, last)
+                    held, *did = self.loop.struck(last, interval.loads.holds)
                 last[flies] = held[flies]
                 # A sample of now is after the impact.
                 if flies.any() and times[filled - 1] == time:
                     states[flies, filled - 1] = last[flies]
                 for i in np.flatnonzero(flies).tolist():
-                    impacts[i].append((time, float(lost[i])))
+                    lost, left, impulses = (x[i] for x in did)
+                    impacts[i].append((time, float(lost), float(left), impulses))
             parts = [
                 (part, done)
                 for part in grid.stretches(interval)
@@ -123,8 +126,8 @@ class BlockIntegration:
         histories: list[StateHistory | None] = [None] * count
         for i in np.flatnonzero(~alone).tolist():
             rows, reason, until = slice(kept[i]), reasons[i], float(ends[i])
-            losses = np.reshape(impacts[i], (-1, 2))
-            history = StateHistory(times[rows], states[i, rows], reason, ranges, losses)
+            hits = tuple(impacts[i])
+            history = StateHistory(times[rows], states[i, rows], reason, ranges, hits)
             # Of a flight that went on to the end, all samples have been looked at.
             if reason or until > history.time[-1]:
                 history = whole_history(history, until, last[i], envelope)
@@ -132,9 +135,12 @@ class BlockIntegration:
         return histories
 
     def _block(self, bounds: Array | float, loads: Loads, count: int) -> ProgramSteps | None:
-        """The steps of all while something acts; None where module, law or loop is not compiled."""
+        """The steps of all while something acts; None where module, law or loop is not compiled.
+
+        Nor are there any where frames come to stops, each at a time of its own.
+        """
         try:
-            if is_compiled(self.loop, loads):
+            if is_compiled(self.loop, loads) and not np.any(loads.stops):
                 return steps_of(self.loop, bounds, loads, count, Blocks.widest(single=self.single))
         except (CompilerError, CacheError) as error:
             _log.warning("flights are taken one by one: %s", error)

@@ -39,7 +39,7 @@ from gibbs_codegen.flight.plant.actuators import (
     commands_for,
     has_battery,
 )
-from gibbs_codegen.flight.plant.environment import Environment
+from gibbs_codegen.flight.plant.environment import Environment, Rests
 from gibbs_codegen.flight.plant.sensors import SensorSuite
 from gibbs_codegen.flight.plant.vehicle import Array, Flags, Vehicle
 from gibbs_codegen.flight.scenario.scenario import Scenario
@@ -277,27 +277,35 @@ class ClosedLoop:
         if around is None:
             return Loads(idle=idle)
         push, payloads = around.push_acts(time), around.carries(time)
-        return Loads(push, payloads, idle=idle, holds=around.holding(time))
+        holds, stops = around.holding(time), around.restitution(time) >= 0.0
+        return Loads(push, payloads, idle=idle, holds=holds, stops=stops)
 
-    def takes_hold(self, time: float) -> bool:
-        """True if a constraint that did not hold begins to at a time, s."""
-        return self.environment is not None and self.environment.takes_hold(time)
+    def struck(self, states: Array, active: Any, restitution: Any = 0.0) -> tuple[Array, ...]:
+        """States (…, size) after an impact on active constraints (c) of some restitution (c).
 
-    def held(self, time: float, states: Array) -> tuple[Array, Array]:
-        """States (…, size) after the impact at a time, s, at which constraints take hold.
-
-        And the energies (…) that are lost, J, which are work done.
+        And kinetic energies (…), J, that are lost, as work done, and left, and impulses (…, l).
         """
         vehicle = self.vehicle
         q, v, work, *_ = self.parts(states)
-        active = np.asarray(self.loads(time).holds, dtype=np.float64)
-        after, _ = vehicle.function("impact")(q, v, active)
-        # An impact never adds energy, and of one that takes none rounding may say so.
-        lost = np.maximum(vehicle.kinetic_energy(q, v) - vehicle.kinetic_energy(q, after), 0.0)
+        hits = np.asarray(active, dtype=np.float64)
+        after, impulses = vehicle.function("impact")(q, v, hits, restitution * hits)
+        left = vehicle.kinetic_energy(q, after)
+        lost = vehicle.kinetic_energy(q, v) - left
         successors = states.copy()
         successors[..., self.layout.places.v] = after
         successors[..., self.layout.places.work] = (work - lost)[..., np.newaxis]
-        return successors, lost
+        return successors, lost, left, impulses
+
+    def stopped(self, time: float, state: Array, loads: Loads) -> bool:
+        """True where a frame comes to a stop from outside, or one on which it rests would pull."""
+        instant, watched = {"time": time, "x": state}, bool(np.any(loads.stops))
+        return watched and bool(self._outputs_of("end", loads, instant)["ended"] > 0.0)
+
+    def resting(self, rests: Rests) -> ClosedLoop:
+        """The same with frames that rest on stops."""
+        if self.environment is None or self.environment.rests == rests:
+            return self
+        return replace(self, environment=replace(self.environment, rests=rests))
 
     def derivative(self, time: float, state: Array, loads: Loads = NOTHING) -> Array:
         """Time derivative (size) of a state, NaN for a state that is not finite.
@@ -313,7 +321,8 @@ class ClosedLoop:
         """The state (size) after one step of the classical method of Runge and Kutta, of s."""
         if not np.all(np.isfinite(state)):
             return np.full_like(state, np.nan)
-        return self._outputs_of("after", loads, {"time": time, "x": state, "h": size})["x_next"]
+        with np.errstate(all="ignore"):
+            return self._outputs_of("after", loads, {"time": time, "x": state, "h": size})["x_next"]
 
     def begun(self, interval: SmoothInterval, state: Array) -> tuple[SmoothInterval, str]:
         """An interval with the inputs held through it, after samples that are due, and a reason.
@@ -379,10 +388,11 @@ class ClosedLoop:
         stages = []
         for time in [-np.inf, *self._jumps]:
             loads = self.loads(time)
-            payloads, holds = (
-                tuple(np.atleast_1d(values).tolist()) for values in (loads.payloads, loads.holds)
+            payloads, *holds = (
+                tuple(np.atleast_1d(values).tolist())
+                for values in (loads.payloads, loads.holds, loads.stops)
             )
-            stages.append(Loads(bool(loads.push), payloads, idle=bool(loads.idle), holds=holds))
+            stages.append(Loads(bool(loads.push), payloads, None, bool(loads.idle), *holds))
         return stages
 
 
@@ -447,4 +457,4 @@ def acting(environment: Environment | None, loads: Loads) -> tuple[Surroundings,
     """Surroundings, with the frames on which they act, and their figures."""
     if environment is None:
         return NO_SURROUNDINGS, {}
-    return environment.under(loads.push, loads.payloads, loads.holds)
+    return environment.under(loads.push, loads.payloads, loads.holds, loads.stops)

@@ -21,14 +21,16 @@ from gibbs_codegen.errors import UsageError
 from gibbs_codegen.flight.integration.closed_loop import ClosedLoop
 from gibbs_codegen.flight.integration.compiled_loop import CompiledLoops
 from gibbs_codegen.flight.integration.envelope import Envelope, integration_burdens, stable_modes
-from gibbs_codegen.flight.integration.python_flow import PythonFlow
+from gibbs_codegen.flight.integration.python_flow import HALVINGS, PythonFlow
 from gibbs_codegen.flight.integration.state_history import (
     SAME_TIME,
+    Impact,
     InputRanges,
     Loads,
     SmoothInterval,
     StateHistory,
 )
+from gibbs_codegen.flight.integration.stops import after_impacts
 from gibbs_codegen.flight.plant.vehicle import Array
 from gibbs_codegen.flight.scenario.parts import Settings
 from gibbs_codegen.runtime.program_flow import (
@@ -147,7 +149,8 @@ class Integration:
         begin: float = 0.0,
         compiled: CompiledLoops | None = None,
     ) -> None:
-        self._loop = loop
+        # What rests on a stop makes another of it.
+        self.loop = loop
         self._envelope = Envelope(loop, settings.divergence, duration, (begin, start))
         self.compiled = compiled or CompiledLoops(loop, self._envelope.bounds, settings.method)
         self._grid, self._adaptive = StepGrid(settings), settings.method == "adaptive"
@@ -168,7 +171,9 @@ class Integration:
         flow.smooth = 0 if loop.compensates else 2 if follows else 1
         self._times, self._states = [np.array([begin])], [start[np.newaxis].copy()]
         self._inputs = [InputRanges.none(len(loop.vehicle.inputs))]
-        self._impacts: list[tuple[float, float]] = []
+        self._impacts: list[Impact] = []
+        # Whether what acts has changed at a time that was not known before.
+        self._changed = False
         self.time, self.state = begin, start
         self._loads: Loads | None = None
         self.stopped = self._envelope.reason(begin, start)
@@ -176,15 +181,19 @@ class Integration:
 
     def advance(self, end: float, progress: Callable[[float], None] = lambda time: None) -> None:
         """Integrate up to a time, or until the flight cannot go on; `progress` is told the time."""
-        intervals = self._loop.smooth_intervals(self.time, end)
-        for _, alike in itertools.groupby(intervals, lambda interval: interval.loads):
-            left = [*alike]
-            while left and not self.stopped:
-                left = left[self._fly(left[:_INTERVALS_A_CALL], progress) :]
+        while self.time < end and not self.stopped:
+            self._changed = False
+            intervals = self.loop.smooth_intervals(self.time, end)
+            for _, alike in itertools.groupby(intervals, lambda interval: interval.loads):
+                left = [*alike]
+                while left and not self.stopped and not self._changed:
+                    left = left[self._fly(left[:_INTERVALS_A_CALL], progress) :]
+                if self._changed:
+                    break
 
     def _fly(self, intervals: list[SmoothInterval], progress: Callable[[float], None]) -> int:
         """Fly through intervals in which the same acts; how many were begun."""
-        loop, law = self._loop, self._loop.sampled
+        loop, law = self.loop, self.loop.sampled
         if law is not None:
             loads = intervals[0].loads._replace(inputs=law.inputs)
             if self.compiled.at(loads) is not None:
@@ -210,7 +219,7 @@ class Integration:
         `progress` is told the time, s. `ahead` are samples of a law, at the begins of the
         intervals; what C refuses of them is left.
         """
-        flow, loop, state = self._flow, self._loop, self.state
+        flow, loop, state = self._flow, self.loop, self.state
         whole = SmoothInterval(intervals[0].begin, intervals[-1].end, loads)
         times, law = self._grid.sample_times(whole), loop.sampled if ahead else None
         legs, firsts = self._legs(intervals, ahead)
@@ -221,7 +230,8 @@ class Integration:
         flow.time, flow.leg, flow.done, flow.begun, flow.sampled = whole.begin, 0, 0, 0, 0
         if self._adaptive and not flow.step:
             flow.step = self._first_step(whole, loads)
-        while flow.leg < len(legs) and not self.stopped:
+        flow.halvings = HALVINGS if np.any(loads.stops) else 0
+        while flow.leg < len(legs) and not self.stopped and not self._changed:
             flow.steps, flow.reason = STEPS_A_CALL[self._adaptive], REFUSED
             if compiled is not None:
                 left = times[taken:]
@@ -242,6 +252,7 @@ class Integration:
                 taken += len(kept)
             if flow.reason != GOES_ON:
                 self.stopped = self._stopped(state)
+                self._changed = flow.reason == ENDED and not self.stopped
             progress(flow.time)
         begun = bisect_left(firsts, flow.leg + flow.begun)
         if ahead and law:
@@ -304,7 +315,7 @@ class Integration:
         """Why the flight cannot go on from where it is, "" if it can."""
         flow = self._flow
         if flow.reason == TOO_SHORT:
-            burdens = integration_burdens(self._loop, flow.time, state)
+            burdens = integration_burdens(self.loop, flow.time, state)
             return f"at t = {flow.time:.6g} s: no step is small enough{burdens}"
         if flow.reason == ENDED:
             return self._envelope.reason(flow.time, state)
@@ -329,35 +340,37 @@ class Integration:
     def _too_slow(self, time: float, step: float, state: Array) -> str:
         """Why a flight takes too many evaluations, and what to do about it."""
         reason = f"at t = {time:.6g} s: steps of {step:.2g} s are needed"
-        fastest = next(iter(stable_modes(self._loop)), None)
+        fastest = next(iter(stable_modes(self.loop)), None)
         if fastest is not None and fastest.rate * step > _STIFF:
             longest = fastest.longest_step
             rk4 = f"rk4 with steps of {longest:.2g} s, or " if longest > _SHORTEST else ""
             reason += f" (stiff: {fastest.cause}); use {rk4}{fastest.remedy}"
-            return reason + integration_burdens(self._loop, time, state, lag=False)
-        lag = " or a shorter time constant of the motors" if self._loop.lags else ""
-        reason += integration_burdens(self._loop, time, state)
+            return reason + integration_burdens(self.loop, time, state, lag=False)
+        lag = " or a shorter time constant of the motors" if self.loop.lags else ""
+        reason += integration_burdens(self.loop, time, state)
         return f"{reason}; use rk4, looser tolerances{lag}"
 
     def _take_hold(self) -> None:
-        """Take the impact of constraints that begin to hold now; a sample of now is after it."""
-        if not self.stopped and self._loop.takes_hold(self.time):
-            self.state, lost = self._loop.held(self.time, self.state)
-            self._impacts.append((self.time, float(lost)))
+        """Take the impacts that are due now; a sample of now is after them."""
+        loop, around = self.loop, self.loop.environment
+        if around and not self.stopped and (self._changed or around.takes_hold(self.time)):
+            self.loop, self.state, hits = after_impacts(loop, around, self.time, self.state)
+            self._changed |= self.loop is not loop
+            self._impacts += hits
             if self._times[-1][-1:].tolist() == [self.time]:
                 self._states[-1][-1] = self.state
 
     def prepare(self, end: float) -> None:
         """Compile what steps up to a time need, s."""
-        inputs = self._loop.hold.inputs if self._loop.hold else None
-        for loads in {interval.loads for interval in self._loop.smooth_intervals(self.time, end)}:
+        inputs = self.loop.hold.inputs if self.loop.hold else None
+        for loads in {interval.loads for interval in self.loop.smooth_intervals(self.time, end)}:
             self.compiled.at(loads._replace(inputs=inputs))
 
     def rate(self) -> Array:
         """Time derivative (size) of the state, under what has acted until now."""
         if self._loads is None:
-            first = next(self._loop.smooth_intervals(self.time, self.time + 1.0))
-            self._loads = self._loop.begun(first, self.state)[0].loads
+            first = next(self.loop.smooth_intervals(self.time, self.time + 1.0))
+            self._loads = self.loop.begun(first, self.state)[0].loads
         return self.compiled.derivative(self._loads)(self.time, self.state)
 
     def history(self) -> StateHistory:
@@ -367,7 +380,8 @@ class Integration:
             np.concatenate(self._states),
             self.stopped,
             InputRanges.joined(self._inputs),
-            np.reshape(self._impacts, (-1, 2)),
+            tuple(self._impacts),
+            self.loop.environment.rests if self.loop.environment else (),
         )
         return whole_history(samples, self.time, self.state, self._envelope)
 

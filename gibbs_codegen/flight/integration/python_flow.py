@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 import scipy
@@ -21,6 +22,8 @@ from gibbs_codegen.runtime.program_flow import ENDED, GOES_ON, TOO_SHORT, TOO_SL
 _BATCH = 4096
 # Shares of a step at which inputs are looked at.
 _SHARES = np.array([0.25, 0.5, 0.75, 1.0])
+# How often a step is halved, down to the time at which it comes to its end.
+HALVINGS = 40
 # Knots at which steps end before one across a knot is tried again.
 _MOST_STOPS = 64
 
@@ -41,12 +44,15 @@ class PythonFlow:
         """One equal step."""
         before = leg.number + flow.done
         self._see(flow.time, state)
-        with np.errstate(all="ignore"):
-            state = self.loop.step(flow.time, state, leg.step, self.loads)
+        begin, after = flow.time, partial(self.loop.step, flow.time, state, loads=self.loads)
+        state = after(leg.step)
         flow.done += 1
         end, reached = leg.end, (before + 1) * leg.step
         flow.time = end if flow.done >= leg.count else min(reached, end)
-        flow.reason = ENDED if self.envelope.reason(flow.time, state) else GOES_ON
+        flow.reason = ENDED if self._ends(flow.time, state) else GOES_ON
+        if flow.reason and flow.halvings:
+            flow.time = self._first_end(lambda time: after(time - begin), begin, flow.time)
+            return np.zeros((0, len(state))), after(flow.time - begin)
         return state[np.newaxis][: (before + 1) % leg.every == 0], state
 
     def steps(
@@ -63,7 +69,7 @@ class PythonFlow:
 
         `scale` (size) is that of absolute tolerances, `times` are those of samples to come, s.
         """
-        end, envelope = leg.end, self.envelope
+        end = leg.end
         first = min(flow.step, end - flow.time)
         solver = scipy.integrate.DOP853(derivative, flow.time, state, end, first_step=first)
         samples, spent, stops, patience = [np.zeros((0, len(state)))], 0, 0, 1
@@ -85,8 +91,8 @@ class PythonFlow:
             if after > knot:
                 patience = 1 if flow.time > knot else min(2 * patience, _MOST_STOPS)
                 stops = 0 if flow.time > knot else patience
-            if envelope.reason(flow.time, state):
-                flow.time, flow.reason = _first_violation(envelope, path, before, flow.time), ENDED
+            if self._ends(flow.time, state):
+                flow.time, flow.reason = self._first_end(path, before, flow.time), ENDED
                 state = path(flow.time)
             flow.taken = flow.time - before
             for instant in (before + _SHARES * flow.taken).tolist():
@@ -101,6 +107,24 @@ class PythonFlow:
             progress(flow.time)
         flow.step = solver.h_abs
         return np.concatenate(samples), state
+
+    def _ends(self, time: float, state: Array) -> bool:
+        """True if the flight cannot go on from a state, or comes to a stop."""
+        reason = self.envelope.reason(time, state)
+        return bool(reason) or self.loop.stopped(time, state, self.loads)
+
+    def _first_end(self, path: Callable[[float], Array], good: float, bad: float) -> float:
+        """A time, s, at which the flight ends, but for rounding the first one.
+
+        `path` gives the state (size) at times of the step, from `good` to `bad`, s, where it ends.
+        """
+        for _ in range(HALVINGS):
+            middle = 0.5 * (good + bad)
+            if self._ends(middle, path(middle)):
+                bad = middle
+            else:
+                good = middle
+        return bad
 
     def _is_rough(self, flow: Flow, state: Array) -> bool:
         """True if rates have kinks where the flight is."""
@@ -134,19 +158,3 @@ def _next_knot(flow: Flow) -> float:
         return math.inf
     pieces = math.floor((flow.time - flow.begin) / flow.piece + SAME_TIME) + 1
     return flow.begin + pieces * flow.piece
-
-
-def _first_violation(
-    envelope: Envelope, path: Callable[[float], Array], good: float, bad: float
-) -> float:
-    """A time, s, at which the flight cannot go on, to a millionth of the step the first one.
-
-    `path` gives the state (size) at times of the step, from `good` to `bad`, s, where it cannot.
-    """
-    for _ in range(20):
-        middle = 0.5 * (good + bad)
-        if envelope.reason(middle, path(middle)):
-            bad = middle
-        else:
-            good = middle
-    return bad

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
+from gibbs_codegen.flight.plant.environment import Rests
 from gibbs_codegen.flight.plant.vehicle import Array, Flags
 
 # Times are the same, and steps whole, to this share of a step.
@@ -55,8 +56,9 @@ class Loads(NamedTuple):
     """Loads: pushes, payloads, and inputs u (nu) that are held, if any.
 
     `push` says whether the push does (…), `payloads` which of them do (…, p), or one flag for all;
-    `holds` which constraints do (…, c), and `idle` that motors do not run (…). Without `inputs` the
-    law of control commands them at every instant.
+    `holds` which constraints do (…, c), `stops` which of them do from one side alone, pressing or
+    not, and `idle` that motors do not run (…). Without `inputs` the law of control commands them at
+    every instant.
     """
 
     push: bool | Flags = False
@@ -64,24 +66,28 @@ class Loads(NamedTuple):
     inputs: Array | tuple[float, ...] | None = None
     idle: bool | Flags = False
     holds: bool | tuple[bool, ...] | Flags = False
+    stops: bool | tuple[bool, ...] | Flags = False
 
 
 NOTHING = Loads()
+# An impact: its time, s, kinetic energy, J, lost and left, and impulses (l) of rows.
+Impact = tuple[float, float, float, Array]
 
 
 @dataclass(frozen=True)
 class StateHistory:
     """Samples of the state (s, size) at times (s), and why there are no more; "" if complete.
 
-    `inputs` has the ranges of the inputs between the samples, `impacts` (i, 2) times, s, and lost
-    energies, J, of constraints that took hold.
+    `inputs` has the ranges of the inputs between the samples; `rests` are as of
+    `Environment`.
     """
 
     time: Array
     states: Array
     stopped: str
     inputs: InputRanges
-    impacts: Array = field(default_factory=lambda: np.zeros((0, 2)))
+    impacts: tuple[Impact, ...] = ()
+    rests: Rests = ()
 
 
 class SmoothInterval(NamedTuple):

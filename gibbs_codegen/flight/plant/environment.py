@@ -33,6 +33,11 @@ from gibbs_codegen.flight.scenario.scenario import Scenario
 from gibbs_codegen.flight.scenario.walls import Wall, contacts_of, yielding
 from gibbs_codegen.machine.machine import Surroundings
 
+# What `Environment.restitution` has of constraints that hold from both sides.
+BOTH_SIDES = -1.0
+# Times, s, from which on frames rest on stops, and on which of the constraints.
+Rests = tuple[tuple[float, tuple[bool, ...]], ...]
+
 
 class RotorSpin:
     """The g rotors that have a spin inertia, and the frames that take their torques.
@@ -110,6 +115,9 @@ def _check_hold(vehicle: RobotData, scenario: Scenario, where: str, hold: Hold) 
         hint = near(hold.constraint, constraints) or ";"
         words = f"{vehicle.name} has no {printable(hold.constraint)}{hint} {names}"
         raise UsageError(f"{where}: constraint: {words}")
+    if hold.restitution is not None and not _side(vehicle, hold.constraint):
+        words = "is for a plane or a distance, which stop a frame from one side; leave it out"
+        raise UsageError(f"{where}: restitution: {words}, as {hold.constraint} holds from all")
     for number, load in enumerate(scenario.payloads, start=1):
         if (first := max(load.begin, hold.begin)) < min(load.end, hold.end):
             raise UsageError(
@@ -119,9 +127,23 @@ def _check_hold(vehicle: RobotData, scenario: Scenario, where: str, hold: Hold) 
             )
 
 
+def _side(vehicle: RobotData, constraint: str) -> float:
+    """Sign of the errors that a constraint allows as a stop: 1 of a plane, -1 of a distance, or 0.
+
+    It is on the side of the plane to which the normal points.
+    """
+    module = vehicle.module
+    row = module.CONSTRAINT_ROWS[module.CONSTRAINT_PLACES[constraint]][0]
+    return row.endswith("_normal") * 1.0 - row.endswith("_distance")
+
+
 @dataclass(frozen=True)
 class Environment:
-    """Forces on the robot that flies; `spins` (N) are those of `Actuators`."""
+    """Forces on the robot that flies; `spins` (N) are those of `Actuators`.
+
+    Holds with a restitution are stops, which hold a frame only while it rests there: `rests` have
+    times, s, from which on it does, or does no longer, on each of the constraints.
+    """
 
     vehicle: Vehicle
     push: Push | None = None
@@ -130,10 +152,16 @@ class Environment:
     wall: tuple[Wall, ...] = ()
     spins: Array | None = None
     hold: tuple[Hold, ...] = ()
+    rests: Rests = ()
 
     @property
     def _constraints(self) -> tuple[str, ...]:
         return tuple(getattr(self.vehicle.module, "CONSTRAINTS", ()))
+
+    @cached_property
+    def sides(self) -> Array:
+        """Sides (c) of the constraints, as `_side` has them."""
+        return np.array([_side(self.vehicle, name) for name in self._constraints])
 
     @classmethod
     def of(cls, vehicle: Vehicle, scenario: Scenario, spins: Array) -> Environment | None:
@@ -195,16 +223,22 @@ class Environment:
         return np.multiply.outer(self.vehicle.gravity, [0.0, 0.0, 1.0])
 
     def under(
-        self, push: bool | Flags, payloads: bool | Sequence[bool] | Flags, holds: Any
+        self, push: bool | Flags, payloads: Any, holds: Any, stops: Any = False
     ) -> tuple[Surroundings, dict[str, Any]]:
         """The surroundings and their figures, while the push acts (…) if it does.
 
-        `payloads` (…, p) and constraints, `holds` (…, c), tell which do; one flag is for all.
+        `payloads` (…, p) and constraints, `holds` and `stops` (…, c), tell which do; one flag is
+        for all.
         """
         around, values = self.around, {**self.figures}
-        if np.any(holds):
-            around = replace(around, holds=True)
-            values["active"] = np.asarray(holds, dtype=np.float64)
+        if np.any(holds) or np.any(stops):
+            around = replace(around, holds=True, stops=bool(np.any(stops)))
+            active, sides = np.asarray(holds, dtype=np.float64), np.multiply(stops, self.sides)
+            each = np.stack([sides * (1.0 - active), sides * active], axis=-2)
+            rows = [
+                place.stop - place.start for place in self.vehicle.module.CONSTRAINT_PLACES.values()
+            ]
+            values |= {"active": active, "stops": np.repeat(each, rows, axis=-1)}
         masses = np.where(payloads, [payload.mass for payload in self.payload], 0.0)
         there = np.flatnonzero(np.any(masses > 0.0, axis=tuple(range(masses.ndim - 1))))
         if np.any(push):
@@ -225,15 +259,23 @@ class Environment:
         return carried
 
     def holding(self, time: float | Array) -> Flags:
-        """True (…, c) for constraints of the robot that hold at times (…), s."""
-        times, names = np.asarray(time), self._constraints
-        holding = np.zeros((*times.shape, len(names)), dtype=bool)
-        for hold in self.hold:
-            holding[..., names.index(hold.constraint)] |= hold.acts_at(times)
-        return holding
+        """True (…, c) for constraints that hold at times (…), s, and for stops with a rest."""
+        restitution, rests = self.restitution(time), dict(self.rests)
+        last = np.searchsorted([*rests], time, side="right")
+        resting = np.array([(False,) * len(self._constraints), *rests.values()], bool)[last]
+        return (restitution == BOTH_SIDES) | (restitution >= 0.0) & resting
+
+    def restitution(self, time: float | Array) -> Array:
+        """Restitution (…, c) of stops at times (…), s; `BOTH_SIDES` of what holds, or NaN."""
+        times = np.asarray(time)
+        shares = np.full((*times.shape, len(self._constraints)), np.nan)
+        for hold in sorted(self.hold, key=lambda hold: hold.restitution is None):
+            share = BOTH_SIDES if hold.restitution is None else hold.restitution
+            shares[hold.acts_at(times), self._constraints.index(hold.constraint)] = share
+        return shares
 
     def takes_hold(self, time: float) -> bool:
-        """True if a constraint that did not hold just before begins to hold at a time, s."""
+        """True if a constraint that did not hold just before begins to at a time, s, or a stop."""
         before = {hold.constraint for hold in self.hold if hold.begin < time <= hold.end}
         return any(hold.begin == time and hold.constraint not in before for hold in self.hold)
 
@@ -241,8 +283,9 @@ class Environment:
         """True (…) for times, s, at which motors idle since a constraint holds the robot."""
         times = np.asarray(time)
         idle = np.zeros(times.shape, dtype=bool)
-        for hold in self.hold:
-            idle |= hold.acts_at(times) & hold.idle
+        for hold in (hold for hold in self.hold if hold.idle):
+            holding = self.holding(times)[..., self._constraints.index(hold.constraint)]
+            idle |= hold.acts_at(times) & holding
         return idle
 
     @cached_property
@@ -273,7 +316,7 @@ class Environment:
         lasting = [acting for acting in every if acting is not None]
         gusts = self.wind.gusts if self.wind else ()
         ends = ((gust.begin, gust.begin + gust.duration) for gust in gusts)
-        return {*itertools.chain(*ends, *((acting.begin, acting.end) for acting in lasting))}
+        return {*itertools.chain(*ends, *((x.begin, x.end) for x in lasting), dict(self.rests))}
 
     @property
     def remedies(self) -> list[str]:

@@ -49,12 +49,17 @@ class Recording:
     like: Recording | None = None
     ranges: Callable[[], InputRanges] | None = None
 
+    def __post_init__(self) -> None:
+        """Take the loop with what rested on stops."""
+        object.__setattr__(self, "loop", self.loop.resting(self.history.rests))
+
     @property
     def series(self) -> dict[str, Callable[[], Any]]:
         """Functions that compute the fields of a flight, by name."""
         loop, vehicle, scenario, time = self.loop, self.loop.vehicle, self.scenario, self._time
         gusts = scenario.wind.gusts if scenario.wind else ()
         contacts = [(k, x) for k, wall in enumerate(scenario.walls, 1) for x in wall.frames]
+        rows, hits = tuple(getattr(vehicle.module, "CONSTRAINT_ROWS", ())), self.history.impacts
         blowing = [[gust.begin, gust.begin + gust.duration] for gust in gusts]
         return {
             **posture_series(vehicle, lambda: self._parts.q, lambda: self._parts.v),
@@ -90,7 +95,7 @@ class Recording:
             "contact_friction": lambda: self._motion["contacts"][..., 1:4],
             "contact_slip": lambda: self._motion["contacts"][..., 4:7],
             "contact_depth": lambda: self._motion["contacts"][..., 7],
-            "hold_names": lambda: tuple(getattr(vehicle.module, "CONSTRAINT_ROWS", ())),
+            "hold_names": lambda: rows,
             "hold_forces": lambda: self._motion["holding"],
             "hold_errors": lambda: (
                 vehicle.function("constraint_errors")(self._parts.q)
@@ -99,7 +104,8 @@ class Recording:
             ),
             "held": lambda: tuple(hold.constraint for hold in scenario.holds),
             "hold_times": lambda: np.reshape([(x.begin, x.end) for x in scenario.holds], (-1, 2)),
-            "impacts": lambda: self.history.impacts,
+            "impacts": lambda: np.reshape([hit[:3] for hit in hits], (-1, 3)),
+            "impulses": lambda: np.reshape([hit[3] for hit in hits], (len(hits), len(rows))),
             "hard_impacts": self._hard_impacts,
             "disc_radii": self._disc_radii,
             "joint_limits": lambda: loop.actuators.joints,

@@ -31,7 +31,8 @@ RANGES = ("commanded_least", "commanded_greatest", "applied_least", "applied_gre
 NO_SERIES = frozenset(
     {
         *("base_arm_angles_desired", "binding_times", "contact_walls", "disc_radii", "gusts"),
-        *("hold_times", "impacts", "input_limits", "joint_limits", "walls"),
+        *("hold_times", "impacts", "impulses"),
+        *("input_limits", "joint_limits", "walls"),
     }
 )
 # Rows of a CSV that are written at a time.
@@ -112,9 +113,11 @@ class Flight:
     `hold_forces` (s, l), N and N m, are those of constraints by `hold_names`, the rows of these, in
     the axes of their anchors; 0 of constraints that do not hold. `hold_errors` (s, l), m and rad,
     are how far these are from being met, (s, 0) in flights without holds. The constraints `held`
-    (h) are so from and to `hold_times` (h, 2), s. `impacts` (i, 2) are when
-    constraints took hold, s, and the energy that was lost, J; the `work` has it. A sample of that
-    instant is of after the impact.
+    (h) are so from and to `hold_times` (h, 2), s. `impacts` (i, 3) are when constraints took hold,
+    or frames came to stops, s, the kinetic energy, J, that was lost, and what was left; the `work`
+    has the loss. A sample of that instant is of after the impact. `impulses` (i, l), N s and N m s,
+    are those of the rows, 0 of constraints that took no part. Files of before flights had impulses
+    have none, and (i, 2) of impacts.
     `hard_impacts` are sentences on impacts at walls for which the steps were too long.
     `sensors` (s, m) are what the robot's sensors had told last at each sample, by `sensor_names`
     and `sensor_units`, as `SensorSuite` describes them; NaN before the first reading, and (s, 0)
@@ -192,7 +195,8 @@ class Flight:
     hold_errors: Array = field(default_factory=lambda: np.zeros((0, 0)), repr=False)
     held: tuple[str, ...] = ()
     hold_times: Array = field(default_factory=lambda: np.zeros((0, 2)), repr=False)
-    impacts: Array = field(default_factory=lambda: np.zeros((0, 2)), repr=False)
+    impacts: Array = field(default_factory=lambda: np.zeros((0, 3)), repr=False)
+    impulses: Array = field(default_factory=lambda: np.zeros((0, 0)), repr=False)
     hard_impacts: tuple[str, ...] = field(default=(), repr=False)
     disc_radii: Array = field(default_factory=lambda: np.zeros(0), repr=False)
     joint_limits: Array = field(default_factory=lambda: np.zeros((2, 0)), repr=False)
@@ -332,10 +336,26 @@ class Flight:
         )
 
     @property
-    def hold_summaries(self) -> tuple[str, ...]:
-        """Of each hold when it took hold and let go, the impact, the greatest force and the drift.
+    def impact_summaries(self) -> tuple[str, ...]:
+        """Of each impact when it was, the impulses of constraints, and kinetic energies."""
+        words = []
+        # Old files have no impulses.
+        for (time, lost, left), impulses in zip(self.impacts, self.impulses, strict=False):
+            sizes = {x: np.linalg.norm(impulses[self._rows_of(x)]) for x in self.held}
+            felt = ", ".join(f"{name} {size:.3g} N s" for name, size in sizes.items() if size)
+            energies = f"kinetic energy from {lost + left:.3g} J to {left:.3g} J"
+            words.append(f"impact at t = {time:.4g} s: {felt}; {energies}")
+        return tuple(words)
 
-        The drift is the largest change of an error, m, while it holds.
+    def _rows_of(self, name: str) -> list[bool]:
+        """For each of the rows of constraints whether it holds a place for that one."""
+        return [row in {f"{name}_{x}" for x in _LINEAR_ROWS} for row in self.hold_names]
+
+    @property
+    def hold_summaries(self) -> tuple[str, ...]:
+        """Of each hold when it took hold and let go, the greatest force and the drift.
+
+        The drift is the largest change of an error, m, while there is a force.
         """
         return tuple(itertools.starmap(self._hold_summary, enumerate(self.held)))
 
@@ -344,22 +364,15 @@ class Flight:
         during = np.flatnonzero((self.time >= begin) & (self.time < end))
         if not len(during):
             return f"hold {k + 1}, {name}: never took hold"
-        held_rows = {f"{name}_{row}" for row in _LINEAR_ROWS}
-        rows = [row in held_rows for row in self.hold_names]
+        rows = self._rows_of(name)
         forces = np.linalg.norm(self.hold_forces[during][:, rows], axis=1)
         most = int(np.argmax(forces))
-        errors = self.hold_errors[during][:, rows]
+        errors = self.hold_errors[during][forces > 0.0][:, rows]
         until = f"to {end:.4g} s" if end <= self.time[-1] else "on"
-        losses = self.impacts[self.impacts[:, 0] == begin, 1]
-        together = np.flatnonzero(self.hold_times[:, 0] == begin).tolist()
-        of = f" of holds {', '.join(str(j + 1) for j in together)}" if together[1:] else ""
-        impact = "".join(f"{lost:.3g} J lost in the impact{of}; " for lost in losses)
-        if losses.size and k != together[0]:
-            impact = f"the impact is that of hold {together[0] + 1}; "
         return (
-            f"hold {k + 1}, {name}: from t = {begin:.4g} s {until}; {impact}"
+            f"hold {k + 1}, {name}: from t = {begin:.4g} s {until}; "
             f"at most {forces[most]:.3g} N, at t = {self.time[during[most]]:.4g} s; "
-            f"drifts by {np.abs(errors - errors[0]).max(initial=0.0):.2g} m"
+            f"drifts by {np.abs(errors - errors[:1]).max(initial=0.0):.2g} m"
         )
 
     @property

@@ -58,7 +58,10 @@ PREDICTIVE = "predictive"
 # Functions of modules that fly scenarios in which constraints hold.
 WITH_CONSTRAINTS = ("default", "constraints")
 # Those that they call.
-HOLDING = ("constrained_forward_dynamics", "impact", "constraint_jacobian")
+HOLDING = (
+    *("constrained_forward_dynamics", "impact"),
+    *("constraint_jacobian", "constraint_errors", "constraint_bias"),
+)
 Law = Annotated[str, OneOf(("tracking", *LAWS, PREDICTIVE, "open_loop", "off"))]
 # Laws of scenarios that move a frame, and of these those that control its force.
 _MOVING = [name for name, law in LAWS.items() if law.moves_frame]
@@ -72,7 +75,7 @@ Thrusts = Annotated[
 ]
 _Frequency = Annotated[Number, Bounds(LEAST, 1e4)]
 _Rate = Annotated[Number, Bounds(0.0, 1e4)]
-Charge = Annotated[Number, Bounds(0.0, 1.0)]
+Share = Annotated[Number, Bounds(0.0, 1.0)]
 _ZERO = (0.0, 0.0, 0.0)
 # Axes that are no frame's.
 WORLD = "world"
@@ -353,7 +356,7 @@ class StartOffset(Table):
     rotation: Annotated[
         Angles, key("deviation of the attitude: rotation vector, world axes, degrees", "turn_deg")
     ] = _ZERO
-    charge: Charge = entry("charge of the battery, 1 when full", 1.0)
+    charge: Share = entry("charge of the battery, 1 when full", 1.0)
     settled: Flag = entry(
         "whether the robot begins at rest on walls, lowered or lifted to where they carry it", False
     )
@@ -421,13 +424,17 @@ class Hold(_ForATime, Table):
     """A constraint of the robot that holds for a time.
 
     It begins with an impact. A frame is held where it is then, and drawn to its anchor only if the
-    constraint has a frequency.
+    constraint has a frequency. With a restitution the constraint acts from one side alone, as a
+    stop: it keeps a frame above a plane, or no further than a distance, and never pulls back.
     """
 
     constraint: Annotated[str, key("the constraint: a name of CONSTRAINTS of the module")]
     begin: NotNegative = entry("when it takes hold, s", 0.0)
     end: Endless = entry("when it lets go, s; default: it stays", math.inf)
     idle: Flag = entry("whether motors idle meanwhile", False)
+    restitution: Share | None = entry(
+        "share of its speed with which a frame rebounds; default: it is held from both sides", None
+    )
 
 
 @table

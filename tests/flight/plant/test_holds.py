@@ -93,19 +93,21 @@ def test_a_machine_perches_where_it_is_and_takes_off(
     pull[:, 2] += WEIGHT
     inner = np.flatnonzero(held)[3:-3]
     np.testing.assert_allclose(flight.hold_forces[inner, :3], pull[inner], rtol=0, atol=0.02)
-    ((time, lost),) = flight.impacts
+    ((time, lost, left),) = flight.impacts
     assert time == 1.9
     # The sample of that instant is of after the impact: held, as its forces say.
     (at,) = np.flatnonzero(flight.time == 1.9)
     assert np.abs(flight.v[at, :6]).max() < 1e-12
     assert lost > flight.kinetic_energy[at] > 0.0
+    assert left == pytest.approx(flight.kinetic_energy[at], rel=1e-9)
     assert np.abs(flight.energy_error).max() < 1e-9
     (words,) = flight.hold_summaries
-    assert words.startswith(f"hold 1, grip: from t = 1.9 s to 4 s; {lost:.3g} J lost in the impact")
-    times = np.repeat(flight.hold_times, 2, axis=0)
-    first, second = replace(flight, held=("grip", "grip"), hold_times=times).hold_summaries
-    assert f"{lost:.3g} J lost in the impact of holds 1, 2;" in first
-    assert "s; the impact is that of hold 1; at most" in second
+    assert words.startswith("hold 1, grip: from t = 1.9 s to 4 s; at most ")
+    (felt,) = flight.impact_summaries
+    assert f"{lost + left:.3g} J to {left:.3g} J" in felt
+    # By Newton again: the impulse stops the centre of mass.
+    stopped = momentum[at] - momentum[at - 1] - 0.01 * (flight.hold_forces[at - 1, :3])
+    assert np.abs(flight.impulses[0, :3] - stopped).max() < 0.05
     forces = np.linalg.norm(flight.hold_forces[:, :3], axis=1)
     most = int(forces.argmax())
     assert f"at most {forces[most]:.3g} N, at t = {flight.time[most]:.4g} s; drifts by" in words
@@ -185,7 +187,7 @@ def test_at_rest_there_is_an_impact_that_loses_nothing(percher: ModuleType) -> N
     rest = start.loop.start(start.q, np.zeros(7))
     integration = Integration(start.loop, rest, scene.integration, 0.1)
     integration.advance(0.01)
-    assert integration.history().impacts.tolist() == [[0.0, 0.0]]
+    assert [impact[:3] for impact in integration.history().impacts] == [(0.0, 0.0, 0.0)]
 
 
 @pytest.mark.slow
@@ -213,7 +215,7 @@ def test_controllers_are_told_forces(percher: ModuleType) -> None:
     assert np.abs(seen[1].q[:7] - seen[2].q[:7]).max() < 1e-12
     # It has fallen for 0.1 s before, and again for 0.1 s.
     assert simulation.q[2] == pytest.approx(1.0 - 2 * 0.5 * 9.81 * 0.01, abs=2e-3)
-    assert simulation.flight().impacts.shape == (1, 2)
+    assert simulation.flight().impacts.shape == (1, 3)
 
 
 @pytest.mark.slow
