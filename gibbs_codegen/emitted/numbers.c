@@ -97,7 +97,8 @@ static INLINE real arctan2_real(const real a, const real b)
 #ifdef __clang__
 enum { REGISTER = sizeof(number) };
 #else
-enum { REGISTER = __BIGGEST_ALIGNMENT__ };
+enum { LARGEST = __BIGGEST_ALIGNMENT__, WHOLE = sizeof(number) };
+enum { REGISTER = LARGEST < WHOLE ? LARGEST : WHOLE };
 #endif
 typedef real part __attribute__((vector_size(REGISTER), may_alias));
 

@@ -44,9 +44,9 @@ _TIMEOUT_SECONDS = 300.0
 _FLAGS = ("-O3", "-ffp-contract=fast", "-fPIC", "-shared")
 # A program that has a function of the same name must not get the calls within a library.
 _LINKER_FLAGS = ("-Wl,-Bsymbolic",) if sys.platform.startswith("linux") else ()
-# Numbers of blocks are wider than registers: gcc moves them in halves of these unless it is told.
-_NATIVE = ("-march=native",)
-_WHOLE = (*_NATIVE, "-mmove-max=256", "-mstore-max=256")
+_NATIVE = "-march=native"
+# Numbers of blocks are wider than registers: gcc moves them in halves of these without.
+_MOVES = ("-mmove-max=512", "-mstore-max=512")
 # Not inlined, the parts of a long function compile in half the time, and run as fast once gcc knows
 # that their stride is 1.
 _PORTABLE = ("-Og", "-fipa-cp", "-Dalways_inline=", "-fvisibility=hidden")
@@ -71,7 +71,15 @@ class Compiler:
     def identity(self) -> str:
         """Text that differs where compiler, flags, processor or C library differ."""
         system = (platform.system(), platform.machine(), *platform.libc_ver(), _processor())
-        return "\n".join([*self.command, self.version, *_FLAGS, *_LINKER_FLAGS, *system])
+        flags = [*_FLAGS, _NATIVE, *_MOVES, *_LINKER_FLAGS]
+        return "\n".join([*self.command, self.version, *flags, *system])
+
+    @functools.cached_property
+    def _moves(self) -> tuple[str, ...]:
+        """Flags by which numbers are moved whole, if the compiler knows them."""
+        empty = ("-E", "-x", "c", os.devnull)
+        code, _ = _run([*self.command, *_MOVES, *empty], 20.0, Path.cwd())
+        return _MOVES if code == 0 else ()
 
     def library(self, sources: Sequence[Path], output: Path, extra: Sequence[str] = ()) -> None:
         """Make a shared library of C files; `extra` flags come after the compiler's.
@@ -79,13 +87,13 @@ class Compiler:
         Raises `CompilerError` if it fails or hangs.
         """
         # Without knowing the processor a library in the cache might meet another one.
-        for native in (_WHOLE, _NATIVE) if _processor() else ():
+        if _processor():
             try:
-                return self._make(sources, output, [*_FLAGS, *native, *extra])
+                return self._make(sources, output, [*_FLAGS, _NATIVE, *self._moves, *extra])
             except _EndedError:
                 raise
             except CompilerError:
-                pass  # It may not know the processor, or how it is to move numbers.
+                pass  # It may not know the processor.
         return self._make(sources, output, [*_FLAGS, *extra])
 
     def portable(self, sources: Sequence[Path], output: Path) -> None:
@@ -320,22 +328,27 @@ class ModuleLibrary:
             each = [_seconds(self._texts(*unit)) for unit in units]
             return max(*each, sum(each) / count)
 
-        with ThreadPoolExecutor(count) as pool:
-            try:
-                with announced(_compiling(self._name, _FUNCTIONS), seconds):
-                    tasks.extend(pool.submit(self._library, unit) for unit in units)
-                    if ahead and wait(tasks, _AT_ONCE).not_done:
-                        tasks.append(pool.submit(ahead()))
-                    for task in tasks[: len(units)]:
-                        task.result()
-                yield
-            except (KeyboardInterrupt, SystemExit):
-                GIVEN_UP.set()
-                # Some may be about to start.
+        pool = ThreadPoolExecutor(count)
+        try:
+            with announced(_compiling(self._name, _FUNCTIONS), seconds):
+                tasks.extend(pool.submit(self._library, unit) for unit in units)
+                if ahead and wait(tasks, _AT_ONCE).not_done:
+                    tasks.append(pool.submit(ahead()))
+                for task in tasks[: len(units)]:
+                    task.result()
+            yield
+            wait(tasks)
+        except (KeyboardInterrupt, SystemExit):
+            GIVEN_UP.set()
+            try:  # Some may be about to start.
                 while wait(tasks, _MOMENT).not_done:
                     _end([*_RUNNING])
+            finally:
                 GIVEN_UP.clear()
-                raise
+            raise
+        finally:
+            # Nobody waits for what is compiled ahead of a flight that is refused.
+            pool.shutdown(wait=False, cancel_futures=True)
 
     def _library(self, unit: Unit) -> ctypes.CDLL:
         with self._locks[unit]:
