@@ -28,7 +28,6 @@ class Functions:
         self.name: str = module.NAME
         self.owner = owner
         self.signatures = {signature.name: signature for signature in module_signatures(module)}
-        self.space = Space(len(module.COORDINATES), len(module.VELOCITIES))
         self.inputs, self.parameters = len(module.INPUTS), len(module.PARAMETERS)
         self.frames = len(module.FRAMES)
         self.actuator_states = len(getattr(module, "ACTUATOR_STATES", ()))
@@ -55,6 +54,7 @@ class Functions:
             module.COORDINATE_UNITS,
             (len(module.HYBRID_COORDINATES) - len(module.VELOCITIES)) // 2,
         )
+        self.space = Space.of(self.layout)
         # Rotors whose thrusts may lag by themselves: none where drives say how.
         self.lagging = 0 if self.driven else self.rotors
 
@@ -93,7 +93,7 @@ class Functions:
         return self.coordinates(), self.velocities()
 
     def integrate(self, q: Node, displacement: Node) -> Node:
-        """Coordinates after a displacement: a sum, unless there is a quaternion.
+        """Coordinates after a displacement: a sum, unless it is along a base's own axes.
 
         Args:
             q: Coordinates (nq).
@@ -102,12 +102,12 @@ class Functions:
         Returns:
             The node.
         """
-        if self.space.has_quaternion:
+        if not self.space.is_flat:
             return self.outputs("integrate", q, displacement)[0]
         return coordinates_of(entries_of(q) + displacement, self.space)
 
     def away(self, q: Node, other: Node) -> Node:
-        """The displacement (nv) from coordinates to others: their difference, but of a quaternion.
+        """The displacement (nv) from coordinates to others: as of `integrate`, their difference.
 
         Args:
             q: Coordinates (nq).
@@ -116,7 +116,7 @@ class Functions:
         Returns:
             The node.
         """
-        if self.space.has_quaternion:
+        if not self.space.is_flat:
             return self.outputs("difference", q, other)[0]
         return entries_of(other) - entries_of(q)
 

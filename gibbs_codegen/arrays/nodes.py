@@ -25,6 +25,7 @@ from weakref import WeakValueDictionary
 import numpy as np
 
 from gibbs_codegen.errors import UsageError
+from gibbs_codegen.robot.layout import Layout
 
 Shape = tuple[int, ...]
 # A node, or numbers.
@@ -36,12 +37,26 @@ class Space:
     """The space of a robot's coordinates: how many entries they have, and displacements of them.
 
     With a quaternion coordinates begin with the base's position (3) and the quaternion (4), and
-    displacements with the linear (3) and the angular (3) one, in the base's axes. All others are
-    sums of entry and displacement.
+    displacements with the linear (3) and the angular (3) one, in the base's axes. Of a base that
+    stays level they begin with `travels` of its position, and then the yaw, and displacements with
+    as many, along and about its axes. All others are sums of entry and displacement.
     """
 
     coordinates: int
     velocities: int
+    travels: int = 0
+
+    @classmethod
+    def of(cls, layout: Layout) -> Space:
+        """The space of a robot's coordinates by their layout."""
+        level = layout.turns_with_base and not layout.is_quaternion
+        travels = range(layout.q.size)[layout.q.position]
+        return cls(layout.q.size, layout.v.size, len(travels) if level else 0)
+
+    @property
+    def is_flat(self) -> bool:
+        """True if displacements are differences of entries."""
+        return not (self.has_quaternion or self.travels)
 
     @property
     def has_quaternion(self) -> bool:

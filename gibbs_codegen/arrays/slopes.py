@@ -151,8 +151,8 @@ def _second_slopes(call: Call, x: Node, places: Sequence[int]) -> dict[int, Node
             slopes[place] = blocks[column + row].transposed
         else:
             slopes[place] = zeros(*x.tangent, arguments[place].tangent[0])
-        if row == column and arguments[place].space and call.functions.space.has_quaternion:
-            slopes[place] = slopes[place] + _commutator(by_weights @ w)
+        if row == column and arguments[place].space and not call.functions.space.is_flat:
+            slopes[place] = slopes[place] + _commutator(by_weights @ w, call.functions.space)
     return slopes
 
 
@@ -166,8 +166,13 @@ def _split(whole: Node, names: Sequence[str], sizes: Sequence[int]) -> dict[str,
     return blocks
 
 
-def _commutator(gradient: Node) -> Node:
+def _commutator(gradient: Node, space: Space) -> Node:
     """Half the commutator of displacements (nv, nv), the second in columns, along a gradient."""
+    if space.travels:
+        yaw, (by_x, by_y) = space.travels, np.zeros((2, gradient.size, gradient.size))
+        by_x[yaw, 1] = by_y[0, yaw] = 0.5
+        by_x[1, yaw] = by_y[yaw, 0] = -0.5
+        return gradient[0] * constant(by_x) + gradient[1] * constant(by_y)
     linear, angular = (0.5 * _skew(gradient[k : k + 3]) for k in (0, 3))
     rest = gradient.size - 6
     rows = ((zeros(3, 3), linear, zeros(3, rest)), (linear, angular, zeros(3, rest)))
@@ -181,14 +186,27 @@ def _skew(x: Node) -> Node:
 
 def entries_slope(entries: Node, space: Space) -> Node | None:
     """Derivative of the entries of coordinates by displacements; None where they are the same."""
+    if space.travels:
+        return _level(entries, space, 1.0)
     if not space.has_quaternion:
         return None
     rotation, rates = _attitude(entries[3:7])
     return _diagonal(rotation, 0.5 * rates, space.velocities - 6)
 
 
+def _level(entries: Node, space: Space, side: float) -> Node:
+    """Rotation of the position of a level base by its yaw, back if `side` is -1; (nv, nv)."""
+    yaw, rest = entries[space.travels], np.eye(space.velocities)
+    rest[:2, :2], turned = 0.0, np.zeros_like(rest)
+    turned[:2, :2] = ((0.0, -side), (side, 0.0))
+    plane = np.eye(space.velocities) - rest
+    return cosine(yaw) * constant(plane) + sine(yaw) * constant(turned) + constant(rest)
+
+
 def coordinates_slope(entries: Node, space: Space) -> Node | None:
     """Derivative of displacements by the entries of coordinates, which keep the unit length."""
+    if space.travels:
+        return _level(entries, space, -1.0)
     if not space.has_quaternion:
         return None
     rotation, rates = _attitude(entries[3:7])

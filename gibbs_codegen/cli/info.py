@@ -31,7 +31,7 @@ from gibbs_codegen.robot.balance import (
 )
 from gibbs_codegen.robot.chains import coupling_map, decompose
 from gibbs_codegen.robot.description import Coordinate, Description
-from gibbs_codegen.robot.layout import QUATERNION, frames_of, joint_terms
+from gibbs_codegen.robot.layout import frames_of, joint_terms
 from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.robot.names import coordinate_of, link_label, rotor_label
 from gibbs_codegen.robot.parts.constraint import ROWS
@@ -290,7 +290,7 @@ def _facts(description: Description) -> dict[str, Any]:
         "name": robot.name,
         "rotors": robot.rotors,
         "links": len(robot.links),
-        "attitude": robot.base.attitude,
+        "attitude": robot.base.kind,
         "origin": robot.base.origin,
         **_machine_facts(robot),
         "chains": [
@@ -355,17 +355,19 @@ def _print_report(description: Description, data: dict[str, Any], console: Conso
     robot = description.robot
     console.print(
         f"[bold]{data['name']}[/bold]: {data['rotors']} rotors, {data['links']} links, "
-        f"{data['mass']:.6g} kg, attitude {data['attitude']}, origin {data['origin']}"
+        f"{data['mass']:.6g} kg, {'attitude' if robot.base.moves_freely else 'motion'} "
+        f"{data['attitude']}, origin {data['origin']}"
     )
     _print_machine(robot, data, console)
     _print_actuators(robot, console)
-    _print_arrangement(data["arrangement"], console)
+    if robot.base.moves_freely:
+        _print_arrangement(data["arrangement"], console)
     # A rigid base by itself is one chain, of which there is nothing to tell.
     hybrid = bool(robot.links or robot.base.rotors)
     if hybrid:
         print_table(_chain_table(robot, data), console)
     print_table(_coordinate_table("Coordinates q", description.coordinates), console)
-    if robot.base.attitude == QUATERNION:
+    if description.layout.turns_with_base:
         print_table(_coordinate_table("Velocities v", description.velocities), console)
     print_table(_coordinate_table("Inputs u", description.inputs), console)
     if "operations" not in data:

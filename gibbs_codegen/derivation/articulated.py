@@ -28,6 +28,7 @@ from gibbs_codegen.symbolic.vectors import (
     Rotation,
     Transform,
     Wrench,
+    Z,
     moved,
 )
 
@@ -96,7 +97,9 @@ class Articulation:
     Entry k − 1 of a list is that of joint k: `transforms` take what is in the segment's working
     frame to its parent's, or to the frame in which the root's system is solved; `joints` are the
     equations; `felt` is what the parent feels of the subtree, in the segment's working frame.
-    `root` is the whole tree in the frame in which the root's system is solved.
+    `root` is the whole tree in the frame in which the root's system is solved. The world holds the
+    root's a but for the components `free`, so that it is at rest: `upward` (m/s²) against free
+    fall.
     """
 
     tree: SegmentTree
@@ -104,15 +107,48 @@ class Articulation:
     joints: list[SolvedJoint]
     felt: list[ArticulatedBody]
     root: ArticulatedBody
+    free: tuple[int, ...]
+    upward: sp.Expr
+
+    @property
+    def free_rows(self) -> list[list[sp.Expr]]:
+        """The root's inertia, of the components of a that the world does not hold."""
+        rows = self.root.inertia.rows
+        return [[rows[i][j] for j in self.free] for i in self.free]
+
+    @property
+    def lift(self) -> sp.Expr:
+        """The root's upward acceleration against free fall where the world holds it, else zero."""
+        return sp.S.Zero if Z in self.free else self.upward
+
+    def driving_load(self, tape: Scalars) -> list[sp.Expr]:
+        """The root's load (6) less what the held acceleration takes."""
+        if self.lift == 0:
+            return self.root.load.entries
+        pairs = zip(self.root.load.entries, self.root.inertia.rows, strict=True)
+        return [tape.less(entry, tape.let(times(row[Z], self.lift))) for entry, row in pairs]
 
     def root_responses(self, tape: Scalars, loads: Sequence[Values]) -> list[list[sp.Expr]]:
-        """The root's a (6), from Âa = p, for each p; `ZeroPivotError` where inertia is lacking."""
-        rows = self.root.inertia.rows
-        order = minimum_degree(rows)
+        """The root's a (6), from Âa = p, for each p, with zeros for what the world holds.
+
+        Raises `ZeroPivotError` where inertia is lacking.
+        """
+        rows = self.free_rows
+        order, responses = minimum_degree(rows), []
         try:
-            return [solve_symmetric(tape, rows, load, order) for load in loads]
+            for load in loads:
+                moved = solve_symmetric(tape, rows, [load[i] for i in self.free], order)
+                by_component = dict(zip(self.free, moved, strict=True))
+                responses.append([by_component.get(i, sp.S.Zero) for i in range(6)])
         except ZeroPivotError as error:
-            raise ZeroPivotError(self.tree.joints + (error.unknown + 3) % 6) from None
+            unknown = (self.free[error.unknown] + 3) % 6
+            raise ZeroPivotError(self.tree.joints + unknown) from None
+        return responses
+
+    def root_acceleration(self, tape: Scalars) -> Acceleration:
+        """The root's a, with what the world holds; raises as `root_responses` does."""
+        (entries,) = self.root_responses(tape, [self.driving_load(tape)])
+        return Acceleration.of([*entries[:Z], tape.let(entries[Z] + self.lift), *entries[Z + 1 :]])
 
     @property
     def root_turns(self) -> list[Rotation]:
@@ -138,14 +174,16 @@ def articulated(
     efforts: Values,
     armatures: Values,
     loads: Mapping[int, Wrench] = MappingProxyType({}),
+    free: Sequence[int] = range(6),
+    upward: sp.Expr = sp.S.Zero,
 ) -> Articulation:
     """Solve every joint's equation, from the leaves inwards.
 
     `motions` are what the rates alone make of the segments, in their working frames; `thrust` is
     about the root in its own frame (N, N m), `efforts` are of the joints (N m or N), `armatures` of
     what turns with each joint alone (kg m² or kg), and `loads` act on segments after the root, by
-    their index, about the joint in the segment's own frame. Raises `ZeroPivotError` where one joint
-    has no inertia to it.
+    their index, about the joint in the segment's own frame. `free` and `upward` are as of
+    `Articulation`. Raises `ZeroPivotError` where one joint has no inertia to it.
     """
     transforms: list[Transform] = []
     for k, segment in enumerate(tree.segments[1:], start=1):
@@ -173,7 +211,7 @@ def articulated(
             thrust = thrust.rotated(tape, tree.segments[0].rotation)
         base = _link(tape, tree, 0, motions[0], thrust)
         base = base.rotated(tape, root_turn(tree).inverse).plus(tape, received[0])
-    return Articulation(tree, transforms, joints, felt, base)
+    return Articulation(tree, transforms, joints, felt, base, tuple(free), upward)
 
 
 def accelerations_outward(
@@ -184,8 +222,7 @@ def accelerations_outward(
     The joints' are in the segments' working frames. Raises `ZeroPivotError` as `articulated` does.
     """
     with tape.group("acceleration of the base, by LDL^T"):
-        (entries,) = articulation.root_responses(tape, [articulation.root.load.entries])
-    moving = [Acceleration.of(entries)]
+        moving = [articulation.root_acceleration(tape)]
     accelerations = []
     segments = articulation.tree.segments[1:]
     for segment, joint, transform in zip(

@@ -148,17 +148,22 @@ class ConstraintDerivatives:
         symbolic, constraints, tape = self._symbolic, self._system, self._symbolic.tape
         (acceleration, base), places = self._base, symbolic.places
         if argument == "u":
-            columns = [*base.by_rotors(), *base.by_joints("effort")]
+            columns = base.by_inputs()
         elif argument == "v" and self.alone:
             world = sum(held.carrier is None for held in constraints.held)
-            columns = [[sp.S.Zero] * (places.size + 6 * world)] * places.size
+            columns = [[sp.S.Zero] * (6 + symbolic.joints + 6 * world)] * places.size
         else:
             by_place, by_velocity = base.by_base(places.split(acceleration)[0])
             if argument == "q":
                 columns = places.joined(by_place, base.by_joints("coordinate"))
             else:
                 columns = places.joined(by_velocity, base.by_joints("rate"))
-        rows, motions, first, unit = in_order(places, columns), list[Values](), places.size, 0
+        rows, motions, first, unit = (
+            in_order(places, columns),
+            list[Values](),
+            6 + symbolic.joints,
+            0,
+        )
         for held, motion in zip(constraints.held, self._motions, strict=True):
             if held.carrier is not None:
                 motions += [rows[places.joint_places[k - 1]] for k in constraints.between(held)]

@@ -64,6 +64,7 @@ from gibbs_codegen.symbolic.vectors import (
     ZERO,
     Matrix,
     Wrench,
+    Z,
     axis_vector,
     identity,
     minus,
@@ -331,10 +332,11 @@ class ConstraintEquations:
     @cached_property
     def _root(self) -> tuple[list[int], Factors]:
         """L D Lᵀ of the root's system, in some order."""
-        rows = self.articulation.root.inertia.rows
+        rows, free = self.articulation.free_rows, self.articulation.free
         order = minimum_degree(rows)
         with self._tape.group("inertia of the base, by LDL^T"):
-            return order, Factors(self._tape, [[rows[i][j] for j in order] for i in order])
+            factors = Factors(self._tape, [[rows[i][j] for j in order] for i in order])
+            return [free[i] for i in order], factors
 
     def working(self, held: Held) -> tuple[Frame, Vector]:
         """World axes of the frame in which a segment works, and where there the held frame is."""
@@ -521,7 +523,8 @@ class ConstraintEquations:
     def is_regular(self) -> bool:
         """True if no row can be redundant."""
         (first, *others) = self.held
-        return not others and first.carrier is None and first.constraint.holds != "distance"
+        moves = first.carrier is None and first.constraint.holds != "distance"
+        return not others and moves and self.symbolic.robot.base.moves_freely
 
     def _solved(self, right: Values) -> list[sp.Expr]:
         """Minus the least λ with A λ = b, of the active constraints."""
@@ -566,12 +569,12 @@ class ConstraintEquations:
     def _accelerations(self, articulation: Articulation, unloaded: Values) -> list[sp.Expr]:
         """Accelerations of the rows of the solver under some loads, with `unloaded` of them."""
         tape, (order, factors) = self._tape, self._root
-        load = articulation.root.load.entries
+        load, lift = articulation.driving_load(tape), articulation.lift
         with tape.group("accelerations of the constraints"):
             scaled = factors.scaled(factors.eliminated([load[i] for i in order]))
             shares = {k: joint.share for k, joint in enumerate(articulation.joints, start=1)}
             return [
-                tape.let(x + self._product(row, shares, scaled))
+                tape.let(x + self._product(row, shares, scaled) + times(row.root[Z], lift))
                 for x, row in zip(unloaded, self._loads, strict=True)
             ]
 
@@ -658,7 +661,8 @@ class ConstraintEquations:
                 felt.append(ArticulatedBody(bodies[k - 1].inertia, load))
             load = Wrench.of(tape.combination(forces, [row.root for row in self._loads]))
             root = ArticulatedBody(bodies[-1].inertia, before[-1].plus(tape, load))
-            return replace(articulation, joints=joints, felt=felt, root=root)
+            upward = sp.S.Zero if alone else articulation.upward
+            return replace(articulation, joints=joints, felt=felt, root=root, upward=upward)
 
     def _moved(self, forces: Values) -> list[sp.Expr]:
         """M⁻¹Jᵀ times forces of the rows, in the axes of the solver."""

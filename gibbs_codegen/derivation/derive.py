@@ -66,7 +66,7 @@ def model_of(
     robot, parameters = symbolic.robot, symbolic.parameters
     imported = ImportedTape(tape)
     chosen = chosen_functions(functions)
-    slices = _slices(imported, symbolic, chosen, progress)
+    slices, differentiated = _slices(imported, symbolic, chosen, progress)
     progress("lowering the program")
     inputs = {
         argument: tuple(symbol.name for symbol in getattr(symbolic, argument))
@@ -81,7 +81,10 @@ def model_of(
     # The mass matrix by itself: the whole program's `prepare` divides by pivots, hidden or not.
     regularity.check_conditioning(robot, whole.only(mass_matrix.name), parameters.defaults)
     (mass,) = program.function(total_mass.name).outputs[0].entries
-    program = replace(program, functions=program.functions[:-1])
+    # What cancels in lowered functions is a parameter too, if there are derivatives by it.
+    every = {*program.parameters, *differentiated}
+    listed = tuple(name for name in names if name in every)
+    program = replace(program, functions=program.functions[:-1], parameters=listed)
     regularity.check_range(robot, program, parameters.defaults)
     return Model(
         symbolic.description,
@@ -97,11 +100,11 @@ def model_of(
 
 def _slices(
     imported: ImportedTape, symbolic: SymbolicRobot, functions: Sequence[str], progress: Progress
-) -> list[Slice]:
+) -> tuple[list[Slice], Collection[str]]:
     """Functions in the order of the table, less those that are composed of others.
 
     After them come the mass matrix once more, which is looked at, and what is no function of the
-    module: the mass of the whole robot.
+    module: the mass of the whole robot. With these comes by which parameters there are derivatives.
     """
     progress("reduced system")
     reduced = reduced_system(symbolic)
@@ -120,18 +123,17 @@ def _slices(
                 systems.functions[signature.name] = _slice(systems, signature)
     (matrix,) = signatures(lists, ["mass_matrix"])
     mass_matrix = systems.functions.get("mass_matrix") or _slice(systems, matrix)
-    # Whatever the attitude, it is the last of the position's three entries.
-    v = symbolic.description.layout.v
-    mass = mass_matrix.outputs[0][1][(v.position.stop - 1) * (v.size + 1)]
-    return [
+    slices = [
         *(
             systems.functions[signature.name]
             for signature in signatures(lists, functions)
             if signature.name in systems.functions
         ),
         mass_matrix,
-        Slice("total mass", (), (((), (mass,)),)),
+        Slice("total mass", (), (((), (systems.total_mass,)),)),
     ]
+    letters = {x for name in functions for output in FUNCTIONS[name].outputs for x in output.shape}
+    return slices, systems.parameters if "p" in letters else ()
 
 
 def _slice(systems: ConstrainedSystems, signature: Signature) -> Slice:

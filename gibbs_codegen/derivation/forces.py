@@ -151,6 +151,7 @@ def input_matrix(symbolic: SymbolicRobot) -> Matrix:
     for j, column in enumerate(columns):
         for i, entry in enumerate(column):
             matrix[i][j] = entry
-    for i, row in enumerate(places.joint_places):
+    driven = len(symbolic.u) - rotors
+    for i, row in enumerate(places.joint_places[symbolic.joints - driven :]):
         matrix[row][rotors + i] = sp.S.One
     return matrix

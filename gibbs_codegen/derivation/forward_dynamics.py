@@ -12,6 +12,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 
 import sympy as sp
 
@@ -22,7 +23,7 @@ from gibbs_codegen.derivation.articulated import (
     articulated,
     root_in_group_frame,
 )
-from gibbs_codegen.derivation.forces import frame_loads, thrust_wrenches
+from gibbs_codegen.derivation.forces import forces_of_wrenches, frame_loads, thrust_wrenches
 from gibbs_codegen.derivation.inertia import ANGULAR, PAIRS, Inertia
 from gibbs_codegen.derivation.motion import Acceleration, Motion, TreeState
 from gibbs_codegen.derivation.passive import armatures, passive_forces
@@ -95,6 +96,8 @@ def articulation_of(centred: SymbolicRobot, acting: Acting = thrusts) -> Articul
         _efforts(centred),
         armatures(centred),
         loads,
+        [i for i in range(6) if (i + 3) % 6 not in centred.places.missing],
+        centred.parameters.gravity,
     )
 
 
@@ -108,6 +111,8 @@ def factorised_dynamics(
     that has mass or inertia.
     """
     tape, n = symbolic.tape, symbolic.joints
+    if not symbolic.robot.base.moves_freely:
+        return _by_whole_matrix(symbolic, acting, most)
     centred = symbolic.centred
     inertia = tree_dynamics.joint_space_inertia(tape, centred.reduced_tree)
     with tape.group("mass matrix with the armature of the joints"):
@@ -146,6 +151,33 @@ def factorised_dynamics(
     return in_coordinates(symbolic, solution[:n], Acceleration((x, y, z), angular))
 
 
+def _by_whole_matrix(symbolic: SymbolicRobot, acting: Acting, most: float) -> list[sp.Expr]:
+    """Accelerations by LDLᵀ of M of a base that does not move freely, as `factorised_dynamics`."""
+    tape, root, tree, places = symbolic.tape, symbolic.root, symbolic.reduced_tree, symbolic.places
+    matrix = tree_dynamics.mass_matrix(tape, root, tree)
+    with tape.group("mass matrix with the armature of the joints"):
+        for place, armature in zip(places.joint_places, armatures(symbolic), strict=True):
+            matrix[place][place] = tape.let(matrix[place][place] + armature)
+    order = [*reversed(places.joint_places), *places.base]
+    if operations_to_solve(matrix, order) >= most:
+        return []
+    resting = symbolic.state.unaccelerated
+    taken = tree_dynamics.generalised_inertia_forces(tape, root, tree, resting)
+    active = forces_of_wrenches(symbolic, tree, acting(symbolic))
+    efforts = dict(zip(places.joint_places, _efforts(symbolic), strict=True))
+    with tape.group("thrusts and joint torques less inertia forces"):
+        right = [
+            tape.let(force - entry + efforts.get(place, sp.S.Zero))
+            for place, (force, entry) in enumerate(zip(active, taken, strict=True))
+        ]
+    try:
+        with tape.group("accelerations of joints and base, by LDL^T"):
+            return solve_symmetric(tape, matrix, right, order)
+    except ZeroPivotError as error:
+        unresisted = symbolic.description.coordinate_text(error.unknown)
+        raise SingularRobotError(symbolic.robot.name, [(unresisted,)]) from None
+
+
 def _without_translation(
     tape: Scalars, inertia: tree_dynamics.JointSpaceInertia, centre: Vector, light: Sequence[Vector]
 ) -> Matrix:
@@ -180,7 +212,9 @@ def refused_as_singular(symbolic: SymbolicRobot) -> Iterator[None]:
 
     The joints come first, then Ω, then the position.
     """
-    places = [*symbolic.places.joint_places, *symbolic.places.base]
+    moved = symbolic.places
+    base, _ = replace(moved, nothing=-1).split(range(moved.size))  # No pivot is of what is missing.
+    places = [*moved.joint_places, *base]
     try:
         yield
     except ZeroPivotError as error:
@@ -224,8 +258,7 @@ def free_motions_of(symbolic: SymbolicRobot) -> list[Motion]:
 
 def _efforts(symbolic: SymbolicRobot) -> list[sp.Expr]:
     """Torques and forces of the joints, less those of dampers and springs."""
-    driven = symbolic.u[symbolic.robot.rotors :]
-    pairs = zip(driven, passive_forces(symbolic), strict=True)
+    pairs = zip(symbolic.efforts, passive_forces(symbolic), strict=True)
     with symbolic.tape.group("torques of the joints less those of dampers and springs"):
         return [symbolic.tape.let(effort + passive) for effort, passive in pairs]
 

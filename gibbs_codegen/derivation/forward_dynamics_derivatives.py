@@ -130,6 +130,12 @@ class BaseColumns:
                 columns.append(self._by_wrench(segment, wrench))
         return columns
 
+    def by_inputs(self) -> list[Values]:
+        """A column for each input: thrusts, and efforts of the joints that have one."""
+        driven = len(self.symbolic.u) - self.symbolic.robot.rotors
+        efforts = self.by_joints("effort")
+        return [*self.by_rotors(), *efforts[len(efforts) - driven :]]
+
     def _by_wrench(self, segment: int, wrench: Wrench) -> Values:
         """A column of a wrench on a segment about its joint, or the base's centre, in its frame."""
         tape = self.symbolic.tape
@@ -330,13 +336,13 @@ def _differentiated(
         acceleration,
         in_order(places, places.joined(by_place, base.by_joints("coordinate"))),
         in_order(places, places.joined(by_velocity, base.by_joints("rate"))),
-        in_order(places, [*base.by_rotors(), *base.by_joints("effort")]),
+        in_order(places, base.by_inputs()),
     )
     return derivatives, base
 
 
 def in_order(places: Places, columns: Sequence[Values]) -> Matrix:
     """A matrix by rows in the order of v, from columns in which the base comes first."""
-    size = places.size
+    size = 6 + len(places.joint_places)
     ordered = [places.joined(column[:6], column[6:size]) for column in columns]
-    return [[column[i] for column in ordered] for i in range(size)]
+    return [[column[i] for column in ordered] for i in range(places.size)]

@@ -138,7 +138,10 @@ def positions(symbolic: SymbolicRobot) -> list[Vector]:
         if mounted.name != "base"
     ]
     with tape.group("base centre and rotors"):
-        centre = combined(tape, frames[0].axes, symbolic.centre)
+        body = symbolic.bodies.frames[BASE]
+        centre = combined(tape, frames[body.segment].axes, body.origin)
+        if body.segment:
+            centre = tape.add(frames[body.segment].position, centre)
         rotors = []
         for k in range(1, robot.rotors + 1):
             segment, place = rotor_place(symbolic, symbolic.bodies, k)

@@ -131,7 +131,7 @@ def _fill_links(symbolic: SymbolicRobot, system: LinearSystem) -> None:
     numbers, layout = symbolic.hybrid_bodies.numbers, symbolic.description.layout
     own_places = root.places(len(numbers))
     names = [coordinate.name for coordinate in symbolic.description.hybrid_coordinates]
-    joints = [names.index(coordinate_of(symbolic.robot, i)) for i in numbers]
+    joints = [names.index(_coordinate(symbolic.robot, i)) for i in numbers]
     places = own_places.joined(symbolic.places.split(layout.free)[0], joints)
     state = symbolic.state_with(symbolic.state.unaccelerated, numbers)
     matrix = tree_dynamics.mass_matrix(tape, root, tree)
@@ -143,6 +143,11 @@ def _fill_links(symbolic: SymbolicRobot, system: LinearSystem) -> None:
             system.matrix[here][place] = system.matrix[place][here] = entry
         system.residual[here] = tape.let(pull - minus_r[i])
         system.inputs[here][: len(columns)] = [column[i] for column in columns]
+
+
+def _coordinate(robot: Robot, i: int) -> str:
+    """Name of the coordinate of a link, or of a virtual one: −1, −2 …."""
+    return coordinate_of(robot, i) if i > BASE else robot.base.virtual_joints[-1 - i]
 
 
 def _thrust_columns(symbolic: SymbolicRobot) -> list[list[sp.Expr]]:
@@ -216,7 +221,7 @@ def chain_system(symbolic: SymbolicRobot, number: int) -> LinearSystem:
         for i in chain.own
         if i in symbolic.robot.moving
     }
-    _add_passive(symbolic, [rows.get(i) for i in symbolic.robot.moving], matrix, residual)
+    _add_passive(symbolic, [rows.get(i) for i in symbolic.jointed], matrix, residual)
     for i, pull in zip(symbolic.robot.constrained, _held_pulls(symbolic), strict=True):
         if i in chain.own:
             row = chain.coordinates.index(coordinate_of(symbolic.robot, i))

@@ -28,8 +28,9 @@ from gibbs_codegen.derivation.parameters import LinkSymbols, Parameters
 from gibbs_codegen.derivation.segment_tree import JointedLink
 from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.robot.names import identifier
+from gibbs_codegen.robot.parts.base import TRAVELS, TURNS
 from gibbs_codegen.robot.parts.link import Link
-from gibbs_codegen.robot.parts.numbers import BASE, Vector3
+from gibbs_codegen.robot.parts.numbers import AXES, BASE, Vector3
 from gibbs_codegen.symbolic.structural import (
     NO_TURN,
     Turn,
@@ -105,7 +106,7 @@ def framed(
     """
     frames = [base]
     jointed = []
-    for k, (placed, turn) in enumerate(zip(links, _turns(links), strict=True), start=1):
+    for k, (placed, turn) in enumerate(zip(links, _turns(links, base), strict=True), start=1):
         link, parent, frame = placed.link, frames[placed.link.parent], BodyFrame(k)
         if turn is None:  # The parent's frame is not turned either.
             x, y, z = parent.origin
@@ -137,9 +138,9 @@ def framed(
     return jointed, frames
 
 
-def _turns(links: Sequence[PlacedLink]) -> list[Turn | None]:
+def _turns(links: Sequence[PlacedLink], base: BodyFrame) -> list[Turn | None]:
     """For each link its own axes in the robot file's, or None where it keeps the file's frame."""
-    kept = [True]
+    kept = [base.turn == NO_TURN]
     for placed in links:
         kept.append(placed.by_parameters and kept[placed.link.parent])
     turns: list[Turn | None] = []
@@ -183,12 +184,14 @@ def jointed_bodies(
     coordinates: Mapping[int, sp.Expr],
     links: Collection[int],
     massive: Collection[int],
+    core: Inertia,
 ) -> JointedBodies:
     """Bodies by the joints that carry them.
 
     `centre` is the base centre from the origin of the coordinates, in the base's axes; a coordinate
     is zero where the joint is held. `links` are the numbers of the links that there are, `massive`
-    of those whose mass counts.
+    of those whose mass counts. `core` is the inertia of the base in its frame, if it is not the
+    root itself: virtual links, −1, −2 …, or the root alone carry it in its pose.
     """
     robot = parameters.robot
     # Each body's frame in the frame that the file gives the link which it belongs to.
@@ -196,6 +199,18 @@ def jointed_bodies(
     numbers: list[int] = []
     placed: list[PlacedLink] = []
     belonging: list[list[Inertia]] = [[]]
+    for k, motion in enumerate(robot.base.virtual_joints):
+        placed.append(_virtual(k, motion, coordinates[-1 - k]))
+        numbers.append(-1 - k)
+        belonging.append([])
+    base = BodyFrame(0, origin=centre)
+    if not robot.base.moves_freely:
+        turn = turned_by_rpy(robot.base.pose.rpy_deg)
+        base = BodyFrame(len(numbers), turn, parameters.base_place)
+        if numbers:
+            mounts[BASE], base = base, mounts[BASE]
+        with tape.group("inertia of the base, where it is", Stage.PARAMETER):
+            belonging[-1].append(mounts[BASE].inertia(tape, core))
     for i in sorted(links):
         link, symbols = robot.links[i - 1], parameters.links[i]
         mount = mounts[robot.parents[i - 1]]
@@ -214,7 +229,6 @@ def jointed_bodies(
         for joint, parts in zip(placed, belonging[1:], strict=True)
         for link in [joint.link]
     ]
-    base = BodyFrame(0, origin=centre)
     jointed, frames = framed(tape, heavy, base)
     with tape.group("places of links that are welded on", Stage.PARAMETER):
         bodies = {i: mount.within(tape, frames[mount.segment]) for i, mount in mounts.items()}
@@ -222,6 +236,19 @@ def jointed_bodies(
     return JointedBodies(
         tuple(numbers), tuple(jointed), bodies, _inertia_with_welded(tape, "the base", on_base)
     )
+
+
+def _virtual(parent: int, motion: str, coordinate: sp.Expr) -> PlacedLink:
+    """A link without length and mass that moves the base along or about an axis of the world."""
+    link = JointedLink(
+        parent=parent,
+        inertia=NO_INERTIA,
+        joint="prismatic" if motion in TRAVELS else "revolute",
+        coordinate=coordinate,
+        name=f"the virtual link of {motion}",
+        joint_name=motion,
+    )
+    return PlacedLink(link, BodyFrame(parent), AXES["xyz"[(TRAVELS | TURNS)[motion]]], False)
 
 
 def label(robot: Robot, i: int) -> str:

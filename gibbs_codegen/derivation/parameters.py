@@ -67,7 +67,8 @@ class Parameters:
 
     `folded` names those that are zero in the file and therefore structural.
     `arms`, `links` and `rotors` are by number, from 1, `frames` by name: positions in the frame of
-    the body that they are on (m). Symbols of `ties` are by their prefix, then by their fields.
+    the body that they are on (m). `base_place` is that of the base where nothing has moved. Virtual
+    links are −1, −2 …. Symbols of `ties` are by their prefix, then by their fields.
     `central_body` is its inertia about the base centre, None where there is none.
 
     Symbols of a rotor are by the keys of its numbers, of a motor at the end of a rod by "drag".
@@ -87,10 +88,16 @@ class Parameters:
         self.rotors = {k: {"drag": drag} for k, drag in zip(arms, drags, strict=True)}
         shared = self._body("base_arm", base.arm(1)) if base.shares_one_arm else None
         self.arms = {k: shared or self._body(f"base_arm{k}", base.arm(k)) for k in arms}
+        self.base_place: Vector = ZERO
+        if not base.moves_freely:
+            self.base_place = self._symbols(base.pose, "base")["xyz"]
         self.central_body = self._body("base", base.body).inertia if base.body else None
         self.links: dict[int, LinkSymbols] = {}
         for i in range(1, len(robot.links) + 1):
             self.links[i] = self._link(i)
+        for k in range(1, len(base.virtual_joints) + 1):
+            nowhere, massless = sp.S.Zero, BodySymbols(sp.S.Zero, NO_INERTIA)
+            self.links[-k] = LinkSymbols(nowhere, nowhere, ZERO, massless, NOT_PASSIVE)
         for k, rotor in enumerate(robot.thrusters, start=1):
             self.rotors[k] = self._symbols(rotor, rotor_prefix(robot, k))
         self.frames = {

@@ -28,7 +28,7 @@ _SQUARE, _GROWTH = sp.Dummy("square"), sp.Dummy("growth")
 
 def passive_symbols(symbolic: SymbolicRobot) -> list[PassiveSymbols]:
     """Symbols of passive forces of each joint that moves."""
-    return [symbolic.parameters.links[i].passive for i in symbolic.robot.moving]
+    return [symbolic.parameters.links[i].passive for i in symbolic.jointed]
 
 
 def armatures(symbolic: SymbolicRobot) -> list[sp.Expr]:

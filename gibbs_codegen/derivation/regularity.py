@@ -115,8 +115,11 @@ def massless_motions(robot: Robot) -> list[Motion]:
     """Motions that move no mass, whatever the configuration; empty for a robot as it should be.
 
     Each is the coordinates that must move together, outermost joint first. No coordinate can be
-    left out of a motion without its moving mass.
+    left out of a motion without its moving mass. A base that does not move freely is not looked at
+    here, but by its mass matrix: what turns it depends on its pose.
     """
+    if not robot.base.moves_freely:
+        return []
     fewest = min((_null_motions(*_momenta(robot, k)) for k in range(_CONFIGURATIONS)), key=len)
     description = Description(robot)
     q, joints = description.layout.q, description.layout.v.joint_places

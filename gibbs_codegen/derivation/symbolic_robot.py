@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -17,8 +17,10 @@ from gibbs_codegen.derivation.segment_tree import Segment, SegmentTree, regroupe
 from gibbs_codegen.machine.drives import Drives
 from gibbs_codegen.robot.chains import Chain, decompose
 from gibbs_codegen.robot.description import Description
-from gibbs_codegen.robot.layout import Places
+from gibbs_codegen.robot.layout import Places, coordinate_places
 from gibbs_codegen.robot.model import Robot
+from gibbs_codegen.robot.parts.base import FIXED
+from gibbs_codegen.robot.parts.numbers import BASE
 from gibbs_codegen.symbolic.tape import InlineTape, Scalars, Stage, Values, Vector
 from gibbs_codegen.symbolic.vectors import (
     NO_ROTATION,
@@ -99,15 +101,33 @@ class SymbolicRobot:
         """The robot as plain data."""
         return self.description.robot
 
+    @cached_property
+    def jointed(self) -> tuple[int, ...]:
+        """Numbers of the links whose joints move, before them −1, −2 … of virtual ones."""
+        virtual = range(1, len(self.robot.base.virtual_joints) + 1)
+        return (*(-k for k in virtual), *self.robot.moving)
+
     @property
     def joints(self) -> int:
         """n, the number of joints that move."""
-        return len(self.robot.moving)
+        return len(self.jointed)
 
     @property
     def places(self) -> Places:
         """Places of the base and the joints in v and a."""
         return self.root.places(self.joints)
+
+    @property
+    def coordinate_places(self) -> Places:
+        """Places of the base and the joints in q."""
+        kind = FIXED if self.robot.base.virtual_joints else self.description.layout.attitude
+        return replace(coordinate_places(kind, self.joints), nothing=sp.S.Zero)
+
+    @property
+    def efforts(self) -> list[sp.Expr]:
+        """Inputs of all joints (N m or N), zero of virtual ones."""
+        driven = self.u[self.robot.rotors :]
+        return [*[sp.S.Zero] * (self.joints - len(driven)), *driven]
 
     @property
     def state(self) -> TreeState:
@@ -129,7 +149,7 @@ class SymbolicRobot:
 
         def spread(values: Values) -> list[sp.Expr]:
             base, joints = self.places.split(values)
-            moving = dict(zip(self.robot.moving, joints, strict=True))
+            moving = dict(zip(self.jointed, joints, strict=True))
             rates = [moving.get(i, sp.S.Zero) for i in links]
             return self.root.places(len(rates)).joined(base, rates)
 
@@ -137,27 +157,27 @@ class SymbolicRobot:
 
     def coordinate_rates(self, velocities: Values) -> list[sp.Expr]:
         """Rates in the order of q, from velocities in that of v."""
-        places = self.description.layout
-        base, _ = places.q.split(self.q)
-        rates, joints = places.v.split(velocities)
+        places = self.coordinate_places
+        base, _ = places.split(self.q)
+        rates, joints = self.places.split(velocities)
         with self.tape.group("rates of attitude and position"):
             moved = self.root.coordinate_rates(self.tape, base, rates)
-        return places.q.joined(moved, joints)
+        return places.joined(moved, joints)
 
     def integrated(self) -> list[sp.Expr]:
         """Coordinates after the displacement v: q ⊕ v."""
-        places = self.description.layout
-        base, joints = places.q.split(self.q)
-        step, turns = places.v.split(self.v)
+        places = self.coordinate_places
+        base, joints = places.split(self.q)
+        step, turns = self.places.split(self.v)
         with self.tape.group("attitude and position after the displacement"):
             moved = self.root.integrated(self.tape, base, step)
         with self.tape.group("joints after the displacement"):
             turned = [self.tape.let(q + v) for q, v in zip(joints, turns, strict=True)]
-        return places.q.joined(moved, turned)
+        return places.joined(moved, turned)
 
     def integrated_by(self, block: Callable[[Scalars, Values], Matrix]) -> Matrix:
         """A derivative of q ⊕ v: the base's block for its displacement, beside an identity."""
-        places = self.description.layout.v
+        places = self.places
         step, _ = places.split(self.v)
         return _with_block(identity(places.size), places, block(self.tape, step))
 
@@ -165,32 +185,31 @@ class SymbolicRobot:
         self, block: Callable[[Scalars, Values, Values], Matrix], joints: int
     ) -> Matrix:
         """A derivative of `difference`: the base's block, beside ±1 for `joints`."""
-        places = self.description.layout
-        start, _ = places.q.split(self.q0)
-        end, _ = places.q.split(self.q1)
-        matrix = [[joints * entry for entry in row] for row in identity(places.v.size)]
-        return _with_block(matrix, places.v, block(self.tape, start, end))
+        start, _ = self.coordinate_places.split(self.q0)
+        end, _ = self.coordinate_places.split(self.q1)
+        matrix = [[joints * entry for entry in row] for row in identity(self.places.size)]
+        return _with_block(matrix, self.places, block(self.tape, start, end))
 
     def difference(self) -> list[sp.Expr]:
         """The displacement v with q₀ ⊕ v = q₁."""
-        places = self.description.layout
-        start, from_joints = places.q.split(self.q0)
-        end, to_joints = places.q.split(self.q1)
+        start, from_joints = self.coordinate_places.split(self.q0)
+        end, to_joints = self.coordinate_places.split(self.q1)
         with self.tape.group("displacement of attitude and position"):
             step = self.root.difference(self.tape, start, end)
         with self.tape.group("displacements of the joints"):
             turns = [self.tape.let(q - p) for p, q in zip(from_joints, to_joints, strict=True)]
-        return places.v.joined(step, turns)
+        return self.places.joined(step, turns)
 
     @property
     def origin(self) -> Vector:
         """World position of the origin of the coordinates."""
-        return self.q[self.description.layout.q.position]
+        base, _ = self.coordinate_places.split(self.q)
+        return tuple(base[-3:])
 
     def origin_acceleration(self, state: TreeState) -> Vector:
         """Acceleration of the origin of the coordinates in world axes (m/s²)."""
         base, _ = state.split(self.places)
-        coordinates, _ = self.description.layout.q.split(self.q)
+        coordinates, _ = self.coordinate_places.split(self.q)
         with self.tape.group("motion of the origin in world axes"):
             linear = self.root.origin_acceleration(self.tape, base)
             # Linear velocities may count along the base's axes; then its components do as well.
@@ -264,19 +283,32 @@ class SymbolicRobot:
             return total(inline, parts).mapped(gather).mapped(self.tape.let)
 
     @property
+    def _root_inertia(self) -> Inertia:
+        """Inertia of the base, if it is the root itself; in a pose it is welded to another."""
+        return self.base_inertia() if self.robot.base.moves_freely else NO_INERTIA
+
+    @property
     def coordinates(self) -> dict[int, sp.Symbol]:
         """Coordinate of each link whose joint moves, by the link's number."""
-        joints = self.q[self.description.layout.q.joints]
-        return dict(zip(self.robot.moving, joints, strict=True))
+        _, joints = self.coordinate_places.split(self.q)
+        return dict(zip(self.jointed, joints, strict=True))
 
     @property
     def hybrid_coordinates(self) -> dict[int, sp.Expr]:
         """Coordinates as before, and zeros for the links that constraint torques hold."""
         return {**dict.fromkeys(self.robot.constrained, sp.S.Zero), **self.coordinates}
 
-    def _bodies(self, coordinates: Mapping[int, sp.Expr]) -> JointedBodies:
-        every = range(1, len(self.robot.links) + 1)
-        return jointed_bodies(self.tape, self.parameters, self.centre, coordinates, every, every)
+    def _bodies(
+        self, coordinates: Mapping[int, sp.Expr], chain: Chain | None = None
+    ) -> JointedBodies:
+        every: Collection[int] = range(1, len(self.robot.links) + 1)
+        links, massive = (chain.path, chain.own) if chain else (every, every)
+        has_core = chain is None or chain.has_core
+        welded = has_core and not self.robot.base.moves_freely
+        core = self.core_inertia() if welded else NO_INERTIA
+        return jointed_bodies(
+            self.tape, self.parameters, self.centre, coordinates, links, massive, core
+        )
 
     @cached_property
     def bodies(self) -> JointedBodies:
@@ -297,17 +329,17 @@ class SymbolicRobot:
     @cached_property
     def reduced_tree(self) -> SegmentTree:
         """The links on the rigid base, regrouped: what the reduced system is derived from."""
-        return regrouped(self.tape, self._tree(self.base_inertia(), self.bodies))
+        return regrouped(self.tape, self._tree(self._root_inertia, self.bodies))
 
     @cached_property
     def hybrid_tree(self) -> SegmentTree:
         """The links on the rigid base, with the joints that constraint torques hold."""
-        return self._tree(self.base_inertia(), self.hybrid_bodies)
+        return self._tree(self._root_inertia, self.hybrid_bodies)
 
     @cached_property
     def whole_tree(self) -> SegmentTree:
         """Every link on the rigid base by itself, with all of its inertia."""
-        return self._tree(self.base_inertia(), self.all_bodies)
+        return self._tree(self._root_inertia, self.all_bodies)
 
     @cached_property
     def open_chains(self) -> tuple[tuple[Chain, SegmentTree], ...]:
@@ -315,7 +347,8 @@ class SymbolicRobot:
         chains = []
         for chain in decompose(self.robot):
             with self.tape.group("inertia of the base, about the origin", Stage.PARAMETER):
-                core = self.core_inertia() if chain.has_core else NO_INERTIA
+                free = self.robot.base.moves_freely
+                core = self.core_inertia() if chain.has_core and free else NO_INERTIA
                 core = core.mapped(self.tape.let)
             if chain.rod is None:
                 chains.append((chain, self._tree(core, self.chain_bodies(chain))))
@@ -336,14 +369,9 @@ class SymbolicRobot:
 
     def chain_bodies(self, chain: Chain) -> JointedBodies:
         """The links of an open chain with all its joints, each with the mass that it has there."""
-        return jointed_bodies(
-            self.tape,
-            self.parameters,
-            self.centre,
-            {i: c for i, c in self.hybrid_coordinates.items() if i in chain.path},
-            chain.path,
-            chain.own,
-        )
+        coordinates = self.hybrid_coordinates.items()
+        there = {i: c for i, c in coordinates if i < BASE or i in chain.path}
+        return self._bodies(there, chain)
 
     def _tree(self, root: Inertia, bodies: JointedBodies) -> SegmentTree:
         """The tree of the base and the links that joints carry, every link with its own inertia.
@@ -362,7 +390,7 @@ class SymbolicRobot:
 
 def _with_block(matrix: Matrix, places: Places, block: Matrix) -> Matrix:
     """A matrix in the order of v, with the base's block set."""
-    for i, row in zip(places.base, block, strict=True):
-        for j, entry in zip(places.base, row, strict=True):
+    for i, row in zip(places.base, places.kept(block), strict=True):
+        for j, entry in zip(places.base, places.kept(row), strict=True):
             matrix[i][j] = entry
     return matrix

@@ -47,7 +47,7 @@ from gibbs_codegen.derivation.inverse_dynamics import (
 )
 from gibbs_codegen.derivation.segment_tree import Segment, SegmentTree
 from gibbs_codegen.derivation.symbolic_robot import SymbolicRobot
-from gibbs_codegen.derivation.tree_dynamics import generalised_inertia_forces
+from gibbs_codegen.derivation.tree_dynamics import generalised_inertia_forces, whole_inertia
 from gibbs_codegen.graph.differentiate import Direction, Matrix, hessian, jacobian, jvp, vjp
 from gibbs_codegen.graph.from_program import program_refs
 from gibbs_codegen.graph.from_tape import ImportedTape
@@ -154,7 +154,7 @@ class Systems:
         with self.imported.group("second derivatives, the lower triangle column by column"):
             matrix = hessian(graph, gradient, directions)
             layout = self.symbolic.description.layout
-            if not layout.is_quaternion or "q" not in arguments:
+            if not layout.turns_with_base or "q" not in arguments:
                 return matrix
             half = graph.number(sp.S.Half)
             base = [starts["q"] + place for place in layout.v.base]
@@ -176,10 +176,19 @@ class Systems:
         return program_refs(self.imported, program, refs)
 
     @cached_property
+    def total_mass(self) -> sp.Expr:
+        """The mass of the whole robot (kg)."""
+        return whole_inertia(self.symbolic.tape, self.symbolic.reduced_tree).mass
+
+    @cached_property
     def parameters(self) -> dict[str, Ref]:
         """Parameters that functions depend on, by name; derivatives depend on no others."""
         outputs = [output for piece in self.functions.values() for _, output in piece.outputs]
-        read = {*self.imported.graph.reached(self.refs(outputs))}
+        read = {
+            *self.imported.graph.reached(
+                self.refs([*outputs, self.total_mass, *base_parameters(self)])
+            )
+        }
         every = {
             name: self.imported.ref(sp.Symbol(name)) for name in self.symbolic.parameters.defaults
         }
@@ -313,6 +322,7 @@ def base_parameters(systems: Systems) -> list[sp.Expr]:
     return [
         segment.inertia.entries[place]
         for k, segment in enumerate(systems.symbolic.reduced_tree.segments)
+        if k or systems.symbolic.places.base
         for place in _places(segment, k)
     ]
 
@@ -324,7 +334,7 @@ def regressor(systems: Systems) -> Matrix:
     segments = []
     for k, segment in enumerate(symbolic.reduced_tree.segments):
         entries: list[sp.Expr] = [sp.S.Zero] * len(NUMBERS)
-        for place in _places(segment, k):
+        for place in _places(segment, k) if k or symbolic.places.base else ():
             # No name that a robot can give is like that.
             entries[place] = symbolic.tape.symbol(f"number {place} of segment {k}", Stage.MOTION)
             symbols.append(entries[place])

@@ -252,8 +252,10 @@ def motions_about_origin(
 ) -> list[Motion]:
     """Motions about the origin of the coordinates, as if it were at rest, in working frames."""
     rates, accelerations = [*state.rates], [*state.accelerations]
+    places = root.places(tree.joints)
     for values in (rates, accelerations):
-        values[root.places(tree.joints).position] = [sp.S.Zero] * 3
+        for place in range(places.size)[places.position]:
+            values[place] = sp.S.Zero
     return tree_motions(tape, root, tree, TreeState(rates, accelerations, state.gravity))
 
 
@@ -319,11 +321,12 @@ def assembled(
     """
     base, joints = places.base, places.joint_places
     matrix = zeros(places.size, places.size)
-    for i, values in zip(base, block, strict=True):
-        for j, entry in zip(base, values, strict=True):
+    for i, values in zip(base, places.kept(block), strict=True):
+        for j, entry in zip(base, places.kept(values), strict=True):
             matrix[i][j] = entry
     for joint, outer, inner in zip(joints, columns, rows, strict=True):
-        for place, above, beside in zip(base, outer, inner, strict=True):
+        pairs = zip(base, places.kept(outer), places.kept(inner), strict=True)
+        for place, above, beside in pairs:
             matrix[place][joint], matrix[joint][place] = above, beside
     for (i, j), entry in entries.items():
         matrix[joints[i - 1]][joints[j - 1]] = entry

@@ -23,6 +23,7 @@ from gibbs_codegen.derivation.hybrid import rod_wrench
 from gibbs_codegen.derivation.passive import spring_loads
 from gibbs_codegen.derivation.symbolic_robot import SymbolicRobot
 from gibbs_codegen.derivation.tree_dynamics import subtree_wrenches, tree_motions
+from gibbs_codegen.robot.parts.numbers import BASE
 from gibbs_codegen.symbolic.structural import applied, back
 from gibbs_codegen.symbolic.vectors import NO_WRENCH, Wrench, minus
 
@@ -59,6 +60,8 @@ def joint_wrenches(symbolic: SymbolicRobot, *, with_frames: bool = False) -> lis
         loads[k] = loads.get(k, NO_WRENCH).plus(tape, load)
     sums = subtree_wrenches(tape, tree, motions, loads)
     for k, i in enumerate(bodies.numbers, start=1):
+        if i < BASE:
+            continue
         with tape.group(f"wrench through {tree.segments[k].joint_name}, in its frame"):
             through = tree.to_own_frame(tape, k, sums[k])
             about = through.shifted(tape, minus(bodies.frames[i].origin))

@@ -37,6 +37,7 @@ from gibbs_codegen.equations.typeset import Name
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.robot.chains import Chain, decompose
 from gibbs_codegen.robot.description import constrained_coordinate
+from gibbs_codegen.robot.layout import check_free_base
 from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.robot.names import coordinate_of
 from gibbs_codegen.robot.parts.numbers import AXES
@@ -279,8 +280,9 @@ def chain_closed_form(robot: Robot, number: int) -> ChainClosedForm:
         The closed form. A constrained joint keeps its acceleration as a symbol; its rate is zero.
 
     Raises:
-        UsageError: If there is no such chain.
+        UsageError: If there is no such chain, or the base does not move freely.
     """
+    check_free_base(robot.name, robot.base.kind, "closed forms are")
     check_chain(robot, number)
     tape = InlineTape()
     symbolic = SymbolicRobot.of(robot, tape)

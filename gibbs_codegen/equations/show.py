@@ -29,6 +29,7 @@ from gibbs_codegen.equations.readable_chain import check_chain, item_frames, rea
 from gibbs_codegen.equations.typeset import Kind, Name, accelerated, name
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.robot.chains import coupling_map
+from gibbs_codegen.robot.layout import check_free_base
 from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.robot.parts.numbers import AXIS_PAIRS
 
@@ -56,8 +57,9 @@ def chain_equation(
         The equation.
 
     Raises:
-        UsageError: If there is no such chain or equation.
+        UsageError: If there is no such chain or equation, or the base does not move freely.
     """
+    check_free_base(robot.name, robot.base.kind, "equations in print are")
     if equation not in EQUATIONS:
         choices = ", ".join(map(str, EQUATIONS))
         raise UsageError(f"equation {equation}: cannot be shown; known: {choices}")

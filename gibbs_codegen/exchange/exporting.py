@@ -12,7 +12,7 @@ from gibbs_codegen.exchange.motors import motors_of
 from gibbs_codegen.exchange.sdf_text import sdf_text
 from gibbs_codegen.exchange.urdf import is_rotor_by_name
 from gibbs_codegen.exchange.xml_text import mjcf_text, urdf_text
-from gibbs_codegen.robot.layout import frames_of
+from gibbs_codegen.robot.layout import check_free_base, frames_of
 from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.robot.names import default_prefix, joint_name, link_label
 from gibbs_codegen.robot.parts.body import as_rigid_body
@@ -39,6 +39,7 @@ _NO_PLACE: dict[Format, tuple[str, ...]] = {
 
 def export_robot(robot: Robot, form: Format) -> tuple[str, list[str]]:
     """Text of a robot in another format, and lines on what this has no place for or cannot name."""
+    check_free_base(robot.name, robot.base.kind, "files of other formats are")
     if form in ("px4", "ardupilot"):
         return px4_text(robot) if form == "px4" else ardupilot_text(robot)
     source = source_of(robot)

@@ -19,7 +19,7 @@ from gibbs_codegen.figures import marks
 from gibbs_codegen.figures.appearance import DARK, GOLD
 from gibbs_codegen.figures.style import FULL, style
 from gibbs_codegen.robot.chains import Chain, decompose
-from gibbs_codegen.robot.layout import QUATERNION, has_default_tip
+from gibbs_codegen.robot.layout import QUATERNION, check_free_base, has_default_tip
 from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.robot.parts.numbers import BASE
 from gibbs_codegen.robot.rotations import Array
@@ -50,8 +50,9 @@ def chains_figure(robot: Robot, numbers: Iterable[int] | None = None) -> Figure:
         The figure.
 
     Raises:
-        UsageError: The robot has no such chain.
+        UsageError: The robot has no such chain, or its base does not move freely.
     """
+    check_free_base(robot.name, robot.base.kind, "pictures of chains are")
     chains = decompose(robot)
     ends = range(1, len(chains) + 1)
     if numbers is None:

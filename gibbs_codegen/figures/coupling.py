@@ -27,7 +27,7 @@ from gibbs_codegen.figures.marks import short_name
 from gibbs_codegen.figures.style import style
 from gibbs_codegen.robot.chains import Chain, decompose
 from gibbs_codegen.robot.description import Description
-from gibbs_codegen.robot.layout import layout_of
+from gibbs_codegen.robot.layout import check_free_base, layout_of
 from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.robot.names import coordinate_of
 
@@ -63,7 +63,11 @@ def coupling_figure(robot: Robot) -> Figure:
 
     Returns:
         The figure.
+
+    Raises:
+        UsageError: The base does not move freely.
     """
+    check_free_base(robot.name, robot.base.kind, "pictures of the hybrid system are")
     chains = decompose(robot)
     heights = [len(_lines(robot, chain.unknowns)) + _CHAIN_GAP for chain in chains]
     tops = list(accumulate(heights, initial=0.0))
@@ -159,7 +163,11 @@ def hybrid_pattern_figure(robot: Robot) -> Figure:
 
     Returns:
         The figure.
+
+    Raises:
+        UsageError: The base does not move freely.
     """
+    check_free_base(robot.name, robot.base.kind, "pictures of the hybrid system are")
     filled = filled_entries(robot)
     names_by_unknown = hybrid_names(robot)
     description = Description(robot)

@@ -20,7 +20,7 @@ from gibbs_codegen.figures.robot_artists import RobotArtists, Shapes
 from gibbs_codegen.figures.scene import PlacedNames, fit, project, set_scene
 from gibbs_codegen.figures.style import FULL, lay_out, style
 from gibbs_codegen.robot.chains import decompose
-from gibbs_codegen.robot.layout import layout_of
+from gibbs_codegen.robot.layout import check_free_base, layout_of
 from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.robot.names import rotor_label
 from gibbs_codegen.robot.parts.numbers import BASE
@@ -191,8 +191,9 @@ def machine_figure(robot: Robot, q: Sequence[float] | Array | None = None) -> Fi
         The figure.
 
     Raises:
-        UsageError: q has the wrong length.
+        UsageError: q has the wrong length, or the base does not move freely.
     """
+    check_free_base(robot.name, robot.base.kind, "pictures of machines are")
     q = posture_away(robot) if q is None else np.asarray(q, dtype=float)
     subject = Subject(robot, q, robot_frames(robot, q))
     rows = 2 if robot.links and _is_enlarged(robot) else 1

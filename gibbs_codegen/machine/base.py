@@ -23,7 +23,7 @@ from gibbs_codegen.arrays.nodes import (
     sine,
     square_root,
 )
-from gibbs_codegen.robot.layout import Layout
+from gibbs_codegen.robot.layout import Layout, check_free_base
 
 
 @dataclass(frozen=True)
@@ -248,7 +248,8 @@ Base = AngleBase | QuaternionBase
 
 
 def base_of(robot: Placed, q: Node) -> Base:
-    """The base of a robot at coordinates q (nq)."""
+    """The base of a robot at coordinates q (nq); `UsageError` where it does not move freely."""
+    check_free_base("the robot", robot.layout.attitude, "laws and flights are")
     return (QuaternionBase if robot.space.has_quaternion else AngleBase)(robot, q)
 
 

@@ -51,7 +51,7 @@ class Drives:
         }
         drives = zip(self._parts, robot.drives, strict=True)
         self._throttles = {key for key, drive in drives if drive.command == "throttle"}
-        q = variable("q", layout.q.size, space=Space(layout.q.size, layout.v.size))
+        q = variable("q", layout.q.size, space=Space.of(layout))
         moving = entries_of(q)[layout.q.joints], variable("v", layout.v.size)[layout.v.joints]
         for i, *motion in zip(robot.moving, *moving, strict=True):
             link, prefix = robot.links[i - 1], parameter_prefix(robot, i)

@@ -353,7 +353,12 @@ def balance_lines(robot: Robot) -> list[str]:
 
 
 def hover_lines(robot: Robot, hovering: HoverThrusts) -> list[str]:
-    """Thrusts of hovering in words, what they leave, and limits where there are any."""
+    """Thrusts of hovering in words, what they leave, and limits where there are any.
+
+    There is nothing to tell of a base that does not move freely: something else holds it.
+    """
+    if not robot.base.moves_freely:
+        return []
     if not robot.rotors:
         return ["hover thrusts: the robot has no rotors"]
     where = "level"

@@ -70,7 +70,7 @@ def decompose(robot: Robot) -> tuple[Chain, ...]:
     def add(joints: Sequence[tuple[str, str]], constrained: Sequence[int], **parts: Any) -> None:
         """Add a chain by names and units of its joints' coordinates, and the arms that are held."""
         names, units = zip(*joints, strict=True) if joints else ((), ())
-        coordinates = Layout.of(robot.base.attitude, names, units, 0).v.names
+        coordinates = Layout.of(robot.base.kind, names, units, 0).v.names
         unknowns = (*coordinates, *(constraint_torque(robot, arm).name for arm in constrained))
         parts |= {"coordinates": coordinates, "unknowns": unknowns}
         chains.append(Chain(number=len(chains) + 1, constrained=tuple(constrained), **parts))

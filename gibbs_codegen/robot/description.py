@@ -6,9 +6,9 @@ program. The constants of a generated module are `Description.constants`.
 Base parameters are the fewest numbers of the bodies that determine the equations of motion. Of a
 body's ten numbers, mass, first moment and second moments about its joint, a joint only feels some;
 the others are added to those of the parent, as `derivation.segment_tree` does it. What is left
-with each body is independent of all others, whatever the lengths: the base flies freely, so its ten
+with each body is independent of all others, whatever the lengths: if the base flies freely, its ten
 can all be told apart, and from the leaves inwards so can what each joint feels. The dynamics is
-linear in these parameters.
+linear in these parameters. Of another base some may have no effect.
 """
 
 from __future__ import annotations
@@ -32,6 +32,7 @@ from gibbs_codegen.robot.names import (
     parameter_prefix,
     rotor_identifier,
 )
+from gibbs_codegen.robot.parts.base import TRAVELS, TURNS
 from gibbs_codegen.robot.parts.constraint import ROWS
 from gibbs_codegen.robot.parts.link import Link, LinkKind
 from gibbs_codegen.robot.parts.numbers import AXIS_PAIRS, BASE
@@ -89,10 +90,16 @@ class Description:
         if layout.is_quaternion:
             parts = ("x", "y", "z", "scalar")
             attitude = [f"{part} part of the attitude quaternion" for part in parts]
-        else:
+        elif layout.moves_freely:
             places = zip(("first", "second", "third"), layout.attitude, strict=True)
             attitude = [f"{place} attitude angle, about {axis}" for place, axis in places]
-        position = [f"world {axis} of {_ORIGINS[self.robot.base.origin]}" for axis in "xyz"]
+        else:
+            turns = TURNS if layout.turns_with_base else layout.q.names[layout.q.attitude]
+            attitude = [f"{turn} of the base" for turn in turns]
+        travels = tuple(TRAVELS) if layout.turns_with_base else layout.q.names[layout.q.position]
+        position = [f"world {axis} of {_ORIGINS[self.robot.base.origin]}" for axis in travels]
+        if not layout.moves_freely:  # Where it is with its pose differs.
+            position = [f"travel of the base along the world's {axis}" for axis in travels]
         units = layout.q.units[layout.q.joints]
         what = ["travel" if unit == "m" else "angle" for unit in units]
         return self._entries(layout.q, [*attitude, *position], what)
@@ -101,8 +108,10 @@ class Description:
     def velocities(self) -> tuple[Coordinate, ...]:
         """The nv entries of v: rates of q, or of the base its velocities in its own frame."""
         layout, origin = self.layout, _ORIGINS[self.robot.base.origin]
-        if layout.is_quaternion:
+        if layout.turns_with_base:
             base = [f"angular velocity of the base, about its {axis} axis" for axis in "xyz"]
+            if not layout.moves_freely:  # Its own axes are those without its pose.
+                origin = "the base"
             base += [f"velocity of {origin}, along the base's {axis} axis" for axis in "xyz"]
         else:
             base = [f"rate of {layout.q.names[place]}" for place in layout.q.base]
@@ -124,9 +133,9 @@ class Description:
     def free_unknowns(self) -> tuple[Coordinate, ...]:
         """Velocities of which the free unknowns of the hybrid system are the rates.
 
-        The coordinates, or the velocities where the base has a quaternion.
+        The coordinates, or the velocities where they are along and about the base's own axes.
         """
-        return self.velocities if self.layout.is_quaternion else self.coordinates
+        return self.velocities if self.layout.turns_with_base else self.coordinates
 
     @cached_property
     def hybrid_coordinates(self) -> tuple[Coordinate, ...]:
@@ -273,9 +282,17 @@ class Description:
     def base_parameters(self) -> tuple[Coordinate, ...]:
         """The base parameters: of the base, then of each link whose joint moves."""
         robot = self.robot
-        parameters = [Coordinate(f"base_{name}", unit, "") for name, unit in NUMBERS.items()]
+        moved: list[tuple[str, tuple[str, ...]]] = []
+        if self.layout.q.base and not robot.base.virtual_joints:
+            moved.append(("base", ()))
+        for part in robot.base.virtual_joints:
+            kind: LinkKind = "prismatic" if part in TRAVELS else "revolute"
+            moved.append((f"base_{part}", PARENTS_NUMBERS[kind]))
         for i in robot.moving:
-            prefix, parents = parameter_prefix(robot, i), PARENTS_NUMBERS[robot.links[i - 1].joint]
+            parents = PARENTS_NUMBERS[robot.links[i - 1].joint]
+            moved.append((parameter_prefix(robot, i), parents))
+        parameters: list[Coordinate] = []
+        for prefix, parents in moved:
             units = {name: unit for name, unit in NUMBERS.items() if name not in parents}
             parameters += [Coordinate(f"{prefix}_{name}", unit, "") for name, unit in units.items()]
         return tuple(parameters)

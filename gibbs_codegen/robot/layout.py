@@ -5,6 +5,10 @@ rates in the same places. With a quaternion q is x, y, z, qx, qy, qz, qw, the jo
 the linear and the angular velocity of the base in its own frame, then the joints' rates. a has the
 places of v. A prismatic joint's coordinate is a travel and is called d instead of θ.
 
+A base that does not move freely has fewer entries, all before the joints'. One that stays level has
+x, y, the height z and the yaw in q, as many as move, and velocities along and about its own axes in
+v. One whose motion is a list has what is in it, in that order, and v holds the rates.
+
 Hybrid unknowns are the accelerations, in the order of v, with those of the constrained angles
 θ₂ … θ_N before the joints', and the constraint torques τ'₂ … τ'_N at the end (section 7 of the
 method).
@@ -14,11 +18,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.robot.names import coordinate_of
+from gibbs_codegen.robot.parts.base import LEVEL_MOTIONS, TRAVELS, TURNS
 from gibbs_codegen.robot.parts.frame import Frame
 from gibbs_codegen.robot.parts.link import JointKind
 from gibbs_codegen.robot.parts.pose import Pose
@@ -47,17 +52,32 @@ def joint_terms(robot: Robot, i: int) -> JointTerms:
     return JOINT_TERMS["prismatic" if kind == "prismatic" else "revolute"]
 
 
+def check_free_base(name: str, kind: str, what: str) -> None:
+    """Raise `UsageError` where `what` is for bases that move freely, and a robot's is of another.
+
+    `kind` is a module's ATTITUDE.
+    """
+    if kind in LEVEL_MOTIONS or _moving(kind):
+        raise UsageError(
+            f"{name}: base.motion is {kind!r}; {what} for bases that move freely only (base.motion "
+            '= "free"); functions of the module, rollout and verify take any base'
+        )
+
+
 @dataclass(frozen=True)
 class Places:
     """The places of the base's attitude and position and of the joints in q, or in v and a.
 
     The base's own entries, taken by themselves, are those of attitude and then of position; in v
-    the angular and then the linear velocity.
+    the angular and then the linear velocity. `missing` are those, of six, that a level base does
+    not have; taken by themselves its values have `nothing` there.
     """
 
     attitude: slice
     joints: slice
     position: slice
+    missing: tuple[int, ...] = ()
+    nothing: Any = 0.0
 
     @property
     def size(self) -> int:
@@ -77,11 +97,18 @@ class Places:
 
     def split(self, values: Sequence[Entry]) -> tuple[list[Entry], list[Entry]]:
         """The values of the base, attitude first, and those of the joints."""
-        return [values[place] for place in self.base], [*values[self.joints]]
+        base = [values[place] for place in self.base]
+        for place in self.missing:
+            base.insert(place, self.nothing)
+        return base, [*values[self.joints]]
+
+    def kept(self, base: Sequence[Entry]) -> list[Entry]:
+        """Of values of the base, attitude first, those that are not missing."""
+        return [value for place, value in enumerate(base) if place not in self.missing]
 
     def joined(self, base: Sequence[Entry], joints: Sequence[Entry]) -> list[Entry]:
         """Values of the base, attitude first, and of the joints in the order of the entries."""
-        values = dict(zip(self.base, base, strict=True))
+        values = dict(zip(self.base, self.kept(base), strict=True))
         values |= zip(self.joint_places, joints, strict=True)
         return [values[place] for place in range(self.size)]
 
@@ -90,8 +117,8 @@ class Places:
 class StateEntries(Places):
     """Places, names and units of the entries of q, or of those of v."""
 
-    names: tuple[str, ...]
-    units: tuple[str, ...]
+    names: tuple[str, ...] = ()
+    units: tuple[str, ...] = ()
 
     @classmethod
     def of(
@@ -106,6 +133,8 @@ class StateEntries(Places):
             places.attitude,
             places.joints,
             places.position,
+            places.missing,
+            places.nothing,
             tuple(places.joined(base_names, names)),
             tuple(places.joined(base_units, units)),
         )
@@ -115,9 +144,10 @@ class StateEntries(Places):
 class Layout:
     """The entries of q, and those of v and a, of one robot.
 
-    `attitude` is "quaternion" or the sequence of the Tait–Bryan angles. `constrained` are the
-    places of the constrained angles θ₂ … θ_N among the hybrid unknowns, and its start is the place
-    in v that they are put in at.
+    `attitude` is "quaternion" or the sequence of the Tait–Bryan angles or, where a base does not
+    move freely, its motion: a name, or what moves with blanks between. `constrained` are the places
+    of the constrained angles θ₂ … θ_N among the hybrid unknowns, and its start is the place in v
+    that they are put in at.
     """
 
     attitude: str
@@ -134,6 +164,12 @@ class Layout:
         twist: Sequence[str] = [f"{entry}/s" for entry in _ANGLES]
         if attitude == QUATERNION:
             pose, twist = _POSE, _TWIST
+        elif attitude in LEVEL_MOTIONS:
+            pose, twist = _LEVEL, _TWIST
+        elif moving := _moving(attitude):
+            turning = [f"{part} rad" for part in moving if part in TURNS]
+            pose = [*turning, *(f"{part} m" for part in moving if part in TRAVELS)]
+            twist = [f"{entry}/s" for entry in pose]
         joints, rates = len(names), [f"{unit}/s" for unit in units]
         q = StateEntries.of(coordinate_places(attitude, joints), pose, names, units)
         v = StateEntries.of(velocity_places(attitude, joints), twist, names, rates)
@@ -166,9 +202,35 @@ class Layout:
         return range(self.q.size)[self.q.attitude][1]
 
     @property
+    def angle_axes(self) -> str:
+        """Axes of the attitude's angles in order, such as "xyz"; none of a quaternion."""
+        if self.is_quaternion:
+            return ""
+        if self.moves_freely:
+            return self.attitude
+        return "".join("xyz"[TURNS[name]] for name in self.q.names[self.q.attitude])
+
+    @property
+    def moves_freely(self) -> bool:
+        """True if the base has any position and attitude."""
+        return not (self.attitude in LEVEL_MOTIONS or _moving(self.attitude))
+
+    @property
+    def turns_with_base(self) -> bool:
+        """True if velocities of the base are along and about its own axes, not rates."""
+        return self.is_quaternion or "yaw" in LEVEL_MOTIONS.get(self.attitude, ())
+
+    @property
     def is_quaternion(self) -> bool:
         """True if the attitude is a quaternion, not three angles."""
         return self.attitude == QUATERNION
+
+    @property
+    def own_axes(self) -> tuple[list[int], list[int]]:
+        """Numbers of the base's own axes along which it moves, and about which."""
+        along = ["xyz".index(name) for name in self.q.names[self.q.position]]
+        turns = self.v.attitude.stop - self.v.attitude.start
+        return along, [0, 1, 2][3 - turns :]
 
     @property
     def neutral(self) -> list[float]:
@@ -190,13 +252,21 @@ class Layout:
 
 _ANGLES = ("theta_m1 rad", "theta_0 rad", "theta_1 rad", "x m", "y m", "z m")
 _POSE = ("qx 1", "qy 1", "qz 1", "qw 1", "x m", "y m", "z m")
+_LEVEL = ("roll rad", "pitch rad", "yaw rad", "x m", "y m", "z m")
 _TWIST = ("wx rad/s", "wy rad/s", "wz rad/s", "vx m/s", "vy m/s", "vz m/s")
-# Names of the base's own entries, whatever describes its attitude.
+# Names of the base's own entries, whatever describes its attitude; and where it moves otherwise.
 BASE_ENTRIES = tuple(dict.fromkeys(entry.split()[0] for entry in (*_ANGLES, *_POSE, *_TWIST)))
+OTHER_BASE_ENTRIES = tuple(entry.split()[0] for entry in (*_LEVEL, *_TWIST))
+
+
+def _moving(attitude: str) -> list[str]:
+    """What moves of a base with a list of that, else nothing."""
+    parts = attitude.split(" ")
+    return parts if {*parts} <= {*TRAVELS, *TURNS} else []
 
 
 def coordinate_places(attitude: str, joints: int) -> Places:
-    """Places of the entries of q; `attitude` is "quaternion" or a sequence of Tait–Bryan angles."""
+    """Places of the entries of q; `attitude` is as of `Layout`."""
     if attitude == QUATERNION:
         return Places(slice(3, 7), slice(7, 7 + joints), slice(0, 3))
     return velocity_places(attitude, joints)
@@ -206,6 +276,13 @@ def velocity_places(attitude: str, joints: int) -> Places:
     """Places of the entries of v and a; `attitude` is as of `coordinate_places`."""
     if attitude == QUATERNION:
         return Places(slice(3, 6), slice(6, 6 + joints), slice(0, 3))
+    moving = LEVEL_MOTIONS.get(attitude) or _moving(attitude)
+    if moving or attitude in LEVEL_MOTIONS:
+        travels, size = sum(part in TRAVELS for part in moving), len(moving)
+        six = enumerate((*TURNS, *TRAVELS)) if attitude in LEVEL_MOTIONS else ()
+        missing = tuple(place for place, part in six if part not in moving)
+        joined = slice(size, size + joints)
+        return Places(slice(travels, size), joined, slice(0, travels), missing)
     end = 3 + joints
     return Places(slice(0, 3), slice(3, end), slice(end, end + 3))
 
@@ -213,7 +290,7 @@ def velocity_places(attitude: str, joints: int) -> Places:
 def layout_of(robot: Robot) -> Layout:
     """Layout of the coordinates of a robot."""
     return Layout.of(
-        robot.base.attitude,
+        robot.base.kind,
         [coordinate_of(robot, i) for i in robot.moving],
         [joint_terms(robot, i).unit for i in robot.moving],
         max(robot.base.rotors - 1, 0) + len(robot.constrained),

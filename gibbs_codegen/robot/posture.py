@@ -91,10 +91,15 @@ def robot_frames(robot: Robot, q: Sequence[float] | Array) -> RobotFrames:
     if layout.is_quaternion:
         attitude = turn_of_quaternion(*parts)
     else:
-        for letter, angle in zip(layout.attitude, parts, strict=True):
+        for letter, angle in zip(layout.angle_axes, parts, strict=True):
             attitude = attitude @ turn("xyz".index(letter), angle)
-    origin = values[layout.q.position] + attitude @ placement.base_centre(robot.base)
-    return frames_on(robot, PlacedFrame(origin, attitude), values[layout.q.joints])
+    origin = attitude @ placement.base_centre(robot.base)
+    for name, value in zip(
+        layout.q.names[layout.q.position], values[layout.q.position], strict=True
+    ):
+        origin["xyz".index(name)] += value
+    base = PlacedFrame(origin, attitude).carried(robot.base.pose)
+    return frames_on(robot, base, values[layout.q.joints])
 
 
 def frames_on(robot: Robot, base: PlacedFrame, joints: Sequence[float] | Array) -> RobotFrames:
@@ -133,7 +138,7 @@ def frames_on(robot: Robot, base: PlacedFrame, joints: Sequence[float] | Array) 
 def default_posture(robot: Robot) -> Array:
     """Coordinates q (nq) in which a robot shows its parts.
 
-    The base is level, with the origin of the coordinates at the world's. Revolute joints are bent
+    The base is where nothing has moved, level if it moves freely. Revolute joints are bent
     by 40° or 140°, those of links with rotors by 40° only, strictly within their limits, each so
     that the ends of the arms move down and away. Prismatic ones stand in the middle of their
     limits, or at half of the longest link.

@@ -15,7 +15,7 @@ from itertools import chain
 from typing import Any
 
 from gibbs_codegen.files.table import Place, shown
-from gibbs_codegen.robot.layout import BASE_ENTRIES
+from gibbs_codegen.robot.layout import BASE_ENTRIES, OTHER_BASE_ENTRIES
 from gibbs_codegen.robot.names import (
     CONSTRAINT_TORQUES,
     default_prefix,
@@ -23,6 +23,7 @@ from gibbs_codegen.robot.names import (
     joint_name,
     named_prefix,
 )
+from gibbs_codegen.robot.parts.base import FREE
 from gibbs_codegen.robot.parts.body import RigidBody, Rod
 from gibbs_codegen.robot.parts.constraint import ROWS, Constraint
 from gibbs_codegen.robot.parts.frame import MAX_FRAMES
@@ -45,7 +46,7 @@ _ROW = "row "
 # How names of parameters end, after the prefix of what they belong to.
 _JOINT = parameter_ends(Pose, JointKeys, Passive)
 _ENDS: dict[NamedKind, tuple[str, ...]] = {
-    "base": parameter_ends(RigidBody),
+    "base": parameter_ends(Pose, RigidBody),
     "arm": parameter_ends(RigidBody, Rod),
     "link": (*_JOINT, *parameter_ends(RigidBody)),
     "rod": (*_JOINT, *parameter_ends(Rod)),
@@ -60,13 +61,13 @@ _ENDS: dict[NamedKind, tuple[str, ...]] = {
 class NameRegistry:
     """Names of a robot, and whose they are; at first only those of its base."""
 
-    def __init__(self, rods: int = 0) -> None:
+    def __init__(self, rods: int = 0, coordinates: Sequence[str] = BASE_ENTRIES) -> None:
         self._owners: dict[str, str] = {}
         self.add("base", "base", "the base")
         self.add("frame", "base", "the base's own frame")
         for k in ("", *range(1, rods + 1)) if rods else ():
             self.add("arm", f"base_arm{k}", "the base's arms")
-        for entry in BASE_ENTRIES:
+        for entry in coordinates:
             self.add("joint", entry, "a coordinate of the base")
         for k in range(2, rods + 1):
             self.add("joint", joint_name("fixed", k), f"the angle of base arm {k}")
@@ -172,7 +173,8 @@ def reference_faults(document: Mapping[str, Any]) -> Iterator[PlacedFault]:
     arms: Entry = base if isinstance(base, dict) else {}
     rods = arms.get("rotors", 0)
     rods = rods if isinstance(rods, int) and rods <= MAX_ROTORS else 0
-    registry = NameRegistry(rods)
+    is_free = arms.get("motion", FREE) == FREE
+    registry = NameRegistry(rods, BASE_ENTRIES if is_free else OTHER_BASE_ENTRIES)
     # What the file names, or has a default for.
     named: list[_Named] = []
     servos: list[_Named] = []

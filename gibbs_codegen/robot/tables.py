@@ -16,7 +16,7 @@ from gibbs_codegen.files.table import Flag, InSchema, Place, Tables, refusal, ru
 from gibbs_codegen.robot import model
 from gibbs_codegen.robot.layout import frames_of
 from gibbs_codegen.robot.names import NAME_PATTERN, name_fault
-from gibbs_codegen.robot.parts.base import ROD_KEYS, BaseTable
+from gibbs_codegen.robot.parts.base import FIXED, ROD_KEYS, BaseTable
 from gibbs_codegen.robot.parts.battery import Battery
 from gibbs_codegen.robot.parts.frame import MAX_FRAMES, Frame, FrameTable
 from gibbs_codegen.robot.parts.link import MAX_LINKS, LinkTable
@@ -94,6 +94,13 @@ class RobotTable(Ties, _Bodies):
         if self.robot().total_mass <= 0:
             place = ("base", "arm") if self.base.arm else ("base",)
             raise refusal([(place, "the robot has no mass; give its base or links some")])
+        return self
+
+    @model_validator(mode="after")
+    def _moves(self) -> Self:
+        if self.base.motion == FIXED and not self.robot().moving:
+            words = "nothing of the robot moves; give it links with joints, or another motion"
+            raise refusal([(("base", "motion"), words)])
         return self
 
     @model_validator(mode="after")

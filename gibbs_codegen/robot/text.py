@@ -11,6 +11,7 @@ from gibbs_codegen.errors import UsageError
 from gibbs_codegen.files.templating import render
 from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.robot.names import default_prefix
+from gibbs_codegen.robot.parts.base import Base
 from gibbs_codegen.robot.parts.body import Body, RigidBody, as_rigid_body
 from gibbs_codegen.robot.parts.constraint import Constraint
 from gibbs_codegen.robot.parts.frame import Frame
@@ -186,6 +187,13 @@ def _joint_lines(link: Link) -> list[str]:
     return toml_lines(table, units | {n.name: n.unit for n in acting.values()})
 
 
+def _motion_lines(base: Base) -> list[str]:
+    """Lines of how a base moves that does not move freely, and of its pose."""
+    motion = [*base.virtual_joints] or base.motion
+    pose = {} if base.pose.is_identity else _pose(base.pose)
+    return toml_lines({"motion": motion} | pose)
+
+
 def robot_text(robot: Robot, name: str | None = None, to_start_from: bool = False) -> str:
     """Commented TOML that `parse_robot` reads back as the same robot, under `name` if there is one.
 
@@ -213,6 +221,7 @@ def robot_text(robot: Robot, name: str | None = None, to_start_from: bool = Fals
         "name": name or robot.name,
         "gravity": repr(robot.gravity),
         "allow_impossible_inertia": robot.allow_impossible_inertia,
+        "motion": [] if base.moves_freely else _motion_lines(base),
         "attitude": base.attitude,
         "attitude_words": words,
         "origin": base.origin,

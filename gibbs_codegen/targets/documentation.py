@@ -93,12 +93,13 @@ def sparse_doxygen(signature: Signature, lengths: dict[str, int], stack: int) ->
 def meaning(description: Description, argument: str) -> str:
     """Words for an argument, one of `interface.ARGUMENTS`, that its entries follow."""
     row = ARGUMENTS[argument]
-    return (description.layout.is_quaternion and row.with_quaternion) or row.meaning
+    return (description.layout.turns_with_base and row.with_quaternion) or row.meaning
 
 
 def details(description: Description, row: Row) -> str:
     """Details of a function beyond its summary, or ""."""
-    return row.details.format(singularity="" if description.layout.is_quaternion else _SINGULARITY)
+    has_three_angles = len(description.layout.angle_axes) == 3
+    return row.details.format(singularity=_SINGULARITY if has_three_angles else "")
 
 
 _SINGULARITY = (
@@ -117,7 +118,7 @@ def operations(function: Function) -> str:
 def calls(description: Description, name: str) -> str:
     """The functions that a composed one calls, and how often, in words."""
     counts = {**FUNCTIONS[name].composed}
-    if not description.layout.is_quaternion:  # Sums need no matrices.
+    if not description.layout.turns_with_base:  # Sums need no matrices.
         counts.pop("integrate_derivatives", None)
     return f"Calls: {', '.join(f'{count} of {part}' for part, count in counts.items())}"
 
@@ -139,8 +140,8 @@ def argument_text(description: Description, argument: str) -> str:
         axes = {"3": "x, y, z", "v": v, "u": u}
         first, second = (axes[letter] for letter in shape)
         return f"[{row.unit}], a row for each of {first}, a column for each of {second}"
-    # With a quaternion velocities have names of their own, and none that would be one of q as well.
-    own_names = argument == "v" and description.layout.is_quaternion
+    # Velocities along and about the base's axes have names of their own, and none that is in q.
+    own_names = argument == "v" and description.layout.turns_with_base
     prefix = "" if own_names else row.prefix
     if not shape:
         return f"{prefix} [{row.unit}]"
@@ -212,9 +213,13 @@ def attitude_text(description: Description) -> str:
     names = layout.q.names[layout.q.attitude]
     if layout.is_quaternion:
         return f"the unit quaternion {', '.join(names)}, its scalar part last"
-    return " ".join(
-        f"R_{axis}({angle})" for axis, angle in zip(layout.attitude, names, strict=True)
+    product = " ".join(
+        f"R_{axis}({angle})" for axis, angle in zip(layout.angle_axes, names, strict=True)
     )
+    if layout.moves_freely:
+        return product
+    pose = "that of the pose which the robot file gives the base"
+    return f"{product} times {pose}" if product else pose
 
 
 def base_frame(description: Description) -> str:
@@ -229,7 +234,7 @@ def base_frame(description: Description) -> str:
 def attitude_lines(description: Description) -> list[str]:
     """The attitude of a module for a comment, without the comment's sign."""
     says = f"From {base_frame(description)} to the world the attitude is"
-    if not description.layout.is_quaternion:
+    if description.layout.moves_freely and not description.layout.is_quaternion:
         says = f"Intrinsic sequence of the attitude angles. {says}"
     return [says, f"{attitude_text(description)}."]
 
@@ -237,7 +242,7 @@ def attitude_lines(description: Description) -> list[str]:
 def state_tables(description: Description) -> dict[str, list[str]]:
     """Lines that explain the entries of q, v and a, by headings."""
     coordinates = coordinate_table(description.coordinates)
-    if not description.layout.is_quaternion:
+    if not description.layout.turns_with_base:
         title = "Coordinates q, in order (v: their rates, a: their accelerations)"
         return {title: coordinates}
     return {

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping
 
 import numpy as np
 
-from gibbs_codegen.robot.layout import StateEntries
+from gibbs_codegen.robot.layout import Layout, StateEntries
 from gibbs_codegen.verification.comparison import Comparison, Results, compared, explained
 from gibbs_codegen.verification.constraints import ACCELERATION, Constraints, Row
 from gibbs_codegen.verification.formulation import Formulation, Quantities
@@ -141,18 +141,22 @@ def _system(
     yield "kinetic_energy", quantities.kinetic_energy, sizes.kinetic
     yield "potential_energy", quantities.potential_energy, sizes.potential
     # The hybrid system: all joints, the torques of the constraints, and θ̈ = 0 for those.
-    more = (0, len(tree.constrained))
+    every, more = slice(tree.count), (0, len(tree.constrained))
     row, square = ((0, 0), more), ((0, 0), more, more)
-    torques = tree.size + np.arange(len(tree.constrained))
-    matrix = np.pad(quantities.mass_matrix, square)
+    torques = tree.count + np.arange(len(tree.constrained))
+    matrix = np.pad(quantities.mass_matrix[:, every, every], square)
     matrix[:, tree.constrained, torques] = -1.0
     matrix[:, torques, tree.constrained] = 1.0
-    yield "hybrid_mass_matrix", matrix, np.pad(sizes.matrix, square, constant_values=1.0)
-    size = np.pad(sizes.effort, row, constant_values=1.0)
-    yield "hybrid_residual", np.pad(quantities.residual, row), size
+    yield (
+        "hybrid_mass_matrix",
+        matrix,
+        np.pad(sizes.matrix[:, every, every], square, constant_values=1.0),
+    )
+    size = np.pad(sizes.effort[:, every], row, constant_values=1.0)
+    yield "hybrid_residual", np.pad(quantities.residual[:, every], row), size
     columns = ((0, 0), more, (0, 0))
-    size = np.pad(sizes.inputs, columns, constant_values=1.0)
-    yield "hybrid_input_matrix", np.pad(inputs, columns), size
+    size = np.pad(sizes.inputs[:, every], columns, constant_values=1.0)
+    yield "hybrid_input_matrix", np.pad(inputs[:, every], columns), size
 
 
 def displacement_rows(tree: Tree, states: States) -> Iterator[tuple[str, Array, Array]]:
@@ -187,12 +191,44 @@ def displacement_rows(tree: Tree, states: States) -> Iterator[tuple[str, Array, 
         apart[:, v.attitude] = turns
         apart[:, v.position] = np.linalg.solve(_gains(turns), way[..., None])[..., 0]
         apart[:, v.joints] = states.q1[:, q.joints] - states.q0[:, q.joints]
+    elif layout.turns_with_base:
+        yield from _level_rows(layout, states)
+        return
     else:
         rates, moved, apart = states.v, states.q + states.v, states.q1 - states.q0
     places, twists = _largest(layout.q, states.q), _largest(layout.v, states.v)
     yield "coordinate_rates", rates, twists[:, _kinds(layout.q)]
     yield "integrate", moved, (places + twists)[:, _kinds(layout.q)]
     yield "difference", apart, (places + places[:1])[:, _kinds(layout.v)]
+
+
+def _level_rows(layout: Layout, states: States) -> Iterator[tuple[str, Array, Array]]:
+    """The same of a base that stays level, whose x and y, and velocities, are complex numbers."""
+    yaw = range(layout.q.size)[layout.q.attitude][0]
+    start, end, v = states.q0, states.q1, states.v
+    turned, turning = np.exp(1j * start[:, yaw]), end[:, yaw] - start[:, yaw]
+    rates, moved, apart = v.copy(), start + v, end - start
+
+    def swept(angle: Array) -> Array:
+        """The mean of the directions while the base turns by an angle."""
+        return np.where(angle == 0.0, 1.0, np.expm1(1j * angle) / (1j * angle + (angle == 0.0)))
+
+    step, way = v[:, 0] + 1j * v[:, 1], apart[:, 0] + 1j * apart[:, 1]
+    gain = swept(turning)
+    for rows, begin, plane in (
+        (rates, 0.0, turned * step),
+        (moved, start, turned * swept(v[:, yaw]) * step),
+        (apart, 0.0, way / turned / gain),
+    ):
+        rows[:, :2] = np.stack([plane.real, plane.imag], axis=-1) + (begin + 0.0 * start)[:, :2]
+    places, twists = _largest(layout.q, states.q), _largest(layout.v, v)
+    kinds = _kinds(layout.q)
+    yield "coordinate_rates", rates, twists[:, kinds]
+    yield "integrate", moved, (places + twists)[:, kinds]
+    # Next to whole turns hardly any displacement leads far, so that errors grow.
+    size, gain = (places + places[:1])[:, kinds], np.abs(gain)[:, None]
+    growth = 1.0 / gain + 2.0 / gain**2 / np.maximum(1.0, np.abs(turning))[:, None]
+    yield "difference", apart, size * np.where(kinds == 0, np.maximum(1.0, growth), 1.0)
 
 
 def _kinds(entries: StateEntries) -> Array:
@@ -203,7 +239,7 @@ def _kinds(entries: StateEntries) -> Array:
 def _largest(entries: StateEntries, values: Array) -> Array:
     """The largest length of each state, and the largest of the other entries and 1, (s, 2)."""
     kinds = _kinds(entries)
-    along, about = (np.abs(values[:, kinds == kind]).max(axis=-1) for kind in (0, 1))
+    along, about = (np.abs(values[:, kinds == kind]).max(axis=-1, initial=0.0) for kind in (0, 1))
     return np.stack([along, np.maximum(about, 1.0)], axis=-1)
 
 
@@ -269,7 +305,7 @@ def mass_rows(tree: Tree, quantities: Quantities, states: States, sizes: Sizes) 
         size = np.broadcast_to(sizes.length / sizes.scales, jacobian.shape)
         yield "centre_of_mass_jacobian", jacobian, size
     if quantities.momentum is not None:
-        turning = (sizes.units[:, tree.turns] ** 2).max(axis=-1)
+        turning = (sizes.units[:, tree.turns] ** 2).max(axis=-1, initial=0.0)
         size = np.stack([np.full_like(turning, tree.mass * sizes.length), turning], axis=-1)
         size = np.repeat(size * sizes.rate[:, None], 3, axis=-1)
         yield "centroidal_momentum", quantities.momentum, size

@@ -1,10 +1,10 @@
 """Formulations of the equations of motion: the quantities that they compute, and their interface.
 
-Formulations know trees of joints only. For a base with a quaternion the tree is placed, at every
-state, where the base is. There the base's own joints are at zero, and stand for a small motion from
-it: along and about the axes of the base. So their rates are the velocities of the base in its own
-frame; their accelerations differ from the rates of these velocities by terms of the velocities
-alone, since the axes turn with the base.
+Formulations know trees of joints only. For a base with velocities in its own frame, as with a
+quaternion, the tree is placed, at every state, where the base is. There the base's own joints are
+at zero, and stand for a small motion from it: along and about the axes of the base. So their rates
+are the velocities of the base in its own frame; their accelerations differ from the rates of these
+velocities by terms of the velocities alone, since the axes turn with the base.
 """
 
 from __future__ import annotations
@@ -129,8 +129,8 @@ def _ordered(values: Array | None, order: Array) -> Array | None:
     return None if values is None else values[..., order]
 
 
-class FreeBase:
-    """A formulation (see `formulation`) of a base with a quaternion, by one of its placed tree."""
+class PlacedBase:
+    """A formulation of a base with velocities in its own frame, by one of its placed tree."""
 
     def __init__(self, inner: Formulation) -> None:
         self.tree = inner.tree
@@ -152,5 +152,5 @@ class FreeBase:
 
 
 def formulated(inner: Formulation) -> Formulation:
-    """A formulation of a robot's tree, which is placed where the base is if it has a quaternion."""
-    return FreeBase(inner) if inner.tree.layout.is_quaternion else inner
+    """A formulation of a robot's tree, placed where velocities of the base are in its own frame."""
+    return PlacedBase(inner) if inner.tree.layout.turns_with_base else inner

@@ -85,13 +85,13 @@ class Invariants:
             return
         accelerations = values["forward_dynamics"]
         torques = self.evaluation("constraint_torques", states.q, states.v, accelerations, states.u)
-        solution = np.concatenate([tree.spread(accelerations), torques], axis=-1)
+        solution = np.concatenate([tree.spread(accelerations)[:, : tree.count], torques], axis=-1)
         driven = times(values["hybrid_input_matrix"], states.u)
         right = values["hybrid_residual"] + driven
         left = times(values["hybrid_mass_matrix"], solution)
         size = np.ones_like(right)
         inertial = sizes.units * sizes.largest(accelerations)
-        size[:, : tree.size] = sizes.effort + inertial + sizes.driven
+        size[:, : tree.count] = (sizes.effort + inertial + sizes.driven)[:, : tree.count]
         against = "I_H a_H = R_H + B_H u of the reduced"
         yield compared("hybrid_mass_matrix", against, left, right, size, EXACT)
 

@@ -99,6 +99,7 @@ class _Mapping:
             base=replace(
                 base,
                 **self._numbers(base, "base"),
+                pose=base.pose if base.moves_freely else self._part("base", base.pose),
                 arms=tuple(map(self._body, arms, base.arms)),
                 body=as_rigid_body(self._body("base", base.body)) if base.body else None,
             ),

@@ -90,26 +90,35 @@ class States:
         return np.abs(np.ones_like(self.active) * _factors(self.active, 7)) / 1.5
 
     def placed(self, tree: Tree) -> tuple[Tree, States]:
-        """The tree of a base with a quaternion, placed at the base, and the states of its joints.
+        """The tree of a base with velocities in its own frame, placed there, and the states.
 
-        The base's joints are at zero then; without a quaternion, what is given.
+        The base's joints are at zero then; for other bases, what is given.
         """
-        if not tree.layout.is_quaternion:
+        if not tree.layout.turns_with_base:
             return tree, self
         from scipy.spatial.transform import Rotation  # Late, as SciPy takes long to import.
 
         q, v = tree.layout.q, tree.layout.v
         there = copy.copy(tree)
-        rotation = Rotation.from_quat(self.q[:, q.attitude])
-        there.placement = rotation.as_matrix(), self.q[:, q.position]
+        parts, place = self.q[:, q.attitude], np.zeros((len(self), 3))
+        if tree.layout.is_quaternion:
+            rotation = Rotation.from_quat(parts)
+        else:
+            rotation = Rotation.from_euler("Z", parts)
+        travels, axes = tree.layout.own_axes
+        place[:, travels] = self.q[:, q.position]
+        there.placement = rotation.as_matrix(), place
         joints = np.zeros_like(self.v)
         joints[:, v.joints] = self.q[:, q.joints]
         # The joints of the position keep their axes while the base turns, and each rotation turns
         # the axes of those after it: so rates of velocities are not the joints' accelerations.
-        x, y, z = self.v[:, v.attitude].T
+        spin, drift = np.zeros((2, len(self), 3))
+        spin[:, axes], drift[:, travels] = self.v[:, v.attitude], self.v[:, v.position]
+        x, y, z = spin.T
         accelerations = self.a.copy()
-        accelerations[:, v.position] += cross(self.v[:, v.attitude], self.v[:, v.position])
-        accelerations[:, v.attitude] -= np.stack([y * z, -x * z, x * y], axis=-1)
+        accelerations[:, v.position] += cross(spin, drift)[:, travels]
+        if tree.layout.is_quaternion:
+            accelerations[:, v.attitude] -= np.stack([y * z, -x * z, x * y], axis=-1)
         return there, replace(self, q=joints, a=accelerations)
 
     @classmethod
@@ -150,8 +159,8 @@ class States:
         chosen = np.where(kinds[:, None] == 0, several, beyond)
         q[:, turning] = np.where(kinds[:, None] == 2, q[:, turning], chosen)
         near = 0.5 * np.pi + rng.choice([-1.0, 1.0], count) * np.resize(_NEAR, count)
-        middle = tree.middle_angle
-        q[:, middle] = np.where(kinds == 2, signs[:, 0] * near, q[:, middle])
+        if (middle := tree.middle_angle) is not None:
+            q[:, middle] = np.where(kinds == 2, signs[:, 0] * near, q[:, middle])
         x, command = _driven(tree, q, usual.v, rng)
         return replace(usual, q=tree.coordinates(q), x=x, command=command)
 
@@ -189,7 +198,8 @@ def _random_angles(tree: Tree, count: int, rng: np.random.Generator) -> Array:
     turning = tree.turns[tree.free]
     spread = np.where(turning, np.pi, 1.0)
     q = rng.uniform(-spread, spread, (count, len(spread))) * tree.scales[tree.free]
-    q[:, tree.middle_angle] = rng.uniform(-_STEEPEST, _STEEPEST, count)
+    if (middle := tree.middle_angle) is not None:
+        q[:, middle] = rng.uniform(-_STEEPEST, _STEEPEST, count)
     return q
 
 
@@ -229,7 +239,9 @@ class Sizes:
         self.rate = rates[:, 0]
         self.length = tree.reach
         self.kinetic = np.sum((self.free_units * states.v) ** 2, axis=-1)
-        self.potential = abs(tree.gravity) * tree.mass * self.reach + passive[1]
+        # Masses may be where no point is.
+        height = np.maximum(self.reach, tree.reach)
+        self.potential = abs(tree.gravity) * tree.mass * height + passive[1]
         self.free_effort = self.effort[:, tree.free]
         self.free_inertial_effort = self.inertial_effort[:, tree.free]
         power = np.abs(states.a) * self.free_inertial_effort

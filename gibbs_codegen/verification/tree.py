@@ -104,30 +104,34 @@ class Assembly:
     - `bodies`: frames that the file gives the base, rods that are held, and links, by their
       numbers.
     - `carriers`: for each of these but the base, the number of the body that carries it.
-    - `arm`: places of the joints that move, in the order of their links.
+    - `arm`: places of the joints that move, in the order of their links; `held`: how many are held.
     - `motors`: where they sit, and what each does there, in the order of the thrusts.
     - `frames`: the named frames; `points`: those of a module's POINTS, in order.
     """
 
     def __init__(self, robot: Robot) -> None:
         layout = layout_of(robot)
-        count = len(layout.free) + layout.constrained.stop - layout.constrained.start
+        self.held = layout.constrained.stop - layout.constrained.start
+        count = len(layout.free) + self.held
         self.joints: list[Joint] = []
         self.parts: list[JointPart] = []
         self.arm = layout.free[layout.v.joints]
         self._robot = robot
         self._constrained = iter(range(count)[layout.constrained])
         root = WORLD
-        for place, letter in zip(layout.free[layout.v.position], "xyz", strict=True):
+        travels = layout.q.names[layout.q.position]
+        for place, letter in zip(layout.free[layout.v.position], travels, strict=True):
             root = self._add(Joint(root, place, "xyz".index(letter), revolute=False))
-        sequence = "xyz" if layout.is_quaternion else layout.attitude
+        sequence = "xyz" if layout.is_quaternion else layout.angle_axes
         for place, letter in zip(layout.free[layout.v.attitude], sequence, strict=True):
             root = self._add(Joint(root, place, "xyz".index(letter)))
+        if root == WORLD:  # A joint that never moves carries what is fixed.
+            root = self._add(Joint(root, count, 0, revolute=False))
         base, centre = robot.base, np.zeros(3)
         if base.origin == "motor1":
             angles = base.azimuth_deg or (180,)  # The first rod is seen from its motor.
             centre = -base.arm(1).length * _turn("z", float(angles[0]))[:, 0]
-        self.centre = Point(root, centre)
+        self.centre = Point(root, centre).within(*_posed(base.pose))
         self.bodies = {BASE: self.centre}
         self.carriers: dict[int, int] = {}
         if base.body is not None:
@@ -331,6 +335,7 @@ class Tree:
       each of s states; None in the world's origin.
     - `free`, `constrained`, `arm`: places of the velocities, of the constrained joints and of the
       arm's among all joints.
+    - `count`, `size`: how many joints the hybrid system has; with one that carries a fixed base.
     - `turns`, `scales`: for each coordinate whether it is an angle; 1 if so, else the reach.
     - `reach`, `tempo`: a length of the robot's own size, in m; what rates are of the order of, in
       1/s.
@@ -352,8 +357,8 @@ class Tree:
         built = Assembly(robot)
         self.joints, self.parts, self.arm = built.joints, built.parts, built.arm
         self.bodies, self.carriers = built.bodies, built.carriers
-        self.size = len(self.joints)
-        self.constrained = [*range(self.size)[self.layout.constrained]]
+        self.size, self.count = len(self.joints), len(self.free) + built.held
+        self.constrained = [*range(self.count)[self.layout.constrained]]
         self.turns = np.zeros(self.size, bool)
         self.turns[[joint.place for joint in self.joints if joint.revolute]] = True
         self.points = built.points
@@ -383,9 +388,10 @@ class Tree:
         return force * np.concatenate([np.ones(len(self.motors)), levers])
 
     @property
-    def middle_angle(self) -> int:
-        """Place in v of the middle angle of the attitude, as `coordinates` takes it."""
-        return range(self.size)[self.layout.v.attitude][1]
+    def middle_angle(self) -> int | None:
+        """Place in v of the middle of three angles of the attitude, as `coordinates` takes it."""
+        places = range(self.size)[self.layout.v.attitude]
+        return places[1] if len(places) == 3 else None
 
     def coordinates(self, angles: Array) -> Array:
         """Coordinates (…, nq) as the robot's module takes them.

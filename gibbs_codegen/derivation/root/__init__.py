@@ -8,9 +8,9 @@ into generalised forces (`rows`), and the inertia of the whole into the base's b
 Gibbs–Appell equations are the same.
 
 Values of the base are those of attitude and then of position, without the joints: what
-`Places.split` gives and `Places.joined` takes. Gravity (m/s²) is an upward acceleration in all
-motions. The acceleration of the origin counts along the directions in which linear velocities do:
-the world's for Tait–Bryan angles, the base's for a quaternion.
+`Places.split` gives and `Places.joined` takes: six, whatever moves. Gravity (m/s²) is an upward
+acceleration in all motions. The acceleration of the origin counts along the directions in
+which linear velocities do: the world's for Tait–Bryan angles, otherwise the base's.
 
 Back from a motion of the group frame, relative to free fall, to rates of the base's velocities lead
 `accelerations`, and `acceleration_rows` for changes of that motion in a frame from which `turns`
@@ -29,18 +29,27 @@ matrix, in place of the derivatives by velocities: the entries ∫ξ_i·2ξ̇_j 
 
 from __future__ import annotations
 
+from gibbs_codegen.derivation.root.level import LevelRoot
 from gibbs_codegen.derivation.root.quaternion import QuaternionDerivatives, QuaternionRoot
 from gibbs_codegen.derivation.root.tait_bryan import TaitBryanDerivatives, TaitBryanRoot
 from gibbs_codegen.robot.layout import Layout
+from gibbs_codegen.robot.parts.base import FIXED
 from gibbs_codegen.symbolic.tape import Scalars, Values
 
-Root = TaitBryanRoot | QuaternionRoot
+Root = TaitBryanRoot | QuaternionRoot | LevelRoot
 BaseDerivatives = TaitBryanDerivatives | QuaternionDerivatives
 
 
 def root_of(layout: Layout, tape: Scalars, q: Values) -> Root:
-    """The root of a robot: a quaternion, or Tait–Bryan angles in the robot's sequence."""
+    """The root of a robot: a quaternion, Tait–Bryan angles in the robot's sequence, or level.
+
+    Where virtual links move the base, these stand on a root that does not move.
+    """
     attitude = tuple(q[layout.q.attitude])
+    if not layout.moves_freely:
+        if not layout.turns_with_base:
+            return LevelRoot.of(tape, FIXED, ())
+        return LevelRoot.of(tape, layout.attitude, attitude)
     if layout.is_quaternion:
         return QuaternionRoot.make(tape, attitude)
     return TaitBryanRoot.make(tape, layout.attitude, attitude)

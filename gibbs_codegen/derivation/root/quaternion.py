@@ -247,7 +247,7 @@ class QuaternionRoot:
         """
         let, q, position = tape.let, coordinates[:4], tuple(coordinates[4:])
         turn = tuple(step[:3])
-        square, cosine, share = _half_angle(tape, turn)
+        square, cosine, share = half_angle(tape, turn)
         with tape.group("angle of the displacement, and its functions"):
             first = let(2 * share * share)
             second = let(let(1 - 2 * share * cosine) * let(1 / square))
@@ -292,7 +292,7 @@ class QuaternionRoot:
         poses.
         """
         turn = tuple(step[:3])
-        square, cosine, share = _half_angle(tape, turn)
+        square, cosine, share = half_angle(tape, turn)
         _, first, second = _coefficients(tape, square, cosine, share)
         with tape.group("motion as a rotation and a way"):
             axes = rotation_columns(tape, (*tape.scale(share, turn), cosine))
@@ -313,7 +313,7 @@ class QuaternionRoot:
         with J = a·1 − b·φ̃ + c·φφᵀ, and with Q the rate of J as φ moves by the linear part.
         """
         let, turn, linear = tape.let, tuple(step[:3]), tuple(step[3:])
-        square, cosine, share = _half_angle(tape, turn)
+        square, cosine, share = half_angle(tape, turn)
         a, b, c = _coefficients(tape, square, cosine, share)
         with tape.group("rates of the functions of the angle"):
             along = tape.dot(turn, linear)
@@ -347,10 +347,8 @@ class QuaternionRoot:
         let = tape.let
         displacement = self.difference(tape, start, end)
         turn, linear = tuple(displacement[:3]), tuple(displacement[3:])
-        x, y, z, w = start[:4]
-        _, _, cosine, _, quarter, ratio = _between(tape, (-x, -y, -z, w), tuple(end[:4]))
+        h, angle = self._bend(tape, start, end, turn)
         with tape.group("functions of the angle"):
-            h, angle = let(ratio * cosine), let(4 * quarter)
             square = let(angle * angle + _TINY)
             series = sp.S.Zero
             bounded, small = _bounded(tape, square)
@@ -367,6 +365,15 @@ class QuaternionRoot:
         with tape.group("what a displacement of the second pose makes"):
             rates = (h_rate, sp.S.Zero, e_rate)
             return _of_changes(tape, turn, linear, (h, sp.Rational(1, 2), e), rates)
+
+    def _bend(
+        self, tape: Scalars, start: Values, end: Values, turn: Vector
+    ) -> tuple[sp.Expr, sp.Expr]:
+        """H of the turn from one pose to another, and its angle."""
+        x, y, z, w = start[:4]
+        _, _, cosine, _, quarter, ratio = _between(tape, (-x, -y, -z, w), tuple(end[:4]))
+        with tape.group("functions of the angle"):
+            return tape.let(ratio * cosine), tape.let(4 * quarter)
 
     def acceleration_rows(
         self, tape: Scalars, turns: Sequence[Rotation]
@@ -430,7 +437,7 @@ def _of_changes(
     return block
 
 
-def _half_angle(tape: Scalars, turn: Vector) -> tuple[sp.Expr, sp.Expr, sp.Expr]:
+def half_angle(tape: Scalars, turn: Vector) -> tuple[sp.Expr, sp.Expr, sp.Expr]:
     """θ², cos θ/2, and sin(θ/2)/θ of the angle θ of a turn, axis times angle (rad)."""
     let = tape.let
     with tape.group("angle of the displacement, and its functions"):
@@ -482,7 +489,7 @@ def _way(tape: Scalars, turn: Vector, step: Vector, first: sp.Expr, second: sp.E
 def _coefficients(
     tape: Scalars, square: sp.Expr, cosine: sp.Expr, share: sp.Expr
 ) -> tuple[sp.Expr, sp.Expr, sp.Expr]:
-    """Functions a, b, c of an angle from `_half_angle`, as accurate as numbers are at any angle."""
+    """Functions a, b, c of an angle from `half_angle`, as accurate as numbers are at any angle."""
     let = tape.let
     with tape.group("functions of the angle"):
         a, b = let(2 * share * cosine), let(2 * share * share)

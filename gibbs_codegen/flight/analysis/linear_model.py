@@ -191,11 +191,14 @@ def _model(
     derivatives = {name: sum(side[name] for side in sides) / len(sides) for name in sides[0]}
     places = vehicle.layout.v
     carried = np.zeros((places.size, places.size))  # −ad(ξ₀): the rate of δ by δ itself.
-    if vehicle.layout.is_quaternion:
-        turning, moving = (skew(state.v[part]) for part in (places.attitude, places.position))
-        carried[places.position, places.position] = -turning
-        carried[places.position, places.attitude] = -moving
-        carried[places.attitude, places.attitude] = -turning
+    if vehicle.layout.turns_with_base:
+        along, about = vehicle.layout.own_axes
+        parts = np.zeros((2, 3))
+        parts[0, about], parts[1, along] = state.v[places.attitude], state.v[places.position]
+        turning, moving = map(skew, parts)
+        carried[places.position, places.position] = -turning[np.ix_(along, along)]
+        carried[places.position, places.attitude] = -moving[np.ix_(along, about)]
+        carried[places.attitude, places.attitude] = -turning[np.ix_(about, about)]
     still = np.zeros((places.size, len(x) + len(u)))
     names = ["q", "v", *(["x"] if len(x) else []), "u"]
     rows = [[derivatives[f"{y}_by_{x}"] for x in names] for y in ("a", "rates") if y in derivatives]
@@ -511,8 +514,9 @@ def deviation_names(vehicle: Vehicle, lagging: Sequence[int] = ()) -> tuple[str,
     places, names = vehicle.layout.v, list(vehicle.layout.v.names)
     states = vehicle.actuator_states or [f"the thrust {vehicle.inputs[k]}" for k in lagging]
     names[places.joints] = vehicle.joint_names
-    if vehicle.layout.is_quaternion:
-        names[places.position] = [f"place along the base's {axis}" for axis in "xyz"]
-        names[places.attitude] = [f"attitude about the base's {axis}" for axis in "xyz"]
+    if vehicle.layout.turns_with_base:
+        along, about = vehicle.layout.own_axes
+        names[places.position] = [f"place along the base's {'xyz'[axis]}" for axis in along]
+        names[places.attitude] = [f"attitude about the base's {'xyz'[axis]}" for axis in about]
         return (*names, *vehicle.layout.v.names, *states)
     return (*names, *(f"the rate of {name}" for name in names), *states)

@@ -79,7 +79,7 @@ class Kinematics:
     @property
     def space(self) -> Space:
         """The numbers of entries of coordinates and displacements."""
-        return Space(self.layout.q.size, self.layout.v.size)
+        return Space.of(self.layout)
 
     def difference(self, q: Node, other: Node) -> Node:
         """The displacement (nv) between coordinates, of which the attitude alone is looked at."""

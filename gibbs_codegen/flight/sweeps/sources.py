@@ -205,7 +205,7 @@ def robot_data(robot: StrPath, read: Callable[[str], tuple[Robot, str]] | None =
 
     source, _ = (read or read_robot)(word)
     module, described = ModuleType(source.name), Description(source)
-    vars(module).update(NAME=source.name, ATTITUDE=source.base.attitude)
+    vars(module).update(NAME=source.name, ATTITUDE=source.base.kind)
     vars(module).update(**described.lists(), **described.constants)
     return RobotData(module, None if carried_rotors(source) else wrench_matrix(source))
 

@@ -7,12 +7,34 @@ from dataclasses import dataclass
 from fractions import Fraction
 from typing import Annotated, Any, ClassVar, Literal, get_args
 
-from pydantic import ValidationInfo, field_validator
+from pydantic import BeforeValidator, ValidationInfo, field_validator
 
-from gibbs_codegen.files.table import Bounds, Whole, at_most, fault, list_of, reader
+from gibbs_codegen.files.table import (
+    Bounds,
+    InSchema,
+    Whole,
+    at_most,
+    fault,
+    kind_of,
+    list_of,
+    not_one_of,
+    reader,
+    shown,
+    to_python,
+)
 from gibbs_codegen.robot.parts.body import RIGID_NEEDS_MASS, Body, BodyKeys, RigidBody, RigidKeys
-from gibbs_codegen.robot.parts.numbers import AXES, Angle, Direction, NotNegative, Size, Vector3
+from gibbs_codegen.robot.parts.numbers import (
+    AXES,
+    Angle,
+    Angles,
+    Direction,
+    NotNegative,
+    Size,
+    Sizes3,
+    Vector3,
+)
 from gibbs_codegen.robot.parts.part import Part, entry, number, taken
+from gibbs_codegen.robot.parts.pose import HERE, Pose, Posed
 from gibbs_codegen.robot.parts.rotor import MAX_ROTORS
 
 Origin = Literal["motor1", "centre", "base"]
@@ -24,6 +46,57 @@ SEQUENCES = ATTITUDES[:-1]
 ROD_ORIGINS: tuple[Origin, ...] = ("motor1", "centre")
 # The keys of rods and of the motors at their ends.
 ROD_KEYS = ("rotors", "arm", "thrust", "drag", "azimuth_deg")
+FREE, FIXED = "free", "fixed"
+# Motions of a base that stays level, with what of it moves, along and about its own axes.
+LEVEL_MOTIONS = {FIXED: (), "planar": ("x", "y", "yaw"), "upright": ("x", "y", "z", "yaw")}
+# Axes of the world along which a base with a list moves, and about which.
+TRAVELS = dict(zip(("x", "y", "z"), range(3), strict=True))
+TURNS = dict(zip(("roll", "pitch", "yaw"), range(3), strict=True))
+
+
+def _motion(value: object) -> object:
+    """A motion by name, or the names of what moves, translations first."""
+    names = (FREE, *LEVEL_MOTIONS)
+    if isinstance(value, str):
+        if value not in names:
+            raise fault(not_one_of(value, names))
+        return value
+    parts = to_python(value)
+    if not isinstance(parts, list):
+        choices = ", ".join(map(repr, names))
+        raise fault(f"must be one of {choices} or a list of what moves, not {kind_of(value)}")
+    for i, part in enumerate(parts):
+        if part not in (*TRAVELS, *TURNS):
+            raise fault(not_one_of(part, (*TRAVELS, *TURNS)))
+        if part in parts[:i]:
+            raise fault(f"{shown(part)} is there twice")
+        if part in TRAVELS and any(before in TURNS for before in parts[:i]):
+            raise fault(
+                f"{shown(part)} comes after a rotation, which would turn its axis: put it before, "
+                'or take motion = "fixed" and links that move'
+            )
+    if not parts:
+        raise fault('nothing moves: give "fixed" instead of an empty list')
+    return tuple(parts)
+
+
+Motion = Annotated[
+    Any,
+    BeforeValidator(_motion),
+    InSchema(
+        {
+            "anyOf": [
+                {"enum": [FREE, *LEVEL_MOTIONS]},
+                {
+                    "type": "array",
+                    "items": {"enum": [*TRAVELS, *TURNS]},
+                    "minItems": 1,
+                    "uniqueItems": True,
+                },
+            ]
+        }
+    ),
+]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -34,6 +107,12 @@ class BaseKeys(Part):
         "the number of rotors and arms, N", unsaid=0
     )
     attitude: Attitude = entry("intrinsic sequence of the attitude angles, or quaternion", "xyz")
+    motion: Motion = entry(
+        'what of the base moves: "free", all of it; "fixed", nothing; "planar", x, y and yaw; '
+        '"upright", these and z; or a list of x, y, z, roll, pitch and yaw, along and about axes '
+        "of the world in that order",
+        FREE,
+    )
     origin: Origin = entry(
         "the point whose position is x, y, z: motor1 or centre where the base has arms, base "
         "where it has none; default: motor1 with arms, base without",
@@ -60,11 +139,28 @@ class Base(BaseKeys):
     """The flying base: a central body, N rods with a motor at the end of each, or both, rigid.
 
     `rotors` is the number of rods. `arms` has one entry when all rods share one table, else N.
-    `azimuth_deg` None is the paper's rule, in which rod 1 is seen from its motor.
+    `azimuth_deg` None is the paper's rule, in which rod 1 is seen from its motor. `motion` is a
+    name, or a tuple of what moves. `pose` is that of the base where nothing has moved yet.
     """
 
+    pose: Pose = HERE
     arms: tuple[Body, ...] = ()
     body: RigidBody | None = None
+
+    @property
+    def moves_freely(self) -> bool:
+        """True if position and attitude are whatever they are."""
+        return bool(self.motion == FREE)
+
+    @property
+    def virtual_joints(self) -> tuple[str, ...]:
+        """What moves as joints of links without length and mass, from the world outwards."""
+        return self.motion if isinstance(self.motion, tuple) else ()
+
+    @property
+    def kind(self) -> str:
+        """What a module says of the base's coordinates: the attitude's kind, or what moves."""
+        return self.attitude if self.moves_freely else " ".join(self.virtual_joints) or self.motion
 
     @property
     def shares_one_arm(self) -> bool:
@@ -101,7 +197,7 @@ class ArmTable(BodyKeys):
 
 
 @dataclass(frozen=True, kw_only=True)
-class BaseTable(BaseKeys, RigidKeys):
+class BaseTable(Posed, BaseKeys, RigidKeys):
     """The flying base, rigid: a central body, rods with a motor at the end of each, or both."""
 
     conditions: ClassVar[dict[str, Any]] = {
@@ -111,6 +207,14 @@ class BaseTable(BaseKeys, RigidKeys):
         }
     }
 
+    xyz: Sizes3 | None = entry(
+        "place of the base, m, where nothing has moved yet and it does not move freely; default "
+        "[0, 0, 0]"
+    )
+    rpy_deg: Angles | None = entry(
+        "roll, pitch and yaw of the base there, R = R_z·R_y·R_x as in URDF, degrees; default "
+        "[0, 0, 0]"
+    )
     arm: ArmTable | list[ArmTable] | None = entry(
         "one table for all arms, or a list of one for each"
     )
@@ -125,12 +229,32 @@ class BaseTable(BaseKeys, RigidKeys):
                     yield key, cls._missing(key)
         elif values.get("origin") in ROD_ORIGINS:
             yield "origin", 'must be "base" where the base has no arms (base.rotors and base.arm)'
+        yield from cls._motion_faults(values)
         arms, rotors = values.get("arm"), values.get("rotors")
         if not isinstance(arms, list) or not isinstance(rotors, int):
             return
         if 1 < rotors <= MAX_ROTORS and rotors != len(arms) <= MAX_ROTORS:
             what = f"a list of {len(arms)} for {rotors} rotors"
             yield "arm", f"{what}; give one table for all, or one each"
+
+    @classmethod
+    def _motion_faults(cls, values: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+        """Faults of keys that do not fit how the base moves."""
+        if values.get("motion", FREE) == FREE:
+            for key in ("xyz", "rpy_deg"):
+                if key in values:
+                    yield (
+                        key,
+                        "is of a base that does not move freely: give its motion too, or "
+                        "leave it out, since the coordinates say where the base is",
+                    )
+            return
+        for key in ("attitude", *ROD_KEYS):
+            if key in values:
+                why = "its motion says how it turns"
+                if key != "attitude":
+                    why = "give it [[rotor]] tables"
+                yield key, f"is of a base that moves freely: leave it out; {why}"
 
     @field_validator("thrust", "drag", "azimuth_deg", mode="before")
     @classmethod
@@ -162,7 +286,7 @@ class BaseTable(BaseKeys, RigidKeys):
         """The base that the table describes."""
         body, keys = self.rigid_body(0.0), vars(taken(BaseKeys, self))
         if self.arm is None:
-            return Base(**keys | {"origin": "base"}, body=body)
+            return Base(**keys | {"origin": "base"}, body=body, pose=self.whole_pose)
         arms = self.arm if isinstance(self.arm, list) else [self.arm]
         keys["thrust"] = self.thrust or alternating_thrust(self.rotors)
         keys["drag"] = self.drag or (0.0,) * self.rotors

@@ -185,7 +185,7 @@ def _result_lines(description: Description) -> Lines:
             f"{description.robot.name}_integrate only, if the square of its length is neither 0 "
             "nor infinite."
         )
-    else:
+    elif len(description.layout.angle_axes) == 3:
         text += (
             " No attitude angle makes them so: no floating-point number is an odd multiple of 90 "
             "degrees, and close to those the functions are accurate."
@@ -201,6 +201,13 @@ def _convention_lines(description: Description) -> Lines:
             "component by component. Coordinates, velocities and accelerations are those of a "
             "free flyer in Pinocchio."
         )
+    elif description.layout.turns_with_base:
+        rates = (
+            "The velocities of the base are along and about its own axes, and a has their time "
+            "derivatives component by component."
+        )
+    elif not description.layout.moves_freely:
+        rates = "Rates are plain time derivatives of the coordinates."
     robot, frame = description.robot, documentation.base_frame(description)
     attitude = (
         f"The attitude, from {frame} to the world, is {documentation.attitude_text(description)}."
