@@ -112,12 +112,14 @@ def _slices(
     hybrid = hybrid_system(symbolic, reduced)
     systems = ConstrainedSystems(imported, symbolic, reduced, hybrid)
     lists: dict[str, Collection[str]] = {**symbolic.description.lists(functions)}
-    for stage in range(3):
-        if stage == 2:  # Their shapes depend on which parameters the others have.
+    for stage in range(4):
+        if stage == 3:  # Their shapes depend on which parameters the others have.
             lists["PARAMETERS"] = systems.parameters
         for signature in signatures(lists, functions):
             row = FUNCTIONS[signature.name]
             row_stage = 0 if not row.on_request else 1 if "CONSTRAINTS" in row.needs else 2
+            if any("p" in output.shape for output in row.outputs):
+                row_stage = 3
             if row_stage == stage and not row.composed:
                 progress(signature.name.replace("_", " "))
                 systems.functions[signature.name] = _slice(systems, signature)
