@@ -83,7 +83,11 @@ static INLINE real arctan2_real(const real a, const real b)
 }
 
 #if LANES == 1
-#define greater(a, b) ((a) > (b))
+static INLINE flags greater(const number a, const number b)
+{
+    return a > b;
+}
+
 #define minimum minimum_real
 #define maximum maximum_real
 #define choose choose_real
