@@ -37,7 +37,7 @@ def test_a_page_plays_a_flight_and_asks_for_nothing(shipped: Shipped, tmp_path: 
             seen.page.wait_for_function(reached)
             seen.page.keyboard.press("Space")
             pictures.append(pixels(seen.page))
-            # From where it stands: a busy machine is late to stop it, and it begins anew at its end.
+            # From where it stands, since a busy machine is late to stop it.
             reached = f"Math.abs({time} - {seen.page.evaluate(time)}) > 1"
             seen.page.keyboard.press("Space")
         key = seen.page.locator("#key").inner_text()
