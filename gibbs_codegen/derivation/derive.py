@@ -107,10 +107,13 @@ def _slices(
     module: the mass of the whole robot. With these comes by which parameters there are derivatives.
     """
     progress("reduced system")
-    reduced = reduced_system(symbolic)
+    tree = symbolic.ungeared
+    reduced = reduced_system(tree)
     progress("hybrid system")
-    hybrid = hybrid_system(symbolic, reduced)
-    systems = ConstrainedSystems(imported, symbolic, reduced, hybrid)
+    hybrid = hybrid_system(tree, reduced)
+    systems = ConstrainedSystems(
+        imported, symbolic, reduced.folded(symbolic), hybrid.folded(symbolic)
+    )
     lists: dict[str, Collection[str]] = {**symbolic.description.lists(functions)}
     for stage in range(4):
         if stage == 3:  # Their shapes depend on which parameters the others have.

@@ -62,6 +62,8 @@ def shorter_dynamics(
 
     It takes fewer with other wrenches too.
     """
+    if symbolic.robot.is_geared:  # Gears lead from one branch to another.
+        return factorised_dynamics, factorised_dynamics(symbolic)
     articulated = articulated_dynamics(symbolic)
     most = operations(imported, articulated)
     factorised = factorised_dynamics(symbolic, most=most)
@@ -113,11 +115,12 @@ def factorised_dynamics(
     tape, n = symbolic.tape, symbolic.joints
     if not symbolic.robot.base.moves_freely:
         return _by_whole_matrix(symbolic, acting, most)
-    centred = symbolic.centred
+    centred = symbolic.centred.ungeared
     inertia = tree_dynamics.joint_space_inertia(tape, centred.reduced_tree)
     with tape.group("mass matrix with the armature of the joints"):
-        for j, armature in enumerate(armatures(symbolic)):
+        for j, armature in enumerate(armatures(centred)):
             inertia.entries[j, j] = tape.let(inertia.entries[j, j] + armature)
+    inertia = _folded_inertia(symbolic, inertia)
     composite = inertia.composite
     with tape.group("mass matrix with the translation eliminated"):
         lightness = tape.let(1 / composite.mass)
@@ -135,6 +138,7 @@ def factorised_dynamics(
     with tape.group("thrusts and joint torques less inertia forces"):
         thrust = thrust.rotated(tape, centred.root.segment_rotation)
         efforts = [tape.let(u - row) for u, row in zip(_efforts(centred), rows, strict=True)]
+        efforts = symbolic.folded_joints(efforts) if symbolic.robot.is_geared else efforts
         drive = thrust.plus(tape, bias.opposite)
     with tape.group("driving forces with the translation eliminated"):
         right = [tape.let(e - tape.dot(light[i], drive.force)) for i, e in enumerate(efforts)]
@@ -151,14 +155,33 @@ def factorised_dynamics(
     return in_coordinates(symbolic, solution[:n], Acceleration((x, y, z), angular))
 
 
+def _folded_inertia(
+    symbolic: SymbolicRobot, inertia: tree_dynamics.JointSpaceInertia
+) -> tree_dynamics.JointSpaceInertia:
+    """Columns and entries of the coordinates, from those of all joints."""
+    if not symbolic.robot.is_geared:
+        return inertia
+    fold, places = symbolic.folded_joints, range(len(inertia.wrenches))
+    components = zip(*(wrench.entries for wrench in inertia.wrenches), strict=True)
+    wrenches = map(Wrench.of, zip(*map(fold, components), strict=True))
+    pairs = [[(min(i, j), max(i, j)) for j in places] for i in places]
+    rows = [fold([inertia.entries.get(pair, sp.S.Zero) for pair in row]) for row in pairs]
+    columns = enumerate(map(fold, zip(*rows, strict=True)))
+    entries = {(i, j): entry for j, column in columns for i, entry in enumerate(column)}
+    return tree_dynamics.JointSpaceInertia(inertia.composite, [*wrenches], entries)
+
+
 def _by_whole_matrix(symbolic: SymbolicRobot, acting: Acting, most: float) -> list[sp.Expr]:
     """Accelerations by LDLᵀ of M of a base that does not move freely, as `factorised_dynamics`."""
-    tape, root, tree, places = symbolic.tape, symbolic.root, symbolic.reduced_tree, symbolic.places
+    tape, root, geared = symbolic.tape, symbolic.root, symbolic
+    symbolic = symbolic.ungeared
+    tree, places = symbolic.reduced_tree, symbolic.places
     matrix = tree_dynamics.mass_matrix(tape, root, tree)
     with tape.group("mass matrix with the armature of the joints"):
         for place, armature in zip(places.joint_places, armatures(symbolic), strict=True):
             matrix[place][place] = tape.let(matrix[place][place] + armature)
-    order = [*reversed(places.joint_places), *places.base]
+    matrix = geared.folded_matrix(matrix)
+    order = [*reversed(geared.places.joint_places), *places.base]
     if operations_to_solve(matrix, order) >= most:
         return []
     resting = symbolic.state.unaccelerated
@@ -170,11 +193,12 @@ def _by_whole_matrix(symbolic: SymbolicRobot, acting: Acting, most: float) -> li
             tape.let(force - entry + efforts.get(place, sp.S.Zero))
             for place, (force, entry) in enumerate(zip(active, taken, strict=True))
         ]
+    right = geared.folded(right)
     try:
         with tape.group("accelerations of joints and base, by LDL^T"):
             return solve_symmetric(tape, matrix, right, order)
     except ZeroPivotError as error:
-        unresisted = symbolic.description.coordinate_text(error.unknown)
+        unresisted = geared.description.coordinate_text(error.unknown)
         raise SingularRobotError(symbolic.robot.name, [(unresisted,)]) from None
 
 

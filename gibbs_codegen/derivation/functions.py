@@ -61,28 +61,26 @@ DERIVATIONS: dict[str, Callable[[ConstrainedSystems], systems.Array]] = {
     "hybrid_mass_matrix": lambda s: s.hybrid.matrix,
     "hybrid_residual": lambda s: s.hybrid.residual,
     "hybrid_input_matrix": lambda s: s.hybrid.inputs,
-    "constraint_torques": lambda s: hybrid.constraint_torques(s.symbolic),
-    "gibbs": lambda s: passive.gibbs(s.symbolic),
-    "kinetic_energy": lambda s: passive.kinetic_energy(s.symbolic),
-    "potential_energy": lambda s: passive.potential_energy(s.symbolic),
-    "positions": lambda s: forward_kinematics.positions(s.symbolic),
-    "tip_pose": lambda s: forward_kinematics.frame_poses(s.symbolic, "tip"),
-    "tip_jacobian": lambda s: forward_kinematics.frame_jacobians(s.symbolic, "tip"),
-    "tip_bias_acceleration": lambda s: forward_kinematics.tip_bias_acceleration(s.symbolic),
-    "frame_poses": lambda s: forward_kinematics.frame_poses(s.symbolic),
-    "frame_jacobians": lambda s: forward_kinematics.frame_jacobians(s.symbolic),
-    "frame_velocities": lambda s: forward_kinematics.frame_velocities(s.symbolic),
-    "frame_bias_accelerations": (lambda s: forward_kinematics.frame_bias_accelerations(s.symbolic)),
-    "centre_of_mass": lambda s: forward_kinematics.centre_of_mass(s.symbolic),
-    "centre_of_mass_jacobian": lambda s: forward_kinematics.centre_of_mass_jacobian(s.symbolic),
-    "centroidal_momentum": lambda s: forward_kinematics.centroidal_momentum(s.symbolic),
-    "gravity_forces": lambda s: forward_kinematics.gravity_forces(s.symbolic),
-    "wrench_forces": lambda s: wrenches.wrench_forces(s.symbolic),
+    "constraint_torques": lambda s: hybrid.constraint_torques(s.tree),
+    "gibbs": lambda s: passive.gibbs(s.tree),
+    "kinetic_energy": lambda s: passive.kinetic_energy(s.tree),
+    "potential_energy": lambda s: passive.potential_energy(s.tree),
+    "positions": lambda s: forward_kinematics.positions(s.tree),
+    "tip_pose": lambda s: forward_kinematics.frame_poses(s.tree, "tip"),
+    "tip_jacobian": lambda s: s.symbolic.folded(forward_kinematics.frame_jacobians(s.tree, "tip")),
+    "tip_bias_acceleration": lambda s: forward_kinematics.tip_bias_acceleration(s.tree),
+    "frame_poses": lambda s: forward_kinematics.frame_poses(s.tree),
+    "frame_jacobians": lambda s: s.frame_jacobians,
+    "frame_velocities": lambda s: forward_kinematics.frame_velocities(s.tree),
+    "frame_bias_accelerations": (lambda s: forward_kinematics.frame_bias_accelerations(s.tree)),
+    "centre_of_mass": lambda s: forward_kinematics.centre_of_mass(s.tree),
+    "centre_of_mass_jacobian": lambda s: s.centre_jacobian,
+    "centroidal_momentum": lambda s: forward_kinematics.centroidal_momentum(s.tree),
+    "gravity_forces": lambda s: s.symbolic.folded(forward_kinematics.gravity_forces(s.tree)),
+    "wrench_forces": lambda s: s.symbolic.folded(wrenches.wrench_forces(s.tree)),
     "forward_dynamics_with_wrenches": lambda s: s.loaded_dynamics,
-    "joint_wrenches": lambda s: wrenches.joint_wrenches(s.symbolic),
-    "joint_wrenches_with_wrenches": (
-        lambda s: wrenches.joint_wrenches(s.symbolic, with_frames=True)
-    ),
+    "joint_wrenches": lambda s: wrenches.joint_wrenches(s.tree),
+    "joint_wrenches_with_wrenches": (lambda s: wrenches.joint_wrenches(s.tree, with_frames=True)),
     "coordinate_rates": lambda s: s.symbolic.coordinate_rates(s.symbolic.v),
     "integrated": lambda s: s.symbolic.integrated(),
     "difference": lambda s: s.symbolic.difference(),
@@ -111,35 +109,29 @@ DERIVATIONS: dict[str, Callable[[ConstrainedSystems], systems.Array]] = {
     "input_forces_dq": lambda s: s.jacobian(s.input_forces, "q"),
     "input_forces_qq": lambda s: [row[: len(s.symbolic.v)] for row in _by_q(s)],
     "input_forces_qu": lambda s: [row[len(s.symbolic.v) :] for row in _by_q(s)],
-    "coriolis_matrix": lambda s: inverse_dynamics.coriolis_matrix(s.symbolic),
+    "coriolis_matrix": lambda s: s.symbolic.folded_matrix(inverse_dynamics.coriolis_matrix(s.tree)),
     "regressor": systems.regressor,
     "base_parameters": systems.base_parameters,
     "inverse_dynamics_dp": lambda s: systems.parameter_jacobian(s, s.inverse_dynamics),
     "forward_dynamics_p_bar": lambda s: systems.parameter_gradient(s, s.dynamics[1]),
-    "frame_poses_dq": lambda s: s.jacobian(forward_kinematics.frame_poses(s.symbolic), "q"),
-    "frame_velocities_dq": (
-        lambda s: s.jacobian(forward_kinematics.frame_velocities(s.symbolic), "q")
-    ),
-    "frame_velocities_dv": lambda s: forward_kinematics.frame_jacobians(s.symbolic),
+    "frame_poses_dq": lambda s: s.jacobian(forward_kinematics.frame_poses(s.tree), "q"),
+    "frame_velocities_dq": (lambda s: s.jacobian(forward_kinematics.frame_velocities(s.tree), "q")),
+    "frame_velocities_dv": lambda s: s.frame_jacobians,
     "integrated_dq": lambda s: s.symbolic.integrated_by(s.symbolic.root.integrated_by_place),
     "integrated_dv": lambda s: s.symbolic.integrated_by(s.symbolic.root.integrated_by_step),
     "difference_dq0": lambda s: s.symbolic.difference_by(s.symbolic.root.difference_by_start, -1),
     "difference_dq1": lambda s: s.symbolic.difference_by(s.symbolic.root.difference_by_end, 1),
     "input_matrix_jvp": lambda s: s.jvp(s.reduced.inputs, "q"),
     "input_matrix_q_bar": lambda s: s.gradient(s.reduced.inputs, "q", "w_input_matrix")[0],
-    "centre_of_mass_jacobian_jvp": (
-        lambda s: s.jvp(forward_kinematics.centre_of_mass_jacobian(s.symbolic), "q")
-    ),
+    "centre_of_mass_jacobian_jvp": (lambda s: s.jvp(s.centre_jacobian, "q")),
     "centre_of_mass_jacobian_q_bar": (
-        lambda s: s.gradient(
-            forward_kinematics.centre_of_mass_jacobian(s.symbolic), "q", "w_jacobian"
-        )[0]
+        lambda s: s.gradient(s.centre_jacobian, "q", "w_jacobian")[0]
     ),
     "frame_bias_accelerations_dq": (
-        lambda s: s.jacobian(forward_kinematics.frame_bias_accelerations(s.symbolic), "q")
+        lambda s: s.jacobian(forward_kinematics.frame_bias_accelerations(s.tree), "q")
     ),
     "frame_bias_accelerations_dv": (
-        lambda s: s.jacobian(forward_kinematics.frame_bias_accelerations(s.symbolic), "v")
+        lambda s: s.jacobian(forward_kinematics.frame_bias_accelerations(s.tree), "v")
     ),
     "differentiated_loaded": lambda s: s.loaded_derivatives.acceleration,
     "forward_dynamics_with_wrenches_dq": lambda s: s.loaded_derivatives.acceleration_dq,
@@ -148,7 +140,7 @@ DERIVATIONS: dict[str, Callable[[ConstrainedSystems], systems.Array]] = {
     "forward_dynamics_with_wrenches_dW": lambda s: s.loaded_derivatives.acceleration_dW,
     "forward_dynamics_with_wrenches_jvp": lambda s: s.jvp(s.loaded_dynamics, "qvuW"),
     "joint_wrenches_with_wrenches_jvp": (
-        lambda s: s.jvp(wrenches.joint_wrenches(s.symbolic, with_frames=True), "qvauW")
+        lambda s: s.jvp(wrenches.joint_wrenches(s.tree, with_frames=True), "qvauW")
     ),
     "forward_dynamics_with_wrenches_q_bar": lambda s: s.loaded_gradient[0],
     "forward_dynamics_with_wrenches_v_bar": lambda s: s.loaded_gradient[1],

@@ -49,6 +49,30 @@ class LinearSystem:
         size = len(symbolic.description.hybrid_coordinates)
         return cls(zeros(size, size), [sp.S.Zero] * size, zeros(size, len(symbolic.u)))
 
+    def folded(self, symbolic: SymbolicRobot) -> LinearSystem:
+        """The system of the coordinates of a robot, from that of all joints that gears move."""
+        tree = symbolic.ungeared
+        if tree is symbolic:
+            return self
+        is_hybrid = len(self.residual) > len(tree.v)
+        before, after = (
+            [x.name for x in (d.hybrid_coordinates if is_hybrid else d.velocities)]
+            for d in (tree.description, symbolic.description)
+        )
+
+        def folded(values: Sequence[sp.Expr]) -> list[sp.Expr]:
+            by_name = dict(zip(before, values, strict=True))
+            free = symbolic.folded([by_name[name] for name in tree.description.layout.v.names])
+            by_name |= zip(symbolic.description.layout.v.names, free, strict=True)
+            return [by_name[name] for name in after]
+
+        columns = map(folded, zip(*map(folded, self.matrix), strict=True))
+        pairs = zip(zip(*self.inputs, strict=True), tree.u, strict=True)
+        inputs = [folded(column) for column, u in pairs if u != 0]
+        rows = (zip(*x, strict=True) for x in (columns, inputs))
+        matrix, driven = ([*map(list, row)] for row in rows)
+        return LinearSystem(matrix, folded(self.residual), driven)
+
 
 def reduced_system(symbolic: SymbolicRobot) -> LinearSystem:
     """The reduced system M a = R + B u, in the order of v."""
@@ -295,7 +319,7 @@ class FilledEntries:
 
 def filled_matrix(robot: Robot) -> Filling:
     """For each entry of I_H, the chains, by number, whose own matrix (eq. 15) is not zero there."""
-    symbolic, maps = SymbolicRobot.of(robot, Tape()), coupling_map(robot)
+    symbolic, maps = SymbolicRobot.of(robot.ungeared, Tape()), coupling_map(robot)
     size = len(symbolic.description.hybrid_coordinates)
     matrices = [chain_matrix(symbolic, number) for number in range(1, len(maps) + 1)]
     return _filling(size, size, zip(maps, maps, matrices, strict=True))
@@ -303,7 +327,7 @@ def filled_matrix(robot: Robot) -> Filling:
 
 def filled_entries(robot: Robot) -> FilledEntries:
     """Places of nonzero entries in the systems of single chains (eq. 15), by the coupling map."""
-    symbolic, maps = SymbolicRobot.of(robot, Tape()), coupling_map(robot)
+    symbolic, maps = SymbolicRobot.of(robot.ungeared, Tape()), coupling_map(robot)
     size, width = len(symbolic.description.hybrid_coordinates), len(symbolic.u)
     systems = [chain_system(symbolic, number) for number in range(1, len(maps) + 1)]
     pairs = list(zip(maps, systems, strict=True))

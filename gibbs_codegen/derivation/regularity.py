@@ -116,9 +116,9 @@ def massless_motions(robot: Robot) -> list[Motion]:
 
     Each is the coordinates that must move together, outermost joint first. No coordinate can be
     left out of a motion without its moving mass. A base that does not move freely is not looked at
-    here, but by its mass matrix: what turns it depends on its pose.
+    here, but by its mass matrix: what turns it depends on its pose. Nor are joints that gears move.
     """
-    if not robot.base.moves_freely:
+    if not robot.base.moves_freely or robot.is_geared:
         return []
     fewest = min((_null_motions(*_momenta(robot, k)) for k in range(_CONFIGURATIONS)), key=len)
     description = Description(robot)

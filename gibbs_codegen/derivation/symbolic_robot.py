@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import sympy as sp
 
@@ -20,7 +21,9 @@ from gibbs_codegen.robot.description import Description
 from gibbs_codegen.robot.layout import Places, coordinate_places
 from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.robot.parts.base import FIXED
+from gibbs_codegen.robot.parts.gear import Gear
 from gibbs_codegen.robot.parts.numbers import BASE
+from gibbs_codegen.symbolic.numbers import DIGITS
 from gibbs_codegen.symbolic.tape import InlineTape, Scalars, Stage, Values, Vector
 from gibbs_codegen.symbolic.vectors import (
     NO_ROTATION,
@@ -31,6 +34,7 @@ from gibbs_codegen.symbolic.vectors import (
     gather,
     identity,
     minus,
+    structural_number,
 )
 
 
@@ -122,6 +126,64 @@ class SymbolicRobot:
         """Places of the base and the joints in q."""
         kind = FIXED if self.robot.base.virtual_joints else self.description.layout.attitude
         return replace(coordinate_places(kind, self.joints), nothing=sp.S.Zero)
+
+    @cached_property
+    def _gearing(self) -> tuple[Matrix, list[sp.Expr]]:
+        """G and offsets: all joints are G times those that have coordinates, and offsets."""
+        gears = [Gear(of=i, ratio=1.0) for i in self.jointed if i < BASE]
+        gears += self.robot.gearing.values()
+        ratios = [[_number(gear.ratio * (gear.of == i)) for i in self.jointed] for gear in gears]
+        return ratios, [_number(gear.offset) for gear in gears]
+
+    @cached_property
+    def ungeared(self) -> SymbolicRobot:
+        """The robot with an entry of q, v, a and u for every joint that moves, as gears move it.
+
+        Inputs of geared joints are zero. All derivations take this one, and `folded` takes their
+        results back.
+        """
+        robot, (ratios, offsets) = self.robot, self._gearing
+        if not robot.is_geared:
+            return self
+        tree = replace(self, description=Description(robot.ungeared))
+
+        def spread(values: Values, old: Places, new: Places, shifts: Values) -> tuple[sp.Expr, ...]:
+            base, joints = old.split(values)
+            rows = zip(ratios, shifts, strict=True)
+            with self.tape.group("joints that gears move"):
+                moved = [self.tape.sum_of_products(row, joints, shift) for row, shift in rows]
+            return tuple(new.joined(base, moved))
+
+        efforts = dict(zip(robot.moving, self.u[robot.rotors :], strict=True))
+        driven = (efforts.get(i, sp.S.Zero) for i in robot.gearing)
+        still = [sp.S.Zero] * len(offsets)
+        return replace(
+            tree,
+            q=spread(self.q, self.coordinate_places, tree.coordinate_places, offsets),
+            v=spread(self.v, self.places, tree.places, still),
+            a=spread(self.a, self.places, tree.places, still),
+            u=(*self.u[: robot.rotors], *driven),
+        )
+
+    def folded(self, values: Sequence[Any]) -> list[Any]:
+        """Forces on, or columns of, all joints, the last axis, as those of coordinates and base."""
+        if not self.robot.is_geared:
+            return [*values]
+        if isinstance(values[0], list | tuple):
+            return [self.folded(row) for row in values]
+        base, joints = self.ungeared.places.split(values)
+        return self.places.joined(base, self.folded_joints(joints))
+
+    def folded_matrix(self, matrix: Matrix) -> Matrix:
+        """A matrix of all joints as one of the coordinates, in rows and columns."""
+        columns = zip(*self.folded(matrix), strict=True)
+        return [*map(list, zip(*self.folded([*columns]), strict=True))]
+
+    def folded_joints(self, joints: Values) -> list[sp.Expr]:
+        """Forces on all joints as those on their coordinates."""
+        columns = zip(*self._gearing[0], strict=True)
+        with self.tape.group("forces on joints that gears move, on those that move them"):
+            return [self.tape.sum_of_products(column, joints) for column in columns]
 
     @property
     def efforts(self) -> list[sp.Expr]:
@@ -386,6 +448,11 @@ class SymbolicRobot:
 
     def _root_segment(self, inertia: Inertia) -> Segment:
         return Segment(inertia, self.root.segment_rotation, name="the base")
+
+
+def _number(value: float) -> sp.Expr:
+    """A number that the robot file fixes."""
+    return structural_number(sp.Float(value, DIGITS))
 
 
 def _with_block(matrix: Matrix, places: Places, block: Matrix) -> Matrix:

@@ -38,6 +38,7 @@ from gibbs_codegen.derivation.forward_dynamics_derivatives import (
     forward_dynamics_derivatives,
     loaded_dynamics_derivatives,
 )
+from gibbs_codegen.derivation.forward_kinematics import centre_of_mass_jacobian, frame_jacobians
 from gibbs_codegen.derivation.hybrid import LinearSystem
 from gibbs_codegen.derivation.inertia import Inertia
 from gibbs_codegen.derivation.inverse_dynamics import (
@@ -178,7 +179,7 @@ class Systems:
     @cached_property
     def total_mass(self) -> sp.Expr:
         """The mass of the whole robot (kg)."""
-        return whole_inertia(self.symbolic.tape, self.symbolic.reduced_tree).mass
+        return whole_inertia(self.symbolic.tape, self.tree.reduced_tree).mass
 
     @cached_property
     def parameters(self) -> dict[str, Ref]:
@@ -193,6 +194,21 @@ class Systems:
             name: self.imported.ref(sp.Symbol(name)) for name in self.symbolic.parameters.defaults
         }
         return {name: ref for name, ref in every.items() if ref >> 1 in read}
+
+    @property
+    def tree(self) -> SymbolicRobot:
+        """The robot with entries for every joint that moves."""
+        return self.symbolic.ungeared
+
+    @cached_property
+    def frame_jacobians(self) -> list[Matrix]:
+        """Jacobians of the frames."""
+        return self.symbolic.folded(frame_jacobians(self.tree))
+
+    @cached_property
+    def centre_jacobian(self) -> Matrix:
+        """The Jacobian of the centre of mass."""
+        return self.symbolic.folded(centre_of_mass_jacobian(self.tree))
 
     @cached_property
     def constraints(self) -> ConstraintEquations:
@@ -212,22 +228,34 @@ class Systems:
     @cached_property
     def inverse_dynamics(self) -> list[sp.Expr]:
         """M a − R = ∂S/∂θ̈ at the given accelerations."""
-        return inverse_dynamics(self.symbolic)
+        return self.symbolic.folded(inverse_dynamics(self.tree))
 
     @cached_property
     def inverse_derivatives(self) -> InverseDynamicsDerivatives:
         """M a − R with its derivatives by q, v and a, in one pass."""
-        return inverse_dynamics_derivatives(self.symbolic)
+        derivatives = inverse_dynamics_derivatives(self.tree)
+        matrices = derivatives.force_dq, derivatives.force_dv, derivatives.mass_matrix
+        force = self.symbolic.folded(derivatives.force)
+        return InverseDynamicsDerivatives(force, *map(self.symbolic.folded_matrix, matrices))
 
     @cached_property
     def forward_derivatives(self) -> ForwardDynamicsDerivatives:
         """Accelerations of M a = R + B u with their derivatives by q, v and u, in one pass."""
+        if self.symbolic.robot.is_geared:
+            return self._differentiated(self.dynamics[1])
         return forward_dynamics_derivatives(self.symbolic)
 
     @cached_property
     def loaded_derivatives(self) -> LoadedDynamicsDerivatives:
         """Accelerations under wrenches on the frames, with their derivatives by q, v, u and W."""
+        if self.symbolic.robot.is_geared:
+            return self._differentiated(self.loaded_dynamics)
         return loaded_dynamics_derivatives(self.symbolic)
+
+    def _differentiated(self, accelerations: list[sp.Expr]) -> LoadedDynamicsDerivatives:
+        """Accelerations that no recursion for derivatives is known of, and passes over them."""
+        passes = (self.jacobian(accelerations, argument) for argument in "qvuW")
+        return LoadedDynamicsDerivatives(accelerations, *passes)
 
     @cached_property
     def loaded_gradient(self) -> list[list[Ref]]:
@@ -321,7 +349,7 @@ def base_parameters(systems: Systems) -> list[sp.Expr]:
     """Numbers of the bodies that their joints feel, in the order of the base parameters."""
     return [
         segment.inertia.entries[place]
-        for k, segment in enumerate(systems.symbolic.reduced_tree.segments)
+        for k, segment in enumerate(systems.tree.reduced_tree.segments)
         if k or systems.symbolic.places.base
         for place in _places(segment, k)
     ]
@@ -329,7 +357,7 @@ def base_parameters(systems: Systems) -> list[sp.Expr]:
 
 def regressor(systems: Systems) -> Matrix:
     """The matrix whose product with the base parameters is ∂S/∂θ̈; rows in the order of v."""
-    symbolic, imported = systems.symbolic, systems.imported
+    symbolic, imported = systems.tree, systems.imported
     symbols: list[sp.Expr] = []
     segments = []
     for k, segment in enumerate(symbolic.reduced_tree.segments):
@@ -341,6 +369,7 @@ def regressor(systems: Systems) -> Matrix:
         segments.append(replace(segment, inertia=Inertia.of(entries)))
     tree = SegmentTree(tuple(segments))
     forces = generalised_inertia_forces(symbolic.tape, symbolic.root, tree, symbolic.state)
+    forces = systems.symbolic.folded(forces)
     directions = [{ref >> 1: imported.graph.one} for ref in systems.refs(symbols)]
     with imported.group("columns of the regressor"):
         return jacobian(imported.graph, systems.refs(forces), directions)

@@ -91,8 +91,9 @@ class ReadableChain:
 
 def check_chain(robot: Robot, number: int) -> None:
     """Raise `UsageError` if a robot has no chain of a number, or springs that lead to others."""
-    if robot.springs:
-        raise UsageError(f"{robot.name}: no chain can be shown with springs between frames")
+    if robot.springs or robot.is_geared:
+        what = "springs between frames" if robot.springs else "gears"
+        raise UsageError(f"{robot.name}: no chain can be shown with {what}")
     chains = len(decompose(robot))
     if not 1 <= number <= chains:
         only = "only chain 1" if chains == 1 else f"chains 1 to {chains}"

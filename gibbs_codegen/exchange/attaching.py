@@ -123,6 +123,7 @@ def _with_arm(
         return replace(
             link,
             parent=on(parent),
+            gear=link.gear and replace(link.gear, of=on(link.gear.of)),
             name=prefix + label or None,
             coordinate=link.coordinate and prefix + link.coordinate,
             pose=link.pose if parent != BASE else seated(joint_pose(arm, i), BASE),

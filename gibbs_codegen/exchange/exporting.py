@@ -139,6 +139,8 @@ def with_free_names(source: sources.Source, form: Format) -> tuple[sources.Sourc
     if shared:
         moved |= {child: joints.free(name) for child, name in mounts.items()}
 
+    movers = {joint.name: moved[joint.child] for joint in source.joints}
+
     def placed_in(end: sources.SourceFrame) -> sources.SourceFrame:
         return replace(end, name=frames.free(end.name), link=named.get(end.link, sources.WORLD))
 
@@ -147,7 +149,13 @@ def with_free_names(source: sources.Source, form: Format) -> tuple[sources.Sourc
             source,
             links={named[n]: replace(link, name=named[n]) for n, link in source.links.items()},
             joints=tuple(
-                replace(j, name=moved[j.child], parent=named[j.parent], child=named[j.child])
+                replace(
+                    j,
+                    name=moved[j.child],
+                    parent=named[j.parent],
+                    child=named[j.child],
+                    gear=j.gear and j.gear._replace(mover=movers[j.gear.mover]),
+                )
                 for j in source.joints
             ),
             rotors=tuple(replace(rotor, link=named[rotor.link]) for rotor in placed),
@@ -191,17 +199,23 @@ def source_of(robot: Robot) -> sources.Source:
         )
         links[rod] = sources.SourceBody(rod, as_rigid_body(base.arm(k)))
         joints.append(sources.SourceJoint(f"{rod}_mount", "fixed", ROOT, rod, mount))
+    labels = [ROOT] + [
+        link.coordinate or link.name or joint_name(link.joint, robot.rotors + i)
+        for i, link in enumerate(robot.links, start=1)
+    ]
     for i, link in enumerate(robot.links, start=1):
         links[names[i]] = sources.SourceBody(names[i], as_rigid_body(link.body))
         pose, parent = joint_pose(robot, i), robot.parents[i - 1]
+        gear = link.gear
         joints.append(
             sources.SourceJoint(
-                link.coordinate or link.name or joint_name(link.joint, robot.rotors + i),
+                labels[i],
                 link.joint,
                 names[parent],
                 names[i],
                 centre @ pose if parent == BASE else pose,
                 replace(link, limits=link.drive_limits),
+                gear=sources.SourceGear(labels[gear.of], gear.ratio, gear.offset) if gear else None,
             )
         )
     for k, rotor in enumerate(robot.thrusters, start=1):

@@ -26,7 +26,7 @@ from gibbs_codegen.robot.rotations import Array, turn_of_quaternion
 
 _SITE = 4
 # Of equalities: the kind, and that they are between sites rather than bodies.
-_WELD, _OF_SITES = 1, 6
+_WELD, _JOINT, _OF_SITES = 1, 2, 6
 _FILTERS = (2, 3)
 _NO_BIAS = 0
 
@@ -97,6 +97,7 @@ class _CompiledModel:
         self, model: Any, file: str, findings: list[sources.Finding], friction: bool
     ) -> None:
         self.model, self.file, self.findings, self._with_friction = model, file, findings, friction
+        self._gears: dict[str, sources.SourceGear] = {}
         self.names = _names([model.body(b).name for b in range(model.nbody)], "body")
         self.joint_names = _names([model.joint(j).name for j in range(model.njnt)], "joint")
         self._links = sources.FreeNames(self.names)
@@ -139,6 +140,7 @@ class _CompiledModel:
             if name and body in bodies and s not in seats:
                 frames.append(self._site(s))
         constraints = tuple(self._constraints(bodies))
+        joints = [replace(joint, gear=self._gears.get(joint.name)) for joint in joints]
         return sources.Source(
             self.file,
             bytes(model.names).partition(b"\0")[0].decode().removeprefix(_UNNAMED),
@@ -225,6 +227,9 @@ class _CompiledModel:
         model, names = self.model, sources.FreeNames()
         for k in range(model.neq):
             name = names.free(model.equality(k).name or f"equality_{k + 1}")
+            if model.eq_type[k] == _JOINT:
+                self._add_gear(k, name)
+                continue
             welds, data = model.eq_type[k] == _WELD, model.eq_data[k]
             ends = [int(model.eq_obj1id[k]), int(model.eq_obj2id[k])]
             # Old versions of MuJoCo know bodies only.
@@ -249,6 +254,17 @@ class _CompiledModel:
             held, anchor = (second, first) if first.link == sources.WORLD else (first, second)
             joint: LoopJoint = "fixed" if welds else "spherical"
             yield sources.SourceConstraint.between(name, joint, (held, anchor))
+
+    def _add_gear(self, k: int, name: str) -> None:
+        """Note a gear of an equality of two joints, if it is one."""
+        offset, ratio, *others = map(float, self.model.eq_data[k][:5])
+        first, second = self.model.eq_obj1id[k], self.model.eq_obj2id[k]
+        if second < 0 or any(others) or not self.model.eq_active0[k]:
+            self._report(name, "an equality of joints that is no gear")
+            return
+        self._gears[self.joint_names[first]] = sources.SourceGear(
+            self.joint_names[second], ratio, offset
+        )
 
     def _carrier(self, body: int) -> str:
         return sources.WORLD if body == WORLD else self.names[body]

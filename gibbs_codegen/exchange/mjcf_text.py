@@ -45,6 +45,7 @@ _TAKEN = table(f"""
     site@ name class type size fromto {_POSE} motor@ {_ACTUATOR}
     general@ {_ACTUATOR} gaintype gainprm biastype biasprm dyntype dynprm
     connect@ {_EQUALITY} weld@ {_EQUALITY} relpose
+    equality/joint@ name class active joint1 joint2 polycoef
     {" ".join(f"mujoco/{section}@" for section in _COUNTED)}
 """)
 # What is only counted, under these words, and what has no part in the motion.
@@ -200,7 +201,6 @@ def _mark(element: Element) -> None:
     for inner in children(element):
         taken = _TAKEN.get(f"{element.tag}/{inner.tag}@", _TAKEN.get(f"{inner.tag}@"))
         drives = element.tag != "actuator" or bool({"site", "joint"} & {*inner.attrib})
-        drives = drives and (element.tag, inner.tag) != ("equality", "joint")
         if taken is not None and drives and "refsite" not in inner.attrib:
             inner.read.update(("", *taken))
             _mark(inner)

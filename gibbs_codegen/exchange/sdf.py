@@ -283,13 +283,14 @@ class _ModelReader:
         limits = values.limits(limit, word == "continuous")
         stiffness = values.number(dynamics, "spring_stiffness", 0.0)
         rest = values.number(dynamics, "spring_reference", 0.0)
-        if axis is not None and child(axis, "mimic") is not None:
-            values.report("left out", name, "that it follows another joint")
+        gear = values.gear(None if axis is None else child(axis, "mimic"))
         pose = self._between(parent if parent in self.elements else MODEL, name)
         axis_of_joint, offset = self._axis(name, axis), self._between(name, moved)
         spring = {"stiffness": stiffness, "rest": rest if stiffness else 0.0}
         link = values.link(name, dynamics, axis_of_joint, limits, **spring)
-        return sources.SourceJoint(name, kind, parent, moved, pose, link, offset, element.line)
+        return sources.SourceJoint(
+            name, kind, parent, moved, pose, link, offset, element.line, gear
+        )
 
     def _axis(self, name: str, axis: Element | None) -> tuple[float, float, float]:
         """The unit vector of a joint's axis in the joint's frame."""

@@ -22,7 +22,7 @@ from gibbs_codegen.robot.parts.body import RigidBody, entries_of, inertia_fault,
 from gibbs_codegen.robot.parts.pose import HERE, Pose
 from gibbs_codegen.robot.parts.servo import Servo
 
-_VERSION = "1.9"
+_VERSION, _VERSION_OF_GEARS = "1.9", "1.11"
 # kg and kg m²: far below the rounding of what robots weigh.
 _NOTHING = 1e-13
 # Shares of the mass of what carries propellers that these get, of which the first is taken that
@@ -41,7 +41,8 @@ def sdf_text(source: Source, motors: Mapping[str, Mapping[str, object]]) -> str:
     used += [rotor.name for rotor in source.rotors]
     names = FreeNames([*used, *(frame.name for frame in source.frames)])
     spins = {rotor.name: names.free(f"{rotor.name}_joint") for rotor in source.rotors}
-    top = ET.Element("sdf", version=_VERSION)
+    geared = any(joint.gear for joint in source.joints)
+    top = ET.Element("sdf", version=_VERSION_OF_GEARS if geared else _VERSION)
     model = ET.SubElement(top, "model", name=source.name)
     left, discs = _with_propellers(source)
     for joint in (None, *source.joints):
@@ -65,7 +66,7 @@ def sdf_text(source: Source, motors: Mapping[str, Mapping[str, object]]) -> str:
     for rotor in source.rotors:
         tags = {"jointName": spins[rotor.name], **motors[rotor.name]}
         _plugin(model, "multicopter-motor-model", "MulticopterMotorModel", tags)
-    moving = [joint for joint in source.joints if joint.kind != "fixed"]
+    moving = [joint for joint in source.joints if joint.kind != "fixed" and not joint.gear]
     for number, joint in enumerate(moving):
         _drive(model, number, joint.name, joint.link.servo)
     _plugin(model, "joint-state-publisher", "JointStatePublisher", {})
@@ -169,6 +170,10 @@ def _properties(axis: ET.Element, joint: SourceJoint) -> None:
     resisting = {"damping": passive.damping, "friction": coulomb(link)}
     resisting |= {"spring_stiffness": passive.stiffness, "spring_reference": passive.rest}
     ET.SubElement(axis, "xyz").text = numbers(link.axis)
+    if joint.gear:
+        mover, ratio, offset = joint.gear
+        mimic = ET.SubElement(axis, "mimic", joint=mover)
+        _children(mimic, {"multiplier": ratio, "offset": offset, "reference": 0.0})
     _children(ET.SubElement(axis, "limit"), bounds)
     _children(ET.SubElement(axis, "dynamics"), {k: v for k, v in resisting.items() if v})
 

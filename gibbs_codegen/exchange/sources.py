@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Literal, TypeVar
+from typing import Any, Literal, NamedTuple, TypeVar
 
 import numpy as np
 
@@ -37,7 +37,16 @@ _MANY_TURNS = 20.0 * math.pi
 NO_BODY = RigidBody()
 NO_LINK = Link(NO_BODY)
 Kind = Literal[
-    "base", "attached", "locked", "welded", "snapped", "rotor", "constraint", "left out", "note"
+    "base",
+    "attached",
+    "locked",
+    "welded",
+    "snapped",
+    "rotor",
+    "gear",
+    "constraint",
+    "left out",
+    "note",
 ]
 
 
@@ -69,13 +78,21 @@ class SourceBody:
         return self.pose @ Pose(self.body.com)
 
 
+class SourceGear(NamedTuple):
+    """The name of the joint that moves another, to ratio times its coordinate and an offset."""
+
+    mover: str
+    ratio: float
+    offset: float
+
+
 @dataclass(frozen=True, eq=False)
 class SourceJoint:
     """A joint between two links, which any of both may carry as long as the tree has no root.
 
     The child's frame is that of the parent after `pose`, the motion about or along the axis, and
-    `offset`. `link` has all else that the child as a part has of the joint that carries it, and no
-    body.
+    `offset`. `link` has all else that the child as a part has of the joint that carries it, but for
+    its gear, and no body.
     """
 
     name: str
@@ -86,6 +103,7 @@ class SourceJoint:
     link: Link = NO_LINK
     offset: Pose = HERE
     line: int | None = None
+    gear: SourceGear | None = None
 
     @property
     def continuous(self) -> bool:

@@ -91,6 +91,8 @@ def locked(source: Source, values: Mapping[str, float]) -> Source:
             _spins(joint, rotor, seats) for rotor in source.rotors
         ):
             why = "lets a rotor spin"
+        elif joint.gear and joint.gear.mover in names:
+            pass
         elif joint.kind in ("revolute", "prismatic") and low is not None and low == high:
             value, why = low, "its limits leave it no range"
         if why:

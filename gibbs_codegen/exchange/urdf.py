@@ -177,6 +177,14 @@ class Values:
         friction = self.friction(joint, dynamics)
         return Link(sources.NO_BODY, axis=axis, passive=passive, limits=limits, friction=friction)
 
+    def gear(self, mimic: Element | None) -> sources.SourceGear | None:
+        """The gear that makes a joint follow another, from where that is in SDF."""
+        if mimic is None:
+            return None
+        ratio, offset = self.number(mimic, "multiplier", 1.0), self.number(mimic, "offset", 0.0)
+        start = self.number(mimic, "reference", 0.0)
+        return sources.SourceGear(self.name(mimic, "joint"), ratio, offset - ratio * start)
+
     def inertia(self, element: Element | None, default: float | None) -> Inertia:
         """An inertia, of which only the moments may be required or have a default but 0."""
         xx, yy, zz, xy, xz, yz = (
@@ -481,11 +489,10 @@ def _joint(element: Element, values: Values) -> sources.SourceJoint:
             pass_over(unused)
         limit = dynamics = None
     limits = values.limits(limit, word == "continuous")
-    if (mimic := child(element, "mimic")) is not None:
-        values.report("left out", name, f"that it follows joint {mimic.get('joint', '?')}")
     pose = values.placement(child(element, "origin"))
+    gear = values.gear(child(element, "mimic"))
     link, (parent, moved) = values.link(name, dynamics, axis, limits), ends
-    return sources.SourceJoint(name, kind, parent, moved, pose, link, line=element.line)
+    return sources.SourceJoint(name, kind, parent, moved, pose, link, line=element.line, gear=gear)
 
 
 _LOOPS: dict[str, LoopJoint] = {"fixed": "fixed", "revolute": "revolute"}

@@ -29,7 +29,8 @@ from gibbs_codegen.robot.parts.base import Attitude, Base
 from gibbs_codegen.robot.parts.body import RigidBody, entries_of, inertia_fault, inertia_matrix
 from gibbs_codegen.robot.parts.constraint import Constraint, ConstraintKind
 from gibbs_codegen.robot.parts.frame import MAX_FRAMES, Frame
-from gibbs_codegen.robot.parts.link import MAX_LINKS
+from gibbs_codegen.robot.parts.gear import Gear
+from gibbs_codegen.robot.parts.link import MAX_LINKS, JointLimits
 from gibbs_codegen.robot.parts.numbers import BASE, LEVEL, LONGEST_LABEL
 from gibbs_codegen.robot.parts.part import taken
 from gibbs_codegen.robot.parts.pose import HERE, Pose, vector
@@ -66,7 +67,15 @@ def welded(
         )
     namer = Namer()
     rigid = [composite(body.parts, snap) for body in bodies]
-    links = []
+    links, moved = [], {body.joint.name: body for body in bodies if body.joint}
+
+    def follows(joint: SourceJoint) -> bool:
+        """True if a joint has a gear that leads to a coordinate, and in no circle."""
+        way = [joint]
+        while (gear := way[-1].gear) and gear.mover in moved and way[-1] not in way[:-1]:
+            way.append(moved[gear.mover].joint or joint)
+        return bool(joint.gear and joint.gear.ratio) and len(way) > 1 and way[-1] is not joint
+
     for body, whole in zip(bodies[1:], rigid[1:], strict=True):
         joint = body.joint
         assert joint is not None  # noqa: S101 - only the base has none
@@ -79,6 +88,17 @@ def welded(
             name=namer.free(body.name, "link"),
             coordinate=namer.free(joint.name, "joint"),
         )
+        if joint.gear:
+            mover = joint.gear.mover
+            if follows(joint):
+                _, ratio, offset = joint.gear
+                gear = Gear(of=moved[mover].number, ratio=ratio, offset=offset)
+                link = replace(link, gear=gear, limits=JointLimits(), coordinate=None)
+                link = replace(link, servo=None, friction=None)
+                findings.append(Finding("gear", joint.name, f"moved by joint {mover}"))
+            else:
+                words = f"that it follows joint {mover}, which does not move it"
+                findings.append(Finding("left out", joint.name, words))
         links.append(link)
     # Frames of links that were welded or are not where their joint is, and those of the source.
     names = {body.name for body in bodies}

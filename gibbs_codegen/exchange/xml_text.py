@@ -50,6 +50,10 @@ def urdf_text(source: sources.Source) -> str:
         endless = dict.fromkeys(bounds, _ENDLESS) | {"lower": -_ENDLESS}
         texts = {key: repr(endless[key] if b is None else b) for key, b in bounds.items()}
         ET.SubElement(element, "limit", texts)
+        if joint.gear:
+            mover, ratio, offset = joint.gear
+            gear = {"joint": mover, "multiplier": repr(ratio), "offset": repr(offset)}
+            ET.SubElement(element, "mimic", gear)
         resisting = {"damping": joint.link.passive.damping, "friction": coulomb(joint.link)}
         if any(resisting.values()):
             texts = {key: repr(value) for key, value in resisting.items() if value}
@@ -133,7 +137,7 @@ def mjcf_text(source: sources.Source, root: str) -> str:
     for rotor in source.rotors:
         writer.rotor(actuator, rotor)
     for joint in source.joints:
-        if joint.kind != "fixed":
+        if joint.kind != "fixed" and not joint.gear:
             writer.motor(actuator, joint)
     for frame in (*source.frames, *(end for loop in source.constraints for end in loop.ends)):
         place = {"pos": numbers(frame.pose.xyz), "quat": _quaternion(frame.pose)}
@@ -147,7 +151,12 @@ def mjcf_text(source: sources.Source, root: str) -> str:
         sites = {f"site{number}": end.name for number, end in enumerate(loop.ends, start=1)}
         # It may be held: who simulates switches it on.
         ET.SubElement(equality, kind, {"name": loop.name, "active": "false", **sites})
-    top.extend([equality] if source.constraints else [])
+    for joint in source.joints:
+        if joint.gear:
+            mover, ratio, offset = joint.gear
+            joints = {"joint1": joint.name, "joint2": mover}
+            ET.SubElement(equality, "joint", joints, polycoef=numbers((offset, ratio, 0, 0, 0)))
+    top.extend([equality] if len(equality) else [])
     ET.indent(top)
     return ET.tostring(top, encoding="unicode") + "\n"
 

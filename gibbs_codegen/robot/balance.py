@@ -320,14 +320,15 @@ def holding_efforts(robot: Robot, thrusts: Sequence[float]) -> list[float]:
         weight = np.array([0.0, 0.0, -robot.gravity * body.mass])
         loads[i] += *weight, *np.cross(links[i - 1].place(body.com), weight)
         loads[robot.parents[i - 1]] += loads[i]
-    efforts = []
-    for i in robot.moving:
+    efforts = dict.fromkeys(robot.moving, 0.0)
+    for i, gear in robot.gearing.items():
         link, frame, (force, moment) = robot.links[i - 1], links[i - 1], np.split(loads[i], 2)
         turns = link.joint == "revolute"
         along = moment - np.cross(frame.origin, force) if turns else force
-        efforts.append(-link.passive.stiffness * link.passive.rest - along @ frame.axes @ link.axis)
+        pulled = link.passive.stiffness * (gear.offset - link.passive.rest)
+        efforts[gear.of] += gear.ratio * float(pulled - along @ frame.axes @ link.axis)
     size = robot.gravity * robot.total_mass
-    return list(map(float, posture.rounded(np.array(efforts), size)))
+    return list(map(float, posture.rounded(np.array([*efforts.values()]), size)))
 
 
 # Of the arms' length. Nobody puts a battery more exactly; a misplaced arm is off by more.

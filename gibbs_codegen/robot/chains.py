@@ -64,7 +64,8 @@ class Chain:
 
 
 def decompose(robot: Robot) -> tuple[Chain, ...]:
-    """Open chains that a robot falls into (eq. 1), in order."""
+    """Open chains that a robot falls into (eq. 1), in order, with all joints that gears move."""
+    robot = robot.ungeared
     chains: list[Chain] = []
 
     def add(joints: Sequence[tuple[str, str]], constrained: Sequence[int], **parts: Any) -> None:
@@ -111,5 +112,7 @@ def coupling_map(robot: Robot) -> tuple[tuple[int, ...], ...]:
 
     Places count from 0; the method counts its rows from −1.
     """
-    place = {unknown.name: i for i, unknown in enumerate(Description(robot).hybrid_coordinates)}
+    place = {
+        unknown.name: i for i, unknown in enumerate(Description(robot.ungeared).hybrid_coordinates)
+    }
     return tuple(tuple(place[name] for name in chain.unknowns) for chain in decompose(robot))

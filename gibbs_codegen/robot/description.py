@@ -246,7 +246,7 @@ class Description:
             ("rotor", identifier(rotor.name) if rotor.name else default_prefix("rotor", k))
             for k, rotor in enumerate(robot.thrusters, start=1)
         ]
-        for i in robot.moving:
+        for i in robot.gearing:
             link = robot.links[i - 1].name
             joint = f"joint_{identifier(link)}" if link else f"joint{robot.rotors + i}"
             placed.append(("joint", joint))
@@ -288,7 +288,7 @@ class Description:
         for part in robot.base.virtual_joints:
             kind: LinkKind = "prismatic" if part in TRAVELS else "revolute"
             moved.append((f"base_{part}", PARENTS_NUMBERS[kind]))
-        for i in robot.moving:
+        for i in robot.gearing:
             parents = PARENTS_NUMBERS[robot.links[i - 1].joint]
             moved.append((parameter_prefix(robot, i), parents))
         parameters: list[Coordinate] = []
@@ -448,10 +448,10 @@ class Description:
         robot, rods = self.robot, self.robot.base.rotors
         centre = "O2" if rods else "base"
         joints = self.points[self.points.index(centre) + 1 + robot.rotors :]
-        carriers = dict(zip((BASE, *robot.moving), (centre, *joints), strict=False))
+        carriers = dict(zip((BASE, *robot.gearing), (centre, *joints), strict=False))
         bodies = [BASE] * (2 + rods if rods else 1)
         bodies += [rotor.on for rotor in robot.thrusters]
-        bodies += [robot.parents[i - 1] for i in robot.moving]
+        bodies += [robot.parents[i - 1] for i in robot.gearing]
         bodies += [frame.on for frame in frames_of(robot)[1:]]
         return tuple(carriers[robot.rigid[body]] for body in bodies)
 

@@ -10,12 +10,14 @@ numbers.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 from gibbs_codegen.robot.parts.base import Base
 from gibbs_codegen.robot.parts.battery import Battery
 from gibbs_codegen.robot.parts.frame import Frame
+from gibbs_codegen.robot.parts.gear import Gear
 from gibbs_codegen.robot.parts.link import Link
 from gibbs_codegen.robot.parts.numbers import BASE
 from gibbs_codegen.robot.parts.part import number
@@ -68,9 +70,38 @@ class Robot(Ties):
         )
 
     @cached_property
+    def gearing(self) -> dict[int, Gear]:
+        """For each link whose joint moves, in order, the gear from the coordinate that moves it.
+
+        Gears of gears are one; of a joint with a coordinate it is of the link itself.
+        """
+
+        def whole(i: int) -> Gear:
+            gear = self.links[i - 1].gear
+            return gear.after(whole(gear.of)) if gear else Gear(of=i, ratio=1.0)
+
+        return {i: whole(i) for i, link in enumerate(self.links, start=1) if link.moves}
+
+    @cached_property
     def moving(self) -> tuple[int, ...]:
         """Numbers of the links whose joints have coordinates, in order."""
-        return tuple(i for i, link in enumerate(self.links, start=1) if link.moves)
+        return tuple(i for i, gear in self.gearing.items() if gear.of == i)
+
+    @property
+    def is_geared(self) -> bool:
+        """True if a gear moves any joint."""
+        return len(self.moving) < len(self.gearing)
+
+    @cached_property
+    def ungeared(self) -> Robot:
+        """The robot with a coordinate for every joint that moves."""
+        links = (replace(link, gear=None) for link in self.links)
+        return replace(self, links=tuple(links)) if self.is_geared else self
+
+    def positions(self, joints: Iterable[float]) -> dict[int, float]:
+        """Positions, rad or m, of all joints that move, by links, from the coordinates in order."""
+        values = dict(zip(self.moving, joints, strict=True))
+        return {i: gear.ratio * values[gear.of] + gear.offset for i, gear in self.gearing.items()}
 
     @cached_property
     def rigid(self) -> tuple[int, ...]:

@@ -105,9 +105,9 @@ def robot_frames(robot: Robot, q: Sequence[float] | Array) -> RobotFrames:
 def frames_on(robot: Robot, base: PlacedFrame, joints: Sequence[float] | Array) -> RobotFrames:
     """Frames of a robot with a base's frame at the base centre, in the axes that it is given in.
 
-    `joints` are those that move, rad or m.
+    `joints` are those with coordinates, rad or m.
     """
-    values = dict(zip(robot.moving, joints, strict=True))
+    values = robot.positions(joints)
     bodies = [base]  # By their numbers, also welded or held ones.
     for i, link in enumerate(robot.links, start=1):
         frame = bodies[robot.parents[i - 1]].carried(placement.joint_pose(robot, i))
@@ -131,7 +131,7 @@ def frames_on(robot: Robot, base: PlacedFrame, joints: Sequence[float] | Array) 
         np.reshape(seats, (-1, 3)),
         np.reshape(thrusts, (-1, 3)),
         named,
-        robot.moving,
+        tuple(robot.gearing),
     )
 
 

@@ -163,6 +163,7 @@ def reference_faults(document: Mapping[str, Any]) -> Iterator[PlacedFault]:
     frames = _tables(document, "frame", MAX_FRAMES)
     numbers = body_numbers([_text(link, "name") for link in links])
     yield from _parent_faults(links, numbers)
+    yield from _gear_faults(links, numbers)
     carried: dict[Place, str | None] = {
         (kind, place, "on"): _text(table, "on")
         for kind, tables in (("rotor", rotors), ("frame", frames))
@@ -255,6 +256,25 @@ def _parent_faults(links: Sequence[Entry], numbers: Mapping[str, int]) -> Iterat
         else:
             why = f"{shown(name)} comes later; move this link below it"
         yield ("link", i - 1, "parent"), f"{right}: {why}"
+
+
+def _gear_faults(links: Sequence[Entry], numbers: Mapping[str, int]) -> Iterator[PlacedFault]:
+    right = "must be the name of another link whose joint moves"
+    gears = [gear if isinstance(gear := link.get("gear"), dict) else {} for link in links]
+    names: dict[Place, str | None] = {
+        ("link", i, "gear", "of"): _text(gear, "of") for i, gear in enumerate(gears)
+    }
+    bodies = {name: i for name, i in numbers.items() if i != BASE}
+    yield from _unknown(names, bodies, right)
+    of = [bodies.get(name or "", BASE) for name in names.values()]
+    for i, ((at, name), first) in enumerate(zip(names.items(), of, strict=True), start=1):
+        movers = [first]
+        while movers[-1] not in (BASE, i, *movers[:-1]):
+            movers.append(of[movers[-1] - 1])
+        if movers[-1] == i:
+            yield at, f"{right}: {shown(name)} is itself moved by this joint, which makes a circle"
+        elif first != BASE and links[first - 1].get("joint") == "fixed":
+            yield at, f"{right}: {shown(name)} is fixed"
 
 
 def _coordinate_clashes(

@@ -87,6 +87,15 @@ class RobotTable(Ties, _Bodies):
                         if name not in rotor and f"{name}s" not in rotor:
                             words = f"missing: a throttle needs its {name} where there is a battery"
                             yield ("rotor", i, name), words
+        links = values.get("link")
+        geared = isinstance(links, list) and any(
+            isinstance(x, dict) and x.get("gear") for x in links
+        )
+        if geared and values.get("constraint"):
+            yield (
+                ("constraint",),
+                "cannot stand beside link.gear yet: leave out the constraints or the gears",
+            )
         yield from reference_faults(values)
 
     @model_validator(mode="after")
@@ -124,7 +133,11 @@ class RobotTable(Ties, _Bodies):
             self.name,
             self.base.built(),
             tuple(
-                replace(link.link(), parent=None if parent == before else parent)
+                replace(
+                    link.link(),
+                    parent=None if parent == before else parent,
+                    gear=link.gear and replace(link.gear, of=number(link.gear.of)),
+                )
                 for before, (link, parent) in enumerate(zip(self.link, parents, strict=True))
             ),
             self.gravity,

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from fractions import Fraction
 
-from gibbs_codegen.errors import UsageError
+from gibbs_codegen.errors import UsageError, printable
 from gibbs_codegen.files.templating import render
 from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.robot.names import default_prefix
@@ -80,7 +80,9 @@ def inline_table(body: Body) -> str:
 def link_lines(robot: Robot, i: int, in_both_forms: bool) -> list[str]:
     """The table of link i, from 1, with its body in comments as a rigid one too if so asked."""
     link, parent = robot.links[i - 1], robot.parents[i - 1]
-    if link.moves:
+    if link.gear:
+        how = f"moved by a gear of {printable(_carrier(robot, link.gear.of))}"
+    elif link.moves:
         how = f"{'turned' if link.joint == 'revolute' else 'moved'} by joint {robot.rotors + i}"
     else:
         how = "held by a constraint torque" if link.constrained else "welded to what carries it"
@@ -111,6 +113,9 @@ def link_lines(robot: Robot, i: int, in_both_forms: bool) -> list[str]:
             f'joint     = "{link.joint}"  # or "prismatic", along z',
         ]
     lines += _joint_lines(link)
+    if link.gear:
+        gear = {"of": _carrier(robot, link.gear.of)} | changed_keys(link.gear, "of")
+        lines += toml_lines({"gear": gear})
     lines += [line for line in body_lines(link.body) if not link.pose or line != "length = 0.0"]
     if in_both_forms:
         rigid = body_lines(rigid_form(link.body))[1:]

@@ -620,7 +620,7 @@ def _regressor_rows(point: _Point, values: Values) -> Iterator[DerivativeRow]:
     for _ in range(_SETS):
         other = Tree(mapped(point.robot, lambda _, value, __: value, other_body))
         quantities = formulated(NewtonEuler(other)).at(states)
-        forces.append(quantities.inverse_dynamics[:, other.free])
+        forces.append(other.folded(quantities.inverse_dynamics)[:, other.free])
         efforts.append(Sizes(other, states).free_inertial_effort)
     theirs, size = np.stack(forces, axis=-1), np.stack(efforts, axis=-1)
     # The combination of the columns that is nearest to the forces.
@@ -646,7 +646,8 @@ def _base_parameter_rows(point: _Point, values: Values) -> Iterator[DerivativeRo
     regressor = call.results("regressor", states)["regressor"]
     q, v, a = tree.at_joints(states.q), tree.spread(states.v), tree.spread(states.a)
     passive = tree.passive.armature * a - tree.passive.forces(q, v)
-    theirs = call("inverse_dynamics", states.q, states.v, states.a) - passive[:, tree.free]
+    theirs = call("inverse_dynamics", states.q, states.v, states.a)
+    theirs -= tree.folded(passive)[:, tree.free]
     for what, parameters in values.items():
         ours = times(regressor, parameters)
         size = sizes.free_inertial_effort

@@ -65,15 +65,24 @@ class Quantities(NamedTuple):
     actuators: Mapping[str, Sized] | None = None
 
     def with_passive(self, tree: Tree, states: States) -> Quantities:
-        """The same with armature, dampers and springs, which formulations leave out."""
+        """The same with armature, dampers and springs, which formulations leave out.
+
+        What gears do to joints is added to what is done to those that move them.
+        """
         passive, q = tree.passive, tree.at_joints(states.q)
         v, a = tree.spread(states.v), tree.spread(states.a)
         forces = passive.forces(q, v)
         kinetic, potential = passive.energies(q, v)
+        matrix, fold = tree.folded(self.mass_matrix + np.diag(passive.armature)), tree.folded
+        columns = self.centre_jacobian, self.gravity_forces
+        centre_jacobian, gravity_forces = (None if x is None else fold(x) for x in columns)
         return self._replace(
-            mass_matrix=self.mass_matrix + np.diag(passive.armature),
-            residual=self.residual + forces,
-            inverse_dynamics=self.inverse_dynamics + passive.armature * a - forces,
+            mass_matrix=np.swapaxes(fold(np.swapaxes(matrix, -1, -2)), -1, -2),
+            residual=fold(self.residual + forces),
+            inverse_dynamics=fold(self.inverse_dynamics + passive.armature * a - forces),
+            jacobians=fold(self.jacobians),
+            centre_jacobian=centre_jacobian,
+            gravity_forces=gravity_forces,
             kinetic_energy=self.kinetic_energy + kinetic,
             potential_energy=self.potential_energy + potential,
         )
@@ -108,7 +117,7 @@ def state_by_state(
     the rotation (3, 3) and position (3,) at which the first joint begins. `places` has for each
     joint of the library its place among the tree's coordinates; the result is in the tree's order.
     """
-    motions = (tree.spread(x)[:, places] for x in (states.q, states.v, states.a))
+    motions = (x[:, places] for x in tree.motion(states))
     origin = np.tile(np.eye(3), (len(states), 1, 1)), np.zeros((len(states), 3))
     placement = tree.placement or origin
     singles = [at(*motion) for motion in zip(*motions, *placement, strict=True)]

@@ -56,7 +56,7 @@ class Lagrange:
     def at(self, states: States) -> Quantities:
         """Everything that the formulation computes."""
         tree, masses = self.tree, self._masses
-        q, v, a = map(tree.spread, (states.q, states.v, states.a))
+        q, v, a = tree.motion(states)
         by_q = self._place_gradients(q)
         rows, columns = (x.reshape(*x.shape[:2], -1) for x in (by_q * masses[:, None], by_q))
         matrix = rows @ np.swapaxes(columns, -1, -2)

@@ -130,7 +130,7 @@ class NewtonEuler:
     def at(self, states: States) -> Quantities:
         """Everything that the formulation computes."""
         tree = self.tree
-        q, v, a = map(tree.spread, (states.q, states.v, states.a))
+        q, v, a = tree.motion(states)
         frames = tree.frames(q)
         steady = joint_motions(tree, v, np.zeros_like(a), frames)
         still = joint_motions(tree, np.zeros_like(v), np.zeros_like(a), frames)
@@ -162,7 +162,7 @@ class NewtonEuler:
         Its columns are efforts of unit accelerations, one by one, at rest and without gravity.
         """
         tree = self.tree
-        frames = tree.frames(tree.spread(q)[:, None])
+        frames = tree.frames((tree.spread(q) + tree.offsets)[:, None])
         units = np.eye(tree.size)[None]
         motions = joint_motions(tree, np.zeros_like(units), units, frames)
         efforts = self._efforts(motions, frames, 0.0)

@@ -211,8 +211,11 @@ class InOwnUnits:
         self._mass = _power_of_two(float(every[every > 0.0].min()))
         self._time = _power_of_two(1.0 / self.tree.tempo)
         units = self._length, self._mass, self._time
-        scaled = mapped(robot, lambda _, value, dimension: value / dimension.unit(*units))
-        inner = formulated(kind(Tree(scaled)))
+        scaled = Tree(mapped(robot, lambda _, value, dimension: value / dimension.unit(*units)))
+        lengths = np.where(self.tree.turns, 1.0, self._length)
+        scaled.gains = self.tree.gains / lengths[:, None] * lengths
+        scaled.offsets = self.tree.offsets / lengths
+        inner = formulated(kind(scaled))
         self.name, self.limit, self.growth = inner.name, inner.limit, inner.growth
         self._inner = inner
 
@@ -363,7 +366,8 @@ def determined(robot: Robot, least: float = _DETERMINED) -> bool:
     states = States.random(tree, 2, 0)
     there, at_joints = states.placed(tree)
     matrix = NewtonEuler(there).mass_matrix(at_joints.q) + np.diag(tree.passive.armature)
-    matrix = matrix[:, tree.free][:, :, tree.free]
+    gains = tree.gains[:, tree.free]
+    matrix = gains.T @ matrix @ gains
     diagonal = np.diagonal(matrix, axis1=1, axis2=2)
     # Next to what the coordinate could move, what is left by rounding is nothing.
     if not (diagonal > _DETERMINED * Sizes(tree, states).free_units ** 2).all():

@@ -148,7 +148,8 @@ class States:
         usual = cls.random(tree, count, seed)
         rng = np.random.default_rng(seed)
         q = _random_angles(tree, count, np.random.default_rng(seed))
-        turning = tree.turns[tree.free]
+        # No rack goes as far as angles do.
+        turning = ~(tree.gains[~tree.turns][:, tree.free] != 0.0).any(axis=0)
         shape = (count, int(turning.sum()))
         signs = rng.choice([-1.0, 1.0], shape)
         beyond = signs * rng.uniform(_FAR * far, far, shape)
@@ -214,24 +215,26 @@ class Sizes:
     def __init__(self, tree: Tree, states: States) -> None:
         passive = tree.passive.sizes(tree.at_joints(states.q), tree.spread(states.v))
         tree, states = states.placed(tree)
-        frames = tree.frames(tree.spread(states.q))
+        q, v, _ = tree.motion(states)
+        frames, gains = tree.frames(q), np.abs(tree.gains)
         inertias, masses, levers, turned = _stretched(tree, frames)
+        levers, turned = np.einsum("ij,sik->sjk", gains, levers), gains.T @ turned
         units = np.sqrt(inertias + tree.passive.armature)
         # How much larger the robot is than the smallest of what a joint turns.
         resisting = (units > 0.0) & (masses > 0.0) & tree.turns
         radii = units[resisting] / np.sqrt(masses[resisting])
         self.disparity = tree.reach / min(radii.min(initial=np.inf), tree.reach)
         # Entries without any inertia are zeros, which need no size.
-        self.units = np.where(units > 0.0, units, 1.0)
+        self.units = np.where(units > 0.0, units, 1.0) @ gains
         self.free_units = self.units[:, tree.free]
         self.matrix = self.units[:, :, None] * self.units[:, None, :]
         self.free_matrix = self.free_units[:, :, None] * self.free_units[:, None, :]
         # No frame turns, or moves by the robot's size, faster than all rates together.
         self.scales = tree.scales[tree.free]
-        rates = np.abs(states.v / self.scales).sum(axis=-1, keepdims=True)
+        rates = np.abs(v / tree.scales).sum(axis=-1, keepdims=True)
         momentum = (self.free_units * np.abs(states.v)).max(axis=-1, keepdims=True)
         weight = abs(tree.gravity) * np.sqrt(tree.mass)
-        self.effort = self.units * (momentum * rates + weight) + passive[0]
+        self.effort = self.units * (momentum * rates + weight) + passive[0] @ gains
         self.inertial_effort = self.effort + self.units * self.largest(states.a)
         positions = tree.positions(frames, tree.points)
         span = np.abs(positions - positions[:, :1]).max(axis=(1, 2))
@@ -246,7 +249,7 @@ class Sizes:
         self.free_inertial_effort = self.inertial_effort[:, tree.free]
         power = np.abs(states.a) * self.free_inertial_effort
         # Modules take sines of sums of angles, which rounding leaves uncertain by a share of these.
-        self.angles = np.abs(states.q[:, tree.turns[tree.free]]).sum(axis=-1)
+        self.angles = np.abs(q[:, tree.turns]).sum(axis=-1)
         # The function has a term in the square of gravity, which its difference loses.
         self.gibbs = tree.mass * tree.gravity**2 + np.sum(power, axis=-1)
         # Forces of inputs and of wrenches may cancel, so all their terms count.

@@ -8,9 +8,10 @@ carried by the same joint.
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import astuple, dataclass, field, replace
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -22,6 +23,9 @@ from gibbs_codegen.robot.parts.pose import Pose
 from gibbs_codegen.robot.parts.spring import SHORTEST
 from gibbs_codegen.verification.actuators import ActuatorOracle
 from gibbs_codegen.verification.vectors import COMPLEX_STEP, Array, about, cross, times
+
+if TYPE_CHECKING:
+    from gibbs_codegen.verification.states import States
 
 WORLD = -1
 
@@ -104,7 +108,8 @@ class Assembly:
     - `bodies`: frames that the file gives the base, rods that are held, and links, by their
       numbers.
     - `carriers`: for each of these but the base, the number of the body that carries it.
-    - `arm`: places of the joints that move, in the order of their links; `held`: how many are held.
+    - `arm`: places of the joints with coordinates, in the order of their links; `held`: how many
+      are held; `places`: of all joints that move, by their links.
     - `motors`: where they sit, and what each does there, in the order of the thrusts.
     - `frames`: the named frames; `points`: those of a module's POINTS, in order.
     """
@@ -116,7 +121,9 @@ class Assembly:
         self.joints: list[Joint] = []
         self.parts: list[JointPart] = []
         self.arm = layout.free[layout.v.joints]
+        self.places: dict[int, int] = {}
         self._robot = robot
+        others = itertools.count(count)
         self._constrained = iter(range(count)[layout.constrained])
         root = WORLD
         travels = layout.q.names[layout.q.position]
@@ -126,7 +133,7 @@ class Assembly:
         for place, letter in zip(layout.free[layout.v.attitude], sequence, strict=True):
             root = self._add(Joint(root, place, "xyz".index(letter)))
         if root == WORLD:  # A joint that never moves carries what is fixed.
-            root = self._add(Joint(root, count, 0, revolute=False))
+            root = self._add(Joint(root, next(others), 0, revolute=False))
         base, centre = robot.base, np.zeros(3)
         if base.origin == "motor1":
             angles = base.azimuth_deg or (180,)  # The first rod is seen from its motor.
@@ -149,7 +156,8 @@ class Assembly:
                 seat = _posed(link.pose)
             at = self.bodies[parent].within(*seat)
             if link.joint != "fixed":
-                at = self._jointed(at, link.axis, next(moving), link.joint == "revolute")
+                self.places[i] = next(others if link.gear else moving)
+                at = self._jointed(at, link.axis, self.places[i], link.joint == "revolute")
             elif link.constrained:
                 at = self._jointed(at, link.axis, next(self._constrained))
             self.bodies[i], self.carriers[i] = at, parent
@@ -165,7 +173,7 @@ class Assembly:
             frame.name: self.bodies[frame.on].within(*_posed(frame.pose))
             for frame in frames_of(robot)
         }
-        joints = [self.bodies[i] for i in robot.moving]
+        joints = [self.bodies[i] for i in robot.gearing]
         seats = [at for at, _ in self.motors]
         frames = [point for name, point in self.frames.items() if name != "base"]
         self.points = [*rods[:1], self.centre, *seats, *joints, *frames]
@@ -247,7 +255,7 @@ class PassiveForces:
 
     def __init__(self, tree: Tree, robot: Robot) -> None:
         self._tree, every = tree, np.zeros((tree.size, 4))
-        for place, i in zip(tree.arm, robot.moving, strict=True):
+        for i, place in tree.places.items():
             every[place] = astuple(robot.links[i - 1].passive)
         self._damping, self.armature, self._stiffness, self._rest = every.T
         names, ties = [frame.name for frame in frames_of(robot)], robot.springs
@@ -279,7 +287,7 @@ class PassiveForces:
 
     def damped(self, q: Array, v: Array) -> Array:
         """The part of these (…, size) that velocities make, against them."""
-        return self.forces(q, 0.0 * v) - self.forces(q, v)
+        return self._tree.folded(self.forces(q, 0.0 * v) - self.forces(q, v))
 
     def sizes(self, q: Array, v: Array) -> tuple[Array, Array]:
         """Sizes of the terms of these forces (…, size), and of the springs' energy (…), J."""
@@ -334,7 +342,9 @@ class Tree:
     - `placement`: where the world's first joints begin, rotation (s, 3, 3) and position (s, 3), for
       each of s states; None in the world's origin.
     - `free`, `constrained`, `arm`: places of the velocities, of the constrained joints and of the
-      arm's among all joints.
+      arm's with coordinates among all joints; `places`: of the arm's that move, by links.
+    - `gains`, `offsets`: coordinates of all joints are the former (size, size) times those of the
+      free ones, and the latter (size,). Gears make other joints follow.
     - `count`, `size`: how many joints the hybrid system has; with one that carries a fixed base.
     - `turns`, `scales`: for each coordinate whether it is an angle; 1 if so, else the reach.
     - `reach`, `tempo`: a length of the robot's own size, in m; what rates are of the order of, in
@@ -356,17 +366,24 @@ class Tree:
         self.free = self.layout.free
         built = Assembly(robot)
         self.joints, self.parts, self.arm = built.joints, built.parts, built.arm
+        self.places = built.places
         self.bodies, self.carriers = built.bodies, built.carriers
         self.size, self.count = len(self.joints), len(self.free) + built.held
         self.constrained = [*range(self.count)[self.layout.constrained]]
+        ratios, offsets = np.zeros((self.size, self.size)), np.zeros(self.size)
+        for i, place in self.places.items():
+            if gear := robot.links[i - 1].gear:
+                ratios[place, self.places[gear.of]], offsets[place] = gear.ratio, gear.offset
+        self.gains = np.linalg.inv(np.eye(self.size) - ratios)
+        self.offsets: Array = self.gains @ offsets
         self.turns = np.zeros(self.size, bool)
         self.turns[[joint.place for joint in self.joints if joint.revolute]] = True
         self.points = built.points
-        offsets = [np.linalg.norm(joint.offset) for joint in self.joints]
+        steps = [np.linalg.norm(joint.offset) for joint in self.joints]
         bodies = [np.linalg.norm(joint.com) for joint in self.joints]
         fixed = [np.linalg.norm(point.local) for point in self.points]
         # How far from the base anything of the robot may be, or 1 if it is a point.
-        self.reach = float(sum(offsets) + max(bodies) + max(fixed)) or 1.0
+        self.reach = float(sum(steps) + max(bodies) + max(fixed)) or 1.0
         # At the rate at which a pendulum of that length swings, weight and inertia are alike.
         self.tempo = float(np.sqrt(abs(self.gravity) / self.reach)) or 1.0
         self.scales = np.where(self.turns, 1.0, self.reach)
@@ -407,10 +424,21 @@ class Tree:
         return np.concatenate([angles[..., base.position], attitude, joints], axis=-1)
 
     def spread(self, values: Array) -> Array:
-        """Values (…, nv) as those (…, size) of all joints, zero at the constrained ones."""
+        """Rates (…, nv) as those (…, size) of all joints, zero at the constrained ones."""
         every = np.zeros((*values.shape[:-1], self.size), values.dtype)
         every[..., self.free] = values
-        return every
+        return times(self.gains, every)
+
+    def motion(self, states: States) -> tuple[Array, Array, Array]:
+        """Coordinates, rates and accelerations (…, size) of all joints."""
+        return self.spread(states.q) + self.offsets, self.spread(states.v), self.spread(states.a)
+
+    def folded(self, values: Array) -> Array:
+        """Forces on, or columns of, all joints (…, size) with those that gears move on the others.
+
+        They are added to those of the joints that move these.
+        """
+        return values @ self.gains
 
     def at_joints(self, q: Array) -> Array:
         """Coordinates (…, size) of the arm's joints from q (…, nq), whatever the base's are.
@@ -419,7 +447,7 @@ class Tree:
         """
         every = np.zeros((*q.shape[:-1], self.size))
         every[..., self.arm] = q[..., self.layout.q.joints]
-        return every
+        return times(self.gains, every) + self.offsets
 
     def frames(self, q: Array) -> Frames:
         """Frames of all joints at coordinates q (…, size) of all, which may be complex."""

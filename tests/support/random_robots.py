@@ -13,6 +13,7 @@ from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.robot.parts.base import ROD_ORIGINS, SEQUENCES, Base
 from gibbs_codegen.robot.parts.body import Body, RigidBody, Rod
 from gibbs_codegen.robot.parts.frame import Frame
+from gibbs_codegen.robot.parts.gear import Gear
 from gibbs_codegen.robot.parts.link import JOINT_KINDS, LINK_KINDS, JointLimits, Link, Passive
 from gibbs_codegen.robot.parts.numbers import AXES, BASE, Vector3
 from gibbs_codegen.robot.parts.pose import Pose
@@ -225,6 +226,27 @@ def sprung_robot(seed: int, attitude: str = "") -> Robot:
             )
         )
     return replace(robot, springs=tuple(springs))
+
+
+def geared_robot(seed: int, attitude: str = "") -> Robot:
+    """The tree of a seed, with springs, in which gears move about half of the joints.
+
+    Some are gears of gears; a joint may be moved by one of another branch, or of another kind.
+    """
+    number = seed
+    while len((robot := sprung_robot(number, attitude)).moving) < 2:
+        number += 1000
+    rng, links = np.random.default_rng([seed, 4]), [*robot.links]
+    first, *others = map(int, rng.permutation(robot.moving))
+    before = [first]
+    for k, i in enumerate(others):
+        if k == 0 or rng.random() < 0.5:
+            ratio = float(rng.choice((-1.0, 1.0, 0.35, -2.5)))
+            offset = float(rng.choice((0.0, 0.0, 0.4)))
+            gear = Gear(of=before[rng.integers(len(before))], ratio=ratio, offset=offset)
+            links[i - 1] = replace(links[i - 1], gear=gear, limits=JointLimits(), coordinate=None)
+        before.append(i)
+    return replace(robot, name=f"geared_{seed}", links=tuple(links))
 
 
 def random_parents(seed: int, links: int) -> tuple[int, ...]:

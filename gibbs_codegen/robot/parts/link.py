@@ -12,6 +12,7 @@ from pydantic import BeforeValidator, GetPydanticSchema
 from gibbs_codegen.files.table import Flag, fault
 from gibbs_codegen.robot.parts.body import NOT_BOTH_BODIES, RIGID_NEEDS_MASS, Body, BodyKeys
 from gibbs_codegen.robot.parts.friction import Friction
+from gibbs_codegen.robot.parts.gear import Gear
 from gibbs_codegen.robot.parts.numbers import (
     AXES,
     NO_ANGLE,
@@ -132,6 +133,9 @@ class DriveKeys(Part):
         "a servo that drives the joint; default: none, and it is commanded torques or forces"
     )
     friction: Friction | None = entry("dry friction of the joint; default: none")
+    gear: Gear | None = entry(
+        "a gear by which another joint moves this one, which has no coordinate then; default: none"
+    )
 
 
 @dataclass(frozen=True)
@@ -161,7 +165,7 @@ class Link(JointKeys, DriveKeys):
 
     @property
     def moves(self) -> bool:
-        """True if its joint has a coordinate."""
+        """True if its joint moves, by its own coordinate or by that of another link."""
         return self.joint != "fixed"
 
     @property
@@ -173,8 +177,9 @@ class Link(JointKeys, DriveKeys):
         return replace(self.limits, effort=servo.torque, velocity=rate)
 
 
-# Keys of joints that move.
+# Keys of joints that move, and those of joints with coordinates.
 _OF_MOVING = tuple(key.name for kind in (Passive, LimitKeys, DriveKeys) for key in fields(kind))
+_OF_COORDINATES = (*(key.name for key in fields(LimitKeys)), "coordinate", "servo", "friction")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -219,7 +224,12 @@ class LinkTable(BodyKeys, DriveKeys, LimitKeys, Passive, JointKeys, Posed):
                 yield "coordinate", "must be left out, since a welded joint has no coordinate"
         elif constrained:
             yield "constrained", 'needs a joint that does not move: give joint = "fixed"'
-        if kind != "fixed" and "limits_deg" in values:
+        if values.get("gear") is not None:
+            for key in _OF_COORDINATES:
+                if key in values:
+                    words = "must be left out, since a gear moves the joint: give it to the link"
+                    yield key, f"{words} of the gear"
+        elif kind != "fixed" and "limits_deg" in values:
             if "limits" in values:
                 yield "limits_deg", "must be left out, or limits: give one of the two"
             elif kind == "prismatic":

@@ -1,0 +1,107 @@
+"""Gears of URDF, SDF and MJCF: read, written, and left out where they lead nowhere."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from gibbs_codegen.exchange.exporting import Format, export_robot
+from gibbs_codegen.exchange.importing import ImportOptions, import_robot
+from gibbs_codegen.robot.file import parse_robot
+from gibbs_codegen.robot.model import Robot
+from gibbs_codegen.robot.parts.gear import Gear
+
+INERTIA = "inertia = [1e-3, 1e-3, 1e-3, 0, 0, 0]"
+HAND = f"""
+name = "hand"
+base = {{ mass = 1, {INERTIA}, attitude = "quaternion" }}
+[[link]]
+name = "driver"
+xyz = [0, 0, 0.1]
+mass = 0.1
+{INERTIA}
+limits = [-1, 1]
+[[link]]
+name = "rack"
+parent = "base"
+joint = "prismatic"
+xyz = [0, 0.1, 0.1]
+mass = 0.1
+{INERTIA}
+gear = {{ of = "driver", ratio = 0.25, offset = 0.5 }}
+[[link]]
+name = "tip"
+xyz = [0, 0, 0.1]
+mass = 0.1
+{INERTIA}
+gear = {{ of = "rack", ratio = -2 }}
+"""
+
+
+def imported(text: str, tmp_path: Path, **options: object) -> tuple[Robot, dict[str, list[str]]]:
+    """The robot of a text, and what is told of each joint's gear."""
+    path = tmp_path / "hand.xml"
+    path.write_text(text, encoding="utf-8")
+    robot, findings = import_robot(path, replace(ImportOptions("quaternion"), **options))
+    told: dict[str, list[str]] = {}
+    for line in findings:
+        if line.kind in ("gear", "left out") and "joint" in line.detail:
+            told.setdefault(line.subject, []).append(line.detail)
+    return robot, told
+
+
+@pytest.mark.parametrize("form", ["urdf", "sdf", "mjcf"])
+def test_gears_come_back_as_they_were(form: Format, tmp_path: Path) -> None:
+    if form == "mjcf":
+        pytest.importorskip("mujoco")
+    text, _ = export_robot(parse_robot(HAND), form)
+    robot, told = imported(text, tmp_path)
+    gears = [link.gear for link in robot.links]
+    assert gears == [None, Gear(of=1, ratio=0.25, offset=0.5), Gear(of=2, ratio=-2.0)]
+    assert [link.limits.low for link in robot.links] == [-1.0, None, None]
+    of = [detail for details in told.values() for detail in details]
+    assert len(of) == 2
+    assert all(detail.startswith("moved by joint ") for detail in of)
+
+
+URDF, _ = export_robot(parse_robot(HAND), "urdf")
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "joint", "mover"),
+    [
+        ('joint="rack"', 'joint="none"', "tip", "none"),
+        ('multiplier="-2.0"', 'multiplier="0"', "tip", "rack"),
+        ('joint="driver"', 'joint="tip"', "rack", "tip"),
+    ],
+)
+def test_what_leads_nowhere_is_left_out(
+    old: str, new: str, joint: str, mover: str, tmp_path: Path
+) -> None:
+    assert old in URDF
+    robot, told = imported(
+        URDF.replace(f"<mimic {old}", f"<mimic {new}").replace(old, new), tmp_path
+    )
+    assert told[joint] == [f"that it follows joint {mover}, which does not move it"]
+    assert joint in [robot.links[i - 1].coordinate for i in robot.moving]
+
+
+def test_a_joint_that_follows_a_locked_one_moves_on_its_own(tmp_path: Path) -> None:
+    robot, told = imported(URDF, tmp_path, lock={"driver": 0.2})
+    assert told["rack"] == ["that it follows joint driver, which does not move it"]
+    assert [link.gear for link in robot.links] == [None, Gear(of=1, ratio=-2.0)]
+
+
+def test_sdf_counts_from_a_reference(tmp_path: Path) -> None:
+    text, _ = export_robot(parse_robot(HAND), "sdf")
+    robot, _ = imported(text.replace("<reference>0.0<", "<reference>0.2<"), tmp_path)
+    assert robot.links[1].gear.offset == pytest.approx(0.45)
+
+
+def test_equalities_of_mjcf_that_are_no_gears_are_told(tmp_path: Path) -> None:
+    pytest.importorskip("mujoco")
+    text, _ = export_robot(parse_robot(HAND), "mjcf")
+    robot, _ = imported(text.replace("0.5 0.25 0.0 0.0", "0.5 0.25 0.1 0.0"), tmp_path)
+    assert [link.gear for link in robot.links] == [None, None, Gear(of=2, ratio=-2.0)]

@@ -1,0 +1,96 @@
+"""Gears of robot files: what they make of coordinates, and what is refused."""
+
+from __future__ import annotations
+
+import pytest
+
+from gibbs_codegen.errors import RobotFileError
+from gibbs_codegen.robot.balance import holding_efforts
+from gibbs_codegen.robot.description import Description
+from gibbs_codegen.robot.file import parse_robot
+from gibbs_codegen.robot.parts.gear import Gear
+from gibbs_codegen.robot.posture import AT_ORIGIN, frames_on
+
+GEAR = 'gear = { of = "driver", ratio = 0.5, offset = 0.1 }'
+HAND = f"""
+name = "hand"
+gravity = 10
+base = {{ mass = 1, inertia = [1e-3, 1e-3, 1e-3, 0, 0, 0] }}
+[[link]]
+name = "last"
+axis = "y"
+xyz = [0, 0, 0]
+mass = 0.1
+com = [1, 0, 0]
+gear = {{ of = "slider", ratio = -2 }}
+[[link]]
+name = "driver"
+parent = "base"
+axis = "y"
+xyz = [0, 0, 0]
+mass = 0.3
+com = [1, 0, 0]
+limits = [-1, 1]
+[[link]]
+name = "slider"
+parent = "base"
+joint = "prismatic"
+axis = "x"
+xyz = [0, 0, 0]
+mass = 0.1
+stiffness = 4
+rest = 0.6
+{GEAR}
+"""
+
+
+def test_one_coordinate_moves_all_joints() -> None:
+    robot = parse_robot(HAND)
+    assert (robot.moving, [*robot.gearing]) == ((2,), [1, 2, 3])
+    assert robot.gearing[1] == Gear(of=2, ratio=-1.0, offset=-0.2)
+    assert robot.positions([0.4]) == pytest.approx({1: -0.6, 2: 0.4, 3: 0.3})
+    description = Description(robot)
+    assert description.layout.v.names[3:-3] == ("driver",)
+    assert [entry.name for entry in description.inputs] == ["tau_driver"]
+    assert {"joint_last", "joint_driver", "joint_slider"} <= {*description.points}
+    assert frames_on(robot, AT_ORIGIN, [0.4]).links[2].origin == pytest.approx([0.3, 0, 0])
+
+
+def test_efforts_that_hold_joints_count_through_ratios() -> None:
+    """By hand, at a coordinate of 0: −0.3·10·1 of the driver's weight about y, and so on."""
+    last, spring = -0.1 * 10 * 0.98006657784, 4 * (0.1 - 0.6)
+    efforts = holding_efforts(parse_robot(HAND), [])
+    assert efforts == pytest.approx([-3.0 + -1.0 * last + 0.5 * spring])
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ('"driver", ratio', '"last", ratio', "'last' is itself moved by this joint, which makes a"),
+        ('"driver", ratio', '"slider", ratio', "'slider' is itself moved by this joint, which"),
+        ('"driver", ratio', '"drver", ratio', "not 'drver'; did you mean 'driver'?"),
+        ('"driver", ratio', '"base", ratio', "name of another link whose joint moves, not 'base'"),
+        (
+            "ratio = 0.5",
+            "ratio = 0",
+            'must not be 0, with which the joint would not move: give joint = "f',
+        ),
+        (
+            GEAR,
+            f"{GEAR}\nlimits = [0, 1]",
+            "limits: must be left out, since a gear moves the joint",
+        ),
+        (GEAR, f"{GEAR}\nfriction.coulomb = 1", "friction: must be left out, since a gear moves"),
+        ("limits = [-1, 1]", 'joint = "fixed"', "'driver' is fixed"),
+        (
+            GEAR,
+            f'{GEAR}\n[[constraint]]\nname = "grip"\ntype = "point"\nframe = "base"',
+            "cannot stand beside link.gear yet",
+        ),
+    ],
+)
+def test_faults_of_gears(old: str, new: str, message: str) -> None:
+    assert old in HAND
+    with pytest.raises(RobotFileError) as refused:
+        parse_robot(HAND.replace(old, new))
+    assert message in str(refused.value)
