@@ -238,25 +238,27 @@ def _part_tables(robot: Robot, data: dict[str, Any]) -> Iterator[Table]:
 
 def _print_actuators(robot: Robot, console: Console) -> None:
     """Print numbers of rotors, servos, friction and battery, a line for all that have the same."""
-    rotors = enumerate(robot.thrusters, start=1)
-    parts: list[tuple[str, Part | None]] = [(rotor_label(robot, k), rotor) for k, rotor in rotors]
+    parts: list[tuple[str, str, Part | None]] = []
+    parts += [("rotor", rotor_label(robot, k), x) for k, x in enumerate(robot.thrusters, start=1)]
     for i in robot.moving:
         link, name = robot.links[i - 1], link_label(robot, i)
-        parts += [(f"servo of {name}", link.servo), (f"friction of {name}", link.friction)]
-    alike: dict[str, list[str]] = {}
-    for name, part in (*parts, ("battery", robot.battery)):
+        parts += [("servo of", name, link.servo), ("friction of", name, link.friction)]
+    alike: dict[tuple[str, str], list[str]] = {}
+    for what, name, part in (*parts, ("", "battery", robot.battery)):
         if part and (keys := changed_keys(part, *_IN_TABLE)):
             values = (_listed(x if isinstance(x, tuple) else (x,)) for x in keys.values())
             text = "; ".join(map(" ".join, zip(keys, values, strict=True)))
-            alike.setdefault(text, []).append(name)
+            alike.setdefault((what, text), []).append(name)
+    told = "; max_thrust and thrust_constant as thrust_curve" * any("_curve" in x for _, x in alike)
     if alike:
-        console.print("\nActuators, by the keys of the robot file (SI units)")
-    for text, names in alike.items():
-        console.print(f"{_each('rotor', names, 0, '')}: {text}", markup=False)
+        console.print(f"\nActuators, by the keys of the robot file (SI units){told}")
+    for (what, text), names in alike.items():
+        kind = "rotors" if what == "rotor" and len(names) > 1 else what
+        console.print(f"{kind} {_each('', names, 0, '').strip()}: {text}".strip(), markup=False)
 
 
 def _listed(values: Sequence[float | str]) -> str:
-    return ", ".join(number(x) if isinstance(x, float) else str(x).lower() for x in values)
+    return ", ".join(number(x) if isinstance(x, float) else json.dumps(x) for x in values)
 
 
 def _short(values: Sequence[float]) -> str:
@@ -482,7 +484,7 @@ def _print_arrangement(motors: dict[str, Any], console: Console) -> None:
             f"This is with the joints at zero. They move rotors {', '.join(moved)}; elsewhere the "
             f"rank is {ranks}."
         )
-    by_default, names = "nothing" if motors["rank"] == 6 else "attitude", ", ".join(motors["free"])
-    console.print(f"free of trim: {by_default} by default; it may name {names}", markup=False)
+    varied, names = "nothing" if motors["rank"] == 6 else "the attitude", ", ".join(motors["free"])
+    console.print(f"`trim` varies {varied}, or what `free` names of: {names}", markup=False)
     if motors["tilt_hint"]:
         console.print(f"Hint: {motors['tilt_hint']['text']}")

@@ -319,13 +319,14 @@ def test_info_of_actuators_has_commands_stiffnesses_and_how_long_the_battery_las
     assert "link 1 revolute theta_3 0.2 - -" in lines
     told = " ".join(said[said.index("\nActuators") :].split())
     assert told.startswith(
-        "Actuators, by the keys of the robot file (SI units) rotor 1: time_constant 0.02; command "
-        "throttle; thrust_curve 0, 0, 30; command_limits 0, 1; full_speed 600 rotor 2: command "
-        "speed; thrust_curve 0, 0, 2e-05; command_limits 0, 900 servo of link 1: stiffness 30 "
-        "friction of link 1: coulomb 0.1; static 0.1 battery: voltage 20, 20; resistance 0; "
-        "capacity 3; nominal 20; auxiliary 10 Rotors: "
+        "Actuators, by the keys of the robot file (SI units); max_thrust and thrust_constant as"
+        ' thrust_curve rotor 1: time_constant 0.02; command "throttle"; thrust_curve 0, 0, 30; '
+        'command_limits 0, 1; full_speed 600 rotor 2: command "speed"; thrust_curve 0, 0, '
+        "2e-05; command_limits 0, 900 servo of link 1: stiffness 30 friction of link 1: coulomb"
+        " 0.1; static 0.1 battery: voltage 20, 20; resistance 0; capacity 3; nominal 20; "
+        "auxiliary 10 Rotors: "
     )
-    assert "free of trim: attitude by default; it may name attitude, theta_3" in lines
+    assert "`trim` varies the attitude, or what `free` names of: attitude, theta_3" in lines
     assert "1 base 0, 0, 0 z 0 0 … 30 N" in lines
     assert "2 base 0, 0, 0 z 0 0 … 16.2 N" in lines
     assert "hover throttle: 57.18 % (rotor 1), with a full battery; 42.82 % are left" in lines
@@ -342,6 +343,14 @@ def test_info_of_actuators_has_commands_stiffnesses_and_how_long_the_battery_las
     assert data["battery"]["capacity"] == 3
     assert data["link_list"][0]["servo"]["stiffness"] == 30
     assert data["link_list"][0]["friction"]["static"] == 0.1
+    second = DRIVEN[DRIVEN.rindex("[[rotor]]") : DRIVEN.index("[[link]]")]
+    named = f'{DRIVEN}{second}name = "Left"\nground_effect = true\ndisc_radius = 0.1\n'
+    named += f'{second}name = "Right"\n'
+    (tmp_path / "named.toml").write_text(named, encoding="utf-8")
+    said = run("info", "named.toml", cwd=tmp_path).stdout
+    assert "rotors 2, Right: command" in said
+    assert "rotor Left: command" in said
+    assert "ground_effect true" in " ".join(said.split())
 
 
 def test_info_of_rotors_alone_has_no_tables_of_chains(tmp_path: Path) -> None:

@@ -35,6 +35,7 @@ from gibbs_codegen.flight.integration.state_history import (
 )
 from gibbs_codegen.flight.plant.actuators import (
     Actuators,
+    at_limits,
     check_charge,
     commands_for,
     has_battery,
@@ -210,7 +211,7 @@ class ClosedLoop:
         if not self.limited:
             return []
         commanded, _ = self.inputs(time, self.parts(state), self.loads(time))
-        reached = self.actuators.reached(commanded)
+        reached = at_limits(commanded, self.actuators.inputs)
         return [self.vehicle.inputs[place] for place in np.flatnonzero(reached)]
 
     def motion(

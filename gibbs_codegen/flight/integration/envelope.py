@@ -46,6 +46,8 @@ _OTHER_CONTROL = {
     PREDICTIVE: "another control.law",
 }
 
+# Greater errors, in rad, m and their rates per s, than rounding leaves of a begin on the motion.
+_OFF = 1e-6
 _NEARER = "nearer to the desired motion (start.offset, start.turn_deg)"
 # What the reason says of a state in which an entry is infinite, or no number.
 NOT_FINITE = "the state is no longer finite"
@@ -166,7 +168,7 @@ class Envelope:
         gains = ["a lower control.attitude_frequency", "a lower control.frequency"]
         # With commands those of a scenario are within what these make.
         wider = "rotors' limits in the robot file" if loop.vehicle.is_driven else "motors.limits"
-        far = (start := self._start) and self._errors(*start).any() and loop.saturated(*start)
+        far = (at := self._start) and self._errors(*at).max() > _OFF and loop.saturated(*at)
         remedies = [
             *([f"a start {_NEARER}"] if far else []),
             *([f"wider {wider}"] if True in at_limits else []),

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 _NO_LIMITS = (-math.inf, math.inf)
 # Share of the largest input, or of 1, that may be missing; and how often more is wanted till then.
 _SMALL, _TRIES = 1e-12, 64
-# How far rounding takes what is at a limit beyond it.
+# How far rounding takes what is at a limit off it.
 _EXACT = 1e-9
 
 
@@ -77,9 +77,7 @@ class Actuators:
     def values(self) -> dict[str, Array]:
         """Limits of the inputs (nu) as array programs take them, and what counts as at them."""
         least, most = self.inputs[..., 0, :], self.inputs[..., 1, :]
-        # Allocation within limits comes to them but for roundoff.
-        margin = 1e-9 * np.where(np.isfinite(most - least), most - least, 0.0)
-        return {"least": least, "most": most, "margin": margin}
+        return {"least": least, "most": most, "margin": _margin(self.inputs)}
 
     @property
     def of_commands(self) -> dict[str, Array]:
@@ -105,10 +103,17 @@ class Actuators:
         times, (begin, end) = np.asarray(time), self.span
         return (times < begin) | (times >= end)
 
-    def reached(self, commanded: Array) -> Flags:
-        """True for commanded inputs (nu) that are at a limit, or beyond."""
-        least, most, margin = self.values.values()
-        return (commanded <= least + margin) | (commanded >= most - margin)
+
+def at_limits(commanded: Array, limits: Array) -> Flags:
+    """True for commanded inputs (nu) that are at one of their limits (2, nu), or beyond."""
+    (least, most), margin = limits, _margin(limits)
+    return (commanded <= least + margin) | (commanded >= most - margin)
+
+
+def _margin(limits: Array) -> Array:
+    """How far from limits (…, 2, nu) inputs (…, nu) are that allocation takes there: roundoff."""
+    span = limits[..., 1, :] - limits[..., 0, :]
+    return _EXACT * np.where(np.isfinite(span), span, 0.0)
 
 
 def actuators_of(vehicle: RobotData, scenario: Scenario) -> Actuators:
@@ -145,13 +150,16 @@ def actuators_of(vehicle: RobotData, scenario: Scenario) -> Actuators:
 
 
 def _check_limits(vehicle: RobotData, limits: tuple[float, float] | None, thrusts: Array) -> None:
-    """Raise `UsageError` for limits beyond thrusts (2, N), N, that commands of rotors make."""
+    """Raise `UsageError` for limits beyond those of thrusts (2, N), N, that every rotor makes."""
     low, high = thrusts[0].max(initial=-math.inf), thrusts[1].min(initial=math.inf)
     beyond = limits is not None and (limits[0] < low - _EXACT or limits[1] > high + _EXACT)
     if vehicle.is_driven and beyond:
+        what = f"from {low:.4g} to {high:.4g} N; give limits within these"
+        if low > high:
+            what = f"none: one makes {low:.4g} N or more, one {high:.4g} N or less; leave it out"
         raise UsageError(
-            f"motors.limits: all commands of rotors of {vehicle.name} make thrusts of {low:.4g} to "
-            f"{high:.4g} N; give limits within these, or change the rotors in its robot file"
+            f"motors.limits: thrusts that every rotor of {vehicle.name} can make are {what}, or "
+            "change the rotors in its robot file"
         )
 
 

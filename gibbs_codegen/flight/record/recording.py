@@ -88,6 +88,7 @@ class Recording:
             "walls": self._walls,
             "wall_kinds": lambda: tuple(wall.kind for wall in scenario.walls),
             "gusts": lambda: np.array(blowing, dtype=np.float64).reshape(-1, 2),
+            "motor_times": lambda: np.array(loop.actuators.span),
             "wall_forces": self._wall_forces,
             "contact_walls": lambda: np.array([k for k, _ in contacts], dtype=np.int_),
             "contact_frames": lambda: tuple(frame for _, frame in contacts),

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.files.staging import writing
-from gibbs_codegen.flight.plant.actuators import followed
+from gibbs_codegen.flight.plant.actuators import at_limits, followed
 from gibbs_codegen.flight.plant.kinematics import kinematics_of
 from gibbs_codegen.flight.plant.vehicle import Vehicle
 from gibbs_codegen.flight.scenario.parts import PREDICTIVE
@@ -31,7 +31,7 @@ RANGES = ("commanded_least", "commanded_greatest", "applied_least", "applied_gre
 NO_SERIES = frozenset(
     {
         *("base_arm_angles_desired", "binding_times", "contact_walls", "disc_radii", "gusts"),
-        *("hold_times", "impacts", "impulses"),
+        *("hold_times", "impacts", "impulses", "motor_times"),
         *("input_limits", "joint_limits", "walls"),
     }
 )
@@ -45,7 +45,7 @@ _LINEAR_ROWS = frozenset({"x", "y", "z", "distance", "normal"})
 _TURNED = 0.25
 # Commands that jump by more than this share of the greatest, in more than this share of samples.
 _JUMP, _CHATTERS = 0.5, 0.05
-# Distance, m, and angle, degrees, from which on a base that follows a path is lost.
+# Distance, m, and angle, degrees, from which on the end of a base that follows a path is told.
 _ASTRAY, _OVERTURNED = 1.0, 90.0
 Column = tuple[str, str, Array]
 StrPath = str | os.PathLike[str]
@@ -124,7 +124,7 @@ class Flight:
     without sensors. `sensor_frames` (m) are the frames at which they are, "" of those at none.
     `disc_radii` (N), m, are those of the rotors, 0 where nobody says them.
     `gusts` (g, 2) are from when to when each gust of the wind
-    blows, s.
+    blows, s, and motors run from and to `motor_times` (2), s.
     `weight` is that of the robot, N, `gravity` the acceleration of things that fall, m/s², NaN in
     files of before flights had it, and `input_limits` (2, nu) are the least and the greatest
     inputs that motors and joints give, infinite without limits. `joint_limits` (2, n) are those of
@@ -181,6 +181,7 @@ class Flight:
     walls: Array = field(default_factory=lambda: np.zeros((0, 6)), repr=False)
     wall_kinds: tuple[str, ...] = field(default=(), repr=False)
     gusts: Array = field(default_factory=lambda: np.zeros((0, 2)), repr=False)
+    motor_times: Array = field(default_factory=lambda: np.array([0.0, np.inf]), repr=False)
     wall_forces: Array = field(default_factory=lambda: np.zeros((0, 0)), repr=False)
     contact_walls: NDArray[np.int_] = field(
         default_factory=lambda: np.zeros(0, dtype=np.int_), repr=False
@@ -320,20 +321,27 @@ class Flight:
 
     @property
     def _astray(self) -> tuple[str, ...]:
-        """That the base ends far from its path, farther than it began, or overturned, in words."""
+        """That the base ends far from its path, farther than it began, or overturned, in words.
+
+        Motors that are off, and numbers that are not finite, leave nothing to tell.
+        """
         follows = self.law == PREDICTIVE or (self.law in LAWS and not LAWS[self.law].moves_frame)
-        if not follows or self.stopped or self.hold_times.size:
+        runs = self.time[-1] == np.clip(self.time[-1], *self.motor_times)
+        if not follows or not runs or self.stopped or self.hold_times.size:
             return ()
         begin, end = self.centre_error[[0, -1]]
         turned = kinematics_of(self.layout).rotation(self.q_desired[-1])
         off = np.degrees(np.arccos(np.clip(turned[:, 2] @ self.base_rotation[-1, :, 2], -1.0, 1.0)))
-        if end <= max(begin, _ASTRAY) and off <= _OVERTURNED:
-            return ()
-        return (
-            f"The flight ends {end:.3g} m from where the base was to be, its z axis {off:.3g}° "
-            "from where it was to point: control is lost, though not by integration.divergence; "
-            "see which inputs were at their limits, or give a smaller divergence, which ends it.",
+        far, overturned = max(begin, _ASTRAY) < end < np.inf, off > _OVERTURNED
+        limited = at_limits(self.commanded[-1], self.input_limits)
+        limited &= np.ptp(self.input_limits, axis=0) > 0.0  # Else there is no choice between them.
+        lost = "; control may be lost, and a smaller integration.divergence ends such a flight"
+        limits = f", with inputs at their limits{lost * (not overturned)}" * bool(limited.any())
+        notes = (
+            f"The base ends {end:.3g} m from where it was to be{limits}.",
+            f"The base ends overturned, its z axis {off:.3g}° from where it was to point{lost}.",
         )
+        return tuple(itertools.compress(notes, (far, overturned)))
 
     @property
     def impact_summaries(self) -> tuple[str, ...]:

@@ -479,6 +479,10 @@ def counted_derivatives(monkeypatch: pytest.MonkeyPatch) -> list[float]:
             {"motors": {"limits": [-45, 45]}, "start": {"offset": [0.9, 0, 0]}},
             r"limits: F_1.*; try a start nearer .* \(start.offset, start.turn_deg\), wider motors",
         ),
+        (  # So near it is on its path.
+            {"motors": {"limits": [0, 15]}, "start": {"offset": [1e-9, 0, 0]}},
+            "limits: F_1.*; try wider motors.limits, ",
+        ),
         (
             {
                 "motors": {"time_constant": 0.05, "compensation": False},

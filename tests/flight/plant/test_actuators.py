@@ -128,13 +128,18 @@ def test_the_scenario_overrides_the_robot_file(folders: dict[str, Path]) -> None
 
 def test_thrusts_that_no_command_makes_are_no_limits(tmp_path: Path) -> None:
     """Of throttles and speeds: the least of one rotor is 0.11 N, the greatest of others 9 N."""
-    (tmp_path / "actuated.toml").write_text(TEXT, encoding="utf-8")
-    robot = robot_data(tmp_path / "actuated.toml")
+    path = tmp_path / "actuated.toml"
+    path.write_text(TEXT, encoding="utf-8")
+    robot = robot_data(path)
     found = actuators_of(robot, hover(motors={"limits": [0.11, 9]}))
     assert found.thrusts.tolist() == [[0.11] * 4, [9] * 4]
     for limits in ((0.11, 30), (0, 9)):
-        with pytest.raises(UsageError, match=r"motors\.limits: .* make thrusts of 0\.11 to 9 N;"):
+        with pytest.raises(UsageError, match=r"every rotor of actuated .* 0\.11 to 9 N; give"):
             actuators_of(robot, hover(motors={"limits": limits}))
+    # 1.2e-5 (1000)² − 2e-4 (1000) + 0.01 N is more than 9 N.
+    path.write_text(TEXT.replace("[100, 900]", "[1000, 1200]"), encoding="utf-8")
+    with pytest.raises(UsageError, match=r"one makes 11\.81 N or more, one 9 N or less; leave"):
+        actuators_of(robot_data(path), hover(motors={"limits": (9, 12)}))
 
 
 def test_a_module_that_does_not_say_its_limits_is_to_be_generated_again(

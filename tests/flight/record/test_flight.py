@@ -50,14 +50,31 @@ def test_a_flight_says_that_commands_of_motors_chatter(flight: Flight) -> None:
 
 
 def test_a_flight_says_that_it_ends_far_from_its_path_or_overturned(flight: Flight) -> None:
-    """One that begins as far away does not, nor one that ended there, nor one of a user's law."""
+    """One that begins as far away does not, nor one that ended there, nor one of a user's law.
+
+    Nor one whose motors are off. What is far with inputs to spare may be so on purpose.
+    """
     far, turned = flight.centre_desired.copy(), flight.base_rotation.copy()
     far[-1] = flight.point(flight.centre)[-1] + [2.0, 0.0, 0.0]
     turned[-1] = turned[-1] @ np.diag([1.0, -1.0, -1.0])
     lost = dataclasses.replace(flight, centre_desired=far)
-    assert re.match("The flight ends 2 m from where the base was to be, its z axis 0", *lost.notes)
-    (note,) = dataclasses.replace(flight, base_rotation=turned).notes
-    assert "its z axis 180° from where it was to point: control is lost" in note
+    assert lost.notes == ("The base ends 2 m from where it was to be.",)
+    asked = flight.commanded[-1]
+    limited = dataclasses.replace(lost, input_limits=np.stack([asked - 1.0, asked]))
+    assert "at their limits; control may be lost, and a smaller integration" in limited.notes[0]
+    spared = dataclasses.replace(lost, input_limits=np.stack([asked, asked]))
+    assert spared.notes == lost.notes
+    over = dataclasses.replace(flight, base_rotation=turned)
+    words = (
+        "The base ends overturned, its z axis 180° from where it was to point; control may be lost"
+    )
+    assert over.notes[0].startswith(words)
+    for times in ([0.0, 0.2], [0.4, np.inf]):
+        off = {"motor_times": np.array(times)}
+        assert dataclasses.replace(over, **off).notes == ()
+    unknown = np.full_like(flight.q_desired, np.nan)
+    assert dataclasses.replace(over, q_desired=unknown).notes == ()
+    assert dataclasses.replace(flight, centre_desired=far * np.nan).notes == ()
     away = far.copy()
     away[0, 0] -= 3.0
     begun = dataclasses.replace(lost, centre_desired=away)
