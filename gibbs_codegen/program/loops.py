@@ -173,11 +173,11 @@ class _Matcher:
         for i in range(last, last + length):
             names = self._names[i] & self._names[i - length]
             inner = [source - last for source in self._sources[i] if source >= last]
-            # Shared names and own ones that blocks read: quick to compare, and mostly different.
+            # Names that blocks share or define and read: quick to compare, and mostly different.
             for back in range(length, _FEWEST_BLOCKS * length, length):
                 first = last - back
-                own = [source - first for source in self._sources[i - back] if source >= first]
-                if own != inner or not names <= self._names[i - back]:
+                offsets = [x - first for x in self._sources[i - back] if x >= first]
+                if offsets != inner or not names <= self._names[i - back]:
                     return None
             shared.append(names)
         pattern: list[object] = []

@@ -210,13 +210,13 @@ def _processor() -> str:
 
 _log = logging.getLogger("gibbs_codegen")
 # What is compiled, where nothing else is said.
-_FUNCTIONS = "its functions"
+_FUNCTIONS, FLIGHT = "its functions", "a flight"
 # Time to compile a library, s, and each operation in it, on the machine of the waiting times.
 _SECONDS_A_LIBRARY, _SECONDS_AN_OPERATION = 0.3, 4e-4
 _OPERATIONS = re.compile(rb" [-+*/] ")
 # Work that takes longer is announced, s.
 _PATIENCE = 2.0
-# Words that were logged; begin and end of announced work, s.
+# Words that were logged; begin and end of the main thread's waits for announced work, s.
 _LOGGED: set[str] = set()
 _SPANS: list[tuple[float, float]] = []
 NATIVE = Path(__file__).parent / "native"
@@ -314,8 +314,8 @@ class ModuleLibrary:
     def built(self, ahead: Callable[[], Callable[[], object]] | None = None) -> Iterator[None]:
         """Compile side by side what most flights call, which is then there.
 
-        Where that takes a while, `ahead` is asked for a call, which compiles something else beside
-        it and what is done here. Raises as `function` does.
+        Where that takes a while, `ahead` is asked for a call, which compiles a flight beside it and
+        what is done here. Raises as `function` does.
         """
         # Those for blocks take longest, and come first.
         flown = [self._unit(names[0], form) for form, names in reversed(_FLOWN.items())]
@@ -337,7 +337,8 @@ class ModuleLibrary:
                 for task in tasks[: len(units)]:
                     task.result()
             yield
-            wait(tasks)
+            with announced(_compiling(self._name, FLIGHT)):
+                wait(tasks)
         except (KeyboardInterrupt, SystemExit):
             GIVEN_UP.set()
             try:  # Some may be about to start.
@@ -520,7 +521,7 @@ def opened_core(path: Path, prefix: str) -> ctypes.CDLL:
 
 @contextmanager
 def announced(what: str, seconds: Callable[[], float] | None = None) -> Iterator[None]:
-    """Log, as a warning, what takes longer than two seconds, once; and keep when it was done.
+    """Log, once, a warning of what takes longer than two seconds; keep when the main thread waits.
 
     `seconds` tells about how long it takes.
     """
@@ -539,11 +540,12 @@ def announced(what: str, seconds: Callable[[], float] | None = None) -> Iterator
         yield
     finally:
         timer.cancel()
-        _SPANS.append((begin, time.perf_counter()))
+        if threading.current_thread() is threading.main_thread():
+            _SPANS.append((begin, time.perf_counter()))
 
 
 def seconds_waited(since: float) -> float:
-    """The time, s, of announced work since a time of `perf_counter`."""
+    """The time, s, that the main thread waited for announced work since one of `perf_counter`."""
     waited, end = 0.0, since
     for begin, after in sorted(_SPANS):
         waited += max(after - max(begin, end), 0.0)

@@ -74,9 +74,9 @@ class Entry(NamedTuple):
     is_setting: bool = True
 
 
-# Of the functions for users of C: what each returns, is given and does.
 # What begins a line, which defines what it names.
 _DEFINITION = re.compile(r"(?:#define |static INLINE \w+ |IN_LANES\()(\w+)")
+# Of the functions for users of C: what each returns, is given and does.
 _FUNCTIONS = {
     "size": ("size_t", "void", "Bytes of a controller."),
     "init": ("void", "{self}", "Fill in all settings, and reset. Once, before anything else."),
@@ -323,11 +323,11 @@ class Transcription:
 def _without_unused(lines: Sequence[str]) -> str:
     """C without macros of a line that only definitions name."""
     kept = "\n".join(lines).split("\n")
-    defined = [found[1] if (found := _DEFINITION.match(line)) else "" for line in kept]
-    pairs = [*zip(kept, defined, strict=True)]
-    named = {word for line, own in pairs for word in re.findall(r"\w+", line) if word != own}
+    matches = map(_DEFINITION.match, kept)
+    pairs = [(line, match[1] if match else "") for line, match in zip(kept, matches, strict=True)]
+    named = {word for line, name in pairs for word in re.findall(r"\w+", line) if word != name}
     macro = re.compile(r"#define (?!.*\\$)")
-    return "\n".join(line for line, own in pairs if own in named or not macro.match(line))
+    return "\n".join(line for line, name in pairs if name in named or not macro.match(line))
 
 
 def _table(name: str, rows: Sequence[tuple[int, int]]) -> str:

@@ -15,6 +15,7 @@ from gibbs_codegen.arrays.contents import owners_of
 from gibbs_codegen.arrays.functions import Functions
 from gibbs_codegen.arrays.nodes import Node, Program
 from gibbs_codegen.files.verbatim import c_source
+from gibbs_codegen.runtime.c_library import FLIGHT
 from gibbs_codegen.runtime.program_steps import ProgramArguments
 from gibbs_codegen.runtime.programs import STEP, c_text, called, entry, library, sizes
 
@@ -136,7 +137,7 @@ def _inputs(programs: Mapping[str, Program]) -> dict[str, Node]:
 def flow_library(module: ModuleType, programs: Mapping[str, Program]) -> ctypes.CDLL:
     """The library of `flow_source`. Raises as `library` does."""
     text, functions = flow_source(programs, Functions(module)), called([*programs.values()])
-    return library(module, functions, {"_flow.c": text}, "a flight", blocks=False)
+    return library(module, functions, {"_flow.c": text}, FLIGHT, blocks=False)
 
 
 class ProgramFlow:

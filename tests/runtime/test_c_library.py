@@ -8,8 +8,10 @@ import os
 import re
 import signal
 import tempfile
+import threading
 import time
 from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from types import ModuleType
 
@@ -24,6 +26,7 @@ from gibbs_codegen.runtime.c_library import (
     Compiler,
     CompilerError,
     ModuleLibrary,
+    announced,
     compiled_library,
     seconds_waited,
 )
@@ -58,13 +61,17 @@ def test_what_takes_long_to_compile_is_told_in_one_line(
     with caplog.at_level(logging.INFO, "gibbs_codegen"):
         for _ in range(2):
             compiled_library(folder, NAME, Slow(("cc",), "slow"))
+        waited = seconds_waited(begin)
+        with ThreadPoolExecutor() as pool:  # What is compiled beside this thread keeps nobody.
+            pool.submit(compiled_library, folder, NAME, Slow(("cc",), "beside")).result()
     told = f"{NAME}: compiling its functions in C, to be kept for the next time (about … s)"
     # Python shows warnings by default, in scripts and pipes too.
     # How long it takes goes by how much is emitted.
     texts = [re.sub(r"about \d+ s", "about … s", text) for text in caplog.messages]
     said = [(record.levelno, text) for record, text in zip(caplog.records, texts, strict=True)]
     assert said == ([(logging.WARNING, told)] if patience < 1.0 else [])
-    assert 0.2 <= seconds_waited(begin) <= time.perf_counter() - begin
+    assert 0.2 <= waited <= time.perf_counter() - begin - 0.2
+    assert seconds_waited(begin) == waited
 
 
 @pytest.mark.parametrize(
@@ -86,6 +93,27 @@ def test_what_flights_need_is_compiled_side_by_side(
     for name, states in {"mass_matrix": [q[0]], "positions": [q], "kinetic_energy": [q, v]}.items():
         expected = getattr(module.in_numpy, name)(*states)
         assert getattr(module, name)(*states) == pytest.approx(expected, rel=1e-12, abs=1e-12)
+
+
+def test_time_to_plan_beside_a_compiler_is_not_waited(
+    shipped: Callable[[str], ModuleType], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(c_library, "compiled_files", lambda *_, **__: time.sleep(0.2))
+    monkeypatch.setattr(c_library, "opened", lambda _: None)
+    planned = threading.Event()
+
+    def ahead() -> None:
+        with announced("a flight"):
+            planned.wait()
+            time.sleep(0.2)
+
+    module = shipped(NAME)
+    library = ModuleLibrary(Path(module.__path__[0]), module, Compiler(("cc",), ""))
+    begin = time.perf_counter()
+    with library.built(lambda: ahead):
+        time.sleep(0.2)
+        planned.set()
+    assert 0.4 <= seconds_waited(begin) <= time.perf_counter() - begin - 0.2
 
 
 def test_ctrl_c_ends_compilers_that_start_after_it(

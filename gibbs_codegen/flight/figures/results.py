@@ -7,7 +7,7 @@ import shutil
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import BrokenExecutor
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -54,7 +54,8 @@ def write_results(
         animation: "gif", "mp4", or empty for none.
         progress: Is called with what is being written and the share (0 to 1) that is done.
         formats: Those of the figures: "png", "pdf" or "svg".
-        workers: Processes that draw figures, as of `drawing_beside`; by default this one does.
+        workers: Processes that draw figures, as of `drawing_beside`, and are ended then; by default
+            this one does.
 
     Returns:
         Paths of the files written.
@@ -68,10 +69,12 @@ def write_results(
     if unknown := set(formats) - set(FORMATS):
         raise UsageError(f"format {min(unknown)!r}: unknown; known: {', '.join(FORMATS)}")
     folder = Path(folder)
-    with _staged(folder) as staging:
+    # Workers end before what is staged goes: they would write on.
+    with _staged(folder) as staging, ExitStack() as drawing:
         tasks, drawn = [], (flight, staging, formats)
         if workers and figures and len(flight.time) <= _MOST_SAMPLES:
             of = workers.count
+            drawing.callback(workers.end)
             with suppress(BrokenExecutor):
                 tasks = [workers.submit(_drawn, *drawn, share, of) for share in range(of)]
         progress("time series", 0.0)
@@ -84,6 +87,7 @@ def write_results(
                     task.result()
             except BrokenExecutor:
                 tasks = []
+            drawing.close()
             if not tasks:
                 _drawn(*drawn)
         if animation:

@@ -118,8 +118,8 @@ class CompiledLoop:
         programs, values = _programs(closed, loads, method), loop_values(closed, bounds, loads)
         law = (closed.sampled and closed.sampled.sampled) or closed.controller
         if sample := programs.get("sample"):
-            told = zip(sample.names, sample.inputs, strict=True)
-            values = {**{name: np.zeros(x.shape) for name, x in told}, **law.values, **values}
+            inputs = zip(sample.names, sample.inputs, strict=True)
+            values = {**{name: np.zeros(x.shape) for name, x in inputs}, **law.values, **values}
         others = _constants(closed), law.tables, closed.vehicle.rotors
         self.flow = ProgramFlow(closed.vehicle.module, programs, values, *others)
 

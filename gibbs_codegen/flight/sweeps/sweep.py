@@ -130,7 +130,7 @@ def sweep(
     cases = cases_of(robot_sources, scenario_sources, varying, samples, seed)
     chosen = measure or known_measures.default(all(robot.has_tip for robot in robot_sources))
     known_measures.check(chosen, (*FIXED, *cases.columns))
-    _refuse_out_of_bounds(cases)
+    _refuse_out_of_bounds(cases, progress)
     if samples > 1 and not any(block.drawn or block.seed is not None for block in cases.blocks):
         raise UsageError(
             f"samples: {samples} of each case would be the same flight, since nothing is drawn; "
@@ -171,25 +171,27 @@ def _check_own(folder: Path) -> None:
         )
 
 
-def _refuse_out_of_bounds(cases: Cases) -> None:
+def _refuse_out_of_bounds(cases: Cases, progress: Progress) -> None:
     """Raise the error of values that keys cannot take, each beside those of the first case.
 
-    Or of scenarios none of which can be read: a key is misspelt, mostly.
+    Or of scenarios none of which can be read: a key is misspelt, mostly. `progress` is told the
+    share of the values of a robot and scenario that is done.
     """
     for block in cases.blocks:
         tries = [(axis, value) for axis in block.axes for value in block.ends(axis)]
         errors: list[GibbsCodegenError] = []
         faults: dict[Any, None] = {}
-        for axis, value in tries:
+        scenario, first = block.scenario, block.chosen(0)[1]
+        for k, (axis, value) in enumerate(tries):
+            progress("checking values", k / len(tries))
             try:
-                entries = block.chosen(0)[1] | axis.entries(value)
-                block.scenario.changed(with_places_filled(block.scenario.says, entries))
+                scenario.changed(with_places_filled(scenario.says, first | axis.entries(value)))
             except GibbsCodegenError as error:
                 errors.append(error)
-                told = getattr(error, "faults", ())
-                faults |= dict.fromkeys(x for x in told if x.path.startswith(axis.targets))
+                of_value = getattr(error, "faults", ())
+                faults |= dict.fromkeys(x for x in of_value if x.path.startswith(axis.targets))
         if faults:
-            raise ScenarioFileError(block.scenario.word, [*faults])
+            raise ScenarioFileError(scenario.word, [*faults])
         if errors and len(errors) == len(tries):
             raise errors[0]
 

@@ -17,6 +17,9 @@ from concurrent import futures
 from contextlib import contextmanager
 from typing import Any
 
+# How Python, and JAX, warn of copies of a process that has threads.
+_OF_THREADS = r"This process \(pid=\d+\) is multi-threaded|os\.fork\(\) was called"
+
 
 class Workers:
     """At most so many processes that compute calls.
@@ -35,8 +38,8 @@ class Workers:
             context = multiprocessing.get_context(self._method)
             self._pool = futures.ProcessPoolExecutor(self.count, context, _begin)
         with _without_main(), _uninterrupted(), warnings.catch_warnings():
-            # Of threads that libraries run when a process is copied.
-            warnings.simplefilter("ignore")
+            # Of threads that libraries run when a process is copied, which keeps these filters.
+            warnings.filterwarnings("ignore", _OF_THREADS)
             return self._pool.submit(function, *arguments)
 
     def end(self) -> None:

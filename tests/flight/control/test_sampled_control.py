@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
+from support.tools import missing
 
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.flight import simulation
@@ -22,14 +23,15 @@ from gibbs_codegen.flight.control.sampled_control import (
 )
 from gibbs_codegen.flight.integration import compiled_loop
 from gibbs_codegen.flight.plant.actuators import Actuators
+from gibbs_codegen.flight.plant.allocation import Allocation
 from gibbs_codegen.flight.plant.vehicle import Array, Vehicle
-from gibbs_codegen.flight.record.flight import read_flight
+from gibbs_codegen.flight.record.flight import Flight, read_flight
 from gibbs_codegen.flight.reference import Motion, Reference
 from gibbs_codegen.flight.scenario.file import read_scenario
 from gibbs_codegen.flight.scenario.parts import Sensors
 from gibbs_codegen.flight.scenario.scenario import Scenario
 from gibbs_codegen.flight.simulation import simulate
-from gibbs_codegen.runtime.program_flow import REFUSED, Flow, Flown, Leg, ProgramFlow
+from gibbs_codegen.runtime.program_flow import REFUSED, Flow, Flown, Leg, ProgramFlow, Samples
 
 Load = Callable[[str], ModuleType]
 
@@ -399,7 +401,7 @@ def test_samples_in_c_are_those_of_python(
     sensors = {**ERRORS, "force": 0.1, "delay": 0.003, "imu": [{"rate": 150}]}
     changes = {"sensors": sensors, "push": PUSHED, "control": control}
     scenario = hover(0.06, integration={"method": method, "rate": 500}, **changes)
-    module, fly = fast(robot), ProgramFlow.__call__
+    module, fly, refusals = fast(robot), ProgramFlow.__call__, list[int]()
 
     def refused(self: ProgramFlow, flow: Flow, legs: Sequence[Leg], *others: Any) -> Flown:
         """Steps up to a sample that is not the first; it is then Python's."""
@@ -408,20 +410,64 @@ def test_samples_in_c_are_those_of_python(
         flown = fly(self, flow, legs, *others)  # type: ignore[arg-type]
         if flow.leg < len(legs):
             flow.reason = REFUSED
+            refusals.append(flow.leg)
         return flown
 
     with monkeypatch.context() as patched:
         if refuses:
             patched.setattr(ProgramFlow, "__call__", refused)
         quick = simulate(module, scenario)
+    assert bool(refusals) == (refuses and module.backend == "c")
     monkeypatch.setattr(compiled_loop, "is_compiled", lambda *_: False)
-    slow = simulate(module, scenario)
+    assert_alike(quick, simulate(module, scenario))
+    assert np.ptp(quick.commanded, axis=0).max() > 1e-2
+
+
+def assert_alike(quick: Flight, slow: Flight) -> None:
     for name in ("q", "v", "commanded", "commanded_least", "applied_greatest", "sensors"):
         found, expected = getattr(quick, name), getattr(slow, name)
         size = np.nanmax(np.abs(expected), initial=1.0)
         np.testing.assert_allclose(found, expected, rtol=0, atol=1e-8 * size, err_msg=name)
     assert not quick.stopped
-    assert np.ptp(quick.commanded, axis=0).max() > 1e-2
+
+
+@pytest.mark.slow
+def test_of_two_samples_c_takes_none_where_it_refuses_the_second(
+    fast: Load, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What the law has learnt from the first is forgotten, and learnt again where it is due."""
+    module, fly, refusals = fast("quadrotor"), ProgramFlow.__call__, list[int]()
+    if module.backend != "c":
+        missing("nothing compiles")
+    # The law for six directions, of which four rotors lack two, refuses what these do not command.
+    monkeypatch.setattr(simulation, "law_of", lambda *_: "computed_torque")
+    monkeypatch.setattr(Allocation, "in_flight", lambda self: self)
+    control = {"rate": 250, "delay": 0.007, "integral": 2.0}
+    integration = {"method": "rk4", "rate": 500}
+    climb = {"start": {"offset": [0, 0, 0.05]}, "sensors": {"delay": 0.003}}
+    scenario = hover(0.06, control=control, integration=integration, **climb)
+
+    def early(
+        self: ProgramFlow, flow: Flow, legs: Any, state: Array, times: Array, *others: Any
+    ) -> Flown:
+        """The third sample is due with the second, and sees an error that no thrusts mend."""
+        due = [leg for leg in legs if leg.samples][1:3]
+        if len(due) < 2:
+            return fly(self, flow, legs, state, times, *others)
+        due[0].samples, due[1].samples = 2, 0
+        law: Samples = others[0]
+        law.errors[2, 0] = 0.01
+        flown = fly(self, flow, legs, state, times, *others)
+        assert flow.reason == REFUSED
+        refusals.append(flow.sampled)
+        return flown
+
+    with monkeypatch.context() as patched:
+        patched.setattr(ProgramFlow, "__call__", early)
+        quick = simulate(module, scenario)
+    assert set(refusals) == {2}
+    monkeypatch.setattr(compiled_loop, "is_compiled", lambda *_: False)
+    assert_alike(quick, simulate(module, scenario))
 
 
 @pytest.mark.slow

@@ -294,6 +294,14 @@ def test_what_means_nothing_is_refused(robot, tmp_path, parameters, words):
         sweep(**given)
 
 
+def test_values_are_checked_with_progress(robot, tmp_path):
+    calls = []
+    parameters = {"gravity": [9.7, 9.8], "start.offset[2]": [0.1, "up"]}
+    with pytest.raises(GibbsCodegenError, match="must be a number"):
+        sweep(robot, "hover", parameters, out=tmp_path, progress=lambda *call: calls.append(call))
+    assert calls == [("checking values", share) for share in (0.0, 0.25, 0.5, 0.75)]
+
+
 def test_a_row_that_was_changed_is_flown_again_with_a_word(robot, tmp_path, here, caplog):
     first = sweep(robot, "hover", LATE, 4, 1, WORST, here, tmp_path)
     path = tmp_path / chunks.FILE
