@@ -118,7 +118,8 @@ def drawing_beside(formats: Sequence[str]) -> Iterator[Workers | None]:
 
     They are copies of this one, in which no other thread of Python may run yet.
     """
-    if not formats or sys.platform != "linux" or own_count() < _MOST_WORKERS:
+    forks = sys.platform == "linux" and hasattr(os, "fork")
+    if not (formats and forks and own_count() >= _MOST_WORKERS):
         yield None
         return
     workers = Workers(_MOST_WORKERS, "fork")

@@ -56,7 +56,7 @@ class Workers:
 
 def own_count() -> int:
     """The number of processors that this program may use."""
-    if sys.platform == "linux":
+    if hasattr(os, "sched_getaffinity"):
         return len(os.sched_getaffinity(0))
     return os.cpu_count() or 1
 
