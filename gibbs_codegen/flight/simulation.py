@@ -171,6 +171,8 @@ def flight_start(
     check_flight(module, scenario)
     compiled = getattr(module, "compiled", None)
     if module is not robot:
+        if scenario.control.law == "open_loop" and not custom_law:  # What rotors cannot do.
+            _closed_loop(Vehicle(module, scenario.parameters), scenario, progress, custom_law)
         with suppress(CompilerError):
             compiled = ModuleLibrary(Path(module.__path__[0]), module, chosen_compiler())
     with ExitStack() as compiling:
