@@ -72,6 +72,7 @@ from gibbs_codegen.flight.scenario.parts import HOLDING, PREDICTIVE
 from gibbs_codegen.flight.scenario.paths import check_path
 from gibbs_codegen.flight.scenario.scenario import Scenario
 from gibbs_codegen.interface import FUNCTIONS
+from gibbs_codegen.robot.layout import check_free_base
 from gibbs_codegen.runtime.c_library import CompilerError, ModuleLibrary, chosen_compiler
 from gibbs_codegen.runtime.cache import CacheError
 from gibbs_codegen.runtime.load import load
@@ -233,6 +234,7 @@ def uncontrolled(scenario: Scenario) -> Scenario:
 
 def check_scenario(robot: RobotData, scenario: Scenario) -> None:
     """Raise `UsageError` with all that a robot cannot fly, as far as its constants show."""
+    check_free_base(robot.name, robot.attitude, "flights are")
     paths = {"the path of the base": scenario.base}
     for name, path in scenario.arm.paths.items():
         paths[f"the path of {'the tip' if name == 'tip' else name}"] = path

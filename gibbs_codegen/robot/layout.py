@@ -58,9 +58,10 @@ def check_free_base(name: str, kind: str, what: str) -> None:
     `kind` is a module's ATTITUDE.
     """
     if kind in LEVEL_MOTIONS or _moving(kind):
+        motion = str(kind.split()) if _moving(kind) else repr(kind)
         raise UsageError(
-            f"{name}: base.motion is {kind!r}; {what} for bases that move freely only (base.motion "
-            '= "free"); functions of the module, rollout and verify take any base'
+            f"{name}: base.motion is {motion}; {what} for bases that move freely only (base.motion "
+            '= "free"); functions of the module, rollout, linearise, lqr and verify take any base'
         )
 
 

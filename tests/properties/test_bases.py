@@ -22,7 +22,7 @@ from support.derived import derived
 from support.emitted import emitted_module, module_with_derivatives
 from support.random_robots import random_tree
 
-from gibbs_codegen import UsageError, parse_robot
+from gibbs_codegen import UsageError, parse_robot, simulate
 from gibbs_codegen.equations.show import chain_equation
 from gibbs_codegen.exchange.exporting import export_robot
 from gibbs_codegen.figures.machine import machine_figure
@@ -364,6 +364,10 @@ def test_what_takes_free_bases_only_says_so() -> None:
         lambda: export_robot(robot, "urdf"),
         lambda: chain_equation(robot, 1, 2),
         lambda: machine_figure(robot),
+        lambda: simulate(emitted_module(robot), "hover"),
     ):
-        with pytest.raises(UsageError, match=r"base.motion is 'planar'.*free"):
+        with pytest.raises(UsageError, match=rf"{robot.name}: base.motion is 'planar'.*free"):
             refused()
+    robot, _ = with_motion(SEEDS[0], ("x", "pitch"), TILTED)
+    with pytest.raises(UsageError, match=r"base.motion is \['x', 'pitch'\]; files"):
+        export_robot(robot, "urdf")

@@ -59,7 +59,8 @@ def _motion(value: object) -> object:
     names = (FREE, *LEVEL_MOTIONS)
     if isinstance(value, str):
         if value not in names:
-            raise fault(not_one_of(value, names))
+            hint = 'or a list of what moves, such as ["x", "pitch"]'
+            raise fault(f"{not_one_of(value, names)}; {hint}")
         return value
     parts = to_python(value)
     if not isinstance(parts, list):
