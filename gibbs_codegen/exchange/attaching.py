@@ -69,6 +69,8 @@ def joined(
         carrier, seat = _seat(robot, base, new.on)
         robot = _with_arm(robot, arm, carrier, seat @ new.pose, new.prefix, root, options.snap)
         words = f"root {root} of {new.file.name} on {new.on}"
+        if not arm.base.moves_freely:
+            words += ", instead of the motion and the pose of its base"
         findings.append(Finding("attached", arm.name, words))
         # The arm does not fly, and needs no rotors.
         of_drones = ("base", root), ("note", "rotors")

@@ -210,6 +210,12 @@ class LoopStructure:
         ended = self._ended(self._instant(time, self._curves_at(time)), x)
         return self._program("end", (time, x), {"ended": ended})
 
+    @labelled
+    def stop(self) -> Program:
+        """More than 0 `stopped`: where a frame comes to a stop, or a stop would pull."""
+        time, x = variable("time", uniform=True), variable("x", self.size)
+        return self._program("stop", (time, x), {"stopped": -_least(self._apart(time, x))})
+
     def _rates(self, time: Node, x: Node) -> dict[str, Node]:
         """Results of the program of rates at a time."""
         rate = self.rate_program
@@ -636,13 +642,16 @@ class LoopStructure:
             angle = absolute(x[self.plant.layout.middle_angle])
             within = join(within, self.input_node("largest_lean") - angle)
         if self.around.stops:
-            errors, moving = self.plant.constraint_errors(q), self.plant.constraint_jacobian(q) @ v
-            away, pressing = self.input_node("stops", 2, errors.size)
-            # What comes to a stop is beyond it and on its way; what rests there may not pull.
-            outside = maximum(away * errors, away * moving + STILL)
-            pushed = pressing * self._rates(at.time, x)["holding"] + STILL
-            within = join(within, outside, pushed)
+            within = join(within, self._apart(at.time, x))
         return -_least(within) + mark(x)
+
+    def _apart(self, time: Node, x: Node) -> Node:
+        """Less than 0 where a frame is beyond a stop and on its way, or would be pulled by it."""
+        q, v, *_ = self.parts(x)
+        errors, moving = self.plant.constraint_errors(q), self.plant.constraint_jacobian(q) @ v
+        away, pressing = self.input_node("stops", 2, errors.size)
+        outside = maximum(away * errors, away * moving + STILL)
+        return join(outside, pressing * self._rates(time, x)["holding"] + STILL)
 
 
 def _greatest(x: Node) -> Node:

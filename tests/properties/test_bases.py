@@ -29,6 +29,7 @@ from gibbs_codegen.figures.machine import machine_figure
 from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.robot.parts.pose import Pose
 from gibbs_codegen.robot.posture import robot_frames
+from gibbs_codegen.runtime.loaded_module import gravity_of
 from gibbs_codegen.verification.comparison import Results
 from gibbs_codegen.verification.complex_steps import ComplexSteps
 from gibbs_codegen.verification.derivatives import compare_derivatives
@@ -368,6 +369,8 @@ def test_what_takes_free_bases_only_says_so() -> None:
     ):
         with pytest.raises(UsageError, match=rf"{robot.name}: base.motion is 'planar'.*free"):
             refused()
+    with pytest.raises(UsageError, match="payloads are for bases that move freely only"):
+        gravity_of(emitted_module(robot), None, None)
     robot, _ = with_motion(SEEDS[0], ("x", "pitch"), TILTED)
     with pytest.raises(UsageError, match=r"base.motion is \['x', 'pitch'\]; files"):
         export_robot(robot, "urdf")

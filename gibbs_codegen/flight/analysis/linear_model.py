@@ -231,6 +231,11 @@ def _around(
         raise UsageError(
             "surroundings: a hold idles the motors at its start, and nothing regulates"
         )
+    if np.any(environment.restitution(0.0) >= 0.0):
+        raise UsageError(
+            "surroundings: a hold with a restitution has no linear model; leave the restitution "
+            "out if the frame rests there, or else the hold"
+        )
     starts = environment.push_acts(0.0), environment.carries(0.0), environment.holding(0.0)
     around, figures = environment.under(*starts)
     return replace(around, gusts=0, contacts=_pressing(environment, q)), figures

@@ -300,7 +300,7 @@ class ClosedLoop:
     def stopped(self, time: float, state: Array, loads: Loads) -> bool:
         """True where a frame comes to a stop from outside, or one on which it rests would pull."""
         instant, watched = {"time": time, "x": state}, bool(np.any(loads.stops))
-        return watched and bool(self._outputs_of("end", loads, instant)["ended"] > 0.0)
+        return watched and bool(self._outputs_of("stop", loads, instant)["stopped"] > 0.0)
 
     def resting(self, rests: Rests) -> ClosedLoop:
         """The same with frames that rest on stops."""

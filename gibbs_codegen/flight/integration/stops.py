@@ -48,6 +48,9 @@ def after_impacts(
         if hits or approach > _TOLD:
             impacts.append(impact)
             _log.debug("impact at t = %.6g s: %.4g J are lost, %.4g J left", *impact[:3])
+    else:  # Thrown to and fro between stops: there it stays.
+        state, impact = stops.struck(state, 0.0)
+        impacts.append(impact)
     return loop.resting(stops.rests(state)), state, impacts
 
 
@@ -73,10 +76,11 @@ class _Stops:
         """Velocities (c), m/s, at which frames leave stops."""
         return self._sides * (self._jacobian @ self._loop.parts(state).v)
 
-    def struck(self, state: Array) -> tuple[Array, Impact]:
-        """The state (size) after an impact, with what it did."""
+    def struck(self, state: Array, most: float = 1.0) -> tuple[Array, Impact]:
+        """The state (size) after an impact of at most some restitution, with what it did."""
         rates = self.rates(state)
         shares = np.where(self.there & np.any(self.there & (rates < -REST)), self._restitution, 0.0)
+        shares = np.minimum(shares, most)
 
         def strike(pushing: Flags) -> tuple[Array, Array]:
             after, *_, impulses = self._loop.struck(state, self.bound | pushing, shares)

@@ -263,6 +263,13 @@ class Environment:
         restitution, rests = self.restitution(time), dict(self.rests)
         last = np.searchsorted([*rests], time, side="right")
         resting = np.array([(False,) * len(self._constraints), *rests.values()], bool)[last]
+        # A rest ends with its hold.
+        begins = np.zeros_like(restitution)
+        for hold in self.hold:
+            begins[hold.acts_at(np.asarray(time)), self._constraints.index(hold.constraint)] = (
+                hold.begin
+            )
+        resting &= np.array([-np.inf, *rests])[last, np.newaxis] >= begins
         return (restitution == BOTH_SIDES) | (restitution >= 0.0) & resting
 
     def restitution(self, time: float | Array) -> Array:

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from support.kept import kept_folder, made_once
 from support.pages import files_of
 
+from gibbs_codegen import linearise
 from gibbs_codegen.cli.app import main
 from gibbs_codegen.errors import ScenarioFileError, UsageError
 from gibbs_codegen.flight.integration.integrators import Integration
@@ -248,6 +249,51 @@ def test_what_cannot_rebound_is_refused(ball: ModuleType) -> None:
     held = FILES["ball.toml"].replace('type  = "plane"', 'type = "point"').replace("ball", "pinned")
     with pytest.raises(UsageError, match="hold 1: restitution: is for a plane or a distance"):
         simulate(module_of(held, "numpy"), bouncing())
+
+
+def test_a_rest_ends_with_its_hold() -> None:
+    """The ball rests, is let go and thrown up; the next hold finds it in the air."""
+    hold = {"constraint": "floor", "restitution": 0.5}
+    holds = [hold | {"end": 0.5}, hold | {"begin": 1.1}]
+    push = {"frame": "base", "force": [0, 0, 20], "begin": 0.5, "end": 0.6}
+    path = {"kind": "fixed", "position": [0, 0, 0]}
+    scene = bouncing(hold=holds, push=push, duration=1.2, base={"path": path})
+    for ball in (module_of(FILES["ball.toml"]), module_of(FILES["ball.toml"], "numpy")):
+        flight = simulate(ball, scene)
+        assert not flight.q[flight.time <= 0.5, 2].any()
+        thrown = (20 / MASS - GRAVITY) * 0.1
+        rates = thrown - GRAVITY * (flight.time - 0.6)
+        later = flight.time > 0.6
+        np.testing.assert_allclose(flight.v[later, 2], rates[later], rtol=0, atol=1e-9)
+
+
+def test_simulations_in_numpy_come_to_stops() -> None:
+    path = {"kind": "fixed", "position": [0, 0, 0.05]}
+    simulation = Simulation(
+        module_of(FILES["ball.toml"], "numpy"), bouncing(base={"path": path}, duration=0.2)
+    )
+    fall = np.sqrt(0.1 / GRAVITY)
+    while simulation.time < 0.13:
+        simulation.step(np.zeros(0), 0.01)
+    since = simulation.time - fall
+    height = E * GRAVITY * fall * since - GRAVITY / 2.0 * since**2
+    assert simulation.q[2] == pytest.approx(height, abs=1e-9)
+
+
+def test_a_frame_between_two_stops_is_caught() -> None:
+    """Thrown to and fro without loss, which no flight goes on from."""
+    roof = '[[constraint]]\nname = "roof"\ntype = "plane"\nframe = "base"\nnormal = "-z"\n'
+    caught = module_of(FILES["ball.toml"].replace('"ball"', '"caught"') + roof)
+    stops = [{"constraint": name, "restitution": 1} for name in ("floor", "roof")]
+    path = {"kind": "fixed", "position": [0, 0, 0.01]}
+    flight = simulate(caught, bouncing(hold=stops, base={"path": path}, duration=0.1))
+    assert flight.time[-1] == pytest.approx(0.1)
+    assert flight.v[-1] == pytest.approx(np.zeros(6), abs=1e-12)
+
+
+def test_stops_have_no_linear_model(ball: ModuleType) -> None:
+    with pytest.raises(UsageError, match="a hold with a restitution has no linear model"):
+        linearise(ball, np.eye(7)[6], np.zeros(6), np.zeros(0), surroundings=bouncing())
 
 
 @pytest.mark.slow
