@@ -90,7 +90,7 @@ def welded(
         )
         if joint.gear:
             mover = joint.gear.mover
-            if follows(joint):
+            if follows(joint) and not source.constraints:
                 _, ratio, offset = joint.gear
                 gear = Gear(of=moved[mover].number, ratio=ratio, offset=offset)
                 link = replace(link, gear=gear, limits=JointLimits(), coordinate=None)
@@ -98,6 +98,8 @@ def welded(
                 findings.append(Finding("gear", joint.name, f"moved by joint {mover}"))
             else:
                 words = f"that it follows joint {mover}, which does not move it"
+                if follows(joint):
+                    words = f"that it follows joint {mover}: gears cannot stand beside constraints"
                 findings.append(Finding("left out", joint.name, words))
         links.append(link)
     # Frames of links that were welded or are not where their joint is, and those of the source.

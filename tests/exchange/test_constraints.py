@@ -151,13 +151,13 @@ def test_what_holds_no_frame_of_the_robot_is_told(tmp_path: Path) -> None:
         'active="false"/><weld name="k" body1="hub" body2="a"/><weld body1="hub"/>'
     )
     robot, told = of_text(text, tmp_path)
-    assert [each.name for each in robot.constraints] == ["off", "k", "equality_3"]
-    assert told["<joint> in <equality>"].startswith("left out: j, line ")
+    assert [each.name for each in robot.constraints] == ["off", "k", "equality_4"]
+    assert told["ja"].endswith("that it follows joint jb: gears cannot stand beside constraints")
     assert told["off"].startswith("note") or told["off"].startswith("constraint")
     locked, _ = import_robot(
         tmp_path / "robot.xml", ImportOptions("xyz", lock={"ja": 0.0, "jb": 0.0})
     )
-    assert [each.name for each in locked.constraints] == ["off", "equality_3"]
+    assert [each.name for each in locked.constraints] == ["off", "equality_4"]
 
 
 URDF = """<robot name="four_bar"><link name="hub"><inertial><mass value="1"/>
