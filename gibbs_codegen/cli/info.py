@@ -360,8 +360,16 @@ def _print_report(description: Description, data: dict[str, Any], console: Conso
         f"{data['mass']:.6g} kg, {'attitude' if robot.base.moves_freely else 'motion'} "
         f"{data['attitude']}, origin {data['origin']}"
     )
+    if not robot.base.pose.is_identity:
+        xyz, turn = _listed(robot.base.pose.xyz), ", ".join(map(str, robot.base.pose.rpy_deg))
+        console.print(f"base at {xyz} m, turned by {turn}° (roll, pitch, yaw)")
     _print_machine(robot, data, console)
     _print_actuators(robot, console)
+    for i, link in enumerate(robot.links, start=1):
+        if gear := link.gear:
+            mover, shift = link_label(robot, gear.of), f"{gear.offset:+.6g}" if gear.offset else ""
+            text = f"{link_label(robot, i)}: {gear.ratio:.6g} × {mover} {shift}".rstrip()
+            console.print(f"gear of {text}", markup=False)
     if robot.base.moves_freely:
         _print_arrangement(data["arrangement"], console)
     # A rigid base by itself is one chain, of which there is nothing to tell.

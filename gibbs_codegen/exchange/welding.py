@@ -93,9 +93,13 @@ def welded(
             if follows(joint) and not source.constraints:
                 _, ratio, offset = joint.gear
                 gear = Gear(of=moved[mover].number, ratio=ratio, offset=offset)
+                findings.append(Finding("gear", joint.name, f"moved by joint {mover}"))
+                keys = ("limits", "servo", "friction")
+                if idle := [x for x in keys if getattr(link, x) not in (None, JointLimits())]:
+                    words = f"{' and '.join(idle)} of a joint that another moves"
+                    findings.append(Finding("left out", joint.name, words))
                 link = replace(link, gear=gear, limits=JointLimits(), coordinate=None)
                 link = replace(link, servo=None, friction=None)
-                findings.append(Finding("gear", joint.name, f"moved by joint {mover}"))
             else:
                 words = f"that it follows joint {mover}, which does not move it"
                 if follows(joint):

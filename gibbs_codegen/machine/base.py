@@ -249,7 +249,7 @@ Base = AngleBase | QuaternionBase
 
 def base_of(robot: Placed, q: Node) -> Base:
     """The base of a robot at coordinates q (nq); `UsageError` where it does not move freely."""
-    check_free_base("the robot", robot.layout.attitude, "laws, flights and trims are")
+    check_free_base("the robot", robot.layout.attitude, "laws and flights are")
     return (QuaternionBase if robot.space.has_quaternion else AngleBase)(robot, q)
 
 

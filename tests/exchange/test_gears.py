@@ -88,6 +88,15 @@ def test_what_leads_nowhere_is_left_out(
     assert joint in [robot.links[i - 1].coordinate for i in robot.moving]
 
 
+def test_limits_of_a_joint_that_follows_are_told(tmp_path: Path) -> None:
+    pytest.importorskip("mujoco")
+    text, _ = export_robot(parse_robot(HAND), "mjcf")
+    assert text.count('name="tip" type="hinge"') == 1
+    limited = text.replace('name="tip" type="hinge"', 'name="tip" type="hinge" range="-0.2 0.3"')
+    _, told = imported(limited, tmp_path)
+    assert told["tip"][1:] == ["limits of a joint that another moves"]
+
+
 def test_a_joint_that_follows_a_locked_one_moves_on_its_own(tmp_path: Path) -> None:
     robot, told = imported(URDF, tmp_path, lock={"driver": 0.2})
     assert told["rack"] == ["that it follows joint driver, which does not move it"]
