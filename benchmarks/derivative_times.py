@@ -11,8 +11,9 @@ there is no CasADi C of forward dynamics' derivatives, nor any for eight states 
 would take too long. GRiD is not in the package index. CppADCodeGen is (`cmeel-cppadcodegen`), but
 no peer is made with it: tracing Pinocchio's derivatives takes g++ over 3 GB and several minutes.
 
-`--links 3 7` limits the machines; `--attitude xyz` the roots; `--picture FILE` draws the times;
-`--folder DIR` keeps what is built, since Pinocchio takes minutes to compile.
+`--links 3 7` limits the machines; `--attitude xyz` the roots; `--robots` takes other machines, as
+for `c_times.py`; `--picture FILE` draws the times; `--folder DIR` keeps what is built, since
+Pinocchio takes minutes to compile.
 """
 
 from __future__ import annotations
@@ -34,7 +35,7 @@ sys.path[:0] = [
 ]
 
 from c_times import Times, draw, in_rounds, machine, print_tables  # noqa: E402
-from family import benchmark_robot  # noqa: E402
+from family import benchmark_robot, named_robot  # noqa: E402
 from operation_counts import derivative_counts  # noqa: E402
 from our_derivatives import NAMES, compile_seconds, our_derivatives  # noqa: E402
 from peers.casadi_derivatives import casadi_derivatives  # noqa: E402
@@ -79,6 +80,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--links", type=int, nargs="+", default=[3, 7, 30])
     parser.add_argument("--attitude", nargs="+", choices=ATTITUDES, default=ATTITUDES)
+    parser.add_argument("--robots", nargs="+", metavar="ROBOT")
     parser.add_argument("--picture", metavar="FILE")
     parser.add_argument("--folder", metavar="DIR")
     options = parser.parse_args()
@@ -90,6 +92,8 @@ def main() -> None:
         for attitude in options.attitude
         for links in options.links
     }
+    if options.robots:
+        robots = {robot.name: robot for robot in map(named_robot, options.robots)}
     with tempfile.TemporaryDirectory() as temporary:
         folder = Path(options.folder or temporary)
         folder.mkdir(exist_ok=True)

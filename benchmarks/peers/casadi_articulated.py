@@ -152,6 +152,8 @@ def forward_dynamics(machine: Machine) -> ca.SX:
 
 def _base_accelerations(machine: Machine, whole: Articulated) -> tuple[Vector, Vector]:
     """Angular acceleration of the base, and that of its origin against free fall."""
+    if not machine.base.rows:
+        return ZERO, machine.base.motion(machine.tree.gravity).acceleration
     torque, force = machine.base.wrench([machine.force[row] for row in machine.base.rows])
     right = minus(force + torque, whole.force + whole.torque)
     upper = [a + b for a, b in zip(whole.mass, transposed(whole.coupling), strict=True)]

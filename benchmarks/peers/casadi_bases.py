@@ -1,4 +1,4 @@
-"""How the base of a machine moves, in CasADi SX: by attitude x-y-z, or as a free-flyer."""
+"""How the base of a machine moves, in CasADi SX: by attitude x-y-z, as a free-flyer, or not."""
 
 from __future__ import annotations
 
@@ -115,6 +115,36 @@ class TaitBryanBase:
         first = across / pitch.cosine
         x, y, z = times(self.rotation, acceleration)
         return [first, second, third - pitch.sine * first, x, y, z - gravity]
+
+
+class FixedBase:
+    """A base that does not move: it has no coordinates."""
+
+    rows: tuple[int, ...] = ()
+
+    def motion(self, gravity: float) -> Motion:
+        """At rest."""
+        return Motion(ZERO, ZERO, [0.0, 0.0, gravity])
+
+    def accelerated(self, motion: Motion, accelerations: Vector) -> Motion:
+        """The same: nothing accelerates it."""
+        return motion
+
+    def forces(self, torque: Vector, force: Vector) -> Vector:
+        """None: the ground bears the wrench."""
+        return []
+
+    def wrench(self, forces: Vector) -> tuple[Vector, Vector]:
+        """None that would move it."""
+        return ZERO, ZERO
+
+    def mass_block(self, mass: float, first: Vector, inertia: Matrix) -> Entries:
+        """No entries."""
+        return {}
+
+    def accelerations(self, turning: Vector, acceleration: Vector, gravity: float) -> Vector:
+        """None."""
+        return []
 
 
 class FreeFlyer:

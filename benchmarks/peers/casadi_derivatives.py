@@ -49,7 +49,7 @@ def _derivatives(machine: Machine, value: ca.SX) -> list[ca.SX]:
     """A vector, and its derivatives by the coordinates, in the tangent space, and velocities."""
     by_coordinates = (
         ca.jtimes(value, machine.q, _tangents(machine))
-        if machine.tree.quaternion
+        if machine.tree.root == "quaternion"
         else ca.jacobian(value, machine.q)
     )
     return [value, by_coordinates, ca.jacobian(value, machine.v)]

@@ -17,7 +17,7 @@ from peers.contender import (
     Contender,
     Ordered,
 )
-from peers.tree import ATTITUDE, BASE_VELOCITIES, Tree
+from peers.tree import ATTITUDE, Tree
 
 NO_OPERATION = (ca.OP_INPUT, ca.OP_OUTPUT, ca.OP_CONST)
 WIDTHS = (
@@ -34,8 +34,8 @@ def tip_first(tree: Tree) -> Ordered:
     """
     size = tree.velocities
     joints = [tree.row(body) for body in range(tree.joints, 0, -1)]
-    if tree.quaternion:
-        return Ordered((*joints, *range(BASE_VELOCITIES)), tree.layout.coordinates)
+    if tree.root != "xyz":
+        return Ordered((*joints, *range(tree.base_velocities)), tree.layout.coordinates)
     order = (*joints, *reversed(range(ATTITUDE)), *range(size - 3, size))
     return Ordered(order, order)
 

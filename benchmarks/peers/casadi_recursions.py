@@ -8,7 +8,13 @@ from __future__ import annotations
 
 import casadi as ca
 import numpy as np
-from peers.casadi_bases import FreeFlyer, MovingBase, TaitBryanBase, unit_wrench
+from peers.casadi_bases import (
+    FixedBase,
+    FreeFlyer,
+    MovingBase,
+    TaitBryanBase,
+    unit_wrench,
+)
 from peers.casadi_motion import Motion, wrench
 from peers.casadi_spatial import (
     ZERO,
@@ -35,14 +41,16 @@ class Machine:
         self.velocity = self.v.elements()
         self.force = self.tau.elements()
         q = self.q.elements()
-        first = len(q) - tree.joints if tree.quaternion else ATTITUDE
+        first = ATTITUDE if tree.root == "xyz" else len(q) - tree.joints
         turning = [(ca.cos(angle), ca.sin(angle)) for angle in q[first : first + tree.joints]]
         self.joints: list[Joint | None] = [None] + [
             Joint(body.turn.tolist(), body.step.tolist(), Turn(2, *turn))
             for body, turn in zip(tree.bodies[1:], turning, strict=True)
         ]
         self.base: MovingBase
-        if tree.quaternion:
+        if tree.root == "fixed":
+            self.base = FixedBase()
+        elif tree.root == "quaternion":
             self.base = FreeFlyer(q[3:7], self.velocity)
         else:
             attitude = [(ca.cos(angle), ca.sin(angle)) for angle in q[:ATTITUDE]]

@@ -1,4 +1,4 @@
-"""MuJoCo as a contender: three slides and three hinges carry the base, as our coordinates do."""
+"""MuJoCo as a contender: three slides and three hinges carry a base that moves."""
 
 from __future__ import annotations
 
@@ -48,6 +48,8 @@ def model_text(tree: Tree) -> str:
     base, *arm = tree.bodies
     here = np.zeros(3)
     lines = ["<body>", inertial(base), *(joint(kind, axis, here) for kind, axis in BASE_JOINTS)]
+    if tree.root == "fixed":
+        lines = []
     turn, step, axes = np.eye(3), here, []
     for body in arm:
         turn, step = turn @ body.turn, step + turn @ body.step

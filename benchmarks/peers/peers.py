@@ -52,7 +52,7 @@ def contenders(robot: Robot, folder: Path) -> list[Contender]:
     shutil.rmtree(own, ignore_errors=True)
     own.mkdir()
     tree = tree_of(robot)
-    mujoco = [] if tree.quaternion else mujoco_contenders(tree, own)
+    mujoco = [] if tree.root == "quaternion" else mujoco_contenders(tree, own)
     return [*pinocchio_contenders(tree, own), *mujoco, *casadi_contenders(tree, own)]
 
 
@@ -67,7 +67,7 @@ def random_states(robot: Robot, count: int, seed: int = 0) -> States:
     u = rng.uniform(-3, 3, (count, robot.rotors + len(robot.moving)))
     if oracle.layout.is_quaternion:
         q[:, 3:7] /= np.linalg.norm(q[:, 3:7], axis=1, keepdims=True)
-    else:
+    elif oracle.layout.moves_freely:
         q[:, 1] *= 0.4
     matrices = np.array([oracle.input_matrix(state) for state in q])
     return q, v, (matrices @ u[..., None])[..., 0]

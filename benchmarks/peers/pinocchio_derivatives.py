@@ -20,9 +20,9 @@ def pinocchio_derivatives(robot: Robot, folder: Path) -> list[Contender]:
     """`computeRNEADerivatives` and `computeABADerivatives` in each of Pinocchio's coordinates."""
     tree, size = tree_of(robot), tree_of(robot).velocities
     found: list[Contender] = []
-    for name, free, layout in ways(tree):
-        copy = loaded(tree, "pinocchio_derivatives.cpp", folder, free)
-        other = FreeFlyer(robot) if free and not tree.quaternion else None
+    for name, root, layout in ways(tree):
+        copy = loaded(tree, "pinocchio_derivatives.cpp", folder, root)
+        other = FreeFlyer(robot) if (root, tree.root) == ("quaternion", "xyz") else None
         for task, called in NAMES.items():
             found.append(
                 DerivativeContender(

@@ -33,10 +33,15 @@ static pinocchio::Inertia inertia(const Body &body)
     return {body.mass, Eigen::Vector3d(body.com), about_com};
 }
 
-static pinocchio::JointIndex add_base(bool free_flyer)
+// Roots, in the order of their numbers.
+enum Root { FIXED, FREE_FLYER, ANGLES };
+
+static pinocchio::JointIndex add_base(int root)
 {
     const auto here = pinocchio::SE3::Identity();
-    if (free_flyer)
+    if (root == FIXED)
+        return 0;
+    if (root == FREE_FLYER)
         return model->addJoint(0, pinocchio::JointModelFreeFlyer(), here, "base");
     auto joint = model->addJoint(0, pinocchio::JointModelTranslation(), here, "position");
     joint = model->addJoint(joint, pinocchio::JointModelRX(), here, "theta_m1");
@@ -44,12 +49,13 @@ static pinocchio::JointIndex add_base(bool free_flyer)
     return model->addJoint(joint, pinocchio::JointModelRZ(), here, "theta_1");
 }
 
-// Builds the model from its bodies, base first, on a free-flyer or on translation, RX, RY, RZ.
-EXPORT void pinocchio_load(const Body *bodies, long count, double gravity, int free_flyer)
+// Builds the model from its bodies, base first, on the ground, a free-flyer, or on translation, RX,
+// RY, RZ.
+EXPORT void pinocchio_load(const Body *bodies, long count, double gravity, int root)
 {
     model = std::make_unique<pinocchio::Model>();
     model->gravity.linear() = Eigen::Vector3d(0, 0, -gravity);
-    std::vector<pinocchio::JointIndex> joints{add_base(free_flyer != 0)};
+    std::vector<pinocchio::JointIndex> joints{add_base(root)};
     model->appendBodyToJoint(joints[0], inertia(bodies[0]));
     for (long i = 1; i < count; ++i) {
         const auto parent = joints[(std::size_t)bodies[i].parent];

@@ -15,7 +15,7 @@ from peers.contender import (
     MASS_MATRIX_AND_RESIDUAL,
     Contender,
 )
-from peers.tree import Tree
+from peers.tree import ROOTS, Tree
 
 
 def headers() -> list[str]:
@@ -29,34 +29,37 @@ def headers() -> list[str]:
     return [f"-I{include}", f"-I{include / 'eigen3'}"]
 
 
-def ways(tree: Tree) -> list[tuple[str, bool, Any]]:
-    """A free-flyer, and the robot's own coordinates if they are others.
+def ways(tree: Tree) -> list[tuple[str, str, Any]]:
+    """A base that does not move; else a free-flyer, and the robot's coordinates if they are others.
 
-    Each is what it is called, whether it is the free-flyer, and the layout.
+    Each is what it is called, its root, and the layout.
     """
-    found = [("Pinocchio, free-flyer", True, tree.layout if tree.quaternion else free_flyer)]
-    if not tree.quaternion:
-        found.append(("Pinocchio, our coordinates", False, tree.layout))
+    if tree.root == "fixed":
+        return [("Pinocchio", "fixed", tree.layout)]
+    is_flyer = tree.root == "quaternion"
+    found = [("Pinocchio, free-flyer", "quaternion", tree.layout if is_flyer else free_flyer)]
+    if not is_flyer:
+        found.append(("Pinocchio, our coordinates", "xyz", tree.layout))
     return found
 
 
-def loaded(tree: Tree, source: str, folder: Path, free: bool) -> ctypes.CDLL:
+def loaded(tree: Tree, source: str, folder: Path, root: str) -> ctypes.CDLL:
     """A library of Pinocchio's algorithms, compiled once for all robots, which holds the model."""
     flags = ["-std=c++17", "-w", *headers()]
     name = Path(source).stem
     library = compiled(source, folder.parent / f"{name}.so", flags)
-    copy = own_copy(library, folder / f"{name}_{'free' if free else 'ours'}.so")
+    copy = own_copy(library, folder / f"{name}_{root}.so")
     bodies = np.ascontiguousarray(tree.numbers())
     copy.pinocchio_load.argtypes = [c_void_p, c_long, c_double, c_int]
-    copy.pinocchio_load(bodies.ctypes.data, len(bodies), tree.gravity, free)
+    copy.pinocchio_load(bodies.ctypes.data, len(bodies), tree.gravity, ROOTS.index(root))
     return copy
 
 
 def pinocchio_contenders(tree: Tree, folder: Path) -> list[Contender]:
     """Pinocchio in each of its coordinates, both tasks."""
     found = []
-    for name, free, layout in ways(tree):
-        copy = loaded(tree, "pinocchio_peer.cpp", folder, free)
+    for name, root, layout in ways(tree):
+        copy = loaded(tree, "pinocchio_peer.cpp", folder, root)
         found += [
             Contender(
                 name,

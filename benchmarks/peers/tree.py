@@ -12,11 +12,15 @@ from support.pinocchio_oracle import Oracle
 
 from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.robot.parts.numbers import Vector3
+from gibbs_codegen.robot.parts.pose import HERE
 
 Array = np.ndarray
 
+# Velocities of a base that moves, and of them those of its attitude.
 BASE_VELOCITIES = 6
 ATTITUDE = 3
+
+ROOTS = ("fixed", "quaternion", "xyz")
 
 
 @dataclass(frozen=True)
@@ -24,7 +28,7 @@ class Body:
     """A body that turns about its z axis; at angle zero `turn` and `step` place it in its parent.
 
     `parent` is the parent's index. `com` in m and `inertia` about it, in kg m², are in the body's
-    own axes. The first body of a tree is the base, which six coordinates move instead.
+    own axes. The first body of a tree is the base, which six coordinates move instead, or none.
     """
 
     parent: int
@@ -49,13 +53,13 @@ class Body:
 class Tree:
     """Base and links of a robot, each body after its parent, under gravity along −Z.
 
-    `quaternion` tells whether the base's velocities are those of a free-flyer, in its own frame;
-    else they are the rates of attitude x-y-z and position.
+    `root` is one of `ROOTS`: on a quaternion the base's velocities are those of a free-flyer, in
+    its own frame; on "xyz" they are the rates of the attitude and of the position.
     """
 
     bodies: tuple[Body, ...]
     gravity: float
-    quaternion: bool
+    root: str
 
     @property
     def joints(self) -> int:
@@ -65,20 +69,25 @@ class Tree:
     @property
     def velocities(self) -> int:
         """Number of velocities, and of forces."""
-        return BASE_VELOCITIES + self.joints
+        return self.base_velocities + self.joints
+
+    @property
+    def base_velocities(self) -> int:
+        """Number of the base's velocities."""
+        return 0 if self.root == "fixed" else BASE_VELOCITIES
 
     @property
     def layout(self) -> Ordered:
         """Position and attitude, or free-flyer, then the joints."""
         size = self.velocities
-        if self.quaternion:
-            return Ordered(tuple(range(size)), tuple(range(size + 1)))
+        if self.root != "xyz":
+            return Ordered(tuple(range(size)), tuple(range(size + (self.root == "quaternion"))))
         position_first = (*range(size - 3, size), *range(size - 3))
         return Ordered(position_first, position_first)
 
     def row(self, body: int) -> int:
         """Place of the joint of a body among the project's velocities."""
-        return (BASE_VELOCITIES if self.quaternion else ATTITUDE) - 1 + body
+        return (ATTITUDE if self.root == "xyz" else self.base_velocities) - 1 + body
 
     def path(self, body: int) -> list[int]:
         """Bodies from this one in to the base, which is left out."""
@@ -110,14 +119,13 @@ def without_dust(values: Array) -> Array:
 
 
 def tree_of(robot: Robot) -> Tree:
-    """Tree of a robot with revolute joints, on a quaternion or on x-y-z about the base's centre."""
+    """Tree of a robot with revolute joints on a root of `ROOTS`, about the base's centre."""
     oracle = Oracle(robot, rigid_base=True)
-    quaternion = oracle.layout.is_quaternion
-    if robot.base.attitude not in ("xyz", "quaternion") or robot.base.origin == "motor1":
-        raise ValueError("the peers have attitude x-y-z or a quaternion, not at a motor")
+    if robot.base.kind not in ROOTS or robot.base.origin == "motor1" or robot.base.pose != HERE:
+        raise ValueError(f"the peers have bases {', '.join(ROOTS)}, not at a motor or a pose")
     if any(robot.links[i - 1].joint != "revolute" for i in robot.moving):
         raise ValueError("the peers have revolute joints only")
-    tree = Tree(tuple(_bodies(oracle)), robot.gravity, quaternion)
+    tree = Tree(tuple(_bodies(oracle)), robot.gravity, robot.base.kind)
     if tuple(np.argsort(oracle.order)) != tree.layout.order:
         raise ValueError("the peers take all links of an arm before those of the next")
     return tree

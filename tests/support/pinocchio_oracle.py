@@ -181,6 +181,8 @@ class Oracle:
     def _add_base(self) -> int:
         """Put the joints of the base into the tree: the last of them."""
         model, parent = self.model, 0
+        if self.layout.attitude == "fixed":
+            return 0
         if self.layout.is_quaternion:
             return model.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), "base")
         for joint, name in zip(
