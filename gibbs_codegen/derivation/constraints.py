@@ -432,9 +432,9 @@ class ConstraintEquations:
 
     def _product(self, one: Load, shares: Mapping[int, sp.Expr], scaled: Values) -> sp.Expr:
         """Σ of a load's shares and its root's, times others that are scaled by D⁻¹."""
-        pairs = [(z, shares[k]) for k, z in one.shares.items() if k in shares]
-        pairs += zip(one.eliminated, scaled, strict=True)
-        return self._tape.sum_of_products(*zip(*pairs, strict=True))
+        both = [k for k in one.shares if k in shares]  # None on different limbs of a fixed base.
+        ours = [*(one.shares[k] for k in both), *one.eliminated]
+        return self._tape.sum_of_products(ours, [*(shares[k] for k in both), *scaled])
 
     def _scaled(self, load: Load) -> tuple[dict[int, sp.Expr], list[sp.Expr]]:
         """D⁻¹ times shares, and times those of the root."""

@@ -138,6 +138,10 @@ def _value(node: Node, values: Values) -> Bounded:
             return product
         case Reciprocal(argument):
             return _value(argument, values).inverse()
+        case Call("sqrt", argument):
+            square = _value(argument, values)
+            root = mpmath.sqrt(square.value)
+            return Bounded(root, square.error / (2 * root) + root)
         case Call(function, argument):
             angle = _value(argument, values)
             sine, cosine = mpmath.sin(angle.value), mpmath.cos(angle.value)
