@@ -409,9 +409,7 @@ class SymbolicRobot:
         chains = []
         for chain in decompose(self.robot):
             with self.tape.group("inertia of the base, about the origin", Stage.PARAMETER):
-                free = self.robot.base.moves_freely
-                core = self.core_inertia() if chain.has_core and free else NO_INERTIA
-                core = core.mapped(self.tape.let)
+                core = self.chain_core(chain).mapped(self.tape.let)
             if chain.rod is None:
                 chains.append((chain, self._tree(core, self.chain_bodies(chain))))
                 continue
@@ -428,6 +426,11 @@ class SymbolicRobot:
             )
             chains.append((chain, SegmentTree((self._root_segment(core), segment))))
         return tuple(chains)
+
+    def chain_core(self, chain: Chain) -> Inertia:
+        """Inertia of the root of an open chain by itself, about the origin, in the base's axes."""
+        is_root = chain.has_core and self.robot.base.moves_freely
+        return self.core_inertia() if is_root else NO_INERTIA
 
     def chain_bodies(self, chain: Chain) -> JointedBodies:
         """The links of an open chain with all its joints, each with the mass that it has there."""

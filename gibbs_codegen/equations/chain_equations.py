@@ -45,7 +45,7 @@ class ChainEquation:
     places, from 0, of what they hold among the accelerations; `matrix`, `residual` and `forces`
     (eq. 15) hold the symbols that `lines` define, or zero. `places` and `inputs` (eq. 18) pair the
     chain's symbols with the hybrid system's. `closed` tells whether the lines are closed forms.
-    `frames` are rows of the items' coordinates, γ, x, y, z, α, d and θ (m, °), from item 4 on.
+    `frames` are rows of the items' numbers, coordinates, γ, x, y, z, α, d and θ (m, °).
     """
 
     robot: str
@@ -125,8 +125,9 @@ class ItemMotions:
             vectors = (motion.omega, motion.omega_dot, motion.acceleration)
             for (generic, letter, mark, meaning), vector in zip(_VECTORS, vectors, strict=True):
                 for old, axis, value in zip(generic, "xyz", vector, strict=True):
-                    symbol = sp.Symbol(f"{old.name}_{3 + k}")
-                    index = f"{number},{3 + k},{axis}"
+                    item = self.readable.root_item + k
+                    symbol = sp.Symbol(f"{old.name}_{item}")
+                    index = f"{number},{item},{axis}"
                     self.names[symbol] = name(letter, index, Kind.MOTION, meaning, mark)
                     self._named.append((symbol, old, k, value))
 
@@ -144,7 +145,7 @@ class ItemMotions:
                     values[old] = definitions.expression(value)
             share = sp.expand(link_gibbs_function().xreplace(values))
             if share != 0:
-                shares[3 + k] = share
+                shares[self.readable.root_item + k] = share
         return shares, definitions.made
 
     def partials(self) -> tuple[list[sp.Expr], list[Definition]]:

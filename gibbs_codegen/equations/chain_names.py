@@ -6,18 +6,25 @@ a number stands for is in the meaning of each symbol.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from fractions import Fraction
 
 import sympy as sp
 
-from gibbs_codegen.derivation.inertia import NO_INERTIA, Inertia
+from gibbs_codegen.derivation.inertia import Inertia
 from gibbs_codegen.derivation.parameters import Parameters
 from gibbs_codegen.derivation.segment_tree import JointedLink
 from gibbs_codegen.derivation.symbolic_robot import SymbolicRobot
 from gibbs_codegen.equations.definitions import Definition
-from gibbs_codegen.equations.typeset import Kind, Name, hybrid_name, name, parameter_name
+from gibbs_codegen.equations.typeset import (
+    TURN_LETTERS,
+    Kind,
+    Name,
+    hybrid_name,
+    name,
+    parameter_name,
+)
 from gibbs_codegen.robot.chains import Chain
 from gibbs_codegen.robot.description import (
     Description,
@@ -46,8 +53,9 @@ def hybrid_names(robot: Robot) -> dict[str, Name]:
     free, acting = description.free_unknowns, description.inputs
     coordinates = description.layout.v
     numbers = [f"{_letter(robot, i)}_{robot.rotors + i}" for i in robot.moving]
-    base = [free[place].name for place in coordinates.base]
-    numbered = dict(zip((c.name for c in free), coordinates.joined(base, numbers), strict=True))
+    entries = [c.name for c in free]
+    base, _ = coordinates.split(entries)
+    numbered = dict(zip(entries, coordinates.joined(base, numbers), strict=True))
     names = {c.name: hybrid_name(numbered[c.name], c.meaning) for c in free}
     for arm in constrained_arms(robot):
         angle, torque = constrained_coordinate(robot, arm), constraint_torque(robot, arm)
@@ -68,8 +76,9 @@ def chain_names(symbolic: SymbolicRobot, chain: Chain) -> dict[sp.Symbol, Name]:
     """Names of everything that occurs in a chain but for fixed angles, by symbol."""
     robot = symbolic.robot
     base = list(_base_names(symbolic, chain.number))
-    # As among the velocities: joints before the position, but after the twist of a quaternion.
-    first = len(base) if symbolic.description.layout.is_quaternion else len(base) // 2
+    # As among the velocities: joints before the position, but after velocities of any other base.
+    layout = symbolic.description.layout
+    first = len(base) // 2 if layout.v.joints.stop < layout.v.size else len(base)
     names = dict(base[:first])
     names |= _joint_names(symbolic, chain)
     names |= base[first:]
@@ -81,7 +90,7 @@ def chain_names(symbolic: SymbolicRobot, chain: Chain) -> dict[sp.Symbol, Name]:
             index = f"{chain.number},{3 if k == 1 else 5}"
         meaning = f"{acting[k - 1].meaning} (N)"
         names[symbolic.u[k - 1]] = name("F", index, Kind.INPUT, meaning)
-    for item, i in enumerate(jointed_links(robot, chain), start=4):
+    for item, i in enumerate(jointed_links(robot, chain), start=layout.base_item + 1):
         if i in robot.moving and i in chain.own:
             place = robot.rotors + robot.moving.index(i)
             meaning = f"{acting[place].meaning} ({acting[place].unit})"
@@ -98,11 +107,12 @@ def chain_names(symbolic: SymbolicRobot, chain: Chain) -> dict[sp.Symbol, Name]:
 def _base_names(symbolic: SymbolicRobot, number: int) -> Iterator[tuple[sp.Symbol, Name]]:
     """Symbols and names of the base's coordinates, velocities and accelerations in a chain."""
     layout, coordinates = symbolic.description.layout, symbolic.description.coordinates
-    if layout.is_quaternion:
+    if layout.turns_with_base:
         for place in layout.q.base:
             entry = coordinates[place]
-            letter, axis = ("q", entry.name[1]) if entry.name.startswith("q") else (entry.name, "")
-            meaning = entry.meaning if letter == "q" else f"{entry.meaning} (m)"
+            letter, axis = ("q", entry.name[1]) if entry.unit == "1" else (entry.name, "")
+            letter = TURN_LETTERS.get(letter, letter)
+            meaning = entry.meaning if letter == "q" else f"{entry.meaning} ({entry.unit})"
             yield symbolic.q[place], name(letter, axis, Kind.COORDINATE, meaning)
         for place in layout.v.base:
             entry = symbolic.description.free_unknowns[place]
@@ -112,11 +122,11 @@ def _base_names(symbolic: SymbolicRobot, number: int) -> Iterator[tuple[sp.Symbo
             meaning = f"{entry.meaning}{_RATE} ({unit.removesuffix('/s')}/s²)"
             yield symbolic.a[place], name(letter, index, Kind.ACCELERATION, meaning, "dot")
         return
-    for item, place in enumerate(layout.q.base, start=1):
+    for item, place in enumerate(sorted(layout.q.base), start=1):
         entry = coordinates[place]
-        letter, index = ("theta", f"{number},{item}")
+        letter, index = TURN_LETTERS.get(entry.name, "theta"), f"{number},{item}"
         if entry.name in _LINEAR:
-            letter, index = entry.name, f"o_{{{number},3}}"
+            letter, index = entry.name, f"o_{{{number},3}}" if layout.moves_freely else f"{number}"
         symbols = (symbolic.q[place], symbolic.v[place], symbolic.a[place])
         yield from _moving(symbols, letter, index, entry.meaning, entry.unit)
 
@@ -144,7 +154,8 @@ def _joint_names(symbolic: SymbolicRobot, chain: Chain) -> Iterator[tuple[sp.Sym
     robot, layout = symbolic.robot, symbolic.description.layout
     coordinates = {c.name: c for c in symbolic.description.coordinates}
     jointed = [robot.rotors + i for i in jointed_links(robot, chain)]
-    for item, arm in enumerate([chain.rod] if chain.rod else jointed, start=4):
+    first = layout.base_item + 1
+    for item, arm in enumerate([chain.rod] if chain.rod else jointed, start=first):
         index = f"{chain.number},{item}"
         if arm in chain.constrained:
             coordinate, torque = constrained_coordinate(robot, arm), constraint_torque(robot, arm)
@@ -203,11 +214,11 @@ def second_moments(
 
 
 def defined_inertias(symbolic: SymbolicRobot, chain: Chain) -> list[Inertia]:
-    """Inertias of the base and of what follows it in a chain, each about its joint.
+    """Inertias of the root and of what follows it in a chain, each about its joint.
 
     They are in the parameters; zero for those that have their mass in another chain.
     """
-    core = symbolic.core_inertia() if chain.has_core else NO_INERTIA
+    core = symbolic.chain_core(chain)
     if chain.rod is not None:
         return [core, symbolic.parameters.arms[chain.rod].inertia]
     bodies = symbolic.chain_bodies(chain)
@@ -224,11 +235,20 @@ _ROUNDING = sp.Float("1e-25")
 class Made:
     """Symbols of a chain on a tape; `definitions` says in order what they stand for."""
 
-    def __init__(self, tape: Scalars, chain: int, names: dict[sp.Symbol, Name]) -> None:
+    def __init__(
+        self,
+        tape: Scalars,
+        chain: int,
+        root_item: int,
+        names: dict[sp.Symbol, Name],
+        units: Mapping[str, str],
+    ) -> None:
         self.definitions: list[Definition] = []
         self._tape = tape
         self._chain = chain
+        self._root_item = root_item
         self._names = names
+        self._masses = {sp.Symbol(name) for name, unit in units.items() if unit == "kg"}
 
     def inertia(self, item: int, inertia: Inertia) -> Inertia:
         """Inertia of an item, from 1, about its joint, with entries named that are not zero."""
@@ -259,13 +279,13 @@ class Made:
         meaning: str,
         symbols: dict[sp.Expr, sp.Symbol] | None = None,
     ) -> sp.Expr:
-        """Name an entry of an inertia, unless it is zero.
+        """Name an entry of an inertia, unless it is zero, or of a point: a mass times places.
 
         A symbol in `symbols` that has the same value is read in place of this.
         """
         value = _settled(value)
-        if value == 0:
-            return value
+        if value == 0 or (not value.is_Add and self._masses & value.free_symbols):
+            return self._tape.let(value)
         index = f"{self._chain},{item}" + (f",{axes}" if axes else "")
         symbol = self._symbol(f"{letter}_{item}{axes}", letter, index, Kind.INERTIA, meaning)
         same = symbol if symbols is None else symbols.setdefault(value, symbol)
@@ -287,7 +307,7 @@ class Made:
 
     def wrench(self, k: int, segment: int, wrench: Wrench) -> Wrench:
         """Wrench of rotor k ≥ 1, on a segment, per unit of thrust, numbers of the file named."""
-        item = 3 + segment
+        item = self._root_item + segment
         parts = {
             "e": (wrench.force, f"direction of thrust {k} in the frame of item {item}"),
             "n": (

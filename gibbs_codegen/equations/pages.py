@@ -58,8 +58,7 @@ class Page:
                 blocks.append(self._remark(COLUMNS))
             if frames := next((e.frames for e in self._equations if e.frames), ()):
                 rows = [["item", "joint", "gamma", "x", "y", "z", "alpha", "d", "theta"]]
-                for number, row in enumerate(frames, start=4):
-                    rows.append([str(number), *map(self._writer.line, row)])
+                rows += [[*map(self._writer.line, row)] for row in frames]
                 blocks.append([*self._heading("Frames of the items"), *self._remark(FRAMES)])
                 blocks.append(self._table(rows))
         for equation in self._equations:

@@ -37,7 +37,6 @@ from gibbs_codegen.equations.typeset import Name
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.robot.chains import Chain, decompose
 from gibbs_codegen.robot.description import constrained_coordinate
-from gibbs_codegen.robot.layout import check_free_base
 from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.robot.names import coordinate_of
 from gibbs_codegen.robot.parts.numbers import AXES
@@ -86,7 +85,17 @@ class ReadableChain:
     @property
     def quasi(self) -> bool:
         """True if the base's accelerations are rates of quasi-velocities."""
-        return self.symbolic.description.layout.is_quaternion
+        return self.symbolic.description.layout.turns_with_base
+
+    @property
+    def root_item(self) -> int:
+        """Number of the item that the chain begins with: the base, or what virtual links are on."""
+        return root_item(self.symbolic)
+
+
+def root_item(symbolic: SymbolicRobot) -> int:
+    """Number of the item that chains begin with: the base, or what virtual links are on."""
+    return symbolic.description.layout.base_item - len(symbolic.robot.base.virtual_joints)
 
 
 def check_chain(robot: Robot, number: int) -> None:
@@ -111,7 +120,8 @@ def readable_chain(robot: Robot, number: int, tape: Scalars | None = None) -> Re
     names = chain_names(symbolic, chain)
     # The meaning of the symbols of inertia and places is written in the parameters themselves.
     plain = SymbolicRobot.of(robot, InlineTape())
-    made = Made(tape, number, names)
+    first = root_item(symbolic)
+    made = Made(tape, number, first, names, plain.parameters.units)
     root, *segments = serial.segments
     links: list[JointedLink] = []
     if chain.rod is not None:
@@ -122,7 +132,7 @@ def readable_chain(robot: Robot, number: int, tape: Scalars | None = None) -> Re
         own_group = not symbolic.root.spins_about_normal
         segments = [replace(segments[0], rotation=rotation, starts_group=own_group)]
     else:
-        placed = enumerate(plain.chain_bodies(chain).links, start=4)
+        placed = enumerate(plain.chain_bodies(chain).links, start=first + 1)
         links = [made.placed(item, link) for item, link in placed]
         fixed = partial(fixed_rotation, tape, names)
         _, *segments = tree_of_links(tape, root, symbolic.root.segment_angle, links, fixed).segments
@@ -130,14 +140,14 @@ def readable_chain(robot: Robot, number: int, tape: Scalars | None = None) -> Re
     serial = SegmentTree(
         tuple(
             replace(segment, inertia=made.inertia(item, inertia))
-            for item, (segment, inertia) in enumerate(pairs, start=3)
+            for item, (segment, inertia) in enumerate(pairs, start=first)
         )
     )
     wrenches = {}
     for k in chain.motors:
         segment, wrench = _motor_wrench(plain, chain, k)
         wrenches[k] = segment, made.wrench(k, segment, wrench)
-    terms = zip(symbolic.robot.moving, armatures(symbolic), passive_forces(symbolic), strict=True)
+    terms = zip(symbolic.jointed, armatures(symbolic), passive_forces(symbolic), strict=True)
     passive = [(sp.S.Zero, sp.S.Zero)] * len(chain.coordinates)
     for i, armature, force in terms:
         if i in chain.own:
@@ -178,18 +188,18 @@ def own_frames(readable: ReadableChain) -> SegmentTree:
 
 
 def item_frames(readable: ReadableChain) -> tuple[tuple[sp.Expr, ...], ...]:
-    """Poses of the items after the base in those before them, as `ChainEquation.frames`."""
+    """Poses of the items after the first in those before them, as `ChainEquation.frames`."""
     if readable.chain.rod is not None:
         (joint,) = _chain_joints(readable.symbolic, readable.chain)
         step = readable.serial.segments[1].step
-        return ((sp.Symbol(joint), sp.S.Zero, *step, sp.S.Zero, sp.S.Zero, sp.S.Zero),)
+        return ((sp.Integer(4), sp.Symbol(joint), sp.S.Zero, *step, *[sp.S.Zero] * 3),)
     rows = []
-    for link in readable.links:
+    for item, link in enumerate(readable.links, start=readable.root_item + 1):
         gamma, alpha, theta = (  # As they are printed.
             sp.Integer(angle) if angle.denominator == 1 else sp.Float(float(angle))
             for angle in (link.turn_deg, link.alpha_deg, link.theta_deg)
         )
-        rows.append((link.coordinate, gamma, *link.step, alpha, link.d, theta))
+        rows.append((sp.Integer(item), link.coordinate, gamma, *link.step, alpha, link.d, theta))
     return tuple(rows)
 
 
@@ -281,9 +291,8 @@ def chain_closed_form(robot: Robot, number: int) -> ChainClosedForm:
         The closed form. A constrained joint keeps its acceleration as a symbol; its rate is zero.
 
     Raises:
-        UsageError: If there is no such chain, or the base does not move freely.
+        UsageError: If there is no such chain.
     """
-    check_free_base(robot.name, robot.base.kind, "closed forms are")
     check_chain(robot, number)
     tape = InlineTape()
     symbolic = SymbolicRobot.of(robot, tape)

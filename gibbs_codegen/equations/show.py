@@ -4,8 +4,8 @@ Equation 2 is the Gibbs function S_j, 5 its partials ∂S_j/∂θ̈_{j,i}, 6 the
 link, 15 the chain's equations of motion, bordered where it is constrained, and 18 the places of its
 rows and columns in the hybrid system.
 
-With a quaternion the base's unknowns are the rates of quasi-velocities: of its linear and angular
-velocity in its own frame.
+With a quaternion, and of a base that stays level, the base's unknowns are the rates of
+quasi-velocities: of its linear and angular velocity in its own frame.
 
 Where expanded expressions have few enough terms they are given in closed form, collected by
 products of accelerations and rates. They grow about threefold with every link, so that longer
@@ -29,7 +29,6 @@ from gibbs_codegen.equations.readable_chain import check_chain, item_frames, rea
 from gibbs_codegen.equations.typeset import Kind, Name, accelerated, name
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.robot.chains import coupling_map
-from gibbs_codegen.robot.layout import check_free_base
 from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.robot.parts.numbers import AXIS_PAIRS
 
@@ -57,9 +56,8 @@ def chain_equation(
         The equation.
 
     Raises:
-        UsageError: If there is no such chain or equation, or the base does not move freely.
+        UsageError: If there is no such chain or equation.
     """
-    check_free_base(robot.name, robot.base.kind, "equations in print are")
     if equation not in EQUATIONS:
         choices = ", ".join(map(str, EQUATIONS))
         raise UsageError(f"equation {equation}: cannot be shown; known: {choices}")
@@ -68,7 +66,15 @@ def chain_equation(
         return _OF_EVERY_CHAIN[equation](robot, chain)
     readable = readable_chain(robot, chain)
     made = _MAKERS[equation](readable, most_terms)
-    return replace(made, names=made.names | readable.names, frames=item_frames(readable))
+    frames = item_frames(readable)
+    needed = {symbol for row in frames for entry in row for symbol in entry.free_symbols}
+    lines, defined = [], {symbol for symbol, _ in readable.definitions}
+    for symbol, value in reversed(made.lines):
+        if symbol in needed or symbol not in defined:
+            needed |= value.free_symbols
+            lines.append((symbol, value))
+    names = made.names | readable.names
+    return replace(made, names=names, lines=tuple(reversed(lines)), frames=frames)
 
 
 def _link(robot: Robot, chain: int) -> chain_equations.ChainEquation:

@@ -234,6 +234,11 @@ class Layout:
         return along, [0, 1, 2][3 - turns :]
 
     @property
+    def base_item(self) -> int:
+        """Number of the base among the items of a chain: 3 in the paper, else what moves of it."""
+        return 3 if self.moves_freely else len(self.q.base)
+
+    @property
     def neutral(self) -> list[float]:
         """Coordinates of zero, the base level: of a quaternion qw is 1."""
         return [float(name == "qw") for name in self.q.names]

@@ -155,6 +155,83 @@ def test_every_attitude_and_origin() -> None:
     assert_chains_add_up(Robot("odd", base, links), MOST_TERMS)
 
 
+MOTIONS = ('"fixed"', '"planar"', '"upright"', '["z", "x", "pitch"]', '["y", "roll"]')
+
+
+BASED = """
+name = "based"
+[base]
+motion = {}
+xyz = [0.1, -0.2, 0.3]
+rpy_deg = [20, -35, 60]
+mass = 2
+com = [0.1, 0, 0.2]
+inertia = [0.02, 0.03, 0.04, 0, 0.01, 0]
+[[rotor]]
+position = [0.1, 0.2, 0]
+direction = [0, 0.6, 0.8]
+drag = 0.1
+[[link]]
+xyz = [0.1, 0, 0.2]
+rpy_deg = [0, 90, 30]
+axis = "y"
+mass = 1
+com = [0.1, 0, -0.2]
+[[link]]
+xyz = [0.3, 0, 0]
+axis = "x"
+mass = 1
+inertia = [0.02, 0.03, 0.04, 0, 0, 0]
+joint = "prismatic"
+[[link]]
+parent = "base"
+xyz = [0, 0.3, 0]
+mass = 0.5
+com = [0.2, 0, 0]
+joint = "fixed"
+constrained = true
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("motion", MOTIONS)
+def test_every_base(motion: str) -> None:
+    robot = parse_robot(BASED.format(motion))
+    for most_terms in FORMS:
+        assert_chains_add_up(robot, most_terms)
+        assert_partials_hold(robot, 1, most_terms)
+
+
+POLE = '[[link]]\nxyz = [0, 0, 0]\naxis = "y"\nmass = 1\ncom = [0, 0, 1]'
+
+
+@pytest.mark.parametrize(
+    ("base", "lines"),
+    [
+        (
+            'motion = "fixed"',
+            ["I_1(1,1) = m_1·ρ_{1,z}²", "R_1(1) = m_1·ρ_{1,z}·g·s_{1,1}", "F_1(1) = τ_{1,1}"],
+        ),
+        (
+            'motion = ["x"]\nmass = 2',
+            [
+                "I_1(1,1) = m_b + m_1",
+                "I_1(1,2) = m_1·ρ_{1,z}·c_{1,2}",
+                "I_1(2,2) = m_1·ρ_{1,z}²",
+                "R_1(1) = m_1·ρ_{1,z}·s_{1,2}·θ̇_{1,2}²",
+                "R_1(2) = m_1·ρ_{1,z}·g·s_{1,2}",
+                "F_1(2) = τ_{1,2}",
+            ],
+        ),
+    ],
+)
+def test_a_pendulum_and_a_cart_read_as_in_textbooks(base: str, lines: list[str]) -> None:
+    """Of a pole that stands up at zero, by Goldstein's Lagrangian with ρ = l."""
+    robot = parse_robot(f'name = "pole"\n[base]\n{base}\n{POLE}')
+    text = as_text(chain_equation(robot, 1, 15))
+    assert re.findall(r"^\S+\(\S+ = .*$", text, flags=re.MULTILINE) == lines
+
+
 def assert_partials_hold(robot: Robot, chain: int, most_terms: int) -> None:
     """Eqs. 2 and 5 as shown, against differences of the S shown and the recursion's partials."""
     values = given_values(robot, 7)
@@ -439,7 +516,7 @@ def test_the_table_of_frames_says_where_every_axis_is(robot: Robot) -> None:
         if robot.base.rotors:
             frame = PlacedFrame(drawn.rods[0].origin, drawn.rods[0].axes)
         for i, row in zip(chain.path, item_frames(readable), strict=True):
-            gamma, x, y, z, alpha, d, theta = (float(e.xreplace(values)) for e in row[1:])
+            gamma, x, y, z, alpha, d, theta = (float(e.xreplace(values)) for e in row[2:])
             frame = frame.within(turn(2, np.deg2rad(gamma)), np.zeros(3))
             frame = frame.within(turn(0, np.deg2rad(alpha)), np.array([x, y, z]))
             frame = frame.within(turn(2, np.deg2rad(theta)), np.array([0.0, 0.0, d]))
