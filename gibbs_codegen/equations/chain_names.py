@@ -21,6 +21,7 @@ from gibbs_codegen.equations.typeset import (
     TURN_LETTERS,
     Kind,
     Name,
+    base_letter,
     hybrid_name,
     name,
     parameter_name,
@@ -40,7 +41,6 @@ from gibbs_codegen.robot.references import NamedKind, parameter_names
 from gibbs_codegen.symbolic.tape import InlineTape, Scalars, Stage, signed
 from gibbs_codegen.symbolic.vectors import Rotation, Wrench
 
-_LINEAR = ("x", "y", "z")
 _RATE, _ACCELERATION = ": its rate", ": its acceleration"
 
 
@@ -124,9 +124,9 @@ def _base_names(symbolic: SymbolicRobot, number: int) -> Iterator[tuple[sp.Symbo
         return
     for item, place in enumerate(sorted(layout.q.base), start=1):
         entry = coordinates[place]
-        letter, index = TURN_LETTERS.get(entry.name, "theta"), f"{number},{item}"
-        if entry.name in _LINEAR:
-            letter, index = entry.name, f"o_{{{number},3}}" if layout.moves_freely else f"{number}"
+        letter, index = base_letter(entry.name, number, item)
+        if layout.moves_freely and entry.unit == "m":
+            index = f"o_{{{number},3}}"
         symbols = (symbolic.q[place], symbolic.v[place], symbolic.a[place])
         yield from _moving(symbols, letter, index, entry.meaning, entry.unit)
 

@@ -160,6 +160,13 @@ def hybrid_name(internal: str, meaning: str) -> Name:
     return name(letter, number.replace("m", "-"), kind, meaning)
 
 
+def base_letter(internal: str, chain: int, item: int) -> tuple[str, str]:
+    """Letter and index in a chain of a coordinate by which a virtual link moves the base."""
+    if internal in _LINEAR:
+        return internal, str(chain)
+    return TURN_LETTERS.get(internal, "theta"), f"{chain},{item}"
+
+
 def accelerated(unknown: Name) -> Name:
     """The unknown of a hybrid coordinate: two dots, one of a velocity, none of a torque."""
     if unknown.kind is Kind.INPUT:

@@ -6,6 +6,7 @@ They are drawn from the robot's data alone, in the style of the figures of fligh
 from __future__ import annotations
 
 from collections.abc import Iterable
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -14,19 +15,23 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patheffects import withStroke
 
+from gibbs_codegen.equations.typeset import Kind, base_letter, name
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.figures import marks
 from gibbs_codegen.figures.appearance import DARK, GOLD
 from gibbs_codegen.figures.style import FULL, style
 from gibbs_codegen.robot.chains import Chain, decompose
-from gibbs_codegen.robot.layout import QUATERNION, check_free_base, has_default_tip
+from gibbs_codegen.robot.layout import has_default_tip, layout_of
 from gibbs_codegen.robot.model import Robot
+from gibbs_codegen.robot.parts.base import TRAVELS
 from gibbs_codegen.robot.parts.numbers import BASE
 from gibbs_codegen.robot.rotations import Array
 
 _QUIET = "0.55"
 # Chains that are drawn unless they are chosen, and links of an arm that are drawn one by one.
 _MOST_CHAINS, _MOST_LINKS = 12, 4
+# Links of an arm for whose names there is room; more have their numbers.
+_MOST_NAMED = 2
 _COLUMNS = 3
 # Heights of a row of chains and of one of the legend, in; the legend's columns by those of chains.
 _ROW, _LEGEND_ROW = 1.85, 0.2
@@ -50,9 +55,8 @@ def chains_figure(robot: Robot, numbers: Iterable[int] | None = None) -> Figure:
         The figure.
 
     Raises:
-        UsageError: The robot has no such chain, or its base does not move freely.
+        UsageError: The robot has no such chain.
     """
-    check_free_base(robot.name, robot.base.kind, "pictures of chains are")
     chains = decompose(robot)
     ends = range(1, len(chains) + 1)
     if numbers is None:
@@ -86,31 +90,44 @@ def chains_figure(robot: Robot, numbers: Iterable[int] | None = None) -> Figure:
 def _draw_root(axes: Axes, robot: Robot, chain: Chain) -> Array:
     """Draw the base as the chain begins; return where its centre is drawn (2).
 
-    There are virtual links where angles turn it, and arm 1 or its body.
+    Before it are the joints of virtual links where angles turn it or a list moves it, and the
+    ground if it is on that; it is arm 1 or its body.
     """
-    j, rods = chain.number, robot.base.rotors
-    joints = np.array([[-1.12, 0.0], [-0.56, 0.0], [0.0, 0.0], [1.0, 0.0]])
-    if robot.base.attitude == QUATERNION:
-        marks.draw_name(axes, f"$v_{{{j}}}$, $\\omega_{{{j}}}$", joints[2] + _by(-0.1, 0.22))
-    else:
-        for start, number in zip(joints[:2], ("−1", "0"), strict=True):
-            ends = np.array([start, start + _by(0.56, 0.0)]).T
-            axes.plot(*ends, color=_QUIET, lw=1.2, ls=(0, (2, 1.5)))
-            marks.draw_name(axes, number, start + _by(0.28, -0.2), _QUIET)
+    j, rods, layout = chain.number, robot.base.rotors, layout_of(robot)
+    start, end = _by(0.0, 0.0), _by(1.0, 0.0)
+    virtual = _virtual(robot)
+    gap = min(0.56, 1.12 / max(len(virtual) - 1, 1))
+    joints = [_by(-gap * before, 0.0) for before in reversed(range(len(virtual)))]
+    for link, ends in enumerate(pairwise(joints)):
+        axes.plot(*np.transpose(ends), color=_QUIET, lw=1.2, ls=(0, (2, 1.5)))
+        if layout.moves_freely:
+            number = f"{link - 1}".replace("-", "−")
+            marks.draw_name(axes, number, np.mean(ends, axis=0) + _by(0.0, -0.2), _QUIET)
+    if not (layout.moves_freely or layout.turns_with_base):
+        marks.draw_ground(axes, [*joints, start][0])
+    if layout.turns_with_base:
+        marks.draw_name(axes, f"$v_{{{j}}}$, $\\omega_{{{j}}}$", start + _by(-0.1, 0.22))
     has_mass = robot.base.arm(1).total_mass > 0.0 if rods else robot.base.body is not None
-    label = "1" if rods else "base"
-    marks.draw_link(axes, joints[2], joints[3], label, chain.has_core and has_mass)
-    if robot.base.attitude != QUATERNION:
-        for place, item in zip(joints, (1, 2, 3), strict=False):
-            marks.draw_joint(axes, place)
-            marks.draw_name(axes, f"$\\theta_{{{j},{item}}}$", place + _by(0.0, 0.24))
+    marks.draw_link(axes, start, end, "1" if rods else "base", chain.has_core and has_mass)
+    for item, (place, coordinate) in enumerate(zip(joints, virtual, strict=True), start=1):
+        marks.draw_joint(axes, place, "s" if coordinate in TRAVELS else "o")
+        # Above and below by turns where they are near each other.
+        symbol = name(*base_letter(coordinate, j, item), Kind.COORDINATE, "")
+        side = -1.0 if gap < 0.5 and item % 2 == 0 else 1.0
+        marks.draw_name(axes, f"${symbol.latex}$", place + _by(0.0, 0.24 * side))
     if rods:
-        marks.draw_name(axes, "$O_1$", joints[2] + _by(0.14, -0.24), _QUIET)
+        marks.draw_name(axes, "$O_1$", start + _by(0.14, -0.24), _QUIET)
     if rods and 1 in chain.motors:
         below = _by(0.06, -0.52)
-        marks.draw_thrust(axes, joints[2], 0.0, robot.base.thrust[0], f"$F_{{{j},3}}$", below)
-    _draw_placed(axes, robot, chain, BASE, ((joints[2] + joints[3]) / 2.0, _by(0.0, 0.3)))
-    return joints[3]
+        marks.draw_thrust(axes, start, 0.0, robot.base.thrust[0], f"$F_{{{j},3}}$", below)
+    _draw_placed(axes, robot, chain, BASE, ((start + end) / 2.0, _by(0.0, 0.3)))
+    return end
+
+
+def _virtual(robot: Robot) -> tuple[str, ...]:
+    """Names of the coordinates by which virtual links move the base, on the way to it."""
+    layout = layout_of(robot)
+    return () if layout.turns_with_base else layout.q.names[: layout.q.joints.start]
 
 
 def _draw_placed(
@@ -191,7 +208,9 @@ def _draw_arm(axes: Axes, robot: Robot, chain: Chain, centre: Array) -> None:
             place = place + _by(_GAP, 0.0)
         i, end = path[position], place + steps[step]
         link = robot.links[i - 1]
-        number = marks.short_name(link.name, _LONGEST_NAME) if link.name else str(robot.rotors + i)
+        number = str(robot.rotors + i)
+        if link.name and len(shown) <= _MOST_NAMED:
+            number = marks.short_name(link.name, _LONGEST_NAME)
         marks.draw_link(axes, place, end, number, i in chain.own and link.body.total_mass > 0.0)
         aside = np.array([0.0, 1.0 if step % 2 == 0 else -1.0])
         _draw_link_joint(axes, robot, chain, i, (place, 0.5 * steps[step], aside))
@@ -216,7 +235,7 @@ def _draw_link_joint(
     jointed = [k for k in chain.path if k in robot.moving or k in robot.constrained]
     if i not in jointed:
         return
-    index = f"{{{chain.number},{4 + jointed.index(i)}}}"
+    index = f"{{{chain.number},{layout_of(robot).base_item + 1 + jointed.index(i)}}}"
     slides, colour = (
         link.joint == "prismatic",
         marks.CONSTRAINT if link.constrained else marks.TORQUE,
@@ -242,13 +261,17 @@ def _chain_keys(robot: Robot) -> list[Line2D]:
     circle: dict[str, Any] = {"ls": "", "mfc": "none", "mec": marks.THRUST, "ms": 8, "mew": 1.3}
     normal = Line2D([], [], marker="o", label="thrust normal to the plane", **circle)
     thrusts = [normal, marks.arrow_key(marks.THRUST, "thrust in the plane")]
+    if not robot.base.rotors:
+        thrusts = [marks.arrow_key(marks.THRUST, "thrust")] * bool(robot.rotors)
+    virtual = Line2D([], [], color=_QUIET, lw=1.2, ls=(0, (2, 1.5)), label="virtual link")
+    constraint = [marks.arrow_key(marks.CONSTRAINT, "constraint torque")]
     second = Line2D([], [], color=GOLD, label="base arm 2, mass counted", **bar)
     return [
-        Line2D([], [], color=_QUIET, lw=1.2, ls=(0, (2, 1.5)), label="virtual link"),
+        *([virtual] if len(_virtual(robot)) > 1 else []),
         Line2D([], [], color=DARK, label="mass counted in this chain", **bar),
         Line2D([], [], color="white", label="no mass in this chain", **bar),
         *([second] if robot.base.rotors else []),
-        *(thrusts if robot.base.rotors else [marks.arrow_key(marks.THRUST, "thrust")]),
-        marks.arrow_key(marks.CONSTRAINT, "constraint torque"),
+        *thrusts,
+        *(constraint if any(chain.is_constrained for chain in decompose(robot)) else []),
         marks.arrow_key(marks.TORQUE, "joint torque or force"),
     ]

@@ -27,7 +27,7 @@ from gibbs_codegen.figures.marks import short_name
 from gibbs_codegen.figures.style import style
 from gibbs_codegen.robot.chains import Chain, decompose
 from gibbs_codegen.robot.description import Description
-from gibbs_codegen.robot.layout import check_free_base, layout_of
+from gibbs_codegen.robot.layout import layout_of
 from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.robot.names import coordinate_of
 
@@ -40,6 +40,8 @@ _LONGEST_NAME = 10
 # Figs. 7–9: inches of a cell, and cells that labels and gaps between the arrays take.
 _CELL = 0.24
 _LABELS, _GAP, _HEAD, _FOOT = 2.6, 1.4, 3.4, 2.7
+# Cells that the title of an array takes at least.
+_TITLE = 3.5
 # As many chains fill a cell side by side; of more, the colours stand in rows.
 _MOST_STRIPES = 3
 # Points of headings and small symbols, and of Fig. 6's given names.
@@ -63,11 +65,7 @@ def coupling_figure(robot: Robot) -> Figure:
 
     Returns:
         The figure.
-
-    Raises:
-        UsageError: The base does not move freely.
     """
-    check_free_base(robot.name, robot.base.kind, "pictures of the hybrid system are")
     chains = decompose(robot)
     heights = [len(_lines(robot, chain.unknowns)) + _CHAIN_GAP for chain in chains]
     tops = list(accumulate(heights, initial=0.0))
@@ -163,11 +161,7 @@ def hybrid_pattern_figure(robot: Robot) -> Figure:
 
     Returns:
         The figure.
-
-    Raises:
-        UsageError: The base does not move freely.
     """
-    check_free_base(robot.name, robot.base.kind, "pictures of the hybrid system are")
     filled = filled_entries(robot)
     names_by_unknown = hybrid_names(robot)
     description = Description(robot)
@@ -176,8 +170,9 @@ def hybrid_pattern_figure(robot: Robot) -> Figure:
     size, width = len(names), len(acting)
     joints = range(size)[description.layout.constrained]
     motions = size - len(joints)
-    residual_left = size + _GAP
-    input_left = residual_left + 1 + _GAP
+    residual_left = max(size + _GAP, (size - 1) / 2 + _TITLE)
+    input_left = max(residual_left + 1 + _GAP, residual_left + (1 - width) / 2 + _TITLE)
+    right = input_left + max(width, (width + _TITLE) / 2)
     drives = [(r"\Psi", robot.rotors), (r"\Phi", width - robot.rotors)]
     parts: tuple[tuple[Filling, float, str, list[Name], list[tuple[str, int]]], ...] = (
         (filled.matrix, 0.0, "$I_H$ (Fig. 7)", names, [("I", motions), (r"\Gamma", len(joints))]),
@@ -185,7 +180,7 @@ def hybrid_pattern_figure(robot: Robot) -> Figure:
         (filled.inputs, input_left, "$B_H$ (Fig. 9)", acting, drives),
     )
     with style():
-        figure, axes = _canvas((-_LABELS, input_left + width + 0.3), (-_HEAD, size + _FOOT), _CELL)
+        figure, axes = _canvas((-_LABELS, right + 0.3), (-_HEAD, size + _FOOT), _CELL)
         for entries, left, title, columns, blocks in parts:
             _draw_filling(axes, entries, left)
             _symbol(axes, left + len(entries[0]) / 2, -_HEAD + 0.5, title, size=_SMALL)
@@ -196,9 +191,8 @@ def hybrid_pattern_figure(robot: Robot) -> Figure:
                     frame = Rectangle((left, 0.0), wide, motions, fill=False)
                     frame.set(edgecolor=DARK, linewidth=1.4, zorder=3)
                     axes.add_patch(frame)
-                    right = left + wide
-                    axes.hlines(-1.3, left + 0.15, right - 0.15, colors=DARK, linewidth=0.8)
-                    _symbol(axes, (left + right) / 2, -1.9, f"${symbol}$", size=11)
+                    axes.hlines(-1.3, left + 0.15, left + wide - 0.15, colors=DARK, linewidth=0.8)
+                    _symbol(axes, left + wide / 2, -1.9, f"${symbol}$", size=11)
                 left += wide
         for row, name in enumerate(names):
             _symbol(axes, -2.1, row + 0.5, _row_number(row), "0.45", _SMALL)

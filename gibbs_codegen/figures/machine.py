@@ -14,13 +14,14 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
+from gibbs_codegen.equations.typeset import hybrid_name
 from gibbs_codegen.figures import marks
 from gibbs_codegen.figures.appearance import DARK, GOLD, VIEW, disc_corners, disc_radius
 from gibbs_codegen.figures.robot_artists import RobotArtists, Shapes
 from gibbs_codegen.figures.scene import PlacedNames, fit, project, set_scene
 from gibbs_codegen.figures.style import FULL, lay_out, style
 from gibbs_codegen.robot.chains import decompose
-from gibbs_codegen.robot.layout import check_free_base, layout_of
+from gibbs_codegen.robot.layout import layout_of
 from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.robot.names import rotor_label
 from gibbs_codegen.robot.parts.numbers import BASE
@@ -59,12 +60,15 @@ class Subject:
     @property
     def origin(self) -> Array:
         """The point (3) whose place the coordinates are, m."""
-        return self.q[layout_of(self.robot).q.position]
+        place = np.zeros(3)
+        place[_travels(self.robot)] = self.q[layout_of(self.robot).q.position]
+        return place
 
     @property
     def shows_world(self) -> bool:
         """True if the world's axes are near enough to be drawn, and apart from the robot."""
-        return 0.0 < float(np.linalg.norm(self.origin)) <= self.size
+        from_world = self.origin if self.robot.base.moves_freely else self.frames.centre
+        return 0.0 < float(np.linalg.norm(from_world)) <= self.size
 
     def attitude_axes(self) -> list[Array]:
         """Axes (3) about which the angles of the attitude turn the base; none of a quaternion."""
@@ -72,7 +76,7 @@ class Subject:
         if layout.is_quaternion:
             return []
         axes, turned = [], np.eye(3)
-        for letter, angle in zip(layout.attitude, self.q[layout.q.attitude], strict=True):
+        for letter, angle in zip(layout.angle_axes, self.q[layout.q.attitude], strict=True):
             axis = "xyz".index(letter)
             axes.append(turned[:, axis])
             turned = turned @ turn(axis, angle)
@@ -89,8 +93,14 @@ def posture_away(robot: Robot) -> Array:
     """A posture q (nq) that shows the parts of a robot, away from the origin of the world."""
     q = default_posture(robot)
     subject = Subject(robot, q, robot_frames(robot, q))
-    q[layout_of(robot).q.position] += subject.size * _AWAY
+    q[layout_of(robot).q.position] += subject.size * _AWAY[_travels(robot)]
     return q
+
+
+def _travels(robot: Robot) -> list[int]:
+    """Numbers of the world's axes along which the base moves, in the order of its position."""
+    layout = layout_of(robot)
+    return ["xyz".index(name) for name in layout.q.names[layout.q.position]]
 
 
 def draw_world(names: PlacedNames, subject: Subject, length: float) -> None:
@@ -99,17 +109,22 @@ def draw_world(names: PlacedNames, subject: Subject, length: float) -> None:
     for axis, letter in zip(np.eye(3), "XYZ", strict=True):
         draw_axis(names, start, length * axis, marks.QUIET, 1.1)
         names.add(f"${letter}_0$", length * axis, axis, marks.QUIET)
-    draw_axis(names, start, subject.origin, DARK, 0.9)
-    names.add("$(x, y, z)$", 0.5 * subject.origin, np.array([-1.0, 0.0, 0.5]))
+    if np.any(subject.origin):
+        draw_axis(names, start, subject.origin, DARK, 0.9)
+        moving = ", ".join("xyz"[axis] for axis in _travels(subject.robot))
+        place = f"$({moving})$" if "," in moving else f"${moving}$"
+        names.add(place, 0.5 * subject.origin, np.array([-1.0, 0.0, 0.5]))
 
 
 def draw_virtual_joints(names: PlacedNames, ends: list[Array], subject: Subject) -> None:
     """Draw the axes about which virtual links turn the base, up to their ends (3), m."""
-    for index, end in zip(("-1", "0", "1"), ends, strict=False):
+    layout = layout_of(subject.robot)
+    for angle, end in zip(layout.q.names[layout.q.attitude], ends, strict=False):
         flat = project(names.axes, np.array([subject.origin, end]))
         marks.draw_line(names.axes, flat, marks.QUIET, DASHES)
         names.line(subject.origin, end)
-        names.add(rf"$\theta_{{{index}}}$", end, end - subject.origin, marks.QUIET)
+        text = f"${hybrid_name(angle, '').latex}$"
+        names.add(text, end, end - subject.origin, marks.QUIET)
 
 
 def draw_joints(names: PlacedNames, subject: Subject, length: float) -> None:
@@ -191,9 +206,8 @@ def machine_figure(robot: Robot, q: Sequence[float] | Array | None = None) -> Fi
         The figure.
 
     Raises:
-        UsageError: q has the wrong length, or the base does not move freely.
+        UsageError: q has the wrong length.
     """
-    check_free_base(robot.name, robot.base.kind, "pictures of machines are")
     q = posture_away(robot) if q is None else np.asarray(q, dtype=float)
     subject = Subject(robot, q, robot_frames(robot, q))
     rows = 2 if robot.links and _is_enlarged(robot) else 1

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
-from matplotlib.patches import FancyArrowPatch
+from matplotlib.patches import FancyArrowPatch, Rectangle
 from matplotlib.patheffects import withStroke
 from matplotlib.text import Annotation
 
@@ -27,6 +27,8 @@ QUIET = "0.5"
 _FONT_SIZE = 10
 # Names and numbers lie above all that they name.
 ABOVE_ALL = 1000
+# Half the height of the ground.
+_GROUND = 0.14
 _CENTRED: dict[str, Any] = {"horizontalalignment": "center", "verticalalignment": "center"}
 
 
@@ -91,6 +93,17 @@ def draw_link(axes: Axes, start: Array, end: Array, number: str, has_mass: bool)
 def draw_joint(axes: Axes, place: Array, marker: str = "o") -> None:
     """Draw a joint: a circle if it is revolute, and with marker "s", a square, if prismatic."""
     axes.plot(*place, marker, ms=4.5, mfc="white", mec=DARK, mew=0.8, zorder=5)
+
+
+def draw_ground(axes: Axes, place: Array) -> None:
+    """Draw the ground, on the left of a place (2)."""
+    x, y = _point(place)
+    axes.add_patch(
+        Rectangle(
+            (x - 0.12, y - _GROUND), 0.12, 2 * _GROUND, fill=False, hatch="/////", ec=QUIET, lw=0
+        )
+    )
+    axes.vlines(x, y - _GROUND, y + _GROUND, colors=QUIET, lw=1.2)
 
 
 def draw_torque(axes: Axes, place: Array, side: Array, colour: str) -> None:

@@ -140,7 +140,8 @@ def default_posture(robot: Robot) -> Array:
 
     The base is where nothing has moved, level if it moves freely. Revolute joints are bent
     by 40° or 140°, those of links with rotors by 40° only, strictly within their limits, each so
-    that the ends of the arms move down and away. Prismatic ones stand in the middle of their
+    that the ends of the arms move down and away; what does not fly moves them up from its base.
+    Prismatic ones stand in the middle of their
     limits, or at half of the longest link.
     """
     layout = layout_of(robot)
@@ -158,6 +159,8 @@ def default_posture(robot: Robot) -> Array:
     turned = [frames.links[i - 1].axes @ np.array(robot.links[i - 1].axis) for i in carried]
     axes = np.reshape(turned, (-1, 3))
     ends = np.reshape([link_end(robot, frames, leaf) for leaf in leaves], (-1, 3))
+    flies = robot.base.moves_freely or robot.rotors
+    height = np.array([0.0, 0.0, 1.0]) if flies else -frames.base.axes[:, 2]
     for i in 2 * [i for i in robot.moving if robot.links[i - 1].joint == "revolute"]:
         after = np.array([i in way for way in carried.values()])
         moved = np.array([i in carried[leaf] for leaf in leaves])
@@ -165,7 +168,7 @@ def default_posture(robot: Robot) -> Array:
         turns = [turn_about(axis, value - q[places[i]]) for value in bends[i]]
         far = [origin + (ends[moved] - origin) @ turn.T for turn in turns]
         away = [np.linalg.norm(seats - frames.centre, axis=1) for seats in far]
-        scores = [np.sum(e[:, 2] - length) for e, length in zip(far, away, strict=True)]
+        scores = [np.sum(e @ height - length) for e, length in zip(far, away, strict=True)]
         best = int(np.argmin(np.round(scores, 9)))
         q[places[i]], ends[moved] = bends[i][best], far[best]
         joints[after] = origin + (joints[after] - origin) @ turns[best].T

@@ -23,7 +23,7 @@ from gibbs_codegen.figures.machine import machine_figure
 from gibbs_codegen.figures.marks import CONSTRAINT, THRUST, TORQUE, X_AXIS, Y_AXIS, Z_AXIS
 from gibbs_codegen.robot.chains import decompose
 from gibbs_codegen.robot.family import paper_family
-from gibbs_codegen.robot.file import read_robot
+from gibbs_codegen.robot.file import parse_robot, read_robot
 from gibbs_codegen.robot.layout import layout_of
 from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.robot.posture import default_posture, robot_frames
@@ -109,6 +109,52 @@ def test_chains_of_a_tree_show_what_the_decomposition_says(name: str) -> None:
             assert bars(axes).count(DARK) == len(chain.own) + chain.has_core
         acting = {robot.thrusters[k - 1].on for k in chain.motors}
         assert arrows(axes, THRUST) == len(acting)
+
+
+ARM = """
+[[link]]
+xyz = [0, 0, 0.1]
+axis = "y"
+length = 0.3
+mass = 1
+com = [0, 0, 0.3]
+"""
+
+
+@pytest.mark.parametrize(
+    ("motion", "travel", "angles", "root", "moved"),
+    [
+        ('"fixed"', [], [], [], [0.1, 0.0, 0.2]),
+        ('["x"]', ["$x$"], [], ["$x_1$"], [0.2, 0.0, 0.2]),
+        ('["x", "z", "pitch"]', ["$(x, z)$"], [r"$\theta$"], ["$x_1$", "$z_1$"], [0.2, 0, 0.3]),
+        ('"planar"', ["$(x, y)$"], [r"$\psi$"], [r"$v_1$, $\omega_1$"], [0.2, 0.1, 0.2]),
+    ],
+)
+def test_bases_are_drawn_where_they_are_with_what_moves(
+    motion: str, travel: list[str], angles: list[str], root: list[str], moved: list[float]
+) -> None:
+    text = f'name = "based"\n[base]\nmotion = {motion}\nxyz = [0.1, 0, 0.2]\n{ARM}'
+    robot = parse_robot(text)
+    coordinates = {"x": 0.1, "y": 0.1, "z": 0.1, "theta_1": -0.4}
+    q = [coordinates.get(name, 0.0) for name in layout_of(robot).q.names]
+    (axes,) = machine_figure(robot, q).axes
+    assert {"$X_0$", *travel, *angles} <= set(texts(axes))
+    (links,) = [line for line in axes.lines if line.get_marker() == "o"]
+    assert np.transpose(links.get_data_3d())[0] == pytest.approx(moved)
+    figure = chains_figure(robot)
+    shown = texts(figure.axes[0])
+    assert set(root) <= set(shown)
+    assert rf"$\theta_{{1,{len(q)}}}$, $\tau_{{1,{len(q)}}}$" in shown
+    assert any(patch.get_hatch() for patch in figure.axes[0].patches) == (motion != '"planar"')
+
+
+def test_an_arm_that_does_not_fly_stands_up_from_its_base() -> None:
+    for turn, side in ((0, 1.0), (180, -1.0)):
+        robot = parse_robot(
+            f'name = "arm"\n[base]\nmotion = "fixed"\nrpy_deg = [{turn}, 0, 0]\n{ARM}'
+        )
+        tip = robot_frames(robot, default_posture(robot)).named["tip"].origin
+        assert side * tip[2] > 0.2
 
 
 def test_coordinates_of_another_number_are_refused() -> None:

@@ -23,9 +23,7 @@ from support.emitted import emitted_module, module_with_derivatives
 from support.random_robots import random_tree
 
 from gibbs_codegen import UsageError, parse_robot, simulate
-from gibbs_codegen.equations.show import chain_equation
 from gibbs_codegen.exchange.exporting import export_robot
-from gibbs_codegen.figures.machine import machine_figure
 from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.robot.parts.pose import Pose
 from gibbs_codegen.robot.posture import robot_frames
@@ -363,8 +361,6 @@ def test_what_takes_free_bases_only_says_so() -> None:
     robot, _ = with_motion(SEEDS[0], "planar", TILTED)
     for refused in (
         lambda: export_robot(robot, "urdf"),
-        lambda: chain_equation(robot, 1, 2),
-        lambda: machine_figure(robot),
         lambda: simulate(emitted_module(robot), "hover"),
     ):
         with pytest.raises(UsageError, match=rf"{robot.name}: base.motion is 'planar'.*free"):
