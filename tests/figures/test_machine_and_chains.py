@@ -115,7 +115,7 @@ ARM = """
 [[link]]
 xyz = [0, 0, 0.1]
 axis = "y"
-length = 0.3
+length = 0.4
 mass = 1
 com = [0, 0, 0.3]
 """
@@ -124,18 +124,24 @@ com = [0, 0, 0.3]
 @pytest.mark.parametrize(
     ("motion", "travel", "angles", "root", "moved"),
     [
-        ('"fixed"', [], [], [], [0.1, 0.0, 0.2]),
-        ('["x"]', ["$x$"], [], ["$x_1$"], [0.2, 0.0, 0.2]),
-        ('["x", "z", "pitch"]', ["$(x, z)$"], [r"$\theta$"], ["$x_1$", "$z_1$"], [0.2, 0, 0.3]),
-        ('"planar"', ["$(x, y)$"], [r"$\psi$"], [r"$v_1$, $\omega_1$"], [0.2, 0.1, 0.2]),
+        ('"fixed"', [], [], [], [0.1, 0.0, 0.1]),
+        ('["x"]', ["$x$"], [], ["$x_{1}$"], [0.2, 0.0, 0.1]),
+        (
+            '["x", "z", "pitch"]',
+            ["$(x, z)$"],
+            [r"$\theta$"],
+            ["$x_{1}$", "$z_{1}$"],
+            [0.2, 0, 0.15],
+        ),
+        ('"planar"', ["$(x, y)$"], [r"$\psi$"], [r"$v_{1}$, $\omega_{1}$"], [0.2, 0.1, 0.1]),
     ],
 )
 def test_bases_are_drawn_where_they_are_with_what_moves(
     motion: str, travel: list[str], angles: list[str], root: list[str], moved: list[float]
 ) -> None:
-    text = f'name = "based"\n[base]\nmotion = {motion}\nxyz = [0.1, 0, 0.2]\n{ARM}'
+    text = f'name = "based"\n[base]\nmotion = {motion}\nxyz = [0.1, 0, 0.1]\n{ARM}'
     robot = parse_robot(text)
-    coordinates = {"x": 0.1, "y": 0.1, "z": 0.1, "theta_1": -0.4}
+    coordinates = {"x": 0.1, "y": 0.1, "z": 0.05, "theta_1": -0.4}
     q = [coordinates.get(name, 0.0) for name in layout_of(robot).q.names]
     (axes,) = machine_figure(robot, q).axes
     assert {"$X_0$", *travel, *angles} <= set(texts(axes))
