@@ -15,6 +15,7 @@ NAMES = (
     "05_flight",
     "06_your_own_controller",
     "07_derivatives",
+    "08_other_bases",
     "appendix_from_symbols_to_code",
 )
 
