@@ -3,9 +3,9 @@
 read_urdf, read_mjcf, read_sdf
                       file       → Source: links, joints, rotors, frames
 with_root             Source     → checked: a tree, with its root
-without_anchor        Source     → its root the robot's, and not the world
 read_rotors           file       → rotors that replace those found
 snapped_source        Source     → with exact angles
+anchored              Source     → its root the robot's, and how it moves in the world
 locked, rerooted      Source     → with fixed joints, its root the base
 welded                Source     → Robot, and what was done
 """
@@ -22,7 +22,7 @@ from gibbs_codegen.errors import UsageError, printable
 from gibbs_codegen.exchange.mjcf import read_mjcf
 from gibbs_codegen.exchange.sdf import read_sdf
 from gibbs_codegen.exchange.sources import Finding, Kind, snapped_source
-from gibbs_codegen.exchange.tree import check_kinds, locked, rerooted, with_root, without_anchor
+from gibbs_codegen.exchange.tree import anchored, check_kinds, locked, rerooted, with_root
 from gibbs_codegen.exchange.urdf import read_urdf
 from gibbs_codegen.exchange.welding import welded
 from gibbs_codegen.exchange.xml_file import expanded, parse_xml, read_bytes
@@ -30,7 +30,7 @@ from gibbs_codegen.robot.balance import LARGEST_DRAG
 from gibbs_codegen.robot.layout import joint_terms
 from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.robot.names import link_label, name_from
-from gibbs_codegen.robot.parts.base import Attitude
+from gibbs_codegen.robot.parts.base import Attitude, Motion
 from gibbs_codegen.robot.parts.rotor import Command
 from gibbs_codegen.robot.posture import carried_inertia
 
@@ -40,16 +40,17 @@ class ImportOptions:
     """The wishes of a user.
 
     `lock` has where joints are locked, rad or m, by their names; `base` is the link that is the
-    base, None for the root; `rotors` a file of rotors that replace those found; `snap` whether
-    angles are made exact and noise is set to zero; `command` what motors of Gazebo are commanded;
-    `friction` whether dry friction of joints is taken; `arguments` values of those of xacro, by
-    their names.
+    base, None for the root, and `motion` what of it moves, None for what the file says; `rotors` is
+    a file of rotors that replace those found; `snap` whether angles are made exact and noise is set
+    to zero; `command` what motors of Gazebo are commanded; `friction` whether dry friction of
+    joints is taken; `arguments` values of those of xacro, by their names.
     """
 
     attitude: Attitude
     rotors: Path | None = None
     lock: Mapping[str, float] = field(default_factory=dict)
     base: str | None = None
+    motion: Motion | None = None
     snap: bool = True
     command: Command = "thrust"
     friction: bool = False
@@ -79,17 +80,18 @@ def import_robot(path: Path, options: ImportOptions) -> tuple[Robot, list[Findin
             f"{printable(path)}: its root element is <{printable(tag, 40)}>; URDF has <robot>, "
             "MJCF has <mujoco>, SDF has <sdf>"
         )
-    source = without_anchor(with_root(source))
+    source = with_root(source)
     if options.rotors is not None:
         from gibbs_codegen.exchange.rotor_file import read_rotors  # Late: it imports pydantic.
 
         source = replace(source, rotors=read_rotors(options.rotors, source))
     if options.snap:
         source = snapped_source(source)
+    source = anchored(source, options.motion, options.base)
     source = locked(source, options.lock)
     check_kinds(source)
     if options.base is not None:
-        source = rerooted(source, options.base)
+        source = rerooted(source, options.base, options.motion is not None)
     name = name_from(source.name or path.name.split(".")[0])
     robot, findings = welded(source, name, options.attitude, options.snap)
     for rotor in source.rotors:
@@ -109,12 +111,13 @@ def import_robot(path: Path, options: ImportOptions) -> tuple[Robot, list[Findin
         findings.append(Finding("note", "rotors", words))
     findings += _rubbing_joints(robot)
     findings += _light_joints(robot)
-    if not source.rotors:
+    if not source.rotors and robot.base.moves_freely:
         endless = ", ".join(joint.name for joint in source.joints if joint.continuous)
         hint = f"; these joints turn without end: {endless}" if endless else ""
-        findings.append(
-            Finding("note", "rotors", f"none were found; --rotors FILE gives them{hint}")
+        words = (
+            "none were found; --rotors FILE gives them, and --base fixed holds an arm to the world"
         )
+        findings.append(Finding("note", "rotors", words + hint))
     return robot, [*source.findings, *findings]
 
 
@@ -137,7 +140,7 @@ def _light_joints(robot: Robot) -> list[Finding]:
     light = {}
     for i in robot.moving:
         link = robot.links[i - 1]
-        if link.joint == "revolute" and not link.passive.armature:
+        if link.joint == "revolute" and not (link.passive.armature or link.servo):
             light[i] = carried_inertia(robot, i)
     light = {i: inertia for i, inertia in light.items() if inertia < _LIGHT}
     if not light:
@@ -161,7 +164,7 @@ def _light_joints(robot: Robot) -> list[Finding]:
 
 # In the order of a report, with what they mean.
 KINDS: dict[Kind, str] = {
-    "base": "the flying base",
+    "base": "what all links hang on, and how it moves",
     "attached": "an arm that it carries",
     "welded": "part of what carries it",
     "locked": "a joint held fast",

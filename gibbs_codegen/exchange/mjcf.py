@@ -7,7 +7,7 @@ becomes three hinges about x, y and z.
 from __future__ import annotations
 
 import math
-from collections.abc import Container, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -22,6 +22,7 @@ from gibbs_codegen.robot.parts.constraint import LoopJoint
 from gibbs_codegen.robot.parts.link import JointLimits, Link, Passive
 from gibbs_codegen.robot.parts.numbers import AXES
 from gibbs_codegen.robot.parts.pose import Pose, vector
+from gibbs_codegen.robot.parts.servo import Servo
 from gibbs_codegen.robot.rotations import Array, turn_of_quaternion
 
 _SITE = 4
@@ -55,6 +56,7 @@ def _turn(quaternion: Array) -> Array:
 
 
 _FREE, _BALL, _SLIDE, _HINGE = range(4)
+_KINDS: dict[int, sources.JointKind] = {_FREE: "floating", _SLIDE: "prismatic"}
 WORLD = 0
 # What MuJoCo calls a model without a name.
 _UNNAMED = "MuJoCo Model"
@@ -101,6 +103,8 @@ class _CompiledModel:
         self.names = _names([model.body(b).name for b in range(model.nbody)], "body")
         self.joint_names = _names([model.joint(j).name for j in range(model.njnt)], "joint")
         self._links = sources.FreeNames(self.names)
+        self._servos: dict[int, Servo] = {}
+        self._driven = set[int]()
         self.efforts = {
             j: float(np.abs(model.jnt_actfrcrange[j]).max())
             for j in range(model.njnt)
@@ -110,22 +114,15 @@ class _CompiledModel:
     def source(self, base: str | None) -> sources.Source:
         """The robot with link `base` (None: the only one), by the tree."""
         model = self.model
-        root = self._root(base)
-        bodies = [b for b in range(1, model.nbody) if model.body_rootid[b] == root]
-        links: dict[str, sources.SourceBody] = {}
+        roots = self._roots(base)
+        bodies = [b for b in range(1, model.nbody) if model.body_rootid[b] in roots]
+        links = {self.names[WORLD]: sources.SourceBody(self.names[WORLD])}
         joints: list[sources.SourceJoint] = []
-        first, count = model.body_jntadr[root], model.body_jntnum[root]
-        for j in range(first, first + count):
-            if model.jnt_type[j] != _FREE:
-                why = "a joint between the world and the root: the robot flies"
-                self._report(self.joint_names[j], why)
-            elif lost := self._lost(j):
-                self._report(self.joint_names[j], f"{lost} of the joint of the base")
-        rotors = tuple(self._rotors(bodies, range(first, first + count)))
+        rotors = tuple(self._rotors(bodies))
         for body in bodies:
             if model.body_gravcomp[body]:
                 self._report(self.names[body], "compensation of its weight")
-            for link, joint in self._joints(body) if body != root else ():
+            for link, joint in self._joints(body):
                 links[link] = sources.SourceBody(link)
                 joints.append(joint)
             axes = _turn(model.body_iquat[body])
@@ -147,55 +144,68 @@ class _CompiledModel:
             links,
             tuple(joints),
             rotors,
-            anchors=frozenset(self.joint_names[first : first + count]),
             frames=tuple(frames),
             constraints=constraints,
             gravity=-float(model.opt.gravity[2]) + 0.0,
             findings=tuple(self.findings),
         )
 
-    def _root(self, base: str | None) -> int:
+    def _roots(self, base: str | None) -> list[int]:
+        """The body of the robot on the world, or all there, where the world is to be the base."""
         model = self.model
         roots = [b for b in range(1, model.nbody) if model.body_parentid[b] == WORLD]
-        if base in self.names[1:]:
-            return int(model.body_rootid[self.names.index(str(base), 1)])
-        moved = [b for b in roots if model.body_jntnum[b]]
-        flying = [b for b in moved if model.jnt_type[model.body_jntadr[b]] == _FREE]
-        robots = flying or roots
+        if base == self.names[WORLD]:
+            return roots
+        if base in self.names:
+            return [int(model.body_rootid[self.names.index(str(base))])]
+        moved = [int(b) for b in dict.fromkeys(model.body_rootid[model.jnt_bodyid])]
+        driven = [int(b) for b in dict.fromkeys(model.body_rootid[self._seats()])]
+        flying = [int(b) for b in model.jnt_bodyid[model.jnt_type == _FREE]]
+        robots = driven or flying or moved or roots
         if len(robots) != 1:
             names = ", ".join(printable(self.names[b], 60) for b in robots[:5]) or "none"
             message = f"holds {len(robots)} robots ({names}); --base LINK tells which is meant"
+            message += "" if flying else ", --base world takes all of them"
             raise sources.refusal(self.file, message)
-        return robots[0]
+        return robots
 
-    def _rotors(
-        self, bodies: Sequence[int], anchors: Container[int]
-    ) -> Iterator[sources.SourceRotor]:
+    def _seats(self) -> list[int]:
+        """For each actuator the body of its site or joint."""
+        model, places = self.model, enumerate(self.model.actuator_trnid[:, 0])
+        at_site = model.actuator_trntype == _SITE
+        return [int((model.site_bodyid if at_site[k] else model.jnt_bodyid)[p]) for k, p in places]
+
+    def _rotors(self, bodies: Sequence[int]) -> Iterator[sources.SourceRotor]:
         """Rotors by actuators at sites of such bodies; those at joints say the largest efforts."""
         model = self.model
-        for k in range(model.nu):
+        for k, body in enumerate(self._seats()):
             target, at_site = int(model.actuator_trnid[k, 0]), model.actuator_trntype[k] == _SITE
-            body = model.site_bodyid[target] if at_site else model.jnt_bodyid[target]
             if body not in bodies:
                 continue
             name = model.actuator(k).name or f"{'rotor' if at_site else 'actuator'}_{k + 1}"
             gear, lag = np.array(model.actuator_gear[k]), model.actuator_dyntype[k]
             size = float(np.linalg.norm(gear[: 3 if at_site else 1]))
             size = 1.0 if abs(size - 1.0) < 4e-16 else size
+            servo = None if at_site else self._servo(k, name, float(gear[0]))
             more = {
                 "variable gain": model.actuator_gaintype[k],
-                "bias": model.actuator_biastype[k],
-                "dynamics": lag and not (at_site and lag in _FILTERS),
+                "bias": model.actuator_biastype[k] and not servo,
+                "dynamics": lag and not ((at_site or servo) and lag in _FILTERS),
             }
             if lost := [words for words, there in more.items() if there]:
                 self._report(name, f"{', '.join(lost)} of an actuator")
             limits = _range(model, k, size)
             if not at_site:
-                if target in anchors or model.jnt_type[target] == _BALL:
-                    words = f"an actuator on joint {self.joint_names[target]}, which has no input"
-                    self._report(name, words)
+                joint = self.joint_names[target]
+                if model.jnt_type[target] in (_FREE, _BALL):
+                    self._report(name, f"an actuator on joint {joint}, which has no input")
+                elif target in self._driven:
+                    self._report(name, f"one more actuator on joint {joint}")
+                self._driven.add(target)
                 if limits is not None and (most := max(map(abs, limits))) > 0.0:
                     self.efforts[target] = min(most, self.efforts.get(target, most))
+                if servo:
+                    self._servos.setdefault(target, servo)
                 continue
             if size == 0.0:
                 self._report(name, "an actuator of torque without a force, no rotor")
@@ -218,6 +228,28 @@ class _CompiledModel:
                 else None,
                 evidence="motor at a site",
             )
+
+    def _servo(self, k: int, name: str, gear: float) -> Servo | None:
+        """The servo that an actuator at a joint is, by its bias; None if it is none."""
+        model, joint = self.model, int(self.model.actuator_trnid[k, 0])
+        gain, (offset, length, rate) = model.actuator_gainprm[k, 0], model.actuator_biasprm[k, :3]
+        holds = length < 0.0 >= rate
+        if model.actuator_gaintype[k] or not gear or not (holds or length == 0.0 > rate):
+            return None
+        unit, more = (-float(x / (length if holds else rate)) / gear + 0.0 for x in (gain, offset))
+        if abs(unit - 1.0) > 1e-9 or more:
+            words = f"its command is {unit:.6g} times its control"
+            self._report(name, words + f", and {more:g} more" * bool(more), "note")
+        low, high = sorted(unit * float(bound) + more for bound in model.actuator_ctrlrange[k])
+        limited, damping = bool(model.actuator_ctrllimited[k]), -float(rate) * gear**2
+        lag = float(model.actuator_dynprm[k, 0]) if model.actuator_dyntype[k] in _FILTERS else 0.0
+        if not holds:
+            most = max(-low, high) if limited else None
+            return Servo(command="rate", damping=damping, rate=most, delay=lag)
+        same = model.jnt_limited[joint] and np.allclose((low, high), model.jnt_range[joint])
+        if limited and not same:
+            self._report(name, f"limits of its commands, {low:.6g} to {high:.6g}")
+        return Servo(stiffness=-float(length) * gear**2, damping=damping, delay=lag)
 
     def _report(self, what: str, why: str, kind: sources.Kind = "left out") -> None:
         self.findings.append(sources.Finding(kind, what, why))
@@ -297,12 +329,13 @@ class _CompiledModel:
             part = replace(self._part(j), axis=axis)
             joint = sources.SourceJoint(
                 name,
-                "prismatic" if model.jnt_type[j] == _SLIDE else "revolute",
+                _KINDS.get(model.jnt_type[j], "revolute"),
                 parent,
                 link,
                 pose @ Pose(vector(anchor)),
                 part,
                 Pose(vector(-anchor)),
+                driven=j in self._driven,
             )
             yield link, joint
             parent, pose = link, Pose()
@@ -344,7 +377,7 @@ class _CompiledModel:
     def _part(self, j: int) -> Link:
         """The part of a joint, without its axis and the body that it moves."""
         model = self.model
-        if model.jnt_type[j] == _BALL:
+        if model.jnt_type[j] in (_FREE, _BALL):
             return sources.NO_LINK
         dof, place = model.jnt_dofadr[j], model.jnt_qposadr[j]
         zero = float(model.qpos0[place])
@@ -359,9 +392,10 @@ class _CompiledModel:
         low = high = None
         if model.jnt_limited[j]:
             low, high = (float(bound) - zero for bound in model.jnt_range[j])
-        limits = JointLimits(low, high, self.efforts.get(j))
+        limits, servo = JointLimits(low, high, self.efforts.get(j)), self._servos.get(j)
         friction = sources.dry_friction(self._friction(j))
-        return Link(sources.NO_BODY, passive=passive, limits=limits, friction=friction)
+        servo = servo and replace(servo, torque=limits.effort)
+        return Link(sources.NO_BODY, passive=passive, limits=limits, servo=servo, friction=friction)
 
 
 def _names(given_names: list[str], what: str) -> list[str]:

@@ -44,6 +44,7 @@ _TAKEN = table(f"""
     geom@ name class type size fromto mass density mesh fitscale shellinertia group {_POSE}
     site@ name class type size fromto {_POSE} motor@ {_ACTUATOR}
     general@ {_ACTUATOR} gaintype gainprm biastype biasprm dyntype dynprm
+    position@ {_ACTUATOR} kp kv dampratio timeconst inheritrange velocity@ {_ACTUATOR} kv
     connect@ {_EQUALITY} weld@ {_EQUALITY} relpose
     equality/joint@ name class active joint1 joint2 polycoef
     {" ".join(f"mujoco/{section}@" for section in _COUNTED)}
@@ -53,7 +54,7 @@ _KNOWN = {f"{section}/": words for section, words in _COUNTED.items()}
 _KNOWN |= {"plugin": _COUNTED["extension"]}
 _KNOWN |= without_part("""
     / custom visual statistic size camera light texture material skin hfield lengthrange
-    default/ pair tendon position velocity intvelocity orientation pid damper cylinder muscle
+    default/ pair tendon intvelocity orientation pid damper cylinder muscle
         adhesion dcmotor plugin
     @ user group material rgba
     compiler@ texturedir convexhull discardvisual usethread fusestatic saveinertial savecanonical
@@ -70,6 +71,8 @@ _KNOWN |= without_part("""
         castshadow adhesion surfacevel fluidshape=none
     motor@ lengthrange delay=0 nsample=0 armature=0 damping=0
     general@ lengthrange delay=0 nsample=0 armature=0 damping=0 actdim actearly
+    position@ lengthrange delay=0 nsample=0 armature=0 damping=0
+    velocity@ lengthrange delay=0 nsample=0 armature=0 damping=0
 """)
 _MOST_COPIES = 1000
 _ODD = re.compile(r"(?i)(^|[\s+-])(nan|inf)")

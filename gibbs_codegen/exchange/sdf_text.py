@@ -15,7 +15,14 @@ from dataclasses import replace
 import numpy as np
 
 from gibbs_codegen.errors import UsageError, printable
-from gibbs_codegen.exchange.sources import NO_BODY, FreeNames, Source, SourceBody, SourceJoint
+from gibbs_codegen.exchange.sources import (
+    NO_BODY,
+    NOTHING,
+    FreeNames,
+    Source,
+    SourceBody,
+    SourceJoint,
+)
 from gibbs_codegen.exchange.welding import composite
 from gibbs_codegen.exchange.xml_text import along_z, coulomb, inertia_entries, numbers
 from gibbs_codegen.robot.parts.body import RigidBody, entries_of, inertia_fault, inertia_matrix
@@ -23,8 +30,6 @@ from gibbs_codegen.robot.parts.pose import HERE, Pose
 from gibbs_codegen.robot.parts.servo import Servo
 
 _VERSION, _VERSION_OF_GEARS = "1.9", "1.11"
-# kg and kg m²: far below the rounding of what robots weigh.
-_NOTHING = 1e-13
 # Shares of the mass of what carries propellers that these get, of which the first is taken that
 # leaves a body, and the radius, m, of their discs.
 _SHARES = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6)
@@ -117,9 +122,9 @@ def _least_moment(body: RigidBody) -> float:
 
 def _with_some(body: RigidBody) -> RigidBody:
     """The body, or with so little more mass and inertia that a reader takes it."""
-    mass, inertia = max(body.mass, _NOTHING), body.inertia
+    mass, inertia = max(body.mass, NOTHING), body.inertia
     if _least_moment(body) <= 0.0:
-        inertia = entries_of(inertia_matrix(inertia) + _NOTHING * np.eye(3))
+        inertia = entries_of(inertia_matrix(inertia) + NOTHING * np.eye(3))
     return replace(body, mass=mass, inertia=inertia)
 
 

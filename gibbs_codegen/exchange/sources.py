@@ -20,22 +20,28 @@ from typing import Any, Literal, NamedTuple, TypeVar
 import numpy as np
 
 from gibbs_codegen.errors import Fault, RefusedFileError
+from gibbs_codegen.robot.parts.base import Motion
 from gibbs_codegen.robot.parts.body import RigidBody
 from gibbs_codegen.robot.parts.constraint import Constraint, LoopJoint
 from gibbs_codegen.robot.parts.frame import Frame
 from gibbs_codegen.robot.parts.friction import Friction
-from gibbs_codegen.robot.parts.link import Link
+from gibbs_codegen.robot.parts.link import JointLimits, Link
 from gibbs_codegen.robot.parts.numbers import AXES, Vector3
 from gibbs_codegen.robot.parts.pose import HERE, Pose, vector
 from gibbs_codegen.robot.parts.rotor import Rotor
 from gibbs_codegen.robot.rotations import Array, snapped_angle
 
 JointKind = Literal["revolute", "prismatic", "fixed", "floating", "planar"]
+# The mass, kg, and inertia, kg m², of links in files whose readers take none without: far below the
+# rounding of what robots weigh.
+NOTHING = 1e-13
 # A joint that may turn ten times either way, rad, turns a rotor or a wheel. Files that come from
 # Gazebo give ±1e16 where URDF has the type continuous.
 _MANY_TURNS = 20.0 * math.pi
 NO_BODY = RigidBody()
 NO_LINK = Link(NO_BODY)
+# Of a joint that nothing drives.
+IDLE_LINK = Link(NO_BODY, limits=JointLimits(effort=0.0))
 Kind = Literal[
     "base",
     "attached",
@@ -77,6 +83,11 @@ class SourceBody:
         """The centre of mass in the link's frame, with the axes of the inertia."""
         return self.pose @ Pose(self.body.com)
 
+    @property
+    def weighs(self) -> bool:
+        """True if it has mass or inertia that counts."""
+        return max(self.body.mass, *map(abs, self.body.inertia)) > NOTHING
+
 
 class SourceGear(NamedTuple):
     """The name of the joint that moves another, to ratio times its coordinate and an offset."""
@@ -92,7 +103,7 @@ class SourceJoint:
 
     The child's frame is that of the parent after `pose`, the motion about or along the axis, and
     `offset`. `link` has all else that the child as a part has of the joint that carries it, but for
-    its gear, and no body.
+    its gear, and no body. `driven` is whether a motor is known to drive it.
     """
 
     name: str
@@ -104,6 +115,7 @@ class SourceJoint:
     offset: Pose = HERE
     line: int | None = None
     gear: SourceGear | None = None
+    driven: bool = False
 
     @property
     def continuous(self) -> bool:
@@ -172,7 +184,8 @@ class Source:
 
     `spinning` names joints that let rotors spin, whether or not these rotors are replaced,
     `anchors` those that were left out with a root in the world, and `root` the link that all
-    others hang on, once this has been checked.
+    others hang on, once this has been checked. `motion` is what of that moves, as of a base, and
+    None where nothing says so; `reason` is what says it, and `pose` where it is in the world.
     """
 
     file: str
@@ -187,6 +200,9 @@ class Source:
     gravity: float = 9.81
     findings: tuple[Finding, ...] = ()
     root: str = ""
+    motion: Motion | None = None
+    reason: str = ""
+    pose: Pose = HERE
 
     @cached_property
     def below(self) -> dict[str, list[SourceJoint]]:

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Container, Iterable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from gibbs_codegen.errors import UsageError, near, printable
 from gibbs_codegen.exchange.sources import (
+    IDLE_LINK,
+    NO_LINK,
     WORLD,
     Finding,
     Source,
@@ -16,6 +18,7 @@ from gibbs_codegen.exchange.sources import (
     SourceJoint,
     SourceRotor,
 )
+from gibbs_codegen.robot.parts.base import FIXED, FREE, TRAVELS, TURNS, Motion
 from gibbs_codegen.robot.parts.pose import HERE, Pose, vector
 from gibbs_codegen.robot.rotations import turn_about
 
@@ -24,7 +27,6 @@ from gibbs_codegen.robot.rotations import turn_about
 _ON_AXIS = 1e-6
 _AT_JOINT = 0.01
 _ANCHORS = ("world", "map", "odom")
-_MOST_ANCHORS = 10
 
 
 def with_root(source: Source) -> Source:
@@ -139,36 +141,124 @@ def _spins(joint: SourceJoint, rotor: SourceRotor, seats: Mapping[str, tuple[str
     return bool(near_by and beside <= _ON_AXIS and tilted <= _ON_AXIS)
 
 
-def without_anchor(source: Source) -> Source:
-    """Leave out massless roots by which the file hangs the robot up in the world.
+def anchored(source: Source, motion: Motion | None, base: str | None) -> Source:
+    """Leave the world out: what hangs on it is the root, of which this says how it moves and where.
 
-    These are a root that a floating joint leads from, and a link "world" that a fixed joint leads
-    from.
+    The world is a massless root above a floating or planar joint, or with a name of the world's.
+    `motion` is what is to move in place of what the file lets move, if it is not None; `base` is
+    the link that is to be the base, if it is not the root.
     """
-    for _ in range(_MOST_ANCHORS):
-        root = source.root
-        below, body = source.below[root], source.links[root].body
-        carriers = {rotor.link for rotor in source.rotors} | {frame.link for frame in source.frames}
-        if len(below) != 1 or body.weighs or root in carriers:
-            break
+    left, moved, mount = _way_from_world(source, base)
+    kinds = {joint.kind: joint.name for joint in left}
+    names = _virtual(source, [*left, *moved])
+    said, reason = source.motion, source.reason
+    if "floating" in kinds:
+        said, reason = FREE, f"joint {kinds['floating']} is floating"
+    elif "planar" in kinds:
+        said, reason = _plane(source, left), f"joint {kinds['planar']} is planar"
+    elif names:
+        said, reason = names, f"joints {', '.join(names)} lead from the world to it"
+    elif _is_world(source, source.root):
+        said, reason = FIXED, f"it hangs on link {source.root}"
+    if not (names or base or motion not in (None, FIXED)):
+        moved, mount = [], []
+    elif moved and not names:
+        said = FREE
+    if motion is not None:
+        said, reason = motion, "asked for"
+    left = [*left, *moved, *mount]
+    above, root = {joint.parent for joint in left}, left[-1].child if left else source.root
+    words = f"a joint between the world and {root}"
+    return source.reported(
+        *(Finding("left out", joint.name, words) for joint in moved if said != names),
+        root=root,
+        links={name: link for name, link in source.links.items() if name not in above},
+        joints=tuple(joint for joint in source.joints if joint not in left),
+        constraints=tuple(_to_world(loop, above) for loop in source.constraints),
+        anchors=source.anchors | {joint.name for joint in left},
+        motion=said,
+        reason=reason,
+        pose=_placed_at_zero(source, left)[-1][1],
+    )
+
+
+def _is_world(source: Source, link: str) -> bool:
+    return link.lower() in _ANCHORS and not source.links[link].weighs
+
+
+def _way_from_world(
+    source: Source, base: str | None
+) -> tuple[list[SourceJoint], list[SourceJoint], list[SourceJoint]]:
+    """Single joints from the world to the root, or to link `base`, over massless links.
+
+    They are in three parts: those that hold it or let it move as a whole, then those of one degree
+    of freedom each, and behind these a fixed one.
+    """
+    ends = {end.link for loop in source.constraints for end in loop.ends}
+    stops = {base, *(ends - {source.root})}
+    stops |= {rotor.link for rotor in source.rotors} | {frame.link for frame in source.frames}
+    left, moved, link = list[SourceJoint](), list[SourceJoint](), source.root
+    while len(below := source.below[link]) == 1 and not (
+        source.links[link].weighs or link in stops
+    ):
         (joint,) = below
-        is_anchor = joint.kind == "fixed" and root.lower() in _ANCHORS
-        if not is_anchor and joint.kind not in ("floating", "planar"):
+        as_whole = joint.kind in ("floating", "planar")
+        if joint.kind == "fixed" and moved:
+            return left, moved, [joint]
+        if not moved and (as_whole or (joint.kind == "fixed" and _is_world(source, link))):
+            left.append(joint)
+        elif joint.kind in ("revolute", "prismatic") and _is_world(source, source.root):
+            moved.append(joint)
+        else:
             break
-        source = source.reported(
-            Finding("left out", root, f"the link above {joint.child}: the robot flies"),
-            root=joint.child,
-            links={name: link for name, link in source.links.items() if name != root},
-            joints=tuple(other for other in source.joints if other is not joint),
-            constraints=tuple(_to_world(loop, root) for loop in source.constraints),
-            anchors=source.anchors | {joint.name},
-        )
-    return source
+        link = joint.child
+    return left, moved, []
 
 
-def _to_world(loop: SourceConstraint, link: str) -> SourceConstraint:
-    """A loop in which a link that is left out is the world."""
-    first, second = (replace(e, link=WORLD) if e.link == link else e for e in loop.ends)
+def _placed_at_zero(source: Source, way: Iterable[SourceJoint]) -> list[tuple[Pose, Pose]]:
+    """Poses in the world, where nothing moves, of joints and what they carry; the root's first."""
+    poses = [(source.pose, source.pose)]
+    for joint in way:
+        frame = poses[-1][1] @ joint.pose
+        poses.append((frame, frame @ joint.offset))
+    return poses
+
+
+def _plane(source: Source, way: Sequence[SourceJoint]) -> Motion:
+    """What moves where the last joint of a way is planar."""
+    frame, _ = _placed_at_zero(source, way)[-1]
+    normal = np.abs(frame.matrix @ np.array(way[-1].link.axis))
+    if sum(normal > _ON_AXIS) > 1:
+        message = "moves in a plane that is not across an axis of the world; --base says what moves"
+        where = f'<joint "{printable(way[-1].name, 60)}">'
+        raise source.refused(message, way[-1].line, where)
+    return (("y", "z", "roll"), ("x", "z", "pitch"), "planar")[int(np.argmax(normal))]
+
+
+def _virtual(source: Source, way: Sequence[SourceJoint]) -> tuple[str, ...]:
+    """Names of the joints of a way if they move a base along and about axes of the world.
+
+    It is empty if there are none, or others, or anything acts on them: then they are links.
+    """
+    names = list[str]()
+    for joint, (frame, _) in zip(way, _placed_at_zero(source, way)[1:], strict=True):
+        if joint.kind == "fixed":
+            continue
+        travels = joint.kind == "prismatic"
+        axis = np.eye(3)[(TRAVELS if travels else TURNS).get(joint.name, 0)]
+        off = [frame.matrix @ np.array(joint.link.axis) - axis]
+        off += [] if travels else [np.cross(axis, frame.xyz)]
+        plain = replace(joint.link, axis=NO_LINK.axis) in (NO_LINK, IDLE_LINK)
+        wrong = joint.name not in (TRAVELS if travels else TURNS) or np.abs(off).max() > _ON_AXIS
+        if wrong or not plain or joint.driven or joint.gear or (travels and {*names} & {*TURNS}):
+            return ()
+        names.append(joint.name)
+    return tuple(names)
+
+
+def _to_world(loop: SourceConstraint, links: Container[str]) -> SourceConstraint:
+    """A loop in which links that are left out are the world."""
+    first, second = (replace(e, link=WORLD) if e.link in links else e for e in loop.ends)
     return replace(loop, ends=(second, first) if first.link == WORLD else (first, second))
 
 
@@ -184,8 +274,10 @@ def check_kinds(source: Source) -> None:
             raise source.refused(message, joint.line, where)
 
 
-def rerooted(source: Source, link: str) -> Source:
+def rerooted(source: Source, link: str, asked: bool) -> Source:
     """Hang the tree up by another link; the joints on the way to it are reversed.
+
+    `asked` is whether its motion was asked for; else it moves freely, unless the root carries it.
 
     A reversed joint keeps its coordinate: the same value means the same configuration. The link it
     now carries gets its frame at the joint, and keeps its own frame as a frame. Raises `UsageError`
@@ -202,6 +294,9 @@ def rerooted(source: Source, link: str) -> Source:
         on_the_way = carried[on_the_way].parent
     if not reverse:
         return source
+    motion, pose = source.motion, _placed_at_zero(source, reverse[::-1])[-1][1]
+    if not asked and any(joint.kind != "fixed" for joint in reverse):
+        motion = None
     turned = {*reverse}
     others = [joint for joint in source.joints if joint not in turned]
     # Child in parent: pose · motion(q) · offset. Parent in child: offset⁻¹ · motion(−q) · pose⁻¹.
@@ -218,4 +313,4 @@ def rerooted(source: Source, link: str) -> Source:
     ]
     joints = (*backwards, *others)
     finding = Finding("base", link, f"in place of {source.root}")
-    return source.reported(finding, joints=joints, root=link)
+    return source.reported(finding, joints=joints, root=link, motion=motion, pose=pose)

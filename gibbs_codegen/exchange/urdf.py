@@ -485,6 +485,8 @@ def _joint(element: Element, values: Values) -> sources.SourceJoint:
     if moves:
         axis = values.unit(element, values.vector(child(element, "axis"), "xyz", AXES["x"]))
     else:
+        if kind == "planar":  # Who gives no axis means the floor, though URDF has x.
+            axis = values.unit(element, values.vector(child(element, "axis"), "xyz", AXES["z"]))
         for unused in (child(element, "axis"), limit, dynamics):
             pass_over(unused)
         limit = dynamics = None

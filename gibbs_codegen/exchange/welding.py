@@ -22,10 +22,11 @@ from gibbs_codegen.exchange.sources import (
     quiet,
     quiet_inertia,
     quiet_pose,
+    snapped,
 )
 from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.robot.names import CONSTRAINT_TORQUES, identifier
-from gibbs_codegen.robot.parts.base import Attitude, Base
+from gibbs_codegen.robot.parts.base import FIXED, FREE, Attitude, Base
 from gibbs_codegen.robot.parts.body import RigidBody, entries_of, inertia_fault, inertia_matrix
 from gibbs_codegen.robot.parts.constraint import Constraint, ConstraintKind
 from gibbs_codegen.robot.parts.frame import MAX_FRAMES, Frame
@@ -117,10 +118,11 @@ def welded(
         for seat in seats[:MAX_FRAMES]
     )
     constraints, frames, lost = _constraints(source, places, frames, snap, namer)
-    findings += lost
+    base, words = _base(source, rigid[0], attitude, snap)
+    findings += [Finding("base", source.root, words), *lost]
     robot = Robot(
         name,
-        Base(attitude=attitude, origin="base", body=rigid[0]),
+        base,
         tuple(links),
         source.gravity,
         _rotors(source, places, snap, namer),
@@ -149,7 +151,7 @@ def _bodies(source: Source) -> tuple[list[_Body], dict[str, Frame], list[Finding
     """Bodies in the order of the tree, each arm to its end before the next, and frames of links."""
     bodies = [_Body(BASE, source.root)]
     places = {source.root: Frame(source.root)}
-    findings = [Finding("base", source.root, "the flying base")]
+    findings = list[Finding]()
     root = source.links[source.root]
     bodies[BASE].parts.append((root.body, root.pose))
     left = source.below[source.root][::-1]
@@ -168,6 +170,20 @@ def _bodies(source: Source) -> tuple[list[_Body], dict[str, Frame], list[Finding
         bodies[place.on].parts.append((link.body, place.pose @ link.pose))
         left += source.below[joint.child][::-1]
     return bodies, places, findings
+
+
+def _base(source: Source, body: RigidBody, attitude: Attitude, snap: bool) -> tuple[Base, str]:
+    """The base with its body, and how it moves in words; without mass and rotors it cannot fly."""
+    motion, reason = source.motion, source.reason
+    if motion is None and not (body.weighs or source.rotors):
+        motion, reason = FIXED, "it has no mass"
+    if motion in (None, FREE):
+        words = "the flying base" if source.rotors else "the base, which moves freely"
+        return Base(attitude=attitude, origin="base", body=body), words
+    shown = motion if isinstance(motion, str) else ",".join(motion)
+    pose = quiet_pose(snapped(source.pose) if snap else source.pose, snap)
+    base = Base(motion=motion, origin="base", body=body if body.weighs else None, pose=pose)
+    return base, f"its motion is {shown}: {reason}; --base MOTION gives another"
 
 
 def _on_body(frame: SourceFrame, places: Mapping[str, Frame]) -> Frame:
