@@ -442,8 +442,14 @@ def _import(parser: Parser) -> None:
         "what describes the attitude of the base: quaternion (default), or a sequence of angles "
         "such as xyz",
     )
-    meaning = "link that is to be the flying base (default: the root of FILE)"
-    parser.add("--base", "LINK", meaning)
+    parser.add(
+        *("--base", "MOTION|LINK"),
+        "what moves of the base: free, fixed, planar, upright, or a list such as x,z,pitch "
+        "(default: as FILE says, else free); or the link that is to be the base (default: the root "
+        "of FILE); may be given twice, for both",
+        action="append",
+        default=[],
+    )
     meaning = "robot file to write (default: the robot's name and .toml)"
     parser.add("--out", "ROBOT.toml", meaning)
     meaning = "hold a joint fast, at 0 or at VALUE in rad or m; may be repeated"

@@ -23,7 +23,7 @@ from gibbs_codegen.files.module_writer import write_new_file
 from gibbs_codegen.robot.file import parse_robot
 from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.robot.names import link_label
-from gibbs_codegen.robot.parts.base import ATTITUDES
+from gibbs_codegen.robot.parts.base import ATTITUDES, as_motion, shown_motion
 from gibbs_codegen.robot.parts.pose import Pose, vector
 from gibbs_codegen.robot.text import robot_text
 
@@ -52,7 +52,15 @@ def run(options: argparse.Namespace) -> int:
             raise UsageError(
                 f"--lock {printable(word, 80)}: give JOINT or JOINT=VALUE, VALUE in rad or m"
             )
-    wanted = ImportOptions(attitude, rotors, locks, options.base, not options.no_snap)
+    wanted = ImportOptions(attitude, rotors, locks, snap=not options.no_snap)
+    for word in options.base:
+        motion = as_motion(word)
+        key, value = ("base", word) if motion is None else ("motion", motion)
+        if getattr(wanted, key):
+            raise UsageError(
+                f"--base {printable(word, 60)}: give one link, and one motion, at most"
+            )
+        wanted = replace(wanted, **{key: value})
     wanted = replace(wanted, friction=options.friction, command=options.command or wanted.command)
     pairs = [word.partition(":=") for word in options.arguments]
     for name, sign, value in pairs:
@@ -64,6 +72,9 @@ def run(options: argparse.Namespace) -> int:
     if is_robot_file(path):
         _check_robot_file(path, options)
     robot, findings = joined(path, wanted, arms)
+    if options.attitude and not robot.base.moves_freely:
+        words = "--attitude is of a base that moves freely, as by --base free"
+        raise UsageError(f"{words}; the motion of this one is {shown_motion(robot.base.motion)}")
     files = " and ".join([path.name, *(arm.file.name for arm in arms)])
     text = opening_comment(files, findings) + robot_text(robot)
     _check(text, robot, findings, options)

@@ -15,9 +15,10 @@ from gibbs_codegen.exchange.xml_text import mjcf_text, urdf_text
 from gibbs_codegen.robot.layout import check_free_base, frames_of
 from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.robot.names import default_prefix, joint_name, link_label
+from gibbs_codegen.robot.parts.base import LEVEL_MOTIONS, TRAVELS, TURNS
 from gibbs_codegen.robot.parts.body import as_rigid_body
 from gibbs_codegen.robot.parts.constraint import LoopJoint
-from gibbs_codegen.robot.parts.numbers import BASE
+from gibbs_codegen.robot.parts.numbers import AXES, BASE
 from gibbs_codegen.robot.parts.part import taken
 from gibbs_codegen.robot.parts.pose import Pose, vector
 from gibbs_codegen.robot.parts.rotor import Rotor
@@ -39,8 +40,8 @@ _NO_PLACE: dict[Format, tuple[str, ...]] = {
 
 def export_robot(robot: Robot, form: Format) -> tuple[str, list[str]]:
     """Text of a robot in another format, and lines on what this has no place for or cannot name."""
-    check_free_base(robot.name, robot.base.kind, "files of other formats are")
     if form in ("px4", "ardupilot"):
+        check_free_base(robot.name, robot.base.kind, "parameters of autopilots are")
         return px4_text(robot) if form == "px4" else ardupilot_text(robot)
     source = source_of(robot)
     missing = []
@@ -84,10 +85,15 @@ def export_robot(robot: Robot, form: Format) -> tuple[str, list[str]]:
         missing.append(f"gravity of {source.gravity:g} m/s²")
     source, renamed = with_free_names(source, form)
     lines = [*(f"left out: {line}" for line in missing), *renamed]
+    if robot.base.motion in LEVEL_MOTIONS and (moved := robot.base.moved):
+        words = (
+            f"joints {', '.join(moved)} of massless links, whose rates are along axes of the world"
+        )
+        lines.append(f"motion {robot.base.motion}: {words}; import --base gives it back")
     if form == "sdf":
         motors, notes = motors_of(source, robot.gravity * robot.total_mass)
         return sdf_text(source, motors), [*lines, *notes]
-    return (urdf_text(source) if form == "urdf" else mjcf_text(source, ROOT)), lines
+    return (urdf_text(source) if form == "urdf" else mjcf_text(source)), lines
 
 
 # Of servos, those that controllers of Gazebo do not have.
@@ -100,8 +106,9 @@ def with_free_names(source: sources.Source, form: Format) -> tuple[sources.Sourc
     In URDF frames are links and rotors are joints in the file. In SDF all names are of one space.
     """
     is_urdf, shared = form == "urdf", form == "sdf"
-    # MuJoCo has a body of that name already, and for SDF it is the world.
-    joints, links = sources.FreeNames(), sources.FreeNames(() if is_urdf else ("world",))
+    # MuJoCo has a body of that name already, for SDF it is the world, and in URDF a link is that.
+    has_world = not is_urdf or sources.WORLD in source.links
+    joints, links = sources.FreeNames(), sources.FreeNames(["world"] if has_world else ())
     if shared:
         joints = links
     rotors, frames = (joints, links)
@@ -129,8 +136,10 @@ def with_free_names(source: sources.Source, form: Format) -> tuple[sources.Sourc
     named = {
         link: free(links, "link", link, f"{link}_" if is_urdf and is_rotor else None)
         for link in source.links
+        if link != sources.WORLD
         for is_rotor in [is_rotor_by_name(moved.get(link, ""), link)]
     }
+    ends = {sources.WORLD: "world"} | named
     seats = [
         replace(f, name=free(frames, "frame", f.name), link=named[f.link])
         for f in source.frames
@@ -147,12 +156,13 @@ def with_free_names(source: sources.Source, form: Format) -> tuple[sources.Sourc
     return (
         replace(
             source,
-            links={named[n]: replace(link, name=named[n]) for n, link in source.links.items()},
+            links={ends[n]: replace(link, name=ends[n]) for n, link in source.links.items()},
+            root=ends[source.root],
             joints=tuple(
                 replace(
                     j,
                     name=moved[j.child],
-                    parent=named[j.parent],
+                    parent=ends[j.parent],
                     child=named[j.child],
                     gear=j.gear and j.gear._replace(mover=movers[j.gear.mover]),
                 )
@@ -169,22 +179,35 @@ def with_free_names(source: sources.Source, form: Format) -> tuple[sources.Sourc
     )
 
 
-ROOT = "base"
+_BASE = "base"
 
 
 def source_of(robot: Robot) -> sources.Source:
     """The links and joints of a robot, as of a file.
 
-    The root is a link "base", whose frame is at the point whose position is x, y, z.
+    The root is a link "base", whose frame is at the point whose position is x, y, z; or, where the
+    base does not move freely, the world, with a joint for each part of its motion.
     """
     centre = Pose(vector(base_centre(robot.base)))
-    names, base = [ROOT], robot.base
+    names, base = [_BASE], robot.base
     names += [link.name or default_prefix("link", i) for i, link in enumerate(robot.links, start=1)]
     rods = sources.FreeNames(names)
-    links = {ROOT: sources.SourceBody(ROOT)}
-    if base.body:
-        links[ROOT] = sources.SourceBody(ROOT, base.body, centre)
+    links: dict[str, sources.SourceBody] = {}
     joints: list[sources.SourceJoint] = []
+    if not base.moves_freely:
+        carrier = sources.WORLD
+        links[carrier] = sources.SourceBody(carrier)
+        for part in base.moved:
+            moved = replace(sources.IDLE_LINK, axis=AXES["xyz"[(TRAVELS | TURNS)[part]]])
+            kind: sources.JointKind = "prismatic" if part in TRAVELS else "revolute"
+            virtual = rods.free(f"{_BASE}_{part}")
+            links[virtual] = sources.SourceBody(virtual)
+            joints.append(sources.SourceJoint(part, kind, carrier, virtual, link=moved))
+            carrier = virtual
+        joints.append(sources.SourceJoint(f"{_BASE}_mount", "fixed", carrier, _BASE, base.pose))
+    links[_BASE] = sources.SourceBody(_BASE)
+    if base.body:
+        links[_BASE] = sources.SourceBody(_BASE, base.body, centre)
     rotors: list[sources.SourceRotor] = []
     for k in range(1, base.rotors + 1):
         rod, mount = rods.free(f"arm{k}"), centre @ arm_pose(base, k)
@@ -198,8 +221,8 @@ def source_of(robot: Robot) -> sources.Source:
             )
         )
         links[rod] = sources.SourceBody(rod, as_rigid_body(base.arm(k)))
-        joints.append(sources.SourceJoint(f"{rod}_mount", "fixed", ROOT, rod, mount))
-    labels = [ROOT] + [
+        joints.append(sources.SourceJoint(f"{rod}_mount", "fixed", _BASE, rod, mount))
+    labels = [_BASE] + [
         link.coordinate or link.name or joint_name(link.joint, robot.rotors + i)
         for i, link in enumerate(robot.links, start=1)
     ]
@@ -216,6 +239,7 @@ def source_of(robot: Robot) -> sources.Source:
                 centre @ pose if parent == BASE else pose,
                 replace(link, limits=link.drive_limits),
                 gear=sources.SourceGear(labels[gear.of], gear.ratio, gear.offset) if gear else None,
+                driven=link.moves and not gear,
             )
         )
     for k, rotor in enumerate(robot.thrusters, start=1):
@@ -256,4 +280,5 @@ def source_of(robot: Robot) -> sources.Source:
         frames=tuple(frames.values())[1:],  # The first is the base's own.
         constraints=tuple(loops),
         gravity=robot.gravity,
+        root=next(iter(links)),
     )

@@ -3,9 +3,9 @@
 read_urdf, read_mjcf, read_sdf
                       file       → Source: links, joints, rotors, frames
 with_root             Source     → checked: a tree, with its root
+anchored              Source     → its root the robot's, and how it moves in the world
 read_rotors           file       → rotors that replace those found
 snapped_source        Source     → with exact angles
-anchored              Source     → its root the robot's, and how it moves in the world
 locked, rerooted      Source     → with fixed joints, its root the base
 welded                Source     → Robot, and what was done
 """
@@ -50,11 +50,11 @@ class ImportOptions:
     rotors: Path | None = None
     lock: Mapping[str, float] = field(default_factory=dict)
     base: str | None = None
-    motion: Motion | None = None
     snap: bool = True
     command: Command = "thrust"
     friction: bool = False
     arguments: Mapping[str, object] = field(default_factory=dict)
+    motion: Motion | None = None
 
 
 def import_robot(path: Path, options: ImportOptions) -> tuple[Robot, list[Finding]]:
@@ -80,14 +80,13 @@ def import_robot(path: Path, options: ImportOptions) -> tuple[Robot, list[Findin
             f"{printable(path)}: its root element is <{printable(tag, 40)}>; URDF has <robot>, "
             "MJCF has <mujoco>, SDF has <sdf>"
         )
-    source = with_root(source)
+    source = anchored(with_root(source), options.motion, options.base)
     if options.rotors is not None:
         from gibbs_codegen.exchange.rotor_file import read_rotors  # Late: it imports pydantic.
 
         source = replace(source, rotors=read_rotors(options.rotors, source))
     if options.snap:
         source = snapped_source(source)
-    source = anchored(source, options.motion, options.base)
     source = locked(source, options.lock)
     check_kinds(source)
     if options.base is not None:
@@ -114,10 +113,8 @@ def import_robot(path: Path, options: ImportOptions) -> tuple[Robot, list[Findin
     if not source.rotors and robot.base.moves_freely:
         endless = ", ".join(joint.name for joint in source.joints if joint.continuous)
         hint = f"; these joints turn without end: {endless}" if endless else ""
-        words = (
-            "none were found; --rotors FILE gives them, and --base fixed holds an arm to the world"
-        )
-        findings.append(Finding("note", "rotors", words + hint))
+        words = f"none were found; --rotors FILE gives them{hint}"
+        findings.append(Finding("note", "rotors", words))
     return robot, [*source.findings, *findings]
 
 

@@ -344,7 +344,9 @@ class _CompiledModel:
         """Name, number and axis of each joint of one degree of freedom that a joint consists of."""
         name, model = self.joint_names[j], self.model
         if lost := self._lost(j):
-            self._report(name, lost)
+            self._report(
+                name, lost + " of the joint of the base" * bool(model.jnt_type[j] == _FREE)
+            )
         if model.jnt_type[j] != _BALL:
             return [(name, j, vector(model.jnt_axis[j]))]
         self._report(name, "a ball joint, as three hinges about x, y and z", "note")

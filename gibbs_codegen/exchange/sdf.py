@@ -14,11 +14,12 @@ import numpy as np
 
 from gibbs_codegen.errors import near, printable
 from gibbs_codegen.exchange import sources
-from gibbs_codegen.exchange.sdf_models import MERGED, MODEL, PLACED, WORLD, whole_model
+from gibbs_codegen.exchange.sdf_models import MERGED, MODEL, PLACED, WORLD, is_true, whole_model
 from gibbs_codegen.exchange.unread import WITHIN, pass_over, unread, without_part
 from gibbs_codegen.exchange.urdf import COUNTED, KINDS, OF_MOTORS, Values, gazebo_rotors
 from gibbs_codegen.exchange.xml_file import Element, child, children, parse_xml, within
 from gibbs_codegen.exchange.xml_file import child_text as _text
+from gibbs_codegen.robot.parts.base import FIXED
 from gibbs_codegen.robot.parts.body import RigidBody
 from gibbs_codegen.robot.parts.numbers import AXES, AXIS_PAIRS, LEVEL
 from gibbs_codegen.robot.parts.pose import HERE, Pose, vector
@@ -34,7 +35,7 @@ _KNOWN |= without_part(f"""{OF_MOTORS}
     world/ model include actor light physics scene gui audio road population state atmosphere
         magnetic_field spherical_coordinates
     model@ placement_frame
-    model/ pose static self_collide allow_auto_disable enable_wind=0
+    model/ self_collide allow_auto_disable enable_wind=0
     link/ light self_collide must_be_base_link kinematic=0 enable_wind=0 audio_sink
         audio_source battery projector particle_emitter
     velocity_decay/ linear=0 angular=0
@@ -62,6 +63,9 @@ def read_sdf(
         raise sources.SourceFileError(file, values.faults)
     reader = _ModelReader(model, values)
     links, joints = reader.links(), reader.joints()
+    carried = {joint.child for joint in joints}
+    pose = reader.place(next((name for name in links if name not in carried), WORLD))
+    rests = is_true(_text(model, "static"))
     frames = reader.frames()
     gravity = 9.81
     holders = [root, *children(root, "world")]
@@ -84,6 +88,9 @@ def read_sdf(
         spinning=frozenset(rotor.joint for rotor in rotors if rotor.joint),
         frames=frames,
         gravity=gravity,
+        motion=FIXED if rests else None,
+        reason="the model is static",
+        pose=pose,
         findings=(
             *(sources.Finding("left out", _text(e, "uri"), "another model") for e in elsewhere),
             *values.findings,
@@ -117,6 +124,7 @@ class _ModelReader:
 
     def __init__(self, model: Element, values: Values) -> None:
         self._values, self._canonical = values, model.get("canonical_link", "")
+        self._model = model
         self.elements: dict[str, Element] = {}
         self._poses: dict[str, tuple[str, Pose]] = {}
         for element in children(model, *PLACED):
@@ -155,6 +163,14 @@ class _ModelReader:
                 pose = self._between(link, name)
                 frames.append(sources.SourceFrame(name, pose=pose, link=link))
         return tuple(frames)
+
+    def place(self, link: str) -> Pose:
+        """The pose of a link in the world."""
+        pose = child(self._model, "pose")
+        place = HERE if pose is None else self._placement(pose)
+        if placed := self._model.get("placement_frame"):
+            place @= self._between(MODEL, placed).inverse
+        return place @ self._between(MODEL, link)
 
     def _of_kind(self, tag: str) -> Iterator[tuple[str, Element]]:
         return ((name, e) for name, e in self.elements.items() if e.tag == tag)

@@ -49,8 +49,8 @@ class _Part:
 def whole_model(root: Element, file: Path, values: Values) -> tuple[Element, list[Element]]:
     """The model that moves in a file, with all that it brings in, and includes that are left out.
 
-    Models that a world includes count where it has none of its own. It has a `canonical_link`, on
-    which its frames are.
+    Models that a world includes count where it has none of its own, and static ones with joints
+    where none moves. It has a `canonical_link`, on which its frames are.
     """
     file_part = _Part(root, _version(root, values), (Path(os.path.abspath(file)),))
     holders = [root, *children(root, "world")]
@@ -67,6 +67,7 @@ def whole_model(root: Element, file: Path, values: Values) -> tuple[Element, lis
         elif not _rests(brought.model):
             left.remove(include)
             moving.append(brought)
+    moving = moving or [part for part in models if _has_joints(part.model)]
     if len(moving) != 1:
         names = ", ".join(printable(part.model.get("name", "?"), 60) for part in moving[:5])
         words = f"holds {len(moving)} models that move ({names or 'none'}); a robot is one"
@@ -83,6 +84,10 @@ def whole_model(root: Element, file: Path, values: Values) -> tuple[Element, lis
 def is_true(text: str | None) -> bool:
     """True if SDF takes a text for true."""
     return (text or "").strip().lower() in ("true", "1")
+
+
+def _has_joints(model: Element) -> bool:
+    return any(joint.get("type") != "fixed" for joint in within(model, "joint"))
 
 
 def _rests(model: Element) -> bool:

@@ -38,7 +38,7 @@ _RATE = 250
 
 
 def sdf_text(source: Source, motors: Mapping[str, Mapping[str, object]]) -> str:
-    """The text of an SDF file of a robot with names that a file can hold, its root the first link.
+    """The text of an SDF file of a robot with names that a file can hold.
 
     `motors` are the tags of those of rotors, by their names.
     """
@@ -50,8 +50,9 @@ def sdf_text(source: Source, motors: Mapping[str, Mapping[str, object]]) -> str:
     top = ET.Element("sdf", version=_VERSION_OF_GEARS if geared else _VERSION)
     model = ET.SubElement(top, "model", name=source.name)
     left, discs = _with_propellers(source)
-    for joint in (None, *source.joints):
-        name = joint.child if joint else next(iter(source.links))
+    carried = {joint.child: joint for joint in source.joints}
+    for name in [name for name in source.links if name != "world"]:
+        joint = carried.get(name)
         link = _link(model, name, left[name], joint.name if joint else "")
         if joint is None:
             sensor = ET.SubElement(link, "sensor", name="imu_sensor", type="imu")
@@ -71,8 +72,7 @@ def sdf_text(source: Source, motors: Mapping[str, Mapping[str, object]]) -> str:
     for rotor in source.rotors:
         tags = {"jointName": spins[rotor.name], **motors[rotor.name]}
         _plugin(model, "multicopter-motor-model", "MulticopterMotorModel", tags)
-    moving = [joint for joint in source.joints if joint.kind != "fixed" and not joint.gear]
-    for number, joint in enumerate(moving):
+    for number, joint in enumerate(joint for joint in source.joints if joint.driven):
         _drive(model, number, joint.name, joint.link.servo)
     _plugin(model, "joint-state-publisher", "JointStatePublisher", {})
     ET.indent(top)
@@ -160,7 +160,7 @@ def _joint(
 ) -> ET.Element:
     """Write a joint with its place in its parent; return its axis or, fixed, itself."""
     element = ET.SubElement(model, "joint", name=name, type=kind)
-    _pose(element, pose, parent)
+    _pose(element, pose, "__model__" if parent == "world" else parent)
     _children(element, {"parent": parent, "child": child})
     return element if kind == "fixed" else ET.SubElement(element, "axis")
 

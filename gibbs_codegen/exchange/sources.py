@@ -266,6 +266,7 @@ def snapped_source(source: Source) -> Source:
         frames=tuple(frames),
         rotors=tuple(rotors),
         constraints=tuple(constraints),
+        pose=exact(source.root, source.pose),
     )
 
 

@@ -22,11 +22,10 @@ from gibbs_codegen.exchange.sources import (
     quiet,
     quiet_inertia,
     quiet_pose,
-    snapped,
 )
 from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.robot.names import CONSTRAINT_TORQUES, identifier
-from gibbs_codegen.robot.parts.base import FIXED, FREE, Attitude, Base
+from gibbs_codegen.robot.parts.base import FIXED, FREE, Attitude, Base, shown_motion
 from gibbs_codegen.robot.parts.body import RigidBody, entries_of, inertia_fault, inertia_matrix
 from gibbs_codegen.robot.parts.constraint import Constraint, ConstraintKind
 from gibbs_codegen.robot.parts.frame import MAX_FRAMES, Frame
@@ -175,15 +174,19 @@ def _bodies(source: Source) -> tuple[list[_Body], dict[str, Frame], list[Finding
 def _base(source: Source, body: RigidBody, attitude: Attitude, snap: bool) -> tuple[Base, str]:
     """The base with its body, and how it moves in words; without mass and rotors it cannot fly."""
     motion, reason = source.motion, source.reason
-    if motion is None and not (body.weighs or source.rotors):
+    if motion is None and source.joints and not (body.weighs or source.rotors):
         motion, reason = FIXED, "it has no mass"
     if motion in (None, FREE):
         words = "the flying base" if source.rotors else "the base, which moves freely"
+        words += "" if source.rotors or motion else "; --base fixed holds it to the world"
         return Base(attitude=attitude, origin="base", body=body), words
-    shown = motion if isinstance(motion, str) else ",".join(motion)
-    pose = quiet_pose(snapped(source.pose) if snap else source.pose, snap)
-    base = Base(motion=motion, origin="base", body=body if body.weighs else None, pose=pose)
-    return base, f"its motion is {shown}: {reason}; --base MOTION gives another"
+    base = Base(
+        motion=motion,
+        origin="base",
+        body=body if body.weighs else None,
+        pose=quiet_pose(source.pose, snap),
+    )
+    return base, f"its motion is {shown_motion(motion)}: {reason}; --base MOTION gives another"
 
 
 def _on_body(frame: SourceFrame, places: Mapping[str, Frame]) -> Frame:

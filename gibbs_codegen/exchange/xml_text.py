@@ -125,19 +125,22 @@ def numbers(values: Iterable[float]) -> str:
     return " ".join(repr(float(value) + 0.0) for value in values)
 
 
-def mjcf_text(source: sources.Source, root: str) -> str:
+def mjcf_text(source: sources.Source) -> str:
     """The text of an MJCF file of a robot with names that a file can hold."""
     writer = _Writer(source)
     top = ET.Element("mujoco", model=source.name)
     ET.SubElement(top, "compiler", angle="radian", autolimits="true", fusestatic="false")
     ET.SubElement(top, "option", gravity=f"0 0 {-source.gravity!r}")
     world = ET.SubElement(top, "worldbody")
-    writer.body(world, root, [(None, HERE)])
+    is_free = source.links[source.root].name != "world"
+    for joint in [None] if is_free else source.below[source.root]:
+        child, pose = (joint.child, joint.pose) if joint else (source.root, HERE)
+        writer.body(world, child, [(joint, pose)])
     actuator = ET.SubElement(top, "actuator")
     for rotor in source.rotors:
         writer.rotor(actuator, rotor)
     for joint in source.joints:
-        if joint.kind != "fixed" and not joint.gear:
+        if joint.driven:
             writer.motor(actuator, joint)
     for frame in (*source.frames, *(end for loop in source.constraints for end in loop.ends)):
         place = {"pos": numbers(frame.pose.xyz), "quat": _quaternion(frame.pose)}

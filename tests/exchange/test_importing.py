@@ -20,6 +20,7 @@ from gibbs_codegen.exchange.sources import Finding
 from gibbs_codegen.robot.file import parse_robot, read_robot
 from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.robot.parts.body import RigidBody
+from gibbs_codegen.robot.parts.servo import Servo
 
 Array = NDArray[np.float64]
 SOURCES = Path(__file__).parent / "sources"
@@ -45,7 +46,7 @@ def test_features_of_published_files(tmp_path: Path) -> None:
     assert told(report, "base") == ["hub"]
     assert told(report, "welded") == ["prop_0", "prop_1", "stiff", "shifted"]
     assert told(report, "locked") == ["spin_0", "spin_1", "stuck", "slid"]
-    left_out = ["transmissions", "rolling moments of rotors", "x", "world"]
+    left_out = ["transmissions", "rolling moments of rotors", "x"]
     assert told(report, "gear") == ["right"]
     assert sorted(told(report, "left out")) == sorted(left_out)
     assert {"boom-left", "boom_left", "x", "rotors"} == set(told(report, "note"))
@@ -262,7 +263,7 @@ def test_mjcf_is_told_where_it_is_not_imported(tmp_path: Path) -> None:
     assert robot.name == "robot"  # The file's, since the model has none.
     assert "on b_j, drag 0.02 m, 0 to 6 N (motor at a site)" in [line.detail for line in report]
     assert [line[1:] for line in map(_as_tuple, report) if line[0] == "left out"] == [
-        ("servo", "bias of an actuator"),
+        ("servo", "limits of its commands, -1.5 to 1.5"),
         ("b", "compensation of its weight"),
         ("j", "stiffness of higher order, damping of higher order"),
         ("ball", "armature"),
@@ -273,6 +274,7 @@ def test_mjcf_is_told_where_it_is_not_imported(tmp_path: Path) -> None:
     # The first of the body's two links gives way to the link that has its name.
     assert [link.name for link in robot.links[:3]] == ["b_j_2", "b", "b_j_ball_x"]
     assert [link.limits.effort for link in robot.links[:2]] == [4.0, None]
+    assert [link.servo for link in robot.links[:2]] == [Servo(stiffness=50.0, torque=4.0), None]
     (rotor,) = robot.thrusters
     assert (rotor.name, rotor.direction, rotor.limits) == ("rotor_2", (0.0, 0.0, -1.0), (0.0, 6.0))
     assert rotor.drag == pytest.approx(0.02)
@@ -380,7 +382,7 @@ def test_a_follower_needs_no_range_of_its_own(tmp_path: Path) -> None:
     )
     text = text.replace('<mimic joint="x"', '<limit effort="1" velocity="1"/><mimic joint="x"')
     _, report = imported(text, tmp_path)
-    assert {"moved by joint x"} == {
+    assert {"moved by joint x", "limits of a joint that another moves"} == {
         line.detail for line in report if line.subject == "right" and line.kind != "snapped"
     }
 

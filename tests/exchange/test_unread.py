@@ -90,8 +90,8 @@ REPORTED: list[tuple[str, dict[str, str], str, str]] = [
     (MJCF, {"joint": 'springyield="1"'}, "springyield of <joint>", "1, j, line 3"),
     (
         MJCF,
-        {"end": "<actuator>" + '<position joint="j" kp="1"/>' * 2 + "</actuator>"},
-        "<position> in <actuator>",
+        {"end": "<actuator>" + '<cylinder joint="j" area="1"/>' * 2 + "</actuator>"},
+        "<cylinder> in <actuator>",
         "2 of them, lines 4, 4",
     ),
     # What acts on the base, also by defaults, and inputs that are none.

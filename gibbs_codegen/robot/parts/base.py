@@ -81,6 +81,19 @@ def _motion(value: object) -> object:
     return tuple(parts)
 
 
+def as_motion(text: str) -> Any:
+    """The motion that a text such as "planar" or "x,z,pitch" says; None if it says none."""
+    parts = tuple(text.split(","))
+    if text in (FREE, *LEVEL_MOTIONS):
+        return text
+    return parts if {*parts} <= {*TRAVELS, *TURNS} else None
+
+
+def shown_motion(motion: Any) -> str:
+    """The text that says a motion."""
+    return motion if isinstance(motion, str) else ",".join(motion)
+
+
 Motion = Annotated[
     Any,
     BeforeValidator(_motion),
@@ -157,6 +170,11 @@ class Base(BaseKeys):
     def virtual_joints(self) -> tuple[str, ...]:
         """What moves as joints of links without length and mass, from the world outwards."""
         return self.motion if isinstance(self.motion, tuple) else ()
+
+    @property
+    def moved(self) -> tuple[str, ...]:
+        """What moves of a base that does not move freely."""
+        return LEVEL_MOTIONS.get(self.motion, self.virtual_joints)
 
     @property
     def kind(self) -> str:
