@@ -85,11 +85,9 @@ def export_robot(robot: Robot, form: Format) -> tuple[str, list[str]]:
         missing.append(f"gravity of {source.gravity:g} m/s²")
     source, renamed = with_free_names(source, form)
     lines = [*(f"left out: {line}" for line in missing), *renamed]
-    if robot.base.motion in LEVEL_MOTIONS and (moved := robot.base.moved):
-        words = (
-            f"joints {', '.join(moved)} of massless links, whose rates are along axes of the world"
-        )
-        lines.append(f"motion {robot.base.motion}: {words}; import --base gives it back")
+    if (motion := robot.base.motion) in LEVEL_MOTIONS and (moved := robot.base.moved):
+        words = f"as joints {', '.join(moved)}, with rates along axes of the world"
+        lines.append(f"motion {motion}: {words}; import --base {motion} gives it back")
     if form == "sdf":
         motors, notes = motors_of(source, robot.gravity * robot.total_mass)
         return sdf_text(source, motors), [*lines, *notes]
@@ -265,8 +263,8 @@ def source_of(robot: Robot) -> sources.Source:
         if constraint.holds in ("point", "frame"):
             anchor = sources.SourceFrame("", pose=constraint.anchor)
             if constraint.to is not None:
-                carrier = frames[constraint.to]
-                anchor = replace(carrier, pose=carrier.pose @ constraint.anchor)
+                to = frames[constraint.to]
+                anchor = replace(to, pose=to.pose @ constraint.anchor)
             held = replace(frames[constraint.frame], name=f"{constraint.name}_held")
             ends = held, replace(anchor, name=f"{constraint.name}_anchor")
             joint: LoopJoint = "fixed" if constraint.holds == "frame" else "spherical"

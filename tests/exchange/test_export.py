@@ -5,8 +5,10 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Callable
 from dataclasses import replace
+from fractions import Fraction
 from pathlib import Path
 from types import ModuleType
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -21,12 +23,16 @@ from gibbs_codegen.errors import UsageError
 from gibbs_codegen.exchange.exporting import FILES, Format, export_robot
 from gibbs_codegen.exchange.importing import ImportOptions, import_robot
 from gibbs_codegen.robot.file import parse_robot, read_robot
-from gibbs_codegen.robot.layout import frames_of
+from gibbs_codegen.robot.layout import frames_of, layout_of
 from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.robot.names import coordinate_of, identifier
 from gibbs_codegen.robot.parts.constraint import Constraint
 from gibbs_codegen.robot.parts.friction import Friction
-from gibbs_codegen.robot.parts.link import JointLimits
+from gibbs_codegen.robot.parts.link import JointLimits, Passive
+from gibbs_codegen.robot.parts.pose import Pose
+from gibbs_codegen.verification.newton_euler import NewtonEuler
+from gibbs_codegen.verification.states import States
+from gibbs_codegen.verification.tree import Tree
 
 Array = NDArray[np.float64]
 SOURCES = Path(__file__).parent / "sources"
@@ -173,6 +179,98 @@ def test_paper_robots_come_back(
     matrix, inputs = module.mass_matrix(q), module.input_matrix(q)
     assert np.abs(jacobian.T @ found.mass_matrix @ jacobian - matrix).max() < 1e-11
     assert np.abs(jacobian.T @ found.inputs - inputs).max() < 1e-12
+
+
+def on_the_ground(motion: Any) -> Robot:
+    """A tree, without what a format has no place for, whose base moves so."""
+    robot = random_tree(9, "quaternion")
+    pose = Pose((0.1, -0.2, 0.3), (Fraction(20), Fraction(-35), Fraction(60)))
+    links = (replace(link, passive=Passive(), constrained=False) for link in robot.links)
+    base = replace(robot.base, attitude="xyz", motion=motion, pose=pose)
+    return replace(robot, base=base, links=tuple(links), gravity=9.81)
+
+
+def by_newton_and_euler(robot: Robot, states: States) -> tuple[Array, Array]:
+    """Mass matrix and inverse dynamics of a robot at one state, without the fixed base."""
+    found, size = NewtonEuler(Tree(robot)).at(states), states.v.shape[1]
+    return found.mass_matrix[0, :size, :size], found.inverse_dynamics[0, :size]
+
+
+def by_pinocchio(text: str, names: list[str], q: Array, v: Array, a: Array) -> tuple[Array, Array]:
+    """Mass matrix and inverse dynamics of a URDF, joints in such an order."""
+    model = pin.buildModelFromXML(text)
+    order = [model.joints[model.getJointId(name)].idx_v for name in names]
+    own_q, own_v, own_a = pin.neutral(model), np.zeros(model.nv), np.zeros(model.nv)
+    for name, angle in zip(names, q, strict=True):
+        joint = model.joints[model.getJointId(name)]
+        turning = (np.cos(angle), np.sin(angle)) if joint.nq == 2 else angle
+        own_q[joint.idx_q : joint.idx_q + joint.nq] = turning
+    own_v[order], own_a[order] = v, a
+    data = model.createData()
+    efforts = pin.rnea(model, data, own_q, own_v, own_a)[order]
+    upper = np.triu(pin.crba(model, data, own_q))
+    return (upper + np.triu(upper, 1).T)[np.ix_(order, order)], efforts
+
+
+def by_mujoco(text: str, names: list[str], q: Array, v: Array, a: Array) -> tuple[Array, Array]:
+    """Mass matrix and inverse dynamics of MJCF, joints in such an order."""
+    import mujoco
+
+    model = mujoco.MjModel.from_xml_string(text)
+    data = mujoco.MjData(model)
+    order = [int(model.joint(name).dofadr[0]) for name in names]
+    data.qpos[order], data.qvel[order], data.qacc[order] = q, v, a
+    model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONSTRAINT
+    mujoco.mj_inverse(model, data)
+    matrix = np.empty((model.nv, model.nv))
+    for row, unit in zip(matrix, np.eye(model.nv), strict=True):
+        mujoco.mj_mulM(model, data, row, unit)
+    return matrix[np.ix_(order, order)], data.qfrc_inverse[order]
+
+
+@pytest.mark.parametrize("form", FORMATS)
+@pytest.mark.parametrize("motion", ["fixed", ("z", "x", "pitch"), ("y", "yaw", "roll")])
+def test_bases_are_exported_as_they_move(motion: Any, form: Format, tmp_path: Path) -> None:
+    """Pinocchio, MuJoCo and import have the mass matrix and the efforts of the robot."""
+    robot = on_the_ground(motion)
+    names = list(layout_of(robot).q.names)
+    states = States.random(Tree(robot), 1, 1)
+    ours = by_newton_and_euler(robot, states)
+    text, _ = export_robot(robot, form)
+    q, v, a = states.q[0], states.v[0], states.a[0]
+    theirs = []
+    if form != "sdf":
+        theirs.append((by_pinocchio if form == "urdf" else by_mujoco)(text, names, q, v, a))
+    back = again(robot, form, tmp_path)
+    assert back.base.motion == motion
+    assert np.allclose(back.base.pose.matrix, robot.base.pose.matrix, rtol=0.0, atol=1e-12)
+    assert np.allclose(back.base.pose.xyz, robot.base.pose.xyz, rtol=0.0, atol=1e-12)
+    order = [names.index(name) for name in layout_of(back).q.names]
+    wrenches = np.zeros((1, len(frames_of(back)), 6))
+    q, v, a = (x[:, order] for x in (states.q, states.v, states.a))
+    same = replace(states, q=q, v=v, a=a, W=wrenches)
+    place = np.argsort(order)
+    mass, efforts = by_newton_and_euler(back, same)
+    theirs.append((mass[np.ix_(place, place)], efforts[place]))
+    for one in theirs:
+        for found, expected in zip(one, ours, strict=True):
+            assert np.abs(found - expected).max() < 1e-11 * np.abs(expected).max()
+
+
+@pytest.mark.parametrize("form", FORMATS)
+@pytest.mark.parametrize(
+    ("motion", "moved"), [("planar", ("x", "y", "yaw")), ("upright", ("x", "y", "z", "yaw"))]
+)
+def test_level_bases_are_exported_by_what_moves(
+    motion: str, moved: tuple[str, ...], form: Format, tmp_path: Path
+) -> None:
+    text, lines = export_robot(on_the_ground(motion), form)
+    assert text == export_robot(on_the_ground(moved), form)[0]
+    assert any(f"--base {motion}" in line for line in lines)
+    path = tmp_path / FILES[form].format("robot")
+    path.write_text(text)
+    assert import_robot(path, ImportOptions("xyz"))[0].base.motion == moved
+    assert import_robot(path, ImportOptions("xyz", motion=motion))[0].base.motion == motion
 
 
 MACHINE = """
