@@ -246,7 +246,7 @@ class _CompiledModel:
         if not holds:
             most = max(-low, high) if limited else None
             return Servo(command="rate", damping=damping, rate=most, delay=lag)
-        same = model.jnt_limited[joint] and np.allclose((low, high), model.jnt_range[joint])
+        same = model.jnt_limited[joint] and np.allclose((low, high), model.jnt_range[joint], 1e-3)
         if limited and not same:
             self._report(name, f"limits of its commands, {low:.6g} to {high:.6g}")
         return Servo(stiffness=-float(length) * gear**2, damping=damping, delay=lag)
