@@ -11,6 +11,7 @@ from gibbs_codegen.errors import UsageError, near, printable
 from gibbs_codegen.exchange.sources import (
     IDLE_LINK,
     NO_LINK,
+    SNAP,
     WORLD,
     Finding,
     Source,
@@ -228,7 +229,7 @@ def _plane(source: Source, way: Sequence[SourceJoint]) -> Motion:
     """What moves where the last joint of a way is planar."""
     frame, _ = _placed_at_zero(source, way)[-1]
     normal = np.abs(frame.matrix @ np.array(way[-1].link.axis))
-    if sum(normal > _ON_AXIS) > 1:
+    if sum(normal > SNAP) > 1:
         message = "moves in a plane that is not across an axis of the world; --base says what moves"
         where = f'<joint "{printable(way[-1].name, 60)}">'
         raise source.refused(message, way[-1].line, where)

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import math
 import re
 from fractions import Fraction
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -20,7 +22,9 @@ from gibbs_codegen.exchange.sources import Finding
 from gibbs_codegen.robot.file import parse_robot, read_robot
 from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.robot.parts.body import RigidBody
+from gibbs_codegen.robot.parts.pose import Pose
 from gibbs_codegen.robot.parts.servo import Servo
+from gibbs_codegen.robot.text import robot_text
 
 Array = NDArray[np.float64]
 SOURCES = Path(__file__).parent / "sources"
@@ -296,17 +300,159 @@ def spinning(name: str, bounds: str, kind: str = "revolute") -> str:
     )
 
 
-@pytest.mark.parametrize(("root", "done"), [("World", "left out"), ("mast", "base")])
-def test_a_massless_root_is_left_out_where_it_is_the_world(
-    root: str, done: str, tmp_path: Path
+def arm(joint: str, root: str = "world") -> str:
+    """A heavy hub with a joint that moves, on a massless root by a joint of such a text."""
+    hub = spinning("hub", "").partition("<joint")[0]
+    ends = f'<parent link="{root}"/><child link="hub"/><origin xyz="1 2 3" rpy="0 0 0.5236"/>'
+    held = f'<link name="{root}"/><joint name="held" {joint}{ends}</joint>'
+    return f'<robot name="r">{held}{hub}{spinning("lift", "", "continuous")}</robot>'
+
+
+FIXED = arm('type="fixed">', "World")
+ACROSS = 'type="planar"><axis xyz="{}"/>'
+THERE = Pose((1.0, 2.0, 3.0), (Fraction(0), Fraction(0), Fraction(30)))
+BESIDE = Pose((0.1, 0.0, 0.0))
+
+
+@pytest.mark.parametrize(
+    ("text", "options", "base", "motion", "pose"),
+    [
+        (FIXED, {}, "hub", "fixed", THERE),
+        (FIXED, {"motion": "free"}, "hub", "free", Pose()),
+        (FIXED, {"motion": "planar"}, "hub", "planar", THERE),
+        (FIXED, {"base": "World"}, "World", "fixed", Pose()),
+        (FIXED, {"base": "lift"}, "lift", "free", Pose()),
+        (FIXED, {"base": "lift", "motion": "fixed"}, "lift", "fixed", THERE @ BESIDE),
+        (arm('type="floating">', "any"), {}, "hub", "free", Pose()),
+        (arm('type="floating">', "any"), {"motion": ("x", "yaw")}, "hub", ("x", "yaw"), THERE),
+        (arm(ACROSS.format("0 0 -1")), {}, "hub", "planar", THERE),
+        (arm('type="planar">'), {}, "hub", "planar", THERE),
+        (arm(ACROSS.format("0.5 0.8660254 0")), {}, "hub", ("x", "z", "pitch"), THERE),
+        # A rail and a mast are links of a fixed base, since they have names, or forces on them.
+        (arm('type="prismatic"><axis xyz="1 0 0"/>'), {}, "world", "fixed", Pose()),
+        (arm('type="prismatic"><axis xyz="1 0 0"/>'), {"base": "hub"}, "hub", "free", Pose()),
+        # A mast is no world, but cannot move of its own, either.
+        (arm('type="continuous"><axis xyz="1 0 0"/>', "mast"), {}, "mast", "fixed", Pose()),
+        (arm('type="fixed">', "mast"), {}, "mast", "free", Pose()),
+        (arm('type="fixed">', "mast"), {"motion": "fixed", "base": "hub"}, "hub", "fixed", THERE),
+    ],
+)  # fmt: skip
+def test_what_holds_the_base_is_how_it_moves(
+    text: str, options: dict[str, Any], base: str, motion: Any, pose: Pose, tmp_path: Path
 ) -> None:
-    """That a file hangs a machine up is no part of it; a frame of its own above it is."""
-    hub = spinning("hub", "", "fixed").replace('hub"/><child', f'{root}"/><child')
-    text = f'<robot name="r"><link name="{root}"/>{hub}{spinning("arm", "")}</robot>'
-    _, report = imported(text, tmp_path)
-    assert root in told(report, done)
-    other = {"left out": "base", "base": "left out"}[done]
-    assert root not in told(report, other)
+    robot, report = imported(text, tmp_path, **options)
+    assert told(report, "base")[-1] == base
+    assert robot.base.motion == motion
+    assert robot.base.pose.rpy_deg == pose.rpy_deg
+    assert robot.base.pose.xyz == pytest.approx(pose.xyz)
+    assert "hub" in {base, *(link.name for link in robot.links), *(f.name for f in robot.frames)}
+    assert parse_robot(robot_text(robot)) == robot or not robot.base.moves_freely
+
+
+def test_a_plane_across_no_axis_of_the_world_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(GibbsCodegenError, match=r'<joint "held">.*across an axis.*--base'):
+        imported(arm(ACROSS.format("0 1 1")), tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("words", "motion", "done"),
+    [
+        (["fixed"], "fixed", ""),
+        (["x,z,pitch"], ("x", "z", "pitch"), ""),
+        (["lift", "fixed"], "fixed", ""),
+        ([], "free", "base, which moves freely; --base fixed holds it"),
+        (["fixed", "planar"], None, "--base planar: give one link, and one motion, at most"),
+        (["yaw,x"], None, "'x' comes after a rotation"),
+        (["planar", "--attitude", "xyz"], None, "--attitude is of a base that moves freely"),
+        (["gripper"], None, "--base gripper: no such link"),
+    ],
+)
+def test_motions_of_the_base_are_asked_for(
+    words: list[str], motion: Any, done: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path, out = tmp_path / "r.urdf", tmp_path / "out.toml"
+    hub = spinning("hub", "").partition("<joint")[0]
+    path.write_text(f'<robot name="r">{hub}{spinning("lift", "", "continuous")}</robot>')
+    options = [
+        part
+        for word in words
+        for part in (["--base"] * (word[0] not in "-x" or "," in word) + [word])
+    ]
+    code = main(["import", str(path), *options, "--out", str(out)])
+    said = " ".join("".join(capsys.readouterr()).split())
+    assert (code, done in said) == (2 if motion is None else 0, True), said
+    if motion is not None:
+        assert read_robot(str(out))[0].base.motion == motion
+
+
+CART = """<mujoco><worldbody><body name="stone"><geom size="1" mass="9"/></body>
+  <body name="cart" pos="0 0 1"><joint name="{joint}" type="slide" axis="1 0 0"/>
+    <geom size=".1" mass="1"/><body name="pole"><joint name="hinge" axis="0 1 0"/>
+      <geom size=".1" pos="0 0 .5" mass="1"/></body></body></worldbody>
+  <actuator>{end}</actuator></mujoco>"""
+
+
+def test_mjcf_moves_as_its_bodies_are_held(tmp_path: Path) -> None:
+    def read(joint: str, end: str = "", **options: Any) -> tuple[Any, list[str | None], list[Any]]:
+        robot, report = imported(CART.format(joint=joint, end=end), tmp_path, **options)
+        names = [link.coordinate for link in robot.links]
+        return robot.base.motion, names, told(report, "left out")
+
+    assert read("slider") == ("fixed", ["slider", "hinge"], [])
+    assert read("x") == (("x",), ["hinge"], [])
+    assert read("x", motion="free") == ("free", ["hinge"], ["x"])
+    # What a motor drives is a link with an input.
+    assert read("x", '<motor joint="x"/>') == ("fixed", ["x_joint", "hinge"], [])
+    assert read("slider", base="cart") == ("free", ["hinge"], ["slider"])
+    assert read("slider", motion="planar") == ("planar", ["hinge"], ["slider"])
+    two = CART.replace('<body name="stone">', '<body name="arm"><joint name="j"/>')
+    (tmp_path / "two.xml").write_text(two.format(joint="slider", end=""))
+    with pytest.raises(GibbsCodegenError, match=r"2 robots \(arm, cart\).*--base world takes"):
+        import_robot(tmp_path / "two.xml", ImportOptions("xyz"))
+    robot, _ = import_robot(tmp_path / "two.xml", ImportOptions("xyz", base="world"))
+    assert [link.coordinate for link in robot.links] == ["j", "slider", "hinge"]
+    assert robot.parents == (0, 0, 2)
+
+
+ACTUATORS = {
+    '<position name="u" joint="hinge" kp="20" kv="3" gear="2" forcerange="-7 7"/>': (1 / 2, 0.0),
+    '<position name="u" joint="hinge" kp="20" timeconst="0.1" ctrlrange="-1 1"/>': (1.0, 0.0),
+    '<general name="u" joint="hinge" gainprm="3" biastype="affine" biasprm="2 -6 -1"/>': (
+        0.5,
+        1 / 3,
+    ),
+    '<velocity name="u" joint="hinge" kv="5" gear="-1" ctrlrange="-2 1"/>': (-1.0, 0.0),
+}
+
+
+@pytest.mark.parametrize("text", ACTUATORS)
+def test_servos_push_as_in_mujoco(text: str, tmp_path: Path) -> None:
+    import mujoco
+
+    whole = CART.format(joint="slider", end=text)
+    robot, report = imported(whole, tmp_path)
+    servo, (unit, more) = robot.links[-1].servo, ACTUATORS[text]
+    assert servo is not None
+    notes = [line.detail for line in report if line.subject == "u" and line.kind == "note"]
+    factor = f"its command is {unit:.6g} times its control" + (
+        f", and {more:g} more" if more else ""
+    )
+    assert notes == [factor] * ((unit, more) != (1.0, 0.0))
+    model = mujoco.MjModel.from_xml_string(whole)
+    data = mujoco.MjData(model)
+    for control, q, v in ((0.3, 0.1, 0.2), (0.9, -1.0, -0.5)):
+        data.ctrl[:], data.qpos[1], data.qvel[1], data.act[:] = control, q, v, control
+        mujoco.mj_forward(model, data)
+        command = unit * control + more
+        by_rate = servo.command == "rate"
+        ours = servo.damping * (command * by_rate - v) + servo.stiffness * (command - q)
+        limit = servo.torque or math.inf
+        assert min(max(ours, -limit), limit) == pytest.approx(data.qfrc_actuator[1], rel=1e-12)
+    assert servo.torque == (14.0 if "forcerange" in text else None)
+    assert servo.delay == (0.1 if "timeconst" in text else 0.0)
+    assert servo.rate == (2.0 if "velocity" in text else None)
+    limits = ["limits of its commands, -1 to 1"] * ("-1 1" in text)
+    assert [line.detail for line in report if line.kind == "left out"] == limits
 
 
 def test_limits_that_nothing_reaches_let_a_rotor_spin_as_none_do(tmp_path: Path) -> None:

@@ -360,7 +360,7 @@ def test_frames_of_drawings_are_those_of_the_module(motion: Any) -> None:
 def test_what_takes_free_bases_only_says_so() -> None:
     robot, _ = with_motion(SEEDS[0], "planar", TILTED)
     for refused in (
-        lambda: export_robot(robot, "urdf"),
+        lambda: export_robot(robot, "px4"),
         lambda: simulate(emitted_module(robot), "hover"),
     ):
         with pytest.raises(UsageError, match=rf"{robot.name}: base.motion is 'planar'.*free"):
@@ -368,5 +368,5 @@ def test_what_takes_free_bases_only_says_so() -> None:
     with pytest.raises(UsageError, match="payloads are for bases that move freely only"):
         gravity_of(emitted_module(robot), None, None)
     robot, _ = with_motion(SEEDS[0], ("x", "pitch"), TILTED)
-    with pytest.raises(UsageError, match=r"base.motion is \['x', 'pitch'\]; files"):
-        export_robot(robot, "urdf")
+    with pytest.raises(UsageError, match=r"base.motion is \['x', 'pitch'\]; param"):
+        export_robot(robot, "ardupilot")
