@@ -138,5 +138,6 @@ def _check(
             words = fault.message
             if options.attach and not faults and key in ("name", "coordinate"):
                 words += "; --prefix NAME_ after --attach comes before all names of an arm"
-            faults.append(Fault(named.get(table, table + dot) + key, words))
+            where = named.get(table, table + dot) + key
+            faults.append(Fault(where.removesuffix(": "), words))
         raise SourceFileError(options.file, faults) from None

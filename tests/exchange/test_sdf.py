@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import subprocess
 from dataclasses import replace
+from fractions import Fraction
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
@@ -23,6 +24,8 @@ from gibbs_codegen.robot.file import parse_robot, read_robot
 from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.robot.parts.body import inertia_matrix
 from gibbs_codegen.robot.parts.friction import Friction
+from gibbs_codegen.robot.parts.numbers import LEVEL
+from gibbs_codegen.robot.parts.pose import Pose
 from gibbs_codegen.robot.placement import mounted_rotors
 
 Array = NDArray[np.float64]
@@ -427,3 +430,45 @@ def test_inertias_that_gazebo_refuses_are_told() -> None:
     robot = parse_robot(f'name = "r"\nallow_impossible_inertia = true\n{text}')
     with pytest.raises(UsageError, match=r"inertia of link base .* export URDF"):
         export_robot(robot, "sdf")
+
+
+STANDING = """<sdf version="1.9"><model name="m" {placed}><pose>1 2 3 0 0 {turn}</pose>{static}
+  <link name="foot"><pose>0 0 0.5 0 0 0</pose></link>
+  <link name="arm"><pose>0 0 1 0 0 0</pose></link>
+  <joint name="swing" type="revolute"><parent>foot</parent><child>arm</child>
+    <axis><xyz>1 0 0</xyz></axis></joint>{joint}</model></sdf>"""
+TO_WORLD = '<joint name="bolt" type="fixed"><parent>world</parent><child>foot</child></joint>'
+
+
+@pytest.mark.parametrize(
+    ("static", "joint", "placed", "options", "motion"),
+    [
+        ("", "", "", {}, "free"),
+        ("<static>true</static>", "", "", {}, "fixed"),
+        ("", TO_WORLD, "", {}, "fixed"),
+        ("", TO_WORLD, 'placement_frame="foot"', {}, "fixed"),
+        ("", "", "", {"motion": "upright"}, "upright"),
+        ("<static>1</static>", TO_WORLD, "", {"motion": "free"}, "free"),
+    ],
+)
+def test_models_that_the_world_holds_stand_where_they_are(
+    static: str, joint: str, placed: str, options: dict[str, Any], motion: str, tmp_path: Path
+) -> None:
+    text = STANDING.format(static=static, joint=joint, placed=placed, turn=np.pi / 6)
+    (tmp_path / "m.sdf").write_text(text)
+    robot, _ = import_robot(tmp_path / "m.sdf", ImportOptions("xyz", **options))
+    assert robot.base.motion == motion
+    if motion != "free":
+        height = 3.0 if placed else 3.5
+        assert robot.base.pose == Pose((1.0, 2.0, height), (LEVEL[0], LEVEL[1], Fraction(30)))
+
+
+@pytest.mark.slow  # It compiles a program with libsdformat.
+def test_bases_that_do_not_fly_are_read_by_libsdformat(tmp_path: Path) -> None:
+    robot, _ = read_robot("quadrotor_arm_2link")
+    base = replace(robot.base, attitude="xyz", motion=("x", "z", "pitch"))
+    text, _ = export_robot(replace(robot, base=base), "sdf")
+    (tmp_path / "planar.sdf").write_text(text)
+    read = as_read(tmp_path / "planar.sdf", tmp_path)
+    assert {"x", "z", "pitch"} <= {*read.joints}
+    assert read.mass == pytest.approx(robot.total_mass)
