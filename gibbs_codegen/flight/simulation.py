@@ -72,7 +72,6 @@ from gibbs_codegen.flight.scenario.parts import HOLDING, PREDICTIVE
 from gibbs_codegen.flight.scenario.paths import check_path
 from gibbs_codegen.flight.scenario.scenario import Scenario
 from gibbs_codegen.interface import FUNCTIONS
-from gibbs_codegen.robot.layout import check_free_base
 from gibbs_codegen.runtime.c_library import CompilerError, ModuleLibrary, chosen_compiler
 from gibbs_codegen.runtime.cache import CacheError
 from gibbs_codegen.runtime.load import load
@@ -234,8 +233,7 @@ def uncontrolled(scenario: Scenario) -> Scenario:
 
 def check_scenario(robot: RobotData, scenario: Scenario) -> None:
     """Raise `UsageError` with all that a robot cannot fly, as far as its constants show."""
-    check_free_base(robot.name, robot.attitude, "flights are")
-    paths = {"the path of the base": scenario.base}
+    paths = {"the path of the base": scenario.base} if scenario.base else {}
     for name, path in scenario.arm.paths.items():
         paths[f"the path of {'the tip' if name == 'tip' else name}"] = path
     # Which numbers of a robot file become parameters only its module knows.
@@ -257,7 +255,7 @@ def check_scenario(robot: RobotData, scenario: Scenario) -> None:
 def _check_law(robot: RobotData, scenario: Scenario) -> None:
     """Raise `UsageError` for a law that the robot does not serve."""
     law = None
-    if not robot.rotors_move:  # What they command is known before there is a motion.
+    if not robot.wrenches_vary:  # What they command is known before there is a motion.
         law = scenario.control.law  # A plan is about hover: rotors must serve one of the others.
         law = "tracking" if law == PREDICTIVE else law
         law = law_of(law, robot, robot.neutral, scenario.name)

@@ -1,8 +1,11 @@
-"""The base of a robot in array programs: errors, wrenches and rates, for angles and a quaternion.
+"""The base of a robot in array programs: errors, wrenches and rates, whatever of it moves.
 
 Everything else of a law or a flight works on coordinates q (nq) and velocities v (nv) by the places
 of the layout. Tracking errors have an entry per velocity: of the attitude and the position of the
 base, in the places of its angular and linear velocity, and of the joints.
+
+Of a base that does not move freely what does not move is 0. Its frame is here the one that turns
+with it and lies along the axes of the world before anything has moved, whatever its pose.
 """
 
 from __future__ import annotations
@@ -11,10 +14,13 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
+import numpy as np
+
 from gibbs_codegen.arrays.nodes import (
     Node,
     Space,
     constant,
+    coordinates_of,
     cosine,
     cross,
     dot,
@@ -22,8 +28,9 @@ from gibbs_codegen.arrays.nodes import (
     join,
     sine,
     square_root,
+    zeros,
 )
-from gibbs_codegen.robot.layout import Layout, check_free_base
+from gibbs_codegen.robot.layout import Layout
 
 
 @dataclass(frozen=True)
@@ -74,6 +81,13 @@ class QuaternionBase:
         """Angular velocity and acceleration (3) in the base's frame."""
         place = self.robot.layout.v.attitude
         return v[place], a[place]
+
+    def linear(self, v: Node, a: Node) -> tuple[Node, Node]:
+        """Velocity and acceleration (3) of the point at x, y, z, in world axes."""
+        places = self.robot.layout.v
+        velocity = v[places.position]
+        carried = a[places.position] + cross(v[places.attitude], velocity)
+        return self.to_world(velocity), self.to_world(carried)
 
     def attitude_entries(self, v: Node, turning: Node) -> Node:
         """Entries (3) of the attitude in a: the angular acceleration (3), base's frame, itself."""
@@ -137,14 +151,34 @@ class QuaternionBase:
 class AngleBase:
     """A base with Tait-Bryan angles at coordinates q (nq): errors are differences of coordinates.
 
-    Each angle turns about one axis of the frame that the angles before it have turned.
+    Each angle turns about one axis of the frame that the angles before it have turned. Where there
+    are less than three, the others are 0.
     """
 
     def __init__(self, robot: Placed, q: Node) -> None:
         self.robot, self.q = robot, q
-        self.axes = ["xyz".index(axis) for axis in robot.layout.attitude]
+        self.along, turns = robot.layout.own_axes
+        self.still = 3 - len(turns)
+        self.axes = [*turns, *(k for k in range(3) if k not in turns)]
         angles = entries_of(q)[robot.layout.q.attitude]
-        self.sines, self.cosines = sine(angles), cosine(angles)
+        self.sines = [*sine(angles), *[constant(0.0)] * self.still]
+        self.cosines = [*cosine(angles), *[constant(1.0)] * self.still]
+
+    def _turning(self, x: Node) -> Node:
+        """Entries (3) of three angles, of entries (nv)."""
+        return join(x[self.robot.layout.v.attitude], zeros(self.still))
+
+    def _linear(self, x: Node) -> Node:
+        """Entries (3) along three axes, of entries (nv)."""
+        moving = x[self.robot.layout.v.position]
+        if self.along == [0, 1, 2]:
+            return moving
+        entries = dict(zip(self.along, moving, strict=True))
+        return join(*(entries.get(axis, constant(0.0)) for axis in range(3)))
+
+    def _in_base(self, x: Node) -> Node:
+        """A linear velocity or a force (3) in the base's frame, of entries (nv)."""
+        return self.to_base(self._linear(x))
 
     def to_world(self, x: Node) -> Node:
         """A vector (3) of the base's frame, in world axes."""
@@ -170,9 +204,12 @@ class AngleBase:
 
     def angular(self, v: Node, a: Node) -> tuple[Node, Node]:
         """Angular velocity and acceleration (3) in the base's frame."""
-        place = self.robot.layout.v.attitude
-        spin, growth = self._of_rates(v[place]), self._of_rates(a[place])
-        return spin, growth + self._bias(v[place])
+        rates = self._turning(v)
+        return self._of_rates(rates), self._of_rates(self._turning(a)) + self._bias(rates)
+
+    def linear(self, v: Node, a: Node) -> tuple[Node, Node]:
+        """Velocity and acceleration (3) of the point at x, y, z, in world axes."""
+        return self._linear(v), self._linear(a)
 
     def _of_rates(self, rates: Node) -> Node:
         """Angular velocity (3), base's frame, of rates (3) of the angles."""
@@ -197,17 +234,17 @@ class AngleBase:
         return join(*bias)
 
     def attitude_entries(self, v: Node, turning: Node) -> Node:
-        """Accelerations (3) of the angles by the angular acceleration (3), base's frame.
+        """Accelerations of the angles by the angular acceleration (3), base's frame.
 
         Away from the singularity of the angles.
         """
-        rest = turning - self._bias(v[self.robot.layout.v.attitude])
+        rest = turning - self._bias(self._turning(v))
         # Undo the last rotation, then the others: each axis gives one rate.
         x = [rest[i] for i in range(3)]
         x = self._turned(2, x, self.sines[2])
         last, middle, first = self.axes[2], self.axes[1], self.axes[0]
         outer = x[first] / self.cosines[1]
-        return join(outer, x[middle], x[last] + self._lean * outer)
+        return join(outer, x[middle], x[last] + self._lean * outer)[: 3 - self.still]
 
     @property
     def _lean(self) -> Node:
@@ -217,19 +254,20 @@ class AngleBase:
 
     def twist(self, centre: Node, v: Node) -> Node:
         """Velocity (6) of a point `centre` (3) and angular velocity, all in the base's frame."""
-        place = self.robot.layout.v
-        spin = self._of_rates(v[place.attitude])
-        return join(self.to_base(v[place.position]) + cross(spin, centre), spin)
+        spin = self._of_rates(self._turning(v))
+        return join(self._in_base(v) + cross(spin, centre), spin)
 
     def wrench(self, centre: Node, force: Node) -> Node:
         """Force and torque (6) about a point `centre` (3), base's frame, of a force (nv)."""
-        place = self.robot.layout.v
-        about = force[place.attitude]
+        about = self._turning(force)
         torque = [about[0]] * 3
         torque[self.axes[0]] = (about[0] + self._lean * about[2]) / self.cosines[1]
         torque[self.axes[1]], torque[self.axes[2]] = about[1], about[2]
-        pull = self.to_base(force[place.position])
-        return join(pull, join(*self._turned(2, torque, -self.sines[2])) - cross(centre, pull))
+        pull = self._in_base(force)
+        moment = join(*self._turned(2, torque, -self.sines[2])) - cross(centre, pull)
+        if self.still > 1:  # Moments about other axes than the one that turns do nothing.
+            moment = moment * np.isin(range(3), self.axes[: 3 - self.still]).astype(float)
+        return join(pull, moment)
 
     def rates(self, v: Node, entries: Node) -> Node:
         """Rates (nq) of the coordinates' entries, which v holds."""
@@ -244,13 +282,57 @@ class AngleBase:
         return desired.a + pull
 
 
+class LevelBase(AngleBase):
+    """A base with a yaw that moves along its own axes: errors are differences of coordinates."""
+
+    def _in_base(self, x: Node) -> Node:
+        return self._linear(x)
+
+    def linear(self, v: Node, a: Node) -> tuple[Node, Node]:
+        """Velocity and acceleration (3) of the point at x, y, z, in world axes."""
+        velocity, (spin, _) = self._linear(v), self.angular(v, a)
+        return self.to_world(velocity), self.to_world(self._linear(a) + cross(spin, velocity))
+
+    def rates(self, v: Node, entries: Node) -> Node:
+        """Rates (nq) of the coordinates' entries."""
+        places = self.robot.layout.v
+        return placed(self.robot, v[places.attitude], self.linear(v, v)[0], v[places.joints])
+
+    def errors(self, v: Node, desired: Motion) -> tuple[Node, Node]:
+        """Errors and their rates (nv), those of the position in world axes."""
+        error, _ = super().errors(v, desired)
+        wanted = LevelBase(self.robot, desired.q)
+        return error, wanted.rates(desired.v, error) - self.rates(v, error)
+
+    def corrected(self, v: Node, desired: Motion, pull: Node) -> Node:
+        """Accelerations (nv) of the desired motion and, as `pull` (nv), of what its errors ask."""
+        places, a = self.robot.layout.v, desired.a + pull
+        _, world = LevelBase(self.robot, desired.q).linear(desired.v, desired.a)
+        return self.accelerations(
+            v, placed(self.robot, a[places.attitude], world + self._linear(pull), a[places.joints])
+        )
+
+    def velocities(self, rates: Node) -> Node:
+        """Velocities (nv) by rates (nv) of the coordinates."""
+        places = self.robot.layout.v
+        linear = self.to_base(self._linear(rates))
+        return placed(self.robot, rates[places.attitude], linear, rates[places.joints])
+
+    def accelerations(self, v: Node, growth: Node) -> Node:
+        """Accelerations (nv) by second derivatives (nv) of the coordinates."""
+        places, (spin, _) = self.robot.layout.v, self.angular(v, v)
+        linear = self.to_base(self._linear(growth)) - cross(spin, self._linear(v))
+        return placed(self.robot, growth[places.attitude], linear, growth[places.joints])
+
+
 Base = AngleBase | QuaternionBase
 
 
 def base_of(robot: Placed, q: Node) -> Base:
-    """The base of a robot at coordinates q (nq); `UsageError` where it does not move freely."""
-    check_free_base("the robot", robot.layout.attitude, "laws and flights are")
-    return (QuaternionBase if robot.space.has_quaternion else AngleBase)(robot, q)
+    """The base of a robot at coordinates q (nq)."""
+    if robot.space.has_quaternion:
+        return QuaternionBase(robot, q)
+    return (AngleBase if robot.space.is_flat else LevelBase)(robot, q)
 
 
 def length(x: Node) -> Node:
@@ -274,19 +356,29 @@ def unit_entries(robot: Placed, entries: Node) -> Node:
 
 
 def placed(robot: Placed, attitude: Node, position: Node, joints: Node) -> Node:
-    """Entries (nv) of the attitude (3), the position (3) and the joints in their places."""
-    places = robot.layout.v
+    """Entries (nv) of the attitude, the position (3) and the joints in their places.
+
+    Those of the attitude begin with the angles that there are.
+    """
+    places, (along, about) = robot.layout.v, robot.layout.own_axes
+    if len(along) != position.size or along != sorted(along):
+        position = join(zeros(0), *(position[axis] for axis in along))
+    attitude = attitude[: len(about)]
     parts = (places.attitude, attitude), (places.position, position), (places.joints, joints)
     return join(*(x for _, x in sorted(parts, key=lambda part: part[0].start)))
 
 
-def quaternion_motion(robot: Placed, c: Node, rates: Node, growth: Node) -> tuple[Node, ...]:
-    """Unit coordinates, v and a of entries (nq) with a quaternion of any length.
+def pose_motion(robot: Placed, c: Node, rates: Node, growth: Node) -> tuple[Node, ...]:
+    """Unit coordinates, v and a of entries (nq), a quaternion of any length among them.
 
     `rates` and `growth` are the first and second derivatives of the entries. With c = r p, where p
     is of unit length, the conjugate of c times its derivative is r times that of r, and r² ω / 2.
     """
     layout = robot.layout.q
+    if not robot.space.has_quaternion:
+        base = LevelBase(robot, coordinates_of(c, robot.space))
+        v = base.velocities(rates)
+        return c, v, base.accelerations(v, growth)
     turned = c[layout.attitude]
     square = dot(turned, turned)
     stretching = dot(turned, rates[layout.attitude]) / square

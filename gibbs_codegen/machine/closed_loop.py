@@ -39,7 +39,7 @@ from gibbs_codegen.machine.base import (
     Motion,
     base_of,
     placed,
-    quaternion_motion,
+    pose_motion,
     unit_entries,
 )
 from gibbs_codegen.machine.laws import (
@@ -340,6 +340,8 @@ class LoopStructure:
         base, places, felt = base_of(self.model, state.q), self.model.layout.v, None
 
         def off(error: Node) -> Node:
+            if not self.model.layout.moves_freely:  # Of what moves.
+                return error
             turn = error[places.attitude]
             if not self.model.space.has_quaternion:  # That is about axes of the world.
                 turn = base.attitude_entries(zeros(n), base.to_base(turn))
@@ -448,8 +450,8 @@ class LoopStructure:
         time, n = variable("time", uniform=True), self.plant.space.coordinates
         curve = external("desired", (3 * n,), time)
         parts: tuple[Node, ...] = (curve[:n], curve[n : 2 * n], curve[2 * n :])
-        if self.plant.space.has_quaternion:
-            parts = quaternion_motion(self.plant, *parts)
+        if not self.plant.space.is_flat:
+            parts = pose_motion(self.plant, *parts)
         centre = [external("centre", (9,), time)] if self.leans else []
         return Program("wanted", (time,), {"curves": join(*parts, *centre)})
 
@@ -638,8 +640,8 @@ class LoopStructure:
         q, v, *_ = self.parts(x)
         errors = join(*base_of(self.plant, q).errors(v, at.motion))
         within = self.input_node("bounds", errors.size) - absolute(errors)
-        if not self.plant.space.has_quaternion:
-            angle = absolute(x[self.plant.layout.middle_angle])
+        if (middle := self.plant.layout.middle_angle) is not None:
+            angle = absolute(x[middle])
             within = join(within, self.input_node("largest_lean") - angle)
         if self.around.stops:
             within = join(within, self._apart(at.time, x))

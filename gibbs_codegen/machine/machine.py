@@ -266,7 +266,7 @@ class Machine:
         """Power, W, of all that acts less what damping takes."""
         robot, (q, v, *_) = self.robot, state
         count = robot.rotors
-        if self.moves:
+        if self.moves or not robot.layout.moves_freely:
             power = dot(v, robot.input_matrix(q) @ u)
         else:
             twist = base_of(robot, q).twist(self.figure("centre", 3), v)

@@ -198,9 +198,9 @@ class Layout:
         return layout
 
     @property
-    def middle_angle(self) -> int:
-        """Place of θ₀, the attitude angle at whose ±90° the sequence is singular."""
-        return range(self.q.size)[self.q.attitude][1]
+    def middle_angle(self) -> int | None:
+        """Place of the angle of three, θ₀, at whose ±90° they are singular; None of others."""
+        return self.q.attitude.start + 1 if len(self.angle_axes) == 3 else None
 
     @property
     def angle_axes(self) -> str:
@@ -230,8 +230,19 @@ class Layout:
     def own_axes(self) -> tuple[list[int], list[int]]:
         """Numbers of the base's own axes along which it moves, and about which."""
         along = ["xyz".index(name) for name in self.q.names[self.q.position]]
-        turns = self.v.attitude.stop - self.v.attitude.start
-        return along, [0, 1, 2][3 - turns :]
+        return along, ["xyz".index(axis) for axis in self.angle_axes or "xyz" * self.is_quaternion]
+
+    @property
+    def carries_wrenches(self) -> bool:
+        """True if what thrusts on the base do to what moves of it is the same in its axes anywhere.
+
+        So it is where all directions in which it moves turn with it, and all or one of its turns.
+        """
+        along, about = map(set, self.own_axes)
+        if self.turns_with_base or not about:
+            return True
+        turned = len(about) == 1 and along in (about, {0, 1, 2} - about)
+        return len(about) != 2 and (len(along) in (0, 3) or turned)
 
     @property
     def base_item(self) -> int:

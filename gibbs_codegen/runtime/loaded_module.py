@@ -11,7 +11,6 @@ from typing import Any, NoReturn
 from gibbs_codegen.errors import MissingFunctionError, no_attribute
 from gibbs_codegen.interface import DATA, DATA_ON_REQUEST, FUNCTIONS
 from gibbs_codegen.interface.choice import options_with
-from gibbs_codegen.robot.layout import check_free_base
 
 # Functions that bring what is no function of the table.
 _BROUGHT_BY = {
@@ -45,16 +44,6 @@ class LoadedModule(ModuleType):
         if _BROUGHT_BY.get(name, name) in FUNCTIONS:
             require_functions(self, [name])
         raise AttributeError(no_attribute(self.__name__, name, [*vars(self), *FUNCTIONS]))
-
-
-def gravity_of(module: Any, layout: Any, constants: Any) -> Any:
-    """The acceleration of gravity along z (…), m/s², world axes; negative where things fall."""
-    import numpy as np  # Late, since it takes long to import.
-
-    check_free_base(module.NAME, module.ATTITUDE, "payloads are")
-    neutral, upwards = np.array(layout.neutral), layout.v.position.start + 2
-    pull = module.gravity_forces(neutral, constants=constants)[..., upwards]
-    return pull / module.mass_matrix(neutral, constants=constants)[..., upwards, upwards]
 
 
 class GeneralFunction:

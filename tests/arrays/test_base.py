@@ -15,7 +15,7 @@ from gibbs_codegen.machine.base import (
     base_of,
     length,
     placed,
-    quaternion_motion,
+    pose_motion,
     unit_entries,
 )
 
@@ -152,7 +152,7 @@ def test_rates_and_unit_entries_bear_a_quaternion_of_any_length(attitude: str) -
     outputs = {"rates": base_of(robot, robot.coordinates()).rates(robot.velocities(), c)}
     outputs["unit"] = unit_entries(robot, c)
     if state.is_quaternion:
-        outputs["motion"] = join(*quaternion_motion(robot, c, rates, growth))
+        outputs["motion"] = join(*pose_motion(robot, c, rates, growth))
     program = Program("p", (robot.coordinates(), robot.velocities(), c, rates, growth), outputs)
     random = np.random.default_rng(4)
     given = {

@@ -16,6 +16,8 @@ from gibbs_codegen.flight.plant.actuators import has_servo, holds, joint_place
 from gibbs_codegen.flight.plant.allocation import (
     Allocation,
     AllocationError,
+    asked_of,
+    commands_all,
     listed,
     ranks,
     thrust_axis,
@@ -25,7 +27,6 @@ from gibbs_codegen.flight.reference import Reference
 from gibbs_codegen.flight.scenario.parts import PREDICTIVE, WORLD, Control, Impedance, Law
 from gibbs_codegen.machine.laws import LAWS, turns_servos
 
-_ALL = 6
 # Joints do not move a frame along a push by less than this share of how they move it.
 _NO_LEVER = 1e-3
 # How much faster the base must lean than the position follows, which it moves.
@@ -42,7 +43,7 @@ def law_of(law: Law, vehicle: RobotData, q: Array, scenario: str) -> Law:
     """
     if law not in ("tracking", *LAWS):
         return law
-    full = bool(np.all(ranks(vehicle.thrust_wrenches(q)) == _ALL))
+    full = commands_all(vehicle, q)
     one_axis = thrust_axis(vehicle, q) is not None
     task = LAWS[law].task if law in LAWS else law
     of_task = {name: row for name, row in LAWS.items() if row.task == task}
@@ -59,8 +60,10 @@ def law_of(law: Law, vehicle: RobotData, q: Array, scenario: str) -> Law:
             f"all directions; set control.law to {others}",
             (),
         )
-    wrenches = vehicle.thrust_wrenches(np.atleast_2d(q))
-    missing = Allocation(wrenches[np.argmin(ranks(wrenches))]).missing
+    places = np.atleast_2d(q)
+    weakest = places[np.argmin(ranks(vehicle.thrust_wrenches(places)))]
+    asked = asked_of(vehicle, weakest)
+    missing = Allocation(vehicle.thrust_wrenches(weakest), asked=asked).missing
     lacks = f"but the rotors cannot command {listed(missing)} {_WHERE}"
     if one_axis:
         raise AllocationError(
@@ -71,13 +74,13 @@ def law_of(law: Law, vehicle: RobotData, q: Array, scenario: str) -> Law:
         )
     at = ";"
     if vehicle.rotors_move:  # Where they command least, before other remedies.
-        worst = np.reshape(q, (-1, q.shape[-1]))[np.argmin(ranks(vehicle.thrust_wrenches(q)))]
-        joints = zip(vehicle.joint_names, worst[vehicle.arm].tolist(), strict=True)
+        joints = zip(vehicle.joint_names, weakest[vehicle.arm].tolist(), strict=True)
         at = (
             f" where {', '.join(f'{name} = {value:.4g}' for name, value in joints)} (rad or m); "
             "choose another posture (arm.posture_deg or arm.moves), or"
         )
-    few = "" if vehicle.rotors >= _ALL else f" (all directions take {_ALL} or more)"
+    count = len(vehicle.layout.v.base)
+    few = "" if vehicle.rotors >= count else f" (all directions take {count} or more)"
     remedy = (
         f'tilt some thrusts in the robot file, add rotors{few}, or set control.law to "open_loop"; '
         "in Python, lqr and rollout fly what trim balances"

@@ -63,6 +63,11 @@ class LeaningController(Controller):
         return curve_tables(self.reference, self.centre)
 
     @cached_property
+    def mass(self) -> float:
+        """Mass of the robot, kg."""
+        return float(self.vehicle.mass)
+
+    @cached_property
     def weight(self) -> Array:
         """The force (3) that holds the robot, N, world axes."""
         return self._force(self.vehicle.neutral, np.zeros((2, self.vehicle.layout.v.size)))

@@ -95,8 +95,8 @@ def law_program(
         law,
         len(vehicle.frames),
         shared=allocation.limits is not None,
-        moves=vehicle.rotors_move,
-        refuses=allocation.refuses and (bool(allocation.missing) or vehicle.rotors_move),
+        moves=vehicle.wrenches_vary,
+        refuses=allocation.refuses and (bool(allocation.missing) or vehicle.wrenches_vary),
         moved=frames[0],
         axes=frames[1],
         **others,
@@ -218,17 +218,11 @@ class Controller:
     moved: MovedFrame | None = None
 
     @cached_property
-    def mass(self) -> float:
-        """Mass of the robot, kg."""
-        place = self.vehicle.layout.v.position.start
-        return float(self.vehicle.mass_matrix(self.vehicle.neutral)[place, place])
-
-    @cached_property
     def values(self) -> dict[str, Any]:
         """Values of the inputs of its program, by name."""
         gains, place = self.gains, self.vehicle.layout.v.position
         position = np.stack([gains.stiffness[place], gains.damping[place]])
-        of_frame = self.moved.values(self.mass, position) if self.moved else {}
+        of_frame = self.moved.values(float(self.vehicle.mass), position) if self.moved else {}
         return _of_rotors(self.vehicle, self.allocation) | {
             "stiffness": gains.stiffness,
             "damping": gains.damping,

@@ -77,10 +77,10 @@ def base_motion(vehicle: Vehicle, time: Array, centre: Array, turning: Turning) 
     entries = q[:, layout.q.attitude], v[:, layout.v.attitude], a[:, layout.v.attitude]
     for entry, value in zip(entries, vehicle.kinematics.turned(turning), strict=True):
         entry[...] = value
-    lever = vehicle.centre_offset(q)
+    lever, along = vehicle.centre_offset(q), layout.own_axes[0]
     spin, spin_rate = turning.velocity, turning.acceleration
     swept = np.cross(spin, lever)
-    q[:, layout.q.position] = centre[:, 0] - lever
+    q[:, layout.q.position] = (centre[:, 0] - lever)[:, along]
     v[:, layout.v.position], a[:, layout.v.position] = vehicle.kinematics.moved(
         turning,
         centre[:, 1] - swept,

@@ -12,7 +12,7 @@ from functools import partial
 import numpy as np
 
 from gibbs_codegen.errors import UsageError, check_all
-from gibbs_codegen.flight.attitude import SingularAttitudeError, Turning
+from gibbs_codegen.flight.attitude import SingularAttitudeError, Turning, rotation_vector
 from gibbs_codegen.flight.desired import demands, timing
 from gibbs_codegen.flight.desired.base_trajectory import check_times, desired_base, knots
 from gibbs_codegen.flight.desired.inverse_kinematics import JointBounds, check_tip, desired_with_tip
@@ -25,10 +25,11 @@ from gibbs_codegen.flight.desired.posture import (
 )
 from gibbs_codegen.flight.desired.underactuated_base import underactuated_motion
 from gibbs_codegen.flight.plant.actuators import Actuators, actuators_of, joint_place
-from gibbs_codegen.flight.plant.allocation import allocation_of, thrust_axis
+from gibbs_codegen.flight.plant.allocation import allocation_of, listed, thrust_axis
 from gibbs_codegen.flight.plant.vehicle import Array, RobotData, Vehicle
 from gibbs_codegen.flight.reference import Motion, Reference
 from gibbs_codegen.flight.scenario.parts import MAX_DURATION, StartOffset
+from gibbs_codegen.flight.scenario.paths import Fixed, Path
 from gibbs_codegen.flight.scenario.scenario import ArmTask, Scenario, on_clock, slow_motion
 from gibbs_codegen.flight.vectors import rotation_about
 
@@ -53,7 +54,49 @@ def desired_motion(
     else:
         motion = _with_frames(vehicle, scenario, limits, progress)
         _check_rates(vehicle, motion, fastest)
+    if not vehicle.layout.moves_freely:
+        _check_base(vehicle, scenario, motion)
     return vehicle.kinematics.reference(motion)
+
+
+def base_path(vehicle: Vehicle, scenario: Scenario) -> Path:
+    """The path of the base centre: that of the scenario, or where it is at coordinates of 0."""
+    if scenario.base is not None:
+        return scenario.base
+    x, y, z = vehicle.centre_offset(vehicle.neutral).tolist()
+    return Fixed((x, y, z))
+
+
+def _check_base(vehicle: Vehicle, scenario: Scenario, motion: Motion) -> None:
+    """Raise `UsageError` with the first time at which the base cannot be where it is to be."""
+    time, q = motion.time, motion.q
+    path = base_path(vehicle, scenario)
+    turning = scenario.attitude(path, time, vehicle.arm_angles())
+    centre = vehicle.positions(q)[:, vehicle.points.index(vehicle.centre)]
+    turn = rotation_vector(vehicle.base_rotation(q).swapaxes(-1, -2) @ turning.rotation)
+    along, about = (["xyz"[axis] for axis in axes] for axes in vehicle.layout.own_axes)
+    for key, off, unit, can in (
+        (
+            "base.attitude",
+            turn,
+            "rad about",
+            f"turns about {listed(about)}" if about else "does not turn",
+        ),
+        (
+            "base.path",
+            path(time)[:, 0] - centre,
+            "m along",
+            f"moves along {listed(along)}" if along else "does not move",
+        ),
+    ):
+        beyond = np.abs(off) > _OFF
+        if np.any(beyond):
+            k, axis = np.argwhere(beyond)[0]
+            only = " only" if can.startswith(("turns", "moves")) else ""
+            raise UsageError(
+                f"{key}: at t = {time[k]:.6g} s it leads {off[k, axis]:.4g} {unit} {'xyz'[axis]} "
+                f"away from where the base of {vehicle.name} can be, which {can}{only}"
+            )
 
 
 def _with_posture(
@@ -73,7 +116,10 @@ def _with_posture(
     else:
         posture = _joint_values(vehicle, task.posture, "arm.posture")
     joints_at = partial(joint_motion, vehicle, posture, task.moves)
-    wanted, shown = (scenario.base, scenario.attitude), partial(progress, "desired motion")
+    wanted, shown = (
+        (base_path(vehicle, scenario), scenario.attitude),
+        partial(progress, "desired motion"),
+    )
     # What the base does then depends on the joints.
     _check_rates(vehicle, joints_at(time), fastest)
     if thrust_axis(vehicle, joints_at(time[:1]).q) is not None:
@@ -111,7 +157,7 @@ def _with_frames(
             vehicle,
             time,
             joints_at,
-            scenario.base,
+            base_path(vehicle, scenario),
             scenario.attitude,
             led_frames(vehicle, task.paths, limits, posture if vehicle.rotors_move else guess),
             partial(progress, "desired motion"),
@@ -125,7 +171,8 @@ def _with_frames(
     def base_at(knots: Array) -> Motion:
         # Progress is shown for the first time only: what follows is the arm's.
         shown = partial(progress, "desired motion") if knots is time else lambda share: None
-        return desired_base(vehicle, knots, scenario.base, scenario.attitude, shown)
+        path = base_path(vehicle, scenario)
+        return desired_base(vehicle, knots, path, scenario.attitude, shown)
 
     return desired_with_tip(
         vehicle,
@@ -261,6 +308,8 @@ def _check_limits(
 # Factor between durations that are tried, how many of them, and halvings of the last interval.
 _RATIO, _MOST, _HALVINGS = 1.5, 12, 6
 
+# How far a base may be from where it is to be, m or rad, by rounding.
+_OFF = 1e-9
 _NOTHING = "nothing moves, so that there is nothing to time"
 
 

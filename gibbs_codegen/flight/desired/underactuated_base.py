@@ -330,9 +330,7 @@ class UnderactuatedBase:
         self.upright = np.stack(product_derivatives(times, self._wanted, normal))
         # Across the thrust axis of the scenario's attitude, world axes.
         self._sides = np.stack(plane(axis), axis=-2) @ transposed(turn)
-        self.mass = float(
-            vehicle.mass_matrix(vehicle.neutral)[(vehicle.layout.v.position.start,) * 2]
-        )
+        self.mass = float(vehicle.mass)
         self.gravity = -float(vehicle.gravity)
 
     def motion(self, *unknowns: Array) -> Motion:

@@ -105,11 +105,11 @@ class Envelope:
 
     def _singular(self, states: Array) -> Flags:
         """True if states (…, size) have come to the singularity of attitude angles."""
-        layout = self.loop.vehicle.layout
-        if layout.is_quaternion:
+        middle = self.loop.vehicle.layout.middle_angle
+        if middle is None:
             return np.zeros(states.shape[:-1], dtype=bool)
         # The angle is not wrapped, so this also finds a step across the singularity.
-        return np.abs(states[..., layout.middle_angle]) > LARGEST_THETA_0
+        return np.abs(states[..., middle]) > LARGEST_THETA_0
 
     def reason(self, time: float, state: Array) -> str:
         """Why a flight cannot go on from a state, with the time and a remedy; "" if it can."""
@@ -124,12 +124,13 @@ class Envelope:
                 if self._start is None or time > self._start[0]:
                     advice = self._advice(self.loop.saturated(time, state))
                 return f"{lost}{self._in_words(worst, excess[worst])}; {advice}"
-        if self._singular(state):
-            vehicle = self.loop.vehicle
-            theta_0 = state[vehicle.layout.middle_angle]
+        vehicle = self.loop.vehicle
+        middle = vehicle.layout.middle_angle
+        if middle is not None and self._singular(state):
+            name, sequence = vehicle.coordinates[middle], vehicle.layout.angle_axes
             return (
                 f"at t = {time:.6g} s the attitude reaches the singularity of the sequence "
-                f"{vehicle.attitude} (theta_0 = {np.degrees(theta_0):.4g}°)"
+                f"{sequence} ({name} = {np.degrees(state[middle]):.4g}°)"
             )
         return ""
 

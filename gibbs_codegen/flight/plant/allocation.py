@@ -28,8 +28,6 @@ _PREFERENCE = 1e-5
 # Iterations of bounded least squares at most, for each rotor. SciPy ends after one for each by
 # default, which may be before the nearest wrench: each takes a thrust to a limit or off it.
 _ITERATIONS = 100
-# Of the wrenches that such rotors command: the force along the axis, and three moments.
-_DIRECTIONS = 4
 # Why such a base cannot fly without thrust.
 LEANS_BY_THRUST = "without thrust nothing tells how the base must lean"
 
@@ -48,17 +46,25 @@ class Allocation:
     Where these exceed the limits, thrusts are taken whose wrench is nearest to the desired one: of
     least |Δforce|² + |Δtorque / lever|², with the mean lever arm of the thrusts, m. `wrenches` (6,
     N) are those of unit thrusts, as `Vehicle.thrust_wrenches` has them; `limits`, N, are (2, N) or
-    one pair for all.
+    one pair for all. `asked` (6, n) are a basis of the wrenches that a motion may ask for; any if
+    None.
     """
 
     # Whether a wrench that no thrusts produce is refused.
     refuses = True
 
-    def __init__(self, wrenches: Array, limits: Array | tuple[float, float] | None = None) -> None:
+    def __init__(
+        self,
+        wrenches: Array,
+        limits: Array | tuple[float, float] | None = None,
+        asked: Array | None = None,
+    ) -> None:
         self.wrenches = wrenches
         self.limits = limits
-        left, rank = np.linalg.svd(wrenches)[0], int(ranks(wrenches))
-        self.missing = directions(left[:, rank:])
+        of_thrusts = wrenches if asked is None else asked.T @ wrenches
+        left, rank = np.linalg.svd(of_thrusts)[0], int(ranks(of_thrusts))
+        lacking = left[:, rank:]
+        self.missing = directions(lacking if asked is None else asked @ lacking)
         self.inverse = np.asarray(np.linalg.pinv(wrenches, rcond=RANK), dtype=np.float64)
         # Torque is divided by the mean lever arm, so that it compares with force.
         force, torque = (float(np.linalg.norm(part)) for part in (wrenches[:3], wrenches[3:]))
@@ -171,7 +177,7 @@ class MovingAllocation(Allocation):
     """
 
     def __init__(self, vehicle: Vehicle, limits: Array | tuple[float, float] | None = None) -> None:
-        super().__init__(vehicle.thrust_wrenches(), limits)
+        super().__init__(vehicle.thrust_wrenches(), limits, asked_of(vehicle, vehicle.neutral))
         self.vehicle = vehicle
 
     @property
@@ -199,7 +205,8 @@ class MovingAllocation(Allocation):
         matrices = self._at(q)[0]
         for index in np.argwhere(self.residual_at(q, wrenches) > 0.0):
             place = tuple(index)
-            Allocation(matrices[place])._check_produced(wrenches[place])
+            asked = asked_of(self.vehicle, q[place])
+            Allocation(matrices[place], asked=asked)._check_produced(wrenches[place])
 
     def _at(self, q: Array) -> tuple[Array, Array]:
         """The same, which differ from one configuration to the next."""
@@ -232,21 +239,48 @@ def allocation_of(
 
     `limits`, N, are (2, N) or one pair for all.
     """
-    if not vehicle.rotors_move:
-        return Allocation(vehicle.thrust_wrenches(), limits)
+    if not vehicle.wrenches_vary:
+        return Allocation(vehicle.thrust_wrenches(), limits, asked_of(vehicle, vehicle.neutral))
     return MovingAllocation(vehicle, limits)
 
 
+def asked_of(vehicle: RobotData, q: Array) -> Array | None:
+    """An orthonormal basis (6, n) of the wrenches that motions of a base at `q` (nq) ask for.
+
+    They are as many as the base has velocities; None of a base that moves freely.
+    """
+    base, (along, about) = vehicle.layout.v.base, vehicle.layout.own_axes
+    if vehicle.layout.moves_freely:
+        return None
+    if vehicle.layout.carries_wrenches or not isinstance(vehicle, Vehicle):
+        return np.eye(6)[:, [*along, *(3 + axis for axis in about)]]
+    wrenches = vehicle.base_wrench(np.tile(q, (len(base), 1)), np.eye(vehicle.layout.v.size)[base])
+    return np.linalg.qr(wrenches.T)[0]
+
+
+def commands_all(vehicle: RobotData, q: Array) -> bool:
+    """True if rotors command at configurations (…, nq) all that moves of the base."""
+    return bool(np.all(ranks(vehicle.thrust_wrenches(q)) == len(vehicle.layout.v.base)))
+
+
 def thrust_axis(vehicle: RobotData, q: Array) -> Array | None:
-    """The axis along which rotors push, if they command a force along it and three moments.
+    """The axis along which rotors push, if they command a force along it and turn it all around.
 
     Unit vectors (…, 3) in the base's frame, along what equal thrusts of all rotors make; None if at
-    some configuration (…, nq) the rotors command other wrenches.
+    some configuration (…, nq) the rotors command other wrenches, or the base has no other
+    directions.
     """
-    wrenches = vehicle.thrust_wrenches(q)
-    if np.any(ranks(wrenches) != _DIRECTIONS) or np.any(ranks(wrenches[..., :3, :]) != 1):
+    wrenches, (along, about) = vehicle.thrust_wrenches(q), vehicle.layout.own_axes
+    if commands_all(vehicle, q) or np.any(ranks(wrenches) != 1 + len(about)):
         return None
-    return force_axis(wrenches)
+    if np.any(ranks(wrenches[..., :3, :]) != 1):
+        return None
+    axis = force_axis(wrenches)
+    ways = np.stack([axis, *(np.cross(np.eye(3)[k], axis) for k in about)], axis=-1)
+    reached = np.concatenate(
+        [ways, np.broadcast_to(np.eye(3)[along].T, (*ways.shape[:-1], len(along)))], -1
+    )
+    return axis if np.all(ranks(ways) == ranks(reached)) else None
 
 
 def force_axis(wrenches: Array) -> Array:

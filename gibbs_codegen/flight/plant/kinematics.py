@@ -1,4 +1,4 @@
-"""Coordinates, errors and rates of a base with attitude angles, and of one with a quaternion.
+"""Coordinates, errors and rates of a base with attitude angles or a quaternion, or with less.
 
 Everything else of a flight works on coordinates q (nq) and velocities v, a (nv) by the places
 of the layout. Tracking errors have an entry per velocity: of the attitude and the position of the
@@ -20,7 +20,7 @@ import numpy as np
 
 from gibbs_codegen.arrays import Node, Program, external, variable
 from gibbs_codegen.arrays.evaluation import Evaluator
-from gibbs_codegen.arrays.nodes import Space, coordinates_of, cross, entries_of, zeros
+from gibbs_codegen.arrays.nodes import Space, coordinates_of, entries_of, zeros
 from gibbs_codegen.flight.attitude import (
     Turning,
     attitude_angles,
@@ -31,7 +31,7 @@ from gibbs_codegen.flight.attitude import (
 )
 from gibbs_codegen.flight.reference import Motion, Reference
 from gibbs_codegen.flight.vectors import Array, times, transposed
-from gibbs_codegen.machine.base import Base, base_of, placed, quaternion_motion, unit_entries
+from gibbs_codegen.machine.base import Base, base_of, placed, pose_motion, unit_entries
 from gibbs_codegen.machine.base import Motion as DesiredNodes
 from gibbs_codegen.robot.layout import Layout
 
@@ -59,16 +59,20 @@ def quaternions_of(rotation: Array) -> Array:
 
 
 class Kinematics:
-    """A base with Tait–Bryan angles, whose v holds the rates of q, or one with a quaternion.
+    """A base with Tait–Bryan angles, or less of these, or one with a quaternion.
 
     `error_names` has a name for each entry of v. Errors are differences of coordinates but with a
     quaternion: then those of the position are in world axes, and those of the attitude are the
     rotation vector from the actual to the desired attitude in the base's frame, and the difference
-    of angular velocities there.
+    of angular velocities there. The frame of a base that does not move freely is here the one that
+    turns with it and lies along the axes of the world before anything has moved.
     """
 
     def __init__(self, layout: Layout) -> None:
-        self.layout, self.sequence = layout, layout.attitude
+        self.layout, (self._along, self._about) = layout, layout.own_axes
+        # Angles that there are not are 0, after those that there are.
+        turns = layout.angle_axes
+        self._sequence = turns + "".join(axis for axis in "xyz" if axis not in turns)
         names = [*layout.q.names] if not layout.is_quaternion else [*layout.v.names]
         if layout.is_quaternion:
             names[layout.v.position] = layout.q.names[layout.q.position]
@@ -112,8 +116,15 @@ class Kinematics:
         """R (…, 3, 3), from the base's frame to the world, at q (…, nq) of unit length."""
         attitude = q[..., self.layout.q.attitude]
         if not self.layout.is_quaternion:
-            return rotation_matrix(self.sequence, attitude)
+            still = [(0, 0)] * (attitude.ndim - 1) + [(0, 3 - attitude.shape[-1])]
+            return rotation_matrix(self._sequence, np.pad(attitude, still))
         return rotation_of(attitude)
+
+    def spread(self, position: Array) -> Array:
+        """Entries (…, 3) along three axes, of those (…, p) along which the base moves."""
+        entries = np.zeros((*position.shape[:-1], 3))
+        entries[..., self._along] = position
+        return entries
 
     def normalised(self, q: Array) -> Array:
         """Coordinates (…, nq) of which modules may be asked: with quaternions of unit length."""
@@ -146,7 +157,7 @@ class Kinematics:
         return attitude, *self.attitude_rates(c, turning.velocity, turning.acceleration)
 
     def attitude_rates(self, q: Array, spin: Array, growth: Array) -> tuple[Array, Array]:
-        """Entries (…, 3) of the attitude in v and a, by the angular velocity and acceleration.
+        """Entries of the attitude in v and a, by the angular velocity and acceleration.
 
         These (…, 3) are in world axes.
         """
@@ -162,7 +173,8 @@ class Kinematics:
     def _entries(self, rotation: Array) -> Array:
         """Entries (s, …) of the attitude in q, without jumps, of rotations (s, 3, 3)."""
         if not self.layout.is_quaternion:
-            return np.unwrap(attitude_angles(self.sequence, rotation), axis=0)
+            angles = attitude_angles(self._sequence, rotation)[..., : len(self._about)]
+            return np.unwrap(angles, axis=0)
         return quaternions_of(rotation)
 
     def continued(self, last: Array, attitude: Array) -> Array:
@@ -175,13 +187,13 @@ class Kinematics:
         return attitude + 2.0 * np.pi * np.round((last - attitude[0]) / (2.0 * np.pi))
 
     def moved(self, turning: Turning, velocity: Array, acceleration: Array) -> tuple[Array, Array]:
-        """Entries (…, 3) of the position in v and a, by its rates (…, 3) in world axes."""
-        if not self.layout.is_quaternion:
-            return velocity, acceleration
-        inverse = transposed(turning.rotation)
-        linear = times(inverse, velocity)
-        carried = np.cross(times(inverse, turning.velocity), linear)
-        return linear, times(inverse, acceleration) - carried
+        """Entries of the position in v and a, by its rates (…, 3) in world axes."""
+        if self.layout.turns_with_base:
+            inverse = transposed(turning.rotation)
+            velocity = times(inverse, velocity)
+            carried = np.cross(times(inverse, turning.velocity), velocity)
+            acceleration = times(inverse, acceleration) - carried
+        return velocity[..., self._along], acceleration[..., self._along]
 
     def base_motion(self, q: Array, v: Array, a: Array) -> tuple[Array, Array, Array, Array]:
         """The motion of the base by q (…, nq), v and a (…, nv).
@@ -191,13 +203,7 @@ class Kinematics:
         """
 
         def outputs(base: Base, c: Node, v: Node, a: Node) -> Sequence[Node]:
-            place = self.layout.v.position
-            linear, carried = v[place], a[place]
-            spin, growth = base.angular(v, a)
-            if self.layout.is_quaternion:
-                carried = base.to_world(carried + cross(spin, linear))
-                linear = base.to_world(linear)
-            return linear, carried, spin, growth
+            return *base.linear(v, a), *base.angular(v, a)
 
         return self._found("moving", outputs, q, v=v, a=a)
 
@@ -206,26 +212,28 @@ class Kinematics:
 
         `turn` (3, 3) leads from its frame before to that after.
         """
-        after = v.copy()
-        for part in (self.layout.v.position, self.layout.v.attitude):
-            after[part] = turn @ v[part] if self.layout.is_quaternion else v[part]
+        after, places = v.copy(), self.layout.v
+        if self.layout.turns_with_base:
+            pairs = (places.position, self._along), (places.attitude, self._about)
+            for part, axes in pairs:
+                after[part] = turn[np.ix_(axes, axes)] @ v[part]
         return after
 
     def motion(self, c: Array, rates: Array, growth: Array) -> tuple[Array, Array, Array]:
-        """q, v and a of entries c (…, nq) with a quaternion of any length, and their rates."""
+        """q, v and a of entries c (…, nq), a quaternion of any length, and their rates."""
 
         def outputs(base: Base, *nodes: Node) -> Sequence[Node]:
-            return quaternion_motion(self, *nodes)
+            return pose_motion(self, *nodes)
 
         return self._found("motion", outputs, c, rates=rates, growth=growth)
 
     def reference(self, motion: Motion) -> Reference:
-        """Quintics of all coordinates, as `PoseReference` has those with a quaternion."""
-        return PoseReference(motion, self) if self.layout.is_quaternion else Reference(motion)
+        """Quintics of all coordinates, whose rates are v, or as `PoseReference` has them."""
+        return Reference(motion) if self.space.is_flat else PoseReference(motion, self)
 
 
 class PoseReference(Reference):
-    """A desired motion whose quintics are those of the coordinates, quaternion and all.
+    """A desired motion whose quintics are those of coordinates of which v does not hold the rates.
 
     Between knots the quaternion is as good as of unit length, and is made so; velocities and
     accelerations are the exact rates of what that gives.
@@ -237,14 +245,16 @@ class PoseReference(Reference):
         # Rates of the rates: both turn with the base.
         turning, carried = np.zeros((2, *motion.v.shape))
         turning[:, places.attitude] = motion.v[:, places.attitude]
-        carried[:, places.position] = np.cross(
-            motion.v[:, places.attitude], motion.v[:, places.position]
-        )
+        spin = np.zeros((len(motion.time), 3))
+        spin[:, kinematics.layout.own_axes[1]] = motion.v[:, places.attitude]
+        swept = np.cross(spin, kinematics.spread(motion.v[:, places.position]))
+        carried[:, places.position] = swept[:, kinematics.layout.own_axes[0]]
         growth = kinematics.rates(motion.q, motion.a + carried)
-        attitude = kinematics.layout.q.attitude
-        spun = np.array(motion.q)
-        spun[:, attitude] = rates[:, attitude]
-        growth[:, attitude] += kinematics.rates(spun, turning)[:, attitude]
+        if kinematics.space.has_quaternion:
+            attitude = kinematics.layout.q.attitude
+            spun = np.array(motion.q)
+            spun[:, attitude] = rates[:, attitude]
+            growth[:, attitude] += kinematics.rates(spun, turning)[:, attitude]
         super().__init__(Motion(motion.time, motion.q, rates, growth))
 
     def __call__(self, time: float | Array) -> tuple[Array, Array, Array]:

@@ -24,7 +24,6 @@ from gibbs_codegen.interface.actuators import trivial
 from gibbs_codegen.machine.base import base_of
 from gibbs_codegen.robot.layout import Layout
 from gibbs_codegen.runtime.load import BACKENDS
-from gibbs_codegen.runtime.loaded_module import gravity_of
 
 # Angles, rad, that count as the same.
 _SAME_ANGLE = 1e-9
@@ -33,8 +32,8 @@ _SAME_ANGLE = 1e-9
 class RobotData:
     """Constants of a module about its robot, which a robot file alone has too.
 
-    `wrenches` (6, N) are those of unit thrusts, as of `Vehicle.thrust_wrenches`, where no joint
-    moves a rotor.
+    `wrenches` (6, N) are those of unit thrusts, as of `Vehicle.thrust_wrenches` but for what does
+    not move of the base, where no joint moves a rotor.
     """
 
     def __init__(self, module: ModuleType, wrenches: Array | None = None) -> None:
@@ -64,6 +63,10 @@ class RobotData:
         self.has_tip = "tip" in self.points
         self.joints = len(self.joint_names)
         self.rotors = len(self.inputs) - self.joints
+        along, about = self.layout.own_axes
+        if self._wrenches is not None:
+            still = np.delete(np.arange(6), [*along, *(3 + axis for axis in about)])
+            self._wrenches[still] = 0.0
 
     @property
     def input_units(self) -> tuple[str, ...]:
@@ -82,6 +85,8 @@ class RobotData:
 
     def thrust_wrenches(self, q: Array | None = None) -> Array:
         """Wrenches (…, 6, N) of unit thrusts: force, torque about the base centre, its frame."""
+        if not self.rotors:
+            return np.zeros((*(() if q is None else q.shape[:-1]), 6, 0))
         if self._wrenches is None:
             raise UsageError(
                 f"{self.name}: joints move its rotors, whose wrenches are not constant"
@@ -122,6 +127,11 @@ class RobotData:
         centre = self.points.index(self.centre)
         return bool(np.any(self.carriers[centre + 1 : centre + 1 + self.rotors] != centre))
 
+    @property
+    def wrenches_vary(self) -> bool:
+        """True if what thrusts do to what moves of the base differs from place to place."""
+        return self.rotors > 0 and (self.rotors_move or not self.layout.carries_wrenches)
+
 
 class Vehicle(RobotData):
     """A generated module with the constants of some parameters, and its functions by their names.
@@ -139,6 +149,7 @@ class Vehicle(RobotData):
         key: str = "parameters",
     ) -> None:
         _check(module)
+        self.parameters = {**module.PARAMETERS, **(parameters or {})}
         try:
             self.constants: Any = module.prepare(dict(parameters)) if parameters else None
         except (ValueError, TypeError) as error:
@@ -173,7 +184,10 @@ class Vehicle(RobotData):
         return of_tip
 
     def base_rotation(self, q: ArrayLike) -> Array:
-        """R (…, 3, 3), from the base's frame, arm 1's if there are arms, to the world."""
+        """R (…, 3, 3), from the base's frame, arm 1's if there are arms, to the world.
+
+        The frame of a base that does not move freely is as of `Kinematics`.
+        """
         return self.kinematics.rotation(np.asarray(q))
 
     def centre_offset(self, q: ArrayLike) -> Array:
@@ -215,6 +229,8 @@ class Vehicle(RobotData):
         Attitude and position make no difference, nor do the joints unless rotors move with them;
         zero if None.
         """
+        if not self.rotors:
+            return super().thrust_wrenches(q)
         q = self.neutral if q is None else q
         # The rotors come first, since constants may differ along the axes of the states.
         columns = np.moveaxis(self.input_matrix(q)[..., : self.rotors], -1, 0)
@@ -230,15 +246,31 @@ class Vehicle(RobotData):
 
     @property
     def weight(self) -> float:
-        """Weight, N: what the potential energy grows by for each metre of height."""
-        lifted = self.neutral
-        lifted[self.layout.q.position][2] += 1.0
-        return float(self.potential_energy(lifted) - self.potential_energy(self.neutral))
+        """Weight, N."""
+        return -float(self.mass * self.gravity)
+
+    @property
+    def mass(self) -> Array:
+        """Mass (…) of the robot, kg; NaN where neither motions of the base nor gravity tell it."""
+        place, (along, _) = self.layout.v.position.start, self.layout.own_axes
+        if along:
+            return self.mass_matrix(self.neutral)[..., place, place]
+        # In no posture that is symmetric: gravity lifts the centre of mass by its own slope.
+        q = self.neutral + 0.3 + 0.1 * np.arange(self.layout.q.size)
+        lift = self.centre_of_mass_jacobian(q)[..., 2, :]
+        square = self.gravity * np.sum(lift**2, axis=-1)
+        work = np.sum(self.gravity_forces(q) * lift, axis=-1)
+        return np.divide(work, square, out=np.full_like(work, np.nan), where=square != 0.0)
 
     @property
     def gravity(self) -> Array:
         """The acceleration of gravity along z (…), m/s², world axes; negative where things fall."""
-        return gravity_of(self.module, self.layout, self.constants)
+        along, upwards = self.layout.own_axes[0], self.layout.v.position.start
+        if 2 not in along:
+            return -np.asarray(self.parameters.get("gravity", 0.0), dtype=np.float64)
+        upwards += along.index(2)
+        pull = self.gravity_forces(self.neutral)[..., upwards]
+        return pull / self.mass_matrix(self.neutral)[..., upwards, upwards]
 
 
 @lru_cache(maxsize=64)

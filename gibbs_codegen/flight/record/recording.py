@@ -81,7 +81,7 @@ class Recording:
                 *self._parts[:2], self._motion["a"], self._inputs[1]
             ),
             "frame_wrenches": lambda: self._motion["wrenches"],
-            "centre_desired": lambda: scenario.base(time)[:, 0],
+            "centre_desired": lambda: self._centre_desired,
             "tip_desired": lambda: self._tip_desired,
             "heading_error": self._heading_error,
             "work": lambda: self._parts.work,
@@ -205,6 +205,14 @@ class Recording:
             return tip(self._time)[:, 0]
         return model.positions(self._reference[0])[:, model.points.index("tip")]
 
+    @property
+    def _centre_desired(self) -> Array:
+        """Desired base centre (s, 3), m, world axes: on its path, or where it stays."""
+        if self.scenario.base is None:
+            model = self.loop.controller.vehicle
+            return model.positions(self._reference[0])[:, model.points.index(model.centre)]
+        return self.scenario.base(self._time)[:, 0]
+
     def _walls(self) -> Array:
         """Figures (w, k) of the walls, zeros after those of shapes that have fewer."""
         figures = [wall.figures for wall in self.scenario.walls]
@@ -306,7 +314,7 @@ def _thrust_directions(vehicle: Vehicle, q: Array) -> Array:
 
     (N, 3), or (s, N, 3) where joints move rotors.
     """
-    wrenches = vehicle.thrust_wrenches(q if vehicle.rotors_move else None)
+    wrenches = vehicle.thrust_wrenches(q if vehicle.wrenches_vary else None)
     forces = np.swapaxes(wrenches[..., :3, :], -1, -2)
     return forces / np.linalg.norm(forces, axis=-1, keepdims=True)
 

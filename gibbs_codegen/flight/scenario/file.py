@@ -191,10 +191,10 @@ class ArmTable(Table):
                 if not low <= value <= high:
                     yield place, f"must be within its limits, {low:g} to {high:g}, not {value:g}"
 
-    def task(self, base: Path) -> ArmTask:
+    def task(self, base: Path | None) -> ArmTask:
         """The task that the table describes, its angles in rad; `base` is the base's path."""
         tip = self.tip
-        if self.tip_beside_base:
+        if base and self.tip_beside_base:
             tip = Sum((base, self.tip_beside_base))
         tables = [f"{key}{end}" for key in _BOTH_UNITS for end in ("", "_deg")]
         named = [(joint, table) for table in tables for joint in getattr(self, table) or {}]
@@ -232,8 +232,13 @@ def _in_radians(angles: Any) -> Any:
 class BaseTable(Table):
     """The task of the base."""
 
-    path: Annotated[AnyPath, key("desired path of the base centre")]
-    attitude: AnyAttitude = optional("desired attitude; default: level", Level())
+    path: AnyPath | None = optional(
+        "desired path of the base centre in the world; default: it stays where coordinates are 0"
+    )
+    attitude: AnyAttitude = optional(
+        "desired attitude, of a base that does not move freely from its pose on; default: level",
+        Level(),
+    )
 
 
 def _line_of_text(least: int) -> AfterValidator:
@@ -257,7 +262,7 @@ class ScenarioTable(Table):
     duration: Annotated[
         Number, Bounds(_MIN_DURATION, parts.MAX_DURATION, " s"), key("the time to fly, in s")
     ]
-    base: Annotated[BaseTable, key("the base's desired path and attitude, [base]")]
+    base: BaseTable = optional("the base's desired path and attitude, [base]", BaseTable())
     arm: ArmTable = optional("what the arm does; default: it hangs at rest", ArmTable())
     start: parts.StartOffset = optional(
         "deviation from the desired motion at the start", parts.StartOffset()
@@ -310,6 +315,11 @@ class ScenarioTable(Table):
     def _faults(self) -> Iterator[tuple[Place, str]]:
         """Faults of what begins after the end, and of more samples or steps than may be."""
         duration, settings = self.duration, self.integration
+        if self.arm.tip_beside_base and not self.base.path:
+            words = (
+                "is from the path of the base: give base.path, or the path in the world, arm.tip"
+            )
+            yield ("arm", "tip_beside_base"), words
         beginning: list[tuple[Place, Sequence[parts.Move | parts.Hold]]] = [(("hold",), self.hold)]
         for name in ("moves", "moves_deg"):
             moves = getattr(self.arm, name).items()

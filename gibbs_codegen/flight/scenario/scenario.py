@@ -91,6 +91,8 @@ class ArmTask(Table):
 class Scenario(Table):
     """A flight of `duration` s with the base centre on a path; SI units, rad, world axes.
 
+    Without a path the base stays where it begins.
+
     Like its parts it raises `UsageError` for values that mean nothing.
 
     `parameters` are given to the module's `prepare`: the robot as the controller knows it. `plant`
@@ -99,7 +101,7 @@ class Scenario(Table):
 
     name: str
     duration: Positive
-    base: AnyPath
+    base: AnyPath | None = None
     attitude: AnyAttitude = Level()
     arm: ArmTask = ArmTask()
     start: parts.StartOffset = parts.StartOffset()
@@ -177,7 +179,7 @@ def on_clock(scenario: Scenario, duration: float, scaling: TimeScaling) -> Scena
     """
     tip = scenario.arm.tip and ScaledPath(scenario.arm.tip, scaling)
     frames = {name: ScaledPath(path, scaling) for name, path in scenario.arm.frames.items()}
-    base = ScaledPath(scenario.base, scaling)
+    base = scenario.base and ScaledPath(scenario.base, scaling)
     arm = replace(scenario.arm, tip=tip, frames=frames)
     return replace(scenario, duration=duration, base=base, arm=arm)
 

@@ -13,6 +13,8 @@ from pathlib import Path
 from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from gibbs_codegen.errors import ScenarioFileError, UsageError, cause_of, printable
 from gibbs_codegen.files.shipped import text_of
 from gibbs_codegen.files.table import Table, default_at, read_table
@@ -207,7 +209,9 @@ def robot_data(robot: StrPath, read: Callable[[str], tuple[Robot, str]] | None =
     module, described = ModuleType(source.name), Description(source)
     vars(module).update(NAME=source.name, ATTITUDE=source.base.kind)
     vars(module).update(**described.lists(), **described.constants)
-    return RobotData(module, None if carried_rotors(source) else wrench_matrix(source))
+    if carried_rotors(source):
+        return RobotData(module)
+    return RobotData(module, np.kron(np.eye(2), source.base.pose.matrix) @ wrench_matrix(source))
 
 
 def robot_source(
