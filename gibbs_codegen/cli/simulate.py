@@ -61,7 +61,9 @@ def run(options: argparse.Namespace) -> int:
         flight = simulate(robot, scenario, progress=progress)
         compiled = seconds_waited(start)
         flown = time.perf_counter() - start - compiled
-        written = options.out, True, options.animate or "", progress, options.format, workers
+        draws = flight.layout.moves_freely  # Figures of other bases are still to come.
+        animation = options.animate if draws and options.animate else ""
+        written = options.out, draws, animation, progress, options.format, workers
         write_results(flight, *written)
     print(
         f"{printable(options.out)}: {flight.robot} flew {flight.scenario!r} for "

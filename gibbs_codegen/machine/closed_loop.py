@@ -53,6 +53,7 @@ from gibbs_codegen.machine.laws import (
     Rotors,
     inputs_of,
     learning,
+    memory_size,
     push_shares,
     turns_servos,
     weight_of,
@@ -135,8 +136,12 @@ class LoopStructure:
     @cached_property
     def layout(self) -> StateLayout:
         """The layout of the state."""
-        memory = self.plant.space.velocities if self.integral else 0
-        return self.machine.layout(work=1, memory=memory)
+        return self.machine.layout(work=1, memory=self.memory if self.integral else 0)
+
+    @property
+    def memory(self) -> int:
+        """Numbers that the law remembers, if it remembers any."""
+        return memory_size(self.plant.layout, self.law)
 
     @property
     def size(self) -> int:
@@ -313,7 +318,7 @@ class LoopStructure:
         what the frame that it moves feels. `wrench` (6) is what it asks of the rotors.
         """
         time, (q, v) = variable("time", uniform=True), self.model.state()
-        memory = variable("memory", v.size)
+        memory = variable("memory", self.memory)
         at = self._instant(time, self._curves_at(time), self._felt)
         wanted, refused = self.commanded(at, q, v, memory)
         outputs = {"wanted": wanted, "refused": refused}
@@ -329,13 +334,13 @@ class LoopStructure:
         """What is commanded by the law when it is sampled: `commands` (nu), and `refused`.
 
         Of the time that it is told, and of a state x that has nothing of what it remembers, which
-        is `memory` (nv) and then `learnt` (nv), where errors act for as long as it `learns`, s.
+        is `memory` (m) and then `learnt` (m), where errors act for as long as it `learns`, s.
         Sensors are off by `errors`: displacements (nv), velocities (nv), the wrench on the frame.
         """
         time, n = variable("time", uniform=True), self.plant.space.velocities
         layout = self.machine.layout(work=1)
         x, learns = variable("x", layout.size), variable("learns")
-        errors, memory = variable("errors", 2 * n + 6), variable("memory", n)
+        errors, memory = variable("errors", 2 * n + 6), variable("memory", self.memory)
         state = self.machine.parts(x, layout)
         base, places, felt = base_of(self.model, state.q), self.model.layout.v, None
 
@@ -514,7 +519,7 @@ class LoopStructure:
         """The law as a program of its own, since lag compensation calls it twice."""
         time, (q, v) = variable("time", uniform=True), self.model.state()
         curves = variable("curves", self.curves.outputs["curves"].size, uniform=True)
-        memory = variable("memory", v.size)
+        memory = variable("memory", self.memory)
         at = self._instant(time, curves, self._felt)
         outputs = self._law(at, q, v, memory)
         return self._program("law", (time, curves, q, v, *self._knowledge(at, memory)), outputs)

@@ -51,6 +51,7 @@ from gibbs_codegen.arrays.nodes import (
 )
 from gibbs_codegen.machine.allocation import nearest_thrusts, smallest_thrusts
 from gibbs_codegen.machine.base import Motion, base_of, length, placed
+from gibbs_codegen.robot.layout import Layout
 
 # Greatest force that corrects errors, as a share of the desired one: the sum never turns round.
 _AUTHORITY = 0.8
@@ -183,10 +184,10 @@ class FrameAim:
 class Aim:
     """The aim of a law, and its gains.
 
-    `memory` (nv) are the integrals of the errors, if the law remembers them: where the base leans,
-    of joints and of the centre of mass, in the places of the position. `path` and `weight` are
-    there where the base leans, `frame` where the law moves a frame; `learning` says in which
-    places it remembers that.
+    `memory` (nv or more) are the integrals of the errors, if the law remembers them: where the base
+    leans, of joints and of the centre of mass, in the places of the position. `path` and `weight`
+    are there where the base leans, `frame` where the law moves a frame; `frame_memory` says in
+    which places it remembers that.
     """
 
     desired: Motion
@@ -198,12 +199,12 @@ class Aim:
 
     @property
     def remembered(self) -> Node:
-        """The integrals (nv), 0 without."""
+        """The integrals (nv or more), 0 without."""
         return zeros(self.gains.damping.size) if self.memory is None else self.memory
 
     @property
     def learnt(self) -> Node:
-        """The part of integral action in the errors (nv)."""
+        """The part of integral action in the errors (nv or more)."""
         if self.memory is None or self.gains.integral is None:
             return self.remembered
         return self.gains.integral * self.memory
@@ -262,13 +263,13 @@ def at_frame(robot: Functions, q: Node, v: Node, aim: Aim) -> Node:
     assert frame is not None  # noqa: S101 - the law moves a frame
     places, learnt = robot.layout.v, aim.learnt
     error, rate = base.errors(v, desired)
-    # What is remembered in the places of the position is of the frame.
+    # What is remembered in the places of the position may be of the frame.
     error = error + placed(robot, learnt[places.attitude], zeros(3), learnt[places.joints])
     a = base.corrected(v, desired, gains.stiffness * error + gains.damping * rate)
     jacobian = robot.frame_jacobians(q)[frame.number][:3]
     looseness = choose(gains.stiffness, 0.0, 1.0 / maximum(gains.stiffness, _LEAST), 0.0)
     moved = reshaped(looseness, (looseness.size, 1)) * jacobian.transposed
-    lacking = _wanted(robot, q, v, aim, places.position) - jacobian @ a
+    lacking = _wanted(robot, q, v, aim, frame_memory(robot.layout)) - jacobian @ a
     a = a + moved @ solve(jacobian @ moved, lacking)
     return robot.inverse_dynamics(q, v, a) - _felt(robot, q, frame)
 
@@ -345,7 +346,8 @@ def _reaching(robot: Functions, q: Node, v: Node, aim: Aim, a: Node, pushed: Nod
     held = base.to_world(base.wrench(zeros(3), robot.inverse_dynamics(q, v, rest))[:3])
     drift = (held - weight.weight) / weight.mass
     relative = robot.frame_jacobians(q)[frame.number][:3] - robot.centre_of_mass_jacobian(q)
-    lacking = _wanted(robot, q, v, aim, places.attitude) - (pushed - drift) - relative @ a
+    memory = frame_memory(robot.layout, leans=True)
+    lacking = _wanted(robot, q, v, aim, memory) - (pushed - drift) - relative @ a
     levers = relative.transposed[joints]
     stiffness = aim.gains.stiffness[joints]
     holding = choose(stiffness, 0.0, _POSTURE * stiffness, _HELD)
@@ -354,20 +356,40 @@ def _reaching(robot: Functions, q: Node, v: Node, aim: Aim, a: Node, pushed: Nod
     return a[joints] + solve(square, levers @ lacking)
 
 
+def frame_memory(layout: Layout, leans: bool = False) -> slice:
+    """Places among what a law remembers of what it does of the frame that it moves.
+
+    A base that moves freely needs the position no more, or where it `leans` the attitude; others
+    may not have these.
+    """
+    if layout.moves_freely:
+        return layout.v.attitude if leans else layout.v.position
+    return slice(layout.v.size, layout.v.size + 3)
+
+
+def memory_size(layout: Layout, law: str) -> int:
+    """How many numbers a law remembers, if it remembers any."""
+    moves_frame = law in LAWS and LAWS[law].moves_frame
+    return max(layout.v.size, frame_memory(layout).stop if moves_frame else 0)
+
+
 def learning(robot: Functions, q: Node, v: Node, aim: Aim) -> Node:
-    """Rates (nv) of what a law with integral action remembers: errors, of coordinates or others."""
-    path, frame = aim.path, aim.frame
+    """Rates of what a law with integral action remembers: errors, of coordinates or others."""
+    path, frame, places = aim.path, aim.frame, robot.layout.v
+    beside = not robot.layout.moves_freely
     if path is None:
         errors = base_of(robot, q).errors(v, aim.desired)[0]
         if frame is None:
             return errors
-        places = robot.layout.v
         of_frame = _frame_learning(robot, q, frame, aim)
-        return placed(robot, errors[places.attitude], of_frame, errors[places.joints])
+        others = errors[places.attitude], zeros(3) if beside else of_frame, errors[places.joints]
+        return join(placed(robot, *others), of_frame if beside else zeros(0))
     off = path.position - robot.centre_of_mass(q)
     if frame is not None:  # The joints go where the frame needs them.
-        none = zeros(robot.layout.v.joints.stop - robot.layout.v.joints.start)
-        return placed(robot, _frame_learning(robot, q, frame, aim), off, none)
+        none = zeros(places.joints.stop - places.joints.start)
+        of_frame = _frame_learning(robot, q, frame, aim)
+        others = zeros(3) if beside else of_frame, off, none
+        return join(placed(robot, *others), of_frame if beside else zeros(0))
     joints = (_entries(aim.desired.q) - _entries(q))[robot.layout.q.joints]
     return placed(robot, zeros(3), off, joints)
 

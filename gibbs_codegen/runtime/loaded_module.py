@@ -46,6 +46,21 @@ class LoadedModule(ModuleType):
         raise AttributeError(no_attribute(self.__name__, name, [*vars(self), *FUNCTIONS]))
 
 
+def gravity_of(module: Any, layout: Any, constants: Any) -> Any:
+    """The acceleration of gravity along z (…), m/s², world axes; negative where things fall.
+
+    Of a base that does not rise it is that by default, which its functions do not tell.
+    """
+    import numpy as np  # Late, since it takes long to import.
+
+    along, upwards = layout.own_axes[0], layout.v.position.start
+    if 2 not in along:
+        return np.array(-module.PARAMETERS.get("gravity", 0.0))
+    neutral, upwards = np.array(layout.neutral), upwards + along.index(2)
+    pull = module.gravity_forces(neutral, constants=constants)[..., upwards]
+    return pull / module.mass_matrix(neutral, constants=constants)[..., upwards, upwards]
+
+
 class GeneralFunction:
     """A compiled function for any arguments, taken as the function `like` does.
 

@@ -22,12 +22,11 @@ from support.derived import derived
 from support.emitted import emitted_module, module_with_derivatives
 from support.random_robots import random_tree
 
-from gibbs_codegen import UsageError, parse_robot, simulate
+from gibbs_codegen import UsageError, parse_robot
 from gibbs_codegen.exchange.exporting import export_robot
 from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.robot.parts.pose import Pose
 from gibbs_codegen.robot.posture import robot_frames
-from gibbs_codegen.runtime.loaded_module import gravity_of
 from gibbs_codegen.verification.comparison import Results
 from gibbs_codegen.verification.complex_steps import ComplexSteps
 from gibbs_codegen.verification.derivatives import compare_derivatives
@@ -359,14 +358,8 @@ def test_frames_of_drawings_are_those_of_the_module(motion: Any) -> None:
 
 def test_what_takes_free_bases_only_says_so() -> None:
     robot, _ = with_motion(SEEDS[0], "planar", TILTED)
-    for refused in (
-        lambda: export_robot(robot, "px4"),
-        lambda: simulate(emitted_module(robot), "hover"),
-    ):
-        with pytest.raises(UsageError, match=rf"{robot.name}: base.motion is 'planar'.*free"):
-            refused()
-    with pytest.raises(UsageError, match="payloads are for bases that move freely only"):
-        gravity_of(emitted_module(robot), None, None)
+    with pytest.raises(UsageError, match=rf"{robot.name}: base.motion is 'planar'.*free"):
+        export_robot(robot, "px4")
     robot, _ = with_motion(SEEDS[0], ("x", "pitch"), TILTED)
     with pytest.raises(UsageError, match=r"base.motion is \['x', 'pitch'\]; param"):
         export_robot(robot, "ardupilot")

@@ -25,7 +25,7 @@ from gibbs_codegen.flight.plant.allocation import (
 from gibbs_codegen.flight.plant.vehicle import Array, RobotData, Vehicle
 from gibbs_codegen.flight.reference import Reference
 from gibbs_codegen.flight.scenario.parts import PREDICTIVE, WORLD, Control, Impedance, Law
-from gibbs_codegen.machine.laws import LAWS, turns_servos
+from gibbs_codegen.machine.laws import LAWS, memory_size, turns_servos
 
 # Joints do not move a frame along a push by less than this share of how they move it.
 _NO_LEVER = 1e-3
@@ -126,7 +126,7 @@ def control_law(
     if leans and moved is not None:
         _check_levers(moved, control, vehicle, reference)
     if law in LAWS and (control.integral or LAWS[law].pushes):
-        gains, memory = replace(gains, integral=control.integral), places.size
+        gains, memory = replace(gains, integral=control.integral), memory_size(vehicle.layout, law)
     kind = LeaningController if leans else Controller
     controller = kind(vehicle, reference, allocation, gains, law, memory, moved)
     if isinstance(controller, LeaningController):
@@ -179,7 +179,8 @@ def _moved_frame(law: Law, control: Control, vehicle: Vehicle) -> MovedFrame | N
             f'{vehicle.name}: {hindrance}; set control.law to "tracking", or fly a robot whose '
             "base commands all directions"
         )
-    return MovedFrame(place, axes, impedance, force)
+    gains = Gains.of(control.frequency, control.damping_ratio, 3)
+    return MovedFrame(place, axes, impedance, gains, force)
 
 
 def _check_levers(

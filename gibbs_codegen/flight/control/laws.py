@@ -168,20 +168,18 @@ class Gains:
 class MovedFrame:
     """The frame that a law moves by its number, that whose axes a push has, None of the world.
 
-    `impedance` and `force` are of the scenario.
+    `impedance` and `force` are of the scenario; `gains` (3) are those of errors of positions.
     """
 
     place: int
     axes: int | None
     impedance: Impedance
+    gains: Gains
     force: Force | None = None
 
-    def values(self, mass: float, gains: Array) -> dict[str, Any]:
-        """Values of what its program is given, of a machine's mass, kg.
-
-        `gains` (2, 3) are stiffness and damping of errors of the position.
-        """
-        frame, (stiffness, damping) = self.impedance, gains
+    def values(self, mass: float) -> dict[str, Any]:
+        """Values of what its program is given, of a machine's mass, kg."""
+        frame, stiffness, damping = self.impedance, self.gains.stiffness, self.gains.damping
         inertia = np.full(3, mass) if frame.inertia is None else np.array(frame.inertia)
         stiff = inertia * stiffness if frame.stiffness is None else np.array(frame.stiffness)
         damped = damping * np.sqrt(inertia * stiff / stiffness)
@@ -220,9 +218,8 @@ class Controller:
     @cached_property
     def values(self) -> dict[str, Any]:
         """Values of the inputs of its program, by name."""
-        gains, place = self.gains, self.vehicle.layout.v.position
-        position = np.stack([gains.stiffness[place], gains.damping[place]])
-        of_frame = self.moved.values(float(self.vehicle.mass), position) if self.moved else {}
+        gains = self.gains
+        of_frame = self.moved.values(float(self.vehicle.mass)) if self.moved else {}
         return _of_rotors(self.vehicle, self.allocation) | {
             "stiffness": gains.stiffness,
             "damping": gains.damping,

@@ -5,7 +5,7 @@ The motion is timed as the paths say, or as fast as limits allow.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 
@@ -31,7 +31,7 @@ from gibbs_codegen.flight.reference import Motion, Reference
 from gibbs_codegen.flight.scenario.parts import MAX_DURATION, StartOffset
 from gibbs_codegen.flight.scenario.paths import Fixed, Path
 from gibbs_codegen.flight.scenario.scenario import ArmTask, Scenario, on_clock, slow_motion
-from gibbs_codegen.flight.vectors import rotation_about
+from gibbs_codegen.flight.vectors import rotation_about, transposed
 
 # Is told what is being done, and the share of it that is done, 0 to 1.
 Progress = Callable[[str, float], None]
@@ -55,7 +55,13 @@ def desired_motion(
         motion = _with_frames(vehicle, scenario, limits, progress)
         _check_rates(vehicle, motion, fastest)
     if not vehicle.layout.moves_freely:
-        _check_base(vehicle, scenario, motion)
+        path = base_path(vehicle, scenario)
+        turning = scenario.attitude(path, motion.time, vehicle.arm_angles())
+        place = vehicle.points.index(vehicle.centre)
+        # Without a path it goes where it turns to.
+        centre = path(motion.time)[:, 0] if scenario.base else vehicle.positions(motion.q)[:, place]
+        wanted = centre, turning.rotation
+        _check_base(vehicle, (motion.time, motion.q), *wanted, ("base.path", "base.attitude"))
     return vehicle.kinematics.reference(motion)
 
 
@@ -67,35 +73,31 @@ def base_path(vehicle: Vehicle, scenario: Scenario) -> Path:
     return Fixed((x, y, z))
 
 
-def _check_base(vehicle: Vehicle, scenario: Scenario, motion: Motion) -> None:
-    """Raise `UsageError` with the first time at which the base cannot be where it is to be."""
-    time, q = motion.time, motion.q
-    path = base_path(vehicle, scenario)
-    turning = scenario.attitude(path, time, vehicle.arm_angles())
-    centre = vehicle.positions(q)[:, vehicle.points.index(vehicle.centre)]
-    turn = rotation_vector(vehicle.base_rotation(q).swapaxes(-1, -2) @ turning.rotation)
+def _check_base(
+    vehicle: Vehicle,
+    knots: tuple[Array, Array],
+    centre: Array,
+    rotation: Array,
+    keys: Sequence[str],
+) -> None:
+    """Raise `UsageError` with the time at which the base is furthest from where it is to be.
+
+    `knots` are times (s), s, and coordinates (s, nq) that come nearest to a base centre (s, 3) and
+    rotations (s, 3, 3); `keys` of the scenario file tell these.
+    """
+    time, q = knots
+    there = vehicle.positions(q)[:, vehicle.points.index(vehicle.centre)]
+    turn = rotation_vector(transposed(vehicle.base_rotation(q)) @ rotation)
     along, about = (["xyz"[axis] for axis in axes] for axes in vehicle.layout.own_axes)
-    for key, off, unit, can in (
-        (
-            "base.attitude",
-            turn,
-            "rad about",
-            f"turns about {listed(about)}" if about else "does not turn",
-        ),
-        (
-            "base.path",
-            path(time)[:, 0] - centre,
-            "m along",
-            f"moves along {listed(along)}" if along else "does not move",
-        ),
-    ):
-        beyond = np.abs(off) > _OFF
-        if np.any(beyond):
-            k, axis = np.argwhere(beyond)[0]
-            only = " only" if can.startswith(("turns", "moves")) else ""
+    moves = f"moves along {listed(along)} only" if along else "does not move"
+    turns = f"turns about {listed(about)} only" if about else "does not turn"
+    away = (centre - there, "m along", moves), (turn, "rad about", turns)
+    for key, (off, unit, words) in zip(keys, away, strict=True):
+        k, axis = np.unravel_index(np.argmax(np.abs(off)), off.shape)
+        if abs(off[k, axis]) > _OFF:
             raise UsageError(
                 f"{key}: at t = {time[k]:.6g} s it leads {off[k, axis]:.4g} {unit} {'xyz'[axis]} "
-                f"away from where the base of {vehicle.name} can be, which {can}{only}"
+                f"away from where the base of {vehicle.name} can be, which {words}"
             )
 
 
@@ -197,7 +199,7 @@ def starting_state(
     if not any(offset.position) and not any(offset.rotation):
         return q, v
     attitude, position = vehicle.layout.q.attitude, vehicle.layout.q.position
-    centre = q[position] + vehicle.centre_offset(q)
+    centre = vehicle.kinematics.spread(q[position]) + vehicle.centre_offset(q)
     angle = float(np.linalg.norm(offset.rotation))
     axis = np.array(offset.rotation) / (angle or 1.0)
     turned = rotation_about(axis, np.array(angle)) @ vehicle.base_rotation(q)
@@ -213,7 +215,11 @@ def starting_state(
         ) from None
     start = q.copy()
     start[attitude] = vehicle.kinematics.continued(q[attitude], entries)[0]
-    start[position] = centre + offset.position - vehicle.centre_offset(start)
+    centre += offset.position
+    start[position] = (centre - vehicle.centre_offset(start))[vehicle.layout.own_axes[0]]
+    knot = np.array([reference.begin]), start[np.newaxis]
+    keys = "start.offset", "start.turn_deg"
+    _check_base(vehicle, knot, centre[np.newaxis], turned[np.newaxis], keys)
     return start, vehicle.kinematics.kept(v, turned.T @ vehicle.base_rotation(q))
 
 

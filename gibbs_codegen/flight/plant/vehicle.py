@@ -24,6 +24,7 @@ from gibbs_codegen.interface.actuators import trivial
 from gibbs_codegen.machine.base import base_of
 from gibbs_codegen.robot.layout import Layout
 from gibbs_codegen.runtime.load import BACKENDS
+from gibbs_codegen.runtime.loaded_module import gravity_of
 
 # Angles, rad, that count as the same.
 _SAME_ANGLE = 1e-9
@@ -149,7 +150,7 @@ class Vehicle(RobotData):
         key: str = "parameters",
     ) -> None:
         _check(module)
-        self.parameters = {**module.PARAMETERS, **(parameters or {})}
+        self._gravity = {**module.PARAMETERS, **(parameters or {})}.get("gravity", 0.0)
         try:
             self.constants: Any = module.prepare(dict(parameters)) if parameters else None
         except (ValueError, TypeError) as error:
@@ -265,12 +266,9 @@ class Vehicle(RobotData):
     @property
     def gravity(self) -> Array:
         """The acceleration of gravity along z (…), m/s², world axes; negative where things fall."""
-        along, upwards = self.layout.own_axes[0], self.layout.v.position.start
-        if 2 not in along:
-            return -np.asarray(self.parameters.get("gravity", 0.0), dtype=np.float64)
-        upwards += along.index(2)
-        pull = self.gravity_forces(self.neutral)[..., upwards]
-        return pull / self.mass_matrix(self.neutral)[..., upwards, upwards]
+        if 2 not in self.layout.own_axes[0]:
+            return -np.asarray(self._gravity, dtype=np.float64)
+        return gravity_of(self.module, self.layout, self.constants)
 
 
 @lru_cache(maxsize=64)

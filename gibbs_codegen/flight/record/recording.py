@@ -270,7 +270,7 @@ class Recording:
         Zero without such an arm.
         """
         vehicle, arm = self.loop.vehicle, self._tangent_arm
-        if not arm:
+        if not arm or self.scenario.base is None:
             return np.zeros(len(self._time))
         angle = vehicle.arm_angles()[arm - 1]
         along = np.array([np.cos(angle), np.sin(angle), 0.0])

@@ -131,6 +131,11 @@ def rollout_surroundings(
         wind = arguments.states("wind", steady, 3)
     if masses is not None and not frames:
         raise UsageError("payloads: the surroundings have none; give them [[payload]]")
+    if frames and "gravity" in parameters and 2 not in vehicle.layout.own_axes[0]:
+        raise UsageError(
+            f"{vehicle.name}: its base does not rise, so that payloads weigh by the gravity of the "
+            "robot file: leave gravity out of parameters, or the payloads"
+        )
     if frames:
         usual = [payload.mass for payload in environment.payload]
         masses = arguments.masses("payloads", usual if masses is None else masses, len(frames))
