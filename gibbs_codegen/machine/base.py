@@ -69,6 +69,14 @@ class QuaternionBase:
         self.robot, self.q = robot, q
         self.quaternion = entries_of(q)[robot.layout.q.attitude]
 
+    def travels(self, x: Node) -> Node:
+        """Entries (3) along three axes, of entries (nv)."""
+        return x[self.robot.layout.v.position]
+
+    def turns(self, x: Node) -> Node:
+        """Entries (3) about three axes, of entries (nv)."""
+        return x[self.robot.layout.v.attitude]
+
     def to_world(self, x: Node) -> Node:
         """A vector (3) of the base's frame, in world axes."""
         return _turned(self.quaternion, self.quaternion[3], x)
@@ -168,17 +176,19 @@ class AngleBase:
         """Entries (3) of three angles, of entries (nv)."""
         return join(x[self.robot.layout.v.attitude], zeros(self.still))
 
-    def _linear(self, x: Node) -> Node:
+    def travels(self, x: Node) -> Node:
         """Entries (3) along three axes, of entries (nv)."""
         moving = x[self.robot.layout.v.position]
-        if self.along == [0, 1, 2]:
-            return moving
-        entries = dict(zip(self.along, moving, strict=True))
-        return join(*(entries.get(axis, constant(0.0)) for axis in range(3)))
+        return moving if self.along == [0, 1, 2] else _spread(self.along, moving)
+
+    def turns(self, x: Node) -> Node:
+        """Entries (3) of three angles, or of fewer about the axes that they turn about."""
+        moving = x[self.robot.layout.v.attitude]
+        return _spread(self.axes, moving) if self.still else moving
 
     def _in_base(self, x: Node) -> Node:
         """A linear velocity or a force (3) in the base's frame, of entries (nv)."""
-        return self.to_base(self._linear(x))
+        return self.to_base(self.travels(x))
 
     def to_world(self, x: Node) -> Node:
         """A vector (3) of the base's frame, in world axes."""
@@ -209,7 +219,7 @@ class AngleBase:
 
     def linear(self, v: Node, a: Node) -> tuple[Node, Node]:
         """Velocity and acceleration (3) of the point at x, y, z, in world axes."""
-        return self._linear(v), self._linear(a)
+        return self.travels(v), self.travels(a)
 
     def _of_rates(self, rates: Node) -> Node:
         """Angular velocity (3), base's frame, of rates (3) of the angles."""
@@ -286,12 +296,12 @@ class LevelBase(AngleBase):
     """A base with a yaw that moves along its own axes: errors are differences of coordinates."""
 
     def _in_base(self, x: Node) -> Node:
-        return self._linear(x)
+        return self.travels(x)
 
     def linear(self, v: Node, a: Node) -> tuple[Node, Node]:
         """Velocity and acceleration (3) of the point at x, y, z, in world axes."""
-        velocity, (spin, _) = self._linear(v), self.angular(v, a)
-        return self.to_world(velocity), self.to_world(self._linear(a) + cross(spin, velocity))
+        velocity, (spin, _) = self.travels(v), self.angular(v, a)
+        return self.to_world(velocity), self.to_world(self.travels(a) + cross(spin, velocity))
 
     def rates(self, v: Node, entries: Node) -> Node:
         """Rates (nq) of the coordinates' entries."""
@@ -309,19 +319,19 @@ class LevelBase(AngleBase):
         places, a = self.robot.layout.v, desired.a + pull
         _, world = LevelBase(self.robot, desired.q).linear(desired.v, desired.a)
         return self.accelerations(
-            v, placed(self.robot, a[places.attitude], world + self._linear(pull), a[places.joints])
+            v, placed(self.robot, a[places.attitude], world + self.travels(pull), a[places.joints])
         )
 
     def velocities(self, rates: Node) -> Node:
         """Velocities (nv) by rates (nv) of the coordinates."""
         places = self.robot.layout.v
-        linear = self.to_base(self._linear(rates))
+        linear = self.to_base(self.travels(rates))
         return placed(self.robot, rates[places.attitude], linear, rates[places.joints])
 
     def accelerations(self, v: Node, growth: Node) -> Node:
         """Accelerations (nv) by second derivatives (nv) of the coordinates."""
         places, (spin, _) = self.robot.layout.v, self.angular(v, v)
-        linear = self.to_base(self._linear(growth)) - cross(spin, self._linear(v))
+        linear = self.to_base(self.travels(growth)) - cross(spin, self.travels(v))
         return placed(self.robot, growth[places.attitude], linear, growth[places.joints])
 
 
@@ -333,6 +343,12 @@ def base_of(robot: Placed, q: Node) -> Base:
     if robot.space.has_quaternion:
         return QuaternionBase(robot, q)
     return (AngleBase if robot.space.is_flat else LevelBase)(robot, q)
+
+
+def _spread(axes: Sequence[int], moving: Node) -> Node:
+    """Entries (3) along or about three axes, of those along or about the first of these."""
+    entries = dict(zip(axes, moving, strict=False))
+    return join(*(entries.get(axis, constant(0.0)) for axis in range(3)))
 
 
 def length(x: Node) -> Node:

@@ -50,7 +50,7 @@ from gibbs_codegen.arrays.nodes import (
     zeros,
 )
 from gibbs_codegen.machine.allocation import nearest_thrusts, smallest_thrusts
-from gibbs_codegen.machine.base import Motion, base_of, length, placed
+from gibbs_codegen.machine.base import Base, Motion, base_of, length, placed
 from gibbs_codegen.robot.layout import Layout
 
 # Greatest force that corrects errors, as a share of the desired one: the sum never turns round.
@@ -234,7 +234,7 @@ def geometric(robot: Functions, q: Node, v: Node, aim: Aim) -> Node:
     moving = robot.centre_of_mass(q), jacobian @ v
     if aim.frame is not None:
         weight = weight._replace(weight=weight.weight - aim.frame.force)
-    needed = _needed(moving, path, along, places.position, gains, weight, learnt)
+    needed = _needed(moving, path, along, base, gains, weight, learnt)
     turning = _turning(robot, q, v, desired, axis, needed, gains)
     turning = named(turning, "turning", "Angular acceleration by which the base leans.")
     at, rates = robot.layout.q.joints, places.joints
@@ -488,17 +488,17 @@ def _needed(
     moving: tuple[Node, Node],
     path: CentrePath,
     along: Node,
-    place: slice,
+    base: Base,
     gains: Gains,
     robot: Weight,
     learnt: Node,
 ) -> tuple[Node, Node, Node]:
     """Force (3) that the centre of mass needs, the part that corrects errors, the rate of that."""
-    stiffness, damping = gains.stiffness[place], gains.damping[place]
+    stiffness, damping = base.travels(gains.stiffness), base.travels(gains.damping)
     mass, off = robot.mass, path.position - moving[0]
     desired = mass * path.acceleration + robot.weight
     drift = path.velocity - moving[1]
-    wish = mass * (stiffness * (off + learnt[place]) + damping * drift)
+    wish = mass * (stiffness * (off + base.travels(learnt)) + damping * drift)
     most = _AUTHORITY**2 * dot(desired, desired)
     share = 1.0 / square_root(1.0 + dot(wish, wish) / most)
     correction = share * wish
@@ -538,10 +538,8 @@ def _turning(
     error = named(
         _attitude_error(axis, there, columns), "attitude_error", "How the base must turn, rad."
     )
-    weighed = _weighed(robot, gains.stiffness, error, axis)
-    return (
-        growth - cross(spin, ahead) + weighed + _weighed(robot, gains.damping, ahead - spin, axis)
-    )
+    weighed = _weighed(base, gains.stiffness, error, axis)
+    return growth - cross(spin, ahead) + weighed + _weighed(base, gains.damping, ahead - spin, axis)
 
 
 def _turned(swing: Node, scalar: Node, x: Node) -> Node:
@@ -572,11 +570,10 @@ def _attitude_error(axis: Node, there: Node, columns: Sequence[Node]) -> Node:
     return share * swing + 0.5 * (1.0 + kept) * heading * axis
 
 
-def _weighed(robot: Functions, gains: Node, error: Node, axis: Node) -> Node:
+def _weighed(base: Base, gains: Node, error: Node, axis: Node) -> Node:
     """Attitude errors (3) times gains (nv): about the axis (3) those of the position."""
-    places = robot.layout.v
     heading = dot(axis, error) * axis
-    return gains[places.attitude] * (error - heading) + gains[places.position] * heading
+    return base.turns(gains) * (error - heading) + base.travels(gains) * heading
 
 
 def inputs_of(robot: Functions, q: Node, force: Node, rotors: Rotors) -> tuple[Node, Node]:

@@ -49,7 +49,8 @@ def error_polynomials(controller: ControlLaw, lags: Sequence[float]) -> list[Arr
     polynomials = of_frame + _decoupled(rest, gains.integral, lags)
     if gains.integral:  # The heading has the gains of the position, and no integral.
         polynomials += _decoupled(every[places.position], 0.0, lags)
-    return polynomials + _sideways(gains, every[places.position], every[places.attitude], lags)
+    pair = every[places.position][:1], every[places.attitude][:1]
+    return polynomials + _sideways(gains, *pair, lags)
 
 
 def _decoupled(pairs: Array, integral: float, lags: Sequence[float]) -> list[Array]:
@@ -70,7 +71,7 @@ def _decoupled(pairs: Array, integral: float, lags: Sequence[float]) -> list[Arr
 def _sideways(gains: Gains, position: Array, attitude: Array, lags: Sequence[float]) -> list[Array]:
     """Polynomials of a position that the thrust axis makes, under the geometric law.
 
-    Damping and stiffness of `position` and `attitude` are (3, 2); highest power first.
+    Damping and stiffness of `position` and `attitude` are (1, 2); highest power first.
     """
     polynomials = []
     pairs = np.concatenate([position, attitude], axis=-1)

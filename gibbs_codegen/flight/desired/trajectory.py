@@ -14,7 +14,12 @@ import numpy as np
 from gibbs_codegen.errors import UsageError, check_all
 from gibbs_codegen.flight.attitude import SingularAttitudeError, Turning, rotation_vector
 from gibbs_codegen.flight.desired import demands, timing
-from gibbs_codegen.flight.desired.base_trajectory import check_times, desired_base, knots
+from gibbs_codegen.flight.desired.base_trajectory import (
+    base_motion,
+    check_times,
+    desired_base,
+    knots,
+)
 from gibbs_codegen.flight.desired.inverse_kinematics import JointBounds, check_tip, desired_with_tip
 from gibbs_codegen.flight.desired.led_frames import led_frames
 from gibbs_codegen.flight.desired.posture import (
@@ -46,6 +51,8 @@ def desired_motion(
     their limits.
     """
     actuators = check_arm(vehicle, scenario)
+    if not vehicle.layout.moves_freely:
+        _check_base(vehicle, scenario)
     limits = actuators.joints[0], actuators.joints[1]
     # The timing "fastest" slows down what is too fast.
     fastest = actuators.velocities if scenario.timing.law == "uniform" else np.inf
@@ -54,14 +61,6 @@ def desired_motion(
     else:
         motion = _with_frames(vehicle, scenario, limits, progress)
         _check_rates(vehicle, motion, fastest)
-    if not vehicle.layout.moves_freely:
-        path = base_path(vehicle, scenario)
-        turning = scenario.attitude(path, motion.time, vehicle.arm_angles())
-        place = vehicle.points.index(vehicle.centre)
-        # Without a path it goes where it turns to.
-        centre = path(motion.time)[:, 0] if scenario.base else vehicle.positions(motion.q)[:, place]
-        wanted = centre, turning.rotation
-        _check_base(vehicle, (motion.time, motion.q), *wanted, ("base.path", "base.attitude"))
     return vehicle.kinematics.reference(motion)
 
 
@@ -73,7 +72,16 @@ def base_path(vehicle: Vehicle, scenario: Scenario) -> Path:
     return Fixed((x, y, z))
 
 
-def _check_base(
+def _check_base(vehicle: Vehicle, scenario: Scenario) -> None:
+    """Raise `UsageError` where the base cannot be where a scenario leads it."""
+    time, path = knots(scenario.duration), base_path(vehicle, scenario)
+    centre, turning = path(time), scenario.attitude(path, time, vehicle.arm_angles())
+    q = base_motion(vehicle, time, centre, turning).q
+    keys = ("base.path" if scenario.base else "", "base.attitude")
+    _check_place(vehicle, (time, q), centre[:, 0], turning.rotation, keys)
+
+
+def _check_place(
     vehicle: Vehicle,
     knots: tuple[Array, Array],
     centre: Array,
@@ -83,7 +91,7 @@ def _check_base(
     """Raise `UsageError` with the time at which the base is furthest from where it is to be.
 
     `knots` are times (s), s, and coordinates (s, nq) that come nearest to a base centre (s, 3) and
-    rotations (s, 3, 3); `keys` of the scenario file tell these.
+    rotations (s, 3, 3); `keys` of the scenario file tell these, none where it is free.
     """
     time, q = knots
     there = vehicle.positions(q)[:, vehicle.points.index(vehicle.centre)]
@@ -94,7 +102,7 @@ def _check_base(
     away = (centre - there, "m along", moves), (turn, "rad about", turns)
     for key, (off, unit, words) in zip(keys, away, strict=True):
         k, axis = np.unravel_index(np.argmax(np.abs(off)), off.shape)
-        if abs(off[k, axis]) > _OFF:
+        if key and abs(off[k, axis]) > _OFF:
             raise UsageError(
                 f"{key}: at t = {time[k]:.6g} s it leads {off[k, axis]:.4g} {unit} {'xyz'[axis]} "
                 f"away from where the base of {vehicle.name} can be, which {words}"
@@ -219,7 +227,7 @@ def starting_state(
     start[position] = (centre - vehicle.centre_offset(start))[vehicle.layout.own_axes[0]]
     knot = np.array([reference.begin]), start[np.newaxis]
     keys = "start.offset", "start.turn_deg"
-    _check_base(vehicle, knot, centre[np.newaxis], turned[np.newaxis], keys)
+    _check_place(vehicle, knot, centre[np.newaxis], turned[np.newaxis], keys)
     return start, vehicle.kinematics.kept(v, turned.T @ vehicle.base_rotation(q))
 
 

@@ -384,7 +384,7 @@ class UnderactuatedBase:
         place = robot.centre_of_mass(q) - robot.centre_offset(robot.neutral)
         jacobian = robot.centre_of_mass_jacobian(q)
         force = robot.inverse_dynamics(q, joints.v, joints.a)[:, robot.layout.v.position]
-        growth = force / self.mass - [0.0, 0.0, self.gravity]
+        growth = robot.kinematics.spread(force) / self.mass - [0.0, 0.0, self.gravity]
         lever = product_derivatives(times, self._wanted, (place, times(jacobian, joints.v), growth))
         slope = self._wanted[0] @ self.led.by_numbers(self.vehicle, jacobian, numbers)
         rows = slope.reshape(len(q), -1)
@@ -564,7 +564,7 @@ def _axes(vehicle: Vehicle, joints: Motion) -> Array:
 
     Raises `UsageError` with the first time without one.
     """
-    if not vehicle.rotors_move:
+    if not vehicle.wrenches_vary:
         return np.broadcast_to(force_axis(vehicle.thrust_wrenches()), (len(joints.q), 3))
     axis = thrust_axis(vehicle, joints.q)
     if axis is not None:
