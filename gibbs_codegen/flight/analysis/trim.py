@@ -30,10 +30,9 @@ from gibbs_codegen.flight.plant.actuators import (
     kept_commands,
     module_actuators,
 )
-from gibbs_codegen.flight.plant.allocation import least_inputs
+from gibbs_codegen.flight.plant.allocation import asked_of, commands_all, least_inputs
 from gibbs_codegen.flight.plant.vehicle import Array, Vehicle
 from gibbs_codegen.flight.vectors import roll_pitch_yaw
-from gibbs_codegen.robot.layout import check_free_base
 from gibbs_codegen.robot.wrenches import DIRECTIONS, RANK, directions, null_space
 
 # Share of the wrench that may be missing.
@@ -76,6 +75,10 @@ class SteadyMotion:
         twists = np.zeros((6, 2))
         twists[:3] = np.transpose([self.velocity, self.acceleration])
         moved[:, base] = np.linalg.lstsq(jacobian[:, base], twists, rcond=None)[0].T
+        if not np.allclose(jacobian[:, base] @ moved[:, base].T, twists, atol=EXACT):
+            raise UsageError(
+                f"{vehicle.name}: velocity, acceleration: its base does not move along these"
+            )
         return moved[0], moved[1]
 
     def force(self, q: Array) -> Array:
@@ -160,7 +163,7 @@ def chosen_inputs(vehicle: Vehicle, inputs: Balancing, limits: Array, aim: Aim) 
     Of inputs with the same margin they are those of least thrust. `limits` (2, nu) may be infinite.
     Raises `UsageError` if no inputs within them balance, or no thrust has a limit on either side.
     """
-    if aim == "least_thrust" and _within(inputs.least, limits):
+    if (aim == "least_thrust" or not vehicle.rotors) and _within(inputs.least, limits):
         return inputs.least
     thrusts = np.arange(len(inputs.least)) < vehicle.rotors
     # Joint torques differ from thrusts in unit: their limits are kept, and no margin is sought.
@@ -403,7 +406,6 @@ def trim(
             request names what the robot does not have.
     """
     vehicle = vehicle_of(robot, parameters)
-    check_free_base(vehicle.name, vehicle.attitude, "trims are")
     if aim not in AIMS:
         raise UsageError(f"aim: {aim!r} is unknown; known: {', '.join(AIMS)}")
     acting = np.zeros((len(vehicle.frames), 6))
@@ -422,8 +424,8 @@ def trim(
         actuators.thrusts[:] = ends.reshape(2, -1)
     start = _start(vehicle, q, posture=posture, posture_deg=posture_deg)
     if free is None:
-        full = np.linalg.matrix_rank(vehicle.thrust_wrenches(start), rtol=RANK) == 6
-        free = () if full else (ATTITUDE,)
+        leans = not commands_all(vehicle, start) and vehicle.layout.own_axes[1]
+        free = (ATTITUDE,) if leans else ()
     varied = (free,) if isinstance(free, str) else tuple(free)
     places, bounds = _freedom(vehicle, actuators, start, varied)
     balanced = equilibrium(motion, start, places, bounds)
@@ -439,7 +441,9 @@ def trim(
     if layout.is_quaternion:
         angles = roll_pitch_yaw(rotation).tolist()
         attitude = dict(zip(("roll", "pitch", "yaw"), angles, strict=True))
-    idle = null_space(vehicle.thrust_wrenches(balanced).T)
+    asked = asked_of(vehicle, balanced)
+    asked = np.eye(6) if asked is None else asked
+    idle = asked @ null_space(vehicle.thrust_wrenches(balanced).T @ asked)
     joint_units, angles = layout.q.units[vehicle.arm], balanced[vehicle.arm]
     beyond = beyond_limits(vehicle.joint_names, joint_units, angles, actuators.joints)
     command, x, units, room = None, None, {}, None
@@ -520,7 +524,7 @@ def _freedom(
     for name in free:
         if name == ATTITUDE:
             places += [*range(layout.v.size)[layout.v.attitude]]
-            bounds += [(-np.inf, np.inf)] * 3
+            bounds += [(-np.inf, np.inf)] * len(layout.own_axes[1])
             continue
         if name not in vehicle.joint_names:
             hint = near(name, [ATTITUDE, *vehicle.joint_names]) or ";"
