@@ -555,7 +555,7 @@ class Predictive:
     def _carries(self) -> bool:
         """True if the base is where the first point needs it."""
         free = self.posture is None and self.tolerances.position is None
-        return bool(self.points) and free
+        return bool(self.points) and free and self.vehicle.layout.moves_freely
 
     def _constants(self, vehicle: Vehicle, h: float) -> Any:
         """The constants of the machine that is predicted: with dampers at the ends of steps."""
@@ -771,7 +771,8 @@ class Predictive:
         scale = np.empty(layout.v.size)
         scale[layout.v.joints] = self._by_joint("joints")
         scale[layout.v.position] = tolerances.position or 1.0
-        scale[layout.v.attitude] = tolerances.attitude * np.array([_LEAN, _LEAN, 1.0])
+        shares = np.array([_LEAN, _LEAN, 1.0])[layout.own_axes[1]]
+        scale[layout.v.attitude] = tolerances.attitude * shares
         frames = [*self.horizon.points, *self.horizon.orientations]
         is_turn = np.arange(len(led)) >= len(points)
         tolerance = np.where(is_turn, tolerances.orientation, tolerances.point)[:, np.newaxis]
@@ -798,6 +799,8 @@ class Predictive:
     def _in_base(self, q: Array) -> Array:
         """From displacements and velocities to those in the base's frame (2 nv, 2 nv)."""
         base, nv = self.vehicle.layout.v.base, self.vehicle.layout.v.size
+        if not self.vehicle.layout.moves_freely:  # What moves of it does so along axes of its own.
+            return np.eye(2 * nv)
         jacobian = self.vehicle.frame_jacobians(q)[self.vehicle.frames.index("base")]
         rotation = self.vehicle.base_rotation(q)
         turned = np.eye(nv)
