@@ -310,13 +310,14 @@ def posture_series(
 
 
 def _thrust_directions(vehicle: Vehicle, q: Array) -> Array:
-    """Unit vectors of the thrusts in the base's frame.
+    """Unit vectors of the thrusts in the base's frame, or 0 of those that move no base.
 
     (N, 3), or (s, N, 3) where joints move rotors.
     """
     wrenches = vehicle.thrust_wrenches(q if vehicle.wrenches_vary else None)
     forces = np.swapaxes(wrenches[..., :3, :], -1, -2)
-    return forces / np.linalg.norm(forces, axis=-1, keepdims=True)
+    sizes = np.linalg.norm(forces, axis=-1, keepdims=True)
+    return np.divide(forces, sizes, out=np.zeros_like(forces), where=sizes > 0.0)
 
 
 def _base_arm_angles(vehicle: Vehicle, q: Array) -> Array:
