@@ -65,8 +65,9 @@ def run(options: argparse.Namespace) -> int:
         animation = options.animate if draws and options.animate else ""
         written = options.out, draws, animation, progress, options.format, workers
         write_results(flight, *written)
+    moved = "flew" if flight.rotors else "moved by"
     print(
-        f"{printable(options.out)}: {flight.robot} flew {flight.scenario!r} for "
+        f"{printable(options.out)}: {flight.robot} {moved} {flight.scenario!r} for "
         f"{flight.time[-1]:.4g} s, computed in {flown:.1f} s"
         + (f", after {compiled:.1f} s of compiling\n" if compiled > _SHORT else "\n")
         + f"control law: {flight.law}\n"

@@ -119,7 +119,7 @@ def simulate(
         loop.start(start.q, start.v, scenario.start.charge),
         scenario.duration,
         scenario.integration,
-        lambda time, duration: progress("flying", time / duration),
+        lambda time, duration: progress(loop.vehicle.moving, time / duration),
     )
     if isinstance(law, SampledControl) and controller is not None:
         _log_controller_time(loop.vehicle.name, law.spent, perf_counter() - begin)

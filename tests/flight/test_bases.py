@@ -132,6 +132,7 @@ def test_errors_decay_as_gains_say(motion: str, end: list[float], turn: dict[str
     np.testing.assert_allclose(flight.q[:, -1], flight.q_desired[:, -1], atol=1e-8)
 
 
+@pytest.mark.slow  # 2 s
 def test_a_planar_machine_moves_as_a_free_one_in_the_plane() -> None:
     tables = {
         "control": {"law": "off"},
@@ -147,6 +148,7 @@ def test_a_planar_machine_moves_as_a_free_one_in_the_plane() -> None:
     np.testing.assert_allclose(planar.potential_energy, free.potential_energy, atol=1e-9)
 
 
+@pytest.mark.slow  # 20 s
 def test_a_planar_quadrotor_leans_to_its_path() -> None:
     module = machine("planar_quadrotor", 'motion = ["x", "z", "pitch"]', PAIR + ROD)
     flight = flown(
@@ -164,6 +166,7 @@ def test_a_planar_quadrotor_leans_to_its_path() -> None:
     np.testing.assert_allclose(flight.applied[-1], hover.u, atol=0.05)
 
 
+@pytest.mark.slow  # 8 s
 def test_an_arm_on_the_ceiling_follows_its_path_and_pushes_as_hard_as_asked() -> None:
     module = ceiling_arm()
     circle = {"kind": "circle", "centre": [0.5, 0, 0.6], "radius": 0.1, "period": 2.0}

@@ -64,6 +64,13 @@ def law_of(law: Law, vehicle: RobotData, q: Array, scenario: str) -> Law:
     weakest = places[np.argmin(ranks(vehicle.thrust_wrenches(places)))]
     asked = asked_of(vehicle, weakest)
     missing = Allocation(vehicle.thrust_wrenches(weakest), asked=asked).missing
+    if not vehicle.rotors and not vehicle.layout.moves_freely:
+        raise AllocationError(
+            f"{vehicle.name}: nothing makes the {listed(missing)} that its base needs to be led "
+            f'through {scenario!r}; set control.law to "predictive", by which joints move what they '
+            'can, or to "off", or give a controller of your own',
+            missing,
+        )
     lacks = f"but the rotors cannot command {listed(missing)} {_WHERE}"
     if one_axis:
         raise AllocationError(

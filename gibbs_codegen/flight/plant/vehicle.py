@@ -70,6 +70,11 @@ class RobotData:
             self._wrenches[still] = 0.0
 
     @property
+    def moving(self) -> str:
+        """What the robot does, in a word."""
+        return "flying" if self.rotors else "moving"
+
+    @property
     def input_units(self) -> tuple[str, ...]:
         """Units of the inputs (nu): N of thrusts, then N m or N of the joints."""
         return ("N",) * self.rotors + self.layout.effort_units
