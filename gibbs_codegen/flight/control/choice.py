@@ -67,8 +67,8 @@ def law_of(law: Law, vehicle: RobotData, q: Array, scenario: str) -> Law:
     if not vehicle.rotors and not vehicle.layout.moves_freely:
         raise AllocationError(
             f"{vehicle.name}: nothing makes the {listed(missing)} that its base needs to be led "
-            f'through {scenario!r}; set control.law to "predictive", by which joints move what they '
-            'can, or to "off", or give a controller of your own',
+            f'through {scenario!r}; set control.law to "predictive", by which joints move what '
+            'they can, or to "off", or give a controller of your own',
             missing,
         )
     lacks = f"but the rotors cannot command {listed(missing)} {_WHERE}"

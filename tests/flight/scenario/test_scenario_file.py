@@ -536,7 +536,7 @@ def test_a_posture_outside_its_limits_is_refused() -> None:
     ]
 
 
-@pytest.mark.parametrize("what", ["name", "duration", "base"])
+@pytest.mark.parametrize("what", ["name", "duration"])
 def test_what_is_required(what: str) -> None:
     values = {key: value for key, value in FULL.items() if key != what}
     assert any(f"{what}: missing" in line for line in faults(document(values)))
