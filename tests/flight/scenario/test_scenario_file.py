@@ -299,7 +299,8 @@ def test_scenarios_that_ship() -> None:
         scenario = read_scenario(name)
         assert scenario.name == name
         assert scenario.description
-        assert scenario.base(np.linspace(0.0, scenario.duration, 11)).shape == (11, 4, 3)
+        if scenario.base is not None:
+            assert scenario.base(np.linspace(0.0, scenario.duration, 11)).shape == (11, 4, 3)
     paper = read_scenario("paper")
     assert paper.attitude == Tangent(2)
     assert read_scenario("circle").attitude == Tangent(2)
