@@ -28,6 +28,7 @@ from gibbs_codegen.robot.rotations import turn_about
 _ON_AXIS = 1e-6
 _AT_JOINT = 0.01
 _ANCHORS = ("world", "map", "odom")
+_SINGLE = ("revolute", "prismatic")
 
 
 def with_root(source: Source) -> Source:
@@ -149,37 +150,38 @@ def anchored(source: Source, motion: Motion | None, base: str | None) -> Source:
     `motion` is what is to move in place of what the file lets move, if it is not None; `base` is
     the link that is to be the base, if it is not the root.
     """
-    left, moved, mount = _way_from_world(source, base)
-    kinds = {joint.kind: joint.name for joint in left}
-    names = _virtual(source, [*left, *moved])
-    said, reason = source.motion, source.reason
+    way = _way_from_world(source, base)
+    kinds = {joint.kind: k for k, joint in enumerate(way)}
+    moved = [joint for joint in way if joint.kind in _SINGLE]
+    names, said, reason = _virtual(source, way), source.motion, source.reason
     if "floating" in kinds:
-        said, reason = FREE, f"joint {kinds['floating']} is floating"
+        said, reason = FREE, f"joint {way[kinds['floating']].name} is floating"
     elif "planar" in kinds:
-        said, reason = _plane(source, left), f"joint {kinds['planar']} is planar"
+        said = motion or _plane(source, way[: kinds["planar"] + 1])
+        reason = f"joint {way[kinds['planar']].name} is planar"
     elif names:
         said, reason = names, f"joints {', '.join(names)} lead from the world to it"
     elif _is_world(source, source.root):
         said, reason = FIXED, f"it hangs on link {source.root}"
-    if not (names or base or motion not in (None, FIXED)):
-        moved, mount = [], []
-    elif moved and not names:
-        said = FREE
+    if moved and not names:
+        if base or motion not in (None, FIXED):
+            said = FREE
+        else:
+            way, moved = way[: way.index(moved[0])], []
     if motion is not None:
         said, reason = motion, "asked for"
-    left = [*left, *moved, *mount]
-    above, root = {joint.parent for joint in left}, left[-1].child if left else source.root
+    above, root = {joint.parent for joint in way}, way[-1].child if way else source.root
     words = f"a joint between the world and {root}"
     return source.reported(
         *(Finding("left out", joint.name, words) for joint in moved if said != names),
         root=root,
         links={name: link for name, link in source.links.items() if name not in above},
-        joints=tuple(joint for joint in source.joints if joint not in left),
+        joints=tuple(joint for joint in source.joints if joint not in way),
         constraints=tuple(_to_world(loop, above) for loop in source.constraints),
-        anchors=source.anchors | {joint.name for joint in left},
+        anchors=source.anchors | {joint.name for joint in way},
         motion=said,
         reason=reason,
-        pose=_placed_at_zero(source, left)[-1][1],
+        pose=_placed_at_zero(source, way)[-1][1],
     )
 
 
@@ -187,33 +189,30 @@ def _is_world(source: Source, link: str) -> bool:
     return link.lower() in _ANCHORS and not source.links[link].weighs
 
 
-def _way_from_world(
-    source: Source, base: str | None
-) -> tuple[list[SourceJoint], list[SourceJoint], list[SourceJoint]]:
+def _way_from_world(source: Source, base: str | None) -> list[SourceJoint]:
     """Single joints from the world to the root, or to link `base`, over massless links.
 
-    They are in three parts: those that hold it or let it move as a whole, then those of one degree
-    of freedom each, and behind these a fixed one.
+    Those that hold it or let it move as a whole are before those of one degree of freedom each, and
+    a fixed one may be behind these.
     """
     ends = {end.link for loop in source.constraints for end in loop.ends}
     stops = {base, *(ends - {source.root})}
     stops |= {rotor.link for rotor in source.rotors} | {frame.link for frame in source.frames}
-    left, moved, link = list[SourceJoint](), list[SourceJoint](), source.root
-    while len(below := source.below[link]) == 1 and not (
-        source.links[link].weighs or link in stops
-    ):
-        (joint,) = below
-        as_whole = joint.kind in ("floating", "planar")
-        if joint.kind == "fixed" and moved:
-            return left, moved, [joint]
-        if not moved and (as_whole or (joint.kind == "fixed" and _is_world(source, link))):
-            left.append(joint)
-        elif joint.kind in ("revolute", "prismatic") and _is_world(source, source.root):
-            moved.append(joint)
+    way, link, known = list[SourceJoint](), source.root, True
+    while link not in stops and not source.links[link].weighs and len(source.below[link]) == 1:
+        (joint,) = source.below[link]
+        single = any(before.kind in _SINGLE for before in way)
+        if joint.kind == "fixed":
+            known = single or _is_world(source, link)
         else:
+            known = _is_world(source, source.root) if joint.kind in _SINGLE else not single
+        if not known:
             break
+        way.append(joint)
         link = joint.child
-    return left, moved, []
+        if single and joint.kind == "fixed":
+            break
+    return way
 
 
 def _placed_at_zero(source: Source, way: Iterable[SourceJoint]) -> list[tuple[Pose, Pose]]:
@@ -245,13 +244,15 @@ def _virtual(source: Source, way: Sequence[SourceJoint]) -> tuple[str, ...]:
     for joint, (frame, _) in zip(way, _placed_at_zero(source, way)[1:], strict=True):
         if joint.kind == "fixed":
             continue
-        travels = joint.kind == "prismatic"
-        axis = np.eye(3)[(TRAVELS if travels else TURNS).get(joint.name, 0)]
+        parts = TRAVELS if joint.kind == "prismatic" else TURNS
+        axis = np.eye(3)[parts.get(joint.name, 0)]
         off = [frame.matrix @ np.array(joint.link.axis) - axis]
-        off += [] if travels else [np.cross(axis, frame.xyz)]
+        if parts is TURNS:
+            off.append(np.cross(axis, frame.xyz))
         plain = replace(joint.link, axis=NO_LINK.axis) in (NO_LINK, IDLE_LINK)
-        wrong = joint.name not in (TRAVELS if travels else TURNS) or np.abs(off).max() > _ON_AXIS
-        if wrong or not plain or joint.driven or joint.gear or (travels and {*names} & {*TURNS}):
+        ordered = parts is TURNS or not {*names} & {*TURNS}
+        acting = joint.driven or joint.gear or not plain
+        if joint.name not in parts or np.abs(off).max() > _ON_AXIS or acting or not ordered:
             return ()
         names.append(joint.name)
     return tuple(names)

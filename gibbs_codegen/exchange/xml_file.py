@@ -255,8 +255,13 @@ def expanded(path: Path, arguments: Mapping[str, object]) -> bytes:
         elif isinstance(cause, OSError):
             words = f"it includes {printable(cause.filename)}, which is not there"
         else:
-            words = f"xacro cannot evaluate it ({printable(error, 300)}); mend it, or have xacro"
-            words += " of ROS expand it, and import the URDF"
+            words = f"xacro cannot evaluate it ({printable(error, 300)}); mend it"
+            if isinstance(cause, packages.PackageNotFoundError):
+                name = printable(str(cause).split()[-1], 60)
+                words = f"it needs the ROS package {name}; name the folder above it in"
+                words += " ROS_PACKAGE_PATH"
+            there = f"xacro {printable(path.name, 60)} > robot.urdf"
+            words += f", or run `{there}` where ROS is, and import robot.urdf"
         made = ""
     finally:
         xacro.parse = parse

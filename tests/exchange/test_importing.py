@@ -352,6 +352,7 @@ def test_what_holds_the_base_is_how_it_moves(
 def test_a_plane_across_no_axis_of_the_world_is_refused(tmp_path: Path) -> None:
     with pytest.raises(GibbsCodegenError, match=r'<joint "held">.*across an axis.*--base'):
         imported(arm(ACROSS.format("0 1 1")), tmp_path)
+    assert imported(arm(ACROSS.format("0 1 1")), tmp_path, motion="free")[0].base.moves_freely
 
 
 @pytest.mark.parametrize(
@@ -652,6 +653,13 @@ def test_xacro_is_expanded_with_arguments(
     assert message in capsys.readouterr().err
     if not message:
         assert read_robot(str(out))[0].total_mass == mass
+
+
+def test_a_package_that_xacro_does_not_find_is_named(tmp_path: Path) -> None:
+    file = tmp_path / "robot.urdf.xacro"
+    file.write_text(XACRO.replace('"part', '"$(find no_package)/part'))
+    with pytest.raises(GibbsCodegenError, match="ROS package no_package; .* or run `xacro robot"):
+        import_robot(file, ImportOptions("xyz"))
 
 
 def test_arguments_are_for_xacro_only(tmp_path: Path) -> None:
