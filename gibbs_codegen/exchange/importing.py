@@ -133,7 +133,7 @@ _LIGHT = 1e-3
 
 
 def _light_joints(robot: Robot) -> list[Finding]:
-    """A note of joints that turn little, as if no gears turned with them and torques flew them."""
+    """A note of joints that turn little, as if no gears turned with them and torques moved them."""
     light = {}
     for i in robot.moving:
         link = robot.links[i - 1]
@@ -152,7 +152,7 @@ def _light_joints(robot: Robot) -> list[Finding]:
     many = len(names) > 1
     turned = f"{min(light.values()):.2g}" + f" to {max(light.values()):.2g}" * many
     words = (
-        f"turn{'s' * (not many)} {turned} kg m² and would be flown by torques alone: if "
+        f"turn{'s' * (not many)} {turned} kg m² and would be moved by torques alone: if "
         f"{'servos drive them' if many else 'a servo drives it'}, give servo = {{ {servo} }} "
         f"(N m/rad, N m s/rad{'; for the least' * many}), and armature for the inertia of gears"
     )

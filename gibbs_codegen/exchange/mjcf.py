@@ -204,6 +204,9 @@ class _CompiledModel:
                 self._driven.add(target)
                 if limits is not None and (most := max(map(abs, limits))) > 0.0:
                     self.efforts[target] = min(most, self.efforts.get(target, most))
+                    if sum(limits):
+                        words = "limits of its force, {:g} to {:g}: the larger holds both ways"
+                        self._report(name, words.format(*limits))
                 if servo:
                     self._servos.setdefault(target, servo)
                 continue

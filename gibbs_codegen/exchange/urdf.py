@@ -389,6 +389,7 @@ OF_MOTORS = """
 """
 _KNOWN = COUNTED | dict.fromkeys(("transmission", "ros2_control"), "transmissions")
 _KNOWN |= {"controller:": COUNTED["plugin"], "robot/gazebo": WITHIN}
+_KNOWN |= {"joint/safety_controller": "safety controllers, and their limits"}
 _KNOWN |= without_part(f"""{OF_MOTORS}
     / sensor: material
     robot@ version
@@ -396,7 +397,7 @@ _KNOWN |= without_part(f"""{OF_MOTORS}
     link@ type
     link/ contact surface self_collision_checking collision_checking self_filter gravity=1
         kinematic=0
-    joint/ safety_controller calibration
+    joint/ calibration
     limit@ acceleration deceleration jerk drake:acceleration
     mimic@ multiplier offset gazebo@ reference
     gazebo/ sensor visual light canonicalBody static=0 kinematic=0

@@ -402,6 +402,10 @@ def test_mjcf_moves_as_its_bodies_are_held(tmp_path: Path) -> None:
     assert read("slider") == ("fixed", ["slider", "hinge"], [])
     assert read("x") == (("x",), ["hinge"], [])
     assert read("x", motion="free") == ("free", ["hinge"], ["x"])
+    # A robot is what has motors, and not a stone that flies.
+    stone = CART.replace('"stone">', '"stone"><freejoint/>').format(joint="x", end="{}")
+    driven = stone.format('<motor joint="x"/>')
+    assert [link.name for link in imported(driven, tmp_path)[0].links] == ["cart", "pole"]
     # What a motor drives is a link with an input.
     assert read("x", '<motor joint="x"/>') == ("fixed", ["x_joint", "hinge"], [])
     assert read("slider", base="cart") == ("free", ["hinge"], ["slider"])
@@ -658,7 +662,7 @@ def test_xacro_is_expanded_with_arguments(
 def test_a_package_that_xacro_does_not_find_is_named(tmp_path: Path) -> None:
     file = tmp_path / "robot.urdf.xacro"
     file.write_text(XACRO.replace('"part', '"$(find no_package)/part'))
-    with pytest.raises(GibbsCodegenError, match="ROS package no_package; .* or run `xacro robot"):
+    with pytest.raises(GibbsCodegenError, match=r"ROS package no_package; .* or run `xacro robot"):
         import_robot(file, ImportOptions("xyz"))
 
 
@@ -773,7 +777,7 @@ def test_joints_that_turn_little_are_noted_with_a_servo_to_begin_with(tmp_path: 
     stiffness = 2.0 / np.radians(5.0)
     damping = 2.0 * (stiffness * 3.9e-5) ** 0.5
     assert line.detail == (
-        "turns 3.9e-05 kg m² and would be flown by torques alone: if a servo drives it, give "
+        "turns 3.9e-05 kg m² and would be moved by torques alone: if a servo drives it, give "
         f"servo = {{ stiffness = {stiffness:.3g}, damping = {damping:.2g} }} "
         "(N m/rad, N m s/rad), and armature for the inertia of gears"
     )
@@ -782,7 +786,7 @@ def test_joints_that_turn_little_are_noted_with_a_servo_to_begin_with(tmp_path: 
     assert line.subject == "wrist, finger"
     # The finger, which turns least, has no effort.
     assert line.detail == (
-        "turn 1e-06 to 3.9e-05 kg m² and would be flown by torques alone: if servos drive them, "
+        "turn 1e-06 to 3.9e-05 kg m² and would be moved by torques alone: if servos drive them, "
         "give servo = { stiffness = …, damping = … } (N m/rad, N m s/rad; for the least), and "
         "armature for the inertia of gears"
     )

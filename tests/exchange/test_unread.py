@@ -120,6 +120,18 @@ REPORTED: list[tuple[str, dict[str, str], str, str]] = [
         "u",
         "dynamics of an actuator",
     ),
+    (
+        MJCF,
+        {"end": '<actuator><motor name="u" joint="j" gear="5" ctrlrange="-1 2"/></actuator>'},
+        "u",
+        "limits of its force, -5 to 10: the larger holds both ways",
+    ),
+    (
+        MJCF,
+        {"end": '<actuator><motor joint="j"/><motor name="u2" joint="j"/></actuator>'},
+        "u2",
+        "one more actuator on joint j",
+    ),
 ]  # fmt: skip
 
 
