@@ -18,7 +18,6 @@ from gibbs_codegen.flight.plant.allocation import least_inputs
 from gibbs_codegen.flight.plant.vehicle import Vehicle
 from gibbs_codegen.flight.record.series import Array, Flight, point_parents
 from gibbs_codegen.flight.vectors import Indices
-from gibbs_codegen.robot.layout import check_free_base
 
 # The largest disc, as a share of the reach of a robot's points.
 _LARGEST_DISC = 0.4
@@ -85,13 +84,17 @@ class DrawnMachine:
     """A generated module, with the back end "numpy" or "c", whose parameters can be changed."""
 
     def __init__(self, module: ModuleType) -> None:
-        check_free_base(module.NAME, module.ATTITUDE, "views are")
         self.module = module
         self._parameters: dict[str, float] = {}
         self.vehicle = Vehicle(module)
         actuators = module_actuators(self.vehicle)
         self.input_limits, self.joint_limits = actuators.inputs, actuators.joints
         self.parents = point_parents(self.vehicle).tolist()
+        layout, joints = self.vehicle.layout, self.vehicle.joints
+        # Controls by what they are: angles of the attitude, joints, and the position.
+        turns = 3 if layout.is_quaternion else len(layout.angle_axes)
+        self._joints = slice(turns, turns + joints)
+        self.swinging = layout.v.size if not layout.moves_freely else turns + joints
 
     def set_parameters(self, parameters: dict[str, float]) -> None:
         """Take other parameters of `prepare`; those not given get their defaults.
@@ -108,9 +111,9 @@ class DrawnMachine:
         return max(len(self.vehicle.arm_angles()) - 1, 0)
 
     def start(self) -> Array:
-        """The start of controls: level, with joints bent so that the arms hang down and away."""
-        controls = np.zeros(6 + self.vehicle.joints)
-        controls[3:-3] = self.vehicle.description("POSTURE")[self.vehicle.arm]
+        """The start of controls: level, with joints bent so that the arms can be seen."""
+        controls = np.zeros(self.vehicle.layout.v.size)
+        controls[self._joints] = self.vehicle.description("POSTURE")[self.vehicle.arm]
         return controls
 
     def controls(self, room: float) -> tuple[list[str], Array]:
@@ -128,9 +131,8 @@ class DrawnMachine:
         chosen = [*attitude, *entries[vehicle.arm], *entries[vehicle.layout.q.position]]
         rooms = np.array([_TURN if unit == "rad" else room for _, unit in chosen])
         low, high = -rooms, rooms
-        joints = slice(3, 3 + vehicle.joints)
-        for ends, limits in ((low, self.joint_limits[0]), (high, self.joint_limits[1])):
-            ends[joints] = np.where(np.isfinite(limits), limits, ends[joints])
+        for ends, limits in zip((low, high), self.joint_limits, strict=True):
+            ends[self._joints] = np.where(np.isfinite(limits), limits, ends[self._joints])
         return [f"{name}, {unit}" for name, unit in chosen], np.stack([low, high])
 
     def input_controls(self, u: Array, room: float) -> tuple[list[str], Array]:
@@ -155,10 +157,10 @@ class DrawnMachine:
         ]
 
     def coordinates(self, controls: Array) -> Array:
-        """Coordinates (nq) of three angles of the attitude, joints and position."""
-        layout = self.vehicle.layout
+        """Coordinates (nq) of angles of the attitude, joints and position."""
+        layout, (first, last) = self.vehicle.layout, (self._joints.start, self._joints.stop)
         q = self.vehicle.neutral
-        turns, q[layout.q.joints], q[layout.q.position] = np.split(controls, [3, len(controls) - 3])
+        turns, q[layout.q.joints], q[layout.q.position] = np.split(controls, [first, last])
         if layout.is_quaternion:
             turns = quaternion_of(rotation_matrix("zyx", turns[::-1]))
         q[layout.q.attitude] = turns
@@ -206,14 +208,15 @@ class DrawnMachine:
         generator = np.random.default_rng(1)
         filled = np.zeros((1, 1), dtype=bool)
         for _ in range(_POSTURES):
-            q = self.coordinates(generator.uniform(0.2, 1.2, 6 + self.vehicle.joints))
+            q = self.coordinates(generator.uniform(0.2, 1.2, self.vehicle.layout.v.size))
             filled = filled | changed(self.hybrid_system(q), np.zeros((1, 1)))
         return filled
 
     def directions(self, q: Array) -> Array:
-        """Unit vectors (N, 3) of the thrusts in the world."""
-        forces = self.vehicle.base_rotation(q) @ self.vehicle.thrust_wrenches(q)[:3]
-        return (forces / np.linalg.norm(forces, axis=0)).T
+        """Unit vectors (N, 3) of the thrusts in the world; up where they move no base along them."""
+        forces = (self.vehicle.base_rotation(q) @ self.vehicle.thrust_wrenches(q)[:3]).T
+        sizes = np.linalg.norm(forces, axis=1, keepdims=True)
+        return np.where(sizes > 0.0, forces, _UP) / np.where(sizes > 0.0, sizes, 1.0)
 
 
 def changed(new: Array, old: Array) -> NDArray[np.bool_]:

@@ -80,7 +80,8 @@ class RobotScene:
         )
         reach = _AROUND * (_BETWEEN_PANELS if live else 1.0)
         reach *= 0.5 * float(np.linalg.norm(high - low)) + self.machine.radius
-        set_stage(server, "/robot", float(low[2]) - _FLOOR * self.machine.size, reach)
+        flies = vehicle.rotors or vehicle.layout.moves_freely
+        set_stage(server, "/robot", float(low[2]) - flies * _FLOOR * self.machine.size, reach)
 
     def note(self, states: Sequence[Rest]) -> None:
         """Draw thrusts and efforts in proportion to those of states, if these are larger.
@@ -114,7 +115,7 @@ def _usual(values: Sequence[Array], least: float) -> float:
 
 
 def robot_page(machine: DrawnMachine) -> page.ViewPage:
-    """Record a robot as its attitude and its joints move, held still in each posture.
+    """Record a robot as what moves of it does, one after the other, held still in each posture.
 
     The page is less than 2 MB. Raises `UsageError` if viser is not installed.
     """
@@ -137,22 +138,21 @@ def robot_page(machine: DrawnMachine) -> page.ViewPage:
             client = recording.as_html()
         return page.view_page(client, title, scene.machine.key())
 
-    return page.that_fits(recorded, min(_FRAMES, _MOST // (3 + machine.vehicle.joints)))
+    return page.that_fits(recorded, min(_FRAMES, _MOST // machine.swinging))
 
 
 def swings(machine: DrawnMachine, start: Array, room: float, count: int) -> list[tuple[str, Rest]]:
-    """Frames in which attitude and joints move one after the other.
+    """Frames in which attitude and joints, or all that moves, move one after the other.
 
     `start` is as of `DrawnMachine.start`; `room`, m, is how far lengths without limits go; each
     gets `count` frames, at least 2. Says what moves in each, and the robot, with the inputs that
     hold it.
     """
-    moved = 3 + machine.vehicle.joints
     waves = np.sin(np.linspace(0.0, 2.0 * np.pi, count))
     labels, ends = machine.controls(room)
     low, high = np.clip(ends, start - _SWING, start + _SWING) - start
     frames = []
-    for place in range(moved):
+    for place in range(machine.swinging):
         for wave in waves:
             controls = start.copy()
             controls[place] += abs(wave) * (high if wave > 0.0 else low)[place]
@@ -187,10 +187,9 @@ class RobotPanel:
             self._parameters = ParameterFields(gui, machine.module.PARAMETERS)
         with gui.add_folder("Show", expand_by_default=False):
             parts = self._scene.machine
-            self._choices = [
-                (gui.add_checkbox("thrusts", True), [parts.thrusts.node]),
-                (gui.add_checkbox("frames", False), [parts.frames]),
-            ]
+            self._choices = [(gui.add_checkbox("frames", False), [parts.frames])]
+            if machine.vehicle.rotors:
+                self._choices.append((gui.add_checkbox("thrusts", True), [parts.thrusts.node]))
         panel = gui.add_panel()
         with panel.add_tab("Hybrid system"):
             self._pattern, self._numbers = gui.add_html(""), gui.add_html("")
