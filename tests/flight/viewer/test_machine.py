@@ -9,11 +9,20 @@ from types import ModuleType
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
+from support.emitted import emitted_module
 
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.flight.viewer.machine import LOADED, RELAXED, DrawnMachine, changed, mixed
 from gibbs_codegen.flight.viewer.page import empty_server
-from gibbs_codegen.flight.viewer.robot_view import Sliders, _digits, numbers, pattern_svg, symbol
+from gibbs_codegen.flight.viewer.robot_view import (
+    Sliders,
+    _digits,
+    numbers,
+    pattern_svg,
+    swings,
+    symbol,
+)
+from gibbs_codegen.robot.file import parse_robot
 
 Shipped = Callable[[str], ModuleType]
 
@@ -42,6 +51,46 @@ def test_controls_of_a_quaternion_are_roll_pitch_and_yaw(shipped: Shipped) -> No
     wanted *= Rotation.from_rotvec([0.3, 0, 0])
     assert machine.vehicle.base_rotation(q) == pytest.approx(wanted.as_matrix())
     assert machine.state(q, machine.hover(q)).points[0] == pytest.approx([1, 2, 3])
+
+
+CRAFT = """
+name = "craft"
+[base]
+motion = {}
+mass = 1
+inertia = [0.01, 0.01, 0.01, 0, 0, 0]
+[[link]]
+xyz = [0, 0, 0.1]
+axis = "y"
+mass = 0.2
+com = [0, 0, 0.3]
+"""
+ROTORS = "[[rotor]]\nposition = [{}, 0, 0]\n"
+
+
+@pytest.mark.parametrize(
+    ("motion", "labels", "rotors"),
+    [
+        ('"fixed"', ["theta_1, rad"], []),
+        ('["x", "z", "pitch"]', ["pitch, rad", "theta_3, rad", "x, m", "z, m"], [0.2, -0.2]),
+        ('"planar"', ["yaw, rad", "theta_1, rad", "x, m", "y, m"], []),
+    ],
+)
+def test_sliders_are_of_what_moves(motion: str, labels: list[str], rotors: list[float]) -> None:
+    text = CRAFT.format(motion) + "".join(map(ROTORS.format, rotors))
+    machine = DrawnMachine(emitted_module(parse_robot(text)))
+    assert machine.controls(1.0)[0] == labels
+    controls = 0.1 + 0.2 * np.arange(len(labels))
+    q = machine.coordinates(controls)
+    named = dict(zip(machine.vehicle.coordinates, q, strict=True))
+    assert [named[label.split(",")[0]] for label in labels] == controls.tolist()
+    state = machine.state(q, machine.hover(q))
+    assert state.is_still
+    pitch = named.get("pitch", 0.0)
+    assert state.directions == pytest.approx(
+        np.tile([np.sin(pitch), 0, np.cos(pitch)], (len(rotors), 1))
+    )
+    assert len(swings(machine, machine.start(), 0.1, 2)) == 2 * len(labels)
 
 
 def test_no_posture_fills_an_entry_that_the_pattern_leaves_blank(shipped: Shipped) -> None:
