@@ -213,7 +213,7 @@ class DrawnMachine:
         return filled
 
     def directions(self, q: Array) -> Array:
-        """Unit vectors (N, 3) of the thrusts in the world; up where they move no base along them."""
+        """Unit vectors (N, 3) of the thrusts in the world; up where the base moves along none."""
         forces = (self.vehicle.base_rotation(q) @ self.vehicle.thrust_wrenches(q)[:3]).T
         sizes = np.linalg.norm(forces, axis=1, keepdims=True)
         return np.where(sizes > 0.0, forces, _UP) / np.where(sizes > 0.0, sizes, 1.0)
