@@ -244,7 +244,7 @@ def coordinates(flight: Flight) -> Figure:
                     plot(axes, flight, part)
             begin = end
         # The second panel explains both.
-        explain(figure.axes[len(panels[0])], "actual", "desired")
+        explain(figure.axes[len(panels[0]) * (len(panels) > 1)], "actual", "desired")
         return finished(figure, flight)
 
 
@@ -266,12 +266,14 @@ def _panels(flight: Flight) -> list[_Panel]:
     arm_names = [symbol(f"theta_{k}") for k in range(2, arms[0].shape[1] + 2)]
     drift = np.abs(arms[0] - arms[1]).max(initial=0.0) > _DRIFT
     base_arms = [Curves("base arms (deg)", arm_names, *np.degrees(arms))]
+    attitude, position = every[layout.q.attitude], every[layout.q.position]
+    where = f"position of {origin}"
     return [
-        _by_range(_coordinate_curves(flight, "attitude", every[layout.q.attitude])),
+        *([_by_range(_coordinate_curves(flight, "attitude", attitude))] if attitude else []),
         *([_by_range(_roll_pitch_yaw(flight))] if layout.is_quaternion else []),
         *([base_arms] if drift else []),
         *map(_by_range, joints),
-        [_coordinate_curves(flight, f"position of {origin}", every[layout.q.position])],
+        *([[_coordinate_curves(flight, where, position)]] if position else []),
     ]
 
 
