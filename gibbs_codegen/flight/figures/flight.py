@@ -22,6 +22,7 @@ from gibbs_codegen.flight.figures.curves import inputs as inputs
 from gibbs_codegen.flight.figures.results import FIGURES as NAMES
 from gibbs_codegen.flight.figures.snapshots import snapshots as snapshots
 from gibbs_codegen.flight.figures.snapshots import snapshots_panels as snapshots_panels
+from gibbs_codegen.flight.record.extent import led_points
 from gibbs_codegen.flight.record.flight import Flight
 
 
@@ -36,25 +37,28 @@ def constraint_torques(flight: Flight, width: float = COLUMN) -> Figure:
 def tracking_error(flight: Flight, width: float = COLUMN) -> Figure:
     """Draw how far the flight is from what is desired, over time in s: linearly, and by logarithms.
 
-    Above in m: base centre, tip and, if there are prismatic joints, the largest of their errors.
+    Above in m: base centre and tip, where they are led, and, if there are prismatic joints, the largest of their errors.
     Below in rad: the largest error of an attitude angle or revolute joint and, if an arm is to be
     tangent to the path, its angle to the tangent. What is below `LOG_FLOOR` is drawn there.
     """
     error, places = np.abs(flight.errors), flight.layout.v
     sliding = [place for place in places.joint_places if places.units[place] == "m/s"]
     angular = [place for place, unit in enumerate(places.units) if unit == "rad/s"]
-    distances = {"base centre": flight.centre_error}
-    if flight.has_tip and places.joint_places:
-        distances["tip"] = flight.tip_error
+    errors = {"base centre": flight.centre_error, "tip": flight.tip_error}
+    distances = {name: errors[name] for name in led_points(flight)}
     if sliding:
         distances["prismatic joints"] = error[:, sliding].max(axis=1)
-    angles = {"largest joint or attitude angle": error[:, angular].max(axis=1)}
+    angles, turning = {}, len(range(places.size)[places.attitude])
+    if angular:
+        kinds = ["joint"] * (len(angular) > turning) + ["attitude angle"] * (turning > 0)
+        angles[f"largest {' or '.join(kinds)}"] = error[:, angular].max(axis=1)
     if flight.tangent_arm:
         angles[f"arm {flight.tangent_arm} to tangent"] = flight.heading_error
     with style():
-        figure = new_figure(width, 6.0)
-        rows = iter(figure.subplots(4, 1, sharex=True))
-        for label, series in (("error (m)", distances), ("error (rad)", angles)):
+        panels = [("error (m)", distances), *([("error (rad)", angles)] if angles else [])]
+        figure = new_figure(width, 3.0 * len(panels))
+        rows = iter(figure.subplots(2 * len(panels), 1, sharex=True))
+        for label, series in panels:
             curves.plot_lines(above := next(rows), flight, label, series)
             curves.add_key(above)
             curves.plot_logarithms(next(rows), flight, label, series)

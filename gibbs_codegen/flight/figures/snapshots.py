@@ -25,6 +25,7 @@ from gibbs_codegen.figures.style import FULL, lay_out, new_figure, style
 from gibbs_codegen.flight.figures.curves import add_legend
 from gibbs_codegen.flight.record.extent import (
     bounds,
+    led_points,
     rotor_radius,
     samples_at,
     thrust_directions,
@@ -33,7 +34,7 @@ from gibbs_codegen.flight.record.extent import (
 from gibbs_codegen.flight.record.flight import Array, Flight
 from gibbs_codegen.flight.scenario.walls import patches
 
-_CENTRE_COLOUR, _TIP_COLOUR = COLOURS[:2]
+_COLOURS = {"base centre": COLOURS[0], "tip": COLOURS[1]}
 
 _PATH_LEVELS = (3, 4)
 # In one picture; and in panels, of which more would be too small to show the robot.
@@ -110,17 +111,15 @@ class RobotDrawing:
 class PathDrawing:
     """Artists of the paths of base centre and tip: the desired ones whole, the actual ones so far.
 
-    Without an arm the tip is the centre, and is left out. `scale` multiplies the widths of lines.
+    What is not led is left out. `scale` multiplies the widths of lines.
     """
 
     def __init__(self, axes: Any, flight: Flight, desired: str = DARK, scale: float = 1.0) -> None:
         below, above = _PATH_LEVELS
         self._actual = []
-        paths = [(flight.centre, "base centre", _CENTRE_COLOUR, flight.centre_desired)]
-        if flight.has_tip and flight.layout.q.joint_places:
-            paths.append(("tip", "tip", _TIP_COLOUR, flight.tip_desired))
-        for point, label, colour, path in paths:
-            (line,) = axes.plot([], [], [], color=colour, lw=1.6 * scale, zorder=below, label=label)
+        for label, (point, path) in led_points(flight).items():
+            look = {"color": _COLOURS[label], "lw": 1.6 * scale, "label": label}
+            (line,) = axes.plot([], [], [], zorder=below, **look)
             (dashes,) = axes.plot(
                 *path.T, color=desired, lw=0.7 * scale, dashes=(4, 3), zorder=above
             )
@@ -161,7 +160,8 @@ def snapshots(flight: Flight) -> Figure:
     instants = _instants(flight, INSTANTS)
     labels = _labels(flight, instants)
     samples = list(labels)
-    centres = flight.point(flight.centre)[samples]
+    path = _first_path(flight)
+    centres = path[samples]
     box = bounds(flight, samples)
     view = _clearest_view(centres, box)
     with style():
@@ -177,7 +177,7 @@ def snapshots(flight: Flight) -> Figure:
             robot = RobotDrawing(axes, flight, rank, colours[place], scale=0.9)
             robot.show(samples[place])
             outlines.append(robot.outline(samples[place]))
-        outlines.append(flight.point(flight.centre)[:: len(flight.time) // _PATH_POINTS + 1])
+        outlines.append(path[:: len(flight.time) // _PATH_POINTS + 1])
         fit(axes, *add_legend(axes, flight))
         _write_times(axes, centres, list(labels.values()), colours, np.concatenate(outlines))
         return figure
@@ -190,7 +190,7 @@ def snapshots_panels(flight: Flight) -> Figure:
     """
     samples = _instants(flight, _PANELS)
     box = bounds(flight, samples)
-    view = _clearest_view(flight.point(flight.centre)[samples], box)
+    view = _clearest_view(_first_path(flight)[samples], box)
     scene = extent(box, view)
     rooms = {}  # Sizes of panels, in, of each division, by the scale of its scene, in/m.
     for columns in _COLUMNS:
@@ -253,6 +253,12 @@ def _draw_walls(axes: Any, flight: Flight, box: tuple[Array, Array]) -> None:
         axes.plot(*np.vstack(edges)[:-1].T, color=_WALL, linewidth=0.8, label=label, zorder=-1)
 
 
+def _first_path(flight: Flight) -> Array:
+    """The path (s, 3), m, of what is led before all else, by which instants are told apart."""
+    point, _ = next(iter(led_points(flight).values()))
+    return flight.point(point)
+
+
 def _instants(flight: Flight, count: int) -> list[int]:
     """Samples evenly spread over a flight, so many or all of them if it has fewer."""
     times = np.linspace(flight.time[0], flight.time[-1], count)
@@ -296,7 +302,7 @@ def _write_times(
 ) -> None:
     """Write the time beside each robot, where it covers least of all of them.
 
-    `centres` (s, 3), m, are those of the bases, and labels had better not cover `outline` (p, 3),
+    `centres` (s, 3), m, are where it is led, and labels had better not cover `outline` (p, 3),
     m, points of robots and their path.
     """
 

@@ -31,6 +31,20 @@ def samples_at(flight: Flight, times: Array) -> list[int]:
     return [int(sample) for sample in np.searchsorted(between, times)]
 
 
+def led_points(flight: Flight) -> dict[str, tuple[str, Array]]:
+    """Points of the robot that are led, by what they are called, with desired paths (s, 3), m.
+
+    The base centre, if it moves or there is no other, and the tip of an arm that moves.
+    """
+    led = {}
+    tip = flight.has_tip and bool(flight.layout.q.joint_places)
+    if flight.layout.v.base or not tip:
+        led["base centre"] = flight.centre, flight.centre_desired
+    if tip:
+        led["tip"] = "tip", flight.tip_desired
+    return led
+
+
 def bounds(flight: Flight, samples: list[int] | None = None) -> tuple[Array, Array]:
     """Lowest and highest coordinates (3), m, of robot and paths, with room for the rotors.
 
@@ -45,13 +59,15 @@ def bounds(flight: Flight, samples: list[int] | None = None) -> tuple[Array, Arr
     points = points[np.isfinite(points).all(axis=1)]
     low, high = points.min(axis=0), points.max(axis=0)
     extent = high - low + 2.0 * rotor_radius(flight)
-    half = np.maximum(extent, _THINNEST * extent.max()) / 2.0
+    half = np.maximum(extent, _THINNEST * extent.max() or 1.0) / 2.0
     middle = (low + high) / 2.0
     return middle - half, middle + half
 
 
 def rotor_radius(flight: Flight) -> float:
-    """Radius of the discs, m, by the distance between motors."""
+    """Radius of the discs, m, by the distance between motors; 0 without any."""
+    if not flight.rotors:
+        return 0.0
     rotors = [flight.points.index(name) for name in flight.rotor_points]
     motors, carriers = (flight.positions[0][k] for k in (rotors, flight.parents[rotors]))
     normals = thrust_directions(flight, 0) @ flight.base_rotation[0].T
