@@ -12,6 +12,8 @@ COLOURS = (
     *("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#e69f00"),
     *("#332288", "#882255", "#999933", "#777777"),
 )
+# Those of paths of the points that are led.
+PATHS = {"base centre": COLOURS[0], "tip": COLOURS[1]}
 # Black and yellow of the same palette, the yellow darker for white paper.
 DARK = "0.15"
 GOLD = "#f2c200"

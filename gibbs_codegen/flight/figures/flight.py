@@ -37,15 +37,15 @@ def constraint_torques(flight: Flight, width: float = COLUMN) -> Figure:
 def tracking_error(flight: Flight, width: float = COLUMN) -> Figure:
     """Draw how far the flight is from what is desired, over time in s: linearly, and by logarithms.
 
-    Above in m: base centre and tip, where they are led, and, if there are prismatic joints, the largest of their errors.
-    Below in rad: the largest error of an attitude angle or revolute joint and, if an arm is to be
-    tangent to the path, its angle to the tangent. What is below `LOG_FLOOR` is drawn there.
+    Above in m: base centre and tip, as far as they are led, and, if there are prismatic joints, the
+    largest of their errors. Below in rad: the largest error of an attitude angle or revolute joint
+    and, if an arm is to be tangent to the path, its angle to the tangent. What is below `LOG_FLOOR`
+    is drawn there.
     """
     error, places = np.abs(flight.errors), flight.layout.v
     sliding = [place for place in places.joint_places if places.units[place] == "m/s"]
     angular = [place for place, unit in enumerate(places.units) if unit == "rad/s"]
-    errors = {"base centre": flight.centre_error, "tip": flight.tip_error}
-    distances = {name: errors[name] for name in led_points(flight)}
+    distances = {name: led.error for name, led in led_points(flight).items()}
     if sliding:
         distances["prismatic joints"] = error[:, sliding].max(axis=1)
     angles, turning = {}, len(range(places.size)[places.attitude])

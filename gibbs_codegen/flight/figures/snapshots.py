@@ -15,6 +15,7 @@ from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 from gibbs_codegen.figures.appearance import (
     COLOURS,
     DARK,
+    PATHS,
     VIEW,
     disc_corners,
     seen_from,
@@ -33,8 +34,6 @@ from gibbs_codegen.flight.record.extent import (
 )
 from gibbs_codegen.flight.record.flight import Array, Flight
 from gibbs_codegen.flight.scenario.walls import patches
-
-_COLOURS = {"base centre": COLOURS[0], "tip": COLOURS[1]}
 
 _PATH_LEVELS = (3, 4)
 # In one picture; and in panels, of which more would be too small to show the robot.
@@ -117,13 +116,13 @@ class PathDrawing:
     def __init__(self, axes: Any, flight: Flight, desired: str = DARK, scale: float = 1.0) -> None:
         below, above = _PATH_LEVELS
         self._actual = []
-        for label, (point, path) in led_points(flight).items():
-            look = {"color": _COLOURS[label], "lw": 1.6 * scale, "label": label}
+        for label, led in led_points(flight).items():
+            look = {"color": PATHS[label], "lw": 1.6 * scale, "label": label}
             (line,) = axes.plot([], [], [], zorder=below, **look)
             (dashes,) = axes.plot(
-                *path.T, color=desired, lw=0.7 * scale, dashes=(4, 3), zorder=above
+                *led.desired.T, color=desired, lw=0.7 * scale, dashes=(4, 3), zorder=above
             )
-            self._actual.append((line, flight.point(point)))
+            self._actual.append((line, led.path))
         dashes.set_label("desired")
 
     def show(self, sample: int) -> None:
@@ -255,8 +254,7 @@ def _draw_walls(axes: Any, flight: Flight, box: tuple[Array, Array]) -> None:
 
 def _first_path(flight: Flight) -> Array:
     """The path (s, 3), m, of what is led before all else, by which instants are told apart."""
-    point, _ = next(iter(led_points(flight).values()))
-    return flight.point(point)
+    return next(iter(led_points(flight).values())).path
 
 
 def _instants(flight: Flight, count: int) -> list[int]:

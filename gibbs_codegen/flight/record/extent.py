@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from gibbs_codegen.figures.appearance import disc_radius
@@ -31,17 +33,26 @@ def samples_at(flight: Flight, times: Array) -> list[int]:
     return [int(sample) for sample in np.searchsorted(between, times)]
 
 
-def led_points(flight: Flight) -> dict[str, tuple[str, Array]]:
-    """Points of the robot that are led, by what they are called, with desired paths (s, 3), m.
+class LedPoint(NamedTuple):
+    """The path (s, 3) of a point of the robot, and the desired one, m."""
 
-    The base centre, if it moves or there is no other, and the tip of an arm that moves.
-    """
+    path: Array
+    desired: Array
+
+    @property
+    def error(self) -> Array:
+        """Distance (s) from where it should be, m."""
+        return np.linalg.norm(self.path - self.desired, axis=1)
+
+
+def led_points(flight: Flight) -> dict[str, LedPoint]:
+    """Points that are led: the base centre, if it moves or nothing else does, and an arm's tip."""
     led = {}
-    tip = flight.has_tip and bool(flight.layout.q.joint_places)
-    if flight.layout.v.base or not tip:
-        led["base centre"] = flight.centre, flight.centre_desired
-    if tip:
-        led["tip"] = "tip", flight.tip_desired
+    moves_tip = flight.has_tip and bool(flight.layout.q.joint_places)
+    if flight.layout.v.base or not moves_tip:
+        led["base centre"] = LedPoint(flight.point(flight.centre), flight.centre_desired)
+    if moves_tip:
+        led["tip"] = LedPoint(flight.point("tip"), flight.tip_desired)
     return led
 
 

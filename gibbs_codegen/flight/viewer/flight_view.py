@@ -11,13 +11,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gibbs_codegen.errors import UsageError
-from gibbs_codegen.figures.appearance import COLOURS
-from gibbs_codegen.flight.record.extent import bounds, samples_at, thrust_directions, usual_size
+from gibbs_codegen.figures.appearance import PATHS
+from gibbs_codegen.flight.record.extent import (
+    bounds,
+    led_points,
+    samples_at,
+    thrust_directions,
+    usual_size,
+)
 from gibbs_codegen.flight.record.flight import Array, Flight
 from gibbs_codegen.flight.viewer import page
 from gibbs_codegen.flight.viewer.machine import MachineScene, rgb, set_stage
 
-_CENTRE, _TIP, _DESIRED, _WALL = COLOURS[0], COLOURS[1], "#555555", "#8a6d3b"
+_DESIRED, _WALL = "#555555", "#8a6d3b"
 _DASHES = f"repeating-linear-gradient(90deg, {_DESIRED} 0 5px, transparent 5px 9px)"
 # A robot smaller than this share of the whole flight is followed.
 _SMALL = 0.7
@@ -87,25 +93,15 @@ class FlightScene:
 
     def key(self) -> list[tuple[str, str]]:
         """Colours, as CSS has them, and in words what they mean."""
-        entries = [*self.machine.key(), (_CENTRE, "path of the base centre")]
-        if self._has_arm:
-            entries.append((_TIP, "path of the tip"))
-        entries.append((_DASHES, "desired paths"))
+        paths = [(PATHS[name], f"path of the {name}") for name in led_points(self.flight)]
+        entries = [*self.machine.key(), *paths, (_DASHES, "desired paths")]
         return entries + [(_WALL, "wall")] * bool(len(self.flight.walls))
 
-    @property
-    def _has_arm(self) -> bool:
-        return self.flight.has_tip and bool(self.flight.layout.q.joint_places)
-
     def _draw_paths(self) -> list[Any]:
-        flight = self.flight
-        paths = [("centre", flight.point(flight.centre), flight.centre_desired, _CENTRE)]
-        if self._has_arm:
-            paths.append(("tip", flight.point("tip"), flight.tip_desired, _TIP))
         drawn = []
-        for name, actual, desired, colour in paths:
-            drawn.append(self._draw_line(f"path of {name}", _segments(actual), colour))
-            dashes = _segments(desired)[::2]
+        for name, led in led_points(self.flight).items():
+            drawn.append(self._draw_line(f"path of {name}", _segments(led.path), PATHS[name]))
+            dashes = _segments(led.desired)[::2]
             if len(dashes):
                 drawn.append(self._draw_line(f"desired path of {name}", dashes, _DESIRED))
         return drawn
@@ -203,9 +199,8 @@ class FlightPanel:
 
 def _numbers(flight: Flight, sample: int) -> str:
     """Errors and the largest thrust at a sample, as HTML."""
-    rows = [("base centre off by", 1e3 * flight.centre_error[sample], "mm")]
-    if flight.has_tip:
-        rows.append(("tip off by", 1e3 * flight.tip_error[sample], "mm"))
+    led = led_points(flight).items()
+    rows = [(f"{name} off by", 1e3 * float(point.error[sample]), "mm") for name, point in led]
     thrusts = np.abs(flight.applied[sample, : flight.rotors])
     if len(thrusts):
         rows.append(("largest thrust", float(thrusts.max()), "N"))
