@@ -47,8 +47,8 @@ class Film:
 
     def __init__(self, flight: Flight) -> None:
         self._flight = flight
-        rotors = [flight.points.index(name) for name in flight.rotor_points]
-        self._middles = flight.positions[:, rotors].mean(axis=1)
+        near = [flight.points.index(name) for name in flight.rotor_points or (flight.centre,)]
+        self._middles = flight.positions[:, near].mean(axis=1)
         whole = bounds(flight)
         self.near = _near_radius(flight, self._middles, whole)
         height = _HEIGHT - _HEAD
@@ -109,11 +109,9 @@ class Film:
 
 def _artists(axes: Any, flight: Flight, scale: float = 1.0) -> list[Any]:
     """Drawings in 3-D axes that `show` a sample; `scale` multiplies the widths of lines."""
-    return [
-        snapshots.PathDrawing(axes, flight, desired="0.65"),
-        snapshots.RobotDrawing(axes, flight, scale=scale),
-        snapshots.ThrustArrows(axes, flight, scale),
-    ]
+    paths = snapshots.PathDrawing(axes, flight, desired="0.65")
+    drawn = [paths, snapshots.RobotDrawing(axes, flight, scale=scale)]
+    return [*drawn, snapshots.ThrustArrows(axes, flight, scale)] if flight.rotors else drawn
 
 
 def _near_radius(flight: Flight, middles: Array, whole: tuple[Array, Array]) -> float:

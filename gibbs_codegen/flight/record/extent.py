@@ -11,6 +11,8 @@ from gibbs_codegen.flight.record.flight import Array, Flight
 
 # The least extent of a scene along an axis, as a share of the largest, so that it stays a box.
 _THINNEST = 0.4
+# The room around a machine without rotors, as a share of the largest extent.
+_ROOM = 0.05
 # The share of thrusts or efforts that is shown whole: peaks would make the others dots.
 _USUAL = 0.95
 
@@ -57,7 +59,7 @@ def led_points(flight: Flight) -> dict[str, LedPoint]:
 
 
 def bounds(flight: Flight, samples: list[int] | None = None) -> tuple[Array, Array]:
-    """Lowest and highest coordinates (3), m, of robot and paths, with room for the rotors.
+    """Lowest and highest coordinates (3), m, of robot and paths, with room around it.
 
     The robot counts at such samples, or at all if None.
     """
@@ -69,7 +71,8 @@ def bounds(flight: Flight, samples: list[int] | None = None) -> tuple[Array, Arr
     # A flight that stopped because it diverged may end in what is not a number.
     points = points[np.isfinite(points).all(axis=1)]
     low, high = points.min(axis=0), points.max(axis=0)
-    extent = high - low + 2.0 * rotor_radius(flight)
+    extent = high - low
+    extent += 2.0 * (rotor_radius(flight) or _ROOM * extent.max())
     half = np.maximum(extent, _THINNEST * extent.max() or 1.0) / 2.0
     middle = (low + high) / 2.0
     return middle - half, middle + half
