@@ -13,6 +13,7 @@ from gibbs_codegen.cli import robot_argument, terminal
 from gibbs_codegen.errors import printable
 from gibbs_codegen.files.toml import changes_of
 from gibbs_codegen.flight.figures.results import check_results, drawing_beside, write_results
+from gibbs_codegen.flight.record.extent import led_points
 from gibbs_codegen.flight.record.flight import Flight
 from gibbs_codegen.flight.scenario.file import read_scenario
 from gibbs_codegen.flight.scenario.parts import PREDICTIVE, WITH_CONSTRAINTS, Control, Impedance
@@ -61,11 +62,9 @@ def run(options: argparse.Namespace) -> int:
         flight = simulate(robot, scenario, progress=progress)
         compiled = seconds_waited(start)
         flown = time.perf_counter() - start - compiled
-        draws = flight.layout.moves_freely  # Figures of other bases are still to come.
-        animation = options.animate if draws and options.animate else ""
-        written = options.out, draws, animation, progress, options.format, workers
+        written = options.out, True, options.animate or "", progress, options.format, workers
         write_results(flight, *written)
-    moved = "flew" if flight.rotors else "moved by"
+    moved, what = ("flew", "flight") if flight.rotors else ("moved by", "motion")
     print(
         f"{printable(options.out)}: {flight.robot} {moved} {flight.scenario!r} for "
         f"{flight.time[-1]:.4g} s, computed in {flown:.1f} s"
@@ -88,7 +87,7 @@ def run(options: argparse.Namespace) -> int:
     if more := len(flight.binding) - len(times):
         print(f"  and {more} more: `binding` of {printable(options.out)}/flight.npz has all")
     if flight.stopped:
-        print(f"gibbs-codegen: the flight ended early: {flight.stopped}", file=sys.stderr)
+        print(f"gibbs-codegen: the {what} ended early: {flight.stopped}", file=sys.stderr)
         return 1
     return 0
 
@@ -134,13 +133,12 @@ def _unreached(flight: Flight, control: Control) -> str:
 
 
 def _errors(flight: Flight, samples: slice) -> str:
-    """The largest errors of base centre, tip and joints, with the joints that have them.
+    """The largest errors of what is led and of joints, with the joints that have them.
 
     Such as "base centre 0.02 m, tip 0.01 m, joint theta_8 0.003 rad".
     """
-    clauses = [f"base centre {max(flight.centre_error[samples]):.2g} m"]
-    if flight.has_tip:
-        clauses.append(f"tip {max(flight.tip_error[samples]):.2g} m")
+    led = led_points(flight).items()
+    clauses = [f"{name} {max(point.error[samples]):.2g} m" for name, point in led]
     joints, rates = flight.layout.q.joints, flight.layout.v.joints
     errors = abs(flight.errors[samples, rates]).max(axis=0)
     named = zip(errors, flight.coordinates[joints], flight.coordinate_units[joints], strict=True)
@@ -154,7 +152,9 @@ def _errors(flight: Flight, samples: slice) -> str:
 
 
 def _attitude(flight: Flight) -> str:
-    """Ranges of roll, pitch and yaw, degrees."""
+    """Ranges of roll, pitch and yaw, degrees; "" where the base does not turn."""
+    if not flight.layout.angle_axes and not flight.layout.is_quaternion:
+        return ""
     angles = np.degrees(np.unwrap(flight.roll_pitch_yaw, axis=0)).round(2) + 0.0
     ends = zip(("roll", "pitch", "yaw"), angles.min(axis=0), angles.max(axis=0), strict=True)
     return "attitude: " + ", ".join(f"{n} {a:.3g} to {b:.3g}°" for n, a, b in ends)

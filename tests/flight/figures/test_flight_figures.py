@@ -16,13 +16,18 @@ import pytest
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 from numpy.typing import NDArray
+from support.emitted import emitted_module
 from support.synthetic_flight import names, synthetic_flight
 
+from gibbs_codegen import parse_robot, read_scenario, simulate
 from gibbs_codegen.errors import OutputError
 from gibbs_codegen.figures import FORMATS
 from gibbs_codegen.flight.figures import flight as figures
+from gibbs_codegen.flight.figures.animation import Film
 from gibbs_codegen.flight.figures.curves import LOG_FLOOR, symbol
+from gibbs_codegen.flight.record.extent import bounds
 from gibbs_codegen.flight.record.flight import Flight
+from gibbs_codegen.flight.viewer.flight_view import flight_page
 from gibbs_codegen.pipeline import generate
 from gibbs_codegen.runtime.load import load
 
@@ -569,3 +574,48 @@ def test_users_style_is_left_alone_and_not_used(paper: Flight) -> None:
         figure = figures.energy(paper)
         assert mpl.rcParams["font.size"] == 30
     assert figure.axes[0].yaxis.label.get_fontsize() == 9
+
+
+GROUND = """
+name = "on_the_ground"
+[base]
+motion = {}
+mass = 1
+inertia = [0.1, 0.1, 0.1, 0, 0, 0]
+[[link]]
+name = "pole"
+xyz = [0, 0, 0]
+axis = "y"
+length = 0.5
+mass = 1
+com = [0.5, 0, 0]
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("motion", "panels", "led"),
+    [
+        ('"fixed"', ["joints (deg)"], ["tip"]),
+        ('["x"]', ["joints (deg)", "position of the base (m)"], ["base centre", "tip"]),
+        ('["yaw"]', ["attitude (deg)", "joints (deg)"], ["base centre", "tip"]),
+    ],
+)
+def test_what_does_not_move_is_not_drawn(motion: str, panels: list[str], led: list[str]) -> None:
+    module = emitted_module(parse_robot(GROUND.format(motion)))
+    falling = {"name": "falling", "duration": 0.3, "control": {"law": "off"}}
+    flight = simulate(module, read_scenario(falling))
+    assert [axes.get_ylabel() for axes in figures.coordinates(flight).axes] == panels
+    (key,) = figures.snapshots(flight).legends
+    assert [text.get_text() for text in key.texts] == [*led, "desired", "arm"]
+    film = Film(flight)
+    film.show(len(flight.time) - 1)
+    (key,) = film.figure.legends
+    assert "thrust" not in [text.get_text() for text in key.texts]
+    shown = figures.tracking_error(flight).axes
+    assert shown[0].get_legend().texts[0].get_text() == led[0]
+    # The scene is as large as the pole and its way.
+    low, high = bounds(flight)
+    assert np.all(high - low <= 1.2)
+    page = flight_page(flight).text
+    assert ("path of the base centre" in page) == ("base centre" in led)
