@@ -47,10 +47,12 @@ DATA = """
     emitted/matlab/changed_parameters.m emitted/matlab/check_constants.m
     emitted/matlab/product.m emitted/matlab/states.m
     runtime/native/arrays.h runtime/native/caller.c runtime/native/jax_call.c runtime/native/rows.c
-    robots/__init__.py robots/decarotor_3link.toml robots/dual_arm.toml robots/hexarotor.toml
+    robots/__init__.py robots/cart_pole.toml robots/decarotor_3link.toml
+    robots/delta_hexarotor.toml robots/dual_arm.toml robots/hexarotor.toml
     robots/hexarotor_3link.toml robots/hextilt_flying_arm_5.toml robots/hydrus.toml
-    robots/LICENSES.txt robots/octorotor_7link.toml robots/quadrotor.toml
-    robots/quadrotor_2link.toml robots/quadrotor_arm_2link.toml
+    robots/LICENSES.txt robots/octorotor_7link.toml robots/panda.toml
+    robots/planar_quadrotor_arm.toml robots/quadrotor.toml
+    robots/quadrotor_2link.toml robots/quadrotor_arm_2link.toml robots/ur5e.toml
     scenarios/circle.toml scenarios/flip.toml scenarios/hover.toml scenarios/inspection.toml
     scenarios/line.toml scenarios/paper.toml scenarios/push.toml
     templates/c_batch.c.jinja templates/c_each.c.jinja templates/c_header.h.jinja

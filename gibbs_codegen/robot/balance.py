@@ -15,6 +15,7 @@ from gibbs_codegen.robot import posture
 from gibbs_codegen.robot.layout import frames_of, joint_terms
 from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.robot.names import coordinate_of, link_label, rotor_label
+from gibbs_codegen.robot.parts.base import FIXED
 from gibbs_codegen.robot.parts.battery import Battery
 from gibbs_codegen.robot.parts.body import Body, as_rigid_body, body_fault, inertia_matrix
 from gibbs_codegen.robot.parts.numbers import AXIS_PAIRS, BASE
@@ -338,7 +339,9 @@ _MOST_LISTED = 12
 
 
 def balance_lines(robot: Robot) -> list[str]:
-    """Mass, centre of mass and inertia of the base, and hover thrusts, in words."""
+    """Mass, centre of mass and inertia of a base that moves, and hover thrusts, in words."""
+    if robot.base.motion == FIXED:
+        return []
     base = posture.base_properties(robot)
     where = "the origin of the base's frame"
     if robot.base.rotors:

@@ -14,6 +14,7 @@ import mpmath
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
+from scipy.spatial.transform import Rotation
 from support.derived import derived
 from support.emitted import emitted_module
 from support.high_precision import DIGITS, evaluated, prepared
@@ -182,3 +183,79 @@ def test_the_puma_weighs_what_was_published() -> None:
     held += [g5 * (c23 * s5 + s23 * c4 * c5), 0]
     np.testing.assert_allclose(-module.gravity_forces(q), held, atol=0.08)
     np.testing.assert_allclose(-module.gravity_forces(q)[3:], held[3:], atol=3e-5)
+
+
+# Standard Denavit–Hartenberg parameters a, d and α (°) as Universal Robots publishes them, with
+# masses and centres of mass in the frames of the links, and modified ones of the Panda.
+UR5E = [
+    (0, 0.1625, 90, 3.761, (0, -0.02561, 0.00193)),
+    (-0.425, 0, 0, 8.058, (0.2125, 0, 0.11336)),
+    (-0.3922, 0, 0, 2.846, (0.15, 0, 0.0265)),
+    (0, 0.1333, 90, 1.37, (0, -0.0018, 0.01634)),
+    (0, 0.0997, -90, 1.3, (0, 0.0018, 0.01634)),
+    (0, 0.0996, 0, 0.365, (0, 0, -0.001159)),
+]
+PANDA = [
+    *((0, 0.333, 0), (0, 0, -90), (0, 0.316, 90), (0.0825, 0, 90)),
+    *((-0.0825, 0.384, -90), (0, 0, 90), (0.088, 0, 90), (0, 0.107, 0)),
+]
+
+
+def moved(axis: str, angle: float, *along: float) -> Array:
+    """A turn about an axis and then a shift along the axes before it, as a matrix."""
+    found = np.eye(4)
+    found[:3, :3], found[:3, 3] = Rotation.from_euler(axis, angle).as_matrix(), along
+    return found
+
+
+@pytest.mark.slow
+def test_arms_that_ship_reach_and_weigh_what_was_published() -> None:
+    q = np.array([0.3, -0.7, 0.4, -1.5, 0.8, 0.2, -0.5])
+    module, pose = emitted_module(read_robot("ur5e")[0]), moved("z", np.pi, 0, 0, 0)
+    energies = []
+    for (a, d, alpha, mass, com), angle in zip(UR5E, q, strict=False):
+        pose = pose @ moved("z", angle, 0, 0, d) @ moved("x", np.deg2rad(alpha), a, 0, 0)
+        energies.append(9.81 * mass * (pose @ [*com, 1.0])[2])
+    np.testing.assert_allclose(module.tip_pose(q[:6]), pose, atol=1e-15)
+    assert module.potential_energy(q[:6]) == pytest.approx(sum(energies), rel=1e-14)
+    module, pose = emitted_module(read_robot("panda")[0]), np.eye(4)
+    for (a, d, alpha), angle in zip(PANDA, [*q, 0.0], strict=True):
+        pose = pose @ moved("x", np.deg2rad(alpha), a, 0, 0) @ moved("z", angle, 0, 0, d)
+    np.testing.assert_allclose(module.tip_pose(q), pose, atol=1e-15)
+
+
+@pytest.mark.slow
+def test_loops_of_the_delta_arm_close_where_its_platform_is() -> None:
+    """Where the tutorial's forward kinematics says: three spheres about the elbows meet there."""
+    robot = read_robot("delta_hexarotor")[0]
+    module = emitted_module(robot, "default", "constraints")
+    side, small, upper, lower = 0.4573, 0.115, 0.112, 0.232
+    names = list(module.COORDINATES)
+    q = np.zeros(len(names))
+    q[names.index("qw")] = 1.0
+    np.testing.assert_allclose(module.constraint_errors(q), 0.0, atol=1e-15)
+    assert np.linalg.matrix_rank(module.constraint_jacobian(q)) == 9
+    angles = np.array([0.3, 0.6, 0.45])
+    for k, angle in enumerate(angles, start=1):  # Forearms stay as they were.
+        q[names.index(f"upper_arm_{k}")], q[names.index(f"fork_{k}")] = angle, -angle
+    driven = [list(module.VELOCITIES).index(f"upper_arm_{k}") for k in (1, 2, 3)]
+    free = [k for k in range(6, len(module.VELOCITIES)) if k not in driven]
+    for _ in range(8):  # Newton's steps of what nothing drives.
+        step = np.zeros(len(module.VELOCITIES))
+        jacobian = module.constraint_jacobian(q)[:, free]
+        step[free] = -np.linalg.lstsq(jacobian, module.constraint_errors(q), rcond=None)[0]
+        q = module.integrate(q, step)
+    assert np.abs(module.constraint_errors(q)).max() < 1e-15
+    reach = (side - small) / np.sqrt(12) + upper * np.cos(angles)
+    turns = np.deg2rad([0, 120, 240])
+    elbows = np.array([reach * np.cos(turns), reach * np.sin(turns), -upper * np.sin(angles)]).T
+    # Of |p − e|² = l² the differences are linear: a line, and on it the lower of two points.
+    planes = elbows[1:] - elbows[0]
+    squares = np.sum(elbows**2, axis=1)
+    along = np.cross(*planes)
+    point = np.linalg.lstsq(planes, 0.5 * (squares[1:] - squares[0]), rcond=None)[0]
+    apart = point - elbows[0]
+    roots = np.roots([along @ along, 2.0 * along @ apart, apart @ apart - lower**2])
+    lowest = min((point + root * along for root in roots), key=lambda p: float(p[2]))
+    tip = module.frame_poses(q)[module.FRAMES.index("tip"), :3, 3]
+    np.testing.assert_allclose(tip, lowest - [0, 0, 0.06 + 0.03], atol=1e-14)

@@ -64,6 +64,11 @@ def test_robots_that_ship() -> None:
         "quadrotor",
         "quadrotor_arm_2link",
         "dual_arm",
+        "ur5e",
+        "panda",
+        "cart_pole",
+        "planar_quadrotor_arm",
+        "delta_hexarotor",
     }
     for name in shipped_robots():
         assert read_robot(name)[0].name == name
