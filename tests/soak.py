@@ -1,10 +1,12 @@
 """Thousands of robots against the oracle: `python tests/soak.py --robots 2000 --seed 7`.
 
 Robots are drawn by number. Odd ones are trees: arms that branch, rotors and frames anywhere, held
-and welded links, passive joints, half of them with a quaternion. The others have one arm and
-N = 2 … 12, n = 0 … 8, every other one degenerate. Each is derived, emitted for NumPy (some for C
-too), and evaluated on a few states, all functions against Pinocchio; or it is refused, and then the
-oracle's null space must be the motions that the message names. No tree is degenerate.
+and welded links, passive joints, half of them with a quaternion. Every other tree stands on a base
+that moves in any way, and has springs and gears, or constraints; `--bases` draws these alone, every
+twentieth with all functions and derivatives. The others have one arm and N = 2 … 12, n = 0 … 8,
+every other one degenerate. Each is derived, emitted for NumPy (some for C too), and evaluated on a
+few states, all functions against Pinocchio; or it is refused, and then the oracle's null space must
+be the motions that the message names. No tree is degenerate.
 A failure is printed with the command that repeats it. Exits 1 where there was one.
 """
 
@@ -28,25 +30,33 @@ from types import ModuleType
 import numpy as np
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+from support.comparison import OF_TERMS, errors, of_rounding
 from support.comparison import compare as compare_with_oracle
-from support.comparison import of_rounding
+from support.constrained import constrained_robot
 from support.degenerate_robots import degenerate_robot
-from support.emitted import NUMPY
 from support.null_space import SMALLEST, short_names, smallest_eigenvalue, unresisted
-from support.random_robots import random_robot, random_tree
+from support.random_robots import geared_robot, on_base, random_motion, random_robot, random_tree
 
 from gibbs_codegen.derivation.derive import derive
 from gibbs_codegen.errors import SingularRobotError
+from gibbs_codegen.interface.table import GROUPS
 from gibbs_codegen.robot.model import Robot
+from gibbs_codegen.robot.parts.base import FREE
 from gibbs_codegen.runtime.load import load
 from gibbs_codegen.targets.registry import find_targets, render_module
-from gibbs_codegen.verification.comparison import failure_text
+from gibbs_codegen.verification.comparison import Results, failure_text
+from gibbs_codegen.verification.derivatives import OTHER_FUNCTIONS
+from gibbs_codegen.verification.equations import Expected
 from gibbs_codegen.verification.formulation import formulated
 from gibbs_codegen.verification.newton_euler import NewtonEuler
+from gibbs_codegen.verification.pinocchio_tree import Pinocchio
+from gibbs_codegen.verification.states import States
 from gibbs_codegen.verification.tree import Tree
-from gibbs_codegen.verification.verify import compare_module
+from gibbs_codegen.verification.verify import QUICK, THOROUGH, compare_module
 
 STATES = 3
+# What derivatives may be off complex steps by.
+STEPS = 1e-10
 # Compiling the whole of a module takes longer than all the rest.
 COMPILER = "cc -O0"
 
@@ -75,10 +85,19 @@ def soak_robot(seed: int, number: int) -> Robot:
     own, rotors = int(rng.integers(2**32)), int(rng.integers(2, 13))
     # Of few links more often, since they take less time and have as many ways to be degenerate.
     links = int(rng.integers(9, size=2).min())
+    if is_based(number):
+        robot = geared_robot(own) if rng.random() < 0.5 else constrained_robot(own)
+        motion = random_motion(rng)
+        return robot if motion == FREE else on_base(robot, motion, own)
     if number % 2:
         return random_tree(own)
     make = degenerate_robot if number % 4 else random_robot
     return make(own, rotors, links)
+
+
+def is_based(number: int) -> bool:
+    """Whether the robot of a number is one of those with bases of all kinds."""
+    return number % 4 == 3
 
 
 def compare(robot: Robot, module: ModuleType, number: int) -> dict[str, float]:
@@ -86,18 +105,26 @@ def compare(robot: Robot, module: ModuleType, number: int) -> dict[str, float]:
 
     Against the oracle, and as `gibbs-codegen generate` verifies a module before it is written.
     """
-    if number % 2:
-        found = {}
+    tree = Tree(robot)
+    newton_euler, found = formulated(NewtonEuler(tree)), {}
+    if is_based(number):
+        at = States.random(tree, STATES, number)
+        by_pinocchio = Expected(formulated(Pinocchio(tree)), at).compare(Results(module).all(at))
+        every = [*errors(module, newton_euler, STATES, number).items()]
+        for name, error in [*every, *((c.what, c.error) for c in by_pinocchio)]:
+            found[name] = max(found.get(name, 0.0), error / OF_TERMS)
+    elif number % 2:
         compare_with_oracle(robot, module, STATES)
     else:
         found = of_rounding(robot, module, STATES, number)
-    newton_euler = formulated(NewtonEuler(Tree(robot)))
-    verified = compare_module(module, robot, [newton_euler], STATES, number)
+    extent = QUICK if is_based(number) else THOROUGH
+    verified = compare_module(module, robot, [newton_euler], STATES, number, extent=extent)
     if not all(c.passed for c in verified):
         wrong = [failure_text(c) for c in verified if not c.passed]
         raise DisagreementError(f"is not verified: {'; '.join(wrong)}")
     shares = [c.error / c.limit for c in verified if c.limit]
-    return found | {"verification": max(shares)}
+    steps = [c.error / STEPS for c in verified if c.against.startswith(OTHER_FUNCTIONS)]
+    return found | {"verification": max(shares), "derivatives": max(steps, default=0.0)}
 
 
 def check(robot: Robot, number: int, compiled: bool) -> tuple[str, dict[str, float]]:
@@ -106,14 +133,16 @@ def check(robot: Robot, number: int, compiled: bool) -> tuple[str, dict[str, flo
     Raises `DisagreementError`, or whatever goes wrong.
     """
     try:
-        model = derive(robot)
+        whole = is_based(number) and number // 4 % 20 == 0
+        groups = ("default", *(GROUPS if whole else ["constraints"] if robot.constraints else []))
+        model = derive(robot, functions=groups, derivatives=whole)
     except SingularRobotError as error:
         if number % 2:
             raise DisagreementError(f"is refused, and no tree is singular: {error}") from None
         return _refused(robot, error), {}
     if number % 2 == 0 and smallest_eigenvalue(robot)[0] < SMALLEST:
         raise DisagreementError(f"is singular and was not refused: {unresisted(robot)}")
-    targets = find_targets() if compiled else NUMPY
+    targets = find_targets() if compiled else find_targets(["numpy"])
     with _emitted(render_module(model, "", targets), number) as folder:
         found = compare(robot, load(folder), number)
         if compiled:
@@ -159,6 +188,8 @@ def soak(arguments: argparse.Namespace, console: Console) -> bool:
     """Run the robots until time is up or Ctrl-C; whether all were as they should be."""
     end = time.monotonic() + 60 * arguments.minutes
     numbers = range(arguments.robots) if arguments.only is None else [arguments.only]
+    if arguments.bases:
+        numbers = range(3, 4 * arguments.robots, 4)
     tally, failures = Tally(), 0
     columns = (TextColumn("{task.fields[state]}"), BarColumn(), MofNCompleteColumn())
     with (
@@ -213,6 +244,7 @@ def _arguments() -> argparse.Namespace:
     parser.add_argument("--robots", type=int, default=2000, help="how many; default 2000")
     parser.add_argument("--seed", type=int, help="of all robots; default: a new one")
     parser.add_argument("--minutes", type=float, default=float("inf"), help="stop after so long")
+    parser.add_argument("--bases", action="store_true", help="bases of all kinds alone")
     parser.add_argument("--only", type=int, metavar="NUMBER", help="one robot, shown, and in C too")
     parser.add_argument(
         "--compile-every", type=int, default=25, metavar="K", help="C too for each k-th; default 25"

@@ -12,13 +12,12 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 from support.emitted import emitted_module, module_with_derivatives
-from support.random_robots import geared_robot, random_pose, rigid_body
+from support.random_robots import geared_robot, on_base
 
 from gibbs_codegen.interface import FUNCTIONS, module_signatures
 from gibbs_codegen.robot.file import parse_robot
 from gibbs_codegen.robot.layout import layout_of
 from gibbs_codegen.robot.model import Robot
-from gibbs_codegen.robot.parts.base import Base
 from gibbs_codegen.robot.text import robot_text
 from gibbs_codegen.verification.verify import QUICK, compare_module, formulations
 
@@ -31,12 +30,7 @@ SOLVED = {"forward_dynamics", "forward_dynamics_with_wrenches"}
 def based(seed: int) -> Robot:
     """The geared robot of a seed on a base that flies or moves in one of the other ways."""
     robot, motion = geared_robot(seed), MOTIONS[seed % len(MOTIONS)]
-    if motion is None:
-        return robot
-    rng = np.random.default_rng([seed, 9])
-    body = replace(rigid_body(rng), length=0.0)
-    base = Base(motion=motion, origin="base", body=body, pose=random_pose(rng))
-    return replace(robot, base=base)
+    return on_base(robot, motion, seed) if motion else robot
 
 
 def gears(robot: Robot) -> tuple[np.ndarray, np.ndarray]:

@@ -15,7 +15,7 @@ def run(robots: int) -> tuple[bool, str]:
     """Whether all is well, and what is printed to a pipe."""
     console = Console(file=io.StringIO())
     arguments = argparse.Namespace(
-        seed=5, robots=robots, only=None, minutes=5.0, compile_every=1000
+        seed=5, robots=robots, only=None, minutes=5.0, compile_every=1000, bases=False
     )
     good = soak.soak(arguments, console)
     return good, console.file.getvalue()

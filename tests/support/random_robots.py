@@ -5,12 +5,21 @@ from __future__ import annotations
 from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from hypothesis import strategies as st
 
 from gibbs_codegen.robot.model import Robot
-from gibbs_codegen.robot.parts.base import ROD_ORIGINS, SEQUENCES, Base
+from gibbs_codegen.robot.parts.base import (
+    FREE,
+    LEVEL_MOTIONS,
+    ROD_ORIGINS,
+    SEQUENCES,
+    TRAVELS,
+    TURNS,
+    Base,
+)
 from gibbs_codegen.robot.parts.body import Body, RigidBody, Rod
 from gibbs_codegen.robot.parts.frame import Frame
 from gibbs_codegen.robot.parts.gear import Gear
@@ -247,6 +256,21 @@ def geared_robot(seed: int, attitude: str = "") -> Robot:
             links[i - 1] = replace(links[i - 1], gear=gear, limits=JointLimits(), coordinate=None)
         before.append(i)
     return replace(robot, name=f"geared_{seed}", links=tuple(links))
+
+
+def random_motion(rng: np.random.Generator) -> Any:
+    """How a base moves: freely, in a way that has a name, or by a list."""
+    if rng.random() < 0.6:
+        return (FREE, *LEVEL_MOTIONS)[rng.integers(1 + len(LEVEL_MOTIONS))]
+    kinds = [rng.permutation(names)[: rng.integers(4)] for names in ([*TRAVELS], [*TURNS])]
+    return tuple(str(name) for kind in kinds for name in kind) or ("pitch",)
+
+
+def on_base(robot: Robot, motion: Any, seed: int) -> Robot:
+    """The same on a central body that moves in another way than freely, from a random pose."""
+    rng = np.random.default_rng([seed, 9])
+    base = Base(motion=motion, origin="base", body=_central_body(rng), pose=random_pose(rng))
+    return replace(robot, base=base)
 
 
 def random_parents(seed: int, links: int) -> tuple[int, ...]:
