@@ -11,19 +11,21 @@ import soak
 from rich.console import Console
 
 
-def run(robots: int) -> tuple[bool, str]:
+def run(robots: int, bases: bool = False) -> tuple[bool, str]:
     """Whether all is well, and what is printed to a pipe."""
     console = Console(file=io.StringIO())
     arguments = argparse.Namespace(
-        seed=5, robots=robots, only=None, minutes=5.0, compile_every=1000, bases=False
+        seed=5, robots=robots, only=None, minutes=5.0, compile_every=1000, bases=bases
     )
     good = soak.soak(arguments, console)
     return good, console.file.getvalue()
 
 
 @pytest.mark.slow
-def test_robots_that_agree_are_counted() -> None:
-    good, said = run(robots=1)
+@pytest.mark.parametrize("bases", [False, True])
+def test_robots_that_agree_are_counted(bases: bool) -> None:
+    """Of those on bases of all kinds the first is compared with all functions and derivatives."""
+    good, said = run(1, bases)
     assert good
     assert said.startswith("1 compared, 0 failed\n")
     assert "forward_dynamics" in said
