@@ -132,6 +132,12 @@ class Inertia:
         return Wrench.of(tape.let(evaluated(entry, values)) for entry in column)
 
 
+def about_z(moment: sp.Expr) -> Inertia:
+    """A moment of inertia about z alone (kg m²), without mass."""
+    half, zero = moment / 2, sp.S.Zero
+    return Inertia(zero, ZERO, (half, half, -half, zero, zero, zero))
+
+
 NO_INERTIA = Inertia(sp.S.Zero, ZERO, (sp.S.Zero,) * 6)
 
 

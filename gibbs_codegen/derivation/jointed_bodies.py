@@ -23,7 +23,7 @@ from fractions import Fraction
 
 import sympy as sp
 
-from gibbs_codegen.derivation.inertia import NO_INERTIA, Inertia, total
+from gibbs_codegen.derivation.inertia import NO_INERTIA, Inertia, about_z, total
 from gibbs_codegen.derivation.parameters import LinkSymbols, Parameters
 from gibbs_codegen.derivation.segment_tree import JointedLink
 from gibbs_codegen.robot.model import Robot
@@ -44,7 +44,7 @@ from gibbs_codegen.symbolic.structural import (
     z_onto,
 )
 from gibbs_codegen.symbolic.tape import Scalars, Stage, Vector
-from gibbs_codegen.symbolic.vectors import ZERO, X, Z, axis_vector, cos_sin_deg
+from gibbs_codegen.symbolic.vectors import ZERO, Rotation, X, Z, axis_vector, cos_sin_deg
 
 # Sliding along an axis that is nearly parallel to the one before would go very far.
 _LEAST_SINE = 0.1
@@ -233,6 +233,21 @@ def jointed_bodies(
     with tape.group("places of links that are welded on", Stage.PARAMETER):
         bodies = {i: mount.within(tape, frames[mount.segment]) for i, mount in mounts.items()}
         on_base = [base.inertia(tape, part) for part in belonging[0]]
+    for k, i in enumerate(numbers):
+        if (geared := parameters.links[i].geared) == 0 or i not in massive:
+            continue
+        link = jointed[k]
+        with tape.group("inertias of rotors behind gears", Stage.PARAMETER):
+            jointed[k] = replace(link, inertia=link.inertia.plus(tape, about_z(geared)))
+            opposite = about_z(-geared)
+            for axis, degrees in ((X, link.alpha_deg), (Z, link.turn_deg)):
+                opposite = opposite.rotated(tape, Rotation.degrees(axis, degrees))
+            if link.parent:
+                carrier = jointed[link.parent - 1]
+                carrier = replace(carrier, inertia=carrier.inertia.plus(tape, opposite))
+                jointed[link.parent - 1] = carrier
+            else:
+                on_base.append(opposite)
     return JointedBodies(
         tuple(numbers), tuple(jointed), bodies, _inertia_with_welded(tape, "the base", on_base)
     )

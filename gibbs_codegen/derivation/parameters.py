@@ -7,7 +7,7 @@ so that sums over arms that vanish by symmetry can be seen to vanish.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -49,7 +49,9 @@ class LinkSymbols:
     """Place and body of a link, and the forces at its joint.
 
     By Denavit–Hartenberg `a` (by default the length of the link before) and `d` place it, otherwise
-    `position`.
+    `position`. With `geared`, gear ratio N times inertia J of a motor's rotor, what that does as it
+    turns with N q̇ in what carries the joint, ½ J N² q̇² + J N q̇ ω·axis, is what J N does as inertia
+    about the axis of the link, −J N of the carrier, and J N (N − 1) as armature.
     """
 
     a: sp.Expr
@@ -57,6 +59,7 @@ class LinkSymbols:
     position: Vector
     body: BodySymbols
     passive: PassiveSymbols
+    geared: sp.Expr = sp.S.Zero
 
 
 NOT_PASSIVE = PassiveSymbols(*(sp.S.Zero,) * 4)
@@ -150,7 +153,15 @@ class Parameters:
         if link.passive.damping or link.servo:
             self._kept.add(f"{prefix}_armature")
         passive = PassiveSymbols(**self._symbols(link.passive, prefix, link.slides))
-        return LinkSymbols(**step, position=position, body=body, passive=passive)
+        geared = sp.S.Zero
+        if link.motor:
+            motor = self._symbols(link.motor, prefix)
+            with self._tape.group("inertias of rotors behind gears", Stage.PARAMETER):
+                geared = self._tape.let(motor["rotor_inertia"] * motor["gear_ratio"])
+                reflected = self._tape.let(geared * self._tape.let(motor["gear_ratio"] - 1))
+                armature = self._tape.let(passive.armature + reflected)
+            passive = replace(passive, armature=armature)
+        return LinkSymbols(**step, position=position, body=body, passive=passive, geared=geared)
 
     def _tie(self, tie: Tie) -> dict[str, Any]:
         """Symbols of a tie; an anchor in the world may be anywhere at any time."""

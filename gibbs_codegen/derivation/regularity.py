@@ -206,7 +206,7 @@ def _momenta(robot: Robot, number: int) -> tuple[Array, Array]:
             momenta.append(linear + np.cross(angular, arms, axis=0))
             reach = ways[number] + np.linalg.norm(place - frames.centre) + radii[-1]
             levers = np.maximum(levers, turned * reach)
-    # A row for each joint with armature, which resists it whatever it carries.
-    armatures = [robot.links[i - 1].passive.armature for i in moving]
-    resisted = [_JOINTS + k for k, armature in enumerate(armatures) if armature > 0.0]
+    # A row for each joint with armature or a motor, which resist it whatever it carries.
+    links = [robot.links[i - 1] for i in moving]
+    resisted = [_JOINTS + k for k, x in enumerate(links) if x.passive.armature > 0.0 or x.motor]
     return np.vstack([*momenta, np.eye(size)[resisted]]), np.where(turning, levers, 1.0)

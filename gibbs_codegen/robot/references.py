@@ -29,6 +29,7 @@ from gibbs_codegen.robot.parts.constraint import ROWS, Constraint
 from gibbs_codegen.robot.parts.frame import MAX_FRAMES
 from gibbs_codegen.robot.parts.link import MAX_LINKS, JointKeys, Passive
 from gibbs_codegen.robot.parts.numbers import BASE
+from gibbs_codegen.robot.parts.motor import Motor
 from gibbs_codegen.robot.parts.part import parameter_ends
 from gibbs_codegen.robot.parts.pose import Pose
 from gibbs_codegen.robot.parts.rotor import MAX_ROTORS, Rotor
@@ -44,7 +45,7 @@ _PREFIXED = ("frame", *(kind.array for kind in TIES))
 # What marks names of rows of constraints, which may be those of parameters.
 _ROW = "row "
 # How names of parameters end, after the prefix of what they belong to.
-_JOINT = parameter_ends(Pose, JointKeys, Passive)
+_JOINT = parameter_ends(Pose, JointKeys, Passive, Motor)
 _ENDS: dict[NamedKind, tuple[str, ...]] = {
     "base": parameter_ends(Pose, RigidBody),
     "arm": parameter_ends(RigidBody, Rod),

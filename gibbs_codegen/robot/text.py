@@ -186,6 +186,7 @@ def _joint_lines(link: Link) -> list[str]:
         table["limits"] = low, math.inf if limits.high is None else limits.high
     table |= {"effort": limits.effort, "velocity": limits.velocity}
     table["friction"] = link.friction and all_keys(link.friction)
+    table["motor"] = link.motor and all_keys(link.motor)
     if servo:
         table["servo"] = {"command": servo.command} | all_keys(servo) | {"rate": servo.rate}
     units = {"limits": unit, "effort": effort, "velocity": rate}

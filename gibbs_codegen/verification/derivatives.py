@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from functools import cached_property
 from typing import NamedTuple
 
@@ -604,7 +605,10 @@ def _coriolis_rows(point: _Point, values: Values) -> Iterator[DerivativeRow]:
 
 
 def _regressor_rows(point: _Point, values: Values) -> Iterator[DerivativeRow]:
-    """The regressor's columns make up the forces of all bodies that the robot may have."""
+    """The regressor's columns make up the forces of all bodies that the robot may have.
+
+    Rotors behind gears are none of these: with the carrier and the link they count for columns.
+    """
     ((what, ours),) = values.items()
     count = -(-_ROWS * ours.shape[-1] // ours.shape[-2])
     states = States.random(point.tree, count, 0)
@@ -617,8 +621,9 @@ def _regressor_rows(point: _Point, values: Values) -> Iterator[DerivativeRow]:
         com, inertia = reach * rng.normal(size=3), mass * reach**2 * rng.normal(size=6)
         return RigidBody(body.length, mass * rng.uniform(0.5, 1.0), (*com,), (*inertia,))
 
+    bodies = replace(point.robot, links=tuple(replace(x, motor=None) for x in point.robot.links))
     for _ in range(_SETS):
-        other = Tree(mapped(point.robot, lambda _, value, __: value, other_body))
+        other = Tree(mapped(bodies, lambda _, value, __: value, other_body))
         quantities = formulated(NewtonEuler(other)).at(states)
         forces.append(other.folded(quantities.inverse_dynamics)[:, other.free])
         efforts.append(Sizes(other, states).free_inertial_effort)
@@ -645,7 +650,7 @@ def _base_parameter_rows(point: _Point, values: Values) -> Iterator[DerivativeRo
         return
     regressor = call.results("regressor", states)["regressor"]
     q, v, a = tree.at_joints(states.q), tree.spread(states.v), tree.spread(states.a)
-    passive = tree.passive.armature * a - tree.passive.forces(q, v)
+    passive = (tree.passive.armature + tree.passive.reflected) * a - tree.passive.forces(q, v)
     theirs = call("inverse_dynamics", states.q, states.v, states.a)
     theirs -= tree.folded(passive)[:, tree.free]
     for what, parameters in values.items():

@@ -39,11 +39,13 @@ class Lagrange:
         self._points: list[Point] = []
         masses: list[float] = []
         for number, joint in enumerate(tree.joints):
-            if joint.mass == 0.0:
+            if joint.mass == 0.0 and not joint.inertia.any():
                 continue
             second_moments = 0.5 * np.trace(joint.inertia) * np.eye(3) - joint.inertia
             moments, axes = np.linalg.eigh(second_moments)
-            reach = np.sqrt(max(abs(moments).max(), 1e-30) / joint.mass)
+            reach = 1.0  # Of a rotor, of which only the inertia is known.
+            if joint.mass > 0.0:
+                reach = np.sqrt(max(abs(moments).max(), 1e-30) / joint.mass)
             shares = moments / (2 * reach**2)
             for share, axis in zip(shares, axes.T, strict=True):
                 self._points += [Point(number, joint.com + reach * axis)]

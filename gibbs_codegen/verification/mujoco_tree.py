@@ -131,20 +131,22 @@ def _body_text(tree: Tree, children: dict[int, list[int]], number: int, more: fl
     group = []
     while True:
         joint = tree.joints[number]
+        # Of rotors of motors only the inertia is known.
+        mass = joint.mass or more * tree.mass * bool(joint.inertia.any())
         turn, step = turn @ joint.rotation, step + turn @ joint.offset
         group.append((number, turn, step))
-        if joint.mass > 0.0 or len(children[number]) != 1:
+        if mass > 0.0 or len(children[number]) != 1:
             break
         (number,) = children[number]
     lines = [
         f'<body name="body_{number}" pos="{_numbers(step)}" '
         f'xyaxes="{_numbers(turn.T[:2].ravel())}">'
     ]
-    if joint.mass > 0.0:
+    if mass > 0.0:
         moments, axes = _principal(joint)
         moments = moments + more * _missing(joint)
         lines.append(
-            f'<inertial pos="{_numbers(joint.com)}" mass="{joint.mass!r}" '
+            f'<inertial pos="{_numbers(joint.com)}" mass="{mass!r}" '
             f'xyaxes="{_numbers(axes.T[:2].ravel())}" diaginertia="{_numbers(moments)}"/>'
         )
     for member, its_turn, its_step in group:
@@ -173,7 +175,7 @@ def _principal(joint: Joint) -> tuple[Array, Array]:
 def _missing(joint: Joint) -> float:
     """Inertia to add to a body that has none about some axis, such as a thin rod, in kg m²."""
     moments, _ = _principal(joint)
-    if joint.mass == 0.0 or moments[0] > _ROUNDING * moments[2]:
+    if moments[0] > _ROUNDING * moments[2] or not (joint.mass or moments[2]):
         return 0.0
     return float(moments[2] or joint.mass * joint.com @ joint.com)
 

@@ -167,6 +167,7 @@ class _Mapping:
         return replace(
             link,
             passive=self._part(prefix, link.passive, slides),
+            motor=link.motor and self._part(prefix, link.motor),
             servo=servo and self._part(f"{prefix}_servo", servo, slides),
             friction=friction and self._part(f"{prefix}_friction", friction, slides),
         )

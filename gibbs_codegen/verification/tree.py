@@ -109,7 +109,8 @@ class Assembly:
       numbers.
     - `carriers`: for each of these but the base, the number of the body that carries it.
     - `arm`: places of the joints with coordinates, in the order of their links; `held`: how many
-      are held; `places`: of all joints that move, by their links.
+      are held; `places`: of all joints that move, by their links; `rotors`: of those of rotors of
+      motors behind gears.
     - `motors`: where they sit, and what each does there, in the order of the thrusts.
     - `frames`: the named frames; `points`: those of a module's POINTS, in order.
     """
@@ -122,6 +123,7 @@ class Assembly:
         self.parts: list[JointPart] = []
         self.arm = layout.free[layout.v.joints]
         self.places: dict[int, int] = {}
+        self.rotors: dict[int, int] = {}
         self._robot = robot
         others = itertools.count(count)
         self._constrained = iter(range(count)[layout.constrained])
@@ -157,6 +159,13 @@ class Assembly:
             at = self.bodies[parent].within(*seat)
             if link.joint != "fixed":
                 self.places[i] = next(others if link.gear else moving)
+                if link.motor:
+                    self.rotors[i] = next(others)
+                    rotor = self._jointed(at, link.axis, self.rotors[i])
+                    for place, share in ((rotor, 1.0), (at, -1.0)):
+                        along = place.rotation @ np.array(link.axis)
+                        inertia = share * link.motor.rotor_inertia * np.outer(along, along)
+                        self._add_part(JointPart(parent, place.joint, 0.0, place.local, inertia))
                 at = self._jointed(at, link.axis, self.places[i], link.joint == "revolute")
             elif link.constrained:
                 at = self._jointed(at, link.axis, next(self._constrained))
@@ -195,8 +204,10 @@ class Assembly:
             inertia = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
         turn = at.rotation
         com, inertia = at.local + turn @ np.array(at_com), turn @ inertia @ turn.T
-        part = JointPart(number, at.joint, mass, com, inertia)
-        self.joints[at.joint] = self.joints[at.joint].with_part(part)
+        self._add_part(JointPart(number, at.joint, mass, com, inertia))
+
+    def _add_part(self, part: JointPart) -> None:
+        self.joints[part.joint] = self.joints[part.joint].with_part(part)
         self.parts.append(part)
 
     def _jointed(self, at: Point, axis: Vector3, place: int, revolute: bool = True) -> Point:
@@ -249,7 +260,8 @@ def _turn(axis: str, degrees: float) -> Array:
 class PassiveForces:
     """What acts on all joints by itself: of each alone, and of springs between named frames.
 
-    Arrays of joints are (size,), zero for those of the base and those that are held. Forces of
+    Arrays of joints are (size,), zero for those of the base and those that are held. `reflected` is
+    what rotors of motors add to `armature`, beside what counts for base parameters. Forces of
     springs are what complex steps of their lengths make of the tensions (Squire and Trapp, 1998).
     """
 
@@ -258,6 +270,11 @@ class PassiveForces:
         for i, place in tree.places.items():
             every[place] = astuple(robot.links[i - 1].passive)
         self._damping, self.armature, self._stiffness, self._rest = every.T
+        self.reflected = np.zeros(tree.size)
+        for i, place in tree.places.items():
+            if motor := robot.links[i - 1].motor:
+                more = motor.gear_ratio * (motor.gear_ratio - 1.0)
+                self.reflected[place] = more * motor.rotor_inertia
         names, ties = [frame.name for frame in frames_of(robot)], robot.springs
         self._ends = [(names.index(tie.frame), names.index(tie.to)) for tie in ties]
         self._springs = np.reshape([(x.stiffness, x.length, x.damping) for x in ties], (-1, 3)).T
@@ -374,6 +391,9 @@ class Tree:
         for i, place in self.places.items():
             if gear := robot.links[i - 1].gear:
                 ratios[place, self.places[gear.of]], offsets[place] = gear.ratio, gear.offset
+        for i, place in built.rotors.items():
+            if motor := robot.links[i - 1].motor:
+                ratios[place, self.places[i]] = motor.gear_ratio
         self.gains = np.linalg.inv(np.eye(self.size) - ratios)
         self.offsets: Array = self.gains @ offsets
         self.turns = np.zeros(self.size, bool)

@@ -13,6 +13,7 @@ from gibbs_codegen.files.table import Flag, fault
 from gibbs_codegen.robot.parts.body import NOT_BOTH_BODIES, RIGID_NEEDS_MASS, Body, BodyKeys
 from gibbs_codegen.robot.parts.friction import Friction
 from gibbs_codegen.robot.parts.gear import Gear
+from gibbs_codegen.robot.parts.motor import Motor
 from gibbs_codegen.robot.parts.numbers import (
     AXES,
     NO_ANGLE,
@@ -136,6 +137,9 @@ class DriveKeys(Part):
     gear: Gear | None = entry(
         "a gear by which another joint moves this one, which has no coordinate then; default: none"
     )
+    motor: Motor | None = entry(
+        "a motor behind a gear that turns the joint, with the inertia of its rotor; default: none"
+    )
 
 
 @dataclass(frozen=True)
@@ -224,6 +228,9 @@ class LinkTable(BodyKeys, DriveKeys, LimitKeys, Passive, JointKeys, Posed):
                 yield "coordinate", "must be left out, since a welded joint has no coordinate"
         elif constrained:
             yield "constrained", 'needs a joint that does not move: give joint = "fixed"'
+        if kind == "prismatic" and "motor" in values:
+            words = "belongs to a joint that turns: give the rotor a link of its own, with a gear"
+            yield "motor", words
         if values.get("gear") is not None:
             for key in _OF_COORDINATES:
                 if key in values:
@@ -251,7 +258,6 @@ class LinkTable(BodyKeys, DriveKeys, LimitKeys, Passive, JointKeys, Posed):
                 self.effort,
                 self.velocity,
             ),
-            servo=servo,
-            friction=self.friction,
+            **vars(taken(DriveKeys, self)) | {"servo": servo},
             **vars(taken(JointKeys, self)),
         )
