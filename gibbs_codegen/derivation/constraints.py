@@ -50,6 +50,7 @@ from gibbs_codegen.derivation.forward_kinematics import (
     mounted_frames,
     segment_frames,
 )
+from gibbs_codegen.derivation.hybrid import LinearSystem
 from gibbs_codegen.derivation.motion import Acceleration, TreeState
 from gibbs_codegen.derivation.root.quaternion import rotation_columns
 from gibbs_codegen.derivation.symbolic_robot import SymbolicRobot
@@ -438,8 +439,10 @@ class ConstraintEquations:
 
     def _scaled(self, load: Load) -> tuple[dict[int, sp.Expr], list[sp.Expr]]:
         """D⁻¹ times shares, and times those of the root."""
-        tape, joints = self._tape, self.articulation.joints
-        shares = {k: tape.let(times(joints[k - 1].lightness, z)) for k, z in load.shares.items()}
+        shares = {
+            k: self._tape.let(times(self.articulation.joints[k - 1].lightness, z))
+            for k, z in load.shares.items()
+        }
         return shares, self._root[1].scaled(load.eliminated)
 
     @cached_property
@@ -496,9 +499,9 @@ class ConstraintEquations:
         with tape.group("forces of the constraints, by LDL^T"):
             if self.is_regular:
                 return Factors(tape, self._matrix)
-            root, joints = self._root[1].inverse, self.articulation.joints
             moving = sorted({k for load in self._loads for k in load.shares})
-            weights = [*(joints[k - 1].lightness for k in moving), *root]
+            weights = [self.articulation.joints[k - 1].lightness for k in moving]
+            weights += self._root[1].inverse
             vectors = []
             for mask, load in zip(self.masks, self._loads, strict=True):
                 entries = [*(load.shares.get(k, sp.S.Zero) for k in moving), *load.eliminated]
@@ -716,9 +719,11 @@ class ConstraintEquations:
         """Velocities v after these."""
         gains = self._moved(self.solver_impulses)
         with self._tape.group("velocities after the impact"):
-            return [
-                self._tape.let(v + gain) for v, gain in zip(self.symbolic.v, gains, strict=True)
-            ]
+            return [self._tape.let(v + gain) for v, gain in zip(self._rates, gains, strict=True)]
+
+    @property
+    def _rates(self) -> Values:
+        return self.symbolic.v
 
     def projection(self) -> list[sp.Expr]:
         """The least displacement, by M, that takes the errors of all active rows away."""
@@ -754,6 +759,78 @@ class ConstraintEquations:
         with self._tape.group("velocities of the constraints after the impact"):
             pairs = zip(self._taken, self._of_units(motions), strict=True)
             return [self._tape.let(x + y) for x, y in pairs]
+
+
+@dataclass(frozen=True)
+class GearedConstraintEquations(ConstraintEquations):
+    """The constraints of a robot with gears, by L D Lᵀ of its whole mass matrix.
+
+    Rows are those of all joints, `symbolic`, folded to the coordinates of `geared`: gears lead from
+    one branch to another, so that no joint can be solved for on the way inwards. `reduced` is the
+    system M a = R + B u.
+    """
+
+    geared: SymbolicRobot
+    reduced: LinearSystem
+
+    def jacobian(self) -> Matrix:
+        """J by rows, in the order of v."""
+        return self.geared.folded(super().jacobian())
+
+    @property
+    def _rates(self) -> Values:
+        return self.geared.v
+
+    @cached_property
+    def _root(self) -> tuple[list[int], Factors]:
+        order = minimum_degree(matrix := self.reduced.matrix)
+        with self._tape.group("mass matrix, by LDL^T"):
+            return order, Factors(self._tape, [[matrix[i][j] for j in order] for i in order])
+
+    def _dense(self, forces: Values) -> Load:
+        """A load by its generalised forces."""
+        order, factors = self._root
+        with self._tape.group("load on the coordinates, eliminated"):
+            return Load({}, {}, [*forces], factors.eliminated([forces[i] for i in order]))
+
+    @cached_property
+    def _loads(self) -> list[Load]:
+        return [*map(self._dense, self.jacobian())]
+
+    @cached_property
+    def _driving(self) -> list[sp.Expr]:
+        """R + B u."""
+        rows, inputs = zip(self.reduced.residual, self.reduced.inputs, strict=True), self.geared.u
+        return [self._tape.sum_of_products(row, inputs, r) for r, row in rows]
+
+    @cached_property
+    def _unheld(self) -> list[sp.Expr]:
+        tape, ((_, factors), load) = self._tape, (self._root, self._dense(self._driving))
+        scaled, bias = factors.scaled(load.eliminated), self.bias()
+        back = [x for held in self.held for x in self._returning(held)]
+        return [
+            tape.let(self._product(row, {}, scaled) + tape.let(x + y))
+            for row, x, y in zip(self._loads, bias, back, strict=True)
+        ]
+
+    def _turned(self, rows: Values, _: object) -> list[sp.Expr]:
+        """Rows are solved for in the axes of their anchors."""
+        return [*rows]
+
+    def _moved(self, forces: Values) -> list[sp.Expr]:
+        return self._solved_for(self._tape.combination(forces, [x.root for x in self._loads]))
+
+    def _solved_for(self, forces: Values) -> list[sp.Expr]:
+        """M⁻¹ times generalised forces."""
+        order, factors = self._root
+        solved = factors.solved([forces[i] for i in order])
+        return [solved[order.index(i)] for i in range(len(order))]
+
+    def acceleration(self) -> list[sp.Expr]:
+        """Accelerations a under the forces of the constraints."""
+        loads = self._tape.combination(self.solver_forces, [x.root for x in self._loads])
+        pairs = zip(self._driving, loads, strict=True)
+        return self._solved_for([self._tape.let(x + y) for x, y in pairs])
 
 
 def _units(held: Held) -> list[Direction]:

@@ -42,9 +42,13 @@ def _of_drives(name: str) -> Callable[[ConstrainedSystems], systems.Array]:
 def _by(name: str, argument: str) -> Callable[[ConstrainedSystems], systems.Array]:
     """The derivation of the derivative of what has a name by an argument."""
     value, implicit = DERIVATIONS[name], IMPLICIT.get(name)
+
+    def passed_over(s: ConstrainedSystems) -> systems.Array:
+        return s.jacobian(value(s), argument)
+
     if implicit is None:
-        return lambda s: s.jacobian(value(s), argument)
-    return lambda s: implicit(s, argument)
+        return passed_over
+    return lambda s: passed_over(s) if s.symbolic.robot.is_geared else implicit(s, argument)
 
 
 def _by_parameters(name: str) -> Callable[[ConstrainedSystems], systems.Array]:

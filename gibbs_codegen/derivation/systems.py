@@ -26,7 +26,7 @@ from typing import TypeAlias
 
 import sympy as sp
 
-from gibbs_codegen.derivation.constraints import ConstraintEquations
+from gibbs_codegen.derivation.constraints import ConstraintEquations, GearedConstraintEquations
 from gibbs_codegen.derivation.forward_dynamics import (
     Dynamics,
     shorter_dynamics,
@@ -213,6 +213,8 @@ class Systems:
     @cached_property
     def constraints(self) -> ConstraintEquations:
         """The constraints of frames."""
+        if self.symbolic.robot.is_geared:
+            return GearedConstraintEquations(self.tree, self.symbolic, self.reduced)
         return ConstraintEquations(self.symbolic)
 
     @cached_property

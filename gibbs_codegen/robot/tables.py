@@ -87,15 +87,6 @@ class RobotTable(Ties, _Bodies):
                         if name not in rotor and f"{name}s" not in rotor:
                             words = f"missing: a throttle needs its {name} where there is a battery"
                             yield ("rotor", i, name), words
-        links = values.get("link")
-        geared = isinstance(links, list) and any(
-            isinstance(x, dict) and x.get("gear") for x in links
-        )
-        if geared and values.get("constraint"):
-            yield (
-                ("constraint",),
-                "cannot stand beside link.gear yet: leave out the constraints or the gears",
-            )
         yield from reference_faults(values)
 
     @model_validator(mode="after")
