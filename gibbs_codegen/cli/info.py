@@ -367,8 +367,9 @@ def _print_report(description: Description, data: dict[str, Any], console: Conso
     _print_actuators(robot, console)
     for i, link in enumerate(robot.links, start=1):
         if gear := link.gear:
-            mover, shift = link_label(robot, gear.of), f"{gear.offset:+.6g}" if gear.offset else ""
-            text = f"{link_label(robot, i)}: {gear.ratio:.6g} × {mover} {shift}".rstrip()
+            terms = [f"{ratio:.6g} × {link_label(robot, j)}" for j, ratio in gear.ratios.items()]
+            shift = f" {gear.offset:+.6g}" if gear.offset else ""
+            text = f"{link_label(robot, i)}: {' + '.join(terms)}{shift}"
             console.print(f"gear of {text}", markup=False)
     if robot.base.moves_freely:
         _print_arrangement(data["arrangement"], console)

@@ -236,16 +236,16 @@ def jointed_bodies(
     for k, i in enumerate(numbers):
         if (geared := parameters.links[i].geared) == 0 or i not in massive:
             continue
-        link = jointed[k]
+        turned = jointed[k]
         with tape.group("inertias of rotors behind gears", Stage.PARAMETER):
-            jointed[k] = replace(link, inertia=link.inertia.plus(tape, about_z(geared)))
+            jointed[k] = replace(turned, inertia=turned.inertia.plus(tape, about_z(geared)))
             opposite = about_z(-geared)
-            for axis, degrees in ((X, link.alpha_deg), (Z, link.turn_deg)):
+            for axis, degrees in ((X, turned.alpha_deg), (Z, turned.turn_deg)):
                 opposite = opposite.rotated(tape, Rotation.degrees(axis, degrees))
-            if link.parent:
-                carrier = jointed[link.parent - 1]
+            if turned.parent:
+                carrier = jointed[turned.parent - 1]
                 carrier = replace(carrier, inertia=carrier.inertia.plus(tape, opposite))
-                jointed[link.parent - 1] = carrier
+                jointed[turned.parent - 1] = carrier
             else:
                 on_base.append(opposite)
     return JointedBodies(

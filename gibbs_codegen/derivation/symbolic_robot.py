@@ -132,7 +132,7 @@ class SymbolicRobot:
         """G and offsets: all joints are G times those that have coordinates, and offsets."""
         gears = [Gear(of=i, ratio=1.0) for i in self.jointed if i < BASE]
         gears += self.robot.gearing.values()
-        ratios = [[_number(gear.ratio * (gear.of == i)) for i in self.jointed] for gear in gears]
+        ratios = [[_number(gear.ratios.get(i, 0.0)) for i in self.jointed] for gear in gears]
         return ratios, [_number(gear.offset) for gear in gears]
 
     @cached_property

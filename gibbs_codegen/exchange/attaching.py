@@ -125,7 +125,7 @@ def _with_arm(
         return replace(
             link,
             parent=on(parent),
-            gear=link.gear and replace(link.gear, of=on(link.gear.of)),
+            gear=link.gear and link.gear.renumbered(on),
             name=prefix + label or None,
             coordinate=link.coordinate and prefix + link.coordinate,
             pose=link.pose if parent != BASE else seated(joint_pose(arm, i), BASE),

@@ -162,7 +162,10 @@ def with_free_names(source: sources.Source, form: Format) -> tuple[sources.Sourc
                     name=moved[j.child],
                     parent=ends[j.parent],
                     child=named[j.child],
-                    gear=j.gear and j.gear._replace(mover=movers[j.gear.mover]),
+                    gear=j.gear
+                    and j.gear._replace(
+                        ratios={movers[mover]: x for mover, x in j.gear.ratios.items()}
+                    ),
                 )
                 for j in source.joints
             ),
@@ -236,7 +239,9 @@ def source_of(robot: Robot) -> sources.Source:
                 names[i],
                 centre @ pose if parent == BASE else pose,
                 replace(link, limits=link.drive_limits),
-                gear=sources.SourceGear(labels[gear.of], gear.ratio, gear.offset) if gear else None,
+                gear=sources.SourceGear({labels[j]: x for j, x in gear.ratios.items()}, gear.offset)
+                if gear
+                else None,
                 driven=link.moves and not gear,
             )
         )

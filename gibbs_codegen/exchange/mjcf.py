@@ -27,7 +27,7 @@ from gibbs_codegen.robot.rotations import Array, turn_of_quaternion
 
 _SITE = 4
 # Of equalities: the kind, and that they are between sites rather than bodies.
-_WELD, _JOINT, _OF_SITES = 1, 2, 6
+_WELD, _JOINT, _TENDON, _OF_SITES, _ALONG_JOINT = 1, 2, 3, 6, 1
 _FILTERS = (2, 3)
 _NO_BIAS = 0
 
@@ -137,6 +137,9 @@ class _CompiledModel:
             if name and body in bodies and s not in seats:
                 frames.append(self._site(s))
         constraints = tuple(self._constraints(bodies))
+        of_gears = model.eq_obj1id[model.eq_type == _TENDON]
+        for k in sorted({*range(model.ntendon)} - {*of_gears.tolist()}):
+            self._report(model.tendon(k).name or f"tendon_{k + 1}", "a tendon, and its springs")
         joints = [replace(joint, gear=self._gears.get(joint.name)) for joint in joints]
         return sources.Source(
             self.file,
@@ -265,6 +268,9 @@ class _CompiledModel:
             if model.eq_type[k] == _JOINT:
                 self._add_gear(k, name)
                 continue
+            if model.eq_type[k] == _TENDON:
+                self._add_differential(k, name)
+                continue
             welds, data = model.eq_type[k] == _WELD, model.eq_data[k]
             ends = [int(model.eq_obj1id[k]), int(model.eq_obj2id[k])]
             # Old versions of MuJoCo know bodies only.
@@ -298,8 +304,22 @@ class _CompiledModel:
             self._report(name, "an equality of joints that is no gear")
             return
         self._gears[self.joint_names[first]] = sources.SourceGear(
-            self.joint_names[second], ratio, offset
+            {self.joint_names[second]: ratio}, offset
         )
+
+    def _add_differential(self, k: int, name: str) -> None:
+        """Note a gear of an equality of a fixed tendon, whose first joint the others move."""
+        model, tendon, data = self.model, self.model.eq_obj1id[k], self.model.eq_data[k]
+        wraps = slice(model.tendon_adr[tendon], model.tendon_adr[tendon] + model.tendon_num[tendon])
+        is_gear = model.eq_obj2id[k] < 0 and model.eq_active0[k] and wraps.stop > wraps.start + 1
+        if not is_gear or (model.wrap_type[wraps] != _ALONG_JOINT).any():
+            self._report(name, "an equality of tendons that is no gear")
+            return
+        names = [self.joint_names[j] for j in model.wrap_objid[wraps]]
+        shares = model.wrap_prm[wraps] / model.wrap_prm[wraps.start]
+        ratios = {joint: -float(x) for joint, x in zip(names[1:], shares[1:], strict=True)}
+        offset = float(data[0] / model.wrap_prm[wraps.start])
+        self._gears[names[0]] = sources.SourceGear(ratios, offset)
 
     def _carrier(self, body: int) -> str:
         return sources.WORLD if body == WORLD else self.names[body]

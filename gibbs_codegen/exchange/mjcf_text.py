@@ -47,6 +47,8 @@ _TAKEN = table(f"""
     position@ {_ACTUATOR} kp kv dampratio timeconst inheritrange velocity@ {_ACTUATOR} kv
     connect@ {_EQUALITY} weld@ {_EQUALITY} relpose
     equality/joint@ name class active joint1 joint2 polycoef
+    equality/tendon@ name class active tendon1 tendon2 polycoef
+    tendon/fixed@ name class fixed/joint@ joint coef
     {" ".join(f"mujoco/{section}@" for section in _COUNTED)}
 """)
 # What is only counted, under these words, and what has no part in the motion.

@@ -176,7 +176,7 @@ def _properties(axis: ET.Element, joint: SourceJoint) -> None:
     resisting |= {"spring_stiffness": passive.stiffness, "spring_reference": passive.rest}
     ET.SubElement(axis, "xyz").text = numbers(link.axis)
     if joint.gear:
-        mover, ratio, offset = joint.gear
+        ((mover, ratio),), offset = joint.gear.ratios.items(), joint.gear.offset
         mimic = ET.SubElement(axis, "mimic", joint=mover)
         _children(mimic, {"multiplier": ratio, "offset": offset, "reference": 0.0})
     _children(ET.SubElement(axis, "limit"), bounds)

@@ -10,7 +10,7 @@ equations then carry everywhere.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import cached_property
@@ -90,11 +90,19 @@ class SourceBody:
 
 
 class SourceGear(NamedTuple):
-    """The name of the joint that moves another, to ratio times its coordinate and an offset."""
+    """A joint that others move, to Σ ratio times their coordinates and an offset.
 
-    mover: str
-    ratio: float
+    Ratios are by the names of these joints.
+    """
+
+    ratios: Mapping[str, float]
     offset: float
+
+    @property
+    def words(self) -> str:
+        """The joints that move it, in words."""
+        names = " and ".join(self.ratios)
+        return f"joint{'s' * (len(self.ratios) > 1)} {names}"
 
 
 @dataclass(frozen=True, eq=False)

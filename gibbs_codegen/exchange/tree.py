@@ -16,6 +16,7 @@ from gibbs_codegen.exchange.sources import (
     Finding,
     Source,
     SourceConstraint,
+    SourceGear,
     SourceJoint,
     SourceRotor,
 )
@@ -84,22 +85,35 @@ def locked(source: Source, values: Mapping[str, float]) -> Source:
         if name not in names:
             raise UsageError(f"--lock {printable(name, 60)}: no such joint{near(name, names)}")
     joints, findings, seats = [], [], _seats(source)
+    places: dict[str, tuple[float, str]] = {}
     for joint in source.joints:
-        value, why = 0.0, ""
         low, high = joint.link.limits.low, joint.link.limits.high
         if joint.kind == "fixed":
             pass
         elif joint.name in values:
-            value, why = values[joint.name], "as asked"
+            places[joint.name] = values[joint.name], "as asked"
         elif joint.name in source.spinning or any(
             _spins(joint, rotor, seats) for rotor in source.rotors
         ):
-            why = "lets a rotor spin"
-        elif joint.gear and joint.gear.mover in names:
+            places[joint.name] = 0.0, "lets a rotor spin"
+        elif joint.gear and names.issuperset(joint.gear.ratios):
             pass
         elif joint.kind in ("revolute", "prismatic") and low is not None and low == high:
-            value, why = low, "its limits leave it no range"
-        if why:
+            places[joint.name] = low, "its limits leave it no range"
+    following = {x.name: x.gear for x in source.joints if x.gear and x.name not in places}
+    for _ in range(len(following)):  # Joints that follow may move others.
+        for name in following.keys() - places.keys():
+            gear = following[name]
+            free = {mover: x for mover, x in gear.ratios.items() if mover not in places}
+            locked_at = sum(x * places[m][0] for m, x in gear.ratios.items() if m not in free)
+            following[name] = SourceGear(free, gear.offset + locked_at)
+            if not free:
+                places[name] = gear.offset + locked_at, f"follows {gear.words}"
+    for joint in source.joints:
+        if joint.name in following:
+            joint = replace(joint, gear=following[joint.name])
+        if joint.name in places:
+            value, why = places[joint.name]
             findings.append(Finding("locked", joint.name, f"at {value:g}; {why}"))
             moved = HERE
             if value and joint.kind == "prismatic":

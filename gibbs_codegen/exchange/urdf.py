@@ -183,7 +183,7 @@ class Values:
             return None
         ratio, offset = self.number(mimic, "multiplier", 1.0), self.number(mimic, "offset", 0.0)
         start = self.number(mimic, "reference", 0.0)
-        return sources.SourceGear(self.name(mimic, "joint"), ratio, offset - ratio * start)
+        return sources.SourceGear({self.name(mimic, "joint"): ratio}, offset - ratio * start)
 
     def inertia(self, element: Element | None, default: float | None) -> Inertia:
         """An inertia, of which only the moments may be required or have a default but 0."""

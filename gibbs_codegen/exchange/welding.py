@@ -69,12 +69,17 @@ def welded(
     rigid = [composite(body.parts, snap) for body in bodies]
     links, moved = [], {body.joint.name: body for body in bodies if body.joint}
 
+    def ratios_of(name: str) -> Mapping[str, float]:
+        joint = moved[name].joint if name in moved else None
+        return joint.gear.ratios if joint and joint.gear else {}
+
     def follows(joint: SourceJoint) -> bool:
-        """True if a joint has a gear that leads to a coordinate, and in no circle."""
-        way = [joint]
-        while (gear := way[-1].gear) and gear.mover in moved and way[-1] not in way[:-1]:
-            way.append(moved[gear.mover].joint or joint)
-        return bool(joint.gear and joint.gear.ratio) and len(way) > 1 and way[-1] is not joint
+        """True if a joint has a gear that leads to joints that move, and not back to itself."""
+        ratios = ratios_of(joint.name)
+        way = [*ratios]
+        for mover in way:  # It grows meanwhile.
+            way += [x for x in ratios_of(mover) if x not in way]
+        return all(ratios.values()) and {*ratios} <= {*moved} and joint.name not in way
 
     for body, whole in zip(bodies[1:], rigid[1:], strict=True):
         joint = body.joint
@@ -89,11 +94,13 @@ def welded(
             coordinate=namer.free(joint.name, "joint"),
         )
         if joint.gear:
-            mover = joint.gear.mover
-            if follows(joint) and not source.constraints:
-                _, ratio, offset = joint.gear
-                gear = Gear(of=moved[mover].number, ratio=ratio, offset=offset)
-                findings.append(Finding("gear", joint.name, f"moved by joint {mover}"))
+            movers = joint.gear.words
+            if follows(joint):
+                gear = Gear.by(
+                    {moved[mover].number: x for mover, x in joint.gear.ratios.items()},
+                    joint.gear.offset,
+                )
+                findings.append(Finding("gear", joint.name, f"moved by {movers}"))
                 keys = ("limits", "servo", "friction")
                 if idle := [x for x in keys if getattr(link, x) not in (None, JointLimits())]:
                     words = f"{' and '.join(idle)} of a joint that another moves"
@@ -101,9 +108,8 @@ def welded(
                 link = replace(link, gear=gear, limits=JointLimits(), coordinate=None)
                 link = replace(link, servo=None, friction=None)
             else:
-                words = f"that it follows joint {mover}, which does not move it"
-                if follows(joint):
-                    words = f"that it follows joint {mover}: gears cannot stand beside constraints"
+                do = "does" if len(joint.gear.ratios) == 1 else "do"
+                words = f"that it follows {movers}, which {do} not move it"
                 findings.append(Finding("left out", joint.name, words))
         links.append(link)
     # Frames of links that were welded or are not where their joint is, and those of the source.

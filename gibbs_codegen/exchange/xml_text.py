@@ -51,7 +51,7 @@ def urdf_text(source: sources.Source) -> str:
         texts = {key: repr(endless[key] if b is None else b) for key, b in bounds.items()}
         ET.SubElement(element, "limit", texts)
         if joint.gear:
-            mover, ratio, offset = joint.gear
+            ((mover, ratio),), offset = joint.gear.ratios.items(), joint.gear.offset
             gear = {"joint": mover, "multiplier": repr(ratio), "offset": repr(offset)}
             ET.SubElement(element, "mimic", gear)
         resisting = {"damping": joint.link.passive.damping, "friction": coulomb(joint.link)}
@@ -154,12 +154,21 @@ def mjcf_text(source: sources.Source) -> str:
         sites = {f"site{number}": end.name for number, end in enumerate(loop.ends, start=1)}
         # It may be held: who simulates switches it on.
         ET.SubElement(equality, kind, {"name": loop.name, "active": "false", **sites})
+    tendons = ET.Element("tendon")
     for joint in source.joints:
-        if joint.gear:
-            mover, ratio, offset = joint.gear
-            joints = {"joint1": joint.name, "joint2": mover}
+        if not joint.gear:
+            continue
+        (mover, *others), offset = joint.gear.ratios, joint.gear.offset
+        if not others:
+            ratio, joints = joint.gear.ratios[mover], {"joint1": joint.name, "joint2": mover}
             ET.SubElement(equality, "joint", joints, polycoef=numbers((offset, ratio, 0, 0, 0)))
-    top.extend([equality] if len(equality) else [])
+            continue
+        tendon = ET.SubElement(tendons, "fixed", name=f"gear_{joint.name}")
+        for name, ratio in {joint.name: -1.0, **joint.gear.ratios}.items():
+            ET.SubElement(tendon, "joint", joint=name, coef=repr(-ratio))
+        ends = {"tendon1": tendon.get("name", ""), "polycoef": numbers((offset, 0, 0, 0, 0))}
+        ET.SubElement(equality, "tendon", ends)
+    top.extend(element for element in (tendons, equality) if len(element))
     ET.indent(top)
     return ET.tostring(top, encoding="unicode") + "\n"
 

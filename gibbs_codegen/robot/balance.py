@@ -327,7 +327,8 @@ def holding_efforts(robot: Robot, thrusts: Sequence[float]) -> list[float]:
         turns = link.joint == "revolute"
         along = moment - np.cross(frame.origin, force) if turns else force
         pulled = link.passive.stiffness * (gear.offset - link.passive.rest)
-        efforts[gear.of] += gear.ratio * float(pulled - along @ frame.axes @ link.axis)
+        for mover, ratio in gear.ratios.items():
+            efforts[mover] += ratio * float(pulled - along @ frame.axes @ link.axis)
     size = robot.gravity * robot.total_mass
     return list(map(float, posture.rounded(np.array([*efforts.values()]), size)))
 

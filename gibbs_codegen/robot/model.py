@@ -71,21 +71,21 @@ class Robot(Ties):
 
     @cached_property
     def gearing(self) -> dict[int, Gear]:
-        """For each link whose joint moves, in order, the gear from the coordinate that moves it.
+        """For each link whose joint moves, in order, the gear from the coordinates that move it.
 
         Gears of gears are one; of a joint with a coordinate it is of the link itself.
         """
 
         def whole(i: int) -> Gear:
             gear = self.links[i - 1].gear
-            return gear.after(whole(gear.of)) if gear else Gear(of=i, ratio=1.0)
+            return gear.after({j: whole(j) for j in gear.ratios}) if gear else Gear(of=i, ratio=1.0)
 
         return {i: whole(i) for i, link in enumerate(self.links, start=1) if link.moves}
 
     @cached_property
     def moving(self) -> tuple[int, ...]:
         """Numbers of the links whose joints have coordinates, in order."""
-        return tuple(i for i, gear in self.gearing.items() if gear.of == i)
+        return tuple(i for i in self.gearing if not self.links[i - 1].gear)
 
     @property
     def is_geared(self) -> bool:
@@ -101,7 +101,10 @@ class Robot(Ties):
     def positions(self, joints: Iterable[float]) -> dict[int, float]:
         """Positions, rad or m, of all joints that move, by links, from the coordinates in order."""
         values = dict(zip(self.moving, joints, strict=True))
-        return {i: gear.ratio * values[gear.of] + gear.offset for i, gear in self.gearing.items()}
+        return {
+            i: gear.offset + sum(ratio * values[j] for j, ratio in gear.ratios.items())
+            for i, gear in self.gearing.items()
+        }
 
     @cached_property
     def rigid(self) -> tuple[int, ...]:

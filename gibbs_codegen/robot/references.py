@@ -28,8 +28,8 @@ from gibbs_codegen.robot.parts.body import RigidBody, Rod
 from gibbs_codegen.robot.parts.constraint import ROWS, Constraint
 from gibbs_codegen.robot.parts.frame import MAX_FRAMES
 from gibbs_codegen.robot.parts.link import MAX_LINKS, JointKeys, Passive
-from gibbs_codegen.robot.parts.numbers import BASE
 from gibbs_codegen.robot.parts.motor import Motor
+from gibbs_codegen.robot.parts.numbers import BASE
 from gibbs_codegen.robot.parts.part import parameter_ends
 from gibbs_codegen.robot.parts.pose import Pose
 from gibbs_codegen.robot.parts.rotor import MAX_ROTORS, Rotor
@@ -261,21 +261,27 @@ def _parent_faults(links: Sequence[Entry], numbers: Mapping[str, int]) -> Iterat
 
 def _gear_faults(links: Sequence[Entry], numbers: Mapping[str, int]) -> Iterator[PlacedFault]:
     right = "must be the name of another link whose joint moves"
-    gears = [gear if isinstance(gear := link.get("gear"), dict) else {} for link in links]
-    names: dict[Place, str | None] = {
-        ("link", i, "gear", "of"): _text(gear, "of") for i, gear in enumerate(gears)
-    }
+    names: dict[Place, str | None] = {}
+    for i, link in enumerate(links):
+        gear, at = link.get("gear"), ("link", i, "gear", "of")
+        of = gear.get("of") if isinstance(gear, dict) else None
+        several = [((*at, k), x) for k, x in enumerate(of)] if isinstance(of, list) else [(at, of)]
+        names |= {place: name if isinstance(name, str) else None for place, name in several}
     bodies = {name: i for name, i in numbers.items() if i != BASE}
     yield from _unknown(names, bodies, right)
-    of = [bodies.get(name or "", BASE) for name in names.values()]
-    for i, ((at, name), first) in enumerate(zip(names.items(), of, strict=True), start=1):
-        movers = [first]
-        while movers[-1] not in (BASE, i, *movers[:-1]):
-            movers.append(of[movers[-1] - 1])
-        if movers[-1] == i:
-            yield at, f"{right}: {shown(name)} is itself moved by this joint, which makes a circle"
+    movers: dict[int, list[int]] = {}
+    for place, name in names.items():
+        movers.setdefault(int(place[1]) + 1, []).append(bodies.get(name or "", BASE))
+    for place, name in names.items():
+        first = bodies.get(name or "", BASE)
+        way = [first]
+        for mover in way:  # It grows meanwhile.
+            way += [before for before in movers.get(mover, ()) if before not in way]
+        if int(place[1]) + 1 in way:
+            why = "is itself moved by this joint, which makes a circle"
+            yield place, f"{right}: {shown(name)} {why}"
         elif first != BASE and links[first - 1].get("joint") == "fixed":
-            yield at, f"{right}: {shown(name)} is fixed"
+            yield place, f"{right}: {shown(name)} is fixed"
 
 
 def _coordinate_clashes(

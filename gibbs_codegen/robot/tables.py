@@ -127,7 +127,7 @@ class RobotTable(Ties, _Bodies):
                 replace(
                     link.link(),
                     parent=None if parent == before else parent,
-                    gear=link.gear and replace(link.gear, of=number(link.gear.of)),
+                    gear=link.gear and link.gear.renumbered(number),
                 )
                 for before, (link, parent) in enumerate(zip(self.link, parents, strict=True))
             ),

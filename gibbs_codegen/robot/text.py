@@ -81,7 +81,8 @@ def link_lines(robot: Robot, i: int, in_both_forms: bool) -> list[str]:
     """The table of link i, from 1, with its body in comments as a rigid one too if so asked."""
     link, parent = robot.links[i - 1], robot.parents[i - 1]
     if link.gear:
-        how = f"moved by a gear of {printable(_carrier(robot, link.gear.of))}"
+        movers = [printable(_carrier(robot, mover)) for mover in link.gear.ratios]
+        how = f"moved by a gear of {' and '.join(movers)}"
     elif link.moves:
         how = f"{'turned' if link.joint == 'revolute' else 'moved'} by joint {robot.rotors + i}"
     else:
@@ -114,7 +115,9 @@ def link_lines(robot: Robot, i: int, in_both_forms: bool) -> list[str]:
         ]
     lines += _joint_lines(link)
     if link.gear:
-        gear = {"of": _carrier(robot, link.gear.of)} | changed_keys(link.gear, "of")
+        movers = [_carrier(robot, mover) for mover in link.gear.ratios]
+        of = movers if isinstance(link.gear.of, tuple) else movers[0]
+        gear = {"of": of} | changed_keys(link.gear, "of")
         lines += toml_lines({"gear": gear})
     lines += [line for line in body_lines(link.body) if not link.pose or line != "length = 0.0"]
     if in_both_forms:

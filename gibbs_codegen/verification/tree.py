@@ -161,11 +161,11 @@ class Assembly:
                 self.places[i] = next(others if link.gear else moving)
                 if link.motor:
                     self.rotors[i] = next(others)
-                    rotor = self._jointed(at, link.axis, self.rotors[i])
-                    for place, share in ((rotor, 1.0), (at, -1.0)):
-                        along = place.rotation @ np.array(link.axis)
+                    turning = self._jointed(at, link.axis, self.rotors[i])
+                    for held, share in ((turning, 1.0), (at, -1.0)):
+                        along = held.rotation @ np.array(link.axis)
                         inertia = share * link.motor.rotor_inertia * np.outer(along, along)
-                        self._add_part(JointPart(parent, place.joint, 0.0, place.local, inertia))
+                        self._add_part(JointPart(parent, held.joint, 0.0, held.local, inertia))
                 at = self._jointed(at, link.axis, self.places[i], link.joint == "revolute")
             elif link.constrained:
                 at = self._jointed(at, link.axis, next(self._constrained))
@@ -390,7 +390,9 @@ class Tree:
         ratios, offsets = np.zeros((self.size, self.size)), np.zeros(self.size)
         for i, place in self.places.items():
             if gear := robot.links[i - 1].gear:
-                ratios[place, self.places[gear.of]], offsets[place] = gear.ratio, gear.offset
+                offsets[place] = gear.offset
+                for mover, ratio in gear.ratios.items():
+                    ratios[place, self.places[mover]] = ratio
         for i, place in built.rotors.items():
             if motor := robot.links[i - 1].motor:
                 ratios[place, self.places[i]] = motor.gear_ratio

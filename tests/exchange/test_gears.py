@@ -97,10 +97,39 @@ def test_limits_of_a_joint_that_follows_are_told(tmp_path: Path) -> None:
     assert told["tip"][1:] == ["limits of a joint that another moves"]
 
 
-def test_a_joint_that_follows_a_locked_one_moves_on_its_own(tmp_path: Path) -> None:
-    robot, told = imported(URDF, tmp_path, lock={"driver": 0.2})
-    assert told["rack"] == ["that it follows joint driver, which does not move it"]
-    assert [link.gear for link in robot.links] == [None, Gear(of=1, ratio=-2.0)]
+def test_joints_that_follow_a_locked_one_are_locked_where_it_puts_them(tmp_path: Path) -> None:
+    path = tmp_path / "hand.urdf"
+    path.write_text(URDF, encoding="utf-8")
+    robot, findings = import_robot(path, ImportOptions("quaternion", lock={"driver": 0.2}))
+    assert not robot.links
+    told = {x.subject: x.detail for x in findings if x.kind == "locked"}
+    assert told["rack"] == "at 0.55; follows joint driver"
+    assert told["tip"] == "at -1.1; follows joint rack"
+
+
+DIFFERENTIAL = HAND.replace(
+    'of = "rack", ratio = -2', 'of = ["driver", "rack"], ratio = [0.5, -2], offset = 0.1'
+)
+
+
+def test_differentials_of_mjcf_come_back_and_lose_what_is_locked(tmp_path: Path) -> None:
+    pytest.importorskip("mujoco")
+    text, _ = export_robot(parse_robot(DIFFERENTIAL), "mjcf")
+    robot, told = imported(text, tmp_path)
+    assert robot.links[2].gear == Gear(of=(1, 2), ratio=(0.5, -2.0), offset=0.1)
+    assert told["tip"] == ["moved by joints driver and rack"]
+    free = text.replace('joint1="rack"', 'active="false" joint1="rack"')
+    robot, _ = imported(free, tmp_path, lock={"driver": 0.2})
+    assert [link.gear for link in robot.links] == [None, Gear(of=1, ratio=-2.0, offset=0.2)]
+
+
+def test_constraints_stand_beside_gears(tmp_path: Path) -> None:
+    pytest.importorskip("mujoco")
+    held = f'{HAND}[[constraint]]\nname = "grip"\ntype = "point"\nframe = "base"'
+    text, _ = export_robot(parse_robot(held), "mjcf")
+    robot, _ = imported(text, tmp_path)
+    assert len(robot.constraints) == 1
+    assert robot.links[1].gear == Gear(of=1, ratio=0.25, offset=0.5)
 
 
 def test_sdf_counts_from_a_reference(tmp_path: Path) -> None:

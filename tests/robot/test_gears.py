@@ -10,6 +10,7 @@ from gibbs_codegen.robot.description import Description
 from gibbs_codegen.robot.file import parse_robot
 from gibbs_codegen.robot.parts.gear import Gear
 from gibbs_codegen.robot.posture import AT_ORIGIN, frames_on
+from gibbs_codegen.robot.text import robot_text
 
 GEAR = 'gear = { of = "driver", ratio = 0.5, offset = 0.1 }'
 HAND = f"""
@@ -48,12 +49,49 @@ def test_one_coordinate_moves_all_joints() -> None:
     robot = parse_robot(HAND)
     assert (robot.moving, [*robot.gearing]) == ((2,), [1, 2, 3])
     assert robot.gearing[1] == Gear(of=2, ratio=-1.0, offset=-0.2)
+    assert parse_robot(robot_text(robot)) == robot
     assert robot.positions([0.4]) == pytest.approx({1: -0.6, 2: 0.4, 3: 0.3})
     description = Description(robot)
     assert description.layout.v.names[3:-3] == ("driver",)
     assert [entry.name for entry in description.inputs] == ["tau_driver"]
     assert {"joint_last", "joint_driver", "joint_slider"} <= {*description.points}
     assert frames_on(robot, AT_ORIGIN, [0.4]).links[2].origin == pytest.approx([0.3, 0, 0])
+
+
+WRIST = """
+name = "wrist"
+[base]
+motion = "fixed"
+mass = 1
+inertia = [1e-3, 1e-3, 1e-3, 0, 0, 0]
+""" + "".join(
+    f"""
+[[link]]
+name = "{name}"
+parent = "{parent}"
+axis = "{axis}"
+xyz = [0, 0, 0]
+mass = 0.1
+com = [0.1, 0, 0]
+inertia = [1e-4, 2e-4, 2e-4, 0, 0, 0]
+{more}
+"""
+    for name, parent, axis, more in (
+        ("left", "base", "y", ""),
+        ("right", "base", "y", ""),
+        ("tilt", "base", "y", 'gear = { of = ["left", "right"], ratio = [0.5, 0.5] }'),
+        ("twist", "tilt", "x", 'gear = { of = ["left", "right"], ratio = [0.5, -0.5] }'),
+        ("pointer", "twist", "x", 'gear = { of = ["twist", "left"], ratio = [2, -1] }'),
+    )
+)
+
+
+def test_two_coordinates_move_a_differential() -> None:
+    robot = parse_robot(WRIST)
+    assert robot.moving == (1, 2)
+    assert robot.positions([0.3, 0.1]) == pytest.approx({1: 0.3, 2: 0.1, 3: 0.2, 4: 0.1, 5: -0.1})
+    assert robot.gearing[5].ratios == {1: 0.0, 2: -1.0}
+    assert parse_robot(robot_text(robot)) == robot
 
 
 def test_efforts_that_hold_joints_count_through_ratios() -> None:
@@ -82,10 +120,15 @@ def test_efforts_that_hold_joints_count_through_ratios() -> None:
         ),
         (GEAR, f"{GEAR}\nfriction.coulomb = 1", "friction: must be left out, since a gear moves"),
         ("limits = [-1, 1]", 'joint = "fixed"', "'driver' is fixed"),
+        ('"driver", ratio = 0.5', '["driver", "driver"], ratio = [1, 1]', "a name twice: add the"),
+        ('"driver", ratio = 0.5', '["driver", "last"], ratio = [1, 1]', "gear.of 2: must be the name"),
+        ('"driver", ratio = 0.5', '["driver"], ratio = [1, 1]', "a ratio for each name in of, 1"),
+        ("ratio = 0.5", 'ratio = "half"', "gear.ratio: must be a number, not a string"),
+        (GEAR, f"{GEAR}\nmotor = {{ rotor_inertia = 1, gear_ratio = 9 }}", "motor: belongs to a"),
         (
-            GEAR,
-            f'{GEAR}\n[[constraint]]\nname = "grip"\ntype = "point"\nframe = "base"',
-            "cannot stand beside link.gear yet",
+            "limits = [-1, 1]",
+            "motor = { rotor_inertia = 0, gear_ratio = 9 }",
+            "motor.rotor_inertia: must be above 0",
         ),
     ],
 )

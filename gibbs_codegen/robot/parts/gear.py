@@ -1,43 +1,106 @@
-"""Gears, by which one coordinate moves several joints."""
+"""Gears, by which one coordinate moves several joints, or several move one."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass
-from typing import Annotated
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, replace
+from typing import Annotated, Any
 
-from pydantic import GetPydanticSchema
+import pydantic
+from pydantic_core import CoreSchema, core_schema
 
-from gibbs_codegen.files.table import Place
+from gibbs_codegen.files.table import Place, fault, to_python
 from gibbs_codegen.robot.parts.numbers import Label, Size
 from gibbs_codegen.robot.parts.part import Part, entry
 
 
+@dataclass(frozen=True)
+class _OrSeveral:
+    """Metadata of a tuple of any length, in place of which a file may have one entry of it."""
+
+    kind: Any
+
+    def __get_pydantic_core_schema__(
+        self, _: Any, handler: pydantic.GetCoreSchemaHandler
+    ) -> CoreSchema:
+        several = handler.generate_schema(self.kind)
+        return core_schema.no_info_wrap_validator_function(self._checked, several)
+
+    def __get_pydantic_json_schema__(
+        self, schema: CoreSchema, handler: pydantic.GetJsonSchemaHandler
+    ) -> Any:
+        several = handler(schema)
+        return {"anyOf": [several["items"], several | {"minItems": 1}]}
+
+    @staticmethod
+    def _checked(value: Any, handler: Callable[[Any], Any]) -> Any:
+        if isinstance(to_python(value), list):
+            return handler(value)
+        try:
+            return handler([value])[0]
+        except pydantic.ValidationError as error:
+            raise fault(Part._words(error.errors(include_url=False)[0])) from None
+
+
 @dataclass(frozen=True, kw_only=True)
 class Gear(Part):
-    """The gear of a joint, whose coordinate is ratio·(that of another joint) + offset.
+    """The gear of a joint, whose coordinate is Σ ratio·(that of another joint) + offset.
 
-    Both numbers are structural, as twists are: teeth are counted, and a ratio of −1 is a sign.
+    Its numbers are structural, as twists are: teeth are counted, and a ratio of −1 is a sign.
     """
 
-    # A file names the link; once the robot is whole, it is its number.
-    of: Annotated[int, GetPydanticSchema(lambda _, handler: handler.generate_schema(Label))] = (
-        entry("name of the link whose joint moves this one", ...)
+    # A file names links; once the robot is whole, they are numbers.
+    of: Annotated[int | tuple[int, ...], _OrSeveral(tuple[Label, ...])] = entry(
+        "name of the link whose joint moves this one, or several names, of a differential", ...
     )
-    ratio: Size = entry(
-        "what this joint moves for each rad or m of the other, rad or m; below 0 the other way", ...
+    ratio: Annotated[float | tuple[float, ...], _OrSeveral(tuple[Size, ...])] = entry(
+        "what this joint moves for each rad or m of the other, rad or m; below 0 the other way; "
+        "of several names as many ratios",
+        ...,
     )
-    offset: Size = entry("coordinate of this joint where that of the other is 0, rad or m", 0.0)
+    offset: Size = entry("coordinate of this joint where others' are 0, rad or m", 0.0)
 
     def _faults(self) -> Iterator[tuple[Place, str]]:
-        """The fault of a joint that would not move."""
-        if self.ratio == 0.0:
+        """The fault of a joint that would not move, or of numbers that do not fit."""
+        movers, ratios = map(_several, (self.of, self.ratio))
+        if 0.0 in ratios or not ratios:
             yield (
                 ("ratio",),
                 'must not be 0, with which the joint would not move: give joint = "fixed"',
             )
+        if len(movers) != len(ratios):
+            yield ("ratio",), f"must have a ratio for each name in of, {len(movers)}"
+        if len({*movers}) < len(movers):
+            yield ("of",), "must not have a name twice: add the ratios"
 
-    def after(self, first: Gear) -> Gear:
-        """The two gears as one, of which `first` moves the joint that this one is of."""
-        offset = self.ratio * first.offset + self.offset
-        return Gear(of=first.of, ratio=self.ratio * first.ratio, offset=offset)
+    @classmethod
+    def by(cls, ratios: Mapping[int, float], offset: float = 0.0) -> Gear:
+        """A gear by the ratios of each of what moves it."""
+        if len(ratios) == 1:
+            ((mover, ratio),) = ratios.items()
+            return cls(of=mover, ratio=ratio, offset=offset)
+        return cls(of=(*ratios,), ratio=(*ratios.values(),), offset=offset)
+
+    @property
+    def ratios(self) -> dict[int, float]:
+        """The ratios by the movers."""
+        return dict(zip(_several(self.of), _several(self.ratio), strict=False))
+
+    def renumbered(self, number: Callable[[Any], int]) -> Gear:
+        """The gear with other names of what moves it."""
+        several = isinstance(self.of, tuple)
+        movers = tuple(map(number, _several(self.of)))
+        return replace(self, of=movers if several else movers[0])
+
+    def after(self, gears: Mapping[int, Gear]) -> Gear:
+        """The gears as one, of which `gears` move the joints, by numbers, that this one is of."""
+        offset, ratios = self.offset, dict[int, float]()
+        for mover, ratio in self.ratios.items():
+            offset += ratio * gears[mover].offset
+            for first, share in gears[mover].ratios.items():
+                ratios[first] = ratios.get(first, 0.0) + ratio * share
+        return Gear.by(ratios, offset)
+
+
+def _several(value: Any) -> tuple[Any, ...]:
+    return value if isinstance(value, tuple) else (value,)
