@@ -1,5 +1,7 @@
 """Robots with gears against the same robots without, folded by a matrix of ratios in NumPy.
 
+Motors behind gears are compared with rotors that are bodies, by Newton and Euler and by Pinocchio.
+
 Coordinates of all joints are G times those that are left, and offsets: forces fold by Gᵀ, and what
 is solved for is what the folded system gives. Nothing of the derivation's own folding is used.
 """
@@ -9,15 +11,22 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import pinocchio as pin
 import pytest
 from scipy.integrate import solve_ivp
+from scipy.spatial.transform import Rotation
 from support.emitted import emitted_module, module_with_derivatives
-from support.random_robots import geared_robot, on_base
+from support.pinocchio_oracle import Oracle
+from support.random_robots import motored_robot, on_base
 
 from gibbs_codegen.interface import FUNCTIONS, module_signatures
 from gibbs_codegen.robot.file import parse_robot
 from gibbs_codegen.robot.layout import layout_of
 from gibbs_codegen.robot.model import Robot
+from gibbs_codegen.robot.names import coordinate_of
+from gibbs_codegen.robot.parts.body import RigidBody
+from gibbs_codegen.robot.parts.gear import Gear
+from gibbs_codegen.robot.parts.link import Passive
 from gibbs_codegen.robot.text import robot_text
 from gibbs_codegen.verification.verify import QUICK, compare_module, formulations
 
@@ -28,8 +37,8 @@ SOLVED = {"forward_dynamics", "forward_dynamics_with_wrenches"}
 
 
 def based(seed: int) -> Robot:
-    """The geared robot of a seed on a base that flies or moves in one of the other ways."""
-    robot, motion = geared_robot(seed), MOTIONS[seed % len(MOTIONS)]
+    """The robot of a seed, with motors, on a base that flies or moves in one of the other ways."""
+    robot, motion = motored_robot(seed), MOTIONS[seed % len(MOTIONS)]
     return on_base(robot, motion, seed) if motion else robot
 
 
@@ -222,3 +231,188 @@ def test_free_motion_keeps_its_energy_for_ten_seconds() -> None:
     # Level, with the arm down, the rack is 0.05·0.8 + 0.01 along x from where its joint is.
     points = dict(zip(module.POINTS, module.positions([0, 0, 1, 0, 0, 0.8]), strict=True))
     np.testing.assert_allclose(points["joint_rack"], [0.05, 0.02, 0.6], atol=1e-15)
+
+
+def mimicking(robot: Robot) -> tuple[pin.Model, dict[str, tuple[str, float, float]]]:
+    """Pinocchio's model of a robot in which the first of all joints on a coordinate moves others.
+
+    Rotors of motors are such joints. With it for each coordinate come the name of that joint, and
+    the ratio and offset by which it follows the coordinate.
+    """
+    model = Oracle(robot.ungeared, rigid_base=True).model
+    turns: dict[str, tuple[str, float, float]] = {}
+    for i, gear in robot.gearing.items():
+        ((mover, ratio),) = gear.ratios.items()
+        of = coordinate_of(robot, mover)
+        turns[coordinate_of(robot.ungeared, i)] = of, ratio, gear.offset
+        if motor := robot.links[i - 1].motor:
+            turns[f"rotor of {i}"] = of, ratio * motor.gear_ratio, 0.0
+    leads = {name: (name, 1.0, 0.0) for name in layout_of(robot).v.names if name not in turns}
+    for name in filter(turns.__contains__, [*model.names]):
+        of, ratio, offset = turns[name]
+        lead, first, start = leads.setdefault(of, (name, ratio, offset))
+        if lead != name:
+            share = ratio / first
+            joints = model.getJointId(lead), model.getJointId(name)
+            model = pin.transformJointIntoMimic(model, *joints, share, offset - share * start)
+    return model, leads
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(1, 7))
+def test_masses_and_forces_are_those_of_mimic_joints_of_pinocchio(seed: int) -> None:
+    robot = motored_robot(seed, "tait_bryan")
+    links = tuple(replace(link, passive=Passive()) for link in robot.links)
+    robot = replace(robot, name=f"{robot.name}_bare", links=links, springs=())
+    module = emitted_module(robot, "mass_matrix", "inverse_dynamics")
+    model, leads = mimicking(robot)
+    names, scales, shifts = zip(*(leads[name] for name in module.VELOCITIES), strict=True)
+    order = [model.joints[model.getJointId(name)].idx_v for name in names]
+    data, rng = model.createData(), np.random.default_rng(seed)
+    for q, v, a in rng.normal(size=(3, 3, model.nv)):
+        theirs = np.zeros((3, model.nv))
+        theirs[:, order] = np.stack([q, v, a]) * scales
+        theirs[0, order] += shifts
+        still = np.zeros(model.nv)
+        force, rest = (pin.rnea(model, data, theirs[0], *x) for x in (theirs[1:], (still, still)))
+        # Column by column: crba of Pinocchio 4.1 differs from its own rnea for some of these.
+        units = (pin.rnea(model, data, theirs[0], still, unit) for unit in np.eye(model.nv))
+        matrix = np.stack([column - rest for column in units], axis=-1)
+        wanted = matrix[np.ix_(order, order)] * np.outer(scales, scales), force[order] * scales
+        ours = module.mass_matrix(q), module.inverse_dynamics(q, v, a)
+        for one, other in zip(ours, wanted, strict=True):
+            np.testing.assert_allclose(one, other, rtol=0, atol=1e-12 * np.abs(other).max())
+
+
+FLEXIBLE = """
+name = "flexible"
+gravity = 9.81
+base = { motion = "fixed", mass = 1, inertia = [1e-3, 1e-3, 1e-3, 0, 0, 0] }
+[[link]]
+name = "shaft"
+axis = "y"
+xyz = [0, 0, 0]
+mass = 0
+motor = { rotor_inertia = 2e-5, gear_ratio = -100 }
+[[link]]
+name = "arm"
+axis = "y"
+xyz = [0, 0, 0]
+mass = 0.8
+com = [0, 0, -0.4]
+inertia = [0.02, 0.02, 1e-3, 0, 0, 0]
+stiffness = 50
+"""
+
+
+@pytest.mark.slow
+def test_an_arm_on_a_flexible_joint_has_two_frequencies() -> None:
+    """(k − B ω²)(k + m g l − I ω²) = k², with the motor's B = N² J, about the arm that hangs."""
+    module = module_with_derivatives(parse_robot(FLEXIBLE), "inverse_dynamics_derivatives")
+    still = np.zeros(2)
+    _, stiffness, *_ = module.inverse_dynamics_derivatives(still, still, still)
+    squares = np.sort(np.linalg.eigvals(np.linalg.solve(module.mass_matrix(still), stiffness)))
+    motor, arm, spring, weight = 0.2, 0.02 + 0.8 * 0.4**2, 50.0, 0.8 * 9.81 * 0.4
+    middle = (motor * (spring + weight) + arm * spring) / (2 * motor * arm)
+    spread = np.sqrt(middle**2 - spring * weight / (motor * arm))
+    np.testing.assert_allclose(squares, [middle - spread, middle + spread], rtol=1e-12)
+
+
+MOTORED = """
+name = "motored"
+gravity = 9.81
+[base]
+attitude = "quaternion"
+mass = 1.5
+inertia = [0.02, 0.03, 0.04, 0.001, 0, 0]
+[[link]]
+name = "shoulder"
+xyz = [0.1, 0, -0.1]
+axis = [0.6, 0, 0.8]
+mass = 0.4
+com = [0, 0.02, -0.1]
+inertia = [0.003, 0.004, 0.002, 0, 0, 1e-4]
+{shoulder}
+[[link]]
+name = "elbow"
+xyz = [0, 0.05, -0.2]
+rpy_deg = [20, 0, 70]
+axis = "x"
+mass = 0.3
+com = [0, 0, -0.1]
+inertia = [0.002, 0.002, 0.001, 0, 0, 0]
+{elbow}
+"""
+
+
+def test_a_rotor_behind_a_gear_is_a_link_that_a_gear_moves() -> None:
+    """By hand: a rotor of 50 g on the shoulder, whose inertia about its axis is the motor's."""
+    keys = "motor = { rotor_inertia = 3e-5, gear_ratio = 40 }"
+    motored = parse_robot(MOTORED.format(shoulder="", elbow=keys))
+    rotor = RigidBody(0.0, 0.05, (0.0, 0.0, 0.0), (3e-5, 2e-5, 2e-5, 0.0, 0.0, 0.0))
+    seat = motored.links[1]
+    spinning = replace(
+        seat, body=rotor, motor=None, parent=1, name="rotor", gear=Gear(of=2, ratio=40.0)
+    )
+    # What is left of the shoulder without the rotor, about its own centre of mass.
+    whole = motored.links[0].body
+    x, y, z = (np.array([a, b]) for a, b in zip(whole.com, seat.pose.xyz, strict=True))
+    masses = np.array([0.4, -0.05])
+    com = np.array([x, y, z]) @ masses / 0.35
+    turn = Rotation.from_euler("xyz", [20, 0, 70], degrees=True).as_matrix()
+    inertia = -turn @ np.diag(rotor.inertia[:3]) @ turn.T
+    xx, yy, zz, xy, xz, yz = whole.inertia
+    inertia += [[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]
+    for mass, place in zip(masses, np.array([x, y, z]).T, strict=True):
+        arm = place - com
+        inertia += mass * (arm @ arm * np.eye(3) - np.outer(arm, arm))
+    entries = (inertia[i, j] for i, j in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)))
+    rest = replace(motored.links[0], body=RigidBody(0.0, 0.35, (*com,), (*entries,)))
+    links = rest, replace(seat, motor=None), spinning
+    explicit = emitted_module(replace(motored, name="explicit", links=links))
+    module, rng = emitted_module(motored), np.random.default_rng(0)
+    q, (v, a, u) = rng.normal(size=9), rng.normal(size=(3, 8))
+    q[3:7] /= np.linalg.norm(q[3:7])
+    for name, arguments in {
+        "mass_matrix": (q,),
+        "inverse_dynamics": (q, v, a),
+        "forward_dynamics": (q, v, u[:2]),
+        "kinetic_energy": (q, v),
+        "potential_energy": (q,),
+        "centroidal_momentum": (q, v),
+        "joint_wrenches": (q, v, a, u[:2]),
+    }.items():
+        one, other = (getattr(x, name)(*arguments) for x in (module, explicit))
+        if name == "joint_wrenches":
+            other = other[:2]
+        np.testing.assert_allclose(one, other, rtol=0, atol=1e-12 * np.abs(other).max())
+
+
+HELD = """
+[[frame]]
+name = "tip"
+on = "finger"
+xyz = [0, 0, -0.06]
+[[constraint]]
+name = "grip"
+type = "point"
+frame = "tip"
+xyz = [0, 0, 1]
+frequency = 5
+[[constraint]]
+name = "rail"
+type = "plane"
+frame = "tip"
+to = "base"
+xyz = [0, 0, -0.3]
+"""
+
+
+@pytest.mark.slow
+def test_constraints_stand_beside_gears() -> None:
+    """By dense matrices of the formulations, with derivatives; of four rows one is redundant."""
+    robot = parse_robot(GRIPPER + HELD)
+    module, against = module_with_derivatives(robot), formulations(robot)[0]
+    comparisons = [*compare_module(module, robot, against, 3, 0)]
+    assert not [c for c in comparisons if not c.passed]
+    assert {c.what for c in comparisons} >= {"constraint_projection", "operational_inertia"}

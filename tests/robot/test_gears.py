@@ -121,7 +121,11 @@ def test_efforts_that_hold_joints_count_through_ratios() -> None:
         (GEAR, f"{GEAR}\nfriction.coulomb = 1", "friction: must be left out, since a gear moves"),
         ("limits = [-1, 1]", 'joint = "fixed"', "'driver' is fixed"),
         ('"driver", ratio = 0.5', '["driver", "driver"], ratio = [1, 1]', "a name twice: add the"),
-        ('"driver", ratio = 0.5', '["driver", "last"], ratio = [1, 1]', "gear.of 2: must be the name"),
+        (
+            '"driver", ratio = 0.5',
+            '["driver", "last"], ratio = [1, 1]',
+            "gear.of 2: must be the",
+        ),
         ('"driver", ratio = 0.5', '["driver"], ratio = [1, 1]', "a ratio for each name in of, 1"),
         ("ratio = 0.5", 'ratio = "half"', "gear.ratio: must be a number, not a string"),
         (GEAR, f"{GEAR}\nmotor = {{ rotor_inertia = 1, gear_ratio = 9 }}", "motor: belongs to a"),

@@ -168,6 +168,8 @@ class Oracle:
                 placement = placed(link.pose)
             placement = at * placement
             axis = np.array(link.axis) / np.linalg.norm(link.axis)
+            if link.motor:
+                self._add_rotor(i, parent, placement, link.motor.rotor_inertia, axis)
             if link.moves or (link.constrained and not self.rigid_base):
                 slides = link.joint == "prismatic"
                 kind = (
@@ -177,6 +179,16 @@ class Oracle:
                 placement, parent = pin.SE3.Identity(), joint
             model.appendBodyToJoint(parent, spatial_inertia(link.body), placement)
             self.bodies[i] = (parent, placement)
+
+    def _add_rotor(self, i: int, parent: int, at: pin.SE3, inertia: float, axis: Array) -> None:
+        """Add a joint for what of a rotor's inertia is the carrier's, as long as it is at rest."""
+        model, spin = self.model, inertia * np.outer(axis, axis)
+        if parent:
+            whole, turn = model.inertias[parent], at.rotation
+            rest = whole.inertia - turn @ spin @ turn.T
+            model.inertias[parent] = pin.Inertia(whole.mass, whole.lever, rest)
+        joint = model.addJoint(parent, pin.JointModelRevoluteUnaligned(axis), at, f"rotor of {i}")
+        model.appendBodyToJoint(joint, pin.Inertia(0.0, np.zeros(3), spin), pin.SE3.Identity())
 
     def _add_base(self) -> int:
         """Put the joints of the base into the tree: the last of them."""

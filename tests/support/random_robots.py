@@ -24,6 +24,7 @@ from gibbs_codegen.robot.parts.body import Body, RigidBody, Rod
 from gibbs_codegen.robot.parts.frame import Frame
 from gibbs_codegen.robot.parts.gear import Gear
 from gibbs_codegen.robot.parts.link import JOINT_KINDS, LINK_KINDS, JointLimits, Link, Passive
+from gibbs_codegen.robot.parts.motor import Motor
 from gibbs_codegen.robot.parts.numbers import AXES, BASE, Vector3
 from gibbs_codegen.robot.parts.pose import Pose
 from gibbs_codegen.robot.parts.rotor import Rotor
@@ -271,6 +272,23 @@ def on_base(robot: Robot, motion: Any, seed: int) -> Robot:
     rng = np.random.default_rng([seed, 9])
     base = Base(motion=motion, origin="base", body=_central_body(rng), pose=random_pose(rng))
     return replace(robot, base=base)
+
+
+def motored_robot(seed: int, attitude: str = "") -> Robot:
+    """The geared robot of a seed with motors behind gears at most of the joints that turn."""
+    robot, rng = geared_robot(seed, attitude), np.random.default_rng([seed, 5])
+    motors = (
+        Motor(
+            rotor_inertia=float(rng.uniform(1e-3, 1e-2)),
+            gear_ratio=float(rng.choice((-30.0, 50.0, 1.0, 7.5))),
+        )
+        for _ in robot.links
+    )
+    links = (
+        replace(link, motor=motor if link.joint == "revolute" and rng.random() < 0.8 else None)
+        for link, motor in zip(robot.links, motors, strict=True)
+    )
+    return replace(robot, name=f"motored_{seed}", links=tuple(links))
 
 
 def random_parents(seed: int, links: int) -> tuple[int, ...]:
