@@ -44,7 +44,7 @@ def export_robot(robot: Robot, form: Format) -> tuple[str, list[str]]:
         check_free_base(robot.name, robot.base.kind, "parameters of autopilots are")
         return px4_text(robot) if form == "px4" else ardupilot_text(robot)
     source = source_of(robot)
-    missing = []
+    missing, joints = [], []
     for joint in source.joints:
         link, limits, servo = joint.link, joint.link.limits, joint.link.servo
         lost = [key for key in _NO_PLACE[form] if getattr(link.passive, key)]
@@ -59,6 +59,12 @@ def export_robot(robot: Robot, form: Format) -> tuple[str, list[str]]:
             lost.append("servo but for its torque" + " and rate" * (form == "urdf"))
         if link.friction and link.friction.static != link.friction.coulomb:
             lost.append("static friction")
+        if link.motor:
+            lost.append("what its rotor does to what carries it")
+        if form != "mjcf" and joint.gear and len(joint.gear.ratios) > 1:
+            lost.append(f"that it follows {joint.gear.words}")
+            joint = replace(joint, gear=None)
+        joints.append(joint)
         if joint.kind != "fixed" and lost:
             missing.append(f"joint {joint.name}: {' and '.join(lost)}")
     for i in robot.constrained:
@@ -83,7 +89,7 @@ def export_robot(robot: Robot, form: Format) -> tuple[str, list[str]]:
         missing.append(f"time constants of {', '.join(slow)}")
     if form != "mjcf" and source.gravity != 9.81:
         missing.append(f"gravity of {source.gravity:g} m/s²")
-    source, renamed = with_free_names(source, form)
+    source, renamed = with_free_names(replace(source, joints=tuple(joints)), form)
     lines = [*(f"left out: {line}" for line in missing), *renamed]
     if (motion := robot.base.motion) in LEVEL_MOTIONS and (moved := robot.base.moved):
         words = f"as joints {', '.join(moved)}, with rates along axes of the world"
@@ -230,7 +236,10 @@ def source_of(robot: Robot) -> sources.Source:
     for i, link in enumerate(robot.links, start=1):
         links[names[i]] = sources.SourceBody(names[i], as_rigid_body(link.body))
         pose, parent = joint_pose(robot, i), robot.parents[i - 1]
-        gear = link.gear
+        gear, passive = link.gear, link.passive
+        if motor := link.motor:
+            reflected = motor.gear_ratio**2 * motor.rotor_inertia
+            passive = replace(passive, armature=passive.armature + reflected)
         joints.append(
             sources.SourceJoint(
                 labels[i],
@@ -238,7 +247,7 @@ def source_of(robot: Robot) -> sources.Source:
                 names[parent],
                 names[i],
                 centre @ pose if parent == BASE else pose,
-                replace(link, limits=link.drive_limits),
+                replace(link, limits=link.drive_limits, passive=passive),
                 gear=sources.SourceGear({labels[j]: x for j, x in gear.ratios.items()}, gear.offset)
                 if gear
                 else None,
