@@ -199,8 +199,8 @@ def test_places_count_from_one_and_keys_in_quotes_stay_as_they_are() -> None:
         "base.arm 3: length: missing: the distance from the base centre to the motor, in m",
         "link 1: 'x[1].y': unknown key; known keys: xyz, rpy_deg, name, parent, alpha_deg, a, d, "
         "theta_deg, axis, joint, constrained, coordinate, damping, armature, stiffness, rest, "
-        "limits, limits_deg, effort, velocity, servo, friction, gear, mass, com, inertia, length, "
-        "mass_per_length, section_inertia",
+        "limits, limits_deg, effort, velocity, servo, friction, gear, motor, mass, com, inertia, "
+        "length, mass_per_length, section_inertia",
     ]
 
 
