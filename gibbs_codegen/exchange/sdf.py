@@ -7,7 +7,8 @@ and has a part in the motion, is left out and reported with its lines.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -44,6 +45,8 @@ _KNOWN |= without_part(f"""{OF_MOTORS}
     limit/ stiffness dissipation
 """)
 _MOST_PLACED = 1000
+# Cosine of the angle between axes that are one.
+_ALONG = 1.0 - 1e-9
 _DEEPEST = 400
 
 
@@ -149,7 +152,40 @@ class _ModelReader:
 
     def joints(self) -> tuple[sources.SourceJoint, ...]:
         """The joints, each of a parent before its pose and a child after its offset."""
-        return tuple(self._joint(name, element) for name, element in self._of_kind("joint"))
+        gearboxes = {n: e for n, e in self._of_kind("joint") if e.get("type") == "gearbox"}
+        others = (pair for pair in self._of_kind("joint") if pair[0] not in gearboxes)
+        joints = {name: self._joint(name, element) for name, element in others}
+        for name, element in gearboxes.items():
+            pass_over(element)
+            if gear := self._gearbox(name, element, joints):
+                joints |= gear
+            else:
+                words = "a gearbox of links that do not turn about its axes on its reference body"
+                self._values.report("left out", name, words)
+        return tuple(joints.values())
+
+    def _gearbox(
+        self, name: str, element: Element, joints: Mapping[str, sources.SourceJoint]
+    ) -> dict[str, sources.SourceJoint]:
+        """The joint of the child with the gear by which that of the parent moves it, by its name.
+
+        It is empty where the reference body carries not both on such joints.
+        """
+        carrier, ends, ratio = self._carrier(_text(element, "gearbox_reference_body")), [], -1.0
+        for tag, axis in (("parent", "axis"), ("child", "axis2")):
+            link = self._carrier(_text(element, tag))
+            for joint in joints.values():
+                if (joint.parent, joint.child, joint.kind) == (carrier, link, "revolute"):
+                    turn = self._between(joint.name, name).matrix
+                    way = float(joint.link.axis @ turn @ self._axis(name, child(element, axis)))
+                    if abs(way) > _ALONG:
+                        ratio *= math.copysign(1.0, way)
+                        ends.append(joint)
+        if len(ends) != 2:
+            return {}
+        ratio *= self._values.number(element, "gearbox_ratio", 1.0)
+        gear = sources.SourceGear({ends[0].name: ratio}, 0.0)
+        return {ends[1].name: replace(ends[1], gear=gear)}
 
     def frames(self) -> tuple[sources.SourceFrame, ...]:
         """Frames on links."""

@@ -143,3 +143,36 @@ def test_equalities_of_mjcf_that_are_no_gears_are_told(tmp_path: Path) -> None:
     text, _ = export_robot(parse_robot(HAND), "mjcf")
     robot, _ = imported(text.replace("0.5 0.25 0.0 0.0", "0.5 0.25 0.1 0.0"), tmp_path)
     assert [link.gear for link in robot.links] == [None, None, Gear(of=2, ratio=-2.0)]
+
+
+GEARBOX = """
+<sdf version="1.9"><model name="reducer">
+<link name="housing"><inertial><mass>1</mass><inertia><ixx>1e-3</ixx><iyy>1e-3</iyy><izz>1e-3</izz>
+</inertia></inertial></link>
+{links}
+<joint name="input" type="revolute"><parent>housing</parent><child>pinion</child>
+<axis><xyz>0 0 1</xyz></axis></joint>
+<joint name="output" type="revolute"><pose>0 0 0 3.141592653589793 0 0</pose>
+<parent>housing</parent><child>wheel</child><axis><xyz>0 0 1</xyz></axis></joint>
+<joint name="mesh" type="gearbox"><parent>pinion</parent><child>wheel</child>
+<gearbox_ratio>3</gearbox_ratio><gearbox_reference_body>{reference}</gearbox_reference_body>
+<axis><xyz>0 0 1</xyz></axis><axis2><xyz>0 0 1</xyz></axis2></joint>
+</model></sdf>
+"""
+WHEELS = "".join(
+    f'<link name="{name}"><pose>{x} 0 0.1 0 0 0</pose><inertial><mass>0.1</mass><inertia>'
+    "<ixx>1e-4</ixx><iyy>1e-4</iyy><izz>1e-4</izz></inertia></inertial></link>"
+    for name, x in (("pinion", 0.1), ("wheel", -0.1))
+)
+
+
+def test_gearboxes_of_sdf_are_gears_along_the_axes_of_joints(tmp_path: Path) -> None:
+    """θ₂ = −3 θ₁ about z up; the joint of the wheel counts about z down, so that it is 3 here."""
+    robot, told = imported(GEARBOX.format(links=WHEELS, reference="housing"), tmp_path)
+    assert [link.gear for link in robot.links] == [None, Gear(of=1, ratio=3.0)]
+    assert told["output"] == ["moved by joint input"]
+    path = tmp_path / "hand.xml"
+    path.write_text(GEARBOX.format(links=WHEELS, reference="pinion"), encoding="utf-8")
+    robot, findings = import_robot(path, ImportOptions("quaternion"))
+    assert len(robot.moving) == 2
+    assert any(x.subject == "mesh" and "a gearbox of links" in x.detail for x in findings)
