@@ -36,6 +36,7 @@ from gibbs_codegen.robot.parts.body import Inertia, RigidBody
 from gibbs_codegen.robot.parts.constraint import LoopJoint
 from gibbs_codegen.robot.parts.friction import Friction
 from gibbs_codegen.robot.parts.link import JointLimits, Link, Passive
+from gibbs_codegen.robot.parts.motor import Motor
 from gibbs_codegen.robot.parts.numbers import AXES, AXIS_PAIRS, LEAST, MOST, ORIGIN, Vector3
 from gibbs_codegen.robot.parts.pose import Pose, vector
 from gibbs_codegen.robot.parts.rotor import Command
@@ -443,6 +444,7 @@ def read_urdf(
             words = f"<gazebo> refers to it in line {element.line}; there is no such link or joint"
             values.report("note", name, words + near(name, placed))
     rotors = urdf_rotors(root, values, command)
+    joints = _with_motors(root, values, parts["joint"])
     if not parts["link"]:
         values.fault(root, "has no <link>")
     if values.faults:
@@ -451,12 +453,40 @@ def read_urdf(
         file,
         root.get("name", ""),
         parts["link"],
-        tuple(parts["joint"].values()),
+        joints,
         tuple(rotors),
         spinning=frozenset(rotor.joint for rotor in rotors if rotor.joint),
         constraints=tuple(parts["constraint"].values()),
         findings=(*unread([root], _KNOWN), *values.findings),
     )
+
+
+def _with_motors(
+    root: Element, values: Values, joints: Mapping[str, sources.SourceJoint]
+) -> tuple[sources.SourceJoint, ...]:
+    """The joints with motors behind gears of transmissions that have a rotor, as Drake's do.
+
+    A reduction by itself is reported: it is nothing without the inertia of a rotor.
+    """
+    driven = dict(joints)
+    for element in children(root, "transmission"):
+        held, actuator = (next(iter(children(element, x)), None) for x in ("joint", "actuator"))
+        joint = driven.get("" if held is None else held.get("name", ""))
+        if actuator is None or joint is None or joint.kind != "revolute":
+            continue
+        reduction = child_text(actuator, "mechanicalReduction") or "1"
+        if (rotor := child(actuator, "drake:rotor_inertia")) is not None:
+            for inner in (element, held, actuator):
+                pass_over(inner)
+            ratio = values.number(child(actuator, "drake:gear_ratio"), "value", 1.0)
+            ratio *= values.of_text(actuator, "<mechanicalReduction>", reduction)
+            if (inertia := values.positive(rotor, "value")) and ratio:
+                motor = Motor(rotor_inertia=inertia, gear_ratio=ratio)
+                driven[joint.name] = replace(joint, link=replace(joint.link, motor=motor))
+        elif plain(reduction) != "1":
+            words = f"a reduction of {printable(reduction, 20)}: the file has no inertia of a rotor"
+            values.report("left out", joint.name, f"{words}, which motor = {{ … }} gives")
+    return (*driven.values(),)
 
 
 def _link(element: Element, values: Values) -> sources.SourceBody:
