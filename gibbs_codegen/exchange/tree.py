@@ -322,11 +322,16 @@ def rerooted(source: Source, link: str, asked: bool) -> Source:
             parent=joint.child,
             child=joint.parent,
             pose=joint.offset.inverse,
-            link=replace(joint.link, axis=vector([-entry for entry in joint.link.axis])),
+            # The rotor stays where it is, which is beyond the joint now.
+            link=replace(
+                joint.link, axis=vector([-entry for entry in joint.link.axis]), motor=None
+            ),
             offset=joint.pose.inverse,
         )
         for joint in reverse
     ]
     joints = (*backwards, *others)
-    finding = Finding("base", link, f"in place of {source.root}")
-    return source.reported(finding, joints=joints, root=link, motion=motion, pose=pose)
+    words = "its motor, which the link beyond it carries now"
+    findings = [Finding("left out", joint.name, words) for joint in reverse if joint.link.motor]
+    findings.insert(0, Finding("base", link, f"in place of {source.root}"))
+    return source.reported(*findings, joints=joints, root=link, motion=motion, pose=pose)

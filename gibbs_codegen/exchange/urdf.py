@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from operator import itemgetter
@@ -476,8 +476,7 @@ def _with_motors(
             continue
         reduction = child_text(actuator, "mechanicalReduction") or "1"
         if (rotor := child(actuator, "drake:rotor_inertia")) is not None:
-            for inner in (element, held, actuator):
-                pass_over(inner)
+            pass_over(element)
             ratio = values.number(child(actuator, "drake:gear_ratio"), "value", 1.0)
             ratio *= values.of_text(actuator, "<mechanicalReduction>", reduction)
             if (inertia := values.positive(rotor, "value")) and ratio:

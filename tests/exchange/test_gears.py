@@ -12,6 +12,7 @@ from gibbs_codegen.exchange.importing import ImportOptions, import_robot
 from gibbs_codegen.robot.file import parse_robot
 from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.robot.parts.gear import Gear
+from gibbs_codegen.robot.parts.motor import Motor
 
 INERTIA = "inertia = [1e-3, 1e-3, 1e-3, 0, 0, 0]"
 HAND = f"""
@@ -176,3 +177,25 @@ def test_gearboxes_of_sdf_are_gears_along_the_axes_of_joints(tmp_path: Path) -> 
     robot, findings = import_robot(path, ImportOptions("quaternion"))
     assert len(robot.moving) == 2
     assert any(x.subject == "mesh" and "a gearbox of links" in x.detail for x in findings)
+
+
+DRIVEN = """
+<transmission name="drive"><type>transmission_interface/SimpleTransmission</type>
+<joint name="driver"/><actuator name="motor">{}</actuator></transmission></robot>
+"""
+
+
+def test_rotors_of_transmissions_are_motors_behind_gears(tmp_path: Path) -> None:
+    rotor = '<drake:gear_ratio value="-60"/><drake:rotor_inertia value="2e-5"/>'
+    robot, _ = imported(URDF.replace("</robot>", DRIVEN.format(rotor)), tmp_path)
+    assert robot.links[0].motor == Motor(rotor_inertia=2e-5, gear_ratio=-60.0)
+    _, findings = export_robot(robot, "mjcf")
+    assert any("what its rotor does to what carries it" in line for line in findings)
+    reduced = "<mechanicalReduction>60</mechanicalReduction>"
+    path = tmp_path / "hand.xml"
+    path.write_text(URDF.replace("</robot>", DRIVEN.format(reduced)), encoding="utf-8")
+    robot, told = import_robot(path, ImportOptions("quaternion"))
+    assert robot.links[0].motor is None
+    lost = {line.subject: line.detail for line in told if line.kind == "left out"}
+    assert lost["driver"].startswith("a reduction of 60: the file has no inertia of a rotor")
+    assert lost["transmissions"] == "1"
