@@ -95,6 +95,7 @@ def _machine_facts(robot: Robot) -> dict[str, Any]:
             | asdict(link.passive)
             | {"servo": link.servo and asdict(link.servo)}
             | {"friction": link.friction and asdict(link.friction)}
+            | {"motor": link.motor and asdict(link.motor)}
             for i, link in enumerate(robot.links, start=1)
         ],
         "rotor_list": [
@@ -240,9 +241,10 @@ def _print_actuators(robot: Robot, console: Console) -> None:
     """Print numbers of rotors, servos, friction and battery, a line for all that have the same."""
     parts: list[tuple[str, str, Part | None]] = []
     parts += [("rotor", rotor_label(robot, k), x) for k, x in enumerate(robot.thrusters, start=1)]
-    for i in robot.moving:
+    for i in robot.gearing:
         link, name = robot.links[i - 1], link_label(robot, i)
         parts += [("servo of", name, link.servo), ("friction of", name, link.friction)]
+        parts += [("motor of", name, link.motor)]
     alike: dict[tuple[str, str], list[str]] = {}
     for what, name, part in (*parts, ("", "battery", robot.battery)):
         if part and (keys := changed_keys(part, *_IN_TABLE)):

@@ -137,7 +137,7 @@ def _light_joints(robot: Robot) -> list[Finding]:
     light = {}
     for i in robot.moving:
         link = robot.links[i - 1]
-        if link.joint == "revolute" and not (link.passive.armature or link.servo):
+        if link.joint == "revolute" and not (link.passive.armature or link.servo or link.motor):
             light[i] = carried_inertia(robot, i)
     light = {i: inertia for i, inertia in light.items() if inertia < _LIGHT}
     if not light:

@@ -177,6 +177,7 @@ rpy_deg = [0, 90, 30]
 axis = "y"
 mass = 1
 com = [0.1, 0, -0.2]
+motor = { rotor_inertia = 1e-3, gear_ratio = 9 }
 [[link]]
 xyz = [0.3, 0, 0]
 axis = "x"
