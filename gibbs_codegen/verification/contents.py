@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import ctypes
 import hashlib
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from dataclasses import replace
 from types import ModuleType
 from typing import Any
@@ -51,9 +51,10 @@ def compare_contents(module: ModuleType, robot: Robot) -> list[Comparison]:
             faults.append(f"{_shown(name)} is no parameter of this robot")
         elif repr(value) != repr(values[name]):
             faults.append(f"{name} is {_shown(value)}, not {values[name]!r}")
-    for name, value in values.items():
-        if name not in parameters and value != 0.0 and has_effect(robot, name, functions):
-            faults.append(f"{name} is missing, and not zero")
+    missing = [name for name, value in values.items() if name not in parameters and value != 0.0]
+    if missing and has_effect(robot, missing, functions):  # Few have, so that all go at once.
+        lost = [name for name in missing if has_effect(robot, [name], functions)]
+        faults += [f"{name} is missing, and not zero" for name in lost]
     return [*rows, _verdict("PARAMETERS", _FILE, "; ".join(faults))]
 
 
@@ -90,23 +91,27 @@ def _shown(value: object) -> str:
     return printable(repr(value), 80)
 
 
-def has_effect(robot: Robot, name: str, functions: Collection[str] | None = None) -> bool:
-    """True if a result depends on a parameter; a module may leave out a parameter without effect.
+def has_effect(
+    robot: Robot, names: Sequence[str], functions: Collection[str] | None = None
+) -> bool:
+    """True if a result depends on parameters; a module may leave out a parameter without effect.
 
     Of a module that has some `functions` only, what these return.
     """
     states = States.random(Tree(robot), 1, 0)
-    value = parameter_values(robot)[name]
+    values = parameter_values(robot)
+    # Changed by as many factors, so that no effects cancel out.
+    other = {name: (2.0 + k) * values[name] or 1.0 + k for k, name in enumerate(names)}
     there, here = (
         Expected(formulated(NewtonEuler(Tree(model))), states).rows
-        for model in (robot, with_values(robot, {name: 2.0 * value or 1.0}))
+        for model in (robot, with_values(robot, other))
     )
     seen = [what for what in there if functions is None or what.partition(".")[0] in functions]
     # Values that have become NaN have changed too. Accelerations have the size of their forces.
-    values = [(there[what][0], there[what][1], here[what][0]) for what in seen]
+    rows = [(there[what][0], there[what][1], here[what][0]) for what in seen]
     return not all(
-        np.all(np.abs(ours - other) <= _CONSTANTS_LIMIT * (np.abs(ours) + np.abs(size)))
-        for ours, size, other in values
+        np.all(np.abs(ours - theirs) <= _CONSTANTS_LIMIT * (np.abs(ours) + np.abs(size)))
+        for ours, size, theirs in rows
     )
 
 
