@@ -28,6 +28,7 @@ from gibbs_codegen.verification.contents import (
 from gibbs_codegen.verification.invariants import compared_with_themselves, unclear
 from gibbs_codegen.verification.tree import Tree
 from gibbs_codegen.verification.verify import (
+    Known,
     Progress,
     Verification,
     compare_module,
@@ -82,6 +83,7 @@ def verify(
     same_file = compare_robot_file(robot_file.read_bytes(), _source(folder))
     # C is compiled while the functions in NumPy are compared.
     pool = ThreadPoolExecutor(len(BACKENDS))
+    known: Known = {}
     modules = {backend: pool.submit(_loaded, folder, robot, backend) for backend in backends}
     if "c" in backends:  # So is what is needed later; where that fails, those say so who need it.
         pool.submit(_single_precision, folder, robot.name)
@@ -106,7 +108,7 @@ def verify(
             else:
                 numpy = load(folder) if backend != "numpy" else None
                 comparisons += compare_module(
-                    module, robot, available, states, seed, step, numpy=numpy
+                    module, robot, available, states, seed, step, numpy=numpy, known=known
                 )
                 if backend == "c" and all(c.passed for c in compare_contents(module, robot)):
                     step("as a C program calls it")

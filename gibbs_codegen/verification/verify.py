@@ -16,9 +16,11 @@ from __future__ import annotations
 
 import importlib
 import importlib.abc
-from collections.abc import Callable, Iterator, Sequence
+import itertools
+from collections.abc import Callable, Hashable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from types import ModuleType
+from typing import Any, TypeVar
 
 from gibbs_codegen.errors import WrongModuleError
 from gibbs_codegen.interface import LANES
@@ -44,6 +46,9 @@ from gibbs_codegen.verification.states import States
 from gibbs_codegen.verification.tree import Tree
 
 Progress = Callable[[str], None]
+# What is expected of a module, whatever its back end.
+Known = dict[Hashable, Any]
+Made = TypeVar("Made")
 
 ONE_STATE, ANY_ANGLES = "one state by itself", "any angles"
 OTHER_PARAMETERS = "other parameters"
@@ -136,13 +141,15 @@ def compare_module(
     progress: Progress = lambda _: None,
     extent: Extent = THOROUGH,
     numpy: ModuleType | None = None,
+    known: Known | None = None,
 ) -> list[Comparison]:
     """Compare everything about one back end; the contents alone where these are wrong.
 
     `against` begins with Newton and Euler's formulation; `progress` is called with the name of each
     step. `numpy` is the NumPy back end, if `module` is another: what no formulation gives is
-    compared with it.
+    compared with it. `known` keeps what is expected for the next back end of the same module.
     """
+    known = {} if known is None else known
     contents = compare_contents(module, robot)
     if not all(comparison.passed for comparison in contents):
         # With other coordinates, or none, there is nothing that could be compared.
@@ -156,7 +163,7 @@ def compare_module(
     for number, first in enumerate(range(0, count, most)):
         some, singly = min(most, count - first), extent.singly
         comparisons += _compare_functions(
-            module, steps, against, some, (seed, number), singly, progress
+            module, steps, against, some, (seed, number), singly, progress, {} if number else known
         )
     others = min(most, extent.others)
     evaluation = Results(module)
@@ -167,10 +174,13 @@ def compare_module(
     comparisons += compare_derivatives(evaluation, steps, robot, states.first(extent.derivatives))
     if extent.any_angles:
         progress(ANY_ANGLES)
-        states = States.extreme(tree, min(most, max(count, others)), (seed, 2))
-        comparisons += _compare_again(evaluation, tree, states, extent.singly, ANY_ANGLES)
+        count = min(most, max(count, others))
+        again = _once(known, ANY_ANGLES, lambda: _Case(robot, count, (seed, 2)))
+        comparisons += _compare_again(evaluation, again, extent.singly, ANY_ANGLES)
     progress(OTHER_PARAMETERS)
-    comparisons += _with_other_parameters(module, numpy, robot, unknown, others, seed, extent)
+    comparisons += _with_other_parameters(
+        module, numpy, robot, unknown, others, seed, extent, known
+    )
     if extent.of_each:
         progress(invariants.OF_EACH)
         numbers = range(min(most, extent.of_each))
@@ -193,6 +203,7 @@ def _compare_functions(
     seed: tuple[int, int],
     singly: int,
     progress: Progress,
+    known: Known,
 ) -> list[Comparison]:
     """Compare all functions with every formulation and with each other.
 
@@ -204,7 +215,11 @@ def _compare_functions(
     evaluation = Results(module)
     values = evaluation.all(states)
     progress(against[0].name)
-    first = Expected(against[0], states)
+
+    def expected(formulation: Formulation, states: States) -> Expected:
+        return _once(known, (id(formulation), seed), lambda: Expected(formulation, states))
+
+    first = expected(against[0], states)
     comparisons = first.compare(values)
     alone = evaluation.all(states.first(singly), singly=True)
     one_state = first.compare(alone, ONE_STATE)
@@ -213,21 +228,36 @@ def _compare_functions(
         few = count
         if formulation.name == Lagrange.name:
             few = max(1, min(count, _MOST_NUMBERS // (MOST_POINTS * tree.size**2)))
-        comparisons += Expected(formulation, states.first(few)).compare(values)
+        comparisons += expected(formulation, states.first(few)).compare(values)
     progress("invariants")
     relations = invariants.Invariants(evaluation, steps, values, states, first.sizes, tree)
     comparisons += relations.comparisons()
     return explained(comparisons + one_state, evaluation.faults)
 
 
-def _compare_again(
-    evaluation: Results, tree: Tree, states: States, few: int, against: str
-) -> list[Comparison]:
-    """Compare all functions with Newton and Euler's equations in other circumstances, `against`.
+class _Case:
+    """A robot with far angles, with what Newton and Euler's equations expect there."""
+
+    def __init__(self, robot: Robot, count: int, seed: tuple[int, ...]) -> None:
+        self.robot, self.tree = robot, Tree(robot)
+        self.states = States.extreme(self.tree, count, seed)
+        self.expected = Expected(formulated(NewtonEuler(self.tree)), self.states)
+
+
+def _once(known: Known, key: Hashable, make: Callable[[], Made]) -> Made:
+    """What is known under a key, made if it is not."""
+    if key not in known:
+        known[key] = make()
+    made: Made = known[key]
+    return made
+
+
+def _compare_again(evaluation: Results, case: _Case, few: int, against: str) -> list[Comparison]:
+    """Compare all functions with what is expected in other circumstances, `against`.
 
     The states are computed all together, `few` of them one by one as well.
     """
-    expected = Expected(formulated(NewtonEuler(tree)), states)
+    expected, states = case.expected, case.states
     batched = expected.compare_functions(evaluation, states, against)
     return batched + expected.compare_functions(evaluation, states.first(few), against, True)
 
@@ -240,23 +270,29 @@ def _with_other_parameters(
     count: int,
     seed: int,
     extent: Extent,
+    known: Known,
 ) -> Iterator[Comparison]:
     """Compare once more, with every parameter changed at run time, and zero by turns.
 
     Functions that no formulation gives, `unknown`, are compared with themselves.
     """
-    others = variations(robot, module.PARAMETERS, seed, extent.variations, extent.zeros)
-    for number, other in enumerate(others):
+    names = tuple(module.PARAMETERS)
+
+    def cases() -> list[_Case]:
+        others = variations(robot, names, seed, extent.variations, extent.zeros)
+        seeds = ((seed, 1, number) for number in itertools.count())
+        return [_Case(x, count, s) for x, s in zip(others, seeds, strict=False)]
+
+    for number, case in enumerate(_once(known, names, cases)):
+        other = case.robot
         try:
             evaluation = Results(module, prepared(module, other))
             there = Results(numpy, prepared(numpy, other)) if numpy else None
         except (Exception, SystemExit) as error:  # Whatever was done to the module.
             yield failed("prepare", OTHER_PARAMETERS, f"{type(error).__name__}: {error}")
             return
-        tree = Tree(other)
-        states = States.extreme(tree, count, (seed, 1, number))
-        yield from _compare_again(evaluation, tree, states, extent.singly, OTHER_PARAMETERS)
-        usual = States.random(tree, count, (seed, 1, number))
+        yield from _compare_again(evaluation, case, extent.singly, OTHER_PARAMETERS)
+        usual = States.random(case.tree, count, (seed, 1, number))
         also = f", {OTHER_PARAMETERS}"
         yield from invariants.compare_with_itself(evaluation, there, other, unknown, usual, also)
         few = usual.first(extent.derivatives)
