@@ -195,7 +195,7 @@ def anchored(source: Source, motion: Motion | None, base: str | None) -> Source:
         anchors=source.anchors | {joint.name for joint in way},
         motion=said,
         reason=reason,
-        pose=_placed_at_zero(source, way)[-1][1],
+        pose=HERE if said == FREE else _placed_at_zero(source, way)[-1][1],
     )
 
 
