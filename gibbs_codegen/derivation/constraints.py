@@ -790,8 +790,7 @@ class GearedConstraintEquations(ConstraintEquations):
     def _dense(self, forces: Values) -> Load:
         """A load by its generalised forces."""
         order, factors = self._root
-        with self._tape.group("load on the coordinates, eliminated"):
-            return Load({}, {}, [*forces], factors.eliminated([forces[i] for i in order]))
+        return Load({}, {}, [*forces], factors.eliminated([forces[i] for i in order]))
 
     @cached_property
     def _loads(self) -> list[Load]:
@@ -817,20 +816,16 @@ class GearedConstraintEquations(ConstraintEquations):
         """Rows are solved for in the axes of their anchors."""
         return [*rows]
 
-    def _moved(self, forces: Values) -> list[sp.Expr]:
-        return self._solved_for(self._tape.combination(forces, [x.root for x in self._loads]))
-
-    def _solved_for(self, forces: Values) -> list[sp.Expr]:
-        """M⁻¹ times generalised forces."""
+    def _moved(self, forces: Values, driving: Sequence[Values] = ()) -> list[sp.Expr]:
+        loads = [*driving, *(load.root for load in self._loads)]
+        pushed = self._tape.combination([*(sp.S.One for _ in driving), *forces], loads)
         order, factors = self._root
-        solved = factors.solved([forces[i] for i in order])
+        solved = factors.solved([pushed[i] for i in order])
         return [solved[order.index(i)] for i in range(len(order))]
 
     def acceleration(self) -> list[sp.Expr]:
         """Accelerations a under the forces of the constraints."""
-        loads = self._tape.combination(self.solver_forces, [x.root for x in self._loads])
-        pairs = zip(self._driving, loads, strict=True)
-        return self._solved_for([self._tape.let(x + y) for x, y in pairs])
+        return self._moved(self.solver_forces, [self._driving])
 
 
 def _units(held: Held) -> list[Direction]:

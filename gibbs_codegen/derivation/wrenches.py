@@ -11,7 +11,6 @@ are part of what a joint passes on, and need not be known; springs between frame
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 
 import sympy as sp
@@ -24,7 +23,6 @@ from gibbs_codegen.derivation.forces import (
 )
 from gibbs_codegen.derivation.hybrid import rod_wrench
 from gibbs_codegen.derivation.inertia import about_z
-from gibbs_codegen.derivation.motion import Motion
 from gibbs_codegen.derivation.passive import spring_loads
 from gibbs_codegen.derivation.segment_tree import SegmentTree
 from gibbs_codegen.derivation.symbolic_robot import SymbolicRobot
@@ -65,30 +63,18 @@ def joint_wrenches(symbolic: SymbolicRobot, *, with_frames: bool = False) -> lis
     for k, load in (*pushed.items(), *spring_loads(symbolic, bodies).items()):
         loads[k] = loads.get(k, NO_WRENCH).plus(tape, load)
     sums = subtree_wrenches(tape, tree, motions, loads)
-    rotors = _on_rotors(symbolic, motions)
+    # Inertias that stand for rotors are among the links', but act on what carries the joints.
+    geared = [symbolic.parameters.links[i].geared for i in bodies.numbers]
+    pairs = zip(tree.segments, [sp.S.Zero, *geared], strict=True)
+    rotors = SegmentTree(tuple(replace(x, inertia=about_z(moment)) for x, moment in pairs))
     for k, i in enumerate(bodies.numbers, start=1):
         if i < BASE:
             continue
         with tape.group(f"wrench through {tree.segments[k].joint_name}, in its frame"):
-            through = tree.to_own_frame(tape, k, sums[k].plus(tape, rotors.get(k, NO_WRENCH)))
+            on_rotor = link_wrench(tape, rotors, k, motions[k])
+            through = tree.to_own_frame(tape, k, sums[k].plus(tape, on_rotor.opposite))
             about = through.shifted(tape, minus(bodies.frames[i].origin))
             turn = back(bodies.frames[i].turn)
             parts = (applied(turn, about.force), applied(turn, about.moment))
             wrenches.append(Wrench.of(tape.let(entry) for part in parts for entry in part))
     return [wrench.entries for wrench in wrenches]
-
-
-def _on_rotors(symbolic: SymbolicRobot, motions: Sequence[Motion]) -> dict[int, Wrench]:
-    """Opposites of the wrenches, by segments, that inertias which stand for rotors seem to take.
-
-    These are among the links' own, but what turns in the carrier passes through no joint.
-    """
-    tape, tree, bodies = symbolic.tape, symbolic.whole_tree, symbolic.all_bodies
-    geared = [sp.S.Zero, *(symbolic.parameters.links[i].geared for i in bodies.numbers)]
-    segments = zip(tree.segments, geared, strict=True)
-    rotors = SegmentTree(tuple(replace(x, inertia=about_z(moment)) for x, moment in segments))
-    return {
-        k: link_wrench(tape, rotors, k, motions[k]).opposite
-        for k, moment in enumerate(geared)
-        if moment != 0
-    }
