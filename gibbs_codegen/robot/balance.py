@@ -543,6 +543,16 @@ def implausible(robot: Robot) -> tuple[str, ...]:
                 f"a limit of {link_label(robot, i)} is {far[0]:.4g} rad, more than a turn; "
                 "limits are in rad, limits_deg in degrees"
             )
+    for i, link in enumerate(robot.links, start=1):
+        held = robot.base.motion == FIXED and robot.rigid[robot.parents[i - 1]] == BASE
+        if link.motor and not held:
+            whole, part = posture.carrier_inertia(robot, i), link.motor.rotor_inertia
+            if part > whole:
+                warnings.append(
+                    f"rotor_inertia of {link_label(robot, i)} is {part:.4g} kg m², more than the "
+                    f"{whole:.4g} kg m² of what carries the joint, of which the rotor is a part; "
+                    "it is that of the rotor itself, without the square of gear_ratio"
+                )
     return tuple(warnings)
 
 

@@ -250,6 +250,17 @@ def carried_inertia(robot: Robot, i: int) -> float:
     return float(axis @ inertia_matrix(whole.inertia) @ axis + whole.mass * (arm @ arm))
 
 
+def carrier_inertia(robot: Robot, i: int) -> float:
+    """Inertia, kg m², about link `i`'s axis of the rigid body that carries it, about its centre."""
+    frames = frames_on(robot, AT_ORIGIN, _at_zero(robot))
+    carrier = robot.rigid[robot.parents[i - 1]]
+    bodies = [(link.body, frame) for link, frame in zip(robot.links, frames.links, strict=True)]
+    rigid = [body for body, on in zip(bodies, robot.rigid[1:], strict=True) if on == carrier]
+    whole = _sum_of_bodies([*rigid, *(base_bodies(robot, frames) if carrier == BASE else [])])
+    axis = frames.links[i - 1].axes @ np.array(robot.links[i - 1].axis)
+    return float(axis @ inertia_matrix(whole.inertia) @ axis)
+
+
 def _at_zero(robot: Robot) -> Array:
     return np.zeros(len(robot.moving))
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from gibbs_codegen.errors import RobotFileError
-from gibbs_codegen.robot.balance import holding_efforts
+from gibbs_codegen.robot.balance import holding_efforts, implausible
 from gibbs_codegen.robot.description import Description
 from gibbs_codegen.robot.file import parse_robot
 from gibbs_codegen.robot.parts.gear import Gear
@@ -99,6 +99,15 @@ def test_efforts_that_hold_joints_count_through_ratios() -> None:
     last, spring = -0.1 * 10 * 0.98006657784, 4 * (0.1 - 0.6)
     efforts = holding_efforts(parse_robot(HAND), [])
     assert efforts == pytest.approx([-3.0 + -1.0 * last + 0.5 * spring])
+
+
+def test_rotors_that_are_more_than_their_carriers_are_warned_of() -> None:
+    """The base has 1e-3 kg m² about y; a reflected inertia is no rotor's."""
+    motor = "limits = [-1, 1]\nmotor = {{ rotor_inertia = {}, gear_ratio = 50 }}"
+    robots = [parse_robot(HAND.replace("limits = [-1, 1]", motor.format(x))) for x in (1e-4, 0.25)]
+    assert not [x for x in implausible(robots[0]) if "rotor_inertia" in x]
+    (warning,) = (x for x in implausible(robots[1]) if "rotor_inertia" in x)
+    assert warning.startswith("rotor_inertia of driver is 0.25 kg m², more than the 0.001 kg m²")
 
 
 @pytest.mark.parametrize(
