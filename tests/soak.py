@@ -35,7 +35,7 @@ from support.comparison import compare as compare_with_oracle
 from support.constrained import constrained_robot
 from support.degenerate_robots import degenerate_robot
 from support.null_space import SMALLEST, short_names, smallest_eigenvalue, unresisted
-from support.random_robots import geared_robot, on_base, random_motion, random_robot, random_tree
+from support.random_robots import motored_robot, on_base, random_motion, random_robot, random_tree
 
 from gibbs_codegen.derivation.derive import derive
 from gibbs_codegen.errors import SingularRobotError
@@ -86,7 +86,7 @@ def soak_robot(seed: int, number: int) -> Robot:
     # Of few links more often, since they take less time and have as many ways to be degenerate.
     links = int(rng.integers(9, size=2).min())
     if is_based(number):
-        robot = geared_robot(own) if rng.random() < 0.5 else constrained_robot(own)
+        robot = motored_robot(own) if rng.random() < 0.5 else constrained_robot(own)
         motion = random_motion(rng)
         return robot if motion == FREE else on_base(robot, motion, own)
     if number % 2:
