@@ -55,6 +55,7 @@ extensions = [
     "sphinx.ext.autodoc",
     "sphinx.ext.napoleon",
     "front_page",
+    "gallery",
     "generated",
     "llms",
     "repository",
