@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from sphinx.application import Sphinx
 
-from gibbs_codegen.figures.machine import rotor_radius, whole_shapes
+from gibbs_codegen.figures.machine import whole_shapes
 from gibbs_codegen.figures.robot_artists import RobotArtists
 from gibbs_codegen.figures.scene import fit, hide_numbers, set_scene
 from gibbs_codegen.figures.style import style
@@ -40,8 +40,8 @@ COMMANDS = {
 }
 # The size of a picture, in, its dots per inch, and the width at which pages show it, pixels.
 _SIZE, _DPI, _WIDTH = (3.6, 2.7), 150, 360
-# The least extent of a scene along an axis, as a share of the largest.
-_THINNEST = 0.3
+# The least extent of a scene along an axis, and the room around a robot, as shares of the largest.
+_THINNEST, _ROOM = 0.3, 0.04
 
 
 def gallery() -> str:
@@ -94,17 +94,18 @@ def picture(robot: Robot) -> Figure:
     with style():
         figure = Figure(figsize=_SIZE)
         axes = figure.add_subplot(projection="3d")
-        set_scene(axes, box(shapes.outline(), 0.1 * rotor_radius(robot, frames)), ticks=5)
+        set_scene(axes, box(shapes.outline()), ticks=5)
         hide_numbers(axes)
         RobotArtists(axes, shapes, scale=1.6)
         fit(axes, 0.02, 0.02, 0.96, 0.96)
         return figure
 
 
-def box(places: Array, room: float) -> tuple[Array, Array]:
+def box(places: Array) -> tuple[Array, Array]:
     """Lowest and highest coordinates of places, with room around, never flat."""
-    low, high = places.min(axis=0) - room, places.max(axis=0) + room
-    half = np.maximum(high - low, _THINNEST * (high - low).max()) / 2.0
+    low, high = places.min(axis=0), places.max(axis=0)
+    most = (high - low).max()
+    half = np.maximum(high - low, _THINNEST * most) / 2.0 + _ROOM * most
     return (low + high) / 2.0 - half, (low + high) / 2.0 + half
 
 

@@ -8,12 +8,15 @@ from types import ModuleType
 
 import pytest
 from conftest import ROOT
+from gallery import facts, gallery
 from ways_to_fly import REASONS, ways_to_fly
 
 from gibbs_codegen.cli.app import argument_parser
+from gibbs_codegen.files.shipped import shipped_names
 from gibbs_codegen.files.table import json_schema
 from gibbs_codegen.flight.scenario.file import ScenarioTable
 from gibbs_codegen.interface import FUNCTIONS
+from gibbs_codegen.robot.file import read_robot
 from gibbs_codegen.robot.tables import RobotTable
 
 HEADER = ROOT / "generated" / "hexarotor_3link" / "hexarotor_3link.h"
@@ -46,6 +49,16 @@ def test_every_option_of_every_command_is_told(generated: ModuleType) -> None:
         options = {option for action in parser._actions for option in action.option_strings}
         for option in options - {"-h", "--help"}:
             assert re.search(rf"\n`(--\S+, )?{option}[`, ]", section), (name, option)
+
+
+def test_every_robot_that_ships_is_in_the_gallery_with_a_command_that_is_one() -> None:
+    shown, names = gallery(), shipped_names("robots")
+    assert re.findall(r"^## (\w+)$", shown, re.MULTILINE) == list(names)
+    commands = re.findall(r"^gibbs-codegen (.*)$", shown, re.MULTILINE)
+    for name, command in zip(names, commands, strict=True):
+        assert name in vars(argument_parser().parse_args(command.split())).values()
+    assert "Of the base" not in facts(read_robot("hexarotor")[0])
+    assert facts(read_robot("hydrus")[0]).endswith("4 rotors, 3 joints.")
 
 
 def test_keys_are_told_with_their_bounds_and_defaults(generated: ModuleType) -> None:
