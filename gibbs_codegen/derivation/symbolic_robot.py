@@ -112,6 +112,11 @@ class SymbolicRobot:
         return (*(-k for k in virtual), *self.robot.moving)
 
     @property
+    def root_item(self) -> int:
+        """Number of the item that chains begin with: the base, or what virtual links are on."""
+        return self.description.layout.base_item - len(self.robot.base.virtual_joints)
+
+    @property
     def joints(self) -> int:
         """n, the number of joints that move."""
         return len(self.jointed)

@@ -125,7 +125,7 @@ class ItemMotions:
             vectors = (motion.omega, motion.omega_dot, motion.acceleration)
             for (generic, letter, mark, meaning), vector in zip(_VECTORS, vectors, strict=True):
                 for old, axis, value in zip(generic, "xyz", vector, strict=True):
-                    item = self.readable.root_item + k
+                    item = self.readable.symbolic.root_item + k
                     symbol = sp.Symbol(f"{old.name}_{item}")
                     index = f"{number},{item},{axis}"
                     self.names[symbol] = name(letter, index, Kind.MOTION, meaning, mark)
@@ -145,7 +145,7 @@ class ItemMotions:
                     values[old] = definitions.expression(value)
             share = sp.expand(link_gibbs_function().xreplace(values))
             if share != 0:
-                shares[self.readable.root_item + k] = share
+                shares[self.readable.symbolic.root_item + k] = share
         return shares, definitions.made
 
     def partials(self) -> tuple[list[sp.Expr], list[Definition]]:

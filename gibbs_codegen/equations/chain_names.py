@@ -6,7 +6,7 @@ a number stands for is in the meaning of each symbol.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from fractions import Fraction
 
@@ -17,15 +17,7 @@ from gibbs_codegen.derivation.parameters import Parameters
 from gibbs_codegen.derivation.segment_tree import JointedLink
 from gibbs_codegen.derivation.symbolic_robot import SymbolicRobot
 from gibbs_codegen.equations.definitions import Definition
-from gibbs_codegen.equations.typeset import (
-    TURN_LETTERS,
-    Kind,
-    Name,
-    base_letter,
-    hybrid_name,
-    name,
-    parameter_name,
-)
+from gibbs_codegen.equations.typeset import Kind, Name, base_name, hybrid_name, name, parameter_name
 from gibbs_codegen.robot.chains import Chain
 from gibbs_codegen.robot.description import (
     Description,
@@ -110,8 +102,9 @@ def _base_names(symbolic: SymbolicRobot, number: int) -> Iterator[tuple[sp.Symbo
     if layout.turns_with_base:
         for place in layout.q.base:
             entry = coordinates[place]
-            letter, axis = ("q", entry.name[1]) if entry.unit == "1" else (entry.name, "")
-            letter = TURN_LETTERS.get(letter, letter)
+            letter, axis = base_name(entry.name, number, 0)[0], ""
+            if entry.unit == "1":
+                letter, axis = "q", entry.name[1]
             meaning = entry.meaning if letter == "q" else f"{entry.meaning} ({entry.unit})"
             yield symbolic.q[place], name(letter, axis, Kind.COORDINATE, meaning)
         for place in layout.v.base:
@@ -124,7 +117,7 @@ def _base_names(symbolic: SymbolicRobot, number: int) -> Iterator[tuple[sp.Symbo
         return
     for item, place in enumerate(sorted(layout.q.base), start=1):
         entry = coordinates[place]
-        letter, index = base_letter(entry.name, number, item)
+        letter, index = base_name(entry.name, number, item)
         if layout.moves_freely and entry.unit == "m":
             index = f"o_{{{number},3}}"
         symbols = (symbolic.q[place], symbolic.v[place], symbolic.a[place])
@@ -236,19 +229,15 @@ class Made:
     """Symbols of a chain on a tape; `definitions` says in order what they stand for."""
 
     def __init__(
-        self,
-        tape: Scalars,
-        chain: int,
-        root_item: int,
-        names: dict[sp.Symbol, Name],
-        units: Mapping[str, str],
+        self, tape: Scalars, chain: int, names: dict[sp.Symbol, Name], plain: SymbolicRobot
     ) -> None:
         self.definitions: list[Definition] = []
         self._tape = tape
         self._chain = chain
-        self._root_item = root_item
+        self._root_item = plain.root_item
         self._names = names
-        self._masses = {sp.Symbol(name) for name, unit in units.items() if unit == "kg"}
+        units = plain.parameters.units.items()
+        self._masses = {sp.Symbol(name) for name, unit in units if unit == "kg"}
 
     def inertia(self, item: int, inertia: Inertia) -> Inertia:
         """Inertia of an item, from 1, about its joint, with entries named that are not zero."""

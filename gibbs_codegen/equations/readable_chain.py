@@ -87,16 +87,6 @@ class ReadableChain:
         """True if the base's accelerations are rates of quasi-velocities."""
         return self.symbolic.description.layout.turns_with_base
 
-    @property
-    def root_item(self) -> int:
-        """Number of the item that the chain begins with: the base, or what virtual links are on."""
-        return root_item(self.symbolic)
-
-
-def root_item(symbolic: SymbolicRobot) -> int:
-    """Number of the item that chains begin with: the base, or what virtual links are on."""
-    return symbolic.description.layout.base_item - len(symbolic.robot.base.virtual_joints)
-
 
 def check_chain(robot: Robot, number: int) -> None:
     """Raise `UsageError` if a robot has no chain of a number, or springs that lead to others."""
@@ -120,8 +110,8 @@ def readable_chain(robot: Robot, number: int, tape: Scalars | None = None) -> Re
     names = chain_names(symbolic, chain)
     # The meaning of the symbols of inertia and places is written in the parameters themselves.
     plain = SymbolicRobot.of(robot, InlineTape())
-    first = root_item(symbolic)
-    made = Made(tape, number, first, names, plain.parameters.units)
+    first = symbolic.root_item
+    made = Made(tape, number, names, plain)
     root, *segments = serial.segments
     links: list[JointedLink] = []
     if chain.rod is not None:
@@ -194,7 +184,7 @@ def item_frames(readable: ReadableChain) -> tuple[tuple[sp.Expr, ...], ...]:
         step = readable.serial.segments[1].step
         return ((sp.Integer(4), sp.Symbol(joint), sp.S.Zero, *step, *[sp.S.Zero] * 3),)
     rows = []
-    for item, link in enumerate(readable.links, start=readable.root_item + 1):
+    for item, link in enumerate(readable.links, start=readable.symbolic.root_item + 1):
         gamma, alpha, theta = (  # As they are printed.
             sp.Integer(angle) if angle.denominator == 1 else sp.Float(float(angle))
             for angle in (link.turn_deg, link.alpha_deg, link.theta_deg)

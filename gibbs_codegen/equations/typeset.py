@@ -52,10 +52,7 @@ class Name:
     index: str = ""
 
 
-_LETTERS = (
-    *("alpha", "delta", "epsilon", "kappa", "mu", "omega", "phi", "psi", "rho", "tau"),
-    *("theta", "zeta"),
-)
+_LETTERS = "alpha delta epsilon kappa mu omega phi psi rho tau theta zeta".split()
 _GREEK = {letter: unicodedata.lookup(f"GREEK SMALL LETTER {letter}") for letter in _LETTERS}
 _MARKS = {"dot": "\u0307", "ddot": "\u0308", "bar": "\u0304"}
 
@@ -94,7 +91,7 @@ def text_index(index: str) -> str:
 
 _LINEAR = ("x", "y", "z")
 # Letters of the angles of a base that does not move freely.
-TURN_LETTERS = {"roll": "phi", "pitch": "theta", "yaw": "psi"}
+_TURNS = {"roll": "phi", "pitch": "theta", "yaw": "psi"}
 # Velocities of a base with a quaternion, by their first letters.
 _TWIST = {"v": "v", "w": "omega"}
 _PARAMETERS = (
@@ -150,9 +147,8 @@ def parameter_name(internal: str, rotors: int, default: float, unit: str, whose:
 
 def hybrid_name(internal: str, meaning: str) -> Name:
     """Name of a hybrid unknown or an input, by its single index: θ_{-1}, d_7, x, τ'_k, F_k, τ_k."""
-    if internal in (*_LINEAR, *TURN_LETTERS):
-        letter = TURN_LETTERS.get(internal, internal)
-        return name(letter, "", Kind.COORDINATE, meaning)
+    if internal in (*_LINEAR, *_TURNS):
+        return name(_TURNS.get(internal, internal), "", Kind.COORDINATE, meaning)
     if internal.startswith("tau_prime_"):
         return name("tau", internal.removeprefix("tau_prime_"), Kind.INPUT, meaning, prime=True)
     if internal[0] in _TWIST and internal[1:] in _LINEAR:
@@ -162,11 +158,11 @@ def hybrid_name(internal: str, meaning: str) -> Name:
     return name(letter, number.replace("m", "-"), kind, meaning)
 
 
-def base_letter(internal: str, chain: int, item: int) -> tuple[str, str]:
+def base_name(internal: str, chain: int, item: int) -> tuple[str, str]:
     """Letter and index in a chain of a coordinate by which a virtual link moves the base."""
     if internal in _LINEAR:
         return internal, str(chain)
-    return TURN_LETTERS.get(internal, "theta"), f"{chain},{item}"
+    return _TURNS.get(internal, "theta"), f"{chain},{item}"
 
 
 def accelerated(unknown: Name) -> Name:

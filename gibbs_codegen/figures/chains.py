@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patheffects import withStroke
 
-from gibbs_codegen.equations.typeset import Kind, base_letter, name
+from gibbs_codegen.equations.typeset import Kind, base_name, name
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.figures import marks
 from gibbs_codegen.figures.appearance import DARK, GOLD
@@ -28,6 +28,7 @@ from gibbs_codegen.robot.parts.numbers import BASE
 from gibbs_codegen.robot.rotations import Array
 
 _QUIET = "0.55"
+_DASHED: dict[str, Any] = {"lw": 1.2, "ls": (0, (2, 1.5))}
 # Chains that are drawn unless they are chosen, and links of an arm that are drawn one by one.
 _MOST_CHAINS, _MOST_LINKS = 12, 4
 # Links of an arm for whose names there is room; more have their numbers.
@@ -99,7 +100,7 @@ def _draw_root(axes: Axes, robot: Robot, chain: Chain) -> Array:
     gap = min(0.56, 1.12 / max(len(virtual) - 1, 1))
     joints = [_by(-gap * before, 0.0) for before in reversed(range(len(virtual)))]
     for link, ends in enumerate(pairwise(joints)):
-        axes.plot(*np.transpose(ends), color=_QUIET, lw=1.2, ls=(0, (2, 1.5)))
+        axes.plot(*np.transpose(ends), color=_QUIET, **_DASHED)
         if layout.moves_freely:
             number = f"{link - 1}".replace("-", "−")
             marks.draw_name(axes, number, np.mean(ends, axis=0) + _by(0.0, -0.2), _QUIET)
@@ -112,7 +113,7 @@ def _draw_root(axes: Axes, robot: Robot, chain: Chain) -> Array:
     for item, (place, coordinate) in enumerate(zip(joints, virtual, strict=True), start=1):
         marks.draw_joint(axes, place, "s" if coordinate in TRAVELS else "o")
         # Above and below by turns where they are near each other.
-        symbol = name(*base_letter(coordinate, j, item), Kind.COORDINATE, "")
+        symbol = name(*base_name(coordinate, j, item), Kind.COORDINATE, "")
         side = -1.0 if gap < 0.5 and item % 2 == 0 else 1.0
         marks.draw_name(axes, f"${symbol.latex}$", place + _by(0.0, 0.24 * side))
     if rods:
@@ -259,19 +260,16 @@ def _chain_keys(robot: Robot) -> list[Line2D]:
     """Legend of the parts of a chain."""
     bar: dict[str, Any] = {"lw": 3.6, "path_effects": [withStroke(linewidth=5.0, foreground=DARK)]}
     circle: dict[str, Any] = {"ls": "", "mfc": "none", "mec": marks.THRUST, "ms": 8, "mew": 1.3}
-    normal = Line2D([], [], marker="o", label="thrust normal to the plane", **circle)
-    thrusts = [normal, marks.arrow_key(marks.THRUST, "thrust in the plane")]
-    if not robot.base.rotors:
-        thrusts = [marks.arrow_key(marks.THRUST, "thrust")] * bool(robot.rotors)
-    virtual = Line2D([], [], color=_QUIET, lw=1.2, ls=(0, (2, 1.5)), label="virtual link")
-    constraint = [marks.arrow_key(marks.CONSTRAINT, "constraint torque")]
-    second = Line2D([], [], color=GOLD, label="base arm 2, mass counted", **bar)
-    return [
-        *([virtual] if len(_virtual(robot)) > 1 else []),
-        Line2D([], [], color=DARK, label="mass counted in this chain", **bar),
-        Line2D([], [], color="white", label="no mass in this chain", **bar),
-        *([second] if robot.base.rotors else []),
-        *thrusts,
-        *(constraint if any(chain.is_constrained for chain in decompose(robot)) else []),
-        marks.arrow_key(marks.TORQUE, "joint torque or force"),
+    rods, arrow = robot.base.rotors, marks.arrow_key
+    keys = [
+        (Line2D([], [], color=_QUIET, label="virtual link", **_DASHED), len(_virtual(robot)) > 1),
+        (Line2D([], [], color=DARK, label="mass counted in this chain", **bar), True),
+        (Line2D([], [], color="white", label="no mass in this chain", **bar), True),
+        (Line2D([], [], color=GOLD, label="base arm 2, mass counted", **bar), rods),
+        (Line2D([], [], marker="o", label="thrust normal to the plane", **circle), rods),
+        (arrow(marks.THRUST, "thrust in the plane"), rods),
+        (arrow(marks.THRUST, "thrust"), robot.thrusters),
+        (arrow(marks.CONSTRAINT, "constraint torque"), rods or robot.constrained),
+        (arrow(marks.TORQUE, "joint torque or force"), robot.moving),
     ]
+    return [key for key, is_drawn in keys if is_drawn]

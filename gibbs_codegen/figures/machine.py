@@ -60,8 +60,8 @@ class Subject:
     @property
     def origin(self) -> Array:
         """The point (3) whose place the coordinates are, m."""
-        place = np.zeros(3)
-        place[_travels(self.robot)] = self.q[layout_of(self.robot).q.position]
+        place, layout = np.zeros(3), layout_of(self.robot)
+        place[layout.own_axes[0]] = self.q[layout.q.position]
         return place
 
     @property
@@ -91,16 +91,10 @@ class Subject:
 
 def posture_away(robot: Robot) -> Array:
     """A posture q (nq) that shows the parts of a robot, away from the origin of the world."""
-    q = default_posture(robot)
+    q, layout = default_posture(robot), layout_of(robot)
     subject = Subject(robot, q, robot_frames(robot, q))
-    q[layout_of(robot).q.position] += subject.size * _AWAY[_travels(robot)]
+    q[layout.q.position] += subject.size * _AWAY[layout.own_axes[0]]
     return q
-
-
-def _travels(robot: Robot) -> list[int]:
-    """Numbers of the world's axes along which the base moves, in the order of its position."""
-    layout = layout_of(robot)
-    return ["xyz".index(name) for name in layout.q.names[layout.q.position]]
 
 
 def draw_world(names: PlacedNames, subject: Subject, length: float) -> None:
@@ -111,7 +105,8 @@ def draw_world(names: PlacedNames, subject: Subject, length: float) -> None:
         names.add(f"${letter}_0$", length * axis, axis, marks.QUIET)
     if np.any(subject.origin):
         draw_axis(names, start, subject.origin, DARK, 0.9)
-        moving = ", ".join("xyz"[axis] for axis in _travels(subject.robot))
+        entries = layout_of(subject.robot).q
+        moving = ", ".join(entries.names[entries.position])
         place = f"$({moving})$" if "," in moving else f"${moving}$"
         names.add(place, 0.5 * subject.origin, np.array([-1.0, 0.0, 0.5]))
 

@@ -98,11 +98,8 @@ def draw_joint(axes: Axes, place: Array, marker: str = "o") -> None:
 def draw_ground(axes: Axes, place: Array) -> None:
     """Draw the ground, on the left of a place (2)."""
     x, y = _point(place)
-    axes.add_patch(
-        Rectangle(
-            (x - 0.12, y - _GROUND), 0.12, 2 * _GROUND, fill=False, hatch="/////", ec=QUIET, lw=0
-        )
-    )
+    corner, size = (x - 0.12, y - _GROUND), (0.12, 2 * _GROUND)
+    axes.add_patch(Rectangle(corner, *size, fill=False, hatch="/////", ec=QUIET, lw=0))
     axes.vlines(x, y - _GROUND, y + _GROUND, colors=QUIET, lw=1.2)
 
 
