@@ -52,8 +52,8 @@ class Name:
     index: str = ""
 
 
-_LETTERS = "alpha delta epsilon kappa mu omega phi psi rho tau theta zeta".split()
-_GREEK = {letter: unicodedata.lookup(f"GREEK SMALL LETTER {letter}") for letter in _LETTERS}
+_SMALL = "GREEK SMALL LETTER "
+_GREEK = {unicodedata.name(x).removeprefix(_SMALL).lower(): x for x in map(chr, range(945, 970))}
 _MARKS = {"dot": "\u0307", "ddot": "\u0308", "bar": "\u0304"}
 
 

@@ -12,14 +12,7 @@ from matplotlib.patheffects import withStroke
 from matplotlib.text import Text
 from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
-from gibbs_codegen.figures.appearance import (
-    COLOURS,
-    DARK,
-    PATHS,
-    VIEW,
-    disc_corners,
-    seen_from,
-)
+from gibbs_codegen.figures.appearance import COLOURS, DARK, PATHS, VIEW, disc_corners, seen_from
 from gibbs_codegen.figures.robot_artists import RobotArtists, Shapes
 from gibbs_codegen.figures.scene import extent, fit, hide_numbers, place_labels, project, set_scene
 from gibbs_codegen.figures.style import FULL, lay_out, new_figure, style

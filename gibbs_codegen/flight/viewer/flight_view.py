@@ -12,13 +12,7 @@ from numpy.typing import NDArray
 
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.figures.appearance import PATHS
-from gibbs_codegen.flight.record.extent import (
-    bounds,
-    led_points,
-    samples_at,
-    thrust_directions,
-    usual_size,
-)
+from gibbs_codegen.flight.record import extent
 from gibbs_codegen.flight.record.flight import Array, Flight
 from gibbs_codegen.flight.viewer import page
 from gibbs_codegen.flight.viewer.machine import MachineScene, rgb, set_stage
@@ -51,23 +45,23 @@ class FlightScene:
             flight.parents.tolist(),
             arms,
             flight.positions,
-            thrust_directions(flight, 0) @ flight.base_rotation[0].T,
+            extent.thrust_directions(flight, 0) @ flight.base_rotation[0].T,
             [points.index(name if name in points else flight.centre) for name in pushed],
             frames,
         )
-        machine.thrust = usual_size(flight.applied[:, : flight.rotors])
+        machine.thrust = extent.usual_size(flight.applied[:, : flight.rotors])
         # Pushes may be much smaller than thrusts, and are to be seen nevertheless.
-        machine.force = usual_size(np.linalg.norm(np.reshape(self._forces, (-1, 3)), axis=1))
+        machine.force = extent.usual_size(np.linalg.norm(np.reshape(self._forces, (-1, 3)), axis=1))
         # Efforts (s, t) of the joints, then those that hold base arms.
         joints, held = flight.applied[:, flight.rotors :], flight.constraint_torques[:, :arms]
         self._efforts = np.abs(np.hstack([joints, held]))
         for unit, least in machine.least.items():
             of_unit = self._efforts[:, np.array(machine.units) == unit]
             if np.any(of_unit > least):
-                machine.efforts[unit] = max(usual_size(of_unit), least)
+                machine.efforts[unit] = max(extent.usual_size(of_unit), least)
         self.paths = self._draw_paths()
         self._draw_walls()
-        low, high = bounds(flight)
+        low, high = extent.bounds(flight)
         self._middle = 0.5 * (low + high)
         self.follows = 2.0 * machine.size < _SMALL * float(np.max(high - low))
         reach = machine.size if self.follows else 0.5 * float(np.linalg.norm(high - low))
@@ -83,7 +77,7 @@ class FlightScene:
         forces = np.array([force[sample] for force in self._forces]).reshape(-1, 3)
         self.machine.show(
             points,
-            thrust_directions(flight, sample) @ rotation.T,
+            extent.thrust_directions(flight, sample) @ rotation.T,
             flight.applied[sample, : flight.rotors],
             self._efforts[sample],
             forces,
@@ -93,13 +87,13 @@ class FlightScene:
 
     def key(self) -> list[tuple[str, str]]:
         """Colours, as CSS has them, and in words what they mean."""
-        paths = [(PATHS[name], f"path of the {name}") for name in led_points(self.flight)]
+        paths = [(PATHS[name], f"path of the {name}") for name in extent.led_points(self.flight)]
         entries = [*self.machine.key(), *paths, (_DASHES, "desired paths")]
         return entries + [(_WALL, "wall")] * bool(len(self.flight.walls))
 
     def _draw_paths(self) -> list[Any]:
         drawn = []
-        for name, led in led_points(self.flight).items():
+        for name, led in extent.led_points(self.flight).items():
             drawn.append(self._draw_line(f"path of {name}", _segments(led.path), PATHS[name]))
             dashes = _segments(led.desired)[::2]
             if len(dashes):
@@ -114,7 +108,7 @@ class FlightScene:
     def _draw_walls(self) -> None:
         from gibbs_codegen.flight.scenario.walls import patches  # Late, as tables take long.
 
-        low, high = bounds(self.flight)
+        low, high = extent.bounds(self.flight)
         middle, half = 0.5 * (low + high), 0.6 * float(np.linalg.norm(high - low))
         walls = patches(self.flight.wall_kinds, self.flight.walls, middle, half)
         for number, patch in enumerate(walls, start=1):
@@ -199,7 +193,7 @@ class FlightPanel:
 
 def _numbers(flight: Flight, sample: int) -> str:
     """Errors and the largest thrust at a sample, as HTML."""
-    led = led_points(flight).items()
+    led = extent.led_points(flight).items()
     rows = [(f"{name} off by", 1e3 * float(point.error[sample]), "mm") for name, point in led]
     thrusts = np.abs(flight.applied[sample, : flight.rotors])
     if len(thrusts):
@@ -216,7 +210,7 @@ def flight_page(flight: Flight) -> page.ViewPage:
     start, end = flight.time[sound[[0, -1]]]
 
     def recorded(frames: int) -> page.ViewPage:
-        samples = {*samples_at(flight, np.linspace(start, end, frames))}
+        samples = {*extent.samples_at(flight, np.linspace(start, end, frames))}
         shown = sorted(samples.intersection(sound.tolist()))
         with page.empty_server() as server:
             scene = FlightScene(server, flight, frames=0)
