@@ -377,7 +377,7 @@ def time_optimal_motion(
         clock = Clock(arc, profiles, KNOT_SPACING, window)
         demand = demand_at(vehicle, clock)
         over = excess(demand, limits)
-        if np.max(np.abs(demand.rates)) > limits.thrust_rate:
+        if np.max(np.abs(demand.rates), initial=0.0) > limits.thrust_rate:
             window = _window(vehicle, arc, profiles, limits.thrust_rate)
         elif np.max(over, initial=0.0) > 1.0 or (attempt < 3 and np.any(vehicle.damping)):
             for way in parts:
@@ -484,7 +484,7 @@ def _window(vehicle: Vehicle, arc: ArcLength, profiles: list[Profile], thrust_ra
     def too_fast(window: float) -> bool:
         clock = Clock(arc, profiles, KNOT_SPACING, window)
         rates = demand_at(vehicle, clock).rates
-        return bool(np.max(np.abs(rates)) > (1.0 - _RATE_RESERVE) * thrust_rate)
+        return bool(np.max(np.abs(rates), initial=0.0) > (1.0 - _RATE_RESERVE) * thrust_rate)
 
     low, high = 0.0, KNOT_SPACING
     while too_fast(high) and high < arc.reference.end:

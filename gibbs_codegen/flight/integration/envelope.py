@@ -312,8 +312,7 @@ def wall_modes(
     """
     poses, jacobians = vehicle.frame_poses(q), vehicle.frame_jacobians(q)
     inverse = np.linalg.inv(vehicle.mass_matrix(q))
-    pull = vehicle.gravity_forces(vehicle.neutral)[..., vehicle.layout.v.position]
-    weight = np.broadcast_to(np.linalg.norm(pull, axis=-1), len(q))
+    weight = np.broadcast_to(np.nan_to_num(np.abs(vehicle.mass * vehicle.gravity)), len(q))
 
     def felt(rows: Array) -> Array:
         """The mass (s), kg, that moves along all directions of contacts (s, c, k, nv)."""

@@ -47,7 +47,7 @@ def resting(loop: ClosedLoop, q: Array, charge: float = 1.0) -> tuple[Array, Arr
             "carry it; let it take hold later, or leave settled out"
         )
     stiffness = sum(wall.stiffness * len(wall.frames) for wall in environment.wall)
-    weight = _weight(loop)
+    weight = loop.vehicle.weight
     place, bristles, left = _balanced(loop, _lowered(loop, q), charge)
     share = min(weight / (_SOFT * stiffness), 1.0)
     if left > _NONE and share < 1.0:
@@ -127,18 +127,14 @@ def _balanced(loop: ClosedLoop, begin: Array, charge: float) -> tuple[Array, Arr
     return end[:size], end[loop.layout.places.bristles], left
 
 
-def _weight(loop: ClosedLoop) -> float:
-    """The weight of the robot that flies, N."""
-    vehicle = loop.vehicle
-    return -float(vehicle.gravity_forces(vehicle.neutral)[vehicle.layout.v.position.start + 2])
-
-
 def _lowered(loop: ClosedLoop, q: Array) -> Array:
-    """Coordinates (nq), the base lowered or lifted to where walls carry the weight."""
-    vehicle = loop.vehicle
-    height = vehicle.layout.q.position.start + 2
+    """Coordinates (nq), the base lowered or lifted, if it can be, to where walls carry it."""
+    vehicle, along = loop.vehicle, loop.vehicle.layout.own_axes[0]
+    if 2 not in along:
+        return q
+    height = vehicle.layout.q.position.start + along.index(2)
     still = np.zeros(vehicle.layout.v.size)
-    weight = _weight(loop)
+    weight = vehicle.weight
 
     def at(lifts: Array) -> Array:
         moved = np.tile(q, (len(lifts), 1))

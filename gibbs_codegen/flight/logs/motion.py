@@ -38,7 +38,8 @@ def base_motion(flight: Flight) -> BaseMotion:
     kinematics = kinematics_of(flight.layout)
     velocity, acceleration, spin, growth = kinematics.base_motion(flight.q, flight.v, flight.a)
     # x, y, z are of a point of the base, the first motor of some; its frame is at the centre.
-    centre = times(inverse, position - flight.q[:, flight.layout.q.position])
+    moved = kinematics.spread(flight.q[:, flight.layout.q.position])
+    centre = times(inverse, position - moved)
     linear = times(inverse, velocity) + np.cross(spin, centre)
     carried = np.cross(growth, centre) + np.cross(spin, np.cross(spin, centre))
     change = times(inverse, acceleration) + carried

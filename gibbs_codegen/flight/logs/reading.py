@@ -301,7 +301,7 @@ def _motion(
     v, a = np.zeros((2, len(seconds), layout.v.size))
     places = layout.v.attitude
     q[:, layout.q.attitude], v[:, places], a[:, places] = kinematics.turned(turning)
-    q[:, layout.q.position] = arrays["position"] + away
+    q[:, layout.q.position] = (arrays["position"] + away)[:, layout.own_axes[0]]
     places = layout.v.position
     v[:, places], a[:, places] = kinematics.moved(turning, velocity, acceleration)
     for k, name in enumerate(vehicle.joint_names):

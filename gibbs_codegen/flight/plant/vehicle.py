@@ -227,7 +227,9 @@ class Vehicle(RobotData):
         Force, N, and torque about the base centre, N m, in the base's frame.
         """
         arguments = {"q": q, "force": generalised_force, "centre": self.centre_offset(self.neutral)}
-        return _wrench(self.module)(arguments)["wrench"]
+        wrenches = _wrench(self.module)(arguments)["wrench"]
+        # Nothing of a base that does not move depends on where it is.
+        return np.broadcast_to(wrenches, (*np.shape(generalised_force)[:-1], 6))
 
     def thrust_wrenches(self, q: Array | None = None) -> Array:
         """Wrenches (…, 6, N) of unit thrusts: force, torque about the base centre, its frame.

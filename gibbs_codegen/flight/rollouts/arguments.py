@@ -60,7 +60,8 @@ class RolloutArguments:
         if array.shape[-len(shape) or array.ndim :] != shape or array.ndim > len(shape) + 1:
             alone, many = _listed(shape), _listed(("states", *shape))
             raise UsageError(f"{name}: its shape must be {alone} or {many}, not {array.shape}")
-        return self._counted(name, array.reshape(-1, *shape))
+        count = len(array) if array.ndim > len(shape) else 1
+        return self._counted(name, array.reshape(count, *shape))
 
     def in_time(self, name: str, value: Any, *shape: int) -> Any:
         """Finite numbers (1 or n, 1 or steps, *shape), from such, (*shape) or (steps, *shape)."""
