@@ -89,8 +89,9 @@ _FITS, _LEAN = 3, 0.1
 _ROTATION = 1e-6
 # Longest step, s, without a warning.
 _LONG = 0.05
-# Limits that there are not, and mean products of price and slack at the begin and the end.
-_NONE, _BARRIER, _TOLERANCE = 1e30, 1e-2, 1e-6
+# A trace of an input, N or N m; limits that there are not; mean products of price and slack at the
+# begin and the end.
+_TRACE, _NONE, _BARRIER, _TOLERANCE = 1e-6, 1e30, 1e-2, 1e-6
 # Least rate, rad/s or m/s, of which a tenth is where dry friction is predicted smooth about rest.
 _SLOW = 2.0
 # Time constants, s, of what follows no command: of the charge of a battery.
@@ -621,7 +622,11 @@ class Predictive:
         nu, n, nv = robot.inputs, robot.space.coordinates, robot.space.velocities
         joint_places, rates = robot.layout.q.joints, robot.layout.v.joints
         joints = rates.stop - rates.start
-        limit_rows = [(LimitRow(i, i), *self._bounds[:, i], _NONE, 0.0) for i in range(nu)]
+        # Inputs of one value, as of joints that nothing drives, keep a trace of room.
+        bounds = self._bounds + np.outer(
+            [-1.0, 1.0], _TRACE * (np.ptp(self._bounds, axis=0) == 0.0)
+        )
+        limit_rows = [(LimitRow(i, i), *bounds[:, i], _NONE, 0.0) for i in range(nu)]
         for k in range(joints):
             i, at = rates.start + k, joint_places.start + k
             excess = _EXCESS / self._by_joint("joints")[k]
