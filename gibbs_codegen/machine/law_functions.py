@@ -94,14 +94,15 @@ def law_functions(
     outputs = {member.name: values_of[member.name]() for member in rotors.members}
     made = Program("init_rotors", (), outputs)
     words = "What laws know of the rotors; call it again when the constants have changed."
-    functions = [CFunction(made, words, (rotors,))]
+    given = (rotors,) if rotors.members else ()
+    functions = [CFunction(made, words, given)] if given else []
     others = tuple(_structures(robot, read))
     explained = {
         "u": "inputs: thrusts, N, then efforts of the joints, N m or N; NaN where the state or "
         "the reference is"
     }
     for law, program in programs.items():
-        functions.append(CFunction(program, LAWS[law].words, (rotors, *others), explained))
+        functions.append(CFunction(program, LAWS[law].words, (*given, *others), explained))
     return functions
 
 
@@ -119,7 +120,7 @@ def _structures(robot: Functions, read: Iterable[str]) -> Iterator[Structure]:
         f"Gains {by_velocity}, those of {position} in world axes, and limits.{frames}",
         tuple(Member(name, name, words) for name, words in _OF_GAINS.items() if name in read),
     )
-    linear = "the base's frame" if robot.space.has_quaternion else "world axes"
+    linear = "the base's frame" if robot.layout.turns_with_base else "world axes"
     spins = "angular ones too" if robot.space.has_quaternion else "rates of its angles"
     velocities = f"velocities: of the base in {linear}, {spins}, and of the joints, rad/s and m/s"
     state = {"q": "coordinates, rad and m; a quaternion has unit length", "v": velocities}
@@ -189,7 +190,7 @@ def _known(robot: Functions, centre: int) -> dict[str, Callable[[], Node]]:
     place, base = robot.layout.v.position, base_of(robot, q)
     offset = robot.positions(q)[centre]
     rotors = Rotors(offset, zeros(count, 6), zeros(count, 6), zeros(count), zeros(count))
-    columns = moved_wrenches(robot, q, rotors)
+    columns = moved_wrenches(robot, q, rotors) if count else zeros(0, 6)
 
     def distribution() -> Node:
         units = (constant(unit) for unit in np.eye(6))

@@ -200,7 +200,8 @@ class Aim:
     @property
     def remembered(self) -> Node:
         """The integrals (nv or more), 0 without."""
-        return zeros(self.gains.damping.size) if self.memory is None else self.memory
+        beside = 0 if self.frame is None else 3
+        return zeros(self.gains.damping.size + beside) if self.memory is None else self.memory
 
     @property
     def learnt(self) -> Node:
@@ -583,6 +584,8 @@ def inputs_of(robot: Functions, q: Node, force: Node, rotors: Rotors) -> tuple[N
     result is more than 0, or no number, where rotors cannot produce the wrench at all.
     """
     base, count = base_of(robot, q), robot.rotors
+    if not count and not robot.layout.v.base:  # Joints are all that moves.
+        return force[robot.layout.v.joints], constant(0.0)
     wrench = base.wrench(rotors.centre, force)
     wrench = named(wrench, "wrench", "Force and torque that the rotors must exert on the base.")
     columns, efforts, refused = rotors.wrenches, force[robot.layout.v.joints], constant(0.0)

@@ -58,6 +58,18 @@ def null_space(matrix: Array) -> Array:
     return right[int(np.sum(values > RANK * values.max(initial=0.0))) :].T
 
 
+def leans(axis: Array, along: Sequence[int], about: Sequence[int]) -> bool:
+    """True if a base that turns about some of its axes directs thrust along all that it moves.
+
+    `axis` (…, 3) are directions of the thrust; it moves along axes of the numbers `along`.
+    """
+    ways = np.stack([axis, *(np.cross(np.eye(3)[k], axis) for k in about)], axis=-1)
+    moves = np.broadcast_to(np.eye(3)[:, along], (*axis.shape, len(along)))
+    both = np.concatenate([ways, moves], axis=-1)
+    reached, wanted = (np.linalg.matrix_rank(x, tol=RANK) for x in (ways, both))
+    return bool(np.all(reached == wanted))
+
+
 def farthest(ways: Array, limits: Array, value: Array) -> Array | None:
     """The steps z (k) for which ways z is within limits and value · z is greatest; None if none is.
 

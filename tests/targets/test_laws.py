@@ -31,7 +31,7 @@ from gibbs_codegen.flight.simulation import flight_start
 from gibbs_codegen.machine.law_functions import law_functions
 from gibbs_codegen.pipeline import generate_robot
 from gibbs_codegen.robot.balance import carried_rotors
-from gibbs_codegen.robot.file import read_robot
+from gibbs_codegen.robot.file import parse_robot, read_robot
 from gibbs_codegen.robot.text import robot_text
 
 pytestmark = pytest.mark.usefixtures("derived_once")
@@ -48,11 +48,12 @@ CALLED = {
 _FRAME = ["frame_poses", "frame_jacobians", "frame_bias_accelerations"]
 CALLED["force"] = CALLED["impedance"] = [*CALLED["computed_torque"], *_FRAME]
 CALLED["geometric_force"] = [*CALLED["geometric"], *_FRAME]
-# With angles and with a quaternion; of hydrus the joints move the rotors.
+# With angles and with a quaternion, and less of these; of hydrus the joints move the rotors.
 CASES = {
     "hexarotor_3link": ["force"],
     "quadrotor_arm_2link": ["geometric_force"],
     "hydrus": ["geometric"],
+    "planar_quadrotor_arm": ["geometric_force"],
 }
 # Of few functions not all that a module has for them is called.
 OPTIONS = ["-O0", "-shared", "-fPIC", "-Wno-unused-function"]
@@ -145,7 +146,7 @@ EXTERNALS = {
 }
 
 
-SLOW = ("quadrotor_arm_2link",)
+SLOW = ("quadrotor_arm_2link", "planar_quadrotor_arm")
 
 
 @pytest.fixture(
@@ -340,6 +341,27 @@ def test_a_robot_without_rotors_gets_none(tmp_path: Path) -> None:
     bare = replace(robot, name="bare", thrusters=(), base=replace(robot.base, rotors=0))
     with pytest.raises(UsageError, match="bare has no rotors, which laws command"):
         generate_robot(bare, robot_text(bare), tmp_path, laws=["geometric"], verify=False)
+
+
+def test_an_arm_on_the_ground_has_laws_without_rotors(tmp_path: Path) -> None:
+    text = 'name = "bolted"\n[base]\nmotion = "fixed"\n'
+    text += '[[link]]\nname = "rod"\nxyz = [0, 0, 0]\naxis = "y"\nlength = 1\nmass_per_length = 2\n'
+    robot = parse_robot(text)
+    generate_robot(robot, text, tmp_path, laws=["computed_torque"], verify=False)
+    folder = tmp_path / "bolted"
+    path = build(
+        "gcc", OPTIONS, [folder / f"bolted{x}.c" for x in ("", "_laws")], tmp_path / "x.so"
+    )
+    library = ctypes.CDLL(str(path))
+    assert not hasattr(library, "bolted_init_rotors")
+    constants = ctypes.addressof(ctypes.c_char.in_dll(library, "bolted_default_constants"))
+    # Stiffness, damping and limits; q and v; desired q, v and a.
+    parts = [[4.0, 3.0, -100.0, 100.0], [0.3, 0.2], [0.5, 0.1, 0.7]]
+    structures, u = [np.array(part) for part in parts], np.zeros(1)
+    pointers = [ctypes.c_void_p(x.ctypes.data) for x in (*structures, u)]
+    library.bolted_computed_torque(ctypes.c_void_p(constants), *pointers)
+    a = 0.7 + 4.0 * (0.5 - 0.3) + 3.0 * (0.1 - 0.2)
+    np.testing.assert_allclose(u, 2.0 / 3.0 * a - 2.0 * 9.81 * 0.5 * np.cos(0.3), rtol=1e-12)
 
 
 def test_functions_that_a_law_calls_must_be_there(tmp_path: Path) -> None:

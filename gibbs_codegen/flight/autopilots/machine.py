@@ -29,6 +29,7 @@ from gibbs_codegen.flight.scenario.scenario import Scenario
 from gibbs_codegen.flight.stepping import Simulation
 from gibbs_codegen.machine.autopilot import command_program, telling_program
 from gibbs_codegen.robot.autopilot_axes import north_east_down, turned_attitude, turned_over
+from gibbs_codegen.robot.layout import check_free_base
 
 
 class Outputs(NamedTuple):
@@ -99,6 +100,8 @@ class Machine:
         scenario = replace(scenario, integration=settings)
         self.simulation = Simulation(robot, scenario, progress)
         self.loop = self.simulation.loop
+        vehicle = self.loop.vehicle
+        check_free_base(vehicle.name, vehicle.attitude, "autopilots are")
         self.vehicle, self.servos = self.loop.vehicle, servos
         self.rotors, self.joints = self.vehicle.rotors, self.vehicle.joints
         actuators = self.loop.actuators

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.flight.plant.vehicle import RobotData, Vehicle
 from gibbs_codegen.flight.vectors import Array, times, transposed
-from gibbs_codegen.robot.wrenches import RANK, directions
+from gibbs_codegen.robot.wrenches import RANK, directions, leans
 
 # Share of a wrench that thrusts may fail to produce and still count as exact.
 EXACT = 1e-9
@@ -276,11 +276,7 @@ def thrust_axis(vehicle: RobotData, q: Array) -> Array | None:
     if np.any(ranks(wrenches[..., :3, :]) != 1):
         return None
     axis = force_axis(wrenches)
-    ways = np.stack([axis, *(np.cross(np.eye(3)[k], axis) for k in about)], axis=-1)
-    reached = np.concatenate(
-        [ways, np.broadcast_to(np.eye(3)[along].T, (*ways.shape[:-1], len(along)))], -1
-    )
-    return axis if np.all(ranks(ways) == ranks(reached)) else None
+    return axis if leans(axis, along, about) else None
 
 
 def force_axis(wrenches: Array) -> Array:

@@ -103,9 +103,9 @@ class Kinematics:
             results = {str(k): node for k, node in enumerate(outputs(base, *inputs))}
             self._evaluators[name] = Evaluator(Program(name, tuple(inputs), results), {})
         externals = {"difference": self._difference}
-        results = self._evaluators[name]({"c": c, **arguments}, None, externals).values()
+        series = self._evaluators[name]({"c": c, **arguments}, None, externals).values()
         # What does not move is the same for all.
-        return tuple(x if x.ndim >= c.ndim else np.tile(x, (*c.shape[:-1], 1)) for x in results)
+        return tuple(x if x.ndim >= c.ndim else np.tile(x, (*c.shape[:-1], 1)) for x in series)
 
     def _difference(self, q: Array, other: Array) -> Array:
         """Displacements (…, nv), rotation vectors in the places of the attitude, else 0."""

@@ -12,16 +12,15 @@ from gibbs_codegen.machine.law_functions import law_functions
 from gibbs_codegen.machine.laws import LAWS
 from gibbs_codegen.program.model import Model
 from gibbs_codegen.robot.balance import carried_rotors, tried_postures, wrench_matrix
+from gibbs_codegen.robot.layout import layout_of
 from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.robot.rotations import Array
-from gibbs_codegen.robot.wrenches import directions
+from gibbs_codegen.robot.wrenches import DIRECTIONS, directions, leans
 from gibbs_codegen.targets.c.calls import check_calls, model_functions
 from gibbs_codegen.targets.printers import Lines
 
 # Singular values below this share of the largest belong to directions that rotors cannot command.
 _RANK = 1e-9
-# Of the wrenches that rotors along one axis command: the force along it, and three moments.
-_ALONG_ONE_AXIS = (4, 1)
 
 
 def law_files(model: Model, header: Lines) -> dict[str, str]:
@@ -39,7 +38,8 @@ def law_files(model: Model, header: Lines) -> dict[str, str]:
     centre = points.index("O2" if "O2" in points else "base")
     # Without a tip no law moves it.
     tip = frames.index("tip") if "tip" in frames else 0
-    made = law_functions(functions, model.laws, centre, tip, bool(carried_rotors(robot)))
+    moves = bool(carried_rotors(robot)) or not functions.layout.carries_wrenches
+    made = law_functions(functions, model.laws, centre, tip, moves)
     programs = (function.program for function in made)
     check_calls(model, programs, f"--laws: {' and '.join(model.laws)} needs")
     words = f"Laws of control of {robot.name}, which call its functions; compile them together."
@@ -62,21 +62,30 @@ def check_laws(laws: str | Sequence[str], targets: Sequence[str]) -> tuple[str, 
 
 def _rank(matrix: Array) -> int:
     values = np.linalg.svd(matrix, compute_uv=False)
-    return int(np.sum(values > _RANK * np.max(values)))
+    return int(np.sum(values > _RANK * np.max(values, initial=0.0)))
 
 
 def _check(robot: Robot, law: str, frames: Sequence[str]) -> None:
     """Raise `UsageError` if rotors do not command what a law needs, or there is no tip to move."""
-    if not robot.rotors:
+    along, about = layout_of(robot).own_axes
+    rows = [*along, *(3 + axis for axis in about)]
+    if rows and not robot.rotors:
         raise UsageError(
             f"--laws: {robot.name} has no rotors, which laws command; add rotors to the robot file"
         )
     # Where joints move rotors, they command most in some posture.
     postures = tried_postures(robot) if carried_rotors(robot) else [None]
-    matrix = max((wrench_matrix(robot, joints) for joints in postures), key=_rank)
-    rank, axes = _rank(matrix), _rank(matrix[:3])
-    left = np.linalg.svd(matrix)[0]
-    full, one_axis = rank == len(left), (rank, axes) == _ALONG_ONE_AXIS
+    turn = np.kron(np.eye(2), robot.base.pose.matrix)[rows]
+    matrices = [turn @ wrench_matrix(robot, x) for x in postures] if rows else [np.zeros((0, 0))]
+    matrix = max(matrices, key=_rank)
+    forces = matrix[: len(along)]
+    rank, axes = _rank(matrix), _rank(forces)
+    left, names = np.linalg.svd(matrix)[0], [DIRECTIONS[row] for row in rows]
+    full, one_axis = rank == len(rows), (rank, axes) == (1 + len(about), 1)
+    if one_axis:
+        axis = np.zeros(3)
+        axis[along] = forces[:, np.argmax(np.linalg.norm(forces, axis=0))]
+        one_axis = not full and leans(axis / np.linalg.norm(axis), along, about)
     of_rotors = {name: row for name, row in LAWS.items() if (one_axis if row.leans else full)}
     joints = len(robot.moving)
     suiting = [
@@ -94,9 +103,10 @@ def _check(robot: Robot, law: str, frames: Sequence[str]) -> None:
         raise UsageError(f"--laws {law}: {robot.name}: {lacks}; {remedy}")
     lacks = f"those of {robot.name} command all directions"
     if not full:
+        missing = ", ".join(directions(left[:, rank:], names))
         lacks = (
-            f"the rotors of {robot.name} cannot command {', '.join(directions(left[:, rank:]))} "
-            "(in the base's frame, about the base centre)"
+            f"the rotors of {robot.name} cannot command {missing} (in the base's frame, about the "
+            "base centre)"
         )
     needed = "the base must be fully actuated"
     if LAWS[law].leans:
