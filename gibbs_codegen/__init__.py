@@ -75,6 +75,7 @@ if TYPE_CHECKING:
     from gibbs_codegen.flight.sweeps.sweep import sweep as sweep
     from gibbs_codegen.flight.viewer.view import view as view
     from gibbs_codegen.flight.viewer.view import view_html as view_html
+    from gibbs_codegen.machine.observers import momentum_observer as momentum_observer
     from gibbs_codegen.pipeline import generate as generate
     from gibbs_codegen.robot.builder import RobotFile as RobotFile
     from gibbs_codegen.robot.family import paper_family as paper_family
@@ -118,6 +119,7 @@ _MODULES = {
     "flight.sweeps.study": ("Study", "read_study"),
     "flight.sweeps.sweep": ("sweep",),
     "flight.viewer.view": ("view", "view_html"),
+    "machine.observers": ("momentum_observer",),
     "pipeline": ("generate",),
     "robot.builder": ("RobotFile",),
     "robot.family": ("paper_family",),

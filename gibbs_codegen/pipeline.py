@@ -176,7 +176,7 @@ def module_files(
     """
     emitted = registry.find_targets(targets)
     chosen = check_laws(laws, targets)
-    names = [*registry.called(emitted, functions), *chosen_derivatives(derivatives)]
+    names = [*registry.called(emitted, functions, chosen), *chosen_derivatives(derivatives)]
     model = replace(derive(robot, keep_zeros, progress, functions=names), laws=chosen)
     progress("rendering")
     return model, registry.render_module(model, text, emitted)

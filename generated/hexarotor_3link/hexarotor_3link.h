@@ -91,9 +91,10 @@
  *
  *     base, tip
  *
- * The module was generated without gibbs, joint_wrenches, joint_wrenches_with_wrenches, tip_pose,
- * tip_jacobian, tip_bias_acceleration, centroidal_momentum, which come with --functions; and
- * derivatives, which come with --derivatives.
+ * The module was generated without gibbs, joint_wrenches, joint_wrenches_with_wrenches, momentum,
+ * momentum_rate, passive_inverse_dynamics, reference_regressor, tip_pose, tip_jacobian,
+ * tip_bias_acceleration, centroidal_momentum, which come with --functions; and derivatives, which
+ * come with --derivatives.
  *
  * Every function has a form for any number of states, with _batch at the end of its name. Its
  * arrays are rows of blocks of LANES states, 8 of them, or 16 in single precision: entry e of

@@ -39,11 +39,20 @@ _NAME = re.compile(r"^(?:static [\w *]*?\b(\w+)\(|(?:enum \{ |\} |#define )(\w+)
 
 @dataclass(frozen=True)
 class Member:
-    """A member of a structure: the input or output of a program that it holds, and what it is."""
+    """A member of a structure: the input or output of a program that it holds, and what it is.
+
+    What is remembered from call to call is an input that the output `after` takes the place of.
+    """
 
     name: str
     value: str
     words: str
+    after: str = ""
+
+    @property
+    def values(self) -> tuple[str, ...]:
+        """The input and the output that it holds."""
+        return tuple(filter(None, (self.value, self.after)))
 
 
 @dataclass(frozen=True)
@@ -53,6 +62,12 @@ class Structure:
     name: str
     words: str
     members: tuple[Member, ...]
+
+    @classmethod
+    def kept(cls, name: str, words: str, **members: str) -> Structure:
+        """A structure of what is remembered, by names and words of its members."""
+        made = (Member(name, name, words, f"{name}_next") for name, words in members.items())
+        return cls(name, words, tuple(made))
 
 
 @dataclass(frozen=True)
@@ -163,7 +178,8 @@ def _declared(robot: Functions, structure: Structure, values: Mapping[str, Node]
     name = f"{robot.name}_{structure.name}"
     lines = []
     for member in structure.members:
-        size = f"[{values[member.value].size}]" if values[member.value].shape else ""
+        held = next(values[value] for value in member.values if value in values)
+        size = f"[{held.size}]" if held.shape else ""
         lines += [f"    {line}" for line in comment(member.words, width=WIDTH - 4).splitlines()]
         lines.append(f"    {robot.name}_real {member.name}{size};")
     return "\n".join([f"{comment(structure.words)}typedef struct {{", *lines, f"}} {name};\n"])
@@ -198,12 +214,12 @@ def _values(program: Program) -> dict[str, Node]:
 
 def _heading(robot: Functions, function: CFunction) -> list[str]:
     """The lines of a function's type and parameters."""
-    held = {member.value for x in function.structures for member in x.members}
+    held = {value for x in function.structures for m in x.members for value in m.values}
     program = function.program
     # With a structure, an output is given back in it.
     declared = [f"const {robot.name}_constants *{owner}" for owner in _owners(program)]
     for structure in function.structures:
-        is_output = any(member.value in program.outputs for member in structure.members)
+        is_output = any(x in program.outputs for m in structure.members for x in m.values)
         const = "" if is_output else "const "
         declared.append(f"{const}{robot.name}_{structure.name} *{structure.name}")
     for name, x in _values(program).items():
@@ -265,20 +281,26 @@ def _source(robot: Functions, stem: str, functions: Sequence[CFunction]) -> str:
 
 def _calling(robot: Functions, function: CFunction) -> list[str]:
     """The function that users call, which takes structures apart."""
-    places = {
-        member.value: (structure.name, member.name)
-        for structure in function.structures
-        for member in structure.members
-    }
+    places: dict[str, str] = {}
+    copies = []
+    for structure in function.structures:
+        name = structure.name
+        for member in structure.members:
+            places |= dict.fromkeys(member.values, f"{name}->{member.name}")
+            if member.after and member.value in function.program.names:
+                # What is read is not what is written, which may come first.
+                places[member.value] = f"{name}_before.{member.name}"
+                copies.append(f"    const {robot.name}_{name} {name}_before = *{name};")
     program = CProgram(function.program, is_plain=True)
     passed = _owners(function.program)
     for name, x in _values(function.program).items():
-        at = "->".join(places[name]) if name in places else name
+        at = places.get(name, name)
         is_output = name in function.program.outputs
         passed.append(f"&{at}" if is_output and not x.shape and name in places else at)
     return [
         *"".join(_heading(robot, function)).split("\n"),
         "{",
+        *dict.fromkeys(copies),
         f"    {program.name}({', '.join(passed)});",
         "}",
     ]

@@ -55,6 +55,7 @@ class Functions:
             (len(module.HYBRID_COORDINATES) - len(module.VELOCITIES)) // 2,
         )
         self.space = Space.of(self.layout)
+        self.joint_carriers = self._joint_carriers(module)
         # Rotors whose thrusts may lag by themselves: none where drives say how.
         self.lagging = 0 if self.driven else self.rotors
 
@@ -63,6 +64,20 @@ class Functions:
         """Number of rotors: inputs that no joint has."""
         joints = self.layout.v.joints
         return self.inputs - (joints.stop - joints.start)
+
+    def _joint_carriers(self, module: Any) -> list[int] | None:
+        """For each joint the number, from 1, of that which carries it, 0 for the base.
+
+        None where it is not told: joints that gears move have no entries in v.
+        """
+        points, frames = list(getattr(module, "POINTS", ())), self.frames - 1
+        count = len(self.layout.v.joint_places)
+        first = 1 + (points.index("O2") if "O2" in points else 0) + self.rotors
+        if len(points) != first + count + frames or not hasattr(module, "CARRIERS"):
+            return None
+        joints = slice(first, first + count)
+        places = {point: k for k, point in enumerate(points[joints], start=1)}
+        return [places.get(carrier, 0) for carrier in module.CARRIERS[joints]]
 
     def coordinates(self, name: str = "q", uniform: bool = False) -> Node:
         """Coordinates (nq) as an input of a program.

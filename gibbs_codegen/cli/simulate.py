@@ -16,7 +16,7 @@ from gibbs_codegen.flight.figures.results import check_results, drawing_beside, 
 from gibbs_codegen.flight.record.extent import led_points
 from gibbs_codegen.flight.record.flight import Flight
 from gibbs_codegen.flight.scenario.file import read_scenario
-from gibbs_codegen.flight.scenario.parts import PREDICTIVE, WITH_CONSTRAINTS, Control, Impedance
+from gibbs_codegen.flight.scenario.parts import PREDICTIVE, Control, Impedance, functions_for
 from gibbs_codegen.flight.scenario.walls import Wall
 from gibbs_codegen.runtime.c_library import seconds_waited
 from gibbs_codegen.runtime.load import load
@@ -48,7 +48,7 @@ def run(options: argparse.Namespace) -> int:
     control = scenario.control
     plans = control.law == PREDICTIVE
     derivatives = (*DERIVATIVES, *UNDER_WRENCHES) if plans else ()
-    functions = WITH_CONSTRAINTS if scenario.holds else None
+    functions = functions_for(bool(scenario.holds), [control.law])
     with (
         robot_argument.found_module(
             *(options.robot, terminal.progress(), derivatives, functions),

@@ -22,7 +22,7 @@ from gibbs_codegen.flight.autopilots.px4 import PX4, PX4_RATE
 from gibbs_codegen.flight.autopilots.session import AutopilotLink, fly
 from gibbs_codegen.flight.figures.results import check_results, write_results
 from gibbs_codegen.flight.scenario.file import read_scenario
-from gibbs_codegen.flight.scenario.parts import WITH_CONSTRAINTS
+from gibbs_codegen.flight.scenario.parts import functions_for
 from gibbs_codegen.flight.simulation import check_scenario, uncontrolled
 from gibbs_codegen.runtime.load import load
 
@@ -41,7 +41,7 @@ def run(options: argparse.Namespace) -> int:
     scenario = read_scenario(options.scenario, changes_of(options.set))
     check_results(options.out, "")
 
-    functions = WITH_CONSTRAINTS if scenario.holds else None
+    functions = functions_for(bool(scenario.holds))
     with (
         robot_argument.found_module(
             *(options.robot, terminal.progress(), (), functions),

@@ -8,6 +8,7 @@ from gibbs_codegen.derivation import (
     forward_kinematics,
     hybrid,
     inverse_dynamics,
+    momentum,
     passive,
     systems,
     wrenches,
@@ -114,7 +115,13 @@ DERIVATIONS: dict[str, Callable[[ConstrainedSystems], systems.Array]] = {
     "input_forces_qq": lambda s: [row[: len(s.symbolic.v)] for row in _by_q(s)],
     "input_forces_qu": lambda s: [row[len(s.symbolic.v) :] for row in _by_q(s)],
     "coriolis_matrix": lambda s: s.symbolic.folded_matrix(inverse_dynamics.coriolis_matrix(s.tree)),
-    "regressor": systems.regressor,
+    "momentum": lambda s: s.symbolic.folded(momentum.momentum(s.tree)),
+    "momentum_rate": lambda s: s.symbolic.folded(momentum.momentum_rate(s.tree)),
+    "passive_inverse_dynamics": (
+        lambda s: s.symbolic.folded(momentum.passive_inverse_dynamics(s.tree))
+    ),
+    "regressor": lambda s: systems.regressor(s, s.tree.state),
+    "reference_regressor": lambda s: systems.regressor(s, s.tree.reference_state),
     "base_parameters": systems.base_parameters,
     "inverse_dynamics_dp": lambda s: systems.parameter_jacobian(s, s.inverse_dynamics),
     "forward_dynamics_p_bar": lambda s: systems.parameter_gradient(s, s.dynamics[1]),

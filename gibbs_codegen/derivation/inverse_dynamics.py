@@ -51,6 +51,12 @@ def inverse_dynamics(symbolic: SymbolicRobot) -> list[sp.Expr]:
     forces = tree_dynamics.generalised_inertia_forces(
         tape, symbolic.root, symbolic.reduced_tree, symbolic.state
     )
+    return with_joint_forces(symbolic, forces)
+
+
+def with_joint_forces(symbolic: SymbolicRobot, forces: Sequence[sp.Expr]) -> list[sp.Expr]:
+    """Forces that accelerations of the bodies take, and what the joints by themselves take."""
+    tape = symbolic.tape
     base, joints = symbolic.places.split(forces)
     a = symbolic.joint_state.accelerations
     parts = zip(joints, a, passive_symbols(symbolic), passive_forces(symbolic), strict=True)

@@ -47,8 +47,9 @@ class SymbolicRobot:
     by row, `q0` and `q1` the coordinates of two configurations, `w` weights of a vector,
     `w_input_matrix` and `w_jacobian` of a matrix, row by row, `q_dot` to `W_dot` directions of q,
     v, a, u and W, `h` the length of a step, `x` the state of the actuators, `command` what they
-    are commanded, `active` 1 for each constraint that holds, else 0, and `restitution` the share of
-    its velocity with which each rebounds. `drives` are there if commands are.
+    are commanded, `active` 1 for each constraint that holds, else 0, `restitution` the share of
+    its velocity with which each rebounds, and `v_r` and `a_r` velocities that are referred to, and
+    their rates. `drives` are there if commands are.
     """
 
     description: Description
@@ -75,6 +76,8 @@ class SymbolicRobot:
     command: tuple[sp.Symbol, ...]
     active: tuple[sp.Symbol, ...]
     restitution: tuple[sp.Symbol, ...]
+    v_r: tuple[sp.Symbol, ...]
+    a_r: tuple[sp.Symbol, ...]
     drives: Drives | None
 
     @classmethod
@@ -98,6 +101,7 @@ class SymbolicRobot:
         drives = Drives(description, parameters.node) if description.commands else None
         entries |= symbols("w", "q_dot", "v_dot", "a_dot", "u_dot", "h", "W_dot")
         entries |= symbols("w_input_matrix", "w_jacobian", "x", "command", "active", "restitution")
+        entries |= symbols("v_r", "a_r")
         return cls(description, tape, parameters, root, **entries, drives=drives)
 
     @property
@@ -168,6 +172,8 @@ class SymbolicRobot:
             v=spread(self.v, self.places, tree.places, still),
             a=spread(self.a, self.places, tree.places, still),
             u=(*self.u[: robot.rotors], *driven),
+            v_r=spread(self.v_r, self.places, tree.places, still),
+            a_r=spread(self.a_r, self.places, tree.places, still),
         )
 
     def folded(self, values: Sequence[Any]) -> list[Any]:
@@ -200,6 +206,11 @@ class SymbolicRobot:
     def state(self) -> TreeState:
         """Rates, accelerations and gravity, as the tree of the reduced system takes them."""
         return TreeState(self.v, self.a, self.parameters.gravity)
+
+    @property
+    def reference_state(self) -> TreeState:
+        """The state with accelerations of reference velocities."""
+        return TreeState(self.v, self.a_r, self.parameters.gravity, self.v_r)
 
     @property
     def base_state(self) -> TreeState:

@@ -46,6 +46,7 @@ from gibbs_codegen.derivation.inverse_dynamics import (
     inverse_dynamics,
     inverse_dynamics_derivatives,
 )
+from gibbs_codegen.derivation.motion import TreeState
 from gibbs_codegen.derivation.segment_tree import Segment, SegmentTree
 from gibbs_codegen.derivation.symbolic_robot import SymbolicRobot
 from gibbs_codegen.derivation.tree_dynamics import generalised_inertia_forces, whole_inertia
@@ -357,7 +358,7 @@ def base_parameters(systems: Systems) -> list[sp.Expr]:
     ]
 
 
-def regressor(systems: Systems) -> Matrix:
+def regressor(systems: Systems, state: TreeState) -> Matrix:
     """The matrix whose product with the base parameters is ∂S/∂θ̈; rows in the order of v."""
     symbolic, imported = systems.tree, systems.imported
     symbols: list[sp.Expr] = []
@@ -370,7 +371,7 @@ def regressor(systems: Systems) -> Matrix:
             symbols.append(entries[place])
         segments.append(replace(segment, inertia=Inertia.of(entries)))
     tree = SegmentTree(tuple(segments))
-    forces = generalised_inertia_forces(symbolic.tape, symbolic.root, tree, symbolic.state)
+    forces = generalised_inertia_forces(symbolic.tape, symbolic.root, tree, state)
     forces = systems.symbolic.folded(forces)
     directions = [{ref >> 1: imported.graph.one} for ref in systems.refs(symbols)]
     with imported.group("columns of the regressor"):

@@ -37,19 +37,20 @@ from gibbs_codegen.symbolic.vectors import (
 
 
 def outward(
-    tape: Scalars, tree: SegmentTree, root_motion: Motion, rates: Values, accelerations: Values
+    tape: Scalars, tree: SegmentTree, root_motion: Motion, moves: Sequence[Values]
 ) -> list[Motion]:
     """Motion of every segment, in its working frame.
 
-    `root_motion` is of the root's group frame in its own axes; the root's own rate and acceleration
-    are its turn about z against that frame.
+    `root_motion` is of the root's group frame in its own axes. `moves` have rate and acceleration
+    of each joint, and of a `ReferenceMotion` the reference's rate; the root's own are its turn
+    about z against that frame.
     """
     motions: list[Motion] = []
     for k, segment in enumerate(tree.segments):
         with tape.group(f"motion of {segment.name}"):
             motion = _passed_out(tape, tree, k, motions[segment.parent]) if k else root_motion
             move = motion.spun if segment.joint == "revolute" else motion.slid
-            motion = move(tape, rates[k], accelerations[k])
+            motion = move(tape, *moves[k])
             if tree.works_in_own_frame(k):
                 motion = motion.rotated(tape, segment.rotation.inverse)
         motions.append(motion)
@@ -234,9 +235,9 @@ def tree_motions(tape: Scalars, root: Root, tree: SegmentTree, state: TreeState)
     base, joints = state.split(root.places(tree.joints))
     with tape.group(f"motion of {tree.segments[0].name}"):
         root_motion = root.frame_motion(tape, base)
-    rates = [root.segment_spin(base.rates), *joints.rates]
-    accelerations = [root.segment_spin(base.accelerations), *joints.accelerations]
-    return outward(tape, tree, root_motion, rates, accelerations)
+    spins, turns = (filter(None, (x.rates, x.accelerations, x.references)) for x in (base, joints))
+    moves = [[root.segment_spin(of_base) for of_base in spins], *zip(*turns, strict=True)]
+    return outward(tape, tree, root_motion, moves)
 
 
 def free_motions(tape: Scalars, root: Root, tree: SegmentTree, rates: Values) -> list[Motion]:

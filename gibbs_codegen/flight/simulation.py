@@ -72,6 +72,7 @@ from gibbs_codegen.flight.scenario.parts import HOLDING, PREDICTIVE, Law
 from gibbs_codegen.flight.scenario.paths import check_path
 from gibbs_codegen.flight.scenario.scenario import Scenario
 from gibbs_codegen.interface import FUNCTIONS
+from gibbs_codegen.machine.laws import LAWS
 from gibbs_codegen.runtime.c_library import CompilerError, ModuleLibrary, chosen_compiler
 from gibbs_codegen.runtime.cache import CacheError
 from gibbs_codegen.runtime.load import load
@@ -268,6 +269,8 @@ def _about(law: Law, robot: RobotData) -> Law:
 def _check_functions(module: ModuleType, scenario: Scenario) -> None:
     """Raise `MissingFunctionError` with all functions on request that a module lacks."""
     names = [*HOLDING] if scenario.holds else []
+    if scenario.control.law in LAWS:
+        names += LAWS[scenario.control.law].calls
     if scenario.control.law == PREDICTIVE:
         pressed = scenario.control.force is not None or bool(getattr(module, "ROTOR_AIR", ()))
         names += [*DERIVATIVES, *(UNDER_WRENCHES if pressed else ())]

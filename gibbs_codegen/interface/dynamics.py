@@ -10,6 +10,7 @@ from gibbs_codegen.interface.rows import (
     Output,
     Row,
     of_group,
+    on_request,
 )
 
 _MASS_MATRIX = Output("mass_matrix", "vv", "kg m^2, kg or kg m", INERTIAS, "mass_matrix")
@@ -177,5 +178,42 @@ DYNAMICS = of_group(
         "As joint_wrenches, less what the wrenches on the frames of all that a joint carries do.",
         group="loads",
         on_request=True,
+    ),
+    *on_request(
+        "passivity",
+        Row(
+            "momentum",
+            "qv",
+            (Output("momentum", "v", "kg m^2/s or kg m/s"),),
+            "Generalised momentum M v.",
+            "eqs. 4-6 at rest, with velocities for accelerations",
+            "Momenta are carried in from body to body, without the mass matrix.",
+        ),
+        Row(
+            "momentum_rate",
+            "qv",
+            (Output("rate", "v", "N m or N", "{forces}"),),
+            "Rate of the momentum M v, but for B u and the sum of J^T W, which add to it.",
+            "C^T v + gravity, dampers and springs",
+            "C is that of coriolis_matrix. No accelerations and no inverse of M are in it, so that "
+            "what a robot feels besides its inputs is what its momentum gains beyond.",
+        ),
+        Row(
+            "passive_inverse_dynamics",
+            ("q", "v", "v_r", "a_r"),
+            (Output("force", "v", "N m or N", "{forces}"),),
+            "Forces M a_r + C(q, v) v_r less gravity, dampers at v_r and springs.",
+            "eqs. 4-6, of velocities that are referred to",
+            "C is that of coriolis_matrix, so that the rate of M less 2 C is skew-symmetric. With "
+            "v for v_r it is inverse_dynamics(q, v, a_r).",
+        ),
+        Row(
+            "reference_regressor",
+            ("q", "v", "v_r", "a_r"),
+            (Output("regressor", "vn", "N m or N", "{forces}, each by each of BASE_PARAMETERS"),),
+            "Matrix whose product with the base parameters is passive_inverse_dynamics.",
+            "eqs. 4-6, which are linear in the inertias",
+            "But for dampers, springs and armature. Its columns are those of regressor.",
+        ),
     ),
 )

@@ -116,6 +116,8 @@ ARGUMENTS = {
         "g", "1 for each constraint that holds, 0 for the others, and nothing else", unit="1"
     ),
     "restitution": Argument("g", "share of its velocity with which each rebounds", unit="1"),
+    "v_r": Argument("v", "velocities of the reference", "v_r_"),
+    "a_r": Argument("v", "their rates", "a_r_", unit="{unit}^2"),
 }
 
 # Groups of functions, those on request after the others.
@@ -127,6 +129,7 @@ GROUPS = (
     "actuators",
     "constraints",
     "loads",
+    "passivity",
     "tip",
 )
 # Groups whose functions are derivatives of others, or compose or fit them.

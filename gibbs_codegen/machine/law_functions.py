@@ -18,6 +18,7 @@ from gibbs_codegen.arrays.nodes import (
     Input,
     Node,
     Program,
+    clip,
     constant,
     coordinates_of,
     external,
@@ -31,13 +32,16 @@ from gibbs_codegen.machine.allocation import smallest_thrusts
 from gibbs_codegen.machine.base import Motion, base_of
 from gibbs_codegen.machine.laws import (
     LAWS,
+    LEARNING,
     Aim,
     CentrePath,
+    Estimates,
     FrameAim,
     Gains,
     Limits,
     PushAim,
     Rotors,
+    adaptation,
     inputs_of,
     moved_wrenches,
     weight_of,
@@ -63,6 +67,11 @@ _OF_REFERENCE = {
     "push": ("push", "how hard, N: what is wanted, and what is learnt of the error of the force"),
     "share": ("share", "how far that is in force, 0 to 1; at 0 the tip follows its path"),
 }
+_LEARNT = Structure.kept(
+    "estimates",
+    "What the adaptive law learns, in the order of the base parameters.",
+    parameters="what they are more than the constants say, kg, kg m or kg m^2; 0 to begin with",
+)
 _OF_GAINS = {
     "stiffness": "k of each error, 1/s^2",
     "damping": "d of each error, 1/s",
@@ -71,6 +80,9 @@ _OF_GAINS = {
     "frame_stiffness": "of the tip along the axes of the world, N/m",
     "frame_damping": "of the tip, N s/m",
     "frame_inertia": "as what mass the tip moves, kg",
+    "adaptation": "for each base parameter: square of how far it may be off, over an energy, J",
+    "least_parameters": "least estimates of base parameters, less what the constants say",
+    "most_parameters": "greatest of them",
 }
 
 
@@ -102,7 +114,10 @@ def law_functions(
         "the reference is"
     }
     for law, program in programs.items():
-        functions.append(CFunction(program, LAWS[law].words, (*given, *others), explained))
+        structures, told = (*given, *others), explained
+        if "h" in program.names:
+            structures, told = (*structures, _LEARNT), {"h": "time since the last call, s"} | told
+        functions.append(CFunction(program, (LAWS | LEARNING)[law].words, structures, told))
     return functions
 
 
@@ -160,27 +175,37 @@ def _law(robot: Functions, law: str, tip: int, moves: bool) -> Program:
         limits.most[:count],
         move=moves,
     )
-    aim = Aim(motion, gains)
-    if LAWS[law].leans:
+    aim, row, outputs = Aim(motion, gains), (LAWS | LEARNING)[law], dict[str, Node]()
+    if law in LEARNING:
+        length = robot.signatures["reference_regressor"].shapes[0][1]
+        gain = argument("adaptation", length)
+        least, most = (argument(f"{x}_parameters", length) for x in ("least", "most"))
+        learnt = variable("parameters", length)
+        aim = replace(aim, estimates=Estimates(learnt, gain))
+        rates = adaptation(robot, q, v, aim)
+        outputs["parameters_next"] = clip(learnt + argument("h") * rates, least, most)
+    if row.leans:
         path = CentrePath(
             *(variable(f"centre_{x}", 3) for x in ("position", "velocity", "acceleration"))
         )
         aim = replace(aim, path=path, weight=weight_of(robot, q, argument, rotors))
-    if LAWS[law].moves_frame:
+    if row.moves_frame:
         stiffness, damping, inertia = (
             argument(f"frame_{x}", 3) for x in ("stiffness", "damping", "inertia")
         )
         wrench = variable("wrench", 6)
         aim = replace(aim, frame=FrameAim(tip, stiffness, damping, inertia, wrench))
-    if aim.frame is not None and LAWS[law].pushes:
+    if aim.frame is not None and row.pushes:
         # Who calls learns the error of the force.
         push = PushAim(variable("direction", 3), variable("push"), variable("share"), constant(0.0))
         aim = replace(aim, frame=replace(aim.frame, push=push))
-    force = LAWS[law].force(robot, q, v, aim)
-    u = within_limits(inputs_of(robot, q, force, rotors)[0], limits)
-    read = {x.operation.name: x for x in ordered([u]) if isinstance(x.operation, Input)}
-    names = (*_OF_ROTORS, *_OF_GAINS, "q", "v", "wrench", *_OF_REFERENCE)
-    return Program(law, tuple(read[name] for name in names if name in read), {"u": u})
+    force = row.force(robot, q, v, aim)
+    outputs = {"u": within_limits(inputs_of(robot, q, force, rotors)[0], limits)} | outputs
+    read = {
+        x.operation.name: x for x in ordered(outputs.values()) if isinstance(x.operation, Input)
+    }
+    names = (*_OF_ROTORS, *_OF_GAINS, "q", "v", "wrench", *_OF_REFERENCE, "parameters", "h")
+    return Program(law, tuple(read[name] for name in names if name in read), outputs)
 
 
 def _known(robot: Functions, centre: int) -> dict[str, Callable[[], Node]]:

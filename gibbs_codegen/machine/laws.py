@@ -5,6 +5,19 @@ error e then obeys ë + d ė + k e = 0. The geometric law is for rotors that pus
 Leok and McClamroch, 2010): it tracks the centre of mass, and turns the base so that its thrust axis
 is where the force must be. `flight.control` says more on both.
 
+The passive law (Slotine and Li, 1987) has reference velocities v_r = v_desired + λ e, which lead to
+the motion, and with s = v_r - v the force
+
+    M a_r + C(q, v) v_r + gravity + D M D s,    D² = d - λ,    λ = d/2 - √(d²/4 - k)
+
+so that M ṡ + (C + D M D) s = 0, and ½ sᵀ M s only falls, since the rate of M less 2 C is
+skew-symmetric. Where all d are one and k one, or nothing couples, ë + d ė + k e = 0; where d² is
+less than 4 k the root is 0. With a quaternion that holds while the axis of its error stays.
+
+The adaptive law has beside that Y(q, v, v_r, a_r) δ, where Y is the reference regressor, and learns
+what the base parameters are more than those it knows, δ̇ = Γ Yᵀ s. With δ off by ε, what falls is
+½ sᵀ M s + ½ εᵀ Γ⁻¹ ε.
+
 At a contact a frame, such as the tip, moves as a body on springs and dampers along its path: at x,
 off its path by e and pushed by its surroundings with w, it obeys
 
@@ -181,13 +194,24 @@ class FrameAim:
 
 
 @dataclass(frozen=True)
+class Estimates:
+    """How much more base parameters (np) are than the robot's, and gains of their adaptation.
+
+    The gains are squares of how far the parameters may be off, over an energy, J.
+    """
+
+    parameters: Node
+    adaptation: Node
+
+
+@dataclass(frozen=True)
 class Aim:
     """The aim of a law, and its gains.
 
     `memory` (nv or more) are the integrals of the errors, if the law remembers them: where the base
     leans, of joints and of the centre of mass, in the places of the position. `path` and `weight`
     are there where the base leans, `frame` where the law moves a frame; `frame_memory` says in
-    which places it remembers that.
+    which places it remembers that. A law that learns parameters has `estimates`.
     """
 
     desired: Motion
@@ -196,6 +220,7 @@ class Aim:
     path: CentrePath | None = None
     weight: Weight | None = None
     frame: FrameAim | None = None
+    estimates: Estimates | None = None
 
     @property
     def remembered(self) -> Node:
@@ -221,6 +246,47 @@ def computed_torque(robot: Functions, q: Node, v: Node, aim: Aim) -> Node:
     pull = gains.stiffness * error + gains.damping * rate
     a = base.corrected(v, desired, named(pull, "pull", "What the gains make of the errors."))
     return robot.inverse_dynamics(q, v, named(a, "a", "Accelerations by which errors decay."))
+
+
+def passive(robot: Functions, q: Node, v: Node, aim: Aim) -> Node:
+    """Generalised force (nv) that damps what velocities are off those that lead to the motion."""
+    motion, _, pull = _referred(robot, q, v, aim)
+    return robot.passive_inverse_dynamics(q, v, motion.v, motion.a) + pull
+
+
+def adaptive(robot: Functions, q: Node, v: Node, aim: Aim) -> Node:
+    """Generalised force (nv) of the passive law, with the base parameters that are learnt."""
+    assert aim.estimates is not None  # noqa: S101 - the law learns
+    motion, _, _ = _referred(robot, q, v, aim)
+    regressor: Node = robot.reference_regressor(q, v, motion.v, motion.a)
+    return passive(robot, q, v, aim) + regressor @ aim.estimates.parameters
+
+
+def adaptation(robot: Functions, q: Node, v: Node, aim: Aim) -> Node:
+    """Rates (np) of the parameters that the adaptive law learns."""
+    assert aim.estimates is not None  # noqa: S101 - the law learns
+    motion, ahead, _ = _referred(robot, q, v, aim)
+    regressor = robot.reference_regressor(q, v, motion.v, motion.a)
+    return aim.estimates.adaptation * (regressor.transposed @ ahead)
+
+
+def _referred(robot: Functions, q: Node, v: Node, aim: Aim) -> tuple[Motion, Node, Node]:
+    """The reference of a passive law, how far velocities are behind it, and the pull on these."""
+    base, gains, desired, places = base_of(robot, q), aim.gains, aim.desired, robot.layout.v
+    error, rate = base.errors(v, desired)
+    none = zeros(places.size)
+    half = 0.5 * gains.damping
+    apart = square_root(maximum(half * half - gains.stiffness, 0.0))
+    slow, root = half - apart, square_root(half + apart)
+    # Rates of errors turn into velocities as accelerations of robots at rest do.
+    still = Motion(desired.q, none, none)
+    ahead = base.corrected(none, still, rate + slow * (error + aim.learnt))
+    v_r = v + ahead
+    # Velocities of the reference turn with the base's axes, which turn as they do.
+    turning = placed(robot, v[places.attitude], base.travels(v_r), v[places.joints])
+    a_r = base.corrected(turning, desired, slow * rate)
+    pull = root * robot.momentum(q, root * ahead)
+    return Motion(q, v_r, a_r), ahead, named(pull, "pull", "What damps velocities, N and N m.")
 
 
 def geometric(robot: Functions, q: Node, v: Node, aim: Aim) -> Node:
@@ -402,7 +468,8 @@ class Law:
     By its gains small errors e obey ë + d ė + k e = 0. A law under which the base leans is for
     rotors that push along one axis and command three moments, the others are for rotors that
     command all directions. Scenarios ask for it by its name, or by that of its `task`, for which
-    each base has a law: "tracking", or at a contact "impedance" or "force".
+    each base has a law: "tracking", or at a contact "impedance" or "force". `calls` are functions
+    on request that it calls.
     """
 
     force: Callable[[Functions, Node, Node, Aim], Node]
@@ -410,6 +477,7 @@ class Law:
     words: str
     leans: bool = False
     task: str = "tracking"
+    calls: tuple[str, ...] = ()
 
     @property
     def moves_frame(self) -> bool:
@@ -428,6 +496,7 @@ class Law:
         return f"under {self.title} joints move {frame}, but it has none"
 
 
+_PASSIVE = ("momentum", "passive_inverse_dynamics")
 LAWS = {
     "computed_torque": Law(
         computed_torque,
@@ -441,6 +510,13 @@ LAWS = {
         "The geometric law, for rotors that push along one axis: inputs by which the centre of "
         "mass, the thrust axis and the joints follow a motion, within their limits.",
         leans=True,
+    ),
+    "passive": Law(
+        passive,
+        "the passive law",
+        "The law of Slotine and Li: inputs that cancel nothing but gravity and what the reference "
+        "needs, and damp what velocities are off those that lead to it, within their limits.",
+        calls=_PASSIVE,
     ),
     "impedance": Law(
         at_frame,
@@ -472,6 +548,16 @@ LAWS = {
         leans=True,
         task="force",
     ),
+}
+# Laws that learn parameters, of which flights have no memory.
+LEARNING = {
+    "adaptive": Law(
+        adaptive,
+        "the adaptive law",
+        "The adaptive law of Slotine and Li: the passive one with base parameters that it learns, "
+        "by a step of h at each call, although the robot is not as the constants say.",
+        calls=(*_PASSIVE, "reference_regressor"),
+    )
 }
 
 

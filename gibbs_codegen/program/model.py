@@ -51,10 +51,11 @@ class Model:
 
     @property
     def listing(self) -> SimpleNamespace:
-        """The listing for array programs: the module's name, attitude, lists, rotors in the air."""
+        """The listing for array programs: what they read of a module's constants."""
         return SimpleNamespace(
             **self.lists,
             NAME=self.robot.name,
+            CARRIERS=self.description.constants["CARRIERS"],
             ATTITUDE=self.description.layout.attitude,
             COORDINATE_UNITS=self.description.layout.q.units,
             ROTOR_AIR=self.description.constants.get("ROTOR_AIR", {}),

@@ -330,7 +330,7 @@ class Description:
         links = {coordinate_of(robot, i): robot.links[i - 1] for i in robot.moving}
         labelled = {name for name, link in links.items() if link.coordinate or link.name}
         names = {}
-        for argument in ("q", "q0", "q1", "v", "a", "w", "q_dot", "v_dot", "a_dot"):
+        for argument in ("q", "q0", "q1", "v", "a", "w", "q_dot", "v_dot", "a_dot", "v_r", "a_r"):
             entries = layout.q if argument in ("q", "q0", "q1") else layout.v
             ending = {"a": "rate"}.get(argument, argument)
             beginning = "" if argument == "q" else f"{argument}_"

@@ -183,6 +183,11 @@ class Wrench:
         """Sum of two wrenches about one point, in one frame."""
         return Wrench(tape.add(self.force, other.force), tape.add(self.moment, other.moment))
 
+    def turned_with(self, tape: Scalars, velocity: Vector, omega: Vector) -> Wrench:
+        """Rates of the components of momenta along axes that move with a velocity and ω."""
+        moment = tape.cross(self.moment, omega), tape.cross(self.force, velocity)
+        return Wrench(tape.cross(self.force, omega), tape.add(*moment))
+
 
 NO_WRENCH = Wrench(ZERO, ZERO)
 

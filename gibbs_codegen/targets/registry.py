@@ -22,7 +22,7 @@ from gibbs_codegen.program.model import Model
 from gibbs_codegen.runtime.c_library import RUNTIME
 from gibbs_codegen.runtime.rollout_source import TEMPLATES as ROLLOUT_TEMPLATES
 from gibbs_codegen.targets.c import target as c_target
-from gibbs_codegen.targets.c.laws import law_files
+from gibbs_codegen.targets.c.laws import calls, law_files
 from gibbs_codegen.targets.fmu import target as fmu_target
 from gibbs_codegen.targets.matlab import target as matlab_target
 from gibbs_codegen.targets.matlab.statements import MatlabPrinter
@@ -158,14 +158,17 @@ def _with_acting(name: str, acting: tuple[str, ...]) -> Target:
     return replace(TARGETS["fmu"], archives=archives, calls=fmu_target.called(acting))
 
 
-def called(targets: Mapping[str, Target], functions: Functions) -> tuple[str, ...]:
+def called(
+    targets: Mapping[str, Target], functions: Functions, laws: Sequence[str] = ()
+) -> tuple[str, ...]:
     """Functions that a module must have for a choice of a user, and for what is made of them.
 
     By default there are none where no target has a text of them.
     """
     has_text = any(target.files for target in targets.values())
     chosen = chosen_functions(functions) if has_text or functions is not None else ()
-    return (*chosen, *(name for target in targets.values() for name in target.calls))
+    brought = *(target.calls for target in targets.values()), *(calls()[law] for law in laws)
+    return (*chosen, *(name for names in brought for name in names))
 
 
 def render_module(model: Model, robot_text: str, targets: Mapping[str, Target]) -> dict[str, str]:
@@ -217,8 +220,8 @@ def generating_options(targets: Mapping[str, Target], model: Model) -> list[str]
     if set(targets) != set(DEFAULT_TARGETS):
         options += [f"--target {name}" for name in targets]
     options += [f"--laws={','.join(model.laws)}"] if model.laws else []
-    if model.functions == chosen_functions(called(targets, None)):
+    if model.functions == chosen_functions(called(targets, None, model.laws)):
         return options
-    brought = chosen_functions(called(targets, ()))
+    brought = chosen_functions(called(targets, (), model.laws))
     chosen = [x for x in model.functions if x not in brought or not FUNCTIONS[x].on_request]
     return [*options, *options_for(chosen)]

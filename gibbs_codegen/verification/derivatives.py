@@ -35,7 +35,7 @@ from gibbs_codegen.verification.newton_euler import NewtonEuler
 from gibbs_codegen.verification.parameters import Dimension, mapped
 from gibbs_codegen.verification.states import Sizes, States
 from gibbs_codegen.verification.tree import Tree
-from gibbs_codegen.verification.vectors import Array, times
+from gibbs_codegen.verification.vectors import Array, cross, times
 
 OTHER_FUNCTIONS, ZEROS = "other functions", "zeros outside PATTERNS"
 # The limit of errors relative to natural sizes, here much more than rounding takes.
@@ -597,11 +597,61 @@ def _coriolis_rows(point: _Point, values: Values) -> Iterator[DerivativeRow]:
     still = call("residual", states.q, 0.0 * states.v)
     forces = still - call("residual", states.q, states.v) - damped
     yield DerivativeRow(f"{what}.product", times(coriolis, states.v), forces, sizes.free_effort)
-    by_q = point.steps.jacobian(lambda q: point.steps("mass_matrix", q), {"q": states.q})
-    rate = times(by_q, states.v[:, None])
     size = sizes.free_matrix * sizes.rate[:, None, None]
     both = coriolis + np.swapaxes(coriolis, -1, -2)
-    yield DerivativeRow(f"{what}.symmetric_part", both, rate, size)
+    yield DerivativeRow(f"{what}.symmetric_part", both, _matrix_rate(point), size)
+
+
+def _matrix_rate(point: _Point) -> Array:
+    """Ṁ."""
+    by_q = point.steps.jacobian(lambda q: point.steps("mass_matrix", q), {"q": point.states.q})
+    return times(by_q, point.states.v[:, None])
+
+
+def _momentum_rows(point: _Point, values: Values) -> Iterator[DerivativeRow]:
+    """The momentum is M v, and ṗ = R + Ṁ v where nothing is put in."""
+    states, sizes, call = point.states, point.sizes, point.call
+    ((what, ours),) = values.items()
+    if what == "momentum":
+        theirs = times(call("mass_matrix", states.q), states.v)
+        yield DerivativeRow(what, ours, theirs, sizes.free_units * sizes.largest(states.v))
+        return
+    theirs = call("residual", states.q, states.v) + times(_matrix_rate(point), states.v)
+    yield DerivativeRow(what, ours, theirs, sizes.free_effort)
+
+
+def _reference_rows(point: _Point, values: Values) -> Iterator[DerivativeRow]:
+    """Forces, or their regressor, of reference velocities, by those of velocities themselves.
+
+    The terms of velocities are quadratic forms, and with a base's own axes there are accelerations
+    for half of what two velocities do to each other: polarised.
+    """
+    states, sizes, tree = point.states, point.sizes, point.tree
+    ((what, ours),) = values.items()
+    passive = what == "passive_inverse_dynamics"
+
+    def at(v: Array, a: Array) -> Array:
+        if passive:
+            return point.call("inverse_dynamics", states.q, v, a)
+        return point.call(what, states.q, v, v, a)
+
+    bracket, none = np.zeros_like(states.v), np.zeros_like(states.v)
+    if tree.layout.turns_with_base:
+        places, (along, about) = tree.layout.v, tree.layout.own_axes
+        twists = np.zeros((2, 2, len(states), 3))
+        for twist, x in zip(twists, (states.v, states.v_r), strict=True):
+            twist[0][:, along], twist[1][:, about] = x[:, places.position], x[:, places.attitude]
+        (drift, spin), (drift_r, spin_r) = twists
+        linear = cross(spin, drift_r) - cross(spin_r, drift)
+        bracket[:, places.position] = linear[:, along]
+        bracket[:, places.attitude] = cross(spin, spin_r)[:, about]
+    mean, half = (0.5 * (states.v + sign * states.v_r) for sign in (1.0, -1.0))
+    theirs = at(mean, states.a_r + 0.5 * bracket) - at(half, none) + at(none, none)
+    size = sizes.free_inertial_effort
+    if not passive:
+        size = np.abs(theirs).max(axis=(1, 2), keepdims=True)
+        yield from _regressor_rows(point, values)
+    yield DerivativeRow(what, ours, theirs, size)
 
 
 def _regressor_rows(point: _Point, values: Values) -> Iterator[DerivativeRow]:
@@ -612,7 +662,7 @@ def _regressor_rows(point: _Point, values: Values) -> Iterator[DerivativeRow]:
     ((what, ours),) = values.items()
     count = -(-_ROWS * ours.shape[-1] // ours.shape[-2])
     states = States.random(point.tree, count, 0)
-    matrix = point.call.results(what, states)[what]
+    matrix = _regressor(point, what, states)
     rng = np.random.default_rng(0)
     forces, efforts = [], []
     reach, mass = point.tree.reach, point.tree.mass
@@ -640,15 +690,22 @@ def _regressor_rows(point: _Point, values: Values) -> Iterator[DerivativeRow]:
     yield DerivativeRow(f"{what}.columns", found_forces, theirs, size)
 
 
+def _regressor(point: _Point, what: str, states: States) -> Array:
+    """A regressor; that of a reference for one that is the motion itself."""
+    letters = (letter.removesuffix("_r") for letter in FUNCTIONS[what].arguments)
+    return point.call(what, *(getattr(states, letter) for letter in letters))
+
+
 def _base_parameter_rows(point: _Point, values: Values) -> Iterator[DerivativeRow]:
     """The regressor times the base parameters is the inertial part of the forces.
 
     `values` has one copy of these for each state; no row where the module has no regressor.
     """
     states, sizes, tree, call = point.states, point.sizes, point.tree, point.call
-    if "regressor" not in call.signatures:
+    names = [x for x in ("regressor", "reference_regressor") if x in call.signatures]
+    if not names:
         return
-    regressor = call.results("regressor", states)["regressor"]
+    regressor = _regressor(point, names[0], states)
     q, v, a = tree.at_joints(states.q), tree.spread(states.v), tree.spread(states.a)
     passive = (tree.passive.armature + tree.passive.reflected) * a - tree.passive.forces(q, v)
     theirs = call("inverse_dynamics", states.q, states.v, states.a)
@@ -669,6 +726,10 @@ _KINDS: dict[str, Callable[..., Iterator[DerivativeRow]]] = {
 _OTHERS: dict[str, Callable[[_Point, Values], Iterator[DerivativeRow]]] = {
     "step_euler": lambda point, values: _value_rows(point.function("step_euler"), values),
     "step_rk4": lambda point, values: _value_rows(point.function("step_rk4"), values),
+    "momentum": _momentum_rows,
+    "momentum_rate": _momentum_rows,
+    "passive_inverse_dynamics": _reference_rows,
+    "reference_regressor": _reference_rows,
     "coriolis_matrix": _coriolis_rows,
     "regressor": _regressor_rows,
     "base_parameters": _base_parameter_rows,

@@ -66,6 +66,9 @@ class States:
     a_dot = _varied("a", 3)
     u_dot = _varied("u", 4)
     W_dot = _varied("W", 5)
+    # Velocities that are referred to, and their rates.
+    v_r = _varied("v", 8)
+    a_r = _varied("a", 9)
 
     @property
     def w_input_matrix(self) -> Array:

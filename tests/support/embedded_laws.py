@@ -60,6 +60,11 @@ def called(
 ) -> Calls:
     """What a law gives for cases of gains, state and reference, each all entries of a structure."""
     lines = [f"enum {{ INPUTS = {name.upper()}_INPUTS, CASES = {len(cases)} }};"]
+    lines.append(f"typedef {name}_rotors Rotors;")
+    if law == "adaptive":  # It learns nothing in no time.
+        lines += [f"static {name}_estimates learnt;", "#undef LAW"]
+        known = "constants, rotors, gains, state, reference"
+        lines.append(f"#define LAW({known}, u) {name}_{law}({known}, &learnt, 0, u)")
     for place, (structure, plural) in enumerate(
         (("gains", "gains"), ("state", "states"), ("reference", "references"))
     ):
@@ -86,7 +91,7 @@ def flown(
 
     `numbers`, `structures` and `arrays` are what it is given, by name.
     """
-    lines = [f"typedef {name}_state State;"]
+    lines = [f"typedef {name}_state State;", f"typedef {name}_rotors Rotors;"]
     lines += [f"#define {key} {_number(value, processor)}" for key, value in numbers.items()]
     for key, members in structures.items():
         lines.append(f"static const {name}_{key} {key} = {_members(members, processor)};")
@@ -95,6 +100,25 @@ def flown(
     said = _said(name, law, folder, processor, "flight.c", lines)
     real = np.dtype(processor.real).newbyteorder("<")
     return np.array([np.frombuffer(bytes.fromhex(digits), real) for digits in said])
+
+
+def observed(
+    name: str, folder: Path, processor: Processor, frames: int, arrays: Mapping[str, Array]
+) -> tuple[list[Array], list[float]]:
+    """Residual and wrench on the last frame after a hundred steps, by `observer.c`.
+
+    And instructions of a step, and of a Jacobian with the wrench. `arrays` are what it is given.
+    """
+    lines = [f"enum {{ VELOCITIES = {name.upper()}_VELOCITIES, FRAMES = {frames} }};"]
+    lines += [f"typedef {name}_observer Observer;"]
+    lines += [f"typedef {name}_frame_observer FrameObserver;"]
+    for key, values in arrays.items():
+        lines.append(f"static const real {key}[] = {_members([values], processor)[1:-1]};")
+    lines.append(f"static const real time_step = {_number(1e-3, processor)};")
+    rows = [x.split() for x in _said(name, "", folder, processor, "observer.c", lines)]
+    real = np.dtype(processor.real).newbyteorder("<")
+    found = [np.frombuffer(bytes.fromhex(digits), real) for digits, _ in rows]
+    return found, [float(ticks) / _CLOCK * 1e9 / 2**_SHIFT / _CALLS for _, ticks in rows]
 
 
 def _said(
@@ -106,7 +130,6 @@ def _said(
         f'#include "{name}_laws.h"',
         f"typedef {name}_real real;",
         f"typedef {name}_constants Constants;",
-        f"typedef {name}_rotors Rotors;",
         f"#define MODEL(function) {name}_##function",
         f"#define LAW {name}_{law}",
     ]

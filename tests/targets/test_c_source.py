@@ -67,6 +67,7 @@ def states(module: ModuleType, real: type[np.floating] = np.float64) -> Arrays:
     u = rng.normal(size=(STATES, len(module.INPUTS)))
     wrenches = rng.normal(size=(STATES, len(module.FRAMES), 6))
     named = {"q": q, "v": v, "a": a, "u": u, "W": wrenches, "q0": q, "q1": q[::-1]}
+    named |= {"v_r": a, "a_r": v}
     return {name: values.astype(real).astype(np.float64) for name, values in named.items()}
 
 
@@ -597,7 +598,9 @@ def _entries(robot: Robot, argument: str) -> str:
     if argument == "W":
         frames = ", ".join(Description(robot).lists()["FRAMES"])
         return f": force [N] and torque [N m], a row for each of {frames}"
-    listed = ", ".join(f"{argument}_{c.name} [{c.unit}]" for c in Description(robot).coordinates)
+    rate = {"v_r": "/s", "a_r": "/s^2"}.get(argument, "")
+    names = ((c.name, f"{c.unit}{rate}") for c in Description(robot).coordinates)
+    listed = ", ".join(f"{argument}_{name} [{unit}]" for name, unit in names)
     return f": {listed}"
 
 

@@ -48,9 +48,11 @@ CALLED = {
 _FRAME = ["frame_poses", "frame_jacobians", "frame_bias_accelerations"]
 CALLED["force"] = CALLED["impedance"] = [*CALLED["computed_torque"], *_FRAME]
 CALLED["geometric_force"] = [*CALLED["geometric"], *_FRAME]
+# What it calls besides comes with it.
+CALLED["adaptive"] = CALLED["computed_torque"]
 # With angles and with a quaternion, and less of these; of hydrus the joints move the rotors.
 CASES = {
-    "hexarotor_3link": ["force"],
+    "hexarotor_3link": ["force", "adaptive"],
     "quadrotor_arm_2link": ["geometric_force"],
     "hydrus": ["geometric"],
     "planar_quadrotor_arm": ["geometric_force"],
@@ -105,6 +107,10 @@ class Case:
         found["damping"] = rng.uniform(2.0, 5.0, found["damping"].shape)
         if "frame_inertia" in found:
             found["frame_inertia"] = rng.uniform(0.5, 2.0, 3)
+        if "parameters" in found:  # Bounds hold for some of them.
+            found["least_parameters"] = -0.2 + 0.0 * found["parameters"]
+            found["most_parameters"] = 0.2 + 0.0 * found["parameters"]
+            found["adaptation"] = np.abs(found["adaptation"])
         found["least"] = np.full(len(module.INPUTS), -np.inf)
         found["most"] = np.full(len(module.INPUTS), np.inf)
         return found
@@ -113,18 +119,21 @@ class Case:
         """Members of gains, state and reference."""
         known = [*self.programs[0].outputs]
         own = [name for name in self.programs[1].names if name not in known]
-        gains, state = ("stiffness", "damping", "least", "most"), ("q", "v", "wrench")
+        gains = ("stiffness", "damping", "least", "most", "adaptation")
+        gains, state = (*gains, "least_parameters", "most_parameters"), ("q", "v", "wrench")
         of_gains = [name for name in own if name in gains or name.startswith("frame_")]
         parts = [of_gains, [name for name in own if name in state]]
-        parts.append([name for name in own if name not in (*of_gains, *state)])
+        learnt = ("parameters", "h")
+        parts.append([name for name in own if name not in (*of_gains, *state, *learnt)])
+        parts += [["parameters"]] if "parameters" in own else []
         return [[given[name] for name in part] for part in parts]
 
     def numpy(self, given: dict[str, Array]) -> tuple[dict[str, Array], Array]:
-        """What is known of the rotors, and the inputs."""
+        """What is known of the rotors, and the inputs, with what is learnt after them."""
         owners = {"robot": self.module}
         rotors = evaluate(self.programs[0], {}, owners, externals=EXTERNALS)
         found = evaluate(self.programs[1], {**given, **rotors}, owners, externals=EXTERNALS)
-        return rotors, found["u"]
+        return rotors, np.concatenate([*found.values()])
 
 
 def smallest_thrusts(columns: Array, wrench: Array) -> Array:
@@ -179,13 +188,14 @@ class InC:
         )
 
     def _call(self, name: str, arrays: Sequence[Array]) -> None:
-        pointers = [ctypes.c_void_p(x.ctypes.data) for x in arrays]
+        number = ctypes.c_float if self._real is np.float32 else ctypes.c_double
+        pointers = [ctypes.c_void_p(x.ctypes.data) if x.shape else number(float(x)) for x in arrays]
         function = self._library[f"{self._case.name}_{name}"]
         function.restype = None
         function(ctypes.c_void_p(self._constants), *pointers)
 
     def run(self, given: dict[str, Array]) -> tuple[dict[str, Array], Array]:
-        """What is known of the rotors, and the inputs."""
+        """What is known of the rotors, and the inputs, with what is learnt after them."""
         known, law = self._case.programs
         sizes = [x.size for x in known.outputs.values()]
         rotors = np.full(sum(sizes), np.nan, self._real)
@@ -200,8 +210,9 @@ class InC:
             np.concatenate([np.ravel(part) for part in parts]).astype(self._real)
             for parts in self._case.structures(given)
         ]
-        self._call(law.name, [rotors, *structures, u])
-        return found, u
+        time = [given["h"]] if "h" in given else []
+        self._call(law.name, [rotors, *structures, *time, u])
+        return found, np.concatenate([u, *(structures[3:])])
 
 
 @pytest.mark.parametrize(
@@ -217,9 +228,9 @@ def test_laws_have_the_numbers_of_numpy(
         given = case.inputs(seed)
         rotors, wanted = case.numpy(given)
         if seed > 1:  # Limits that bind.
-            count = len(wanted)
-            given["least"] = np.sort(wanted)[count // 4] * np.ones(count)
-            given["most"] = np.sort(wanted)[(3 * count) // 4] * np.ones(count)
+            count = len(case.module.INPUTS)
+            given["least"] = np.sort(wanted[:count])[count // 4] * np.ones(count)
+            given["most"] = np.sort(wanted[:count])[(3 * count) // 4] * np.ones(count)
             _, wanted = case.numpy(given)
         found, u = law.run(given)
         for name, values in rotors.items():
@@ -283,11 +294,14 @@ def test_laws_run_on_microcontrollers(case: Case) -> None:
     """In single and in double precision by turns."""
     processor = M7 if case.law.startswith("geometric") else M4F
     given = [case.inputs(seed) for seed in range(2)]
+    for values in given:
+        values["parameters"] = np.zeros_like(values.get("parameters", 0.0))
+        values["h"] = np.zeros(())
     folder = Path(case.module.__path__[0])
-    found = called(case.name, case.law, folder, processor, [case.structures(x) for x in given])
+    found = called(case.name, case.law, folder, processor, [case.structures(x)[:3] for x in given])
     tolerance = 1e-4 if processor.real is np.float32 else 1e-12
     for u, values in zip(found.u, given, strict=True):
-        wanted = case.numpy(values)[1]
+        wanted = case.numpy(values)[1][: len(u)]
         np.testing.assert_allclose(u, wanted, rtol=0, atol=tolerance * _size(wanted))
     assert (found.instructions > 100).all()
     assert (found.instructions < 100_000).all()

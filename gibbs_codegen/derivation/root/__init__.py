@@ -3,9 +3,9 @@
 A root turns the velocities of the base and their rates into the motion of the frame that the tree
 begins with, the *root's group frame* (`frame_motion`), wrenches about the origin in that frame back
 into generalised forces (`rows`), and the inertia of the whole into the base's block of M
-(`mass_block`). The root segment (arm 1) may turn against the group frame about z, the base normal
-(`segment_rotation`). Velocities are rates of coordinates, or quasi-velocities, for which the
-Gibbs–Appell equations are the same.
+(`mass_block`). `momentum_rates` are those of momenta along directions that move. The root segment
+(arm 1) may turn against the group frame about z, the base normal (`segment_rotation`). Velocities
+are rates of coordinates, or quasi-velocities, for which the Gibbs–Appell equations are the same.
 
 Values of the base are those of attitude and then of position, without the joints: what
 `Places.split` gives and `Places.joined` takes: six, whatever moves. Gravity (m/s²) is an upward

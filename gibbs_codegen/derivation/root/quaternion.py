@@ -180,12 +180,15 @@ class QuaternionRoot:
 
     def frame_motion(self, tape: Scalars, base: TreeState) -> Motion:
         """Motion of the base in its own frame; rates are ω and the origin's velocity."""
-        linear = self.origin_acceleration(tape, base)
-        return Motion.of(tape, tuple(base.rates[:3]), tuple(base.accelerations[:3]), linear)
+        linear, omega = self.origin_acceleration(tape, base), tuple(base.rates[:3])
+        angular, reference = tuple(base.accelerations[:3]), tuple(base.references[:3])
+        if reference:
+            angular = tape.add(angular, tape.cross(omega, reference))
+        return Motion.of(tape, omega, angular, linear, reference)
 
     def origin_acceleration(self, tape: Scalars, base: TreeState) -> Vector:
         """v̇ + ω×v with gravity upwards, in the base's frame (m/s²)."""
-        turning = tape.cross(tuple(base.rates[:3]), tuple(base.rates[3:]))
+        turning = tape.cross(tuple(base.rates[:3]), tuple(base.accelerated[3:]))
         up = upward(tape, self.attitude, base.gravity)
         return tape.add(tuple(base.accelerations[3:]), turning, up)
 
@@ -196,6 +199,11 @@ class QuaternionRoot:
     def rows(self, tape: Scalars, wrench: Wrench) -> Values:
         """Moment and force of the wrench itself."""
         return (*wrench.moment, *wrench.force)
+
+    def momentum_rates(self, tape: Scalars, base: TreeState, momentum: Wrench) -> Values:
+        """Rates by the motion of the base's axes; its velocities are in place of accelerations."""
+        omega, velocity = tuple(base.accelerations[:3]), tuple(base.accelerations[3:])
+        return self.rows(tape, momentum.turned_with(tape, velocity, omega))
 
     def mass_block(self, tape: Scalars, composite: Inertia) -> Matrix:
         """The Hessian of the Gibbs function, 6×6, angular before linear."""

@@ -290,12 +290,16 @@ class TaitBryanRoot:
         for i in range(count):
             back, axis = self.rotations[i].inverse, self.axes[i]
             omega = back.vector(tape, omega)
-            gain = tape.scale(base.rates[i], tape.cross(omega, axis_vector(axis)))
+            gain = tape.scale(base.accelerated[i], tape.cross(omega, axis_vector(axis)))
             turn = axis_vector(axis, base.accelerations[i])
             omega_dot = tape.add(back.vector(tape, omega_dot), gain, turn)
             omega = tape.add(omega, axis_vector(axis, base.rates[i]))
             acceleration = back.vector(tape, acceleration)
-        return Motion.of(tape, omega, omega_dot, acceleration)
+        reference: Vector = ()
+        if base.references:
+            at_rest = TreeState.resting(base.references)
+            reference = self._motion_after(tape, count, at_rest).omega_dot
+        return Motion.of(tape, omega, omega_dot, acceleration, reference)
 
     def origin_acceleration(self, tape: Scalars, base: TreeState) -> Vector:
         """Acceleration of the origin in world axes with gravity upwards (m/s²)."""
@@ -314,6 +318,17 @@ class TaitBryanRoot:
             if i < self._outer:
                 wrench = wrench.rotated(tape, self.rotations[i])
         return (*rows, *wrench.force)
+
+    def momentum_rates(self, tape: Scalars, base: TreeState, momentum: Wrench) -> Values:
+        """Rates by the motion of the angles' axes; velocities are in place of accelerations."""
+        rows = [sp.S.Zero] * 6
+        for i in (2, 1, 0):
+            motion = self._motion_after(tape, min(i + 1, self._outer), base)
+            turned = momentum.turned_with(tape, motion.acceleration, motion.omega_dot)
+            rows[i] = turned.moment[self.axes[i]]
+            if i < self._outer:
+                momentum = momentum.rotated(tape, self.rotations[i])
+        return rows
 
     def derivatives(self, tape: Scalars, base: TreeState) -> TaitBryanDerivatives:
         """Derivatives of forces by the angles and their rates."""

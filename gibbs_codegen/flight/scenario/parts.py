@@ -7,7 +7,7 @@ Angles are in rad here, and in degrees in a file, under keys that end in `_deg`.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from typing import Annotated, Any, ClassVar, Literal
 
 from gibbs_codegen.files.table import (
@@ -55,13 +55,20 @@ from gibbs_codegen.machine.sensors import MEASUREMENTS
 MAX_DURATION = 3600.0  # s
 # The law that plans: `flight.control.predictive`.
 PREDICTIVE = "predictive"
-# Functions of modules that fly scenarios in which constraints hold.
-WITH_CONSTRAINTS = ("default", "constraints")
-# Those that they call.
+# Functions that flights call in which constraints hold.
 HOLDING = (
     *("constrained_forward_dynamics", "impact"),
     *("constraint_jacobian", "constraint_errors", "constraint_bias"),
 )
+
+
+def functions_for(holds: bool, laws: Iterable[str] = ()) -> tuple[str, ...] | None:
+    """Words for the functions of modules that fly under some laws; None for those by default."""
+    words = ["constraints"] if holds else []
+    words += dict.fromkeys(x for law in laws if law in LAWS for x in LAWS[law].calls)
+    return ("default", *words) if words else None
+
+
 Law = Annotated[str, OneOf(("tracking", *LAWS, PREDICTIVE, "open_loop", "off"))]
 # Laws of scenarios that move a frame, and of these those that control its force.
 _MOVING = [name for name, law in LAWS.items() if law.moves_frame]

@@ -30,7 +30,7 @@ from gibbs_codegen.errors import GibbsCodegenError, ScenarioFileError, UsageErro
 from gibbs_codegen.files.staging import check_output_folder
 from gibbs_codegen.flight.arguments import whole
 from gibbs_codegen.flight.desired.trajectory import Progress
-from gibbs_codegen.flight.scenario.parts import PREDICTIVE, WITH_CONSTRAINTS
+from gibbs_codegen.flight.scenario.parts import PREDICTIVE, functions_for
 from gibbs_codegen.flight.scenario.scenario import Scenario
 from gibbs_codegen.flight.simulation import check_scenario
 from gibbs_codegen.flight.sweeps import measures as known_measures
@@ -122,7 +122,7 @@ def sweep(
     laws += varying["control.law"].levels if "control.law" in varying else ()
     derivatives = (*DERIVATIVES, *UNDER_WRENCHES) if PREDICTIVE in laws else ()
     holds = [source.says("hold") or source.says("holds") for source in scenario_sources]
-    functions = WITH_CONSTRAINTS if any(holds) else None
+    functions = functions_for(any(holds), laws)
     robot_sources = [
         robot_source(word, folder / "modules", progress, derivatives, functions)
         for word in _listed(robots)

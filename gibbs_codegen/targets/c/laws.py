@@ -9,7 +9,8 @@ import numpy as np
 from gibbs_codegen.arrays.c_file import c_files
 from gibbs_codegen.errors import UsageError, printable
 from gibbs_codegen.machine.law_functions import law_functions
-from gibbs_codegen.machine.laws import LAWS
+from gibbs_codegen.machine.laws import LAWS, LEARNING
+from gibbs_codegen.machine.observers import CALLED, observer_functions
 from gibbs_codegen.program.model import Model
 from gibbs_codegen.robot.balance import carried_rotors, tried_postures, wrench_matrix
 from gibbs_codegen.robot.layout import layout_of
@@ -19,8 +20,14 @@ from gibbs_codegen.robot.wrenches import DIRECTIONS, directions, leans
 from gibbs_codegen.targets.c.calls import check_calls, model_functions
 from gibbs_codegen.targets.printers import Lines
 
+OBSERVER = "momentum_observer"
 # Singular values below this share of the largest belong to directions that rotors cannot command.
 _RANK = 1e-9
+
+
+def calls() -> dict[str, tuple[str, ...]]:
+    """What --laws may name, and the functions on request that each calls."""
+    return {law: row.calls for law, row in (LAWS | LEARNING).items()} | {OBSERVER: CALLED}
 
 
 def law_files(model: Model, header: Lines) -> dict[str, str]:
@@ -32,17 +39,23 @@ def law_files(model: Model, header: Lines) -> dict[str, str]:
     if not model.laws:
         return {}
     robot, points, frames = model.robot, model.description.points, model.description.frames
-    for law in model.laws:
+    laws = [law for law in model.laws if law != OBSERVER]
+    for law in laws:
         _check(robot, law, frames)
-    functions = model_functions(model)
-    centre = points.index("O2" if "O2" in points else "base")
-    # Without a tip no law moves it.
-    tip = frames.index("tip") if "tip" in frames else 0
-    moves = bool(carried_rotors(robot)) or not functions.layout.carries_wrenches
-    made = law_functions(functions, model.laws, centre, tip, moves)
+    functions, made = model_functions(model), []
+    if laws:
+        centre = points.index("O2" if "O2" in points else "base")
+        # Without a tip no law moves it.
+        tip = frames.index("tip") if "tip" in frames else 0
+        moves = bool(carried_rotors(robot)) or not functions.layout.carries_wrenches
+        made += law_functions(functions, laws, centre, tip, moves)
+    if OBSERVER in model.laws:
+        made += observer_functions(functions)
     programs = (function.program for function in made)
     check_calls(model, programs, f"--laws: {' and '.join(model.laws)} needs")
     words = f"Laws of control of {robot.name}, which call its functions; compile them together."
+    if not laws:
+        words = f"Observers of {robot.name}, which call its functions; compile them together."
     return c_files(functions, f"{robot.name}_laws", words, made, header)
 
 
@@ -52,12 +65,12 @@ def check_laws(laws: str | Sequence[str], targets: Sequence[str]) -> tuple[str, 
     """
     laws = (laws,) if isinstance(laws, str) else laws
     for law in laws:
-        if law not in LAWS:
-            choices = ", ".join(LAWS)
+        if law not in calls():
+            choices = ", ".join(calls())
             raise UsageError(f"--laws {printable(law)}: unknown; known laws: {choices}")
     if laws and "c" not in targets:
         raise UsageError("--laws: laws are written in C, beside the target c; add --target c")
-    return tuple(law for law in LAWS if law in laws)
+    return tuple(law for law in calls() if law in laws)
 
 
 def _rank(matrix: Array) -> int:
@@ -86,7 +99,8 @@ def _check(robot: Robot, law: str, frames: Sequence[str]) -> None:
         axis = np.zeros(3)
         axis[along] = forces[:, np.argmax(np.linalg.norm(forces, axis=0))]
         one_axis = not full and leans(axis / np.linalg.norm(axis), along, about)
-    of_rotors = {name: row for name, row in LAWS.items() if (one_axis if row.leans else full)}
+    every = LAWS | LEARNING
+    of_rotors = {name: row for name, row in every.items() if (one_axis if row.leans else full)}
     joints = len(robot.moving)
     suiting = [
         name
@@ -96,7 +110,10 @@ def _check(robot: Robot, law: str, frames: Sequence[str]) -> None:
     if law in suiting:
         return
     if law in of_rotors:
-        lacks, remedy = LAWS[law].hindrance(joints, "the tip"), f"choose {' or '.join(suiting)}"
+        lacks, remedy = (
+            every[law].hindrance(joints, "the tip"),
+            f"choose {' or '.join(suiting)}",
+        )
         if lacks is None:
             lacks = f"the law moves the frame tip, and the frames are {', '.join(frames)}"
             remedy = 'name the frame that it is to move "tip", as a [[frame]] in the robot file'
@@ -109,7 +126,7 @@ def _check(robot: Robot, law: str, frames: Sequence[str]) -> None:
             "base centre)"
         )
     needed = "the base must be fully actuated"
-    if LAWS[law].leans:
+    if every[law].leans:
         needed = "the rotors must push along one axis and command three moments"
     remedy = f"choose {' or '.join(suiting)}" if suiting else "tilt some thrusts in the robot file"
     raise UsageError(f"--laws {law}: {needed}, but {lacks}; {remedy}")
