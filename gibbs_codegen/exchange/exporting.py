@@ -168,10 +168,7 @@ def with_free_names(source: sources.Source, form: Format) -> tuple[sources.Sourc
                     name=moved[j.child],
                     parent=ends[j.parent],
                     child=named[j.child],
-                    gear=j.gear
-                    and j.gear._replace(
-                        ratios={movers[mover]: x for mover, x in j.gear.ratios.items()}
-                    ),
+                    gear=j.gear and j.gear.renamed(movers),
                 )
                 for j in source.joints
             ),
@@ -248,9 +245,7 @@ def source_of(robot: Robot) -> sources.Source:
                 names[i],
                 centre @ pose if parent == BASE else pose,
                 replace(link, limits=link.drive_limits, passive=passive),
-                gear=sources.SourceGear({labels[j]: x for j, x in gear.ratios.items()}, gear.offset)
-                if gear
-                else None,
+                gear=sources.SourceGear(gear.ratios, gear.offset).renamed(labels) if gear else None,
                 driven=link.moves and not gear,
             )
         )

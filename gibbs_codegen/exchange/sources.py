@@ -95,8 +95,12 @@ class SourceGear(NamedTuple):
     Ratios are by the names of these joints.
     """
 
-    ratios: Mapping[str, float]
+    ratios: Mapping[Any, float]
     offset: float
+
+    def renamed(self, names: Any) -> SourceGear:
+        """The gear with other names of these joints, by those that they have."""
+        return SourceGear({names[x]: ratio for x, ratio in self.ratios.items()}, self.offset)
 
     @property
     def words(self) -> str:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Annotated, Any
 
 import pydantic
@@ -88,9 +88,7 @@ class Gear(Part):
 
     def renumbered(self, number: Callable[[Any], int]) -> Gear:
         """The gear with other names of what moves it."""
-        several = isinstance(self.of, tuple)
-        movers = tuple(map(number, _several(self.of)))
-        return replace(self, of=movers if several else movers[0])
+        return Gear.by({number(x): ratio for x, ratio in self.ratios.items()}, self.offset)
 
     def after(self, gears: Mapping[int, Gear]) -> Gear:
         """The gears as one, of which `gears` move the joints, by numbers, that this one is of."""
