@@ -2,11 +2,11 @@
 
 Robots are drawn by number. Odd ones are trees: arms that branch, rotors and frames anywhere, held
 and welded links, passive joints, half of them with a quaternion. Every other tree stands on a base
-that moves in any way, and has springs and gears, or constraints; `--bases` draws these alone, every
-fiftieth with all functions and derivatives. The others have one arm and N = 2 … 12, n = 0 … 8,
-every other one degenerate. Each is derived, emitted for NumPy (some for C too), and evaluated on a
-few states, all functions against Pinocchio; or it is refused, and then the oracle's null space must
-be the motions that the message names. No tree is degenerate.
+that moves in any way, and has springs and gears, or constraints, or all of them; `--bases` draws
+these alone, every fiftieth with all functions and derivatives. The others have one arm and
+N = 2 … 12, n = 0 … 8, every other one degenerate. Each is derived, emitted for NumPy (some for C
+too), and evaluated on a few states, all functions against Pinocchio; or it is refused, and then the
+oracle's null space must be the motions that the message names. No tree is degenerate.
 A failure is printed with the command that repeats it. Exits 1 where there was one.
 """
 
@@ -23,7 +23,7 @@ import warnings
 from collections import Counter
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from types import ModuleType
 
@@ -32,7 +32,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 from support.comparison import OF_TERMS, errors, of_rounding
 from support.comparison import compare as compare_with_oracle
-from support.constrained import constrained_robot
+from support.constrained import constrained_robot, random_constraint
 from support.degenerate_robots import degenerate_robot
 from support.null_space import SMALLEST, short_names, smallest_eigenvalue, unresisted
 from support.random_robots import motored_robot, on_base, random_motion, random_robot, random_tree
@@ -88,7 +88,10 @@ def soak_robot(seed: int, number: int) -> Robot:
     if is_based(number):
         robot = motored_robot(own) if rng.random() < 0.5 else constrained_robot(own)
         motion = random_motion(rng)
-        return robot if motion == FREE else on_base(robot, motion, own)
+        robot = robot if motion == FREE else on_base(robot, motion, own)
+        if robot.constraints or rng.random() < 0.5:
+            return robot
+        return replace(robot, constraints=(random_constraint(rng, robot, "hold"),))
     if number % 2:
         return random_tree(own)
     make = degenerate_robot if number % 4 else random_robot
