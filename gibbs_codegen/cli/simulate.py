@@ -212,7 +212,8 @@ def reached_limits(flight: Flight) -> str:
     over = np.stack([low - flight.commanded_least, flight.commanded_greatest - high])
     over = np.where(np.isfinite(over), over, -np.inf)
     limits = np.where(np.isfinite(flight.input_limits), np.abs(flight.input_limits), 0.0)
-    share = over / np.maximum(limits.max(axis=0), _ROUND_OFF)
+    scale = limits.max(axis=0)  # Of a joint that nothing drives it is 0.
+    share = over / np.where(scale > 0.0, scale, np.fmax(flight.weight, 1.0))
     least = np.where(low == high, _ROUND_OFF, -_ROUND_OFF)
     reached = np.flatnonzero((share >= least).any(axis=(0, 1)))
     if not len(reached):
@@ -220,7 +221,7 @@ def reached_limits(flight: Flight) -> str:
     side, sample, place = np.unravel_index(int(share.argmax()), share.shape)
     commanded = (flight.commanded_least, flight.commanded_greatest)[side][sample, place]
     numbers = commanded, flight.input_limits[side, place]
-    command, limit = (f"{number:.3g} {flight.input_units[place]}" for number in numbers)
+    command, limit = (f"{number + 0.0:.3g} {flight.input_units[place]}" for number in numbers)
     names = [flight.input_names[k] for k in reached[:_MOST_NAMES]]
     more = f" and {len(reached) - len(names)} more" if len(reached) > len(names) else ""
     past = share[side, sample, place] > _ROUND_OFF and command != limit

@@ -210,7 +210,7 @@ def _processor() -> str:
 
 _log = logging.getLogger("gibbs_codegen")
 # What is compiled, where nothing else is said.
-_FUNCTIONS, FLIGHT = "its functions", "a flight"
+_FUNCTIONS, FLIGHT = "its functions", "its motion"
 # Time to compile a library, s, and each operation in it, on the machine of the waiting times.
 _SECONDS_A_LIBRARY, _SECONDS_AN_OPERATION = 0.3, 4e-4
 _OPERATIONS = re.compile(rb" [-+*/] ")

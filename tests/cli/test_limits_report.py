@@ -61,6 +61,8 @@ def test_of_a_rotor_that_is_held_at_nothing_nothing_is_told(flight: Flight) -> N
         flight, input_limits=limits, commanded_least=least, commanded_greatest=greatest
     )
     assert reached_limits(limited) == ""
+    greatest[6, 1] = 3e-10  # Rounding, beside the weight.
+    assert reached_limits(limited) == ""
     greatest[6, 1] = 3.0
     assert "F_2 was asked for 3 N of 0 N at" in reached_limits(limited)
 
