@@ -197,7 +197,7 @@ constrained = true
 @pytest.mark.parametrize("motion", MOTIONS)
 def test_every_base(motion: str) -> None:
     text, motor = BASED.format(motion), "motor = { rotor_inertia = 1e-3, gear_ratio = 9 }"
-    robot, motored = map(parse_robot, (text, text.replace('"y"', f'"y"\n{motor}')))
+    robot, motored = map(parse_robot, (text, text.replace('axis = "y"', f'axis = "y"\n{motor}')))
     for most_terms in FORMS:
         assert_chains_add_up(motored, most_terms)
         assert_partials_hold(robot, 1, most_terms)
