@@ -124,7 +124,7 @@ def test_options_reach_the_flight(workplace: Path) -> None:
         (["nothing"], "nor is there a module of that name in generated/"),
         (["hexarotor_3link", "--set", "durations=5"], "unknown key; did you mean duration?"),
         (["hexarotor"], "has no arm"),
-        (["hexarotor"], "such as --scenario hover"),
+        (["hexarotor"], "such as --scenario hold"),
     ],
 )
 def test_wrong_use_is_told_and_leaves_nothing(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from types import ModuleType
 from typing import Any
 
@@ -10,7 +11,20 @@ import pytest
 from scipy.special import ellipj, ellipk
 from support.emitted import emitted_module
 
-from gibbs_codegen import UsageError, parse_robot, read_scenario, simulate, trim
+from gibbs_codegen import (
+    UsageError,
+    generate,
+    load,
+    lqr,
+    parse_robot,
+    read_log,
+    read_scenario,
+    simulate,
+    simulate_many,
+    trim,
+    write_log,
+)
+from gibbs_codegen.runtime.predictive import DERIVATIVES
 
 EXACT = {"integration.relative_tolerance": 1e-12, "integration.absolute_tolerance": 1e-13}
 GRAVITY = 9.81
@@ -195,6 +209,45 @@ def test_an_arm_on_the_ceiling_follows_its_path_and_pushes_as_hard_as_asked() ->
         push={"frame": "tip", "force": [0, 3, 0]},
     )
     np.testing.assert_allclose(yielded.tip_error[-1], 0.015, rtol=1e-4)
+
+
+@pytest.mark.slow  # 30 s, most of it derivatives and C
+def test_a_cart_balances_its_pole_by_feedback_and_by_prediction(tmp_path: Path) -> None:
+    wanted = {"derivatives": [*DERIVATIVES], "verify": False}
+    module = load(generate("cart_pole", tmp_path, **wanted), "c")
+    # The weight of an input that there is not keeps it away.
+    gain = lqr(module, trim(module), Q=[10.0, 10.0, 1.0, 1.0], R=[0.1, 1e9]).gain
+    tables = {"arm": {"posture_deg": {"pole": 4}}, "control": {"rate": 500}}
+
+    def feedback(now: Any) -> Any:
+        return [-gain[0] @ np.concatenate([now.q, now.v]), 0.0]
+
+    scenario = {"name": "balance", "duration": 6.0, **tables}
+    flight = simulate(module, scenario, feedback)
+    assert not flight.stopped
+    assert np.abs(flight.q[-1]).max() < 5e-3
+    moves = {"posture_deg": {"pole": 0}, "moves": {"cart": [{"to": 0.3, "duration": 2.0}]}}
+    planned = {"name": "plan", "duration": 6.0, "arm": moves, "control": {"law": "predictive"}}
+    flight = simulate(module, planned)
+    assert not flight.stopped
+    np.testing.assert_allclose(flight.q[-1], [0.3, 0.0], atol=5e-3)
+
+
+@pytest.mark.slow  # 15 s, most of it C
+@pytest.mark.parametrize("robot", ["planar_quadrotor_arm", "ur5e"])
+def test_compiled_and_many_flights_are_those_of_numpy(robot: str, tmp_path: Path) -> None:
+    folder = generate(robot, tmp_path, verify=False)
+    rk4 = {"method": "rk4", "step": 0.005, "rate": 50}
+    scenario = {"name": "moves", "duration": 0.5, "integration": rk4}
+    joint = {"planar_quadrotor_arm": "upper_arm", "ur5e": "elbow_joint"}[robot]
+    scenario["arm"] = {"moves_deg": {joint: [{"to": 30, "duration": 0.5}]}}
+    slow, fast = (simulate(load(folder, backend), scenario) for backend in ("numpy", "c"))
+    np.testing.assert_allclose(fast.q, slow.q, atol=1e-10)
+    np.testing.assert_allclose(fast.applied, slow.applied, atol=1e-7)
+    for flight in simulate_many(load(folder, "c"), [scenario, scenario]):
+        np.testing.assert_allclose(flight.q, slow.q, atol=1e-10)
+    write_log(fast, tmp_path / "log", "csv")
+    np.testing.assert_allclose(read_log(folder, tmp_path / "log").q[-1], fast.q[-1], atol=1e-6)
 
 
 def test_what_a_base_cannot_do_is_refused_in_words() -> None:

@@ -76,7 +76,7 @@ _TRIED_OUT_OF_REACH = 200
 # once, and how far quintics between these may be from their solutions, rad or m.
 _STRIDE, _CLOSE = 8, 1e-3
 # What to do where a scenario asks too much of the arm.
-OTHER_SCENARIO = "choose a scenario without a path of the tip, such as --scenario hover"
+OTHER_SCENARIO = "choose a scenario without a path of the tip, such as --scenario hold"
 
 
 def reach(vehicle: Vehicle, q: Array, target: Array, limits: JointBounds) -> tuple[Array, float]:

@@ -590,7 +590,7 @@ def test_unreachable_points_are_told_with_times_and_distances(hexa: Vehicle, pat
     said = re.fullmatch(
         r"the tip cannot reach its path at (\d+) of (\d+) instants tried, from t = (\S+) s to "
         r"(\S+) s; at t = (\S+) s it stays (\S+) m away; lead the path within the arm's reach, or "
-        r"choose a scenario without a path of the tip, such as --scenario hover",
+        r"choose a scenario without a path of the tip, such as --scenario hold",
         str(error),
     )
     assert said is not None
