@@ -92,6 +92,8 @@ _LONG = 0.05
 # A trace of an input, N or N m; limits that there are not; mean products of price and slack at the
 # begin and the end.
 _TRACE, _NONE, _BARRIER, _TOLERANCE = 1e-6, 1e30, 1e-2, 1e-6
+# An input, N or N m, that costs as much as others do of usual size, where it should not be there.
+_LITTLE = 1e-2
 # Least rate, rad/s or m/s, of which a tenth is where dry friction is predicted smooth about rest.
 _SLOW = 2.0
 # Time constants, s, of what follows no command: of the charge of a battery.
@@ -668,7 +670,8 @@ class Predictive:
             still, u = np.zeros(layout.size), self.hover.u
             sent = [self.vehicle.command_of(self.hover.q, still, x) for x in (u + scale, u)]
             scale = np.abs(sent[0] - sent[1])
-        inputs = scale**-2.0
+        # What has one value is no help beyond the horizon either.
+        inputs = np.where(self._bounds[0] == self._bounds[1], _LITTLE, scale) ** -2.0
         posture, rates = np.zeros(layout.size), np.zeros(layout.size)
         posture[layout.attitude] = tolerances.attitude**-2
         posture[layout.joints] = self._by_joint("joints") ** -2.0
