@@ -52,7 +52,8 @@ DATA = """
     robots/hexarotor_3link.toml robots/hextilt_flying_arm_5.toml robots/hydrus.toml
     robots/LICENSES.txt robots/octorotor_7link.toml robots/panda.toml
     robots/planar_quadrotor_arm.toml robots/quadrotor.toml
-    robots/quadrotor_2link.toml robots/quadrotor_arm_2link.toml robots/ur5e.toml
+    robots/quadrotor_2link.toml robots/quadrotor_arm_2link.toml robots/rover_arm.toml
+    robots/ur5e.toml
     scenarios/circle.toml scenarios/flip.toml scenarios/hover.toml scenarios/inspection.toml
     scenarios/line.toml scenarios/paper.toml scenarios/push.toml
     templates/c_batch.c.jinja templates/c_each.c.jinja templates/c_header.h.jinja

@@ -179,10 +179,11 @@ def test_files_in_toml_are_accepted() -> None:
     pages = [*sorted([*howto, *touching]), *files, "start/autopilot", "start/first-robot"]
     assert pages_with("toml") == ["README.md", *(f"docs/{page}.md" for page in pages)]
     robots = map(parse_robot, blocks("docs/reference/robot-file.md", "toml"))
-    rods, placed, fixed, driven, held, sprung, geared, motored = robots
+    rods, placed, fixed, rolling, driven, held, sprung, geared, motored = robots
     assert (rods.base.rotors, len(rods.links)) == (6, 1)
     assert (len(placed.thrusters), placed.parents, len(placed.frames)) == (4, (0, 1), 1)
     assert fixed.base.motion == "fixed"
+    assert (rolling.kind, rolling.wheels) == ("differential 2", (1, 2))
     assert [drive.command for drive in driven.drives] == ["throttle", "speed"]
     assert [each.kind for each in held.constraints] == ["frame", "distance", "plane", "loop"]
     assert [each.name for each in sprung.springs] == ["balance"]

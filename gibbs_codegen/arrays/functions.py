@@ -61,9 +61,9 @@ class Functions:
 
     @property
     def rotors(self) -> int:
-        """Number of rotors: inputs that no joint has."""
+        """Number of rotors: inputs that no joint and no wheel has."""
         joints = self.layout.v.joints
-        return self.inputs - (joints.stop - joints.start)
+        return self.inputs - (joints.stop - joints.start) - self.layout.q.wheels
 
     def _joint_carriers(self, module: Any) -> list[int] | None:
         """For each joint the number, from 1, of that which carries it, 0 for the base.

@@ -39,19 +39,22 @@ class Space:
     With a quaternion coordinates begin with the base's position (3) and the quaternion (4), and
     displacements with the linear (3) and the angular (3) one, in the base's axes. Of a base that
     stays level they begin with `travels` of its position, and then the yaw, and displacements with
-    as many, along and about its axes. All others are sums of entry and displacement.
+    as many, along and about its axes; with a drive there is none sideways. All others are sums of
+    entry and displacement. Angles of wheels at the end have no displacements of their own.
     """
 
     coordinates: int
     velocities: int
     travels: int = 0
+    has_drive: bool = False
 
     @classmethod
     def of(cls, layout: Layout) -> Space:
         """The space of a robot's coordinates by their layout."""
         level = layout.turns_with_base and not layout.is_quaternion
         travels = range(layout.q.size)[layout.q.position]
-        return cls(layout.q.size, layout.v.size, len(travels) if level else 0)
+        drive = layout.v.size < layout.q.size - layout.q.wheels
+        return cls(layout.q.size, layout.v.size, len(travels) if level else 0, level and drive)
 
     @property
     def is_flat(self) -> bool:
@@ -60,8 +63,8 @@ class Space:
 
     @property
     def has_quaternion(self) -> bool:
-        """True if entries of coordinates and of displacements differ."""
-        return self.coordinates != self.velocities
+        """True if entries of the attitude and of its displacements differ."""
+        return self.coordinates != self.velocities and not self.travels
 
 
 @dataclass(frozen=True)

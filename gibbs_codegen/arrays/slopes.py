@@ -57,6 +57,10 @@ ELEMENTARY_SLOPES: dict[str, Callable[..., Sequence[Value]]] = {
 
 # Functions whose derivative by q has a name of its own.
 _JACOBIANS = {"centre_of_mass": "centre_of_mass_jacobian"}
+_NO_SLOPE = (
+    "a drive, or wheels: functions have derivatives along the velocities, but motions and steps "
+    "have none, since coordinates have more directions"
+)
 # Functions that derivatives of a call are made of, the better ones first.
 _KINDS: tuple[Kind, ...] = ("jacobian", "jvp")
 
@@ -75,6 +79,8 @@ def call_slopes(call: Call, x: Node, places: Sequence[int]) -> dict[int, Node]:
     """
     row = FUNCTIONS[call.name]
     value = row.outputs[call.output]
+    if value.is_coordinates and call.functions.space.has_drive:
+        raise UsageError(_NO_SLOPE)
     if row.kind == "vjp" and derivative(row.derivative_of, "hessian"):
         return _second_slopes(call, x, places)
     if row.kind == "jacobian" and not value.by:
@@ -168,6 +174,8 @@ def _split(whole: Node, names: Sequence[str], sizes: Sequence[int]) -> dict[str,
 
 def _commutator(gradient: Node, space: Space) -> Node:
     """Half the commutator of displacements (nv, nv), the second in columns, along a gradient."""
+    if space.has_drive:  # The gradient sideways, which is zero of dynamics on level ground.
+        return zeros(gradient.size, gradient.size)
     if space.travels:
         yaw, (by_x, by_y) = space.travels, np.zeros((2, gradient.size, gradient.size))
         by_x[yaw, 1] = by_y[0, yaw] = 0.5
@@ -196,6 +204,8 @@ def entries_slope(entries: Node, space: Space) -> Node | None:
 
 def _level(entries: Node, space: Space, side: float) -> Node:
     """Rotation of the position of a level base by its yaw, back if `side` is -1; (nv, nv)."""
+    if space.coordinates != space.velocities:
+        raise UsageError(_NO_SLOPE)
     yaw, rest = entries[space.travels], np.eye(space.velocities)
     rest[:2, :2], turned = 0.0, np.zeros_like(rest)
     turned[:2, :2] = ((0.0, -side), (side, 0.0))

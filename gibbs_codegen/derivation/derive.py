@@ -45,6 +45,8 @@ def derive(
         UsageError: For one whose numbers overflow, and for an unknown name among both.
     """
     chosen = chosen_functions(functions, derivatives)
+    if robot.base.drive:  # In a step it moves in directions that it has no velocities in.
+        chosen = tuple(x for x in chosen if not x.startswith("step_") or not FUNCTIONS[x].kind)
     tape = Tape()
     symbolic = SymbolicRobot.of(robot, tape, keep_zeros)
     regularity.check_massless_motions(robot, symbolic.parameters.defaults)

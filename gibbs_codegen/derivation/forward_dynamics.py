@@ -62,7 +62,7 @@ def shorter_dynamics(
 
     It takes fewer with other wrenches too.
     """
-    if symbolic.robot.is_geared:  # Gears lead from one branch to another.
+    if not symbolic.robot.is_recursive:
         return factorised_dynamics, factorised_dynamics(symbolic)
     articulated = articulated_dynamics(symbolic)
     most = operations(imported, articulated)

@@ -49,7 +49,7 @@ def _by(name: str, argument: str) -> Callable[[ConstrainedSystems], systems.Arra
 
     if implicit is None:
         return passed_over
-    return lambda s: passed_over(s) if s.symbolic.robot.is_geared else implicit(s, argument)
+    return lambda s: implicit(s, argument) if s.symbolic.robot.is_recursive else passed_over(s)
 
 
 def _by_parameters(name: str) -> Callable[[ConstrainedSystems], systems.Array]:

@@ -51,7 +51,8 @@ class LinkSymbols:
     By Denavit–Hartenberg `a` (by default the length of the link before) and `d` place it, otherwise
     `position`. With `geared`, gear ratio N times inertia J of a motor's rotor, what that does as it
     turns with N q̇ in what carries the joint, ½ J N² q̇² + J N q̇ ω·axis, is what J N does as inertia
-    about the axis of the link, −J N of the carrier, and J N (N − 1) as armature.
+    about the axis of the link, −J N of the carrier, and J N (N − 1) as armature. `radius` is that
+    of a wheel.
     """
 
     a: sp.Expr
@@ -60,6 +61,7 @@ class LinkSymbols:
     body: BodySymbols
     passive: PassiveSymbols
     geared: sp.Expr = sp.S.Zero
+    radius: sp.Expr = sp.S.Zero
 
 
 NOT_PASSIVE = PassiveSymbols(*(sp.S.Zero,) * 4)
@@ -161,7 +163,8 @@ class Parameters:
                 reflected = self._tape.let(geared * self._tape.let(motor["gear_ratio"] - 1))
                 armature = self._tape.let(passive.armature + reflected)
             passive = replace(passive, armature=armature)
-        return LinkSymbols(**step, position=position, body=body, passive=passive, geared=geared)
+        more = self._symbols(link.rolling, prefix) if link.rolling else {"geared": geared}
+        return LinkSymbols(**step, **more, position=position, body=body, passive=passive)
 
     def _tie(self, tie: Tie) -> dict[str, Any]:
         """Symbols of a tie; an anchor in the world may be anywhere at any time."""
@@ -198,6 +201,8 @@ class Parameters:
         computed exactly and added (Dekker's sum of two numbers).
         """
         tape = self._tape
+        if second == whole:  # Moments of a disc.
+            return tape.let(times(sp.S.Half, first))
         difference = tape.less(first, whole)
         rounding = tape.less(first, tape.let(plus(difference, whole)))
         excess = tape.let(plus(tape.let(plus(difference, second)), rounding))

@@ -22,15 +22,16 @@ from gibbs_codegen.robot.layout import Places, coordinate_places
 from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.robot.parts.base import FIXED
 from gibbs_codegen.robot.parts.gear import Gear
-from gibbs_codegen.robot.parts.numbers import BASE
+from gibbs_codegen.robot.parts.numbers import BASE, NO_ANGLE
 from gibbs_codegen.symbolic.numbers import DIGITS
-from gibbs_codegen.symbolic.tape import InlineTape, Scalars, Stage, Values, Vector
+from gibbs_codegen.symbolic.tape import InlineTape, Scalars, Stage, Values, Vector, times
 from gibbs_codegen.symbolic.vectors import (
     NO_ROTATION,
     ZERO,
     Matrix,
     Rotation,
     axis_vector,
+    cos_sin_deg,
     gather,
     identity,
     minus,
@@ -132,17 +133,39 @@ class SymbolicRobot:
 
     @property
     def coordinate_places(self) -> Places:
-        """Places of the base and the joints in q."""
+        """Places of the base, the joints and the wheels in q."""
         kind = FIXED if self.robot.base.virtual_joints else self.description.layout.attitude
         return replace(coordinate_places(kind, self.joints), nothing=sp.S.Zero)
 
     @cached_property
-    def _gearing(self) -> tuple[Matrix, list[sp.Expr]]:
-        """G and offsets: all joints are G times those that have coordinates, and offsets."""
-        gears = [Gear(of=i, ratio=1.0) for i in self.jointed if i < BASE]
-        gears += self.robot.gearing.values()
-        ratios = [[_number(gear.ratios.get(i, 0.0)) for i in self.jointed] for gear in gears]
-        return ratios, [_number(gear.offset) for gear in gears]
+    def _gearing(self) -> tuple[Matrix, Matrix, list[sp.Expr]]:
+        """G, S and offsets: all joints are G times those that have coordinates, and offsets.
+
+        Rates of wheels, which come last, are S times the velocities of the base, attitude first.
+        """
+        gears = {i: Gear(of=i, ratio=1.0) for i in self.jointed if i < BASE}
+        gears |= self.robot.gearing
+        every = gears.values()
+        ratios = [[_number(gear.ratios.get(i, 0.0)) for i in self.jointed] for gear in every]
+        shares = [self._rolled(i) for i in gears]
+        return ratios, shares, [_number(gear.offset) for gear in every]
+
+    def _rolled(self, i: int) -> list[sp.Expr]:
+        """The rate of link i by the velocities of the base, attitude first: of a wheel.
+
+        Where it touches the ground it does not slip along its x axis, which is ahead.
+        """
+        link, tape = self.parameters.links[i], self.tape
+        if i not in self.robot.wheels:
+            return [sp.S.Zero] * 6
+        pose = self.robot.links[i - 1].pose
+        cos, sin = cos_sin_deg(pose.rpy_deg[2] if pose else NO_ANGLE)
+        with tape.group("rates of wheels by the velocities of the base", Stage.PARAMETER):
+            x, y, _ = link.position
+            lightness = tape.let(1 / link.radius)
+            turning = tape.let(sin * x - cos * y)
+            shares = [tape.let(times(lightness, share)) for share in (turning, cos, sin)]
+        return [*ZERO[:2], *shares, sp.S.Zero]
 
     @cached_property
     def ungeared(self) -> SymbolicRobot:
@@ -151,26 +174,29 @@ class SymbolicRobot:
         Inputs of geared joints are zero. All derivations take this one, and `folded` takes their
         results back.
         """
-        robot, (ratios, offsets) = self.robot, self._gearing
+        robot, (ratios, _, offsets) = self.robot, self._gearing
         if not robot.is_geared:
             return self
         tree = replace(self, description=Description(robot.ungeared))
 
         def spread(values: Values, old: Places, new: Places, shifts: Values) -> tuple[sp.Expr, ...]:
             base, joints = old.split(values)
-            rows = zip(ratios, shifts, strict=True)
             with self.tape.group("joints that gears move"):
-                moved = [self.tape.sum_of_products(row, joints, shift) for row, shift in rows]
+                moved = [
+                    self.tape.sum_of_products(row, joints, shift)
+                    for row, shift in zip(ratios, shifts, strict=True)
+                ]
             return tuple(new.joined(base, moved))
 
-        efforts = dict(zip(robot.moving, self.u[robot.rotors :], strict=True))
+        angles = self.q[self.coordinate_places.angles]
+        begun = [*offsets[: len(offsets) - len(angles)], *angles]
+        efforts = dict(zip(robot.driven, self.u[robot.rotors :], strict=True))
         driven = (efforts.get(i, sp.S.Zero) for i in robot.gearing)
-        still = [sp.S.Zero] * len(offsets)
         return replace(
             tree,
-            q=spread(self.q, self.coordinate_places, tree.coordinate_places, offsets),
-            v=spread(self.v, self.places, tree.places, still),
-            a=spread(self.a, self.places, tree.places, still),
+            q=spread(self.q, self.coordinate_places, tree.coordinate_places, begun),
+            v=spread(self.v, self.places, tree.places, self._turned(self.v)[0]),
+            a=spread(self.a, self.places, tree.places, self._turned(self.a)[0]),
             u=(*self.u[: robot.rotors], *driven),
             v_r=spread(self.v_r, self.places, tree.places, still),
             a_r=spread(self.a_r, self.places, tree.places, still),
@@ -183,6 +209,9 @@ class SymbolicRobot:
         if isinstance(values[0], list | tuple):
             return [self.folded(row) for row in values]
         base, joints = self.ungeared.places.split(values)
+        columns = zip(*self._gearing[1], base, strict=False)
+        with self.tape.group("forces on wheels, on the base that turns them"):
+            base = [self.tape.sum_of_products(x[:-1], joints, x[-1]) for x in columns]
         return self.places.joined(base, self.folded_joints(joints))
 
     def folded_matrix(self, matrix: Matrix) -> Matrix:
@@ -240,7 +269,14 @@ class SymbolicRobot:
         rates, joints = self.places.split(velocities)
         with self.tape.group("rates of attitude and position"):
             moved = self.root.coordinate_rates(self.tape, base, rates)
-        return places.joined(moved, joints)
+        return places.joined(moved, [*joints, *self._turned(velocities)[-1]])
+
+    def _turned(self, velocities: Values) -> tuple[list[sp.Expr], list[sp.Expr]]:
+        """Rates of all joints and of the wheels among them at some velocities, by the ground."""
+        base, _ = self.places.split(velocities)
+        with self.tape.group("rates of the wheels"):
+            rates = [self.tape.sum_of_products(share, base) for share in self._gearing[1]]
+        return rates, rates[len(rates) - len(self.robot.wheels) :]
 
     def integrated(self) -> list[sp.Expr]:
         """Coordinates after the displacement v: q ⊕ v."""
@@ -250,6 +286,7 @@ class SymbolicRobot:
         with self.tape.group("attitude and position after the displacement"):
             moved = self.root.integrated(self.tape, base, step)
         with self.tape.group("joints after the displacement"):
+            turns, joints = [*turns, *self._turned(self.v)[-1]], [*joints, *self.q[places.angles]]
             turned = [self.tape.let(q + v) for q, v in zip(joints, turns, strict=True)]
         return places.joined(moved, turned)
 

@@ -214,7 +214,7 @@ class Systems:
     @cached_property
     def constraints(self) -> ConstraintEquations:
         """The constraints of frames."""
-        if self.symbolic.robot.is_geared:
+        if not self.symbolic.robot.is_recursive:
             return GearedConstraintEquations(self.tree, self.symbolic, self.reduced)
         return ConstraintEquations(self.symbolic)
 
@@ -244,14 +244,14 @@ class Systems:
     @cached_property
     def forward_derivatives(self) -> ForwardDynamicsDerivatives:
         """Accelerations of M a = R + B u with their derivatives by q, v and u, in one pass."""
-        if self.symbolic.robot.is_geared:
+        if not self.symbolic.robot.is_recursive:
             return self._differentiated(self.dynamics[1])
         return forward_dynamics_derivatives(self.symbolic)
 
     @cached_property
     def loaded_derivatives(self) -> LoadedDynamicsDerivatives:
         """Accelerations under wrenches on the frames, with their derivatives by q, v, u and W."""
-        if self.symbolic.robot.is_geared:
+        if not self.symbolic.robot.is_recursive:
             return self._differentiated(self.loaded_dynamics)
         return loaded_dynamics_derivatives(self.symbolic)
 

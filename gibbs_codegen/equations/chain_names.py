@@ -54,7 +54,7 @@ def hybrid_names(robot: Robot) -> dict[str, Name]:
         names[angle.name] = hybrid_name(f"theta_{arm}", angle.meaning)
         names[torque.name] = hybrid_name(f"tau_prime_{arm}", torque.meaning)
     drives = [f"F_{k}" for k in range(1, robot.rotors + 1)]
-    drives += [f"tau_{robot.rotors + i}" for i in robot.moving]
+    drives += [f"tau_{robot.rotors + i}" for i in robot.driven]
     for entry, drive in zip(acting, drives, strict=True):
         names[entry.name] = hybrid_name(drive, entry.meaning)
     return names

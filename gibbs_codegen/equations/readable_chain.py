@@ -91,7 +91,8 @@ class ReadableChain:
 def check_chain(robot: Robot, number: int) -> None:
     """Raise `UsageError` if a robot has no chain of a number, or springs that lead to others."""
     if robot.springs or robot.is_geared:
-        what = "springs between frames" if robot.springs else "gears"
+        by_gears = "wheels that turn" if robot.wheels else "gears"
+        what = "springs between frames" if robot.springs else by_gears
         raise UsageError(f"{robot.name}: no chain can be shown with {what}")
     chains = len(decompose(robot))
     if not 1 <= number <= chains:

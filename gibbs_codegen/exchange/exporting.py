@@ -82,6 +82,8 @@ def export_robot(robot: Robot, form: Format) -> tuple[str, list[str]]:
             missing.append(f"{kind}: {', '.join(lost)}")
     if robot.battery:
         missing.append("the battery")
+    if robot.base.drive or robot.wheels:
+        missing.append("that wheels roll, and that no base with a drive slips sideways")
     if any(rotor.spin_inertia for rotor in robot.thrusters):
         missing.append("spin inertias of rotors")
     slow = [rotor.name for rotor in source.rotors if rotor.time_constant]

@@ -73,6 +73,7 @@ from gibbs_codegen.flight.scenario.paths import check_path
 from gibbs_codegen.flight.scenario.scenario import Scenario
 from gibbs_codegen.interface import FUNCTIONS
 from gibbs_codegen.machine.laws import LAWS
+from gibbs_codegen.robot.layout import check_no_wheels
 from gibbs_codegen.runtime.c_library import CompilerError, ModuleLibrary, chosen_compiler
 from gibbs_codegen.runtime.cache import CacheError
 from gibbs_codegen.runtime.load import load
@@ -234,6 +235,7 @@ def uncontrolled(scenario: Scenario) -> Scenario:
 
 def check_scenario(robot: RobotData, scenario: Scenario) -> None:
     """Raise `UsageError` with all that a robot cannot fly, as far as its constants show."""
+    check_no_wheels(robot.name, robot.attitude, "flights are")
     paths = {"the path of the base": scenario.base} if scenario.base else {}
     for name, path in scenario.arm.paths.items():
         paths[f"the path of {'the tip' if name == 'tip' else name}"] = path

@@ -22,6 +22,7 @@ from gibbs_codegen.arrays.nodes import (
     ordered,
     total,
     variable,
+    zeros,
 )
 from gibbs_codegen.machine.battery import discharge
 from gibbs_codegen.machine.motor import Motor
@@ -60,6 +61,8 @@ class Drives:
                 for name, part in (("servo", link.servo), ("friction", link.friction))
             )
             self._parts["link", i] = DrivenJoint(motion[0], motion[1], servo, friction)
+        for i in robot.wheels:  # Commanded their torques.
+            self._parts["link", i] = DrivenJoint(zeros(), zeros(), {}, {})
         self._battery: dict[str, Any] = {}
         if robot.battery is not None:  # Its voltages are the last of the parameters.
             entries = changed_numbers(robot.battery, "battery", lambda entry: entry)

@@ -74,6 +74,17 @@ class RobotFile:
         """
         return self._with_one_more("link", keys)
 
+    def wheel(self, **keys: Any) -> RobotFile:
+        """Add a `[[wheel]]`.
+
+        Args:
+            keys: Keys of the table.
+
+        Returns:
+            The file with it.
+        """
+        return self._with_one_more("wheel", keys)
+
     def frame(self, **keys: Any) -> RobotFile:
         """Add a `[[frame]]`.
 
@@ -172,7 +183,10 @@ class RobotFile:
         return file
 
 
-_SINGLE, _TABLES = ("base", "battery"), ("rotor", "link", "frame", *(kind.array for kind in TIES))
+_SINGLE, _TABLES = (
+    ("base", "battery"),
+    ("rotor", "link", "wheel", "frame", *(kind.array for kind in TIES)),
+)
 
 
 def _present(keys: Mapping[str, Any]) -> dict[str, Any]:

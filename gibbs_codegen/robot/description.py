@@ -100,7 +100,7 @@ class Description:
         position = [f"world {axis} of {_ORIGINS[self.robot.base.origin]}" for axis in travels]
         if not layout.moves_freely:  # Where it is with its pose differs.
             position = [f"travel of the base along the world's {axis}" for axis in travels]
-        units = layout.q.units[layout.q.joints]
+        units = (*layout.q.units[layout.q.joints], *layout.q.units[layout.q.angles])
         what = ["travel" if unit == "m" else "angle" for unit in units]
         return self._entries(layout.q, [*attitude, *position], what)
 
@@ -124,8 +124,8 @@ class Description:
 
         `joints` say what the entry of each is of it.
         """
-        labels = (joint_label(self.robot, i) for i in self.robot.moving)
-        of_joints = [f"{what} of {label}" for what, label in zip(joints, labels, strict=True)]
+        labels = (joint_label(self.robot, i) for i in self.robot.driven)
+        of_joints = [f"{what} of {label}" for what, label in zip(joints, labels, strict=False)]
         meanings = entries.joined(base, of_joints)
         return tuple(map(Coordinate, entries.names, entries.units, meanings))
 
@@ -151,12 +151,15 @@ class Description:
 
     @cached_property
     def inputs(self) -> tuple[Coordinate, ...]:
-        """Entries of u: N thrusts, then n torques of joints that move (forces where prismatic)."""
+        """Entries of u: N thrusts, then n torques of joints that move (forces where prismatic).
+
+        Torques of wheels come last.
+        """
         robot, inputs = self.robot, []
         for k in range(1, robot.rotors + 1):
             label = rotor_identifier(robot, k)
             inputs.append(Coordinate(f"F_{label}", "N", f"thrust of motor {label}"))
-        for i in robot.moving:
+        for i in robot.driven:
             link, name = robot.links[i - 1], coordinate_of(robot, i)
             unit = joint_terms(robot, i).effort_unit
             kind = "force" if unit == "N" else "torque"
@@ -177,7 +180,7 @@ class Description:
             )
             name = entry.name if unit == "N" else f"{what}_{label}"
             commands.append(Coordinate(name, unit, f"{what} of motor {label}"))
-        for entry, i in zip(self.inputs[robot.rotors :], robot.moving, strict=True):
+        for entry, i in zip(self.inputs[robot.rotors :], robot.driven, strict=True):
             if (servo := robot.links[i - 1].servo) is None:
                 commands.append(entry)
                 continue
@@ -327,7 +330,7 @@ class Description:
     def local_names(self) -> dict[str, tuple[str, ...]]:
         """Names of the entries of all arguments, by the names of `interface.ARGUMENTS`."""
         robot, layout = self.robot, self.layout
-        links = {coordinate_of(robot, i): robot.links[i - 1] for i in robot.moving}
+        links = {coordinate_of(robot, i): robot.links[i - 1] for i in robot.driven}
         labelled = {name for name, link in links.items() if link.coordinate or link.name}
         names = {}
         for argument in ("q", "q0", "q1", "v", "a", "w", "q_dot", "v_dot", "a_dot", "v_r", "a_r"):
@@ -368,7 +371,8 @@ class Description:
         file says something of, by their names, and None is no limit.
         """
         robot, layout = self.robot, self.layout
-        joints = dict(zip(layout.q.names[layout.q.joints], robot.moving, strict=True))
+        driven = (*layout.q.names[layout.q.joints], *layout.q.names[layout.q.angles])
+        joints = dict(zip(driven, robot.driven, strict=True))
         limits = {name: robot.links[i - 1].limits for name, i in joints.items()}
         inputs = [entry.name for entry in self.inputs]
         rotors = dict(zip(inputs, robot.thrusters, strict=False))
@@ -411,7 +415,7 @@ class Description:
         """Units and limits of commands, and times in which actuators follow them."""
         robot = self.robot
         names = [entry.name for entry in self.commands]
-        joints = [robot.links[i - 1] for i in robot.moving]
+        joints = [robot.links[i - 1] for i in robot.driven]
         drives = dict(zip(names, robot.drives, strict=False))
         limits: dict[str, Bounds] = {n: d.limits for n, d in drives.items() if d.limits}
         times = {name: (drive.up, drive.down) for name, drive in drives.items() if drive.lags}
@@ -433,7 +437,7 @@ class Description:
                     ending: f"{parameter_prefix(robot, i)}_{ending}"
                     for ending in _numbers_of_drive(link)
                 }
-                for i, link in zip(robot.moving, joints, strict=True)
+                for i, link in zip(robot.driven, joints, strict=True)
                 if link.servo or link.friction
             },
             "ROTOR_AIR": {

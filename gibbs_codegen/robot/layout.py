@@ -7,7 +7,9 @@ places of v. A prismatic joint's coordinate is a travel and is called d instead 
 
 A base that does not move freely has fewer entries, all before the joints'. One that stays level has
 x, y, the height z and the yaw in q, as many as move, and velocities along and about its own axes in
-v. One whose motion is a list has what is in it, in that order, and v holds the rates.
+v. One whose motion is a list has what is in it, in that order, and v holds the rates. With a drive
+it has fewer velocities, and each wheel that turns has an angle at the end of q: of these angles,
+whose rates are known by the velocities, v has none.
 
 Hybrid unknowns are the accelerations, in the order of v, with those of the constrained angles
 θ₂ … θ_N before the joints', and the constraint torques τ'₂ … τ'_N at the end (section 7 of the
@@ -17,13 +19,13 @@ method).
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple, TypeVar
 
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.robot.names import coordinate_of
-from gibbs_codegen.robot.parts.base import LEVEL_MOTIONS, TRAVELS, TURNS
+from gibbs_codegen.robot.parts.base import DRIVES, LEVEL_KINDS, TRAVELS, TURNS
 from gibbs_codegen.robot.parts.frame import Frame
 from gibbs_codegen.robot.parts.link import JointKind
 from gibbs_codegen.robot.parts.pose import Pose
@@ -57,11 +59,24 @@ def check_free_base(name: str, kind: str, what: str) -> None:
 
     `kind` is a module's ATTITUDE.
     """
-    if kind in LEVEL_MOTIONS or _moving(kind):
-        motion = str(kind.split()) if _moving(kind) else repr(kind)
+    if (level := _level(kind)) or _moving(kind):
+        motion = repr(level) if level else str(kind.split())
+        key = "drive" if level in DRIVES else "motion"
         raise UsageError(
-            f"{name}: base.motion is {motion}; {what} for bases that move freely only (base.motion "
+            f"{name}: base.{key} is {motion}; {what} for bases that move freely only (base.motion "
             '= "free"); functions of the module, rollout, linearise, lqr and verify take any base'
+        )
+
+
+def check_no_wheels(name: str, kind: str, what: str) -> None:
+    """Raise `UsageError` where `what` takes no robots on wheels or with a drive, and one is such.
+
+    `kind` is a module's ATTITUDE.
+    """
+    if _level(kind) in DRIVES or coordinate_places(kind, 0).wheels:
+        raise UsageError(
+            f"{name}: {what} not for robots with wheels that turn, or with base.drive; functions "
+            "of the module, rollout, linearise, lqr and verify take them"
         )
 
 
@@ -71,7 +86,8 @@ class Places:
 
     The base's own entries, taken by themselves, are those of attitude and then of position; in v
     the angular and then the linear velocity. `missing` are those, of six, that a level base does
-    not have; taken by themselves its values have `nothing` there.
+    not have; taken by themselves its values have `nothing` there. At the end of q are the angles of
+    `wheels`, which belong to neither.
     """
 
     attitude: slice
@@ -79,11 +95,17 @@ class Places:
     position: slice
     missing: tuple[int, ...] = ()
     nothing: Any = 0.0
+    wheels: int = 0
 
     @property
     def size(self) -> int:
         """Number of all entries."""
-        return max(self.attitude.stop, self.joints.stop, self.position.stop)
+        return max(self.attitude.stop, self.joints.stop, self.position.stop) + self.wheels
+
+    @property
+    def angles(self) -> slice:
+        """The places of the wheels' angles."""
+        return slice(self.size - self.wheels, self.size)
 
     @property
     def base(self) -> list[int]:
@@ -108,9 +130,10 @@ class Places:
         return [value for place, value in enumerate(base) if place not in self.missing]
 
     def joined(self, base: Sequence[Entry], joints: Sequence[Entry]) -> list[Entry]:
-        """Values of the base, attitude first, and of the joints in the order of the entries."""
+        """Values of the base, attitude first, and of joints and wheels in order of the entries."""
         values = dict(zip(self.base, self.kept(base), strict=True))
-        values |= zip(self.joint_places, joints, strict=True)
+        places = [*self.joint_places, *range(self.size)[self.angles]]
+        values |= zip(places, joints, strict=True)
         return [values[place] for place in range(self.size)]
 
 
@@ -136,6 +159,7 @@ class StateEntries(Places):
             places.position,
             places.missing,
             places.nothing,
+            places.wheels,
             tuple(places.joined(base_names, names)),
             tuple(places.joined(base_units, units)),
         )
@@ -146,7 +170,8 @@ class Layout:
     """The entries of q, and those of v and a, of one robot.
 
     `attitude` is "quaternion" or the sequence of the Tait–Bryan angles or, where a base does not
-    move freely, its motion: a name, or what moves with blanks between. `constrained` are the places
+    move freely, its motion: a name, or what moves with blanks between; with a drive the name of
+    that; and then the number of wheels that turn, if there are any. `constrained` are the places
     of the constrained angles θ₂ … θ_N among the hybrid unknowns, and its start is the place in v
     that they are put in at.
     """
@@ -160,20 +185,24 @@ class Layout:
     def of(
         cls, attitude: str, names: Sequence[str], units: Sequence[str], constrained: int
     ) -> Layout:
-        """Layout of a base with joints of such names and units, and N − 1 constrained angles."""
+        """Layout of a base with joints of such names and units, and N − 1 constrained angles.
+
+        Angles of wheels come after the joints.
+        """
         pose: Sequence[str] = _ANGLES
         twist: Sequence[str] = [f"{entry}/s" for entry in _ANGLES]
         if attitude == QUATERNION:
             pose, twist = _POSE, _TWIST
-        elif attitude in LEVEL_MOTIONS:
+        elif _level(attitude):
             pose, twist = _LEVEL, _TWIST
         elif moving := _moving(attitude):
             turning = [f"{part} rad" for part in moving if part in TURNS]
             pose = [*turning, *(f"{part} m" for part in moving if part in TRAVELS)]
             twist = [f"{entry}/s" for entry in pose]
-        joints, rates = len(names), [f"{unit}/s" for unit in units]
+        joints = len(names) - coordinate_places(attitude, 0).wheels
+        rates = [f"{unit}/s" for unit in units[:joints]]
         q = StateEntries.of(coordinate_places(attitude, joints), pose, names, units)
-        v = StateEntries.of(velocity_places(attitude, joints), twist, names, rates)
+        v = StateEntries.of(velocity_places(attitude, joints), twist, names[:joints], rates)
         first = v.joints.start
         return cls(attitude, q, v, slice(first, first + constrained))
 
@@ -188,6 +217,7 @@ class Layout:
         """
         of_base = coordinate_places(attitude, 0)
         joints = coordinate_places(attitude, max(len(names) - of_base.size, 0)).joints
+        joints = slice(joints.start, joints.stop + of_base.wheels)  # These follow the joints.
         layout = cls.of(attitude, names[joints], units[joints], constrained)
         if layout.q.names != tuple(names):
             base = ", ".join(cls.of(attitude, (), (), 0).q.names)
@@ -214,12 +244,12 @@ class Layout:
     @property
     def moves_freely(self) -> bool:
         """True if the base has any position and attitude."""
-        return not (self.attitude in LEVEL_MOTIONS or _moving(self.attitude))
+        return not (_level(self.attitude) or _moving(self.attitude))
 
     @property
     def turns_with_base(self) -> bool:
         """True if velocities of the base are along and about its own axes, not rates."""
-        return self.is_quaternion or "yaw" in LEVEL_MOTIONS.get(self.attitude, ())
+        return self.is_quaternion or "yaw" in LEVEL_KINDS.get(_level(self.attitude), ())
 
     @property
     def is_quaternion(self) -> bool:
@@ -250,15 +280,27 @@ class Layout:
         return 3 if self.moves_freely else len(self.q.base)
 
     @property
+    def displaced(self) -> StateEntries:
+        """Places of all directions in which it may be displaced: with a drive sideways too."""
+        return self.v if self.moves_freely else replace(self.q, wheels=0)
+
+    @property
+    def paired(self) -> list[int]:
+        """For each entry of v its place among displacements."""
+        every = range(self.displaced.size)
+        return [place for place in every if len(every) == self.v.size or place != _SIDEWAYS]
+
+    @property
     def neutral(self) -> list[float]:
         """Coordinates of zero, the base level: of a quaternion qw is 1."""
         return [float(name == "qw") for name in self.q.names]
 
     @property
     def effort_units(self) -> tuple[str, ...]:
-        """Units of what drives the joints: N m of a torque, N of a force."""
+        """Units of what drives joints and wheels: N m of a torque, N of a force."""
         by_unit = {terms.unit: terms.effort_unit for terms in JOINT_TERMS.values()}
-        return tuple(by_unit[unit] for unit in self.q.units[self.q.joints])
+        units = (*self.q.units[self.q.joints], *self.q.units[self.q.angles])
+        return tuple(by_unit[unit] for unit in units)
 
     @property
     def free(self) -> list[int]:
@@ -267,6 +309,8 @@ class Layout:
         return [*range(first), *range(after, after + self.v.size - first)]
 
 
+# Of a planar base, the place of its displacement along its y axis.
+_SIDEWAYS = 1
 _ANGLES = ("theta_m1 rad", "theta_0 rad", "theta_1 rad", "x m", "y m", "z m")
 _POSE = ("qx 1", "qy 1", "qz 1", "qw 1", "x m", "y m", "z m")
 _LEVEL = ("roll rad", "pitch rad", "yaw rad", "x m", "y m", "z m")
@@ -282,10 +326,18 @@ def _moving(attitude: str) -> list[str]:
     return parts if {*parts} <= {*TRAVELS, *TURNS} else []
 
 
+def _level(attitude: str) -> str:
+    """The motion, or the drive, of a base that stays level, else nothing."""
+    name = attitude.partition(" ")[0]
+    return name if name in LEVEL_KINDS else ""
+
+
 def coordinate_places(attitude: str, joints: int) -> Places:
     """Places of the entries of q; `attitude` is as of `Layout`."""
     if attitude == QUATERNION:
         return Places(slice(3, 7), slice(7, 7 + joints), slice(0, 3))
+    if level := _level(attitude):
+        return _level_places(LEVEL_KINDS[level], joints, int(attitude.partition(" ")[2] or 0))
     return velocity_places(attitude, joints)
 
 
@@ -293,23 +345,29 @@ def velocity_places(attitude: str, joints: int) -> Places:
     """Places of the entries of v and a; `attitude` is as of `coordinate_places`."""
     if attitude == QUATERNION:
         return Places(slice(3, 6), slice(6, 6 + joints), slice(0, 3))
-    moving = LEVEL_MOTIONS.get(attitude) or _moving(attitude)
-    if moving or attitude in LEVEL_MOTIONS:
-        travels, size = sum(part in TRAVELS for part in moving), len(moving)
-        six = enumerate((*TURNS, *TRAVELS)) if attitude in LEVEL_MOTIONS else ()
-        missing = tuple(place for place, part in six if part not in moving)
-        joined = slice(size, size + joints)
-        return Places(slice(travels, size), joined, slice(0, travels), missing)
+    if level := _level(attitude):
+        return _level_places(DRIVES.get(level) or LEVEL_KINDS[level], joints)
+    if moving := _moving(attitude):
+        return replace(_level_places(moving, joints), missing=())
     end = 3 + joints
     return Places(slice(0, 3), slice(3, end), slice(end, end + 3))
+
+
+def _level_places(moving: Sequence[str], joints: int, wheels: int = 0) -> Places:
+    """Places of what moves, translations first, before the joints."""
+    travels, size = sum(part in TRAVELS for part in moving), len(moving)
+    six = enumerate((*TURNS, *TRAVELS))
+    missing = tuple(place for place, part in six if part not in moving)
+    joined = slice(size, size + joints)
+    return Places(slice(travels, size), joined, slice(0, travels), missing, wheels=wheels)
 
 
 def layout_of(robot: Robot) -> Layout:
     """Layout of the coordinates of a robot."""
     return Layout.of(
-        robot.base.kind,
-        [coordinate_of(robot, i) for i in robot.moving],
-        [joint_terms(robot, i).unit for i in robot.moving],
+        robot.kind,
+        [coordinate_of(robot, i) for i in robot.driven],
+        [joint_terms(robot, i).unit for i in robot.driven],
         max(robot.base.rotors - 1, 0) + len(robot.constrained),
     )
 

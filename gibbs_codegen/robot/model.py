@@ -73,36 +73,65 @@ class Robot(Ties):
     def gearing(self) -> dict[int, Gear]:
         """For each link whose joint moves, in order, the gear from the coordinates that move it.
 
-        Gears of gears are one; of a joint with a coordinate it is of the link itself.
+        Gears of gears are one; of a joint with a coordinate it is of the link itself, and of a
+        wheel of the base, from its speed ahead.
         """
 
         def whole(i: int) -> Gear:
-            gear = self.links[i - 1].gear
+            gear, rolling = self.links[i - 1].gear, self.links[i - 1].rolling
+            if rolling:
+                return Gear(of=BASE, ratio=1.0 / rolling.radius)
             return gear.after({j: whole(j) for j in gear.ratios}) if gear else Gear(of=i, ratio=1.0)
 
         return {i: whole(i) for i, link in enumerate(self.links, start=1) if link.moves}
 
     @cached_property
+    def wheels(self) -> tuple[int, ...]:
+        """Numbers of the wheels with a joint: coordinates that have no velocities of their own."""
+        return tuple(i for i in self.gearing if self.links[i - 1].rolling)
+
+    @property
+    def driven(self) -> tuple[int, ...]:
+        """Numbers of the links whose joints have inputs, in their order."""
+        return (*self.moving, *self.wheels)
+
+    @property
+    def kind(self) -> str:
+        """What a module says of its coordinates: of the base, and the number of wheels, if any."""
+        return f"{self.base.kind} {len(self.wheels)}" if self.wheels else self.base.kind
+
+    @cached_property
     def moving(self) -> tuple[int, ...]:
         """Numbers of the links whose joints have coordinates, in order."""
-        return tuple(i for i in self.gearing if not self.links[i - 1].gear)
+        links = {i: self.links[i - 1] for i in self.gearing}
+        return tuple(i for i, link in links.items() if not (link.gear or link.rolling))
 
     @property
     def is_geared(self) -> bool:
-        """True if a gear moves any joint."""
+        """True if a gear or the ground moves any joint."""
         return len(self.moving) < len(self.gearing)
+
+    @property
+    def is_recursive(self) -> bool:
+        """True if accelerations pass from body to body, over which no gear and no drive leads."""
+        return not (self.is_geared or self.base.drive)
 
     @cached_property
     def ungeared(self) -> Robot:
         """The robot with a coordinate for every joint that moves."""
-        links = (replace(link, gear=None) for link in self.links)
+        links = (replace(link, gear=None, rolling=None) for link in self.links)
         return replace(self, links=tuple(links)) if self.is_geared else self
 
     def positions(self, joints: Iterable[float]) -> dict[int, float]:
-        """Positions, rad or m, of all joints that move, by links, from the coordinates in order."""
-        values = dict(zip(self.moving, joints, strict=True))
+        """Positions, rad or m, of all joints that move, by links, from the coordinates in order.
+
+        Wheels are at 0 where their angles are left out.
+        """
+        values = dict(zip(self.driven, joints, strict=False))
         return {
-            i: gear.offset + sum(ratio * values[j] for j, ratio in gear.ratios.items())
+            i: values.get(i, 0.0)
+            if i in self.wheels
+            else gear.offset + sum(ratio * values[j] for j, ratio in gear.ratios.items())
             for i, gear in self.gearing.items()
         }
 

@@ -99,13 +99,14 @@ def robot_frames(robot: Robot, q: Sequence[float] | Array) -> RobotFrames:
     ):
         origin["xyz".index(name)] += value
     base = PlacedFrame(origin, attitude).carried(robot.base.pose)
-    return frames_on(robot, base, values[layout.q.joints])
+    turned = values[layout.q.joints], values[layout.q.angles]
+    return frames_on(robot, base, np.concatenate(turned))
 
 
 def frames_on(robot: Robot, base: PlacedFrame, joints: Sequence[float] | Array) -> RobotFrames:
     """Frames of a robot with a base's frame at the base centre, in the axes that it is given in.
 
-    `joints` are those with coordinates, rad or m.
+    `joints` are those with coordinates, rad or m, and after them angles of wheels.
     """
     values = robot.positions(joints)
     bodies = [base]  # By their numbers, also welded or held ones.

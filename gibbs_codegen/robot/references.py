@@ -27,6 +27,7 @@ from gibbs_codegen.robot.parts.base import FREE
 from gibbs_codegen.robot.parts.body import RigidBody, Rod
 from gibbs_codegen.robot.parts.constraint import ROWS, Constraint
 from gibbs_codegen.robot.parts.frame import MAX_FRAMES
+from gibbs_codegen.robot.parts.gear import Rolling
 from gibbs_codegen.robot.parts.link import MAX_LINKS, JointKeys, Passive
 from gibbs_codegen.robot.parts.motor import Motor
 from gibbs_codegen.robot.parts.numbers import BASE
@@ -35,6 +36,7 @@ from gibbs_codegen.robot.parts.pose import Pose
 from gibbs_codegen.robot.parts.rotor import MAX_ROTORS, Rotor
 from gibbs_codegen.robot.parts.servo import Servo
 from gibbs_codegen.robot.parts.ties import TIES, Tie
+from gibbs_codegen.robot.parts.wheel import MAX_WHEELS, Disc
 
 # A link is a rigid one unless it is a rod; a joint stands for its coordinate, and a servo has the
 # name of its link.
@@ -50,6 +52,7 @@ _ENDS: dict[NamedKind, tuple[str, ...]] = {
     "base": parameter_ends(Pose, RigidBody),
     "arm": parameter_ends(RigidBody, Rod),
     "link": (*_JOINT, *parameter_ends(RigidBody)),
+    "wheel": parameter_ends(Pose, Passive, Disc, Rolling),
     "rod": (*_JOINT, *parameter_ends(Rod)),
     "servo": tuple(f"servo_{end}" for end in parameter_ends(Servo)),
     "rotor": parameter_ends(Rotor),
@@ -162,9 +165,11 @@ def reference_faults(document: Mapping[str, Any]) -> Iterator[PlacedFault]:
     links = _tables(document, "link", MAX_LINKS)
     rotors = _tables(document, "rotor", MAX_ROTORS)
     frames = _tables(document, "frame", MAX_FRAMES)
+    wheels = _tables(document, "wheel", MAX_WHEELS)
     numbers = body_numbers([_text(link, "name") for link in links])
     yield from _parent_faults(links, numbers)
     yield from _gear_faults(links, numbers)
+    numbers = body_numbers([_text(part, "name") for part in (*links, *wheels)])
     carried: dict[Place, str | None] = {
         (kind, place, "on"): _text(table, "on")
         for kind, tables in (("rotor", rotors), ("frame", frames))
@@ -180,7 +185,7 @@ def reference_faults(document: Mapping[str, Any]) -> Iterator[PlacedFault]:
     # What the file names, or has a default for.
     named: list[_Named] = []
     servos: list[_Named] = []
-    arrays = {"link": links, "rotor": rotors, "frame": frames}
+    arrays = {"link": links, "wheel": wheels, "rotor": rotors, "frame": frames}
     arrays |= {kind.array: _tables(document, kind.array, kind.most) for kind in TIES}
     for array, tables in arrays.items():
         for number, table in enumerate(tables, start=1):
@@ -202,7 +207,7 @@ def reference_faults(document: Mapping[str, Any]) -> Iterator[PlacedFault]:
     if not faults:
         yield from _clashes(servos, registry)
     if rods or "arm" not in arms:  # Otherwise it is not known from which number joints count.
-        yield from _coordinate_clashes(links, rods + len(rotors), registry)
+        yield from _coordinate_clashes(links, wheels, rods + len(rotors), registry)
 
 
 def _tables(document: Mapping[str, Any], key: str, most: int) -> list[Entry]:
@@ -285,7 +290,7 @@ def _gear_faults(links: Sequence[Entry], numbers: Mapping[str, int]) -> Iterator
 
 
 def _coordinate_clashes(
-    links: Sequence[Entry], rotors: int, registry: NameRegistry
+    links: Sequence[Entry], wheels: Sequence[Entry], rotors: int, registry: NameRegistry
 ) -> Iterator[PlacedFault]:
     """Coordinates that clash with each other or with the base's own.
 
@@ -308,6 +313,10 @@ def _coordinate_clashes(
             if owner := registry.owner("joint", default):
                 yield ("link", place), f"{default} is {owner}: give the link a name"
             registry.add("joint", default, label)
+    for place, wheel in enumerate(wheels):
+        if text := _text(wheel, "joint"):
+            label = f"the coordinate of wheel {place + 1}"
+            by_coordinate.append((("wheel", place, "joint"), "joint", text, label))
     yield from _clashes([*by_name.values(), *by_coordinate], registry)
 
 

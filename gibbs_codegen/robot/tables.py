@@ -16,7 +16,7 @@ from gibbs_codegen.files.table import Flag, InSchema, Place, Tables, refusal, ru
 from gibbs_codegen.robot import model
 from gibbs_codegen.robot.layout import frames_of
 from gibbs_codegen.robot.names import NAME_PATTERN, name_fault
-from gibbs_codegen.robot.parts.base import FIXED, ROD_KEYS, BaseTable
+from gibbs_codegen.robot.parts.base import FIXED, PLANAR, ROD_KEYS, BaseTable
 from gibbs_codegen.robot.parts.battery import Battery
 from gibbs_codegen.robot.parts.frame import MAX_FRAMES, Frame, FrameTable
 from gibbs_codegen.robot.parts.link import MAX_LINKS, LinkTable
@@ -24,6 +24,7 @@ from gibbs_codegen.robot.parts.numbers import BASE, NotNegative
 from gibbs_codegen.robot.parts.part import Part, again, entry
 from gibbs_codegen.robot.parts.rotor import MAX_ROTORS, Rotor
 from gibbs_codegen.robot.parts.ties import Ties
+from gibbs_codegen.robot.parts.wheel import MAX_WHEELS, WheelTable
 from gibbs_codegen.robot.references import body_numbers, reference_faults, tie_faults
 
 Name = Annotated[str, rule(name_fault), InSchema({"type": "string", "pattern": NAME_PATTERN})]
@@ -49,6 +50,9 @@ class _Bodies(Part):
     )
     link: Annotated[tuple[LinkTable, ...], Tables("link", MAX_LINKS, "links")] = entry(
         "the links, each after the one that carries it", ()
+    )
+    wheel: Annotated[tuple[WheelTable, ...], Tables("wheel", MAX_WHEELS, "wheels")] = entry(
+        "the wheels of a planar base", ()
     )
     frame: Annotated[tuple[FrameTable, ...], Tables("frame", MAX_FRAMES, "frames")] = entry(
         "named frames on the base or on links", ()
@@ -97,6 +101,23 @@ class RobotTable(Ties, _Bodies):
         return self
 
     @model_validator(mode="after")
+    def _rolls(self) -> Self:
+        base, faults = self.base, list[tuple[Place, str]]()
+        if self.wheel and base.motion != PLANAR:
+            faults.append((("base", "motion"), f'must be "{PLANAR}" of a robot that has wheels'))
+        leans, aside = any(base.rpy_deg or ()), any((base.xyz or ())[:2])
+        if (self.wheel or base.drive) and (leans or aside):
+            words = "must be left out, or be [0, 0, height], since the base rolls on level ground"
+            faults.append((("base", "rpy_deg" if leans else "xyz"), words))
+        for i, wheel in enumerate(self.wheel if base.drive else ()):
+            if wheel.joint and (wheel.axis[0] or wheel.xyz[0]):
+                words = "must be on the axle, the y axis of a base with a drive: y or -y, and x = 0"
+                faults.append((("wheel", i, "axis" if wheel.axis[0] else "xyz"), words))
+        if faults:
+            raise refusal(faults)
+        return self
+
+    @model_validator(mode="after")
     def _moves(self) -> Self:
         if self.base.motion == FIXED and not self.robot().moving:
             words = "nothing of the robot moves; give it links with joints, or another motion"
@@ -114,7 +135,7 @@ class RobotTable(Ties, _Bodies):
 
     def robot(self) -> model.Robot:
         """The robot that the file describes, as far as its names can be resolved."""
-        numbers = body_numbers([link.name for link in self.link])
+        numbers = body_numbers([x.name for x in self.link] + [x.name for x in self.wheel])
 
         def number(name: object) -> int:
             return numbers.get(str(name), BASE)
@@ -130,7 +151,8 @@ class RobotTable(Ties, _Bodies):
                     gear=link.gear and link.gear.renumbered(number),
                 )
                 for before, (link, parent) in enumerate(zip(self.link, parents, strict=True))
-            ),
+            )
+            + tuple(wheel.link() for wheel in self.wheel),
             self.gravity,
             tuple(replace(rotor, on=number(rotor.on)) for rotor in self.rotor),
             tuple(Frame(frame.name, number(frame.on), frame.whole_pose) for frame in self.frame),

@@ -15,10 +15,11 @@ from gibbs_codegen.robot.parts.base import Base
 from gibbs_codegen.robot.parts.body import Body, RigidBody, as_rigid_body
 from gibbs_codegen.robot.parts.constraint import Constraint
 from gibbs_codegen.robot.parts.frame import Frame
+from gibbs_codegen.robot.parts.gear import Rolling
 from gibbs_codegen.robot.parts.link import Link
 from gibbs_codegen.robot.parts.numbers import AXES, BASE, Vector3
 from gibbs_codegen.robot.parts.part import all_keys, changed_keys, changed_numbers
-from gibbs_codegen.robot.parts.pose import Pose
+from gibbs_codegen.robot.parts.pose import HERE, Pose, vector
 from gibbs_codegen.robot.parts.rotor import AIR_KEYS, MAX_ROTORS
 from gibbs_codegen.robot.parts.ties import Tie
 
@@ -80,6 +81,8 @@ def inline_table(body: Body) -> str:
 def link_lines(robot: Robot, i: int, in_both_forms: bool) -> list[str]:
     """The table of link i, from 1, with its body in comments as a rigid one too if so asked."""
     link, parent = robot.links[i - 1], robot.parents[i - 1]
+    if link.rolling:
+        return _wheel_lines(link, link.rolling)
     if link.gear:
         movers = [printable(_carrier(robot, mover)) for mover in link.gear.ratios]
         how = f"moved by a gear of {' and '.join(movers)}"
@@ -125,6 +128,18 @@ def link_lines(robot: Robot, i: int, in_both_forms: bool) -> list[str]:
         heading = "The same link as a rigid body, in place of mass_per_length and section_inertia:"
         lines += [f"# {line}" for line in (heading, *rigid)]
     return lines
+
+
+def _wheel_lines(link: Link, rolling: Rolling) -> list[str]:
+    """The table of a wheel."""
+    pose, body = link.pose or HERE, as_rigid_body(link.body)
+    across, about = body.inertia[:2]
+    table: dict[str, object] = {"name": link.name, "joint": link.coordinate}
+    table |= {"radius": rolling.radius, "xyz": pose.xyz, "mass": body.mass, "inertia": about}
+    if link.moves:
+        table |= {"axis": direction(vector(pose.matrix[:, 1])), "inertia_across": across}
+        table |= {"effort": link.limits.effort} | changed_keys(link.passive)
+    return ["[[wheel]]", *toml_lines(table)]
 
 
 def rotor_lines(robot: Robot, k: int) -> list[str]:
@@ -200,7 +215,7 @@ def _motion_lines(base: Base) -> list[str]:
     """Lines of how a base moves that does not move freely, and of its pose."""
     motion = [*base.virtual_joints] or base.motion
     pose = {} if base.pose.is_identity else _pose(base.pose)
-    return toml_lines({"motion": motion} | pose)
+    return toml_lines({"motion": motion, "drive": base.drive} | pose)
 
 
 def robot_text(robot: Robot, name: str | None = None, to_start_from: bool = False) -> str:

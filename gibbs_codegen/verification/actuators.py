@@ -57,7 +57,7 @@ class ActuatorOracle:
 
     def __init__(self, robot: Robot) -> None:
         self._drives, self._battery = robot.drives, robot.battery
-        self._joints = [robot.links[i - 1] for i in robot.moving]
+        self._joints = [robot.links[i - 1] for i in robot.driven]
         placed = robot.thrusters
         self._drags = (*robot.base.drag, *(rotor.drag for rotor in placed))
         self._factors = [rotor.speed_per_sqrt_thrust or 0.0 for rotor in placed]

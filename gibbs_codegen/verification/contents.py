@@ -31,7 +31,7 @@ def compare_contents(module: ModuleType, robot: Robot) -> list[Comparison]:
     description = Description(robot)
     expected: dict[str, Any] = {
         "NAME": robot.name,
-        "ATTITUDE": robot.base.kind,
+        "ATTITUDE": robot.kind,
         **description.lists(getattr(module, "DERIVATIVES", ())),
         **description.constants,
     }

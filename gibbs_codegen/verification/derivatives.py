@@ -143,7 +143,7 @@ class _Point:
         self.units = {"q": scales, "v": rates, "a": rates * tree.tempo, "u": tree.efforts}
         self.units |= {"q0": scales, "q1": scales, "W": wrenches}
         if tree.actuators is not None:
-            levels, commands = tree.actuators.units(tree.efforts, tree.scales[tree.arm])
+            levels, commands = tree.actuators.units(tree.efforts, tree.scales[tree.driven])
             self.units |= {"x": levels, "command": commands}
 
     @cached_property

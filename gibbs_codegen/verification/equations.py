@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping
 
 import numpy as np
 
-from gibbs_codegen.robot.layout import Layout, StateEntries
+from gibbs_codegen.robot.layout import StateEntries
 from gibbs_codegen.verification.comparison import Comparison, Results, compared, explained
 from gibbs_codegen.verification.constraints import ACCELERATION, Constraints, Row
 from gibbs_codegen.verification.formulation import Formulation, Quantities
@@ -112,8 +112,8 @@ def input_matrix(tree: Tree, quantities: Quantities) -> Array:
     drags = np.array([motor.drag for motor in tree.motors])[:, None] * thrusts
     wrenches = np.concatenate([thrusts, drags], axis=-1)
     driven = np.einsum("skij,ski->sjk", quantities.jacobians[:, :rotors], wrenches)
-    arm = np.broadcast_to(np.eye(tree.size)[:, tree.arm], (len(driven), tree.size, len(tree.arm)))
-    return np.concatenate([driven, arm], axis=-1)
+    own = tree.gains[tree.driven].T
+    return np.concatenate([driven, np.broadcast_to(own, (len(driven), *own.shape))], axis=-1)
 
 
 def _system(
@@ -192,7 +192,7 @@ def displacement_rows(tree: Tree, states: States) -> Iterator[tuple[str, Array, 
         apart[:, v.position] = np.linalg.solve(_gains(turns), way[..., None])[..., 0]
         apart[:, v.joints] = states.q1[:, q.joints] - states.q0[:, q.joints]
     elif layout.turns_with_base:
-        yield from _level_rows(layout, states)
+        yield from _level_rows(tree, states)
         return
     else:
         rates, moved, apart = states.v, states.q + states.v, states.q1 - states.q0
@@ -202,10 +202,13 @@ def displacement_rows(tree: Tree, states: States) -> Iterator[tuple[str, Array, 
     yield "difference", apart, (places + places[:1])[:, _kinds(layout.v)]
 
 
-def _level_rows(layout: Layout, states: States) -> Iterator[tuple[str, Array, Array]]:
+def _level_rows(tree: Tree, states: States) -> Iterator[tuple[str, Array, Array]]:
     """The same of a base that stays level, whose x and y, and velocities, are complex numbers."""
+    layout = tree.layout
     yaw = range(layout.q.size)[layout.q.attitude][0]
-    start, end, v = states.q0, states.q1, states.v
+    start, end, v = states.q0, states.q1, np.zeros_like(states.q)
+    v[:, layout.paired] = states.v
+    v[:, layout.q.angles] = tree.spread(states.v)[:, tree.wheels]
     turned, turning = np.exp(1j * start[:, yaw]), end[:, yaw] - start[:, yaw]
     rates, moved, apart = v.copy(), start + v, end - start
 
@@ -221,14 +224,15 @@ def _level_rows(layout: Layout, states: States) -> Iterator[tuple[str, Array, Ar
         (apart, 0.0, way / turned / gain),
     ):
         rows[:, :2] = np.stack([plane.real, plane.imag], axis=-1) + (begin + 0.0 * start)[:, :2]
-    places, twists = _largest(layout.q, states.q), _largest(layout.v, v)
+    places, twists = _largest(layout.q, states.q), _largest(layout.q, v)
     kinds = _kinds(layout.q)
     yield "coordinate_rates", rates, twists[:, kinds]
     yield "integrate", moved, (places + twists)[:, kinds]
     # Next to whole turns hardly any displacement leads far, so that errors grow.
     size, gain = (places + places[:1])[:, kinds], np.abs(gain)[:, None]
     growth = 1.0 / gain + 2.0 / gain**2 / np.maximum(1.0, np.abs(turning))[:, None]
-    yield "difference", apart, size * np.where(kinds == 0, np.maximum(1.0, growth), 1.0)
+    size = size * np.where(kinds == 0, np.maximum(1.0, growth), 1.0)
+    yield "difference", apart[:, layout.paired], size[:, layout.paired]
 
 
 def _kinds(entries: StateEntries) -> Array:
@@ -270,8 +274,10 @@ def frame_rows(tree: Tree, quantities: Quantities, states: States, sizes: Sizes)
     size = np.ones_like(poses)
     size[..., :3, 3:] = reach[..., None]
     yield from _of_frames(tree, "pose", poses, size)
-    size = np.ones_like(jacobians)
-    size[..., :3, :] = sizes.length / sizes.scales
+    # Gears and wheels turn faster than what moves them.
+    turns = np.abs(tree.gains[tree.turns][:, tree.free]).max(axis=0, initial=0.0)
+    size = np.maximum(1.0, turns) * np.ones_like(jacobians)
+    size[..., :3, :] = sizes.length * np.maximum(1.0 / sizes.scales, turns)
     yield from _of_frames(tree, "jacobian", jacobians, size)
     rate, twist = sizes.rate[:, None, None], np.repeat([sizes.length, 1.0], 3)
     velocities = times(jacobians, states.v[:, None])

@@ -151,7 +151,7 @@ class PlacedBase:
         inner = copy.copy(self._inner)
         inner.tree, moved = states.placed(self.tree)
         quantities = inner.at(moved)
-        dragged = self.tree.spread(states.a - moved.a)
+        dragged = -inner.tree.dragged
         bias = quantities.bias_accelerations
         if bias is not None:
             frames = quantities.jacobians[:, len(self.tree.motors) :]

@@ -84,8 +84,7 @@ def _of_actuators(tree: Tree, states: States) -> dict[str, Sized] | None:
     """Results of the functions of the actuators, None where u is commanded."""
     if tree.actuators is None:
         return None
-    joints = tree.layout.v.joints  # In the placed tree q has the places of v.
-    angles, rates = states.q[:, joints], states.v[:, joints]
+    angles, rates, _ = (x[:, tree.driven] for x in tree.motion(states))
     return tree.actuators.at(Motions(angles, rates, states.u, states.x, states.command))
 
 

@@ -26,6 +26,7 @@ from gibbs_codegen.robot.parts.link import Link
 from gibbs_codegen.robot.parts.part import AnyPart, Part, RobotNumber, changed_numbers
 from gibbs_codegen.robot.parts.rotor import Rotor
 from gibbs_codegen.robot.parts.ties import Tie
+from gibbs_codegen.robot.parts.wheel import Disc
 from gibbs_codegen.verification.formulation import Formulation, Quantities, formulated
 from gibbs_codegen.verification.newton_euler import NewtonEuler
 from gibbs_codegen.verification.states import Sizes, States
@@ -166,6 +167,7 @@ class _Mapping:
         slides, servo, friction = link.slides, link.servo, link.friction
         return replace(
             link,
+            rolling=link.rolling and self._part(prefix, link.rolling),
             passive=self._part(prefix, link.passive, slides),
             motor=link.motor and self._part(prefix, link.motor),
             servo=servo and self._part(f"{prefix}_servo", servo, slides),
@@ -230,7 +232,7 @@ class InOwnUnits:
         energy = self._mass * (self._length / time) ** 2
         twist, wrench = np.repeat([[self._length, 1.0], [1.0, self._length]], 3, axis=-1)
         wrench = energy / self._length * wrench
-        efforts = energy / units[self.tree.arm]
+        efforts = energy / units[self.tree.driven]
         thrusts = np.full(len(self.tree.motors), energy / self._length)
         u = states.u / np.concatenate([thrusts, efforts])
         # Libraries know nothing of actuators.
@@ -297,6 +299,10 @@ def variation(robot: Robot, names: Collection[str], seed: int, number: int) -> R
             x, y, z = (draw.sized(i, natural) for i in body.section_inertia)
             return Rod(length=length, mass_per_length=density, section_inertia=(x, y, z))
         natural = max(body.inertia[:3]) or (body.mass or mass) * reach**2
+        if isinstance(body, Disc):  # Alike all around its axis, and possible.
+            axial = draw.sized(body.inertia[1], natural)
+            inertia = (axial, axial, axial, 0.0, 0.0, 0.0)
+            return replace(body, mass=draw.sized(body.mass, mass), inertia=inertia)
         cx, cy, cz = (draw.signed(value, reach) for value in body.com)
         return RigidBody(
             draw.signed(body.length, reach),

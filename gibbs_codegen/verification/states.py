@@ -111,18 +111,22 @@ class States:
         travels, axes = tree.layout.own_axes
         place[:, travels] = self.q[:, q.position]
         there.placement = rotation.as_matrix(), place
+        there.offsets = tree.offsets + tree.rolled(self.q)
         joints = np.zeros_like(self.v)
         joints[:, v.joints] = self.q[:, q.joints]
         # The joints of the position keep their axes while the base turns, and each rotation turns
         # the axes of those after it: so rates of velocities are not the joints' accelerations.
         spin, drift = np.zeros((2, len(self), 3))
-        spin[:, axes], drift[:, travels] = self.v[:, v.attitude], self.v[:, v.position]
+        spin[:, axes] = self.v[:, v.attitude]
+        drift[:, travels[: v.position.stop]] = self.v[:, v.position]
         x, y, z = spin.T
-        accelerations = self.a.copy()
-        accelerations[:, v.position] += cross(spin, drift)[:, travels]
+        there.dragged = np.zeros((len(self), tree.size))
+        along = [joint.place for joint in tree.joints[: len(travels)]]
+        there.dragged[:, along] = cross(spin, drift)[:, travels]
         if tree.layout.is_quaternion:
-            accelerations[:, v.attitude] -= np.stack([y * z, -x * z, x * y], axis=-1)
-        return there, replace(self, q=joints, a=accelerations)
+            about = [tree.free[place] for place in range(v.size)[v.attitude]]
+            there.dragged[:, about] = -np.stack([y * z, -x * z, x * y], axis=-1)
+        return there, replace(self, q=joints)
 
     @classmethod
     def random(cls, tree: Tree, count: int, seed: int | Sequence[int]) -> States:
@@ -193,7 +197,7 @@ def _driven(tree: Tree, q: Array, v: Array, rng: np.random.Generator) -> tuple[A
         return np.zeros((len(q), 0)), np.zeros((len(q), 0))
     joints = tree.layout.v.joints
     return tree.actuators.random(
-        q[:, joints], v[:, joints], tree.efforts, tree.scales[tree.arm], rng
+        q[:, joints], v[:, joints], tree.efforts, tree.scales[tree.driven], rng
     )
 
 
@@ -256,10 +260,10 @@ class Sizes:
         # The function has a term in the square of gravity, which its difference loses.
         self.gibbs = tree.mass * tree.gravity**2 + np.sum(power, axis=-1)
         # Forces of inputs and of wrenches may cancel, so all their terms count.
-        rotors, shape = len(tree.motors), (len(states), tree.size, len(tree.arm))
+        rotors, shape = len(tree.motors), (len(states), tree.size, len(tree.driven))
         drags = np.abs([motor.drag for motor in tree.motors])
         thrusts = levers[..., :rotors] + turned[:, :rotors] * drags
-        arm = np.broadcast_to(np.eye(tree.size)[:, tree.arm], shape)
+        arm = np.broadcast_to(gains[tree.driven].T, shape)
         inputs = np.concatenate([thrusts, arm], axis=-1) / self.units[..., None]
         self.inputs = self.units[..., None] * inputs.max(axis=1, keepdims=True)
         self.driven = times(self.inputs, np.abs(states.u))

@@ -19,7 +19,7 @@ from gibbs_codegen.robot.layout import frames_of, layout_of
 from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.robot.parts.body import Body, Rod
 from gibbs_codegen.robot.parts.numbers import BASE, Vector3
-from gibbs_codegen.robot.parts.pose import Pose
+from gibbs_codegen.robot.parts.pose import HERE, Pose
 from gibbs_codegen.robot.parts.spring import SHORTEST
 from gibbs_codegen.verification.actuators import ActuatorOracle
 from gibbs_codegen.verification.vectors import COMPLEX_STEP, Array, about, cross, times
@@ -129,7 +129,8 @@ class Assembly:
         self._constrained = iter(range(count)[layout.constrained])
         root = WORLD
         travels = layout.q.names[layout.q.position]
-        for place, letter in zip(layout.free[layout.v.position], travels, strict=True):
+        moved = itertools.chain(layout.free[layout.v.position], others)  # Less with a drive.
+        for letter, place in zip(travels, moved, strict=False):
             root = self._add(Joint(root, place, "xyz".index(letter), revolute=False))
         sequence = "xyz" if layout.is_quaternion else layout.angle_axes
         for place, letter in zip(layout.free[layout.v.attitude], sequence, strict=True):
@@ -158,7 +159,7 @@ class Assembly:
                 seat = _posed(link.pose)
             at = self.bodies[parent].within(*seat)
             if link.joint != "fixed":
-                self.places[i] = next(others if link.gear else moving)
+                self.places[i] = next(others if link.gear or link.rolling else moving)
                 if link.motor:
                     self.rotors[i] = next(others)
                     turning = self._jointed(at, link.axis, self.rotors[i])
@@ -359,9 +360,11 @@ class Tree:
     - `placement`: where the world's first joints begin, rotation (s, 3, 3) and position (s, 3), for
       each of s states; None in the world's origin.
     - `free`, `constrained`, `arm`: places of the velocities, of the constrained joints and of the
-      arm's with coordinates among all joints; `places`: of the arm's that move, by links.
+      arm's with coordinates among all joints; `places`: of the arm's that move, by links;
+      `driven`: of those that inputs drive, the `wheels` last.
     - `gains`, `offsets`: coordinates of all joints are the former (size, size) times those of the
-      free ones, and the latter (size,). Gears make other joints follow.
+      free ones, and the latter (size,). Gears make other joints follow, and the ground wheels.
+    - `dragged`: accelerations (s, size) of joints by velocities alone, in a placed tree.
     - `count`, `size`: how many joints the hybrid system has; with one that carries a fixed base.
     - `turns`, `scales`: for each coordinate whether it is an angle; 1 if so, else the reach.
     - `reach`, `tempo`: a length of the robot's own size, in m; what rates are of the order of, in
@@ -380,6 +383,7 @@ class Tree:
         self.mass = robot.total_mass
         self.layout = layout_of(robot)
         self.placement: tuple[Array, Array] | None = None
+        self.dragged: Array = np.zeros(())
         self.free = self.layout.free
         built = Assembly(robot)
         self.joints, self.parts, self.arm = built.joints, built.parts, built.arm
@@ -388,6 +392,14 @@ class Tree:
         self.size, self.count = len(self.joints), len(self.free) + built.held
         self.constrained = [*range(self.count)[self.layout.constrained]]
         ratios, offsets = np.zeros((self.size, self.size)), np.zeros(self.size)
+        self.driven = [self.places[i] for i in robot.driven]
+        self.wheels = [self.places[i] for i in robot.wheels]
+        for i in robot.wheels:
+            # The speed of the centre along the wheel's x axis, over the radius.
+            turn, (x, y, _) = _posed(robot.links[i - 1].pose or HERE)
+            speeds = {"vx": turn[0, 0], "vy": turn[1, 0], "wz": turn[1, 0] * x - turn[0, 0] * y}
+            for name, place in zip(self.layout.v.names, self.free, strict=True):
+                ratios[self.places[i], place] = speeds.get(name, 0.0) * robot.gearing[i].ratio
         for i, place in self.places.items():
             if gear := robot.links[i - 1].gear:
                 offsets[place] = gear.offset
@@ -423,7 +435,7 @@ class Tree:
     def efforts(self) -> Array:
         """Inputs u of natural size, (nu,): of the robot's weight, N and N m."""
         force = self.mass * self.reach * self.tempo**2
-        levers = np.where(self.turns[self.arm], self.reach, 1.0)
+        levers = np.where(self.turns[self.driven], self.reach, 1.0)
         return force * np.concatenate([np.ones(len(self.motors)), levers])
 
     @property
@@ -438,7 +450,11 @@ class Tree:
         `angles` (…, nv) are in the order of v, with the attitude as three angles.
         """
         if not self.layout.is_quaternion:
-            return angles
+            # What has no velocity of its own is anything.
+            numbers = np.arange(self.layout.q.size)
+            every = np.sin(np.sum(angles, axis=-1, keepdims=True) + numbers)
+            every[..., self.layout.paired] = angles
+            return every
         from scipy.spatial.transform import Rotation  # Late, as SciPy takes long to import.
 
         base, joints = self.layout.v, angles[..., self.layout.v.joints]
@@ -453,7 +469,8 @@ class Tree:
 
     def motion(self, states: States) -> tuple[Array, Array, Array]:
         """Coordinates, rates and accelerations (…, size) of all joints."""
-        return self.spread(states.q) + self.offsets, self.spread(states.v), self.spread(states.a)
+        accelerations = self.spread(states.a) + self.dragged
+        return self.spread(states.q) + self.offsets, self.spread(states.v), accelerations
 
     def folded(self, values: Array) -> Array:
         """Forces on, or columns of, all joints (…, size) with those that gears move on the others.
@@ -469,7 +486,13 @@ class Tree:
         """
         every = np.zeros((*q.shape[:-1], self.size))
         every[..., self.arm] = q[..., self.layout.q.joints]
-        return times(self.gains, every) + self.offsets
+        return times(self.gains, every) + self.offsets + self.rolled(q)
+
+    def rolled(self, q: Array) -> Array:
+        """Angles (…, size) of the wheels, at the places of their joints."""
+        every = np.zeros((*q.shape[:-1], self.size))
+        every[..., self.wheels] = q[..., self.layout.q.angles]
+        return every
 
     def frames(self, q: Array) -> Frames:
         """Frames of all joints at coordinates q (…, size) of all, which may be complex."""

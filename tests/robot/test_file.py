@@ -69,6 +69,7 @@ def test_robots_that_ship() -> None:
         "cart_pole",
         "planar_quadrotor_arm",
         "delta_hexarotor",
+        "rover_arm",
     }
     for name in shipped_robots():
         assert read_robot(name)[0].name == name

@@ -29,6 +29,7 @@ from gibbs_codegen.robot.parts.numbers import AXES, BASE, Vector3
 from gibbs_codegen.robot.parts.pose import Pose
 from gibbs_codegen.robot.parts.rotor import Rotor
 from gibbs_codegen.robot.parts.spring import Spring
+from gibbs_codegen.robot.parts.wheel import WheelTable
 from gibbs_codegen.robot.text import robot_text
 
 ANGLES = ("0", "0", "0", "90", "-90", "180", "30", "45", "37.25", "-120", "60")
@@ -289,6 +290,43 @@ def motored_robot(seed: int, attitude: str = "") -> Robot:
         for link, motor in zip(robot.links, motors, strict=True)
     )
     return replace(robot, name=f"motored_{seed}", links=tuple(links))
+
+
+def rolling_robot(seed: int) -> Robot:
+    """The geared tree of a seed on wheels and a caster, with a frame on a rim.
+
+    Even seeds have a drive; the others roll on wheels that slide along their axes.
+    """
+    robot, rng = geared_robot(seed), np.random.default_rng([seed, 5])
+    drive = None if seed % 2 else "differential"
+    wheels = []
+    for k in range(2 if drive else 3):
+        x, y, z = map(float, 0.3 * rng.normal(size=3))
+        angle = np.deg2rad(float(rng.integers(-180, 180)))
+        wheel = WheelTable(
+            name=f"wheel {k}",
+            joint=f"turn {k}",
+            radius=float(rng.uniform(0.05, 0.4)),
+            xyz=(0.0 if drive else x, y, z),
+            axis=(0.0, (1.0, -1.0)[k], 0.0)
+            if drive
+            else (float(np.cos(angle)), float(np.sin(angle)), 0.0),
+            mass=float(rng.uniform(0.1, 1.0)),
+            inertia=float(rng.uniform(0.001, 0.05)),
+            damping=0.1 * k,
+        )
+        wheels.append(wheel.link())
+    wheels.append(WheelTable(name="caster", radius=0.03, xyz=(0.2, 0.1, 0.03), mass=0.3).link())
+    rim = Frame("rim", len(robot.links) + 1, Pose((0.1, 0.02, 0.03)))
+    body = replace(rigid_body(rng), length=0.0)
+    pose = Pose((0.0, 0.0, 0.2))
+    return replace(
+        robot,
+        name=f"rolling_{seed}",
+        base=Base(motion="planar", drive=drive, origin="base", body=body, pose=pose),
+        links=(*robot.links, *wheels),
+        frames=(*robot.frames, rim),
+    )
 
 
 def random_parents(seed: int, links: int) -> tuple[int, ...]:

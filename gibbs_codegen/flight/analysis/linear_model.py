@@ -3,7 +3,7 @@
 A deviation has 2 nv entries: δ, with q = q₀ ⊕ δ, and v − v₀. With attitude angles δ has the rate
 v − v₀. With a quaternion δ is in the axes of the base, which move: from q̇₀ = q₀ ξ₀, where ξ₀ is the
 velocity of the base, and q = q₀ exp(δ) follows δ̇ = ξ − ξ₀ − ad(ξ₀) δ to first order, where ad(ξ₀) δ
-is the Lie bracket of ξ₀ and δ.
+is the Lie bracket of ξ₀ and δ. With a drive δ has an entry sideways too, which no velocity has.
 
 Where the robot file describes actuators, inputs are made of commands, and the states x of the
 actuators are part of a deviation, after the others; or the thrusts of motors that lag. The model is
@@ -140,7 +140,8 @@ def linearise(
 
     Returns:
         A (2 nv, 2 nv) and B (2 nv, nu), or with nx more rows, and columns of A. The last are of
-        bristles, three for each frame that is in a wall with friction.
+        bristles, three for each frame that is in a wall with friction. With a drive there is one
+        more of each, since δ has an entry sideways, between those ahead and about z.
 
     Raises:
         MissingFunctionError: The module was generated without the derivatives.
@@ -189,20 +190,23 @@ def _model(
         for side in ((-near, near) if np.any(near) else (0.0,))
     ]
     derivatives = {name: sum(side[name] for side in sides) / len(sides) for name in sides[0]}
-    places = vehicle.layout.v
+    layout, places = vehicle.layout, vehicle.layout.displaced
     carried = np.zeros((places.size, places.size))  # −ad(ξ₀): the rate of δ by δ itself.
-    if vehicle.layout.turns_with_base:
-        along, about = vehicle.layout.own_axes
-        parts = np.zeros((2, 3))
-        parts[0, about], parts[1, along] = state.v[places.attitude], state.v[places.position]
+    led = np.eye(places.size)[:, layout.paired]  # The rate of δ by velocities.
+    if layout.turns_with_base:
+        along, about = layout.own_axes
+        parts, twist = np.zeros((2, 3)), led @ state.v
+        parts[0, about], parts[1, along] = twist[places.attitude], twist[places.position]
         turning, moving = map(skew, parts)
         carried[places.position, places.position] = -turning[np.ix_(along, along)]
         carried[places.position, places.attitude] = -moving[np.ix_(along, about)]
         carried[places.attitude, places.attitude] = -turning[np.ix_(about, about)]
     still = np.zeros((places.size, len(x) + len(u)))
     names = ["q", "v", *(["x"] if len(x) else []), "u"]
+    for name in derivatives.keys() & {"a_by_q", "rates_by_q"}:
+        derivatives[name] = derivatives[name] @ led.T
     rows = [[derivatives[f"{y}_by_{x}"] for x in names] for y in ("a", "rates") if y in derivatives]
-    both = np.block([[carried, np.eye(places.size), still], *rows])
+    both = np.block([[carried, led, still], *rows])
     a, b = np.split(both, [len(both)], axis=1)
     return a, b, derivatives["a"]
 
@@ -227,6 +231,11 @@ def _around(
     environment = surrounding(vehicle, surroundings)
     if environment is None:
         return NO_SURROUNDINGS, {}
+    if vehicle.layout.displaced.size > vehicle.layout.v.size:
+        raise UsageError(
+            f"surroundings: {vehicle.name} has a drive, and forces that depend on where it is have "
+            "no derivative sideways; leave surroundings out"
+        )
     if environment.idles(0.0):
         raise UsageError(
             "surroundings: a hold idles the motors at its start, and nothing regulates"
@@ -516,7 +525,8 @@ def deviation_names(vehicle: Vehicle, lagging: Sequence[int] = ()) -> tuple[str,
 
     Of a robot without such these are thrusts of `lagging` rotors.
     """
-    places, names = vehicle.layout.v, list(vehicle.layout.v.names)
+    places = vehicle.layout.displaced
+    names = [*places.names[: places.size]]
     states = vehicle.actuator_states or [f"the thrust {vehicle.inputs[k]}" for k in lagging]
     names[places.joints] = vehicle.joint_names
     if vehicle.layout.turns_with_base:

@@ -33,6 +33,7 @@ from gibbs_codegen.flight.plant.actuators import (
 from gibbs_codegen.flight.plant.allocation import asked_of, commands_all, least_inputs
 from gibbs_codegen.flight.plant.vehicle import Array, Vehicle
 from gibbs_codegen.flight.vectors import roll_pitch_yaw
+from gibbs_codegen.robot.layout import check_no_wheels
 from gibbs_codegen.robot.wrenches import DIRECTIONS, RANK, directions, null_space
 
 # Share of the wrench that may be missing.
@@ -406,6 +407,7 @@ def trim(
             request names what the robot does not have.
     """
     vehicle = vehicle_of(robot, parameters)
+    check_no_wheels(vehicle.name, vehicle.attitude, "trims are")
     if aim not in AIMS:
         raise UsageError(f"aim: {aim!r} is unknown; known: {', '.join(AIMS)}")
     acting = np.zeros((len(vehicle.frames), 6))

@@ -63,7 +63,7 @@ class RobotData:
         self.centre = "O2" if "O2" in self.points else "base"
         self.has_tip = "tip" in self.points
         self.joints = len(self.joint_names)
-        self.rotors = len(self.inputs) - self.joints
+        self.rotors = len(self.inputs) - self.joints - self.layout.q.wheels
         along, about = self.layout.own_axes
         if self._wrenches is not None:
             still = np.delete(np.arange(6), [*along, *(3 + axis for axis in about)])
@@ -76,7 +76,7 @@ class RobotData:
 
     @property
     def input_units(self) -> tuple[str, ...]:
-        """Units of the inputs (nu): N of thrusts, then N m or N of the joints."""
+        """Units of the inputs (nu): N of thrusts, then N m or N of the joints, N m of wheels."""
         return ("N",) * self.rotors + self.layout.effort_units
 
     @property

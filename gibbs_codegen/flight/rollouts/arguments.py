@@ -38,7 +38,7 @@ class RolloutArguments:
         units = module.COORDINATE_UNITS
         self.layout = _layout(module.ATTITUDE, module.COORDINATES, units, 0)
         self.inputs = len(module.INPUTS)
-        self.rotors = self.inputs - len(self.layout.v.joint_places)
+        self.rotors = self.inputs - len(self.layout.v.joint_places) - self.layout.q.wheels
         # Whether inputs are commands of motors and servos.
         self.is_driven = bool(getattr(module, "COMMANDS", ()))
         self._counts: dict[str, int] = {}

@@ -48,7 +48,11 @@ ROD_ORIGINS: tuple[Origin, ...] = ("motor1", "centre")
 ROD_KEYS = ("rotors", "arm", "thrust", "drag", "azimuth_deg")
 FREE, FIXED = "free", "fixed"
 # Motions of a base that stays level, with what of it moves, along and about its own axes.
-LEVEL_MOTIONS = {FIXED: (), "planar": ("x", "y", "yaw"), "upright": ("x", "y", "z", "yaw")}
+PLANAR = "planar"
+LEVEL_MOTIONS = {FIXED: (), PLANAR: ("x", "y", "yaw"), "upright": ("x", "y", "z", "yaw")}
+# What of a planar base has velocities that does not slip sideways, by its drive.
+DRIVES = {"differential": ("x", "yaw")}
+LEVEL_KINDS = LEVEL_MOTIONS | dict.fromkeys(DRIVES, LEVEL_MOTIONS[PLANAR])
 # Axes of the world along which a base with a list moves, and about which.
 TRAVELS = dict(zip(("x", "y", "z"), range(3), strict=True))
 TURNS = dict(zip(("roll", "pitch", "yaw"), range(3), strict=True))
@@ -94,6 +98,13 @@ def shown_motion(motion: Any) -> str:
     return motion if isinstance(motion, str) else ",".join(motion)
 
 
+def _drive(value: object) -> object:
+    if value not in tuple(DRIVES):
+        words = "no wheel may steer, and those that slide along their axes need no drive"
+        raise fault(f"{not_one_of(value, DRIVES)}: {words}")
+    return value
+
+
 Motion = Annotated[
     Any,
     BeforeValidator(_motion),
@@ -126,6 +137,10 @@ class BaseKeys(Part):
         '"upright", these and z; or a list of x, y, z, roll, pitch and yaw, along and about axes '
         "of the world in that order",
         FREE,
+    )
+    drive: Annotated[Literal["differential"] | None, BeforeValidator(_drive)] = entry(
+        'of a planar base: "differential", it does not slip sideways, and its velocities are '
+        "ahead, along its x axis, and about z; default: none, it moves in all directions"
     )
     origin: Origin = entry(
         "the point whose position is x, y, z: motor1 or centre where the base has arms, base "
@@ -179,7 +194,9 @@ class Base(BaseKeys):
     @property
     def kind(self) -> str:
         """What a module says of the base's coordinates: the attitude's kind, or what moves."""
-        return self.attitude if self.moves_freely else " ".join(self.virtual_joints) or self.motion
+        if self.moves_freely:
+            return self.attitude
+        return self.drive or " ".join(self.virtual_joints) or str(self.motion)
 
     @property
     def shares_one_arm(self) -> bool:
@@ -259,6 +276,8 @@ class BaseTable(Posed, BaseKeys, RigidKeys):
     @classmethod
     def _motion_faults(cls, values: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
         """Faults of keys that do not fit how the base moves."""
+        if values.get("drive") is not None and values.get("motion", FREE) != PLANAR:
+            yield "drive", f'is of a base that rolls: give motion = "{PLANAR}" too'
         if values.get("motion", FREE) == FREE:
             for key in ("xyz", "rpy_deg"):
                 if key in values:

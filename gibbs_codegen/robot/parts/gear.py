@@ -1,4 +1,4 @@
-"""Gears, by which one coordinate moves several joints, or several move one."""
+"""Gears, by which one coordinate moves several joints, or several move one, and wheels."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ import pydantic
 from pydantic_core import CoreSchema, core_schema
 
 from gibbs_codegen.files.table import Place, fault, to_python
-from gibbs_codegen.robot.parts.numbers import Label, Size
-from gibbs_codegen.robot.parts.part import Part, entry
+from gibbs_codegen.robot.parts.numbers import Label, Positive, Size
+from gibbs_codegen.robot.parts.part import Part, entry, sized
 
 
 @dataclass(frozen=True)
@@ -102,3 +102,10 @@ class Gear(Part):
 
 def _several(value: Any) -> tuple[Any, ...]:
     return value if isinstance(value, tuple) else (value,)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Rolling(Part):
+    """The ground as the gear of a wheel on the base: its rate is the base's speed ahead/radius."""
+
+    radius: Positive = sized("radius of the wheel, {m}", ...)

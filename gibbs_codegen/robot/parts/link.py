@@ -12,7 +12,7 @@ from pydantic import BeforeValidator, GetPydanticSchema
 from gibbs_codegen.files.table import Flag, fault
 from gibbs_codegen.robot.parts.body import NOT_BOTH_BODIES, RIGID_NEEDS_MASS, Body, BodyKeys
 from gibbs_codegen.robot.parts.friction import Friction
-from gibbs_codegen.robot.parts.gear import Gear
+from gibbs_codegen.robot.parts.gear import Gear, Rolling
 from gibbs_codegen.robot.parts.motor import Motor
 from gibbs_codegen.robot.parts.numbers import (
     AXES,
@@ -154,13 +154,14 @@ class Link(JointKeys, DriveKeys):
 
     `parent` is always None for the link before. A link of kind "fixed" is welded to its parent;
     where it is `constrained` it is held by a constraint torque about its axis, which the hybrid
-    system has.
+    system has. Wheels of the base, which are `rolling`, are links after all others.
     """
 
     body: Body
     pose: Pose | None = None
     passive: Passive = Passive()
     limits: JointLimits = JointLimits()
+    rolling: Rolling | None = None
 
     @property
     def slides(self) -> bool:

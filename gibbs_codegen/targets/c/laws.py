@@ -13,7 +13,7 @@ from gibbs_codegen.machine.laws import LAWS, LEARNING
 from gibbs_codegen.machine.observers import CALLED, observer_functions
 from gibbs_codegen.program.model import Model
 from gibbs_codegen.robot.balance import carried_rotors, tried_postures, wrench_matrix
-from gibbs_codegen.robot.layout import layout_of
+from gibbs_codegen.robot.layout import check_no_wheels, layout_of
 from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.robot.rotations import Array
 from gibbs_codegen.robot.wrenches import DIRECTIONS, directions, leans
@@ -80,6 +80,7 @@ def _rank(matrix: Array) -> int:
 
 def _check(robot: Robot, law: str, frames: Sequence[str]) -> None:
     """Raise `UsageError` if rotors do not command what a law needs, or there is no tip to move."""
+    check_no_wheels(robot.name, robot.kind, "--laws: laws are")
     along, about = layout_of(robot).own_axes
     rows = [*along, *(3 + axis for axis in about)]
     if rows and not robot.rotors:
