@@ -198,8 +198,8 @@ class SymbolicRobot:
             v=spread(self.v, self.places, tree.places, self._turned(self.v)[0]),
             a=spread(self.a, self.places, tree.places, self._turned(self.a)[0]),
             u=(*self.u[: robot.rotors], *driven),
-            v_r=spread(self.v_r, self.places, tree.places, still),
-            a_r=spread(self.a_r, self.places, tree.places, still),
+            v_r=spread(self.v_r, self.places, tree.places, self._turned(self.v_r)[0]),
+            a_r=spread(self.a_r, self.places, tree.places, self._turned(self.a_r)[0]),
         )
 
     def folded(self, values: Sequence[Any]) -> list[Any]:
