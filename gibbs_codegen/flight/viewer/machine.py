@@ -18,6 +18,7 @@ from gibbs_codegen.flight.plant.allocation import least_inputs
 from gibbs_codegen.flight.plant.vehicle import Vehicle
 from gibbs_codegen.flight.record.series import Array, Flight, point_parents
 from gibbs_codegen.flight.vectors import Indices
+from gibbs_codegen.robot.layout import check_no_wheels
 
 # The largest disc, as a share of the reach of a robot's points.
 _LARGEST_DISC = 0.4
@@ -84,6 +85,7 @@ class DrawnMachine:
     """A generated module, with the back end "numpy" or "c", whose parameters can be changed."""
 
     def __init__(self, module: ModuleType) -> None:
+        check_no_wheels(module.NAME, module.ATTITUDE, "views are")
         self.module = module
         self._parameters: dict[str, float] = {}
         self.vehicle = Vehicle(module)
