@@ -283,7 +283,7 @@ def test_carts_that_hold_something_pass_with_derivatives() -> None:
     robot = parse_robot(CART.replace("two_wheels", "held_cart") + HELD)
     module = module_with_derivatives(robot)
     comparisons = compare_module(module, robot, formulations(robot)[0], 3, 0)
-    assert "constrained_forward_dynamics.accelerations" in {c.what for c in comparisons}
+    assert any(c.what.startswith("constrained_forward_dynamics.") for c in comparisons)
     assert not [c for c in comparisons if not c.passed]
 
 
