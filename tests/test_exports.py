@@ -53,6 +53,6 @@ def test_scenario_names_its_arguments() -> None:
     for _ in range(2):
         arguments = inspect.signature(gibbs_codegen.Scenario).parameters
         assert [*arguments][:4] == ["name", "duration", "base", "attitude"]
-        assert arguments["base"].default is inspect.Parameter.empty
-        with pytest.raises(UsageError, match=r"Scenario\.base: missing$"):
-            gibbs_codegen.Scenario(name="a", duration=1.0)  # type: ignore[call-arg]
+        assert arguments["duration"].default is inspect.Parameter.empty
+        with pytest.raises(UsageError, match=r"Scenario\.duration: missing$"):
+            gibbs_codegen.Scenario(name="a")  # type: ignore[call-arg]
