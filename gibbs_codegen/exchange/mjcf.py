@@ -199,10 +199,10 @@ class _CompiledModel:
                 self._report(name, f"{', '.join(lost)} of an actuator")
             limits = _range(model, k, size)
             if not at_site:
-                joint = self.joint_names[target]
+                joint, first = self.joint_names[target], target not in self._driven
                 if model.jnt_type[target] in (_FREE, _BALL):
                     self._report(name, f"an actuator on joint {joint}, which has no input")
-                elif target in self._driven:
+                elif not first:
                     self._report(name, f"one more actuator on joint {joint}")
                 self._driven.add(target)
                 if limits is not None and (most := max(map(abs, limits))) > 0.0:
@@ -210,8 +210,8 @@ class _CompiledModel:
                     if sum(limits):
                         words = "limits of its force, {:g} to {:g}: the larger holds both ways"
                         self._report(name, words.format(*limits))
-                if servo:
-                    self._servos.setdefault(target, servo)
+                if servo and first:
+                    self._servos[target] = servo
                 continue
             if size == 0.0:
                 self._report(name, "an actuator of torque without a force, no rotor")
@@ -243,6 +243,8 @@ class _CompiledModel:
         if model.actuator_gaintype[k] or not gear or not (holds or length == 0.0 > rate):
             return None
         unit, more = (-float(x / (length if holds else rate)) / gear + 0.0 for x in (gain, offset))
+        zero = float(model.qpos0[model.jnt_qposadr[joint]]) if holds else 0.0
+        more -= zero
         if abs(unit - 1.0) > 1e-9 or more:
             words = f"its command is {unit:.6g} times its control"
             self._report(name, words + f", and {more:g} more" * bool(more), "note")
@@ -252,7 +254,8 @@ class _CompiledModel:
         if not holds:
             most = max(-low, high) if limited else None
             return Servo(command="rate", damping=damping, rate=most, delay=lag)
-        same = model.jnt_limited[joint] and np.allclose((low, high), model.jnt_range[joint], 1e-3)
+        bounds = model.jnt_range[joint] - zero
+        same = model.jnt_limited[joint] and np.allclose((low, high), bounds, 1e-3)
         if limited and not same:
             self._report(name, f"limits of its commands, {low:.6g} to {high:.6g}")
         return Servo(stiffness=-float(length) * gear**2, damping=damping, delay=lag)

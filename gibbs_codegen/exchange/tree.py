@@ -84,7 +84,9 @@ def locked(source: Source, values: Mapping[str, float]) -> Source:
     for name in values:
         if name not in names:
             raise UsageError(f"--lock {printable(name, 60)}: no such joint{near(name, names)}")
-    joints, findings, seats = [], [], _seats(source)
+    words = "is not locked, since it leads to the base: --base MOTION says what of that moves"
+    findings = [Finding("note", name, words) for name in values if name in source.anchors]
+    joints, seats = [], _seats(source)
     places: dict[str, tuple[float, str]] = {}
     for joint in source.joints:
         low, high = joint.link.limits.low, joint.link.limits.high
@@ -101,14 +103,15 @@ def locked(source: Source, values: Mapping[str, float]) -> Source:
         elif joint.kind in ("revolute", "prismatic") and low is not None and low == high:
             places[joint.name] = low, "its limits leave it no range"
     following = {x.name: x.gear for x in source.joints if x.gear and x.name not in places}
+    movers = {name: gear.words for name, gear in following.items()}
     for _ in range(len(following)):  # Joints that follow may move others.
-        for name in following.keys() - places.keys():
+        for name in [name for name in following if name not in places]:
             gear = following[name]
             free = {mover: x for mover, x in gear.ratios.items() if mover not in places}
             locked_at = sum(x * places[m][0] for m, x in gear.ratios.items() if m not in free)
             following[name] = SourceGear(free, gear.offset + locked_at)
             if not free:
-                places[name] = gear.offset + locked_at, f"follows {gear.words}"
+                places[name] = gear.offset + locked_at, f"follows {movers[name]}"
     for joint in source.joints:
         if joint.name in following:
             joint = replace(joint, gear=following[joint.name])

@@ -477,8 +477,9 @@ def _with_motors(
         reduction = child_text(actuator, "mechanicalReduction") or "1"
         if (rotor := child(actuator, "drake:rotor_inertia")) is not None:
             pass_over(element)
-            ratio = values.number(child(actuator, "drake:gear_ratio"), "value", 1.0)
-            ratio *= values.of_text(actuator, "<mechanicalReduction>", reduction)
+            # Files for ROS and Drake say the same ratio twice; Drake reads its own alone.
+            ratio = values.of_text(actuator, "<mechanicalReduction>", reduction)
+            ratio = values.number(child(actuator, "drake:gear_ratio"), "value", ratio)
             if (inertia := values.positive(rotor, "value")) and ratio:
                 motor = Motor(rotor_inertia=inertia, gear_ratio=ratio)
                 driven[joint.name] = replace(joint, link=replace(joint.link, motor=motor))

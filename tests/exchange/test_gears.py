@@ -122,6 +122,11 @@ def test_differentials_of_mjcf_come_back_and_lose_what_is_locked(tmp_path: Path)
     free = text.replace('joint1="rack"', 'active="false" joint1="rack"')
     robot, _ = imported(free, tmp_path, lock={"driver": 0.2})
     assert [link.gear for link in robot.links] == [None, Gear(of=1, ratio=-2.0, offset=0.2)]
+    path = tmp_path / "whole.xml"
+    path.write_text(text, encoding="utf-8")
+    _, findings = import_robot(path, ImportOptions("quaternion", lock={"driver": 0.2}))
+    locked = {x.subject: x.detail for x in findings if x.kind == "locked"}
+    assert locked["tip"] == "at -0.9; follows joints driver and rack"
 
 
 def test_constraints_stand_beside_gears(tmp_path: Path) -> None:
@@ -199,3 +204,5 @@ def test_rotors_of_transmissions_are_motors_behind_gears(tmp_path: Path) -> None
     lost = {line.subject: line.detail for line in told if line.kind == "left out"}
     assert lost["driver"].startswith("a reduction of 60: the file has no inertia of a rotor")
     assert lost["transmissions"] == "1"
+    robot, _ = imported(URDF.replace("</robot>", DRIVEN.format(rotor + reduced)), tmp_path)
+    assert robot.links[0].motor == Motor(rotor_inertia=2e-5, gear_ratio=-60.0)

@@ -350,6 +350,14 @@ def test_what_holds_the_base_is_how_it_moves(
     assert parse_robot(robot_text(robot)).base == robot.base
 
 
+def test_a_lock_of_what_leads_to_the_base_is_told(tmp_path: Path) -> None:
+    text = arm('type="prismatic"><axis xyz="0 0 1"/>').replace('"held"', '"z"')
+    robot, report = imported(text, tmp_path, lock={"z": 0.5})
+    assert robot.base.motion == ("z",)
+    (note,) = (line for line in report if line.subject == "z" and line.kind == "note")
+    assert note.detail.startswith("is not locked, since it leads to the base: --base MOTION")
+
+
 def test_a_plane_across_no_axis_of_the_world_is_refused(tmp_path: Path) -> None:
     with pytest.raises(GibbsCodegenError, match=r'<joint "held">.*across an axis.*--base'):
         imported(arm(ACROSS.format("0 1 1")), tmp_path)

@@ -132,6 +132,16 @@ REPORTED: list[tuple[str, dict[str, str], str, str]] = [
         "u2",
         "one more actuator on joint j",
     ),
+    (
+        MJCF,
+        {
+            "top": '<compiler angle="radian"/>',
+            "joint": 'ref="0.25"',
+            "end": '<actuator><position name="u" joint="j" kp="1"/></actuator>',
+        },
+        "u",
+        "its command is 1 times its control, and -0.25 more",
+    ),
 ]  # fmt: skip
 
 
