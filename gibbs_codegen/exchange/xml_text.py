@@ -282,8 +282,8 @@ def _mjcf_inertial(element: ET.Element, name: str, link: sources.SourceBody) -> 
     place = seat.matrix @ axes * np.linalg.det(axes)
     attributes = {
         "pos": numbers(seat.xyz),
-        "mass": repr(body.mass),
-        "diaginertia": numbers(np.maximum(moments, 0.0)),
+        "mass": repr(max(body.mass, sources.NOTHING)),
+        "diaginertia": numbers(np.maximum(moments, sources.NOTHING)),
         "xyaxes": numbers(place.T[:2].ravel()),
     }
     ET.SubElement(element, "inertial", attributes)

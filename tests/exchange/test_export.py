@@ -22,6 +22,7 @@ from gibbs_codegen.cli.app import main
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.exchange.exporting import FILES, Format, export_robot
 from gibbs_codegen.exchange.importing import ImportOptions, import_robot
+from gibbs_codegen.files.shipped import shipped_names
 from gibbs_codegen.robot.file import parse_robot, read_robot
 from gibbs_codegen.robot.layout import frames_of, layout_of
 from gibbs_codegen.robot.model import Robot
@@ -382,6 +383,16 @@ def test_impossible_inertias_are_warned_of(
         assert main(["export", str(path), "--format", "urdf"]) == 0
     assert "warning: the base: its inertia violates" in capsys.readouterr().err
     assert (tmp_path / f"{parse_robot(MACHINE).name}.urdf").is_file()
+
+
+@pytest.mark.parametrize("name", shipped_names("robots"))
+def test_mujoco_loads_every_robot_that_ships(name: str) -> None:
+    """Thin rods and points among their bodies, too."""
+    import mujoco
+
+    robot = read_robot(name)[0]
+    model = mujoco.MjModel.from_xml_string(export_robot(robot, "mjcf")[0])
+    assert model.body_mass.sum() == pytest.approx(robot.total_mass)
 
 
 def test_mujoco_s_limits_are_told() -> None:
