@@ -206,7 +206,8 @@ def _momenta(robot: Robot, number: int) -> tuple[Array, Array]:
             momenta.append(linear + np.cross(angular, arms, axis=0))
             reach = ways[number] + np.linalg.norm(place - frames.centre) + radii[-1]
             levers = np.maximum(levers, turned * reach)
-    # A row for each joint with armature or a motor, which resist it whatever it carries.
+    # A row for each joint with armature or a rotor, which resist it whatever it carries.
     links = [robot.links[i - 1] for i in moving]
-    resisted = [_JOINTS + k for k, x in enumerate(links) if x.passive.armature > 0.0 or x.motor]
+    rotors = [x.passive.armature or (x.motor and x.motor.gear_ratio) for x in links]
+    resisted = [_JOINTS + k for k, rotor in enumerate(rotors) if rotor]
     return np.vstack([*momenta, np.eye(size)[resisted]]), np.where(turning, levers, 1.0)

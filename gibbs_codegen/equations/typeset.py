@@ -108,7 +108,7 @@ _PARAMETERS = (
     (r"damping", "delta", "", "", "damping of the joint of {}"),
     (r"armature", "alpha", "", "", "inertia of what turns with the joint of {} alone"),
     (r"rotor_inertia", "J", "", "r", "inertia of the rotor of the motor of {}"),
-    (r"gear_ratio", "n", "", "", "turns of that rotor for each of the joint of {}"),
+    (r"gear_ratio", "n", "", "", "gear ratio of the motor of {}"),
     (r"stiffness", "k", "", "", "stiffness of the joint of {}"),
     (r"rest", "theta", "bar", "", "rest of the spring at the joint of {}"),
     (r"drag", "kappa", "", "", "reaction torque of {} per unit of thrust"),

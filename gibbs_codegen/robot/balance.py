@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from gibbs_codegen.robot import posture
-from gibbs_codegen.robot.layout import frames_of, joint_terms
+from gibbs_codegen.robot.layout import frames_of, joint_terms, layout_of
 from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.robot.names import coordinate_of, link_label, rotor_label
 from gibbs_codegen.robot.parts.base import FIXED
@@ -543,9 +543,10 @@ def implausible(robot: Robot) -> tuple[str, ...]:
                 f"a limit of {link_label(robot, i)} is {far[0]:.4g} rad, more than a turn; "
                 "limits are in rad, limits_deg in degrees"
             )
-    for i, link in enumerate(robot.links, start=1):
-        held = robot.base.motion == FIXED and robot.rigid[robot.parents[i - 1]] == BASE
-        if link.motor and not held:
+    turning = [bool(layout_of(robot).own_axes[1])]  # Of what never turns the inertia plays no part.
+    for i, (link, parent) in enumerate(zip(robot.links, robot.parents, strict=True), start=1):
+        turning.append(turning[parent] or (link.moves and link.joint == "revolute"))
+        if link.motor and turning[parent]:
             whole, part = posture.carrier_inertia(robot, i), link.motor.rotor_inertia
             if part > whole:
                 warnings.append(

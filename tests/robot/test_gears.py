@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 
 from gibbs_codegen.errors import RobotFileError
 from gibbs_codegen.robot.balance import holding_efforts, implausible
 from gibbs_codegen.robot.description import Description
-from gibbs_codegen.robot.file import parse_robot
+from gibbs_codegen.robot.file import parse_robot, read_robot
 from gibbs_codegen.robot.parts.gear import Gear
+from gibbs_codegen.robot.parts.motor import Motor
 from gibbs_codegen.robot.posture import AT_ORIGIN, frames_on
 from gibbs_codegen.robot.text import robot_text
 
@@ -108,6 +111,9 @@ def test_rotors_that_are_more_than_their_carriers_are_warned_of() -> None:
     assert not [x for x in implausible(robots[0]) if "rotor_inertia" in x]
     (warning,) = (x for x in implausible(robots[1]) if "rotor_inertia" in x)
     assert warning.startswith("rotor_inertia of driver is 0.25 kg m², more than the 0.001 kg m²")
+    cart = read_robot("cart_pole")[0]  # The cart has no inertia, and never turns.
+    pole = replace(cart.links[1], motor=Motor(rotor_inertia=1e-5, gear_ratio=50.0))
+    assert implausible(replace(cart, links=(cart.links[0], pole))) == implausible(cart)
 
 
 @pytest.mark.parametrize(
@@ -136,6 +142,7 @@ def test_rotors_that_are_more_than_their_carriers_are_warned_of() -> None:
             "gear.of 2: must be the",
         ),
         ('"driver", ratio = 0.5', '["driver"], ratio = [1, 1]', "a ratio for each name in of, 1"),
+        ('"driver", ratio = 0.5', "[], ratio = []", "gear.of: must have the name of a link whose"),
         ("ratio = 0.5", 'ratio = "half"', "gear.ratio: must be a number, not a string"),
         (GEAR, f"{GEAR}\nmotor = {{ rotor_inertia = 1, gear_ratio = 9 }}", "motor: belongs to a"),
         (

@@ -63,12 +63,14 @@ class Gear(Part):
     def _faults(self) -> Iterator[tuple[Place, str]]:
         """The fault of a joint that would not move, or of numbers that do not fit."""
         movers, ratios = map(_several, (self.of, self.ratio))
-        if 0.0 in ratios or not ratios:
+        if 0.0 in ratios:
             yield (
                 ("ratio",),
                 'must not be 0, with which the joint would not move: give joint = "fixed"',
             )
-        if len(movers) != len(ratios):
+        if not movers:
+            yield ("of",), "must have the name of a link whose joint moves this one"
+        elif len(movers) != len(ratios):
             yield ("ratio",), f"must have a ratio for each name in of, {len(movers)}"
         if len({*movers}) < len(movers):
             yield ("of",), "must not have a name twice: add the ratios"
