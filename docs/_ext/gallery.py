@@ -47,7 +47,7 @@ _THINNEST, _ROOM = 0.3, 0.04
 
 def gallery() -> str:
     """The gallery in Markdown: for each robot its picture, its words in the table, its command."""
-    words = told()
+    words = descriptions()
     parts = []
     for name in shipped_names("robots"):
         robot = read_robot(name)[0]
@@ -69,7 +69,7 @@ def gallery() -> str:
     return "\n".join(parts)
 
 
-def told() -> dict[str, str]:
+def descriptions() -> dict[str, str]:
     """What the page of robot files says of each robot that ships."""
     rows = re.findall(r"^\| (`.*`) \| (.*) \|$", PAGE.read_text(encoding="utf-8"), re.MULTILINE)
     return {name: words for names, words in rows for name in re.findall(r"`(\w+)`", names)}
