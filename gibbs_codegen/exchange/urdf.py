@@ -470,10 +470,11 @@ def _with_motors(
     """
     driven = dict(joints)
     for element in children(root, "transmission"):
-        held, actuator = (next(iter(children(element, x)), None) for x in ("joint", "actuator"))
-        joint = driven.get("" if held is None else held.get("name", ""))
-        if actuator is None or joint is None or joint.kind != "revolute":
+        held, actuators = (children(element, x) for x in ("joint", "actuator"))
+        joint = driven.get(held[0].get("name", "")) if len(held) == len(actuators) == 1 else None
+        if joint is None or joint.kind != "revolute":
             continue
+        (actuator,) = actuators
         reduction = child_text(actuator, "mechanicalReduction") or "1"
         if (rotor := child(actuator, "drake:rotor_inertia")) is not None:
             pass_over(element)

@@ -64,7 +64,7 @@ def check_free_base(name: str, kind: str, what: str) -> None:
         key = "drive" if level in DRIVES else "motion"
         raise UsageError(
             f"{name}: base.{key} is {motion}; {what} for bases that move freely only (base.motion "
-            '= "free"); functions of the module, rollout, linearise, lqr and verify take any base'
+            '= "free")'
         )
 
 

@@ -204,5 +204,10 @@ def test_rotors_of_transmissions_are_motors_behind_gears(tmp_path: Path) -> None
     lost = {line.subject: line.detail for line in told if line.kind == "left out"}
     assert lost["driver"].startswith("a reduction of 60: the file has no inertia of a rotor")
     assert lost["transmissions"] == "1"
+    several = f"{rotor}</actuator><actuator>"
+    path.write_text(URDF.replace("</robot>", DRIVEN.format(several)), encoding="utf-8")
+    robot, told = import_robot(path, ImportOptions("quaternion"))
+    assert robot.links[0].motor is None
+    assert "transmissions" in {line.subject for line in told if line.kind == "left out"}
     robot, _ = imported(URDF.replace("</robot>", DRIVEN.format(rotor + reduced)), tmp_path)
     assert robot.links[0].motor == Motor(rotor_inertia=2e-5, gear_ratio=-60.0)
