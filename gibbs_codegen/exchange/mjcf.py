@@ -268,11 +268,8 @@ class _CompiledModel:
         model, names = self.model, sources.FreeNames()
         for k in range(model.neq):
             name = names.free(model.equality(k).name or f"equality_{k + 1}")
-            if model.eq_type[k] == _JOINT:
+            if model.eq_type[k] in (_JOINT, _TENDON):
                 self._add_gear(k, name)
-                continue
-            if model.eq_type[k] == _TENDON:
-                self._add_differential(k, name)
                 continue
             welds, data = model.eq_type[k] == _WELD, model.eq_data[k]
             ends = [int(model.eq_obj1id[k]), int(model.eq_obj2id[k])]
@@ -300,29 +297,26 @@ class _CompiledModel:
             yield sources.SourceConstraint.between(name, joint, (held, anchor))
 
     def _add_gear(self, k: int, name: str) -> None:
-        """Note a gear of an equality of two joints, if it is one."""
-        offset, ratio, *others = map(float, self.model.eq_data[k][:5])
-        first, second = self.model.eq_obj1id[k], self.model.eq_obj2id[k]
-        if second < 0 or any(others) or not self.model.eq_active0[k]:
-            self._report(name, "an equality of joints that is no gear")
+        """Note the gear of an equality of joints, or of a fixed tendon, whose first others move."""
+        model, data, what = self.model, self.model.eq_data[k], "joints"
+        first, second = int(model.eq_obj1id[k]), int(model.eq_obj2id[k])
+        joints, shares = np.array([first, second]), np.array([1.0, -data[1]])
+        is_gear = bool(model.eq_active0[k]) and second >= 0 and not data[2:5].any()
+        if model.eq_type[k] == _TENDON:
+            begin, count = model.tendon_adr[first], model.tendon_num[first]
+            wraps = slice(begin, begin + count)
+            joints, shares, what = model.wrap_objid[wraps], model.wrap_prm[wraps], "tendons"
+            along = count > 1 and (model.wrap_type[wraps] == _ALONG_JOINT).all()
+            is_gear = bool(model.eq_active0[k] and second < 0 and along and shares[0])
+        if not is_gear:
+            self._report(name, f"an equality of {what} that is no gear")
             return
-        self._gears[self.joint_names[first]] = sources.SourceGear(
-            {self.joint_names[second]: ratio}, offset
-        )
-
-    def _add_differential(self, k: int, name: str) -> None:
-        """Note a gear of an equality of a fixed tendon, whose first joint the others move."""
-        model, tendon, data = self.model, self.model.eq_obj1id[k], self.model.eq_data[k]
-        wraps = slice(model.tendon_adr[tendon], model.tendon_adr[tendon] + model.tendon_num[tendon])
-        is_gear = model.eq_obj2id[k] < 0 and model.eq_active0[k] and wraps.stop > wraps.start + 1
-        if not is_gear or (model.wrap_type[wraps] != _ALONG_JOINT).any():
-            self._report(name, "an equality of tendons that is no gear")
+        moved, *movers = (self.joint_names[j] for j in joints)
+        if moved in self._gears:
+            self._report(name, f"one more equality that moves joint {moved}")
             return
-        names = [self.joint_names[j] for j in model.wrap_objid[wraps]]
-        shares = model.wrap_prm[wraps] / model.wrap_prm[wraps.start]
-        ratios = {joint: -float(x) for joint, x in zip(names[1:], shares[1:], strict=True)}
-        offset = float(data[0] / model.wrap_prm[wraps.start])
-        self._gears[names[0]] = sources.SourceGear(ratios, offset)
+        ratios = {x: -float(share / shares[0]) for x, share in zip(movers, shares[1:], strict=True)}
+        self._gears[moved] = sources.SourceGear(ratios, float(data[0] / shares[0]))
 
     def _carrier(self, body: int) -> str:
         return sources.WORLD if body == WORLD else self.names[body]

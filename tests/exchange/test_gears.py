@@ -149,6 +149,16 @@ def test_equalities_of_mjcf_that_are_no_gears_are_told(tmp_path: Path) -> None:
     text, _ = export_robot(parse_robot(HAND), "mjcf")
     robot, _ = imported(text.replace("0.5 0.25 0.0 0.0", "0.5 0.25 0.1 0.0"), tmp_path)
     assert [link.gear for link in robot.links] == [None, None, Gear(of=2, ratio=-2.0)]
+    twice = '<joint name="again" joint1="rack" joint2="tip"/></equality>'
+    robot, told = imported(text.replace("</equality>", twice), tmp_path)
+    assert robot.links[1].gear == Gear(of=1, ratio=0.25, offset=0.5)
+    assert told["again"] == ["one more equality that moves joint rack"]
+    text, _ = export_robot(parse_robot(DIFFERENTIAL), "mjcf")
+    path = tmp_path / "slack.xml"
+    path.write_text(text.replace('joint="tip" coef="1.0"', 'joint="tip" coef="0"'))
+    robot, findings = import_robot(path, ImportOptions("quaternion"))
+    assert robot.links[2].gear is None
+    assert "an equality of tendons that is no gear" in {line.detail for line in findings}
 
 
 GEARBOX = """
