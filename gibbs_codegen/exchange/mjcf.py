@@ -27,7 +27,9 @@ from gibbs_codegen.robot.rotations import Array, turn_of_quaternion
 
 _SITE = 4
 # Of equalities: the kind, and that they are between sites rather than bodies.
-_WELD, _JOINT, _TENDON, _OF_SITES, _ALONG_JOINT = 1, 2, 3, 6, 1
+_WELD, _JOINT, _TENDON, _OF_SITES = 1, 2, 3, 6
+# Of what a tendon goes along.
+_ALONG_JOINT = 1
 _FILTERS = (2, 3)
 _NO_BIAS = 0
 

@@ -20,7 +20,7 @@ from gibbs_codegen.exchange.sources import (
     SourceJoint,
     SourceRotor,
 )
-from gibbs_codegen.robot.parts.base import FIXED, FREE, TRAVELS, TURNS, Motion
+from gibbs_codegen.robot.parts.base import FIXED, FREE, LEVEL_MOTIONS, TRAVELS, TURNS, Motion
 from gibbs_codegen.robot.parts.pose import HERE, Pose, vector
 from gibbs_codegen.robot.rotations import turn_about
 
@@ -303,8 +303,8 @@ def rerooted(source: Source, link: str, asked: bool) -> Source:
     if there is no such link.
     """
     if link not in source.links:
-        hint = near(link, source.links)
-        raise UsageError(f"--base {printable(link, 60)}: no such link{hint}")
+        hint = near(link, (*source.links, FREE, *LEVEL_MOTIONS))
+        raise UsageError(f"--base {printable(link, 60)}: no such link or motion{hint}")
     carried = {joint.child: joint for joint in source.joints}
     reverse = []
     on_the_way = link

@@ -102,7 +102,7 @@ def test_locks_are_where_they_were_asked_for(tmp_path: Path) -> None:
     ("options", "message"),
     [
         ({"lock": {"rigth": 0.0}}, "--lock rigth: no such joint; did you mean right?"),
-        ({"base": "hab"}, "--base hab: no such link; did you mean hub?"),
+        ({"base": "hab"}, "--base hab: no such link or motion; did you mean hub?"),
     ],
 )
 def test_unknown_names(options: dict[str, object], message: str, tmp_path: Path) -> None:
@@ -374,7 +374,7 @@ def test_a_plane_across_no_axis_of_the_world_is_refused(tmp_path: Path) -> None:
         (["fixed", "planar"], None, "--base planar: give one link, and one motion, at most"),
         (["yaw,x"], None, "'x' comes after a rotation"),
         (["planar", "--attitude", "xyz"], None, "--attitude is of a base that moves freely"),
-        (["gripper"], None, "--base gripper: no such link"),
+        (["planr"], None, "--base planr: no such link or motion; did you mean planar?"),
     ],
 )
 def test_motions_of_the_base_are_asked_for(
