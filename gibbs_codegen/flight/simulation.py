@@ -68,7 +68,7 @@ from gibbs_codegen.flight.record.flight import Flight
 from gibbs_codegen.flight.record.recording import flight_of, timing_note
 from gibbs_codegen.flight.reference import Motion, Reference
 from gibbs_codegen.flight.scenario.file import AnyScenario, read_scenario
-from gibbs_codegen.flight.scenario.parts import HOLDING, PREDICTIVE, Law
+from gibbs_codegen.flight.scenario.parts import HOLDING, PREDICTIVE
 from gibbs_codegen.flight.scenario.paths import check_path
 from gibbs_codegen.flight.scenario.scenario import Scenario
 from gibbs_codegen.interface import FUNCTIONS
@@ -259,13 +259,8 @@ def _check_law(robot: RobotData, scenario: Scenario) -> None:
     """Raise `UsageError` for a law that the robot does not serve."""
     law = None
     if not robot.wrenches_vary:  # What they command is known before there is a motion.
-        law = law_of(_about(scenario.control.law, robot), robot, robot.neutral, scenario.name)
+        law = law_of(scenario.control.law, robot, robot.neutral, scenario.name)
     check_control(law, scenario.control, robot)
-
-
-def _about(law: Law, robot: RobotData) -> Law:
-    """The law itself or, as a plan is about hover, that for which rotors of a flier must serve."""
-    return "tracking" if law == PREDICTIVE and robot.layout.moves_freely else law
 
 
 def _check_functions(module: ModuleType, scenario: Scenario) -> None:
@@ -299,7 +294,6 @@ def _loop(
     actuators = actuators_of(vehicle, scenario)
     allocation = allocation_of(vehicle, limits=actuators.thrusts)
     knots = reference(reference.knots)[0]
-    law_of(_about(control.law, vehicle), vehicle, knots, scenario.name)
     law = law_of(control.law, vehicle, knots, scenario.name)
     if law == "open_loop" and not custom_law:
         _check_open_loop(vehicle, allocation, reference)

@@ -208,10 +208,10 @@ class Estimates:
 class Aim:
     """The aim of a law, and its gains.
 
-    `memory` (nv or more) are the integrals of the errors, if the law remembers them: where the base
-    leans, of joints and of the centre of mass, in the places of the position. `path` and `weight`
-    are there where the base leans, `frame` where the law moves a frame; `frame_memory` says in
-    which places it remembers that. A law that learns parameters has `estimates`.
+    `memory` (nv) are the integrals of the errors, if the law remembers them: where the base leans,
+    of joints and of the centre of mass, in the places of the position. `path` and `weight` are
+    there where the base leans, `frame` where the law moves a frame; what it remembers of that (3)
+    is at the end of the memory. A law that learns parameters has `estimates`.
     """
 
     desired: Motion
@@ -328,15 +328,13 @@ def at_frame(robot: Functions, q: Node, v: Node, aim: Aim) -> Node:
     """
     base, gains, desired, frame = base_of(robot, q), aim.gains, aim.desired, aim.frame
     assert frame is not None  # noqa: S101 - the law moves a frame
-    places, learnt = robot.layout.v, aim.learnt
     error, rate = base.errors(v, desired)
-    # What is remembered in the places of the position may be of the frame.
-    error = error + placed(robot, learnt[places.attitude], zeros(3), learnt[places.joints])
+    error = error + aim.learnt[: v.size]
     a = base.corrected(v, desired, gains.stiffness * error + gains.damping * rate)
     jacobian = robot.frame_jacobians(q)[frame.number][:3]
     looseness = choose(gains.stiffness, 0.0, 1.0 / maximum(gains.stiffness, _LEAST), 0.0)
     moved = reshaped(looseness, (looseness.size, 1)) * jacobian.transposed
-    lacking = _wanted(robot, q, v, aim, frame_memory(robot.layout)) - jacobian @ a
+    lacking = _wanted(robot, q, v, aim) - jacobian @ a
     a = a + moved @ solve(jacobian @ moved, lacking)
     return robot.inverse_dynamics(q, v, a) - _felt(robot, q, frame)
 
@@ -368,11 +366,8 @@ def _felt(robot: Functions, q: Node, frame: FrameAim) -> Node:
     return robot.frame_jacobians(q)[frame.number].transposed @ frame.wrench
 
 
-def _wanted(robot: Functions, q: Node, v: Node, aim: Aim, place: slice) -> Node:
-    """Acceleration (3) of the frame that is moved, less that without accelerations of coordinates.
-
-    In a place of its memory the law has what it remembers of the frame.
-    """
+def _wanted(robot: Functions, q: Node, v: Node, aim: Aim) -> Node:
+    """Acceleration (3) of the frame that is moved, less that by accelerations of coordinates 0."""
     desired, frame = aim.desired, aim.frame
     assert frame is not None  # noqa: S101 - the law moves a frame
     number, push = frame.number, frame.push
@@ -383,10 +378,10 @@ def _wanted(robot: Functions, q: Node, v: Node, aim: Aim, place: slice) -> Node:
     if push is None:
         pull = pull + frame.force
     else:
-        n, learnt = push.direction, push.to_world(aim.learnt[place])
+        n, learnt = push.direction, push.to_world(aim.learnt[v.size :])
         felt = dot(n, frame.force)
         pull = pull + frame.stiffness * (learnt - dot(n, learnt) * n) + felt * n
-        remembered = dot(n, push.to_world(aim.remembered[place]))
+        remembered = dot(n, push.to_world(aim.remembered[v.size :]))
         wish = push.force + push.integral * remembered + felt
         # What is pushed decides how the frame moves there, and not its path.
         pull, velocity, ahead = (
@@ -413,8 +408,7 @@ def _reaching(robot: Functions, q: Node, v: Node, aim: Aim, a: Node, pushed: Nod
     held = base.to_world(base.wrench(zeros(3), robot.inverse_dynamics(q, v, rest))[:3])
     drift = (held - weight.weight) / weight.mass
     relative = robot.frame_jacobians(q)[frame.number][:3] - robot.centre_of_mass_jacobian(q)
-    memory = frame_memory(robot.layout, leans=True)
-    lacking = _wanted(robot, q, v, aim, memory) - (pushed - drift) - relative @ a
+    lacking = _wanted(robot, q, v, aim) - (pushed - drift) - relative @ a
     levers = relative.transposed[joints]
     stiffness = aim.gains.stiffness[joints]
     holding = choose(stiffness, 0.0, _POSTURE * stiffness, _HELD)
@@ -423,42 +417,25 @@ def _reaching(robot: Functions, q: Node, v: Node, aim: Aim, a: Node, pushed: Nod
     return a[joints] + solve(square, levers @ lacking)
 
 
-def frame_memory(layout: Layout, leans: bool = False) -> slice:
-    """Places among what a law remembers of what it does of the frame that it moves.
-
-    A base that moves freely needs the position no more, or where it `leans` the attitude; others
-    may not have these.
-    """
-    if layout.moves_freely:
-        return layout.v.attitude if leans else layout.v.position
-    return slice(layout.v.size, layout.v.size + 3)
-
-
 def memory_size(layout: Layout, law: str) -> int:
-    """How many numbers a law remembers, if it remembers any."""
-    moves_frame = law in LAWS and LAWS[law].moves_frame
-    return max(layout.v.size, frame_memory(layout).stop if moves_frame else 0)
+    """How many numbers a law remembers, if any: of errors (nv), and of a frame it moves (3)."""
+    return layout.v.size + 3 * (law in LAWS and LAWS[law].moves_frame)
 
 
 def learning(robot: Functions, q: Node, v: Node, aim: Aim) -> Node:
     """Rates of what a law with integral action remembers: errors, of coordinates or others."""
     path, frame, places = aim.path, aim.frame, robot.layout.v
-    beside = not robot.layout.moves_freely
+    of_frame = zeros(0) if frame is None else _frame_learning(robot, q, frame, aim)
     if path is None:
         errors = base_of(robot, q).errors(v, aim.desired)[0]
-        if frame is None:
-            return errors
-        of_frame = _frame_learning(robot, q, frame, aim)
-        others = errors[places.attitude], zeros(3) if beside else of_frame, errors[places.joints]
-        return join(placed(robot, *others), of_frame if beside else zeros(0))
-    off = path.position - robot.centre_of_mass(q)
-    if frame is not None:  # The joints go where the frame needs them.
-        none = zeros(places.joints.stop - places.joints.start)
-        of_frame = _frame_learning(robot, q, frame, aim)
-        others = zeros(3) if beside else of_frame, off, none
-        return join(placed(robot, *others), of_frame if beside else zeros(0))
-    joints = (_entries(aim.desired.q) - _entries(q))[robot.layout.q.joints]
-    return placed(robot, zeros(3), off, joints)
+        position = base_of(robot, q).travels(errors) if frame is None else zeros(3)
+        parts = errors[places.attitude], position, errors[places.joints]
+    else:
+        joints = (_entries(aim.desired.q) - _entries(q))[robot.layout.q.joints]
+        joints = joints if frame is None else zeros(joints.size)
+        parts = zeros(3), path.position - robot.centre_of_mass(q), joints
+    # What the frame needs decides where it is held loosely: the base or, of one that leans, joints.
+    return join(placed(robot, *parts), of_frame)
 
 
 @dataclass(frozen=True)

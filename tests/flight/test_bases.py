@@ -263,6 +263,7 @@ def test_what_a_base_cannot_do_is_refused_in_words() -> None:
         ),
         ({"start": {"offset": [0, 0, 0.1]}}, r"start\.offset: .* 0\.1 m along z"),
         ({"base": {"path": line([0, 0, 0.1], [1, 0, 0.1])}}, r"-0\.1 m along z"),
+        ({"control": {"law": "impedance"}}, r"t = 0 s nothing moves tip along \[0, 1, 0\]"),
     ):
         with pytest.raises(UsageError, match=words):
             simulate(cart, {"name": "beyond", "duration": 1.0, **tables})

@@ -444,7 +444,6 @@ def trim(
         angles = roll_pitch_yaw(rotation).tolist()
         attitude = dict(zip(("roll", "pitch", "yaw"), angles, strict=True))
     asked = asked_of(vehicle, balanced)
-    asked = np.eye(6) if asked is None else asked
     idle = asked @ null_space(vehicle.thrust_wrenches(balanced).T @ asked)
     joint_units, angles = layout.q.units[vehicle.arm], balanced[vehicle.arm]
     beyond = beyond_limits(vehicle.joint_names, joint_units, angles, actuators.joints)

@@ -100,9 +100,8 @@ class Machine:
         scenario = replace(scenario, integration=settings)
         self.simulation = Simulation(robot, scenario, progress)
         self.loop = self.simulation.loop
-        vehicle = self.loop.vehicle
-        check_free_base(vehicle.name, vehicle.attitude, "autopilots are")
         self.vehicle, self.servos = self.loop.vehicle, servos
+        check_free_base(self.vehicle.name, self.vehicle.attitude, "autopilots are")
         self.rotors, self.joints = self.vehicle.rotors, self.vehicle.joints
         actuators = self.loop.actuators
         # Rotors that could push backwards as well do not.

@@ -7,6 +7,7 @@ from dataclasses import replace
 from functools import partial
 
 import numpy as np
+from numpy.typing import NDArray
 
 from gibbs_codegen.errors import UsageError, check_all
 from gibbs_codegen.flight.control.error_polynomials import check_integral
@@ -41,6 +42,8 @@ def law_of(law: Law, vehicle: RobotData, q: Array, scenario: str) -> Law:
     `q` (s, nq) is of the desired motion; one is enough for rotors that no joint moves. Raises
     `AllocationError`, with what would serve, if rotors do not command what the law needs.
     """
+    if law == PREDICTIVE and vehicle.layout.moves_freely:
+        law_of("tracking", vehicle, q, scenario)  # It plans about hover, for which rotors serve.
     if law not in ("tracking", *LAWS):
         return law
     full = commands_all(vehicle, q)
@@ -132,6 +135,8 @@ def control_law(
     memory, moved = 0, _moved_frame(law, control, vehicle)
     if leans and moved is not None:
         _check_levers(moved, control, vehicle, reference)
+    elif moved is not None:
+        _check_moved(moved, gains.stiffness > 0.0, vehicle, reference)
     if law in LAWS and (control.integral or LAWS[law].pushes):
         gains, memory = replace(gains, integral=control.integral), memory_size(vehicle.layout, law)
     kind = LeaningController if leans else Controller
@@ -190,6 +195,30 @@ def _moved_frame(law: Law, control: Control, vehicle: Vehicle) -> MovedFrame | N
     return MovedFrame(place, axes, impedance, gains, force)
 
 
+def _check_moved(
+    moved: MovedFrame, loose: NDArray[np.bool_], vehicle: Vehicle, reference: Reference
+) -> None:
+    """Raise `UsageError` with the time at which what is `loose` (nv) moves a frame least.
+
+    A law that moves it needs all directions.
+    """
+    jacobians = vehicle.frame_jacobians(reference(reference.knots)[0])[:, moved.place, :3]
+    ways, shares, _ = np.linalg.svd(np.pad(jacobians[..., loose], ((0, 0), (0, 0), (0, 3))))
+    frame, k = moved.impedance.frame, np.argmin(shares[:, 2] - _NO_LEVER * shares[:, 0])
+    if shares[k, 2] <= _NO_LEVER * shares[k, 0]:
+        raise UsageError(
+            f"{vehicle.name}: at t = {reference.knots[k]:.6g} s nothing moves {frame} along "
+            f"{_in_words(ways[k, :, 2])}, but control.law must move it in all directions; "
+            'choose another posture (arm.posture_deg), or set control.law to "tracking"'
+        )
+
+
+def _in_words(way: Array) -> str:
+    """A direction (3), of which the greatest entry is positive."""
+    way = way * np.sign(way[np.argmax(np.abs(way))])
+    return f"[{', '.join(f'{x:.3g}' for x in way.round(3) + 0.0)}]"
+
+
 def _check_levers(
     moved: MovedFrame, control: Control, vehicle: Vehicle, reference: Reference
 ) -> None:
@@ -205,10 +234,7 @@ def _check_levers(
     least = _NO_LEVER * np.linalg.norm(levers)
     if force is None:
         ways, shares, _ = np.linalg.svd(np.pad(levers, ((0, 0), (0, 3))))
-        stuck = [way * np.sign(way[np.argmax(np.abs(way))]) for way in ways.T[shares <= least]]
-        stiff = " and ".join(
-            f"[{', '.join(f'{x:.3g}' for x in way.round(3) + 0.0)}]" for way in stuck
-        )
+        stiff = " and ".join(map(_in_words, ways.T[shares <= least]))
         if control.impedance and control.impedance.stiffness and stiff:
             warnings.warn(
                 f"control.impedance.stiffness: {vehicle.name} leans, so that joints must yield; "

@@ -28,7 +28,9 @@ _PREFERENCE = 1e-5
 # Iterations of bounded least squares at most, for each rotor. SciPy ends after one for each by
 # default, which may be before the nearest wrench: each takes a thrust to a limit or off it.
 _ITERATIONS = 100
-# Why such a base cannot fly without thrust.
+# A basis of all wrenches.
+_ANY = np.eye(6)
+# Why a base that leans cannot fly without thrust.
 LEANS_BY_THRUST = "without thrust nothing tells how the base must lean"
 
 
@@ -46,8 +48,7 @@ class Allocation:
     Where these exceed the limits, thrusts are taken whose wrench is nearest to the desired one: of
     least |Δforce|² + |Δtorque / lever|², with the mean lever arm of the thrusts, m. `wrenches` (6,
     N) are those of unit thrusts, as `Vehicle.thrust_wrenches` has them; `limits`, N, are (2, N) or
-    one pair for all. `asked` (6, n) are a basis of the wrenches that a motion may ask for; any if
-    None.
+    one pair for all. `asked` (6, n) are a basis of the wrenches that a motion may ask for.
     """
 
     # Whether a wrench that no thrusts produce is refused.
@@ -57,14 +58,13 @@ class Allocation:
         self,
         wrenches: Array,
         limits: Array | tuple[float, float] | None = None,
-        asked: Array | None = None,
+        asked: Array = _ANY,
     ) -> None:
         self.wrenches = wrenches
         self.limits = limits
-        of_thrusts = wrenches if asked is None else asked.T @ wrenches
+        of_thrusts = asked.T @ wrenches
         left, rank = np.linalg.svd(of_thrusts)[0], int(ranks(of_thrusts))
-        lacking = left[:, rank:]
-        self.missing = directions(lacking if asked is None else asked @ lacking)
+        self.missing = directions(asked @ left[:, rank:])
         self.inverse = np.asarray(np.linalg.pinv(wrenches, rcond=RANK), dtype=np.float64)
         # Torque is divided by the mean lever arm, so that it compares with force.
         force, torque = (float(np.linalg.norm(part)) for part in (wrenches[:3], wrenches[3:]))
@@ -244,16 +244,14 @@ def allocation_of(
     return MovingAllocation(vehicle, limits)
 
 
-def asked_of(vehicle: RobotData, q: Array) -> Array | None:
+def asked_of(vehicle: RobotData, q: Array) -> Array:
     """An orthonormal basis (6, n) of the wrenches that motions of a base at `q` (nq) ask for.
 
-    They are as many as the base has velocities; None of a base that moves freely.
+    They are as many as the base has velocities.
     """
     base, (along, about) = vehicle.layout.v.base, vehicle.layout.own_axes
-    if vehicle.layout.moves_freely:
-        return None
     if vehicle.layout.carries_wrenches or not isinstance(vehicle, Vehicle):
-        return np.eye(6)[:, [*along, *(3 + axis for axis in about)]]
+        return _ANY[:, [*along, *sorted(3 + axis for axis in about)]]
     wrenches = vehicle.base_wrench(np.tile(q, (len(base), 1)), np.eye(vehicle.layout.v.size)[base])
     return np.linalg.qr(wrenches.T)[0]
 

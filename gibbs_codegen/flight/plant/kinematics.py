@@ -242,21 +242,16 @@ class PoseReference(Reference):
     """
 
     def __init__(self, motion: Motion, kinematics: Kinematics) -> None:
-        self.kinematics, places = kinematics, kinematics.layout.v
+        self.kinematics, layout = kinematics, kinematics.layout
         rates = kinematics.rates(motion.q, motion.v)
-        # Rates of the rates: both turn with the base.
-        turning, carried = np.zeros((2, *motion.v.shape))
-        turning[:, places.attitude] = motion.v[:, places.attitude]
-        spin = np.zeros((len(motion.time), 3))
-        spin[:, kinematics.layout.own_axes[1]] = motion.v[:, places.attitude]
-        swept = np.cross(spin, kinematics.spread(motion.v[:, places.position]))
-        carried[:, places.position] = swept[:, kinematics.layout.own_axes[0]]
-        growth = kinematics.rates(motion.q, motion.a + carried)
+        # Rates of the rates: velocities of the position and those of a quaternion turn.
+        growth = kinematics.rates(motion.q, motion.a)
+        acceleration = kinematics.base_motion(motion.q, motion.v, motion.a)[1]
+        growth[:, layout.q.position] = acceleration[:, layout.own_axes[0]]
         if kinematics.space.has_quaternion:
-            attitude = kinematics.layout.q.attitude
-            spun = np.array(motion.q)
+            spun, attitude = motion.q.copy(), layout.q.attitude
             spun[:, attitude] = rates[:, attitude]
-            growth[:, attitude] += kinematics.rates(spun, turning)[:, attitude]
+            growth[:, attitude] += kinematics.rates(spun, motion.v)[:, attitude]
         super().__init__(Motion(motion.time, motion.q, rates, growth))
 
     def __call__(self, time: float | Array) -> tuple[Array, Array, Array]:

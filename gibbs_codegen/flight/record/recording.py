@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from gibbs_codegen.flight.desired.trajectory import TimedMotion
+from gibbs_codegen.flight.desired.trajectory import TimedMotion, base_path
 from gibbs_codegen.flight.integration.closed_loop import ClosedLoop
 from gibbs_codegen.flight.integration.envelope import hard_impacts
 from gibbs_codegen.flight.integration.integrators import StepGrid
@@ -81,7 +81,7 @@ class Recording:
                 *self._parts[:2], self._motion["a"], self._inputs[1]
             ),
             "frame_wrenches": lambda: self._motion["wrenches"],
-            "centre_desired": lambda: self._centre_desired,
+            "centre_desired": lambda: base_path(loop.controller.vehicle, scenario)(time)[:, 0],
             "tip_desired": lambda: self._tip_desired,
             "heading_error": self._heading_error,
             "work": lambda: self._parts.work,
@@ -204,14 +204,6 @@ class Recording:
         if tip:
             return tip(self._time)[:, 0]
         return model.positions(self._reference[0])[:, model.points.index("tip")]
-
-    @property
-    def _centre_desired(self) -> Array:
-        """Desired base centre (s, 3), m, world axes: on its path, or where it stays."""
-        if self.scenario.base is None:
-            model = self.loop.controller.vehicle
-            return model.positions(self._reference[0])[:, model.points.index(model.centre)]
-        return self.scenario.base(self._time)[:, 0]
 
     def _walls(self) -> Array:
         """Figures (w, k) of the walls, zeros after those of shapes that have fewer."""

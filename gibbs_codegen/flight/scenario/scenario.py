@@ -91,7 +91,7 @@ class ArmTask(Table):
 class Scenario(Table):
     """A flight of `duration` s with the base centre on a path; SI units, rad, world axes.
 
-    Without a path the base stays where it begins.
+    Without a path the base stays where coordinates are 0.
 
     Like its parts it raises `UsageError` for values that mean nothing.
 

@@ -80,7 +80,7 @@ class RobotScene:
         )
         reach = _AROUND * (_BETWEEN_PANELS if live else 1.0)
         reach *= 0.5 * float(np.linalg.norm(high - low)) + self.machine.radius
-        flies = vehicle.rotors or vehicle.layout.moves_freely
+        flies = vehicle.rotors > 0 or vehicle.layout.moves_freely
         set_stage(server, "/robot", float(low[2]) - flies * _FLOOR * self.machine.size, reach)
 
     def note(self, states: Sequence[Rest]) -> None:

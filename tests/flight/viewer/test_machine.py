@@ -12,9 +12,11 @@ from scipy.spatial.transform import Rotation
 from support.emitted import emitted_module
 
 from gibbs_codegen.errors import UsageError
+from gibbs_codegen.flight.viewer import robot_view
 from gibbs_codegen.flight.viewer.machine import LOADED, RELAXED, DrawnMachine, changed, mixed
 from gibbs_codegen.flight.viewer.page import empty_server
 from gibbs_codegen.flight.viewer.robot_view import (
+    RobotScene,
     Sliders,
     _digits,
     numbers,
@@ -168,6 +170,18 @@ def test_the_pattern_has_a_cell_for_each_entry_and_lights_those_that_it_is_told(
     assert "τ′₂" in drawn
     assert symbol("a_long_name") == "a_long_name"
     assert "&lt;a_very_…" in pattern_svg(["x", "<a_very_long_name>"], filled, lit)
+
+
+def test_the_floor_is_below_robots_that_fly_by_a_share_of_their_size(
+    shipped: Shipped, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    machine, floors = DrawnMachine(shipped("quadrotor")), []
+    monkeypatch.setattr(robot_view, "set_stage", lambda *stage: floors.append(stage[2]))
+    q = machine.coordinates(machine.start())
+    with empty_server() as server:
+        scene = RobotScene(server, machine, q, live=False)
+    lowest = machine.vehicle.positions(q)[:, 2].min()
+    assert floors == pytest.approx([lowest - 0.2 * scene.machine.size])
 
 
 def test_rods_redden_with_the_effort() -> None:
