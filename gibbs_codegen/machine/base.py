@@ -160,7 +160,7 @@ class AngleBase:
     """A base with Tait-Bryan angles at coordinates q (nq): errors are differences of coordinates.
 
     Each angle turns about one axis of the frame that the angles before it have turned. Where there
-    are less than three, the others are 0.
+    are fewer than three, the others are 0.
     """
 
     def __init__(self, robot: Placed, q: Node) -> None:

@@ -270,3 +270,8 @@ def test_what_a_base_cannot_do_is_refused_in_words() -> None:
     bare = machine("bare_cart", 'motion = ["x"]', ROD)
     with pytest.raises(UsageError, match=r"bare_cart: .*force along x"):
         simulate(bare, {"name": "beyond", "duration": 1.0})
+    weightless = emitted_module(
+        parse_robot(f'name = "weightless"\ngravity = 0\n[base]\nmotion = "fixed"\nmass = 1\n{ARM}')
+    )
+    with pytest.raises(UsageError, match=r"control\.impedance\.inertia: .* mass of weightless"):
+        simulate(weightless, {"name": "x", "duration": 1.0, "control": {"law": "impedance"}})

@@ -191,6 +191,11 @@ def _moved_frame(law: Law, control: Control, vehicle: Vehicle) -> MovedFrame | N
             f'{vehicle.name}: {hindrance}; set control.law to "tracking", or fly a robot whose '
             "base commands all directions"
         )
+    if impedance.inertia is None and np.isnan(vehicle.mass):
+        raise UsageError(
+            f"control.impedance.inertia: is by default the mass of {vehicle.name}, which neither "
+            "a base that moves nor gravity tells; give it"
+        )
     gains = Gains.of(control.frequency, control.damping_ratio, 3)
     return MovedFrame(place, axes, impedance, gains, force)
 

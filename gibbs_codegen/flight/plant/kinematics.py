@@ -1,4 +1,4 @@
-"""Coordinates, errors and rates of a base with attitude angles or a quaternion, or with less.
+"""Coordinates, errors and rates of a base with a quaternion, or with some angles or none.
 
 Everything else of a flight works on coordinates q (nq) and velocities v, a (nv) by the places
 of the layout. Tracking errors have an entry per velocity: of the attitude and the position of the
@@ -59,7 +59,7 @@ def quaternions_of(rotation: Array) -> Array:
 
 
 class Kinematics:
-    """A base with Tait–Bryan angles, or less of these, or one with a quaternion.
+    """A base with Tait–Bryan angles, some or none of them, or a quaternion.
 
     `error_names` has a name for each entry of v. Errors are differences of coordinates but with a
     quaternion: then those of the position are in world axes, and those of the attitude are the
