@@ -35,6 +35,7 @@ from gibbs_codegen.robot.layout import frames_of, joint_terms
 from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.robot.names import coordinate_of, link_label, rotor_label
 from gibbs_codegen.robot.parts.constraint import ROWS
+from gibbs_codegen.robot.parts.gear import Gear
 from gibbs_codegen.robot.parts.numbers import AXES, BASE
 from gibbs_codegen.robot.parts.part import Part, changed_keys
 from gibbs_codegen.robot.placement import joint_pose, mounted_rotors
@@ -96,6 +97,7 @@ def _machine_facts(robot: Robot) -> dict[str, Any]:
             | {"servo": link.servo and asdict(link.servo)}
             | {"friction": link.friction and asdict(link.friction)}
             | {"motor": link.motor and asdict(link.motor)}
+            | {"gear": link.gear and _gear(robot, link.gear)}
             for i, link in enumerate(robot.links, start=1)
         ],
         "rotor_list": [
@@ -126,6 +128,12 @@ def _machine_facts(robot: Robot) -> dict[str, Any]:
             for held in robot.constraints
         ],
     }
+
+
+def _gear(robot: Robot, gear: Gear) -> dict[str, Any]:
+    """The ratios of a gear by the names of its movers, and its offset."""
+    ratios = {link_label(robot, mover): ratio for mover, ratio in gear.ratios.items()}
+    return {"ratios": ratios, "offset": gear.offset}
 
 
 def _reach(robot: Robot, balance: HoverThrusts) -> ReachableWrenches | None:
@@ -367,12 +375,11 @@ def _print_report(description: Description, data: dict[str, Any], console: Conso
         console.print(f"base at {xyz} m, turned by {turn}° (roll, pitch, yaw)")
     _print_machine(robot, data, console)
     _print_actuators(robot, console)
-    for i, link in enumerate(robot.links, start=1):
-        if gear := link.gear:
-            terms = [f"{ratio:.6g} × {link_label(robot, j)}" for j, ratio in gear.ratios.items()]
-            shift = f" {gear.offset:+.6g}" if gear.offset else ""
-            text = f"{link_label(robot, i)}: {' + '.join(terms)}{shift}"
-            console.print(f"gear of {text}", markup=False)
+    for link in data["link_list"]:
+        if gear := link["gear"]:
+            terms = [f"{ratio:.6g} × {mover}" for mover, ratio in gear["ratios"].items()]
+            shift = f" {gear['offset']:+.6g}" if gear["offset"] else ""
+            console.print(f"gear of {link['name']}: {' + '.join(terms)}{shift}", markup=False)
     if robot.base.moves_freely:
         _print_arrangement(data["arrangement"], console)
     # A rigid base by itself is one chain, of which there is nothing to tell.

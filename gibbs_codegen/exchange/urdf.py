@@ -518,6 +518,8 @@ def _joint(element: Element, values: Values) -> sources.SourceJoint:
         axis = values.unit(element, values.vector(child(element, "axis"), "xyz", AXES["x"]))
     else:
         if kind == "planar":  # Who gives no axis means the floor, though URDF has x.
+            if child(element, "axis") is None:
+                values.report("note", name, "no <axis>: z is taken, the normal of the floor")
             axis = values.unit(element, values.vector(child(element, "axis"), "xyz", AXES["z"]))
         for unused in (child(element, "axis"), limit, dynamics):
             pass_over(unused)
