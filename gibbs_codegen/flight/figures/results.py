@@ -8,6 +8,7 @@ import sys
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import BrokenExecutor
 from contextlib import ExitStack, contextmanager, suppress
+from copy import copy
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -71,7 +72,8 @@ def write_results(
     folder = Path(folder)
     # Workers end before what is staged goes: they would write on.
     with _staged(folder) as staging, ExitStack() as drawing:
-        tasks, drawn = [], (flight, staging, formats)
+        # A copy, since it is sent while properties of the flight are still cached here.
+        tasks, drawn = [], (copy(flight), staging, formats)
         if workers and figures and len(flight.time) <= _MOST_SAMPLES:
             of = workers.count
             drawing.callback(workers.end)

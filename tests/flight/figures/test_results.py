@@ -8,6 +8,7 @@ import sys
 import time
 import warnings
 from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import BrokenExecutor
 from pathlib import Path
 from types import ModuleType
 
@@ -149,6 +150,29 @@ def test_copies_draw_shares_and_this_process_where_they_cannot(
     paths = write_results(flight, tmp_path, workers=copies)
     assert [path.name for path in paths] == [*shares, "flight.csv", "flight.npz"]
     assert sorted(path.name for path in tmp_path.iterdir()) == [path.name for path in paths]
+
+
+def test_what_copies_draw_does_not_change_while_it_is_sent(
+    flight: Flight, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Properties that are cached meanwhile are those of the flight alone."""
+    sent: list[Flight] = []
+
+    class Broken:
+        count = 2
+
+        def submit(self, _: object, to_draw: Flight, *others: object) -> None:
+            sent.append(to_draw)
+            raise BrokenExecutor
+
+        def end(self) -> None:
+            pass
+
+    monkeypatch.setattr(results, "_drawn", named)
+    write_results(flight, tmp_path, workers=Broken())  # type: ignore[arg-type]
+    before = {*vars(sent[0])}
+    flight.__dict__["cached"] = 1.0
+    assert {*vars(sent[0])} == before
 
 
 @LINUX
