@@ -614,10 +614,10 @@ class LoopStructure:
         """
         if not self.limited and not self.shared:
             return constant(1.0)
-        count = self.plant.rotors
-        lead, beyond = (
-            join(_greatest(x[:count]) + zeros(count), x[count:]) for x in (lead, beyond)
-        )
+        if count := self.plant.rotors:
+            lead, beyond = (
+                join(_greatest(x[:count]) + zeros(count), x[count:]) for x in (lead, beyond)
+            )
         share = maximum(1.0 - beyond / maximum(lead, _NO_LEAD), 0.0)
         return choose(beyond, 0.0, share, 1.0)
 

@@ -337,3 +337,20 @@ def test_servos_without_a_state_are_flown_too(tmp_path: Path) -> None:
     simulation.reset()
     simulation.step(found.commands[0], 0.05)
     np.testing.assert_allclose(simulation.q, found.q[-1], rtol=0.0, atol=1e-3)
+
+
+@pytest.mark.slow  # 2 s
+@pytest.mark.parametrize("backend", ["numpy", "c"])
+def test_a_late_servo_holds_an_arm_without_rotors(backend: str, tmp_path: Path) -> None:
+    (tmp_path / "late.toml").write_text(
+        'name = "late"\n[base]\nmotion = "fixed"\n[[link]]\nname = "a"\naxis = "y"\n'
+        "xyz = [0, 0, 0]\nmass = 1\ncom = [0.2, 0, 0]\ninertia = [1e-3, 0.01, 0.01, 0, 0, 0]\n"
+        "servo = { stiffness = 200, damping = 10, delay = 0.02 }\n"
+    )
+    folder = generate(tmp_path / "late.toml", tmp_path, verify=False)
+    # Level, where gravity turns it most.
+    level = {"duration": 0.2, "arm.posture_deg": {"a": 0.0}, "integration": RK4}
+    flight = simulate(load(folder, backend), read_scenario("hold", level))
+    assert flight.stopped == ""
+    assert abs(flight.q).max() < 1e-6
+    np.testing.assert_allclose(flight.applied, -9.81 * 0.2, rtol=1e-6)
