@@ -293,7 +293,7 @@ class Layout:
     @property
     def neutral(self) -> list[float]:
         """Coordinates of zero, the base level: of a quaternion qw is 1."""
-        return [float(name == "qw") for name in self.q.names]
+        return [float(self.is_quaternion and name == "qw") for name in self.q.names]
 
     @property
     def effort_units(self) -> tuple[str, ...]:

@@ -23,7 +23,7 @@ from gibbs_codegen.robot.names import (
     joint_name,
     named_prefix,
 )
-from gibbs_codegen.robot.parts.base import FREE
+from gibbs_codegen.robot.parts.base import FIXED, FREE
 from gibbs_codegen.robot.parts.body import RigidBody, Rod
 from gibbs_codegen.robot.parts.constraint import ROWS, Constraint
 from gibbs_codegen.robot.parts.frame import MAX_FRAMES
@@ -180,8 +180,9 @@ def reference_faults(document: Mapping[str, Any]) -> Iterator[PlacedFault]:
     arms: Entry = base if isinstance(base, dict) else {}
     rods = arms.get("rotors", 0)
     rods = rods if isinstance(rods, int) and rods <= MAX_ROTORS else 0
-    is_free = arms.get("motion", FREE) == FREE
-    registry = NameRegistry(rods, BASE_ENTRIES if is_free else OTHER_BASE_ENTRIES)
+    entries = {FREE: BASE_ENTRIES, FIXED: ()}
+    motion = str(arms.get("motion", FREE))
+    registry = NameRegistry(rods, entries.get(motion, OTHER_BASE_ENTRIES))
     # What the file names, or has a default for.
     named: list[_Named] = []
     servos: list[_Named] = []

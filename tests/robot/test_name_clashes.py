@@ -36,6 +36,7 @@ from gibbs_codegen.symbolic.tape import Tape
 
 EVERYTHING = Path(__file__).parents[1] / "robots" / "everything.toml"
 CARRIED = "name = 'carried'\n[base]\nmass = 2\n"
+FIXED = "name = 'arm'\n[base]\nmotion = 'fixed'\n"
 RODS = "name = 'rods'\n[base]\nrotors = 3\narm = { length = 0.5, mass_per_length = 1 }\n"
 
 
@@ -120,6 +121,21 @@ def test_constraints_are_told_apart_in_their_rows_and_what_they_hold_is_told_onc
 )
 def test_names_that_share_none_are_welcome(text: str) -> None:
     Names(parse_robot(text), Tape(), keep_zeros=True)
+
+
+def test_joints_of_a_fixed_base_may_be_called_like_coordinates_of_others() -> None:
+    words = ("x", "yaw", "qw", "theta_0")
+    called, plain = (
+        emitted_module(parse_robot(FIXED + "".join(map(rod, names))))
+        for names in (words, ("a", "b", "c", "d"))
+    )
+    assert words == called.COORDINATES
+    scenario = read_scenario("hold", {"duration": 0.1})
+    found, expected = (simulate(module, scenario) for module in (called, plain))
+    np.testing.assert_array_equal(found.q, expected.q)
+    turned = FIXED.replace("'fixed'", "'planar'") + link("yaw")
+    with pytest.raises(RobotFileError, match="'yaw' is the name of a coordinate of the base"):
+        parse_robot(turned)
 
 
 def test_whatever_is_accepted_gives_every_parameter_a_name_of_its_own() -> None:
