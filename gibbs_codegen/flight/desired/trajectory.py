@@ -78,7 +78,11 @@ def _check_base(vehicle: Vehicle, scenario: Scenario) -> None:
     centre, turning = path(time), scenario.attitude(path, time, vehicle.arm_angles())
     q = base_motion(vehicle, time, centre, turning).q
     keys = ("base.path" if scenario.base else "", "base.attitude")
-    _check_place(vehicle, (time, q), centre[:, 0], turning.rotation, keys)
+    advice = (
+        f"; leave it out of the scenario {scenario.name!r}, or take 'hold', which keeps any base "
+        "where it is"
+    )
+    _check_place(vehicle, (time, q), centre[:, 0], turning.rotation, keys, advice)
 
 
 def _check_place(
@@ -87,11 +91,13 @@ def _check_place(
     centre: Array,
     rotation: Array,
     keys: Sequence[str],
+    advice: str = "",
 ) -> None:
     """Raise `UsageError` with the time at which the base is furthest from where it is to be.
 
     `knots` are times (s), s, and coordinates (s, nq) that come nearest to a base centre (s, 3) and
-    rotations (s, 3, 3); `keys` of the scenario file tell these, none where it is free.
+    rotations (s, 3, 3); `keys` of the scenario file tell these, none where it is free. The words
+    end with `advice`.
     """
     time, q = knots
     there = vehicle.positions(q)[:, vehicle.points.index(vehicle.centre)]
@@ -105,7 +111,7 @@ def _check_place(
         if key and abs(off[k, axis]) > _OFF:
             raise UsageError(
                 f"{key}: at t = {time[k]:.6g} s it leads {off[k, axis]:.4g} {unit} {'xyz'[axis]} "
-                f"away from where the base of {vehicle.name} can be, which {words}"
+                f"away from where the base of {vehicle.name} can be, which {words}{advice}"
             )
 
 
