@@ -336,7 +336,9 @@ def variations(
         waiting = [list(group)]
         while waiting:
             part = waiting.pop()
-            if determined(_with_zeros(varied, [*zero, *part])):
+            other = _with_zeros(varied, [*zero, *part])
+            # Modules want a mass too, even where moments of inertia alone would determine all.
+            if other.total_mass > 0.0 and determined(other):
                 zero += part
             elif len(part) > 1:
                 half = len(part) // 2

@@ -44,7 +44,10 @@ class Pinocchio:
             placement = pin.SE3(joint.rotation, joint.offset)
             parent, name = self._ids[carrier], f"joint_{number}"
             self._ids[number] = self._model.addJoint(parent, kind, placement, name)
-            inertia = pin.Inertia(joint.mass, joint.com, joint.inertia)
+            # By its fields, since the rotor of a motor is taken from its carrier: what is left of
+            # a light one is negative, which the constructor refuses.
+            inertia = pin.Inertia.Zero()
+            inertia.mass, inertia.lever, inertia.inertia = joint.mass, joint.com, joint.inertia
             self._model.appendBodyToJoint(self._ids[number], inertia, pin.SE3.Identity())
             self._add_carried(number)
 

@@ -18,8 +18,18 @@ from scipy.spatial.transform import Rotation
 from support.emitted import emitted_module, module_with_derivatives
 from support.random_robots import rolling_robot
 
-from gibbs_codegen import RobotFileError, UsageError, linearise, lqr, parse_robot, simulate, trim
+from gibbs_codegen import (
+    RobotFileError,
+    UsageError,
+    linearise,
+    lqr,
+    parse_robot,
+    rollout,
+    simulate,
+    trim,
+)
 from gibbs_codegen.exchange.exporting import export_robot
+from gibbs_codegen.flight.rollouts.vector_env import VectorEnv
 from gibbs_codegen.interface import FUNCTIONS, module_signatures
 from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.robot.parts.base import Base
@@ -395,6 +405,18 @@ def test_faults_of_wheels(old: str, new: str, message: str) -> None:
     with pytest.raises(RobotFileError) as refused:
         parse_robot(text)
     assert message in str(refused.value)
+
+
+def test_surroundings_that_do_nothing_change_no_rollout_of_driven_wheels() -> None:
+    """And environments know the efforts of wheels, which come after those of joints."""
+    module = module_of_text(CART.replace("= 0.15\nxyz", "= 0.15\neffort = 4\nxyz"))
+    start, torques = (np.arange(5.0), np.array([0.6, -0.8])), np.array([1.0, 3.0])
+    alone, still = (
+        rollout(module, *start, torques, 20, 0.01, surroundings=scene) for scene in (None, "hold")
+    )
+    np.testing.assert_array_equal(still.q, alone.q)
+    environments = VectorEnv(module, 1, normalised=False)
+    np.testing.assert_array_equal(environments.single_action_space.high, [4.0, 4.0])
 
 
 def test_what_takes_no_wheels_says_so() -> None:

@@ -22,7 +22,7 @@ from support.random_robots import random_robot, random_tree, robots, trees
 
 from gibbs_codegen.derivation.derive import derive
 from gibbs_codegen.robot.family import paper_family
-from gibbs_codegen.robot.file import read_robot
+from gibbs_codegen.robot.file import parse_robot, read_robot
 from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.robot.parts.base import Base, alternating_thrust
 from gibbs_codegen.robot.parts.body import RigidBody, Rod
@@ -90,6 +90,22 @@ def test_lagrange(robot: Robot) -> None:
 @given(robot=robots(most_rotors=5, most_links=4) | trees())
 def test_pinocchio(robot: Robot) -> None:
     assert_agree(formulated(Pinocchio(Tree(robot))), robot, EXACT)
+
+
+def test_pinocchio_takes_what_rotors_leave_of_light_carriers() -> None:
+    """A fixed base and a shaft without mass: less what is a rotor's, their inertia is negative."""
+    link = "[[link]]\naxis = '{}'\nxyz = [0, 0, 0.1]\nmass = {}\n"
+    link += "motor = {{ rotor_inertia = 1e-4, gear_ratio = 50 }}\n"
+    text = "name = 'arm'\nbase = { motion = 'fixed' }\n" + link.format("y", 0)
+    text += link.format("x", 1) + "com = [0, 0, 0.2]\ninertia = [0.01, 0.01, 1e-3, 0, 0, 0]\n"
+    tree = Tree(parse_robot(text))
+    assert sum(joint.inertia.min() < 0.0 for joint in tree.joints) == 2
+    states = States.random(tree, 2, 5)
+    ours, theirs = (formulated(kind(tree)).at(states) for kind in (Pinocchio, NewtonEuler))
+    for name, a, b in zip(ours._fields, ours, theirs, strict=True):
+        if a is not None:
+            tolerance = EXACT * np.abs(b).max(initial=0.0)
+            np.testing.assert_allclose(a, b, rtol=0, atol=tolerance, err_msg=name)
 
 
 @pytest.mark.parametrize(

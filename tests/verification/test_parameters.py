@@ -93,11 +93,14 @@ def test_every_parameter_is_larger_smaller_negative_and_zero_in_turn() -> None:
 
 
 def test_what_leaves_an_acceleration_undetermined_is_not_zero() -> None:
-    """All arms without mass at once, and the last link without any inertia about its axis."""
-    robot = read_robot("hexarotor")[0]
-    names = list(parameter_values(robot))
-    for other in variations(robot, names, 0, 4, zeros=True):
-        assert other.total_mass > 0.0
+    """All arms without mass at once; and the only mass, though inertia would be left."""
+    arm = "name = 'arm'\nbase = { motion = 'fixed' }\n[[link]]\naxis = 'y'\nxyz = [0, 0, 0]\n"
+    arm += "mass = 1\ncom = [0.2, 0, 0]\ninertia = [0.001, 0.01, 0.01, 0, 0, 0]\n"
+    hexarotor = read_robot("hexarotor")[0]
+    pairs = (hexarotor, parameter_values(hexarotor)), (parse_robot(arm), ["link1_mass"])
+    for robot, names in pairs:
+        for other in variations(robot, names, 0, 4, zeros=True):
+            assert other.total_mass > 0.0
 
 
 def test_two_rods_in_line_need_their_section_inertia() -> None:

@@ -38,9 +38,13 @@ def reachable_wrenches(
         The wrenches.
 
     Raises:
-        UsageError: The robot cannot hover, has no such frame, or rotors without limits.
+        UsageError: The robot cannot hover, has no such frame, no rotors, or rotors without limits.
     """
     vehicle = vehicle_of(robot, parameters)
+    if not vehicle.rotors:
+        raise UsageError(
+            f"{vehicle.name} has no rotors, whose wrenches these are; add rotors to the robot file"
+        )
     place = None if frame is None else vehicle.frame_place(frame, "frame")
     hovering_trim = trim(
         vehicle.module,

@@ -32,8 +32,9 @@ class Actuators:
     """Limits and lag of N motors and n joints; limits are infinite where there are none.
 
     - `thrusts` (2, N): least and greatest thrust, N; `lag` (N): time constants, s, 0 for none
-    - `joints` (2, n): least and greatest coordinates, rad or m; `efforts` (n): greatest torques or
-      forces, N m or N; `velocities` (n): greatest desired rates, rad/s or m/s
+    - `joints` (2, n): least and greatest coordinates, rad or m; `velocities` (n): greatest desired
+      rates, rad/s or m/s; `efforts` (nu − N): greatest torques or forces of joints and then of
+      driven wheels, N m or N
     - `spins` (N): angular momentum of rotors about their thrusts by the square root of the thrust,
       kg m²/s/√N, 0 for none
     - `commands` (2, nu): least and greatest commands of motors and servos; `times` (2, nu): time
@@ -60,14 +61,14 @@ class Actuators:
             np.tile(np.transpose([_NO_LIMITS]), rotors),
             np.zeros(rotors),
             np.tile(np.transpose([_NO_LIMITS]), joints),
-            np.full(joints, math.inf),
+            np.full(len(vehicle.inputs) - rotors, math.inf),
             np.full(joints, math.inf),
             np.zeros(rotors),
         )
 
     @property
     def inputs(self) -> Array:
-        """Least and greatest inputs (2, nu): thrusts, N, then torques and forces of the joints."""
+        """Least and greatest inputs (2, nu): thrusts, N, then torques and forces, N m or N."""
         efforts = np.stack([-self.efforts, self.efforts], axis=-2)
         before = np.broadcast_shapes(self.thrusts.shape[:-1], efforts.shape[:-1])
         parts = (np.broadcast_to(x, (*before, x.shape[-1])) for x in (self.thrusts, efforts))

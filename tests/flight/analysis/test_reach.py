@@ -12,8 +12,9 @@ import numpy as np
 import pytest
 from scipy.optimize import linprog
 from support.command import run
+from support.emitted import emitted_module
 
-from gibbs_codegen import ReachableWrenches, UsageError, reachable_wrenches, trim
+from gibbs_codegen import ReachableWrenches, UsageError, parse_robot, reachable_wrenches, trim
 
 Load = Callable[[str], ModuleType]
 
@@ -128,6 +129,10 @@ def test_limits_can_be_given_and_are_needed(shipped: Load) -> None:
     assert str(weak) == "weak: no thrusts within the limits hover"
     with pytest.raises(UsageError, match="weak: no thrusts within the limits hover"):
         _ = weak.torques
+    slider = "name = 'slider'\nbase = { motion = 'fixed' }\n[[link]]\njoint = 'prismatic'\n"
+    slider += "axis = 'x'\nxyz = [0, 0, 0]\nmass = 1\n"
+    with pytest.raises(UsageError, match="slider has no rotors, whose wrenches these are; add"):
+        reachable_wrenches(emitted_module(parse_robot(slider)))
 
 
 @pytest.mark.parametrize("size", [1e-9, 1e9])
