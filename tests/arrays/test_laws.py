@@ -51,9 +51,11 @@ from gibbs_codegen.runtime.load import load
 FOLDER = ROOT / "generated" / "hexarotor_3link"
 AXIS = np.array([0.6, 0.0, 0.8])
 VECTORS = {
-    "stiffness": 8, "damping": 8, "memory": 8, "path": 3, "path_v": 3, "path_a": 3, "weight": 3,
+    "stiffness": 8, "damping": 8, "memory": 11, "path": 3, "path_v": 3, "path_a": 3, "weight": 3,
     "frame_stiffness": 3, "frame_damping": 3, "frame_inertia": 3, "wrench": 6, "direction": 3,
 }  # fmt: skip
+# Places of memory: of errors, and of the frame that is moved.
+OF_ERRORS, OF_FRAME = slice(0, 8), slice(8, 11)
 NUMBERS = {"mass": 1.7, "force": 4.0, "share": 0.7, "growth": 0.4, "integral": 0.3}
 
 
@@ -79,7 +81,8 @@ class Case(State):
         }
         desired = Motion(g["q_d"], g["v_d"], g["a_d"])
         gains = Gains(g["stiffness"], g["damping"], g["integral"] if remembers else None)
-        aim = Aim(desired, gains, g["memory"] if remembers else None)
+        memory = g["memory"] if LAWS[law].moves_frame else g["memory"][OF_ERRORS]
+        aim = Aim(desired, gains, memory if remembers else None)
         if LAWS[law].leans:
             path = CentrePath(g["path"], g["path_v"], g["path_a"])
             aim = replace(aim, path=path, weight=Weight(g["mass"], g["weight"], g["axis"]))
@@ -96,7 +99,7 @@ class Case(State):
 
     def learnt(self, remembers: bool) -> Array:
         """What integral action adds to errors."""
-        return NUMBERS["integral"] * self.given["memory"] if remembers else np.zeros(8)
+        return NUMBERS["integral"] * self.given["memory"] if remembers else np.zeros(11)
 
     def errors(self) -> tuple[Array, Array]:
         """Errors and their rates as `test_base` knows them."""
@@ -116,7 +119,7 @@ class Case(State):
         self.given["f"] = kept
         return found
 
-    def frame(self, law: str, place: slice, learnt: Array, turned: bool) -> Array:
+    def frame(self, law: str, learnt: Array, turned: bool) -> Array:
         """Acceleration (3) that the tip is to have."""
         g, module = self.given, self.module
         tip, path = (module.frame_poses(g[x])[1, :3, 3] for x in ("q", "q_d"))
@@ -128,9 +131,10 @@ class Case(State):
             axes = Rotation.from_rotvec([0.3, -0.4, 0.9]).as_matrix() if turned else np.eye(3)
             n, s = g["direction"], NUMBERS["share"]
             across = np.eye(3) - np.outer(n, n)
-            spring = g["frame_stiffness"] * (error + across @ (axes @ learnt[place]))
+            spring = g["frame_stiffness"] * (error + across @ (axes @ learnt[OF_FRAME]))
             # Along the push the spring gives way to the force that is missing.
-            remembered = n @ (axes @ (g["memory"][place] if learnt.any() else 0.0 * learnt[place]))
+            memory = g["memory"] if learnt.any() else np.zeros(11)
+            remembered = n @ (axes @ memory[OF_FRAME])
             missing = NUMBERS["force"] + NUMBERS["growth"] * remembered + n @ wrench
             share = np.eye(3) - s * np.outer(n, n)
             total = share @ (spring + (n @ wrench) * n) + s * missing * n
@@ -163,7 +167,7 @@ def test_computed_torque_lets_errors_decay(attitude: str, remembers: bool) -> No
     case = Case(attitude)
     found, g = case.program("computed_torque", remembers=remembers), case.given
     error, rate = case.errors()
-    pull = g["stiffness"] * (error + case.learnt(remembers)) + g["damping"] * rate
+    pull = g["stiffness"] * (error + case.learnt(remembers)[OF_ERRORS]) + g["damping"] * rate
     wanted = case.module.inverse_dynamics(g["q"], g["v"], case.corrected(pull))
     np.testing.assert_allclose(found["force"], wanted, rtol=0, atol=1e-12)
     np.testing.assert_allclose(found["learning"], error, rtol=0, atol=1e-13)
@@ -180,11 +184,9 @@ def test_a_frame_moves_as_on_springs_and_all_else_as_near_as_can_be(
     found, g, module = case.program(law, turned=turned), case.given, case.module
     q, v, learnt = g["q"], g["v"], case.learnt(True)
     error, rate = case.errors()
-    free = learnt.copy()
-    free[case.lines] = 0.0
-    near = case.corrected(g["stiffness"] * (error + free) + g["damping"] * rate)
+    near = case.corrected(g["stiffness"] * (error + learnt[OF_ERRORS]) + g["damping"] * rate)
     jacobian = module.frame_jacobians(q)[1, :3]
-    lacking = case.frame(law, case.lines, learnt, turned) - case.tip("")[1] - jacobian @ near
+    lacking = case.frame(law, learnt, turned) - case.tip("")[1] - jacobian @ near
     # Weighed least squares of what is moved, by the conditions of Karush, Kuhn and Tucker.
     moving = g["stiffness"] > 0.0
     n, own = moving.sum(), jacobian[:, moving]
@@ -193,8 +195,8 @@ def test_a_frame_moves_as_on_springs_and_all_else_as_near_as_can_be(
     a[moving] += np.linalg.solve(matrix, np.concatenate([np.zeros(n), lacking]))[:n]
     wanted = module.inverse_dynamics(q, v, a) - case.felt()
     np.testing.assert_allclose(found["force"], wanted, rtol=0, atol=1e-10)
-    rates = error.copy()
-    rates[case.lines] = remembered(case, law, turned)
+    error[case.lines] = 0.0
+    rates = np.concatenate([error, remembered(case, law, turned)])
     np.testing.assert_allclose(found["learning"], rates, rtol=0, atol=1e-12)
 
 
@@ -215,7 +217,7 @@ def remembered(case: Case, law: str, turned: bool) -> Array:
 def test_what_hardly_touches_learns_little_of_its_force(felt: float) -> None:
     case = Case("zyx")
     case.given["wrench"][:3] = felt * case.given["direction"]
-    found = case.program("force")["learning"][case.lines]
+    found = case.program("force")["learning"][OF_FRAME]
     np.testing.assert_allclose(found, remembered(case, "force", False), rtol=0, atol=1e-12)
 
 
@@ -295,7 +297,7 @@ def leaning(case: Case, law: str, remembers: bool) -> Array:
         drift = (resting - g["weight"]) / mass
         pushed = (thrust * along - weight) / mass
         relative = module.frame_jacobians(q)[1, :3] - jacobian
-        lacking = case.frame(law, case.places, learnt, False) - case.tip("")[1]
+        lacking = case.frame(law, learnt, False) - case.tip("")[1]
         lacking = np.concatenate([lacking - (pushed - drift) - relative @ a, np.zeros(2)])
         stiff = g["stiffness"][case.joints]
         rest = np.where(stiff > 0.0, 4e-6 * stiff, 1e6)
@@ -332,7 +334,7 @@ def test_a_base_leans_as_the_force_on_its_centre_of_mass_needs(
         rates, off = np.zeros(8), g["path"] - case.module.centre_of_mass(g["q"])
         rates[case.lines] = off
         if LAWS[law].moves_frame:
-            rates[case.places] = remembered(case, law, False)
+            rates = np.concatenate([rates, remembered(case, law, False)])
         else:
             joints = slice(7, 9) if case.is_quaternion else slice(3, 5)
             rates[case.joints] = (g["q_d"] - g["q"])[joints]
