@@ -150,13 +150,18 @@ class Loop:
         """Outputs of a program."""
         return evaluate(program, given, self.owners, externals=self.externals())
 
+    @property
+    def remembers(self) -> int:
+        """Numbers that the law remembers: of errors, and behind them of a frame that it moves."""
+        return (8 + 3 * (self.spec.moved is not None)) * self.spec.integral
+
     def parts(self, x: Array) -> At:
         """A state, without the work."""
         n, actuators = (
             len(self.module.COORDINATES),
             5 if self.spec.plant.driven else 4 * self.spec.lags,
         )
-        q, v, _, *rest = np.split(x, np.cumsum([n, 8, 1, actuators, 8 * self.spec.integral]))
+        q, v, _, *rest = np.split(x, np.cumsum([n, 8, 1, actuators, self.remembers]))
         return At(self.unit(q), v, *rest)
 
     def curves(self, time: Any) -> tuple[Array, ...]:
@@ -333,7 +338,9 @@ class Loop:
             a = self.motion(g, time, at, acting(aimed), aimed)["a"]
             moved, own = self.unit(q + ahead * plant.coordinate_rates(q, v)), memory
             if s.integral:  # The integrals go on by what is not remembered yet.
-                errors = self.asked(g, time, at._replace(memory=np.zeros(8)), felt)["errors"]
+                errors = self.asked(g, time, at._replace(memory=np.zeros(self.remembers)), felt)[
+                    "errors"
+                ]
                 own = memory + ahead * errors
             free = self.asked(g, time, at, felt, free=True)["u"]
             later = At(moved, v + ahead * a, actuators, own, at.bristles)
@@ -380,7 +387,7 @@ class Loop:
         elif s.lags:
             parts.append(g["pace"] * (found["aimed"][:4] - actuators))
         if s.integral:
-            at = at._replace(memory=np.zeros(8))
+            at = at._replace(memory=np.zeros(self.remembers))
             errors = self.asked(g, time, at, found["felt"])["errors"]
             parts.append(self.remembered(g, found, errors, memory))
         return np.concatenate([*parts, *moved["bristles"]])
