@@ -71,6 +71,7 @@ def states(emitted: Emitted, angles: Sequence[float], real: type[np.floating]) -
     u = rng.uniform(-20, 20, (len(angles), inputs))
     wrenches = rng.uniform(-20, 20, (len(angles), len(emitted.module.FRAMES), 6))
     named = {"q": q, "v": v, "a": a, "u": u, "W": wrenches, "q0": q, "q1": q[::-1]}
+    named |= {"v_r": v[::-1], "a_r": a[::-1]}
     return {name: values.astype(real).astype(np.float64) for name, values in named.items()}
 
 
