@@ -70,7 +70,8 @@ def random_states(module: ModuleType) -> dict[str, np.ndarray]:
     v, a = rng.uniform(-3, 3, (2, STATES, size))
     u = rng.uniform(-20, 20, (STATES, len(module.INPUTS)))
     wrenches = rng.uniform(-20, 20, (STATES, len(module.FRAMES), 6))
-    return {"q": q, "v": v, "a": a, "u": u, "W": wrenches, "q0": q, "q1": q[::-1]}
+    named = {"q": q, "v": v, "a": a, "u": u, "W": wrenches, "q0": q, "q1": q[::-1]}
+    return named | {"v_r": v[::-1], "a_r": a[::-1]}
 
 
 @pytest.fixture(scope="module")

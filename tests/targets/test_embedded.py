@@ -158,6 +158,7 @@ def states(module: ModuleType, real: type[np.floating[Any]]) -> dict[str, NDArra
     q[-1, :-3] = np.round((q[-1, :-3] + np.round(2e5 / math.tau) * math.tau) * 32) / 32
     wrenches = rng.uniform(-20.0, 20.0, (STATES, len(module.FRAMES), 6))
     named = {"q": q, "v": v, "a": a, "u": u, "W": wrenches, "q0": q, "q1": q[::-1]}
+    named |= {"v_r": v[::-1], "a_r": a[::-1]}
     return {name: values.astype(real) for name, values in named.items()}
 
 
