@@ -45,9 +45,10 @@ def derive(
         UsageError: For one whose numbers overflow, and for an unknown name among both.
     """
     chosen = chosen_functions(functions, derivatives)
-    if robot.base.drive:  # In steps and brackets it moves in ways that it has no velocities in.
+    if robot.base.drive or robot.wheels:  # Brackets are of motions that it has no velocities for,
         rows = {name: FUNCTIONS[name] for name in chosen}
         of_steps = {name for name, row in rows.items() if name.startswith("step_") and row.kind}
+        of_steps = of_steps if robot.base.drive else set()  # and steps, where it is driven.
         chosen = tuple(x for x in rows if x not in of_steps and "v_r" not in rows[x].arguments)
     tape = Tape()
     symbolic = SymbolicRobot.of(robot, tape, keep_zeros)

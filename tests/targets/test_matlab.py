@@ -193,7 +193,7 @@ def test_every_list_has_its_names_and_the_units_that_its_kind_has(tmp_path: Path
             key = f"{robot.name}_{name}"
             wanted[key] = names
             call = f"{robot.name}.{name}();"
-            if constant in ("POINTS", "FRAMES", "BODIES"):
+            if constant in ("POINTS", "FRAMES", "BODIES", "CONSTRAINTS"):
                 lines.append(f"{key} = {call}")
             else:
                 lines += [f"[{key}, units] = {call}", f"assert(size(units), size({key}))"]

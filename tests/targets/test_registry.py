@@ -229,8 +229,8 @@ def test_docstrings_name_every_entry_with_its_unit(name: str, shipped) -> None:
     doc = module.forward_dynamics.__doc__
     for entry, unit in zip(module.COORDINATES, module.COORDINATE_UNITS, strict=True):
         assert f"{entry} [{unit}]" in " ".join(doc.split())
-    # With attitude angles an entry of v has the name of its coordinate.
-    prefix = "" if module.ATTITUDE == "quaternion" else "v_"
+    # A rate has the name of its coordinate where the base has no velocities of its own.
+    prefix = "v_" if module.VELOCITIES[0] in module.COORDINATES else ""
     for entry, unit in zip(module.VELOCITIES, module.VELOCITY_UNITS, strict=True):
         assert f" {prefix}{entry} [{unit}]" in " ".join(doc.split())
     for entry in module.INPUTS:
