@@ -13,7 +13,7 @@ from gibbs_codegen.derivation.hybrid import hybrid_system, reduced_system
 from gibbs_codegen.derivation.symbolic_robot import SymbolicRobot
 from gibbs_codegen.derivation.systems import entries
 from gibbs_codegen.graph.from_tape import ImportedTape
-from gibbs_codegen.interface import ARGUMENTS, FUNCTIONS, Signature, signatures
+from gibbs_codegen.interface import ARGUMENTS, FUNCTIONS, Row, Signature, signatures
 from gibbs_codegen.program.choice import Derivatives, Functions, chosen_functions
 from gibbs_codegen.program.lower import Slice, lower
 from gibbs_codegen.program.model import Model, Progress
@@ -45,15 +45,21 @@ def derive(
         UsageError: For one whose numbers overflow, and for an unknown name among both.
     """
     chosen = chosen_functions(functions, derivatives)
-    if robot.base.drive or robot.wheels:  # Brackets are of motions that it has no velocities for,
-        rows = {name: FUNCTIONS[name] for name in chosen}
-        of_steps = {name for name, row in rows.items() if name.startswith("step_") and row.kind}
-        of_steps = of_steps if robot.base.drive else set()  # and steps, where it is driven.
-        chosen = tuple(x for x in rows if x not in of_steps and "v_r" not in rows[x].arguments)
+    chosen = tuple(name for name in chosen if _is_defined(robot, FUNCTIONS[name]))
     tape = Tape()
     symbolic = SymbolicRobot.of(robot, tape, keep_zeros)
     regularity.check_massless_motions(robot, symbolic.parameters.defaults)
     return model_of(tape, symbolic, keep_zeros, progress, chosen)
+
+
+def _is_defined(robot: Robot, row: Row) -> bool:
+    """False for a function that needs velocities in more directions than a robot on wheels has.
+
+    Christoffel's symbols need them for wheels that turn, derivatives of steps for a drive.
+    """
+    if robot.base.drive and row.name.startswith("step_") and row.kind:
+        return False
+    return "v_r" not in row.arguments or not (robot.base.drive or robot.wheels)
 
 
 def model_of(
