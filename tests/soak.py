@@ -2,11 +2,12 @@
 
 Robots are drawn by number. Odd ones are trees: arms that branch, rotors and frames anywhere, held
 and welded links, passive joints, half of them with a quaternion. Every other tree stands on a base
-that moves in any way, and has springs and gears, or constraints, or all of them; `--bases` draws
-these alone, every fiftieth with all functions and derivatives. The others have one arm and
-N = 2 … 12, n = 0 … 8, every other one degenerate. Each is derived, emitted for NumPy (some for C
-too), and evaluated on a few states, all functions against Pinocchio; or it is refused, and then the
-oracle's null space must be the motions that the message names. No tree is degenerate.
+that moves in any way, and has springs and gears, or constraints, or all of them, or rolls on
+wheels; `--bases` draws these alone, every fiftieth with all functions and derivatives. The others
+have one arm and N = 2 … 12, n = 0 … 8, every other one degenerate. Each is derived, emitted for
+NumPy (some for C too), and evaluated on a few states, all functions against Pinocchio; or it is
+refused, and then the oracle's null space must be the motions that the message names. No tree is
+degenerate.
 A failure is printed with the command that repeats it. Exits 1 where there was one.
 """
 
@@ -35,7 +36,14 @@ from support.comparison import compare as compare_with_oracle
 from support.constrained import constrained_robot, random_constraint
 from support.degenerate_robots import degenerate_robot
 from support.null_space import SMALLEST, short_names, smallest_eigenvalue, unresisted
-from support.random_robots import motored_robot, on_base, random_motion, random_robot, random_tree
+from support.random_robots import (
+    motored_robot,
+    on_base,
+    random_motion,
+    random_robot,
+    random_tree,
+    rolling_robot,
+)
 
 from gibbs_codegen.derivation.derive import derive
 from gibbs_codegen.errors import SingularRobotError
@@ -86,6 +94,8 @@ def soak_robot(seed: int, number: int) -> Robot:
     # Of few links more often, since they take less time and have as many ways to be degenerate.
     links = int(rng.integers(9, size=2).min())
     if is_based(number):
+        if rng.random() < 0.2:
+            return rolling_robot(own)
         robot = motored_robot(own) if rng.random() < 0.5 else constrained_robot(own)
         motion = random_motion(rng)
         robot = robot if motion == FREE else on_base(robot, motion, own)
