@@ -1,0 +1,161 @@
+"""Numbers of a robot file that are free: which these are, and how they follow from unknowns.
+
+An unknown z is 0 in the robot file. A number is that of the file times exp(z), and a coordinate of a
+centre of mass is it plus z times the radius of gyration. So what is positive stays so. Where all
+three moments of inertia of a body are free, z are logarithms of the Cholesky factor of its second
+moments about the centre of mass, so that every z is a body that can be.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from fnmatch import fnmatchcase
+from types import ModuleType
+
+import numpy as np
+
+from gibbs_codegen.errors import UsageError, near, printable
+from gibbs_codegen.flight.vectors import Array
+from gibbs_codegen.robot.names import default_prefix
+from gibbs_codegen.robot.parts.body import entries_of, inertia_matrix
+from gibbs_codegen.robot.parts.numbers import AXIS_PAIRS
+
+# Free by default: what no ruler tells.
+_FREE = re.compile(
+    r"(mass|com_[xyz]|inertia_(xx|yy|zz|xy|xz|yz)|mass_per_length|thrust_\d|drag|time_constant"
+    r"|damping|friction_\w+|servo_(stiffness|damping|delay))$"
+)
+# What numbers of all rotors together are called.
+_ROTORS = "rotors"
+# Share of the trace that is added to second moments of bodies of no extent along an axis.
+_THIN = 1e-9
+_LOWER = np.tril_indices(3, -1)
+_DIFFERENCE = 1e-6
+
+
+class Unknowns:
+    """Unknowns (f) of a module by their `names`, of those that patterns choose, or by default.
+
+    `names` are those of parameters, or as `rotors.thrust_1` of all rotors alike, which keep their
+    ratios. A centre of mass is in doubt by `prior` of its radius of gyration, all else by that share.
+
+    Raises `UsageError` for a pattern that chooses nothing, or what cannot be free.
+    """
+
+    def __init__(self, module: ModuleType, free: Sequence[str], prior: float) -> None:
+        self.module, self.prior = module, prior
+        self.file = {name: float(value) for name, value in module.PARAMETERS.items()}
+        self._members = self._ties() | {name: (name,) for name in self.file}
+        self.names = self._chosen(free)
+        self._bodies, self._scales = self._bodies_of(), dict[str, float]()
+        for name in self.names:
+            if "_com_" in name:
+                self._scales[name] = self._gyration(name.partition("_com_")[0])
+            elif any(self.file[member] == 0.0 for member in self._members[name]):
+                raise UsageError(
+                    f"--free {name}: is 0 in the robot file, from where no factor leads away; give "
+                    "it a value to begin with, or leave it out"
+                )
+
+    def _ties(self) -> dict[str, tuple[str, ...]]:
+        """Numbers that all rotors have, by what they are called together."""
+        names = [n.removeprefix("F_") for n in self.module.INPUTS if n.startswith("F_")]
+        prefixes = [default_prefix("rotor", int(n)) if n.isdigit() else n for n in names]
+        if not prefixes:
+            return {}
+        first = f"{prefixes[0]}_"
+        ends = [name.removeprefix(first) for name in self.file if name.startswith(first)]
+        rows = {end: tuple(f"{prefix}_{end}" for prefix in prefixes) for end in ends}
+        return {f"{_ROTORS}.{end}": row for end, row in rows.items() if {*row} <= self.file.keys()}
+
+    def _chosen(self, free: Sequence[str]) -> list[str]:
+        """Names that patterns choose, in the order of the file."""
+        tied = {member for name, row in self._members.items() if "." in name for member in row}
+        by_default = [
+            name
+            for name, row in self._members.items()
+            if _FREE.search(name) and all(self.file[n] != 0.0 or "_com_" in n for n in row)
+        ]
+        if not free:
+            return [name for name in by_default if name not in tied]
+        chosen = dict[str, None]()
+        for pattern in free:
+            names = [name for name in self._members if fnmatchcase(name, pattern)]
+            if len(names) > 1:  # A pattern chooses no lengths, and rotors' numbers one by one.
+                names = [name for name in names if name in by_default] or names
+            if not names:
+                hint = near(pattern, self._members) or "; `gibbs-codegen info` has the numbers"
+                raise UsageError(f"--free {printable(pattern)}: {self.module.NAME} has none{hint}")
+            chosen |= dict.fromkeys(names)
+        both = [name for name in chosen if "." in name and {*self._members[name]} & {*chosen}]
+        if both:
+            member = next(name for name in self._members[both[0]] if name in chosen)
+            raise UsageError(
+                f"--free {both[0]}: has {member}, which is free by itself as well; give one of them"
+            )
+        return [name for name in self._members if name in chosen]
+
+    def _bodies_of(self) -> dict[str, tuple[str, ...]]:
+        """Names of moments and products of inertia that are free, by bodies, where three are."""
+        bodies = {}
+        for name in self.names:
+            body, mark, axes = name.rpartition("_inertia_")
+            if mark and axes == "xx":
+                names = tuple(f"{body}_inertia_{axes}" for axes in AXIS_PAIRS)
+                listed = tuple(n for n in names if n in self.names)
+                if {*names[:3]} <= {*listed} and "section" not in body:
+                    bodies[body] = listed
+        return bodies
+
+    def _inertia(self, body: str) -> list[float]:
+        return [self.file.get(f"{body}_inertia_{axes}", 0.0) for axes in AXIS_PAIRS]
+
+    def _gyration(self, body: str) -> float:
+        """The radius of gyration, m, of a body; 1 cm of a point."""
+        mass, inertia = self.file.get(f"{body}_mass", 0.0), self._inertia(body)
+        return max(float(np.sqrt(sum(inertia[:3]) / (2 * mass))), 0.01) if mass > 0.0 else 0.01
+
+    def parameters(self, z: Array) -> dict[str, float]:
+        """Parameters of the module, those that differ from the robot file, by unknowns (f)."""
+        changed = dict[str, float]()
+        for name, value in zip(self.names, z.tolist(), strict=True):
+            scale = self._scales.get(name)
+            for member in self._members[name]:
+                p = self.file[member]
+                changed[member] = p * float(np.exp(value)) if scale is None else p + scale * value
+        for body, names in self._bodies.items():
+            changes = [z[self.names.index(name)] for name in names]
+            entries = self._second_moments(body, np.array(changes))
+            listed = dict(zip((f"{body}_inertia_{axes}" for axes in AXIS_PAIRS), entries, strict=True))
+            changed |= {name: value for name, value in listed.items() if name in self.file}
+        return changed
+
+    def _second_moments(self, body: str, changes: Array) -> tuple[float, ...]:
+        """Entries of the inertia of a body whose second moments' Cholesky factor changes."""
+        inertia = inertia_matrix(self._inertia(body))
+        trace = np.trace(inertia)
+        moments = 0.5 * trace * np.eye(3) - inertia + _THIN * trace * np.eye(3)
+        size = np.exp(0.5 * changes[:3])
+        if len(changes) == 6:
+            factor = np.diag(size)
+            factor[_LOWER] = changes[3:]
+            whole = np.linalg.cholesky(moments) @ factor
+            moments = whole @ whole.T
+        else:  # So that entries that are 0 stay so.
+            moments = moments * np.outer(size, size)
+        return entries_of(np.trace(moments) * np.eye(3) - moments)
+
+    def values(self, z: Array) -> Array:
+        """Values (f) of the numbers, of rotors those of the first."""
+        parameters = self.parameters(z)
+        return np.array([parameters[self._members[name][0]] for name in self.names])
+
+    def slopes(self, z: Array) -> Array:
+        """Derivatives (f, f) of values by unknowns."""
+        steps = _DIFFERENCE * np.eye(len(z))
+        return np.array([(self.values(z + s) - self.values(z - s)) for s in steps]).T / (2 * _DIFFERENCE)
+
+    def standard(self, z: Array) -> Array:
+        """Prior deviations (f) of the values."""
+        return self.prior * np.sqrt(np.sum(self.slopes(z) ** 2, axis=1))
