@@ -76,6 +76,9 @@ if TYPE_CHECKING:
     from gibbs_codegen.flight.viewer.view import view as view
     from gibbs_codegen.flight.viewer.view import view_html as view_html
     from gibbs_codegen.machine.observers import momentum_observer as momentum_observer
+    from gibbs_codegen.identification.identify import Identified as Identified
+    from gibbs_codegen.identification.identify import identify as identify
+    from gibbs_codegen.identification.recorded import Recording as Recording
     from gibbs_codegen.pipeline import generate as generate
     from gibbs_codegen.robot.builder import RobotFile as RobotFile
     from gibbs_codegen.robot.family import paper_family as paper_family
@@ -120,6 +123,8 @@ _MODULES = {
     "flight.sweeps.sweep": ("sweep",),
     "flight.viewer.view": ("view", "view_html"),
     "machine.observers": ("momentum_observer",),
+    "identification.identify": ("Identified", "identify"),
+    "identification.recorded": ("Recording",),
     "pipeline": ("generate",),
     "robot.builder": ("RobotFile",),
     "robot.family": ("paper_family",),

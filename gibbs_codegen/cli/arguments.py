@@ -352,6 +352,26 @@ def _sweep(parser: Parser) -> None:
     _add_figures(parser, "draw no figures")
 
 
+@_command("find numbers of a robot file from logs, with deviations and what logs cannot tell")
+def _identify(parser: Parser) -> None:
+    _add_module(parser)
+    meaning = f"{_FLIGHT}; several are taken together"
+    parser.add("logs", "LOG", meaning, nargs="+")
+    parser.add(
+        *("--free", "PATTERN"),
+        "parameters that are free, such as forearm_mass or '*_com_?', and rotors.drag of all "
+        "rotors alike; may be repeated (default: all that no ruler tells)",
+        action="append",
+        default=[],
+    )
+    meaning = "deviation of numbers from the robot file, as a share (default: 0.3)"
+    parser.add("--prior", "SHARE", meaning, type=_number, default=0.3)
+    meaning = "share of each log, at its end, that is predicted instead (default: 0)"
+    parser.add("--hold-out", "SHARE", meaning, type=_not_negative, default=0.0)
+    meaning = "folder for robot file and report, which must not exist yet"
+    parser.add("--out", "DIR", meaning, default="identified")
+
+
 @_command("write a flight as a log of ROS 2 or PX4")
 def _log(parser: Parser) -> None:
     parser.add("flight", "FLIGHT", _FLIGHT)

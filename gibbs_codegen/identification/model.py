@@ -6,9 +6,9 @@ the state of a quadrotor with an arm take half as long, and nothing is derived o
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from types import ModuleType
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -27,6 +27,14 @@ _SUBSTEP = 2.5e-3
 _NEXT = "q_next", "v_next", "x_next"
 
 
+class MachineNumbers(NamedTuple):
+    """Constants of a module, the whole mass, kg, and gravity along z, m/s²."""
+
+    constants: Any
+    mass: float
+    gravity: float
+
+
 class Model:
     """Steps of `h`, s, of a module's machine, with IMUs at some of its frames, by their numbers.
 
@@ -37,7 +45,7 @@ class Model:
 
     def __init__(self, module: ModuleType, h: float, imus: Sequence[int]) -> None:
         robot = Functions(module)
-        self.module, self.h, self._layout = module, h, robot.layout
+        self.module, self.h, self.layout = module, h, robot.layout
         self._neutral = np.array(robot.layout.neutral)
         self.nq, self.nv = robot.space.coordinates, robot.space.velocities
         times = () if robot.driven else module.TIME_CONSTANTS
@@ -71,8 +79,8 @@ class Model:
 
         inputs = (q, v, x, command, pull, drag, mass, length)
         after, moved = runge_kutta_4(move, accelerate, q, join(v, x), length)
-        moved = moved[: self.nv], moved[self.nv :]
-        outputs = dict(zip(_NEXT, (after, *moved), strict=True))
+        results = after, moved[: self.nv], moved[self.nv :]
+        outputs = dict(zip(_NEXT, results, strict=True))
         part, parts = Program("substep", inputs, outputs), max(1, round(h / _SUBSTEP))
         outputs = dict(zip(_NEXT, (q, v, x), strict=True))
         for _ in range(parts):
@@ -84,24 +92,29 @@ class Model:
         program = Program("identification", (*inputs, gravity), outputs)
         self._program = compile_program(program, module)
 
-    def __call__(self, state: dict[str, Array], **others: Any) -> tuple[dict[str, Array], Array]:
+    def machine(self, parameters: Mapping[str, float]) -> MachineNumbers:
+        """What steps are given of a machine, by parameters that differ from the robot file."""
+        constants = self.module.prepare(dict(parameters))
+        upwards = self.layout.v.position.start + 2
+        masses = self.module.mass_matrix(self._neutral, constants=constants)
+        gravity = gravity_of(self.module, self.layout, constants)
+        return MachineNumbers(constants, float(masses[upwards, upwards]), float(gravity))
+
+    def __call__(
+        self, state: Mapping[str, Array], machine: MachineNumbers, **others: Any
+    ) -> tuple[dict[str, Array], Array]:
         """States after a step, and what the IMUs (6 each) feel before it.
 
-        `others` are the command (nu), drag, and parameters of the module.
+        `others` are the command (…, nu) and the drag.
         """
-        constants = self.module.prepare(others.pop("parameters"))
-        given = {**state, **others, "mass": self.mass(constants), "h": self.h}
-        given["gravity"] = [0.0, 0.0, gravity_of(self.module, self._layout, constants)]
-        out = self._program(given, {"robot": constants})
-        return {name.removesuffix("_next"): out[name] for name in _NEXT}, out["felt"]
-
-    def mass(self, constants: Any = None) -> float:
-        """The whole mass, kg."""
-        upwards = self._layout.v.position.start + 2
-        return float(self.module.mass_matrix(self._neutral, constants=constants)[upwards, upwards])
+        given = {**state, **others, "mass": machine.mass, "h": self.h}
+        given["gravity"] = [0.0, 0.0, machine.gravity]
+        out = self._program(given, {"robot": machine.constants})
+        after = {name.removesuffix("_next"): np.asarray(out[name], float) for name in _NEXT}
+        return after, np.asarray(out["felt"], float)
 
     def levels(self, commands: Array) -> Array:
-        """States of actuators (s, nx) that follow from commands (s, nu) alone, by Euler's method."""
+        """States of actuators (s, nx) by commands (s, nu) alone, by Euler's method."""
         module, times = self.module, np.array(self._times)
         if not self.nx:
             return np.zeros((len(commands), 0))
@@ -121,13 +134,13 @@ class Model:
                 start = start + self.h / parts * rates(start, command)
         return levels
 
-    def moved(self, state: dict[str, Array], change: Array) -> dict[str, Array]:
+    def moved(self, state: Mapping[str, Array], change: Array) -> dict[str, Array]:
         """States after changes (…, 2 nv + nx + 3) of q, in the tangent space, v, x and pull."""
         q, v, x, pull = np.split(change, np.cumsum([self.nv, self.nv, self.nx]), axis=-1)
         after = {"q": self.module.integrate(state["q"], q), "v": state["v"] + v}
         return after | {"x": state["x"] + x, "pull": state["pull"] + pull}
 
-    def away(self, state: dict[str, Array], other: dict[str, Array]) -> Array:
+    def away(self, state: Mapping[str, Array], other: Mapping[str, Array]) -> Array:
         """The changes (…, 2 nv + nx) of q, v and x from a state to another."""
         q = self.module.difference(state["q"], other["q"])
         return np.concatenate([q, other["v"] - state["v"], other["x"] - state["x"]], axis=-1)

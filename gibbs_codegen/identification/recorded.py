@@ -78,7 +78,7 @@ class Recording:
 
 
 def recording_of(flight: Flight, module: ModuleType, source: str) -> Recording:
-    """What a flight tells: its sensors, the coordinates of the base, and of joints without encoders.
+    """What a flight tells: its IMUs and encoders, and coordinates that no encoder reads.
 
     Raises `UsageError` where it is not of the robot.
     """
@@ -99,9 +99,13 @@ def recording_of(flight: Flight, module: ModuleType, source: str) -> Recording:
                 q[:, place] = _new(flight.sensors[:, k : k + 1])[:, 0]
     felt = {frame: _new(values) for frame, values in imus(flight).values()}
     whole = Recording(time, commands, q, felt, source) if every == 1 else None
-    return whole or Recording(time[::every], commands[::every], q[::every], {
-        frame: values[::every] for frame, values in felt.items()
-    }, source)
+    return whole or Recording(
+        time[::every],
+        commands[::every],
+        q[::every],
+        {frame: values[::every] for frame, values in felt.items()},
+        source,
+    )
 
 
 def _new(values: Array) -> Array:
@@ -167,6 +171,9 @@ class Readings:
             if not rows.any() or columns.sum() > 1.5 * rows.sum():
                 self.deviations[k] = deviation(smooth[columns][:, [k + extra]], _FLOOR)[0]
         floors = [*[_FLOOR_FELT] * 3, *[_FLOOR_SPIN] * 3]
-        self.felt_deviations = np.array([
-            deviation(column[:, np.newaxis], floors[k % 6])[0] for k, column in enumerate(self.felt.T)
-        ])
+        self.felt_deviations = np.array(
+            [
+                deviation(column[:, np.newaxis], floors[k % 6])[0]
+                for k, column in enumerate(self.felt.T)
+            ]
+        )

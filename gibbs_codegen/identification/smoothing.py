@@ -15,6 +15,8 @@ import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
+from functools import lru_cache
+from typing import Any
 
 import numpy as np
 from scipy.linalg import cho_solve_banded, cholesky_banded
@@ -24,7 +26,7 @@ from gibbs_codegen.identification.model import Model
 from gibbs_codegen.identification.recorded import Readings
 from gibbs_codegen.identification.unknowns import Unknowns
 
-# Deviations of what a step leaves, by the root of its time, s: m or rad, m/s or rad/s, of actuators.
+# Deviations of what a step leaves, by the root of its time, s: of q, v and actuators, SI units.
 _OF_Q, _OF_V, _OF_X = 3e-5, 5e-4, 3e-4
 # Of biases of IMUs, m/s² and rad/s, and of the drag, by the mass, 1/s.
 _BIASES, _DRAG = (0.3, 0.05), 1.0
@@ -34,7 +36,7 @@ _WIND_TIME, _WIND, _CALM = 1.0, 0.3, 0.01
 _OUTLIER = 3.0
 _STEP = 1e-6
 # Samples at a time, which stay in the cache.
-_CHUNK, _ALL = 512, slice(None)
+_CHUNK, _ALL = 1024, slice(None)
 # Changes of shared numbers, of their deviations, that are none; iterations at most.
 _SETTLED, _MOST = 0.03, 30
 _DAMPINGS = (0.0, 1e-3, 1e-1, 10.0, 1e3)
@@ -56,11 +58,9 @@ class Estimate:
 
 
 class Smoother:
-    """Readings of logs, one after the other, and what explains them; `fixed` are no unknowns free."""
+    """Readings of logs, one after the other, and what explains them."""
 
-    def __init__(
-        self, model: Model, unknowns: Unknowns, logs: Sequence[Readings], prior: bool = True
-    ) -> None:
+    def __init__(self, model: Model, unknowns: Unknowns, logs: Sequence[Readings]) -> None:
         self.model, self.unknowns = model, unknowns
         self.command = np.concatenate([log.commands for log in logs])
         self.q, self.has, self.felt = (
@@ -70,6 +70,9 @@ class Smoother:
         # Whether a sample is followed by the next, of the same log.
         self.follows = np.ones((len(self.q), 1))
         self.follows[ends] = 0.0
+        self._machine = lru_cache(64)(
+            lambda z: model.machine(unknowns.parameters(np.frombuffer(z)))
+        )
         self._pool = ThreadPoolExecutor(os.cpu_count())
         self.has = np.concatenate([self.has, np.isfinite(self.felt)], axis=1).astype(float)
         self.felt = np.nan_to_num(self.felt)
@@ -80,7 +83,7 @@ class Smoother:
         self.step_weights = 1.0 / np.array(steps)
         self.left = np.exp(-model.h / _WIND_TIME)
         self.imus = self.felt.shape[1]
-        mass = model.mass()
+        mass = model.machine({}).mass
         prior = [unknowns.prior] * len(unknowns.names) + [_DRAG * mass]
         prior += ([_BIASES[0]] * 3 + [_BIASES[1]] * 3) * (self.imus // 6)
         self.prior = np.array(prior)
@@ -95,20 +98,19 @@ class Smoother:
         """The numbers of the robot file, and the motion by filtered readings."""
         return Estimate(np.zeros(len(self.prior)), self.first)
 
-    def _stepped(
-        self, shared: Array, state: dict[str, Array], rows: slice = _ALL
+    def stepped(
+        self, shared: Array, state: dict[str, Array], rows: Any = _ALL
     ) -> tuple[dict[str, Array], Array]:
+        """States after a step from samples by their rows, and what IMUs feel before it."""
         f = len(self.unknowns.names)
-        parameters = self.unknowns.parameters(shared[:f])
-        after, felt = self.model(
-            state, command=self.command[rows], drag=shared[f], parameters=parameters
-        )
+        machine = self._machine(shared[:f].tobytes())
+        after, felt = self.model(state, machine, command=self.command[rows], drag=shared[f])
         return after, felt + shared[f + 1 :]
 
     def _residuals(self, estimate: Estimate) -> tuple[Array, Array, Array]:
         """Weighted readings (s, m), what steps leave (s − 1, n), and prior."""
         state = estimate.state
-        after, felt = self._stepped(estimate.shared, state)
+        after, felt = self.stepped(estimate.shared, state)
         away = self.model.module.difference(self.q, state["q"])
         misses = np.concatenate([away, felt - self.felt], axis=1) * self.weights * self.has
         ahead = {name: values[1:] for name, values in state.items()}
@@ -133,10 +135,10 @@ class Smoother:
         """Derivatives of readings and steps (s, ·, n) by the state, and by what is shared."""
         model, shared = self.model, estimate.shared
         state = {name: values[rows] for name, values in estimate.state.items()}
-        n, (after, felt) = 2 * model.nv + model.nx + 3, self._stepped(shared, state, rows)
+        n, (after, felt) = 2 * model.nv + model.nx + 3, self.stepped(shared, state, rows)
 
         def change(shared: Array, moved: dict[str, Array]) -> Array:
-            other, feels = self._stepped(shared, moved, rows)
+            other, feels = self.stepped(shared, moved, rows)
             return np.concatenate([model.away(after, other), feels - felt], axis=1) / _STEP
 
         columns = [change(shared, model.moved(state, _STEP * unit)) for unit in np.eye(n)]
@@ -160,57 +162,66 @@ class Smoother:
         missed = misses * self.weights * robust
         whole = np.array([*self.step_weights, *[self._calm(estimate)] * 3])
         q, left = whole**2 * self.follows[rows], gaps * whole
-        turned = reads.transpose(0, 2, 1) * (self.weights**2 * self.has[rows] * robust)[:, np.newaxis]
+        turned = (
+            reads.transpose(0, 2, 1) * (self.weights**2 * self.has[rows] * robust)[:, np.newaxis]
+        )
         ahead = steps.transpose(0, 2, 1) * q[:, np.newaxis]
         weighed = q[:, :, np.newaxis] * border
-        flat, flat_steps = (x.reshape(x.shape[0] * x.shape[1], free) for x in (reads_border, border))
+        flat, flat_steps = (
+            x.reshape(x.shape[0] * x.shape[1], free) for x in (reads_border, border)
+        )
         heavy = (self.weights**2 * self.has[rows] * robust).reshape(-1, 1) * flat
         return (
             turned @ reads + ahead @ steps,
             turned @ reads_border + ahead @ border,
             np.einsum("kma,km->ka", reads, missed) + np.einsum("kma,km->ka", steps, left),
-            flat.T @ heavy + flat_steps.T @ weighed.reshape(flat_steps.shape),
-            flat.T @ missed.ravel() + flat_steps.T @ left.ravel(),
             ahead,
             weighed,
             q,
             left,
+            flat.T @ heavy + flat_steps.T @ weighed.reshape(flat_steps.shape),
+            flat.T @ missed.ravel() + flat_steps.T @ left.ravel(),
         )
 
     def _solved(self, estimate: Estimate, free: int) -> Callable[[float], tuple[Array, ...]]:
-        """What solves the normal equations, with a damping: changes of states and shared numbers."""
+        """What solves the normal equations, with a damping: changes and covariance."""
         misses, gaps, prior = self._residuals(estimate)
         count, n = len(misses), gaps.shape[1]
         residuals = misses, np.concatenate([gaps, np.zeros((1, n))])
         chunks = [slice(k, min(k + _CHUNK, count)) for k in range(0, count, _CHUNK)]
-        parts = zip(
-            *self._pool.map(lambda rows: self._part(estimate, free, residuals, rows), chunks),
-            strict=True,
+        parts = list(
+            zip(
+                *self._pool.map(lambda rows: self._part(estimate, free, residuals, rows), chunks),
+                strict=True,
+            )
         )
-        D, G, b, C, c, ahead, weighed, q, left = parts
-        D, G, b, ahead, weighed, q, left = map(np.concatenate, (D, G, b, ahead, weighed, q, left))
-        D[1:, range(n), range(n)] += q[:-1]
-        G[1:] -= weighed[:-1]
-        b[1:] -= left[:-1]
-        D[0, range(n - 3, n), range(n - 3, n)] += 1.0 / estimate.wind**2
-        b[0, n - 3 :] += estimate.state["pull"][0] / estimate.wind**2
-        C = sum(C) + np.diag(1.0 / self.prior[:free] ** 2)
-        c = sum(c) + prior[:free] / self.prior[:free]
-        band = np.zeros((2 * n, count, n))
+        diagonal, border, gradient, ahead, weighed, q, left = map(np.concatenate, parts[:7])
+        corner, shared_gradient = (np.sum(part, axis=0) for part in parts[7:])
+        diagonal[1:, range(n), range(n)] += q[:-1]
+        border[1:] -= weighed[:-1]
+        gradient[1:] -= left[:-1]
+        diagonal[0, range(n - 3, n), range(n - 3, n)] += 1.0 / estimate.wind**2
+        gradient[0, n - 3 :] += estimate.state["pull"][0] / estimate.wind**2
+        corner += np.diag(1.0 / self.prior[:free] ** 2)
+        shared_gradient += prior[:free] / self.prior[:free]
+        # Columns of the lower band, as LAPACK has them.
+        band = np.zeros((count, n, 2 * n))
         for column in range(n):
-            band[: n - column, :, column] = D[:, column:, column].T
-            band[n - column : 2 * n - column, :-1, column] = -ahead[:-1, column].T
+            band[:, column, : n - column] = diagonal[:, column, column:]
+            band[:-1, column, n - column : 2 * n - column] = -ahead[:-1, column]
 
         def solve(damping: float) -> tuple[Array, Array, Array]:
-            damped = band.reshape(2 * n, -1).copy()
-            damped[0] *= 1.0 + damping
-            factor = cholesky_banded(damped, overwrite_ab=True, lower=True, check_finite=False)
-            right = np.concatenate([G, b[..., np.newaxis]], axis=2).reshape(count * n, free + 1)
+            damped = band.reshape(count * n, 2 * n).copy()
+            damped[:, 0] *= 1.0 + damping
+            factor = cholesky_banded(damped.T, overwrite_ab=True, lower=True, check_finite=False)
+            right = np.concatenate([border, gradient[..., np.newaxis]], axis=2).reshape(
+                count * n, free + 1
+            )
             found = cho_solve_banded((factor, True), right, check_finite=False)
-            lines = G.reshape(count * n, free)
-            S = C - lines.T @ found[:, :free] + damping * np.diag(np.diag(C))
-            covariance = np.linalg.inv(S)
-            shared = -covariance @ (c - lines.T @ found[:, free])
+            lines = border.reshape(count * n, free)
+            left_over = corner - lines.T @ found[:, :free] + damping * np.diag(np.diag(corner))
+            covariance = np.linalg.inv(left_over)
+            shared = -covariance @ (shared_gradient - lines.T @ found[:, free])
             local = -found[:, free] - found[:, :free] @ shared
             return local.reshape(count, n), shared, covariance
 

@@ -1,7 +1,7 @@
 """Numbers of a robot file that are free: which these are, and how they follow from unknowns.
 
-An unknown z is 0 in the robot file. A number is that of the file times exp(z), and a coordinate of a
-centre of mass is it plus z times the radius of gyration. So what is positive stays so. Where all
+An unknown z is 0 in the robot file. A number is that of the file times exp(z), and a coordinate of
+a centre of mass is it plus z times the radius of gyration. So what is positive stays so. Where all
 three moments of inertia of a body are free, z are logarithms of the Cholesky factor of its second
 moments about the centre of mass, so that every z is a body that can be.
 """
@@ -38,7 +38,8 @@ class Unknowns:
     """Unknowns (f) of a module by their `names`, of those that patterns choose, or by default.
 
     `names` are those of parameters, or as `rotors.thrust_1` of all rotors alike, which keep their
-    ratios. A centre of mass is in doubt by `prior` of its radius of gyration, all else by that share.
+    ratios. A centre of mass is in doubt by `prior` of the radius of gyration, all else by that
+    share.
 
     Raises `UsageError` for a pattern that chooses nothing, or what cannot be free.
     """
@@ -116,6 +117,10 @@ class Unknowns:
         mass, inertia = self.file.get(f"{body}_mass", 0.0), self._inertia(body)
         return max(float(np.sqrt(sum(inertia[:3]) / (2 * mass))), 0.01) if mass > 0.0 else 0.01
 
+    def members(self, name: str) -> tuple[str, ...]:
+        """Parameters that one of the numbers stands for."""
+        return self._members[name]
+
     def parameters(self, z: Array) -> dict[str, float]:
         """Parameters of the module, those that differ from the robot file, by unknowns (f)."""
         changed = dict[str, float]()
@@ -127,7 +132,9 @@ class Unknowns:
         for body, names in self._bodies.items():
             changes = [z[self.names.index(name)] for name in names]
             entries = self._second_moments(body, np.array(changes))
-            listed = dict(zip((f"{body}_inertia_{axes}" for axes in AXIS_PAIRS), entries, strict=True))
+            listed = dict(
+                zip((f"{body}_inertia_{axes}" for axes in AXIS_PAIRS), entries, strict=True)
+            )
             changed |= {name: value for name, value in listed.items() if name in self.file}
         return changed
 
@@ -154,8 +161,6 @@ class Unknowns:
     def slopes(self, z: Array) -> Array:
         """Derivatives (f, f) of values by unknowns."""
         steps = _DIFFERENCE * np.eye(len(z))
-        return np.array([(self.values(z + s) - self.values(z - s)) for s in steps]).T / (2 * _DIFFERENCE)
-
-    def standard(self, z: Array) -> Array:
-        """Prior deviations (f) of the values."""
-        return self.prior * np.sqrt(np.sum(self.slopes(z) ** 2, axis=1))
+        return np.array([(self.values(z + s) - self.values(z - s)) for s in steps]).T / (
+            2 * _DIFFERENCE
+        )

@@ -5,6 +5,7 @@ from __future__ import annotations
 import ctypes
 import math
 from collections.abc import Mapping
+from functools import cached_property
 from types import ModuleType
 from typing import Any
 
@@ -81,9 +82,15 @@ class BlockProgram:
                 results[name] = self._blocks.to_rows(cells[name], count).reshape((*batch, *x.shape))
         return results
 
+    @cached_property
+    def _default(self) -> bytes:
+        """Constants of the robot file; to prepare them takes as long as a thousand states."""
+        constants: bytes = self._module.prepare({})
+        return constants
+
     def _owned(self, constants: Mapping[str, Any]) -> list[Array]:
         """Constants of each owner, those of the robot file where none are given."""
-        default = self._module.prepare({})
+        default = self._default
         if unknown := [owner for owner in constants if owner not in self._text.owners]:
             raise UsageError(
                 f"{self.program.name}: constants are of {' and '.join(self._text.owners) or 'none'}"

@@ -1,0 +1,277 @@
+"""Identification: numbers of a robot file from logs, with deviations, and what logs cannot tell."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+
+from gibbs_codegen.errors import UsageError, printable
+from gibbs_codegen.files.staging import put_in_place, staging_folder, writing
+from gibbs_codegen.flight.record.flight import Flight, flight_file, read_flight
+from gibbs_codegen.flight.vectors import Array
+from gibbs_codegen.identification.model import Model
+from gibbs_codegen.identification.recorded import Readings, Recording, recording_of
+from gibbs_codegen.identification.report import html_report, text_report
+from gibbs_codegen.identification.robot_file import with_numbers
+from gibbs_codegen.identification.smoothing import Estimate, Smoother
+from gibbs_codegen.identification.unknowns import Unknowns
+from gibbs_codegen.runtime.load import load
+
+Progress = Callable[[str, float], None]
+Log = Flight | Recording | str | os.PathLike[str]
+# Shares of the prior's deviation from which on a log does not tell a direction, and of a direction
+# from which on a number is part of it.
+_UNSEEN, _PART = 0.5, 0.35
+# How far is predicted, s, and samples of a first fit that gives numbers to begin with.
+_AHEAD, _FIRST = 0.5, 2000
+
+
+@dataclass(frozen=True, eq=False)
+class Identified:
+    """Numbers of a robot file, as logs tell them.
+
+    - `names` (f): numbers that were free, in SI units; `rotors.drag` is that of the first rotor,
+      and all others keep their ratios to it
+    - `values`, `deviations` and `before` (f): their values, standard deviations, and those in the
+      robot file; `covariance` (f, f) of the values
+    - `unseen`: in words what the log cannot tell, or tells no better than the prior
+    - `residuals`: by reading its root mean square over its deviation, 1 where all is explained
+    - `others`: drag of the base, N s/m, biases of IMUs, and the wind's deviation, m/s², by names
+    - `prediction`: of what was held out, root mean squares of errors after half a second, by the
+      numbers of the file and by those identified; empty if nothing was
+    - `robot_file`: text of the robot file with the values
+    """
+
+    robot: str
+    source: str
+    names: tuple[str, ...]
+    before: Array
+    values: Array
+    deviations: Array
+    covariance: Array = field(repr=False)
+    unseen: tuple[str, ...]
+    residuals: Mapping[str, float]
+    others: Mapping[str, tuple[float, float]]
+    prediction: Mapping[str, tuple[float, float]]
+    robot_file: str = field(repr=False)
+
+    def text(self) -> str:
+        """Say it as a table in text."""
+        return text_report(self)
+
+    def write(self, folder: str | os.PathLike[str]) -> None:
+        """Write the robot file and the report, as text and as a page, to a new folder.
+
+        Args:
+            folder: The folder.
+
+        Raises:
+            UsageError: If it is there already.
+            OutputError: If it cannot be written; nothing is left.
+        """
+        place = Path(folder)
+        check_new(place)
+        files = {
+            f"{self.robot}.toml": self.robot_file,
+            "report.txt": self.text(),
+            "report.html": html_report(self),
+        }
+        with writing(place), staging_folder(place.parent) as staging:
+            (staging / place.name).mkdir()
+            for name, text in files.items():
+                (staging / place.name / name).write_text(text, encoding="utf-8")
+            put_in_place(staging / place.name, place)
+
+
+def check_new(folder: str | os.PathLike[str]) -> None:
+    """Raise `UsageError` if a folder is there already."""
+    if Path(folder).exists():
+        raise UsageError(f"{printable(folder)}: is there already; give a folder that is not")
+
+
+def identify(
+    robot: ModuleType | str | os.PathLike[str],
+    logs: Log | Sequence[Log],
+    free: Sequence[str] = (),
+    prior: float = 0.3,
+    hold_out: float = 0.0,
+    progress: Progress = lambda what, share: None,
+) -> Identified:
+    """Find the numbers of a robot file that explain logs best.
+
+    They are the most likely ones, given all readings with their noise, a wind that comes and goes,
+    and a prior around the robot file.
+
+    Args:
+        robot: The robot that flew: a module, generated with the functions by default and loaded
+            with the back end "c", or its name or path.
+        logs: One or more flights, each a `Flight`, a `Recording`, or a path that `simulate` wrote.
+        free: Patterns of names of parameters, such as "forearm_mass" or "*_com_?"; "rotors.drag" is
+            a number of all rotors alike. By default all that no ruler tells.
+        prior: Deviation of a number from that of the robot file, as a share.
+        hold_out: Share of each log, at its end, that is not used but predicted.
+        progress: Called with what is being done, and its share.
+
+    Returns:
+        The numbers.
+
+    Raises:
+        UsageError: If a log or a pattern is not of the robot, or the robot's base is held.
+    """
+    module = robot if isinstance(robot, ModuleType) else load(robot, "c")
+    if len(module.VELOCITIES) < 6 or not {"x", "y", "z"} <= {*module.COORDINATES}:
+        raise UsageError(f"{module.NAME}: its base does not move freely, which identify needs yet")
+    if not prior > 0.0 or not 0.0 <= hold_out <= 0.9:
+        raise UsageError("prior must be above 0, and hold_out from 0 to 0.9")
+    listed = [logs] if isinstance(logs, Flight | Recording | str | os.PathLike) else [*logs]
+    recordings = [_recording(log, module) for log in listed]
+    unknowns = Unknowns(module, free, prior)
+    if not unknowns.names:
+        raise UsageError(
+            f"{module.NAME}: has no number that is free by default; give some (--free)"
+        )
+    frames = tuple(recordings[0].imus)
+    model = Model(module, recordings[0].step, [module.FRAMES.index(frame) for frame in frames])
+    if odd := [r for r in recordings if abs(r.step / model.h - 1.0) > 0.01]:
+        raise UsageError(
+            f"{odd[0].source}: has a sample every {odd[0].step:.4g} s, {recordings[0].source} one "
+            f"every {model.h:.4g} s; sample logs alike, or identify from one at a time"
+        )
+    ends = [round(len(r.time) * (1.0 - hold_out)) for r in recordings]
+    used = [r.part(slice(end)) for r, end in zip(recordings, ends, strict=True)]
+
+    def fitted(
+        parts: Sequence[Recording], start: Array | None, what: str, numbers: bool = True
+    ) -> tuple[Smoother, Estimate]:
+        smoother = Smoother(model, unknowns, [Readings(r, module, frames) for r in parts])
+        estimate = smoother.start()
+        estimate.shared = estimate.shared if start is None else start
+        return smoother, smoother.run(estimate, lambda share: progress(what, share), numbers)
+
+    start = None
+    if sum(len(r.time) for r in used) > 1.5 * _FIRST:
+        start = fitted([used[0].part(slice(_FIRST))], None, "first samples")[1].shared
+    smoother, estimate = fitted(used, start, "all samples")
+    f = len(unknowns.names)
+    prediction = {}
+    if hold_out:
+        rest = [r.part(slice(end, None)) for r, end in zip(recordings, ends, strict=True)]
+        of_file = np.concatenate([np.zeros(f), estimate.shared[f:]])
+        errors = [
+            _errors_ahead(*fitted(rest, shared, "what was held out", numbers=False))
+            for shared in (of_file, estimate.shared)
+        ]
+        prediction = {name: (errors[0][name], errors[1][name]) for name in errors[0]}
+    progress("all samples", 1.0)
+    return _identified(
+        module, smoother, estimate, frames, [r.source for r in recordings], prediction
+    )
+
+
+def _recording(log: Log, module: ModuleType) -> Recording:
+    if isinstance(log, Recording):
+        return log
+    if isinstance(log, Flight):
+        return recording_of(log, module, log.scenario)
+    if flight_file(log) is None:
+        raise UsageError(
+            f"{printable(log)}: is no flight that `simulate` wrote; make a `Recording` of other "
+            "logs in Python"
+        )
+    return recording_of(read_flight(log), module, printable(Path(log).name))
+
+
+def _identified(
+    module: ModuleType,
+    smoother: Smoother,
+    estimate: Estimate,
+    frames: Sequence[str],
+    sources: Sequence[str],
+    prediction: Mapping[str, tuple[float, float]],
+) -> Identified:
+    unknowns, f = smoother.unknowns, len(smoother.unknowns.names)
+    z, slopes = estimate.shared[:f], smoother.unknowns.slopes(estimate.shared[:f])
+    spread = np.sqrt(np.nanmean(np.clip(estimate.misses, -3, 3) ** 2, axis=0))
+    # What is not explained by noise makes numbers less certain than noise alone would.
+    doubt = max(1.0, float(np.sqrt(np.nanmean(np.clip(estimate.misses, -3, 3) ** 2)))) ** 2
+    whole = estimate.covariance * doubt
+    covariance = slopes @ whole[:f, :f] @ slopes.T
+    values, deviations = unknowns.values(z), np.sqrt(np.diag(covariance))
+    names = [f"pose, along {name}" for name in module.VELOCITIES]
+    names += [f"IMU at {frame}, {what}" for frame in frames for what in _FELT]
+    labels = ["drag of the base, N s/m"]
+    labels += [f"bias of the IMU at {frame}, {what}" for frame in frames for what in _FELT]
+    rest = zip(estimate.shared[f:], np.sqrt(np.diag(whole))[f:], strict=True)
+    others = {label: (float(x), float(s)) for label, (x, s) in zip(labels, rest, strict=True)}
+    others["wind's pull, deviation, m/s²"] = estimate.wind, float("nan")
+    source = ", ".join(sources)
+    words = {
+        member: f"{value:.5g} ± {deviation:.2g}, identified from {source}"
+        for name, value, deviation in zip(unknowns.names, values, deviations, strict=True)
+        for member in unknowns.members(name)[:1]
+    }
+    text = (Path(module.__path__[0]) / "robot.toml").read_text("utf-8")
+    return Identified(
+        module.NAME,
+        source,
+        tuple(unknowns.names),
+        unknowns.values(np.zeros(f)),
+        values,
+        deviations,
+        covariance,
+        _unseen(unknowns, whole[:f, :f]),
+        dict(zip(names, spread.tolist(), strict=True)),
+        others,
+        prediction,
+        with_numbers(text, unknowns.parameters(z), words),
+    )
+
+
+_FELT = (
+    *(f"acceleration {axis}" for axis in "xyz"),
+    *(f"angular velocity {axis}" for axis in "xyz"),
+)
+
+
+def _unseen(unknowns: Unknowns, covariance: Array) -> tuple[str, ...]:
+    """Directions in which a fit is not much surer than the prior, in words."""
+    shares, directions = np.linalg.eigh(covariance / unknowns.prior**2)
+    clauses = []
+    for share, direction in zip(np.sqrt(shares), directions.T, strict=True):
+        if share > _UNSEEN:
+            order = np.argsort(-np.abs(direction))
+            parts = [unknowns.names[k] for k in order if abs(direction[k]) > _PART][:4]
+            if len(parts) < 2:
+                name = unknowns.names[order[0]]
+                clauses.append(f"{name}: the log says nothing of it, the prior alone does")
+            else:
+                clauses.append(
+                    f"{', '.join(parts[:-1])} and {parts[-1]}: the log does not tell them apart"
+                )
+    return tuple(clauses)
+
+
+def _errors_ahead(smoother: Smoother, estimate: Estimate) -> dict[str, float]:
+    """Root mean squares of errors of coordinates that are predicted without readings."""
+    model, steps = smoother.model, round(_AHEAD / smoother.model.h)
+    count = len(smoother.q)
+    starts = np.arange(0, count - steps, max(1, steps // 2))
+    starts = starts[np.array([smoother.follows[k : k + steps].all() for k in starts], dtype=bool)]
+    state = {name: values[starts] for name, values in estimate.state.items()}
+    for k in range(steps):
+        after, _ = smoother.stepped(estimate.shared, state, starts + k)
+        state = {**after, "pull": state["pull"]}
+    away = model.module.difference(smoother.q[starts + steps], state["q"])
+    known = smoother.has[starts + steps][:, : model.nv] > 0.0
+    v = model.layout.v
+    kinds = {"position, m": v.position, "attitude, rad": v.attitude, "joints, rad or m": v.joints}
+    return {
+        name: float(np.sqrt(np.mean(away[:, place][known[:, place]] ** 2)))
+        for name, place in kinds.items()
+        if known[:, place].any()
+    }

@@ -1,0 +1,89 @@
+"""What was identified, as text and as one page of HTML that needs nothing else."""
+
+from __future__ import annotations
+
+import html
+from collections.abc import Iterator, Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from gibbs_codegen.identification.identify import Identified
+
+# Correlations that are told.
+_CORRELATED, _MOST = 0.8, 12
+_STYLE = (
+    "body{font:15px/1.5 system-ui,sans-serif;max-width:60rem;margin:2rem auto;padding:0 1rem;"
+    "color:#222}table{border-collapse:collapse}td,th{padding:.15rem .9rem .15rem 0;"
+    "text-align:left;border-bottom:1px solid #ddd}td:not(:first-child){font-variant-numeric:"
+    "tabular-nums}h2{margin-top:2rem;font-size:1.1rem}"
+)
+Section = tuple[str, Sequence[str], Sequence[tuple[str, ...]]]
+
+
+def _sections(found: Identified) -> Iterator[Section]:
+    """Titles, headings and rows of tables."""
+    rows: list[tuple[str, ...]] = []
+    for row in zip(
+        found.names, found.before, found.values, found.deviations, strict=True
+    ):
+        name, before, value, deviation = row
+        share = f"{100 * deviation / abs(value):.2g} %" if value else ""
+        rows.append((name, f"{before:.5g}", f"{value:.5g}", f"{deviation:.2g}", share))
+    heads = ("number", "robot file", "identified", "± deviation", "of it")
+    yield f"{found.robot}, from {found.source}, in SI units", heads, rows
+    listed = [(words,) for words in found.unseen] or [("Nothing that was free.",)]
+    yield "What the log cannot tell", ("",), listed
+    size = np.sqrt(np.diag(found.covariance))
+    correlation = found.covariance / np.outer(size, size)
+    pairs = [
+        (abs(correlation[i, j]), found.names[i], found.names[j], f"{correlation[i, j]:.3f}")
+        for i in range(len(size))
+        for j in range(i)
+        if abs(correlation[i, j]) > _CORRELATED
+    ]
+    if pairs:
+        title = f"Numbers that go together, the {_MOST} most"
+        rows = [pair[1:] for pair in sorted(pairs, reverse=True)[:_MOST]]
+        yield title, ("number", "with", "correlation"), rows
+    if found.prediction:
+        rows = [(name, *(f"{x:.3g}" for x in pair)) for name, pair in found.prediction.items()]
+        title = "Errors of predictions of half a second, where the log was held out"
+        yield title, ("of", "by the robot file", "as identified"), rows
+    rows = [
+        (name, f"{x:.4g}", f"{s:.2g}" if np.isfinite(s) else "")
+        for name, (x, s) in found.others.items()
+    ]
+    yield "Besides", ("", "value", "± deviation"), rows
+    rows = [(name, f"{x:.2f}") for name, x in found.residuals.items()]
+    title = "Residuals over deviations: about 1 where everything is explained"
+    yield title, ("reading", "root mean square"), rows
+
+
+def text_report(found: Identified) -> str:
+    """The report as text."""
+    lines = []
+    for title, heads, rows in _sections(found):
+        table = [tuple(heads), *rows] if any(heads) else rows
+        widths = [max(map(len, column)) for column in zip(*table, strict=True)]
+        lines += [title, ""]
+        lines += ["  ".join(map(str.ljust, row, widths)).rstrip() for row in table]
+        lines += [""]
+    return "\n".join(lines)
+
+
+def html_report(found: Identified) -> str:
+    """The report as a page."""
+    parts = [f"<!doctype html><meta charset=utf-8><title>{html.escape(found.robot)}</title>"]
+    parts.append(f"<style>{_STYLE}</style>")
+    for title, heads, rows in _sections(found):
+        parts.append(f"<h2>{html.escape(title)}</h2><table>")
+        if any(heads):
+            parts.append(_row(heads, "th"))
+        parts += [*(_row(row, "td") for row in rows), "</table>"]
+    return "\n".join(parts) + "\n"
+
+
+def _row(cells: Sequence[str], tag: str) -> str:
+    return "<tr>" + "".join(f"<{tag}>{html.escape(cell)}</{tag}>" for cell in cells) + "</tr>"

@@ -1,0 +1,107 @@
+"""Numbers that were identified, in the text of a robot file, whose comments stay."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Mapping
+from typing import Any
+
+from gibbs_codegen.errors import UsageError
+from gibbs_codegen.files.toml import key_lines
+from gibbs_codegen.robot.file import parse_robot
+from gibbs_codegen.robot.names import parameter_prefix, rotor_prefix
+from gibbs_codegen.robot.parts.numbers import AXIS_PAIRS, XYZ
+from gibbs_codegen.robot.text import toml_value
+
+# Keys of rotors that say the same as a thrust curve.
+_CURVES = ("max_thrust", "thrust_model_factor", "thrust_constant")
+_DIGITS = 6
+
+
+def with_numbers(text: str, changes: Mapping[str, float], words: Mapping[str, str]) -> str:
+    """The text of a robot file with parameters by their names changed, and words in comments.
+
+    Raises `UsageError` for a number that does not stand in the file by itself.
+    """
+    robot, document = parse_robot(text), tomllib.loads(text)
+    tables = {"base": "base", "base_arm": "base.arm"}
+    for k in range(1, len(robot.thrusters) + 1):
+        tables[rotor_prefix(robot, k)] = f"rotor[{k - 1}]"
+    for i in range(1, len(robot.links) + 1):
+        prefix, path = parameter_prefix(robot, i), f"link[{i - 1}]"
+        tables |= {prefix: path, f"{prefix}_servo": f"{path}.servo"}
+        tables |= {f"{prefix}_friction": f"{path}.friction"}
+    edits = dict[str, list[str]]()  # By path of a key that has a line, the comments on it.
+    lines = key_lines(text)
+    for name, value in changes.items():
+        prefixes = sorted((p for p in tables if name.startswith(f"{p}_")), key=len, reverse=True)
+        keys = (_changed(_table(document, tables[p]), name[len(p) + 1 :], value) for p in prefixes)
+        key, prefix = next(((k, p) for k, p in zip(keys, prefixes, strict=True) if k), ("", ""))
+        if not key:
+            raise UsageError(
+                f"{name}: does not stand in the robot file by itself, where it could be replaced; "
+                "leave it out (--free)"
+            )
+        path = f"{tables[prefix]}.{key}"
+        while path not in lines and key != "thrust_curve":
+            path = path.rpartition(".")[0]
+        edits.setdefault(path, [])
+        if name in words:
+            edits[path].append(words[name])
+    rows: list[str | None] = [*text.splitlines()]
+    for path, comments in edits.items():
+        table, _, key = path.rpartition(".")
+        value = _table(document, table)[key]
+        old = [f"{table}.{k}" for k in (key, *_CURVES * (key == "thrust_curve"))]
+        for number, row in enumerate([lines[p] - 1 for p in old if p in lines]):
+            end = _end(rows, row)
+            comment = (rows[end - 1] or "").partition("#")[2].strip()
+            note = "; ".join(filter(None, [*comments, comment]))
+            rows[row:end] = [None] * (end - row)
+            if number == 0:
+                rows[row] = f"{key} = {toml_value(value)}" + (f"  # {note}" if note else "")
+    changed = "\n".join(row for row in rows if row is not None) + "\n"
+    parse_robot(changed, "the robot file with identified numbers")
+    return changed
+
+
+def _end(rows: list[str | None], begin: int) -> int:
+    """The row behind a key and its value, which may take several."""
+    for end in range(begin + 1, len(rows) + 1):
+        try:
+            tomllib.loads("\n".join(row or "" for row in rows[begin:end]))
+        except tomllib.TOMLDecodeError:
+            continue
+        return end
+    raise AssertionError("a file that was read has ends of values")
+
+
+def _table(document: Any, path: str) -> Any:
+    """A table of a document by its path; an empty one where there is none."""
+    for part in path.split("."):
+        name, _, number = part.partition("[")
+        document = document.get(name, {}) if isinstance(document, dict) else {}
+        if number:
+            place = int(number.rstrip("]"))
+            document = document[place] if place < len(document) else {}
+    return document if isinstance(document, dict) else {}
+
+
+def _changed(table: dict[str, Any], end: str, value: float) -> str:
+    """Change an entry of a table by the end of its name; its key, "" where it has none."""
+    value = float(f"{value:.{_DIGITS}g}")
+    if end.startswith("thrust_") and end[7:].isdigit() and "command" in table:
+        table.setdefault("thrust_curve", [0.0, 0.0, 0.0])[int(end[7:])] = value
+        return "thrust_curve"
+    if isinstance(table.get(end), int | float):
+        table[end] = value
+        return end
+    key, _, entry = end.rpartition("_")
+    places = {
+        **dict(zip(XYZ, range(3), strict=True)),
+        **dict(zip(AXIS_PAIRS, range(6), strict=True)),
+    }
+    if isinstance(table.get(key), list) and (entry in places or entry.isdigit()):
+        table[key][places[entry] if entry in places else int(entry) - 1] = value
+        return key
+    return ""

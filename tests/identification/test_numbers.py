@@ -1,0 +1,135 @@
+"""Numbers that are free, recordings, and robot files with what was identified: no fit."""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+import pytest
+
+from gibbs_codegen.errors import UsageError
+from gibbs_codegen.identification.recorded import Recording, deviation
+from gibbs_codegen.identification.robot_file import with_numbers
+from gibbs_codegen.identification.unknowns import Unknowns
+from gibbs_codegen.pipeline import generate
+from gibbs_codegen.robot.file import parse_robot, read_robot
+from gibbs_codegen.robot.parts.body import inertia_fault
+from gibbs_codegen.runtime.load import load
+
+ROBOT = "hextilt_flying_arm_5"  # Its bodies have products of inertia.
+
+
+@pytest.fixture(scope="module")
+def module(tmp_path_factory):
+    return load(generate(ROBOT, tmp_path_factory.mktemp("modules"), verify=False))
+
+
+def test_every_unknown_gives_bodies_that_can_be(module) -> None:
+    unknowns = Unknowns(module, ["*_mass", "*_inertia_*", "*_com_*"], 0.3)
+    assert any(name.endswith("_inertia_xy") for name in unknowns.names)
+    bodies = {name.removesuffix("_mass") for name in unknowns.names if name.endswith("_mass")}
+    rng = np.random.default_rng(0)
+    for size in (0.3, 2.0):
+        for _ in range(20):
+            numbers = {**module.PARAMETERS}
+            numbers |= unknowns.parameters(size * rng.standard_normal(len(unknowns.names)))
+            for body in bodies:
+                inertia = [
+                    numbers.get(f"{body}_inertia_{axes}", 0.0)
+                    for axes in ("xx", "yy", "zz", "xy", "xz", "yz")
+                ]
+                assert numbers[f"{body}_mass"] > 0.0
+                assert inertia_fault(numbers[f"{body}_mass"], inertia) is None, body
+
+
+def test_no_change_is_the_robot_file(module) -> None:
+    unknowns = Unknowns(module, [], 0.3)
+    changed = unknowns.parameters(np.zeros(len(unknowns.names)))
+    for name, value in changed.items():
+        scale = max(abs(module.PARAMETERS[name]), 1e-5)
+        assert value == pytest.approx(module.PARAMETERS[name], abs=1e-6 * scale + 1e-9), name
+
+
+def test_numbers_of_all_rotors_keep_their_ratios(module) -> None:
+    unknowns = Unknowns(module, ["rotors.drag"], 0.3)
+    changed = unknowns.parameters(np.array([np.log(1.5)]))
+    assert len(changed) == 6
+    for name, value in changed.items():
+        assert value == pytest.approx(1.5 * module.PARAMETERS[name], rel=1e-14)
+
+
+@pytest.mark.parametrize(
+    ("free", "words"),
+    [
+        (["bse_mass"], "did you mean base_mass"),
+        (["rotors.drag", "rotor_0_drag"], "rotor_0_drag, which is free by itself"),
+        (["link_1_armature"], "is 0 in the robot file"),
+    ],
+)
+def test_what_cannot_be_free_is_refused(module, free, words) -> None:
+    with pytest.raises(UsageError, match=re.escape(words)):
+        Unknowns(module, free, 0.3)
+
+
+def test_slopes_are_those_of_the_values(module) -> None:
+    unknowns = Unknowns(module, ["base_*"], 0.3)
+    z = 0.2 * np.random.default_rng(1).standard_normal(len(unknowns.names))
+    step = 1e-3 * np.random.default_rng(2).standard_normal(len(z))
+    change = unknowns.values(z + step) - unknowns.values(z - step)
+    np.testing.assert_allclose(2.0 * unknowns.slopes(z) @ step, change, rtol=1e-4, atol=1e-12)
+
+
+def test_comments_of_a_robot_file_stay() -> None:
+    text = read_robot("quadrotor_arm_2link")[1]
+    changes = {"forearm_mass": 0.2, "base_com_z": -0.0123456789, "rear_left_drag": -0.02}
+    new = with_numbers(text, changes, {"forearm_mass": "0.2 ± 0.001, identified from flight"})
+    rows = new.splitlines()
+    assert "mass = 0.2  # 0.2 ± 0.001, identified from flight" in rows
+    assert "com = [-0.01, 0, -0.0123457]  # the battery stands back" in new
+    same = [line for line in text.splitlines() if line in rows]
+    assert len(text.splitlines()) - len(same) == 3
+    robot = parse_robot(new)
+    assert robot.links[1].body.mass == 0.2
+    assert robot.thrusters[1].drag == -0.02
+
+
+def test_a_thrust_curve_takes_the_place_of_the_greatest_thrust() -> None:
+    text = read_robot("quadrotor_arm_2link")[1].replace(
+        "limits        = [0, 14]", 'command = "throttle"\nmax_thrust = 14\nthrust_model_factor = 0.8'
+    )
+    names = ("front_left", "rear_left", "rear_right", "front_right")
+    changes = {f"{name}_thrust_{k}": float(k) for name in names for k in (1, 2)}
+    robot = parse_robot(with_numbers(text, changes, {}))
+    assert [rotor.drive.curve for rotor in robot.thrusters] == [(0.0, 1.0, 2.0)] * 4
+
+
+def test_what_does_not_stand_in_the_file_is_refused() -> None:
+    with pytest.raises(UsageError, match="does not stand in the robot file by itself"):
+        with_numbers(read_robot("quadrotor_arm_2link")[1], {"forearm_armature": 0.1}, {})
+
+
+def test_noise_is_told_from_motion() -> None:
+    time, rng = 0.005 * np.arange(4000), np.random.default_rng(0)
+    motion = np.stack([np.sin(3 * time), 5 * np.cos(7 * time), np.sin(time)], axis=1)
+    noisy = motion + [0.01, 0.1, 0.0] * rng.standard_normal(motion.shape)
+    noisy[:, 2] = np.round(noisy[:, 2] / 1e-3) * 1e-3
+    noisy[::7] = np.nan
+    noisy[100, 0] = 50.0
+    exact = [0.01, 0.1, 1e-3 / np.sqrt(12)]
+    np.testing.assert_allclose(deviation(noisy, 1e-6)[:2], exact[:2], rtol=0.1)
+    assert exact[2] <= deviation(noisy, 1e-6)[2] < 3 * exact[2]
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"time": np.arange(30.0)}, "30 samples"),
+        ({"time": np.r_[0.01 * np.arange(200), 5 + 0.01 * np.arange(100)]}, "not evenly spaced"),
+        ({"time": np.r_[0.01 * np.arange(200), 0.01 * np.arange(100)]}, "a clock that goes back"),
+        ({"commands": np.full((300, 6), np.nan)}, "commanded"),
+    ],
+)
+def test_recordings_that_tell_nothing_are_refused(change, words) -> None:
+    arrays = {"time": 0.01 * np.arange(300), "commands": np.zeros((300, 6)), "q": np.zeros((300, 9))}
+    with pytest.raises(UsageError, match=words):
+        Recording(**(arrays | change))
