@@ -6,7 +6,7 @@ import argparse
 
 from gibbs_codegen.cli import robot_argument, terminal
 from gibbs_codegen.errors import printable
-from gibbs_codegen.identification.identify import check_new, identify
+from gibbs_codegen.identification.identify import check_logs, check_new, identify
 from gibbs_codegen.runtime.load import load
 
 
@@ -14,6 +14,7 @@ from gibbs_codegen.runtime.load import load
 def run(options: argparse.Namespace) -> int:
     """Identify the numbers, write robot file and report, and print the report."""
     check_new(options.out)
+    check_logs(options.logs)
     with (
         robot_argument.found_module(options.robot, terminal.progress()) as (folder, _),
         terminal.progress_bar() as progress,

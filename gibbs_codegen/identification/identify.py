@@ -129,6 +129,7 @@ def identify(
     if not prior > 0.0 or not 0.0 <= hold_out <= 0.9:
         raise UsageError("prior must be above 0, and hold_out from 0 to 0.9")
     listed = [logs] if isinstance(logs, Flight | Recording | str | os.PathLike) else [*logs]
+    check_logs(listed)
     recordings = [_recording(log, module) for log in listed]
     unknowns = Unknowns(module, free, prior)
     if not unknowns.names:
@@ -173,16 +174,21 @@ def identify(
     )
 
 
+def check_logs(logs: Sequence[Log]) -> None:
+    """Raise `UsageError` for a path at which there is no flight."""
+    for log in logs:
+        if isinstance(log, str | os.PathLike) and flight_file(log) is None:
+            raise UsageError(
+                f"{printable(log)}: is no flight that `simulate` wrote; make a `Recording` of "
+                "other logs in Python"
+            )
+
+
 def _recording(log: Log, module: ModuleType) -> Recording:
     if isinstance(log, Recording):
         return log
     if isinstance(log, Flight):
         return recording_of(log, module, log.scenario)
-    if flight_file(log) is None:
-        raise UsageError(
-            f"{printable(log)}: is no flight that `simulate` wrote; make a `Recording` of other "
-            "logs in Python"
-        )
     return recording_of(read_flight(log), module, printable(Path(log).name))
 
 

@@ -48,9 +48,9 @@ class Model:
         self.module, self.h, self.layout = module, h, robot.layout
         self._neutral = np.array(robot.layout.neutral)
         self.nq, self.nv = robot.space.coordinates, robot.space.velocities
-        times = () if robot.driven else module.TIME_CONSTANTS
-        lagging = tuple(k for k, time in enumerate(times) if time > 0.0)
-        self._lagging, self._times = list(lagging), [times[k] for k in lagging]
+        constants = {} if robot.driven else module.TIME_CONSTANTS
+        lagging = tuple(k for k, name in enumerate(module.INPUTS) if name in constants)
+        self._lagging, self._times = [*lagging], [constants[module.INPUTS[k]] for k in lagging]
         self.nx = robot.actuator_states + len(lagging)
         (q, v), x = robot.state(), variable("x", self.nx)
         command, pull = variable("command", robot.inputs), variable("pull", 3)

@@ -89,7 +89,9 @@ def recording_of(flight: Flight, module: ModuleType, source: str) -> Recording:
         )
     time = flight.time
     every = max(1, round(_SHORTEST / float(np.median(np.diff(time)))))
-    commands = flight.commands if flight.commands.size else flight.commanded
+    commands = flight.commands
+    if not commands.size:
+        commands = np.clip(flight.commanded, *flight.input_limits)
     if not flight.control_rate:  # Laws that act at all times go on between samples.
         commands = np.concatenate([0.5 * (commands[every:] + commands[:-every]), commands[-every:]])
     q = flight.q.copy()

@@ -25,9 +25,7 @@ Section = tuple[str, Sequence[str], Sequence[tuple[str, ...]]]
 def _sections(found: Identified) -> Iterator[Section]:
     """Titles, headings and rows of tables."""
     rows: list[tuple[str, ...]] = []
-    for row in zip(
-        found.names, found.before, found.values, found.deviations, strict=True
-    ):
+    for row in zip(found.names, found.before, found.values, found.deviations, strict=True):
         name, before, value, deviation = row
         share = f"{100 * deviation / abs(value):.2g} %" if value else ""
         rows.append((name, f"{before:.5g}", f"{value:.5g}", f"{deviation:.2g}", share))

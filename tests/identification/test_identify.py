@@ -2,13 +2,136 @@
 
 from __future__ import annotations
 
-import re
 from pathlib import Path
 
 import numpy as np
 import pytest
-from support.command import run_command
+from support.command import run
 
-from gibbs_codegen import generate, identify, load, read_robot, read_scenario, simulate
+from gibbs_codegen import UsageError, generate, identify, load, read_scenario, simulate
+from gibbs_codegen.flight.record.flight import Flight
+from gibbs_codegen.identification.recorded import Recording, recording_of
+from gibbs_codegen.robot.file import parse_robot
 
+ROBOT = "quadrotor_arm_2link"
 REAL = {"base_mass": 2.3, "forearm_mass": 0.2, "base_inertia_yy": 0.025, "forearm_com_z": -0.09}
+DRAG, BIAS = 0.3, (0.05, -0.03, 0.1)
+FREE = ["base_mass", "base_inertia_??", "base_com_*", "forearm_mass", "forearm_com_z"]
+
+
+def waves(*terms: tuple[float, float]) -> list[dict[str, float]]:
+    return [{"amplitude": amplitude, "frequency": frequency} for amplitude, frequency in terms]
+
+
+@pytest.fixture(scope="module")
+def module(tmp_path_factory):
+    return load(generate(ROBOT, tmp_path_factory.mktemp("modules"), verify=False), backend="c")
+
+
+@pytest.fixture(scope="module")
+def flight(module) -> Flight:
+    """Seven seconds of a lively flight in wind, with sensors that err."""
+    arm = {"upper_arm": (40, -30, 50, -10, 30, 0), "forearm": (-60, 50, -30, 70, 0, 30)}
+    moves = {
+        joint: [{"to": to, "begin": k, "duration": 1} for k, to in enumerate(angles)]
+        for joint, angles in arm.items()
+    }
+    changes = {
+        "name": "lively",
+        "duration": 7,
+        "plant": REAL,
+        "base.path": {
+            "kind": "harmonic",
+            "x": waves((0.6, 1.3), (0.1, 3.7)),
+            "y": waves((0.6, 1.7), (0.1, 4.1)),
+            "z": waves((0.3, 2.3), (0.06, 5.3)),
+        },
+        "base.attitude": {"kind": "level", "rate_deg": 40},
+        "arm.moves_deg": moves,
+        "control.rate": 200,
+        "integration": {"method": "rk4", "step": 0.0025, "rate": 200},
+        "wind": {"velocity": [0.4, 0.2, 0], "drag": {"base": DRAG}},
+        "sensors.imu": [
+            {
+                "rate": 200,
+                "accelerometer_noise": 0.007,
+                "gyroscope_noise": 0.0007,
+                "accelerometer_bias": [*BIAS],
+            }
+        ],
+        "sensors.encoders": [{"rate": 100, "resolution": 1.5e-3}],
+    }
+    return simulate(module, read_scenario("circle", changes))
+
+
+@pytest.fixture(scope="module")
+def identified(module, flight):
+    return identify(module, flight, FREE, hold_out=0.15)
+
+
+@pytest.mark.slow  # 6 s, for the first of these tests; inline: the numbers of test_numbers.py.
+def test_numbers_of_a_flight_are_found_within_their_deviations(module, identified) -> None:
+    exact = np.array([(module.PARAMETERS | REAL)[name] for name in identified.names])
+    score = (identified.values - exact) / identified.deviations
+    assert np.abs(score).max() < 4.0, dict(zip(identified.names, score, strict=True))
+    found = dict(zip(identified.names, identified.values, strict=True))
+    for name in ("base_mass", "base_inertia_xx", "base_inertia_yy", "forearm_mass"):
+        assert found[name] == pytest.approx((module.PARAMETERS | REAL)[name], rel=0.03), name
+    drag, deviation = identified.others["drag of the base, N s/m"]
+    assert drag == pytest.approx(DRAG, abs=4 * deviation)
+    for axis, bias in zip("xyz", BIAS, strict=True):
+        value, deviation = identified.others[f"bias of the IMU at base, acceleration {axis}"]
+        assert value == pytest.approx(bias, abs=4 * deviation)
+
+
+@pytest.mark.slow  # With the one above.
+def test_what_was_held_out_is_predicted_better(identified) -> None:
+    for before, after in identified.prediction.values():
+        assert after < before
+
+
+@pytest.mark.slow  # With the one above.
+def test_the_robot_file_has_the_numbers(identified, tmp_path: Path) -> None:
+    identified.write(tmp_path / "new")
+    text = (tmp_path / "new" / f"{ROBOT}.toml").read_text("utf-8")
+    found = dict(zip(identified.names, identified.values, strict=True))
+    assert parse_robot(text).links[1].body.mass == pytest.approx(found["forearm_mass"], rel=1e-5)
+    assert "identified from lively" in text
+    page = (tmp_path / "new" / "report.html").read_text("utf-8")
+    assert "forearm_com_z" in page
+    assert "http" not in page
+    with pytest.raises(UsageError, match="is there already"):
+        identified.write(tmp_path / "new")
+
+
+@pytest.mark.slow  # 4 s.
+def test_what_a_log_cannot_tell_is_told(module, flight) -> None:
+    """Both joints pitch in one plane, which shows no sum of inertias of links but that about y."""
+    free = ["upper_arm_inertia_xx", "forearm_inertia_xx", "forearm_mass"]
+    words = " ".join(identify(module, flight, free).unseen)
+    assert "forearm_inertia_xx" in words
+    assert "forearm_mass" not in words
+
+
+@pytest.mark.slow  # 4 s.
+def test_outliers_and_gaps_change_little(module, flight, identified) -> None:
+    whole = recording_of(flight, module, "spoilt")
+    q, felt = whole.q.copy(), whole.imus["base"].copy()
+    rng = np.random.default_rng(0)
+    felt[rng.choice(len(felt), 20, replace=False)] += 30.0
+    q[rng.choice(len(q), 20, replace=False), 0] += 5.0
+    q[400:460] = np.nan
+    spoilt = Recording(whole.time, whole.commands, q, {"base": felt}, "spoilt")
+    again = identify(module, spoilt, FREE, hold_out=0.15)
+    moved = np.abs(again.values - identified.values) / again.deviations
+    assert moved.max() < 2.0, dict(zip(again.names, moved, strict=True))
+
+
+def test_what_is_not_taken_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "log.ulg").write_bytes(b"")
+    refused = run("identify", "quadrotor", "log.ulg", cwd=tmp_path)
+    assert refused.returncode == 2
+    assert "no flight that `simulate` wrote" in refused.stderr
+    (tmp_path / "identified").mkdir()
+    refused = run("identify", "quadrotor", "log.ulg", cwd=tmp_path)
+    assert (refused.returncode, "is there already" in refused.stderr) == (2, True)

@@ -63,7 +63,7 @@ def test_numbers_of_all_rotors_keep_their_ratios(module) -> None:
     [
         (["bse_mass"], "did you mean base_mass"),
         (["rotors.drag", "rotor_0_drag"], "rotor_0_drag, which is free by itself"),
-        (["link_1_armature"], "is 0 in the robot file"),
+        (["*link_1_armature"], "is 0 in the robot file"),
     ],
 )
 def test_what_cannot_be_free_is_refused(module, free, words) -> None:
@@ -86,8 +86,8 @@ def test_comments_of_a_robot_file_stay() -> None:
     rows = new.splitlines()
     assert "mass = 0.2  # 0.2 ± 0.001, identified from flight" in rows
     assert "com = [-0.01, 0, -0.0123457]  # the battery stands back" in new
-    same = [line for line in text.splitlines() if line in rows]
-    assert len(text.splitlines()) - len(same) == 3
+    pairs = zip(text.splitlines(), rows, strict=True)
+    assert sum(old != new for old, new in pairs) == 3
     robot = parse_robot(new)
     assert robot.links[1].body.mass == 0.2
     assert robot.thrusters[1].drag == -0.02
@@ -95,7 +95,8 @@ def test_comments_of_a_robot_file_stay() -> None:
 
 def test_a_thrust_curve_takes_the_place_of_the_greatest_thrust() -> None:
     text = read_robot("quadrotor_arm_2link")[1].replace(
-        "limits        = [0, 14]", 'command = "throttle"\nmax_thrust = 14\nthrust_model_factor = 0.8'
+        "limits        = [0, 14]",
+        'command = "throttle"\nmax_thrust = 14\nthrust_model_factor = 0.8',
     )
     names = ("front_left", "rear_left", "rear_right", "front_right")
     changes = {f"{name}_thrust_{k}": float(k) for name in names for k in (1, 2)}
@@ -130,6 +131,10 @@ def test_noise_is_told_from_motion() -> None:
     ],
 )
 def test_recordings_that_tell_nothing_are_refused(change, words) -> None:
-    arrays = {"time": 0.01 * np.arange(300), "commands": np.zeros((300, 6)), "q": np.zeros((300, 9))}
+    arrays = {
+        "time": 0.01 * np.arange(300),
+        "commands": np.zeros((300, 6)),
+        "q": np.zeros((300, 9)),
+    }
     with pytest.raises(UsageError, match=words):
         Recording(**(arrays | change))
