@@ -15,7 +15,7 @@ from gibbs_codegen.files.staging import put_in_place, staging_folder, writing
 from gibbs_codegen.flight.record.flight import Flight, flight_file, read_flight
 from gibbs_codegen.flight.vectors import Array
 from gibbs_codegen.identification.model import Model
-from gibbs_codegen.identification.recorded import Readings, Recording, recording_of
+from gibbs_codegen.identification.recorded import Readings, Recording, part_of, recording_of
 from gibbs_codegen.identification.report import html_report, text_report
 from gibbs_codegen.identification.robot_file import with_numbers
 from gibbs_codegen.identification.smoothing import Estimate, Smoother
@@ -144,7 +144,7 @@ def identify(
             f"every {model.h:.4g} s; sample logs alike, or identify from one at a time"
         )
     ends = [round(len(r.time) * (1.0 - hold_out)) for r in recordings]
-    used = [r.part(slice(end)) for r, end in zip(recordings, ends, strict=True)]
+    used = [part_of(r, slice(end)) for r, end in zip(recordings, ends, strict=True)]
 
     def fitted(
         parts: Sequence[Recording], start: Array | None, what: str, numbers: bool = True
@@ -156,12 +156,12 @@ def identify(
 
     start = None
     if sum(len(r.time) for r in used) > 1.5 * _FIRST:
-        start = fitted([used[0].part(slice(_FIRST))], None, "first samples")[1].shared
+        start = fitted([part_of(used[0], slice(_FIRST))], None, "first samples")[1].shared
     smoother, estimate = fitted(used, start, "all samples")
     f = len(unknowns.names)
     prediction = {}
     if hold_out:
-        rest = [r.part(slice(end, None)) for r, end in zip(recordings, ends, strict=True)]
+        rest = [part_of(r, slice(end, None)) for r, end in zip(recordings, ends, strict=True)]
         of_file = np.concatenate([np.zeros(f), estimate.shared[f:]])
         errors = [
             _errors_ahead(*fitted(rest, shared, "what was held out", numbers=False))

@@ -71,10 +71,12 @@ class Recording:
         """The time from sample to sample, s."""
         return float(self.time[-1] - self.time[0]) / (len(self.time) - 1)
 
-    def part(self, rows: slice) -> Recording:
-        """Some of the samples, as a recording."""
-        felt = {frame: values[rows] for frame, values in self.imus.items()}
-        return Recording(self.time[rows], self.commands[rows], self.q[rows], felt, self.source)
+
+def part_of(recording: Recording, rows: slice) -> Recording:
+    """Some of the samples of a recording."""
+    felt = {frame: values[rows] for frame, values in recording.imus.items()}
+    series = recording.time[rows], recording.commands[rows], recording.q[rows]
+    return Recording(*series, felt, recording.source)
 
 
 def recording_of(flight: Flight, module: ModuleType, source: str) -> Recording:
@@ -100,14 +102,7 @@ def recording_of(flight: Flight, module: ModuleType, source: str) -> Recording:
             if flight.sensor_frames[k] == "" and sensor.endswith(f"_{name}"):
                 q[:, place] = _new(flight.sensors[:, k : k + 1])[:, 0]
     felt = {frame: _new(values) for frame, values in imus(flight).values()}
-    whole = Recording(time, commands, q, felt, source) if every == 1 else None
-    return whole or Recording(
-        time[::every],
-        commands[::every],
-        q[::every],
-        {frame: values[::every] for frame, values in felt.items()},
-        source,
-    )
+    return part_of(Recording(time, commands, q, felt, source), slice(None, None, every))
 
 
 def _new(values: Array) -> Array:

@@ -1,9 +1,9 @@
 """Numbers of a robot file that are free: which these are, and how they follow from unknowns.
 
 An unknown z is 0 in the robot file. A number is that of the file times exp(z), and a coordinate of
-a centre of mass is it plus z times the radius of gyration. So what is positive stays so. Where all
-three moments of inertia of a body are free, z are logarithms of the Cholesky factor of its second
-moments about the centre of mass, so that every z is a body that can be.
+a centre of mass is it plus z times the radius of gyration. So what is positive stays so. The
+moments of inertia of a body are free together: z are logarithms of the Cholesky factor of its
+second moments about the centre of mass, so that every z is a body that can be.
 """
 
 from __future__ import annotations
@@ -89,6 +89,11 @@ class Unknowns:
                 hint = near(pattern, self._members) or "; `gibbs-codegen info` has the numbers"
                 raise UsageError(f"--free {printable(pattern)}: {self.module.NAME} has none{hint}")
             chosen |= dict.fromkeys(names)
+        for name in [*chosen]:  # Of one moment alone some values are those of no body.
+            body, mark, axes = name.rpartition("_inertia_")
+            if mark and axes in AXIS_PAIRS[:3]:
+                others = (f"{body}_inertia_{axes}" for axes in AXIS_PAIRS[:3])
+                chosen |= dict.fromkeys(n for n in others if self.file.get(n))
         both = [name for name in chosen if "." in name and {*self._members[name]} & {*chosen}]
         if both:
             member = next(name for name in self._members[both[0]] if name in chosen)

@@ -48,7 +48,7 @@ def flight(module) -> Flight:
         },
         "base.attitude": {"kind": "level", "rate_deg": 40},
         "arm.moves_deg": moves,
-        "control.rate": 200,
+        "control": {"rate": 200, "frequency": 2, "attitude_frequency": 8},
         "integration": {"method": "rk4", "step": 0.0025, "rate": 200},
         "wind": {"velocity": [0.4, 0.2, 0], "drag": {"base": DRAG}},
         "sensors.imu": [
@@ -106,10 +106,10 @@ def test_the_robot_file_has_the_numbers(identified, tmp_path: Path) -> None:
 
 @pytest.mark.slow  # 4 s.
 def test_what_a_log_cannot_tell_is_told(module, flight) -> None:
-    """Both joints pitch in one plane, which shows no sum of inertias of links but that about y."""
-    free = ["upper_arm_inertia_xx", "forearm_inertia_xx", "forearm_mass"]
+    """What turns a thin arm about its own axis is too little to be seen."""
+    free = ["forearm_inertia_xx", "forearm_mass"]
     words = " ".join(identify(module, flight, free).unseen)
-    assert "forearm_inertia_xx" in words
+    assert "forearm_inertia_" in words
     assert "forearm_mass" not in words
 
 

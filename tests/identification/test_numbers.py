@@ -71,6 +71,11 @@ def test_what_cannot_be_free_is_refused(module, free, words) -> None:
         Unknowns(module, free, 0.3)
 
 
+def test_one_moment_frees_all_of_its_body(module) -> None:
+    names = Unknowns(module, ["base_inertia_yy"], 0.3).names
+    assert names == ["base_inertia_xx", "base_inertia_yy", "base_inertia_zz"]
+
+
 def test_slopes_are_those_of_the_values(module) -> None:
     unknowns = Unknowns(module, ["base_*"], 0.3)
     z = 0.2 * np.random.default_rng(1).standard_normal(len(unknowns.names))
