@@ -204,7 +204,7 @@ def _identified(
     z, slopes = estimate.shared[:f], smoother.unknowns.slopes(estimate.shared[:f])
     spread = np.sqrt(np.nanmean(np.clip(estimate.misses, -3, 3) ** 2, axis=0))
     # What is not explained by noise makes numbers less certain than noise alone would.
-    doubt = max(1.0, float(np.sqrt(np.nanmean(np.clip(estimate.misses, -3, 3) ** 2)))) ** 2
+    doubt = max(1.0, float(spread.max()), float(estimate.left.max())) ** 2
     whole = estimate.covariance * doubt
     covariance = slopes @ whole[:f, :f] @ slopes.T
     values, deviations = unknowns.values(z), np.sqrt(np.diag(covariance))

@@ -47,7 +47,8 @@ class Estimate:
     """Numbers and motion: unknowns `z` (f), shared (f + 1 + 6 i), states, and their fit.
 
     `covariance` is that of what is shared; `misses` (s, m) are readings over their deviations, NaN
-    where there is none; `wind` is the deviation of its pull, m/s².
+    where there is none, and `left` (n) root mean squares of what steps leave;
+    `wind` is the deviation of its pull, m/s².
     """
 
     shared: Array
@@ -55,6 +56,7 @@ class Estimate:
     wind: float = _WIND
     covariance: Array = field(default_factory=lambda: np.zeros((0, 0)))
     misses: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    left: Array = field(default_factory=lambda: np.zeros(0))
 
 
 class Smoother:
@@ -256,6 +258,9 @@ class Smoother:
             tell(1.0 - 1.0 / (2.0 + iteration))
             if place == 0 and same and (size < _SETTLED if free else iteration > 2):
                 break
-        misses, _, _ = self._residuals(estimate)
+        if place or not better:  # Damped, it would be too small.
+            estimate.covariance = self._solved(estimate, free)(0.0)[2]
+        misses, gaps, _ = self._residuals(estimate)
+        estimate.left = np.sqrt(np.mean(gaps**2, axis=0))
         estimate.misses = np.where(self.has > 0.0, misses, np.nan)
         return estimate
