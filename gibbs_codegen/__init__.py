@@ -75,10 +75,10 @@ if TYPE_CHECKING:
     from gibbs_codegen.flight.sweeps.sweep import sweep as sweep
     from gibbs_codegen.flight.viewer.view import view as view
     from gibbs_codegen.flight.viewer.view import view_html as view_html
-    from gibbs_codegen.machine.observers import momentum_observer as momentum_observer
     from gibbs_codegen.identification.identify import Identified as Identified
     from gibbs_codegen.identification.identify import identify as identify
     from gibbs_codegen.identification.recorded import Recording as Recording
+    from gibbs_codegen.machine.observers import momentum_observer as momentum_observer
     from gibbs_codegen.pipeline import generate as generate
     from gibbs_codegen.robot.builder import RobotFile as RobotFile
     from gibbs_codegen.robot.family import paper_family as paper_family

@@ -106,11 +106,10 @@ def test_the_robot_file_has_the_numbers(identified, tmp_path: Path) -> None:
 
 @pytest.mark.slow  # 4 s.
 def test_what_a_log_cannot_tell_is_told(module, flight) -> None:
-    """What turns a thin arm about its own axis is too little to be seen."""
-    free = ["forearm_inertia_xx", "forearm_mass"]
-    words = " ".join(identify(module, flight, free).unseen)
-    assert "forearm_inertia_" in words
-    assert "forearm_mass" not in words
+    """Of masses and inertias of base and arm 13 of 16 combinations are in the equations."""
+    words = identify(module, flight).unseen
+    assert len(words) >= 3
+    assert any("does not tell them apart" in clause for clause in words)
 
 
 @pytest.mark.slow  # 4 s.
