@@ -206,7 +206,7 @@ def jointed_bodies(
     base = BodyFrame(0, origin=centre)
     if not robot.base.moves_freely:
         turn = turned_by_rpy(robot.base.pose.rpy_deg)
-        base = BodyFrame(len(numbers), turn, parameters.base_place)
+        base = BodyFrame(len(numbers), turn)
         if numbers:
             mounts[BASE], base = base, mounts[BASE]
         with tape.group("inertia of the base, where it is", Stage.PARAMETER):

@@ -319,7 +319,8 @@ class SymbolicRobot:
     def origin(self) -> Vector:
         """World position of the origin of the coordinates."""
         base, _ = self.coordinate_places.split(self.q)
-        return tuple(base[-3:])
+        with self.tape.group("position of the base"):
+            return self.tape.add(tuple(base[-3:]), self.parameters.base_place)
 
     def origin_acceleration(self, state: TreeState) -> Vector:
         """Acceleration of the origin of the coordinates in world axes (m/s²)."""

@@ -20,7 +20,7 @@ from gibbs_codegen.robot.parts.body import as_rigid_body
 from gibbs_codegen.robot.parts.constraint import LoopJoint
 from gibbs_codegen.robot.parts.numbers import AXES, BASE
 from gibbs_codegen.robot.parts.part import taken
-from gibbs_codegen.robot.parts.pose import Pose, vector
+from gibbs_codegen.robot.parts.pose import HERE, Pose, vector
 from gibbs_codegen.robot.parts.rotor import Rotor
 from gibbs_codegen.robot.placement import arm_pose, base_centre, joint_pose, motor_seat
 
@@ -201,16 +201,17 @@ def source_of(robot: Robot) -> sources.Source:
     links: dict[str, sources.SourceBody] = {}
     joints: list[sources.SourceJoint] = []
     if not base.moves_freely:
-        carrier = sources.WORLD
+        carrier, place = sources.WORLD, Pose(base.pose.xyz)
         links[carrier] = sources.SourceBody(carrier)
         for part in base.moved:
             moved = replace(sources.IDLE_LINK, axis=AXES["xyz"[(TRAVELS | TURNS)[part]]])
             kind: sources.JointKind = "prismatic" if part in TRAVELS else "revolute"
             virtual = rods.free(f"{_BASE}_{part}")
             links[virtual] = sources.SourceBody(virtual)
-            joints.append(sources.SourceJoint(part, kind, carrier, virtual, link=moved))
-            carrier = virtual
-        joints.append(sources.SourceJoint(f"{_BASE}_mount", "fixed", carrier, _BASE, base.pose))
+            joints.append(sources.SourceJoint(part, kind, carrier, virtual, place, moved))
+            carrier, place = virtual, HERE
+        mount = place @ Pose(rpy_deg=base.pose.rpy_deg)
+        joints.append(sources.SourceJoint(f"{_BASE}_mount", "fixed", carrier, _BASE, mount))
     links[_BASE] = sources.SourceBody(_BASE)
     if base.body:
         links[_BASE] = sources.SourceBody(_BASE, base.body, centre)

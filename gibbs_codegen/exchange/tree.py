@@ -253,19 +253,20 @@ def _plane(source: Source, way: Sequence[SourceJoint]) -> Motion:
 
 
 def _virtual(source: Source, way: Sequence[SourceJoint]) -> tuple[str, ...]:
-    """Names of the joints of a way if they move a base along and about axes of the world.
+    """Names of the joints of a way if they move a base along axes of the world and about its place.
 
     It is empty if there are none, or others, or anything acts on them: then they are links.
     """
-    names = list[str]()
-    for joint, (frame, _) in zip(way, _placed_at_zero(source, way)[1:], strict=True):
+    names, poses = list[str](), _placed_at_zero(source, way)
+    base = np.array(poses[-1][1].xyz)
+    for joint, (frame, _) in zip(way, poses[1:], strict=True):
         if joint.kind == "fixed":
             continue
         parts = TRAVELS if joint.kind == "prismatic" else TURNS
         axis = np.eye(3)[parts.get(joint.name, 0)]
         off = [frame.matrix @ np.array(joint.link.axis) - axis]
         if parts is TURNS:
-            off.append(np.cross(axis, frame.xyz))
+            off.append(np.cross(axis, base - frame.xyz))
         plain = replace(joint.link, axis=NO_LINK.axis) in (NO_LINK, IDLE_LINK)
         ordered = parts is TURNS or not {*names} & {*TURNS}
         acting = joint.driven or joint.gear or not plain

@@ -60,15 +60,14 @@ class Subject:
     @property
     def origin(self) -> Array:
         """The point (3) whose place the coordinates are, m."""
-        place, layout = np.zeros(3), layout_of(self.robot)
-        place[layout.own_axes[0]] = self.q[layout.q.position]
+        place, layout = np.array(self.robot.base.pose.xyz), layout_of(self.robot)
+        place[layout.own_axes[0]] += self.q[layout.q.position]
         return place
 
     @property
     def shows_world(self) -> bool:
         """True if the world's axes are near enough to be drawn, and apart from the robot."""
-        from_world = self.origin if self.robot.base.moves_freely else self.frames.centre
-        return 0.0 < float(np.linalg.norm(from_world)) <= self.size
+        return 0.0 < float(np.linalg.norm(self.origin)) <= self.size
 
     def attitude_axes(self) -> list[Array]:
         """Axes (3) about which the angles of the attitude turn the base; none of a quaternion."""
@@ -103,10 +102,10 @@ def draw_world(names: PlacedNames, subject: Subject, length: float) -> None:
     for axis, letter in zip(np.eye(3), "XYZ", strict=True):
         draw_axis(names, start, length * axis, marks.QUIET, 1.1)
         names.add(f"${letter}_0$", length * axis, axis, marks.QUIET)
-    if np.any(subject.origin):
+    entries = layout_of(subject.robot).q
+    moving = ", ".join(entries.names[entries.position])
+    if moving and np.any(subject.origin):
         draw_axis(names, start, subject.origin, DARK, 0.9)
-        entries = layout_of(subject.robot).q
-        moving = ", ".join(entries.names[entries.position])
         place = f"$({moving})$" if "," in moving else f"${moving}$"
         names.add(place, 0.5 * subject.origin, np.array([-1.0, 0.0, 0.5]))
 

@@ -213,7 +213,7 @@ def _known(robot: Functions, centre: int) -> dict[str, Callable[[], Node]]:
     neutral = constant(robot.layout.neutral)
     q, count = coordinates_of(neutral, robot.space), robot.rotors
     place, base = robot.layout.v.position, base_of(robot, q)
-    offset = robot.positions(q)[centre]
+    offset = robot.positions(q)[centre] if robot.layout.moves_freely else zeros(3)
     rotors = Rotors(offset, zeros(count, 6), zeros(count, 6), zeros(count), zeros(count))
     columns = moved_wrenches(robot, q, rotors) if count else zeros(0, 6)
 

@@ -93,12 +93,13 @@ def robot_frames(robot: Robot, q: Sequence[float] | Array) -> RobotFrames:
     else:
         for letter, angle in zip(layout.angle_axes, parts, strict=True):
             attitude = attitude @ turn("xyz".index(letter), angle)
-    origin = attitude @ placement.base_centre(robot.base)
+    pose = robot.base.pose
+    origin = attitude @ placement.base_centre(robot.base) + np.array(pose.xyz)
     for name, value in zip(
         layout.q.names[layout.q.position], values[layout.q.position], strict=True
     ):
         origin["xyz".index(name)] += value
-    base = PlacedFrame(origin, attitude).carried(robot.base.pose)
+    base = PlacedFrame(origin, attitude @ pose.matrix)
     turned = values[layout.q.joints], values[layout.q.angles]
     return frames_on(robot, base, np.concatenate(turned))
 

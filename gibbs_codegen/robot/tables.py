@@ -105,10 +105,9 @@ class RobotTable(Ties, _Bodies):
         base, faults = self.base, list[tuple[Place, str]]()
         if self.wheel and base.motion != PLANAR:
             faults.append((("base", "motion"), f'must be "{PLANAR}" of a robot that has wheels'))
-        leans, aside = any(base.rpy_deg or ()), any((base.xyz or ())[:2])
-        if (self.wheel or base.drive) and (leans or aside):
-            words = "must be left out, or be [0, 0, height], since the base rolls on level ground"
-            faults.append((("base", "rpy_deg" if leans else "xyz"), words))
+        if (self.wheel or base.drive) and any(base.rpy_deg or ()):
+            words = "must be left out, since the base rolls on level ground"
+            faults.append((("base", "rpy_deg"), words))
         for i, wheel in enumerate(self.wheel if base.drive else ()):
             if wheel.joint and (wheel.axis[0] or wheel.xyz[0]):
                 words = "must be on the axle, the y axis of a base with a drive: y or -y, and x = 0"

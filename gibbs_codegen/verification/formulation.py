@@ -118,8 +118,7 @@ def state_by_state(
     joint of the library its place among the tree's coordinates; the result is in the tree's order.
     """
     motions = (x[:, places] for x in tree.motion(states))
-    origin = np.tile(np.eye(3), (len(states), 1, 1)), np.zeros((len(states), 3))
-    placement = tree.placement or origin
+    placement = (np.broadcast_to(x, (len(states), *x.shape[1:])) for x in tree.placement)
     singles = [at(*motion) for motion in zip(*motions, *placement, strict=True)]
     arrays = (None if x[0] is None else np.array(x) for x in zip(*singles, strict=True))
     quantities = Quantities._make(arrays)

@@ -103,13 +103,13 @@ class States:
 
         q, v = tree.layout.q, tree.layout.v
         there = copy.copy(tree)
-        parts, place = self.q[:, q.attitude], np.zeros((len(self), 3))
+        parts, place = self.q[:, q.attitude], np.tile(tree.placement[1], (len(self), 1))
         if tree.layout.is_quaternion:
             rotation = Rotation.from_quat(parts)
         else:
             rotation = Rotation.from_euler("Z", parts)
         travels, axes = tree.layout.own_axes
-        place[:, travels] = self.q[:, q.position]
+        place[:, travels] += self.q[:, q.position]
         there.placement = rotation.as_matrix(), place
         there.offsets = tree.offsets + tree.rolled(self.q)
         joints = np.zeros_like(self.v)

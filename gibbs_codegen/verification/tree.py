@@ -141,7 +141,7 @@ class Assembly:
         if base.origin == "motor1":
             angles = base.azimuth_deg or (180,)  # The first rod is seen from its motor.
             centre = -base.arm(1).length * _turn("z", float(angles[0]))[:, 0]
-        self.centre = Point(root, centre).within(*_posed(base.pose))
+        self.centre = Point(root, centre).within(_posed(base.pose)[0], np.zeros(3))
         self.bodies = {BASE: self.centre}
         self.carriers: dict[int, int] = {}
         if base.body is not None:
@@ -358,7 +358,7 @@ class Tree:
 
     - `layout`: of the reduced coordinates.
     - `placement`: where the world's first joints begin, rotation (s, 3, 3) and position (s, 3), for
-      each of s states; None in the world's origin.
+      each of s states, or one for all.
     - `free`, `constrained`, `arm`: places of the velocities, of the constrained joints and of the
       arm's with coordinates among all joints; `places`: of the arm's that move, by links;
       `driven`: of those that inputs drive, the `wheels` last.
@@ -382,7 +382,7 @@ class Tree:
         self.gravity = robot.gravity
         self.mass = robot.total_mass
         self.layout = layout_of(robot)
-        self.placement: tuple[Array, Array] | None = None
+        self.placement = np.eye(3)[None], np.array(robot.base.pose.xyz)[None]
         self.dragged: Array = np.zeros(())
         self.free = self.layout.free
         built = Assembly(robot)
@@ -504,7 +504,7 @@ class Tree:
             if joint.parent != WORLD:
                 parent = rotations[joint.parent]
                 rotation, step = parent @ rotation, parent @ step
-            elif self.placement:
+            else:
                 ones = (1,) * (travel.ndim - 1)
                 rotation, step = (x.reshape(-1, *ones, *x.shape[1:]) for x in self.placement)
             if joint.revolute:

@@ -15,6 +15,7 @@ import pinocchio as pin
 import pytest
 from numpy.typing import NDArray
 from support.actuated import actuated
+from support.emitted import emitted_module
 from support.pinocchio_oracle import Oracle, free_flyer, placed
 from support.random_robots import random_tree
 
@@ -230,7 +231,7 @@ def by_mujoco(text: str, names: list[str], q: Array, v: Array, a: Array) -> tupl
 
 
 @pytest.mark.parametrize("form", FORMATS)
-@pytest.mark.parametrize("motion", ["fixed", ("z", "x", "pitch"), ("y", "yaw", "roll")])
+@pytest.mark.parametrize("motion", ["fixed", ("yaw",), ("z", "x", "pitch"), ("y", "yaw", "roll")])
 def test_bases_are_exported_as_they_move(motion: Any, form: Format, tmp_path: Path) -> None:
     """Pinocchio, MuJoCo and import have the mass matrix and the efforts of the robot."""
     robot = on_the_ground(motion)
@@ -256,6 +257,32 @@ def test_bases_are_exported_as_they_move(motion: Any, form: Format, tmp_path: Pa
     for one in theirs:
         for found, expected in zip(one, ours, strict=True):
             assert np.abs(found - expected).max() < 1e-11 * np.abs(expected).max()
+
+
+def test_a_base_turns_where_it_stands() -> None:
+    """Not about the world's origin, and so in URDF and MJCF too."""
+    import mujoco
+
+    text = "[base]\nmotion = ['yaw']\nxyz = [1, 0, 0]\nmass = 2\ninertia = [2, 2, 3, 0, 0, 0]\n"
+    robot, turned = parse_robot(f"name = 'mast'\n{text}"), 2.0
+    module = emitted_module(robot)
+    (there,) = module.frame_poses([turned])
+    assert module.mass_matrix([turned]) == pytest.approx(3.0)
+    model = pin.buildModelFromXML(export_robot(robot, "urdf")[0])
+    data, q = model.createData(), np.array([np.cos(turned), np.sin(turned)])
+    pin.framesForwardKinematics(model, data, q)
+    at_base = data.oMf[model.getFrameId("base")]
+    machine = mujoco.MjModel.from_xml_string(export_robot(robot, "mjcf")[0])
+    state = mujoco.MjData(machine)
+    state.qpos[:] = turned
+    mujoco.mj_kinematics(machine, state)
+    for place, axes in (
+        (there[:3, 3], there[:3, :3]),
+        (at_base.translation, at_base.rotation),
+        (state.body("base").xpos, state.body("base").xmat.reshape(3, 3)),
+    ):
+        np.testing.assert_allclose(place, [1.0, 0.0, 0.0], atol=1e-12)
+        np.testing.assert_allclose(axes[:2, 0], [np.cos(turned), np.sin(turned)], atol=1e-12)
 
 
 @pytest.mark.parametrize("form", FORMATS)

@@ -79,13 +79,13 @@ class Carriage:
 
     def place(self, q: Array) -> tuple[Array, Array]:
         """Position and axes of the base's frame in the world."""
-        point, axes = np.zeros(3, complex), np.eye(3, dtype=complex)
+        point, axes = np.array(self.pose.xyz, complex), np.eye(3, dtype=complex)
         for part, value in zip(self.parts, q, strict=False):
             if part in "xyz":
                 point += value * AXES["xyz".index(part)]
             else:
                 axes = axes @ about(("roll", "pitch", "yaw").index(part), value)
-        return point + axes @ np.array(self.pose.xyz), axes @ self.pose.matrix
+        return point, axes @ self.pose.matrix
 
     def rates(self, q: Array, v: Array) -> Array:
         """Rates of coordinates."""
@@ -109,8 +109,7 @@ class Carriage:
         if not self.own_axes:
             spin, drift = axes.T @ spin, axes.T @ drift
         back = self.pose.matrix.T
-        drift = back @ (drift + np.cross(spin, self.pose.xyz))
-        return np.concatenate([drift, back @ spin, v[len(self.parts) :]])
+        return np.concatenate([back @ drift, back @ spin, v[len(self.parts) :]])
 
 
 class Dense:

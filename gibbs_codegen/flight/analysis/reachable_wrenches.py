@@ -64,7 +64,7 @@ def reachable_wrenches(
         point = vehicle.centre_of_mass(hovering_trim.q)
     else:
         point = vehicle.frame_poses(hovering_trim.q)[place, :3, 3]
-    centre = hovering_trim.q[vehicle.layout.q.position] + vehicle.centre_offset(hovering_trim.q)
+    centre = vehicle.positions(hovering_trim.q)[vehicle.points.index(vehicle.centre)]
     away = vehicle.base_rotation(hovering_trim.q).T @ (point - centre)
     columns = about(vehicle.thrust_wrenches(hovering_trim.q), away)
     hovering = hovering_trim.u[: vehicle.rotors]

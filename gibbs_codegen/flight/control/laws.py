@@ -133,7 +133,7 @@ def constants_of(plant: Vehicle, model: Vehicle) -> dict[str, Any]:
 def _of_rotors(vehicle: Vehicle, allocation: Allocation) -> dict[str, Any]:
     """Values of the inputs of a law's program that are about its rotors."""
     values = {
-        "known_centre": vehicle.centre_offset(vehicle.neutral),
+        "known_centre": vehicle.lever,
         "known_wrenches": np.swapaxes(vehicle.thrust_wrenches(), -1, -2),
         "distribution": allocation.inverse,
         "exact": EXACT,

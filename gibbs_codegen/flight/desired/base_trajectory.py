@@ -19,6 +19,7 @@ from gibbs_codegen.flight.plant.vehicle import Array, Vehicle
 from gibbs_codegen.flight.reference import Motion
 from gibbs_codegen.flight.scenario.orientation import Orientation
 from gibbs_codegen.flight.scenario.paths import Path
+from gibbs_codegen.flight.vectors import times
 
 _TOO_FAST = (
     "the base moves too fast or its attitude jumps",
@@ -77,10 +78,10 @@ def base_motion(vehicle: Vehicle, time: Array, centre: Array, turning: Turning) 
     entries = q[:, layout.q.attitude], v[:, layout.v.attitude], a[:, layout.v.attitude]
     for entry, value in zip(entries, vehicle.kinematics.turned(turning), strict=True):
         entry[...] = value
-    lever, along = vehicle.centre_offset(q), layout.own_axes[0]
+    q[:, layout.q.position] = (centre[:, 0] - vehicle.centre_offset(q))[:, layout.own_axes[0]]
+    lever = times(turning.rotation, vehicle.lever)
     spin, spin_rate = turning.velocity, turning.acceleration
     swept = np.cross(spin, lever)
-    q[:, layout.q.position] = (centre[:, 0] - lever)[:, along]
     v[:, layout.v.position], a[:, layout.v.position] = vehicle.kinematics.moved(
         turning,
         centre[:, 1] - swept,

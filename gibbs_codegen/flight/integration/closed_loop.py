@@ -411,7 +411,7 @@ def loop_values(
         **closed.actuators.of_commands,
         "lag": lag,
         "pace": np.divide(1.0, lag, out=np.zeros(np.shape(lag)), where=lag > 0.0),
-        "centre": plant.centre_offset(plant.neutral),
+        "centre": plant.lever,
         "wrenches": np.swapaxes(plant.thrust_wrenches(), -1, -2),
         "losses": plant.damping,
         "bounds": np.broadcast_to(bounds, (*np.shape(bounds)[:-1], 2 * plant.layout.v.size)),

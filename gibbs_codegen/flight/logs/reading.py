@@ -292,7 +292,7 @@ def _motion(
     spin = times(rotation, arrays["spin"])
     turning = Turning(rotation, spin, rate(spin))
     # The place of x, y, z in the frame "base".
-    away = -times(rotation, vehicle.centre_offset(vehicle.neutral))
+    away = -times(rotation, vehicle.lever)
     carried = np.cross(spin, away)
     velocity = arrays["velocity"] + carried
     acceleration = rate(arrays["velocity"]) + np.cross(turning.acceleration, away)
@@ -301,7 +301,7 @@ def _motion(
     v, a = np.zeros((2, len(seconds), layout.v.size))
     places = layout.v.attitude
     q[:, layout.q.attitude], v[:, places], a[:, places] = kinematics.turned(turning)
-    q[:, layout.q.position] = (arrays["position"] + away)[:, layout.own_axes[0]]
+    q[:, layout.q.position] = (arrays["position"] - vehicle.centre_offset(q))[:, layout.own_axes[0]]
     places = layout.v.position
     v[:, places], a[:, places] = kinematics.moved(turning, velocity, acceleration)
     for k, name in enumerate(vehicle.joint_names):

@@ -202,6 +202,11 @@ class Vehicle(RobotData):
         at_origin[..., self.layout.q.position] = 0.0
         return self.positions(at_origin)[..., self.points.index(self.centre), :]
 
+    @property
+    def lever(self) -> Array:
+        """Vector (…, 3), m, base's axes, from the point whose velocity v has to the base centre."""
+        return self.centre_offset(self.neutral) if self.layout.moves_freely else np.zeros(3)
+
     def arm_angles(self) -> Array:
         """Angles (…, N), rad, of the base arms about z of the base, in the order of the rotors.
 
@@ -226,7 +231,7 @@ class Vehicle(RobotData):
 
         Force, N, and torque about the base centre, N m, in the base's frame.
         """
-        arguments = {"q": q, "force": generalised_force, "centre": self.centre_offset(self.neutral)}
+        arguments = {"q": q, "force": generalised_force, "centre": self.lever}
         wrenches = _wrench(self.module)(arguments)["wrench"]
         # Nothing of a base that does not move depends on where it is.
         return np.broadcast_to(wrenches, (*np.shape(generalised_force)[:-1], 6))
