@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 from scipy.special import ellipj, ellipk
 from support.emitted import emitted_module
 
@@ -24,6 +25,7 @@ from gibbs_codegen import (
     trim,
     write_log,
 )
+from gibbs_codegen.flight.logs.motion import base_motion
 from gibbs_codegen.runtime.predictive import DERIVATIVES
 
 EXACT = {"integration.relative_tolerance": 1e-12, "integration.absolute_tolerance": 1e-13}
@@ -144,6 +146,26 @@ def test_errors_decay_as_gains_say(motion: str, end: list[float], turn: dict[str
     error = flight.centre_desired - flight.positions[:, flight.points.index(flight.centre)]
     np.testing.assert_allclose(error[:, : len(off)], -np.outer(decay, off), atol=1e-8)
     np.testing.assert_allclose(flight.q[:, -1], flight.q_desired[:, -1], atol=1e-8)
+
+
+def test_logs_tell_the_frame_of_a_base_in_its_pose(tmp_path: Path) -> None:
+    pose = "xyz = [0.5, 0, 1]\nrpy_deg = [0, 30, 20]"
+    module = machine("leaning", 'motion = "upright"', ROTORS + ROD, pose)
+    path = {"path": line([0.5, 0, 1], [0.9, 0.2, 1.3]), "attitude": {"rate_deg": 40}}
+    flight = flown(module, 0.4, base=path, arm={"moves_deg": {"rod": [{"to": 9, "duration": 1}]}})
+    base, poses = base_motion(flight), module.frame_poses(flight.q)[:, 0]
+    np.testing.assert_allclose(base.position, poses[:, :3, 3], atol=1e-14)
+    axes = Rotation.from_quat(base.quaternion).as_matrix()
+    np.testing.assert_allclose(axes, poses[:, :3, :3], atol=1e-14)
+    linear, spin = np.split(module.frame_velocities(flight.q, flight.v)[:, 0], 2, axis=-1)
+    for told, world in ((base.velocity, linear), (base.spin, spin)):
+        np.testing.assert_allclose((axes @ told[..., None])[..., 0], world, atol=1e-13)
+    thrust = np.array([0.0, 0.5, 1.0]) / np.hypot(0.5, 1.0)
+    np.testing.assert_allclose(flight.thrust_directions[0], thrust, atol=1e-13)
+    write_log(flight, tmp_path / "log", "csv")
+    again = read_log(module, tmp_path / "log")
+    np.testing.assert_allclose(again.q, flight.q, atol=1e-9)
+    np.testing.assert_allclose(again.v, flight.v, atol=1e-9)
 
 
 @pytest.mark.slow  # 2 s

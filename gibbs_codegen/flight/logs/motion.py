@@ -37,9 +37,13 @@ def base_motion(flight: Flight) -> BaseMotion:
     position = flight.point(flight.centre)
     kinematics = kinematics_of(flight.layout)
     velocity, acceleration, spin, growth = kinematics.base_motion(flight.q, flight.v, flight.a)
-    # x, y, z are of a point of the base, the first motor of some; its frame is at the centre.
-    moved = kinematics.spread(flight.q[:, flight.layout.q.position])
-    centre = times(inverse, position - moved)
+    centre = np.zeros_like(position)
+    if flight.layout.moves_freely:
+        # x, y, z are of a point of the base, the first motor of some; its frame is at the centre.
+        centre = times(inverse, position - flight.q[:, flight.layout.q.position])
+    else:  # The base's pose turns it in the frame that moves.
+        turn = inverse @ kinematics.rotation(flight.q)
+        spin, growth = times(turn, spin), times(turn, growth)
     linear = times(inverse, velocity) + np.cross(spin, centre)
     carried = np.cross(growth, centre) + np.cross(spin, np.cross(spin, centre))
     change = times(inverse, acceleration) + carried

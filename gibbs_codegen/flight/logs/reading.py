@@ -290,9 +290,9 @@ def _motion(
     layout, kinematics = vehicle.layout, vehicle.kinematics
     rotation = Rotation.from_quat(arrays["attitude"]).as_matrix()
     spin = times(rotation, arrays["spin"])
-    turning = Turning(rotation, spin, rate(spin))
+    turning = Turning(rotation @ vehicle.base_turn.T, spin, rate(spin))
     # The place of x, y, z in the frame "base".
-    away = -times(rotation, vehicle.lever)
+    away = -times(turning.rotation, vehicle.lever)
     carried = np.cross(spin, away)
     velocity = arrays["velocity"] + carried
     acceleration = rate(arrays["velocity"]) + np.cross(turning.acceleration, away)

@@ -202,6 +202,14 @@ class Vehicle(RobotData):
         at_origin[..., self.layout.q.position] = 0.0
         return self.positions(at_origin)[..., self.points.index(self.centre), :]
 
+    @cached_property
+    def base_turn(self) -> Array:
+        """R (3, 3), from the base's frame, as of `frame_poses`, to that of `base_rotation`."""
+        if self.layout.moves_freely:
+            return np.eye(3)
+        poses: Array = self.module.frame_poses(self.neutral)
+        return poses[0, :3, :3]
+
     @property
     def lever(self) -> Array:
         """Vector (…, 3), m, base's axes, from the point whose velocity v has to the base centre."""

@@ -294,7 +294,7 @@ def posture_series(
         "base_arm_angles_desired": lambda: vehicle.arm_angles()[1:],
         "positions": lambda: vehicle.positions(q()),
         "parents": lambda: point_parents(vehicle),
-        "base_rotation": lambda: vehicle.base_rotation(q()),
+        "base_rotation": lambda: vehicle.base_rotation(q()) @ vehicle.base_turn,
         "thrust_directions": lambda: _thrust_directions(vehicle, q()),
         "kinetic_energy": lambda: vehicle.kinetic_energy(q(), v()),
         "potential_energy": lambda: vehicle.potential_energy(q()),
@@ -307,7 +307,7 @@ def _thrust_directions(vehicle: Vehicle, q: Array) -> Array:
     (N, 3), or (s, N, 3) where joints move rotors.
     """
     wrenches = vehicle.thrust_wrenches(q if vehicle.wrenches_vary else None)
-    forces = np.swapaxes(wrenches[..., :3, :], -1, -2)
+    forces = np.swapaxes(wrenches[..., :3, :], -1, -2) @ vehicle.base_turn
     sizes = np.linalg.norm(forces, axis=-1, keepdims=True)
     return np.divide(forces, sizes, out=np.zeros_like(forces), where=sizes > 0.0)
 

@@ -330,8 +330,9 @@ class Flight:
         if not follows or not runs or self.stopped or self.hold_times.size:
             return ()
         begin, end = self.centre_error[[0, -1]]
-        turned = kinematics_of(self.layout).rotation(self.q_desired[-1])
-        off = np.degrees(np.arccos(np.clip(turned[:, 2] @ self.base_rotation[-1, :, 2], -1.0, 1.0)))
+        ends = np.stack([self.q[-1], self.q_desired[-1]])
+        axis, wanted = kinematics_of(self.layout).rotation(ends)[..., 2]
+        off = np.degrees(np.arccos(np.clip(axis @ wanted, -1.0, 1.0)))
         far, overturned = max(begin, _ASTRAY) < end < np.inf, off > _OVERTURNED
         limited = at_limits(self.commanded[-1], self.input_limits)
         limited &= np.ptp(self.input_limits, axis=0) > 0.0  # Else there is no choice between them.
