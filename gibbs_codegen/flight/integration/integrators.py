@@ -331,6 +331,8 @@ class Integration:
         scale = np.sqrt(len(state)) * (absolute * self._scale + relative * np.abs(state))
         slope = derivative(interval.begin, state)
         size, speed = (float(np.linalg.norm(x / scale)) for x in (state, slope))
+        if not np.isfinite(speed):  # No step will do; one that is a number is found to be none.
+            return min(1e-6, duration)
         short = min(0.01 * size / speed if min(size, speed) >= 1e-5 else 1e-6, duration)
         ahead = derivative(interval.begin + short, state + short * slope) - slope
         most = max(speed, float(np.linalg.norm(ahead / scale)) / short)
