@@ -393,7 +393,8 @@ def lqr(
             without a trim, after which Q and R may come at once.
         Q: Weights of the deviations x of `linearise`, (2 nv, 2 nv), or their diagonal (2 nv), with
             the states of actuators and bristles; that of a battery's charge counts for nothing.
-        R: Weights of deviations w of the inputs, (nu, nu), or their diagonal (nu).
+        R: Weights of deviations w of the inputs, (nu, nu), or their diagonal (nu); those of joints
+            whose effort is 0, which nothing drives, count for nothing.
         dt: None, or a period, s, for which inputs are held; the cost is then a sum over periods.
         x: States of the actuators (nx), without a trim; those that commands keep, if None.
         parameters: Parameters of the module's `prepare`.
@@ -416,7 +417,10 @@ def lqr(
     state = checked_state(vehicle, q, v, u, x)
     dt = _period(dt)
     all_a, all_b, acceleration = _model(vehicle, state, time_constants, surroundings)
-    if not vehicle.inputs:
+    limits = vehicle.description("INPUT_LIMITS")
+    # Nothing drives joints whose effort is 0.
+    able = [k for k, name in enumerate(vehicle.inputs) if limits.get(name) != (0.0, 0.0)]
+    if not able:
         raise UsageError(f"{vehicle.name}: has no inputs, so there is no regulator")
     moved = state.q, state.v, state.u
     by_wrenches = vehicle.forward_dynamics_with_wrenches(*moved, state.wrenches)
@@ -431,7 +435,8 @@ def lqr(
     if dt is not None:
         (a, b), (all_a, all_b) = held(a, b, dt), held(all_a, all_b, dt)
     states = along.T @ _weights("Q", Q, size, False) @ along
-    inputs = _weights("R", R, b.shape[1], True)
+    inputs = _weights("R", R, b.shape[1], True)[np.ix_(able, able)]
+    b = b[:, able]
     _check_solvable(vehicle, a, b, states, dt, names[:kept])
     solve = linalg.solve_continuous_are if dt is None else linalg.solve_discrete_are
     try:
@@ -448,8 +453,9 @@ def lqr(
     values = np.linalg.eigvals(a - b @ gain)
     slowest = np.argsort(-(values.real if dt is None else np.abs(values)))
     rest = (0, size - kept)
-    gain, cost = np.pad(gain, ((0, 0), rest)), np.pad(cost, (rest, rest))
-    return Regulator(gain, cost, values[slowest], all_a, all_b)
+    gains = np.zeros((all_b.shape[1], size))
+    gains[able, :kept] = gain
+    return Regulator(gains, np.pad(cost, (rest, rest)), values[slowest], all_a, all_b)
 
 
 def _warn_if_unbalanced(vehicle: Vehicle, acceleration: Array) -> None:
