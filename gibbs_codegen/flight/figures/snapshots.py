@@ -44,8 +44,8 @@ _VIEWS: list[tuple[float, float]] = [VIEW, *itertools.product((15.0, 20.0, 25.0,
 _SHADES = colormaps["viridis"]
 # Above every robot.
 _LABEL_LEVEL = 1000
-# Instants that differ by less, in m, are one in the picture.
-_SAME_PLACE = 0.02
+# Instants that differ by less, as a share of the picture, are one in it.
+_SAME_PLACE = 0.005
 # The room that labels keep clear around them, and their largest distance from a robot; points.
 _MARGIN = 2.0
 # The cost of a point of distance, in points of the drawing that are covered.
@@ -150,11 +150,11 @@ def snapshots(flight: Flight) -> Figure:
     their thrusts, arms go from dark to light with time. Labels are times in s.
     """
     instants = _instants(flight, INSTANTS)
-    labels = _labels(flight, instants)
+    box = bounds(flight, instants)
+    labels = _labels(flight, instants, _SAME_PLACE * float(np.max(box[1] - box[0])))
     samples = list(labels)
     path = _first_path(flight)
     centres = path[samples]
-    box = bounds(flight, samples)
     view = _clearest_view(centres, box)
     with style():
         figure = new_figure(*_scale(box, view) * extent(box, view) + _AROUND)
@@ -256,12 +256,12 @@ def _instants(flight: Flight, count: int) -> list[int]:
     return sorted(set(samples_at(flight, times)))
 
 
-def _labels(flight: Flight, samples: list[int]) -> dict[int, str]:
-    """Labels of the samples that are drawn: one for those in the same place, at the first."""
+def _labels(flight: Flight, samples: list[int], near: float) -> dict[int, str]:
+    """Labels of the samples that are drawn: one for those nearer than `near`, m, at the first."""
     times_at: dict[int, list[str]] = {}
     for sample in samples:
-        apart = np.abs(flight.positions[samples] - flight.positions[sample]).max(axis=(1, 2))
-        first = samples[int(np.argmax(apart < _SAME_PLACE))]
+        away = np.abs(flight.positions[[*times_at]] - flight.positions[sample]).max(axis=(1, 2))
+        first = next(itertools.compress(times_at, away < near), sample)
         times_at.setdefault(first, []).append(f"{flight.time[sample]:.1f}")
     return {
         first: (", ".join(times) if len(times) < 3 else f"{times[0]} … {times[-1]}") + " s"

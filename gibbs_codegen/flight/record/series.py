@@ -594,7 +594,7 @@ def point_parents(vehicle: Vehicle) -> NDArray[np.intp]:
     """
     centre, parents = vehicle.points.index(vehicle.centre), vehicle.carriers.copy()
     joint = centre + 1 + vehicle.rotors
-    frame = joint + vehicle.joints
+    frame = len(parents) + 1 - len(vehicle.frames)  # Joints that gears move are before it too.
     parents[: centre + 1] = -1
     on_the_way = np.isin(parents, parents[joint:frame])
     on_the_way[parents == centre] = True

@@ -6,6 +6,7 @@ import functools
 import itertools
 from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 from types import ModuleType
 from typing import Any
 
@@ -23,6 +24,8 @@ from gibbs_codegen.figures.scene import project
 from gibbs_codegen.figures.style import FULL
 from gibbs_codegen.flight.figures.snapshots import snapshots, snapshots_panels
 from gibbs_codegen.flight.record.flight import Flight
+from gibbs_codegen.flight.record.series import point_parents
+from gibbs_codegen.flight.sweeps.sources import robot_data
 
 Drawn = Callable[[Callable[[Flight], Figure], str], Figure]
 Array = NDArray[Any]
@@ -157,6 +160,29 @@ def test_instants_in_one_place_share_a_label(paper: Flight) -> None:
     ring = replace(still, positions=paper.positions.copy())
     ring.positions[-1] = ring.positions[0]
     assert "0.0, 12.6 s" in names(snapshots(ring).axes[0])
+    # Of slow motion several instants are at one that is drawn, not each at the one before.
+    along = np.linspace(0.0, 0.2, len(paper.time))[:, None, None] * [1.0, 0.0, 0.0]
+    creeping = names(snapshots(replace(still, positions=still.positions + along)).axes[0])
+    assert 1 < len(creeping) < 6
+    # And those of a small robot are as far apart as those of a large one.
+    places = ("positions", "centre_desired", "tip_desired", "disc_radii")
+    small = replace(paper, **{name: 0.01 * getattr(paper, name) for name in places})
+    assert len(names(snapshots(small).axes[0])) == 12
+
+
+def test_joints_that_gears_move_are_drawn_on_what_carries_them(tmp_path: Path) -> None:
+    body = "axis = 'z'\nmass = 1\ninertia = [1, 1, 1, 0, 0, 0]\n"
+    hand = "[[link]]\nname = 'hand'\nxyz = [0, 0, 1]\n" + body
+    fingers = "".join(
+        f"[[link]]\nname = '{name}'\nparent = 'hand'\nxyz = [0, {y}, 0]\n{body}{gear}\n"
+        f"[[frame]]\nname = '{name}_end'\non = '{name}'\nxyz = [1, 0, 0]\n"
+        for name, y, gear in (("left", 1, ""), ("right", -1, "gear = {of = 'left', ratio = -1}"))
+    )
+    (tmp_path / "hand.toml").write_text(f"name = 'hand'\n[base]\nmotion = 'fixed'\n{hand}{fingers}")
+    robot = robot_data(tmp_path / "hand.toml")
+    parents = dict(zip(robot.points, point_parents(robot).tolist(), strict=True))
+    carriers = {"joint_left": "joint_hand", "joint_right": "joint_hand", "right_end": "joint_right"}
+    assert {name: robot.points[parents[name]] for name in carriers} == carriers
 
 
 @pytest.mark.parametrize("kind", ["paper", "no arm"])
