@@ -27,6 +27,9 @@ from gibbs_codegen.robot.parts.ties import Ties
 from gibbs_codegen.robot.parts.wheel import MAX_WHEELS, WheelTable
 from gibbs_codegen.robot.references import body_numbers, reference_faults, tie_faults
 
+# Heights that differ by less, m, are one.
+_SAME_HEIGHT = 1e-6
+
 Name = Annotated[str, rule(name_fault), InSchema({"type": "string", "pattern": NAME_PATTERN})]
 
 
@@ -112,6 +115,18 @@ class RobotTable(Ties, _Bodies):
             if wheel.joint and (wheel.axis[0] or wheel.xyz[0]):
                 words = "must be on the axle, the y axis of a base with a drive: y or -y, and x = 0"
                 faults.append((("wheel", i, "axis" if wheel.axis[0] else "xyz"), words))
+        lowest = [wheel.xyz[2] - wheel.radius for wheel in self.wheel]
+        for i, height in enumerate(lowest):
+            if abs(height - lowest[0]) > _SAME_HEIGHT:
+                words = (
+                    f"wheels touch level ground at z - radius, which is {height:g} m here and "
+                    f"{lowest[0]:g} m of wheel 1; give all wheels the same"
+                )
+                faults.append((("wheel", i, "xyz"), words))
+        sides = {i: wheel.xyz[1] for i, wheel in enumerate(self.wheel) if wheel.joint}
+        if base.drive and len(sides) > 1 and min(sides.values()) * max(sides.values()) > 0.0:
+            words = "all wheels that turn are on one side: give one an y of the other sign"
+            faults.append((("wheel", max(sides), "xyz"), words))
         if faults:
             raise refusal(faults)
         return self

@@ -382,6 +382,8 @@ def test_no_regulator_brings_a_cart_to_its_side() -> None:
             "wheel 1: axis: must be level",
         ),
         ("radius         = 0.15", "radius = 0", "wheel 1: radius: must be above 0"),
+        ("radius         = 0.05", "radius = 0.06", "wheel 3: xyz: wheels touch level ground at"),
+        ("xyz            = [0, -0.75", "xyz = [0, 0.5", "wheel 2: xyz: all wheels that turn are"),
         (
             "radius         = 0.05",
             "radius = 0.05\neffort = 1",

@@ -301,13 +301,14 @@ def rolling_robot(seed: int) -> Robot:
     drive = None if seed % 2 else "differential"
     wheels = []
     for k in range(2 if drive else 3):
-        x, y, z = map(float, 0.3 * rng.normal(size=3))
+        x, y, _ = map(float, 0.3 * rng.normal(size=3))
         angle = np.deg2rad(float(rng.integers(-180, 180)))
+        radius = float(rng.uniform(0.05, 0.4))
         wheel = WheelTable(
             name=f"wheel {k}",
             joint=f"turn {k}",
-            radius=float(rng.uniform(0.05, 0.4)),
-            xyz=(0.0 if drive else x, y, z),
+            radius=radius,
+            xyz=(0.0, (1.0, -1.0)[k] * abs(y), radius) if drive else (x, y, radius),
             axis=(0.0, (1.0, -1.0)[k], 0.0)
             if drive
             else (float(np.cos(angle)), float(np.sin(angle)), 0.0),
