@@ -14,6 +14,7 @@ A failure is printed with the command that repeats it. Exits 1 where there was o
 from __future__ import annotations
 
 import argparse
+import itertools
 import os
 import shutil
 import sys
@@ -46,10 +47,12 @@ from support.random_robots import (
 )
 
 from gibbs_codegen.derivation.derive import derive
-from gibbs_codegen.errors import SingularRobotError
+from gibbs_codegen.errors import RobotFileError, SingularRobotError
 from gibbs_codegen.interface.table import GROUPS
+from gibbs_codegen.robot.file import parse_robot
 from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.robot.parts.base import FREE
+from gibbs_codegen.robot.text import robot_text
 from gibbs_codegen.runtime.load import load
 from gibbs_codegen.targets.registry import find_targets, render_module
 from gibbs_codegen.verification.comparison import Results, failure_text
@@ -94,18 +97,34 @@ def soak_robot(seed: int, number: int) -> Robot:
     # Of few links more often, since they take less time and have as many ways to be degenerate.
     links = int(rng.integers(9, size=2).min())
     if is_based(number):
-        if rng.random() < 0.2:
-            return rolling_robot(own)
-        robot = motored_robot(own) if rng.random() < 0.5 else constrained_robot(own)
-        motion = random_motion(rng)
-        robot = robot if motion == FREE else on_base(robot, motion, own)
-        if robot.constraints or rng.random() < 0.5:
-            return robot
-        return replace(robot, constraints=(random_constraint(rng, robot, "hold"),))
+        return next(robot for robot in _based(rng, own) if _is_read(robot))
     if number % 2:
         return random_tree(own)
     make = degenerate_robot if number % 4 else random_robot
     return make(own, rotors, links)
+
+
+def _based(rng: np.random.Generator, own: int) -> Iterator[Robot]:
+    """Robots on bases of all kinds, whose first has the seed `own`."""
+    for seed in itertools.count(own):
+        if rng.random() < 0.2:
+            yield rolling_robot(seed)
+            continue
+        robot = motored_robot(seed) if rng.random() < 0.5 else constrained_robot(seed)
+        motion = random_motion(rng)
+        robot = robot if motion == FREE else on_base(robot, motion, seed)
+        if not robot.constraints and rng.random() >= 0.5:
+            robot = replace(robot, constraints=(random_constraint(rng, robot, "hold"),))
+        yield robot
+
+
+def _is_read(robot: Robot) -> bool:
+    """Whether a file may say a robot: something of it moves, and no constraint holds one body."""
+    try:
+        parse_robot(robot_text(robot))
+    except RobotFileError:
+        return False
+    return True
 
 
 def is_based(number: int) -> bool:
@@ -153,6 +172,8 @@ def check(robot: Robot, number: int, compiled: bool) -> tuple[str, dict[str, flo
     """
     try:
         whole = is_based(number) and is_whole(number)
+        if is_based(number) and parse_robot(robot_text(robot)) != robot:
+            raise DisagreementError("is another robot when it is written and read")
         groups = ("default", *(GROUPS if whole else ["constraints"] if robot.constraints else []))
         model = derive(robot, functions=groups, derivatives=whole)
     except SingularRobotError as error:

@@ -199,7 +199,7 @@ def random_constraint(rng: np.random.Generator, robot: Robot, name: str) -> Cons
         kind = "point"
     to = other if other != frame and (kind == "loop" or rng.random() < 0.4) else None
     frequency = float(rng.choice((0.0, 5.0)))
-    return Constraint(
+    constraint = Constraint(
         name,
         kind,
         frame,
@@ -212,6 +212,8 @@ def random_constraint(rng: np.random.Generator, robot: Robot, name: str) -> Cons
         frequency=frequency,
         damping_ratio=0.7 if frequency else 1.0,
     )
+    # An axis belongs to a loop that turns alone.
+    return constraint if constraint.joint == "revolute" else replace(constraint, axis=AXES["z"])
 
 
 def constrained_robot(seed: int, redundant: bool = False) -> Robot:

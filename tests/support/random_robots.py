@@ -216,13 +216,13 @@ def _rotor(rng: np.random.Generator, links: int, k: int) -> Rotor:
 
 
 def sprung_robot(seed: int, attitude: str = "") -> Robot:
-    """The tree of a seed with one or two springs from its base and between its links."""
+    """The tree of a seed with one or two springs between its bodies, if any of its joints moves."""
     rng, robot = np.random.default_rng([seed, 3]), random_tree(seed, attitude)
     bodies = [BASE, *robot.moving, *robot.constrained]
     frames = tuple(Frame(f"end {body}", body, random_pose(rng)) for body in bodies)
     robot = replace(robot, name=f"sprung_{seed}", frames=(*robot.frames, *frames))
     springs = []
-    for k in range(int(rng.integers(1, 3))):
+    for k in range(int(rng.integers(1, 3)) if robot.moving else 0):
         on = rng.permutation(robot.moving)[0]
         others = [body for body in bodies if robot.rigid[body] != robot.rigid[on]]
         stiffness, length, damping = map(float, rng.uniform(0.2, 1.0, 3) * rng.integers(0, 2, 3))
