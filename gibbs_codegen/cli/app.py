@@ -8,7 +8,6 @@ from __future__ import annotations
 import atexit
 import gc
 import io
-import itertools
 import os
 import re
 import sys
@@ -60,12 +59,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
     for word in words:  # Before Python 3.13 argparse makes an empty list of such a value.
         if re.fullmatch(r"--[a-z-]+=--", word):
             parser.error(f"{word}: -- is not a value; write ./-- for a path of that name")
-    # Names are joined to the option, so that a word after it is no name.
-    for word, names in itertools.pairwise(words):
-        if word == "--derivatives" and ("," in names or names.endswith("_derivatives")):
-            parser.error(f"--derivatives {names}: write --derivatives={names}")
-    words = ["--derivatives=" if word == "--derivatives" else word for word in words]
-    options = parser.parse_args(words)
+    # Names are joined to the option, so that a word after it that is none is the robot.
+    joined = list[str]()
+    for word in words:
+        named = word in ("all", "none") or "," in word or word.endswith("_derivatives")
+        if named and joined[-1:] == ["--derivatives="]:
+            joined[-1] += word
+        else:
+            joined.append("--derivatives=" if word == "--derivatives" else word)
+    options = parser.parse_args(joined)
     try:
         code: int = import_module(f"gibbs_codegen.cli.{options.module}").run(options)
     except RefusedFileError as error:

@@ -24,6 +24,7 @@ _PLACES = (
 )
 _DERIVES = f"{_PLACES}; if a name is both, the robot that ships is taken"
 _SCENARIOS = f"{', '.join(shipped_names('scenarios'))} or a scenario file"
+_USUAL = "default: paper, or hold where the base does not fly freely"
 _FLIGHT = "a folder that `simulate` wrote, or its flight.npz"
 
 
@@ -271,10 +272,10 @@ def _verify(parser: Parser) -> None:
     _add_json(parser)
 
 
-@_command("fly a scenario with a module, and write time series and figures")
+@_command("move a robot through a scenario, and write time series and figures")
 def _simulate(parser: Parser) -> None:
     _add_module(parser)
-    parser.add("--scenario", "NAME|FILE", f"the scenario to fly: {_SCENARIOS}", default="paper")
+    parser.add("--scenario", "NAME|FILE", f"the scenario: {_SCENARIOS} ({_USUAL})")
     parser.add("--out", "DIR", "folder in which the results are written", default="flight")
     _add_backend(parser)
     _add_changes(parser, "")
@@ -320,11 +321,11 @@ def _sitl(parser: Parser) -> None:
     _add_figures(parser, "write the time series only")
 
 
-@_command("fly scenarios in many variants, and measure every flight")
+@_command("move robots through many variants of scenarios, and measure every flight")
 def _sweep(parser: Parser) -> None:
     meaning = f"{_PLACES}, which comes first; of others a module is generated"
     parser.add("robots", "ROBOT", meaning, nargs="+")
-    meaning = f"a scenario to fly: {_SCENARIOS}; may be repeated (default: paper)"
+    meaning = f"a scenario: {_SCENARIOS}; may be repeated ({_USUAL}, as the first robot does)"
     parser.add("--scenario", "NAME|FILE", meaning, action="append")
     parser.add(
         *("--vary", "KEY=VALUES"),
@@ -345,7 +346,7 @@ def _sweep(parser: Parser) -> None:
         action="append",
         default=[],
     )
-    meaning = "processes that fly (default: one for each processor)"
+    meaning = "processes that compute (default: one for each processor)"
     parser.add("--workers", "N", meaning, type=int)
     meaning = "folder in which the results are kept; the same command goes on with what is there"
     parser.add("--out", "DIR", meaning, default="sweep")

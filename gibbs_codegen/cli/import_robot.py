@@ -55,7 +55,8 @@ def run(options: argparse.Namespace) -> int:
     wanted = ImportOptions(attitude, rotors, locks, snap=not options.no_snap)
     for word in options.base:
         motion = as_motion(word)
-        key, value = ("base", word) if motion is None else ("motion", motion)
+        is_link = motion is None or wanted.motion is not None
+        key, value = ("base", word) if is_link else ("motion", motion)
         if getattr(wanted, key):
             raise UsageError(
                 f"--base {printable(word, 60)}: give one link, and one motion, at most"

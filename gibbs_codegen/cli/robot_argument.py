@@ -95,6 +95,14 @@ def functions_of(word: str | None) -> tuple[str, ...]:
     return tuple(re.findall(r'"(\w+)"', listed[1])) if listed else ()
 
 
+def usual_scenario(word: str) -> str:
+    """The scenario of the robot of a word, as of `find_robot`, where none is chosen."""
+    from gibbs_codegen.flight.sweeps.sources import robot_data
+
+    robot = robot_data(word, find_robot)
+    return "paper" if robot.rotors and robot.layout.moves_freely else "hold"
+
+
 @contextmanager
 def found_module(
     word: str,

@@ -40,7 +40,8 @@ _INTEGRATION = 1e-5
 @terminal.ended_by_signals()
 def run(options: argparse.Namespace) -> int:
     """Fly the scenario, write the results, and print what is to be said of the flight."""
-    scenario = read_scenario(options.scenario, changes_of(options.set))
+    chosen = options.scenario or robot_argument.usual_scenario(options.robot)
+    scenario = read_scenario(chosen, changes_of(options.set))
     check_results(options.out, options.animate or "")
     # Late: refusals appear at once.
     from gibbs_codegen.flight.simulation import check_scenario, simulate

@@ -18,6 +18,7 @@ from rich.text import Text
 
 from gibbs_codegen.cli import terminal
 from gibbs_codegen.cli.arguments import DISTRIBUTIONS
+from gibbs_codegen.cli.robot_argument import usual_scenario
 from gibbs_codegen.cli.terminal import plain_table
 from gibbs_codegen.errors import UsageError, printable
 from gibbs_codegen.flight.figures.study import write_study_figures
@@ -58,7 +59,7 @@ def run(options: argparse.Namespace) -> int:
         try:
             study = sweep(
                 options.robots,
-                options.scenario or ["paper"],
+                options.scenario or [usual_scenario(options.robots[0])],
                 {key: [_value(text)] for key, text in fixed.items()}
                 | {key: varied(text, key) for key, text in parameters.items()},
                 options.samples,

@@ -304,7 +304,7 @@ def rerooted(source: Source, link: str, asked: bool) -> Source:
     if there is no such link.
     """
     if link not in source.links:
-        hint = near(link, (*source.links, FREE, *LEVEL_MOTIONS))
+        hint = near(link, [x for x in (*source.links, FREE, *LEVEL_MOTIONS) if x != link])
         raise UsageError(f"--base {printable(link, 60)}: no such link or motion{hint}")
     carried = {joint.child: joint for joint in source.joints}
     reverse = []

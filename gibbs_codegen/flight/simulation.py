@@ -52,6 +52,7 @@ from gibbs_codegen.flight.desired.trajectory import (
     Progress,
     TimedMotion,
     check_arm,
+    check_base,
     starting_state,
     timed_motion,
 )
@@ -253,6 +254,8 @@ def check_scenario(robot: RobotData, scenario: Scenario) -> None:
             partial(_check_law, robot, scenario),
         ]
     )
+    if isinstance(robot, Vehicle):
+        check_base(robot, scenario)
 
 
 def _check_law(robot: RobotData, scenario: Scenario) -> None:

@@ -23,7 +23,7 @@ class MuJoCo:
     It computes neither `positions`, since MuJoCo has no joint frames apart from bodies, nor
     `bias_accelerations`, since its accelerations include gravity.
     Creating it raises `NotApplicableError` for a robot that MuJoCo rejects, such as one with a
-    point mass in a joint at its end, or with a rotor or frame on a link without mass.
+    rotor or frame on a link without mass.
 
     MuJoCo takes no thin rod, nor a point mass, since their moments of inertia are not all positive.
     It is given these with more inertia, and then with twice as much added. All that it computes is
@@ -38,7 +38,7 @@ class MuJoCo:
     def __init__(self, tree: Tree, more: float = 0.0) -> None:
         self.tree = tree
         self._thicker: list[MuJoCo] = []
-        if more == 0.0 and any(_missing(joint) for joint in tree.joints):
+        if more == 0.0 and any(_missing(joint, tree.reach) for joint in tree.joints):
             self._thicker = [MuJoCo(tree, 1.0), MuJoCo(tree, 2.0)]
             return
         try:
@@ -144,7 +144,7 @@ def _body_text(tree: Tree, children: dict[int, list[int]], number: int, more: fl
     ]
     if mass > 0.0:
         moments, axes = _principal(joint)
-        moments = moments + more * _missing(joint)
+        moments = moments + more * _missing(joint, tree.reach)
         lines.append(
             f'<inertial pos="{_numbers(joint.com)}" mass="{mass!r}" '
             f'xyaxes="{_numbers(axes.T[:2].ravel())}" diaginertia="{_numbers(moments)}"/>'
@@ -172,12 +172,15 @@ def _principal(joint: Joint) -> tuple[Array, Array]:
     return np.maximum(moments, 0.0), axes * np.linalg.det(axes)
 
 
-def _missing(joint: Joint) -> float:
-    """Inertia to add to a body that has none about some axis, such as a thin rod, in kg m²."""
+def _missing(joint: Joint, reach: float) -> float:
+    """Inertia to add to a body that has none about some axis, such as a thin rod, in kg m².
+
+    A point mass at the joint has it of the robot's `reach`, m.
+    """
     moments, _ = _principal(joint)
     if moments[0] > _ROUNDING * moments[2] or not (joint.mass or moments[2]):
         return 0.0
-    return float(moments[2] or joint.mass * joint.com @ joint.com)
+    return float(moments[2] or joint.mass * (joint.com @ joint.com or reach**2))
 
 
 def _numbers(values: Iterable[float]) -> str:

@@ -118,7 +118,7 @@ def test_all_parameters_keeps_zeros(tmp_path: Path) -> None:
         (["generate", "--rotors", "four", "--links", "1"], "invalid int value"),
         (["generate", "nowhere.toml"], "no such robot file"),
         (["generate", "hexarotor", "--target", "cobol"], "known targets: numpy"),
-        (["generate", "hexarotor", "--derivatives", "a,b"], "write --derivatives=a,b"),
+        (["generate", "hexarotor", "--derivatives", "a,b"], "unknown"),
         (["info", "nowhere"], "no such robot file"),
         (["show", "hexarotor"], "required: --chain"),
         (["show", "--chain", "1"], "give ROBOT, or both --rotors and --links"),

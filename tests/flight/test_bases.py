@@ -148,6 +148,14 @@ def test_errors_decay_as_gains_say(motion: str, end: list[float], turn: dict[str
     np.testing.assert_allclose(flight.q[:, -1], flight.q_desired[:, -1], atol=1e-8)
 
 
+def test_a_base_with_two_angles_starts_turned_by_both() -> None:
+    module = machine("falling", 'motion = ["yaw", "roll"]', ARM, "rpy_deg = [0, 20, 0]")
+    flight = flown(module, 0.01, control={"law": "off"}, start={"turn_deg": [10, 0, 20]})
+    np.testing.assert_allclose(np.degrees(flight.q[0, :2]), [20.0, 10.0], rtol=1e-12)
+    with pytest.raises(UsageError, match=r"start\.turn_deg: .* rad about y away"):
+        flown(module, 0.01, control={"law": "off"}, start={"turn_deg": [10, 5, 20]})
+
+
 def test_logs_tell_the_frame_of_a_base_in_its_pose(tmp_path: Path) -> None:
     pose = "xyz = [0.5, 0, 1]\nrpy_deg = [0, 30, 20]"
     module = machine("leaning", 'motion = "upright"', ROTORS + ROD, pose)

@@ -131,7 +131,9 @@ def test_mujoco_takes_thin_rods_and_points(of_rods: Robot) -> None:
     mujoco_tree = pytest.importorskip("gibbs_codegen.verification.mujoco_tree")
     assert {link.body.section_inertia for link in of_rods.links} == {(0.0, 0.0, 0.0)}
     point = replace(of_rods.links[1], body=RigidBody(0.25, 0.1, (0.2, 0.0, 0.0)))
-    for robot in of_rods, replace(of_rods, links=(of_rods.links[0], point)):
+    at_joint = replace(of_rods.links[1], body=RigidBody(0.25, 0.1))
+    for link in of_rods.links[1], point, at_joint:
+        robot = replace(of_rods, links=(of_rods.links[0], link))
         assert_agree(formulated(mujoco_tree.MuJoCo(Tree(robot))), robot, EXACT)
         assert formulations(robot)[1].keys() <= {"Pinocchio"}
 

@@ -59,8 +59,9 @@ def law_of(law: Law, vehicle: RobotData, q: Array, scenario: str) -> Law:
     others = " or ".join(f'"{name}"' for name in dict.fromkeys((task, *suiting)))
     if full:
         raise AllocationError(
-            f"{purpose}{LAWS[law].title}, the rotors must push along one axis, but they command "
-            f"all directions; set control.law to {others}",
+            f"{purpose}{LAWS[law].title}, the rotors must push along one axis, but "
+            f"{'they command all directions' if vehicle.rotors else 'there are none'}; set "
+            f"control.law to {others}",
             (),
         )
     places = np.atleast_2d(q)

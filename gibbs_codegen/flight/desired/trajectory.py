@@ -51,8 +51,7 @@ def desired_motion(
     their limits.
     """
     actuators = check_arm(vehicle, scenario)
-    if not vehicle.layout.moves_freely:
-        _check_base(vehicle, scenario)
+    check_base(vehicle, scenario)
     limits = actuators.joints[0], actuators.joints[1]
     # The timing "fastest" slows down what is too fast.
     fastest = actuators.velocities if scenario.timing.law == "uniform" else np.inf
@@ -72,8 +71,10 @@ def base_path(vehicle: Vehicle, scenario: Scenario) -> Path:
     return Fixed((x, y, z))
 
 
-def _check_base(vehicle: Vehicle, scenario: Scenario) -> None:
+def check_base(vehicle: Vehicle, scenario: Scenario) -> None:
     """Raise `UsageError` where the base cannot be where a scenario leads it."""
+    if vehicle.layout.moves_freely:
+        return
     time, path = knots(scenario.duration), base_path(vehicle, scenario)
     centre, turning = path(time), scenario.attitude(path, time, vehicle.arm_angles())
     q = base_motion(vehicle, time, centre, turning).q
@@ -214,9 +215,12 @@ def starting_state(
         return q, v
     attitude, position = vehicle.layout.q.attitude, vehicle.layout.q.position
     centre = vehicle.kinematics.spread(q[position]) + vehicle.centre_offset(q)
-    angle = float(np.linalg.norm(offset.rotation))
-    axis = np.array(offset.rotation) / (angle or 1.0)
-    turned = rotation_about(axis, np.array(angle)) @ vehicle.base_rotation(q)
+    start, turn, turns = q.copy(), np.array(offset.rotation), vehicle.layout.own_axes[1]
+    if len(turns) == 2:  # No turn about both axes at once is one of this base.
+        start[attitude] += turn[turns]
+        turn[turns] = 0.0
+    angle = float(np.linalg.norm(turn))
+    turned = rotation_about(turn / (angle or 1.0), np.array(angle)) @ vehicle.base_rotation(start)
     at_rest = np.zeros((1, 3))
     try:
         turning = Turning(turned[np.newaxis], at_rest, at_rest)
@@ -227,7 +231,6 @@ def starting_state(
             f"rotation), {error}, or turn it less or another way at the start",
             error.place,
         ) from None
-    start = q.copy()
     start[attitude] = vehicle.kinematics.continued(q[attitude], entries)[0]
     centre += offset.position
     start[position] = (centre - vehicle.centre_offset(start))[vehicle.layout.own_axes[0]]

@@ -18,6 +18,7 @@ from gibbs_codegen.errors import UsageError, check_all, near, printable
 from gibbs_codegen.flight.plant.vehicle import Array, Flags, RobotData, Vehicle
 
 if TYPE_CHECKING:
+    from gibbs_codegen.flight.scenario.parts import Motors
     from gibbs_codegen.flight.scenario.scenario import Scenario
 
 _NO_LIMITS = (-math.inf, math.inf)
@@ -129,7 +130,8 @@ def actuators_of(vehicle: RobotData, scenario: Scenario) -> Actuators:
     checks = [partial(joint_place, vehicle, name, f"arm.{key}") for key, name in named]
     lag = [] if motors.time_constant is None else ["motors.time_constant"]
     range_check = partial(_check_limits, vehicle, motors.limits, actuators.thrusts)
-    check_all([*checks, range_check, *(partial(check_lag, vehicle.module, key) for key in lag)])
+    lags = (partial(check_lag, vehicle.module, key) for key in lag)
+    check_all([partial(_check_rotors, vehicle, motors), *checks, range_check, *lags])
     if scenario.control.law == "off":  # Motors that are off have no thrust, not their least.
         actuators.thrusts[:] = np.transpose([_NO_LIMITS])
     if motors.limits is not None:
@@ -148,6 +150,14 @@ def actuators_of(vehicle: RobotData, scenario: Scenario) -> Actuators:
                 )
             values[place] = most
     return actuators
+
+
+def _check_rotors(vehicle: RobotData, motors: Motors) -> None:
+    """Raise `UsageError` for keys of motors that mean nothing without rotors."""
+    keys = ("limits", "time_constant", "disc_radius")
+    said = [f"motors.{key}" for key in keys if getattr(motors, key) is not None]
+    if said and not vehicle.rotors:
+        raise UsageError(f"{', '.join(said)}: {vehicle.name} has no rotors; leave it out")
 
 
 def _check_limits(vehicle: RobotData, limits: tuple[float, float] | None, thrusts: Array) -> None:
