@@ -39,7 +39,7 @@ def execution_cache() -> Path:
         A folder in `site/.cache`, with another name after every change of the code.
     """
     digest = hashlib.sha256()
-    for folder in ("gibbs_codegen", "generated", "templates"):
+    for folder in ("gibbs_codegen", "generated", "templates", "docs/_ext"):
         for path in sorted((ROOT / folder).rglob("*.*")):
             if path.suffix not in (".pyc", ".so") and path.is_file():
                 digest.update(path.relative_to(ROOT).as_posix().encode() + b"\0")

@@ -423,6 +423,8 @@ def _new(parser: Parser) -> None:
     )
     meaning = "number of rotors (default: 4 with --placed, else 6)"
     parser.add("--rotors", "N", meaning, type=int)
+    meaning = "begin with its file: ur5e, an arm that is held, rover_arm, on wheels, or another"
+    parser.add("--like", "ROBOT", meaning)
 
 
 @_command("write a robot file from a robot in URDF, xacro, MJCF or SDF, or join arms to a drone")

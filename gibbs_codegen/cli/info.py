@@ -91,6 +91,8 @@ def _machine_facts(robot: Robot) -> dict[str, Any]:
                 "axis": list(link.axis) if link.moves or link.constrained else None,
                 "mass": link.body.total_mass,
                 "limits": [link.limits.low, link.limits.high],
+                "effort": link.limits.effort,
+                "radius": link.rolling and link.rolling.radius,
                 "unit": joint_terms(robot, i).unit,
             }
             | asdict(link.passive)
@@ -190,15 +192,17 @@ def _print_machine(robot: Robot, data: dict[str, Any], console: Console) -> None
 def _part_tables(robot: Robot, data: dict[str, Any]) -> Iterator[Table]:
     """Links, where their joints are in the form that the robot file has, and what is on them."""
     links, rotors = data["link_list"], data["rotor_list"]
-    # A column of its own for coordinates only where they are not called like their links.
-    own_names = any(link["coordinate"] not in (None, link["name"]) for link in links)
-    coordinate = ("coordinate",) if own_names else ()
-    names = ("link", "joint", *coordinate, "mass, kg", "limits", "damping")
+    # Columns of their own only where they tell something, as of coordinates not called like links.
+    titles = {"coordinate": "coordinate", "effort": "effort, N m or N", "radius": "radius, m"}
+    known = {key: {link[key] for link in links} - {None} for key in titles}
+    known["coordinate"] -= {link["name"] for link in links}
+    told = [key for key in titles if known[key]]
+    names = ("link", "joint", *map(titles.__getitem__, told), "mass, kg", "limits", "damping")
     rows = [
         [
-            *(link["name"], link["joint"], *(link[key] or "-" for key in coordinate)),
+            *(link["name"], link["joint"], *(_cell(link[key]) for key in told)),
             *(number(link["mass"]), _range(link["limits"], link["unit"])),
-            number(link["damping"]) if link["damping"] else "-",
+            _cell(link["damping"] or None),
         ]
         for link in links
     ]
@@ -269,6 +273,10 @@ def _print_actuators(robot: Robot, console: Console) -> None:
 
 def _listed(values: Sequence[float | str]) -> str:
     return ", ".join(number(x) if isinstance(x, float) else json.dumps(x) for x in values)
+
+
+def _cell(value: float | str | None) -> str:
+    return "-" if value is None else value if isinstance(value, str) else number(value)
 
 
 def _short(values: Sequence[float]) -> str:

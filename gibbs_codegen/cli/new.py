@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import argparse
+import re
 import shlex
 from pathlib import Path
 
-from gibbs_codegen.errors import printable
+from gibbs_codegen.cli.robot_argument import find_robot
+from gibbs_codegen.errors import UsageError, printable
 from gibbs_codegen.files.module_writer import write_new_file
 from gibbs_codegen.robot.family import paper_family
 from gibbs_codegen.robot.names import name_from
@@ -17,8 +19,13 @@ def run(options: argparse.Namespace) -> int:
     """Write the robot file, and print how to go on."""
     path = Path(options.file)
     name = name_from(path.stem)
+    if options.like and (options.placed or options.rotors is not None):
+        raise UsageError("--like: begins with a whole file; leave --placed and --rotors out")
     rotors = (4 if options.placed else 6) if options.rotors is None else options.rotors
-    if options.placed:
+    if options.like:
+        _, text = find_robot(options.like)
+        text = re.sub(r"^name\b.*", f'name = "{name}"', text, count=1, flags=re.MULTILINE)
+    elif options.placed:
         text = placed_robot_text(name, rotors)
     else:
         text = robot_text(paper_family(rotors, 3), name, to_start_from=True)

@@ -21,6 +21,7 @@ from gibbs_codegen.figures import marks
 from gibbs_codegen.figures.appearance import DARK, GOLD
 from gibbs_codegen.figures.style import FULL, style
 from gibbs_codegen.robot.chains import Chain, decompose
+from gibbs_codegen.robot.file import AnyRobot, as_robot
 from gibbs_codegen.robot.layout import has_default_tip, layout_of
 from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.robot.parts.base import TRAVELS
@@ -42,14 +43,14 @@ _ARM_ROOM, _GAP = np.array([1.1, 1.05]), 0.2
 _LONGEST_NAME = 10
 
 
-def chains_figure(robot: Robot, numbers: Iterable[int] | None = None) -> Figure:
+def chains_figure(robot: AnyRobot, numbers: Iterable[int] | None = None) -> Figure:
     """Draw the open chains of a robot side by side, as in the paper's Fig. 2 (eq. 1).
 
     Each is a sketch in the plane of the base, seen from above: links without length are drawn
     apart, base arms at their angles from arm 1, at most 125°, and the links of arms laid flat.
 
     Args:
-        robot: The robot.
+        robot: The robot, or its file or name.
         numbers: The chains to draw; if None, all up to twelve, otherwise the first and last three.
 
     Returns:
@@ -58,6 +59,7 @@ def chains_figure(robot: Robot, numbers: Iterable[int] | None = None) -> Figure:
     Raises:
         UsageError: The robot has no such chain.
     """
+    robot = as_robot(robot)
     chains = decompose(robot)
     ends = range(1, len(chains) + 1)
     if numbers is None:

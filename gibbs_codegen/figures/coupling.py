@@ -27,6 +27,7 @@ from gibbs_codegen.figures.marks import short_name
 from gibbs_codegen.figures.style import style
 from gibbs_codegen.robot.chains import Chain, decompose
 from gibbs_codegen.robot.description import Description
+from gibbs_codegen.robot.file import AnyRobot, as_robot
 from gibbs_codegen.robot.layout import layout_of
 from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.robot.names import coordinate_of
@@ -53,7 +54,7 @@ def chain_colour(number: int) -> str:
     return COLOURS[(number - 1) % len(COLOURS)]
 
 
-def coupling_figure(robot: Robot) -> Figure:
+def coupling_figure(robot: AnyRobot) -> Figure:
     """Draw Fig. 6: each chain's unknowns, and which of the hybrid system's unknowns each is.
 
     The hybrid unknowns are numbered by their rows, from −1. Arrows and boxes have the colours of
@@ -61,11 +62,12 @@ def coupling_figure(robot: Robot) -> Figure:
     position, which every chain has.
 
     Args:
-        robot: The robot.
+        robot: The robot, or its file or name.
 
     Returns:
         The figure.
     """
+    robot = as_robot(robot)
     chains = decompose(robot)
     heights = [len(_lines(robot, chain.unknowns)) + _CHAIN_GAP for chain in chains]
     tops = list(accumulate(heights, initial=0.0))
@@ -147,7 +149,7 @@ def _draw_chain(
         axes.add_patch(arrow)
 
 
-def hybrid_pattern_figure(robot: Robot) -> Figure:
+def hybrid_pattern_figure(robot: AnyRobot) -> Figure:
     """Draw Figs. 7–9: I_H, R_H and B_H of F_H = B_H u, each entry in the colours of its chains.
 
     An entry to which several chains add is split among their colours. Rows and columns are labelled
@@ -157,11 +159,12 @@ def hybrid_pattern_figure(robot: Robot) -> Figure:
     posture.
 
     Args:
-        robot: The robot.
+        robot: The robot, or its file or name.
 
     Returns:
         The figure.
     """
+    robot = as_robot(robot)
     filled = filled_entries(robot)
     names_by_unknown = hybrid_names(robot)
     description = Description(robot)

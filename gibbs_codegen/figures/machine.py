@@ -21,6 +21,7 @@ from gibbs_codegen.figures.robot_artists import RobotArtists, Shapes
 from gibbs_codegen.figures.scene import PlacedNames, fit, project, set_scene
 from gibbs_codegen.figures.style import FULL, lay_out, style
 from gibbs_codegen.robot.chains import decompose
+from gibbs_codegen.robot.file import AnyRobot, as_robot
 from gibbs_codegen.robot.layout import layout_of
 from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.robot.names import rotor_label
@@ -183,7 +184,7 @@ _ROW, _HEADING, _LEGEND = 3.4, 0.25, 0.5
 _Room = tuple[float, float, float, float]
 
 
-def machine_figure(robot: Robot, q: Sequence[float] | Array | None = None) -> Figure:
+def machine_figure(robot: AnyRobot, q: Sequence[float] | Array | None = None) -> Figure:
     """Draw the robot as in the paper's Fig. 1, in m.
 
     The base is above, with arm 2 in gold: from above with its frames, and beside it from the side
@@ -193,7 +194,7 @@ def machine_figure(robot: Robot, q: Sequence[float] | Array | None = None) -> Fi
     base arms on the arms.
 
     Args:
-        robot: The robot.
+        robot: The robot, or its file or name.
         q: The coordinates (nq), rad and m; `default_posture`, away from the origin, if None.
 
     Returns:
@@ -202,6 +203,7 @@ def machine_figure(robot: Robot, q: Sequence[float] | Array | None = None) -> Fi
     Raises:
         UsageError: q has the wrong length.
     """
+    robot = as_robot(robot)
     q = posture_away(robot) if q is None else np.asarray(q, dtype=float)
     subject = Subject(robot, q, robot_frames(robot, q))
     rows = 2 if robot.links and _is_enlarged(robot) else 1

@@ -6,17 +6,25 @@ body has is refused with its key path and line. What the keys are stands in `rob
 
 from __future__ import annotations
 
+import os
+
 from gibbs_codegen.errors import RobotFileError
 from gibbs_codegen.files.shipped import shipped_names, text_of
 from gibbs_codegen.files.toml import checked
 from gibbs_codegen.robot.model import Robot
 
 _FOLDER = "robots"
+AnyRobot = Robot | str | os.PathLike[str]
 
 
 def shipped_robots() -> tuple[str, ...]:
     """Names of the robots that ship with the package."""
     return shipped_names(_FOLDER)
+
+
+def as_robot(robot: AnyRobot) -> Robot:
+    """A robot, or that of a file or of a name that ships; raises as `read_robot` does."""
+    return robot if isinstance(robot, Robot) else read_robot(os.fspath(robot))[0]
 
 
 def read_robot(name_or_path: str) -> tuple[Robot, str]:

@@ -7,10 +7,12 @@ import io
 import json
 import os
 import pty
+import re
 import struct
 import subprocess
 import sys
 import termios
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -23,7 +25,7 @@ from support.tools import HANGING
 from gibbs_codegen.cli.terminal import plain_table, print_table
 from gibbs_codegen.equations.typeset import text_width
 from gibbs_codegen.robot.balance import implausible
-from gibbs_codegen.robot.file import parse_robot
+from gibbs_codegen.robot.file import parse_robot, read_robot
 from gibbs_codegen.robot.parts.body import RigidBody, as_rigid_body
 from gibbs_codegen.runtime.load import load
 
@@ -357,6 +359,20 @@ def test_info_of_rotors_alone_has_no_tables_of_chains(tmp_path: Path) -> None:
     said = run("info", "quadrotor", "--operations", cwd=tmp_path).stdout
     assert not any(title in said for title in ("Open chains", "Rows of the hybrid", "Hybrid matr"))
     assert "\nMasses, in the base's axes (kg, m, kg m² about the centre of mass)\n" in said
+
+
+def test_new_like_a_robot_begins_with_its_file(tmp_path: Path) -> None:
+    """And `info` of it tells efforts of joints and radii of wheels."""
+    assert run("new", "--like", "rover_arm", "my_rover.toml", cwd=tmp_path).returncode == 0
+    text, (like, source) = (tmp_path / "my_rover.toml").read_text(), read_robot("rover_arm")
+    assert text.replace('name = "my_rover"', "") == re.sub('name += "rover_arm"', "", source)
+    assert parse_robot(text) == replace(like, name="my_rover")
+    lines = run("info", "my_rover.toml", cwd=tmp_path).stdout.splitlines()
+    rows = [line.split() for line in lines if line.startswith(("wrist_1 ", "left_wheel "))]
+    assert rows[0][:5] == ["wrist_1", "revolute", "wrist_1_joint", "28", "-"]
+    assert rows[1][:5] == ["left_wheel", "revolute", "left_wheel_joint", "100", "0.0625"]
+    refused = run("new", "--like", "ur5e", "--placed", "other.toml", cwd=tmp_path)
+    assert (refused.returncode, "leave --placed" in refused.stderr) == (2, True)
 
 
 @pytest.mark.slow

@@ -34,7 +34,7 @@ PAPER = read_robot("hexarotor_3link")[0]
 @pytest.fixture(scope="module")
 def paper() -> Figure:
     """The paper's machine in its default posture, drawn once for all that look at it."""
-    return machine_figure(PAPER)
+    return machine_figure("hexarotor_3link")
 
 
 def texts(axes: Axes) -> list[str]:
