@@ -59,8 +59,13 @@ def export_robot(robot: Robot, form: Format) -> tuple[str, list[str]]:
             lost.append("servo but for its torque" + " and rate" * (form == "urdf"))
         if link.friction and link.friction.static != link.friction.coulomb:
             lost.append("static friction")
-        if link.motor:
+        if link.motor and form == "mjcf":
             lost.append("what its rotor does to what carries it")
+            reflected = link.motor.gear_ratio**2 * link.motor.rotor_inertia
+            passive = replace(link.passive, armature=link.passive.armature + reflected)
+            joint = replace(joint, link=replace(link, passive=passive))
+        elif link.motor and joint.kind != "revolute":
+            lost.append("its motor")
         if form != "mjcf" and joint.gear and len(joint.gear.ratios) > 1:
             lost.append(f"that it follows {joint.gear.words}")
             joint = replace(joint, gear=None)
@@ -236,10 +241,7 @@ def source_of(robot: Robot) -> sources.Source:
     for i, link in enumerate(robot.links, start=1):
         links[names[i]] = sources.SourceBody(names[i], as_rigid_body(link.body))
         pose, parent = joint_pose(robot, i), robot.parents[i - 1]
-        gear, passive = link.gear, link.passive
-        if motor := link.motor:
-            reflected = motor.gear_ratio**2 * motor.rotor_inertia
-            passive = replace(passive, armature=passive.armature + reflected)
+        gear = link.gear
         joints.append(
             sources.SourceJoint(
                 labels[i],
@@ -247,7 +249,7 @@ def source_of(robot: Robot) -> sources.Source:
                 names[parent],
                 names[i],
                 centre @ pose if parent == BASE else pose,
-                replace(link, limits=link.drive_limits, passive=passive),
+                replace(link, limits=link.drive_limits),
                 gear=sources.SourceGear(gear.ratios, gear.offset).renamed(labels) if gear else None,
                 driven=link.moves and not gear,
             )

@@ -22,6 +22,7 @@ from gibbs_codegen.exchange.xml_file import Element, child, children, parse_xml,
 from gibbs_codegen.exchange.xml_file import child_text as _text
 from gibbs_codegen.robot.parts.base import FIXED
 from gibbs_codegen.robot.parts.body import RigidBody
+from gibbs_codegen.robot.parts.motor import Motor
 from gibbs_codegen.robot.parts.numbers import AXES, AXIS_PAIRS, LEVEL
 from gibbs_codegen.robot.parts.pose import HERE, Pose, vector
 from gibbs_codegen.robot.parts.rotor import Command
@@ -340,6 +341,10 @@ class _ModelReader:
         axis_of_joint, offset = self._axis(name, axis), self._between(name, moved)
         spring = {"stiffness": stiffness, "rest": rest if stiffness else 0.0}
         link = values.link(name, dynamics, axis_of_joint, limits, **spring)
+        inertia = values.positive(element, "drake:rotor_inertia")
+        ratio = values.number(element, "drake:gear_ratio", 1.0)
+        if kind == "revolute" and inertia and ratio:
+            link = replace(link, motor=Motor(rotor_inertia=inertia, gear_ratio=ratio))
         return sources.SourceJoint(
             name, kind, parent, moved, pose, link, offset, element.line, gear
         )

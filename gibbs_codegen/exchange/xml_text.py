@@ -58,6 +58,15 @@ def urdf_text(source: sources.Source) -> str:
         if any(resisting.values()):
             texts = {key: repr(value) for key, value in resisting.items() if value}
             ET.SubElement(element, "dynamics", texts)
+    for joint in source.joints:
+        if tags := drake_motor(root, joint):
+            name = {"name": f"{joint.name}_motor"}
+            transmission = ET.SubElement(root, "transmission", name)
+            ET.SubElement(transmission, "type").text = "transmission_interface/SimpleTransmission"
+            ET.SubElement(transmission, "joint", name=joint.name)
+            actuator = ET.SubElement(transmission, "actuator", name)
+            for tag, value in tags.items():
+                ET.SubElement(actuator, tag, value=repr(value))
     for number, rotor in enumerate(source.rotors, start=1):
         thrust = links.free(f"thrust{number}")
         _urdf_link(root, thrust)
@@ -74,6 +83,15 @@ def urdf_text(source: sources.Source) -> str:
         _urdf_mount(root, mount, "fixed", frame.pose, (frame.link, frame.name))
     ET.indent(root)
     return f'<?xml version="1.0"?>\n{ET.tostring(root, encoding="unicode")}\n'
+
+
+def drake_motor(root: ET.Element, joint: sources.SourceJoint) -> dict[str, float]:
+    """Tags of Drake, of which the root then says the namespace, of a motor; none without one."""
+    motor = joint.link.motor
+    if motor is None or joint.kind != "revolute":
+        return {}
+    root.set("xmlns:drake", "http://drake.mit.edu")
+    return {"drake:rotor_inertia": motor.rotor_inertia, "drake:gear_ratio": motor.gear_ratio}
 
 
 def along_z(direction: Vector3) -> Angles3:

@@ -204,8 +204,15 @@ def test_rotors_of_transmissions_are_motors_behind_gears(tmp_path: Path) -> None
     rotor = '<drake:gear_ratio value="-60"/><drake:rotor_inertia value="2e-5"/>'
     robot, _ = imported(URDF.replace("</robot>", DRIVEN.format(rotor)), tmp_path)
     assert robot.links[0].motor == Motor(rotor_inertia=2e-5, gear_ratio=-60.0)
-    _, findings = export_robot(robot, "mjcf")
+    text, findings = export_robot(robot, "mjcf")
+    assert f'armature="{2e-5 * 60.0**2!r}"' in text
     assert any("what its rotor does to what carries it" in line for line in findings)
+    for form in ("urdf", "sdf"):
+        text, findings = export_robot(robot, form)
+        assert not any("armature" in line or "motor" in line for line in findings)
+        back, _ = imported(text, tmp_path)
+        assert [link.motor for link in back.links] == [link.motor for link in robot.links]
+        assert [link.passive for link in back.links] == [link.passive for link in robot.links]
     reduced = "<mechanicalReduction>60</mechanicalReduction>"
     path = tmp_path / "hand.xml"
     path.write_text(URDF.replace("</robot>", DRIVEN.format(reduced)), encoding="utf-8")
