@@ -212,6 +212,7 @@ def merged(document: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str,
     """A document with changes in place of what it says, table by table.
 
     A table whose `kind` is changed is replaced as a whole: its other keys belong to the old kind.
+    Entries of lists have their numbers, from 1, for keys.
     Tuples and NumPy's arrays are made lists.
     """
     whole = dict(document)
@@ -221,7 +222,9 @@ def merged(document: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str,
         elif isinstance(value, Mapping):
             before = _table(whole, key)
             same = value.get("kind", before.get("kind")) == before.get("kind")
-            whole[key] = merged(before if same else {}, value)
+            inner = merged(before if same else {}, value)
+            in_list = isinstance(whole.get(key), list) and value.keys() <= before.keys()
+            whole[key] = [*inner.values()] if in_list else inner
         else:
             whole[key] = plain_value(value)
     return whole
@@ -290,6 +293,8 @@ def plain_value(value: Any) -> Any:
 
 
 def _table(document: Mapping[str, Any], key: str) -> Mapping[str, Any]:
-    """The table of a document by its key; an empty one where there is none."""
+    """The table of a document by its key, or a list by numbers; none where it is not there."""
     value = document.get(key)
+    if isinstance(value, list):
+        return {str(k): entry for k, entry in enumerate(value, start=1)}
     return value if isinstance(value, Mapping) else {}

@@ -736,6 +736,18 @@ def test_changes(entries: list[str], changes: dict[str, Any]) -> None:
     assert changes_of(entries) == changes
 
 
+def test_entries_of_lists_are_changed_by_their_numbers() -> None:
+    walls = [{"kind": "plane", "frame": "tip", "point": [1, 0, 0], "normal": [-1, 0, 0]}] * 2
+    tables = {"name": "walls", "duration": 1, "wall": walls, "start": {"offset": [0, 0, 1]}}
+    changes = changes_of(["wall.2.stiffness=400", "start.offset.1=0.5", "wall.1="])
+    scenario = read_scenario(tables, changes)
+    assert [wall.stiffness for wall in scenario.walls] == [400.0]
+    assert scenario.start.position == (0.5, 0.0, 1.0)
+    for entry in ("wall.3.stiffness=400", "wall.3=", "wall.stiffness=400"):
+        with pytest.raises(ScenarioFileError, match="wall"):
+            read_scenario(tables, changes_of([entry]))
+
+
 def test_changes_of_tables_leave_their_other_keys() -> None:
     tables = {
         "name": "a",
