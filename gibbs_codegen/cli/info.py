@@ -36,7 +36,7 @@ from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.robot.names import coordinate_of, link_label, rotor_label
 from gibbs_codegen.robot.parts.constraint import ROWS
 from gibbs_codegen.robot.parts.gear import Gear
-from gibbs_codegen.robot.parts.numbers import AXES, BASE
+from gibbs_codegen.robot.parts.numbers import BASE, SIGNED_AXES
 from gibbs_codegen.robot.parts.part import Part, changed_keys
 from gibbs_codegen.robot.placement import joint_pose, mounted_rotors
 from gibbs_codegen.robot.posture import base_properties, whole_properties
@@ -285,10 +285,9 @@ def _short(values: Sequence[float]) -> str:
 
 def _direction(vector: Sequence[float]) -> str:
     """A direction as robot files have it: x, -y, or components."""
-    for name, axis in AXES.items():
-        for sign, text in ((1.0, name), (-1.0, f"-{name}")):
-            if np.allclose(vector, sign * np.array(axis), rtol=0.0, atol=1e-12):
-                return text
+    for name, axis in SIGNED_AXES.items():
+        if np.allclose(vector, axis, rtol=0.0, atol=1e-12):
+            return name
     return _short(vector)
 
 

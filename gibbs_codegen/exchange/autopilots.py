@@ -55,7 +55,7 @@ class _Vehicle:
                 f"{robot.name} has {robot.rotors} rotors; autopilots take 1 to {_MOST_ROTORS}"
             )
         self.robot, self.words = robot, list[str]()
-        frames = posture.frames_on(robot, posture.AT_ORIGIN, np.zeros(len(robot.moving)))
+        frames = posture.frames_at_origin(robot)
         hanging = hangs(robot)
         whole = posture.base_properties(robot) if hanging else posture.whole_properties(robot)
         self.positions = turned_over(frames.motors - np.array(whole.com))

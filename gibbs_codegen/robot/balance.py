@@ -49,9 +49,7 @@ def wrench_matrix(robot: Robot, joints: Sequence[float] | Array | None = None) -
 
     `joints` are those that move, rad or m, zero if None.
     """
-    frames = posture.frames_on(
-        robot, posture.AT_ORIGIN, np.zeros(len(robot.moving)) if joints is None else joints
-    )
+    frames = posture.frames_at_origin(robot, joints)
     drags = np.array([*robot.base.drag, *(rotor.drag for rotor in robot.thrusters)])
     moments = np.cross(frames.motors, frames.thrusts) + drags[:, np.newaxis] * frames.thrusts
     return np.concatenate([frames.thrusts, moments], axis=1).T
@@ -180,8 +178,7 @@ def hover(robot: Robot, margin: bool = True) -> HoverThrusts:
     if np.abs(matrix @ thrusts - needed).max() > 1e-9 * size:
         # The least moment that thrusts leave which carry the weight.
         forces, moments = matrix[:3], matrix[3:]
-        _, values, right = np.linalg.svd(forces)
-        idle = right[int(np.sum(values > 1e-9 * values[0])) :].T
+        idle = null_space(forces)
         thrusts = np.linalg.lstsq(forces, needed[:3], rcond=1e-9)[0]
         if np.abs(forces @ thrusts - needed[:3]).max() > 1e-9 * size:
             return HoverThrusts(None, None, ())
@@ -302,7 +299,7 @@ def _endurance(
 
 def holding_efforts(robot: Robot, thrusts: Sequence[float]) -> list[float]:
     """Torques (N m), forces (N) that hold joints at zero, the base level, under thrusts (N)."""
-    frames = posture.frames_on(robot, posture.AT_ORIGIN, np.zeros(len(robot.moving)))
+    frames = posture.frames_at_origin(robot)
     links, carriers = frames.links, {frame.name: frame.on for frame in frames_of(robot)}
     loads = np.zeros((len(robot.links) + 1, 6))  # On each body, about the base centre.
     for rotor, unit, thrust in zip(
@@ -500,7 +497,7 @@ _FULLEST = 600.0
 
 def implausible(robot: Robot) -> tuple[str, ...]:
     """Warnings of what is probably grams, millimetres or degrees, with what was perhaps meant."""
-    frames = posture.frames_on(robot, posture.AT_ORIGIN, np.zeros(len(robot.moving)))
+    frames = posture.frames_at_origin(robot)
     ends: list[Array] = [frames.centre, *frames.motors]
     for link, frame in zip(robot.links, frames.links, strict=True):
         body = as_rigid_body(link.body)

@@ -153,16 +153,8 @@ class StateEntries(Places):
         `base` are the base's own, attitude first, each by name and unit with a blank between.
         """
         base_names, base_units = zip(*(entry.split() for entry in base), strict=True)
-        return cls(
-            places.attitude,
-            places.joints,
-            places.position,
-            places.missing,
-            places.nothing,
-            places.wheels,
-            tuple(places.joined(base_names, names)),
-            tuple(places.joined(base_units, units)),
-        )
+        names = tuple(places.joined(base_names, names))
+        return cls(**vars(places), names=names, units=tuple(places.joined(base_units, units)))
 
 
 @dataclass(frozen=True)

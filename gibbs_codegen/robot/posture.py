@@ -137,6 +137,11 @@ def frames_on(robot: Robot, base: PlacedFrame, joints: Sequence[float] | Array) 
     )
 
 
+def frames_at_origin(robot: Robot, joints: Sequence[float] | Array | None = None) -> RobotFrames:
+    """Frames from the base centre in the base's axes; `joints` that move are at zero if None."""
+    return frames_on(robot, AT_ORIGIN, np.zeros(len(robot.moving)) if joints is None else joints)
+
+
 def default_posture(robot: Robot) -> Array:
     """Coordinates q (nq) in which a robot shows its parts.
 
@@ -230,19 +235,19 @@ class MassProperties:
 
 def base_properties(robot: Robot) -> MassProperties:
     """Mass properties of the base: its central body and its rods."""
-    return _sum_of_bodies(base_bodies(robot, frames_on(robot, AT_ORIGIN, _at_zero(robot))))
+    return _sum_of_bodies(base_bodies(robot, frames_at_origin(robot)))
 
 
 def whole_properties(robot: Robot, joints: Sequence[float] | Array | None = None) -> MassProperties:
     """Mass properties of the whole robot, with moving joints at rad or m, at zero if None."""
-    frames = frames_on(robot, AT_ORIGIN, _at_zero(robot) if joints is None else joints)
+    frames = frames_at_origin(robot, joints)
     links = zip((link.body for link in robot.links), frames.links, strict=True)
     return _sum_of_bodies([*base_bodies(robot, frames), *links])
 
 
 def carried_inertia(robot: Robot, i: int) -> float:
     """Inertia, kg m², of all that the joint of link `i` moves, about its axis, joints at zero."""
-    frames, carried = frames_on(robot, AT_ORIGIN, _at_zero(robot)).links, {i}
+    frames, carried = frames_at_origin(robot).links, {i}
     for k, parent in enumerate(robot.parents, start=1):
         if parent in carried:
             carried.add(k)
@@ -254,17 +259,13 @@ def carried_inertia(robot: Robot, i: int) -> float:
 
 def carrier_inertia(robot: Robot, i: int) -> float:
     """Inertia, kg m², about link `i`'s axis of the rigid body that carries it, about its centre."""
-    frames = frames_on(robot, AT_ORIGIN, _at_zero(robot))
+    frames = frames_at_origin(robot)
     carrier = robot.rigid[robot.parents[i - 1]]
     bodies = [(link.body, frame) for link, frame in zip(robot.links, frames.links, strict=True)]
     rigid = [body for body, on in zip(bodies, robot.rigid[1:], strict=True) if on == carrier]
     whole = _sum_of_bodies([*rigid, *(base_bodies(robot, frames) if carrier == BASE else [])])
     axis = frames.links[i - 1].axes @ np.array(robot.links[i - 1].axis)
     return float(axis @ inertia_matrix(whole.inertia) @ axis)
-
-
-def _at_zero(robot: Robot) -> Array:
-    return np.zeros(len(robot.moving))
 
 
 def base_bodies(robot: Robot, frames: RobotFrames) -> list[tuple[Body, PlacedFrame]]:

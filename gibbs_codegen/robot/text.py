@@ -17,7 +17,7 @@ from gibbs_codegen.robot.parts.constraint import Constraint
 from gibbs_codegen.robot.parts.frame import Frame
 from gibbs_codegen.robot.parts.gear import Rolling
 from gibbs_codegen.robot.parts.link import Link
-from gibbs_codegen.robot.parts.numbers import AXES, BASE, Vector3
+from gibbs_codegen.robot.parts.numbers import BASE, SIGNED_AXES, Vector3
 from gibbs_codegen.robot.parts.part import all_keys, changed_keys, changed_numbers
 from gibbs_codegen.robot.parts.pose import HERE, Pose, vector
 from gibbs_codegen.robot.parts.rotor import AIR_KEYS, MAX_ROTORS
@@ -60,22 +60,7 @@ def toml_lines(table: Mapping[str, object], comments: Mapping[str, str] = _NONE)
 
 def direction(vector: Vector3) -> str | Vector3:
     """A unit vector as the letter of its axis, with a minus sign if against it, or itself."""
-    for letter, unit in AXES.items():
-        if vector == unit:
-            return letter
-        if all(entry == -other for entry, other in zip(vector, unit, strict=True)):
-            return f"-{letter}"
-    return vector
-
-
-def body_lines(body: Body) -> list[str]:
-    """The keys of a rod or rigid body, a line each."""
-    return toml_lines(vars(body))
-
-
-def inline_table(body: Body) -> str:
-    """A body as a table on one line."""
-    return "{ " + ", ".join(body_lines(body)) + " }"
+    return next((letter for letter, unit in SIGNED_AXES.items() if vector == unit), vector)
 
 
 def link_lines(robot: Robot, i: int, in_both_forms: bool) -> list[str]:
@@ -122,9 +107,10 @@ def link_lines(robot: Robot, i: int, in_both_forms: bool) -> list[str]:
         of = movers if isinstance(link.gear.of, tuple) else movers[0]
         gear = {"of": of} | changed_keys(link.gear, "of")
         lines += toml_lines({"gear": gear})
-    lines += [line for line in body_lines(link.body) if not link.pose or line != "length = 0.0"]
+    body = toml_lines(vars(link.body))
+    lines += body[1:] if link.pose and not link.body.length else body
     if in_both_forms:
-        rigid = body_lines(rigid_form(link.body))[1:]
+        rigid = toml_lines(vars(rigid_form(link.body)))[1:]
         heading = "The same link as a rigid body, in place of mass_per_length and section_inertia:"
         lines += [f"# {line}" for line in (heading, *rigid)]
     return lines
@@ -229,7 +215,7 @@ def robot_text(robot: Robot, name: str | None = None, to_start_from: bool = Fals
     words = "intrinsic sequence of the attitude angles: any order of x, y and z"
     if base.attitude == "quaternion":
         words = "or an intrinsic sequence of attitude angles: any order of x, y and z"
-    arms = [inline_table(arm) for arm in base.arms]
+    arms = [toml_value(vars(arm)) for arm in base.arms]
     arm = "".join(arms) if len(arms) < 2 else "[\n    " + ",\n    ".join(arms) + ",\n]"
     rigid_arm = [
         "The same arm as a rigid body. Arm 1 counts from the motor, with x towards the centre, the",
@@ -238,7 +224,7 @@ def robot_text(robot: Robot, name: str | None = None, to_start_from: bool = Fals
         "turned. The directions of tilted thrusts turn alike: x and y of motor 1 have other signs.",
     ]
     if base.arms:
-        rigid_arm.append(f"arm = {inline_table(rigid_form(base.arm(1)))}")
+        rigid_arm.append(f"arm = {toml_value(vars(rigid_form(base.arm(1))))}")
     battery = ["[battery]", *toml_lines(all_keys(robot.battery))] if robot.battery else []
     context = {
         "to_start_from": to_start_from,
@@ -255,7 +241,7 @@ def robot_text(robot: Robot, name: str | None = None, to_start_from: bool = Fals
         "azimuth": _list_text(base.azimuth_deg or ()),
         "arm": arm,
         "rigid_arm": rigid_arm if to_start_from else [],
-        "central_body": body_lines(base.body)[1:] if base.body else [],
+        "central_body": toml_lines(vars(base.body))[1:] if base.body else [],
         "battery": battery,
         "rotors": [rotor_lines(robot, k) for k in range(1, len(robot.thrusters) + 1)],
         "links": [link_lines(robot, i, to_start_from and i == links) for i in range(1, links + 1)],

@@ -40,7 +40,8 @@ BASE = 0
 LONGEST_LABEL = 128
 # Squares, and products of a few, are far from overflow and underflow.
 LEAST, MOST = 1e-50, 1e50
-_SIGNED_AXES = AXES | {
+# As robot files have them.
+SIGNED_AXES = AXES | {
     f"-{letter}": (0.0 - x, 0.0 - y, 0.0 - z) for letter, (x, y, z) in AXES.items()
 }
 
@@ -68,10 +69,10 @@ def _order_fault(limits: tuple[float, float]) -> str | None:
 def _axis(value: object) -> object:
     if not isinstance(value, str):
         return tuple(list_of(value, 3))
-    if value not in _SIGNED_AXES:
-        letters = ", ".join(f'"{axis}"' for axis in _SIGNED_AXES)
+    if value not in SIGNED_AXES:
+        letters = ", ".join(f'"{axis}"' for axis in SIGNED_AXES)
         raise fault(f"must be {letters} or a direction [x, y, z], not {shown(value)}")
-    return _SIGNED_AXES[value]
+    return SIGNED_AXES[value]
 
 
 def _unit_vector(direction: Vector3) -> Vector3:
@@ -128,7 +129,7 @@ Direction = Annotated[
     InSchema(
         {
             "anyOf": [
-                {"enum": list(_SIGNED_AXES)},
+                {"enum": list(SIGNED_AXES)},
                 {"type": "array", "items": {"type": "number"}, "minItems": 3, "maxItems": 3},
             ]
         }
