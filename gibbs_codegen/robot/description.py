@@ -300,6 +300,20 @@ class Description:
             parameters += [Coordinate(f"{prefix}_{name}", unit, "") for name, unit in units.items()]
         return tuple(parameters)
 
+    @property
+    def explained(self) -> dict[str, tuple[Coordinate, ...]]:
+        """Entries that have units, by the module's constants that list their names."""
+        return {
+            "COORDINATES": self.coordinates,
+            "VELOCITIES": self.velocities,
+            "HYBRID_COORDINATES": self.hybrid_coordinates,
+            "INPUTS": self.inputs,
+            "BASE_PARAMETERS": self.base_parameters,
+            "COMMANDS": self.commands,
+            "ACTUATOR_STATES": self.actuator_states,
+            "CONSTRAINT_ROWS": self.constraint_rows,
+        }
+
     def lists(self, functions: Collection[str] = ()) -> dict[str, tuple[str, ...]]:
         """Names of what arguments and results have entries or rows for, by the module's constants.
 

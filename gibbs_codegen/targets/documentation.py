@@ -5,7 +5,7 @@ from __future__ import annotations
 import textwrap
 from functools import lru_cache
 
-from gibbs_codegen.interface import ARGUMENTS, FUNCTIONS, Output, Row, Signature
+from gibbs_codegen.interface import ARGUMENTS, FUNCTIONS, LISTS, Output, Row, Signature
 from gibbs_codegen.program.model import Model
 from gibbs_codegen.program.nodes import Function
 from gibbs_codegen.robot.description import Coordinate, Description
@@ -145,14 +145,10 @@ def argument_text(description: Description, argument: str) -> str:
     prefix = "" if own_names else row.prefix
     if not shape:
         return f"{prefix} [{row.unit}]"
-    listed = {
-        "q": description.coordinates,
-        "v": description.velocities,
-        "u": description.inputs,
-        "m": description.commands,
-        "z": description.actuator_states,
-        "g": [Coordinate(name, "1", "") for name in description.lists().get("CONSTRAINTS", ())],
-    }[shape]
+    if shape == "g":
+        listed = [Coordinate(name, "1", "") for name in description.lists().get("CONSTRAINTS", ())]
+    else:
+        listed = [*description.explained[LISTS[shape]]]
     units = {c.name: row.unit.format(unit=c.unit, step=c.unit.removesuffix("/s")) for c in listed}
     return ", ".join(f"{prefix}{name} [{unit}]" for name, unit in units.items())
 

@@ -14,7 +14,7 @@ from gibbs_codegen.machine.steps import emitted_step
 from gibbs_codegen.program.model import Model
 from gibbs_codegen.program.nodes import names_in
 from gibbs_codegen.program.patterns import patterns
-from gibbs_codegen.robot.description import Coordinate, Description
+from gibbs_codegen.robot.description import Description
 from gibbs_codegen.targets.documentation import (
     HANGING,
     argument_text,
@@ -202,17 +202,7 @@ def list_texts(
     `table` explains the entries, and `results` is what the function returns. Whether entries have
     units goes by the kind of list, not by whether this robot has any entries.
     """
-    explained: dict[str, tuple[Coordinate, ...]] = {
-        "COORDINATES": description.coordinates,
-        "VELOCITIES": description.velocities,
-        "HYBRID_COORDINATES": description.hybrid_coordinates,
-        "INPUTS": description.inputs,
-        "BASE_PARAMETERS": description.base_parameters,
-        "COMMANDS": description.commands,
-        "ACTUATOR_STATES": description.actuator_states,
-        "CONSTRAINT_ROWS": description.constraint_rows,
-    }
-    texts = {}
+    texts, explained = {}, description.explained
     for constant, names in description.lists(functions).items():
         name, what = LISTS[constant]
         has_units = constant in explained
