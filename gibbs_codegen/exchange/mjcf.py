@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -75,15 +76,11 @@ def read_mjcf(path: Path, data: bytes, base: str | None, friction: bool = False)
     require("mujoco", printable(path))
     import mujoco
 
-    # Else warnings are printed, and written to a file in the working directory.
-    former = mujoco.get_mju_user_warning()
-    mujoco.set_mju_user_warning(lambda message: None)
     try:
-        model = mujoco.MjModel.from_xml_string(texts.text, texts.models)
+        with without_log():
+            model = mujoco.MjModel.from_xml_string(texts.text, texts.models)
     except (ValueError, mujoco.FatalError, mujoco.UnexpectedError) as error:
         raise texts.refused_by_mujoco(error) from None
-    finally:
-        mujoco.set_mju_user_warning(former)
     if model.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_GRAVITY:
         model.opt.gravity[:] = 0.0
     x, y, z = model.opt.gravity
@@ -92,6 +89,22 @@ def read_mjcf(path: Path, data: bytes, base: str | None, friction: bool = False)
         options = [e for e in texts.elements if "gravity" in e.attrib]
         raise texts.refused(options[-1], words)
     return _CompiledModel(model, str(path), texts.findings, friction).source(base)
+
+
+@contextmanager
+def without_log() -> Iterator[None]:
+    """Keep MuJoCo's warnings, such as of a matrix close to singular, from being told.
+
+    Where nothing takes them, they are printed, and written to a file in the working folder.
+    """
+    import mujoco
+
+    former = mujoco.get_mju_user_warning()
+    mujoco.set_mju_user_warning(lambda _: None)
+    try:
+        yield
+    finally:
+        mujoco.set_mju_user_warning(former)
 
 
 class _CompiledModel:

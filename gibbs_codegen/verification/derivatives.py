@@ -32,7 +32,7 @@ from gibbs_codegen.verification.complex_steps import ComplexSteps
 from gibbs_codegen.verification.constraints import Constraints
 from gibbs_codegen.verification.formulation import formulated
 from gibbs_codegen.verification.newton_euler import NewtonEuler
-from gibbs_codegen.verification.parameters import Dimension, mapped
+from gibbs_codegen.verification.parameters import mapped, robot_numbers
 from gibbs_codegen.verification.states import Sizes, States
 from gibbs_codegen.verification.tree import Tree
 from gibbs_codegen.verification.vectors import Array, cross, times
@@ -567,20 +567,13 @@ def _hessian_rows(function: _Forces, values: Values) -> Iterator[DerivativeRow]:
 
 def _parameter_rows(function: _Forces | _OfActuators, values: Values) -> Iterator[DerivativeRow]:
     """Derivatives by the parameters, of the results or of their weighed sum."""
-    point, units, kinks = function.point, {}, set()
-    reach, mass, period = point.tree.reach, point.robot.total_mass, 1.0 / point.tree.tempo
-
-    def note(name: str, value: float, dimension: Dimension) -> float:
-        units[name] = abs(value) or dimension.unit(reach, mass, period)
-        if dimension.no_zero and value == 0.0:  # There it has no derivative.
-            kinks.add(name)
-        return value
-
-    mapped(point.robot, note)
-    names = [*point.call.module.PARAMETERS]
+    point, numbers = function.point, robot_numbers(function.point.robot)
+    natural = point.tree.reach, point.robot.total_mass, 1.0 / point.tree.tempo
+    pairs = [numbers[name] for name in point.call.module.PARAMETERS]
     theirs = point.steps.by_parameters(function, function.at)
-    size = function.size_by(np.array([units[name] for name in names]))
-    smooth = [name not in kinks for name in names]
+    size = function.size_by(np.array([abs(x) or of.unit(*natural) for x, of in pairs]))
+    # Zeros of what is no zero have no derivative.
+    smooth = [x != 0.0 or not of.no_zero for x, of in pairs]
     for what, ours in values.items():
         if isinstance(function, _Forces) and ours.ndim < theirs.ndim:
             theirs = np.einsum("sij,si->sj", theirs, function.w)

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
+from collections.abc import Iterable
 
 import mujoco
 import numpy as np
 
+from gibbs_codegen.exchange.mjcf import without_log
 from gibbs_codegen.verification.formulation import NotApplicableError, Quantities, state_by_state
 from gibbs_codegen.verification.states import States
 from gibbs_codegen.verification.tree import WORLD, Joint, Tree
@@ -42,7 +42,7 @@ class MuJoCo:
             self._thicker = [MuJoCo(tree, 1.0), MuJoCo(tree, 2.0)]
             return
         try:
-            with _without_log():
+            with without_log():
                 children = {
                     number: [k for k, joint in enumerate(tree.joints) if joint.parent == number]
                     for number in range(WORLD, len(tree.joints))
@@ -72,7 +72,7 @@ class MuJoCo:
                 thicker.tree = self.tree  # The base may have been placed since.
             both = zip(*(thicker.at(states) for thicker in self._thicker), strict=True)
             return Quantities._make(None if x is None else 2.0 * x - y for x, y in both)
-        with _without_log():
+        with without_log():
             return state_by_state(self._at, self.tree, states, self._places)
 
     def _at(self, q: Array, v: Array, a: Array, rotation: Array, position: Array) -> Quantities:
@@ -108,21 +108,6 @@ class MuJoCo:
             kinetic_energy=data.energy[1],
             potential_energy=data.energy[0],
         )
-
-
-@contextmanager
-def _without_log() -> Iterator[None]:
-    """Keep MuJoCo's warnings, such as of a matrix close to singular, out of the current folder.
-
-    Where nothing takes them, MuJoCo writes them to a file MUJOCO_LOG.TXT there. What they mean for
-    the numbers shows when these are compared.
-    """
-    former = mujoco.get_mju_user_warning()
-    mujoco.set_mju_user_warning(lambda _: None)
-    try:
-        yield
-    finally:
-        mujoco.set_mju_user_warning(former)
 
 
 def _body_text(tree: Tree, children: dict[int, list[int]], number: int, more: float) -> str:

@@ -9,7 +9,7 @@ converted back. The units are powers of two, so that no number loses a digit.
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import cache
@@ -178,16 +178,21 @@ class _Mapping:
         return self._part(prefix, body) if self.of_body is None else self.of_body(body)
 
 
-def parameter_values(robot: Robot) -> dict[str, float]:
+def robot_numbers(robot: Robot) -> dict[str, tuple[float, Dimension]]:
     """Every number of the robot that can be a parameter, zeros included, in SI units."""
-    values: dict[str, float] = {}
+    numbers: dict[str, tuple[float, Dimension]] = {}
 
-    def note(name: str, value: float, _: Dimension) -> float:
-        values[name] = value
+    def note(name: str, value: float, dimension: Dimension) -> float:
+        numbers[name] = value, dimension
         return value
 
     mapped(robot, note)
-    return values
+    return numbers
+
+
+def parameter_values(robot: Robot) -> dict[str, float]:
+    """The values of these numbers."""
+    return {name: value for name, (value, _) in robot_numbers(robot).items()}
 
 
 def prepared(module: ModuleType, robot: Robot) -> Any:
@@ -324,7 +329,8 @@ def variations(
     """
     yield from (variation(robot, names, seed, number) for number in range(count))
     # Masses are zero by themselves, since others are their factors.
-    ordered = sorted(set(names) - _no_zeros(robot))
+    no_zeros = {name for name, (_, dimension) in robot_numbers(robot).items() if dimension.no_zero}
+    ordered = sorted({*names} - no_zeros)
     masses = [name for name in ordered if name.endswith(("_mass", "_mass_per_length"))]
     others = [name for name in ordered if name not in masses]
     groups = [*(others[i::count] for i in range(count)), masses[::2], masses[1::2]]
@@ -336,7 +342,7 @@ def variations(
         waiting = [list(group)]
         while waiting:
             part = waiting.pop()
-            other = _with_zeros(varied, [*zero, *part])
+            other = with_values(varied, dict.fromkeys([*zero, *part], 0.0))
             # Modules want a mass too, even where moments of inertia alone would determine all.
             if other.total_mass > 0.0 and determined(other):
                 zero += part
@@ -346,24 +352,7 @@ def variations(
         kept_back = [name for name in group if name not in zero]
         if zero and kept_back:
             groups.append(kept_back)
-        yield _with_zeros(varied, zero)
-
-
-def _no_zeros(robot: Robot) -> set[str]:
-    """Names of the numbers that are no zeros."""
-    divisors = set()
-
-    def note(name: str, value: float, dimension: Dimension) -> float:
-        if dimension.no_zero:
-            divisors.add(name)
-        return value
-
-    mapped(robot, note)
-    return divisors
-
-
-def _with_zeros(robot: Robot, names: Sequence[str]) -> Robot:
-    return with_values(robot, dict.fromkeys(names, 0.0))
+        yield with_values(varied, dict.fromkeys(zero, 0.0))
 
 
 def determined(robot: Robot, least: float = _DETERMINED) -> bool:
