@@ -85,17 +85,16 @@ def export_robot(robot: Robot, form: Format) -> tuple[str, list[str]]:
     for kind, ties in robot.by_kind.items():
         if lost := [tie.name for tie in ties if tie.name not in written]:
             missing.append(f"{kind}: {', '.join(lost)}")
-    if robot.battery:
-        missing.append("the battery")
-    if robot.base.drive or robot.wheels:
-        missing.append("that wheels roll, and that no base with a drive slips sideways")
-    if any(rotor.spin_inertia for rotor in robot.thrusters):
-        missing.append("spin inertias of rotors")
-    slow = [rotor.name for rotor in source.rotors if rotor.time_constant]
-    if form == "urdf" and slow:
-        missing.append(f"time constants of {', '.join(slow)}")
-    if form != "mjcf" and source.gravity != 9.81:
-        missing.append(f"gravity of {source.gravity:g} m/s²")
+    slow = [rotor.name for rotor in source.rotors if rotor.time_constant and form == "urdf"]
+    others = {
+        "the battery": robot.battery,
+        "that wheels roll, and that no base with a drive slips sideways": robot.base.drive
+        or robot.wheels,
+        "spin inertias of rotors": any(rotor.spin_inertia for rotor in robot.thrusters),
+        f"time constants of {', '.join(slow)}": slow,
+        f"gravity of {source.gravity:g} m/s²": form != "mjcf" and source.gravity != 9.81,
+    }
+    missing += [what for what, there in others.items() if there]
     source, renamed = with_free_names(replace(source, joints=tuple(joints)), form)
     lines = [*(f"left out: {line}" for line in missing), *renamed]
     if (motion := robot.base.motion) in LEVEL_MOTIONS and (moved := robot.base.moved):

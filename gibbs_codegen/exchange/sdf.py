@@ -203,8 +203,7 @@ class _ModelReader:
 
     def place(self, link: str) -> Pose:
         """The pose of a link in the world."""
-        pose = child(self._model, "pose")
-        place = HERE if pose is None else self._placement(pose)
+        place = self._placement(child(self._model, "pose"))
         if placed := self._model.get("placement_frame"):
             place @= self._between(MODEL, placed).inverse
         return place @ self._between(MODEL, link)
@@ -228,7 +227,7 @@ class _ModelReader:
         for name, by in names.items():
             if name not in (MODEL, WORLD) and not self._is_placed(name, by):
                 return MODEL, HERE
-        return outer or default, HERE if pose is None else self._placement(pose)
+        return outer or default, self._placement(pose)
 
     def _is_placed(self, name: str, by: Element) -> bool:
         """True if a link, joint or frame that an element names is there; else it is a fault."""
@@ -237,9 +236,9 @@ class _ModelReader:
             self._values.fault(by, words + near(name, self.elements))
         return name in self.elements
 
-    def _placement(self, element: Element) -> Pose:
+    def _placement(self, element: Element | None) -> Pose:
         """The numbers of a pose: a place, then roll, pitch and yaw or a quaternion."""
-        if not (element.text or "").strip():
+        if element is None or not (element.text or "").strip():
             return HERE
         if element.get("rotation_format") == "quat_xyzw":
             x, y, z, *turn = _numbers(self._values, element, 7)
@@ -305,7 +304,7 @@ class _ModelReader:
         values, inertial = self._values, child(element, "inertial")
         if inertial is not None and inertial.get("auto") in ("true", "1"):
             values.fault(inertial, "has its inertia from shapes, which import does not read")
-        entries = None if inertial is None else child(inertial, "inertia")
+        entries = child(inertial, "inertia")
         mass = values.positive(inertial, "mass", 1.0)
         inertia = values.inertia(entries, 1.0)
         lacking = [] if _text(inertial, "mass") else ["mass"]
@@ -314,8 +313,7 @@ class _ModelReader:
         if lacking:
             words = f"no {', '.join(lacking)} in the file, for which SDF has 1 kg and 1 kg m²"
             values.report("note", name, words)
-        pose = None if inertial is None else child(inertial, "pose")
-        place = HERE if pose is None else self._placement(pose)
+        place = self._placement(child(inertial, "pose"))
         return sources.SourceBody(name, RigidBody(mass=mass, inertia=inertia), place, element.line)
 
     def _joint(self, name: str, element: Element) -> sources.SourceJoint:
@@ -330,13 +328,11 @@ class _ModelReader:
         if kind == "fixed":
             pass_over(axis)
             axis = None
-        limit, dynamics = (
-            None if axis is None else child(axis, tag) for tag in ("limit", "dynamics")
-        )
-        limits = values.limits(limit, word == "continuous")
+        dynamics = child(axis, "dynamics")
+        limits = values.limits(child(axis, "limit"), word == "continuous")
         stiffness = values.number(dynamics, "spring_stiffness", 0.0)
         rest = values.number(dynamics, "spring_reference", 0.0)
-        gear = values.gear(None if axis is None else child(axis, "mimic"))
+        gear = values.gear(child(axis, "mimic"))
         pose = self._between(parent if parent in self.elements else MODEL, name)
         axis_of_joint, offset = self._axis(name, axis), self._between(name, moved)
         spring = {"stiffness": stiffness, "rest": rest if stiffness else 0.0}
@@ -351,8 +347,7 @@ class _ModelReader:
 
     def _axis(self, name: str, axis: Element | None) -> tuple[float, float, float]:
         """The unit vector of a joint's axis in the joint's frame."""
-        components = None if axis is None else child(axis, "xyz")
-        if axis is None or components is None:
+        if (components := child(axis, "xyz")) is None:
             return AXES["z"]
         direction = np.array(_numbers(self._values, components, 3))
         if seen_from := components.get("expressed_in"):

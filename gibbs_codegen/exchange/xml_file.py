@@ -67,9 +67,9 @@ class _Refused(Exception):  # noqa: N818 - it never leaves this module
     """Why the parser was stopped."""
 
 
-def child(element: Element, tag: str) -> Element | None:
-    """The first child of a tag, which is read by that, or None."""
-    first = next(iter(children(element, tag)), None)
+def child(element: Element | None, tag: str) -> Element | None:
+    """The first child of a tag, which is read by that, or None; of no element there is none."""
+    first = None if element is None else next(iter(children(element, tag)), None)
     if first is not None:
         first.read.add("")
     return first
@@ -77,7 +77,7 @@ def child(element: Element, tag: str) -> Element | None:
 
 def child_text(element: Element | None, tag: str) -> str:
     """The text of the first child of a tag, empty if there is none."""
-    inner = None if element is None else child(element, tag)
+    inner = child(element, tag)
     return "" if inner is None else (inner.text or "").strip()
 
 
