@@ -285,13 +285,8 @@ class ModuleLibrary:
 
         Raises `CompilerError`, `CacheError` and `UsageError` as `compiled_files` does.
         """
-        if self._is_whole:
-            return compiled_library(self._folder, self._name, self._compiler, self._flags)
-        rows = {_ROWS: native_source("rows.c").encode()}
-        files = c_files(self._name)
-        return compiled_files(
-            self._folder, self._name, files, self._compiler, self._flags, rows, functions=()
-        )
+        where = self._folder, self._name, self._compiler, self._flags
+        return compiled_library(*where, None if self._is_whole else ())
 
     @functools.cached_property
     def digest(self) -> str:
@@ -305,10 +300,7 @@ class ModuleLibrary:
         Raises as `core` does, and `CompilerError` where the library lacks it.
         """
         library = self._library(self._unit(name, form))
-        symbol = f"{self._name}_{name}{form}"
-        if not hasattr(library, symbol):
-            raise CompilerError(f"the library has no {symbol}; do flags in CC hide or rename it?")
-        return library[symbol]
+        return _function(library, f"{self._name}_{name}{form}")
 
     @contextmanager
     def built(self, ahead: Callable[[], Callable[[], object]] | None = None) -> Iterator[None]:
@@ -391,14 +383,18 @@ class ModuleLibrary:
 
 
 def compiled_library(
-    folder: Path, name: str, compiler: Compiler, extra: Sequence[str] = ()
+    folder: Path,
+    name: str,
+    compiler: Compiler,
+    extra: Sequence[str] = (),
+    functions: Collection[str] | None = None,
 ) -> Path:
-    """Path of a shared library of all that a generated module has in C, with `rows.c`.
+    """Path of a shared library of what a generated module has in C, with `rows.c`.
 
-    `extra` flags come after the compiler's.
+    `extra` flags come after the compiler's. There are only some `functions`, unless they are None.
     """
     rows = {_ROWS: native_source("rows.c").encode()}
-    return compiled_files(folder, name, c_files(name), compiler, extra, rows)
+    return compiled_files(folder, name, c_files(name), compiler, extra, rows, functions)
 
 
 def compiled_files(
@@ -446,18 +442,24 @@ def compiled_files(
     digests = [hashlib.sha256(text).hexdigest() for text in texts.values()]
 
     def make(output: Path) -> None:
-        sources = output.parent / "source"
-        sources.mkdir()
-        for file, text in texts.items():
-            (sources / file).write_bytes(text)
-        compiled = [file for file in texts if file.endswith(".c") and file not in passed_over]
         # Other flags take another time.
         seconds = None if extra else lambda: _seconds(texts.values())
-        with announced(_compiling(name, what), seconds):
-            compiler.library([sources / file for file in compiled], output, extra)
-        shutil.rmtree(sources)
+        with _written(texts, output) as files, announced(_compiling(name, what), seconds):
+            compiled = [file for file in files if file.name not in passed_over]
+            compiler.library(compiled, output, extra)
 
     return cached_library("\n".join([compiler.identity, name, *extra, *digests]), make)
+
+
+@contextmanager
+def _written(texts: Mapping[str, bytes], output: Path) -> Iterator[list[Path]]:
+    """Paths of the C files among texts by their names, which are beside the output meanwhile."""
+    folder = output.parent / "source"
+    folder.mkdir()
+    for file, text in texts.items():
+        (folder / file).write_bytes(text)
+    yield [folder / file for file in texts if file.endswith(".c")]
+    shutil.rmtree(folder)
 
 
 def _compiling(name: str, what: str) -> str:
@@ -478,11 +480,9 @@ def portable_library(name: str, sources: Mapping[str, str]) -> Path:
     compiler = chosen_compiler()
 
     def make(output: Path) -> None:
-        with tempfile.TemporaryDirectory() as folder, announced(f"{name}: compiling its FMU"):
-            for file, text in sources.items():
-                (Path(folder) / file).write_text(text, encoding="utf-8")
-            compiled = [Path(folder) / file for file in sources if file.endswith(".c")]
-            compiler.portable(compiled, output)
+        texts = {file: text.encode() for file, text in sources.items()}
+        with _written(texts, output) as files, announced(f"{name}: compiling its FMU"):
+            compiler.portable(files, output)
 
     return cached_library("\n".join([*_PORTABLE, compiler.identity, *sources.values()]), make)
 
@@ -514,9 +514,15 @@ def opened_core(path: Path, prefix: str) -> ctypes.CDLL:
     """
     library = opened(path)
     for name in (f"{prefix}_init_constants", "gibbs_codegen_rows", "gibbs_codegen_lost"):
-        if not hasattr(library, name):
-            raise CompilerError(f"the library has no {name}; do flags in CC hide or rename it?")
+        _function(library, name)
     return library
+
+
+def _function(library: ctypes.CDLL, name: str) -> Any:
+    """A function of a library. Raises `CompilerError` where this lacks it."""
+    if not hasattr(library, name):
+        raise CompilerError(f"the library has no {name}; do flags in CC hide or rename it?")
+    return library[name]
 
 
 @contextmanager
