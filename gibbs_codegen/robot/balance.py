@@ -22,7 +22,7 @@ from gibbs_codegen.robot.parts.numbers import AXIS_PAIRS, BASE
 from gibbs_codegen.robot.parts.spring import SHORTEST
 from gibbs_codegen.robot.placement import mounted_rotors
 from gibbs_codegen.robot.rotations import Array
-from gibbs_codegen.robot.wrenches import directions, farthest, null_space
+from gibbs_codegen.robot.wrenches import directions, farthest, null_space, rank
 
 # Fewer times better is a matter of taste.
 _FAR_BETTER = 3.0
@@ -60,11 +60,11 @@ def arrangement(robot: Robot, joints: Sequence[float] | Array | None = None) -> 
 
     `joints` are those that move, rad or m, zero if None.
     """
-    left, values, _ = np.linalg.svd(wrench_matrix(robot, joints))
-    rank = int(np.sum(values > 1e-9 * values[0])) if values.any() else 0
-    full = rank == len(left)
-    condition = float(values[0] / values[-1]) if full else float("inf")
-    return Arrangement(rank, condition, directions(left[:, rank:]))
+    matrix = wrench_matrix(robot, joints)
+    left, values, _ = np.linalg.svd(matrix)
+    reached = rank(matrix)
+    condition = float(values[0] / values[-1]) if reached == len(left) else float("inf")
+    return Arrangement(reached, condition, directions(left[:, reached:]))
 
 
 def carried_rotors(robot: Robot) -> tuple[int, ...]:

@@ -52,10 +52,15 @@ def _in_words(direction: Array, names: Sequence[str]) -> str:
     return " ".join(parts)
 
 
+def rank(matrix: Array) -> int:
+    """In how many directions what a matrix maps can be commanded."""
+    values = np.linalg.svd(matrix, compute_uv=False)
+    return int(np.sum(values > RANK * values.max(initial=0.0)))
+
+
 def null_space(matrix: Array) -> Array:
     """Orthonormal columns that a matrix maps to zero."""
-    _, values, right = np.linalg.svd(matrix)
-    return right[int(np.sum(values > RANK * values.max(initial=0.0))) :].T
+    return np.asarray(np.linalg.svd(matrix)[2][rank(matrix) :].T)
 
 
 def leans(axis: Array, along: Sequence[int], about: Sequence[int]) -> bool:

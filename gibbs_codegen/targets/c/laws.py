@@ -15,14 +15,11 @@ from gibbs_codegen.program.model import Model
 from gibbs_codegen.robot.balance import carried_rotors, tried_postures, wrench_matrix
 from gibbs_codegen.robot.layout import check_no_wheels, layout_of
 from gibbs_codegen.robot.model import Robot
-from gibbs_codegen.robot.rotations import Array
-from gibbs_codegen.robot.wrenches import DIRECTIONS, directions, leans
+from gibbs_codegen.robot.wrenches import DIRECTIONS, directions, leans, rank
 from gibbs_codegen.targets.c.calls import check_calls, model_functions
 from gibbs_codegen.targets.printers import Lines
 
 OBSERVER = "momentum_observer"
-# Singular values below this share of the largest belong to directions that rotors cannot command.
-_RANK = 1e-9
 
 
 def calls() -> dict[str, tuple[str, ...]]:
@@ -73,11 +70,6 @@ def check_laws(laws: str | Sequence[str], targets: Sequence[str]) -> tuple[str, 
     return tuple(law for law in calls() if law in laws)
 
 
-def _rank(matrix: Array) -> int:
-    values = np.linalg.svd(matrix, compute_uv=False)
-    return int(np.sum(values > _RANK * np.max(values, initial=0.0)))
-
-
 def _check(robot: Robot, law: str, frames: Sequence[str]) -> None:
     """Raise `UsageError` if rotors do not command what a law needs, or there is no tip to move."""
     check_no_wheels(robot.name, robot.kind, "--laws: laws are")
@@ -91,37 +83,31 @@ def _check(robot: Robot, law: str, frames: Sequence[str]) -> None:
     postures = tried_postures(robot) if carried_rotors(robot) else [None]
     turn = np.kron(np.eye(2), robot.base.pose.matrix)[rows]
     matrices = [turn @ wrench_matrix(robot, x) for x in postures] if rows else [np.zeros((0, 0))]
-    matrix = max(matrices, key=_rank)
-    forces = matrix[: len(along)]
-    rank, axes = _rank(matrix), _rank(forces)
-    left, names = np.linalg.svd(matrix)[0], [DIRECTIONS[row] for row in rows]
-    full, one_axis = rank == len(rows), (rank, axes) == (1 + len(about), 1)
+    matrix = max(matrices, key=rank)
+    forces, reached = matrix[: len(along)], rank(matrix)
+    full, one_axis = reached == len(rows), (reached, rank(forces)) == (1 + len(about), 1)
     if one_axis:
         axis = np.zeros(3)
         axis[along] = forces[:, np.argmax(np.linalg.norm(forces, axis=0))]
         one_axis = not full and leans(axis / np.linalg.norm(axis), along, about)
     every = LAWS | LEARNING
-    of_rotors = {name: row for name, row in every.items() if (one_axis if row.leans else full)}
-    joints = len(robot.moving)
-    suiting = [
-        name
-        for name, row in of_rotors.items()
-        if row.hindrance(joints, "the tip") is None and ("tip" in frames or not row.moves_frame)
-    ]
+    of_rotors = [name for name, row in every.items() if (one_axis if row.leans else full)]
+    hindrances = {name: every[name].hindrance(len(robot.moving), "the tip") for name in of_rotors}
+    unnamed = [name for name in of_rotors if every[name].moves_frame and "tip" not in frames]
+    suiting = [name for name in of_rotors if hindrances[name] is None and name not in unnamed]
     if law in suiting:
         return
+    choice = f"choose {' or '.join(suiting)}"
     if law in of_rotors:
-        lacks, remedy = (
-            every[law].hindrance(joints, "the tip"),
-            f"choose {' or '.join(suiting)}",
-        )
+        lacks, remedy = hindrances[law], choice
         if lacks is None:
             lacks = f"the law moves the frame tip, and the frames are {', '.join(frames)}"
             remedy = 'name the frame that it is to move "tip", as a [[frame]] in the robot file'
         raise UsageError(f"--laws {law}: {robot.name}: {lacks}; {remedy}")
     lacks = f"those of {robot.name} command all directions"
     if not full:
-        missing = ", ".join(directions(left[:, rank:], names))
+        left, names = np.linalg.svd(matrix)[0], [DIRECTIONS[row] for row in rows]
+        missing = ", ".join(directions(left[:, reached:], names))
         lacks = (
             f"the rotors of {robot.name} cannot command {missing} (in the base's frame, about the "
             "base centre)"
@@ -129,5 +115,5 @@ def _check(robot: Robot, law: str, frames: Sequence[str]) -> None:
     needed = "the base must be fully actuated"
     if every[law].leans:
         needed = "the rotors must push along one axis and command three moments"
-    remedy = f"choose {' or '.join(suiting)}" if suiting else "tilt some thrusts in the robot file"
+    remedy = choice if suiting else "tilt some thrusts in the robot file"
     raise UsageError(f"--laws {law}: {needed}, but {lacks}; {remedy}")
