@@ -35,7 +35,7 @@ from gibbs_codegen.flight.scenario import parts
 from gibbs_codegen.flight.scenario.numbers import JointName, Number, Positive
 from gibbs_codegen.flight.scenario.orientation import AnyAttitude, Level
 from gibbs_codegen.flight.scenario.paths import AnyPath, Path, Sum
-from gibbs_codegen.flight.scenario.scenario import ArmTask, Limits, Scenario, order_faults
+from gibbs_codegen.flight.scenario.scenario import ArmKeys, ArmTask, Limits, Scenario, order_faults
 from gibbs_codegen.flight.scenario.walls import AnyWall
 
 _FOLDER = "scenarios"
@@ -115,7 +115,7 @@ _Moves = Annotated[
 
 
 @file_table
-class ArmTable(Table):
+class ArmTable(ArmKeys, Table):
     """The task of the arm: bring the tip along a path, or keep a posture, or move from it.
 
     Names of joints are those of their coordinates, such as theta_7 and d_8.
@@ -158,19 +158,6 @@ class ArmTable(Table):
     moves_deg: dict[JointName, _Moves] = optional(
         "moves of revolute joints from the posture on, in degrees", dict
     )
-
-    @classmethod
-    def _key_faults(cls, values: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
-        """Faults of keys that say twice what the arm does, and of a guess without a tip path."""
-        tips = [entry for entry in ("tip", "tip_beside_base") if entry in values]
-        led = [*tips, *(["frames"] if "frames" in values else [])]
-        postures = ("posture", "posture_deg", "moves", "moves_deg")
-        others = [*tips[1:], *(entry for entry in postures if entry in values)]
-        if led and others:
-            yield others[0], f"{led[0]} already says what the arm does; give one of them"
-        for entry in ("guess", "guess_deg"):
-            if entry in values and not led:
-                yield entry, "is where the search for a tip path begins; give a tip"
 
     def _faults(self) -> Iterator[tuple[Place, str]]:
         """Faults of a tip with two paths, and of postures and moves beyond the limits."""

@@ -38,8 +38,25 @@ def order_faults(moves: Sequence[parts.Move]) -> Iterator[tuple[Place, str]]:
             return
 
 
+class ArmKeys:
+    """Keys by which an arm is told what it does: in a scenario file some end in `_deg`."""
+
+    @classmethod
+    def _key_faults(cls, values: Mapping[str, Any]) -> Iterator[tuple[str | Place, str]]:
+        """Faults of keys that say twice what the arm does, and of a guess without a tip path."""
+        tips = [entry for entry in ("tip", "tip_beside_base") if entry in values]
+        led = [*tips, *(["frames"] if "frames" in values else [])]
+        postures = ("posture", "posture_deg", "moves", "moves_deg")
+        others = [*tips[1:], *(entry for entry in postures if entry in values)]
+        if led and others:
+            yield others[0], f"{led[0]} already says what the arm does; give one of them"
+        for entry in ("guess", "guess_deg"):
+            if entry in values and not led:
+                yield entry, "is where the search for a tip path begins; give a tip"
+
+
 @table
-class ArmTask(Table):
+class ArmTask(ArmKeys, Table):
     """The task of the arm: bring the tip along a path, or keep a posture, or move from it.
 
     With a `tip` path the joints follow from it, from `guess` on (many postures are tried where
@@ -62,16 +79,6 @@ class ArmTask(Table):
     velocity: Mapping[JointName, Positive] = field(default_factory=dict)
     named: frozenset[tuple[str, str]] = frozenset()
     moves: Mapping[JointName, Sequence[parts.Move]] = field(default_factory=dict)
-
-    @classmethod
-    def _key_faults(cls, values: Mapping[str, Any]) -> Iterator[tuple[str | Place, str]]:
-        """Faults of keys that say twice what the arm does, and of a guess without a tip path."""
-        led = [key for key in ("tip", "frames") if key in values]
-        for key in ("posture", "moves"):
-            if led and key in values:
-                yield key, f"{led[0]} already says what the arm does; give one of them"
-        if "guess" in values and not led:
-            yield "guess", "is where the search for a tip path begins; give a tip"
 
     def _faults(self) -> Iterator[tuple[Place, str]]:
         """Faults of moves that overlap, and of a tip with two paths."""
