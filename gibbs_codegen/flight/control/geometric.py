@@ -38,7 +38,7 @@ class LeaningController(Controller):
     def check_thrust(self) -> None:
         """Raise `UsageError` with the first time at which the motion needs no thrust."""
         time = self.reference.knots
-        size = np.linalg.norm(self.mass * self.centre(time)[2] + self.weight, axis=-1)
+        size = np.linalg.norm(self.vehicle.mass * self.centre(time)[2] + self.weight, axis=-1)
         none = size <= _NO_THRUST * np.max(size)
         if np.any(none):
             raise UsageError(
@@ -50,7 +50,8 @@ class LeaningController(Controller):
     def values(self) -> dict[str, Any]:
         """Those of any law, and what it knows of the robot as a whole."""
         axis = force_axis(self.vehicle.thrust_wrenches())
-        return {**super().values, "mass": self.mass, "weight": self.weight, "axis": axis}
+        mass = float(self.vehicle.mass)
+        return {**super().values, "mass": mass, "weight": self.weight, "axis": axis}
 
     @cached_property
     def externals(self) -> dict[str, Callable[..., Any]]:
@@ -63,11 +64,6 @@ class LeaningController(Controller):
         return curve_tables(self.reference, self.centre)
 
     @cached_property
-    def mass(self) -> float:
-        """Mass of the robot, kg."""
-        return float(self.vehicle.mass)
-
-    @cached_property
     def weight(self) -> Array:
         """The force (3) that holds the robot, N, world axes."""
         return self._force(self.vehicle.neutral, np.zeros((2, self.vehicle.layout.v.size)))
@@ -77,7 +73,7 @@ class LeaningController(Controller):
         """Desired position, velocity and acceleration (…, 3) of the centre of mass in time."""
         time = self.reference.knots
         q, v, a = self.reference(time)
-        acceleration = (self._force(q, np.stack([v, a])) - self.weight) / self.mass
+        acceleration = (self._force(q, np.stack([v, a])) - self.weight) / self.vehicle.mass
         velocity = times(self.vehicle.centre_of_mass_jacobian(q), v)
         return Reference(Motion(time, self.vehicle.centre_of_mass(q), velocity, acceleration))
 

@@ -197,17 +197,17 @@ def test_from_any_state_joints_and_centre_of_mass_move_as_the_law_says(
     size = 1e-6
     ahead = [vehicle.integrate(q, sign * size * v + 0.5 * size**2 * a) for sign in (1.0, -1.0)]
     places = [vehicle.centre_of_mass(each) for each in (ahead[0], q, ahead[1])]
-    force = law.mass * (places[0] - 2.0 * places[1] + places[2]) / size**2 + law.weight
+    force = law.vehicle.mass * (places[0] - 2.0 * places[1] + places[2]) / size**2 + law.weight
     along = vehicle.base_rotation(q)[:, :, 2]
     thrust = np.sum(force * along, axis=-1, keepdims=True)
     assert force == pytest.approx(thrust * along, abs=2e-2)
     wanted, speed, acceleration = law.centre(time)
     velocity = (places[0] - places[2]) / (2.0 * size)
     wish = 9.0 * (wanted - places[1]) + 2 * 0.8 * 3.0 * (speed - velocity)
-    needed = acceleration + law.weight / law.mass
+    needed = acceleration + law.weight / law.vehicle.mass
     most = 0.8 * np.linalg.norm(needed, axis=-1, keepdims=True)
     wish /= np.sqrt(1.0 + np.sum(wish**2, axis=-1, keepdims=True) / most**2)
-    asked = law.mass * np.sum((needed + wish) * along, axis=-1, keepdims=True)
+    asked = law.vehicle.mass * np.sum((needed + wish) * along, axis=-1, keepdims=True)
     assert thrust == pytest.approx(np.maximum(asked, 0.0), abs=2e-2)
 
 
