@@ -51,11 +51,6 @@ ODD = ("sin", "atan", "sign")
 EVEN = ("cos",)
 
 
-def node_of(ref: Ref) -> int:
-    """The node that a reference is to."""
-    return ref >> 1
-
-
 def opposite(ref: Ref) -> Ref:
     """The value with the other sign; not of zero, which `Graph.minus` knows."""
     return ref ^ 1

@@ -240,11 +240,6 @@ class ScalarProgram:
         ]
 
 
-def calls_in(node: Node) -> tuple[Call, ...]:
-    """Calls in a node from left to right, as often as they stand there."""
-    return node.calls
-
-
 def names_in(node: Node) -> tuple[str, ...]:
     """Names in a node from left to right, as often as they stand there."""
     return node.names

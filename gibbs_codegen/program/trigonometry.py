@@ -44,10 +44,7 @@ def cosine_name(i: int) -> str:
 def gather_angles(function: nodes.Function) -> GatheredFunction:
     """A function without calls, and its angles in the order of their first use."""
     calls = [
-        call
-        for node in function.nodes()
-        for call in nodes.calls_in(node)
-        if call.function in ("sin", "cos")
+        call for node in function.nodes() for call in node.calls if call.function in ("sin", "cos")
     ]
     angles = list(dict.fromkeys(call.argument for call in calls))
     names: dict[nodes.Node, nodes.Node] = {}

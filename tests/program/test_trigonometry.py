@@ -28,7 +28,6 @@ from gibbs_codegen.program.nodes import (
     Product,
     Reciprocal,
     Statement,
-    calls_in,
     names_in,
 )
 from gibbs_codegen.program.trigonometry import GatheredFunction, gather_angles
@@ -94,14 +93,14 @@ def test_no_call_is_left(function: Function) -> None:
     parts = gather_angles(function)
     nodes = [s.value for s in (*parts.angle_statements, *parts.statements)]
     nodes += [*parts.angles, *(entry for output in parts.outputs for entry in output.entries)]
-    assert not any(calls_in(node) for node in nodes)
+    assert not any(node.calls for node in nodes)
 
 
 @given(function=functions())
 def test_angles_are_unique_and_all_are_used(function: Function) -> None:
     parts = gather_angles(function)
     assert len(set(parts.angles)) == len(parts.angles)
-    assert set(parts.angles) == {c.argument for n in function.nodes() for c in calls_in(n)}
+    assert set(parts.angles) == {c.argument for n in function.nodes() for c in n.calls}
 
 
 @given(function=functions())
