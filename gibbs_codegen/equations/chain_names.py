@@ -273,7 +273,8 @@ class Made:
         A symbol in `symbols` that has the same value is read in place of this.
         """
         value = _settled(value)
-        if value == 0 or (not value.is_Add and self._masses & value.free_symbols):
+        of_point = not (value.is_Add or value.has(sp.Float)) and self._masses & value.free_symbols
+        if value == 0 or of_point:
             return self._tape.let(value)
         index = f"{self._chain},{item}" + (f",{axes}" if axes else "")
         symbol = self._symbol(f"{letter}_{item}{axes}", letter, index, Kind.INERTIA, meaning)
