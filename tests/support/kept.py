@@ -15,8 +15,8 @@ from filelock import FileLock
 
 _TESTS = Path(__file__).parents[1]
 _PACKAGE = _TESTS.parent / "gibbs_codegen"
-# Rooms that fly, draw or tell what a module holds, and have no part in making it.
-_FLIGHT = {"cli", "figures", "flight"}
+# Rooms that fly, draw, check or tell what a module holds, and have no part in making it.
+_APART = {"cli", "exchange", "figures", "flight", "identification", "verification"}
 _ROBOTS = (
     *("tests/support/compiled.py", "tests/support/random_robots.py"),
     "tests/support/actuated.py",
@@ -26,7 +26,7 @@ _ROBOTS = (
 
 def generator_digest() -> str:
     """A digest of what emitted bytes depend on: sources, templates, robots of tests, libraries."""
-    sources = [p for p in _PACKAGE.rglob("*") if p.relative_to(_PACKAGE).parts[0] not in _FLIGHT]
+    sources = [p for p in _PACKAGE.rglob("*") if p.relative_to(_PACKAGE).parts[0] not in _APART]
     sources += [*(_TESTS.parent / "templates").iterdir(), *map(_TESTS.parent.joinpath, _ROBOTS)]
     digest = hashlib.sha256(sys.version.encode())
     for library in ("jinja2", "numpy", "pydantic", "sympy"):
