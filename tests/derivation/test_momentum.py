@@ -13,6 +13,7 @@ from support.complex_step import along
 from support.emitted import module_of
 from support.pinocchio_oracle import Oracle
 from support.random_robots import geared_robot, random_tree
+from support.tree_cases import QUICK_TREES
 
 from gibbs_codegen.derivation.derive import derive
 from gibbs_codegen.program.nodes import count_operations
@@ -24,16 +25,16 @@ FUNCTIONS = (
     *("base_parameters", "coordinate_rates", "mass_matrix", "residual", "input_matrix"),
     *("forward_dynamics", "inverse_dynamics"),
 )
-MOTIONS = ("fixed", "planar", "upright", ("y", "yaw", "roll"))
+MOTIONS = ("fixed", "upright", ("y", "yaw", "roll"))
 ROBOTS = [
     with_motion(21, "planar", TILTED)[0],
     *(
         pytest.param(robot, marks=pytest.mark.slow)
         for robot in (
-            random_tree(9, "tait_bryan"),
-            random_tree(6, "quaternion"),
+            random_tree(*QUICK_TREES[0]),
+            random_tree(*QUICK_TREES[1]),
             geared_robot(3),
-            *(with_motion(9, motion, TILTED)[0] for motion in MOTIONS),
+            *(with_motion(21, motion, TILTED)[0] for motion in MOTIONS),
         )
     ),
 ]

@@ -65,6 +65,7 @@ damping   = 0.4
 """
 ROBOT = parse_robot(TEXT)
 TENDON = ROBOT.springs[0]
+FINITE = ("mass_matrix", "potential_energy", "gibbs", "joint_wrenches")
 FUNCTIONS = ("residual", "potential_energy", "frame_poses", "frame_velocities", "inverse_dynamics")
 
 
@@ -115,7 +116,7 @@ def test_springs_that_pull_at_nothing_are_refused(old: str, new: str, words: str
 # With attitude angles and quaternions, links that are held and welded, joints that slide, springs
 # of no length, and dampers.
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", [16, 31, 36, 37])
+@pytest.mark.parametrize("seed", [37, 48])
 def test_sprung_robots_pass_with_derivatives(seed: int) -> None:
     """They take seconds to derive."""
     robot = sprung_robot(seed)
@@ -142,13 +143,14 @@ def test_frames_that_meet_leave_all_results_finite() -> None:
         springs=(replace(TENDON, frame="pin", to="hinge"),),
     )
     module, free = (
-        emitted_module(replace(x, name=name)) for name, x in (("met", robot), ("unmet", ROBOT))
+        emitted_module(replace(x, name=name), "residual", *FINITE)
+        for name, x in (("met", robot), ("unmet", ROBOT))
     )
     q, v = np.array([0.1, 0.2, 0.3, 0.0, 0.6, 0.0, 0.8, 0.4, 0.1]), np.linspace(-1.0, 1.0, 8)
     slack = {f"spring_tendon_{number}": 0.0 for number in ("stiffness", "damping")}
     apart = free.residual(q, v, constants=free.prepare(slack))
     assert module.residual(q, v) == pytest.approx(apart, abs=1e-12)
-    for function in ("mass_matrix", "potential_energy", "gibbs", "joint_wrenches"):
+    for function in FINITE:
         arguments = {"mass_matrix": (q,), "potential_energy": (q,), "gibbs": (q, v, v)}
         values = getattr(module, function)(*arguments.get(function, (q, v, v, np.ones(2))))
         assert np.all(np.isfinite(values)), function
@@ -159,7 +161,7 @@ def test_frames_that_meet_leave_all_results_finite() -> None:
 def test_energy_balances_over_a_flight(damping: float) -> None:
     """A spring that is let go moves joints by a joule; only a damper takes energy."""
     robot = replace(ROBOT, name="let_go", springs=(replace(TENDON, stiffness=90.0),))
-    module = emitted_module(robot)
+    module = emitted_module(robot, "default")
     steady = Settings(relative_tolerance=1e-10, absolute_tolerance=1e-11)
     flight = simulate(
         module,

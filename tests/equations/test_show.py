@@ -107,7 +107,8 @@ def assert_close(ours: np.ndarray, theirs: np.ndarray, tolerance: float = 1e-11)
 
 def assert_chains_add_up(robot: Robot, most_terms: int, seed: int = 5) -> None:
     """Eqs. 15 and 18 of every chain, added by their places, give the emitted hybrid system."""
-    module, symbolic = emitted_module(robot), SymbolicRobot.of(robot, InlineTape())
+    names = (f"hybrid_{part}" for part in ("mass_matrix", "residual", "input_matrix"))
+    module, symbolic = emitted_module(robot, *names), SymbolicRobot.of(robot, InlineTape())
     values = given_values(robot, seed)
     size, width = len(module.HYBRID_COORDINATES), len(module.INPUTS)
     matrix, residual, inputs = np.zeros((size, size)), np.zeros(size), np.zeros((size, width))
@@ -155,7 +156,7 @@ def test_every_attitude_and_origin() -> None:
     assert_chains_add_up(Robot("odd", base, links), MOST_TERMS)
 
 
-MOTIONS = ('"fixed"', '"planar"', '"upright"', '["z", "x", "pitch"]', '["y", "roll"]')
+MOTIONS = ('"planar"', '["z", "x", "pitch"]')
 
 
 BASED = """

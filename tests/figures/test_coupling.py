@@ -42,7 +42,8 @@ def texts(figure: Figure) -> list[str]:
 
 def emitted_patterns(robot: Robot) -> list[Any]:
     """Which entries of I_H, R_H and B_H the emitted functions make other than zero, somewhere."""
-    module = emitted_module(robot)
+    names = (f"hybrid_{part}" for part in ("mass_matrix", "residual", "input_matrix"))
+    module = emitted_module(robot, *names)
     q, v = np.random.default_rng(5).normal(size=(2, 20, len(module.COORDINATES)))
     arrays = (
         module.hybrid_mass_matrix(q),

@@ -75,7 +75,7 @@ PAIR = "[[rotor]]\nposition = [0.2, 0, 0]\n[[rotor]]\nposition = [-0.2, 0, 0]\n"
 def machine(name: str, motion: str, others: str, pose: str = "") -> ModuleType:
     """The NumPy module of a robot whose base has such a motion, a line of its file."""
     base = f"[base]\nmass = 1.5\ninertia = [0.02, 0.02, 0.03, 0, 0, 0]\n{motion}\n{pose}\n"
-    return emitted_module(parse_robot(f'name = "{name}"\n{base}{others}'))
+    return emitted_module(parse_robot(f'name = "{name}"\n{base}{others}'), "default")
 
 
 def flown(module: ModuleType, duration: float, exact: bool = True, **tables: Any) -> Any:
@@ -110,13 +110,14 @@ def test_a_pendulum_on_a_wall_falls_as_by_elliptic_functions() -> None:
     np.testing.assert_allclose(held.u, -GRAVITY * 0.25 * np.cos(np.radians(20)), rtol=1e-12)
 
 
+@pytest.mark.slow  # 1 to 3 s each
 @pytest.mark.parametrize(
     "motion", ['"planar"', '"upright"', '["z", "x", "pitch"]', '["yaw", "roll"]']
 )
 def test_energy_stays_where_nothing_acts(motion: str) -> None:
     module = machine("falling", f"motion = {motion}", ARM, "rpy_deg = [0, 20, 0]")
     tables = {"control": {"law": "off"}, "arm": {"posture_deg": {"shoulder": 40, "elbow": 70}}}
-    flight = flown(module, 10.0, **tables)
+    flight = flown(module, 5.0, **tables)
     energy = flight.kinetic_energy + flight.potential_energy
     assert np.ptp(energy) < 1e-8 * (1.0 + np.abs(energy).max())
     assert np.abs(flight.energy_error).max() < 1e-7 * (1.0 + np.abs(energy).max())
@@ -199,6 +200,7 @@ def test_a_planar_quadrotor_leans_to_its_path() -> None:
         module,
         4.0,
         exact=False,
+        integration={"method": "rk4", "step": 0.01},
         base={"path": {"kind": "line", "start": [0, 0, 1], "end": [1, 0, 1.5], "duration": 2.0}},
         arm={"posture_deg": {"rod": 60}},
         start={"offset": [0.1, 0, 0.05], "turn_deg": [0, 5, 0]},

@@ -276,7 +276,8 @@ def test_random_steps(seed: int) -> None:
 
 
 def steps_of(links: int, function: str) -> list[Step]:
-    parts = gather_angles(derived(benchmark_robot(links)).program.function(function))
+    program = derived(benchmark_robot(links), functions=(function,)).program
+    parts = gather_angles(program.function(function))
     return schedule_stores(parts.statements, parts.outputs, [True] * len(parts.outputs))
 
 

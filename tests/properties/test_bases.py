@@ -1,4 +1,4 @@
-"""Bases that do not move freely: by the free robot's functions, closed forms, and energy.
+"""Bases that do not move freely: by the free robot's functions and closed forms.
 
 The dense oracle knows how a carriage moves, by a few lines of its own, and has everything else from
 the module of the same robot with a free base: with u = S v of the velocities, τ = Sᵀ τ_free.
@@ -15,7 +15,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 from support.comparison import assert_close, errors
 from support.derived import derived
@@ -39,12 +38,19 @@ from gibbs_codegen.verification.tree import Tree
 
 Array = np.ndarray
 
-# Seeds of trees with a central body: with and without rotors, which sit on links too.
-SEEDS = (9, 21, 27, 5)
-MOTIONS = ("fixed", "planar", "upright", ("x",), ("z", "x", "pitch"), ("y", "yaw", "roll"))
-EVERY_MOTION = (*MOTIONS, ("x", "y", "z", "roll", "yaw", "pitch"))
 TILTED = Pose((0.1, -0.2, 0.3), (Fraction(20), Fraction(-35), Fraction(60)))
-POSES = (Pose(), TILTED, Pose((0.0, 0.0, 1.0), (Fraction(180), Fraction(0), Fraction(0))))
+TURNED_OVER = Pose((0.0, 0.0, 1.0), (Fraction(180), Fraction(0), Fraction(0)))
+# Motions with seeds of trees that have a central body, and with poses. The first have derivatives.
+CASES = (
+    ("fixed", 27, TILTED),
+    ("planar", 21, TILTED),
+    ("upright", 27, TURNED_OVER),
+    (("z", "x", "pitch"), 21, TILTED),
+    (("x",), 21, Pose()),
+    (("y", "yaw", "roll"), 9, TURNED_OVER),
+    (("x", "y", "z", "roll", "yaw", "pitch"), 27, TILTED),
+)
+DIFFERENTIABLE = CASES[:4]
 AXES = np.eye(3)
 
 
@@ -188,19 +194,18 @@ FUNCTIONS = {
 }
 
 
-def cases(motions: Sequence[Any], quick: int) -> list[Any]:
-    """Motions with a seed and a pose each, of which all but a few are slow."""
-    found = []
-    for k, motion in enumerate(motions):
-        marks = [] if k < quick else [pytest.mark.slow]
-        found.append(pytest.param(motion, SEEDS[(k + 2) % 4], POSES[k % 3], marks=marks))
-    return found
+def module_of(motion: Any, seed: int, pose: Pose) -> ModuleType:
+    """The module of a case."""
+    robot, _ = with_motion(seed, motion, pose)
+    differentiable = (motion, seed, pose) in DIFFERENTIABLE
+    return module_with_derivatives(robot) if differentiable else emitted_module(robot)
 
 
-@pytest.mark.parametrize(("motion", "seed", "pose"), cases(EVERY_MOTION, 0))
+@pytest.mark.slow
+@pytest.mark.parametrize(("motion", "seed", "pose"), CASES)
 def test_every_function_is_that_of_the_free_robot(motion: Any, seed: int, pose: Pose) -> None:
-    robot, free = with_motion(seed, motion, TILTED)
-    module, of_free = emitted_module(robot), emitted_module(free)
+    robot, free = with_motion(seed, motion, pose)
+    module, of_free = module_of(motion, seed, pose), emitted_module(free)
     for k in range(3):
         states = States.random(Tree(robot), 1, [seed, k])
         state = [getattr(states, letter)[0] for letter in "qvauW"]
@@ -209,13 +214,16 @@ def test_every_function_is_that_of_the_free_robot(motion: Any, seed: int, pose: 
             if hasattr(of_free, name):
                 ours = getattr(module, name)(*(given[letter] for letter in letters))
                 assert_close(name, ours, dense.value(name), 1e-11)
+        drawn = robot_frames(robot, states.q[0]).points
+        np.testing.assert_allclose(drawn, module.positions(states.q[0]), atol=1e-12)
 
 
-@pytest.mark.parametrize(("motion", "seed", "pose"), cases(EVERY_MOTION, 1))
+@pytest.mark.slow
+@pytest.mark.parametrize(("motion", "seed", "pose"), CASES)
 def test_random_trees(motion: Any, seed: int, pose: Pose) -> None:
     """Every function, against Newton and Euler's equations and Pinocchio."""
     robot, _ = with_motion(seed, motion, pose)
-    module, tree = emitted_module(robot), Tree(robot)
+    module, tree = module_of(motion, seed, pose), Tree(robot)
     found = errors(module, formulated(NewtonEuler(tree)), 3)
     states = States.random(tree, 3, seed)
     by_pinocchio = Expected(formulated(Pinocchio(tree)), states)
@@ -225,41 +233,17 @@ def test_random_trees(motion: Any, seed: int, pose: Pose) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("motion", "seed", "pose"), cases(MOTIONS[:3] + MOTIONS[4:5], 0))
+@pytest.mark.parametrize(("motion", "seed", "pose"), DIFFERENTIABLE)
 def test_derivatives(motion: Any, seed: int, pose: Pose) -> None:
     """All derivatives, against complex steps."""
     robot, _ = with_motion(seed, motion, pose)
-    module = module_with_derivatives(robot)
-    tree = Tree(robot)
+    module = module_of(motion, seed, pose)
     steps = ComplexSteps(module, robot)
-    states = States.random(tree, 3, seed)
+    states = States.random(Tree(robot), 3, seed)
     compared = compare_derivatives(Results(module), steps, robot, states)
     assert compared
     for comparison in compared:
         assert comparison.error < 1e-10, comparison.what
-
-
-@pytest.mark.parametrize(("motion", "seed", "pose"), cases(EVERY_MOTION, 0))
-def test_energy_of_free_motion(motion: Any, seed: int, pose: Pose) -> None:
-    """Over 10 s, without dampers and inputs."""
-    robot, _ = with_motion(seed, motion, pose)
-    links = tuple(replace(link, passive=replace(link.passive, damping=0.0)) for link in robot.links)
-    robot = replace(robot, name=f"{robot.name}_free", links=links)
-    module, tree = emitted_module(robot), Tree(robot)
-    states, n = States.random(tree, 1, seed), len(module.COORDINATES)
-    u = np.zeros(len(module.INPUTS))
-
-    def rate(_: float, x: Array) -> Array:
-        q, v = x[:n], x[n:]
-        return np.concatenate([module.coordinate_rates(q, v), module.forward_dynamics(q, v, u)])
-
-    def energy(x: Array) -> float:
-        return float(module.kinetic_energy(x[:n], x[n:]) + module.potential_energy(x[:n]))
-
-    begin = np.concatenate([states.q[0], 0.3 * states.v[0]])
-    end = solve_ivp(rate, (0.0, 10.0), begin, "DOP853", rtol=1e-12, atol=1e-12).y[:, -1]
-    kinetic = float(module.kinetic_energy(end[:n], end[n:]))
-    assert abs(energy(end) - energy(begin)) < 1e-8 * max(1.0, kinetic, abs(energy(begin)))
 
 
 def module_of_text(text: str) -> ModuleType:
@@ -345,20 +329,10 @@ def test_two_link_satellite() -> None:
     np.testing.assert_allclose(0.3 * a[2] + 0.4 * 2.0 * of_arm.imag, -torque, rtol=1e-12)
 
 
-@pytest.mark.parametrize(
-    "motion", ["planar", pytest.param(("z", "x", "pitch"), marks=pytest.mark.slow)]
-)
-def test_frames_of_drawings_are_those_of_the_module(motion: Any) -> None:
-    robot, _ = with_motion(SEEDS[2], motion, TILTED)
-    module = emitted_module(robot)
-    q = States.random(Tree(robot), 1, 1).q[0]
-    np.testing.assert_allclose(robot_frames(robot, q).points, module.positions(q), atol=1e-12)
-
-
 def test_what_takes_free_bases_only_says_so() -> None:
-    robot, _ = with_motion(SEEDS[0], "planar", TILTED)
+    robot, _ = with_motion(9, "planar", TILTED)
     with pytest.raises(UsageError, match=rf"{robot.name}: base.motion is 'planar'.*free"):
         export_robot(robot, "px4")
-    robot, _ = with_motion(SEEDS[0], ("x", "pitch"), TILTED)
+    robot, _ = with_motion(9, ("x", "pitch"), TILTED)
     with pytest.raises(UsageError, match=r"base.motion is \['x', 'pitch'\]; param"):
         export_robot(robot, "ardupilot")

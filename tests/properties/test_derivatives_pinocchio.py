@@ -8,6 +8,7 @@ from support.comparison import assert_close, states
 from support.derivative_oracle import Array, DerivativeOracle
 from support.emitted import module_with_derivatives
 from support.random_robots import random_tree
+from support.tree_cases import QUICK_TREES
 
 from gibbs_codegen.interface import FUNCTIONS
 from gibbs_codegen.robot.model import Robot
@@ -24,7 +25,7 @@ ARGUMENTS = {
 
 def compare_derivatives(robot: Robot, count: int = 2) -> None:
     """Functions of ARGUMENTS, evaluated as a batch, against the oracle state by state."""
-    oracle, module = DerivativeOracle(robot), module_with_derivatives(robot, *ARGUMENTS)
+    oracle, module = DerivativeOracle(robot), module_with_derivatives(robot)
     at = dict(zip("qvau", states(robot, module, count), strict=True))
     for name, letters in ARGUMENTS.items():
         ours = getattr(module, name)(*(at[letter] for letter in letters))
@@ -44,7 +45,7 @@ def _compare_outputs(name: str, ours: tuple[Array, ...] | Array, theirs: tuple, 
 
 @pytest.mark.slow
 def test_random_trees() -> None:
-    compare_derivatives(random_tree(6, "quaternion"))
+    compare_derivatives(random_tree(*QUICK_TREES[1]))
 
 
 @pytest.mark.slow
@@ -53,11 +54,8 @@ def test_derivatives_of_integrate() -> None:
 
     Those sizes are held against series of sixty digits in `test_time_steps`.
     """
-    robot = random_tree(9, "tait_bryan")
-    module, oracle = (
-        module_with_derivatives(robot, "integrate_derivatives"),
-        DerivativeOracle(robot),
-    )
+    robot = random_tree(*QUICK_TREES[0])
+    module, oracle = module_with_derivatives(robot), DerivativeOracle(robot)
     q, v, _, _ = (rows[0] for rows in states(robot, module, 1))
     for size in (0.0, 1e-160, 1e-9, 0.1, 1.0, 3.0):
         ours = [one[None] for one in module.integrate_derivatives(q, size * v)]

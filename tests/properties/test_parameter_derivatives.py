@@ -21,7 +21,7 @@ NAMES = (
 @pytest.fixture(scope="module", params=QUICK_TREES[:1], ids=lambda value: value[1])
 def tree(request: pytest.FixtureRequest):
     robot = random_tree(*request.param)
-    return robot, module_with_derivatives(robot, *NAMES)
+    return robot, module_with_derivatives(robot)
 
 
 def first_state(robot, module) -> dict[str, Array]:

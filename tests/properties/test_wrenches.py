@@ -14,16 +14,14 @@ from support.compiled import emit
 from support.emitted import emitted_module
 from support.random_robots import random_tree
 from support.tools import tool
+from support.tree_cases import QUICK_TREES
 
 from gibbs_codegen.runtime.load import load
-
-# Trees with links that are held.
-SEEDS = (9, 45)
 
 
 @pytest.mark.slow
 def test_compiled_functions_of_trees_are_those_of_pinocchio(tmp_path: Path) -> None:
-    robot = random_tree(SEEDS[0], "tait_bryan")
+    robot = random_tree(*QUICK_TREES[1])
     compare(robot, load(emit(robot, tmp_path / "tree").folder, "c"))
 
 
@@ -31,7 +29,7 @@ def test_compiled_functions_of_trees_are_those_of_pinocchio(tmp_path: Path) -> N
 def test_what_a_joint_passes_on_along_its_axis_is_what_drives_it() -> None:
     """Input less damper, spring and armature; nothing of this is an argument of the equation."""
     robot = random_tree(9, "quaternion")
-    module = emitted_module(robot)
+    module = emitted_module(robot, "forward_dynamics", "joint_wrenches")
     q, v, _, u = states(robot, module, 4)
     a = module.forward_dynamics(q, v, u)
     wrenches = module.joint_wrenches(q, v, a, u)

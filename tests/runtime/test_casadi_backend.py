@@ -18,6 +18,7 @@ from support.compiled import ACTUATED, emit, emit_labelled
 from support.pages import run_python
 from support.random_robots import random_tree
 from support.tools import missing, run, tool
+from support.tree_cases import QUICK_TREES
 
 from gibbs_codegen import generate
 from gibbs_codegen.errors import MissingFunctionError, UsageError
@@ -51,7 +52,7 @@ def pair(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Pair]:
         if label == ACTUATED:
             return emit_labelled(label, new).folder
         if label == TREE:
-            return emit(random_tree(36, "quaternion"), new).folder
+            return emit(random_tree(*QUICK_TREES[1]), new).folder
         if label == STEPS:
             return emit(paper_family(3, 0), new, derivatives=STEP_FUNCTIONS).folder
         robot = paper_family(2, 1)

@@ -128,7 +128,11 @@ def test_commands_look_ahead_along_the_motion_of_the_flight(
     Of masses that it does not know, and in wind.
     """
     file = Path(__file__).parents[2] / "robots/everything.toml"
-    module = fast(robot) if robot != "everything" else emitted_module(read_robot(str(file))[0])
+    module = (
+        fast(robot)
+        if robot != "everything"
+        else emitted_module(read_robot(str(file))[0], "default")
+    )
     loop = loop_of(module)
     if heavier != 1.0:
         plant = {k: heavier * x for k, x in module.PARAMETERS.items() if "mass" in k}
