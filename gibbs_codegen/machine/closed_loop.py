@@ -46,6 +46,7 @@ from gibbs_codegen.machine.laws import (
     LAWS,
     Aim,
     CentrePath,
+    Estimates,
     FrameAim,
     Gains,
     Limits,
@@ -141,7 +142,7 @@ class LoopStructure:
     @property
     def memory(self) -> int:
         """Numbers that the law remembers, if it remembers any."""
-        return memory_size(self.plant.layout, self.law)
+        return memory_size(self.plant, self.law)
 
     @property
     def size(self) -> int:
@@ -550,8 +551,12 @@ class LoopStructure:
     def _aim(self, at: AtTime, q: Node, memory: Node) -> Aim:
         """The aim of the law at an instant, with what it knows of the robot there."""
         weight = weight_of(self.model, q, self.input_node, self.rotors) if self.leans else None
-        learnt = memory if self.integral else None
-        return Aim(at.motion, self.gains, learnt, at.centre, weight, self._frame_aim(at, q))
+        learnt, estimates = memory if self.integral else None, None
+        if self.law in LAWS and LAWS[self.law].learns:
+            learnt = None
+            estimates = Estimates(memory, self.input_node("adaptation", self.memory))
+        frame = self._frame_aim(at, q)
+        return Aim(at.motion, self.gains, learnt, at.centre, weight, frame, estimates)
 
     def _frame_aim(self, at: AtTime, q: Node) -> FrameAim | None:
         """The aim for the frame that the law moves, if it moves one."""
@@ -623,7 +628,7 @@ class LoopStructure:
 
     def _errors(self, at: AtTime, q: Node, v: Node) -> Node:
         """Errors (nv) that are integrated."""
-        return learning(self.model, q, v, self._aim(at, q, zeros(v.size)))
+        return learning(self.model, q, v, self._aim(at, q, zeros(self.memory)))
 
     def _remembered(self, at: AtTime, q: Node, v: Node, memory: Node, wanted: Node) -> Node:
         """Rates (nv) of what is remembered, none away from 0 while an input is at a limit."""

@@ -32,7 +32,6 @@ from gibbs_codegen.machine.allocation import smallest_thrusts
 from gibbs_codegen.machine.base import Motion, base_of
 from gibbs_codegen.machine.laws import (
     LAWS,
-    LEARNING,
     Aim,
     CentrePath,
     Estimates,
@@ -117,7 +116,7 @@ def law_functions(
         structures, told = (*given, *others), explained
         if "h" in program.names:
             structures, told = (*structures, _LEARNT), {"h": "time since the last call, s"} | told
-        functions.append(CFunction(program, (LAWS | LEARNING)[law].words, structures, told))
+        functions.append(CFunction(program, LAWS[law].words, structures, told))
     return functions
 
 
@@ -175,8 +174,8 @@ def _law(robot: Functions, law: str, tip: int, moves: bool) -> Program:
         limits.most[:count],
         move=moves,
     )
-    aim, row, outputs = Aim(motion, gains), (LAWS | LEARNING)[law], dict[str, Node]()
-    if law in LEARNING:
+    aim, row, outputs = Aim(motion, gains), LAWS[law], dict[str, Node]()
+    if row.learns:
         length = robot.signatures["reference_regressor"].shapes[0][1]
         gain = argument("adaptation", length)
         least, most = (argument(f"{x}_parameters", length) for x in ("least", "most"))

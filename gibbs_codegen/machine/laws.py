@@ -64,7 +64,6 @@ from gibbs_codegen.arrays.nodes import (
 )
 from gibbs_codegen.machine.allocation import nearest_thrusts, smallest_thrusts
 from gibbs_codegen.machine.base import Base, Motion, base_of, length, placed
-from gibbs_codegen.robot.layout import Layout
 
 # Greatest force that corrects errors, as a share of the desired one: the sum never turns round.
 _AUTHORITY = 0.8
@@ -417,13 +416,20 @@ def _reaching(robot: Functions, q: Node, v: Node, aim: Aim, a: Node, pushed: Nod
     return a[joints] + solve(square, levers @ lacking)
 
 
-def memory_size(layout: Layout, law: str) -> int:
-    """How many numbers a law remembers, if any: of errors (nv), and of a frame it moves (3)."""
-    return layout.v.size + 3 * (law in LAWS and LAWS[law].moves_frame)
+def memory_size(robot: Functions, law: str) -> int:
+    """How many numbers a law remembers, if any: of errors (nv), and of a frame it moves (3).
+
+    A law that learns parameters remembers these (np) alone.
+    """
+    if law in LAWS and LAWS[law].learns:
+        return robot.signatures["reference_regressor"].shapes[0][1]
+    return robot.space.velocities + 3 * (law in LAWS and LAWS[law].moves_frame)
 
 
 def learning(robot: Functions, q: Node, v: Node, aim: Aim) -> Node:
-    """Rates of what a law with integral action remembers: errors, of coordinates or others."""
+    """Rates of what a law remembers: errors, of coordinates or others, or parameters."""
+    if aim.estimates is not None:
+        return adaptation(robot, q, v, aim)
     path, frame, places = aim.path, aim.frame, robot.layout.v
     of_frame = zeros(0) if frame is None else _frame_learning(robot, q, frame, aim)
     if path is None:
@@ -446,7 +452,7 @@ class Law:
     rotors that push along one axis and command three moments, the others are for rotors that
     command all directions. Scenarios ask for it by its name, or by that of its `task`, for which
     each base has a law: "tracking", or at a contact "impedance" or "force". `calls` are functions
-    on request that it calls.
+    on request that it calls. One that `learns` remembers base parameters in place of errors.
     """
 
     force: Callable[[Functions, Node, Node, Aim], Node]
@@ -455,6 +461,7 @@ class Law:
     leans: bool = False
     task: str = "tracking"
     calls: tuple[str, ...] = ()
+    learns: bool = False
 
     @property
     def moves_frame(self) -> bool:
@@ -495,6 +502,14 @@ LAWS = {
         "needs, and damp what velocities are off those that lead to it, within their limits.",
         calls=_PASSIVE,
     ),
+    "adaptive": Law(
+        adaptive,
+        "the adaptive law",
+        "The adaptive law of Slotine and Li: the passive one with base parameters that it learns, "
+        "by a step of h at each call, although the robot is not as the constants say.",
+        calls=(*_PASSIVE, "reference_regressor"),
+        learns=True,
+    ),
     "impedance": Law(
         at_frame,
         "impedance control",
@@ -525,16 +540,6 @@ LAWS = {
         leans=True,
         task="force",
     ),
-}
-# Laws that learn parameters, of which flights have no memory.
-LEARNING = {
-    "adaptive": Law(
-        adaptive,
-        "the adaptive law",
-        "The adaptive law of Slotine and Li: the passive one with base parameters that it learns, "
-        "by a step of h at each call, although the robot is not as the constants say.",
-        calls=(*_PASSIVE, "reference_regressor"),
-    )
 }
 
 

@@ -13,7 +13,7 @@ from support.random_robots import random_tree
 from gibbs_codegen.arrays import Functions, Node, Program, evaluate, variable
 from gibbs_codegen.derivation.derive import derive
 from gibbs_codegen.machine.base import Motion
-from gibbs_codegen.machine.laws import LAWS, LEARNING, Aim, Estimates, Gains, adaptation
+from gibbs_codegen.machine.laws import LAWS, Aim, Estimates, Gains, adaptation
 
 Array = np.ndarray
 FUNCTIONS = ("default", "passivity")
@@ -54,7 +54,7 @@ class Case:
             Gains(own["stiffness"], own["damping"]),
             estimates=Estimates(own["parameters"], own["adaptation"]),
         )
-        outputs = {"force": (LAWS | LEARNING)[law].force(robot, q, v, aim)}
+        outputs = {"force": LAWS[law].force(robot, q, v, aim)}
         outputs["rates"] = adaptation(robot, q, v, aim)
         inputs = q, v, desired.q, desired.v, desired.a, *own.values()
         given = {"q": self.q, "v": self.v, "q_d": self.wanted_q, "v_d": self.wanted_v}

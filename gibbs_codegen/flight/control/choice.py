@@ -26,7 +26,7 @@ from gibbs_codegen.flight.plant.allocation import (
 from gibbs_codegen.flight.plant.vehicle import Array, RobotData, Vehicle
 from gibbs_codegen.flight.reference import Reference
 from gibbs_codegen.flight.scenario.parts import PREDICTIVE, WORLD, Control, Impedance, Law
-from gibbs_codegen.machine.laws import LAWS, memory_size, turns_servos
+from gibbs_codegen.machine.laws import LAWS, turns_servos
 
 # Joints do not move a frame along a push by less than this share of how they move it.
 _NO_LEVER = 1e-3
@@ -133,15 +133,16 @@ def control_law(
     # A servo corrects what is off itself, unless the law wants torques of it.
     frequencies[places.joints][held] = 0.0
     gains = Gains.of(frequencies, ratios, places.size)
-    memory, moved = 0, _moved_frame(law, control, vehicle)
+    gains = replace(gains, integral=control.integral, adaptation=control.adaptation)
+    moved = _moved_frame(law, control, vehicle)
     if leans and moved is not None:
         _check_levers(moved, control, vehicle, reference)
     elif moved is not None:
         _check_moved(moved, gains.stiffness > 0.0, vehicle, reference)
-    if law in LAWS and (control.integral or LAWS[law].pushes):
-        gains, memory = replace(gains, integral=control.integral), memory_size(vehicle.layout, law)
     kind = LeaningController if leans else Controller
-    controller = kind(vehicle, reference, allocation, gains, law, memory, moved)
+    controller = kind(vehicle, reference, allocation, gains, law, 0, moved)
+    if law in LAWS and (control.integral or LAWS[law].pushes or LAWS[law].learns):
+        controller = replace(controller, memory=controller.memory_size)
     if isinstance(controller, LeaningController):
         controller.check_thrust()
     check_integral(controller)

@@ -36,15 +36,21 @@ from typing import Any
 import numpy as np
 
 from gibbs_codegen.arrays.evaluation import Evaluator
+from gibbs_codegen.arrays.functions import Functions
 from gibbs_codegen.arrays.nodes import Program
 from gibbs_codegen.flight.plant.allocation import EXACT, Allocation
 from gibbs_codegen.flight.plant.vehicle import Array, Vehicle
 from gibbs_codegen.flight.reference import Reference
 from gibbs_codegen.flight.scenario.parts import Force, Impedance
 from gibbs_codegen.machine import closed_loop
+from gibbs_codegen.machine.laws import LAWS, memory_size
 
 # The wrench on a frame that nothing touches.
 _NOTHING: Array = np.zeros(6)
+# Errors, rad or m, of which accelerations are those that scale gains of adaptation.
+_OFF = 0.1
+# Of squares of regressors over inertias, 1/s⁴ and their units: rounding.
+_NONE = 1e-12
 
 
 def required_inputs(
@@ -150,12 +156,14 @@ def _of_rotors(vehicle: Vehicle, allocation: Allocation) -> dict[str, Any]:
 class Gains:
     """Stiffness k (1/s²) and damping d (1/s) of the tracking errors, each (nv).
 
-    `integral` (1/s) is the rate of integral action, 0 for none.
+    `integral` (1/s) is the rate of integral action, 0 for none, and `adaptation` (rad/s) how fast
+    a law that learns base parameters learns each by itself.
     """
 
     stiffness: Array
     damping: Array
     integral: float = 0.0
+    adaptation: float = 0.0
 
     @classmethod
     def of(cls, frequency: float | Array, damping_ratio: float | Array, coordinates: int) -> Gains:
@@ -204,7 +212,7 @@ class Controller:
     The laws of `machine.laws` correct by the gains; "open_loop" commands the inputs of the desired
     motion, whatever the state; "off" commands zeros. `vehicle` is the model that the law knows,
     which need not be the plant. `memory` is how many numbers it remembers, which are integrated
-    with the state: nv with integral action. `moved` is the frame that the law moves, if it does.
+    with the state: nv with integral action, np where it learns. `moved` is the frame that the law moves, if it does.
     """
 
     vehicle: Vehicle
@@ -225,8 +233,43 @@ class Controller:
             "damping": gains.damping,
             "integral": gains.integral,
             "end": self.reference.end,
+            **({"adaptation": self._adaptation()} if self.learns else {}),
             **of_frame,
         }
+
+    @property
+    def learns(self) -> bool:
+        """True if the law learns base parameters."""
+        return self.law in LAWS and LAWS[self.law].learns
+
+    @property
+    def memory_size(self) -> int:
+        """Numbers that its program has room for, of what the law remembers or might."""
+        return memory_size(Functions(self.vehicle.module), self.law)
+
+    def _adaptation(self) -> Array:
+        """Gains (np) of adaptation: alone each parameter is learnt as fast as `gains` say.
+
+        With errors s of velocities and ε of one parameter, M ṡ = Y ε − … and ε̇ = −Γ Yᵀ s, so that
+        both swing at the root of Γ Yᵀ M⁻¹ Y, here with the diagonal of M. Y is the greatest of
+        those that gravity has, or an acceleration by which an error of 0.1 rad or m decays, with
+        joints as at the start and a radian to either side.
+        """
+        vehicle, (start, v, _) = self.vehicle, self.reference(0.0)
+        rest, sizes = np.zeros(v.shape), []
+        turn = rest.copy()
+        turn[vehicle.layout.v.joints] = 1.0
+        for side in (0.0, 1.0, -1.0):
+            q = vehicle.function("integrate")(start, side * turn)
+            inertia = np.diagonal(vehicle.mass_matrix(q), axis1=-2, axis2=-1)[..., np.newaxis]
+            for a in (rest, *np.diag(_OFF * self.gains.stiffness)):
+                columns = vehicle.function("reference_regressor")(q, rest, rest, a)
+                sizes.append(np.sum(columns * columns / inertia, axis=-2))
+        greatest = np.max(sizes, axis=0)
+        # What never acts need not be learnt.
+        return np.divide(
+            self.gains.adaptation**2, greatest, out=np.zeros(greatest.shape), where=greatest > _NONE
+        )
 
     @cached_property
     def externals(self) -> dict[str, Callable[..., Any]]:

@@ -30,7 +30,7 @@ from gibbs_codegen.flight.plant.vehicle import Array, Vehicle
 from gibbs_codegen.flight.reference import Reference
 from gibbs_codegen.flight.scenario.parts import PREDICTIVE, Sensors
 from gibbs_codegen.flight.scenario.scenario import Scenario
-from gibbs_codegen.machine.laws import memory_size, turns_servos
+from gibbs_codegen.machine.laws import turns_servos
 from gibbs_codegen.runtime.program_flow import Samples
 
 # Instants are the same, to this share of a millisecond, and of the time between two samples.
@@ -407,7 +407,7 @@ class SampledControl(ZeroOrderHold):
         known = [self.inputs, *(command for _, command in self._pending)]
         commands = np.concatenate([known, np.zeros((len(times), len(self.inputs)))])
         assert isinstance(law, LawController)  # noqa: S101 - see `sampled`
-        memory = np.zeros(memory_size(law.law.vehicle.layout, law.law.law))
+        memory = np.zeros(law.law.memory_size)
         memory[: len(law.memory)] = law.memory
         place = None if law.law.moved is None else law.law.moved.place
         errors = self._sensing.errors_ahead(len(times), place)

@@ -177,6 +177,9 @@ class Control(Table):
     integral: _Rate = entry(
         "rate at which a constant disturbance is learned, 1/s; 0: not at all", 0.0
     )
+    adaptation: _Frequency = entry(
+        'how fast the law "adaptive" learns each base parameter by itself, rad/s', 5.0
+    )
     rate: Annotated[Number, Bounds(0.1, 1e6)] | None = entry(
         "how often the law is evaluated, Hz; default: at all times"
     )
@@ -205,6 +208,11 @@ class Control(Table):
             yield "rate", "missing: a delay needs to know how often the law is evaluated, in Hz"
         if law in _PUSHING and "force" not in values:
             yield "force", "missing: say how hard the frame pushes, { value = …, direction = … }"
+        learns = law in LAWS and LAWS[law].learns
+        if "adaptation" in values and not learns:
+            yield "adaptation", 'must be left out, or the law be "adaptive": no other learns by it'
+        if values.get("integral") and learns:
+            yield "integral", "must be left out: the adaptive law learns parameters in its place"
         planned = [PREDICTIVE] if "force" in values else []
         for item, laws in (("impedance", _MOVING + planned), ("force", _PUSHING + planned)):
             if item in values and law not in laws:

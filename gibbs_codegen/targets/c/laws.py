@@ -9,7 +9,7 @@ import numpy as np
 from gibbs_codegen.arrays.c_file import c_files
 from gibbs_codegen.errors import UsageError, printable
 from gibbs_codegen.machine.law_functions import law_functions
-from gibbs_codegen.machine.laws import LAWS, LEARNING
+from gibbs_codegen.machine.laws import LAWS
 from gibbs_codegen.machine.observers import CALLED, observer_functions
 from gibbs_codegen.program.model import Model
 from gibbs_codegen.robot.balance import carried_rotors, tried_postures, wrench_matrix
@@ -24,7 +24,7 @@ OBSERVER = "momentum_observer"
 
 def calls() -> dict[str, tuple[str, ...]]:
     """What --laws may name, and the functions on request that each calls."""
-    return {law: row.calls for law, row in (LAWS | LEARNING).items()} | {OBSERVER: CALLED}
+    return {law: row.calls for law, row in LAWS.items()} | {OBSERVER: CALLED}
 
 
 def law_files(model: Model, header: Lines) -> dict[str, str]:
@@ -90,10 +90,9 @@ def _check(robot: Robot, law: str, frames: Sequence[str]) -> None:
         axis = np.zeros(3)
         axis[along] = forces[:, np.argmax(np.linalg.norm(forces, axis=0))]
         one_axis = not full and leans(axis / np.linalg.norm(axis), along, about)
-    every = LAWS | LEARNING
-    of_rotors = [name for name, row in every.items() if (one_axis if row.leans else full)]
-    hindrances = {name: every[name].hindrance(len(robot.moving), "the tip") for name in of_rotors}
-    unnamed = [name for name in of_rotors if every[name].moves_frame and "tip" not in frames]
+    of_rotors = [name for name, row in LAWS.items() if (one_axis if row.leans else full)]
+    hindrances = {name: LAWS[name].hindrance(len(robot.moving), "the tip") for name in of_rotors}
+    unnamed = [name for name in of_rotors if LAWS[name].moves_frame and "tip" not in frames]
     suiting = [name for name in of_rotors if hindrances[name] is None and name not in unnamed]
     if law in suiting:
         return
@@ -113,7 +112,7 @@ def _check(robot: Robot, law: str, frames: Sequence[str]) -> None:
             "base centre)"
         )
     needed = "the base must be fully actuated"
-    if every[law].leans:
+    if LAWS[law].leans:
         needed = "the rotors must push along one axis and command three moments"
     remedy = choice if suiting else "tilt some thrusts in the robot file"
     raise UsageError(f"--laws {law}: {needed}, but {lacks}; {remedy}")

@@ -386,8 +386,8 @@ mass = nan
         "s.toml:12: control.rate: missing: a delay needs to know how often the law is evaluated, "
         "in Hz",
         "s.toml:13: control.law: must be one of 'tracking', 'computed_torque', 'geometric', "
-        "'passive', 'impedance', 'force', 'geometric_impedance', 'geometric_force', 'predictive', "
-        "'open_loop', 'off', not 'openloop'; did you mean 'open_loop'?",
+        "'passive', 'adaptive', 'impedance', 'force', 'geometric_impedance', 'geometric_force', "
+        "'predictive', 'open_loop', 'off', not 'openloop'; did you mean 'open_loop'?",
         "s.toml:14: control.frequency: must be from 1e-09 to 10000, not 0",
         "s.toml:17: motors.limits: the least thrust must be below the greatest",
         "s.toml:18: motors.compensation: must be true or false, not a number",
