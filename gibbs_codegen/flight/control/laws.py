@@ -212,7 +212,8 @@ class Controller:
     The laws of `machine.laws` correct by the gains; "open_loop" commands the inputs of the desired
     motion, whatever the state; "off" commands zeros. `vehicle` is the model that the law knows,
     which need not be the plant. `memory` is how many numbers it remembers, which are integrated
-    with the state: nv with integral action, np where it learns. `moved` is the frame that the law moves, if it does.
+    with the state: nv with integral action, np where it learns. `moved` is the frame that the law
+    moves, if it does.
     """
 
     vehicle: Vehicle

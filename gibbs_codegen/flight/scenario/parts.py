@@ -177,9 +177,6 @@ class Control(Table):
     integral: _Rate = entry(
         "rate at which a constant disturbance is learned, 1/s; 0: not at all", 0.0
     )
-    adaptation: _Frequency = entry(
-        'how fast the law "adaptive" learns each base parameter by itself, rad/s', 5.0
-    )
     rate: Annotated[Number, Bounds(0.1, 1e6)] | None = entry(
         "how often the law is evaluated, Hz; default: at all times"
     )
@@ -197,6 +194,9 @@ class Control(Table):
     )
     force: Force | None = entry(
         'how hard it pushes under the law "force", which needs it, or "predictive"'
+    )
+    adaptation: _Frequency = entry(
+        'how fast the law "adaptive" learns each base parameter by itself, rad/s', 5.0
     )
 
     @classmethod
