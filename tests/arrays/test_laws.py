@@ -33,6 +33,7 @@ from gibbs_codegen.machine.laws import (
     LAWS,
     Aim,
     CentrePath,
+    Estimates,
     FrameAim,
     Gains,
     Limits,
@@ -56,7 +57,7 @@ VECTORS = {
 }  # fmt: skip
 # Places of memory: of errors, and of the frame that is moved.
 OF_ERRORS, OF_FRAME = slice(0, 8), slice(8, 11)
-NUMBERS = {"mass": 1.7, "force": 4.0, "share": 0.7, "growth": 0.4, "integral": 0.3}
+NUMBERS = {"mass": 1.7, "force": 4.0, "share": 0.7, "growth": 0.4, "integral": 0.3, "h": 0.1}
 
 
 class Case(State):
@@ -68,6 +69,9 @@ class Case(State):
         self.given |= {name: random.uniform(0.5, 2.0, size) for name, size in VECTORS.items()}
         self.given["memory"] -= 1.0
         self.given |= {name: np.array(value) for name, value in NUMBERS.items()}
+        count = Functions(self.module).signatures["reference_regressor"].shapes[0][1]
+        names = ("parameters", "adaptation", "least_parameters", "most_parameters")
+        self.given |= {name: random.uniform(0.5, 2.0, count) for name in names}
         self.given["direction"] /= np.linalg.norm(self.given["direction"])
 
     def program(
@@ -83,6 +87,8 @@ class Case(State):
         gains = Gains(g["stiffness"], g["damping"], g["integral"] if remembers else None)
         memory = g["memory"] if LAWS[law].moves_frame else g["memory"][OF_ERRORS]
         aim = Aim(desired, gains, memory if remembers else None)
+        if LAWS[law].learns:
+            aim = replace(aim, estimates=Estimates(g["parameters"], g["adaptation"]))
         if LAWS[law].leans:
             path = CentrePath(g["path"], g["path_v"], g["path_a"])
             aim = replace(aim, path=path, weight=Weight(g["mass"], g["weight"], g["axis"]))
