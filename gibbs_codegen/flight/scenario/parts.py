@@ -208,10 +208,7 @@ class Control(Table):
             yield "rate", "missing: a delay needs to know how often the law is evaluated, in Hz"
         if law in _PUSHING and "force" not in values:
             yield "force", "missing: say how hard the frame pushes, { value = …, direction = … }"
-        learns = law in LAWS and LAWS[law].learns
-        if "adaptation" in values and not learns:
-            yield "adaptation", 'must be left out, or the law be "adaptive": no other learns by it'
-        if values.get("integral") and learns:
+        if values.get("integral") and law in LAWS and LAWS[law].learns:
             yield "integral", "must be left out: the adaptive law learns parameters in its place"
         planned = [PREDICTIVE] if "force" in values else []
         for item, laws in (("impedance", _MOVING + planned), ("force", _PUSHING + planned)):
