@@ -174,9 +174,10 @@ def test_c_program_with_derivatives(tmp_path: Path) -> None:
 def test_files_in_toml_are_accepted() -> None:
     files = ["reference/robot-file", "reference/scenario-file"]
     touching = ["howto/force-control", "howto/walls"]
+    loads = ["howto/observers"]
     named = ("actuators", "constraints", "import", "other-machines", "sensors", "several-arms")
     howto = [f"howto/{page}" for page in named]
-    pages = [*sorted([*howto, *touching]), *files, "start/autopilot", "start/first-robot"]
+    pages = [*sorted([*howto, *touching, *loads]), *files, "start/autopilot", "start/first-robot"]
     assert pages_with("toml") == ["README.md", *(f"docs/{page}.md" for page in pages)]
     robots = map(parse_robot, blocks("docs/reference/robot-file.md", "toml"))
     rods, placed, fixed, rolling, driven, held, sprung, geared, motored = robots
@@ -195,6 +196,9 @@ def test_files_in_toml_are_accepted() -> None:
     for page in touching:
         for text in blocks(f"docs/{page}.md", "toml"):
             assert parse_scenario(text).walls
+    for page in loads:
+        for text in blocks(f"docs/{page}.md", "toml"):
+            assert parse_scenario(text).payloads
 
 
 @pytest.mark.parametrize("page", [*pages_with("sh"), *pages_with("console")])
