@@ -554,7 +554,7 @@ class LoopStructure:
         learnt, estimates = memory if self.integral else None, None
         if self.law in LAWS and LAWS[self.law].learns:
             learnt = None
-            estimates = Estimates(memory, self.input_node("adaptation", self.memory))
+            estimates = Estimates(memory, self.input_node("adaptation", self.memory, self.memory))
         frame = self._frame_aim(at, q)
         return Aim(at.motion, self.gains, learnt, at.centre, weight, frame, estimates)
 

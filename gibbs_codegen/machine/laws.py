@@ -196,7 +196,7 @@ class FrameAim:
 class Estimates:
     """How much more base parameters (np) are than the robot's, and gains of their adaptation.
 
-    The gains are squares of how far the parameters may be off, over an energy, J.
+    The gains, one for each or a matrix, are squares of how far they may be off, over an energy, J.
     """
 
     parameters: Node
@@ -266,7 +266,8 @@ def adaptation(robot: Functions, q: Node, v: Node, aim: Aim) -> Node:
     assert aim.estimates is not None  # noqa: S101 - the law learns
     motion, ahead, _ = _referred(robot, q, v, aim)
     regressor = robot.reference_regressor(q, v, motion.v, motion.a)
-    return aim.estimates.adaptation * (regressor.transposed @ ahead)
+    gain, pull = aim.estimates.adaptation, regressor.transposed @ ahead
+    return gain @ pull if len(gain.shape) == 2 else gain * pull
 
 
 def _referred(robot: Functions, q: Node, v: Node, aim: Aim) -> tuple[Motion, Node, Node]:

@@ -49,8 +49,8 @@ from gibbs_codegen.machine.laws import LAWS, memory_size
 _NOTHING: Array = np.zeros(6)
 # Errors, rad or m, of which accelerations are those that scale gains of adaptation.
 _OFF = 0.1
-# Of squares of regressors over inertias, 1/s⁴ and their units: rounding.
-_NONE = 1e-12
+# Of regressors over roots of inertias: rounding, and the share of what is learnt faster.
+_NONE, _LITTLE = 1e-6, 0.1
 
 
 def required_inputs(
@@ -157,7 +157,7 @@ class Gains:
     """Stiffness k (1/s²) and damping d (1/s) of the tracking errors, each (nv).
 
     `integral` (1/s) is the rate of integral action, 0 for none, and `adaptation` (rad/s) how fast
-    a law that learns base parameters learns each by itself.
+    errors and what a law learns swing at most.
     """
 
     stiffness: Array
@@ -249,28 +249,32 @@ class Controller:
         return memory_size(Functions(self.vehicle.module), self.law)
 
     def _adaptation(self) -> Array:
-        """Gains (np) of adaptation: alone each parameter is learnt as fast as `gains` say.
+        """Gains (np, np) of adaptation: nothing is learnt faster than `gains` say.
 
-        With errors s of velocities and ε of one parameter, M ṡ = Y ε − … and ε̇ = −Γ Yᵀ s, so that
-        both swing at the root of Γ Yᵀ M⁻¹ Y, here with the diagonal of M. Y is the greatest of
-        those that gravity has, or an acceleration by which an error of 0.1 rad or m decays, with
-        joints as at the start and a radian to either side.
+        With errors s of velocities and ε of parameters, M ṡ = Y ε − … and ε̇ = −Γ Yᵀ s, so that both
+        swing by Y Γ Yᵀ M⁻¹, which is ω² or less for Γ⁻¹ = Σ Yᵀ M⁻¹ Y / ω². The sum is over what
+        gravity has, and accelerations by which errors of 0.1 rad or m decay, with joints as at the
+        start and a radian to either side. What that shows little is learnt a little faster.
         """
         vehicle, (start, v, _) = self.vehicle, self.reference(0.0)
-        rest, sizes = np.zeros(v.shape), []
-        turn = rest.copy()
+        rest, total = np.zeros(v.shape), np.zeros(())
+        turn, regressor = rest.copy(), vehicle.function("reference_regressor")
         turn[vehicle.layout.v.joints] = 1.0
         for side in (0.0, 1.0, -1.0):
             q = vehicle.function("integrate")(start, side * turn)
-            inertia = np.diagonal(vehicle.mass_matrix(q), axis1=-2, axis2=-1)[..., np.newaxis]
-            for a in (rest, *np.diag(_OFF * self.gains.stiffness)):
-                columns = vehicle.function("reference_regressor")(q, rest, rest, a)
-                sizes.append(np.sum(columns * columns / inertia, axis=-2))
-        greatest = np.max(sizes, axis=0)
+            still = regressor(q, rest, rest, rest)
+            moved = (
+                regressor(q, rest, rest, a) - still for a in np.diag(_OFF * self.gains.stiffness)
+            )
+            inverse = np.linalg.inv(vehicle.mass_matrix(q))
+            for columns in (still, *moved):
+                total = total + np.swapaxes(columns, -1, -2) @ inverse @ columns
+        sizes = np.sqrt(np.diagonal(total, axis1=-2, axis2=-1))
         # What never acts need not be learnt.
-        return np.divide(
-            self.gains.adaptation**2, greatest, out=np.zeros(greatest.shape), where=greatest > _NONE
-        )
+        scales = np.divide(1.0, sizes, out=np.zeros(sizes.shape), where=sizes > _NONE)
+        scales = scales[..., np.newaxis] * np.swapaxes(scales[..., np.newaxis], -1, -2)
+        whole = np.linalg.inv(scales * total + _LITTLE * np.eye(sizes.shape[-1]))
+        return self.gains.adaptation**2 * scales * whole
 
     @cached_property
     def externals(self) -> dict[str, Callable[..., Any]]:

@@ -196,7 +196,7 @@ class Control(Table):
         'how hard it pushes under the law "force", which needs it, or "predictive"'
     )
     adaptation: _Frequency = entry(
-        'how fast the law "adaptive" learns each base parameter by itself, rad/s', 5.0
+        'how fast the law "adaptive" learns base parameters at most, rad/s', 5.0
     )
 
     @classmethod
