@@ -377,7 +377,7 @@ PUSHED = {"force": [1, 0, 2], "begin": 0.02, "end": 0.0404, "frame": "base"}
     [
         ("hexarotor_3link", "adaptive", {"rate": 250, "delay": 0.007, "integral": 2.0}, False),
         ("hexarotor_3link", "rk4", {"rate": 250, "delay": 0.007, "integral": 2.0}, True),
-        ("hextilt_flying_arm_5", "rk4", {"rate": 250, "law": "adaptive"}, False),
+        ("hexarotor_3link", "rk4", {"rate": 250, "law": "adaptive", "adaptation": 0.1}, False),
         ("quadrotor_arm_2link", "rk4", {"rate": 333}, False),
         (
             "hextilt_flying_arm_5",
