@@ -24,13 +24,7 @@ from gibbs_codegen.exchange.sources import (
     SourceJoint,
 )
 from gibbs_codegen.exchange.welding import composite
-from gibbs_codegen.exchange.xml_text import (
-    along_z,
-    coulomb,
-    drake_motor,
-    inertia_entries,
-    numbers,
-)
+from gibbs_codegen.exchange.xml_text import along_z, coulomb, inertia_entries, motor_tags, numbers
 from gibbs_codegen.robot.parts.body import RigidBody, entries_of, inertia_fault, inertia_matrix
 from gibbs_codegen.robot.parts.pose import HERE, Pose
 from gibbs_codegen.robot.parts.servo import Servo
@@ -67,7 +61,7 @@ def sdf_text(source: Source, motors: Mapping[str, Mapping[str, object]]) -> str:
         axis = _joint(model, joint.name, joint.kind, joint.parent, name, joint.pose)
         if joint.kind != "fixed":
             _properties(axis, joint)
-            _children(model[-1], drake_motor(top, joint))
+            _children(model[-1], motor_tags(top, joint))
     for rotor in source.rotors:
         pose, spin = Pose(rotor.position, along_z(rotor.direction)), spins[rotor.name]
         _link(model, rotor.name, discs[rotor.name], spin)

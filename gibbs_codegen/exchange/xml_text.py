@@ -58,13 +58,11 @@ def urdf_text(source: sources.Source) -> str:
         if any(resisting.values()):
             texts = {key: repr(value) for key, value in resisting.items() if value}
             ET.SubElement(element, "dynamics", texts)
-    for joint in source.joints:
-        if tags := drake_motor(root, joint):
-            name = {"name": f"{joint.name}_motor"}
-            transmission = ET.SubElement(root, "transmission", name)
+        if tags := motor_tags(root, joint):
+            transmission = ET.SubElement(root, "transmission", name=f"{joint.name}_transmission")
             ET.SubElement(transmission, "type").text = "transmission_interface/SimpleTransmission"
             ET.SubElement(transmission, "joint", name=joint.name)
-            actuator = ET.SubElement(transmission, "actuator", name)
+            actuator = ET.SubElement(transmission, "actuator", name=f"{joint.name}_motor")
             for tag, value in tags.items():
                 ET.SubElement(actuator, tag, value=repr(value))
     for number, rotor in enumerate(source.rotors, start=1):
@@ -85,7 +83,7 @@ def urdf_text(source: sources.Source) -> str:
     return f'<?xml version="1.0"?>\n{ET.tostring(root, encoding="unicode")}\n'
 
 
-def drake_motor(root: ET.Element, joint: sources.SourceJoint) -> dict[str, float]:
+def motor_tags(root: ET.Element, joint: sources.SourceJoint) -> dict[str, float]:
     """Tags of Drake, of which the root then says the namespace, of a motor; none without one."""
     motor = joint.link.motor
     if motor is None or joint.kind != "revolute":

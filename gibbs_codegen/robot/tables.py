@@ -118,10 +118,8 @@ class RobotTable(Ties, _Bodies):
         lowest = [wheel.xyz[2] - wheel.radius for wheel in self.wheel]
         for i, height in enumerate(lowest):
             if abs(height - lowest[0]) > _SAME_HEIGHT:
-                words = (
-                    f"wheels touch level ground at z - radius, which is {height:g} m here and "
-                    f"{lowest[0]:g} m of wheel 1; give all wheels the same"
-                )
+                words = f"wheels touch level ground at z - radius, {height:g} m here and "
+                words += f"{lowest[0]:g} m of wheel 1; give all the same"
                 faults.append((("wheel", i, "xyz"), words))
         sides = {i: wheel.xyz[1] for i, wheel in enumerate(self.wheel) if wheel.joint}
         if base.drive and len(sides) > 1 and min(sides.values()) * max(sides.values()) > 0.0:
