@@ -15,11 +15,18 @@ from gibbs_codegen.files.staging import put_in_place, staging_folder, writing
 from gibbs_codegen.flight.record.flight import Flight, flight_file, read_flight
 from gibbs_codegen.flight.vectors import Array
 from gibbs_codegen.identification.model import Model
-from gibbs_codegen.identification.recorded import Readings, Recording, part_of, recording_of
+from gibbs_codegen.identification.recorded import (
+    Readings,
+    Recording,
+    input_noise,
+    part_of,
+    recording_of,
+)
 from gibbs_codegen.identification.report import html_report, text_report
 from gibbs_codegen.identification.robot_file import with_numbers
 from gibbs_codegen.identification.smoothing import Estimate, Smoother
 from gibbs_codegen.identification.unknowns import Unknowns
+from gibbs_codegen.robot.layout import check_no_wheels
 from gibbs_codegen.runtime.load import load
 
 Progress = Callable[[str, float], None]
@@ -121,11 +128,12 @@ def identify(
         The numbers.
 
     Raises:
-        UsageError: If a log or a pattern is not of the robot, or the robot's base is held.
+        UsageError: If a log or a pattern is not of the robot, or it is on wheels or has constraints.
     """
     module = robot if isinstance(robot, ModuleType) else load(robot, "c")
-    if len(module.VELOCITIES) < 6 or not {"x", "y", "z"} <= {*module.COORDINATES}:
-        raise UsageError(f"{module.NAME}: its base does not move freely, which identify needs yet")
+    check_no_wheels(module.NAME, module.ATTITUDE, "identify is")
+    if getattr(module, "CONSTRAINTS", ()):
+        raise UsageError(f"{module.NAME}: has constraints, whose forces no log tells")
     if not prior > 0.0 or not 0.0 <= hold_out <= 0.9:
         raise UsageError("prior must be above 0, and hold_out from 0 to 0.9")
     listed = [logs] if isinstance(logs, Flight | Recording | str | os.PathLike) else [*logs]
@@ -137,7 +145,8 @@ def identify(
             f"{module.NAME}: has no number that is free by default; give some (--free)"
         )
     frames = tuple(recordings[0].imus)
-    model = Model(module, recordings[0].step, [module.FRAMES.index(frame) for frame in frames])
+    places = [module.FRAMES.index(frame) for frame in frames]
+    model = Model(module, recordings[0].step, places, input_noise(recordings, module))
     if odd := [r for r in recordings if abs(r.step / model.h - 1.0) > 0.01]:
         raise UsageError(
             f"{odd[0].source}: has a sample every {odd[0].step:.4g} s, {recordings[0].source} one "
@@ -210,11 +219,12 @@ def _identified(
     values, deviations = unknowns.values(z), np.sqrt(np.diag(covariance))
     names = [f"pose, along {name}" for name in module.VELOCITIES]
     names += [f"IMU at {frame}, {what}" for frame in frames for what in _FELT]
-    labels = ["drag of the base, N s/m"]
+    labels = ["drag of the base, N s/m"] * smoother.model.free
     labels += [f"bias of the IMU at {frame}, {what}" for frame in frames for what in _FELT]
     rest = zip(estimate.shared[f:], np.sqrt(np.diag(whole))[f:], strict=True)
     others = {label: (float(x), float(s)) for label, (x, s) in zip(labels, rest, strict=True)}
-    others["wind's pull, deviation, m/s²"] = estimate.wind, float("nan")
+    if smoother.model.free:
+        others["wind's pull, deviation, m/s²"] = estimate.wind, float("nan")
     source = ", ".join(sources)
     words = {
         member: f"{value:.5g} ± {deviation:.2g}, identified from {source}"

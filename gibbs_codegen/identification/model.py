@@ -1,4 +1,4 @@
-"""A step of a machine in moving air, and what its IMUs feel, as a program in C for many states.
+"""A step of a machine, and what its IMUs feel, as a program in C for many states.
 
 The program takes so little time that its differences cost less than its derivatives would: 26 by
 the state of a quadrotor with an arm take half as long, and nothing is derived or compiled for them.
@@ -28,47 +28,54 @@ _NEXT = "q_next", "v_next", "x_next"
 
 
 class MachineNumbers(NamedTuple):
-    """Constants of a module, the whole mass, kg, and gravity along z, m/s²."""
+    """Constants of a module, what a pull is times, and gravity along z, m/s²."""
 
     constants: Any
-    mass: float
+    scale: Array
     gravity: float
 
 
 class Model:
     """Steps of `h`, s, of a module's machine, with IMUs at some of its frames, by their numbers.
 
-    A state has coordinates q (nq), velocities v (nv), states x (nx) of actuators, and the pull (3)
-    of the wind, m/s², world axes: times the whole mass it is a force at the base. As a force it
-    would draw masses down, since it is in what accelerometers tell. `drag`, N s/m, brakes the base.
+    A state has coordinates q (nq), velocities v (nv), states x (nx) of actuators, and a pull. Of a
+    base that moves freely it is that of the wind (3), m/s², world axes: times the whole mass it is
+    a force at the base. As a force it would draw masses down, since it is in what accelerometers
+    tell. `drag`, N s/m, brakes such a base. Of others it is what inputs (nu) err by, over `noise`.
     """
 
-    def __init__(self, module: ModuleType, h: float, imus: Sequence[int]) -> None:
+    def __init__(self, module: ModuleType, h: float, imus: Sequence[int], noise: Array) -> None:
         robot = Functions(module)
-        self.module, self.h, self.layout = module, h, robot.layout
-        self._neutral = np.array(robot.layout.neutral)
+        self.module, self.h, self.layout, self.noise = module, h, robot.layout, noise
+        self.free = robot.layout.moves_freely
         self.nq, self.nv = robot.space.coordinates, robot.space.velocities
         constants = {} if robot.driven else module.TIME_CONSTANTS
-        lagging = tuple(k for k, name in enumerate(module.INPUTS) if name in constants)
-        self._lagging, self._times = [*lagging], [constants[module.INPUTS[k]] for k in lagging]
-        self.nx = robot.actuator_states + len(lagging)
+        self._lagging = [k for k, name in enumerate(module.INPUTS) if name in constants]
+        self._times = [constants[module.INPUTS[k]] for k in self._lagging]
+        self.nx = robot.actuator_states + len(self._lagging)
+        self._felt = 6 * len(imus)
+        self.pulls = 3 if self.free else robot.inputs
         (q, v), x = robot.state(), variable("x", self.nx)
-        command, pull = variable("command", robot.inputs), variable("pull", 3)
-        drag, mass, length = (variable(name, uniform=True) for name in ("drag", "mass", "h"))
+        command, pull = variable("command", robot.inputs), variable("pull", self.pulls)
+        drag, length = (variable(name, uniform=True) for name in ("drag", "h"))
+        scale = variable("scale", self.pulls, uniform=True)
         base = module.FRAMES.index("base")
         one = np.zeros((robot.frames, 1))
         one[base] = 1.0
 
         def rates(q: Node, v: Node, x: Node) -> Rates:
-            force = mass * pull - drag * robot.frame_velocities(q, v)[base][:3]
-            figures = {
-                "push": constant(one) @ reshaped(join(force, zeros(3)), (1, 6)),
-                "time_constants": constant(self._times),
-            }
-            pushed = Surroundings(pushes=True)
+            figures = {"time_constants": constant(self._times)}
+            if self.free:
+                force = scale * pull - drag * robot.frame_velocities(q, v)[base][:3]
+                figures["push"] = constant(one) @ reshaped(join(force, zeros(3)), (1, 6))
+            pushed = Surroundings(pushes=self.free)
+            lagging = tuple(self._lagging)
             machine = Machine(robot, lambda name, *_: figures[name], pushed, lagging=lagging)
             state = State(q, v, zeros(0), x, zeros(0), zeros(0))
-            return machine.rates(constant(0.0), state, machine.inputs(state, command), command)
+            inputs = machine.inputs(state, command)
+            if not self.free:
+                inputs = inputs + scale * pull
+            return machine.rates(constant(0.0), state, inputs, command)
 
         def accelerate(q: Node, moved: Node, _: int) -> Node:
             change = rates(q, moved[: self.nv], moved[self.nv :])
@@ -77,7 +84,7 @@ class Model:
         def move(q: Node, displacement: Node) -> Node:
             return robot.integrate(q, displacement[: self.nv])
 
-        inputs = (q, v, x, command, pull, drag, mass, length)
+        inputs = (q, v, x, command, pull, drag, scale, length)
         after, moved = runge_kutta_4(move, accelerate, q, join(v, x), length)
         results = after, moved[: self.nv], moved[self.nv :]
         outputs = dict(zip(_NEXT, results, strict=True))
@@ -94,11 +101,13 @@ class Model:
 
     def machine(self, parameters: Mapping[str, float]) -> MachineNumbers:
         """What steps are given of a machine, by parameters that differ from the robot file."""
-        constants = self.module.prepare(dict(parameters))
-        upwards = self.layout.v.position.start + 2
-        masses = self.module.mass_matrix(self._neutral, constants=constants)
+        constants, scale = self.module.prepare(dict(parameters)), self.noise
+        if self.free:
+            upwards, neutral = self.layout.v.position.start + 2, np.array(self.layout.neutral)
+            masses = self.module.mass_matrix(neutral, constants=constants)
+            scale = np.full(3, masses[upwards, upwards])
         gravity = gravity_of(self.module, self.layout, constants)
-        return MachineNumbers(constants, float(masses[upwards, upwards]), float(gravity))
+        return MachineNumbers(constants, scale, float(gravity))
 
     def __call__(
         self, state: Mapping[str, Array], machine: MachineNumbers, **others: Any
@@ -107,11 +116,12 @@ class Model:
 
         `others` are the command (…, nu) and the drag.
         """
-        given = {**state, **others, "mass": machine.mass, "h": self.h}
+        given = {**state, **others, "scale": machine.scale, "h": self.h}
         given["gravity"] = [0.0, 0.0, machine.gravity]
         out = self._program(given, {"robot": machine.constants})
         after = {name.removesuffix("_next"): np.asarray(out[name], float) for name in _NEXT}
-        return after, np.asarray(out["felt"], float)
+        felt = np.asarray(out["felt"], float)
+        return after, felt.reshape(*after["v"].shape[:-1], self._felt)
 
     def levels(self, commands: Array) -> Array:
         """States of actuators (s, nx) by commands (s, nu) alone, by Euler's method."""
@@ -135,7 +145,7 @@ class Model:
         return levels
 
     def moved(self, state: Mapping[str, Array], change: Array) -> dict[str, Array]:
-        """States after changes (…, 2 nv + nx + 3) of q, in the tangent space, v, x and pull."""
+        """States after changes (…, 2 nv + nx + pulls) of q, in the tangent space, v, x and pull."""
         q, v, x, pull = np.split(change, np.cumsum([self.nv, self.nv, self.nx]), axis=-1)
         after = {"q": self.module.integrate(state["q"], q), "v": state["v"] + v}
         return after | {"x": state["x"] + x, "pull": state["pull"] + pull}

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from types import ModuleType
 from typing import Any
@@ -19,6 +19,8 @@ from gibbs_codegen.flight.vectors import Array
 _SHORTEST, _LEAST = 4e-3, 200
 # Deviations below which no reading is trusted, m or rad, m/s² and rad/s.
 _FLOOR, _FLOOR_FELT, _FLOOR_SPIN = 1e-4, 5e-3, 5e-4
+# Of arms on a base that does not fly: of encoders, rad or m, and of inputs, N m or N.
+_FLOOR_ENCODER, _FLOOR_INPUT = 1e-5, 1e-3
 # Of a first guess of velocities, Hz.
 _CUTOFF = 12.0
 # Third differences of white noise have so many times its variance; the deviation by the median.
@@ -126,6 +128,13 @@ def deviation(values: Array, floor: float, increments: bool = False) -> Array:
     return found
 
 
+def input_noise(recordings: Sequence[Recording], module: Any) -> Array:
+    """Deviations (nu) of inputs that were measured, the least of those that servos make."""
+    if getattr(module, "COMMANDS", ()):
+        return np.full(len(module.INPUTS), _FLOOR_INPUT)
+    return np.mean([deviation(r.commands, _FLOOR_INPUT) for r in recordings], axis=0)
+
+
 class Readings:
     """Readings of a recording as a fit takes them, with deviations, and a first guess of states.
 
@@ -148,8 +157,8 @@ class Readings:
         )
         self.q = np.where(known, recording.q, smooth)
         extra = self.q.shape[1] - len(module.VELOCITIES)
-        # The first seven are a quaternion's: its four entries are three of a displacement.
-        self.has = np.concatenate([known[:, :6], known[:, 6 + extra :]], axis=1)
+        # A quaternion's four entries, which a free base has behind its place, are three of `v`.
+        self.has = np.delete(known, [6] * extra, axis=1)
         self.felt = np.concatenate(
             [np.zeros((count, 0)), *(recording.imus[frame] for frame in frames)], axis=1
         )
@@ -163,10 +172,11 @@ class Readings:
         self.rates = np.concatenate([ahead[:1], 0.5 * (ahead[1:] + ahead[:-1]), ahead[-1:]])
         rows = self.has.all(axis=1)
         of_pose = module.difference(self.q[rows][:-1], self.q[rows][1:])
-        self.deviations = deviation(of_pose, _FLOOR, increments=True)
+        floor = _FLOOR if {"x", "y", "z"} <= {*module.COORDINATES} else _FLOOR_ENCODER
+        self.deviations = deviation(of_pose, floor, increments=True)
         for k, columns in enumerate(self.has.T):  # Entries that are not read with all others.
             if not rows.any() or columns.sum() > 1.5 * rows.sum():
-                self.deviations[k] = deviation(smooth[columns][:, [k + extra]], _FLOOR)[0]
+                self.deviations[k] = deviation(smooth[columns][:, [k + extra]], floor)[0]
         floors = [*[_FLOOR_FELT] * 3, *[_FLOOR_SPIN] * 3]
         self.felt_deviations = np.array(
             [

@@ -44,11 +44,11 @@ _DAMPINGS = (0.0, 1e-3, 1e-1, 10.0, 1e3)
 
 @dataclass
 class Estimate:
-    """Numbers and motion: unknowns `z` (f), shared (f + 1 + 6 i), states, and their fit.
+    """Numbers and motion: what is shared (unknowns, drag, biases), states, and their fit.
 
     `covariance` is that of what is shared; `misses` (s, m) are readings over their deviations, NaN
     where there is none, and `left` (n) root mean squares of what steps leave;
-    `wind` is the deviation of its pull, m/s².
+    `wind` is the deviation of the pull.
     """
 
     shared: Array
@@ -83,31 +83,33 @@ class Smoother:
         root, nv = np.sqrt(model.h), model.nv
         steps = [*[_OF_Q * root] * nv, *[_OF_V * root] * nv, *[_OF_X * root] * model.nx]
         self.step_weights = 1.0 / np.array(steps)
-        self.left = np.exp(-model.h / _WIND_TIME)
+        self.left = np.exp(-model.h / _WIND_TIME) if model.free else 0.0
         self.imus = self.felt.shape[1]
-        mass = model.machine({}).mass
-        prior = [unknowns.prior] * len(unknowns.names) + [_DRAG * mass]
+        prior = [unknowns.prior] * len(unknowns.names)
+        if model.free:
+            prior.append(_DRAG * float(model.machine({}).scale[0]))
         prior += ([_BIASES[0]] * 3 + [_BIASES[1]] * 3) * (self.imus // 6)
         self.prior = np.array(prior)
         self.first = {
             "q": np.concatenate([log.guess for log in logs]),
             "v": np.concatenate([log.rates for log in logs]),
             "x": np.concatenate([model.levels(log.commands) for log in logs]),
-            "pull": np.zeros((len(self.q), 3)),
+            "pull": np.zeros((len(self.q), model.pulls)),
         }
 
     def start(self) -> Estimate:
         """The numbers of the robot file, and the motion by filtered readings."""
-        return Estimate(np.zeros(len(self.prior)), self.first)
+        wind = _WIND if self.model.free else 1.0
+        return Estimate(np.zeros(len(self.prior)), self.first, wind)
 
     def stepped(
         self, shared: Array, state: dict[str, Array], rows: Any = _ALL
     ) -> tuple[dict[str, Array], Array]:
         """States after a step from samples by their rows, and what IMUs feel before it."""
-        f = len(self.unknowns.names)
-        machine = self._machine(shared[:f].tobytes())
-        after, felt = self.model(state, machine, command=self.command[rows], drag=shared[f])
-        return after, felt + shared[f + 1 :]
+        machine = self._machine(shared[: len(self.unknowns.names)].tobytes())
+        drag = shared[len(self.unknowns.names)] if self.model.free else 0.0
+        after, felt = self.model(state, machine, command=self.command[rows], drag=drag)
+        return after, felt + shared[len(shared) - self.imus :]
 
     def _residuals(self, estimate: Estimate) -> tuple[Array, Array, Array]:
         """Weighted readings (s, m), what steps leave (s − 1, n), and prior."""
@@ -137,7 +139,8 @@ class Smoother:
         """Derivatives of readings and steps (s, ·, n) by the state, and by what is shared."""
         model, shared = self.model, estimate.shared
         state = {name: values[rows] for name, values in estimate.state.items()}
-        n, (after, felt) = 2 * model.nv + model.nx + 3, self.stepped(shared, state, rows)
+        m, (after, felt) = 2 * model.nv + model.nx, self.stepped(shared, state, rows)
+        n = m + model.pulls
 
         def change(shared: Array, moved: dict[str, Array]) -> Array:
             other, feels = self.stepped(shared, moved, rows)
@@ -146,10 +149,9 @@ class Smoother:
         columns = [change(shared, model.moved(state, _STEP * unit)) for unit in np.eye(n)]
         columns += [change(shared + _STEP * unit, state) for unit in np.eye(len(shared))[:free]]
         slopes = np.stack(columns, axis=-1)
-        count, m = len(slopes), n - 3
-        pose, pulls = np.zeros((count, model.nv, n + free)), np.zeros((count, 3, n + free))
+        pose, pulls = (np.zeros((len(slopes), k, n + free)) for k in (model.nv, model.pulls))
         pose[:, range(model.nv), range(model.nv)] = 1.0
-        pulls[:, range(3), range(m, n)] = self.left
+        pulls[:, range(model.pulls), range(m, n)] = self.left
         reads = np.concatenate([pose, slopes[:, m:]], axis=1)
         steps = np.concatenate([slopes[:, :m], pulls], axis=1)
         return reads[..., :n], steps[..., :n], reads[..., n:], steps[..., n:]
@@ -162,7 +164,7 @@ class Smoother:
         misses, gaps = (values[rows] for values in residuals)
         robust = np.minimum(1.0, _OUTLIER / np.maximum(np.abs(misses), 1e-12))
         missed = misses * self.weights * robust
-        whole = np.array([*self.step_weights, *[self._calm(estimate)] * 3])
+        whole = np.array([*self.step_weights, *[self._calm(estimate)] * self.model.pulls])
         q, left = whole**2 * self.follows[rows], gaps * whole
         turned = (
             reads.transpose(0, 2, 1) * (self.weights**2 * self.has[rows] * robust)[:, np.newaxis]
@@ -202,8 +204,9 @@ class Smoother:
         diagonal[1:, range(n), range(n)] += q[:-1]
         border[1:] -= weighed[:-1]
         gradient[1:] -= left[:-1]
-        diagonal[0, range(n - 3, n), range(n - 3, n)] += 1.0 / estimate.wind**2
-        gradient[0, n - 3 :] += estimate.state["pull"][0] / estimate.wind**2
+        pulls = range(n - self.model.pulls, n)
+        diagonal[0, pulls, pulls] += 1.0 / estimate.wind**2
+        gradient[0, pulls] += estimate.state["pull"][0] / estimate.wind**2
         corner += np.diag(1.0 / self.prior[:free] ** 2)
         shared_gradient += prior[:free] / self.prior[:free]
         # Columns of the lower band, as LAPACK has them.
@@ -253,8 +256,8 @@ class Smoother:
             estimate = moved
             estimate.covariance = covariance
             wind = max(_CALM, float(np.sqrt(np.mean(estimate.state["pull"] ** 2))))
-            same = abs(np.log(wind / estimate.wind)) < 0.1
-            estimate.wind = wind
+            same = not self.model.free or abs(np.log(wind / estimate.wind)) < 0.1
+            estimate.wind = wind if self.model.free else estimate.wind
             tell(1.0 - 1.0 / (2.0 + iteration))
             if place == 0 and same and (size < _SETTLED if free else iteration > 2):
                 break

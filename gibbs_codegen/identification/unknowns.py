@@ -18,6 +18,7 @@ import numpy as np
 from gibbs_codegen.errors import UsageError, near, printable
 from gibbs_codegen.flight.vectors import Array
 from gibbs_codegen.robot.names import default_prefix
+from gibbs_codegen.robot.parts.base import FIXED
 from gibbs_codegen.robot.parts.body import entries_of, inertia_matrix
 from gibbs_codegen.robot.parts.numbers import AXIS_PAIRS
 
@@ -77,6 +78,8 @@ class Unknowns:
             name
             for name, row in self._members.items()
             if _FREE.search(name) and all(self.file[n] != 0.0 or "_com_" in n for n in row)
+            # A base that stays where it is weighs on the ground alone.
+            and not (name.startswith("base_") and self.module.ATTITUDE == FIXED)
         ]
         if not free:
             return [name for name in by_default if name not in tied]
