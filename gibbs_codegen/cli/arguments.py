@@ -25,6 +25,10 @@ _PLACES = (
 _DERIVES = f"{_PLACES}; if a name is both, the robot that ships is taken"
 _SCENARIOS = f"{', '.join(shipped_names('scenarios'))} or a scenario file"
 _USUAL = "default: paper, or hold where the base does not fly freely"
+_LOG = (
+    "a bag of ROS 1 or 2, an MCAP file, a ULog, a folder with tables of one, or a file of a "
+    "Crazyflie's memory card"
+)
 _FLIGHT = "a folder that `simulate` wrote, or its flight.npz"
 
 
@@ -138,6 +142,17 @@ def _add_changes(parser: Parser, flights: str) -> None:
     """Add --set; `flights` says of which flights."""
     meaning = f"replace an entry of the scenario{flights}, such as start.offset=[0.2,0,0]; may be"
     parser.add("--set", "KEY=VALUE", f"{meaning} repeated", action="append", default=[])
+
+
+def _add_names(parser: Parser) -> None:
+    parser.add(
+        *("--name", "KEY=NAME"),
+        "what LOG calls a coordinate, an input or a command, or one of the topics odometry, "
+        "joints, inputs, imu, actuators of a bag or position, attitude, spin, imu of a ULog; or "
+        "the number at which a joint stands; may be repeated",
+        action="append",
+        default=[],
+    )
 
 
 def _add_figures(parser: Parser, without: str) -> None:
@@ -356,8 +371,11 @@ def _sweep(parser: Parser) -> None:
 @_command("find numbers of a robot file from logs, with deviations and what logs cannot tell")
 def _identify(parser: Parser) -> None:
     _add_module(parser)
-    meaning = f"{_FLIGHT}; several are taken together"
+    meaning = f"{_FLIGHT}, or {_LOG}; several are taken together"
     parser.add("logs", "LOG", meaning, nargs="+")
+    _add_names(parser)
+    meaning = "seconds of LOG that are taken, such as those in the air (default: all)"
+    parser.add("--between", ("BEGIN", "END"), meaning, type=_number, nargs=2, default=(0.0, math.inf))
     parser.add(
         *("--free", "PATTERN"),
         "parameters that are free, such as forearm_mass or '*_com_?', and rotors.drag of all "
@@ -385,17 +403,9 @@ def _log(parser: Parser) -> None:
 @_command("make a flight of a log of ROS or PX4, with time series and figures")
 def _replay(parser: Parser) -> None:
     _add_module(parser)
-    meaning = "a bag of ROS 1 or 2, an MCAP file, a ULog, or a folder with tables of one"
-    parser.add("log", "LOG", meaning)
+    parser.add("log", "LOG", _LOG)
     parser.add("--out", "DIR", "folder in which the results are written", default="flight")
-    parser.add(
-        *("--name", "KEY=NAME"),
-        "what LOG calls a coordinate or an input, or one of the topics odometry, joints, inputs of "
-        "a bag or position, attitude, spin of a ULog; or the number at which a joint stands; may "
-        "be repeated",
-        action="append",
-        default=[],
-    )
+    _add_names(parser)
     meaning = "samples per second (default: the times of LOG)"
     parser.add("--rate", "HZ", meaning, type=_number)
     meaning = "keep what is slower, by a filter without delay (default: no filter)"

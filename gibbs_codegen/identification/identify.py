@@ -12,6 +12,8 @@ import numpy as np
 
 from gibbs_codegen.errors import UsageError, printable
 from gibbs_codegen.files.staging import put_in_place, staging_folder, writing
+from gibbs_codegen.flight.logs.log import recorded_of
+from gibbs_codegen.flight.plant.vehicle import Vehicle
 from gibbs_codegen.flight.record.flight import Flight, flight_file, read_flight
 from gibbs_codegen.flight.vectors import Array
 from gibbs_codegen.identification.model import Model
@@ -21,6 +23,7 @@ from gibbs_codegen.identification.recorded import (
     input_noise,
     part_of,
     recording_of,
+    recordings_of,
 )
 from gibbs_codegen.identification.report import html_report, text_report
 from gibbs_codegen.identification.robot_file import with_numbers
@@ -107,6 +110,8 @@ def identify(
     free: Sequence[str] = (),
     prior: float = 0.3,
     hold_out: float = 0.0,
+    names: Mapping[str, str | float] | None = None,
+    between: tuple[float, float] = (0.0, np.inf),
     progress: Progress = lambda what, share: None,
 ) -> Identified:
     """Find the numbers of a robot file that explain logs best.
@@ -117,18 +122,21 @@ def identify(
     Args:
         robot: The robot that flew: a module, generated with the functions by default and loaded
             with the back end "c", or its name or path.
-        logs: One or more flights, each a `Flight`, a `Recording`, or a path that `simulate` wrote.
+        logs: One or more, each a `Flight`, a `Recording`, a path that `simulate` wrote, or a log
+            that `read_log` reads.
         free: Patterns of names of parameters, such as "forearm_mass" or "*_com_?"; "rotors.drag" is
             a number of all rotors alike. By default all that no ruler tells.
         prior: Deviation of a number from that of the robot file, as a share.
         hold_out: Share of each log, at its end, that is not used but predicted.
+        names: What logs call things, as of `read_log`.
+        between: Times, s, from the begin of each log, of what is taken, such as that in the air.
         progress: Called with what is being done, and its share.
 
     Returns:
         The numbers.
 
     Raises:
-        UsageError: If a log or a pattern is not of the robot, or it is on wheels or has constraints.
+        UsageError: If a log or a pattern is not of the robot, or it has wheels or constraints.
     """
     module = robot if isinstance(robot, ModuleType) else load(robot, "c")
     check_no_wheels(module.NAME, module.ATTITUDE, "identify is")
@@ -138,7 +146,11 @@ def identify(
         raise UsageError("prior must be above 0, and hold_out from 0 to 0.9")
     listed = [logs] if isinstance(logs, Flight | Recording | str | os.PathLike) else [*logs]
     check_logs(listed)
-    recordings = [_recording(log, module) for log in listed]
+    whole = [part for log in listed for part in _recordings(log, module, names or {})]
+    spans = [np.searchsorted(log.time, between) for log in whole]
+    recordings = [part_of(r, slice(*ends)) for r, ends in zip(whole, spans, strict=True) if np.ptp(ends)]
+    if not recordings:
+        raise UsageError(f"between: no log has samples from {between[0]:g} to {between[1]:g} s")
     unknowns = Unknowns(module, free, prior)
     if not unknowns.names:
         raise UsageError(
@@ -184,21 +196,22 @@ def identify(
 
 
 def check_logs(logs: Sequence[Log]) -> None:
-    """Raise `UsageError` for a path at which there is no flight."""
+    """Raise `UsageError` for a path at which there is nothing."""
     for log in logs:
-        if isinstance(log, str | os.PathLike) and flight_file(log) is None:
-            raise UsageError(
-                f"{printable(log)}: is no flight that `simulate` wrote; make a `Recording` of "
-                "other logs in Python"
-            )
+        if isinstance(log, str | os.PathLike) and not Path(log).exists():
+            raise UsageError(f"{printable(log)}: is not there; give a log")
 
 
-def _recording(log: Log, module: ModuleType) -> Recording:
+def _recordings(log: Log, module: ModuleType, names: Mapping[str, str | float]) -> list[Recording]:
     if isinstance(log, Recording):
-        return log
+        return [log]
     if isinstance(log, Flight):
-        return recording_of(log, module, log.scenario)
-    return recording_of(read_flight(log), module, printable(Path(log).name))
+        return [recording_of(log, module, log.scenario)]
+    source = printable(Path(log).name)
+    if flight_file(log) is not None:
+        return [recording_of(read_flight(log), module, source)]
+    vehicle = Vehicle(module)
+    return recordings_of(vehicle, recorded_of(vehicle, log, names), source)
 
 
 def _identified(

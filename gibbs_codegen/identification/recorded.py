@@ -2,21 +2,36 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from types import ModuleType
 from typing import Any
 
 import numpy as np
+from scipy.interpolate import interp1d
 from scipy.signal import butter, sosfiltfilt
+from scipy.spatial.transform import Rotation
 
+from gibbs_codegen.arrays.functions import Functions
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.flight.logs.motion import imus
+from gibbs_codegen.flight.logs.reading import (
+    Recorded,
+    Samples,
+    cleaned,
+    known_attitudes,
+    motion_of,
+    title,
+)
+from gibbs_codegen.flight.plant.kinematics import quaternions_of
+from gibbs_codegen.flight.plant.vehicle import Flags, Vehicle
 from gibbs_codegen.flight.record.flight import Flight
 from gibbs_codegen.flight.vectors import Array
 
-# The shortest step of the grid, s, and the fewest samples.
-_SHORTEST, _LEAST = 4e-3, 200
+_log = logging.getLogger("gibbs_codegen")
+# The shortest step of the grid, s, the fewest samples, and readings of a coordinate.
+_SHORTEST, _LEAST, _LEAST_READINGS = 4e-3, 200, 20
 # Deviations below which no reading is trusted, m or rad, m/s² and rad/s.
 _FLOOR, _FLOOR_FELT, _FLOOR_SPIN = 1e-4, 5e-3, 5e-4
 # Of arms on a base that does not fly: of encoders, rad or m, and of inputs, N m or N.
@@ -25,6 +40,9 @@ _FLOOR_ENCODER, _FLOOR_INPUT = 1e-5, 1e-3
 _CUTOFF = 12.0
 # Third differences of white noise have so many times its variance; the deviation by the median.
 _THIRD, _BY_MEDIAN = 20.0, 1.4826
+# Commands that are late by more, s, are unknown; steps in which delays of sensors are looked for,
+# their number, and how alike turn rates have to be.
+_GAP, _FINE, _MOST_LAGS, _ALIKE = 0.2, 2e-3, 100, 0.8
 # Steps that differ by more than this share of the whole are no grid.
 _UNEVEN = 0.02
 
@@ -107,6 +125,121 @@ def recording_of(flight: Flight, module: ModuleType, source: str) -> Recording:
     return part_of(Recording(time, commands, q, felt, source), slice(None, None, every))
 
 
+def recordings_of(vehicle: Vehicle, log: Recorded, source: str) -> list[Recording]:
+    """What a log tells, on a grid of the fastest of its readings; parts, where commands have gaps.
+
+    Readings are taken at times of the grid at which there is one within half a step; of IMUs and
+    commands means. Raises `UsageError` where it does not tell what was commanded.
+    """
+    sent = {**({} if vehicle.is_driven else log.inputs), **log.commands}
+    if lacking := [name for name in vehicle.commands if name not in sent]:
+        raise UsageError(
+            f"{source}: does not tell {', '.join(lacking)}, without which no force is known; name "
+            f"what it is called there (--name {lacking[0]}=NAME)"
+        )
+    logged: dict[Any, Samples] = {("u", name): sent[name] for name in vehicle.commands}
+    if log.position is not None and log.attitude is not None:
+        known = known_attitudes(log.attitude.values)
+        logged |= {"position": log.position, "attitude": log.attitude._replace(values=known)}
+    logged |= {("q", name): samples for name, samples in log.joints.items()}
+    logged |= {("imu", frame): samples for frame, samples in log.imus.items()}
+    series = cleaned(logged, source)
+    if few := [name for name, samples in series.items() if len(samples.time) < _LEAST]:
+        raise UsageError(f"{source}: has fewer than {_LEAST} samples of {title(few[0])}")
+    _take_back_delay(series, source)
+    spacing = {name: float(np.median(np.diff(s.time))) * 1e-9 for name, s in series.items()}
+    rates = ", ".join(f"{title(name)} {1.0 / x:.4g}" for name, x in spacing.items())
+    _log.info("%s: samples a second: %s", source, rates)
+    step = max(_SHORTEST, min(x for name, x in spacing.items() if name[0] != "u"))
+    begin, end = (f(s.time[k] for s in series.values()) for f, k in ((max, 0), (min, -1)))
+    grid = begin + np.round(np.arange(0.0, (end - begin) * 1e-9, step) * 1e9).astype(np.int64)
+    half = round(0.5e9 * step)
+    arrays: dict[Any, Array] = {
+        name: np.zeros((len(grid), 3)) for name in ("position", "velocity", "spin")
+    }
+    arrays["attitude"] = np.tile([0.0, 0.0, 0.0, 1.0], (len(grid), 1))
+    arrays |= {("v", name): np.zeros(len(grid)) for name in vehicle.joint_names}
+    known_at = dict[Any, Flags]()
+    for name, samples in series.items():
+        if name == "attitude":
+            turned = Rotation.from_quat(samples.values).as_matrix()
+            samples = samples._replace(values=quaternions_of(turned))
+        elif name[0] in ("imu", "u"):
+            arrays[name] = _means(samples, grid - half * (name[0] == "imu"), 2 * half)
+            continue
+        arrays[name] = interp1d(samples.time, samples.values, axis=0)(grid)
+        nearest = np.searchsorted(samples.time, grid - half)
+        known_at[name] = np.abs(samples.time[nearest] - grid) <= half
+    q = motion_of(vehicle, arrays, (grid - begin) * 1e-9)[0]
+    layout = vehicle.layout.q
+    places: dict[Any, Any] = {"position": layout.position, "attitude": layout.attitude}
+    places |= {("q", n): p for n, p in zip(vehicle.joint_names, layout.joint_places, strict=True)}
+    for name, place in places.items():
+        q[~known_at.get(name, np.zeros(len(grid), bool)), place] = np.nan
+    commands = np.stack([arrays["u", name] for name in vehicle.commands], axis=1)
+    felt = {frame: arrays["imu", frame] for frame in log.imus}
+    # Where commands have gaps nobody knows what acted.
+    times = series["u", vehicle.commands[0]].time
+    late = np.flatnonzero(np.diff(times) > _GAP * 1e9)
+    cuts = [0, *np.searchsorted(grid, times[late + 1]).tolist(), len(grid)]
+    for k in late:
+        words = "%s: commands are not known for %.3g s after %.6g s; it is cut there"
+        _log.warning(words, source, *((np.diff(times)[k], times[k] - begin) * np.array(1e-9)))
+    ends = [*np.searchsorted(grid, times[late]).tolist(), len(grid)]
+    parts = [slice(a, b) for a, b in zip(cuts, ends, strict=False) if b - a >= _LEAST]
+    seconds: Array = step * np.arange(len(grid))
+    return [
+        Recording(
+            seconds[rows], commands[rows], q[rows], {f: x[rows] for f, x in felt.items()}, source
+        )
+        for rows in parts
+    ]
+
+
+def _means(samples: Samples, begin: Any, length: int) -> Array:
+    """Means of samples within a length, ns, from times on; of commands the last where none is."""
+    sums = np.cumsum(np.concatenate([0.0 * samples.values[:1], samples.values]), axis=0)
+    first, last = (np.searchsorted(samples.time, begin + shift) for shift in (0, length))
+    count = (last - first).astype(float).reshape(-1, *[1] * (samples.values.ndim - 1))
+    with np.errstate(invalid="ignore"):
+        means: Array = (sums[last] - sums[first]) / count
+    if samples.values.ndim == 1:
+        means = np.where(count > 0.0, means, samples.values[np.maximum(first - 1, 0)])
+    return means
+
+
+def _take_back_delay(series: dict[Any, Samples], source: str) -> None:
+    """Take back how much later than the IMU at the base the pose is, by how fast both turn."""
+    if not series.keys() >= {"attitude", ("imu", "base")}:
+        return
+    pose, felt = series["attitude"], series["imu", "base"]
+    turns = Rotation.from_quat(pose.values)
+    rates = (turns[:-1].inv() * turns[1:]).magnitude() / (np.diff(pose.time) * 1e-9)
+    middle = 0.5 * (pose.time[1:] + pose.time[:-1])
+    fine = np.arange(max(middle[0], felt.time[0]), min(middle[-1], felt.time[-1]), _FINE * 1e9)
+    if len(fine) < _LEAST:
+        return
+    speeds = np.linalg.norm(felt.values[:, 3:], axis=1)
+    one, other = np.interp(fine, middle, rates), np.interp(fine, felt.time, speeds)
+    one, other = (x - np.mean(x) for x in (one, other))
+    lags = np.arange(-_MOST_LAGS, _MOST_LAGS + 1)
+    inner = slice(_MOST_LAGS, len(fine) - _MOST_LAGS)
+    match = np.array([np.sum(other[inner] * np.roll(one, -lag)[inner]) for lag in lags])
+    best = int(np.argmax(match))
+    size = np.linalg.norm(one[inner]) * np.linalg.norm(other[inner])
+    if not 0 < best < len(lags) - 1 or match[best] < _ALIKE * size:
+        return
+    before, at, after = match[best - 1 : best + 2]
+    delay = (lags[best] + 0.5 * (before - after) / (before - 2.0 * at + after)) * _FINE
+    if abs(delay) > 0.5 * _FINE:
+        _log.warning(
+            "%s: the pose is %.4f s later than the IMU, which is taken back", source, delay
+        )
+        for name in ("position", "attitude"):
+            samples = series[name]
+            series[name] = samples._replace(time=samples.time - round(delay * 1e9))
+
+
 def _new(values: Array) -> Array:
     """Readings (s, k), NaN where they repeat the last."""
     again = np.append(False, np.all(values[1:] == values[:-1], axis=1))
@@ -142,20 +275,29 @@ class Readings:
     """
 
     def __init__(self, recording: Recording, module: Any, frames: tuple[str, ...]) -> None:
-        known = np.isfinite(recording.q)
-        if lacking := [n for n, k in zip(module.COORDINATES, known.T, strict=True) if k.sum() < 20]:
-            raise UsageError(f"{recording.source}: has no readings of {', '.join(lacking)}")
+        q, layout = recording.q.copy(), Functions(module).layout
+        known = np.isfinite(q)
+        lacking = known.sum(axis=0) < _LEAST_READINGS
+        # Without a pose the place, attitude and velocity at the begin are as good as any others.
+        self.blind = bool(layout.moves_freely and frames and lacking[layout.q.base].all())
+        if self.blind:
+            lacking[layout.q.base] = False
+            known[:2, layout.q.base] = True
+            q[:2, layout.q.base] = np.array(layout.neutral)[layout.q.base]
+        if lacking.any():
+            names = ", ".join(np.array(module.COORDINATES)[lacking])
+            raise UsageError(f"{recording.source}: has no readings of {names}")
         if not {*frames} <= {*recording.imus}:
             raise UsageError(f"{recording.source}: has no IMU at {', '.join(frames)}, as others do")
         h, count, self.commands = recording.step, len(recording.time), recording.commands
         smooth = np.stack(
             [
                 np.interp(recording.time, recording.time[k], column[k])
-                for column, k in zip(recording.q.T, known.T, strict=True)
+                for column, k in zip(q.T, known.T, strict=True)
             ],
             axis=1,
         )
-        self.q = np.where(known, recording.q, smooth)
+        self.q = np.where(known, q, smooth)
         extra = self.q.shape[1] - len(module.VELOCITIES)
         # A quaternion's four entries, which a free base has behind its place, are three of `v`.
         self.has = np.delete(known, [6] * extra, axis=1)
@@ -170,13 +312,21 @@ class Readings:
             self.guess[:, 3:7] /= np.linalg.norm(self.guess[:, 3:7], axis=1, keepdims=True)
         ahead = module.difference(self.guess[:-1], self.guess[1:]) / h
         self.rates = np.concatenate([ahead[:1], 0.5 * (ahead[1:] + ahead[:-1]), ahead[-1:]])
-        rows = self.has.all(axis=1)
-        of_pose = module.difference(self.q[rows][:-1], self.q[rows][1:])
-        floor = _FLOOR if {"x", "y", "z"} <= {*module.COORDINATES} else _FLOOR_ENCODER
-        self.deviations = deviation(of_pose, floor, increments=True)
-        for k, columns in enumerate(self.has.T):  # Entries that are not read with all others.
-            if not rows.any() or columns.sum() > 1.5 * rows.sum():
-                self.deviations[k] = deviation(smooth[columns][:, [k + extra]], floor)[0]
+        if self.blind and "base" in frames:  # Without gravity, as it is not felt.
+            place = 6 * frames.index("base")
+            force, spin = (np.nan_to_num(self.felt[:, place + k :][:, :3]) for k in (0, 3))
+            along, turns = layout.v.position, layout.v.attitude
+            self.rates[:, turns] = spin
+            for k in range(count - 1):
+                speed = self.rates[k, along]
+                self.rates[k + 1, along] = speed + h * (force[k] - np.cross(spin[k], speed))
+                self.guess[k + 1] = module.integrate(self.guess[k], h * self.rates[k])
+            self.q[1] = self.guess[1]
+        floor = _FLOOR if layout.moves_freely else _FLOOR_ENCODER
+        self.deviations = np.empty(len(self.has.T))
+        for k, rows in enumerate(self.has.T):
+            moves = module.difference(self.q[rows][:-1], self.q[rows][1:])[:, [k]]
+            self.deviations[k] = deviation(moves, floor, increments=True)[0]
         floors = [*[_FLOOR_FELT] * 3, *[_FLOOR_SPIN] * 3]
         self.felt_deviations = np.array(
             [

@@ -35,10 +35,13 @@ _WIND_TIME, _WIND, _CALM = 1.0, 0.3, 0.01
 # Readings that are off by more of their deviations weigh less (Huber).
 _OUTLIER = 3.0
 _STEP = 1e-6
+# Share of the drag's deviation without a pose, by which velocities are unknown.
+_BLIND = 1e-6
 # Samples at a time, which stay in the cache.
 _CHUNK, _ALL = 1024, slice(None)
-# Changes of shared numbers, of their deviations, that are none; iterations at most.
-_SETTLED, _MOST = 0.03, 30
+# Changes of shared numbers, of their deviations, and shares of strengths, that are none;
+# iterations at most.
+_SETTLED, _SAME, _MOST = 0.03, 0.1, 30
 _DAMPINGS = (0.0, 1e-3, 1e-1, 10.0, 1e3)
 
 
@@ -72,8 +75,11 @@ class Smoother:
         # Whether a sample is followed by the next, of the same log.
         self.follows = np.ones((len(self.q), 1))
         self.follows[ends] = 0.0
+        # What no log tells the attitude of, it feels no gravity of, nor air as it goes.
+        blind = all(log.blind for log in logs)
+        fixed = {"gravity": 0.0} if blind else {}
         self._machine = lru_cache(64)(
-            lambda z: model.machine(unknowns.parameters(np.frombuffer(z)))
+            lambda z: model.machine(unknowns.parameters(np.frombuffer(z)) | fixed)
         )
         self._pool = ThreadPoolExecutor(os.cpu_count())
         self.has = np.concatenate([self.has, np.isfinite(self.felt)], axis=1).astype(float)
@@ -87,7 +93,7 @@ class Smoother:
         self.imus = self.felt.shape[1]
         prior = [unknowns.prior] * len(unknowns.names)
         if model.free:
-            prior.append(_DRAG * float(model.machine({}).scale[0]))
+            prior.append((_BLIND if blind else 1.0) * _DRAG * float(model.machine({}).scale[0]))
         prior += ([_BIASES[0]] * 3 + [_BIASES[1]] * 3) * (self.imus // 6)
         self.prior = np.array(prior)
         self.first = {
@@ -122,6 +128,11 @@ class Smoother:
         pulls = self.left * state["pull"][:-1] - state["pull"][1:]
         gaps = np.concatenate([gaps * self.step_weights, pulls * self._calm(estimate)], axis=1)
         return misses, gaps * self.follows[:-1], estimate.shared / self.prior
+
+    def _left(self, estimate: Estimate) -> Array:
+        """Root mean squares of what steps leave, over its deviations."""
+        left: Array = np.sqrt(np.mean(self._residuals(estimate)[1] ** 2, axis=0))
+        return left
 
     def _calm(self, estimate: Estimate) -> float:
         return 1.0 / (estimate.wind * float(np.sqrt(1.0 - self.left**2)))
@@ -256,14 +267,14 @@ class Smoother:
             estimate = moved
             estimate.covariance = covariance
             wind = max(_CALM, float(np.sqrt(np.mean(estimate.state["pull"] ** 2))))
-            same = not self.model.free or abs(np.log(wind / estimate.wind)) < 0.1
+            same = not self.model.free or abs(np.log(wind / estimate.wind)) < _SAME
             estimate.wind = wind if self.model.free else estimate.wind
             tell(1.0 - 1.0 / (2.0 + iteration))
             if place == 0 and same and (size < _SETTLED if free else iteration > 2):
                 break
         if place or not better:  # Damped, it would be too small.
             estimate.covariance = self._solved(estimate, free)(0.0)[2]
-        misses, gaps, _ = self._residuals(estimate)
-        estimate.left = np.sqrt(np.mean(gaps**2, axis=0))
+        misses = self._residuals(estimate)[0]
+        estimate.left = self._left(estimate)
         estimate.misses = np.where(self.has > 0.0, misses, np.nan)
         return estimate

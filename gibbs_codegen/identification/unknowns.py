@@ -77,7 +77,8 @@ class Unknowns:
         by_default = [
             name
             for name, row in self._members.items()
-            if _FREE.search(name) and all(self.file[n] != 0.0 or "_com_" in n for n in row)
+            if _FREE.search(name)
+            and all(self.file[n] != 0.0 or "_com_" in n for n in row)
             # A base that stays where it is weighs on the ground alone.
             and not (name.startswith("base_") and self.module.ATTITUDE == FIXED)
         ]

@@ -12,8 +12,9 @@ import numpy as np
 from gibbs_codegen.errors import UsageError, cause_of, near, printable, written
 from gibbs_codegen.files.staging import put_in_place, staging_folder, writing
 from gibbs_codegen.flight.arguments import numbers
+from gibbs_codegen.flight.logs.crazyflie import is_crazyflie, read_crazyflie
 from gibbs_codegen.flight.logs.px4 import is_px4, read_px4, write_tables
-from gibbs_codegen.flight.logs.reading import flight_of_log
+from gibbs_codegen.flight.logs.reading import Recorded, Samples, flight_of_log
 from gibbs_codegen.flight.logs.ros import read_bag, write_bag
 from gibbs_codegen.flight.plant.vehicle import Vehicle
 from gibbs_codegen.flight.record.flight import Flight
@@ -21,7 +22,8 @@ from gibbs_codegen.flight.record.series import StrPath
 from gibbs_codegen.runtime.load import load
 
 # Keys of `names` besides coordinates and inputs.
-_OF_BAGS, _OF_PX4 = ("odometry", "joints", "inputs"), ("position", "attitude", "spin")
+_OF_BAGS = "odometry", "joints", "inputs", "imu", "actuators"
+_OF_PX4 = "position", "attitude", "spin", "imu"
 FORMATS: dict[str, Callable[[Flight, Path], None]] = {"mcap": write_bag, "csv": write_tables}
 
 
@@ -64,11 +66,13 @@ def read_log(
 
     Args:
         robot: The robot that flew: a generated module, or the name or path of one.
-        log: A bag of ROS 1 or 2, an MCAP file, a ULog of PX4, or a folder with tables of one.
+        log: A bag of ROS 1 or 2, an MCAP file, a ULog of PX4, a folder with tables of one, or a
+            file of a Crazyflie's memory card.
         names: What the log calls things. Of a bag, topics "odometry" (default /odom), "joints"
-            (/joint_states) and "inputs" (/inputs), and coordinates and inputs. Of a ULog, topics
-            "position" (vehicle_local_position), "attitude" (vehicle_attitude) and "spin"
-            (vehicle_angular_velocity), and coordinates and inputs as topic.field. A number says
+            (/joint_states), "inputs" (/inputs), "imu" (/imu) and "actuators" (/actuators), and
+            coordinates and inputs. Of a ULog, topics "position" (vehicle_local_position),
+            "attitude" (vehicle_attitude), "spin" (vehicle_angular_velocity) and "imu"
+            (sensor_combined), and coordinates, inputs and commands as topic.field. A number says
             where a joint stands.
         rate: Samples per second; by default they are at the times of the log.
         cutoff: Frequency, Hz, of a Butterworth filter of order four, which is applied forwards and
@@ -84,9 +88,19 @@ def read_log(
             is not installed, which the extra `logs` brings.
     """
     module = robot if isinstance(robot, ModuleType) else load(robot, "c")
-    vehicle, path, names = Vehicle(module), Path(log), names or {}
+    for name, frequency in (("rate", rate), ("cutoff", cutoff)):
+        if frequency is not None and numbers(name, frequency, "a number of Hz", ()) <= 0.0:
+            raise UsageError(f"{name}: must be positive, not {frequency:g}")
+    vehicle = Vehicle(module)
+    recorded = recorded_of(vehicle, log, names or {})
+    return flight_of_log(vehicle, recorded, printable(Path(log).name), rate, cutoff)
+
+
+def recorded_of(vehicle: Vehicle, log: StrPath, names: Mapping[str, str | float]) -> Recorded:
+    """Contents of a log for a robot, by `names` as of `read_log`, whose errors it raises."""
+    path = Path(log)
     roles = _OF_PX4 if is_px4(path) else _OF_BAGS
-    roles_known = {*roles, *vehicle.joint_names, *vehicle.inputs}
+    roles_known = {*roles, *vehicle.joint_names, *vehicle.inputs, *vehicle.commands}
     if unknown := sorted(names.keys() - roles_known):
         hint = near(unknown[0], roles_known)
         words = f"is none of {', '.join(sorted(roles_known))}{hint}"
@@ -97,17 +111,14 @@ def read_log(
             if name not in vehicle.joint_names:
                 raise UsageError(f"names: {name}: must be {called}, not {written(alias)}")
             numbers(f"names: {name}", alias, f"{called}, or the number at which it stands", ())
-    for name, frequency in (("rate", rate), ("cutoff", cutoff)):
-        if frequency is not None and numbers(name, frequency, "a number of Hz", ()) <= 0.0:
-            raise UsageError(f"{name}: must be positive, not {frequency:g}")
     if not path.exists():
         raise UsageError(f"{printable(path)}: is not there; give a log")
     if path.suffix == ".npz" or (path / "flight.npz").exists():
         raise UsageError(f"{printable(path)}: is a flight already, which read_flight reads")
-    source = printable(path.name)
     try:
         with np.errstate(all="ignore"):  # Impossible numbers are left out later.
-            recorded = (read_px4 if is_px4(path) else read_bag)(path, vehicle, names)
+            read = read_crazyflie if is_crazyflie(path) else read_px4 if is_px4(path) else read_bag
+            recorded = read(path, vehicle, names)
     except UsageError:
         raise
     except Exception as error:  # Files can be broken in many ways.
@@ -115,11 +126,15 @@ def read_log(
         if isinstance(error, OSError) and error.filename:
             why = cause_of(error)
         raise UsageError(f"{printable(path)}: is not a log that can be read: {why}") from None
-    if absent := [name for name in vehicle.inputs if name in names and name not in recorded.inputs]:
+    driven = recorded.inputs.keys() | recorded.commands.keys()
+    if absent := [
+        n for n in (*vehicle.inputs, *vehicle.commands) if n in names and n not in driven
+    ]:
         name = absent[0]
         raise UsageError(f"{printable(path)}: has no {printable(names[name])}, named for {name}")
+    clock = next(s for s in (recorded.position, *recorded.commands.values()) if s is not None)
     still = {
-        name: recorded.position._replace(values=np.full(len(recorded.position.time), place))
+        name: Samples(clock.time, np.full(len(clock.time), place))
         for name in vehicle.joint_names
         if isinstance(place := names.get(name), int | float)
     }
@@ -131,4 +146,4 @@ def read_log(
                 f"{printable(path)}: has no positions of the joint {name}; name what it is called "
                 f"there, or the number at which it stands. There are: {there}"
             )
-    return flight_of_log(vehicle, recorded, source, rate, cutoff)
+    return recorded

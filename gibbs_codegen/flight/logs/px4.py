@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from gibbs_codegen.errors import UsageError, printable, require
 from gibbs_codegen.flight.logs.motion import base_motion, imus, shares
-from gibbs_codegen.flight.logs.reading import NO_TIME, Recorded, Samples
+from gibbs_codegen.flight.logs.reading import NO_TIME, Recorded, Samples, of_shares
 from gibbs_codegen.flight.plant.vehicle import Vehicle
 from gibbs_codegen.flight.record.flight import Flight
 from gibbs_codegen.flight.record.series import write_table
@@ -42,6 +42,7 @@ _READ = {
     "position": "vehicle_local_position",
     "attitude": "vehicle_attitude",
     "spin": "vehicle_angular_velocity",
+    "imu": "sensor_combined",
 }
 # Motors that a message of PX4 has.
 _MOTORS = 12
@@ -147,6 +148,11 @@ def read_px4(path: Path, vehicle: Vehicle, names: Mapping[str, str | float]) -> 
         fields = _topic(topics, topic)
         return _samples(fields, (field,)) if field in fields else None
 
+    felt = series("imu", (*_entries("accelerometer_m_s2"), *_entries("gyro_rad")))
+    motors = _topic(topics, "actuator_motors")
+    shares = {k: (f"control[{k}]",) for k in range(vehicle.rotors)}
+    sent = {k: _samples(motors, key) for k, key in shares.items() if motors.keys() >= {*key}}
+    named = {name: log for name in vehicle.commands if name in names and (log := of(name, ""))}
     joints = list(enumerate(vehicle.joint_names))
     inputs = [(name, k - vehicle.rotors) for k, name in enumerate(vehicle.inputs)]
     return Recorded(
@@ -162,6 +168,10 @@ def read_px4(path: Path, vehicle: Vehicle, names: Mapping[str, str | float]) -> 
         },
         {name: series_of for name, k in inputs if (series_of := of(name, f"effort[{k}]"))},
         tuple(topics),
+        {"base": felt._replace(values=turned_over(felt.values.reshape(-1, 3)).reshape(-1, 6))}
+        if felt
+        else {},
+        of_shares(vehicle, sent) | named,
     )
 
 

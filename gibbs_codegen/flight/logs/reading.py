@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Mapping
 from itertools import pairwise
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -34,7 +35,7 @@ _LONG_REST = 3600 * 10**9
 # Greatest numbers that a robot's samples can be, in SI units: around the Earth it is 4e7 m, in
 # an orbit 8e3 m/s. Numbers beyond are bits that were flipped.
 _GREATEST = {"position": 1e8, "attitude": 2.0, "velocity": 1e4, "spin": 1e4}
-_GREATEST |= {"q": 1e8, "v": 1e4, "u": 1e8}
+_GREATEST |= {"q": 1e8, "v": 1e4, "u": 1e8, "imu": 1e5}
 _GREATEST_ACCELERATION = 1e8
 # Share of a step by which the last sample may be late.
 _SAME_STEP = 1e-6
@@ -63,17 +64,30 @@ class Recorded(NamedTuple):
     `position` (s, 3), m, of the frame "base" and `attitude` (s, 4), quaternions x y z w from it to
     the world; `velocity` (s, 3), m/s, world axes, and `spin` (s, 3), rad/s, base's axes, None where
     they follow from those. Joints and rates by coordinates, and inputs by their names, have values
-    (s). `offered` are names of joints that the log has.
+    (s). `offered` are names of joints that the log has. IMUs by frame have specific force, m/s²,
+    and spin (s, 6), and commands by their names what is sent (s), in the units of the robot.
     """
 
-    position: Samples
-    attitude: Samples
+    position: Samples | None
+    attitude: Samples | None
     velocity: Samples | None
     spin: Samples | None
     joints: Mapping[str, Samples]
     rates: Mapping[str, Samples]
     inputs: Mapping[str, Samples]
     offered: tuple[str, ...]
+    imus: Mapping[str, Samples] = MappingProxyType({})
+    commands: Mapping[str, Samples] = MappingProxyType({})
+
+
+def of_shares(vehicle: Vehicle, shares: Mapping[int, Samples]) -> dict[str, Samples]:
+    """Commands by their names of shares of the greatest, by their numbers."""
+    most = module_actuators(vehicle).sent[1]
+    return {
+        vehicle.commands[k]: share._replace(values=share.values * most[k])
+        for k, share in shares.items()
+        if np.isfinite(most[k])
+    }
 
 
 def flight_of_log(
@@ -88,6 +102,8 @@ def flight_of_log(
     Samples are those of the series of the base that has most, or `rate` a second; what is slower
     than `cutoff`, Hz, is kept of them, if given. `source` names the log.
     """
+    if recorded.position is None or recorded.attitude is None:
+        raise UsageError(f"{source}: does not tell where the base is, as a flight does")
     logged: dict[Any, Samples | None] = {
         "position": recorded.position,
         "attitude": recorded.attitude._replace(values=known_attitudes(recorded.attitude.values)),
@@ -97,7 +113,7 @@ def flight_of_log(
         **{("v", name): samples for name, samples in recorded.rates.items()},
         **{("u", name): samples for name, samples in recorded.inputs.items()},
     }
-    series = _cleaned({name: log for name, log in logged.items() if log is not None}, source)
+    series = cleaned({name: log for name, log in logged.items() if log is not None}, source)
     begin, seconds = _time_base(series, source, rate, cutoff)
     attitude = series["attitude"]
     turned = Rotation.from_quat(attitude.values).as_matrix()
@@ -113,7 +129,7 @@ def flight_of_log(
     if cutoff is not None:
         low = butter(_ORDER, cutoff, fs=1.0 / (seconds[1] - seconds[0]), output="sos")
         arrays = {name: sosfiltfilt(low, values, axis=0) for name, values in arrays.items()}
-    q, v, a = _motion(vehicle, arrays, seconds)
+    q, v, a = motion_of(vehicle, arrays, seconds)
     fastest, sharpest = (float(np.abs(derivative).max()) for derivative in (v, a))
     if not (fastest <= _GREATEST["v"] and sharpest <= _GREATEST_ACCELERATION):
         raise UsageError(
@@ -162,7 +178,7 @@ def _time_base(
     for name, samples in series.items():
         if len(samples.time) < _LEAST:
             raise UsageError(
-                f"{source}: of {_title(name)} it has {len(samples.time)} samples that are numbers; "
+                f"{source}: of {title(name)} it has {len(samples.time)} samples that are numbers; "
                 f"a flight needs {_LEAST}"
             )
     begin = int(max(samples.time[0] for samples in series.values()))
@@ -182,7 +198,7 @@ def _time_base(
             late = samples.time[np.argmax(gaps)]
             _log.warning(
                 "%s: %s is not known for %.3g s after %.4g s; a spline goes across",
-                *(source, _title(name), np.max(gaps) * 1e-9, (late - begin) * 1e-9),
+                *(source, title(name), np.max(gaps) * 1e-9, (late - begin) * 1e-9),
             )
     step = 1.0 / rate if rate else float(np.median(np.diff(most))) * 1e-9
     if cutoff is not None and not 0.0 < cutoff < 0.5 / step:
@@ -208,14 +224,14 @@ def known_attitudes(quaternions: Array) -> Array:
     return np.where((length > 0.5) & (length < 2.0), quaternions, np.nan)
 
 
-def _cleaned(series: Mapping[Any, Samples], source: str) -> dict[Any, Samples]:
+def cleaned(series: Mapping[Any, Samples], source: str) -> dict[Any, Samples]:
     """Samples that can be, of one run of the clock, in the order of time; others are logged."""
     sound, left_out = dict[Any, Samples](), dict[tuple[str, int, int], list[str]]()
 
     def kept(name: Any, samples: Samples, right: Any, why: str) -> Samples:
         """The samples that are right; others are counted under the words for why they are not."""
         if count := len(right) - int(np.count_nonzero(right)):
-            left_out.setdefault((why, count, len(series[name].time)), []).append(_title(name))
+            left_out.setdefault((why, count, len(series[name].time)), []).append(title(name))
         return samples.rows(right)
 
     for name, samples in series.items():
@@ -227,20 +243,21 @@ def _cleaned(series: Mapping[Any, Samples], source: str) -> dict[Any, Samples]:
         )
     runs = {name: _runs(samples.time) for name, samples in sound.items()}
     if odd := [name for name, parts in runs.items() if len(parts) > 1]:
-        lengths = [run.stop - run.start for run in runs["position"]]
+        first = next(iter(runs))
+        lengths = [run.stop - run.start for run in runs[first]]
         number, count = int(np.argmax(lengths)), len(lengths)
         if other := [name for name, run in runs.items() if len(run) != count]:
             parts = len(runs[other[0]])
             raise UsageError(
                 f"{source}: its clock goes back, or leaps ahead by more than an hour, which cuts "
-                f"position into {count} parts and {_title(other[0])} into {parts}, so that it is "
-                "unknown which belong together; cut the log there, and read its parts"
+                f"{title(first)} into {count} parts and {title(other[0])} into {parts}, so that it "
+                "is unknown which belong together; cut the log there, and read its parts"
             )
         sound = {name: samples.rows(runs[name][number]) for name, samples in sound.items()}
         _log.warning(
             "%s: the clock of %s goes back, or leaps ahead by more than an hour; of the %d parts "
-            "between, only the longest is read, number %d, with %d samples of position",
-            *(source, ", ".join(map(_title, odd)), count, number + 1, lengths[number]),
+            "between, only the longest is read, number %d, with %d samples of %s",
+            *(source, ", ".join(map(title, odd)), count, number + 1, lengths[number], title(first)),
         )
     for name, samples in sound.items():
         latest = np.maximum.accumulate(samples.time)
@@ -264,7 +281,7 @@ def _runs(time: NDArray[np.int64]) -> list[slice]:
     return [slice(*pair) for pair in pairwise(ends)]
 
 
-def _title(name: str | tuple[str, str]) -> str:
+def title(name: str | tuple[str, str]) -> str:
     """The title of a series in messages."""
     return name if isinstance(name, str) else printable(name[1])
 
@@ -279,7 +296,7 @@ def _spin(quaternion: Array, rate: Array) -> Array:
     return 2.0 * twice / np.sum(quaternion**2, axis=1, keepdims=True)
 
 
-def _motion(
+def motion_of(
     vehicle: Vehicle, arrays: Mapping[Any, Array], seconds: Array
 ) -> tuple[Array, Array, Array]:
     """Coordinates (s, nq), velocities and accelerations (s, nv) by series at times (s)."""

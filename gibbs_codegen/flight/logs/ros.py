@@ -6,9 +6,10 @@ turned.
 
 from __future__ import annotations
 
-from collections import defaultdict
+from collections import Counter, defaultdict
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -19,7 +20,13 @@ from gibbs_codegen.errors import UsageError, printable, require
 from gibbs_codegen.flight.logs.bags import ACTUATORS, message_types, read_messages
 from gibbs_codegen.flight.logs.cdr import encoded, stamps, times_of
 from gibbs_codegen.flight.logs.motion import base_motion, imus, shares
-from gibbs_codegen.flight.logs.reading import NO_TIME, Recorded, Samples, known_attitudes
+from gibbs_codegen.flight.logs.reading import (
+    NO_TIME,
+    Recorded,
+    Samples,
+    known_attitudes,
+    of_shares,
+)
 from gibbs_codegen.flight.plant.vehicle import Vehicle
 from gibbs_codegen.flight.record.flight import Flight
 from gibbs_codegen.flight.vectors import Array
@@ -34,6 +41,8 @@ _READ = {
     "odometry": ("/odom", _POSES),
     "joints": ("/joint_states", ("JointState",)),
     "inputs": ("/inputs", ("JointState",)),
+    "imu": ("/imu", ("Imu",)),
+    "actuators": ("/actuators", ("Actuators",)),
 }
 # Times whose differences are no more than integers hold, ns.
 _LATEST = 2**62
@@ -150,28 +159,39 @@ def read_bag(path: Path, vehicle: Vehicle, names: Mapping[str, str | float]) -> 
                 )
             messages[topic] = []
     poses = messages[topics["odometry"]]
-    if not poses:
+    if not poses and vehicle.layout.q.base:
         there = ", ".join(f"{topic} ({kinds[topic]})" for topic in sorted(kinds)) or "none"
         raise UsageError(
             f"{printable(path)}: has no message of {printable(topics['odometry'])} that can be "
             "read and says where the base is; name a topic of one of the types "
             f"{', '.join(_POSES)} (--name odometry=TOPIC); there are {printable(there, 800)}"
         )
+    states, efforts = (_by_name(messages[topics[role]]) for role in ("joints", "inputs"))
     time, placed = _times(poses), [_pose(message) for _, message in poses]
+    if not poses:  # It is where it always is.
+        time = next((samples.time for samples in states.values()), time)
+        origin = SimpleNamespace(x=0.0, y=0.0, z=0.0, w=1.0)
+        placed = [(origin, origin)] * len(time)
     attitude = known_attitudes(np.array([_entries("xyzw", pose) for _, pose in placed]))
     # Where a message has no attitude yet, nothing else in it is known.
     unknown = 0.0 * attitude[:, :1]
     position = np.array([_entries("xyz", pose) for pose, _ in placed]) + unknown
     velocity = spin = None
-    if hasattr(poses[0][1], "twist"):
+    if poses and hasattr(poses[0][1], "twist"):
         twists = [message.twist.twist for _, message in poses]
         moving = np.array([_entries("xyz", twist.linear) for twist in twists])
         turned = Rotation.from_quat(np.where(np.isnan(attitude), [0, 0, 0, 1], attitude))
         velocity = Samples(time, turned.apply(moving) + unknown)
         turning = np.array([_entries("xyz", twist.angular) for twist in twists])
         spin = Samples(time, turning + unknown)
-    states, efforts = (_by_name(messages[topics[role]]) for role in ("joints", "inputs"))
     joints = [(joint, names.get(joint, joint)) for joint in vehicle.joint_names]
+    # What drives a joint may stand beside its position.
+    drives = zip(vehicle.inputs[vehicle.rotors :], joints, strict=False)
+    efforts = {
+        ("effort", drive): states["effort", joint]
+        for drive, (_, joint) in drives
+        if ("effort", joint) in states
+    } | efforts
     inputs = [(drive, str(names.get(drive, drive))) for drive in vehicle.inputs]
     return Recorded(
         Samples(time, position),
@@ -182,7 +202,47 @@ def read_bag(path: Path, vehicle: Vehicle, names: Mapping[str, str | float]) -> 
         {joint: states["velocity", name] for joint, name in joints if ("velocity", name) in states},
         {drive: efforts["effort", name] for drive, name in inputs if ("effort", name) in efforts},
         tuple(str(name) for series, name in states if series == "position"),
+        _felt(messages[topics["imu"]], vehicle),
+        _sent(messages[topics["actuators"]], vehicle),
     )
+
+
+def _felt(messages: Sequence[tuple[int, Any]], vehicle: Vehicle) -> dict[str, Samples]:
+    """What IMUs read, by their frames; frames that a robot does not have are its base."""
+    by_frame: dict[str, list[tuple[int, Any]]] = defaultdict(list)
+    for logged, message in messages:
+        frame = message.header.frame_id
+        by_frame[frame if frame in vehicle.frames else BASE].append((logged, message))
+    return {
+        frame: Samples(
+            _times(listed),
+            np.array(
+                [
+                    _entries("xyz", m.linear_acceleration) + _entries("xyz", m.angular_velocity)
+                    for _, m in listed
+                ]
+            ),
+        )
+        for frame, listed in by_frame.items()
+    }
+
+
+def _sent(messages: Sequence[tuple[int, Any]], vehicle: Vehicle) -> dict[str, Samples]:
+    """Commands of the lists of Actuators, in the order in which `_commands` writes them."""
+    units = getattr(vehicle.module, "COMMAND_UNITS", vehicle.input_units)
+    time, sent, shares = _times(messages), dict[str, Samples](), dict[int, Samples]()
+    places: Counter[str] = Counter()
+    for k, unit in enumerate(units):
+        kind = _LISTS.get(unit, "normalized")
+        rows = [getattr(message, kind) for _, message in messages]
+        if rows and min(map(len, rows)) > places[kind]:
+            samples = Samples(time, np.array([row[places[kind]] for row in rows], float))
+            if kind == "normalized" and unit in ("N", "N m"):
+                shares[k] = samples
+            else:
+                sent[vehicle.commands[k]] = samples
+        places[kind] += 1
+    return sent | of_shares(vehicle, shares)
 
 
 def _pose(message: Any) -> tuple[Any, Any]:
