@@ -375,7 +375,9 @@ def _identify(parser: Parser) -> None:
     parser.add("logs", "LOG", meaning, nargs="+")
     _add_names(parser)
     meaning = "seconds of LOG that are taken, such as those in the air (default: all)"
-    parser.add("--between", ("BEGIN", "END"), meaning, type=_number, nargs=2, default=(0.0, math.inf))
+    parser.add(
+        "--between", ("BEGIN", "END"), meaning, type=_number, nargs=2, default=(0.0, math.inf)
+    )
     parser.add(
         *("--free", "PATTERN"),
         "parameters that are free, such as forearm_mass or '*_com_?', and rotors.drag of all "

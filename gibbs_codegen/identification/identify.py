@@ -148,7 +148,9 @@ def identify(
     check_logs(listed)
     whole = [part for log in listed for part in _recordings(log, module, names or {})]
     spans = [np.searchsorted(log.time, between) for log in whole]
-    recordings = [part_of(r, slice(*ends)) for r, ends in zip(whole, spans, strict=True) if np.ptp(ends)]
+    recordings = [
+        part_of(r, slice(*ends)) for r, ends in zip(whole, spans, strict=True) if np.ptp(ends)
+    ]
     if not recordings:
         raise UsageError(f"between: no log has samples from {between[0]:g} to {between[1]:g} s")
     unknowns = Unknowns(module, free, prior)

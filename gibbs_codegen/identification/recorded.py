@@ -278,12 +278,12 @@ class Readings:
         q, layout = recording.q.copy(), Functions(module).layout
         known = np.isfinite(q)
         lacking = known.sum(axis=0) < _LEAST_READINGS
-        # Without a pose the place, attitude and velocity at the begin are as good as any others.
+        # Without a pose it is as good to stay in one, with steps that may leave anything.
         self.blind = bool(layout.moves_freely and frames and lacking[layout.q.base].all())
         if self.blind:
             lacking[layout.q.base] = False
-            known[:2, layout.q.base] = True
-            q[:2, layout.q.base] = np.array(layout.neutral)[layout.q.base]
+            known[:, layout.q.base] = True
+            q[:, layout.q.base] = np.array(layout.neutral)[layout.q.base]
         if lacking.any():
             names = ", ".join(np.array(module.COORDINATES)[lacking])
             raise UsageError(f"{recording.source}: has no readings of {names}")
@@ -312,21 +312,14 @@ class Readings:
             self.guess[:, 3:7] /= np.linalg.norm(self.guess[:, 3:7], axis=1, keepdims=True)
         ahead = module.difference(self.guess[:-1], self.guess[1:]) / h
         self.rates = np.concatenate([ahead[:1], 0.5 * (ahead[1:] + ahead[:-1]), ahead[-1:]])
-        if self.blind and "base" in frames:  # Without gravity, as it is not felt.
-            place = 6 * frames.index("base")
-            force, spin = (np.nan_to_num(self.felt[:, place + k :][:, :3]) for k in (0, 3))
-            along, turns = layout.v.position, layout.v.attitude
-            self.rates[:, turns] = spin
-            for k in range(count - 1):
-                speed = self.rates[k, along]
-                self.rates[k + 1, along] = speed + h * (force[k] - np.cross(spin[k], speed))
-                self.guess[k + 1] = module.integrate(self.guess[k], h * self.rates[k])
-            self.q[1] = self.guess[1]
         floor = _FLOOR if layout.moves_freely else _FLOOR_ENCODER
         self.deviations = np.empty(len(self.has.T))
         for k, rows in enumerate(self.has.T):
             moves = module.difference(self.q[rows][:-1], self.q[rows][1:])[:, [k]]
             self.deviations[k] = deviation(moves, floor, increments=True)[0]
+        if self.blind:
+            self.deviations[layout.v.base] = 1.0
+            self.rates[:, layout.v.attitude] = np.nan_to_num(self.felt[:, 3:6])
         floors = [*[_FLOOR_FELT] * 3, *[_FLOOR_SPIN] * 3]
         self.felt_deviations = np.array(
             [

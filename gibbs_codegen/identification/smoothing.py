@@ -37,11 +37,15 @@ _OUTLIER = 3.0
 _STEP = 1e-6
 # Share of the drag's deviation without a pose, by which velocities are unknown.
 _BLIND = 1e-6
+# What steps may leave of a pose that nothing reads, and of its velocity, SI units.
+_ANYTHING = 1e3
 # Samples at a time, which stay in the cache.
 _CHUNK, _ALL = 1024, slice(None)
 # Changes of shared numbers, of their deviations, and shares of strengths, that are none;
 # iterations at most.
 _SETTLED, _SAME, _MOST = 0.03, 0.1, 30
+# Changes of unknowns at once beyond which equations are others.
+_FAR = 2.0
 _DAMPINGS = (0.0, 1e-3, 1e-1, 10.0, 1e3)
 
 
@@ -87,8 +91,11 @@ class Smoother:
         weights = [np.concatenate([log.deviations, log.felt_deviations]) for log in logs]
         self.weights = 1.0 / np.sqrt(np.mean(np.square(weights), axis=0))
         root, nv = np.sqrt(model.h), model.nv
-        steps = [*[_OF_Q * root] * nv, *[_OF_V * root] * nv, *[_OF_X * root] * model.nx]
-        self.step_weights = 1.0 / np.array(steps)
+        steps = np.array([*[_OF_Q * root] * nv, *[_OF_V * root] * nv, *[_OF_X * root] * model.nx])
+        if blind:
+            along = np.arange(nv)[model.layout.v.position]
+            steps[[*model.layout.v.base, *(nv + along)]] = _ANYTHING
+        self.step_weights = 1.0 / steps
         self.left = np.exp(-model.h / _WIND_TIME) if model.free else 0.0
         self.imus = self.felt.shape[1]
         prior = [unknowns.prior] * len(unknowns.names)
@@ -256,8 +263,9 @@ class Smoother:
                 shared = estimate.shared.copy()
                 shared[:free] += change
                 moved = Estimate(shared, self.model.moved(estimate.state, local), estimate.wind)
+                sizes = np.abs(change[: len(self.unknowns.names)])
                 with np.errstate(all="ignore"):
-                    better = self._cost(moved) < cost * (1.0 + 1e-9)
+                    better = np.all(sizes < _FAR) and self._cost(moved) < cost * (1.0 + 1e-9)
                 if better:
                     break
             damping = max(0, place - 1)

@@ -8,14 +8,25 @@ import numpy as np
 import pytest
 from support.command import run
 
-from gibbs_codegen import UsageError, generate, identify, load, read_scenario, simulate
+from gibbs_codegen import (
+    UsageError,
+    generate,
+    identify,
+    load,
+    read_scenario,
+    simulate,
+    write_log,
+)
+from gibbs_codegen.flight.logs.log import recorded_of
+from gibbs_codegen.flight.logs.reading import Samples
+from gibbs_codegen.flight.plant.vehicle import Vehicle
 from gibbs_codegen.flight.record.flight import Flight
-from gibbs_codegen.identification.recorded import Recording, recording_of
+from gibbs_codegen.identification.recorded import Recording, recording_of, recordings_of
 from gibbs_codegen.robot.file import parse_robot
 
 ROBOT = "quadrotor_arm_2link"
 REAL = {"base_mass": 2.3, "forearm_mass": 0.2, "base_inertia_yy": 0.025, "forearm_com_z": -0.09}
-DRAG, BIAS = 0.3, (0.05, -0.03, 0.1)
+DRAG, BIAS, DELAY = 0.3, (0.05, -0.03, 0.1), 0.0312
 FREE = ["base_mass", "base_inertia_??", "base_com_*", "forearm_mass", "forearm_com_z"]
 
 
@@ -126,11 +137,34 @@ def test_outliers_and_gaps_change_little(module, flight, identified) -> None:
     assert moved.max() < 2.0, dict(zip(again.names, moved, strict=True))
 
 
+def later(samples: Samples) -> Samples:
+    return samples._replace(time=samples.time + round(DELAY * 1e9))
+
+
+@pytest.mark.slow  # 2 s; inline: test_numbers.py.
+def test_a_bag_tells_what_the_flight_does_though_its_pose_is_late(module, flight, tmp_path) -> None:
+    pytest.importorskip("rosbags")
+    write_log(flight, tmp_path / "bag")
+    vehicle = Vehicle(module)
+    log = recorded_of(vehicle, tmp_path / "bag", {})
+    log = log._replace(position=later(log.position), attitude=later(log.attitude))
+    (part,) = recordings_of(vehicle, log, "bag")
+    direct = recording_of(flight, module, "flight")
+    rows = slice(0, len(part.time))
+    assert len(part.time) > 1300
+    np.testing.assert_allclose(part.commands, direct.commands[rows], atol=1e-9)
+    # Half a millisecond of the delay is left at most: 1 mm at 2 m/s.
+    np.testing.assert_allclose(part.q[:, :3], flight.q[rows, :3], atol=1e-3)
+    felt = direct.imus["base"][rows]
+    seen = np.isfinite(felt)
+    np.testing.assert_allclose(part.imus["base"][seen], felt[seen], atol=1e-9)
+
+
 def test_what_is_not_taken_is_refused(tmp_path: Path) -> None:
     (tmp_path / "log.ulg").write_bytes(b"")
     refused = run("identify", "quadrotor", "log.ulg", cwd=tmp_path)
     assert refused.returncode == 2
-    assert "no flight that `simulate` wrote" in refused.stderr
+    assert "is not a log that can be read" in refused.stderr
     (tmp_path / "identified").mkdir()
     refused = run("identify", "quadrotor", "log.ulg", cwd=tmp_path)
     assert (refused.returncode, "is there already" in refused.stderr) == (2, True)
