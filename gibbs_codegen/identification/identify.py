@@ -39,6 +39,10 @@ Log = Flight | Recording | str | os.PathLike[str]
 _UNSEEN, _PART = 0.5, 0.35
 # How far is predicted, s, and samples of a first fit that gives numbers to begin with.
 _AHEAD, _FIRST = 0.5, 2000
+_UNSETTLED = (
+    "how sure the numbers are: the fit did not settle; look at the residuals for what the robot "
+    "file lacks, and free more numbers, or fewer"
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -255,7 +259,7 @@ def _identified(
         values,
         deviations,
         covariance,
-        _unseen(unknowns, whole[:f, :f]),
+        _unseen(unknowns, whole[:f, :f]) + (_UNSETTLED,) * (not estimate.settled),
         dict(zip(names, spread.tolist(), strict=True)),
         others,
         prediction,

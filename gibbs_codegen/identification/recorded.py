@@ -41,8 +41,8 @@ _CUTOFF = 12.0
 # Third differences of white noise have so many times its variance; the deviation by the median.
 _THIRD, _BY_MEDIAN = 20.0, 1.4826
 # Commands that are late by more, s, are unknown; steps in which delays of sensors are looked for,
-# their number, and how alike turn rates have to be.
-_GAP, _FINE, _MOST_LAGS, _ALIKE = 0.2, 2e-3, 100, 0.8
+# their number, and the share of their variance by which turn rates may differ.
+_GAP, _FINE, _MOST_LAGS, _UNLIKE = 0.2, 2e-3, 100, 0.3
 # Steps that differ by more than this share of the whole are no grid.
 _UNEVEN = 0.02
 
@@ -164,8 +164,11 @@ def recordings_of(vehicle: Vehicle, log: Recorded, source: str) -> list[Recordin
         if name == "attitude":
             turned = Rotation.from_quat(samples.values).as_matrix()
             samples = samples._replace(values=quaternions_of(turned))
-        elif name[0] in ("imu", "u"):
-            arrays[name] = _means(samples, grid - half * (name[0] == "imu"), 2 * half)
+        elif name[0] == "imu":
+            arrays[name] = _means(samples, grid - half, 2 * half)
+            continue
+        elif name[0] == "u":
+            arrays[name] = _held(samples, grid, 2 * half)
             continue
         arrays[name] = interp1d(samples.time, samples.values, axis=0)(grid)
         nearest = np.searchsorted(samples.time, grid - half)
@@ -187,7 +190,7 @@ def recordings_of(vehicle: Vehicle, log: Recorded, source: str) -> list[Recordin
         _log.warning(words, source, *((np.diff(times)[k], times[k] - begin) * np.array(1e-9)))
     ends = [*np.searchsorted(grid, times[late]).tolist(), len(grid)]
     parts = [slice(a, b) for a, b in zip(cuts, ends, strict=False) if b - a >= _LEAST]
-    seconds: Array = step * np.arange(len(grid))
+    seconds = step * np.arange(len(grid), dtype=np.float64)
     return [
         Recording(
             seconds[rows], commands[rows], q[rows], {f: x[rows] for f, x in felt.items()}, source
@@ -197,14 +200,19 @@ def recordings_of(vehicle: Vehicle, log: Recorded, source: str) -> list[Recordin
 
 
 def _means(samples: Samples, begin: Any, length: int) -> Array:
-    """Means of samples within a length, ns, from times on; of commands the last where none is."""
+    """Means (s, k) of samples within a length, ns, from times on; NaN where none is."""
     sums = np.cumsum(np.concatenate([0.0 * samples.values[:1], samples.values]), axis=0)
     first, last = (np.searchsorted(samples.time, begin + shift) for shift in (0, length))
-    count = (last - first).astype(float).reshape(-1, *[1] * (samples.values.ndim - 1))
     with np.errstate(invalid="ignore"):
-        means: Array = (sums[last] - sums[first]) / count
-    if samples.values.ndim == 1:
-        means = np.where(count > 0.0, means, samples.values[np.maximum(first - 1, 0)])
+        means: Array = (sums[last] - sums[first]) / (last - first)[:, np.newaxis]
+    return means
+
+
+def _held(samples: Samples, begin: Any, length: int) -> Array:
+    """Means (s) of commands within a length, ns, from times on, each held until the next."""
+    time = np.append(samples.time, samples.time[-1] + 2 * length)
+    areas = np.append(0.0, np.cumsum(samples.values * np.diff(time)))
+    means: Array = (np.interp(begin + length, time, areas) - np.interp(begin, time, areas)) / length
     return means
 
 
@@ -221,15 +229,13 @@ def _take_back_delay(series: dict[Any, Samples], source: str) -> None:
         return
     speeds = np.linalg.norm(felt.values[:, 3:], axis=1)
     one, other = np.interp(fine, middle, rates), np.interp(fine, felt.time, speeds)
-    one, other = (x - np.mean(x) for x in (one, other))
     lags = np.arange(-_MOST_LAGS, _MOST_LAGS + 1)
     inner = slice(_MOST_LAGS, len(fine) - _MOST_LAGS)
-    match = np.array([np.sum(other[inner] * np.roll(one, -lag)[inner]) for lag in lags])
-    best = int(np.argmax(match))
-    size = np.linalg.norm(one[inner]) * np.linalg.norm(other[inner])
-    if not 0 < best < len(lags) - 1 or match[best] < _ALIKE * size:
+    misses = np.array([np.var(other[inner] - np.roll(one, -lag)[inner]) for lag in lags])
+    best = int(np.argmin(misses))
+    if not 0 < best < len(lags) - 1 or misses[best] > _UNLIKE * np.var(other[inner]):
         return
-    before, at, after = match[best - 1 : best + 2]
+    before, at, after = misses[best - 1 : best + 2]
     delay = (lags[best] + 0.5 * (before - after) / (before - 2.0 * at + after)) * _FINE
     if abs(delay) > 0.5 * _FINE:
         _log.warning(

@@ -55,7 +55,7 @@ class Estimate:
 
     `covariance` is that of what is shared; `misses` (s, m) are readings over their deviations, NaN
     where there is none, and `left` (n) root mean squares of what steps leave;
-    `wind` is the deviation of the pull.
+    `wind` is the deviation of the pull, and `settled` whether steps have come to an end.
     """
 
     shared: Array
@@ -64,6 +64,7 @@ class Estimate:
     covariance: Array = field(default_factory=lambda: np.zeros((0, 0)))
     misses: Array = field(default_factory=lambda: np.zeros((0, 0)))
     left: Array = field(default_factory=lambda: np.zeros(0))
+    settled: bool = False
 
 
 class Smoother:
@@ -279,6 +280,7 @@ class Smoother:
             estimate.wind = wind if self.model.free else estimate.wind
             tell(1.0 - 1.0 / (2.0 + iteration))
             if place == 0 and same and (size < _SETTLED if free else iteration > 2):
+                estimate.settled = True
                 break
         if place or not better:  # Damped, it would be too small.
             estimate.covariance = self._solved(estimate, free)(0.0)[2]

@@ -12,6 +12,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import gibbs_codegen
+from gibbs_codegen.flight.logs.log import recorded_of
+from gibbs_codegen.flight.logs.motion import base_motion
+from gibbs_codegen.flight.plant.vehicle import Vehicle
 from gibbs_codegen.flight.record.flight import Flight
 from gibbs_codegen.flight.scenario.file import read_scenario
 from gibbs_codegen.flight.simulation import simulate
@@ -85,3 +88,15 @@ def _read(path: Path) -> tuple[list[str], list[list[str]]]:
     with path.open(newline="", encoding="utf-8") as file:
         header, *rows = csv.reader(file)
     return header, rows
+
+
+def test_readings_and_commands_of_tables_are_those_of_the_flight(
+    flight: Flight, fast: Modules, tmp_path: Path
+) -> None:
+    gibbs_codegen.write_log(flight, tmp_path / "log", "csv")
+    log = recorded_of(Vehicle(fast(flight.robot)), tmp_path / "log", {})
+    sent = np.stack([log.commands[name].values for name in flight.input_names[: flight.rotors]], 1)
+    np.testing.assert_allclose(sent, flight.commanded[:, : flight.rotors], atol=1e-9)
+    base = base_motion(flight)
+    felt = np.concatenate([base.specific_force, base.spin], axis=1)
+    np.testing.assert_allclose(log.imus["base"].values, felt, atol=1e-9)

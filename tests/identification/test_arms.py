@@ -1,0 +1,100 @@
+"""Arms on the ground, from encoders and torques that err."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from gibbs_codegen import UsageError, generate, identify, load
+from gibbs_codegen.identification.recorded import Recording
+from gibbs_codegen.identification.unknowns import Unknowns
+
+ARM = """
+name = "arm"
+[base]
+motion = "fixed"
+mass = 1
+inertia = [0.02, 0.02, 0.03, 0, 0, 0]
+[[link]]
+name = "shoulder"
+xyz = [0, 0, 0.1]
+axis = "y"
+mass = 2
+com = [0.25, 0, 0]
+inertia = [0.01, 0.06, 0.06, 0, 0, 0]
+[[link]]
+name = "elbow"
+xyz = [0.5, 0, 0]
+axis = "y"
+mass = 1
+com = [0.2, 0, 0]
+inertia = [0.003, 0.02, 0.02, 0, 0, 0]
+"""
+# What it carries: 0.3 kg at 0.35 m along the last link.
+REAL = {"elbow_mass": 1.3, "elbow_com_x": (0.2 + 0.3 * 0.35) / 1.3}
+STEP, SUBSTEPS = 5e-3, 5
+
+
+@pytest.fixture(scope="module")
+def module(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("modules")
+    (folder / "arm.toml").write_text(ARM, "utf-8")
+    return load(generate(folder / "arm.toml", folder, verify=False), backend="c")
+
+
+def moved(module, seconds: float) -> tuple[np.ndarray, np.ndarray]:
+    """Coordinates and torques (s, 2) of an arm that follows sines, by a law that knows the file."""
+    constants = module.prepare(dict(REAL))
+    sizes, rates = np.array([[0.8, 0.3], [0.9, 0.4]]), np.array([[1.1, 4.1], [1.7, 5.3]])
+    rows, h = [], STEP / SUBSTEPS
+    q, v = np.zeros(2), (sizes * rates).sum(axis=1)
+
+    def change(state: np.ndarray, u: np.ndarray) -> np.ndarray:
+        q, v = np.split(state, 2)
+        return np.concatenate([v, module.forward_dynamics(q, v, u, constants=constants)])
+
+    for k in range(round(seconds / STEP)):
+        phase = rates * k * STEP
+        error = (sizes * np.sin(phase)).sum(axis=1) - q
+        slower = (sizes * rates * np.cos(phase)).sum(axis=1) - v
+        a = -(sizes * rates**2 * np.sin(phase)).sum(axis=1) + 100 * error + 20 * slower
+        u = module.inverse_dynamics(q, v, a)
+        rows.append((q, u))
+        state = np.concatenate([q, v])
+        for _ in range(SUBSTEPS):
+            first = change(state, u)
+            second = change(state + 0.5 * h * first, u)
+            third = change(state + 0.5 * h * second, u)
+            last = change(state + h * third, u)
+            state = state + h / 6 * (first + 2 * second + 2 * third + last)
+        q, v = np.split(state, 2)
+    return np.array([row[0] for row in rows]), np.array([row[1] for row in rows])
+
+
+@pytest.mark.slow  # 3 s; inline: the refusals and names below.
+def test_a_payload_is_found_with_an_honest_deviation(module) -> None:
+    q, u = moved(module, 8.0)
+    rng, time = np.random.default_rng(0), STEP * np.arange(len(q))
+    scores = []
+    for _ in range(3):
+        read = q + 5e-5 * rng.standard_normal(q.shape)
+        sent = u + 0.03 * rng.standard_normal(u.shape)
+        found = identify(module, Recording(time, sent, read), ["elbow_mass", "elbow_com_x"])
+        scores.append((found.values - [*REAL.values()]) / found.deviations)
+        np.testing.assert_allclose(found.values, [*REAL.values()], rtol=0.01)
+        assert not any("settle" in words for words in found.unseen)
+    assert np.abs(scores).max() < 4.0
+    assert np.abs(scores).max() > 0.1
+
+
+def test_a_base_on_the_ground_is_not_free_by_default(module) -> None:
+    names = Unknowns(module, [], 0.3).names
+    assert "elbow_mass" in names
+    assert not any(name.startswith("base_") for name in names)
+
+
+def test_coordinates_without_readings_are_refused(module) -> None:
+    q = np.zeros((300, 2))
+    q[:, 1] = np.nan
+    with pytest.raises(UsageError, match="has no readings of elbow"):
+        identify(module, Recording(STEP * np.arange(300), np.zeros((300, 2)), q))
