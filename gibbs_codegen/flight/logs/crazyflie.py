@@ -56,6 +56,8 @@ def _decoded(data: bytes) -> tuple[NDArray[np.int64], dict[str, Array]]:
     rest = data[7:].partition(b"\0")[2]
     (count,) = struct.unpack_from("<H", rest)
     *fields, rows = rest[2:].split(b"\0", count)
+    if len(fields) != count:
+        raise ValueError
     row = [(name.decode()[:-3], f"<{name.decode()[-2]}") for name in fields]
     layout = np.dtype([("event", "<u2"), ("time", "<u8"), *row])
     table = np.frombuffer(rows, layout, len(rows) // layout.itemsize)

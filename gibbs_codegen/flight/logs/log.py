@@ -132,9 +132,10 @@ def recorded_of(vehicle: Vehicle, log: StrPath, names: Mapping[str, str | float]
     ]:
         name = absent[0]
         raise UsageError(f"{printable(path)}: has no {printable(names[name])}, named for {name}")
-    clock = next(s for s in (recorded.position, *recorded.commands.values()) if s is not None)
+    clocks = (s.time for s in (recorded.position, *recorded.commands.values()) if s is not None)
+    clock = next(clocks, np.zeros(0, np.int64))
     still = {
-        name: Samples(clock.time, np.full(len(clock.time), place))
+        name: Samples(clock, np.full(len(clock), place))
         for name in vehicle.joint_names
         if isinstance(place := names.get(name), int | float)
     }

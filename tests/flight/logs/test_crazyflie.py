@@ -20,7 +20,7 @@ STEP = 1e-3
 
 @pytest.fixture
 def log(tmp_path: Path) -> Path:
-    """Four seconds, of which a quarter of one has no samples: 1 g, 180°/s about x, motors at a half."""
+    """Four seconds less a gap of 0.25 s: 1 g, 180°/s about x, motors at a half."""
     head = struct.pack("<BHHH", 0xBC, 2, 1, 0xFFFF) + b"fixedFrequency\0"
     head += struct.pack("<H", len(FIELDS)) + b"".join(f"{name}".encode() + b"\0" for name in FIELDS)
     times = [round(1e6 * (5 + STEP * k)) for k in range(4000) if not 2000 <= k < 2250]
