@@ -71,6 +71,9 @@ class LinearSystem:
         inputs = [folded(column) for column, u in pairs if u != 0]
         rows = (zip(*x, strict=True) for x in (columns, inputs))
         matrix, driven = ([*map(list, row)] for row in rows)
+        if not is_hybrid:  # It is symmetric, but sums on both sides are rounded otherwise.
+            for i, row in enumerate(matrix):
+                row[:i] = [matrix[j][i] for j in range(i)]
         return LinearSystem(matrix, folded(self.residual), driven)
 
 
