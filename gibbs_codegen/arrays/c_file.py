@@ -246,7 +246,7 @@ def _source(robot: Functions, stem: str, functions: Sequence[CFunction]) -> str:
         "\n".join(part for line in lines for part in broken(line)) for lines in texts
     )
     sizes = {
-        "ROTORS": robot.rotors,
+        "ROTORS": len(robot.base_inputs),
         "SOLVE_ROOM": max((solve_room(f.program) for f in functions), default=1),
     }
     helpers = _needed(body)

@@ -65,6 +65,11 @@ class Functions:
         joints = self.layout.v.joints
         return self.inputs - (joints.stop - joints.start) - self.layout.q.wheels
 
+    @property
+    def base_inputs(self) -> list[int]:
+        """Places of inputs that move the base: thrusts of rotors, and then torques of wheels."""
+        return [*range(self.rotors), *range(self.inputs - self.layout.q.wheels, self.inputs)]
+
     def _joint_carriers(self, module: Any) -> list[int] | None:
         """For each joint the number, from 1, of that which carries it, 0 for the base.
 
@@ -106,6 +111,18 @@ class Functions:
     def state(self) -> tuple[Node, Node]:
         """The inputs q and v."""
         return self.coordinates(), self.velocities()
+
+    def wheel_rates(self, q: Node, v: Node) -> Node:
+        """Rates of the angles of wheels.
+
+        Args:
+            q: Coordinates (nq).
+            v: Velocities (nv).
+
+        Returns:
+            The node, rad/s.
+        """
+        return self.outputs("coordinate_rates", q, v)[0][self.layout.q.angles]
 
     def integrate(self, q: Node, displacement: Node) -> Node:
         """Coordinates after a displacement: a sum, unless it is along a base's own axes.

@@ -143,7 +143,7 @@ def _errors(flight: Flight, samples: slice) -> str:
     joints, rates = flight.layout.q.joints, flight.layout.v.joints
     errors = abs(flight.errors[samples, rates]).max(axis=0)
     named = zip(errors, flight.coordinates[joints], flight.coordinate_units[joints], strict=True)
-    driven = np.any(flight.input_limits[:, flight.rotors :], axis=0).tolist()
+    driven = np.any(flight.input_limits[:, flight.rotors :][:, : len(errors)], axis=0).tolist()
     # A joint that nothing drives follows no motion.
     of = [joint for joint, has_effort in zip(named, driven, strict=True) if has_effort]
     for unit in sorted({unit for _, _, unit in of}):

@@ -74,7 +74,6 @@ from gibbs_codegen.flight.scenario.paths import check_path
 from gibbs_codegen.flight.scenario.scenario import Scenario
 from gibbs_codegen.interface import FUNCTIONS
 from gibbs_codegen.machine.laws import LAWS
-from gibbs_codegen.robot.layout import check_no_wheels
 from gibbs_codegen.runtime.c_library import CompilerError, ModuleLibrary, chosen_compiler
 from gibbs_codegen.runtime.cache import CacheError
 from gibbs_codegen.runtime.load import load
@@ -236,7 +235,6 @@ def uncontrolled(scenario: Scenario) -> Scenario:
 
 def check_scenario(robot: RobotData, scenario: Scenario) -> None:
     """Raise `UsageError` with all that a robot cannot fly, as far as its constants show."""
-    check_no_wheels(robot.name, robot.attitude, "flights are")
     paths = {"the path of the base": scenario.base} if scenario.base else {}
     for name, path in scenario.arm.paths.items():
         paths[f"the path of {'the tip' if name == 'tip' else name}"] = path
@@ -295,7 +293,7 @@ def _loop(
     """The closed loop of a scenario that follows a motion."""
     control = scenario.control
     actuators = actuators_of(vehicle, scenario)
-    allocation = allocation_of(vehicle, limits=actuators.thrusts)
+    allocation = allocation_of(vehicle, limits=actuators.pushes)
     knots = reference(reference.knots)[0]
     law = law_of(control.law, vehicle, knots, scenario.name)
     if law == "open_loop" and not custom_law:

@@ -19,6 +19,7 @@ import numpy as np
 from gibbs_codegen.arrays.nodes import (
     Node,
     Space,
+    arctan2,
     constant,
     coordinates_of,
     cosine,
@@ -31,6 +32,10 @@ from gibbs_codegen.arrays.nodes import (
     zeros,
 )
 from gibbs_codegen.robot.layout import Layout
+
+# At which rate, 1/s, a base that drives comes back to its path from the side, and at which speed,
+# m/s, by half of that.
+_RETURN, _SLOW = 1.0, 0.1
 
 
 @dataclass(frozen=True)
@@ -56,6 +61,9 @@ class Placed(Protocol):
     @property
     def difference(self) -> Callable[[Node, Node], Node]:
         """The displacement (nv) from coordinates to others."""
+
+    def wheel_rates(self, q: Node, v: Node) -> Node:
+        """Rates of the angles of wheels, rad/s, at coordinates q (nq) and velocities v (nv)."""
 
 
 class QuaternionBase:
@@ -305,34 +313,109 @@ class LevelBase(AngleBase):
 
     def rates(self, v: Node, entries: Node) -> Node:
         """Rates (nq) of the coordinates' entries."""
-        places = self.robot.layout.v
-        return placed(self.robot, v[places.attitude], self.linear(v, v)[0], v[places.joints])
+        rates = self._displaced(v)
+        if not self.robot.layout.q.wheels:
+            return rates
+        return join(rates, self.robot.wheel_rates(self.q, v))
+
+    def _displaced(self, v: Node) -> Node:
+        """Rates of the coordinates' entries but for wheels."""
+        places, (position, _) = self.robot.layout.v, self.linear(v, v)
+        moving = (position[axis] for axis in self.along)
+        return join(*moving, v[places.attitude], v[places.joints])
 
     def errors(self, v: Node, desired: Motion) -> tuple[Node, Node]:
         """Errors and their rates (nv), those of the position in world axes."""
-        error, _ = super().errors(v, desired)
-        wanted = LevelBase(self.robot, desired.q)
-        return error, wanted.rates(desired.v, error) - self.rates(v, error)
+        wanted, error = LevelBase(self.robot, desired.q), self._away(desired)
+        return error, wanted._displaced(desired.v) - self._displaced(v)
+
+    def _away(self, desired: Motion) -> Node:
+        """Differences of the coordinates' entries but for wheels."""
+        moving = slice(self.robot.layout.displaced.size)
+        return entries_of(desired.q)[moving] - entries_of(self.q)[moving]
 
     def corrected(self, v: Node, desired: Motion, pull: Node) -> Node:
         """Accelerations (nv) of the desired motion and, as `pull` (nv), of what its errors ask."""
         places, a = self.robot.layout.v, desired.a + pull
         _, world = LevelBase(self.robot, desired.q).linear(desired.v, desired.a)
-        return self.accelerations(
-            v, placed(self.robot, a[places.attitude], world + self.travels(pull), a[places.joints])
-        )
+        spin, _ = self.angular(v, v)
+        linear = self.to_base(world + self.travels(pull)) - cross(spin, self.travels(v))
+        return placed(self.robot, a[places.attitude], linear, a[places.joints])
 
     def velocities(self, rates: Node) -> Node:
-        """Velocities (nv) by rates (nv) of the coordinates."""
-        places = self.robot.layout.v
-        linear = self.to_base(self.travels(rates))
+        """Velocities (nv) by rates (nq) of the coordinates."""
+        places = self.robot.layout.q
+        linear = self.to_base(self._moved(rates))
         return placed(self.robot, rates[places.attitude], linear, rates[places.joints])
 
     def accelerations(self, v: Node, growth: Node) -> Node:
-        """Accelerations (nv) by second derivatives (nv) of the coordinates."""
-        places, (spin, _) = self.robot.layout.v, self.angular(v, v)
-        linear = self.to_base(self.travels(growth)) - cross(spin, self.travels(v))
+        """Accelerations (nv) by second derivatives (nq) of the coordinates."""
+        places, (spin, _) = self.robot.layout.q, self.angular(v, v)
+        linear = self.to_base(self._moved(growth)) - cross(spin, self.travels(v))
         return placed(self.robot, growth[places.attitude], linear, growth[places.joints])
+
+    def _moved(self, x: Node) -> Node:
+        """Entries (3) along three axes, of entries (nq)."""
+        return _spread(self.along, x[self.robot.layout.q.position])
+
+
+class DrivenBase(LevelBase):
+    """A level base that rolls ahead and turns, and that its heading leads to its path.
+
+    In its own axes the desired base is f ahead, g to the left and turned by ε. While that drives at
+    a speed s, the heading is to be ψ = atan(c g) off its own, with c = μ s / (s² + σ²), by which g
+    decays at the rate μ s² / (s² + σ²) near the path. Errors are f and ε + ψ. With c = k s, and ψ
+    its tangent, that is the law of Kanayama, Kimura, Miyazaki and Noguchi (1990). At rest g stays.
+    """
+
+    def errors(self, v: Node, desired: Motion) -> tuple[Node, Node]:
+        """Errors and their rates (nv): ahead, and of what the heading is to be."""
+        error, rate, *_ = self._tracked(v, desired)
+        return error, rate
+
+    def corrected(self, v: Node, desired: Motion, pull: Node) -> Node:
+        """Accelerations (nv) of the desired motion and, as `pull` (nv), of what its errors ask."""
+        _, _, kept, side = self._tracked(v, desired)
+        a, places = kept + pull, self.robot.layout.v
+        ahead = self.travels(a) + join(a[places.attitude] * side, zeros(2))
+        return placed(self.robot, a[places.attitude], ahead, a[places.joints])
+
+    def _tracked(self, v: Node, desired: Motion) -> tuple[Node, Node, Node, Node]:
+        """Errors and their rates (nv), accelerations (nv) by which these stay, and g.
+
+        The last are but for what turning adds ahead, and without the jerk of the desired motion.
+        """
+        places, away = self.robot.layout.v, self._away(desired)
+        ahead, side, _ = self.to_base(self._moved(away))
+        (turn,) = away[self.robot.layout.q.attitude]
+        speed, growth, moving = (self.travels(x)[0] for x in (desired.v, desired.a, v))
+        (spin,), (spin_desired,), (turning,) = (
+            x[places.attitude] for x in (v, desired.v, desired.a)
+        )
+        along, across, rate = cosine(turn), sine(turn), spin_desired - spin
+        ahead_rate = spin * side + speed * along - moving
+        side_rate = speed * across - spin * ahead
+        ahead_kept = growth * along - speed * across * rate + spin * side_rate
+        side_growth = growth * across + speed * along * rate - turning * ahead - spin * ahead_rate
+        # The tangent of the heading that leads back, and its derivatives.
+        square = speed * speed + _SLOW**2
+        steep = _RETURN * speed / square
+        steeper = _RETURN * growth * (_SLOW**2 - speed * speed) / (square * square)
+        lead, lead_rate = steep * side, steep * side_rate + steeper * side
+        lead_growth = steep * side_growth + 2.0 * steeper * side_rate
+        share = 1.0 / (1.0 + lead * lead)
+        bend = share * (lead_growth - 2.0 * share * lead * lead_rate * lead_rate)
+
+        def entries(attitude: Node, position: Node, joints: Node) -> Node:
+            return placed(self.robot, join(attitude), join(position, zeros(2)), joints)
+
+        joints = away[self.robot.layout.q.joints], (desired.v - v)[places.joints]
+        return (
+            entries(turn + arctan2(lead, constant(1.0)), ahead, joints[0]),
+            entries(rate + share * lead_rate, ahead_rate, joints[1]),
+            entries(turning + bend, ahead_kept, desired.a[places.joints]),
+            side,
+        )
 
 
 Base = AngleBase | QuaternionBase
@@ -342,6 +425,8 @@ def base_of(robot: Placed, q: Node) -> Base:
     """The base of a robot at coordinates q (nq)."""
     if robot.space.has_quaternion:
         return QuaternionBase(robot, q)
+    if robot.space.has_drive:
+        return DrivenBase(robot, q)
     return (AngleBase if robot.space.is_flat else LevelBase)(robot, q)
 
 
@@ -376,7 +461,7 @@ def placed(robot: Placed, attitude: Node, position: Node, joints: Node) -> Node:
 
     Those of the attitude begin with the angles that there are.
     """
-    places, (along, about) = robot.layout.v, robot.layout.own_axes
+    places, (along, about) = robot.layout.v, robot.layout.driven_axes
     if len(along) != position.size or along != sorted(along):
         position = join(zeros(0), *(position[axis] for axis in along))
     attitude = attitude[: len(about)]

@@ -478,7 +478,7 @@ class LoopStructure:
     @cached_property
     def rotors(self) -> Rotors:
         """Rotors as the law knows them, with the limits that allocation keeps."""
-        count = self.plant.rotors
+        count = len(self.plant.base_inputs)
         return Rotors(
             self.input_node("known_centre", 3),
             self.input_node("distribution", count, 6),

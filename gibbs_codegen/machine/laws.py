@@ -111,7 +111,7 @@ class Weight(NamedTuple):
 
 @dataclass(frozen=True)
 class Rotors:
-    """The rotors as a law knows them: what shares a wrench among them, and their limits.
+    """The rotors, and then the wheels, as a law knows them: what shares a wrench, their limits.
 
     `centre` (3), m, is the base centre from where x, y, z are, in the base's frame; `distribution`
     (N, 6) the least thrusts of a wrench about it, `wrenches` (N, 6) those of unit thrusts; `least`
@@ -652,7 +652,7 @@ def inputs_of(robot: Functions, q: Node, force: Node, rotors: Rotors) -> tuple[N
     Where thrusts exceed their limits, those within them that come nearest to the wrench. The other
     result is more than 0, or no number, where rotors cannot produce the wrench at all.
     """
-    base, count = base_of(robot, q), robot.rotors
+    base, count, wheels = base_of(robot, q), robot.rotors, robot.layout.q.wheels
     if not count and not robot.layout.v.base:  # Joints are all that moves.
         return force[robot.layout.v.joints], constant(0.0)
     wrench = base.wrench(rotors.centre, force)
@@ -674,14 +674,16 @@ def inputs_of(robot: Functions, q: Node, force: Node, rotors: Rotors) -> tuple[N
         refused = refused + choose(mark(wrench) + 1.0, 0.0, mark(thrusts), 0.0)
     if rotors.move:
         loads = robot.input_matrix(q)[robot.layout.v.joints].transposed[:count]
-        efforts = efforts - loads.transposed @ thrusts
+        efforts = efforts - loads.transposed @ (thrusts[:count] if wheels else thrusts)
+    if wheels:
+        return join(thrusts[:count], efforts, thrusts[count:]), refused
     return join(thrusts, efforts), refused
 
 
 def moved_wrenches(robot: Functions, q: Node, rotors: Rotors) -> Node:
     """Wrenches (N, 6) of unit thrusts about the base centre, where joints move the rotors."""
     base, loads = base_of(robot, q), robot.input_matrix(q).transposed
-    moved = (base.wrench(rotors.centre, loads[k]) for k in range(robot.rotors))
+    moved = (base.wrench(rotors.centre, loads[k]) for k in robot.base_inputs)
     return join(*(reshaped(column, (1, 6)) for column in moved))
 
 

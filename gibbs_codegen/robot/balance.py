@@ -55,6 +55,20 @@ def wrench_matrix(robot: Robot, joints: Sequence[float] | Array | None = None) -
     return np.concatenate([frames.thrusts, moments], axis=1).T
 
 
+def wheel_wrenches(robot: Robot) -> Array:
+    """Force, then moment (6, w) of a torque of 1 N m of each wheel, of robots that roll, the same.
+
+    They are in the axes of the base; wheels without effort have none.
+    """
+    columns = np.zeros((6, len(robot.wheels)))
+    for column, link in zip(columns.T, (robot.links[i - 1] for i in robot.wheels), strict=True):
+        pose, roll = link.pose, link.rolling
+        if pose is not None and roll is not None and link.limits.effort != 0.0:
+            ahead = pose.matrix[:, 0]
+            column[:] = np.append(ahead, np.cross(pose.xyz, ahead)) / roll.radius
+    return columns
+
+
 def arrangement(robot: Robot, joints: Sequence[float] | Array | None = None) -> Arrangement:
     """Rank and conditioning of the rotors' arrangement, in N and N m about the base centre.
 

@@ -255,6 +255,17 @@ class Layout:
         return along, ["xyz".index(axis) for axis in self.angle_axes or "xyz" * self.is_quaternion]
 
     @property
+    def driven_axes(self) -> tuple[list[int], list[int]]:
+        """As `own_axes`, of those that have velocities: with a drive not sideways."""
+        along, about = self.own_axes
+        return along[: len(range(self.v.size)[self.v.position])], about
+
+    @property
+    def has_drive(self) -> bool:
+        """True if a base rolls ahead and turns, and has no velocity sideways."""
+        return _level(self.attitude) in DRIVES
+
+    @property
     def carries_wrenches(self) -> bool:
         """True if what thrusts on the base do to what moves of it is the same in its axes anywhere.
 

@@ -81,7 +81,7 @@ def support(programs: Sequence[Program], robot: Functions) -> list[str]:
         "#endif",
         f"#define SOLVE_ROOM {max(map(solve_room, programs))}",
         f"#define COORDINATES {robot.space.coordinates}",
-        f"#define ROTORS {robot.rotors}",
+        f"#define ROTORS {len(robot.base_inputs)}",
         "",
         *map(c_source, files),
     ]

@@ -33,7 +33,6 @@ from gibbs_codegen.flight.plant.actuators import (
 from gibbs_codegen.flight.plant.allocation import asked_of, commands_all, least_inputs
 from gibbs_codegen.flight.plant.vehicle import Array, Vehicle
 from gibbs_codegen.flight.vectors import roll_pitch_yaw
-from gibbs_codegen.robot.layout import check_no_wheels
 from gibbs_codegen.robot.wrenches import DIRECTIONS, RANK, directions, null_space
 
 # Share of the wrench that may be missing.
@@ -93,7 +92,7 @@ class SteadyMotion:
         Force, N, and torque about the base centre, N m, in the base's axes.
         """
         needed = self.vehicle.base_wrench(q, self.force(q))
-        columns = self.vehicle.thrust_wrenches(q)
+        columns = self.vehicle.input_wrenches(q)
         return needed - columns @ (np.linalg.pinv(columns, rcond=RANK) @ needed)
 
     def size(self, q: Array) -> float:
@@ -152,10 +151,11 @@ class Balancing:
     @classmethod
     def of(cls, vehicle: Vehicle, q: Array, force: Array) -> Balancing:
         """The inputs that produce a generalised force (nv), as nearly as they can."""
-        columns = vehicle.thrust_wrenches(q)
+        columns = vehicle.input_wrenches(q)
         least, idle = least_inputs(vehicle, q, force, columns), null_space(columns)
+        thrusts, torques = idle[: vehicle.rotors], idle[vehicle.rotors :]
         loads = vehicle.input_matrix(q)[vehicle.arm_rates, : vehicle.rotors]
-        return cls(least, np.concatenate([idle, -loads @ idle]))
+        return cls(least, np.concatenate([thrusts, -loads @ thrusts, torques]))
 
 
 def chosen_inputs(vehicle: Vehicle, inputs: Balancing, limits: Array, aim: Aim) -> Array:
@@ -407,7 +407,6 @@ def trim(
             request names what the robot does not have.
     """
     vehicle = vehicle_of(robot, parameters)
-    check_no_wheels(vehicle.name, vehicle.attitude, "trims are")
     if aim not in AIMS:
         raise UsageError(f"aim: {aim!r} is unknown; known: {', '.join(AIMS)}")
     acting = np.zeros((len(vehicle.frames), 6))
@@ -444,7 +443,7 @@ def trim(
         angles = roll_pitch_yaw(rotation).tolist()
         attitude = dict(zip(("roll", "pitch", "yaw"), angles, strict=True))
     asked = asked_of(vehicle, balanced)
-    idle = asked @ null_space(vehicle.thrust_wrenches(balanced).T @ asked)
+    idle = asked @ null_space(vehicle.input_wrenches(balanced).T @ asked)
     joint_units, angles = layout.q.units[vehicle.arm], balanced[vehicle.arm]
     beyond = beyond_limits(vehicle.joint_names, joint_units, angles, actuators.joints)
     command, x, units, room = None, None, {}, None

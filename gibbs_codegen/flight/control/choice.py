@@ -65,9 +65,9 @@ def law_of(law: Law, vehicle: RobotData, q: Array, scenario: str) -> Law:
             (),
         )
     places = np.atleast_2d(q)
-    weakest = places[np.argmin(ranks(vehicle.thrust_wrenches(places)))]
+    weakest = places[np.argmin(ranks(vehicle.input_wrenches(places)))]
     asked = asked_of(vehicle, weakest)
-    missing = Allocation(vehicle.thrust_wrenches(weakest), asked=asked).missing
+    missing = Allocation(vehicle.input_wrenches(weakest), asked=asked).missing
     if not vehicle.rotors and not vehicle.layout.moves_freely:
         raise AllocationError(
             f"{vehicle.name}: nothing makes the {listed(missing)} that its base needs to be led "

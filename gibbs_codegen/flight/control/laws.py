@@ -140,14 +140,14 @@ def _of_rotors(vehicle: Vehicle, allocation: Allocation) -> dict[str, Any]:
     """Values of the inputs of a law's program that are about its rotors."""
     values = {
         "known_centre": vehicle.lever,
-        "known_wrenches": np.swapaxes(vehicle.thrust_wrenches(), -1, -2),
+        "known_wrenches": np.swapaxes(vehicle.input_wrenches(), -1, -2),
         "distribution": allocation.inverse,
         "exact": EXACT,
     }
     if allocation.limits is not None:
         limits = np.array(allocation.limits)
         limits = limits[:, np.newaxis] if limits.ndim == 1 else limits
-        limits = np.broadcast_to(limits, (*limits.shape[:-1], vehicle.rotors))
+        limits = np.broadcast_to(limits, (*limits.shape[:-1], len(vehicle.base_inputs)))
         values |= {"least_shared": limits[..., 0, :], "most_shared": limits[..., 1, :]}
     return values
 

@@ -59,7 +59,7 @@ def needed_inputs(vehicle: Vehicle, q: Array, v: Array, a: Array) -> Array:
 
     Wrenches that the rotors cannot produce are left out.
     """
-    columns = vehicle.thrust_wrenches(q if vehicle.wrenches_vary else None)
+    columns = vehicle.input_wrenches(q if vehicle.wrenches_vary else None)
     return least_inputs(vehicle, q, vehicle.inverse_dynamics(q, v, a), columns)
 
 

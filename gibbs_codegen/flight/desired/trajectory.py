@@ -77,13 +77,24 @@ def check_base(vehicle: Vehicle, scenario: Scenario) -> None:
         return
     time, path = knots(scenario.duration), base_path(vehicle, scenario)
     centre, turning = path(time), scenario.attitude(path, time, vehicle.arm_angles())
-    q = base_motion(vehicle, time, centre, turning).q
+    motion = base_motion(vehicle, time, centre, turning)
+    q = motion.q
     keys = ("base.path" if scenario.base else "", "base.attitude")
     advice = (
         f"; leave it out of the scenario {scenario.name!r}, or take 'hold', which keeps any base "
         "where it is"
     )
     _check_place(vehicle, (time, q), centre[:, 0], turning.rotation, keys, advice)
+    if vehicle.layout.has_drive:
+        moved = vehicle.frame_velocities(q, motion.v)[:, vehicle.frames.index("base"), :3]
+        slip = np.linalg.norm(centre[:, 1] - moved, axis=-1)
+        if slip[k := int(np.argmax(slip))] > _OFF:
+            raise UsageError(
+                f"base.attitude: at t = {time[k]:.6g} s the base of {vehicle.name} would slip "
+                f"sideways at {slip[k]:.4g} m/s on its path, but it rolls ahead only; set "
+                'base.attitude to { kind = "tangent" }, or heading_deg to where a straight path '
+                "leads"
+            )
 
 
 def _check_place(

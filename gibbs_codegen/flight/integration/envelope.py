@@ -82,7 +82,8 @@ class Envelope:
             self.bounds[count:] = divergence / peaks
         # Joints that nothing drives, as of wheels and loads that hang, are not controlled.
         joints = loop.vehicle.layout.v.joints
-        self.bounds.reshape(2, -1)[:, joints][:, loop.actuators.efforts == 0.0] = np.inf
+        hanging = loop.actuators.efforts[: loop.vehicle.joints] == 0.0
+        self.bounds.reshape(2, -1)[:, joints][:, hanging] = np.inf
         self._bounded = bool(np.any(np.isfinite(self.bounds)))
 
     def holds(self, time: Array, states: Array) -> Flags:

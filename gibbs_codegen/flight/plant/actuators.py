@@ -76,6 +76,12 @@ class Actuators:
         return np.concatenate(list(parts), axis=-1)
 
     @property
+    def pushes(self) -> Array:
+        """Least and greatest (2, N + w) of what moves the base: thrusts, and torques of wheels."""
+        wheels = self.inputs[..., self.thrusts.shape[-1] + self.joints.shape[-1] :]
+        return np.concatenate([self.thrusts, wheels], axis=-1)
+
+    @property
     def values(self) -> dict[str, Array]:
         """Limits of the inputs (nu) as array programs take them, and what counts as at them."""
         least, most = self.inputs[..., 0, :], self.inputs[..., 1, :]

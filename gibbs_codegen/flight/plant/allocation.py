@@ -47,7 +47,7 @@ class Allocation:
 
     Where these exceed the limits, thrusts are taken whose wrench is nearest to the desired one: of
     least |Δforce|² + |Δtorque / lever|², with the mean lever arm of the thrusts, m. `wrenches` (6,
-    N) are those of unit thrusts, as `Vehicle.thrust_wrenches` has them; `limits`, N, are (2, N) or
+    N) are those of unit thrusts, as `Vehicle.input_wrenches` has them; `limits`, N, are (2, N) or
     one pair for all. `asked` (6, n) are a basis of the wrenches that a motion may ask for.
     """
 
@@ -177,7 +177,7 @@ class MovingAllocation(Allocation):
     """
 
     def __init__(self, vehicle: Vehicle, limits: Array | tuple[float, float] | None = None) -> None:
-        super().__init__(vehicle.thrust_wrenches(), limits, asked_of(vehicle, vehicle.neutral))
+        super().__init__(vehicle.input_wrenches(), limits, asked_of(vehicle, vehicle.neutral))
         self.vehicle = vehicle
 
     @property
@@ -210,7 +210,7 @@ class MovingAllocation(Allocation):
 
     def _at(self, q: Array) -> tuple[Array, Array]:
         """The same, which differ from one configuration to the next."""
-        matrices = self.vehicle.thrust_wrenches(q)
+        matrices = self.vehicle.input_wrenches(q)
         return matrices, np.asarray(np.linalg.pinv(matrices, rcond=RANK), dtype=np.float64)
 
 
@@ -223,13 +223,15 @@ def _smallest(columns: Array, wrenches: Array) -> Array:
 def least_inputs(vehicle: Vehicle, q: Array, force: Array, columns: Array) -> Array:
     """Inputs (…, nu) of a generalised force (…, nv), of least thrust, whatever their limits.
 
-    `columns` (…, 6, N) are the wrenches of unit thrusts at `q`. What the rotors cannot produce is
-    left out.
+    `columns` (…, 6, N + w) are the wrenches of unit inputs at `q`, of `Vehicle.input_wrenches`.
+    What these cannot produce is left out.
     """
     inverses = np.asarray(np.linalg.pinv(columns, rcond=RANK), dtype=np.float64)
-    thrusts = times(inverses, vehicle.base_wrench(q, force))
-    loads = vehicle.input_matrix(q)[..., vehicle.arm_rates, : vehicle.rotors]
-    return np.concatenate([thrusts, force[..., vehicle.arm_rates] - times(loads, thrusts)], axis=-1)
+    pushes, rotors = times(inverses, vehicle.base_wrench(q, force)), vehicle.rotors
+    thrusts, torques = pushes[..., :rotors], pushes[..., rotors:]
+    loads = vehicle.input_matrix(q)[..., vehicle.arm_rates, :rotors]
+    efforts = force[..., vehicle.arm_rates] - times(loads, thrusts)
+    return np.concatenate([thrusts, efforts, torques], axis=-1)
 
 
 def allocation_of(
@@ -240,7 +242,7 @@ def allocation_of(
     `limits`, N, are (2, N) or one pair for all.
     """
     if not vehicle.wrenches_vary:
-        return Allocation(vehicle.thrust_wrenches(), limits, asked_of(vehicle, vehicle.neutral))
+        return Allocation(vehicle.input_wrenches(), limits, asked_of(vehicle, vehicle.neutral))
     return MovingAllocation(vehicle, limits)
 
 
@@ -249,7 +251,7 @@ def asked_of(vehicle: RobotData, q: Array) -> Array:
 
     They are as many as the base has velocities.
     """
-    base, (along, about) = vehicle.layout.v.base, vehicle.layout.own_axes
+    base, (along, about) = vehicle.layout.v.base, vehicle.layout.driven_axes
     if vehicle.layout.carries_wrenches or not isinstance(vehicle, Vehicle):
         return _ANY[:, [*along, *sorted(3 + axis for axis in about)]]
     wrenches = vehicle.base_wrench(np.tile(q, (len(base), 1)), np.eye(vehicle.layout.v.size)[base])
@@ -258,7 +260,7 @@ def asked_of(vehicle: RobotData, q: Array) -> Array:
 
 def commands_all(vehicle: RobotData, q: Array) -> bool:
     """True if rotors command at configurations (…, nq) all that moves of the base."""
-    return bool(np.all(ranks(vehicle.thrust_wrenches(q)) == len(vehicle.layout.v.base)))
+    return bool(np.all(ranks(vehicle.input_wrenches(q)) == len(vehicle.layout.v.base)))
 
 
 def thrust_axis(vehicle: RobotData, q: Array) -> Array | None:

@@ -73,7 +73,9 @@ class Kinematics:
         # Angles that there are not are 0, after those that there are.
         turns = layout.angle_axes
         self._sequence = turns + "".join(axis for axis in "xyz" if axis not in turns)
-        names = [*layout.q.names] if not layout.is_quaternion else [*layout.v.names]
+        names = [*layout.v.names]
+        if not layout.is_quaternion:
+            names = [layout.q.names[place] for place in layout.paired]
         if layout.is_quaternion:
             names[layout.v.position] = layout.q.names[layout.q.position]
             names[layout.v.attitude] = [f"attitude about the base's {axis}" for axis in "xyz"]
@@ -84,6 +86,10 @@ class Kinematics:
     def space(self) -> Space:
         """The numbers of entries of coordinates and displacements."""
         return Space.of(self.layout)
+
+    def wheel_rates(self, q: Node, v: Node) -> Node:
+        """Rates of the angles of wheels, which nothing but a module knows: 0."""
+        return zeros(self.layout.q.wheels)
 
     def difference(self, q: Node, other: Node) -> Node:
         """The displacement (nv) between coordinates, of which the attitude alone is looked at."""
@@ -195,7 +201,8 @@ class Kinematics:
             velocity = times(inverse, velocity)
             carried = np.cross(times(inverse, turning.velocity), velocity)
             acceleration = times(inverse, acceleration) - carried
-        return velocity[..., self._along], acceleration[..., self._along]
+        along, _ = self.layout.driven_axes
+        return velocity[..., along], acceleration[..., along]
 
     def base_motion(self, q: Array, v: Array, a: Array) -> tuple[Array, Array, Array, Array]:
         """The motion of the base by q (…, nq), v and a (…, nv).
@@ -216,8 +223,8 @@ class Kinematics:
         """
         after, places = v.copy(), self.layout.v
         if self.layout.turns_with_base:
-            pairs = (places.position, self._along), (places.attitude, self._about)
-            for part, axes in pairs:
+            axes_of = zip((places.position, places.attitude), self.layout.driven_axes, strict=True)
+            for part, axes in axes_of:
                 after[part] = turn[np.ix_(axes, axes)] @ v[part]
         return after
 

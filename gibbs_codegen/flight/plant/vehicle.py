@@ -63,8 +63,11 @@ class RobotData:
         self.centre = "O2" if "O2" in self.points else "base"
         self.has_tip = "tip" in self.points
         self.joints = len(self.joint_names)
-        self.rotors = len(self.inputs) - self.joints - self.layout.q.wheels
-        along, about = self.layout.own_axes
+        count, wheels = len(self.inputs), self.layout.q.wheels
+        self.rotors = count - self.joints - wheels
+        # Places of inputs that move the base: thrusts, and then torques of wheels.
+        self.base_inputs = [*range(self.rotors), *range(count - wheels, count)]
+        along, about = self.layout.driven_axes
         if self._wrenches is not None:
             still = np.delete(np.arange(6), [*along, *(3 + axis for axis in about)])
             self._wrenches[still] = 0.0
@@ -91,13 +94,17 @@ class RobotData:
 
     def thrust_wrenches(self, q: Array | None = None) -> Array:
         """Wrenches (…, 6, N) of unit thrusts: force, torque about the base centre, its frame."""
-        if not self.rotors:
-            return np.zeros((*(() if q is None else q.shape[:-1]), 6, 0))
+        return self.input_wrenches(q)[..., : self.rotors]
+
+    def input_wrenches(self, q: Array | None = None) -> Array:
+        """Wrenches (…, 6, N + w) of unit thrusts, and then of unit torques of wheels, as those."""
+        before = () if q is None else q.shape[:-1]
+        if not self.base_inputs:
+            return np.zeros((*before, 6, 0))
         if self._wrenches is None:
             raise UsageError(
                 f"{self.name}: joints move its rotors, whose wrenches are not constant"
             )
-        before = () if q is None else q.shape[:-1]
         return np.broadcast_to(self._wrenches, (*before, *self._wrenches.shape))
 
     def frame_place(self, frame: str, key: str) -> int:
@@ -244,17 +251,22 @@ class Vehicle(RobotData):
         # Nothing of a base that does not move depends on where it is.
         return np.broadcast_to(wrenches, (*np.shape(generalised_force)[:-1], 6))
 
-    def thrust_wrenches(self, q: Array | None = None) -> Array:
-        """Wrenches (…, 6, N) of unit thrusts: force, torque about the base centre, its frame.
+    def input_wrenches(self, q: Array | None = None) -> Array:
+        """Wrenches (…, 6, N + w) of unit thrusts, and then of unit torques of wheels.
 
-        Attitude and position make no difference, nor do the joints unless rotors move with them;
-        zero if None.
+        They are force, and torque about the base centre, in its frame. Attitude and position make
+        no difference, nor do the joints unless rotors move with them; zero if None. Wheels without
+        effort have none.
         """
-        if not self.rotors:
-            return super().thrust_wrenches(q)
+        if not self.base_inputs:
+            return super().input_wrenches(q)
         q = self.neutral if q is None else q
-        # The rotors come first, since constants may differ along the axes of the states.
-        columns = np.moveaxis(self.input_matrix(q)[..., : self.rotors], -1, 0)
+        # The inputs come first, since constants may differ along the axes of the states.
+        columns = np.moveaxis(self.input_matrix(q)[..., self.base_inputs], -1, 0)
+        if self.layout.q.wheels:
+            limits = self.description("INPUT_LIMITS")
+            driven = [limits.get(self.inputs[k]) != (0.0, 0.0) for k in self.base_inputs]
+            columns = columns * np.reshape(driven, (-1, *[1] * (columns.ndim - 1)))
         places = np.broadcast_to(q, (*columns.shape[:-1], q.shape[-1]))
         return np.moveaxis(self.base_wrench(places, columns), 0, -1)
 
@@ -274,7 +286,7 @@ class Vehicle(RobotData):
     def mass(self) -> Array:
         """Mass (…) of the robot, kg; NaN where neither motions of the base nor gravity tell it."""
         place, (along, _) = self.layout.v.position.start, self.layout.own_axes
-        if along:
+        if along and not self.layout.q.wheels:  # These turn as it moves.
             return self.mass_matrix(self.neutral)[..., place, place]
         # In no posture that is symmetric: gravity lifts the centre of mass by its own slope.
         q = self.neutral + 0.3 + 0.1 * np.arange(self.layout.q.size)

@@ -161,7 +161,16 @@ class Recording:
 
     @cached_property
     def _reference(self) -> tuple[Array, Array, Array]:
-        return self.like._reference if self.like else self.loop.controller.reference(self._time)
+        if self.like:
+            return self.like._reference
+        vehicle, time = self.loop.controller.vehicle, self._time
+        q, v, a = self.loop.controller.reference(time)
+        if vehicle.layout.q.wheels:  # Curves have nothing of their angles.
+            angles, step = vehicle.layout.q.angles, np.diff(time)[:, np.newaxis]
+            rates, growth = (vehicle.coordinate_rates(q, x)[:, angles] for x in (v, a))
+            slopes = 0.5 * (rates[1:] + rates[:-1]) + step / 12.0 * (growth[:-1] - growth[1:])
+            q[1:, angles] = np.cumsum(step * slopes, axis=0)
+        return q, v, a
 
     @cached_property
     def _sent(self) -> tuple[Array, Array, Array]:

@@ -201,17 +201,18 @@ def robot_data(robot: StrPath, read: Callable[[str], tuple[Robot, str]] | None =
     word = os.fspath(robot)
     if os.path.isdir(word) or os.path.isdir(os.path.join("generated", word)):
         return Vehicle(load(find_module(Path(word))))
-    from gibbs_codegen.robot.balance import carried_rotors, wrench_matrix
+    from gibbs_codegen.robot.balance import carried_rotors, wheel_wrenches, wrench_matrix
     from gibbs_codegen.robot.description import Description
     from gibbs_codegen.robot.file import read_robot
 
     source, _ = (read or read_robot)(word)
     module, described = ModuleType(source.name), Description(source)
-    vars(module).update(NAME=source.name, ATTITUDE=source.base.kind)
+    vars(module).update(NAME=source.name, ATTITUDE=source.kind)
     vars(module).update(**described.lists(), **described.constants)
     if carried_rotors(source):
         return RobotData(module)
-    return RobotData(module, np.kron(np.eye(2), source.base.pose.matrix) @ wrench_matrix(source))
+    rotors = np.kron(np.eye(2), source.base.pose.matrix) @ wrench_matrix(source)
+    return RobotData(module, np.column_stack([rotors, wheel_wrenches(source)]))
 
 
 def robot_source(

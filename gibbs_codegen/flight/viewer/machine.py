@@ -18,7 +18,6 @@ from gibbs_codegen.flight.plant.allocation import least_inputs
 from gibbs_codegen.flight.plant.vehicle import Vehicle
 from gibbs_codegen.flight.record.series import Array, Flight, point_parents
 from gibbs_codegen.flight.vectors import Indices
-from gibbs_codegen.robot.layout import check_no_wheels
 
 # The largest disc, as a share of the reach of a robot's points.
 _LARGEST_DISC = 0.4
@@ -85,7 +84,6 @@ class DrawnMachine:
     """A generated module, with the back end "numpy" or "c", whose parameters can be changed."""
 
     def __init__(self, module: ModuleType) -> None:
-        check_no_wheels(module.NAME, module.ATTITUDE, "views are")
         self.module = module
         self._parameters: dict[str, float] = {}
         self.vehicle = Vehicle(module)
@@ -96,7 +94,7 @@ class DrawnMachine:
         # Controls by what they are: angles of the attitude, joints, and the position.
         turns = 3 if layout.is_quaternion else len(layout.angle_axes)
         self._joints = slice(turns, turns + joints)
-        self.swinging = layout.v.size if not layout.moves_freely else turns + joints
+        self.swinging = turns + joints if layout.moves_freely else layout.displaced.size
 
     def set_parameters(self, parameters: dict[str, float]) -> None:
         """Take other parameters of `prepare`; those not given get their defaults.
@@ -114,7 +112,7 @@ class DrawnMachine:
 
     def start(self) -> Array:
         """The start of controls: level, with joints bent so that the arms can be seen."""
-        controls = np.zeros(self.vehicle.layout.v.size)
+        controls = np.zeros(self.vehicle.layout.displaced.size)
         controls[self._joints] = self.vehicle.description("POSTURE")[self.vehicle.arm]
         return controls
 
@@ -175,7 +173,7 @@ class DrawnMachine:
         """
         still = np.zeros(self.vehicle.layout.v.size)
         force = self.vehicle.inverse_dynamics(q, still, still)
-        return least_inputs(self.vehicle, q, force, self.vehicle.thrust_wrenches(q))
+        return least_inputs(self.vehicle, q, force, self.vehicle.input_wrenches(q))
 
     def state(self, q: Array, u: Array) -> Rest:
         """The robot at rest; what is undetermined is no number."""
@@ -210,7 +208,7 @@ class DrawnMachine:
         generator = np.random.default_rng(1)
         filled = np.zeros((1, 1), dtype=bool)
         for _ in range(_POSTURES):
-            q = self.coordinates(generator.uniform(0.2, 1.2, self.vehicle.layout.v.size))
+            q = self.coordinates(generator.uniform(0.2, 1.2, self.vehicle.layout.displaced.size))
             filled = filled | changed(self.hybrid_system(q), np.zeros((1, 1)))
         return filled
 
@@ -257,7 +255,7 @@ class MachineScene:
         pushed: list[int],
         frames: int,
     ) -> None:
-        centre, joints = robot.points.index(robot.centre), len(robot.layout.q.joint_places)
+        centre, joints = robot.points.index(robot.centre), len(robot.layout.effort_units)
         first = centre + 1 + len(directions)
         self._rotors, moving = np.arange(centre + 1, first), range(first, first + joints)
         self._joints, self._pushed = [centre, *moving], pushed

@@ -1,0 +1,197 @@
+"""Motions of robots on wheels, by closed forms of carts and by an equation of a path's errors."""
+
+from __future__ import annotations
+
+from functools import cache
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+from support.emitted import emitted_module
+
+from gibbs_codegen import (
+    UsageError,
+    generate,
+    load,
+    parse_robot,
+    read_scenario,
+    simulate,
+    trim,
+)
+from gibbs_codegen.flight.plant.vehicle import Vehicle
+from gibbs_codegen.flight.sweeps.sources import robot_data
+
+EXACT = {"integration.relative_tolerance": 1e-12, "integration.absolute_tolerance": 1e-13}
+# As a cart of Fierro and Lewis (1995): its mass, its centre's place ahead, and what turns.
+MASS, AHEAD, WIDTH, RADIUS = 30.0, 0.3, 0.5, 0.15
+CART = f"""
+name = "cart"
+[base]
+motion  = "planar"
+drive   = "differential"
+mass    = {MASS}
+com     = [{AHEAD}, 0, 0.2]
+inertia = [10, 10, 15.625, 0, 0, 0]
+[[wheel]]
+name    = "left"
+joint   = "left"
+radius  = {RADIUS}
+xyz     = [0, {WIDTH}, {RADIUS}]
+inertia = 0.1
+effort  = 60
+[[wheel]]
+name    = "right"
+joint   = "right"
+radius  = {RADIUS}
+xyz     = [0, -{WIDTH}, {RADIUS}]
+inertia = 0.1
+effort  = 60
+"""
+TANGENT = {"kind": "tangent"}
+
+
+@cache
+def cart() -> ModuleType:
+    """The NumPy module of the cart."""
+    return emitted_module(parse_robot(CART))
+
+
+def driven(module: ModuleType, duration: float, base: dict[str, Any], **tables: Any) -> Any:
+    """A motion along a path, which does not end early."""
+    scenario = {"name": "way", "duration": duration, "base": base, **tables}
+    flight = simulate(module, read_scenario(scenario, EXACT))
+    assert not flight.stopped
+    return flight
+
+
+def circle(radius: float, period: float) -> dict[str, Any]:
+    """The table of a path round the origin's left, which begins there, ahead."""
+    path = {"kind": "circle", "centre": [0, radius, 0], "radius": radius, "period": period}
+    return {"attitude": TANGENT, "path": path | {"phase_deg": -90}}
+
+
+def straight(speed: float) -> dict[str, Any]:
+    """The table of a path along x at one speed."""
+    points = [[0, 0, 0], [10.0 * speed, 0, 0]]
+    velocities = [[speed, 0, 0]] * 2
+    return {
+        "path": {"kind": "waypoints", "times": [0, 10], "points": points, "velocities": velocities}
+    }
+
+
+def test_torques_of_wheels_on_a_circle() -> None:
+    """The centre of mass is pulled inwards, and back; wheels turn as their rims roll."""
+    speed, rate = 2.0 * np.pi * 1.5 / 8.0, 2.0 * np.pi / 8.0
+    flight = driven(cart(), 2.0, circle(1.5, 8.0))
+    force, moment = -MASS * AHEAD * rate**2, MASS * AHEAD * speed * rate
+    # They push with τ / r, each on its side.
+    left, right = (0.5 * RADIUS * (force + side * moment / WIDTH) for side in (-1.0, 1.0))
+    np.testing.assert_allclose(flight.applied, np.tile([left, right], (len(flight.time), 1)), 1e-7)
+    rolled = np.outer(flight.time, speed + rate * WIDTH * np.array([-1.0, 1.0])) / RADIUS
+    np.testing.assert_allclose(flight.q[:, 3:], rolled, atol=1e-8)
+    np.testing.assert_allclose(flight.q_desired[:, 3:], rolled, atol=1e-8)
+    assert flight.centre_error.max() < 1e-9
+    assert np.abs(flight.energy_error).max() < 1e-9
+
+
+@pytest.mark.parametrize("speed", [0.8, -0.8, 0.05])
+def test_a_base_beside_its_path_comes_back_as_by_one_equation(speed: float) -> None:
+    """With the heading ψ − ε off, whose error is that of a critically damped oscillator."""
+    frequency, off = 4.0, 0.3
+    flight = driven(
+        cart(),
+        5.0,
+        straight(speed),
+        start={"offset": [0, off, 0]},
+        control={"frequency": frequency},
+    )
+    steep = speed / (speed**2 + 0.1**2)
+    begin = np.arctan(-steep * off)
+
+    def rate(time: float, left: np.ndarray) -> np.ndarray:
+        lead = np.arctan(steep * left)
+        error = begin * (1.0 + frequency * time) * np.exp(-frequency * time)
+        return speed * np.sin(error - lead)
+
+    way = solve_ivp(rate, (0.0, 5.0), [-off], "DOP853", flight.time, rtol=1e-11, atol=1e-12).y[0]
+    # What is to the left of the base is seen in its own axes, and nothing is ahead.
+    place = np.stack([-np.sin(flight.q[:, 2]), np.cos(flight.q[:, 2])], axis=1)
+    desired = np.stack([speed * flight.time, 0.0 * flight.time], axis=1)
+    left = np.einsum("si,si->s", place, desired - flight.q[:, :2])
+    np.testing.assert_allclose(left, way, atol=1e-8)
+    assert np.abs(flight.errors[:, 0]).max() < 1e-8
+
+
+def test_torques_keep_their_limits_and_the_path_is_found_again() -> None:
+    begin = {"offset": [-0.4, 0.6, 0], "turn_deg": [0, 0, 70]}
+    flight = driven(cart(), 12.0, circle(1.5, 8.0), start=begin)
+    assert np.abs(flight.commanded).max() == pytest.approx(60.0)
+    assert np.abs(flight.applied).max() <= 60.0
+    assert flight.centre_error[0] == pytest.approx(np.hypot(0.4, 0.6))
+    assert flight.centre_error[-1] < 1e-3
+
+
+def test_ways_that_slip_are_refused() -> None:
+    level = circle(1.5, 8.0) | {"attitude": {"kind": "level"}}
+    with pytest.raises(UsageError, match=r"base.attitude: at t = .* slip sideways at 1\.178 m/s"):
+        driven(cart(), 2.0, level)
+    turned = {"attitude": {"kind": "turn", "axis": [0, 0, 1], "angle_deg": 90, "duration": 1}}
+    flight = driven(cart(), 1.5, turned)
+    np.testing.assert_allclose(flight.q[-1, :3], [0, 0, np.pi / 2], atol=1e-9)
+
+
+OMNIDIRECTIONAL = (
+    CART.replace('drive   = "differential"\n', "").replace('"cart"', '"omni"')
+    + f"""
+[[wheel]]
+name    = "across"
+joint   = "across"
+radius  = {RADIUS}
+xyz     = [{WIDTH}, 0, {RADIUS}]
+axis    = "x"
+"""
+)
+
+
+def test_an_omnidirectional_base_turns_as_it_goes() -> None:
+    module = emitted_module(parse_robot(OMNIDIRECTIONAL))
+    turning = {"attitude": {"kind": "level", "rate_deg": 30}}
+    flight = driven(module, 2.0, circle(1.5, 8.0) | turning, start={"offset": [0.1, -0.1, 0]})
+    off = np.sqrt(0.02) * (1.0 + 5.0 * flight.time) * np.exp(-5.0 * flight.time)
+    np.testing.assert_allclose(flight.centre_error, off, atol=1e-9)
+
+
+def test_trims_of_rest_and_of_rolling() -> None:
+    damped = emitted_module(parse_robot(CART.replace("= 0.1\n", "= 0.1\ndamping = 0.2\n")))
+    np.testing.assert_allclose(trim(damped).u, 0.0, atol=1e-15)
+    rolling = trim(damped, velocity=[0.6, 0, 0])
+    # Dampers take 0.2 N m s/rad of the wheels' rates.
+    np.testing.assert_allclose(rolling.u, 0.2 * 0.6 / RADIUS, rtol=1e-12)
+    np.testing.assert_allclose(rolling.v, [0.6, 0.0], atol=1e-15)
+    with pytest.raises(UsageError, match="its base does not move along these"):
+        trim(damped, velocity=[0, 0.6, 0])
+
+
+def test_robot_files_tell_what_wheels_do(tmp_path: Path) -> None:
+    """As modules do, before there is one; a wheel without effort does nothing."""
+    text = OMNIDIRECTIONAL.replace("effort  = 60", "effort = 0", 1)
+    (tmp_path / "omni.toml").write_text(text)
+    told = robot_data(tmp_path / "omni.toml").input_wrenches()
+    does = Vehicle(emitted_module(parse_robot(text))).input_wrenches()
+    np.testing.assert_allclose(told, does, atol=1e-14)
+    assert np.linalg.matrix_rank(told) == 2
+
+
+@pytest.mark.slow
+def test_a_rover_holds_a_place_while_it_drives(tmp_path: Path) -> None:
+    module = load(generate("rover_arm", tmp_path, verify=False), backend="c")
+    flight = simulate(module, "drive")
+    assert not flight.stopped
+    assert flight.centre_error.max() < 1e-9
+    assert flight.tip_error.max() < 1e-9
+    assert np.ptp(flight.point("tip"), axis=0).max() < 1e-9
+    assert np.ptp(flight.q, axis=0)[4] > 0.5
+    assert np.all(np.abs(flight.applied) < flight.input_limits[1])
