@@ -37,7 +37,7 @@ COMMANDS = {
     "quadrotor": "simulate quadrotor --scenario flip",
     "quadrotor_2link": "show quadrotor_2link --chain 4",
     "quadrotor_arm_2link": "simulate quadrotor_arm_2link --scenario circle",
-    "rover_arm": "info rover_arm",
+    "rover_arm": "simulate rover_arm --scenario drive",
 }
 # The size of a picture, in, its dots per inch, and the width at which pages show it, pixels.
 _SIZE, _DPI, _WIDTH = (3.6, 2.7), 150, 360

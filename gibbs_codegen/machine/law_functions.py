@@ -129,6 +129,8 @@ def _structures(robot: Functions, read: Iterable[str]) -> Iterator[Structure]:
     frames = " Errors of the attitude are differences of its angles."
     if robot.space.has_quaternion:
         frames = " The error of the attitude is a rotation vector in the base's frame."
+    elif robot.layout.has_drive:
+        position, frames = "x ahead", " That of the yaw leads back to where the base must be."
     yield Structure(
         "gains",
         f"Gains {by_velocity}, those of {position} in world axes, and limits.{frames}",
@@ -155,7 +157,7 @@ def _structures(robot: Functions, read: Iterable[str]) -> Iterator[Structure]:
 @labelled
 def _law(robot: Functions, law: str, tip: int, moves: bool) -> Program:
     """Inputs u (nu) of a law; the frame of the number `tip` is moved."""
-    size, count, inputs = robot.space.velocities, robot.rotors, robot.inputs
+    size, count, inputs = robot.space.velocities, len(robot.base_inputs), robot.inputs
 
     def argument(name: str, *shape: int) -> Node:
         return variable(name, *shape, uniform=True)
@@ -170,8 +172,7 @@ def _law(robot: Functions, law: str, tip: int, moves: bool) -> Program:
         argument("centre", 3),
         argument("distribution", count, 6),
         argument("wrenches", count, 6),
-        limits.least[:count],
-        limits.most[:count],
+        *(_pushing(robot, x) for x in limits),
         move=moves,
     )
     aim, row, outputs = Aim(motion, gains), LAWS[law], dict[str, Node]()
@@ -207,10 +208,16 @@ def _law(robot: Functions, law: str, tip: int, moves: bool) -> Program:
     return Program(law, tuple(read[name] for name in names if name in read), outputs)
 
 
+def _pushing(robot: Functions, inputs: Node) -> Node:
+    """Of inputs (nu) those that move the base."""
+    thrusts, wheels = inputs[: robot.rotors], robot.layout.q.wheels
+    return join(thrusts, inputs[robot.inputs - wheels :]) if wheels else thrusts
+
+
 def _known(robot: Functions, centre: int) -> dict[str, Callable[[], Node]]:
     """Figures of the rotors for laws, by name: each calls functions that the others do not."""
     neutral = constant(robot.layout.neutral)
-    q, count = coordinates_of(neutral, robot.space), robot.rotors
+    q, count = coordinates_of(neutral, robot.space), len(robot.base_inputs)
     place, base = robot.layout.v.position, base_of(robot, q)
     offset = robot.positions(q)[centre] if robot.layout.moves_freely else zeros(3)
     rotors = Rotors(offset, zeros(count, 6), zeros(count, 6), zeros(count), zeros(count))

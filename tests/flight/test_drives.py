@@ -138,6 +138,8 @@ def test_ways_that_slip_are_refused() -> None:
     level = circle(1.5, 8.0) | {"attitude": {"kind": "level"}}
     with pytest.raises(UsageError, match=r"base.attitude: at t = .* slip sideways at 1\.178 m/s"):
         driven(cart(), 2.0, level)
+    with pytest.raises(UsageError, match="predictive needs derivatives of motions"):
+        driven(cart(), 2.0, circle(1.5, 8.0), control={"law": "predictive"})
     turned = {"attitude": {"kind": "turn", "axis": [0, 0, 1], "angle_deg": 90, "duration": 1}}
     flight = driven(cart(), 1.5, turned)
     np.testing.assert_allclose(flight.q[-1, :3], [0, 0, np.pi / 2], atol=1e-9)

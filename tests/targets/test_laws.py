@@ -50,12 +50,13 @@ CALLED["force"] = CALLED["impedance"] = [*CALLED["computed_torque"], *_FRAME]
 CALLED["geometric_force"] = [*CALLED["geometric"], *_FRAME]
 # What it calls besides comes with it.
 CALLED["adaptive"] = CALLED["computed_torque"]
-# With angles and with a quaternion, and less of these; of hydrus the joints move the rotors.
+# With angles, with a quaternion and on wheels, and less of these; of hydrus joints move the rotors.
 CASES = {
     "hexarotor_3link": ["force", "adaptive"],
     "quadrotor_arm_2link": ["geometric_force"],
     "hydrus": ["geometric"],
     "planar_quadrotor_arm": ["geometric_force"],
+    "rover_arm": ["computed_torque"],
 }
 # Of few functions not all that a module has for them is called.
 OPTIONS = ["-O0", "-shared", "-fPIC", "-Wno-unused-function"]
@@ -155,7 +156,7 @@ EXTERNALS = {
 }
 
 
-SLOW = ("quadrotor_arm_2link", "planar_quadrotor_arm")
+SLOW = ("quadrotor_arm_2link", "planar_quadrotor_arm", "rover_arm")
 
 
 @pytest.fixture(

@@ -30,6 +30,11 @@ from gibbs_codegen.machine.laws import LAWS, turns_servos
 
 # Joints do not move a frame along a push by less than this share of how they move it.
 _NO_LEVER = 1e-3
+# Laws that no robot on wheels has, and what it lacks.
+_NOT_ROLLING = {
+    PREDICTIVE: "derivatives of motions",
+    "passive": "functions of reference velocities",
+}
 # How much faster the base must lean than the position follows, which it moves.
 _FASTER = 4.0
 _WHERE = "(in the base's frame, about the base centre)"
@@ -42,6 +47,11 @@ def law_of(law: Law, vehicle: RobotData, q: Array, scenario: str) -> Law:
     `q` (s, nq) is of the desired motion; one is enough for rotors that no joint moves. Raises
     `AllocationError`, with what would serve, if rotors do not command what the law needs.
     """
+    if law in _NOT_ROLLING and (vehicle.layout.has_drive or vehicle.layout.q.wheels):
+        raise UsageError(
+            f"control.law: {law} needs {_NOT_ROLLING[law]}, which robots on wheels do not have, as "
+            f'{vehicle.name}; set it to "tracking"'
+        )
     if law == PREDICTIVE and vehicle.layout.moves_freely:
         law_of("tracking", vehicle, q, scenario)  # It plans about hover, for which rotors serve.
     if law not in ("tracking", *LAWS):

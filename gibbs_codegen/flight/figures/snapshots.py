@@ -26,6 +26,7 @@ from gibbs_codegen.flight.record.extent import (
     usual_size,
 )
 from gibbs_codegen.flight.record.flight import Array, Flight
+from gibbs_codegen.flight.record.series import wheel_marks
 from gibbs_codegen.flight.scenario.walls import patches
 
 _PATH_LEVELS = (3, 4)
@@ -97,7 +98,12 @@ class RobotDrawing:
         discs = disc_corners(thrust_directions(flight, sample), self._radius)
         turned: Array = discs @ flight.base_rotation[sample].T
         arms = [at[line] for line in self._arms]
-        return Shapes(ends, gold, arms, turned + at[rotors][:, np.newaxis])
+        hubs, marks = at[flight.wheel_places], wheel_marks(flight, flight.q[sample])
+        radii = np.linalg.norm(marks[:, [1]], axis=-1, keepdims=True)
+        rims = radii * disc_corners(marks[:, 0], 1.0)
+        ends += [np.stack([hub + x, hub - x]) for hub, x in zip(hubs, marks[:, 1], strict=True)]
+        discs = np.concatenate([turned + at[rotors][:, np.newaxis], rims + hubs[:, np.newaxis]])
+        return Shapes(ends, gold, arms, discs)
 
 
 class PathDrawing:

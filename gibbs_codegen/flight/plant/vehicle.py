@@ -270,6 +270,17 @@ class Vehicle(RobotData):
         places = np.broadcast_to(q, (*columns.shape[:-1], q.shape[-1]))
         return np.moveaxis(self.base_wrench(places, columns), 0, -1)
 
+    @property
+    def wheels(self) -> Array:
+        """Angles (w, 3) of wheels that turn by the way along the base's axes, rad/m."""
+        layout = self.layout
+        turned = np.zeros((layout.q.wheels, 3))
+        if layout.q.wheels:
+            ways = np.eye(layout.v.size)[layout.v.position]
+            rates = self.coordinate_rates(np.tile(self.neutral, (len(ways), 1)), ways)
+            turned[:, layout.driven_axes[0]] = rates[:, layout.q.angles].T
+        return turned
+
     @cached_property
     def damping(self) -> Array:
         """Damping (…, nv) of joints, N m s/rad or N s/m: of forces, the part odd in velocities."""

@@ -304,6 +304,7 @@ def posture_series(
         "positions": lambda: vehicle.positions(q()),
         "parents": lambda: point_parents(vehicle),
         "base_rotation": lambda: vehicle.base_rotation(q()) @ vehicle.base_turn,
+        "wheels": lambda: vehicle.wheels,
         "thrust_directions": lambda: _thrust_directions(vehicle, q()),
         "kinetic_energy": lambda: vehicle.kinetic_energy(q(), v()),
         "potential_energy": lambda: vehicle.potential_energy(q()),

@@ -32,7 +32,7 @@ NO_SERIES = frozenset(
     {
         *("base_arm_angles_desired", "binding_times", "contact_walls", "disc_radii", "gusts"),
         *("hold_times", "impacts", "impulses", "motor_times"),
-        *("input_limits", "joint_limits", "walls"),
+        *("input_limits", "joint_limits", "walls", "wheels"),
     }
 )
 # Rows of a CSV that are written at a time.
@@ -122,6 +122,7 @@ class Flight:
     `sensors` (s, m) are what the robot's sensors had told last at each sample, by `sensor_names`
     and `sensor_units`, as `SensorSuite` describes them; NaN before the first reading, and (s, 0)
     without sensors. `sensor_frames` (m) are the frames at which they are, "" of those at none.
+    `wheels` (w, 3) are the angles of wheels that turn by the way along the base's axes, rad/m.
     `disc_radii` (N), m, are those of the rotors, 0 where nobody says them.
     `gusts` (g, 2) are from when to when each gust of the wind
     blows, s, and motors run from and to `motor_times` (2), s.
@@ -199,6 +200,7 @@ class Flight:
     impacts: Array = field(default_factory=lambda: np.zeros((0, 3)), repr=False)
     impulses: Array = field(default_factory=lambda: np.zeros((0, 0)), repr=False)
     hard_impacts: tuple[str, ...] = field(default=(), repr=False)
+    wheels: Array = field(default_factory=lambda: np.zeros((0, 3)), repr=False)
     disc_radii: Array = field(default_factory=lambda: np.zeros(0), repr=False)
     joint_limits: Array = field(default_factory=lambda: np.zeros((2, 0)), repr=False)
     command_names: tuple[str, ...] = ()
@@ -229,6 +231,12 @@ class Flight:
         """Names (N) of the points where the rotors are, which come after the base centre."""
         first = self.points.index(self.centre) + 1
         return self.points[first : first + self.rotors]
+
+    @property
+    def wheel_places(self) -> slice:
+        """Places of the wheels that turn among the points, after joints."""
+        last = len(self.points) + 1 - len(self.frames)
+        return slice(last - len(self.wheels), last)
 
     @property
     def errors(self) -> Array:
@@ -604,6 +612,20 @@ def point_parents(vehicle: Vehicle) -> NDArray[np.intp]:
         on_the_way[tip] &= parents[tip] != centre
     parents[on_the_way] = -1
     return parents
+
+
+def wheel_marks(robot: Flight | Vehicle, q: Array) -> Array:
+    """The axle and a mark (w, 2, 3) of each wheel that turns, at coordinates (nq), world axes.
+
+    They are a unit vector, and from the centre to a place on the rim, m.
+    """
+    wheels, layout = robot.wheels, robot.layout
+    rotation, angles = kinematics_of(layout).rotation(q), q[layout.q.angles]
+    ahead = wheels / np.sum(wheels**2, axis=1, keepdims=True)
+    up = np.linalg.norm(ahead, axis=1, keepdims=True) * [0.0, 0.0, 1.0]
+    turned = angles[:, np.newaxis]
+    axles = np.cross(up, wheels)  # The radius times its inverse.
+    return np.stack([axles, np.sin(turned) * ahead + np.cos(turned) * up], axis=1) @ rotation.T
 
 
 def write_table(path: StrPath, columns: Mapping[str, NDArray[Any]]) -> None:

@@ -14,6 +14,7 @@ from gibbs_codegen.errors import UsageError
 from gibbs_codegen.figures.appearance import PATHS
 from gibbs_codegen.flight.record import extent
 from gibbs_codegen.flight.record.flight import Array, Flight
+from gibbs_codegen.flight.record.series import wheel_marks
 from gibbs_codegen.flight.viewer import page
 from gibbs_codegen.flight.viewer.machine import MachineScene, rgb, set_stage
 
@@ -82,6 +83,7 @@ class FlightScene:
             self._efforts[sample],
             forces,
             frames,
+            wheel_marks(flight, flight.q[sample]),
         )
         self._world.position = -(centre if self.follows else self._middle)
 

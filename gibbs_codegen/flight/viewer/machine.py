@@ -284,6 +284,10 @@ class MachineScene:
         rotors = len(self._rotors)
         self.rods = batch("rods", "rod", len(rods), RELAXED)
         self._balls = batch("joints", "ball", len(self._joints), _JOINT_COLOUR)
+        last, wheels = first + joints, robot.layout.q.wheels
+        self._wheels = np.arange(last - wheels, last)
+        self._tyres = batch("wheels", "rod", wheels, RELAXED, opacity=0.6, cast_shadow=False)
+        self._marks = batch("marks", "rod", wheels, RELAXED)
         self._discs = batch("rotors", "rod", rotors, ROTOR, opacity=0.6, cast_shadow=False)
         self.thrusts = batch("thrusts", "arrow", rotors, THRUST, cast_shadow=False)
         self.forces = batch("forces", "arrow", len(pushed), FORCE, cast_shadow=False)
@@ -304,6 +308,7 @@ class MachineScene:
         efforts: Array,
         forces: Array,
         frames: Array,
+        wheels: Array,
     ) -> None:
         """Put everything where the robot is.
 
@@ -312,6 +317,7 @@ class MachineScene:
         - `thrusts` (N), N, and `efforts` (t), N m or N, of joints and base arms
         - `forces` (f, 3): other forces in the world, N
         - `frames` (p, 4, 4): poses in the world of frames that are drawn
+        - `wheels` (w, 2, 3): axles and marks of wheels, as of `wheel_marks`
         """
         size, starts, ends = self.size, *self._rods.T
         self.rods.span(points[starts], points[ends], _ROD * size)
@@ -325,6 +331,10 @@ class MachineScene:
         flat = self.radius * np.array([1.0, 1.0, _DISC])
         lower = seats - 0.5 * flat[2] * along
         self._discs.put(lower, turned_to(along), np.tile(flat, (len(seats), 1)))
+        hubs, (axles, marks) = points[self._wheels], np.swapaxes(wheels, 0, 1)
+        flat = np.linalg.norm(marks, axis=1, keepdims=True) * [1.0, 1.0, 2.0 * _DISC]
+        self._tyres.put(hubs - 0.5 * flat[:, 2:] * axles, turned_to(axles), flat)
+        self._marks.span(hubs - marks, hubs + marks, _ROD * size)
         shares = np.clip(np.nan_to_num(thrusts / (self.thrust or 1.0)), -_LONGEST, _LONGEST)
         tips = seats + _LENGTH * size * shares[:, np.newaxis] * along
         self.thrusts.span(seats, tips, _ARROW * size)

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gibbs_codegen.errors import UsageError
-from gibbs_codegen.flight.record.series import Array
+from gibbs_codegen.flight.record.series import Array, wheel_marks
 from gibbs_codegen.flight.vectors import Flags
 from gibbs_codegen.flight.viewer import page
 from gibbs_codegen.flight.viewer.machine import DrawnMachine, MachineScene, Rest, changed, set_stage
@@ -60,7 +60,7 @@ class RobotScene:
 
     def __init__(self, server: Any, machine: DrawnMachine, q: Array, live: bool) -> None:
         vehicle = machine.vehicle
-        self._rotors, self._arms = vehicle.rotors, machine.arms
+        self._vehicle, self._rotors, self._arms = vehicle, vehicle.rotors, machine.arms
         self._frames = len(vehicle.frames) if live else 0
         points = vehicle.positions(q)
         low, high = points.min(axis=0), points.max(axis=0)
@@ -104,7 +104,8 @@ class RobotScene:
         """Put the robot where it is."""
         frames = state.frames[: self._frames]
         where = state.points, state.directions
-        self.machine.show(*where, *self._acting(state), np.zeros((0, 3)), frames)
+        marks = wheel_marks(self._vehicle, state.q)
+        self.machine.show(*where, *self._acting(state), np.zeros((0, 3)), frames, marks)
 
 
 def _usual(values: Sequence[Array], least: float) -> float:

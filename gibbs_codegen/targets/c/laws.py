@@ -12,8 +12,13 @@ from gibbs_codegen.machine.law_functions import law_functions
 from gibbs_codegen.machine.laws import LAWS
 from gibbs_codegen.machine.observers import CALLED, observer_functions
 from gibbs_codegen.program.model import Model
-from gibbs_codegen.robot.balance import carried_rotors, tried_postures, wrench_matrix
-from gibbs_codegen.robot.layout import check_no_wheels, layout_of
+from gibbs_codegen.robot.balance import (
+    carried_rotors,
+    tried_postures,
+    wheel_wrenches,
+    wrench_matrix,
+)
+from gibbs_codegen.robot.layout import layout_of
 from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.robot.wrenches import DIRECTIONS, directions, leans, rank
 from gibbs_codegen.targets.c.calls import check_calls, model_functions
@@ -72,17 +77,23 @@ def check_laws(laws: str | Sequence[str], targets: Sequence[str]) -> tuple[str, 
 
 def _check(robot: Robot, law: str, frames: Sequence[str]) -> None:
     """Raise `UsageError` if rotors do not command what a law needs, or there is no tip to move."""
-    check_no_wheels(robot.name, robot.kind, "--laws: laws are")
-    along, about = layout_of(robot).own_axes
+    along, about = layout_of(robot).driven_axes
     rows = [*along, *(3 + axis for axis in about)]
-    if rows and not robot.rotors:
+    if rows and not robot.rotors and not robot.wheels:
         raise UsageError(
             f"--laws: {robot.name} has no rotors, which laws command; add rotors to the robot file"
+        )
+    if (LAWS | LEARNING)[law].calls and (robot.wheels or robot.base.drive):
+        raise UsageError(
+            f"--laws {law}: needs functions of reference velocities, which robots on wheels do not "
+            f"have, as {robot.name}; choose another"
         )
     # Where joints move rotors, they command most in some posture.
     postures = tried_postures(robot) if carried_rotors(robot) else [None]
     turn = np.kron(np.eye(2), robot.base.pose.matrix)[rows]
     matrices = [turn @ wrench_matrix(robot, x) for x in postures] if rows else [np.zeros((0, 0))]
+    if robot.wheels:
+        matrices = [np.hstack([matrix, turn @ wheel_wrenches(robot)]) for matrix in matrices]
     matrix = max(matrices, key=rank)
     forces, reached = matrix[: len(along)], rank(matrix)
     full, one_axis = reached == len(rows), (reached, rank(forces)) == (1 + len(about), 1)
