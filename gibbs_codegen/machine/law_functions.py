@@ -172,7 +172,8 @@ def _law(robot: Functions, law: str, tip: int, moves: bool) -> Program:
         argument("centre", 3),
         argument("distribution", count, 6),
         argument("wrenches", count, 6),
-        *(_pushing(robot, x) for x in limits),
+        _pushing(robot, limits.least),
+        _pushing(robot, limits.most),
         move=moves,
     )
     aim, row, outputs = Aim(motion, gains), LAWS[law], dict[str, Node]()

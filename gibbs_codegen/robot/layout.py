@@ -68,18 +68,6 @@ def check_free_base(name: str, kind: str, what: str) -> None:
         )
 
 
-def check_no_wheels(name: str, kind: str, what: str) -> None:
-    """Raise `UsageError` where `what` takes no robots on wheels or with a drive, and one is such.
-
-    `kind` is a module's ATTITUDE.
-    """
-    if _level(kind) in DRIVES or coordinate_places(kind, 0).wheels:
-        raise UsageError(
-            f"{name}: {what} not for robots with wheels that turn, or with base.drive; functions "
-            "of the module, rollout, linearise, lqr and verify take them"
-        )
-
-
 @dataclass(frozen=True)
 class Places:
     """The places of the base's attitude and position and of the joints in q, or in v and a.

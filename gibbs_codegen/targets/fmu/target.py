@@ -25,7 +25,7 @@ from gibbs_codegen.machine.first_order import System
 from gibbs_codegen.program.choice import chosen_functions
 from gibbs_codegen.program.model import Model
 from gibbs_codegen.robot.description import Description
-from gibbs_codegen.robot.layout import check_no_wheels, frames_of
+from gibbs_codegen.robot.layout import frames_of
 from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.robot.placement import mounted_rotors
 from gibbs_codegen.robot.posture import robot_frames
@@ -89,7 +89,11 @@ def archives(model: Model, header: Lines, acting: tuple[str, ...] = ()) -> dict[
     `acting` are some of `ACTING`. Raises `UsageError` for constraints that there are not.
     """
     name = model.robot.name
-    check_no_wheels(name, model.robot.kind, "FMUs are")
+    if model.robot.wheels or model.robot.base.drive:
+        raise UsageError(
+            f"--target fmu: {name} is on wheels, and FMUs have derivatives by all coordinates, "
+            "which such robots lack; leave fmu out"
+        )
     if "constraints" in acting and not model.lists.get("CONSTRAINTS"):
         raise UsageError(
             f"--target fmu:constraints: {name} has no [[constraint]]; leave constraints out"
