@@ -85,7 +85,7 @@ def straight(speed: float) -> dict[str, Any]:
 def test_torques_of_wheels_on_a_circle() -> None:
     """The centre of mass is pulled inwards, and back; wheels turn as their rims roll."""
     speed, rate = 2.0 * np.pi * 1.5 / 8.0, 2.0 * np.pi / 8.0
-    flight = driven(cart(), 2.0, circle(1.5, 8.0))
+    flight = driven(cart(), 0.4, circle(1.5, 8.0))
     force, moment = -MASS * AHEAD * rate**2, MASS * AHEAD * speed * rate
     # They push with τ / r, each on its side.
     left, right = (0.5 * RADIUS * (force + side * moment / WIDTH) for side in (-1.0, 1.0))
@@ -97,6 +97,7 @@ def test_torques_of_wheels_on_a_circle() -> None:
     assert np.abs(flight.energy_error).max() < 1e-9
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("speed", [0.8, -0.8, 0.05])
 def test_a_base_beside_its_path_comes_back_as_by_one_equation(speed: float) -> None:
     """With the heading ψ − ε off, whose error is that of a critically damped oscillator."""
@@ -125,6 +126,7 @@ def test_a_base_beside_its_path_comes_back_as_by_one_equation(speed: float) -> N
     assert np.abs(flight.errors[:, 0]).max() < 1e-8
 
 
+@pytest.mark.slow
 def test_torques_keep_their_limits_and_the_path_is_found_again() -> None:
     begin = {"offset": [-0.4, 0.6, 0], "turn_deg": [0, 0, 70]}
     flight = driven(cart(), 12.0, circle(1.5, 8.0), start=begin)
@@ -141,7 +143,7 @@ def test_ways_that_slip_are_refused() -> None:
     with pytest.raises(UsageError, match="predictive needs derivatives of motions"):
         driven(cart(), 2.0, circle(1.5, 8.0), control={"law": "predictive"})
     turned = {"attitude": {"kind": "turn", "axis": [0, 0, 1], "angle_deg": 90, "duration": 1}}
-    flight = driven(cart(), 1.5, turned)
+    flight = driven(cart(), 1.0, turned)
     np.testing.assert_allclose(flight.q[-1, :3], [0, 0, np.pi / 2], atol=1e-9)
 
 
@@ -161,7 +163,7 @@ axis    = "x"
 def test_an_omnidirectional_base_turns_as_it_goes() -> None:
     module = emitted_module(parse_robot(OMNIDIRECTIONAL))
     turning = {"attitude": {"kind": "level", "rate_deg": 30}}
-    flight = driven(module, 2.0, circle(1.5, 8.0) | turning, start={"offset": [0.1, -0.1, 0]})
+    flight = driven(module, 0.5, circle(1.5, 8.0) | turning, start={"offset": [0.1, -0.1, 0]})
     off = np.sqrt(0.02) * (1.0 + 5.0 * flight.time) * np.exp(-5.0 * flight.time)
     np.testing.assert_allclose(flight.centre_error, off, atol=1e-9)
 
