@@ -33,7 +33,7 @@ _NO_LEVER = 1e-3
 # Laws that no robot on wheels has, and what it lacks.
 _NOT_ROLLING = {
     PREDICTIVE: "derivatives of motions",
-    "passive": "functions of reference velocities",
+    **dict.fromkeys(("passive", "adaptive"), "functions of reference velocities"),
 }
 # How much faster the base must lean than the position follows, which it moves.
 _FASTER = 4.0

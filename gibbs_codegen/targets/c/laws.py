@@ -83,7 +83,7 @@ def _check(robot: Robot, law: str, frames: Sequence[str]) -> None:
         raise UsageError(
             f"--laws: {robot.name} has no rotors, which laws command; add rotors to the robot file"
         )
-    if (LAWS | LEARNING)[law].calls and (robot.wheels or robot.base.drive):
+    if LAWS[law].calls and (robot.wheels or robot.base.drive):
         raise UsageError(
             f"--laws {law}: needs functions of reference velocities, which robots on wheels do not "
             f"have, as {robot.name}; choose another"
