@@ -13,7 +13,7 @@ import numpy as np
 from gibbs_codegen.errors import UsageError, printable
 from gibbs_codegen.files.staging import put_in_place, staging_folder, writing
 from gibbs_codegen.flight.logs.log import recorded_of
-from gibbs_codegen.flight.plant.vehicle import Vehicle
+from gibbs_codegen.flight.plant.vehicle import RobotData, Vehicle
 from gibbs_codegen.flight.record.flight import Flight, flight_file, read_flight
 from gibbs_codegen.flight.vectors import Array
 from gibbs_codegen.identification.model import Model
@@ -29,7 +29,6 @@ from gibbs_codegen.identification.report import html_report, text_report
 from gibbs_codegen.identification.robot_file import with_numbers
 from gibbs_codegen.identification.smoothing import Estimate, Smoother
 from gibbs_codegen.identification.unknowns import Unknowns
-from gibbs_codegen.robot.layout import check_no_wheels
 from gibbs_codegen.runtime.load import load
 
 Progress = Callable[[str, float], None]
@@ -143,7 +142,9 @@ def identify(
         UsageError: If a log or a pattern is not of the robot, or it has wheels or constraints.
     """
     module = robot if isinstance(robot, ModuleType) else load(robot, "c")
-    check_no_wheels(module.NAME, module.ATTITUDE, "identify is")
+    layout = RobotData(module).layout
+    if layout.has_drive or layout.q.wheels:
+        raise UsageError(f"{module.NAME}: identify is not for robots on wheels")
     if getattr(module, "CONSTRAINTS", ()):
         raise UsageError(f"{module.NAME}: has constraints, whose forces no log tells")
     if not prior > 0.0 or not 0.0 <= hold_out <= 0.9:
