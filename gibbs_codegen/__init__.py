@@ -57,6 +57,8 @@ if TYPE_CHECKING:
     from gibbs_codegen.flight.logs.log import read_log as read_log
     from gibbs_codegen.flight.logs.log import write_log as write_log
     from gibbs_codegen.flight.many import simulate_many as simulate_many
+    from gibbs_codegen.flight.plant.estimator import Estimate as Estimate
+    from gibbs_codegen.flight.plant.estimator import Estimator as Estimator
     from gibbs_codegen.flight.plant.sensors import SensorSuite as SensorSuite
     from gibbs_codegen.flight.record.flight import Flight as Flight
     from gibbs_codegen.flight.record.flight import read_flight as read_flight
@@ -111,6 +113,7 @@ _MODULES = {
     "flight.figures.results": ("write_results",),
     "flight.logs.log": ("read_log", "write_log"),
     "flight.many": ("simulate_many",),
+    "flight.plant.estimator": ("Estimate", "Estimator"),
     "flight.plant.sensors": ("SensorSuite",),
     "flight.record.flight": ("Flight", "read_flight"),
     "flight.rollouts.rollout": ("rollout",),

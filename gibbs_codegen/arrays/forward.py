@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from functools import lru_cache
 
@@ -49,7 +49,7 @@ def _jacobian(program: Program, by: tuple[str, ...]) -> Program:
     outputs, labels = dict(program.outputs), dict(program.labels)
     for name in by:
         x = inputs[name]
-        derivatives = _derivatives(program, {x: _units(x)})
+        derivatives = _derivatives(program.nodes, {x: _units(x)})
         for output, x in program.outputs.items():
             shape = (*x.tangent, math.prod(inputs[name].tangent))
             outputs[f"{output}_by_{name}"] = derivatives.get(x) or nodes.zeros(*shape)
@@ -57,12 +57,12 @@ def _jacobian(program: Program, by: tuple[str, ...]) -> Program:
         for x, its in (*called, *((x, its.name) for x, its in program.labels.items())):
             if x in derivatives:
                 label(labels, derivatives[x], Label(f"{its}_by_{name}"))
-    return _from_derivatives(
+    return from_derivatives(
         Program(f"{program.name}_by_{'_'.join(by)}", program.inputs, outputs, labels)
     )
 
 
-def _from_derivatives(program: Program) -> Program:
+def from_derivatives(program: Program) -> Program:
     """The same, with values of a function from the call that gives its derivatives with them."""
     every = program.nodes
     names: dict[object, str] = {}
@@ -96,16 +96,22 @@ def along(program: Program, by: Iterable[str], name: str) -> Program:
     """
     inputs = dict(zip(program.names, program.inputs, strict=True))
     directions = {x: nodes.variable(f"{x}_dot", *inputs[x].tangent) for x in program.chosen(by)}
-    seeds = {inputs[x]: nodes.reshaped(y, (*y.shape, 1)) for x, y in directions.items()}
-    derivatives = _derivatives(program, seeds)
+    columns = {inputs[x]: nodes.reshaped(y, (*y.shape, 1)) for x, y in directions.items()}
     outputs = {
-        f"{output}_dot": nodes.reshaped(derivatives[x], x.tangent)
-        if x in derivatives
-        else nodes.zeros(*x.tangent)
-        for output, x in program.outputs.items()
+        f"{output}_dot": nodes.reshaped(d, d.shape[:-1])
+        for output, d in moved(program.outputs, columns).items()
     }
     inputs_and_directions = (*program.inputs, *directions.values())
-    return _from_derivatives(Program(name, inputs_and_directions, outputs, dict(program.labels)))
+    return from_derivatives(Program(name, inputs_and_directions, outputs, dict(program.labels)))
+
+
+def moved(results: Mapping[str, Node], directions: Mapping[Node, Node]) -> dict[str, Node]:
+    """Displacements (…, k) of results along k directions (…, k) of nodes of which they are made."""
+    derivatives = _derivatives(nodes.ordered(results.values()), {**directions})
+    columns = next(iter(directions.values())).shape[-1]
+    return {
+        name: derivatives.get(x) or nodes.zeros(*x.tangent, columns) for name, x in results.items()
+    }
 
 
 def _units(x: Node) -> Node:
@@ -114,10 +120,10 @@ def _units(x: Node) -> Node:
     return nodes.reshaped(nodes.constant(np.eye(columns)), (*x.tangent, columns))
 
 
-def _derivatives(program: Program, derivatives: dict[Node, Node]) -> dict[Node, Node]:
-    """Derivatives of all nodes that depend on inputs, from those of the inputs themselves."""
+def _derivatives(every: Iterable[Node], derivatives: dict[Node, Node]) -> dict[Node, Node]:
+    """Derivatives of all nodes that depend on some, from those of these themselves."""
     columns = next(iter(derivatives.values())).shape[-1]
-    for x in program.nodes:
+    for x in every:
         inner = {place: derivatives[y] for place, y in enumerate(x.arguments) if y in derivatives}
         if inner and x not in derivatives:
             terms = [term for term in _terms(x, inner) if not nodes.is_all(term, 0.0)]

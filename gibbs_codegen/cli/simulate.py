@@ -18,6 +18,7 @@ from gibbs_codegen.flight.record.flight import Flight
 from gibbs_codegen.flight.scenario.file import read_scenario
 from gibbs_codegen.flight.scenario.parts import PREDICTIVE, Control, Impedance, functions_for
 from gibbs_codegen.flight.scenario.walls import Wall
+from gibbs_codegen.machine.filter import CALLED
 from gibbs_codegen.runtime.c_library import seconds_waited
 from gibbs_codegen.runtime.load import load
 from gibbs_codegen.runtime.predictive import DERIVATIVES, UNDER_WRENCHES
@@ -49,6 +50,7 @@ def run(options: argparse.Namespace) -> int:
     control = scenario.control
     plans = control.law == PREDICTIVE
     derivatives = (*DERIVATIVES, *UNDER_WRENCHES) if plans else ()
+    derivatives += CALLED if control.estimate else ()
     functions = functions_for(bool(scenario.holds), [control.law])
     with (
         robot_argument.found_module(

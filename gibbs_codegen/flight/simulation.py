@@ -73,6 +73,7 @@ from gibbs_codegen.flight.scenario.parts import HOLDING, PREDICTIVE
 from gibbs_codegen.flight.scenario.paths import check_path
 from gibbs_codegen.flight.scenario.scenario import Scenario
 from gibbs_codegen.interface import FUNCTIONS
+from gibbs_codegen.machine.filter import CALLED
 from gibbs_codegen.machine.laws import LAWS
 from gibbs_codegen.runtime.c_library import CompilerError, ModuleLibrary, chosen_compiler
 from gibbs_codegen.runtime.cache import CacheError
@@ -269,6 +270,7 @@ def _check_functions(module: ModuleType, scenario: Scenario) -> None:
     names = [*HOLDING] if scenario.holds else []
     if scenario.control.law in LAWS:
         names += LAWS[scenario.control.law].calls
+    names += CALLED if scenario.control.estimate else ()
     if scenario.control.law == PREDICTIVE:
         pressed = scenario.control.force is not None or bool(getattr(module, "ROTOR_AIR", ()))
         names += [*DERIVATIVES, *(UNDER_WRENCHES if pressed else ())]

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.flight.arguments import numbers, seconds, vector
+from gibbs_codegen.flight.control.observation import Measured
 from gibbs_codegen.flight.control.sampled_control import (
     DEFAULT_RATE,
     Observation,
@@ -60,7 +61,8 @@ class Simulation:
         self._scenario, control = start.scenario, start.scenario.control
         law = start.loop.controller
         self._hold = ZeroOrderHold(law, "own", control.delay)
-        self._sensing = Sensing(law.vehicle, law.reference, start.scenario.sensors)
+        sensors = start.scenario.sensors
+        self._sensing = Sensing(law.vehicle, law.reference, sensors, control.estimation)
         self._hold.readings = self._sensing.readings
         self._loop = replace(start.loop, controller=self._hold)
         self._start, self._bristles = (start.q, start.v), start.loop.bristles
@@ -208,14 +210,15 @@ class Simulation:
 
     def _take(self) -> None:
         """Take the readings that are due now."""
-        self._sensing.readings.take(self.time, self._measured)
+        self._sensing.take(self.time, lambda: (self.q, self.v, self._measured))
 
-    def _measured(self) -> Array:
-        """Readings (m) of the robot's sensors now, without errors."""
-        suite = self._loop.sensors
-        if suite is None or suite.feels_contacts or self._flight is None:
-            return self.loop.measured(self.time, *self._at()).sensors
-        return suite.measured(self.q, self.v, self.a)
+    def _measured(self) -> Measured:
+        """What is measured now without errors; readings of sensors alone, if all else is unread."""
+        suite, reads_all = self._loop.sensors, self._sensing.estimator is not None
+        if suite is None or suite.feels_contacts or self._flight is None or reads_all:
+            return self.loop.measured(self.time, *self._at())
+        none = np.zeros(0)
+        return Measured(none, none, none, none, suite.measured(self.q, self.v, self.a))
 
     def _seen(self) -> Observation:
         """Observations of the sensors now, or of a while ago if they are late."""

@@ -76,7 +76,8 @@ def imu(motion: SensedMotion, device: SensorAt) -> Node:
     """Specific force (3), m/s², and angular velocity (3), rad/s, in the axes of the frame."""
     robot, frame = motion.robot, device.frame
     drift = robot.frame_bias_accelerations(motion.q, motion.v)[frame][:3]
-    acceleration = robot.frame_jacobians(motion.q)[frame][:3] @ motion.a + drift
+    # Velocities of the frames by accelerations for velocities: functions that have derivatives.
+    acceleration = robot.frame_velocities(motion.q, motion.a)[frame][:3] + drift
     return motion.felt(device, acceleration - motion.gravity, motion.velocity(device)[3:])
 
 
@@ -95,6 +96,13 @@ def gps(motion: SensedMotion, device: SensorAt) -> Node:
     return join(origin_of(motion.pose(device)), motion.velocity(device)[:3])
 
 
+def pose(motion: SensedMotion, device: SensorAt) -> Node:
+    """Position (3), m, and directions (3 each) of the x and the y axis of the frame."""
+    pose = motion.pose(device)
+    turn = rotation_of(pose).transposed
+    return join(origin_of(pose), turn[0], turn[1])
+
+
 def encoders(motion: SensedMotion, device: SensorAt) -> Node:
     """Coordinates of the joints, rad or m."""
     places = motion.robot.layout.q.joints
@@ -108,7 +116,8 @@ def wrench(motion: SensedMotion, device: SensorAt) -> Node:
 
 
 MEASUREMENTS: dict[str, Callable[[SensedMotion, SensorAt], Node]] = {
-    measure.__name__: measure for measure in (imu, barometer, magnetometer, gps, encoders, wrench)
+    measure.__name__: measure
+    for measure in (imu, barometer, magnetometer, gps, pose, encoders, wrench)
 }
 
 

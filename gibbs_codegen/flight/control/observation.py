@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from gibbs_codegen.errors import UsageError
+from gibbs_codegen.flight.plant.estimator import Estimate
 from gibbs_codegen.flight.plant.sensors import Reading
 from gibbs_codegen.flight.plant.vehicle import Array
 
@@ -17,7 +18,8 @@ from gibbs_codegen.flight.plant.vehicle import Array
 class Measured(NamedTuple):
     """Accelerations (nv), wrenches (f, 6) on the frames, and the state of the actuators.
 
-    Then the forces (l) of constraints, and what the robot's sensors measure (m) without errors.
+    Then the forces (l) of constraints, what the robot's sensors measure (m) without errors, and
+    the inputs (nu) that act.
     """
 
     a: Array
@@ -25,6 +27,7 @@ class Measured(NamedTuple):
     actuators: Array
     constraint_forces: Array
     sensors: Array = np.zeros(0)
+    inputs: Array = np.zeros(0)
 
 
 def _unknown() -> Measured:
@@ -47,6 +50,8 @@ class Observation:
 
     - `sensors`: by the names of the robot's sensors what they read last, a tuple of the `time` at
       which that was measured, s, and the `values`, which `SensorSuite` describes; NaN before
+    - `estimate`: with `control.estimate`, what the filter tells that q and v are of, an `Estimate`
+      with deviations; else None
 
     All from `a` to `constraint_forces` are computed when they are first asked for.
     """
@@ -59,6 +64,7 @@ class Observation:
     a_desired: Array
     measure: Callable[[], Measured] = field(default=_unknown, repr=False, compare=False)
     sensors: Mapping[str, Reading] = field(default_factory=dict, repr=False, compare=False)
+    estimate: Estimate | None = field(default=None, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         for array in (self.q, self.v, self.q_desired, self.v_desired, self.a_desired):

@@ -25,10 +25,11 @@ from gibbs_codegen.flight.control.observation import Observation as Observation
 from gibbs_codegen.flight.control.predictive import NoPlanError, predictive_law
 from gibbs_codegen.flight.plant.actuators import Actuators, command_limits, commands_for
 from gibbs_codegen.flight.plant.allocation import Allocation
+from gibbs_codegen.flight.plant.estimator import Estimator
 from gibbs_codegen.flight.plant.sensors import Readings, SensorSuite
 from gibbs_codegen.flight.plant.vehicle import Array, Vehicle
 from gibbs_codegen.flight.reference import Reference
-from gibbs_codegen.flight.scenario.parts import PREDICTIVE, Sensors
+from gibbs_codegen.flight.scenario.parts import PREDICTIVE, Filter, Sensors
 from gibbs_codegen.flight.scenario.scenario import Scenario
 from gibbs_codegen.machine.laws import turns_servos
 from gibbs_codegen.runtime.program_flow import Samples
@@ -199,7 +200,11 @@ class Sensing:
     """Observations of states, each with noise of its own; a state as it is by default."""
 
     def __init__(
-        self, vehicle: Vehicle, reference: Reference, sensors: Sensors | None = None
+        self,
+        vehicle: Vehicle,
+        reference: Reference,
+        sensors: Sensors | None = None,
+        estimation: Filter | None = None,
     ) -> None:
         noise = sensors or Sensors()
         self._vehicle, self._reference = vehicle, reference
@@ -220,6 +225,8 @@ class Sensing:
         self._errs = bool(np.any(self._deviations[:2]))
         self._errs_besides = bool(np.any(self._deviations[2]) or np.any(self._of_wrenches))
         self.readings = Readings(SensorSuite(vehicle, noise))
+        # What tells the state, if it is not told as it is but for noise.
+        self.estimator = Estimator(vehicle, noise, estimation) if estimation else None
         self.reset()
 
     def reset(self, seed: int | None = None) -> None:
@@ -232,6 +239,17 @@ class Sensing:
         # Its own, so that what is measured besides changes no noise of the state.
         self._other_noise = np.random.default_rng([self._seed, 1])
         self.readings.reset(self._seed)
+        self._begun = False
+
+    def take(self, time: float, sample: Sample) -> None:
+        """Take the readings that are due at a time, s, and estimate by those that come."""
+        measure = cache(lambda: sample()[2]())
+        self.readings.take(time, lambda: measure().sensors)
+        if self.estimator:
+            if not self._begun:
+                self.estimator.begin(*sample()[:2], time)
+            self._begun = True
+            self.estimator.follow(time, measure().inputs, self.readings.come(time))
 
     def errors(self, count: int, frame: int | None) -> Array:
         """Errors (count, 2 nv + 6) of samples to come, of the wrench on a frame, if on any.
@@ -283,17 +301,20 @@ class Sensing:
         seen_q, seen_v = q.copy(), v + velocities
         if np.any(displacement):
             seen_q = np.asarray(vehicle.integrate(q, displacement))
-        desired = self._reference(time)
+        desired, estimate = self._reference(time), None
+        if self.estimator:
+            estimate = self.estimator.estimate
+            seen_q, seen_v = estimate.q, estimate.v
         read = self.readings.at(time - self.delay)
         if measure is None:
-            return Observation(time, seen_q, seen_v, *desired, sensors=read)
+            return Observation(time, seen_q, seen_v, *desired, sensors=read, estimate=estimate)
 
         def measured() -> Measured:
             now = measure()
             parts = now.actuators.copy(), now.constraint_forces.copy()
             return Measured(now.a + accelerations, now.wrenches + wrenches, *parts)
 
-        return Observation(time, seen_q, seen_v, *desired, measured, read)
+        return Observation(time, seen_q, seen_v, *desired, measured, read, estimate)
 
 
 class OwnController(Protocol):
@@ -367,8 +388,11 @@ class SampledControl(ZeroOrderHold):
 
     @property
     def sampled(self) -> Controller | None:
-        """The law of the package that is sampled, if one is."""
-        return self._controller.law if isinstance(self._controller, LawController) else None
+        """The law of the package that is sampled and told the state, if one is."""
+        law = self._controller
+        if self._sensing.estimator or not isinstance(law, LawController):
+            return None
+        return law.law
 
     def start(self, q: Array, v: Array, measure: Measure) -> None:
         """Begin a flight: forget what was, and take the first sample.
@@ -435,7 +459,7 @@ class SampledControl(ZeroOrderHold):
         the sensors. Times must not decrease from call to call.
         """
         sample = cache(sample)
-        self._sensing.readings.take(time, lambda: sample()[2]().sensors)
+        self._sensing.take(time, sample)
         while (sampled := self._taken / self.rate) - self._sensing.delay <= time + self.same:
             self._taken += 1
             begin = perf_counter()
@@ -470,7 +494,7 @@ def law_in_time(
     """
     control, sensors = scenario.control, scenario.sensors
     rate, delay = control.rate, control.delay
-    sensing = Sensing(law.vehicle, law.reference, sensors)
+    sensing = Sensing(law.vehicle, law.reference, sensors, control.estimation)
     if controller is None and control.law == PREDICTIVE and isinstance(law, Controller):
         planning = predictive_law(law, scenario, actuators)
         return SampledControl(law, planning.rate, delay, sensing, planning, PREDICTIVE)

@@ -361,7 +361,8 @@ class ClosedLoop:
         motion = self.motion(time, parts, aimed, acting, loads)
         moved, touching = (parts.q, parts.v, motion["a"]), motion["touching"]
         readings = self.sensors.measurements(*moved, touching) if self.sensors else np.zeros(0)
-        return Measured(motion["a"], touching, parts.actuators, motion["holding"], readings)
+        others = motion["holding"], readings, acting
+        return Measured(motion["a"], touching, parts.actuators, *others)
 
     def smooth_intervals(self, begin: float, end: float) -> Iterator[SmoothInterval]:
         """The intervals of a flight between which the push, held inputs and motors may change.

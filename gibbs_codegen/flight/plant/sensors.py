@@ -106,10 +106,10 @@ class SensorSuite:
             is_jax = getattr(self._module, "backend", "") == "jax"
             of_arrays = load(self._module.__path__[0]) if is_jax else self._module
             robot = Vehicle(of_arrays, parameters)
-        self._vehicle, self._module = robot, self._module or robot.module
+        self.vehicle, self._module = robot, self._module or robot.module
         settings = sensors or Sensors()
         self._parameters, self.seed, self.devices = parameters, settings.seed, settings.devices
-        self._frames = frames_of_sensors(robot, settings)
+        self.places_of_frames = frames_of_sensors(robot, settings)
         self._channels = [device.channels(robot.layout) for device in self.devices]
         sizes = [sum(len(one.names) for one in channels) for channels in self._channels]
         ends = np.cumsum([0, *sizes]).tolist()
@@ -140,6 +140,32 @@ class SensorSuite:
         return tuple(unit for _, _, unit in self._entries)
 
     @property
+    def variances(self) -> list[Array]:
+        """Variances of the readings of each sensor, by noise and resolution."""
+        return [
+            np.concatenate(
+                [
+                    np.broadcast_to(np.square(c.noise) + c.resolution**2 / 12.0, len(c.names))
+                    for c in channels
+                ]
+            )
+            for channels in self._channels
+        ]
+
+    def biases(self, sensor: int) -> dict[int, tuple[float, float]]:
+        """By entries of a sensor's readings that have a bias, its size and the density of its walk.
+
+        It is as large as the largest of the entries that err alike.
+        """
+        known, first = dict[int, tuple[float, float]](), 0
+        for c in self._channels[sensor]:
+            size, count = float(np.abs(c.bias).max()), len(c.names)
+            walk = c.walk * math.sqrt(self.devices[sensor].rate)
+            known |= dict.fromkeys(range(first, first + count * bool(size or walk)), (size, walk))
+            first += count
+        return known
+
+    @property
     def frames(self) -> tuple[str, ...]:
         """Names (m) of the frames at which the entries are read, "" of what is at none."""
         return tuple(getattr(device, "frame", "") for device, _, _ in self._entries)
@@ -155,7 +181,7 @@ class SensorSuite:
             raise UsageError(
                 "sensors: there are none; declare some, such as [[sensors.imu]] in the scenario"
             )
-        pairs = zip(self.devices, self._frames, strict=True)
+        pairs = zip(self.devices, self.places_of_frames, strict=True)
         devices = [SensorAt(device.measures, frame, device.figures) for device, frame in pairs]
         return measurement_program(Functions(self._module), devices)
 
@@ -170,11 +196,11 @@ class SensorSuite:
     @cached_property
     def _measure(self) -> tuple[Evaluator, dict[str, Any], Array]:
         """The program's evaluation, constants, and the acceleration of gravity (3), m/s²."""
-        constants = self._vehicle.constants
+        constants = self.vehicle.constants
         if self._xp is not np and self._parameters:
             constants = self._module.prepare(dict(self._parameters))
         evaluator = Evaluator(self.program, {"robot": self._module}, self._xp)
-        return evaluator, {"robot": constants}, Environment(self._vehicle).gravity
+        return evaluator, {"robot": constants}, Environment(self.vehicle).gravity
 
     @cached_property
     def errors(self) -> list[Errors]:
@@ -196,7 +222,7 @@ class SensorSuite:
         Returns:
             Measurements (…, m).
         """
-        none = np.zeros((len(self._vehicle.frames), 6))
+        none = np.zeros((len(self.vehicle.frames), 6))
         evaluator, constants, gravity = self._measure
         arguments = {"q": q, "v": v, "a": a, "wrenches": none if wrenches is None else wrenches}
         return evaluator({**arguments, "gravity": gravity}, constants)["measured"]
@@ -224,8 +250,8 @@ class SensorSuite:
 
     @cached_property
     def _of_one_state(self) -> StateProgram:
-        gravity = Environment(self._vehicle).gravity
-        return state_program(self._vehicle, self.program, {"gravity": gravity})
+        gravity = Environment(self.vehicle).gravity
+        return state_program(self.vehicle, self.program, {"gravity": gravity})
 
     def readings(
         self,
@@ -291,6 +317,7 @@ class Readings:
         self._times: list[list[float]] = [[] for _ in suite.devices]
         self._values: list[list[Array]] = [[] for _ in suite.devices]
         self._walks = [np.zeros(rows.stop - rows.start) for rows in suite.places]
+        self._come = [0] * len(suite.devices)
 
     def instants(self, begin: float, end: float) -> Array:
         """Times from `begin` to `end`, s, at which there is something to measure."""
@@ -325,6 +352,16 @@ class Readings:
             unknown = Reading(np.nan, np.full(rows.stop - rows.start, np.nan))
             last[device.name] = Reading(times[place], values[place]) if place >= 0 else unknown
         return last
+
+    def come(self, time: float) -> Iterator[tuple[str, float, Array]]:
+        """Sensor, time of measurement, s, and values of readings that came since the last call."""
+        for k, device in enumerate(self.suite.devices):
+            times, values = self._times[k], self._values[k]
+            while (
+                self._come[k] < len(times) and times[self._come[k]] + device.delay <= time + _SAME
+            ):
+                self._come[k] += 1
+                yield device.name, times[self._come[k] - 1], values[self._come[k] - 1]
 
     def series(self, times: Array) -> Array:
         """The last readings (s, m) of the sensors by times (s), s."""

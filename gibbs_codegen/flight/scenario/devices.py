@@ -194,6 +194,26 @@ class Gps(DeviceAtFrame):
 
 
 @table
+class PoseSensor(DeviceAtFrame):
+    """Place and attitude of a frame by cameras, world axes, as motion capture tells them."""
+
+    measures: ClassVar[str] = "pose"
+
+    name: _Name = entry(_NAME, "pose")
+    position_noise: NotNegative = entry("standard deviation of each coordinate, m", 0.0)
+    attitude_noise: NotNegative = entry(
+        "standard deviation of each entry of the directions of its axes, rad", 0.0
+    )
+
+    def channels(self, layout: Layout) -> tuple[Channel, ...]:
+        """Position, and the directions of its x and y axes."""
+        return (
+            _vector("position", "m", (self.position_noise,)),
+            *(_vector(f"{axis}_axis", "1", (self.attitude_noise,)) for axis in "xy"),
+        )
+
+
+@table
 class Encoders(Device):
     """Coordinates of all joints."""
 

@@ -307,6 +307,7 @@ class ScenarioTable(Table):
                 "is from the path of the base: give base.path, or the path in the world, arm.tip"
             )
             yield ("arm", "tip_beside_base"), words
+        yield from parts.estimation_faults(self.control, self.sensors)
         beginning: list[tuple[Place, Sequence[parts.Move | parts.Hold]]] = [(("hold",), self.hold)]
         for name in ("moves", "moves_deg"):
             moves = getattr(self.arm, name).items()

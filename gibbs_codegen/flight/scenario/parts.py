@@ -33,6 +33,7 @@ from gibbs_codegen.flight.scenario.devices import (
     Gps,
     Imu,
     Magnetometer,
+    PoseSensor,
     WrenchSensor,
 )
 from gibbs_codegen.flight.scenario.numbers import (
@@ -157,6 +158,33 @@ class Force(_ForATime, Table):
 
 
 @table
+class Filter(Table):
+    """What is estimated besides coordinates, velocities and biases of sensors, and its noise.
+
+    Loads walk at random, by a density times the root of the time. Joints have efforts besides their
+    inputs.
+    """
+
+    wrench: str = entry(
+        f"the frame on which an unknown wrench acts, none of a fixed base: {FRAME}", "base"
+    )
+    payload: str = entry(f'the frame that carries an unknown mass: {FRAME}; "": none', "")
+    acceleration: NotNegative = entry(
+        "density of noise of the accelerations, m/s²/√Hz and rad/s²/√Hz", 0.05
+    )
+    force: NotNegative = entry("density at which the force walks, N/√s", 0.3)
+    torque: NotNegative = entry("density at which the torque walks, N m/√s", 0.03)
+    effort: NotNegative = entry("density at which efforts of joints walk, N m/√s or N/√s", 0.03)
+    mass: NotNegative = entry("density at which the mass of the payload walks, kg/√s", 0.1)
+    start: Positive = entry(
+        "how well coordinates and velocities are known at the start, m, rad, m/s, rad/s", 0.01
+    )
+    outliers: Annotated[Share, Bounds(0.0, 0.5)] = entry(
+        "share of right readings that count as outliers, which are left out; 0: none", 1e-4
+    )
+
+
+@table
 class Control(Table):
     """The control law, and for laws that correct errors how the errors are to decay.
 
@@ -198,6 +226,15 @@ class Control(Table):
     adaptation: _Frequency = entry(
         'how fast the law "adaptive" learns base parameters at most, rad/s', 5.0
     )
+    estimate: Flag = entry(
+        "whether the state is told by a filter of the readings of sensors", False
+    )
+    filter: Filter | None = entry("what the filter estimates, and its noise; as by default if none")
+
+    @property
+    def estimation(self) -> Filter | None:
+        """What a filter estimates, if one tells the state."""
+        return (self.filter or Filter()) if self.estimate else None
 
     @classmethod
     def _key_faults(cls, values: Mapping[str, Any]) -> Iterator[tuple[str | Place, str]]:
@@ -206,6 +243,8 @@ class Control(Table):
         has_rate = "rate" in values or law == PREDICTIVE
         if values.get("delay") and not has_rate:
             yield "rate", "missing: a delay needs to know how often the law is evaluated, in Hz"
+        if "filter" in values and not values.get("estimate"):
+            yield "filter", "must be left out, or estimate be true: nothing else has a filter"
         if law in _PUSHING and "force" not in values:
             yield "force", "missing: say how hard the frame pushes, { value = …, direction = … }"
         if values.get("integral") and law in LAWS and LAWS[law].learns:
@@ -287,6 +326,9 @@ class Sensors(Table):
         "magnetometers", ()
     )
     gps: Annotated[tuple[Gps, ...], _devices("gps")] = entry("satellite receivers", ())
+    pose: Annotated[tuple[PoseSensor, ...], _devices("pose")] = entry(
+        "cameras that tell where frames are", ()
+    )
     encoders: Annotated[tuple[Encoders, ...], _devices("encoders")] = entry(
         "encoders of joints", ()
     )
@@ -320,6 +362,15 @@ class Sensors(Table):
         """True if more is set than the sensors and the seed of their errors."""
         bare = Sensors(seed=self.seed, **{kind: getattr(self, kind) for kind in DEVICES})
         return not self.devices or self != bare
+
+
+def estimation_faults(control: Control, sensors: Sensors | None) -> Iterator[tuple[Place, str]]:
+    """The fault of a state that is estimated without sensors, or told with noise besides."""
+    if control.estimate and (sensors is None or not sensors.devices):
+        yield ("control", "estimate"), "needs sensors to estimate by, such as [[sensors.imu]]"
+    elif control.estimate and sensors and sensors.observes:
+        words = "must be false where [sensors] has noise or a delay itself: sensors have their own"
+        yield ("control", "estimate"), words
 
 
 @table

@@ -128,6 +128,7 @@ class Scenario(Table):
 
     def _faults(self) -> Iterator[tuple[Place, str]]:
         """Faults of constraints that would hold after the end."""
+        yield from parts.estimation_faults(self.control, self.sensors)
         for number, hold in enumerate(self.holds):
             for words in parts.late(hold, self.duration):
                 yield ("holds", number, "begin"), words
@@ -137,7 +138,7 @@ class Scenario(Table):
         """True if its law acts at instants, and holds its inputs in between."""
         control = self.control
         is_slow = control.rate is not None or control.law == parts.PREDICTIVE
-        return is_slow or (self.sensors is not None and self.sensors.observes)
+        return is_slow or control.estimate or (self.sensors is not None and self.sensors.observes)
 
 
 # The time of a scenario and its first three derivatives (…, 4) at times (…) of the flight, s.

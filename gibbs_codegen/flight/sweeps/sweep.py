@@ -55,6 +55,7 @@ from gibbs_codegen.flight.sweeps.sources import (
 )
 from gibbs_codegen.flight.sweeps.study import FIXED, Study, table_of
 from gibbs_codegen.flight.sweeps.workers import own_count
+from gibbs_codegen.machine.filter import CALLED
 from gibbs_codegen.runtime.predictive import DERIVATIVES, UNDER_WRENCHES
 
 _MOST_SAMPLES = 2**24
@@ -121,6 +122,8 @@ def sweep(
     laws = [source.says("control.law") for source in scenario_sources]
     laws += varying["control.law"].levels if "control.law" in varying else ()
     derivatives = (*DERIVATIVES, *UNDER_WRENCHES) if PREDICTIVE in laws else ()
+    if any(source.says("control.estimate") for source in scenario_sources):
+        derivatives += CALLED
     holds = [source.says("hold") or source.says("holds") for source in scenario_sources]
     functions = functions_for(any(holds), laws)
     robot_sources = [

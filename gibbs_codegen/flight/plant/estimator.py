@@ -1,0 +1,234 @@
+"""The state of a robot by its sensors: what a filter tells of readings, each taken at its time."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from types import ModuleType
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from gibbs_codegen.arrays.functions import Functions
+from gibbs_codegen.arrays.nodes import Program
+from gibbs_codegen.errors import UsageError
+from gibbs_codegen.flight.arguments import vector
+from gibbs_codegen.flight.plant.environment import Environment
+from gibbs_codegen.flight.plant.sensors import SensorSuite
+from gibbs_codegen.flight.plant.state_program import StateProgram, state_program
+from gibbs_codegen.flight.plant.vehicle import Array, Vehicle
+from gibbs_codegen.flight.scenario.parts import Filter, Sensors
+from gibbs_codegen.machine.filter import FilteredSensor, StateFilter
+from gibbs_codegen.machine.sensors import SensorAt
+
+# Times, s, that differ by less are the same.
+_SAME = 1e-9
+# The least standard deviation of a reading: with none, errors could have no deviation at all.
+_LEAST = 1e-6
+
+
+class Estimate(NamedTuple):
+    """What a filter tells at a time, s: coordinates q (nq) and velocities v (nv).
+
+    `values` are of what else it estimates, by names such as "wrench", "efforts", "payload" and
+    "imu_bias"; `deviations` standard deviations of these and, as "q" (nv) and "v" (nv), of
+    displacements of q and of v; `covariance` (n, n) is that of all errors in this order.
+    """
+
+    time: float
+    q: Array
+    v: Array
+    values: Mapping[str, Array]
+    deviations: Mapping[str, Array]
+    covariance: Array
+
+
+@dataclass
+class _Instant:
+    """A time, s, the inputs (nu) that acted before it, and readings that were taken there.
+
+    With what is known of before these readings, and after them.
+    """
+
+    time: float
+    u: Array
+    before: dict[str, Array] = field(default_factory=dict)
+    after: dict[str, Array] = field(default_factory=dict)
+    readings: list[tuple[str, Array]] = field(default_factory=list)
+
+
+class Estimator:
+    """A Kalman filter of a robot's motion on the readings of its sensors.
+
+    Readings that come late are taken at their time, and what came since is taken again. `programs`
+    are the array programs that it evaluates.
+
+    Args:
+        robot: A generated module with the back end "numpy" or "c" and with derivatives, or the name
+            or path of one, which is loaded with the C back end.
+        sensors: `read_scenario(…).sensors`: what there is to read, and how it errs.
+        settings: `read_scenario(…).control.filter`: what is estimated besides; as by default if
+            None.
+        parameters: Parameters of the module's `prepare`, if not those of the robot file.
+
+    Raises:
+        UsageError: If there are no sensors, or the robot lacks a frame.
+        MissingFunctionError: If the module was generated without the derivatives.
+    """
+
+    def __init__(
+        self,
+        robot: ModuleType | str | os.PathLike[str] | Vehicle,
+        sensors: Sensors | None,
+        settings: Filter | None = None,
+        parameters: Mapping[str, ArrayLike] | None = None,
+    ) -> None:
+        self._suite = suite = SensorSuite(robot, sensors, parameters)
+        if not suite.devices:
+            raise UsageError("sensors: there are none; a filter needs some, such as sensors.imu")
+        self._vehicle = vehicle = suite.vehicle
+        self._settings = chosen = settings or Filter()
+        self._biases = {  # Of each entry that has one: how large, and the density of its walk.
+            device.name: suite.biases(k) for k, device in enumerate(suite.devices)
+        }
+        sensing = {
+            device.name: FilteredSensor(
+                SensorAt(device.measures, frame, device.figures), tuple(self._biases[device.name])
+            )
+            for device, frame in zip(suite.devices, suite.places_of_frames, strict=True)
+        }
+        names = [(chosen.wrench if vehicle.layout.v.base else "", "wrench")]
+        names.append((chosen.payload, "payload"))
+        wrench, payload = (
+            vehicle.frame_place(name, f"control.filter.{key}") if name else None
+            for name, key in names
+        )
+        self._filter = StateFilter(
+            Functions(vehicle.module), sensing, wrench, vehicle.joints > 0, payload
+        )
+        self.programs: Mapping[str, Program] = self._filter.programs()
+        self._latest = max(device.delay for device in suite.devices)
+        self._instants: list[_Instant] = []
+
+    @cached_property
+    def _compiled(self) -> dict[str, StateProgram]:
+        from scipy.special import chdtri  # Late, as SciPy takes long to import.
+
+        gravity, noise = Environment(self._vehicle).gravity, self.noise
+        values = {"gravity": gravity, "noise": noise}
+        compiled = {"": state_program(self._vehicle, self.programs["filter_predict"], values)}
+        for device, variances in zip(self._suite.devices, self._suite.variances, strict=True):
+            name = device.name
+            values |= {"variances": np.maximum(variances, _LEAST**2)}
+            values |= {"gate": chdtri(len(variances), self._settings.outliers)}
+            program = self.programs[f"filter_update_{name}"]
+            compiled[name] = state_program(self._vehicle, program, values)
+        return compiled
+
+    @cached_property
+    def noise(self) -> Array:
+        """Variances (n) that noise adds to errors in a second."""
+        chosen, noise = self._settings, np.zeros(self._filter.size)
+        densities: dict[str, ArrayLike] = {
+            "v": chosen.acceleration,
+            "wrench": np.repeat([chosen.force, chosen.torque], 3),
+            "efforts": chosen.effort,
+            "payload": chosen.mass,
+        }
+        for name, walks in self._biases.items():
+            densities[f"{name}_bias"] = [walk for _, walk in walks.values()]
+        for name, place in self._filter.places.items():
+            noise[place] = np.square(densities.get(name, 0.0))
+        return noise
+
+    def begin(self, q: ArrayLike, v: ArrayLike, time: float = 0.0) -> None:
+        """Begin at a time, s, from a state that is known as well as the settings' `start` says.
+
+        Args:
+            q: Coordinates (nq).
+            v: Velocities (nv).
+            time: When that is, s.
+        """
+        places, layout, chosen = self._filter.places, self._vehicle.layout, self._settings
+        # Loads and biases are as large as a second of their walk makes them, or as is declared.
+        variances = self.noise.copy()
+        variances[: places["v"].stop] = chosen.start**2
+        for name, walks in self._biases.items():
+            if walks:
+                variances[places[f"{name}_bias"]] += np.square([size for size, _ in walks.values()])
+        memory = {
+            "q": vector("q", q, layout.q.size),
+            "v": vector("v", v, layout.v.size),
+            "loads": np.zeros(self._filter.loaded - places["v"].stop),
+            "biases": np.zeros(self._filter.size - self._filter.loaded),
+            "covariance": np.diag(variances),
+        }
+        inputs = np.zeros(len(self._vehicle.inputs))
+        self._instants = [_Instant(time, inputs, memory, memory)]
+
+    def follow(
+        self, time: float, u: ArrayLike, readings: Iterable[tuple[str, float, ArrayLike]] = ()
+    ) -> None:
+        """Go on to a time, s, under inputs, and take readings that have come.
+
+        Args:
+            time: Not before the last one, s.
+            u: Inputs (nu) that acted since: thrusts, N, then efforts of the joints, N m and N.
+            readings: Name of the sensor, time of its measurement, s, and values of each. One that
+                is measured between two times of calls counts at the second.
+        """
+        instants, first = self._instants, len(self._instants)
+        inputs = vector("u", u, len(self._vehicle.inputs))
+        if time > instants[-1].time + _SAME:
+            instants.append(_Instant(time, inputs))
+        elif first == 1 and not instants[0].readings:
+            instants[0].u = inputs
+        for name, taken, values in readings:
+            place = next(k for k, x in enumerate(instants) if x.time > taken - _SAME)
+            instants[place].readings.append((name, np.asarray(values, dtype=np.float64)))
+            first = min(first, place)
+        for k in range(first, len(instants)):
+            now = instants[k]
+            if k > 0:
+                last = instants[k - 1]
+                now.before = self._run("", last.after, u=now.u, h=now.time - last.time)
+            now.after = now.before
+            for name, values in now.readings:
+                now.after = self._run(name, now.after, u=now.u, reading=values)
+        old = sum(x.time < time - self._latest - _SAME for x in instants)
+        del instants[: min(max(old - 1, 0), len(instants) - 1)]
+
+    def _run(self, name: str, memory: dict[str, Array], **values: ArrayLike) -> dict[str, Array]:
+        """What is known after a step, or after a reading of a sensor by its name."""
+        program = self._compiled[name]
+        for key, value in {**memory, **values}.items():
+            if key in program.inputs:
+                program.inputs[key][...] = value
+        program.run()
+        outputs = {f"{key}_next": key for key in memory}
+        return memory | {
+            outputs[key]: x.copy() for key, x in program.outputs.items() if key in outputs
+        }
+
+    @property
+    def memory(self) -> dict[str, Array]:
+        """What programs remember, by the names of their inputs."""
+        return self._instants[-1].after
+
+    @property
+    def estimate(self) -> Estimate:
+        """What is known at the last time."""
+        time, memory, places = self._instants[-1].time, self.memory, self._filter.places
+        spread = np.sqrt(np.diagonal(memory["covariance"]))
+        rest, first = np.concatenate([memory["loads"], memory["biases"]]), places["v"].stop
+        values = {
+            name: rest[place.start - first : place.stop - first]
+            for name, place in places.items()
+            if name not in ("q", "v")
+        }
+        deviations = {name: spread[place] for name, place in places.items()}
+        parts = memory["q"].copy(), memory["v"].copy(), values, deviations
+        return Estimate(time, *parts, memory["covariance"])

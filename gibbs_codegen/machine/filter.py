@@ -1,0 +1,256 @@
+"""Error-state Kalman filters as array programs: a robot's motion, what acts on it, and biases.
+
+Coordinates q and velocities v move by the module's own forward dynamics. Estimated with them are
+loads, which are a wrench on a frame, efforts of joints besides the inputs and the mass of a
+payload, and biases of sensors; these stay as they are but for noise. Errors are displacements of q
+in the tangent space and differences of all else, with the covariance P. A step of h is
+
+    q⁺ = q ⊞ h (v + h a/2),    v⁺ = v + h a,    P⁺ = A P Aᵀ + h N
+
+with N the variances that noise adds in a second. A reading that is off by e from what is expected,
+with the slope H by the errors and noise of the variances R, moves the state by K e:
+
+    G = P Hᵀ,    S = H G + R,    K = G S⁻¹,    nis = eᵀ S⁻¹ e
+    P⁺ = (1 − K H) P (1 − K H)ᵀ + K R Kᵀ = P − (T + Tᵀ),    T = K (G − K S/2)ᵀ
+
+Joseph's form is right for every gain, so that outliers and what is no number have the gain 0.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+
+from gibbs_codegen.arrays.forward import from_derivatives, jacobian, moved
+from gibbs_codegen.arrays.functions import Functions
+from gibbs_codegen.arrays.nodes import (
+    Input,
+    Node,
+    Program,
+    beside,
+    choose,
+    constant,
+    dot,
+    join,
+    ordered,
+    reshaped,
+    solve,
+    variable,
+    zeros,
+)
+from gibbs_codegen.machine import surroundings
+from gibbs_codegen.machine.sensors import MEASUREMENTS, SensedMotion, SensorAt
+
+# Derivatives that programs here call, which modules have on request only.
+CALLED = tuple(
+    f"{name}_derivatives"
+    for name in (
+        "forward_dynamics",
+        "forward_dynamics_with_wrenches",
+        "frame_bias_accelerations",
+        "frame_poses",
+        "frame_velocities",
+        "integrate",
+    )
+)
+
+
+@dataclass(frozen=True)
+class FilteredSensor:
+    """A sensor, and the entries of its readings that have a bias of their own."""
+
+    at: SensorAt
+    biased: tuple[int, ...] = ()
+
+
+@dataclass(frozen=True)
+class StateFilter:
+    """The programs of a filter on the readings of `sensors`, by their names.
+
+    Loads are a wrench (6) on the frame `wrench`, N and N m, world axes, `efforts` of the joints
+    besides their inputs, and the mass, kg, of a point at the frame `payload`, as far as asked for.
+    """
+
+    robot: Functions
+    sensors: Mapping[str, FilteredSensor] = field(default_factory=dict)
+    wrench: int | None = None
+    efforts: bool = False
+    payload: int | None = None
+
+    @cached_property
+    def places(self) -> dict[str, slice]:
+        """Places in the errors: of q, v, each load by its name, and biases by their sensors'."""
+        robot = self.robot
+        sizes = {
+            "q": robot.space.velocities,
+            "v": robot.space.velocities,
+            "wrench": 0 if self.wrench is None else 6,
+            "efforts": self.efforts * (robot.inputs - robot.rotors),
+            "payload": int(self.payload is not None),
+            **{f"{name}_bias": len(sensor.biased) for name, sensor in self.sensors.items()},
+        }
+        ends = np.cumsum([*sizes.values()]).tolist()
+        return {
+            name: slice(end - size, end)
+            for (name, size), end in zip(sizes.items(), ends, strict=True)
+            if size
+        }
+
+    @property
+    def size(self) -> int:
+        """The number of errors."""
+        return max(place.stop for place in self.places.values())
+
+    @property
+    def loaded(self) -> int:
+        """The number of errors of q, v and loads, after which those of biases come."""
+        named = [
+            self.places[x].stop for x in ("v", "wrench", "efforts", "payload") if x in self.places
+        ]
+        return max(named)
+
+    @cached_property
+    def state(self) -> dict[str, Node]:
+        """The state: q, v, loads and biases, as far as there are any."""
+        q, v = self.robot.state()
+        loads = variable("loads", self.loaded - 2 * v.size)
+        biases = variable("biases", self.size - self.loaded)
+        return {"q": q, "v": v} | {
+            name: x for name, x in (("loads", loads), ("biases", biases)) if x.size
+        }
+
+    @property
+    def _given(self) -> tuple[Node, Node]:
+        """Inputs (nu) that act, and the acceleration of gravity (3), m/s², world axes."""
+        return variable("u", self.robot.inputs), variable("gravity", 3, uniform=True)
+
+    def _part(self, name: str) -> Node:
+        """A load, or the biases of a sensor."""
+        place, vector = self.places[name], "loads"
+        if place.start >= self.loaded:
+            vector = "biases"
+        first = self.loaded if vector == "biases" else self.places["v"].stop
+        return self.state[vector][place.start - first : place.stop - first]
+
+    @cached_property
+    def _motion(self) -> SensedMotion:
+        """The motion under inputs and loads."""
+        robot, (q, v), (u, gravity) = self.robot, self.robot.state(), self._given
+        if "efforts" in self.places:
+            u = u + join(zeros(robot.rotors), self._part("efforts"))
+        pushed = [] if self.wrench is None else [(self.wrench, self._part("wrench"))]
+        wrenches = acting = surroundings.on_frames(pushed, robot.frames)
+        if self.payload is not None:
+            masses = self._part("payload")
+            (force,) = surroundings.payload_forces(
+                robot, (q, v, u), wrenches, [self.payload], masses, gravity
+            )
+            carried = [(self.payload, join(force, zeros(3)))]
+            acting = wrenches + surroundings.on_frames(carried, robot.frames)
+        if self.wrench is None and self.payload is None:
+            a = robot.forward_dynamics(q, v, u)
+        else:
+            a = robot.forward_dynamics_with_wrenches(q, v, u, acting)
+        return SensedMotion(robot, q, v, a, wrenches, gravity)
+
+    def programs(self) -> dict[str, Program]:
+        """`filter_predict`, and of each sensor `filter_update_<name>`, by their names."""
+        made = [self._predict(), *(self._update(name) for name in self.sensors)]
+        return {program.name: program for program in made}
+
+    def _predict(self) -> Program:
+        """A step of h under inputs; `noise` (n) are variances that are added in a second."""
+        robot, moving, given, state = self.robot, self._motion, self._given, self.state
+        by = [name for name in state if name != "biases"]
+        inputs = *(state[name] for name in by), *given
+        found = _slopes("filter_motion", inputs, {"a": moving.a}, by)
+        slope = beside(*(found[f"a_by_{name}"] for name in by))
+        q, v, a, h = moving.q, moving.v, found["a"], variable("h", uniform=True)
+        after = {"q_next": robot.integrate(q, h * (v + 0.5 * h * a)), "v_next": v + h * a}
+        n, loaded = v.size, self.loaded
+
+        def ahead(errors: Node) -> Node:
+            """Errors of q and v (2 nv, k) after a step, of those of q, v and loads before."""
+            now = {q: errors[:n], v: errors[n : 2 * n], a: slope @ errors}
+            return join(*moved(after, now).values())
+
+        covariance = variable("covariance", self.size, self.size)
+        noise = variable("noise", self.size, uniform=True)
+        rows = ahead(covariance[:loaded]).transposed
+        corner = ahead(rows[:loaded])
+        grown = 0.5 * (corner + corner.transposed)
+        if self.size > 2 * n:
+            side, still = rows[2 * n :], covariance[2 * n :].transposed[2 * n :]
+            grown = join(join(grown, side).transposed, join(side.transposed, still).transposed)
+        outputs = after | {"covariance_next": grown + _diagonal(h * noise)}
+        return _program(
+            "filter_predict", (*inputs[: len(by)], covariance, *given, h, noise), outputs
+        )
+
+    def _update(self, name: str) -> Program:
+        """A reading of a sensor, with `variances` of its noise.
+
+        It counts where `nis`, whose mean is the number of its entries, is below `gate`.
+        """
+        sensor, moving, state = self.sensors[name], self._motion, self.state
+        expected = MEASUREMENTS[sensor.at.kind](moving, sensor.at)
+        count = expected.size
+        if sensor.biased:
+            where = constant(np.eye(count)[:, list(sensor.biased)])
+            expected = expected + where @ self._part(f"{name}_bias")
+        reading, gate = variable("reading", count), variable("gate", uniform=True)
+        covariance = variable("covariance", self.size, self.size)
+        variances = variable("variances", count, uniform=True)
+        inputs = *state.values(), *self._given
+        found = _slopes(f"filter_expected_{name}", inputs, {"y": expected}, [*state])
+        slope = beside(*(found[f"y_by_{x}"] for x in state))
+        spread, miss = covariance @ slope.transposed, reading - found["y"]
+        spread_y = slope @ spread + _diagonal(variances)
+        right = beside(spread.transposed, reshaped(miss, (count, 1)))
+        solved = solve(spread_y, right).transposed
+        nis = dot(miss, solved[self.size])
+        gain = choose(gate, nis, 1.0, 0.0) * solved[: self.size]
+        move = gain @ choose(gate, nis, miss, 0.0)
+        taken = gain @ (spread - 0.5 * (gain @ spread_y)).transposed
+        n = moving.v.size
+        outputs = {
+            "q_next": self.robot.integrate(moving.q, move[:n]),
+            "v_next": moving.v + move[n : 2 * n],
+        }
+        ends = {"loads": (2 * n, self.loaded), "biases": (self.loaded, self.size)}
+        for part in (x for x in ends if x in state):
+            outputs[f"{part}_next"] = state[part] + move[slice(*ends[part])]
+        outputs |= {"covariance_next": covariance - (taken + taken.transposed), "nis": nis}
+        inputs = *state.values(), covariance, *self._given, reading, variances, gate
+        return _program(f"filter_update_{name}", inputs, outputs)
+
+
+def _program(name: str, inputs: tuple[Node, ...], outputs: dict[str, Node]) -> Program:
+    """A program of those inputs that it reads."""
+    read = ordered(outputs.values())
+    return from_derivatives(Program(name, tuple(x for x in inputs if x in read), outputs))
+
+
+def _slopes(
+    name: str, inputs: tuple[Node, ...], outputs: dict[str, Node], by: list[str]
+) -> dict[str, Node]:
+    """Results, and their derivatives by some inputs, of a program that is printed once."""
+    program = _program(name, inputs, outputs)
+    read = [x for x in by if x in program.names]
+    found = jacobian(program, read).results(*program.inputs)
+    sizes = {x.operation.name: x.tangent for x in inputs if isinstance(x.operation, Input)}
+    left = {
+        f"{output}_by_{x}": zeros(*y.shape, *sizes[x])
+        for output, y in outputs.items()
+        for x in by
+        if x not in read
+    }
+    return found | left
+
+
+def _diagonal(x: Node) -> Node:
+    """A diagonal matrix of its entries (n)."""
+    return constant(np.eye(x.size)) * reshaped(x, (x.size, 1))

@@ -1,0 +1,145 @@
+"""Filters of the state: against the textbook where all is linear, and by their own statistics."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+import pytest
+from support.emitted import module_with_derivatives
+
+from benchmarks.filter_consistency import consistency, module_of
+from gibbs_codegen import Estimator, parse_robot, read_scenario
+from gibbs_codegen.arrays import Functions, evaluate
+from gibbs_codegen.errors import ScenarioFileError, UsageError
+from gibbs_codegen.machine.filter import CALLED, FilteredSensor, StateFilter
+from gibbs_codegen.machine.sensors import SensorAt
+
+Array = np.ndarray
+MASS, H = 1.7, 0.01
+CART = f"""
+name = "cart"
+[base]
+motion = "fixed"
+mass = 1.0
+inertia = [1, 1, 1, 0, 0, 0]
+[[link]]
+name = "cart"
+xyz = [0, 0, 0]
+joint = "prismatic"
+axis = "x"
+mass = {MASS}
+[[frame]]
+name = "tip"
+on = "cart"
+"""
+
+
+@pytest.fixture(scope="module")
+def cart() -> ModuleType:
+    return module_with_derivatives(parse_robot(CART), *CALLED)
+
+
+def test_a_cart_is_followed_as_by_the_textbook(cart: ModuleType) -> None:
+    """Place, rate and an unknown force of a cart, and the bias of a second sensor of its place."""
+    sensors = {"encoders": SensorAt("encoders", 0, ()), "gps": SensorAt("gps", 1, ())}
+    made = StateFilter(
+        Functions(cart),
+        {name: FilteredSensor(at, (0,) * (name == "gps")) for name, at in sensors.items()},
+        efforts=True,
+    )
+    programs, rng = made.programs(), np.random.default_rng(1)
+    assert list(made.places) == ["q", "v", "efforts", "gps_bias"]
+    noise, variances = np.array([0.0, 0.3, 0.5, 0.1]), {"encoders": [1e-3], "gps": np.full(6, 0.2)}
+    ahead = np.eye(4)
+    ahead[0, 1:3], ahead[1, 2] = (H, H**2 / (2 * MASS)), H / MASS
+    slopes = {"encoders": np.eye(4)[:1], "gps": np.zeros((6, 4))}
+    slopes["gps"][0, [0, 3]], slopes["gps"][3, 1] = 1.0, 1.0
+    x, spread = rng.normal(size=4), np.diag([1.0, 2.0, 3.0, 4.0])
+    known = {"q": x[:1], "v": x[1:2], "loads": x[2:3], "biases": x[3:], "covariance": spread}
+    for k in range(40):
+        u, name = rng.normal(size=1), ("encoders", "gps")[k % 2]
+        reading = rng.normal(size=len(variances[name]))
+        slope, own = slopes[name], np.diag(variances[name])
+        x = ahead @ x + np.array([H**2 / (2 * MASS), H / MASS, 0.0, 0.0]) * u
+        spread = ahead @ spread @ ahead.T + H * np.diag(noise)
+        inverse = np.linalg.inv(slope @ spread @ slope.T + own)
+        miss, gain = reading - slope @ x, spread @ slope.T @ inverse
+        expected_nis = miss @ inverse @ miss
+        x, spread = x + gain @ miss, (np.eye(4) - gain @ slope) @ spread
+        given = {"u": u, "h": H, "noise": noise, "gravity": np.zeros(3), "gate": np.inf}
+        given |= {"reading": reading, "variances": variances[name]}
+        for program in (programs["filter_predict"], programs[f"filter_update_{name}"]):
+            inputs = {key: value for key, value in (known | given).items() if key in program.names}
+            found = evaluate(program, inputs, {"robot": cart})
+            known |= {key.removesuffix("_next"): y for key, y in found.items() if key != "nis"}
+        state = np.concatenate([known[key] for key in ("q", "v", "loads", "biases")])
+        np.testing.assert_allclose(state, x, rtol=0, atol=1e-12)
+        np.testing.assert_allclose(known["covariance"], spread, rtol=0, atol=1e-12)
+        np.testing.assert_array_equal(known["covariance"], known["covariance"].T)
+        np.testing.assert_allclose(found["nis"], expected_nis, rtol=1e-9)
+
+
+SENSED = {
+    "name": "sensed",
+    "duration": 1.0,
+    "control": {"estimate": True, "rate": 100.0},
+    "sensors": {
+        "encoders": [{"rate": 100.0, "noise": 1e-3}],
+        "gps": [{"frame": "tip", "rate": 25.0, "delay": 0.05, "horizontal_noise": 0.01}],
+    },
+}
+
+
+def test_readings_that_come_late_count_as_if_they_were_on_time(cart: ModuleType) -> None:
+    """So they do, to the last bit, but for time: what came since is taken again after them."""
+    sensors, rng = read_scenario(SENSED).sensors, np.random.default_rng(2)
+    late, prompt = Estimator(cart, sensors), Estimator(cart, sensors)
+    pending: list[tuple[str, float, Array]] = []
+    for estimator in (late, prompt):
+        estimator.begin([0.1], [0.2])
+    for k in range(1, 51):
+        time, u = 0.01 * k, rng.normal(size=1)
+        now = [("encoders", time, rng.normal(0.0, 0.01, 1))]
+        gps = ("gps", time, rng.normal(0.0, 0.01, 6)) if k % 4 == 0 else None
+        pending += [gps] if gps else []
+        come = [x for x in pending if x[1] + 0.05 <= time + 1e-9 or k == 50]
+        pending = [x for x in pending if x not in come]
+        late.follow(time, u, [*now, *come])
+        prompt.follow(time, u, [*now, *([gps] if gps else [])])
+    one, other = late.estimate, prompt.estimate
+    np.testing.assert_allclose(one.q, other.q, rtol=0, atol=1e-14)
+    np.testing.assert_allclose(one.covariance, other.covariance, rtol=0, atol=1e-14)
+    assert one.deviations["q"].shape == (1,)
+    assert one.values.keys() == {"efforts"}
+
+
+def test_outliers_and_dropouts_change_nothing(cart: ModuleType) -> None:
+    estimator = Estimator(cart, read_scenario(SENSED).sensors)
+    estimator.begin([0.0], [0.0])
+    estimator.follow(0.01, [0.0])
+    before = estimator.estimate
+    estimator.follow(0.01, [0.0], [("encoders", 0.01, [5.0]), ("gps", 0.01, np.full(6, np.nan))])
+    after = estimator.estimate
+    np.testing.assert_array_equal(after.q, before.q)
+    np.testing.assert_array_equal(after.covariance, before.covariance)
+    estimator.follow(0.01, [0.0], [("encoders", 0.01, [0.01])])
+    assert estimator.estimate.q > 0.004
+
+
+def test_a_filter_needs_sensors(cart: ModuleType) -> None:
+    with pytest.raises(UsageError, match="a filter needs some"):
+        Estimator(cart, None)
+    with pytest.raises(ScenarioFileError, match=r"control\.estimate: needs sensors"):
+        read_scenario({k: x for k, x in SENSED.items() if k != "sensors"})
+    with pytest.raises(ScenarioFileError, match=r"control\.estimate: must be false where"):
+        read_scenario(SENSED, {"sensors.delay": 0.1})
+
+
+@pytest.mark.slow
+def test_errors_are_as_large_as_deviations_say(tmp_path: Path) -> None:
+    """Normalised squared errors of state and readings over runs of a quadrotor with an arm."""
+    for name, (mean, share) in consistency(module_of(str(tmp_path)), 50, 0.6).items():
+        assert 0.97 < mean < 1.03, name
+        assert share > 0.85, name
