@@ -18,7 +18,7 @@ from gibbs_codegen.flight.record.flight import Flight
 from gibbs_codegen.flight.scenario.file import read_scenario
 from gibbs_codegen.flight.scenario.parts import PREDICTIVE, Control, Impedance, functions_for
 from gibbs_codegen.flight.scenario.walls import Wall
-from gibbs_codegen.machine.filter import CALLED
+from gibbs_codegen.machine.filters import CALLED
 from gibbs_codegen.runtime.c_library import seconds_waited
 from gibbs_codegen.runtime.load import load
 from gibbs_codegen.runtime.predictive import DERIVATIVES, UNDER_WRENCHES

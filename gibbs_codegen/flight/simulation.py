@@ -73,7 +73,7 @@ from gibbs_codegen.flight.scenario.parts import HOLDING, PREDICTIVE
 from gibbs_codegen.flight.scenario.paths import check_path
 from gibbs_codegen.flight.scenario.scenario import Scenario
 from gibbs_codegen.interface import FUNCTIONS
-from gibbs_codegen.machine.filter import CALLED
+from gibbs_codegen.machine.filters import CALLED
 from gibbs_codegen.machine.laws import LAWS
 from gibbs_codegen.runtime.c_library import CompilerError, ModuleLibrary, chosen_compiler
 from gibbs_codegen.runtime.cache import CacheError

@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
+import ctypes
 from pathlib import Path
 from types import ModuleType
 
 import numpy as np
 import pytest
+from support.compiled import build
 from support.emitted import module_with_derivatives
 
 from benchmarks.filter_consistency import consistency, module_of
 from gibbs_codegen import Estimator, parse_robot, read_scenario
 from gibbs_codegen.arrays import Functions, evaluate
 from gibbs_codegen.errors import ScenarioFileError, UsageError
-from gibbs_codegen.machine.filter import CALLED, FilteredSensor, StateFilter
+from gibbs_codegen.machine.filters import CALLED, FilteredSensor, StateFilter
 from gibbs_codegen.machine.sensors import SensorAt
+from gibbs_codegen.pipeline import generate_robot
 
 Array = np.ndarray
 MASS, H = 1.7, 0.01
@@ -79,6 +82,39 @@ def test_a_cart_is_followed_as_by_the_textbook(cart: ModuleType) -> None:
         np.testing.assert_allclose(known["covariance"], spread, rtol=0, atol=1e-12)
         np.testing.assert_array_equal(known["covariance"], known["covariance"].T)
         np.testing.assert_allclose(found["nis"], expected_nis, rtol=1e-9)
+
+
+def test_c_has_the_numbers_of_numpy(cart: ModuleType, tmp_path: Path) -> None:
+    """Of a structure with coordinates, velocities, loads and the covariance, row by row."""
+    _, folder = generate_robot(
+        parse_robot(CART), CART, tmp_path, laws=["state_filter"], verify=False
+    )
+    sources = [str(folder / f"cart{ending}.c") for ending in ("", "_laws")]
+    library = ctypes.CDLL(str(build("gcc", ["-shared", "-fPIC"], sources, tmp_path / "cart.so")))
+    constants = ctypes.addressof(ctypes.c_char.in_dll(library, "cart_default_constants"))
+    programs = StateFilter(
+        Functions(cart), {"encoders": FilteredSensor(SensorAt("encoders", 0, ()))}, efforts=True
+    ).programs()
+    parts = {"q": [0.1], "v": [0.2], "loads": [0.3], "covariance": np.diag([1.0, 2.0, 3.0])}
+    known = {name: np.array(x, dtype=float) for name, x in parts.items()}
+    in_c, nis = np.concatenate([x.ravel() for x in known.values()]), np.zeros(1)
+    given = {"u": np.array([0.4]), "h": 0.01, "noise": np.array([0.0, 0.1, 0.2])}
+    given |= {"reading": np.array([0.11]), "variances": np.array([1e-4]), "gate": 10.0}
+    for name, program in programs.items():
+        inputs = {x: (known | given)[x] for x in program.names}
+        found = evaluate(program, inputs, {"robot": cart})
+        known |= {key.removesuffix("_next"): x for key, x in found.items() if key != "nis"}
+        passed = [x for key, x in given.items() if key in program.names]
+        arguments = [
+            ctypes.c_double(x) if isinstance(x, float) else ctypes.c_void_p(x.ctypes.data)
+            for x in (in_c, *passed, *([nis] if "nis" in found else []))
+        ]
+        if name == "filter_predict":  # The other calls no function of the robot.
+            arguments.insert(0, ctypes.c_void_p(constants))
+        getattr(library, f"cart_{name}")(*arguments)
+        expected = np.concatenate([x.ravel() for x in known.values()])
+        np.testing.assert_allclose(in_c, expected, rtol=1e-13)
+    np.testing.assert_allclose(nis, found["nis"], rtol=1e-12)
 
 
 SENSED = {

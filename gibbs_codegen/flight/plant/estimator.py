@@ -21,7 +21,7 @@ from gibbs_codegen.flight.plant.sensors import SensorSuite
 from gibbs_codegen.flight.plant.state_program import StateProgram, state_program
 from gibbs_codegen.flight.plant.vehicle import Array, Vehicle
 from gibbs_codegen.flight.scenario.parts import Filter, Sensors
-from gibbs_codegen.machine.filter import FilteredSensor, StateFilter
+from gibbs_codegen.machine.filters import FilteredSensor, StateFilter
 from gibbs_codegen.machine.sensors import SensorAt
 
 # Times, s, that differ by less are the same.

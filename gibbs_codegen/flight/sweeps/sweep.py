@@ -55,7 +55,7 @@ from gibbs_codegen.flight.sweeps.sources import (
 )
 from gibbs_codegen.flight.sweeps.study import FIXED, Study, table_of
 from gibbs_codegen.flight.sweeps.workers import own_count
-from gibbs_codegen.machine.filter import CALLED
+from gibbs_codegen.machine.filters import CALLED
 from gibbs_codegen.runtime.predictive import DERIVATIVES, UNDER_WRENCHES
 
 _MOST_SAMPLES = 2**24

@@ -8,9 +8,9 @@ import numpy as np
 
 from gibbs_codegen.arrays.c_file import c_files
 from gibbs_codegen.errors import UsageError, printable
+from gibbs_codegen.machine import filters, observers
 from gibbs_codegen.machine.law_functions import law_functions
 from gibbs_codegen.machine.laws import LAWS
-from gibbs_codegen.machine.observers import CALLED, observer_functions
 from gibbs_codegen.program.model import Model
 from gibbs_codegen.robot.balance import (
     carried_rotors,
@@ -24,12 +24,17 @@ from gibbs_codegen.robot.wrenches import DIRECTIONS, directions, leans, rank
 from gibbs_codegen.targets.c.calls import check_calls, model_functions
 from gibbs_codegen.targets.printers import Lines
 
-OBSERVER = "momentum_observer"
+# What tells states instead of commanding inputs: functions on request that it calls, and its own.
+TELLING = {
+    "momentum_observer": (observers.CALLED, observers.observer_functions),
+    "state_filter": (filters.CALLED, filters.filter_functions),
+}
 
 
 def calls() -> dict[str, tuple[str, ...]]:
     """What --laws may name, and the functions on request that each calls."""
-    return {law: row.calls for law, row in LAWS.items()} | {OBSERVER: CALLED}
+    of_laws = {law: row.calls for law, row in LAWS.items()}
+    return of_laws | {name: called for name, (called, _) in TELLING.items()}
 
 
 def law_files(model: Model, header: Lines) -> dict[str, str]:
@@ -41,7 +46,7 @@ def law_files(model: Model, header: Lines) -> dict[str, str]:
     if not model.laws:
         return {}
     robot, points, frames = model.robot, model.description.points, model.description.frames
-    laws = [law for law in model.laws if law != OBSERVER]
+    laws = [law for law in model.laws if law not in TELLING]
     for law in laws:
         _check(robot, law, frames)
     functions, made = model_functions(model), []
@@ -51,13 +56,12 @@ def law_files(model: Model, header: Lines) -> dict[str, str]:
         tip = frames.index("tip") if "tip" in frames else 0
         moves = bool(carried_rotors(robot)) or not functions.layout.carries_wrenches
         made += law_functions(functions, laws, centre, tip, moves)
-    if OBSERVER in model.laws:
-        made += observer_functions(functions)
+    for name in (name for name in model.laws if name in TELLING):
+        made += TELLING[name][1](functions)
     programs = (function.program for function in made)
     check_calls(model, programs, f"--laws: {' and '.join(model.laws)} needs")
-    words = f"Laws of control of {robot.name}, which call its functions; compile them together."
-    if not laws:
-        words = f"Observers of {robot.name}, which call its functions; compile them together."
+    what = "Laws of control" if laws else "What tells states"
+    words = f"{what} of {robot.name}, which call its functions; compile them together."
     return c_files(functions, f"{robot.name}_laws", words, made, header)
 
 

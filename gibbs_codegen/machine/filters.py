@@ -24,6 +24,7 @@ from functools import cached_property
 
 import numpy as np
 
+from gibbs_codegen.arrays.c_file import CFunction, Member, Structure
 from gibbs_codegen.arrays.forward import from_derivatives, jacobian, moved
 from gibbs_codegen.arrays.functions import Functions
 from gibbs_codegen.arrays.nodes import (
@@ -56,6 +57,26 @@ CALLED = tuple(
         "integrate",
     )
 )
+
+_STATE = {
+    "q": "coordinates, rad and m; a quaternion has unit length",
+    "v": "velocities, rad/s and m/s",
+    "loads": "wrench on the base: N, N m, world axes; efforts of joints besides inputs; 0 at first",
+    "biases": "of the specific force, m/s^2, and the angular velocity, rad/s, of the IMU",
+    "covariance": "of all errors, row by row; at first variances on the diagonal",
+}
+_AHEAD = "Go on by h under inputs."
+_TAKEN = "Take a reading of {}, if it is no outlier."
+_GIVEN = {
+    "u": "inputs that act: thrusts, N, then efforts of joints, N m or N",
+    "gravity": "acceleration of gravity, m/s^2, world axes",
+    "h": "step, s",
+    "noise": "variances that noise adds to each error in a second",
+    "reading": "what was read, as docs/howto/sensors.md has it",
+    "variances": "of the noise of its entries",
+    "gate": "bound of nis from which on it counts as an outlier; INFINITY for none",
+    "nis": "normalised innovation squared, on average the number of entries; NaN if those are",
+}
 
 
 @dataclass(frozen=True)
@@ -226,6 +247,35 @@ class StateFilter:
         outputs |= {"covariance_next": covariance - (taken + taken.transposed), "nis": nis}
         inputs = *state.values(), covariance, *self._given, reading, variances, gate
         return _program(f"filter_update_{name}", inputs, outputs)
+
+
+def filter_functions(robot: Functions) -> list[CFunction]:
+    """A filter as functions of C: of joints, and of a base that moves by an IMU, a pose and GPS.
+
+    These are at the frame of the base, on which the unknown wrench acts.
+    """
+    joints, moves = robot.inputs > robot.rotors, bool(robot.layout.v.base)
+    kinds = [*(("imu", "pose", "gps") if moves else ()), *(("encoders",) if joints else ())]
+    biased = {"imu": tuple(range(6))}
+    sensors = {kind: FilteredSensor(SensorAt(kind, 0, ()), biased.get(kind, ())) for kind in kinds}
+    made = StateFilter(robot, sensors, 0 if moves else None, joints)
+    members = tuple(
+        Member(name, name, words, f"{name}_next")
+        for name, words in _STATE.items()
+        if name in (*made.state, "covariance")
+    )
+    names = [f"{x.stop - x.start} of {name}" for name, x in made.places.items()]
+    words = f"What a filter knows. Errors are {', '.join(names)}."
+    state = Structure("filter", words, members)
+    return [
+        CFunction(
+            program,
+            _TAKEN.format(name.removeprefix("filter_update_")) if "update" in name else _AHEAD,
+            (state,),
+            {x: words for x, words in _GIVEN.items() if x in (*program.names, *program.outputs)},
+        )
+        for name, program in made.programs().items()
+    ]
 
 
 def _program(name: str, inputs: tuple[Node, ...], outputs: dict[str, Node]) -> Program:
