@@ -174,7 +174,7 @@ def test_c_program_with_derivatives(tmp_path: Path) -> None:
 def test_files_in_toml_are_accepted() -> None:
     files = ["reference/robot-file", "reference/scenario-file"]
     touching = ["howto/force-control", "howto/walls"]
-    loads = ["howto/observers"]
+    loads = ["howto/estimate", "howto/observers"]
     named = ("actuators", "constraints", "import", "other-machines", "sensors", "several-arms")
     howto = [f"howto/{page}" for page in named]
     pages = [*sorted([*howto, *touching, *loads]), *files, "start/autopilot", "start/first-robot"]

@@ -49,8 +49,8 @@ def run(options: argparse.Namespace) -> int:
 
     control = scenario.control
     plans = control.law == PREDICTIVE
-    derivatives = (*DERIVATIVES, *UNDER_WRENCHES) if plans else ()
-    derivatives += CALLED if control.estimate else ()
+    planned = (*DERIVATIVES, *UNDER_WRENCHES) if plans else ()
+    derivatives = (*planned, *(CALLED if control.estimate else ()))
     functions = functions_for(bool(scenario.holds), [control.law])
     with (
         robot_argument.found_module(

@@ -18,30 +18,18 @@ Joseph's form is right for every gain, so that outliers and what is no number ha
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
 
+from gibbs_codegen.arrays import nodes
 from gibbs_codegen.arrays.c_file import CFunction, Member, Structure
 from gibbs_codegen.arrays.forward import from_derivatives, jacobian, moved
 from gibbs_codegen.arrays.functions import Functions
-from gibbs_codegen.arrays.nodes import (
-    Input,
-    Node,
-    Program,
-    beside,
-    choose,
-    constant,
-    dot,
-    join,
-    ordered,
-    reshaped,
-    solve,
-    variable,
-    zeros,
-)
+from gibbs_codegen.arrays.nodes import Node, Program
 from gibbs_codegen.machine import surroundings
 from gibbs_codegen.machine.sensors import MEASUREMENTS, SensedMotion, SensorAt
 
@@ -49,7 +37,6 @@ from gibbs_codegen.machine.sensors import MEASUREMENTS, SensedMotion, SensorAt
 CALLED = tuple(
     f"{name}_derivatives"
     for name in (
-        "forward_dynamics",
         "forward_dynamics_with_wrenches",
         "frame_bias_accelerations",
         "frame_poses",
@@ -66,7 +53,6 @@ _STATE = {
     "covariance": "of all errors, row by row; at first variances on the diagonal",
 }
 _AHEAD = "Go on by h under inputs."
-_TAKEN = "Take a reading of {}, if it is no outlier."
 _GIVEN = {
     "u": "inputs that act: thrusts, N, then efforts of joints, N m or N",
     "gravity": "acceleration of gravity, m/s^2, world axes",
@@ -102,10 +88,10 @@ class StateFilter:
     payload: int | None = None
 
     @cached_property
-    def places(self) -> dict[str, slice]:
-        """Places in the errors: of q, v, each load by its name, and biases by their sensors'."""
+    def _sizes(self) -> dict[str, int]:
+        """Numbers of errors of q, v, each load by its name, and biases by their sensors'."""
         robot = self.robot
-        sizes = {
+        return {
             "q": robot.space.velocities,
             "v": robot.space.velocities,
             "wrench": 0 if self.wrench is None else 6,
@@ -113,68 +99,57 @@ class StateFilter:
             "payload": int(self.payload is not None),
             **{f"{name}_bias": len(sensor.biased) for name, sensor in self.sensors.items()},
         }
-        ends = np.cumsum([*sizes.values()]).tolist()
-        return {
-            name: slice(end - size, end)
-            for (name, size), end in zip(sizes.items(), ends, strict=True)
-            if size
-        }
+
+    @cached_property
+    def places(self) -> dict[str, slice]:
+        """Places of these in the errors, as far as there are any."""
+        ends = itertools.accumulate(self._sizes.values())
+        pairs = zip(self._sizes.items(), ends, strict=True)
+        return {name: slice(end - size, end) for (name, size), end in pairs if size}
 
     @property
     def size(self) -> int:
         """The number of errors."""
-        return max(place.stop for place in self.places.values())
+        return sum(self._sizes.values())
 
     @property
     def loaded(self) -> int:
         """The number of errors of q, v and loads, after which those of biases come."""
-        named = [
-            self.places[x].stop for x in ("v", "wrench", "efforts", "payload") if x in self.places
-        ]
-        return max(named)
+        return sum([*self._sizes.values()][:5])
 
     @cached_property
     def state(self) -> dict[str, Node]:
         """The state: q, v, loads and biases, as far as there are any."""
         q, v = self.robot.state()
-        loads = variable("loads", self.loaded - 2 * v.size)
-        biases = variable("biases", self.size - self.loaded)
-        return {"q": q, "v": v} | {
-            name: x for name, x in (("loads", loads), ("biases", biases)) if x.size
-        }
+        sizes = {"loads": self.loaded - 2 * v.size, "biases": self.size - self.loaded}
+        others = {name: nodes.variable(name, size) for name, size in sizes.items() if size}
+        return {"q": q, "v": v} | others
 
     @property
     def _given(self) -> tuple[Node, Node]:
         """Inputs (nu) that act, and the acceleration of gravity (3), m/s², world axes."""
-        return variable("u", self.robot.inputs), variable("gravity", 3, uniform=True)
+        return nodes.variable("u", self.robot.inputs), nodes.variable("gravity", 3, uniform=True)
 
     def _part(self, name: str) -> Node:
         """A load, or the biases of a sensor."""
-        place, vector = self.places[name], "loads"
-        if place.start >= self.loaded:
-            vector = "biases"
-        first = self.loaded if vector == "biases" else self.places["v"].stop
-        return self.state[vector][place.start - first : place.stop - first]
+        place, first = self.places[name], self.places["v"].stop
+        others = nodes.join(*(x for part, x in self.state.items() if part not in ("q", "v")))
+        return others[place.start - first : place.stop - first]
 
     @cached_property
     def _motion(self) -> SensedMotion:
         """The motion under inputs and loads."""
         robot, (q, v), (u, gravity) = self.robot, self.robot.state(), self._given
         if "efforts" in self.places:
-            u = u + join(zeros(robot.rotors), self._part("efforts"))
+            u = u + nodes.join(nodes.zeros(robot.rotors), self._part("efforts"))
         pushed = [] if self.wrench is None else [(self.wrench, self._part("wrench"))]
         wrenches = acting = surroundings.on_frames(pushed, robot.frames)
         if self.payload is not None:
-            masses = self._part("payload")
-            (force,) = surroundings.payload_forces(
-                robot, (q, v, u), wrenches, [self.payload], masses, gravity
-            )
-            carried = [(self.payload, join(force, zeros(3)))]
+            others = wrenches, [self.payload], self._part("payload"), gravity
+            (force,) = surroundings.payload_forces(robot, (q, v, u), *others)
+            carried = [(self.payload, nodes.join(force, nodes.zeros(3)))]
             acting = wrenches + surroundings.on_frames(carried, robot.frames)
-        if self.wrench is None and self.payload is None:
-            a = robot.forward_dynamics(q, v, u)
-        else:
-            a = robot.forward_dynamics_with_wrenches(q, v, u, acting)
+        a = robot.forward_dynamics_with_wrenches(q, v, u, acting)
         return SensedMotion(robot, q, v, a, wrenches, gravity)
 
     def programs(self) -> dict[str, Program]:
@@ -187,29 +162,31 @@ class StateFilter:
         robot, moving, given, state = self.robot, self._motion, self._given, self.state
         by = [name for name in state if name != "biases"]
         inputs = *(state[name] for name in by), *given
-        found = _slopes("filter_motion", inputs, {"a": moving.a}, by)
-        slope = beside(*(found[f"a_by_{name}"] for name in by))
-        q, v, a, h = moving.q, moving.v, found["a"], variable("h", uniform=True)
+        motion = Program("filter_motion", inputs, {"a": moving.a})
+        found = jacobian(motion, by).results(*inputs)
+        slope = nodes.beside(*(found[f"a_by_{name}"] for name in by))
+        q, v, a, h = moving.q, moving.v, found["a"], nodes.variable("h", uniform=True)
         after = {"q_next": robot.integrate(q, h * (v + 0.5 * h * a)), "v_next": v + h * a}
         n, loaded = v.size, self.loaded
 
         def ahead(errors: Node) -> Node:
             """Errors of q and v (2 nv, k) after a step, of those of q, v and loads before."""
             now = {q: errors[:n], v: errors[n : 2 * n], a: slope @ errors}
-            return join(*moved(after, now).values())
+            return nodes.join(*moved(after, now).values())
 
-        covariance = variable("covariance", self.size, self.size)
-        noise = variable("noise", self.size, uniform=True)
+        covariance = nodes.variable("covariance", self.size, self.size)
+        noise = nodes.variable("noise", self.size, uniform=True)
         rows = ahead(covariance[:loaded]).transposed
         corner = ahead(rows[:loaded])
         grown = 0.5 * (corner + corner.transposed)
         if self.size > 2 * n:
             side, still = rows[2 * n :], covariance[2 * n :].transposed[2 * n :]
-            grown = join(join(grown, side).transposed, join(side.transposed, still).transposed)
+            grown = nodes.join(
+                nodes.join(grown, side).transposed, nodes.join(side.transposed, still).transposed
+            )
         outputs = after | {"covariance_next": grown + _diagonal(h * noise)}
-        return _program(
-            "filter_predict", (*inputs[: len(by)], covariance, *given, h, noise), outputs
-        )
+        inputs = *(state[name] for name in by), covariance, *given, h, noise
+        return from_derivatives(Program("filter_predict", inputs, outputs))
 
     def _update(self, name: str) -> Program:
         """A reading of a sensor, with `variances` of its noise.
@@ -220,33 +197,31 @@ class StateFilter:
         expected = MEASUREMENTS[sensor.at.kind](moving, sensor.at)
         count = expected.size
         if sensor.biased:
-            where = constant(np.eye(count)[:, list(sensor.biased)])
+            where = nodes.constant(np.eye(count)[:, list(sensor.biased)])
             expected = expected + where @ self._part(f"{name}_bias")
-        reading, gate = variable("reading", count), variable("gate", uniform=True)
-        covariance = variable("covariance", self.size, self.size)
-        variances = variable("variances", count, uniform=True)
+        reading, gate = nodes.variable("reading", count), nodes.variable("gate", uniform=True)
+        covariance = nodes.variable("covariance", self.size, self.size)
+        variances = nodes.variable("variances", count, uniform=True)
         inputs = *state.values(), *self._given
-        found = _slopes(f"filter_expected_{name}", inputs, {"y": expected}, [*state])
-        slope = beside(*(found[f"y_by_{x}"] for x in state))
+        inner = Program(f"filter_expected_{name}", inputs, {"y": expected})
+        found = jacobian(inner, [*state]).results(*inputs)
+        slope = nodes.beside(*(found[f"y_by_{x}"] for x in state))
         spread, miss = covariance @ slope.transposed, reading - found["y"]
         spread_y = slope @ spread + _diagonal(variances)
-        right = beside(spread.transposed, reshaped(miss, (count, 1)))
-        solved = solve(spread_y, right).transposed
-        nis = dot(miss, solved[self.size])
-        gain = choose(gate, nis, 1.0, 0.0) * solved[: self.size]
-        move = gain @ choose(gate, nis, miss, 0.0)
+        right = nodes.beside(spread.transposed, nodes.reshaped(miss, (count, 1)))
+        solved = nodes.solve(spread_y, right).transposed
+        nis = nodes.dot(miss, solved[self.size])
+        gain = nodes.choose(gate, nis, 1.0, 0.0) * solved[: self.size]
+        move = gain @ nodes.choose(gate, nis, miss, 0.0)
         taken = gain @ (spread - 0.5 * (gain @ spread_y)).transposed
         n = moving.v.size
-        outputs = {
-            "q_next": self.robot.integrate(moving.q, move[:n]),
-            "v_next": moving.v + move[n : 2 * n],
-        }
-        ends = {"loads": (2 * n, self.loaded), "biases": (self.loaded, self.size)}
-        for part in (x for x in ends if x in state):
-            outputs[f"{part}_next"] = state[part] + move[slice(*ends[part])]
+        outputs = {"q_next": self.robot.integrate(moving.q, move[:n])}
+        for part, first in (("v", n), ("loads", 2 * n), ("biases", self.loaded)):
+            if part in state:
+                outputs[f"{part}_next"] = state[part] + move[first : first + state[part].size]
         outputs |= {"covariance_next": covariance - (taken + taken.transposed), "nis": nis}
         inputs = *state.values(), covariance, *self._given, reading, variances, gate
-        return _program(f"filter_update_{name}", inputs, outputs)
+        return from_derivatives(Program(f"filter_update_{name}", inputs, outputs))
 
 
 def filter_functions(robot: Functions) -> list[CFunction]:
@@ -266,41 +241,16 @@ def filter_functions(robot: Functions) -> list[CFunction]:
     )
     names = [f"{x.stop - x.start} of {name}" for name, x in made.places.items()]
     words = f"What a filter knows. Errors are {', '.join(names)}."
-    state = Structure("filter", words, members)
-    return [
-        CFunction(
-            program,
-            _TAKEN.format(name.removeprefix("filter_update_")) if "update" in name else _AHEAD,
-            (state,),
-            {x: words for x, words in _GIVEN.items() if x in (*program.names, *program.outputs)},
-        )
-        for name, program in made.programs().items()
-    ]
-
-
-def _program(name: str, inputs: tuple[Node, ...], outputs: dict[str, Node]) -> Program:
-    """A program of those inputs that it reads."""
-    read = ordered(outputs.values())
-    return from_derivatives(Program(name, tuple(x for x in inputs if x in read), outputs))
-
-
-def _slopes(
-    name: str, inputs: tuple[Node, ...], outputs: dict[str, Node], by: list[str]
-) -> dict[str, Node]:
-    """Results, and their derivatives by some inputs, of a program that is printed once."""
-    program = _program(name, inputs, outputs)
-    read = [x for x in by if x in program.names]
-    found = jacobian(program, read).results(*program.inputs)
-    sizes = {x.operation.name: x.tangent for x in inputs if isinstance(x.operation, Input)}
-    left = {
-        f"{output}_by_{x}": zeros(*y.shape, *sizes[x])
-        for output, y in outputs.items()
-        for x in by
-        if x not in read
-    }
-    return found | left
+    state, functions = (Structure("filter", words, members),), []
+    for name, program in made.programs().items():
+        _, update, sensor = name.partition("_update_")
+        does = f"Take a reading of {sensor}, if it is no outlier." if update else _AHEAD
+        values = (*program.names, *program.outputs)
+        explained = {x: words for x, words in _GIVEN.items() if x in values}
+        functions.append(CFunction(program, does, state, explained))
+    return functions
 
 
 def _diagonal(x: Node) -> Node:
     """A diagonal matrix of its entries (n)."""
-    return constant(np.eye(x.size)) * reshaped(x, (x.size, 1))
+    return nodes.constant(np.eye(x.size)) * nodes.reshaped(x, (x.size, 1))

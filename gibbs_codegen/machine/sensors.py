@@ -34,6 +34,12 @@ class Channel(NamedTuple):
     span: float = math.inf
     resolution: float = 0.0
 
+    @property
+    def variances(self) -> np.ndarray:
+        """Of each entry the variance of noise and of rounding."""
+        rounding = self.resolution**2 / 12.0
+        return np.broadcast_to(np.square(self.noise) + rounding, len(self.names))
+
 
 class SensorAt(NamedTuple):
     """A sensor: what kind it is, by `MEASUREMENTS`, its frame, and figures of where on earth."""

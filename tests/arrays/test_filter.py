@@ -98,7 +98,12 @@ def test_c_has_the_numbers_of_numpy(cart: ModuleType, tmp_path: Path) -> None:
     parts = {"q": [0.1], "v": [0.2], "loads": [0.3], "covariance": np.diag([1.0, 2.0, 3.0])}
     known = {name: np.array(x, dtype=float) for name, x in parts.items()}
     in_c, nis = np.concatenate([x.ravel() for x in known.values()]), np.zeros(1)
-    given = {"u": np.array([0.4]), "h": 0.01, "noise": np.array([0.0, 0.1, 0.2])}
+    given = {
+        "u": np.array([0.4]),
+        "gravity": np.zeros(3),
+        "h": 0.01,
+        "noise": np.array([0.0, 0.1, 0.2]),
+    }
     given |= {"reading": np.array([0.11]), "variances": np.array([1e-4]), "gate": 10.0}
     for name, program in programs.items():
         inputs = {x: (known | given)[x] for x in program.names}

@@ -142,15 +142,7 @@ class SensorSuite:
     @property
     def variances(self) -> list[Array]:
         """Variances of the readings of each sensor, by noise and resolution."""
-        return [
-            np.concatenate(
-                [
-                    np.broadcast_to(np.square(c.noise) + c.resolution**2 / 12.0, len(c.names))
-                    for c in channels
-                ]
-            )
-            for channels in self._channels
-        ]
+        return [np.concatenate([c.variances for c in channels]) for channels in self._channels]
 
     def biases(self, sensor: int) -> dict[int, tuple[float, float]]:
         """By entries of a sensor's readings that have a bias, its size and the density of its walk.

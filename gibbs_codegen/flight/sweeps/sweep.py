@@ -121,9 +121,9 @@ def sweep(
     _refuse_unfit(_listed(robots), scenario_sources, varying)
     laws = [source.says("control.law") for source in scenario_sources]
     laws += varying["control.law"].levels if "control.law" in varying else ()
-    derivatives = (*DERIVATIVES, *UNDER_WRENCHES) if PREDICTIVE in laws else ()
-    if any(source.says("control.estimate") for source in scenario_sources):
-        derivatives += CALLED
+    estimates = any(source.says("control.estimate") for source in scenario_sources)
+    planned = (*DERIVATIVES, *UNDER_WRENCHES) if PREDICTIVE in laws else ()
+    derivatives = (*planned, *(CALLED if estimates else ()))
     holds = [source.says("hold") or source.says("holds") for source in scenario_sources]
     functions = functions_for(any(holds), laws)
     robot_sources = [
