@@ -12,7 +12,7 @@ from support.compiled import build
 from support.emitted import module_with_derivatives
 
 from benchmarks.filter_consistency import consistency, module_of
-from gibbs_codegen import Estimator, parse_robot, read_scenario
+from gibbs_codegen import Estimator, parse_robot, read_scenario, simulate
 from gibbs_codegen.arrays import Functions, evaluate
 from gibbs_codegen.errors import ScenarioFileError, UsageError
 from gibbs_codegen.machine.filters import CALLED, FilteredSensor, StateFilter
@@ -178,9 +178,52 @@ def test_a_filter_needs_sensors(cart: ModuleType) -> None:
         read_scenario(SENSED, {"sensors.delay": 0.1})
 
 
+@pytest.fixture(scope="module")
+def quadrotor(tmp_path_factory: pytest.TempPathFactory) -> ModuleType:
+    return module_of(str(tmp_path_factory.mktemp("modules")))
+
+
 @pytest.mark.slow
-def test_errors_are_as_large_as_deviations_say(tmp_path: Path) -> None:
+def test_errors_are_as_large_as_deviations_say(quadrotor: ModuleType) -> None:
     """Normalised squared errors of state and readings over runs of a quadrotor with an arm."""
-    for name, (mean, share) in consistency(module_of(str(tmp_path)), 50, 0.6).items():
+    for name, (mean, share) in consistency(quadrotor, 50, 0.6).items():
         assert 0.97 < mean < 1.03, name
         assert share > 0.85, name
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("place", ["pose", "gps"])
+def test_a_flight_on_estimates_stays_by_one_that_is_told_the_state(
+    quadrotor: ModuleType, place: str
+) -> None:
+    """In wind, by a common IMU with biases, and motion capture, or GPS with RTK and a compass."""
+    imu = {"rate": 250, "accelerometer_noise": 2e-3, "gyroscope_noise": 1.7e-4}
+    imu |= {"accelerometer_bias": [0.05, -0.03, 0.04], "gyroscope_bias": [0.005, 0.002, -0.003]}
+    others = {
+        "pose": {
+            "pose": [{"delay": 0.02, "position_noise": 1e-3, "attitude_noise": 5e-3}],
+        },
+        "gps": {
+            "gps": [
+                {
+                    "rate": 10,
+                    "delay": 0.1,
+                    "horizontal_noise": 0.01,
+                    "vertical_noise": 0.015,
+                    "velocity_noise": 0.03,
+                }
+            ],
+            "magnetometer": [{"noise": 4e-7}],
+        },
+    }
+    sensors = {"imu": [imu], "encoders": [{"noise": 3e-4, "resolution": 1e-3}], **others[place]}
+    gains = {"rate": 250, "frequency": 3, "attitude_frequency": 10}
+    wind = {"velocity": [3, 1, 0], "drag": {"base": 0.3}}
+    told = {"duration": 2, "control": gains, "sensors": sensors | {"seed": 1}, "wind": wind}
+    flights = [
+        simulate(quadrotor, read_scenario("circle", told | {"control.estimate": estimate}))
+        for estimate in (False, True)
+    ]
+    assert not any(flight.stopped for flight in flights)
+    off = np.linalg.norm(flights[0].q[:, :3] - flights[1].q[:, :3], axis=1)
+    assert 1e-5 < off.max() < 0.03

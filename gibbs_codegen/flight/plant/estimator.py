@@ -91,24 +91,18 @@ class Estimator:
             raise UsageError("sensors: there are none; a filter needs some, such as sensors.imu")
         self._vehicle = vehicle = suite.vehicle
         self._settings = chosen = settings or Filter()
-        self._biases = {  # Of each entry that has one: how large, and the density of its walk.
-            device.name: suite.biases(k) for k, device in enumerate(suite.devices)
-        }
+        of_sensors = zip(suite.devices, suite.places_of_frames, suite.biases, strict=True)
         sensing = {
-            device.name: FilteredSensor(
-                SensorAt(device.measures, frame, device.figures), tuple(self._biases[device.name])
-            )
-            for device, frame in zip(suite.devices, suite.places_of_frames, strict=True)
+            x.name: FilteredSensor(SensorAt(x.measures, frame, x.figures), tuple(biases))
+            for x, frame, biases in of_sensors
         }
-        names = [(chosen.wrench if vehicle.layout.v.base else "", "wrench")]
-        names.append((chosen.payload, "payload"))
-        wrench, payload = (
-            vehicle.frame_place(name, f"control.filter.{key}") if name else None
-            for name, key in names
-        )
-        self._filter = StateFilter(
-            Functions(vehicle.module), sensing, wrench, vehicle.joints > 0, payload
-        )
+        names = {"wrench": chosen.wrench * bool(vehicle.layout.v.base), "payload": chosen.payload}
+        frames = {
+            key: vehicle.frame_place(name, f"control.filter.{key}") if name else None
+            for key, name in names.items()
+        }
+        functions, joints = Functions(vehicle.module), vehicle.joints > 0
+        self._filter = StateFilter(functions, sensing, efforts=joints, **frames)
         self.programs: Mapping[str, Program] = self._filter.programs()
         self._latest = max(device.delay for device in suite.devices)
         self._instants: list[_Instant] = []
@@ -117,15 +111,14 @@ class Estimator:
     def _compiled(self) -> dict[str, StateProgram]:
         from scipy.special import chdtri  # Late, as SciPy takes long to import.
 
-        gravity, noise = Environment(self._vehicle).gravity, self.noise
-        values = {"gravity": gravity, "noise": noise}
-        compiled = {"": state_program(self._vehicle, self.programs["filter_predict"], values)}
-        for device, variances in zip(self._suite.devices, self._suite.variances, strict=True):
-            name = device.name
-            values |= {"variances": np.maximum(variances, _LEAST**2)}
-            values |= {"gate": chdtri(len(variances), self._settings.outliers)}
-            program = self.programs[f"filter_update_{name}"]
-            compiled[name] = state_program(self._vehicle, program, values)
+        vehicle, suite = self._vehicle, self._suite
+        values = {"gravity": Environment(vehicle).gravity, "noise": self.noise}
+        compiled = {"": state_program(vehicle, self.programs["filter_predict"], values)}
+        for device, variances in zip(suite.devices, suite.variances, strict=True):
+            values["variances"] = np.maximum(variances, _LEAST**2)
+            values["gate"] = chdtri(len(variances), self._settings.outliers)
+            program = self.programs[f"filter_update_{device.name}"]
+            compiled[device.name] = state_program(vehicle, program, values)
         return compiled
 
     @cached_property
@@ -137,12 +130,16 @@ class Estimator:
             "wrench": np.repeat([chosen.force, chosen.torque], 3),
             "efforts": chosen.effort,
             "payload": chosen.mass,
+            **self._of_biases(1),
         }
-        for name, walks in self._biases.items():
-            densities[f"{name}_bias"] = [walk for _, walk in walks.values()]
         for name, place in self._filter.places.items():
             noise[place] = np.square(densities.get(name, 0.0))
         return noise
+
+    def _of_biases(self, part: int) -> dict[str, ArrayLike]:
+        """Sizes of the biases of sensors, or densities of their walks, by names of the errors."""
+        pairs = zip(self._suite.devices, self._suite.biases, strict=True)
+        return {f"{device.name}_bias": [x[part] for x in b.values()] for device, b in pairs if b}
 
     def begin(self, q: ArrayLike, v: ArrayLike, time: float = 0.0) -> None:
         """Begin at a time, s, from a state that is known as well as the settings' `start` says.
@@ -156,9 +153,8 @@ class Estimator:
         # Loads and biases are as large as a second of their walk makes them, or as is declared.
         variances = self.noise.copy()
         variances[: places["v"].stop] = chosen.start**2
-        for name, walks in self._biases.items():
-            if walks:
-                variances[places[f"{name}_bias"]] += np.square([size for size, _ in walks.values()])
+        for name, sizes in self._of_biases(0).items():
+            variances[places[name]] += np.square(sizes)
         memory = {
             "q": vector("q", q, layout.q.size),
             "v": vector("v", v, layout.v.size),
@@ -166,8 +162,7 @@ class Estimator:
             "biases": np.zeros(self._filter.size - self._filter.loaded),
             "covariance": np.diag(variances),
         }
-        inputs = np.zeros(len(self._vehicle.inputs))
-        self._instants = [_Instant(time, inputs, memory, memory)]
+        self._instants = [_Instant(time, np.zeros(len(self._vehicle.inputs)), memory, memory)]
 
     def follow(
         self, time: float, u: ArrayLike, readings: Iterable[tuple[str, float, ArrayLike]] = ()
@@ -208,10 +203,8 @@ class Estimator:
             if key in program.inputs:
                 program.inputs[key][...] = value
         program.run()
-        outputs = {f"{key}_next": key for key in memory}
-        return memory | {
-            outputs[key]: x.copy() for key, x in program.outputs.items() if key in outputs
-        }
+        outputs = {key.removesuffix("_next"): x for key, x in program.outputs.items()}
+        return {key: outputs[key].copy() if key in outputs else x for key, x in memory.items()}
 
     @property
     def memory(self) -> dict[str, Array]:

@@ -144,18 +144,24 @@ class SensorSuite:
         """Variances of the readings of each sensor, by noise and resolution."""
         return [np.concatenate([c.variances for c in channels]) for channels in self._channels]
 
-    def biases(self, sensor: int) -> dict[int, tuple[float, float]]:
-        """By entries of a sensor's readings that have a bias, its size and the density of its walk.
+    @property
+    def biases(self) -> list[dict[int, tuple[float, float]]]:
+        """For each sensor, by entries that have a bias, its size and the density of its walk.
 
         It is as large as the largest of the entries that err alike.
         """
-        known, first = dict[int, tuple[float, float]](), 0
-        for c in self._channels[sensor]:
-            size, count = float(np.abs(c.bias).max()), len(c.names)
-            walk = c.walk * math.sqrt(self.devices[sensor].rate)
-            known |= dict.fromkeys(range(first, first + count * bool(size or walk)), (size, walk))
-            first += count
-        return known
+        return [
+            {
+                k: bias
+                for k, bias in enumerate(
+                    (float(np.abs(c.bias).max()), c.walk * math.sqrt(device.rate))
+                    for c in channels
+                    for _ in c.names
+                )
+                if any(bias)
+            }
+            for device, channels in zip(self.devices, self._channels, strict=True)
+        ]
 
     @property
     def frames(self) -> tuple[str, ...]:
