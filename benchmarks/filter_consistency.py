@@ -127,8 +127,13 @@ class Runs:
         return np.einsum("ni,ni->n", off, solved)
 
 
-def consistency(module: ModuleType, runs: int, seconds: float) -> dict[str, tuple[float, float]]:
-    """By "nees" and sensors the mean over its expected value, and the share inside the band."""
+def consistency(
+    module: ModuleType, runs: int, seconds: float
+) -> dict[str, tuple[float, float, float]]:
+    """By "nees" and sensors the mean over its expected value, its deviation, and the share inside.
+
+    The deviation is that of χ² of all readings; errors of a run last, and count as one.
+    """
     flown, found = Runs(module, runs), defaultdict(list)
     size = len(flown.spread)
     for k in range(1, round(seconds / H) + 1):
@@ -155,12 +160,14 @@ def consistency(module: ModuleType, runs: int, seconds: float) -> dict[str, tupl
     for name, rows in found.items():
         means, counts = np.array(rows).T
         low, high = chi2.ppf([[0.025], [0.975]], counts * runs) / runs
-        shares[name] = (means / counts).mean(), np.mean((means > low) & (means < high))
+        independent = runs * (size if name == "nees" else counts.sum())
+        inside = np.mean((means > low) & (means < high))
+        shares[name] = (means / counts).mean(), np.sqrt(2.0 / independent), inside
     return shares
 
 
 if __name__ == "__main__":
     with tempfile.TemporaryDirectory() as made:
         found = consistency(module_of(made), int(sys.argv[1]), float(sys.argv[2]))
-        for name, (mean, share) in found.items():
+        for name, (mean, _, share) in found.items():
             print(f"{name}: mean {mean:.3f} of what is expected, {share:.3f} inside the 95 % band")
