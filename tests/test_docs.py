@@ -174,10 +174,16 @@ def test_c_program_with_derivatives(tmp_path: Path) -> None:
 def test_files_in_toml_are_accepted() -> None:
     files = ["reference/robot-file", "reference/scenario-file"]
     touching = ["howto/force-control", "howto/walls"]
-    loads = ["howto/estimate", "howto/observers"]
+    loads = ["howto/observers"]
+    filtered = ["howto/estimate"]
     named = ("actuators", "constraints", "import", "other-machines", "sensors", "several-arms")
     howto = [f"howto/{page}" for page in named]
-    pages = [*sorted([*howto, *touching, *loads]), *files, "start/autopilot", "start/first-robot"]
+    pages = [
+        *sorted([*howto, *touching, *loads, *filtered]),
+        *files,
+        "start/autopilot",
+        "start/first-robot",
+    ]
     assert pages_with("toml") == ["README.md", *(f"docs/{page}.md" for page in pages)]
     robots = map(parse_robot, blocks("docs/reference/robot-file.md", "toml"))
     rods, placed, fixed, rolling, driven, held, sprung, geared, motored = robots
@@ -193,6 +199,9 @@ def test_files_in_toml_are_accepted() -> None:
     scenario, *others = map(parse_scenario, blocks("docs/reference/scenario-file.md", "toml"))
     assert scenario.arm.tip is not None
     assert [other.name for other in others] == ["via", "quick"]
+    for page in filtered:
+        for text in blocks(f"docs/{page}.md", "toml"):
+            assert parse_scenario(text).control.estimate
     for page in touching:
         for text in blocks(f"docs/{page}.md", "toml"):
             assert parse_scenario(text).walls
