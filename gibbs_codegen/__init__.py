@@ -77,6 +77,8 @@ if TYPE_CHECKING:
     from gibbs_codegen.flight.sweeps.sweep import sweep as sweep
     from gibbs_codegen.flight.viewer.view import view as view
     from gibbs_codegen.flight.viewer.view import view_html as view_html
+    from gibbs_codegen.identification.design import Design as Design
+    from gibbs_codegen.identification.design import design as design
     from gibbs_codegen.identification.identify import Identified as Identified
     from gibbs_codegen.identification.identify import identify as identify
     from gibbs_codegen.identification.recorded import Recording as Recording
@@ -126,6 +128,7 @@ _MODULES = {
     "flight.sweeps.sweep": ("sweep",),
     "flight.viewer.view": ("view", "view_html"),
     "machine.observers": ("momentum_observer",),
+    "identification.design": ("Design", "design"),
     "identification.identify": ("Identified", "identify"),
     "identification.recorded": ("Recording",),
     "pipeline": ("generate",),

@@ -372,7 +372,7 @@ def _sweep(parser: Parser) -> None:
 def _identify(parser: Parser) -> None:
     _add_module(parser)
     meaning = f"{_FLIGHT}, or {_LOG}; several are taken together"
-    parser.add("logs", "LOG", meaning, nargs="+")
+    parser.add("logs", "LOG", meaning, nargs="*", default=[])
     _add_names(parser)
     meaning = "seconds of LOG that are taken, such as those in the air (default: all)"
     parser.add(
@@ -391,6 +391,15 @@ def _identify(parser: Parser) -> None:
     parser.add("--hold-out", "SHARE", meaning, type=_not_negative, default=0.0)
     meaning = "folder for robot file and report, which must not exist yet"
     parser.add("--out", "DIR", meaning, default="identified")
+    parser.add(
+        *("--design", "FILE"),
+        "instead of reading a LOG write a scenario whose motion tells the numbers, and print how "
+        "well it will; FILE must not exist yet",
+    )
+    meaning = "scenario file of which the design has all but the motion (default: 12 s with an IMU)"
+    parser.add("--scenario", "FILE", meaning)
+    meaning = "how far the designed motion takes the base along each axis, m (default: 1)"
+    parser.add("--room", "M", meaning, type=_number, default=1.0)
 
 
 @_command("write a flight as a log of ROS 2 or PX4")

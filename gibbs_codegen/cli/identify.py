@@ -1,30 +1,42 @@
-"""`identify`: numbers of a robot file from logs, with a report, and a robot file that has them."""
+"""`identify`: numbers of a robot file from logs, with a report, and a robot file that has them.
+
+With `--design` a scenario whose motion will tell them.
+"""
 
 from __future__ import annotations
 
 import argparse
 
 from gibbs_codegen.cli import robot_argument, terminal
-from gibbs_codegen.errors import printable
+from gibbs_codegen.errors import UsageError, printable
 from gibbs_codegen.files.toml import changes_of
+from gibbs_codegen.identification.design import design
 from gibbs_codegen.identification.identify import check_logs, check_new, identify
 from gibbs_codegen.runtime.load import load
 
 
 @terminal.ended_by_signals()
 def run(options: argparse.Namespace) -> int:
-    """Identify the numbers, write robot file and report, and print the report."""
-    names = changes_of(options.name)
-    check_new(options.out)
+    """Identify the numbers, write robot file and report, and print the report; or design."""
+    names, place = changes_of(options.name), options.design or options.out
+    check_new(place)
     check_logs(options.logs)
+    if bool(options.logs) == bool(options.design):
+        raise UsageError("give a LOG to identify from, or --design FILE for a motion that tells")
     with (
         robot_argument.found_module(options.robot, terminal.progress()) as (folder, _),
         terminal.progress_bar() as progress,
     ):
-        settings = options.free, options.prior, options.hold_out, names, options.between
-        identified = identify(load(folder, "c"), options.logs, *settings, progress)
-        identified.write(options.out)
-    print(
-        f"{identified.text()}\n{printable(options.out)}: has {identified.robot}.toml, report.html"
-    )
+        module, free, prior = load(folder, "c"), options.free, options.prior
+        if options.design:
+            limits = options.scenario, options.room
+            made = design(module, free, *limits, prior=prior, progress=progress)
+        else:
+            settings = free, prior, options.hold_out, names, options.between
+            made = identify(module, options.logs, *settings, progress)
+        made.write(place)
+    has = f"fly it with `gibbs-codegen simulate {module.NAME} --scenario {printable(place)}`"
+    if not options.design:
+        has = f"has {module.NAME}.toml, report.html"
+    print(f"{made.text()}\n{printable(place)}: {has}")
     return 0

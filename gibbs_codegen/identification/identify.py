@@ -141,12 +141,7 @@ def identify(
     Raises:
         UsageError: If a log or a pattern is not of the robot, or it has wheels or constraints.
     """
-    module = robot if isinstance(robot, ModuleType) else load(robot, "c")
-    layout = RobotData(module).layout
-    if layout.has_drive or layout.q.wheels:
-        raise UsageError(f"{module.NAME}: identify is not for robots on wheels")
-    if getattr(module, "CONSTRAINTS", ()):
-        raise UsageError(f"{module.NAME}: has constraints, whose forces no log tells")
+    module = identifiable(robot)
     if not prior > 0.0 or not 0.0 <= hold_out <= 0.9:
         raise UsageError("prior must be above 0, and hold_out from 0 to 0.9")
     listed = [logs] if isinstance(logs, Flight | Recording | str | os.PathLike) else [*logs]
@@ -158,14 +153,8 @@ def identify(
     ]
     if not recordings:
         raise UsageError(f"between: no log has samples from {between[0]:g} to {between[1]:g} s")
-    unknowns = Unknowns(module, free, prior)
-    if not unknowns.names:
-        raise UsageError(
-            f"{module.NAME}: has no number that is free by default; give some (--free)"
-        )
-    frames = tuple(recordings[0].imus)
-    places = [module.FRAMES.index(frame) for frame in frames]
-    model = Model(module, recordings[0].step, places, input_noise(recordings, module))
+    unknowns, frames = Unknowns(module, free, prior), tuple(recordings[0].imus)
+    model = model_of(module, recordings)
     if odd := [r for r in recordings if abs(r.step / model.h - 1.0) > 0.01]:
         raise UsageError(
             f"{odd[0].source}: has a sample every {odd[0].step:.4g} s, {recordings[0].source} one "
@@ -200,6 +189,23 @@ def identify(
     return _identified(
         module, smoother, estimate, frames, [r.source for r in recordings], prediction
     )
+
+
+def identifiable(robot: ModuleType | str | os.PathLike[str]) -> ModuleType:
+    """The module of a robot; `UsageError` if it is on wheels or has constraints."""
+    module = robot if isinstance(robot, ModuleType) else load(robot, "c")
+    layout = RobotData(module).layout
+    if layout.has_drive or layout.q.wheels:
+        raise UsageError(f"{module.NAME}: identify is not for robots on wheels")
+    if getattr(module, "CONSTRAINTS", ()):
+        raise UsageError(f"{module.NAME}: has constraints, whose forces no log tells")
+    return module
+
+
+def model_of(module: ModuleType, recordings: Sequence[Recording]) -> Model:
+    """The model of a robot for recordings with the steps and the IMUs of the first."""
+    places = [module.FRAMES.index(frame) for frame in recordings[0].imus]
+    return Model(module, recordings[0].step, places, input_noise(recordings, module))
 
 
 def check_logs(logs: Sequence[Log]) -> None:
@@ -260,7 +266,7 @@ def _identified(
         values,
         deviations,
         covariance,
-        _unseen(unknowns, whole[:f, :f]) + (_UNSETTLED,) * (not estimate.settled),
+        unseen(unknowns, whole[:f, :f]) + (_UNSETTLED,) * (not estimate.settled),
         dict(zip(names, spread.tolist(), strict=True)),
         others,
         prediction,
@@ -274,7 +280,7 @@ _FELT = (
 )
 
 
-def _unseen(unknowns: Unknowns, covariance: Array) -> tuple[str, ...]:
+def unseen(unknowns: Unknowns, covariance: Array) -> tuple[str, ...]:
     """Directions in which a fit is not much surer than the prior, in words."""
     shares, directions = np.linalg.eigh(covariance / unknowns.prior**2)
     clauses = []

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import html
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -61,8 +61,13 @@ def _sections(found: Identified) -> Iterator[Section]:
 
 def text_report(found: Identified) -> str:
     """The report as text."""
+    return as_text(_sections(found))
+
+
+def as_text(sections: Iterable[Section]) -> str:
+    """Tables with titles as text."""
     lines = []
-    for title, heads, rows in _sections(found):
+    for title, heads, rows in sections:
         table = [tuple(heads), *rows] if any(heads) else rows
         widths = [max(map(len, column)) for column in zip(*table, strict=True)]
         lines += [title, ""]

@@ -251,6 +251,10 @@ class Smoother:
 
         return solve
 
+    def covariance(self, estimate: Estimate, free: int | None = None) -> Array:
+        """The covariance of what is shared, or of the first `free`, by slopes of readings."""
+        return self._solved(estimate, len(self.prior) if free is None else free)(0.0)[2]
+
     def run(
         self, estimate: Estimate, tell: Callable[[float], None], numbers: bool = True
     ) -> Estimate:
@@ -283,7 +287,7 @@ class Smoother:
                 estimate.settled = True
                 break
         if place or not better:  # Damped, it would be too small.
-            estimate.covariance = self._solved(estimate, free)(0.0)[2]
+            estimate.covariance = self.covariance(estimate, free)
         misses = self._residuals(estimate)[0]
         estimate.left = self._left(estimate)
         estimate.misses = np.where(self.has > 0.0, misses, np.nan)

@@ -50,6 +50,10 @@ class Unknowns:
         self.file = {name: float(value) for name, value in module.PARAMETERS.items()}
         self._members = self._ties() | {name: (name,) for name in self.file}
         self.names = self._chosen(free)
+        if not self.names:
+            raise UsageError(
+                f"{module.NAME}: has no number that is free by default; give some (--free)"
+            )
         self._bodies, self._scales = self._bodies_of(), dict[str, float]()
         for name in self.names:
             if "_com_" in name:

@@ -1,0 +1,155 @@
+"""Motions that are to tell numbers: within limits, and as certain as a fit then is."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Mapping
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+import pytest
+from support.command import run
+
+from gibbs_codegen import (
+    Design,
+    UsageError,
+    design,
+    generate,
+    identify,
+    load,
+    read_scenario,
+    simulate,
+)
+from gibbs_codegen.flight.scenario.file import parse_scenario
+from gibbs_codegen.identification.design import searched
+
+ARM = """
+[[link]]
+name = "upper"
+xyz = [0, 0, -0.05]
+axis = "y"
+length = 0.25
+mass_per_length = 0.4
+limits_deg = [-60, 120]
+velocity = 2.5
+effort = 4
+"""
+DRONE = """
+name = "drone"
+[base]
+mass = 1.2
+inertia = [0.012, 0.013, 0.02, 0, 0, 0]
+com = [0.01, 0, 0.01]
+attitude = "quaternion"
+""" + "".join(
+    f"[[rotor]]\nposition = [{x}, {y}, 0]\ndrag = {0.016 * x * y / 0.04}\nlimits = [0, 9]\n"
+    for x in (0.2, -0.2)
+    for y in (0.2, -0.2)
+)
+TABLE = 'name = "table_arm"\n[base]\nmotion = "fixed"\n'
+OUTER = ARM.replace("upper", "outer").replace("[0, 0, -0.05]", "[0.25, 0, 0]")
+NUMBERS = ["base_mass", "base_inertia_??", "upper_mass_per_length"]
+REAL = {"base_mass": 1.3, "upper_mass_per_length": 0.5}
+
+
+def module_of(folder: Path, text: str) -> ModuleType:
+    place = folder / "robot.toml"
+    place.write_text(text, encoding="utf-8")
+    return load(generate(place, folder, verify=False), backend="c")
+
+
+@pytest.fixture(scope="module")
+def drone(tmp_path_factory: pytest.TempPathFactory) -> ModuleType:
+    return module_of(tmp_path_factory.mktemp("drone"), DRONE + ARM)
+
+
+@pytest.fixture(scope="module")
+def designed(drone: ModuleType) -> Design:
+    return design(drone, NUMBERS, {"duration": 6, **SCENARIO}, room=0.6, tries=10)
+
+
+SCENARIO: Mapping[str, Any] = {
+    "name": "small room",
+    "base.path": {"kind": "fixed", "position": [0, 0, 1]},
+    "control": {"rate": 200, "frequency": 2},
+    "integration": {"method": "rk4", "step": 0.0025, "rate": 200},
+    "sensors.imu": [{"rate": 200, "accelerometer_noise": 0.01, "gyroscope_noise": 0.001}],
+    "sensors.encoders": [{"rate": 100, "resolution": 1e-3}],
+}
+
+
+@pytest.mark.slow  # 40 s, for the first of these tests; inline: the search, below.
+def test_limits_hold_in_flight(drone: ModuleType, designed: Design) -> None:
+    flight = simulate(drone, parse_scenario(designed.scenario))
+    assert not flight.stopped
+    least, most = flight.input_limits
+    assert np.all(flight.commanded > least)
+    assert np.all(flight.commanded < most)
+    places = [drone.COORDINATES.index(name) for name in ("x", "y", "z")]
+    # The spline between points goes a little further than these.
+    assert np.abs(flight.q_desired[:, places] - [0, 0, 1]).max() < 1.2 * 0.6
+    arm, rate = flight.q[:, -1], flight.v[:, -1]
+    assert np.degrees(arm.min()) > -60.0
+    assert np.degrees(arm.max()) < 120.0
+    assert np.abs(rate).max() < 2.5
+    assert flight.q_desired[-1] == pytest.approx(flight.q_desired[-3], abs=1e-4)
+
+
+@pytest.mark.slow  # With the one above.
+def test_a_fit_is_as_certain_as_expected(drone: ModuleType, designed: Design) -> None:
+    """Of a machine with other numbers, and other noise."""
+    scenario = read_scenario(tomllib.loads(designed.scenario), {"plant": REAL, "sensors.seed": 7})
+    found = identify(drone, simulate(drone, scenario), NUMBERS)
+    assert found.names == designed.names
+    ratio = found.deviations / designed.deviations
+    assert ratio.min() > 0.8, ratio
+    assert ratio.max() < 1.3, ratio
+
+
+@pytest.mark.slow  # With the one above.
+def test_it_tells_more_than_a_circle(drone: ModuleType, designed: Design) -> None:
+    """The least eigenvalue of the information, in units of the numbers, by ten and more."""
+    circle = {"kind": "circle", "centre": [0, 0, 1], "radius": 0.6, "period": 6}
+    flight = simulate(drone, read_scenario({"duration": 6, **SCENARIO, "base.path": circle}))
+    plain = identify(drone, flight, NUMBERS)
+    scale = np.outer(designed.before, designed.before)
+    least = [1.0 / np.linalg.eigvalsh(x.covariance / scale)[-1] for x in (designed, plain)]
+    assert least[0] > 10.0 * least[1]
+
+
+@pytest.mark.slow  # 20 s; inline: the search, below.
+def test_an_arm_on_a_table(tmp_path: Path) -> None:
+    """It bends and stretches, which one joint after the other would not tell."""
+    module = module_of(tmp_path, TABLE + ARM + OUTER)
+    few, many = (design(module, ["*_per_length"], tries=k) for k in (1, 12))
+    assert np.all(many.deviations < few.deviations)
+    assert "[base]" not in many.scenario
+    flight = simulate(module, parse_scenario(many.scenario))
+    assert np.abs(flight.v).max() < 2.5
+    found = identify(module, flight, ["*_per_length"])
+    ratio = found.deviations / many.deviations
+    assert ratio.min() > 0.7, ratio
+    assert ratio.max() < 1.4, ratio
+
+
+def test_a_search_finds_the_edge_of_what_is_allowed() -> None:
+    """The least of |x − a|² in a ball is where the way to a leaves it."""
+    a = np.array([0.9, -0.6, 0.5, 0.1])
+
+    def judge(x: np.ndarray) -> float:
+        return np.inf if np.linalg.norm(x) > 0.7 else float(np.sum((x - a) ** 2))
+
+    found = searched(judge, np.zeros(4), 400, lambda share: None)
+    assert found == pytest.approx(0.7 * a / np.linalg.norm(a), abs=0.15)
+
+
+def test_what_cannot_be_designed_is_refused(tmp_path: Path) -> None:
+    refused = run("identify", "quadrotor", cwd=tmp_path)
+    assert (refused.returncode, "give a LOG" in refused.stderr) == (2, True)
+    (tmp_path / "there.toml").write_text("")
+    refused = run("identify", "quadrotor", "--design", "there.toml", cwd=tmp_path)
+    assert (refused.returncode, "is there already" in refused.stderr) == (2, True)
+    with pytest.raises(UsageError, match="room and prior"):
+        design("quadrotor", room=0.0)
