@@ -10,8 +10,13 @@ import argparse
 from gibbs_codegen.cli import robot_argument, terminal
 from gibbs_codegen.errors import UsageError, printable
 from gibbs_codegen.files.toml import changes_of
-from gibbs_codegen.identification.design import design
-from gibbs_codegen.identification.identify import check_logs, check_new, identify
+from gibbs_codegen.identification.design import Design, design
+from gibbs_codegen.identification.identify import (
+    Identified,
+    check_logs,
+    check_new,
+    identify,
+)
 from gibbs_codegen.runtime.load import load
 
 
@@ -28,6 +33,7 @@ def run(options: argparse.Namespace) -> int:
         terminal.progress_bar() as progress,
     ):
         module, free, prior = load(folder, "c"), options.free, options.prior
+        made: Design | Identified
         if options.design:
             limits = options.scenario, options.room
             made = design(module, free, *limits, prior=prior, progress=progress)
