@@ -20,7 +20,7 @@ from typing import Any
 
 import numpy as np
 
-from gibbs_codegen.errors import GibbsCodegenError, UsageError
+from gibbs_codegen.errors import GibbsCodegenError, ScenarioFileError, UsageError
 from gibbs_codegen.files.shipped import text_of
 from gibbs_codegen.files.staging import put_in_place, staging_folder, writing
 from gibbs_codegen.files.toml import merged, nested
@@ -168,7 +168,7 @@ def _tables(module: ModuleType, scenario: Any) -> dict[str, Any]:
         return merged(_FLIGHT, nested(_FLYING if flies else {}))
     read_scenario(scenario)  # It refuses what is no scenario, with its lines.
     if not isinstance(scenario, Mapping):
-        scenario = tomllib.loads(text_of(os.fspath(scenario), "scenarios", UsageError)[0])
+        scenario = tomllib.loads(text_of(os.fspath(scenario), "scenarios", ScenarioFileError)[0])
     return merged({}, nested(scenario))
 
 
@@ -219,7 +219,10 @@ class _Experiment:
             changes[f"{table}.{self._names[k]}"] = self._moves(k, row)
         if self._turns:
             axis = [*(self._lean * turn[1:]).round(4).tolist(), 1.0]
-            turned = {"angle_deg": round(_ANGLE * float(turn[0]), 2), "duration": _TURN}
+            turned: dict[str, Any] = {
+                "angle_deg": round(_ANGLE * float(turn[0]), 2),
+                "duration": _TURN,
+            }
             turned |= {"axis": axis, "begin": float(self._times[1])}
             changes["base.attitude"] = {"kind": "turn", **turned}
         return merged(self._tables, nested(changes))
