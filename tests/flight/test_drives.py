@@ -17,9 +17,11 @@ from gibbs_codegen import (
     generate,
     load,
     parse_robot,
+    read_log,
     read_scenario,
     simulate,
     trim,
+    write_log,
 )
 from gibbs_codegen.flight.plant.vehicle import Vehicle
 from gibbs_codegen.flight.sweeps.sources import robot_data
@@ -82,7 +84,7 @@ def straight(speed: float) -> dict[str, Any]:
     }
 
 
-def test_torques_of_wheels_on_a_circle() -> None:
+def test_torques_of_wheels_on_a_circle(tmp_path: Path) -> None:
     """The centre of mass is pulled inwards, and back; wheels turn as their rims roll."""
     speed, rate = 2.0 * np.pi * 1.5 / 8.0, 2.0 * np.pi / 8.0
     flight = driven(cart(), 0.4, circle(1.5, 8.0))
@@ -95,6 +97,11 @@ def test_torques_of_wheels_on_a_circle() -> None:
     np.testing.assert_allclose(flight.q_desired[:, 3:], rolled, atol=1e-8)
     assert flight.centre_error.max() < 1e-9
     assert np.abs(flight.energy_error).max() < 1e-9
+    write_log(flight, tmp_path / "log", "csv")
+    again = read_log(cart(), tmp_path / "log")
+    np.testing.assert_allclose(again.q, flight.q, atol=1e-8)
+    places = [again.points.index(name) for name in again.wheel_points]
+    np.testing.assert_allclose(again.positions[0, places, 1], [WIDTH, -WIDTH], atol=1e-9)
 
 
 @pytest.mark.slow

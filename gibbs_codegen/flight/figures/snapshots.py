@@ -98,7 +98,8 @@ class RobotDrawing:
         discs = disc_corners(thrust_directions(flight, sample), self._radius)
         turned: Array = discs @ flight.base_rotation[sample].T
         arms = [at[line] for line in self._arms]
-        hubs, marks = at[flight.wheel_places], wheel_marks(flight, flight.q[sample])
+        hubs = at[[flight.points.index(name) for name in flight.wheel_points]]
+        marks = wheel_marks(flight, flight.q[sample])
         radii = np.linalg.norm(marks[:, [1]], axis=-1, keepdims=True)
         rims = radii * disc_corners(marks[:, 0], 1.0)
         ends += [np.stack([hub + x, hub - x]) for hub, x in zip(hubs, marks[:, 1], strict=True)]

@@ -325,4 +325,6 @@ def motion_of(
         q[:, layout.q.joint_places[k]] = arrays["q", name]
         v[:, layout.v.joint_places[k]] = arrays["v", name]
         a[:, layout.v.joint_places[k]] = rate(arrays["v", name])
+    if layout.q.wheels:
+        q[:, layout.q.angles] = vehicle.rolled(seconds, q, v, a)
     return q, v, a

@@ -281,6 +281,19 @@ class Vehicle(RobotData):
             turned[:, layout.driven_axes[0]] = rates[:, layout.q.angles].T
         return turned
 
+    @property
+    def wheel_points(self) -> tuple[str, ...]:
+        """Names (w) of the points where wheels turn, which come after those of joints."""
+        last = len(self.points) + 1 - len(self.frames)
+        return self.points[last - self.layout.q.wheels : last]
+
+    def rolled(self, time: Array, q: Array, v: Array, a: Array) -> Array:
+        """Angles (s, w) of wheels, rad, which roll from 0 along a motion at times (s)."""
+        angles, step = self.layout.q.angles, np.diff(time)[:, np.newaxis]
+        rates, growth = (self.coordinate_rates(q, x)[:, angles] for x in (v, a))
+        slopes = 0.5 * (rates[1:] + rates[:-1]) + step / 12.0 * (growth[:-1] - growth[1:])
+        return np.concatenate([0.0 * rates[:1], np.cumsum(step * slopes, axis=0)])
+
     @cached_property
     def damping(self) -> Array:
         """Damping (…, nv) of joints, N m s/rad or N s/m: of forces, the part odd in velocities."""

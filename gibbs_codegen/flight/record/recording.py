@@ -166,10 +166,7 @@ class Recording:
         vehicle, time = self.loop.controller.vehicle, self._time
         q, v, a = self.loop.controller.reference(time)
         if vehicle.layout.q.wheels:  # Curves have nothing of their angles.
-            angles, step = vehicle.layout.q.angles, np.diff(time)[:, np.newaxis]
-            rates, growth = (vehicle.coordinate_rates(q, x)[:, angles] for x in (v, a))
-            slopes = 0.5 * (rates[1:] + rates[:-1]) + step / 12.0 * (growth[:-1] - growth[1:])
-            q[1:, angles] = np.cumsum(step * slopes, axis=0)
+            q[:, vehicle.layout.q.angles] = vehicle.rolled(time, q, v, a)
         return q, v, a
 
     @cached_property
@@ -305,6 +302,7 @@ def posture_series(
         "parents": lambda: point_parents(vehicle),
         "base_rotation": lambda: vehicle.base_rotation(q()) @ vehicle.base_turn,
         "wheels": lambda: vehicle.wheels,
+        "wheel_points": lambda: vehicle.wheel_points,
         "thrust_directions": lambda: _thrust_directions(vehicle, q()),
         "kinetic_energy": lambda: vehicle.kinetic_energy(q(), v()),
         "potential_energy": lambda: vehicle.potential_energy(q()),

@@ -122,7 +122,8 @@ class Flight:
     `sensors` (s, m) are what the robot's sensors had told last at each sample, by `sensor_names`
     and `sensor_units`, as `SensorSuite` describes them; NaN before the first reading, and (s, 0)
     without sensors. `sensor_frames` (m) are the frames at which they are, "" of those at none.
-    `wheels` (w, 3) are the angles of wheels that turn by the way along the base's axes, rad/m.
+    `wheels` (w, 3) are the angles of wheels that turn by the way along the base's axes, rad/m, and
+    `wheel_points` (w) the points where they turn.
     `disc_radii` (N), m, are those of the rotors, 0 where nobody says them.
     `gusts` (g, 2) are from when to when each gust of the wind
     blows, s, and motors run from and to `motor_times` (2), s.
@@ -201,6 +202,7 @@ class Flight:
     impulses: Array = field(default_factory=lambda: np.zeros((0, 0)), repr=False)
     hard_impacts: tuple[str, ...] = field(default=(), repr=False)
     wheels: Array = field(default_factory=lambda: np.zeros((0, 3)), repr=False)
+    wheel_points: tuple[str, ...] = field(default=(), repr=False)
     disc_radii: Array = field(default_factory=lambda: np.zeros(0), repr=False)
     joint_limits: Array = field(default_factory=lambda: np.zeros((2, 0)), repr=False)
     command_names: tuple[str, ...] = ()
@@ -231,12 +233,6 @@ class Flight:
         """Names (N) of the points where the rotors are, which come after the base centre."""
         first = self.points.index(self.centre) + 1
         return self.points[first : first + self.rotors]
-
-    @property
-    def wheel_places(self) -> slice:
-        """Places of the wheels that turn among the points, after joints."""
-        last = len(self.points) + 1 - len(self.frames)
-        return slice(last - len(self.wheels), last)
 
     @property
     def errors(self) -> Array:

@@ -284,8 +284,7 @@ class MachineScene:
         rotors = len(self._rotors)
         self.rods = batch("rods", "rod", len(rods), RELAXED)
         self._balls = batch("joints", "ball", len(self._joints), _JOINT_COLOUR)
-        last, wheels = len(robot.points) + 1 - len(robot.frames), robot.layout.q.wheels
-        self._wheels = np.arange(last - wheels, last)
+        wheels, self._wheels = robot.layout.q.wheels, [*map(robot.points.index, robot.wheel_points)]
         self._tyres = batch("wheels", "rod", wheels, RELAXED, opacity=0.6, cast_shadow=False)
         self._marks = batch("marks", "rod", wheels, RELAXED)
         self._discs = batch("rotors", "rod", rotors, ROTOR, opacity=0.6, cast_shadow=False)
