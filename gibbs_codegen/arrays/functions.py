@@ -38,8 +38,6 @@ class Functions:
             float(f"constraint_{name}_frequency" not in module.PARAMETERS)
             for name in getattr(module, "CONSTRAINTS", ())
         ]
-        # Whether dampers may lie between frames, and not at joints alone.
-        self.damps_frames = any(name.startswith("spring_") for name in module.PARAMETERS)
         # Rotors on which the air acts: their numbers, hubs' frames, and figures of the air.
         inputs, frames = list(module.INPUTS), list(module.FRAMES)
         self.air = [
@@ -55,6 +53,11 @@ class Functions:
             (len(module.HYBRID_COORDINATES) - len(module.VELOCITIES)) // 2,
         )
         self.space = Space.of(self.layout)
+        # Whether dampers may lie between frames, or at wheels or joints that gears move.
+        turning = len(module.POINTS) - len(module.FRAMES) - ("O2" in module.POINTS) - self.rotors
+        self.couples_dampers = turning > len(self.layout.v.joint_places) or any(
+            name.startswith("spring_") for name in module.PARAMETERS
+        )
         self.joint_carriers = self._joint_carriers(module)
         # Rotors whose thrusts may lag by themselves: none where drives say how.
         self.lagging = 0 if self.driven else self.rotors

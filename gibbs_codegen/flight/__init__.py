@@ -24,7 +24,7 @@ _LAZY = {
     "Push": "scenario.parts",
     "Scenario": "scenario.scenario",
     "Settings": "scenario.parts",
-    "SingularAttitudeError": "scenario.orientation",
+    "SingularAttitudeError": "attitude",
     "StartOffset": "scenario.parts",
     "Sum": "scenario.paths",
     "Tangent": "scenario.orientation",

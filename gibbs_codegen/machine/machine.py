@@ -273,7 +273,7 @@ class Machine:
             power = dot(u[:count], self.figure("wrenches", count, 6) @ twist)
             power = power + dot(u[count:], v[robot.layout.v.joints])
         lost = self.figure("losses", v.size) * v
-        if robot.damps_frames:  # All dampers take the part of the forces that is odd in velocities.
+        if robot.couples_dampers:  # They take the part of the forces that is odd in velocities.
             ahead, back = (robot.inverse_dynamics(q, x, zeros(v.size)) for x in (v, -v))
             lost = 0.5 * (ahead - back)
         power = power - dot(lost, v)

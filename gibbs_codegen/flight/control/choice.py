@@ -47,9 +47,10 @@ def law_of(law: Law, vehicle: RobotData, q: Array, scenario: str) -> Law:
     `q` (s, nq) is of the desired motion; one is enough for rotors that no joint moves. Raises
     `AllocationError`, with what would serve, if rotors do not command what the law needs.
     """
-    if law in _NOT_ROLLING and (vehicle.layout.has_drive or vehicle.layout.q.wheels):
+    lacking = _NOT_ROLLING if vehicle.layout.has_drive or vehicle.layout.q.wheels else {}
+    if law in lacking:
         raise UsageError(
-            f"control.law: {law} needs {_NOT_ROLLING[law]}, which robots on wheels do not have, as "
+            f"control.law: {law} needs {lacking[law]}, which robots on wheels do not have, as "
             f'{vehicle.name}; set it to "tracking"'
         )
     if law == PREDICTIVE and vehicle.layout.moves_freely:
@@ -59,7 +60,7 @@ def law_of(law: Law, vehicle: RobotData, q: Array, scenario: str) -> Law:
     full = commands_all(vehicle, q)
     one_axis = thrust_axis(vehicle, q) is not None
     task = LAWS[law].task if law in LAWS else law
-    of_task = {name: row for name, row in LAWS.items() if row.task == task}
+    of_task = {name: row for name, row in LAWS.items() if row.task == task and name not in lacking}
     suiting = [name for name, row in of_task.items() if (one_axis if row.leans else full)]
     if law == task and suiting:
         return suiting[0]
@@ -79,10 +80,12 @@ def law_of(law: Law, vehicle: RobotData, q: Array, scenario: str) -> Law:
     asked = asked_of(vehicle, weakest)
     missing = Allocation(vehicle.input_wrenches(weakest), asked=asked).missing
     if not vehicle.rotors and not vehicle.layout.moves_freely:
+        remedy = 'to "predictive", by which joints move what they can, or to "off"'
+        if lacking:
+            remedy = 'to "off", give more wheels an effort'
         raise AllocationError(
             f"{vehicle.name}: nothing makes the {listed(missing)} that its base needs to be led "
-            f'through {scenario!r}; set control.law to "predictive", by which joints move what '
-            'they can, or to "off", or give a controller of your own',
+            f"through {scenario!r}; set control.law {remedy}, or give a controller of your own",
             missing,
         )
     lacks = f"but the rotors cannot command {listed(missing)} {_WHERE}"

@@ -87,7 +87,8 @@ def _check(robot: Robot, law: str, frames: Sequence[str]) -> None:
         raise UsageError(
             f"--laws: {robot.name} has no rotors, which laws command; add rotors to the robot file"
         )
-    if LAWS[law].calls and (robot.wheels or robot.base.drive):
+    rolls = robot.wheels or robot.base.drive
+    if LAWS[law].calls and rolls:
         raise UsageError(
             f"--laws {law}: needs functions of reference velocities, which robots on wheels do not "
             f"have, as {robot.name}; choose another"
@@ -105,7 +106,8 @@ def _check(robot: Robot, law: str, frames: Sequence[str]) -> None:
         axis = np.zeros(3)
         axis[along] = forces[:, np.argmax(np.linalg.norm(forces, axis=0))]
         one_axis = not full and leans(axis / np.linalg.norm(axis), along, about)
-    of_rotors = [name for name, row in LAWS.items() if (one_axis if row.leans else full)]
+    laws = {name: row for name, row in LAWS.items() if not (row.calls and rolls)}
+    of_rotors = [name for name, row in laws.items() if (one_axis if row.leans else full)]
     hindrances = {name: LAWS[name].hindrance(len(robot.moving), "the tip") for name in of_rotors}
     unnamed = [name for name in of_rotors if LAWS[name].moves_frame and "tip" not in frames]
     suiting = [name for name in of_rotors if hindrances[name] is None and name not in unnamed]
