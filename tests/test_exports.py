@@ -12,6 +12,7 @@ import pytest
 from conftest import ROOT
 
 import gibbs_codegen
+from gibbs_codegen import flight
 from gibbs_codegen.errors import UsageError
 
 SUBMODULES = [
@@ -19,11 +20,12 @@ SUBMODULES = [
 ]
 
 
-@pytest.mark.parametrize("name", gibbs_codegen.__all__)
-def test_every_export_is_a_function_or_a_class_of_its_name(name: str) -> None:
-    exported = getattr(gibbs_codegen, name)
-    assert not isinstance(exported, ModuleType)
-    assert name == "__version__" or exported.__name__ == name
+@pytest.mark.parametrize("package", [gibbs_codegen, flight])
+def test_exports_are_functions_and_classes_of_their_names(package: ModuleType) -> None:
+    for name in package.__all__:
+        exported = getattr(package, name)
+        assert not isinstance(exported, ModuleType)
+        assert name == "__version__" or exported.__name__ == name
 
 
 @pytest.mark.slow
