@@ -192,15 +192,15 @@ def _print_machine(robot: Robot, data: dict[str, Any], console: Console) -> None
 def _part_tables(robot: Robot, data: dict[str, Any]) -> Iterator[Table]:
     """Links, where their joints are in the form that the robot file has, and what is on them."""
     links, rotors = data["link_list"], data["rotor_list"]
-    # Columns of their own only where they tell something, as of coordinates not called like links.
+    # Columns of their own only where they say something, as of coordinates not called like links.
     titles = {"coordinate": "coordinate", "effort": "effort, N m or N", "radius": "radius, m"}
-    known = {key: {link[key] for link in links} - {None} for key in titles}
-    known["coordinate"] -= {link["name"] for link in links}
-    told = [key for key in titles if known[key]]
-    names = ("link", "joint", *map(titles.__getitem__, told), "mass, kg", "limits", "damping")
+    values = {key: {link[key] for link in links} - {None} for key in titles}
+    values["coordinate"] -= {link["name"] for link in links}
+    shown = [key for key in titles if values[key]]
+    names = ("link", "joint", *map(titles.__getitem__, shown), "mass, kg", "limits", "damping")
     rows = [
         [
-            *(link["name"], link["joint"], *(_cell(link[key]) for key in told)),
+            *(link["name"], link["joint"], *(_cell(link[key]) for key in shown)),
             *(number(link["mass"]), _range(link["limits"], link["unit"])),
             _cell(link["damping"] or None),
         ]

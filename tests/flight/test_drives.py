@@ -149,6 +149,9 @@ def test_ways_that_slip_are_refused() -> None:
         driven(cart(), 2.0, level)
     with pytest.raises(UsageError, match="predictive needs derivatives of motions"):
         driven(cart(), 2.0, circle(1.5, 8.0), control={"law": "predictive"})
+    sensed = {"sensors": {"imu": [{"frame": "base"}]}, "control": {"estimate": True}}
+    with pytest.raises(UsageError, match=r"control\.estimate: .* robots on wheels"):
+        driven(cart(), 2.0, circle(1.5, 8.0), **sensed)
     turned = {"attitude": {"kind": "turn", "axis": [0, 0, 1], "angle_deg": 90, "duration": 1}}
     flight = driven(cart(), 1.0, turned)
     np.testing.assert_allclose(flight.q[-1, :3], [0, 0, np.pi / 2], atol=1e-9)

@@ -47,7 +47,7 @@ def law_of(law: Law, vehicle: RobotData, q: Array, scenario: str) -> Law:
     `q` (s, nq) is of the desired motion; one is enough for rotors that no joint moves. Raises
     `AllocationError`, with what would serve, if rotors do not command what the law needs.
     """
-    lacking = _NOT_ROLLING if vehicle.layout.has_drive or vehicle.layout.q.wheels else {}
+    lacking = _NOT_ROLLING if _rolls(vehicle) else {}
     if law in lacking:
         raise UsageError(
             f"control.law: {law} needs {lacking[law]}, which robots on wheels do not have, as "
@@ -118,6 +118,11 @@ def law_of(law: Law, vehicle: RobotData, q: Array, scenario: str) -> Law:
     )
 
 
+def _rolls(vehicle: RobotData) -> bool:
+    """True if a robot has coordinates that have no velocities of their own."""
+    return vehicle.layout.has_drive or bool(vehicle.layout.q.wheels)
+
+
 def control_law(
     law: Law, control: Control, vehicle: Vehicle, reference: Reference, allocation: Allocation
 ) -> Controller:
@@ -174,6 +179,11 @@ def check_control(law: Law | None, control: Control, vehicle: RobotData) -> None
     if control.force and control.force.axes != WORLD:
         checks.append(partial(vehicle.frame_place, control.force.axes, "control.force.axes"))
     check_all(checks)
+    if control.estimate and _rolls(vehicle):
+        raise UsageError(
+            "control.estimate: filters need derivatives of motions, which robots on wheels do not "
+            f"have, as {vehicle.name}; leave it out"
+        )
     for name in control.joints if law is not None and not turns_servos(law) else ():
         if holds(vehicle, joint_place(vehicle, name)):
             raise UsageError(
